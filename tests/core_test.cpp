@@ -24,6 +24,7 @@
 #include "pipedyn/linear/eigenproblem.hpp"
 #include "pipedyn/linear/tracking.hpp"
 #include "pipedyn/modular/scene.hpp"
+#include "pipedyn/motion/radau_coefficients.hpp"
 #include "pipedyn/vector/levels.hpp"
 
 namespace {
@@ -92,7 +93,8 @@ class Dice {
     const auto one = [&](const char* law) {
       return pipedyn::make_term(law, between(0.01, 1.0), {between(0.1, 9.0)});
     };
-    return {one("point_mass"), one("spring"), one("spring"), one("point_mass")};
+    return {one("point_mass"), one("spring"),     one("damper"),
+            one("spring"),     one("point_mass"), one("foundation")};
   }
   Segments segments(Index n) {
     Segments segments{.length = vector(n, 0.2, 1.0),
@@ -310,6 +312,30 @@ Vector energies_of(const Chain& chain, const Matrix& y) {
   return energies;
 }
 
+/// (mu - J) x = b by the recursion, with the dense J: what is left of b, relative to the sizes of
+/// what is summed.
+void check_shifted(const Chain& chain, const Vector& y, double u, const Matrix& jacobian,
+                   Dice& dice) {
+  constexpr Index shifts = pipedyn::MotionKernel::shifts;
+  const Index rows = y.size();
+  Matrix mu(2, shifts);
+  mu << 30.0, 1.0, 20.0, 1e4, 0.0, 40.0, 3.0, 1e5;
+  std::vector<double> factors(static_cast<std::size_t>(chain.factor_numbers()));
+  chain.factorise(y.data(), u, mu.data(), factors.data());
+  const Matrix b = dice.matrix(rows, 2 * shifts);
+  Matrix x = b;
+  chain.solve(u, factors.data(), x.data());
+  for (Index k = 0; k < shifts; ++k) {
+    const auto re = x.col(k), im = x.col(shifts + k);
+    const Vector left = mu(0, k) * re - mu(1, k) * im - jacobian * re - b.col(k);
+    const Vector left_im = mu(1, k) * re + mu(0, k) * im - jacobian * im - b.col(shifts + k);
+    const Vector size = re.cwiseAbs() + im.cwiseAbs();
+    const Vector sum = mu.col(k).lpNorm<1>() * size + jacobian.cwiseAbs() * size;
+    const double error = ((left.cwiseAbs() + left_im.cwiseAbs()).array() / sum.array()).maxCoeff();
+    check(error < 1e-13 * static_cast<double>(rows), "a shifted solve, " + std::to_string(error));
+  }
+}
+
 /// Accelerations from the equations of motion in the angles, with the dense mass matrix.
 Vector dense_accelerations(const Pipe& pipe, const Segments& segments, const Vector& y, double u) {
   const auto& [l, chi, eta, spring, xi, base, damping, rest_moment] = segments;
@@ -369,7 +395,7 @@ void check_motion_of(const Pipe& pipe, const Segments& segments, double u, Dice&
   const Vector speed = Vector::Constant(1, u), state = y.col(0);
   const double step = 1e-4;
   Matrix jacobian(2 * n, 2 * n), differences(2 * n, 2 * n);
-  chain.jacobian(state.data(), u, jacobian.data());
+  chain.jacobian({state.data(), &u, 1, 0}, jacobian.data());
   for (Index j = 0; j < 2 * n; ++j) {
     const auto slope = [&](double h) -> Matrix {
       Matrix both(2 * n, 2);
@@ -382,6 +408,7 @@ void check_motion_of(const Pipe& pipe, const Segments& segments, double u, Dice&
     differences.col(j) = (4.0 * slope(0.5 * step) - slope(step)) / 3.0;
   }
   check_close(jacobian, differences, 1e-7, "the derivative by differences");
+  check_shifted(chain, state, u, jacobian, dice);
 
   Matrix power(4, 19);
   chain.power({y.data(), speeds.data(), 19, 1}, power.data());
@@ -401,7 +428,9 @@ void check_motion_of(const Pipe& pipe, const Segments& segments, double u, Dice&
   chain.rhs_and_power({worked.data(), speeds.data(), 19, 1}, with_work.data());
   for (Index j = 0; j < 19; ++j) {
     const double sum = power(0, j) + power(1, j) + power(2, j) + power(3, j);
-    check(with_work[static_cast<std::size_t>(y.size() + j)] == sum, "the work's rate is the power");
+    const double apart = with_work[static_cast<std::size_t>(y.size() + j)] - sum;
+    const double rounding = 1e-13 * power.col(j).cwiseAbs().sum() * static_cast<double>(n);
+    check(std::abs(apart) <= rounding, "the work's rate is the power");
   }
   check(energies_of(chain, Matrix::Zero(2 * n, 3)).isZero(0.0), "no energy at rest");
 }
@@ -441,6 +470,50 @@ void check_motion() {
   check_refused([] { pipedyn::set_vector_level("none such"); }, "an unknown level");
   check_refused([&] { Chain(Pipe{}, dice.segments(3)).operators(Vector::Zero(2)); },
                 "an angle too few");
+}
+
+/// The implicit method by what defines it: its stages integrate polynomials below their number
+/// exactly, and its systems are those of A^-1.
+void check_radau() {
+  namespace radau = pipedyn::radau;
+  scene = "Radau's coefficients";
+  constexpr Index s = radau::stages;
+  const auto table = [](const double (&of)[8][8]) -> Matrix {
+    return Eigen::Map<const Matrix>(&of[0][0], 8, 8);
+  };
+  const Vector c = Eigen::Map<const Vector>(radau::nodes, s);
+  const Matrix a = table(radau::integrals).topLeftCorner(s, s).transpose();
+  Matrix powers(s, s), integrals(s, s);
+  for (Index k = 0; k < s; ++k) {
+    powers.col(k) = c.array().pow(k);
+    integrals.col(k) = c.array().pow(k + 1) / static_cast<double>(k + 1);
+  }
+  check_close(a * powers, integrals, 1e-14, "stages integrate polynomials");
+  for (Index k = s; k < 2 * s; ++k) {  // x^k up to degree 12, of order 13
+    const double sum = a.row(s - 1) * c.array().pow(k).matrix();
+    const bool exact = std::abs(sum * static_cast<double>(k + 1) - 1.0) < 1e-13;
+    check(exact == (k < 2 * s - 1), "the step integrates degree 12, and not 13");
+  }
+  check_close(table(radau::powers).topLeftCorner(s, s).transpose() * integrals,
+              Vector::LinSpaced(s, 1, s).cwiseInverse().asDiagonal().toDenseMatrix(), 1e-11,
+              "the step's polynomial goes through the stages");
+  Matrix by_shifts = Matrix::Zero(8, 8);
+  for (Index k = 0; k < 4; ++k) {
+    by_shifts(k, k) = by_shifts(4 + k, 4 + k) = radau::shifts[k];
+    by_shifts(k, 4 + k) = radau::shifts[4 + k];
+    by_shifts(4 + k, k) = -radau::shifts[4 + k];
+  }
+  const Matrix to = table(radau::to_systems), back = table(radau::to_stages);
+  const Matrix same = (to * back).topLeftCorner(s, s);
+  check_close(same, Matrix::Identity(s, s), 1e-12, "systems give the stages back");
+  const Matrix inverse = (to * by_shifts * back).topLeftCorner(s, s).transpose();
+  check_close(inverse * a, Matrix::Identity(s, s), 1e-11, "systems are those of the stages");
+  // f_0 / lambda_0 + sum_i error_i sum_j A_ij f_j is 0 of degrees below 7.
+  const Vector error = Eigen::Map<const Vector>(radau::error, s);
+  for (Index k = 0; k < s; ++k) {
+    const double start = k == 0 ? 1.0 / radau::shifts[0] : 0.0;
+    check(std::abs(start + error.dot(integrals.col(k))) < 1e-14, "the embedded rule is of order 7");
+  }
 }
 
 // --------------------------------------------------------------------------------------- bases
@@ -655,7 +728,7 @@ void check_reduced_motion_of(const Galerkin& model, const Pipe& pipe, Family fam
         (8.0 * (energy(h) - energy(-h)) - energy(2.0 * h) + energy(-2.0 * h)) / (12.0 * h);
     const double total = power.col(k).sum();
     check(std::abs(rate - total) < 1e-8 * std::abs(energies[k]) / h, "power is the energy's rate");
-    model.jacobian(state.data(), u[k], jacobian.data());
+    model.jacobian({state.data(), &u[k], 1, 0}, jacobian.data());
     const Vector way = scale.replicate(2, 1).cwiseProduct(dice.vector(2 * m, -1.0, 1.0));
     const double step = 1e-3;
     const Vector change = (8.0 * (rhs(state + step * way) - rhs(state - step * way)) -
@@ -663,7 +736,9 @@ void check_reduced_motion_of(const Galerkin& model, const Pipe& pipe, Family fam
                           (12.0 * step);
     check_close(jacobian * way, change, 1e-5, "Jacobian");
   }
-  model.jacobian(Vector::Zero(2 * m).eval().data(), 3.0, jacobian.data());
+  const Vector rest = Vector::Zero(2 * m);
+  const double three = 3.0;
+  model.jacobian({rest.data(), &three, 1, 0}, jacobian.data());
   const Operators ops = model.operators(Vector::Zero(m));
   const Matrix stiffness = ops.stiffness + 9.0 * pipe.centrifugal * ops.flux;
   check_close(-ops.mass * jacobian.bottomLeftCorner(m, m), stiffness, 1e-9, "linear stiffness");
@@ -910,11 +985,12 @@ void check_wild_motion(const Model& model, Wild& wild) {
         "energy and power stay within their arrays");
   Matrix jacobian(rows, rows);
   if (members == 0) {
-    model.jacobian(Vector::Zero(rows).eval().data(), u, jacobian.data());
+    const Vector rest = Vector::Zero(rows);
+    model.jacobian({rest.data(), &u, 1, 0}, jacobian.data());
     return;
   }
   const Vector first = y.col(0);
-  model.jacobian(first.data(), u, jacobian.data());
+  model.jacobian({first.data(), &u, 1, 0}, jacobian.data());
   Vector alone(rows + 1);
   model.rhs_and_power({first.data(), &u, 1, 0}, alone.data());
   if (y.cwiseAbs().maxCoeff() > 2.0 || u > within_sense || !alone.allFinite()) return;
@@ -1186,6 +1262,7 @@ int main() {
   check_chains();
   check_guides();
   check_motion();
+  check_radau();
   check_refusals();
   check_bases();
   check_panels();

@@ -10,6 +10,7 @@
 #include "pipedyn/galerkin/galerkin.hpp"
 #include "pipedyn/modular/scene.hpp"
 #include "pipedyn/motion/dop853.hpp"
+#include "pipedyn/motion/radau.hpp"
 
 namespace pipedyn {
 
@@ -35,15 +36,23 @@ SpeedsAt speeds_at(const py::object& u) {
   };
 }
 
-/// Rates [q', q'', power] of a compiled model's states with the work done on them, at a speed each.
+/// A function of a compiled model's states at a speed each.
+template <class Model, class Function>
+Rates function_rates(const Model& model, const py::object& u, const Function& function) {
+  return [&model, function, at = speeds_at(u), speeds = Reals()](const Vector& t, const double* y,
+                                                                 const std::vector<Index>& which,
+                                                                 double* rates) mutable {
+    at(t, which, speeds);  // a force of their derivatives would enter beside them
+    function(model, Batch{y, speeds.data(), speeds.size(), 1}, rates);
+  };
+}
+
+/// Rates [q', q'', power] of a compiled model's states with the work done on them.
 template <class Model>
 Rates compiled_rates(const Model& model, const py::object& u) {
-  return [&model, at = speeds_at(u), speeds = Reals()](const Vector& t, const double* y,
-                                                       const std::vector<Index>& which,
-                                                       double* rates) mutable {
-    at(t, which, speeds);  // a force of their derivatives would enter beside them
-    model.rhs_and_power({y, speeds.data(), speeds.size(), 1}, rates);
-  };
+  return function_rates(model, u, [](const Model& of, const Batch& batch, double* out) {
+    of.rhs_and_power(batch, out);
+  });
 }
 
 /// Those of a function of times, states (rows, members) and of which members they are. A ValueError
@@ -72,6 +81,55 @@ Rates rates_of(const py::object& of, Index rows, const py::object& u) {
   if (py::isinstance<Galerkin>(of)) return compiled_rates(of.cast<const Galerkin&>(), u);
   if (py::isinstance<Scene>(of)) return compiled_rates(of.cast<const Scene&>(), u);
   return called_rates(of, rows);
+}
+
+/// Those of the same states without the work, with their derivative, and the power apart.
+template <class Model>
+ImplicitRates implicit_rates(const Model& model, const py::object& u,
+                             std::unique_ptr<ShiftedSystems> systems) {
+  return {
+      function_rates(model, u,
+                     [](const Model& of, const Batch& batch, double* out) { of.rhs(batch, out); }),
+      function_rates(model, u,
+                     [](const Model& of, const Batch& batch, double* out) {
+                       Matrix parts(4, batch.members);
+                       of.power(batch, parts.data());
+                       Eigen::Map<Vector>(out, batch.members) = parts.colwise().sum();
+                     }),
+      2 * model.dof(), std::move(systems)};
+}
+
+/// Of a function of a time, a state (rows,) and of which member it is.
+DenseSystems::Jacobian called_jacobian(const py::function& function, Index rows) {
+  return [function, rows](double t, const double* y, Index member, double* out) {
+    const py::gil_scoped_acquire locked;
+    const Numbers found = function(t, Numbers(rows, y), member).cast<Numbers>();
+    if (found.size() != rows * rows) throw py::value_error("a Jacobian must have a row a state");
+    std::copy_n(found.data(), rows * rows, out);
+  };
+}
+
+ImplicitRates implicit_rates_of(const py::object& of, const py::object& jacobian, Index rows,
+                                const py::object& u) {
+  const auto speed = [at = speeds_at(u)](double t, Index member) {
+    Reals one;
+    at(Vector::Constant(1, t), {member}, one);
+    return one[0];
+  };
+  if (py::isinstance<Chain>(of)) {
+    const Chain& chain = of.cast<const Chain&>();
+    return implicit_rates(chain, u, std::make_unique<ChainSystems>(chain, speed));
+  }
+  if (py::isinstance<Galerkin>(of)) {
+    const Galerkin& model = of.cast<const Galerkin&>();
+    const auto slopes = [&model, speed](double t, const double* y, Index member, double* out) {
+      const double u = speed(t, member);
+      model.jacobian({y, &u, 1, 0}, out);
+    };
+    return implicit_rates(model, u, std::make_unique<DenseSystems>(slopes, 2 * model.dof()));
+  }
+  return {rates_of(of, rows, u), nullptr, rows,
+          std::make_unique<DenseSystems>(called_jacobian(jacobian, rows), rows)};
 }
 
 }  // namespace
@@ -128,6 +186,16 @@ void define_motion(py::module_& m) {
                            t0, {rtol, atol, most, max_step});
            }),
            "of"_a, "u"_a, "start"_a, "t0"_a, "rtol"_a, "atol"_a, "most"_a,
+           "max_step"_a = std::numeric_limits<double>::infinity(), py::keep_alive<1, 2>());
+  py::class_<Radau, Integrator>(m, "Radau")
+      .def(py::init([](const py::object& of, const py::object& jacobian, const py::object& u,
+                       const Matrix& start, double t0, double rtol, double atol, double most,
+                       double max_step) {
+             return std::make_unique<Radau>(implicit_rates_of(of, jacobian, start.rows(), u),
+                                            start.rows(), start.cols(), start.data(), t0,
+                                            Limits{rtol, atol, most, max_step});
+           }),
+           "of"_a, "jacobian"_a, "u"_a, "start"_a, "t0"_a, "rtol"_a, "atol"_a, "most"_a,
            "max_step"_a = std::numeric_limits<double>::infinity(), py::keep_alive<1, 2>());
 }
 

@@ -24,6 +24,7 @@ __all__: list[str] = [
     "Pair",
     "Pairs",
     "Pipe",
+    "Radau",
     "Range",
     "RootLoci",
     "Scene",
@@ -494,6 +495,20 @@ class Dop853(Integrator):
     def __init__(
         self,
         of: typing.Any,
+        u: typing.Any,
+        start: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, n]"],
+        t0: typing.SupportsFloat | typing.SupportsIndex,
+        rtol: typing.SupportsFloat | typing.SupportsIndex,
+        atol: typing.SupportsFloat | typing.SupportsIndex,
+        most: typing.SupportsFloat | typing.SupportsIndex,
+        max_step: typing.SupportsFloat | typing.SupportsIndex = ...,
+    ) -> None: ...
+
+class Radau(Integrator):
+    def __init__(
+        self,
+        of: typing.Any,
+        jacobian: typing.Any,
         u: typing.Any,
         start: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, n]"],
         t0: typing.SupportsFloat | typing.SupportsIndex,

@@ -444,6 +444,16 @@ void Chain::jacobian(const Batch& batch, double* out) const {
   }
 }
 
+Index Chain::factor_numbers() const { return motion_kernel().factor_numbers(motion()); }
+
+void Chain::factorise(const double* y, double u, const double* mu, double* factors) const {
+  motion_kernel().factorise(motion(), {y, &u, 1, 0}, mu, factors);
+}
+
+void Chain::solve(double u, double* factors, double* b) const {
+  motion_kernel().solve(motion(), u, factors, b);
+}
+
 void Chain::energy(const Batch& batch, double* out) const {
   motion_kernel().energy(motion(), batch, out);
 }

@@ -125,6 +125,12 @@ class Chain {
   /// d(dy/dtau)/dy (members, 2 n, 2 n), row-major, O(n^2) a member. Drag's share is 2 |v| dv, 0
   /// where v = 0; further moments are held.
   void jacobian(const Batch& batch, double* out) const;
+  /// (mu - J) x = b for MotionKernel::shifts complex mu, J the Jacobian of a state, in O(n):
+  /// factors with room for factor_numbers() make b (2 n, 2 shifts) x. Real parts are first, in mu
+  /// too.
+  Index factor_numbers() const;
+  void factorise(const double* y, double u, const double* mu, double* factors) const;
+  void solve(double u, double* factors, double* b) const;
   /// Kinetic, elastic and gravity's energy of each member; 0 at rest on the straight pipe.
   void energy(const Batch& batch, double* out) const;
   /// What flow, joints, drag and terms (others) add to the energy in unit time, (4, members); their

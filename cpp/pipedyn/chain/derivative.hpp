@@ -66,7 +66,7 @@ inline void row_outward(Count count, Plane e, Plane step, double* __restrict ax,
 struct Source {
   double jump_t = 0.0, jump_n = 0.0;    // of the acceleration from one end to the other
   double force_t = 0.0, force_n = 0.0;  // on the segment
-  double moment = 0.0;                  // in its own row
+  double moment = 0.0;                  // in its own row, without the joints'
   double v_t = 0.0, v_n = 0.0;          // change of velocity of all beyond
   double end = 0.0;                     // change of the follower force, across the last segment
 };
@@ -89,8 +89,7 @@ Source angle_source(const MotionModel& model, const Kept& here, Count m, double 
           .jump_n = -l * square,
           .force_t = -(2.0 * model.coriolis * u * l * w + pull),
           .force_n = slope,
-          .moment = l * force + link.first_moment * here.at - link.drag_arm * slope -
-                    (joint(model, m, true) + joint(model, m + 1, true)),
+          .moment = l * force + link.first_moment * here.at - link.drag_arm * slope,
           .v_t = -l * w,
           .end = m + 1 < model.size ? 0.0 : thrust};
 }
@@ -101,8 +100,7 @@ Source rate_source(const MotionModel& model, const Kept& here, Count m, double w
   const double slope = model.drag ? 2.0 * link.drag * std::fabs(here.v) * link.drag_arm : 0.0;
   return {.jump_t = -2.0 * l * w,
           .force_n = 2.0 * coriolis * l + slope,
-          .moment = -coriolis * l * l - link.drag_arm * slope -
-                    (joint(model, m, false) + joint(model, m + 1, false)),
+          .moment = -coriolis * l * l - link.drag_arm * slope,
           .v_n = l};
 }
 
@@ -145,22 +143,61 @@ struct Response {
   }
 };
 
-/// Scratch: n columns for the angles, then n for the rates.
-struct Columns {
-  double *bx, *by;          // force b
-  double *ax, *ay;          // change of the node's acceleration
-  double *vx, *vy;          // V
-  double *jump_x, *jump_y;  // jump
-  double *sine, *cosine;    // of each segment's angle
-  double* sweeps;
-  Plane *answer, *position_answer;  // q of each segment
+/// A state about which the motion is linearised, and what its derivatives are made of.
+struct Linearised {
+  const MotionModel& model;
+  const double* rates;
+  double u;
+  double *sine, *cosine;  // of each segment's angle
   Kept* kept;
   LoadMoments* loads;
 
-  explicit Columns(Count n) {
-    const Count numbers_kept = static_cast<Count>(
-        (2 * sizeof(Plane) + sizeof(Kept) + sizeof(LoadMoments)) / sizeof(double));
-    bx = pipedyn::scratch(16 * n + 2 * whole_packs(n) + Sweep<double>::size(n) + numbers_kept * n);
+  /// Numbers that it keeps.
+  static Count size(Count n) {
+    constexpr Count kept_numbers =
+        static_cast<Count>((sizeof(Kept) + sizeof(LoadMoments)) / sizeof(double));
+    return Sweep<double>::size(n) + 2 * whole_packs(n) + kept_numbers * n;
+  }
+
+  Linearised(const MotionModel& of, const Batch& one, double* scratch)
+      : model(of), rates(one.y + of.size), u(one.u[0]) {
+    const Count n = model.size;
+    sine = scratch + Sweep<double>::size(n);
+    cosine = sine + whole_packs(n);
+    kept = reinterpret_cast<Kept*>(cosine + whole_packs(n));
+    loads = reinterpret_cast<LoadMoments*>(kept + n);
+    const Sweep<double> sweep(n, scratch);
+    accelerations_of<true>(model, Members<double>{one, 0, 1}, sweep, nullptr, false, kept);
+    for (Count j = 0; j < whole_packs(n); ++j) scratch[j] = j < n ? one.y[j] : 0.0;
+    sincos(scratch, n, sine, cosine);
+    if (loaded()) load_moments(model, sine, cosine, rates, loads);
+  }
+  bool loaded() const { return model.load_count > 0; }
+  Frame frame(Count k) const { return Frame(sine[k], cosine[k]); }
+  double drag_slope(Count k) const {
+    return model.drag ? 2.0 * model.links[k].drag * std::fabs(kept[k].v) : 0.0;
+  }
+  /// What changes with the angle or the rate of segment k.
+  Source source(Count k, bool angle) const {
+    Source found = angle ? angle_source(model, kept[k], k, rates[k], u)
+                         : rate_source(model, kept[k], k, rates[k], u);
+    if (loaded()) add_loads_to(found, loads[k], frame(k), angle, rates[k]);
+    return found;
+  }
+};
+
+/// Scratch: n columns for the angles, then n for the rates.
+struct Columns {
+  double *bx, *by;                  // force b
+  double *ax, *ay;                  // change of the node's acceleration
+  double *vx, *vy;                  // V
+  double *jump_x, *jump_y;          // jump
+  Plane *answer, *position_answer;  // q of each segment
+
+  static Count size(Count n) { return 20 * n; }
+
+  Columns(Count n, double* scratch) {
+    bx = scratch;
     by = bx + 2 * n;
     ax = by + 2 * n;
     ay = ax + 2 * n;
@@ -168,22 +205,17 @@ struct Columns {
     vy = vx + 2 * n;
     jump_x = vy + 2 * n;
     jump_y = jump_x + 2 * n;
-    sine = jump_y + 2 * n;
-    cosine = sine + whole_packs(n);
-    sweeps = cosine + whole_packs(n);
-    answer = reinterpret_cast<Plane*>(sweeps + Sweep<double>::size(n));
+    answer = reinterpret_cast<Plane*>(jump_y + 2 * n);
     position_answer = answer + n;
-    kept = reinterpret_cast<Kept*>(position_answer + n);
-    loads = reinterpret_cast<LoadMoments*>(kept + n);
   }
-  Frame frame(Count k) const { return Frame(sine[k], cosine[k]); }
 };
 
 /// Starts the column of a source in segment k; b: what the segments beyond need of k.
-void start_column(const Columns& columns, const Link& link, Count k, Count column,
+void start_column(const Linearised& about, const Columns& columns, Count k, Count column,
                   const Source& source, Plane b, Plane c, double* row) {
-  const Kept& here = columns.kept[k];
-  const Frame frame = columns.frame(k);
+  const Link& link = about.model.links[k];
+  const Kept& here = about.kept[k];
+  const Frame frame = about.frame(k);
   const double pull_t = here.tt * source.jump_t + here.tn * source.jump_n;
   const double pull_n = here.tn * source.jump_t + here.nn * source.jump_n;
   const double g = (source.moment - link.length * (pull_n + dot(frame.n, b))) * here.inverse;
@@ -202,17 +234,17 @@ void start_column(const Columns& columns, const Link& link, Count k, Count colum
 }
 
 /// From the tip to the clamp: leaves g_k of the columns m >= k in row n + k of out.
-void columns_inward(const MotionModel& model, const Columns& columns, const double* rates, double u,
-                    double* out) {
+void columns_inward(const Linearised& about, const Columns& columns, double* out) {
+  const MotionModel& model = about.model;
   const Count n = model.size;
-  const bool loaded = model.load_count > 0;
+  const bool loaded = about.loaded();
   const LoadMoments none{};
   Response by_velocity, by_position;
   Plane e_beyond{0.0, 0.0};  // e of the segment beyond
   for (Count k = n - 1; k >= 0; --k) {
     const Link& link = model.links[k];
-    const Kept& here = columns.kept[k];
-    const Frame frame = columns.frame(k);
+    const Kept& here = about.kept[k];
+    const Frame frame = about.frame(k);
     const double l = link.length, inverse = here.inverse;
     const Plane c = frame.plane(l * here.tn, l * here.nn + link.first_moment);
     const Plane moment{-l * inverse * frame.n.x, -l * inverse * frame.n.y};
@@ -228,21 +260,19 @@ void columns_inward(const MotionModel& model, const Columns& columns, const doub
         columns.bx[next] += c.x * g;
         columns.by[next] += c.y * g;
       }
-      Source source = angle ? angle_source(model, here, k, rates[k], u)
-                            : rate_source(model, here, k, rates[k], u);
-      if (loaded) add_loads_to(source, columns.loads[k], frame, angle, rates[k]);
+      Source source = about.source(k, angle);
+      source.moment -= joint(model, k, angle) + spring;
       const Plane v = frame.plane(source.v_t, source.v_n);
       const Plane moved = times(by_velocity.rows, v);
       Plane b{moved.x + e_beyond.x * spring + source.end * frame.n.x,
               moved.y + e_beyond.y * spring + source.end * frame.n.y};
       if (loaded && angle) b = plus(b, times(by_position.rows, {l * frame.n.x, l * frame.n.y}));
-      start_column(columns, link, k, block + k, source, b, c, row);
+      start_column(about, columns, k, block + k, source, b, c, row);
     }
     e_beyond = {c.x * inverse, c.y * inverse};
     if (!model.drag && !loaded) continue;
-    const LoadMoments& sums = loaded ? columns.loads[k] : none;
-    const double drag = model.drag ? 2.0 * link.drag * std::fabs(here.v) : 0.0;
-    columns.answer[k] = by_velocity.pass(frame, l, inverse, c, drag, link.drag_arm,
+    const LoadMoments& sums = loaded ? about.loads[k] : none;
+    columns.answer[k] = by_velocity.pass(frame, l, inverse, c, about.drag_slope(k), link.drag_arm,
                                          sums.slopes[0].by_velocity, sums.slopes[1].by_velocity);
     if (!loaded) continue;
     columns.position_answer[k] = by_position.pass(
@@ -251,14 +281,15 @@ void columns_inward(const MotionModel& model, const Columns& columns, const doub
 }
 
 /// From the clamp to the tip: turns the g of every column into the change of theta''.
-void columns_outward(const MotionModel& model, const Columns& columns, double* out) {
+void columns_outward(const Linearised& about, const Columns& columns, double* out) {
+  const MotionModel& model = about.model;
   const Count n = model.size;
-  const bool loaded = model.load_count > 0;
+  const bool loaded = about.loaded();
   for (Count m = 0; m < 2 * n; ++m) columns.ax[m] = columns.ay[m] = 0.0;
   for (Count k = 0; k < n; ++k) {
     const Link& link = model.links[k];
-    const Kept& here = columns.kept[k];
-    const Frame frame = columns.frame(k);
+    const Kept& here = about.kept[k];
+    const Frame frame = about.frame(k);
     const double l = link.length, inverse = here.inverse;
     const Plane e = frame.plane(l * here.tn * inverse, (l * here.nn + link.first_moment) * inverse);
     double* const row = out + (n + k) * 2 * n;
@@ -282,22 +313,13 @@ void columns_outward(const MotionModel& model, const Columns& columns, double* o
 
 void jacobian(const MotionModel& model, const Batch& one, double* out) {
   const Count n = model.size;
-  const double* const y = one.y;
-  const double u = one.u[0];
-  const Columns columns(n);
-  const Sweep<double> sweep(n, columns.sweeps);
-  accelerations_of<true>(model, Members<double>{one, 0, 1}, sweep, nullptr, false, columns.kept);
-  double* const angles = columns.sweeps;
-  for (Count j = 0; j < whole_packs(n); ++j) angles[j] = j < n ? y[j] : 0.0;
-  sincos(angles, n, columns.sine, columns.cosine);
-  if (model.load_count > 0) {
-    load_moments(model, columns.sine, columns.cosine, y + n, columns.loads);
-  }
-
+  double* const scratch = pipedyn::scratch(Linearised::size(n) + Columns::size(n));
+  const Linearised about(model, one, scratch);
+  const Columns columns(n, scratch + Linearised::size(n));
   std::memset(out, 0, static_cast<std::size_t>(4 * n * n) * sizeof(double));
   for (Count j = 0; j < n; ++j) out[j * 2 * n + n + j] = 1.0;
-  columns_inward(model, columns, y + n, u, out);
-  columns_outward(model, columns, out);
+  columns_inward(about, columns, out);
+  columns_outward(about, columns, out);
 }
 
 }  // namespace

@@ -11,8 +11,11 @@
 
 #include "pipedyn/chain/derivative.hpp"
 #include "pipedyn/chain/impedance.hpp"
+#include "pipedyn/chain/shifted.hpp"
 #include "pipedyn/chain/sweeps.hpp"
 #include "pipedyn/galerkin/kernel.hpp"
+#include "pipedyn/motion/dense.hpp"
+#include "pipedyn/motion/stages.hpp"
 #include "pipedyn/vector/pack.hpp"
 
 namespace {
@@ -206,6 +209,13 @@ const MotionKernel PIPEDYN_NAMED(motion) = {
     .power = ::power,
     .combine = ::combine,
     .errors = ::errors,
+    .factor_numbers = ::shifted_numbers,
+    .factorise = ::factorise_shifted,
+    .solve = ::solve_shifted,
+    .factorise_dense = ::factorise_dense,
+    .solve_dense = ::solve_dense,
+    .mix_stages = ::mix_stages,
+    .correct_stages = ::correct_stages,
     .finite = ::all_finite,
     .sincos = ::sincos_of,
     .galerkin = &PIPEDYN_NAMED(galerkin),

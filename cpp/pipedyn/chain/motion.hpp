@@ -84,6 +84,26 @@ struct MotionKernel {
   void (*errors)(const double* const* weights, const double* const* k, std::ptrdiff_t terms,
                  const double* y, const double* next, double absolute, double relative,
                  double* const* out, std::ptrdiff_t size);
+
+  // (mu - J) x = b for so many complex mu at once, real parts first in mu (2 shifts) and in the
+  // rows of b, which become x; factors have room for the numbers that are asked for.
+  static constexpr std::ptrdiff_t shifts = 4;
+  // J of a chain's state, in O(n):
+  std::ptrdiff_t (*factor_numbers)(const MotionModel&);
+  void (*factorise)(const MotionModel&, const Batch& one, const double* mu, double* factors);
+  void (*solve)(const MotionModel&, double u, double* factors, double* b);
+  // J (n, n), with room for 8 n^2 numbers and 4 n pivots:
+  void (*factorise_dense)(const double* jacobian, const double* mu, std::ptrdiff_t n,
+                          double* factors, std::ptrdiff_t* pivots);
+  void (*solve_dense)(double* factors, const std::ptrdiff_t* pivots, std::ptrdiff_t n, double* b);
+
+  // The stages of implicit steps (rows, 8), see motion/stages.hpp; matrices are (8, 8).
+  void (*mix_stages)(const double* a, const double* matrix_a, const double* b,
+                     const double* matrix_b, std::ptrdiff_t rows, double* out);
+  double (*correct_stages)(const double* x, const double* matrix, const double* y,
+                           const double* allowed, std::ptrdiff_t rows, double* w, double* z,
+                           double* out);
+
   bool (*finite)(const double* x, std::ptrdiff_t count);
   void (*sincos)(const double* x, std::ptrdiff_t count, double* sine, double* cosine);
 

@@ -26,7 +26,7 @@ from pipedyn.util.power_iteration import largest_stretch
 NOT_FINITE = "the state or its rate is no longer finite"
 """Why a motion stops: its numbers overflowed, or a bend is beyond what a quadrature resolves."""
 
-CORE: dict[str, type[_core.Dop853]] = {"dop853": _core.Dop853}
+CORE = ("dop853", "radau")
 """The core's own."""
 
 METHODS = ("auto", *CORE, "scipy:DOP853", "scipy:Radau", "scipy:BDF", "scipy:LSODA")
@@ -50,23 +50,25 @@ CALLS_A_RATE = 1.5
 """Right-hand sides of an explicit method in the time 1 / |lambda| of the fastest mode, at least:
 measured 1.6 with damping to 16 without at rtol 1e-6."""
 
+STAGES, HOPELESS = 8, 100.0
+"""Right-hand sides of an implicit iteration, and how many times those that it may take a motion may
+need at its present steps, which grow where fast modes decay: 50 times, measured."""
+
 MOST_CALLS = 1e8
 """Right-hand sides that a motion may take: minutes with few segments, an hour with a thousand."""
 
-CHAIN_DECAY, CHAIN_SEGMENTS = 0.025, 16
-"""Fastest decay, relative to the highest frequency of a chain and for each digit asked for, from
-which implicit steps pay; beyond so many segments, in proportion to their number. The choice then
-costs at most 1.5 times the cheaper of both, measured with 5 to 24 segments at damping 0.001 to 0.1,
-rtol 1e-3 to 1e-9 and 41 or 51 samples."""
+BATCHED, BATCH_DECAY = 8, 2.0
+"""Members from which explicit steps of a batch are cheaper than implicit ones one after the other,
+unless the fastest decay is so many times the highest frequency. Measured, see `choose_method`."""
 
-REDUCED_RATE = 40.0
-"""|lambda| of the fastest mode of other models, for each digit, from which implicit steps pay:
-measured likewise."""
+SCENE_SEGMENTS, SCENE_DECAY = 20, 0.3
+"""Segments of a compiled scene from which its matrices are worth their factorisations where the
+fastest decay, relative to the highest frequency, is above this times the square of their number
+relative to that one."""
 
-LARGEST_IMPLICIT = 2000
-"""Degrees of freedom beyond which dense factorisations are not chosen: one of 4,001 unknowns takes
-128 MB and, measured, 4 s on one core."""
-
+LARGEST_IMPLICIT = 1000
+"""Degrees of freedom beyond which dense factorisations are not chosen: four complex ones of 2,001
+unknowns take 256 MB and, from 1.8 s measured with half as many, 15 s on one core."""
 
 LARGEST_KEPT = 100_000_000
 """Numbers that dense output and events may hold: 0.8 GB."""
@@ -107,6 +109,16 @@ Motions: TypeAlias = tuple[Array, int, str | None]
 """States of a motion, right-hand sides that it took, and why it stopped early."""
 
 
+def jacobian_of(task: Task, t: float, y: Array) -> Array:
+    """Derivative of the rates of [q, q', W].
+
+    W acts on nothing, and Newton's method does without its own row.
+    """
+    whole = np.zeros((y.size, y.size))
+    whole[:-1, :-1] = task.model.motion_jacobian(y[:-1], task.speed(t))
+    return whole
+
+
 class Watched:
     """Rates and Jacobian of a task for scipy, and whoever integrates it, checked for progress.
 
@@ -118,7 +130,7 @@ class Watched:
     def __init__(self, task: Task) -> None:
         self.task = task
         self.calls = self.jacobians = self.factorisations = 0
-        self.next_check, self.reached = FORECAST, -math.inf
+        self.next_check, self.reached = CALLS if task.method == "radau" else FORECAST, -math.inf
         self.overflowed = False
 
     def rates(self, t: float, y: Array) -> Array:
@@ -135,16 +147,15 @@ class Watched:
             return np.full(y.shape, np.nan)
 
     def jacobian(self, t: float, y: Array) -> Array:
-        """Of the same. W acts on nothing, and the Newton iteration does without its row."""
+        """Of the same, without the row of W."""
         self.jacobians += 1
         self.factorisations += 1
         self.next_check -= JACOBIAN_CALLS
-        whole = np.zeros((y.size, y.size))
         try:
-            whole[:-1, :-1] = self.task.model.motion_jacobian(y[:-1], self.task.speed(t))
+            return jacobian_of(self.task, t, y)
         except ValueError:
             self.overflowed = True
-        return whole
+            return np.zeros((y.size, y.size))
 
     @cached_property
     def fastest(self) -> tuple[float, float]:
@@ -155,15 +166,24 @@ class Watched:
         """Raises what stops an integration that needs too many calls or whose steps vanish."""
         in_time()
         task, fastest = self.task, max(self.fastest)
-        ahead = CALLS_A_RATE * fastest * (float(task.times[-1]) - t)
-        if task.method.lower().endswith("dop853") and self.calls + ahead > task.most:
+        remaining, least, needed, why = float(task.times[-1]) - t, LEAST_STEP, 0.0, ""
+        if task.method.lower().endswith("dop853"):
+            needed = CALLS_A_RATE * fastest * remaining
+            why = f"its fastest mode has |lambda| = {fastest:.2g}"
+        elif task.method == "radau":
+            least /= STAGES
+            covered = t - max(self.reached, task.t0)
+            ahead = CALLS * remaining / max(covered, 1e-300)
+            needed = ahead if ahead > HOPELESS * task.most else 0.0
+            why = f"its steps follow modes up to |lambda| = {fastest:.2g}"
+        if self.calls + needed > task.most:
             raise Stopped(
-                f"it needs {ahead:.1g} right-hand sides or more and may take {task.most:g}"
-                f" at most: its fastest mode has |lambda| = {fastest:.2g}"
+                f"it needs {needed:.1g} right-hand sides or more and may take {task.most:g}"
+                f" at most: {why}"
             )
         rotation = float(np.abs(task.start).max())
         rate = sum(self.fastest) + task.speed(t) ** 2 + rotation + 1.0
-        if t - self.reached < LEAST_STEP * CALLS / rate:
+        if t - self.reached < least * CALLS / rate:
             raise Stopped("its step size tends to 0")
         self.next_check, self.reached = self.calls + CALLS, t
 
@@ -236,10 +256,13 @@ def _in_core(tasks: Sequence[Task], shown: bool, watch: Watch) -> list[Motions]:
     first, members = tasks[0], len(tasks)
     u = first.u if callable(first.u) else np.array([task.u for task in tasks])
     start = np.stack([task.start for task in tasks], axis=1)
-    motion = CORE[first.method](
-        *(_rates(first.model, u), u, start, first.t0, first.rtol, first.atol, first.most),
-        first.max_step,
-    )
+    options = (u, start, first.t0, first.rtol, first.atol, first.most, first.max_step)
+    rates = _rates(first.model, u)
+    motion: _core.Integrator
+    if first.method == "dop853":
+        motion = _core.Dop853(rates, *options)
+    else:
+        motion = _core.Radau(rates, lambda t, y, member: jacobian_of(tasks[member], t, y), *options)
     watched = [Watched(task) for task in tasks]
     times, count = first.times, first.times.size
     if watch.follower is not None and times[-1] < first.end:
@@ -297,7 +320,10 @@ def _in_core(tasks: Sequence[Task], shown: bool, watch: Watch) -> list[Motions]:
 
 def runs_unlocked(task: Task) -> bool:
     """Whether a task's right-hand sides do without Python and its lock."""
-    return task.method in CORE and _compiled(task.model) is not None and not callable(task.u)
+    compiled_model = _compiled(task.model)
+    by_jacobian = task.method == "radau" and isinstance(compiled_model, _core.Scene)
+    in_core = task.method in CORE and compiled_model is not None and not by_jacobian
+    return in_core and not callable(task.u)
 
 
 def _compiled(model: Model) -> object:
@@ -321,14 +347,28 @@ def _rates(model: Model, u: Any) -> object:
     return rates
 
 
-def explicit_state(
-    rates: Callable[[Array], Array], start: Array, t: float, rtol: float, atol: float
+def state_after(
+    rates: Callable[[Array], Array],
+    start: Array,
+    t: float,
+    rtol: float,
+    atol: float,
+    jacobian: Callable[[Array], Array] | None = None,
 ) -> Array:
-    """The state at a time of y' = rates(y) from a start at time 0. Raises `Stopped`."""
-    motion = _core.Dop853(
-        *(lambda t, y, which: rates(y[:, 0])[:, None], np.zeros(1), start[:, None]),
-        *(0.0, rtol, atol, MOST_CALLS),
-    )
+    """The state at a time of y' = rates(y) from a start at time 0, by implicit steps with df/dy.
+
+    Without that by explicit ones. Raises `Stopped`.
+    """
+
+    def columns(t: Array, y: Array, which: list[int]) -> Array:
+        return np.stack([rates(column) for column in y.T], axis=1)
+
+    options = (np.zeros(1), start[:, None], 0.0, rtol, atol, MOST_CALLS)
+    motion: _core.Integrator
+    if jacobian is None:
+        motion = _core.Dop853(columns, *options)
+    else:
+        motion = _core.Radau(columns, lambda t, y, member: jacobian(y), *options)
     state = np.empty((1, 1, start.size))
     while not motion.advance(np.array([t]), state, CALLS):
         in_time()
@@ -366,22 +406,41 @@ def _by_scipy(task: Task, watched: Watched) -> Iterator[Array]:
 # ----------------------------------------------------------------------------- which one serves
 
 
-def choose_method(model: Model, rtol: float) -> str:
-    """The integrator that measured cheapest: "dop853" unless damping makes the motion stiff.
+def choose_method(model: Model, members: int = 1) -> str:
+    """The core's integrator that measured cheapest at equal error, for so many members.
 
-    The fastest mode holds an explicit method to some 2 |lambda| right-hand sides a unit of time.
-    "scipy:LSODA" leaves it out of account where it decays at once, at the cost of Jacobians and
-    factorisations, which weigh less where a right-hand side costs more, as in a reduced model.
-    Undamped it follows every mode and costs more (see tests/benchmark_simulate.py).
+    One motion goes by implicit steps, whose stages fill the processor's vectors: they do not follow
+    fast modes that have decayed, and where they follow all they cost no more. Measured with chains
+    of 3 to 100 segments, reduced models of 2 to 12 functions of both bases and scenes with modules
+    in Python, damping 0 to 0.1 with and without drag, starts smooth or not, rtol 1e-3 to 1e-10:
+    explicit ones cost 0.85 to 800 times as much at equal largest error of q, undamped mostly 1.2 to
+    4 times. Two cases differ, in which they are taken where decay is slow:
+
+    - Members of a chain or scene that advance together fill the vectors by themselves. Measured
+      with 8 to 64 members of 4 to 40 segments, the choice costs at most 1.9 times the cheaper; of
+      reduced models, 1.4.
+    - Scenes that are compiled but have dense Jacobians: at most 1.5 times, 5 to 80 segments.
+
+    `tests/benchmark_simulate.py` measures it again.
     """
-    if not (model.pipe.damping or model.resisted) or model.moving > LARGEST_IMPLICIT:
+    compiled_model = _compiled(model)
+    together = members >= BATCHED and not isinstance(compiled_model, _core.Galerkin)
+    dense = not isinstance(compiled_model, (_core.Chain, _core.Galerkin))
+    if dense and model.moving > LARGEST_IMPLICIT:
         return "dop853"
-    (fastest, decay), digits = fastest_rates(model), -math.log10(rtol)
-    if model.linear_cost:  # a Jacobian takes dof times as much
-        share = CHAIN_DECAY * digits * max(1.0, model.moving / CHAIN_SEGMENTS)
-        return "scipy:LSODA" if decay > share * fastest else "dop853"
-    stiff = max(fastest, decay) > REDUCED_RATE * digits
-    return "scipy:LSODA" if stiff and 0.5 * decay > 0.1 * fastest else "dop853"
+    large = isinstance(compiled_model, _core.Scene) and model.moving >= SCENE_SEGMENTS
+    least = BATCH_DECAY if together else 0.0
+    if large:
+        least = max(least, SCENE_DECAY * (model.moving / SCENE_SEGMENTS) ** 2)
+    return "radau" if not least or decays_fast(model, least) else "dop853"
+
+
+def decays_fast(model: Model, least: float = BATCH_DECAY) -> bool:
+    """Whether the fastest decay is so many times the highest frequency."""
+    if not (model.pipe.damping or model.resisted):
+        return False
+    fastest, decay = fastest_rates(model)
+    return decay > least * fastest
 
 
 def fastest_rates(model: Model) -> tuple[float, float]:

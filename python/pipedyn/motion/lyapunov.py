@@ -13,18 +13,13 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import field
-from functools import partial
 
 import numpy as np
 import scipy
 
 from pipedyn.linear.modes import LARGEST_SPEED
 from pipedyn.models.base import Model, NotConverged
-from pipedyn.motion.integrator import (
-    Stopped,
-    choose_method,
-    explicit_state,
-)
+from pipedyn.motion.integrator import Stopped, decays_fast, state_after
 from pipedyn.motion.simulate import (
     Start,
     Trajectory,
@@ -145,29 +140,9 @@ def lyapunov_exponent(
 
     return largest_exponent(
         *(rates, jacobian, state, duration, transient, blocks, interval, pair, rtol),
-        stiff=choose_method(model, rtol) == "scipy:LSODA",
+        stiff=decays_fast(model),
         shown=shown,
     )
-
-
-def _implicit_state(
-    rates: Callable[[float, Array], Array],
-    jacobian: Callable[[float, Array], Array],
-    start: Array,
-    t: float,
-    rtol: float,
-    atol: float,
-) -> Array:
-    """The state at a time of y' = rates(0, y) from a start at time 0. Raises `Stopped`."""
-    try:
-        found = scipy.integrate.solve_ivp(
-            *(rates, (0.0, t), start, "LSODA", [t]), jac=jacobian, rtol=rtol, atol=atol
-        )
-    except ValueError as error:  # where rates and derivatives are no longer finite
-        raise Stopped(str(error)) from error
-    if not found.success:
-        raise Stopped(found.message)
-    return np.array(found.y[:, -1])
 
 
 def largest_exponent(
@@ -199,13 +174,13 @@ def largest_exponent(
     # the relative tolerance, but near a state at rest not below the absolute one.
     length, atol = (DISTANCE, DISTANCE * rtol) if pair else (1.0, 0.01 * rtol)
 
-    def slopes(t: float, whole: Array) -> Array:
+    def slopes(whole: Array) -> Array:
         y, v = whole[:n], whole[n:]
         if pair:
             return np.asarray(rates(np.stack([y, v], axis=1))).T.ravel()
         return np.concatenate([rates(y), jacobian(y) @ v])
 
-    def slopes_by_state(t: float, whole: Array) -> Array:
+    def slopes_by_state(whole: Array) -> Array:
         """The same block twice: Newton's method does without the Jacobian's own change."""
         block = jacobian(whole[:n])
         return np.asarray(scipy.linalg.block_diag(block, block))
@@ -214,10 +189,9 @@ def largest_exponent(
     for i in track(range(growth.size), growth.size, "exponent", shown):
         whole = np.concatenate([state, length * direction + (state if pair else 0.0)])
         try:
-            if stiff:
-                found = _implicit_state(slopes, slopes_by_state, whole, step, rtol, atol)
-            else:
-                found = explicit_state(partial(slopes, 0.0), whole, step, rtol, atol)
+            found = state_after(
+                *(slopes, whole, step, rtol, atol), slopes_by_state if stiff else None
+            )
         except Stopped as stopped:
             raise NotConverged(f"the motion stopped: {stopped}") from None
         state = found[:n]

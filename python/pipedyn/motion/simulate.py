@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import math
 import os
+from collections import Counter
 from collections.abc import Callable, Sequence
 from concurrent.futures import Executor, ThreadPoolExecutor
 from contextlib import nullcontext
@@ -207,9 +208,10 @@ def simulate(
         t0: time at the start, in [-1e9, 1e9].
         rtol: relative tolerance of the error of each step, in [1e-13, 0.1].
         atol: absolute tolerance, > 0; rtol / 100 where not given.
-        method: "auto" chooses by measured cost, see `choose_method`; "dop853" (explicit, order 8,
-            in the core); or one of `scipy.integrate.solve_ivp`'s: "scipy:DOP853" and, with the
-            analytic Jacobian, "scipy:Radau", "scipy:BDF" and "scipy:LSODA".
+        method: "auto" chooses by measured cost, see `choose_method`; "radau" (implicit, seven
+            stages, order 13) or "dop853" (explicit, order 8), both in the core; or one of
+            `scipy.integrate.solve_ivp`'s: "scipy:DOP853" and, with the analytic Jacobian,
+            "scipy:Radau", "scipy:BDF" and "scipy:LSODA".
         max_step: longest step, > 0, at least 1e-9 of the duration.
         events: one or several `Event` or functions g(t, q, qdot) to a number, with q and qdot of
             shape (coordinates,). An event takes place where g becomes 0: its signs at the ends of
@@ -218,9 +220,11 @@ def simulate(
             output needs as well.
         dense: keep the states at any time, as `motion.dense(t)`: 16 or more numbers a step and
             coordinate.
-        most: right-hand sides that it may take, >= 1, at 1 to 3 us each up to 60 segments. Explicit
-            methods take 1.5 or more in the time 1 / |lambda| of the fastest mode; a motion that
-            would exceed `most` at that rate is refused after 400.
+        most: right-hand sides that it may take, >= 1, at 1 to 3 us each up to 60 segments, of which
+            eight at once take twice as long. Explicit methods take 1.5 or more in the time
+            1 / |lambda| of the fastest mode; a motion that would exceed `most` at that rate is
+            refused after 400, one of "radau" that would at its present steps take a hundred times
+            as many, after 20,000.
         callback: called with t, q and qdot of where the motion is, first after some hundred
             right-hand sides, then each 0.05 s or later; the motion ends where it answers True.
         progress: show progress on stderr.
@@ -241,7 +245,7 @@ def simulate(
         ValueError, TypeError: for bad arguments.
 
     Source: `rhs` of the models for the equations; Hairer, Norsett and Wanner, Solving Ordinary
-    Differential Equations I, II.6, for "dop853".
+    Differential Equations I, II.6, for "dop853"; Hairer and Wanner, II, IV.8, for "radau".
     """
     task = checked_task(
         *(model, u, duration, q0, qdot0, samples, times, rtol, atol, method, most),
@@ -291,7 +295,8 @@ def simulate_many(
 
     Whatever is given once holds for all members; what is given k times, for each its own. Members
     with the same model object are integrated in batches where the method is "dop853", on all cores:
-    what a member does depends neither on their number nor on the other members.
+    what a member does depends on the method, which "auto" chooses by their number, and not on the
+    other members.
 
     Args:
         models: one model or k.
@@ -335,13 +340,15 @@ def simulate_many(
     shown = check.flag("progress", progress)
     tasks: list[Task] = []
     members_of: dict[int, list[int]] = {}  # each model
+    number_of = Counter(id(chosen[i % len(chosen)]) for i in range(members))
     for i in range(members):
         model, u, start, rate = (values[i % len(values)] for values in given.values())
         same = members_of.setdefault(id(model), [])
         choice = tasks[same[0]].method if same else method
         try:
             task = checked_task(
-                *(model, u.item(), duration, start, rate, samples, times, rtol, atol, choice, most)
+                *(model, u.item(), duration, start, rate, samples, times, rtol, atol, choice, most),
+                members=number_of[id(model)],
             )
         except (ValueError, TypeError) as error:
             raise type(error)(f"{error} (member {i})") from error
@@ -471,8 +478,9 @@ def checked_task(
     *,
     t0: Any = 0.0,
     max_step: Any = math.inf,
+    members: int = 1,
 ) -> Task:
-    """The arguments of `simulate`, checked, with the method chosen."""
+    """The arguments of `simulate`, checked, with the method chosen for so many members."""
     model = checked_model_in_motion(model)
     duration = check.real("duration", duration, low=1e-12, high=1e9)
     t0 = check.real("t0", t0, low=-1e9, high=1e9)
@@ -504,7 +512,7 @@ def checked_task(
     most = check.real("most", most, low=1.0, high=1e18)
     method = check.choice("method", method, METHODS)
     if method == "auto":
-        method = choose_method(model, rtol)
+        method = choose_method(model, members)
     return Task(model, u, at, start, rtol, atol, method, t0, end, most, max_step)
 
 

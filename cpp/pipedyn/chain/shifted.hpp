@@ -1,0 +1,236 @@
+// SPDX-License-Identifier: MIT
+//
+// (mu - J) x = b for a chain in O(n), J = d(dy/dtau)/dy about any state and mu complex, for four mu
+// at once, which lie in the lanes of a vector: what implicit integrators solve.
+//
+// With b = [b1, b2] and x = [x1, x2] the angle of segment j changes by (x2_j + b1_j) / mu, its rate
+// by x2_j and its angular acceleration by mu x2_j - b2_j. Let m_j be the changes of acceleration,
+// velocity and position of node j, the last two only where drag or loads see them. Across segment j
+//   m_j = m_{j-1} + g_j x2_j + e_j,
+// e_j by b alone. All beyond node j answers with a force and with the moment of joint j + 1,
+//   f_j = Z_j m_j + z_j x2_j + f0_j,   k_j = K_j m_j + s_j x2_j + k0_j,
+// f_n by the follower force alone, k_n = 0. Segment j's moments about its joint then give
+//   x2_j = X_j m_{j-1} + (c_j / D_j) x2_{j-1} + x0_j,   c_j = spring_j / mu + damping_j,
+//   D_j = c_j + R_j,
+// R_j of everything but its own joint; so one segment nearer to the clamp
+//   k_{j-1} = c_j X_j m_{j-1} - (c_j R_j / D_j) x2_{j-1} + ...,
+// which takes no difference of nearly equal numbers however stiff joints are. One sweep to the
+// clamp finds the answers, one back x. What a segment adds by its own angle and rate is the source
+// of their columns in derivative.hpp.
+//
+// Local to each translation unit, like pack.hpp.
+#pragma once
+
+#include "pipedyn/chain/derivative.hpp"
+#include "pipedyn/vector/shifts.hpp"
+
+namespace {
+
+/// What the solves read of a segment. size: of m, 2 or with velocities and positions 6.
+template <Count size>
+struct ShiftedSegment {
+  double l, lever, spring, inertia;            // lever: m chi
+  Plane normal, jump, velocity, force;         // the last three by its angle
+  double moment;                               // by its angle
+  Complex step[size];                          // g
+  Complex force_by[2][size], moment_by[size];  // Z and K of node j
+  Complex push[2];                             // force at its clamped side by x2_j
+  Complex by[size], inverse, joint, follow;    // X, 1 / D, c, c / D
+
+  /// What b alone adds to m across the segment: rest has angle b1 / mu and acceleration -b2.
+  void passed(const Complex& angle, const Complex& rate, Complex (&e)[size]) const {
+    e[0] = (-l * normal.x) * rate + jump.x * angle;
+    e[1] = (-l * normal.y) * rate + jump.y * angle;
+    if constexpr (size == 6) {
+      e[2] = velocity.x * angle;
+      e[3] = velocity.y * angle;
+      e[4] = (l * normal.x) * angle;
+      e[5] = (l * normal.y) * angle;
+    }
+  }
+};
+
+template <Count size>
+inline Complex product(const Complex (&row)[size], const Complex (&column)[size]) {
+  Complex sum = row[0] * column[0];
+  for (Count i = 1; i < size; ++i) sum = sum + row[i] * column[i];
+  return sum;
+}
+
+/// Where the factors of some shifts are in an array: mu and 1 / mu, then the segments.
+template <Count size>
+struct ShiftedFactors {
+  using Segment = ShiftedSegment<size>;
+
+  Complex *mu, *inverse;
+  Segment* segments;
+
+  ShiftedFactors(double* array, Count n, Count pass) {
+    constexpr std::uintptr_t boundary = alignof(Segment);
+    const std::uintptr_t start =
+        (reinterpret_cast<std::uintptr_t>(array) + boundary - 1) / boundary;
+    Complex* const shifts = reinterpret_cast<Complex*>(start * boundary);
+    mu = shifts + 2 * pass;
+    inverse = mu + 1;
+    segments = reinterpret_cast<Segment*>(shifts + 2 * shift_passes) + pass * n;
+  }
+  static Count numbers(Count n) {
+    const Count bytes = 2 * shift_passes * static_cast<Count>(sizeof(Complex)) +
+                        shift_passes * n * static_cast<Count>(sizeof(Segment)) +
+                        static_cast<Count>(alignof(Segment));
+    return bytes / static_cast<Count>(sizeof(double));
+  }
+};
+
+template <Count size>
+void factorise_shifted(const Linearised& about, const ShiftedFactors<size>& out) {
+  const MotionModel& model = about.model;
+  const Count n = model.size;
+  const Complex mu = *out.mu, inverse_mu = inverse(mu), zero = 0.0 * mu;
+  *out.inverse = inverse_mu;
+  const Plane end = scaled(model.centrifugal * about.u * about.u, about.frame(n - 1).n);
+  Complex force[2][size], moment[size], at_rate[2], moment_at_rate = zero;  // Z, K, z, s
+  for (Count i = 0; i < size; ++i) force[0][i] = force[1][i] = moment[i] = zero;
+  at_rate[0] = end.x * inverse_mu;
+  at_rate[1] = end.y * inverse_mu;
+  for (Count j = n - 1; j >= 0; --j) {
+    const pipedyn::Link& link = model.links[j];
+    const Frame frame = about.frame(j);
+    const Source angle = about.source(j, true), rate = about.source(j, false);
+    ShiftedSegment<size>& here = out.segments[j];
+    here.l = link.length;
+    here.lever = link.first_moment / link.length;
+    here.spring = link.spring;
+    here.inertia = link.inertia;
+    here.normal = frame.n;
+    here.jump = frame.plane(angle.jump_t, angle.jump_n);
+    here.velocity = frame.plane(angle.v_t, angle.v_n);
+    here.force = frame.plane(angle.force_t, angle.force_n);
+    here.moment = angle.moment;
+    const Plane arm = scaled(link.length, frame.n);
+    const Plane jump = frame.plane(rate.jump_t, rate.jump_n),
+                push = frame.plane(rate.force_t, rate.force_n);
+    Complex(&g)[size] = here.step;
+    g[0] = arm.x * mu + here.jump.x * inverse_mu + jump.x;
+    g[1] = arm.y * mu + here.jump.y * inverse_mu + jump.y;
+    if constexpr (size == 6) {
+      const Plane velocity = frame.plane(rate.v_t, rate.v_n);
+      g[2] = here.velocity.x * inverse_mu + velocity.x;
+      g[3] = here.velocity.y * inverse_mu + velocity.y;
+      g[4] = arm.x * inverse_mu;
+      g[5] = arm.y * inverse_mu;
+    }
+    const Complex fx = product(force[0], g) + at_rate[0], fy = product(force[1], g) + at_rate[1];
+    here.push[0] = fx + here.lever * g[0] + here.force.x * inverse_mu + push.x;
+    here.push[1] = fy + here.lever * g[1] + here.force.y * inverse_mu + push.y;
+    const Complex rest = arm.x * fx + arm.y * fy + link.inertia * mu - here.moment * inverse_mu +
+                         (-rate.moment) - (product(moment, g) + moment_at_rate);
+    here.joint = link.spring * inverse_mu + link.damping;
+    here.inverse = ::inverse(here.joint + rest);
+    here.follow = here.joint * here.inverse;
+
+    double force_own[2][size] = {{link.mass, 0.0}, {0.0, link.mass}};
+    double moment_own[size] = {here.lever * arm.x, here.lever * arm.y};
+    if constexpr (size == 6) {
+      const double drag = about.drag_slope(j), n[2] = {frame.n.x, frame.n.y};
+      const LoadMoments none{}, &loads = about.loaded() ? about.loads[j] : none;
+      for (int i = 0; i < 2; ++i) {
+        for (int k = 0; k < 2; ++k) {
+          force_own[i][2 + k] = drag * n[i] * n[k] - loads.slopes[0].by_velocity[i][k];
+          force_own[i][4 + k] = -loads.slopes[0].by_position[i][k];
+          moment_own[2 + k] -= n[i] * loads.slopes[1].by_velocity[i][k];
+          moment_own[4 + k] -= n[i] * loads.slopes[1].by_position[i][k];
+        }
+        moment_own[2 + i] += link.drag_arm * drag * n[i];
+      }
+    }
+    for (Count i = 0; i < size; ++i) {
+      here.force_by[0][i] = force[0][i];
+      here.force_by[1][i] = force[1][i];
+      here.moment_by[i] = moment[i];
+      const Complex row = arm.x * force[0][i] + arm.y * force[1][i] - moment[i] + moment_own[i];
+      const Complex by = zero - row * here.inverse;
+      here.by[i] = by;
+      force[0][i] = force[0][i] + here.push[0] * by + force_own[0][i];
+      force[1][i] = force[1][i] + here.push[1] * by + force_own[1][i];
+      moment[i] = here.joint * by;
+    }
+    at_rate[0] = here.push[0] * here.follow;
+    at_rate[1] = here.push[1] * here.follow;
+    moment_at_rate = zero - rest * here.follow;
+  }
+}
+
+/// b becomes x. alone: room for n numbers of each shift.
+template <Count size>
+void solve_shifted(const MotionModel& model, double u, const ShiftedFactors<size>& factors,
+                   Count pass, double* alone, double* x) {
+  const Count n = model.size;
+  const Complex inverse_mu = *factors.inverse, zero = 0.0 * inverse_mu;
+  Complex e[size], angle = inverse_mu * read_shifted(x, n - 1, pass);
+  const Plane end = scaled(model.centrifugal * u * u, factors.segments[n - 1].normal);
+  Complex fx = end.x * angle, fy = end.y * angle, moment = zero;
+  for (Count j = n - 1; j >= 0; --j) {
+    const ShiftedSegment<size>& here = factors.segments[j];
+    const Complex rate = read_shifted(x, n + j, pass);
+    const Complex before = j > 0 ? inverse_mu * read_shifted(x, j - 1, pass) : zero;
+    here.passed(angle, rate, e);
+    const Complex gx = product(here.force_by[0], e) + fx, gy = product(here.force_by[1], e) + fy;
+    const Complex bend = here.spring * (angle - before);
+    const Complex sum = product(here.moment_by, e) + moment - bend + here.inertia * rate +
+                        here.moment * angle - here.l * (here.normal.x * gx + here.normal.y * gy);
+    const Complex found = sum * here.inverse;
+    write_shifted(alone, j, pass, found);
+    fx = gx + here.lever * e[0] + here.force.x * angle + here.push[0] * found;
+    fy = gy + here.lever * e[1] + here.force.y * angle + here.push[1] * found;
+    moment = here.joint * found + bend;
+    angle = before;
+  }
+  Complex m[size], found = zero;
+  for (Complex& of : m) of = zero;
+  for (Count j = 0; j < n; ++j) {
+    const ShiftedSegment<size>& here = factors.segments[j];
+    angle = inverse_mu * read_shifted(x, j, pass);
+    here.passed(angle, read_shifted(x, n + j, pass), e);
+    found = product(here.by, m) + here.follow * found + read_shifted(alone, j, pass);
+    for (Count i = 0; i < size; ++i) m[i] = m[i] + here.step[i] * found + e[i];
+    write_shifted(x, j, pass, inverse_mu * found + angle);
+    write_shifted(x, n + j, pass, found);
+  }
+}
+
+/// Calls body(factors, pass) with the factors of all shifts, as many at a time as a vector holds.
+template <class Body>
+void for_each_pass(const MotionModel& model, double* array, const Body& body) {
+  const bool whole = model.drag || model.load_count > 0;
+  for (Count pass = 0; pass < shift_passes; ++pass) {
+    if (whole) {
+      body(ShiftedFactors<6>(array, model.size, pass), pass);
+    } else {
+      body(ShiftedFactors<2>(array, model.size, pass), pass);
+    }
+  }
+}
+
+Count shifted_numbers(const MotionModel& model) {
+  const bool whole = model.drag || model.load_count > 0;
+  return whole ? ShiftedFactors<6>::numbers(model.size) : ShiftedFactors<2>::numbers(model.size);
+}
+
+void factorise_shifted(const MotionModel& model, const Batch& one, const double* mu,
+                       double* array) {
+  const Linearised about(model, one, pipedyn::scratch(Linearised::size(model.size)));
+  for_each_pass(model, array, [&](const auto& factors, Count pass) {
+    *factors.mu = read_shifted(mu, 0, pass);
+    factorise_shifted(about, factors);
+  });
+}
+
+void solve_shifted(const MotionModel& model, double u, double* array, double* x) {
+  double* const alone = pipedyn::scratch(2 * shift_count * model.size);
+  for_each_pass(model, array, [&](const auto& factors, Count pass) {
+    solve_shifted(model, u, factors, pass, alone, x);
+  });
+}
+
+}  // namespace

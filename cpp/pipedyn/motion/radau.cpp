@@ -1,0 +1,305 @@
+// SPDX-License-Identifier: MIT
+#include "pipedyn/motion/radau.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <utility>
+
+#include "pipedyn/motion/radau_coefficients.hpp"
+#include "pipedyn/vector/levels.hpp"
+
+namespace pipedyn {
+
+namespace radau {
+namespace {
+
+constexpr Index lanes = 8;
+
+/// The step is chosen for so much of the error allowed and changes by these factors at most.
+constexpr double safety = 0.9, least_factor = 0.1, most_factor = 5.0;
+
+/// Newton's method stops where what is left is below this part of the error allowed, and gives up
+/// after so many iterations.
+constexpr double newton_share = 0.005;
+constexpr Index most_iterations = 10;
+
+/// A dense J is kept while each iteration leaves less than this part, and the step while it would
+/// grow by less than this factor: a step, an iteration and a factorisation cost about the same.
+constexpr double kept_contraction = 1e-3, kept_step = 1.1;
+
+/// Of the error, which is that of order 7.
+constexpr double exponent = 1.0 / 8.0;
+
+using Table = double[lanes][lanes];
+const double* first(const Table& table) { return &table[0][0]; }
+
+/// out = in M.
+void mix(const double* in, const Table& matrix, Index rows, double* out) {
+  motion_kernel().mix_stages(in, first(matrix), nullptr, nullptr, rows, out);
+}
+
+/// Of the stages and the start of a step.
+Vector times(double from, double h) {
+  return from + h * Eigen::Map<const Vector>(radau::nodes, lanes).array();
+}
+
+}  // namespace
+}  // namespace radau
+
+// ------------------------------------------------------------------------------------ systems
+
+ChainSystems::ChainSystems(const Chain& chain, std::function<double(double, Index)> speed)
+    : chain_(chain),
+      speed_(std::move(speed)),
+      factors_(static_cast<std::size_t>(chain.factor_numbers())) {}
+
+void ChainSystems::linearise(double t, const double* y, Index member) {
+  state_ = Eigen::Map<const Vector>(y, 2 * chain_.dof());
+  u_ = speed_(t, member);
+}
+
+void ChainSystems::factorise(const double* mu) {
+  chain_.factorise(state_.data(), u_, mu, factors_.data());
+}
+
+void ChainSystems::solve(double* b) { chain_.solve(u_, factors_.data(), b); }
+
+DenseSystems::DenseSystems(Jacobian jacobian, Index size)
+    : jacobian_(std::move(jacobian)),
+      slopes_(size, size),
+      factors_(static_cast<std::size_t>(radau::lanes * size * size)),
+      pivots_(static_cast<std::size_t>(4 * size)) {}
+
+void DenseSystems::linearise(double t, const double* y, Index member) {
+  jacobian_(t, y, member, slopes_.data());
+}
+
+void DenseSystems::factorise(const double* mu) {
+  motion_kernel().factorise_dense(slopes_.data(), mu, slopes_.rows(), factors_.data(),
+                                  pivots_.data());
+}
+
+void DenseSystems::solve(double* b) {
+  motion_kernel().solve_dense(factors_.data(), pivots_.data(), slopes_.rows(), b);
+}
+
+// -------------------------------------------------------------------------------------- steps
+
+Radau::Radau(ImplicitRates rates, Index rows, Index members, const double* start, double time,
+             const Limits& limits)
+    : Integrator(rates.rates, rows, members, time, limits),
+      of_(std::move(rates)),
+      states_(Eigen::Map<const Matrix>(start, rows, members)),
+      z_(rows, radau::lanes),
+      before_(rows, radau::lanes),
+      w_(of_.solved, radau::lanes),
+      at_(rows, radau::lanes),
+      rates_at_(rows, radau::lanes),
+      x_(of_.solved, radau::lanes) {}
+
+/// From a member's state, with a radau::first step that the size of its rates suggests.
+void Radau::begin(Index which) {
+  current_ = which;
+  y_ = states_.col(which);
+  last_h_ = factored_h_ = 0.0;
+  fresh_ = false;
+  contraction_ = left_ = 1.0;
+  const Index n = of_.solved;
+  Vector rates(rows_);
+  of_.rates(Vector::Constant(1, members_[which].time), y_.data(), {which}, rates.data());
+  ++members_[which].evaluations;
+  allow();
+  const double rate = (rates.head(n).array() / allowed_.array()).matrix().norm();
+  const double size = std::sqrt(static_cast<double>(n));
+  members_[which].step = rate > 0.0 ? std::pow(0.01 * size / rate, 0.125) : 1.0;
+  if (!std::isfinite(rate)) members_[which].step = 1e-6;
+}
+
+void Radau::allow() {
+  allowed_ = limits_.absolute + limits_.relative * y_.head(of_.solved).array().abs();
+}
+
+/// Stages of a step from the last one's polynomial, beyond it.
+void Radau::predict(double h) {
+  const Index n = of_.solved;
+  const double ratio = h / last_h_;
+  if (last_h_ == 0.0) {
+    z_.setZero();
+    w_.setZero();
+  } else {
+    radau::Table beyond{};
+    for (Index i = 0; i < radau::stages; ++i) {
+      const double x = 1.0 + radau::nodes[i] * ratio;
+      for (Index k = 0; k < radau::stages; ++k) {
+        double weight = 0.0;
+        for (Index p = radau::stages - 1; p >= 0; --p) weight = x * (radau::powers[k][p] + weight);
+        beyond[k][i] = weight - (k == radau::stages - 1 ? 1.0 : 0.0);
+      }
+    }
+    radau::mix(before_.data(), beyond, n, z_.data());
+    radau::mix(z_.data(), radau::to_systems, n, w_.data());
+  }
+  at_.topRows(n) = z_.topRows(n).colwise() + y_.head(n);
+  predicted_ = z_.col(radau::stages - 1).head(n);
+}
+
+/// Newton's method for the stages of a step; whether it converges.
+bool Radau::solve(Index which, double h, Index& evaluations) {
+  const Index n = of_.solved;
+  const std::vector<Index> all(radau::lanes, which);
+  const Vector t = radau::times(members_[which].time, h);
+  double mu[radau::lanes];
+  radau::Table by_mu{};  // - mu w by w
+  for (Index i = 0; i < radau::lanes; ++i) mu[i] = radau::shifts[i] / h;
+  for (Index k = 0; k < 4; ++k) {
+    by_mu[k][k] = by_mu[4 + k][4 + k] = -mu[k];
+    by_mu[4 + k][k] = mu[4 + k];
+    by_mu[k][4 + k] = -mu[4 + k];
+  }
+  const double floor = 10.0 * std::numeric_limits<double>::epsilon() / limits_.relative;
+  const double enough = std::max(radau::newton_share, floor);
+  double last = 0.0;
+  left_ = std::pow(std::max(left_, std::numeric_limits<double>::epsilon()), 0.8);
+  for (iterations_ = 1; iterations_ <= radau::most_iterations; ++iterations_) {
+    evaluations += radau::lanes;
+    if (static_cast<double>(members_[which].evaluations + evaluations) > limits_.most) {
+      evaluations -= radau::lanes;
+      members_[which].progress = Progress::spent;
+      return false;
+    }
+    of_.rates(t, at_.data(), all, rates_at_.data());
+    if (iterations_ == 1) {
+      if (!fresh_ && (of_.systems->is_cheap() || contraction_ > radau::kept_contraction)) {
+        of_.systems->linearise(t[radau::lanes - 1], y_.data(), which);
+        fresh_ = true;
+        factored_h_ = 0.0;
+      }
+      if (factored_h_ != h) of_.systems->factorise(mu);
+      factored_h_ = h;
+    }
+    motion_kernel().mix_stages(rates_at_.data(), radau::first(radau::to_systems), w_.data(),
+                               radau::first(by_mu), n, x_.data());
+    of_.systems->solve(x_.data());
+    const double squares =
+        motion_kernel().correct_stages(x_.data(), radau::first(radau::to_stages), y_.data(),
+                                       allowed_.data(), n, w_.data(), z_.data(), at_.data());
+    const double size = std::sqrt(squares / static_cast<double>(radau::stages * n));
+    if (!std::isfinite(size)) {
+      members_[which].overflowed = true;
+      return false;
+    }
+    if (iterations_ > 1) {
+      contraction_ = size / last;
+      if (contraction_ >= 0.99) return false;
+      left_ = contraction_ / (1.0 - contraction_);
+      const double remaining = static_cast<double>(radau::most_iterations - iterations_);
+      if (left_ * size * std::pow(contraction_, remaining) > enough) return false;
+    }
+    if (left_ * size <= enough) return true;
+    last = size;
+  }
+  return false;
+}
+
+/// Of the step, relative to what is allowed: at its end, and of the polynomial within, of which the
+/// first knows nothing where fast decay binds the stages alone. The last step's polynomial misses
+/// the end by the same derivative.
+double Radau::error(double h) {
+  const Index n = of_.solved;
+  radau::Table by_rates{}, by_stages{};
+  for (Index k = 0; k < 4; ++k) {
+    by_rates[radau::lanes - 1][k] = 1.0;
+    for (Index i = 0; i < radau::stages; ++i) {
+      by_stages[i][k] = radau::shifts[0] / h * radau::error[i];
+    }
+  }
+  motion_kernel().mix_stages(rates_at_.data(), radau::first(by_rates), z_.data(),
+                             radau::first(by_stages), n, x_.data());
+  of_.systems->solve(x_.data());
+  double within = 0.0;
+  if (last_h_ > 0.0) {
+    const double ratio = h / last_h_;
+    within = radau::missed;
+    for (const double node : radau::nodes) within *= ratio / (1.0 + ratio - node);
+  }
+  double squares = 0.0, squares_within = 0.0;
+  for (Index i = 0; i < n; ++i) {
+    const double change = z_(i, radau::stages - 1);
+    const double largest = std::max(std::abs(y_[i]), std::abs(y_[i] + change));
+    const double scale = 1.0 / (limits_.absolute + limits_.relative * largest);
+    const double at_end = x_(i, 0) * scale, inside = (change - predicted_[i]) * scale;
+    squares += at_end * at_end;
+    squares_within += inside * inside;
+  }
+  return std::sqrt(std::max(squares, within * within * squares_within) / static_cast<double>(n));
+}
+
+Index Radau::step(double end) {
+  const Index which = which_.front();
+  Index evaluations = 0;
+  if (which != current_) begin(which);
+  Member& member = members_[which];
+  const double left = end - member.time, longest = std::min(member.step, limits_.max_step);
+  const double h = 1.01 * longest < left ? longest : std::min(left, limits_.max_step);
+  allow();
+  predict(h);
+  const bool solved = solve(which, h, evaluations);
+  const double found = solved ? std::max(error(h), 1e-10) : 0.0;
+  member.evaluations += evaluations;
+  if (solved && found <= 1.0) {
+    const double more = 2.0 * radau::most_iterations;
+    double factor = radau::safety * (more + 1.0) / (more + static_cast<double>(iterations_)) *
+                    std::pow(found, -radau::exponent);
+    if (last_h_ > 0.0) {
+      factor *= std::min(1.0, h / last_h_ * std::pow(member.last_error / found, radau::exponent));
+    }
+    factor = std::clamp(factor, radau::least_factor, member.rejected ? 1.0 : radau::most_factor);
+    if (!of_.systems->is_cheap() && factor >= 1.0 && factor <= radau::kept_step) factor = 1.0;
+    member.step = h < member.step ? std::max(h * factor, member.step) : h * factor;
+    member.last_error = std::max(found, 1e-2);
+    member.time = h == left ? end : member.time + h;
+    member.rejected = member.overflowed = false;
+    accept(which, h);
+  } else if (member.progress == Progress::spent) {
+    return evaluations;
+  } else if (!solved && !fresh_) {
+    contraction_ = 1.0;  // takes J anew
+  } else {
+    const double factor = solved ? radau::safety * std::pow(found, -radau::exponent) : 0.5;
+    member.step = h * std::max(factor, radau::least_factor);
+    member.rejected = true;
+    if (0.1 * member.step <= 2.2e-16 * member.time || member.step == 0.0) {
+      member.progress = member.overflowed ? Progress::not_finite : Progress::vanishing;
+    }
+  }
+  return evaluations;
+}
+
+/// Goes on from the end of a step, to which the member's time has moved.
+void Radau::accept(Index which, double h) {
+  const Index n = of_.solved, more = rows_ - n;
+  const double from = members_[which].time - h;
+  if (more > 0) {
+    of_.others(radau::times(from, h), at_.data(), std::vector<Index>(radau::lanes, which),
+               rates_at_.row(n).data());
+    radau::mix(rates_at_.row(n).data(), radau::integrals, more, z_.row(n).data());
+    z_.bottomRows(more) *= h;
+  }
+  if (is_asked_for(members_[which])) {
+    radau::mix(z_.data(), radau::powers, rows_, rates_at_.data());
+    Interpolant step{from, members_[which].time, Matrix(radau::lanes, rows_)};
+    step.coefficients.row(0) = y_.transpose();
+    for (Index k = 1; k < radau::lanes; ++k) {
+      step.coefficients.row(k) = rates_at_.col(k - 1).transpose();
+    }
+    record(which, step);
+  }
+  y_ += z_.col(radau::stages - 1);
+  states_.col(which) = y_;
+  std::swap(z_, before_);
+  last_h_ = h;
+  fresh_ = false;
+}
+
+}  // namespace pipedyn

@@ -1,0 +1,50 @@
+// SPDX-License-Identifier: MIT
+//
+// Complex numbers in the lanes of a vector, one for each of the four shifts mu of the systems
+// (mu - J) x = b that an implicit step solves; in narrow vectors they take several passes.
+//
+// Local to each translation unit, like pack.hpp.
+#pragma once
+
+#include "pipedyn/vector/pack.hpp"
+
+namespace {
+
+/// Lanes for the shifts, or for some of them.
+#if PIPEDYN_WIDTH > 4
+typedef double Shifts __attribute__((vector_size(32)));
+#else
+using Shifts = Pack;
+#endif
+constexpr Count shift_count = 4;
+constexpr Count shift_passes = shift_count / lanes<Shifts>;
+
+struct Complex {
+  Shifts re, im;
+};
+
+inline Complex operator+(const Complex& a, const Complex& b) { return {a.re + b.re, a.im + b.im}; }
+inline Complex operator-(const Complex& a, const Complex& b) { return {a.re - b.re, a.im - b.im}; }
+inline Complex operator*(const Complex& a, const Complex& b) {
+  return {a.re * b.re - a.im * b.im, a.re * b.im + a.im * b.re};
+}
+inline Complex operator*(double r, const Complex& a) { return {r * a.re, r * a.im}; }
+inline Complex operator+(const Complex& a, double r) { return {a.re + r, a.im}; }
+inline Complex inverse(const Complex& a) {
+  const Shifts size = 1.0 / (a.re * a.re + a.im * a.im);
+  return {a.re * size, -a.im * size};
+}
+
+/// A row of numbers (rows, 2 shifts), of which the real parts are first.
+inline Complex read_shifted(const double* x, Count row, Count pass) {
+  const double* const at = x + 2 * shift_count * row + pass * lanes<Shifts>;
+  return {load<Shifts>(at), load<Shifts>(at + shift_count)};
+}
+
+inline void write_shifted(double* x, Count row, Count pass, const Complex& value) {
+  double* const at = x + 2 * shift_count * row + pass * lanes<Shifts>;
+  store(at, value.re);
+  store(at + shift_count, value.im);
+}
+
+}  // namespace

@@ -1,0 +1,244 @@
+# SPDX-License-Identifier: MIT
+"""The implicit integrator: its order, stiff problems with known solutions, chains, scenes."""
+
+import numpy as np
+import pytest
+import scipy
+from independent import any_chain
+
+import pipedyn as pp
+from pipedyn import _core
+from pipedyn import modular as md
+from pipedyn.motion.lyapunov import largest_exponent
+
+LEVELS = _core.vector_levels()
+
+
+def solved(rates, jacobian, start, times, rtol, atol=None, max_step=np.inf):
+    """States (times, n) of y' = rates(t, y), y (n, k) at times (k,), and what they took."""
+    motion = _core.Radau(
+        *(lambda t, y, which: rates(t, y), lambda t, y, member: jacobian(t, y)),
+        *(np.zeros(1), np.array(start, dtype=float)[:, None], 0.0),
+        *(rtol, rtol if atol is None else atol, 1e8, max_step),
+    )
+    times = np.asarray(times, dtype=float)
+    states = np.empty((1, times.size, len(start)))
+    while not motion.advance(times, states, 100_000):
+        pass
+    return states[0], motion.members[0][2]
+
+
+def pendulum(t, y):
+    return np.stack([y[1], -y[0] + 0.0 * t])
+
+
+def pendulum_slopes(t, y):
+    return np.array([[0.0, 1.0], [-1.0, 0.0]])
+
+
+def test_equal_steps_have_order_thirteen_at_their_ends():
+    """Of the linear oscillator, over the decades of error between 1 and rounding."""
+    end, steps = 24.0, 24.0 / np.arange(6, 15)
+    errors = []
+    for step in steps:
+        loose = {"rtol": 1e-6, "atol": 1e9, "max_step": step}  # Newton's method to 5e6 1e-15
+        found, _ = solved(pendulum, pendulum_slopes, [1.0, 0.0], [end], **loose)
+        errors.append(np.abs(found[0] - [np.cos(end), -np.sin(end)]).max())
+    errors = np.array(errors)
+    kept = (errors > 1e-12) & (errors < 1e-2)
+    assert errors[kept].max() > 1e3 * errors[kept].min()
+    order = np.polyfit(np.log(steps[kept]), np.log(errors[kept]), 1)[0]
+    assert order == pytest.approx(13.0, abs=0.7)
+
+
+def logistic(t, y):
+    return y * (1.0 - y) * (1.0 + 0.5 * np.cos(t))
+
+
+def logistic_slopes(t, y):
+    return np.array([[(1.0 - 2.0 * y[0]) * (1.0 + 0.5 * np.cos(t))]])
+
+
+def test_errors_are_proportional_to_tolerances_over_eight_decades():
+    times = np.linspace(0.0, 12.0, 61)
+    grown = times + 0.5 * np.sin(times)
+    exact = 1.0 / (1.0 + 99.0 * np.exp(-grown))
+    tolerances = np.logspace(-3, -11, 9)
+    found = [solved(logistic, logistic_slopes, [0.01], times, rtol) for rtol in tolerances]
+    errors = np.array([np.abs(states[:, 0] - exact).max() for states, _ in found])
+    assert np.polyfit(np.log(tolerances), np.log(errors), 1)[0] == pytest.approx(1.0, abs=0.2)
+    assert (errors < 10.0 * tolerances).all()
+
+
+@pytest.mark.parametrize("rate", [1e2, 1e5, 1e9])
+def test_what_decays_at_once_costs_no_steps(rate):
+    """Prothero and Robinson (1974): y' = -rate (y - sin t) + cos t, y = sin t."""
+    times = np.linspace(0.0, 10.0, 41)
+
+    def rates(t, y):
+        return -rate * (y - np.sin(t)) + np.cos(t)
+
+    for rtol in (1e-4, 1e-7, 1e-10):
+        found, calls = solved(rates, lambda t, y: np.array([[-rate]]), [0.0], times, rtol)
+        assert np.abs(found[:, 0] - np.sin(times)).max() < 10.0 * rtol
+        assert calls < 3000
+
+
+def test_a_start_off_the_slow_solution_falls_onto_it():
+    def rates(t, y):
+        return -1e6 * (y - np.cos(t))
+
+    found, _ = solved(rates, lambda t, y: np.array([[-1e6]]), [5.0], [1e-6, 1e-4, 2.0], 1e-8)
+    assert found[0, 0] == pytest.approx(1.0 + 4.0 * np.exp(-1.0), abs=1e-6)
+    assert found[1:, 0] == pytest.approx(np.cos([1e-4 - 1e-6, 2.0 - 1e-6]), abs=1e-7)
+
+
+def test_van_der_pol_of_stiffness_a_million_has_its_known_end():
+    """References of the problem VDPOL in Hairer and Wanner, IV.10, at eps = 1e-6."""
+    eps = 1e-6
+
+    def rates(t, y):
+        return np.stack([y[1], ((1.0 - y[0] ** 2) * y[1] - y[0]) / eps])
+
+    def slopes(t, y):
+        a, b = y
+        return np.array([[0.0, 1.0], [(-2.0 * a * b - 1.0) / eps, (1.0 - a * a) / eps]])
+
+    found, calls = solved(rates, slopes, [2.0, -0.66], [1.0, 2.0], 1e-9, 1e-11)
+    known = [[-1.863646254808130, 0.753543012043], [1.706167732170483, -0.8928097010247975]]
+    assert found == pytest.approx(np.array(known), rel=1e-6)
+    assert calls < 60_000
+
+
+@pytest.mark.parametrize("level", LEVELS)
+@pytest.mark.parametrize("n", [1, 3, 30])
+def test_a_small_motion_is_the_exponential_of_the_matrix(n, level, at_level):
+    at_level(level)
+    chain = any_chain(n, 0, gamma=4.0, drag=1.5, damping=0.02)  # drag is of second order
+    slopes = chain.jacobian(0.0, np.zeros(2 * n), 3.0)
+    start = 1e-7 * np.cos(np.arange(n))
+    times = np.array([0.02, 0.5, 1.0])
+    found = pp.simulate(chain, 3.0, 1.0, start, times=times, rtol=1e-9, atol=1e-17, method="radau")
+    for t, y in zip(times, found.y.T, strict=True):
+        exact = scipy.linalg.expm(t * slopes) @ np.append(start, np.zeros(n))
+        assert np.abs(y - exact)[:n].max() < 1e-6 * np.abs(start).max()
+
+
+TERMS = (
+    pp.PointMass(at=0.37, mass=0.3),
+    pp.Spring(at=0.8, stiffness=30.0),
+    pp.Damper(at=0.6, coefficient=2.0),
+    pp.Foundation(stiffness=10.0),
+)
+MODELS = {
+    "damped": pp.Chain(pp.Pipe(0.2, damping=0.02), 12),
+    "drag": pp.Chain(pp.Pipe(0.4, gamma=5.0, damping=5e-3, drag=2.0), 9),
+    "unequal": any_chain(8, 0, gamma=4.0, flow="aspirating", drag=1.5, damping=0.01),
+    "terms": pp.Chain(pp.Pipe(0.3, 2.0, drag=1.0, damping=0.01, terms=TERMS), 10),
+    "beam": pp.Galerkin(pp.Pipe(0.3, 2.0, damping=0.01, drag=1.0), 5),
+    "legendre": pp.Galerkin(pp.Pipe(0.3, 2.0, damping=0.01, terms=TERMS[:3]), 6, "legendre"),
+    "guided": md.chain(pp.Pipe(0.3, damping=0.01), 6).plus(md.Guide(3)),
+}
+
+
+def bent(s):
+    return 0.4 * s * (1.0 - 0.3 * s)
+
+
+@pytest.mark.parametrize("name", MODELS)
+def test_a_stiff_motion_is_that_of_scipys_radau(name):
+    model, options = MODELS[name], {"samples": 11, "rtol": 1e-9}
+    start = (lambda s: 0.1 * s**2) if name == "guided" else bent
+    found = pp.simulate(model, 4.0, 0.4, start, method="radau", **options)
+    other = pp.simulate(model, 4.0, 0.4, start, method="scipy:Radau", **options)
+    assert np.abs(found.q - other.q).max() < 3e-8
+    assert np.abs(found.qdot - other.qdot).max() < 3e-8 * max(1.0, np.abs(other.qdot).max())
+    assert found.audit < 1e-7
+    assert found.evaluations < 3 * other.evaluations
+
+
+@pytest.mark.parametrize("name", MODELS)
+def test_the_audit_falls_with_the_tolerance(name):
+    start = (lambda s: 0.1 * s**2) if name == "guided" else bent
+    audits = [
+        pp.simulate(MODELS[name], 4.0, 1.0, start, rtol=rtol, samples=41, method="radau").audit
+        for rtol in (1e-4, 1e-7, 1e-10)
+    ]
+    assert (np.array(audits) < [1e-3, 2e-6, 5e-9]).all()
+
+
+def test_a_speed_in_time_acts_in_the_derivative_too():
+    model = MODELS["terms"]
+    speeds = {"u": lambda t: 3.0 + np.sin(5.0 * t), "duration": 1.0, "q0": bent, "samples": 11}
+    found, other = (
+        pp.simulate(model, method=method, rtol=1e-9, **speeds) for method in ("radau", "dop853")
+    )
+    assert np.abs(found.q - other.q).max() < 1e-7
+    assert found.evaluations < 0.5 * other.evaluations
+
+
+def test_members_move_as_each_does_alone():
+    model, speeds = MODELS["drag"], np.array([2.0, 6.0, 4.0])
+    many = pp.simulate_many(model, speeds, 0.5, bent, samples=6, method="radau")
+    for motion, u in zip(many.motions, speeds, strict=True):
+        alone = pp.simulate(model, u, 0.5, bent, samples=6, method="radau")
+        np.testing.assert_array_equal(motion.q, alone.q)
+        assert motion.evaluations == alone.evaluations
+
+
+def test_several_members_of_one_integrator_go_one_after_the_other():
+    chain = pp.Chain(pp.Pipe(0.2, damping=0.01), 3)
+    start = np.stack([np.append(chain.start(scale * np.ones(3), None), 0.0) for scale in (1, 2)], 1)
+    times, states = np.array([0.0, 0.3, 1.0]), np.empty((2, 3, 7))
+    u = np.array([1.0, 5.0])
+    motion = _core.Radau(chain.motion, None, u, 0.1 * start, 0.0, 1e-8, 1e-10, 1e6)
+    assert motion.advance(times, states, 1_000_000)
+    for j in range(2):
+        alone = pp.simulate(
+            *(chain, u[j], 1.0, 0.1 * start[:3, j]),
+            times=times,
+            rtol=1e-8,
+            method="radau",
+        )
+        np.testing.assert_array_equal(states[j, :, :3], alone.q)
+
+
+@pytest.mark.parametrize("level", LEVELS)
+def test_vector_levels_agree(level, at_level):
+    found = {}
+    for name in ("terms", "legendre", "guided"):
+        start = (lambda s: 0.1 * s**2) if name == "guided" else bent
+        found[name] = pp.simulate(MODELS[name], 4.0, 0.5, start, rtol=1e-10, samples=3)
+    at_level(level)
+    for name, widest in found.items():
+        start = (lambda s: 0.1 * s**2) if name == "guided" else bent
+        other = pp.simulate(MODELS[name], 4.0, 0.5, start, rtol=1e-10, samples=3)
+        assert np.abs(other.q - widest.q).max() < 1e-9
+
+
+def test_a_thousand_damped_segments_take_no_more_steps_than_twenty():
+    calls = [
+        pp.simulate(pp.Chain(pp.Pipe(0.2, damping=0.01), n), 6.0, 0.2, bent, samples=3).evaluations
+        for n in (20, 1000)
+    ]
+    assert calls[1] < 2 * calls[0]
+
+
+@pytest.mark.parametrize("pair", [False, True])
+def test_a_stiff_system_has_its_exponent(pair):
+    matrix = np.array([[-0.3, 1.0, 0.0], [0.0, -1e4, 2.0], [0.0, 0.0, -1e6]])
+    found = largest_exponent(
+        *(lambda y: matrix @ y, lambda y: matrix, np.ones(3), 10.0, 10.0, 4, 1.0),
+        **{"pair": pair, "rtol": 1e-8, "stiff": True},
+    )
+    assert found.value == pytest.approx(-0.3, abs=1e-5)
+
+
+def test_a_wrong_jacobian_is_refused_and_a_singular_one_is_no_harm():
+    def rates(t, y):
+        return np.zeros_like(y)
+
+    with pytest.raises(ValueError, match="row a state"):
+        solved(rates, lambda t, y: np.zeros(3), [1.0, 2.0], [1.0], 1e-6)
+    found, _ = solved(rates, lambda t, y: np.zeros((2, 2)), [1.0, 2.0], [1.0], 1e-6)
+    assert found[0].tolist() == [1.0, 2.0]
