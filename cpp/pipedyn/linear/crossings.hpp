@@ -22,7 +22,6 @@
 #include <string>
 
 #include "pipedyn/linear/axis_roots.hpp"
-#include "pipedyn/linear/crossing_speed.hpp"
 #include "pipedyn/linear/tracking.hpp"
 
 namespace pipedyn {
