@@ -440,10 +440,11 @@ def slight_bend(s: Array) -> Array:
 
 
 def modal_bend(parts: ArrayLike) -> Callable[[Array], Array]:
-    """The angle theta(s) of the first three modes of bending, in parts, shape (3,), rad."""
+    """The angle theta(s) of the first m modes of bending, in parts, shape (m,), rad."""
 
     def bend(s: Array) -> Array:
-        return np.asarray(parts @ np.sin(np.outer([1.0, 3.0, 5.0], 0.5 * math.pi * s)))
+        waves = np.arange(0.5, np.size(parts))
+        return np.asarray(parts @ np.sin(np.outer(waves, math.pi * s)))
 
     return bend
 
