@@ -239,9 +239,9 @@ class Statics:
         """Of small motions about an equilibrium, shape (2 dof,)."""
         mass, velocity, stiffness = self.model.operators(x).at(u)
         n = len(mass)
-        half = scipy.linalg.solve_triangular(np.linalg.cholesky(mass), np.eye(n), lower=True)
+        half = np.linalg.inv(np.linalg.cholesky(mass))
         turning = -np.hstack([half @ stiffness @ half.T, half @ velocity @ half.T])
-        return np.asarray(scipy.linalg.eigvals(np.vstack([np.eye(n, 2 * n, n), turning])))
+        return np.linalg.eigvals(np.vstack([np.eye(n, 2 * n, n), turning])).astype(complex)
 
     def growth(self, x: Array, u: float) -> Array:
         """Real parts of the eigenvalues beyond rounding, the largest first."""
