@@ -20,6 +20,7 @@ from pathlib import Path
 from typing import Any, NoReturn
 
 import matplotlib
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 
 from pipedyn import plot
 from pipedyn.models.chain import SPRING_RULES
@@ -145,13 +146,13 @@ def _writable(name: str) -> Path:
 
 
 def save_figure(figure: plot.Figure, path: Path) -> None:
-    """Save a figure; of a bitmap, without drawing it once more only to find its layout."""
-    layout = figure.get_layout_engine()
-    if path.suffix == ".png" and layout is not None:
+    """Save a figure; as a bitmap without `savefig`, which draws it once more for its layout."""
+    if path.suffix == ".png":
         figure.set_dpi(matplotlib.rcParams["savefig.dpi"])
-        layout.execute(figure)
-        figure.set_layout_engine("none")
-    figure.savefig(path)
+        canvas: Any = FigureCanvasAgg(figure)
+        canvas.print_png(path)
+    else:
+        figure.savefig(path)
 
 
 def write(case: Case, findings: Findings, figures: dict[str, plot.Figure]) -> list[Path]:
