@@ -186,10 +186,13 @@ void log_derivative(const ImpedanceModel& model, const ImpedancePoints& points, 
       sum.re -= one.re * first_share + two.re * next_share;
       sum.im += one.im * first_share + two.im * next_share;
     }
+    Coefficients<Lanes> own, change;
     for (Count j = model.size - 1; j >= 0; --j) {
       const ImpedanceSegment& segment = model.segments[j];
-      const auto own = coefficients(segment, problem.powers);
-      const auto change = problem.by_lambda(segment);
+      if (!segment.repeats) {
+        own = coefficients(segment, problem.powers);
+        change = problem.by_lambda(segment);
+      }
       if (segment.held) {  // its pivot is constant
         by = before_held(segment.length, by, change, 0.0);
         at = before_held(segment.length, at, own, problem.thrust);
@@ -284,10 +287,11 @@ void pairs(const ImpedanceModel& model, const ImpedancePoints& points, const Imp
     Impedance at;
     LoadBeyond load, dual;
     double part = 0.5;
+    Coefficients<Lanes> own;
     for (Count j = n - 1; j >= 0; --j) {
       const ImpedanceSegment& segment = model.segments[j];
       const double l = segment.length;
-      const auto own = coefficients(segment, problem.powers);
+      if (!segment.repeats) own = coefficients(segment, problem.powers);
       if (segment.held) {  // the guide takes forces, and moments as forces
         segments[j].beyond = at;
         at = before_held(l, at, own, problem.thrust);
@@ -323,11 +327,14 @@ void pairs(const ImpedanceModel& model, const ImpedancePoints& points, const Imp
       if (out.right != nullptr) put(out.right + 2 * j * points.count, points, first, x.turn);
       if (out.left != nullptr) put(out.left + 2 * j * points.count, points, first, y.turn);
     }
+    Coefficients<Pack> terms;
     for (Count j = start; j < n; ++j) {
       const ImpedanceSegment& segment = model.segments[j];
       const double l = segment.length;
-      const auto own = coefficients(segment, problem.powers);
-      const auto terms = coefficient_sizes(segment, sizes);
+      if (j == start || !model.segments[j - 1].repeats) {
+        own = coefficients(segment, problem.powers);
+        terms = coefficient_sizes(segment, sizes);
+      }
       const auto& [at, share] = segments[j];
       const Turned loaded = out.loaded ? turned_by[j] : Turned{};
       const Motion x_before = x, y_before = y;
@@ -348,7 +355,8 @@ void pairs(const ImpedanceModel& model, const ImpedancePoints& points, const Imp
                rest_of_p + l * (at.c - own.turned) + -l * problem.thrust, loaded.left);
       }
       rates.add(segment, y, x);
-      own_rates.add(segment, {conjugate(x.turn), conjugate(x.angle), conjugate(x.joint), {}}, x);
+      if (out.by_right != nullptr)
+        own_rates.add(segment, {conjugate(x.turn), conjugate(x.angle), conjugate(x.joint), {}}, x);
       pressed += y.joint * x.turn;
       // |Y|^T |T X|; the joint's moment of the segment before is complete now.
       const Lanes elastic = own.elastic * x.turn;
@@ -393,7 +401,7 @@ void pairs(const ImpedanceModel& model, const ImpedancePoints& points, const Imp
     put(out.by_u, points, first,
         (model.coriolis * problem.powers.one) * rates.flow +
             (2.0 * model.centrifugal * points.u) * pressed);
-    put(out.by_right, points, first, own_rates.sum(problem));
+    if (out.by_right != nullptr) put(out.by_right, points, first, own_rates.sum(problem));
     put(out.rest, points, first, rest);
     put(out.entries, points, first, entries);
     put(out.sums, points, first, sums);
