@@ -62,7 +62,6 @@ class ChainSpectrum : public Eigenproblem {
   Pairs polished(double u, const Approximations& roots, bool vectors) const;
   Index roots_at_zero(double u) const { return u == 0.0 ? zeros_at_rest_ : zeros_in_flow_; }
   Approximations dense_starts(double u);
-  bool has_all(double u, const Approximations& roots) const;
   bool has_all_within(double u, const Approximations& roots, std::size_t least) const;
 };
 

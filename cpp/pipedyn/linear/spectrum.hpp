@@ -2,7 +2,7 @@
 //
 // What a linear model, P(lambda, u) x = 0 with P = lambda^2 M + lambda C(u) + K(u), gives at a flow
 // speed: its lowest roots, the root next to a guess, and where its stiffness is singular. The
-// search for crossings (crossings.hpp) and root loci (loci.hpp) need nothing else. One spectrum
+// search for crossings (crossings.hpp) and root loci (tracking.hpp) need nothing else. One spectrum
 // serves one thread at a time.
 #pragma once
 

@@ -69,6 +69,11 @@ struct Tracking {
   double longest;  // step
 };
 
+/// Column of each row so that the sum of their costs, (size, size) by rows, is least (the Hungarian
+/// method): each row takes its cheapest column if that is free, and the others are added one by
+/// one, along the shortest augmenting path by reduced costs. O(size^2) each.
+Roots assignment(const std::vector<double>& cost, Index size);
+
 /// Steps from the first sample through increasing speeds, short enough to be unambiguous. Of the
 /// first sample the roots `tracked` are tracked with certainty, the others matched as well as they
 /// can be. Throws NotConverged where steps are too many.
