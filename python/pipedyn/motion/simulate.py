@@ -30,8 +30,8 @@ from pipedyn.motion.events import (
     DenseOutput,
     Event,
     EventFunction,
-    Follower,
     Occurrences,
+    Recorder,
     checked_events,
 )
 from pipedyn.motion.integrator import (
@@ -39,8 +39,8 @@ from pipedyn.motion.integrator import (
     METHODS,
     MOST_CALLS,
     Callback,
+    Observer,
     Task,
-    Watch,
     choose_method,
     integrate,
     runs_unlocked,
@@ -253,7 +253,7 @@ def simulate(
         max_step=max_step,
     )
     looked_for, kept = checked_events(events), check.flag("dense", dense)
-    follower = None
+    recorder = None
     if looked_for or kept:
         if task.method not in CORE:
             name = "events" if looked_for else "dense"
@@ -261,15 +261,15 @@ def simulate(
                 f"{name} must come with a method of the core, {', '.join(map(repr, CORE))}: "
                 f"scipy's hand over no polynomial of a step, got method {task.method!r}"
             )
-        follower = Follower(task.model, looked_for, task.t0, task.start, kept)
+        recorder = Recorder(task.model, looked_for, task.t0, task.start, kept)
     if not (callback is None or callable(callback)):
         raise TypeError(f"callback must be a function, got {check.shown(callback)}")
-    watch = Watch(follower, callback)
-    [(rows, evaluations, why)] = integrate([task], check.flag("progress", progress), watch)
+    observer = Observer(recorder, callback)
+    [(rows, evaluations, why)] = integrate([task], check.flag("progress", progress), observer)
     motion = motion_of(task, rows, evaluations)
-    if follower is not None:
-        until = math.inf if watch.end is None else watch.end
-        motion = replace(motion, events=follower.occurrences(), dense=follower.output(until))
+    if recorder is not None:
+        until = math.inf if observer.end is None else observer.end
+        motion = replace(motion, events=recorder.occurrences(), dense=recorder.output(until))
     if why is not None:
         raise MotionStopped(f"the motion stopped {motion.reached}: {why}", motion)
     return motion
@@ -361,8 +361,8 @@ def simulate_many(
         together = tasks[same[0]].method == "dop853"
         most_together = BATCH if together else 1
         blocks += [same[i : i + most_together] for i in range(0, len(same), most_together)]
-    watch = Watch()
-    jobs = [partial(_motions, [tasks[i] for i in block], watch) for block in blocks]
+    observer = Observer()
+    jobs = [partial(_motions, [tasks[i] for i in block], observer) for block in blocks]
     own = executor is None and len(jobs) > 1 and all(map(runs_unlocked, tasks))
     if own:  # each counts for its caller
         jobs = [partial(copy_context().run, job) for job in jobs]
@@ -381,7 +381,7 @@ def simulate_many(
                         message = f"member {i} stopped {motion.reached}: {why}"
                         failures.append(MemberFailure(i, MotionStopped(message, motion)))
         except BaseException:
-            watch.end = -math.inf  # for the threads of the pool
+            observer.end = -math.inf  # for the threads of the pool
             if own and pool is not None:
                 pool.shutdown(cancel_futures=True)
             raise
@@ -399,11 +399,13 @@ def _each(name: str, given: Any) -> list[Any]:
     return list(given) if several else [given]
 
 
-def _motions(tasks: list[Task], watch: Watch) -> list[tuple[Motion, str | None]]:
+def _motions(tasks: list[Task], observer: Observer) -> list[tuple[Motion, str | None]]:
     """Motion of each member of a batch, and why it stopped early."""
     return [
         (motion_of(task, rows, evaluations), why)
-        for task, (rows, evaluations, why) in zip(tasks, integrate(tasks, watch=watch), strict=True)
+        for task, (rows, evaluations, why) in zip(
+            tasks, integrate(tasks, observer=observer), strict=True
+        )
     ]
 
 
