@@ -38,7 +38,8 @@ double share(Index s) {
 
 Dop853::Dop853(Rates rates, Index rows, Index members, const double* start, double time,
                const Limits& limits)
-    : Integrator(std::move(rates), rows, members, time, limits),
+    : Integrator(rows, members, time, limits),
+      rates_(std::move(rates)),
       y_(Eigen::Map<const Vector>(start, rows * members)),
       next_(y_),
       stage_(y_),

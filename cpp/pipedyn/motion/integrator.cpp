@@ -15,9 +15,8 @@ constexpr std::chrono::milliseconds pause{50};
 
 }  // namespace
 
-Integrator::Integrator(Rates rates, Index rows, Index members, double time, const Limits& limits)
-    : rates_(std::move(rates)),
-      rows_(rows),
+Integrator::Integrator(Index rows, Index members, double time, const Limits& limits)
+    : rows_(rows),
       limits_(limits),
       members_(static_cast<std::size_t>(members)),
       which_(static_cast<std::size_t>(members)) {

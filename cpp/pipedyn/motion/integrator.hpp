@@ -60,7 +60,7 @@ class Integrator {
   virtual Vector state(Index member) const = 0;
 
  protected:
-  Integrator(Rates rates, Index rows, Index members, double time, const Limits& limits);
+  Integrator(Index rows, Index members, double time, const Limits& limits);
 
   /// Tries a step of each member that goes on, not beyond `end`; the evaluations that one took.
   virtual Index step(double end) = 0;
@@ -81,7 +81,6 @@ class Integrator {
   bool is_asked_for(const Member& member) const;
   void record(Index member, const Interpolant& step);
 
-  Rates rates_;
   Index rows_;
   Limits limits_;
   std::vector<Member> members_;

@@ -86,7 +86,7 @@ void DenseSystems::solve(double* b) {
 
 Radau::Radau(ImplicitRates rates, Index rows, Index members, const double* start, double time,
              const Limits& limits)
-    : Integrator(rates.rates, rows, members, time, limits),
+    : Integrator(rows, members, time, limits),
       of_(std::move(rates)),
       states_(Eigen::Map<const Matrix>(start, rows, members)),
       z_(rows, lanes),

@@ -275,17 +275,16 @@ def _in_core(tasks: Sequence[Task], shown: bool, observer: Observer) -> list[Out
             if observer.recorder is None:
                 finished = motion.advance(times, states, allowed)
             else:
-                finished, *steps = motion.follow(times, states, allowed)
+                finished, ends, steps = motion.follow(times, states, allowed)
                 try:
-                    observer.steps(*steps)
+                    observer.steps(ends, steps)
                 except Stopped as stopped:
                     whys[0] = str(stopped)
                     return
             in_time()
-            going = [j for j, member in enumerate(motion.members) if member[3] == 0]
-            slowest = min(going, key=lambda j: motion.members[j][0], default=None)
-            if slowest is not None:
-                at, _, calls, _ = motion.members[slowest]
+            going = [(*member, j) for j, member in enumerate(motion.members) if member[3] == 0]
+            if going:
+                at, _, calls, _, slowest = min(going)
                 monitor = monitors[slowest]
                 monitor.calls = calls
                 try:
@@ -298,7 +297,7 @@ def _in_core(tasks: Sequence[Task], shown: bool, observer: Observer) -> list[Out
                     if observer.callback is not None:
                         observer.call(first, at, motion.state(slowest))
                 allowed = CALLS
-            until = min((motion.members[j][1] for j in going), default=count)
+            until = min((samples for _, samples, *_ in going), default=count)
             yield from range(done, min(until, count))
             done = until
 
