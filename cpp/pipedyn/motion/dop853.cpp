@@ -122,12 +122,7 @@ void Dop853::choose_first_steps() {
 Index Dop853::step(double end) {
   const Index m = active();
   tried_.resize(m);
-  for (Index j = 0; j < m; ++j) {
-    const Member& member = members_[which_[j]];
-    const double left = end - member.time;
-    const double longest = std::min(member.step, limits_.max_step);
-    tried_[j] = 1.01 * longest < left ? longest : std::min(left, limits_.max_step);
-  }
+  for (Index j = 0; j < m; ++j) tried_[j] = step_of(members_[which_[j]], end);
   for (Index i = 0; i < entries(); i += m) steps_.segment(i, m) = tried_;
   for (Index s = 1; s < stages; ++s) {
     combine(rate_, dop853::weights[s - 1], s, y_, steps_, entries(), stage_);
@@ -194,7 +189,7 @@ void Dop853::control(Index j, double end) {
     const double next = h * std::clamp(wanted, least_factor, most);
     member.step = h < member.step ? std::max(next, member.step) : next;
     member.last_error = std::max(error, 1e-4);
-    member.time = h == end - member.time ? end : member.time + h;
+    move(member, h, end);
     member.rejected = member.overflowed = false;
     accepted_[j] = 1;
     return;

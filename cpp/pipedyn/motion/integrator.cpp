@@ -46,6 +46,17 @@ bool Integrator::advance(const Vector& times, double* out, Index evaluations,
   return which_.empty();
 }
 
+double Integrator::step_of(const Member& member, double end) const {
+  const double to_end = left(member, end), longest = std::min(member.step, limits_.max_step);
+  return 1.01 * longest < to_end ? longest : std::min(to_end, limits_.max_step);
+}
+
+void Integrator::move(Member& member, double h, double end) {
+  const double by = h + member.beyond, to = h == left(member, end) ? end : member.time + by;
+  member.beyond = to == end ? 0.0 : by - (to - member.time);
+  member.time = to;
+}
+
 bool Integrator::is_asked_for(const Member& member) const {
   return steps_ != nullptr || (*times_)[member.samples] <= member.time;
 }

@@ -22,6 +22,7 @@ enum class Progress { going, done, not_finite, vanishing, spent };
 
 struct Member {
   double time = 0.0, step = 0.0, last_error = 1e-4;
+  double beyond = 0.0;  // by how much it is beyond the time, which is rounded
   Index samples = 0, evaluations = 0;
   bool rejected = false, overflowed = false;
   Progress progress = Progress::going;
@@ -68,6 +69,12 @@ class Integrator {
   /// Goes on with these of the columns of which_.
   virtual void keep(const std::vector<Index>& columns) = 0;
 
+  /// From where a member is to an end.
+  static double left(const Member& member, double end) { return end - member.time - member.beyond; }
+  /// The step that it tries, not beyond the end.
+  double step_of(const Member& member, double end) const;
+  /// Moves its time by a step, so that many short ones at a large time add up to the sum of them.
+  static void move(Member& member, double h, double end);
   /// Whether the step that a member has just taken, to its time, must be recorded.
   bool is_asked_for(const Member& member) const;
   void record(Index member, const Interpolant& step);

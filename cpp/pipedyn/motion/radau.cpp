@@ -240,8 +240,7 @@ Index Radau::step(double end) {
   Index evaluations = 0;
   if (which != current_) begin(which);
   Member& member = members_[which];
-  const double left = end - member.time, longest = std::min(member.step, limits_.max_step);
-  const double h = 1.01 * longest < left ? longest : std::min(left, limits_.max_step);
+  const double h = step_of(member, end);
   allow();
   predict(h);
   const bool solved = solve(which, h, evaluations);
@@ -258,7 +257,7 @@ Index Radau::step(double end) {
     if (!of_.systems->is_cheap() && factor >= 1.0 && factor <= radau::kept_step) factor = 1.0;
     member.step = h < member.step ? std::max(h * factor, member.step) : h * factor;
     member.last_error = std::max(found, 1e-2);
-    member.time = h == left ? end : member.time + h;
+    move(member, h, end);
     member.rejected = member.overflowed = false;
     accept(which, h);
   } else if (member.progress == Progress::spent) {
@@ -269,7 +268,7 @@ Index Radau::step(double end) {
     const double factor = solved ? radau::safety * std::pow(found, -radau::exponent) : 0.5;
     member.step = h * std::max(factor, radau::least_factor);
     member.rejected = true;
-    if (0.1 * member.step <= 2.2e-16 * member.time || member.step == 0.0) {
+    if (0.1 * member.step <= 2.2e-16 * std::abs(member.time) || member.step == 0.0) {
       member.progress = member.overflowed ? Progress::not_finite : Progress::vanishing;
     }
   }
