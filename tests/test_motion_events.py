@@ -4,6 +4,7 @@
 Independent routes: elliptic integrals of the pendulum, and scipy's `solve_ivp` on `model.rhs`.
 """
 
+import math
 import os
 import pickle
 import signal
@@ -420,6 +421,20 @@ def test_a_bad_argument_is_refused_by_name(options, kind, message):
     arguments = {"model": CHAIN, "u": 4.0, "duration": 1.0, "q0": bow} | options
     with pytest.raises(kind, match=message):
         pp.simulate(**arguments)
+
+
+@pytest.mark.parametrize("method", CORE)
+@pytest.mark.parametrize(
+    ("later", "kind"), [(-1.0, ValueError), (math.nan, ValueError), (None, TypeError)]
+)
+def test_a_speed_between_the_times_at_which_it_was_tried_is_refused_too(method, later, kind):
+    tried = np.linspace(0.0, 1.0, 101)
+
+    def speed(t):
+        return 4.0 if t < 0.5 or t in tried else later
+
+    with pytest.raises(kind, match=r"u\(0\.5\d*\) must be"):
+        pp.simulate(CHAIN, speed, 1.0, bow, method=method)
 
 
 def test_what_an_event_a_speed_or_a_callback_raises_is_not_lost():
