@@ -96,6 +96,18 @@ def test_what_a_diagram_takes_is_known_beforehand(capsys):
         pp.diagram_cost(model, [1.0])
 
 
+def test_what_a_diagram_takes_includes_its_equilibria(monkeypatch):
+    branches_of, late = module.equilibrium_branches, [0.0]
+
+    def slow(*arguments):
+        late[0] += 100.0
+        return branches_of(*arguments)
+
+    monkeypatch.setattr(module, "equilibrium_branches", slow)
+    monkeypatch.setattr(module, "clock", lambda: late[0])
+    assert pp.diagram_cost(pp.Chain(pp.Pipe(0.2), 2), [1.0, 2.0], cycles=0).seconds == 100.0
+
+
 def test_batches_on_an_executor_give_the_same_diagram(diagram, capsys):
     with ThreadPoolExecutor(2) as executor:
         again = pp.bifurcation_diagram(

@@ -4,6 +4,7 @@
 Independent routes: elliptic integrals of the pendulum, and scipy's `solve_ivp` on `model.rhs`.
 """
 
+import math
 import os
 import pickle
 import signal
@@ -17,6 +18,7 @@ from scipy.special import ellipk
 
 import pipedyn as pp
 from pipedyn.motion import integrator
+from pipedyn.motion.events import Follower, checked_events
 from pipedyn.motion.integrator import CORE
 from pipedyn.util.counters import counted
 
@@ -107,7 +109,54 @@ def test_a_terminal_event_ends_the_motion_and_what_was_asked_of_it(method, count
     assert other.t.size > 1
     assert other.t[-1] <= at
     np.testing.assert_allclose(ended.dense(at)[:5], first.q[-1], atol=1e-13)
+    assert ended.dense.t[-1] == at
+    between = np.linspace(ended.dense.t[-2], at, 9)
+    np.testing.assert_allclose(
+        ended.dense(between), longer(method).dense(between), rtol=1e-12, atol=1e-12
+    )
+    with pytest.raises(ValueError, match="t must lie"):
+        ended.dense(at + 1e-9)
     assert ended.audit < 1e-6
+
+
+def longer(method):
+    return pp.simulate(CHAIN, 4.0, 5.0, bow, dense=True, method=method)
+
+
+@pytest.mark.parametrize("method", CORE)
+@pytest.mark.parametrize(
+    "shape",
+    [lambda x: x**9, lambda x: 1e-200 * x, np.sign, lambda x: np.expm1(50.0 * x)],
+    ids=["flat", "tiny", "jump", "steep"],
+)
+def test_when_an_event_takes_place_depends_on_its_sign_alone(method, shape):
+    events = [tip_angle, lambda t, q, qdot: shape(q[-1])]
+    plain, shaped = pp.simulate(CHAIN, 4.0, 5.0, bow, events=events, method=method).events
+    # The ninth power is the smallest of numbers, 0, over a short while.
+    assert shaped.t == pytest.approx(plain.t, abs=1e-12)
+
+
+@pytest.mark.parametrize("method", CORE)
+def test_an_event_that_ends_a_motion_is_not_asked_beyond_its_part_of_a_step(method):
+    asked = []
+
+    def event(t, q, qdot):
+        asked.append(t)
+        return t - 1.0
+
+    pp.simulate(CHAIN, 4.0, 5.0, bow, events=pp.Event(event, terminal=True), method=method)
+    assert 1.0 < max(asked) < 1.2
+
+
+def test_an_event_where_two_steps_meet_is_found_there_on_either_side_of_rounding():
+    model = pp.Chain(pp.Pipe(0.0), springs=[0.0])
+    for off in (-1e-17, 1e-17):  # of what the second step's polynomial has there
+        at = [np.array([[-1.0, 0.0, 0.0], [1.0, 0.0, 0.0]])]
+        at += [np.array([[off, 0.0, 0.0], [1.0, 0.0, 0.0]])]
+        found = Follower(model, checked_events(tip_angle), 0.0, np.array([-1.0, 0.0, 0.0]), False)
+        at[0][1, 0] -= 1e-16 * (off > 0.0)  # ends below 0 where the second begins above
+        found.add(np.array([0.0, 1.0, 2.0]), np.array(at))
+        assert found.occurrences()[0].t == pytest.approx([1.0], abs=1e-12)
 
 
 def test_two_crossings_within_one_step_are_found():
@@ -185,6 +234,16 @@ def test_a_motion_that_starts_later_is_the_same_motion(method):
     assert np.abs(late.q - early.q).max() < 1e-6
     again = pp.simulate(CHAIN, 4.0, 1.0, bow, t0=-7.0, times=[-6.5, -6.0], rtol=1e-9)
     assert np.abs(again.q - late.q[[5, 10]]).max() < 1e-6
+
+
+@pytest.mark.parametrize("method", CORE)
+@pytest.mark.parametrize("t0", [-1e9, 1e9])
+def test_short_steps_at_a_large_time_add_up_to_the_time_passed(method, t0):
+    chain = pp.Chain(pp.Pipe(0.2), 20)
+    options = {"samples": 2, "rtol": 1e-8, "method": method}
+    early = pp.simulate(chain, 4.0, 1.0, bow, **options)
+    late = pp.simulate(chain, 4.0, 1.0, bow, t0=t0, **options)
+    assert np.abs(late.q - early.q).max() < 1e-9  # times are rounded to 1e-7
 
 
 @pytest.mark.parametrize("method", [*CORE, "scipy:Radau", "scipy:LSODA"])
@@ -362,6 +421,20 @@ def test_a_bad_argument_is_refused_by_name(options, kind, message):
     arguments = {"model": CHAIN, "u": 4.0, "duration": 1.0, "q0": bow} | options
     with pytest.raises(kind, match=message):
         pp.simulate(**arguments)
+
+
+@pytest.mark.parametrize("method", CORE)
+@pytest.mark.parametrize(
+    ("later", "kind"), [(-1.0, ValueError), (math.nan, ValueError), (None, TypeError)]
+)
+def test_a_speed_between_the_times_at_which_it_was_tried_is_refused_too(method, later, kind):
+    tried = np.linspace(0.0, 1.0, 101)
+
+    def speed(t):
+        return 4.0 if t < 0.5 or t in tried else later
+
+    with pytest.raises(kind, match=r"u\(0\.5\d*\) must be"):
+        pp.simulate(CHAIN, speed, 1.0, bow, method=method)
 
 
 def test_what_an_event_a_speed_or_a_callback_raises_is_not_lost():

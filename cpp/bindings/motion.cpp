@@ -5,6 +5,9 @@
 #include <pybind11/pybind11.h>
 #include <pybind11/stl.h>
 
+#include <cmath>
+#include <string>
+
 #include "arguments.hpp"
 #include "pipedyn/chain/chain.hpp"
 #include "pipedyn/galerkin/galerkin.hpp"
@@ -22,6 +25,19 @@ namespace {
 using SpeedsAt =
     std::function<void(const Vector& t, const std::vector<Index>& which, Reals& speeds)>;
 
+/// The value of a function u(t), which was tried at some times alone.
+double checked_speed(const py::object& u, double t) {
+  const auto name = [t] { return "u(" + std::to_string(t) + ")"; };
+  double value = 0.0;
+  try {
+    value = u(t).cast<double>();
+  } catch (const py::cast_error&) {
+    throw py::type_error(name() + " must be a real number");
+  }
+  if (value >= 0.0 && std::isfinite(value)) return value;
+  throw py::value_error(name() + " must be >= 0 and finite, got " + std::to_string(value));
+}
+
 /// u: one a member, or a function of time for all.
 SpeedsAt speeds_at(const py::object& u) {
   if (!PyCallable_Check(u.ptr())) {
@@ -32,7 +48,7 @@ SpeedsAt speeds_at(const py::object& u) {
   return [u](const Vector& t, const std::vector<Index>&, Reals& speeds) {
     const py::gil_scoped_acquire locked;
     speeds.resize(t.size());
-    for (Index j = 0; j < t.size(); ++j) speeds[j] = u(t[j]).cast<double>();
+    for (Index j = 0; j < t.size(); ++j) speeds[j] = checked_speed(u, t[j]);
   };
 }
 

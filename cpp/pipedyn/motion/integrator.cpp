@@ -47,13 +47,15 @@ bool Integrator::advance(const Vector& times, double* out, Index evaluations,
 }
 
 double Integrator::length(const Member& member, double end) const {
-  const double left = end - member.time, longest = std::min(member.step, limits_.max_step);
-  return 1.01 * longest < left ? longest : std::min(left, limits_.max_step);
+  const double to_end = left(member, end), longest = std::min(member.step, limits_.max_step);
+  return 1.01 * longest < to_end ? longest : std::min(to_end, limits_.max_step);
 }
 
 void Integrator::move_on(Member& member, double h, double next, double end) {
   member.step = h < member.step ? std::max(next, member.step) : next;
-  member.time = h == end - member.time ? end : member.time + h;
+  const double by = h + member.beyond, to = h == left(member, end) ? end : member.time + by;
+  member.beyond = to == end ? 0.0 : by - (to - member.time);
+  member.time = to;
   member.rejected = member.overflowed = false;
 }
 

@@ -22,6 +22,7 @@ enum class Progress { going, done, not_finite, vanishing, spent };
 
 struct Member {
   double time = 0.0, step = 0.0, last_error = 1e-4;
+  double beyond = 0.0;  // by how much it is beyond the time, which is rounded
   Index samples = 0, evaluations = 0;
   bool rejected = false, overflowed = false;
   Progress progress = Progress::going;
@@ -69,10 +70,12 @@ class Integrator {
 
   /// Steps are chosen this part as long as the error allows.
   static constexpr double safety = 0.9;
+  /// From where a member is to an end.
+  static double left(const Member& member, double end) { return end - member.time - member.beyond; }
   /// Of a member's next step, not beyond `end`.
   double length(const Member& member, double end) const;
-  /// Moves a member on by a step h and plans the next, which is not shortened where `end` or
-  /// max_step cut this one.
+  /// Moves a member on by a step h, so that many short ones at a large time add up, and plans the
+  /// next, which is not shortened where `end` or max_step cut this one.
   void move_on(Member& member, double h, double next, double end);
   /// Plans a shorter step instead of one that failed, or ends where time would not change.
   void shorten(Member& member, double h);

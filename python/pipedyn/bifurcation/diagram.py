@@ -153,9 +153,11 @@ def bifurcation_diagram(
     shown = check.flag("progress", progress)
 
     model, at, failed = asked.model, asked.speeds, list[Failed]()
+    begun = clock()
     branches, resting = equilibrium_branches(model, at, failed, shown)
     if shown:
-        print(f"bifurcation diagram: {_cost(asked, branches)}", file=sys.stderr)
+        cost = _cost(asked, branches, clock() - begun)
+        print(f"bifurcation diagram: {cost}", file=sys.stderr)
     found = _Cycles(model, BranchOptions(at, asked.options.rtol, asked.steps), failed)
     if asked.steps:
         found.from_onsets(branches, executor, shown)
@@ -182,7 +184,7 @@ class DiagramCost:
         cycles: right-hand sides and Jacobians for the branches of cycles from onsets, at least:
             what their events take, and the branches that leave them, is not foreseen.
         motions: right-hand sides for the motions and, if asked for, their exponents.
-        seconds: for both, of one thread.
+        seconds: for both and for the branches of equilibria, of one thread.
     """
 
     cycles: float
@@ -239,8 +241,9 @@ def diagram_cost(
     asked = _asked(
         *(model, speeds, cycles, brute_force, transient, duration, exponents, rtol, seed)
     )
+    begun = clock()
     branches, _ = equilibrium_branches(asked.model, asked.speeds, [], False)
-    return _cost(asked, branches)
+    return _cost(asked, branches, clock() - begun)
 
 
 @dataclass(frozen=True)
@@ -295,10 +298,11 @@ def _asked(
     return _Asked(model, at, steps, starts, options)
 
 
-def _cost(asked: _Asked, branches: tuple[EquilibriumBranch, ...]) -> DiagramCost:
+def _cost(asked: _Asked, branches: tuple[EquilibriumBranch, ...], seconds: float) -> DiagramCost:
+    """Of a diagram whose branches of equilibria took so many seconds."""
     begun = clock()
     cycles, done = _cycles_cost(asked, branches) if asked.steps else (0.0, 0)
-    seconds = (clock() - begun) * cycles / max(done, 1)
+    seconds += (clock() - begun) * cycles / max(done, 1)
     motions, begun = 0.0, clock()
     if asked.starts:
         speeds = asked.speeds.size
