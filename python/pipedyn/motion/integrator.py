@@ -296,7 +296,7 @@ def _in_core(tasks: Sequence[Task], shown: bool, observer: Observer) -> list[Out
                 else:
                     if observer.callback is not None:
                         observer.call(first, at, motion.state(slowest))
-                allowed = CALLS
+                allowed = max(1, monitor.next_check - monitor.calls)
             until = min((samples for _, samples, *_ in going), default=count)
             yield from range(done, min(until, count))
             done = until
