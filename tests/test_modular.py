@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 import pipedyn as pp
 from pipedyn import modular as md
-from pipedyn.motion.integrator import integrate
+from pipedyn.motion.integrator import Observer, integrate
 from pipedyn.motion.simulate import checked_task
 
 CLAMPED_PINNED = 4.493409457909064
@@ -459,7 +459,7 @@ def drifting(scene: md.Assembly, u: float, duration: float, method: str) -> floa
         *(scene, u, duration, start, None),
         **{"samples": 501, "times": None, "rtol": 1e-5, "atol": None, "method": method},
     )
-    [(rows, _, why)] = integrate([task])
+    [(rows, _, why)] = integrate([task], False, Observer())
     assert why is None
     n = scene.moving
     met, _ = scene.motion.projected(rows[:, :n].T, rows[:, n : 2 * n].T)

@@ -225,11 +225,8 @@ class Observer:
         self._called = time.monotonic()
 
 
-def integrate(
-    tasks: Sequence[Task], shown: bool = False, observer: Observer | None = None
-) -> list[Outcome]:
+def integrate(tasks: Sequence[Task], shown: bool, observer: Observer) -> list[Outcome]:
     """What comes of each task; several have one model, one method of the core and no observer."""
-    observer = observer or Observer()
     if tasks[0].method in CORE:
         return _in_core(tasks, shown, observer)
     [task] = tasks
@@ -318,19 +315,16 @@ def _in_core(tasks: Sequence[Task], shown: bool, observer: Observer) -> list[Out
 def runs_unlocked(task: Task) -> bool:
     """Whether a task's right-hand sides do without Python and its lock."""
     compiled_model = _compiled(task.model)
-    by_jacobian = task.method == "radau" and isinstance(compiled_model, _core.Scene)
-    in_core = task.method in CORE and compiled_model is not None and not by_jacobian
-    return in_core and not callable(task.u)
+    in_python = callable(task.u) or compiled_model is None or task.method not in CORE
+    return not (in_python or (task.method == "radau" and isinstance(compiled_model, _core.Scene)))
 
 
 def _compiled(model: Model) -> object:
     """The compiled model, if that is all: of a scene whose nodes nothing holds the chain."""
     motion = model.motion
     if isinstance(motion, SceneMotion):
-        core = motion.core
-        if not motion.is_compiled:
-            return None
-        return core if core.compliance.size else core.chain
+        whole = motion.core if motion.core.compliance.size else motion.core.chain
+        return whole if motion.is_compiled else None
     return motion if isinstance(motion, (_core.Chain, _core.Galerkin)) else None
 
 
