@@ -8,7 +8,7 @@ from itertools import pairwise, product
 import numpy as np
 import pytest
 from scipy.integrate import solve_bvp
-from scipy.optimize import brentq, fsolve
+from scipy.optimize import brentq, fsolve, root
 
 import pipedyn as pp
 
@@ -313,3 +313,32 @@ def test_no_equilibrium_within_half_a_turn_is_missed(gamma, u):
     assert len(within) > (gamma < 0.0)
     for x in within:
         assert np.abs(found - x).max(axis=1).min() < 1e-6
+
+
+@pytest.mark.parametrize(
+    ("model", "u"),
+    [
+        (pp.Chain(pp.Pipe(0.15, -116.4, damping=0.01), 4), 8.7),
+        (pp.Chain(pp.Pipe(0.3, -90.0), 3), 2.0),
+        (pp.Galerkin(pp.Pipe(0.3, -140.0, damping=0.01), 3, "legendre"), 4.0),
+        (pp.Galerkin(pp.Pipe(0.3, -100.0), 3), 3.0),
+    ],
+)
+def test_search_finds_what_scipys_hybrid_method_finds(model, u):
+    """From random bends, up to solutions that wind up by more than a turn."""
+    found, n = pp.equilibria(model, u).q, model.dof
+    random, ways = np.random.default_rng(1), np.arange(0.5, 4.0)[:, None] * np.pi
+
+    def rates(q):
+        return model.rhs(0.0, np.append(q, np.zeros(n)), u)[n:]
+
+    for _ in range(60):
+        parts = random.uniform(-3.0, 3.0, 4)
+        start = model.bent(lambda s, parts=parts: parts @ np.sin(ways * s))
+        try:
+            left = root(rates, start, tol=1e-10)
+        except ValueError:  # scipy's numbers are no longer finite
+            continue
+        if left.success and np.abs(left.fun).max() < 1e-6 and np.abs(left.x).max() < 4.0:
+            assert np.abs(found - left.x).max(axis=1).min() < 1e-6
+    assert len(found) > 2

@@ -70,7 +70,7 @@ namespace {
 constexpr double shortest_step = 1e-6;
 
 /// Steps tried, beyond four times those of the sweep, before roots are given up as too close: the
-/// 36 pipes of `longest_step` take up to 2.7 times those, and 40 meetings 19 halvings each.
+/// 36 pipes of 10 segments to u = 20 take up to 2.7 times those, and 40 meetings 19 halvings each.
 constexpr int most_steps = 800;
 
 /// A root that moves by more than this share of 1 + |lambda| in a shortest step is another one: at
@@ -474,8 +474,8 @@ std::optional<RootLoci> root_loci(Spectrum& spectrum, const std::vector<double>&
     return true;
   };
   const auto sure = [](const Step&) { return true; };
-  track({take, sure, visit, cluster, longest_step}, first, {speeds.begin() + 1, speeds.end()},
-        tracked);
+  track({take, sure, visit, cluster, spectrum.longest_step()}, first,
+        {speeds.begin() + 1, speeds.end()}, tracked);
   report(done);
   if (!complete) return {};
   return loci;
