@@ -11,6 +11,7 @@
 #include <initializer_list>
 #include <memory>
 #include <numbers>
+#include <numeric>
 #include <random>
 #include <stdexcept>
 #include <string>
@@ -19,6 +20,7 @@
 #include "pipedyn/chain/chain.hpp"
 #include "pipedyn/galerkin/galerkin.hpp"
 #include "pipedyn/galerkin/quadrature.hpp"
+#include "pipedyn/linear/chain_roots.hpp"
 #include "pipedyn/linear/complement.hpp"
 #include "pipedyn/linear/crossings.hpp"
 #include "pipedyn/linear/eigenproblem.hpp"
@@ -1152,6 +1154,71 @@ class Branches : public pipedyn::Spectrum {
   std::mt19937_64 shuffler_{1};
 };
 
+/// No permutation costs less than the assignment; whole numbers make ties.
+void check_assignment() {
+  Dice dice;
+  for (int trial = 0; trial < 300; ++trial) {
+    scene = "assignment " + std::to_string(trial);
+    const Index size = 1 + trial % 6;
+    std::vector<double> cost(size * size);
+    for (double& one : cost) one = dice.between(0.0, 4.0);
+    if (trial % 2 == 0)
+      std::for_each(cost.begin(), cost.end(), [](double& x) { x = std::floor(x); });
+    const auto total = [&](const pipedyn::Roots& columns) {
+      double sum = 0.0;
+      for (Index i = 0; i < size; ++i) sum += cost[i * size + columns[i]];
+      return sum;
+    };
+    pipedyn::Roots found = pipedyn::assignment(cost, size), columns(size);
+    std::iota(columns.begin(), columns.end(), 0);
+    double least = total(columns);
+    while (std::next_permutation(columns.begin(), columns.end())) {
+      least = std::min(least, total(columns));
+    }
+    check(std::abs(total(found) - least) < 1e-12, "the assignment costs least");
+    std::sort(found.begin(), found.end());
+    std::iota(columns.begin(), columns.end(), 0);
+    check(found == columns, "each column is taken once");
+  }
+}
+
+/// All eigenvalues of a chain's matrices pass the check that no root is missing, and no fewer; nor
+/// do they with one in place of another, or beside its own.
+void check_completeness() {
+  Dice dice;
+  for (int trial = 0; trial < 60; ++trial) {
+    scene = "roots " + std::to_string(trial);
+    const Index n = 2 + trial % 9;
+    const Chain chain(dice.pipe(trial % 3 == 0), dice.segments(n));
+    const double u = dice.between(0.5, 8.0);
+    const Operators dense = chain.operators();
+    const pipedyn::ImpedanceModel flow = chain.impedance();
+    const double sign = flow.coriolis < 0.0 ? -1.0 : 1.0;
+    Matrix step = Matrix::Zero(2 * n, 2 * n);
+    step.topRightCorner(n, n).setIdentity();
+    step.bottomLeftCorner(n, n) =
+        -dense.mass.llt().solve(dense.stiffness + flow.centrifugal * u * u * dense.flux);
+    step.bottomRightCorner(n, n) =
+        -dense.mass.llt().solve(sign * u * (dense.gyroscopic + dense.end_flux) + dense.damping);
+    pipedyn::Approximations roots;
+    for (const pipedyn::Complex value : step.eigenvalues()) {
+      if (value.imag() >= 0.0) roots.push_back({value, value.imag() == 0.0});
+    }
+    check(pipedyn::correct(chain, u, roots), "eigenvalues are near the determinant's roots");
+    check(pipedyn::roots_in(roots) == 2 * n, "as many roots as the matrices have");
+    check(pipedyn::has_all(chain, u, roots), "no root is missing");
+    for (std::size_t k = 0; k < roots.size(); ++k) {
+      pipedyn::Approximations wrong = roots;
+      wrong[k].value *= 1.0 + 1e-4;
+      check(!pipedyn::has_all(chain, u, wrong), "a root is off by 1e-4");
+      wrong[k].value = roots[k == 0 ? roots.size() - 1 : k - 1].value;
+      check(!pipedyn::has_all(chain, u, wrong), "a root stands in place of another");
+      wrong.erase(wrong.begin() + static_cast<std::ptrdiff_t>(k));
+      check(!pipedyn::has_all(chain, u, wrong), "a root is missing");
+    }
+  }
+}
+
 void check_crossings() {
   Dice dice;
   for (int trial = 0; trial < 50; ++trial) {
@@ -1271,6 +1338,8 @@ int main() {
   check_reduced_motion();
   check_scenes();
   check_extremes();
+  check_assignment();
+  check_completeness();
   check_crossings();
   check_mending();
   std::printf("%d checks, %d failed\n", checks, failures);

@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: MIT
 """The implicit integrator: its order, stiff problems with known solutions, chains, scenes."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import scipy
@@ -36,14 +38,25 @@ def pendulum_slopes(t, y):
     return np.array([[0.0, 1.0], [-1.0, 0.0]])
 
 
-def test_equal_steps_have_order_thirteen_at_their_ends():
-    """Of the linear oscillator, over the decades of error between 1 and rounding."""
+def driven(t, y):
+    return np.sin(t) + np.cos(t) - y
+
+
+@pytest.mark.parametrize(
+    ("rates", "slopes", "start", "solution"),
+    [
+        (pendulum, pendulum_slopes(0.0, None), [1.0, 0.0], lambda t: [np.cos(t), -np.sin(t)]),
+        (driven, -np.eye(1), [0.0], lambda t: [np.sin(t)]),
+    ],
+)
+def test_equal_steps_have_order_thirteen_at_their_ends(rates, slopes, start, solution):
+    """Of linear problems, of which Newton's first iterate is the solution."""
     end, steps = 24.0, 24.0 / np.arange(6, 15)
     errors = []
     for step in steps:
-        loose = {"rtol": 1e-6, "atol": 1e9, "max_step": step}  # Newton's method to 5e6 1e-15
-        found, _ = solved(pendulum, pendulum_slopes, [1.0, 0.0], [end], **loose)
-        errors.append(np.abs(found[0] - [np.cos(end), -np.sin(end)]).max())
+        loose = {"rtol": 1e-6, "atol": 1e9, "max_step": step}
+        found, _ = solved(rates, lambda t, y: slopes, start, [end], **loose)
+        errors.append(np.abs(found[0] - solution(end)).max())
     errors = np.array(errors)
     kept = (errors > 1e-12) & (errors < 1e-2)
     assert errors[kept].max() > 1e3 * errors[kept].min()
@@ -138,6 +151,7 @@ MODELS = {
     "beam": pp.Galerkin(pp.Pipe(0.3, 2.0, damping=0.01, drag=1.0), 5),
     "legendre": pp.Galerkin(pp.Pipe(0.3, 2.0, damping=0.01, terms=TERMS[:3]), 6, "legendre"),
     "guided": md.chain(pp.Pipe(0.3, damping=0.01), 6).plus(md.Guide(3)),
+    "free scene": md.chain(pp.Pipe(0.3, 2.0, drag=1.0, damping=0.01), 8).plus(*TERMS),
 }
 
 
@@ -165,6 +179,16 @@ def test_the_audit_falls_with_the_tolerance(name):
         for rtol in (1e-4, 1e-7, 1e-10)
     ]
     assert (np.array(audits) < [1e-3, 2e-6, 5e-9]).all()
+
+
+def test_a_scene_whose_nodes_nothing_holds_moves_as_a_chain_does_without_matrices(monkeypatch):
+    pipe = pp.Pipe(0.3, 2.0, drag=1.0, damping=0.01)
+    scene, chain = md.chain(pipe, 40).plus(*TERMS), pp.Chain(replace(pipe, terms=TERMS), 40)
+    monkeypatch.delattr("pipedyn.models.modular.motion.SceneMotion.jacobian")
+    options = {"samples": 6, "rtol": 1e-9, "method": "radau"}
+    found, other = (pp.simulate(model, 4.0, 0.3, bent, **options) for model in (scene, chain))
+    assert found.evaluations == other.evaluations
+    assert np.abs(found.tip - other.tip).max() < 1e-10
 
 
 def test_a_speed_in_time_acts_in_the_derivative_too():
@@ -232,6 +256,22 @@ def test_a_stiff_system_has_its_exponent(pair):
         **{"pair": pair, "rtol": 1e-8, "stiff": True},
     )
     assert found.value == pytest.approx(-0.3, abs=1e-5)
+
+
+def test_a_step_vanishes_as_soon_before_time_0_as_after():
+    """y' = y^2 from 1 is infinite a unit of time later."""
+    taken = []
+    for t0 in (2.0, -4.0):
+        motion = _core.Radau(
+            *(lambda t, y, which: y**2, lambda t, y, member: np.array([[2.0 * y[0]]])),
+            *(np.zeros(1), np.ones((1, 1)), t0, 1e-8, 1e-10, 1e8),
+        )
+        assert motion.advance(np.array([t0 + 2.0]), np.empty((1, 1, 1)), 1_000_000)
+        at, _, calls, end = motion.members[0]
+        assert at == pytest.approx(t0 + 1.0, abs=1e-6)
+        assert end in (2, 3)
+        taken.append(calls)
+    assert taken[1] == pytest.approx(taken[0], rel=0.1)
 
 
 def test_a_wrong_jacobian_is_refused_and_a_singular_one_is_no_harm():

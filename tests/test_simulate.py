@@ -11,7 +11,7 @@ from scipy.special import ellipk
 
 import pipedyn as pp
 from pipedyn import modular as md
-from pipedyn.motion.integrator import METHODS, Stopped, Watched, choose_method, fastest_rates
+from pipedyn.motion.integrator import METHODS, Monitor, Stopped, choose_method, fastest_rates
 from pipedyn.motion.simulate import checked_task
 
 PIPE = pp.Pipe(0.2)
@@ -160,29 +160,29 @@ def test_jacobians_do_not_stop_a_motion_that_goes_on():
     """Right-hand sides and Jacobians are one measure of what a motion took since it was asked."""
     task = checked_task(CHAIN, 6.0, 1e3, bow, None, rtol=1e-6, method="scipy:LSODA")
     for first in range(18_396, 18_412, 4):  # so many calls, and then two for each Jacobian
-        watched = Watched(task)
-        step = 0.02 / max(watched.fastest)
+        monitor = Monitor(task)
+        step = 0.02 / max(monitor.fastest)
         times = step * np.arange(1.0, first + 2401.0)
         for t in times[:first]:
-            watched.rates(t, task.start)
+            monitor.rates(t, task.start)
         for t, later in times[first:].reshape(-1, 2):
-            watched.rates(t, task.start)
-            watched.rates(later, task.start)
-            watched.jacobian(later, task.start)
+            monitor.rates(t, task.start)
+            monitor.rates(later, task.start)
+            monitor.jacobian(later, task.start)
 
 
 def test_a_motion_of_jacobians_that_comes_nowhere_is_stopped():
     task = checked_task(CHAIN, 6.0, 1e3, bow, None, rtol=1e-6, method="scipy:LSODA")
-    watched = Watched(task)
+    monitor = Monitor(task)
 
     def go_on():
         for _ in range(2500):
-            watched.jacobian(0.0, task.start)
-            watched.rates(0.0, task.start)
+            monitor.jacobian(0.0, task.start)
+            monitor.rates(0.0, task.start)
 
     with pytest.raises(Stopped, match="step size tends to 0"):
         go_on()
-    assert watched.calls < 1500
+    assert monitor.calls < 1500
 
 
 def test_a_motion_that_stops_before_its_first_sample_says_so_and_spoils_no_others():
@@ -296,8 +296,10 @@ def test_the_method_follows_from_members_model_and_decay():
     assert choose_method(pp.Galerkin(PIPE, 6), 64) == "radau"
     assert choose_method(stiff, 64) == "radau"
     assert choose_method(chain, 64) == choose_method(pp.Chain(PIPE, 20), 8) == "dop853"
-    scenes = [md.chain(model.pipe, 40) for model in (chain, stiff)]
-    assert [choose_method(scene) for scene in scenes] == ["dop853", "radau"]
+    free = [md.chain(model.pipe, 40) for model in (chain, stiff)]
+    assert [choose_method(scene) for scene in free] == ["radau", "radau"]
+    guided = [scene.plus(md.Guide(20)) for scene in free]
+    assert [choose_method(scene) for scene in guided] == ["dop853", "radau"]
     assert pp.simulate(stiff, 6.0, 0.1, bow).method == "radau"
     assert pp.simulate(stiff, 6.0, 0.1, bow, method="dop853").method == "dop853"
     many = pp.simulate_many(chain, [5.0] * 8, 0.01, bow, samples=2)

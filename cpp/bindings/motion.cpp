@@ -154,19 +154,14 @@ void define_motion(py::module_& m) {
               const py::gil_scoped_release unlocked;
               finished = motion.advance(times, to, evaluations, &steps);
             }
-            Vector ends(static_cast<Index>(steps.size()) + 1);
-            const Index degree = steps.empty() ? 0 : steps[0].coefficients.rows() - 1;
-            Numbers coefficients(
-                {static_cast<Index>(steps.size()), degree + 1, steps.empty() ? 0 : motion.rows()});
-            double* to_coefficients = coefficients.mutable_data();
-            ends[0] = steps.empty() ? motion.members()[0].time : steps[0].from;
-            Index count = 0;
-            for (const Interpolant& step : steps) {
-              ends[++count] = step.to;
-              const Matrix& of = step.coefficients;
-              to_coefficients = std::copy_n(of.data(), of.size(), to_coefficients);
+            std::vector<double> ends;
+            std::vector<Matrix> coefficients;
+            for (Interpolant& step : steps) {
+              if (ends.empty()) ends.push_back(step.from);
+              ends.push_back(step.to);
+              coefficients.push_back(std::move(step.coefficients));
             }
-            return std::tuple(finished, ends, coefficients);
+            return std::tuple(finished, std::move(ends), std::move(coefficients));
           },
           "times"_a, "out"_a.noconvert(), "evaluations"_a)
       .def("state", &Integrator::state, "member"_a)

@@ -19,6 +19,9 @@ from functools import partial
 from pathlib import Path
 from typing import Any, NoReturn
 
+import matplotlib
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+
 from pipedyn import plot
 from pipedyn.models.chain import SPRING_RULES
 from pipedyn.models.galerkin import BASES
@@ -142,6 +145,16 @@ def _writable(name: str) -> Path:
         raise OSError(f"argument --output: cannot write to {name!r}: {reason}") from None
 
 
+def save_figure(figure: plot.Figure, path: Path) -> None:
+    """Save a figure; as a bitmap without `savefig`, which draws it once more for its layout."""
+    if path.suffix == ".png":
+        figure.set_dpi(matplotlib.rcParams["savefig.dpi"])
+        canvas: Any = FigureCanvasAgg(figure)
+        canvas.print_png(path)
+    else:
+        figure.savefig(path)
+
+
 def write(case: Case, findings: Findings, figures: dict[str, plot.Figure]) -> list[Path]:
     """Write the table and the figures; what cannot be written is added to `findings.failures`."""
 
@@ -152,7 +165,7 @@ def write(case: Case, findings: Findings, figures: dict[str, plot.Figure]) -> li
             writer.writerows(table(findings))
 
     savers: dict[str, Callable[[Path], None]] = {"critical-speeds.csv": save_table}
-    savers |= {f"{name}.{case.format}": figure.savefig for name, figure in figures.items()}
+    savers |= {f"{name}.{case.format}": partial(save_figure, one) for name, one in figures.items()}
     paths = []
     for name, save in savers.items():
         path = case.output / name

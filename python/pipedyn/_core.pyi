@@ -480,9 +480,7 @@ class Integrator:
         out: numpy.typing.NDArray[numpy.float64],
         evaluations: typing.SupportsInt | typing.SupportsIndex,
     ) -> tuple[
-        bool,
-        typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, 1]"],
-        numpy.typing.NDArray[numpy.float64],
+        bool, list[float], list[typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"]]
     ]: ...
     def state(
         self, member: typing.SupportsInt | typing.SupportsIndex

@@ -130,7 +130,8 @@ void Chain::linearise() {
             .turned_size = 0.0,
             .moment_size = std::abs(link.weight),
             .held = held_[static_cast<std::size_t>(j)],
-            .loaded = false};
+            .loaded = false,
+            .repeats = false};
     if (sums.empty()) continue;
     const auto& [load, slopes] = sums[static_cast<std::size_t>(j)];
     const double pulled = link.length * tension + load[1][1] - slopes[1].by_angle[0];
@@ -149,6 +150,9 @@ void Chain::linearise() {
     made.turned.still -= turned;
     made.moment.still += pulled;
     made.loaded = made.loaded || turned != 0.0;
+  }
+  for (std::size_t j = 1; j < impedances_.size(); ++j) {
+    impedances_[j - 1].repeats = impedances_[j - 1] == impedances_[j];
   }
 }
 

@@ -186,10 +186,13 @@ void log_derivative(const ImpedanceModel& model, const ImpedancePoints& points, 
       sum.re -= one.re * first_share + two.re * next_share;
       sum.im += one.im * first_share + two.im * next_share;
     }
+    Coefficients<Lanes> own, change;
     for (Count j = model.size - 1; j >= 0; --j) {
       const ImpedanceSegment& segment = model.segments[j];
-      const auto own = coefficients(segment, problem.powers);
-      const auto change = problem.by_lambda(segment);
+      if (!segment.repeats) {
+        own = coefficients(segment, problem.powers);
+        change = problem.by_lambda(segment);
+      }
       if (segment.held) {  // its pivot is constant
         by = before_held(segment.length, by, change, 0.0);
         at = before_held(segment.length, at, own, problem.thrust);
@@ -283,11 +286,12 @@ void pairs(const ImpedanceModel& model, const ImpedancePoints& points, const Imp
     const Problem problem(model, taken(points, first), points.u);
     Impedance at;
     LoadBeyond load, dual;
-    double part = 0.5;
+    double weight = 0.5;  // of the load on a joint
+    Coefficients<Lanes> own;
     for (Count j = n - 1; j >= 0; --j) {
       const ImpedanceSegment& segment = model.segments[j];
       const double l = segment.length;
-      const auto own = coefficients(segment, problem.powers);
+      if (!segment.repeats) own = coefficients(segment, problem.powers);
       if (segment.held) {  // the guide takes forces, and moments as forces
         segments[j].beyond = at;
         at = before_held(l, at, own, problem.thrust);
@@ -299,14 +303,14 @@ void pairs(const ImpedanceModel& model, const ImpedancePoints& points, const Imp
       const Lanes share = inverse(step.p), e = own.elastic * share;
       const Lanes pushed = step.h + problem.thrust;
       if (out.loaded) {
-        const Lanes moment{part * (size_of(own.elastic) + size_of(own.moment)), {}};
+        const Lanes moment{weight * (size_of(own.elastic) + size_of(own.moment)), {}};
         load.turned = (moment - load.moment - l * load.force) * share;
         dual.turned = (moment - dual.moment - l * dual.force) * share;
         load.force += pushed * load.turned;
         dual.force += step.w * dual.turned;
         load.moment = Lanes{} - own.elastic * load.turned;
         dual.moment = Lanes{} - own.elastic * dual.turned;
-        part += part < 1.0 ? 0.382 : -0.618;  // in no order
+        weight += weight < 1.0 ? 0.382 : -0.618;  // irregular, to excite every mode
         turned_by[j] = {load.turned, dual.turned};
       }
       segments[j] = {at, share};
@@ -317,17 +321,20 @@ void pairs(const ImpedanceModel& model, const ImpedancePoints& points, const Imp
     Motion x, y;
     const Powers<Pack> sizes = problem.sizes();
     Rates rates, own_rates;
-    Lanes value, pressed, missing, force_before;
+    Lanes value, pressed, joint_moment, force_before;
     Pack rest{}, entries{}, sums{};
     for (Count j = 0; j < start; ++j) {
       if (out.right != nullptr) put(out.right + 2 * j * points.count, points, first, x.turn);
       if (out.left != nullptr) put(out.left + 2 * j * points.count, points, first, y.turn);
     }
+    Coefficients<Pack> terms;
     for (Count j = start; j < n; ++j) {
       const ImpedanceSegment& segment = model.segments[j];
       const double l = segment.length;
-      const auto own = coefficients(segment, problem.powers);
-      const auto terms = coefficient_sizes(segment, sizes);
+      if (j == start || !model.segments[j - 1].repeats) {
+        own = coefficients(segment, problem.powers);
+        terms = coefficient_sizes(segment, sizes);
+      }
       const auto& [at, share] = segments[j];
       const Turned loaded = out.loaded ? turned_by[j] : Turned{};
       const Motion x_before = x, y_before = y;
@@ -348,7 +355,8 @@ void pairs(const ImpedanceModel& model, const ImpedancePoints& points, const Imp
                rest_of_p + l * (at.c - own.turned) + -l * problem.thrust, loaded.left);
       }
       rates.add(segment, y, x);
-      own_rates.add(segment, {conjugate(x.turn), conjugate(x.angle), conjugate(x.joint), {}}, x);
+      if (out.by_right != nullptr)
+        own_rates.add(segment, {conjugate(x.turn), conjugate(x.angle), conjugate(x.joint), {}}, x);
       pressed += y.joint * x.turn;
       // |Y|^T |T X|; the joint's moment of the segment before is complete now.
       const Lanes elastic = own.elastic * x.turn;
@@ -359,41 +367,41 @@ void pairs(const ImpedanceModel& model, const ImpedancePoints& points, const Imp
         force = (-1.0 / l) * (elastic + turned * x.angle + own.across * x.joint);
         dual_force = (-1.0 / l) * (dual_moment + turned * y.angle + own.turned * y.joint);
       }
-      const Pack held = size_of(dual_moment), pulled = size_of(dual_force),
-                 joint = size_of(y.joint), angle = size_of(y.angle);
+      const Pack dual_angles = size_of(y.angle), dual_joints = size_of(y.joint);
       const auto add = [&](const Lanes& dual_row, const Lanes& row) {
         value += dual_row * row;
         rest += size_of(dual_row) * size_of(row);
       };
-      add(y_before.angle, missing - elastic);
+      add(y_before.angle, joint_moment - elastic);
       add(dual_moment, x.angle - x_before.angle - x.turn);
       add(Lanes{} - dual_force, x.end - x.joint - l * x.angle);
       if (j > start) {
         add(y.joint, own.force * x.joint + own.turned * x.angle + problem.thrust * x.turn + force -
                          force_before);
       }
-      missing = elastic + own.moment * x.angle + own.across * x.joint + l * force;
+      joint_moment = elastic + own.moment * x.angle + own.across * x.joint + l * force;
       // What Y^T T X sums, and what theta, w and their duals are sums of.
       const Pack turns = size_of(x.turn), angles = size_of(x.angle), joints = size_of(x.joint);
-      entries += terms.elastic * size_of(y.turn) * turns +
-                 angle * (terms.moment * angles + terms.across * joints) +
-                 joint * (terms.force * joints + terms.turned * angles + problem.thrust * turns);
-      sums += held * (turns + angles + size_of(x_before.angle)) +
-              pulled * (size_of(x.end) + joints + l * angles) +
-              size_of(elastic) * (angle + size_of(y_before.angle)) +
-              size_of(force) * (joint + size_of(y.end));
+      entries +=
+          terms.elastic * size_of(y.turn) * turns +
+          dual_angles * (terms.moment * angles + terms.across * joints) +
+          dual_joints * (terms.force * joints + terms.turned * angles + problem.thrust * turns);
+      sums += size_of(dual_moment) * (turns + angles + size_of(x_before.angle)) +
+              size_of(dual_force) * (size_of(x.end) + joints + l * angles) +
+              size_of(elastic) * (dual_angles + size_of(y_before.angle)) +
+              size_of(force) * (dual_joints + size_of(y.end));
       force_before = force;
       if (out.right != nullptr) put(out.right + 2 * j * points.count, points, first, x.turn);
       if (out.left != nullptr) put(out.left + 2 * j * points.count, points, first, y.turn);
     }
-    value += y.angle * missing;
-    rest += size_of(y.angle) * size_of(missing);
+    value += y.angle * joint_moment;
+    rest += size_of(y.angle) * size_of(joint_moment);
     put(out.value, points, first, value);
     put(out.by_lambda, points, first, rates.sum(problem));
     put(out.by_u, points, first,
         (model.coriolis * problem.powers.one) * rates.flow +
             (2.0 * model.centrifugal * points.u) * pressed);
-    put(out.by_right, points, first, own_rates.sum(problem));
+    if (out.by_right != nullptr) put(out.by_right, points, first, own_rates.sum(problem));
     put(out.rest, points, first, rest);
     put(out.entries, points, first, entries);
     put(out.sums, points, first, sums);

@@ -43,8 +43,9 @@ struct ImpedanceSegment {
   ImpedanceParts moment;  // g: moment about the joint, by the angle
   // Sums of the absolute values of what t and g are at rest.
   double turned_size, moment_size;
-  bool held;    // whether a guide holds its end
-  bool loaded;  // whether z, f and t are more than inertia, or g has a rate
+  bool held;     // whether a guide holds its end
+  bool loaded;   // whether z, f and t are more than inertia, or g has a rate
+  bool repeats;  // whether the next segment equals it in all of the above
 
   bool operator==(const ImpedanceSegment&) const = default;
 };
@@ -70,7 +71,7 @@ struct ImpedancePairs {
   double* by_lambda;  // Y^T (dT/dlambda) X
   double* value;      // Y^T T X
   double* by_u;       // Y^T (dT/du) X
-  double* by_right;   // X^H (dT/dlambda) X
+  double* by_right;   // X^H (dT/dlambda) X, or none
   double* rest;       // |Y|^T |T X|, and
   double* entries;    // the sum of the absolute values of what Y^T T X sums in phi, theta and w
   double* sums;       // what rounding of theta and w, one each, may add to it; count numbers each

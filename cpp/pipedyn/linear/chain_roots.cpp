@@ -10,24 +10,26 @@ namespace pipedyn {
 
 namespace {
 
-/// Joint angles lose eps |lambda|^2 of a root: LAPACK's beyond this |lambda| are no starts.
-constexpr double no_start = 1e7;
-/// How far, relative, a root is expected to move at most: where two meet slopes are infinite.
-constexpr double farthest = 0.3;
-/// |1 + delta lambda| of roots in the cluster at -1 / delta.
-constexpr double clustered = 0.1;
+/// |lambda| up to which LAPACK's roots are starts: joint angles lose eps |lambda|^2 of a root.
+constexpr double largest_start = 1e7;
+/// How far, relative, a root is moved at most by its slope, which is infinite where two meet.
+constexpr double largest_change = 0.3;
+/// Roots with |1 + delta lambda| below this are in the cluster at -1 / delta.
+constexpr double cluster_radius = 0.1;
 /// |Im lambda| by |lambda| of pairs that may meet the real axis within a step of a search.
 constexpr double near_axis = 0.7;
 /// How far aside, relative, two roots start that are expected to meet.
-constexpr double aside = 1e-3;
+constexpr double offset = 1e-3;
 /// Distance, relative, at which two roots are about to meet: beyond, rounding moves each by 1e-12.
 constexpr double meeting = 1e-4;
-/// Relative correction after which a root is as good as rounding lets it: what is left is at most
-/// its square, times the corrections of the others and what they are closer by; vectors show what
-/// is not.
+/// Relative correction after which a root is as good as rounding lets it, since corrections
+/// converge quadratically. Where roots are close and do not, the vectors' correction shows it.
 constexpr double last_correction = 1e-6;
-/// Radius, relative, of the circle about them: rounding moves their sum by eps / radius.
-constexpr double wide = 0.05;
+/// |lambda (d log det P / dlambda - sum)| above which a root is missing: rounding leaves 1e-9 of
+/// 2000 segments, and one root in place of another 1e-6 where they differ by 1e-6.
+constexpr double nothing_missing = 1e-6;
+/// Radius, relative, of the circle about two roots: rounding moves their sum by eps / radius.
+constexpr double circle_radius = 0.05;
 /// Points on it.
 constexpr Index circle_points = 16;
 
@@ -130,9 +132,10 @@ void put_zeros(Approximations& roots, Index count) {
 }
 
 void add_stiff(const Chain& chain, Index dof, double u, Approximations& roots) {
-  std::erase_if(roots, [](const Approximation& one) { return !(std::abs(one.value) < no_start); });
+  std::erase_if(roots,
+                [](const Approximation& one) { return !(std::abs(one.value) < largest_start); });
   const Index known = roots_in(roots), stiff = 2 * dof - known;
-  Reals low = Reals::Constant(stiff, std::log(no_start) - 3.0);
+  Reals low = Reals::Constant(stiff, std::log(largest_start) - 3.0);
   Reals high = Reals::Constant(stiff, std::log(1e45));  // greater |lambda| overflow
   const Reals wanted = Reals::LinSpaced(stiff, known + 0.5, known + stiff - 0.5);
   for (int halving = 0; halving < 30 && stiff > 0; ++halving) {
@@ -148,7 +151,7 @@ void add_stiff(const Chain& chain, Index dof, double u, Approximations& roots) {
   }
 }
 
-void join(Approximations& roots) {
+void join_conjugates(Approximations& roots) {
   for (std::size_t i = 0; i < roots.size(); ++i) {
     const Complex value = roots[i].value;
     const double same = 1e-6 * magnitude(value);
@@ -201,8 +204,8 @@ struct Meeting {
     const double centre = 0.5 * sum.at(further), square = centre * centre - product.at(further);
     const Complex half = std::sqrt(Complex(square));
     const double size = std::sqrt(centre * centre + std::abs(square));
-    to.push_back({centre + half + aside * size * Complex(1.0, 3.0), true});
-    to.push_back({centre - half - aside * size * Complex(1.0, -2.0), true});
+    to.push_back({centre + half + offset * size * Complex(1.0, 3.0), true});
+    to.push_back({centre - half - offset * size * Complex(1.0, -2.0), true});
   }
 };
 
@@ -249,14 +252,15 @@ Approximations expected(const Approximations& roots, double further, double delt
     one.since = one.slope == 0.0 ? 0.0 : further;
     one.value_before = one.value;
     one.slope_before = one.slope;
-    const bool is_clustered = magnitude(1.0 + delta * one.value) < clustered;
-    if (!is_clustered && magnitude(change) <= farthest * magnitude(one.value)) one.value += change;
+    const bool is_clustered = magnitude(1.0 + delta * one.value) < cluster_radius;
+    if (!is_clustered && magnitude(change) <= largest_change * magnitude(one.value))
+      one.value += change;
     result.push_back(one);
   }
   return result;
 }
 
-Approximations parted(const Approximations& starts) {
+Approximations without_symmetry(const Approximations& starts) {
   Approximations roots;
   for (const Approximation& start : starts) {
     const auto [value, alone, settled] = std::tie(start.value, start.alone, start.settled);
@@ -276,7 +280,8 @@ bool correct(const Chain& chain, double u, Approximations& roots, int most) {
   for (std::size_t k = 0; k < roots.size(); ++k) {
     if (!roots[k].settled) active.push_back(k);
   }
-  std::vector<double> last(roots.size(), infinite);
+  std::vector<double> last(roots.size(), infinite);  // corrections, relative
+  std::vector<bool> shifted(roots.size(), false);
   for (int step = 0; step < most && !active.empty(); ++step) {
     Values at(active.size());
     for (std::size_t i = 0; i < active.size(); ++i) at[i] = roots[active[i]].value;
@@ -286,23 +291,40 @@ bool correct(const Chain& chain, double u, Approximations& roots, int most) {
       const std::size_t k = active[i];
       const Complex change = 1.0 / found[i];
       if (std::isnan(std::norm(found[i]))) {  // a pivot is 0: at this root, or beside it
-        if (last[k] < 0.0) continue;
-        last[k] = -1.0;
+        if (shifted[k]) continue;
+        shifted[k] = true;
+        last[k] = infinite;
         roots[k].value *= 1.0 + 1e-9;
         moving.push_back(k);
         continue;
       }
       if (!std::isfinite(std::norm(change))) return false;
       const double size = magnitude(change), share = size / (magnitude(at[i]) + 1e-30);
-      if (share >= last[k] && last[k] < 1e-6 && last[k] >= 0.0) continue;  // rounding
-      const bool quadratic = share < last_correction && share < 1e-3 * std::abs(last[k]);
+      if (share >= last[k] && last[k] < 1e-6) continue;  // rounding
+      const bool quadratic = share < last_correction && share < 1e-3 * last[k];
       roots[k].value = at[i] - change;
-      last[k] = std::copysign(share, last[k]);
+      last[k] = share;
       if (!quadratic && share > 1e-13 && size > 1e-16) moving.push_back(k);
     }
     active = std::move(moving);
   }
   return active.empty();
+}
+
+bool has_all(const Chain& chain, double u, const Approximations& roots) {
+  double least = infinite, most = 0.0;
+  for (const Approximation& one : roots) {
+    const double size = std::max(magnitude(one.value), 1e-3);
+    least = std::min(least, size);
+    most = std::max(most, size);
+  }
+  // What is wrong with a root shows at all |lambda| of its order, here at most a factor 3 off.
+  const Index count = std::max<Index>(8, std::ceil(std::log(most / least) / std::log(3.0)));
+  const Values points =
+      std::polar(1.0, ray) *
+      Reals::LinSpaced(count, std::log(least), std::log(most)).exp().cast<Complex>();
+  return (points * log_derivatives(chain, u, points, roots)).abs2().maxCoeff() <
+         nothing_missing * nothing_missing;
 }
 
 void separate(const Chain& chain, double u, bool squared, Approximations& roots) {
@@ -326,7 +348,7 @@ void separate(const Chain& chain, double u, bool squared, Approximations& roots)
       Values arms(circle_points);
       for (Index k = 0; k < circle_points; ++k) {
         const double turn = 2.0 * M_PI * (static_cast<double>(k) + 0.5) / circle_points;
-        arms[k] = std::polar(wide * std::abs(centre), turn);
+        arms[k] = std::polar(circle_radius * std::abs(centre), turn);
       }
       const Values found = arms * log_derivatives(chain, u, centre + arms, rest);
       if (!(std::abs(found.mean() - 2.0) < 1e-3)) continue;

@@ -66,19 +66,24 @@ void put_zeros(Approximations& roots, Index count);
 /// about Re(lambda d log det P / dlambda).
 void add_stiff(const Chain& chain, Index dof, double u, Approximations& roots);
 
-/// Conjugates that were found one by one as one root with its conjugate.
-void join(Approximations& roots);
+/// Makes one root with its conjugate of two conjugates that were found each by itself.
+void join_conjugates(Approximations& roots);
 
 /// Where the roots of one speed are expected further on by so much; in the cluster at -1 / delta,
 /// where rounding makes the slopes, as they were. Of two that meet on the real axis within that
 /// their sum and product are expected, which are smooth in u, and neither implies a conjugate.
 Approximations expected(const Approximations& roots, double further, double delta);
 
-/// Those near the real axis without the symmetry that keeps two real roots from being found.
-Approximations parted(const Approximations& starts);
+/// Starts near the real axis moved off their symmetry about it: a root that is corrected together
+/// with its conjugate never turns into two real ones, nor a real one into a complex.
+Approximations without_symmetry(const Approximations& starts);
 
 /// Ehrlich's and Aberth's corrections of all roots until each is as good as rounding lets it.
 bool correct(const Chain& chain, double u, Approximations& roots, int most = most_corrections);
+
+/// Whether no root is missing, and none in place of another: of all roots what is left of the
+/// log-derivative vanishes, here at points between the least |lambda| and the greatest.
+bool has_all(const Chain& chain, double u, const Approximations& roots);
 
 /// Two oscillating roots about to meet, each of which scatters by the square root of rounding, from
 /// their sum and that of their squares, which do not: moments of d log det P / dlambda on a circle

@@ -18,9 +18,6 @@ constexpr double entry_rounding = 8.0 * eps;
 constexpr double small_residual = 1e-14;
 /// |lambda| up to which joint angles hold vectors: they lose eps |lambda|^2, which is 2e-13 here.
 constexpr double slow = 30.0;
-/// |lambda (d log det P / dlambda - sum)| above which a root is missing: rounding leaves 1e-9 of
-/// 2000 segments, and one root in place of another 1e-6 where they differ by 1e-6.
-constexpr double nothing_missing = 1e-6;
 /// Least points on the upper half of a circle that counts roots inside. One outside by a factor f
 /// adds f^-16; with twice as many points f^-32, which is 1e-3 for a quarter.
 constexpr Index arc_points = 8;
@@ -34,7 +31,8 @@ constexpr int most_near = 15;
 /// 80 take as long, measured from 1,000 to 100,000 segments.
 constexpr Index refinement = 20;
 
-/// Roots with the conjugates that are implied, or were found as well, sorted; the first `count`.
+/// The first `count` of roots and their conjugates, sorted; none where a complex root without an
+/// implied conjugate has none among the others.
 std::optional<Pairs> with_conjugates(const Pairs& found, const Approximations& roots, Index count) {
   std::vector<Complex> values;
   std::vector<Index> from;
@@ -77,9 +75,9 @@ std::optional<Pairs> with_conjugates(const Pairs& found, const Approximations& r
   return result;
 }
 
-/// What the kernel says of roots, with unit vectors or without.
+/// What the kernel says of roots, with unit vectors or without; own: whether by_right is wanted.
 Pairs solved(const Chain& chain, const Complement& complement, const Vector& scale, double u,
-             const Values& values, bool vectors, bool loaded) {
+             const Values& values, bool vectors, bool own, bool loaded) {
   const Index n = vectors ? chain.dof() : 0, count = values.size();
   const MotionKernel& kernel = motion_kernel();
   Reals parts = parts_of(values);
@@ -92,8 +90,8 @@ Pairs solved(const Chain& chain, const Complement& complement, const Vector& sca
   double *const turned = vectors ? turns.data() : nullptr, *const dual_turned =
                                                                turned + 2 * n * count;
   kernel.impedance->pairs(chain.impedance(), {u, count, parts.data(), parts.data() + count},
-                          {part(0), part(2), part(4), part(6), part(8), part(9), part(10), turned,
-                           vectors ? dual_turned : nullptr, loaded},
+                          {part(0), part(2), part(4), own ? part(6) : nullptr, part(8), part(9),
+                           part(10), turned, vectors ? dual_turned : nullptr, loaded},
                           scratch((loaded ? 14 : 10) * chain.dof() * kernel.width));
   Pairs found{values,        ComplexTable(n, count), ComplexTable(n, count),
               Reals(count),  Reals(count),           Values(count),
@@ -124,7 +122,7 @@ Pairs solved(const Chain& chain, const Complement& complement, const Vector& sca
     found.uncertain[i] = known((rest + rounding) / std::abs(by_lambda));
     found.slopes[i] = -number(4) / both / by_lambda;
     found.by_left[i] = magnitude(values[i]) <= slow ? by_lambda : 0.0;
-    found.by_right[i] = number(6) / (length * length);
+    found.by_right[i] = own ? number(6) / (length * length) : 0.0;
     found.corrections[i] = std::abs(value) > rounding ? -value / by_lambda : 0.0;
   }
   return found;
@@ -146,8 +144,9 @@ ChainSpectrum::ChainSpectrum(const Traits& traits, const Chain& chain, const Com
       zeros_in_flow_(pipedyn::roots_at_zero(chain, shifts[0])) {}
 
 Pairs ChainSpectrum::at(double u, const Values& values, bool vectors) const {
-  Pairs found = solved(chain_, complement_, scale_, u, values, vectors, false);
-  // Where a pivot is 0 at a root, so far beside it: as in inverse iteration vectors lose as much.
+  const bool own = vectors || traits.conservative;  // else nothing reads it
+  Pairs found = solved(chain_, complement_, scale_, u, values, vectors, own, false);
+  // A pivot may be 0 at a root: then so far beside it, by which vectors are off as well.
   for (const double aside : {0.0, 1e-12}) {
     std::vector<Index> poor;
     for (Index i = 0; i < values.size(); ++i) {
@@ -160,7 +159,7 @@ Pairs ChainSpectrum::at(double u, const Values& values, bool vectors) const {
     for (std::size_t k = 0; k < poor.size(); ++k) {
       again[k] = values[poor[k]] + aside * (1.0 + std::abs(values[poor[k]]));
     }
-    const Pairs other = solved(chain_, complement_, scale_, u, again, vectors, true);
+    const Pairs other = solved(chain_, complement_, scale_, u, again, vectors, own, true);
     for (std::size_t k = 0; k < poor.size(); ++k) {
       const Index i = poor[k];
       if (values[i] == 0.0 || other.residual[k] < found.residual[i]) found.put(i, other, k);
@@ -199,22 +198,6 @@ Pairs ChainSpectrum::polished(double u, const Approximations& roots, bool vector
   return found;
 }
 
-bool ChainSpectrum::has_all(double u, const Approximations& roots) const {
-  double least = infinite, most = 0.0;
-  for (const Approximation& one : roots) {
-    const double size = std::max(magnitude(one.value), 1e-3);
-    least = std::min(least, size);
-    most = std::max(most, size);
-  }
-  // What is wrong with a root shows at all |lambda| of its order, here at most a factor 3 off.
-  const Index count = std::max<Index>(8, std::ceil(std::log(most / least) / std::log(3.0)));
-  const Values points =
-      std::polar(1.0, ray) *
-      Reals::LinSpaced(count, std::log(least), std::log(most)).exp().cast<Complex>();
-  return (points * pipedyn::log_derivatives(chain_, u, points, roots)).abs2().maxCoeff() <
-         nothing_missing * nothing_missing;
-}
-
 /// Whether roots beyond the least are the next ones: the circle passes where the gap is widest.
 bool ChainSpectrum::has_all_within(double u, const Approximations& roots, std::size_t least) const {
   double widest = 1.0, radius = 0.0;
@@ -245,8 +228,8 @@ std::optional<Pairs> ChainSpectrum::from(Approximations roots, double u, Index c
   while (next < roots.size() && roots_in(lowest) < count) lowest.push_back(roots[next++]);
   if (roots_in(lowest) < count) return std::nullopt;
   const bool all = roots_in(roots) >= 2 * traits.dof;
-  if (all ? !has_all(u, roots) : !has_all_within(u, roots, next)) return std::nullopt;
-  // Those of equal size, which rounding may have sorted otherwise.
+  if (!(all ? has_all(chain_, u, roots) : has_all_within(u, roots, next))) return std::nullopt;
+  // With those of equal |lambda| as the last, which rounding may have sorted otherwise.
   const double size = magnitude(lowest.back().value) * (1.0 + 1e-6);
   while (next < roots.size() && magnitude(roots[next].value) <= size)
     lowest.push_back(roots[next++]);
@@ -258,7 +241,7 @@ std::optional<Pairs> ChainSpectrum::from(Approximations roots, double u, Index c
       roots[i].slope = roots[i].value == 0.0 || !std::isfinite(std::norm(slope)) ? 0.0 : slope;
     }
     for (std::size_t i = lowest.size(); i < roots.size(); ++i) roots[i].slope = 0.0;
-    join(roots);
+    join_conjugates(roots);
     roots_ = std::move(roots);
     for (Approximation& one : roots_) one.settled = one.value == 0.0;
     roots_speed_ = u;
@@ -286,8 +269,8 @@ std::optional<Pairs> ChainSpectrum::by_recursion(double u, Index count, bool vec
                                      [](const Approximation& one) { return one.settled; });
   if (std::abs(u - roots_speed_) <= near_speed && zeros == before) {
     const Approximations starts = expected(roots_, u - roots_speed_, traits.delta);
-    for (const bool apart : {false, true}) {
-      auto found = from(apart ? parted(starts) : starts, u, count, vectors, most_near);
+    for (const bool moved : {false, true}) {
+      auto found = from(moved ? without_symmetry(starts) : starts, u, count, vectors, most_near);
       if (found) return found;
     }
   }
@@ -312,8 +295,9 @@ std::optional<Pairs> ChainSpectrum::by_recursion(double u, Index count, bool vec
         correct(chain_.coarser(finer), u, starts);
       }
     }
-    for (const bool apart : {false, true}) {
-      auto found = from(apart ? parted(starts) : starts, u, count, vectors, most_corrections);
+    for (const bool moved : {false, true}) {
+      auto found =
+          from(moved ? without_symmetry(starts) : starts, u, count, vectors, most_corrections);
       if (found) return found;
     }
     if (own) return std::nullopt;
@@ -411,7 +395,7 @@ Pair ChainSpectrum::null_pair(double u, const Pair&) {
     }
     return result;
   }
-  Pairs found = solved(chain_, complement_, scale_, u, Values::Zero(1), true, false);
+  Pairs found = solved(chain_, complement_, scale_, u, Values::Zero(1), true, false, false);
   // Beyond a clamp of two guides nothing moves with what starts at the first.
   if (!(found.residual[0] <= small_residual)) found = at(u, Values::Zero(1), true);
   found.uncertain *= found.by_left.abs();
@@ -419,7 +403,7 @@ Pair ChainSpectrum::null_pair(double u, const Pair&) {
   return found.pair(0);
 }
 
-/// In that at rest, and in the power of lambda that the roots at zero give.
+/// Divided by that at rest, and by the power of lambda that the roots at zero give.
 double ChainSpectrum::determinant(double u, const Pair&) {
   const ImpedanceModel model = chain_.impedance();
   const auto logarithm = [&](double speed, double& sign) {

@@ -34,6 +34,9 @@ class ChainSpectrum : public Eigenproblem {
   void assess(double u, Pairs& pairs) override;
   void share(const Spectrum& other) override;
   std::optional<Forms> forms(const Pair& pair) const override;
+  /// Roots are found from those of the sample before: measured, 40 segments take two to three times
+  /// as long with steps of 1.
+  double longest_step() const override { return 0.5; }
   Index standing() const override { return zeros_in_flow_; }
   Pair refined(double u, const Pair& guess) override;
   Pair null_pair(double u, const Pair& near) override;
@@ -59,7 +62,6 @@ class ChainSpectrum : public Eigenproblem {
   Pairs polished(double u, const Approximations& roots, bool vectors) const;
   Index roots_at_zero(double u) const { return u == 0.0 ? zeros_at_rest_ : zeros_in_flow_; }
   Approximations dense_starts(double u);
-  bool has_all(double u, const Approximations& roots) const;
   bool has_all_within(double u, const Approximations& roots, std::size_t least) const;
 };
 

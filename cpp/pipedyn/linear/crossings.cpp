@@ -41,7 +41,7 @@ class Search {
       : spectrum_(spectrum), traits_(spectrum.traits), range_(range), report_(report) {}
 
   Sweep run() {
-    const double longest = longest_step * range_.scale;
+    const double longest = spectrum_.longest_step() * range_.scale;
     const int steps = std::max(1, static_cast<int>(std::ceil(range_.max_speed / longest)));
     std::vector<double> speeds(steps, range_.max_speed);
     for (int i = 1; i < steps; ++i) speeds[i - 1] = i * (range_.max_speed / steps);

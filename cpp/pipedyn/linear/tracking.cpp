@@ -11,23 +11,6 @@
 
 namespace pipedyn {
 
-namespace {
-
-/// Relative to 1 + u; below it the best match is taken as it is. Roots that meet, like the square
-/// root of the speed, are 1e-3 apart at this distance: four digits above their rounding of 1e-7.
-constexpr double shortest_step = 1e-6;
-
-/// Steps tried, beyond four times those of the sweep, before roots are given up as too close: the
-/// 36 pipes of `longest_step` take up to 2.7 times those, and 40 meetings 19 halvings each.
-constexpr int most_steps = 800;
-
-/// A root that moves by more than this share of 1 + |lambda| in a shortest step is another one: at
-/// a meeting each moves by 1e-3.
-constexpr double jump = 0.1;
-
-/// Column of each row so that the sum of their costs, (size, size), is least: what their least
-/// costs leave open is added row by row, along the shortest augmenting path by reduced costs (the
-/// Hungarian method).
 Roots assignment(const std::vector<double>& cost, Index size) {
   // Column `size` stands for the row that is being added.
   Roots row_of(size + 1, -1), before(size + 1), columns(size);
@@ -80,6 +63,20 @@ Roots assignment(const std::vector<double>& cost, Index size) {
   return columns;
 }
 
+namespace {
+
+/// Relative to 1 + u; below it the best match is taken as it is. Roots that meet, like the square
+/// root of the speed, are 1e-3 apart at this distance: four digits above their rounding of 1e-7.
+constexpr double shortest_step = 1e-6;
+
+/// Steps tried, beyond four times those of the sweep, before roots are given up as too close: the
+/// 36 pipes of 10 segments to u = 20 take up to 2.7 times those, and 40 meetings 19 halvings each.
+constexpr int most_steps = 800;
+
+/// A root that moves by more than this share of 1 + |lambda| in a shortest step is another one: at
+/// a meeting each moves by 1e-3.
+constexpr double jump = 0.1;
+
 /// Whether two roots are one conjugate pair that turns real, or two reals that pair up: their sum
 /// and product run smoothly through the meeting, where slopes are infinite.
 bool meet(const Step& step, Index i, Index k) {
@@ -129,12 +126,12 @@ Roots conjugates(const Sample& sample) {
 /// Which root of the right sample continues each of the left one, so that the sum of distances is
 /// least; -1 for what has none.
 Roots matched(const Sample& left, const Sample& right, double h) {
-  const Index size = left.size(), square = std::max(size, right.size());
+  const Index size = left.size();
   const Values ahead = left.values + 0.5 * h * left.slopes;
   const Values behind = right.values - 0.5 * h * right.slopes;
   const Roots twins = conjugates(left), others = conjugates(right);
-  // Where each root's nearest is one of its own these are it. Of conjugates the upper says where
-  // both go; as long as nothing comes from the other half plane, it need not look there.
+  // Where no two roots have the same nearest one, the nearest are the answer. Of conjugates the
+  // upper says where both go, and looks in its half plane only if nothing leaves that.
   const auto is_upper = [](Complex value) { return value.imag() >= 0.0; };
   bool stay = std::all_of(left.values.begin(), left.values.end(), [&](const Complex& value) {
     return !is_upper(value) || is_upper(ahead[&value - left.values.data()]);
@@ -150,35 +147,56 @@ Roots matched(const Sample& left, const Sample& right, double h) {
     columns.resize(right.size());
     std::iota(columns.begin(), columns.end(), 0);
   }
-  const Values there = right.values(columns), there_behind = behind(columns);
-  const Reals real = there.real(), imag = there.imag();
-  const Reals real_behind = there_behind.real(), imag_behind = there_behind.imag();
-  Reals squares(real.size());
+  // Values within the step's reach settle what slopes near a meeting cannot.
+  const auto square = [&](Index i, Index j) {
+    return std::min(std::norm(behind[j] - ahead[i]), std::norm(right.values[j] - left.values[i]));
+  };
+  // The greatest |lambda| of the columns up to each, and the least from it on.
+  const Index last = static_cast<Index>(columns.size()) - 1;
+  Reals most(last + 1), least(last + 1);
+  for (Index k = 0; k <= last; ++k) {
+    const double value = magnitude(right.values[columns[k]]), other = magnitude(behind[columns[k]]);
+    most[k] = std::max(value, other);
+    least[k] = std::min(value, other);
+  }
+  for (Index k = 1; k <= last; ++k) {
+    most[k] = std::max(most[k], most[k - 1]);
+    least[last - k] = std::min(least[last - k], least[last - k + 1]);
+  }
   Roots onto(size, -1);
   Flags taken(right.size(), 0);
   bool apart = right.size() >= size;
+  Index row = 0;
   for (Index i = 0; i < size && apart; ++i) {
-    const Complex here = left.values[i], next = ahead[i];
+    const Complex here = left.values[i];
     if (here.imag() < 0.0 && twins[i] >= 0) continue;
-    // Values within the step's reach settle what slopes near a meeting cannot.
-    squares = ((real_behind - next.real()).square() + (imag_behind - next.imag()).square())
-                  .min((real - here.real()).square() + (imag - here.imag()).square());
-    const double least = squares.minCoeff();
-    const Index place = std::find(squares.begin(), squares.end(), least) - squares.begin();
-    apart = place < squares.size() && !std::exchange(taken[columns[place]], 1);
-    if (!apart) break;
+    // As samples are sorted it is near this one, and nothing is nearer whose |lambda| is too far.
+    const Index guess = std::min(row++, last);
+    Index place = guess;
+    double nearest = square(i, columns[guess]);
+    const auto [low, high] = std::minmax({magnitude(here), magnitude(ahead[i])});
+    const double reach = std::sqrt(nearest) + 4.0 * eps * high;
+    const auto look = [&](Index k) {
+      const double found = square(i, columns[k]);
+      if (found > nearest || (found == nearest && k > place)) return;
+      nearest = found;
+      place = k;
+    };
+    for (Index k = guess - 1; k >= 0 && most[k] >= low - reach; --k) look(k);
+    for (Index k = guess + 1; k <= last && least[k] <= high + reach; ++k) look(k);
     const Index j = onto[i] = columns[place];
-    if (twins[i] < 0 || twins[i] == i) continue;
+    apart = !std::exchange(taken[j], 1);
+    if (!apart || twins[i] < 0 || twins[i] == i) continue;
     apart = others[j] >= 0 && !std::exchange(taken[others[j]], 1);
     if (apart) onto[twins[i]] = others[j];
   }
   if (apart) return onto;
-  std::vector<double> cost(square * square, 0.0);
+  const Index sides = std::max(size, right.size());
+  std::vector<double> cost(sides * sides, 0.0);
   for (Index i = 0; i < size; ++i) {
-    Eigen::Map<Reals>(&cost[i * square], right.size()) =
-        (behind - ahead[i]).abs2().min((right.values - left.values[i]).abs2()).sqrt();
+    for (Index j = 0; j < right.size(); ++j) cost[i * sides + j] = std::sqrt(square(i, j));
   }
-  onto = assignment(cost, square);
+  onto = assignment(cost, sides);
   onto.resize(size);
   for (Index& j : onto) {
     if (j >= right.size()) j = -1;
@@ -456,8 +474,8 @@ std::optional<RootLoci> root_loci(Spectrum& spectrum, const std::vector<double>&
     return true;
   };
   const auto sure = [](const Step&) { return true; };
-  track({take, sure, visit, cluster, longest_step}, first, {speeds.begin() + 1, speeds.end()},
-        tracked);
+  track({take, sure, visit, cluster, spectrum.longest_step()}, first,
+        {speeds.begin() + 1, speeds.end()}, tracked);
   report(done);
   if (!complete) return {};
   return loci;

@@ -26,11 +26,6 @@ using Roots = std::vector<Index>;  // places of eigenvalues in their sample, or 
 using Flags = std::vector<char>;
 using SharedSample = std::shared_ptr<const Sample>;
 
-/// Steps in u above this are halved unseen, of a pipe without weight. Measured on 36 pipes of 10
-/// segments up to u = 20: 69 matches a sweep; 96 with steps of 0.25, and 67 and 71 with 1 and 2,
-/// which are ambiguous and halved anyway.
-inline constexpr double longest_step = 0.5;
-
 /// Roots that need not be distinguished: |1 + delta lambda| < radius, and |lambda| < zero.
 struct Cluster {
   double delta, radius, zero;
@@ -73,6 +68,11 @@ struct Tracking {
   Cluster cluster;
   double longest;  // step
 };
+
+/// Column of each row so that the sum of their costs, (size, size) by rows, is least (the Hungarian
+/// method): each row takes its cheapest column if that is free, and the others are added one by
+/// one, along the shortest augmenting path by reduced costs. O(size^2) each.
+Roots assignment(const std::vector<double>& cost, Index size);
 
 /// Steps from the first sample through increasing speeds, short enough to be unambiguous. Of the
 /// first sample the roots `tracked` are tracked with certainty, the others matched as well as they

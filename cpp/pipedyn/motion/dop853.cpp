@@ -13,9 +13,8 @@ namespace pipedyn {
 
 namespace {
 
-/// Of Hairer, Norsett and Wanner: the step is chosen for `safety` of the error allowed and changes
-/// by these factors at most.
-constexpr double safety = 0.9, least_factor = 1.0 / 3.0, most_factor = 6.0;
+/// Of Hairer, Norsett and Wanner: by which a step changes at most.
+constexpr double least_factor = 1.0 / 3.0, most_factor = 6.0;
 
 /// Share of the last error in the choice of the next step. Without it steps bounce at the limit of
 /// stability, where undamped chains hold them: a fifth of the evaluations, measured.
@@ -39,7 +38,8 @@ double share(Index s) {
 
 Dop853::Dop853(Rates rates, Index rows, Index members, const double* start, double time,
                const Limits& limits)
-    : Integrator(std::move(rates), rows, members, time, limits),
+    : Integrator(rows, members, time, limits),
+      rates_(std::move(rates)),
       y_(Eigen::Map<const Vector>(start, rows * members)),
       next_(y_),
       stage_(y_),
@@ -122,12 +122,7 @@ void Dop853::choose_first_steps() {
 Index Dop853::step(double end) {
   const Index m = active();
   tried_.resize(m);
-  for (Index j = 0; j < m; ++j) {
-    const Member& member = members_[which_[j]];
-    const double left = end - member.time;
-    const double longest = std::min(member.step, limits_.max_step);
-    tried_[j] = 1.01 * longest < left ? longest : std::min(left, limits_.max_step);
-  }
+  for (Index j = 0; j < m; ++j) tried_[j] = length(members_[which_[j]], end);
   for (Index i = 0; i < entries(); i += m) steps_.segment(i, m) = tried_;
   for (Index s = 1; s < stages; ++s) {
     combine(rate_, dop853::weights[s - 1], s, y_, steps_, entries(), stage_);
@@ -191,21 +186,14 @@ void Dop853::control(Index j, double end) {
     const double exponent = 0.125 - 0.2 * memory;
     const double wanted = safety * std::pow(error, -exponent) * std::pow(member.last_error, memory);
     const double most = member.rejected ? 1.0 : most_factor;
-    const double next = h * std::clamp(wanted, least_factor, most);
-    member.step = h < member.step ? std::max(next, member.step) : next;
+    move_on(member, h, h * std::clamp(wanted, least_factor, most), end);
     member.last_error = std::max(error, 1e-4);
-    member.time = h == end - member.time ? end : member.time + h;
-    member.rejected = member.overflowed = false;
     accepted_[j] = 1;
     return;
   }
   const bool finite = std::isfinite(error);
-  member.step = h * (finite ? std::max(safety * std::pow(error, -0.125), least_factor) : 0.1);
-  member.rejected = true;
   member.overflowed |= !finite;
-  if (0.1 * member.step <= 2.2e-16 * std::abs(member.time) || member.step == 0.0) {
-    member.progress = member.overflowed ? Progress::not_finite : Progress::vanishing;
-  }
+  shorten(member, h * (finite ? std::max(safety * std::pow(error, -0.125), least_factor) : 0.1));
 }
 
 /// Records the steps accepted that are asked for, by dense output of those columns alone.

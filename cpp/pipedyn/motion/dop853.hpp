@@ -35,6 +35,7 @@ class Dop853 final : public Integrator {
   void control(Index j, double end);
   void interpolate();
 
+  Rates rates_;
   Vector y_, next_, stage_, steps_, squares5_, squares3_;
   Stages rate_;                               // 13
   Vector tried_, fifth_, third_, error_, t_;  // by column

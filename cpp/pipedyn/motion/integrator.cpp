@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <chrono>
+#include <cmath>
 #include <numeric>
 
 namespace pipedyn {
@@ -14,9 +15,8 @@ constexpr std::chrono::milliseconds pause{50};
 
 }  // namespace
 
-Integrator::Integrator(Rates rates, Index rows, Index members, double time, const Limits& limits)
-    : rates_(std::move(rates)),
-      rows_(rows),
+Integrator::Integrator(Index rows, Index members, double time, const Limits& limits)
+    : rows_(rows),
       limits_(limits),
       members_(static_cast<std::size_t>(members)),
       which_(static_cast<std::size_t>(members)) {
@@ -44,6 +44,25 @@ bool Integrator::advance(const Vector& times, double* out, Index evaluations,
     if (std::chrono::steady_clock::now() >= end) break;
   }
   return which_.empty();
+}
+
+double Integrator::length(const Member& member, double end) const {
+  const double left = end - member.time, longest = std::min(member.step, limits_.max_step);
+  return 1.01 * longest < left ? longest : std::min(left, limits_.max_step);
+}
+
+void Integrator::move_on(Member& member, double h, double next, double end) {
+  member.step = h < member.step ? std::max(next, member.step) : next;
+  member.time = h == end - member.time ? end : member.time + h;
+  member.rejected = member.overflowed = false;
+}
+
+void Integrator::shorten(Member& member, double h) {
+  member.step = h;
+  member.rejected = true;
+  if (0.1 * h <= 2.2e-16 * std::abs(member.time) || h == 0.0) {
+    member.progress = member.overflowed ? Progress::not_finite : Progress::vanishing;
+  }
 }
 
 bool Integrator::is_asked_for(const Member& member) const {

@@ -56,23 +56,31 @@ class Integrator {
   void stop(Index member) { members_.at(member).progress = Progress::spent; }
 
   const std::vector<Member>& members() const { return members_; }
-  Index rows() const { return rows_; }
   /// Where a member that goes on is, (rows).
   virtual Vector state(Index member) const = 0;
 
  protected:
-  Integrator(Rates rates, Index rows, Index members, double time, const Limits& limits);
+  Integrator(Index rows, Index members, double time, const Limits& limits);
 
   /// Tries a step of each member that goes on, not beyond `end`; the evaluations that one took.
   virtual Index step(double end) = 0;
   /// Goes on with these of the columns of which_.
   virtual void keep(const std::vector<Index>& columns) = 0;
 
+  /// Steps are chosen this part as long as the error allows.
+  static constexpr double safety = 0.9;
+  /// Of a member's next step, not beyond `end`.
+  double length(const Member& member, double end) const;
+  /// Moves a member on by a step h and plans the next, which is not shortened where `end` or
+  /// max_step cut this one.
+  void move_on(Member& member, double h, double next, double end);
+  /// Plans a shorter step instead of one that failed, or ends where time would not change.
+  void shorten(Member& member, double h);
+
   /// Whether the step that a member has just taken, to its time, must be recorded.
   bool is_asked_for(const Member& member) const;
   void record(Index member, const Interpolant& step);
 
-  Rates rates_;
   Index rows_;
   Limits limits_;
   std::vector<Member> members_;

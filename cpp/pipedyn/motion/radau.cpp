@@ -11,13 +11,12 @@
 
 namespace pipedyn {
 
-namespace radau {
 namespace {
 
 constexpr Index lanes = 8;
 
-/// The step is chosen for so much of the error allowed and changes by these factors at most.
-constexpr double safety = 0.9, least_factor = 0.1, most_factor = 5.0;
+/// By which a step changes at most.
+constexpr double shortest_next = 0.1, longest_next = 5.0;
 
 /// Newton's method stops where what is left is below this part of the error allowed, and gives up
 /// after so many iterations.
@@ -45,7 +44,6 @@ Vector times(double from, double h) {
 }
 
 }  // namespace
-}  // namespace radau
 
 // ------------------------------------------------------------------------------------ systems
 
@@ -68,7 +66,7 @@ void ChainSystems::solve(double* b) { chain_.solve(u_, factors_.data(), b); }
 DenseSystems::DenseSystems(Jacobian jacobian, Index size)
     : jacobian_(std::move(jacobian)),
       slopes_(size, size),
-      factors_(static_cast<std::size_t>(radau::lanes * size * size)),
+      factors_(static_cast<std::size_t>(lanes * size * size)),
       pivots_(static_cast<std::size_t>(4 * size)) {}
 
 void DenseSystems::linearise(double t, const double* y, Index member) {
@@ -88,17 +86,17 @@ void DenseSystems::solve(double* b) {
 
 Radau::Radau(ImplicitRates rates, Index rows, Index members, const double* start, double time,
              const Limits& limits)
-    : Integrator(rates.rates, rows, members, time, limits),
+    : Integrator(rows, members, time, limits),
       of_(std::move(rates)),
       states_(Eigen::Map<const Matrix>(start, rows, members)),
-      z_(rows, radau::lanes),
-      before_(rows, radau::lanes),
-      w_(of_.solved, radau::lanes),
-      at_(rows, radau::lanes),
-      rates_at_(rows, radau::lanes),
-      x_(of_.solved, radau::lanes) {}
+      z_(rows, lanes),
+      before_(rows, lanes),
+      w_(of_.solved, lanes),
+      at_(rows, lanes),
+      rates_at_(rows, lanes),
+      x_(of_.solved, lanes) {}
 
-/// From a member's state, with a radau::first step that the size of its rates suggests.
+/// From a member's state, with a first step that the size of its rates suggests.
 void Radau::begin(Index which) {
   current_ = which;
   y_ = states_.col(which);
@@ -128,7 +126,7 @@ void Radau::predict(double h) {
     z_.setZero();
     w_.setZero();
   } else {
-    radau::Table beyond{};
+    Table beyond{};
     for (Index i = 0; i < radau::stages; ++i) {
       const double x = 1.0 + radau::nodes[i] * ratio;
       for (Index k = 0; k < radau::stages; ++k) {
@@ -137,8 +135,8 @@ void Radau::predict(double h) {
         beyond[k][i] = weight - (k == radau::stages - 1 ? 1.0 : 0.0);
       }
     }
-    radau::mix(before_.data(), beyond, n, z_.data());
-    radau::mix(z_.data(), radau::to_systems, n, w_.data());
+    mix(before_.data(), beyond, n, z_.data());
+    mix(z_.data(), radau::to_systems, n, w_.data());
   }
   at_.topRows(n) = z_.topRows(n).colwise() + y_.head(n);
   predicted_ = z_.col(radau::stages - 1).head(n);
@@ -147,42 +145,42 @@ void Radau::predict(double h) {
 /// Newton's method for the stages of a step; whether it converges.
 bool Radau::solve(Index which, double h, Index& evaluations) {
   const Index n = of_.solved;
-  const std::vector<Index> all(radau::lanes, which);
-  const Vector t = radau::times(members_[which].time, h);
-  double mu[radau::lanes];
-  radau::Table by_mu{};  // - mu w by w
-  for (Index i = 0; i < radau::lanes; ++i) mu[i] = radau::shifts[i] / h;
+  const std::vector<Index> all(lanes, which);
+  const Vector t = times(members_[which].time, h);
+  double mu[lanes];
+  Table by_mu{};  // - mu w by w
+  for (Index i = 0; i < lanes; ++i) mu[i] = radau::shifts[i] / h;
   for (Index k = 0; k < 4; ++k) {
     by_mu[k][k] = by_mu[4 + k][4 + k] = -mu[k];
     by_mu[4 + k][k] = mu[4 + k];
     by_mu[k][4 + k] = -mu[4 + k];
   }
   const double floor = 10.0 * std::numeric_limits<double>::epsilon() / limits_.relative;
-  const double enough = std::max(radau::newton_share, floor);
+  const double enough = std::max(newton_share, floor);
   double last = 0.0;
   left_ = std::pow(std::max(left_, std::numeric_limits<double>::epsilon()), 0.8);
-  for (iterations_ = 1; iterations_ <= radau::most_iterations; ++iterations_) {
-    evaluations += radau::lanes;
+  for (iterations_ = 1; iterations_ <= most_iterations; ++iterations_) {
+    evaluations += lanes;
     if (static_cast<double>(members_[which].evaluations + evaluations) > limits_.most) {
-      evaluations -= radau::lanes;
+      evaluations -= lanes;
       members_[which].progress = Progress::spent;
       return false;
     }
     of_.rates(t, at_.data(), all, rates_at_.data());
     if (iterations_ == 1) {
-      if (!fresh_ && (of_.systems->is_cheap() || contraction_ > radau::kept_contraction)) {
-        of_.systems->linearise(t[radau::lanes - 1], y_.data(), which);
+      if (!fresh_ && (of_.systems->is_cheap() || contraction_ > kept_contraction)) {
+        of_.systems->linearise(t[lanes - 1], y_.data(), which);
         fresh_ = true;
         factored_h_ = 0.0;
       }
       if (factored_h_ != h) of_.systems->factorise(mu);
       factored_h_ = h;
     }
-    motion_kernel().mix_stages(rates_at_.data(), radau::first(radau::to_systems), w_.data(),
-                               radau::first(by_mu), n, x_.data());
+    motion_kernel().mix_stages(rates_at_.data(), first(radau::to_systems), w_.data(), first(by_mu),
+                               n, x_.data());
     of_.systems->solve(x_.data());
     const double squares =
-        motion_kernel().correct_stages(x_.data(), radau::first(radau::to_stages), y_.data(),
+        motion_kernel().correct_stages(x_.data(), first(radau::to_stages), y_.data(),
                                        allowed_.data(), n, w_.data(), z_.data(), at_.data());
     const double size = std::sqrt(squares / static_cast<double>(radau::stages * n));
     if (!std::isfinite(size)) {
@@ -193,7 +191,7 @@ bool Radau::solve(Index which, double h, Index& evaluations) {
       contraction_ = size / last;
       if (contraction_ >= 0.99) return false;
       left_ = contraction_ / (1.0 - contraction_);
-      const double remaining = static_cast<double>(radau::most_iterations - iterations_);
+      const double remaining = static_cast<double>(most_iterations - iterations_);
       if (left_ * size * std::pow(contraction_, remaining) > enough) return false;
     }
     if (left_ * size <= enough) return true;
@@ -207,15 +205,15 @@ bool Radau::solve(Index which, double h, Index& evaluations) {
 /// the end by the same derivative.
 double Radau::error(double h) {
   const Index n = of_.solved;
-  radau::Table by_rates{}, by_stages{};
+  Table by_rates{}, by_stages{};
   for (Index k = 0; k < 4; ++k) {
-    by_rates[radau::lanes - 1][k] = 1.0;
+    by_rates[lanes - 1][k] = 1.0;
     for (Index i = 0; i < radau::stages; ++i) {
       by_stages[i][k] = radau::shifts[0] / h * radau::error[i];
     }
   }
-  motion_kernel().mix_stages(rates_at_.data(), radau::first(by_rates), z_.data(),
-                             radau::first(by_stages), n, x_.data());
+  motion_kernel().mix_stages(rates_at_.data(), first(by_rates), z_.data(), first(by_stages), n,
+                             x_.data());
   of_.systems->solve(x_.data());
   double within = 0.0;
   if (last_h_ > 0.0) {
@@ -237,41 +235,34 @@ double Radau::error(double h) {
 
 Index Radau::step(double end) {
   const Index which = which_.front();
-  Index evaluations = 0;
   if (which != current_) begin(which);
+  Index evaluations = 0;
   Member& member = members_[which];
-  const double left = end - member.time, longest = std::min(member.step, limits_.max_step);
-  const double h = 1.01 * longest < left ? longest : std::min(left, limits_.max_step);
+  const double h = length(member, end);
   allow();
   predict(h);
   const bool solved = solve(which, h, evaluations);
   const double found = solved ? std::max(error(h), 1e-10) : 0.0;
   member.evaluations += evaluations;
   if (solved && found <= 1.0) {
-    const double more = 2.0 * radau::most_iterations;
-    double factor = radau::safety * (more + 1.0) / (more + static_cast<double>(iterations_)) *
-                    std::pow(found, -radau::exponent);
+    const double more = 2.0 * most_iterations;
+    double factor = safety * (more + 1.0) / (more + static_cast<double>(iterations_)) *
+                    std::pow(found, -exponent);
     if (last_h_ > 0.0) {
-      factor *= std::min(1.0, h / last_h_ * std::pow(member.last_error / found, radau::exponent));
+      factor *= std::min(1.0, h / last_h_ * std::pow(member.last_error / found, exponent));
     }
-    factor = std::clamp(factor, radau::least_factor, member.rejected ? 1.0 : radau::most_factor);
-    if (!of_.systems->is_cheap() && factor >= 1.0 && factor <= radau::kept_step) factor = 1.0;
-    member.step = h < member.step ? std::max(h * factor, member.step) : h * factor;
+    factor = std::clamp(factor, shortest_next, member.rejected ? 1.0 : longest_next);
+    if (!of_.systems->is_cheap() && factor >= 1.0 && factor <= kept_step) factor = 1.0;
+    move_on(member, h, h * factor, end);
     member.last_error = std::max(found, 1e-2);
-    member.time = h == left ? end : member.time + h;
-    member.rejected = member.overflowed = false;
     accept(which, h);
   } else if (member.progress == Progress::spent) {
     return evaluations;
   } else if (!solved && !fresh_) {
     contraction_ = 1.0;  // takes J anew
   } else {
-    const double factor = solved ? radau::safety * std::pow(found, -radau::exponent) : 0.5;
-    member.step = h * std::max(factor, radau::least_factor);
-    member.rejected = true;
-    if (0.1 * member.step <= 2.2e-16 * member.time || member.step == 0.0) {
-      member.progress = member.overflowed ? Progress::not_finite : Progress::vanishing;
-    }
+    const double factor = solved ? safety * std::pow(found, -exponent) : 0.5;
+    shorten(member, h * std::max(factor, shortest_next));
   }
   return evaluations;
 }
@@ -281,16 +272,16 @@ void Radau::accept(Index which, double h) {
   const Index n = of_.solved, more = rows_ - n;
   const double from = members_[which].time - h;
   if (more > 0) {
-    of_.others(radau::times(from, h), at_.data(), std::vector<Index>(radau::lanes, which),
+    of_.others(times(from, h), at_.data(), std::vector<Index>(lanes, which),
                rates_at_.row(n).data());
-    radau::mix(rates_at_.row(n).data(), radau::integrals, more, z_.row(n).data());
+    mix(rates_at_.row(n).data(), radau::integrals, more, z_.row(n).data());
     z_.bottomRows(more) *= h;
   }
   if (is_asked_for(members_[which])) {
-    radau::mix(z_.data(), radau::powers, rows_, rates_at_.data());
-    Interpolant step{from, members_[which].time, Matrix(radau::lanes, rows_)};
+    mix(z_.data(), radau::powers, rows_, rates_at_.data());
+    Interpolant step{from, members_[which].time, Matrix(lanes, rows_)};
     step.coefficients.row(0) = y_.transpose();
-    for (Index k = 1; k < radau::lanes; ++k) {
+    for (Index k = 1; k < lanes; ++k) {
       step.coefficients.row(k) = rates_at_.col(k - 1).transpose();
     }
     record(which, step);

@@ -160,7 +160,7 @@ class OfPipe:
     @property
     def resisted(self) -> bool:
         """Whether velocities meet linear forces other than the flow's and Kelvin-Voigt damping."""
-        return core_pipe(self.pipe).resisted
+        return bool(self.pipe.terms) and core_pipe(self.pipe).resisted
 
     def __getstate__(self) -> dict[str, Any]:
         """All but what is computed at the first request and kept: compiled parts do not pickle."""

@@ -113,8 +113,8 @@ def checked_events(given: Any) -> tuple[Event, ...]:
     return tuple(events)
 
 
-class Follower:
-    """Looks for events in the steps of one motion as they come, and keeps them for dense output.
+class Recorder:
+    """Finds events in the steps of one motion as they come, and keeps the steps for dense output.
 
     Args:
         model: the model.
@@ -146,7 +146,10 @@ class Follower:
         return check.real(f"events[{i}](t, q, qdot)", value)
 
     def add(self, ends: Array, coefficients: Array) -> float | None:
-        """Takes steps with these ends, (k + 1,), and says where a terminal event is in them."""
+        """Takes k steps: ends (k + 1,) and coefficients as of `DenseOutput`, with the work done.
+
+        Returns the time of a terminal event in them.
+        """
         if not len(coefficients):  # no step was accepted
             return None
         last = self._search(ends, coefficients) if self.events else None

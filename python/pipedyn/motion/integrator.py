@@ -13,11 +13,12 @@ from typing import Any, TypeAlias
 
 import numpy as np
 import scipy
+from numpy.typing import ArrayLike
 
 from pipedyn import _core
 from pipedyn.models.base import Model
 from pipedyn.models.modular.motion import SceneMotion
-from pipedyn.motion.events import Follower
+from pipedyn.motion.events import Recorder
 from pipedyn.util.check import Array
 from pipedyn.util.counters import evaluated, factorised, in_time
 from pipedyn.util.parallel import track
@@ -62,9 +63,9 @@ BATCHED, BATCH_DECAY = 8, 2.0
 unless the fastest decay is so many times the highest frequency. Measured, see `choose_method`."""
 
 SCENE_SEGMENTS, SCENE_DECAY = 20, 0.3
-"""Segments of a compiled scene from which its matrices are worth their factorisations where the
-fastest decay, relative to the highest frequency, is above this times the square of their number
-relative to that one."""
+"""Segments of a compiled scene with guides from which its matrices are worth their factorisations
+where the fastest decay, relative to the highest frequency, is above this times the square of their
+number relative to that one."""
 
 LARGEST_IMPLICIT = 1000
 """Degrees of freedom beyond which dense factorisations are not chosen: four complex ones of 2,001
@@ -105,8 +106,9 @@ class Task:
 Callback: TypeAlias = Callable[[float, Array, Array], object]
 """Of a time and the coordinates and rates then; True ends the motion."""
 
-Motions: TypeAlias = tuple[Array, int, str | None]
-"""States of a motion, right-hand sides that it took, and why it stopped early."""
+Outcome: TypeAlias = tuple[Array, int, str | None]
+"""The start and samples of a motion, (1 + S, 2 moving + 1), right-hand sides that it took, and why
+it stopped early."""
 
 
 def jacobian_of(task: Task, t: float, y: Array) -> Array:
@@ -119,8 +121,8 @@ def jacobian_of(task: Task, t: float, y: Array) -> Array:
     return whole
 
 
-class Watched:
-    """Rates and Jacobian of a task for scipy, and whoever integrates it, checked for progress.
+class Monitor:
+    """Stops a task that needs too many calls; counts those of its rates and Jacobian by scipy.
 
     Attributes:
         calls, jacobians, factorisations: of each how many.
@@ -188,25 +190,25 @@ class Watched:
         self.next_check, self.reached = self.calls + CALLS, t
 
 
-class Watch:
-    """What looks on while a motion goes on: for events, for dense output, and the caller.
+class Observer:
+    """Sees a motion while it goes on: hands its steps to a recorder and calls the caller back.
 
     Args:
-        follower: takes the motion's steps; None where nobody asks for them.
+        recorder: of events and dense output; None where nobody asks for them.
         callback: of a time, q and q' there, each (coordinates,); True ends the motion.
     """
 
-    def __init__(self, follower: Follower | None = None, callback: Callback | None = None) -> None:
-        self.follower, self.callback = follower, callback
+    def __init__(self, recorder: Recorder | None = None, callback: Callback | None = None) -> None:
+        self.recorder, self.callback = recorder, callback
         self.end: float | None = None
         """Where the motion was ended, by an event or the caller."""
         self._called = -math.inf
 
-    def steps(self, ends: Array, coefficients: Array) -> None:
-        """Takes steps of the motion."""
-        if self.follower is not None:
-            self.end = self.follower.add(ends, coefficients)
-            if self.follower.kept > LARGEST_KEPT:
+    def steps(self, ends: ArrayLike, coefficients: ArrayLike) -> None:
+        """Takes steps of the motion, as `Recorder.add`."""
+        if self.recorder is not None:
+            self.end = self.recorder.add(np.array(ends), np.array(coefficients))
+            if self.recorder.kept > LARGEST_KEPT:
                 many = f"more than {LARGEST_KEPT:.0e} numbers"
                 raise Stopped(f"its dense output and events would take {many}")
 
@@ -224,34 +226,30 @@ class Watch:
 
 
 def integrate(
-    tasks: Sequence[Task], shown: bool = False, watch: Watch | None = None
-) -> list[Motions]:
-    """States of each task, right-hand sides taken, and why it stopped early.
-
-    Shape of the states, the start and then the samples that were reached: (1 + S, 2 moving + 1).
-    Several tasks have one model and one method of the core, and no follower or callback.
-    """
-    watch = watch or Watch()
+    tasks: Sequence[Task], shown: bool = False, observer: Observer | None = None
+) -> list[Outcome]:
+    """What comes of each task; several have one model, one method of the core and no observer."""
+    observer = observer or Observer()
     if tasks[0].method in CORE:
-        return _in_core(tasks, shown, watch)
+        return _in_core(tasks, shown, observer)
     [task] = tasks
-    watched = Watched(task)
-    samples = track(_by_scipy(task, watched), task.times.size, "motion", shown)
+    monitor = Monitor(task)
+    samples = track(_by_scipy(task, monitor), task.times.size, "motion", shown)
     rows, why = [task.start], None
     try:
         for t, row in zip(task.times, samples, strict=False):
             rows.append(row)
-            watch.call(task, float(t), row)
-            if watch.end is not None:
+            observer.call(task, float(t), row)
+            if observer.end is not None:
                 break
     except Stopped as stopped:
-        why = NOT_FINITE if watched.overflowed else str(stopped)
-    evaluated(watched.calls + watched.jacobians)
-    factorised(watched.factorisations)
-    return [(np.array(rows), watched.calls, why)]
+        why = NOT_FINITE if monitor.overflowed else str(stopped)
+    evaluated(monitor.calls + monitor.jacobians)
+    factorised(monitor.factorisations)
+    return [(np.array(rows), monitor.calls, why)]
 
 
-def _in_core(tasks: Sequence[Task], shown: bool, watch: Watch) -> list[Motions]:
+def _in_core(tasks: Sequence[Task], shown: bool, observer: Observer) -> list[Outcome]:
     """By one of the core's methods, each task with steps of its own."""
     first, members = tasks[0], len(tasks)
     u = first.u if callable(first.u) else np.array([task.u for task in tasks])
@@ -263,9 +261,9 @@ def _in_core(tasks: Sequence[Task], shown: bool, watch: Watch) -> list[Motions]:
         motion = _core.Dop853(rates, *options)
     else:
         motion = _core.Radau(rates, lambda t, y, member: jacobian_of(tasks[member], t, y), *options)
-    watched = [Watched(task) for task in tasks]
+    monitors = [Monitor(task) for task in tasks]
     times, count = first.times, first.times.size
-    if watch.follower is not None and times[-1] < first.end:
+    if observer.recorder is not None and times[-1] < first.end:
         times = np.append(times, first.end)  # events are looked for up to there
     states = np.empty((members, times.size, len(start)))
     whys: list[str | None] = [None] * members
@@ -273,46 +271,45 @@ def _in_core(tasks: Sequence[Task], shown: bool, watch: Watch) -> list[Motions]:
     def reached() -> Iterator[int]:
         """The samples that all members have, or will not have, one by one."""
         done, finished, allowed = 0, False, FORECAST
-        while not finished and watch.end is None:
-            if watch.follower is None:
+        while not finished and observer.end is None:
+            if observer.recorder is None:
                 finished = motion.advance(times, states, allowed)
             else:
-                finished, *steps = motion.follow(times, states, allowed)
+                finished, ends, steps = motion.follow(times, states, allowed)
                 try:
-                    watch.steps(*steps)
+                    observer.steps(ends, steps)
                 except Stopped as stopped:
                     whys[0] = str(stopped)
                     return
             in_time()
-            going = [j for j, member in enumerate(motion.members) if member[3] == 0]
-            slowest = min(going, key=lambda j: motion.members[j][0], default=None)
-            if slowest is not None:
-                at, _, calls, _ = motion.members[slowest]
-                watcher = watched[slowest]
-                watcher.calls = calls
+            going = [(*member, j) for j, member in enumerate(motion.members) if member[3] == 0]
+            if going:
+                at, _, calls, _, slowest = min(going)
+                monitor = monitors[slowest]
+                monitor.calls = calls
                 try:
-                    if calls >= watcher.next_check:
-                        watcher.check(at)
+                    if calls >= monitor.next_check:
+                        monitor.check(at)
                 except Stopped as stopped:
                     whys[slowest] = str(stopped)
                     motion.stop(slowest)
                 else:
-                    if watch.callback is not None:
-                        watch.call(first, at, motion.state(slowest))
+                    if observer.callback is not None:
+                        observer.call(first, at, motion.state(slowest))
                 allowed = CALLS
-            until = min((motion.members[j][1] for j in going), default=count)
+            until = min((samples for _, samples, *_ in going), default=count)
             yield from range(done, min(until, count))
             done = until
 
     for _ in track(reached(), count, "motion", shown):
         pass
-    answers: list[Motions] = []
+    answers: list[Outcome] = []
     for j, (_, samples, calls, end) in enumerate(motion.members):
         spent = f"it needs more than {first.most:g} right-hand sides" if end == 4 else None
         why = whys[j] or ENDS.get(end, spent)
         samples = min(samples, count)
-        if watch.end is not None:
-            samples, why = int(np.searchsorted(times[:samples], watch.end, "right")), None
+        if observer.end is not None:
+            samples, why = int(np.searchsorted(times[:samples], observer.end, "right")), None
         answers.append((np.concatenate([start[None, :, j], states[j, :samples]]), calls, why))
     evaluated(sum(calls for _, calls, _ in answers))
     return answers
@@ -327,10 +324,13 @@ def runs_unlocked(task: Task) -> bool:
 
 
 def _compiled(model: Model) -> object:
-    """The compiled model, if that is all."""
+    """The compiled model, if that is all: of a scene whose nodes nothing holds the chain."""
     motion = model.motion
     if isinstance(motion, SceneMotion):
-        return motion.core if motion.is_compiled else None
+        core = motion.core
+        if not motion.is_compiled:
+            return None
+        return core if core.compliance.size else core.chain
     return motion if isinstance(motion, (_core.Chain, _core.Galerkin)) else None
 
 
@@ -377,13 +377,13 @@ def state_after(
     return state[0, 0]
 
 
-def _by_scipy(task: Task, watched: Watched) -> Iterator[Array]:
+def _by_scipy(task: Task, monitor: Monitor) -> Iterator[Array]:
     """States at a task's times."""
     kind = getattr(scipy.integrate, task.method.removeprefix("scipy:"))
     options: dict[str, Any] = {"rtol": task.rtol, "atol": task.atol, "max_step": task.max_step}
     if kind is not scipy.integrate.DOP853:
-        options["jac"] = watched.jacobian
-    solver = kind(watched.rates, task.t0, task.start, task.times[-1], **options)
+        options["jac"] = monitor.jacobian
+    solver = kind(monitor.rates, task.t0, task.start, task.times[-1], **options)
     between: Callable[[float], Array] | None = None
     for t in task.times:
         while solver.t < t:
@@ -393,7 +393,7 @@ def _by_scipy(task: Task, watched: Watched) -> Iterator[Array]:
                     message = solver.step()
                 except ValueError as error:  # a factorisation refuses what is not finite
                     raise Stopped(str(error)) from error
-            watched.factorisations = max(watched.jacobians, solver.nlu)
+            monitor.factorisations = max(monitor.jacobians, solver.nlu)
             if solver.status == "failed" or not np.isfinite(solver.y).all():
                 raise Stopped(message or NOT_FINITE)
             between = solver.dense_output()  # of DOP853 from three right-hand sides, or NaN
@@ -419,18 +419,16 @@ def choose_method(model: Model, members: int = 1) -> str:
     - Members of a chain or scene that advance together fill the vectors by themselves. Measured
       with 8 to 64 members of 4 to 40 segments, the choice costs at most 1.9 times the cheaper; of
       reduced models, 1.4.
-    - Scenes that are compiled but have dense Jacobians: at most 1.5 times, 5 to 80 segments.
+    - Scenes with guides or pins have dense Jacobians: at most 1.5 times, 5 to 80 segments.
 
     `tests/benchmark_simulate.py` measures it again.
     """
     compiled_model = _compiled(model)
-    together = members >= BATCHED and not isinstance(compiled_model, _core.Galerkin)
-    dense = not isinstance(compiled_model, (_core.Chain, _core.Galerkin))
-    if dense and model.moving > LARGEST_IMPLICIT:
+    reduced = isinstance(compiled_model, _core.Galerkin)
+    if not (reduced or isinstance(compiled_model, _core.Chain)) and model.moving > LARGEST_IMPLICIT:
         return "dop853"
-    large = isinstance(compiled_model, _core.Scene) and model.moving >= SCENE_SEGMENTS
-    least = BATCH_DECAY if together else 0.0
-    if large:
+    least = BATCH_DECAY if members >= BATCHED and not reduced else 0.0
+    if isinstance(compiled_model, _core.Scene) and model.moving >= SCENE_SEGMENTS:
         least = max(least, SCENE_DECAY * (model.moving / SCENE_SEGMENTS) ** 2)
     return "radau" if not least or decays_fast(model, least) else "dop853"
 

@@ -12,7 +12,6 @@ from __future__ import annotations
 
 import math
 import os
-from collections import Counter
 from collections.abc import Callable, Sequence
 from concurrent.futures import Executor, ThreadPoolExecutor
 from contextlib import nullcontext
@@ -30,8 +29,8 @@ from pipedyn.motion.events import (
     DenseOutput,
     Event,
     EventFunction,
-    Follower,
     Occurrences,
+    Recorder,
     checked_events,
 )
 from pipedyn.motion.integrator import (
@@ -39,8 +38,8 @@ from pipedyn.motion.integrator import (
     METHODS,
     MOST_CALLS,
     Callback,
+    Observer,
     Task,
-    Watch,
     choose_method,
     integrate,
     runs_unlocked,
@@ -253,7 +252,7 @@ def simulate(
         max_step=max_step,
     )
     looked_for, kept = checked_events(events), check.flag("dense", dense)
-    follower = None
+    recorder = None
     if looked_for or kept:
         if task.method not in CORE:
             name = "events" if looked_for else "dense"
@@ -261,15 +260,14 @@ def simulate(
                 f"{name} must come with a method of the core, {', '.join(map(repr, CORE))}: "
                 f"scipy's hand over no polynomial of a step, got method {task.method!r}"
             )
-        follower = Follower(task.model, looked_for, task.t0, task.start, kept)
+        recorder = Recorder(task.model, looked_for, task.t0, task.start, kept)
     if not (callback is None or callable(callback)):
         raise TypeError(f"callback must be a function, got {check.shown(callback)}")
-    watch = Watch(follower, callback)
-    [(rows, evaluations, why)] = integrate([task], check.flag("progress", progress), watch)
-    motion = motion_of(task, rows, evaluations)
-    if follower is not None:
-        until = math.inf if watch.end is None else watch.end
-        motion = replace(motion, events=follower.occurrences(), dense=follower.output(until))
+    observer = Observer(recorder, callback)
+    [(motion, why)] = _motions([task], check.flag("progress", progress), observer)
+    if recorder is not None:
+        until = math.inf if observer.end is None else observer.end
+        motion = replace(motion, events=recorder.occurrences(), dense=recorder.output(until))
     if why is not None:
         raise MotionStopped(f"the motion stopped {motion.reached}: {why}", motion)
     return motion
@@ -338,31 +336,32 @@ def simulate_many(
         raise ValueError(f"speeds must ask for at most {LARGEST_ENSEMBLE} members, got {members}")
     check.executor("executor", executor)
     shown = check.flag("progress", progress)
-    tasks: list[Task] = []
     members_of: dict[int, list[int]] = {}  # each model
-    number_of = Counter(id(chosen[i % len(chosen)]) for i in range(members))
     for i in range(members):
-        model, u, start, rate = (values[i % len(values)] for values in given.values())
-        same = members_of.setdefault(id(model), [])
-        choice = tasks[same[0]].method if same else method
+        members_of.setdefault(id(chosen[i % len(chosen)]), []).append(i)
+    tasks: list[Task] = []
+    for i in range(members):
+        model, u, q, qdot = (values[i % len(values)] for values in given.values())
+        same = members_of[id(model)]
         try:
-            task = checked_task(
-                *(model, u.item(), duration, start, rate, samples, times, rtol, atol, choice, most),
-                members=number_of[id(model)],
-            )
+            if i == same[0]:
+                options = (samples, times, rtol, atol, method, most)
+                task = checked_task(
+                    *(model, u.item(), duration, q, qdot, *options), members=len(same)
+                )
+            else:
+                task = replace(tasks[same[0]], u=u.item(), start=checked_start(model, q, qdot))
         except (ValueError, TypeError) as error:
             raise type(error)(f"{error} (member {i})") from error
         tasks.append(task)
-        same.append(i)
     if sum(task.times.size * task.model.coordinates for task in tasks) > LARGEST_SAMPLES:
         raise ValueError(f"samples must ask for at most {LARGEST_SAMPLES} numbers in all members")
     blocks = []
     for same in members_of.values():
-        together = tasks[same[0]].method == "dop853"
-        most_together = BATCH if together else 1
-        blocks += [same[i : i + most_together] for i in range(0, len(same), most_together)]
-    watch = Watch()
-    jobs = [partial(_motions, [tasks[i] for i in block], watch) for block in blocks]
+        together = BATCH if tasks[same[0]].method == "dop853" else 1
+        blocks += [same[i : i + together] for i in range(0, len(same), together)]
+    observer = Observer()
+    jobs = [partial(_motions, [tasks[i] for i in block], False, observer) for block in blocks]
     own = executor is None and len(jobs) > 1 and all(map(runs_unlocked, tasks))
     if own:  # each counts for its caller
         jobs = [partial(copy_context().run, job) for job in jobs]
@@ -381,7 +380,7 @@ def simulate_many(
                         message = f"member {i} stopped {motion.reached}: {why}"
                         failures.append(MemberFailure(i, MotionStopped(message, motion)))
         except BaseException:
-            watch.end = -math.inf  # for the threads of the pool
+            observer.end = -math.inf  # for the threads of the pool
             if own and pool is not None:
                 pool.shutdown(cancel_futures=True)
             raise
@@ -399,36 +398,39 @@ def _each(name: str, given: Any) -> list[Any]:
     return list(given) if several else [given]
 
 
-def _motions(tasks: list[Task], watch: Watch) -> list[tuple[Motion, str | None]]:
+def _motions(
+    tasks: Sequence[Task], shown: bool, observer: Observer
+) -> list[tuple[Motion, str | None]]:
     """Motion of each member of a batch, and why it stopped early."""
-    return [
-        (motion_of(task, rows, evaluations), why)
-        for task, (rows, evaluations, why) in zip(tasks, integrate(tasks, watch=watch), strict=True)
-    ]
-
-
-def motion_of(task: Task, rows: Array, evaluations: int) -> Motion:
-    """The motion of a task from its start and samples, (1 + S, 2 moving + 1)."""
-    model, size = task.model, task.model.moving
+    outcomes = integrate(tasks, shown, observer)
+    model, size = tasks[0].model, tasks[0].model.moving
+    rows = np.concatenate([rows for rows, _, _ in outcomes])
     q, qdot = model.recorded(rows[:, :size], rows[:, size : 2 * size])
     states = np.ascontiguousarray(np.concatenate([q, qdot], axis=1).T)
     energy = np.asarray(model.energy(states))
     states[model.coordinates :] = 0.0  # the same at rest
-    kinetic = energy - np.asarray(model.energy(states))
-    scale = float(max(np.abs(energy[1:]).max(initial=0.0), kinetic[1:].max(initial=0.0)))
-    miss = float(np.abs(energy - energy[0] - rows[:, 2 * size]).max())
-    return Motion(
-        t=task.times[: len(rows) - 1],
-        q=q[1:],
-        qdot=qdot[1:],
-        tip=model.tips(q.T)[1:],
-        energy=energy[1:],
-        audit=miss / scale if scale else 0.0,
-        u=task.u,
-        method=task.method,
-        evaluations=evaluations,
-        model=model,
-    )
+    kinetic, supplied = energy - np.asarray(model.energy(states)), rows[:, 2 * size]
+    tips = model.tips(q.T)
+    motions, start = [], 0
+    for task, (own, evaluations, why) in zip(tasks, outcomes, strict=True):
+        of = slice(start + 1, start + len(own))
+        scale = float(max(np.abs(energy[of]).max(initial=0.0), kinetic[of].max(initial=0.0)))
+        missed = energy[of] - energy[start] - supplied[of]
+        motion = Motion(
+            t=task.times[: len(own) - 1],
+            q=q[of],
+            qdot=qdot[of],
+            tip=tips[of],
+            energy=energy[of],
+            audit=float(np.abs(missed).max(initial=0.0)) / scale if scale else 0.0,
+            u=task.u,
+            method=task.method,
+            evaluations=evaluations,
+            model=model,
+        )
+        motions.append((motion, why))
+        start += len(own)
+    return motions
 
 
 # ------------------------------------------------------------------------- starts and arguments
@@ -504,9 +506,7 @@ def checked_task(
         at = check.array("times", times, low=t0, high=end, longest=longest)
         if np.any(np.diff(at) <= 0.0):
             raise ValueError("times must be strictly increasing")
-    if not callable(q0):
-        check.numbers("q0", q0, "an angle theta(s) or coordinates")
-    start = np.append(model.start(model.bent(q0) if callable(q0) else q0, qdot0), 0.0)
+    start = checked_start(model, q0, qdot0)
     rtol = check.real("rtol", rtol, low=1e-13, high=0.1)
     atol = 0.01 * rtol if atol is None else atol
     atol = check.real("atol", atol, low=0.0, high=1.0, open_low=True)
@@ -515,6 +515,13 @@ def checked_task(
     if method == "auto":
         method = choose_method(model, members)
     return Task(model, u, at, start, rtol, atol, method, t0, end, most, max_step)
+
+
+def checked_start(model: Model, q0: Any, qdot0: Any) -> Array:
+    """[p, p', 0] of the arguments `q0` and `qdot0`, shape (2 moving + 1,)."""
+    if not callable(q0):
+        check.numbers("q0", q0, "an angle theta(s) or coordinates")
+    return np.append(model.start(model.bent(q0) if callable(q0) else q0, qdot0), 0.0)
 
 
 def state_of(model: Model, name: str, start: Any, kinds: str) -> Array:

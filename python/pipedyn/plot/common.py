@@ -46,6 +46,7 @@ def style() -> AbstractContextManager[None]:
     settings: dict[Any, Any] = {
         "font.size": 8.0,
         "axes.titlesize": 8.0,
+        "axes.titley": 1.0,  # none is moved to clear what stands above the axes: nothing does
         "axes.labelsize": 8.0,
         "legend.fontsize": 7.5,
         "xtick.labelsize": 7.5,

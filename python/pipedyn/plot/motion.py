@@ -14,9 +14,10 @@ from collections.abc import Sequence
 from dataclasses import replace
 from itertools import cycle
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, TypeAlias
 
 import numpy as np
+import scipy
 from matplotlib.animation import FuncAnimation, PillowWriter
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
@@ -24,7 +25,6 @@ from matplotlib.colors import ListedColormap
 from matplotlib.figure import Figure
 from matplotlib.patches import FancyArrowPatch, Rectangle
 from numpy.typing import ArrayLike
-from scipy.interpolate import CubicHermiteSpline, PPoly
 
 from pipedyn.bifurcation.limit_cycle import LimitCycle
 from pipedyn.motion.simulate import Ensemble, Motion
@@ -93,7 +93,8 @@ def phase_portrait(
     return ax
 
 
-Signal = tuple[Motion, PPoly, str, dict[str, Any]]
+Cubics: TypeAlias = "scipy.interpolate.CubicHermiteSpline"
+Signal: TypeAlias = "tuple[Motion, scipy.interpolate.PPoly, str, dict[str, Any]]"
 """A motion, the free end or a coordinate as a function of time, label and style of the curve."""
 
 
@@ -373,24 +374,25 @@ def checked_motions(motions: Any) -> dict[str, Motion]:
     return {f"motions[{i}]": checked_motion(m, f"motions[{i}]") for i, m in enumerate(several)}
 
 
-def path_of(motion: Motion | LimitCycle, index: int | None = None) -> CubicHermiteSpline:
+def path_of(motion: Motion | LimitCycle, index: int | None = None) -> Cubics:
     """Transverse position of the free end, or a coordinate, at any time between two samples."""
     shown = (motion.tip, motion.tip_velocity) if index is None else (motion.q, motion.qdot)
-    return CubicHermiteSpline(motion.t, *(values[:, index or 0] for values in shown))
+    position, velocity = (values[:, index or 0] for values in shown)
+    return scipy.interpolate.CubicHermiteSpline(motion.t, position, velocity)
 
 
-def tip_of(motion: Motion) -> CubicHermiteSpline:
+def tip_of(motion: Motion) -> Cubics:
     """Position (x, y) of the free end at any time between two samples."""
-    return CubicHermiteSpline(motion.t, motion.tip, motion.tip_velocity)
+    return scipy.interpolate.CubicHermiteSpline(motion.t, motion.tip, motion.tip_velocity)
 
 
 def coordinates_at(motion: Motion, times: Array) -> Array:
     """Coordinates at times within the motion's, shape (len(times), coordinates)."""
-    return np.asarray(CubicHermiteSpline(motion.t, motion.q, motion.qdot)(times))
+    return np.asarray(scipy.interpolate.CubicHermiteSpline(motion.t, motion.q, motion.qdot)(times))
 
 
 def refuse_coarse(
-    name: str, curve: PPoly, *, invisible: float = 0.0, rates_shown: bool = False
+    name: str, curve: scipy.interpolate.PPoly, *, invisible: float = 0.0, rates_shown: bool = False
 ) -> None:
     """Refuse samples too far apart: a cubic through every other sample misses the others.
 
@@ -402,7 +404,7 @@ def refuse_coarse(
     positions, velocities = curve(t), curve(t, 1)
     if np.ptp(positions, axis=0).max() < ROUNDING:
         return
-    every_other = CubicHermiteSpline(t[::2], positions[::2], velocities[::2])
+    every_other = scipy.interpolate.CubicHermiteSpline(t[::2], positions[::2], velocities[::2])
     missed = np.abs(every_other(t) - positions).max()
     missed_rate = np.abs(every_other(t, 1) - velocities).max()
     # One sample a cycle always finds the same position: only the velocities show that it is wrong.
@@ -426,9 +428,10 @@ def last_cycle(motion: Motion) -> tuple[float, float] | None:
     curve = tip_of(motion)
     if np.ptp(motion.tip[:, 0]) <= ROUNDING:
         order = np.argsort(-np.ptp(motion.q, axis=0))
-        curve = CubicHermiteSpline(motion.t, motion.q[:, order], motion.qdot[:, order])
+        position, velocity = motion.q[:, order], motion.qdot[:, order]
+        curve = scipy.interpolate.CubicHermiteSpline(motion.t, position, velocity)
     late = np.linspace(motion.t[-1] - 0.25 * np.ptp(motion.t), motion.t[-1], POINTS)
-    x = PPoly(curve.c[..., 0], curve.x)
+    x = scipy.interpolate.PPoly(curve.c[..., 0], curve.x)
     if np.ptp(x(late)) < 1e-6:  # at rest but for errors of integration
         return None
     crossings = x.solve(float(np.median(x(late))), extrapolate=False)

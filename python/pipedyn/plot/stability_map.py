@@ -7,9 +7,8 @@ from collections.abc import Iterable, Mapping
 from itertools import cycle
 
 import numpy as np
+import scipy
 from matplotlib.axes import Axes
-from scipy.interpolate import CubicHermiteSpline
-from scipy.optimize import linear_sum_assignment
 
 from pipedyn.linear.critical_speed import CriticalSpeed
 from pipedyn.linear.sensitivity import Crossing
@@ -116,18 +115,20 @@ def _boundary_lines(curve: StabilityCurve) -> list[tuple[Array, str]]:
         # A step counts once if it goes straight on, three times if it turns by 90 degrees twice;
         # what is impossible costs more than all others.
         cost = np.where(possible, 3.0 * np.abs(steps) - ahead, 1e3)
-        pairs = zip(*linear_sum_assignment(cost), strict=True)
+        pairs = zip(*scipy.optimize.linear_sum_assignment(cost), strict=True)
         following |= {int(origins[i]): int(targets[j]) for i, j in pairs if possible[i, j]}
+    t = np.arange(1.0, 17.0) / 16.0  # along a cubic
+    s = 1.0 - t
     lines: list[tuple[Array, str]] = []
     ends = set(range(at.size)) - set(following.values())
     for first in (*ends, *(following.keys() - ends)):  # closed ones have no end: they come last
         here, line = first, [at[[first]]]
         while here in following:
-            both = [here, following.pop(here)]
-            slopes = np.abs(np.diff(at[both])) * tangents[both]
-            cubic = CubicHermiteSpline([0.0, 1.0], at[both], slopes)
-            line.append(cubic(np.linspace(0.0, 1.0, 17))[1:])
-            here = both[1]
+            there = following.pop(here)
+            straight = at[here] * s**2 * (1.0 + 2.0 * t) + at[there] * t**2 * (3.0 - 2.0 * t)
+            slopes = np.abs(at[there] - at[here]) * tangents[[here, there]]
+            line.append(straight + s * t * (s * slopes[0] - t * slopes[1]))
+            here = there
         if first in ends or len(line) > 1:
             places = np.concatenate(line)
             polyline = np.column_stack([places.real, scale * places.imag])
