@@ -18,7 +18,7 @@ from scipy.special import ellipk
 
 import pipedyn as pp
 from pipedyn.motion import integrator
-from pipedyn.motion.events import Follower, checked_events
+from pipedyn.motion.events import Recorder, checked_events
 from pipedyn.motion.integrator import CORE
 from pipedyn.util.counters import counted
 
@@ -153,7 +153,7 @@ def test_an_event_where_two_steps_meet_is_found_there_on_either_side_of_rounding
     for off in (-1e-17, 1e-17):  # of what the second step's polynomial has there
         at = [np.array([[-1.0, 0.0, 0.0], [1.0, 0.0, 0.0]])]
         at += [np.array([[off, 0.0, 0.0], [1.0, 0.0, 0.0]])]
-        found = Follower(model, checked_events(tip_angle), 0.0, np.array([-1.0, 0.0, 0.0]), False)
+        found = Recorder(model, checked_events(tip_angle), 0.0, np.array([-1.0, 0.0, 0.0]), False)
         at[0][1, 0] -= 1e-16 * (off > 0.0)  # ends below 0 where the second begins above
         found.add(np.array([0.0, 1.0, 2.0]), np.array(at))
         assert found.occurrences()[0].t == pytest.approx([1.0], abs=1e-12)
