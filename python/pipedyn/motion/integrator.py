@@ -349,9 +349,9 @@ def state_after(
     atol: float,
     jacobian: Callable[[Array], Array] | None = None,
 ) -> Array:
-    """The state at a time of y' = rates(y) from a start at time 0, by implicit steps with df/dy.
+    """The state at a time of y' = rates(y) from a start at time 0.
 
-    Without that by explicit ones. Raises `Stopped`.
+    By implicit steps where the Jacobian df/dy is given, else by explicit ones. Raises `Stopped`.
     """
 
     def columns(t: Array, y: Array, which: list[int]) -> Array:
