@@ -233,7 +233,7 @@ class _Batch:
             [p for p, _ in states],
             [rate for _, rate in states],
             times=samples,
-            rtol=0.1 * self.options.rtol,  # of a tenth of what turnings are compared with
+            rtol=0.1 * self.options.rtol,  # turnings are compared to ten times that
         )
         errors = {failure.index: failure.error for failure in ensemble.failures}
         records: list[_Record | None] = []
