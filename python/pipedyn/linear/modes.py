@@ -15,6 +15,7 @@ from pipedyn import _core
 from pipedyn.linear.eigenproblem import Complex, eigenproblem
 from pipedyn.models.base import DENSE_LIMIT, Model, NotConverged
 from pipedyn.models.continuum import (
+    TOLERANCE,
     AnyModel,
     Continuum,
     Converged,
@@ -192,14 +193,13 @@ def modes(model: AnyModel, u: float, count: int | None = None) -> Modes:
 def _moved_beyond_rounding(before: Modes, after: Modes) -> float:
     """What eigenvalues move by from one basis to the next, beyond what rounding may move them by.
 
-    Under strong damping at high speed rounding alone moves them by more than 1e-10: no larger basis
-    helps, and `errors` says so.
+    Under strong damping at high speed rounding alone moves them by more than the tolerance: no
+    larger basis helps, and `errors` says so.
     """
     moved = relative(before.eigenvalues, after.eigenvalues)
-    if not 1e-10 < moved < 1e-8:
+    if not TOLERANCE < moved < 100.0 * TOLERANCE:  # errors cost as much as the eigenvalues
         return moved
-    apart = np.abs(before.eigenvalues - after.eigenvalues) - before.errors - after.errors
-    return float(np.max(np.maximum(apart, 0.0) / np.maximum(np.abs(after.eigenvalues), 1.0)))
+    return relative(before.eigenvalues, after.eigenvalues, before.errors + after.errors)
 
 
 def largest_speed(model: AnyModel | None) -> float:
