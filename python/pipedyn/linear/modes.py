@@ -355,8 +355,8 @@ def _root_loci(model: Model, speeds: Array, count: int, shown: bool) -> RootLoci
     # -1 / delta, which only a search for all roots can pass.
     overdamped = model.pipe.damping * (math.pi * count) ** 2 > 2.0
     problem = eigenproblem(model)
-    spectrum, every, taken = problem.spectrum(), 2 * problem.dof, 2 * count + 16
-    taken = every if overdamped else taken
+    spectrum, every = problem.spectrum(), 2 * problem.dof
+    taken = every if overdamped else 2 * count + 16
     done = track(range(1, speeds.size), speeds.size - 1, "root loci", shown)
     row_done = (lambda: next(done, None)) if shown else None
     while True:

@@ -38,7 +38,7 @@ ENDS = {"not finite": NOT_FINITE, "vanishing": "its step size tends to 0"}
 """Why a motion of the core's ended that did not reach its end, by `Member.progress`."""
 
 FORECAST = 400
-"""Right-hand sides after which the number of those to come is estimated, which costs 40 to 120."""
+"""Right-hand sides after which those to come are estimated; the estimate costs 40 to 120."""
 
 CALLS, JACOBIAN_CALLS = 20_000, 20
 """Right-hand sides between two checks of progress, and for how many of them a Jacobian with its
@@ -53,8 +53,8 @@ CALLS_A_RATE = 1.5
 measured 1.6 with damping to 16 without at rtol 1e-6."""
 
 STAGES, HOPELESS = 8, 100.0
-"""Right-hand sides of an implicit iteration, and how many times those that it may take a motion may
-need at its present steps, which grow where fast modes decay: 50 times, measured."""
+"""Right-hand sides of an implicit iteration. A motion is given up that would, at its present steps,
+need so many times what it may take: steps grow where fast modes decay, measured 50 times."""
 
 MOST_CALLS = 1e8
 """Right-hand sides that a motion may take: minutes with few segments, an hour with a thousand."""
@@ -64,9 +64,8 @@ BATCHED, BATCH_DECAY = 8, 2.0
 unless the fastest decay is so many times the highest frequency. Measured, see `choose_method`."""
 
 SCENE_SEGMENTS, SCENE_DECAY = 20, 0.3
-"""Segments of a compiled scene with guides from which its matrices are worth their factorisations
-where the fastest decay, relative to the highest frequency, is above this times the square of their
-number relative to that one."""
+"""A compiled scene with guides and n segments, at least so many, is worth dense factorisations
+where its fastest decay is above SCENE_DECAY (n / SCENE_SEGMENTS)^2 times the highest frequency."""
 
 LARGEST_IMPLICIT = 1000
 """Degrees of freedom beyond which dense factorisations are not chosen: four complex ones of 2,001
