@@ -66,9 +66,7 @@ Rates function_rates(const Model& model, const py::object& u, const Function& fu
 /// Rates [q', q'', power] of a compiled model's states with the work done on them.
 template <class Model>
 Rates compiled_rates(const Model& model, const py::object& u) {
-  return function_rates(model, u, [](const Model& of, const Batch& batch, double* out) {
-    of.rhs_and_power(batch, out);
-  });
+  return function_rates(model, u, std::mem_fn(&Model::rhs_and_power));
 }
 
 /// Those of a function of times, states (rows, members) and their speeds. A ValueError means that
@@ -105,20 +103,15 @@ Rates rates_of(const py::object& of, Index rows, const py::object& u) {
 template <class Model>
 ImplicitRates implicit_rates(const Model& model, const py::object& u,
                              std::unique_ptr<ShiftedSystems> systems) {
-  return {
-      function_rates(model, u,
-                     [](const Model& of, const Batch& batch, double* out) { of.rhs(batch, out); }),
-      function_rates(model, u,
-                     [](const Model& of, const Batch& batch, double* out) {
-                       Matrix parts(4, batch.members);
-                       of.power(batch, parts.data());
-                       Eigen::Map<Vector>(out, batch.members) = parts.colwise().sum();
-                     }),
-      2 * model.dof(), std::move(systems)};
+  return {function_rates(model, u, std::mem_fn(&Model::rhs)),
+          function_rates(model, u,
+                         [](const Model& of, const Batch& batch, double* out) {
+                           Matrix parts(4, batch.members);
+                           of.power(batch, parts.data());
+                           Eigen::Map<Vector>(out, batch.members) = parts.colwise().sum();
+                         }),
+          2 * model.dof(), std::move(systems)};
 }
-
-/// Flow speed at a time, of a member.
-using SpeedAt = std::function<double(double t, Index member)>;
 
 /// Of a function of a time, a state (rows,) and its speed.
 DenseSystems::Jacobian called_jacobian(const py::function& function, Index rows,
@@ -188,11 +181,6 @@ auto advance(Integrator& motion, const Vector& times, Numbers out, Index evaluat
   return std::tuple(finished, std::move(ends), std::move(coefficients));
 }
 
-const char* name_of(Progress progress) {
-  constexpr const char* names[] = {"going", "done", "not finite", "vanishing", "spent"};
-  return names[static_cast<int>(progress)];
-}
-
 }  // namespace
 
 void define_motion(py::module_& m) {
@@ -200,8 +188,10 @@ void define_motion(py::module_& m) {
       .def_readonly("time", &Member::time)
       .def_readonly("samples", &Member::samples)
       .def_readonly("evaluations", &Member::evaluations)
-      .def_property_readonly("progress",
-                             [](const Member& member) { return name_of(member.progress); });
+      .def_property_readonly("progress", [](const Member& member) {
+        constexpr const char* names[] = {"going", "done", "not finite", "vanishing", "spent"};
+        return names[static_cast<int>(member.progress)];
+      });
   py::class_<Integrator>(m, "Integrator")
       .def(py::init(&integrator), "of"_a, "u"_a, "start"_a, "t0"_a, "rtol"_a, "atol"_a, "most"_a,
            "max_step"_a = std::numeric_limits<double>::infinity(), "jacobian"_a = py::none(),

@@ -47,7 +47,7 @@ Vector times(double from, double h) {
 
 // ------------------------------------------------------------------------------------ systems
 
-ChainSystems::ChainSystems(const Chain& chain, std::function<double(double, Index)> speed)
+ChainSystems::ChainSystems(const Chain& chain, SpeedAt speed)
     : chain_(chain),
       speed_(std::move(speed)),
       factors_(static_cast<std::size_t>(chain.factor_numbers())) {}

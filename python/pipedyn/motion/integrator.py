@@ -291,8 +291,7 @@ def _in_core(tasks: Sequence[Task], shown: bool, observer: Observer) -> list[Out
                     whys[slowest] = str(stopped)
                     motion.stop(slowest)
                 else:
-                    if observer.callback is not None:
-                        observer.call(first, at, motion.state(slowest))
+                    observer.call(first, at, motion.state(slowest))
                 allowed = max(1, monitor.next_check - monitor.calls)
             until = min((now[j].samples for j in going), default=count)
             yield from range(done, min(until, count))
