@@ -197,6 +197,11 @@ def test_where_a_symmetric_branch_turns_is_a_fold_and_no_pitchfork(returning):
     assert len(branch.at(6.33)) == 1
 
 
+def test_on_a_branch_multipliers_are_known_to_1e_4_also_at_a_fold(returning):
+    """There neighbours diverge so fast that the branch's own meshes leave 1.6e-4."""
+    assert max(cycle.multiplier_error for cycle in returning.cycles[0].cycles) < 1e-4
+
+
 class Bends:
     """A segment whose parameter is a cubic of its length."""
 
