@@ -161,7 +161,7 @@ std::unique_ptr<Integrator> integrator(const py::object& of, const py::object& u
                                  start.data(), t0, limits);
 }
 
-/// Goes on; whether all members have ended, and where asked for the ends of steps and their
+/// Goes on; whether all members have finished, and where asked for the ends of steps and their
 /// polynomials' coefficients.
 auto advance(Integrator& motion, const Vector& times, Numbers out, Index evaluations, bool follow) {
   double* const to = out.mutable_data();
