@@ -193,9 +193,9 @@ class Search {
           [](const AxisCrossing& a, const AxisCrossing& b) { return a.speed < b.speed; });
       if (next->error > largest_error * next->speed + 1e-12) {
         throw refusal(
-            "a crossing near u = %.6g is known to %.1e only: rounding hides the eigenvalue's real "
-            "part",
-            next->speed, next->error);
+            "a crossing near u = %.6g is not known to three digits: rounding hides the "
+            "eigenvalue's real part",
+            next->speed);
       }
       sweep_.crossings.push_back(*next);
       unstable_count_ += next->change;

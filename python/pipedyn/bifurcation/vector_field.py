@@ -35,8 +35,7 @@ class VectorField:
     def __call__(self, y: Array, u: float | Array) -> Array:
         """Rates of the states in the columns, shape (2 moving, k), at one speed or k."""
         self._count(y.shape[1])
-        work = np.zeros((1, y.shape[1]))
-        return self.model.motion.rhs_and_power(0.0, np.concatenate([y, work]), u)[:-1]
+        return self.model.motion_rates(y, u)
 
     def jacobian(self, y: Array, u: float) -> Array:
         """df/dy of one state, shape (2 moving, 2 moving)."""
