@@ -323,7 +323,7 @@ void check_shifted(const Chain& chain, const Vector& y, double u, const Matrix& 
   Matrix mu(2, shifts);
   mu << 30.0, 1.0, 20.0, 1e4, 0.0, 40.0, 3.0, 1e5;
   std::vector<double> factors(static_cast<std::size_t>(chain.factor_numbers()));
-  chain.factorise(y.data(), u, mu.data(), factors.data());
+  chain.factorise({y.data(), &u, 1, 0}, mu.data(), factors.data());
   const Matrix b = dice.matrix(rows, 2 * shifts);
   Matrix x = b;
   chain.solve(u, factors.data(), x.data());

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #include "pipedyn/modular/scene.hpp"
 
+#include <Eigen/LU>
 #include <algorithm>
 #include <cmath>
 #include <limits>
@@ -49,8 +50,9 @@ Segments lend_inertia(Segments segments) {
 }
 
 /// Solves s mu = right by symmetric elimination, mu in place of right. Rows without pivot among the
-/// first `positive` follow from others, and mu is 0 there; false where a later one has none.
-bool solve_rows(Matrix& s, Matrix& right, Index positive) {
+/// first `positive` follow from others: these are returned, and mu is 0 there. NaN where a later
+/// one has none.
+std::vector<Index> solve_rows(Matrix& s, Matrix& right, Index positive) {
   constexpr double redundant = 1e-12;  // of a pivot: rounding leaves 1e-16 of such a row's diagonal
   constexpr double smallest = 1e-20;   // and this against the largest diagonal
   constexpr double massless = 1e-10;   // of the inertia lent, which the diagonal is a share of
@@ -73,7 +75,10 @@ bool solve_rows(Matrix& s, Matrix& right, Index positive) {
     if (best == left.end()) best = std::lower_bound(left.begin(), left.end(), positive);
     if (best == left.end()) break;
     const Index row = *best;
-    if (row >= positive && !(std::abs(s(row, row)) > massless)) return false;
+    if (row >= positive && !(std::abs(s(row, row)) > massless)) {
+      right.setConstant(std::numeric_limits<double>::quiet_NaN());
+      return {};
+    }
     left.erase(best);
     order.push_back(row);
     for (const Index other : left) {
@@ -89,7 +94,7 @@ bool solve_rows(Matrix& s, Matrix& right, Index positive) {
     }
     right.row(*row) /= s(*row, *row);
   }
-  return true;
+  return left;
 }
 
 }  // namespace
@@ -123,6 +128,18 @@ Scene::Scene(const Pipe& pipe, const Segments& segments, const Matrix& inertia,
     for (Index j = 0; j < dof(); ++j) weights_(row, 3 * j + 2) = std::sqrt(last * last * last);
     compliance_[row] = -1.0;
   }
+  origin_ = Vector::Zero(count);
+  across_ = along_ = joints_ = Matrix::Zero(count, dof());
+  Vector x = Vector::Zero(count), y = x, angle = x;  // weights of nodes beyond, of the joint beyond
+  for (Index j = dof() - 1; j >= 0; --j) {
+    x += weights_.col(3 * j);
+    y += weights_.col(3 * j + 1);
+    across_.col(j) = length_[j] * x;
+    along_.col(j) = length_[j] * y;
+    joints_.col(j) = weights_.col(3 * j + 2) - angle;
+    angle = weights_.col(3 * j + 2);
+  }
+  origin_ = base_ * y;
 }
 
 Matrix Scene::bodies() const {
@@ -166,84 +183,79 @@ Matrix Scene::angles(const Batch& states) const {
   return made;
 }
 
-/// Of one row: w . q, where w weighs nodes, and D.
-struct Scene::Reached {
-  double place = 0.0, drift = 0.0;
-};
-
-/// Adds R to by_angles, of which each entry is `stride` after the one before.
-Scene::Reached Scene::reach(Index row, const double* sine, const double* cosine,
-                            const double* omega, double* by_angles, Index stride) const {
-  Reached sum;
-  for (Index i = 0; i < coordinates(); ++i) {
-    const Index node = i / 3, axis = i % 3;
-    const double weight = weights_(row, i);
-    if (weight == 0.0) continue;
-    if (axis == 2) {
-      by_angles[node * stride] += weight;
-      if (node > 0) by_angles[(node - 1) * stride] -= weight;
-      continue;
-    }
-    if (axis == 1) sum.place += weight * base_;
-    for (Index j = 0; j <= node; ++j) {
-      const double step = weight * length_[j];
-      const double along = axis == 0 ? sine[j] : cosine[j];
-      by_angles[j * stride] += step * (axis == 0 ? cosine[j] : -sine[j]);
-      sum.place += step * along;
-      sum.drift -= step * along * omega[j] * omega[j];
-    }
-  }
-  return sum;
+Scene::Rows Scene::rows_at(const Matrix& theta) const {
+  const auto [sine, cosine] = Turned(theta);
+  const auto of_sine = sine.col(0).asDiagonal(), of_cosine = cosine.col(0).asDiagonal();
+  return {joints_ + across_ * of_cosine - along_ * of_sine, -across_ * of_sine - along_ * of_cosine,
+          origin_ + across_.lazyProduct(sine.col(0)) + along_.lazyProduct(cosine.col(0))};
 }
 
 // -------------------------------------------------------------------------------------- motion
 
-void Scene::rhs(const Batch& batch, double* rates, double* multipliers) const {
-  chain_.rhs(batch, rates);
-  add_rows(batch, rates, multipliers);
+Scene::Forces Scene::enforce(const Rows& rows, const Eigen::Ref<const Matrix>& response,
+                             bool returns, Vector& omega, Vector& acceleration) const {
+  const Index held = value_.size(), count = compliance_.size();
+  const auto own = rows.by_angles.middleRows(held_from_, held);
+  Forces found{Matrix::Zero(held, 1), -(rows.by_angles.lazyProduct(acceleration))};
+  const Vector given = omega;
+  if (returns && held > 0) {
+    const Vector rates = own.lazyProduct(given);
+    found.lambda = rates + return_rate * (rows.place.segment(held_from_, held) - value_);
+    found.mu.col(0).segment(held_from_, held) -= return_rate * rates;
+    Matrix system = own.lazyProduct(own.transpose());
+    found.idle_lambda = solve_rows(system, found.lambda, held);
+    omega -= own.transpose().lazyProduct(found.lambda.col(0));
+  }
+  found.mu -= rows.turning.lazyProduct(given.cwiseProduct(omega));
+  Matrix system = rows.by_angles.lazyProduct(response);
+  system.diagonal() += compliance_;
+  found.idle_mu = solve_rows(system, found.mu, count - (lends_ ? 1 : 0));
+  acceleration += response.lazyProduct(found.mu.col(0));
+  return found;
 }
 
-void Scene::add_rows(const Batch& batch, double* rates, double* multipliers) const {
+void Scene::add_rows(const Batch& batch, bool returns, double* rates) const {
   const Index n = dof(), members = batch.members, count = compliance_.size();
   if (count == 0) return;
   constexpr Index most = 64;  // columns of X at once: whole packs, and what they need is cached
   const Index block = std::max<Index>(1, most / count);
   const Eigen::Map<const Matrix> y(batch.y, 2 * n, members);
   Eigen::Map<Matrix> out(rates, 2 * n, members);
-  const Index positive = count - (lends_ ? 1 : 0);
+  std::vector<Rows> rows;
   for (Index first = 0; first < members; first += block) {
-    const Index here = std::min(block, members - first), columns = here * count;
-    Matrix theta(n, columns), by_angles = Matrix::Zero(n, columns), drift(count, here);
+    const Index here = std::min(block, members - first);
+    Matrix theta(n, here * count), loads(n, here * count);
+    rows.clear();
     for (Index k = 0; k < here; ++k) {
-      const Matrix state = y.col(first + k);
-      const auto [sine, cosine] = Turned(state.topRows(n));
-      for (Index i = 0; i < count; ++i) {
-        const Index column = k * count + i;
-        theta.col(column) = state.col(0).head(n);
-        drift(i, k) = reach(i, sine.data(), cosine.data(), state.data() + n,
-                            by_angles.data() + column, columns)
-                          .drift;
-      }
+      const auto angles = y.col(first + k).head(n);
+      rows.push_back(rows_at(angles));
+      loads.middleCols(k * count, count) = rows.back().by_angles.transpose();
+      theta.middleCols(k * count, count).colwise() = angles;
     }
-    const Matrix response = solve(theta, by_angles);
+    const Matrix response = solve(theta, loads);
     for (Index k = 0; k < here; ++k) {
-      const auto own = by_angles.middleCols(k * count, count);
-      const auto x = response.middleCols(k * count, count);
-      auto acceleration = out.col(first + k).tail(n);
-      Matrix system(count, count), mu(count, 1);
-      for (Index i = 0; i < count; ++i) {
-        mu(i) = -drift(i, k) - own.col(i).dot(acceleration);
-        for (Index m = 0; m <= i; ++m) system(i, m) = system(m, i) = own.col(i).dot(x.col(m));
-        system(i, i) += compliance_[i];
-      }
-      if (!solve_rows(system, mu, positive)) {
-        mu.setConstant(std::numeric_limits<double>::quiet_NaN());
-      }
-      for (Index i = 0; i < count; ++i) acceleration += mu(i) * x.col(i);
-      if (multipliers == nullptr) continue;
-      Eigen::Map<Matrix>(multipliers, count, members).col(first + k) = mu.col(0);
+      auto column = out.col(first + k);
+      Vector omega = y.col(first + k).tail(n), acceleration = column.tail(n);
+      enforce(rows[static_cast<std::size_t>(k)], response.middleCols(k * count, count), returns,
+              omega, acceleration);
+      column << omega, acceleration;
     }
   }
+}
+
+void Scene::rhs(const Batch& batch, double* rates) const {
+  chain_.rhs(batch, rates);
+  add_rows(batch, false, rates);
+}
+
+void Scene::returning_rhs(const Batch& batch, double* rates) const {
+  chain_.rhs(batch, rates);
+  add_rows(batch, true, rates);
+}
+
+void Scene::rhs_and_power(const Batch& batch, double* rates) const {
+  chain_.rhs_and_power(batch, rates);
+  add_rows(batch, true, rates);
 }
 
 void Scene::redundant_rhs(const Batch& states, double* rates) const {
@@ -267,41 +279,14 @@ void Scene::redundant_rhs(const Batch& states, double* rates) const {
   }
 }
 
-void Scene::rhs_and_power(const Batch& batch, double* rates) const {
-  const Index n = dof(), members = batch.members;
-  const Eigen::Map<const Matrix> y(batch.y, 2 * n, members);
-  Batch moved = batch;
-  Matrix met;
-  if (value_.size() > 0) {
-    Matrix theta = y.topRows(n), omega = y.bottomRows(n);
-    const Vector missed = project(theta, omega);
-    met.resize(2 * n, members);
-    met << theta, omega;
-    for (Index k = 0; k < members; ++k) {
-      if (!(missed[k] <= Scene::met)) met.col(k).setConstant(std::nan(""));
-    }
-    moved.y = met.data();
-  }
-  chain_.rhs_and_power(moved, rates);
-  add_rows(moved, rates, nullptr);
-  if (value_.size() > 0) {
-    Eigen::Map<Matrix>(rates, 2 * n, members) -= return_rate * (y - met);
-  }
-}
-
 void Scene::energy(const Batch& batch, double* out) const {
   chain_.energy(batch, out);
   const Index n = dof();
   const Eigen::Map<const Matrix> y(batch.y, 2 * n, batch.members);
   for (Index k = 0; k < batch.members && compliance_.size() > 0; ++k) {
-    const Matrix state = y.col(k);
-    const auto [sine, cosine] = Turned(state.topRows(n));
+    const Vector rates = rows_at(y.col(k).head(n)).by_angles.lazyProduct(y.col(k).tail(n));
     for (Index row = 0; row < compliance_.size(); ++row) {
-      if (compliance_[row] == 0.0) continue;
-      Vector by_angles = Vector::Zero(n);
-      reach(row, sine.data(), cosine.data(), state.data() + n, by_angles.data(), 1);
-      const double rate = by_angles.dot(state.col(0).tail(n));
-      out[k] += 0.5 * rate * rate / compliance_[row];
+      if (compliance_[row] != 0.0) out[k] += 0.5 * rates[row] * rates[row] / compliance_[row];
     }
   }
 }
@@ -318,26 +303,104 @@ Matrix Scene::solve(const Matrix& theta, const Matrix& moments) const {
   return found.bottomRows(n);
 }
 
+// ---------------------------------------------------------------------------------- derivative
+
+Scene::Linear Scene::linearised(const Batch& one, bool returns) const {
+  const Index n = dof(), count = compliance_.size(), held = returns ? value_.size() : 0;
+  Linear made;
+  if (one.moments != nullptr) made.moments = Eigen::Map<const Vector>(one.moments, n);
+  if (count == 0) return made;
+  const Vector theta = Eigen::Map<const Vector>(one.y, n);
+  const Vector omega = Eigen::Map<const Vector>(one.y + n, n);
+  Vector rates(2 * n), turned = omega;
+  chain_.rhs(one, rates.data());
+  const Rows rows = rows_at(theta);
+  const Matrix response = solve(theta.replicate(1, count), rows.by_angles.transpose());
+  Vector acceleration = rates.tail(n);
+  const Forces forces = enforce(rows, response, returns, turned, acceleration);
+  if (made.moments.size() == 0) made.moments = Vector::Zero(n);
+  made.moments += rows.by_angles.transpose() * forces.mu.col(0);
+  made.slopes = rows.turning.transpose() * forces.mu.col(0);
+  made.slowed =
+      rows.turning.middleRows(held_from_, value_.size()).transpose() * forces.lambda.col(0);
+
+  std::vector<bool> idle(static_cast<std::size_t>(held + count), false);
+  for (const Index row : forces.idle_lambda) idle[static_cast<std::size_t>(row)] = true;
+  for (const Index row : forces.idle_mu) idle[static_cast<std::size_t>(held + row)] = true;
+  const Index size = std::count(idle.begin(), idle.end(), false);
+  made.c = made.e = Matrix::Zero(size, 2 * n);
+  made.b = Matrix::Zero(2 * n, size);
+  made.compliance = Vector::Zero(size);
+  Index z = 0;
+  for (Index i = 0; i < held + count; ++i) {
+    if (idle[static_cast<std::size_t>(i)]) continue;
+    const bool of_place = i < held;
+    const Index row = of_place ? held_from_ + i : i - held;
+    const auto own = rows.by_angles.row(row).array(), turning = rows.turning.row(row).array();
+    const auto curved = joints_.row(row).array() - own;
+    auto c = made.c.row(z).array(), e = made.e.row(z).array();
+    const auto w = omega.transpose().array();
+    const auto v = turned.transpose().array();
+    if (of_place) {
+      c.head(n) = own;
+      e.head(n) = turning * v;
+      made.b.col(z).head(n) = own.transpose();
+    } else {
+      c.head(n) = turning * w;
+      c.tail(n) = own;
+      e.head(n) = turning * acceleration.transpose().array() + curved * v * w;
+      e.tail(n) = turning * v;
+      made.b.col(z).tail(n) = response.col(row);
+      made.compliance[z] = compliance_[row];
+    }
+    if (held > 0 && row >= held_from_ && row < held_from_ + held) e += return_rate * c;
+    ++z;
+  }
+  return made;
+}
+
+void Scene::jacobian(const Batch& batch, bool returns, const Matrix& by_state, double* out) const {
+  const Index n = dof(), rows = 2 * n, members = batch.members;
+  const auto column = [members](const double* of, Index size, Index k) -> Vector {
+    return Eigen::Map<const Matrix>(of, size, members).col(k);
+  };
+  for (Index k = 0; k < members; ++k) {
+    const Vector y = column(batch.y, rows, k);
+    Vector moments;
+    if (batch.moments != nullptr) moments = column(batch.moments, n, k);
+    const auto or_none = [](const Vector& of) { return of.size() > 0 ? of.data() : nullptr; };
+    Batch one{y.data(), batch.u + k * batch.u_step, 1, 0, or_none(moments)};
+    const Linear about = linearised(one, returns);
+    one.moments = or_none(about.moments);
+    one.slopes = or_none(about.slopes);
+    Eigen::Map<Matrix> whole(out + k * rows * rows, rows, rows);
+    chain_.jacobian(one, whole.data());
+    if (by_state.size() > 0) {
+      whole.bottomRows(n) += solve(y.head(n).replicate(1, rows), by_state);
+    }
+    if (compliance_.size() == 0) continue;
+    whole.diagonal().head(n) -= about.slowed;
+    Matrix system = about.c * about.b;
+    system.diagonal() += about.compliance;
+    const Matrix missing = about.c * whole + about.e;
+    whole -= about.b * system.partialPivLu().solve(missing);
+  }
+}
+
 // ------------------------------------------------------------------------------- guides and pins
 
 double Scene::project_one(Vector& theta, Vector& omega) const {
   constexpr double longest = 0.5;  // rad a step, so that segments do not turn over
   constexpr int most_steps = 100;
-  const Index n = dof(), held = value_.size();
+  const Index held = value_.size();
   Vector closest = theta;
   double least_missed = std::numeric_limits<double>::infinity();
   for (int step = 0; step < most_steps; ++step) {
-    const auto [sine, cosine] = Turned(theta);
-    Matrix by_angles = Matrix::Zero(held, n), system(held, held);
+    const Rows rows = rows_at(theta);
+    const auto by_angles = rows.by_angles.middleRows(held_from_, held);
+    Matrix system = by_angles.lazyProduct(by_angles.transpose());
     Matrix lacking(held, 2);  // how far each coordinate is off its place, and its rate
-    for (Index i = 0; i < held; ++i) {
-      auto own = by_angles.row(i);
-      const Reached at =
-          reach(held_from_ + i, sine.data(), cosine.data(), omega.data(), own.data(), 1);
-      lacking(i, 0) = at.place - value_[i];
-      lacking(i, 1) = own.dot(omega);
-      for (Index k = 0; k <= i; ++k) system(i, k) = system(k, i) = own.dot(by_angles.row(k));
-    }
+    lacking << rows.place.segment(held_from_, held) - value_, by_angles.lazyProduct(omega);
     const double missed = lacking.col(0).cwiseAbs().maxCoeff();
     if (missed < least_missed) {
       least_missed = missed;
