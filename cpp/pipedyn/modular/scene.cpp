@@ -49,10 +49,10 @@ Segments lend_inertia(Segments segments) {
   return segments;
 }
 
-/// Solves s mu = right by symmetric elimination, mu in place of right. Rows without pivot among the
-/// first `positive` follow from others: these are returned, and mu is 0 there. NaN where a later
-/// one has none.
-std::vector<Index> solve_rows(Matrix& s, Matrix& right, Index positive) {
+/// Of one member: solves s mu = right by symmetric elimination, mu in place of right. Rows without
+/// pivot among the first `positive` follow from others: these are returned, and mu is 0 there. NaN
+/// where a later one has none.
+std::vector<Index> solve_member(Matrix& s, Matrix& right, Index positive) {
   constexpr double redundant = 1e-12;  // of a pivot: rounding leaves 1e-16 of such a row's diagonal
   constexpr double smallest = 1e-20;   // and this against the largest diagonal
   constexpr double massless = 1e-10;   // of the inertia lent, which the diagonal is a share of
@@ -95,6 +95,56 @@ std::vector<Index> solve_rows(Matrix& s, Matrix& right, Index positive) {
     right.row(*row) /= s(*row, *row);
   }
   return left;
+}
+
+/// The same of several members, s of each in a column, by rows; what is idle of the last.
+std::vector<Index> solve_rows(const Matrix& systems, Matrix& right, Index positive) {
+  const Index size = right.rows();
+  std::vector<Index> idle;
+  for (Index k = 0; k < right.cols(); ++k) {
+    Matrix system = systems.col(k).reshaped<Eigen::RowMajor>(size, size), column = right.col(k);
+    idle = solve_member(system, column, positive);
+    right.col(k) = column;
+  }
+  return idle;
+}
+
+/// Rows of numbers of some members, each `stride` after the one before.
+struct Columns {
+  const double* from;
+  Index stride;
+
+  explicit Columns(const Matrix& all, Index row = 0, Index members = 0)
+      : from(all.data() + row * members), stride(all.cols()) {}
+  const double* operator[](Index j) const { return from + j * stride; }
+};
+
+/// Adds factor times the sums over n rows of products, for so many members from `first` on.
+template <Index count>
+void add_some_products(const Columns& a, const Columns& b, double factor, Index n, Index first,
+                       double* sums) {
+  double own[count] = {};
+  for (Index j = 0; j < n; ++j) {
+    const double *x = a[j] + first, *y = b[j] + first;
+    for (Index k = 0; k < count; ++k) own[k] += x[k] * y[k];
+  }
+  for (Index k = 0; k < count; ++k) sums[first + k] += factor * own[k];
+}
+
+void add_products(const Columns& a, const Columns& b, double factor, Index n, Index members,
+                  double* sums) {
+  constexpr Index some = 8;
+  Index k = 0;
+  for (; k + some <= members; k += some) add_some_products<some>(a, b, factor, n, k, sums);
+  for (; k < members; ++k) add_some_products<1>(a, b, factor, n, k, sums);
+}
+
+/// Adds to each member its column of a, so many times.
+void add_column(const Columns& a, const double* times, double factor, Matrix& sum) {
+  for (Index j = 0; j < sum.rows(); ++j) {
+    double* const row = sum.data() + j * sum.cols();
+    for (Index k = 0; k < sum.cols(); ++k) row[k] += factor * times[k] * a[j][k];
+  }
 }
 
 }  // namespace
@@ -185,32 +235,64 @@ Matrix Scene::angles(const Batch& states) const {
 
 Scene::Rows Scene::rows_at(const Matrix& theta) const {
   const auto [sine, cosine] = Turned(theta);
-  const auto of_sine = sine.col(0).asDiagonal(), of_cosine = cosine.col(0).asDiagonal();
-  return {joints_ + across_ * of_cosine - along_ * of_sine, -across_ * of_sine - along_ * of_cosine,
-          origin_ + across_.lazyProduct(sine.col(0)) + along_.lazyProduct(cosine.col(0))};
+  const Index n = dof(), members = theta.cols(), count = compliance_.size();
+  Rows made{Matrix(n, count * members), Matrix(n, count * members)};
+  for (Index j = 0; j < n; ++j) {
+    for (Index i = 0; i < count; ++i) {
+      const double x = across_(i, j), y = along_(i, j), own = joints_(i, j);
+      for (Index k = 0; k < members; ++k) {
+        const double s = sine(j, k), c = cosine(j, k);
+        made.turning(j, i * members + k) = -x * s - y * c;
+        made.by_angles(j, i * members + k) = own + x * c - y * s;
+      }
+    }
+  }
+  return made;
 }
 
 // -------------------------------------------------------------------------------------- motion
 
-Scene::Forces Scene::enforce(const Rows& rows, const Eigen::Ref<const Matrix>& response,
-                             bool returns, Vector& omega, Vector& acceleration) const {
-  const Index held = value_.size(), count = compliance_.size();
-  const auto own = rows.by_angles.middleRows(held_from_, held);
-  Forces found{Matrix::Zero(held, 1), -(rows.by_angles.lazyProduct(acceleration))};
-  const Vector given = omega;
-  if (returns && held > 0) {
-    const Vector rates = own.lazyProduct(given);
-    found.lambda = rates + return_rate * (rows.place.segment(held_from_, held) - value_);
-    found.mu.col(0).segment(held_from_, held) -= return_rate * rates;
-    Matrix system = own.lazyProduct(own.transpose());
-    found.idle_lambda = solve_rows(system, found.lambda, held);
-    omega -= own.transpose().lazyProduct(found.lambda.col(0));
+Scene::Forces Scene::enforce(const Rows& rows, const Matrix& response, bool returns, Matrix& omega,
+                             Matrix& acceleration) const {
+  const Index n = dof(), members = omega.cols(), held = returns ? value_.size() : 0;
+  const Index count = compliance_.size();
+  const auto of = [&](const Matrix& all, Index row) { return Columns(all, row, members); };
+  const auto own = [&](Index row) { return of(rows.by_angles, row); };
+  const auto at = [&](Matrix& sums, Index row) { return sums.data() + row * members; };
+  Forces found{Matrix::Zero(held, members), Matrix::Zero(count, members)};
+  const Matrix given = omega;
+  if (held > 0) {
+    Matrix products = Matrix::Zero(held * held, members);
+    for (Index i = 0; i < held; ++i) {
+      const Index row = held_from_ + i;
+      add_products(own(row), Columns(given), 1.0, n, members, at(found.lambda, i));
+      found.mu.row(row) = -return_rate * found.lambda.row(i);
+      found.lambda.row(i).array() += return_rate * (origin_[row] - value_[i]);
+      found.lambda.row(i) -=
+          return_rate * rows.turning.middleCols(row * members, members).colwise().sum();
+      for (Index k = 0; k <= i; ++k) {
+        add_products(own(row), own(held_from_ + k), 1.0, n, members, at(products, i * held + k));
+        products.row(k * held + i) = products.row(i * held + k);
+      }
+    }
+    found.idle_lambda = solve_rows(products, found.lambda, held);
+    for (Index i = 0; i < held; ++i) {
+      add_column(own(held_from_ + i), at(found.lambda, i), -1.0, omega);
+    }
   }
-  found.mu -= rows.turning.lazyProduct(given.cwiseProduct(omega));
-  Matrix system = rows.by_angles.lazyProduct(response);
-  system.diagonal() += compliance_;
-  found.idle_mu = solve_rows(system, found.mu, count - (lends_ ? 1 : 0));
-  acceleration += response.lazyProduct(found.mu.col(0));
+  const Matrix turn = given.cwiseProduct(omega);
+  Matrix products = Matrix::Zero(count * count, members);
+  for (Index i = 0; i < count; ++i) {
+    add_products(own(i), Columns(acceleration), -1.0, n, members, at(found.mu, i));
+    add_products(of(rows.turning, i), Columns(turn), -1.0, n, members, at(found.mu, i));
+    for (Index k = 0; k <= i; ++k) {
+      add_products(own(i), of(response, k), 1.0, n, members, at(products, i * count + k));
+      products.row(k * count + i) = products.row(i * count + k);
+    }
+    products.row(i * count + i).array() += compliance_[i];
+  }
+  found.idle_mu = solve_rows(products, found.mu, count - (lends_ ? 1 : 0));
+  for (Index i = 0; i < count; ++i) add_column(of(response, i), at(found.mu, i), 1.0, acceleration);
   return found;
 }
 
@@ -221,25 +303,14 @@ void Scene::add_rows(const Batch& batch, bool returns, double* rates) const {
   const Index block = std::max<Index>(1, most / count);
   const Eigen::Map<const Matrix> y(batch.y, 2 * n, members);
   Eigen::Map<Matrix> out(rates, 2 * n, members);
-  std::vector<Rows> rows;
   for (Index first = 0; first < members; first += block) {
     const Index here = std::min(block, members - first);
-    Matrix theta(n, here * count), loads(n, here * count);
-    rows.clear();
-    for (Index k = 0; k < here; ++k) {
-      const auto angles = y.col(first + k).head(n);
-      rows.push_back(rows_at(angles));
-      loads.middleCols(k * count, count) = rows.back().by_angles.transpose();
-      theta.middleCols(k * count, count).colwise() = angles;
-    }
-    const Matrix response = solve(theta, loads);
-    for (Index k = 0; k < here; ++k) {
-      auto column = out.col(first + k);
-      Vector omega = y.col(first + k).tail(n), acceleration = column.tail(n);
-      enforce(rows[static_cast<std::size_t>(k)], response.middleCols(k * count, count), returns,
-              omega, acceleration);
-      column << omega, acceleration;
-    }
+    const Matrix theta = y.block(0, first, n, here);
+    Matrix omega = y.block(n, first, n, here), acceleration = out.block(n, first, n, here);
+    const Rows rows = rows_at(theta);
+    enforce(rows, solve(theta.replicate(1, count), rows.by_angles), returns, omega, acceleration);
+    out.block(0, first, n, here) = omega;
+    out.block(n, first, n, here) = acceleration;
   }
 }
 
@@ -283,11 +354,14 @@ void Scene::energy(const Batch& batch, double* out) const {
   chain_.energy(batch, out);
   const Index n = dof();
   const Eigen::Map<const Matrix> y(batch.y, 2 * n, batch.members);
-  for (Index k = 0; k < batch.members && compliance_.size() > 0; ++k) {
-    const Vector rates = rows_at(y.col(k).head(n)).by_angles.lazyProduct(y.col(k).tail(n));
-    for (Index row = 0; row < compliance_.size(); ++row) {
-      if (compliance_[row] != 0.0) out[k] += 0.5 * rates[row] * rates[row] / compliance_[row];
-    }
+  if (compliance_.isZero(0.0)) return;
+  const Matrix by_angles = rows_at(y.topRows(n)).by_angles, omega = y.bottomRows(n);
+  for (Index row = 0; row < compliance_.size(); ++row) {
+    if (compliance_[row] == 0.0) continue;
+    Vector rates = Vector::Zero(batch.members);
+    add_products(Columns(by_angles, row, batch.members), Columns(omega), 1.0, n, batch.members,
+                 rates.data());
+    Eigen::Map<Vector>(out, batch.members) += 0.5 / compliance_[row] * rates.cwiseAbs2();
   }
 }
 
@@ -310,19 +384,17 @@ Scene::Linear Scene::linearised(const Batch& one, bool returns) const {
   Linear made;
   if (one.moments != nullptr) made.moments = Eigen::Map<const Vector>(one.moments, n);
   if (count == 0) return made;
-  const Vector theta = Eigen::Map<const Vector>(one.y, n);
-  const Vector omega = Eigen::Map<const Vector>(one.y + n, n);
-  Vector rates(2 * n), turned = omega;
+  const Eigen::Map<const Vector> theta(one.y, n), omega(one.y + n, n);
+  Matrix rates(2 * n, 1), turned = omega;
   chain_.rhs(one, rates.data());
   const Rows rows = rows_at(theta);
-  const Matrix response = solve(theta.replicate(1, count), rows.by_angles.transpose());
-  Vector acceleration = rates.tail(n);
+  const Matrix response = solve(theta.replicate(1, count), rows.by_angles);
+  Matrix acceleration = rates.bottomRows(n);
   const Forces forces = enforce(rows, response, returns, turned, acceleration);
   if (made.moments.size() == 0) made.moments = Vector::Zero(n);
-  made.moments += rows.by_angles.transpose() * forces.mu.col(0);
-  made.slopes = rows.turning.transpose() * forces.mu.col(0);
-  made.slowed =
-      rows.turning.middleRows(held_from_, value_.size()).transpose() * forces.lambda.col(0);
+  made.moments += rows.by_angles.lazyProduct(forces.mu);
+  made.slopes = rows.turning.lazyProduct(forces.mu);
+  made.slowed = rows.turning.middleCols(held_from_, held).lazyProduct(forces.lambda);
 
   std::vector<bool> idle(static_cast<std::size_t>(held + count), false);
   for (const Index row : forces.idle_lambda) idle[static_cast<std::size_t>(row)] = true;
@@ -336,24 +408,22 @@ Scene::Linear Scene::linearised(const Batch& one, bool returns) const {
     if (idle[static_cast<std::size_t>(i)]) continue;
     const bool of_place = i < held;
     const Index row = of_place ? held_from_ + i : i - held;
-    const auto own = rows.by_angles.row(row).array(), turning = rows.turning.row(row).array();
-    const auto curved = joints_.row(row).array() - own;
-    auto c = made.c.row(z).array(), e = made.e.row(z).array();
-    const auto w = omega.transpose().array();
-    const auto v = turned.transpose().array();
+    const Vector own = rows.by_angles.col(row), turning = rows.turning.col(row);
+    const Vector curved = joints_.row(row).transpose() - own;
+    auto c = made.c.row(z).transpose(), e = made.e.row(z).transpose();
     if (of_place) {
       c.head(n) = own;
-      e.head(n) = turning * v;
-      made.b.col(z).head(n) = own.transpose();
+      e.head(n) = turning.cwiseProduct(turned);
+      made.b.col(z).head(n) = own;
     } else {
-      c.head(n) = turning * w;
-      c.tail(n) = own;
-      e.head(n) = turning * acceleration.transpose().array() + curved * v * w;
-      e.tail(n) = turning * v;
+      c << turning.cwiseProduct(omega), own;
+      e.head(n) =
+          turning.cwiseProduct(acceleration) + curved.cwiseProduct(turned.cwiseProduct(omega));
+      e.tail(n) = turning.cwiseProduct(turned);
       made.b.col(z).tail(n) = response.col(row);
       made.compliance[z] = compliance_[row];
     }
-    if (held > 0 && row >= held_from_ && row < held_from_ + held) e += return_rate * c;
+    if (row >= held_from_ && row < held_from_ + held) e += return_rate * c;
     ++z;
   }
   return made;
@@ -397,17 +467,19 @@ double Scene::project_one(Vector& theta, Vector& omega) const {
   double least_missed = std::numeric_limits<double>::infinity();
   for (int step = 0; step < most_steps; ++step) {
     const Rows rows = rows_at(theta);
-    const auto by_angles = rows.by_angles.middleRows(held_from_, held);
-    Matrix system = by_angles.lazyProduct(by_angles.transpose());
+    const auto by_angles = rows.by_angles.middleCols(held_from_, held);
+    Matrix system = by_angles.transpose().lazyProduct(by_angles);
     Matrix lacking(held, 2);  // how far each coordinate is off its place, and its rate
-    lacking << rows.place.segment(held_from_, held) - value_, by_angles.lazyProduct(omega);
+    lacking << origin_.segment(held_from_, held) - value_ -
+                   rows.turning.middleCols(held_from_, held).colwise().sum().transpose(),
+        by_angles.transpose().lazyProduct(omega);
     const double missed = lacking.col(0).cwiseAbs().maxCoeff();
     if (missed < least_missed) {
       least_missed = missed;
       closest = theta;
     }
-    solve_rows(system, lacking, held);
-    const Matrix change = by_angles.transpose().lazyProduct(lacking);  // the least that does it
+    solve_member(system, lacking, held);
+    const Matrix change = by_angles.lazyProduct(lacking);  // the least that does it
     if (missed <= met) {
       omega -= change.col(1);
       break;

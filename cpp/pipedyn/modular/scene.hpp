@@ -120,21 +120,21 @@ class Scene {
   Vector origin_;
   Matrix across_, along_, joints_;
 
-  /// R, the derivative of each entry by its angle (rows, n), and w . q where w weighs nodes.
+  /// R and the derivative of each entry by its angle, (n, rows members) with the members of a row
+  /// together. Where it weighs nodes, w . q is origin_ less the sum of the derivatives.
   struct Rows {
     Matrix by_angles, turning;
-    Vector place;
   };
   Rows rows_at(const Matrix& theta) const;
-  /// lambda and mu, and the rows of each that follow from others.
+  /// lambda and mu (rows, members), and the rows of the last member that follow from others.
   struct Forces {
     Matrix lambda, mu;
     std::vector<Index> idle_lambda{}, idle_mu{};
   };
-  /// Of a state with the rates omega: turns these into theta', and the chain's accelerations into
-  /// omega'. response: X.
-  Forces enforce(const Rows& rows, const Eigen::Ref<const Matrix>& response, bool returns,
-                 Vector& omega, Vector& acceleration) const;
+  /// Turns the rates omega of states into theta', and the chain's accelerations into omega', (n,
+  /// members) both. response: X.
+  Forces enforce(const Rows& rows, const Matrix& response, bool returns, Matrix& omega,
+                 Matrix& acceleration) const;
   /// Turns the chain's rates into the scene's.
   void add_rows(const Batch& batch, bool returns, double* rates) const;
   double project_one(Vector& theta, Vector& omega) const;

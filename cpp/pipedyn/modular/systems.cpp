@@ -16,8 +16,21 @@ void SceneSystems::linearise(double t, const double* y, Index member) {
   about_ = scene_.linearised({state_.data(), &u_, 1, 0}, true);
 }
 
-SceneSystems::Complexes SceneSystems::constrained(const Eigen::Ref<const Matrix>& x) const {
-  const Matrix moved = about_.c * x, turned = about_.e * x;
+SceneSystems::Shifted SceneSystems::product(const Matrix& rows, const double* x) {
+  Shifted all = Shifted::Zero(rows.rows(), 2 * shifts);
+  for (Index i = 0; i < rows.rows(); ++i) {
+    Eigen::Matrix<double, 1, 2 * shifts> sum = Eigen::Matrix<double, 1, 2 * shifts>::Zero();
+    for (Index j = 0; j < rows.cols(); ++j) {
+      sum +=
+          rows(i, j) * Eigen::Map<const Eigen::Matrix<double, 1, 2 * shifts>>(x + 2 * shifts * j);
+    }
+    all.row(i) = sum;
+  }
+  return all;
+}
+
+SceneSystems::Complexes SceneSystems::constrained(const double* x) const {
+  const Shifted moved = product(about_.c, x), turned = product(about_.e, x);
   Complexes all(moved.rows(), shifts);
   for (Index s = 0; s < shifts; ++s) {
     for (Index i = 0; i < moved.rows(); ++i) {
@@ -42,7 +55,7 @@ void SceneSystems::factorise(const double* mu) {
     Matrix& response = responses_[static_cast<std::size_t>(z)];
     response.leftCols(shifts).colwise() = about_.b.col(z);
     chain.solve(u_, factors_.data(), response.data());
-    const Complexes column = constrained(response);
+    const Complexes column = constrained(response.data());
     for (Index s = 0; s < shifts; ++s) systems[s].col(z) = column.col(s);
   }
   for (Index s = 0; s < shifts && size > 0; ++s) {
@@ -52,22 +65,25 @@ void SceneSystems::factorise(const double* mu) {
 }
 
 void SceneSystems::solve(double* b) {
-  Eigen::Map<Matrix> x(b, state_.size(), 2 * shifts);
+  using Parts = Eigen::Array<double, 1, shifts>;
   const Index size = about_.b.cols();
-  const Matrix wanted = about_.c * x;
+  const Shifted wanted = product(about_.c, b);
   scene_.chain().solve(u_, factors_.data(), b);
   if (size == 0) return;
-  const Complexes found = constrained(x);
+  Complexes z = -constrained(b);
   for (Index s = 0; s < shifts; ++s) {
-    Eigen::VectorXcd z(size);
-    for (Index i = 0; i < size; ++i) {
-      z[i] = Complex(wanted(i, s), wanted(i, shifts + s)) - found(i, s);
-    }
-    z = systems_[s].solve(z).eval();
-    for (Index i = 0; i < size; ++i) {
-      const Matrix& response = responses_[static_cast<std::size_t>(i)];
-      x.col(s) += z[i].real() * response.col(s) - z[i].imag() * response.col(shifts + s);
-      x.col(shifts + s) += z[i].imag() * response.col(s) + z[i].real() * response.col(shifts + s);
+    for (Index i = 0; i < size; ++i) z(i, s) += Complex(wanted(i, s), wanted(i, shifts + s));
+    z.col(s) = systems_[s].solve(z.col(s)).eval();
+  }
+  for (Index i = 0; i < size; ++i) {
+    const Parts re = z.row(i).real(), im = z.row(i).imag();
+    const double* from = responses_[static_cast<std::size_t>(i)].data();
+    for (double *to = b, *end = b + 2 * shifts * state_.size(); to < end; to += 2 * shifts) {
+      const Eigen::Map<const Parts> by_re(from), by_im(from + shifts);
+      Eigen::Map<Parts> x_re(to), x_im(to + shifts);
+      x_re += re * by_re - im * by_im;
+      x_im += im * by_re + re * by_im;
+      from += 2 * shifts;
     }
   }
 }

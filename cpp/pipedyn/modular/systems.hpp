@@ -40,8 +40,11 @@ class SceneSystems final : public ShiftedSystems {
   std::vector<Matrix> responses_;  // S B, (2 n, 2 shifts) each
   Eigen::PartialPivLU<Complexes> systems_[shifts];
 
+  /// Real parts first (rows, 2 shifts).
+  using Shifted = Eigen::Matrix<double, Eigen::Dynamic, 2 * shifts, Eigen::RowMajor>;
+  static Shifted product(const Matrix& rows, const double* x);
   /// (mu C + E) x for each shift, (size of z, shifts).
-  Complexes constrained(const Eigen::Ref<const Matrix>& x) const;
+  Complexes constrained(const double* x) const;
 };
 
 }  // namespace pipedyn
