@@ -925,7 +925,7 @@ void check_scene_systems(Pipe pipe, Index n, Dice& dice) {
     Vector y(2 * n);
     y << theta, omega;
     Matrix jacobian(2 * n, 2 * n);
-    made.jacobian({y.data(), &u, 1, 0}, true, {}, jacobian.data());
+    made.jacobian({y.data(), &u, 1, 0}, Scene::return_rate, {}, jacobian.data());
     pipedyn::SceneSystems systems(made, [u](double, Index) { return u; });
     systems.linearise(0.0, y.data(), 0);
     check_shifted(jacobian, 1e-11, dice, [&](const double* mu, double* x) {

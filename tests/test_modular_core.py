@@ -333,20 +333,18 @@ def test_what_states_miss_guides_by_decays_at_the_return_rate(name):
     n, rate, held = scene.moving, scene.core.return_rate, scene._layout.held
     theta, omega = off_constraints(scene)
     rates = scene.motion.rhs_and_power(0.0, np.concatenate([theta, omega, [0.0]]), 3.0)[:-1]
-    turning = rates[:n]
+    np.testing.assert_array_equal(rates[:n], omega)
 
-    def of(angles, turned):
-        return np.split(scene.core.from_angles(angles, turned), 2)
-
-    places, moving = (part[held] for part in of(theta, turning))
-    np.testing.assert_allclose(moving, -rate * (places - scene._layout.held_values), atol=1e-12)
-
-    def speeds(h):
-        return of(theta + h * turning, omega + h * rates[n:])[1][held]
+    def off(h):
+        moved = scene.core.from_angles(theta + h * omega, omega + h * rates[n:])
+        places, speeds = (part[held] for part in np.split(moved, 2))
+        return places - scene._layout.held_values, speeds
 
     h = 1e-4
-    slope = (8.0 * (speeds(h) - speeds(-h)) - speeds(2.0 * h) + speeds(-2.0 * h)) / (12.0 * h)
-    np.testing.assert_allclose(slope, -rate * speeds(0.0), rtol=1e-7, atol=1e-7)
+    slope = (8.0 * (off(h)[1] - off(-h)[1]) - off(2.0 * h)[1] + off(-2.0 * h)[1]) / (12.0 * h)
+    missed, speed = off(0.0)
+    expected = -2.0 * rate * speed - rate**2 * missed
+    np.testing.assert_allclose(slope, expected, rtol=1e-7, atol=1e-7)
 
 
 # ----------------------------------------------------------------------------------------- energy

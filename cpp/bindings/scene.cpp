@@ -84,7 +84,7 @@ Numbers jacobian(const Scene& scene, const py::object& y, const py::object& u,
     batch.moments = further.emplace("moments", moments, scene.dof()).values.data();
   double* const out = result.mutable_data();
   const UnlockedFor unlocked(rows * work_of(scene) * states.members);
-  scene.jacobian(batch, returns, by_state, out);
+  scene.jacobian(batch, returns ? Scene::return_rate : 0.0, by_state, out);
   return result;
 }
 

@@ -252,81 +252,71 @@ Scene::Rows Scene::rows_at(const Matrix& theta) const {
 
 // -------------------------------------------------------------------------------------- motion
 
-Scene::Forces Scene::enforce(const Rows& rows, const Matrix& response, bool returns, Matrix& omega,
-                             Matrix& acceleration) const {
-  const Index n = dof(), members = omega.cols(), held = returns ? value_.size() : 0;
-  const Index count = compliance_.size();
+std::vector<Index> Scene::enforce(const Rows& rows, const Matrix& response, double rate,
+                                  const Matrix& omega, Matrix& acceleration, Matrix& forces) const {
+  const Index n = dof(), members = omega.cols(), count = compliance_.size();
   const auto of = [&](const Matrix& all, Index row) { return Columns(all, row, members); };
-  const auto own = [&](Index row) { return of(rows.by_angles, row); };
   const auto at = [&](Matrix& sums, Index row) { return sums.data() + row * members; };
-  Forces found{Matrix::Zero(held, members), Matrix::Zero(count, members)};
-  const Matrix given = omega;
-  if (held > 0) {
-    Matrix products = Matrix::Zero(held * held, members);
-    for (Index i = 0; i < held; ++i) {
-      const Index row = held_from_ + i;
-      add_products(own(row), Columns(given), 1.0, n, members, at(found.lambda, i));
-      found.mu.row(row) = -return_rate * found.lambda.row(i);
-      found.lambda.row(i).array() += return_rate * (origin_[row] - value_[i]);
-      found.lambda.row(i) -=
-          return_rate * rows.turning.middleCols(row * members, members).colwise().sum();
-      for (Index k = 0; k <= i; ++k) {
-        add_products(own(row), own(held_from_ + k), 1.0, n, members, at(products, i * held + k));
-        products.row(k * held + i) = products.row(i * held + k);
-      }
-    }
-    found.idle_lambda = solve_rows(products, found.lambda, held);
-    for (Index i = 0; i < held; ++i) {
-      add_column(own(held_from_ + i), at(found.lambda, i), -1.0, omega);
-    }
-  }
-  const Matrix turn = given.cwiseProduct(omega);
+  // What rows weigh and what their derivatives do, from the first that is held on for the return.
+  Matrix weighed = acceleration, turned = omega.cwiseAbs2();
+  forces = Matrix::Zero(count, members);
   Matrix products = Matrix::Zero(count * count, members);
   for (Index i = 0; i < count; ++i) {
-    add_products(own(i), Columns(acceleration), -1.0, n, members, at(found.mu, i));
-    add_products(of(rows.turning, i), Columns(turn), -1.0, n, members, at(found.mu, i));
+    const bool held = i >= held_from_ && i < held_from_ + value_.size();
+    if (held && i == held_from_) {
+      weighed += 2.0 * rate * omega;
+      turned.array() -= rate * rate;
+    } else if (!held && i > held_from_) {
+      weighed = acceleration;
+      turned = omega.cwiseAbs2();
+    }
+    if (held) forces.row(i).setConstant(rate * rate * (value_[i - held_from_] - origin_[i]));
+    add_products(of(rows.by_angles, i), Columns(weighed), -1.0, n, members, at(forces, i));
+    add_products(of(rows.turning, i), Columns(turned), -1.0, n, members, at(forces, i));
     for (Index k = 0; k <= i; ++k) {
-      add_products(own(i), of(response, k), 1.0, n, members, at(products, i * count + k));
+      add_products(of(rows.by_angles, i), of(response, k), 1.0, n, members,
+                   at(products, i * count + k));
       products.row(k * count + i) = products.row(i * count + k);
     }
     products.row(i * count + i).array() += compliance_[i];
   }
-  found.idle_mu = solve_rows(products, found.mu, count - (lends_ ? 1 : 0));
-  for (Index i = 0; i < count; ++i) add_column(of(response, i), at(found.mu, i), 1.0, acceleration);
-  return found;
+  std::vector<Index> idle = solve_rows(products, forces, count - (lends_ ? 1 : 0));
+  for (Index i = 0; i < count; ++i) add_column(of(response, i), at(forces, i), 1.0, acceleration);
+  return idle;
 }
 
-void Scene::add_rows(const Batch& batch, bool returns, double* rates) const {
+void Scene::add_rows(const Batch& batch, double rate, double* rates) const {
   const Index n = dof(), members = batch.members, count = compliance_.size();
   if (count == 0) return;
   constexpr Index most = 64;  // columns of X at once: whole packs, and what they need is cached
   const Index block = std::max<Index>(1, most / count);
   const Eigen::Map<const Matrix> y(batch.y, 2 * n, members);
   Eigen::Map<Matrix> out(rates, 2 * n, members);
+  Matrix forces;
   for (Index first = 0; first < members; first += block) {
     const Index here = std::min(block, members - first);
-    const Matrix theta = y.block(0, first, n, here);
-    Matrix omega = y.block(n, first, n, here), acceleration = out.block(n, first, n, here);
+    const Matrix theta = y.block(0, first, n, here), omega = y.block(n, first, n, here);
+    Matrix acceleration = out.block(n, first, n, here);
     const Rows rows = rows_at(theta);
-    enforce(rows, solve(theta.replicate(1, count), rows.by_angles), returns, omega, acceleration);
-    out.block(0, first, n, here) = omega;
+    enforce(rows, solve(theta.replicate(1, count), rows.by_angles), rate, omega, acceleration,
+            forces);
     out.block(n, first, n, here) = acceleration;
   }
 }
 
 void Scene::rhs(const Batch& batch, double* rates) const {
   chain_.rhs(batch, rates);
-  add_rows(batch, false, rates);
+  add_rows(batch, 0.0, rates);
 }
 
 void Scene::returning_rhs(const Batch& batch, double* rates) const {
   chain_.rhs(batch, rates);
-  add_rows(batch, true, rates);
+  add_rows(batch, return_rate, rates);
 }
 
 void Scene::rhs_and_power(const Batch& batch, double* rates) const {
   chain_.rhs_and_power(batch, rates);
-  add_rows(batch, true, rates);
+  add_rows(batch, return_rate, rates);
 }
 
 void Scene::redundant_rhs(const Batch& states, double* rates) const {
@@ -379,57 +369,46 @@ Matrix Scene::solve(const Matrix& theta, const Matrix& moments) const {
 
 // ---------------------------------------------------------------------------------- derivative
 
-Scene::Linear Scene::linearised(const Batch& one, bool returns) const {
-  const Index n = dof(), count = compliance_.size(), held = returns ? value_.size() : 0;
+Scene::Linear Scene::linearised(const Batch& one, double rate) const {
+  const Index n = dof(), count = compliance_.size();
   Linear made;
   if (one.moments != nullptr) made.moments = Eigen::Map<const Vector>(one.moments, n);
   if (count == 0) return made;
   const Eigen::Map<const Vector> theta(one.y, n), omega(one.y + n, n);
-  Matrix rates(2 * n, 1), turned = omega;
+  Matrix rates(2 * n, 1), forces;
   chain_.rhs(one, rates.data());
   const Rows rows = rows_at(theta);
   const Matrix response = solve(theta.replicate(1, count), rows.by_angles);
   Matrix acceleration = rates.bottomRows(n);
-  const Forces forces = enforce(rows, response, returns, turned, acceleration);
+  const std::vector<Index> idle = enforce(rows, response, rate, omega, acceleration, forces);
   if (made.moments.size() == 0) made.moments = Vector::Zero(n);
-  made.moments += rows.by_angles.lazyProduct(forces.mu);
-  made.slopes = rows.turning.lazyProduct(forces.mu);
-  made.slowed = rows.turning.middleCols(held_from_, held).lazyProduct(forces.lambda);
+  made.moments += rows.by_angles.lazyProduct(forces);
+  made.slopes = rows.turning.lazyProduct(forces);
 
-  std::vector<bool> idle(static_cast<std::size_t>(held + count), false);
-  for (const Index row : forces.idle_lambda) idle[static_cast<std::size_t>(row)] = true;
-  for (const Index row : forces.idle_mu) idle[static_cast<std::size_t>(held + row)] = true;
-  const Index size = std::count(idle.begin(), idle.end(), false);
-  made.c = made.e = Matrix::Zero(size, 2 * n);
-  made.b = Matrix::Zero(2 * n, size);
-  made.compliance = Vector::Zero(size);
+  const Index size = count - static_cast<Index>(idle.size());
+  made.r = Matrix(size, n);
+  made.e = Matrix(size, 2 * n);
+  made.x = Matrix(n, size);
+  made.compliance = Vector(size);
   Index z = 0;
-  for (Index i = 0; i < held + count; ++i) {
-    if (idle[static_cast<std::size_t>(i)]) continue;
-    const bool of_place = i < held;
-    const Index row = of_place ? held_from_ + i : i - held;
-    const Vector own = rows.by_angles.col(row), turning = rows.turning.col(row);
-    const Vector curved = joints_.row(row).transpose() - own;
-    auto c = made.c.row(z).transpose(), e = made.e.row(z).transpose();
-    if (of_place) {
-      c.head(n) = own;
-      e.head(n) = turning.cwiseProduct(turned);
-      made.b.col(z).head(n) = own;
-    } else {
-      c << turning.cwiseProduct(omega), own;
-      e.head(n) =
-          turning.cwiseProduct(acceleration) + curved.cwiseProduct(turned.cwiseProduct(omega));
-      e.tail(n) = turning.cwiseProduct(turned);
-      made.b.col(z).tail(n) = response.col(row);
-      made.compliance[z] = compliance_[row];
-    }
-    if (row >= held_from_ && row < held_from_ + held) e += return_rate * c;
+  for (Index i = 0; i < count; ++i) {
+    if (std::find(idle.begin(), idle.end(), i) != idle.end()) continue;
+    const double k = i >= held_from_ && i < held_from_ + value_.size() ? rate : 0.0;
+    const Vector own = rows.by_angles.col(i), turning = rows.turning.col(i);
+    const Vector curved = joints_.row(i).transpose() - own;
+    made.r.row(z) = own;
+    made.e.row(z) << (turning.cwiseProduct(acceleration + 2.0 * k * omega) +
+                      curved.cwiseProduct(omega.cwiseAbs2()) + k * k * own)
+                         .transpose(),
+        (2.0 * (turning.cwiseProduct(omega) + k * own)).transpose();
+    made.x.col(z) = response.col(i);
+    made.compliance[z] = compliance_[i];
     ++z;
   }
   return made;
 }
 
-void Scene::jacobian(const Batch& batch, bool returns, const Matrix& by_state, double* out) const {
+void Scene::jacobian(const Batch& batch, double rate, const Matrix& by_state, double* out) const {
   const Index n = dof(), rows = 2 * n, members = batch.members;
   const auto column = [members](const double* of, Index size, Index k) -> Vector {
     return Eigen::Map<const Matrix>(of, size, members).col(k);
@@ -440,20 +419,18 @@ void Scene::jacobian(const Batch& batch, bool returns, const Matrix& by_state, d
     if (batch.moments != nullptr) moments = column(batch.moments, n, k);
     const auto or_none = [](const Vector& of) { return of.size() > 0 ? of.data() : nullptr; };
     Batch one{y.data(), batch.u + k * batch.u_step, 1, 0, or_none(moments)};
-    const Linear about = linearised(one, returns);
+    const Linear about = linearised(one, rate);
     one.moments = or_none(about.moments);
     one.slopes = or_none(about.slopes);
     Eigen::Map<Matrix> whole(out + k * rows * rows, rows, rows);
     chain_.jacobian(one, whole.data());
-    if (by_state.size() > 0) {
-      whole.bottomRows(n) += solve(y.head(n).replicate(1, rows), by_state);
-    }
+    auto accelerations = whole.bottomRows(n);
+    if (by_state.size() > 0) accelerations += solve(y.head(n).replicate(1, rows), by_state);
     if (compliance_.size() == 0) continue;
-    whole.diagonal().head(n) -= about.slowed;
-    Matrix system = about.c * about.b;
+    Matrix system = about.r * about.x;
     system.diagonal() += about.compliance;
-    const Matrix missing = about.c * whole + about.e;
-    whole -= about.b * system.partialPivLu().solve(missing);
+    const Matrix missing = about.r * accelerations + about.e;
+    accelerations -= about.x * system.partialPivLu().solve(missing);
   }
 }
 

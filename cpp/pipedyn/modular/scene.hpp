@@ -18,21 +18,19 @@
 // where compliance is 0 of what is held and 1 of an inertia. A last segment may have no inertia but
 // that of a row, and M no inverse then: it is lent one, which a row with compliance -1 takes back.
 //
-// Integrators' states y = [theta, omega] may miss guides and pins by g, and their rates by R omega.
-// Both decay, g' = -k g and (R omega)' = -k R omega, k the return rate, as
+// Integrators' states may miss guides and pins by g. As critically damped oscillators return,
 //
-//   theta' = omega - R^T lambda,   omega' = M^-1 f + X mu
+//   (R theta')' = -2 k (R theta') - k^2 g,
 //
-// say, lambda and mu the least that do it. An integrator's errors off guides and pins do not grow
-// then, and a state that meets them moves as above (Gear, Leimkuhler and Gupta (1985) for lambda,
-// Baumgarte (1972) for the decay).
+// so that an integrator's errors off guides and pins do not grow, and a state that meets them moves
+// as above (Baumgarte 1972).
 //
-// Of changes x of a state the rates change by J x = J_0 x + B z, where J_0 holds z = [lambda, mu].
-// With C the derivatives of g and R omega, and C' those of C f at held rates f of the state,
+// Of changes x of a state the accelerations change by J x = J_0 x + X z, where J_0 holds z = mu. At
+// held accelerations the rows change by E x besides, from which z follows,
 //
-//   C J x + E x + compliance z = 0,   E = C' + k C,
+//   R J x + E x + compliance z = 0:
 //
-// from which z follows: the dense J in O(n^2) a row, (nu - J) x = b in O(n) a row.
+// the dense J in O(n^2) a row, (nu - J) x = b in O(n) a row.
 
 #pragma once
 
@@ -76,19 +74,18 @@ class Scene {
   /// Those of [theta, theta', work done] (2 n + 1, members).
   void rhs_and_power(const Batch& batch, double* rates) const;
 
-  /// J_0 and B of one state, and what z follows from. Rows that follow from others have no z.
+  /// What J_0 takes of one state, and what z follows from. Rows that follow from others have no z.
   struct Linear {
     Vector moments, slopes;  // of forces along the rows and further ones on the segments, and of
-                             // each by its segment's angle, for J_0; empty without any
-    Vector slowed;           // and what is subtracted from the diagonal of theta' by theta
-    Matrix c, e, b;          // (size of z, 2 n) twice, (2 n, size of z)
+                             // each by its segment's angle; empty without any
+    Matrix r, e, x;          // (size of z, n), (size of z, 2 n), (n, size of z)
     Vector compliance;
   };
-  /// returns: of states that return, else of `rhs`.
-  Linear linearised(const Batch& one, bool returns) const;
+  /// rate: k, 0 of `rhs`.
+  Linear linearised(const Batch& one, double rate) const;
   /// J of each member (members, 2 n, 2 n), row-major. by_state: derivatives of further moments
   /// (n, 2 n) of a single member, which are else held.
-  void jacobian(const Batch& batch, bool returns, const Matrix& by_state, double* out) const;
+  void jacobian(const Batch& batch, double rate, const Matrix& by_state, double* out) const;
 
   /// Energy of states [theta, theta']; 0 at rest on the straight pipe.
   void energy(const Batch& batch, double* out) const;
@@ -104,8 +101,8 @@ class Scene {
   Vector project(Matrix& theta, Matrix& omega) const;
   static constexpr double met = 1e-13;  // in L: a hundred times rounding
 
-  /// Rate k at which a state off guides and pins returns to them, as fast as flutter turns.
-  static constexpr double return_rate = 10.0;
+  /// Rate k at which a state off guides and pins returns to them, faster than flutter turns.
+  static constexpr double return_rate = 30.0;
 
  private:
   Vector length_;
@@ -126,17 +123,12 @@ class Scene {
     Matrix by_angles, turning;
   };
   Rows rows_at(const Matrix& theta) const;
-  /// lambda and mu (rows, members), and the rows of the last member that follow from others.
-  struct Forces {
-    Matrix lambda, mu;
-    std::vector<Index> idle_lambda{}, idle_mu{};
-  };
-  /// Turns the rates omega of states into theta', and the chain's accelerations into omega', (n,
-  /// members) both. response: X.
-  Forces enforce(const Rows& rows, const Matrix& response, bool returns, Matrix& omega,
-                 Matrix& acceleration) const;
+  /// Turns the chain's accelerations (n, members) into the scene's. response: X. forces becomes mu
+  /// (rows, members). Returns the rows of the last member that follow from others.
+  std::vector<Index> enforce(const Rows& rows, const Matrix& response, double rate,
+                             const Matrix& omega, Matrix& acceleration, Matrix& forces) const;
   /// Turns the chain's rates into the scene's.
-  void add_rows(const Batch& batch, bool returns, double* rates) const;
+  void add_rows(const Batch& batch, double rate, double* rates) const;
   double project_one(Vector& theta, Vector& omega) const;
 };
 

@@ -13,7 +13,7 @@ SceneSystems::SceneSystems(const Scene& scene, std::function<double(double, Inde
 void SceneSystems::linearise(double t, const double* y, Index member) {
   state_ = Eigen::Map<const Vector>(y, 2 * scene_.dof());
   u_ = speed_(t, member);
-  about_ = scene_.linearised({state_.data(), &u_, 1, 0}, true);
+  about_ = scene_.linearised({state_.data(), &u_, 1, 0}, Scene::return_rate);
 }
 
 SceneSystems::Shifted SceneSystems::product(const Matrix& rows, const double* x) {
@@ -29,8 +29,8 @@ SceneSystems::Shifted SceneSystems::product(const Matrix& rows, const double* x)
   return all;
 }
 
-SceneSystems::Complexes SceneSystems::constrained(const double* x) const {
-  const Shifted moved = product(about_.c, x), turned = product(about_.e, x);
+SceneSystems::Complexes SceneSystems::shifted_rows(const double* x) const {
+  const Shifted moved = product(about_.r, x + 2 * shifts * scene_.dof()), turned = product(about_.e, x);
   Complexes all(moved.rows(), shifts);
   for (Index s = 0; s < shifts; ++s) {
     for (Index i = 0; i < moved.rows(); ++i) {
@@ -43,7 +43,7 @@ SceneSystems::Complexes SceneSystems::constrained(const double* x) const {
 
 void SceneSystems::factorise(const double* mu) {
   const Chain& chain = scene_.chain();
-  const Index size = about_.b.cols();
+  const Index size = about_.x.cols();
   const auto or_none = [](const Vector& of) { return of.size() > 0 ? of.data() : nullptr; };
   chain.factorise({state_.data(), &u_, 1, 0, or_none(about_.moments), or_none(about_.slopes)}, mu,
                   factors_.data());
@@ -53,9 +53,9 @@ void SceneSystems::factorise(const double* mu) {
   for (Complexes& system : systems) system = Complexes::Zero(size, size);
   for (Index z = 0; z < size; ++z) {
     Matrix& response = responses_[static_cast<std::size_t>(z)];
-    response.leftCols(shifts).colwise() = about_.b.col(z);
+    response.bottomLeftCorner(scene_.dof(), shifts).colwise() = about_.x.col(z);
     chain.solve(u_, factors_.data(), response.data());
-    const Complexes column = constrained(response.data());
+    const Complexes column = shifted_rows(response.data());
     for (Index s = 0; s < shifts; ++s) systems[s].col(z) = column.col(s);
   }
   for (Index s = 0; s < shifts && size > 0; ++s) {
@@ -66,11 +66,11 @@ void SceneSystems::factorise(const double* mu) {
 
 void SceneSystems::solve(double* b) {
   using Parts = Eigen::Array<double, 1, shifts>;
-  const Index size = about_.b.cols();
-  const Shifted wanted = product(about_.c, b);
+  const Index size = about_.x.cols();
+  const Shifted wanted = product(about_.r, b + 2 * shifts * scene_.dof());
   scene_.chain().solve(u_, factors_.data(), b);
   if (size == 0) return;
-  Complexes z = -constrained(b);
+  Complexes z = -shifted_rows(b);
   for (Index s = 0; s < shifts; ++s) {
     for (Index i = 0; i < size; ++i) z(i, s) += Complex(wanted(i, s), wanted(i, shifts + s));
     z.col(s) = systems_[s].solve(z.col(s)).eval();

@@ -1,9 +1,10 @@
 // SPDX-License-Identifier: MIT
 //
 // (mu - J) x = b of a scene about states that meet guides and pins nearly. With S b the solution of
-// the chain that holds forces along rows (chain/shifted.hpp), and J_0, B, C, E as in scene.hpp,
+// the chain that holds forces along rows (chain/shifted.hpp), and R, E and X as in scene.hpp, R and
+// X of accelerations,
 //
-//   x = S (b + B z),   ((mu C + E) S B + compliance) z = C b - (mu C + E) S b.
+//   x = S (b + X z),   ((mu R + E) S X + compliance) z = R b - (mu R + E) S b.
 //
 // A chain's solve each, and one for each z where mu changes.
 #pragma once
@@ -37,14 +38,14 @@ class SceneSystems final : public ShiftedSystems {
   Scene::Linear about_;
   std::vector<double> factors_;
   Complex mu_[shifts];
-  std::vector<Matrix> responses_;  // S B, (2 n, 2 shifts) each
+  std::vector<Matrix> responses_;  // S X, (2 n, 2 shifts) each
   Eigen::PartialPivLU<Complexes> systems_[shifts];
 
   /// Real parts first (rows, 2 shifts).
   using Shifted = Eigen::Matrix<double, Eigen::Dynamic, 2 * shifts, Eigen::RowMajor>;
   static Shifted product(const Matrix& rows, const double* x);
-  /// (mu C + E) x for each shift, (size of z, shifts).
-  Complexes constrained(const double* x) const;
+  /// (mu R + E) x for each shift, (size of z, shifts).
+  Complexes shifted_rows(const double* x) const;
 };
 
 }  // namespace pipedyn

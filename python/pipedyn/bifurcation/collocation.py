@@ -41,13 +41,13 @@ def _condensed(
     """Derivatives of each interval's stages and of the state at its end.
 
     By the state at its beginning, a share of the residual, the frequency and the speed: of the
-    stages' rates, shape (M, s width, 2 moving + 3), and of the state, (M, 2 moving, 2 moving + 3).
+    stages' rates, shape (M, s moving, 2 moving + 3), and of the state, (M, 2 moving, 2 moving + 3).
     By the speed they are 0 where it does not vary.
     """
-    count, _, width = orbit.rates.shape
+    count, _, half = orbit.rates.shape
     size = motion.size
-    piece = max(1, 100_000 // (STAGES * width) ** 2)  # intervals whose 0.8 MB a cache holds
-    rates = np.empty((count, STAGES * width, size + 3))
+    piece = max(1, 100_000 // (STAGES * half) ** 2)  # intervals whose 0.8 MB a cache holds
+    rates = np.empty((count, STAGES * half, size + 3))
     ends = np.empty((count, size, size + 3))
     for i in range(0, count, piece):
         some = slice(i, i + piece)
@@ -61,43 +61,38 @@ def _eliminated(
     motion: VectorField, orbit: PeriodicOrbit, speed_varies: bool
 ) -> tuple[Array, Array]:
     """`_condensed` of a few intervals."""
-    count, _, width = orbit.rates.shape
-    size, u, twice = motion.size, orbit.u, orbit.twice
+    count, _, half = orbit.rates.shape
+    size, u = motion.size, orbit.u
     y, rows = stage_derivatives(motion, orbit)
     h, lag = orbit.durations[:, None, None], NODES[:, None]
-    right = np.empty((count, STAGES, width, size + 3))
+    right = np.empty((count, STAGES, half, size + 3))
     # Derivatives at fixed rates: of f by the first state, of the stages by time.
     right[..., :size] = rows
-    right[..., twice : 2 * twice] += (h * lag)[..., None] * rows[..., :twice]
-    by_time = np.zeros((count, STAGES, size))
-    by_time[..., :twice] = lag * orbit.starts[:, None, twice : 2 * twice]
-    by_time[..., :twice] += 2.0 * h * (TWICE @ orbit.rates[..., :twice])
-    by_time[..., twice:] = ONCE @ orbit.rates
+    right[..., half:size] += (h * lag)[..., None] * rows[..., :half]
+    by_time = np.empty((count, STAGES, size))
+    by_time[..., :half] = lag * orbit.starts[:, None, half:] + 2.0 * h * (TWICE @ orbit.rates)
+    by_time[..., half:] = ONCE @ orbit.rates
     by_frequency = -h / orbit.frequency * by_time
-    right[..., size] = motion(y, u)[-width:].T.reshape(orbit.rates.shape) - orbit.rates
+    right[..., size] = motion(y, u)[half:].T.reshape(orbit.rates.shape) - orbit.rates
     right[..., size + 1] = (rows @ by_frequency[..., None])[..., 0]
     right[..., size + 2] = 0.0
     if speed_varies:
-        right[..., size + 2] = motion.by_speed(y, u)[-width:].T.reshape(orbit.rates.shape)
+        right[..., size + 2] = motion.by_speed(y, u)[half:].T.reshape(orbit.rates.shape)
     # A rate moves its state by the first of these weights, and its position by the second.
     weights = np.stack([h * ONCE, h**2 * TWICE], axis=-1)[:, :, None]
-    if twice:
-        pairs = rows.reshape(count, STAGES, width, 2, twice)[:, :, :, ::-1]
-        matrix = -weights @ pairs
-    else:
-        matrix = -weights[..., :1] @ rows[:, :, :, None]
-    matrix = matrix.reshape(count, STAGES * width, STAGES * width)
-    matrix.reshape(count, -1)[:, :: STAGES * width + 1] += 1.0
+    pairs = rows.reshape(count, STAGES, half, 2, half)[:, :, :, ::-1]
+    matrix = (-weights @ pairs).reshape(count, STAGES * half, STAGES * half)
+    matrix.reshape(count, -1)[:, :: STAGES * half + 1] += 1.0
     factorised(count)
-    found = np.linalg.solve(matrix, right.reshape(count, STAGES * width, size + 3))
+    found = np.linalg.solve(matrix, right.reshape(count, STAGES * half, size + 3))
     moved = weights[:, -1, 0].transpose(0, 2, 1) @ found.reshape(count, STAGES, -1)
-    once, double = np.split(moved.reshape(count, 2, width, size + 3), 2, axis=1)
+    once, double = np.split(moved.reshape(count, 2, half, size + 3), 2, axis=1)
     ends = np.zeros((count, size, size + 3))
     ends.reshape(count, -1)[:, :: size + 4] = 1.0
-    ends[:, :twice, twice : 2 * twice] += h * np.eye(twice)
+    ends[:, :half, half:size] += h * np.eye(half)
     ends[..., size + 1] = by_frequency[:, -1]
-    ends[:, twice:] += once[:, 0]
-    ends[:, :twice] += double[:, 0, :twice]
+    ends[:, half:] += once[:, 0]
+    ends[:, :half] += double[:, 0]
     return np.asarray(found), ends
 
 
@@ -257,12 +252,12 @@ def state_units(motion: VectorField, orbit: PeriodicOrbit) -> Array:
 
 
 def stage_derivatives(motion: VectorField, orbit: PeriodicOrbit) -> tuple[Array, Array]:
-    """States at the stages, (2 moving, M s), and there derivatives of the rates solved for.
+    """States at the stages, (2 moving, M s), and derivatives of the accelerations there.
 
-    These have shape (M, s, width, 2 moving).
+    These have shape (M, s, moving, 2 moving).
     """
     y = np.ascontiguousarray(orbit.stages().reshape(-1, motion.size).T)
-    rows = motion.jacobians(y, orbit.u)[:, -motion.width :]
+    rows = motion.jacobians(y, orbit.u)[:, motion.half :]
     return y, rows.reshape(*orbit.rates.shape, motion.size)
 
 
@@ -360,7 +355,7 @@ def residual(motion: VectorField, orbit: PeriodicOrbit) -> float:
     """Largest |dy/dt - f(y)| half-way between the stages, of the accelerations, relative."""
     share = np.concatenate([[0.0], NODES])
     share = 0.5 * (share[:-1] + share[1:])
-    given = (integrals(share, 0) @ orbit.rates)[:, :, -motion.half :]
+    given = integrals(share, 0) @ orbit.rates
     phase = orbit.edges[:-1, None] + np.diff(orbit.edges)[:, None] * share
     true = motion(orbit.states(phase.ravel()), orbit.u)[motion.half :]
     return float(np.abs(given.reshape(true.T.shape) - true.T).max() / np.abs(true).max())

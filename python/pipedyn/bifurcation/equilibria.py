@@ -161,9 +161,8 @@ def equilibria(model: Model, u: float, starts: Sequence[Start] = ()) -> Equilibr
 class Statics:
     """Accelerations from rest and their derivatives, in the coordinates that integrators advance.
 
-    With guides and pins they are those along what these allow plus, for what they forbid, the rates
-    with which the motion returns to them: as many as unknowns, and zero together at an equilibrium
-    that meets the constraints.
+    Along what guides and pins forbid they lead back to these: all are zero only at an equilibrium
+    that meets them.
     """
 
     def __init__(self, model: Model) -> None:
@@ -174,21 +173,14 @@ class Statics:
         # Forces are affine in the square of the speed: balanced at two, they are so at any.
         self.always_rests = max(model.unbalanced(0.0), model.unbalanced(1.0)) <= BALANCED
 
-    def accelerations(self, x: Array, u: float) -> tuple[Array, Array]:
-        """Rates and accelerations of [x, 0], (moving,) each; rates are 0 but where guides are."""
-        y = np.concatenate([x, np.zeros(self.size)])
-        rates = self.motion(y[:, None], u)[:, 0]
-        return rates[: self.size], rates[self.size :]
-
-    def residuals(self, xs: Array, u: float) -> Array:
-        """Accelerations and returns to guides of rows x, (k, moving); NaN if too sharply bent."""
-        rates = self.motion(np.concatenate([xs.T, np.zeros_like(xs.T)]), u)
-        return np.asarray(rates[: self.size] + rates[self.size :]).T
+    def accelerations(self, xs: Array, u: float | Array) -> Array:
+        """Of rows x at rest, (k, moving), at one speed or k; NaN if too sharply bent."""
+        return self.motion(np.concatenate([xs.T, np.zeros_like(xs.T)]), u)[self.size :].T
 
     def jacobian(self, x: Array, p: float) -> Array:
-        """Derivative of a residual by x, (moving, moving); (k, ...) of k rows x."""
+        """Their derivative by x, (moving, moving); (k, ...) of k rows x."""
         whole = self.model.motion_jacobian(np.concatenate([x.T, np.zeros_like(x.T)]), abs(p))
-        return whole[..., self.size :, : self.size] + whole[..., : self.size, : self.size]
+        return whole[..., self.size :, : self.size]
 
     def steps(self, xs: Array, residuals: Array, u: float) -> Array:
         """Newton's steps from the rows of xs, (k, moving); not finite where there is none."""
@@ -201,10 +193,8 @@ class Statics:
         return np.asarray(found[:, :, 0])
 
     def equations(self, x: Array, p: float) -> tuple[Array, Array]:
-        """A residual, affine in the square of the speed, and its derivative by x and the speed."""
-        y = np.concatenate([x, np.zeros(self.size)])
-        rates = self.motion(np.stack([y, y], axis=1), np.array([0.0, 1.0]))
-        still, at_one = (rates[: self.size] + rates[self.size :]).T
+        """Accelerations, affine in the square of the speed, with derivatives by x and the speed."""
+        still, at_one = self.accelerations(np.stack([x, x]), np.array([0.0, 1.0]))
         by_square = at_one - still
         derivative = np.column_stack([self.jacobian(x, p), 2.0 * p * by_square])
         return still + p**2 * by_square, derivative
@@ -215,22 +205,22 @@ class Statics:
 
     def solved(self, x: Array, u: float) -> Array:
         """The equilibrium near a configuration; raises `NewtonFailed` if none is found."""
-        # Steps are shortened to a tenth of 1 rad plus the size of x, so that they lead to one near
-        # the start: at 0.2 a bent pipe in a guide became straight. 100 lead to thousands of rad.
-        control = Control(longest=math.inf, longest_change=0.1, iterations=100)
+        # Steps are shortened to 0.05 of 1 rad plus the size of x, so that they lead to one near the
+        # start: at 0.1 a bent pipe in a guide became straight. 100 lead to hundreds of rad.
+        control = Control(longest=math.inf, longest_change=0.05, iterations=100)
         problem = DenseProblem(self.equations, self.size, 1.0, control)
         return problem.fixed(np.append(x, u), u)[:-1]
 
     def unbalanced(self, x: Array, u: float) -> float:
-        """Largest force left, in units of 1 + |gamma| + a u^2, and how far guides are missed."""
-        rates, turning = self.accelerations(x, u)
-        missed = float(np.abs(rates).max())
-        if not missed < 1e-9:  # `operators` takes no configuration that misses a guide
-            return math.inf
-        along = self.model.free_directions(x).T @ turning if self.motion.constrained else turning
+        """Largest force left, in units of 1 + |gamma| + a u^2; infinite where guides are missed."""
         pipe = self.model.pipe
         size = 1.0 + abs(pipe.gamma) + pipe.centrifugal * u**2
-        return float(np.abs(self.model.operators(x).mass @ along).max()) / size + missed
+        try:
+            turning, free = self.accelerations(x[None], u)[0], self.model.free_directions(x)
+            force = self.model.operators(x).mass @ (free.T @ turning)
+        except ValueError:  # x misses a guide or pin
+            return math.inf
+        return float(np.abs(force).max()) / size
 
     def eigenvalues(self, x: Array, u: float) -> Complex:
         """Of small motions about an equilibrium, shape (2 dof,)."""
@@ -306,7 +296,7 @@ def _balanced(statics: Statics, u: float, starts: list[Array], longest: float) -
         size, least = np.full((2, len(x)), math.inf)
         for _ in range(ITERATIONS):
             moved = x + share[:, None] * step
-            residual = statics.residuals(moved, u)
+            residual = statics.accelerations(moved, u)
             left = np.linalg.norm(residual, axis=1)
             lower = left <= (1.0 - 0.1 * share) * least
             share[~lower] *= 0.25

@@ -182,7 +182,7 @@ def _eigenvalues(motion: VectorField, orbit: PeriodicOrbit, maps: Array, units: 
         try:
             left, right = through(maps)
             if motion.constrained:
-                allowed = _constrained_directions(motion, orbit.starts[0]) / units[:, None]
+                allowed = motion.model.motion.free_directions(orbit.starts[0]) / units[:, None]
                 allowed, _ = np.linalg.qr(allowed)
                 left = allowed.T @ np.linalg.solve(right, left @ allowed)
                 right = np.eye(len(left))
@@ -207,18 +207,6 @@ def _turns(motion: VectorField, orbit: PeriodicOrbit) -> Array:
     rates = np.linalg.eigvals(motion.jacobians(some, orbit.u))
     persist = rates.real > -25.0 * orbit.frequency / orbit.span
     return np.asarray(orbit.durations * np.abs(rates[persist]).max(initial=0.0))
-
-
-def _constrained_directions(motion: VectorField, y: Array) -> Array:
-    """An orthonormal basis of the perturbations of a state that meet the constraints."""
-    h = 1e-5
-    moves = h * np.eye(y.size)
-    ahead, behind = (
-        np.concatenate(motion.model.motion.projected(*np.split(y[:, None] + sign * moves, 2)))
-        for sign in (1.0, -1.0)
-    )
-    vectors, _, _ = np.linalg.svd((ahead - behind) / (2.0 * h))
-    return np.asarray(vectors[:, : 2 * motion.model.dof])
 
 
 # ----------------------------------------------------------------- what passes the unit circle

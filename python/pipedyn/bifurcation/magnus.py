@@ -53,13 +53,12 @@ def interval_maps(rows: Array, durations: Array, units: Array, parts: NDArray[np
     """The maps of changes of a state [p, p'] over intervals, in units of the state, (M, n, n).
 
     Args:
-        rows: derivatives of p'' by the state at the stages of each interval, (M, s, n / 2, n), or
-            of both where p' is not the rate of p, (M, s, n, n).
+        rows: derivatives of p'' by the state at the stages of each interval, (M, s, n / 2, n).
         durations: of the intervals, (M,).
         units: of the state, those of p all 1, those of p' all alike, (n,).
         parts: into how many each interval is divided, (M,).
     """
-    width, size = rows.shape[2:]
+    half, size = rows.shape[2:]
     maps = np.empty((len(rows), size, size))
     for count in np.unique(parts).tolist():
         piece = max(1, CACHED // (count * size**2))
@@ -68,8 +67,8 @@ def interval_maps(rows: Array, durations: Array, units: Array, parts: NDArray[np
             in_time()
             weights = np.stack(_moments(count)).reshape(2 * count, STAGES)
             scaled = rows[some].reshape(some.size, STAGES, -1) * durations[some, None, None]
-            both = (weights @ scaled).reshape(some.size, 2, count, width, size)
-            both *= units / units[-width:, None]
+            both = (weights @ scaled).reshape(some.size, 2, count, half, size)
+            both *= units / units[half:, None]
             step = durations[some, None, None, None] / count * units[-1]
             factors = exponentials(_exponents(both[:, 0], both[:, 1], step))
             whole = factors[:, 0]
@@ -80,10 +79,8 @@ def interval_maps(rows: Array, durations: Array, units: Array, parts: NDArray[np
 
 
 def _exponents(b0: Array, b1: Array, step: Array) -> Array:
-    """b0 - [b0, b1]; where their lower halves are given, (..., n / 2, n), p in b0 is step p'."""
+    """b0 - [b0, b1] from their lower halves, (..., n / 2, n): of p b0 has step p' and b1 nothing."""
     half, size = b0.shape[-2:]
-    if half == size:
-        return np.asarray(b0 - b0 @ b1 + b1 @ b0)
     made = np.empty((*b0.shape[:-2], size, size))
     top, bottom = made[..., :half, :], made[..., half:, :]
     np.multiply(-step, b1, out=top)

@@ -94,7 +94,7 @@ def from_hopf(
     turn = np.exp(1j * stage_phases(edges))[..., None]
     starts = (point.mode * np.exp(1j * edges[:-1])[:, None]).real
     # Those of the mode and not of the forces, which at large amplitudes are far from them.
-    rates = (1j * point.frequency * point.mode[-motion.width :] * turn).real
+    rates = (1j * point.frequency * point.mode[motion.half :] * turn).real
     still = point.rest + np.zeros_like(starts), np.zeros_like(rates)
     base = PeriodicOrbit(edges, *still, point.frequency, point.speed)
     mode = np.concatenate([starts.ravel(), rates.ravel(), [0.0, 0.0]])

@@ -62,8 +62,7 @@ class PeriodicOrbit:
 
     edges: Array = field(repr=False)  # phases at which intervals end, from 0 on, shape (M + 1,)
     starts: Array = field(repr=False)  # states where they begin, shape (M, 2 moving)
-    # Accelerations at the stages, with constraints rates of whole states, shape (M, s, width).
-    rates: Array = field(repr=False)
+    rates: Array = field(repr=False)  # accelerations at the stages, shape (M, s, moving)
     frequency: float
     u: float
 
@@ -86,11 +85,6 @@ class PeriodicOrbit:
     def half(self) -> int:
         """Number of positions in a state."""
         return int(self.starts.shape[1]) // 2
-
-    @property
-    def twice(self) -> int:
-        """Number of positions that are their accelerations integrated twice."""
-        return int(self.starts.shape[1] - self.rates.shape[2])
 
     @property
     def size(self) -> float:
@@ -122,19 +116,18 @@ class PeriodicOrbit:
         """States at shares of some intervals, with weights of the rates in both integrals."""
         starts, rates, h = self.starts[where], self.rates[where], self.durations[where, None, None]
         y: Array = starts[:, None] + np.zeros((1, share.shape[-2], 1))
-        y[..., : self.twice] += h * share * starts[:, None, self.twice : 2 * self.twice]
-        y[..., : self.twice] += h**2 * (twice @ rates[..., : self.twice])
-        y[..., self.twice :] += h * (once @ rates)
+        y[..., : self.half] += h * share * starts[:, None, self.half :] + h**2 * (twice @ rates)
+        y[..., self.half :] += h * (once @ rates)
         return y
 
     def defects(self) -> Array:
         """Share of the largest velocity that an interval's last two polynomials add, shape (M,)."""
-        last = np.abs(TO_LEGENDRE[-2:] @ self.rates[:, :, -self.half :])
+        last = np.abs(TO_LEGENDRE[-2:] @ self.rates)
         velocity = np.abs(self.starts[:, self.half :]).max()
         return self.durations * last.sum(axis=1).max(axis=1) / velocity
 
     def packed(self) -> Array:
-        """Unknowns: states, rates, frequency and speed, shape (M (2 moving + s width) + 2,)."""
+        """Unknowns: states, rates, frequency and speed, shape (M (2 + s) moving + 2,)."""
         return np.concatenate([self.starts.ravel(), self.rates.ravel(), [self.frequency, self.u]])
 
     def unpacked(self, z: Array) -> PeriodicOrbit:
@@ -183,9 +176,8 @@ def interpolated(
     u: float,
 ) -> PeriodicOrbit:
     """An orbit through states [p, p'], a function of phases (k,) to (2 moving, k), on a mesh."""
-    width = motion.width
-    rates = motion(states(stage_phases(edges).ravel()), u)[-width:]
-    rates = np.ascontiguousarray(rates.T).reshape(edges.size - 1, STAGES, width)
+    rates = motion(states(stage_phases(edges).ravel()), u)[motion.half :]
+    rates = np.ascontiguousarray(rates.T).reshape(edges.size - 1, STAGES, motion.half)
     return PeriodicOrbit(edges, states(edges[:-1]).T.copy(), rates, frequency, u)
 
 

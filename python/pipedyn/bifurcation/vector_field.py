@@ -21,9 +21,7 @@ class VectorField:
         self.half = model.moving
         self.size = 2 * model.moving
         self.constrained = model.moving != model.dof
-        """Whether guides and pins hold p, which where it misses them has not the rate p'."""
-        self.width = self.size if self.constrained else self.half
-        """Number of rates solved for: accelerations, the last ones; with constraints all."""
+        """Whether guides and pins hold p."""
         self.evaluations = 0
 
     def _count(self, states: int) -> None:

@@ -118,6 +118,15 @@ class SceneMotion:
             of[:, missed > self.core.met] = np.nan
         return met[0].reshape(theta.shape), met[1].reshape(theta.shape)
 
+    def free_directions(self, y: Array) -> Array:
+        """Orthonormal changes of [theta, theta'] that guides and pins leave, (2 n, 2 dof)."""
+        theta, omega = np.split(y, 2)
+        by_angles = self.layout.rows(theta)
+        drift = omega[:, None] * self.layout.rows(theta + 0.5 * math.pi)
+        held = np.block([[by_angles, drift], [np.zeros_like(drift), by_angles]])
+        vectors, _, _ = np.linalg.svd(held)
+        return np.asarray(vectors[:, 2 * self.layout.independent.size :])
+
     def jacobian(self, y: Array, u: float, returns: bool = True) -> Array:
         """Derivative of the angles' rates by [theta, theta'], (2 n, 2 n), or (k, ...) of k states.
 
