@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <numeric>
 #include <stdexcept>
 #include <string>
 #include <utility>
@@ -15,15 +16,11 @@ namespace pipedyn {
 
 namespace {
 
-/// Sine and cosine of every entry.
-struct Turned {
-  Matrix sine, cosine;
-
-  explicit Turned(const Matrix& theta)
-      : sine(theta.rows(), theta.cols()), cosine(theta.rows(), theta.cols()) {
-    motion_kernel().sincos(theta.data(), theta.size(), sine.data(), cosine.data());
-  }
-};
+void turn(const Matrix& theta, Matrix& sine, Matrix& cosine) {
+  sine.resizeLike(theta);
+  cosine.resizeLike(theta);
+  motion_kernel().sincos(theta.data(), theta.size(), sine.data(), cosine.data());
+}
 
 void require(const char* name, Index size, Index expected) {
   if (size != expected) {
@@ -31,6 +28,8 @@ void require(const char* name, Index size, Index expected) {
                                 " entries, got " + std::to_string(size));
   }
 }
+
+constexpr double no_flow = 0.0;
 
 /// Whether the last segment turns without inertia: chains refuse one whose centre of mass and
 /// radius of gyration are so near to its joint, in L, that its inertia is lost in the others'
@@ -57,14 +56,17 @@ std::vector<Index> solve_member(Matrix& s, Matrix& right, Index positive) {
   constexpr double smallest = 1e-20;   // and this against the largest diagonal
   constexpr double massless = 1e-10;   // of the inertia lent, which the diagonal is a share of
   const Index count = s.rows();
-  const Vector diagonal = s.diagonal();
+  thread_local Vector diagonal;
+  thread_local std::vector<Index> order;  // those done and, from `left` on, those that are not
+  diagonal = s.diagonal();
   const double least = smallest * diagonal.cwiseAbs().maxCoeff();
-  std::vector<Index> order, left(static_cast<std::size_t>(count));
-  for (Index i = 0; i < count; ++i) left[static_cast<std::size_t>(i)] = i;
-  while (!left.empty()) {
-    auto best = left.end();
+  order.resize(static_cast<std::size_t>(count));
+  std::iota(order.begin(), order.end(), 0);
+  auto left = order.begin();
+  for (; left != order.end(); ++left) {
+    auto best = order.end();
     double most = 0.0;
-    for (auto i = left.begin(); i != left.end() && *i < positive; ++i) {
+    for (auto i = left; i != order.end() && *i < positive; ++i) {
       const double pivot = s(*i, *i);
       if (pivot > least && pivot > redundant * diagonal[*i] && pivot / diagonal[*i] > most) {
         most = pivot / diagonal[*i];
@@ -72,79 +74,71 @@ std::vector<Index> solve_member(Matrix& s, Matrix& right, Index positive) {
       }
     }
     // What is left of these follows from others.
-    if (best == left.end()) best = std::lower_bound(left.begin(), left.end(), positive);
-    if (best == left.end()) break;
+    if (best == order.end()) best = std::lower_bound(left, order.end(), positive);
+    if (best == order.end()) break;
     const Index row = *best;
     if (row >= positive && !(std::abs(s(row, row)) > massless)) {
       right.setConstant(std::numeric_limits<double>::quiet_NaN());
       return {};
     }
-    left.erase(best);
-    order.push_back(row);
-    for (const Index other : left) {
-      const double factor = s(other, row) / s(row, row);
-      for (const Index column : left) s(other, column) -= factor * s(row, column);
-      right.row(other) -= factor * right.row(row);
+    std::rotate(left, best, best + 1);
+    for (auto i = left + 1; i != order.end(); ++i) {
+      const double factor = s(*i, row) / s(row, row);
+      for (auto j = left + 1; j != order.end(); ++j) s(*i, *j) -= factor * s(row, *j);
+      right.row(*i) -= factor * right.row(row);
     }
   }
-  for (const Index row : left) right.row(row).setZero();
-  for (auto row = order.rbegin(); row != order.rend(); ++row) {
-    for (auto later = order.rbegin(); later != row; ++later) {
+  for (auto row = left; row != order.end(); ++row) right.row(*row).setZero();
+  for (auto row = left; row-- != order.begin();) {
+    for (auto later = row + 1; later != left; ++later) {
       right.row(*row) -= s(*row, *later) * right.row(*later);
     }
     right.row(*row) /= s(*row, *row);
   }
-  return left;
+  return {left, order.end()};
 }
 
 /// The same of several members, s of each in a column, by rows; what is idle of the last.
 std::vector<Index> solve_rows(const Matrix& systems, Matrix& right, Index positive) {
   const Index size = right.rows();
   std::vector<Index> idle;
+  thread_local Matrix system, column;
   for (Index k = 0; k < right.cols(); ++k) {
-    Matrix system = systems.col(k).reshaped<Eigen::RowMajor>(size, size), column = right.col(k);
+    system = systems.col(k).reshaped<Eigen::RowMajor>(size, size);
+    column = right.col(k);
     idle = solve_member(system, column, positive);
     right.col(k) = column;
   }
   return idle;
 }
 
-/// Rows of numbers of some members, each `stride` after the one before.
+/// n rows of numbers of some members, each `stride` after the one before.
 struct Columns {
   const double* from;
   Index stride;
 
-  explicit Columns(const Matrix& all, Index row = 0, Index members = 0)
-      : from(all.data() + row * members), stride(all.cols()) {}
   const double* operator[](Index j) const { return from + j * stride; }
 };
 
-/// Adds factor times the sums over n rows of products, for so many members from `first` on.
-template <Index count>
-void add_some_products(const Columns& a, const Columns& b, double factor, Index n, Index first,
-                       double* sums) {
-  double own[count] = {};
-  for (Index j = 0; j < n; ++j) {
-    const double *x = a[j] + first, *y = b[j] + first;
-    for (Index k = 0; k < count; ++k) own[k] += x[k] * y[k];
-  }
-  for (Index k = 0; k < count; ++k) sums[first + k] += factor * own[k];
-}
-
-void add_products(const Columns& a, const Columns& b, double factor, Index n, Index members,
-                  double* sums) {
+/// Work on some of the members from the first on, eight at once, then one after the other.
+template <class Work>
+void for_some(Index members, const Work& work) {
   constexpr Index some = 8;
-  Index k = 0;
-  for (; k + some <= members; k += some) add_some_products<some>(a, b, factor, n, k, sums);
-  for (; k < members; ++k) add_some_products<1>(a, b, factor, n, k, sums);
+  Index first = 0;
+  for (; first + some <= members; first += some) work.template operator()<some>(first);
+  for (; first < members; ++first) work.template operator()<1>(first);
 }
 
-/// Adds to each member its column of a, so many times.
-void add_column(const Columns& a, const double* times, double factor, Matrix& sum) {
-  for (Index j = 0; j < sum.rows(); ++j) {
-    double* const row = sum.data() + j * sum.cols();
-    for (Index k = 0; k < sum.cols(); ++k) row[k] += factor * times[k] * a[j][k];
-  }
+/// Sums over n rows of products.
+void set_products(const Columns& a, const Columns& b, Index n, Index members, double* sums) {
+  for_some(members, [&]<Index count>(Index first) {
+    double own[count] = {};
+    for (Index j = 0; j < n; ++j) {
+      const double *x = a[j] + first, *y = b[j] + first;
+      for (Index k = 0; k < count; ++k) own[k] += x[k] * y[k];
+    }
+    std::copy_n(own, count, sums + first);
+  });
 }
 
 }  // namespace
@@ -205,7 +199,8 @@ Matrix Scene::redundant(const Matrix& theta, const Matrix& omega) const {
   require("theta", theta.rows(), n);
   require("omega", omega.rows(), n);
   require("a row of omega", omega.cols(), members);
-  const auto [sine, cosine] = Turned(theta);
+  Matrix sine, cosine;
+  turn(theta, sine, cosine);
   Matrix states(2 * size, members);
   for (Index k = 0; k < members; ++k) {
     double x = 0.0, y = base_, vx = 0.0, vy = 0.0;
@@ -233,55 +228,77 @@ Matrix Scene::angles(const Batch& states) const {
   return made;
 }
 
-Scene::Rows Scene::rows_at(const Matrix& theta) const {
-  const auto [sine, cosine] = Turned(theta);
+void Scene::set_rows(const Matrix& theta, Rows& rows) const {
   const Index n = dof(), members = theta.cols(), count = compliance_.size();
-  Rows made{Matrix(n, count * members), Matrix(n, count * members)};
+  turn(theta, rows.sine, rows.cosine);
+  rows.by_angles.resize(n, count * members);
+  rows.turning.resize(n, count * members);
   for (Index j = 0; j < n; ++j) {
+    const double* const sine = rows.sine.data() + j * members;
+    const double* const cosine = rows.cosine.data() + j * members;
     for (Index i = 0; i < count; ++i) {
       const double x = across_(i, j), y = along_(i, j), own = joints_(i, j);
+      double* const by_angle = rows.by_angles.data() + (j * count + i) * members;
+      double* const turning = rows.turning.data() + (j * count + i) * members;
       for (Index k = 0; k < members; ++k) {
-        const double s = sine(j, k), c = cosine(j, k);
-        made.turning(j, i * members + k) = -x * s - y * c;
-        made.by_angles(j, i * members + k) = own + x * c - y * s;
+        turning[k] = -x * sine[k] - y * cosine[k];
+        by_angle[k] = own + x * cosine[k] - y * sine[k];
       }
     }
   }
-  return made;
 }
 
 // -------------------------------------------------------------------------------------- motion
 
-std::vector<Index> Scene::enforce(const Rows& rows, const Matrix& response, double rate,
-                                  const Matrix& omega, Matrix& acceleration, Matrix& forces) const {
-  const Index n = dof(), members = omega.cols(), count = compliance_.size();
-  const auto of = [&](const Matrix& all, Index row) { return Columns(all, row, members); };
-  const auto at = [&](Matrix& sums, Index row) { return sums.data() + row * members; };
-  // What rows weigh and what their derivatives do, from the first that is held on for the return.
-  Matrix weighed = acceleration, turned = omega.cwiseAbs2();
-  forces = Matrix::Zero(count, members);
-  Matrix products = Matrix::Zero(count * count, members);
+std::vector<Index> Scene::enforce(const Matrix& theta, Rows& rows, double rate, const double* omega,
+                                  double* acceleration, Index stride) const {
+  const Index n = dof(), members = theta.cols(), count = compliance_.size();
+  const Index columns = count * members;
+  set_rows(theta, rows);
+  rows.still.setZero(2 * n, columns);
+  rows.still.topRows(n) = theta.replicate(1, count);
+  rows.response.resize(2 * n, columns);
+  inertia_.rhs({rows.still.data(), &no_flow, columns, 0, rows.by_angles.data()},
+               rows.response.data());
+  const auto of = [&](const Matrix& all, Index row) {
+    return Columns{all.data() + row * members, columns};
+  };
+  const auto response = [&](Index row) {
+    return Columns{rows.response.data() + n * columns + row * members, columns};
+  };
+  rows.products.resize(count * count, members);
+  rows.forces.resize(count, members);
   for (Index i = 0; i < count; ++i) {
     const bool held = i >= held_from_ && i < held_from_ + value_.size();
-    if (held && i == held_from_) {
-      weighed += 2.0 * rate * omega;
-      turned.array() -= rate * rate;
-    } else if (!held && i > held_from_) {
-      weighed = acceleration;
-      turned = omega.cwiseAbs2();
+    const double k = held ? rate : 0.0;
+    const double place = held ? k * k * (value_[i - held_from_] - origin_[i]) : 0.0;
+    const Columns own = of(rows.by_angles, i), turning = of(rows.turning, i);
+    for_some(members, [&]<Index some>(Index first) {
+      double sum[some] = {};
+      for (Index j = 0; j < n; ++j) {
+        const double *a = own[j] + first, *b = turning[j] + first;
+        const double *w = omega + j * stride + first, *rates = acceleration + j * stride + first;
+        for (Index m = 0; m < some; ++m) {
+          sum[m] += a[m] * (rates[m] + 2.0 * k * w[m]) + b[m] * (w[m] * w[m] - k * k);
+        }
+      }
+      for (Index m = 0; m < some; ++m) rows.forces(i, first + m) = place - sum[m];
+    });
+    for (Index other = 0; other <= i; ++other) {
+      double* const product = &rows.products(i * count + other, 0);
+      set_products(own, response(other), n, members, product);
+      std::copy_n(product, members, &rows.products(other * count + i, 0));
     }
-    if (held) forces.row(i).setConstant(rate * rate * (value_[i - held_from_] - origin_[i]));
-    add_products(of(rows.by_angles, i), Columns(weighed), -1.0, n, members, at(forces, i));
-    add_products(of(rows.turning, i), Columns(turned), -1.0, n, members, at(forces, i));
-    for (Index k = 0; k <= i; ++k) {
-      add_products(of(rows.by_angles, i), of(response, k), 1.0, n, members,
-                   at(products, i * count + k));
-      products.row(k * count + i) = products.row(i * count + k);
-    }
-    products.row(i * count + i).array() += compliance_[i];
+    rows.products.row(i * count + i).array() += compliance_[i];
   }
-  std::vector<Index> idle = solve_rows(products, forces, count - (lends_ ? 1 : 0));
-  for (Index i = 0; i < count; ++i) add_column(of(response, i), at(forces, i), 1.0, acceleration);
+  std::vector<Index> idle = solve_rows(rows.products, rows.forces, count - (lends_ ? 1 : 0));
+  for (Index i = 0; i < count; ++i) {
+    const double* const force = &rows.forces(i, 0);
+    for (Index j = 0; j < n; ++j) {
+      const double* const by_force = response(i)[j];
+      for (Index m = 0; m < members; ++m) acceleration[j * stride + m] += force[m] * by_force[m];
+    }
+  }
   return idle;
 }
 
@@ -289,18 +306,13 @@ void Scene::add_rows(const Batch& batch, double rate, double* rates) const {
   const Index n = dof(), members = batch.members, count = compliance_.size();
   if (count == 0) return;
   constexpr Index most = 64;  // columns of X at once: whole packs, and what they need is cached
-  const Index block = std::max<Index>(1, most / count);
-  const Eigen::Map<const Matrix> y(batch.y, 2 * n, members);
-  Eigen::Map<Matrix> out(rates, 2 * n, members);
-  Matrix forces;
+  const Index block = std::max<Index>(1, most / count), below = n * members;
+  const Eigen::Map<const Matrix> angles(batch.y, n, members);
+  thread_local Matrix theta;
+  thread_local Rows rows;
   for (Index first = 0; first < members; first += block) {
-    const Index here = std::min(block, members - first);
-    const Matrix theta = y.block(0, first, n, here), omega = y.block(n, first, n, here);
-    Matrix acceleration = out.block(n, first, n, here);
-    const Rows rows = rows_at(theta);
-    enforce(rows, solve(theta.replicate(1, count), rows.by_angles), rate, omega, acceleration,
-            forces);
-    out.block(n, first, n, here) = acceleration;
+    theta = angles.middleCols(first, std::min(block, members - first));
+    enforce(theta, rows, rate, batch.y + below + first, rates + below + first, members);
   }
 }
 
@@ -324,7 +336,8 @@ void Scene::redundant_rhs(const Batch& states, double* rates) const {
   const Matrix y = angles(states);
   Matrix turning(2 * n, members);
   rhs({y.data(), states.u, members, states.u_step, states.moments}, turning.data());
-  const auto [sine, cosine] = Turned(y.topRows(n));
+  Matrix sine, cosine;
+  turn(y.topRows(n), sine, cosine);
   Eigen::Map<Matrix> out(rates, 2 * size, members);
   out.topRows(size) = Eigen::Map<const Matrix>(states.y, 2 * size, members).bottomRows(size);
   for (Index k = 0; k < members; ++k) {
@@ -345,12 +358,13 @@ void Scene::energy(const Batch& batch, double* out) const {
   const Index n = dof();
   const Eigen::Map<const Matrix> y(batch.y, 2 * n, batch.members);
   if (compliance_.isZero(0.0)) return;
-  const Matrix by_angles = rows_at(y.topRows(n)).by_angles, omega = y.bottomRows(n);
+  Rows rows;
+  set_rows(y.topRows(n), rows);
+  Vector rates(batch.members);
   for (Index row = 0; row < compliance_.size(); ++row) {
     if (compliance_[row] == 0.0) continue;
-    Vector rates = Vector::Zero(batch.members);
-    add_products(Columns(by_angles, row, batch.members), Columns(omega), 1.0, n, batch.members,
-                 rates.data());
+    set_products({rows.by_angles.data() + row * batch.members, rows.by_angles.cols()},
+                 {batch.y + n * batch.members, batch.members}, n, batch.members, rates.data());
     Eigen::Map<Vector>(out, batch.members) += 0.5 / compliance_[row] * rates.cwiseAbs2();
   }
 }
@@ -362,7 +376,6 @@ Matrix Scene::solve(const Matrix& theta, const Matrix& moments) const {
   require("a row of moments", moments.cols(), columns);
   Matrix still = Matrix::Zero(2 * n, columns), found(2 * n, columns);
   still.topRows(n) = theta;
-  const double no_flow = 0.0;
   inertia_.rhs({still.data(), &no_flow, columns, 0, moments.data()}, found.data());
   return found.bottomRows(n);
 }
@@ -375,15 +388,14 @@ Scene::Linear Scene::linearised(const Batch& one, double rate) const {
   if (one.moments != nullptr) made.moments = Eigen::Map<const Vector>(one.moments, n);
   if (count == 0) return made;
   const Eigen::Map<const Vector> theta(one.y, n), omega(one.y + n, n);
-  Matrix rates(2 * n, 1), forces;
+  Vector rates(2 * n);
   chain_.rhs(one, rates.data());
-  const Rows rows = rows_at(theta);
-  const Matrix response = solve(theta.replicate(1, count), rows.by_angles);
-  Matrix acceleration = rates.bottomRows(n);
-  const std::vector<Index> idle = enforce(rows, response, rate, omega, acceleration, forces);
+  Rows rows;
+  const std::vector<Index> idle = enforce(theta, rows, rate, omega.data(), rates.data() + n, 1);
+  const auto acceleration = rates.tail(n);
   if (made.moments.size() == 0) made.moments = Vector::Zero(n);
-  made.moments += rows.by_angles.lazyProduct(forces);
-  made.slopes = rows.turning.lazyProduct(forces);
+  made.moments += rows.by_angles.lazyProduct(rows.forces);
+  made.slopes = rows.turning.lazyProduct(rows.forces);
 
   const Index size = count - static_cast<Index>(idle.size());
   made.r = Matrix(size, n);
@@ -401,7 +413,7 @@ Scene::Linear Scene::linearised(const Batch& one, double rate) const {
                       curved.cwiseProduct(omega.cwiseAbs2()) + k * k * own)
                          .transpose(),
         (2.0 * (turning.cwiseProduct(omega) + k * own)).transpose();
-    made.x.col(z) = response.col(i);
+    made.x.col(z) = rows.response.col(i).tail(n);
     made.compliance[z] = compliance_[i];
     ++z;
   }
@@ -442,8 +454,9 @@ double Scene::project_one(Vector& theta, Vector& omega) const {
   const Index held = value_.size();
   Vector closest = theta;
   double least_missed = std::numeric_limits<double>::infinity();
+  Rows rows;
   for (int step = 0; step < most_steps; ++step) {
-    const Rows rows = rows_at(theta);
+    set_rows(theta, rows);
     const auto by_angles = rows.by_angles.middleCols(held_from_, held);
     Matrix system = by_angles.transpose().lazyProduct(by_angles);
     Matrix lacking(held, 2);  // how far each coordinate is off its place, and its rate

@@ -102,7 +102,7 @@ class Scene {
   static constexpr double met = 1e-13;  // in L: a hundred times rounding
 
   /// Rate k at which a state off guides and pins returns to them, faster than flutter turns.
-  static constexpr double return_rate = 30.0;
+  static constexpr double return_rate = 60.0;
 
  private:
   Vector length_;
@@ -117,16 +117,20 @@ class Scene {
   Vector origin_;
   Matrix across_, along_, joints_;
 
-  /// R and the derivative of each entry by its angle, (n, rows members) with the members of a row
-  /// together. Where it weighs nodes, w . q is origin_ less the sum of the derivatives.
+  /// Of one state or some, members; matrices keep their place for the next call.
   struct Rows {
+    Matrix sine, cosine;  // of theta, (n, members)
+    /// R and the derivative of each entry by its angle, (n, rows members) with the members of a row
+    /// together. Where it weighs nodes, w . q is origin_ less the sum of the derivatives.
     Matrix by_angles, turning;
+    Matrix still, response;   // states at rest and X below their rates, (2 n, rows members)
+    Matrix products, forces;  // R X + compliance, a member in a column, and mu (rows, members)
   };
-  Rows rows_at(const Matrix& theta) const;
-  /// Turns the chain's accelerations (n, members) into the scene's. response: X. forces becomes mu
-  /// (rows, members). Returns the rows of the last member that follow from others.
-  std::vector<Index> enforce(const Rows& rows, const Matrix& response, double rate,
-                             const Matrix& omega, Matrix& acceleration, Matrix& forces) const;
+  void set_rows(const Matrix& theta, Rows& rows) const;
+  /// Turns the chain's accelerations, those and omega n rows of `stride` numbers, into the scene's.
+  /// Returns the rows of the last member that follow from others.
+  std::vector<Index> enforce(const Matrix& theta, Rows& rows, double rate, const double* omega,
+                             double* acceleration, Index stride) const;
   /// Turns the chain's rates into the scene's.
   void add_rows(const Batch& batch, double rate, double* rates) const;
   double project_one(Vector& theta, Vector& omega) const;

@@ -30,7 +30,8 @@ SceneSystems::Shifted SceneSystems::product(const Matrix& rows, const double* x)
 }
 
 SceneSystems::Complexes SceneSystems::shifted_rows(const double* x) const {
-  const Shifted moved = product(about_.r, x + 2 * shifts * scene_.dof()), turned = product(about_.e, x);
+  const Shifted moved = product(about_.r, x + 2 * shifts * scene_.dof()),
+                turned = product(about_.e, x);
   Complexes all(moved.rows(), shifts);
   for (Index s = 0; s < shifts; ++s) {
     for (Index i = 0; i < moved.rows(); ++i) {
