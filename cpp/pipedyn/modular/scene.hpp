@@ -101,7 +101,8 @@ class Scene {
   Vector project(Matrix& theta, Matrix& omega) const;
   static constexpr double met = 1e-13;  // in L: a hundred times rounding
 
-  /// Rate k at which a state off guides and pins returns to them, faster than flutter turns.
+  /// Rate k at which a state off guides and pins returns to them, faster than flutter turns. Lower
+  /// ones leave more of an implicit integrator's errors, higher ones of an explicit integrator's.
   static constexpr double return_rate = 60.0;
 
  private:
