@@ -393,7 +393,7 @@ class ChainSpectrum(Eigenproblem):
 
 class Scene:
     met: typing.ClassVar[float] = 1e-13
-    return_rate: typing.ClassVar[float] = 10.0
+    return_rate: typing.ClassVar[float] = 60.0
     def __init__(
         self,
         pipe: Pipe,

@@ -79,7 +79,7 @@ def interval_maps(rows: Array, durations: Array, units: Array, parts: NDArray[np
 
 
 def _exponents(b0: Array, b1: Array, step: Array) -> Array:
-    """b0 - [b0, b1] from their lower halves, (..., n / 2, n): of p b0 has step p' and b1 nothing."""
+    """b0 - [b0, b1] from lower halves, (..., n / 2, n): of p b0 has step p', b1 nothing."""
     half, size = b0.shape[-2:]
     made = np.empty((*b0.shape[:-2], size, size))
     top, bottom = made[..., :half, :], made[..., half:, :]
