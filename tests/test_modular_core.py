@@ -347,6 +347,19 @@ def test_what_states_miss_guides_by_decays_at_the_return_rate(name):
     np.testing.assert_allclose(slope, expected, rtol=1e-7, atol=1e-7)
 
 
+@pytest.mark.parametrize("name", RETURNING)
+def test_free_directions_of_states_keep_guides_and_pins(name):
+    scene = RETURNING[name]()
+    n, held = scene.moving, scene._layout.held
+    y = np.concatenate(scene.motion.projected(*off_constraints(scene)))
+    free = scene.motion.free_directions(y)
+    assert free.shape == (2 * n, 2 * scene.dof)
+    np.testing.assert_allclose(free.T @ free, np.eye(2 * scene.dof), atol=1e-13)
+    for direction in free.T:
+        moved = differences(lambda z: scene.core.from_angles(*np.split(z, 2)), y, 1e-6 * direction)
+        np.testing.assert_allclose(moved.reshape(2, -1)[:, held], 0.0, atol=1e-8)
+
+
 # ----------------------------------------------------------------------------------------- energy
 
 

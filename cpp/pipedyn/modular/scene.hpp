@@ -18,12 +18,13 @@
 // where compliance is 0 of what is held and 1 of an inertia. A last segment may have no inertia but
 // that of a row, and M no inverse then: it is lent one, which a row with compliance -1 takes back.
 //
-// Integrators' states may miss guides and pins by g. As critically damped oscillators return,
+// Integrators' states may miss guides and pins by g, which decays as in a critically damped
+// oscillator, k the return rate:
 //
-//   (R theta')' = -2 k (R theta') - k^2 g,
+//   (R theta')' = -2 k R theta' - k^2 g.
 //
-// so that an integrator's errors off guides and pins do not grow, and a state that meets them moves
-// as above (Baumgarte 1972).
+// An integrator's errors off guides and pins do not grow then, and a state that meets them moves as
+// above (Baumgarte 1972).
 //
 // Of changes x of a state the accelerations change by J x = J_0 x + X z, where J_0 holds z = mu. At
 // held accelerations the rows change by E x besides, from which z follows,
@@ -118,7 +119,7 @@ class Scene {
   Vector origin_;
   Matrix across_, along_, joints_;
 
-  /// Of one state or some, members; matrices keep their place for the next call.
+  /// What `enforce` needs of one state or some, members: scratch that the next call may reuse.
   struct Rows {
     Matrix sine, cosine;  // of theta, (n, members)
     /// R and the derivative of each entry by its angle, (n, rows members) with the members of a row
