@@ -47,9 +47,10 @@ struct Block {
   const bool resists = drags || loads;
 
   // The columns that are integrated: derivatives of the position by the orthonormal coordinates, x
-  // then y; acceleration at q'' = 0; velocity, where drag or a term reads it; position, where a
+  // then y, of several members without any that are 0; acceleration at q'' = 0; velocity, where drag or a term reads it; position, where a
   // term does. Energy and power take the last two alone.
-  const Count bias = 2 * padded, integrated = bias + (loads ? 6 : drags ? 4 : 2);
+  const Count each = alone ? padded : m;
+  const Count bias = 2 * each, integrated = bias + (loads ? 6 : drags ? 4 : 2);
   double *theta, *omega, *sine, *cosine;  // (points), of a single member (stride)
   double *integrands, *moments;           // rows of columns, and their integrals from the clamp
   double *mass, *force;
@@ -112,9 +113,9 @@ struct Block {
       const Real c = at<Real>(cosine, p), s = at<Real>(sine, p);
       const double* __restrict const slope = grid.orthonormal + p * padded;
       double* __restrict const to = integrands + p * row;
-      for (Count i = 0; i < padded; ++i) {
+      for (Count i = 0; i < each; ++i) {
         set(to, i, Real(slope[i] * c));
-        set(to, padded + i, Real(-slope[i] * s));
+        set(to, each + i, Real(-slope[i] * s));
       }
     }
   }
@@ -217,7 +218,7 @@ struct Block {
       Pack sum[tile] = {};
       for (Count p = 0; p < points; ++p) {
         const double* const x = moments + p * row + i * lanes<Real>;
-        const double* const y_row = x + padded * lanes<Real>;
+        const double* const y_row = x + each * lanes<Real>;
         const Real fx = at<Real>(load_x, p), fy = at<Real>(load_y, p);
         for (Count k = 0; k < tile; ++k) {
           sum[k] += fx * load<Pack>(x + k * width) + fy * load<Pack>(y_row + k * width);
@@ -276,7 +277,7 @@ struct Block {
   /// Lower triangle of the mass matrix: sum over points and components of w J_i J_j.
   void gram(Count row) {
     const auto displacements = [&](Count k) {  // x and y at each point
-      return moments + (k >> 1) * row + (k & 1) * padded * lanes<Real>;
+      return moments + (k >> 1) * row + (k & 1) * each * lanes<Real>;
     };
     product_of(
         2 * grid.heavy, [&](Count k, Count i) { return at<Real>(displacements(k), i); },
@@ -351,6 +352,23 @@ struct Block {
     set_velocity(row, 0);
     integrate(grid, row, row, integrands, moments);
     return row;
+  }
+
+  void tips(const Batch& batch, double* out) {
+    angles(batch.y);
+    Real x{}, y{}, x_rate{}, y_rate{};
+    for (Count p = 0; p < points; ++p) {
+      const Real across = grid.weight[p] * at<Real>(sine, p);
+      const Real down = grid.weight[p] * at<Real>(cosine, p), w = at<Real>(omega, p);
+      x += across;
+      y += down;
+      x_rate += down * w;
+      y_rate -= across * w;
+    }
+    set(out, 0, x);
+    set(out, 1, y);
+    set(out, 2, x_rate);
+    set(out, 3, y_rate);
   }
 
   Real energy(const Batch& batch) {

@@ -193,6 +193,11 @@ void Galerkin::power(const Batch& batch, double* out) const {
            to_columns(out, batch.members));
 }
 
+void Galerkin::tips(const Batch& batch, double* out) const {
+  evaluate(kernel().tips, grids(), effects_of(pipe_, grids().panels()), batch, 4,
+           to_columns(out, batch.members));
+}
+
 void Galerkin::jacobian(const Batch& batch, double* out) const {
   const Index m = dof(), half = 2 * m * m;
   for (Index k = 0; k < batch.members; ++k) {

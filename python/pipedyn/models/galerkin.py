@@ -214,16 +214,17 @@ class Galerkin(Model):
         return line
 
     def _tips(self, q: NDArray[Any]) -> NDArray[Any]:
-        nodes, weights = self._rule(self._count_for(q.real))
-        angles = self.core.basis(nodes, 1) @ q
-        return np.stack([weights @ np.sin(angles), weights @ np.cos(angles)], axis=-1)
+        return self._tips_in_motion(q, np.zeros_like(q))[:2].T
 
     def _tip_velocities(self, q: Array, qdot: Array) -> Array:
-        nodes, weights = self._rule(self._count_for(q))
-        basis = self.core.basis(nodes, 1)
-        angles, turning = basis @ q, basis @ qdot
-        parts = weights @ (turning * np.cos(angles)), -weights @ (turning * np.sin(angles))
-        return np.stack(parts, axis=-1)
+        return self._tips_in_motion(q, qdot)[2:].T
+
+    def _tips_in_motion(self, q: Array, qdot: Array) -> Array:
+        """Positions and velocities of the free end, shape (4, k)."""
+        found = self.core.tips(np.concatenate([q, qdot]))
+        if not np.isfinite(found).all():
+            raise ValueError("q must bend the pipe less: no quadrature at hand resolves its sine")
+        return found
 
     def _count_for(self, amplitudes: Array) -> int:
         """Nodes on each panel that integrate sine and cosine of the angle, for columns (m, k)."""
