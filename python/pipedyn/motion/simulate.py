@@ -433,7 +433,6 @@ def assembled(tasks: Sequence[Task], outcomes: Sequence[Outcome]) -> list[Motion
     energy = np.asarray(model.energy(states))
     states[model.coordinates :] = 0.0  # the same at rest
     kinetic, supplied = energy - np.asarray(model.energy(states)), rows[:, 2 * size]
-    tips = model.tips(q.T)
     motions, start = [], 0
     for task, (own, evaluations, _) in zip(tasks, outcomes, strict=True):
         of = slice(start + 1, start + len(own))
@@ -443,7 +442,7 @@ def assembled(tasks: Sequence[Task], outcomes: Sequence[Outcome]) -> list[Motion
             t=task.times[: len(own) - 1],
             q=q[of],
             qdot=qdot[of],
-            tip=tips[of],
+            tip=model.tips(q[of].T),  # without the start, which may be too bent to move
             energy=energy[of],
             audit=float(np.abs(missed).max(initial=0.0)) / scale if scale else 0.0,
             u=task.u,
