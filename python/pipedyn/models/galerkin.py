@@ -239,12 +239,17 @@ class Galerkin(Model):
         across = self.deflection(p, np.linspace(0.0, 1.0, 401))
         return float(np.abs(np.diff(across)).max()) * 400
 
-    def bent(self, angle: Callable[[Array], ArrayLike]) -> Array:
+    @cached_property
+    def _fit(self) -> tuple[Array, Array]:
+        """Arc lengths, and what makes amplitudes of angles there by least squares, (m, k)."""
         nodes, weights = self._rule(4 * self.core.most_on_a_panel() + 60)
         root = np.sqrt(weights)
-        table = root[:, None] * self.core.basis(nodes, 1)
-        fitted = np.linalg.lstsq(table, root * self._angles(angle, nodes))[0]
-        return np.asarray(fitted, dtype=np.float64)
+        rows, columns = np.linalg.qr(root[:, None] * self.core.basis(nodes, 1))
+        return nodes, np.linalg.solve(columns, rows.T) * root
+
+    def bent(self, angle: Callable[[Array], ArrayLike]) -> Array:
+        nodes, fit = self._fit
+        return np.asarray(fit @ self._angles(angle, nodes))
 
     def deflection(self, q: ArrayLike, s: ArrayLike) -> NDArray[Any]:
         at = arc_lengths(s)
