@@ -219,7 +219,7 @@ Grids::Grids(Basis basis, const Terms& terms, bool drag, Index least_nodes)
   const Index least = (drag ? with_drag : smooth).least_nodes;
   // Points, the nodes and a panel's end, come in whole multiples.
   for (Index points = whole_points(std::max({basis_.most_on_a_panel(), least_nodes, least}) + 1);;
-       points = whole_points(points + std::max<Index>(4, points / 6))) {
+       points = whole_points(points + std::max<Index>(4, points / 12))) {
     const bool last = points - 1 >= largest;
     std::vector<std::vector<NodeTest>> tests;
     for (const Matrix& one : series) {

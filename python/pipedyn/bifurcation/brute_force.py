@@ -244,20 +244,21 @@ class _Batch:
         )
         tasks = [replace(first, u=run.speed, start=np.append(run.state, 0.0)) for run in runs]
         outcomes = in_batches(tasks, integrate)
-        rows = np.concatenate([rows[1:] for rows, _, _ in outcomes])
-        q, qdot = self.model.recorded(*np.split(rows[:, :-1], 2, axis=1))
-        x, rate = self.model.tips(q.T)[:, 0], self.model.tip_velocities(q.T, qdot.T)[:, 0]
-        records: list[_Record | None] = []
-        begin = 0
         for run, task, outcome in zip(runs, tasks, outcomes, strict=True):
-            of = slice(begin, begin + len(outcome[0]) - 1)
-            begin = of.stop
             if outcome[2] is not None:
                 self.answers[run.member] = self.stopped(run, task, outcome)
-                records.append(None)
-                continue
-            run.state = np.asarray(self.model.start(q[of][-1], qdot[of][-1]))
-            records.append(_record(samples, x[of], rate[of], self.options.rtol))
+        records: list[_Record | None] = [None] * len(runs)
+        going = [i for i, (_, _, why) in enumerate(outcomes) if why is None]
+        if not going:
+            return records
+        rows = np.concatenate([outcomes[i][0][1:, :-1] for i in going])
+        q, qdot = self.model.recorded(*np.split(rows, 2, axis=1))
+        x = self.model.tips(q.T)[:, 0].reshape(len(going), -1)
+        velocity = self.model.tip_velocities(q.T, qdot.T)[:, 0].reshape(x.shape)
+        for k, i in enumerate(going):
+            last = (k + 1) * samples.size - 1
+            runs[i].state = np.asarray(self.model.start(q[last], qdot[last]))
+            records[i] = _record(samples, x[k], velocity[k], self.options.rtol)
         return records
 
     def stopped(self, run: _Run, task: Task, outcome: Outcome) -> MotionStopped:

@@ -222,8 +222,13 @@ class Galerkin(Model):
     def _tips_in_motion(self, q: Array, qdot: Array) -> Array:
         """Positions and velocities of the free end, shape (4, k)."""
         found = self.core.tips(np.concatenate([q, qdot]))
-        if not np.isfinite(found).all():
-            raise ValueError("q must bend the pipe less: no quadrature at hand resolves its sine")
+        coiled = np.isnan(found[0])
+        if coiled.any():  # beyond what the core resolves of motions
+            nodes, weights = self._rule(self._count_for(q[:, coiled]))
+            angles, turning = self.core.basis(nodes, 1) @ np.stack([q, qdot])[:, :, coiled]
+            across, down = weights[:, None] * np.sin(angles), weights[:, None] * np.cos(angles)
+            parts = (across, down, down * turning, -across * turning)
+            found[:, coiled] = np.sum(parts, axis=1)
         return found
 
     def _count_for(self, amplitudes: Array) -> int:

@@ -442,7 +442,8 @@ def assembled(tasks: Sequence[Task], outcomes: Sequence[Outcome]) -> list[Motion
             t=task.times[: len(own) - 1],
             q=q[of],
             qdot=qdot[of],
-            tip=model.tips(q[of].T),  # without the start, which may be too bent to move
+            # Without the start, which may be too bent to move.
+            tip=model.tips(q[of].T) if len(own) > 1 else np.empty((0, 2)),
             energy=energy[of],
             audit=float(np.abs(missed).max(initial=0.0)) / scale if scale else 0.0,
             u=task.u,
