@@ -169,6 +169,7 @@ class Galerkin:
     def rhs_and_power(
         self, t: typing.Any, y: typing.Any, u: typing.Any
     ) -> numpy.typing.NDArray[numpy.float64]: ...
+    def tips(self, y: typing.Any) -> numpy.typing.NDArray[numpy.float64]: ...
 
 class Pair:
     @property

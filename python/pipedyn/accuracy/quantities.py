@@ -16,7 +16,6 @@ from functools import partial
 from typing import Any, ClassVar, Self, TypeAlias
 
 import numpy as np
-import scipy
 from numpy.typing import ArrayLike, NDArray
 
 from pipedyn.accuracy.convergence import FAMILIES
@@ -32,6 +31,7 @@ from pipedyn.motion.simulate import simulate
 from pipedyn.util import check
 from pipedyn.util.check import Array
 from pipedyn.util.counters import TookTooLong, clock, limited
+from pipedyn.util.later import scipy
 
 LEGENDRE = FAMILIES["legendre"]
 

@@ -17,12 +17,13 @@ from itertools import pairwise
 from typing import Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
 from pipedyn.models.base import Model, PipedynError
 from pipedyn.models.chain import Chain
 from pipedyn.models.galerkin import Galerkin
-from pipedyn.motion.lyapunov import LyapunovExponent, lyapunov_exponent
 from pipedyn.motion.integrator import Outcome, Task, integrate
+from pipedyn.motion.lyapunov import LyapunovExponent, lyapunov_exponent
 from pipedyn.motion.simulate import (
     BATCH,
     LARGEST_SAMPLES,
@@ -236,8 +237,9 @@ class _Batch:
         if not runs:
             return []
         samples = before + np.linspace(0.0, recorded, self.options.samples_of(recorded))
+        p, rates = np.split(runs[0].state, 2)
         first = checked_task(
-            *(self.model, runs[0].speed, before + recorded, *np.split(runs[0].state, 2)),
+            *(self.model, runs[0].speed, before + recorded, p, rates),
             times=samples,
             rtol=self.tolerance,
             members=len(runs),
@@ -358,7 +360,7 @@ def _cubics(t: Array, x: Array, velocity: Array) -> Array:
     return np.stack([x[:-1], first, bend, rest])
 
 
-def _values(cubics: Array, place: Array, since: Array) -> Array:
+def _values(cubics: Array, place: NDArray[np.intp], since: Array) -> Array:
     a, b, c, d = cubics[:, place]
     return np.asarray(a + since * (b + since * (c + since * d)))
 

@@ -17,7 +17,6 @@ from itertools import product
 from typing import Any, Literal
 
 import numpy as np
-import scipy
 from numpy.typing import NDArray
 
 from pipedyn.bifurcation.continuation import (
@@ -35,6 +34,7 @@ from pipedyn.models.base import Model, NotConverged, PipedynError
 from pipedyn.motion.simulate import Start, checked_model_in_motion, modal_bend
 from pipedyn.util import check
 from pipedyn.util.check import Array
+from pipedyn.util.later import scipy
 from pipedyn.util.newton import NewtonFailed
 from pipedyn.util.result import result
 from pipedyn.util.threads import one_thread

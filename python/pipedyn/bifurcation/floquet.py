@@ -14,7 +14,6 @@ import math
 from typing import Literal
 
 import numpy as np
-import scipy
 from numpy.typing import ArrayLike
 
 from pipedyn.bifurcation.collocation import (
@@ -29,6 +28,7 @@ from pipedyn.bifurcation.vector_field import VectorField
 from pipedyn.linear.eigenproblem import Complex
 from pipedyn.util.check import Array
 from pipedyn.util.counters import factorised
+from pipedyn.util.later import scipy
 from pipedyn.util.newton import NewtonFailed
 
 TOLERANCE, MOST_HALVINGS, MOST = 1e-7, 4, 4000

@@ -44,7 +44,6 @@ from functools import partial
 from typing import Literal
 
 import numpy as np
-import scipy
 from numpy.typing import ArrayLike, NDArray
 
 from pipedyn.bifurcation.equilibria import BranchPoint, Statics
@@ -58,6 +57,7 @@ from pipedyn.motion.simulate import checked_model_in_motion
 from pipedyn.util import check
 from pipedyn.util.check import Array
 from pipedyn.util.counters import factorised
+from pipedyn.util.later import scipy
 from pipedyn.util.parallel import outcome_of
 from pipedyn.util.result import result
 from pipedyn.util.threads import one_thread

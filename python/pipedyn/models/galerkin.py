@@ -10,7 +10,6 @@ from itertools import pairwise
 from typing import Any
 
 import numpy as np
-import scipy
 from numpy.typing import ArrayLike, NDArray
 
 from pipedyn import _core
@@ -26,6 +25,7 @@ from pipedyn.models.pipe import Pipe
 from pipedyn.models.terms import Term
 from pipedyn.util import check
 from pipedyn.util.check import Array
+from pipedyn.util.later import scipy
 
 BASES = ("beam", "legendre")
 LARGEST_BASIS = 2000

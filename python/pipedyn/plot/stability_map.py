@@ -7,7 +7,6 @@ from collections.abc import Iterable, Mapping
 from itertools import cycle
 
 import numpy as np
-import scipy
 from matplotlib.axes import Axes
 
 from pipedyn.linear.critical_speed import CriticalSpeed
@@ -16,6 +15,7 @@ from pipedyn.linear.stability_curve import StabilityCurve
 from pipedyn.plot import common
 from pipedyn.util import check
 from pipedyn.util.check import Array
+from pipedyn.util.later import scipy
 
 
 def stability_map(
