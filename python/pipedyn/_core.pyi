@@ -32,6 +32,7 @@ __all__: list[str] = [
     "Sweep",
     "Traits",
     "Truncated",
+    "assignment",
     "crossings",
     "dense_limit",
     "set_vector_level",
@@ -517,6 +518,9 @@ class Radau(Integrator):
         max_step: typing.SupportsFloat | typing.SupportsIndex = ...,
     ) -> None: ...
 
+def assignment(
+    costs: typing.Annotated[numpy.typing.ArrayLike, numpy.float64],
+) -> typing.Annotated[numpy.typing.NDArray[numpy.int64], "[m, 1]"]: ...
 def crossings(
     spectra: collections.abc.Sequence[Spectrum],
     ranges: collections.abc.Sequence[Range],

@@ -47,8 +47,8 @@ struct Block {
   const bool resists = drags || loads;
 
   // The columns that are integrated: derivatives of the position by the orthonormal coordinates, x
-  // then y, of several members without any that are 0; acceleration at q'' = 0; velocity, where drag or a term reads it; position, where a
-  // term does. Energy and power take the last two alone.
+  // then y, of several members without any that are 0; acceleration at q'' = 0; velocity, where
+  // drag or a term reads it; position, where a term does. Energy and power take the last two alone.
   const Count each = alone ? padded : m;
   const Count bias = 2 * each, integrated = bias + (loads ? 6 : drags ? 4 : 2);
   double *theta, *omega, *sine, *cosine;  // (points), of a single member (stride)

@@ -48,7 +48,8 @@ template <class Real>
 struct Linearisation : Block<Real> {
   using Base = Block<Real>;
   using Base::alone, Base::step, Base::grid, Base::effects, Base::m, Base::padded, Base::points;
-  using Base::drags, Base::each, Base::loads, Base::resists, Base::bias, Base::moments, Base::integrands;
+  using Base::drags, Base::each, Base::loads, Base::resists, Base::bias, Base::moments,
+      Base::integrands;
   using Base::load_x, Base::load_y, Base::mass_stride, Base::product_of;
   using Base::sine, Base::cosine, Base::omega, Base::mass, Base::velocity, Base::weighted;
   using typename Base::Numbers, typename Base::Product;

@@ -27,8 +27,9 @@ constexpr Index most_iterations = 10;
 /// grow by less than this factor: a step, an iteration and a factorisation cost about the same.
 constexpr double kept_contraction = 1e-3, kept_step = 1.1;
 
-/// J is that of the state predicted for this stage, near the step's end: of all stages and the start
-/// it took the fewest iterations, with reduced models, whose J serves the next steps, and with chains.
+/// J is that of the state predicted for this stage, near the step's end: of all stages and the
+/// start it took the fewest iterations, with reduced models, whose J serves the next steps, and
+/// with chains.
 constexpr Index expanded = 5;
 
 /// Of the error, which is that of order 7.

@@ -16,6 +16,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
+from pipedyn import _core
 from pipedyn.bifurcation.collocation import (
     collocation_maps,
     stage_derivatives,
@@ -171,7 +172,7 @@ def _moved(orbit: PeriodicOrbit, before: Complex, after: Complex) -> float:
     if orbit.symmetric:
         before, after = before**2, after**2
     moved = np.abs(before[:, None] - after) / np.maximum(np.abs(after), 1.0)
-    return float(moved[scipy.optimize.linear_sum_assignment(moved)].max())
+    return float(moved[np.arange(len(moved)), _core.assignment(moved)].max())
 
 
 def _eigenvalues(motion: VectorField, orbit: PeriodicOrbit, maps: Array, units: Array) -> Complex:
