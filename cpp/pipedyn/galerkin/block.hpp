@@ -354,21 +354,24 @@ struct Block {
     return row;
   }
 
-  void tips(const Batch& batch, double* out) {
-    angles(batch.y);
-    Real x{}, y{}, x_rate{}, y_rate{};
+  /// Position of the free end, x then y, and its velocity.
+  void at_end(const double* state, Real (&found)[4]) {
+    angles(state);
+    for (Real& one : found) one = Real{};
     for (Count p = 0; p < points; ++p) {
       const Real across = grid.weight[p] * at<Real>(sine, p);
       const Real down = grid.weight[p] * at<Real>(cosine, p), w = at<Real>(omega, p);
-      x += across;
-      y += down;
-      x_rate += down * w;
-      y_rate -= across * w;
+      found[0] += across;
+      found[1] += down;
+      found[2] += down * w;
+      found[3] -= across * w;
     }
-    set(out, 0, x);
-    set(out, 1, y);
-    set(out, 2, x_rate);
-    set(out, 3, y_rate);
+  }
+
+  void tips(const Batch& batch, double* out) {
+    Real found[4];
+    at_end(batch.y, found);
+    for (Count i = 0; i < 4; ++i) set(out, i, found[i]);
   }
 
   Real energy(const Batch& batch) {
@@ -396,9 +399,17 @@ struct Block {
   }
 
   void power(const Batch& batch, double* out) {
-    const Count row = velocities(batch), end = points - 1;
+    const Count end = points - 1;
     const Real u = load<Real>(batch.u);
-    const Real x = at<Real>(moments + end * row, 0), y = at<Real>(moments + end * row, 1);
+    Count row = 0;
+    Real last[4];
+    if (resists) {
+      row = velocities(batch);
+      for (Count i = 0; i < 2; ++i) last[2 + i] = at<Real>(moments + end * row, i);
+    } else {
+      at_end(batch.y, last);
+    }
+    const Real x = last[2], y = last[3];
     const Real along = at<Real>(sine, end) * x + at<Real>(cosine, end) * y;
     const Real flux = 0.5 * effects.coriolis * u, thrust = effects.centrifugal * (u * u);
     Real joints{}, dragged{}, others{};

@@ -31,8 +31,10 @@ void evaluate(const GalerkinKernel::Function function, const Grids& grids,
   const Index state = 2 * grids.basis().size(), members = batch.members;
   grid_of.resize(static_cast<std::size_t>(members));
   Index lowest = grids.count(), highest = 0;
+  Index needed = 0;  // by the last one, mostly by the next as well
   for (Index k = 0; k < members; ++k) {
-    const Index number = std::min(grids.choose(batch.y + k, members) + finer, grids.count() - 1);
+    needed = grids.choose(batch.y + k, members, needed);
+    const Index number = std::min(needed + finer, grids.count() - 1);
     grid_of[static_cast<std::size_t>(k)] = number;
     lowest = std::min(lowest, number);
     highest = std::max(highest, number);

@@ -13,6 +13,8 @@ else:
             self.module = module
 
         def __getattr__(self, name: str) -> Any:
-            return getattr(import_module(self.module), name)
+            found = getattr(import_module(self.module), name)
+            setattr(self, name, found)  # asked for here once
+            return found
 
     scipy = _Later("scipy")
