@@ -9,7 +9,6 @@ or periodic and attracts what starts beside it: then it would stay so.
 from __future__ import annotations
 
 import math
-from concurrent.futures import Executor
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -35,6 +34,7 @@ from pipedyn.motion.simulate import (
     slight_bend,
 )
 from pipedyn.util.check import Array
+from pipedyn.util.later import futures
 from pipedyn.util.parallel import parallel
 from pipedyn.util.result import result
 
@@ -140,7 +140,7 @@ def attractors(
     starts: list[Array],
     options: MotionOptions,
     failed: list[Failed],
-    executor: Executor | None,
+    executor: futures.Executor | None,
     shown: bool,
 ) -> tuple[Attractor, ...]:
     """Where motions end, from each start at each speed."""

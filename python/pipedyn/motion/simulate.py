@@ -13,7 +13,6 @@ from __future__ import annotations
 import math
 import os
 from collections.abc import Callable, Sequence
-from concurrent.futures import Executor, ThreadPoolExecutor
 from contextlib import nullcontext
 from contextvars import copy_context
 from dataclasses import field, replace
@@ -47,6 +46,7 @@ from pipedyn.motion.integrator import (
 )
 from pipedyn.util import check
 from pipedyn.util.check import Array
+from pipedyn.util.later import futures
 from pipedyn.util.parallel import parallel
 from pipedyn.util.result import result
 
@@ -289,7 +289,7 @@ def simulate_many(
     atol: float | None = None,
     method: str = "auto",
     most: float = MOST_CALLS,
-    executor: Executor | None = None,
+    executor: futures.Executor | None = None,
     progress: bool = False,
 ) -> Ensemble:
     """Motions of many members, which may differ in model, flow speed and initial state.
@@ -371,7 +371,7 @@ def simulate_many(
 def in_batches(
     tasks: Sequence[Task],
     work: Callable[[Sequence[Task], bool, Observer], list[Answer]],
-    executor: Executor | None = None,
+    executor: futures.Executor | None = None,
     shown: bool = False,
 ) -> list[Answer]:
     """What `work` makes of each task, in batches of one model, on threads where that helps."""
@@ -388,7 +388,7 @@ def in_batches(
     if own:  # each counts for its caller
         jobs = [partial(copy_context().run, job) for job in jobs]
     found: dict[int, Answer] = {}
-    with ThreadPoolExecutor(os.cpu_count()) if own else nullcontext(executor) as pool:
+    with futures.ThreadPoolExecutor(os.cpu_count()) if own else nullcontext(executor) as pool:
         try:
             answers = parallel(jobs, pool, label="batches", progress=shown)
             for block, answer in zip(blocks, answers, strict=True):

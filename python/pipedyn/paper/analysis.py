@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator, Sequence
-from concurrent.futures import Executor
 from dataclasses import dataclass, field, replace
 from functools import partial
 from itertools import pairwise
@@ -33,6 +32,7 @@ from pipedyn.models.chain import SPRING_RULES, Chain
 from pipedyn.models.continuum import Continuum
 from pipedyn.models.galerkin import BASES, Galerkin
 from pipedyn.models.pipe import Pipe
+from pipedyn.util.later import futures
 from pipedyn.util.parallel import Job, parallel
 
 BRANCHES = 4
@@ -96,7 +96,7 @@ class Findings:
     failures: list[str] = field(default_factory=list)
 
 
-def gather(case: Case, executor: Executor | None = None) -> Iterator[Findings]:
+def gather(case: Case, executor: futures.Executor | None = None) -> Iterator[Findings]:
     """Compute all that the figures and the table show, in an executor or in this process.
 
     The findings come twice: first all but the maps, on which an executor goes on, then complete.

