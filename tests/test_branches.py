@@ -197,6 +197,20 @@ def test_where_a_symmetric_branch_turns_is_a_fold_and_no_pitchfork(returning):
     assert len(branch.at(6.33)) == 1
 
 
+def test_on_a_branch_multipliers_are_known_to_1e_4_also_at_a_fold(returning):
+    """There neighbours diverge so fast that the branch's own meshes leave 1.6e-4."""
+    assert max(cycle.multiplier_error for cycle in returning.cycles[0].cycles) < 1e-4
+
+
+def test_a_motion_leaves_an_unstable_cycle_unless_the_search_ends_before(returning, monkeypatch):
+    unstable = next(cycle for cycle in returning.cycles[0].at(6.3) if not cycle.stable)
+    assert pp.limit_cycle(SUBCRITICAL, 6.3, unstable.y[:, 0]).stable
+    monkeypatch.setattr("pipedyn.bifurcation.limit_cycle.SEARCH_FACTOR", 1 / 15)
+    found = pp.limit_cycle(SUBCRITICAL, 6.3, unstable.y[:, 0])
+    assert not found.stable
+    assert found.amplitude == pytest.approx(unstable.amplitude, rel=1e-6)
+
+
 class Bends:
     """A segment whose parameter is a cubic of its length."""
 

@@ -119,3 +119,12 @@ def test_meshes_of_orbits_are_refined_on_the_way_and_beyond_1000_unknowns():
     assert sizes[-1] > 1000
     alone = pp.limit_cycle(model, 9.0)
     assert last.frequency == pytest.approx(alone.frequency, rel=1e-8)
+
+
+def test_at_rest_drag_has_no_slope_also_where_guides_leave_differences_alone():
+    scene = pp.modular.chain(pp.Pipe(0.2), n=4).plus(pp.modular.Guide(node=2))
+    drags = VectorField(scene.with_pipe(pp.Pipe(0.2, drag=5.0)))
+    plain = VectorField(scene).jacobian(np.zeros(8), 5.0)
+    np.testing.assert_array_equal(drags.jacobian(np.zeros(8), 5.0), plain)
+    moving = np.append(np.zeros(4), 1e-3 * np.ones(4))
+    assert np.abs(drags.jacobian(moving, 5.0) - plain).max() > 1e-3

@@ -53,14 +53,14 @@ PROBLEMS = {  # rates, solution, end, steps
 def solved(problem, times, rtol, atol, max_step):
     rates, solution, _, _ = PROBLEMS[problem]
     start = solution(np.zeros(1)).T
-    motion = _core.Dop853(
-        *(lambda t, y, which: rates(t[0], y), np.zeros(1), start),
+    motion = _core.Integrator(
+        *(lambda t, y, u: rates(t[0], y), np.zeros(1), start),
         *(0.0, rtol, atol, 1e8, max_step),
     )
     states = np.empty((1, times.size, len(start)))
-    while not motion.advance(times, states, 100_000):
+    while not motion.advance(times, states, 100_000)[0]:
         pass
-    return states[0], motion.members[0][2]
+    return states[0], motion.members[0].evaluations
 
 
 def order(steps, errors):
@@ -109,13 +109,13 @@ def test_steps_joined_are_the_polynomials_from_which_samples_come():
     rates, solution, end, _ = PROBLEMS["orbit"]
     start = solution(np.zeros(1)).T
     times = np.linspace(0.0, end, 41)
-    motion = _core.Dop853(
-        lambda t, y, which: rates(t[0], y), np.zeros(1), start, 0.0, 1e-8, 1e-8, 1e8
+    motion = _core.Integrator(
+        lambda t, y, u: rates(t[0], y), np.zeros(1), start, 0.0, 1e-8, 1e-8, 1e8
     )
     states = np.empty((1, times.size, 4))
     finished, breaks, pieces = False, [np.zeros(1)], []
     while not finished:
-        finished, ends, coefficients = motion.follow(times, states, 1000)
+        finished, ends, coefficients = motion.advance(times, states, 1000, True)
         assert ends[0] == pytest.approx(breaks[-1][-1], abs=1e-15)
         breaks.append(ends[1:])
         pieces.append(coefficients)

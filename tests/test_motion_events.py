@@ -23,6 +23,8 @@ from pipedyn.motion.integrator import CORE
 from pipedyn.util.counters import counted
 
 CHAIN = pp.Chain(pp.Pipe(0.2), 5)
+SCENE = pp.modular.chain(pp.Pipe(0.2), n=3)
+OWN = SCENE.plus(pp.modular.Custom(nodes=(1,), energy=lambda q: 0.0 * q[0]))
 SHARP = {"rtol": 1e-11, "atol": 1e-13}
 
 
@@ -266,11 +268,8 @@ def test_an_own_module_feels_a_speed_that_varies():
     def ramp(t):
         return 2.0 + t
 
-    pipe = pp.Pipe(0.2)
-    scene = pp.modular.chain(pipe, n=3)
-    own = scene.plus(pp.modular.Custom(nodes=(1,), energy=lambda q: 0.0 * q[0]))
-    assert not own.motion.is_compiled
-    a, b = (pp.simulate(m, ramp, 1.0, bow, samples=5, rtol=1e-9) for m in (scene, own))
+    assert not OWN.motion.is_compiled
+    a, b = (pp.simulate(m, ramp, 1.0, bow, samples=5, rtol=1e-9) for m in (SCENE, OWN))
     assert np.abs(a.q - b.q).max() < 1e-9
 
 
@@ -423,18 +422,19 @@ def test_a_bad_argument_is_refused_by_name(options, kind, message):
         pp.simulate(**arguments)
 
 
+@pytest.mark.parametrize("model", [CHAIN, OWN], ids=["chain", "own module"])
 @pytest.mark.parametrize("method", CORE)
 @pytest.mark.parametrize(
     ("later", "kind"), [(-1.0, ValueError), (math.nan, ValueError), (None, TypeError)]
 )
-def test_a_speed_between_the_times_at_which_it_was_tried_is_refused_too(method, later, kind):
+def test_a_speed_between_the_times_at_which_it_was_tried_is_refused_too(model, method, later, kind):
     tried = np.linspace(0.0, 1.0, 101)
 
     def speed(t):
         return 4.0 if t < 0.5 or t in tried else later
 
     with pytest.raises(kind, match=r"u\(0\.5\d*\) must be"):
-        pp.simulate(CHAIN, speed, 1.0, bow, method=method)
+        pp.simulate(model, speed, 1.0, bow, method=method)
 
 
 def test_what_an_event_a_speed_or_a_callback_raises_is_not_lost():

@@ -18,16 +18,16 @@ LEVELS = _core.vector_levels()
 
 def solved(rates, jacobian, start, times, rtol, atol=None, max_step=np.inf):
     """States (times, n) of y' = rates(t, y), y (n, k) at times (k,), and what they took."""
-    motion = _core.Radau(
-        *(lambda t, y, which: rates(t, y), lambda t, y, member: jacobian(t, y)),
-        *(np.zeros(1), np.array(start, dtype=float)[:, None], 0.0),
+    motion = _core.Integrator(
+        *(lambda t, y, u: rates(t, y), np.zeros(1), np.array(start, dtype=float)[:, None], 0.0),
         *(rtol, rtol if atol is None else atol, 1e8, max_step),
+        lambda t, y, u: jacobian(t, y),
     )
     times = np.asarray(times, dtype=float)
     states = np.empty((1, times.size, len(start)))
-    while not motion.advance(times, states, 100_000):
+    while not motion.advance(times, states, 100_000)[0]:
         pass
-    return states[0], motion.members[0][2]
+    return states[0], motion.members[0].evaluations
 
 
 def pendulum(t, y):
@@ -215,8 +215,11 @@ def test_several_members_of_one_integrator_go_one_after_the_other():
     start = np.stack([np.append(chain.start(scale * np.ones(3), None), 0.0) for scale in (1, 2)], 1)
     times, states = np.array([0.0, 0.3, 1.0]), np.empty((2, 3, 7))
     u = np.array([1.0, 5.0])
-    motion = _core.Radau(chain.motion, None, u, 0.1 * start, 0.0, 1e-8, 1e-10, 1e6)
-    assert motion.advance(times, states, 1_000_000)
+    motion = _core.Integrator(
+        *(chain.motion, u, 0.1 * start, 0.0, 1e-8, 1e-10, 1e6), jacobian=chain.motion_jacobian
+    )
+    while not motion.advance(times, states, 1_000_000)[0]:
+        pass
     for j in range(2):
         alone = pp.simulate(
             *(chain, u[j], 1.0, 0.1 * start[:3, j]),
@@ -262,15 +265,16 @@ def test_a_step_vanishes_as_soon_before_time_0_as_after():
     """y' = y^2 from 1 is infinite a unit of time later."""
     taken = []
     for t0 in (2.0, -4.0):
-        motion = _core.Radau(
-            *(lambda t, y, which: y**2, lambda t, y, member: np.array([[2.0 * y[0]]])),
-            *(np.zeros(1), np.ones((1, 1)), t0, 1e-8, 1e-10, 1e8),
+        motion = _core.Integrator(
+            *(lambda t, y, u: y**2, np.zeros(1), np.ones((1, 1)), t0, 1e-8, 1e-10, 1e8),
+            jacobian=lambda t, y, u: np.array([[2.0 * y[0]]]),
         )
-        assert motion.advance(np.array([t0 + 2.0]), np.empty((1, 1, 1)), 1_000_000)
-        at, _, calls, end = motion.members[0]
-        assert at == pytest.approx(t0 + 1.0, abs=1e-6)
-        assert end in (2, 3)
-        taken.append(calls)
+        while not motion.advance(np.array([t0 + 2.0]), np.empty((1, 1, 1)), 1_000_000)[0]:
+            pass
+        [member] = motion.members
+        assert member.time == pytest.approx(t0 + 1.0, abs=1e-6)
+        assert member.progress in ("not finite", "vanishing")
+        taken.append(member.evaluations)
     assert taken[1] == pytest.approx(taken[0], rel=0.1)
 
 

@@ -228,7 +228,7 @@ void define_linear(py::module_& m) {
           [](const DenseOperator& p, double shift, bool velocity_free, bool left) {
             return p.inverse(shift, velocity_free, left);
           },
-          py::call_guard<py::gil_scoped_release>(), "shift"_a, "velocity_free"_a, "left"_a);
+          Unlocked(), "shift"_a, "velocity_free"_a, "left"_a);
   py::class_<Traits>(m, "Traits")
       .def(py::init([](Index dof, double delta, double zero, bool damped, bool conservative,
                        bool squared, bool free_at_rest) {
@@ -243,18 +243,15 @@ void define_linear(py::module_& m) {
                  traits, Pencil{scipy_lapack(), std::move(of), centrifugal, size});
            }),
            "traits"_a, "matrices"_a, "centrifugal"_a, "size"_a)
-      .def("lowest", &Eigenproblem::lowest, "u"_a, "count"_a, "left"_a, "high"_a,
-           py::call_guard<py::gil_scoped_release>())
-      .def("by_recursion", &Eigenproblem::by_recursion, "u"_a, "count"_a, "vectors"_a,
-           py::call_guard<py::gil_scoped_release>())
-      .def("assess", &Eigenproblem::assess, "u"_a, "pairs"_a,
-           py::call_guard<py::gil_scoped_release>());
+      .def("lowest", &Eigenproblem::lowest, "u"_a, "count"_a, "left"_a, "high"_a, Unlocked())
+      .def("by_recursion", &Eigenproblem::by_recursion, "u"_a, "count"_a, "vectors"_a, Unlocked())
+      .def("assess", &Eigenproblem::assess, "u"_a, "pairs"_a, Unlocked());
   py::class_<Truncated, Spectrum, std::shared_ptr<Truncated>>(m, "Truncated")
       .def(py::init<std::shared_ptr<Eigenproblem>, std::shared_ptr<Eigenproblem>,
                     std::vector<Index>, Index>(),
            "fewer"_a, "more"_a, "shared"_a, "resolved"_a)
       .def("of_larger", py::overload_cast<Sweep, double, Index>(&Truncated::of_larger), "sweep"_a,
-           "max_speed"_a, "resolved"_a, py::call_guard<py::gil_scoped_release>());
+           "max_speed"_a, "resolved"_a, Unlocked());
   py::class_<Complement>(m, "Complement")
       .def(py::init<Matrix>(), "columns"_a)
       .def("spread", &Complement::spread, "z"_a)

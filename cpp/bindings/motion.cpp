@@ -66,22 +66,22 @@ Rates function_rates(const Model& model, const py::object& u, const Function& fu
 /// Rates [q', q'', power] of a compiled model's states with the work done on them.
 template <class Model>
 Rates compiled_rates(const Model& model, const py::object& u) {
-  return function_rates(model, u, [](const Model& of, const Batch& batch, double* out) {
-    of.rhs_and_power(batch, out);
-  });
+  return function_rates(model, u, std::mem_fn(&Model::rhs_and_power));
 }
 
-/// Those of a function of times, states (rows, members) and of which members they are. A ValueError
-/// means that there are none.
-Rates called_rates(const py::function& function, Index rows) {
-  return [function, rows](const Vector& t, const double* y, const std::vector<Index>& which,
-                          double* rates) {
+/// Those of a function of times, states (rows, members) and their speeds. A ValueError means that
+/// there are none.
+Rates called_rates(const py::function& function, Index rows, const py::object& u) {
+  return [function, rows, at = speeds_at(u), speeds = Reals()](const Vector& t, const double* y,
+                                                               const std::vector<Index>& which,
+                                                               double* rates) mutable {
+    at(t, which, speeds);
     const py::gil_scoped_acquire locked;
     const Index members = static_cast<Index>(which.size());
     Numbers states({rows, members});
     std::copy_n(y, rows * members, states.mutable_data());
     try {
-      const Numbers found = function(t, states, which).cast<Numbers>();
+      const Numbers found = function(t, states, speeds).cast<Numbers>();
       if (found.size() != rows * members)
         throw py::value_error("rates must have the states' shape");
       std::copy_n(found.data(), rows * members, rates);
@@ -96,30 +96,30 @@ Rates rates_of(const py::object& of, Index rows, const py::object& u) {
   if (py::isinstance<Chain>(of)) return compiled_rates(of.cast<const Chain&>(), u);
   if (py::isinstance<Galerkin>(of)) return compiled_rates(of.cast<const Galerkin&>(), u);
   if (py::isinstance<Scene>(of)) return compiled_rates(of.cast<const Scene&>(), u);
-  return called_rates(of, rows);
+  return called_rates(of, rows, u);
 }
 
 /// Those of the same states without the work, with their derivative, and the power apart.
 template <class Model>
 ImplicitRates implicit_rates(const Model& model, const py::object& u,
                              std::unique_ptr<ShiftedSystems> systems) {
-  return {
-      function_rates(model, u,
-                     [](const Model& of, const Batch& batch, double* out) { of.rhs(batch, out); }),
-      function_rates(model, u,
-                     [](const Model& of, const Batch& batch, double* out) {
-                       Matrix parts(4, batch.members);
-                       of.power(batch, parts.data());
-                       Eigen::Map<Vector>(out, batch.members) = parts.colwise().sum();
-                     }),
-      2 * model.dof(), std::move(systems)};
+  return {function_rates(model, u, std::mem_fn(&Model::rhs)),
+          function_rates(model, u,
+                         [](const Model& of, const Batch& batch, double* out) {
+                           Matrix parts(4, batch.members);
+                           of.power(batch, parts.data());
+                           Eigen::Map<Vector>(out, batch.members) = parts.colwise().sum();
+                         }),
+          2 * model.dof(), std::move(systems)};
 }
 
-/// Of a function of a time, a state (rows,) and of which member it is.
-DenseSystems::Jacobian called_jacobian(const py::function& function, Index rows) {
-  return [function, rows](double t, const double* y, Index member, double* out) {
+/// Of a function of a time, a state (rows,) and its speed.
+DenseSystems::Jacobian called_jacobian(const py::function& function, Index rows,
+                                       const SpeedAt& speed) {
+  return [function, rows, speed](double t, const double* y, Index member, double* out) {
+    const double u = speed(t, member);
     const py::gil_scoped_acquire locked;
-    const Numbers found = function(t, Numbers(rows, y), member).cast<Numbers>();
+    const Numbers found = function(t, Numbers(rows, y), u).cast<Numbers>();
     if (found.size() != rows * rows) throw py::value_error("a Jacobian must have a row a state");
     std::copy_n(found.data(), rows * rows, out);
   };
@@ -127,7 +127,7 @@ DenseSystems::Jacobian called_jacobian(const py::function& function, Index rows)
 
 ImplicitRates implicit_rates_of(const py::object& of, const py::object& jacobian, Index rows,
                                 const py::object& u) {
-  const auto speed = [at = speeds_at(u)](double t, Index member) {
+  const SpeedAt speed = [at = speeds_at(u)](double t, Index member) {
     Reals one;
     at(Vector::Constant(1, t), {member}, one);
     return one[0];
@@ -145,69 +145,61 @@ ImplicitRates implicit_rates_of(const py::object& of, const py::object& jacobian
     return implicit_rates(model, u, std::make_unique<DenseSystems>(slopes, 2 * model.dof()));
   }
   return {rates_of(of, rows, u), nullptr, rows,
-          std::make_unique<DenseSystems>(called_jacobian(jacobian, rows), rows)};
+          std::make_unique<DenseSystems>(called_jacobian(jacobian, rows, speed), rows)};
+}
+
+/// Explicit without a Jacobian.
+std::unique_ptr<Integrator> integrator(const py::object& of, const py::object& u,
+                                       const Matrix& start, double t0, double rtol, double atol,
+                                       double most, double max_step, const py::object& jacobian) {
+  const Index rows = start.rows(), members = start.cols();
+  const Limits limits{rtol, atol, most, max_step};
+  if (jacobian.is_none()) {
+    return std::make_unique<Dop853>(rates_of(of, rows, u), rows, members, start.data(), t0, limits);
+  }
+  return std::make_unique<Radau>(implicit_rates_of(of, jacobian, rows, u), rows, members,
+                                 start.data(), t0, limits);
+}
+
+/// Goes on; whether all members have finished, and where asked for the ends of steps and their
+/// polynomials' coefficients.
+auto advance(Integrator& motion, const Vector& times, Numbers out, Index evaluations, bool follow) {
+  double* const to = out.mutable_data();
+  std::vector<Interpolant> steps;
+  bool finished = false;
+  {
+    const py::gil_scoped_release unlocked;
+    finished = motion.advance(times, to, evaluations, follow ? &steps : nullptr);
+  }
+  std::vector<double> ends;
+  std::vector<Matrix> coefficients;
+  for (Interpolant& step : steps) {
+    if (ends.empty()) ends.push_back(step.from);
+    ends.push_back(step.to);
+    coefficients.push_back(std::move(step.coefficients));
+  }
+  return std::tuple(finished, std::move(ends), std::move(coefficients));
 }
 
 }  // namespace
 
 void define_motion(py::module_& m) {
+  py::class_<Member>(m, "Member")
+      .def_readonly("time", &Member::time)
+      .def_readonly("samples", &Member::samples)
+      .def_readonly("evaluations", &Member::evaluations)
+      .def_property_readonly("progress", [](const Member& member) {
+        constexpr const char* names[] = {"going", "done", "not finite", "vanishing", "spent"};
+        return names[static_cast<int>(member.progress)];
+      });
   py::class_<Integrator>(m, "Integrator")
-      .def(
-          "advance",
-          [](Integrator& motion, const Vector& times, Numbers out, Index evaluations) {
-            double* const to = out.mutable_data();
-            const py::gil_scoped_release unlocked;
-            return motion.advance(times, to, evaluations);
-          },
-          "times"_a, "out"_a.noconvert(), "evaluations"_a)
-      .def(
-          "follow",
-          [](Integrator& motion, const Vector& times, Numbers out, Index evaluations) {
-            double* const to = out.mutable_data();
-            std::vector<Interpolant> steps;
-            bool finished = false;
-            {
-              const py::gil_scoped_release unlocked;
-              finished = motion.advance(times, to, evaluations, &steps);
-            }
-            std::vector<double> ends;
-            std::vector<Matrix> coefficients;
-            for (Interpolant& step : steps) {
-              if (ends.empty()) ends.push_back(step.from);
-              ends.push_back(step.to);
-              coefficients.push_back(std::move(step.coefficients));
-            }
-            return std::tuple(finished, std::move(ends), std::move(coefficients));
-          },
-          "times"_a, "out"_a.noconvert(), "evaluations"_a)
+      .def(py::init(&integrator), "of"_a, "u"_a, "start"_a, "t0"_a, "rtol"_a, "atol"_a, "most"_a,
+           "max_step"_a = std::numeric_limits<double>::infinity(), "jacobian"_a = py::none(),
+           py::keep_alive<1, 2>())
+      .def("advance", advance, "times"_a, "out"_a.noconvert(), "evaluations"_a, "follow"_a = false)
       .def("state", &Integrator::state, "member"_a)
       .def("stop", &Integrator::stop, "member"_a)
-      .def_property_readonly("members", [](const Integrator& motion) {
-        std::vector<std::tuple<double, Index, Index, int>> all;
-        for (const Member& member : motion.members()) {
-          all.emplace_back(member.time, member.samples, member.evaluations,
-                           static_cast<int>(member.progress));
-        }
-        return all;
-      });
-  py::class_<Dop853, Integrator>(m, "Dop853")
-      .def(py::init([](const py::object& of, const py::object& u, const Matrix& start, double t0,
-                       double rtol, double atol, double most, double max_step) {
-             return Dop853(rates_of(of, start.rows(), u), start.rows(), start.cols(), start.data(),
-                           t0, {rtol, atol, most, max_step});
-           }),
-           "of"_a, "u"_a, "start"_a, "t0"_a, "rtol"_a, "atol"_a, "most"_a,
-           "max_step"_a = std::numeric_limits<double>::infinity(), py::keep_alive<1, 2>());
-  py::class_<Radau, Integrator>(m, "Radau")
-      .def(py::init([](const py::object& of, const py::object& jacobian, const py::object& u,
-                       const Matrix& start, double t0, double rtol, double atol, double most,
-                       double max_step) {
-             return std::make_unique<Radau>(implicit_rates_of(of, jacobian, start.rows(), u),
-                                            start.rows(), start.cols(), start.data(), t0,
-                                            Limits{rtol, atol, most, max_step});
-           }),
-           "of"_a, "jacobian"_a, "u"_a, "start"_a, "t0"_a, "rtol"_a, "atol"_a, "most"_a,
-           "max_step"_a = std::numeric_limits<double>::infinity(), py::keep_alive<1, 2>());
+      .def_property_readonly("members", &Integrator::members);
 }
 
 }  // namespace pipedyn

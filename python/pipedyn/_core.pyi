@@ -15,16 +15,15 @@ __all__: list[str] = [
     "ChainSpectrum",
     "Complement",
     "DenseOperator",
-    "Dop853",
     "Eigenproblem",
     "Forms",
     "Galerkin",
     "Integrator",
+    "Member",
     "Operators",
     "Pair",
     "Pairs",
     "Pipe",
-    "Radau",
     "Range",
     "RootLoci",
     "Scene",
@@ -469,18 +468,35 @@ class Scene:
     @property
     def weights(self) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"]: ...
 
+class Member:
+    @property
+    def evaluations(self) -> int: ...
+    @property
+    def progress(self) -> str: ...
+    @property
+    def samples(self) -> int: ...
+    @property
+    def time(self) -> float: ...
+
 class Integrator:
+    def __init__(
+        self,
+        of: typing.Any,
+        u: typing.Any,
+        start: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, n]"],
+        t0: typing.SupportsFloat | typing.SupportsIndex,
+        rtol: typing.SupportsFloat | typing.SupportsIndex,
+        atol: typing.SupportsFloat | typing.SupportsIndex,
+        most: typing.SupportsFloat | typing.SupportsIndex,
+        max_step: typing.SupportsFloat | typing.SupportsIndex = ...,
+        jacobian: typing.Any = None,
+    ) -> None: ...
     def advance(
         self,
         times: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"],
         out: numpy.typing.NDArray[numpy.float64],
         evaluations: typing.SupportsInt | typing.SupportsIndex,
-    ) -> bool: ...
-    def follow(
-        self,
-        times: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"],
-        out: numpy.typing.NDArray[numpy.float64],
-        evaluations: typing.SupportsInt | typing.SupportsIndex,
+        follow: bool = False,
     ) -> tuple[
         bool, list[float], list[typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"]]
     ]: ...
@@ -489,34 +505,7 @@ class Integrator:
     ) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, 1]"]: ...
     def stop(self, member: typing.SupportsInt | typing.SupportsIndex) -> None: ...
     @property
-    def members(self) -> list[tuple[float, int, int, int]]: ...
-
-class Dop853(Integrator):
-    def __init__(
-        self,
-        of: typing.Any,
-        u: typing.Any,
-        start: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, n]"],
-        t0: typing.SupportsFloat | typing.SupportsIndex,
-        rtol: typing.SupportsFloat | typing.SupportsIndex,
-        atol: typing.SupportsFloat | typing.SupportsIndex,
-        most: typing.SupportsFloat | typing.SupportsIndex,
-        max_step: typing.SupportsFloat | typing.SupportsIndex = ...,
-    ) -> None: ...
-
-class Radau(Integrator):
-    def __init__(
-        self,
-        of: typing.Any,
-        jacobian: typing.Any,
-        u: typing.Any,
-        start: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, n]"],
-        t0: typing.SupportsFloat | typing.SupportsIndex,
-        rtol: typing.SupportsFloat | typing.SupportsIndex,
-        atol: typing.SupportsFloat | typing.SupportsIndex,
-        most: typing.SupportsFloat | typing.SupportsIndex,
-        max_step: typing.SupportsFloat | typing.SupportsIndex = ...,
-    ) -> None: ...
+    def members(self) -> list[Member]: ...
 
 def assignment(
     costs: typing.Annotated[numpy.typing.ArrayLike, numpy.float64],

@@ -23,10 +23,11 @@ constexpr double slow = 30.0;
 constexpr Index arc_points = 8;
 /// Factor beyond which the least are enough: what is not known lies beyond the last root known.
 constexpr double far_outside = 1.5;
-/// Speeds so close that the roots at one are starts at the other, if so few corrections do: a step
-/// of a search (longest_step), and back to the middle of the one before.
-constexpr double near_speed = 1.1;
-constexpr int most_near = 15;
+/// Roots at one speed are starts at another if so few corrections do, twice as many of starts that
+/// are moved off the real axis.
+constexpr int most_near = 8;
+/// Samples whose roots are kept: steps are halved from the right, and go on from there.
+constexpr std::size_t most_known = 8;
 /// Coarser chains on the way from the coarsest to a long one have so many times its segments: 5 and
 /// 80 take as long, measured from 1,000 to 100,000 segments.
 constexpr Index refinement = 20;
@@ -242,9 +243,9 @@ std::optional<Pairs> ChainSpectrum::from(Approximations roots, double u, Index c
     }
     for (std::size_t i = lowest.size(); i < roots.size(); ++i) roots[i].slope = 0.0;
     join_conjugates(roots);
-    roots_ = std::move(roots);
-    for (Approximation& one : roots_) one.settled = one.value == 0.0;
-    roots_speed_ = u;
+    for (Approximation& one : roots) one.settled = one.value == 0.0;
+    if (known_.size() == most_known) known_.erase(known_.begin());
+    known_.push_back({u, std::move(roots)});
   }
   return found;
 }
@@ -265,12 +266,15 @@ Approximations ChainSpectrum::dense_starts(double u) {
 
 std::optional<Pairs> ChainSpectrum::by_recursion(double u, Index count, bool vectors) {
   const Index n = chain_.dof(), zeros = roots_at_zero(u);
-  const Index before = std::count_if(roots_.begin(), roots_.end(),
-                                     [](const Approximation& one) { return one.settled; });
-  if (std::abs(u - roots_speed_) <= near_speed && zeros == before) {
-    const Approximations starts = expected(roots_, u - roots_speed_, traits.delta);
+  const auto near = std::min_element(
+      known_.begin(), known_.end(),
+      [u](const Known& a, const Known& b) { return std::abs(u - a.u) < std::abs(u - b.u); });
+  const auto is_zero = [](const Approximation& one) { return one.settled; };
+  if (near != known_.end() && std::ranges::count_if(near->roots, is_zero) == zeros) {
+    const Approximations starts = expected(near->roots, u - near->u, traits.delta);
     for (const bool moved : {false, true}) {
-      auto found = from(moved ? without_symmetry(starts) : starts, u, count, vectors, most_near);
+      auto found = from(moved ? without_symmetry(starts) : starts, u, count, vectors,
+                        moved ? 2 * most_near : most_near);
       if (found) return found;
     }
   }

@@ -3,8 +3,8 @@
 // Roots of a straight chain, free or held by guides, by the recursion of chain/impedance.hpp, O(n)
 // for one of them.
 //
-// Starts are LAPACK's roots of the chain, or for few of a long one those of a coarser chain; at a
-// speed near the last ones, cubics through their roots. All are corrected at once by the
+// Starts are LAPACK's roots of the chain, or for few of a long one those of a coarser chain; beside
+// speeds whose roots are known, cubics through these. All are corrected at once by the
 // method of Ehrlich and Aberth, Newton's on what the others leave of the determinant,
 //   1 / (d log det P / dlambda - sum_k 1 / (lambda - lambda_k)),
 // so that no two end on one root. That none is missing is checked by the same expression without
@@ -34,9 +34,6 @@ class ChainSpectrum : public Eigenproblem {
   void assess(double u, Pairs& pairs) override;
   void share(const Spectrum& other) override;
   std::optional<Forms> forms(const Pair& pair) const override;
-  /// Roots are found from those of the sample before: measured, 40 segments take two to three times
-  /// as long with steps of 1.
-  double longest_step() const override { return 0.5; }
   Index standing() const override { return zeros_in_flow_; }
   Pair refined(double u, const Pair& guess) override;
   Pair null_pair(double u, const Pair& near) override;
@@ -52,8 +49,11 @@ class ChainSpectrum : public Eigenproblem {
   const Vector scale_;
   const Index zeros_at_rest_, zeros_in_flow_;
 
-  Approximations roots_;
-  double roots_speed_ = -infinite;
+  struct Known {
+    double u;
+    Approximations roots;
+  };
+  std::vector<Known> known_;       // of the last samples
   Approximations starts_at_rest_;  // once known
 
   std::optional<Pairs> from(Approximations starts, double u, Index count, bool vectors,

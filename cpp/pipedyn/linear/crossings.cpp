@@ -193,9 +193,9 @@ class Search {
           [](const AxisCrossing& a, const AxisCrossing& b) { return a.speed < b.speed; });
       if (next->error > largest_error * next->speed + 1e-12) {
         throw refusal(
-            "a crossing near u = %.6g is known to %.1e only: rounding hides the eigenvalue's real "
-            "part",
-            next->speed, next->error);
+            "a crossing near u = %.6g is not known to three digits: rounding hides the "
+            "eigenvalue's real part",
+            next->speed);
       }
       sweep_.crossings.push_back(*next);
       unstable_count_ += next->change;
@@ -262,7 +262,8 @@ class Search {
     const double c = 3.0 * (b - a) - 2.0 * slope - end_slope, d = 2.0 * (a - b) + slope + end_slope;
     const auto cubic = [=](double t) { return a + t * (slope + t * (c + t * d)); };
     // The real part's own error; a little of the imaginary part's keeps it from being 0.
-    double band = 2.0 * std::abs(b - a - 0.5 * (slope + end_slope)) + 1e-4 * step.error[i];
+    double band = 2.0 * std::abs(b - a - 0.5 * (slope + end_slope)) + step.real_error[i] +
+                  1e-4 * step.error[i];
     // On the axis all along, as in a span that guides part from all that takes energy: there two
     // roots meet and leave it, which tracking shows.
     const double largest =

@@ -3,14 +3,16 @@
 // Eigenvalues tracked along the flow speed: which at one speed is which at the next.
 //
 // Two neighbouring samples are joined by cubic Hermite curves through eigenvalues and their slopes
-// d lambda / du. How far the two slopes disagree about the middle of the step,
+// d lambda / du. A match is ambiguous where two curves pass within a few times their errors of one
+// another; the step is then halved. The error of a curve is the lesser of two: how far the slopes
+// disagree about the middle of the step,
 //
-//     e = |lambda_0 + lambda_0' h/2 - (lambda_1 - lambda_1' h/2)| = O(h^3),
+//     |lambda_0 + lambda_0' h/2 - (lambda_1 - lambda_1' h/2)| = O(h^3),
 //
-// measures how well a curve is known. A match is ambiguous where two curves pass within a few e of
-// one another; the step is then halved. A pair that meets on the real axis has no slope there, but
-// its sum and product run smoothly through the meeting, and are compared instead. O(r^2) for r
-// eigenvalues, O(r^3) where their order changes much.
+// and what the curve of the step before, continued, misses at the end of this one, O(h^4). A pair
+// that meets on the real axis has no slope there, but its sum and product run smoothly through the
+// meeting, and are compared instead: where roots turn real or complex, a step is matched only if
+// they do. O(r^2) for r eigenvalues, O(r^3) where their order changes much.
 #pragma once
 
 #include <functional>
@@ -36,11 +38,12 @@ struct Cluster {
 /// Two neighbouring samples matched, by the roots of the left one.
 struct Step {
   SharedSample left, right;
-  Roots onto = {};                 // which root of the right sample continues it
-  std::vector<double> error = {};  // e
-  Roots meets = {};                // the root that it meets on the real axis within the step, or -1
-  Values slopes = {};              // the left sample's; of roots that leave zero at rest, estimated
-  bool unambiguous = false;        // for the roots tracked
+  Roots onto = {};                      // which root of the right sample continues it
+  std::vector<double> error = {};       // how far its curve may be off
+  std::vector<double> real_error = {};  // how far its real part, by the step before; 0 without one
+  Roots meets = {};          // the root that it meets on the real axis within the step, or -1
+  Values slopes = {};        // the left sample's; of roots that leave zero at rest, estimated
+  bool unambiguous = false;  // for the roots tracked
 
   double length() const { return right->u - left->u; }
   Complex start(Index i) const { return left->values[i]; }

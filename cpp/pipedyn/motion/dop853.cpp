@@ -13,11 +13,11 @@ namespace pipedyn {
 
 namespace {
 
-/// Of Hairer, Norsett and Wanner: by which a step changes at most.
+/// Factors by which a step changes at most, after Hairer, Norsett and Wanner.
 constexpr double least_factor = 1.0 / 3.0, most_factor = 6.0;
 
-/// Share of the last error in the choice of the next step. Without it steps bounce at the limit of
-/// stability, where undamped chains hold them: a fifth of the evaluations, measured.
+/// Power of the last error in the choice of the next step. Without it steps bounce at the limit of
+/// stability, as those of undamped chains do, which costs a fifth of the evaluations, measured.
 constexpr double memory = 0.08;
 
 constexpr Index stages = 12;
@@ -58,7 +58,7 @@ Vector Dop853::state(Index member) const {
   return Eigen::Map<const Matrix>(y_.data(), rows_, active()).col(column);
 }
 
-/// At a share of the steps that are tried.
+/// Rates of states at a share of the steps that are tried.
 void Dop853::evaluate(const Vector& y, Vector& rates, double share) {
   t_.resize(active());
   for (Index j = 0; j < active(); ++j) {
@@ -152,7 +152,7 @@ Index Dop853::step(double end) {
   return stages;
 }
 
-/// Of each column, relative to what is allowed.
+/// Error of each column's step, relative to what is allowed.
 void Dop853::measure_errors() {
   const Index m = active();
   const double* k[2][stages];
@@ -207,16 +207,11 @@ void Dop853::interpolate() {
   }
   if (columns.empty()) return;
   const Index c = static_cast<Index>(columns.size()), entries = rows_ * c;
-  const auto gather = [&](const Vector& all, Vector& some) {
-    for (Index i = 0; i < rows_; ++i) {
-      for (Index j = 0; j < c; ++j) some[i * c + j] = all[i * m + columns[j]];
-    }
-  };
   Dense& of = dense_;
-  gather(y_, of.from);
-  gather(next_, of.terms[0]);
-  gather(steps_, of.steps);
-  for (Index s = 0; s <= stages; ++s) gather(rate_[s], of.rate[s]);
+  gather(y_, columns, of.from);
+  gather(next_, columns, of.terms[0]);
+  gather(steps_, columns, of.steps);
+  for (Index s = 0; s <= stages; ++s) gather(rate_[s], columns, of.rate[s]);
   t_.resize(c);
   for (Index s = stages + 1; s < stages + 4; ++s) {
     combine(of.rate, dop853::weights[s - 1], s, of.from, of.steps, entries, of.stage);
@@ -257,13 +252,17 @@ void Dop853::interpolate() {
   }
 }
 
-void Dop853::keep(const std::vector<Index>& columns) {
+/// Some of all columns, in order; in place where both are one.
+void Dop853::gather(const Vector& all, const std::vector<Index>& columns, Vector& some) const {
   const Index m = active(), c = static_cast<Index>(columns.size());
-  for (Vector* of : {&y_, &rate_[0]}) {
-    for (Index i = 0; i < rows_; ++i) {
-      for (Index j = 0; j < c; ++j) (*of)[i * c + j] = (*of)[i * m + columns[j]];
-    }
+  for (Index i = 0; i < rows_; ++i) {
+    for (Index j = 0; j < c; ++j) some[i * c + j] = all[i * m + columns[j]];
   }
+}
+
+void Dop853::keep(const std::vector<Index>& columns) {
+  gather(y_, columns, y_);
+  gather(rate_[0], columns, rate_[0]);
 }
 
 }  // namespace pipedyn

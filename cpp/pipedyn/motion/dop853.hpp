@@ -34,6 +34,7 @@ class Dop853 final : public Integrator {
   void measure_errors();
   void control(Index j, double end);
   void interpolate();
+  void gather(const Vector& all, const std::vector<Index>& columns, Vector& some) const;
 
   Rates rates_;
   Vector y_, next_, stage_, steps_, squares5_, squares3_;

@@ -45,10 +45,10 @@ class Integrator {
  public:
   virtual ~Integrator() = default;
 
-  /// Goes on for some hundredths of a second, or so many evaluations, or until every member has
-  /// failed or has its states at all the times, increasing, in out (members, times, rows); whether
-  /// that is so. The same times and out must be given each time. With `steps`, which asks for a
-  /// single member, every step is appended there, at most `most_steps` of them.
+  /// Goes on for some hundredths of a second or so many evaluations; true once every member has
+  /// failed or has its states at all the times, increasing, in out (members, times, rows). The same
+  /// times and out must be given each time. `steps`, for a single member, gets every step; then it
+  /// returns after `most_steps` of them.
   bool advance(const Vector& times, double* out, Index evaluations,
                std::vector<Interpolant>* steps = nullptr);
   static constexpr std::size_t most_steps = 64;
@@ -72,10 +72,10 @@ class Integrator {
   static constexpr double safety = 0.9;
   /// From where a member is to an end.
   static double left(const Member& member, double end) { return end - member.time - member.beyond; }
-  /// Of a member's next step, not beyond `end`.
+  /// Length of a member's next step, which does not go beyond `end`.
   double length(const Member& member, double end) const;
-  /// Moves a member on by a step h, so that many short ones at a large time add up, and plans the
-  /// next, which is not shortened where `end` or max_step cut this one.
+  /// Moves a member on by a step h, so that many short ones at a large time add up. Plans the next:
+  /// no shorter than was planned before where `end` or max_step cut this one.
   void move_on(Member& member, double h, double next, double end);
   /// Plans a shorter step instead of one that failed, or ends where time would not change.
   void shorten(Member& member, double h);

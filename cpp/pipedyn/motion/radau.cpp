@@ -15,7 +15,7 @@ namespace {
 
 constexpr Index lanes = 8;
 
-/// By which a step changes at most.
+/// Factors by which a step changes at most.
 constexpr double shortest_next = 0.1, longest_next = 5.0;
 
 /// Newton's method stops where what is left is below this part of the error allowed, and gives up
@@ -32,7 +32,7 @@ constexpr double kept_contraction = 1e-3, kept_step = 1.1;
 /// with chains.
 constexpr Index expanded = 5;
 
-/// Of the error, which is that of order 7.
+/// Power of the error that a step follows: the estimate has order 7.
 constexpr double exponent = 1.0 / 8.0;
 
 using Table = double[lanes][lanes];
@@ -43,7 +43,7 @@ void mix(const double* in, const Table& matrix, Index rows, double* out) {
   motion_kernel().mix_stages(in, first(matrix), nullptr, nullptr, rows, out);
 }
 
-/// Of the stages and the start of a step.
+/// Times of the stages of a step and, last, of its start.
 Vector times(double from, double h) {
   return from + h * Eigen::Map<const Vector>(radau::nodes, lanes).array();
 }
@@ -52,7 +52,7 @@ Vector times(double from, double h) {
 
 // ------------------------------------------------------------------------------------ systems
 
-ChainSystems::ChainSystems(const Chain& chain, std::function<double(double, Index)> speed)
+ChainSystems::ChainSystems(const Chain& chain, SpeedAt speed)
     : chain_(chain),
       speed_(std::move(speed)),
       factors_(static_cast<std::size_t>(chain.factor_numbers())) {}
@@ -101,7 +101,7 @@ Radau::Radau(ImplicitRates rates, Index rows, Index members, const double* start
       rates_at_(rows, lanes),
       x_(of_.solved, lanes) {}
 
-/// From a member's state, with a first step that the size of its rates suggests.
+/// Starts from a member's state, with a first step that the size of its rates suggests.
 void Radau::begin(Index which) {
   current_ = which;
   y_ = states_.col(which);
@@ -123,7 +123,7 @@ void Radau::allow() {
   allowed_ = limits_.absolute + limits_.relative * y_.head(of_.solved).array().abs();
 }
 
-/// Stages of a step from the last one's polynomial, beyond it.
+/// Guesses the stages of a step: the last step's polynomial, continued.
 void Radau::predict(double h) {
   const Index n = of_.solved;
   const double ratio = h / last_h_;
@@ -205,9 +205,10 @@ bool Radau::solve(Index which, double h, Index& evaluations) {
   return false;
 }
 
-/// Of the step, relative to what is allowed: at its end, and of the polynomial within, of which the
-/// first knows nothing where fast decay binds the stages alone. The last step's polynomial misses
-/// the end by the same derivative.
+/// Error of the step relative to what is allowed, the larger of two. That at its end misses what
+/// the polynomial within errs by where modes decay fast. Of the latter an estimate is how far the
+/// last step's polynomial, continued, was from the end: both errors have one derivative as a
+/// factor.
 double Radau::error(double h) {
   const Index n = of_.solved;
   Table by_rates{}, by_stages{};

@@ -32,11 +32,13 @@ class ShiftedSystems {
   virtual bool is_cheap() const { return false; }
 };
 
+/// Flow speed at a time, for a member.
+using SpeedAt = std::function<double(double t, Index member)>;
+
 /// J of a chain, by its recursion.
 class ChainSystems final : public ShiftedSystems {
  public:
-  /// speed: of the flow at a time, for a member.
-  ChainSystems(const Chain& chain, std::function<double(double t, Index member)> speed);
+  ChainSystems(const Chain& chain, SpeedAt speed);
   void linearise(double t, const double* y, Index member) override;
   void factorise(const double* mu) override;
   void solve(double* b) override;
@@ -44,7 +46,7 @@ class ChainSystems final : public ShiftedSystems {
 
  private:
   const Chain& chain_;
-  std::function<double(double t, Index member)> speed_;
+  SpeedAt speed_;
   Vector state_;
   double u_ = 0.0;
   std::vector<double> factors_;

@@ -68,6 +68,9 @@ NUDGE = 0.01
 """How far beside a motion a neighbour begins, rad: as much as linear laws of its distance hold, and
 a thousand times what turning points err."""
 
+NEIGHBOUR = -1
+"""Of a motion that begins beside a member of a batch and is none itself, for its number."""
+
 SAMPLES_A_TIME = 100
 """Samples in a unit of time: cubics through them give a maximum of flutter to 1e-6."""
 
@@ -178,7 +181,7 @@ def attractors(
 class _Run:
     """A motion that goes on from a state."""
 
-    member: int  # of its batch
+    member: int  # its number in its batch, or NEIGHBOUR
     speed: float
     start: int
     state: Array  # [p, p']
@@ -321,7 +324,7 @@ def _neighbour(model: Model, run: _Run, bend: Array) -> _Run:
     if model.moving != model.dof:  # guides and pins
         beside = model.motion.projected(*beside)
     state = np.concatenate(beside)
-    return _Run(-1, run.speed, run.start, state if np.isfinite(state).all() else run.state)
+    return _Run(NEIGHBOUR, run.speed, run.start, state if np.isfinite(state).all() else run.state)
 
 
 def _record(t: Array, x: Array, velocity: Array, rtol: float) -> _Record:

@@ -63,8 +63,7 @@ def _eliminated(
     """`_condensed` of a few intervals."""
     count, _, width = orbit.rates.shape
     size, u, twice = motion.size, orbit.u, orbit.twice
-    y = np.ascontiguousarray(orbit.stages().reshape(-1, size).T)
-    rows = motion.jacobians(y, u)[:, -width:].reshape(count, STAGES, width, size)
+    y, rows = stage_derivatives(motion, orbit)
     h, lag = orbit.durations[:, None, None], NODES[:, None]
     right = np.empty((count, STAGES, width, size + 3))
     # Derivatives at fixed rates: of f by the first state, of the stages by time.
@@ -257,12 +256,14 @@ def state_units(motion: VectorField, orbit: PeriodicOrbit) -> Array:
     return units
 
 
-def stage_derivatives(motion: VectorField, orbit: PeriodicOrbit) -> Array:
-    """Derivatives of f at the stages, of the rates solved for, shape (M, s, width, 2 moving)."""
-    count, _, width = orbit.rates.shape
+def stage_derivatives(motion: VectorField, orbit: PeriodicOrbit) -> tuple[Array, Array]:
+    """States at the stages, (2 moving, M s), and there derivatives of the rates solved for.
+
+    These have shape (M, s, width, 2 moving).
+    """
     y = np.ascontiguousarray(orbit.stages().reshape(-1, motion.size).T)
-    rows = motion.jacobians(y, orbit.u)[:, -width:]
-    return rows.reshape(count, STAGES, width, motion.size)
+    rows = motion.jacobians(y, orbit.u)[:, -motion.width :]
+    return y, rows.reshape(*orbit.rates.shape, motion.size)
 
 
 def collocation_maps(motion: VectorField, orbit: PeriodicOrbit) -> tuple[Array, Array]:

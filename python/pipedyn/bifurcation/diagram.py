@@ -3,11 +3,13 @@
 
 from __future__ import annotations
 
+import inspect
 import math
 import sys
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import partial
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -147,12 +149,10 @@ def bifurcation_diagram(
         ValueError, TypeError: for bad arguments.
     """
     asked = _asked(
-        *(model, speeds, cycles, brute_force, transient, duration, exponents, rtol, seed)
+        *(model, speeds, cycles, brute_force, transient, duration, exponents, rtol, seed),
+        *(executor, progress),
     )
-    check.executor("executor", executor)
-    shown = check.flag("progress", progress)
-
-    model, at, failed = asked.model, asked.speeds, list[Failed]()
+    model, at, shown, failed = asked.model, asked.speeds, asked.shown, list[Failed]()
     begun = clock()
     branches, resting = equilibrium_branches(model, at, failed, shown)
     if shown:
@@ -198,18 +198,7 @@ class DiagramCost:
         )
 
 
-def diagram_cost(
-    model: Model,
-    speeds: ArrayLike,
-    *,
-    cycles: int = 100,
-    brute_force: int = 0,
-    transient: float = 100.0,
-    duration: float = 40.0,
-    exponents: bool = False,
-    rtol: float = 1e-6,
-    seed: int = 0,
-) -> DiagramCost:
+def diagram_cost(model: Model, speeds: ArrayLike, **options: Any) -> DiagramCost:
     """What `bifurcation_diagram` takes with these arguments, from short pieces of its work.
 
     The pieces are the branches of equilibria, the first eight steps along the first branch of
@@ -217,15 +206,9 @@ def diagram_cost(
     the speeds.
 
     Args:
-        model: as for `bifurcation_diagram`, like all others.
-        speeds: flow speeds, increasing.
-        cycles: number of steps along each branch of cycles at most.
-        brute_force: number of initial states for each speed.
-        transient: time in T that is left out before motions are recorded.
-        duration: time over which they are then recorded.
-        exponents: whether the largest Lyapunov exponent of irregular motions is computed.
-        rtol: relative tolerance.
-        seed: of the initial states.
+        model: as for `bifurcation_diagram`.
+        speeds: flow speeds, increasing, at least 2, shape (S,).
+        options: any others of its arguments; `executor` and `progress` change nothing.
 
     Returns:
         DiagramCost.
@@ -238,9 +221,9 @@ def diagram_cost(
         >>> model = pp.Galerkin(pp.Pipe(0.2), 4)
         >>> cost = pp.diagram_cost(model, [5.0, 6.0, 7.0], brute_force=10)
     """
-    asked = _asked(
-        *(model, speeds, cycles, brute_force, transient, duration, exponents, rtol, seed)
-    )
+    given = inspect.signature(bifurcation_diagram).bind(model, speeds, **options)
+    given.apply_defaults()
+    asked = _asked(**given.arguments)
     begun = clock()
     branches, _ = equilibrium_branches(asked.model, asked.speeds, [], False)
     return _cost(asked, branches, clock() - begun)
@@ -255,6 +238,7 @@ class _Asked:
     steps: int  # along each branch of cycles
     starts: list[Array]  # of motions
     options: MotionOptions
+    shown: bool
 
 
 def _asked(
@@ -267,6 +251,8 @@ def _asked(
     exponents: bool,
     rtol: float,
     seed: int,
+    executor: futures.Executor | None,
+    progress: bool,
 ) -> _Asked:
     model = checked_model_in_motion(model, largest=LARGEST, purpose="equilibria")
     at = check.array("speeds", speeds, low=0.0, high=LARGEST_SPEED, longest=100_000)
@@ -295,7 +281,8 @@ def _asked(
         )
     seed = check.count("seed", seed, low=0)
     starts = initial_bends(model, count, seed) if count else []
-    return _Asked(model, at, steps, starts, options)
+    check.executor("executor", executor)
+    return _Asked(model, at, steps, starts, options, check.flag("progress", progress))
 
 
 def _cost(asked: _Asked, branches: tuple[EquilibriumBranch, ...], seconds: float) -> DiagramCost:

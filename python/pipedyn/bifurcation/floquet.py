@@ -1,11 +1,12 @@
 # SPDX-License-Identifier: MIT
 """Floquet multipliers of a periodic orbit, and what happens where they pass the unit circle.
 
-The variational equation along the orbit is solved by Magnus' series. Where drag has kinks it is
-solved by the orbit's own collocation, on a mesh fine enough for the modes that are fast and do not
-decay at once, and also where the orbit's mesh is so anyway. Either gives the maps of intervals and
-an error by halving. The multipliers mu are those of the pencil L + mu R that the maps lead to, so
-that multipliers of a million cost no digits of the trivial one.
+The variational equation along the orbit is solved by Magnus' series. Where that does not reach the
+tolerance, or drag has kinks at phases that are not known, it is solved by the orbit's own
+collocation, on a mesh fine enough for all fast modes that do not decay at once; also where the
+orbit's mesh is so anyway. Either gives the maps of intervals and, from shorter ones, an error. The
+multipliers mu are those of the pencil L + mu R that the maps lead to, so that multipliers of a
+million cost no digits of the trivial one.
 """
 
 from __future__ import annotations
@@ -40,9 +41,9 @@ TURN = 4.0
 """Largest |lambda| h of an interval, for modes that persist: the error is 3e-8, at half 5e-13."""
 
 PARTS = 12.0
-"""Parts of Magnus' series in half a period, times the cube root of the turns of the fastest mode,
-before there are twice as many: multipliers of chains and reduced models then err by some 1e-6 at an
-amplitude of 0.28 L, and by less at smaller ones."""
+"""Parts into which Magnus' series first divides half a period, for each cube root of the fastest
+mode's turns in it. With twice as many, multipliers of chains and reduced models err by some 1e-6 at
+an amplitude of 0.28 L, and by less at smaller ones."""
 
 UNIT = 1e-6
 """By how much multipliers may exceed 1 on a stable cycle: as far as the trivial one may be off."""
@@ -101,7 +102,7 @@ def _by_magnus(motion: VectorField, orbit: PeriodicOrbit, turns: float) -> tuple
     differ by gives a better map: the error is how far this moves the multipliers.
     """
     units = state_units(motion, orbit)
-    given = stage_derivatives(motion, orbit), orbit.durations, units
+    given = stage_derivatives(motion, orbit)[1], orbit.durations, units
     rounds = orbit.span / math.pi
     number = PARTS * rounds * (turns / rounds) ** (1.0 / 3.0)
     parts = np.ceil(number * np.diff(orbit.edges) / orbit.span).astype(int)

@@ -431,8 +431,9 @@ def finished(
         except NewtonFailed as failure:
             raise NotConverged(f"the cycle at u = {orbit.u:g} fails its check: {failure}") from None
         if error > rtol:
+            known_to = "on one mesh" if error == math.inf else f"to {error:.1e}"
             raise NotConverged(
-                f"the cycle at u = {orbit.u:g} is known to {error:.1e} only: {reason}", result
+                f"the cycle at u = {orbit.u:g} is known {known_to} only: {reason}", result
             )
         # A change of the equations by eps moves a multiplier by eps / d if another lies d away.
         apart = float(np.abs(result.others - 1.0).min(initial=1.0))

@@ -26,8 +26,6 @@ class VectorField:
         """Whether constraints are met by a projection, and p' alone is not the rate of p."""
         self.width = self.size if self.constrained else self.half
         """Number of rates solved for: accelerations, the last ones; with constraints all."""
-        self.plain = model.motion is model.core
-        """Whether the compiled model advances [p, p'] itself, without the work done on them."""
         self.evaluations = 0
 
     def _count(self, states: int) -> None:
@@ -37,10 +35,7 @@ class VectorField:
     def __call__(self, y: Array, u: float | Array) -> Array:
         """Rates of the states in the columns, shape (2 moving, k), at one speed or k."""
         self._count(y.shape[1])
-        if self.plain:
-            return np.asarray(self.model.motion.rhs(0.0, y, u))
-        work = np.zeros((1, y.shape[1]))
-        return self.model.motion.rhs_and_power(0.0, np.concatenate([y, work]), u)[:-1]
+        return self.model.motion_rates(y, u)
 
     def jacobian(self, y: Array, u: float) -> Array:
         """df/dy of one state, shape (2 moving, 2 moving)."""

@@ -15,6 +15,7 @@ from pipedyn import _core
 from pipedyn.linear.eigenproblem import Complex, eigenproblem
 from pipedyn.models.base import DENSE_LIMIT, Model, NotConverged
 from pipedyn.models.continuum import (
+    TOLERANCE,
     AnyModel,
     Continuum,
     Converged,
@@ -192,14 +193,13 @@ def modes(model: AnyModel, u: float, count: int | None = None) -> Modes:
 def _moved_beyond_rounding(before: Modes, after: Modes) -> float:
     """What eigenvalues move by from one basis to the next, beyond what rounding may move them by.
 
-    Under strong damping at high speed rounding alone moves them by more than 1e-10: no larger basis
-    helps, and `errors` says so.
+    Under strong damping at high speed rounding alone moves them by more than the tolerance: no
+    larger basis helps, and `errors` says so.
     """
     moved = relative(before.eigenvalues, after.eigenvalues)
-    if not 1e-10 < moved < 1e-8:
+    if not TOLERANCE < moved < 100.0 * TOLERANCE:  # errors cost as much as the eigenvalues
         return moved
-    apart = np.abs(before.eigenvalues - after.eigenvalues) - before.errors - after.errors
-    return float(np.max(np.maximum(apart, 0.0) / np.maximum(np.abs(after.eigenvalues), 1.0)))
+    return relative(before.eigenvalues, after.eigenvalues, before.errors + after.errors)
 
 
 def largest_speed(model: AnyModel | None) -> float:
@@ -355,8 +355,8 @@ def _root_loci(model: Model, speeds: Array, count: int, shown: bool) -> RootLoci
     # -1 / delta, which only a search for all roots can pass.
     overdamped = model.pipe.damping * (math.pi * count) ** 2 > 2.0
     problem = eigenproblem(model)
-    spectrum, every, taken = problem.spectrum(), 2 * problem.dof, 2 * count + 16
-    taken = every if overdamped else taken
+    spectrum, every = problem.spectrum(), 2 * problem.dof
+    taken = every if overdamped else 2 * count + 16
     done = track(range(1, speeds.size), speeds.size - 1, "root loci", shown)
     row_done = (lambda: next(done, None)) if shown else None
     while True:

@@ -22,6 +22,9 @@ SMALLEST, LARGEST = 16, 240
 """Sizes between which the basis grows: measured, 16 functions hold the four lowest modes to 2e-12
 at u = 5 and to 3e-10 at u = 9 with gamma = 10; 240, dense problems of 480 rows, limit the time."""
 
+TOLERANCE = 1e-10
+"""Relative distance at which two answers count as one, where no other is asked for."""
+
 FUNCTIONS_A_JOINT = 4
 """By which both are larger for each joint between panels: a panel needs as many, see basis.hpp."""
 
@@ -66,7 +69,7 @@ class Continuum(OfPipe):
         self,
         question: Callable[[Galerkin], Answer],
         distance: Callable[[Answer, Answer], float],
-        tolerance: float = 1e-10,
+        tolerance: float = TOLERANCE,
         smallest: int = SMALLEST,
         largest: int = LARGEST,
     ) -> Converged[Answer]:
@@ -99,7 +102,7 @@ def converged_ahead(
     model: Continuum,
     question: Callable[[Galerkin, Galerkin | None], tuple[Answer, Answer | None]],
     distance: Callable[[Answer, Answer], float],
-    tolerance: float = 1e-10,
+    tolerance: float = TOLERANCE,
     smallest: int = SMALLEST,
     largest: int = LARGEST,
 ) -> Converged[Answer]:
@@ -167,10 +170,14 @@ def answered(
     return Converged(question(model), model.dof, 0.0)
 
 
-def relative(a: NDArray[Any], b: NDArray[Any]) -> float:
-    """Largest distance of two arrays' entries, relative to the entry or 1; inf if shapes differ."""
+def relative(a: NDArray[Any], b: NDArray[Any], errors: NDArray[Any] | float = 0.0) -> float:
+    """Largest distance of two arrays' entries, relative to the entry or 1; inf if shapes differ.
+
+    Counted is what the errors of both together, absolute, do not explain.
+    """
     if a.shape != b.shape or not (np.isfinite(a).all() and np.isfinite(b).all()):
         return np.inf
     if a.size == 0:
         return 0.0
-    return float(np.max(np.abs(a - b) / np.maximum(np.abs(b), 1.0)))
+    apart = np.maximum(np.abs(a - b) - errors, 0.0)
+    return float(np.max(apart / np.maximum(np.abs(b), 1.0)))

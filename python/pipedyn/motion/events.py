@@ -20,12 +20,12 @@ EventFunction: TypeAlias = Callable[[float, Array, Array], float]
 """g(t, q, qdot) of a time and the coordinates and rates then, shape (coordinates,) each."""
 
 PARTS = 4
-"""Of a step, at whose ends the signs of events are compared: where stability holds the steps of an
-explicit method, the fastest mode turns once in each."""
+"""Parts of a step, at whose ends the signs of events are compared: four for one turn of the fastest
+mode where stability limits the steps of an explicit method."""
 
 MOST_TRIALS = 10_000
-"""For an event's root: secants of a g that is flat there, such as q^9, halve their interval seldom,
-but Brent's method is within the square of bisection's 50."""
+"""Evaluations of g that may find an event's root: where g is flat, as q^9 is, Brent's method takes
+up to the square of the 50 that bisection takes."""
 
 
 @dataclass(frozen=True)

@@ -18,6 +18,7 @@ from pipedyn import _core
 from pipedyn.models.base import Model
 from pipedyn.models.modular.motion import SceneMotion
 from pipedyn.motion.events import Recorder
+from pipedyn.util import check
 from pipedyn.util.check import Array
 from pipedyn.util.counters import evaluated, factorised, in_time
 from pipedyn.util.later import scipy
@@ -33,11 +34,11 @@ CORE = ("dop853", "radau")
 METHODS = ("auto", *CORE, "scipy:DOP853", "scipy:Radau", "scipy:BDF", "scipy:LSODA")
 """The core's, and those of `scipy.integrate.solve_ivp`."""
 
-ENDS = {2: NOT_FINITE, 3: "its step size tends to 0"}
-"""Why a motion of the core's ended that did not reach its end."""
+ENDS = {"not finite": NOT_FINITE, "vanishing": "its step size tends to 0"}
+"""Why a motion of the core's ended that did not reach its end, by `Member.progress`."""
 
 FORECAST = 400
-"""Right-hand sides after which the number of those to come is estimated, which costs 40 to 120."""
+"""Right-hand sides after which those to come are estimated; the estimate costs 40 to 120."""
 
 CALLS, JACOBIAN_CALLS = 20_000, 20
 """Right-hand sides between two checks of progress, and for how many of them a Jacobian with its
@@ -52,8 +53,8 @@ CALLS_A_RATE = 1.5
 measured 1.6 with damping to 16 without at rtol 1e-6."""
 
 STAGES, HOPELESS = 8, 100.0
-"""Right-hand sides of an implicit iteration, and how many times those that it may take a motion may
-need at its present steps, which grow where fast modes decay: 50 times, measured."""
+"""Right-hand sides of an implicit iteration. A motion is given up that would, at its present steps,
+need so many times what it may take: steps grow where fast modes decay, measured 50 times."""
 
 MOST_CALLS = 1e8
 """Right-hand sides that a motion may take: minutes with few segments, an hour with a thousand."""
@@ -63,9 +64,8 @@ BATCHED, BATCH_DECAY = 8, 2.0
 unless the fastest decay is so many times the highest frequency. Measured, see `choose_method`."""
 
 SCENE_SEGMENTS, SCENE_DECAY = 20, 0.3
-"""Segments of a compiled scene with guides from which its matrices are worth their factorisations
-where the fastest decay, relative to the highest frequency, is above this times the square of their
-number relative to that one."""
+"""A compiled scene with guides and n segments, at least so many, is worth dense factorisations
+where its fastest decay is above SCENE_DECAY (n / SCENE_SEGMENTS)^2 times the highest frequency."""
 
 LARGEST_IMPLICIT = 1000
 """Degrees of freedom beyond which dense factorisations are not chosen: four complex ones of 2,001
@@ -100,7 +100,7 @@ class Task:
 
     def speed(self, t: float) -> float:
         """The flow speed at a time."""
-        return self.u(t) if callable(self.u) else self.u
+        return check.real(f"u({t:g})", self.u(t), low=0.0) if callable(self.u) else self.u
 
 
 Callback: TypeAlias = Callable[[float, Array, Array], object]
@@ -111,13 +111,13 @@ Outcome: TypeAlias = tuple[Array, int, str | None]
 it stopped early."""
 
 
-def jacobian_of(task: Task, t: float, y: Array) -> Array:
+def jacobian_of(model: Model, y: Array, u: float) -> Array:
     """Derivative of the rates of [q, q', W].
 
     W acts on nothing, and Newton's method does without its own row.
     """
     whole = np.zeros((y.size, y.size))
-    whole[:-1, :-1] = task.model.motion_jacobian(y[:-1], task.speed(t))
+    whole[:-1, :-1] = model.motion_jacobian(y[:-1], u)
     return whole
 
 
@@ -142,8 +142,9 @@ class Monitor:
         if self.calls >= self.task.most:
             raise Stopped(f"it needs more than {self.task.most:g} right-hand sides")
         self.calls += 1
+        u = self.task.speed(t)
         try:  # the force of u'(t) would enter here, and in the core's rates at given speeds
-            return np.asarray(self.task.model.motion.rhs_and_power(t, y, self.task.speed(t)))
+            return np.asarray(self.task.model.motion.rhs_and_power(t, y, u))
         except ValueError:
             self.overflowed = True
             return np.full(y.shape, np.nan)
@@ -153,8 +154,9 @@ class Monitor:
         self.jacobians += 1
         self.factorisations += 1
         self.next_check -= JACOBIAN_CALLS
+        u = self.task.speed(t)
         try:
-            return jacobian_of(self.task, t, y)
+            return jacobian_of(self.task.model, y, u)
         except ValueError:
             self.overflowed = True
             return np.zeros((y.size, y.size))
@@ -249,15 +251,14 @@ def integrate(tasks: Sequence[Task], shown: bool, observer: Observer) -> list[Ou
 def _in_core(tasks: Sequence[Task], shown: bool, observer: Observer) -> list[Outcome]:
     """By one of the core's methods, each task with steps of its own."""
     first, members = tasks[0], len(tasks)
+    model = first.model
     u = first.u if callable(first.u) else np.array([task.u for task in tasks])
     start = np.stack([task.start for task in tasks], axis=1)
-    options = (u, start, first.t0, first.rtol, first.atol, first.most, first.max_step)
-    rates = _rates(first.model, u)
-    motion: _core.Integrator
-    if first.method == "dop853":
-        motion = _core.Dop853(rates, *options)
-    else:
-        motion = _core.Radau(rates, lambda t, y, member: jacobian_of(tasks[member], t, y), *options)
+    rates = _compiled(model) or (lambda t, y, u: model.motion.rhs_and_power(t[0], y, u))
+    motion = _core.Integrator(
+        *(rates, u, start, first.t0, first.rtol, first.atol, first.most, first.max_step),
+        None if first.method == "dop853" else lambda t, y, u: jacobian_of(model, y, u),
+    )
     monitors = [Monitor(task) for task in tasks]
     times, count = first.times, first.times.size
     if observer.recorder is not None and times[-1] < first.end:
@@ -269,45 +270,44 @@ def _in_core(tasks: Sequence[Task], shown: bool, observer: Observer) -> list[Out
         """The samples that all members have, or will not have, one by one."""
         done, finished, allowed = 0, False, FORECAST
         while not finished and observer.end is None:
-            if observer.recorder is None:
-                finished = motion.advance(times, states, allowed)
-            else:
-                finished, ends, steps = motion.follow(times, states, allowed)
-                try:
-                    observer.steps(ends, steps)
-                except Stopped as stopped:
-                    whys[0] = str(stopped)
-                    return
+            follows = observer.recorder is not None
+            finished, ends, steps = motion.advance(times, states, allowed, follows)
+            try:
+                observer.steps(ends, steps)
+            except Stopped as stopped:
+                whys[0] = str(stopped)
+                return
             in_time()
-            going = [(*member, j) for j, member in enumerate(motion.members) if member[3] == 0]
+            now = motion.members
+            going = [j for j, member in enumerate(now) if member.progress == "going"]
             if going:
-                at, _, calls, _, slowest = min(going)
-                monitor = monitors[slowest]
-                monitor.calls = calls
+                slowest = min(going, key=lambda j: now[j].time)
+                at, monitor = now[slowest].time, monitors[slowest]
+                monitor.calls = now[slowest].evaluations
                 try:
-                    if calls >= monitor.next_check:
+                    if monitor.calls >= monitor.next_check:
                         monitor.check(at)
                 except Stopped as stopped:
                     whys[slowest] = str(stopped)
                     motion.stop(slowest)
                 else:
-                    if observer.callback is not None:
-                        observer.call(first, at, motion.state(slowest))
+                    observer.call(first, at, motion.state(slowest))
                 allowed = max(1, monitor.next_check - monitor.calls)
-            until = min((samples for _, samples, *_ in going), default=count)
+            until = min((now[j].samples for j in going), default=count)
             yield from range(done, min(until, count))
             done = until
 
     for _ in track(reached(), count, "motion", shown):
         pass
     answers: list[Outcome] = []
-    for j, (_, samples, calls, end) in enumerate(motion.members):
-        spent = f"it needs more than {first.most:g} right-hand sides" if end == 4 else None
-        why = whys[j] or ENDS.get(end, spent)
-        samples = min(samples, count)
+    for j, member in enumerate(motion.members):
+        why, samples = whys[j] or ENDS.get(member.progress), min(member.samples, count)
+        if member.progress == "spent":
+            why = why or f"it needs more than {first.most:g} right-hand sides"
         if observer.end is not None:
             samples, why = int(np.searchsorted(times[:samples], observer.end, "right")), None
-        answers.append((np.concatenate([start[None, :, j], states[j, :samples]]), calls, why))
+        rows = np.concatenate([start[None, :, j], states[j, :samples]])
+        answers.append((rows, member.evaluations, why))
     evaluated(sum(calls for _, calls, _ in answers))
     return answers
 
@@ -328,19 +328,6 @@ def _compiled(model: Model) -> object:
     return motion if isinstance(motion, (_core.Chain, _core.Galerkin)) else None
 
 
-def _rates(model: Model, u: Any) -> object:
-    """What the core integrates: a compiled model, or a function of t, states and their members."""
-    motion, compiled_model = model.motion, _compiled(model)
-    if compiled_model is not None:
-        return compiled_model
-
-    def rates(t: Array, y: Array, which: list[int]) -> Array:
-        speeds = np.array([u(at) for at in t]) if callable(u) else u[which]
-        return np.asarray(motion.rhs_and_power(t[0], y, speeds))
-
-    return rates
-
-
 def state_after(
     rates: Callable[[Array], Array],
     start: Array,
@@ -353,21 +340,17 @@ def state_after(
 
     By implicit steps where the Jacobian df/dy is given, else by explicit ones. Raises `Stopped`.
     """
-
-    def columns(t: Array, y: Array, which: list[int]) -> Array:
-        return np.stack([rates(column) for column in y.T], axis=1)
-
-    options = (np.zeros(1), start[:, None], 0.0, rtol, atol, MOST_CALLS)
-    motion: _core.Integrator
-    if jacobian is None:
-        motion = _core.Dop853(columns, *options)
-    else:
-        motion = _core.Radau(columns, lambda t, y, member: jacobian(y), *options)
+    motion = _core.Integrator(
+        lambda t, y, u: np.stack([rates(column) for column in y.T], axis=1),
+        *(np.zeros(1), start[:, None], 0.0, rtol, atol, MOST_CALLS, math.inf),
+        None if jacobian is None else lambda t, y, u: jacobian(y),
+    )
     state = np.empty((1, 1, start.size))
-    while not motion.advance(np.array([t]), state, CALLS):
+    while not motion.advance(np.array([t]), state, CALLS)[0]:
         in_time()
-    if motion.members[0][3] != 1:
-        raise Stopped(ENDS.get(motion.members[0][3], "it takes too many steps"))
+    [member] = motion.members
+    if member.progress != "done":
+        raise Stopped(ENDS.get(member.progress, "it takes too many steps"))
     return state[0, 0]
 
 

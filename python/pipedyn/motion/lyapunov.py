@@ -131,8 +131,7 @@ def lyapunov_exponent(
 
     def rates(y: Array) -> Array:
         evaluated(y[0].size)
-        work = np.zeros((1, *y.shape[1:]))
-        return model.motion.rhs_and_power(0.0, np.concatenate([y, work]), u)[:-1]
+        return model.motion_rates(y, u)
 
     def jacobian(y: Array) -> Array:
         evaluated(1)

@@ -222,11 +222,10 @@ def simulate(
             output needs as well.
         dense: keep the states at any time, as `motion.dense(t)`: 16 or more numbers a step and
             coordinate.
-        most: right-hand sides that it may take, >= 1, at 1 to 3 us each up to 60 segments, of which
-            eight at once take twice as long. Explicit methods take 1.5 or more in the time
-            1 / |lambda| of the fastest mode; a motion that would exceed `most` at that rate is
-            refused after 400, one of "radau" that would at its present steps take a hundred times
-            as many, after 20,000.
+        most: right-hand sides that it may take, >= 1: 1 to 3 us each up to 60 segments. Explicit
+            methods take at least 1.5 in the time 1 / |lambda| of the fastest mode; a motion that
+            would so exceed `most` is refused after 400. One by "radau" is refused after 20,000 if
+            at its present steps it would take a hundred times `most`.
         callback: called with t, q and qdot of where the motion is, first after some hundred
             right-hand sides, then each 0.05 s or later; the motion ends where it answers True.
         progress: show progress on stderr.
