@@ -70,7 +70,7 @@ def test_three_segments_are_chaotic_far_beyond_onset_by_either_route():
     # The cycle gives way to a torus near u = 8.35 and that to chaos: the largest multipliers and
     # brute force say the same.
     first, second = (
-        pp.lyapunov_exponent(CHAIN, 11.0, duration=18.0, transient=8.0, method=method)
+        pp.lyapunov_exponent(CHAIN, 11.0, duration=24.0, transient=8.0, method=method)
         for method in ("variational", "pair")
     )
     assert first.chaotic

@@ -281,8 +281,72 @@ def test_derivatives_of_accelerations_agree_with_differences(kind):
     def accelerations(z):
         return scene.motion.rhs(0.0, scene.core.from_angles(z[:4], z[4:]), u)[12:]
 
-    _, found = scene.motion.accelerations_by_state(angles, u)
+    found = scene.motion.accelerations_by_state(angles, u)
     assert worst(found, differences(accelerations, angles)) < 1e-7
+
+
+def light(n, *more):
+    """The last segment has no inertia but that of a term at its end."""
+    segments = [md.Segment(1.0 / n, 0.5, 0.07)] * (n - 1) + [md.Segment(1.0 / n, 0.0, 0.0)]
+    springs = [md.TorsionalSpring(j, 1.0 * n) for j in range(1, n + 1)]
+    ties = [md.Clamp(), *(md.Joint(j) for j in range(2, n + 1))]
+    pipe = replace(PIPE, terms=[pp.PointMass(at=1.0, mass=0.3)])
+    return md.Assembly(pipe, [*segments, *springs, md.InternalFlow(), md.Drag()], [*ties, *more])
+
+
+RETURNING = {
+    "guided": lambda: unequal(4).plus(md.Guide(4)),
+    "guided twice": lambda: unequal(6, ASPIRATING).plus(md.Guide(4), md.Guide(2)),
+    "pinned": lambda: unequal(5).plus(md.Pin(5, 0.1, 0.8), md.Guide(2)),
+    "own modules": lambda: rich(4).plus(md.Guide(4)),
+    "own modules, pinned": lambda: rich(5, ASPIRATING).plus(md.Guide(5), md.Pin(2, 0.1, 0.3)),
+    "light": lambda: light(4),
+    "light, guided": lambda: light(4, md.Guide(2)),
+}
+
+
+def off_constraints(scene):
+    """Angles and rates that miss guides and pins."""
+    rng = np.random.default_rng(3)
+    return scene.resting() + 0.3 * rng.normal(size=scene.moving), rng.normal(size=scene.moving)
+
+
+@pytest.mark.parametrize("name", RETURNING)
+def test_the_motion_jacobian_is_exact_where_guides_are_missed_too(name):
+    """Differences of sixth order in steps in which drag has no kink."""
+    scene = RETURNING[name]()
+    y, u, h = np.concatenate(off_constraints(scene)), 3.0, 2e-3
+
+    def rates(z):
+        return scene.motion.rhs_and_power(0.0, np.append(z, 0.0), u)[:-1]
+
+    weights = zip((1, 2, 3), (45.0, -9.0, 1.0), strict=True)
+    found = sum(w / 60.0 * k * differences(rates, y, k * h) * 2.0 for k, w in weights)
+    assert worst(scene.motion_jacobian(y, u), found) < 1e-11
+    both = scene.motion_jacobian(np.stack([y, 0.5 * y], axis=1), u)
+    np.testing.assert_array_equal(both[0], scene.motion_jacobian(y, u))
+
+
+@pytest.mark.parametrize("name", ["guided twice", "pinned", "own modules, pinned"])
+def test_what_states_miss_guides_by_decays_at_the_return_rate(name):
+    scene = RETURNING[name]()
+    n, rate, held = scene.moving, scene.core.return_rate, scene._layout.held
+    theta, omega = off_constraints(scene)
+    rates = scene.motion.rhs_and_power(0.0, np.concatenate([theta, omega, [0.0]]), 3.0)[:-1]
+    turning = rates[:n]
+
+    def of(angles, turned):
+        return np.split(scene.core.from_angles(angles, turned), 2)
+
+    places, moving = (part[held] for part in of(theta, turning))
+    np.testing.assert_allclose(moving, -rate * (places - scene._layout.held_values), atol=1e-12)
+
+    def speeds(h):
+        return of(theta + h * turning, omega + h * rates[n:])[1][held]
+
+    h = 1e-4
+    slope = (8.0 * (speeds(h) - speeds(-h)) - speeds(2.0 * h) + speeds(-2.0 * h)) / (12.0 * h)
+    np.testing.assert_allclose(slope, -rate * speeds(0.0), rtol=1e-7, atol=1e-7)
 
 
 # ----------------------------------------------------------------------------------------- energy

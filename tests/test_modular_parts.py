@@ -68,7 +68,7 @@ def test_a_module_in_python_is_the_built_in_one(n: int) -> None:
 
 def test_a_motion_with_a_module_in_python_is_that_with_the_built_in_one() -> None:
     plain = md.chain(PIPE, 3)
-    for method in ("dop853", "scipy:LSODA"):
+    for method in ("dop853", "radau", "scipy:LSODA"):
         own, built_in = (
             pp.simulate(scene, 3.0, 0.5, wave, samples=11, rtol=1e-9, method=method)
             for scene in (

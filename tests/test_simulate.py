@@ -296,10 +296,11 @@ def test_the_method_follows_from_members_model_and_decay():
     assert choose_method(pp.Galerkin(PIPE, 6), 64) == "radau"
     assert choose_method(stiff, 64) == "radau"
     assert choose_method(chain, 64) == choose_method(pp.Chain(PIPE, 20), 8) == "dop853"
-    free = [md.chain(model.pipe, 40) for model in (chain, stiff)]
-    assert [choose_method(scene) for scene in free] == ["radau", "radau"]
-    guided = [scene.plus(md.Guide(20)) for scene in free]
-    assert [choose_method(scene) for scene in guided] == ["dop853", "radau"]
+    short, guided = (md.chain(chain.pipe, n).plus(md.Guide(9)) for n in (20, 2000))
+    assert choose_method(short, 64) == "dop853"
+    assert choose_method(short) == choose_method(guided) == "radau"
+    magnet = md.Custom(nodes=(9,), energy=lambda q: q[0] ** 4)  # its Jacobian is a matrix
+    assert choose_method(guided.plus(magnet)) == "dop853"
     assert pp.simulate(stiff, 6.0, 0.1, bow).method == "radau"
     assert pp.simulate(stiff, 6.0, 0.1, bow, method="dop853").method == "dop853"
     many = pp.simulate_many(chain, [5.0] * 8, 0.01, bow, samples=2)

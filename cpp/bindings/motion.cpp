@@ -11,7 +11,7 @@
 #include "arguments.hpp"
 #include "pipedyn/chain/chain.hpp"
 #include "pipedyn/galerkin/galerkin.hpp"
-#include "pipedyn/modular/scene.hpp"
+#include "pipedyn/modular/systems.hpp"
 #include "pipedyn/motion/dop853.hpp"
 #include "pipedyn/motion/radau.hpp"
 
@@ -99,11 +99,12 @@ Rates rates_of(const py::object& of, Index rows, const py::object& u) {
   return called_rates(of, rows, u);
 }
 
-/// Those of the same states without the work, with their derivative, and the power apart.
+/// Those of the same states without the work, by rhs, with their derivative, and the power apart.
 template <class Model>
 ImplicitRates implicit_rates(const Model& model, const py::object& u,
+                             void (Model::*rhs)(const Batch&, double*) const,
                              std::unique_ptr<ShiftedSystems> systems) {
-  return {function_rates(model, u, std::mem_fn(&Model::rhs)),
+  return {function_rates(model, u, std::mem_fn(rhs)),
           function_rates(model, u,
                          [](const Model& of, const Batch& batch, double* out) {
                            Matrix parts(4, batch.members);
@@ -134,7 +135,12 @@ ImplicitRates implicit_rates_of(const py::object& of, const py::object& jacobian
   };
   if (py::isinstance<Chain>(of)) {
     const Chain& chain = of.cast<const Chain&>();
-    return implicit_rates(chain, u, std::make_unique<ChainSystems>(chain, speed));
+    return implicit_rates(chain, u, &Chain::rhs, std::make_unique<ChainSystems>(chain, speed));
+  }
+  if (py::isinstance<Scene>(of)) {
+    const Scene& scene = of.cast<const Scene&>();
+    return implicit_rates(scene, u, &Scene::returning_rhs,
+                          std::make_unique<SceneSystems>(scene, speed));
   }
   if (py::isinstance<Galerkin>(of)) {
     const Galerkin& model = of.cast<const Galerkin&>();
@@ -142,7 +148,8 @@ ImplicitRates implicit_rates_of(const py::object& of, const py::object& jacobian
       const double u = speed(t, member);
       model.jacobian({y, &u, 1, 0}, out);
     };
-    return implicit_rates(model, u, std::make_unique<DenseSystems>(slopes, 2 * model.dof()));
+    return implicit_rates(model, u, &Galerkin::rhs,
+                          std::make_unique<DenseSystems>(slopes, 2 * model.dof()));
   }
   return {rates_of(of, rows, u), nullptr, rows,
           std::make_unique<DenseSystems>(called_jacobian(jacobian, rows, speed), rows)};

@@ -68,20 +68,24 @@ Numbers from_angles(const Scene& scene, const py::object& theta, const py::objec
   return made;
 }
 
-/// Derivative of the rates of the chain alone, with further moments held.
-Matrix jacobian(const Scene& scene, const Vector& y, double u, const Vector& moments) {
-  Matrix made(y.size(), y.size());
-  const double* const more = moments.size() > 0 ? moments.data() : nullptr;
-  scene.chain().jacobian({y.data(), &u, 1, 0, more}, made.data());
-  return made;
-}
-
-/// theta'' and the force along each row.
-std::pair<Vector, Vector> reactions(const Scene& scene, const Vector& y, double u,
-                                    const Vector& moments) {
-  Vector rates(y.size()), multipliers(scene.compliance().size());
-  scene.rhs({y.data(), &u, 1, 0, moments.data()}, rates.data(), multipliers.data());
-  return {rates.tail(scene.dof()), multipliers};
+/// Derivative of the rates of [theta, theta'] (2 n, 2 n), or of each of k states, where they return
+/// to guides and pins or not. by_state: of further moments on a single state (n, 2 n), else 0.
+Numbers jacobian(const Scene& scene, const py::object& y, const py::object& u,
+                 const py::object& moments, const Matrix& by_state, bool returns) {
+  const py::ssize_t rows = 2 * scene.dof();
+  const States states("y", y, rows);
+  const Speeds speeds("u", u, states);
+  std::vector<py::ssize_t> shape{rows, rows};
+  if (!states.one) shape.insert(shape.begin(), states.members);
+  Numbers result(shape);
+  Batch batch{states.values.data(), speeds.data(), states.members, speeds.step()};
+  std::optional<States> further;
+  if (!moments.is_none())
+    batch.moments = further.emplace("moments", moments, scene.dof()).values.data();
+  double* const out = result.mutable_data();
+  const UnlockedFor unlocked(rows * work_of(scene) * states.members);
+  scene.jacobian(batch, returns, by_state, out);
+  return result;
 }
 
 }  // namespace
@@ -116,8 +120,8 @@ void define_scene(py::module_& m) {
       .def_readonly_static("met", &Scene::met)
       .def_readonly_static("return_rate", &Scene::return_rate)
       .def("solve", &Scene::solve, "theta"_a, "moments"_a, Unlocked())
-      .def("reactions", reactions, "y"_a, "u"_a, "moments"_a, Unlocked())
-      .def("jacobian", jacobian, "y"_a, "u"_a, "moments"_a = Vector(), Unlocked())
+      .def("jacobian", jacobian, "y"_a, "u"_a, "moments"_a = py::none(), "by_state"_a = Matrix(),
+           "returns"_a = true)
       .def(
           "rhs",
           [](const Scene& scene, const py::object&, const py::object& y, const py::object& u,

@@ -418,10 +418,12 @@ class Scene:
     ) -> numpy.typing.NDArray[numpy.float64]: ...
     def jacobian(
         self,
-        y: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"],
-        u: typing.SupportsFloat | typing.SupportsIndex,
-        moments: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"] = ...,
-    ) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"]: ...
+        y: typing.Any,
+        u: typing.Any,
+        moments: typing.Any = None,
+        by_state: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, n]"] = ...,
+        returns: bool = True,
+    ) -> numpy.typing.NDArray[numpy.float64]: ...
     def power(
         self, y: typing.Any, u: typing.Any
     ) -> tuple[
@@ -437,15 +439,6 @@ class Scene:
     ) -> tuple[
         typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"],
         typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"],
-        typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, 1]"],
-    ]: ...
-    def reactions(
-        self,
-        y: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"],
-        u: typing.SupportsFloat | typing.SupportsIndex,
-        moments: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"],
-    ) -> tuple[
-        typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, 1]"],
         typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, 1]"],
     ]: ...
     def rhs(

@@ -438,20 +438,23 @@ void Chain::rhs_and_power(const Batch& batch, double* rates) const {
 
 void Chain::jacobian(const Batch& batch, double* out) const {
   const Index rows = 2 * dof(), members = batch.members;
-  Vector y(rows), moments(batch.moments != nullptr ? dof() : 0);
+  const auto column = [members](const double* of, Index size, Index k) -> Vector {
+    if (of == nullptr) return Vector();
+    return Eigen::Map<const Matrix>(of, size, members).col(k);
+  };
+  const auto or_none = [](const Vector& of) { return of.size() > 0 ? of.data() : nullptr; };
   for (Index k = 0; k < members; ++k) {
-    for (Index i = 0; i < rows; ++i) y[i] = batch.y[i * members + k];
-    for (Index i = 0; i < moments.size(); ++i) moments[i] = batch.moments[i * members + k];
-    const double* const more = moments.size() > 0 ? moments.data() : nullptr;
-    const Batch one{y.data(), batch.u + k * batch.u_step, 1, 0, more};
+    const Vector y = column(batch.y, rows, k), moments = column(batch.moments, dof(), k);
+    const Vector slopes = column(batch.slopes, dof(), k);
+    const Batch one{y.data(), batch.u + k * batch.u_step, 1, 0, or_none(moments), or_none(slopes)};
     motion_kernel().jacobian(motion(), one, out + k * rows * rows);
   }
 }
 
 Index Chain::factor_numbers() const { return motion_kernel().factor_numbers(motion()); }
 
-void Chain::factorise(const double* y, double u, const double* mu, double* factors) const {
-  motion_kernel().factorise(motion(), {y, &u, 1, 0}, mu, factors);
+void Chain::factorise(const Batch& one, const double* mu, double* factors) const {
+  motion_kernel().factorise(motion(), one, mu, factors);
 }
 
 void Chain::solve(double u, double* factors, double* b) const {

@@ -123,13 +123,13 @@ class Chain {
   /// to its own order, so that E(t) - E(0) - W(t) audits a motion.
   void rhs_and_power(const Batch& batch, double* rates) const;
   /// d(dy/dtau)/dy (members, 2 n, 2 n), row-major, O(n^2) a member. Drag's share is 2 |v| dv, 0
-  /// where v = 0; further moments are held.
+  /// where v = 0; further moments change by their slopes.
   void jacobian(const Batch& batch, double* out) const;
   /// (mu - J) x = b for MotionKernel::shifts complex mu, J the Jacobian of a state, in O(n):
   /// factors with room for factor_numbers() make b (2 n, 2 shifts) x. Real parts are first, in mu
   /// too.
   Index factor_numbers() const;
-  void factorise(const double* y, double u, const double* mu, double* factors) const;
+  void factorise(const Batch& one, const double* mu, double* factors) const;
   void solve(double u, double* factors, double* b) const;
   /// Kinetic, elastic and gravity's energy of each member; 0 at rest on the straight pipe.
   void energy(const Batch& batch, double* out) const;

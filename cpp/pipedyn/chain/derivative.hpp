@@ -146,7 +146,7 @@ struct Response {
 /// A state about which the motion is linearised, and what its derivatives are made of.
 struct Linearised {
   const MotionModel& model;
-  const double* rates;
+  const double *rates, *slopes;  // the second of further moments
   double u;
   double *sine, *cosine;  // of each segment's angle
   Kept* kept;
@@ -160,7 +160,7 @@ struct Linearised {
   }
 
   Linearised(const MotionModel& of, const Batch& one, double* scratch)
-      : model(of), rates(one.y + of.size), u(one.u[0]) {
+      : model(of), rates(one.y + of.size), slopes(one.slopes), u(one.u[0]) {
     const Count n = model.size;
     sine = scratch + Sweep<double>::size(n);
     cosine = sine + whole_packs(n);
@@ -182,6 +182,7 @@ struct Linearised {
     Source found = angle ? angle_source(model, kept[k], k, rates[k], u)
                          : rate_source(model, kept[k], k, rates[k], u);
     if (loaded()) add_loads_to(found, loads[k], frame(k), angle, rates[k]);
+    if (angle && slopes != nullptr) found.moment += slopes[k];
     return found;
   }
 };

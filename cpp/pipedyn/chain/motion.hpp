@@ -60,6 +60,7 @@ struct Batch {
   std::ptrdiff_t members;
   std::ptrdiff_t u_step;            // 0 where all have one speed
   const double* moments = nullptr;  // further ones on the segments of a chain (n, members)
+  const double* slopes = nullptr;   // and of each by its segment's angle, 0 where null
 };
 
 struct GalerkinKernel;
@@ -73,7 +74,7 @@ struct MotionKernel {
   std::ptrdiff_t width;
   Function rhs;            // dy/dtau (2 n, members)
   Function rhs_and_power;  // and the sum of the power (2 n + 1, members)
-  Function jacobian;       // d(dy/dtau)/dy (2 n, 2 n) of one state, row-major; further moments held
+  Function jacobian;       // d(dy/dtau)/dy (2 n, 2 n) of one state, row-major
   Function energy;         // of each member
   Function power;          // of flow, joints, drag and the pipe's terms, (4, members)
 

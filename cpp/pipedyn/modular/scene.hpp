@@ -9,14 +9,31 @@
 //
 // so that clamp and joints, eqs. (10) and (11) of Orsino and Di Giulio, are met at any angles.
 //
-// A row of weights w makes one number w . q of the coordinates, with w . q'' = R theta'' + D. A
-// guide or pin holds it; an inertia (w . q')^2 / 2 acts on it with the force -w . q''. With mu the
-// force along each row and M^-1 the chain's recursion, which takes O(n),
+// A row of weights w makes one number w . q of the coordinates, with the rate R theta'. A guide or
+// pin holds it; an inertia (w . q')^2 / 2 acts on it with the force -(R theta')'. With mu the force
+// along each row and M^-1 the chain's recursion, which takes O(n),
 //
-//   theta'' = M^-1 f + X mu,   X = M^-1 R^T,   R theta'' + D + compliance mu = 0,
+//   theta'' = M^-1 f + X mu,   X = M^-1 R^T,   (R theta')' + compliance mu = 0,
 //
 // where compliance is 0 of what is held and 1 of an inertia. A last segment may have no inertia but
 // that of a row, and M no inverse then: it is lent one, which a row with compliance -1 takes back.
+//
+// Integrators' states y = [theta, omega] may miss guides and pins by g, and their rates by R omega.
+// Both decay, g' = -k g and (R omega)' = -k R omega, k the return rate, as
+//
+//   theta' = omega - R^T lambda,   omega' = M^-1 f + X mu
+//
+// say, lambda and mu the least that do it. An integrator's errors off guides and pins do not grow
+// then, and a state that meets them moves as above (Gear, Leimkuhler and Gupta (1985) for lambda,
+// Baumgarte (1972) for the decay).
+//
+// Of changes x of a state the rates change by J x = J_0 x + B z, where J_0 holds z = [lambda, mu].
+// With C the derivatives of g and R omega, and C' those of C f at held rates f of the state,
+//
+//   C J x + E x + compliance z = 0,   E = C' + k C,
+//
+// from which z follows: the dense J in O(n^2) a row, (nu - J) x = b in O(n) a row.
+
 #pragma once
 
 #include <vector>
@@ -50,15 +67,28 @@ class Scene {
 
   /// Rates of [theta, theta'] (2 n, members), O(n) a member and row. They keep guides and pins that
   /// are met; what these say twice is enforced once. NaN where a direction has no inertia.
-  /// multipliers: mu (rows, members), or null.
-  void rhs(const Batch& batch, double* rates, double* multipliers = nullptr) const;
+  void rhs(const Batch& batch, double* rates) const;
   /// The same of redundant states (6 n, members), of which the angles of the joints and their rates
   /// are read.
   void redundant_rhs(const Batch& states, double* rates) const;
-  /// Rates of [theta, theta', work done] (2 n + 1, members). With P the projection below, the state
-  /// moves as P(y) does, and y - P(y) decays at return_rate: an integrator's errors off guides and
-  /// pins do not grow. Further moments are those at P(y). NaN where P fails.
+  /// The same of integrators' states, which return to guides and pins.
+  void returning_rhs(const Batch& batch, double* rates) const;
+  /// Those of [theta, theta', work done] (2 n + 1, members).
   void rhs_and_power(const Batch& batch, double* rates) const;
+
+  /// J_0 and B of one state, and what z follows from. Rows that follow from others have no z.
+  struct Linear {
+    Vector moments, slopes;  // of forces along the rows and further ones on the segments, and of
+                             // each by its segment's angle, for J_0; empty without any
+    Vector slowed;           // and what is subtracted from the diagonal of theta' by theta
+    Matrix c, e, b;          // (size of z, 2 n) twice, (2 n, size of z)
+    Vector compliance;
+  };
+  /// returns: of states that return, else of `rhs`.
+  Linear linearised(const Batch& one, bool returns) const;
+  /// J of each member (members, 2 n, 2 n), row-major. by_state: derivatives of further moments
+  /// (n, 2 n) of a single member, which are else held.
+  void jacobian(const Batch& batch, bool returns, const Matrix& by_state, double* out) const;
 
   /// Energy of states [theta, theta']; 0 at rest on the straight pipe.
   void energy(const Batch& batch, double* out) const;
@@ -74,7 +104,7 @@ class Scene {
   Vector project(Matrix& theta, Matrix& omega) const;
   static constexpr double met = 1e-13;  // in L: a hundred times rounding
 
-  /// Rate at which a state off guides and pins returns to them, as fast as flutter turns.
+  /// Rate k at which a state off guides and pins returns to them, as fast as flutter turns.
   static constexpr double return_rate = 10.0;
 
  private:
@@ -86,12 +116,27 @@ class Scene {
   Vector value_;           // of what is held
   Matrix weights_;
   Vector compliance_;
+  // Of w . q: at rest on the axis of the base, by each sine and cosine, and by angles of joints.
+  Vector origin_;
+  Matrix across_, along_, joints_;
 
-  /// What the rows add to the chain's rates.
-  void add_rows(const Batch& batch, double* rates, double* multipliers) const;
-  struct Reached;
-  Reached reach(Index row, const double* sine, const double* cosine, const double* omega,
-                double* by_angles, Index stride) const;
+  /// R and the derivative of each entry by its angle, (n, rows members) with the members of a row
+  /// together. Where it weighs nodes, w . q is origin_ less the sum of the derivatives.
+  struct Rows {
+    Matrix by_angles, turning;
+  };
+  Rows rows_at(const Matrix& theta) const;
+  /// lambda and mu (rows, members), and the rows of the last member that follow from others.
+  struct Forces {
+    Matrix lambda, mu;
+    std::vector<Index> idle_lambda{}, idle_mu{};
+  };
+  /// Turns the rates omega of states into theta', and the chain's accelerations into omega', (n,
+  /// members) both. response: X.
+  Forces enforce(const Rows& rows, const Matrix& response, bool returns, Matrix& omega,
+                 Matrix& acceleration) const;
+  /// Turns the chain's rates into the scene's.
+  void add_rows(const Batch& batch, bool returns, double* rates) const;
   double project_one(Vector& theta, Vector& omega) const;
 };
 

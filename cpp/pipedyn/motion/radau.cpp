@@ -63,7 +63,7 @@ void ChainSystems::linearise(double t, const double* y, Index member) {
 }
 
 void ChainSystems::factorise(const double* mu) {
-  chain_.factorise(state_.data(), u_, mu, factors_.data());
+  chain_.factorise({state_.data(), &u_, 1, 0}, mu, factors_.data());
 }
 
 void ChainSystems::solve(double* b) { chain_.solve(u_, factors_.data(), b); }

@@ -540,13 +540,16 @@ class _Way:
         statics, a, b, ds = self.statics, segment.begin, segment.end, segment.length
         sizes = statics.rms(a.x), statics.rms(b.x)
         meeting, turns, until = None, list[float](), ds
-        across = float(a.x @ b.x) < 0.0 and not (statics.resting.any() or statics.straight(a.x))
-        if across and max(sizes) <= 2.0 * self.longest:  # a pitchfork leads onto its mirror image
+        # A pitchfork leads onto its mirror image, or Newton's method there to the straight pipe.
+        landed = statics.straight(b.x)
+        across = landed or float(a.x @ b.x) < 0.0
+        across = across and not (statics.resting.any() or statics.straight(a.x))
+        if across and max(sizes) <= 2.0 * self.longest:
             meeting = self._pitchfork(a.p)
         if meeting is None:
             turns = folds(segment, 1e-12)
         else:
-            until = 0.98 * ds * sizes[0] / sum(sizes)
+            until = 0.0 if landed else 0.98 * ds * sizes[0] / sum(sizes)
 
         @cache
         def growth(s: float) -> Array:

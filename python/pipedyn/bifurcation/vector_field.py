@@ -3,8 +3,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 
 from pipedyn.models.base import Model
@@ -23,7 +21,7 @@ class VectorField:
         self.half = model.moving
         self.size = 2 * model.moving
         self.constrained = model.moving != model.dof
-        """Whether constraints are met by a projection, and p' alone is not the rate of p."""
+        """Whether guides and pins hold p, which where it misses them has not the rate p'."""
         self.width = self.size if self.constrained else self.half
         """Number of rates solved for: accelerations, the last ones; with constraints all."""
         self.evaluations = 0
@@ -42,32 +40,9 @@ class VectorField:
         return self.jacobians(y[:, None], u)[0]
 
     def jacobians(self, y: Array, u: float) -> Array:
-        """df/dy of the states in the columns, shape (k, 2 moving, 2 moving).
-
-        Analytic; with guides and pins by differences in one batch, which unlike the analytic one
-        hold the curvature of the projection onto these.
-        """
-        count = y.shape[1]
-        if not self.constrained:
-            self._count(count)
-            return self.model.motion_jacobian(y, u)
-        pipe = self.model.pipe
-        if pipe.drag and not y[self.half :].any():  # at rest drag has no derivative to differ
-            return VectorField(self.model.with_pipe(replace(pipe, drag=0.0))).jacobians(y, u)
-        scale = 1e-4 if pipe.drag else 2e-3  # drag's derivative has kinks
-        steps = np.repeat([scale, 10.0 * scale], self.half)  # rates are as much larger
-        moves = np.concatenate([k * np.diag(steps) for k in (1, 2, 3)], axis=1)
-        found = np.empty((count, self.size, self.size))
-        piece = max(1, 30_000 // moves.shape[1])
-        for begin in range(0, count, piece):
-            here = y[:, begin : begin + piece, None]
-            ahead, behind = (
-                self((here + sign * moves[:, None, :]).reshape(self.size, -1), u)
-                for sign in (1.0, -1.0)
-            )
-            slopes = (ahead - behind).reshape(self.size, here.shape[1], 3, self.size)
-            found[begin : begin + piece] = np.einsum("ijkl,k->jil", slopes, STENCIL) / steps
-        return found
+        """df/dy of the states in the columns, shape (k, 2 moving, 2 moving)."""
+        self._count(y.shape[1])
+        return self.model.motion_jacobian(y, u)
 
     def by_speed(self, y: Array, u: float) -> Array:
         """df/du of the states in the columns at u > 0: exact, as f is of second degree in u."""

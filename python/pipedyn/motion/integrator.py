@@ -63,10 +63,6 @@ BATCHED, BATCH_DECAY = 8, 2.0
 """Members from which explicit steps of a batch are cheaper than implicit ones one after the other,
 unless the fastest decay is so many times the highest frequency. Measured, see `choose_method`."""
 
-SCENE_SEGMENTS, SCENE_DECAY = 20, 0.3
-"""A compiled scene with guides and n segments, at least so many, is worth dense factorisations
-where its fastest decay is above SCENE_DECAY (n / SCENE_SEGMENTS)^2 times the highest frequency."""
-
 LARGEST_IMPLICIT = 1000
 """Degrees of freedom beyond which dense factorisations are not chosen: four complex ones of 2,001
 unknowns take 256 MB and, from 1.8 s measured with half as many, 15 s on one core."""
@@ -314,9 +310,7 @@ def _in_core(tasks: Sequence[Task], shown: bool, observer: Observer) -> list[Out
 
 def runs_unlocked(task: Task) -> bool:
     """Whether a task's right-hand sides do without Python and its lock."""
-    compiled_model = _compiled(task.model)
-    in_python = callable(task.u) or compiled_model is None or task.method not in CORE
-    return not (in_python or (task.method == "radau" and isinstance(compiled_model, _core.Scene)))
+    return not callable(task.u) and _compiled(task.model) is not None and task.method in CORE
 
 
 def _compiled(model: Model) -> object:
@@ -391,22 +385,17 @@ def choose_method(model: Model, members: int = 1) -> str:
     of 3 to 100 segments, reduced models of 2 to 12 functions of both bases and scenes with modules
     in Python, damping 0 to 0.1 with and without drag, starts smooth or not, rtol 1e-3 to 1e-10:
     explicit ones cost 0.85 to 800 times as much at equal largest error of q, undamped mostly 1.2 to
-    4 times. Two cases differ, in which they are taken where decay is slow:
-
-    - Members of a chain or scene that advance together fill the vectors by themselves. Measured
-      with 8 to 64 members of 4 to 40 segments, the choice costs at most 1.9 times the cheaper; of
-      reduced models, 1.4.
-    - Scenes with guides or pins have dense Jacobians: at most 1.5 times, 5 to 80 segments.
+    4 times. Where decay is slow they are taken for members of a chain or scene that advance
+    together, which fill the vectors by themselves: measured with 8 to 64 members of 4 to 40
+    segments, the choice costs at most 1.9 times the cheaper; of reduced models, 1.4.
 
     `tests/benchmark_simulate.py` measures it again.
     """
     compiled_model = _compiled(model)
     reduced = isinstance(compiled_model, _core.Galerkin)
-    if not (reduced or isinstance(compiled_model, _core.Chain)) and model.moving > LARGEST_IMPLICIT:
+    if compiled_model is None and model.moving > LARGEST_IMPLICIT:
         return "dop853"
     least = BATCH_DECAY if members >= BATCHED and not reduced else 0.0
-    if isinstance(compiled_model, _core.Scene) and model.moving >= SCENE_SEGMENTS:
-        least = max(least, SCENE_DECAY * (model.moving / SCENE_SEGMENTS) ** 2)
     return "radau" if not least or decays_fast(model, least) else "dop853"
 
 

@@ -514,7 +514,7 @@ class Assembly(Model):
             raise ValueError(f"y must have shape ({2 * size},), got {state.shape}")
         self.core.power(state, u)  # checks both
         angles = np.cumsum(state.reshape(-1, 3)[:, 2].reshape(2, -1), axis=1).ravel()
-        _, by_angles = self.motion.accelerations_by_state(angles, float(np.asarray(u)))
+        by_angles = self.motion.accelerations_by_state(angles, float(np.asarray(u)))
         # An angle is the sum of its joint's and those before, which no other coordinate changes.
         by_joints = np.cumsum(by_angles.reshape(size, 2, -1)[:, :, ::-1], axis=2)[:, :, ::-1]
         whole = np.eye(2 * size, k=size)

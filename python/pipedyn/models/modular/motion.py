@@ -2,13 +2,9 @@
 """Motion of a scene: its rates, energy and power with their derivatives, custom modules included.
 
 Integrators advance the angles of the segments: redundant coordinates that follow from these meet
-every clamp and joint to rounding, at any time. Guides and pins are met by a projection P of each
-state, and
-
-    y' = f(P(y)) - return_rate (y - P(y)),
-
-so that an integrator's errors off the constraints decay. Recorded is P(y): nothing is left to grow.
-All but custom modules' functions is compiled (cpp/pipedyn/modular/scene.hpp).
+every clamp and joint to rounding, at any time. What a state is off guides and pins decays in its
+motion, so that an integrator's errors do not grow. Recorded is a projection of the state that meets
+them. All but custom modules' functions is compiled (cpp/pipedyn/modular/scene.hpp).
 """
 
 from __future__ import annotations
@@ -23,13 +19,6 @@ from pipedyn.models.modular.layout import coordinates_by_angles, nodes_by_angles
 from pipedyn.models.modular.redundant import RedundantForm
 from pipedyn.util import check
 from pipedyn.util.check import Array
-
-REDUNDANT, SMALLEST = 1e-12, 1e-20
-"""Of the small system of rows: singular values below which guides and pins say one thing twice, and
-a diagonal that is none against the largest, where rounding is all that is left of a row.
-
-As in the core; rounding leaves some 1e-16, and 1e-32 of what is squared.
-"""
 
 
 class SceneMotion:
@@ -105,13 +94,14 @@ class SceneMotion:
         if self.is_compiled:
             return self.core.rhs_and_power(t, y, u)
         n, size = self.layout.size, self.core.coordinates
-        met = np.concatenate(self.projected(y[:n], y[n : 2 * n]))
-        state = self.core.from_angles(met[:n], met[n:])
-        rates = self.core.rhs_and_power(t, y, u, self._moments(state[:size], state[size:]))
-        if self.enforce is not None:
-            turning = np.cumsum(self.rhs(t, state, u)[size + 2 :: 3], axis=0)
-            rates[n : 2 * n] = turning - self.core.return_rate * (y[n : 2 * n] - met[n:])
-        rates[2 * n] += self.customs.work(state[:size], state[size:])
+        state = self.core.from_angles(y[:n], y[n : 2 * n])
+        q, moving = np.split(state, 2)
+        moments = self._moments(q, moving)
+        rates = self.core.rhs_and_power(t, y, u, moments)
+        if self.enforce is not None:  # beside how states return to guides and pins
+            other = self.rhs(t, state, u) - self.core.rhs(t, state, u, moments)
+            rates[n : 2 * n] += np.cumsum(other[size + 2 :: 3], axis=0)
+        rates[2 * n] += self.customs.work(q, moving)
         return rates
 
     def states(self, theta: Array, omega: Array) -> Array:
@@ -128,65 +118,36 @@ class SceneMotion:
             of[:, missed > self.core.met] = np.nan
         return met[0].reshape(theta.shape), met[1].reshape(theta.shape)
 
-    def accelerations_by_state(self, y: Array, u: float) -> tuple[Array, Array]:
-        """Derivatives by [theta, theta'] of theta'', shape (n, 2 n), and of q'', (3 n, 2 n).
+    def jacobian(self, y: Array, u: float, returns: bool = True) -> Array:
+        """Derivative of the angles' rates by [theta, theta'], (2 n, 2 n), or (k, ...) of k states.
 
-        With the force along each row of weights (see the core) as a load that is held, the chain's
-        own derivative lacks what this load's moments and the rows themselves change by.
+        Args:
+            y: states, shape (2 n,) or (2 n, k).
+            u: flow speed.
+            returns: the rates of `rhs_and_power`; else of the angles in `rhs`.
         """
-        core, lengths, n = self.core, self.layout.lengths, self.layout.size
+        if not self.customs:
+            return self.core.jacobian(y, u, returns=returns)
+        if y.ndim == 2:
+            return np.array([self.jacobian(column, u, returns) for column in y.T.copy()])
         theta, omega = np.split(y, 2)
+        force = self.customs.force(*np.split(self.core.from_angles(theta, omega), 2))
+        moments = self.layout.moments(theta, force[:, None])[:, 0]
+        change = self.form.moments_by_state(theta, omega, force)
+        return self.core.jacobian(y, u, moments, change, returns)
 
-        def moments(force: Array) -> Array:
-            return self.layout.moments(theta, force[:, None])[:, 0]
-
-        force = self.customs.force(*np.split(core.from_angles(theta, omega), 2))
-        accelerations, multipliers = core.reactions(y, u, moments(force))
-        rows, compliance = core.weights, core.compliance
-        force = force + rows.T @ multipliers
-        by_state = core.jacobian(y, u, moments(force))[n:]
-        every = np.repeat(theta[:, None], max(2 * n, len(rows)), axis=1)
-        if self.customs or rows.size:
-            change = self.form.moments_by_state(theta, omega, force)
-            by_state = by_state + core.solve(every[:, : 2 * n], change)
-        q_by_angle = coordinates_by_angles(lengths, theta)
+    def accelerations_by_state(self, y: Array, u: float) -> Array:
+        """Derivative of q'' in `rhs` by [theta, theta'], shape (3 n, 2 n)."""
+        lengths, n = self.layout.lengths, self.layout.size
+        theta, omega = np.split(y, 2)
+        rates = self.rhs(0.0, self.core.from_angles(theta, omega), u)
+        turning = np.cumsum(rates[3 * n + 2 :: 3])
         across, inward = theta + 0.5 * math.pi, theta + math.pi
         drift = np.hstack(
             [
-                nodes_by_angles(lengths * accelerations, across)
+                nodes_by_angles(lengths * turning, across)
                 + nodes_by_angles(lengths * omega**2, inward),
                 2.0 * nodes_by_angles(lengths * omega, across),
             ]
         )
-        if rows.size:
-            by_angle = rows @ q_by_angle
-            response = core.solve(every[:, : len(rows)], by_angle.T)
-            system = by_angle @ response
-            missing = by_angle @ by_state + rows @ drift
-            size = np.diag(system) + np.abs(compliance)
-            size = 1.0 / np.sqrt(np.maximum(size, SMALLEST * size.max()))
-            system += np.diag(compliance)
-            inverse = np.linalg.pinv(size[:, None] * system * size, REDUNDANT)
-            by_state = by_state - (response * size) @ (inverse @ (size[:, None] * missing))
-        return by_state, drift + q_by_angle @ by_state
-
-    def jacobian(self, y: Array, u: float) -> Array:
-        """Derivative of the angles' rates by [theta, theta'], (2 n, 2 n), or (k, ...) of k states.
-
-        Exact without guides and pins; with them the projection's own curvature is left out, which
-        an implicit integrator does not miss.
-        """
-        n, layout = self.layout.size, self.layout
-        if self.is_compiled and not layout.holding:
-            return self.core.chain.jacobian(0.0, y, u)
-        if y.ndim == 2:
-            return np.array([self.jacobian(column, u) for column in y.T.copy()])
-        met = np.concatenate(self.projected(y[:n], y[n : 2 * n]))
-        whole = np.eye(2 * n, k=n)
-        whole[n:] = self.accelerations_by_state(met, u)[0]
-        if layout.holding:
-            rows = layout.rows(met[:n]).T
-            away = np.linalg.pinv(rows, rcond=1e-9) @ rows
-            onto = np.kron(np.eye(2), np.eye(n) - away)
-            whole = whole @ onto - self.core.return_rate * np.kron(np.eye(2), away)
-        return whole
+        return drift + coordinates_by_angles(lengths, theta) @ self.jacobian(y, u, False)[n:]
