@@ -57,8 +57,8 @@ and three periods are needed to see one."""
 ACROSS_KINKS = 0.1
 """Share of rtol that motions take where drag, or what a scene's modules do, has kinks. Turnings are
 compared to 10 rtol of the range; over ten periods of 36 cycles, from just above the onset to 1.5
-times its speed, motions missed 0.06 of that at most without drag, with drag all of it at rtol, and
-a tenth of it, in one case 0.6, at rtol / 10."""
+times its speed, motions missed 0.06 of that at most without drag, but 0.6 of it once;
+with drag all of it at rtol, and a tenth of it, once 0.6, at rtol / 10."""
 
 FIRST_LOOK = 4.0
 """Time after which motions are looked at for the first time, some ten periods of flutter; then
