@@ -130,20 +130,20 @@ def test_diagram_pickles(diagram):
 
 
 def test_points_that_fail_are_marked_and_the_others_kept(monkeypatch):
-    real_equilibria, real_many = module.equilibria, brute_force.simulate_many
+    real_equilibria, real_many = module.equilibria, brute_force.in_batches
 
     def none_at_rest(model, u):
         if u == 0.5:
             raise pp.NotConverged("none here")
         return real_equilibria(model, u)
 
-    def one_stops(*args, **options):
-        done = real_many(*args, **options)
-        error = pp.MotionStopped("it stopped", done.motions[3])
-        return pp.Ensemble(done.motions, (pp.MemberFailure(3, error),))
+    def one_stops(tasks, work):
+        done = real_many(tasks, work)
+        done[3] = (*done[3][:2], "it stopped")
+        return done
 
     monkeypatch.setattr(module, "equilibria", none_at_rest)
-    monkeypatch.setattr(brute_force, "simulate_many", one_stops)
+    monkeypatch.setattr(brute_force, "in_batches", one_stops)
     found = pp.bifurcation_diagram(
         TWO, [0.5, 2.0, 5.0], cycles=0, brute_force=2, transient=3.0, duration=2.0
     )

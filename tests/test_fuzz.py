@@ -16,7 +16,9 @@ MADE_BY_USERS = {pp.Pipe, pp.Chain, pp.Galerkin, pp.Continuum, *pp.Term.__subcla
 MADE_BY_USERS |= {getattr(modular, name) for name in modular.__all__ if name != "Mechanism"}
 MADE_BY_USERS -= {modular.Module, modular.Constraint}
 
-CALLED_WITH_CHECKED = {"braced", "motion_jacobian", "recorded", "require_equilibrium", "start"}
+CALLED_WITH_CHECKED = {
+    *("braced", "motion_jacobian", "motion_rates", "recorded", "require_equilibrium", "start")
+}
 CALLED_WITH_CHECKED |= {"drag_velocities", "free_directions", "largest_angle", "pencil"}
 CALLED_WITH_CHECKED |= {"term_stiffness", "unbalanced"}
 """Methods that integrators and searches call, with what they have checked."""

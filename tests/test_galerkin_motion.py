@@ -592,6 +592,22 @@ def test_other_bad_arguments_are_refused():
         MODEL.operators([0.0, math.nan, 0.0])
 
 
+@pytest.mark.parametrize("basis", ["beam", "legendre"])
+@pytest.mark.parametrize("turns", [0.01, 0.5, 5.0, 150.0])  # the last beyond the core's grids
+def test_tips_and_their_velocities_are_integrals_of_the_centreline(basis, turns):
+    model = pp.Galerkin(pp.Pipe(0.3, 5.0), 3, basis)
+    q = model.bent(lambda s: 2.0 * np.pi * turns * s) * np.linspace(0.9, 1.0, 9)[:, None]
+    rates = np.linspace(-1.0, 2.0, 27).reshape(9, 3)
+    nodes, weights = np.polynomial.legendre.leggauss(1500)
+    slopes = model.functions(0.5 + 0.5 * nodes, 1)
+    angles, turning = q @ slopes.T, rates @ slopes.T
+    sine, cosine = np.sin(angles), np.cos(angles)
+    tips = np.stack([sine, cosine], axis=-1).swapaxes(1, 2) @ (0.5 * weights)
+    moved = np.stack([cosine * turning, -sine * turning], axis=-1).swapaxes(1, 2) @ (0.5 * weights)
+    np.testing.assert_allclose(model.tips(q.T), tips, atol=1e-13)
+    np.testing.assert_allclose(model.tip_velocities(q.T, rates.T), moved, atol=1e-11)
+
+
 @pytest.mark.parametrize("terms", [(), (pp.PointMass(0.5, 1.0),)], ids=["plain", "terms"])
 def test_a_coil_beyond_the_quadrature_gives_nan(terms):
     """50 turns of 8 functions are resolved, 500 are not, nor 150 of 3: NaN, and no motion."""

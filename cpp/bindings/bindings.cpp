@@ -152,6 +152,14 @@ PYBIND11_MODULE(_core, m, py::mod_gil_not_used()) {
            "least_nodes"_a = 0)
       .def("operators", &Galerkin::operators, "q"_a = pipedyn::Vector(), Unlocked())
       .def("nodes", &Galerkin::nodes, "q"_a, Unlocked())
+      .def(
+          "tips",
+          [](const Galerkin& model, const py::object& y) {
+            const auto tips = [&](const Batch& batch, double* out) { model.tips(batch, out); };
+            return pipedyn::results_of(2 * model.dof(), 4, work_of(model), y, py::float_(0.0),
+                                       tips);
+          },
+          "y"_a)
       .def("functions_by_panel", [](const Galerkin& model) { return model.basis().by_panel(); })
       .def("most_on_a_panel", [](const Galerkin& model) { return model.basis().most_on_a_panel(); })
       .def(

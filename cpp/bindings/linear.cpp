@@ -15,6 +15,7 @@
 #include "pipedyn/linear/chain_spectrum.hpp"
 #include "pipedyn/linear/crossings.hpp"
 #include "pipedyn/linear/eigenproblem.hpp"
+#include "pipedyn/linear/tracking.hpp"
 #include "pipedyn/linear/truncated.hpp"
 
 namespace pipedyn {
@@ -180,6 +181,23 @@ void define_linear(py::module_& m) {
           "speeds"_a, "count"_a, "taken"_a, "factorised"_a, "row_done"_a = py::none())
       .def("factorisations", &Spectrum::factorisations);
 
+  m.def(
+      "assignment",
+      [](const Numbers& costs) {
+        if (costs.ndim() != 2) throw py::value_error("costs must have shape (rows, columns)");
+        require_finite("costs", costs);
+        const Index rows = costs.shape(0), columns = costs.shape(1);
+        const Index size = std::max(rows, columns);
+        std::vector<double> square(static_cast<std::size_t>(size * size));
+        for (Index i = 0; i < rows; ++i) {
+          std::copy_n(costs.data() + i * columns, columns, square.data() + i * size);
+        }
+        Eigen::VectorX<Index> found(rows);  // the columns, -1 where a row gets none
+        const Roots onto = assignment(square, size);
+        for (Index i = 0; i < rows; ++i) found[i] = onto[i] < columns ? onto[i] : -1;
+        return found;
+      },
+      "costs"_a);
   m.def(
       "crossings",
       [](const std::vector<std::shared_ptr<Spectrum>>& spectra, const std::vector<Range>& ranges,

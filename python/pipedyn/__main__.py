@@ -17,7 +17,7 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import nullcontext
 from functools import partial
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import Any, NoReturn, TypeAlias
 
 import matplotlib
 from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -27,7 +27,7 @@ from pipedyn.models.chain import SPRING_RULES
 from pipedyn.models.galerkin import BASES
 from pipedyn.models.pipe import FLOWS, Pipe
 from pipedyn.paper.analysis import HIGHEST_SPEED, LEAST_HIGHEST, Case, Findings, gather
-from pipedyn.paper.report import HEADER, draw, report, table
+from pipedyn.paper.report import BEFORE_MAPS, HEADER, Draw, map_figure, report, table
 from pipedyn.util import check
 
 
@@ -155,27 +155,38 @@ def save_figure(figure: plot.Figure, path: Path) -> None:
         figure.savefig(path)
 
 
-def write(case: Case, findings: Findings, figures: dict[str, plot.Figure]) -> list[Path]:
-    """Write the table and the figures; what cannot be written is added to `findings.failures`."""
+Saver: TypeAlias = Callable[[Path], None]
 
-    def save_table(path: Path) -> None:
+
+def written(case: Case, findings: Findings, savers: dict[str, Saver]) -> list[Path]:
+    """Files that were written; what cannot be written is added to `findings.failures`."""
+    paths = []
+    for name, save in savers.items():
+        path = case.output / name
+        try:
+            save(path)
+            paths.append(path)
+        except OSError as error:
+            findings.failures.append(f"{path}: {error.strerror or error}")
+    return paths
+
+
+def _table_saver(findings: Findings) -> dict[str, Saver]:
+    def save(path: Path) -> None:
         with path.open("w", newline="", encoding="utf-8") as stream:
             writer = csv.writer(stream)
             writer.writerow(HEADER)
             writer.writerows(table(findings))
 
-    savers: dict[str, Callable[[Path], None]] = {"critical-speeds.csv": save_table}
-    savers |= {f"{name}.{case.format}": partial(save_figure, one) for name, one in figures.items()}
-    paths = []
-    for name, save in savers.items():
-        path = case.output / name
-        try:
-            with plot.style():
-                save(path)
-            paths.append(path)
-        except OSError as error:
-            findings.failures.append(f"{path}: {error.strerror or error}")
-    return paths
+    return {"critical-speeds.csv": save}
+
+
+def _figure_saver(case: Case, findings: Findings, name: str, draw: Draw) -> dict[str, Saver]:
+    def save(path: Path) -> None:
+        with plot.style():
+            save_figure(draw(case, findings), path)
+
+    return {f"{name}.{case.format}": save}
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -183,9 +194,15 @@ def main(arguments: Sequence[str] | None = None) -> int:
     case = _parsed(arguments)
     # Nine tenths of the time are spent in the core, which other threads need not wait for.
     with ThreadPoolExecutor(case.workers) if case.workers else nullcontext() as executor:
-        findings = gather(case, executor)
+        stages = gather(case, executor)
+        findings = next(stages)
+        savers = _table_saver(findings)
+        for name, draw in BEFORE_MAPS.items():
+            savers |= _figure_saver(case, findings, name, draw)
+        paths = written(case, findings, savers)
+        next(stages)
+    paths += written(case, findings, _figure_saver(case, findings, "stability-map", map_figure))
     print(report(case, findings), flush=True)
-    paths = write(case, findings, draw(case, findings))
     print("\nWritten: " + ", ".join(map(str, paths)))
     if findings.failures:
         missing = f"{len(findings.failures)} not computed or written, the first:"

@@ -31,6 +31,7 @@ __all__: list[str] = [
     "Sweep",
     "Traits",
     "Truncated",
+    "assignment",
     "crossings",
     "dense_limit",
     "set_vector_level",
@@ -168,6 +169,7 @@ class Galerkin:
     def rhs_and_power(
         self, t: typing.Any, y: typing.Any, u: typing.Any
     ) -> numpy.typing.NDArray[numpy.float64]: ...
+    def tips(self, y: typing.Any) -> numpy.typing.NDArray[numpy.float64]: ...
 
 class Pair:
     @property
@@ -498,6 +500,9 @@ class Integrator:
     @property
     def members(self) -> list[Member]: ...
 
+def assignment(
+    costs: typing.Annotated[numpy.typing.ArrayLike, numpy.float64],
+) -> typing.Annotated[numpy.typing.NDArray[numpy.int64], "[m, 1]"]: ...
 def crossings(
     spectra: collections.abc.Sequence[Spectrum],
     ranges: collections.abc.Sequence[Range],

@@ -47,9 +47,10 @@ struct Block {
   const bool resists = drags || loads;
 
   // The columns that are integrated: derivatives of the position by the orthonormal coordinates, x
-  // then y; acceleration at q'' = 0; velocity, where drag or a term reads it; position, where a
-  // term does. Energy and power take the last two alone.
-  const Count bias = 2 * padded, integrated = bias + (loads ? 6 : drags ? 4 : 2);
+  // then y, of several members without any that are 0; acceleration at q'' = 0; velocity, where
+  // drag or a term reads it; position, where a term does. Energy and power take the last two alone.
+  const Count each = alone ? padded : m;
+  const Count bias = 2 * each, integrated = bias + (loads ? 6 : drags ? 4 : 2);
   double *theta, *omega, *sine, *cosine;  // (points), of a single member (stride)
   double *integrands, *moments;           // rows of columns, and their integrals from the clamp
   double *mass, *force;
@@ -112,9 +113,9 @@ struct Block {
       const Real c = at<Real>(cosine, p), s = at<Real>(sine, p);
       const double* __restrict const slope = grid.orthonormal + p * padded;
       double* __restrict const to = integrands + p * row;
-      for (Count i = 0; i < padded; ++i) {
+      for (Count i = 0; i < each; ++i) {
         set(to, i, Real(slope[i] * c));
-        set(to, padded + i, Real(-slope[i] * s));
+        set(to, each + i, Real(-slope[i] * s));
       }
     }
   }
@@ -217,7 +218,7 @@ struct Block {
       Pack sum[tile] = {};
       for (Count p = 0; p < points; ++p) {
         const double* const x = moments + p * row + i * lanes<Real>;
-        const double* const y_row = x + padded * lanes<Real>;
+        const double* const y_row = x + each * lanes<Real>;
         const Real fx = at<Real>(load_x, p), fy = at<Real>(load_y, p);
         for (Count k = 0; k < tile; ++k) {
           sum[k] += fx * load<Pack>(x + k * width) + fy * load<Pack>(y_row + k * width);
@@ -276,7 +277,7 @@ struct Block {
   /// Lower triangle of the mass matrix: sum over points and components of w J_i J_j.
   void gram(Count row) {
     const auto displacements = [&](Count k) {  // x and y at each point
-      return moments + (k >> 1) * row + (k & 1) * padded * lanes<Real>;
+      return moments + (k >> 1) * row + (k & 1) * each * lanes<Real>;
     };
     product_of(
         2 * grid.heavy, [&](Count k, Count i) { return at<Real>(displacements(k), i); },
@@ -353,6 +354,26 @@ struct Block {
     return row;
   }
 
+  /// Position of the free end, x then y, and its velocity.
+  void at_end(const double* state, Real (&found)[4]) {
+    angles(state);
+    for (Real& one : found) one = Real{};
+    for (Count p = 0; p < points; ++p) {
+      const Real across = grid.weight[p] * at<Real>(sine, p);
+      const Real down = grid.weight[p] * at<Real>(cosine, p), w = at<Real>(omega, p);
+      found[0] += across;
+      found[1] += down;
+      found[2] += down * w;
+      found[3] -= across * w;
+    }
+  }
+
+  void tips(const Batch& batch, double* out) {
+    Real found[4];
+    at_end(batch.y, found);
+    for (Count i = 0; i < 4; ++i) set(out, i, found[i]);
+  }
+
   Real energy(const Batch& batch) {
     const Count row = velocities(batch);
     Real twice{};
@@ -378,9 +399,17 @@ struct Block {
   }
 
   void power(const Batch& batch, double* out) {
-    const Count row = velocities(batch), end = points - 1;
+    const Count end = points - 1;
     const Real u = load<Real>(batch.u);
-    const Real x = at<Real>(moments + end * row, 0), y = at<Real>(moments + end * row, 1);
+    Count row = 0;
+    Real last[4];
+    if (resists) {
+      row = velocities(batch);
+      for (Count i = 0; i < 2; ++i) last[2 + i] = at<Real>(moments + end * row, i);
+    } else {
+      at_end(batch.y, last);
+    }
+    const Real x = last[2], y = last[3];
     const Real along = at<Real>(sine, end) * x + at<Real>(cosine, end) * y;
     const Real flux = 0.5 * effects.coriolis * u, thrust = effects.centrifugal * (u * u);
     Real joints{}, dragged{}, others{};

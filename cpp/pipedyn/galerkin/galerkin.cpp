@@ -21,17 +21,20 @@ const GalerkinKernel& kernel() { return *motion_kernel().galerkin; }
 
 /// Calls the kernel's function for blocks of members that take the same grid, one alone or as many
 /// as the vectors hold, and passes result i of each member k to write(k, i, result); NaN for those
-/// that bend more than the largest grid resolves.
+/// that bend more than the largest grid resolves. finer: by so many grids than the motion needs.
 template <class Write>
 void evaluate(const GalerkinKernel::Function function, const Grids& grids,
-              const MotionEffects& effects, const Batch& batch, Index results, const Write& write) {
+              const MotionEffects& effects, const Batch& batch, Index results, const Write& write,
+              Index finer = 0) {
   static thread_local std::vector<Index> grid_of, chosen;
   static thread_local std::vector<double> numbers;
   const Index state = 2 * grids.basis().size(), members = batch.members;
   grid_of.resize(static_cast<std::size_t>(members));
   Index lowest = grids.count(), highest = 0;
+  Index needed = 0;  // by the last one, mostly by the next as well
   for (Index k = 0; k < members; ++k) {
-    const Index number = grids.choose(batch.y + k, members);
+    needed = grids.choose(batch.y + k, members, needed);
+    const Index number = std::min(needed + finer, grids.count() - 1);
     grid_of[static_cast<std::size_t>(k)] = number;
     lowest = std::min(lowest, number);
     highest = std::max(highest, number);
@@ -191,6 +194,12 @@ void Galerkin::energy(const Batch& batch, double* out) const {
 void Galerkin::power(const Batch& batch, double* out) const {
   evaluate(kernel().power, grids(), effects_of(pipe_, grids().panels()), batch, 4,
            to_columns(out, batch.members));
+}
+
+void Galerkin::tips(const Batch& batch, double* out) const {
+  constexpr Index finer = 2;  // 1.4 times the nodes: to rounding, not to the motion's 1e-10
+  evaluate(kernel().tips, grids(), effects_of(pipe_, grids().panels()), batch, 4,
+           to_columns(out, batch.members), finer);
 }
 
 void Galerkin::jacobian(const Batch& batch, double* out) const {

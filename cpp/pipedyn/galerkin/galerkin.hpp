@@ -88,6 +88,8 @@ class Galerkin {
   /// What flow, damping (joints), drag and terms (others) add to the energy in unit time, (4,
   /// members); their sum is dE/dtau.
   void power(const Batch& batch, double* out) const;
+  /// Position (x, y) of each member's free end and its velocity, (4, members), O(N m).
+  void tips(const Batch& batch, double* out) const;
 
  private:
   const Grids& grids() const;

@@ -219,7 +219,7 @@ Grids::Grids(Basis basis, const Terms& terms, bool drag, Index least_nodes)
   const Index least = (drag ? with_drag : smooth).least_nodes;
   // Points, the nodes and a panel's end, come in whole multiples.
   for (Index points = whole_points(std::max({basis_.most_on_a_panel(), least_nodes, least}) + 1);;
-       points = whole_points(points + std::max<Index>(4, points / 6))) {
+       points = whole_points(points + std::max<Index>(4, points / 12))) {
     const bool last = points - 1 >= largest;
     std::vector<std::vector<NodeTest>> tests;
     for (const Matrix& one : series) {
@@ -246,9 +246,15 @@ bool Grids::Slot::resolves(const double* q, Index stride) const {
   });
 }
 
-Index Grids::choose(const double* q, Index stride) const {
-  const auto serves = [&](const Slot& slot) { return slot.resolves(q, stride); };
-  return std::find_if(slots_.begin(), slots_.end() - 1, serves) - slots_.begin();
+Index Grids::choose(const double* q, Index stride, Index guess) const {
+  const auto serves = [&](Index number) {
+    return slots_[static_cast<std::size_t>(number)].resolves(q, stride);
+  };
+  Index number = guess;
+  while (number + 1 < count() && !serves(number)) ++number;
+  if (number > guess) return number;
+  while (number > 0 && serves(number - 1)) --number;
+  return number;
 }
 
 bool Grids::resolves(Index number, const double* q, Index stride) const {

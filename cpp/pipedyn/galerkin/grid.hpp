@@ -92,9 +92,9 @@ class Grids {
   const Orthonormal& orthonormal() const { return orthonormal_; }
   Index count() const { return static_cast<Index>(slots_.size()); }
 
-  /// Number of the grid for amplitudes q with the given stride, O(m) a grid tried. The largest
-  /// serves all beyond.
-  Index choose(const double* q, Index stride) const;
+  /// Number of the grid for amplitudes q with the given stride, O(m) a grid tried from a guess on.
+  /// The largest serves all beyond.
+  Index choose(const double* q, Index stride, Index guess = 0) const;
 
   /// Whether the grid chosen for q has the nodes that q takes; the largest may not.
   bool resolves(Index number, const double* q, Index stride) const;

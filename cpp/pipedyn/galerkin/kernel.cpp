@@ -53,6 +53,10 @@ void power(const GridTables& grid, const MotionEffects& effects, const Batch& ba
   with_block<Block>(grid, effects, batch, [&](auto&& block) { block.power(batch, out); });
 }
 
+void tips(const GridTables& grid, const MotionEffects& effects, const Batch& batch, double* out) {
+  with_block<Block>(grid, effects, batch, [&](auto&& block) { block.tips(batch, out); });
+}
+
 }  // namespace
 
 namespace pipedyn {
@@ -61,6 +65,7 @@ const GalerkinKernel PIPEDYN_NAMED(galerkin) = {
     .accelerations = ::accelerations,
     .energy = ::energy,
     .power = ::power,
+    .tips = ::tips,
     .jacobian = ::jacobian,
     .operators = ::operators,
 };

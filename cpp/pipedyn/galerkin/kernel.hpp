@@ -75,6 +75,8 @@ struct GalerkinKernel {
   Function energy;
   /// Power of flow, damping, drag and terms, (4, members).
   Function power;
+  /// Position of the free end, x then y, and its velocity, (4, members).
+  Function tips;
   /// Derivatives of q'' by q, then by q', (m, 2 m, members). Drag's share is 2 |v_n| dv_n.
   Function jacobian;
 

@@ -48,7 +48,8 @@ template <class Real>
 struct Linearisation : Block<Real> {
   using Base = Block<Real>;
   using Base::alone, Base::step, Base::grid, Base::effects, Base::m, Base::padded, Base::points;
-  using Base::drags, Base::loads, Base::resists, Base::bias, Base::moments, Base::integrands;
+  using Base::drags, Base::each, Base::loads, Base::resists, Base::bias, Base::moments,
+      Base::integrands;
   using Base::load_x, Base::load_y, Base::mass_stride, Base::product_of;
   using Base::sine, Base::cosine, Base::omega, Base::mass, Base::velocity, Base::weighted;
   using typename Base::Numbers, typename Base::Product;
@@ -56,7 +57,7 @@ struct Linearisation : Block<Real> {
   // Columns besides those that are integrated for the motion: derivatives of the loads by
   // velocities and, of terms, by positions, times the virtual displacements; each x then y.
   const Count resisted = Base::integrated;
-  const Count held = resisted + (resists ? 2 * padded : 0), last = held + (loads ? 2 * padded : 0);
+  const Count held = resisted + (resists ? 2 * each : 0), last = held + (loads ? 2 * each : 0);
   double *own, *acceleration, *spin;  // q'' in orthonormal coordinates and in the basis; theta''
   double* beyond;                     // a row of columns
   double *by_angle, *by_rate, *system, *resistance;  // of `linearise`
@@ -86,9 +87,9 @@ struct Linearisation : Block<Real> {
   void set_loads(Count row) {
     for (Count p = 0; p < points; ++p) {
       double* const x = moments + p * row;
-      double* const y = x + padded * lanes<Real>;
+      double* const y = x + each * lanes<Real>;
       Pack sums[2] = {};
-      for (Count i = 0; i < padded; i += step) {
+      for (Count i = 0; i < each; i += step) {
         const Pack factor = load<Pack>(own + i * lanes<Real>);
         sums[0] += factor * load<Pack>(x + i * lanes<Real>);
         sums[1] += factor * load<Pack>(y + i * lanes<Real>);
@@ -100,10 +101,10 @@ struct Linearisation : Block<Real> {
       if (!drags) continue;
       const Real c = at<Real>(cosine, p), s = at<Real>(sine, p);
       const Real by_normal = share * dragged(p);
-      for (Count i = 0; i < padded; ++i) {
+      for (Count i = 0; i < each; ++i) {
         const Real by_i = by_normal * (at<Real>(x, i) * c - at<Real>(y, i) * s);
         set(x, resisted + i, Real(by_i * c));
-        set(x, resisted + padded + i, Real(-by_i * s));
+        set(x, resisted + each + i, Real(-by_i * s));
       }
     }
   }
@@ -117,18 +118,18 @@ struct Linearisation : Block<Real> {
     Base::for_each_station(
         row, bias + 2, [&](const auto& law, const auto& station, Count p, double w) {
           double* const x = moments + p * row;
-          double* const y = x + padded * lanes<Real>;
+          double* const y = x + each * lanes<Real>;
           const SlopesOf<Real> slopes = slopes_of(law, station);
           const double share = -w / unit(p);
-          for (Count i = 0; i < padded; ++i) {
+          for (Count i = 0; i < each; ++i) {
             const Real by_x = at<Real>(x, i), by_y = at<Real>(y, i);
             const auto times = [&](const Real& a, const Real& b) {
               return Real(a * by_x + b * by_y);
             };
             for (Count c = 0; c < 2; ++c) {
-              add(x, resisted + c * padded + i,
+              add(x, resisted + c * each + i,
                   Real(share * times(slopes.by_velocity[0][c], slopes.by_velocity[1][c])));
-              add(x, held + c * padded + i,
+              add(x, held + c * each + i,
                   Real(w * times(slopes.by_position[0][c], slopes.by_position[1][c])));
             }
             add(by_angle, p * mass_stride() + i,
@@ -153,7 +154,7 @@ struct Linearisation : Block<Real> {
     for (Count k = 0; k < held; ++k) set(beyond, k, at<Real>(integrands + end * row, k));
     for (Count p = end; p >= 0; --p) {
       const double* const x = moments + p * row;
-      const double* const y = x + padded * lanes<Real>;
+      const double* const y = x + each * lanes<Real>;
       const double* const before = integrands + p * row;
       double factor = grid.mass[p];
       if (grid.weight[p] == 0.0) {
@@ -180,15 +181,15 @@ struct Linearisation : Block<Real> {
         forward += effects.drag * at<Real>(weighted, p) * (v * v);
         sideways += dragged(p) * (s * at<Real>(x, bias + 2) + c * at<Real>(x, bias + 3));
       }
-      for (Count i = 0; i < padded; i += step) {
+      for (Count i = 0; i < each; i += step) {
         const Pack by_x = load<Pack>(x + i * lanes<Real>), by_y = load<Pack>(y + i * lanes<Real>);
-        const Pack beyond_x = beyond_of(i), beyond_y = beyond_of(padded + i);
+        const Pack beyond_x = beyond_of(i), beyond_y = beyond_of(each + i);
         const Pack beyond_t = beyond_x * s + beyond_y * c, beyond_n = beyond_x * c - beyond_y * s;
         const Pack normal = by_x * c - by_y * s;
         Pack angle = load<Numbers>(grid.orthonormal + p * padded + i) * bent + normal * sideways +
                      (by_x * s + by_y * c) * forward + beyond_t * turning + beyond_n * square;
         if (resists) {
-          angle += beyond_of(resisted + i) * (s * w) + beyond_of(resisted + padded + i) * (c * w);
+          angle += beyond_of(resisted + i) * (s * w) + beyond_of(resisted + each + i) * (c * w);
         }
         double* const to = by_angle + (p * stride + i) * lanes<Real>;
         if (loads) angle += load<Pack>(to);
@@ -215,7 +216,7 @@ struct Linearisation : Block<Real> {
   void add_moved(Count row, Count first, const Scale& scale, double* to) {
     const Count stride = mass_stride();
     const auto component = [&](Count k) {
-      return moments + (k >> 1) * row + (k & 1) * padded * lanes<Real>;
+      return moments + (k >> 1) * row + (k & 1) * each * lanes<Real>;
     };
     const bool direct = grid.from_basis == nullptr;
     product_of(
@@ -325,7 +326,7 @@ struct Linearisation : Block<Real> {
     const double* const end = moments + (points - 1) * row;
     for (Count i = 0; i < m; ++i) {
       out[3 * m * m + i] = end[i];
-      out[3 * m * m + m + i] = end[padded + i];
+      out[3 * m * m + m + i] = end[each + i];
     }
   }
 };

@@ -27,6 +27,11 @@ constexpr Index most_iterations = 10;
 /// grow by less than this factor: a step, an iteration and a factorisation cost about the same.
 constexpr double kept_contraction = 1e-3, kept_step = 1.1;
 
+/// J is that of the state predicted for this stage, near the step's end: of all stages and the
+/// start it took the fewest iterations, with reduced models, whose J serves the next steps, and
+/// with chains.
+constexpr Index expanded = 5;
+
 /// Power of the error that a step follows: the estimate has order 7.
 constexpr double exponent = 1.0 / 8.0;
 
@@ -169,7 +174,7 @@ bool Radau::solve(Index which, double h, Index& evaluations) {
     of_.rates(t, at_.data(), all, rates_at_.data());
     if (iterations_ == 1) {
       if (!fresh_ && (of_.systems->is_cheap() || contraction_ > kept_contraction)) {
-        of_.systems->linearise(t[lanes - 1], y_.data(), which);
+        of_.systems->linearise(t[expanded], Vector(at_.col(expanded)).data(), which);
         fresh_ = true;
         factored_h_ = 0.0;
       }

@@ -110,7 +110,7 @@ class Radau final : public Integrator {
   double last_h_ = 0.0, factored_h_ = 0.0;
   double contraction_ = 1.0, left_ = 1.0;  // of an iteration's change: the next, and all after it
   Index iterations_ = 0;
-  bool fresh_ = false;  // J is of this step's start
+  bool fresh_ = false;  // J is of this step
 };
 
 }  // namespace pipedyn

@@ -17,7 +17,6 @@ For a budget the same ladder finds the largest size that the budget pays for.
 
 from __future__ import annotations
 
-import html
 import math
 import time
 from collections.abc import Callable
@@ -34,6 +33,7 @@ from pipedyn.accuracy.trade import TradeRow, measured
 from pipedyn.models.base import Model, PipedynError, checked_pipe
 from pipedyn.models.pipe import Pipe
 from pipedyn.util import check
+from pipedyn.util.later import html
 from pipedyn.util.result import result
 
 DEFAULT = ("legendre", "beam", "consistent", "midpoint")

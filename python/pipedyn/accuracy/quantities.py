@@ -16,9 +16,9 @@ from functools import partial
 from typing import Any, ClassVar, Self, TypeAlias
 
 import numpy as np
-import scipy
 from numpy.typing import ArrayLike, NDArray
 
+from pipedyn import _core
 from pipedyn.accuracy.convergence import FAMILIES
 from pipedyn.accuracy.reference import LEAST_ERROR, Answer
 from pipedyn.bifurcation.limit_cycle import LARGEST_CYCLE, limit_cycle
@@ -173,7 +173,7 @@ class _Roots(Quantity):
             cost = np.abs(own - row) / np.maximum(np.abs(own), 1.0)
             if own.size > row.size or not np.isfinite(cost).all():
                 return math.inf
-            pairs = scipy.optimize.linear_sum_assignment(cost)
+            pairs = np.arange(own.size), _core.assignment(cost)
             worst = max(worst, float(cost[pairs].max(initial=0.0)))
         return worst
 

@@ -21,11 +21,11 @@ from itertools import pairwise
 from typing import Generic, TypeVar
 
 import numpy as np
-import scipy
 from numpy.linalg import LinAlgError
 
 from pipedyn.util.check import Array
 from pipedyn.util.counters import factorised
+from pipedyn.util.later import scipy
 from pipedyn.util.newton import NewtonFailed, newton
 
 FLAT = 0.3

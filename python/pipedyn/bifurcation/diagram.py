@@ -6,7 +6,6 @@ from __future__ import annotations
 import inspect
 import math
 import sys
-from concurrent.futures import Executor
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -54,6 +53,7 @@ from pipedyn.motion.simulate import LARGEST_SAMPLES, checked_model_in_motion, sl
 from pipedyn.util import check
 from pipedyn.util.check import Array
 from pipedyn.util.counters import clock, counted
+from pipedyn.util.later import futures
 from pipedyn.util.newton import NewtonFailed
 from pipedyn.util.parallel import parallel, track
 from pipedyn.util.result import result
@@ -112,7 +112,7 @@ def bifurcation_diagram(
     exponents: bool = False,
     rtol: float = 1e-6,
     seed: int = 0,
-    executor: Executor | None = None,
+    executor: futures.Executor | None = None,
     progress: bool = False,
 ) -> BifurcationDiagram:
     """Equilibria and cycles over a range of flow speeds and, on request, where motions end.
@@ -251,7 +251,7 @@ def _asked(
     exponents: bool,
     rtol: float,
     seed: int,
-    executor: Executor | None,
+    executor: futures.Executor | None,
     progress: bool,
 ) -> _Asked:
     model = checked_model_in_motion(model, largest=LARGEST, purpose="equilibria")
@@ -391,7 +391,10 @@ class _Cycles:
                 self.found.append(one)
 
     def from_onsets(
-        self, equilibria: tuple[EquilibriumBranch, ...], executor: Executor | None, shown: bool
+        self,
+        equilibria: tuple[EquilibriumBranch, ...],
+        executor: futures.Executor | None,
+        shown: bool,
     ) -> None:
         """From the onsets of flutter."""
         highest = 1.5 * float(self.options.speeds[-1])  # cycles from beyond may come back

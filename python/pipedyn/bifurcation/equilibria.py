@@ -17,7 +17,6 @@ from itertools import product
 from typing import Any, Literal
 
 import numpy as np
-import scipy
 from numpy.typing import NDArray
 
 from pipedyn.bifurcation.continuation import (
@@ -35,6 +34,7 @@ from pipedyn.models.base import Model, NotConverged, PipedynError
 from pipedyn.motion.simulate import Start, checked_model_in_motion, modal_bend
 from pipedyn.util import check
 from pipedyn.util.check import Array
+from pipedyn.util.later import scipy
 from pipedyn.util.newton import NewtonFailed
 from pipedyn.util.result import result
 from pipedyn.util.threads import one_thread
@@ -170,6 +170,7 @@ class Statics:
         self.size = model.moving
         self.motion = VectorField(model)
         self.resting = np.array(model.resting(), dtype=np.float64)
+        self._about: tuple[Array, Array] | None = None  # operators about the last configuration
         # Forces are affine in the square of the speed: balanced at two, they are so at any.
         self.always_rests = max(model.unbalanced(0.0), model.unbalanced(1.0)) <= BALANCED
 
@@ -224,11 +225,22 @@ class Statics:
 
     def eigenvalues(self, x: Array, u: float) -> Complex:
         """Of small motions about an equilibrium, shape (2 dof,)."""
-        mass, velocity, stiffness = self.model.operators(x).at(u)
-        n = len(mass)
-        half = np.linalg.inv(np.linalg.cholesky(mass))
-        turning = -np.hstack([half @ stiffness @ half.T, half @ velocity @ half.T])
-        return np.linalg.eigvals(np.vstack([np.eye(n, 2 * n, n), turning])).astype(complex)
+        if self._about is None or not np.array_equal(self._about[0], x):
+            self._about = x, self._normalised(x)
+        still, by_square, damping, by_speed = self._about[1]
+        n = len(still)
+        turning = np.zeros((2 * n, 2 * n))
+        turning[:n, n:] = np.eye(n)
+        turning[n:, :n] = -still - u**2 * by_square
+        turning[n:, n:] = -damping - u * by_speed
+        return np.linalg.eigvals(turning).astype(complex)
+
+    def _normalised(self, x: Array) -> Array:
+        """Stiffness, and by u^2; damping, and by u; about a configuration, its mass made 1."""
+        of = self.model.operators(x)
+        half = np.linalg.inv(np.linalg.cholesky(of.mass))
+        flow = of.direction * (of.gyroscopic + of.end_flux)
+        return half @ np.stack([of.stiffness, of.centrifugal * of.flux, of.damping, flow]) @ half.T
 
     def growth(self, x: Array, u: float) -> Array:
         """Real parts of the eigenvalues beyond rounding, the largest first."""

@@ -15,9 +15,9 @@ import math
 from typing import Literal
 
 import numpy as np
-import scipy
 from numpy.typing import ArrayLike
 
+from pipedyn import _core
 from pipedyn.bifurcation.collocation import (
     collocation_maps,
     stage_derivatives,
@@ -30,6 +30,7 @@ from pipedyn.bifurcation.vector_field import VectorField
 from pipedyn.linear.eigenproblem import Complex
 from pipedyn.util.check import Array
 from pipedyn.util.counters import factorised
+from pipedyn.util.later import scipy
 from pipedyn.util.newton import NewtonFailed
 
 TOLERANCE, MOST_HALVINGS, MOST = 1e-7, 4, 4000
@@ -172,7 +173,7 @@ def _moved(orbit: PeriodicOrbit, before: Complex, after: Complex) -> float:
     if orbit.symmetric:
         before, after = before**2, after**2
     moved = np.abs(before[:, None] - after) / np.maximum(np.abs(after), 1.0)
-    return float(moved[scipy.optimize.linear_sum_assignment(moved)].max())
+    return float(moved[np.arange(len(moved)), _core.assignment(moved)].max())
 
 
 def _eigenvalues(motion: VectorField, orbit: PeriodicOrbit, maps: Array, units: Array) -> Complex:

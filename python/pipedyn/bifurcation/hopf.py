@@ -38,13 +38,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from concurrent.futures import Executor
 from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Literal
 
 import numpy as np
-import scipy
 from numpy.typing import ArrayLike, NDArray
 
 from pipedyn.bifurcation.equilibria import BranchPoint, Statics
@@ -58,6 +56,7 @@ from pipedyn.motion.simulate import checked_model_in_motion
 from pipedyn.util import check
 from pipedyn.util.check import Array
 from pipedyn.util.counters import factorised
+from pipedyn.util.later import futures, scipy
 from pipedyn.util.parallel import outcome_of
 from pipedyn.util.result import result
 from pipedyn.util.threads import one_thread
@@ -547,7 +546,7 @@ def _onsets(models: Sequence[Model]) -> list[Hopf | Exception]:
 def criticality_curve(
     make_model: Callable[[float], Model],
     values: ArrayLike,
-    executor: Executor | None = None,
+    executor: futures.Executor | None = None,
     progress: bool = False,
 ) -> CriticalityCurve:
     """Whether flutter at the critical speed is supercritical, against any parameter.

@@ -17,7 +17,6 @@ from functools import partial
 from typing import Any, TypeAlias
 
 import numpy as np
-import scipy
 
 from pipedyn.bifurcation.brute_force import LONGEST_PERIOD
 from pipedyn.bifurcation.collocation import residual, solved
@@ -44,6 +43,7 @@ from pipedyn.motion.simulate import (
 from pipedyn.util import check
 from pipedyn.util.check import Array
 from pipedyn.util.counters import factorised
+from pipedyn.util.later import scipy
 from pipedyn.util.newton import NewtonFailed
 from pipedyn.util.result import result
 from pipedyn.util.threads import one_thread

@@ -9,12 +9,12 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
-import scipy
 from numpy.polynomial import legendre
 from numpy.typing import NDArray
 
 from pipedyn.bifurcation.vector_field import VectorField
 from pipedyn.util.check import Array
+from pipedyn.util.later import scipy
 
 STAGES = 8
 """Stages of the Radau IIA method, which has order 2 STAGES - 1 = 15. Cycles of two pipes take 2.5

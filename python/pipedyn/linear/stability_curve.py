@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Sequence
-from concurrent.futures import Executor
 from dataclasses import field
 from functools import partial
 from typing import Any, TypeVar
@@ -18,6 +17,7 @@ from pipedyn.linear.sensitivity import Crossing
 from pipedyn.models.continuum import AnyModel, checked_model
 from pipedyn.util import check
 from pipedyn.util.check import Array
+from pipedyn.util.later import futures
 from pipedyn.util.parallel import outcome_of, parallel
 from pipedyn.util.result import result
 
@@ -83,7 +83,7 @@ def stability_curve(
     make_model: Callable[[float], AnyModel],
     values: ArrayLike,
     max_speed: float | None = None,
-    executor: Executor | None = None,
+    executor: futures.Executor | None = None,
     progress: bool = False,
 ) -> StabilityCurve:
     """Critical speed against any parameter.
@@ -117,7 +117,7 @@ def swept(
     make_model: Callable[[float], AnyModel],
     values: ArrayLike,
     solve: Callable[[Sequence[Any]], Sequence[Answer | Exception]],
-    executor: Executor | None,
+    executor: futures.Executor | None,
     progress: bool,
     label: str = "stability curve",
 ) -> tuple[Array, list[Answer | None], tuple[Failure, ...]]:

@@ -369,6 +369,8 @@ class Model(OfPipe, ABC):
 
     def motion_rates(self, y: Array, u: float | Array) -> Array:
         """Rates of [p, p'], shape (2 moving,), or (2 moving, k) of k columns."""
+        if self.motion is self.core:  # which advances these, and needs no work for it
+            return np.asarray(self.core.rhs(0.0, y, u))
         work = np.zeros((1, *y.shape[1:]))
         rates: Array = self.motion.rhs_and_power(0.0, np.concatenate([y, work]), u)
         return rates[:-1]

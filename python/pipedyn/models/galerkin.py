@@ -10,7 +10,6 @@ from itertools import pairwise
 from typing import Any
 
 import numpy as np
-import scipy
 from numpy.typing import ArrayLike, NDArray
 
 from pipedyn import _core
@@ -26,6 +25,7 @@ from pipedyn.models.pipe import Pipe
 from pipedyn.models.terms import Term
 from pipedyn.util import check
 from pipedyn.util.check import Array
+from pipedyn.util.later import scipy
 
 BASES = ("beam", "legendre")
 LARGEST_BASIS = 2000
@@ -214,16 +214,22 @@ class Galerkin(Model):
         return line
 
     def _tips(self, q: NDArray[Any]) -> NDArray[Any]:
-        nodes, weights = self._rule(self._count_for(q.real))
-        angles = self.core.basis(nodes, 1) @ q
-        return np.stack([weights @ np.sin(angles), weights @ np.cos(angles)], axis=-1)
+        return self._tips_in_motion(q, np.zeros_like(q))[:2].T
 
     def _tip_velocities(self, q: Array, qdot: Array) -> Array:
-        nodes, weights = self._rule(self._count_for(q))
-        basis = self.core.basis(nodes, 1)
-        angles, turning = basis @ q, basis @ qdot
-        parts = weights @ (turning * np.cos(angles)), -weights @ (turning * np.sin(angles))
-        return np.stack(parts, axis=-1)
+        return self._tips_in_motion(q, qdot)[2:].T
+
+    def _tips_in_motion(self, q: Array, qdot: Array) -> Array:
+        """Positions and velocities of the free end, shape (4, k)."""
+        found = self.core.tips(np.concatenate([q, qdot]))
+        coiled = np.isnan(found[0])
+        if coiled.any():  # beyond what the core resolves of motions
+            nodes, weights = self._rule(self._count_for(q[:, coiled]))
+            angles, turning = self.core.basis(nodes, 1) @ np.stack([q, qdot])[:, :, coiled]
+            across, down = weights[:, None] * np.sin(angles), weights[:, None] * np.cos(angles)
+            parts = (across, down, down * turning, -across * turning)
+            found[:, coiled] = np.sum(parts, axis=1)
+        return found
 
     def _count_for(self, amplitudes: Array) -> int:
         """Nodes on each panel that integrate sine and cosine of the angle, for columns (m, k)."""
@@ -238,12 +244,17 @@ class Galerkin(Model):
         across = self.deflection(p, np.linspace(0.0, 1.0, 401))
         return float(np.abs(np.diff(across)).max()) * 400
 
-    def bent(self, angle: Callable[[Array], ArrayLike]) -> Array:
+    @cached_property
+    def _fit(self) -> tuple[Array, Array]:
+        """Arc lengths, and what makes amplitudes of angles there by least squares, (m, k)."""
         nodes, weights = self._rule(4 * self.core.most_on_a_panel() + 60)
         root = np.sqrt(weights)
-        table = root[:, None] * self.core.basis(nodes, 1)
-        fitted = np.linalg.lstsq(table, root * self._angles(angle, nodes))[0]
-        return np.asarray(fitted, dtype=np.float64)
+        rows, columns = np.linalg.qr(root[:, None] * self.core.basis(nodes, 1))
+        return nodes, np.linalg.solve(columns, rows.T) * root
+
+    def bent(self, angle: Callable[[Array], ArrayLike]) -> Array:
+        nodes, fit = self._fit
+        return np.asarray(fit @ self._angles(angle, nodes))
 
     def deflection(self, q: ArrayLike, s: ArrayLike) -> NDArray[Any]:
         at = arc_lengths(s)

@@ -12,7 +12,6 @@ from functools import cached_property
 from typing import Any, TypeAlias
 
 import numpy as np
-import scipy
 from numpy.typing import ArrayLike
 
 from pipedyn import _core
@@ -22,6 +21,7 @@ from pipedyn.motion.events import Recorder
 from pipedyn.util import check
 from pipedyn.util.check import Array
 from pipedyn.util.counters import evaluated, factorised, in_time
+from pipedyn.util.later import scipy
 from pipedyn.util.parallel import track
 from pipedyn.util.power_iteration import largest_stretch
 

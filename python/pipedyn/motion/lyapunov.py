@@ -15,7 +15,6 @@ from collections.abc import Callable
 from dataclasses import field
 
 import numpy as np
-import scipy
 
 from pipedyn.linear.modes import LARGEST_SPEED
 from pipedyn.models.base import Model, NotConverged
@@ -30,6 +29,7 @@ from pipedyn.motion.simulate import (
 from pipedyn.util import check
 from pipedyn.util.check import Array
 from pipedyn.util.counters import evaluated
+from pipedyn.util.later import scipy
 from pipedyn.util.parallel import track
 from pipedyn.util.result import result
 

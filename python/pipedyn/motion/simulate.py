@@ -13,12 +13,11 @@ from __future__ import annotations
 import math
 import os
 from collections.abc import Callable, Sequence
-from concurrent.futures import Executor, ThreadPoolExecutor
 from contextlib import nullcontext
 from contextvars import copy_context
 from dataclasses import field, replace
 from functools import partial
-from typing import Any, TypeAlias
+from typing import Any, TypeAlias, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -39,6 +38,7 @@ from pipedyn.motion.integrator import (
     MOST_CALLS,
     Callback,
     Observer,
+    Outcome,
     Task,
     choose_method,
     integrate,
@@ -46,11 +46,14 @@ from pipedyn.motion.integrator import (
 )
 from pipedyn.util import check
 from pipedyn.util.check import Array
+from pipedyn.util.later import futures
 from pipedyn.util.parallel import parallel
 from pipedyn.util.result import result
 
 Start: TypeAlias = ArrayLike | Callable[[Array], ArrayLike]
 """The angle theta(s) of the bent pipe, or coordinates; a search for motion takes states as well."""
+
+Answer = TypeVar("Answer")
 
 Speed: TypeAlias = float | Callable[[float], float]
 """A flow speed, constant or a function u(t) of time."""
@@ -263,7 +266,7 @@ def simulate(
     if not (callback is None or callable(callback)):
         raise TypeError(f"callback must be a function, got {check.shown(callback)}")
     observer = Observer(recorder, callback)
-    [(motion, why)] = _motions([task], check.flag("progress", progress), observer)
+    [(motion, why)] = motions_of([task], check.flag("progress", progress), observer)
     if recorder is not None:
         until = math.inf if observer.end is None else observer.end
         motion = replace(motion, events=recorder.occurrences(), dense=recorder.output(until))
@@ -285,7 +288,7 @@ def simulate_many(
     atol: float | None = None,
     method: str = "auto",
     most: float = MOST_CALLS,
-    executor: Executor | None = None,
+    executor: futures.Executor | None = None,
     progress: bool = False,
 ) -> Ensemble:
     """Motions of many members, which may differ in model, flow speed and initial state.
@@ -355,35 +358,49 @@ def simulate_many(
         tasks.append(task)
     if sum(task.times.size * task.model.coordinates for task in tasks) > LARGEST_SAMPLES:
         raise ValueError(f"samples must ask for at most {LARGEST_SAMPLES} numbers in all members")
+    motions, failures = [], []
+    for i, (motion, why) in enumerate(in_batches(tasks, motions_of, executor, shown)):
+        motions.append(motion)
+        if why is not None:
+            message = f"member {i} stopped {motion.reached}: {why}"
+            failures.append(MemberFailure(i, MotionStopped(message, motion)))
+    return Ensemble(tuple(motions), tuple(failures))
+
+
+def in_batches(
+    tasks: Sequence[Task],
+    work: Callable[[Sequence[Task], bool, Observer], list[Answer]],
+    executor: futures.Executor | None = None,
+    shown: bool = False,
+) -> list[Answer]:
+    """What `work` makes of each task, in batches of one model, on threads where that helps."""
+    members_of: dict[int, list[int]] = {}  # each model
+    for i, task in enumerate(tasks):
+        members_of.setdefault(id(task.model), []).append(i)
     blocks = []
     for same in members_of.values():
         together = BATCH if tasks[same[0]].method == "dop853" else 1
         blocks += [same[i : i + together] for i in range(0, len(same), together)]
     observer = Observer()
-    jobs = [partial(_motions, [tasks[i] for i in block], False, observer) for block in blocks]
+    jobs = [partial(work, [tasks[i] for i in block], False, observer) for block in blocks]
     own = executor is None and len(jobs) > 1 and all(map(runs_unlocked, tasks))
     if own:  # each counts for its caller
         jobs = [partial(copy_context().run, job) for job in jobs]
-    motions: list[Any] = [None] * members
-    failures = []
-    with ThreadPoolExecutor(os.cpu_count()) if own else nullcontext(executor) as pool:
+    found: dict[int, Answer] = {}
+    with futures.ThreadPoolExecutor(os.cpu_count()) if own else nullcontext(executor) as pool:
         try:
             answers = parallel(jobs, pool, label="batches", progress=shown)
-            for block, found in zip(blocks, answers, strict=True):
-                if isinstance(found, Exception):
-                    found.add_note(f"in the motions of members {', '.join(map(str, block))}")
-                    raise found
-                for i, (motion, why) in zip(block, found, strict=True):
-                    motions[i] = motion
-                    if why is not None:
-                        message = f"member {i} stopped {motion.reached}: {why}"
-                        failures.append(MemberFailure(i, MotionStopped(message, motion)))
+            for block, answer in zip(blocks, answers, strict=True):
+                if isinstance(answer, Exception):
+                    answer.add_note(f"in the motions of members {', '.join(map(str, block))}")
+                    raise answer
+                found |= zip(block, answer, strict=True)
         except BaseException:
             observer.end = -math.inf  # for the threads of the pool
             if own and pool is not None:
                 pool.shutdown(cancel_futures=True)
             raise
-    return Ensemble(tuple(motions), tuple(sorted(failures, key=lambda failure: failure.index)))
+    return [found[i] for i in range(len(tasks))]
 
 
 def _each(name: str, given: Any) -> list[Any]:
@@ -397,11 +414,17 @@ def _each(name: str, given: Any) -> list[Any]:
     return list(given) if several else [given]
 
 
-def _motions(
+def motions_of(
     tasks: Sequence[Task], shown: bool, observer: Observer
 ) -> list[tuple[Motion, str | None]]:
     """Motion of each member of a batch, and why it stopped early."""
     outcomes = integrate(tasks, shown, observer)
+    motions = assembled(tasks, outcomes)
+    return [(motion, why) for motion, (_, _, why) in zip(motions, outcomes, strict=True)]
+
+
+def assembled(tasks: Sequence[Task], outcomes: Sequence[Outcome]) -> list[Motion]:
+    """The motions of one model's tasks, with all that a `Motion` holds."""
     model, size = tasks[0].model, tasks[0].model.moving
     rows = np.concatenate([rows for rows, _, _ in outcomes])
     q, qdot = model.recorded(rows[:, :size], rows[:, size : 2 * size])
@@ -409,9 +432,8 @@ def _motions(
     energy = np.asarray(model.energy(states))
     states[model.coordinates :] = 0.0  # the same at rest
     kinetic, supplied = energy - np.asarray(model.energy(states)), rows[:, 2 * size]
-    tips = model.tips(q.T)
     motions, start = [], 0
-    for task, (own, evaluations, why) in zip(tasks, outcomes, strict=True):
+    for task, (own, evaluations, _) in zip(tasks, outcomes, strict=True):
         of = slice(start + 1, start + len(own))
         scale = float(max(np.abs(energy[of]).max(initial=0.0), kinetic[of].max(initial=0.0)))
         missed = energy[of] - energy[start] - supplied[of]
@@ -419,7 +441,8 @@ def _motions(
             t=task.times[: len(own) - 1],
             q=q[of],
             qdot=qdot[of],
-            tip=tips[of],
+            # Without the start, which may be too bent to move.
+            tip=model.tips(q[of].T) if len(own) > 1 else np.empty((0, 2)),
             energy=energy[of],
             audit=float(np.abs(missed).max(initial=0.0)) / scale if scale else 0.0,
             u=task.u,
@@ -427,7 +450,7 @@ def _motions(
             evaluations=evaluations,
             model=model,
         )
-        motions.append((motion, why))
+        motions.append(motion)
         start += len(own)
     return motions
 

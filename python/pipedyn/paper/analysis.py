@@ -7,8 +7,7 @@ What fails is left out and named; the rest is kept.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from concurrent.futures import Executor
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from itertools import pairwise
@@ -33,6 +32,7 @@ from pipedyn.models.chain import SPRING_RULES, Chain
 from pipedyn.models.continuum import Continuum
 from pipedyn.models.galerkin import BASES, Galerkin
 from pipedyn.models.pipe import Pipe
+from pipedyn.util.later import futures
 from pipedyn.util.parallel import Job, parallel
 
 BRANCHES = 4
@@ -96,18 +96,18 @@ class Findings:
     failures: list[str] = field(default_factory=list)
 
 
-def gather(case: Case, executor: Executor | None = None) -> Findings:
-    """Compute all that the figures and the table show, in an executor or in this process."""
+def gather(case: Case, executor: futures.Executor | None = None) -> Iterator[Findings]:
+    """Compute all that the figures and the table show, in an executor or in this process.
+
+    The findings come twice: first all but the maps, on which an executor goes on, then complete.
+    """
     exact = Continuum(case.pipe)
     findings = Findings()
 
-    def computed(
-        jobs: dict[str, Job[Any]], executor: Executor | None = None, progress: bool = False
-    ) -> dict[str, tuple[Any, str]]:
-        """What each job returned, or None and the reason; failures are recorded."""
+    def recorded(names: Iterable[str], answers: Iterator[Any]) -> dict[str, tuple[Any, str]]:
+        """What each of the next jobs returned, or None and the reason; failures are recorded."""
         outcomes = {}
-        answers = parallel([*jobs.values()], executor, label="models", progress=progress)
-        for name, answer in zip(jobs, answers, strict=True):
+        for name, answer in zip(names, answers, strict=False):
             failed = isinstance(answer, Exception)
             outcomes[name] = (None, _remark(answer)) if failed else (answer, "")
             if failed and not isinstance(answer, NoCrossing):
@@ -115,27 +115,28 @@ def gather(case: Case, executor: Executor | None = None) -> Findings:
         return outcomes
 
     name = "critical speed, continuous pipe"
-    findings.exact, findings.remark = computed({name: partial(critical_speed, exact)})[name]
+    found = recorded([name], parallel([partial(critical_speed, exact)]))
+    findings.exact, findings.remark = found[name]
     wanted = 0.0 if findings.exact is None else math.ceil(1.5 * findings.exact.speed)
     findings.highest = case.highest or float(min(max(wanted, LEAST_HIGHEST), HIGHEST_SPEED))
     speeds = np.linspace(0.0, findings.highest, case.speeds)
-    # A standing pipe that does not buckle, a level one, two hanging ones.
-    gammas = [case.pipe.gamma, *sorted({-10.0, 0.0, 10.0, 100.0} - {case.pipe.gamma}, reverse=True)]
-    maps = {gamma: f"stability map, gamma = {gamma}" for gamma in gammas}
     panels, families = _panels(case), _families(case)
     jobs: dict[str, Job[Any]] = {
         "root loci, continuous pipe": partial(root_loci, exact, speeds, BRANCHES),
         "crossings, continuous pipe": partial(crossings, exact, findings.highest),
     }
-    for gamma, name in maps.items():
-        pipe = replace(case.pipe, gamma=gamma)
-        jobs[name] = partial(stability_map, pipe, map_top(findings.exact))
     for title, model in (panel for row in panels for panel in row):
         jobs[f"root loci, {title}"] = partial(root_loci, model, speeds, min(BRANCHES, model.dof))
     for kind, family, model in families:
         jobs[f"critical speed, {kind}, {family}, {model.dof}"] = partial(critical_speed, model)
-    outcomes = computed(jobs, executor, case.progress)
-
+    # A standing pipe that does not buckle, a level one, two hanging ones.
+    gammas = [case.pipe.gamma, *sorted({-10.0, 0.0, 10.0, 100.0} - {case.pipe.gamma}, reverse=True)]
+    maps = {gamma: f"stability map, gamma = {gamma}" for gamma in gammas}
+    top = map_top(findings.exact)
+    map_jobs = [partial(stability_map, replace(case.pipe, gamma=gamma), top) for gamma in gammas]
+    every: list[Job[Any]] = [*jobs.values(), *map_jobs]
+    answers = parallel(every, executor, label="models", progress=case.progress)
+    outcomes = recorded(jobs, answers)
     findings.benchmark, _ = outcomes["root loci, continuous pipe"]
     findings.crossings = outcomes["crossings, continuous pipe"][0] or ()
     findings.panels = [
@@ -145,6 +146,9 @@ def gather(case: Case, executor: Executor | None = None) -> Findings:
         Row(kind, family, model.dof, *outcomes[f"critical speed, {kind}, {family}, {model.dof}"])
         for kind, family, model in families
     ]
+    yield findings
+
+    outcomes = recorded(maps.values(), answers)
     for gamma, name in maps.items():
         if outcomes[name][0] is None:
             continue
@@ -156,7 +160,7 @@ def gather(case: Case, executor: Executor | None = None) -> Findings:
             f"{name}, beta = {failure.value:g}: {_remark(failure.error)}"
             for failure in findings.curves[gamma].failures
         ]
-    return findings
+    yield findings
 
 
 def map_top(critical: CriticalSpeed | None) -> float:
@@ -223,9 +227,10 @@ def stability_map(pipe: Pipe, top: float) -> tuple[StabilityCurve, float]:
     values = sorted(points)
     critical, found = zip(*(points[value] for value in values), strict=True)
     failed = (replace(failures[v], index=i) for i, v in enumerate(values) if v in failures)
-    exact = stability_curve(continuous, first[::12], max_speed=end)
+    compared = first[::12]
+    exact = stability_curve(continuous, compared, max_speed=end)
     missing = {failure.value for failure in exact.failures}
-    pairs = zip(first[::12], exact.crossings, strict=True)
+    pairs = zip(compared, exact.crossings, strict=True)
     distances = [_distance(lines[v], plot.boundaries(c)) for v, c in pairs if v not in missing]
     curve = StabilityCurve(np.array(values), critical, found, tuple(failed))
     return curve, max(distances, default=0.0)

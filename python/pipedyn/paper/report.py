@@ -7,7 +7,7 @@ import textwrap
 from collections.abc import Callable
 from functools import partial
 from itertools import groupby
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 
@@ -19,45 +19,64 @@ from pipedyn.paper.analysis import CHAIN_SIZES, REDUCED_SIZES, Case, Findings, R
 from pipedyn.util.table import Table
 
 
-def draw(case: Case, findings: Findings) -> dict[str, plot.Figure]:
-    """The four figures by file name."""
+def loci_figure(case: Case, findings: Findings) -> plot.Figure:
+    """Figure 2."""
     left, right, top = _ranges(findings)
-    end, benchmark = findings.highest, findings.benchmark
-    root_loci = partial(plot.root_loci, benchmark=benchmark, highest=end)
-    frequencies = partial(plot.frequencies, benchmark=benchmark, largest=max(-left, right))
+    picture = partial(plot.root_loci, benchmark=findings.benchmark, highest=findings.highest)
+    return _panels(case, findings, picture, plot.SPEED_LABEL, (left, right), top)
+
+
+def frequency_figure(case: Case, findings: Findings) -> plot.Figure:
+    """Figure 3."""
+    left, right, top = _ranges(findings)
+    largest, end = max(-left, right), findings.highest
+    picture = partial(plot.frequencies, benchmark=findings.benchmark, largest=largest)
     onsets = f"{plot.REAL_LABEL}; unstable: black outline, onset: diamond"
-    with plot.style():
-        figure_2, axes_2 = _panels(case, findings, root_loci, plot.SPEED_LABEL)
-        more = "; dotted line: its critical speed" if findings.exact is not None else ""
-        figure_3, axes_3 = _panels(case, findings, frequencies, onsets, more)
-        for axes, ends in ((axes_2, (left, right)), (axes_3, (-0.02 * end, 1.02 * end))):
-            axes[0, 0].set_xlim(ends)
-            axes[0, 0].set_ylim(-0.03 * top, 1.04 * top)
+    more = "; dotted line: its critical speed" if findings.exact is not None else ""
+    return _panels(case, findings, picture, onsets, (-0.02 * end, 1.02 * end), top, more)
 
-        convergence, ((ax,),) = plot.panels(1, 1, 6.4, 5.2)
-        if findings.exact is None:
-            plot.notice(findings.remark, ax)
-        else:
-            plot.convergence(_by_family(findings), findings.exact, ax)
-        sentence = textwrap.fill(verdict(findings), 105).replace("-", "\u2212")
-        ax.set_title(f"{_title(case.pipe)}\n{sentence}", loc="left")
 
-        stability_map, ((ax,),) = plot.panels(1, 1, 6.4, 4.8)
-        curves = {rf"$\gamma = {gamma:g}$": curve for gamma, curve in findings.curves.items()}
-        plot.stability_map(curves, map_top(findings.exact), findings.exact, ax)
-        ax.set_xlim(0.0, 1.0)
-        ax.set_title(f"Stability boundaries of the continuous pipe, {_flow(case.pipe)}")
-    return {
-        "figure-2-root-loci": figure_2,
-        "figure-3-frequencies": figure_3,
-        "convergence": convergence,
-        "stability-map": stability_map,
-    }
+def convergence_figure(case: Case, findings: Findings) -> plot.Figure:
+    """Critical speeds against the number of degrees of freedom."""
+    figure, ((ax,),) = plot.panels(1, 1, 6.4, 5.2)
+    if findings.exact is None:
+        plot.notice(findings.remark, ax)
+    else:
+        plot.convergence(_by_family(findings), findings.exact, ax)
+    sentence = textwrap.fill(verdict(findings), 105).replace("-", "\u2212")
+    ax.set_title(f"{_title(case.pipe)}\n{sentence}", loc="left")
+    return figure
+
+
+def map_figure(case: Case, findings: Findings) -> plot.Figure:
+    """The stability map."""
+    figure, ((ax,),) = plot.panels(1, 1, 6.4, 4.8)
+    curves = {rf"$\gamma = {gamma:g}$": curve for gamma, curve in findings.curves.items()}
+    plot.stability_map(curves, map_top(findings.exact), findings.exact, ax)
+    ax.set_xlim(0.0, 1.0)
+    ax.set_title(f"Stability boundaries of the continuous pipe, {_flow(case.pipe)}")
+    return figure
+
+
+Draw: TypeAlias = Callable[[Case, Findings], plot.Figure]
+
+BEFORE_MAPS: dict[str, Draw] = {
+    "figure-2-root-loci": loci_figure,
+    "figure-3-frequencies": frequency_figure,
+    "convergence": convergence_figure,
+}
+"""Figures by file name that do without the stability maps, which take longest."""
 
 
 def _panels(
-    case: Case, findings: Findings, picture: Callable[..., Any], bar: str, more: str = ""
-) -> tuple[plot.Figure, Any]:
+    case: Case,
+    findings: Findings,
+    picture: Callable[..., Any],
+    bar: str,
+    across: tuple[float, float],
+    top: float,
+    more: str = "",
+) -> plot.Figure:
     """One picture of each model under a common title, and a colour bar.
 
     A dotted line marks the critical speed if the title says so (`more`).
@@ -78,13 +97,21 @@ def _panels(
                 line = {"color": "0.4", "linestyle": ":", "linewidth": 0.9, "zorder": 0.6}
                 ax.axvline(findings.exact.speed, **line)
         ax.label_outer()
+        # What has no labels, or draws within the Axes, does not count in the layout, whose time is
+        # that of measuring.
+        ax.xaxis.set_in_layout(i == rows - 1)
+        ax.yaxis.set_in_layout(j == 0)
+        for spine in ax.spines.values():
+            spine.set_in_layout(False)
     title = _title(case.pipe)
     if findings.benchmark is not None:
         step = findings.benchmark.speeds[plot.dot_stride(findings.benchmark)]
         title += f"\nblack dots: continuous pipe, at steps of {step:.3g} in $u${more}"
     figure.suptitle(title, fontsize=9.0)
     plot.colour_bar(bar, axes)
-    return figure, axes
+    axes[0, 0].set_xlim(across)
+    axes[0, 0].set_ylim(-0.03 * top, 1.04 * top)
+    return figure
 
 
 def _ranges(findings: Findings) -> tuple[float, float, float]:

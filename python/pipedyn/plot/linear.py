@@ -137,7 +137,8 @@ def _coloured(
     below: dict[str, Any] = {"edgecolors": outline, "facecolors": "none", "linewidths": widths}
     lines = LineCollection(ends, capstyle="round", zorder=2.2, **coloured)
     ax.add_collection(lines)
-    ax.add_collection(PathCollection(lines.get_paths(), capstyle="round", zorder=2.1, **below))
+    outlines = PathCollection(lines.get_paths(), capstyle="round", zorder=2.1, **below)
+    ax.add_collection(outlines, autolim=False)
 
 
 def _branches(loci: RootLoci) -> NDArray[np.complex128]:

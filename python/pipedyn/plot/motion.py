@@ -17,7 +17,6 @@ from pathlib import Path
 from typing import Any, Literal, TypeAlias
 
 import numpy as np
-import scipy
 from matplotlib.animation import FuncAnimation, PillowWriter
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
@@ -31,6 +30,7 @@ from pipedyn.motion.simulate import Ensemble, Motion
 from pipedyn.plot import common
 from pipedyn.util import check
 from pipedyn.util.check import Array
+from pipedyn.util.later import scipy
 
 
 def time_history(motions: Motion | Sequence[Motion] | Ensemble, ax: Axes | None = None) -> Axes:

@@ -7,9 +7,9 @@ from collections.abc import Iterable, Mapping
 from itertools import cycle
 
 import numpy as np
-import scipy
 from matplotlib.axes import Axes
 
+from pipedyn import _core
 from pipedyn.linear.critical_speed import CriticalSpeed
 from pipedyn.linear.sensitivity import Crossing
 from pipedyn.linear.stability_curve import StabilityCurve
@@ -115,8 +115,10 @@ def _boundary_lines(curve: StabilityCurve) -> list[tuple[Array, str]]:
         # A step counts once if it goes straight on, three times if it turns by 90 degrees twice;
         # what is impossible costs more than all others.
         cost = np.where(possible, 3.0 * np.abs(steps) - ahead, 1e3)
-        pairs = zip(*scipy.optimize.linear_sum_assignment(cost), strict=True)
-        following |= {int(origins[i]): int(targets[j]) for i, j in pairs if possible[i, j]}
+        pairs = enumerate(_core.assignment(cost))
+        following |= {
+            int(origins[i]): int(targets[j]) for i, j in pairs if j >= 0 and possible[i, j]
+        }
     t = np.arange(1.0, 17.0) / 16.0  # along a cubic
     s = 1.0 - t
     lines: list[tuple[Array, str]] = []

@@ -5,8 +5,9 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from concurrent.futures import Executor
 from typing import TypeVar
+
+from pipedyn.util.later import futures
 
 Item = TypeVar("Item")
 Answer = TypeVar("Answer")
@@ -40,7 +41,7 @@ def outcome_of(job: Job[Answer]) -> Answer | Exception:
 
 def parallel(
     jobs: Sequence[Job[Answer]],
-    executor: Executor | None = None,
+    executor: futures.Executor | None = None,
     *,
     label: str = "",
     progress: bool = False,
@@ -51,11 +52,11 @@ def parallel(
     executor gets all at once, and those that have not begun are cancelled where the caller takes no
     more answers.
     """
-    futures = [] if executor is None else [executor.submit(job) for job in jobs]
-    results: Iterable[Job[Answer]] = [future.result for future in futures] if futures else jobs
+    submitted = [] if executor is None else [executor.submit(job) for job in jobs]
+    results: Iterable[Job[Answer]] = [future.result for future in submitted] if submitted else jobs
     try:
         for result in track(results, len(jobs), label, progress):
             yield outcome_of(result)
     finally:
-        for future in futures:
+        for future in submitted:
             future.cancel()

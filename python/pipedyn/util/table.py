@@ -3,9 +3,10 @@
 
 from __future__ import annotations
 
-import html
 from collections.abc import Sequence
 from dataclasses import dataclass
+
+from pipedyn.util.later import html
 
 
 @dataclass(frozen=True)

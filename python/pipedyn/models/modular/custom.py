@@ -9,12 +9,12 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-import scipy
 from numpy.typing import NDArray
 
 from pipedyn.models.base import COMPLEX_STEP
 from pipedyn.models.modular.parts import Custom, Function
 from pipedyn.util.check import Array
+from pipedyn.util.later import scipy
 
 STRIDE = 1e-3
 """Step of the differences of a complex-step gradient: of order 4, they err by some 1e-12."""

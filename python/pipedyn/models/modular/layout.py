@@ -9,7 +9,6 @@ from dataclasses import replace
 from typing import Any, TypeVar
 
 import numpy as np
-import scipy
 from numpy.typing import NDArray
 
 from pipedyn import _core
@@ -31,6 +30,7 @@ from pipedyn.models.modular.parts import (
 )
 from pipedyn.models.pipe import Pipe
 from pipedyn.util.check import Array
+from pipedyn.util.later import scipy
 
 CONSTRAINTS = (Clamp, Joint, Guide, Pin)
 """Constraints that there are."""

