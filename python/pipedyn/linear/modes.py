@@ -69,8 +69,9 @@ def eigenvalues(model: AnyModel, u: float, count: int | None = None) -> Complex:
     """
     u, count = _checked_question(model, u, count)
     if isinstance(model, Model) and model.linear_cost:
-        asked = 2 * model.dof if count is None else count
-        pairs = eigenproblem(model).spectrum().by_recursion(u, asked, vectors=False)
+        asked, problem = 2 * model.dof if count is None else count, eigenproblem(model)
+        with one_thread(problem.rows):
+            pairs = problem.spectrum().by_recursion(u, asked, vectors=False)
         if pairs is not None and pairs.converged.all():
             return pairs.values
     found = modes(model, u, count)
