@@ -32,8 +32,8 @@ from pipedyn.models import modular
 from pipedyn.models.base import Model, NotConverged, Operators, PipedynError, Power
 from pipedyn.models.chain import Chain
 from pipedyn.models.continuum import Continuum
+from pipedyn.models.end_coefficient import end_coefficient
 from pipedyn.models.galerkin import Galerkin
-from pipedyn.models.inlet import inlet_coefficient
 from pipedyn.models.pipe import Pipe, Scales
 from pipedyn.models.terms import Damper, Foundation, PointMass, Spring, Term
 from pipedyn.motion.events import DenseOutput, Event, Occurrences
@@ -109,10 +109,10 @@ __all__ = [
     "crossings",
     "diagram_cost",
     "eigenvalues",
+    "end_coefficient",
     "equilibria",
     "equilibrium_branch",
     "hopf",
-    "inlet_coefficient",
     "limit_cycle",
     "lyapunov_exponent",
     "modes",

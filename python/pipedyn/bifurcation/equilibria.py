@@ -230,7 +230,7 @@ class Statics:
             return math.inf
         along = self.model.free_directions(x).T @ turning if self.motion.constrained else turning
         pipe = self.model.pipe
-        size = 1.0 + abs(pipe.gamma) + pipe.centrifugal * u**2
+        size = 1.0 + abs(pipe.gamma) + pipe.alpha * u**2
         return float(np.abs(self.model.operators(x).mass @ along).max()) / size + missed
 
     def eigenvalues(self, x: Array, u: float) -> Complex:
