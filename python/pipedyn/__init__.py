@@ -35,7 +35,15 @@ from pipedyn.models.continuum import Continuum
 from pipedyn.models.end_coefficient import end_coefficient
 from pipedyn.models.galerkin import Galerkin
 from pipedyn.models.pipe import Pipe, Scales
-from pipedyn.models.terms import Damper, Foundation, PointMass, Spring, Term
+from pipedyn.models.terms import (
+    CubicSpring,
+    Damper,
+    Foundation,
+    PointMass,
+    Spring,
+    Term,
+    Viscosity,
+)
 from pipedyn.motion.events import DenseOutput, Event, Occurrences
 from pipedyn.motion.lyapunov import LyapunovExponent, lyapunov_exponent
 from pipedyn.motion.simulate import (
@@ -59,6 +67,7 @@ __all__ = [
     "CriticalSpeed",
     "CriticalityCurve",
     "Crossing",
+    "CubicSpring",
     "CycleBranch",
     "CycleEvent",
     "Damper",
@@ -102,6 +111,7 @@ __all__ = [
     "Term",
     "Trade",
     "TradeRow",
+    "Viscosity",
     "bifurcation_diagram",
     "choose",
     "critical_speed",
