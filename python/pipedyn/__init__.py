@@ -41,6 +41,7 @@ from pipedyn.models.terms import (
     Foundation,
     PointMass,
     Spring,
+    Tension,
     Term,
     Viscosity,
 )
@@ -108,6 +109,7 @@ __all__ = [
     "Sensitivity",
     "Spring",
     "StabilityCurve",
+    "Tension",
     "Term",
     "Trade",
     "TradeRow",

@@ -9,6 +9,7 @@
 #include "pipedyn/terms/foundation.hpp"
 #include "pipedyn/terms/point_mass.hpp"
 #include "pipedyn/terms/spring.hpp"
+#include "pipedyn/terms/tension.hpp"
 #include "pipedyn/terms/viscosity.hpp"
 
 namespace {
@@ -25,11 +26,12 @@ struct LawTable {
   static constexpr const char* names[] = {Rows::name...};
 };
 
-using Laws = LawTable<PointMass,   //
-                      Spring,      //
-                      Damper,      //
-                      Foundation,  //
-                      Viscosity,   //
-                      CubicSpring>;
+using Laws = LawTable<PointMass,    //
+                      Spring,       //
+                      Damper,       //
+                      Foundation,   //
+                      Viscosity,    //
+                      CubicSpring,  //
+                      Tension>;
 
 }  // namespace

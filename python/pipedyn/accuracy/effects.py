@@ -20,6 +20,7 @@ from pipedyn.models.base import PipedynError, checked_pipe
 from pipedyn.models.continuum import LARGEST, Continuum
 from pipedyn.models.galerkin import Galerkin
 from pipedyn.models.pipe import Pipe
+from pipedyn.models.terms import Foundation, Spring
 from pipedyn.util import check
 from pipedyn.util.result import result
 from pipedyn.util.table import Table
@@ -329,7 +330,9 @@ def _growth(pipe: Pipe, u: float) -> float:
     """
     numbers = [term.numbers for term in pipe.terms]
     weight = pipe.gamma * (1.0 + sum(one.get("mass", 0.0) for one in numbers))
-    stiffness = sum(one.get("stiffness", 0.0) for one in numbers)
+    weight += sum(one.get("load", 0.0) for one in numbers)
+    springs = (Spring, Foundation)
+    stiffness = sum(term.stiffness for term in pipe.terms if isinstance(term, springs))
     thrust = max(pipe.alpha, 1.0) * u**2 + max(-weight, 0.0)
     half_waves = 4 + math.ceil(math.sqrt(thrust) / math.pi)
     wave = math.pi * half_waves

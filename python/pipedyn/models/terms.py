@@ -232,6 +232,33 @@ class CubicSpring(Term):
     stiffness: float = number(1e12, mass=1, length=-1, time=-2)
 
 
+@dataclass(frozen=True, repr=False)
+class Tension(Term):
+    """A dead load at the free end along the straight pipe, which keeps its direction.
+
+    Attributes:
+        load: of tension if positive, of compression if negative, in EI / L^2.
+
+    In `Pipe.from_si`: load in N.
+
+    Source: potential -load * (y - 1), y the end's position along the straight pipe.
+
+    Example:
+        >>> import pipedyn as pp
+        >>> pipe = pp.Pipe(beta=0.2, terms=[pp.Tension(load=20.0)])
+        >>> round(pp.critical_speed(pp.Continuum(pipe)).speed, 4)
+        8.5838
+    """
+
+    law: ClassVar[str] = "tension"
+    load: float = number(1e6, mass=1, length=2, time=-2, low=-1e6)
+
+    @property
+    def place(self) -> float:
+        """Arc length where it acts, in L: the free end."""
+        return 1.0
+
+
 Law = TypeVar("Law", bound=Term)
 
 
