@@ -433,22 +433,22 @@ def _pipes() -> Iterator[Target]:
         )
     size = real((0.1, 2.0), 0.0)
     yield Target(
-        "inlet_coefficient[function]",
-        pp.inlet_coefficient,
+        "end_coefficient[function]",
+        pp.end_coefficient,
         {"velocity": PROFILE, "radius": size, "section": optional(size)},
         slow=True,
     )
     rows = array(3, (0.1, 1.0))
     rising = array(3, (0.1, 1.0), (-1.0,), fair=one_of([0.0, 0.4, 1.0], np.array([0.0, 1.0, 2.0])))
     yield Target(
-        "inlet_coefficient[radii]",
-        pp.inlet_coefficient,
+        "end_coefficient[radii]",
+        pp.end_coefficient,
         {"velocity": rows, "radii": rising},
         called={"radii": "radii|velocity"},
     )
     yield Target(
-        "inlet_coefficient[areas]",
-        pp.inlet_coefficient,
+        "end_coefficient[areas]",
+        pp.end_coefficient,
         {"velocity": rows, "areas": array(3, (0.1, 1.0), (0.0, -1.0)), "section": optional(size)},
         called={"areas": "areas|velocity"},
     )

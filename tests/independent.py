@@ -89,7 +89,7 @@ def lagrangian_equations(
     if aspirating:
         force = beta * speed * (end - alpha * speed * tangents[-1])
     else:
-        force = -beta * speed * (end + speed * tangents[-1])
+        force = -beta * speed * (end + alpha * speed * tangents[-1])
     forces.append((nodes[-1], force))
     dissipation = sum(delta * k[j] * (v[j] - (v[j - 1] if j else 0)) ** 2 / 2 for j in range(n))
 
@@ -227,9 +227,7 @@ def dense_rates(chain, y, u):
     """
     pipe, n = chain.pipe, chain.dof
     length, springs, points = chain.lengths, chain.springs, chain.drag_points
-    signed, thrust = u, u**2
-    if pipe.flow == "aspirating":
-        signed, thrust = -u, pipe.alpha * u**2
+    signed, thrust = -u if pipe.flow == "aspirating" else u, pipe.alpha * u**2
     angle, rate = y[:n], y[n:]
     coupling, moment, levers = _inertia(chain)
     across_axis = np.zeros(n, dtype=y.dtype)
@@ -333,7 +331,7 @@ def collocation_matrices(pipe, u, size=40):
     """
     s, value, first, second, fourth = _collocation(size)
     aspirating = pipe.flow == "aspirating"
-    thrust = (pipe.alpha if aspirating else 1.0) * u**2
+    thrust = (pipe.alpha) * u**2
     tension = thrust - pipe.gamma * (1.0 - s)
     stiffness = fourth + tension[:, None] * second + pipe.gamma * first
     damping = 2.0 * np.sqrt(pipe.beta) * (-u if aspirating else u) * first + pipe.damping * fourth
@@ -392,7 +390,7 @@ def exact_rates(chain, y, u, digits=60):
         )
         aspirating = pipe.flow == "aspirating"
         coriolis = mpmath.sqrt(number(pipe.beta)) * (-u if aspirating else u)
-        thrust = number(pipe.alpha if aspirating else 1.0) * number(u) ** 2
+        thrust = number(pipe.alpha) * number(u) ** 2
         beyond = [mpmath.fsum(length[k + 1 :]) for k in range(n)]
         moment = [length[k] * (beyond[k] + chi[k] * length[k]) for k in range(n)]
         elastic = [*(mpmath.mpf(0) for _ in range(n)), mpmath.mpf(0)]
@@ -452,8 +450,7 @@ def pipe_rates(model, y, u, nodes=400):
     normal = np.array([np.cos(angle), -np.sin(angle)])
     moved = from_clamp @ (normal[:, :, None] * slope)
     swung = from_clamp @ (tangent * turning**2)[:, :, None]
-    aspirating = pipe.flow == "aspirating"
-    flow, thrust = (-u, pipe.alpha * u**2) if aspirating else (u, u**2)
+    flow, thrust = -u if pipe.flow == "aspirating" else u, pipe.alpha * u**2
     across = np.sum(normal * np.einsum("dsm,m->ds", moved, y[m:]), axis=0)
     load = -(2.0 * np.sqrt(pipe.beta) * flow * turning + pipe.drag * np.abs(across) * across)
     body = load * normal + swung[:, :, 0] + np.array([[0.0], [pipe.gamma]])
@@ -585,7 +582,7 @@ def clamp_misfit(chain, value, u):
     """Zero where lambda is an eigenvalue."""
     pipe = chain.pipe
     aspirating = pipe.flow == "aspirating"
-    thrust = mpmath.mpf(pipe.alpha if aspirating else 1.0) * u**2
+    thrust = mpmath.mpf(pipe.alpha) * u**2
     coriolis = mpmath.sqrt(pipe.beta) * (-u if aspirating else u) * value
     elastic = 1 + pipe.damping * value
     square = value**2
@@ -642,7 +639,7 @@ def series_misfit(pipe, value, u, digits):
         aspirating = pipe.flow == "aspirating"
         value, u = mpmath.mpmathify(value), mpmath.mpf(u)
         elastic = 1 + mpmath.mpf(pipe.damping) * value
-        thrust = mpmath.mpf(pipe.alpha if aspirating else 1.0) * u**2
+        thrust = mpmath.mpf(pipe.alpha) * u**2
         coriolis = 2 * mpmath.sqrt(mpmath.mpf(pipe.beta)) * (-u if aspirating else u) * value
         coefficients = mpmath.mpf(pipe.gamma), coriolis, thrust, value**2
         (weight, weight_i), (coriolis, coriolis_i), (thrust, thrust_i), (square, square_i) = (

@@ -168,7 +168,8 @@ def random_pipe(rng, flow):
     """beta in [0.02, 0.9], gamma in [-5, 60]; damped where it aspirates, and half of the others."""
     damped = flow == "aspirating" or rng.random() < 0.5
     damping = 10.0 ** rng.uniform(-3.0, -1.3) if damped else 0.0
-    alpha = rng.choice([0.0, 0.5, 1.0, 1.5])
+    # Without centrifugal force no ejecting pipe loses stability.
+    alpha = rng.choice([0.0 if flow == "aspirating" else 0.8, 0.5, 1.0, 1.5])
     return pp.Pipe(rng.uniform(0.02, 0.9), rng.uniform(-5.0, 60.0), flow, alpha, damping=damping)
 
 

@@ -28,7 +28,7 @@ def unstable_in_many_digits(chain, u, digits=50):
         )
         aspirating = pipe.flow == "aspirating"
         speed = mpmath.mpf(-u if aspirating else u)
-        thrust = mpmath.mpf(pipe.alpha if aspirating else 1.0) * speed**2
+        thrust = mpmath.mpf(pipe.alpha) * speed**2
         mass, velocity, stiffness = (mpmath.zeros(n) for _ in range(3))
         for k in range(n):
             beyond = mpmath.fsum(lengths[k + 1 :])

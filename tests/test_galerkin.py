@@ -185,7 +185,7 @@ def test_operators_hold_the_strong_form_for_a_smooth_motion(basis, flow):
     w = Polynomial([0.0, 0.0, 6.0, -4.0, 1.0])
     first, second, fourth = w.deriv(), w.deriv(2), w.deriv(4)
     assert second(1.0) == w.deriv(3)(1.0) == 0.0
-    direction, thrust = (1.0, u**2) if flow == "ejecting" else (-1.0, 0.7 * u**2)
+    direction, thrust = 1.0 if flow == "ejecting" else -1.0, 0.7 * u**2
 
     def strong(s):
         """Force on the pipe when w(s) exp(rate tau) is its motion."""

@@ -82,14 +82,14 @@ def test_pipe_and_fluid_obey_dalembert(m, basis, flow):
     """Accelerations of pipe and of fluid particles, differentiated from where they are.
 
     A fluid particle moves through the pipe at U / sqrt(beta); only positions r(s, q) are used, with
-    virtual displacements that are their differences. The inlet coefficient, an empirical factor of
+    virtual displacements that are their differences. The end coefficient, an empirical factor of
     the centrifugal force, multiplies that part of the particle's acceleration.
     """
     rng = np.random.default_rng(m)
     pipe = pp.Pipe(0.3, gamma=4.0, flow=flow, alpha=0.6, drag=0.8, damping=0.02)
     model = pp.Galerkin(pipe, m, basis)
     u = 5.0
-    sign, centrifugal = (1.0, 1.0) if flow == "ejecting" else (-1.0, 0.6)
+    sign, centrifugal = 1.0 if flow == "ejecting" else -1.0, 0.6
     turn, bend = textbook_slopes(basis, m)
     inner, inner_weights = gauss(40)
 
@@ -168,7 +168,7 @@ def test_the_flow_works_at_the_free_end_only(flow):
     velocity = derivative(lambda t: model.tip(q + t * rate), 1e-3)
     angle = (model.functions([1.0], 1) @ q)[0]
     along = velocity @ [math.sin(angle), math.cos(angle)]
-    sign, centrifugal = (1.0, 1.0) if flow == "ejecting" else (-1.0, 0.7)
+    sign, centrifugal = 1.0 if flow == "ejecting" else -1.0, 0.7
     expected = -sign * 0.5 * u * velocity @ velocity - centrifugal * u**2 * along
     assert model.power(y, u).flow == pytest.approx(expected, rel=1e-9)
 

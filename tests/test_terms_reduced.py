@@ -103,7 +103,7 @@ def shooting_determinant(value, u, pipe):
     joins the shear's.
     """
     aspirating = pipe.flow == "aspirating"
-    thrust = (pipe.alpha if aspirating else 1.0) * u**2
+    thrust = (pipe.alpha) * u**2
     coriolis = 2.0 * math.sqrt(pipe.beta) * (-u if aspirating else u) * value
     elastic = 1.0 + pipe.damping * value
     y = np.array([0, 0, 1, 0, 0, 0, 0, 1], dtype=complex)

@@ -32,10 +32,19 @@ from pipedyn.models import modular
 from pipedyn.models.base import Model, NotConverged, Operators, PipedynError, Power
 from pipedyn.models.chain import Chain
 from pipedyn.models.continuum import Continuum
+from pipedyn.models.end_coefficient import end_coefficient
 from pipedyn.models.galerkin import Galerkin
-from pipedyn.models.inlet import inlet_coefficient
 from pipedyn.models.pipe import Pipe, Scales
-from pipedyn.models.terms import Damper, Foundation, PointMass, Spring, Term
+from pipedyn.models.terms import (
+    CubicSpring,
+    Damper,
+    Foundation,
+    PointMass,
+    Spring,
+    Tension,
+    Term,
+    Viscosity,
+)
 from pipedyn.motion.events import DenseOutput, Event, Occurrences
 from pipedyn.motion.lyapunov import LyapunovExponent, lyapunov_exponent
 from pipedyn.motion.simulate import (
@@ -59,6 +68,7 @@ __all__ = [
     "CriticalSpeed",
     "CriticalityCurve",
     "Crossing",
+    "CubicSpring",
     "CycleBranch",
     "CycleEvent",
     "Damper",
@@ -99,9 +109,11 @@ __all__ = [
     "Sensitivity",
     "Spring",
     "StabilityCurve",
+    "Tension",
     "Term",
     "Trade",
     "TradeRow",
+    "Viscosity",
     "bifurcation_diagram",
     "choose",
     "critical_speed",
@@ -109,10 +121,10 @@ __all__ = [
     "crossings",
     "diagram_cost",
     "eigenvalues",
+    "end_coefficient",
     "equilibria",
     "equilibrium_branch",
     "hopf",
-    "inlet_coefficient",
     "limit_cycle",
     "lyapunov_exponent",
     "modes",

@@ -55,7 +55,7 @@ def _parsed(arguments: Sequence[str] | None) -> Case:
     for name, metavar, default, text in (
         ("beta", "B", 0.2, "mass ratio in [0, 1)"),
         ("gamma", "G", 0.0, "gravity; negative when the free end stands above the clamp"),
-        ("alpha", "A", 1.0, "inlet coefficient of an aspirating pipe, A >= 0"),
+        ("alpha", "A", 1.0, "end coefficient, A >= 0: of nozzle or inlet"),
         ("damping", "D", 0.0, "Kelvin-Voigt damping, D >= 0"),
     ):
         add(f"--{name}", type=float, default=default, metavar=metavar, help=f"{text} {usual}")

@@ -4,10 +4,13 @@
 // vector/pack.hpp.
 #pragma once
 
+#include "pipedyn/terms/cubic_spring.hpp"
 #include "pipedyn/terms/damper.hpp"
 #include "pipedyn/terms/foundation.hpp"
 #include "pipedyn/terms/point_mass.hpp"
 #include "pipedyn/terms/spring.hpp"
+#include "pipedyn/terms/tension.hpp"
+#include "pipedyn/terms/viscosity.hpp"
 
 namespace {
 
@@ -23,9 +26,12 @@ struct LawTable {
   static constexpr const char* names[] = {Rows::name...};
 };
 
-using Laws = LawTable<PointMass,  //
-                      Spring,     //
-                      Damper,     //
-                      Foundation>;
+using Laws = LawTable<PointMass,    //
+                      Spring,       //
+                      Damper,       //
+                      Foundation,   //
+                      Viscosity,    //
+                      CubicSpring,  //
+                      Tension>;
 
 }  // namespace

@@ -6,7 +6,7 @@ from __future__ import annotations
 import math
 from collections.abc import Collection
 from contextlib import suppress
-from dataclasses import field, fields, replace
+from dataclasses import field, replace
 from typing import Any
 
 import numpy as np
@@ -20,6 +20,7 @@ from pipedyn.models.base import PipedynError, checked_pipe
 from pipedyn.models.continuum import LARGEST, Continuum
 from pipedyn.models.galerkin import Galerkin
 from pipedyn.models.pipe import Pipe
+from pipedyn.models.terms import Foundation, Spring
 from pipedyn.util import check
 from pipedyn.util.result import result
 from pipedyn.util.table import Table
@@ -35,16 +36,9 @@ NUMBERS = {
     "drag": ("drag", "kappa"),
     "damping": ("damping", "delta"),
     "Coriolis": ("beta", "beta"),
+    "centrifugal": ("alpha", "alpha"),
 }
 """Effects that a number of the pipe switches off: its name and how it prints."""
-
-
-class _WithoutCentrifugal(Pipe):
-    """An ejecting pipe without the flow's centrifugal force, which no number of a pipe says."""
-
-    @property
-    def centrifugal(self) -> float:
-        return 0.0
 
 
 @result
@@ -128,8 +122,8 @@ class Relevance:
 
     @property
     def simplified(self) -> Pipe:
-        """The pipe without what is negligible; an ejecting pipe keeps its centrifugal part."""
-        return _without(self.pipe, _droppable(self.pipe, self.negligible))
+        """The pipe without what is negligible."""
+        return _without(self.pipe, _droppable(self.negligible))
 
     def _table(self) -> Table:
         shown = self.effects if self.together is None else (*self.effects, self.together)
@@ -164,7 +158,7 @@ def relevant(
     Each effect is switched off in turn, and the continuous pipe asked again: gravity (gamma = 0),
     drag (kappa = 0), damping (delta = 0), the flow's Coriolis part together with the momentum that
     the free end's velocity carries away (beta = 0: beta enters by sqrt(beta) u alone), its
-    centrifugal part (a = 0), except for the critical speed the flow as a whole, and each term.
+    centrifugal part (alpha = 0), except for the critical speed the flow as a whole, and each term.
 
     An effect that changes the kind of the answer (flutter to divergence, buckled at rest or not, no
     loss of stability, unstable from the smallest flow on, no limit cycle) is infinitely large.
@@ -240,7 +234,7 @@ def relevant(
         return effect.verdict == "absent", -math.inf if math.isnan(effect.size) else -effect.size
 
     effects = sorted(map(effect, strengths), key=rank)
-    dropped = _droppable(pipe, [one.name for one in effects if one.verdict == "negligible"])
+    dropped = _droppable([one.name for one in effects if one.verdict == "negligible"])
     return Relevance(
         pipe=pipe,
         u=u,
@@ -259,7 +253,6 @@ def _strengths(pipe: Pipe) -> dict[str, str]:
     for name, (number, symbol) in NUMBERS.items():
         value = float(getattr(pipe, number))
         strengths[name] = f"{symbol} = {value:.4g}" if value else ""
-    strengths["centrifugal"] = f"a = {pipe.centrifugal:.4g}" if pipe.centrifugal else ""
     parts = [strengths[name] for name in ("Coriolis", "centrifugal") if strengths[name]]
     strengths["flow"] = ", ".join(parts)
     for term in pipe.terms:
@@ -268,24 +261,18 @@ def _strengths(pipe: Pipe) -> dict[str, str]:
     return strengths
 
 
-def _droppable(pipe: Pipe, names: Collection[str]) -> tuple[str, ...]:
-    """Those of some effects that numbers and terms of the pipe switch off, one by one."""
-    kept = {"flow"} if pipe.flow == "aspirating" else {"flow", "centrifugal"}
-    return tuple(name for name in names if name not in kept)
+def _droppable(names: Collection[str]) -> tuple[str, ...]:
+    """Those of some effects that one number or term of the pipe switches off."""
+    return tuple(name for name in names if name != "flow")
 
 
 def _without(pipe: Pipe, names: Collection[str]) -> Pipe:
     """The pipe with some of its effects switched off."""
     gone: dict[str, Any] = {number: 0.0 for name, (number, _) in NUMBERS.items() if name in names}
     if "flow" in names:
-        gone["beta"] = 0.0
+        gone |= {"beta": 0.0, "alpha": 0.0}
     gone["terms"] = tuple(term for term in pipe.terms if repr(term) not in names)
-    pipe = replace(pipe, **gone)
-    if "centrifugal" not in names and "flow" not in names:
-        return pipe
-    if pipe.flow == "aspirating":
-        return replace(pipe, alpha=0.0)
-    return _WithoutCentrifugal(**{one.name: getattr(pipe, one.name) for one in fields(pipe)})
+    return replace(pipe, **gone)
 
 
 def _outcome(quantity: Quantity, pipe: Pipe, tolerance: float) -> tuple[str, Answer]:
@@ -294,7 +281,7 @@ def _outcome(quantity: Quantity, pipe: Pipe, tolerance: float) -> tuple[str, Ans
     if quantity.name == "critical_speed" and pipe.gamma < 0.0 and _growth(pipe, 0.0) > 0.0:
         state = "buckled at rest, "
     none = Answer(np.zeros(0), f"{state}none")
-    if quantity.name == "critical_speed" and pipe.centrifugal == 0.0 and pipe.flow == "ejecting":
+    if quantity.name == "critical_speed" and pipe.alpha == 0.0 and pipe.flow == "ejecting":
         # The flow then changes no stiffness, and the free end only loses energy to it.
         return f"{state}no loss of stability at any speed", none
     try:
@@ -343,8 +330,10 @@ def _growth(pipe: Pipe, u: float) -> float:
     """
     numbers = [term.numbers for term in pipe.terms]
     weight = pipe.gamma * (1.0 + sum(one.get("mass", 0.0) for one in numbers))
-    stiffness = sum(one.get("stiffness", 0.0) for one in numbers)
-    thrust = max(pipe.centrifugal, 1.0) * u**2 + max(-weight, 0.0)
+    weight += sum(one.get("load", 0.0) for one in numbers)
+    springs = (Spring, Foundation)
+    stiffness = sum(term.stiffness for term in pipe.terms if isinstance(term, springs))
+    thrust = max(pipe.alpha, 1.0) * u**2 + max(-weight, 0.0)
     half_waves = 4 + math.ceil(math.sqrt(thrust) / math.pi)
     wave = math.pi * half_waves
     largest = math.hypot(wave * math.hypot(wave, math.sqrt(abs(weight))), math.sqrt(stiffness))

@@ -215,7 +215,7 @@ class Statics:
     def unbalanced(self, x: Array, u: float) -> float:
         """Largest force left, in units of 1 + |gamma| + a u^2; infinite where guides are missed."""
         pipe = self.model.pipe
-        size = 1.0 + abs(pipe.gamma) + pipe.centrifugal * u**2
+        size = 1.0 + abs(pipe.gamma) + pipe.alpha * u**2
         try:
             turning, free = self.accelerations(x[None], u)[0], self.model.free_directions(x)
             force = self.model.operators(x).mass @ (free.T @ turning)

@@ -224,7 +224,7 @@ def raised(answers: Sequence[Answer | Exception]) -> Answer:
 def _plan(model: AnyModel, max_speed: float, until_unstable: bool) -> Sequence[Job[Found]]:
     """What finds the crossings of each pipe that is solved for a model."""
     pipe = model.pipe
-    if pipe.beta == 0.0 and pipe.centrifugal == 0.0:
+    if pipe.beta == 0.0 and pipe.alpha == 0.0:
         return ()  # the flow acts on nothing
     solved: list[AnyModel] = [model]
     if is_weakly_damped(pipe) and not model.resisted:

@@ -24,7 +24,7 @@ class Derivatives:
 
     Attributes:
         beta: None at beta = 0 (below 1e-300), where the square root of beta has no derivative.
-        gamma, damping, alpha: alpha 0 for an ejecting pipe.
+        gamma, damping, alpha: by these.
         springs: by each k_j, shape (n,), the others held; None for reduced models and scenes that
             matrices solve, see `Assembly`.
     """
@@ -127,14 +127,13 @@ def _sensitivity(problem: Eigenproblem, crossing: _core.AxisCrossing) -> Sensiti
     changes: dict[str, Any] = {
         "gamma": -forms.gravity / down,
         "damping": -value * forms.by_damping / down,
+        "alpha": -(u**2) * forms.flux / down,
     }
     if pipe.beta >= LEAST_BETA:
         changes["beta"] = -value * u * forms.velocity / (2.0 * pipe.beta * down)
-    if pipe.flow == "aspirating":
-        changes["alpha"] = -(u**2) * forms.flux / down
     if forms.springs.size:
         changes["springs"] = -(1.0 + pipe.damping * value) * forms.springs / down
-    speed: dict[str, Any] = {"beta": None, "alpha": 0.0}
+    speed: dict[str, Any] = {"beta": None}
     frequency = speed.copy()
     for name, change in changes.items():
         speed[name] = -change.real / slope.real

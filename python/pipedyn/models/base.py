@@ -72,7 +72,7 @@ class Operators:
         stiffness: springs or bending, and gravity; symmetric unless a custom module is not.
         flux: centrifugal force and the end's follower force.
         direction: s, 1 ejecting and -1 aspirating.
-        centrifugal: a, 1 ejecting and alpha aspirating.
+        centrifugal: alpha.
     """
 
     mass: Array
@@ -118,7 +118,7 @@ def operators_from(core: _core.Operators, pipe: Pipe, scale: Array | None = None
     matrices = {field.name: getattr(core, field.name) for field in fields(Operators)[:6]}
     if scale is not None:
         matrices = {name: scale * matrix for name, matrix in matrices.items()}
-    return Operators(**matrices, direction=pipe.direction, centrifugal=pipe.centrifugal)
+    return Operators(**matrices, direction=pipe.direction, centrifugal=pipe.alpha)
 
 
 def core_pipe(pipe: Pipe) -> _core.Pipe:
@@ -126,7 +126,7 @@ def core_pipe(pipe: Pipe) -> _core.Pipe:
     return _core.Pipe(
         beta=pipe.beta,
         gamma=pipe.gamma,
-        centrifugal=pipe.centrifugal,
+        centrifugal=pipe.alpha,
         drag=pipe.drag,
         damping=pipe.damping,
         aspirating=pipe.flow == "aspirating",

@@ -61,7 +61,7 @@ class Pencil:
         self.dof = model.dof
         self.is_damped = model.pipe.damping != 0.0 or model.resisted
         self.direction = self.pipe.direction
-        self.centrifugal = self.pipe.centrifugal
+        self.centrifugal = self.pipe.alpha
 
     def spectrum(self, traits: _core.Traits, size: float) -> _core.Eigenproblem:
         """Its eigenvalues as the core finds them. size: of K at rest."""

@@ -51,8 +51,9 @@ class Pipe:
         beta: mass ratio mu_f / (mu_p + mu_f), 0 <= beta < 1.
         gamma: gravity g L^3 (mu_p + mu_f) / EI; negative when the free end stands above the clamp.
         flow: "ejecting" (out of the free end) or "aspirating" (into it).
-        alpha: inlet coefficient >= 0 of the aspirating pipe, see `inlet_coefficient`; the ejecting
-            pipe does not use it.
+        alpha: end coefficient >= 0, the factor of u^2 in the centrifugal term, see
+            `end_coefficient`: of the nozzle, the diffuser or the outlet's profile of an ejecting
+            pipe, of the inlet of an aspirating one.
         drag: quadratic drag kappa = rho_e C_D d_e L / (2 (mu_p + mu_f)) >= 0; it has no part in the
             linear analysis.
         damping: Kelvin-Voigt damping delta >= 0; EI becomes EI (1 + delta d/dtau).
@@ -107,6 +108,7 @@ class Pipe:
         damping_time: float = 0.0,
         flow: Flow = "ejecting",
         alpha: float = 1.0,
+        nozzle_ratio: float | None = None,
         terms: Sequence[Term] = (),
     ) -> Pipe:
         """A pipe from measured quantities.
@@ -123,13 +125,17 @@ class Pipe:
             external_density: rho_e of the surrounding fluid, kg/m^3.
             damping_time: eps, s; the material's stress is E (strain + eps d strain / dt).
             flow: "ejecting" or "aspirating".
-            alpha: inlet coefficient, see `inlet_coefficient`.
+            alpha: end coefficient, see `end_coefficient`.
+            nozzle_ratio: A / A_j > 0, the pipe's section over that of a uniform jet, in place of
+                alpha, which it is: above 1 for a nozzle, below for a diffuser. Terms say a
+                nozzle's mass.
             terms: what else acts on the pipe, its numbers in SI units, `at` in m; `terms_si` gives
                 them back.
 
         Raises:
-            ValueError: for a number out of its range, a term beyond the free end, or drag given in
-                part: of drag_coefficient, external_diameter and external_density all three or none.
+            ValueError: for a number out of its range, a term beyond the free end, both alpha and
+                nozzle_ratio, or drag given in part: of drag_coefficient, external_diameter and
+                external_density all three or none.
             TypeError: for what is no number.
         """
         positive: dict[str, Any] = {"low": 0.0, "high": 1e12, "open_low": True}
@@ -149,6 +155,13 @@ class Pipe:
                 f"got {drag[0]!r}, {drag[1]!r} and {drag[2]!r}"
             )
         damping_time = check.real("damping_time", damping_time, low=0.0)
+        if nozzle_ratio is not None:
+            if alpha != 1.0:
+                raise ValueError(
+                    f"alpha or nozzle_ratio must be given, not both, got {check.shown(alpha)} and "
+                    f"{check.shown(nozzle_ratio)}"
+                )
+            alpha = check.real("nozzle_ratio", nozzle_ratio, open_low=True, **RANGES["alpha"])
         mass = pipe_mass + fluid_mass
         time = length**2 * math.sqrt(mass / stiffness)
         units = Scales(length, mass, time, math.sqrt(stiffness / fluid_mass) / length)
@@ -183,11 +196,6 @@ class Pipe:
     def direction(self) -> float:
         """s, the sign of the flow's velocity: 1 ejecting, -1 aspirating."""
         return -1.0 if self.flow == "aspirating" else 1.0
-
-    @property
-    def centrifugal(self) -> float:
-        """a, the factor of u^2 in the centrifugal term: 1 ejecting, alpha aspirating."""
-        return self.alpha if self.flow == "aspirating" else 1.0
 
     def __repr__(self) -> str:
         parts = [

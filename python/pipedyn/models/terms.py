@@ -179,6 +179,86 @@ class Foundation(Term):
     stiffness: float = number(1e9, mass=1, time=-2)
 
 
+@dataclass(frozen=True, repr=False)
+class Viscosity(Term):
+    """Linear viscous resistance all along the pipe of a fluid at rest around it.
+
+    Its force per length -sigma * v_n acts along the pipe's normal against the velocity v_n in that
+    direction, as that of drag; motion along the pipe's tangent is free.
+
+    Attributes:
+        sigma: >= 0, in sqrt(EI (mu_p + mu_f)) / L^2.
+
+    In `Pipe.from_si`: sigma in N s/m^2, the coefficient c of the force per length.
+
+    Source: power -sigma * v_n^2 per length; Paidoussis, Fluid-Structure Interactions, vol. 1,
+    eq. (3.70), has its linear part.
+
+    Example:
+        >>> import pipedyn as pp
+        >>> pipe = pp.Pipe(beta=0.1, terms=[pp.Viscosity(sigma=1.42)])
+        >>> round(pp.critical_speed(pp.Continuum(pipe)).speed, 4)
+        5.002
+    """
+
+    law: ClassVar[str] = "viscosity"
+    sigma: float = number(1e9, mass=1, time=-1)
+
+
+@dataclass(frozen=True, repr=False)
+class CubicSpring(Term):
+    """A hardening spring between one place of the pipe and the axis of the straight pipe.
+
+    Its force -stiffness * x^3 acts along x alone, x the transverse displacement of the place: a
+    smooth model of a motion-limiting restraint. Small motions do not feel it.
+
+    Attributes:
+        at: arc length from the clamp in L, 0 < at <= 1.
+        stiffness: >= 0, in EI / L^5.
+
+    In `Pipe.from_si`: at in m, stiffness in N/m^3.
+
+    Source: energy stiffness * x^4 / 4; Paidoussis, Fluid-Structure Interactions, vol. 1, sec. 5.8.
+
+    Example:
+        >>> import pipedyn as pp
+        >>> pipe = pp.Pipe(beta=0.2, terms=[pp.CubicSpring(at=0.8, stiffness=100.0)])
+        >>> pp.hopf(pp.Chain(pipe, 4)).criticality
+        'supercritical'
+    """
+
+    law: ClassVar[str] = "cubic_spring"
+    at: float = place()
+    stiffness: float = number(1e12, mass=1, length=-1, time=-2)
+
+
+@dataclass(frozen=True, repr=False)
+class Tension(Term):
+    """A dead load at the free end along the straight pipe, which keeps its direction.
+
+    Attributes:
+        load: of tension if positive, of compression if negative, in EI / L^2.
+
+    In `Pipe.from_si`: load in N.
+
+    Source: potential -load * (y - 1), y the end's position along the straight pipe.
+
+    Example:
+        >>> import pipedyn as pp
+        >>> pipe = pp.Pipe(beta=0.2, terms=[pp.Tension(load=20.0)])
+        >>> round(pp.critical_speed(pp.Continuum(pipe)).speed, 4)
+        8.5838
+    """
+
+    law: ClassVar[str] = "tension"
+    load: float = number(1e6, mass=1, length=2, time=-2, low=-1e6)
+
+    @property
+    def place(self) -> float:
+        """Arc length where it acts, in L: the free end."""
+        return 1.0
+
+
 Law = TypeVar("Law", bound=Term)
 
 

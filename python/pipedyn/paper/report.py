@@ -138,9 +138,9 @@ def _title(pipe: Pipe) -> str:
 
 
 def _flow(pipe: Pipe) -> str:
-    inlet = rf" ($\alpha = {pipe.alpha:g}$)" if pipe.flow == "aspirating" else ""
+    end = rf" ($\alpha = {pipe.alpha:g}$)" if pipe.alpha != 1.0 else ""
     damping = rf"damping $\delta = {pipe.damping:g}$" if pipe.damping else "undamped"
-    return f"{pipe.flow}{inlet}, {damping}"
+    return f"{pipe.flow}{end}, {damping}"
 
 
 def verdict(findings: Findings) -> str:

@@ -407,7 +407,7 @@ class Assembly(Model):
         return self._reference
 
     def unbalanced(self, u: float) -> float:
-        size = 1.0 + abs(self._pipe.gamma) + self._pipe.centrifugal * u**2
+        size = 1.0 + abs(self._pipe.gamma) + self._pipe.alpha * u**2
         return float(np.abs(self.linear.unbalanced(u)).max()) / size
 
     def operators(self, q: ArrayLike | None = None) -> Operators:

@@ -269,9 +269,7 @@ class Layout:
 
     def acting(self, pipe: Pipe) -> Pipe:
         """The pipe without the effects that no module brings: flow without force, no drag."""
-        flow: dict[str, Any] = (
-            {} if self.has_flow else {"beta": 0.0, "flow": "aspirating", "alpha": 0.0}
-        )
+        flow: dict[str, Any] = {} if self.has_flow else {"beta": 0.0, "alpha": 0.0}
         return replace(pipe, **flow, drag=pipe.drag if self.has_drag else 0.0)
 
     def joint_damping(self, pipe: Pipe) -> Array:

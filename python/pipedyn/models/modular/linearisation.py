@@ -98,7 +98,7 @@ class SmallMotions:
             stiffness=of_angles(chain.stiffness - by_state[:, :n]) + of_joints(layout.springs),
             flux=layout.has_flow * of_angles(chain.flux - np.diag(turned)),
             direction=form.pipe.direction,
-            centrifugal=form.pipe.centrifugal,
+            centrifugal=form.pipe.alpha,
         )
 
     def _reactions(self) -> tuple[Array, Array]:

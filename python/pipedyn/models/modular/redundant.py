@@ -92,7 +92,7 @@ class RedundantForm:
         momentum = math.sqrt(pipe.beta) * pipe.direction * u * velocities
         on_nodes[:-1] -= momentum[1:]
         on_nodes[1:] += momentum[:-1]
-        on_nodes[-1] -= momentum[-1] + pipe.centrifugal * u**2 * along[-1] / lengths[-1]
+        on_nodes[-1] -= momentum[-1] + pipe.alpha * u**2 * along[-1] / lengths[-1]
 
         total = self.customs.force(q, rates)
         total[0::3] += on_nodes[1:, 0]

@@ -13,11 +13,11 @@ import pipedyn as pp
 
 
 def test_a_uniform_inlet_over_the_pipes_section_has_coefficient_one():
-    assert pp.inlet_coefficient(lambda r: 3.0, radius=0.02) == pytest.approx(1.0, rel=1e-12)
+    assert pp.end_coefficient(lambda r: 3.0, radius=0.02) == pytest.approx(1.0, rel=1e-12)
 
 
 def test_a_parabolic_profile_carries_a_third_more_momentum():
-    alpha = pp.inlet_coefficient(lambda r: 1.0 - (r / 0.5) ** 2, radius=0.5)
+    alpha = pp.end_coefficient(lambda r: 1.0 - (r / 0.5) ** 2, radius=0.5)
     assert alpha == pytest.approx(4.0 / 3.0, rel=1e-10)
 
 
@@ -26,29 +26,27 @@ def test_the_power_law_of_turbulent_pipe_flow_has_its_textbook_coefficient(power
     """V = (1 - r)^(1/n): (1 + n)(1 + 2n)^2 / (4 n^2 (2 + n)), elementary integration."""
     n = power
     expected = (1 + n) * (1 + 2 * n) ** 2 / (4 * n**2 * (2 + n))
-    assert pp.inlet_coefficient(lambda r: (1.0 - r) ** (1.0 / n)) == pytest.approx(
-        expected, rel=1e-8
-    )
+    assert pp.end_coefficient(lambda r: (1.0 - r) ** (1.0 / n)) == pytest.approx(expected, rel=1e-8)
 
 
 def test_an_inlet_wider_than_the_pipe_has_a_coefficient_below_one():
     section = math.pi
-    wide = pp.inlet_coefficient(lambda r: 1.0, radius=math.sqrt(2.0), section=section)
+    wide = pp.end_coefficient(lambda r: 1.0, radius=math.sqrt(2.0), section=section)
     assert wide == pytest.approx(0.5, rel=1e-12)
 
 
 def test_samples_at_radii_meet_the_function_they_are_taken_from():
     r = np.linspace(0.0, 0.7, 400)
     profile = 2.0 - (r / 0.7) ** 2
-    from_function = pp.inlet_coefficient(lambda x: 2.0 - (x / 0.7) ** 2, radius=0.7)
-    assert pp.inlet_coefficient(profile, radii=r) == pytest.approx(from_function, rel=1e-6)
+    from_function = pp.end_coefficient(lambda x: 2.0 - (x / 0.7) ** 2, radius=0.7)
+    assert pp.end_coefficient(profile, radii=r) == pytest.approx(from_function, rel=1e-6)
 
 
 def test_samples_on_patches_are_plain_sums():
     velocity, areas = [1.0, 2.0, 4.0], [0.5, 0.25, 0.25]
     flow, momentum = 0.5 + 0.5 + 1.0, 0.5 + 1.0 + 4.0
-    assert pp.inlet_coefficient(velocity, areas=areas) == pytest.approx(momentum / flow**2)
-    assert pp.inlet_coefficient(velocity, areas=areas, section=3.0) == pytest.approx(
+    assert pp.end_coefficient(velocity, areas=areas) == pytest.approx(momentum / flow**2)
+    assert pp.end_coefficient(velocity, areas=areas, section=3.0) == pytest.approx(
         3.0 * momentum / flow**2
     )
 
@@ -60,15 +58,15 @@ def test_samples_on_patches_are_plain_sums():
 def test_no_profile_over_the_pipes_own_section_has_a_coefficient_below_one(patches, unit):
     """Cauchy and Schwarz; and neither the unit of speed nor that of area matters."""
     velocity, areas = map(np.array, zip(*patches, strict=True))
-    alpha = pp.inlet_coefficient(velocity, areas=areas)
+    alpha = pp.end_coefficient(velocity, areas=areas)
     assert alpha >= 1.0 - 1e-12
-    assert pp.inlet_coefficient(unit * velocity, areas=areas) == pytest.approx(alpha, rel=1e-12)
-    assert pp.inlet_coefficient(velocity, areas=unit * areas) == pytest.approx(alpha, rel=1e-12)
+    assert pp.end_coefficient(unit * velocity, areas=areas) == pytest.approx(alpha, rel=1e-12)
+    assert pp.end_coefficient(velocity, areas=unit * areas) == pytest.approx(alpha, rel=1e-12)
 
 
 def test_the_coefficient_does_not_ask_for_the_sign_of_the_flow():
-    assert pp.inlet_coefficient(lambda r: r - 1.0) == pytest.approx(
-        pp.inlet_coefficient(lambda r: 1.0 - r), rel=1e-12
+    assert pp.end_coefficient(lambda r: r - 1.0) == pytest.approx(
+        pp.end_coefficient(lambda r: 1.0 - r), rel=1e-12
     )
 
 
@@ -77,7 +75,7 @@ def test_the_coefficient_does_not_ask_for_the_sign_of_the_flow():
 )
 def test_an_inlet_through_which_nothing_flows_is_refused(velocity):
     with pytest.raises(ValueError, match="velocity"):
-        pp.inlet_coefficient(velocity)
+        pp.end_coefficient(velocity)
 
 
 @pytest.mark.parametrize("width", [1e-1, 1e-4])
@@ -87,7 +85,7 @@ def test_a_narrow_jet_is_not_overlooked(width, place):
     start = {"centre": -1.0, "middle": 0.517, "wall": 1.0 - width}[place]
     end = {"centre": width, "middle": 0.517 + width, "wall": 2.0}[place]
     area = min(end, 1.0) ** 2 - max(start, 0.0) ** 2
-    alpha = pp.inlet_coefficient(lambda r: float(start < r / 0.02 < end), radius=0.02)
+    alpha = pp.end_coefficient(lambda r: float(start < r / 0.02 < end), radius=0.02)
     assert alpha == pytest.approx(1.0 / area, rel=1e-9)
 
 
@@ -95,7 +93,7 @@ def test_a_narrow_jet_beside_a_slow_stream_is_not_overlooked():
     start, end, slow = 0.3, 0.3001, 0.001
     part = end**2 - start**2
     expected = (part + slow**2 * (1.0 - part)) / (part + slow * (1.0 - part)) ** 2
-    alpha = pp.inlet_coefficient(lambda r: 1.0 if start < r < end else slow)
+    alpha = pp.end_coefficient(lambda r: 1.0 if start < r < end else slow)
     assert alpha == pytest.approx(expected, rel=1e-9)
 
 
@@ -105,9 +103,9 @@ def test_the_coefficient_does_not_ask_for_the_unit_of_speed():
 
     r, v, areas = [0.0, 0.3, 1.0], np.array([1.0, 1.0, 0.0]), [1.0, 2.0, 3.0]
     for ask in (
-        lambda k: pp.inlet_coefficient(lambda r: k * jet(r)),
-        lambda k: pp.inlet_coefficient(k * v, radii=r),
-        lambda k: pp.inlet_coefficient(k * v, areas=areas),
+        lambda k: pp.end_coefficient(lambda r: k * jet(r)),
+        lambda k: pp.end_coefficient(k * v, radii=r),
+        lambda k: pp.end_coefficient(k * v, areas=areas),
     ):
         expected = ask(1.0)
         for scale in (1e-200, 1e200, -1e-200, 5e-324, 1.7e308):
@@ -119,17 +117,17 @@ def test_the_coefficient_does_not_ask_for_the_unit_of_length(unit):
     def profile(r):
         return 1.0 - (r / unit) ** 2
 
-    assert pp.inlet_coefficient(profile, radius=unit) == pytest.approx(4.0 / 3.0, rel=1e-11)
+    assert pp.end_coefficient(profile, radius=unit) == pytest.approx(4.0 / 3.0, rel=1e-11)
     r = np.linspace(0.0, 1.0, 5)
-    assert pp.inlet_coefficient(1.0 - r, radii=unit * r) == pytest.approx(
-        pp.inlet_coefficient(1.0 - r, radii=r), rel=1e-13
+    assert pp.end_coefficient(1.0 - r, radii=unit * r) == pytest.approx(
+        pp.end_coefficient(1.0 - r, radii=r), rel=1e-13
     )
-    assert pp.inlet_coefficient([1.0, 2.0], areas=[unit, unit]) == pytest.approx(10.0 / 9.0)
+    assert pp.end_coefficient([1.0, 2.0], areas=[unit, unit]) == pytest.approx(10.0 / 9.0)
 
 
 def test_samples_that_fall_in_a_straight_line_are_integrated_exactly():
     """1 - r: 3/2, elementary integration."""
-    assert pp.inlet_coefficient([1.0, 0.5, 0.0], radii=[0.0, 1.0, 2.0]) == pytest.approx(1.5)
+    assert pp.end_coefficient([1.0, 0.5, 0.0], radii=[0.0, 1.0, 2.0]) == pytest.approx(1.5)
 
 
 def test_a_profile_that_does_not_settle_is_refused(monkeypatch):
@@ -139,14 +137,14 @@ def test_a_profile_that_does_not_settle_is_refused(monkeypatch):
     monkeypatch.setattr("scipy.integrate.quad_vec", sooner)
     noise = np.random.default_rng(1)
     with pytest.raises(ValueError, match=r"^velocity must be a profile that can be integrated"):
-        pp.inlet_coefficient(lambda r: noise.random())
+        pp.end_coefficient(lambda r: noise.random())
 
 
 def test_a_profile_whose_momentum_is_infinite_is_refused():
     with pytest.raises(ValueError, match="velocity"):
-        pp.inlet_coefficient(lambda r: 1.0 / math.sqrt(1.0 - r) if r < 1.0 else math.inf)
+        pp.end_coefficient(lambda r: 1.0 / math.sqrt(1.0 - r) if r < 1.0 else math.inf)
 
 
 def test_a_section_out_of_proportion_is_refused():
-    with pytest.raises(ValueError, match=r"^section must be comparable with the inlet's area"):
-        pp.inlet_coefficient(lambda r: 1.0, radius=1e-200, section=1.0)
+    with pytest.raises(ValueError, match=r"^section must be comparable with the opening's area"):
+        pp.end_coefficient(lambda r: 1.0, radius=1e-200, section=1.0)

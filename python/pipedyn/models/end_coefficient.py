@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""The inlet of an aspirating pipe: how much momentum the entering fluid brings along."""
+"""The free end of a pipe: how much momentum the fluid that passes it carries."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ TOLERANCE = 1e-12
 """Relative error asked of both integrals; rounding in 23,000 terms leaves 1e-13."""
 
 
-def inlet_coefficient(
+def end_coefficient(
     velocity: Callable[[float], float] | ArrayLike,
     *,
     radius: float = 1.0,
@@ -26,28 +26,28 @@ def inlet_coefficient(
     areas: ArrayLike | None = None,
     section: float | None = None,
 ) -> float:
-    """Inlet coefficient alpha = A int V_i^2 dS / (int V_i dS)^2 of an aspirating pipe.
+    """End coefficient alpha = A int V^2 dS / (int V dS)^2 of the outlet or inlet at the free end.
 
-    V_i is the velocity normal to the inlet surface, A the pipe's section. alpha is 1 for a uniform
-    inlet over A, 4/3 for a parabolic profile over A, 1/2 for a uniform inlet over 2 A. Any
-    consistent units will do.
+    V is the velocity normal to its surface, A the pipe's section. alpha is 1 for a uniform velocity
+    over A, 4/3 for a parabolic profile over A, 2 for a nozzle whose jet is uniform over A / 2, 1/2
+    for a uniform inlet over 2 A. Any consistent units will do.
 
     Args:
-        velocity: an axisymmetric profile V_i(r), called with some 50,000 floats 0 <= r <= radius,
+        velocity: an axisymmetric profile V(r), called with some 50,000 floats 0 <= r <= radius,
             which may jump (a jet narrower than 1e-4 of the radius may be missed); or samples
-            of V_i, shape (k,), with either their radii or the areas they stand for.
-        radius: radius of the inlet, for a function.
+            of V, shape (k,), with either their radii or the areas they stand for.
+        radius: radius of the end's opening, for a function.
         radii: increasing radii of the samples, shape (k,), k >= 2, the first 0 and the last the
-            inlet's; between samples the profile is interpolated by monotone cubics.
+            opening's; between samples the profile is interpolated by monotone cubics.
         areas: area of the patch that each sample stands for, shape (k,), > 0.
-        section: the pipe's section A; the area of the inlet where it is not given.
+        section: the pipe's section A; the area of the opening where it is not given.
 
     Raises:
-        ValueError: for numbers out of range, an inlet through which nothing flows on balance, or
+        ValueError: for numbers out of range, an end through which nothing flows on balance, or
             a function that cannot be integrated.
         TypeError: for what is neither a function nor an array, or not a number.
 
-    Source: Orsino and Di Giulio, eqs. (7)-(8).
+    Source: Orsino and Di Giulio, eqs. (7)-(8), of an inlet; the jet's momentum the same way.
     """
     radius = check.real("radius", radius, low=0.0, open_low=True)
     if section is not None:
@@ -88,19 +88,19 @@ def inlet_coefficient(
         mean, square = float(parts @ scaled) / whole, float(parts @ scaled**2) / whole
         area = float(patches.max()), whole
     if _vanishes(mean, square):
-        raise ValueError(f"velocity must carry fluid through the inlet, got a mean of {mean:.1e}")
-    # The inlet's area is left in two factors: their product may overflow or vanish.
+        raise ValueError(f"velocity must carry fluid through the end, got a mean of {mean:.1e}")
+    # The opening's area is left in two factors: their product may overflow or vanish.
     part = 1.0 if section is None else section / area[0] / area[1]
     alpha = part * (square / mean**2)
     if not 0.0 < alpha < math.inf:
         raise ValueError(
-            f"section must be comparable with the inlet's area, got {part!r} times that"
+            f"section must be comparable with the opening's area, got {part!r} times that"
         )
     return alpha
 
 
 def _means_of_function(velocity: Callable[[float], Any], radius: float) -> tuple[float, float]:
-    """Mean over the inlet of V and of V^2, V in units of the largest |V| of a first sampling.
+    """Mean over the opening of V and of V^2, V in units of the largest |V| of a first sampling.
 
     Panels are halved where the 10 Gauss and 21 Kronrod nodes in them disagree.
     """
@@ -145,7 +145,7 @@ def _peak(velocity: Array) -> float:
     """Largest magnitude: squares of velocities in this unit neither overflow nor vanish."""
     peak = float(np.abs(velocity).max())
     if peak == 0.0:
-        raise ValueError("velocity must carry fluid through the inlet, got 0 everywhere")
+        raise ValueError("velocity must carry fluid through the end, got 0 everywhere")
     return peak
 
 

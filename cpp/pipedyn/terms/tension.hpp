@@ -1,0 +1,28 @@
+// SPDX-License-Identifier: MIT
+//
+// A dead load at the free end: force F along y, the direction of the straight pipe, whatever the
+// pipe does; potential -F (y - 1).
+#pragma once
+
+#include "pipedyn/terms/station.hpp"
+#include "pipedyn/terms/term.hpp"
+
+namespace {
+
+struct Tension : NoLaw {
+  static constexpr const char* name = "tension";
+  static constexpr bool loads = true;
+  double force;
+
+  explicit Tension(const pipedyn::Term& term) : force(term.numbers[0]) {}
+  template <class Real>
+  Load<Real> load(const Station<Real>&) const {
+    return {Real{}, Real{} + force};
+  }
+  template <class Real>
+  Real energy(const Station<Real>& at) const {
+    return force * (1.0 - at.y);
+  }
+};
+
+}  // namespace
