@@ -454,6 +454,7 @@ def _pipes() -> Iterator[Target]:
     )
     for law in pp.Term.__subclasses__():
         kinds = {item.name: real((0.1, 1.0), -1.0, -1e300) for item in dataclasses.fields(law)}
+        kinds |= {"load": real((-1.0, 1.0))} if "load" in kinds else {}
         place = {"at": real((0.01, 0.99), -0.1, 0.0)} if "at" in kinds else {}
         yield Target(law.__name__, law, kinds | place)
 

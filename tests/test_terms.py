@@ -292,6 +292,10 @@ def test_terms_are_checked_where_they_are_given():
         pp.Spring(0.0, 1.0)
     with pytest.raises(ValueError, match="stiffness must be finite and >= 0, got nan"):
         pp.Spring(0.5, float("nan"))
+    with pytest.raises(
+        ValueError, match=r"terms\[0\]\.load must lie in \[-1e\+06, 1e\+06\], got -10000000"
+    ):
+        pp.Pipe(0.2, terms=[pp.Tension(-1e7)])
     with pytest.raises(TypeError, match="Term must be one of its laws"):
         pp.Term()
     with pytest.raises(

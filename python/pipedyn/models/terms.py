@@ -54,8 +54,11 @@ class Term:
     def __post_init__(self) -> None:
         if type(self) is Term:
             raise TypeError("Term must be one of its laws, such as PointMass, got Term itself")
-        for item in fields(self):  # the largest numbers are the pipe's matter: these may be in SI
-            rule = {k: v for k, v in item.metadata.get("range", {}).items() if k != "high"}
+        for item in fields(self):  # how large they are is the pipe's matter: these may be in SI
+            rule = dict(item.metadata.get("range", {}))
+            rule.pop("high", None)
+            if rule.get("low", 0.0) < 0.0:
+                del rule["low"]
             value = check.real(item.name, getattr(self, item.name), **rule)
             object.__setattr__(self, item.name, value)
 
