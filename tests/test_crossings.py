@@ -539,3 +539,16 @@ def test_hardly_any_damping_of_an_aspirating_pipe_is_outdone_by_hardly_any_flow(
         assert abs(found.speed - exact) <= found.error <= 1e-13
         assert found.speed > 0.0 or damping < 1e-14
         assert found.mode == 1
+
+
+def test_a_pair_that_turns_real_and_passes_zero_in_one_step_diverges():
+    """Of a mode beyond those tracked with certainty: it was flutter and divergence at one speed."""
+    terms = (
+        pp.Spring(at=0.458169555812, stiffness=506.95),
+        pp.Damper(at=0.868, coefficient=0.3388),
+    )
+    model = pp.Galerkin(pp.Pipe(8.6e-11, 27.684, terms=terms), 9, "legendre")
+    found = [one for one in pp.crossings(model, 13.1) if 12.5 < one.speed < 12.7]
+    assert [one.kind for one in found] == ["divergence"]
+    for change, side in ((found[0].unstable_before, -1e-4), (found[0].unstable_after, 1e-4)):
+        assert change == np.sum(pp.eigenvalues(model, found[0].speed + side).real > 0.0)

@@ -317,7 +317,7 @@ void match(Step& step, const Step* last, const Roots& tracked, const Cluster& cl
       }
     }
   }
-  for (const Index i : tracked) {  // what turns real or complex has met another
+  for (const Index i : known) {  // what turns real or complex has met another
     const Complex a = step.start(i), b = step.end(i);
     if ((a.imag() == 0.0) == (b.imag() == 0.0) || resting[i]) continue;
     for (const Index k : known) {
@@ -333,7 +333,8 @@ void match(Step& step, const Step* last, const Roots& tracked, const Cluster& cl
     order(step, i, k);
   }
   step.unambiguous = std::all_of(near.begin(), near.end(), [&](const auto& pair) {
-    return step.meets[pair.first] >= 0 || step.meets[pair.second] >= 0;
+    const auto [i, k] = pair;
+    return step.meets[i] >= 0 || step.meets[k] >= 0 || !(is_tracked[i] || is_tracked[k]);
   });
 }
 
