@@ -174,6 +174,21 @@ inline Numbers results_of(py::ssize_t rows, py::ssize_t results, py::ssize_t cos
   return made;
 }
 
+/// Derivatives of rates by states (rows, rows), or of k states (k, rows, rows). cost: of a row.
+inline Numbers jacobians_of(py::ssize_t rows, py::ssize_t cost, const py::object& y,
+                            const py::object& u, const Work& work) {
+  const States states("y", y, rows);
+  const Speeds speeds("u", u, states);
+  std::vector<py::ssize_t> shape{rows, rows};
+  if (!states.one) shape.insert(shape.begin(), states.members);
+  Numbers made(shape);
+  const Batch batch{states.values.data(), speeds.data(), states.members, speeds.step()};
+  double* const out = made.mutable_data();
+  const UnlockedFor unlocked(rows * cost * states.members);
+  work(batch, out);
+  return made;
+}
+
 /// Energy of each member. rows, cost: as for `results_of`.
 template <class Model>
 NumberOrArray energy_of(const Model& model, py::ssize_t rows, py::ssize_t cost,

@@ -31,17 +31,8 @@ py::ssize_t work_of(const Galerkin& motion) { return 4 * motion.dof() * motion.d
 
 template <class Model>
 Numbers jacobian(const Model& model, const py::object&, const py::object& y, const py::object& u) {
-  const py::ssize_t rows = 2 * model.dof();
-  const States states("y", y, rows);
-  const Speeds speeds("u", u, states);
-  std::vector<py::ssize_t> shape{rows, rows};
-  if (!states.one) shape.insert(shape.begin(), states.members);
-  Numbers result(shape);
-  const Batch batch{states.values.data(), speeds.data(), states.members, speeds.step()};
-  double* const out = result.mutable_data();
-  const pipedyn::UnlockedFor unlocked(rows * work_of(model) * states.members);
-  model.jacobian(batch, out);
-  return result;
+  const auto work = [&](const Batch& batch, double* out) { model.jacobian(batch, out); };
+  return pipedyn::jacobians_of(2 * model.dof(), work_of(model), y, u, work);
 }
 
 template <class Model>

@@ -72,20 +72,13 @@ Numbers from_angles(const Scene& scene, const py::object& theta, const py::objec
 /// to guides and pins or not. by_state: of further moments on a single state (n, 2 n), else 0.
 Numbers jacobian(const Scene& scene, const py::object& y, const py::object& u,
                  const py::object& moments, const Matrix& by_state, bool returns) {
-  const py::ssize_t rows = 2 * scene.dof();
-  const States states("y", y, rows);
-  const Speeds speeds("u", u, states);
-  std::vector<py::ssize_t> shape{rows, rows};
-  if (!states.one) shape.insert(shape.begin(), states.members);
-  Numbers result(shape);
-  Batch batch{states.values.data(), speeds.data(), states.members, speeds.step()};
   std::optional<States> further;
-  if (!moments.is_none())
-    batch.moments = further.emplace("moments", moments, scene.dof()).values.data();
-  double* const out = result.mutable_data();
-  const UnlockedFor unlocked(rows * work_of(scene) * states.members);
-  scene.jacobian(batch, returns ? Scene::return_rate : 0.0, by_state, out);
-  return result;
+  if (!moments.is_none()) further.emplace("moments", moments, scene.dof());
+  const auto work = [&](Batch batch, double* out) {
+    if (further) batch.moments = further->values.data();
+    scene.jacobian(batch, returns ? Scene::return_rate : 0.0, by_state, out);
+  };
+  return jacobians_of(2 * scene.dof(), work_of(scene), y, u, work);
 }
 
 }  // namespace
