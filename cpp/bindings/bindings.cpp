@@ -83,16 +83,18 @@ PYBIND11_MODULE(_core, m, py::mod_gil_not_used()) {
   pipedyn::motion_kernel();  // a wrong PIPEDYN_VECTOR_LEVEL shows at import
 
   py::class_<Pipe>(m, "Pipe")
-      .def(py::init([](double beta, double gamma, double centrifugal, double drag, double damping,
-                       bool aspirating, const std::vector<TermArguments>& terms) {
-             Pipe pipe{beta, gamma, centrifugal, drag, damping, aspirating};
-             for (const auto& [law, at, numbers] : terms) {
-               pipe.terms.push_back(pipedyn::make_term(law, at, numbers));
-             }
-             return pipe;
-           }),
-           "beta"_a, "gamma"_a, "centrifugal"_a, "drag"_a, "damping"_a, "aspirating"_a,
-           "terms"_a = std::vector<TermArguments>{})
+      .def(
+          py::init([](double beta, double gamma, double centrifugal, double drag, double damping,
+                      bool aspirating, const std::vector<TermArguments>& terms, double hysteresis) {
+            Pipe pipe{beta, gamma, centrifugal, drag, damping, aspirating};
+            for (const auto& [law, at, numbers] : terms) {
+              pipe.terms.push_back(pipedyn::make_term(law, at, numbers));
+            }
+            pipe.hysteresis = hysteresis;
+            return pipe;
+          }),
+          "beta"_a, "gamma"_a, "centrifugal"_a, "drag"_a, "damping"_a, "aspirating"_a,
+          "terms"_a = std::vector<TermArguments>{}, "hysteresis"_a = 0.0)
       .def_property_readonly("resisted",
                              [](const Pipe& pipe) { return pipedyn::resist(pipe.terms); });
 

@@ -21,6 +21,7 @@ struct Pipe {
   double damping = 0.0;      // delta, Kelvin-Voigt damping
   bool aspirating = false;   // flow enters at the free end
   Terms terms{};             // what else acts on the pipe
+  double hysteresis = 0.0;   // mu, loss factor; of linear questions alone
 
   double sqrt_beta() const { return std::sqrt(beta); }
   /// s: U = s u is the flow speed counted towards the free end.

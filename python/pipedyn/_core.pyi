@@ -56,6 +56,7 @@ class Pipe:
                 collections.abc.Sequence[typing.SupportsFloat | typing.SupportsIndex],
             ]
         ] = [],
+        hysteresis: typing.SupportsFloat | typing.SupportsIndex = 0.0,
     ) -> None: ...
     @property
     def resisted(self) -> bool: ...
@@ -303,6 +304,7 @@ class DenseOperator:
             "FixedSize(5)",
         ],
         size: typing.SupportsFloat | typing.SupportsIndex,
+        loss: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, n]"] = ...,
     ) -> None: ...
     def inverse(
         self, shift: typing.SupportsFloat | typing.SupportsIndex, velocity_free: bool, left: bool
@@ -322,7 +324,10 @@ class Traits:
         conservative: bool,
         squared: bool,
         free_at_rest: bool,
+        loss: typing.SupportsFloat | typing.SupportsIndex,
     ) -> None: ...
+    @property
+    def loss(self) -> float: ...
 
 class Eigenproblem(Spectrum):
     def __init__(
@@ -336,6 +341,7 @@ class Eigenproblem(Spectrum):
         ],
         centrifugal: typing.SupportsFloat | typing.SupportsIndex,
         size: typing.SupportsFloat | typing.SupportsIndex,
+        loss: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, n]"] = ...,
     ) -> None: ...
     def assess(self, u: typing.SupportsFloat | typing.SupportsIndex, pairs: Pairs) -> None: ...
     def by_recursion(

@@ -160,7 +160,8 @@ ImpedanceModel Chain::impedance() const {
   return {.segments = impedances_.data(),
           .size = dof(),
           .coriolis = pipe_.direction() * pipe_.sqrt_beta(),
-          .centrifugal = pipe_.centrifugal};
+          .centrifugal = pipe_.centrifugal,
+          .loss = pipe_.hysteresis};
 }
 
 Matrix Chain::held_rows(const Vector& scale) const {

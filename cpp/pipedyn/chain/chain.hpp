@@ -100,7 +100,9 @@ class Chain {
   ImpedanceModel impedance() const;
   const Vector& springs() const { return segments_.spring; }
   /// Whether two chains have one linear problem without flow.
-  bool is_same_at_rest(const Chain& other) const { return impedances_ == other.impedances_; }
+  bool is_same_at_rest(const Chain& other) const {
+    return impedances_ == other.impedances_ && pipe_.hysteresis == other.pipe_.hysteresis;
+  }
   /// Displacements of the held ends by joint angles in units of scale (n), (n, how many).
   Matrix held_rows(const Vector& scale) const;
   /// A chain of about so many segments, and more where ends are held, that moves like this one:

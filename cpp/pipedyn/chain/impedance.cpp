@@ -41,6 +41,7 @@ template <class Number>
 struct Powers {
   Number one, square;  // lambda, lambda^2
   Number coriolis;     // sqrt(beta) U lambda
+  double loss;         // mu
 };
 
 template <class Number>
@@ -54,6 +55,7 @@ inline Coefficients<Lanes> coefficients(const ImpedanceSegment& at, const Powers
                           at.across.square * by.square,
                           at.turned.square * by.square + (2.0 * l) * by.coriolis,
                           at.moment.square * by.square + (l * l) * by.coriolis + at.moment.still};
+  sum.elastic.im += by.loss * at.joint.still;
   if (at.loaded) {
     sum.force = sum.force + (at.force.rate * by.one + at.force.still);
     sum.across = sum.across + (at.across.rate * by.one + at.across.still);
@@ -66,8 +68,8 @@ inline Coefficients<Lanes> coefficients(const ImpedanceSegment& at, const Powers
 /// The sums of the absolute values of what these are sums of.
 inline Coefficients<Pack> coefficient_sizes(const ImpedanceSegment& at, const Powers<Pack>& by) {
   const double l = at.length;
-  Coefficients<Pack> sum{at.joint.rate * by.one + at.joint.still, at.force.square * by.square,
-                         at.across.square * by.square,
+  Coefficients<Pack> sum{at.joint.rate * by.one + (1.0 + by.loss) * at.joint.still,
+                         at.force.square * by.square, at.across.square * by.square,
                          at.turned.square * by.square + (2.0 * l) * by.coriolis,
                          at.moment.square * by.square + (l * l) * by.coriolis + at.moment_size};
   if (at.loaded) {
@@ -86,13 +88,13 @@ struct Problem {
 
   Problem() = default;
   Problem(const ImpedanceModel& model, const Lanes& lambda, double u)
-      : powers{lambda, lambda * lambda, (model.coriolis * u) * lambda},
+      : powers{lambda, lambda * lambda, (model.coriolis * u) * lambda, model.loss},
         flow(model.coriolis * u),
         thrust(model.centrifugal * u * u) {}
 
   Powers<Pack> sizes() const {
     const Pack size = size_of(powers.one);
-    return {size, size * size, std::fabs(flow) * size};
+    return {size, size * size, std::fabs(flow) * size, powers.loss};
   }
 
   /// Derivatives of a segment's coefficients by lambda.

@@ -88,8 +88,12 @@ Pencil matrices(const Chain& chain, const Complement& complement, const Lapack& 
   DenseOperator::Matrices made{std::move(ops.mass), sign * (ops.gyroscopic + ops.end_flux),
                                std::move(ops.damping), std::move(ops.stiffness),
                                std::move(ops.flux)};
+  if (flow.loss > 0.0) {
+    made[5] = (flow.loss * chain.springs().cwiseProduct(scale.cwiseAbs2())).asDiagonal();
+  }
   if (complement.dof() < complement.size()) {
     for (Matrix& of : made) {
+      if (of.size() == 0) continue;
       const Matrix columns = complement.gathered(of).transpose();
       of = complement.gathered(columns).transpose();
     }
@@ -100,11 +104,16 @@ Pencil matrices(const Chain& chain, const Complement& complement, const Lapack& 
 Approximations dense_roots(const Chain& chain, const Complement& complement, const Lapack& lapack,
                            const Vector& scale, double u, bool squared) {
   const auto p = matrices(chain, complement, lapack, scale, 1.0)(u);
+  const ImpedanceModel flow = chain.impedance();
   Approximations roots;
   for (const double shift : shifts) {
     for (const Complex mu : p->roots(shift, squared)) {
       if (mu == 0.0) continue;
       Complex root = squared ? std::sqrt(shift * shift + 1.0 / mu) : shift + 1.0 / mu;
+      if (flow.loss > 0.0) {
+        roots.push_back({root, true});
+        continue;
+      }
       if (squared && root.imag() == 0.0) roots.push_back({-root, true});
       if (squared && root.imag() < 0.0) root = -root;
       if (root.imag() >= 0.0) roots.push_back({root, root.imag() == 0.0});
@@ -218,13 +227,13 @@ bool is_meeting_expected(const Approximation& one, const Approximation& other, d
 
 }  // namespace
 
-Approximations expected(const Approximations& roots, double further, double delta) {
+Approximations expected(const Approximations& roots, double further, Complex delta, bool paired) {
   Approximations result;
   result.reserve(roots.size() + 8);
   std::vector<std::size_t> real;
   std::vector<bool> taken(roots.size(), false);
   for (std::size_t i = 0; i < roots.size(); ++i) {
-    if (roots[i].alone && !roots[i].settled) real.push_back(i);
+    if (paired && roots[i].alone && !roots[i].settled) real.push_back(i);
   }
   std::sort(real.begin(), real.end(), [&](std::size_t i, std::size_t k) {
     return roots[i].value.real() < roots[k].value.real();

@@ -465,17 +465,21 @@ std::optional<RootLoci> root_loci(Spectrum& spectrum, const std::vector<double>&
     lower[branch] = other;
     if (is_above(first->values[other], first->values[i])) std::swap(upper[branch], lower[branch]);
   }
+  if (spectrum.traits.lossy()) lower = upper;
   for (const Index i : lower) {
     if (i < 0) return {};
   }
+  constexpr double none = std::numeric_limits<double>::quiet_NaN();
   const auto add_row = [&](const Sample& at) {
     for (Index k = 0; k < count; ++k) {
       const Index i = upper[k], j = lower[k];
-      loci.values(done, k) = at.values[i];
-      loci.partners(done, k) = at.values[j];
-      loci.converged(done, k) = has_converged(at.values[i], at.residual[i]) &&
+      const bool counts = spectrum.traits.counts(at.values[i]);
+      loci.values(done, k) = counts ? at.values[i] : Complex(none, none);
+      loci.partners(done, k) =
+          spectrum.traits.lossy() ? std::conj(loci.values(done, k)) : at.values[j];
+      loci.converged(done, k) = counts && has_converged(at.values[i], at.residual[i]) &&
                                 has_converged(at.values[j], at.residual[j]);
-      loci.errors(done, k) = std::max(at.uncertain[i], at.uncertain[j]);
+      loci.errors(done, k) = counts ? std::max(at.uncertain[i], at.uncertain[j]) : infinite;
     }
     ++done;
   };
@@ -483,7 +487,7 @@ std::optional<RootLoci> root_loci(Spectrum& spectrum, const std::vector<double>&
   // The cluster begins beyond the last mode asked for: -1 / delta (1 + 1 / (delta omega)^2) there.
   const double number = std::numbers::pi * (static_cast<double>(count) + 0.5);
   const double beyond = std::max(delta * number * number, 1.0);
-  const Cluster cluster{delta, 0.5 / (beyond * beyond), spectrum.traits.zero};
+  const Cluster cluster{spectrum.traits.cluster(), 0.5 / (beyond * beyond), spectrum.traits.zero};
   Roots tracked = upper;
   tracked.insert(tracked.end(), lower.begin(), lower.end());
   bool complete = true;

@@ -30,7 +30,8 @@ using SharedSample = std::shared_ptr<const Sample>;
 
 /// Roots that need not be distinguished: |1 + delta lambda| < radius, and |lambda| < zero.
 struct Cluster {
-  double delta, radius, zero;
+  Complex delta;
+  double radius, zero;
 
   bool holds(Complex value) const { return magnitude(delta * value + 1.0) < radius; }
 };
@@ -90,7 +91,7 @@ Roots modes_of_pairs(const Values& values, double delta);
 
 /// Branches of eigenvalues at each of increasing speeds, (speeds, count) of each: a root, the other
 /// of its pair, and of both whether they passed the check of their residual and how far they may be
-/// off.
+/// off. NaN where a branch is no root of the pipe, with a loss factor.
 struct RootLoci {
   Eigen::ArrayXXcd values, partners;
   Eigen::Array<bool, Eigen::Dynamic, Eigen::Dynamic> converged;

@@ -24,7 +24,7 @@ class Derivatives:
 
     Attributes:
         beta: None at beta = 0 (below 1e-300), where the square root of beta has no derivative.
-        gamma, damping, alpha: by these.
+        gamma, damping, alpha, hysteresis: by these.
         springs: by each k_j, shape (n,), the others held; None for reduced models and scenes that
             matrices solve, see `Assembly`.
     """
@@ -33,6 +33,7 @@ class Derivatives:
     gamma: float
     damping: float
     alpha: float
+    hysteresis: float
     springs: Array | None = field(default=None, repr=False, compare=False)
 
 
@@ -115,6 +116,7 @@ def _sensitivity(problem: Eigenproblem, crossing: _core.AxisCrossing) -> Sensiti
     if model.resting().any():
         return None
     pipe, u, value = model.pipe, crossing.speed, crossing.value
+    mu = pipe.hysteresis if value else 0.0
     if value:
         down = 2.0 * value * forms.mass + u * forms.velocity + forms.damping
         slope = crossing.slope
@@ -128,11 +130,12 @@ def _sensitivity(problem: Eigenproblem, crossing: _core.AxisCrossing) -> Sensiti
         "gamma": -forms.gravity / down,
         "damping": -value * forms.by_damping / down,
         "alpha": -(u**2) * forms.flux / down,
+        "hysteresis": -1j * forms.by_damping / down if value else 0j,
     }
     if pipe.beta >= LEAST_BETA:
         changes["beta"] = -value * u * forms.velocity / (2.0 * pipe.beta * down)
     if forms.springs.size:
-        changes["springs"] = -(1.0 + pipe.damping * value) * forms.springs / down
+        changes["springs"] = -(1.0 + pipe.damping * value + 1j * mu) * forms.springs / down
     speed: dict[str, Any] = {"beta": None}
     frequency = speed.copy()
     for name, change in changes.items():

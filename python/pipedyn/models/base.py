@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable
-from dataclasses import fields
+from dataclasses import fields, replace
 from functools import cached_property
 from operator import attrgetter
 from typing import Any, Self
@@ -61,7 +61,8 @@ class Operators:
     """Linear operators about a configuration at rest, each of shape (dof, dof).
 
     M q'' + C q' + K q = 0 with C = s u (gyroscopic + end_flux) + damping and
-    K = stiffness + a u^2 flux. gyroscopic is skew and end_flux symmetric of rank one, about a bent
+    K = stiffness + a u^2 flux, to which i loss comes where q ~ exp(lambda tau), Im lambda > 0.
+    gyroscopic is skew and end_flux symmetric of rank one, about a bent
     pipe two; both carry sqrt(beta).
 
     Attributes:
@@ -73,6 +74,7 @@ class Operators:
         flux: centrifugal force and the end's follower force.
         direction: s, 1 ejecting and -1 aspirating.
         centrifugal: alpha.
+        loss: hysteresis times the elastic stiffness; None without.
     """
 
     mass: Array
@@ -83,12 +85,14 @@ class Operators:
     flux: Array
     direction: float
     centrifugal: float
+    loss: Array | None = None
 
-    def at(self, u: float) -> tuple[Array, Array, Array]:
-        """(M, C, K) at flow speed u >= 0."""
+    def at(self, u: float) -> tuple[Array, Array, NDArray[Any]]:
+        """(M, C, K) at flow speed u >= 0; with a loss K is complex."""
         u = check.real("u", u, low=0.0, high=1e100)
         velocity = self.direction * u * (self.gyroscopic + self.end_flux) + self.damping
-        return self.mass, velocity, self.stiffness + self.centrifugal * u**2 * self.flux
+        stiffness = self.stiffness + self.centrifugal * u**2 * self.flux
+        return self.mass, velocity, stiffness if self.loss is None else stiffness + 1j * self.loss
 
 
 @result
@@ -131,6 +135,7 @@ def core_pipe(pipe: Pipe) -> _core.Pipe:
         damping=pipe.damping,
         aspirating=pipe.flow == "aspirating",
         terms=[(t.law, t.place or 0.0, list(t.numbers.values())) for t in pipe.terms],
+        hysteresis=pipe.hysteresis,
     )
 
 
@@ -272,6 +277,20 @@ class Model(OfPipe, ABC):
         """
         return self.core
 
+    @cached_property
+    def equations(self) -> Any:
+        """The same of a pipe that has equations of motion.
+
+        Raises:
+            ValueError: with hysteresis, which is known of oscillations alone.
+        """
+        if self._pipe.hysteresis:
+            raise ValueError(
+                f"hysteresis must be 0 in motion, got {self._pipe.hysteresis:g}: a loss factor "
+                "has no equation of motion; instead take damping=pipe.equivalent_damping(frequency)"
+            )
+        return self.motion
+
     def operators(self, q: ArrayLike | None = None) -> Operators:
         """Six linear operators in q, each (dof, dof), about a configuration at rest.
 
@@ -288,9 +307,22 @@ class Model(OfPipe, ABC):
             ValueError: also for more than 4000 degrees of freedom.
         """
         self._check_dense()
-        if q is None:
-            return operators_from(self.core.operators(), self.pipe)
-        return operators_from(self.motion.operators(self._coordinates(q)), self.pipe)
+
+        def found(model: Self) -> Operators:
+            if q is None:
+                return operators_from(model.core.operators(), model.pipe)
+            return operators_from(model.motion.operators(self._coordinates(q)), model.pipe)
+
+        return self._with_loss(found)
+
+    def _with_loss(self, of: Callable[[Self], Operators]) -> Operators:
+        """The model's operators, with what hysteresis adds: mu dD/ddelta, D being linear."""
+        found, pipe = of(self), self._pipe
+        if not pipe.hysteresis:
+            return found
+        step = 1.0 if pipe.damping < 1.0 else -1.0  # by which delta stays in its range
+        moved = of(self.with_pipe(replace(pipe, damping=pipe.damping + step)))
+        return replace(found, loss=pipe.hysteresis * step * (moved.damping - found.damping))
 
     @abstractmethod
     def elastic_operators(self) -> Operators:
@@ -316,7 +348,7 @@ class Model(OfPipe, ABC):
         Returns:
             dy/dt = [q', q''], of the shape of y.
         """
-        return self.motion.rhs(t, y, u)
+        return self.equations.rhs(t, y, u)
 
     def jacobian(self, t: float, y: ArrayLike, u: float | ArrayLike) -> Array:
         """Derivative of `rhs` with respect to the state, analytic.
@@ -334,7 +366,7 @@ class Model(OfPipe, ABC):
             ValueError: also for more than 4000 segments of a chain.
         """
         self._check_dense()
-        return self.motion.jacobian(t, y, u)
+        return self.equations.jacobian(t, y, u)
 
     @property
     def moving(self) -> int:
@@ -392,7 +424,7 @@ class Model(OfPipe, ABC):
         By what does the work, each a number or shape (k,); states y as for `energy`, flow speed u
         as for `rhs`.
         """
-        return Power(*self.motion.power(y, u))
+        return Power(*self.equations.power(y, u))
 
     @abstractmethod
     def shape(self, q: ArrayLike, s: ArrayLike) -> Array:

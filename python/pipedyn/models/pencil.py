@@ -2,7 +2,8 @@
 """P(lambda) = lambda^2 M + lambda C + K of each model: what multiplies with it.
 
 All is in a model's elastic coordinates, where the elastic stiffness is the identity. Chains
-multiply in O(n), all else by dense matrices.
+multiply in O(n), all else by dense matrices. A loss factor mu adds i mu dD/ddelta to K where
+Im lambda > 0, which the core knows and no product below has.
 """
 
 from __future__ import annotations
@@ -59,7 +60,7 @@ class Pencil:
         self.model = model
         self.pipe = model.pipe
         self.dof = model.dof
-        self.is_damped = model.pipe.damping != 0.0 or model.resisted
+        self.is_damped = any((self.pipe.damping, self.pipe.hysteresis, model.resisted))
         self.direction = self.pipe.direction
         self.centrifugal = self.pipe.alpha
 
@@ -117,7 +118,10 @@ class DensePencil(Pencil):
         return result
 
     def spectrum(self, traits: _core.Traits, size: float) -> _core.Eigenproblem:
-        return _core.Eigenproblem(traits, self.matrices, self.centrifugal, size)
+        loss = np.zeros((0, 0))
+        if traits.loss:
+            loss = traits.loss * self.by_damping(np.eye(self.dof))
+        return _core.Eigenproblem(traits, self.matrices, self.centrifugal, size, loss)
 
 
 class ChainPencil(Pencil):

@@ -24,6 +24,7 @@ RANGES: dict[str, dict[str, Any]] = {
     "alpha": {"low": 0.0, "high": 1e6},
     "drag": {"low": 0.0, "high": 1e9},
     "damping": {"low": 0.0, "high": 1e6},
+    "hysteresis": {"low": 0.0, "high": 1e3},
 }
 """What `check.real` asks of a pipe's numbers: far above any pipe's, far below overflow."""
 
@@ -57,6 +58,10 @@ class Pipe:
         drag: quadratic drag kappa = rho_e C_D d_e L / (2 (mu_p + mu_f)) >= 0; it has no part in the
             linear analysis.
         damping: Kelvin-Voigt damping delta >= 0; EI becomes EI (1 + delta d/dtau).
+        hysteresis: loss factor mu >= 0 of the material, the same at every frequency; EI becomes
+            EI (1 + i mu) of what oscillates as exp(lambda tau) with Im lambda > 0, and conjugate
+            below. In linear questions alone: it has no equation of motion. Divergence it leaves as
+            it is: a static load loses nothing. See `equivalent_damping`.
         terms: what else acts on the pipe, such as `PointMass` and `Spring`: a sequence of at most
             400 terms, kept as a tuple.
         scales: SI value of one unit, or None for a pipe not made with `from_si`.
@@ -65,7 +70,8 @@ class Pipe:
         ValueError: for a number out of its range, NaN or infinity.
         TypeError: for what is no number.
 
-    Source: Orsino and Di Giulio, eqs. (1)-(9); delta is not in the paper.
+    Source: Orsino and Di Giulio, eqs. (1)-(9); delta is not in the paper, nor is mu, for which see
+    Paidoussis (1970).
     """
 
     beta: float
@@ -74,6 +80,7 @@ class Pipe:
     alpha: float = 1.0
     drag: float = 0.0
     damping: float = 0.0
+    hysteresis: float = field(default=0.0, kw_only=True)
     terms: tuple[Term, ...] = field(default=(), kw_only=True)
     scales: Scales | None = field(default=None, kw_only=True)
 
@@ -106,6 +113,7 @@ class Pipe:
         external_diameter: float = 0.0,
         external_density: float = 0.0,
         damping_time: float = 0.0,
+        hysteresis: float = 0.0,
         flow: Flow = "ejecting",
         alpha: float = 1.0,
         nozzle_ratio: float | None = None,
@@ -124,6 +132,7 @@ class Pipe:
             external_diameter: d_e, m.
             external_density: rho_e of the surrounding fluid, kg/m^3.
             damping_time: eps, s; the material's stress is E (strain + eps d strain / dt).
+            hysteresis: the material's loss factor.
             flow: "ejecting" or "aspirating".
             alpha: end coefficient, see `end_coefficient`.
             nozzle_ratio: A / A_j > 0, the pipe's section over that of a uniform jet, in place of
@@ -186,6 +195,7 @@ class Pipe:
             },
             flow=flow,
             alpha=alpha,
+            hysteresis=hysteresis,
             terms=in_range(
                 tuple(given), " from its SI value, length, bending_stiffness and the masses"
             ),
@@ -196,6 +206,29 @@ class Pipe:
     def direction(self) -> float:
         """s, the sign of the flow's velocity: 1 ejecting, -1 aspirating."""
         return -1.0 if self.flow == "aspirating" else 1.0
+
+    def equivalent_damping(self, frequency: float) -> float:
+        """Kelvin-Voigt damping that loses as much at one frequency as the pipe's damping does.
+
+        At the onset of flutter a pipe with this damping and no hysteresis is the same pipe:
+
+            critical = critical_speed(model)
+            delta = pipe.equivalent_damping(critical.frequency)
+            moving = replace(pipe, damping=delta, hysteresis=0.0)
+
+        Args:
+            frequency: angular, nondimensional, > 0, as of a `CriticalSpeed`; of one in rad/s it is
+                `pipe.frequency(omega)`.
+
+        Returns:
+            delta = damping + hysteresis / frequency; `time_si` makes the damping_time of `from_si`
+            of it.
+
+        Raises:
+            ValueError, TypeError: for a bad frequency.
+        """
+        omega = check.real("frequency", frequency, low=1e-100, high=1e100)
+        return self.damping + self.hysteresis / omega
 
     def __repr__(self) -> str:
         parts = [

@@ -22,6 +22,7 @@ from typing import Any, TypeAlias, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike
 
+from pipedyn.linear.critical_speed import critical_speed
 from pipedyn.linear.modes import LARGEST_SPEED
 from pipedyn.models.base import Model, PipedynError
 from pipedyn.motion.events import (
@@ -485,7 +486,23 @@ def checked_model_in_motion(
     if model.dof > largest:
         many = f"{largest} degrees of freedom for {purpose}"
         raise ValueError(f"{name} must have at most {many}, got {model.dof}")
+    if model.pipe.hysteresis:
+        raise ValueError(f"{name} must be a pipe without hysteresis, {_instead(model)}")
     return model
+
+
+def _instead(model: Model) -> str:
+    """What to take for hysteresis, which has no equation of motion."""
+    pipe = model.pipe
+    rule = "Pipe.equivalent_damping gives the Kelvin-Voigt damping that loses as much"
+    got = f"got {pipe.hysteresis:g}, which has no equation of motion; {rule}"
+    try:
+        onset = critical_speed(model)
+        delta = pipe.equivalent_damping(onset.frequency)
+    except (PipedynError, ValueError):
+        return f"{got} at a frequency"
+    at = f"at the onset (u = {onset.speed:.6g}, frequency {onset.frequency:.6g}) {delta:.6g}"
+    return f"{got}, {at}" if pipe.scales is None else f"{got}, {at} ({pipe.time_si(delta):.4g} s)"
 
 
 def checked_task(
