@@ -139,6 +139,7 @@ void define_linear(py::module_& m) {
       .def_property_readonly(
           "frequency", [](const AxisCrossing& crossing) { return std::abs(crossing.value.imag()); })
       .def_readonly("change", &AxisCrossing::change)
+      .def_readonly("before", &AxisCrossing::before)
       .def_readonly("mode", &AxisCrossing::mode)
       .def_readonly("error", &AxisCrossing::error)
       .def_readonly("forms", &AxisCrossing::forms)
@@ -149,7 +150,6 @@ void define_linear(py::module_& m) {
         return crossing.pair;
       });
   py::class_<Sweep>(m, "Sweep")
-      .def_readonly("unstable_at_rest", &Sweep::unstable_at_rest)
       .def_readonly("crossings", &Sweep::crossings)
       .def_readonly("failure", &Sweep::failure)
       .def_readonly("untracked", &Sweep::untracked);

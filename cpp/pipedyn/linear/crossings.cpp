@@ -106,15 +106,7 @@ class Search {
 
   /// Mode of each root at rest, by frequency.
   Roots ranked(const Sample& first) const {
-    if (traits_.lossy()) {  // each half plane by itself
-      Roots modes;
-      Index above = 0, below = 0;
-      for (const Complex value : first.values) {
-        modes.push_back(traits_.counts(value) ? ++above : ++below);
-      }
-      return modes;
-    }
-    if (!traits_.squared) return modes_of_pairs(first.values, traits_.delta);
+    if (!traits_.squared) return modes_at_rest(first.values, traits_);
     Values roots(2 * first.size());
     roots << first.values.sqrt(), -first.values.sqrt();
     Roots modes = modes_of_pairs(roots, 0.0);
@@ -215,6 +207,7 @@ class Search {
             "eigenvalue's real part",
             next->speed);
       }
+      next->before = unstable_count_;
       sweep_.crossings.push_back(*next);
       unstable_count_ += next->change;
       if (range_.until_unstable && next->change > 0) return false;

@@ -88,10 +88,13 @@ void track(const Tracking& tracking, SharedSample first, const std::vector<doubl
 /// mode; so do two real roots with 1/a + 1/b = -delta, which is exact for opposite roots of an
 /// undamped buckled pipe and for overdamped modes without gravity.
 Roots modes_of_pairs(const Values& values, double delta);
+/// The same of a model. With a loss factor the roots on each side of the real axis by |lambda|.
+Roots modes_at_rest(const Values& values, const Traits& traits);
 
 /// Branches of eigenvalues at each of increasing speeds, (speeds, count) of each: a root, the other
 /// of its pair, and of both whether they passed the check of their residual and how far they may be
-/// off. NaN where a branch is no root of the pipe, with a loss factor.
+/// off. With a loss factor of a pair that which is above the real axis and its conjugate, and NaN
+/// where both are below.
 struct RootLoci {
   Eigen::ArrayXXcd values, partners;
   Eigen::Array<bool, Eigen::Dynamic, Eigen::Dynamic> converged;

@@ -7,7 +7,6 @@ import math
 from collections.abc import Sequence
 from dataclasses import field, replace
 from functools import cached_property, lru_cache, partial
-from itertools import accumulate, pairwise
 from operator import attrgetter
 from typing import Any, TypeAlias, TypeVar
 
@@ -304,20 +303,27 @@ def _add_divergences(
             found[i] = point
             continue
         divergences = [c for c in point[1] if c.kind == "divergence" and c.speed <= end]
-        every = sorted((*one.value, *divergences), key=attrgetter("speed"))
-        changes = [c.unstable_after - c.unstable_before for c in every]
-        counts = accumulate(changes, initial=_growing_at_rest(model, one.size))
-        every = [
-            replace(c, unstable_before=before, unstable_after=after)
-            for c, (before, after) in zip(every, pairwise(counts), strict=True)
-        ]
-        firsts = [k + 1 for k, c in enumerate(every) if c.destabilising and until_unstable]
-        found[i] = replace(one, value=tuple(every[: min(firsts, default=len(every))]))
+        every: list[Crossing] = []
+        oscillating, static = 0, _growing_at_rest(model, one.size)  # unstable roots of each kind
+        for c in sorted((*one.value, *divergences), key=attrgetter("speed")):
+            change = c.unstable_after - c.unstable_before
+            if c.kind == "flutter":
+                oscillating = c.unstable_before
+            before = oscillating + static
+            every.append(replace(c, unstable_before=before, unstable_after=before + change))
+            if c.kind == "flutter":
+                oscillating += change
+            else:
+                static += change
+            if until_unstable and change > 0:
+                break
+        found[i] = replace(one, value=tuple(every))
 
 
 def _growing_at_rest(model: AnyModel, size: int) -> int:
     """Number of real roots that grow without flow; of the continuous pipe in a basis of a size."""
-    problem = eigenproblem(model.frozen(size) if isinstance(model, Continuum) else model)
+    still = model.with_pipe(replace(model.pipe, damping=0.0))  # roots cluster at -1 / delta
+    problem = eigenproblem(still.frozen(size) if isinstance(still, Continuum) else still)
     values = problem.lowest(0.0, BUCKLED if problem.is_long else 2 * problem.dof).values
     return int(np.sum((values.imag == 0.0) & (values.real > problem.zero_tolerance)))
 

@@ -98,7 +98,7 @@ class Eigenproblem:
     @cached_property
     def static(self) -> Eigenproblem:
         """Of the same without hysteresis, which has the real roots."""
-        return eigenproblem(self.model.with_pipe(replace(self.pipe, hysteresis=0.0)))
+        return Eigenproblem(self.pencil.with_pipe(replace(self.pipe, hysteresis=0.0)))
 
     def lowest(self, u: float, count: int, left: bool = False) -> _core.Pairs:
         """The `count` eigenpairs of least |lambda|, sorted, or all; residuals say which are good."""

@@ -264,8 +264,8 @@ class RootLoci:
             on the real axis with the greater of a pair.
         partners: the other root of each pair, shape (S, count): the conjugate while the pair is
             complex, the other real root while it is not.
-            With hysteresis branches are those that oscillate, and NaN where one of strong damping
-            passes below the real axis and is no root of the pipe's.
+            With hysteresis branches are of what oscillates, and NaN where strong damping leaves a
+            mode no such root.
         converged: whether each eigenvalue passed the check of its residual, shape (S, count).
         errors: how far each eigenvalue or its partner may be from the exact one, absolute, shape
             (S, count). To first order: residual and rounding times the condition, so that it is

@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 from dataclasses import field
-from itertools import accumulate, pairwise
 from typing import Any, Literal
 
 from pipedyn import _core
@@ -84,19 +83,18 @@ class Crossing:
 
 def crossings_of(problem: Eigenproblem, swept: _core.Sweep) -> tuple[Crossing, ...]:
     """The crossings of a sweep, with counts and sensitivities."""
-    counts = accumulate((c.change for c in swept.crossings), initial=swept.unstable_at_rest)
     return tuple(
         Crossing(
             speed=crossing.speed,
             frequency=crossing.frequency,
             kind="flutter" if crossing.change % 2 == 0 else "divergence",
-            unstable_before=before,
-            unstable_after=after,
+            unstable_before=crossing.before,
+            unstable_after=crossing.before + crossing.change,
             error=crossing.error,
             mode=crossing.mode,
             sensitivity=_sensitivity(problem, crossing),
         )
-        for crossing, (before, after) in zip(swept.crossings, pairwise(counts), strict=True)
+        for crossing in swept.crossings
     )
 
 

@@ -21,6 +21,7 @@ from pipedyn import _core
 if TYPE_CHECKING:
     from pipedyn.models.base import Model
     from pipedyn.models.chain import Chain
+    from pipedyn.models.pipe import Pipe
 
 Vectors = NDArray[Any]
 
@@ -68,6 +69,10 @@ class Pencil:
         """Its eigenvalues as the core finds them. size: of K at rest."""
         raise NotImplementedError
 
+    def with_pipe(self, pipe: Pipe) -> Pencil:
+        """That of the same model of another pipe."""
+        raise NotImplementedError
+
     def elastic(self, x: Vectors) -> Vectors:
         """Product with the elastic stiffness, the identity but where joints have no spring."""
         result: Vectors = self.model.elastic_share[:, None] * x
@@ -107,7 +112,10 @@ class DensePencil(Pencil):
         """Of other gravity and damping, in which K and D are linear."""
         more = self.pipe.damping + _step(self.pipe.damping)
         heavier = self.pipe.gamma + _step(self.pipe.gamma)
-        return DensePencil(self.model.with_pipe(replace(self.pipe, gamma=heavier, damping=more)))
+        return self.with_pipe(replace(self.pipe, gamma=heavier, damping=more))
+
+    def with_pipe(self, pipe: Pipe) -> DensePencil:
+        return DensePencil(self.model.with_pipe(pipe))
 
     def gravity(self, x: Vectors) -> Vectors:
         result: Vectors = _step(self.pipe.gamma) * (self._moved.stiffness(x) - self.stiffness(x))
@@ -138,6 +146,7 @@ class ChainPencil(Pencil):
         complement: _core.Complement | None = None,
     ) -> None:
         super().__init__(model)
+        self.chain = model
         self.held = held
         self.complement = (
             _core.Complement(np.zeros((model.dof, 0))) if complement is None else complement
@@ -156,6 +165,9 @@ class ChainPencil(Pencil):
 
     def spectrum(self, traits: _core.Traits, size: float) -> _core.Eigenproblem:
         return _core.ChainSpectrum(traits, self.core, self.complement, self.scale, size)
+
+    def with_pipe(self, pipe: Pipe) -> ChainPencil:
+        return ChainPencil(self.chain.with_pipe(pipe), self.held, self.complement)
 
     def elastic(self, x: Vectors) -> Vectors:
         result: Vectors = super().elastic(real_columns(self.complement.spread, x))

@@ -494,15 +494,16 @@ def checked_model_in_motion(
 def _instead(model: Model) -> str:
     """What to take for hysteresis, which has no equation of motion."""
     pipe = model.pipe
-    rule = "Pipe.equivalent_damping gives the Kelvin-Voigt damping that loses as much"
-    got = f"got {pipe.hysteresis:g}, which has no equation of motion; {rule}"
+    got = f"got {pipe.hysteresis:g}: a loss factor has no equation of motion"
+    rule = "pipe.equivalent_damping(frequency)"
     try:
         onset = critical_speed(model)
         delta = pipe.equivalent_damping(onset.frequency)
-    except (PipedynError, ValueError):
-        return f"{got} at a frequency"
-    at = f"at the onset (u = {onset.speed:.6g}, frequency {onset.frequency:.6g}) {delta:.6g}"
-    return f"{got}, {at}" if pipe.scales is None else f"{got}, {at} ({pipe.time_si(delta):.4g} s)"
+    except (PipedynError, ValueError):  # none, or divergence, or a model too large to be asked
+        return f"{got}; {rule} is the Kelvin-Voigt damping that loses as much at a frequency"
+    si = "" if pipe.scales is None else f" ({pipe.time_si(delta):.4g} s)"
+    at = f"the onset, u = {onset.speed:.6g} and frequency {onset.frequency:.6g}"
+    return f"{got}; damping = {delta:.6g}{si} loses as much at {at}, see {rule}"
 
 
 def checked_task(
