@@ -84,15 +84,17 @@ PYBIND11_MODULE(_core, m, py::mod_gil_not_used()) {
 
   py::class_<Pipe>(m, "Pipe")
       .def(py::init([](double beta, double gamma, double centrifugal, double drag, double damping,
-                       bool aspirating, const std::vector<TermArguments>& terms) {
-             Pipe pipe{beta, gamma, centrifugal, drag, damping, aspirating};
+                       bool aspirating, double inflow_share, double jet_angle,
+                       const std::vector<TermArguments>& terms) {
+             Pipe pipe{beta,    gamma,      centrifugal,  drag,
+                       damping, aspirating, inflow_share, jet_angle};
              for (const auto& [law, at, numbers] : terms) {
                pipe.terms.push_back(pipedyn::make_term(law, at, numbers));
              }
              return pipe;
            }),
            "beta"_a, "gamma"_a, "centrifugal"_a, "drag"_a, "damping"_a, "aspirating"_a,
-           "terms"_a = std::vector<TermArguments>{})
+           "inflow_share"_a = 1.0, "jet_angle"_a = 0.0, "terms"_a = std::vector<TermArguments>{})
       .def_property_readonly("resisted",
                              [](const Pipe& pipe) { return pipedyn::resist(pipe.terms); });
 
