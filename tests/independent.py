@@ -251,7 +251,7 @@ def dense_rates(chain, y, u):
     end = np.array([length @ (rate * np.cos(angle)), -length @ (rate * np.sin(angle))])
     missing = np.sqrt(pipe.beta) * signed * (1.0 - pipe.inflow_share) * end
     force -= length * (missing[0] * np.cos(angle) - missing[1] * np.sin(angle))
-    jet = angle[-1] + pipe.jet_angle
+    jet = angle[-1]
     force += thrust * length * np.sin(jet - angle) + pipe.gamma * moment * np.sin(angle)
     force += elastic - np.append(elastic[1:], 0.0) + across_axis * np.cos(angle)
     # Row j of lever: velocity of drag point j across its segment due to each rate.
@@ -268,25 +268,27 @@ def dense_jacobian(chain, y, u):
     return np.stack(columns, axis=1)
 
 
-def determinant(value, u, beta, *, centrifugal=1.0, direction=1.0, damping=0.0):
+def determinant(value, u, beta, *, centrifugal=1.0, direction=1.0, damping=0.0, inflow_share=1.0):
     """Determinant of the four exponentials of the continuous pipe without gravity, in mpmath.
 
     With w = exp(a s + lambda tau), (1 + delta lambda) a^4 + c u^2 a^2 + 2 sqrt(beta) s u lambda a
-    + lambda^2 = 0; rows: w and w' at the clamp, w'' and w''' at the free end. Divided by the
-    Vandermonde determinant, so that it does not vanish where two exponents meet.
+    + lambda^2 = 0; rows: w and w' at the clamp, w'' and the force across the free end, which is
+    (1 + delta lambda) w''' + (1 - share) sqrt(beta) s u lambda w. Divided by the Vandermonde
+    determinant, so that it does not vanish where two exponents meet.
     """
     value, u, beta = mpmath.mpmathify(value), mpmath.mpmathify(u), mpmath.mpmathify(beta)
     thrust = mpmath.mpmathify(centrifugal) * u**2
     coriolis = 2 * mpmath.sqrt(beta) * direction * u * value
     elastic = 1 + damping * value
     polynomial = [elastic, 0, thrust, coriolis, value**2]
+    entering = (1 - mpmath.mpmathify(inflow_share)) * coriolis / (2 * elastic)
     a = mpmath.polyroots(polynomial, maxsteps=200, extraprec=60)
     largest = max(x.real for x in a)
     rows = [
         [mpmath.mpf(1)] * 4,
         list(a),
         [x**2 * mpmath.exp(x - largest) for x in a],
-        [x**3 * mpmath.exp(x - largest) for x in a],
+        [(x**3 + entering) * mpmath.exp(x - largest) for x in a],
     ]
     meeting = mpmath.mpf(1)
     for i in range(4):
@@ -467,7 +469,7 @@ def pipe_rates(model, y, u, nodes=400):
     body = load * normal + swung[:, :, 0] + np.array([[0.0], [pipe.gamma]])
     force = np.einsum("s,ds,dsm->m", weights, body, moved)
     force -= (weights * (bend @ (y[:m] + pipe.damping * y[m:]))) @ bend
-    end = model.functions([1.0], 1)[0] @ y[:m] + pipe.jet_angle
+    end = model.functions([1.0], 1)[0] @ y[:m]
     swept = weights @ (normal[:, :, None] * slope)
     force -= thrust * np.array([np.sin(end), np.cos(end)]) @ swept
     missing = (1.0 - pipe.inflow_share) * swept @ y[m:]

@@ -49,6 +49,8 @@ class Pipe:
         drag: typing.SupportsFloat | typing.SupportsIndex,
         damping: typing.SupportsFloat | typing.SupportsIndex,
         aspirating: bool,
+        inflow_share: typing.SupportsFloat | typing.SupportsIndex = 1.0,
+        jet_angle: typing.SupportsFloat | typing.SupportsIndex = 0.0,
         terms: collections.abc.Sequence[
             tuple[
                 str,
