@@ -197,6 +197,11 @@ class Pipe:
         """s, the sign of the flow's velocity: 1 ejecting, -1 aspirating."""
         return -1.0 if self.flow == "aspirating" else 1.0
 
+    @property
+    def has_kinks(self) -> bool:
+        """Whether derivatives of a force jump: drag's as velocities change sign, a stop's too."""
+        return self.drag > 0.0 or any(term.kinks for term in self.terms)
+
     def __repr__(self) -> str:
         parts = [
             f"{item.name}={value!r}" if item.name == "flow" else f"{item.name}={value:.12g}"
