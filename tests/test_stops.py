@@ -101,14 +101,15 @@ def test_a_cycle_between_stops_is_that_of_a_simulation_and_known_to_rounding(mak
 
 def test_stops_bound_flutter_and_leave_the_onset():
     free, held = (
-        pp.Chain(pp.Pipe(0.2, terms=terms), 4) for terms in ((), (pp.Stop(1.0, 0.1, 1e3),))
+        pp.Chain(pp.Pipe(0.2, damping=2e-3, terms=terms), 4)
+        for terms in ((), (pp.Stop(1.0, 0.1, 100.0),))
     )
     onset = pp.critical_speed(free).speed
     assert pp.critical_speed(held).speed == onset
     assert pp.hopf(held).amplitude_law == pytest.approx(pp.hopf(free).amplitude_law, rel=1e-9)
     wide, narrow = (pp.limit_cycle(model, 1.1 * onset).amplitude for model in (free, held))
     assert wide > 0.3
-    assert 0.1 < narrow < 0.15
+    assert 0.1 < narrow < 0.2
 
 
 def test_stops_lead_to_chaos():
@@ -124,7 +125,7 @@ def test_a_stop_is_relevant_where_the_pipe_meets_it():
     pipe = pp.Pipe(0.2, damping=0.005, terms=[pp.Stop(1.0, 0.1, 100.0), pp.Stop(1.0, 2.0, 100.0)])
     near, far = map(repr, pipe.terms)
     assert pp.relevant(pipe, 5.0).negligible == (near, far)
-    found = pp.relevant(pipe, 5.0, "motion", tolerance=1e-2, duration=0.4, start=lambda s: 0.3 * s)
+    found = pp.relevant(pipe, 5.0, "motion", tolerance=0.1, duration=0.2, start=lambda s: 0.3 * s)
     assert found[near].verdict == "relevant"
     assert found[far].verdict == "negligible"
 
