@@ -49,8 +49,6 @@ class Pipe:
         drag: typing.SupportsFloat | typing.SupportsIndex,
         damping: typing.SupportsFloat | typing.SupportsIndex,
         aspirating: bool,
-        inflow_share: typing.SupportsFloat | typing.SupportsIndex = 1.0,
-        jet_angle: typing.SupportsFloat | typing.SupportsIndex = 0.0,
         terms: collections.abc.Sequence[
             tuple[
                 str,
@@ -61,6 +59,8 @@ class Pipe:
         root: typing.SupportsFloat | typing.SupportsIndex = ...,
         end: str = "free",
         supports: collections.abc.Sequence[typing.SupportsFloat | typing.SupportsIndex] = [],
+        inflow_share: typing.SupportsFloat | typing.SupportsIndex = 1.0,
+        jet_angle: typing.SupportsFloat | typing.SupportsIndex = 0.0,
     ) -> None: ...
     @property
     def resisted(self) -> bool: ...
