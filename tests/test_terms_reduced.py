@@ -704,7 +704,7 @@ def test_quadrature_misses_less_than_it_says(m, basis, drag):
         pipe=core_pipe(model.pipe),
         legendre=basis == "legendre",
         size=m,
-        joints=basis_joints(terms) if basis == "legendre" else np.zeros(0),
+        joints=basis_joints(model.pipe) if basis == "legendre" else np.zeros(0),
         least_nodes=200 if drag else 100,
     )
     for angle in (0.3, 1.0, math.pi):
