@@ -67,9 +67,9 @@ class Basis {
 
  private:
   Matrix evaluate_panels(const Vector& s, int derivative) const;
-  /// Functions before those on panels, and how many of those are none.
-  Index ahead() const { return turns_ && !directed_ ? 1 : 0; }
-  Index dropped() const { return directed_ && !turns_ ? 1 : 0; }
+  /// Legendre functions before those on panels, and how many of those are none.
+  Index ahead() const { return family_ == Family::legendre && turns_ && !directed_ ? 1 : 0; }
+  Index dropped() const { return family_ == Family::legendre && directed_ && !turns_ ? 1 : 0; }
 
   Family family_;
   Index size_;

@@ -20,6 +20,7 @@ from pipedyn.models.base import PipedynError, checked_pipe
 from pipedyn.models.continuum import LARGEST, Continuum
 from pipedyn.models.galerkin import Galerkin
 from pipedyn.models.pipe import Pipe
+from pipedyn.models.supports import RootSpring
 from pipedyn.models.terms import Foundation, Spring
 from pipedyn.util import check
 from pipedyn.util.result import result
@@ -48,7 +49,7 @@ class Effect:
     Attributes:
         name: "gravity", "drag", "damping", "Coriolis", "centrifugal", "flow" (both of its parts),
             or a term of the pipe as it prints, "PointMass(at=1, mass=0.1)", all that are equal
-            being one; several joined by " + ".
+            being one, or "RootSpring(stiffness=30)", what a clamp gives; several joined by " + ".
         strength: the number it comes from, in words; empty where the pipe does not have it.
         without: what the quantity is without it, in words.
         answer: the same in numbers; None where there is no answer, or the effect is absent.
@@ -158,7 +159,8 @@ def relevant(
     Each effect is switched off in turn, and the continuous pipe asked again: gravity (gamma = 0),
     drag (kappa = 0), damping (delta = 0), the flow's Coriolis part together with the momentum that
     the free end's velocity carries away (beta = 0: beta enters by sqrt(beta) u alone), its
-    centrifugal part (alpha = 0), except for the critical speed the flow as a whole, and each term.
+    centrifugal part (alpha = 0), except for the critical speed the flow as a whole, each term, and
+    what a root with a spring turns (then clamped).
 
     An effect that changes the kind of the answer (flutter to divergence, buckled at rest or not, no
     loss of stability, unstable from the smallest flow on, no limit cycle) is infinitely large.
@@ -255,6 +257,8 @@ def _strengths(pipe: Pipe) -> dict[str, str]:
         strengths[name] = f"{symbol} = {value:.4g}" if value else ""
     parts = [strengths[name] for name in ("Coriolis", "centrifugal") if strengths[name]]
     strengths["flow"] = ", ".join(parts)
+    if isinstance(pipe.root, RootSpring):
+        strengths[repr(pipe.root)] = f"stiffness = {pipe.root.stiffness:.4g}"
     for term in pipe.terms:
         numbers = [f"{name} = {value:.4g}" for name, value in term.numbers.items() if value]
         strengths[repr(term)] = ", ".join(numbers)
@@ -271,6 +275,8 @@ def _without(pipe: Pipe, names: Collection[str]) -> Pipe:
     gone: dict[str, Any] = {number: 0.0 for name, (number, _) in NUMBERS.items() if name in names}
     if "flow" in names:
         gone |= {"beta": 0.0, "alpha": 0.0}
+    if repr(pipe.root) in names:
+        gone["root"] = "clamped"
     gone["terms"] = tuple(term for term in pipe.terms if repr(term) not in names)
     return replace(pipe, **gone)
 

@@ -113,16 +113,16 @@ class Galerkin(Model):
         self._check_terms()
 
     def _check_terms(self) -> None:
-        # A function on each panel, with what holds the pipe taking some and a turning root adding.
+        # One function on each panel; where the pipe is held takes functions, and a root that turns
+        # adds one.
         needs = self.panels - len(self._held)
-        if self._basis == "legendre" and self._pipe.root != "clamped":
-            needs += self._pipe.end in ("free", "pinned")
-        elif self._pipe.end in ("guided", "clamped"):
-            needs -= 1
+        if self._basis == "legendre":
+            turns, directed = self._pipe.root != "clamped", self._pipe.end in ("guided", "clamped")
+            needs += int(turns and not directed) - int(directed and not turns)
         if self._size < needs:
             raise ValueError(
-                f"m must be at least {needs} for the {self.panels} panels between terms, "
-                f"got {self._size}"
+                f"m must be at least {needs}, for one function on each of the {self.panels} panels "
+                f"between terms and supports, got {self._size}"
             )
 
     @cached_property
@@ -145,8 +145,16 @@ class Galerkin(Model):
 
     @property
     def coordinates(self) -> int:
-        """Number of the core's functions, which need not be 0 where the pipe is held across."""
+        """Number of functions in large motions, which need not be 0 where the pipe is held."""
         return self._size + len(self._held)
+
+    @cached_property
+    def motion(self) -> Any:
+        if self._held:
+            raise ValueError(
+                f"motion must be of a pipe that is not held across, got {self._pipe!r}"
+            )
+        return self.core
 
     @property
     def coordinate_kind(self) -> str:
