@@ -226,6 +226,11 @@ class Galerkin(Model):
         return FreeFunctions(self.core, self._held, self._basis == "beam")
 
     @property
+    def elastic_scale(self) -> Array:
+        """Amplitude q_i of one elastic coordinate, shape (m,)."""
+        return self._free.scale
+
+    @property
     def elastic_share(self) -> Array:
         return self._free.share
 
