@@ -152,7 +152,7 @@ PYBIND11_MODULE(_core, m, py::mod_gil_not_used()) {
                        const pipedyn::Vector& joints, pipedyn::Index more,
                        pipedyn::Index least_nodes) {
              const Family family = legendre ? Family::legendre : Family::beam;
-             return std::make_unique<Galerkin>(pipe, Basis(family, size, joints, more),
+             return std::make_unique<Galerkin>(pipe, Basis(family, size, joints, more, pipe),
                                                least_nodes);
            }),
            "pipe"_a, "legendre"_a, "size"_a, "joints"_a = pipedyn::Vector(), "more"_a = 0,

@@ -149,9 +149,7 @@ Galerkin::Galerkin(const Pipe& pipe, Basis basis, Index least_nodes)
     : pipe_(pipe), basis_(std::move(basis)), least_nodes_(least_nodes) {}
 
 const Grids& Galerkin::grids() const {
-  std::call_once(moved_, [this] {
-    grids_ = std::make_unique<Grids>(basis_, pipe_.terms, pipe_.drag != 0.0, least_nodes_);
-  });
+  std::call_once(moved_, [this] { grids_ = std::make_unique<Grids>(basis_, pipe_, least_nodes_); });
   return *grids_;
 }
 
@@ -165,7 +163,7 @@ Operators Galerkin::operators(const Vector& q) const {
   // m / 2 waves and a layer of width 1 / (m pi) at either end.
   const bool beam = basis_.family() == Family::beam;
   const Index nodes = beam ? 2 * dof() + 30 : basis_.most_on_a_panel() + 3;
-  const Panels panels(basis_, pipe_.terms);
+  const Panels panels(basis_, pipe_);
   const Grid grid(basis_, Orthonormal(dof()), panels, whole(nodes + 1, GridTables::multiple) - 1);
   return operators_at(grid, basis_, effects_of(pipe_, panels), pipe_, Vector::Zero(dof()));
 }

@@ -20,6 +20,7 @@ from pipedyn.models.base import PipedynError, checked_pipe
 from pipedyn.models.continuum import LARGEST, Continuum
 from pipedyn.models.galerkin import Galerkin
 from pipedyn.models.pipe import Pipe
+from pipedyn.models.supports import RootSpring
 from pipedyn.models.terms import Foundation, Spring
 from pipedyn.util import check
 from pipedyn.util.result import result
@@ -52,9 +53,9 @@ class Effect:
 
     Attributes:
         name: "gravity", "drag", "damping", "Coriolis", "centrifugal", "flow" (both of its parts),
-            "inflow" (what the entering fluid lacks of the free end's velocity), "jet angle", or a
-            term of the pipe as it prints, "PointMass(at=1, mass=0.1)", all that are equal being
-            one; several joined by " + ".
+            "inflow" (what the entering fluid lacks of the free end's velocity), "jet angle",
+            "RootSpring(stiffness=30)" (what a clamp gives), or a term of the pipe as it prints,
+            "PointMass(at=1, mass=0.1)", all that are equal being one; several joined by " + ".
         strength: the number it comes from, in words; empty where the pipe does not have it.
         without: what the quantity is without it, in words.
         answer: the same in numbers; None where there is no answer, or the effect is absent.
@@ -166,7 +167,7 @@ def relevant(
     the free end's velocity carries away (beta = 0: beta enters by sqrt(beta) u alone), its
     centrifugal part (alpha = 0), except for the critical speed the flow as a whole, what the
     entering fluid lacks of the free end's velocity (inflow_share = 1), the angle of the jet
-    (jet_angle = 0), and each term.
+    (jet_angle = 0), what a root with a spring turns (then clamped), and each term.
 
     An effect that changes the kind of the answer (flutter to divergence, buckled at rest or not, no
     loss of stability, unstable from the smallest flow on, no limit cycle) is infinitely large.
@@ -264,6 +265,8 @@ def _strengths(pipe: Pipe) -> dict[str, str]:
             strengths[name] = f"{symbol} = {value:.4g}" if value or number in ABSENT else ""
     parts = [strengths[name] for name in ("Coriolis", "centrifugal") if strengths[name]]
     strengths["flow"] = ", ".join(parts)
+    if isinstance(pipe.root, RootSpring):
+        strengths[repr(pipe.root)] = f"stiffness = {pipe.root.stiffness:.4g}"
     for term in pipe.terms:
         numbers = [f"{name} = {value:.4g}" for name, value in term.numbers.items() if value]
         strengths[repr(term)] = ", ".join(numbers)
@@ -283,6 +286,8 @@ def _without(pipe: Pipe, names: Collection[str]) -> Pipe:
         gone |= {"beta": 0.0, "alpha": 0.0}
     if "alpha" in gone:
         gone["jet_angle"] = 0.0  # which then has no thrust
+    if repr(pipe.root) in names:
+        gone["root"] = "clamped"
     gone["terms"] = tuple(term for term in pipe.terms if repr(term) not in names)
     return replace(pipe, **gone)
 

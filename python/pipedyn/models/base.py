@@ -194,12 +194,13 @@ class OfPipe:
         other = object.__new__(type(self))
         other.__dict__.update(self.__getstate__())
         OfPipe.__init__(other, pipe)
-        if pipe.terms != self._pipe.terms:
+        parts = attrgetter("terms", "root", "end", "supports")
+        if parts(pipe) != parts(self._pipe):
             other._check_terms()
         return other
 
     def _check_terms(self) -> None:
-        """Raises ValueError where the model does not take the pipe's terms."""
+        """Raises ValueError where the model does not take the pipe's terms or supports."""
 
 
 class Model(OfPipe, ABC):
