@@ -281,6 +281,7 @@ class Model(OfPipe, ABC):
             >>> chain = pp.Chain(pp.Pipe(0.2, jet_angle=0.5), 8)
             >>> rest = pp.equilibria(chain, 4.0).q[0]
             >>> pp.eigenvalues(chain.about(rest), 4.0, 2).round(3)
+            array([-4.371+4.899j, -4.371-4.899j])
         """
         other = self.with_pipe(self._pipe)
         other._reference = self._coordinates(q)
