@@ -338,7 +338,7 @@ def test_there_are_no_equations_of_motion(make):
         lambda: model.jacobian(0.0, still, 5.0),
         lambda: model.power(still, 5.0),
     ):
-        with pytest.raises(ValueError, match="hysteresis must be 0 in motion, got 0.07"):
+        with pytest.raises(ValueError, match=r"hysteresis must be 0 in motion, got 0\.07"):
             ask()
 
 

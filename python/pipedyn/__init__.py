@@ -35,12 +35,14 @@ from pipedyn.models.continuum import Continuum
 from pipedyn.models.end_coefficient import end_coefficient
 from pipedyn.models.galerkin import Galerkin
 from pipedyn.models.pipe import Pipe, Scales
+from pipedyn.models.supports import RootSpring
 from pipedyn.models.terms import (
     CubicSpring,
     Damper,
     Foundation,
     PointMass,
     Spring,
+    Stop,
     Tension,
     Term,
     Viscosity,
@@ -105,10 +107,12 @@ __all__ = [
     "Power",
     "Relevance",
     "RootLoci",
+    "RootSpring",
     "Scales",
     "Sensitivity",
     "Spring",
     "StabilityCurve",
+    "Stop",
     "Tension",
     "Term",
     "Trade",

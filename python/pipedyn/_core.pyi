@@ -56,6 +56,11 @@ class Pipe:
                 collections.abc.Sequence[typing.SupportsFloat | typing.SupportsIndex],
             ]
         ] = [],
+        root: typing.SupportsFloat | typing.SupportsIndex = ...,
+        end: str = "free",
+        supports: collections.abc.Sequence[typing.SupportsFloat | typing.SupportsIndex] = [],
+        inflow_share: typing.SupportsFloat | typing.SupportsIndex = 1.0,
+        jet_angle: typing.SupportsFloat | typing.SupportsIndex = 0.0,
         hysteresis: typing.SupportsFloat | typing.SupportsIndex = 0.0,
     ) -> None: ...
     @property
@@ -233,6 +238,8 @@ class Forms:
 
 class AxisCrossing:
     @property
+    def before(self) -> int: ...
+    @property
     def change(self) -> int: ...
     @property
     def error(self) -> float: ...
@@ -256,8 +263,6 @@ class Sweep:
     def crossings(self) -> list[AxisCrossing]: ...
     @property
     def failure(self) -> str: ...
-    @property
-    def unstable_at_rest(self) -> int: ...
     @property
     def untracked(self) -> bool: ...
 

@@ -83,13 +83,12 @@ void sort_by_size(Approximations& all) {
 Pencil matrices(const Chain& chain, const Complement& complement, const Lapack& lapack,
                 const Vector& scale, double size) {
   Operators ops = chain.joint_operators(scale);
-  const ImpedanceModel flow = chain.impedance();
-  const double sign = flow.coriolis < 0.0 ? -1.0 : 1.0;
+  const double sign = chain.pipe().direction();
   DenseOperator::Matrices made{std::move(ops.mass), sign * (ops.gyroscopic + ops.end_flux),
                                std::move(ops.damping), std::move(ops.stiffness),
                                std::move(ops.flux)};
-  if (flow.loss > 0.0) {
-    made[5] = (flow.loss * chain.springs().cwiseProduct(scale.cwiseAbs2())).asDiagonal();
+  if (const double loss = chain.pipe().hysteresis; loss > 0.0) {
+    made[5] = (loss * chain.springs().cwiseProduct(scale.cwiseAbs2())).asDiagonal();
   }
   if (complement.dof() < complement.size()) {
     for (Matrix& of : made) {
@@ -98,19 +97,18 @@ Pencil matrices(const Chain& chain, const Complement& complement, const Lapack& 
       of = complement.gathered(columns).transpose();
     }
   }
-  return {lapack, std::move(made), flow.centrifugal, size};
+  return {lapack, std::move(made), chain.pipe().centrifugal, size};
 }
 
 Approximations dense_roots(const Chain& chain, const Complement& complement, const Lapack& lapack,
                            const Vector& scale, double u, bool squared) {
   const auto p = matrices(chain, complement, lapack, scale, 1.0)(u);
-  const ImpedanceModel flow = chain.impedance();
   Approximations roots;
   for (const double shift : shifts) {
     for (const Complex mu : p->roots(shift, squared)) {
       if (mu == 0.0) continue;
       Complex root = squared ? std::sqrt(shift * shift + 1.0 / mu) : shift + 1.0 / mu;
-      if (flow.loss > 0.0) {
+      if (chain.pipe().hysteresis > 0.0) {
         roots.push_back({root, true});
         continue;
       }

@@ -39,7 +39,7 @@ struct AxisCrossing {
   double error;    // of the speed, absolute
   Pair pair = {};  // without vectors where two branches meet on the axis or at u = 0+
   std::optional<Forms> forms = {};  // of its vectors, where both are known
-  int before = 0;  // number of unstable roots below it
+  int before = 0;                   // number of unstable roots below it
 };
 
 struct Sweep {

@@ -20,6 +20,7 @@ from pipedyn.models.base import PipedynError, checked_pipe
 from pipedyn.models.continuum import LARGEST, Continuum
 from pipedyn.models.galerkin import Galerkin
 from pipedyn.models.pipe import Pipe
+from pipedyn.models.supports import RootSpring
 from pipedyn.models.terms import Foundation, Spring
 from pipedyn.util import check
 from pipedyn.util.result import result
@@ -38,8 +39,13 @@ NUMBERS = {
     "hysteresis": ("hysteresis", "mu"),
     "Coriolis": ("beta", "beta"),
     "centrifugal": ("alpha", "alpha"),
+    "inflow": ("inflow_share", "c"),
+    "jet angle": ("jet_angle", "psi"),
 }
 """Effects that a number of the pipe switches off: its name and how it prints."""
+
+ABSENT = {"inflow_share": 1.0, "jet_angle": 0.0}
+"""What a number is where the pipe has no such effect, if that is not 0; listed where it has."""
 
 
 @result
@@ -48,8 +54,10 @@ class Effect:
 
     Attributes:
         name: "gravity", "drag", "damping", "hysteresis", "Coriolis", "centrifugal", "flow" (both
-            of its parts), or a term of the pipe as it prints, "PointMass(at=1, mass=0.1)", all that
-            are equal being one; several joined by " + ".
+            of its parts), "inflow" (what the entering fluid lacks of the free end's velocity),
+            "jet angle", "RootSpring(stiffness=30)" (what a clamp gives), or a term of the pipe as
+            it prints, "PointMass(at=1, mass=0.1)", all that are equal being one; several joined by
+            " + ".
         strength: the number it comes from, in words; empty where the pipe does not have it.
         without: what the quantity is without it, in words.
         answer: the same in numbers; None where there is no answer, or the effect is absent.
@@ -160,7 +168,8 @@ def relevant(
     drag (kappa = 0), damping (delta = 0), hysteresis (mu = 0), the flow's Coriolis part together
     with the momentum that the free end's velocity carries away (beta = 0: beta enters by
     sqrt(beta) u alone), its centrifugal part (alpha = 0), except for the critical speed the flow as
-    a whole, and each term.
+    a whole, what the entering fluid lacks of the free end's velocity (inflow_share = 1), the angle
+    of the jet (jet_angle = 0), what a root with a spring turns (then clamped), and each term.
 
     An effect that changes the kind of the answer (flutter to divergence, buckled at rest or not, no
     loss of stability, unstable from the smallest flow on, no limit cycle) is infinitely large.
@@ -254,9 +263,12 @@ def _strengths(pipe: Pipe) -> dict[str, str]:
     strengths = {}
     for name, (number, symbol) in NUMBERS.items():
         value = float(getattr(pipe, number))
-        strengths[name] = f"{symbol} = {value:.4g}" if value else ""
+        if value != ABSENT.get(number):
+            strengths[name] = f"{symbol} = {value:.4g}" if value or number in ABSENT else ""
     parts = [strengths[name] for name in ("Coriolis", "centrifugal") if strengths[name]]
     strengths["flow"] = ", ".join(parts)
+    if isinstance(pipe.root, RootSpring):
+        strengths[repr(pipe.root)] = f"stiffness = {pipe.root.stiffness:.4g}"
     for term in pipe.terms:
         numbers = [f"{name} = {value:.4g}" for name, value in term.numbers.items() if value]
         strengths[repr(term)] = ", ".join(numbers)
@@ -270,9 +282,14 @@ def _droppable(names: Collection[str]) -> tuple[str, ...]:
 
 def _without(pipe: Pipe, names: Collection[str]) -> Pipe:
     """The pipe with some of its effects switched off."""
-    gone: dict[str, Any] = {number: 0.0 for name, (number, _) in NUMBERS.items() if name in names}
+    numbers = [number for name, (number, _) in NUMBERS.items() if name in names]
+    gone: dict[str, Any] = {number: ABSENT.get(number, 0.0) for number in numbers}
     if "flow" in names:
         gone |= {"beta": 0.0, "alpha": 0.0}
+    if "alpha" in gone:
+        gone["jet_angle"] = 0.0  # which then has no thrust
+    if repr(pipe.root) in names:
+        gone["root"] = "clamped"
     gone["terms"] = tuple(term for term in pipe.terms if repr(term) not in names)
     return replace(pipe, **gone)
 
@@ -292,7 +309,7 @@ def _outcome(quantity: Quantity, pipe: Pipe, tolerance: float) -> tuple[str, Ans
     except NoCrossing as failure:
         return f"{state}{failure.args[0]}", none
     except NoCycle as failure:
-        if _growth(pipe, failure.u) > 0.0:  # one may be there that no search found
+        if not _growth(pipe, failure.u) <= 0.0:  # one may be there that no search found
             raise
         return "no limit cycle, it rests", none
     words, kind = _described(quantity, pipe, found)
@@ -325,11 +342,15 @@ def _speed(u: float, pipe: Pipe) -> str:
 
 
 def _growth(pipe: Pipe, u: float) -> float:
-    """Largest real part of an eigenvalue at a speed; NaN where none converges.
+    """Largest real part of an eigenvalue of the straight pipe at a speed; NaN where none converges.
+
+    NaN too where that does not rest, of a pipe with an inclined jet.
 
     Roots count up to the size of a wave that neither flow nor weight can buckle: the lowest few may
     all cluster at -1 / delta, and the highest of a reduced model are not the pipe's.
     """
+    if pipe.jet_angle:
+        return math.nan
     numbers = [term.numbers for term in pipe.terms]
     weight = pipe.gamma * (1.0 + sum(one.get("mass", 0.0) for one in numbers))
     weight += sum(one.get("load", 0.0) for one in numbers)

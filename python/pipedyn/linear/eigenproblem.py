@@ -63,7 +63,8 @@ class Eigenproblem:
             return abs(one - sign * other) > 1e-11 * size
 
         of = self.pencil
-        return not (differ(of.velocity, -1.0) or differ(of.stiffness, 1.0) or differ(of.flux, 1.0))
+        thrust = of.centrifugal != 0.0 and differ(of.flux, 1.0)
+        return not (thrust or differ(of.velocity, -1.0) or differ(of.stiffness, 1.0))
 
     @cached_property
     def zero_tolerance(self) -> float:
@@ -101,7 +102,7 @@ class Eigenproblem:
         return Eigenproblem(self.pencil.with_pipe(replace(self.pipe, hysteresis=0.0)))
 
     def lowest(self, u: float, count: int, left: bool = False) -> _core.Pairs:
-        """The `count` eigenpairs of least |lambda|, sorted, or all; residuals say which are good."""
+        """The `count` eigenpairs of least |lambda|, sorted, or all there are, good or not."""
         spectrum = self.spectrum()
         with one_thread(self.rows):
             found = spectrum.lowest(u, count, left, high=True)

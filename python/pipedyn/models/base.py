@@ -3,12 +3,13 @@
 
 from __future__ import annotations
 
+import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import fields, replace
 from functools import cached_property
 from operator import attrgetter
-from typing import Any, Self
+from typing import Any, ClassVar, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -62,8 +63,8 @@ class Operators:
 
     M q'' + C q' + K q = 0 with C = s u (gyroscopic + end_flux) + damping and
     K = stiffness + a u^2 flux, to which i loss comes where q ~ exp(lambda tau), Im lambda > 0.
-    gyroscopic is skew and end_flux symmetric of rank one, about a bent
-    pipe two; both carry sqrt(beta).
+    gyroscopic is skew and end_flux symmetric of rank one, about a bent pipe two; both carry
+    sqrt(beta), the latter also `inflow_share`.
 
     Attributes:
         mass: M, symmetric and positive definite.
@@ -93,6 +94,12 @@ class Operators:
         velocity = self.direction * u * (self.gyroscopic + self.end_flux) + self.damping
         stiffness = self.stiffness + self.centrifugal * u**2 * self.flux
         return self.mass, velocity, stiffness if self.loss is None else stiffness + 1j * self.loss
+
+    def projected(self, basis: Array) -> Operators:
+        """Those in coordinates z, q = basis z, shape (dof, r)."""
+        matrices = {name: of for name, of in vars(self).items() if isinstance(of, np.ndarray)}
+        of_basis: dict[str, Any] = {name: basis.T @ of @ basis for name, of in matrices.items()}
+        return replace(self, **of_basis)
 
 
 @result
@@ -134,7 +141,12 @@ def core_pipe(pipe: Pipe) -> _core.Pipe:
         drag=pipe.drag,
         damping=pipe.damping,
         aspirating=pipe.flow == "aspirating",
+        inflow_share=pipe.inflow_share,
+        jet_angle=pipe.jet_angle,
         terms=[(t.law, t.place or 0.0, list(t.numbers.values())) for t in pipe.terms],
+        root=pipe.root_stiffness,
+        end=pipe.end,
+        supports=pipe.supports,
         hysteresis=pipe.hysteresis,
     )
 
@@ -149,8 +161,13 @@ def checked_pipe(pipe: Any) -> Pipe:
 class OfPipe:
     """A pipe to be asked about, discretised or continuous. Immutable; pickles."""
 
+    takes_supports: ClassVar[bool] = False
+    """Whether it takes pipes that are no cantilevers; to be True of every model."""
+
     def __init__(self, pipe: Pipe) -> None:
         self._pipe = checked_pipe(pipe)
+        if not (pipe.cantilevered or self.takes_supports):
+            raise ValueError(f"{type(self).__name__} must be of a cantilevered pipe, got {pipe!r}")
 
     @property
     def pipe(self) -> Pipe:
@@ -182,12 +199,13 @@ class OfPipe:
         other = object.__new__(type(self))
         other.__dict__.update(self.__getstate__())
         OfPipe.__init__(other, pipe)
-        if pipe.terms != self._pipe.terms:
+        parts = attrgetter("terms", "root", "end", "supports")
+        if parts(pipe) != parts(self._pipe):
             other._check_terms()
         return other
 
     def _check_terms(self) -> None:
-        """Raises ValueError where the model does not take the pipe's terms."""
+        """Raises ValueError where the model does not take the pipe's terms or supports."""
 
 
 class Model(OfPipe, ABC):
@@ -199,6 +217,10 @@ class Model(OfPipe, ABC):
     Every method raises ValueError for an argument of another shape or out of range, NaN or infinity
     among its numbers, and TypeError for what is no number or array of real numbers.
     """
+
+    def __init__(self, pipe: Pipe) -> None:
+        super().__init__(pipe)
+        self._reference: Array | None = None  # chosen by `about`; else the straight pipe
 
     @property
     @abstractmethod
@@ -245,9 +267,45 @@ class Model(OfPipe, ABC):
         """Arc lengths among which the largest displacement of a mode is found."""
         return np.linspace(0.0, 1.0, max(201, 8 * min(self.dof, 500) + 1))
 
+    def about(self, q: ArrayLike) -> Self:
+        """The same model, whose linear questions are asked about another configuration at rest.
+
+        `eigenvalues`, `modes`, `root_loci`, `crossings` and `critical_speed` take it; they refuse
+        it at flow speeds at which the configuration is no equilibrium. So of a pipe that rests bent
+        they answer at one speed; `equilibrium_branch` finds where it loses stability.
+
+        Args:
+            q: the configuration, one of those that `equilibria` finds: coordinates, of a scene also
+                the angles of its segments.
+
+        Raises:
+            ValueError, TypeError: for what is no such array, or misses a constraint.
+
+        Example:
+            >>> import pipedyn as pp
+            >>> chain = pp.Chain(pp.Pipe(0.2, jet_angle=0.5), 8)
+            >>> rest = pp.equilibria(chain, 4.0).q[0]
+            >>> pp.eigenvalues(chain.about(rest), 4.0, 2).round(3)
+            array([-4.371+4.899j, -4.371-4.899j])
+        """
+        other = self.with_pipe(self._pipe)
+        other._reference = self._coordinates(q)
+        return other
+
+    @property
+    def _about_shown(self) -> str:
+        rest = self._reference
+        return f", about {check.shown(rest)}" if rest is not None and rest.any() else ""
+
     def unbalanced(self, u: float) -> float:
         """Largest force at rest where the model is linearised, relative to 1 + |gamma| + a u^2."""
-        return 0.0
+        pipe, thrust = self.pipe, self.pipe.alpha * u**2
+        size, rest = 1.0 + abs(pipe.gamma) + thrust, self._reference
+        if rest is None:  # nothing but an inclined jet bends the straight pipe
+            across = pipe.end in ("free", "guided")
+            return across * thrust * abs(math.sin(pipe.jet_angle)) / size
+        rates = self.motion_rates(np.concatenate([rest, np.zeros_like(rest)]), u)
+        return float(np.abs(self.operators(rest).mass @ rates[self.dof :]).max()) / size
 
     def require_equilibrium(self, *speeds: float) -> None:
         """Raises ValueError if the model cannot rest, where it is linearised, at a flow speed."""
@@ -256,7 +314,8 @@ class Model(OfPipe, ABC):
             if rest > 1e-7:  # far above what an equilibrium to ten digits leaves
                 raise ValueError(
                     f"the model must rest at u = {u:g} where it is linearised, got an unbalanced "
-                    f"force of {rest:.1e}; choose about(equilibrium(..., u))"
+                    f"force of {rest:.1e}; choose about(q), q of equilibria(model, {u:g}), or ask "
+                    "equilibrium_branch(model, ...), whose points say where stability is lost"
                 )
 
     def pencil(self) -> Pencil:
@@ -301,17 +360,17 @@ class Model(OfPipe, ABC):
         the mass, -M^-1 (dM/dq q'').
 
         Args:
-            q: coordinates, shape (dof,); the straight pipe where not given.
+            q: coordinates, shape (dof,); those of `about`, else the straight pipe, where not given.
 
         Raises:
             ValueError: also for more than 4000 degrees of freedom.
         """
         self._check_dense()
+        at = self._reference if q is None else self._coordinates(q)
 
         def found(model: Self) -> Operators:
-            if q is None:
-                return operators_from(model.core.operators(), model.pipe)
-            return operators_from(model.motion.operators(self._coordinates(q)), model.pipe)
+            core = model.core.operators() if at is None else model.motion.operators(at)
+            return operators_from(core, model.pipe)
 
         return self._with_loss(found)
 
@@ -386,7 +445,7 @@ class Model(OfPipe, ABC):
 
     def resting(self) -> Array:
         """Where p is at rest, shape (moving,)."""
-        return np.zeros(self.moving)
+        return np.zeros(self.moving) if self._reference is None else self._reference
 
     def free_directions(self, p: Array) -> Array:
         """Directions that constraints leave about a configuration, shape (moving, dof)."""
@@ -465,12 +524,26 @@ class Model(OfPipe, ABC):
     def _tips(self, q: NDArray[Any]) -> NDArray[Any]:
         """The positions, an analytic function of q, real or complex, (coordinates, k)."""
 
-    def drag_velocities(self, p: Array, pdot: Array) -> Array:
-        """Normal velocities of the points at which drag acts, (points, k), of states (moving, k).
+    @property
+    def kinks_known(self) -> bool:
+        """Whether `kinks` has all; not of drag that acts at many points, each with little of it."""
+        return self.pipe.drag == 0.0
 
-        No points where they are many and drag at each is weak, or where they are not known.
+    def kinks(self, p: Array, pdot: Array) -> Array:
+        """What changes sign where derivatives of forces jump, (how many, k), of (moving, k) states.
+
+        How far the places of terms are from where they meet stops.
         """
-        return np.empty((0, p.shape[1]))
+        met = [(term.place or 0.0, x) for term in self.pipe.terms for x in term.kinks]
+        if not met:
+            return np.empty((0, p.shape[1]))
+        places, where = np.array(met).T
+        return self._across(p, places) - where[:, None]
+
+    def _across(self, p: Array, s: Array) -> Array:
+        """Transverse displacements at points on the pipe, (points, k), of (moving, k) angles."""
+        configurations, _ = self.recorded(p.T, np.zeros_like(p.T))
+        return np.stack([self.shape(q, s)[:, 0] for q in configurations], axis=1)
 
     @abstractmethod
     def bent(self, angle: Callable[[Array], ArrayLike]) -> Array:
