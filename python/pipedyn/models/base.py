@@ -91,12 +91,6 @@ class Operators:
         velocity = self.direction * u * (self.gyroscopic + self.end_flux) + self.damping
         return self.mass, velocity, self.stiffness + self.centrifugal * u**2 * self.flux
 
-    def projected(self, basis: Array) -> Operators:
-        """Those in coordinates z, q = basis z, shape (dof, r)."""
-        matrices = {field.name: getattr(self, field.name) for field in fields(self)[:6]}
-        of_basis = {name: basis.T @ matrix @ basis for name, matrix in matrices.items()}
-        return replace(self, **of_basis)
-
 
 @result
 class Power:
@@ -126,6 +120,14 @@ def operators_from(core: _core.Operators, pipe: Pipe, scale: Array | None = None
     if scale is not None:
         matrices = {name: scale * matrix for name, matrix in matrices.items()}
     return Operators(**matrices, direction=pipe.direction, centrifugal=pipe.alpha)
+
+
+def projected(operators: Operators, basis: Array) -> Operators:
+    """Those in coordinates z of which the others are basis z, shape (dof, r)."""
+    names = [field.name for field in fields(Operators)[:6]]
+    return replace(
+        operators, **{name: basis.T @ getattr(operators, name) @ basis for name in names}
+    )
 
 
 def core_pipe(pipe: Pipe) -> _core.Pipe:
@@ -310,7 +312,8 @@ class Model(OfPipe, ABC):
                 raise ValueError(
                     f"the model must rest at u = {u:g} where it is linearised, got an unbalanced "
                     f"force of {rest:.1e}; choose about(q), q of equilibria(model, {u:g}), or ask "
-                    "equilibrium_branch(model, ...), whose points say where stability is lost"
+                    "equilibrium_branch(model, q, u, speeds), whose points say where stability is "
+                    "lost"
                 )
 
     def pencil(self) -> Pencil:

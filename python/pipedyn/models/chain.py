@@ -19,6 +19,7 @@ from pipedyn.models.base import (
     arc_lengths,
     core_pipe,
     operators_from,
+    projected,
     stored,
 )
 from pipedyn.models.pencil import ChainPencil, Pencil
@@ -217,7 +218,7 @@ class Chain(Model):
     def elastic_operators(self) -> Operators:
         self._check_dense()
         if self._reference is not None:
-            return self.operators().projected(np.cumsum(np.diag(self.elastic_scale), axis=0))
+            return projected(self.operators(), np.cumsum(np.diag(self.elastic_scale), axis=0))
         return operators_from(self.core.joint_operators(self.elastic_scale), self._pipe)
 
     def from_elastic(self, z: ArrayLike) -> NDArray[Any]:

@@ -6,7 +6,7 @@ from __future__ import annotations
 import bisect
 import math
 from collections.abc import Callable
-from dataclasses import fields, replace
+from dataclasses import replace
 from functools import cached_property, lru_cache
 from itertools import pairwise
 from typing import Any
@@ -21,6 +21,7 @@ from pipedyn.models.base import (
     arc_lengths,
     core_pipe,
     operators_from,
+    projected,
     stored,
 )
 from pipedyn.models.free_functions import FreeFunctions
@@ -247,14 +248,13 @@ class Galerkin(Model):
 
     def _held_across(self, core: Operators, by: Array) -> Operators:
         """Operators about the straight pipe in coordinates of which the core's are `by` times."""
-        found = {
-            field.name: by.T @ getattr(core, field.name) @ by for field in fields(Operators)[:6]
-        }
-        found["gyroscopic"] = 0.5 * (found["gyroscopic"] - found["gyroscopic"].T)
-        if self._held[-1] == 1.0:  # where nothing follows the flow and it does no work, exactly
-            found["end_flux"][:] = 0.0
-            found["flux"] = 0.5 * (found["flux"] + found["flux"].T)
-        return replace(core, **found)
+        found = projected(core, by)
+        gyroscopic = 0.5 * (found.gyroscopic - found.gyroscopic.T)
+        if self._held[-1] != 1.0:
+            return replace(found, gyroscopic=gyroscopic)
+        # Where nothing follows the flow and it does no work, exactly.
+        flux, end_flux = 0.5 * (found.flux + found.flux.T), np.zeros_like(found.flux)
+        return replace(found, gyroscopic=gyroscopic, flux=flux, end_flux=end_flux)
 
     def from_elastic(self, z: ArrayLike) -> NDArray[Any]:
         return (self._free.scale * self._columns("z", z).T).T
