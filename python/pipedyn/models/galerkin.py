@@ -93,7 +93,7 @@ class Galerkin(Model):
             panels between: each panel has some functions, the others go to panels in proportion to
             length, and convergence stays exponential. Beam modes stay what they are; their error
             falls like a power of m. So it is with inner supports, at which combinations of beam
-            modes are 0.
+            modes are 0, and with an inclined jet, which loads the end across: m^-2 at rest.
 
     Raises:
         ValueError: for m out of range or less than the number of panels, or an unknown basis.
