@@ -4,6 +4,7 @@
 #include <Eigen/Core>
 #include <cmath>
 
+#include "pipedyn/profile.hpp"
 #include "pipedyn/terms/term.hpp"
 
 namespace pipedyn {
@@ -12,7 +13,8 @@ using Index = Eigen::Index;
 using Matrix = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
 using Vector = Eigen::VectorXd;
 
-/// The nondimensional numbers a pipe is; length, mass per length and bending stiffness are 1.
+/// The nondimensional numbers a pipe is; its length and, at the clamp, mass per length and bending
+/// stiffness are 1.
 struct Pipe {
   double beta = 0.0;         // fluid's share of the mass, 0 <= beta < 1
   double gamma = 0.0;        // gravity, negative with the free end above the clamp
@@ -21,6 +23,8 @@ struct Pipe {
   double damping = 0.0;      // delta, Kelvin-Voigt damping
   bool aspirating = false;   // flow enters at the free end
   Terms terms{};             // what else acts on the pipe
+  Profile stiffness{};       // e, bending stiffness along the pipe, of reduced models
+  Profile mass{};            // m, mass per length, with the fluid's beta, of reduced models
 
   double sqrt_beta() const { return std::sqrt(beta); }
   /// s: U = s u is the flow speed counted towards the free end.

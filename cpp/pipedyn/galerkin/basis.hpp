@@ -44,6 +44,12 @@ class Basis {
   const std::vector<std::vector<Index>>& by_panel() const { return numbers_; }
   /// Number of functions on the panel that has most.
   Index most_on_a_panel() const;
+  /// Gauss nodes on a panel that integrate products of two functions. Legendre products are
+  /// polynomials of twice a panel's functions and 2; beam mode m has about m / 2 waves and a layer
+  /// of width 1 / (m pi) at either end.
+  Index nodes_of_products() const {
+    return family_ == Family::beam ? 2 * size_ + 30 : most_on_a_panel() + 3;
+  }
 
   /// w_i, w_i' or w_i'' (derivative 0, 1, 2) at the points s, shape (len(s), m), O(len(s) m).
   /// Beam modes are written with exponentials that decay from either end, which holds at any
@@ -54,7 +60,7 @@ class Basis {
   /// derivative.
   Matrix evaluate(const Vector& s, int derivative) const;
 
-  /// Elastic stiffness of each function, integral of w_i''^2, shape (m,).
+  /// Elastic stiffness of each function on a uniform pipe, integral of w_i''^2, shape (m,).
   Vector stiffness() const;
 
  private:

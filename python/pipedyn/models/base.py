@@ -113,11 +113,13 @@ class Power:
         return self.flow + self.joints + self.drag + self.others
 
 
-def operators_from(core: _core.Operators, pipe: Pipe, scale: Array | None = None) -> Operators:
-    """The core's matrices, each times a scale (dof, dof), with the pipe's two flow factors."""
+def operators_from(
+    core: _core.Operators, pipe: Pipe, transformed: Callable[[Array], Array] | None = None
+) -> Operators:
+    """The core's matrices, each transformed, with the pipe's two flow factors."""
     matrices = {field.name: getattr(core, field.name) for field in fields(Operators)[:6]}
-    if scale is not None:
-        matrices = {name: scale * matrix for name, matrix in matrices.items()}
+    if transformed is not None:
+        matrices = {name: transformed(matrix) for name, matrix in matrices.items()}
     return Operators(**matrices, direction=pipe.direction, centrifugal=pipe.alpha)
 
 
@@ -131,6 +133,8 @@ def core_pipe(pipe: Pipe) -> _core.Pipe:
         damping=pipe.damping,
         aspirating=pipe.flow == "aspirating",
         terms=[(t.law, t.place or 0.0, list(t.numbers.values())) for t in pipe.terms],
+        stiffness=_core.Profile() if pipe.stiffness is None else pipe.stiffness.core,
+        mass=_core.Profile() if pipe.mass is None else pipe.mass.core,
     )
 
 
@@ -171,9 +175,15 @@ class OfPipe:
         """The same discretisation, if there is one, with its springs, of another pipe.
 
         Raises:
-            ValueError: for terms that the model does not take, as when it is made.
+            ValueError: for terms that the model does not take, as when it is made; for another
+                stiffness or mass along the pipe, which a discretisation follows.
             TypeError: for what is no pipe.
         """
+        for name in ("stiffness", "mass"):
+            if getattr(checked_pipe(pipe), name) != getattr(self._pipe, name):
+                raise ValueError(
+                    f"pipe must have the {name} along it that the model was made for, got {pipe!r}"
+                )
         other = object.__new__(type(self))
         other.__dict__.update(self.__getstate__())
         OfPipe.__init__(other, pipe)

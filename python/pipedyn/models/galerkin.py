@@ -22,7 +22,6 @@ from pipedyn.models.base import (
     stored,
 )
 from pipedyn.models.pipe import Pipe
-from pipedyn.models.terms import Term
 from pipedyn.util import check
 from pipedyn.util.check import Array
 from pipedyn.util.later import scipy
@@ -47,15 +46,20 @@ def gauss_nodes(count: int) -> tuple[Array, Array]:
     return 0.5 * (nodes + 1.0), 0.5 * weights
 
 
-def panel_ends(terms: tuple[Term, ...]) -> Array:
-    """Ends of the panels between terms, shape (panels + 1,): integrands are smooth on each."""
-    return np.unique([0.0, *(term.place for term in terms if term.place is not None), 1.0])
+def panel_ends(pipe: Pipe) -> Array:
+    """Ends of the panels between terms and the pipe's steps: integrands are smooth on each.
+
+    Shape (panels + 1,).
+    """
+    places = [term.place for term in pipe.terms if term.place is not None]
+    steps = [s for one in (pipe.stiffness, pipe.mass) if one is not None for s in one.at]
+    return np.unique([0.0, *places, *steps, 1.0])
 
 
-def basis_joints(terms: tuple[Term, ...]) -> Array:
+def basis_joints(pipe: Pipe) -> Array:
     """Inner ends of the panels of a basis: those of the above that leave none too short."""
     joints: list[float] = []
-    for end in panel_ends(terms)[1:-1].tolist():
+    for end in panel_ends(pipe)[1:-1].tolist():
         low = joints[-1] if joints else 0.0
         if end - low >= SHORTEST_PANEL and 1.0 - end >= SHORTEST_PANEL:
             joints.append(end)
@@ -105,7 +109,7 @@ class Galerkin(Model):
     def _check_terms(self) -> None:
         if self._size < self.panels:
             raise ValueError(
-                f"m must be at least {self.panels}, the number of panels between terms, "
+                f"m must be at least {self.panels}, the number of panels of the pipe, "
                 f"got {self._size}"
             )
 
@@ -156,12 +160,12 @@ class Galerkin(Model):
     @cached_property
     def _joints(self) -> Array:
         """Inner ends of the basis' panels; the beam modes have none."""
-        return basis_joints(self._pipe.terms if self._basis == "legendre" else ())
+        return basis_joints(self._pipe) if self._basis == "legendre" else np.zeros(0)
 
     @cached_property
     def _ends(self) -> Array:
         """Ends of the panels on which integrands are smooth, from 0 to 1."""
-        return panel_ends(self._pipe.terms)
+        return panel_ends(self._pipe)
 
     def _rule(self, count: int) -> tuple[Array, Array]:
         """Nodes and weights of Gauss-Legendre quadrature with so many on each panel."""
@@ -187,15 +191,28 @@ class Galerkin(Model):
 
     @cached_property
     def elastic_scale(self) -> Array:
-        """Amplitude q_i of one elastic coordinate, shape (m,)."""
-        return 1.0 / np.sqrt(self.core.elastic_stiffness())
+        """Amplitudes of one elastic coordinate: q_i, shape (m,), or of varying stiffness (m, m).
+
+        Each column of the latter has functions of its own panel, of its degree and below.
+        """
+        if self._pipe.stiffness is None:
+            return 1.0 / np.sqrt(self.core.elastic_stiffness())
+        factor = np.linalg.cholesky(self.core.elastic())
+        columns: Array = scipy.linalg.solve_triangular(factor, np.eye(self._size), lower=True).T
+        return columns
 
     def elastic_operators(self) -> Operators:
-        both = np.outer(self.elastic_scale, self.elastic_scale)
-        return operators_from(self.core.operators(), self._pipe, both)
+        scale = self.elastic_scale
+        if scale.ndim == 2:
+            return operators_from(self.core.operators(), self._pipe, lambda a: scale.T @ a @ scale)
+        both = np.outer(scale, scale)
+        return operators_from(self.core.operators(), self._pipe, lambda a: both * a)
 
     def from_elastic(self, z: ArrayLike) -> NDArray[Any]:
-        return (self.elastic_scale * self._columns("z", z).T).T
+        columns, scale = self._columns("z", z), self.elastic_scale
+        if scale.ndim == 2:
+            return np.tensordot(scale, columns, axes=1)
+        return (scale * columns.T).T
 
     def shape(self, q: ArrayLike, s: ArrayLike) -> Array:
         amplitudes = self._coordinates(q)

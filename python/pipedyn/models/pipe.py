@@ -12,6 +12,7 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
+from pipedyn.models.profile import Along, Profile, checked_profile
 from pipedyn.models.terms import Term, checked_terms, converted, in_range
 from pipedyn.util import check
 
@@ -45,7 +46,8 @@ class Scales(NamedTuple):
 class Pipe:
     """A cantilevered pipe conveying fluid, in units in which L, mu_p + mu_f and EI are 1.
 
-    Time is counted in L^2 sqrt((mu_p + mu_f) / EI), flow speed u in sqrt(EI / mu_f) / L.
+    Time is counted in L^2 sqrt((mu_p + mu_f) / EI), flow speed u in sqrt(EI / mu_f) / L. Where EI
+    or mu_p vary along the pipe, these are the values at the clamp; its bore is uniform.
 
     Attributes:
         beta: mass ratio mu_f / (mu_p + mu_f), 0 <= beta < 1.
@@ -59,6 +61,11 @@ class Pipe:
         damping: Kelvin-Voigt damping delta >= 0; EI becomes EI (1 + delta d/dtau).
         terms: what else acts on the pipe, such as `PointMass` and `Spring`: a sequence of at most
             400 terms, kept as a tuple.
+        stiffness: bending stiffness along the pipe in units of that at the clamp, a function of
+            arc lengths s, (p,) to (p,), or a `Profile`, which has steps; 1 at s = 0. None where it
+            is uniform. Damping acts on it in proportion. Kept as a `Profile`.
+        mass: the same of the mass per length, the fluid's with it, which does not vary: nowhere
+            below beta.
         scales: SI value of one unit, or None for a pipe not made with `from_si`.
 
     Raises:
@@ -75,6 +82,8 @@ class Pipe:
     drag: float = 0.0
     damping: float = 0.0
     terms: tuple[Term, ...] = field(default=(), kw_only=True)
+    stiffness: Profile | None = field(default=None, kw_only=True)
+    mass: Profile | None = field(default=None, kw_only=True)
     scales: Scales | None = field(default=None, kw_only=True)
 
     def __post_init__(self) -> None:
@@ -82,7 +91,15 @@ class Pipe:
             "flow": check.choice("flow", self.flow, FLOWS),
             **{name: check.real(name, getattr(self, name), **RANGES[name]) for name in RANGES},
             "terms": in_range(checked_terms(self.terms)),
+            "stiffness": checked_profile("stiffness", self.stiffness),
+            "mass": checked_profile("mass", self.mass),
         }
+        least = 1.0 if checked["mass"] is None else checked["mass"].bounds[0]
+        if least < checked["beta"] * (1.0 - 1e-9):
+            raise ValueError(
+                f"mass must be at least beta = {checked['beta']:g}, the fluid's part of it, all "
+                f"along the pipe, got {least:.6g}"
+            )
         if self.scales is not None:
             if not isinstance(self.scales, tuple) or len(self.scales) != 4:
                 raise TypeError(f"scales must be a Scales, got {check.shown(self.scales)}")
@@ -110,13 +127,15 @@ class Pipe:
         alpha: float = 1.0,
         nozzle_ratio: float | None = None,
         terms: Sequence[Term] = (),
+        stiffness_profile: Along | Profile | None = None,
+        mass_profile: Along | Profile | None = None,
     ) -> Pipe:
         """A pipe from measured quantities.
 
         Args:
             length: L, m.
-            bending_stiffness: EI, N m^2.
-            pipe_mass: mu_p, kg/m.
+            bending_stiffness: EI, N m^2; at the clamp where it varies.
+            pipe_mass: mu_p, kg/m; at the clamp where it varies.
             fluid_mass: mu_f, kg/m, > 0: without fluid there is no unit of flow speed.
             gravity: m/s^2; negative when the free end stands above the clamp, 0 for a pipe that
                 moves in a horizontal plane.
@@ -131,6 +150,9 @@ class Pipe:
                 nozzle's mass.
             terms: what else acts on the pipe, its numbers in SI units, `at` in m; `terms_si` gives
                 them back.
+            stiffness_profile: EI along the pipe over that at the clamp, a function of s = x / L,
+                x from the clamp on, or a `Profile`, as for `Pipe`.
+            mass_profile: the same of mu_p, the pipe's own mass without the fluid.
 
         Raises:
             ValueError: for a number out of its range, a term beyond the free end, both alpha and
@@ -179,6 +201,7 @@ class Pipe:
             "damping": (damping_time / time, f"damping_time, {every}"),
         }
         given = [converted(one, units, operator.truediv) for one in checked_terms(terms, length)]
+        own = checked_profile("mass_profile", mass_profile)
         return cls(
             **{
                 name: check.real(f"{name} from {causes}", value, **RANGES[name])
@@ -189,6 +212,8 @@ class Pipe:
             terms=in_range(
                 tuple(given), " from its SI value, length, bending_stiffness and the masses"
             ),
+            stiffness=checked_profile("stiffness_profile", stiffness_profile),
+            mass=None if own is None else own.mixed(pipe_mass / mass),
             scales=units,
         )
 
@@ -200,11 +225,12 @@ class Pipe:
     def __repr__(self) -> str:
         parts = [
             f"{item.name}={value!r}" if item.name == "flow" else f"{item.name}={value:.12g}"
-            for item in fields(self)[:-2]
-            if (value := getattr(self, item.name)) != item.default
+            for item in fields(self)
+            if item.name in ("flow", *RANGES)
+            and (value := getattr(self, item.name)) != item.default
         ]
-        if self.terms:
-            parts.append(f"terms={self.terms!r}")
+        several = {"terms": self.terms, "stiffness": self.stiffness, "mass": self.mass}
+        parts += [f"{name}={value!r}" for name, value in several.items() if value]
         if self.scales is not None:
             units = zip(self.scales, ("m", "kg/m", "s", "m/s"), strict=True)
             parts.append("units " + ", ".join(f"{value:.6g} {unit}" for value, unit in units))
