@@ -103,8 +103,8 @@ PYBIND11_MODULE(_core, m, py::mod_gil_not_used()) {
              return pipe;
            }),
            "beta"_a, "gamma"_a, "centrifugal"_a, "drag"_a, "damping"_a, "aspirating"_a,
-           "terms"_a = std::vector<TermArguments>{}, "stiffness"_a = Profile(),
-           "mass"_a = Profile())
+           "terms"_a = std::vector<TermArguments>{}, py::arg_v("stiffness", Profile(), "Profile()"),
+           py::arg_v("mass", Profile(), "Profile()"))
       .def_property_readonly("resisted",
                              [](const Pipe& pipe) { return pipedyn::resist(pipe.terms); });
 

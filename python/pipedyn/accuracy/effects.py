@@ -20,6 +20,7 @@ from pipedyn.models.base import PipedynError, checked_pipe
 from pipedyn.models.continuum import LARGEST, Continuum
 from pipedyn.models.galerkin import Galerkin
 from pipedyn.models.pipe import Pipe
+from pipedyn.models.profile import Profile
 from pipedyn.models.terms import Foundation, Spring
 from pipedyn.util import check
 from pipedyn.util.result import result
@@ -40,6 +41,9 @@ NUMBERS = {
 }
 """Effects that a number of the pipe switches off: its name and how it prints."""
 
+PROFILES = {"varying stiffness": "stiffness", "varying mass": "mass"}
+"""Effects that a uniform pipe has not, with its value at the clamp all along: its name."""
+
 
 @result
 class Effect:
@@ -47,8 +51,9 @@ class Effect:
 
     Attributes:
         name: "gravity", "drag", "damping", "Coriolis", "centrifugal", "flow" (both of its parts),
-            or a term of the pipe as it prints, "PointMass(at=1, mass=0.1)", all that are equal
-            being one; several joined by " + ".
+            "varying stiffness" or "varying mass" of a pipe that is not uniform, or a term of the
+            pipe as it prints, "PointMass(at=1, mass=0.1)", all that are equal being one; several
+            joined by " + ".
         strength: the number it comes from, in words; empty where the pipe does not have it.
         without: what the quantity is without it, in words.
         answer: the same in numbers; None where there is no answer, or the effect is absent.
@@ -158,7 +163,8 @@ def relevant(
     Each effect is switched off in turn, and the continuous pipe asked again: gravity (gamma = 0),
     drag (kappa = 0), damping (delta = 0), the flow's Coriolis part together with the momentum that
     the free end's velocity carries away (beta = 0: beta enters by sqrt(beta) u alone), its
-    centrifugal part (alpha = 0), except for the critical speed the flow as a whole, and each term.
+    centrifugal part (alpha = 0), except for the critical speed the flow as a whole, each term, and
+    what varies along the pipe (its value at the clamp all along).
 
     An effect that changes the kind of the answer (flutter to divergence, buckled at rest or not, no
     loss of stability, unstable from the smallest flow on, no limit cycle) is infinitely large.
@@ -258,6 +264,11 @@ def _strengths(pipe: Pipe) -> dict[str, str]:
     for term in pipe.terms:
         numbers = [f"{name} = {value:.4g}" for name, value in term.numbers.items() if value]
         strengths[repr(term)] = ", ".join(numbers)
+    for name, of in PROFILES.items():
+        profile: Profile | None = getattr(pipe, of)
+        if profile is not None:
+            low, high = profile.bounds
+            strengths[name] = f"{of} {low:.4g} to {high:.4g}"
     return strengths
 
 
@@ -272,6 +283,7 @@ def _without(pipe: Pipe, names: Collection[str]) -> Pipe:
     if "flow" in names:
         gone |= {"beta": 0.0, "alpha": 0.0}
     gone["terms"] = tuple(term for term in pipe.terms if repr(term) not in names)
+    gone |= {of: None for name, of in PROFILES.items() if name in names}
     return replace(pipe, **gone)
 
 
@@ -329,14 +341,17 @@ def _growth(pipe: Pipe, u: float) -> float:
     all cluster at -1 / delta, and the highest of a reduced model are not the pipe's.
     """
     numbers = [term.numbers for term in pipe.terms]
-    weight = pipe.gamma * (1.0 + sum(one.get("mass", 0.0) for one in numbers))
+    soft, stiff = (1.0, 1.0) if pipe.stiffness is None else pipe.stiffness.bounds
+    light, heavy = (1.0, 1.0) if pipe.mass is None else pipe.mass.bounds
+    weight = pipe.gamma * (heavy + sum(one.get("mass", 0.0) for one in numbers))
     weight += sum(one.get("load", 0.0) for one in numbers)
     springs = (Spring, Foundation)
     stiffness = sum(term.stiffness for term in pipe.terms if isinstance(term, springs))
-    thrust = max(pipe.alpha, 1.0) * u**2 + max(-weight, 0.0)
+    thrust = (max(pipe.alpha, 1.0) * u**2 + max(-weight, 0.0)) / soft
     half_waves = 4 + math.ceil(math.sqrt(thrust) / math.pi)
     wave = math.pi * half_waves
-    largest = math.hypot(wave * math.hypot(wave, math.sqrt(abs(weight))), math.sqrt(stiffness))
+    elastic = wave * math.hypot(math.sqrt(stiff) * wave, math.sqrt(abs(weight)))
+    largest = math.hypot(elastic, math.sqrt(stiffness)) / math.sqrt(light)
 
     def least_damped(rom: Galerkin) -> float:
         values = modes(rom, u).eigenvalues
