@@ -456,7 +456,7 @@ def test_bad_profiles_are_refused():
     refused(ValueError, r"stiffness\(s\) must lie in .*, got nan", stiffness=lambda s: s * np.nan)
     refused(ValueError, r"stiffness\(s\) must lie in .*, got 0\.0", stiffness=lambda s: 1 - 2 * s)
     refused(TypeError, r"stiffness\(s\) must be an array", stiffness=lambda s: s.astype(complex))
-    refused(ValueError, "stiffness must be 1 at the clamp, s = 0, got 2", stiffness=lambda s: 2 - s)
+    refused(ValueError, "stiffness must be 1 at s = 0, got 2", stiffness=lambda s: 2 - s)
     refused(ValueError, r"mass must be at least beta = 0\.2.*got 0\.1", mass=lambda s: 1 - 0.9 * s)
     refused(
         ValueError, "smooth but for a few places.*to s = 0$", stiffness=lambda s: 1 + np.sqrt(s)

@@ -72,6 +72,9 @@ class Pipe:
                 collections.abc.Sequence[typing.SupportsFloat | typing.SupportsIndex],
             ]
         ] = [],
+        root: typing.SupportsFloat | typing.SupportsIndex = ...,
+        end: str = "free",
+        supports: collections.abc.Sequence[typing.SupportsFloat | typing.SupportsIndex] = [],
         stiffness: Profile = ...,
         mass: Profile = ...,
     ) -> None: ...

@@ -285,5 +285,5 @@ def checked_profile(name: str, given: Any) -> Profile | None:
     profile = given if isinstance(given, Profile) else Profile(values=given, name=name)
     at_clamp = float(profile([0.0])[0])
     if abs(at_clamp - 1.0) > 1e-9:
-        raise ValueError(f"{name} must be 1 at the clamp, s = 0, got {at_clamp:.12g}")
+        raise ValueError(f"{name} must be 1 at s = 0, got {at_clamp:.12g}")
     return None if profile.is_uniform else profile
