@@ -356,6 +356,21 @@ def test_chains_tend_to_the_pipe_at_second_order(along, window):
             assert window[0] < coarse / fine < window[1]
 
 
+def test_chains_move_as_the_pipe_does_at_large_angles_to_second_order():
+    pipe = pp.Pipe(0.3, 7.0, damping=0.02, stiffness=lambda s: 1 - s / 2, mass=lambda s: 1 + s)
+
+    def tip(model):
+        bent = model.bent(lambda s: 1.0 - (1.0 - s) ** 3)
+        motion = pp.simulate(model, 4.0, 0.4, q0=bent, times=[0.4], rtol=1e-8)
+        return model.tips(motion.q[-1:].T)[0]
+
+    exact = tip(pp.Galerkin(pipe, 8, "legendre"))
+    errors = [np.linalg.norm(tip(pp.Chain(pipe, n)) - exact) for n in (8, 16, 32)]
+    assert errors[-1] < 1e-3
+    for coarse, fine in itertools.pairwise(errors):
+        assert 3.9 < coarse / fine < 4.1
+
+
 def test_equal_springs_of_the_rules_follow_the_stiffness():
     pipe = pp.Pipe(0.2, stiffness=lambda s: 1 - s / 2, mass=lambda s: 1 + s)
     exact = abs(pp.eigenvalues(pp.Continuum(pipe), 0.0, count=1)[0])
