@@ -101,26 +101,27 @@ PYBIND11_MODULE(_core, m, py::mod_gil_not_used()) {
           "s"_a);
 
   py::class_<Pipe>(m, "Pipe")
-      .def(py::init([](double beta, double gamma, double centrifugal, double drag, double damping,
-                       bool aspirating, const std::vector<TermArguments>& terms, double root,
-                       const std::string& end, std::vector<double> supports, Profile stiffness,
-                       Profile mass) {
-             Pipe pipe{beta, gamma, centrifugal, drag, damping, aspirating};
-             pipe.stiffness = std::move(stiffness);
-             pipe.mass = std::move(mass);
-             for (const auto& [law, at, numbers] : terms) {
-               pipe.terms.push_back(pipedyn::make_term(law, at, numbers));
-             }
-             pipe.root = root;
-             pipe.end = end_of(end);
-             pipe.supports = std::move(supports);
-             return pipe;
-           }),
-           "beta"_a, "gamma"_a, "centrifugal"_a, "drag"_a, "damping"_a, "aspirating"_a,
-           "terms"_a = std::vector<TermArguments>{},
-           "root"_a = std::numeric_limits<double>::infinity(), "end"_a = "free",
-           "supports"_a = std::vector<double>{}, py::arg_v("stiffness", Profile(), "Profile()"),
-           py::arg_v("mass", Profile(), "Profile()"))
+      .def(
+          py::init([](double beta, double gamma, double centrifugal, double drag, double damping,
+                      bool aspirating, const std::vector<TermArguments>& terms, double root,
+                      const std::string& end, std::vector<double> supports, double inflow_share,
+                      double jet_angle, Profile stiffness, Profile mass) {
+            Pipe pipe{beta, gamma, centrifugal, drag, damping, aspirating, inflow_share, jet_angle};
+            pipe.stiffness = std::move(stiffness);
+            pipe.mass = std::move(mass);
+            for (const auto& [law, at, numbers] : terms) {
+              pipe.terms.push_back(pipedyn::make_term(law, at, numbers));
+            }
+            pipe.root = root;
+            pipe.end = end_of(end);
+            pipe.supports = std::move(supports);
+            return pipe;
+          }),
+          "beta"_a, "gamma"_a, "centrifugal"_a, "drag"_a, "damping"_a, "aspirating"_a,
+          "terms"_a = std::vector<TermArguments>{},
+          "root"_a = std::numeric_limits<double>::infinity(), "end"_a = "free",
+          "supports"_a = std::vector<double>{}, "inflow_share"_a = 1.0, "jet_angle"_a = 0.0,
+          py::arg_v("stiffness", Profile(), "Profile()"), py::arg_v("mass", Profile(), "Profile()"))
       .def_property_readonly("resisted",
                              [](const Pipe& pipe) { return pipedyn::resist(pipe.terms); });
 
@@ -168,7 +169,7 @@ PYBIND11_MODULE(_core, m, py::mod_gil_not_used()) {
                        const pipedyn::Vector& joints, pipedyn::Index more,
                        pipedyn::Index least_nodes) {
              const Family family = legendre ? Family::legendre : Family::beam;
-             return std::make_unique<Galerkin>(pipe, Basis(family, size, joints, more),
+             return std::make_unique<Galerkin>(pipe, Basis(family, size, joints, more, pipe),
                                                least_nodes);
            }),
            "pipe"_a, "legendre"_a, "size"_a, "joints"_a = pipedyn::Vector(), "more"_a = 0,

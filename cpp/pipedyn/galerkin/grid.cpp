@@ -3,6 +3,7 @@
 
 #include <Eigen/Cholesky>
 #include <algorithm>
+#include <limits>
 #include <numbers>
 #include <stdexcept>
 #include <string>
@@ -82,7 +83,7 @@ std::vector<NodeTest> node_tests(const Matrix& series, Index nodes, bool drag) {
 
 }  // namespace
 
-Orthonormal::Orthonormal(const Basis& basis) : identity(basis.family() == Family::beam) {
+Orthonormal::Orthonormal(const Basis& basis) : identity(basis.orthonormal()) {
   const Index m = basis.size();
   to_basis = inverse = Matrix::Identity(m, m);
   if (identity) return;
@@ -110,6 +111,7 @@ Panels::Panels(const Basis& basis, const Pipe& pipe) : pipe_mass(pipe.mass) {
   const auto add_places = [&](const std::vector<double>& more) {
     places.insert(places.end(), more.begin(), more.end());
   };
+  add_places(pipe.supports);
   add_places(pipe.stiffness.ends());
   add_places(pipe.mass.ends());
   for (const Term& term : pipe.terms) {
@@ -140,6 +142,9 @@ Panels::Panels(const Basis& basis, const Pipe& pipe) : pipe_mass(pipe.mass) {
     const Matrix curvature = basis.evaluate(s, 2);
     elastic += inner(curvature, weight, curvature);
   }
+  if (pipe.root == 0.0 || pipe.root == std::numeric_limits<double>::infinity()) return;
+  const Matrix turned = basis.evaluate(Vector::Zero(1), 1);
+  elastic += pipe.root * turned.transpose() * turned;
 }
 
 double Panels::mass_beyond(double s) const {

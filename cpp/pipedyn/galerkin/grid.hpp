@@ -50,8 +50,8 @@ struct Orthonormal {
   explicit Orthonormal(Index m);
 };
 
-/// The panels between the places of terms, the pipe's steps and the basis' joints, on which
-/// integrands are smooth, with what the terms add to the pipe. Immutable.
+/// The panels between the places of terms and supports, the pipe's steps and the basis' joints, on
+/// which integrands are smooth, with what the terms add to the pipe. Immutable.
 struct Panels {
   Vector ends;                   // from 0 to 1, (P + 1,)
   Vector mass;                   // at the end of each, (P,)

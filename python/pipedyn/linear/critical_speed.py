@@ -325,7 +325,10 @@ class _Search:
         self.larger = None
         # Where roots stay on the imaginary axis, no distance to it is known.
         on_axis = self.problem.is_conservative or self.problem.velocity_free(1.0)
-        if isinstance(model, Galerkin) and larger is not None and not on_axis:
+        # Of a pipe whose stiffness varies and that is held elsewhere, elastic coordinates of one
+        # basis are not among those of the next.
+        nested = model.pipe.cantilevered or model.pipe.stiffness is None
+        if isinstance(model, Galerkin) and larger is not None and not on_axis and nested:
             self.larger = eigenproblem(larger)
             self.spectrum = _core.Truncated(
                 self.problem.spectrum(),

@@ -62,7 +62,7 @@ class Operators:
 
     M q'' + C q' + K q = 0 with C = s u (gyroscopic + end_flux) + damping and
     K = stiffness + a u^2 flux. gyroscopic is skew and end_flux symmetric of rank one, about a bent
-    pipe two; both carry sqrt(beta).
+    pipe two; both carry sqrt(beta), the latter also `inflow_share`.
 
     Attributes:
         mass: M, symmetric and positive definite.
@@ -113,13 +113,11 @@ class Power:
         return self.flow + self.joints + self.drag + self.others
 
 
-def operators_from(
-    core: _core.Operators, pipe: Pipe, transformed: Callable[[Array], Array] | None = None
-) -> Operators:
-    """The core's matrices, each transformed, with the pipe's two flow factors."""
+def operators_from(core: _core.Operators, pipe: Pipe, scale: Array | None = None) -> Operators:
+    """The core's matrices, each times a scale (dof, dof), with the pipe's two flow factors."""
     matrices = {field.name: getattr(core, field.name) for field in fields(Operators)[:6]}
-    if transformed is not None:
-        matrices = {name: transformed(matrix) for name, matrix in matrices.items()}
+    if scale is not None:
+        matrices = {name: scale * matrix for name, matrix in matrices.items()}
     return Operators(**matrices, direction=pipe.direction, centrifugal=pipe.alpha)
 
 
@@ -132,6 +130,7 @@ def core_pipe(pipe: Pipe) -> _core.Pipe:
         drag=pipe.drag,
         damping=pipe.damping,
         aspirating=pipe.flow == "aspirating",
+        inflow_share=pipe.inflow_share,
         terms=[(t.law, t.place or 0.0, list(t.numbers.values())) for t in pipe.terms],
         stiffness=_core.Profile() if pipe.stiffness is None else pipe.stiffness.core,
         mass=_core.Profile() if pipe.mass is None else pipe.mass.core,
@@ -195,12 +194,13 @@ class OfPipe:
         other = object.__new__(type(self))
         other.__dict__.update(self.__getstate__())
         OfPipe.__init__(other, pipe)
-        if pipe.terms != self._pipe.terms:
+        parts = attrgetter("terms", "root", "end", "supports")
+        if parts(pipe) != parts(self._pipe):
             other._check_terms()
         return other
 
     def _check_terms(self) -> None:
-        """Raises ValueError where the model does not take the pipe's terms."""
+        """Raises ValueError where the model does not take the pipe's terms or supports."""
 
 
 class Model(OfPipe, ABC):

@@ -58,6 +58,8 @@ class Continuum(OfPipe):
     Source: Gregory and Paidoussis (1966).
     """
 
+    takes_supports = True
+
     def __repr__(self) -> str:
         return f"Continuum({self._pipe!r})"
 
