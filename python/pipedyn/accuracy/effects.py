@@ -40,14 +40,15 @@ NUMBERS = {
     "Coriolis": ("beta", "beta"),
     "centrifugal": ("alpha", "alpha"),
     "inflow": ("inflow_share", "c"),
+    "jet angle": ("jet_angle", "psi"),
 }
 """Effects that a number of the pipe switches off: its name and how it prints."""
 
-ABSENT = {"inflow_share": 1.0}
+ABSENT = {"inflow_share": 1.0, "jet_angle": 0.0}
 """What a number is where the pipe has no such effect, if that is not 0; listed where it has."""
 
 PROFILES = {"varying stiffness": "stiffness", "varying mass": "mass"}
-"""Effects that a uniform pipe has not, with its value at the clamp all along: its name."""
+"""Effects that a uniform pipe has not, with its value at s = 0 all along: its name."""
 
 
 @result
@@ -56,10 +57,10 @@ class Effect:
 
     Attributes:
         name: "gravity", "drag", "damping", "Coriolis", "centrifugal", "flow" (both of its parts),
-            "inflow" (what the entering fluid lacks of the free end's velocity), "varying stiffness"
-            or "varying mass" of a pipe that is not uniform, "RootSpring(stiffness=30)" (what a
-            clamp gives), or a term of the pipe as it prints, "PointMass(at=1, mass=0.1)", all that
-            are equal being one; several joined by " + ".
+            "inflow" (what the entering fluid lacks of the free end's velocity), "jet angle",
+            "varying stiffness" or "varying mass" of a pipe that is not uniform,
+            "RootSpring(stiffness=30)" (what a clamp gives), or a term of the pipe as it prints,
+            "PointMass(at=1, mass=0.1)", all that are equal being one; several joined by " + ".
         strength: the number it comes from, in words; empty where the pipe does not have it.
         without: what the quantity is without it, in words.
         answer: the same in numbers; None where there is no answer, or the effect is absent.
@@ -170,8 +171,9 @@ def relevant(
     drag (kappa = 0), damping (delta = 0), the flow's Coriolis part together with the momentum that
     the free end's velocity carries away (beta = 0: beta enters by sqrt(beta) u alone), its
     centrifugal part (alpha = 0), except for the critical speed the flow as a whole, what the
-    entering fluid lacks of the free end's velocity (inflow_share = 1), what a root with a spring
-    turns (then clamped), what varies along the pipe (its value at s = 0 all along), and each term.
+    entering fluid lacks of the free end's velocity (inflow_share = 1), the angle of the jet
+    (jet_angle = 0), what a root with a spring turns (then clamped), what varies along the pipe (its
+    value at s = 0 all along), and each term.
 
     An effect that changes the kind of the answer (flutter to divergence, buckled at rest or not, no
     loss of stability, unstable from the smallest flow on, no limit cycle) is infinitely large.
@@ -293,6 +295,8 @@ def _without(pipe: Pipe, names: Collection[str]) -> Pipe:
     gone: dict[str, Any] = {number: ABSENT.get(number, 0.0) for number in numbers}
     if "flow" in names:
         gone |= {"beta": 0.0, "alpha": 0.0}
+    if "alpha" in gone:
+        gone["jet_angle"] = 0.0  # which then has no thrust
     if repr(pipe.root) in names:
         gone["root"] = "clamped"
     gone["terms"] = tuple(term for term in pipe.terms if repr(term) not in names)
@@ -315,7 +319,7 @@ def _outcome(quantity: Quantity, pipe: Pipe, tolerance: float) -> tuple[str, Ans
     except NoCrossing as failure:
         return f"{state}{failure.args[0]}", none
     except NoCycle as failure:
-        if _growth(pipe, failure.u) > 0.0:  # one may be there that no search found
+        if not _growth(pipe, failure.u) <= 0.0:  # one may be there that no search found
             raise
         return "no limit cycle, it rests", none
     words, kind = _described(quantity, pipe, found)
@@ -348,11 +352,15 @@ def _speed(u: float, pipe: Pipe) -> str:
 
 
 def _growth(pipe: Pipe, u: float) -> float:
-    """Largest real part of an eigenvalue at a speed; NaN where none converges.
+    """Largest real part of an eigenvalue of the straight pipe at a speed; NaN where none converges.
+
+    NaN too where that does not rest, of a pipe with an inclined jet.
 
     Roots count up to the size of a wave that neither flow nor weight can buckle: the lowest few may
     all cluster at -1 / delta, and the highest of a reduced model are not the pipe's.
     """
+    if pipe.jet_angle:
+        return math.nan
     numbers = [term.numbers for term in pipe.terms]
     soft, stiff = (1.0, 1.0) if pipe.stiffness is None else pipe.stiffness.bounds
     light, heavy = (1.0, 1.0) if pipe.mass is None else pipe.mass.bounds
