@@ -85,11 +85,12 @@ class Galerkin(Model):
     Args:
         pipe: the pipe.
         m: number of functions, from 1 to 2000.
-        basis: "beam" (the beam's own modes, held at both ends as the pipe is, unit mass; the
+        basis: "beam" (a uniform beam's modes, held at both ends as the pipe is, unit mass; the
             critical speed's error falls like m^-4) or "legendre" (w_i'' a normalised Legendre
             polynomial, unit stiffness; the error falls exponentially, but the highest third of the
             eigenvalues is not the pipe's).
-            Where a term of the pipe acts, the shear jumps. Legendre polynomials then live on the
+            Where a term of the pipe acts, the shear jumps, and where its stiffness does, the
+            curvature. Legendre polynomials then live on the
             panels between: each panel has some functions, the others go to panels in proportion to
             length, and convergence stays exponential. Beam modes stay what they are; their error
             falls like a power of m. So it is with inner supports, at which combinations of beam
@@ -123,7 +124,7 @@ class Galerkin(Model):
         if self._size < needs:
             raise ValueError(
                 f"m must be at least {needs}, for one function on each of the {self.panels} panels "
-                f"of the pipe, got {self._size}"
+                f"between terms, supports and steps, got {self._size}"
             )
 
     @cached_property
