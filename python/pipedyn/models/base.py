@@ -142,6 +142,8 @@ def core_pipe(pipe: Pipe) -> _core.Pipe:
         inflow_share=pipe.inflow_share,
         jet_angle=pipe.jet_angle,
         terms=[(t.law, t.place or 0.0, list(t.numbers.values())) for t in pipe.terms],
+        stiffness=_core.Profile() if pipe.stiffness is None else pipe.stiffness.core,
+        mass=_core.Profile() if pipe.mass is None else pipe.mass.core,
         root=pipe.root_stiffness,
         end=pipe.end,
         supports=pipe.supports,
@@ -190,9 +192,15 @@ class OfPipe:
         """The same discretisation, if there is one, with its springs, of another pipe.
 
         Raises:
-            ValueError: for terms that the model does not take, as when it is made.
+            ValueError: for terms that the model does not take, as when it is made; for another
+                stiffness or mass along the pipe, which a discretisation follows.
             TypeError: for what is no pipe.
         """
+        for name in ("stiffness", "mass"):
+            if getattr(checked_pipe(pipe), name) != getattr(self._pipe, name):
+                raise ValueError(
+                    f"pipe must have the {name} along it that the model was made for, got {pipe!r}"
+                )
         other = object.__new__(type(self))
         other.__dict__.update(self.__getstate__())
         OfPipe.__init__(other, pipe)
@@ -235,11 +243,12 @@ class Model(OfPipe, ABC):
         return f"angles of {self.moving} segments"
 
     def term_stiffness(self, pencil: Pencil) -> float:
-        """Norm of what K of the model's pencil has besides the elastic part; 0 without terms.
+        """Norm of what K has besides the elastic part; 0 of a uniform pipe without terms.
 
         From four products: measured, to 3 %, as the lowest modes feel most of it.
         """
-        if not self.pipe.terms:
+        pipe = self.pipe
+        if not (pipe.terms or pipe.stiffness or pipe.mass):
             return 0.0
         start = np.cos(np.arange(1.0, pencil.dof + 1.0))[:, None]
         return largest_stretch(lambda x: pencil.stiffness(x) - pencil.elastic(x), start, 4)
