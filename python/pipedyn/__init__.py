@@ -36,6 +36,7 @@ from pipedyn.models.end_coefficient import end_coefficient
 from pipedyn.models.galerkin import Galerkin
 from pipedyn.models.pipe import Pipe, Scales
 from pipedyn.models.terms import (
+    AddedMass,
     CubicSpring,
     Damper,
     Foundation,
@@ -60,6 +61,7 @@ from pipedyn.motion.simulate import (
 __version__ = "0.1.0"
 
 __all__ = [
+    "AddedMass",
     "Attractor",
     "BifurcationDiagram",
     "BranchPoint",

@@ -59,6 +59,7 @@ struct MotionEffects {
   double coriolis = 0.0;     // 2 s sqrt(beta)
   double centrifugal = 0.0;  // a
   double gamma = 0.0, drag = 0.0, damping = 0.0;
+  double normal_mass = 0.0;  // per length, of what moves across the pipe alone
   const PanelTerm* loads = nullptr;
   std::ptrdiff_t load_count = 0;
 };
