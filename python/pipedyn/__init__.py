@@ -35,6 +35,7 @@ from pipedyn.models.continuum import Continuum
 from pipedyn.models.end_coefficient import end_coefficient
 from pipedyn.models.galerkin import Galerkin
 from pipedyn.models.pipe import Pipe, Scales
+from pipedyn.models.supports import RootSpring
 from pipedyn.models.terms import (
     AddedMass,
     CubicSpring,
@@ -108,6 +109,7 @@ __all__ = [
     "Power",
     "Relevance",
     "RootLoci",
+    "RootSpring",
     "Scales",
     "Sensitivity",
     "Spring",

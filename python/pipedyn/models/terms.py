@@ -17,6 +17,8 @@ from typing import TYPE_CHECKING, Any, ClassVar, TypeVar
 from pipedyn.util import check
 
 if TYPE_CHECKING:
+    from _typeshed import DataclassInstance
+
     from pipedyn.models.pipe import Scales
 
 SLACK = 1e-9
@@ -346,11 +348,11 @@ class Tension(Term):
         return 1.0
 
 
-Law = TypeVar("Law", bound=Term)
+Law = TypeVar("Law", bound="DataclassInstance")
 
 
 def converted(term: Law, scales: Scales, by: Callable[[float, float], float]) -> Law:
-    """The term with its numbers times (mul) or over (truediv) the SI values of the pipe's units."""
+    """A term or a root's spring with its numbers times (mul) or over (truediv) the units of SI."""
     bases, numbers = (scales.mass, scales.length, scales.time), {}
     try:
         for item in fields(term):
