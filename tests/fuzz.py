@@ -411,6 +411,7 @@ def _pipes() -> Iterator[Target]:
             "drag_coefficient": real((0.5, 1.2), -1.0, 1e300),
             "external_diameter": real((0.01, 0.1), -1.0, 1e300),
             "external_density": real((1.0, 1e3), -1.0, 1e300),
+            "added_mass_coefficient": real((1.0, 1.5), -1.0, 1e300),
             "flow": word("ejecting", "aspirating"),
             "alpha": real((0.0, 2.0), -0.1, 1e300),
             "inflow_share": real((1.0, 1.0), -1e-9, 1.1),

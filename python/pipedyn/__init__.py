@@ -38,6 +38,7 @@ from pipedyn.models.pipe import Pipe, Scales
 from pipedyn.models.profile import Profile
 from pipedyn.models.supports import RootSpring
 from pipedyn.models.terms import (
+    AddedMass,
     CubicSpring,
     Damper,
     Foundation,
@@ -62,6 +63,7 @@ from pipedyn.motion.simulate import (
 __version__ = "0.1.0"
 
 __all__ = [
+    "AddedMass",
     "Attractor",
     "BifurcationDiagram",
     "BranchPoint",

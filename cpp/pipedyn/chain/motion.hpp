@@ -17,6 +17,7 @@ struct Link {
   double length;         // l
   double length_square;  // l^2
   double mass;           // m
+  double added;          // mass besides that moves across the segment alone, chi l
   double first_moment;   // m chi l, about the joint
   double inertia;        // m (chi^2 l^2 + eta^2), about the joint
   double end_inertia;    // m ((1 - chi)^2 l^2 + eta^2), about the other end

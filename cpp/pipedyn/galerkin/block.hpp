@@ -45,6 +45,7 @@ struct Block {
   const Count block = nodes + 1;  // points of a panel
   const bool drags = effects.drag != 0.0, loads = effects.load_count > 0;
   const bool resists = drags || loads || effects.entry != 0.0;
+  const bool across_alone = effects.normal_mass != 0.0;
 
   // The columns that are integrated: derivatives of the position by the orthonormal coordinates, x
   // then y, of several members without any that are 0; acceleration at q'' = 0; velocity, where
@@ -55,7 +56,7 @@ struct Block {
   double *theta, *omega, *sine, *cosine;  // (points), of a single member (stride)
   double *integrands, *moments;           // rows of columns, and their integrals from the clamp
   double *mass, *force;
-  double *velocity, *weighted, *load_x, *load_y, *rest;  // (points); rest 3 Q
+  double *velocity, *weighted, *load_x, *load_y, *couple, *rest;  // (points); rest 3 Q
 
   static Count row_length(Count columns) { return whole_packs(columns * lanes<Real>); }
   /// Of a row of the mass matrix: single rows are written by whole packs.
@@ -80,6 +81,7 @@ struct Block {
     weighted = take(points);
     load_x = take(points);
     load_y = take(points);
+    couple = take(across_alone ? points : 0);
     rest = take(3 * nodes);
   }
 
@@ -200,18 +202,24 @@ struct Block {
       const double* const bent = moments + p * row + bias * lanes<Real>;
       const double mass_of = grid.mass[p];  // inertia and weight
       Real x = -mass_of * at<Real>(bent, 0), y_load = mass_of * (effects.gamma - at<Real>(bent, 1));
-      if (flows || drags) {
+      if (flows || drags || across_alone) {
         Real across{};
         if (flows) across = grid.weight[p] * coriolis * at<Real>(omega, p);
         if (drags) {
           const Real v = at<Real>(velocity, p);
           across += effects.drag * at<Real>(weighted, p) * (v * v);
         }
+        if (across_alone) {
+          across +=
+              grid.weight[p] * effects.normal_mass *
+              (at<Real>(cosine, p) * at<Real>(bent, 0) - at<Real>(sine, p) * at<Real>(bent, 1));
+        }
         x -= across * at<Real>(cosine, p);
         y_load += across * at<Real>(sine, p);
       }
       set(load_x, p, x);
       set(load_y, p, y_load);
+      if (across_alone) set(couple, p, Real{});
     }
     if (flows) {  // the follower force
       const Count end = points - 1;
@@ -230,6 +238,7 @@ struct Block {
       const auto load = law.load(station);
       add(load_x, p, Real(w * load.x));
       add(load_y, p, Real(w * load.y));
+      if (law.couples) add(couple, p, Real(w * load.couple));
     });
     for (Count i = 0; i < padded; i += tile * step) {
       Pack sum[tile] = {};
@@ -239,6 +248,14 @@ struct Block {
         const Real fx = at<Real>(load_x, p), fy = at<Real>(load_y, p);
         for (Count k = 0; k < tile; ++k) {
           sum[k] += fx * load<Pack>(x + k * width) + fy * load<Pack>(y_row + k * width);
+        }
+      }
+      if (across_alone) {
+        for (Count p = 0; p < points; ++p) {
+          const Real turning = at<Real>(couple, p);
+          for (Count k = 0; k < tile; ++k) {
+            sum[k] += turning * load<Numbers>(grid.orthonormal + p * padded + i + k * step);
+          }
         }
       }
       for (Count k = 0; k < tile; ++k) store(force + i * lanes<Real> + k * width, sum[k]);
@@ -321,6 +338,18 @@ struct Block {
           return grid.mass[k >> 1] * load<Pack>(displacements(k) + j * lanes<Real>);
         },
         mass, mass_stride(), Product::lower_half);
+    if (!across_alone) return;
+    const auto normal = [&]<class Number>(Count p, Count i, const Number&) {
+      const double* const x = moments + p * row + i * lanes<Real>;
+      return Number(at<Real>(cosine, p) * load<Number>(x) -
+                    at<Real>(sine, p) * load<Number>(x + each * lanes<Real>));
+    };
+    product_of(
+        points, [&](Count p, Count i) { return normal(p, i, Real{}); },
+        [&](Count p, Count j) {
+          return Pack((grid.weight[p] * effects.normal_mass) * normal(p, j, Pack{}));
+        },
+        mass, mass_stride(), Product::added);
   }
 
   /// mass x = force by Cholesky's factors, in place; a negative pivot leaves NaN.
@@ -418,6 +447,14 @@ struct Block {
       twice += grid.mass[p] * (x * x + y * y);
     }
     add_elastic_product(1.0, batch.y, twice);
+    if (across_alone) {
+      for (Count p = 0; p < points; ++p) {
+        const double* const v = moments + p * row;
+        const Real normal =
+            at<Real>(cosine, p) * at<Real>(v, 0) - at<Real>(sine, p) * at<Real>(v, 1);
+        twice += (grid.weight[p] * effects.normal_mass) * (normal * normal);
+      }
+    }
     if (effects.gamma != 0.0) {  // s - y(s) integrated by parts, with the digits of 1 - cos theta
       for (Count p = 0; p + 1 < points; ++p) {
         const Real s = at<Real>(sine, p), c = at<Real>(cosine, p);

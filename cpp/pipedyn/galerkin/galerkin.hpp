@@ -32,6 +32,9 @@
 //
 //   J_i(s_f) . (mu a(s_f) - mu gamma (0, 1) - f).
 //
+// Mass that moves across the pipe alone (terms/added_mass.hpp) adds chi int (n . J_i) (n . a), and
+// a couple c the virtual work -int c Theta_i.
+//
 // The quadrature is Gauss collocation on each panel between the places of terms and the steps of e
 // and m: integrals from the
 // clamp to its points are block lower triangular, and integration by parts holds as on one panel.

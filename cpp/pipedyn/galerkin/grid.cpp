@@ -128,6 +128,7 @@ Panels::Panels(const Basis& basis, const Pipe& pipe) : pipe_mass(pipe.mass) {
     const Index panel = static_cast<Index>(place - places.begin()) - 1;
     Laws::with(term, [&]<class Law>(const Law& law) {
       (Law::along ? mass_per_length : mass[panel]) += law.mass();
+      normal_mass += law.normal_mass();
       if (Law::loads) loads.push_back({term, Law::along ? -1 : panel});
     });
   }

@@ -55,7 +55,8 @@ struct Orthonormal {
 struct Panels {
   Vector ends;                   // from 0 to 1, (P + 1,)
   Vector mass;                   // at the end of each, (P,)
-  double mass_per_length = 0.0;  // all along, the pipe's own not counted
+  double mass_per_length = 0.0;  // all along, the pipe's 1 not counted
+  double normal_mass = 0.0;      // that of what moves across the pipe alone
   std::vector<PanelTerm> loads;  // terms that have one
   Profile pipe_mass;             // m
   Matrix elastic;  // integrals of e w_i'' w_j'' (m, m) where the stiffness varies, else empty

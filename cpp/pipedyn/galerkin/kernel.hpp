@@ -63,6 +63,7 @@ struct MotionEffects {
   double entry = 0.0;     // (1 - c) s sqrt(beta)
   double thrust[2]{};     // a cos psi along and a sin psi across the free end
   double gamma = 0.0, drag = 0.0, damping = 0.0;
+  double normal_mass = 0.0;  // per length, of what moves across the pipe alone
   const PanelTerm* loads = nullptr;
   std::ptrdiff_t load_count = 0;
 };

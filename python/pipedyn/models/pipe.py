@@ -22,7 +22,7 @@ from pipedyn.models.supports import (
     checked_supports,
     root_stiffness,
 )
-from pipedyn.models.terms import Term, checked_terms, converted, in_range
+from pipedyn.models.terms import AddedMass, Term, checked_terms, converted, in_range
 from pipedyn.util import check
 
 Flow = Literal["ejecting", "aspirating"]
@@ -169,6 +169,7 @@ class Pipe:
         drag_coefficient: float = 0.0,
         external_diameter: float = 0.0,
         external_density: float = 0.0,
+        added_mass_coefficient: float = 0.0,
         damping_time: float = 0.0,
         flow: Flow = "ejecting",
         alpha: float = 1.0,
@@ -193,7 +194,12 @@ class Pipe:
                 moves in a horizontal plane.
             drag_coefficient: C_D of the pipe's outside.
             external_diameter: d_e, m.
-            external_density: rho_e of the surrounding fluid, kg/m^3.
+            external_density: rho_e of the surrounding fluid at rest, kg/m^3. With the diameter it
+                gives the pipe buoyancy: gamma is that of the weight less the displaced fluid's,
+                negative if the pipe floats up. Of a point mass, whose volume is not known, the
+                weight lessens by the same share.
+            added_mass_coefficient: C_m, which makes an `AddedMass` of rho_e pi d_e^2 / 4 C_m: 1 far
+                from walls, (D^2 + d_e^2) / (D^2 - d_e^2) in the middle of a tank of diameter D.
             damping_time: eps, s; the material's stress is E (strain + eps d strain / dt).
             flow: "ejecting" or "aspirating".
             alpha: end coefficient, see `end_coefficient`.
@@ -213,8 +219,8 @@ class Pipe:
 
         Raises:
             ValueError: for a number out of its range, a term beyond the free end, both alpha and
-                nozzle_ratio, or drag given in part: of drag_coefficient, external_diameter and
-                external_density all three or none.
+                nozzle_ratio, or surroundings given in part: external_diameter and
+                external_density both or none, and with each coefficient both.
             TypeError: for what is no number.
         """
         positive: dict[str, Any] = {"low": 0.0, "high": 1e12, "open_low": True}
@@ -223,15 +229,19 @@ class Pipe:
         pipe_mass = check.real("pipe_mass", pipe_mass, **positive)
         fluid_mass = check.real("fluid_mass", fluid_mass, **positive)
         gravity = check.real("gravity", gravity, low=-1e12, high=1e12)
-        drag = [
-            check.real("drag_coefficient", drag_coefficient, low=0.0),
-            check.real("external_diameter", external_diameter, low=0.0),
-            check.real("external_density", external_density, low=0.0),
-        ]
-        if any(drag) and not all(drag):
+        drag_coefficient = check.real("drag_coefficient", drag_coefficient, low=0.0)
+        diameter = check.real("external_diameter", external_diameter, low=0.0)
+        density = check.real("external_density", external_density, low=0.0)
+        added_mass_coefficient = check.real(
+            "added_mass_coefficient", added_mass_coefficient, low=0.0
+        )
+        if (diameter or density or drag_coefficient or added_mass_coefficient) and not (
+            diameter and density
+        ):
             raise ValueError(
-                "drag_coefficient, external_diameter and external_density must be given together, "
-                f"got {drag[0]!r}, {drag[1]!r} and {drag[2]!r}"
+                "external_diameter and external_density must be given together, also where "
+                "drag_coefficient or added_mass_coefficient is, "
+                f"got {diameter!r} and {density!r}"
             )
         damping_time = check.real("damping_time", damping_time, low=0.0)
         if nozzle_ratio is not None:
@@ -250,14 +260,23 @@ class Pipe:
                 f"got {units._asdict()}"
             )
         every = "length, pipe_mass, fluid_mass and bending_stiffness"
-        outside = "drag_coefficient, external_diameter, external_density"
+        outside = "external_diameter, external_density"
+        displaced = 0.25 * math.pi * density * diameter * diameter
+        drag = drag_coefficient * diameter * density * length / (2.0 * mass)
         numbers = {
             "beta": (fluid_mass / mass, "pipe_mass and fluid_mass"),
-            "gamma": (gravity * length**3 * mass / stiffness, f"gravity, {every}"),
-            "drag": (math.prod(drag) * length / (2.0 * mass), f"{outside}, length and the masses"),
+            "gamma": (
+                gravity * length**3 * (mass - displaced) / stiffness,
+                f"gravity, {outside}, {every}" if displaced else f"gravity, {every}",
+            ),
+            "drag": (drag, f"drag_coefficient, {outside}, length and the masses"),
             "damping": (damping_time / time, f"damping_time, {every}"),
         }
         given = [converted(one, units, operator.truediv) for one in checked_terms(terms, length)]
+        if added_mass_coefficient:
+            causes = f"added_mass_coefficient, {outside} and the masses"
+            share = displaced / mass * added_mass_coefficient
+            given.append(AddedMass(check.real(f"added mass from {causes}", share, high=1e6)))
         own = checked_profile("mass_profile", mass_profile)
         source = " from its SI value, length, bending_stiffness and the masses"
         if isinstance(root, RootSpring):
