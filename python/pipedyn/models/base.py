@@ -128,10 +128,12 @@ def operators_from(core: _core.Operators, pipe: Pipe, scale: Array | None = None
 
 def projected(operators: Operators, basis: Array) -> Operators:
     """Those in coordinates z of which the others are basis z, shape (dof, r)."""
-    names = [field.name for field in fields(Operators)[:6]]
-    return replace(
-        operators, **{name: basis.T @ getattr(operators, name) @ basis for name in names}
-    )
+    matrices: dict[str, Any] = {
+        name: basis.T @ of @ basis
+        for name, of in vars(operators).items()
+        if isinstance(of, np.ndarray)
+    }
+    return replace(operators, **matrices)
 
 
 def core_pipe(pipe: Pipe) -> _core.Pipe:
