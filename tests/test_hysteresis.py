@@ -87,6 +87,42 @@ def test_at_each_crossing_it_is_kelvin_voigt_damping(make):
         assert critical.speed == pytest.approx(same.speed, rel=1e-11)
 
 
+def test_frequencies_of_a_pipe_on_hinges_in_closed_form():
+    """lambda = i (k pi)^2 sqrt(1 + i mu) at rest."""
+    pipe = pp.Pipe(0.2, hysteresis=0.3, root="pinned", end="pinned")
+    values = pp.eigenvalues(pp.Continuum(pipe), 0.0, 6)
+    exact = 1j * (np.pi * np.arange(1, 4)) ** 2 * np.sqrt(1.0 + 0.3j)
+    np.testing.assert_allclose(values[::2], exact, rtol=1e-11)
+    found = pp.critical_speed(pp.Continuum(pipe))
+    assert (found.kind, found.speed) == ("divergence", pytest.approx(np.pi, rel=1e-11))
+
+
+HELD = {
+    "spring": {"root": pp.RootSpring(2.0)},
+    "supported": {"supports": (0.4,)},
+    "guided": {"end": "guided"},
+    "tapered": {"stiffness": lambda s: 1.0 - 0.5 * s},
+    "inclined": {"jet_angle": 0.3},
+    "drawn from rest": {"flow": "aspirating", "inflow_share": 0.3},
+}
+
+
+@pytest.mark.parametrize("how", HELD.values(), ids=HELD)
+def test_however_a_pipe_is_held_what_is_lost_is_the_share_of_kelvin_voigt_damping(how):
+    pipe, u = replace(LOSSY, damping=0.0, **how), 3.0
+    plain = pp.Galerkin(without(pipe), 10, "legendre")
+    if "jet_angle" in how:
+        plain = plain.about(pp.equilibria(plain, u).q[0])
+    viscous = plain.with_pipe(replace(plain.pipe, damping=1.0))
+    elastic = viscous.operators().damping - plain.operators().damping
+    model = plain.with_pipe(pipe)
+    np.testing.assert_allclose(model.operators().loss, pipe.hysteresis * elastic, atol=1e-14)
+    mass, damping, stiffness = plain.operators().at(u)
+    every = companion_eigenvalues(mass, damping, stiffness + 1j * pipe.hysteresis * elastic)
+    for value in pp.eigenvalues(model, u, 4)[::2]:
+        assert np.abs(every - value).min() < 1e-6 * abs(value)
+
+
 def test_eigenvalues_of_the_continuous_pipe_by_series():
     values = pp.eigenvalues(pp.Continuum(LOSSY), 6.0, 8)
     assert (values[1::2] == values[::2].conj()).all()

@@ -114,6 +114,7 @@ PYBIND11_MODULE(_core, m, py::mod_gil_not_used()) {
             }
             pipe.root = root;
             pipe.end = end_of(end);
+            pipe.hysteresis = hysteresis;
             pipe.supports = std::move(supports);
             return pipe;
           }),
