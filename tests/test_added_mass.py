@@ -65,6 +65,14 @@ def test_critical_speeds_of_a_pipe_in_a_dense_fluid(pipe, speed, frequency):
     assert found.frequency == pytest.approx(frequency, rel=1e-9)
 
 
+def test_a_pipe_pinned_at_both_ends_vibrates_in_the_fluid_as_a_heavier_one():
+    """The frequencies at beta = 0.5 and u = 2 are Legendre's and Hermite elements', as printed."""
+    pipe = pp.Pipe(0.75, terms=[pp.AddedMass(0.5)], root="pinned", end="pinned")
+    for model in (pp.Galerkin(pipe, 12, "legendre"), pp.Continuum(pipe)):
+        found = np.sort(np.abs(pp.eigenvalues(model, 2.0, count=4).imag))[::2]
+        np.testing.assert_allclose(math.sqrt(1.5) * found, [7.45357311, 37.63213422], rtol=2e-9)
+
+
 def test_a_pendulum_in_a_fluid_turns_as_a_heavier_one_at_any_angle():
     """One segment has no velocity along itself, so that chi adds to its inertia alone."""
     pipe = pp.Pipe(0.3, 6.0, damping=0.01, terms=[pp.AddedMass(0.8)])
@@ -115,9 +123,10 @@ def test_products_and_eigenvalues_of_any_chain_are_those_of_its_matrices(n):
     [
         lambda pipe: pp.Chain(pipe, 9),
         lambda pipe: pp.Galerkin(pipe, 6, "legendre"),
+        lambda pipe: pp.Galerkin(dataclasses.replace(pipe, root="pinned"), 6, "legendre"),
         lambda pipe: modular.chain(pipe, 6).plus(modular.Guide(4)),
     ],
-    ids=["chain", "Legendre functions", "guided scene"],
+    ids=["chain", "Legendre functions", "hinged", "guided scene"],
 )
 def test_motions_balance_their_energy_by_explicit_and_implicit_steps(make):
     """The implicit steps solve with the exact Jacobian, a chain's and a scene's in O(n)."""
