@@ -35,6 +35,7 @@ from pipedyn.models.continuum import Continuum
 from pipedyn.models.end_coefficient import end_coefficient
 from pipedyn.models.galerkin import Galerkin
 from pipedyn.models.pipe import Pipe, Scales
+from pipedyn.models.profile import Profile
 from pipedyn.models.supports import RootSpring
 from pipedyn.models.terms import (
     AddedMass,
@@ -107,6 +108,7 @@ __all__ = [
     "PipedynError",
     "PointMass",
     "Power",
+    "Profile",
     "Relevance",
     "RootLoci",
     "RootSpring",

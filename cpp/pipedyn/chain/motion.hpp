@@ -12,7 +12,7 @@
 namespace pipedyn {
 
 /// One segment as the recursion reads it; l, xi, k, c, k psi as in Segments, and with the masses of
-/// the pipe's terms that are on it: m (l without any), the centre of mass chi and the radius eta.
+/// the pipe's terms that are on it: m, the centre of mass chi and the radius eta.
 struct Link {
   double length;         // l
   double length_square;  // l^2

@@ -267,12 +267,31 @@ struct Block {
     for (Count i = 0; i < m; ++i) {
       Real strain = at<Real>(y, i);
       if (effects.damping != 0.0) strain += effects.damping * at<Real>(y, m + i);
+      if (grid.elastic != nullptr) {
+        const double* const row = grid.elastic_forces + i * m;
+        for (Count j = 0; j < m; ++j) add(force, j, Real(-row[j] * strain));
+        continue;
+      }
       const Real moment_of = grid.stiffness[i] * strain;
       if (grid.to_basis == nullptr) {
         add(force, i, Real(-moment_of));
         continue;
       }
       for (Count j = i; j < m; ++j) add(force, j, Real(-grid.to_basis[i * m + j] * moment_of));
+    }
+  }
+
+  /// Adds factor sum_ij k_ij x_i x_j.
+  void add_elastic_product(double factor, const double* x, Real& sum) const {
+    for (Count i = 0; i < m; ++i) {
+      const Real own = at<Real>(x, i);
+      if (grid.elastic == nullptr) {
+        sum += factor * grid.stiffness[i] * (own * own);
+        continue;
+      }
+      Real row{};
+      for (Count j = 0; j < m; ++j) row += grid.elastic[i * m + j] * at<Real>(x, j);
+      sum += factor * (own * row);
     }
   }
 
@@ -427,10 +446,7 @@ struct Block {
       const Real x = at<Real>(moments + p * row, 0), y = at<Real>(moments + p * row, 1);
       twice += grid.mass[p] * (x * x + y * y);
     }
-    for (Count i = 0; i < m; ++i) {
-      const Real amplitude = at<Real>(batch.y, i);
-      twice += grid.stiffness[i] * (amplitude * amplitude);
-    }
+    add_elastic_product(1.0, batch.y, twice);
     if (across_alone) {
       for (Count p = 0; p < points; ++p) {
         const double* const v = moments + p * row;
@@ -469,10 +485,7 @@ struct Block {
     const auto [along, across] = thrust(u);
     Real joints{}, dragged{}, others{};
     if (effects.damping != 0.0) {
-      for (Count i = 0; i < m; ++i) {
-        const Real rate = at<Real>(batch.y, m + i);
-        joints -= effects.damping * grid.stiffness[i] * (rate * rate);
-      }
+      add_elastic_product(-effects.damping, batch.y + m * lanes<Real>, joints);
     }
     if (drags) {
       drag(row, 0);

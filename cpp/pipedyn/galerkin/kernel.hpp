@@ -41,11 +41,14 @@ struct GridTables {
   const double* length;             // of each panel, (P,)
   const double* weight;             // of the quadrature, 0 at the panels' ends, (N,)
   const double* mass;               // of the pipe and its terms at each point, (N,)
+  const double* density;            // per length at the nodes, 1 at ends; none where uniform, (N,)
   const double* beyond;             // mass beyond each point, (N,)
   const double* arc;                // of a panel's points, from 0 to 1, (Q + 1,)
   const double* expansion;          // of Quadrature, (Q, Q)
   const double* recurrence;         // (2 k + 1) / (k + 1), k / (k + 1), 1 / (4 k + 2), (Q, 3)
-  const double* stiffness;          // k_i, (m,)
+  const double* stiffness;          // k_ii of a uniform pipe, (m,)
+  const double* elastic;            // k_ij, (m, m); none where the stiffness is uniform
+  const double* elastic_forces;     // k T, (m, m)
 };
 
 /// A term with a load, at the end of a panel or, where it acts all along, at every node.

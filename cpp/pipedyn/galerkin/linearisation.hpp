@@ -86,9 +86,19 @@ struct Linearisation : Block<Real> {
     resistance = take(padded * mass_stride());
   }
 
-  /// What integrals of loads count of a point, in the pipe's mass per length.
+  /// What integrals of loads count of a point, in the uniform pipe's mass per length or in 1.
   double unit(Count p) const {
+    if (grid.density != nullptr) return grid.weight[p] != 0.0 ? grid.weight[p] : 1.0;
     return grid.weight[p] != 0.0 ? grid.mass[p] : grid.mass[0] / grid.weight[0];
+  }
+
+  /// The displacements times the mass per length, or back.
+  void weigh_displacements(Count row, bool back) {
+    for (Count p = 0; p < points; ++p) {
+      const double factor = back ? 1.0 / grid.density[p] : grid.density[p];
+      double* const x = moments + p * row;
+      for (Count i = 0; i < bias * lanes<Real>; ++i) x[i] *= factor;
+    }
   }
 
   /// Loads of all points in their units, to be integrated in place of the acceleration at q'' = 0,
@@ -197,15 +207,18 @@ struct Linearisation : Block<Real> {
     set_loads(row);
     if (loads) add_slopes_of_terms(row);
     if (effects.entry != 0.0) add_entering_flow(u, row);
+    const bool varies = grid.density != nullptr;
+    if (varies) weigh_displacements(row, false);
     integrate(grid, row, held * lanes<Real>, moments, integrands);
+    if (varies) weigh_displacements(row, true);
     for (Count k = 0; k < held; ++k) set(beyond, k, at<Real>(integrands + end * row, k));
     for (Count p = end; p >= 0; --p) {
       const double* const x = moments + p * row;
       const double* const y = x + each * lanes<Real>;
       const double* const before = integrands + p * row;
-      double factor = grid.mass[p];
+      double factor = varies ? grid.weight[p] : grid.mass[p];
       if (grid.weight[p] == 0.0) {
-        const double jump = factor / unit(p);
+        const double jump = grid.mass[p] / unit(p);
         for (Count k = 0; k < bias; ++k) add(beyond, k, Real(jump * at<Real>(x, k)));
         for (Count k = bias; k < held; ++k) add(beyond, k, at<Real>(x, k));
         factor = 0.0;
@@ -350,10 +363,12 @@ struct Linearisation : Block<Real> {
     Base::template along<1>({acceleration}, {spin});
     linearise(u, row);
     for (Count j = 0; j < m; ++j) {
-      const Count most = grid.to_basis == nullptr ? j + 1 : m;
-      for (Count i = j; i < most; ++i) {
+      const bool full = grid.elastic != nullptr, diagonal = !full && grid.to_basis == nullptr;
+      for (Count i = full ? 0 : j; i < (diagonal ? j + 1 : m); ++i) {
         const double elastic =
-            grid.stiffness[j] * (grid.to_basis == nullptr ? 1.0 : grid.to_basis[j * m + i]);
+            grid.elastic != nullptr
+                ? grid.elastic_forces[j * m + i]
+                : grid.stiffness[j] * (grid.to_basis == nullptr ? 1.0 : grid.to_basis[j * m + i]);
         add(system, 2 * i * stride + j, all<Real>(-elastic));
         add(system, (2 * i + 1) * stride + j, all<Real>(-effects.damping * elastic));
       }

@@ -12,6 +12,7 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
+from pipedyn.models.profile import Along, Profile, checked_profile
 from pipedyn.models.supports import (
     ENDS,
     End,
@@ -56,7 +57,8 @@ class Scales(NamedTuple):
 class Pipe:
     """A pipe conveying fluid, a cantilever if not told, in units of L, mu_p + mu_f and EI.
 
-    Time is counted in L^2 sqrt((mu_p + mu_f) / EI), flow speed u in sqrt(EI / mu_f) / L.
+    Time is counted in L^2 sqrt((mu_p + mu_f) / EI), flow speed u in sqrt(EI / mu_f) / L. Where EI
+    or mu_p vary along the pipe, these are the values at the root; its bore is uniform.
 
     Attributes:
         beta: mass ratio mu_f / (mu_p + mu_f), 0 <= beta < 1.
@@ -84,6 +86,11 @@ class Pipe:
             direction). A pinned or clamped end slides along the axis.
         supports: arc lengths in L of rigid supports, hinges on the axis along which the pipe
             slides; at most 100, each in (0, 1), kept as an ascending tuple.
+        stiffness: bending stiffness along the pipe in units of that at the root, a function of
+            arc lengths s, (p,) to (p,), or a `Profile`, which has steps; 1 at s = 0. None where it
+            is uniform. Damping acts on it in proportion. Kept as a `Profile`.
+        mass: the same of the mass per length, the fluid's with it, which does not vary: nowhere
+            below beta.
         scales: SI value of one unit, or None for a pipe not made with `from_si`.
 
     Raises:
@@ -109,6 +116,8 @@ class Pipe:
     root: Root = field(default="clamped", kw_only=True)
     end: End = field(default="free", kw_only=True)
     supports: tuple[float, ...] = field(default=(), kw_only=True)
+    stiffness: Profile | None = field(default=None, kw_only=True)
+    mass: Profile | None = field(default=None, kw_only=True)
     scales: Scales | None = field(default=None, kw_only=True)
 
     def __post_init__(self) -> None:
@@ -119,7 +128,15 @@ class Pipe:
             "root": checked_root(self.root),
             "end": check.choice("end", self.end, ENDS),
             "supports": checked_supports(self.supports),
+            "stiffness": checked_profile("stiffness", self.stiffness),
+            "mass": checked_profile("mass", self.mass),
         }
+        least = 1.0 if checked["mass"] is None else checked["mass"].bounds[0]
+        if least < checked["beta"] * (1.0 - 1e-9):
+            raise ValueError(
+                f"mass must be at least beta = {checked['beta']:g}, the fluid's part of it, all "
+                f"along the pipe, got {least:.6g}"
+            )
         if self.scales is not None:
             if not isinstance(self.scales, tuple) or len(self.scales) != 4:
                 raise TypeError(f"scales must be a Scales, got {check.shown(self.scales)}")
@@ -163,13 +180,15 @@ class Pipe:
         root: Root = "clamped",
         end: End = "free",
         supports: Sequence[float] = (),
+        stiffness_profile: Along | Profile | None = None,
+        mass_profile: Along | Profile | None = None,
     ) -> Pipe:
         """A pipe from measured quantities.
 
         Args:
             length: L, m.
-            bending_stiffness: EI, N m^2.
-            pipe_mass: mu_p, kg/m.
+            bending_stiffness: EI, N m^2; at the clamp where it varies.
+            pipe_mass: mu_p, kg/m; at the clamp where it varies.
             fluid_mass: mu_f, kg/m, > 0: without fluid there is no unit of flow speed.
             gravity: m/s^2; negative when the free end stands above the clamp, 0 for a pipe that
                 moves in a horizontal plane.
@@ -194,6 +213,9 @@ class Pipe:
             root: "clamped", "pinned" or a `RootSpring`, its stiffness in N m/rad.
             end: "free", "guided", "pinned" or "clamped".
             supports: arc lengths of rigid supports, m.
+            stiffness_profile: EI along the pipe over that at the clamp, a function of s = x / L,
+                x from the clamp on, or a `Profile`, as for `Pipe`.
+            mass_profile: the same of mu_p, the pipe's own mass without the fluid.
 
         Raises:
             ValueError: for a number out of its range, a term beyond the free end, both alpha and
@@ -255,6 +277,7 @@ class Pipe:
             causes = f"added_mass_coefficient, {outside} and the masses"
             share = displaced / mass * added_mass_coefficient
             given.append(AddedMass(check.real(f"added mass from {causes}", share, high=1e6)))
+        own = checked_profile("mass_profile", mass_profile)
         source = " from its SI value, length, bending_stiffness and the masses"
         if isinstance(root, RootSpring):
             root = checked_root(converted(root, units, operator.truediv), source)
@@ -271,6 +294,8 @@ class Pipe:
             root=root,
             end=end,
             supports=tuple(s / length for s in checked_supports(supports, length)),
+            stiffness=checked_profile("stiffness_profile", stiffness_profile),
+            mass=None if own is None else own.mixed(pipe_mass / mass),
             scales=units,
         )
 
