@@ -10,6 +10,7 @@ import math
 import numpy as np
 import pytest
 from independent import any_chain
+from test_terms import derivative, jacobian_by_differences, sizes_of
 
 import pipedyn as pp
 from pipedyn import _core, modular
@@ -98,6 +99,24 @@ def test_batches_move_as_their_members(reduced, level, at_level):
         together = evaluate(0.0, states, 3.0)
         alone = np.stack([evaluate(0.0, y, 3.0) for y in states.T], axis=1 if name == "rhs" else 0)
         np.testing.assert_allclose(together, alone, atol=1e-11 * np.abs(alone).max())
+
+
+def tapered(s):
+    return 1.0 + 0.5 * s
+
+
+@pytest.mark.parametrize("kind", ["chain", "Legendre functions"])
+def test_jacobians_of_tapered_pipes_in_a_fluid_meet_differences_and_their_energy_its_power(kind):
+    """With drag and a jet at an angle: what else the derivatives treat apart."""
+    pipe = pp.Pipe(0.3, 5.0, drag=0.4, mass=tapered, terms=[pp.AddedMass(0.6)], jet_angle=0.3)
+    model = MODELS[kind](pipe)
+    size = np.tile(sizes_of(model), 2)
+    y = 0.4 * size * np.random.default_rng(5).normal(size=size.size)
+    found = model.jacobian(0.0, y, 3.0)
+    differences = jacobian_by_differences(lambda at: model.rhs(0.0, at, 3.0), y, size, 1e-3)
+    assert np.abs(found - differences).max() < 1e-8 * np.abs(found).max()
+    change = derivative(model.energy, y, model.rhs(0.0, y, 3.0), step=1e-4)
+    assert model.power(y, 3.0).total == pytest.approx(change, rel=1e-8)
 
 
 @pytest.mark.parametrize("n", [1, 3, 12])
