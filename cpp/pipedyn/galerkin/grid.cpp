@@ -125,6 +125,10 @@ Panels::Panels(const Basis& basis, const Pipe& pipe) {
       if (Law::loads) loads.push_back({term, Law::along ? -1 : panel});
     });
   }
+  for (const double support : pipe.supports) {
+    held.push_back(std::lower_bound(places.begin(), places.end(), support) - places.begin() - 1);
+  }
+  if (pipe.end == End::pinned || pipe.end == End::clamped) held.push_back(count() - 1);
 }
 
 double Panels::mass_beyond(double s) const {

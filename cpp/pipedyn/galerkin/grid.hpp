@@ -56,6 +56,7 @@ struct Panels {
   Vector mass;                   // at the end of each, (P,)
   double mass_per_length = 0.0;  // all along, the pipe's 1 not counted
   std::vector<PanelTerm> loads;  // terms that have one
+  std::vector<Index> held;       // those at whose ends the pipe is held across
 
   Panels(const Basis& basis, const Pipe& pipe);
 

@@ -10,6 +10,7 @@
 #include "pipedyn/terms/point_mass.hpp"
 #include "pipedyn/terms/spring.hpp"
 #include "pipedyn/terms/stop.hpp"
+#include "pipedyn/terms/stretching.hpp"
 #include "pipedyn/terms/tension.hpp"
 #include "pipedyn/terms/viscosity.hpp"
 
@@ -34,6 +35,7 @@ using Laws = LawTable<PointMass,    //
                       Viscosity,    //
                       CubicSpring,  //
                       Stop,         //
-                      Tension>;
+                      Tension,      //
+                      Stretching>;
 
 }  // namespace

@@ -130,7 +130,7 @@ def core_pipe(pipe: Pipe) -> _core.Pipe:
         drag=pipe.drag,
         damping=pipe.damping,
         aspirating=pipe.flow == "aspirating",
-        terms=[(t.law, t.place or 0.0, list(t.numbers.values())) for t in pipe.terms],
+        terms=[(t.law, t.place or 0.0, t.law_numbers(pipe.damping)) for t in pipe.terms],
         root=pipe.root_stiffness,
         end=pipe.end,
         supports=pipe.supports,

@@ -16,7 +16,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from pipedyn import _core
 from pipedyn.models.base import (
+    LARGEST_ANGLE,
     Model,
+    NotConverged,
     Operators,
     arc_lengths,
     core_pipe,
@@ -24,6 +26,7 @@ from pipedyn.models.base import (
     stored,
 )
 from pipedyn.models.free_functions import FreeFunctions
+from pipedyn.models.held_motion import HeldMotion
 from pipedyn.models.pipe import Pipe
 from pipedyn.util import check
 from pipedyn.util.check import Array
@@ -40,6 +43,9 @@ SHORTEST_PANEL = 1e-4
 """Length of the shortest panel of a basis. To leave out a joint at the distance d from another
 costs d^3, 1e-11 of a critical speed at this length; on panels below a third of it functions move
 so little mass that rounding makes their eigenvalues any."""
+
+MISSED = 1e-6
+"""How far a state that is given in all coordinates may miss supports: integrators' tolerances."""
 
 
 @lru_cache(maxsize=32)
@@ -150,16 +156,14 @@ class Galerkin(Model):
 
     @cached_property
     def motion(self) -> Any:
-        if self._held:
-            raise ValueError(
-                f"motion must be of a pipe that is not held across, got {self._pipe!r}"
-            )
-        return self.core
+        return HeldMotion(self.core) if self._held else self.core
 
     @property
     def coordinate_kind(self) -> str:
         joined = f" joined at {check.shown(self._joints)}" if self._joints.size else ""
-        return f"amplitudes of {self._size} {self._basis} functions{joined}"
+        of = self._pipe
+        held = "" if of.cantilevered else f", held {of.root!r} to {of.end!r} at {of.supports}"
+        return f"amplitudes of {self._size} {self._basis} functions{joined}{held}"
 
     basis = stored("_basis", "Name of the basis.")
 
@@ -236,24 +240,73 @@ class Galerkin(Model):
 
     def operators(self, q: ArrayLike | None = None) -> Operators:
         found, spread = super().operators(q), self._free.spread
-        return found if spread is None else self._held_across(found, spread)
+        if spread is None:
+            return found
+        return self._allowed(found, spread if q is None else self.free_directions(q), q is None)
 
     def elastic_operators(self) -> Operators:
         found, free = self.core.operators(), self._free
         if free.spread is None:
             return operators_from(found, self._pipe, np.outer(free.scale, free.scale))
-        return self._held_across(operators_from(found, self._pipe), free.spread * free.scale)
+        return self._allowed(operators_from(found, self._pipe), free.spread * free.scale, True)
 
-    def _held_across(self, core: Operators, by: Array) -> Operators:
-        """Operators about the straight pipe in coordinates of which the core's are `by` times."""
+    def _allowed(self, core: Operators, by: Array, straight: bool) -> Operators:
+        """Operators in coordinates of which the core's are `by` times."""
         found = {
             field.name: by.T @ getattr(core, field.name) @ by for field in fields(Operators)[:6]
         }
         found["gyroscopic"] = 0.5 * (found["gyroscopic"] - found["gyroscopic"].T)
-        if self._held[-1] == 1.0:  # where nothing follows the flow and it does no work, exactly
+        if straight and self._held[-1] == 1.0:  # no work of the flow, exactly
             found["end_flux"][:] = 0.0
             found["flux"] = 0.5 * (found["flux"] + found["flux"].T)
         return replace(core, **found)
+
+    def free_directions(self, p: Array) -> Array:
+        return self.motion.allowed(p) if self._held else super().free_directions(p)
+
+    def start(self, q0: ArrayLike, qdot0: ArrayLike | None) -> Array:
+        if not self._held:
+            return super().start(q0, qdot0)
+        q, exact = self._spread("q0", q0)
+        rates, _ = (np.zeros_like(q), True) if qdot0 is None else self._spread("qdot0", qdot0)
+        state = self._closed("q0", q, rates)
+        missed = float(np.abs(state - np.concatenate([q, rates])).max())
+        if exact and missed > MISSED:
+            raise ValueError(
+                f"q0 and qdot0 must meet the supports, got a deviation of {missed:.1e}; "
+                f"of {self.dof} small amplitudes those close by that meet them are taken"
+            )
+        return state
+
+    def _spread(self, name: str, given: ArrayLike) -> tuple[Array, bool]:
+        """Amplitudes of the core's functions, and whether these were given."""
+        rows = check.array(name, given, low=-LARGEST_ANGLE, high=LARGEST_ANGLE)
+        if rows.size == self.coordinates:
+            return rows, True
+        if not self._held or rows.size != self.dof:
+            sizes = sorted({self.dof, self.coordinates})
+            listed = " or ".join(f"({size},)" for size in sizes)
+            raise ValueError(f"{name} must have shape {listed}, got {rows.shape}")
+        return np.asarray(self._free.spread @ rows), False
+
+    def _closed(self, name: str, q: Array, rates: Array) -> Array:
+        """The state [q, q'] close by that meets the supports."""
+        state = np.concatenate(self.motion.projected(q, rates))
+        if not np.isfinite(state).all():
+            raise NotConverged(f"no configuration close to {name} meets the supports", q)
+        return state
+
+    def recorded(self, p: Array, pdot: Array) -> tuple[Array, Array]:
+        if not self._held:
+            return p, pdot
+        q, rates = self.motion.projected(p.T, pdot.T)
+        return q.T, rates.T
+
+    def _coordinates(self, q: ArrayLike) -> Array:
+        if not self._held:
+            return super()._coordinates(q)
+        rows, exact = self._spread("q", q)
+        return rows if exact else self._closed("q", rows, np.zeros_like(rows))[: rows.size]
 
     def from_elastic(self, z: ArrayLike) -> NDArray[Any]:
         return (self._free.scale * self._columns("z", z).T).T
@@ -302,8 +355,7 @@ class Galerkin(Model):
         return count + math.ceil(most)
 
     def largest_angle(self, p: NDArray[Any]) -> float:
-        across = self.deflection(p, np.linspace(0.0, 1.0, 401))
-        return float(np.abs(np.diff(across)).max()) * 400
+        return float(np.abs(self.core.basis(np.linspace(0.0, 1.0, 401), 1) @ p).max())
 
     @cached_property
     def _fit(self) -> tuple[Array, Array]:
@@ -315,7 +367,8 @@ class Galerkin(Model):
 
     def bent(self, angle: Callable[[Array], ArrayLike]) -> Array:
         nodes, fit = self._fit
-        return np.asarray(fit @ self._angles(angle, nodes))
+        q = np.asarray(fit @ self._angles(angle, nodes))
+        return self._closed("angle", q, np.zeros_like(q))[: q.size] if self._held else q
 
     def deflection(self, q: ArrayLike, s: ArrayLike) -> NDArray[Any]:
         at = arc_lengths(s)
