@@ -126,7 +126,8 @@ class Dice {
                 .centrifugal = between(0.0, 2.0),
                 .drag = 0.0,
                 .damping = between(0.0, 0.1),
-                .aspirating = aspirating};
+                .aspirating = aspirating,
+                .inflow_share = aspirating ? 0.4 : 1.0};
   }
   pipedyn::Terms terms() {
     const auto one = [&](const char* law) {
@@ -214,7 +215,7 @@ void check_physics(const Pipe& pipe, const Segments& segments, const Operators& 
   check(positive_definite(dense.mass), "mass is positive definite");
   check_close(dense.gyroscopic, -dense.gyroscopic.transpose(), 0.0, "gyroscopic is skew");
   const Matrix velocity = dense.gyroscopic + dense.end_flux;
-  check_number(rates.dot(velocity * rates), pipe.sqrt_beta() * node * node,
+  check_number(rates.dot(velocity * rates), pipe.inflow_share * pipe.sqrt_beta() * node * node,
                "the flow's power goes through the free end only");
   // With the angles as unknowns of unit determinant, no flow changes det K of a weightless chain.
   const double thrust = 30.0;
@@ -249,7 +250,8 @@ void check_log_derivative(const Chain& chain, double u, Dice& dice) {
   const Matrix velocity = ops.gyroscopic + ops.end_flux;
   const ComplexTable mass = reduced(ops.mass);
   const ComplexTable rate = reduced((model.coriolis < 0.0 ? -u : u) * velocity + ops.damping);
-  const ComplexTable still = reduced(ops.stiffness + model.centrifugal * u * u * ops.flux);
+  const double centrifugal = chain.pipe().centrifugal;
+  const ComplexTable still = reduced(ops.stiffness + centrifugal * u * u * ops.flux);
   const double re[] = {0.3, -2.0, 0.1}, im[] = {1.5, 7.0, 90.0};
   double found[6];
   pipedyn::motion_kernel().impedance->log_derivative(model, {u, 3, re, im}, found);
@@ -389,6 +391,8 @@ Vector dense_accelerations(const Pipe& pipe, const Segments& segments, const Vec
       const Index near = std::min(k, i), far = std::max(k, i);
       const double reach = l.tail(n - 1 - far).sum() + chi[far] * l[far];
       const double turn = angle[k] - angle[i];
+      const double missing = (1.0 - pipe.inflow_share) * coriolis;
+      force[k] -= missing * l[k] * l[i] * std::cos(turn) * rate[i];
       double coupling = l[near] * l[far] * reach;
       if (i == k) coupling = l[k] * l[k] * beyond + l[k] * (arm * arm + eta[k] * eta[k]);
       mass(k, i) = coupling * std::cos(turn);
@@ -398,7 +402,8 @@ Vector dense_accelerations(const Pipe& pipe, const Segments& segments, const Vec
     }
     lever(k, k) = xi[k] * l[k];
     force[k] += coriolis * l[k] * l[k] * rate[k];
-    force[k] += pipe.centrifugal * u * u * l[k] * std::sin(angle[n - 1] - angle[k]);
+    const double jet = angle[n - 1] + pipe.jet_angle;
+    force[k] += pipe.centrifugal * u * u * l[k] * std::sin(jet - angle[k]);
     force[k] += pipe.gamma * l[k] * (beyond + arm) * std::sin(angle[k]);
     const double turn = angle[k] - (k > 0 ? angle[k - 1] : 0.0);
     const double turning = rate[k] - (k > 0 ? rate[k - 1] : 0.0);
@@ -488,6 +493,7 @@ void check_motion() {
         scene = level + ", motion of " + std::to_string(n);
         const Segments segments = dice.segments(n);
         Pipe pipe = dice.pipe(aspirating);
+        pipe.jet_angle = aspirating ? 0.0 : 0.7;
         pipe.drag = 1.5;
         check_motion_of(pipe, segments, 3.0, dice);
         Segments own_joints = segments;
@@ -1024,12 +1030,15 @@ struct Wild {
   }
   Index size(std::initializer_list<double> values) { return static_cast<Index>(one_of(values)); }
   Pipe pipe() {
+    const bool aspirating = one_of({0.0, 1.0}) == 1.0;
     return Pipe{.beta = one_of({0.0, 1e-12, 0.5, 0.999999}),
                 .gamma = one_of({-1e6, -10.0, 0.0, 10.0, 1e6}),
                 .centrifugal = one_of({0.0, 0.5, 1.0, 1e6}),
                 .drag = one_of({0.0, 0.7, 1e9}),
                 .damping = one_of({0.0, 1e-4, 1e6}),
-                .aspirating = one_of({0.0, 1.0}) == 1.0};
+                .aspirating = aspirating,
+                .inflow_share = aspirating ? 0.5 : 1.0,
+                .jet_angle = aspirating ? 0.0 : 1.5};
   }
   Segments segments(Index n) {
     Segments made = dice.segments(n);
@@ -1277,11 +1286,11 @@ void check_completeness() {
     const double u = dice.between(0.5, 8.0);
     const Operators dense = chain.operators();
     const pipedyn::ImpedanceModel flow = chain.impedance();
-    const double sign = flow.coriolis < 0.0 ? -1.0 : 1.0;
+    const double sign = flow.coriolis < 0.0 ? -1.0 : 1.0, thrust = flow.thrust * u * u;
     Matrix step = Matrix::Zero(2 * n, 2 * n);
     step.topRightCorner(n, n).setIdentity();
     step.bottomLeftCorner(n, n) =
-        -solved<Matrix>(dense.mass, dense.stiffness + flow.centrifugal * u * u * dense.flux);
+        -solved<Matrix>(dense.mass, dense.stiffness + thrust * dense.flux);
     step.bottomRightCorner(n, n) =
         -solved<Matrix>(dense.mass, sign * u * (dense.gyroscopic + dense.end_flux) + dense.damping);
     const Eigen::EigenSolver<Eigen::MatrixXd> solver(step, false);

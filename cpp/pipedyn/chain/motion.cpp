@@ -4,9 +4,9 @@
 // PIPEDYN_WIDTH set.
 //
 // Energy: kinetic + sum k_j phi_j (phi_j / 2 - psi_j) + gamma sum p_j (1 - cos theta_j). Power,
-// with the velocity v of the free end and v_j of the drag points: flow -sqrt(beta) U |v|^2 - a U^2
-// t_n . v, joints -sum c_j phi_j'^2, drag -kappa sum l_j |v_j|^3. To both come the terms', as their
-// laws say.
+// with the velocity v of the free end and v_j of the drag points: flow -c sqrt(beta) U |v|^2 - a
+// U^2 (cos psi t_n + sin psi n_n) . v, joints -sum c_j phi_j'^2, drag -kappa sum l_j |v_j|^3. To
+// both come the terms', as their laws say.
 #include "pipedyn/chain/motion.hpp"
 
 #include "pipedyn/chain/derivative.hpp"
@@ -87,8 +87,8 @@ void power_of(const MotionModel& model, const Members<Real>& members, const Swee
     others += place.weight * law.power(at);
   });
   const Real u = members.speed();
-  const Real flow =
-      -(model.coriolis * u) * (vt * vt + vn * vn) - (model.centrifugal * (u * u)) * vt;
+  const Real flow = -((model.coriolis - model.entry) * u) * (vt * vt + vn * vn) -
+                    (u * u) * (model.thrust[0] * vt + model.thrust[1] * vn);
   members.set_row(out, 0, flow);
   members.set_row(out, 1, joints);
   members.set_row(out, 2, drag);
