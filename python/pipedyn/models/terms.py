@@ -358,6 +358,7 @@ class Stretching(Term):
         return 1.0
 
     def law_numbers(self, damping: float) -> list[float]:
+        """Stiffness and damping of the spring."""
         return [self.stiffness, self.stiffness * damping]
 
 
@@ -404,8 +405,8 @@ def checked_terms(terms: Any, end: float = 1.0) -> tuple[Term, ...]:
             )
         if type(term).__module__ != __name__:
             raise TypeError(f"terms[{i}] must be a law of the package, got {check.shown(term)}")
-        if term.place is not None and term.place > end * (1.0 + SLACK):
+        if getattr(term, "at", end) > end * (1.0 + SLACK):
             raise ValueError(f"terms[{i}].at must lie in (0, {end:g}], got {term.place!r}")
     return tuple(
-        term if term.place is None or term.place <= end else replace(term, at=end) for term in terms
+        replace(term, at=end) if getattr(term, "at", end) > end else term for term in terms
     )
