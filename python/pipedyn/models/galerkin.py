@@ -26,7 +26,7 @@ from pipedyn.models.base import (
     stored,
 )
 from pipedyn.models.free_functions import FreeFunctions
-from pipedyn.models.held_motion import HeldMotion
+from pipedyn.models.held_across import HeldAcross
 from pipedyn.models.pipe import Pipe
 from pipedyn.util import check
 from pipedyn.util.check import Array
@@ -143,7 +143,7 @@ class Galerkin(Model):
         )
 
     def __repr__(self) -> str:
-        return f"Galerkin({self._pipe!r}, m={self._size}, basis={self._basis!r})"
+        return f"Galerkin({self._pipe!r}, m={self._size}, basis={self._basis!r}{self._about_shown})"
 
     @property
     def dof(self) -> int:
@@ -153,10 +153,6 @@ class Galerkin(Model):
     def coordinates(self) -> int:
         """Number of functions in large motions, which need not be 0 where the pipe is held."""
         return self._size + len(self._held)
-
-    @cached_property
-    def motion(self) -> Any:
-        return HeldMotion(self.core) if self._held else self.core
 
     @property
     def coordinate_kind(self) -> str:
@@ -238,17 +234,34 @@ class Galerkin(Model):
     def elastic_share(self) -> Array:
         return self._free.share
 
+    @cached_property
+    def _small(self) -> tuple[Array, Array]:
+        """The core's functions by the model's coordinates, and these by elastic ones.
+
+        Shapes (coordinates, m) and (m, m); of a pipe held across, about what `about` chose.
+        """
+        rest, free = self._reference, self._free
+        if rest is None and free.spread is not None:
+            return free.spread, np.diag(free.scale)
+        by = self._supports.allowed(np.zeros(self.coordinates) if rest is None else rest)
+        elastic = by.T * self.core.elastic_stiffness() @ by
+        return by, np.linalg.inv(np.linalg.cholesky(elastic)).T
+
     def operators(self, q: ArrayLike | None = None) -> Operators:
-        found, spread = super().operators(q), self._free.spread
-        if spread is None:
+        found = super().operators(q)
+        if not self._held:
             return found
-        return self._allowed(found, spread if q is None else self.free_directions(q), q is None)
+        by = self._small[0] if q is None else self._supports.allowed(self._coordinates(q))
+        return self._allowed(found, by, q is None and self._reference is None)
 
     def elastic_operators(self) -> Operators:
-        found, free = self.core.operators(), self._free
-        if free.spread is None:
-            return operators_from(found, self._pipe, np.outer(free.scale, free.scale))
-        return self._allowed(operators_from(found, self._pipe), free.spread * free.scale, True)
+        rest = self._reference
+        found = self.core.operators() if rest is None else self.motion.operators(rest)
+        if not self._held:
+            scale = self._free.scale
+            return operators_from(found, self._pipe, np.outer(scale, scale))
+        by, elastic = self._small
+        return self._allowed(operators_from(found, self._pipe), by @ elastic, rest is None)
 
     def _allowed(self, core: Operators, by: Array, straight: bool) -> Operators:
         """Operators in coordinates of which the core's are `by` times."""
@@ -261,20 +274,32 @@ class Galerkin(Model):
             found["flux"] = 0.5 * (found["flux"] + found["flux"].T)
         return replace(core, **found)
 
+    @cached_property
+    def _supports(self) -> HeldAcross:
+        return HeldAcross(self.core)
+
     def free_directions(self, p: Array) -> Array:
-        return self.motion.allowed(p) if self._held else super().free_directions(p)
+        return self._supports.allowed(p) if self._held else super().free_directions(p)
+
+    def free_states(self, y: Array) -> Array:
+        return self._supports.free_states(y) if self._held else super().free_states(y)
+
+    def projected(self, p: Array, rates: Array) -> tuple[Array, Array]:
+        return self._supports.projected(p, rates) if self._held else (p, rates)
+
+    def recorded(self, p: Array, pdot: Array) -> tuple[Array, Array]:
+        q, rates = self.projected(p.T, pdot.T)
+        return q.T, rates.T
 
     def start(self, q0: ArrayLike, qdot0: ArrayLike | None) -> Array:
-        if not self._held:
-            return super().start(q0, qdot0)
         q, exact = self._spread("q0", q0)
-        rates, _ = (np.zeros_like(q), True) if qdot0 is None else self._spread("qdot0", qdot0)
+        rates = np.zeros_like(q) if qdot0 is None else self._spread("qdot0", qdot0)[0]
         state = self._closed("q0", q, rates)
         missed = float(np.abs(state - np.concatenate([q, rates])).max())
         if exact and missed > MISSED:
             raise ValueError(
-                f"q0 and qdot0 must meet the supports, got a deviation of {missed:.1e}; "
-                f"of {self.dof} small amplitudes those close by that meet them are taken"
+                f"q0 and qdot0 must meet the supports, got a deviation of {missed:.1e}; those "
+                f"close to {self.dof} small amplitudes are found"
             )
         return state
 
@@ -287,45 +312,55 @@ class Galerkin(Model):
             sizes = sorted({self.dof, self.coordinates})
             listed = " or ".join(f"({size},)" for size in sizes)
             raise ValueError(f"{name} must have shape {listed}, got {rows.shape}")
-        return np.asarray(self._free.spread @ rows), False
+        spread = self._free.spread
+        return rows if spread is None else spread @ rows, False
 
     def _closed(self, name: str, q: Array, rates: Array) -> Array:
         """The state [q, q'] close by that meets the supports."""
-        state = np.concatenate(self.motion.projected(q, rates))
+        state = np.concatenate(self.projected(q, rates))
         if not np.isfinite(state).all():
             raise NotConverged(f"no configuration close to {name} meets the supports", q)
         return state
 
-    def recorded(self, p: Array, pdot: Array) -> tuple[Array, Array]:
-        if not self._held:
-            return p, pdot
-        q, rates = self.motion.projected(p.T, pdot.T)
-        return q.T, rates.T
-
     def _coordinates(self, q: ArrayLike) -> Array:
-        if not self._held:
-            return super()._coordinates(q)
         rows, exact = self._spread("q", q)
         return rows if exact else self._closed("q", rows, np.zeros_like(rows))[: rows.size]
 
     def from_elastic(self, z: ArrayLike) -> NDArray[Any]:
-        return (self._free.scale * self._columns("z", z).T).T
+        columns = self._columns("z", z)
+        if self._held:
+            return np.asarray(np.tensordot(self._small[1], columns, 1))
+        return (self._free.scale * columns.T).T
 
     def shape(self, q: ArrayLike, s: ArrayLike) -> Array:
         amplitudes = self._coordinates(q)
-        at = arc_lengths(s)
+
+        def tangents(slopes: Array) -> Array:
+            angles = slopes @ amplitudes
+            return np.stack([np.sin(angles), np.cos(angles)], axis=-1)
+
+        return self._integrated(tangents, amplitudes, arc_lengths(s))
+
+    def _integrated(
+        self, integrand: Callable[[Array], NDArray[Any]], amplitudes: Array, at: Array
+    ) -> NDArray[Any]:
+        """Integral to each of some arc lengths, (p, k), of (points, k) by the slopes (points, m).
+
+        With as many nodes as the pipe bent by the amplitudes needs.
+        """
         nodes, weights = gauss_nodes(self._count_for(amplitudes[:, None]))
         # In pieces: a table of the functions at every node of every s may not fit into memory.
         pieces = math.ceil(at.size * nodes.size * self._size / 1e7)
-        line = np.zeros((at.size, 2))
-        for piece in np.array_split(np.arange(at.size), min(pieces, at.size)):
+        found = []
+        for piece in np.array_split(at, min(pieces, at.size)):
+            total: NDArray[Any] = np.zeros((piece.size, 1))
             for low, high in pairwise(self._ends.tolist()):
-                length = np.clip(at[piece], low, high) - low
-                points = low + np.outer(length, nodes)
-                angles = (self.core.basis(points.ravel(), 1) @ amplitudes).reshape(points.shape)
-                line[piece, 0] += length * (np.sin(angles) @ weights)
-                line[piece, 1] += length * (np.cos(angles) @ weights)
-        return line
+                length = np.clip(piece, low, high) - low
+                points = (low + np.outer(length, nodes)).ravel()
+                values = integrand(self.core.basis(points, 1)).reshape(piece.size, nodes.size, -1)
+                total = total + length[:, None] * np.einsum("pnk,n->pk", values, weights)
+            found.append(total)
+        return np.concatenate(found)
 
     def _tips(self, q: NDArray[Any]) -> NDArray[Any]:
         return self._tips_in_motion(q, np.zeros_like(q))[:2].T
@@ -368,11 +403,19 @@ class Galerkin(Model):
     def bent(self, angle: Callable[[Array], ArrayLike]) -> Array:
         nodes, fit = self._fit
         q = np.asarray(fit @ self._angles(angle, nodes))
-        return self._closed("angle", q, np.zeros_like(q))[: q.size] if self._held else q
+        return self._closed("angle", q, np.zeros_like(q))[: q.size]
 
     def deflection(self, q: ArrayLike, s: ArrayLike) -> NDArray[Any]:
         at = arc_lengths(s)
-        return self.functions(at) @ self._displaced(q, at.size)
+        columns, rest = self._displaced(q, at.size), self._reference
+        if rest is None:
+            return self.functions(at) @ columns
+        flat = columns.reshape(self.dof, -1)
+        flat = self._small[0] @ flat if self._held else flat
+        moved = self._integrated(
+            lambda slopes: np.cos(slopes @ rest)[:, None] * (slopes @ flat), rest, at
+        )
+        return moved.reshape(at.size, *columns.shape[1:])
 
 
 def enriched(model: Galerkin, more: int) -> Galerkin:

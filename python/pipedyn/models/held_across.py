@@ -19,16 +19,14 @@ ITERATIONS = 30
 """Newton's method takes four or five where supports are missed by 0.1."""
 
 
-class HeldMotion:
-    """The core's equations of motion, with states that meet the supports.
+class HeldAcross:
+    """Where the supports of a reduced model hold its states.
 
     Args:
         core: the compiled model, of `size` functions.
     """
 
     def __init__(self, core: _core.Galerkin) -> None:
-        self.rhs, self.rhs_and_power, self.jacobian = core.rhs, core.rhs_and_power, core.jacobian
-        self.energy, self.power, self.operators = core.energy, core.power, core.operators
         self.core = core
         stiffness = core.elastic_stiffness()
         self.ease = 1.0 / np.maximum(stiffness, 1.0)[:, None]  # steps of least elastic energy
@@ -72,7 +70,7 @@ class HeldMotion:
         vectors, _ = np.linalg.qr(by[0].T, mode="complete")
         return np.asarray(vectors[:, len(by[0]) :])
 
-    def free_directions(self, y: Array) -> Array:
+    def free_states(self, y: Array) -> Array:
         """The same of states [q, q'], (2 size, 2 (size - supports))."""
         q, rates = np.split(y, 2)
         # The derivative of the rates of x by q is that of the derivatives of x along the motion:
@@ -83,8 +81,3 @@ class HeldMotion:
         drift = np.tensordot(np.array([-1, 9, -45, 0, 45, -9, 1]) / (60.0 * step), by, 1)
         vectors, _ = np.linalg.qr(np.block([[by[3], 0.0 * drift], [drift, by[3]]]).T, "complete")
         return np.asarray(vectors[:, 2 * len(drift) :])
-
-    def deviation(self, q: Array, rates: Array) -> float:
-        """How far a state misses the supports, in place or in rate."""
-        missed, by = self.held(q[:, None])
-        return float(max(np.abs(missed).max(), np.abs(by[0] @ rates).max()))
