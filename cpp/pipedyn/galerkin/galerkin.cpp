@@ -83,6 +83,7 @@ MotionEffects effects_of(const Pipe& pipe, const Panels& panels) {
           .gamma = pipe.gamma,
           .drag = pipe.drag,
           .damping = pipe.damping,
+          .normal_mass = panels.normal_mass,
           .loads = panels.loads.data(),
           .load_count = static_cast<Index>(panels.loads.size()),
           .held = panels.held.data(),
@@ -135,13 +136,17 @@ Operators operators_at(const Grid& grid, const Basis& basis, const MotionEffects
   GridTables in_basis = grid.tables;  // the basis' functions for the orthonormal ones
   in_basis.orthonormal = in_basis.slope;
   in_basis.to_basis = in_basis.from_basis = nullptr;
+  const Vector none = Vector::Zero(m);
+  GridTables unbending = in_basis;  // bending's forces are added after
+  unbending.elastic = nullptr;
+  unbending.stiffness = none.data();
   Matrix straight;
   if (q.isZero(0.0)) straight = basis.evaluate(grid.places, 0);
   Matrix found(3 * m + 3, m);
   const auto about = [&](const MotionEffects& what) {
     const double one = 1.0;
     const double* const displacements = straight.size() > 0 ? straight.data() : nullptr;
-    kernel().operators(in_basis, what, {y.data(), &one, 1, 0}, displacements, found.data());
+    kernel().operators(unbending, what, {y.data(), &one, 1, 0}, displacements, found.data());
     return Eigen::Map<const Matrix>(found.data() + m * m, m, 2 * m);
   };
   Operators ops(m);
@@ -149,11 +154,12 @@ Operators operators_at(const Grid& grid, const Basis& basis, const MotionEffects
   ops.mass = found.topRows(m);
   ops.stiffness = -by_state.leftCols(m);
   ops.damping = -by_state.rightCols(m);
-  for (Index i = 0; i < m; ++i) {
-    ops.stiffness(i, i) += in_basis.stiffness[i];
-    ops.damping(i, i) += effects.damping * in_basis.stiffness[i];
-  }
-  const Vector still = found.row(3 * m + 2);
+  const Eigen::Map<const Vector> each(in_basis.stiffness, m);
+  Matrix elastic = each.asDiagonal();
+  if (in_basis.elastic != nullptr) elastic = Eigen::Map<const Matrix>(in_basis.elastic, m, m);
+  ops.stiffness += elastic;
+  ops.damping += effects.damping * elastic;
+  const Vector still = found.row(3 * m + 2).transpose() - elastic * q;
   about(flow);  // in the same place
   ops.flux = -by_state.leftCols(m);
   const Matrix coriolis = -by_state.rightCols(m);
@@ -165,8 +171,7 @@ Operators operators_at(const Grid& grid, const Basis& basis, const MotionEffects
     }
   }
   if (effects.held_count > 0 && !q.isZero(0.0)) {
-    const Vector bending = Eigen::Map<const Vector>(in_basis.stiffness, m).cwiseProduct(q);
-    add_supports(grid, effects, q, still, found.row(3 * m + 2).transpose() + bending, ops);
+    add_supports(grid, effects, q, still, found.row(3 * m + 2), ops);
   }
   return ops;
 }
@@ -194,10 +199,7 @@ Operators Galerkin::operators(const Vector& q) const {
     const Grid& grid = grids()[grids().choose(q.data(), 1)];
     return operators_at(grid, basis_, effects_of(pipe_, grids().panels()), pipe_, q);
   }
-  // Legendre products are polynomials of twice a panel's functions and 2; beam mode m has about
-  // m / 2 waves and a layer of width 1 / (m pi) at either end.
-  const bool beam = basis_.family() == Family::beam;
-  const Index nodes = beam ? 2 * dof() + 30 : basis_.most_on_a_panel() + 3;
+  const Index nodes = basis_.nodes_of_products() + (pipe_.mass.degree(0.0) + 1) / 2;
   const Panels panels(basis_, pipe_);
   const Grid grid(basis_, Orthonormal(dof()), panels, whole(nodes + 1, GridTables::multiple) - 1);
   return operators_at(grid, basis_, effects_of(pipe_, panels), pipe_, Vector::Zero(dof()));

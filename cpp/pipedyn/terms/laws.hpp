@@ -4,6 +4,7 @@
 // vector/pack.hpp.
 #pragma once
 
+#include "pipedyn/terms/added_mass.hpp"
 #include "pipedyn/terms/cubic_spring.hpp"
 #include "pipedyn/terms/damper.hpp"
 #include "pipedyn/terms/foundation.hpp"
@@ -35,6 +36,7 @@ using Laws = LawTable<PointMass,    //
                       Viscosity,    //
                       CubicSpring,  //
                       Stop,         //
+                      AddedMass,    //
                       Tension,      //
                       Stretching>;
 

@@ -6,7 +6,7 @@ from __future__ import annotations
 import bisect
 import math
 from collections.abc import Callable
-from dataclasses import fields, replace
+from dataclasses import replace
 from functools import cached_property, lru_cache
 from itertools import pairwise
 from typing import Any
@@ -23,9 +23,10 @@ from pipedyn.models.base import (
     arc_lengths,
     core_pipe,
     operators_from,
+    projected,
     stored,
 )
-from pipedyn.models.free_functions import FreeFunctions
+from pipedyn.models.free_functions import FreeFunctions, orthonormal
 from pipedyn.models.held_across import HeldAcross
 from pipedyn.models.pipe import Pipe
 from pipedyn.util import check
@@ -56,16 +57,17 @@ def gauss_nodes(count: int) -> tuple[Array, Array]:
 
 
 def panel_ends(pipe: Pipe) -> Array:
-    """Ends of the panels between terms and supports, shape (panels + 1,).
+    """Ends of the panels between terms, supports and the pipe's steps, shape (panels + 1,).
 
     Integrands are smooth on each.
     """
     places = [term.place for term in pipe.terms if term.place is not None]
-    return np.unique([0.0, *places, *pipe.supports, 1.0])
+    steps = [s for one in (pipe.stiffness, pipe.mass) if one is not None for s in one.at]
+    return np.unique([0.0, *places, *pipe.supports, *steps, 1.0])
 
 
 def basis_joints(pipe: Pipe) -> Array:
-    """Inner ends of the panels of a basis: supports, and terms that leave no panel too short."""
+    """Inner ends of the panels of a basis: supports, and others that leave none too short."""
     ends = [0.0, *pipe.supports, 1.0]
     for place in panel_ends(pipe)[1:-1].tolist():
         k = bisect.bisect(ends, place)
@@ -90,15 +92,16 @@ class Galerkin(Model):
     Args:
         pipe: the pipe.
         m: number of functions, from 1 to 2000.
-        basis: "beam" (the beam's own modes, held at both ends as the pipe is, unit mass; the
+        basis: "beam" (a uniform beam's modes, held at both ends as the pipe is, unit mass; the
             critical speed's error falls like m^-4) or "legendre" (w_i'' a normalised Legendre
             polynomial, unit stiffness; the error falls exponentially, but the highest third of the
             eigenvalues is not the pipe's).
-            Where a term of the pipe acts, the shear jumps. Legendre polynomials then live on the
+            Where a term of the pipe acts, the shear jumps, and where its stiffness does, the
+            curvature. Legendre polynomials then live on the
             panels between: each panel has some functions, the others go to panels in proportion to
             length, and convergence stays exponential. Beam modes stay what they are; their error
             falls like a power of m. So it is with inner supports, at which combinations of beam
-            modes are 0.
+            modes are 0, and with an inclined jet, which loads the end across: m^-2 at rest.
 
     Raises:
         ValueError: for m out of range or less than the number of panels, or an unknown basis.
@@ -128,7 +131,7 @@ class Galerkin(Model):
         if self._size < needs:
             raise ValueError(
                 f"m must be at least {needs}, for one function on each of the {self.panels} panels "
-                f"between terms and supports, got {self._size}"
+                f"between terms, supports and steps, got {self._size}"
             )
 
     @cached_property
@@ -227,52 +230,64 @@ class Galerkin(Model):
 
     @property
     def elastic_scale(self) -> Array:
-        """Amplitude q_i of one elastic coordinate, shape (m,)."""
-        return self._free.scale
+        """Amplitudes of one elastic coordinate: q_i, shape (m,), or of varying stiffness (m, m)."""
+        return self._small[1]
 
     @property
     def elastic_share(self) -> Array:
-        return self._free.share
+        return self._elastic[1]
 
     @cached_property
-    def _small(self) -> tuple[Array, Array]:
+    def _elastic(self) -> tuple[Array, Array]:
+        free = self._free
+        if self._pipe.stiffness is None:
+            return free.scale, free.share
+        by_core = np.diag(free.scale) if free.spread is None else free.spread * free.scale
+        by, share = orthonormal(by_core.T @ self.core.elastic() @ by_core, free.share)
+        return free.scale[:, None] * by, share
+
+    @cached_property
+    def _small(self) -> tuple[Array | None, Array]:
         """The core's functions by the model's coordinates, and these by elastic ones.
 
-        Shapes (coordinates, m) and (m, m); of a pipe held across, about what `about` chose.
+        Of a pipe held across about what `about` chose its supports allow other directions than
+        about the straight pipe.
         """
-        rest, free = self._reference, self._free
-        if rest is None and free.spread is not None:
-            return free.spread, np.diag(free.scale)
-        by = self._supports.allowed(np.zeros(self.coordinates) if rest is None else rest)
-        elastic = by.T * self.core.elastic_stiffness() @ by
-        return by, np.linalg.inv(np.linalg.cholesky(elastic)).T
+        rest, spread = self._reference, self._free.spread
+        if rest is None or spread is None:
+            return spread, self._elastic[0]
+        by = self._supports.allowed(rest)
+        whole = np.diag(self.core.elastic_stiffness())
+        elastic = whole if self._pipe.stiffness is None else self.core.elastic()
+        return by, np.linalg.inv(np.linalg.cholesky(by.T @ elastic @ by)).T
 
     def operators(self, q: ArrayLike | None = None) -> Operators:
-        found = super().operators(q)
-        if not self._held:
+        found, by = super().operators(q), self._small[0]
+        if by is None:
             return found
-        by = self._small[0] if q is None else self._supports.allowed(self._coordinates(q))
-        return self._allowed(found, by, q is None and self._reference is None)
+        if q is not None:
+            by = self._supports.allowed(self._coordinates(q))
+        return self._held_across(found, by, q is None and self._reference is None)
 
     def elastic_operators(self) -> Operators:
-        rest = self._reference
+        (spread, scale), rest = self._small, self._reference
         found = self.core.operators() if rest is None else self.motion.operators(rest)
-        if not self._held:
-            scale = self._free.scale
-            return operators_from(found, self._pipe, np.outer(scale, scale))
-        by, elastic = self._small
-        return self._allowed(operators_from(found, self._pipe), by @ elastic, rest is None)
+        if spread is not None:
+            by = spread * scale if scale.ndim == 1 else spread @ scale
+            return self._held_across(operators_from(found, self._pipe), by, rest is None)
+        if scale.ndim == 2:
+            return operators_from(found, self._pipe).projected(scale)
+        return operators_from(found, self._pipe, np.outer(scale, scale))
 
-    def _allowed(self, core: Operators, by: Array, straight: bool) -> Operators:
+    def _held_across(self, core: Operators, by: Array, straight: bool) -> Operators:
         """Operators in coordinates of which the core's are `by` times."""
-        found = {
-            field.name: by.T @ getattr(core, field.name) @ by for field in fields(Operators)[:6]
-        }
-        found["gyroscopic"] = 0.5 * (found["gyroscopic"] - found["gyroscopic"].T)
-        if straight and self._held[-1] == 1.0:  # no work of the flow, exactly
-            found["end_flux"][:] = 0.0
-            found["flux"] = 0.5 * (found["flux"] + found["flux"].T)
-        return replace(core, **found)
+        found = projected(core, by)
+        gyroscopic = 0.5 * (found.gyroscopic - found.gyroscopic.T)
+        if not straight or self._held[-1] != 1.0:
+            return replace(found, gyroscopic=gyroscopic)
+        # Where nothing follows the flow and it does no work, exactly.
+        flux, end_flux = 0.5 * (found.flux + found.flux.T), np.zeros_like(found.flux)
+        return replace(found, gyroscopic=gyroscopic, flux=flux, end_flux=end_flux)
 
     @cached_property
     def _supports(self) -> HeldAcross:
@@ -327,10 +342,10 @@ class Galerkin(Model):
         return rows if exact else self._closed("q", rows, np.zeros_like(rows))[: rows.size]
 
     def from_elastic(self, z: ArrayLike) -> NDArray[Any]:
-        columns = self._columns("z", z)
-        if self._held:
-            return np.asarray(np.tensordot(self._small[1], columns, 1))
-        return (self._free.scale * columns.T).T
+        columns, scale = self._columns("z", z), self.elastic_scale
+        if scale.ndim == 2:
+            return np.tensordot(scale, columns, axes=1)
+        return (scale * columns.T).T
 
     def shape(self, q: ArrayLike, s: ArrayLike) -> Array:
         amplitudes = self._coordinates(q)
@@ -411,7 +426,7 @@ class Galerkin(Model):
         if rest is None:
             return self.functions(at) @ columns
         flat = columns.reshape(self.dof, -1)
-        flat = self._small[0] @ flat if self._held else flat
+        flat = flat if self._small[0] is None else self._small[0] @ flat
         moved = self._integrated(
             lambda slopes: np.cos(slopes @ rest)[:, None] * (slopes @ flat), rest, at
         )
