@@ -320,15 +320,16 @@ class Galerkin(Model):
 
     def _spread(self, name: str, given: ArrayLike) -> tuple[Array, bool]:
         """Amplitudes of the core's functions, and whether these were given."""
-        rows = check.array(name, given, low=-LARGEST_ANGLE, high=LARGEST_ANGLE)
-        if rows.size == self.coordinates:
-            return rows, True
-        if not self._held or rows.size != self.dof:
-            sizes = sorted({self.dof, self.coordinates})
-            listed = " or ".join(f"({size},)" for size in sizes)
-            raise ValueError(f"{name} must have shape {listed}, got {rows.shape}")
+        rule: dict[str, Any] = {"low": -LARGEST_ANGLE, "high": LARGEST_ANGLE}
         spread = self._free.spread
-        return rows if spread is None else spread @ rows, False
+        if spread is None:
+            return check.array(name, given, size=self.dof, **rule), True
+        rows = check.array(name, given, **rule)
+        if rows.size not in spread.shape:
+            listed = " or ".join(f"({size},)" for size in sorted(spread.shape))
+            raise ValueError(f"{name} must have shape {listed}, got {rows.shape}")
+        exact = rows.size == self.coordinates
+        return rows if exact else spread @ rows, exact
 
     def _closed(self, name: str, q: Array, rates: Array) -> Array:
         """The state [q, q'] close by that meets the supports."""
