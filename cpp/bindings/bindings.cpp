@@ -184,6 +184,15 @@ PYBIND11_MODULE(_core, m, py::mod_gil_not_used()) {
                                        tips);
           },
           "y"_a)
+      .def_property_readonly("supports", &Galerkin::supports)
+      .def(
+          "held",
+          [](const Galerkin& model, const py::object& y) {
+            const auto held = [&](const Batch& batch, double* out) { model.held(batch, out); };
+            return pipedyn::results_of(2 * model.dof(), model.supports() * (1 + model.dof()),
+                                       work_of(model), y, py::float_(0.0), held);
+          },
+          "y"_a)
       .def("functions_by_panel", [](const Galerkin& model) { return model.basis().by_panel(); })
       .def("most_on_a_panel", [](const Galerkin& model) { return model.basis().most_on_a_panel(); })
       .def(

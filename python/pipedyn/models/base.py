@@ -141,7 +141,7 @@ def core_pipe(pipe: Pipe) -> _core.Pipe:
         aspirating=pipe.flow == "aspirating",
         inflow_share=pipe.inflow_share,
         jet_angle=pipe.jet_angle,
-        terms=[(t.law, t.place or 0.0, list(t.numbers.values())) for t in pipe.terms],
+        terms=[(t.law, t.place or 0.0, t.law_numbers(pipe.damping)) for t in pipe.terms],
         stiffness=_core.Profile() if pipe.stiffness is None else pipe.stiffness.core,
         mass=_core.Profile() if pipe.mass is None else pipe.mass.core,
         root=pipe.root_stiffness,
@@ -310,8 +310,9 @@ class Model(OfPipe, ABC):
         if rest is None:  # nothing but an inclined jet bends the straight pipe
             across = pipe.end in ("free", "guided")
             return across * thrust * abs(math.sin(pipe.jet_angle)) / size
-        rates = self.motion_rates(np.concatenate([rest, np.zeros_like(rest)]), u)
-        return float(np.abs(self.operators(rest).mass @ rates[self.dof :]).max()) / size
+        turning = self.motion_rates(np.concatenate([rest, np.zeros_like(rest)]), u)[rest.size :]
+        left = self.operators(rest).mass @ (self.free_directions(rest).T @ turning)
+        return float(np.abs(left).max()) / size
 
     def require_equilibrium(self, *speeds: float) -> None:
         """Raises ValueError if the model cannot rest, where it is linearised, at a flow speed."""
@@ -431,6 +432,14 @@ class Model(OfPipe, ABC):
     def free_directions(self, p: Array) -> Array:
         """Directions that constraints leave about a configuration, shape (moving, dof)."""
         return np.eye(self.dof)
+
+    def projected(self, p: Array, rates: Array) -> tuple[Array, Array]:
+        """Close to p and its rates, (moving, ...) each, what meets constraints; NaN without any."""
+        return p, rates
+
+    def free_states(self, y: Array) -> Array:
+        """Changes of [p, p'] that constraints leave, shape (2 moving, 2 dof)."""
+        return np.eye(2 * self.dof)
 
     def largest_angle(self, p: NDArray[Any]) -> float:
         """Largest angle of the pipe displaced by p, shape (moving,), maybe complex; to first order.
