@@ -33,6 +33,8 @@ struct Pipe {
   std::vector<double> supports{};  // arc lengths of rigid inner supports (x = 0), ascending
 
   double sqrt_beta() const { return std::sqrt(beta); }
+  /// Whether the end keeps the direction of the axis.
+  bool is_guided() const { return end == End::guided || end == End::clamped; }
   /// s: U = s u is the flow speed counted towards the free end.
   double direction() const { return aspirating ? -1.0 : 1.0; }
 };

@@ -71,9 +71,9 @@ struct Source {
   double end = 0.0;                     // change of the follower force, across the last segment
 };
 
-/// What joint j resists a turn with, its angle or its rate; the free end's is none.
+/// What joint j resists a turn with, its angle or its rate; that of the end if it is guided.
 inline double joint(const MotionModel& model, Count j, bool angle) {
-  if (j == model.size) return 0.0;
+  if (j == model.size) return angle ? model.end_spring : model.end_damping;
   return angle ? model.links[j].spring : model.links[j].damping;
 }
 
@@ -91,7 +91,7 @@ Source angle_source(const MotionModel& model, const Kept& here, Count m, double 
           .force_n = slope,
           .moment = l * force + link.first_moment * here.at - link.drag_arm * slope,
           .v_t = -l * w,
-          .end = m + 1 < model.size ? 0.0 : thrust};
+          .end = m + 1 < model.size || model.guided ? 0.0 : thrust};
 }
 
 Source rate_source(const MotionModel& model, const Kept& here, Count m, double w, double u) {

@@ -117,6 +117,13 @@ struct Impedance {
   Lanes a, b, c, d;
 };
 
+/// Beyond the last segment.
+inline Impedance end_impedance(const ImpedanceModel& model, double thrust) {
+  Impedance end;
+  if (model.guided) end.b.re -= thrust;
+  return end;
+}
+
 /// What eliminates a segment, or its derivative.
 struct Step {
   Lanes r, w, h, p;
@@ -174,7 +181,7 @@ void log_derivative(const ImpedanceModel& model, const ImpedancePoints& points, 
   for (Count first = 0; first < points.count; first += width) {
     const Lanes lambda = taken(points, first);
     const Problem problem(model, lambda, points.u);
-    Impedance at, by;  // and its derivative by lambda
+    Impedance at = end_impedance(model, problem.thrust), by;  // and its derivative by lambda
     Lanes sum;
     for (Count k = 0; k < points.roots; k += 2) {  // one division for two
       const Count next = k + 1 < points.roots ? k + 1 : k;
@@ -284,7 +291,7 @@ void pairs(const ImpedanceModel& model, const ImpedancePoints& points, const Imp
   Turned* const turned_by = reinterpret_cast<Turned*>(segments + n);
   for (Count first = 0; first < points.count; first += width) {
     const Problem problem(model, taken(points, first), points.u);
-    Impedance at;
+    Impedance at = end_impedance(model, problem.thrust);
     LoadBeyond load, dual;
     double weight = 0.5;  // of the load on a joint
     Coefficients<Lanes> own;
@@ -393,6 +400,10 @@ void pairs(const ImpedanceModel& model, const ImpedancePoints& points, const Imp
       force_before = force;
       if (out.right != nullptr) put(out.right + 2 * j * points.count, points, first, x.turn);
       if (out.left != nullptr) put(out.left + 2 * j * points.count, points, first, y.turn);
+    }
+    if (model.guided) {
+      pressed += Lanes{} - y.end * x.angle;
+      entries += std::fabs(problem.thrust) * (size_of(y.end) * size_of(x.angle));
     }
     value += y.angle * joint_moment;
     rest += size_of(y.angle) * size_of(joint_moment);

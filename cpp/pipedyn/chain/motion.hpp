@@ -48,6 +48,9 @@ struct MotionModel {
   double centrifugal;        // a
   bool damped;               // some joint is
   bool bent;                 // some joint is bent at rest
+  bool guided;               // the end keeps the direction of the axis
+  double end_spring;         // k and c of the joint between it and the last segment
+  double end_damping;
   bool drag;                 // kappa > 0
   const SegmentTerm* loads;  // from the clamp on
   std::ptrdiff_t load_count;

@@ -9,7 +9,7 @@
 //   m_j = m_{j-1} + g_j x2_j + e_j,
 // e_j by b alone. All beyond node j answers with a force and with the moment of joint j + 1,
 //   f_j = Z_j m_j + z_j x2_j + f0_j,   k_j = K_j m_j + s_j x2_j + k0_j,
-// f_n by the follower force alone, k_n = 0. Segment j's moments about its joint then give
+// f_n by the follower force alone, k_n by the joint of a guided end alone. Segment j's moments about its joint then give
 //   x2_j = X_j m_{j-1} + (c_j / D_j) x2_{j-1} + x0_j,   c_j = spring_j / mu + damping_j,
 //   D_j = c_j + R_j,
 // R_j of everything but its own joint; so one segment nearer to the clamp
@@ -82,17 +82,23 @@ struct ShiftedFactors {
   }
 };
 
+/// Derivative of the follower force by the angle of the last segment, with the normal n.
+inline Plane turned_thrust(const MotionModel& model, double u, const Plane& n) {
+  return scaled(model.guided ? 0.0 : model.centrifugal * u * u, n);
+}
+
 template <Count size>
 void factorise_shifted(const Linearised& about, const ShiftedFactors<size>& out) {
   const MotionModel& model = about.model;
   const Count n = model.size;
   const Complex mu = *out.mu, inverse_mu = inverse(mu), zero = 0.0 * mu;
   *out.inverse = inverse_mu;
-  const Plane end = scaled(model.centrifugal * about.u * about.u, about.frame(n - 1).n);
+  const Plane end = turned_thrust(model, about.u, about.frame(n - 1).n);
   Complex force[2][size], moment[size], at_rate[2], moment_at_rate = zero;  // Z, K, z, s
   for (Count i = 0; i < size; ++i) force[0][i] = force[1][i] = moment[i] = zero;
   at_rate[0] = end.x * inverse_mu;
   at_rate[1] = end.y * inverse_mu;
+  moment_at_rate = zero - (model.end_spring * inverse_mu + model.end_damping);
   for (Count j = n - 1; j >= 0; --j) {
     const pipedyn::Link& link = model.links[j];
     const Frame frame = about.frame(j);
@@ -168,8 +174,8 @@ void solve_shifted(const MotionModel& model, double u, const ShiftedFactors<size
   const Count n = model.size;
   const Complex inverse_mu = *factors.inverse, zero = 0.0 * inverse_mu;
   Complex e[size], angle = inverse_mu * read_shifted(x, n - 1, pass);
-  const Plane end = scaled(model.centrifugal * u * u, factors.segments[n - 1].normal);
-  Complex fx = end.x * angle, fy = end.y * angle, moment = zero;
+  const Plane end = turned_thrust(model, u, factors.segments[n - 1].normal);
+  Complex fx = end.x * angle, fy = end.y * angle, moment = (-model.end_spring) * angle;
   for (Count j = n - 1; j >= 0; --j) {
     const ShiftedSegment<size>& here = factors.segments[j];
     const Complex rate = read_shifted(x, n + j, pass);

@@ -7,7 +7,7 @@
 // With w_j = theta_j' and the acceleration a_j of node j, gravity as an acceleration of the clamp,
 //   a_j = a_{j-1} + l_j (theta_j'' n_j - w_j^2 t_j),   a_0 = -gamma (0, 1).
 // All beyond node j answers a_j with the force A_j a_j + b_j, A_j symmetric (2, 2), A_n = 0,
-// b_n = a U^2 t_n (follower force). The moments about the joint of segment j give
+// b_n = a U^2 t_n (follower force), with (0, 1) for t_n where the end is guided. The moments about the joint of segment j give
 //   theta_j'' = g_j - e_j . a_{j-1},   e_j = c_j / H_j,   c_j = l_j A_j n_j + m_j chi_j l_j n_j,
 //   H_j = l_j^2 n_j . A_j n_j + m_j (chi_j^2 l_j^2 + eta_j^2),
 //   g_j = (tau_j - l_j n_j . (b_j - l_j w_j^2 A_j t_j)) / H_j,
@@ -17,6 +17,7 @@
 //   A_{j-1} = A_j + m_j - c_j e_j^T,
 //   b_{j-1} = b_j - w_j^2 (l_j A_j + m_j chi_j l_j) t_j + c_j g_j
 //             + (2 sqrt(beta) U l_j w_j + d_j) n_j.
+// K_{n+1} = -k_{n+1} theta_n - c_{n+1} theta_n' of the joint that holds a guided end.
 // A load f at an arm a of segment j adds a n_j . f to tau_j and -f to b_{j-1}.
 // 1 / H_j enters last wherever it can, so that a segment waits for its neighbour's division alone.
 // These are eqs. (1)-(11) of Orsino and Di Giulio, solved by one sweep to the tip (velocities, only
@@ -113,6 +114,21 @@ struct Kept {
   double tt, tn, nn, inverse, bt, at, an, vt, v, acceleration;
 };
 
+/// The direction in which the flow passes the end, along the last segment and across it.
+template <class Real>
+struct EndDirection {
+  Real along = all<Real>(1.0), across{};
+
+  EndDirection(const MotionModel& model, const Members<Real>& members) {
+    if (!model.guided) return;
+    double angle[width] = {}, sine[width], cosine[width];
+    store(angle, members.row(model.size - 1));
+    sincos(angle, lanes<Real>, sine, cosine);
+    along = load<Real>(cosine);
+    across = -load<Real>(sine);
+  }
+};
+
 template <class Real>
 void read_state(const Members<Real>& members, Count n, const Sweep<Real>& sweep) {
   Real before{};
@@ -204,7 +220,12 @@ void accelerations(const MotionModel& model, const Members<Real>& members, Sweep
 
   const Real u = members.speed(), coriolis = model.coriolis * u;
   const Real pull = model.centrifugal * (u * u);
-  Real tt{}, tn{}, nn{}, bt = pull, bn{}, moment_beyond{};
+  const EndDirection<Real> end(model, members);
+  const Real end_rate = sweep.at(sweep.rate, n - 1);
+  const Real end_resistance = model.end_damping * end_rate;
+  power -= end_resistance * end_rate;
+  Real moment_beyond = -(model.end_spring * members.row(n - 1) + end_resistance);
+  Real tt{}, tn{}, nn{}, bt = pull * end.along, bn = pull * end.across;
   for (Count j = n - 1; j >= 0; --j) {
     const Link& link = model.links[j];
     const double l = link.length;
@@ -298,7 +319,8 @@ void accelerations(const MotionModel& model, const Members<Real>& members, Sweep
   }
   if (with_power) {
     const Real square = end_along * end_along + end_across * end_across;
-    members.set_row(rates, 2 * n, power - coriolis * square - pull * end_along);
+    const Real forward = end.along * end_along + end.across * end_across;
+    members.set_row(rates, 2 * n, power - coriolis * square - pull * forward);
   }
 }
 

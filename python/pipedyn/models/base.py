@@ -210,7 +210,7 @@ class Model(OfPipe, ABC):
 
     @property
     def coordinates(self) -> int:
-        """Number of coordinates of a state; more than dof where constraints tie them."""
+        """Number of coordinates of a state; more than dof where supports or constraints tie them."""
         return self.dof
 
     @property
@@ -223,8 +223,10 @@ class Model(OfPipe, ABC):
 
         From four products: measured, to 3 %, as the lowest modes feel most of it.
         """
-        if not self.pipe.terms:
-            return 0.0
+        return self._stiffness_beside(pencil) if self.pipe.terms else 0.0
+
+    @staticmethod
+    def _stiffness_beside(pencil: Pencil) -> float:
         start = np.cos(np.arange(1.0, pencil.dof + 1.0))[:, None]
         return largest_stretch(lambda x: pencil.stiffness(x) - pencil.elastic(x), start, 4)
 
@@ -351,9 +353,10 @@ class Model(OfPipe, ABC):
 
     def start(self, q0: ArrayLike, qdot0: ArrayLike | None) -> Array:
         """[p, p'] to integrate from, shape (2 moving,), of what `simulate` is given."""
-        rule: dict[str, Any] = {"size": self.dof, "low": -LARGEST_ANGLE, "high": LARGEST_ANGLE}
+        size = self.coordinates
+        rule: dict[str, Any] = {"size": size, "low": -LARGEST_ANGLE, "high": LARGEST_ANGLE}
         q = check.array("q0", q0, **rule)
-        rates = np.zeros(self.dof) if qdot0 is None else check.array("qdot0", qdot0, **rule)
+        rates = np.zeros(size) if qdot0 is None else check.array("qdot0", qdot0, **rule)
         return np.concatenate([q, rates])
 
     def recorded(self, p: Array, pdot: Array) -> tuple[Array, Array]:
@@ -367,6 +370,14 @@ class Model(OfPipe, ABC):
     def free_directions(self, p: Array) -> Array:
         """Directions that constraints leave about a configuration, shape (moving, dof)."""
         return np.eye(self.dof)
+
+    def projected(self, p: Array, rates: Array) -> tuple[Array, Array]:
+        """Close to p and its rates, (moving, ...) each, what meets constraints; NaN without any."""
+        return p, rates
+
+    def free_states(self, y: Array) -> Array:
+        """Changes of [p, p'] that constraints leave, shape (2 moving, 2 dof)."""
+        return np.eye(2 * self.dof)
 
     def largest_angle(self, p: NDArray[Any]) -> float:
         """Largest angle of the pipe displaced by p, shape (moving,), maybe complex; to first order.
@@ -475,7 +486,7 @@ class Model(OfPipe, ABC):
             )
 
     def _coordinates(self, q: ArrayLike) -> Array:
-        return check.array("q", q, size=self.dof, low=-LARGEST_ANGLE, high=LARGEST_ANGLE)
+        return check.array("q", q, size=self.coordinates, low=-LARGEST_ANGLE, high=LARGEST_ANGLE)
 
     def _columns(self, name: str, given: ArrayLike, size: int | None = None) -> NDArray[Any]:
         """Numbers of one or several columns, shape (size, ...), dof by default; real or complex."""

@@ -135,11 +135,11 @@ class ChainPencil(Pencil):
     ) -> None:
         super().__init__(model)
         self.held = held
-        self.complement = (
-            _core.Complement(np.zeros((model.dof, 0))) if complement is None else complement
-        )
         self.core = model.core if held is None else model.core.guided(held.tolist())
-        self.dof -= 0 if held is None else int(held.sum())
+        if complement is None:
+            complement = _core.Complement(self.core.held_rows(model.elastic_scale))
+        self.complement = complement
+        self.dof = complement.dof
         self.is_long = self.dof > LONGEST_DENSE
         self.end_moves = held is None and model.pipe.beta > 0.0
         self.scale = model.elastic_scale
@@ -156,6 +156,19 @@ class ChainPencil(Pencil):
     def elastic(self, x: Vectors) -> Vectors:
         result: Vectors = super().elastic(real_columns(self.complement.spread, x))
         return real_columns(self.complement.gathered, result)
+
+    def by_damping(self, x: Vectors) -> Vectors:
+        return self._times(x, by_damping=1.0)
+
+    def by_springs(self, value: complex) -> NDArray[np.complex128]:
+        """Derivative of k_j + value c_j of each joint by its own spring k_j, shape (n,)."""
+        delta, springs, root = self.pipe.damping, self.model.springs, self.pipe.root_stiffness
+        by = np.full(springs.size, 1.0 + delta * value, dtype=np.complex128)
+        if np.isfinite(root):  # in series, with the root undamped
+            both = root + springs[0]
+            share = root / both if root else 0.0
+            by[0] = share**2 * (1.0 + delta * value * (root - springs[0]) / (both or 1.0))
+        return by
 
     def _times(self, x: Vectors, **part: float) -> Vectors:
         scale = self.scale[:, None]

@@ -22,9 +22,10 @@ from pipedyn.models.base import (
     stored,
 )
 from pipedyn.models.chain import LARGEST_CHAIN, Chain, along, elastic_scale
+from pipedyn.models.held import MET, SAME
 from pipedyn.models.modular.custom import CustomForces
 from pipedyn.models.modular.enforcement import ENFORCEMENTS, projection
-from pipedyn.models.modular.layout import CONSTRAINTS, MODULES, SAME, Layout
+from pipedyn.models.modular.layout import CONSTRAINTS, MODULES, Layout
 from pipedyn.models.modular.linearisation import SmallMotions
 from pipedyn.models.modular.motion import SceneMotion
 from pipedyn.models.modular.parts import (
@@ -47,12 +48,6 @@ from pipedyn.util.newton import NewtonFailed, newton
 
 LARGEST_JACOBIAN, LARGEST_RECURSION = 1300, 400
 """Segments up to which (6 n, 6 n) is made, 0.5 GB, and the dense recursions take seconds."""
-
-MET = 1e-9
-"""How closely given states must meet the constraints, in L, rad, and these per T.
-
-States that a user has kept in ten digits do; it is far above rounding, 1e-15 n.
-"""
 
 
 class Assembly(Model):
@@ -123,7 +118,7 @@ class Assembly(Model):
     def _check_terms(self) -> None:
         """Raises ValueError where some direction that is left free has no inertia."""
         rest = self._configuration(self._layout.rest)
-        if not np.isfinite(self.core.rhs(0.0, np.append(rest, np.zeros_like(rest)), 0.0)).all():
+        if not np.isfinite(self.core.redundant_rhs(0.0, np.append(rest, 0.0 * rest), 0.0)).all():
             raise ValueError(
                 f"phi_{self._layout.size} moves without inertia: give its segment a gyration "
                 "radius, or the pipe a point mass there"
@@ -512,7 +507,7 @@ class Assembly(Model):
         state = check.doubles("y", y, "an array of real numbers")
         if state.shape != (2 * size,):
             raise ValueError(f"y must have shape ({2 * size},), got {state.shape}")
-        self.core.power(state, u)  # checks both
+        self.core.redundant_power(state, u)  # checks both
         angles = np.cumsum(state.reshape(-1, 3)[:, 2].reshape(2, -1), axis=1).ravel()
         by_angles = self.motion.accelerations_by_state(angles, float(np.asarray(u)))
         # An angle is the sum of its joint's and those before, which no other coordinate changes.
@@ -530,6 +525,12 @@ class Assembly(Model):
     def recorded(self, p: Array, pdot: Array) -> tuple[Array, Array]:
         y = self.motion.states(p.T, pdot.T)
         return y[: self.coordinates].T, y[self.coordinates :].T
+
+    def projected(self, p: Array, rates: Array) -> tuple[Array, Array]:
+        return self.motion.held.projected(p, rates)
+
+    def free_states(self, y: Array) -> Array:
+        return self.motion.held.free_states(y)
 
     def resting(self) -> Array:
         return self._layout.rest if self._reference is None else self._reference

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from pipedyn import _core
 from pipedyn.models.base import core_pipe
+from pipedyn.models.held import SAME, closest
 from pipedyn.models.modular.parts import (
     Clamp,
     Constraint,
@@ -37,9 +38,6 @@ CONSTRAINTS = (Clamp, Joint, Guide, Pin)
 
 MODULES = (Segment, TorsionalSpring, InternalFlow, Drag, Custom)
 """Modules that there are."""
-
-SAME = 1e-12
-"""Places that differ by less are one, and guides and pins are met: rounding leaves some 1e-15."""
 
 DEPENDENT = 1e-9
 """Guides and pins that depend on the others to this, well above rounding, are redundant."""
@@ -220,7 +218,7 @@ class Layout:
         between there and a configuration that is known.
         """
         shares = (0.0, 0.25, 0.5, 0.75, 1.0)
-        return _closest(core, (theta + share * (self.rest - theta) for share in shares))
+        return closest(core, (theta + share * (self.rest - theta) for share in shares))
 
     def _found_rest(self) -> Array:
         """Angles that meet all constraints: the straight pipe where it does."""
@@ -231,7 +229,7 @@ class Layout:
         first, second, third = (np.sin(math.pi * k * s) for k in (1, 2, 3))
         two_turns = 0.7 * second + 0.2 * first
         core = self.compiled(Pipe(0.0))
-        best, least = _closest(
+        best, least = closest(
             core, (straight, two_turns, -two_turns, first, -first, 1.5 * second + third)
         )
         if least <= SAME:
@@ -323,15 +321,3 @@ def _holds(part: Constraint) -> list[tuple[int, float]]:
     return (
         [(3 * part.node - 3, part.x), (3 * part.node - 2, part.y)] if isinstance(part, Pin) else []
     )
-
-
-def _closest(core: _core.Scene, starts: Iterable[Array]) -> tuple[Array, float]:
-    """Angles that meet guides and pins, from the first start that leads there, or the closest."""
-    best, least = np.zeros(0), math.inf
-    for start in starts:
-        found, _, missed = core.project(start[:, None], np.zeros((start.size, 1)))
-        if missed[0] < least:
-            best, least = found[:, 0], float(missed[0])
-        if least <= SAME:
-            break
-    return best, least

@@ -1,0 +1,112 @@
+# SPDX-License-Identifier: MIT
+"""Chains of which guides and pins hold nodes: what these leave of the angles of the segments."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable
+from dataclasses import fields, replace
+
+import numpy as np
+
+from pipedyn import _core
+from pipedyn.models.base import Operators
+from pipedyn.models.pipe import Pipe
+from pipedyn.util.check import Array
+
+
+MET = 1e-9
+"""How closely given states must meet the constraints, in L, rad, and these per T.
+
+States that a user has kept in ten digits do; it is far above rounding, 1e-15 n.
+"""
+
+SAME = 1e-12
+"""Places that differ by less are one, and guides and pins are met: rounding leaves some 1e-15."""
+
+
+class Held:
+    """Coordinates of nodes that are held, and states that keep to them.
+
+    Args:
+        core: the compiled scene that holds them.
+        rows: their derivative by the angles of the segments, (n, c) of angles (n,), independent.
+    """
+
+    def __init__(self, core: _core.Scene, rows: Callable[[Array], Array]) -> None:
+        self.core, self.rows = core, rows
+
+    def projected(self, theta: Array, omega: Array) -> tuple[Array, Array]:
+        """Angles and rates that meet guides and pins, close to those given; NaN without any."""
+        columns = (theta.shape[0], -1)
+        *met, missed = self.core.project(theta.reshape(columns), omega.reshape(columns))
+        for of in met:
+            of[:, missed > self.core.met] = np.nan
+        return met[0].reshape(theta.shape), met[1].reshape(theta.shape)
+
+    def basis(self, theta: Array) -> _core.Complement:
+        """Orthonormal changes of the angles that are left free, (n, dof)."""
+        return _core.Complement(self.rows(theta))
+
+    def free_states(self, y: Array) -> Array:
+        """Orthonormal changes of [theta, theta'] that are left free, (2 n, 2 dof)."""
+        theta, omega = np.split(y, 2)
+        by_angles, count = self.rows(theta), self.rows(theta).shape[1]
+        drift = omega[:, None] * self.rows(theta + 0.5 * math.pi)
+        held = np.block([[by_angles, drift], [np.zeros_like(drift), by_angles]])
+        vectors, _, _ = np.linalg.svd(held)
+        return np.asarray(vectors[:, 2 * count :])
+
+    def operators(self, chain: Operators, theta: Array, still: Array, thrust: Array) -> Operators:
+        """Operators in coordinates along `basis`, from those of the chain in its angles.
+
+        Forces that hold nodes of a bent pipe at rest change their moments as the segments turn.
+
+        Args:
+            chain: the chain's.
+            theta: angles of the segments, shape (n,).
+            still: moments on the segments at rest without flow, shape (n,).
+            thrust: those of the flow by a u^2, shape (n,).
+        """
+        loads = np.stack([still, thrust], axis=1)
+        forces, *_ = np.linalg.lstsq(self.rows(theta), -loads)
+        by_still, by_thrust = (self.rows(theta + 0.5 * math.pi) @ forces).T
+        bent = replace(
+            chain,
+            stiffness=chain.stiffness - np.diag(by_still),
+            flux=chain.flux - np.diag(by_thrust),
+        )
+        return left_free(bent, self.basis(theta))
+
+
+def keeps_direction(pipe: Pipe) -> bool:
+    """Whether the pipe's end keeps the direction of the axis."""
+    return pipe.end in ("guided", "clamped")
+
+
+def keeps_on_axis(pipe: Pipe) -> bool:
+    """Whether the pipe's end is held on the axis."""
+    return pipe.end in ("pinned", "clamped")
+
+
+def closest(core: _core.Scene, starts: Iterable[Array]) -> tuple[Array, float]:
+    """Angles that meet guides and pins, from the first start that leads there, or the closest."""
+    best, least = np.zeros(0), math.inf
+    for start in starts:
+        found, _, missed = core.project(start[:, None], np.zeros((start.size, 1)))
+        if missed[0] < least:
+            best, least = found[:, 0], float(missed[0])
+        if least <= SAME:
+            break
+    return best, least
+
+
+def left_free(operators: Operators, basis: _core.Complement) -> Operators:
+    """The operators along a basis of what is left free."""
+    return replace(
+        operators,
+        **{
+            name: basis.gathered(basis.gathered(getattr(operators, name)).T.copy()).T
+            for name in (field.name for field in fields(Operators)[:6])
+        },
+    )
