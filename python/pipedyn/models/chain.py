@@ -22,7 +22,7 @@ from pipedyn.models.base import (
     operators_from,
     stored,
 )
-from pipedyn.models.held import MET, SAME, Held, closest, keeps_direction, keeps_on_axis, left_free
+from pipedyn.models.held import MET, SAME, Held, closest, keeps_direction, held_nodes, left_free
 from pipedyn.models.pencil import ChainPencil, Pencil, real_columns
 from pipedyn.models.pipe import Pipe
 from pipedyn.util import check
@@ -146,7 +146,9 @@ class Chain(Model):
             )
         self._rule = rule
         if rule is None:
-            self._joints = check.array("springs", springs, size=n + keeps_direction(pipe), low=0.0, high=1e15)
+            self._joints = check.array(
+                "springs", springs, size=n + keeps_direction(pipe), low=0.0, high=1e15
+            )
         else:
             self._joints = _frozen(self._springs_by_rule(rule))
         self._check_supports()
@@ -203,17 +205,7 @@ class Chain(Model):
     @cached_property
     def _held(self) -> NDArray[np.bool_]:
         """Whether the end of each segment is held on the axis, shape (n,)."""
-        ends = self._base + np.cumsum(self._lengths)
-        held = np.zeros(ends.size, dtype=np.bool_)
-        for place in self._pipe.supports:
-            nearest = int(np.abs(ends - place).argmin())
-            if abs(ends[nearest] - place) > MET:
-                raise ValueError(
-                    f"lengths must end at each support, got none that ends at s = {place:g}"
-                )
-            held[nearest] = True
-        held[-1] |= keeps_on_axis(self._pipe)
-        return held
+        return held_nodes(self._pipe, self._base + np.cumsum(self._lengths))
 
     def with_pipe(self, pipe: Pipe) -> Self:
         other = super().with_pipe(pipe)

@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterable
 from dataclasses import fields, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from pipedyn import _core
 from pipedyn.models.base import Operators
@@ -84,9 +85,21 @@ def keeps_direction(pipe: Pipe) -> bool:
     return pipe.end in ("guided", "clamped")
 
 
-def keeps_on_axis(pipe: Pipe) -> bool:
-    """Whether the pipe's end is held on the axis."""
-    return pipe.end in ("pinned", "clamped")
+def held_nodes(pipe: Pipe, ends: Array) -> NDArray[np.bool_]:
+    """Whether supports or the pipe's end hold the end of each segment on the axis, shape (n,).
+
+    Raises ValueError for a support at which no segment ends.
+    """
+    held = np.zeros(ends.size, dtype=np.bool_)
+    for place in pipe.supports:
+        nearest = int(np.abs(ends - place).argmin())
+        if abs(ends[nearest] - place) > MET:
+            raise ValueError(
+                f"a segment must end at each support, got none that ends at s = {place:g}"
+            )
+        held[nearest] = True
+    held[-1] |= pipe.end in ("pinned", "clamped")
+    return held
 
 
 def closest(core: _core.Scene, starts: Iterable[Array]) -> tuple[Array, float]:

@@ -55,7 +55,9 @@ class Assembly(Model):
 
     Every part writes its inertia, forces or constraints in redundant coordinates and knows of no
     other. What acts at a place of the pipe, or per length, is a term of the pipe; its place may lie
-    anywhere along a segment.
+    anywhere along a segment. So does what holds the pipe belong to it: a root's spring lies in
+    series with joint 1, supports hold the nodes at their places as a `Guide` does, and a guided or
+    clamped end needs a `TorsionalSpring` of joint n + 1, between it and the last segment.
 
     States live in the redundant coordinates q = (x_1, y_1, phi_1, x_2, ...), shape (3 n,): x_j
     transverse and y_j downward is where node j, the end of segment j, stands from the clamp, phi_j
@@ -91,6 +93,8 @@ class Assembly(Model):
     Source: Orsino and Di Giulio, eqs. (1)-(11); Orsino (2017) for the recursion.
     """
 
+    takes_supports = True
+
     def __init__(
         self,
         pipe: Pipe,
@@ -107,6 +111,7 @@ class Assembly(Model):
         self._layout = Layout(
             [part for part in given if isinstance(part, Module)],
             _parts("constraints", constraints, (Constraint,)),
+            self._pipe,
         )
         straight = np.zeros(self.moving)
         self._customs = CustomForces(self._layout.customs, self._configuration(straight))
@@ -181,7 +186,7 @@ class Assembly(Model):
 
     @property
     def elastic_share(self) -> Array:
-        springs = self._layout.springs
+        springs = self.core.chain.joints[: self.moving, 0]
         return springs * elastic_scale(springs) ** 2
 
     @property
@@ -205,16 +210,30 @@ class Assembly(Model):
                 )
         constraints = tuple(part for part in parts if isinstance(part, Constraint))
         others = tuple(part for part in parts if isinstance(part, Module | Term))
+        return self._remade(self._pipe, others, constraints)
+
+    def _remade(
+        self,
+        pipe: Pipe,
+        modules: tuple[Module | Term, ...] = (),
+        constraints: tuple[Constraint, ...] = (),
+    ) -> Assembly:
+        """Another scene of a pipe, with further parts."""
         more = Assembly(
-            self._pipe,
-            (*self.modules, *others),
-            (*self.constraints, *constraints),
+            pipe,
+            (*self.modules, *modules),
+            (*self._layout.given, *constraints),
             self._enforcement,
         )
         chosen = self._reference
         if chosen is not None and chosen.size == more.moving and more._misses(chosen) <= MET:
             more._reference = chosen
         return more
+
+    def with_pipe(self, pipe: Pipe) -> Assembly:
+        of = self._pipe
+        same = (of.root, of.end, of.supports) == (pipe.root, pipe.end, pipe.supports)
+        return super().with_pipe(pipe) if same else self._remade(pipe)
 
     @cached_property
     def as_chain(self) -> Chain | None:
@@ -230,7 +249,7 @@ class Assembly(Model):
             return None
         try:
             return Chain(
-                self._pipe,
+                replace(self._pipe, supports=(), end="guided" if layout.guided else "free"),
                 springs=layout.springs,
                 lengths=layout.lengths,
                 centers=layout.centers,

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from pipedyn import _core
 from pipedyn.models.base import core_pipe
-from pipedyn.models.held import SAME, closest
+from pipedyn.models.held import SAME, closest, held_nodes, keeps_direction
 from pipedyn.models.modular.parts import (
     Clamp,
     Constraint,
@@ -54,15 +54,22 @@ P = TypeVar("P", bound=Part)
 class Layout:
     """Modules and constraints in the order of their places, and a configuration that fits them all.
 
+    What holds the pipe besides (its root's spring, its supports and its end) comes from the pipe.
+
     Args:
         modules, constraints: the parts.
+        pipe: the pipe.
 
     Raises:
-        ValueError: if they do not fit one another.
+        ValueError: if they do not fit one another or how the pipe is held.
     """
 
-    def __init__(self, modules: Sequence[Module], constraints: Sequence[Constraint]) -> None:
+    def __init__(
+        self, modules: Sequence[Module], constraints: Sequence[Constraint], pipe: Pipe
+    ) -> None:
         self.modules, self.constraints = tuple(modules), tuple(constraints)
+        self.given, self.guided = self.constraints, keeps_direction(pipe)
+        """Constraints without those of the pipe's supports, and whether joint n + 1 is there."""
         segments = _of(modules, Segment)
         self.customs = _of(modules, Custom)
         self.size = len(segments)
@@ -75,13 +82,18 @@ class Layout:
         if abs(total - 1.0) > 1e-9:
             raise ValueError(f"the base and the segments' lengths must add up to 1, got {total!r}")
         self.ends = self.base + np.concatenate([[0.0], np.cumsum(self.lengths)])
+        self.constraints += self._supports(pipe)
         self.centers = np.array([segment.center for segment in segments])
         self.gyration_radii = np.array([segment.gyration_radius for segment in segments])
         self.drag_points = np.array([segment.drag_point for segment in segments])
-        self.springs, self.rest_moments = np.zeros(self.size), np.zeros(self.size)
+        self.springs, self.rest_moments = np.zeros(self.size + self.guided), np.zeros(self.size)
+        """Of each joint without a root's spring, and the moments k_j psi_j of those bent at rest."""
         for spring in _of(modules, TorsionalSpring):
             self.springs[spring.joint - 1] += spring.stiffness
-            self.rest_moments[spring.joint - 1] += spring.stiffness * spring.rest_angle
+            if spring.joint <= self.size:
+                self.rest_moments[spring.joint - 1] += spring.stiffness * spring.rest_angle
+            elif spring.rest_angle != 0.0:
+                raise ValueError(f"{described(spring)}: rest_angle of a guided end must be 0")
         for array in (self.lengths, self.ends, self.springs):
             array.flags.writeable = False
         self.has_flow = bool(_of(modules, InternalFlow))
@@ -108,13 +120,18 @@ class Layout:
         n = self.size
         for part in (*self.modules, *self.constraints):
             for name in ("node", "joint", "segment", "nodes", "joints"):
-                given = getattr(part, name, ())
-                beyond = [p for p in (given if isinstance(given, tuple) else (given,)) if p > n]
+                given, most = getattr(part, name, ()), n + (self.guided and name == "joint")
+                beyond = [p for p in (given if isinstance(given, tuple) else (given,)) if p > most]
                 if beyond:
                     raise ValueError(
-                        f"{described(part)}: {name} must be at most {n}, the number of segments, "
-                        f"got {beyond[0]}"
+                        f"{described(part)}: {name} must be at most {most}, the number of "
+                        f"{'joints' if most > n else 'segments'}, got {beyond[0]}"
                     )
+        if self.guided and n + 1 not in {spring.joint for spring in _of(self.modules, TorsionalSpring)}:
+            raise ValueError(
+                f"modules must hold a TorsionalSpring(joint={n + 1}), between segment {n} and the "
+                "end that keeps its direction"
+            )
         for kind in (InternalFlow, Drag):
             count = len(_of(self.modules, kind))
             if count > 1:
@@ -140,6 +157,15 @@ class Layout:
                 + " and ".join(described(clamp) for clamp in _of(self.constraints, Clamp))
             )
         return bases[0]
+
+    def _supports(self, pipe: Pipe) -> tuple[Constraint, ...]:
+        """The guides that hold the pipe at its supports and at its end."""
+        if self.base > 0.0 and pipe.root != "clamped":
+            raise ValueError(
+                f"base of Clamp must be 0 unless the root is clamped, got {self.base:g} with {pipe!r}"
+            )
+        nodes = held_nodes(pipe, self.ends[1:])
+        return tuple(Guide(node) for node in (np.flatnonzero(nodes) + 1).tolist())
 
     def _found_holding(self) -> dict[int, Constraint]:
         """The redundant coordinates that are held, each with the first guide or pin that does."""
@@ -228,7 +254,7 @@ class Layout:
         s = 0.5 * (self.ends[:-1] + self.ends[1:])
         first, second, third = (np.sin(math.pi * k * s) for k in (1, 2, 3))
         two_turns = 0.7 * second + 0.2 * first
-        core = self.compiled(Pipe(0.0))
+        core = self.compiled(Pipe(0.0, end="guided" if self.guided else "free"))
         best, least = closest(
             core, (straight, two_turns, -two_turns, first, -first, 1.5 * second + third)
         )
@@ -271,8 +297,8 @@ class Layout:
         return replace(pipe, **flow, drag=pipe.drag if self.has_drag else 0.0)
 
     def joint_damping(self, pipe: Pipe) -> Array:
-        """c_j, shape (n,)."""
-        damping = np.zeros(self.size)
+        """c_j of each joint without a root's spring."""
+        damping = np.zeros(self.springs.size)
         for s in _of(self.modules, TorsionalSpring):
             damping[s.joint - 1] += pipe.damping * s.stiffness if s.damping is None else s.damping
         return damping
