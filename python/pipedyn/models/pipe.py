@@ -240,6 +240,11 @@ class Pipe:
         """Stiffness against rotation at the root in EI / L: infinite if clamped, 0 if pinned."""
         return root_stiffness(self.root)
 
+    @property
+    def has_kinks(self) -> bool:
+        """Whether derivatives of a force jump: drag's as velocities change sign, a stop's too."""
+        return self.drag > 0.0 or any(term.kinks for term in self.terms)
+
     def __repr__(self) -> str:
         parts = [
             f"{item.name}={value:.12g}" if isinstance(value, float) else f"{item.name}={value!r}"
