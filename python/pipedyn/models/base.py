@@ -210,7 +210,7 @@ class Model(OfPipe, ABC):
 
     @property
     def coordinates(self) -> int:
-        """Number of coordinates of a state; more than dof where supports or constraints tie them."""
+        """Number of coordinates of a state; more than dof where something ties them."""
         return self.dof
 
     @property

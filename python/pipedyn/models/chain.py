@@ -22,7 +22,7 @@ from pipedyn.models.base import (
     operators_from,
     stored,
 )
-from pipedyn.models.held import MET, SAME, Held, closest, keeps_direction, held_nodes, left_free
+from pipedyn.models.held import MET, SAME, Held, closest, held_nodes, keeps_direction, left_free
 from pipedyn.models.pencil import ChainPencil, Pencil, real_columns
 from pipedyn.models.pipe import Pipe
 from pipedyn.util import check

@@ -15,7 +15,6 @@ from pipedyn.models.base import Operators
 from pipedyn.models.pipe import Pipe
 from pipedyn.util.check import Array
 
-
 MET = 1e-9
 """How closely given states must meet the constraints, in L, rad, and these per T.
 

@@ -87,7 +87,7 @@ class Layout:
         self.gyration_radii = np.array([segment.gyration_radius for segment in segments])
         self.drag_points = np.array([segment.drag_point for segment in segments])
         self.springs, self.rest_moments = np.zeros(self.size + self.guided), np.zeros(self.size)
-        """Of each joint without a root's spring, and the moments k_j psi_j of those bent at rest."""
+        """Of each joint, without a root's spring, and moments k_j psi_j of those bent at rest."""
         for spring in _of(modules, TorsionalSpring):
             self.springs[spring.joint - 1] += spring.stiffness
             if spring.joint <= self.size:
@@ -127,7 +127,9 @@ class Layout:
                         f"{described(part)}: {name} must be at most {most}, the number of "
                         f"{'joints' if most > n else 'segments'}, got {beyond[0]}"
                     )
-        if self.guided and n + 1 not in {spring.joint for spring in _of(self.modules, TorsionalSpring)}:
+        if self.guided and n + 1 not in {
+            spring.joint for spring in _of(self.modules, TorsionalSpring)
+        }:
             raise ValueError(
                 f"modules must hold a TorsionalSpring(joint={n + 1}), between segment {n} and the "
                 "end that keeps its direction"
@@ -162,7 +164,8 @@ class Layout:
         """The guides that hold the pipe at its supports and at its end."""
         if self.base > 0.0 and pipe.root != "clamped":
             raise ValueError(
-                f"base of Clamp must be 0 unless the root is clamped, got {self.base:g} with {pipe!r}"
+                f"base of Clamp must be 0 unless the root is clamped, got {self.base:g} with "
+                f"{pipe!r}"
             )
         nodes = held_nodes(pipe, self.ends[1:])
         return tuple(Guide(node) for node in (np.flatnonzero(nodes) + 1).tolist())
@@ -236,6 +239,10 @@ class Layout:
     def rows(self, theta: Array) -> Array:
         """Derivative of the coordinates that are held by the angles, shape (n, c)."""
         return self.moments(theta, self.unit_loads)
+
+    def independent_rows(self, theta: Array) -> Array:
+        """Those that depend on none of the others, shape (n, independent)."""
+        return self.rows(theta)[:, self.independent]
 
     def closed(self, core: _core.Scene, theta: Array) -> tuple[Array, float]:
         """Angles close to those given that meet guides and pins, and how far they still miss.

@@ -94,8 +94,7 @@ class SmallMotions:
             mass=of_angles(chain.mass + (rows / compliance[inert]) @ rows.T),
             gyroscopic=of_angles(chain.gyroscopic),
             end_flux=of_angles(chain.end_flux),
-            damping=of_angles(chain.damping - by_state[:, n:])
-            + of_joints(form.joints[:, 1]),
+            damping=of_angles(chain.damping - by_state[:, n:]) + of_joints(form.joints[:, 1]),
             stiffness=of_angles(chain.stiffness - by_state[:, :n]) + of_joints(form.joints[:, 0]),
             flux=layout.has_flow * of_angles(chain.flux - np.diag(turned)),
             direction=form.pipe.direction,

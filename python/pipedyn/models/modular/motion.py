@@ -34,9 +34,7 @@ class SceneMotion:
         self.form, self.enforce = form, enforce
         self.core, self.layout, self.customs = form.core, form.layout, form.customs
         self.is_compiled = not form.customs and enforce is None
-        self.held = Held(
-            form.core, lambda theta: self.layout.rows(theta)[:, self.layout.independent]
-        )
+        self.held = Held(form.core, form.layout.independent_rows)
 
     # --------------------------------------------------------------------- redundant coordinates
 

@@ -62,7 +62,9 @@ def chain(
     modules: list[Module] = [
         Segment(*row) for row in zip(*(column.tolist() for column in columns), strict=True)
     ]
-    springs = [*plain.springs.tolist(), plain.end_spring][: plain.coordinates + keeps_direction(pipe)]
+    springs = [*plain.springs.tolist(), plain.end_spring][
+        : plain.coordinates + keeps_direction(pipe)
+    ]
     modules += [TorsionalSpring(j, k) for j, k in enumerate(springs, start=1)]
     modules += [InternalFlow(), Drag()]
     joints = [Joint(j) for j in range(2, plain.coordinates + 1)]
