@@ -62,21 +62,20 @@ Chain::Chain(const Pipe& pipe, Segments segments) : pipe_(pipe), segments_(std::
   auto& [l, chi, eta, spring, xi, base, damping, rest_moment] = segments_;
   const Index n = dof();
   const Index joints = n + (pipe_.is_guided() ? 1 : 0);
-  if (n < 1 || spring.size() != joints || (damping.size() != 0 && damping.size() != joints)) {
-    throw std::invalid_argument("segments must have a spring and a damping a joint");
-  }
   damped_springs_ = spring;
   if (damping.size() == 0) damping = pipe_.damping * spring;
+  if (rest_moment.size() == 0) rest_moment = Vector::Zero(n);
+  if (n < 1 || chi.size() != n || eta.size() != n || xi.size() != n || rest_moment.size() != n ||
+      spring.size() != joints || damping.size() != joints) {
+    throw std::invalid_argument("segments must have one entry a segment in every array" +
+                                std::string(joints > n ? ", and one more joint" : ""));
+  }
   if (pipe_.is_guided()) {
     end_spring_ = spring[n];
     end_damping_ = damping[n];
     for (Vector* const of : {&spring, &damping, &damped_springs_}) of->conservativeResize(n);
   }
-  if (rest_moment.size() == 0) rest_moment = Vector::Zero(spring.size());
   held_.resize(static_cast<std::size_t>(n));
-  if (chi.size() != n || eta.size() != n || xi.size() != n || rest_moment.size() != n) {
-    throw std::invalid_argument("segments must have one entry a segment in every array");
-  }
   if (std::isfinite(pipe_.root)) {
     const double share = pipe_.root > 0.0 ? pipe_.root / (pipe_.root + spring[0]) : 0.0;
     spring[0] *= share;  // of both in series

@@ -6,6 +6,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable
 from dataclasses import fields, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -115,10 +116,8 @@ def closest(core: _core.Scene, starts: Iterable[Array]) -> tuple[Array, float]:
 
 def left_free(operators: Operators, basis: _core.Complement) -> Operators:
     """The operators along a basis of what is left free."""
-    return replace(
-        operators,
-        **{
-            name: basis.gathered(basis.gathered(getattr(operators, name)).T.copy()).T
-            for name in (field.name for field in fields(Operators)[:6])
-        },
-    )
+    made: dict[str, Any] = {}
+    for field in fields(Operators)[:6]:
+        columns = basis.gathered(getattr(operators, field.name)).T.copy()
+        made[field.name] = basis.gathered(columns).T
+    return replace(operators, **made)
