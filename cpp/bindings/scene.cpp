@@ -70,7 +70,7 @@ Numbers from_angles(const Scene& scene, const py::object& theta, const py::objec
 /// Derivative of the rates of [theta, theta'] (2 n, 2 n), or of each of k states, where they return
 /// to guides and pins or not. by_state: of further moments on a single state (n, 2 n), else 0.
 Numbers derivative(const Scene& scene, const py::object& y, const py::object& u,
-                 const py::object& moments, const Matrix& by_state, bool returns) {
+                   const py::object& moments, const Matrix& by_state, bool returns) {
   std::optional<States> further;
   if (!moments.is_none()) further.emplace("moments", moments, scene.dof());
   const auto work = [&](Batch batch, double* out) {
@@ -114,8 +114,8 @@ void define_scene(py::module_& m) {
       .def_readonly_static("met", &Scene::met)
       .def_readonly_static("return_rate", &Scene::return_rate)
       .def("solve", &Scene::solve, "theta"_a, "moments"_a, Unlocked())
-      .def("derivative", derivative, "y"_a, "u"_a, "moments"_a = py::none(), "by_state"_a = Matrix(),
-           "returns"_a = true)
+      .def("derivative", derivative, "y"_a, "u"_a, "moments"_a = py::none(),
+           "by_state"_a = Matrix(), "returns"_a = true)
       .def(
           "redundant_rhs",
           [](const Scene& scene, const py::object&, const py::object& y, const py::object& u,

@@ -17,7 +17,8 @@
 // + chi_k l_k^2, row k reads
 //
 //   sum_i M_ki theta_i'' + sqrt(beta) U (l_k^2 theta_k' + 2 sum_{i>k} l_k l_i theta_i')
-//     + a U^2 l_k (theta_n - theta_k) + gamma p_k theta_k
+//     - (1 - c) sqrt(beta) U l_k sum_i l_i theta_i' + a U^2 l_k (theta_n - theta_k)
+//     + gamma p_k theta_k
 //     + (1 + delta d/dtau) (k_k phi_k - k_{k+1} phi_{k+1}) = 0,     phi_j = theta_j - theta_{j-1},
 //
 // U = s u. Joints may have a damping c_k of their own in place of delta k_k, and an angle
@@ -26,18 +27,21 @@
 // rounding at any n.
 //
 // How the pipe is held (pipe.hpp): a root's spring k_r lies in series with the first joint, which
-// has 1 / k_1 + 1 / k_r for 1 / k_1 and, to first order in the damping, c_1 = delta k^2 / k_1 with k
-// of both: the root's spring is undamped, and c_1 vanishes beside k_r as n grows. A guided or
+// has 1 / k_1 + 1 / k_r for 1 / k_1 and, to first order in the damping, c_1 = delta k^2 / k_1 with
+// k of both: the root's spring is undamped, and c_1 vanishes beside k_r as n grows. A guided or
 // clamped end keeps the direction of the axis: a joint n + 1 with phi_{n+1} = -theta_n, the mirror
-// image of the clamp's, and a flow that leaves along the axis, so that 0 stands for theta_n in a U^2
-// l_k (theta_n - theta_k). What holds x of nodes is no part of the chain: modular/scene.hpp.
+// image of the clamp's, and a flow that leaves along the axis, so that 0 stands for theta_n in a
+// U^2 l_k (theta_n - theta_k). What holds x of nodes is no part of the chain: modular/scene.hpp.
 //
 // At any amplitude, with c_ki = l_min(k,i) p_max(k,i) (k != i), c_kk = M_kk, t the tangents,
 //   sum_i c_ki (cos(theta_k - theta_i) theta_i'' + sin(theta_k - theta_i) theta_i'^2)
 //     + sqrt(beta) U (l_k^2 theta_k' + 2 sum_{i>k} l_k l_i cos(theta_k - theta_i) theta_i')
-//     + a U^2 l_k sin(theta_n - theta_k) + gamma p_k sin theta_k
+//     - (1 - c) sqrt(beta) U l_k sum_i l_i cos(theta_k - theta_i) theta_i'
+//     + a U^2 l_k sin(theta_n + psi - theta_k) + gamma p_k sin theta_k
 //     + (1 + delta d/dtau) (k_k phi_k - k_{k+1} phi_{k+1}) = drag_k,
-// where the force -kappa l_j |v_j| v_j acts across each segment at its drag point; solved in O(n).
+// where the jet leaves at the angle psi to the last segment, the inflow has the share c of the free
+// end's velocity and the force -kappa l_j |v_j| v_j acts across each segment at its drag point;
+// solved in O(n).
 //
 // The terms of the pipe (terms/) act at places of the segments (stations.hpp). A mass on a segment
 // changes the segment's own mass, centre and radius of gyration: sum_{i>k} l_i in M and p_k becomes
@@ -59,12 +63,12 @@ struct Segments {
   Vector length;           // l_j; with the base they sum to 1
   Vector center;           // chi_j, centre of mass as a fraction of the length
   Vector gyration_radius;  // eta_j, about the centre of mass
-  Vector spring;           // k_j, joint at the segment's clamped side; of a guided or clamped end one
-                           // more, of the joint between the last segment and the end
-  Vector drag_point;       // xi_j, as a fraction of the length
-  double base = 0.0;       // length of the fixed part at the clamp
-  Vector damping{};        // c_j of the joints, as many; where empty delta k_j
-  Vector rest_moment{};    // k_j psi_j, of joints at rest at the angle psi_j; where empty 0
+  Vector spring;         // k_j, joint at the segment's clamped side; of a guided or clamped end one
+                         // more, of the joint between the last segment and the end
+  Vector drag_point;     // xi_j, as a fraction of the length
+  double base = 0.0;     // length of the fixed part at the clamp
+  Vector damping{};      // c_j of the joints, as many; where empty delta k_j
+  Vector rest_moment{};  // k_j psi_j, of joints at rest at the angle psi_j; where empty 0
 };
 
 /// What multiplies the parts of P: stiffness, damping and inertia, s (gyroscopic + end_flux) and
@@ -80,6 +84,7 @@ class Chain {
   /// Throws std::invalid_argument if the arrays differ in length or are empty.
   Chain(const Pipe& pipe, Segments segments);
 
+  const Pipe& pipe() const { return pipe_; }
   Index dof() const { return segments_.length.size(); }
 
   /// Operators in the angles theta, O(n^2), about the straight pipe or a configuration at rest (n):
@@ -107,7 +112,8 @@ class Chain {
 
   /// The linear problem for the recursion in impedance.hpp; valid as long as the chain is.
   ImpedanceModel impedance() const;
-  /// Spring, damping and moment at rest of each joint, with a root's and a guided end's (joints, 3).
+  /// Spring, damping and moment at rest of each joint, with a root's and a guided end's (joints,
+  /// 3).
   Matrix joints() const;
   const Vector& springs() const { return segments_.spring; }
   /// Whether two chains have one linear problem without flow.
@@ -150,9 +156,9 @@ class Chain {
 
  private:
   Pipe pipe_;
-  Segments segments_;       // centre and radius with the masses of terms
-  Vector first_moment_;     // p_k
-  Vector damped_springs_;   // dc_j / ddelta where the joints' damping is the pipe's
+  Segments segments_;      // centre and radius with the masses of terms
+  Vector first_moment_;    // p_k
+  Vector damped_springs_;  // dc_j / ddelta where the joints' damping is the pipe's
   double end_spring_ = 0.0, end_damping_ = 0.0;
   std::vector<bool> held_;  // see `guided`
   bool damped_, bent_;      // any joint, the second at rest

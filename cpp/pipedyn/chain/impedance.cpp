@@ -82,13 +82,14 @@ inline Coefficients<Pack> coefficient_sizes(const ImpedanceSegment& at, const Po
 /// T at so many lambda.
 struct Problem {
   Powers<Lanes> powers;
-  double flow, thrust;  // sqrt(beta) U and a U^2
+  double flow, entry, thrust;  // sqrt(beta) U, (1 - c) sqrt(beta) U and a U^2
 
   Problem() = default;
   Problem(const ImpedanceModel& model, const Lanes& lambda, double u)
       : powers{lambda, lambda * lambda, (model.coriolis * u) * lambda},
         flow(model.coriolis * u),
-        thrust(model.centrifugal * u * u) {}
+        entry(model.entry * u),
+        thrust(model.thrust * u * u) {}
 
   Powers<Pack> sizes() const {
     const Pack size = size_of(powers.one);
@@ -118,9 +119,10 @@ struct Impedance {
 };
 
 /// Beyond the last segment.
-inline Impedance end_impedance(const ImpedanceModel& model, double thrust) {
+inline Impedance end_impedance(const ImpedanceModel& model, const Problem& problem) {
   Impedance end;
-  if (model.guided) end.b.re -= thrust;
+  end.a = -problem.entry * problem.powers.one;
+  if (model.guided) end.b.re -= problem.thrust;
   return end;
 }
 
@@ -181,7 +183,8 @@ void log_derivative(const ImpedanceModel& model, const ImpedancePoints& points, 
   for (Count first = 0; first < points.count; first += width) {
     const Lanes lambda = taken(points, first);
     const Problem problem(model, lambda, points.u);
-    Impedance at = end_impedance(model, problem.thrust), by;  // and its derivative by lambda
+    Impedance at = end_impedance(model, problem), by;  // and its derivative by lambda
+    by.a.re = all<Pack>(-problem.entry);
     Lanes sum;
     for (Count k = 0; k < points.roots; k += 2) {  // one division for two
       const Count next = k + 1 < points.roots ? k + 1 : k;
@@ -291,7 +294,7 @@ void pairs(const ImpedanceModel& model, const ImpedancePoints& points, const Imp
   Turned* const turned_by = reinterpret_cast<Turned*>(segments + n);
   for (Count first = 0; first < points.count; first += width) {
     const Problem problem(model, taken(points, first), points.u);
-    Impedance at = end_impedance(model, problem.thrust);
+    Impedance at = end_impedance(model, problem);
     LoadBeyond load, dual;
     double weight = 0.5;  // of the load on a joint
     Coefficients<Lanes> own;
@@ -405,13 +408,20 @@ void pairs(const ImpedanceModel& model, const ImpedancePoints& points, const Imp
       pressed += Lanes{} - y.end * x.angle;
       entries += std::fabs(problem.thrust) * (size_of(y.end) * size_of(x.angle));
     }
+    if (problem.entry != 0.0) {
+      const double share = -model.entry / model.coriolis;
+      const Lanes end = share * x.end;
+      rates.flow += y.end * end;
+      own_rates.flow += conjugate(x.end) * end;
+      entries += std::fabs(problem.entry) * sizes.one * (size_of(y.end) * size_of(x.end));
+    }
     value += y.angle * joint_moment;
     rest += size_of(y.angle) * size_of(joint_moment);
     put(out.value, points, first, value);
     put(out.by_lambda, points, first, rates.sum(problem));
     put(out.by_u, points, first,
         (model.coriolis * problem.powers.one) * rates.flow +
-            (2.0 * model.centrifugal * points.u) * pressed);
+            (2.0 * model.thrust * points.u) * pressed);
     if (out.by_right != nullptr) put(out.by_right, points, first, own_rates.sum(problem));
     put(out.rest, points, first, rest);
     put(out.entries, points, first, entries);

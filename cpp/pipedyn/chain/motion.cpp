@@ -4,9 +4,10 @@
 // PIPEDYN_WIDTH set.
 //
 // Energy: kinetic + sum k_j phi_j (phi_j / 2 - psi_j) + gamma sum p_j (1 - cos theta_j). Power,
-// with the velocity v of the end and v_j of the drag points: flow -sqrt(beta) U |v|^2 - a U^2
-// t_n . v, joints -sum c_j phi_j'^2, drag -kappa sum l_j |v_j|^3. The joint of a guided end counts,
-// with phi_{n+1} = -theta_n, and (0, 1) stands for t_n. To both come the terms', as their laws say.
+// with the velocity v of the end and v_j of the drag points: flow -c sqrt(beta) U |v|^2 - a U^2
+// (cos psi t_n + sin psi n_n) . v, joints -sum c_j phi_j'^2, drag -kappa sum l_j |v_j|^3. Where the
+// end is guided its joint counts, with phi_{n+1} = -theta_n, and the axis stands for segment n in
+// the direction of the jet. To both come the terms', as their laws say.
 #include "pipedyn/chain/motion.hpp"
 
 #include "pipedyn/chain/derivative.hpp"
@@ -90,9 +91,9 @@ void power_of(const MotionModel& model, const Members<Real>& members, const Swee
   });
   const Real u = members.speed(), end_rate = sweep.at(sweep.rate, n - 1);
   joints -= model.end_damping * (end_rate * end_rate);
-  const EndDirection<Real> end(model, members);
-  const Real flow = -(model.coriolis * u) * (vt * vt + vn * vn) -
-                    (model.centrifugal * (u * u)) * (end.along * vt + end.across * vn);
+  const Thrust<Real> thrust(model, members);
+  const Real flow = -((model.coriolis - model.entry) * u) * (vt * vt + vn * vn) -
+                    (thrust.along * vt + thrust.across * vn);
   members.set_row(out, 0, flow);
   members.set_row(out, 1, joints);
   members.set_row(out, 2, drag);

@@ -41,19 +41,23 @@ struct SegmentTerm {
 /// What the kernels read of a chain and its pipe.
 struct MotionModel {
   const Link* links;
-  std::ptrdiff_t size;       // n
-  double base;               // length of the fixed part at the clamp
-  double gravity;            // gamma
-  double coriolis;           // sqrt(beta) s
-  double centrifugal;        // a
-  bool damped;               // some joint is
-  bool bent;                 // some joint is bent at rest
-  bool guided;               // the end keeps the direction of the axis
-  double end_spring;         // k and c of the joint between it and the last segment
+  std::ptrdiff_t size;  // n
+  double base;          // length of the fixed part at the clamp
+  double gravity;       // gamma
+  double coriolis;      // sqrt(beta) s
+  double entry;         // (1 - c) sqrt(beta) s
+  double thrust[2];     // a cos psi along and a sin psi across the last segment
+  bool damped;          // some joint is
+  bool bent;            // some joint is bent at rest
+  bool guided;          // the end keeps the direction of the axis
+  double end_spring;    // k and c of the joint between it and the last segment
   double end_damping;
   bool drag;                 // kappa > 0
   const SegmentTerm* loads;  // from the clamp on
   std::ptrdiff_t load_count;
+
+  /// Whether forces other than the joints' and Coriolis' change with the velocities.
+  bool resists() const { return drag || entry != 0.0 || load_count > 0; }
 };
 
 /// Member j of a batch has its state in column j of y (2 n, members), its speed at u[j * u_step].

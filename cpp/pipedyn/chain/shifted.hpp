@@ -5,11 +5,13 @@
 //
 // With b = [b1, b2] and x = [x1, x2] the angle of segment j changes by (x2_j + b1_j) / mu, its rate
 // by x2_j and its angular acceleration by mu x2_j - b2_j. Let m_j be the changes of acceleration,
-// velocity and position of node j, the last two only where drag or loads see them. Across segment j
+// velocity and position of node j, the last two only where drag, loads or the entering flow see
+// them. Across segment j
 //   m_j = m_{j-1} + g_j x2_j + e_j,
 // e_j by b alone. All beyond node j answers with a force and with the moment of joint j + 1,
 //   f_j = Z_j m_j + z_j x2_j + f0_j,   k_j = K_j m_j + s_j x2_j + k0_j,
-// f_n by the follower force alone, k_n by the joint of a guided end alone. Segment j's moments about its joint then give
+// f_n by the follower force and the entering flow alone, k_n by the joint of a guided end alone.
+// Segment j's moments about its joint then give
 //   x2_j = X_j m_{j-1} + (c_j / D_j) x2_{j-1} + x0_j,   c_j = spring_j / mu + damping_j,
 //   D_j = c_j + R_j,
 // R_j of everything but its own joint; so one segment nearer to the clamp
@@ -84,7 +86,8 @@ struct ShiftedFactors {
 
 /// Derivative of the follower force by the angle of the last segment, with the normal n.
 inline Plane turned_thrust(const MotionModel& model, double u, const Plane& n) {
-  return scaled(model.guided ? 0.0 : model.centrifugal * u * u, n);
+  if (model.guided) return {0.0, 0.0};
+  return plus(scaled(model.thrust[0] * u * u, n), scaled(model.thrust[1] * u * u, {n.y, -n.x}));
 }
 
 template <Count size>
@@ -96,6 +99,9 @@ void factorise_shifted(const Linearised& about, const ShiftedFactors<size>& out)
   const Plane end = turned_thrust(model, about.u, about.frame(n - 1).n);
   Complex force[2][size], moment[size], at_rate[2], moment_at_rate = zero;  // Z, K, z, s
   for (Count i = 0; i < size; ++i) force[0][i] = force[1][i] = moment[i] = zero;
+  if constexpr (size == 6) {
+    force[0][2] = force[1][3] = zero + (-model.entry * about.u);
+  }
   at_rate[0] = end.x * inverse_mu;
   at_rate[1] = end.y * inverse_mu;
   moment_at_rate = zero - (model.end_spring * inverse_mu + model.end_damping);
@@ -208,9 +214,8 @@ void solve_shifted(const MotionModel& model, double u, const ShiftedFactors<size
 /// Calls body(factors, pass) with the factors of all shifts, as many at a time as a vector holds.
 template <class Body>
 void for_each_pass(const MotionModel& model, double* array, const Body& body) {
-  const bool whole = model.drag || model.load_count > 0;
   for (Count pass = 0; pass < shift_passes; ++pass) {
-    if (whole) {
+    if (model.resists()) {
       body(ShiftedFactors<6>(array, model.size, pass), pass);
     } else {
       body(ShiftedFactors<2>(array, model.size, pass), pass);
@@ -219,8 +224,8 @@ void for_each_pass(const MotionModel& model, double* array, const Body& body) {
 }
 
 Count shifted_numbers(const MotionModel& model) {
-  const bool whole = model.drag || model.load_count > 0;
-  return whole ? ShiftedFactors<6>::numbers(model.size) : ShiftedFactors<2>::numbers(model.size);
+  return model.resists() ? ShiftedFactors<6>::numbers(model.size)
+                         : ShiftedFactors<2>::numbers(model.size);
 }
 
 void factorise_shifted(const MotionModel& model, const Batch& one, const double* mu,

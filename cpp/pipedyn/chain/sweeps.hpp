@@ -7,7 +7,9 @@
 // With w_j = theta_j' and the acceleration a_j of node j, gravity as an acceleration of the clamp,
 //   a_j = a_{j-1} + l_j (theta_j'' n_j - w_j^2 t_j),   a_0 = -gamma (0, 1).
 // All beyond node j answers a_j with the force A_j a_j + b_j, A_j symmetric (2, 2), A_n = 0,
-// b_n = a U^2 t_n (follower force), with (0, 1) for t_n where the end is guided. The moments about the joint of segment j give
+// b_n = a U^2 (cos psi t_n + sin psi n_n) - (1 - c) sqrt(beta) U r_n' (follower force, entering
+// flow), with the axis for segment n in the first where the end is guided. The moments about the
+// joint of segment j give
 //   theta_j'' = g_j - e_j . a_{j-1},   e_j = c_j / H_j,   c_j = l_j A_j n_j + m_j chi_j l_j n_j,
 //   H_j = l_j^2 n_j . A_j n_j + m_j (chi_j^2 l_j^2 + eta_j^2),
 //   g_j = (tau_j - l_j n_j . (b_j - l_j w_j^2 A_j t_j)) / H_j,
@@ -114,18 +116,22 @@ struct Kept {
   double tt, tn, nn, inverse, bt, at, an, vt, v, acceleration;
 };
 
-/// The direction in which the flow passes the end, along the last segment and across it.
+/// Force of the flow on the end, along and across the last segment, with the signs of resistance.
 template <class Real>
-struct EndDirection {
-  Real along = all<Real>(1.0), across{};
+struct Thrust {
+  Real along, across;
 
-  EndDirection(const MotionModel& model, const Members<Real>& members) {
+  Thrust(const MotionModel& model, const Members<Real>& members) {
+    const Real u = members.speed(), square = u * u;
+    along = model.thrust[0] * square;
+    across = model.thrust[1] * square;
     if (!model.guided) return;
     double angle[width] = {}, sine[width], cosine[width];
     store(angle, members.row(model.size - 1));
     sincos(angle, lanes<Real>, sine, cosine);
-    along = load<Real>(cosine);
-    across = -load<Real>(sine);
+    const Real s = load<Real>(sine), c = load<Real>(cosine), forward = along;
+    along = c * forward + s * across;
+    across = c * across - s * forward;
   }
 };
 
@@ -189,8 +195,9 @@ Real add_loads(const MotionModel& model, const Members<Real>& members, const Swe
   return power;
 }
 
-/// What acts on the segments besides inertia, flow and joints.
-enum class Outer { nothing, drag, loads };  // loads: as in add_loads, with drag if there is any
+/// What acts on the segments besides inertia, flow and joints: drag or, at the free end, what the
+/// entering flow lacks of its velocity; loads as in add_loads, with the former if there are any.
+enum class Outer { nothing, drag, loads };
 
 /// Rates (2 n, members), and below them the power where it is asked for.
 template <class Real, Outer outer, bool keep>
@@ -219,13 +226,17 @@ void accelerations(const MotionModel& model, const Members<Real>& members, Sweep
   if constexpr (outer == Outer::loads) power += add_loads(model, members, sweep);
 
   const Real u = members.speed(), coriolis = model.coriolis * u;
-  const Real pull = model.centrifugal * (u * u);
-  const EndDirection<Real> end(model, members);
+  const Real entry = model.entry * u;
+  const Thrust<Real> thrust(model, members);
   const Real end_rate = sweep.at(sweep.rate, n - 1);
   const Real end_resistance = model.end_damping * end_rate;
   power -= end_resistance * end_rate;
   Real moment_beyond = -(model.end_spring * members.row(n - 1) + end_resistance);
-  Real tt{}, tn{}, nn{}, bt = pull * end.along, bn = pull * end.across;
+  Real tt{}, tn{}, nn{}, bt = thrust.along, bn = thrust.across;
+  if constexpr (outer != Outer::nothing) {
+    bt -= entry * end_along;
+    bn -= entry * end_across;
+  }
   for (Count j = n - 1; j >= 0; --j) {
     const Link& link = model.links[j];
     const double l = link.length;
@@ -319,8 +330,9 @@ void accelerations(const MotionModel& model, const Members<Real>& members, Sweep
   }
   if (with_power) {
     const Real square = end_along * end_along + end_across * end_across;
-    const Real forward = end.along * end_along + end.across * end_across;
-    members.set_row(rates, 2 * n, power - coriolis * square - pull * forward);
+    const Real flow = (coriolis - entry) * square;
+    const Real fed = thrust.along * end_along + thrust.across * end_across;
+    members.set_row(rates, 2 * n, power - flow - fed);
   }
 }
 
@@ -329,7 +341,7 @@ void accelerations_of(const MotionModel& model, const Members<Real>& members, Sw
                       double* rates, bool with_power, Kept* kept) {
   if (model.load_count > 0 || model.bent || members.batch.moments != nullptr) {
     accelerations<Real, Outer::loads, keep>(model, members, sweep, rates, with_power, kept);
-  } else if (model.drag) {
+  } else if (model.drag || model.entry != 0.0) {
     accelerations<Real, Outer::drag, keep>(model, members, sweep, rates, with_power, kept);
   } else {
     accelerations<Real, Outer::nothing, keep>(model, members, sweep, rates, with_power, kept);

@@ -44,13 +44,14 @@ struct Block {
   const Count m = grid.functions, padded = grid.padded, nodes = grid.nodes, points = grid.points;
   const Count block = nodes + 1;  // points of a panel
   const bool drags = effects.drag != 0.0, loads = effects.load_count > 0;
-  const bool resists = drags || loads;
+  const bool resists = drags || loads || effects.entry != 0.0;
 
   // The columns that are integrated: derivatives of the position by the orthonormal coordinates, x
   // then y, of several members without any that are 0; acceleration at q'' = 0; velocity, where
-  // drag or a term reads it; position, where a term does. Energy and power take the last two alone.
+  // drag, a term or the entering flow reads it; position, where a term does. Energy and power take
+  // the last two alone.
   const Count each = alone ? padded : m;
-  const Count bias = 2 * each, integrated = bias + (loads ? 6 : drags ? 4 : 2);
+  const Count bias = 2 * each, integrated = bias + (loads ? 6 : resists ? 4 : 2);
   double *theta, *omega, *sine, *cosine;  // (points), of a single member (stride)
   double *integrands, *moments;           // rows of columns, and their integrals from the clamp
   double *mass, *force;
@@ -179,6 +180,14 @@ struct Block {
     }
   }
 
+  struct Thrust {
+    Real along, across;
+  };
+  Thrust thrust(const Real& u) const {
+    const Real square = u * u;
+    return {effects.thrust[0] * square, effects.thrust[1] * square};
+  }
+
   /// All generalised forces but inertia's that is linear in q'', by orthonormal coordinates.
   void forces(const double* y, const Real& u, Count row) {
     bool flows = false;
@@ -205,9 +214,17 @@ struct Block {
       set(load_y, p, y_load);
     }
     if (flows) {  // the follower force
-      const Real thrust = effects.centrifugal * (u * u);
-      add(load_x, points - 1, Real(-thrust * at<Real>(sine, points - 1)));
-      add(load_y, points - 1, Real(-thrust * at<Real>(cosine, points - 1)));
+      const Count end = points - 1;
+      const auto [along, across] = thrust(u);
+      const Real s = at<Real>(sine, end), c = at<Real>(cosine, end);
+      add(load_x, end, Real(-along * s - across * c));
+      add(load_y, end, Real(across * s - along * c));
+      if (effects.entry != 0.0) {
+        const double* const v = moments + end * row + (bias + 2) * lanes<Real>;
+        const Real entry = effects.entry * u;
+        add(load_x, end, Real(entry * at<Real>(v, 0)));
+        add(load_y, end, Real(entry * at<Real>(v, 1)));
+      }
     }
     for_each_station(row, bias + 2, [&](const auto& law, const auto& station, Count p, double w) {
       const auto load = law.load(station);
@@ -410,8 +427,9 @@ struct Block {
       at_end(batch.y, last);
     }
     const Real x = last[2], y = last[3];
-    const Real along = at<Real>(sine, end) * x + at<Real>(cosine, end) * y;
-    const Real flux = 0.5 * effects.coriolis * u, thrust = effects.centrifugal * (u * u);
+    const Real s = at<Real>(sine, end), c = at<Real>(cosine, end);
+    const Real flux = (0.5 * effects.coriolis - effects.entry) * u;
+    const auto [along, across] = thrust(u);
     Real joints{}, dragged{}, others{};
     if (effects.damping != 0.0) {
       for (Count i = 0; i < m; ++i) {
@@ -429,7 +447,7 @@ struct Block {
     for_each_station(row, 0, [&](const auto& law, const auto& station, Count, double w) {
       others += w * law.power(station);
     });
-    set(out, 0, Real(-flux * (x * x + y * y) - thrust * along));
+    set(out, 0, Real(-flux * (x * x + y * y) - along * (s * x + c * y) - across * (c * x - s * y)));
     set(out, 1, joints);
     set(out, 2, dragged);
     set(out, 3, others);

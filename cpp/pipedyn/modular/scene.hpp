@@ -64,9 +64,9 @@ class Scene {
   /// The angles and their rates (2 n, members) in redundant states (6 n, members).
   Matrix angles(const Batch& states) const;
 
-  /// Rates of [theta, theta'] (2 n, members), O(n) a member and row. They return to guides and pins,
-  /// and keep those that are met; what these say twice is enforced once. NaN where a direction has
-  /// no inertia.
+  /// Rates of [theta, theta'] (2 n, members), O(n) a member and row. They return to guides and
+  /// pins, and keep those that are met; what these say twice is enforced once. NaN where a
+  /// direction has no inertia.
   void rhs(const Batch& batch, double* rates) const;
   /// The same of redundant states (6 n, members), of which the angles of the joints and their rates
   /// are read, and which do not return.

@@ -145,7 +145,7 @@ class ChainPencil(Pencil):
         self.complement = complement
         self.dof = complement.dof
         self.is_long = self.dof > LONGEST_DENSE
-        self.end_moves = held is None and model.pipe.beta > 0.0
+        self.end_moves = held is None and model.pipe.beta * model.pipe.inflow_share > 0.0
         self.scale, self.springs = model.elastic_scale, model.springs
         self.mass = partial(self._times, square=1.0)
         self.velocity = partial(self._times, velocity=1.0)

@@ -74,9 +74,9 @@ class RedundantForm:
         """Forces of all modules at a state [q, q'], shape (3 n,).
 
         Of the flow -sqrt(beta) U r_j' on r_{j-1} and sqrt(beta) U r_{j-1}' on r_j for each segment,
-        and on the end -sqrt(beta) U r_n' - a U^2 t; weights; -k (phi - psi) - c phi' of joints, psi
-        the rest angle; -kappa l |v| v n at a segment's drag point, v = n . r', n = (t_y, -t_x);
-        those of terms and custom modules.
+        and on the end -share sqrt(beta) U r_n' - a U^2 t; weights; -k (phi - psi) - c phi' of
+        joints, psi the rest angle; -kappa l |v| v n at a segment's drag point, v = n . r', n =
+        (t_y, -t_x); those of terms and custom modules.
         """
         layout, pipe, lengths = self.layout, self.pipe, self.layout.lengths
         q, rates = np.split(y, 2)
@@ -97,8 +97,9 @@ class RedundantForm:
         momentum = math.sqrt(pipe.beta) * pipe.direction * u * velocities
         on_nodes[:-1] -= momentum[1:]
         on_nodes[1:] += momentum[:-1]
-        leaving = np.array([0.0, 1.0]) if layout.guided else along[-1] / lengths[-1]
-        on_nodes[-1] -= momentum[-1] + pipe.alpha * u**2 * leaving
+        on_nodes[-1] -= pipe.inflow_share * momentum[-1]
+        end = np.array([0.0, 1.0]) if layout.guided else along[-1] / lengths[-1]
+        on_nodes[-1] -= pipe.alpha * u**2 * end
 
         total = self.customs.force(q, rates)
         total[0::3] += on_nodes[1:, 0]
