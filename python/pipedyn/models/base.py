@@ -8,7 +8,7 @@ from collections.abc import Callable
 from dataclasses import fields
 from functools import cached_property
 from operator import attrgetter
-from typing import Any, ClassVar, Self
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -148,13 +148,8 @@ def checked_pipe(pipe: Any) -> Pipe:
 class OfPipe:
     """A pipe to be asked about, discretised or continuous. Immutable; pickles."""
 
-    takes_supports: ClassVar[bool] = False
-    """Whether it takes pipes that are no cantilevers; to be True of every model."""
-
     def __init__(self, pipe: Pipe) -> None:
         self._pipe = checked_pipe(pipe)
-        if not (pipe.cantilevered or self.takes_supports):
-            raise ValueError(f"{type(self).__name__} must be of a cantilevered pipe, got {pipe!r}")
 
     @property
     def pipe(self) -> Pipe:

@@ -6,7 +6,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from functools import cached_property
-from typing import Any, Self
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -91,8 +91,6 @@ class Chain(Model):
     and Deksnis (1970).
     """
 
-    takes_supports = True
-
     def __init__(
         self,
         pipe: Pipe,
@@ -151,7 +149,7 @@ class Chain(Model):
             )
         else:
             self._joints = _frozen(self._springs_by_rule(rule))
-        self._check_supports()
+        self._check_terms()
         self._approximates = rule is not None and centers is None and gyration_radii is None
 
     def _springs_by_rule(self, rule: str) -> Array:
@@ -179,7 +177,7 @@ class Chain(Model):
         # "frequency": with unit springs the largest inertia is 1 / omega_1^2.
         return np.full(n + 1, FIRST_BEAM_EIGENVALUE * largest_stretch(inertia, np.ones(n)))
 
-    def _check_supports(self) -> None:
+    def _check_terms(self) -> None:
         """Raises ValueError where the chain is not made for how its pipe is held."""
         pipe, n = self._pipe, self.coordinates
         guided = keeps_direction(pipe)
@@ -206,11 +204,6 @@ class Chain(Model):
     def _held(self) -> NDArray[np.bool_]:
         """Whether the end of each segment is held on the axis, shape (n,)."""
         return held_nodes(self._pipe, self._base + np.cumsum(self._lengths))
-
-    def with_pipe(self, pipe: Pipe) -> Self:
-        other = super().with_pipe(pipe)
-        other._check_supports()
-        return other
 
     def _with_springs(self, springs: Array, pipe: Pipe) -> _core.Chain:
         return _core.Chain(
@@ -364,10 +357,11 @@ class Chain(Model):
         self._check_dense()
         theta = np.zeros(self.coordinates) if q is None else self._met("q", q)
         chain = operators_from(self.core.operators(theta), self._pipe)
-        at_rest = self.core.rhs(0.0, np.append(theta, 0.0 * theta), 0.0)[theta.size :]
-        end = 0.0 if keeps_direction(self._pipe) else theta[-1]
-        thrust = -self._lengths * np.sin(end - theta)
-        return self.supported.operators(chain, theta, chain.mass @ at_rest, thrust)
+        at_rest = np.append(theta, 0.0 * theta)[:, None] * np.ones(2)
+        turning = self.core.rhs(0.0, at_rest, np.array([0.0, 1.0]))[theta.size :]
+        still, flowing = (chain.mass @ turning).T
+        thrust = (flowing - still) / (self._pipe.alpha or 1.0)
+        return self.supported.operators(chain, theta, still, thrust)
 
     def basis(self, q: ArrayLike | None = None) -> Array:
         """Angles of the segments by the degrees of freedom of `operators`, shape (n, dof).

@@ -58,8 +58,6 @@ class Continuum(OfPipe):
     Source: Gregory and Paidoussis (1966).
     """
 
-    takes_supports = True
-
     def __repr__(self) -> str:
         return f"Continuum({self._pipe!r})"
 

@@ -6,6 +6,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 from dataclasses import replace
 from functools import cached_property
+from operator import attrgetter
 from typing import Any
 
 import numpy as np
@@ -19,6 +20,7 @@ from pipedyn.models.base import (
     NotConverged,
     Operators,
     arc_lengths,
+    checked_pipe,
     stored,
 )
 from pipedyn.models.chain import LARGEST_CHAIN, Chain, along, elastic_scale
@@ -92,8 +94,6 @@ class Assembly(Model):
 
     Source: Orsino and Di Giulio, eqs. (1)-(11); Orsino (2017) for the recursion.
     """
-
-    takes_supports = True
 
     def __init__(
         self,
@@ -231,8 +231,8 @@ class Assembly(Model):
         return more
 
     def with_pipe(self, pipe: Pipe) -> Assembly:
-        of = self._pipe
-        same = (of.root, of.end, of.supports) == (pipe.root, pipe.end, pipe.supports)
+        parts = attrgetter("root", "end", "supports")
+        same = parts(checked_pipe(pipe)) == parts(self._pipe)
         return super().with_pipe(pipe) if same else self._remade(pipe)
 
     @cached_property
