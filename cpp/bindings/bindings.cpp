@@ -107,7 +107,6 @@ PYBIND11_MODULE(_core, m, py::mod_gil_not_used()) {
           "x"_a, "still"_a = 0.0, "rate"_a = 0.0, "square"_a = 0.0, "velocity"_a = 0.0,
           "flux"_a = 0.0, "gravity"_a = 0.0, "by_damping"_a = 0.0, Unlocked())
       .def("guided", &Chain::guided, "held"_a)
-      .def("held_rows", &Chain::held_rows, "scale"_a)
       .def_property_readonly("joints", &Chain::joints)
       .def("places", &Chain::places)
       .def("loads", &Chain::loads, "stations"_a);

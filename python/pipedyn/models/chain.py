@@ -22,7 +22,7 @@ from pipedyn.models.base import (
     operators_from,
     stored,
 )
-from pipedyn.models.held import MET, SAME, Held, closest, held_nodes, keeps_direction, left_free
+from pipedyn.models.held import MET, SAME, Held, closest, held_nodes, keeps_direction
 from pipedyn.models.pencil import ChainPencil, Pencil, real_columns
 from pipedyn.models.pipe import Pipe
 from pipedyn.util import check
@@ -260,7 +260,7 @@ class Chain(Model):
 
     def __repr__(self) -> str:
         rule = repr(self._rule) if self._rule else "array"
-        return f"Chain({self._pipe!r}, n={self.coordinates}, springs={rule})"
+        return f"Chain({self._pipe!r}, n={self.coordinates}, springs={rule}{self._about_shown})"
 
     @property
     def dof(self) -> int:
@@ -297,13 +297,18 @@ class Chain(Model):
         return self.springs if clamped else self.core.joints[: self.coordinates, 0]
 
     def pencil(self) -> Pencil:
-        return self._pencil
-
-    @cached_property
-    def _pencil(self) -> ChainPencil:
-        return ChainPencil(self, self._held if self._held.any() else None)
+        if self._reference is not None:
+            return super().pencil()
+        return (
+            ChainPencil(self, self._held, self._elastic_free)
+            if self.supported
+            else ChainPencil(self)
+        )
 
     def term_stiffness(self, pencil: Pencil) -> float:
+        if self.supported and self._reference is not None:
+            one = np.eye(self.dof)
+            return float(np.linalg.norm(pencil.stiffness(one) - one, 2))
         return self._stiffness_beside(pencil) if self.end_spring else super().term_stiffness(pencil)
 
     @cached_property
@@ -317,7 +322,7 @@ class Chain(Model):
 
     @property
     def linear_cost(self) -> bool:
-        return True
+        return self._reference is None
 
     @property
     def stations(self) -> Array:
@@ -326,28 +331,42 @@ class Chain(Model):
 
     def elastic_operators(self) -> Operators:
         self._check_dense()
-        every = operators_from(self.core.joint_operators(self.elastic_scale), self._pipe)
-        return left_free(every, self._pencil.complement) if self.supported else every
+        scale = self.elastic_scale
+        if self._reference is not None:
+            angles = np.cumsum(scale[:, None] * self._spread(self._elastic_free), axis=0)
+            return self._in_angles(self._reference).projected(angles)
+        every = operators_from(self.core.joint_operators(scale), self._pipe)
+        return every.projected(self._spread(self._elastic_free)) if self.supported else every
 
     def from_elastic(self, z: ArrayLike) -> NDArray[Any]:
         given = self._columns("z", z)
         if self.supported is None:
             joints = (self.elastic_scale * given.T).T
             return np.cumsum(joints, axis=0, out=joints)
-        joints = real_columns(self._pencil.complement.spread, given.reshape(self.dof, -1))
+        joints = real_columns(self._elastic_free.spread, given.reshape(self.dof, -1))
         angles = np.cumsum(self.elastic_scale[:, None] * joints, axis=0)
-        return real_columns(self._basis.gathered, angles).reshape(given.shape)
+        return real_columns(self._free.gathered, angles).reshape(given.shape)
 
     @cached_property
-    def _basis(self) -> _core.Complement:
-        """What supports leave of the angles about the straight pipe."""
-        return _core.Complement(self._rows(np.zeros(self.coordinates)))
+    def _free(self) -> _core.Complement:
+        """What supports leave of the angles, where the model is linearised."""
+        return _core.Complement(self._rows(self.resting()))
+
+    @cached_property
+    def _elastic_free(self) -> _core.Complement:
+        """The same of the elastic coordinates."""
+        rows = np.cumsum(self._rows(self.resting())[::-1], axis=0)[::-1]
+        return _core.Complement(self.elastic_scale[:, None] * rows)
+
+    def _spread(self, free: _core.Complement) -> Array:
+        return free.spread(np.eye(self.dof))
 
     def operators(self, q: ArrayLike | None = None) -> Operators:
         """As for `Model.operators`; where supports hold nodes, along `basis`.
 
         Args:
-            q: angles at rest that meet the supports, shape (n,); the straight pipe if not given.
+            q: angles at rest that meet the supports, shape (n,); those of `about`, else the
+                straight pipe, where not given.
 
         Raises:
             ValueError: also for more than 4000 degrees of freedom.
@@ -355,13 +374,20 @@ class Chain(Model):
         if self.supported is None:
             return super().operators(q)
         self._check_dense()
-        theta = np.zeros(self.coordinates) if q is None else self._met("q", q)
+        theta = self.resting() if q is None else self._coordinates(q)
+        return self._in_angles(theta).projected(self.basis(theta))
+
+    def _in_angles(self, theta: Array) -> Operators:
+        """Operators in all angles, with what supports' forces add to them."""
         chain = operators_from(self.core.operators(theta), self._pipe)
+        if self.supported is None:
+            return chain
         at_rest = np.append(theta, 0.0 * theta)[:, None] * np.ones(2)
         turning = self.core.rhs(0.0, at_rest, np.array([0.0, 1.0]))[theta.size :]
         still, flowing = (chain.mass @ turning).T
-        thrust = (flowing - still) / (self._pipe.alpha or 1.0)
-        return self.supported.operators(chain, theta, still, thrust)
+        return self.supported.bent(
+            chain, theta, still, (flowing - still) / (self.pipe.alpha or 1.0)
+        )
 
     def basis(self, q: ArrayLike | None = None) -> Array:
         """Angles of the segments by the degrees of freedom of `operators`, shape (n, dof).
@@ -369,8 +395,8 @@ class Chain(Model):
         The identity without supports; else its columns are orthonormal. q: as for `operators`.
         """
         self._check_dense()
-        theta = np.zeros(self.coordinates) if q is None else self._met("q", q)
-        return _core.Complement(self._rows(theta)).spread(np.eye(self.dof))
+        theta = self.resting() if q is None else self._coordinates(q)
+        return self._spread(_core.Complement(self._rows(theta)))
 
     def free_directions(self, p: Array) -> Array:
         return self.basis(p)
@@ -417,10 +443,9 @@ class Chain(Model):
             raise NotConverged("no angles close to those given meet the supports", found)
         return found
 
-    def _met(self, name: str, q: ArrayLike) -> Array:
-        """Angles that meet the supports."""
-        theta = self._coordinates(q)
-        self._require_met(f"{name} must meet", self._off_axis(theta), MET, f"closed({name})")
+    def _coordinates(self, q: ArrayLike) -> Array:
+        theta = super()._coordinates(q)
+        self._require_met("q must meet", self._off_axis(theta), MET, "closed(q)")
         return theta
 
     def _off_axis(self, theta: Array) -> Array:
@@ -439,7 +464,7 @@ class Chain(Model):
         )
 
     def shape(self, q: ArrayLike, s: ArrayLike) -> Array:
-        angles = self._coordinates(q)
+        angles = super()._coordinates(q)  # supports need not be met
         at = arc_lengths(s)
         line = along(self._lengths * np.exp(1j * angles), self._base, self._lengths, at)
         return np.stack([line.imag, line.real + np.minimum(at, self._base)], axis=-1)
@@ -475,9 +500,10 @@ class Chain(Model):
         at, given = arc_lengths(s), self._displaced(q, arc_lengths(s).size)
         theta = given
         if self.supported is not None:
-            theta = real_columns(self._basis.spread, given.reshape(self.dof, -1))
+            theta = real_columns(self._free.spread, given.reshape(self.dof, -1))
             theta = theta.reshape(-1, *given.shape[1:])
-        return along((self._lengths * theta.T).T, self._base, self._lengths, at)
+        across = self._lengths * np.cos(self.resting())
+        return along((across * theta.T).T, self._base, self._lengths, at)
 
 
 def along(steps: NDArray[Any], base: float, lengths: Array, s: Array) -> NDArray[Any]:

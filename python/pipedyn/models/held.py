@@ -5,8 +5,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable
-from dataclasses import fields, replace
-from typing import Any
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -45,10 +44,6 @@ class Held:
             of[:, missed > self.core.met] = np.nan
         return met[0].reshape(theta.shape), met[1].reshape(theta.shape)
 
-    def basis(self, theta: Array) -> _core.Complement:
-        """Orthonormal changes of the angles that are left free, (n, dof)."""
-        return _core.Complement(self.rows(theta))
-
     def free_states(self, y: Array) -> Array:
         """Orthonormal changes of [theta, theta'] that are left free, (2 n, 2 dof)."""
         theta, omega = np.split(y, 2)
@@ -58,10 +53,10 @@ class Held:
         vectors, _, _ = np.linalg.svd(held)
         return np.asarray(vectors[:, 2 * count :])
 
-    def operators(self, chain: Operators, theta: Array, still: Array, thrust: Array) -> Operators:
-        """Operators in coordinates along `basis`, from those of the chain in its angles.
+    def bent(self, chain: Operators, theta: Array, still: Array, thrust: Array) -> Operators:
+        """The chain's operators in its angles, with what the forces that hold nodes add.
 
-        Forces that hold nodes of a bent pipe at rest change their moments as the segments turn.
+        These change their moments as the segments turn.
 
         Args:
             chain: the chain's.
@@ -72,12 +67,8 @@ class Held:
         loads = np.stack([still, thrust], axis=1)
         forces, *_ = np.linalg.lstsq(self.rows(theta), -loads)
         by_still, by_thrust = (self.rows(theta + 0.5 * math.pi) @ forces).T
-        bent = replace(
-            chain,
-            stiffness=chain.stiffness - np.diag(by_still),
-            flux=chain.flux - np.diag(by_thrust),
-        )
-        return left_free(bent, self.basis(theta))
+        stiffness, flux = chain.stiffness - np.diag(by_still), chain.flux - np.diag(by_thrust)
+        return replace(chain, stiffness=stiffness, flux=flux)
 
 
 def keeps_direction(pipe: Pipe) -> bool:
@@ -112,12 +103,3 @@ def closest(core: _core.Scene, starts: Iterable[Array]) -> tuple[Array, float]:
         if least <= SAME:
             break
     return best, least
-
-
-def left_free(operators: Operators, basis: _core.Complement) -> Operators:
-    """The operators along a basis of what is left free."""
-    made: dict[str, Any] = {}
-    for field in fields(Operators)[:6]:
-        columns = basis.gathered(getattr(operators, field.name)).T.copy()
-        made[field.name] = basis.gathered(columns).T
-    return replace(operators, **made)

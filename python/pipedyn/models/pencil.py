@@ -141,7 +141,7 @@ class ChainPencil(Pencil):
         self.held = held
         self.core = model.core if held is None else model.core.guided(held.tolist())
         if complement is None:
-            complement = _core.Complement(self.core.held_rows(model.elastic_scale))
+            complement = _core.Complement(np.zeros((model.dof, 0)))
         self.complement = complement
         self.dof = complement.dof
         self.is_long = self.dof > LONGEST_DENSE

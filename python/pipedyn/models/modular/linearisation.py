@@ -104,7 +104,8 @@ class SmallMotions:
     def _reactions(self) -> tuple[Array, Array]:
         """Forces of guides and pins at rest, and their derivative by a u^2, shape (3 n,) each."""
         force = self.form.forces(self.still, 0.0)
-        thrust, end = np.zeros_like(force), 0.0 if self.layout.guided else self.theta[-1]
+        end = 0.0 if self.layout.guided else self.theta[-1]
+        thrust, end = np.zeros_like(force), end + self.form.pipe.jet_angle
         thrust[-3:-1] = -np.sin(end), -np.cos(end)
         loads = self._elastic_loads(np.stack([force, thrust], axis=1))
         multipliers, *_ = np.linalg.lstsq(self.rows, loads)

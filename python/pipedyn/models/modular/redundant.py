@@ -74,9 +74,9 @@ class RedundantForm:
         """Forces of all modules at a state [q, q'], shape (3 n,).
 
         Of the flow -sqrt(beta) U r_j' on r_{j-1} and sqrt(beta) U r_{j-1}' on r_j for each segment,
-        and on the end -share sqrt(beta) U r_n' - a U^2 t; weights; -k (phi - psi) - c phi' of
-        joints, psi the rest angle; -kappa l |v| v n at a segment's drag point, v = n . r', n =
-        (t_y, -t_x); those of terms and custom modules.
+        and on the end -share sqrt(beta) U r_n' - a U^2 (cos jet_angle t + sin jet_angle n), n =
+        (t_y, -t_x); weights; -k (phi - psi) - c phi' of joints, psi the rest angle; -kappa l |v| v
+        n at a segment's drag point, v = n . r'; those of terms and custom modules.
         """
         layout, pipe, lengths = self.layout, self.pipe, self.layout.lengths
         q, rates = np.split(y, 2)
@@ -99,7 +99,8 @@ class RedundantForm:
         on_nodes[1:] += momentum[:-1]
         on_nodes[-1] -= pipe.inflow_share * momentum[-1]
         end = np.array([0.0, 1.0]) if layout.guided else along[-1] / lengths[-1]
-        on_nodes[-1] -= pipe.alpha * u**2 * end
+        jet = math.cos(pipe.jet_angle) * end + math.sin(pipe.jet_angle) * _across(end[None])[0]
+        on_nodes[-1] -= pipe.alpha * u**2 * jet
 
         total = self.customs.force(q, rates)
         total[0::3] += on_nodes[1:, 0]
