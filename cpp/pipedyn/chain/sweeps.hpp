@@ -20,11 +20,13 @@
 //   b_{j-1} = b_j - w_j^2 (l_j A_j + m_j chi_j l_j) t_j + c_j g_j
 //             + (2 sqrt(beta) U l_j w_j + d_j) n_j.
 // K_{n+1} = -k_{n+1} theta_n - c_{n+1} theta_n' of the joint that holds a guided end.
-// A load f at an arm a of segment j adds a n_j . f to tau_j and -f to b_{j-1}.
-// 1 / H_j enters last wherever it can, so that a segment waits for its neighbour's division alone.
-// These are eqs. (1)-(11) of Orsino and Di Giulio, solved by one sweep to the tip (velocities, only
-// with drag), one back and one out. Across the segment, differences of nearly equal numbers are
-// taken by hand: with I_j the inertia about the joint,
+// A load f at an arm a of segment j adds a n_j . f to tau_j and -f to b_{j-1}. Mass that moves
+// across a segment alone, as AddedMass has, adds to m_j, chi_j and eta_j but along t_j, where
+// A_{j-1} takes what is called mass below; the weight and the centripetal force that it is given so
+// are taken back. 1 / H_j enters last wherever it can, so that a segment waits for its neighbour's
+// division alone. These are eqs. (1)-(11) of Orsino and Di Giulio, solved by one sweep to the tip
+// (velocities, only with drag), one back and one out. Across the segment, differences of nearly
+// equal numbers are taken by hand: with I_j the inertia about the joint,
 //   n . A_{j-1} n = m_j (n . A_j n ((1 - chi_j)^2 l_j^2 + eta_j^2) + m_j eta_j^2) / H_j,
 //   t . A_{j-1} n = t . A_j n (I_j - m_j chi_j l_j^2) / H_j,   and n . b_{j-1} likewise,
 //   1 - l_j n . e_j = (I_j - m_j chi_j l_j^2) / H_j.
@@ -185,9 +187,16 @@ Real add_loads(const MotionModel& model, const Members<Real>& members, const Swe
       along -= place.weight * (at.sine * load.x + at.cosine * load.y);
       across -= normal;
       moment -= place.arm * normal;
+      if (law.couples) moment -= place.weight * load.couple;
       power += place.weight * law.power(at);
     };
     walk.pass(j, link.length, sweep.at(sweep.rate, j), visit);
+    // What moves across alone has no weight, and no inertia along the segment.
+    const double arm = 0.5 * link.length;
+    const Real lift = (model.gravity * link.added) * walk.sine, w = sweep.at(sweep.rate, j);
+    along += (arm * link.added) * (w * w);
+    across -= lift;
+    moment -= arm * lift;
     sweep.set(sweep.drag, j, across);
     sweep.set(sweep.along, j, along);
     sweep.set(sweep.moment, j, moment);

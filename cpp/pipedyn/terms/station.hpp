@@ -6,7 +6,8 @@
 //
 // x is across the straight pipe and y along it, downward; t = (sin theta, cos theta). At a station
 // with virtual displacement dr a term does the virtual work load . dr; with the velocity v and the
-// acceleration a it adds mass a . dr to the inertia's, and its mass has weight like the pipe's.
+// acceleration a it adds mass a . dr to the inertia's, and its mass has weight like the pipe's. A
+// couple does the virtual work couple dtheta.
 //
 // Local to each translation unit, like vector/pack.hpp, since the kernels of all vector levels
 // include it.
@@ -23,10 +24,10 @@ struct Station {
   Real omega;         // theta'
 };
 
-/// A force, or a force per length.
+/// A force, or a force per length, and a couple that does work as theta turns.
 template <class Real>
 struct Load {
-  Real x, y;
+  Real x, y, couple{};
 };
 
 /// Derivatives of a load; rows are its components.
@@ -34,14 +35,22 @@ struct Slopes {
   double by_position[2][2] = {};  // by x, by y
   double by_velocity[2][2] = {};  // by vx, by vy
   double by_angle[2] = {};        // by theta, position and velocity held
+  double by_rate[2] = {};         // by theta', velocity held
+  double couple_by_velocity[2] = {};
+  double couple_by_angle = 0.0;
 };
 
 /// A law without effect; each law redefines those of these functions in which it has one.
 struct NoLaw {
   static constexpr bool along = false;  // acts per length, all along the pipe
   static constexpr bool loads = false;  // has a load
+  // Has a couple, along the pipe; of second degree in velocities, as are slopes by theta', so that
+  // about rest neither has a part.
+  static constexpr bool couples = false;
 
   double mass() const { return 0.0; }  // or mass per length
+  /// Mass per length that moves with v_n = v . n alone, without weight: adds (n . a) n . dr.
+  double normal_mass() const { return 0.0; }
   template <class Real>
   Load<Real> load(const Station<Real>&) const {
     return {Real{}, Real{}};

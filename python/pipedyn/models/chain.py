@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import replace
 from functools import cached_property
 from typing import Any
 
@@ -20,8 +21,10 @@ from pipedyn.models.base import (
     arc_lengths,
     core_pipe,
     operators_from,
+    projected,
     stored,
 )
+from pipedyn.models.galerkin import Galerkin, basis_joints
 from pipedyn.models.held import MET, SAME, Held, closest, held_nodes, keeps_direction
 from pipedyn.models.pencil import ChainPencil, Pencil, real_columns
 from pipedyn.models.pipe import Pipe
@@ -59,8 +62,9 @@ class Chain(Model):
         n: number of segments; not needed where an array is given.
         springs: stiffness k_j of the joint at each segment's side towards the root, in EI / L,
             shape (n,), each >= 0, and one more for a guided or clamped end; or a rule:
-            "consistent": 1 / k_j is the length that lies nearer to joint j than to any other, with
-            all of the base at the first; n on n equal segments, but 2 n at clamps. Second order.
+            "consistent": 1 / k_j is the length, or where the stiffness e varies the integral of
+            1 / e over what lies nearer to joint j than to any other, with all of the base at the
+            first; n on n equal segments, but 2 n at clamps. Second order.
             "midpoint": n equal cells with a joint in the middle of each, all springs n; half a
             cell stays fixed at the clamp and the last segment is half a cell. Second order, for a
             clamped root, an end free or pinned and no supports.
@@ -70,21 +74,26 @@ class Chain(Model):
             "rayleigh" (the paper's): all equal; the Rayleigh quotient of the tip-load shape,
             sampled at the joints, that of the cantilever's first frequency. It does not converge
             to the continuous pipe: frequencies and critical speed end 1.44 % low.
+            Springs that these rules make equal are, where the stiffness varies, in proportion to
+            its harmonic mean over the cell, or else over the joint's segment.
         lengths: of the segments in L, shape (n,), each > 0, one ending at each support; equal where
             not given, or between supports.
         centers: centre of mass of each segment as a fraction chi_j of its length, shape (n,), in
-            [0, 1]; 1/2 where not given.
-        gyration_radii: eta_j in L, about the centre of mass, shape (n,), >= 0; l_j / sqrt(12),
-            that of a homogeneous segment, where not given.
+            [0, 1]; where not given that of the pipe's own mass, 1/2 if it is uniform.
+        gyration_radii: eta_j in L, about the centre of mass, shape (n,), >= 0; where not given
+            that of the pipe's own mass, l_j / sqrt(12) if it is uniform.
         drag_points: where drag acts, as a fraction xi_j of the length, shape (n,), in [0, 1]; 1/2
             where not given.
         base: length of the fixed part at a clamped root, in L; base + sum(lengths) = 1.
+        masses: of the segments in the pipe's, shape (n,), each > 0; where not given their lengths,
+            or of a pipe whose mass varies the integrals of that. Of such a pipe masses, centers and
+            gyration_radii are given together or not at all.
 
     Raises:
         ValueError: for a number out of range, arrays that do not fit one another, lengths that do
             not add up or do not end at the supports, supports that leave nothing that moves, more
-            than a million segments, or "midpoint" with lengths or a base, or where it is not made
-            for how the pipe is held.
+            than a million segments, a segment lighter than its fluid, or "midpoint" with lengths or
+            a base, or where it is not made for how the pipe is held.
         TypeError: for what is no number, array or pipe.
 
     Source: Orsino and Di Giulio, eqs. (1)-(11) and the modal analysis; "midpoint" after Paidoussis
@@ -102,6 +111,7 @@ class Chain(Model):
         gyration_radii: ArrayLike | None = None,
         drag_points: ArrayLike | None = None,
         base: float = 0.0,
+        masses: ArrayLike | None = None,
     ) -> None:
         super().__init__(pipe)
         rule = check.choice("springs", springs, SPRING_RULES) if isinstance(springs, str) else None
@@ -112,6 +122,7 @@ class Chain(Model):
             centers=centers,
             gyration_radii=gyration_radii,
             drag_points=drag_points,
+            masses=masses,
             springs=None if rule else springs,
             guided=keeps_direction(pipe),
         )
@@ -132,10 +143,24 @@ class Chain(Model):
         if shortest < SHORTEST_SEGMENT:
             raise ValueError(f"lengths must be at least {SHORTEST_SEGMENT:g} each, got {shortest}")
         self._base = base
-        self._centers = _given("centers", centers, np.full(n, 0.5), high=1.0)
+        inertia = {"masses": masses, "centers": centers, "gyration_radii": gyration_radii}
+        own = [name for name, given in inertia.items() if given is not None]
+        if pipe.mass is not None and len(own) in (1, 2):
+            raise ValueError(
+                "masses, centers and gyration_radii must be given together or left to the pipe's "
+                f"mass, which varies along it, got {' and '.join(own)}"
+            )
+        mass, center, radius = self._pipe_inertia()
+        self._masses = _given("masses", masses, mass, high=1e6, open_low=True)
+        lacking = self._masses - self._pipe.beta * self._lengths
+        if lacking.min() < -1e-9 * self._masses.max():
+            raise ValueError(
+                f"masses must be at least beta = {pipe.beta:g} times the length each, the fluid's "
+                f"part, got {float(self._masses[lacking.argmin()])!r}"
+            )
+        self._centers = _given("centers", centers, center, high=1.0)
         self._drag_points = _given("drag_points", drag_points, np.full(n, 0.5), high=1.0)
-        homogeneous = self._lengths / math.sqrt(12.0)
-        self._gyration_radii = _given("gyration_radii", gyration_radii, homogeneous, high=1e3)
+        self._gyration_radii = _given("gyration_radii", gyration_radii, radius, high=1e3)
         arm = self._centers[-1] * self._lengths[-1] + self._gyration_radii[-1]
         if arm < 0.1 * SHORTEST_SEGMENT:
             raise ValueError(
@@ -150,17 +175,46 @@ class Chain(Model):
         else:
             self._joints = _frozen(self._springs_by_rule(rule))
         self._check_terms()
-        self._approximates = rule is not None and centers is None and gyration_radii is None
+        self._approximates = rule is not None and not own
+
+    def _ends(self) -> Array:
+        """Arc lengths where the segments begin and end, shape (n + 1,)."""
+        return np.minimum(self._base + np.cumsum([0.0, *self._lengths]), 1.0)
+
+    def _pipe_inertia(self) -> tuple[Array, Array, Array]:
+        """Masses, centres and radii of gyration of the pipe's own segments."""
+        lengths, mass = self._lengths, self._pipe.mass
+        if mass is None:
+            return lengths.copy(), np.full(lengths.size, 0.5), lengths / math.sqrt(12.0)
+        whole, first, second = mass.moments(self._ends())
+        arms = first / whole
+        return whole, arms / lengths, np.sqrt(second / whole - arms**2)
+
+    def _relative_stiffness(self, rule: str) -> Array:
+        """Harmonic mean of the pipe's stiffness over what each joint stands for, shape (n + 1,)."""
+        if self._pipe.stiffness is None:
+            return np.ones(self.coordinates + 1)
+        cells = self._ends()
+        if rule == "consistent":
+            cells[1:] -= 0.5 * self._lengths
+            cells = np.append(cells, 1.0)
+            cells[0] = 0.0
+        elif rule == "midpoint":
+            cells = np.linspace(0.0, 1.0, self.coordinates + 1)
+        harmonic = np.diff(cells) / self._pipe.stiffness.reciprocal.moments(cells)[0]
+        return np.append(harmonic, harmonic[-1])[: self.coordinates + 1]
 
     def _springs_by_rule(self, rule: str) -> Array:
         """Of all joints, that of a guided end included, with a clamped root, shape (n + 1,)."""
-        n = self.coordinates
+        n, every = self.coordinates, self._relative_stiffness(rule)
         if rule == "consistent":
             beside = np.concatenate([[2.0 * self._base], self._lengths, [0.0]])
-            return 2.0 / (beside[:-1] + beside[1:])
+            return 2.0 / (beside[:-1] + beside[1:]) * every
         if rule in ("uniform", "midpoint"):
-            return np.full(n + 1, float(n))
-        bare = self._with_springs(np.ones(n), Pipe(self._pipe.beta))
+            return n * every
+        cantilever = replace(self._pipe, terms=(), root="clamped", end="free", supports=())
+        bare, relative = self._with_springs(np.ones(n), cantilever), every[:-1]
+        lowest = _first_eigenvalue(self._pipe)
 
         def inertia(turns: Array) -> Array:
             """Product with the mass matrix in joint angles, O(n)."""
@@ -173,9 +227,11 @@ class Chain(Model):
             angles = np.diff(tip_load) / self._lengths
             turns = np.diff(angles, prepend=0.0)
             kinetic = turns @ inertia(turns)
-            return np.full(n + 1, FIRST_BEAM_EIGENVALUE * kinetic / (turns @ turns))
-        # "frequency": with unit springs the largest inertia is 1 / omega_1^2.
-        return np.full(n + 1, FIRST_BEAM_EIGENVALUE * largest_stretch(inertia, np.ones(n)))
+            return lowest * kinetic / (turns @ (relative * turns)) * every
+        # "frequency": with such springs times k the largest inertia is k / omega_1^2.
+        soft = np.sqrt(1.0 / relative)
+        stretch = largest_stretch(lambda turns: soft * inertia(soft * turns), np.ones(n))
+        return lowest * stretch * every
 
     def _check_terms(self) -> None:
         """Raises ValueError where the chain is not made for how its pipe is held."""
@@ -203,7 +259,7 @@ class Chain(Model):
     @cached_property
     def _held(self) -> NDArray[np.bool_]:
         """Whether the end of each segment is held on the axis, shape (n,)."""
-        return held_nodes(self._pipe, self._base + np.cumsum(self._lengths))
+        return held_nodes(self._pipe, self._ends()[1:])
 
     def _with_springs(self, springs: Array, pipe: Pipe) -> _core.Chain:
         return _core.Chain(
@@ -214,6 +270,7 @@ class Chain(Model):
             spring=springs,
             drag_point=self._drag_points,
             base=self._base,
+            mass=self._masses,
         )
 
     @property
@@ -243,6 +300,7 @@ class Chain(Model):
             rest_moment=np.zeros(n),
             drag_point=self._drag_points,
             base=self._base,
+            mass=self._masses,
             inertia=np.zeros((0, 3 * n)),
             held=(3 * nodes).tolist(),
             value=np.zeros(nodes.size),
@@ -276,6 +334,7 @@ class Chain(Model):
     rule = stored("_rule", "Name of the spring rule, None for springs of the user's own.")
     base = stored("_base", "Length of the fixed part at the clamp.")
     lengths = stored("_lengths", "l_j, shape (n,).")
+    masses = stored("_masses", "Of the segments, in the pipe's, shape (n,).")
     centers = stored("_centers", "chi_j, shape (n,).")
     gyration_radii = stored("_gyration_radii", "eta_j, shape (n,).")
     drag_points = stored("_drag_points", "xi_j, shape (n,).")
@@ -334,9 +393,9 @@ class Chain(Model):
         scale = self.elastic_scale
         if self._reference is not None:
             angles = np.cumsum(scale[:, None] * self._spread(self._elastic_free), axis=0)
-            return self._in_angles(self._reference).projected(angles)
+            return projected(self._in_angles(self._reference), angles)
         every = operators_from(self.core.joint_operators(scale), self._pipe)
-        return every.projected(self._spread(self._elastic_free)) if self.supported else every
+        return projected(every, self._spread(self._elastic_free)) if self.supported else every
 
     def from_elastic(self, z: ArrayLike) -> NDArray[Any]:
         given = self._columns("z", z)
@@ -375,7 +434,7 @@ class Chain(Model):
             return super().operators(q)
         self._check_dense()
         theta = self.resting() if q is None else self._coordinates(q)
-        return self._in_angles(theta).projected(self.basis(theta))
+        return projected(self._in_angles(theta), self.basis(theta))
 
     def _in_angles(self, theta: Array) -> Operators:
         """Operators in all angles, with what supports' forces add to them."""
@@ -513,6 +572,16 @@ def along(steps: NDArray[Any], base: float, lengths: Array, s: Array) -> NDArray
     j = np.clip(np.searchsorted(ends, s, side="right") - 1, 0, lengths.size - 1)
     part = np.clip((s - ends[j]) / lengths[j], 0.0, 1.0)
     return nodes[j] + (part * steps[j].T).T
+
+
+def _first_eigenvalue(pipe: Pipe) -> float:
+    """Square of the cantilever's first angular frequency, without flow, gravity and terms."""
+    if pipe.stiffness is None and pipe.mass is None:
+        return FIRST_BEAM_EIGENVALUE
+    bare = Pipe(0.0, stiffness=pipe.stiffness, mass=pipe.mass)
+    joints = basis_joints(bare).size
+    mass = Galerkin(bare, 24 + 4 * joints, "legendre").elastic_operators().mass
+    return float(1.0 / np.linalg.eigvalsh(mass)[-1])
 
 
 def elastic_scale(springs: Array) -> Array:

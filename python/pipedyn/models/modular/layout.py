@@ -70,7 +70,7 @@ class Layout:
         self.modules, self.constraints = tuple(modules), tuple(constraints)
         self.given, self.guided = self.constraints, keeps_direction(pipe)
         """Constraints without those of the pipe's supports, and whether joint n + 1 is there."""
-        segments = _of(modules, Segment)
+        self.segments = segments = _of(modules, Segment)
         self.customs = _of(modules, Custom)
         self.size = len(segments)
         if self.size == 0:
@@ -86,6 +86,7 @@ class Layout:
         self.centers = np.array([segment.center for segment in segments])
         self.gyration_radii = np.array([segment.gyration_radius for segment in segments])
         self.drag_points = np.array([segment.drag_point for segment in segments])
+        self.masses = np.array([s.length if s.mass is None else s.mass for s in segments])
         self.springs, self.rest_moments = np.zeros(self.size + self.guided), np.zeros(self.size)
         """Of each joint, without a root's spring, and moments k_j psi_j of those bent at rest."""
         for spring in _of(modules, TorsionalSpring):
@@ -322,6 +323,7 @@ class Layout:
             rest_moment=self.rest_moments,
             drag_point=self.drag_points,
             base=self.base,
+            mass=self.masses,
             inertia=self.inertia,
             held=self.held.tolist(),
             value=self.held_values,

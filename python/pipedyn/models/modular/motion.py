@@ -56,7 +56,7 @@ class SceneMotion:
 
     def enforced(self, enforce: Enforce, y: Array, u: float) -> Array:
         """Accelerations of one state by a dense recursion, shape (3 n,)."""
-        return enforce(self.form.mass, self.form.forces(y, u), self.groups(y))
+        return enforce(self.form.mass(np.split(y, 2)[0]), self.form.forces(y, u), self.groups(y))
 
     def groups(self, y: Array) -> list[Group]:
         """A_r and b_r of each constraint at a state, as given."""
