@@ -133,8 +133,8 @@ class Dice {
     const auto one = [&](const char* law) {
       return pipedyn::make_term(law, between(0.01, 1.0), {between(0.1, 9.0)});
     };
-    return {one("point_mass"), one("spring"),     one("damper"),
-            one("spring"),     one("point_mass"), one("foundation")};
+    return {one("point_mass"), one("spring"),     one("damper"),    one("spring"),
+            one("point_mass"), one("foundation"), one("added_mass")};
   }
   Segments segments(Index n) {
     Segments segments{.length = vector(n, 0.2, 1.0),
