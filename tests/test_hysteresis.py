@@ -40,7 +40,7 @@ def without(pipe):
     return replace(pipe, hysteresis=0.0)
 
 
-def viscous(pipe, frequency):
+def viscous_pipe(pipe, frequency):
     """The pipe whose Kelvin-Voigt damping loses as much at a frequency."""
     return replace(pipe, damping=pipe.equivalent_damping(frequency), hysteresis=0.0)
 
@@ -78,12 +78,12 @@ def test_at_each_crossing_it_is_kelvin_voigt_damping(make):
     flutter = [c for c in pp.crossings(make(pipe), 14.0) if c.kind == "flutter"]
     assert flutter
     for crossing in flutter:
-        values = pp.eigenvalues(make(viscous(pipe, crossing.frequency)), crossing.speed)
+        values = pp.eigenvalues(make(viscous_pipe(pipe, crossing.frequency)), crossing.speed)
         apart = np.abs(values - 1j * crossing.frequency).min()
         assert apart < 1e-9 * crossing.frequency
     critical = pp.critical_speed(make(pipe))
     if critical.kind == "flutter":
-        same = pp.critical_speed(make(viscous(pipe, critical.frequency)))
+        same = pp.critical_speed(make(viscous_pipe(pipe, critical.frequency)))
         assert critical.speed == pytest.approx(same.speed, rel=1e-11)
 
 
@@ -108,9 +108,10 @@ HELD = {
 
 
 @pytest.mark.parametrize("how", HELD.values(), ids=HELD)
-def test_however_a_pipe_is_held_what_is_lost_is_the_share_of_kelvin_voigt_damping(how):
+@pytest.mark.parametrize("make", [*MODELS.values()][:3], ids=[*MODELS][:3])
+def test_however_a_pipe_is_held_what_is_lost_is_the_share_of_kelvin_voigt_damping(make, how):
     pipe, u = replace(LOSSY, damping=0.0, **how), 3.0
-    plain = pp.Galerkin(without(pipe), 10, "legendre")
+    plain = make(without(pipe))
     if "jet_angle" in how:
         plain = plain.about(pp.equilibria(plain, u).q[0])
     viscous = plain.with_pipe(replace(plain.pipe, damping=1.0))
@@ -121,6 +122,12 @@ def test_however_a_pipe_is_held_what_is_lost_is_the_share_of_kelvin_voigt_dampin
     every = companion_eigenvalues(mass, damping, stiffness + 1j * pipe.hysteresis * elastic)
     for value in pp.eigenvalues(model, u, 4)[::2]:
         assert np.abs(every - value).min() < 1e-6 * abs(value)
+    if "jet_angle" not in how:
+        for one in pp.crossings(model, 10.0):
+            if one.kind == "flutter":
+                same = plain.with_pipe(viscous_pipe(pipe, one.frequency))
+                values = pp.eigenvalues(same, one.speed)
+                assert np.abs(values - 1j * one.frequency).min() < 1e-8 * one.frequency
 
 
 def test_eigenvalues_of_the_continuous_pipe_by_series():
@@ -299,13 +306,13 @@ def test_sensitivities_of_weak_damping_by_differences():
 
 
 def test_a_long_chain_is_solved_in_a_few_of_its_modes():
-    chain = pp.Chain(LOSSY, 1000)
+    chain = pp.Chain(LOSSY, 400)
     found = pp.critical_speed(chain)
     exact = pp.critical_speed(pp.Continuum(LOSSY))
-    assert found.speed == pytest.approx(exact.speed, rel=1e-5)
-    assert abs(found.speed - exact.speed) <= found.discretisation < 1e-4
+    assert found.speed == pytest.approx(exact.speed, rel=3e-5)
+    assert abs(found.speed - exact.speed) <= found.discretisation < 3e-4
     values = pp.eigenvalues(chain, 5.0, 6)
-    np.testing.assert_allclose(values, pp.eigenvalues(pp.Continuum(LOSSY), 5.0, 6), rtol=1e-5)
+    np.testing.assert_allclose(values, pp.eigenvalues(pp.Continuum(LOSSY), 5.0, 6), rtol=1e-4)
 
 
 def test_stability_curves_go_through_the_same_points():

@@ -41,7 +41,6 @@ template <class Number>
 struct Powers {
   Number one, square;  // lambda, lambda^2
   Number coriolis;     // sqrt(beta) U lambda
-  double loss;         // mu
 };
 
 template <class Number>
@@ -55,12 +54,13 @@ inline Coefficients<Lanes> coefficients(const ImpedanceSegment& at, const Powers
                           at.across.square * by.square,
                           at.turned.square * by.square + (2.0 * l) * by.coriolis,
                           at.moment.square * by.square + (l * l) * by.coriolis + at.moment.still};
-  sum.elastic.im += by.loss * at.joint.still;
+  sum.elastic.im += at.joint_loss;
   if (at.loaded) {
     sum.force = sum.force + (at.force.rate * by.one + at.force.still);
     sum.across = sum.across + (at.across.rate * by.one + at.across.still);
     sum.turned = sum.turned + (at.turned.rate * by.one + at.turned.still);
     sum.moment = sum.moment + at.moment.rate * by.one;
+    sum.moment.im += at.moment_loss;
   }
   return sum;
 }
@@ -68,7 +68,7 @@ inline Coefficients<Lanes> coefficients(const ImpedanceSegment& at, const Powers
 /// The sums of the absolute values of what these are sums of.
 inline Coefficients<Pack> coefficient_sizes(const ImpedanceSegment& at, const Powers<Pack>& by) {
   const double l = at.length;
-  Coefficients<Pack> sum{at.joint.rate * by.one + (1.0 + by.loss) * at.joint.still,
+  Coefficients<Pack> sum{at.joint.rate * by.one + (at.joint.still + at.joint_loss),
                          at.force.square * by.square, at.across.square * by.square,
                          at.turned.square * by.square + (2.0 * l) * by.coriolis,
                          at.moment.square * by.square + (l * l) * by.coriolis + at.moment_size};
@@ -88,14 +88,14 @@ struct Problem {
 
   Problem() = default;
   Problem(const ImpedanceModel& model, const Lanes& lambda, double u)
-      : powers{lambda, lambda * lambda, (model.coriolis * u) * lambda, model.loss},
+      : powers{lambda, lambda * lambda, (model.coriolis * u) * lambda},
         flow(model.coriolis * u),
         entry(model.entry * u),
         thrust(model.thrust * u * u) {}
 
   Powers<Pack> sizes() const {
     const Pack size = size_of(powers.one);
-    return {size, size * size, std::fabs(flow) * size, powers.loss};
+    return {size, size * size, std::fabs(flow) * size};
   }
 
   /// Derivatives of a segment's coefficients by lambda.
@@ -119,6 +119,14 @@ struct Problem {
 struct Impedance {
   Lanes a, b, c, d;
 };
+
+/// Beyond the last segment.
+inline Impedance end_impedance(const ImpedanceModel& model, const Problem& problem) {
+  Impedance end;
+  end.a = -problem.entry * problem.powers.one;
+  if (model.guided) end.b.re -= problem.thrust;
+  return end;
+}
 
 /// What eliminates a segment, or its derivative.
 struct Step {
@@ -177,8 +185,7 @@ void log_derivative(const ImpedanceModel& model, const ImpedancePoints& points, 
   for (Count first = 0; first < points.count; first += width) {
     const Lanes lambda = taken(points, first);
     const Problem problem(model, lambda, points.u);
-    Impedance at, by;  // and its derivative by lambda
-    at.a = -problem.entry * lambda;
+    Impedance at = end_impedance(model, problem), by;  // and its derivative by lambda
     by.a.re = all<Pack>(-problem.entry);
     Lanes sum;
     for (Count k = 0; k < points.roots; k += 2) {  // one division for two
@@ -289,8 +296,7 @@ void pairs(const ImpedanceModel& model, const ImpedancePoints& points, const Imp
   Turned* const turned_by = reinterpret_cast<Turned*>(segments + n);
   for (Count first = 0; first < points.count; first += width) {
     const Problem problem(model, taken(points, first), points.u);
-    Impedance at;
-    at.a = -problem.entry * problem.powers.one;
+    Impedance at = end_impedance(model, problem);
     LoadBeyond load, dual;
     double weight = 0.5;  // of the load on a joint
     Coefficients<Lanes> own;
@@ -399,6 +405,10 @@ void pairs(const ImpedanceModel& model, const ImpedancePoints& points, const Imp
       force_before = force;
       if (out.right != nullptr) put(out.right + 2 * j * points.count, points, first, x.turn);
       if (out.left != nullptr) put(out.left + 2 * j * points.count, points, first, y.turn);
+    }
+    if (model.guided) {
+      pressed += Lanes{} - y.end * x.angle;
+      entries += std::fabs(problem.thrust) * (size_of(y.end) * size_of(x.angle));
     }
     if (problem.entry != 0.0) {
       const double share = -model.entry / model.coriolis;

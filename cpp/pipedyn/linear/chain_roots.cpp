@@ -88,7 +88,8 @@ Pencil matrices(const Chain& chain, const Complement& complement, const Lapack& 
                                std::move(ops.damping), std::move(ops.stiffness),
                                std::move(ops.flux)};
   if (const double loss = chain.pipe().hysteresis; loss > 0.0) {
-    made[5] = (loss * chain.springs().cwiseProduct(scale.cwiseAbs2())).asDiagonal();
+    const Matrix columns = scale.asDiagonal();
+    made[5] = loss * (columns * chain.joint_times(columns, {.by_damping = 1.0}));
   }
   if (complement.dof() < complement.size()) {
     for (Matrix& of : made) {

@@ -114,7 +114,6 @@ def _sensitivity(problem: Eigenproblem, crossing: _core.AxisCrossing) -> Sensiti
     if model.resting().any():
         return None
     pipe, u, value = model.pipe, crossing.speed, crossing.value
-    mu = pipe.hysteresis if value else 0.0
     if value:
         down = 2.0 * value * forms.mass + u * forms.velocity + forms.damping
         slope = crossing.slope
@@ -133,7 +132,7 @@ def _sensitivity(problem: Eigenproblem, crossing: _core.AxisCrossing) -> Sensiti
     if pipe.beta >= LEAST_BETA:
         changes["beta"] = -value * u * forms.velocity / (2.0 * pipe.beta * down)
     if forms.springs.size:
-        changes["springs"] = -(1.0 + pipe.damping * value + 1j * mu) * forms.springs / down
+        changes["springs"] = -pencil.by_springs(value) * forms.springs / down
     speed: dict[str, Any] = {"beta": None}
     frequency = speed.copy()
     for name, change in changes.items():
