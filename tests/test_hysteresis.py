@@ -403,3 +403,12 @@ def test_relevant_knows_hysteresis():
     lossy = pp.critical_speed(pp.Continuum(pp.Pipe(0.2, hysteresis=0.1))).speed
     assert effect.size == pytest.approx(abs(plain / lossy - 1.0), rel=1e-3)
     assert pp.relevant(pp.Pipe(0.2, hysteresis=1e-5), 5.0).negligible == ("hysteresis",)
+
+
+def test_the_onset_of_an_aspirating_pipe_in_closed_form():
+    """u_c = mu omega_1 / (4 sqrt(beta)): Re lambda = 2 sqrt(beta) u - mu omega / 2 to first order."""
+    pipe = pp.Pipe(0.2, flow="aspirating", hysteresis=1e-4)
+    found = pp.critical_speed(pp.Continuum(pipe))
+    omega = 1.8751040687119611**2
+    assert found.frequency == pytest.approx(omega, rel=1e-5)
+    assert found.speed == pytest.approx(1e-4 * omega / (4.0 * np.sqrt(0.2)), rel=1e-5)
