@@ -406,7 +406,7 @@ def test_relevant_knows_hysteresis():
 
 
 def test_the_onset_of_an_aspirating_pipe_in_closed_form():
-    """u_c = mu omega_1 / (4 sqrt(beta)): Re lambda = 2 sqrt(beta) u - mu omega / 2 to first order."""
+    """u_c = mu omega_1 / (4 sqrt(beta)), from Re lambda = 2 sqrt(beta) u - mu omega / 2."""
     pipe = pp.Pipe(0.2, flow="aspirating", hysteresis=1e-4)
     found = pp.critical_speed(pp.Continuum(pipe))
     omega = 1.8751040687119611**2
