@@ -69,7 +69,8 @@ class Pipe:
 
     Attributes:
         beta: mass ratio mu_f / (mu_p + mu_f), 0 <= beta < 1.
-        gamma: gravity g L^3 (mu_p + mu_f) / EI; negative when the free end stands above the clamp.
+        gamma: gravity g L^3 (mu_p + mu_f) / EI, less what a fluid around the pipe bears of its
+            weight; negative when the free end stands above the clamp.
         flow: "ejecting" (out of the free end) or "aspirating" (into it).
         alpha: end coefficient >= 0, the factor of u^2 in the centrifugal term, see
             `end_coefficient`: of the nozzle, the diffuser or the outlet's profile of an ejecting
