@@ -9,7 +9,7 @@ from collections.abc import Callable
 from dataclasses import fields, replace
 from functools import cached_property
 from operator import attrgetter
-from typing import Any, ClassVar, Self
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -160,13 +160,8 @@ def checked_pipe(pipe: Any) -> Pipe:
 class OfPipe:
     """A pipe to be asked about, discretised or continuous. Immutable; pickles."""
 
-    takes_supports: ClassVar[bool] = False
-    """Whether it takes pipes that are no cantilevers; to be True of every model."""
-
     def __init__(self, pipe: Pipe) -> None:
         self._pipe = checked_pipe(pipe)
-        if not (pipe.cantilevered or self.takes_supports):
-            raise ValueError(f"{type(self).__name__} must be of a cantilevered pipe, got {pipe!r}")
 
     @property
     def pipe(self) -> Pipe:
@@ -234,7 +229,7 @@ class Model(OfPipe, ABC):
 
     @property
     def coordinates(self) -> int:
-        """Number of coordinates of a state; more than dof where constraints tie them."""
+        """Number of coordinates of a state; more than dof where something ties them."""
         return self.dof
 
     @property
@@ -248,8 +243,11 @@ class Model(OfPipe, ABC):
         From four products: measured, to 3 %, as the lowest modes feel most of it.
         """
         pipe = self.pipe
-        if not (pipe.terms or pipe.stiffness or pipe.mass):
-            return 0.0
+        varied = pipe.terms or pipe.stiffness or pipe.mass
+        return self._stiffness_beside(pencil) if varied else 0.0
+
+    @staticmethod
+    def _stiffness_beside(pencil: Pencil) -> float:
         start = np.cos(np.arange(1.0, pencil.dof + 1.0))[:, None]
         return largest_stretch(lambda x: pencil.stiffness(x) - pencil.elastic(x), start, 4)
 
@@ -416,9 +414,10 @@ class Model(OfPipe, ABC):
 
     def start(self, q0: ArrayLike, qdot0: ArrayLike | None) -> Array:
         """[p, p'] to integrate from, shape (2 moving,), of what `simulate` is given."""
-        rule: dict[str, Any] = {"size": self.dof, "low": -LARGEST_ANGLE, "high": LARGEST_ANGLE}
+        size = self.coordinates
+        rule: dict[str, Any] = {"size": size, "low": -LARGEST_ANGLE, "high": LARGEST_ANGLE}
         q = check.array("q0", q0, **rule)
-        rates = np.zeros(self.dof) if qdot0 is None else check.array("qdot0", qdot0, **rule)
+        rates = np.zeros(size) if qdot0 is None else check.array("qdot0", qdot0, **rule)
         return np.concatenate([q, rates])
 
     def recorded(self, p: Array, pdot: Array) -> tuple[Array, Array]:
@@ -562,7 +561,7 @@ class Model(OfPipe, ABC):
             )
 
     def _coordinates(self, q: ArrayLike) -> Array:
-        return check.array("q", q, size=self.dof, low=-LARGEST_ANGLE, high=LARGEST_ANGLE)
+        return check.array("q", q, size=self.coordinates, low=-LARGEST_ANGLE, high=LARGEST_ANGLE)
 
     def _columns(self, name: str, given: ArrayLike, size: int | None = None) -> NDArray[Any]:
         """Numbers of one or several columns, shape (size, ...), dof by default; real or complex."""

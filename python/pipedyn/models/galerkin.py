@@ -112,8 +112,6 @@ class Galerkin(Model):
     forces are those of Orsino and Di Giulio, eqs. (1)-(9), for segments without length.
     """
 
-    takes_supports = True
-
     def __init__(self, pipe: Pipe, m: int, basis: str = "beam") -> None:
         super().__init__(pipe)
         self._size = check.count("m", m, high=LARGEST_BASIS)
