@@ -529,8 +529,17 @@ class Chain(Model):
         return np.stack([line.imag, line.real + np.minimum(at, self._base)], axis=-1)
 
     def _tips(self, q: NDArray[Any]) -> NDArray[Any]:
-        down = self._base + self._lengths @ np.cos(q)
-        return np.stack([self._lengths @ np.sin(q), down], axis=-1)
+        lengths = self._lengths_to_tip
+        return np.stack([lengths @ np.sin(q), self._base + lengths @ np.cos(q)], axis=-1)
+
+    @cached_property
+    def _lengths_to_tip(self) -> Array:
+        """Of the segments up to the place that `tips` gives, shape (n,)."""
+        place = self.pipe.watched
+        if place == 1.0:
+            return self._lengths
+        starts = self._base + np.cumsum(self._lengths) - self._lengths
+        return np.clip(place - starts, 0.0, self._lengths)
 
     @property
     def kinks_known(self) -> bool:

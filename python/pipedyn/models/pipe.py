@@ -21,6 +21,7 @@ from pipedyn.models.supports import (
     checked_root,
     checked_supports,
     root_stiffness,
+    watched,
 )
 from pipedyn.models.terms import (
     AddedMass,
@@ -333,6 +334,15 @@ class Pipe:
     def has_kinks(self) -> bool:
         """Whether derivatives of a force jump: drag's as velocities change sign, a stop's too."""
         return self.drag > 0.0 or any(term.kinks for term in self.terms)
+
+    @property
+    def watched(self) -> float:
+        """Arc length in L of the place meant where results speak of the free end or tip.
+
+        That is the end unless it is held across: then a place 0.382 along the longest span between
+        supports, where no low mode has a node.
+        """
+        return watched(self.end, self.supports)
 
     def __repr__(self) -> str:
         parts = [
