@@ -434,7 +434,7 @@ class Chain(Model):
             return super().operators(q)
         self._check_dense()
         theta = self.resting() if q is None else self._coordinates(q)
-        return projected(self._in_angles(theta), self.basis(theta))
+        return self._with_loss(lambda of: projected(of._in_angles(theta), of.basis(theta)))
 
     def _in_angles(self, theta: Array) -> Operators:
         """Operators in all angles, with what supports' forces add to them."""
