@@ -526,11 +526,14 @@ class Model(OfPipe, ABC):
         """
 
     def tips(self, q: ArrayLike) -> Array:
-        """Positions (x, y) of the free end, (k, 2), for k configurations, (coordinates, k)."""
+        """Positions (x, y) of the free end, (k, 2), for k configurations, (coordinates, k).
+
+        Of a pipe whose end is held across, of its place `Pipe.watched`.
+        """
         return self._tips(self._configurations("q", q))
 
     def tip_velocities(self, q: ArrayLike, qdot: ArrayLike) -> Array:
-        """Velocities (x', y') of the free end in L / T, exact, (k, 2), for k states.
+        """Velocities (x', y') of what `tips` gives, in L / T, exact, (k, 2), for k states.
 
         Coordinates q and their rates have shape (coordinates, k) each.
         """
@@ -583,8 +586,8 @@ class Model(OfPipe, ABC):
         )
 
     def tip(self, q: ArrayLike) -> Array:
-        """Position (x, y) of the free end, shape (2,)."""
-        return self.shape(q, [1.0])[0]
+        """Position (x, y) of the free end, shape (2,), or of `Pipe.watched` as for `tips`."""
+        return self.shape(q, [self.pipe.watched])[0]
 
     def _check_dense(self) -> None:
         if self.dof > DENSE_LIMIT:

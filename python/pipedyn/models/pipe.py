@@ -21,6 +21,7 @@ from pipedyn.models.supports import (
     checked_root,
     checked_supports,
     root_stiffness,
+    watched,
 )
 from pipedyn.models.terms import (
     AddedMass,
@@ -70,7 +71,8 @@ class Pipe:
 
     Attributes:
         beta: mass ratio mu_f / (mu_p + mu_f), 0 <= beta < 1.
-        gamma: gravity g L^3 (mu_p + mu_f) / EI; negative when the free end stands above the clamp.
+        gamma: gravity g L^3 (mu_p + mu_f) / EI, less what a fluid around the pipe bears of its
+            weight; negative when the free end stands above the clamp.
         flow: "ejecting" (out of the free end) or "aspirating" (into it).
         alpha: end coefficient >= 0, the factor of u^2 in the centrifugal term, see
             `end_coefficient`: of the nozzle, the diffuser or the outlet's profile of an ejecting
@@ -341,6 +343,15 @@ class Pipe:
     def has_kinks(self) -> bool:
         """Whether derivatives of a force jump: drag's as velocities change sign, a stop's too."""
         return self.drag > 0.0 or any(term.kinks for term in self.terms)
+
+    @property
+    def watched(self) -> float:
+        """Arc length in L of the place meant where results speak of the free end or tip.
+
+        That is the end unless it is held across: then a place 0.382 along the longest span between
+        supports, where no low mode has a node.
+        """
+        return watched(self.end, self.supports)
 
     def equivalent_damping(self, frequency: float) -> float:
         """Kelvin-Voigt damping that loses as much at one frequency as the pipe's damping does.

@@ -559,7 +559,13 @@ class Assembly(Model):
         return line
 
     def _tips(self, q: NDArray[Any]) -> NDArray[Any]:
-        return np.array(q[-3:-1].T)
+        if self._pipe.watched == 1.0:
+            return np.array(q[-3:-1].T)
+        ends = self._layout.ends
+        k = int(np.searchsorted(ends, self._pipe.watched)) - 1
+        share = (self._pipe.watched - ends[k]) / (ends[k + 1] - ends[k])
+        left = q[3 * k - 3 : 3 * k - 1] if k else np.array([[0.0], [ends[0]]])
+        return np.array(((1.0 - share) * left + share * q[3 * k : 3 * k + 2]).T)
 
     def bent(self, angle: Callable[[Array], ArrayLike]) -> Array:
         """As for `Model.bent`, of theta(s) at the segments' middles or close to it.
