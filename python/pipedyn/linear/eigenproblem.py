@@ -112,7 +112,8 @@ class Eigenproblem:
                     asked = min(found.values.size + count, most)
                     found = spectrum.lowest(u, asked, left, high=True)
                 still = self.static.lowest(u, min(count, most), left)
-                found = _joined(found, still, count)
+                grows = (still.values.imag == 0.0) & (still.values.real > self.zero_tolerance)
+                found = _joined(found, _taken(still, np.flatnonzero(grows)), count)
         factorised(spectrum.factorisations())
         return found
 
@@ -133,10 +134,9 @@ def _taken(pairs: _core.Pairs, which: NDArray[np.intp]) -> _core.Pairs:
     return _core.Pairs(pairs.values[which], right, left, pairs.residuals[which])
 
 
-def _joined(lossy: _core.Pairs, still: _core.Pairs, count: int) -> _core.Pairs:
+def _joined(lossy: _core.Pairs, grows: _core.Pairs, count: int) -> _core.Pairs:
     """Roots above the real axis with their conjugates, and growing ones on it, the lowest first."""
     above = _taken(lossy, np.flatnonzero(~(lossy.values.imag <= 0.0)))  # with those not found
-    grows = _taken(still, np.flatnonzero((still.values.imag == 0.0) & (still.values.real > 0.0)))
     values = np.concatenate([above.values, above.values.conj(), grows.values])
     places = np.lexsort((-values.imag, values.real, np.abs(values)))[:count]
     right, left = (
