@@ -511,9 +511,7 @@ def test_bad_profiles_are_refused():
         pp.Profile([0.5, 0.4], [1, 1, 1])
     with pytest.raises(ValueError, match="at must ascend between 0 and 1"):
         pp.Profile([1.0], [1, 1])
-    with pytest.raises(
-        ValueError, match="values must be 2, one for each stretch.*, got 3"
-    ):
+    with pytest.raises(ValueError, match=r"values must be 2, one for each stretch.*, got 3"):
         pp.Profile([0.5], [1, 2, 3])
     with pytest.raises(ValueError, match=r"values\[1\] must lie in"):
         pp.Profile([0.5], [1, -2])

@@ -208,6 +208,43 @@ Parts power_of(const Model& model, py::ssize_t rows, py::ssize_t cost, const py:
   return py::make_tuple(row_of(parts, 0), row_of(parts, 1), row_of(parts, 2), row_of(parts, 3));
 }
 
+/// The equations of motion of states [p, p'] with 2 dof rows. work_of: of a state, in that of a
+/// chain's segment.
+template <class Model, py::ssize_t (*work_of)(const Model&)>
+void define_equations(py::class_<Model>& model) {
+  using namespace py::literals;
+  using py::object;
+  // Rates of states that have so many rows besides [p, p'].
+  const auto rates = [](auto work, py::ssize_t more) {
+    return [work, more](const Model& of, const object&, const object& y, const object& u) {
+      const py::ssize_t rows = 2 * of.dof() + more;
+      return results_of(rows, rows, work_of(of), y, u,
+                        [&](const Batch& batch, double* out) { work(of, batch, out); });
+    };
+  };
+  model.def("rhs", rates(std::mem_fn(&Model::rhs), 0), "t"_a, "y"_a, "u"_a)
+      .def("rhs_and_power", rates(std::mem_fn(&Model::rhs_and_power), 1), "t"_a, "y"_a, "u"_a)
+      .def(
+          "jacobian",
+          [](const Model& of, const object&, const object& y, const object& u) {
+            const auto work = [&](const Batch& batch, double* out) { of.jacobian(batch, out); };
+            return jacobians_of(2 * of.dof(), work_of(of), y, u, work);
+          },
+          "t"_a, "y"_a, "u"_a)
+      .def(
+          "energy",
+          [](const Model& of, const object& y) {
+            return energy_of(of, 2 * of.dof(), work_of(of), y);
+          },
+          "y"_a)
+      .def(
+          "power",
+          [](const Model& of, const object& y, const object& u) {
+            return power_of(of, 2 * of.dof(), work_of(of), y, u);
+          },
+          "y"_a, "u"_a);
+}
+
 /// Eigenpairs and their tracking, in linear.cpp.
 void define_linear(py::module_& m);
 

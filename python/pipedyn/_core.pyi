@@ -126,6 +126,7 @@ class Chain:
         velocity: typing.SupportsFloat | typing.SupportsIndex = 0.0,
         flux: typing.SupportsFloat | typing.SupportsIndex = 0.0,
         gravity: typing.SupportsFloat | typing.SupportsIndex = 0.0,
+        by_damping: typing.SupportsFloat | typing.SupportsIndex = 0.0,
     ) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"]: ...
     def loads(
         self, stations: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, n]"]
@@ -148,6 +149,8 @@ class Chain:
     def rhs_and_power(
         self, t: typing.Any, y: typing.Any, u: typing.Any
     ) -> numpy.typing.NDArray[numpy.float64]: ...
+    @property
+    def joints(self) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"]: ...
 
 class Galerkin:
     def __init__(
@@ -170,6 +173,7 @@ class Galerkin:
     ) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, 1]"]: ...
     def energy(self, y: typing.Any) -> float | numpy.typing.NDArray[numpy.float64]: ...
     def functions_by_panel(self) -> list[list[int]]: ...
+    def held(self, y: typing.Any) -> numpy.typing.NDArray[numpy.float64]: ...
     def jacobian(
         self, t: typing.Any, y: typing.Any, u: typing.Any
     ) -> numpy.typing.NDArray[numpy.float64]: ...
@@ -195,6 +199,8 @@ class Galerkin:
         self, t: typing.Any, y: typing.Any, u: typing.Any
     ) -> numpy.typing.NDArray[numpy.float64]: ...
     def tips(self, y: typing.Any) -> numpy.typing.NDArray[numpy.float64]: ...
+    @property
+    def supports(self) -> int: ...
 
 class Pair:
     @property
@@ -402,6 +408,8 @@ class Complement:
     def spread(
         self, z: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, n]"]
     ) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"]: ...
+    @property
+    def dof(self) -> int: ...
 
 class ChainSpectrum(Eigenproblem):
     def __init__(
@@ -438,17 +446,20 @@ class Scene:
         mass: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"] = ...,
     ) -> None: ...
     def bodies(self) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"]: ...
-    def energy(self, y: typing.Any) -> float | numpy.typing.NDArray[numpy.float64]: ...
-    def from_angles(
-        self, theta: typing.Any, omega: typing.Any
-    ) -> numpy.typing.NDArray[numpy.float64]: ...
-    def jacobian(
+    def derivative(
         self,
         y: typing.Any,
         u: typing.Any,
         moments: typing.Any = None,
         by_state: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, n]"] = ...,
         returns: bool = True,
+    ) -> numpy.typing.NDArray[numpy.float64]: ...
+    def energy(self, y: typing.Any) -> float | numpy.typing.NDArray[numpy.float64]: ...
+    def from_angles(
+        self, theta: typing.Any, omega: typing.Any
+    ) -> numpy.typing.NDArray[numpy.float64]: ...
+    def jacobian(
+        self, t: typing.Any, y: typing.Any, u: typing.Any
     ) -> numpy.typing.NDArray[numpy.float64]: ...
     def power(
         self, y: typing.Any, u: typing.Any
@@ -467,11 +478,28 @@ class Scene:
         typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"],
         typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, 1]"],
     ]: ...
-    def rhs(
+    def redundant_energy(self, y: typing.Any) -> float | numpy.typing.NDArray[numpy.float64]: ...
+    def redundant_power(
+        self, y: typing.Any, u: typing.Any
+    ) -> tuple[
+        float | numpy.typing.NDArray[numpy.float64],
+        float | numpy.typing.NDArray[numpy.float64],
+        float | numpy.typing.NDArray[numpy.float64],
+        float | numpy.typing.NDArray[numpy.float64],
+    ]: ...
+    def redundant_rhs(
         self, t: typing.Any, y: typing.Any, u: typing.Any, moments: typing.Any = None
     ) -> numpy.typing.NDArray[numpy.float64]: ...
+    def rhs(
+        self, t: typing.Any, y: typing.Any, u: typing.Any
+    ) -> numpy.typing.NDArray[numpy.float64]: ...
+    @typing.overload
     def rhs_and_power(
-        self, t: typing.Any, y: typing.Any, u: typing.Any, moments: typing.Any = None
+        self, t: typing.Any, y: typing.Any, u: typing.Any
+    ) -> numpy.typing.NDArray[numpy.float64]: ...
+    @typing.overload
+    def rhs_and_power(
+        self, t: typing.Any, y: typing.Any, u: typing.Any, moments: typing.Any
     ) -> numpy.typing.NDArray[numpy.float64]: ...
     def solve(
         self,

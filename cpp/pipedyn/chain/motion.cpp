@@ -4,9 +4,10 @@
 // PIPEDYN_WIDTH set.
 //
 // Energy: kinetic + sum k_j phi_j (phi_j / 2 - psi_j) + gamma sum p_j (1 - cos theta_j). Power,
-// with the velocity v of the free end and v_j of the drag points: flow -c sqrt(beta) U |v|^2 - a
-// U^2 (cos psi t_n + sin psi n_n) . v, joints -sum c_j phi_j'^2, drag -kappa sum l_j |v_j|^3. To
-// both come the terms', as their laws say.
+// with the velocity v of the end and v_j of the drag points: flow -c sqrt(beta) U |v|^2 - a U^2
+// (cos psi t_n + sin psi n_n) . v, joints -sum c_j phi_j'^2, drag -kappa sum l_j |v_j|^3. Where the
+// end is guided its joint counts, with phi_{n+1} = -theta_n, and the axis stands for segment n in
+// the direction of the jet. To both come the terms', as their laws say.
 #include "pipedyn/chain/motion.hpp"
 
 #include "pipedyn/chain/derivative.hpp"
@@ -59,6 +60,8 @@ void energy_of(const MotionModel& model, const Members<Real>& members, const Swe
   for_each_load(model, sweep, [&](const auto& law, const SegmentTerm& place, const auto& at) {
     twice += (2.0 * place.weight) * law.energy(at);
   });
+  const Real angle = members.row(n - 1);
+  twice += model.end_spring * (angle * angle);
   members.set_row(out, 0, 0.5 * twice);
 }
 
@@ -86,9 +89,11 @@ void power_of(const MotionModel& model, const Members<Real>& members, const Swee
   for_each_load(model, sweep, [&](const auto& law, const SegmentTerm& place, const auto& at) {
     others += place.weight * law.power(at);
   });
-  const Real u = members.speed();
+  const Real u = members.speed(), end_rate = sweep.at(sweep.rate, n - 1);
+  joints -= model.end_damping * (end_rate * end_rate);
+  const Thrust<Real> thrust(model, members);
   const Real flow = -((model.coriolis - model.entry) * u) * (vt * vt + vn * vn) -
-                    (u * u) * (model.thrust[0] * vt + model.thrust[1] * vn);
+                    (thrust.along * vt + thrust.across * vn);
   members.set_row(out, 0, flow);
   members.set_row(out, 1, joints);
   members.set_row(out, 2, drag);

@@ -41,7 +41,7 @@ class SmallMotions:
     def __init__(self, form: RedundantForm, theta: Array) -> None:
         self.form, self.layout, self.theta = form, form.layout, theta
         self.still = form.core.from_angles(theta, np.zeros_like(theta))
-        self.scale = elastic_scale(self.layout.springs)[:, None]
+        self.scale = elastic_scale(form.joints[: theta.size, 0])[:, None]
         self.held = self.layout.unit_loads[:, self.layout.independent]
         self.basis = _core.Complement(self.layout.moments(theta, self.held))
         self.rows = self._elastic_loads(self.held)
@@ -79,7 +79,8 @@ class SmallMotions:
             return angles.T @ matrix @ angles
 
         def of_joints(values: Array) -> Array:
-            return joints.T @ (values[:, None] * joints)
+            every = np.vstack([joints, -angles[-1:]])[: values.size]
+            return every.T @ (values[:, None] * every)
 
         compliance = form.core.compliance
         inert = compliance != 0.0
@@ -93,9 +94,8 @@ class SmallMotions:
             mass=of_angles(chain.mass + (rows / compliance[inert]) @ rows.T),
             gyroscopic=of_angles(chain.gyroscopic),
             end_flux=of_angles(chain.end_flux),
-            damping=of_angles(chain.damping - by_state[:, n:])
-            + of_joints(layout.joint_damping(form.pipe)),
-            stiffness=of_angles(chain.stiffness - by_state[:, :n]) + of_joints(layout.springs),
+            damping=of_angles(chain.damping - by_state[:, n:]) + of_joints(form.joints[:, 1]),
+            stiffness=of_angles(chain.stiffness - by_state[:, :n]) + of_joints(form.joints[:, 0]),
             flux=layout.has_flow * of_angles(chain.flux - np.diag(turned)),
             direction=form.pipe.direction,
             centrifugal=form.pipe.alpha,
@@ -104,7 +104,8 @@ class SmallMotions:
     def _reactions(self) -> tuple[Array, Array]:
         """Forces of guides and pins at rest, and their derivative by a u^2, shape (3 n,) each."""
         force = self.form.forces(self.still, 0.0)
-        thrust, end = np.zeros_like(force), self.theta[-1] + self.form.pipe.jet_angle
+        end = 0.0 if self.layout.guided else self.theta[-1]
+        thrust, end = np.zeros_like(force), end + self.form.pipe.jet_angle
         thrust[-3:-1] = -np.sin(end), -np.cos(end)
         loads = self._elastic_loads(np.stack([force, thrust], axis=1))
         multipliers, *_ = np.linalg.lstsq(self.rows, loads)

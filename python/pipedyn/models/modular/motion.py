@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from pipedyn.models.held import Held
 from pipedyn.models.modular.enforcement import Enforce, Group
 from pipedyn.models.modular.layout import coordinates_by_angles, nodes_by_angles
 from pipedyn.models.modular.redundant import RedundantForm
@@ -33,18 +34,19 @@ class SceneMotion:
         self.form, self.enforce = form, enforce
         self.core, self.layout, self.customs = form.core, form.layout, form.customs
         self.is_compiled = not form.customs and enforce is None
+        self.held = Held(form.core, form.layout.independent_rows)
 
     # --------------------------------------------------------------------- redundant coordinates
 
     def rhs(self, t: float, y: Any, u: Any) -> Array:
         """Rates of redundant states [q, q'], shape (6 n,) or (6 n, k)."""
         if self.is_compiled:
-            return self.core.rhs(t, y, u)
+            return self.core.redundant_rhs(t, y, u)
         size = self.core.coordinates
         y = check.doubles("y", y, "an array of real numbers")
-        self.core.power(y, u)  # checks both
+        self.core.redundant_power(y, u)  # checks both
         if self.enforce is None:
-            return self.core.rhs(t, y, u, self._moments(*self._places(y)))
+            return self.core.redundant_rhs(t, y, u, self._moments(*self._places(y)))
         rates = np.concatenate([y[size:], np.empty_like(y[:size])])
         speeds = np.broadcast_to(np.asarray(u, dtype=np.float64), y.shape[1:])
         for j in np.ndindex(y.shape[1:]):
@@ -77,12 +79,12 @@ class SceneMotion:
 
     def energy(self, y: Any) -> float | Array:
         """Energy of redundant states [q, q'], a number or shape (k,)."""
-        energy = self.core.energy(y)
+        energy = self.core.redundant_energy(y)
         return energy + self.customs.energy(self._places(y)[0]) if self.customs else energy
 
     def power(self, y: Any, u: Any) -> tuple[float | Array, ...]:
         """Power of flow, joints, drag, and of what terms and custom modules do besides."""
-        flow, joints, drag, others = self.core.power(y, u)
+        flow, joints, drag, others = self.core.redundant_power(y, u)
         if self.customs:
             others = others + self.customs.work(*self._places(y))
         return flow, joints, drag, others
@@ -99,33 +101,14 @@ class SceneMotion:
         moments = self._moments(q, moving)
         rates = self.core.rhs_and_power(t, y, u, moments)
         if self.enforce is not None:  # beside how states return to guides and pins
-            other = self.rhs(t, state, u) - self.core.rhs(t, state, u, moments)
+            other = self.rhs(t, state, u) - self.core.redundant_rhs(t, state, u, moments)
             rates[n : 2 * n] += np.cumsum(other[size + 2 :: 3], axis=0)
         rates[2 * n] += self.customs.work(q, moving)
         return rates
 
     def states(self, theta: Array, omega: Array) -> Array:
         """Redundant states of angles and rates, (6 n, k) from (n, k) each."""
-        return self.core.from_angles(*self.projected(theta, omega))
-
-    def projected(self, theta: Array, omega: Array) -> tuple[Array, Array]:
-        """Angles and rates that meet guides and pins, close to those given; NaN without any."""
-        if not self.layout.holding:
-            return theta, omega
-        columns = (self.layout.size, -1)
-        *met, missed = self.core.project(theta.reshape(columns), omega.reshape(columns))
-        for of in met:
-            of[:, missed > self.core.met] = np.nan
-        return met[0].reshape(theta.shape), met[1].reshape(theta.shape)
-
-    def free_directions(self, y: Array) -> Array:
-        """Orthonormal changes of [theta, theta'] that guides and pins leave, (2 n, 2 dof)."""
-        theta, omega = np.split(y, 2)
-        by_angles = self.layout.rows(theta)
-        drift = omega[:, None] * self.layout.rows(theta + 0.5 * math.pi)
-        held = np.block([[by_angles, drift], [np.zeros_like(drift), by_angles]])
-        vectors, _, _ = np.linalg.svd(held)
-        return np.asarray(vectors[:, 2 * self.layout.independent.size :])
+        return self.core.from_angles(*self.held.projected(theta, omega))
 
     def jacobian(self, y: Array, u: float, returns: bool = True) -> Array:
         """Derivative of the angles' rates by [theta, theta'], (2 n, 2 n), or (k, ...) of k states.
@@ -136,14 +119,14 @@ class SceneMotion:
             returns: the rates of `rhs_and_power`; else of the angles in `rhs`.
         """
         if not self.customs:
-            return self.core.jacobian(y, u, returns=returns)
+            return self.core.derivative(y, u, returns=returns)
         if y.ndim == 2:
             return np.array([self.jacobian(column, u, returns) for column in y.T.copy()])
         theta, omega = np.split(y, 2)
         force = self.customs.force(*np.split(self.core.from_angles(theta, omega), 2))
         moments = self.layout.moments(theta, force[:, None])[:, 0]
         change = self.form.moments_by_state(theta, omega, force)
-        return self.core.jacobian(y, u, moments, change, returns)
+        return self.core.derivative(y, u, moments, change, returns)
 
     def accelerations_by_state(self, y: Array, u: float) -> Array:
         """Derivative of q'' in `rhs` by [theta, theta'], shape (3 n, 2 n)."""
