@@ -400,6 +400,31 @@ def test_chains_move_as_the_pipe_does_at_large_angles_to_second_order():
         assert 3.9 < coarse / fine < 4.1
 
 
+@pytest.mark.parametrize(
+    "holding",
+    [
+        {"root": pp.RootSpring(3.0)},
+        {"root": "pinned", "end": "pinned"},
+        {"end": "guided"},
+        {"end": "clamped", "supports": [0.5]},
+    ],
+    ids=repr,
+)
+def test_held_chains_tend_to_the_pipe_at_second_order(holding):
+    taper = {"stiffness": lambda s: 1 - s / 2, "mass": lambda s: 1 + s}
+    pipe = pp.Pipe(0.3, 7.0, damping=0.02, **taper, **holding)
+
+    def root(model):
+        found = pp.eigenvalues(model, 1.5, count=3)
+        return found[found.imag > 0][0]
+
+    exact = root(pp.Continuum(pipe))
+    errors = [abs(root(pp.Chain(pipe, n)) / exact - 1.0) for n in (12, 24, 48)]
+    assert errors[-1] < 3e-3
+    for coarse, fine in itertools.pairwise(errors):
+        assert 3.5 < coarse / fine < 4.5
+
+
 def test_equal_springs_of_the_rules_follow_the_stiffness():
     pipe = pp.Pipe(0.2, stiffness=lambda s: 1 - s / 2, mass=lambda s: 1 + s)
     exact = abs(pp.eigenvalues(pp.Continuum(pipe), 0.0, count=1)[0])
