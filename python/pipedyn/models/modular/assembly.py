@@ -443,12 +443,6 @@ class Assembly(Model):
     def free_directions(self, p: Array) -> Array:
         return self.basis(p)
 
-    def projected(self, p: Array, rates: Array) -> tuple[Array, Array]:
-        return self.motion.projected(p, rates)
-
-    def free_states(self, y: Array) -> Array:
-        return self.motion.free_directions(y)
-
     def _linear_at(self, q: ArrayLike | None) -> SmallMotions:
         """Small motions about q, or the reference, if dense operators can be made."""
         self._check_dense()
