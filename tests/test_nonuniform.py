@@ -464,6 +464,15 @@ def test_searches_and_curves_take_such_pipes():
     assert pp.critical_speed(choice.model).speed == pytest.approx(exact, rel=1.1e-3)
 
 
+def test_hysteresis_is_kelvin_voigt_damping_of_equal_loss_at_the_crossing():
+    taper = {"stiffness": lambda s: 1 - s / 2, "mass": lambda s: 1 + s}
+    for make in (pp.Continuum, lambda pipe: pp.Chain(pipe, 24)):
+        lossy = pp.critical_speed(make(pp.Pipe(0.2, hysteresis=0.1, **taper)))
+        damped = pp.critical_speed(make(pp.Pipe(0.2, damping=0.1 / lossy.frequency, **taper)))
+        assert damped.speed == pytest.approx(lossy.speed, rel=1e-8)
+        assert damped.frequency == pytest.approx(lossy.frequency, rel=1e-7)
+
+
 def test_relevant_holds_a_pipe_against_a_uniform_one():
     pipe = pp.Pipe(0.2, stiffness=lambda s: 1 - s / 2, mass=lambda s: 1 + 1e-5 * s)
     found = pp.relevant(pipe, 2.0)

@@ -26,7 +26,7 @@ RESOLVED = 3e-14
 """Share of its largest value that a function's Chebyshev series may miss: rounding leaves less."""
 
 NEARLY = 1e-9
-"""The same next to a kink of a higher derivative, whose place is known the less the fainter it is:
+"""The same next to a kink of a higher derivative, whose place is known the less the weaker it is:
 kinks of a spline's third derivative to 1e-5 or so."""
 
 SMOOTH = 1e-3
