@@ -339,6 +339,11 @@ FUNCTION = Kind(
         *map(one_of, (lambda s: s * 1j, lambda s: np.ma.masked_all_like(s), lambda s: 1e300 * s)),
     ),
 )
+UPWARD = Kind(one_of(lambda s: 1.0 + s, lambda s: np.exp(s)), FUNCTION.bad)
+ALONG = Kind(
+    any_of(NONE, UPWARD.good, one_of(pp.Profile([0.5], [1.0, 1.7]))),
+    any_of(_not(None, FUNCTION.bad), one_of(lambda s: 2.0 + s, pp.Profile([0.5], [2.0, 1.0]))),
+)
 PROFILE = Kind(
     one_of(lambda r: 1.0 - 0.5 * r),
     one_of(*(None, 3, NAN, "a", {}, object()), *(lambda r, v=v: v for v in (NAN, "a", [1, 2], 1j))),
@@ -399,8 +404,14 @@ def _pipes() -> Iterator[Target]:
                 any_of(*NOTHINGS, *WORDS, *NOT_FINITE, one_of((1, 1, 1, 0.0), (1, 1), [1] * 4)),
             ),
             "terms": TERMS,
+            "stiffness": ALONG,
+            "mass": ALONG,
         },
     )
+    places, values = array(1, (0.2, 0.8), (-0.1, 1.0)), array(2, (0.5, 2.0), (-1.0, 0.0, 1e7))
+    yield Target("Profile", pp.Profile, {"at": places, "values": values})
+    yield Target("Profile", pp.Profile, {"values": UPWARD})
+    yield Target("Profile.__call__", pp.Profile([0.5], [1.0, 0.5]), {"s": PLACES})
     positive = real((0.1, 3.0), 0.0, 1e300)
     yield Target(
         "Pipe.from_si",

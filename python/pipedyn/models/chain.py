@@ -28,6 +28,7 @@ from pipedyn.models.galerkin import Galerkin, basis_joints
 from pipedyn.models.held import MET, SAME, Held, closest, held_ends, keeps_direction
 from pipedyn.models.pencil import ChainPencil, Pencil, real_columns
 from pipedyn.models.pipe import Pipe
+from pipedyn.models.profile import moments, reciprocal
 from pipedyn.util import check
 from pipedyn.util.check import Array
 from pipedyn.util.power_iteration import largest_stretch
@@ -186,7 +187,7 @@ class Chain(Model):
         lengths, mass = self._lengths, self._pipe.mass
         if mass is None:
             return lengths.copy(), np.full(lengths.size, 0.5), lengths / math.sqrt(12.0)
-        whole, first, second = mass.moments(self._ends())
+        whole, first, second = moments(mass, self._ends())
         arms = first / whole
         return whole, arms / lengths, np.sqrt(second / whole - arms**2)
 
@@ -201,7 +202,7 @@ class Chain(Model):
             cells[0] = 0.0
         elif rule == "midpoint":
             cells = np.linspace(0.0, 1.0, self.coordinates + 1)
-        harmonic = np.diff(cells) / self._pipe.stiffness.reciprocal.moments(cells)[0]
+        harmonic = np.diff(cells) / moments(reciprocal(self._pipe.stiffness), cells)[0]
         return np.append(harmonic, harmonic[-1])[: self.coordinates + 1]
 
     def _springs_by_rule(self, rule: str) -> Array:

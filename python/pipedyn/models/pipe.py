@@ -12,7 +12,7 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from pipedyn.models.profile import Along, Profile, checked_profile
+from pipedyn.models.profile import Along, Profile, checked_profile, mixed
 from pipedyn.models.supports import (
     ENDS,
     End,
@@ -320,7 +320,7 @@ class Pipe:
             end=end,
             supports=tuple(s / length for s in checked_supports(supports, length)),
             stiffness=checked_profile("stiffness_profile", stiffness_profile),
-            mass=None if own is None else own.mixed(pipe_mass / mass),
+            mass=None if own is None else mixed(own, pipe_mass / mass),
             scales=units,
         )
 
