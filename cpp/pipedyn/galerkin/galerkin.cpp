@@ -190,7 +190,9 @@ void Galerkin::rhs_and_power(const Batch& batch, double* rates) const {
   const Index members = batch.members;
   Matrix parts(5, members);
   power(batch, parts.data());
-  Eigen::Map<Vector>(rates + 2 * dof() * members, members) = parts.colwise().sum();
+  Eigen::Map<Vector> sum(rates + 2 * dof() * members, members);
+  sum = parts.row(0);
+  for (Index i = 1; i < parts.rows(); ++i) sum += parts.row(i);
 }
 
 void Galerkin::energy(const Batch& batch, double* out) const {

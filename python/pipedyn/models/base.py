@@ -364,7 +364,8 @@ class Model(OfPipe, ABC):
             t: time; nothing depends on it.
             y: state [q, q'], shape (2 c,), or (2 c, k) for k states of a chain or reduced model.
             u: flow speed, in units of sqrt(EI / mu_f) / L, >= 0; for k states also one each, (k,).
-            u_dot, base: as for `rhs`.
+            u_dot: its rate of change, as for `rhs`.
+            base: its motion, as for `rhs`.
 
         Returns:
             d(dy/dt)/dy, shape (2 c, 2 c), or (k, 2 c, 2 c). Drag's share
