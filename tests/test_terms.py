@@ -65,6 +65,11 @@ TABLE = [
         energy=lambda x, y: 15.0 * x**4,
     ),
     Row(
+        pp.Stop(at=0.3, gap=0.08, stiffness=200.0),
+        load=lambda x, y, vx, vy, t: (-200.0 * np.sign(x) * np.maximum(np.abs(x) - 0.08, 0.0), 0.0),
+        energy=lambda x, y: 100.0 * np.maximum(np.abs(x) - 0.08, 0.0) ** 2,
+    ),
+    Row(
         pp.Tension(load=-3.0),
         load=lambda x, y, vx, vy, t: (0.0, -3.0),
         energy=lambda x, y: 3.0 * (y - 1.0),

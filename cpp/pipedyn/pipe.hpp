@@ -3,6 +3,8 @@
 
 #include <Eigen/Core>
 #include <cmath>
+#include <limits>
+#include <vector>
 
 #include "pipedyn/terms/term.hpp"
 
@@ -11,6 +13,10 @@ namespace pipedyn {
 using Index = Eigen::Index;
 using Matrix = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
 using Vector = Eigen::VectorXd;
+
+/// How the pipe is held at s = 1: not at all; in direction, free to slide across; on the axis
+/// (x = 0), free to turn; both. It slides along the axis in each case.
+enum class End { free, guided, pinned, clamped };
 
 /// The nondimensional numbers a pipe is; length, mass per length and bending stiffness are 1.
 struct Pipe {
@@ -21,6 +27,10 @@ struct Pipe {
   double damping = 0.0;      // delta, Kelvin-Voigt damping
   bool aspirating = false;   // flow enters at the free end
   Terms terms{};             // what else acts on the pipe
+  double root =
+      std::numeric_limits<double>::infinity();  // k_r, rotational spring at s = 0; 0: hinge
+  End end = End::free;
+  std::vector<double> supports{};  // arc lengths of rigid inner supports (x = 0), ascending
 
   double sqrt_beta() const { return std::sqrt(beta); }
   /// s: U = s u is the flow speed counted towards the free end.

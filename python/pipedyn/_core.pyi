@@ -56,6 +56,9 @@ class Pipe:
                 collections.abc.Sequence[typing.SupportsFloat | typing.SupportsIndex],
             ]
         ] = [],
+        root: typing.SupportsFloat | typing.SupportsIndex = ...,
+        end: str = "free",
+        supports: collections.abc.Sequence[typing.SupportsFloat | typing.SupportsIndex] = [],
     ) -> None: ...
     @property
     def resisted(self) -> bool: ...

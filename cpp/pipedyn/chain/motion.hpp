@@ -101,10 +101,10 @@ struct MotionKernel {
   std::ptrdiff_t (*factor_numbers)(const MotionModel&);
   void (*factorise)(const MotionModel&, const Batch& one, const double* mu, double* factors);
   void (*solve)(const MotionModel&, double u, double* factors, double* b);
-  // J (n, n), with room for 8 n^2 numbers and 4 n pivots:
-  void (*factorise_dense)(const double* jacobian, const double* mu, std::ptrdiff_t n,
-                          double* factors, std::ptrdiff_t* pivots);
-  void (*solve_dense)(double* factors, const std::ptrdiff_t* pivots, std::ptrdiff_t n, double* b);
+  // A x = b of as many matrices A (n, n, 2 shifts), which become factors, with room for 4 n pivots:
+  void (*factorise_dense)(double* a, std::ptrdiff_t n, std::ptrdiff_t* pivots);
+  void (*solve_dense)(const double* factors, const std::ptrdiff_t* pivots, std::ptrdiff_t n,
+                      double* b);
 
   // The stages of implicit steps (rows, 8), see motion/stages.hpp; matrices are (8, 8).
   void (*mix_stages)(const double* a, const double* matrix_a, const double* b,

@@ -8,7 +8,7 @@ from collections.abc import Callable
 from dataclasses import fields
 from functools import cached_property
 from operator import attrgetter
-from typing import Any, Self
+from typing import Any, ClassVar, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -140,6 +140,9 @@ def core_pipe(pipe: Pipe) -> _core.Pipe:
         damping=pipe.damping,
         aspirating=pipe.flow == "aspirating",
         terms=[(t.law, t.place or 0.0, list(t.numbers.values())) for t in pipe.terms],
+        root=pipe.root_stiffness,
+        end=pipe.end,
+        supports=pipe.supports,
     )
 
 
@@ -153,8 +156,13 @@ def checked_pipe(pipe: Any) -> Pipe:
 class OfPipe:
     """A pipe to be asked about, discretised or continuous. Immutable; pickles."""
 
+    takes_supports: ClassVar[bool] = False
+    """Whether it takes pipes that are no cantilevers; to be True of every model."""
+
     def __init__(self, pipe: Pipe) -> None:
         self._pipe = checked_pipe(pipe)
+        if not (pipe.cantilevered or self.takes_supports):
+            raise ValueError(f"{type(self).__name__} must be of a cantilevered pipe, got {pipe!r}")
 
     @property
     def pipe(self) -> Pipe:
@@ -487,12 +495,26 @@ class Model(OfPipe, ABC):
     def _tips(self, q: NDArray[Any]) -> NDArray[Any]:
         """The positions, an analytic function of q, real or complex, (coordinates, k)."""
 
-    def drag_velocities(self, p: Array, pdot: Array) -> Array:
-        """Normal velocities of the points at which drag acts, (points, k), of states (moving, k).
+    @property
+    def kinks_known(self) -> bool:
+        """Whether `kinks` has all; not of drag that acts at many points, each with little of it."""
+        return self.pipe.drag == 0.0
 
-        No points where they are many and drag at each is weak, or where they are not known.
+    def kinks(self, p: Array, pdot: Array) -> Array:
+        """What changes sign where derivatives of forces jump, (how many, k), of (moving, k) states.
+
+        How far the places of terms are from where they meet stops.
         """
-        return np.empty((0, p.shape[1]))
+        met = [(term.place or 0.0, x) for term in self.pipe.terms for x in term.kinks]
+        if not met:
+            return np.empty((0, p.shape[1]))
+        places, where = np.array(met).T
+        return self._across(p, places) - where[:, None]
+
+    def _across(self, p: Array, s: Array) -> Array:
+        """Transverse displacements at points on the pipe, (points, k), of (moving, k) angles."""
+        configurations, _ = self.recorded(p.T, np.zeros_like(p.T))
+        return np.stack([self.shape(q, s)[:, 0] for q in configurations], axis=1)
 
     @abstractmethod
     def bent(self, angle: Callable[[Array], ArrayLike]) -> Array:

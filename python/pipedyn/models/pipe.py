@@ -12,6 +12,15 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
+from pipedyn.models.supports import (
+    ENDS,
+    End,
+    Root,
+    RootSpring,
+    checked_root,
+    checked_supports,
+    root_stiffness,
+)
 from pipedyn.models.terms import Term, checked_terms, converted, in_range
 from pipedyn.util import check
 
@@ -43,7 +52,7 @@ class Scales(NamedTuple):
 
 @dataclass(frozen=True)
 class Pipe:
-    """A cantilevered pipe conveying fluid, in units in which L, mu_p + mu_f and EI are 1.
+    """A pipe conveying fluid, a cantilever if not told, in units of L, mu_p + mu_f and EI.
 
     Time is counted in L^2 sqrt((mu_p + mu_f) / EI), flow speed u in sqrt(EI / mu_f) / L.
 
@@ -59,13 +68,21 @@ class Pipe:
         damping: Kelvin-Voigt damping delta >= 0; EI becomes EI (1 + delta d/dtau).
         terms: what else acts on the pipe, such as `PointMass` and `Spring`: a sequence of at most
             400 terms, kept as a tuple.
+        root: how the pipe is held at s = 0: "clamped", "pinned" (a hinge) or a `RootSpring`, a
+            hinge with a rotational spring.
+        end: how it is held at s = 1: "free", "guided" (it keeps its direction and slides across),
+            "pinned" (a hinge on the axis of the straight pipe) or "clamped" (on the axis, in its
+            direction). A pinned or clamped end slides along the axis.
+        supports: arc lengths in L of rigid supports, hinges on the axis along which the pipe
+            slides; at most 100, each in (0, 1), kept as an ascending tuple.
         scales: SI value of one unit, or None for a pipe not made with `from_si`.
 
     Raises:
         ValueError: for a number out of its range, NaN or infinity.
         TypeError: for what is no number.
 
-    Source: Orsino and Di Giulio, eqs. (1)-(9); delta is not in the paper.
+    Source: Orsino and Di Giulio, eqs. (1)-(9); delta is not in the paper. Of supported pipes
+    Paidoussis, Fluid-Structure Interactions, vol. 1, ch. 3.
     """
 
     beta: float
@@ -75,6 +92,9 @@ class Pipe:
     drag: float = 0.0
     damping: float = 0.0
     terms: tuple[Term, ...] = field(default=(), kw_only=True)
+    root: Root = field(default="clamped", kw_only=True)
+    end: End = field(default="free", kw_only=True)
+    supports: tuple[float, ...] = field(default=(), kw_only=True)
     scales: Scales | None = field(default=None, kw_only=True)
 
     def __post_init__(self) -> None:
@@ -82,6 +102,9 @@ class Pipe:
             "flow": check.choice("flow", self.flow, FLOWS),
             **{name: check.real(name, getattr(self, name), **RANGES[name]) for name in RANGES},
             "terms": in_range(checked_terms(self.terms)),
+            "root": checked_root(self.root),
+            "end": check.choice("end", self.end, ENDS),
+            "supports": checked_supports(self.supports),
         }
         if self.scales is not None:
             if not isinstance(self.scales, tuple) or len(self.scales) != 4:
@@ -110,6 +133,9 @@ class Pipe:
         alpha: float = 1.0,
         nozzle_ratio: float | None = None,
         terms: Sequence[Term] = (),
+        root: Root = "clamped",
+        end: End = "free",
+        supports: Sequence[float] = (),
     ) -> Pipe:
         """A pipe from measured quantities.
 
@@ -131,6 +157,9 @@ class Pipe:
                 nozzle's mass.
             terms: what else acts on the pipe, its numbers in SI units, `at` in m; `terms_si` gives
                 them back.
+            root: "clamped", "pinned" or a `RootSpring`, its stiffness in N m/rad.
+            end: "free", "guided", "pinned" or "clamped".
+            supports: arc lengths of rigid supports, m.
 
         Raises:
             ValueError: for a number out of its range, a term beyond the free end, both alpha and
@@ -179,6 +208,9 @@ class Pipe:
             "damping": (damping_time / time, f"damping_time, {every}"),
         }
         given = [converted(one, units, operator.truediv) for one in checked_terms(terms, length)]
+        source = " from its SI value, length, bending_stiffness and the masses"
+        if isinstance(root, RootSpring):
+            root = checked_root(converted(root, units, operator.truediv), source)
         return cls(
             **{
                 name: check.real(f"{name} from {causes}", value, **RANGES[name])
@@ -186,9 +218,10 @@ class Pipe:
             },
             flow=flow,
             alpha=alpha,
-            terms=in_range(
-                tuple(given), " from its SI value, length, bending_stiffness and the masses"
-            ),
+            terms=in_range(tuple(given), source),
+            root=root,
+            end=end,
+            supports=tuple(s / length for s in checked_supports(supports, length)),
             scales=units,
         )
 
@@ -197,14 +230,27 @@ class Pipe:
         """s, the sign of the flow's velocity: 1 ejecting, -1 aspirating."""
         return -1.0 if self.flow == "aspirating" else 1.0
 
+    @property
+    def cantilevered(self) -> bool:
+        """Whether it is clamped at the root and held nowhere else."""
+        return self.root == "clamped" and self.end == "free" and not self.supports
+
+    @property
+    def root_stiffness(self) -> float:
+        """Stiffness against rotation at the root in EI / L: infinite if clamped, 0 if pinned."""
+        return root_stiffness(self.root)
+
+    @property
+    def has_kinks(self) -> bool:
+        """Whether derivatives of a force jump: drag's as velocities change sign, a stop's too."""
+        return self.drag > 0.0 or any(term.kinks for term in self.terms)
+
     def __repr__(self) -> str:
         parts = [
-            f"{item.name}={value!r}" if item.name == "flow" else f"{item.name}={value:.12g}"
-            for item in fields(self)[:-2]
+            f"{item.name}={value:.12g}" if isinstance(value, float) else f"{item.name}={value!r}"
+            for item in fields(self)[:-1]
             if (value := getattr(self, item.name)) != item.default
         ]
-        if self.terms:
-            parts.append(f"terms={self.terms!r}")
         if self.scales is not None:
             units = zip(self.scales, ("m", "kg/m", "s", "m/s"), strict=True)
             parts.append("units " + ", ".join(f"{value:.6g} {unit}" for value, unit in units))
