@@ -22,18 +22,18 @@ using namespace py::literals;
 
 namespace {
 
-/// Flow speeds and drives of members at times; drive (Drive::rows, members), empty where nothing
-/// drives them.
+/// Flow speeds and drives of members at times; drive (Drive::rows, members) or empty.
 struct Flows {
   Reals u;
   Matrix drive;
 
+  bool driven() const { return !drive.isZero(0.0); }
   Batch of(const double* y) const {
     return {.y = y,
             .u = u.data(),
             .members = u.size(),
             .u_step = 1,
-            .drive = drive.size() > 0 ? drive.data() : nullptr};
+            .drive = driven() ? drive.data() : nullptr};
   }
 };
 using FlowsAt = std::function<void(const Vector& t, const std::vector<Index>& which, Flows& flows)>;
@@ -86,8 +86,8 @@ Rates called_rates(const py::function& function, Index rows, const py::object& u
     Numbers states({rows, members});
     std::copy_n(y, rows * members, states.mutable_data());
     try {
-      const py::object made = flows.drive.size() > 0 ? function(t, states, flows.u, flows.drive)
-                                                     : function(t, states, flows.u);
+      const py::object made =
+          flows.driven() ? function(t, states, flows.u, flows.drive) : function(t, states, flows.u);
       const Numbers found = made.cast<Numbers>();
       if (found.size() != rows * members)
         throw py::value_error("rates must have the states' shape");
@@ -142,7 +142,7 @@ ImplicitRates implicit_rates_of(const py::object& of, const py::object& jacobian
   const FlowAt flow_at = [at = flows_at(u)](double t, Index member) {
     Flows flows;
     at(Vector::Constant(1, t), {member}, flows);
-    Flow one{.u = flows.u[0], .driven = flows.drive.size() > 0};
+    Flow one{.u = flows.u[0], .driven = flows.driven()};
     std::copy_n(flows.drive.data(), flows.drive.size(), one.drive);
     return one;
   };

@@ -97,11 +97,11 @@ class Task:
     base: Base | None = None  # as it was given
 
     def flow(self, t: float) -> tuple[Any, ...]:
-        """The flow speed at a time and, if there is a drive, this, shape (ROWS,)."""
+        """The flow speed at a time and, if anything drives the motion, this, shape (ROWS,)."""
         if self.drive is None:
             return (self.u,)
         u, *others = self.drive(t)
-        return u, np.array(others)
+        return (u, np.array(others)) if any(others) else (u,)
 
 
 Callback: TypeAlias = Callable[[float, Array, Array], object]
