@@ -23,7 +23,9 @@ TERMS = (
     pp.Viscosity(1.3),
 )
 PIPE = pp.Pipe(0.3, 7.0, damping=0.02)
-LOADED = dataclasses.replace(PIPE, flow="aspirating", alpha=0.8, drag=0.7, terms=TERMS)
+LOADED = dataclasses.replace(
+    PIPE, flow="aspirating", alpha=0.8, inflow_share=0.4, drag=0.7, terms=TERMS
+)
 SPEED, RATE = 1.7, 2.3
 BASE = np.array([[0.3, -0.2], [0.7, 0.5], [-1.1, 1.9]])
 
@@ -99,7 +101,7 @@ def test_motion_obeys_hamiltons_principle_for_open_systems_on_the_ground(make):
 
 @models
 def test_a_drive_does_the_virtual_work_of_its_forces(make):
-    """Terms and drag see absolute positions and velocities; chains have drag at points."""
+    """Inflow, drag and terms see motion on the ground; chains have drag at points."""
     drag = 0.7 if make(PIPE).linear_cost else 0.0
     model = make(dataclasses.replace(LOADED, drag=drag))
     q, rate = state_of(model)
@@ -143,6 +145,8 @@ def test_a_drive_does_the_virtual_work_of_its_forces(make):
             return -drag * np.abs(normal) * normal * across
 
         expected += force(points, model.lengths, law)
+    entering = 0.6 * LOADED.direction * np.sqrt(LOADED.beta) * SPEED
+    expected += force(one, one, lambda r, v: entering * v)
     assert np.abs(work - expected).max() < 1e-9 * np.abs(expected).max()
 
 

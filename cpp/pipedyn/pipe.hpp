@@ -26,7 +26,10 @@ struct Pipe {
   double drag = 0.0;         // kappa, quadratic drag
   double damping = 0.0;      // delta, Kelvin-Voigt damping
   bool aspirating = false;   // flow enters at the free end
-  Terms terms{};             // what else acts on the pipe
+  // c: share of the free end's velocity that the inflow has before it enters
+  double inflow_share = 1.0;
+  double jet_angle = 0.0;  // psi, from the free end's tangent to the thrust's direction
+  Terms terms{};           // what else acts on the pipe
   double root =
       std::numeric_limits<double>::infinity();  // k_r, rotational spring at s = 0; 0: hinge
   End end = End::free;
@@ -35,12 +38,15 @@ struct Pipe {
   double sqrt_beta() const { return std::sqrt(beta); }
   /// s: U = s u is the flow speed counted towards the free end.
   double direction() const { return aspirating ? -1.0 : 1.0; }
+  /// By which u v of the free end's velocity v loads it: the entering flow's change of velocity.
+  double entry() const { return (1.0 - inflow_share) * direction() * sqrt_beta(); }
 };
 
 /// Linear operators about the straight pipe at rest, each (dof, dof):
 ///   mass q'' + (s u (gyroscopic + end_flux) + damping) q'
 ///     + (stiffness + a u^2 flux + s u' unsteady) q = 0.
-/// gyroscopic is skew, end_flux symmetric of rank one; with unsteady they carry sqrt(beta).
+/// gyroscopic is skew, end_flux symmetric of rank one; with unsteady they carry sqrt(beta),
+/// end_flux also c.
 struct Operators {
   Matrix mass, gyroscopic, end_flux, damping, stiffness, flux, unsteady;
 

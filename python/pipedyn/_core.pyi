@@ -59,6 +59,8 @@ class Pipe:
         root: typing.SupportsFloat | typing.SupportsIndex = ...,
         end: str = "free",
         supports: collections.abc.Sequence[typing.SupportsFloat | typing.SupportsIndex] = [],
+        inflow_share: typing.SupportsFloat | typing.SupportsIndex = 1.0,
+        jet_angle: typing.SupportsFloat | typing.SupportsIndex = 0.0,
     ) -> None: ...
     @property
     def resisted(self) -> bool: ...

@@ -45,12 +45,16 @@ struct MotionModel {
   double base;               // length of the fixed part at the clamp
   double gravity;            // gamma
   double coriolis;           // sqrt(beta) s
-  double centrifugal;        // a
+  double entry;              // (1 - c) sqrt(beta) s
+  double thrust[2];          // a cos psi along and a sin psi across the last segment
   bool damped;               // some joint is
   bool bent;                 // some joint is bent at rest
   bool drag;                 // kappa > 0
   const SegmentTerm* loads;  // from the clamp on
   std::ptrdiff_t load_count;
+
+  /// Whether forces other than the joints' and Coriolis' change with the velocities.
+  bool resists() const { return drag || entry != 0.0 || load_count > 0; }
 };
 
 /// Rows of what drives a member in time besides its flow speed: the rate u' of this, then position,

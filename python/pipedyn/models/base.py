@@ -63,7 +63,7 @@ class Operators:
 
     M q'' + C q' + K q = 0 with C = s u (gyroscopic + end_flux) + damping and
     K = stiffness + a u^2 flux + s u' unsteady. gyroscopic is skew and end_flux symmetric of rank
-    one, about a bent pipe two; with unsteady they carry sqrt(beta).
+    one, about a bent pipe two; with unsteady they carry sqrt(beta), end_flux also `inflow_share`.
 
     Attributes:
         mass: M, symmetric and positive definite.
@@ -139,6 +139,7 @@ def core_pipe(pipe: Pipe) -> _core.Pipe:
         drag=pipe.drag,
         damping=pipe.damping,
         aspirating=pipe.flow == "aspirating",
+        inflow_share=pipe.inflow_share,
         terms=[(t.law, t.place or 0.0, list(t.numbers.values())) for t in pipe.terms],
         root=pipe.root_stiffness,
         end=pipe.end,
@@ -194,12 +195,13 @@ class OfPipe:
         other = object.__new__(type(self))
         other.__dict__.update(self.__getstate__())
         OfPipe.__init__(other, pipe)
-        if pipe.terms != self._pipe.terms:
+        parts = attrgetter("terms", "root", "end", "supports")
+        if parts(pipe) != parts(self._pipe):
             other._check_terms()
         return other
 
     def _check_terms(self) -> None:
-        """Raises ValueError where the model does not take the pipe's terms."""
+        """Raises ValueError where the model does not take the pipe's terms or supports."""
 
 
 class Model(OfPipe, ABC):

@@ -33,6 +33,7 @@ RANGES: dict[str, dict[str, Any]] = {
     "alpha": {"low": 0.0, "high": 1e6},
     "drag": {"low": 0.0, "high": 1e9},
     "damping": {"low": 0.0, "high": 1e6},
+    "inflow_share": {"low": 0.0, "high": 1.0},
 }
 """What `check.real` asks of a pipe's numbers: far above any pipe's, far below overflow."""
 
@@ -66,6 +67,10 @@ class Pipe:
         drag: quadratic drag kappa = rho_e C_D d_e L / (2 (mu_p + mu_f)) >= 0; it has no part in the
             linear analysis.
         damping: Kelvin-Voigt damping delta >= 0; EI becomes EI (1 + delta d/dtau).
+        inflow_share: of an aspirating pipe, share c in [0, 1] of the free end's velocity that the
+            fluid has before it enters: 1 where it already moves with the free end, as in the paper,
+            0 where it is drawn from rest. What it lacks the free end has to give it, which damps:
+            the end's flux of energy is multiplied by c.
         terms: what else acts on the pipe, such as `PointMass` and `Spring`: a sequence of at most
             400 terms, kept as a tuple.
         root: how the pipe is held at s = 0: "clamped", "pinned" (a hinge) or a `RootSpring`, a
@@ -78,11 +83,13 @@ class Pipe:
         scales: SI value of one unit, or None for a pipe not made with `from_si`.
 
     Raises:
-        ValueError: for a number out of its range, NaN or infinity.
+        ValueError: for a number out of its range, NaN or infinity; for an inflow_share of an
+            ejecting pipe other than 1.
         TypeError: for what is no number.
 
-    Source: Orsino and Di Giulio, eqs. (1)-(9); delta is not in the paper. Of supported pipes
-    Paidoussis, Fluid-Structure Interactions, vol. 1, ch. 3.
+    Source: Orsino and Di Giulio, eqs. (1)-(9); delta and inflow_share are not in the paper. The
+    latter is Hamilton's principle for open systems (McIver 1973) with an inflow of that velocity.
+    Of supported pipes Paidoussis, Fluid-Structure Interactions, vol. 1, ch. 3.
     """
 
     beta: float
@@ -91,6 +98,7 @@ class Pipe:
     alpha: float = 1.0
     drag: float = 0.0
     damping: float = 0.0
+    inflow_share: float = field(default=1.0, kw_only=True)
     terms: tuple[Term, ...] = field(default=(), kw_only=True)
     root: Root = field(default="clamped", kw_only=True)
     end: End = field(default="free", kw_only=True)
@@ -113,6 +121,11 @@ class Pipe:
             checked["scales"] = Scales(
                 *(check.real(f"scales.{k}", v, low=0.0, open_low=True) for k, v in parts)
             )
+        if checked["flow"] == "ejecting" and checked["inflow_share"] != 1.0:
+            raise ValueError(
+                "inflow_share must be 1 for an ejecting pipe, as no fluid enters at its free end, "
+                f"got {check.shown(self.inflow_share)}"
+            )
         for name, value in checked.items():
             object.__setattr__(self, name, value)
 
@@ -132,6 +145,7 @@ class Pipe:
         flow: Flow = "ejecting",
         alpha: float = 1.0,
         nozzle_ratio: float | None = None,
+        inflow_share: float = 1.0,
         terms: Sequence[Term] = (),
         root: Root = "clamped",
         end: End = "free",
@@ -155,6 +169,7 @@ class Pipe:
             nozzle_ratio: A / A_j > 0, the pipe's section over that of a uniform jet, in place of
                 alpha, which it is: above 1 for a nozzle, below for a diffuser. Terms say a
                 nozzle's mass.
+            inflow_share: share of the free end's velocity that the fluid has before it enters.
             terms: what else acts on the pipe, its numbers in SI units, `at` in m; `terms_si` gives
                 them back.
             root: "clamped", "pinned" or a `RootSpring`, its stiffness in N m/rad.
@@ -218,6 +233,7 @@ class Pipe:
             },
             flow=flow,
             alpha=alpha,
+            inflow_share=inflow_share,
             terms=in_range(tuple(given), source),
             root=root,
             end=end,
