@@ -94,7 +94,7 @@ void power_of(const MotionModel& model, const Members<Real>& members, const Swee
   const LoadPower<Real> parts = add_loads(model, members, sweep);
   const Real u = members.speed();
   const Real along = vt - parts.base_along, across = vn - parts.base_across;  // about the base
-  const Real entry = model.entry * u, own = entry - model.coriolis * u, square = u * u;
+  const Real entry = model.entry * u, own = (model.entry - model.coriolis) * u, square = u * u;
   const Real flow = (own * along + entry * parts.base_along - square * model.thrust[0]) * along +
                     (own * across + entry * parts.base_across - square * model.thrust[1]) * across;
   members.set_row(out, 0, Real(flow + parts.flow));

@@ -471,7 +471,7 @@ struct Block {
     }
     const Real x = last[2], y = last[3];
     const Real s = at<Real>(sine, end), c = at<Real>(cosine, end);
-    const Real entry = effects.entry * u, own = entry - 0.5 * effects.coriolis * u;
+    const Real entry = effects.entry * u, own = (effects.entry - 0.5 * effects.coriolis) * u;
     const auto [along, across] = thrust(u);
     const Real base_x = driven(batch, Drive::velocity), base_y = driven(batch, Drive::velocity + 1);
     const Real flow = (own * x + entry * base_x - along * s - across * c) * x +
