@@ -379,22 +379,22 @@ void check_shifted(const Matrix& jacobian, double most, Dice& dice, const Solve&
 
 /// Accelerations from the equations of motion in the angles, with the dense mass matrix.
 Vector dense_accelerations(const Pipe& pipe, const Segments& segments, const Vector& y, double u) {
-  const auto& [l, chi, eta, spring, xi, base, damping, rest_moment] = segments;
+  const auto& [l, chi, eta, spring, xi, base, damping, rest_moment, own_mass] = segments;
   const Index n = l.size();
-  const Vector angle = y.head(n), rate = y.tail(n);
+  const Vector angle = y.head(n), rate = y.tail(n), own = own_mass.size() > 0 ? own_mass : l;
   const double coriolis = pipe.sqrt_beta() * pipe.direction() * u;
   Matrix mass(n, n), lever = Matrix::Zero(n, n);
   Vector force = Vector::Zero(n);
   for (Index k = 0; k < n; ++k) {
-    const double beyond = l.tail(n - 1 - k).sum(), arm = chi[k] * l[k];
+    const double beyond = own.tail(n - 1 - k).sum(), arm = chi[k] * l[k];
     for (Index i = 0; i < n; ++i) {
       const Index near = std::min(k, i), far = std::max(k, i);
-      const double reach = l.tail(n - 1 - far).sum() + chi[far] * l[far];
+      const double reach = own.tail(n - 1 - far).sum() + chi[far] * own[far];
       const double turn = angle[k] - angle[i];
       const double missing = (1.0 - pipe.inflow_share) * coriolis;
       force[k] -= missing * l[k] * l[i] * std::cos(turn) * rate[i];
       double coupling = l[near] * l[far] * reach;
-      if (i == k) coupling = l[k] * l[k] * beyond + l[k] * (arm * arm + eta[k] * eta[k]);
+      if (i == k) coupling = l[k] * l[k] * beyond + own[k] * (arm * arm + eta[k] * eta[k]);
       mass(k, i) = coupling * std::cos(turn);
       force[k] += coupling * std::sin(turn) * rate[i] * rate[i];
       if (i > k) force[k] += 2.0 * coriolis * l[k] * l[i] * std::cos(turn) * rate[i];
@@ -404,7 +404,7 @@ Vector dense_accelerations(const Pipe& pipe, const Segments& segments, const Vec
     force[k] += coriolis * l[k] * l[k] * rate[k];
     const double jet = angle[n - 1] + pipe.jet_angle;
     force[k] += pipe.centrifugal * u * u * l[k] * std::sin(jet - angle[k]);
-    force[k] += pipe.gamma * l[k] * (beyond + arm) * std::sin(angle[k]);
+    force[k] += pipe.gamma * l[k] * (beyond + chi[k] * own[k]) * std::sin(angle[k]);
     const double turn = angle[k] - (k > 0 ? angle[k - 1] : 0.0);
     const double turning = rate[k] - (k > 0 ? rate[k - 1] : 0.0);
     const double resisted = damping.size() > 0 ? damping[k] : pipe.damping * spring[k];
@@ -508,6 +508,7 @@ void check_motion() {
         Segments own_joints = segments;
         own_joints.damping = dice.vector(n, 0.0, 0.1);
         own_joints.rest_moment = dice.vector(n, -2.0, 2.0);
+        own_joints.mass = segments.length.array() * (0.5 + 10.0 * own_joints.damping.array());
         check_motion_of(pipe, own_joints, 3.0, dice);
         check_motion_of(Pipe{.beta = 0.3, .aspirating = aspirating}, segments, 0.0, dice);
         pipe.terms = dice.terms();

@@ -21,6 +21,7 @@ TERMS = (
     pp.CubicSpring(0.8, 60.0),
     pp.Foundation(9.0),
     pp.Viscosity(1.3),
+    pp.AddedMass(0.6),
 )
 PIPE = pp.Pipe(0.3, 7.0, damping=0.02)
 LOADED = dataclasses.replace(
@@ -58,9 +59,11 @@ def tangents(model, q, s):
 def test_motion_obeys_hamiltons_principle_for_open_systems_on_the_ground(make):
     """d/dt dL/dq' - dL/dq = -b U (r' + U t) . dr/dq at the end, with velocities on the ground.
 
-    L = int |r'|^2 / 2 + b U t . r' + gamma y, less the bending energy: McIver (1973).
+    L = int |r'|^2 / 2 + chi (n . r')^2 / 2 + b U t . r' + gamma y, less the bending energy: McIver
+    (1973), in a fluid with the added mass chi.
     """
-    model = make(dataclasses.replace(PIPE, damping=0.0))
+    chi = 0.6
+    model = make(dataclasses.replace(PIPE, damping=0.0, terms=(pp.AddedMass(chi),)))
     q, rate = state_of(model)
     s, w = gauss_points(model)
     b, gamma = np.sqrt(PIPE.beta), PIPE.gamma
@@ -72,13 +75,17 @@ def test_motion_obeys_hamiltons_principle_for_open_systems_on_the_ground(make):
 
     def momentum(at, rates, base, speed):  # linear in all but the first
         by_q = jacobian_by_differences(lambda x: model.shape(x, s), at, sizes)
-        flow = b * speed * tangents(model, at, s)
-        return np.einsum("p,pc,pci->i", w, by_q @ rates + base + flow, by_q)
+        t, velocity = tangents(model, at, s), by_q @ rates + base
+        n = np.stack([t[:, 1], -t[:, 0]], axis=1)
+        across = chi * np.sum(n * velocity, axis=1)[:, None] * n
+        return np.einsum("p,pc,pci->i", w, velocity + across + b * speed * t, by_q)
 
     def lagrangian(at):
         velocity = derivative(lambda x: model.shape(x, s), at, rate) + moving
-        kinetic = np.sum(velocity**2, axis=1) / 2
-        flow = b * SPEED * np.sum(velocity * tangents(model, at, s), axis=1)
+        t = tangents(model, at, s)
+        across = velocity[:, 0] * t[:, 1] - velocity[:, 1] * t[:, 0]
+        kinetic = (np.sum(velocity**2, axis=1) + chi * across**2) / 2
+        flow = b * SPEED * np.sum(velocity * t, axis=1)
         height = place[1] + model.shape(at, s)[:, 1]
         still = np.concatenate([at, np.zeros_like(at)])
         weight = make(dataclasses.replace(PIPE, gamma=0.0)).energy(still)
@@ -103,7 +110,7 @@ def test_motion_obeys_hamiltons_principle_for_open_systems_on_the_ground(make):
 def test_a_drive_does_the_virtual_work_of_its_forces(make):
     """Inflow, drag and terms see motion on the ground; chains have drag at points."""
     drag = 0.7 if make(PIPE).linear_cost else 0.0
-    model = make(dataclasses.replace(LOADED, drag=drag))
+    model = make(dataclasses.replace(LOADED, drag=drag, terms=TERMS[:-1]))
     q, rate = state_of(model)
     y = np.concatenate([q, rate])
     driven, still = (

@@ -16,7 +16,7 @@
 namespace py = pybind11;
 using namespace py::literals;
 using pipedyn::Basis, pipedyn::Chain, pipedyn::Family, pipedyn::Galerkin, pipedyn::Operators,
-    pipedyn::Pipe, pipedyn::Segments;
+    pipedyn::Pipe, pipedyn::Profile, pipedyn::Segments;
 using pipedyn::Batch, pipedyn::Numbers, pipedyn::Speeds, pipedyn::States;
 using pipedyn::NumberOrArray, pipedyn::Unlocked;
 
@@ -94,25 +94,38 @@ PYBIND11_MODULE(_core, m, py::mod_gil_not_used()) {
       "x"_a);
   pipedyn::motion_kernel();  // a wrong PIPEDYN_VECTOR_LEVEL shows at import
 
+  py::class_<Profile>(m, "Profile")
+      .def(py::init<>())
+      .def(py::init<std::vector<double>, std::vector<std::vector<double>>>(), "ends"_a, "series"_a)
+      .def(
+          "__call__",
+          [](const Profile& profile, const pipedyn::Vector& s) -> pipedyn::Vector {
+            return s.unaryExpr([&](double at) { return profile(at); });
+          },
+          "s"_a);
+
   py::class_<Pipe>(m, "Pipe")
-      .def(py::init([](double beta, double gamma, double centrifugal, double drag, double damping,
-                       bool aspirating, const std::vector<TermArguments>& terms, double root,
-                       const std::string& end, std::vector<double> supports, double inflow_share,
-                       double jet_angle) {
-             Pipe pipe{beta,    gamma,      centrifugal,  drag,
-                       damping, aspirating, inflow_share, jet_angle};
-             for (const auto& [law, at, numbers] : terms) {
-               pipe.terms.push_back(pipedyn::make_term(law, at, numbers));
-             }
-             pipe.root = root;
-             pipe.end = end_of(end);
-             pipe.supports = std::move(supports);
-             return pipe;
-           }),
-           "beta"_a, "gamma"_a, "centrifugal"_a, "drag"_a, "damping"_a, "aspirating"_a,
-           "terms"_a = std::vector<TermArguments>{},
-           "root"_a = std::numeric_limits<double>::infinity(), "end"_a = "free",
-           "supports"_a = std::vector<double>{}, "inflow_share"_a = 1.0, "jet_angle"_a = 0.0)
+      .def(
+          py::init([](double beta, double gamma, double centrifugal, double drag, double damping,
+                      bool aspirating, const std::vector<TermArguments>& terms, double root,
+                      const std::string& end, std::vector<double> supports, double inflow_share,
+                      double jet_angle, Profile stiffness, Profile mass) {
+            Pipe pipe{beta, gamma, centrifugal, drag, damping, aspirating, inflow_share, jet_angle};
+            pipe.stiffness = std::move(stiffness);
+            pipe.mass = std::move(mass);
+            for (const auto& [law, at, numbers] : terms) {
+              pipe.terms.push_back(pipedyn::make_term(law, at, numbers));
+            }
+            pipe.root = root;
+            pipe.end = end_of(end);
+            pipe.supports = std::move(supports);
+            return pipe;
+          }),
+          "beta"_a, "gamma"_a, "centrifugal"_a, "drag"_a, "damping"_a, "aspirating"_a,
+          "terms"_a = std::vector<TermArguments>{},
+          "root"_a = std::numeric_limits<double>::infinity(), "end"_a = "free",
+          "supports"_a = std::vector<double>{}, "inflow_share"_a = 1.0, "jet_angle"_a = 0.0,
+          py::arg_v("stiffness", Profile(), "Profile()"), py::arg_v("mass", Profile(), "Profile()"))
       .def_property_readonly("resisted",
                              [](const Pipe& pipe) { return pipedyn::resist(pipe.terms); });
 
@@ -129,13 +142,17 @@ PYBIND11_MODULE(_core, m, py::mod_gil_not_used()) {
   chain
       .def(py::init([](const Pipe& pipe, pipedyn::Vector length, pipedyn::Vector center,
                        pipedyn::Vector gyration_radius, pipedyn::Vector spring,
-                       pipedyn::Vector drag_point, double base) {
-             return Chain(pipe,
-                          Segments{std::move(length), std::move(center), std::move(gyration_radius),
-                                   std::move(spring), std::move(drag_point), base});
+                       pipedyn::Vector drag_point, double base, pipedyn::Vector mass) {
+             return Chain(pipe, Segments{.length = std::move(length),
+                                         .center = std::move(center),
+                                         .gyration_radius = std::move(gyration_radius),
+                                         .spring = std::move(spring),
+                                         .drag_point = std::move(drag_point),
+                                         .base = base,
+                                         .mass = std::move(mass)});
            }),
            "pipe"_a, "length"_a, "center"_a, "gyration_radius"_a, "spring"_a, "drag_point"_a,
-           "base"_a)
+           "base"_a, "mass"_a = pipedyn::Vector())
       .def("operators", &Chain::operators, "angles"_a = pipedyn::Vector(), Unlocked())
       .def("joint_operators", &Chain::joint_operators, "scale"_a, Unlocked())
       .def(
@@ -180,7 +197,8 @@ PYBIND11_MODULE(_core, m, py::mod_gil_not_used()) {
             return model.basis().evaluate(s, derivative);
           },
           "s"_a, "derivative"_a, Unlocked())
-      .def("elastic_stiffness", [](const Galerkin& model) { return model.basis().stiffness(); });
+      .def("elastic_stiffness", [](const Galerkin& model) { return model.basis().stiffness(); })
+      .def("elastic", &Galerkin::elastic, Unlocked());
   define_equations(galerkin);
 
   pipedyn::define_linear(m);

@@ -36,8 +36,10 @@ from pipedyn.models.drive import Harmonic, Pulsation
 from pipedyn.models.end_coefficient import end_coefficient
 from pipedyn.models.galerkin import Galerkin
 from pipedyn.models.pipe import Pipe, Scales
+from pipedyn.models.profile import Profile
 from pipedyn.models.supports import RootSpring
 from pipedyn.models.terms import (
+    AddedMass,
     CubicSpring,
     Damper,
     Foundation,
@@ -62,6 +64,7 @@ from pipedyn.motion.simulate import (
 __version__ = "0.1.0"
 
 __all__ = [
+    "AddedMass",
     "Attractor",
     "BifurcationDiagram",
     "BranchPoint",
@@ -107,6 +110,7 @@ __all__ = [
     "PipedynError",
     "PointMass",
     "Power",
+    "Profile",
     "Pulsation",
     "Relevance",
     "RootLoci",

@@ -24,6 +24,7 @@ __all__: list[str] = [
     "Pair",
     "Pairs",
     "Pipe",
+    "Profile",
     "Range",
     "RootLoci",
     "Scene",
@@ -39,6 +40,21 @@ __all__: list[str] = [
     "vector_level",
     "vector_levels",
 ]
+
+class Profile:
+    def __call__(
+        self, s: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"]
+    ) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, 1]"]: ...
+    @typing.overload
+    def __init__(self) -> None: ...
+    @typing.overload
+    def __init__(
+        self,
+        ends: collections.abc.Sequence[typing.SupportsFloat | typing.SupportsIndex],
+        series: collections.abc.Sequence[
+            collections.abc.Sequence[typing.SupportsFloat | typing.SupportsIndex]
+        ],
+    ) -> None: ...
 
 class Pipe:
     def __init__(
@@ -61,6 +77,8 @@ class Pipe:
         supports: collections.abc.Sequence[typing.SupportsFloat | typing.SupportsIndex] = [],
         inflow_share: typing.SupportsFloat | typing.SupportsIndex = 1.0,
         jet_angle: typing.SupportsFloat | typing.SupportsIndex = 0.0,
+        stiffness: Profile = ...,
+        mass: Profile = ...,
     ) -> None: ...
     @property
     def resisted(self) -> bool: ...
@@ -91,6 +109,7 @@ class Chain:
         spring: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"],
         drag_point: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"],
         base: typing.SupportsFloat | typing.SupportsIndex,
+        mass: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"] = ...,
     ) -> None: ...
     def energy(
         self, y: typing.Any, drive: typing.Any = None
@@ -151,6 +170,7 @@ class Galerkin:
         s: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"],
         derivative: typing.SupportsInt | typing.SupportsIndex,
     ) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"]: ...
+    def elastic(self) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"]: ...
     def elastic_stiffness(
         self,
     ) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, 1]"]: ...
@@ -424,6 +444,7 @@ class Scene:
         inertia: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, n]"],
         held: collections.abc.Sequence[typing.SupportsInt | typing.SupportsIndex],
         value: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"],
+        mass: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"] = ...,
     ) -> None: ...
     def bodies(self) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"]: ...
     def energy(

@@ -59,18 +59,19 @@ std::vector<LoadMoments> loads_at(const MotionModel& model, const Vector& sine,
 }  // namespace
 
 Chain::Chain(const Pipe& pipe, Segments segments) : pipe_(pipe), segments_(std::move(segments)) {
-  auto& [l, chi, eta, spring, xi, base, damping, rest_moment] = segments_;
+  auto& [l, chi, eta, spring, xi, base, damping, rest_moment, mass] = segments_;
   const Index n = dof();
   if (damping.size() == 0) damping = pipe_.damping * spring;
   if (rest_moment.size() == 0) rest_moment = Vector::Zero(spring.size());
+  if (mass.size() == 0) mass = l;
   held_.resize(static_cast<std::size_t>(n));
   if (n < 1 || chi.size() != n || eta.size() != n || spring.size() != n || xi.size() != n ||
-      damping.size() != n || rest_moment.size() != n) {
+      damping.size() != n || rest_moment.size() != n || mass.size() != n) {
     throw std::invalid_argument("segments must have one entry a segment in every array");
   }
-  Vector masses = l;
-  const auto add_mass = [&](Index j, double arm, double mass) {
-    const double own = masses[j], total = own + mass, share = mass / total;
+  Vector masses = mass, across_alone = Vector::Zero(n);
+  const auto add_mass = [&](Index j, double arm, double added) {
+    const double own = masses[j], total = own + added, share = added / total;
     const double apart = arm - chi[j] * l[j];
     eta[j] = std::sqrt(own / total * (eta[j] * eta[j] + share * apart * apart));
     chi[j] += share * apart / l[j];
@@ -79,6 +80,7 @@ Chain::Chain(const Pipe& pipe, Segments segments) : pipe_(pipe), segments_(std::
   for_each_place(pipe_.terms, l, base,
                  [&](const auto& law, const Term& term, Index j, double arm, double weight) {
                    if (law.mass() != 0.0) add_mass(j, arm, weight * law.mass());
+                   across_alone[j] += weight * law.normal_mass();
                    if (law.loads) loads_.push_back({j, arm, weight, term});
                  });
   std::stable_sort(
@@ -90,24 +92,29 @@ Chain::Chain(const Pipe& pipe, Segments segments) : pipe_(pipe), segments_(std::
   first_moment_.resize(n);
   double beyond = 0.0;
   for (Index j = n - 1; j >= 0; --j) {
-    const double mass = masses[j], arm = chi[j] * l[j], rest = l[j] - arm, square = eta[j] * eta[j];
-    const double inertia = mass * (arm * arm + square);
-    first_moment_[j] = l[j] * (beyond + mass * chi[j]);
-    links_[static_cast<std::size_t>(j)] = {.length = l[j],
-                                           .length_square = l[j] * l[j],
-                                           .mass = mass,
-                                           .first_moment = mass * arm,
-                                           .inertia = inertia,
-                                           .end_inertia = mass * (rest * rest + square),
-                                           .own_inertia = mass * mass * eta[j] * eta[j],
-                                           .exchange = mass * (square - arm * rest),
-                                           .spring = spring[j],
-                                           .damping = damping[j],
-                                           .rest_moment = rest_moment[j],
-                                           .drag_arm = xi[j] * l[j],
-                                           .drag = pipe_.drag * l[j],
-                                           .weight = pipe_.gamma * first_moment_[j]};
-    beyond += mass;
+    const double own = masses[j], arm = chi[j] * l[j], rest = l[j] - arm, square = eta[j] * eta[j];
+    const double inertia = own * (arm * arm + square);
+    // What moves across alone is homogeneous; across the segment it is one body with the rest.
+    const double more = across_alone[j], apart = arm - 0.5 * l[j], twelfth = l[j] * l[j] / 12.0;
+    const double about_centres = own * (square + apart * apart) + (own + more) * twelfth;
+    first_moment_[j] = l[j] * (beyond + own * chi[j]);
+    links_[static_cast<std::size_t>(j)] = {
+        .length = l[j],
+        .length_square = l[j] * l[j],
+        .mass = own,
+        .added = more,
+        .first_moment = own * arm + 0.5 * l[j] * more,
+        .inertia = inertia + 4.0 * twelfth * more,
+        .end_inertia = own * (rest * rest + square) + 4.0 * twelfth * more,
+        .own_inertia = own * own * eta[j] * eta[j] + more * about_centres,
+        .exchange = own * (square - arm * rest) - 2.0 * twelfth * more,
+        .spring = spring[j],
+        .damping = damping[j],
+        .rest_moment = rest_moment[j],
+        .drag_arm = xi[j] * l[j],
+        .drag = pipe_.drag * l[j],
+        .weight = pipe_.gamma * first_moment_[j]};
+    beyond += own;
   }
   linearise();
 }
@@ -123,7 +130,7 @@ void Chain::linearise() {
     ImpedanceSegment& made = impedances_[static_cast<std::size_t>(j)];
     made = {.length = link.length,
             .joint = {link.spring, link.damping, 0.0},
-            .force = {0.0, 0.0, link.mass},
+            .force = {0.0, 0.0, link.mass + link.added},
             .across = {0.0, 0.0, link.first_moment},
             .turned = {0.0, 0.0, link.first_moment},
             .moment = {link.weight, 0.0, link.inertia},
@@ -184,7 +191,7 @@ Matrix Chain::held_rows(const Vector& scale) const {
 
 Chain Chain::coarser(Index segments) const {
   // Cut where length and compliance together have grown by equal parts.
-  const auto& [l, chi, eta, spring, xi, base, own_damping, rest_moment] = segments_;
+  const auto& [l, chi, eta, spring, xi, base, own_damping, rest_moment, own_mass] = segments_;
   const Index n = dof();
   const Vector soft = spring.cwiseMax(1e-6 * spring.mean() + 1e-300).cwiseInverse();
   const Vector measure = l / l.sum() + soft / soft.sum();
@@ -210,6 +217,7 @@ Chain Chain::coarser(Index segments) const {
                   .spring = Vector::Zero(groups),
                   .drag_point = Vector::Constant(groups, 0.5),
                   .base = base};
+  joined.mass = Vector::Zero(groups);
   Vector compliance = Vector::Zero(groups), loss = compliance;  // of 1 / (k + c lambda)
   for (Index group = 0, j = 0; group < groups; ++group) {
     const Index start = j, end = ends[static_cast<std::size_t>(group)];
@@ -217,7 +225,7 @@ Chain Chain::coarser(Index segments) const {
     double at = 0.0;
     const double length = l.segment(start, end - start).sum();
     for (; j < end; at += l[j], ++j) {
-      const double middle = at + chi[j] * l[j], own = l[j];
+      const double middle = at + chi[j] * l[j], own = own_mass[j];
       mass += own;
       first += own * middle;
       second += own * (middle * middle + eta[j] * eta[j]);
@@ -229,6 +237,7 @@ Chain Chain::coarser(Index segments) const {
     }
     const double centre = first / mass;
     joined.length[group] = length;
+    joined.mass[group] = mass;
     joined.center[group] = centre / length;
     joined.gyration_radius[group] = std::sqrt(std::max(second / mass - centre * centre, 0.0));
   }
@@ -280,8 +289,31 @@ Operators Chain::operators(const Vector& angles) const {
     spring_beyond = link.spring;
     damping_beyond = link.damping;
   }
-  if (!loads_.empty()) add_loads(sine, cosine, ops);
+  if (!loads_.empty()) {
+    add_loads(sine, cosine, ops);
+    add_normal_mass(sine, cosine, ops.mass);
+  }
   return ops;
+}
+
+void Chain::add_normal_mass(const Vector& sine, const Vector& cosine, Matrix& mass) const {
+  double beyond[2][2] = {};  // sum of m n n^T of the segments beyond
+  for (Index i = dof() - 1; i >= 0; --i) {
+    const Link& link = this->link(i);
+    const Plane across{cosine[i], -sine[i]}, own = scaled(link.added, across);
+    const Plane moved = plus(scaled(link.length, times(beyond, across)),  // by its rate
+                             scaled(0.5 * link.length, own));
+    for (Index k = 0; k < i; ++k) {
+      const double both = this->link(k).length * dot({cosine[k], -sine[k]}, moved);
+      mass(k, i) += both;
+      mass(i, k) += both;
+    }
+    mass(i, i) += link.length_square * dot(across, times(beyond, across));
+    beyond[0][0] += own.x * across.x;
+    beyond[0][1] += own.x * across.y;
+    beyond[1][0] += own.y * across.x;
+    beyond[1][1] += own.y * across.y;
+  }
 }
 
 void Chain::add_loads(const Vector& sine, const Vector& cosine, Operators& ops) const {
@@ -392,8 +424,11 @@ Chain Chain::guided(std::vector<bool> held) const {
 }
 
 Matrix Chain::bodies() const {
-  Matrix out(dof(), 3);
-  for (Index j = 0; j < dof(); ++j) out(j, 0) = link(j).mass;
+  Matrix out(dof(), 4);
+  for (Index j = 0; j < dof(); ++j) {
+    out(j, 0) = link(j).mass;
+    out(j, 3) = link(j).added;
+  }
   out.col(1) = segments_.center;
   out.col(2) = segments_.gyration_radius;
   return out;
@@ -412,13 +447,13 @@ Matrix Chain::loads(const Matrix& stations) const {
   if (stations.rows() != static_cast<Index>(loads_.size()) || stations.cols() != 7) {
     throw std::invalid_argument("stations must have one row of 7 numbers a place");
   }
-  Matrix out(stations.rows(), 2);
+  Matrix out(stations.rows(), 3);
   for (Index i = 0; i < out.rows(); ++i) {
     const auto row = stations.row(i);
     const Station<double> at{row[0], row[1], row[2], row[3], row[4], row[5], row[6]};
     Laws::with(loads_[static_cast<std::size_t>(i)].term, [&](const auto& law) {
       const Load<double> load = law.load(at);
-      out.row(i) << load.x, load.y;
+      out.row(i) << load.x, load.y, load.couple;
     });
   }
   return out;

@@ -39,10 +39,15 @@
 // solved in O(n). The base, with the clamp, may stand at (X, Y), functions of time: inflow and drag
 // then see its velocity, too.
 //
+// Segments of a pipe whose mass per length varies have masses m_j in place of l_j: sum_{i>k} l_i in
+// M and p_k becomes the mass beyond, while the flow's terms keep the lengths, as the fluid's share
+// does not vary.
+//
 // The terms of the pipe (terms/) act at places of the segments (stations.hpp). A mass on a segment
-// changes the segment's own mass, centre and radius of gyration: sum_{i>k} l_i in M and p_k becomes
-// the mass beyond, while the flow's terms keep the lengths. A load f at an arm a of segment j adds
-// -n_k . f times l_k, k < j, or a, k = j, to row k.
+// changes the segment's own mass, centre and radius of gyration. A load f at an arm a of segment j
+// adds -n_k . f times l_k, k < j, or a, k = j, to row k. Mass that moves across the segments alone
+// adds sum_j m_j (n_j . n_k) (n_j . n_i) l_k l_i, j beyond both, and its own share on the last of
+// them.
 #pragma once
 
 #include <complex>
@@ -64,6 +69,7 @@ struct Segments {
   double base = 0.0;       // length of the fixed part at the clamp
   Vector damping{};        // c_j of the joints; where empty delta k_j
   Vector rest_moment{};    // k_j psi_j, of joints at rest at the angle psi_j; where empty 0
+  Vector mass{};           // of each, in the pipe's; where empty its length
 };
 
 /// What multiplies the parts of P: stiffness, damping and inertia, s (gyroscopic + end_flux) and
@@ -102,7 +108,8 @@ class Chain {
   /// The same with guides at the ends of those segments that are held (n), in `impedance` alone.
   Chain guided(std::vector<bool> held) const;
 
-  /// The segments with the masses of terms on them: mass, center, gyration_radius (n, 3).
+  /// The segments with the masses of terms on them: mass, center, gyration_radius, and the mass
+  /// that moves across alone (n, 4).
   Matrix bodies() const;
 
   /// The linear problem for the recursion in impedance.hpp; valid as long as the chain is.
@@ -118,7 +125,7 @@ class Chain {
 
   /// The places of the terms' loads: segment from 0, arm, and weight, which a load counts (k, 3).
   Matrix places() const;
-  /// The laws' loads there (k, 2), without the weights, at stations (k, 7) with the columns of
+  /// The laws' loads there (k, 3), without the weights, at stations (k, 7) with the columns of
   /// Station. Throws std::invalid_argument unless there is a station for each place.
   Matrix loads(const Matrix& stations) const;
 
@@ -160,6 +167,7 @@ class Chain {
   const Link& link(Index j) const { return links_[static_cast<std::size_t>(j)]; }
   void linearise();
   void add_loads(const Vector& sine, const Vector& cosine, Operators& ops) const;
+  void add_normal_mass(const Vector& sine, const Vector& cosine, Matrix& mass) const;
   MotionModel motion() const;
 };
 

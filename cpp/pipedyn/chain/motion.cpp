@@ -58,7 +58,7 @@ void energy_of(const MotionModel& model, const Members<Real>& members, const Swe
       [&](Count j, const Real& along, const Real& across, const Real& w) {
         const Link& link = model.links[j];
         const Real turn = sweep.at(sweep.turn, j);
-        twice += link.mass * (along * along + across * across);
+        twice += link.mass * (along * along + across * across) + link.added * (across * across);
         twice += w * (2.0 * link.first_moment * across + link.inertia * w);
         twice += turn * (link.spring * turn - 2.0 * link.rest_moment);
       },

@@ -12,11 +12,12 @@
 namespace pipedyn {
 
 /// One segment as the recursion reads it; l, xi, k, c, k psi as in Segments, and with the masses of
-/// the pipe's terms that are on it: m (l without any), the centre of mass chi and the radius eta.
+/// the pipe's terms that are on it: m, the centre of mass chi and the radius eta.
 struct Link {
   double length;         // l
   double length_square;  // l^2
   double mass;           // m
+  double added;          // mass besides that moves across the segment alone, chi l
   double first_moment;   // m chi l, about the joint
   double inertia;        // m (chi^2 l^2 + eta^2), about the joint
   double end_inertia;    // m ((1 - chi)^2 l^2 + eta^2), about the other end

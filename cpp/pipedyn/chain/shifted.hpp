@@ -139,20 +139,28 @@ void factorise_shifted(const Linearised& about, const ShiftedFactors<size>& out)
     here.inverse = ::inverse(here.joint + rest);
     here.follow = here.joint * here.inverse;
 
-    double force_own[2][size] = {{link.mass, 0.0}, {0.0, link.mass}};
+    const Plane added = scaled(link.added, frame.n);  // across alone
+    double force_own[2][size] = {{link.mass + added.x * frame.n.x, added.x * frame.n.y},
+                                 {added.y * frame.n.x, link.mass + added.y * frame.n.y}};
     double moment_own[size] = {here.lever * arm.x, here.lever * arm.y};
     if constexpr (size == 6) {
       const double drag = about.drag_slope(j), n[2] = {frame.n.x, frame.n.y};
-      const LoadMoments none{}, &loads = about.loaded() ? about.loads[j] : none;
+      const bool loaded = about.loaded();
+      const LoadMoments none{}, &loads = loaded ? about.loads[j] : none;
+      const Plane zero_moment{0.0, 0.0};
+      const Plane by_velocity = loaded ? about.moment_by_velocity(j) : zero_moment;
+      const Plane by_position = loaded ? about.moment_by_position(j) : zero_moment;
       for (int i = 0; i < 2; ++i) {
         for (int k = 0; k < 2; ++k) {
           force_own[i][2 + k] = drag * n[i] * n[k] - loads.slopes[0].by_velocity[i][k];
           force_own[i][4 + k] = -loads.slopes[0].by_position[i][k];
-          moment_own[2 + k] -= n[i] * loads.slopes[1].by_velocity[i][k];
-          moment_own[4 + k] -= n[i] * loads.slopes[1].by_position[i][k];
         }
         moment_own[2 + i] += link.drag_arm * drag * n[i];
       }
+      moment_own[2] -= by_velocity.x;
+      moment_own[3] -= by_velocity.y;
+      moment_own[4] -= by_position.x;
+      moment_own[5] -= by_position.y;
     }
     for (Count i = 0; i < size; ++i) {
       here.force_by[0][i] = force[0][i];

@@ -86,6 +86,7 @@ MotionEffects effects_of(const Pipe& pipe, const Panels& panels) {
           .gamma = pipe.gamma,
           .drag = pipe.drag,
           .damping = pipe.damping,
+          .normal_mass = panels.normal_mass,
           .loads = panels.loads.data(),
           .load_count = static_cast<Index>(panels.loads.size())};
 }
@@ -124,9 +125,15 @@ Operators operators_at(const Grid& grid, const Basis& basis, const MotionEffects
   ops.mass = found.topRows(m);
   ops.stiffness = -by_state.leftCols(m);
   ops.damping = -by_state.rightCols(m);
-  for (Index i = 0; i < m; ++i) {
-    ops.stiffness(i, i) += in_basis.stiffness[i];
-    ops.damping(i, i) += effects.damping * in_basis.stiffness[i];
+  if (in_basis.elastic != nullptr) {
+    const Eigen::Map<const Matrix> elastic(in_basis.elastic, m, m);
+    ops.stiffness += elastic;
+    ops.damping += effects.damping * elastic;
+  } else {
+    for (Index i = 0; i < m; ++i) {
+      ops.stiffness(i, i) += in_basis.stiffness[i];
+      ops.damping(i, i) += effects.damping * in_basis.stiffness[i];
+    }
   }
   about(flow, 0.0, faster);  // in the same place
   ops.unsteady = -by_state.leftCols(m);
@@ -166,10 +173,7 @@ Operators Galerkin::operators(const Vector& q) const {
     const Grid& grid = grids()[grids().choose(q.data(), 1)];
     return operators_at(grid, basis_, effects_of(pipe_, grids().panels()), pipe_, q);
   }
-  // Legendre products are polynomials of twice a panel's functions and 2; beam mode m has about
-  // m / 2 waves and a layer of width 1 / (m pi) at either end.
-  const bool beam = basis_.family() == Family::beam;
-  const Index nodes = beam ? 2 * dof() + 30 : basis_.most_on_a_panel() + 3;
+  const Index nodes = basis_.nodes_of_products() + (pipe_.mass.degree(0.0) + 1) / 2;
   const Panels panels(basis_, pipe_);
   const Grid grid(basis_, Orthonormal(dof()), panels, whole(nodes + 1, GridTables::multiple) - 1);
   return operators_at(grid, basis_, effects_of(pipe_, panels), pipe_, Vector::Zero(dof()));

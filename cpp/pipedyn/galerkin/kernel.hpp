@@ -41,11 +41,14 @@ struct GridTables {
   const double* length;             // of each panel, (P,)
   const double* weight;             // of the quadrature, 0 at the panels' ends, (N,)
   const double* mass;               // of the pipe and its terms at each point, (N,)
+  const double* density;            // per length at the nodes, 1 at ends; none where uniform, (N,)
   const double* beyond;             // mass beyond each point, (N,)
   const double* arc;                // of a panel's points, from 0 to 1, (Q + 1,)
   const double* expansion;          // of Quadrature, (Q, Q)
   const double* recurrence;         // (2 k + 1) / (k + 1), k / (k + 1), 1 / (4 k + 2), (Q, 3)
-  const double* stiffness;          // k_i, (m,)
+  const double* stiffness;          // k_ii of a uniform pipe, (m,)
+  const double* elastic;            // k_ij, (m, m); none where the stiffness is uniform
+  const double* elastic_forces;     // k T, (m, m)
 };
 
 /// A term with a load, at the end of a panel or, where it acts all along, at every node.
@@ -60,6 +63,7 @@ struct MotionEffects {
   double entry = 0.0;     // (1 - c) s sqrt(beta)
   double thrust[2]{};     // a cos psi along and a sin psi across the free end
   double gamma = 0.0, drag = 0.0, damping = 0.0;
+  double normal_mass = 0.0;  // per length, of what moves across the pipe alone
   const PanelTerm* loads = nullptr;
   std::ptrdiff_t load_count = 0;
 };

@@ -4,6 +4,7 @@
 // vector/pack.hpp.
 #pragma once
 
+#include "pipedyn/terms/added_mass.hpp"
 #include "pipedyn/terms/cubic_spring.hpp"
 #include "pipedyn/terms/damper.hpp"
 #include "pipedyn/terms/foundation.hpp"
@@ -34,6 +35,7 @@ using Laws = LawTable<PointMass,    //
                       Viscosity,    //
                       CubicSpring,  //
                       Stop,         //
+                      AddedMass,    //
                       Tension>;
 
 }  // namespace

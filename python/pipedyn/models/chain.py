@@ -19,8 +19,10 @@ from pipedyn.models.base import (
     arc_lengths,
     core_pipe,
     operators_from,
+    projected,
     stored,
 )
+from pipedyn.models.galerkin import Galerkin, basis_joints
 from pipedyn.models.pencil import ChainPencil, Pencil
 from pipedyn.models.pipe import Pipe
 from pipedyn.util import check
@@ -51,8 +53,9 @@ class Chain(Model):
         n: number of segments; not needed where an array is given.
         springs: stiffness k_j of the joint at each segment's clamped side, in EI / L, shape (n,),
             each >= 0; or a rule:
-            "consistent": 1 / k_j is the length that lies nearer to joint j than to any other, with
-            all of the base at the first; n on n equal segments, but 2 n at the clamp. Second order.
+            "consistent": 1 / k_j is the length, or where the stiffness e varies the integral of
+            1 / e over what lies nearer to joint j than to any other, with all of the base at the
+            first; n on n equal segments, but 2 n at the clamp. Second order.
             "midpoint": n equal cells with a joint in the middle of each, all springs n; half a
             cell stays fixed at the clamp and the last segment is half a cell. Second order.
             "uniform": all springs n. First order.
@@ -61,18 +64,24 @@ class Chain(Model):
             "rayleigh" (the paper's): all equal; the Rayleigh quotient of the tip-load shape,
             sampled at the joints, that of the cantilever's first frequency. It does not converge
             to the continuous pipe: frequencies and critical speed end 1.44 % low.
+            Springs that these rules make equal are, where the stiffness varies, in proportion to
+            its harmonic mean over the cell, or else over the joint's segment.
         lengths: of the segments in L, shape (n,), each > 0; equal where not given.
         centers: centre of mass of each segment as a fraction chi_j of its length, shape (n,), in
-            [0, 1]; 1/2 where not given.
-        gyration_radii: eta_j in L, about the centre of mass, shape (n,), >= 0; l_j / sqrt(12),
-            that of a homogeneous segment, where not given.
+            [0, 1]; where not given that of the pipe's own mass, 1/2 if it is uniform.
+        gyration_radii: eta_j in L, about the centre of mass, shape (n,), >= 0; where not given
+            that of the pipe's own mass, l_j / sqrt(12) if it is uniform.
         drag_points: where drag acts, as a fraction xi_j of the length, shape (n,), in [0, 1]; 1/2
             where not given.
         base: length of the fixed part at the clamp, in L; base + sum(lengths) = 1.
+        masses: of the segments in the pipe's, shape (n,), each > 0; where not given their lengths,
+            or of a pipe whose mass varies the integrals of that. Of such a pipe masses, centers and
+            gyration_radii are given together or not at all.
 
     Raises:
         ValueError: for a number out of range, arrays that do not fit one another, lengths that do
-            not add up, more than a million segments, or "midpoint" with lengths or a base.
+            not add up, more than a million segments, "midpoint" with lengths or a base, or a
+            segment lighter than its fluid.
         TypeError: for what is no number, array or pipe.
 
     Source: Orsino and Di Giulio, eqs. (1)-(11) and the modal analysis; "midpoint" after Paidoussis
@@ -90,6 +99,7 @@ class Chain(Model):
         gyration_radii: ArrayLike | None = None,
         drag_points: ArrayLike | None = None,
         base: float = 0.0,
+        masses: ArrayLike | None = None,
     ) -> None:
         super().__init__(pipe)
         rule = check.choice("springs", springs, SPRING_RULES) if isinstance(springs, str) else None
@@ -101,6 +111,7 @@ class Chain(Model):
             centers=centers,
             gyration_radii=gyration_radii,
             drag_points=drag_points,
+            masses=masses,
         )
         cells = np.full(n, (1.0 - base) / n)
         if rule == "midpoint":
@@ -119,10 +130,24 @@ class Chain(Model):
         if shortest < SHORTEST_SEGMENT:
             raise ValueError(f"lengths must be at least {SHORTEST_SEGMENT:g} each, got {shortest}")
         self._base = base
-        self._centers = _given("centers", centers, np.full(n, 0.5), high=1.0)
+        inertia = {"masses": masses, "centers": centers, "gyration_radii": gyration_radii}
+        own = [name for name, given in inertia.items() if given is not None]
+        if pipe.mass is not None and len(own) in (1, 2):
+            raise ValueError(
+                "masses, centers and gyration_radii must be given together or left to the pipe's "
+                f"mass, which varies along it, got {' and '.join(own)}"
+            )
+        mass, center, radius = self._pipe_inertia()
+        self._masses = _given("masses", masses, mass, high=1e6, open_low=True)
+        lacking = self._masses - self._pipe.beta * self._lengths
+        if lacking.min() < -1e-9 * self._masses.max():
+            raise ValueError(
+                f"masses must be at least beta = {pipe.beta:g} times the length each, the fluid's "
+                f"part, got {float(self._masses[lacking.argmin()])!r}"
+            )
+        self._centers = _given("centers", centers, center, high=1.0)
         self._drag_points = _given("drag_points", drag_points, np.full(n, 0.5), high=1.0)
-        homogeneous = self._lengths / math.sqrt(12.0)
-        self._gyration_radii = _given("gyration_radii", gyration_radii, homogeneous, high=1e3)
+        self._gyration_radii = _given("gyration_radii", gyration_radii, radius, high=1e3)
         arm = self._centers[-1] * self._lengths[-1] + self._gyration_radii[-1]
         if arm < 0.1 * SHORTEST_SEGMENT:
             raise ValueError(
@@ -134,16 +159,44 @@ class Chain(Model):
             self._springs = check.array("springs", springs, size=n, low=0.0, high=1e15)
         else:
             self._springs = _frozen(self._springs_by_rule(rule))
-        self._approximates = rule is not None and centers is None and gyration_radii is None
+        self._approximates = rule is not None and not own
+
+    def _ends(self) -> Array:
+        """Arc lengths where the segments begin and end, shape (n + 1,)."""
+        return np.minimum(self._base + np.cumsum([0.0, *self._lengths]), 1.0)
+
+    def _pipe_inertia(self) -> tuple[Array, Array, Array]:
+        """Masses, centres and radii of gyration of the pipe's own segments."""
+        lengths, mass = self._lengths, self._pipe.mass
+        if mass is None:
+            return lengths.copy(), np.full(lengths.size, 0.5), lengths / math.sqrt(12.0)
+        whole, first, second = mass.moments(self._ends())
+        arms = first / whole
+        return whole, arms / lengths, np.sqrt(second / whole - arms**2)
+
+    def _relative_stiffness(self, rule: str) -> Array:
+        """Harmonic mean of the pipe's stiffness over what each joint stands for, shape (n,)."""
+        if self._pipe.stiffness is None:
+            return np.ones(self.dof)
+        cells = self._ends()
+        if rule == "consistent":
+            cells[1:] -= 0.5 * self._lengths
+            cells[0] = 0.0
+        elif rule == "midpoint":
+            cells = np.linspace(0.0, 1.0, self.dof + 1)
+        harmonic: Array = np.diff(cells) / self._pipe.stiffness.reciprocal.moments(cells)[0]
+        return harmonic
 
     def _springs_by_rule(self, rule: str) -> Array:
         n = self.dof
+        relative = self._relative_stiffness(rule)
         if rule == "consistent":
             inner = np.concatenate([[2.0 * self._base], self._lengths[:-1]])
-            return 2.0 / (inner + self._lengths)
+            return 2.0 / (inner + self._lengths) * relative
         if rule in ("uniform", "midpoint"):
-            return np.full(n, float(n))
+            return n * relative
         bare = self._with_springs(np.ones(n), replace(self._pipe, terms=()))
+        lowest = _first_eigenvalue(self._pipe)
 
         def inertia(turns: Array) -> Array:
             """Product with the mass matrix in joint angles, O(n)."""
@@ -156,9 +209,11 @@ class Chain(Model):
             angles = np.diff(tip_load) / self._lengths
             turns = np.diff(angles, prepend=0.0)
             kinetic = turns @ inertia(turns)
-            return np.full(n, FIRST_BEAM_EIGENVALUE * kinetic / (turns @ turns))
-        # "frequency": with unit springs the largest inertia is 1 / omega_1^2.
-        return np.full(n, FIRST_BEAM_EIGENVALUE * largest_stretch(inertia, np.ones(n)))
+            return lowest * kinetic / (turns @ (relative * turns)) * relative
+        # "frequency": with such springs times k the largest inertia is k / omega_1^2.
+        soft = np.sqrt(1.0 / relative)
+        stretch = largest_stretch(lambda turns: soft * inertia(soft * turns), np.ones(n))
+        return lowest * stretch * relative
 
     def _with_springs(self, springs: Array, pipe: Pipe | None = None) -> _core.Chain:
         return _core.Chain(
@@ -169,6 +224,7 @@ class Chain(Model):
             spring=springs,
             drag_point=self._drag_points,
             base=self._base,
+            mass=self._masses,
         )
 
     @cached_property
@@ -189,6 +245,7 @@ class Chain(Model):
     base = stored("_base", "Length of the fixed part at the clamp.")
     lengths = stored("_lengths", "l_j, shape (n,).")
     springs = stored("_springs", "k_j, shape (n,).")
+    masses = stored("_masses", "Of the segments, in the pipe's, shape (n,).")
     centers = stored("_centers", "chi_j, shape (n,).")
     gyration_radii = stored("_gyration_radii", "eta_j, shape (n,).")
     drag_points = stored("_drag_points", "xi_j, shape (n,).")
@@ -217,7 +274,7 @@ class Chain(Model):
     def elastic_operators(self) -> Operators:
         self._check_dense()
         if self._reference is not None:
-            return self.operators().projected(np.cumsum(np.diag(self.elastic_scale), axis=0))
+            return projected(self.operators(), np.cumsum(np.diag(self.elastic_scale), axis=0))
         return operators_from(self.core.joint_operators(self.elastic_scale), self._pipe)
 
     def from_elastic(self, z: ArrayLike) -> NDArray[Any]:
@@ -271,6 +328,16 @@ def along(steps: NDArray[Any], base: float, lengths: Array, s: Array) -> NDArray
     j = np.clip(np.searchsorted(ends, s, side="right") - 1, 0, lengths.size - 1)
     part = np.clip((s - ends[j]) / lengths[j], 0.0, 1.0)
     return nodes[j] + (part * steps[j].T).T
+
+
+def _first_eigenvalue(pipe: Pipe) -> float:
+    """Square of the cantilever's first angular frequency, without flow, gravity and terms."""
+    if pipe.stiffness is None and pipe.mass is None:
+        return FIRST_BEAM_EIGENVALUE
+    bare = Pipe(0.0, stiffness=pipe.stiffness, mass=pipe.mass)
+    joints = basis_joints(bare).size
+    mass = Galerkin(bare, 24 + 4 * joints, "legendre").elastic_operators().mass
+    return float(1.0 / np.linalg.eigvalsh(mass)[-1])
 
 
 def elastic_scale(springs: Array) -> Array:

@@ -6,7 +6,7 @@ from __future__ import annotations
 import bisect
 import math
 from collections.abc import Callable
-from dataclasses import fields, replace
+from dataclasses import replace
 from functools import cached_property, lru_cache
 from itertools import pairwise
 from typing import Any
@@ -21,9 +21,10 @@ from pipedyn.models.base import (
     arc_lengths,
     core_pipe,
     operators_from,
+    projected,
     stored,
 )
-from pipedyn.models.free_functions import FreeFunctions
+from pipedyn.models.free_functions import FreeFunctions, orthonormal
 from pipedyn.models.pipe import Pipe
 from pipedyn.util import check
 from pipedyn.util.check import Array
@@ -50,16 +51,17 @@ def gauss_nodes(count: int) -> tuple[Array, Array]:
 
 
 def panel_ends(pipe: Pipe) -> Array:
-    """Ends of the panels between terms and supports, shape (panels + 1,).
+    """Ends of the panels between terms, supports and the pipe's steps, shape (panels + 1,).
 
     Integrands are smooth on each.
     """
     places = [term.place for term in pipe.terms if term.place is not None]
-    return np.unique([0.0, *places, *pipe.supports, 1.0])
+    steps = [s for one in (pipe.stiffness, pipe.mass) if one is not None for s in one.at]
+    return np.unique([0.0, *places, *pipe.supports, *steps, 1.0])
 
 
 def basis_joints(pipe: Pipe) -> Array:
-    """Inner ends of the panels of a basis: supports, and terms that leave no panel too short."""
+    """Inner ends of the panels of a basis: supports, and others that leave none too short."""
     ends = [0.0, *pipe.supports, 1.0]
     for place in panel_ends(pipe)[1:-1].tolist():
         k = bisect.bisect(ends, place)
@@ -84,15 +86,16 @@ class Galerkin(Model):
     Args:
         pipe: the pipe.
         m: number of functions, from 1 to 2000.
-        basis: "beam" (the beam's own modes, held at both ends as the pipe is, unit mass; the
+        basis: "beam" (a uniform beam's modes, held at both ends as the pipe is, unit mass; the
             critical speed's error falls like m^-4) or "legendre" (w_i'' a normalised Legendre
             polynomial, unit stiffness; the error falls exponentially, but the highest third of the
             eigenvalues is not the pipe's).
-            Where a term of the pipe acts, the shear jumps. Legendre polynomials then live on the
+            Where a term of the pipe acts, the shear jumps, and where its stiffness does, the
+            curvature. Legendre polynomials then live on the
             panels between: each panel has some functions, the others go to panels in proportion to
             length, and convergence stays exponential. Beam modes stay what they are; their error
             falls like a power of m. So it is with inner supports, at which combinations of beam
-            modes are 0.
+            modes are 0, and with an inclined jet, which loads the end across: m^-2 at rest.
 
     Raises:
         ValueError: for m out of range or less than the number of panels, or an unknown basis.
@@ -122,7 +125,7 @@ class Galerkin(Model):
         if self._size < needs:
             raise ValueError(
                 f"m must be at least {needs}, for one function on each of the {self.panels} panels "
-                f"between terms and supports, got {self._size}"
+                f"between terms, supports and steps, got {self._size}"
             )
 
     @cached_property
@@ -227,37 +230,51 @@ class Galerkin(Model):
 
     @property
     def elastic_scale(self) -> Array:
-        """Amplitude q_i of one elastic coordinate, shape (m,)."""
-        return self._free.scale
+        """Amplitudes of one elastic coordinate: q_i, shape (m,), or of varying stiffness (m, m)."""
+        return self._elastic[0]
 
     @property
     def elastic_share(self) -> Array:
-        return self._free.share
+        return self._elastic[1]
+
+    @cached_property
+    def _elastic(self) -> tuple[Array, Array]:
+        free = self._free
+        if self._pipe.stiffness is None:
+            return free.scale, free.share
+        by_core = np.diag(free.scale) if free.spread is None else free.spread * free.scale
+        by, share = orthonormal(by_core.T @ self.core.elastic() @ by_core, free.share)
+        return free.scale[:, None] * by, share
 
     def operators(self, q: ArrayLike | None = None) -> Operators:
         found, spread = super().operators(q), self._free.spread
         return found if spread is None else self._held_across(found, spread)
 
     def elastic_operators(self) -> Operators:
-        rest, free = self._reference, self._free
+        rest, spread, scale = self._reference, self._free.spread, self.elastic_scale
         found = self.core.operators() if rest is None else self.motion.operators(rest)
-        if free.spread is None:
-            return operators_from(found, self._pipe, np.outer(free.scale, free.scale))
-        return self._held_across(operators_from(found, self._pipe), free.spread * free.scale)
+        if spread is not None:
+            by = spread * scale if scale.ndim == 1 else spread @ scale
+            return self._held_across(operators_from(found, self._pipe), by)
+        if scale.ndim == 2:
+            return operators_from(found, self._pipe).projected(scale)
+        return operators_from(found, self._pipe, np.outer(scale, scale))
 
     def _held_across(self, core: Operators, by: Array) -> Operators:
         """Operators about the straight pipe in coordinates of which the core's are `by` times."""
-        found = {
-            field.name: by.T @ getattr(core, field.name) @ by for field in fields(Operators)[:6]
-        }
-        found["gyroscopic"] = 0.5 * (found["gyroscopic"] - found["gyroscopic"].T)
-        if self._held[-1] == 1.0:  # where nothing follows the flow and it does no work, exactly
-            found["end_flux"][:] = 0.0
-            found["flux"] = 0.5 * (found["flux"] + found["flux"].T)
-        return replace(core, **found)
+        found = projected(core, by)
+        gyroscopic = 0.5 * (found.gyroscopic - found.gyroscopic.T)
+        if self._held[-1] != 1.0:
+            return replace(found, gyroscopic=gyroscopic)
+        # Where nothing follows the flow and it does no work, exactly.
+        flux, end_flux = 0.5 * (found.flux + found.flux.T), np.zeros_like(found.flux)
+        return replace(found, gyroscopic=gyroscopic, flux=flux, end_flux=end_flux)
 
     def from_elastic(self, z: ArrayLike) -> NDArray[Any]:
-        return (self._free.scale * self._columns("z", z).T).T
+        columns, scale = self._columns("z", z), self.elastic_scale
+        if scale.ndim == 2:
+            return np.tensordot(scale, columns, axes=1)
+        return (scale * columns.T).T
 
     def shape(self, q: ArrayLike, s: ArrayLike) -> Array:
         amplitudes = self._coordinates(q)

@@ -225,6 +225,38 @@ class Viscosity(Term):
 
 
 @dataclass(frozen=True, repr=False)
+class AddedMass(Term):
+    """Added mass of a dense fluid at rest around the pipe, for motions of any amplitude.
+
+    Only the velocity v_n normal to the pipe moves the fluid, whose kinetic energy per length is
+    chi * v_n^2 / 2. The fluid adds no weight; what it bears of the pipe's lessens gamma, see
+    `Pipe.from_si`. Small motions are those of a pipe with the mass ratio beta / (1 + chi), and
+    with damping and viscosity divided by sqrt(1 + chi), at frequencies divided by it.
+
+    Attributes:
+        chi: >= 0, mass of fluid that moves with a length of the pipe, in mu_p + mu_f:
+            rho_e A_e C_m / (mu_p + mu_f), of the fluid's density rho_e, the pipe's outer section
+            A_e and the coefficient C_m: 1 of a pipe far from any wall, (D^2 + d^2) / (D^2 - d^2)
+            of a pipe of outer diameter d along the middle of a tank of diameter D.
+
+    In `Pipe.from_si`: chi in kg/m, the product rho_e A_e C_m.
+
+    Source: Lagrange's equations of that energy; how C_m and the coefficient of `Viscosity` follow
+    from the frequency: Paidoussis, Fluid-Structure Interactions, vol. 1, eqs. (2.153), (2.157) and
+    (3.105).
+
+    Example:
+        >>> import pipedyn as pp
+        >>> pipe = pp.Pipe(beta=0.3, terms=[pp.AddedMass(chi=0.5)])
+        >>> round(pp.critical_speed(pp.Continuum(pipe)).speed, 4)
+        5.5914
+    """
+
+    law: ClassVar[str] = "added_mass"
+    chi: float = number(1e6, mass=1)
+
+
+@dataclass(frozen=True, repr=False)
 class CubicSpring(Term):
     """A hardening spring between one place of the pipe and the axis of the straight pipe.
 

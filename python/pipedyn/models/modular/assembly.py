@@ -113,6 +113,12 @@ class Assembly(Model):
             [part for part in given if isinstance(part, Module)],
             _parts("constraints", constraints, (Constraint,)),
         )
+        light = [j for j, s in enumerate(self._layout.segments, start=1) if s.mass is None]
+        if self._pipe.mass is not None and light:
+            raise ValueError(
+                "modules must say the mass of each Segment where the pipe's varies along it, as "
+                f"modular.chain does, got none of segment {light[0]}"
+            )
         straight = np.zeros(self.moving)
         self._customs = CustomForces(self._layout.customs, self._configuration(straight))
         for custom in self._customs.each:
@@ -239,6 +245,7 @@ class Assembly(Model):
                 centers=layout.centers,
                 gyration_radii=layout.gyration_radii,
                 base=layout.base,
+                masses=layout.masses,
             )
         except ValueError:  # its last segment has no inertia but that of a term
             return None

@@ -65,7 +65,7 @@ class Layout:
 
     def __init__(self, modules: Sequence[Module], constraints: Sequence[Constraint]) -> None:
         self.modules, self.constraints = tuple(modules), tuple(constraints)
-        segments = _of(modules, Segment)
+        self.segments = segments = _of(modules, Segment)
         self.customs = _of(modules, Custom)
         self.size = len(segments)
         if self.size == 0:
@@ -80,6 +80,7 @@ class Layout:
         self.centers = np.array([segment.center for segment in segments])
         self.gyration_radii = np.array([segment.gyration_radius for segment in segments])
         self.drag_points = np.array([segment.drag_point for segment in segments])
+        self.masses = np.array([s.length if s.mass is None else s.mass for s in segments])
         self.springs, self.rest_moments = np.zeros(self.size), np.zeros(self.size)
         for spring in _of(modules, TorsionalSpring):
             self.springs[spring.joint - 1] += spring.stiffness
@@ -291,6 +292,7 @@ class Layout:
             rest_moment=self.rest_moments,
             drag_point=self.drag_points,
             base=self.base,
+            mass=self.masses,
             inertia=self.inertia,
             held=self.held.tolist(),
             value=self.held_values,

@@ -56,7 +56,8 @@ class SceneMotion:
 
     def enforced(self, enforce: Enforce, y: Array, u: float, drive: Array | None = None) -> Array:
         """Accelerations of one state by a dense recursion, shape (3 n,)."""
-        return enforce(self.form.mass, self.form.forces(y, u, drive), self.groups(y))
+        mass = self.form.mass(np.split(y, 2)[0])
+        return enforce(mass, self.form.forces(y, u, drive), self.groups(y))
 
     def groups(self, y: Array) -> list[Group]:
         """A_r and b_r of each constraint at a state, as given."""

@@ -29,6 +29,7 @@ def chain(
     gyration_radii: ArrayLike | None = None,
     drag_points: ArrayLike | None = None,
     base: float = 0.0,
+    masses: ArrayLike | None = None,
     enforcement: str = "orthonormal",
 ) -> Assembly:
     """The chain of `pipedyn.Chain`, put together from parts, with internal flow and drag.
@@ -42,6 +43,7 @@ def chain(
         gyration_radii: about these, in L.
         drag_points: as fractions.
         base: length of the fixed part at the clamp, in L.
+        masses: of the segments, as for `Chain`.
         enforcement: as for `Assembly`.
 
     Raises:
@@ -56,8 +58,11 @@ def chain(
         gyration_radii=gyration_radii,
         drag_points=drag_points,
         base=base,
+        masses=masses,
     )
-    columns = (plain.lengths, plain.centers, plain.gyration_radii, plain.drag_points)
+    columns = [plain.lengths, plain.centers, plain.gyration_radii, plain.drag_points]
+    if masses is not None or pipe.mass is not None:
+        columns.append(plain.masses)
     modules: list[Module] = [
         Segment(*row) for row in zip(*(column.tolist() for column in columns), strict=True)
     ]
