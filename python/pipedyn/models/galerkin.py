@@ -257,7 +257,7 @@ class Galerkin(Model):
             by = spread * scale if scale.ndim == 1 else spread @ scale
             return self._held_across(operators_from(found, self._pipe), by)
         if scale.ndim == 2:
-            return operators_from(found, self._pipe).projected(scale)
+            return projected(operators_from(found, self._pipe), scale)
         return operators_from(found, self._pipe, np.outer(scale, scale))
 
     def _held_across(self, core: Operators, by: Array) -> Operators:
