@@ -42,7 +42,8 @@ models = pytest.mark.parametrize("make", MODELS.values(), ids=MODELS)
 
 def gauss_points(model, count=30):
     """Arc lengths and weights between all kinks of the shape and its angle."""
-    kinks = np.unique([0.0, 1.0, *(term.place for term in model.pipe.terms if term.place)])
+    inner = [term.place for term in model.pipe.terms if term.place]
+    kinks = np.unique([0.0, 1.0, *inner, *model.pipe.supports])
     if isinstance(model, pp.Chain):
         ends = model.base + np.cumsum([0.0, *model.lengths])
         kinks = np.unique([0.0, *np.minimum(ends, 1.0)])
@@ -218,6 +219,18 @@ def test_unsteady_operator_is_the_jacobian_at_rest_and_its_closed_form(make):
     to_q = model.from_elastic(np.eye(n))
     expected = to_q.T @ model.operators().unsteady @ to_q
     assert np.abs(scaled - expected).max() < 1e-12 * np.abs(expected).max()
+
+
+@pytest.mark.parametrize("basis", ["beam", "legendre"])
+def test_unsteady_operator_of_a_held_pipe_has_its_closed_form(basis):
+    pipe = pp.Pipe(0.5, root="pinned", end="pinned", supports=(0.4,))
+    model = pp.Galerkin(pipe, 6, basis)
+    rows = model.functions(np.array([0.4, 1.0]))
+    s, w = gauss_points(model, 60)
+    values, curvatures = model.functions(s), model.functions(s, 2)
+    closed = np.sqrt(0.5) * values.T @ ((w * (1.0 - s))[:, None] * curvatures)
+    assert np.abs(rows).max() < 1e-12
+    assert np.abs(model.operators().unsteady - closed).max() < 1e-9 * np.abs(closed).max()
 
 
 @models

@@ -133,7 +133,7 @@ def operators_from(core: _core.Operators, pipe: Pipe, scale: Array | None = None
 
 def projected(operators: Operators, basis: Array) -> Operators:
     """Those in coordinates z of which the others are basis z, shape (dof, r)."""
-    names = [field.name for field in fields(Operators)[:6]]
+    names = [field.name for field in fields(Operators)[:7]]
     return replace(
         operators, **{name: basis.T @ getattr(operators, name) @ basis for name in names}
     )
