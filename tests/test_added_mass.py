@@ -10,6 +10,7 @@ import math
 import numpy as np
 import pytest
 from independent import any_chain
+from test_terms import derivative, jacobian_by_differences, sizes_of
 
 import pipedyn as pp
 from pipedyn import _core, modular
@@ -65,6 +66,14 @@ def test_critical_speeds_of_a_pipe_in_a_dense_fluid(pipe, speed, frequency):
     assert found.frequency == pytest.approx(frequency, rel=1e-9)
 
 
+def test_a_pipe_pinned_at_both_ends_vibrates_in_the_fluid_as_a_heavier_one():
+    """The frequencies at beta = 0.5 and u = 2 are Legendre's and Hermite elements', as printed."""
+    pipe = pp.Pipe(0.75, terms=[pp.AddedMass(0.5)], root="pinned", end="pinned")
+    for model in (pp.Galerkin(pipe, 12, "legendre"), pp.Continuum(pipe)):
+        found = np.sort(np.abs(pp.eigenvalues(model, 2.0, count=4).imag))[::2]
+        np.testing.assert_allclose(math.sqrt(1.5) * found, [7.45357311, 37.63213422], rtol=2e-9)
+
+
 def test_a_pendulum_in_a_fluid_turns_as_a_heavier_one_at_any_angle():
     """One segment has no velocity along itself, so that chi adds to its inertia alone."""
     pipe = pp.Pipe(0.3, 6.0, damping=0.01, terms=[pp.AddedMass(0.8)])
@@ -92,6 +101,24 @@ def test_batches_move_as_their_members(reduced, level, at_level):
         np.testing.assert_allclose(together, alone, atol=1e-11 * np.abs(alone).max())
 
 
+def tapered(s):
+    return 1.0 + 0.5 * s
+
+
+@pytest.mark.parametrize("kind", ["chain", "Legendre functions"])
+def test_jacobians_of_tapered_pipes_in_a_fluid_meet_differences_and_their_energy_its_power(kind):
+    """With drag and a jet at an angle: what else the derivatives treat apart."""
+    pipe = pp.Pipe(0.3, 5.0, drag=0.4, mass=tapered, terms=[pp.AddedMass(0.6)], jet_angle=0.3)
+    model = MODELS[kind](pipe)
+    size = np.tile(sizes_of(model), 2)
+    y = 0.4 * size * np.random.default_rng(5).normal(size=size.size)
+    found = model.jacobian(0.0, y, 3.0)
+    differences = jacobian_by_differences(lambda at: model.rhs(0.0, at, 3.0), y, size, 1e-3)
+    assert np.abs(found - differences).max() < 1e-8 * np.abs(found).max()
+    change = derivative(model.energy, y, model.rhs(0.0, y, 3.0), step=1e-4)
+    assert model.power(y, 3.0).total == pytest.approx(change, rel=1e-8)
+
+
 @pytest.mark.parametrize("n", [1, 3, 12])
 def test_products_and_eigenvalues_of_any_chain_are_those_of_its_matrices(n):
     chain = any_chain(n, gamma=3.0, damping=0.02, terms=[pp.AddedMass(0.9), pp.Spring(0.9, 5.0)])
@@ -115,9 +142,10 @@ def test_products_and_eigenvalues_of_any_chain_are_those_of_its_matrices(n):
     [
         lambda pipe: pp.Chain(pipe, 9),
         lambda pipe: pp.Galerkin(pipe, 6, "legendre"),
+        lambda pipe: pp.Galerkin(dataclasses.replace(pipe, root="pinned"), 6, "legendre"),
         lambda pipe: modular.chain(pipe, 6).plus(modular.Guide(4)),
     ],
-    ids=["chain", "Legendre functions", "guided scene"],
+    ids=["chain", "Legendre functions", "hinged", "guided scene"],
 )
 def test_motions_balance_their_energy_by_explicit_and_implicit_steps(make):
     """The implicit steps solve with the exact Jacobian, a chain's and a scene's in O(n)."""
@@ -133,7 +161,7 @@ def test_motions_balance_their_energy_by_explicit_and_implicit_steps(make):
 def test_scenes_with_guides_move_as_dense_recursions_say():
     pipe = pp.Pipe(0.3, 5.0, terms=[pp.AddedMass(0.6), pp.Viscosity(0.4)])
     scene = modular.chain(pipe, 5).plus(modular.Guide(3))
-    theta, omega = scene.motion.projected(np.linspace(0.1, 0.9, 5), np.cos(np.arange(5.0)))
+    theta, omega = scene.projected(np.linspace(0.1, 0.9, 5), np.cos(np.arange(5.0)))
     y = scene.state(theta, omega)
     found = scene.rhs(0.0, y, 3.0)[y.size // 2 :]
     for name in ("orthonormal", "udwadia-kalaba"):

@@ -98,7 +98,12 @@ MODELS = {
     "beam modes": lambda pipe: pp.Galerkin(dataclasses.replace(pipe, drag=0.0), 4),
     "Legendre functions": lambda pipe: pp.Galerkin(pipe, 5, "legendre"),
     "scene": lambda pipe: pp.modular.chain(pipe, 5).plus(pp.modular.Guide(3)),
+    "held chain": lambda pipe: pp.Chain(dataclasses.replace(pipe, **HELD), 5),
+    "held Legendre functions": lambda pipe: pp.Galerkin(
+        dataclasses.replace(pipe, drag=0.0, **HELD), 6, "legendre"
+    ),
 }
+HELD = {"root": "pinned", "supports": (0.6,)}
 
 
 @pytest.mark.parametrize(
@@ -122,6 +127,8 @@ def test_the_audit_of_a_driven_motion_closes(make, method):
     sharp = {"rtol": 1e-11, "samples": 21, "method": method}
     motion = pp.simulate(model, flow, 0.8, start, base=moves, **sharp)
     assert motion.audit < 1e-9
+    if model.pipe.supports:
+        assert max(abs(model.shape(q, [0.6])[0, 0]) for q in motion.q) < 1e-9
     if method == "dop853":
         return
     other = pp.simulate(model, lambda t: flow(t), 0.8, start, base=base, **sharp)
@@ -183,6 +190,13 @@ CHAIN = pp.Chain(pp.Pipe(0.2), 3)
         (lambda: _shaken(lambda t: 0.1), ValueError, r"base\(0\) must give 2 finite numbers"),
         (lambda: _shaken(lambda t: (t, math.nan)), ValueError, r"base\(0\) must give 2 finite"),
         (lambda: _shaken((lambda t: (0, 0),)), TypeError, "base must be a function of time or one"),
+        (
+            lambda: pp.Chain(pp.Pipe(0.2, terms=[pp.Stretching(9.0)]), 3).rhs(
+                0.0, np.zeros(6), 1.0, base=np.zeros((3, 2))
+            ),
+            ValueError,
+            "base must be at rest with Stretching",
+        ),
         (lambda: _shaken(3.0), TypeError, "base must be a function of time or one"),
         (
             lambda: pp.simulate(CHAIN, (lambda t: 1.0, 2.0), 1.0, bend),

@@ -74,7 +74,7 @@ def state_of(scene: md.Assembly, seed: int = 1, size: float = 0.5) -> NDArray[np
     """A state that meets the constraints of a scene, far from rest."""
     rng = np.random.default_rng(seed)
     start = scene.resting() + size * rng.normal(size=scene.moving)
-    theta, omega = scene.motion.projected(start, 3.0 * rng.normal(size=scene.moving))
+    theta, omega = scene.projected(start, 3.0 * rng.normal(size=scene.moving))
     return scene.state(theta, omega)
 
 
@@ -462,7 +462,7 @@ def drifting(scene: md.Assembly, u: float, duration: float, method: str) -> floa
     [(rows, _, why)] = integrate([task], False, Observer())
     assert why is None
     n = scene.moving
-    met, _ = scene.motion.projected(rows[:, :n].T, rows[:, n : 2 * n].T)
+    met, _ = scene.projected(rows[:, :n].T, rows[:, n : 2 * n].T)
     return float(np.abs(met - rows[:, :n].T).max())
 
 

@@ -33,47 +33,8 @@ pipedyn::End end_of(const std::string& name) {
   throw std::invalid_argument("end must be free, guided, pinned or clamped, got " + name);
 }
 
-/// Work of a state, in that of a chain's segment.
 py::ssize_t work_of(const Chain& chain) { return chain.dof(); }
 py::ssize_t work_of(const Galerkin& motion) { return 4 * motion.dof() * motion.dof(); }
-
-template <class Model>
-Numbers jacobian(const Model& model, const py::object&, const py::object& y, const py::object& u,
-                 const py::object& drive) {
-  const auto work = [&](const Batch& batch, double* out) { model.jacobian(batch, out); };
-  return pipedyn::jacobians_of(2 * model.dof(), work_of(model), y, u, drive, work);
-}
-
-template <class Model>
-void define_equations(py::class_<Model>& model) {
-  using py::object;
-  // Rates of states that have so many rows besides [p, p'].
-  const auto rates = [](auto work, py::ssize_t more) {
-    return [work, more](const Model& of, const object&, const object& y, const object& u,
-                        const object& drive) {
-      const py::ssize_t rows = 2 * of.dof() + more;
-      return pipedyn::results_of(rows, rows, work_of(of), y, u, drive,
-                                 [&](const Batch& batch, double* out) { work(of, batch, out); });
-    };
-  };
-  const auto drive = "drive"_a = py::none();
-  model.def("rhs", rates(std::mem_fn(&Model::rhs), 0), "t"_a, "y"_a, "u"_a, drive)
-      .def("rhs_and_power", rates(std::mem_fn(&Model::rhs_and_power), 1), "t"_a, "y"_a, "u"_a,
-           drive)
-      .def("jacobian", jacobian<Model>, "t"_a, "y"_a, "u"_a, drive)
-      .def(
-          "energy",
-          [](const Model& of, const object& y, const object& drive) {
-            return pipedyn::energy_of(of, 2 * of.dof(), work_of(of), y, drive);
-          },
-          "y"_a, drive)
-      .def(
-          "power",
-          [](const Model& of, const object& y, const object& u, const object& drive) {
-            return pipedyn::power_of(of, 2 * of.dof(), work_of(of), y, u, drive);
-          },
-          "y"_a, "u"_a, drive);
-}
 
 }  // namespace
 
@@ -158,15 +119,17 @@ PYBIND11_MODULE(_core, m, py::mod_gil_not_used()) {
       .def(
           "joint_times",
           [](const Chain& chain, const pipedyn::Matrix& x, double still, double rate, double square,
-             double velocity, double flux, double gravity, double unsteady) {
-            return chain.joint_times(x, {still, rate, square, velocity, flux, gravity, unsteady});
+             double velocity, double flux, double gravity, double by_damping, double unsteady) {
+            return chain.joint_times(
+                x, {still, rate, square, velocity, flux, gravity, by_damping, unsteady});
           },
           "x"_a, "still"_a = 0.0, "rate"_a = 0.0, "square"_a = 0.0, "velocity"_a = 0.0,
-          "flux"_a = 0.0, "gravity"_a = 0.0, "unsteady"_a = 0.0, Unlocked())
+          "flux"_a = 0.0, "gravity"_a = 0.0, "by_damping"_a = 0.0, "unsteady"_a = 0.0, Unlocked())
       .def("guided", &Chain::guided, "held"_a)
+      .def_property_readonly("joints", &Chain::joints)
       .def("places", &Chain::places)
       .def("loads", &Chain::loads, "stations"_a);
-  define_equations(chain);
+  pipedyn::define_equations<Chain, work_of>(chain);
 
   py::class_<Galerkin> galerkin(m, "Galerkin");
   galerkin
@@ -189,6 +152,15 @@ PYBIND11_MODULE(_core, m, py::mod_gil_not_used()) {
                                        py::none(), tips);
           },
           "y"_a)
+      .def_property_readonly("supports", &Galerkin::supports)
+      .def(
+          "held",
+          [](const Galerkin& model, const py::object& y) {
+            const auto held = [&](const Batch& batch, double* out) { model.held(batch, out); };
+            return pipedyn::results_of(2 * model.dof(), model.supports() * (1 + model.dof()),
+                                       work_of(model), y, py::float_(0.0), py::none(), held);
+          },
+          "y"_a)
       .def("functions_by_panel", [](const Galerkin& model) { return model.basis().by_panel(); })
       .def("most_on_a_panel", [](const Galerkin& model) { return model.basis().most_on_a_panel(); })
       .def(
@@ -199,7 +171,7 @@ PYBIND11_MODULE(_core, m, py::mod_gil_not_used()) {
           "s"_a, "derivative"_a, Unlocked())
       .def("elastic_stiffness", [](const Galerkin& model) { return model.basis().stiffness(); })
       .def("elastic", &Galerkin::elastic, Unlocked());
-  define_equations(galerkin);
+  pipedyn::define_equations<Galerkin, work_of>(galerkin);
 
   pipedyn::define_linear(m);
   pipedyn::define_scene(m);

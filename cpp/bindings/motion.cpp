@@ -171,8 +171,7 @@ ImplicitRates implicit_rates_of(const py::object& of, const py::object& jacobian
   }
   if (py::isinstance<Scene>(of)) {
     const Scene& scene = of.cast<const Scene&>();
-    return implicit_rates(scene, u, &Scene::returning_rhs,
-                          std::make_unique<SceneSystems>(scene, flow_at));
+    return implicit_rates(scene, u, &Scene::rhs, std::make_unique<SceneSystems>(scene, flow_at));
   }
   if (py::isinstance<Galerkin>(of)) {
     const Galerkin& model = of.cast<const Galerkin&>();

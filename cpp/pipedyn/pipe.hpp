@@ -40,6 +40,8 @@ struct Pipe {
   Profile mass{};                  // m, mass per length, with the fluid's beta, of reduced models
 
   double sqrt_beta() const { return std::sqrt(beta); }
+  /// Whether the end keeps the direction of the axis.
+  bool is_guided() const { return end == End::guided || end == End::clamped; }
   /// s: U = s u is the flow speed counted towards the free end.
   double direction() const { return aspirating ? -1.0 : 1.0; }
   /// By which u v of the free end's velocity v loads it: the entering flow's change of velocity.

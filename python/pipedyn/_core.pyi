@@ -130,6 +130,7 @@ class Chain:
         velocity: typing.SupportsFloat | typing.SupportsIndex = 0.0,
         flux: typing.SupportsFloat | typing.SupportsIndex = 0.0,
         gravity: typing.SupportsFloat | typing.SupportsIndex = 0.0,
+        by_damping: typing.SupportsFloat | typing.SupportsIndex = 0.0,
         unsteady: typing.SupportsFloat | typing.SupportsIndex = 0.0,
     ) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"]: ...
     def loads(
@@ -154,6 +155,8 @@ class Chain:
     def rhs_and_power(
         self, t: typing.Any, y: typing.Any, u: typing.Any, drive: typing.Any = None
     ) -> numpy.typing.NDArray[numpy.float64]: ...
+    @property
+    def joints(self) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"]: ...
 
 class Galerkin:
     def __init__(
@@ -178,6 +181,7 @@ class Galerkin:
         self, y: typing.Any, drive: typing.Any = None
     ) -> float | numpy.typing.NDArray[numpy.float64]: ...
     def functions_by_panel(self) -> list[list[int]]: ...
+    def held(self, y: typing.Any) -> numpy.typing.NDArray[numpy.float64]: ...
     def jacobian(
         self, t: typing.Any, y: typing.Any, u: typing.Any, drive: typing.Any = None
     ) -> numpy.typing.NDArray[numpy.float64]: ...
@@ -204,6 +208,8 @@ class Galerkin:
         self, t: typing.Any, y: typing.Any, u: typing.Any, drive: typing.Any = None
     ) -> numpy.typing.NDArray[numpy.float64]: ...
     def tips(self, y: typing.Any) -> numpy.typing.NDArray[numpy.float64]: ...
+    @property
+    def supports(self) -> int: ...
 
 class Pair:
     @property
@@ -411,6 +417,8 @@ class Complement:
     def spread(
         self, z: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, n]"]
     ) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"]: ...
+    @property
+    def dof(self) -> int: ...
 
 class ChainSpectrum(Eigenproblem):
     def __init__(
@@ -447,13 +455,7 @@ class Scene:
         mass: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"] = ...,
     ) -> None: ...
     def bodies(self) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"]: ...
-    def energy(
-        self, y: typing.Any, drive: typing.Any = None
-    ) -> float | numpy.typing.NDArray[numpy.float64]: ...
-    def from_angles(
-        self, theta: typing.Any, omega: typing.Any
-    ) -> numpy.typing.NDArray[numpy.float64]: ...
-    def jacobian(
+    def derivative(
         self,
         y: typing.Any,
         u: typing.Any,
@@ -461,6 +463,15 @@ class Scene:
         by_state: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, n]"] = ...,
         returns: bool = True,
         drive: typing.Any = None,
+    ) -> numpy.typing.NDArray[numpy.float64]: ...
+    def energy(
+        self, y: typing.Any, drive: typing.Any = None
+    ) -> float | numpy.typing.NDArray[numpy.float64]: ...
+    def from_angles(
+        self, theta: typing.Any, omega: typing.Any
+    ) -> numpy.typing.NDArray[numpy.float64]: ...
+    def jacobian(
+        self, t: typing.Any, y: typing.Any, u: typing.Any, drive: typing.Any = None
     ) -> numpy.typing.NDArray[numpy.float64]: ...
     def power(
         self, y: typing.Any, u: typing.Any, drive: typing.Any = None
@@ -480,7 +491,19 @@ class Scene:
         typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"],
         typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, 1]"],
     ]: ...
-    def rhs(
+    def redundant_energy(
+        self, y: typing.Any, drive: typing.Any = None
+    ) -> float | numpy.typing.NDArray[numpy.float64]: ...
+    def redundant_power(
+        self, y: typing.Any, u: typing.Any, drive: typing.Any = None
+    ) -> tuple[
+        float | numpy.typing.NDArray[numpy.float64],
+        float | numpy.typing.NDArray[numpy.float64],
+        float | numpy.typing.NDArray[numpy.float64],
+        float | numpy.typing.NDArray[numpy.float64],
+        float | numpy.typing.NDArray[numpy.float64],
+    ]: ...
+    def redundant_rhs(
         self,
         t: typing.Any,
         y: typing.Any,
@@ -488,12 +511,20 @@ class Scene:
         moments: typing.Any = None,
         drive: typing.Any = None,
     ) -> numpy.typing.NDArray[numpy.float64]: ...
+    def rhs(
+        self, t: typing.Any, y: typing.Any, u: typing.Any, drive: typing.Any = None
+    ) -> numpy.typing.NDArray[numpy.float64]: ...
+    @typing.overload
+    def rhs_and_power(
+        self, t: typing.Any, y: typing.Any, u: typing.Any, drive: typing.Any = None
+    ) -> numpy.typing.NDArray[numpy.float64]: ...
+    @typing.overload
     def rhs_and_power(
         self,
         t: typing.Any,
         y: typing.Any,
         u: typing.Any,
-        moments: typing.Any = None,
+        moments: typing.Any,
         drive: typing.Any = None,
     ) -> numpy.typing.NDArray[numpy.float64]: ...
     def solve(

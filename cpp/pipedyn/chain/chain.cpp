@@ -61,13 +61,28 @@ std::vector<LoadMoments> loads_at(const MotionModel& model, const Vector& sine,
 Chain::Chain(const Pipe& pipe, Segments segments) : pipe_(pipe), segments_(std::move(segments)) {
   auto& [l, chi, eta, spring, xi, base, damping, rest_moment, mass] = segments_;
   const Index n = dof();
+  const Index joints = n + (pipe_.is_guided() ? 1 : 0);
+  damped_springs_ = spring;
   if (damping.size() == 0) damping = pipe_.damping * spring;
-  if (rest_moment.size() == 0) rest_moment = Vector::Zero(spring.size());
+  if (rest_moment.size() == 0) rest_moment = Vector::Zero(n);
   if (mass.size() == 0) mass = l;
+  if (n < 1 || chi.size() != n || eta.size() != n || xi.size() != n || rest_moment.size() != n ||
+      mass.size() != n || spring.size() != joints || damping.size() != joints) {
+    throw std::invalid_argument("segments must have one entry a segment in every array" +
+                                std::string(joints > n ? ", and one more joint" : ""));
+  }
+  if (pipe_.is_guided()) {
+    end_spring_ = spring[n];
+    end_damping_ = damping[n];
+    for (Vector* const of : {&spring, &damping, &damped_springs_}) of->conservativeResize(n);
+  }
   held_.resize(static_cast<std::size_t>(n));
-  if (n < 1 || chi.size() != n || eta.size() != n || spring.size() != n || xi.size() != n ||
-      damping.size() != n || rest_moment.size() != n || mass.size() != n) {
-    throw std::invalid_argument("segments must have one entry a segment in every array");
+  if (std::isfinite(pipe_.root)) {
+    const double share = pipe_.root > 0.0 ? pipe_.root / (pipe_.root + spring[0]) : 0.0;
+    spring[0] *= share;  // of both in series
+    rest_moment[0] *= share;
+    damping[0] *= share * share;
+    damped_springs_[0] *= share * share;
   }
   Vector masses = mass, across_alone = Vector::Zero(n);
   const auto add_mass = [&](Index j, double arm, double added) {
@@ -86,7 +101,7 @@ Chain::Chain(const Pipe& pipe, Segments segments) : pipe_(pipe), segments_(std::
   std::stable_sort(
       loads_.begin(), loads_.end(),
       [](const SegmentTerm& one, const SegmentTerm& other) { return one.segment < other.segment; });
-  damped_ = (damping.array() != 0.0).any();
+  damped_ = (damping.array() != 0.0).any() || end_damping_ != 0.0;
   bent_ = (rest_moment.array() != 0.0).any();
   links_.resize(static_cast<std::size_t>(n));
   first_moment_.resize(n);
@@ -139,6 +154,12 @@ void Chain::linearise() {
             .held = held_[static_cast<std::size_t>(j)],
             .loaded = false,
             .repeats = false};
+    if (j == n - 1) {
+      made.moment.still += end_spring_;
+      made.moment.rate += end_damping_;
+      made.moment_size += end_spring_;
+      made.loaded = end_damping_ != 0.0;
+    }
     if (sums.empty()) continue;
     const auto& [load, slopes] = sums[static_cast<std::size_t>(j)];
     const double pulled = link.length * tension + load[1][1] - slopes[1].by_angle[0];
@@ -168,7 +189,8 @@ ImpedanceModel Chain::impedance() const {
           .size = dof(),
           .coriolis = pipe_.direction() * pipe_.sqrt_beta(),
           .entry = pipe_.entry(),
-          .thrust = pipe_.centrifugal * std::cos(pipe_.jet_angle)};
+          .thrust = pipe_.centrifugal * std::cos(pipe_.jet_angle),
+          .guided = pipe_.is_guided()};
 }
 
 Matrix Chain::held_rows(const Vector& scale) const {
@@ -218,7 +240,14 @@ Chain Chain::coarser(Index segments) const {
                   .drag_point = Vector::Constant(groups, 0.5),
                   .base = base};
   joined.mass = Vector::Zero(groups);
-  Vector compliance = Vector::Zero(groups), loss = compliance;  // of 1 / (k + c lambda)
+  // Of 1 / (k + c lambda), the joint of a guided end among them.
+  const bool guided = pipe_.is_guided();
+  Vector compliance = Vector::Zero(groups + (guided ? 1 : 0)), loss = compliance;
+  const auto add_joint = [&](Index to, double softness, double own) {
+    compliance[to] += softness;
+    loss[to] += own * softness * softness;
+  };
+  if (guided) add_joint(groups, 1.0 / std::max(end_spring_, 1.0 / soft.maxCoeff()), end_damping_);
   for (Index group = 0, j = 0; group < groups; ++group) {
     const Index start = j, end = ends[static_cast<std::size_t>(group)];
     double mass = 0.0, first = 0.0, second = 0.0;  // with powers of the distance from its joint
@@ -231,9 +260,7 @@ Chain Chain::coarser(Index segments) const {
       second += own * (middle * middle + eta[j] * eta[j]);
       // A joint beyond the middle moves what follows; beyond the last group's nothing does.
       const Index nearest = at <= 0.5 * length ? group : group + 1;
-      if (nearest == groups) continue;
-      compliance[nearest] += soft[j];
-      loss[nearest] += own_damping[j] * soft[j] * soft[j];
+      if (nearest < compliance.size()) add_joint(nearest, soft[j], own_damping[j]);
     }
     const double centre = first / mass;
     joined.length[group] = length;
@@ -243,7 +270,9 @@ Chain Chain::coarser(Index segments) const {
   }
   joined.spring = compliance.cwiseInverse();
   joined.damping = loss.cwiseProduct(joined.spring.cwiseAbs2());
-  return Chain(pipe_, std::move(joined)).guided(std::move(held_ends));
+  Pipe clamped = pipe_;  // what a root adds to the first joint is in it
+  clamped.root = std::numeric_limits<double>::infinity();
+  return Chain(clamped, std::move(joined)).guided(std::move(held_ends));
 }
 
 Operators Chain::operators(const Vector& angles) const {
@@ -258,8 +287,10 @@ Operators Chain::operators(const Vector& angles) const {
     return cosine[k] * cosine[i] + sine[k] * sine[i];
   };
   const double sqrt_beta = pipe_.sqrt_beta(), share = pipe_.inflow_share;
-  const double jet = (angles.size() > 0 ? angles[n - 1] : 0.0) + pipe_.jet_angle;
-  double beyond = 0.0, spring_beyond = 0.0, damping_beyond = 0.0;
+  const bool guided = pipe_.is_guided();
+  const double end = guided || angles.size() == 0 ? 0.0 : angles[n - 1];
+  const double jet = end + pipe_.jet_angle;
+  double beyond = 0.0, spring_beyond = end_spring_, damping_beyond = end_damping_;
   Operators ops(n);
   for (Index k = n - 1; k >= 0; --k) {
     const Link& link = this->link(k);
@@ -277,7 +308,7 @@ Operators Chain::operators(const Vector& angles) const {
     }
     const double thrust = l * (cosine[k] * std::cos(jet) + sine[k] * std::sin(jet));
     ops.flux(k, k) -= thrust;
-    ops.flux(k, n - 1) += thrust;
+    if (!guided) ops.flux(k, n - 1) += thrust;
     const double elastic = link.spring + spring_beyond;
     ops.stiffness(k, k) = elastic + pipe_.gamma * (first_moment_[k] * cosine[k]);
     ops.damping(k, k) = link.damping + damping_beyond;
@@ -389,12 +420,14 @@ Matrix Chain::joint_times(const Matrix& x, const LinearPart& part) const {
     out.row(j) = sum(at.across) * place + (sum(at.moment) + own) * angle;
     place += l * angle;
   }
-  Row beyond = thrust * angle - part.velocity * pipe_.entry() * place;
+  out.row(n - 1) += (part.by_damping * end_spring_) * angle;
+  Row beyond = -part.velocity * pipe_.entry() * place;
+  if (!pipe_.is_guided()) beyond += thrust * angle;
   for (Index j = n - 1; j >= 0; --j) {
     const ImpedanceSegment& at = impedances_[static_cast<std::size_t>(j)];
     moment += out.row(j) + at.length * beyond;
     beyond += force.row(j);
-    out.row(j) = moment + sum(at.joint) * x.row(j);
+    out.row(j) = moment + (sum(at.joint) + part.by_damping * damped_springs_[j]) * x.row(j);
   }
   return out;
 }
@@ -404,6 +437,7 @@ Chain Chain::without_forces() const {
   made.pipe_ = Pipe{.centrifugal = 0.0};
   made.loads_.clear();
   made.damped_ = made.bent_ = false;
+  made.end_spring_ = made.end_damping_ = 0.0;
   for (Vector* const of :
        {&made.segments_.spring, &made.segments_.damping, &made.segments_.rest_moment}) {
     of->setZero();
@@ -431,6 +465,14 @@ Matrix Chain::bodies() const {
   }
   out.col(1) = segments_.center;
   out.col(2) = segments_.gyration_radius;
+  return out;
+}
+
+Matrix Chain::joints() const {
+  const Index n = dof();
+  Matrix out = Matrix::Zero(n + (pipe_.is_guided() ? 1 : 0), 3);
+  out.topRows(n) << segments_.spring, segments_.damping, segments_.rest_moment;
+  if (out.rows() > n) out.row(n) << end_spring_, end_damping_, 0.0;
   return out;
 }
 
@@ -470,6 +512,9 @@ MotionModel Chain::motion() const {
                      pipe_.centrifugal * std::sin(pipe_.jet_angle)},
           .damped = damped_,
           .bent = bent_,
+          .guided = pipe_.is_guided(),
+          .end_spring = end_spring_,
+          .end_damping = end_damping_,
           .drag = pipe_.drag != 0.0,
           .loads = loads_.data(),
           .load_count = static_cast<std::ptrdiff_t>(loads_.size())};

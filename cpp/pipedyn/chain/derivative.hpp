@@ -72,15 +72,16 @@ struct Source {
   double end_t = 0.0, end_n = 0.0;      // change of the follower force
 };
 
-/// What joint j resists a turn with, its angle or its rate; the free end's is none.
+/// What joint j resists a turn with, its angle or its rate; that of the end if it is guided.
 inline double joint(const MotionModel& model, Count j, bool angle) {
-  if (j == model.size) return 0.0;
+  if (j == model.size) return angle ? model.end_spring : model.end_damping;
   return angle ? model.links[j].spring : model.links[j].damping;
 }
 
 Source angle_source(const MotionModel& model, const Kept& here, Count m, double w, double u) {
   const Link& link = model.links[m];
-  const double l = link.length, square = w * w, thrust = m + 1 < model.size ? 0.0 : u * u;
+  const double l = link.length, square = w * w,
+               thrust = m + 1 < model.size || model.guided ? 0.0 : u * u;
   const double force =
       here.tt * (here.at - l * square) + here.tn * (here.an + l * here.acceleration) + here.bt;
   const double speed = model.drag ? std::fabs(here.v) : 0.0;

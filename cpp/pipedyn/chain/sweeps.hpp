@@ -8,7 +8,8 @@
 //   a_j = a_{j-1} + l_j (theta_j'' n_j - w_j^2 t_j),   a_0 = -gamma (0, 1).
 // All beyond node j answers a_j with the force A_j a_j + b_j, A_j symmetric (2, 2), A_n = 0,
 // b_n = a U^2 (cos psi t_n + sin psi n_n) - (1 - c) sqrt(beta) U r_n' (follower force, entering
-// flow). The moments about the joint of segment j give
+// flow), with the axis for segment n in the first where the end is guided. The moments about the
+// joint of segment j give
 //   theta_j'' = g_j - e_j . a_{j-1},   e_j = c_j / H_j,   c_j = l_j A_j n_j + m_j chi_j l_j n_j,
 //   H_j = l_j^2 n_j . A_j n_j + m_j (chi_j^2 l_j^2 + eta_j^2),
 //   g_j = (tau_j - l_j n_j . (b_j - l_j w_j^2 A_j t_j)) / H_j,
@@ -18,6 +19,7 @@
 //   A_{j-1} = A_j + m_j - c_j e_j^T,
 //   b_{j-1} = b_j - w_j^2 (l_j A_j + m_j chi_j l_j) t_j + c_j g_j
 //             + (2 sqrt(beta) U l_j w_j + d_j) n_j.
+// K_{n+1} = -k_{n+1} theta_n - c_{n+1} theta_n' of the joint that holds a guided end.
 // A load f at an arm a of segment j adds a n_j . f to tau_j and -f to b_{j-1}. Mass that moves
 // across a segment alone, as AddedMass has, adds to m_j, chi_j and eta_j but along t_j, where
 // A_{j-1} takes what is called mass below; the weight and the centripetal force that it is given so
@@ -121,6 +123,25 @@ void for_each_block(const MotionModel& model, const Batch& batch, const Body& bo
 /// What the derivative needs of the sweeps: A_j and b_j . t_j, a_{j-1} and the velocities.
 struct Kept {
   double tt, tn, nn, inverse, bt, at, an, vt, v, acceleration;
+};
+
+/// Force of the flow on the end, along and across the last segment, with the signs of resistance.
+template <class Real>
+struct Thrust {
+  Real along, across;
+
+  Thrust(const MotionModel& model, const Members<Real>& members) {
+    const Real u = members.speed(), square = u * u;
+    along = model.thrust[0] * square;
+    across = model.thrust[1] * square;
+    if (!model.guided) return;
+    double angle[width] = {}, sine[width], cosine[width];
+    store(angle, members.row(model.size - 1));
+    sincos(angle, lanes<Real>, sine, cosine);
+    const Real s = load<Real>(sine), c = load<Real>(cosine), forward = along;
+    along = c * forward + s * across;
+    across = c * across - s * forward;
+  }
 };
 
 template <class Real>
@@ -260,9 +281,13 @@ void accelerations(const MotionModel& model, const Members<Real>& members, Sweep
   }
 
   const Real u = members.speed(), coriolis = model.coriolis * u;
-  const Real thrust[2] = {model.thrust[0] * (u * u), model.thrust[1] * (u * u)};
   const Real entry = model.entry * u;
-  Real tt{}, tn{}, nn{}, bt = thrust[0], bn = thrust[1], moment_beyond{};
+  const Thrust<Real> thrust(model, members);
+  const Real end_rate = sweep.at(sweep.rate, n - 1);
+  const Real end_resistance = model.end_damping * end_rate;
+  power -= end_resistance * end_rate;
+  Real moment_beyond = -(model.end_spring * members.row(n - 1) + end_resistance);
+  Real tt{}, tn{}, nn{}, bt = thrust.along, bn = thrust.across;
   if constexpr (outer != Outer::nothing) {
     bt -= entry * end_along;
     bn -= entry * end_across;
@@ -360,8 +385,8 @@ void accelerations(const MotionModel& model, const Members<Real>& members, Sweep
   if (with_power) {
     const Real along = end_along - parts.base_along, across = end_across - parts.base_across;
     const Real own = (model.entry - model.coriolis) * u;
-    power += (own * along + entry * parts.base_along - thrust[0]) * along;
-    power += (own * across + entry * parts.base_across - thrust[1]) * across;
+    power += (own * along + entry * parts.base_along - thrust.along) * along;
+    power += (own * across + entry * parts.base_across - thrust.across) * across;
     members.set_row(rates, 2 * n, power);
   }
 }

@@ -43,20 +43,24 @@ struct Block {
   const MotionEffects& effects;
   const Count m = grid.functions, padded = grid.padded, nodes = grid.nodes, points = grid.points;
   const Count block = nodes + 1;  // points of a panel
-  const bool drags = effects.drag != 0.0, loads = effects.load_count > 0;
+  const Count holds = effects.held_count;
+  const bool drags = effects.drag != 0.0, loads = effects.load_count > 0 || holds > 0;
   const bool resists = drags || loads || effects.entry != 0.0;
   const bool across_alone = effects.normal_mass != 0.0;
 
   // The columns that are integrated: derivatives of the position by the orthonormal coordinates, x
   // then y, of several members without any that are 0; acceleration at q'' = 0; velocity, where
-  // drag, a term or the entering flow reads it; position, where a term does. Energy and power take
-  // the last two alone.
+  // drag, a term, a support or the entering flow reads it; position, where a term or a support
+  // does. Energy and power take the last two alone.
   const Count each = alone ? padded : m;
   const Count bias = 2 * each, integrated = bias + (loads ? 6 : resists ? 4 : 2);
   double *theta, *omega, *sine, *cosine;  // (points), of a single member (stride)
   double *integrands, *moments;           // rows of columns, and their integrals from the clamp
   double *mass, *force;
   double *velocity, *weighted, *load_x, *load_y, *couple, *rest;  // (points); rest 3 Q
+  // Of supports: M^-1 G^T, a row each, with the rows G of derivatives of x there; G M^-1 G^T, then
+  // its factor; the forces.
+  double *response, *products, *reaction;
 
   static Count row_length(Count columns) { return whole_packs(columns * lanes<Real>); }
   /// Of a row of the mass matrix: single rows are written by whole packs.
@@ -83,6 +87,9 @@ struct Block {
     load_y = take(points);
     couple = take(across_alone ? points : 0);
     rest = take(3 * nodes);
+    response = take(holds * m);
+    products = take(holds * holds);
+    reaction = take(holds);
   }
 
   /// sum_i x_i Theta_i along the pipe, of each x (m,) in the basis.
@@ -409,6 +416,99 @@ struct Block {
     }
   }
 
+  /// Where the pipe is held.
+  Count support(Count b) const { return effects.held[b] * block + nodes; }
+
+  /// x to M^-1 x by the factors that `solve` leaves, in place.
+  void substitute(double* x) const {
+    const Count stride = mass_stride();
+    for (Count i = 0; i < m; ++i) {
+      Real sum = at<Real>(x, i);
+      for (Count j = 0; j < i; ++j) sum -= at<Real>(mass, i * stride + j) * at<Real>(x, j);
+      set(x, i, Real(sum * at<Real>(mass, i * stride + i)));
+    }
+    for (Count i = m - 1; i >= 0; --i) {
+      const Real value = at<Real>(x, i) * at<Real>(mass, i * stride + i);
+      set(x, i, value);
+      for (Count j = 0; j < i; ++j) add(x, j, Real(-at<Real>(mass, i * stride + j) * value));
+    }
+  }
+
+  /// The forces z that change x at the supports by what z holds, by the factor in `products`.
+  void solve_supports(double* z) const {
+    for (Count b = 0; b < holds; ++b) {
+      Real sum = at<Real>(z, b);
+      for (Count c = 0; c < b; ++c) sum -= at<Real>(products, b * holds + c) * at<Real>(z, c);
+      set(z, b, Real(sum * at<Real>(products, b * holds + b)));
+    }
+    for (Count b = holds - 1; b >= 0; --b) {
+      const Real value = at<Real>(z, b) * at<Real>(products, b * holds + b);
+      set(z, b, value);
+      for (Count c = 0; c < b; ++c) add(z, c, Real(-at<Real>(products, b * holds + c) * value));
+    }
+  }
+
+  /// Adds to accelerations what keeps the pipe at its supports, x'' + 2 k x' + k^2 x = 0, and to
+  /// the loads the forces there. After `solve`.
+  void hold(const Batch& batch, Count row, double* acceleration) {
+    const double k = effects.return_rate;
+    for (Count b = 0; b < holds; ++b) {
+      const double* const by = moments + support(b) * row;
+      double* const own = response + b * m * lanes<Real>;
+      const auto about_base = [&](Count column, Count of) {  // supports move with the base
+        return Real(at<Real>(by, bias + column) - driven(batch, of));
+      };
+      Real missed =
+          -(about_base(0, Drive::acceleration) +
+            k * (2.0 * about_base(2, Drive::velocity) + k * about_base(4, Drive::position)));
+      for (Count i = 0; i < m; ++i) {
+        set(own, i, at<Real>(by, i));
+        missed -= at<Real>(by, i) * at<Real>(acceleration, i);
+      }
+      set(reaction, b, missed);
+      substitute(own);
+      for (Count c = 0; c <= b; ++c) {  // Cholesky's factor, row by row
+        const double* const other = moments + support(c) * row;
+        Real sum{};
+        for (Count i = 0; i < m; ++i) sum += at<Real>(other, i) * at<Real>(own, i);
+        for (Count d = 0; d < c; ++d) {
+          sum -= at<Real>(products, b * holds + d) * at<Real>(products, c * holds + d);
+        }
+        set(products, b * holds + c,
+            c < b ? Real(sum * at<Real>(products, c * holds + c)) : Real(1.0 / square_root(sum)));
+      }
+    }
+    solve_supports(reaction);
+    for (Count b = 0; b < holds; ++b) {
+      const Real force_of = at<Real>(reaction, b);
+      add(load_x, support(b), force_of);
+      for (Count i = 0; i < m; ++i) {
+        add(acceleration, i, Real(force_of * at<Real>(response, b * m + i)));
+      }
+    }
+  }
+
+  void held(const Batch& batch, double* out) {
+    angles(batch.y);
+    Count p = 0;
+    for (Count b = 0; b < holds; ++b) {
+      for (Count i = 0; i <= m; ++i) {
+        const Real before =
+            b > 0 ? at<Real>(out, i < 1 ? b - 1 : holds + (b - 1) * m + i - 1) : Real{};
+        set(out, i < 1 ? b : holds + b * m + i - 1, before);
+      }
+      for (; p < support(b); ++p) {
+        const double weight = grid.weight[p];
+        if (weight == 0.0) continue;
+        const Real turned = weight * at<Real>(cosine, p);
+        add(out, b, Real(weight * at<Real>(sine, p)));
+        for (Count i = 0; i < m; ++i) {
+          add(out, holds + b * m + i, Real(grid.slope[p * padded + i] * turned));
+        }
+      }
+    }
+  }
+
   /// From orthonormal coordinates to the basis, in place.
   void to_basis(double* x) const {
     if (grid.to_basis == nullptr) return;
@@ -436,6 +536,7 @@ struct Block {
     forces(batch, row);
     gram(row);
     solve(out);
+    hold(batch, row, out);
     to_basis(out);
   }
 

@@ -44,6 +44,14 @@
 // clamp to its points are block lower triangular, and integration by parts holds as on one panel.
 // So a term is one more load at a panel's end, or at every node where it acts all along.
 //
+// Where the pipe is held across, x(s_b) = 0, forces mu_b along x act such that
+//
+//   x'' + 2 k x' + k^2 x = 0 at each s_b,   M q'' = f + G^T mu,   G = dx/dq,
+//
+// so that a state that misses this by its integrator's errors returns to it (Baumgarte 1972). Held
+// directions are the functions' matter (basis.hpp). The operators about q are those of all
+// functions, with what the forces mu add to stiffness and flux; small motions take what G allows.
+//
 // About the straight pipe, where J_i = (w_i, 0), this is the projection of the pipe's equation,
 // where it is uniform (Gregory and Paidoussis 1966),
 //
@@ -86,6 +94,16 @@ class Galerkin {
   /// Quadrature nodes on each panel that a configuration is given. Throws std::invalid_argument
   /// unless q has m entries.
   Index nodes(const Vector& q) const;
+
+  /// How many supports hold the pipe across, x = 0, the end's among them.
+  Index supports() const {
+    return static_cast<Index>(pipe_.supports.size()) +
+           (pipe_.end == End::pinned || pipe_.end == End::clamped ? 1 : 0);
+  }
+  /// Rate k at which states that miss supports return to them, as those of scenes do (modular).
+  static constexpr double return_rate = 60.0;
+  /// x at each support, then of each its derivatives by q: (supports (1 + m), members).
+  void held(const Batch& batch, double* out) const;
 
   /// dy/dtau (2 m, members), O(N Q m + N m^2 + m^3) a member with N points, Q nodes a panel. NaN
   /// where the mass matrix is singular to rounding, or q bends more than the largest grid resolves.

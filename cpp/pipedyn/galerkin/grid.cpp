@@ -132,6 +132,10 @@ Panels::Panels(const Basis& basis, const Pipe& pipe) : pipe_mass(pipe.mass) {
       if (Law::loads) loads.push_back({term, Law::along ? -1 : panel});
     });
   }
+  for (const double support : pipe.supports) {
+    held.push_back(std::lower_bound(places.begin(), places.end(), support) - places.begin() - 1);
+  }
+  if (pipe.end == End::pinned || pipe.end == End::clamped) held.push_back(count() - 1);
   if (!pipe.stiffness.varies()) return;
   elastic = Matrix::Zero(basis.size(), basis.size());
   const Quadrature rule(basis.nodes_of_products() + (pipe.stiffness.degree(0.0) + 1) / 2);

@@ -58,6 +58,7 @@ struct Panels {
   double mass_per_length = 0.0;  // all along, the pipe's 1 not counted
   double normal_mass = 0.0;      // that of what moves across the pipe alone
   std::vector<PanelTerm> loads;  // terms that have one
+  std::vector<Index> held;       // those at whose ends the pipe is held across
   Profile pipe_mass;             // m
   Matrix elastic;  // integrals of e w_i'' w_j'' (m, m) where the stiffness varies, else empty
 

@@ -66,6 +66,9 @@ struct MotionEffects {
   double normal_mass = 0.0;  // per length, of what moves across the pipe alone
   const PanelTerm* loads = nullptr;
   std::ptrdiff_t load_count = 0;
+  const std::ptrdiff_t* held = nullptr;  // panels at whose ends the pipe is held, x = 0, ascending
+  std::ptrdiff_t held_count = 0;
+  double return_rate = 0.0;  // k, of states that miss that
 };
 
 /// The functions of one vector level. A batch here is a block: one member or the level's width,
@@ -82,13 +85,15 @@ struct GalerkinKernel {
   Function power;
   /// Position of the free end, x then y, and its velocity, (4, members).
   Function tips;
+  /// x where the pipe is held, then of each its derivatives by q: (held (1 + m), members).
+  Function held;
   /// Derivatives of q'' by q, then by q', (m, 2 m, members). Drag's share is 2 |v_n| dv_n.
   Function jacobian;
 
   /// About one state at rest, the functions being those of the tables: the mass matrix (m, m);
   /// derivatives of all forces but bending's by q, then by q' (m, 2 m); of the free end's position,
-  /// x then y (2, m). displacements: those of the straight pipe (N, m), which have more digits than
-  /// the integrals of the slopes; or null.
+  /// x then y (2, m); all forces (m). displacements: those of the straight pipe (N,
+  /// m), which have more digits than the integrals of the slopes; or null.
   void (*operators)(const GridTables&, const MotionEffects&, const Batch&,
                     const double* displacements, double* out);
 };

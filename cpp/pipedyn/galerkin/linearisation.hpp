@@ -50,6 +50,7 @@ struct Linearisation : Block<Real> {
   using Base = Block<Real>;
   using Base::alone, Base::step, Base::grid, Base::effects, Base::m, Base::padded, Base::points;
   using Base::drags, Base::each, Base::loads, Base::resists, Base::across_alone, Base::bias;
+  using Base::holds, Base::response, Base::reaction;
   using Base::load_x, Base::load_y, Base::mass_stride, Base::product_of;
   using Base::moments, Base::integrands;
   using Base::sine, Base::cosine, Base::omega, Base::mass, Base::velocity, Base::weighted;
@@ -68,6 +69,8 @@ struct Linearisation : Block<Real> {
   double* beyond;                     // a row of columns
   double *pushed_n, *pushed_t;        // chi w n . a and chi w t . a, of what moves across alone
   double *by_angle, *by_rate, *system, *resistance;  // of `linearise`
+  double *turned, *returned;  // of supports: derivatives of x by q; of what its motion is to be at
+                              // held q'', by q, then by q'
 
   using Base::Base;
 
@@ -84,6 +87,8 @@ struct Linearisation : Block<Real> {
     by_rate = take(points * mass_stride());
     system = take(padded * 2 * mass_stride());
     resistance = take(padded * mass_stride());
+    turned = take(holds * m);
+    returned = take(holds * 2 * m);
   }
 
   /// What integrals of loads count of a point, in the uniform pipe's mass per length or in 1.
@@ -340,6 +345,57 @@ struct Linearisation : Block<Real> {
     }
   }
 
+  /// Sums along the pipe to each support, of the basis' slopes.
+  void set_supports() {
+    const double k = effects.return_rate;
+    Count p = 0;
+    for (Count b = 0; b < holds; ++b) {
+      for (Count i = 0; i < 3 * m; ++i) {
+        double* const to = i < m ? turned : returned;
+        const Count width_of = i < m ? m : 2 * m, j = i < m ? i : i - m;
+        set(to, b * width_of + j, b > 0 ? at<Real>(to, (b - 1) * width_of + j) : Real{});
+      }
+      for (; p < Base::support(b); ++p) {
+        const double weight = grid.weight[p];
+        if (weight == 0.0) continue;
+        const Real c = weight * at<Real>(cosine, p), s = weight * at<Real>(sine, p);
+        const Real w = at<Real>(omega, p);
+        const Real by_q = s * (at<Real>(spin, p) + 2.0 * k * w) + c * (w * w - k * k);
+        const Real by_rates = 2.0 * (s * w - k * c);
+        for (Count i = 0; i < m; ++i) {
+          const double slope = grid.slope[p * Base::padded + i];
+          add(turned, b * m + i, Real(slope * c));
+          add(returned, 2 * b * m + i, Real(slope * by_q));
+          add(returned, (2 * b + 1) * m + i, Real(slope * by_rates));
+        }
+      }
+    }
+  }
+
+  /// Adds to the system's columns, which are those of q'' without supports, what these add.
+  void hold_system() {
+    const Count stride = mass_stride();
+    set_supports();
+    for (Count b = 0; b < holds; ++b) Base::to_basis(response + b * m * lanes<Real>);
+    for (Count j = 0; j < 2 * m; ++j) {
+      const Count column = j < m ? j : stride + j - m;
+      for (Count b = 0; b < holds; ++b) {
+        Real missed = at<Real>(returned, 2 * b * m + j);
+        for (Count i = 0; i < m; ++i) {
+          missed -= at<Real>(turned, b * m + i) * at<Real>(system, 2 * i * stride + column);
+        }
+        set(reaction, b, missed);
+      }
+      Base::solve_supports(reaction);
+      for (Count b = 0; b < holds; ++b) {
+        for (Count i = 0; i < m; ++i) {
+          add(system, 2 * i * stride + column,
+              Real(at<Real>(reaction, b) * at<Real>(response, b * m + i)));
+        }
+      }
+    }
+  }
+
   /// The members' system, (m, 2 m) of each.
   void write_system(double* out) const {
     const Count stride = mass_stride();
@@ -358,6 +414,7 @@ struct Linearisation : Block<Real> {
     Base::gram(row);
     for (Count i = 0; i < stride; ++i) set(own, i, Real{});
     Base::solve(own);
+    Base::hold(batch, row, own);
     for (Count i = 0; i < m; ++i) set(acceleration, i, at<Real>(own, i));
     Base::to_basis(acceleration);
     Base::template along<1>({acceleration}, {spin});
@@ -374,6 +431,7 @@ struct Linearisation : Block<Real> {
       }
     }
     solve_system();
+    if (holds > 0) hold_system();
     write_system(out);
   }
 
@@ -386,6 +444,7 @@ struct Linearisation : Block<Real> {
       }
     }
     Base::forces(batch, row);
+    const double* const forces_of = Base::force;
     Base::gram(row);
     for (Count i = 0; i < m; ++i) {
       for (Count j = 0; j < m; ++j) {
@@ -400,6 +459,7 @@ struct Linearisation : Block<Real> {
     for (Count i = 0; i < m; ++i) {
       out[3 * m * m + i] = end[i];
       out[3 * m * m + m + i] = end[each + i];
+      out[3 * m * m + 2 * m + i] = forces_of[i];
     }
   }
 };

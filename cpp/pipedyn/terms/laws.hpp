@@ -11,6 +11,7 @@
 #include "pipedyn/terms/point_mass.hpp"
 #include "pipedyn/terms/spring.hpp"
 #include "pipedyn/terms/stop.hpp"
+#include "pipedyn/terms/stretching.hpp"
 #include "pipedyn/terms/tension.hpp"
 #include "pipedyn/terms/viscosity.hpp"
 
@@ -36,6 +37,7 @@ using Laws = LawTable<PointMass,    //
                       CubicSpring,  //
                       Stop,         //
                       AddedMass,    //
-                      Tension>;
+                      Tension,      //
+                      Stretching>;
 
 }  // namespace

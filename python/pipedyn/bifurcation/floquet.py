@@ -178,7 +178,7 @@ def _eigenvalues(motion: VectorField, orbit: PeriodicOrbit, maps: Array, units: 
         try:
             left, right = through(maps)
             if motion.constrained:
-                allowed = motion.model.motion.free_directions(orbit.starts[0]) / units[:, None]
+                allowed = motion.model.free_states(orbit.starts[0]) / units[:, None]
                 allowed, _ = np.linalg.qr(allowed)
                 left = allowed.T @ np.linalg.solve(right, left @ allowed)
                 right = np.eye(len(left))

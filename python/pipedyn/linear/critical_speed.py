@@ -65,7 +65,7 @@ class CriticalSpeed(Crossing):
     stable_at_rest: bool = field(kw_only=True)
     size: int = field(kw_only=True)
     pipe: Pipe = field(kw_only=True, repr=False)
-    _exact: Continuum | None = field(repr=False, compare=False, default=None)
+    _approximates: bool = field(repr=False, compare=False, default=False)
     _continuous: float | None = field(repr=False, default=None)
     _max_speed: float = field(repr=False, default=100.0)
 
@@ -76,7 +76,7 @@ class CriticalSpeed(Crossing):
         None for chains with springs or inertia of the user's own, infinite where the continuous
         pipe has no critical speed. The continuous pipe is solved at the first request.
         """
-        if self._exact is None:
+        if not self._approximates:
             return None
         if self._continuous is not None:
             return self._continuous
@@ -254,7 +254,7 @@ def _point(model: AnyModel, plan: Sequence[Job[Found]], known_to: float) -> Poin
         stable_at_rest=found[0].unstable_before == 0,
         size=solved[0].size,
         pipe=pipe,
-        _exact=Continuum(pipe) if model.approximates_pipe else None,
+        _approximates=model.approximates_pipe,
         _continuous=first.error if isinstance(model, Continuum) else None,
         _max_speed=known_to,
     )

@@ -60,8 +60,6 @@ class Continuum(OfPipe):
     Source: Gregory and Paidoussis (1966).
     """
 
-    takes_supports = True
-
     def __init__(self, pipe: Pipe) -> None:
         super().__init__(pipe)
         if pipe.jet_angle:

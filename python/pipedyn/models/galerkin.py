@@ -16,7 +16,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from pipedyn import _core
 from pipedyn.models.base import (
+    LARGEST_ANGLE,
     Model,
+    NotConverged,
     Operators,
     arc_lengths,
     core_pipe,
@@ -25,6 +27,7 @@ from pipedyn.models.base import (
     stored,
 )
 from pipedyn.models.free_functions import FreeFunctions, orthonormal
+from pipedyn.models.held_across import HeldAcross
 from pipedyn.models.pipe import Pipe
 from pipedyn.util import check
 from pipedyn.util.check import Array
@@ -41,6 +44,9 @@ SHORTEST_PANEL = 1e-4
 """Length of the shortest panel of a basis. To leave out a joint at the distance d from another
 costs d^3, 1e-11 of a critical speed at this length; on panels below a third of it functions move
 so little mass that rounding makes their eigenvalues any."""
+
+MISSED = 1e-6
+"""How far a state that is given in all coordinates may miss supports: integrators' tolerances."""
 
 
 @lru_cache(maxsize=32)
@@ -106,8 +112,6 @@ class Galerkin(Model):
     forces are those of Orsino and Di Giulio, eqs. (1)-(9), for segments without length.
     """
 
-    takes_supports = True
-
     def __init__(self, pipe: Pipe, m: int, basis: str = "beam") -> None:
         super().__init__(pipe)
         self._size = check.count("m", m, high=LARGEST_BASIS)
@@ -151,18 +155,12 @@ class Galerkin(Model):
         """Number of functions in large motions, which need not be 0 where the pipe is held."""
         return self._size + len(self._held)
 
-    @cached_property
-    def motion(self) -> Any:
-        if self._held:
-            raise ValueError(
-                f"motion must be of a pipe that is not held across, got {self._pipe!r}"
-            )
-        return self.core
-
     @property
     def coordinate_kind(self) -> str:
         joined = f" joined at {check.shown(self._joints)}" if self._joints.size else ""
-        return f"amplitudes of {self._size} {self._basis} functions{joined}"
+        of = self._pipe
+        held = "" if of.cantilevered else f", held {of.root!r} to {of.end!r} at {of.supports}"
+        return f"amplitudes of {self._size} {self._basis} functions{joined}{held}"
 
     basis = stored("_basis", "Name of the basis.")
 
@@ -231,7 +229,7 @@ class Galerkin(Model):
     @property
     def elastic_scale(self) -> Array:
         """Amplitudes of one elastic coordinate: q_i, shape (m,), or of varying stiffness (m, m)."""
-        return self._elastic[0]
+        return self._small[1]
 
     @property
     def elastic_share(self) -> Array:
@@ -246,29 +244,101 @@ class Galerkin(Model):
         by, share = orthonormal(by_core.T @ self.core.elastic() @ by_core, free.share)
         return free.scale[:, None] * by, share
 
+    @cached_property
+    def _small(self) -> tuple[Array | None, Array]:
+        """The core's functions by the model's coordinates, and these by elastic ones.
+
+        Of a pipe held across about what `about` chose its supports allow other directions than
+        about the straight pipe.
+        """
+        rest, spread = self._reference, self._free.spread
+        if rest is None or spread is None:
+            return spread, self._elastic[0]
+        by = self._supports.allowed(rest)
+        whole = np.diag(self.core.elastic_stiffness())
+        elastic = whole if self._pipe.stiffness is None else self.core.elastic()
+        return by, np.linalg.inv(np.linalg.cholesky(by.T @ elastic @ by)).T
+
     def operators(self, q: ArrayLike | None = None) -> Operators:
-        found, spread = super().operators(q), self._free.spread
-        return found if spread is None else self._held_across(found, spread)
+        found, by = super().operators(q), self._small[0]
+        if by is None:
+            return found
+        if q is not None:
+            by = self._supports.allowed(self._coordinates(q))
+        return self._held_across(found, by, q is None and self._reference is None)
 
     def elastic_operators(self) -> Operators:
-        rest, spread, scale = self._reference, self._free.spread, self.elastic_scale
+        (spread, scale), rest = self._small, self._reference
         found = self.core.operators() if rest is None else self.motion.operators(rest)
         if spread is not None:
             by = spread * scale if scale.ndim == 1 else spread @ scale
-            return self._held_across(operators_from(found, self._pipe), by)
+            return self._held_across(operators_from(found, self._pipe), by, rest is None)
         if scale.ndim == 2:
             return projected(operators_from(found, self._pipe), scale)
         return operators_from(found, self._pipe, np.outer(scale, scale))
 
-    def _held_across(self, core: Operators, by: Array) -> Operators:
-        """Operators about the straight pipe in coordinates of which the core's are `by` times."""
+    def _held_across(self, core: Operators, by: Array, straight: bool) -> Operators:
+        """Operators in coordinates of which the core's are `by` times."""
         found = projected(core, by)
         gyroscopic = 0.5 * (found.gyroscopic - found.gyroscopic.T)
-        if self._held[-1] != 1.0:
+        if not straight or self._held[-1] != 1.0:
             return replace(found, gyroscopic=gyroscopic)
         # Where nothing follows the flow and it does no work, exactly.
         flux, end_flux = 0.5 * (found.flux + found.flux.T), np.zeros_like(found.flux)
         return replace(found, gyroscopic=gyroscopic, flux=flux, end_flux=end_flux)
+
+    @cached_property
+    def _supports(self) -> HeldAcross:
+        return HeldAcross(self.core)
+
+    def free_directions(self, p: Array) -> Array:
+        return self._supports.allowed(p) if self._held else super().free_directions(p)
+
+    def free_states(self, y: Array) -> Array:
+        return self._supports.free_states(y) if self._held else super().free_states(y)
+
+    def projected(self, p: Array, rates: Array) -> tuple[Array, Array]:
+        return self._supports.projected(p, rates) if self._held else (p, rates)
+
+    def recorded(self, p: Array, pdot: Array) -> tuple[Array, Array]:
+        q, rates = self.projected(p.T, pdot.T)
+        return q.T, rates.T
+
+    def start(self, q0: ArrayLike, qdot0: ArrayLike | None) -> Array:
+        q, exact = self._spread("q0", q0)
+        rates = np.zeros_like(q) if qdot0 is None else self._spread("qdot0", qdot0)[0]
+        state = self._closed("q0", q, rates)
+        missed = float(np.abs(state - np.concatenate([q, rates])).max())
+        if exact and missed > MISSED:
+            raise ValueError(
+                f"q0 and qdot0 must meet the supports, got a deviation of {missed:.1e}; those "
+                f"close to {self.dof} small amplitudes are found"
+            )
+        return state
+
+    def _spread(self, name: str, given: ArrayLike) -> tuple[Array, bool]:
+        """Amplitudes of the core's functions, and whether these were given."""
+        rule: dict[str, Any] = {"low": -LARGEST_ANGLE, "high": LARGEST_ANGLE}
+        spread = self._free.spread
+        if spread is None:
+            return check.array(name, given, size=self.dof, **rule), True
+        rows = check.array(name, given, **rule)
+        if rows.size not in spread.shape:
+            listed = " or ".join(f"({size},)" for size in sorted(spread.shape))
+            raise ValueError(f"{name} must have shape {listed}, got {rows.shape}")
+        exact = rows.size == self.coordinates
+        return rows if exact else spread @ rows, exact
+
+    def _closed(self, name: str, q: Array, rates: Array) -> Array:
+        """The state [q, q'] close by that meets the supports."""
+        state = np.concatenate(self.projected(q, rates))
+        if not np.isfinite(state).all():
+            raise NotConverged(f"no configuration close to {name} meets the supports", q)
+        return state
+
+    def _coordinates(self, q: ArrayLike) -> Array:
+        rows, exact = self._spread("q", q)
+        return rows if exact else self._closed("q", rows, np.zeros_like(rows))[: rows.size]
 
     def from_elastic(self, z: ArrayLike) -> NDArray[Any]:
         columns, scale = self._columns("z", z), self.elastic_scale
@@ -334,8 +404,7 @@ class Galerkin(Model):
         return count + math.ceil(most)
 
     def largest_angle(self, p: NDArray[Any]) -> float:
-        across = self.functions(np.linspace(0.0, 1.0, 401)) @ p
-        return float(np.abs(np.diff(across)).max()) * 400
+        return float(np.abs(self.core.basis(np.linspace(0.0, 1.0, 401), 1) @ p).max())
 
     @cached_property
     def _fit(self) -> tuple[Array, Array]:
@@ -347,7 +416,8 @@ class Galerkin(Model):
 
     def bent(self, angle: Callable[[Array], ArrayLike]) -> Array:
         nodes, fit = self._fit
-        return np.asarray(fit @ self._angles(angle, nodes))
+        q = np.asarray(fit @ self._angles(angle, nodes))
+        return self._closed("angle", q, np.zeros_like(q))[: q.size]
 
     def deflection(self, q: ArrayLike, s: ArrayLike) -> NDArray[Any]:
         at = arc_lengths(s)
@@ -355,6 +425,7 @@ class Galerkin(Model):
         if rest is None:
             return self.functions(at) @ columns
         flat = columns.reshape(self.dof, -1)
+        flat = flat if self._small[0] is None else self._small[0] @ flat
         moved = self._integrated(
             lambda slopes: np.cos(slopes @ rest)[:, None] * (slopes @ flat), rest, at
         )

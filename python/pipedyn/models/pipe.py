@@ -22,7 +22,14 @@ from pipedyn.models.supports import (
     checked_supports,
     root_stiffness,
 )
-from pipedyn.models.terms import AddedMass, Term, checked_terms, converted, in_range
+from pipedyn.models.terms import (
+    AddedMass,
+    Stretching,
+    Term,
+    checked_terms,
+    converted,
+    in_range,
+)
 from pipedyn.util import check
 
 Flow = Literal["ejecting", "aspirating"]
@@ -156,6 +163,13 @@ class Pipe:
             )
         for name, value in checked.items():
             object.__setattr__(self, name, value)
+        if self.end in ("free", "guided"):
+            for i, term in enumerate(self.terms):
+                if isinstance(term, Stretching):
+                    raise ValueError(
+                        f'terms[{i}] stretches a pipe whose end is "pinned" or "clamped", got end '
+                        f"{self.end!r}"
+                    )
 
     @classmethod
     def from_si(

@@ -327,7 +327,7 @@ def _compiled(model: Model) -> object:
     if isinstance(motion, SceneMotion):
         whole = motion.core if motion.core.compliance.size else motion.core.chain
         return whole if motion.is_compiled else None
-    return motion if isinstance(motion, (_core.Chain, _core.Galerkin)) else None
+    return motion if isinstance(motion, (_core.Chain, _core.Galerkin, _core.Scene)) else None
 
 
 def state_after(

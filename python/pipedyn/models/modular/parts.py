@@ -101,7 +101,8 @@ class TorsionalSpring(Module):
 
     Attributes:
         joint: number of the joint, from 1; joint j holds segment j to segment j - 1, joint 1 holds
-            segment 1 to the clamp.
+            segment 1 to the root, and joint n + 1, where the pipe has one, a guided or clamped end
+            to segment n.
         stiffness: in EI / L, >= 0.
         damping: moment in unit rate, in EI T / L, >= 0; where None the pipe's Kelvin-Voigt damping,
             delta times the stiffness.

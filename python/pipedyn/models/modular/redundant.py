@@ -48,6 +48,11 @@ class RedundantForm:
         """The chain without springs and dampers at its joints, for linear operators."""
         return self.layout.compiled(self.pipe, sprung=False).chain
 
+    @cached_property
+    def joints(self) -> Array:
+        """Spring, damping and moment at rest of each joint, a root's spring in series, (.., 3)."""
+        return self.core.chain.joints
+
     # ------------------------------------------------------------------------------------- modules
 
     def mass(self, q: Array) -> Array:
@@ -126,14 +131,18 @@ class RedundantForm:
         on_nodes[-1] -= pipe.inflow_share * momentum[-1]
         lacking = (1.0 - pipe.inflow_share) * math.sqrt(pipe.beta) * pipe.direction * u
         on_nodes[-1] += lacking * speed
-        jet = math.cos(pipe.jet_angle) * along[-1] + math.sin(pipe.jet_angle) * _across(along)[-1]
-        on_nodes[-1] -= pipe.alpha * u**2 * jet / lengths[-1]
+        end = np.array([0.0, 1.0]) if layout.guided else along[-1] / lengths[-1]
+        jet = math.cos(pipe.jet_angle) * end + math.sin(pipe.jet_angle) * _across(end[None])[0]
+        on_nodes[-1] -= pipe.alpha * u**2 * jet
 
         total = self.customs.force(q, rates)
         total[0::3] += on_nodes[1:, 0]
         total[1::3] += on_nodes[1:, 1]
-        total[2::3] += layout.rest_moments - layout.springs * q[2::3]
-        total[2::3] -= layout.joint_damping(pipe) * rates[2::3]
+        n = layout.size
+        spring, damping, rest = self.joints.T
+        total[2::3] += rest[:n] - spring[:n] * q[2::3] - damping[:n] * rates[2::3]
+        if layout.guided:  # by the angle of the last segment, the sum of the joints'
+            total[2::3] -= spring[n] * q[2::3].sum() + damping[n] * rates[2::3].sum()
         return total
 
     def moments_by_state(self, theta: Array, omega: Array, force: Array) -> Array:
