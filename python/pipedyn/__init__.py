@@ -32,6 +32,7 @@ from pipedyn.models import modular
 from pipedyn.models.base import Model, NotConverged, Operators, PipedynError, Power
 from pipedyn.models.chain import Chain
 from pipedyn.models.continuum import Continuum
+from pipedyn.models.drive import Harmonic, Pulsation
 from pipedyn.models.end_coefficient import end_coefficient
 from pipedyn.models.galerkin import Galerkin
 from pipedyn.models.pipe import Pipe, Scales
@@ -89,6 +90,7 @@ __all__ = [
     "Failure",
     "Foundation",
     "Galerkin",
+    "Harmonic",
     "Hopf",
     "LimitCycle",
     "LyapunovExponent",
@@ -110,6 +112,7 @@ __all__ = [
     "PointMass",
     "Power",
     "Profile",
+    "Pulsation",
     "Relevance",
     "RootLoci",
     "RootSpring",

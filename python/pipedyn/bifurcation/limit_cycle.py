@@ -27,8 +27,8 @@ from pipedyn.bifurcation.periodic_orbit import PeriodicOrbit, refined, resolved
 from pipedyn.bifurcation.vector_field import VectorField
 from pipedyn.linear.critical_speed import crossings
 from pipedyn.linear.eigenproblem import Complex
-from pipedyn.linear.modes import LARGEST_SPEED
 from pipedyn.models.base import Model, NotConverged, PipedynError
+from pipedyn.models.drive import LARGEST_SPEED
 from pipedyn.motion.simulate import (
     Motion,
     MotionStopped,

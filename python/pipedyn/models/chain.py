@@ -463,8 +463,8 @@ class Chain(Model):
     def free_states(self, y: Array) -> Array:
         return super().free_states(y) if self.supported is None else self.supported.free_states(y)
 
-    def motion_rates(self, y: Array, u: float | Array) -> Array:
-        return np.asarray(self.motion.rhs(0.0, y, u))
+    def motion_rates(self, y: Array, u: float | Array, drive: Array | None = None) -> Array:
+        return np.asarray(self.motion.rhs(0.0, y, u, drive))
 
     def projected(self, p: Array, rates: Array) -> tuple[Array, Array]:
         if self.supported is None:
