@@ -404,12 +404,13 @@ class Model(OfPipe, ABC):
         """
 
     @abstractmethod
-    def deflection(self, q: ArrayLike, s: ArrayLike) -> NDArray[Any]:
+    def deflection(self, q: ArrayLike, s: ArrayLike, derivative: int = 0) -> NDArray[Any]:
         """Transverse displacement for small q at arc lengths s, shape (p,) or (p, k).
 
         Args:
             q: coordinates, real or complex, shape (dof,) or (dof, k).
             s: arc lengths from the clamp in L, each in [0, 1], shape (p,).
+            derivative: 0, or 1 for its slope; where segments of a chain meet, the mean of both.
         """
 
     def tips(self, q: ArrayLike) -> Array:

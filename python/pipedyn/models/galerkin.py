@@ -256,9 +256,9 @@ class Galerkin(Model):
         nodes, fit = self._fit
         return np.asarray(fit @ self._angles(angle, nodes))
 
-    def deflection(self, q: ArrayLike, s: ArrayLike) -> NDArray[Any]:
-        at = arc_lengths(s)
-        return self.functions(at) @ self._displaced(q, at.size)
+    def deflection(self, q: ArrayLike, s: ArrayLike, derivative: int = 0) -> NDArray[Any]:
+        at, order = arc_lengths(s), check.count("derivative", derivative, low=0, high=1)
+        return self.functions(at, order) @ self._displaced(q, at.size)
 
 
 def enriched(model: Galerkin, more: int) -> Galerkin:
