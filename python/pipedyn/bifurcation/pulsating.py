@@ -10,16 +10,29 @@ are blocks; H is a polynomial of second degree in each of its arguments.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
+from itertools import product
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from pipedyn.bifurcation.floquet import by_series
 from pipedyn.bifurcation.periodic_orbit import NODES
-from pipedyn.linear.eigenproblem import Complex
-from pipedyn.models.base import Model, NotConverged, Operators
+from pipedyn.linear.eigenproblem import Complex, eigenproblem
+from pipedyn.models.base import Operators
+from pipedyn.models.continuum import FUNCTIONS_A_JOINT, AnyModel, Continuum
+from pipedyn.models.galerkin import basis_joints
 from pipedyn.util.check import Array
+
+
+HARMONICS = 20
+"""Orders up to which resonances are counted."""
+
+SMALL = 30
+"""Degrees of freedom up to which all are kept: Hill's equations have some ten times as many."""
 
 
 @dataclass(frozen=True)
@@ -61,13 +74,49 @@ class PulsatingPipe:
 
     def steady(self, amplitude: float) -> Complex:
         """Eigenvalues with the means of u and u^2 for these: where regions come from."""
-        square = self.mean**2 * (1.0 + 0.5 * amplitude**2)
-        inverse = np.linalg.inv(self.mass)
-        stiffness = self.stiffness + square * self.flux
-        velocity = self.damping + self.mean * self.velocity
-        lower = -inverse @ np.hstack([stiffness, velocity])
-        upper = np.eye(self.size, 2 * self.size, self.size)
-        return np.asarray(np.linalg.eigvals(np.vstack([upper, lower])), dtype=np.complex128)
+        mean = self.mean**2 * (1.0 + 0.5 * amplitude**2)
+        return np.asarray(np.linalg.eigvals(self.companion(self.mean, mean)), dtype=np.complex128)
+
+    def companion(self, speed: float, square: float) -> Array:
+        """Derivative of the state's rate by the state [q, q'] with these for u and u^2."""
+        return np.tensordot([1.0, speed, square], self.companions()[:3], 1)
+
+    def companions(self) -> Array:
+        """Its parts by 1, u, u^2 and u', (4, 2 n, 2 n)."""
+        n = self.size
+        made = np.zeros((4, 2 * n, 2 * n))
+        made[0, :n, n:] = np.eye(n)
+        still, square, rate, damping, velocity = self._forces
+        made[:, n:, :n] = still, np.zeros((n, n)), square, rate
+        made[:2, n:, n:] = damping, velocity
+        return made
+
+    def require_stable(self, highest: float) -> None:
+        """Raises ValueError if rest is unstable at the mean speed, as its modes up to five times a
+        frequency say."""
+        values = self.steady(0.0)
+        values = values[np.abs(values) < max(5.0 * highest, 50.0)]
+        worst = float(values.real.max(initial=0.0))
+        if worst > 1e-7 * max(1.0, float(np.abs(values).max(initial=0.0))):
+            raise ValueError(
+                f"mean must be a speed at which the pipe is stable, got {self.mean:g}, at which "
+                f"motions grow like exp({worst:.2g} tau)"
+            )
+
+    def resonance(self, kind: str, frequency: float) -> float:
+        """The frequency nearest to another from which a region of a conservative pipe comes."""
+        values = self.steady(0.0)
+        omega = np.unique(np.abs(values.imag)[np.abs(values.imag) > 0.0])
+        if kind == "combination":
+            i, j = np.triu_indices(omega.size, 1)
+            of = np.concatenate([omega[i] + omega[j], omega[j] - omega[i]])
+        else:
+            of = 2.0 * omega
+        order = np.arange(1.0, 2.0 * HARMONICS)
+        if kind != "combination":
+            order = order[:: 2] if kind == "subharmonic" else order[1::2]
+        every = (of[:, None] / order).ravel()
+        return float(every[np.argmin(np.abs(every - frequency))])
 
     def multipliers(self, amplitude: float, frequency: float) -> tuple[Complex, float]:
         """Floquet multipliers, the largest modulus first, and the error of the worst.
@@ -75,31 +124,34 @@ class PulsatingPipe:
         Raises:
             NewtonFailed: if they overflow.
         """
-        period = 2.0 * math.pi / frequency
-        inverse = np.linalg.inv(self.mass)
-        products = [
-            inverse @ part
-            for part in (self.stiffness, self.flux, self.unsteady, self.damping, self.velocity)
-        ]
-        largest = self.mean * (1.0 + amplitude)
-        fastest = math.sqrt(
-            max(np.abs(np.linalg.eigvals(products[0] + largest**2 * products[1])).max(), 1.0)
-        )
-        count = 8
+        given, parts = self._along(amplitude, frequency)
+        roots, error = by_series(*given, parts)
+        order = np.lexsort((-roots.imag, -np.abs(roots).round(11)))
+        return roots[order], error
+
+    def _along(
+        self, amplitude: float, frequency: float
+    ) -> tuple[tuple[Array, Array, Array], NDArray[np.int_]]:
+        """What `interval_maps` takes of a period."""
+        count, period = 8, 2.0 * math.pi / frequency
         phases = 2.0 * math.pi * (np.arange(count)[:, None] + NODES) / count
         speed = self.mean * (1.0 + amplitude * np.cos(phases))
         rate = -self.mean * amplitude * frequency * np.sin(phases)
-        factors = np.stack([np.ones_like(speed), speed**2, rate], axis=-1)
-        by_position = np.tensordot(factors, np.stack(products[:3]), 1)
-        by_velocity = np.tensordot(factors[..., :1], products[3][None], 1)
-        by_velocity = by_velocity + speed[..., None, None] * products[4]
-        rows = -np.concatenate([by_position, by_velocity], axis=-1)
+        one = np.ones_like(speed)
+        by_position = np.tensordot(np.stack([one, speed**2, rate], -1), self._forces[:3], 1)
+        by_velocity = np.tensordot(np.stack([one, speed], -1), self._forces[3:], 1)
         units = np.ones(2 * self.size)
-        units[self.size :] = fastest
-        parts = np.full(count, math.ceil(3.0 * (fastest * period) ** (1.0 / 3.0)))
-        roots, error = by_series(rows, np.full(count, period / count), units, parts)
-        order = np.lexsort((-roots.imag, -np.abs(roots).round(11)))
-        return roots[order], error
+        units[self.size :] = math.sqrt(max(np.abs(by_position).max(), 1.0))
+        fastest = math.sqrt(np.abs(np.linalg.eigvals(self._forces[0])).max())
+        parts = np.full(count, math.ceil(2.0 * (fastest * period) ** (1.0 / 3.0)))
+        rows = np.concatenate([by_position, by_velocity], axis=-1)
+        return (rows, np.full(count, period / count), units), parts
+
+    @cached_property
+    def _forces(self) -> Array:
+        """Accelerations by position, times 1, u^2 and u', and by velocity, times 1 and u."""
+        forces = self.stiffness, self.flux, self.unsteady, self.damping, self.velocity
+        return -np.linalg.solve(self.mass, np.stack(forces))
 
 
 class Hill:
@@ -107,6 +159,13 @@ class Hill:
 
     def __init__(self, pipe: PulsatingPipe, many: int) -> None:
         self.pipe, self.many = pipe, many
+        self._polynomials = dict[float | None, Polynomial]()
+
+    @cached_property
+    def is_hermitian(self) -> bool:
+        """Whether H is Hermitian, as of pipes that neither gain nor lose energy."""
+        h = self.matrix(11.0, 3.0, 0.1, 2 * self.many + 1)
+        return bool(np.abs(h - h.conj().T).max() <= 1e-11 * np.abs(h).max())
 
     def matrix(self, frequency: float, nu: float, amplitude: float, count: int) -> Complex:
         """H, shape (count n, count n), of count harmonics from -many on."""
@@ -129,30 +188,72 @@ class Hill:
             blocks[to, :, to - 2 * way] = swing**2 * pipe.flux
         return blocks.reshape(count * n, count * n)
 
-    def real(self, frequency: float, share: float, amplitude: float) -> Array:
-        """H with nu = share * frequency, share 0 or 1/2, in the cosines and sines of real motions."""
+    def polynomial(self, share: float | None) -> Polynomial:
+        """H by w and the amplitude, nu being share * w, in the cosines and sines of real motions.
+
+        By w, nu and the amplitude where no share is given. Shares are 0 and 1/2.
+        """
+        if share not in self._polynomials:
+            self._polynomials[share] = self._polynomial(share)
+        return self._polynomials[share]
+
+    def _polynomial(self, share: float | None) -> Polynomial:
+        if share is None:
+            return Polynomial(lambda *at: self.matrix(*at, 2 * self.many + 1), 3)
         count = 2 * self.many + (share == 0.0)
-        h = self.matrix(frequency, share * frequency, amplitude, count)
-        blocks = h.reshape(count, self.pipe.size, count, self.pipe.size)
-        turn = _real_form(count)
-        made = np.einsum("ij,jakb,lk->ialb", turn, blocks, turn.conj(), optimize=True)
-        return np.ascontiguousarray(made.real.reshape(h.shape))
+        turn = np.kron(_real_form(count), np.eye(self.pipe.size))
+
+        def real(frequency: float, amplitude: float) -> Array:
+            h = self.matrix(frequency, share * frequency, amplitude, count)
+            return np.ascontiguousarray((turn @ h @ turn.conj().T).real)
+
+        return Polynomial(real, 2)
 
     def edges(self, share: float, amplitude: float) -> Array:
         """All frequencies of motions with nu = share * frequency, rising: eigenvalues of H."""
-        still, ahead, behind = (self.real(w, share, amplitude) for w in (0.0, 1.0, -1.0))
-        first, second = 0.5 * (ahead - behind), 0.5 * (ahead + behind) - still
+        of = self.polynomial(share)
+        still, slope, ahead = of(0.0, amplitude), of.by(0, 0.0, amplitude), of(1.0, amplitude)
         size = len(still)
-        # Of 1 / w, as H of one harmonic may have no second degree.
+        # Of 1 / w, as H of one harmonic has no second degree.
         try:
-            upper = -np.linalg.solve(still, np.hstack([first, second]))
+            upper = -np.linalg.solve(still, np.hstack([slope, ahead - slope - still]))
         except np.linalg.LinAlgError:
             return np.empty(0)
         values = np.linalg.eigvals(np.vstack([upper, np.eye(size, 2 * size)]))
         frequencies = 1.0 / values[np.abs(values) > 1e-12]
         real = np.abs(frequencies.imag) < 1e-8 * np.abs(frequencies)
-        found: Array = frequencies.real[real & (frequencies.real > 0.0)]
-        return np.sort(found)
+        return np.sort(frequencies.real[real & (frequencies.real > 0.0)])
+
+
+class Polynomial:
+    """A matrix that is a polynomial of second degree in each of some numbers."""
+
+    def __init__(self, of: Callable[..., NDArray[Any]], numbers: int) -> None:
+        points = product((-1.0, 0.0, 1.0), repeat=numbers)
+        values = np.stack([of(*point) for point in points])
+        coefficients = values.reshape(*[3] * numbers, *values.shape[1:])
+        for axis in range(numbers):
+            less, none, more = np.moveaxis(coefficients, axis, 0)
+            parts = none, 0.5 * (more - less), 0.5 * (more + less) - none
+            coefficients = np.stack(parts, axis)
+        every = coefficients.reshape(3**numbers, -1)
+        sizes = np.abs(every).max(axis=1)
+        kept = sizes > 1e-15 * sizes.max()
+        powers = np.array(list(product(range(3), repeat=numbers)))
+        self._powers, self._parts, self._shape = powers[kept], every[kept], values.shape[1:]
+
+    def __call__(self, *at: float) -> NDArray[Any]:
+        """The matrix."""
+        return self._sum(np.prod(np.array(at) ** self._powers, axis=1))
+
+    def by(self, i: int, *at: float) -> NDArray[Any]:
+        """Its derivative by the number i."""
+        powers = self._powers.copy()
+        powers[:, i] = np.maximum(powers[:, i] - 1, 0)
+        return self._sum(self._powers[:, i] * np.prod(np.array(at) ** powers, axis=1))
+
+    def _sum(self, factors: Array) -> NDArray[Any]:
+        return np.asarray(factors @ self._parts).reshape(self._shape)
 
 
 def _real_form(count: int) -> Complex:
@@ -165,3 +266,22 @@ def _real_form(count: int) -> Complex:
         if i != j:
             turn[i, j] = root if i < j else 1j * root
     return turn
+
+
+def pulsating_pipe(model: AnyModel, mean: float, size: int) -> PulsatingPipe:
+    """Of a model up to 30 degrees of freedom; of others their lowest modes, of the continuous pipe
+    a reduced model, so many."""
+    if isinstance(model, Continuum):
+        inner = basis_joints(model.pipe.terms).size
+        return PulsatingPipe.of(model.frozen(size + FUNCTIONS_A_JOINT * inner).elastic_operators(), mean)
+    whole = PulsatingPipe.of(model.elastic_operators(), mean)
+    if whole.size <= SMALL:
+        return whole
+    spectrum, vectors = eigenproblem(model).spectrum(), list[Array]()
+    for speed in mean * np.array([1.0, 0.7, 1.3]):
+        pairs = spectrum.lowest(speed, 2 * size, left=False, high=True)
+        some = pairs.right[:, pairs.converged & (pairs.values.imag >= 0.0)]
+        weights = 1.0 / np.arange(1.0, some.shape[1] + 1.0) ** 2
+        vectors += [some.real * weights, some.imag * weights]
+    left, _, _ = np.linalg.svd(np.concatenate(vectors, axis=1), full_matrices=False)
+    return whole.projected(np.ascontiguousarray(left[:, : 2 * size]))
