@@ -30,9 +30,10 @@ py::ssize_t work_of(const Chain& chain) { return chain.dof(); }
 py::ssize_t work_of(const Galerkin& motion) { return 4 * motion.dof() * motion.dof(); }
 
 template <class Model>
-Numbers jacobian(const Model& model, const py::object&, const py::object& y, const py::object& u) {
+Numbers jacobian(const Model& model, const py::object&, const py::object& y, const py::object& u,
+                 const py::object& drive) {
   const auto work = [&](const Batch& batch, double* out) { model.jacobian(batch, out); };
-  return pipedyn::jacobians_of(2 * model.dof(), work_of(model), y, u, work);
+  return pipedyn::jacobians_of(2 * model.dof(), work_of(model), y, u, drive, work);
 }
 
 template <class Model>
@@ -40,27 +41,30 @@ void define_equations(py::class_<Model>& model) {
   using py::object;
   // Rates of states that have so many rows besides [p, p'].
   const auto rates = [](auto work, py::ssize_t more) {
-    return [work, more](const Model& of, const object&, const object& y, const object& u) {
+    return [work, more](const Model& of, const object&, const object& y, const object& u,
+                        const object& drive) {
       const py::ssize_t rows = 2 * of.dof() + more;
-      return pipedyn::results_of(rows, rows, work_of(of), y, u,
+      return pipedyn::results_of(rows, rows, work_of(of), y, u, drive,
                                  [&](const Batch& batch, double* out) { work(of, batch, out); });
     };
   };
-  model.def("rhs", rates(std::mem_fn(&Model::rhs), 0), "t"_a, "y"_a, "u"_a)
-      .def("rhs_and_power", rates(std::mem_fn(&Model::rhs_and_power), 1), "t"_a, "y"_a, "u"_a)
-      .def("jacobian", jacobian<Model>, "t"_a, "y"_a, "u"_a)
+  const auto drive = "drive"_a = py::none();
+  model.def("rhs", rates(std::mem_fn(&Model::rhs), 0), "t"_a, "y"_a, "u"_a, drive)
+      .def("rhs_and_power", rates(std::mem_fn(&Model::rhs_and_power), 1), "t"_a, "y"_a, "u"_a,
+           drive)
+      .def("jacobian", jacobian<Model>, "t"_a, "y"_a, "u"_a, drive)
       .def(
           "energy",
-          [](const Model& of, const object& y) {
-            return pipedyn::energy_of(of, 2 * of.dof(), work_of(of), y);
+          [](const Model& of, const object& y, const object& drive) {
+            return pipedyn::energy_of(of, 2 * of.dof(), work_of(of), y, drive);
           },
-          "y"_a)
+          "y"_a, drive)
       .def(
           "power",
-          [](const Model& of, const object& y, const object& u) {
-            return pipedyn::power_of(of, 2 * of.dof(), work_of(of), y, u);
+          [](const Model& of, const object& y, const object& u, const object& drive) {
+            return pipedyn::power_of(of, 2 * of.dof(), work_of(of), y, u, drive);
           },
-          "y"_a, "u"_a);
+          "y"_a, "u"_a, drive);
 }
 
 }  // namespace
@@ -102,7 +106,8 @@ PYBIND11_MODULE(_core, m, py::mod_gil_not_used()) {
       .def_readonly("end_flux", &Operators::end_flux)
       .def_readonly("damping", &Operators::damping)
       .def_readonly("stiffness", &Operators::stiffness)
-      .def_readonly("flux", &Operators::flux);
+      .def_readonly("flux", &Operators::flux)
+      .def_readonly("unsteady", &Operators::unsteady);
 
   py::class_<Chain> chain(m, "Chain");
   chain
@@ -120,11 +125,11 @@ PYBIND11_MODULE(_core, m, py::mod_gil_not_used()) {
       .def(
           "joint_times",
           [](const Chain& chain, const pipedyn::Matrix& x, double still, double rate, double square,
-             double velocity, double flux, double gravity) {
-            return chain.joint_times(x, {still, rate, square, velocity, flux, gravity});
+             double velocity, double flux, double gravity, double unsteady) {
+            return chain.joint_times(x, {still, rate, square, velocity, flux, gravity, unsteady});
           },
           "x"_a, "still"_a = 0.0, "rate"_a = 0.0, "square"_a = 0.0, "velocity"_a = 0.0,
-          "flux"_a = 0.0, "gravity"_a = 0.0, Unlocked())
+          "flux"_a = 0.0, "gravity"_a = 0.0, "unsteady"_a = 0.0, Unlocked())
       .def("guided", &Chain::guided, "held"_a)
       .def("places", &Chain::places)
       .def("loads", &Chain::loads, "stations"_a);
@@ -148,7 +153,7 @@ PYBIND11_MODULE(_core, m, py::mod_gil_not_used()) {
           [](const Galerkin& model, const py::object& y) {
             const auto tips = [&](const Batch& batch, double* out) { model.tips(batch, out); };
             return pipedyn::results_of(2 * model.dof(), 4, work_of(model), y, py::float_(0.0),
-                                       tips);
+                                       py::none(), tips);
           },
           "y"_a)
       .def("functions_by_panel", [](const Galerkin& model) { return model.basis().by_panel(); })

@@ -5,6 +5,7 @@
 #include <pybind11/pybind11.h>
 #include <pybind11/stl.h>
 
+#include <array>
 #include <cmath>
 #include <string>
 
@@ -21,46 +22,63 @@ using namespace py::literals;
 
 namespace {
 
-/// Flow speeds at times, of which members.
-using SpeedsAt =
-    std::function<void(const Vector& t, const std::vector<Index>& which, Reals& speeds)>;
+/// Flow speeds and drives of members at times; drive (Drive::rows, members), empty where nothing
+/// drives them.
+struct Flows {
+  Reals u;
+  Matrix drive;
 
-/// The value of a function u(t), which was tried at some times alone.
-double checked_speed(const py::object& u, double t) {
-  const auto name = [t] { return "u(" + std::to_string(t) + ")"; };
-  double value = 0.0;
-  try {
-    value = u(t).cast<double>();
-  } catch (const py::cast_error&) {
-    throw py::type_error(name() + " must be a real number");
+  Batch of(const double* y) const {
+    return {.y = y,
+            .u = u.data(),
+            .members = u.size(),
+            .u_step = 1,
+            .drive = drive.size() > 0 ? drive.data() : nullptr};
   }
-  if (value >= 0.0 && std::isfinite(value)) return value;
-  throw py::value_error(name() + " must be >= 0 and finite, got " + std::to_string(value));
+};
+using FlowsAt = std::function<void(const Vector& t, const std::vector<Index>& which, Flows& flows)>;
+
+/// The value of a function of time to a speed and a drive.
+std::array<double, 1 + Drive::rows> checked_flow(const py::object& u, double t) {
+  const auto value = u(t).cast<std::array<double, 1 + Drive::rows>>();
+  if (value[0] >= 0.0 && std::isfinite(value[0])) return value;
+  throw py::value_error("u(" + std::to_string(t) + ") must be >= 0 and finite, got " +
+                        std::to_string(value[0]));
 }
 
-/// u: one a member, or a function of time for all.
-SpeedsAt speeds_at(const py::object& u) {
+/// u: a steady speed a member, or a function of time to speed and drive for all.
+FlowsAt flows_at(const py::object& u) {
   if (!PyCallable_Check(u.ptr())) {
-    return [all = u.cast<Reals>()](const Vector&, const std::vector<Index>& which, Reals& speeds) {
-      speeds = all(which);
+    return [all = u.cast<Reals>()](const Vector&, const std::vector<Index>& which, Flows& flows) {
+      flows.u = all(which);
     };
   }
-  return [u](const Vector& t, const std::vector<Index>&, Reals& speeds) {
+  return [u](const Vector& t, const std::vector<Index>&, Flows& flows) {
     const py::gil_scoped_acquire locked;
-    speeds.resize(t.size());
-    for (Index j = 0; j < t.size(); ++j) speeds[j] = checked_speed(u, t[j]);
+    flows.u.resize(t.size());
+    flows.drive.resize(Drive::rows, t.size());
+    for (Index j = 0; j < t.size(); ++j) {
+      const auto value = checked_flow(u, t[j]);
+      flows.u[j] = value[0];
+      for (Index k = 0; k < Drive::rows; ++k) flows.drive(k, j) = value[1 + k];
+    }
   };
 }
 
-/// A function of a compiled model's states at a speed each.
+/// A function of a compiled model's states at a flow each.
 template <class Model, class Function>
 Rates function_rates(const Model& model, const py::object& u, const Function& function) {
-  return [&model, function, at = speeds_at(u), speeds = Reals()](const Vector& t, const double* y,
-                                                                 const std::vector<Index>& which,
-                                                                 double* rates) mutable {
-    at(t, which, speeds);  // a force of their derivatives would enter beside them
-    function(model, Batch{y, speeds.data(), speeds.size(), 1}, rates);
+  return [&model, function, at = flows_at(u), flows = Flows()](const Vector& t, const double* y,
+                                                               const std::vector<Index>& which,
+                                                               double* rates) mutable {
+    at(t, which, flows);
+    function(model, flows.of(y), rates);
   };
+}
+
+/// A drive as Python takes it: (Drive::rows, members), or None.
+py::object drive_argument(const Matrix& drive) {
+  return drive.size() > 0 ? py::cast(drive) : py::none();
 }
 
 /// Rates [q', q'', power] of a compiled model's states with the work done on them.
@@ -69,19 +87,20 @@ Rates compiled_rates(const Model& model, const py::object& u) {
   return function_rates(model, u, std::mem_fn(&Model::rhs_and_power));
 }
 
-/// Those of a function of times, states (rows, members) and their speeds. A ValueError means that
-/// there are none.
+/// Those of a function of times, states (rows, members), their speeds and drive. A ValueError means
+/// that there are none.
 Rates called_rates(const py::function& function, Index rows, const py::object& u) {
-  return [function, rows, at = speeds_at(u), speeds = Reals()](const Vector& t, const double* y,
-                                                               const std::vector<Index>& which,
-                                                               double* rates) mutable {
-    at(t, which, speeds);
+  return [function, rows, at = flows_at(u), flows = Flows()](const Vector& t, const double* y,
+                                                             const std::vector<Index>& which,
+                                                             double* rates) mutable {
+    at(t, which, flows);
     const py::gil_scoped_acquire locked;
     const Index members = static_cast<Index>(which.size());
     Numbers states({rows, members});
     std::copy_n(y, rows * members, states.mutable_data());
     try {
-      const Numbers found = function(t, states, speeds).cast<Numbers>();
+      const Numbers found =
+          function(t, states, flows.u, drive_argument(flows.drive)).cast<Numbers>();
       if (found.size() != rows * members)
         throw py::value_error("rates must have the states' shape");
       std::copy_n(found.data(), rows * members, rates);
@@ -107,20 +126,23 @@ ImplicitRates implicit_rates(const Model& model, const py::object& u,
   return {function_rates(model, u, std::mem_fn(rhs)),
           function_rates(model, u,
                          [](const Model& of, const Batch& batch, double* out) {
-                           Matrix parts(4, batch.members);
+                           Matrix parts(5, batch.members);
                            of.power(batch, parts.data());
                            Eigen::Map<Vector>(out, batch.members) = parts.colwise().sum();
                          }),
           2 * model.dof(), std::move(systems)};
 }
 
-/// Of a function of a time, a state (rows,) and its speed.
+/// Of a function of a time, a state (rows,), its speed and drive.
 DenseSystems::Jacobian called_jacobian(const py::function& function, Index rows,
-                                       const SpeedAt& speed) {
-  return [function, rows, speed](double t, const double* y, Index member, double* out) {
-    const double u = speed(t, member);
+                                       const FlowAt& flow_at) {
+  return [function, rows, flow_at](double t, const double* y, Index member, double* out) {
+    const Flow flow = flow_at(t, member);
     const py::gil_scoped_acquire locked;
-    const Numbers found = function(t, Numbers(rows, y), u).cast<Numbers>();
+    const py::object drive =
+        flow.driven ? py::cast(Vector(Eigen::Map<const Vector>(flow.drive, Drive::rows)))
+                    : py::none();
+    const Numbers found = function(t, Numbers(rows, y), flow.u, drive).cast<Numbers>();
     if (found.size() != rows * rows) throw py::value_error("a Jacobian must have a row a state");
     std::copy_n(found.data(), rows * rows, out);
   };
@@ -128,31 +150,32 @@ DenseSystems::Jacobian called_jacobian(const py::function& function, Index rows,
 
 ImplicitRates implicit_rates_of(const py::object& of, const py::object& jacobian, Index rows,
                                 const py::object& u) {
-  const SpeedAt speed = [at = speeds_at(u)](double t, Index member) {
-    Reals one;
-    at(Vector::Constant(1, t), {member}, one);
-    return one[0];
+  const FlowAt flow_at = [at = flows_at(u)](double t, Index member) {
+    Flows flows;
+    at(Vector::Constant(1, t), {member}, flows);
+    Flow one{.u = flows.u[0], .driven = flows.drive.size() > 0};
+    std::copy_n(flows.drive.data(), flows.drive.size(), one.drive);
+    return one;
   };
   if (py::isinstance<Chain>(of)) {
     const Chain& chain = of.cast<const Chain&>();
-    return implicit_rates(chain, u, &Chain::rhs, std::make_unique<ChainSystems>(chain, speed));
+    return implicit_rates(chain, u, &Chain::rhs, std::make_unique<ChainSystems>(chain, flow_at));
   }
   if (py::isinstance<Scene>(of)) {
     const Scene& scene = of.cast<const Scene&>();
     return implicit_rates(scene, u, &Scene::returning_rhs,
-                          std::make_unique<SceneSystems>(scene, speed));
+                          std::make_unique<SceneSystems>(scene, flow_at));
   }
   if (py::isinstance<Galerkin>(of)) {
     const Galerkin& model = of.cast<const Galerkin&>();
-    const auto slopes = [&model, speed](double t, const double* y, Index member, double* out) {
-      const double u = speed(t, member);
-      model.jacobian({y, &u, 1, 0}, out);
+    const auto slopes = [&model, flow_at](double t, const double* y, Index member, double* out) {
+      model.jacobian(flow_at(t, member).of(y), out);
     };
     return implicit_rates(model, u, &Galerkin::rhs,
                           std::make_unique<DenseSystems>(slopes, 2 * model.dof()));
   }
   return {rates_of(of, rows, u), nullptr, rows,
-          std::make_unique<DenseSystems>(called_jacobian(jacobian, rows, speed), rows)};
+          std::make_unique<DenseSystems>(called_jacobian(jacobian, rows, flow_at), rows)};
 }
 
 /// Explicit without a Jacobian.

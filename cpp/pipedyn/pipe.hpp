@@ -28,10 +28,11 @@ struct Pipe {
 };
 
 /// Linear operators about the straight pipe at rest, each (dof, dof):
-///   mass q'' + (s u (gyroscopic + end_flux) + damping) q' + (stiffness + a u^2 flux) q = 0.
-/// gyroscopic is skew, end_flux symmetric of rank one; both carry sqrt(beta).
+///   mass q'' + (s u (gyroscopic + end_flux) + damping) q'
+///     + (stiffness + a u^2 flux + s u' unsteady) q = 0.
+/// gyroscopic is skew, end_flux symmetric of rank one; with unsteady they carry sqrt(beta).
 struct Operators {
-  Matrix mass, gyroscopic, end_flux, damping, stiffness, flux;
+  Matrix mass, gyroscopic, end_flux, damping, stiffness, flux, unsteady;
 
   explicit Operators(Index dof)
       : mass(Matrix::Zero(dof, dof)),
@@ -39,7 +40,8 @@ struct Operators {
         end_flux(Matrix::Zero(dof, dof)),
         damping(Matrix::Zero(dof, dof)),
         stiffness(Matrix::Zero(dof, dof)),
-        flux(Matrix::Zero(dof, dof)) {}
+        flux(Matrix::Zero(dof, dof)),
+        unsteady(Matrix::Zero(dof, dof)) {}
 };
 
 }  // namespace pipedyn

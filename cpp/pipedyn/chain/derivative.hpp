@@ -147,8 +147,8 @@ struct Response {
 struct Linearised {
   const MotionModel& model;
   const double *rates, *slopes;  // the second of further moments
-  double u;
-  double *sine, *cosine;  // of each segment's angle
+  double u, push;                // the second: sqrt(beta) U'
+  double *sine, *cosine;         // of each segment's angle
   Kept* kept;
   LoadMoments* loads;
 
@@ -167,10 +167,13 @@ struct Linearised {
     kept = reinterpret_cast<Kept*>(cosine + whole_packs(n));
     loads = reinterpret_cast<LoadMoments*>(kept + n);
     const Sweep<double> sweep(n, scratch);
-    accelerations_of<true>(model, Members<double>{one, 0, 1}, sweep, nullptr, false, kept);
+    const Members<double> member{one, 0, 1};
+    const Driven<double> driven = member.drive();
+    push = model.coriolis * driven.rate;
+    accelerations_of<true>(model, member, sweep, nullptr, false, kept);
     for (Count j = 0; j < whole_packs(n); ++j) scratch[j] = j < n ? one.y[j] : 0.0;
     sincos(scratch, n, sine, cosine);
-    if (loaded()) load_moments(model, sine, cosine, rates, loads);
+    if (loaded()) load_moments(model, sine, cosine, rates, driven, loads);
   }
   bool loaded() const { return model.load_count > 0; }
   Frame frame(Count k) const { return Frame(sine[k], cosine[k]); }
@@ -183,6 +186,7 @@ struct Linearised {
                          : rate_source(model, kept[k], k, rates[k], u);
     if (loaded()) add_loads_to(found, loads[k], frame(k), angle, rates[k]);
     if (angle && slopes != nullptr) found.moment += slopes[k];
+    if (angle) found.force_n += push * model.links[k].length;
     return found;
   }
 };

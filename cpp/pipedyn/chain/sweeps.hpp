@@ -17,11 +17,13 @@
 //   A_{j-1} = A_j + m_j - c_j e_j^T,
 //   b_{j-1} = b_j - w_j^2 (l_j A_j + m_j chi_j l_j) t_j + c_j g_j
 //             + (2 sqrt(beta) U l_j w_j + d_j) n_j.
-// A load f at an arm a of segment j adds a n_j . f to tau_j and -f to b_{j-1}.
-// 1 / H_j enters last wherever it can, so that a segment waits for its neighbour's division alone.
-// These are eqs. (1)-(11) of Orsino and Di Giulio, solved by one sweep to the tip (velocities, only
-// with drag), one back and one out. Across the segment, differences of nearly equal numbers are
-// taken by hand: with I_j the inertia about the joint,
+// A load f at an arm a of segment j adds a n_j . f to tau_j and -f to b_{j-1}. Where the speed
+// changes, the fluid's acceleration is the load -sqrt(beta) U' l_j t_j in the middle; where the
+// base moves, a_0 has its acceleration besides, and drag and terms see its velocity and position:
+// the flow's other forces do not. 1 / H_j enters last wherever it can, so that a segment waits for
+// its neighbour's division alone. These are eqs. (1)-(11) of Orsino and Di Giulio, solved by one
+// sweep to the tip (velocities, only with drag), one back and one out. Across the segment,
+// differences of nearly equal numbers are taken by hand: with I_j the inertia about the joint,
 //   n . A_{j-1} n = m_j (n . A_j n ((1 - chi_j)^2 l_j^2 + eta_j^2) + m_j eta_j^2) / H_j,
 //   t . A_{j-1} n = t . A_j n (I_j - m_j chi_j l_j^2) / H_j,   and n . b_{j-1} likewise,
 //   1 - l_j n . e_j = (I_j - m_j chi_j l_j^2) / H_j.
@@ -68,6 +70,9 @@ struct Members {
     write(out + j * batch.members + first, x);
   }
   Real speed() const { return batch.u_step == 0 ? all<Real>(batch.u[0]) : read(batch.u + first); }
+  Driven<Real> drive() const {
+    return Driven<Real>::of(batch, [&](Count k) { return read_row(batch.drive, k); });
+  }
 };
 
 /// Scratch of the sweeps, one Real a segment in each; two serve twice.
@@ -125,12 +130,11 @@ void read_state(const Members<Real>& members, Count n, const Sweep<Real>& sweep)
   sincos(sweep.turn, n * lanes<Real>, sweep.sine, sweep.cosine);
 }
 
-/// Calls body(j, vt, vn, w) with the velocity of the clamped side of each segment in its frame,
-/// from the clamp on; returns that of the free end through the last two arguments.
+/// Calls body(j, vt, vn, w) with the velocity of the clamped side of each segment in its frame, the
+/// clamp's to begin with, which the last two arguments have; returns that of the free end in these.
 template <class Real, class Body>
 void for_each_velocity(const MotionModel& model, const Sweep<Real>& sweep, const Body& body,
                        Real& vt, Real& vn) {
-  vt = vn = Real{};
   for (Count j = 0; j < model.size; ++j) {
     const Real s = sweep.at(sweep.sine, j), c = sweep.at(sweep.cosine, j);
     const Real w = sweep.at(sweep.rate, j);
@@ -142,17 +146,55 @@ void for_each_velocity(const MotionModel& model, const Sweep<Real>& sweep, const
   }
 }
 
-/// Adds the terms' loads, the moments of bent joints at rest and the batch's further moments to the
-/// drag on each segment: what acts across it, along it and about its joint, with the signs of
-/// resistance. Returns the terms' power.
+/// What a change of the flow speed and the motion of the base do, summed from segment to segment.
 template <class Real>
-Real add_loads(const MotionModel& model, const Members<Real>& members, const Sweep<Real>& sweep) {
-  Real power{};
+struct DrivePower {
+  const Driven<Real>& driven;
+  Real push;                            // sqrt(beta) U'
+  Real rx{}, ry{}, px{}, py{}, flow{};  // what resists, momentum about the base, power of `push`
+
+  DrivePower(const MotionModel& model, const Driven<Real>& by)
+      : driven(by), push(model.coriolis * by.rate) {}
+
+  /// Segment j with its rate and what resists along and across it, the walk at its joint.
+  void pass(const Link& link, const Walk<Real>& walk, const Real& rate, const Real& along,
+            const Real& across) {
+    const Real vx = walk.vx - driven.vx, vy = walk.vy - driven.vy;
+    const Real swing = link.first_moment * rate;
+    rx += along * walk.sine + across * walk.cosine;
+    ry += along * walk.cosine - across * walk.sine;
+    px += link.mass * vx + swing * walk.cosine;
+    py += link.mass * vy - swing * walk.sine;
+    flow -= (link.length * push) * (walk.sine * vx + walk.cosine * vy);
+  }
+  /// Of the base: what its motion adds to the energy that is counted in its frame.
+  Real base() const {
+    return (rx * driven.vx + ry * driven.vy) - (px * driven.ax + py * driven.ay);
+  }
+};
+
+/// Power of terms, of a change of the flow speed and of the base's motion.
+template <class Real>
+struct LoadPower {
+  Real terms{}, flow{}, base{};
+};
+
+/// Adds the terms' loads, the moments of bent joints at rest, the batch's further moments and what
+/// drives it to the drag on each segment: what acts across it, along it and about its joint, with
+/// the signs of resistance. Where something drives it the last two arguments, the free end's
+/// velocity in the frame of the last segment, become that about the base.
+template <class Real>
+LoadPower<Real> add_loads(const MotionModel& model, const Members<Real>& members,
+                          const Sweep<Real>& sweep, Real& end_along, Real& end_across) {
+  LoadPower<Real> power;
   const double* const moments = members.batch.moments;
-  Walk<Real> walk(model);
+  const bool drives = members.batch.drive != nullptr;
+  const Driven<Real> driven = members.drive();
+  DrivePower<Real> drive(model, driven);
+  Walk<Real> walk(model, driven);
   for (Count j = 0; j < model.size; ++j) {
     const Link& link = model.links[j];
-    const Real drag = sweep.at(sweep.drag, j);
+    const Real drag = sweep.at(sweep.drag, j), rate = sweep.at(sweep.rate, j);
     Real along{}, across = drag, moment = link.drag_arm * drag;
     moment -= link.rest_moment - (j + 1 < model.size ? model.links[j + 1].rest_moment : 0.0);
     if (moments != nullptr) moment -= members.read_row(moments, j);
@@ -163,17 +205,30 @@ Real add_loads(const MotionModel& model, const Members<Real>& members, const Swe
       along -= place.weight * (at.sine * load.x + at.cosine * load.y);
       across -= normal;
       moment -= place.arm * normal;
-      power += place.weight * law.power(at);
+      power.terms += place.weight * law.power(at);
     };
-    walk.pass(j, link.length, sweep.at(sweep.rate, j), visit);
+    if (!drives) {
+      walk.pass(j, link.length, rate, visit);
+    } else {
+      const Walk<Real> joint = walk;
+      walk.pass(j, link.length, rate, visit);
+      drive.pass(link, joint, rate, along, across);
+      along += link.length * drive.push;
+    }
     sweep.set(sweep.drag, j, across);
     sweep.set(sweep.along, j, along);
     sweep.set(sweep.moment, j, moment);
   }
+  if (!drives) return power;
+  const Real vx = walk.vx - driven.vx, vy = walk.vy - driven.vy;
+  end_along = walk.sine * vx + walk.cosine * vy;
+  end_across = walk.cosine * vx - walk.sine * vy;
+  power.flow = drive.flow;
+  power.base = drive.base();
   return power;
 }
 
-/// What acts on the segments besides inertia, flow and joints.
+/// What acts on the segments besides inertia, a steady flow and joints.
 enum class Outer { nothing, drag, loads };  // loads: as in add_loads, with drag if there is any
 
 /// Rates (2 n, members), and below them the power where it is asked for.
@@ -184,6 +239,14 @@ void accelerations(const MotionModel& model, const Members<Real>& members, Sweep
   read_state(members, n, sweep);
 
   Real power{}, end_along{}, end_across{};
+  Real at = all<Real>(-model.gravity), an{};  // acceleration of the clamp
+  if constexpr (outer == Outer::loads) {
+    const Driven<Real> driven = members.drive();
+    end_along = driven.vy;
+    end_across = driven.vx;
+    at += driven.ay;
+    an = driven.ax;
+  }
   if constexpr (outer != Outer::nothing) {
     for_each_velocity(
         model, sweep,
@@ -200,7 +263,10 @@ void accelerations(const MotionModel& model, const Members<Real>& members, Sweep
         },
         end_along, end_across);
   }
-  if constexpr (outer == Outer::loads) power += add_loads(model, members, sweep);
+  if constexpr (outer == Outer::loads) {
+    const LoadPower<Real> parts = add_loads(model, members, sweep, end_along, end_across);
+    power += parts.terms + parts.flow + parts.base;
+  }
 
   const Real u = members.speed(), coriolis = model.coriolis * u;
   const Real pull = model.centrifugal * (u * u);
@@ -267,7 +333,6 @@ void accelerations(const MotionModel& model, const Members<Real>& members, Sweep
     bn = s * force_along + c * force_across;
   }
 
-  Real at = all<Real>(-model.gravity), an{};
   for (Count j = 0; j < n; ++j) {
     const double l = model.links[j].length;
     const Real s = sweep.at(sweep.sine, j), c = sweep.at(sweep.cosine, j);
@@ -305,7 +370,8 @@ void accelerations(const MotionModel& model, const Members<Real>& members, Sweep
 template <bool keep, class Real>
 void accelerations_of(const MotionModel& model, const Members<Real>& members, Sweep<Real> sweep,
                       double* rates, bool with_power, Kept* kept) {
-  if (model.load_count > 0 || model.bent || members.batch.moments != nullptr) {
+  const Batch& batch = members.batch;
+  if (model.load_count > 0 || model.bent || batch.moments != nullptr || batch.drive != nullptr) {
     accelerations<Real, Outer::loads, keep>(model, members, sweep, rates, with_power, kept);
   } else if (model.drag) {
     accelerations<Real, Outer::drag, keep>(model, members, sweep, rates, with_power, kept);

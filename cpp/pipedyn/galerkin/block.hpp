@@ -16,7 +16,7 @@
 
 namespace {
 
-using pipedyn::Batch, pipedyn::MotionEffects, pipedyn::PanelTerm;
+using pipedyn::Batch, pipedyn::Drive, pipedyn::MotionEffects, pipedyn::PanelTerm;
 
 /// Hands out the thread's scratch; without any it only counts.
 struct Layout {
@@ -154,6 +154,23 @@ struct Block {
     signed_weights_of<Real>(grid, velocity, weighted, rest);
   }
 
+  /// A row of a batch's drive, 0 where nothing drives it.
+  Real driven(const Batch& batch, Count of) const {
+    return batch.drive == nullptr ? Real{} : at<Real>(batch.drive, of);
+  }
+
+  /// Adds what the base does to velocities and positions about it, from column on.
+  void add_base(const Batch& batch, Count row, Count column) {
+    if (batch.drive == nullptr || !resists) return;
+    for (Count p = 0; p < points; ++p) {
+      double* const v = moments + p * row + column * lanes<Real>;
+      for (Count k = 0; k < 2; ++k) {
+        add(v, k, driven(batch, Drive::velocity + k));
+        if (loads) add(v, 2 + k, driven(batch, Drive::position + k));
+      }
+    }
+  }
+
   /// Calls body(law, station, point, weight) wherever a term acts; column: the velocity's.
   template <class Body>
   void for_each_station(Count row, Count column, const Body& body) const {
@@ -179,8 +196,16 @@ struct Block {
     }
   }
 
+  /// sqrt(beta) U'.
+  Real unsteady(const Batch& batch) const {
+    return (0.5 * effects.coriolis) * driven(batch, Drive::rate);
+  }
+
   /// All generalised forces but inertia's that is linear in q'', by orthonormal coordinates.
-  void forces(const double* y, const Real& u, Count row) {
+  void forces(const Batch& batch, Count row) {
+    const Real u = load<Real>(batch.u), push = unsteady(batch);
+    const Real across_base = driven(batch, Drive::acceleration);
+    const Real weight = effects.gamma - driven(batch, Drive::acceleration + 1);
     bool flows = false;
     double speeds[lanes<Real>];
     store(speeds, u);
@@ -190,7 +215,12 @@ struct Block {
     for (Count p = 0; p < points; ++p) {
       const double* const bent = moments + p * row + bias * lanes<Real>;
       const double mass_of = grid.mass[p];  // inertia and weight
-      Real x = -mass_of * at<Real>(bent, 0), y_load = mass_of * (effects.gamma - at<Real>(bent, 1));
+      Real x = -mass_of * (at<Real>(bent, 0) + across_base);
+      Real y_load = mass_of * (weight - at<Real>(bent, 1));
+      if (batch.drive != nullptr) {
+        x -= grid.weight[p] * push * at<Real>(sine, p);
+        y_load -= grid.weight[p] * push * at<Real>(cosine, p);
+      }
       if (flows || drags) {
         Real across{};
         if (flows) across = grid.weight[p] * coriolis * at<Real>(omega, p);
@@ -226,7 +256,7 @@ struct Block {
       }
       for (Count k = 0; k < tile; ++k) store(force + i * lanes<Real> + k * width, sum[k]);
     }
-    elastic(y);
+    elastic(batch.y);
   }
 
   void elastic(const double* y) {
@@ -333,18 +363,19 @@ struct Block {
     set_acceleration(row, bias);
     if (resists) set_velocity(row, bias + 2);
     integrate(grid, row, integrated * lanes<Real>, integrands, moments);
+    add_base(batch, row, bias + 2);
     return row;
   }
 
   void accelerations(const Batch& batch, double* out) {
     const Count row = kinematics(batch, integrated);
-    forces(batch.y, load<Real>(batch.u), row);
+    forces(batch, row);
     gram(row);
     solve(out);
     to_basis(out);
   }
 
-  /// Velocities, and positions where a term reads them.
+  /// Velocities, and positions where a term reads them, about the base.
   Count velocities(const Batch& batch) {
     const Count row = row_length(loads ? 4 : 2);
     angles(batch.y);
@@ -392,6 +423,7 @@ struct Block {
         twice += 2.0 * effects.gamma * grid.weight[p] * grid.beyond[p] * rise;
       }
     }
+    add_base(batch, row, 0);
     for_each_station(row, 0, [&](const auto& law, const auto& station, Count, double w) {
       twice += (2.0 * w) * law.energy(station);
     });
@@ -402,13 +434,29 @@ struct Block {
     const Count end = points - 1;
     const Real u = load<Real>(batch.u);
     Count row = 0;
-    Real last[4];
-    if (resists) {
+    Real last[4], pushed{}, based{};
+    if (resists || batch.drive != nullptr) {
       row = velocities(batch);
       for (Count i = 0; i < 2; ++i) last[2 + i] = at<Real>(moments + end * row, i);
     } else {
       at_end(batch.y, last);
     }
+    if (batch.drive != nullptr) {
+      const Real push = unsteady(batch);
+      const Real ax = driven(batch, Drive::acceleration);
+      const Real ay = driven(batch, Drive::acceleration + 1);
+      for (Count p = 0; p < points; ++p) {
+        const Real vx = at<Real>(moments + p * row, 0), vy = at<Real>(moments + p * row, 1);
+        pushed -= (grid.weight[p] * push) * (at<Real>(sine, p) * vx + at<Real>(cosine, p) * vy);
+        based -= grid.mass[p] * (ax * vx + ay * vy);
+      }
+      add_base(batch, row, 0);
+    }
+    // What a load along and down takes from the energy as the base moves.
+    const auto carried = [&](const Real& across, const Real& down) {
+      return Real(driven(batch, Drive::velocity) * across +
+                  driven(batch, Drive::velocity + 1) * down);
+    };
     const Real x = last[2], y = last[3];
     const Real along = at<Real>(sine, end) * x + at<Real>(cosine, end) * y;
     const Real flux = 0.5 * effects.coriolis * u, thrust = effects.centrifugal * (u * u);
@@ -423,16 +471,22 @@ struct Block {
       drag(row, 0);
       for (Count p = 0; p < end; ++p) {
         const Real v = at<Real>(velocity, p);
-        dragged -= effects.drag * at<Real>(weighted, p) * (v * v * v);
+        const Real force = effects.drag * at<Real>(weighted, p) * (v * v);
+        dragged -= force * v;
+        based += force * carried(at<Real>(cosine, p), Real(-at<Real>(sine, p)));
       }
     }
     for_each_station(row, 0, [&](const auto& law, const auto& station, Count, double w) {
       others += w * law.power(station);
+      if (batch.drive == nullptr) return;
+      const auto load = law.load(station);
+      based -= w * carried(load.x, load.y);
     });
-    set(out, 0, Real(-flux * (x * x + y * y) - thrust * along));
+    set(out, 0, Real(pushed - flux * (x * x + y * y) - thrust * along));
     set(out, 1, joints);
     set(out, 2, dragged);
     set(out, 3, others);
+    set(out, 4, based);
   }
 };
 

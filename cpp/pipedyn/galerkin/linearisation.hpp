@@ -142,8 +142,9 @@ struct Linearisation : Block<Real> {
   /// basis: system (padded, 2 strides), rows by orthonormal coordinates. After `forces` and with
   /// q'' in `own` and `spin`. The loads beyond a node act on what it moves: the quadrature's
   /// integration by parts, S^T W = w w^T - W S, gives those of the nodes.
-  void linearise(const Real& u, Count row) {
+  void linearise(const Batch& batch, Count row) {
     const Count stride = mass_stride(), end = points - 1;
+    const Real u = load<Real>(batch.u), push = Base::unsteady(batch);
     const Real coriolis = effects.coriolis * u, thrust = effects.centrifugal * (u * u);
     if (loads) {
       for (Count k = 0; k < points * stride; ++k) set(by_angle, k, Real{});
@@ -175,7 +176,7 @@ struct Linearisation : Block<Real> {
       const Real bent = s * load_beyond(bias) + c * load_beyond(bias + 1);
       const Real flow = grid.weight[p] * coriolis;
       Real forward = flow * w;  // load across the pipe, turned along it
-      Real sideways = p == end ? Real(-thrust) : Real{};
+      Real sideways = p == end ? Real(-thrust) : Real(-grid.weight[p] * push);
       if (drags) {
         const Real v = at<Real>(velocity, p);
         forward += effects.drag * at<Real>(weighted, p) * (v * v);
@@ -282,15 +283,14 @@ struct Linearisation : Block<Real> {
 
   void jacobian(const Batch& batch, double* out) {
     const Count row = Base::kinematics(batch, last), stride = mass_stride();
-    const Real u = load<Real>(batch.u);
-    Base::forces(batch.y, u, row);
+    Base::forces(batch, row);
     Base::gram(row);
     for (Count i = 0; i < stride; ++i) set(own, i, Real{});
     Base::solve(own);
     for (Count i = 0; i < m; ++i) set(acceleration, i, at<Real>(own, i));
     Base::to_basis(acceleration);
     Base::template along<1>({acceleration}, {spin});
-    linearise(u, row);
+    linearise(batch, row);
     for (Count j = 0; j < m; ++j) {
       const Count most = grid.to_basis == nullptr ? j + 1 : m;
       for (Count i = j; i < most; ++i) {
@@ -312,7 +312,7 @@ struct Linearisation : Block<Real> {
         for (Count i = 0; i < m; ++i) set(moments + p * row, i, displacements[p * m + i]);
       }
     }
-    Base::forces(batch.y, load<Real>(batch.u), row);
+    Base::forces(batch, row);
     Base::gram(row);
     for (Count i = 0; i < m; ++i) {
       for (Count j = 0; j < m; ++j) {
@@ -321,7 +321,7 @@ struct Linearisation : Block<Real> {
     }
     for (Count i = 0; i < stride; ++i) own[i] = 0.0;
     for (Count p = 0; p < points; ++p) spin[p] = 0.0;
-    linearise(load<Real>(batch.u), row);
+    linearise(batch, row);
     write_system(out + m * m);
     const double* const end = moments + (points - 1) * row;
     for (Count i = 0; i < m; ++i) {

@@ -335,7 +335,9 @@ void Scene::redundant_rhs(const Batch& states, double* rates) const {
   const Index n = dof(), size = coordinates(), members = states.members;
   const Matrix y = angles(states);
   Matrix turning(2 * n, members);
-  rhs({y.data(), states.u, members, states.u_step, states.moments}, turning.data());
+  Batch batch = states;
+  batch.y = y.data();
+  rhs(batch, turning.data());
   Matrix sine, cosine;
   turn(y.topRows(n), sine, cosine);
   Eigen::Map<Matrix> out(rates, 2 * size, members);
@@ -427,10 +429,12 @@ void Scene::jacobian(const Batch& batch, double rate, const Matrix& by_state, do
   };
   for (Index k = 0; k < members; ++k) {
     const Vector y = column(batch.y, rows, k);
-    Vector moments;
+    Vector moments, drive;
     if (batch.moments != nullptr) moments = column(batch.moments, n, k);
+    if (batch.drive != nullptr) drive = column(batch.drive, Drive::rows, k);
     const auto or_none = [](const Vector& of) { return of.size() > 0 ? of.data() : nullptr; };
     Batch one{y.data(), batch.u + k * batch.u_step, 1, 0, or_none(moments)};
+    one.drive = or_none(drive);
     const Linear about = linearised(one, rate);
     one.moments = or_none(about.moments);
     one.slopes = or_none(about.slopes);

@@ -250,10 +250,12 @@ def _in_core(tasks: Sequence[Task], shown: bool, observer: Observer) -> list[Out
     model = first.model
     u = first.u if callable(first.u) else np.array([task.u for task in tasks])
     start = np.stack([task.start for task in tasks], axis=1)
-    rates = _compiled(model) or (lambda t, y, u: model.motion.rhs_and_power(t[0], y, u))
+    rates = _compiled(model) or (
+        lambda t, y, u, drive: model.motion.rhs_and_power(t[0], y, u, drive)
+    )
     motion = _core.Integrator(
         *(rates, u, start, first.t0, first.rtol, first.atol, first.most, first.max_step),
-        None if first.method == "dop853" else lambda t, y, u: jacobian_of(model, y, u),
+        None if first.method == "dop853" else lambda t, y, u, drive: jacobian_of(model, y, u, drive),
     )
     monitors = [Monitor(task) for task in tasks]
     times, count = first.times, first.times.size
@@ -335,9 +337,9 @@ def state_after(
     By implicit steps where the Jacobian df/dy is given, else by explicit ones. Raises `Stopped`.
     """
     motion = _core.Integrator(
-        lambda t, y, u: np.stack([rates(column) for column in y.T], axis=1),
+        lambda t, y, u, drive: np.stack([rates(column) for column in y.T], axis=1),
         *(np.zeros(1), start[:, None], 0.0, rtol, atol, MOST_CALLS, math.inf),
-        None if jacobian is None else lambda t, y, u: jacobian(y),
+        None if jacobian is None else lambda t, y, u, drive: jacobian(y),
     )
     state = np.empty((1, 1, start.size))
     while not motion.advance(np.array([t]), state, CALLS)[0]:

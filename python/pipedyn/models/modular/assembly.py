@@ -502,7 +502,22 @@ class Assembly(Model):
         state = check.array("y", y, size=2 * self.coordinates)
         return self.motion.enforced(ENFORCEMENTS[name], state, u)
 
-    def jacobian(self, t: float, y: ArrayLike, u: float | ArrayLike) -> Array:
+    def require_base(self) -> None:
+        if self._customs:
+            raise ValueError(
+                "base must be at rest in a scene with custom modules: whether these stand on the "
+                "base or on the ground is not known"
+            )
+
+    def jacobian(
+        self,
+        t: float,
+        y: ArrayLike,
+        u: float | ArrayLike,
+        *,
+        u_dot: float | ArrayLike | None = None,
+        base: ArrayLike | None = None,
+    ) -> Array:
         """As for `Model.jacobian` of one state, (6 n, 6 n), of at most 1300 segments, in O(n^2).
 
         Accelerations change with the angles of the joints and their rates alone, see the class.
@@ -514,7 +529,8 @@ class Assembly(Model):
             raise ValueError(f"y must have shape ({2 * size},), got {state.shape}")
         self.core.power(state, u)  # checks both
         angles = np.cumsum(state.reshape(-1, 3)[:, 2].reshape(2, -1), axis=1).ravel()
-        by_angles = self.motion.accelerations_by_state(angles, float(np.asarray(u)))
+        drive = self._drive(state, u_dot, base)
+        by_angles = self.motion.accelerations_by_state(angles, float(np.asarray(u)), drive)
         # An angle is the sum of its joint's and those before, which no other coordinate changes.
         by_joints = np.cumsum(by_angles.reshape(size, 2, -1)[:, :, ::-1], axis=2)[:, :, ::-1]
         whole = np.eye(2 * size, k=size)
@@ -534,8 +550,8 @@ class Assembly(Model):
     def resting(self) -> Array:
         return self._layout.rest if self._reference is None else self._reference
 
-    def motion_jacobian(self, y: Array, u: float) -> Array:
-        return self.motion.jacobian(y, u)
+    def motion_jacobian(self, y: Array, u: float, drive: Array | None = None) -> Array:
+        return self.motion.jacobian(y, u, drive=drive)
 
     # ---------------------------------------------------------------------------------- geometry
 

@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipedyn import _core
+from pipedyn.models.drive import ROWS
 from pipedyn.models.modular.custom import CustomForces
 from pipedyn.models.modular.layout import Layout, coordinates_by_angles, nodes_by_angles
 from pipedyn.models.pipe import Pipe
@@ -65,14 +66,18 @@ class RedundantForm:
         nodes = np.diag(np.kron(own, [1.0, 1.0, 0.0])) + coupled + coupled.T
         return nodes + self.layout.inertia.T @ self.layout.inertia
 
-    def forces(self, y: Array, u: float) -> Array:
+    def forces(self, y: Array, u: float, drive: Array | None = None) -> Array:
         """Forces of all modules at a state [q, q'], shape (3 n,).
 
         Of the flow -sqrt(beta) U r_j' on r_{j-1} and sqrt(beta) U r_{j-1}' on r_j for each segment,
-        and on the end -sqrt(beta) U r_n' - a U^2 t; weights; -k (phi - psi) - c phi' of joints, psi
+        and on the end -sqrt(beta) U r_n' - a U^2 t; -sqrt(beta) U' l t of a segment in its middle;
+        weights, less the mass times the base's acceleration; -k (phi - psi) - c phi' of joints, psi
         the rest angle; -kappa l |v| v n at a segment's drag point, v = n . r', n = (t_y, -t_x);
-        those of terms and custom modules.
+        those of terms and custom modules. What drives the state, (ROWS,), see
+        `pipedyn.models.drive`, has U' and the base's motion, which drag and terms see.
         """
+        rate, *moves = np.zeros(ROWS) if drive is None else drive
+        place, speed, acceleration = np.reshape(moves, (3, 2))
         layout, pipe, lengths = self.layout, self.pipe, self.layout.lengths
         q, rates = np.split(y, 2)
         along, velocities = np.diff(layout.nodes(q), axis=0), layout.nodes(rates, order=1)
@@ -84,11 +89,12 @@ class RedundantForm:
 
         every = np.arange(layout.size)
         mass, chi, _ = self.core.bodies().T
-        add(chi, np.outer(mass, [0.0, pipe.gamma]), every)
+        add(chi, np.outer(mass, [0.0, pipe.gamma] - acceleration), every)
+        add(np.full(layout.size, 0.5), -math.sqrt(pipe.beta) * pipe.direction * rate * along, every)
         point, normal = layout.drag_points, _across(along) / lengths[:, None]
-        v = np.sum(normal * _between(velocities, point, every), axis=1)
+        v = np.sum(normal * (_between(velocities, point, every) + speed), axis=1)
         add(point, normal * (-pipe.drag * lengths * np.abs(v) * v)[:, None], every)
-        add(*self._terms(q, rates))
+        add(*self._terms(q, rates, place, speed))
         momentum = math.sqrt(pipe.beta) * pipe.direction * u * velocities
         on_nodes[:-1] -= momentum[1:]
         on_nodes[1:] += momentum[:-1]
@@ -121,8 +127,13 @@ class RedundantForm:
         change[:, :n] += np.diag(layout.moments(theta + 0.5 * math.pi, on_nodes)[:, 0])
         return change
 
-    def _terms(self, q: Array, rates: Array) -> tuple[Array, Array, NDArray[np.intp]]:
-        """Of the places where terms act: share of its segment's length, load, and the segment."""
+    def _terms(
+        self, q: Array, rates: Array, base: Array, speed: Array
+    ) -> tuple[Array, Array, NDArray[np.intp]]:
+        """Of the places where terms act: share of its segment's length, load, and the segment.
+
+        base, speed: position and velocity of the base, shape (2,) each.
+        """
         place, arm, weight = self.core.chain.places().T
         j = place.astype(np.intp)
         share = arm / self.layout.lengths[j]
@@ -132,7 +143,7 @@ class RedundantForm:
         turning = velocities[j + 1] - velocities[j]
         rate = np.sum(_across(along) / length**2 * turning, axis=1)
         where, moving = _between(nodes, share, j), _between(velocities, share, j)
-        stations = np.column_stack([where, along / length, moving, rate])
+        stations = np.column_stack([where + base, along / length, moving + speed, rate])
         return share, weight[:, None] * self.core.chain.loads(stations), j
 
     # --------------------------------------------------------------------------------- constraints
