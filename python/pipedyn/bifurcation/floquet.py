@@ -123,7 +123,10 @@ def by_series(
     differ by gives a better map: the error is how far this moves the multipliers.
 
     Args:
-        rows, durations, units, parts: as for `interval_maps`; the parts are those to begin with.
+        rows: as for `interval_maps`.
+        durations: also.
+        units: also.
+        parts: also; those to begin with.
         eigenvalues: the roots from the maps, raises `NewtonFailed` where they overflow; of the maps
             alone where not given.
         power: of the roots that the multipliers are.

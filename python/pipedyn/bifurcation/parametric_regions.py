@@ -103,7 +103,7 @@ class Edge(Continuation):
         return np.asarray(scale * self._of.by(i, *self._numbers(z)))
 
     def _null(self, z: Array) -> tuple[complex, Complex, Complex]:
-        """g with the vectors q and w, which hold H's null vectors where g is 0."""
+        """The function g with the vectors q and w, which are H's null vectors where g is 0."""
         h = self._of(*self._numbers(z))
         n = len(h)
         if self._border is None:
@@ -134,7 +134,7 @@ class Edge(Continuation):
         return np.array([g.real, by[1].real]), np.stack([by.real, second])
 
     def _slope(self, z: Array) -> float:
-        """dg / dnu of a conservative pipe."""
+        """Derivative of g by nu, of a conservative pipe."""
         _, q, w = self._null(z)
         return float(-np.vdot(w, self._by(z, 1) @ q).real)
 
@@ -145,6 +145,7 @@ class Edge(Continuation):
         self._border = (c, c) if self._paired else (b, c)
 
     def linearised(self, z: Array) -> Solver:
+        """The equations about unknowns."""
         residual, derivative = self.residual(z)
 
         def change(row: Array, gap: float, share: float) -> Array:
@@ -155,9 +156,11 @@ class Edge(Continuation):
         return change
 
     def relative(self, z: Array, step: Array) -> float:
+        """Length of a step: unknowns are of the order of 1."""
         return self.length(step)
 
     def check(self, z: Array) -> None:
+        """Raises NewtonFailed far from the start."""
         if not 0.05 < z[0] < 20.0 or not abs(z[-1]) < 2.0 * self.largest:
             raise NewtonFailed("Newton's method left the neighbourhood of its start")
 
@@ -281,7 +284,7 @@ def parametric_regions(
     if (np.diff(mu) <= 0.0).any():
         raise ValueError("amplitudes must be strictly increasing")
     low, high = checked_range("frequencies", frequencies)
-    if not 0.0 < low or high > 20.0 * low:
+    if not low > 0.0 or high > 20.0 * low:
         raise ValueError(
             f"frequencies must have 0 < low and high <= 20 low, got {check.shown(frequencies)}"
         )
@@ -432,9 +435,7 @@ def apart(one: Region, other: Region) -> float:
 # -------------------------------------------------------------------------------- finding edges
 
 
-def regions(
-    hill: Hill, amplitudes: Array, low: float, high: float
-) -> list[Region]:
+def regions(hill: Hill, amplitudes: Array, low: float, high: float) -> list[Region]:
     """All regions that touch a range of frequencies, by rising frequency."""
     found = list[Region]()
     window = 0.4 * low, 2.5 * high
@@ -512,7 +513,8 @@ class FewModes:
     """
 
     def __init__(self, pipe: PulsatingPipe, amplitude: float, highest: float) -> None:
-        values, right = np.linalg.eig(pipe.companion(pipe.mean, pipe.mean**2 * (1.0 + 0.5 * amplitude**2)))
+        square = pipe.mean**2 * (1.0 + 0.5 * amplitude**2)
+        values, right = np.linalg.eig(pipe.companion(pipe.mean, square))
         order = np.argsort(np.abs(values) + 1e9 * (values.imag <= 0.0))
         turning = int(np.count_nonzero(values.imag > 0.0))
         count = int(np.count_nonzero((values.imag > 0.0) & (np.abs(values) < highest)))
@@ -532,12 +534,13 @@ class FewModes:
 
         Growth of the largest, its nu, and the distance of the two that are nearest to each other.
         """
-        n, count = self.parts.shape[1], 48
+        count = 48
         found = np.full((frequencies.size, 3), [-1.0, 0.0, 2.0])
         phases = 2.0 * math.pi * (np.arange(count) + 0.5 + GAUSS[:, None]) / count
         speed = self.mean * (1.0 + self.amplitude * np.cos(phases))
         rate = -self.mean * self.amplitude * np.sin(phases)
-        still = np.tensordot(np.stack([np.ones_like(speed), speed, speed**2], -1), self.parts[:3], 1)
+        powers = speed[..., None] ** np.arange(3)
+        still = np.tensordot(powers, self.parts[:3], 1)
         moving = rate[..., None, None] * self.parts[3]
         for k, w in enumerate(frequencies.tolist()):
             first, second = (2.0 * math.pi / (w * count)) * (still + w * moving)

@@ -19,14 +19,29 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pipedyn.bifurcation.floquet import by_series
+from pipedyn.bifurcation.floquet import UNIT, by_series
 from pipedyn.bifurcation.periodic_orbit import NODES
 from pipedyn.linear.eigenproblem import Complex, eigenproblem
-from pipedyn.models.base import Operators
-from pipedyn.models.continuum import FUNCTIONS_A_JOINT, AnyModel, Continuum
+from pipedyn.linear.modes import largest_speed
+from pipedyn.models.base import Model, NotConverged, Operators
+from pipedyn.models.continuum import (
+    FUNCTIONS_A_JOINT,
+    AnyModel,
+    Continuum,
+    answered,
+    checked_model,
+    relative,
+)
+from pipedyn.models.drive import Pulsation
 from pipedyn.models.galerkin import basis_joints
+from pipedyn.util import check
 from pipedyn.util.check import Array
+from pipedyn.util.newton import NewtonFailed
+from pipedyn.util.result import result
+from pipedyn.util.threads import one_thread
 
+LARGEST = 100
+"""Degrees of freedom: matrices of 200 rows, and a second or two."""
 
 HARMONICS = 20
 """Orders up to which resonances are counted."""
@@ -92,8 +107,10 @@ class PulsatingPipe:
         return made
 
     def require_stable(self, highest: float) -> None:
-        """Raises ValueError if rest is unstable at the mean speed, as its modes up to five times a
-        frequency say."""
+        """Raises ValueError if rest is unstable at the mean speed.
+
+        Counted are its modes up to five times a frequency.
+        """
         values = self.steady(0.0)
         values = values[np.abs(values) < max(5.0 * highest, 50.0)]
         worst = float(values.real.max(initial=0.0))
@@ -114,7 +131,7 @@ class PulsatingPipe:
             of = 2.0 * omega
         order = np.arange(1.0, 2.0 * HARMONICS)
         if kind != "combination":
-            order = order[:: 2] if kind == "subharmonic" else order[1::2]
+            order = order[::2] if kind == "subharmonic" else order[1::2]
         every = (of[:, None] / order).ravel()
         return float(every[np.argmin(np.abs(every - frequency))])
 
@@ -151,7 +168,7 @@ class PulsatingPipe:
     def _forces(self) -> Array:
         """Accelerations by position, times 1, u^2 and u', and by velocity, times 1 and u."""
         forces = self.stiffness, self.flux, self.unsteady, self.damping, self.velocity
-        return -np.linalg.solve(self.mass, np.stack(forces))
+        return np.asarray(-np.linalg.solve(self.mass, np.stack(forces)))
 
 
 class Hill:
@@ -199,7 +216,7 @@ class Hill:
 
     def _polynomial(self, share: float | None) -> Polynomial:
         if share is None:
-            return Polynomial(lambda *at: self.matrix(*at, 2 * self.many + 1), 3)
+            return Polynomial(lambda w, nu, mu: self.matrix(w, nu, mu, 2 * self.many + 1), 3)
         count = 2 * self.many + (share == 0.0)
         turn = np.kron(_real_form(count), np.eye(self.pipe.size))
 
@@ -257,7 +274,7 @@ class Polynomial:
 
 
 def _real_form(count: int) -> Complex:
-    """Unitary, of cosines and sines by harmonics that are numbered so that k and -k are mirrored."""
+    """Unitary: cosines and sines from harmonics in order, k and -k in mirrored places."""
     turn = np.zeros((count, count), dtype=np.complex128)
     root = math.sqrt(0.5)
     for i in range(count):
@@ -269,11 +286,13 @@ def _real_form(count: int) -> Complex:
 
 
 def pulsating_pipe(model: AnyModel, mean: float, size: int) -> PulsatingPipe:
-    """Of a model up to 30 degrees of freedom; of others their lowest modes, of the continuous pipe
-    a reduced model, so many."""
+    """Of a model up to 30 degrees of freedom, of others from so many of their lowest modes.
+
+    Of the continuous pipe it is that of a reduced model with so many functions.
+    """
     if isinstance(model, Continuum):
-        inner = basis_joints(model.pipe.terms).size
-        return PulsatingPipe.of(model.frozen(size + FUNCTIONS_A_JOINT * inner).elastic_operators(), mean)
+        one = model.frozen(size + FUNCTIONS_A_JOINT * basis_joints(model.pipe.terms).size)
+        return PulsatingPipe.of(one.elastic_operators(), mean)
     whole = PulsatingPipe.of(model.elastic_operators(), mean)
     if whole.size <= SMALL:
         return whole
@@ -285,3 +304,89 @@ def pulsating_pipe(model: AnyModel, mean: float, size: int) -> PulsatingPipe:
         vectors += [some.real * weights, some.imag * weights]
     left, _, _ = np.linalg.svd(np.concatenate(vectors, axis=1), full_matrices=False)
     return whole.projected(np.ascontiguousarray(left[:, : 2 * size]))
+
+
+# ----------------------------------------------------------------------------------- multipliers
+
+
+@result
+class FloquetMultipliers:
+    """What a period of a pulsating flow makes of small motions of the straight pipe.
+
+    Attributes:
+        multipliers: complex, shape (2 dof,), the largest modulus first: some motion is multiplied
+            by one of these in each period. One at -1 changes sign from period to period.
+        growth: largest rate of growth, log |multiplier| / period, in 1 / T.
+        stable: whether none is larger than 1, by more than 1e-6.
+        pulsation: the flow speed.
+        model: the model.
+        size: degrees of freedom of the model solved.
+        error: of the worst multiplier, relative if above 1, as shorter intervals say; for
+            `Continuum` also what the largest one changes by from the basis before.
+    """
+
+    multipliers: Complex
+    growth: float
+    stable: bool
+    pulsation: Pulsation
+    model: AnyModel
+    size: int
+    error: float
+
+
+def floquet(model: AnyModel, pulsation: Pulsation) -> FloquetMultipliers:
+    """Floquet multipliers of the straight pipe whose flow speed pulsates.
+
+    Args:
+        model: chain, reduced model or scene up to 100 degrees of freedom, or `Continuum`.
+        pulsation: u = mean (1 + amplitude cos(frequency t)).
+
+    Raises:
+        NotConverged: if the largest multiplier of the continuous pipe does not converge, or
+            multipliers overflow.
+        ValueError, TypeError: for bad arguments.
+
+    Source: the variational equation by Magnus' series, see `bifurcation/magnus.py`.
+
+    Example:
+        >>> import pipedyn as pp
+        >>> model = pp.Galerkin(pp.Pipe(beta=0.2, gamma=10.0), 10, "legendre")
+        >>> found = pp.floquet(model, pp.Pulsation(6.0, 0.3, 30.0))
+        >>> round(found.multipliers[0].real, 4), found.stable
+        (-1.844, False)
+    """
+    checked_model(model)
+    if not isinstance(pulsation, Pulsation):
+        raise TypeError(f"pulsation must be a Pulsation, got {check.shown(pulsation)}")
+    check.real("pulsation.mean", pulsation.mean, low=0.0, high=largest_speed(model))
+    if isinstance(model, Model) and model.dof > LARGEST:
+        raise ValueError(
+            f"model must have at most {LARGEST} degrees of freedom for floquet, got {model.dof}"
+        )
+
+    def question(one: Model) -> tuple[Complex, float]:
+        pipe = PulsatingPipe.of(one.elastic_operators(), pulsation.mean)
+        with one_thread(2 * pipe.size):
+            return pipe.multipliers(pulsation.amplitude, pulsation.frequency)
+
+    def moved(before: tuple[Complex, float], after: tuple[Complex, float]) -> float:
+        return relative(*(np.abs(answer[0][:1]) for answer in (before, after)))
+
+    speeds = (pulsation.mean,)
+    try:
+        answer = answered(
+            *(model, speeds, question, moved), tolerance=1e-7, smallest=12, largest=60
+        )
+    except NewtonFailed as reason:
+        raise NotConverged(f"the multipliers were not found: {reason}") from None
+    values, error = answer.value
+    largest = float(np.abs(values[0]))
+    return FloquetMultipliers(
+        multipliers=values,
+        growth=math.log(max(largest, 1e-300)) / pulsation.period,
+        stable=largest <= 1.0 + UNIT,
+        pulsation=pulsation,
+        model=model,
+        size=answer.size,
+        error=max(error, answer.error),
+    )

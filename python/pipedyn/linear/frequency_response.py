@@ -25,7 +25,6 @@ from pipedyn.linear.eigenproblem import Complex
 from pipedyn.linear.modes import largest_speed, modes
 from pipedyn.models.base import DENSE_LIMIT, Model, NotConverged
 from pipedyn.models.continuum import (
-    LARGEST,
     SMALLEST,
     AnyModel,
     Continuum,
@@ -34,6 +33,7 @@ from pipedyn.models.continuum import (
     checked_model,
     relative,
 )
+from pipedyn.models.drive import ROWS
 from pipedyn.util import check
 from pipedyn.util.check import Array
 from pipedyn.util.counters import factorised
@@ -100,7 +100,8 @@ class FrequencyResponse:
         model: the model.
         size: degrees of freedom of the model solved.
         error: for `Continuum`, the largest change of the response from the basis before the last,
-            relative to it, beyond what a shift of the poles by 1e-11 of their size explains; 0 for other models.
+            relative to it, beyond what a shift of the poles by 1e-11 of their size explains; 0 for
+            other models.
     """
 
     frequencies: Array = field(repr=False)
@@ -231,7 +232,7 @@ def frequency_response(
 def checked_range(name: str, given: Any) -> tuple[float, float]:
     """A range of frequencies (low, high)."""
     if not isinstance(given, tuple) or len(given) != 2:
-        raise ValueError(f"{name} must be a tuple (low, high) for a range, got {check.shown(given)}")
+        raise ValueError(f"{name} must be a tuple (low, high), got {check.shown(given)}")
     low = check.real(f"{name}[0]", given[0], low=0.0, high=HIGHEST)
     high = check.real(f"{name}[1]", given[1], low=0.0, high=HIGHEST)
     if not low < high:
@@ -275,7 +276,7 @@ class _Response:
         self.rows = 1 if self.pencil.is_long else self.pencil.dof
         self.loads = np.zeros((model.dof, 3))
         if input == "base":
-            self.loads = _base_loads(model)
+            self.loads = _base_loads(model, u)
         else:
             kind, place = input
             self.loads[:, 0] = _displacement(model, float(place), int(kind == "moment"))
@@ -299,7 +300,7 @@ class _Response:
         return still, u * of.velocity(x) + of.damping(x), of.mass(x)
 
     def solution(self, omega: float) -> Complex:
-        """x at one frequency: by a factorisation, or of long chains by GMRES.
+        """Of the equations at one frequency: by a factorisation, or of long chains by GMRES.
 
         In elastic coordinates P differs from a multiple of the identity by what is large for the
         lowest modes only, so that some 30 iterations do.
@@ -354,7 +355,9 @@ class _Basis:
         while True:
             small = tuple(self._vectors.T @ product for product in self._products)
             x = _solutions(small, self._vectors.T @ response.loads, at)
-            missed = loads - sum(p @ (power * x) for p, power in zip(self._products, powers))
+            missed = loads - sum(
+                p @ (power * x) for p, power in zip(self._products, powers, strict=True)
+            )
             sizes = np.maximum(np.linalg.norm(loads, axis=0), np.linalg.norm(x, axis=0))
             share = np.linalg.norm(missed, axis=0) / np.maximum(sizes, 1e-300)
             share[~np.isfinite(share)] = 0.0  # at the frequency of an undamped mode
@@ -399,22 +402,41 @@ def _displacement(model: Model, s: float, derivative: int = 0) -> Array:
     return _elastic(model, lambda q: model.deflection(q, [s], derivative))[0]
 
 
-def _base_loads(model: Model) -> Array:  # TODO
-    from pipedyn.models.galerkin import gauss_nodes
-    nodes, weights = gauss_nodes(400)
-    loads = np.zeros((model.dof, 3))
-    loads[:, 2] = -_elastic(model, lambda q: weights[None] @ model.deflection(q, nodes))[0]
-    return loads
+def _base_loads(model: Model, u: float) -> Array:
+    """Loads by position, velocity and acceleration of the base across the pipe, (dof, 3).
+
+    From the equations of motion at rest, in which they are linear: what resists motion on the
+    ground feels the base's position and velocity, and all mass its acceleration.
+    """
+    model.require_base()
+    rest, half = model.resting(), model.moving
+    still = np.concatenate([rest, np.zeros(half)])
+    # At rest on the straight pipe nothing is left that a small difference would be lost in.
+    h = 1e-6 if rest.any() else 1e-30
+    drive = np.zeros((ROWS, 3))
+    drive[[1, 3, 5], [0, 1, 2]] = h
+    states = np.stack([still] * 3, axis=1)
+    either = (model.motion_rates(states, u, way * drive)[half:] for way in (1.0, -1.0))
+    accelerations = np.subtract(*either) / (2.0 * h)
+    forces = model.operators().mass @ (model.free_directions(rest).T @ accelerations)
+    return _elastic(model, lambda q: forces.T @ q).T
 
 
 # --------------------------------------------------------------------- frequencies that suffice
 
 
 def _poles(model: AnyModel, u: float, high: float) -> tuple[Complex, Model, bool]:
-    """Eigenvalues in the upper half plane, to beyond a range of frequencies, the model that has
-    them, and whether none has a positive real part."""
-    one = model.frozen(SMALLEST) if isinstance(model, Continuum) else model
-    count = 4 * MODES + 4
+    """Eigenvalues in the upper half plane to beyond a frequency, and the model that has them.
+
+    Also whether none has a positive real part.
+    """
+    one, count, largest = model, 4 * MODES + 4, 0
+    if isinstance(model, Continuum):
+        # Two thirds of the functions have modes of their own, the k-th at some (k pi)^2.
+        reached = 4.0 * MODES if high == math.inf else math.sqrt(3.0 * high) / math.pi
+        largest = math.ceil(1.5 * reached) + 8
+        one = model.frozen(SMALLEST)
+    assert isinstance(one, Model)
     while True:
         most = 2 * one.resolved_modes
         found = modes(one, u, min(count, most))
@@ -423,9 +445,9 @@ def _poles(model: AnyModel, u: float, high: float) -> tuple[Complex, Model, bool
         if turning.size > MODES if high == math.inf else (turning > 1.5 * high).any():
             break
         if count >= most:
-            if one is model or one.dof >= LARGEST:
+            if one is model or one.dof >= largest:
                 break
-            one = model.frozen(min(2 * one.dof, LARGEST))
+            one = model.frozen(2 * one.dof)
         count *= 2
     stable = bool((values.real <= NEUTRAL * np.maximum(np.abs(values), 1.0)).all())
     return values[values.imag >= 0.0], one, stable
@@ -468,7 +490,7 @@ def _undamped(poles: Complex) -> Array:
 
 
 def _moved(at: Array, poles: Complex, before: Complex, after: Complex) -> float:
-    """Largest change of the response, relative, beyond that of poles that move by 1e-11 of |pole|."""
+    """Largest change of the response, relative, beyond that of poles that move by 1e-11."""
     size = np.maximum(np.abs(after), 1e-6 * float(np.median(np.abs(after))))
     shift = 1e-11 * np.abs(poles / (1j * at[:, None] - poles + 1e-300)).max(axis=1, initial=0.0)
     return relative(before / size, after / size, shift)
@@ -495,7 +517,7 @@ def _resonances(
             heights = np.abs(response(some))
             best = int(np.argmax(heights))
             low, high = some[max(best - 1, 0)], some[min(best + 1, 16)]
-        height = float(heights[best])
+        peak, height = float(some[best]), float(heights[best])
         level = math.sqrt(0.5) * height
         sides = list[float]()
         for way in (-1, 1):
@@ -511,5 +533,5 @@ def _resonances(
                 above = int(np.count_nonzero(np.cumprod(np.abs(response(some)) > level)))
                 ends = some[[max(above - 1, 0), min(above, 16)]]
             sides.append(float(ends.mean()))
-        found.append(Resonance(float(some[best]), height, sides[1] - sides[0]))
+        found.append(Resonance(peak, height, sides[1] - sides[0]))
     return tuple(sorted(found, key=lambda peak: peak.frequency))
