@@ -16,7 +16,7 @@ and its derivative by nu vanishes too.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import suppress
 from dataclasses import field
 from typing import Literal
@@ -59,6 +59,9 @@ GROWS = 1e-5
 GAUSS = np.array([-0.5, 0.5]) / math.sqrt(3.0)
 """Places of two nodes of Gauss-Legendre quadrature about the middle of an interval of length 1."""
 
+CLOSE = 0.1
+"""Distance of two multipliers below which they may meet nearby."""
+
 SAMPLES = 5
 """Amplitudes at which regions are looked for; each edge found is followed to the others."""
 
@@ -70,6 +73,9 @@ SIZES = (12, 16, 22, 30, 40)
 
 TOLERANCE = 1e-7
 """Relative change of the edges from one of these to the next at which they count as converged."""
+
+
+Solve = Callable[[Complex], Complex]
 
 
 class Edge(Continuation):
@@ -97,50 +103,53 @@ class Edge(Continuation):
         """Of the polynomial: frequency, nu of combinations, amplitude."""
         return [*(self.scale * z[:-1]).tolist(), float(z[-1])]
 
-    def _by(self, z: Array, i: int) -> Complex:
-        """Derivative of H by an unknown."""
-        scale = 1.0 if i == z.size - 1 else self.scale
-        return np.asarray(scale * self._of.by(i, *self._numbers(z)))
+    def _by(self, z: Array, *which: int) -> Complex:
+        """Derivative of H by unknowns."""
+        scale = self.scale ** np.count_nonzero(np.array(which) < z.size - 1)
+        return np.asarray(scale * self._of.by(which, *self._numbers(z)))
 
-    def _null(self, z: Array) -> tuple[complex, Complex, Complex]:
-        """The function g with the vectors q and w, which are H's null vectors where g is 0."""
+    def _bordered(self, z: Array) -> tuple[complex, Complex, Complex, Solve]:
+        """The function g with vectors q and w, which are H's null vectors where g is 0.
+
+        Also what solves the bordered equations for q's change by a change of H q.
+        """
         h = self._of(*self._numbers(z))
         n = len(h)
         if self._border is None:
             left, _, right = np.linalg.svd(h)
-            self._border = left[:, -1], right[-1].conj()
+            c = right[-1].conj()
+            self._border = c if self._paired else left[:, -1], c
         b, c = self._border
         bordered = np.block([[h, b[:, None]], [c.conj()[None], np.zeros((1, 1))]])
-        last = np.zeros((n + 1, 1))
-        last[n] = 1.0
+        last = np.append(np.zeros(n), 1.0)
         factorised()
         lu = scipy.linalg.lu_factor(bordered)
-        q, w = (scipy.linalg.lu_solve(lu, last, trans)[:, 0] for trans in (0, 2))
-        return complex(q[n]), q[:n], w[:n]
+        q, w = (scipy.linalg.lu_solve(lu, last, trans) for trans in (0, 2))
+
+        def solve(right: Complex) -> Complex:
+            return np.asarray(scipy.linalg.lu_solve(lu, np.append(right, 0.0))[:n])
+
+        return complex(q[n]), q[:n], w[:n], solve
 
     def residual(self, z: Array) -> tuple[Array, Array]:
         """What vanishes on the edge, shape (n,), and its derivative, (n, n + 1)."""
-        g, q, w = self._null(z)
-        by = np.array([-np.vdot(w, self._by(z, i) @ q) for i in range(z.size)])
+        g, q, w, solve = self._bordered(z)
+        changes = [self._by(z, i) @ q for i in range(z.size)]
+        by = -np.array([np.vdot(w, change) for change in changes])
         if not self._paired:
             count = z.size - 1
             return np.array([g.real, g.imag])[:count], np.stack([by.real, by.imag])[:count]
-        second = np.zeros(z.size)
-        for i in range(z.size):
-            step = np.zeros_like(z)
-            step[i] = 1e-5 * (self.largest if i == z.size - 1 else 1.0)
-            slopes = [self._slope(z + way * step) for way in (1.0, -1.0)]
-            second[i] = (slopes[0] - slopes[1]) / (2.0 * step[i])
+        # With w = q, as H and its border are Hermitian: dq = -solve(dH q), twice in each.
+        slope = self._by(z, 1) @ q
+        second = [
+            2.0 * np.vdot(slope, solve(change)).real - np.vdot(q, self._by(z, 1, i) @ q).real
+            for i, change in enumerate(changes)
+        ]
         return np.array([g.real, by[1].real]), np.stack([by.real, second])
-
-    def _slope(self, z: Array) -> float:
-        """Derivative of g by nu, of a conservative pipe."""
-        _, q, w = self._null(z)
-        return float(-np.vdot(w, self._by(z, 1) @ q).real)
 
     def renew(self, z: Array) -> None:
         """Takes the null vectors at an edge for the border of the steps from there."""
-        _, q, w = self._null(z)
+        _, q, w, _ = self._bordered(z)
         b, c = w / np.linalg.norm(w), q / np.linalg.norm(q)
         self._border = (c, c) if self._paired else (b, c)
 
@@ -180,9 +189,20 @@ class Edge(Continuation):
         self.renew(z)
         return self.fixed(z, amplitude)
 
-    def distance(self, z: Array, frequency: float, nu: float) -> float:
-        """Of an edge from a frequency and nu, relative to the frequency."""
-        return float(np.abs(self.place(z)[1:] / frequency - [1.0, nu / frequency]).max())
+    def near(self, frequency: float, nu: float, amplitude: float) -> Array:
+        """Unknowns of an edge that is no further than a thousandth from there.
+
+        Multipliers of few modes misplace a combination region by some 1e-4, and Newton's method
+        may find no edge from outside it.
+        """
+        for shift in (0.0, 3e-4, -3e-4) if self.share is None else (0.0,):
+            self._border = None
+            with suppress(NewtonFailed):
+                z = self.started(frequency * (1.0 + shift), nu, amplitude)
+                moved = np.abs(self.place(z)[1:] - [frequency, nu]).max()
+                if moved < (4e-3 if self.share is None else 1e-4) * frequency:
+                    return z
+        raise NewtonFailed("Newton's method left the neighbourhood of its start")
 
     def bottom(self, z: Array) -> Array:
         """Amplitude, w and nu where the amplitude is least, near an edge."""
@@ -378,13 +398,13 @@ def followed(
     frequency, nu, amplitude = start
     largest = float(amplitudes[-1])
     edge, found = Edge(hill, kind, frequency, largest), Region(kind, amplitudes.size)
-    z = edge.started(*start)
-    if edge.distance(z, frequency, nu) > 1e-3:
-        raise NewtonFailed("Newton's method left the neighbourhood of its start")
+    z = edge.near(*start)
     down = np.append(np.zeros(z.size - 1), -1.0)
+    low = 0.1 * largest if hill.is_hermitian else 0.0
     for towards in (down, -down)[: 1 if amplitude == largest else 2]:
         edge.renew(z)
-        for step in edge.steps(edge.point(z, towards)):
+        end = edge.point(z, towards)
+        for step in edge.steps(end):
             turns = folds(step, 1e-6)
             for part in step.parts(turns):
                 for index in np.flatnonzero(
@@ -397,13 +417,13 @@ def followed(
                     turn = edge.bottom(step.at(s).z)
                     if not turn[0] >= found.bottom[0]:
                         found.bottom = turn
-            begin, end = step.begin, step.end
-            if end.p < 0.0:  # of a conservative pipe: edges meet in a corner at amplitude 0
-                share = begin.p / (begin.p - end.p)
-                found.bottom = edge.place(begin.z + share * (end.z - begin.z))
-                found.bottom[:2] = 0.0, hill.pipe.resonance(kind, float(found.bottom[1]))
-            if not 0.0 <= end.p <= largest or not window[0] < edge.scale * end.z[0] < window[1]:
+            end = step.end
+            if not low < end.p <= largest or not window[0] < edge.scale * end.z[0] < window[1]:
                 break
+        if towards is down and hill.is_hermitian and not found.bottom[0] > 0.0:
+            # Both edges of a conservative pipe's region lead to a corner at amplitude 0.
+            at = edge.place(end.z - end.p / end.tangent[-1] * end.tangent)
+            found.bottom = np.array([0.0, hill.pipe.resonance(kind, float(at[1])), at[2]])
     return found
 
 
@@ -487,22 +507,24 @@ def combinations(
     seeds = np.concatenate([omega[i] + omega[j], omega[j] - omega[i]])
     seeds = (seeds[:, None] / np.arange(1.0, 5.0)).ravel()
     seeds = seeds[(seeds > 0.8 * low) & (seeds < 1.25 * high)]
-    near = (seeds[:, None] * (1.0 + amplitude * np.linspace(-0.1, 0.1, 9))).ravel()
+    near = (seeds[:, None] * (1.0 + amplitude * np.linspace(-0.1, 0.1, 5))).ravel()
     at = np.unique(np.concatenate([np.linspace(0.8 * low, 1.25 * high, 97), near]))
     seen = few.largest(at)
-    for _ in range(4):  # to a five thousandth of the grid's step
+    for _ in range(3):  # to a five hundredth of the grid's step
         growth, between = seen[:, 0], seen[:, 2]
-        peak = (growth[1:-1] > np.maximum(growth[:-2], growth[2:])) & (growth[1:-1] < GROWS)
-        dip = (between[1:-1] < np.minimum(between[:-2], between[2:])) & (growth[1:-1] < GROWS)
+        rise = growth[1:-1] - np.maximum(growth[:-2], growth[2:])
+        peak = rise > np.maximum(0.01 * np.abs(growth[1:-1]), 2.0 * GROWS)
+        dip = (between[1:-1] < np.minimum(between[:-2], between[2:])) & (between[1:-1] < CLOSE)
+        extreme = (peak | dip) & (growth[1:-1] < GROWS)
         change = np.diff(growth > GROWS)
-        cells = change | np.append(peak | dip, False) | np.append(False, peak | dip)
+        cells = change | np.append(extreme, False) | np.append(False, extreme)
         left, step = at[:-1][cells], np.diff(at)[cells]
         more = (left[:, None] + step[:, None] * np.arange(1.0, 8.0) / 8.0).ravel()
         at, order = np.unique(np.concatenate([at, more]), return_index=True)
         seen = np.concatenate([seen, few.largest(more)])[order]
     grows = seen[:, 0] > GROWS
     inside = np.flatnonzero(np.diff(grows)) + grows[1:][np.diff(grows)]
-    return [(float(at[k]), float(seen[k, 1])) for k in inside]
+    return [(float(at[k]), float(seen[k, 1])) for k in inside if low * 0.8 < at[k] < high * 1.25]
 
 
 class FewModes:
@@ -518,7 +540,7 @@ class FewModes:
         order = np.argsort(np.abs(values) + 1e9 * (values.imag <= 0.0))
         turning = int(np.count_nonzero(values.imag > 0.0))
         count = int(np.count_nonzero((values.imag > 0.0) & (np.abs(values) < highest)))
-        kept = order[: min(max(count, 4), 8, turning)]
+        kept = order[: min(max(count + 3, 6), 10, turning)]
         left = np.linalg.inv(right)[kept].T
         self.frequencies = np.sort(values.imag[kept])
         self.amplitude, self.mean = amplitude, pipe.mean
@@ -534,7 +556,7 @@ class FewModes:
 
         Growth of the largest, its nu, and the distance of the two that are nearest to each other.
         """
-        count = 48
+        count = 96
         found = np.full((frequencies.size, 3), [-1.0, 0.0, 2.0])
         phases = 2.0 * math.pi * (np.arange(count) + 0.5 + GAUSS[:, None]) / count
         speed = self.mean * (1.0 + self.amplitude * np.cos(phases))

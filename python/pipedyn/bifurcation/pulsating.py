@@ -229,7 +229,7 @@ class Hill:
     def edges(self, share: float, amplitude: float) -> Array:
         """All frequencies of motions with nu = share * frequency, rising: eigenvalues of H."""
         of = self.polynomial(share)
-        still, slope, ahead = of(0.0, amplitude), of.by(0, 0.0, amplitude), of(1.0, amplitude)
+        still, slope, ahead = of(0.0, amplitude), of.by((0,), 0.0, amplitude), of(1.0, amplitude)
         size = len(still)
         # Of 1 / w, as H of one harmonic has no second degree.
         try:
@@ -263,11 +263,13 @@ class Polynomial:
         """The matrix."""
         return self._sum(np.prod(np.array(at) ** self._powers, axis=1))
 
-    def by(self, i: int, *at: float) -> NDArray[Any]:
-        """Its derivative by the number i."""
-        powers = self._powers.copy()
-        powers[:, i] = np.maximum(powers[:, i] - 1, 0)
-        return self._sum(self._powers[:, i] * np.prod(np.array(at) ** powers, axis=1))
+    def by(self, numbers: tuple[int, ...], *at: float) -> NDArray[Any]:
+        """Its derivative by some of the numbers, one after the other."""
+        powers, factors = self._powers.copy(), np.ones(len(self._powers))
+        for i in numbers:
+            factors *= powers[:, i]
+            powers[:, i] = np.maximum(powers[:, i] - 1, 0)
+        return self._sum(factors * np.prod(np.array(at) ** powers, axis=1))
 
     def _sum(self, factors: Array) -> NDArray[Any]:
         return np.asarray(factors @ self._parts).reshape(self._shape)
