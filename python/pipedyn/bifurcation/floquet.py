@@ -238,7 +238,9 @@ def _turns(motion: VectorField, orbit: PeriodicOrbit) -> Array:
 
     One that decays by more than exp(-25) over the span ends below 1e-11 of its size.
     """
-    some = np.ascontiguousarray(orbit.starts[:: len(orbit.starts) // 2].T)
+    every = len(orbit.starts) // 2
+    some = np.ascontiguousarray(orbit.starts[::every].T)
+    motion = motion.along(orbit.edges[:-1:every], orbit.frequency)
     factorised(some.shape[1])
     rates = np.linalg.eigvals(motion.jacobians(some, orbit.u))
     persist = rates.real > -25.0 * orbit.frequency / orbit.span
