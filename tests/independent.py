@@ -24,6 +24,8 @@ def lagrangian_equations(
     drag=0,
     points=None,
     terms=(),
+    inflow_share=1,
+    jet_angle=0,
 ):
     """The paper's eqs. (1)-(9) from its Lagrangian, as expressions that vanish, and (q, q', q'').
 
@@ -31,7 +33,8 @@ def lagrangian_equations(
     gives each joint a dashpot delta k_j beside its spring, which the paper does not have. A fixed
     part at the clamp shifts everything alike and changes nothing. terms: (law, arc length from the
     first joint, coefficient), laws "point_mass", "spring" and "damper" to the axis, and
-    "foundation", a spring per length all along.
+    "foundation", a spring per length all along. Fluid enters with the share of the end's velocity,
+    and leaves at jet_angle to the last segment: two momenta of the end's force.
     """
     import sympy  # half a second, which most tests need not wait for
 
@@ -87,9 +90,13 @@ def lagrangian_equations(
             forces.append((where, sympy.Matrix([-number * velocity[0], 0])))
     end = nodes[-1].applyfunc(rate)
     if aspirating:
-        force = beta * speed * (end - alpha * speed * tangents[-1])
+        inflow = sympy.Rational(str(inflow_share)) * end - alpha * speed * tangents[-1]
+        force = beta * speed * inflow
     else:
-        force = -beta * speed * (end + alpha * speed * tangents[-1])
+        jet = q[-1] + sympy.Rational(str(jet_angle))
+        force = (
+            -beta * speed * (end + alpha * speed * sympy.Matrix([sympy.sin(jet), sympy.cos(jet)]))
+        )
     forces.append((nodes[-1], force))
     dissipation = sum(delta * k[j] * (v[j] - (v[j - 1] if j else 0)) ** 2 / 2 for j in range(n))
 
@@ -241,7 +248,11 @@ def dense_rates(chain, y, u):
     momentum = np.triu(np.outer(length, length) * np.cos(between), 1) @ rate
     force = coupling * np.sin(between) @ rate**2
     force += np.sqrt(pipe.beta) * signed * (length**2 * rate + 2.0 * momentum)
-    force += thrust * length * np.sin(angle[-1] - angle) + pipe.gamma * moment * np.sin(angle)
+    end = np.array([length @ (rate * np.cos(angle)), -length @ (rate * np.sin(angle))])
+    missing = np.sqrt(pipe.beta) * signed * (1.0 - pipe.inflow_share) * end
+    force -= length * (missing[0] * np.cos(angle) - missing[1] * np.sin(angle))
+    jet = angle[-1]
+    force += thrust * length * np.sin(jet - angle) + pipe.gamma * moment * np.sin(angle)
     force += elastic - np.append(elastic[1:], 0.0) + across_axis * np.cos(angle)
     # Row j of lever: velocity of drag point j across its segment due to each rate.
     lever = np.tril(np.cos(between) * length, -1) + np.diag(points * length)
@@ -257,25 +268,27 @@ def dense_jacobian(chain, y, u):
     return np.stack(columns, axis=1)
 
 
-def determinant(value, u, beta, *, centrifugal=1.0, direction=1.0, damping=0.0):
+def determinant(value, u, beta, *, centrifugal=1.0, direction=1.0, damping=0.0, inflow_share=1.0):
     """Determinant of the four exponentials of the continuous pipe without gravity, in mpmath.
 
     With w = exp(a s + lambda tau), (1 + delta lambda) a^4 + c u^2 a^2 + 2 sqrt(beta) s u lambda a
-    + lambda^2 = 0; rows: w and w' at the clamp, w'' and w''' at the free end. Divided by the
-    Vandermonde determinant, so that it does not vanish where two exponents meet.
+    + lambda^2 = 0; rows: w and w' at the clamp, w'' and the force across the free end, which is
+    (1 + delta lambda) w''' + (1 - share) sqrt(beta) s u lambda w. Divided by the Vandermonde
+    determinant, so that it does not vanish where two exponents meet.
     """
     value, u, beta = mpmath.mpmathify(value), mpmath.mpmathify(u), mpmath.mpmathify(beta)
     thrust = mpmath.mpmathify(centrifugal) * u**2
     coriolis = 2 * mpmath.sqrt(beta) * direction * u * value
     elastic = 1 + damping * value
     polynomial = [elastic, 0, thrust, coriolis, value**2]
+    entering = (1 - mpmath.mpmathify(inflow_share)) * coriolis / (2 * elastic)
     a = mpmath.polyroots(polynomial, maxsteps=200, extraprec=60)
     largest = max(x.real for x in a)
     rows = [
         [mpmath.mpf(1)] * 4,
         list(a),
         [x**2 * mpmath.exp(x - largest) for x in a],
-        [x**3 * mpmath.exp(x - largest) for x in a],
+        [(x**3 + entering) * mpmath.exp(x - largest) for x in a],
     ]
     meeting = mpmath.mpf(1)
     for i in range(4):
@@ -459,6 +472,8 @@ def pipe_rates(model, y, u, nodes=400):
     end = model.functions([1.0], 1)[0] @ y[:m]
     swept = weights @ (normal[:, :, None] * slope)
     force -= thrust * np.array([np.sin(end), np.cos(end)]) @ swept
+    missing = (1.0 - pipe.inflow_share) * swept @ y[m:]
+    force += np.sqrt(pipe.beta) * flow * missing @ swept
     mass = np.einsum("s,dsi,dsj->ij", weights, moved, moved)
     return np.concatenate([y[m:], np.linalg.solve(mass, force)])
 

@@ -23,7 +23,9 @@ TERMS = (
     pp.Viscosity(1.3),
 )
 PIPE = pp.Pipe(0.3, 7.0, damping=0.02)
-LOADED = dataclasses.replace(PIPE, flow="aspirating", alpha=0.8, drag=0.7, terms=TERMS)
+LOADED = dataclasses.replace(
+    PIPE, flow="aspirating", alpha=0.8, inflow_share=0.4, drag=0.7, terms=TERMS
+)
 SPEED, RATE = 1.7, 2.3
 BASE = np.array([[0.3, -0.2], [0.7, 0.5], [-1.1, 1.9]])
 
@@ -38,11 +40,11 @@ models = pytest.mark.parametrize("make", MODELS.values(), ids=MODELS)
 
 
 def gauss_points(model, count=30):
-    """Arc lengths and weights between all kinks of the shape."""
-    kinks = np.array([0.0, 1.0])
+    """Arc lengths and weights between all kinks of the shape and its angle."""
+    kinks = np.unique([0.0, 1.0, *(term.place for term in model.pipe.terms if term.place)])
     if isinstance(model, pp.Chain):
-        kinks = np.concatenate([[0.0], model.base + np.cumsum([0.0, *model.lengths])])
-        kinks = np.unique(np.minimum(kinks, 1.0))
+        ends = model.base + np.cumsum([0.0, *model.lengths])
+        kinks = np.unique([0.0, *np.minimum(ends, 1.0)])
     nodes, weights = leggauss(count)
     halves, middles = np.diff(kinks)[:, None] / 2, (kinks[1:] + kinks[:-1])[:, None] / 2
     return (middles + halves * nodes).ravel(), (halves * weights).ravel()
@@ -66,20 +68,12 @@ def test_motion_obeys_hamiltons_principle_for_open_systems_on_the_ground(make):
     acceleration = model.rhs(0.0, y, SPEED, u_dot=RATE, base=BASE)[model.dof :]
     sizes = sizes_of(model)
 
-    def path(t):
-        powers = np.array([1.0, t, t**2 / 2])
-        place = powers @ BASE
-        moving = powers[:2] @ BASE[1:]
-        return q + t * rate + t**2 / 2 * acceleration, rate + t * acceleration, place, moving
+    place, moving, accelerating = BASE
 
-    def momentum(t):
-        at, rates, _, moving = path(t)
+    def momentum(at, rates, base, speed):  # linear in all but the first
         by_q = jacobian_by_differences(lambda x: model.shape(x, s), at, sizes)
-        velocity = by_q @ rates + moving
-        speed = SPEED + RATE * t
-        return np.einsum("p,pc,pci->i", w, velocity + b * speed * tangents(model, at, s), by_q)
-
-    _, _, place, moving = path(0.0)
+        flow = b * speed * tangents(model, at, s)
+        return np.einsum("p,pc,pci->i", w, by_q @ rates + base + flow, by_q)
 
     def lagrangian(at):
         velocity = derivative(lambda x: model.shape(x, s), at, rate) + moving
@@ -90,7 +84,8 @@ def test_motion_obeys_hamiltons_principle_for_open_systems_on_the_ground(make):
         weight = make(dataclasses.replace(PIPE, gamma=0.0)).energy(still)
         return w @ (kinetic + flow + gamma * height) - weight
 
-    left = derivative(lambda t: momentum(t), 0.0, 1.0, step=1e-3)
+    left = derivative(lambda at: momentum(at, rate, moving, SPEED), q, rate)
+    left = left + momentum(q, acceleration, accelerating, RATE)
     left = left - jacobian_by_differences(lambda x: np.array([lagrangian(x)]), q, sizes)[0]
     end = np.array([1.0])
     by_q = jacobian_by_differences(lambda x: model.shape(x, end), q, sizes)[0]
@@ -106,13 +101,14 @@ def test_motion_obeys_hamiltons_principle_for_open_systems_on_the_ground(make):
 
 @models
 def test_a_drive_does_the_virtual_work_of_its_forces(make):
-    """Terms and drag see absolute positions and velocities; chains have drag at points."""
+    """Inflow, drag and terms see motion on the ground; chains have drag at points."""
     drag = 0.7 if make(PIPE).linear_cost else 0.0
     model = make(dataclasses.replace(LOADED, drag=drag))
     q, rate = state_of(model)
     y = np.concatenate([q, rate])
-    driven, still = (model.rhs(0.0, y, SPEED, **more) for more in (
-        {"u_dot": RATE, "base": BASE}, {}))
+    driven, still = (
+        model.rhs(0.0, y, SPEED, **more) for more in ({"u_dot": RATE, "base": BASE}, {})
+    )
     work = model.operators(q).mass @ (driven - still)[model.dof :]
     bare = make(dataclasses.replace(PIPE, terms=[pp.PointMass(t.at, 0.0) for t in TERMS[:3]]))
 
@@ -149,6 +145,8 @@ def test_a_drive_does_the_virtual_work_of_its_forces(make):
             return -drag * np.abs(normal) * normal * across
 
         expected += force(points, model.lengths, law)
+    entering = 0.6 * LOADED.direction * np.sqrt(LOADED.beta) * SPEED
+    expected += force(one, one, lambda r, v: entering * v)
     assert np.abs(work - expected).max() < 1e-9 * np.abs(expected).max()
 
 
@@ -233,3 +231,84 @@ def test_a_batch_of_driven_states_moves_as_each_alone(make):
     shared = model.rhs(0.0, y, u, u_dot=0.4, base=BASE)
     one = model.rhs(0.0, y[:, 1].copy(), u[1], u_dot=0.4, base=BASE)
     assert np.abs(shared[:, 1] - one).max() < 1e-11 * np.abs(one).max()
+
+
+# ------------------------------------------------------------------------------------------ scenes
+
+
+DRIVE = {"u_dot": RATE, "base": BASE}
+
+
+def test_a_scene_that_is_driven_moves_as_the_chain_does():
+    chain, scene = pp.Chain(LOADED, 4), pp.modular.chain(LOADED, 4)
+    q, rate = state_of(chain)
+    y, state = np.concatenate([q, rate]), scene.state(q, rate)
+    moved = np.append(y, 0.0)
+    drive = np.concatenate([[RATE], BASE.ravel()])
+    expected = chain.motion.rhs_and_power(0.0, moved, SPEED, drive)
+    found = scene.motion.rhs_and_power(0.0, moved, SPEED, drive)
+    assert np.abs(found - expected).max() < 1e-11 * np.abs(expected).max()
+    assert scene.energy(state, base=BASE) == pytest.approx(chain.energy(y, base=BASE), rel=1e-12)
+    assert scene.power(state, SPEED, **DRIVE).base == pytest.approx(
+        chain.power(y, SPEED, **DRIVE).base, rel=1e-11
+    )
+    unsteady = scene.operators().unsteady
+    assert np.abs(unsteady - chain.operators().unsteady).max() < 1e-14
+
+
+HOLDS = {
+    "free": (),
+    "guide": (pp.modular.Guide(3),),
+    "guides": (pp.modular.Guide(1), pp.modular.Guide(4)),
+    "pin": (pp.modular.Pin(2, x=0.1, y=0.44),),
+}
+
+
+@pytest.mark.parametrize("holds", HOLDS.values(), ids=HOLDS)
+def test_a_held_scene_that_is_driven_moves_as_its_redundant_form_says(holds):
+    """Guides and pins stand on the base. The other route is dense, in redundant coordinates."""
+    scene, dense = (
+        pp.modular.chain(LOADED, 4, enforcement=e).plus(*holds)
+        for e in ("orthonormal", "udwadia-kalaba")
+    )
+    theta = scene.closed([0.3, -0.1, 0.5, 0.2])
+    start = np.concatenate([theta, [0.7, -0.4, 0.2, 0.9]])
+    for_rates, _ = scene.motion.projected(*np.split(start[:, None], 2))
+    omega = scene.motion.projected(for_rates, start[4:, None])[1]
+    state = scene.state(for_rates[:, 0], omega[:, 0])
+    expected = dense.rhs(0.0, state, SPEED, **DRIVE)
+    found = scene.rhs(0.0, state, SPEED, **DRIVE)
+    assert np.abs(found - expected).max() < 1e-10 * np.abs(expected).max()
+    y, drive = np.append(for_rates, omega), np.concatenate([[RATE], BASE.ravel()])
+    exact = scene.motion_jacobian(y, SPEED, drive)
+    differences = jacobian_by_differences(
+        lambda at: scene.motion_rates(at, SPEED, drive), y, np.ones(8), step=2e-3
+    )
+    assert np.abs(exact - differences).max() < 1e-7 * np.abs(exact).max()
+
+
+@pytest.mark.parametrize("holds", list(HOLDS.values())[:3], ids=list(HOLDS)[:3])
+def test_unsteady_operator_of_a_held_scene_is_the_jacobian_at_rest(holds):
+    scene = pp.modular.chain(dataclasses.replace(PIPE, flow="aspirating"), 4).plus(*holds)
+    operators, still = scene.operators(), np.zeros(8)
+    basis = scene.free_directions(np.zeros(4))
+    steady, pushed = (
+        scene.motion_jacobian(still, SPEED, np.append(rate, np.zeros(6)))[4:, :4]
+        for rate in (0.0, RATE)
+    )
+    force = operators.mass @ basis.T @ (pushed - steady) @ basis
+    difference = force + operators.at(SPEED, RATE)[2] - operators.at(SPEED)[2]
+    assert np.abs(difference).max() < 1e-11 * np.abs(force).max()
+
+
+def test_custom_modules_refuse_a_base_that_moves():
+    scene = pp.modular.chain(PIPE, 3).plus(
+        pp.modular.Custom(nodes=(2,), energy=lambda q: 3.0 * q[0] ** 2)
+    )
+    state = scene.state(np.full(3, 0.1))
+    rates = scene.rhs(0.0, state, SPEED, u_dot=RATE)
+    assert np.isfinite(rates).all()
+    with pytest.raises(ValueError, match="base must be at rest in a scene with custom modules"):
+        scene.rhs(0.0, state, SPEED, base=BASE)
+    with pytest.raises(ValueError, match="base must be at rest in a scene with custom modules"):
+        pp.simulate(scene, 1.0, 1.0, np.full(3, 0.1), base=pp.Harmonic(0.1, 3.0))

@@ -100,7 +100,7 @@ def test_intervals_end_at_the_kinks_of_drag(monkeypatch):
         return np.abs(orbit_multipliers(motion, orbit)[0] - 1.0).min()
 
     assert missed() < 1e-7
-    monkeypatch.setattr(periodic_orbit, "_turning_points", lambda motion, orbit: np.empty(0))
+    monkeypatch.setattr(periodic_orbit, "_kinks", lambda motion, orbit: np.empty(0))
     assert missed() > 1e-5
 
 

@@ -19,7 +19,7 @@ MADE_BY_USERS -= {modular.Module, modular.Constraint}
 CALLED_WITH_CHECKED = {
     *("braced", "motion_jacobian", "motion_rates", "recorded", "require_equilibrium", "start")
 }
-CALLED_WITH_CHECKED |= {"drag_velocities", "free_directions", "largest_angle", "pencil"}
+CALLED_WITH_CHECKED |= {"free_directions", "kinks", "largest_angle", "pencil"}
 CALLED_WITH_CHECKED |= {"term_stiffness", "unbalanced"}
 """Methods that integrators and searches call, with what they have checked."""
 

@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: MIT
 """Every term in every model: a law's row in the table below is all that its tests need.
 
+So it is of numbers of the pipe that load its free end.
+
 The route is independent of the models' own: virtual work at the places that `shape` draws, whose
 derivatives are taken by differences.
 """
@@ -11,6 +13,7 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
+from numpy.polynomial import Polynomial
 from numpy.polynomial.legendre import leggauss
 
 import pipedyn as pp
@@ -24,11 +27,24 @@ class Row:
     as well.
     """
 
-    term: pp.Term
+    term: pp.Term | None
     load: Callable = lambda x, y, vx, vy, t: (0.0, 0.0)
     mass: float = 0.0
     energy: Callable = lambda x, y: 0.0
     power: Callable = lambda x, y, vx, vy, t: 0.0
+    numbers: dict = dataclasses.field(default_factory=dict)  # of the pipe, where it is no term
+    flow: str = "aspirating"
+
+    def __str__(self):
+        return str(self.numbers) if self.term is None else repr(self.term)
+
+    @property
+    def pipe(self):
+        return dataclasses.replace(PIPE, flow=self.flow)
+
+    @property
+    def place(self):
+        return 1.0 if self.term is None else self.term.place
 
 
 TABLE = [
@@ -65,9 +81,20 @@ TABLE = [
         energy=lambda x, y: 15.0 * x**4,
     ),
     Row(
+        pp.Stop(at=0.3, gap=0.08, stiffness=200.0),
+        load=lambda x, y, vx, vy, t: (-200.0 * np.sign(x) * np.maximum(np.abs(x) - 0.08, 0.0), 0.0),
+        energy=lambda x, y: 100.0 * np.maximum(np.abs(x) - 0.08, 0.0) ** 2,
+    ),
+    Row(
         pp.Tension(load=-3.0),
         load=lambda x, y, vx, vy, t: (0.0, -3.0),
         energy=lambda x, y: 3.0 * (y - 1.0),
+    ),
+    Row(
+        None,
+        numbers={"inflow_share": 0.4},
+        load=lambda x, y, vx, vy, t: -0.6 * SPEED * PIPE.beta**0.5 * np.array([vx, vy])[:, 0],
+        power=lambda x, y, vx, vy, t: -0.6 * SPEED * PIPE.beta**0.5 * (vx**2 + vy**2),
     ),
 ]
 
@@ -82,7 +109,7 @@ MODELS = {
 PIPE = pp.Pipe(0.3, 7.0, flow="aspirating", alpha=0.8, damping=0.02)
 SPEED = 1.7
 
-rows = pytest.mark.parametrize("row", TABLE, ids=lambda row: repr(row.term))
+rows = pytest.mark.parametrize("row", TABLE, ids=str)
 models = pytest.mark.parametrize("kind", MODELS)
 
 # Central differences of eighth order (Fornberg 1988, table 1), exact to 1e-12 at these steps.
@@ -114,10 +141,12 @@ def jacobian_by_differences(function, at, sizes, step=0.02):
     return np.stack(columns, axis=-1) / sizes
 
 
-def with_and_without(row, kind, pipe=PIPE):
+def with_and_without(row, kind):
     """The model with the term, and the same coordinates without: a term without weight."""
-    nothing = () if row.term.place is None else (pp.PointMass(row.term.place, 0.0),)
-    make = MODELS[kind]
+    make, pipe = MODELS[kind], row.pipe
+    if row.term is None:
+        return make(dataclasses.replace(pipe, **row.numbers)), make(pipe)
+    nothing = () if row.place is None else (pp.PointMass(row.place, 0.0),)
     fitted = make(dataclasses.replace(pipe, terms=(row.term,)))
     return fitted, make(dataclasses.replace(pipe, terms=nothing))
 
@@ -138,8 +167,8 @@ def state_of(model):
 
 def places_of(row, model):
     """Arc lengths where the term acts and their weights: one, or Gauss points between all kinks."""
-    if row.term.place is not None:
-        return np.array([row.term.place]), np.ones(1)
+    if row.place is not None:
+        return np.array([row.place]), np.ones(1)
     kinks = np.array([0.0, 1.0])
     if isinstance(model, pp.Chain):
         kinks = np.concatenate([[0.0], model.base + np.cumsum([0.0, *model.lengths])])
@@ -151,8 +180,12 @@ def places_of(row, model):
 
 
 def tangents_of(row, model, q, places):
-    """Of the shape drawn, (2, k), where a term acts all along."""
-    if row.term.place is not None:
+    """Of the shape drawn, (2, k), where a term acts all along or the flow at the free end."""
+    if row.term is None:
+        s = np.linspace(0.95, 1.0, 9)
+        lines = [Polynomial.fit(s, line, 8).deriv()(1.0) for line in model.shape(q, s).T]
+        return np.array(lines)[:, None]
+    if row.place is not None:
         return None
     return derivative(lambda s: model.shape(q, s), places, np.ones_like(places), step=1e-5).T
 
@@ -196,8 +229,9 @@ def test_energy_of_a_term_is_its_laws_and_changes_as_its_power_says(row, kind):
     t = tangents_of(row, plain, q, places)
     power = np.sum(weights * row.power(x, height, vx, vy, t))
     assert model.energy(y) - plain.energy(y) == pytest.approx(expected, rel=1e-9)
-    parts = model.power(y, SPEED)
-    assert parts.others == pytest.approx(power, rel=1e-9, abs=1e-12)
+    parts, name = model.power(y, SPEED), "flow" if row.term is None else "others"
+    fed = getattr(parts, name) - getattr(plain.power(y, SPEED), name)
+    assert fed == pytest.approx(power, rel=1e-9, abs=1e-12)
     change = derivative(model.energy, y, model.rhs(0.0, y, SPEED), step=1e-4)
     assert parts.total == pytest.approx(change, rel=1e-9)
 
@@ -249,10 +283,11 @@ def test_operators_of_a_bent_pipe_are_the_derivatives_of_the_forces_at_rest(row,
 
 @rows
 def test_a_scene_with_a_term_moves_as_the_chain_does(row):
-    pipe = dataclasses.replace(PIPE, terms=(row.term,))
+    terms = () if row.term is None else (row.term,)
+    pipe = dataclasses.replace(row.pipe, terms=terms, **row.numbers)
     chain, scene = pp.Chain(pipe, 4), pp.modular.chain(pipe, 4)
-    added = pp.modular.chain(PIPE, 4).plus(row.term)
-    assert added.pipe.terms == (row.term,)
+    added = pp.modular.chain(dataclasses.replace(pipe, terms=()), 4).plus(*terms)
+    assert added.pipe.terms == terms
     q, rate = state_of(chain)
     y, state = np.concatenate([q, rate]), scene.state(q, rate)
     expected = chain.rhs(0.0, y, SPEED)
@@ -267,9 +302,7 @@ def test_a_scene_with_a_term_moves_as_the_chain_does(row):
     assert found == pytest.approx(pp.eigenvalues(chain, SPEED, count=4), rel=1e-10)
 
 
-@pytest.mark.parametrize(
-    "row", [row for row in TABLE if row.term.place != 1.0], ids=lambda row: repr(row.term)
-)
+@pytest.mark.parametrize("row", [row for row in TABLE if row.place != 1.0], ids=str)
 def test_chains_with_a_term_tend_to_the_pipe_at_second_order(row):
     pipe = pp.Pipe(0.3, 7.0, terms=(row.term,))
     exact = pp.critical_speed(pp.Continuum(pipe)).speed

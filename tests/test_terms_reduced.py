@@ -704,7 +704,7 @@ def test_quadrature_misses_less_than_it_says(m, basis, drag):
         pipe=core_pipe(model.pipe),
         legendre=basis == "legendre",
         size=m,
-        joints=basis_joints(terms) if basis == "legendre" else np.zeros(0),
+        joints=basis_joints(model.pipe) if basis == "legendre" else np.zeros(0),
         least_nodes=200 if drag else 100,
     )
     for angle in (0.3, 1.0, math.pi):
@@ -757,7 +757,8 @@ def test_models_keep_show_and_pickle_their_terms():
     [
         (
             lambda: pp.Galerkin(pp.Pipe(0.2, terms=ALL), 2, "legendre"),
-            "m must be at least 3, the number of panels between terms, got 2",
+            "m must be at least 3, for one function on each of the 3 panels between terms and "
+            "supports, got 2",
         ),
         (
             lambda: pp.Galerkin(LOADED_PIPE, 4).operators(np.zeros(5)),

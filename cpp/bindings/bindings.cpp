@@ -25,6 +25,14 @@ namespace {
 /// Name of the law, arc length, the law's numbers.
 using TermArguments = std::tuple<std::string, double, std::vector<double>>;
 
+pipedyn::End end_of(const std::string& name) {
+  const std::string names[] = {"free", "guided", "pinned", "clamped"};
+  for (int i = 0; i < 4; ++i) {
+    if (name == names[i]) return static_cast<pipedyn::End>(i);
+  }
+  throw std::invalid_argument("end must be free, guided, pinned or clamped, got " + name);
+}
+
 /// Work of a state, in that of a chain's segment.
 py::ssize_t work_of(const Chain& chain) { return chain.dof(); }
 py::ssize_t work_of(const Galerkin& motion) { return 4 * motion.dof() * motion.dof(); }
@@ -88,15 +96,23 @@ PYBIND11_MODULE(_core, m, py::mod_gil_not_used()) {
 
   py::class_<Pipe>(m, "Pipe")
       .def(py::init([](double beta, double gamma, double centrifugal, double drag, double damping,
-                       bool aspirating, const std::vector<TermArguments>& terms) {
-             Pipe pipe{beta, gamma, centrifugal, drag, damping, aspirating};
+                       bool aspirating, const std::vector<TermArguments>& terms, double root,
+                       const std::string& end, std::vector<double> supports, double inflow_share,
+                       double jet_angle) {
+             Pipe pipe{beta,    gamma,      centrifugal,  drag,
+                       damping, aspirating, inflow_share, jet_angle};
              for (const auto& [law, at, numbers] : terms) {
                pipe.terms.push_back(pipedyn::make_term(law, at, numbers));
              }
+             pipe.root = root;
+             pipe.end = end_of(end);
+             pipe.supports = std::move(supports);
              return pipe;
            }),
            "beta"_a, "gamma"_a, "centrifugal"_a, "drag"_a, "damping"_a, "aspirating"_a,
-           "terms"_a = std::vector<TermArguments>{})
+           "terms"_a = std::vector<TermArguments>{},
+           "root"_a = std::numeric_limits<double>::infinity(), "end"_a = "free",
+           "supports"_a = std::vector<double>{}, "inflow_share"_a = 1.0, "jet_angle"_a = 0.0)
       .def_property_readonly("resisted",
                              [](const Pipe& pipe) { return pipedyn::resist(pipe.terms); });
 
@@ -141,7 +157,7 @@ PYBIND11_MODULE(_core, m, py::mod_gil_not_used()) {
                        const pipedyn::Vector& joints, pipedyn::Index more,
                        pipedyn::Index least_nodes) {
              const Family family = legendre ? Family::legendre : Family::beam;
-             return std::make_unique<Galerkin>(pipe, Basis(family, size, joints, more),
+             return std::make_unique<Galerkin>(pipe, Basis(family, size, joints, more, pipe),
                                                least_nodes);
            }),
            "pipe"_a, "legendre"_a, "size"_a, "joints"_a = pipedyn::Vector(), "more"_a = 0,

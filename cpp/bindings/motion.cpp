@@ -22,29 +22,21 @@ using namespace py::literals;
 
 namespace {
 
-/// Flow speeds and drives of members at times; drive (Drive::rows, members), empty where nothing
-/// drives them.
+/// Flow speeds and drives of members at times; drive (Drive::rows, members) or empty.
 struct Flows {
   Reals u;
   Matrix drive;
 
+  bool driven() const { return !drive.isZero(0.0); }
   Batch of(const double* y) const {
     return {.y = y,
             .u = u.data(),
             .members = u.size(),
             .u_step = 1,
-            .drive = drive.size() > 0 ? drive.data() : nullptr};
+            .drive = driven() ? drive.data() : nullptr};
   }
 };
 using FlowsAt = std::function<void(const Vector& t, const std::vector<Index>& which, Flows& flows)>;
-
-/// The value of a function of time to a speed and a drive.
-std::array<double, 1 + Drive::rows> checked_flow(const py::object& u, double t) {
-  const auto value = u(t).cast<std::array<double, 1 + Drive::rows>>();
-  if (value[0] >= 0.0 && std::isfinite(value[0])) return value;
-  throw py::value_error("u(" + std::to_string(t) + ") must be >= 0 and finite, got " +
-                        std::to_string(value[0]));
-}
 
 /// u: a steady speed a member, or a function of time to speed and drive for all.
 FlowsAt flows_at(const py::object& u) {
@@ -58,7 +50,7 @@ FlowsAt flows_at(const py::object& u) {
     flows.u.resize(t.size());
     flows.drive.resize(Drive::rows, t.size());
     for (Index j = 0; j < t.size(); ++j) {
-      const auto value = checked_flow(u, t[j]);
+      const auto value = u(t[j]).cast<std::array<double, 1 + Drive::rows>>();
       flows.u[j] = value[0];
       for (Index k = 0; k < Drive::rows; ++k) flows.drive(k, j) = value[1 + k];
     }
@@ -76,19 +68,14 @@ Rates function_rates(const Model& model, const py::object& u, const Function& fu
   };
 }
 
-/// A drive as Python takes it: (Drive::rows, members), or None.
-py::object drive_argument(const Matrix& drive) {
-  return drive.size() > 0 ? py::cast(drive) : py::none();
-}
-
 /// Rates [q', q'', power] of a compiled model's states with the work done on them.
 template <class Model>
 Rates compiled_rates(const Model& model, const py::object& u) {
   return function_rates(model, u, std::mem_fn(&Model::rhs_and_power));
 }
 
-/// Those of a function of times, states (rows, members), their speeds and drive. A ValueError means
-/// that there are none.
+/// Those of a function of times, states (rows, members), their speeds and, if any, drive (Drive::
+/// rows, members). A ValueError means that there are none.
 Rates called_rates(const py::function& function, Index rows, const py::object& u) {
   return [function, rows, at = flows_at(u), flows = Flows()](const Vector& t, const double* y,
                                                              const std::vector<Index>& which,
@@ -99,8 +86,9 @@ Rates called_rates(const py::function& function, Index rows, const py::object& u
     Numbers states({rows, members});
     std::copy_n(y, rows * members, states.mutable_data());
     try {
-      const Numbers found =
-          function(t, states, flows.u, drive_argument(flows.drive)).cast<Numbers>();
+      const py::object made =
+          flows.driven() ? function(t, states, flows.u, flows.drive) : function(t, states, flows.u);
+      const Numbers found = made.cast<Numbers>();
       if (found.size() != rows * members)
         throw py::value_error("rates must have the states' shape");
       std::copy_n(found.data(), rows * members, rates);
@@ -133,16 +121,17 @@ ImplicitRates implicit_rates(const Model& model, const py::object& u,
           2 * model.dof(), std::move(systems)};
 }
 
-/// Of a function of a time, a state (rows,), its speed and drive.
+/// Of a function of a time, a state (rows,), its speed and, if any, drive (Drive::rows,).
 DenseSystems::Jacobian called_jacobian(const py::function& function, Index rows,
                                        const FlowAt& flow_at) {
   return [function, rows, flow_at](double t, const double* y, Index member, double* out) {
     const Flow flow = flow_at(t, member);
     const py::gil_scoped_acquire locked;
-    const py::object drive =
-        flow.driven ? py::cast(Vector(Eigen::Map<const Vector>(flow.drive, Drive::rows)))
-                    : py::none();
-    const Numbers found = function(t, Numbers(rows, y), flow.u, drive).cast<Numbers>();
+    const Numbers state(rows, y);
+    const py::object made = flow.driven
+                                ? function(t, state, flow.u, Numbers(Drive::rows, flow.drive))
+                                : function(t, state, flow.u);
+    const Numbers found = made.cast<Numbers>();
     if (found.size() != rows * rows) throw py::value_error("a Jacobian must have a row a state");
     std::copy_n(found.data(), rows * rows, out);
   };
@@ -153,7 +142,7 @@ ImplicitRates implicit_rates_of(const py::object& of, const py::object& jacobian
   const FlowAt flow_at = [at = flows_at(u)](double t, Index member) {
     Flows flows;
     at(Vector::Constant(1, t), {member}, flows);
-    Flow one{.u = flows.u[0], .driven = flows.drive.size() > 0};
+    Flow one{.u = flows.u[0], .driven = flows.driven()};
     std::copy_n(flows.drive.data(), flows.drive.size(), one.drive);
     return one;
   };

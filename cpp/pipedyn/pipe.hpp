@@ -3,6 +3,8 @@
 
 #include <Eigen/Core>
 #include <cmath>
+#include <limits>
+#include <vector>
 
 #include "pipedyn/terms/term.hpp"
 
@@ -12,6 +14,10 @@ using Index = Eigen::Index;
 using Matrix = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
 using Vector = Eigen::VectorXd;
 
+/// How the pipe is held at s = 1: not at all; in direction, free to slide across; on the axis
+/// (x = 0), free to turn; both. It slides along the axis in each case.
+enum class End { free, guided, pinned, clamped };
+
 /// The nondimensional numbers a pipe is; length, mass per length and bending stiffness are 1.
 struct Pipe {
   double beta = 0.0;         // fluid's share of the mass, 0 <= beta < 1
@@ -20,17 +26,27 @@ struct Pipe {
   double drag = 0.0;         // kappa, quadratic drag
   double damping = 0.0;      // delta, Kelvin-Voigt damping
   bool aspirating = false;   // flow enters at the free end
-  Terms terms{};             // what else acts on the pipe
+  // c: share of the free end's velocity that the inflow has before it enters
+  double inflow_share = 1.0;
+  double jet_angle = 0.0;  // psi, from the free end's tangent to the thrust's direction
+  Terms terms{};           // what else acts on the pipe
+  double root =
+      std::numeric_limits<double>::infinity();  // k_r, rotational spring at s = 0; 0: hinge
+  End end = End::free;
+  std::vector<double> supports{};  // arc lengths of rigid inner supports (x = 0), ascending
 
   double sqrt_beta() const { return std::sqrt(beta); }
   /// s: U = s u is the flow speed counted towards the free end.
   double direction() const { return aspirating ? -1.0 : 1.0; }
+  /// By which u v of the free end's velocity v loads it: the entering flow's change of velocity.
+  double entry() const { return (1.0 - inflow_share) * direction() * sqrt_beta(); }
 };
 
 /// Linear operators about the straight pipe at rest, each (dof, dof):
 ///   mass q'' + (s u (gyroscopic + end_flux) + damping) q'
 ///     + (stiffness + a u^2 flux + s u' unsteady) q = 0.
-/// gyroscopic is skew, end_flux symmetric of rank one; with unsteady they carry sqrt(beta).
+/// gyroscopic is skew, end_flux symmetric of rank one; with unsteady they carry sqrt(beta),
+/// end_flux also c.
 struct Operators {
   Matrix mass, gyroscopic, end_flux, damping, stiffness, flux, unsteady;
 

@@ -43,12 +43,14 @@ from pipedyn.models.drive import Harmonic, Pulsation
 from pipedyn.models.end_coefficient import end_coefficient
 from pipedyn.models.galerkin import Galerkin
 from pipedyn.models.pipe import Pipe, Scales
+from pipedyn.models.supports import RootSpring
 from pipedyn.models.terms import (
     CubicSpring,
     Damper,
     Foundation,
     PointMass,
     Spring,
+    Stop,
     Tension,
     Term,
     Viscosity,
@@ -119,10 +121,12 @@ __all__ = [
     "Relevance",
     "Resonance",
     "RootLoci",
+    "RootSpring",
     "Scales",
     "Sensitivity",
     "Spring",
     "StabilityCurve",
+    "Stop",
     "Tension",
     "Term",
     "Trade",

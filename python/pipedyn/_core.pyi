@@ -56,6 +56,11 @@ class Pipe:
                 collections.abc.Sequence[typing.SupportsFloat | typing.SupportsIndex],
             ]
         ] = [],
+        root: typing.SupportsFloat | typing.SupportsIndex = ...,
+        end: str = "free",
+        supports: collections.abc.Sequence[typing.SupportsFloat | typing.SupportsIndex] = [],
+        inflow_share: typing.SupportsFloat | typing.SupportsIndex = 1.0,
+        jet_angle: typing.SupportsFloat | typing.SupportsIndex = 0.0,
     ) -> None: ...
     @property
     def resisted(self) -> bool: ...
@@ -73,6 +78,8 @@ class Operators:
     def mass(self) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"]: ...
     @property
     def stiffness(self) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"]: ...
+    @property
+    def unsteady(self) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"]: ...
 
 class Chain:
     def __init__(
@@ -85,10 +92,12 @@ class Chain:
         drag_point: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"],
         base: typing.SupportsFloat | typing.SupportsIndex,
     ) -> None: ...
-    def energy(self, y: typing.Any) -> float | numpy.typing.NDArray[numpy.float64]: ...
+    def energy(
+        self, y: typing.Any, drive: typing.Any = None
+    ) -> float | numpy.typing.NDArray[numpy.float64]: ...
     def guided(self, held: collections.abc.Sequence[bool]) -> Chain: ...
     def jacobian(
-        self, t: typing.Any, y: typing.Any, u: typing.Any
+        self, t: typing.Any, y: typing.Any, u: typing.Any, drive: typing.Any = None
     ) -> numpy.typing.NDArray[numpy.float64]: ...
     def joint_operators(
         self, scale: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"]
@@ -102,6 +111,7 @@ class Chain:
         velocity: typing.SupportsFloat | typing.SupportsIndex = 0.0,
         flux: typing.SupportsFloat | typing.SupportsIndex = 0.0,
         gravity: typing.SupportsFloat | typing.SupportsIndex = 0.0,
+        unsteady: typing.SupportsFloat | typing.SupportsIndex = 0.0,
     ) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"]: ...
     def loads(
         self, stations: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, n]"]
@@ -111,18 +121,19 @@ class Chain:
     ) -> Operators: ...
     def places(self) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"]: ...
     def power(
-        self, y: typing.Any, u: typing.Any
+        self, y: typing.Any, u: typing.Any, drive: typing.Any = None
     ) -> tuple[
+        float | numpy.typing.NDArray[numpy.float64],
         float | numpy.typing.NDArray[numpy.float64],
         float | numpy.typing.NDArray[numpy.float64],
         float | numpy.typing.NDArray[numpy.float64],
         float | numpy.typing.NDArray[numpy.float64],
     ]: ...
     def rhs(
-        self, t: typing.Any, y: typing.Any, u: typing.Any
+        self, t: typing.Any, y: typing.Any, u: typing.Any, drive: typing.Any = None
     ) -> numpy.typing.NDArray[numpy.float64]: ...
     def rhs_and_power(
-        self, t: typing.Any, y: typing.Any, u: typing.Any
+        self, t: typing.Any, y: typing.Any, u: typing.Any, drive: typing.Any = None
     ) -> numpy.typing.NDArray[numpy.float64]: ...
 
 class Galerkin:
@@ -143,10 +154,12 @@ class Galerkin:
     def elastic_stiffness(
         self,
     ) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, 1]"]: ...
-    def energy(self, y: typing.Any) -> float | numpy.typing.NDArray[numpy.float64]: ...
+    def energy(
+        self, y: typing.Any, drive: typing.Any = None
+    ) -> float | numpy.typing.NDArray[numpy.float64]: ...
     def functions_by_panel(self) -> list[list[int]]: ...
     def jacobian(
-        self, t: typing.Any, y: typing.Any, u: typing.Any
+        self, t: typing.Any, y: typing.Any, u: typing.Any, drive: typing.Any = None
     ) -> numpy.typing.NDArray[numpy.float64]: ...
     def most_on_a_panel(self) -> int: ...
     def nodes(
@@ -156,18 +169,19 @@ class Galerkin:
         self, q: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"] = ...
     ) -> Operators: ...
     def power(
-        self, y: typing.Any, u: typing.Any
+        self, y: typing.Any, u: typing.Any, drive: typing.Any = None
     ) -> tuple[
+        float | numpy.typing.NDArray[numpy.float64],
         float | numpy.typing.NDArray[numpy.float64],
         float | numpy.typing.NDArray[numpy.float64],
         float | numpy.typing.NDArray[numpy.float64],
         float | numpy.typing.NDArray[numpy.float64],
     ]: ...
     def rhs(
-        self, t: typing.Any, y: typing.Any, u: typing.Any
+        self, t: typing.Any, y: typing.Any, u: typing.Any, drive: typing.Any = None
     ) -> numpy.typing.NDArray[numpy.float64]: ...
     def rhs_and_power(
-        self, t: typing.Any, y: typing.Any, u: typing.Any
+        self, t: typing.Any, y: typing.Any, u: typing.Any, drive: typing.Any = None
     ) -> numpy.typing.NDArray[numpy.float64]: ...
     def tips(self, y: typing.Any) -> numpy.typing.NDArray[numpy.float64]: ...
 
@@ -412,7 +426,9 @@ class Scene:
         value: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"],
     ) -> None: ...
     def bodies(self) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"]: ...
-    def energy(self, y: typing.Any) -> float | numpy.typing.NDArray[numpy.float64]: ...
+    def energy(
+        self, y: typing.Any, drive: typing.Any = None
+    ) -> float | numpy.typing.NDArray[numpy.float64]: ...
     def from_angles(
         self, theta: typing.Any, omega: typing.Any
     ) -> numpy.typing.NDArray[numpy.float64]: ...
@@ -423,10 +439,12 @@ class Scene:
         moments: typing.Any = None,
         by_state: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, n]"] = ...,
         returns: bool = True,
+        drive: typing.Any = None,
     ) -> numpy.typing.NDArray[numpy.float64]: ...
     def power(
-        self, y: typing.Any, u: typing.Any
+        self, y: typing.Any, u: typing.Any, drive: typing.Any = None
     ) -> tuple[
+        float | numpy.typing.NDArray[numpy.float64],
         float | numpy.typing.NDArray[numpy.float64],
         float | numpy.typing.NDArray[numpy.float64],
         float | numpy.typing.NDArray[numpy.float64],
@@ -442,10 +460,20 @@ class Scene:
         typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, 1]"],
     ]: ...
     def rhs(
-        self, t: typing.Any, y: typing.Any, u: typing.Any, moments: typing.Any = None
+        self,
+        t: typing.Any,
+        y: typing.Any,
+        u: typing.Any,
+        moments: typing.Any = None,
+        drive: typing.Any = None,
     ) -> numpy.typing.NDArray[numpy.float64]: ...
     def rhs_and_power(
-        self, t: typing.Any, y: typing.Any, u: typing.Any, moments: typing.Any = None
+        self,
+        t: typing.Any,
+        y: typing.Any,
+        u: typing.Any,
+        moments: typing.Any = None,
+        drive: typing.Any = None,
     ) -> numpy.typing.NDArray[numpy.float64]: ...
     def solve(
         self,

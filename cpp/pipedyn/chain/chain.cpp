@@ -160,7 +160,8 @@ ImpedanceModel Chain::impedance() const {
   return {.segments = impedances_.data(),
           .size = dof(),
           .coriolis = pipe_.direction() * pipe_.sqrt_beta(),
-          .centrifugal = pipe_.centrifugal};
+          .entry = pipe_.entry(),
+          .thrust = pipe_.centrifugal * std::cos(pipe_.jet_angle)};
 }
 
 Matrix Chain::held_rows(const Vector& scale) const {
@@ -247,24 +248,25 @@ Operators Chain::operators(const Vector& angles) const {
   const auto cosine_between = [&](Index k, Index i) {
     return cosine[k] * cosine[i] + sine[k] * sine[i];
   };
-  const double sqrt_beta = pipe_.sqrt_beta();
+  const double sqrt_beta = pipe_.sqrt_beta(), share = pipe_.inflow_share;
+  const double jet = (angles.size() > 0 ? angles[n - 1] : 0.0) + pipe_.jet_angle;
   double beyond = 0.0, spring_beyond = 0.0, damping_beyond = 0.0;
   Operators ops(n);
   for (Index k = n - 1; k >= 0; --k) {
     const Link& link = this->link(k);
     const double l = link.length;
     ops.mass(k, k) = link.length_square * beyond + link.inertia;
-    ops.end_flux(k, k) = sqrt_beta * l * l;
+    ops.end_flux(k, k) = share * sqrt_beta * l * l;
     for (Index i = k + 1; i < n; ++i) {
       const double turned = cosine_between(k, i);
       const double product = sqrt_beta * l * this->link(i).length * turned;
       ops.mass(k, i) = ops.mass(i, k) = l * first_moment_[i] * turned;
-      ops.end_flux(k, i) = ops.end_flux(i, k) = product;
+      ops.end_flux(k, i) = ops.end_flux(i, k) = share * product;
       ops.gyroscopic(k, i) = ops.unsteady(k, i) = product;
       ops.gyroscopic(i, k) = -product;
       ops.unsteady(k, k) -= product;
     }
-    const double thrust = l * cosine_between(k, n - 1);
+    const double thrust = l * (cosine[k] * std::cos(jet) + sine[k] * std::sin(jet));
     ops.flux(k, k) -= thrust;
     ops.flux(k, n - 1) += thrust;
     const double elastic = link.spring + spring_beyond;
@@ -335,6 +337,7 @@ Matrix Chain::joint_times(const Matrix& x, const LinearPart& part) const {
   require_rows(x.rows(), n);
   const double flow = pipe_.sqrt_beta() * pipe_.direction();
   const double coriolis = part.velocity * flow, push = part.unsteady * flow;
+  const double thrust = part.flux * std::cos(pipe_.jet_angle);
   const auto sum = [&](const ImpedanceParts& of) {
     return part.still * of.still + part.rate * of.rate + part.square * of.square;
   };
@@ -350,11 +353,11 @@ Matrix Chain::joint_times(const Matrix& x, const LinearPart& part) const {
     const double turned = 2.0 * l * coriolis + l * push;
     force.row(j) = sum(at.force) * place + (sum(at.turned) + turned) * angle;
     const double own =
-        l * l * coriolis - l * (part.flux + left * push) + part.gravity * first_moment_[j];
+        l * l * coriolis - l * (thrust + left * push) + part.gravity * first_moment_[j];
     out.row(j) = sum(at.across) * place + (sum(at.moment) + own) * angle;
     place += l * angle;
   }
-  Row beyond = part.flux * angle;
+  Row beyond = thrust * angle - part.velocity * pipe_.entry() * place;
   for (Index j = n - 1; j >= 0; --j) {
     const ImpedanceSegment& at = impedances_[static_cast<std::size_t>(j)];
     moment += out.row(j) + at.length * beyond;
@@ -427,7 +430,9 @@ MotionModel Chain::motion() const {
           .base = segments_.base,
           .gravity = pipe_.gamma,
           .coriolis = pipe_.direction() * pipe_.sqrt_beta(),
-          .centrifugal = pipe_.centrifugal,
+          .entry = pipe_.entry(),
+          .thrust = {pipe_.centrifugal * std::cos(pipe_.jet_angle),
+                     pipe_.centrifugal * std::sin(pipe_.jet_angle)},
           .damped = damped_,
           .bent = bent_,
           .drag = pipe_.drag != 0.0,

@@ -17,7 +17,8 @@
 // + chi_k l_k^2, row k reads
 //
 //   sum_i M_ki theta_i'' + sqrt(beta) U (l_k^2 theta_k' + 2 sum_{i>k} l_k l_i theta_i')
-//     + a U^2 l_k (theta_n - theta_k) + gamma p_k theta_k
+//     - (1 - c) sqrt(beta) U l_k sum_i l_i theta_i' + a U^2 l_k (theta_n - theta_k)
+//     + gamma p_k theta_k
 //     + (1 + delta d/dtau) (k_k phi_k - k_{k+1} phi_{k+1}) = 0,     phi_j = theta_j - theta_{j-1},
 //
 // U = s u. Joints may have a damping c_k of their own in place of delta k_k, and an angle
@@ -28,11 +29,15 @@
 // At any amplitude, with c_ki = l_min(k,i) p_max(k,i) (k != i), c_kk = M_kk, t the tangents,
 //   sum_i c_ki (cos(theta_k - theta_i) theta_i'' + sin(theta_k - theta_i) theta_i'^2)
 //     + sqrt(beta) U (l_k^2 theta_k' + 2 sum_{i>k} l_k l_i cos(theta_k - theta_i) theta_i')
+//     - (1 - c) sqrt(beta) U l_k sum_i l_i cos(theta_k - theta_i) theta_i'
 //     + sqrt(beta) U' l_k sum_{i>k} l_i sin(theta_i - theta_k)
-//     + a U^2 l_k sin(theta_n - theta_k) + X'' p_k cos theta_k + (gamma - Y'') p_k sin theta_k
+//     + a U^2 l_k sin(theta_n + psi - theta_k)
+//     + X'' p_k cos theta_k + (gamma - Y'') p_k sin theta_k
 //     + (1 + delta d/dtau) (k_k phi_k - k_{k+1} phi_{k+1}) = drag_k,
-// where the force -kappa l_j |v_j| v_j acts across each segment at its drag point; solved in O(n).
-// The base, with the clamp, may stand at (X, Y), functions of time; then v_j has its velocity, too.
+// where the jet leaves at the angle psi to the last segment, the inflow has the share c of the free
+// end's velocity and the force -kappa l_j |v_j| v_j acts across each segment at its drag point;
+// solved in O(n). The base, with the clamp, may stand at (X, Y), functions of time: inflow and drag
+// then see its velocity, too.
 //
 // The terms of the pipe (terms/) act at places of the segments (stations.hpp). A mass on a segment
 // changes the segment's own mass, centre and radius of gyration: sum_{i>k} l_i in M and p_k becomes
@@ -74,6 +79,7 @@ class Chain {
   /// Throws std::invalid_argument if the arrays differ in length or are empty.
   Chain(const Pipe& pipe, Segments segments);
 
+  const Pipe& pipe() const { return pipe_; }
   Index dof() const { return segments_.length.size(); }
 
   /// Operators in the angles theta, O(n^2), about the straight pipe or a configuration at rest (n):

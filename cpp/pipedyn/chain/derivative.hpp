@@ -11,7 +11,7 @@
 // where tau_j, of the spring between them, acts on the neighbours of m alone. Beyond m everything
 // moves with V_m = -l_m w_m t_m or l_m n_m, so that only drag acts there, r_j = 2 kappa l_j |v_j|:
 //   b_j = R_j V_m,   g_j = q_j . V_m,   q_j = -(l_j R_j^T n_j + xi_j l_j r_j n_j) / H_j,
-//   R_{j-1} = R_j + r_j n_j n_j^T + c_j q_j^T,   R_n = 0,
+//   R_{j-1} = R_j + r_j n_j n_j^T + c_j q_j^T,   R_n = -(1 - c) sqrt(beta) U,
 // one (2, 2) matrix R_j for all columns. The slopes of the terms' loads by velocity, summed over
 // the places of segment j as V_j and with the arms as V'_j, add -V_j to R_{j-1} and n_j . V'_j /
 // H_j to q_j^T. Their slopes by position do the same in a second pair of R_j and q_j, for the
@@ -68,7 +68,7 @@ struct Source {
   double force_t = 0.0, force_n = 0.0;  // on the segment
   double moment = 0.0;                  // in its own row, without the joints'
   double v_t = 0.0, v_n = 0.0;          // change of velocity of all beyond
-  double end = 0.0;                     // change of the follower force, across the last segment
+  double end_t = 0.0, end_n = 0.0;      // change of the follower force
 };
 
 /// What joint j resists a turn with, its angle or its rate; the free end's is none.
@@ -79,7 +79,7 @@ inline double joint(const MotionModel& model, Count j, bool angle) {
 
 Source angle_source(const MotionModel& model, const Kept& here, Count m, double w, double u) {
   const Link& link = model.links[m];
-  const double l = link.length, square = w * w, thrust = model.centrifugal * u * u;
+  const double l = link.length, square = w * w, thrust = m + 1 < model.size ? 0.0 : u * u;
   const double force =
       here.tt * (here.at - l * square) + here.tn * (here.an + l * here.acceleration) + here.bt;
   const double speed = model.drag ? std::fabs(here.v) : 0.0;
@@ -91,7 +91,8 @@ Source angle_source(const MotionModel& model, const Kept& here, Count m, double 
           .force_n = slope,
           .moment = l * force + link.first_moment * here.at - link.drag_arm * slope,
           .v_t = -l * w,
-          .end = m + 1 < model.size ? 0.0 : thrust};
+          .end_t = -thrust * model.thrust[1],
+          .end_n = thrust * model.thrust[0]};
 }
 
 Source rate_source(const MotionModel& model, const Kept& here, Count m, double w, double u) {
@@ -245,6 +246,7 @@ void columns_inward(const Linearised& about, const Columns& columns, double* out
   const bool loaded = about.loaded();
   const LoadMoments none{};
   Response by_velocity, by_position;
+  by_velocity.rows[0][0] = by_velocity.rows[1][1] = -model.entry * about.u;
   Plane e_beyond{0.0, 0.0};  // e of the segment beyond
   for (Count k = n - 1; k >= 0; --k) {
     const Link& link = model.links[k];
@@ -269,13 +271,13 @@ void columns_inward(const Linearised& about, const Columns& columns, double* out
       source.moment -= joint(model, k, angle) + spring;
       const Plane v = frame.plane(source.v_t, source.v_n);
       const Plane moved = times(by_velocity.rows, v);
-      Plane b{moved.x + e_beyond.x * spring + source.end * frame.n.x,
-              moved.y + e_beyond.y * spring + source.end * frame.n.y};
+      const Plane end = frame.plane(source.end_t, source.end_n);
+      Plane b{moved.x + e_beyond.x * spring + end.x, moved.y + e_beyond.y * spring + end.y};
       if (loaded && angle) b = plus(b, times(by_position.rows, {l * frame.n.x, l * frame.n.y}));
       start_column(about, columns, k, block + k, source, b, c, row);
     }
     e_beyond = {c.x * inverse, c.y * inverse};
-    if (!model.drag && !loaded) continue;
+    if (!model.resists()) continue;
     const LoadMoments& sums = loaded ? about.loads[k] : none;
     columns.answer[k] = by_velocity.pass(frame, l, inverse, c, about.drag_slope(k), link.drag_arm,
                                          sums.slopes[0].by_velocity, sums.slopes[1].by_velocity);
@@ -299,7 +301,7 @@ void columns_outward(const Linearised& about, const Columns& columns, double* ou
     const Plane e = frame.plane(l * here.tn * inverse, (l * here.nn + link.first_moment) * inverse);
     double* const row = out + (n + k) * 2 * n;
     for (Count block = 0; block <= n; block += n) {
-      if (model.drag || loaded) {
+      if (model.resists()) {
         add_row_of_motion(k, columns.answer[k], columns.vx + block, columns.vy + block,
                           row + block);
       }

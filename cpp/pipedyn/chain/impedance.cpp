@@ -82,13 +82,14 @@ inline Coefficients<Pack> coefficient_sizes(const ImpedanceSegment& at, const Po
 /// T at so many lambda.
 struct Problem {
   Powers<Lanes> powers;
-  double flow, thrust;  // sqrt(beta) U and a U^2
+  double flow, entry, thrust;  // sqrt(beta) U, (1 - c) sqrt(beta) U and a U^2
 
   Problem() = default;
   Problem(const ImpedanceModel& model, const Lanes& lambda, double u)
       : powers{lambda, lambda * lambda, (model.coriolis * u) * lambda},
         flow(model.coriolis * u),
-        thrust(model.centrifugal * u * u) {}
+        entry(model.entry * u),
+        thrust(model.thrust * u * u) {}
 
   Powers<Pack> sizes() const {
     const Pack size = size_of(powers.one);
@@ -175,6 +176,8 @@ void log_derivative(const ImpedanceModel& model, const ImpedancePoints& points, 
     const Lanes lambda = taken(points, first);
     const Problem problem(model, lambda, points.u);
     Impedance at, by;  // and its derivative by lambda
+    at.a = -problem.entry * lambda;
+    by.a.re = all<Pack>(-problem.entry);
     Lanes sum;
     for (Count k = 0; k < points.roots; k += 2) {  // one division for two
       const Count next = k + 1 < points.roots ? k + 1 : k;
@@ -285,6 +288,7 @@ void pairs(const ImpedanceModel& model, const ImpedancePoints& points, const Imp
   for (Count first = 0; first < points.count; first += width) {
     const Problem problem(model, taken(points, first), points.u);
     Impedance at;
+    at.a = -problem.entry * problem.powers.one;
     LoadBeyond load, dual;
     double weight = 0.5;  // of the load on a joint
     Coefficients<Lanes> own;
@@ -394,13 +398,20 @@ void pairs(const ImpedanceModel& model, const ImpedancePoints& points, const Imp
       if (out.right != nullptr) put(out.right + 2 * j * points.count, points, first, x.turn);
       if (out.left != nullptr) put(out.left + 2 * j * points.count, points, first, y.turn);
     }
+    if (problem.entry != 0.0) {
+      const double share = -model.entry / model.coriolis;
+      const Lanes end = share * x.end;
+      rates.flow += y.end * end;
+      own_rates.flow += conjugate(x.end) * end;
+      entries += std::fabs(problem.entry) * sizes.one * (size_of(y.end) * size_of(x.end));
+    }
     value += y.angle * joint_moment;
     rest += size_of(y.angle) * size_of(joint_moment);
     put(out.value, points, first, value);
     put(out.by_lambda, points, first, rates.sum(problem));
     put(out.by_u, points, first,
         (model.coriolis * problem.powers.one) * rates.flow +
-            (2.0 * model.centrifugal * points.u) * pressed);
+            (2.0 * model.thrust * points.u) * pressed);
     if (out.by_right != nullptr) put(out.by_right, points, first, own_rates.sum(problem));
     put(out.rest, points, first, rest);
     put(out.entries, points, first, entries);

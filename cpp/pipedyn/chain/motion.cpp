@@ -4,12 +4,15 @@
 // PIPEDYN_WIDTH set.
 //
 // Energy: kinetic + sum k_j phi_j (phi_j / 2 - psi_j) + gamma sum p_j (1 - cos theta_j). Power,
-// with the velocity v of the free end and v_j of the drag points: flow -sqrt(beta) U |v|^2 - a U^2
-// t_n . v, joints -sum c_j phi_j'^2, drag -kappa sum l_j |v_j|^3. To both come the terms', as their
-// laws say. Where the base moves the energy is that in its frame, but for the terms', which stand
-// on the ground; with the momentum P about the base and the force R of drag and terms the base adds
-// -(X'', Y'') . P - (X', Y') . R. A change of speed adds -sqrt(beta) U' sum l_j t_j . r_j' to the
-// flow's power, r_j' the velocity about the base.
+// with the velocity v of the free end and v_j of the drag points: flow -c sqrt(beta) U |v|^2 - a
+// U^2 (cos psi t_n + sin psi n_n) . v, joints -sum c_j phi_j'^2, drag -kappa sum l_j |v_j|^3. To
+// both come the terms', as their laws say. A change of speed adds -sqrt(beta) U' sum l_j t_j . r_j'
+// to the flow's.
+//
+// Where the base moves the energy is that in its frame, but for the terms', which stand on the
+// ground, and v and r_j' are about it; of the flow the part -(1 - c) sees the whole velocity. With
+// the momentum P about the base and the force R of drag and terms, whose own power is that on the
+// ground, the base adds -(X'', Y'') . P - (X', Y') . R.
 #include "pipedyn/chain/motion.hpp"
 
 #include "pipedyn/chain/derivative.hpp"
@@ -88,10 +91,12 @@ void power_of(const MotionModel& model, const Members<Real>& members, const Swee
         drag -= force * v;
       },
       vt, vn);
-  const LoadPower<Real> parts = add_loads(model, members, sweep, vt, vn);
+  const LoadPower<Real> parts = add_loads(model, members, sweep);
   const Real u = members.speed();
-  const Real flow =
-      -(model.coriolis * u) * (vt * vt + vn * vn) - (model.centrifugal * (u * u)) * vt;
+  const Real along = vt - parts.base_along, across = vn - parts.base_across;  // about the base
+  const Real coriolis = model.coriolis * u, entry = model.entry * u;
+  const Real flow = (entry * vt - coriolis * along - (u * u) * model.thrust[0]) * along +
+                    (entry * vn - coriolis * across - (u * u) * model.thrust[1]) * across;
   members.set_row(out, 0, Real(flow + parts.flow));
   members.set_row(out, 1, joints);
   members.set_row(out, 2, drag);

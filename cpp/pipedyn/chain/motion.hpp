@@ -45,12 +45,16 @@ struct MotionModel {
   double base;               // length of the fixed part at the clamp
   double gravity;            // gamma
   double coriolis;           // sqrt(beta) s
-  double centrifugal;        // a
+  double entry;              // (1 - c) sqrt(beta) s
+  double thrust[2];          // a cos psi along and a sin psi across the last segment
   bool damped;               // some joint is
   bool bent;                 // some joint is bent at rest
   bool drag;                 // kappa > 0
   const SegmentTerm* loads;  // from the clamp on
   std::ptrdiff_t load_count;
+
+  /// Whether forces other than the joints' and Coriolis' change with the velocities.
+  bool resists() const { return drag || entry != 0.0 || load_count > 0; }
 };
 
 /// Rows of what drives a member in time besides its flow speed: the rate u' of this, then position,
@@ -101,10 +105,10 @@ struct MotionKernel {
   std::ptrdiff_t (*factor_numbers)(const MotionModel&);
   void (*factorise)(const MotionModel&, const Batch& one, const double* mu, double* factors);
   void (*solve)(const MotionModel&, double u, double* factors, double* b);
-  // J (n, n), with room for 8 n^2 numbers and 4 n pivots:
-  void (*factorise_dense)(const double* jacobian, const double* mu, std::ptrdiff_t n,
-                          double* factors, std::ptrdiff_t* pivots);
-  void (*solve_dense)(double* factors, const std::ptrdiff_t* pivots, std::ptrdiff_t n, double* b);
+  // A x = b of as many matrices A (n, n, 2 shifts), which become factors, with room for 4 n pivots:
+  void (*factorise_dense)(double* a, std::ptrdiff_t n, std::ptrdiff_t* pivots);
+  void (*solve_dense)(const double* factors, const std::ptrdiff_t* pivots, std::ptrdiff_t n,
+                      double* b);
 
   // The stages of implicit steps (rows, 8), see motion/stages.hpp; matrices are (8, 8).
   void (*mix_stages)(const double* a, const double* matrix_a, const double* b,

@@ -5,11 +5,13 @@
 //
 // With b = [b1, b2] and x = [x1, x2] the angle of segment j changes by (x2_j + b1_j) / mu, its rate
 // by x2_j and its angular acceleration by mu x2_j - b2_j. Let m_j be the changes of acceleration,
-// velocity and position of node j, the last two only where drag or loads see them. Across segment j
+// velocity and position of node j, the last two only where drag, loads or the entering flow see
+// them. Across segment j
 //   m_j = m_{j-1} + g_j x2_j + e_j,
 // e_j by b alone. All beyond node j answers with a force and with the moment of joint j + 1,
 //   f_j = Z_j m_j + z_j x2_j + f0_j,   k_j = K_j m_j + s_j x2_j + k0_j,
-// f_n by the follower force alone, k_n = 0. Segment j's moments about its joint then give
+// f_n by the follower force and the entering flow alone, k_n = 0. Segment j's moments about its
+// joint then give
 //   x2_j = X_j m_{j-1} + (c_j / D_j) x2_{j-1} + x0_j,   c_j = spring_j / mu + damping_j,
 //   D_j = c_j + R_j,
 // R_j of everything but its own joint; so one segment nearer to the clamp
@@ -82,15 +84,23 @@ struct ShiftedFactors {
   }
 };
 
+/// Derivative of the follower force by the angle of the last segment, with the normal n.
+inline Plane turned_thrust(const MotionModel& model, double u, const Plane& n) {
+  return plus(scaled(model.thrust[0] * u * u, n), scaled(model.thrust[1] * u * u, {n.y, -n.x}));
+}
+
 template <Count size>
 void factorise_shifted(const Linearised& about, const ShiftedFactors<size>& out) {
   const MotionModel& model = about.model;
   const Count n = model.size;
   const Complex mu = *out.mu, inverse_mu = inverse(mu), zero = 0.0 * mu;
   *out.inverse = inverse_mu;
-  const Plane end = scaled(model.centrifugal * about.u * about.u, about.frame(n - 1).n);
+  const Plane end = turned_thrust(model, about.u, about.frame(n - 1).n);
   Complex force[2][size], moment[size], at_rate[2], moment_at_rate = zero;  // Z, K, z, s
   for (Count i = 0; i < size; ++i) force[0][i] = force[1][i] = moment[i] = zero;
+  if constexpr (size == 6) {
+    force[0][2] = force[1][3] = zero + (-model.entry * about.u);
+  }
   at_rate[0] = end.x * inverse_mu;
   at_rate[1] = end.y * inverse_mu;
   for (Count j = n - 1; j >= 0; --j) {
@@ -168,7 +178,7 @@ void solve_shifted(const MotionModel& model, double u, const ShiftedFactors<size
   const Count n = model.size;
   const Complex inverse_mu = *factors.inverse, zero = 0.0 * inverse_mu;
   Complex e[size], angle = inverse_mu * read_shifted(x, n - 1, pass);
-  const Plane end = scaled(model.centrifugal * u * u, factors.segments[n - 1].normal);
+  const Plane end = turned_thrust(model, u, factors.segments[n - 1].normal);
   Complex fx = end.x * angle, fy = end.y * angle, moment = zero;
   for (Count j = n - 1; j >= 0; --j) {
     const ShiftedSegment<size>& here = factors.segments[j];
@@ -202,9 +212,8 @@ void solve_shifted(const MotionModel& model, double u, const ShiftedFactors<size
 /// Calls body(factors, pass) with the factors of all shifts, as many at a time as a vector holds.
 template <class Body>
 void for_each_pass(const MotionModel& model, double* array, const Body& body) {
-  const bool whole = model.drag || model.load_count > 0;
   for (Count pass = 0; pass < shift_passes; ++pass) {
-    if (whole) {
+    if (model.resists()) {
       body(ShiftedFactors<6>(array, model.size, pass), pass);
     } else {
       body(ShiftedFactors<2>(array, model.size, pass), pass);
@@ -213,8 +222,8 @@ void for_each_pass(const MotionModel& model, double* array, const Body& body) {
 }
 
 Count shifted_numbers(const MotionModel& model) {
-  const bool whole = model.drag || model.load_count > 0;
-  return whole ? ShiftedFactors<6>::numbers(model.size) : ShiftedFactors<2>::numbers(model.size);
+  return model.resists() ? ShiftedFactors<6>::numbers(model.size)
+                         : ShiftedFactors<2>::numbers(model.size);
 }
 
 void factorise_shifted(const MotionModel& model, const Batch& one, const double* mu,

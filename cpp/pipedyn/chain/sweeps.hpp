@@ -7,7 +7,8 @@
 // With w_j = theta_j' and the acceleration a_j of node j, gravity as an acceleration of the clamp,
 //   a_j = a_{j-1} + l_j (theta_j'' n_j - w_j^2 t_j),   a_0 = -gamma (0, 1).
 // All beyond node j answers a_j with the force A_j a_j + b_j, A_j symmetric (2, 2), A_n = 0,
-// b_n = a U^2 t_n (follower force). The moments about the joint of segment j give
+// b_n = a U^2 (cos psi t_n + sin psi n_n) - (1 - c) sqrt(beta) U r_n' (follower force, entering
+// flow). The moments about the joint of segment j give
 //   theta_j'' = g_j - e_j . a_{j-1},   e_j = c_j / H_j,   c_j = l_j A_j n_j + m_j chi_j l_j n_j,
 //   H_j = l_j^2 n_j . A_j n_j + m_j (chi_j^2 l_j^2 + eta_j^2),
 //   g_j = (tau_j - l_j n_j . (b_j - l_j w_j^2 A_j t_j)) / H_j,
@@ -173,19 +174,19 @@ struct DrivePower {
   }
 };
 
-/// Power of terms, of a change of the flow speed and of the base's motion.
+/// Power of terms, of a change of the flow speed and of the base's motion; the base's velocity in
+/// the frame of the last segment.
 template <class Real>
 struct LoadPower {
-  Real terms{}, flow{}, base{};
+  Real terms{}, flow{}, base{}, base_along{}, base_across{};
 };
 
 /// Adds the terms' loads, the moments of bent joints at rest, the batch's further moments and what
 /// drives it to the drag on each segment: what acts across it, along it and about its joint, with
-/// the signs of resistance. Where something drives it the last two arguments, the free end's
-/// velocity in the frame of the last segment, become that about the base.
+/// the signs of resistance.
 template <class Real>
 LoadPower<Real> add_loads(const MotionModel& model, const Members<Real>& members,
-                          const Sweep<Real>& sweep, Real& end_along, Real& end_across) {
+                          const Sweep<Real>& sweep) {
   LoadPower<Real> power;
   const double* const moments = members.batch.moments;
   const bool drives = members.batch.drive != nullptr;
@@ -220,16 +221,17 @@ LoadPower<Real> add_loads(const MotionModel& model, const Members<Real>& members
     sweep.set(sweep.moment, j, moment);
   }
   if (!drives) return power;
-  const Real vx = walk.vx - driven.vx, vy = walk.vy - driven.vy;
-  end_along = walk.sine * vx + walk.cosine * vy;
-  end_across = walk.cosine * vx - walk.sine * vy;
   power.flow = drive.flow;
   power.base = drive.base();
+  power.base_along = walk.sine * driven.vx + walk.cosine * driven.vy;
+  power.base_across = walk.cosine * driven.vx - walk.sine * driven.vy;
   return power;
 }
 
-/// What acts on the segments besides inertia, a steady flow and joints.
-enum class Outer { nothing, drag, loads };  // loads: as in add_loads, with drag if there is any
+/// What acts on the segments besides inertia, a steady flow and joints: drag or, at the free end,
+/// what the entering flow lacks of its velocity; loads as in add_loads, with the former if there
+/// are any.
+enum class Outer { nothing, drag, loads };
 
 /// Rates (2 n, members), and below them the power where it is asked for.
 template <class Real, Outer outer, bool keep>
@@ -263,14 +265,20 @@ void accelerations(const MotionModel& model, const Members<Real>& members, Sweep
         },
         end_along, end_across);
   }
+  LoadPower<Real> parts;
   if constexpr (outer == Outer::loads) {
-    const LoadPower<Real> parts = add_loads(model, members, sweep, end_along, end_across);
+    parts = add_loads(model, members, sweep);
     power += parts.terms + parts.flow + parts.base;
   }
 
   const Real u = members.speed(), coriolis = model.coriolis * u;
-  const Real pull = model.centrifugal * (u * u);
-  Real tt{}, tn{}, nn{}, bt = pull, bn{}, moment_beyond{};
+  const Real thrust[2] = {model.thrust[0] * (u * u), model.thrust[1] * (u * u)};
+  const Real entry = model.entry * u;
+  Real tt{}, tn{}, nn{}, bt = thrust[0], bn = thrust[1], moment_beyond{};
+  if constexpr (outer != Outer::nothing) {
+    bt -= entry * end_along;
+    bn -= entry * end_across;
+  }
   for (Count j = n - 1; j >= 0; --j) {
     const Link& link = model.links[j];
     const double l = link.length;
@@ -362,8 +370,10 @@ void accelerations(const MotionModel& model, const Members<Real>& members, Sweep
     at = along - l * (w * w);
   }
   if (with_power) {
-    const Real square = end_along * end_along + end_across * end_across;
-    members.set_row(rates, 2 * n, power - coriolis * square - pull * end_along);
+    const Real along = end_along - parts.base_along, across = end_across - parts.base_across;
+    power += (entry * end_along - coriolis * along - thrust[0]) * along;
+    power += (entry * end_across - coriolis * across - thrust[1]) * across;
+    members.set_row(rates, 2 * n, power);
   }
 }
 
@@ -373,7 +383,7 @@ void accelerations_of(const MotionModel& model, const Members<Real>& members, Sw
   const Batch& batch = members.batch;
   if (model.load_count > 0 || model.bent || batch.moments != nullptr || batch.drive != nullptr) {
     accelerations<Real, Outer::loads, keep>(model, members, sweep, rates, with_power, kept);
-  } else if (model.drag) {
+  } else if (model.drag || model.entry != 0.0) {
     accelerations<Real, Outer::drag, keep>(model, members, sweep, rates, with_power, kept);
   } else {
     accelerations<Real, Outer::nothing, keep>(model, members, sweep, rates, with_power, kept);

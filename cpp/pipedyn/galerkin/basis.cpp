@@ -2,7 +2,8 @@
 #include "pipedyn/galerkin/basis.hpp"
 
 #include <algorithm>
-#include <numbers>
+#include <cmath>
+#include <limits>
 #include <stdexcept>
 #include <string>
 
@@ -11,17 +12,6 @@
 namespace pipedyn {
 
 namespace {
-
-// Root i (from 0) of cos(kappa) + sech(kappa) = 0, by Newton's method from (i + 1/2) pi.
-double beam_root(Index i) {
-  double kappa = (static_cast<double>(i) + 0.5) * std::numbers::pi;
-  for (int step = 0; step < 8; ++step) {
-    const double decay = std::exp(-kappa);
-    const double sech = 2.0 * decay / (1.0 + decay * decay);
-    kappa -= (std::cos(kappa) + sech) / (-std::sin(kappa) - sech * std::tanh(kappa));
-  }
-  return kappa;
-}
 
 /// Functions with the first normalised Legendre polynomials for curvature on all of [0, 1], or
 /// their derivatives.
@@ -39,13 +29,21 @@ constexpr double shortest_enriched = 3e-3;
 
 }  // namespace
 
-Basis::Basis(Family family, Index m, const Vector& joints, Index more)
-    : family_(family), size_(m), ends_(joints.size() + 2) {
-  if (m < 1) throw std::invalid_argument("a basis must have at least one function");
-  if (family == Family::beam) {
+Basis::Basis(Family family, Index m, const Vector& joints, Index more, const Pipe& held)
+    : family_(family),
+      size_(m),
+      root_(held.root),
+      turns_(held.root < std::numeric_limits<double>::infinity()),
+      directed_(held.end == End::guided || held.end == End::clamped),
+      held_across_(held.end == End::pinned || held.end == End::clamped),
+      ends_(joints.size() + 2) {
+  const bool beam = family == Family::beam;
+  if (m < (beam && held_across_ ? 2 : 1)) {
+    throw std::invalid_argument("a basis must have at least one function");
+  }
+  if (beam) {
     if (joints.size() > 0) throw std::invalid_argument("beam modes have no panels");
-    roots_.resize(m);
-    for (Index i = 0; i < m; ++i) roots_[i] = beam_root(i);
+    modes_ = BeamModes(held_across_ ? m - 1 : m, held.root, held.end);
   }
   ends_ << 0.0, joints, 1.0;
   const Index panels = ends_.size() - 1;
@@ -53,7 +51,8 @@ Basis::Basis(Family family, Index m, const Vector& joints, Index more)
   if (!(lengths.array() > 0.0).all()) {
     throw std::invalid_argument("joints must ascend between 0 and 1");
   }
-  if (m < panels) {
+  const Index own = m + dropped() - ahead();  // functions on panels
+  if (own < panels) {
     throw std::invalid_argument("a basis must have at least one function for each of " +
                                 std::to_string(panels) + " panels");
   }
@@ -68,7 +67,7 @@ Basis::Basis(Family family, Index m, const Vector& joints, Index more)
   };
   Vector claims(panels);
   for (Index panel = 0; panel < panels; ++panel) claims[panel] = claim(panel);
-  for (Index i = 0; i < m; ++i) {
+  for (Index i = 0; i < own; ++i) {
     Index panel = 0;
     claims.maxCoeff(&panel);
     numbers_[static_cast<std::size_t>(panel)].push_back(i);
@@ -82,8 +81,20 @@ Index Basis::most_on_a_panel() const {
   return static_cast<Index>(most);
 }
 
+std::vector<std::vector<Index>> Basis::by_panel() const {
+  std::vector<std::vector<Index>> places = numbers_;
+  for (std::vector<Index>& of_panel : places) {
+    for (Index& place : of_panel) place += ahead() - dropped();
+  }
+  return places;
+}
+
 Matrix Basis::evaluate_panels(const Vector& s, int derivative) const {
-  Matrix out(s.size(), size_);
+  Matrix out(s.size(), size_ + dropped());
+  const auto power = [&](int n) -> Vector {  // s^n / n!, or its derivative
+    if (n < derivative) return Vector::Zero(s.size());
+    return s.array().pow(n - derivative) / (n - derivative == 2 ? 2.0 : 1.0);
+  };
   for (std::size_t panel = 0; panel < numbers_.size(); ++panel) {
     const std::vector<Index>& numbers = numbers_[panel];
     const double low = ends_[static_cast<Index>(panel)],
@@ -102,10 +113,28 @@ Matrix Basis::evaluate_panels(const Vector& s, int derivative) const {
       }
     }
     for (std::size_t k = 0; k < numbers.size(); ++k) {
-      out.col(numbers[k]) = values.col(static_cast<Index>(k));
+      out.col(ahead() + numbers[k]) = values.col(static_cast<Index>(k));
     }
   }
-  return out;
+  if (ahead() > 0) out.col(0) = power(1) / std::sqrt(std::max(root_, 1.0));
+  if (!directed_) return out;
+  // Those of degree 0 turn the end by the roots of their lengths, a unit vector: reflected to one
+  // of them, so that the others do not. All together they are s^2 / 2.
+  const Index panels = ends_.size() - 1;
+  std::vector<Index> constant;
+  Vector normal(panels);
+  for (Index panel = 0; panel < panels; ++panel) {
+    constant.push_back(numbers_[static_cast<std::size_t>(panel)][0]);
+    normal[panel] = std::sqrt(ends_[panel + 1] - ends_[panel]) + (constant.back() == 0 ? 1.0 : 0.0);
+  }
+  const Matrix turning = out(Eigen::all, constant);
+  out(Eigen::all, constant) -=
+      (turning * normal) * (2.0 / normal.squaredNorm() * normal).transpose();
+  if (turns_) {
+    out.col(0) = (power(2) - power(1)) / std::sqrt(1.0 + root_);
+    return out;
+  }
+  return out.rightCols(size_);
 }
 
 Matrix Basis::evaluate(const Vector& s, int derivative) const {
@@ -113,31 +142,26 @@ Matrix Basis::evaluate(const Vector& s, int derivative) const {
     throw std::invalid_argument("derivative must be 0, 1 or 2");
   }
   if (family_ == Family::legendre) return evaluate_panels(s, derivative);
+  if (!held_across_) return modes_.evaluate(s, derivative);
+  const EndShape shape(root_, directed_);
+  const auto x = s.array();
   Matrix out(s.size(), size_);
-  for (Index i = 0; i < size_; ++i) {
-    const double kappa = roots_[i];
-    const double decay = std::exp(-kappa);
-    const double outer = (std::sin(kappa) - std::cos(kappa) - decay) /
-                         (1.0 - decay * decay + 2.0 * decay * std::sin(kappa));
-    const double sigma = 1.0 - 2.0 * outer * decay;
-    const double inner = 1.0 - outer * decay;
-    const double factor = std::pow(kappa, derivative);
-    const double parity = derivative == 1 ? -1.0 : 1.0;
-    for (Index p = 0; p < s.size(); ++p) {
-      const double cosine = std::cos(kappa * s[p]), sine = std::sin(kappa * s[p]);
-      double waves = -cosine + sigma * sine;
-      if (derivative == 1) waves = sine + sigma * cosine;
-      if (derivative == 2) waves = cosine - sigma * sine;
-      out(p, i) = factor * (waves + outer * std::exp(-kappa * (1.0 - s[p])) +
-                            parity * inner * std::exp(-kappa * s[p]));
-    }
-  }
+  out.rightCols(size_ - 1) = modes_.evaluate(s, derivative);
+  if (derivative == 0) out.col(0) = x * (shape.a + x * (shape.b + x * shape.c));
+  if (derivative == 1) out.col(0) = shape.a + x * (2.0 * shape.b + x * (3.0 * shape.c));
+  if (derivative == 2) out.col(0) = 2.0 * shape.b + x * (6.0 * shape.c);
   return out;
 }
 
 Vector Basis::stiffness() const {
-  if (family_ == Family::legendre) return Vector::Ones(size_);
-  return roots_.array().square().square();
+  Vector found = Vector::Ones(size_);
+  if (family_ == Family::beam) {
+    found.tail(modes_.stiffness().size()) = modes_.stiffness();
+    if (held_across_) found[0] = EndShape(root_, directed_).force;
+  } else if (ahead() > 0) {
+    found[0] = std::min(root_, 1.0);
+  }
+  return found;
 }
 
 }  // namespace pipedyn

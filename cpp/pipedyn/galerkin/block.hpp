@@ -44,13 +44,14 @@ struct Block {
   const Count m = grid.functions, padded = grid.padded, nodes = grid.nodes, points = grid.points;
   const Count block = nodes + 1;  // points of a panel
   const bool drags = effects.drag != 0.0, loads = effects.load_count > 0;
-  const bool resists = drags || loads;
+  const bool resists = drags || loads || effects.entry != 0.0;
 
   // The columns that are integrated: derivatives of the position by the orthonormal coordinates, x
   // then y, of several members without any that are 0; acceleration at q'' = 0; velocity, where
-  // drag or a term reads it; position, where a term does. Energy and power take the last two alone.
+  // drag, a term or the entering flow reads it; position, where a term does. Energy and power take
+  // the last two alone.
   const Count each = alone ? padded : m;
-  const Count bias = 2 * each, integrated = bias + (loads ? 6 : drags ? 4 : 2);
+  const Count bias = 2 * each, integrated = bias + (loads ? 6 : resists ? 4 : 2);
   double *theta, *omega, *sine, *cosine;  // (points), of a single member (stride)
   double *integrands, *moments;           // rows of columns, and their integrals from the clamp
   double *mass, *force;
@@ -201,6 +202,14 @@ struct Block {
     return (0.5 * effects.coriolis) * driven(batch, Drive::rate);
   }
 
+  struct Thrust {
+    Real along, across;
+  };
+  Thrust thrust(const Real& u) const {
+    const Real square = u * u;
+    return {effects.thrust[0] * square, effects.thrust[1] * square};
+  }
+
   /// All generalised forces but inertia's that is linear in q'', by orthonormal coordinates.
   void forces(const Batch& batch, Count row) {
     const Real u = load<Real>(batch.u), push = unsteady(batch);
@@ -235,9 +244,17 @@ struct Block {
       set(load_y, p, y_load);
     }
     if (flows) {  // the follower force
-      const Real thrust = effects.centrifugal * (u * u);
-      add(load_x, points - 1, Real(-thrust * at<Real>(sine, points - 1)));
-      add(load_y, points - 1, Real(-thrust * at<Real>(cosine, points - 1)));
+      const Count end = points - 1;
+      const auto [along, across] = thrust(u);
+      const Real s = at<Real>(sine, end), c = at<Real>(cosine, end);
+      add(load_x, end, Real(-along * s - across * c));
+      add(load_y, end, Real(across * s - along * c));
+      if (effects.entry != 0.0) {
+        const double* const v = moments + end * row + (bias + 2) * lanes<Real>;
+        const Real entry = effects.entry * u;
+        add(load_x, end, Real(entry * at<Real>(v, 0)));
+        add(load_y, end, Real(entry * at<Real>(v, 1)));
+      }
     }
     for_each_station(row, bias + 2, [&](const auto& law, const auto& station, Count p, double w) {
       const auto load = law.load(station);
@@ -452,14 +469,13 @@ struct Block {
       }
       add_base(batch, row, 0);
     }
-    // What a load along and down takes from the energy as the base moves.
-    const auto carried = [&](const Real& across, const Real& down) {
-      return Real(driven(batch, Drive::velocity) * across +
-                  driven(batch, Drive::velocity + 1) * down);
-    };
     const Real x = last[2], y = last[3];
-    const Real along = at<Real>(sine, end) * x + at<Real>(cosine, end) * y;
-    const Real flux = 0.5 * effects.coriolis * u, thrust = effects.centrifugal * (u * u);
+    const Real s = at<Real>(sine, end), c = at<Real>(cosine, end);
+    const Real coriolis = 0.5 * effects.coriolis * u, entry = effects.entry * u;
+    const auto [along, across] = thrust(u);
+    const Real base_x = driven(batch, Drive::velocity), base_y = driven(batch, Drive::velocity + 1);
+    const Real flow = (entry * (x + base_x) - coriolis * x - along * s - across * c) * x +
+                      (entry * (y + base_y) - coriolis * y - along * c + across * s) * y;
     Real joints{}, dragged{}, others{};
     if (effects.damping != 0.0) {
       for (Count i = 0; i < m; ++i) {
@@ -473,16 +489,16 @@ struct Block {
         const Real v = at<Real>(velocity, p);
         const Real force = effects.drag * at<Real>(weighted, p) * (v * v);
         dragged -= force * v;
-        based += force * carried(at<Real>(cosine, p), Real(-at<Real>(sine, p)));
+        based += force * (base_x * at<Real>(cosine, p) - base_y * at<Real>(sine, p));
       }
     }
     for_each_station(row, 0, [&](const auto& law, const auto& station, Count, double w) {
       others += w * law.power(station);
       if (batch.drive == nullptr) return;
       const auto load = law.load(station);
-      based -= w * carried(load.x, load.y);
+      based -= w * (base_x * load.x + base_y * load.y);
     });
-    set(out, 0, Real(pushed - flux * (x * x + y * y) - thrust * along));
+    set(out, 0, Real(pushed + flow));
     set(out, 1, joints);
     set(out, 2, dragged);
     set(out, 3, others);

@@ -2,6 +2,7 @@
 #include "pipedyn/galerkin/galerkin.hpp"
 
 #include <algorithm>
+#include <cmath>
 #include <limits>
 #include <stdexcept>
 #include <string>
@@ -79,7 +80,9 @@ void evaluate(const GalerkinKernel::Function function, const Grids& grids,
 
 MotionEffects effects_of(const Pipe& pipe, const Panels& panels) {
   return {.coriolis = 2.0 * pipe.direction() * pipe.sqrt_beta(),
-          .centrifugal = pipe.centrifugal,
+          .entry = pipe.entry(),
+          .thrust = {pipe.centrifugal * std::cos(pipe.jet_angle),
+                     pipe.centrifugal * std::sin(pipe.jet_angle)},
           .gamma = pipe.gamma,
           .drag = pipe.drag,
           .damping = pipe.damping,
@@ -94,13 +97,15 @@ auto to_columns(double* out, Index members) {
 
 /// Operators about a configuration q at rest.
 Operators operators_at(const Grid& grid, const Basis& basis, const MotionEffects& effects,
-                       double sqrt_beta, const Vector& q) {
+                       const Pipe& pipe, const Vector& q) {
   const Index m = q.size();
+  const double sqrt_beta = pipe.sqrt_beta(), share = pipe.inflow_share * sqrt_beta;
   Vector y = Vector::Zero(2 * m);
   y.head(m) = q;
   MotionEffects rest = effects;  // what does not depend on the flow; drag has no linear part
-  rest.coriolis = rest.centrifugal = rest.drag = 0.0;
-  const MotionEffects flow{.coriolis = 2.0 * sqrt_beta, .centrifugal = 1.0};
+  rest.coriolis = rest.entry = rest.thrust[0] = rest.thrust[1] = rest.drag = 0.0;
+  const MotionEffects flow{.coriolis = 2.0 * sqrt_beta,
+                           .thrust = {std::cos(pipe.jet_angle), std::sin(pipe.jet_angle)}};
   const double faster[Drive::rows] = {1.0};
   GridTables in_basis = grid.tables;  // the basis' functions for the orthonormal ones
   in_basis.orthonormal = in_basis.slope;
@@ -132,7 +137,7 @@ Operators operators_at(const Grid& grid, const Basis& basis, const MotionEffects
   const auto end = found.bottomRows(2);
   for (Index i = 0; i < m; ++i) {
     for (Index j = 0; j < m; ++j) {
-      ops.end_flux(i, j) = sqrt_beta * (end(0, i) * end(0, j) + end(1, i) * end(1, j));
+      ops.end_flux(i, j) = share * (end(0, i) * end(0, j) + end(1, i) * end(1, j));
     }
   }
   return ops;
@@ -151,9 +156,7 @@ Galerkin::Galerkin(const Pipe& pipe, Basis basis, Index least_nodes)
     : pipe_(pipe), basis_(std::move(basis)), least_nodes_(least_nodes) {}
 
 const Grids& Galerkin::grids() const {
-  std::call_once(moved_, [this] {
-    grids_ = std::make_unique<Grids>(basis_, pipe_.terms, pipe_.drag != 0.0, least_nodes_);
-  });
+  std::call_once(moved_, [this] { grids_ = std::make_unique<Grids>(basis_, pipe_, least_nodes_); });
   return *grids_;
 }
 
@@ -161,16 +164,15 @@ Operators Galerkin::operators(const Vector& q) const {
   if (q.size() > 0) {
     require_amplitudes(q.size(), dof());
     const Grid& grid = grids()[grids().choose(q.data(), 1)];
-    return operators_at(grid, basis_, effects_of(pipe_, grids().panels()), pipe_.sqrt_beta(), q);
+    return operators_at(grid, basis_, effects_of(pipe_, grids().panels()), pipe_, q);
   }
   // Legendre products are polynomials of twice a panel's functions and 2; beam mode m has about
   // m / 2 waves and a layer of width 1 / (m pi) at either end.
   const bool beam = basis_.family() == Family::beam;
   const Index nodes = beam ? 2 * dof() + 30 : basis_.most_on_a_panel() + 3;
-  const Panels panels(basis_, pipe_.terms);
+  const Panels panels(basis_, pipe_);
   const Grid grid(basis_, Orthonormal(dof()), panels, whole(nodes + 1, GridTables::multiple) - 1);
-  return operators_at(grid, basis_, effects_of(pipe_, panels), pipe_.sqrt_beta(),
-                      Vector::Zero(dof()));
+  return operators_at(grid, basis_, effects_of(pipe_, panels), pipe_, Vector::Zero(dof()));
 }
 
 Index Galerkin::nodes(const Vector& q) const {
@@ -190,7 +192,9 @@ void Galerkin::rhs_and_power(const Batch& batch, double* rates) const {
   const Index members = batch.members;
   Matrix parts(5, members);
   power(batch, parts.data());
-  Eigen::Map<Vector>(rates + 2 * dof() * members, members) = parts.colwise().sum();
+  Eigen::Map<Vector> sum(rates + 2 * dof() * members, members);
+  sum = parts.row(0);
+  for (Index i = 1; i < parts.rows(); ++i) sum += parts.row(i);
 }
 
 void Galerkin::energy(const Batch& batch, double* out) const {

@@ -11,7 +11,8 @@
 //
 //   int J_i . a + k_i (q_i + delta q_i')                                        inertia, bending
 //     + 2 sqrt(beta) U int J_i . n theta'                                       Coriolis, end flux
-//     + a U^2 t(1) . J_i(1)                                                     follower force
+//     - (1 - c) sqrt(beta) U v(1) . J_i(1)                                      entering flow
+//     + a U^2 (cos psi t(1) + sin psi n(1)) . J_i(1)                            follower force
 //     + sqrt(beta) U' int t . J_i                                               unsteady flow
 //     - gamma int J_i . (0, 1)                                                  gravity
 //     + kappa int |v_n| v_n n . J_i = 0,   v_n = n . v,                         drag
@@ -20,8 +21,8 @@
 // (theta' here is the rate), k_i the integral of Theta_i'^2. As v' = n theta', the Coriolis term's
 // power is -sqrt(beta) U |v(1)|^2:
 //
-//   dE/dtau = -sqrt(beta) U |v(1)|^2 - a U^2 t(1) . v(1) - delta sum k_i q_i'^2 - kappa int
-//   |v_n|^3 - sqrt(beta) U' int t . v,
+//   dE/dtau = -c sqrt(beta) U |v(1)|^2 - a U^2 (cos psi t(1) + sin psi n(1)) . v(1)
+//     - sqrt(beta) U' int t . v - delta sum k_i q_i'^2 - kappa int |v_n|^3,
 //
 // where the base rests. It may stand at (X, Y), a function of time: drag and terms then see the
 // velocity v + (X', Y'). The energy is that in its frame, and with the force R of drag and terms
@@ -44,7 +45,7 @@
 //
 // onto the functions w_i. Integrated by parts, its Coriolis term leaves a skew part and the flux
 // through the end, at any configuration
-//   G_ij = sqrt(beta) int (J_i . n w_j' - J_j . n w_i'),   F_ij = sqrt(beta) J_i(1) . J_j(1).
+//   G_ij = sqrt(beta) int (J_i . n w_j' - J_j . n w_i'),   F_ij = c sqrt(beta) J_i(1) . J_j(1).
 #pragma once
 
 #include <memory>

@@ -82,7 +82,7 @@ std::vector<NodeTest> node_tests(const Matrix& series, Index nodes, bool drag) {
 
 }  // namespace
 
-Orthonormal::Orthonormal(const Basis& basis) : identity(basis.family() == Family::beam) {
+Orthonormal::Orthonormal(const Basis& basis) : identity(basis.orthonormal()) {
   const Index m = basis.size();
   to_basis = inverse = Matrix::Identity(m, m);
   if (identity) return;
@@ -105,9 +105,10 @@ Orthonormal::Orthonormal(const Basis& basis) : identity(basis.family() == Family
 Orthonormal::Orthonormal(Index m)
     : identity(true), to_basis(Matrix::Identity(m, m)), inverse(to_basis) {}
 
-Panels::Panels(const Basis& basis, const Terms& terms) {
+Panels::Panels(const Basis& basis, const Pipe& pipe) {
   std::vector<double> places(basis.ends().begin(), basis.ends().end());
-  for (const Term& term : terms) {
+  places.insert(places.end(), pipe.supports.begin(), pipe.supports.end());
+  for (const Term& term : pipe.terms) {
     Laws::with(term, [&]<class Law>(const Law&) {
       if (!Law::along) places.push_back(term.at);
     });
@@ -116,7 +117,7 @@ Panels::Panels(const Basis& basis, const Terms& terms) {
   places.erase(std::unique(places.begin(), places.end()), places.end());
   ends = Eigen::Map<const Vector>(places.data(), static_cast<Index>(places.size()));
   mass = Vector::Zero(ends.size() - 1);
-  for (const Term& term : terms) {
+  for (const Term& term : pipe.terms) {
     const auto place = std::lower_bound(places.begin(), places.end(), term.at);
     const Index panel = static_cast<Index>(place - places.begin()) - 1;
     Laws::with(term, [&]<class Law>(const Law& law) {
@@ -207,8 +208,9 @@ Grid::Grid(const Basis& basis, const Orthonormal& orthonormal, const Panels& pan
             .stiffness = stiffness_.data()};
 }
 
-Grids::Grids(Basis basis, const Terms& terms, bool drag, Index least_nodes)
-    : basis_(std::move(basis)), panels_(basis_, terms), orthonormal_(basis_) {
+Grids::Grids(Basis basis, const Pipe& pipe, Index least_nodes)
+    : basis_(std::move(basis)), panels_(basis_, pipe), orthonormal_(basis_) {
+  const bool drag = pipe.drag != 0.0;  // integrals end at inner points
   const Index m = basis_.size(), count = panels_.count();
   std::vector<Matrix> series;
   for (Index panel = 0; panel < count; ++panel) {

@@ -49,15 +49,15 @@ struct Orthonormal {
   explicit Orthonormal(Index m);
 };
 
-/// The panels between the places of terms and the basis' joints, on which integrands are smooth,
-/// with what the terms add to the pipe. Immutable.
+/// The panels between the places of terms, supports and the basis' joints, on which integrands are
+/// smooth, with what the terms add to the pipe. Immutable.
 struct Panels {
   Vector ends;                   // from 0 to 1, (P + 1,)
   Vector mass;                   // at the end of each, (P,)
   double mass_per_length = 0.0;  // all along, the pipe's 1 not counted
   std::vector<PanelTerm> loads;  // terms that have one
 
-  Panels(const Basis& basis, const Terms& terms);
+  Panels(const Basis& basis, const Pipe& pipe);
 
   Index count() const { return mass.size(); }
   /// Mass beyond a place, the pipe's with the terms'; at a term's own place with it unless after.
@@ -84,8 +84,8 @@ struct Grid {
 /// Grids of growing size, each built when it is first taken. Serves many threads.
 class Grids {
  public:
-  /// least_nodes: start from at least so many on each panel; drag: integrals end at inner points.
-  Grids(Basis basis, const Terms& terms, bool drag, Index least_nodes);
+  /// least_nodes: start from at least so many on each panel.
+  Grids(Basis basis, const Pipe& pipe, Index least_nodes);
 
   const Basis& basis() const { return basis_; }
   const Panels& panels() const { return panels_; }

@@ -56,8 +56,9 @@ struct PanelTerm {
 
 /// What acts on the pipe, each 0 where the pipe does not have it.
 struct MotionEffects {
-  double coriolis = 0.0;     // 2 s sqrt(beta)
-  double centrifugal = 0.0;  // a
+  double coriolis = 0.0;  // 2 s sqrt(beta)
+  double entry = 0.0;     // (1 - c) s sqrt(beta)
+  double thrust[2]{};     // a cos psi along and a sin psi across the free end
   double gamma = 0.0, drag = 0.0, damping = 0.0;
   const PanelTerm* loads = nullptr;
   std::ptrdiff_t load_count = 0;

@@ -109,6 +109,13 @@ struct Linearisation : Block<Real> {
     }
   }
 
+  /// Of the load on the free end by its velocity, in place of `resisted`'s columns.
+  void add_entering_flow(const Real& u, Count row) {
+    double* const x = moments + (points - 1) * row;
+    const Real share = (-effects.entry / unit(points - 1)) * u;
+    for (Count k = 0; k < 2 * each; ++k) add(x, resisted + k, Real(share * at<Real>(x, k)));
+  }
+
   /// Derivative of drag on a point by v_n.
   Real dragged(Count p) const {
     return (2.0 * effects.drag) * at<Real>(weighted, p) * at<Real>(velocity, p);
@@ -145,12 +152,14 @@ struct Linearisation : Block<Real> {
   void linearise(const Batch& batch, Count row) {
     const Count stride = mass_stride(), end = points - 1;
     const Real u = load<Real>(batch.u), push = Base::unsteady(batch);
-    const Real coriolis = effects.coriolis * u, thrust = effects.centrifugal * (u * u);
+    const Real coriolis = effects.coriolis * u;
+    const auto thrust = Base::thrust(u);
     if (loads) {
       for (Count k = 0; k < points * stride; ++k) set(by_angle, k, Real{});
     }
     set_loads(row);
     if (loads) add_slopes_of_terms(row);
+    if (effects.entry != 0.0) add_entering_flow(u, row);
     integrate(grid, row, held * lanes<Real>, moments, integrands);
     for (Count k = 0; k < held; ++k) set(beyond, k, at<Real>(integrands + end * row, k));
     for (Count p = end; p >= 0; --p) {
@@ -175,8 +184,12 @@ struct Linearisation : Block<Real> {
       const Real turning = at<Real>(spin, p), square = w * w;
       const Real bent = s * load_beyond(bias) + c * load_beyond(bias + 1);
       const Real flow = grid.weight[p] * coriolis;
-      Real forward = flow * w;  // load across the pipe, turned along it
-      Real sideways = p == end ? Real(-thrust) : Real(-grid.weight[p] * push);
+      Real forward = flow * w;                 // load across the pipe, turned along it
+      Real sideways = -grid.weight[p] * push;  // load against its direction, turned across
+      if (p == end) {
+        forward += thrust.across;
+        sideways -= thrust.along;
+      }
       if (drags) {
         const Real v = at<Real>(velocity, p);
         forward += effects.drag * at<Real>(weighted, p) * (v * v);

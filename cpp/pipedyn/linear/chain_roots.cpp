@@ -83,8 +83,7 @@ void sort_by_size(Approximations& all) {
 Pencil matrices(const Chain& chain, const Complement& complement, const Lapack& lapack,
                 const Vector& scale, double size) {
   Operators ops = chain.joint_operators(scale);
-  const ImpedanceModel flow = chain.impedance();
-  const double sign = flow.coriolis < 0.0 ? -1.0 : 1.0;
+  const double sign = chain.pipe().direction();
   DenseOperator::Matrices made{std::move(ops.mass), sign * (ops.gyroscopic + ops.end_flux),
                                std::move(ops.damping), std::move(ops.stiffness),
                                std::move(ops.flux)};
@@ -94,7 +93,7 @@ Pencil matrices(const Chain& chain, const Complement& complement, const Lapack& 
       of = complement.gathered(columns).transpose();
     }
   }
-  return {lapack, std::move(made), flow.centrifugal, size};
+  return {lapack, std::move(made), chain.pipe().centrifugal, size};
 }
 
 Approximations dense_roots(const Chain& chain, const Complement& complement, const Lapack& lapack,

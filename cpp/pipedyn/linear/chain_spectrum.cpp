@@ -411,12 +411,12 @@ Pair ChainSpectrum::null_pair(double u, const Pair&) {
 double ChainSpectrum::determinant(double u, const Pair&) {
   const ImpedanceModel model = chain_.impedance();
   const auto logarithm = [&](double speed, double& sign) {
-    const double thrust = model.centrifugal * speed * speed;
+    const double thrust = model.thrust * speed * speed;
     const double coriolis = model.coriolis * speed * beside_zero;
     const auto still = [](const ImpedanceParts& of) {
       return of.still + beside_zero * (of.rate + beside_zero * of.square);
     };
-    double a = 0.0, b = 0.0, c = 0.0, d = 0.0;
+    double a = -model.entry * speed * beside_zero, b = 0.0, c = 0.0, d = 0.0;
     double sum = -static_cast<double>(roots_at_zero(speed)) * std::log(beside_zero);
     for (Index j = model.size - 1; j >= 0; --j) {
       const ImpedanceSegment& at = model.segments[j];

@@ -20,6 +20,10 @@ NotConverged refusal(const char* format, Numbers... numbers) {
   return NotConverged(text);
 }
 
+bool is_known(const AxisCrossing& crossing) {
+  return crossing.error <= largest_error * crossing.speed + 1e-12;
+}
+
 /// What a step shows: one root of each conjugate pair; those that meet another on the real axis are
 /// not followed by their cubics.
 struct Scan {
@@ -191,7 +195,7 @@ class Search {
       const auto next = std::min_element(
           found.begin(), found.end(),
           [](const AxisCrossing& a, const AxisCrossing& b) { return a.speed < b.speed; });
-      if (next->error > largest_error * next->speed + 1e-12) {
+      if ((next->speed > 0.0 || traits_.damped) && !is_known(*next)) {
         throw refusal(
             "a crossing near u = %.6g is not known to three digits: rounding hides the "
             "eigenvalue's real part",
@@ -349,7 +353,13 @@ class Search {
       const bool off_axis = (one.rising ? step.end(one.root) : step.start(one.root)).imag() != 0.0;
       std::optional<AxisCrossing> met;
       if (off_axis && traits_.conservative) met = meeting(step, one.root, one.rising ? 2 : -2);
-      found.push_back(met ? *met : polished(step, one));
+      AxisCrossing passed = met ? *met : polished(step, one);
+      // An undamped root may leave the axis at rest slower than u, as with a fluid drawn from rest.
+      if (step.left->u == 0.0 && !traits_.damped && !is_known(passed)) {
+        const Complex value(0.0, std::abs(step.start(one.root).imag()));
+        passed = {0.0, value, passed.change, passed.mode, passed.speed + passed.error};
+      }
+      found.push_back(std::move(passed));
     }
     for (const Index i : scan.roots) {
       const Index k = step.meets[i];

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: MIT
 #include "pipedyn/modular/scene.hpp"
 
-#include <Eigen/LU>
 #include <algorithm>
 #include <cmath>
 #include <limits>
@@ -445,8 +444,9 @@ void Scene::jacobian(const Batch& batch, double rate, const Matrix& by_state, do
     if (compliance_.size() == 0) continue;
     Matrix system = about.r * about.x;
     system.diagonal() += about.compliance;
-    const Matrix missing = about.r * accelerations + about.e;
-    accelerations -= about.x * system.partialPivLu().solve(missing);
+    Matrix z = about.r * accelerations + about.e;
+    solve_member(system, z, system.rows() - (lends_ ? 1 : 0));
+    accelerations -= about.x * z;
   }
 }
 

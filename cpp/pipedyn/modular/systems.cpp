@@ -3,6 +3,8 @@
 
 #include <utility>
 
+#include "pipedyn/vector/levels.hpp"
+
 namespace pipedyn {
 
 SceneSystems::SceneSystems(const Scene& scene, FlowAt flow)
@@ -17,27 +19,25 @@ void SceneSystems::linearise(double t, const double* y, Index member) {
 }
 
 SceneSystems::Shifted SceneSystems::product(const Matrix& rows, const double* x) {
-  Shifted all = Shifted::Zero(rows.rows(), 2 * shifts);
+  using Row = Eigen::Array<double, 1, 2 * shifts>;
+  Shifted all(rows.rows(), 2 * shifts);
   for (Index i = 0; i < rows.rows(); ++i) {
-    Eigen::Matrix<double, 1, 2 * shifts> sum = Eigen::Matrix<double, 1, 2 * shifts>::Zero();
+    Row sum = Row::Zero();
     for (Index j = 0; j < rows.cols(); ++j) {
-      sum +=
-          rows(i, j) * Eigen::Map<const Eigen::Matrix<double, 1, 2 * shifts>>(x + 2 * shifts * j);
+      sum += rows(i, j) * Eigen::Map<const Row>(x + 2 * shifts * j);
     }
     all.row(i) = sum;
   }
   return all;
 }
 
-SceneSystems::Complexes SceneSystems::shifted_rows(const double* x) const {
-  const Shifted moved = product(about_.r, x + 2 * shifts * scene_.dof()),
-                turned = product(about_.e, x);
-  Complexes all(moved.rows(), shifts);
-  for (Index s = 0; s < shifts; ++s) {
-    for (Index i = 0; i < moved.rows(); ++i) {
-      all(i, s) = mu_[s] * Complex(moved(i, s), moved(i, shifts + s)) +
-                  Complex(turned(i, s), turned(i, shifts + s));
-    }
+SceneSystems::Shifted SceneSystems::shifted_rows(const double* x) const {
+  const Shifted moved = product(about_.r, x + 2 * shifts * scene_.dof());
+  Shifted all = product(about_.e, x);
+  for (Index i = 0; i < all.rows(); ++i) {
+    const Parts re = moved.row(i).head<shifts>(), im = moved.row(i).tail<shifts>();
+    all.row(i).head<shifts>() += mu_re_ * re - mu_im_ * im;
+    all.row(i).tail<shifts>() += mu_re_ * im + mu_im_ * re;
   }
   return all;
 }
@@ -50,36 +50,31 @@ void SceneSystems::factorise(const double* mu) {
   one.moments = or_none(about_.moments);
   one.slopes = or_none(about_.slopes);
   chain.factorise(one, mu, factors_.data());
-  for (Index s = 0; s < shifts; ++s) mu_[s] = {mu[s], mu[shifts + s]};
+  mu_re_ = Eigen::Map<const Parts>(mu);
+  mu_im_ = Eigen::Map<const Parts>(mu + shifts);
   responses_.assign(static_cast<std::size_t>(size), Matrix::Zero(state_.size(), 2 * shifts));
-  Complexes systems[shifts];
-  for (Complexes& system : systems) system = Complexes::Zero(size, size);
+  systems_.resize(size * size, 2 * shifts);
+  pivots_.resize(static_cast<std::size_t>(shifts * size));
   for (Index z = 0; z < size; ++z) {
     Matrix& response = responses_[static_cast<std::size_t>(z)];
     response.bottomLeftCorner(scene_.dof(), shifts).colwise() = about_.x.col(z);
     chain.solve(flow_.u, factors_.data(), response.data());
-    const Complexes column = shifted_rows(response.data());
-    for (Index s = 0; s < shifts; ++s) systems[s].col(z) = column.col(s);
+    const Shifted column = shifted_rows(response.data());
+    for (Index i = 0; i < size; ++i) systems_.row(i * size + z) = column.row(i);
+    systems_.row(z * size + z).head<shifts>() += about_.compliance[z];
   }
-  for (Index s = 0; s < shifts && size > 0; ++s) {
-    systems[s].diagonal() += about_.compliance;
-    systems_[s].compute(systems[s]);
-  }
+  motion_kernel().factorise_dense(systems_.data(), size, pivots_.data());
 }
 
 void SceneSystems::solve(double* b) {
-  using Parts = Eigen::Array<double, 1, shifts>;
   const Index size = about_.x.cols();
   const Shifted wanted = product(about_.r, b + 2 * shifts * scene_.dof());
   scene_.chain().solve(flow_.u, factors_.data(), b);
   if (size == 0) return;
-  Complexes z = -shifted_rows(b);
-  for (Index s = 0; s < shifts; ++s) {
-    for (Index i = 0; i < size; ++i) z(i, s) += Complex(wanted(i, s), wanted(i, shifts + s));
-    z.col(s) = systems_[s].solve(z.col(s)).eval();
-  }
+  Shifted z = wanted - shifted_rows(b);
+  motion_kernel().solve_dense(systems_.data(), pivots_.data(), size, z.data());
   for (Index i = 0; i < size; ++i) {
-    const Parts re = z.row(i).real(), im = z.row(i).imag();
+    const Parts re = z.row(i).head<shifts>(), im = z.row(i).tail<shifts>();
     const double* from = responses_[static_cast<std::size_t>(i)].data();
     for (double *to = b, *end = b + 2 * shifts * state_.size(); to < end; to += 2 * shifts) {
       const Eigen::Map<const Parts> by_re(from), by_im(from + shifts);

@@ -9,9 +9,6 @@
 // A chain's solve each, and one for each z where mu changes.
 #pragma once
 
-#include <Eigen/LU>
-#include <complex>
-
 #include "pipedyn/modular/scene.hpp"
 #include "pipedyn/motion/radau.hpp"
 
@@ -27,8 +24,9 @@ class SceneSystems final : public ShiftedSystems {
 
  private:
   static constexpr Index shifts = MotionKernel::shifts;
-  using Complex = std::complex<double>;
-  using Complexes = Eigen::Matrix<Complex, Eigen::Dynamic, Eigen::Dynamic>;
+  /// Real parts first (rows, 2 shifts).
+  using Shifted = Eigen::Array<double, Eigen::Dynamic, 2 * shifts, Eigen::RowMajor>;
+  using Parts = Eigen::Array<double, 1, shifts>;
 
   const Scene& scene_;
   FlowAt flow_at_;
@@ -36,15 +34,14 @@ class SceneSystems final : public ShiftedSystems {
   Flow flow_;
   Scene::Linear about_;
   std::vector<double> factors_;
-  Complex mu_[shifts];
+  Parts mu_re_, mu_im_;
   std::vector<Matrix> responses_;  // S X, (2 n, 2 shifts) each
-  Eigen::PartialPivLU<Complexes> systems_[shifts];
+  Shifted systems_;                // of z, factorised (size of z squared, 2 shifts)
+  std::vector<Index> pivots_;
 
-  /// Real parts first (rows, 2 shifts).
-  using Shifted = Eigen::Matrix<double, Eigen::Dynamic, 2 * shifts, Eigen::RowMajor>;
   static Shifted product(const Matrix& rows, const double* x);
-  /// (mu R + E) x for each shift, (size of z, shifts).
-  Complexes shifted_rows(const double* x) const;
+  /// (mu R + E) x, (size of z, 2 shifts).
+  Shifted shifted_rows(const double* x) const;
 };
 
 }  // namespace pipedyn

@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: MIT
 //
-// (mu - J) x = b for four complex mu at once with a matrix J (n, n), by Gauss' elimination. The mu
-// in one vector share their pivots: the row whose smallest number is largest.
+// A x = b for four complex matrices A (n, n) at once, by Gauss' elimination. Those in one vector
+// share their pivots: the row whose smallest number is largest. Entry (i, j) of all is row i n + j
+// of what read_shifted takes.
 //
 // Local to each translation unit, like vector/pack.hpp.
 #pragma once
@@ -18,42 +19,19 @@ inline double smallest_square(const Complex& a) {
   return least;
 }
 
-inline Complex load_complex(const double* from) {
-  return {load<Shifts>(from), load<Shifts>(from + lanes<Shifts>)};
-}
-
-inline void store_complex(double* to, const Complex& a) {
-  store(to, a.re);
-  store(to + lanes<Shifts>, a.im);
-}
-
-/// Where entry (i, j) of one pass is among the factors.
-struct DenseFactors {
-  static constexpr Count numbers = 2 * lanes<Shifts>;
-  double* entries;
-  Count n;
-
-  double* at(Count i, Count j) const { return entries + (i * n + j) * numbers; }
-  Complex read(Count i, Count j) const { return load_complex(at(i, j)); }
-};
-
-/// factors: room for 8 n^2 numbers; pivots: for 4 n.
-void factorise_dense(const double* slopes, const double* mu, Count n, double* factors,
-                     Count* pivots) {
+/// a (n, n, 8) becomes its factors; pivots: room for 4 n.
+void factorise_dense(double* a, Count n, Count* pivots) {
   for (Count pass = 0; pass < shift_passes; ++pass) {
-    const DenseFactors of{factors + pass * n * n * DenseFactors::numbers, n};
-    const Complex shift = read_shifted(mu, 0, pass), zero = 0.0 * shift;
+    const auto read = [=](Count i, Count j) { return read_shifted(a, i * n + j, pass); };
+    const auto write = [=](Count i, Count j, const Complex& value) {
+      write_shifted(a, i * n + j, pass, value);
+    };
     Count* const order = pivots + pass * n;
-    for (Count i = 0; i < n; ++i) {
-      for (Count j = 0; j < n; ++j) {
-        store_complex(of.at(i, j), (i == j ? shift : zero) + -slopes[i * n + j]);
-      }
-    }
     for (Count k = 0; k < n; ++k) {
       Count pivot = k;
       double most = -1.0;
       for (Count i = k; i < n; ++i) {
-        const double size = smallest_square(of.read(i, k));
+        const double size = smallest_square(read(i, k));
         if (size > most) {
           most = size;
           pivot = i;
@@ -61,27 +39,25 @@ void factorise_dense(const double* slopes, const double* mu, Count n, double* fa
       }
       order[k] = pivot;
       for (Count j = 0; j < n && pivot != k; ++j) {
-        const Complex held = of.read(k, j);
-        store_complex(of.at(k, j), of.read(pivot, j));
-        store_complex(of.at(pivot, j), held);
+        const Complex held = read(k, j);
+        write(k, j, read(pivot, j));
+        write(pivot, j, held);
       }
-      const Complex inverse_pivot = inverse(of.read(k, k));
-      store_complex(of.at(k, k), inverse_pivot);
+      const Complex inverse_pivot = inverse(read(k, k));
+      write(k, k, inverse_pivot);
       for (Count i = k + 1; i < n; ++i) {
-        const Complex factor = of.read(i, k) * inverse_pivot;
-        store_complex(of.at(i, k), factor);
-        for (Count j = k + 1; j < n; ++j) {
-          store_complex(of.at(i, j), of.read(i, j) - factor * of.read(k, j));
-        }
+        const Complex factor = read(i, k) * inverse_pivot;
+        write(i, k, factor);
+        for (Count j = k + 1; j < n; ++j) write(i, j, read(i, j) - factor * read(k, j));
       }
     }
   }
 }
 
 /// b (n, 8) becomes x.
-void solve_dense(double* factors, const Count* pivots, Count n, double* b) {
+void solve_dense(const double* factors, const Count* pivots, Count n, double* b) {
   for (Count pass = 0; pass < shift_passes; ++pass) {
-    const DenseFactors of{factors + pass * n * n * DenseFactors::numbers, n};
+    const auto read = [=](Count i, Count j) { return read_shifted(factors, i * n + j, pass); };
     for (Count k = 0; k < n; ++k) {
       const Count pivot = pivots[pass * n + k];
       if (pivot == k) continue;
@@ -91,13 +67,13 @@ void solve_dense(double* factors, const Count* pivots, Count n, double* b) {
     }
     for (Count i = 1; i < n; ++i) {
       Complex sum = read_shifted(b, i, pass);
-      for (Count j = 0; j < i; ++j) sum = sum - of.read(i, j) * read_shifted(b, j, pass);
+      for (Count j = 0; j < i; ++j) sum = sum - read(i, j) * read_shifted(b, j, pass);
       write_shifted(b, i, pass, sum);
     }
     for (Count i = n - 1; i >= 0; --i) {
       Complex sum = read_shifted(b, i, pass);
-      for (Count j = i + 1; j < n; ++j) sum = sum - of.read(i, j) * read_shifted(b, j, pass);
-      write_shifted(b, i, pass, sum * of.read(i, i));
+      for (Count j = i + 1; j < n; ++j) sum = sum - read(i, j) * read_shifted(b, j, pass);
+      write_shifted(b, i, pass, sum * read(i, i));
     }
   }
 }

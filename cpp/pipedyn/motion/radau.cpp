@@ -79,8 +79,12 @@ void DenseSystems::linearise(double t, const double* y, Index member) {
 }
 
 void DenseSystems::factorise(const double* mu) {
-  motion_kernel().factorise_dense(slopes_.data(), mu, slopes_.rows(), factors_.data(),
-                                  pivots_.data());
+  const Index n = slopes_.rows();
+  Eigen::Map<Matrix> entries(factors_.data(), n * n, lanes);
+  entries.leftCols(lanes / 2) = -slopes_.reshaped<Eigen::RowMajor>().replicate(1, lanes / 2);
+  entries.rightCols(lanes / 2).setZero();
+  for (Index i = 0; i < n; ++i) entries.row(i * (n + 1)) += Eigen::Map<const Vector>(mu, lanes);
+  motion_kernel().factorise_dense(factors_.data(), n, pivots_.data());
 }
 
 void DenseSystems::solve(double* b) {

@@ -9,6 +9,7 @@
 #include "pipedyn/terms/foundation.hpp"
 #include "pipedyn/terms/point_mass.hpp"
 #include "pipedyn/terms/spring.hpp"
+#include "pipedyn/terms/stop.hpp"
 #include "pipedyn/terms/tension.hpp"
 #include "pipedyn/terms/viscosity.hpp"
 
@@ -32,6 +33,7 @@ using Laws = LawTable<PointMass,    //
                       Foundation,   //
                       Viscosity,    //
                       CubicSpring,  //
+                      Stop,         //
                       Tension>;
 
 }  // namespace

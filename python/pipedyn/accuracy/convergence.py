@@ -63,7 +63,7 @@ class Family:
 
     def for_terms(self, pipe: Pipe) -> int:
         """Functions that a Legendre basis takes on top, where terms divide the pipe into panels."""
-        return FUNCTIONS_A_JOINT * basis_joints(pipe.terms).size if self.order == math.inf else 0
+        return FUNCTIONS_A_JOINT * basis_joints(pipe).size if self.order == math.inf else 0
 
     def beyond(self, size: int) -> int:
         """The next size, at which an error that is small only by a change of sign is not."""

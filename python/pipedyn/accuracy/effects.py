@@ -20,6 +20,7 @@ from pipedyn.models.base import PipedynError, checked_pipe
 from pipedyn.models.continuum import LARGEST, Continuum
 from pipedyn.models.galerkin import Galerkin
 from pipedyn.models.pipe import Pipe
+from pipedyn.models.supports import RootSpring
 from pipedyn.models.terms import Foundation, Spring
 from pipedyn.util import check
 from pipedyn.util.result import result
@@ -37,8 +38,12 @@ NUMBERS = {
     "damping": ("damping", "delta"),
     "Coriolis": ("beta", "beta"),
     "centrifugal": ("alpha", "alpha"),
+    "inflow": ("inflow_share", "c"),
 }
 """Effects that a number of the pipe switches off: its name and how it prints."""
+
+ABSENT = {"inflow_share": 1.0}
+"""What a number is where the pipe has no such effect, if that is not 0; listed where it has."""
 
 
 @result
@@ -47,8 +52,9 @@ class Effect:
 
     Attributes:
         name: "gravity", "drag", "damping", "Coriolis", "centrifugal", "flow" (both of its parts),
-            or a term of the pipe as it prints, "PointMass(at=1, mass=0.1)", all that are equal
-            being one; several joined by " + ".
+            "inflow" (what the entering fluid lacks of the free end's velocity),
+            "RootSpring(stiffness=30)" (what a clamp gives), or a term of the pipe as it prints,
+            "PointMass(at=1, mass=0.1)", all that are equal being one; several joined by " + ".
         strength: the number it comes from, in words; empty where the pipe does not have it.
         without: what the quantity is without it, in words.
         answer: the same in numbers; None where there is no answer, or the effect is absent.
@@ -158,7 +164,9 @@ def relevant(
     Each effect is switched off in turn, and the continuous pipe asked again: gravity (gamma = 0),
     drag (kappa = 0), damping (delta = 0), the flow's Coriolis part together with the momentum that
     the free end's velocity carries away (beta = 0: beta enters by sqrt(beta) u alone), its
-    centrifugal part (alpha = 0), except for the critical speed the flow as a whole, and each term.
+    centrifugal part (alpha = 0), except for the critical speed the flow as a whole, what the
+    entering fluid lacks of the free end's velocity (inflow_share = 1), what a root with a spring
+    turns (then clamped), and each term.
 
     An effect that changes the kind of the answer (flutter to divergence, buckled at rest or not, no
     loss of stability, unstable from the smallest flow on, no limit cycle) is infinitely large.
@@ -252,9 +260,12 @@ def _strengths(pipe: Pipe) -> dict[str, str]:
     strengths = {}
     for name, (number, symbol) in NUMBERS.items():
         value = float(getattr(pipe, number))
-        strengths[name] = f"{symbol} = {value:.4g}" if value else ""
+        if value != ABSENT.get(number):
+            strengths[name] = f"{symbol} = {value:.4g}" if value or number in ABSENT else ""
     parts = [strengths[name] for name in ("Coriolis", "centrifugal") if strengths[name]]
     strengths["flow"] = ", ".join(parts)
+    if isinstance(pipe.root, RootSpring):
+        strengths[repr(pipe.root)] = f"stiffness = {pipe.root.stiffness:.4g}"
     for term in pipe.terms:
         numbers = [f"{name} = {value:.4g}" for name, value in term.numbers.items() if value]
         strengths[repr(term)] = ", ".join(numbers)
@@ -268,9 +279,12 @@ def _droppable(names: Collection[str]) -> tuple[str, ...]:
 
 def _without(pipe: Pipe, names: Collection[str]) -> Pipe:
     """The pipe with some of its effects switched off."""
-    gone: dict[str, Any] = {number: 0.0 for name, (number, _) in NUMBERS.items() if name in names}
+    numbers = [number for name, (number, _) in NUMBERS.items() if name in names]
+    gone: dict[str, Any] = {number: ABSENT.get(number, 0.0) for number in numbers}
     if "flow" in names:
         gone |= {"beta": 0.0, "alpha": 0.0}
+    if repr(pipe.root) in names:
+        gone["root"] = "clamped"
     gone["terms"] = tuple(term for term in pipe.terms if repr(term) not in names)
     return replace(pipe, **gone)
 

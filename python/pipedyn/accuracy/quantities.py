@@ -288,9 +288,10 @@ class _Integrated(Quantity):
         """
         tolerance = max(tolerance, self.rtol)
         family = FAMILIES["beam"] if self.excluded(pipe, "legendre") else LEGENDRE
-        # Under drag, as |v| v has a kink, errors fall like the third power of the size at the most.
+        # With the kink of drag's |v| v errors fall like the third power of the size at the most;
+        # a stop's, in time, costs less.
         # Where they do not fall exponentially the last step moves less than what remains.
-        order = min(family.order, math.inf if pipe.drag == 0.0 else 3.0)
+        order = min(family.order, 3.0 if pipe.has_kinks else math.inf)
         # Waves get shorter with flow and weight, like 1 / sqrt(u^2 + |gamma|). With half a function
         # for each unit of that root the first two sizes of Legendre functions differ by 3e-7 to
         # 2e-5, as measured at u from 6 to 14.

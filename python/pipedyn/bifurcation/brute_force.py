@@ -55,10 +55,10 @@ LONGEST_PERIOD = 16
 and three periods are needed to see one."""
 
 ACROSS_KINKS = 0.1
-"""Share of rtol that motions take where drag, or what a scene's modules do, has kinks. Turnings are
-compared to 10 rtol of the range; over ten periods of 36 cycles, from just above the onset to 1.5
-times its speed, motions missed 0.06 of that at most without drag, but 0.6 of it once;
-with drag all of it at rtol, and a tenth of it, once 0.6, at rtol / 10."""
+"""Share of rtol that motions take where drag, stops or a scene's modules may have kinks. Turnings
+are compared to 10 rtol of the range; over ten periods of 36 cycles, from just above the onset to
+1.5 times its speed, motions missed 0.06 of that at most without drag, but 0.6 of it once; with
+drag all of it at rtol, and a tenth of it, once 0.6, at rtol / 10."""
 
 FIRST_LOOK = 4.0
 """Time after which motions are looked at for the first time, some ten periods of flutter; then
@@ -232,7 +232,7 @@ class _Batch:
     def __init__(self, model: Model, options: MotionOptions) -> None:
         self.model, self.options, self.elapsed = model, options, 0.0
         self.answers: dict[int, Attractor | Exception] = {}
-        smooth = isinstance(model, (Chain, Galerkin)) and model.pipe.drag == 0.0
+        smooth = isinstance(model, (Chain, Galerkin)) and not model.pipe.has_kinks
         self.tolerance = options.rtol * (1.0 if smooth else ACROSS_KINKS)
 
     def advance(self, runs: list[_Run], before: float, recorded: float) -> list[_Record | None]:
@@ -338,7 +338,7 @@ def turning_points(t: Array, x: Array, velocity: Array) -> tuple[Array, float]:
     """Values of x where its velocity changes sign, in order, and by how much two may err together.
 
     Those of the cubics through samples. Cubics through every second sample err 16 times as much
-    where x is smooth, and 8 times across the kinks of drag, so that a quarter of their difference
+    where x is smooth, and 8 times across the kinks of forces, so that a quarter of their difference
     bounds the errors of two values.
     """
     cubics, coarse = _cubics(t, x, velocity), _cubics(t[::2], x[::2], velocity[::2])

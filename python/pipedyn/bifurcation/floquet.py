@@ -2,7 +2,7 @@
 """Floquet multipliers of a periodic orbit, and what happens where they pass the unit circle.
 
 The variational equation along the orbit is solved by Magnus' series. Where that does not reach the
-tolerance, or drag has kinks at phases that are not known, it is solved by the orbit's own
+tolerance, or forces have kinks at phases that are not known, it is solved by the orbit's own
 collocation, on a mesh fine enough for all fast modes that do not decay at once; also where the
 orbit's mesh is so anyway. Either gives the maps of intervals and, from shorter ones, an error. The
 multipliers mu are those of the pencil L + mu R that the maps lead to, so that multipliers of a
@@ -67,8 +67,8 @@ def orbit_multipliers(motion: VectorField, orbit: PeriodicOrbit) -> tuple[Comple
     """
     turns, error = _turns(motion, orbit), math.inf
     roots: Complex = np.empty(0, dtype=np.complex128)
-    # No fine mesh is needed where the collocation resolves all modes without it. Kinks of drag at
-    # phases that are not known take the error that halving shows.
+    # No fine mesh is needed where the collocation resolves all modes without it. Kinks at phases
+    # that are not known take the error that halving shows.
     if turns.max() > TURN and (smooth := _between_kinks(motion, orbit)):
         roots, error = _by_magnus(motion, smooth, turns.sum())
     if not error <= TOLERANCE:
@@ -84,16 +84,11 @@ def orbit_multipliers(motion: VectorField, orbit: PeriodicOrbit) -> tuple[Comple
 
 def _between_kinks(motion: VectorField, orbit: PeriodicOrbit) -> PeriodicOrbit | None:
     """The same on intervals on which its derivatives are smooth; None where they are not known."""
-    if not motion.model.pipe.drag:
+    if not motion.model.pipe.has_kinks:
         return orbit
-    if not _kinks_known(motion, orbit):
+    if not motion.model.kinks_known:
         return None
-    return refined(motion, orbit, np.ones(len(orbit.starts), dtype=int), turning=True)
-
-
-def _kinks_known(motion: VectorField, orbit: PeriodicOrbit) -> bool:
-    """Whether drag acts at points whose velocities say where its derivatives have kinks."""
-    return motion.model.drag_velocities(*np.split(orbit.states(np.zeros(1)), 2)).size > 0
+    return refined(motion, orbit, np.ones(len(orbit.starts), dtype=int), at_kinks=True)
 
 
 def _by_magnus(motion: VectorField, orbit: PeriodicOrbit, turns: float) -> tuple[Complex, float]:
@@ -157,16 +152,16 @@ def _by_collocation(
 ) -> tuple[Complex, float]:
     """The same by the collocation that the orbit itself solves, on meshes half and twice as fine.
 
-    Halving leaves 2^-15 of the error where f is smooth, and 2^-3 across kinks of drag at phases
-    that are not known; of both some more is allowed for.
+    Halving leaves 2^-15 of the error where f is smooth, and 2^-3 across kinks at phases that are
+    not known; of both some more is allowed for.
     """
-    left = 0.25 if motion.model.pipe.drag and not _kinks_known(motion, orbit) else 1e-3
+    left = 1e-3 if motion.model.kinks_known else 0.25
     parts = np.ceil(np.maximum(turns / TURN, 1.0)).astype(int)
     if (parts > 1).any() and 2 * parts.sum() <= MOST:
         orbit = refined(motion, orbit, parts)
     roots, error = _eigenvalues(motion, orbit, *collocation_maps(motion, orbit)), math.inf
     power = 2 if orbit.symmetric else 1
-    pairs = None if motion.model.pipe.drag else _by_pairs(motion, orbit)
+    pairs = None if motion.model.pipe.has_kinks else _by_pairs(motion, orbit)
     if pairs:
         before = _eigenvalues(motion, orbit, *collocation_maps(motion, pairs))
         error = 0.1 * _moved(before**power, roots**power)

@@ -27,8 +27,8 @@ from pipedyn.bifurcation.periodic_orbit import PeriodicOrbit, refined, resolved
 from pipedyn.bifurcation.vector_field import VectorField
 from pipedyn.linear.critical_speed import crossings
 from pipedyn.linear.eigenproblem import Complex
-from pipedyn.linear.modes import LARGEST_SPEED
 from pipedyn.models.base import Model, NotConverged, PipedynError
+from pipedyn.models.drive import LARGEST_SPEED
 from pipedyn.motion.simulate import (
     Motion,
     MotionStopped,
@@ -420,8 +420,8 @@ def finished(
     Raises:
         NotConverged: if the tolerance is out of reach; `result` holds what was reached.
     """
-    # Defects with which the first answer mostly meets rtol: the mesh follows the kinks of drag.
-    largest = rtol * (1e-1 if motion.model.pipe.drag else 1e-3)
+    # Defects with which the first answer mostly meets rtol: the mesh follows kinks of forces.
+    largest = rtol * (1e-1 if motion.model.pipe.has_kinks else 1e-3)
     tolerance = min(1e-7, 1e-2 * rtol)
     for _ in range(CHECKS):
         known, error, reason = _refined(motion, orbit, largest, rtol, tolerance)
@@ -463,11 +463,11 @@ def _refined(
 
     Refined are the intervals with a large defect, and all of them where there is none, until what
     is left of the defects is rounding: halving the intervals lessens that to a half at best, but to
-    an eighth what it resolves, even at the kinks of drag.
+    an eighth what it resolves, even at the kinks of forces.
     """
-    # Under drag two answers may agree by chance: an error falls by the fourth power of h at most.
+    # With kinks two answers may agree by chance: an error falls by the fourth power of h at most.
     known, error, worst = Known(orbit, amplitude_of(motion, orbit)), math.inf, math.inf
-    last = math.inf if motion.model.pipe.drag else 0.0
+    last = math.inf if motion.model.pipe.has_kinks else 0.0
     most = 2  # parts of an interval
     while True:
         orbit = known.orbit
@@ -477,14 +477,14 @@ def _refined(
             return known, error, ""
         if not coarse.any():
             coarse[:] = True
-        # In p parts an interval has about the p^-7 of its defect, or more where drag has kinks.
+        # In p parts an interval has about the p^-7 of its defect, or more where forces have kinks.
         wanted = max(0.5 * largest, ROUNDING)
         parts = np.ceil((defects / wanted) ** (1.0 / 7.0)).astype(int)
         parts = np.where(coarse, np.clip(parts, 2, most), 1)
         if parts.sum() > MOST_INTERVALS:
             return known, error, f"that takes more than {MOST_INTERVALS} mesh intervals"
         try:
-            finer = solved(motion, refined(motion, orbit, parts, turning=True), tolerance)
+            finer = solved(motion, refined(motion, orbit, parts, at_kinks=True), tolerance)
         except NewtonFailed as failure:
             return known, error, str(failure)
         before, known = known, Known(finer, amplitude_of(motion, finer))
@@ -492,7 +492,7 @@ def _refined(
         change = max(abs(measured - 1.0), abs(finer.frequency / orbit.frequency - 1.0))
         change = max(change, 1e-13)  # answers of ever finer meshes differ by some 3e-14
         error, last = max(change, last / 16.0), change
-        most = 2 if motion.model.pipe.drag else 4
+        most = 2 if motion.model.pipe.has_kinks else 4
 
 
 def amplitude_of(motion: VectorField, orbit: PeriodicOrbit) -> tuple[float, float]:
@@ -538,7 +538,7 @@ def on_branch(
     if result.multiplier_error <= 1e-4:  # a tenth of what ends a branch
         return result
     with suppress(NewtonFailed):  # where neighbours diverge fast a finer mesh is needed
-        finer = refined(motion, orbit, np.full(len(orbit.starts), 2), turning=True)
+        finer = refined(motion, orbit, np.full(len(orbit.starts), 2), at_kinks=True)
         finer = solved(motion, finer, 1e-9)
         known = Known(finer, amplitude_of(motion, finer))
         better = described(motion, known, result.error, samples, how)

@@ -26,6 +26,11 @@ COARSEST = 4
 PROBES: Array = np.linspace(0.0, 2.0 * math.pi, 65)[:-1]
 """Phases at which orbits are compared: enough for the harmonics that matter for a sign."""
 
+BEFORE = 1e-10
+"""Phase by which an interval ends before a kink, so that its last stage, at its end, has the slopes
+of the forces before. What the next interval misses is this times their jump, below rounding; kinks
+are found to some 1e-14."""
+
 _X: Array = np.sort(legendre.legroots([0.0] * (STAGES - 1) + [-1.0, 1.0]).real)
 _X[-1] = 1.0
 NODES: Array = 0.5 * (_X + 1.0)
@@ -210,15 +215,15 @@ def resolved(
 
 
 def refined(
-    motion: VectorField, orbit: PeriodicOrbit, parts: NDArray[np.int_], turning: bool = False
+    motion: VectorField, orbit: PeriodicOrbit, parts: NDArray[np.int_], at_kinks: bool = False
 ) -> PeriodicOrbit:
     """The same orbit with each interval in so many parts, shape (M,).
 
-    With `turning` intervals end also where points at which drag acts turn back.
+    With `at_kinks` intervals end also where derivatives of the forces jump.
     """
     edges = divided(orbit.edges, parts)
-    if turning:
-        edges = _joined(edges, _turning_points(motion, orbit))
+    if at_kinks:
+        edges = _joined(edges, _kinks(motion, orbit))
     return interpolated(motion, orbit.states, edges, orbit.frequency, orbit.u)
 
 
@@ -228,21 +233,21 @@ def divided(edges: Array, parts: NDArray[np.int_]) -> Array:
     return np.interp(np.arange(staying[-1] + 1), staying, edges)
 
 
-def _joined(edges: Array, turns: Array) -> Array:
+def _joined(edges: Array, kinks: Array) -> Array:
     """Edges with others, which take the place of those that they all but coincide with."""
     least = 1e-4 * edges[-1]  # a shorter interval costs as much and resolves nothing
-    turns = turns[(turns > least) & (turns < edges[-1] - least)]
-    turns = turns[np.diff(turns, prepend=-math.inf) > least]
-    apart = np.abs(edges[1:-1, None] - turns).min(axis=1, initial=math.inf)
-    return np.sort(np.concatenate([edges[[0, -1]], edges[1:-1][apart > least], turns]))
+    kinks = kinks[(kinks > least) & (kinks < edges[-1] - least)]
+    kinks = kinks[np.diff(kinks, prepend=-math.inf) > least]
+    apart = np.abs(edges[1:-1, None] - kinks).min(axis=1, initial=math.inf)
+    return np.sort(np.concatenate([edges[[0, -1]], edges[1:-1][apart > least], kinks]))
 
 
-def _turning_points(motion: VectorField, orbit: PeriodicOrbit) -> Array:
-    """Phases at which drag's second derivative jumps, shape (k,)."""
+def _kinks(motion: VectorField, orbit: PeriodicOrbit) -> Array:
+    """Phases at which derivatives of the forces jump, shape (k,)."""
     phase = divided(orbit.edges, np.full(len(orbit.starts), 8))
-    velocities = motion.model.drag_velocities(*np.split(orbit.states(phase), 2))
-    if velocities.size == 0:
+    signed = motion.model.kinks(*np.split(orbit.states(phase), 2))
+    if signed.size == 0:
         return np.empty(0)
-    roots = scipy.interpolate.CubicSpline(phase, velocities.T).roots(extrapolate=False)
-    turns: Array = np.sort(np.concatenate(roots))
-    return turns[np.isfinite(turns)]  # NaN marks a point that does not move
+    roots = scipy.interpolate.CubicSpline(phase, signed.T).roots(extrapolate=False)
+    kinks: Array = np.sort(np.concatenate(roots))
+    return kinks[np.isfinite(kinks)] - BEFORE  # NaN marks a point that does not move

@@ -54,7 +54,8 @@ class Eigenproblem:
             return abs(one - sign * other) > 1e-11 * size
 
         of = self.pencil
-        return not (differ(of.velocity, -1.0) or differ(of.stiffness, 1.0) or differ(of.flux, 1.0))
+        thrust = of.centrifugal != 0.0 and differ(of.flux, 1.0)
+        return not (thrust or differ(of.velocity, -1.0) or differ(of.stiffness, 1.0))
 
     @cached_property
     def zero_tolerance(self) -> float:

@@ -23,16 +23,13 @@ from pipedyn.models.continuum import (
     checked_model,
     relative,
 )
+from pipedyn.models.drive import LARGEST_SPEED
 from pipedyn.util import check
 from pipedyn.util.check import Array
 from pipedyn.util.counters import factorised
 from pipedyn.util.parallel import track
 from pipedyn.util.result import result
 from pipedyn.util.threads import one_thread
-
-LARGEST_SPEED = 1e4
-"""Flow speeds beyond are refused: the thrust u^2 is then 1e8 times the elastic stiffness, and
-rounding takes half of the digits."""
 
 LARGEST_FULL = _core.dense_limit
 """Degrees of freedom up to which all eigenvalues are computed at once."""

@@ -8,7 +8,7 @@ from collections.abc import Callable
 from dataclasses import fields
 from functools import cached_property
 from operator import attrgetter
-from typing import Any, Self
+from typing import Any, ClassVar, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -63,7 +63,7 @@ class Operators:
 
     M q'' + C q' + K q = 0 with C = s u (gyroscopic + end_flux) + damping and
     K = stiffness + a u^2 flux + s u' unsteady. gyroscopic is skew and end_flux symmetric of rank
-    one, about a bent pipe two; with unsteady they carry sqrt(beta).
+    one, about a bent pipe two; with unsteady they carry sqrt(beta), end_flux also `inflow_share`.
 
     Attributes:
         mass: M, symmetric and positive definite.
@@ -139,7 +139,11 @@ def core_pipe(pipe: Pipe) -> _core.Pipe:
         drag=pipe.drag,
         damping=pipe.damping,
         aspirating=pipe.flow == "aspirating",
+        inflow_share=pipe.inflow_share,
         terms=[(t.law, t.place or 0.0, list(t.numbers.values())) for t in pipe.terms],
+        root=pipe.root_stiffness,
+        end=pipe.end,
+        supports=pipe.supports,
     )
 
 
@@ -153,8 +157,13 @@ def checked_pipe(pipe: Any) -> Pipe:
 class OfPipe:
     """A pipe to be asked about, discretised or continuous. Immutable; pickles."""
 
+    takes_supports: ClassVar[bool] = False
+    """Whether it takes pipes that are no cantilevers; to be True of every model."""
+
     def __init__(self, pipe: Pipe) -> None:
         self._pipe = checked_pipe(pipe)
+        if not (pipe.cantilevered or self.takes_supports):
+            raise ValueError(f"{type(self).__name__} must be of a cantilevered pipe, got {pipe!r}")
 
     @property
     def pipe(self) -> Pipe:
@@ -186,12 +195,13 @@ class OfPipe:
         other = object.__new__(type(self))
         other.__dict__.update(self.__getstate__())
         OfPipe.__init__(other, pipe)
-        if pipe.terms != self._pipe.terms:
+        parts = attrgetter("terms", "root", "end", "supports")
+        if parts(pipe) != parts(self._pipe):
             other._check_terms()
         return other
 
     def _check_terms(self) -> None:
-        """Raises ValueError where the model does not take the pipe's terms."""
+        """Raises ValueError where the model does not take the pipe's terms or supports."""
 
 
 class Model(OfPipe, ABC):
@@ -364,7 +374,8 @@ class Model(OfPipe, ABC):
             t: time; nothing depends on it.
             y: state [q, q'], shape (2 c,), or (2 c, k) for k states of a chain or reduced model.
             u: flow speed, in units of sqrt(EI / mu_f) / L, >= 0; for k states also one each, (k,).
-            u_dot, base: as for `rhs`.
+            u_dot: its rate of change, as for `rhs`.
+            base: its motion, as for `rhs`.
 
         Returns:
             d(dy/dt)/dy, shape (2 c, 2 c), or (k, 2 c, 2 c). Drag's share
@@ -487,12 +498,26 @@ class Model(OfPipe, ABC):
     def _tips(self, q: NDArray[Any]) -> NDArray[Any]:
         """The positions, an analytic function of q, real or complex, (coordinates, k)."""
 
-    def drag_velocities(self, p: Array, pdot: Array) -> Array:
-        """Normal velocities of the points at which drag acts, (points, k), of states (moving, k).
+    @property
+    def kinks_known(self) -> bool:
+        """Whether `kinks` has all; not of drag that acts at many points, each with little of it."""
+        return self.pipe.drag == 0.0
 
-        No points where they are many and drag at each is weak, or where they are not known.
+    def kinks(self, p: Array, pdot: Array) -> Array:
+        """What changes sign where derivatives of forces jump, (how many, k), of (moving, k) states.
+
+        How far the places of terms are from where they meet stops.
         """
-        return np.empty((0, p.shape[1]))
+        met = [(term.place or 0.0, x) for term in self.pipe.terms for x in term.kinks]
+        if not met:
+            return np.empty((0, p.shape[1]))
+        places, where = np.array(met).T
+        return self._across(p, places) - where[:, None]
+
+    def _across(self, p: Array, s: Array) -> Array:
+        """Transverse displacements at points on the pipe, (points, k), of (moving, k) angles."""
+        configurations, _ = self.recorded(p.T, np.zeros_like(p.T))
+        return np.stack([self.shape(q, s)[:, 0] for q in configurations], axis=1)
 
     @abstractmethod
     def bent(self, angle: Callable[[Array], ArrayLike]) -> Array:

@@ -232,14 +232,24 @@ class Chain(Model):
         down = self._base + self._lengths @ np.cos(q)
         return np.stack([self._lengths @ np.sin(q), down], axis=-1)
 
-    def drag_velocities(self, p: Array, pdot: Array) -> Array:
+    @property
+    def kinks_known(self) -> bool:
+        return True
+
+    def kinks(self, p: Array, pdot: Array) -> Array:
+        """Besides, the velocities across the segments of the points at which drag acts."""
+        of_terms = super().kinks(p, pdot)
         if self.pipe.drag == 0.0:
-            return super().drag_velocities(p, pdot)
+            return of_terms
         tangents = np.exp(1j * p)
         steps = self._lengths[:, None] * pdot * tangents
         joints = np.cumsum(steps, axis=0) - steps  # velocities where the segments begin
         reach = (self._drag_points * self._lengths)[:, None]
-        return (joints * tangents.conj()).real + reach * pdot
+        return np.concatenate([of_terms, (joints * tangents.conj()).real + reach * pdot])
+
+    def _across(self, p: Array, s: Array) -> Array:
+        steps = self._lengths[:, None] * np.sin(p)
+        return np.asarray(along(steps, self._base, self._lengths, s))
 
     def bent(self, angle: Callable[[Array], ArrayLike]) -> Array:
         ends = self._base + np.cumsum(self._lengths)

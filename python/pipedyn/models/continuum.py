@@ -58,6 +58,8 @@ class Continuum(OfPipe):
     Source: Gregory and Paidoussis (1966).
     """
 
+    takes_supports = True
+
     def __repr__(self) -> str:
         return f"Continuum({self._pipe!r})"
 
@@ -114,7 +116,7 @@ def converged_ahead(
     tolerance = check.real("tolerance", tolerance, low=0.0, open_low=True)
     smallest = check.count("smallest", smallest, high=LARGEST_BASIS - 8)
     largest = check.count("largest", largest, high=LARGEST_BASIS)
-    inner = basis_joints(model.pipe.terms).size
+    inner = basis_joints(model.pipe).size
     size = smallest = min(smallest + FUNCTIONS_A_JOINT * inner, LARGEST_BASIS - 8)
     largest = min(largest + FUNCTIONS_A_JOINT * inner, LARGEST_BASIS)
     last = max(largest, smallest + 8)

@@ -9,8 +9,9 @@ around the pipe rest on the ground.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -26,8 +27,29 @@ ROWS = 7
 
 DIRECTIONS = ("x", "y")
 
+LARGEST_SPEED = 1e4
+"""Flow speeds beyond are refused: the thrust u^2 is then 1e8 times the elastic stiffness, and
+rounding takes half of the digits."""
+
 LARGEST_FREQUENCY = 1e6
 """Angular: far above any pipe's, far below overflow."""
+
+STEP = 2e-3
+"""Between the nine values, in T, by which functions are differentiated: for cos(100 t) the first
+and second derivative are so exact to 4e-9, and rounding adds 1e-9 of the values."""
+
+TRIED = 101
+"""Times at which functions are tried beforehand."""
+
+Place: TypeAlias = tuple[float, float]
+
+Speed: TypeAlias = (
+    float | Callable[[float], float] | tuple[Callable[[float], float], Callable[[float], float]]
+)
+"""A flow speed: steady, a function u(t) of time, or this with its derivative."""
+
+Base: TypeAlias = Callable[[float], Place] | tuple[Callable[[float], Place], ...]
+"""A function of time to the base's place (X, Y), or this, its first and its second derivative."""
 
 
 @dataclass(frozen=True)
@@ -52,7 +74,7 @@ class Pulsation:
 
     def __post_init__(self) -> None:
         checked = {
-            "mean": check.real("mean", self.mean, low=0.0, high=1e6),
+            "mean": check.real("mean", self.mean, low=0.0, high=LARGEST_SPEED),
             "amplitude": check.real("amplitude", self.amplitude),
             "frequency": _frequency(self.frequency),
         }
@@ -74,6 +96,7 @@ class Pulsation:
         return 2.0 * math.pi / self.frequency
 
     def __call__(self, t: float) -> float:
+        """u(t)."""
         return self.mean * (1.0 + self.amplitude * math.cos(self.frequency * t))
 
     def rate(self, t: float) -> float:
@@ -122,17 +145,18 @@ class Harmonic:
         """In T."""
         return 2.0 * math.pi / self.frequency
 
-    def _along(self, value: float) -> tuple[float, float]:
+    def _along(self, value: float) -> Place:
         return (value, 0.0) if self.direction == "x" else (0.0, value)
 
-    def __call__(self, t: float) -> tuple[float, float]:
+    def __call__(self, t: float) -> Place:
+        """(X, Y)."""
         return self._along(self.amplitude * math.cos(self.frequency * t))
 
-    def velocity(self, t: float) -> tuple[float, float]:
+    def velocity(self, t: float) -> Place:
         """(X', Y')."""
         return self._along(-self.amplitude * self.frequency * math.sin(self.frequency * t))
 
-    def acceleration(self, t: float) -> tuple[float, float]:
+    def acceleration(self, t: float) -> Place:
         """(X'', Y'')."""
         return self._along(-self.amplitude * self.frequency**2 * math.cos(self.frequency * t))
 
@@ -168,3 +192,102 @@ def drive_of(y: ArrayLike, u_dot: ArrayLike | None, base: ArrayLike | None) -> A
         check.entries("base", moves, np.isfinite(moves), "be finite")
         drive[1:] = moves.reshape(6, *moves.shape[2:], *(1,) * (len(columns) + 2 - moves.ndim))
     return drive
+
+
+class Drive:
+    """What drives a motion from one time to another.
+
+    Called with a time it gives u, u', X, Y, X', Y', X'', Y''.
+
+    Args:
+        u: the flow speed, as `Speed` says.
+        base: the base's motion, as `Base` says; at rest where None.
+        low: the first time at which functions are asked.
+        high: the last.
+
+    Raises:
+        ValueError: for speeds below 0, numbers that are not finite, other shapes.
+        TypeError: for what is no such function.
+    """
+
+    def __init__(self, u: Any, base: Any, low: float, high: float) -> None:
+        self.low, self.step = low, min(STEP, (high - low) / 16.0)
+        self.last = high - 4.0 * self.step
+        self._speed = _with_derivatives("u", u, 1)
+        self._base = None if base is None else _with_derivatives("base", base, 2)
+        for t in np.linspace(low, high, TRIED).tolist():
+            self(t)
+
+    def __call__(self, t: float) -> tuple[float, ...]:
+        """u, u', X, Y, X', Y', X'', Y'' at a time."""
+        u, rate = self._evaluated("u", self._speed, t, 1)
+        if not 0.0 <= u[0] <= LARGEST_SPEED:
+            check.real(f"u({t:g})", u[0], low=0.0, high=LARGEST_SPEED)
+        if self._base is None:
+            return (*u, *rate, *(0.0,) * 6)
+        place, velocity, acceleration = self._evaluated("base", self._base, t, 2)
+        return (*u, *rate, *place, *velocity, *acceleration)
+
+    def base(self, times: Array) -> Array | None:
+        """The base's motion at times (k,), as `Model.rhs` takes it, shape (3, 2, k)."""
+        if self._base is None:
+            return None
+        return np.array([self(t)[2:] for t in times.tolist()]).T.reshape(3, 2, times.size)
+
+    def _evaluated(self, name: str, functions: Any, t: float, entries: int) -> list[Any]:
+        """Values and derivatives at a time, `entries` numbers each."""
+        first, *others = functions
+        if others and others[0] is not None:
+            return [_finite(name, of, t, entries) for of in functions]
+        center = min(max(t, self.low + 4.0 * self.step), self.last)
+        near = np.array([_finite(name, first, center + k * self.step, entries) for k in NODES])
+        powers = TO_POWERS @ (near - near[4])  # so that of a constant rounding leaves nothing
+        x = (t - center) / self.step
+        found = [_finite(name, first, t, entries)]
+        for _ in range(1, len(functions)):
+            powers = np.arange(1.0, len(powers))[:, None] * powers[1:] / self.step
+            found.append(tuple((x ** np.arange(len(powers)) @ powers).tolist()))
+        return found
+
+
+NODES = tuple(range(-4, 5))
+TO_POWERS = np.linalg.inv(np.vander(NODES, increasing=True))
+"""The polynomial of degree 8 through values at these places."""
+
+
+def _with_derivatives(name: str, given: Any, order: int) -> tuple[Any, ...]:
+    """A function and its derivatives, None where it is to be differentiated."""
+    if isinstance(given, Pulsation):
+        return given, given.rate
+    if isinstance(given, Harmonic):
+        return given, given.velocity, given.acceleration
+    if isinstance(given, int | float | np.number) and not callable(given):
+        value = check.real(name, given, low=0.0, high=LARGEST_SPEED)
+        return _Constant(value), _Constant(0.0)
+    listed = given if isinstance(given, tuple) else (given, *(None,) * order)
+    rule = "one with its derivative" if order == 1 else "one with its two derivatives"
+    if len(listed) != order + 1 or not all(callable(of) or of is None for of in listed):
+        raise TypeError(f"{name} must be a function of time or {rule}, got {check.shown(given)}")
+    return listed
+
+
+@dataclass(frozen=True)
+class _Constant:
+    value: float
+
+    def __call__(self, t: float) -> float:
+        return self.value
+
+
+def _finite(name: str, function: Any, t: float, entries: int) -> tuple[float, ...]:
+    """The value of a function of time, as so many finite numbers."""
+    came = function(t)
+    try:
+        values = (float(came),) if entries == 1 else tuple(map(float, came))
+    except (TypeError, ValueError):
+        values = ()
+    if len(values) == entries and all(map(math.isfinite, values)):
+        return values
+    if entries == 1:
+        check.real(f"{name}({t:g})", came)
+    raise ValueError(f"{name}({t:g}) must give {entries} finite numbers, got {check.shown(came)}")

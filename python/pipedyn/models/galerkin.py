@@ -3,8 +3,10 @@
 
 from __future__ import annotations
 
+import bisect
 import math
 from collections.abc import Callable
+from dataclasses import fields, replace
 from functools import cached_property, lru_cache
 from itertools import pairwise
 from typing import Any
@@ -21,8 +23,8 @@ from pipedyn.models.base import (
     operators_from,
     stored,
 )
+from pipedyn.models.free_functions import FreeFunctions
 from pipedyn.models.pipe import Pipe
-from pipedyn.models.terms import Term
 from pipedyn.util import check
 from pipedyn.util.check import Array
 from pipedyn.util.later import scipy
@@ -47,26 +49,30 @@ def gauss_nodes(count: int) -> tuple[Array, Array]:
     return 0.5 * (nodes + 1.0), 0.5 * weights
 
 
-def panel_ends(terms: tuple[Term, ...]) -> Array:
-    """Ends of the panels between terms, shape (panels + 1,): integrands are smooth on each."""
-    return np.unique([0.0, *(term.place for term in terms if term.place is not None), 1.0])
+def panel_ends(pipe: Pipe) -> Array:
+    """Ends of the panels between terms and supports, shape (panels + 1,).
+
+    Integrands are smooth on each.
+    """
+    places = [term.place for term in pipe.terms if term.place is not None]
+    return np.unique([0.0, *places, *pipe.supports, 1.0])
 
 
-def basis_joints(terms: tuple[Term, ...]) -> Array:
-    """Inner ends of the panels of a basis: those of the above that leave none too short."""
-    joints: list[float] = []
-    for end in panel_ends(terms)[1:-1].tolist():
-        low = joints[-1] if joints else 0.0
-        if end - low >= SHORTEST_PANEL and 1.0 - end >= SHORTEST_PANEL:
-            joints.append(end)
-    return np.array(joints)
+def basis_joints(pipe: Pipe) -> Array:
+    """Inner ends of the panels of a basis: supports, and terms that leave no panel too short."""
+    ends = [0.0, *pipe.supports, 1.0]
+    for place in panel_ends(pipe)[1:-1].tolist():
+        k = bisect.bisect(ends, place)
+        if min(place - ends[k - 1], ends[min(k, len(ends) - 1)] - place) >= SHORTEST_PANEL:
+            ends.insert(k, place)
+    return np.array(ends[1:-1])
 
 
 class Galerkin(Model):
     """A reduced model with m functions. Coordinates: their amplitudes q_i, shape (m,).
 
-    The functions satisfy the clamp; the free end's conditions follow from the projection. The angle
-    of the centreline is sum_i q_i w_i'(s).
+    The functions are 0 where the pipe is held across and keep the directions that are held; all
+    other conditions follow from the projection. The angle of the centreline is sum_i q_i w_i'(s).
 
     `rhs` takes integrals along the pipe with as many nodes as the configuration needs: what they
     miss is below 1e-10 of the result (1e-6 with drag, whose integrand has kinks), for angles up to
@@ -78,13 +84,15 @@ class Galerkin(Model):
     Args:
         pipe: the pipe.
         m: number of functions, from 1 to 2000.
-        basis: "beam" (the cantilever's own modes, unit mass; the critical speed's error falls like
-            m^-4) or "legendre" (w_i'' a normalised Legendre polynomial, unit stiffness; the error
-            falls exponentially, but the highest third of the eigenvalues is not the pipe's).
+        basis: "beam" (the beam's own modes, held at both ends as the pipe is, unit mass; the
+            critical speed's error falls like m^-4) or "legendre" (w_i'' a normalised Legendre
+            polynomial, unit stiffness; the error falls exponentially, but the highest third of the
+            eigenvalues is not the pipe's).
             Where a term of the pipe acts, the shear jumps. Legendre polynomials then live on the
             panels between: each panel has some functions, the others go to panels in proportion to
             length, and convergence stays exponential. Beam modes stay what they are; their error
-            falls like a power of m.
+            falls like a power of m. So it is with inner supports, at which combinations of beam
+            modes are 0.
 
     Raises:
         ValueError: for m out of range or less than the number of panels, or an unknown basis.
@@ -95,6 +103,8 @@ class Galerkin(Model):
     forces are those of Orsino and Di Giulio, eqs. (1)-(9), for segments without length.
     """
 
+    takes_supports = True
+
     def __init__(self, pipe: Pipe, m: int, basis: str = "beam") -> None:
         super().__init__(pipe)
         self._size = check.count("m", m, high=LARGEST_BASIS)
@@ -103,10 +113,16 @@ class Galerkin(Model):
         self._check_terms()
 
     def _check_terms(self) -> None:
-        if self._size < self.panels:
+        # One function on each panel; where the pipe is held takes functions, and a root that turns
+        # adds one.
+        needs = self.panels - len(self._held)
+        if self._basis == "legendre":
+            turns, directed = self._pipe.root != "clamped", self._pipe.end in ("guided", "clamped")
+            needs += int(turns and not directed) - int(directed and not turns)
+        if self._size < needs:
             raise ValueError(
-                f"m must be at least {self.panels}, the number of panels between terms, "
-                f"got {self._size}"
+                f"m must be at least {needs}, for one function on each of the {self.panels} panels "
+                f"between terms and supports, got {self._size}"
             )
 
     @cached_property
@@ -115,7 +131,7 @@ class Galerkin(Model):
         return _core.Galerkin(
             pipe=core_pipe(self._pipe),
             legendre=self._basis == "legendre",
-            size=self._size,
+            size=self.coordinates,
             joints=self._joints,
             more=self._more,
         )
@@ -126,6 +142,19 @@ class Galerkin(Model):
     @property
     def dof(self) -> int:
         return self._size
+
+    @property
+    def coordinates(self) -> int:
+        """Number of functions in large motions, which need not be 0 where the pipe is held."""
+        return self._size + len(self._held)
+
+    @cached_property
+    def motion(self) -> Any:
+        if self._held:
+            raise ValueError(
+                f"motion must be of a pipe that is not held across, got {self._pipe!r}"
+            )
+        return self.core
 
     @property
     def coordinate_kind(self) -> str:
@@ -156,12 +185,18 @@ class Galerkin(Model):
     @cached_property
     def _joints(self) -> Array:
         """Inner ends of the basis' panels; the beam modes have none."""
-        return basis_joints(self._pipe.terms if self._basis == "legendre" else ())
+        return basis_joints(self._pipe) if self._basis == "legendre" else np.zeros(0)
+
+    @property
+    def _held(self) -> tuple[float, ...]:
+        """Arc lengths at which the pipe is held across."""
+        at_end = self._pipe.end in ("pinned", "clamped")
+        return (*self._pipe.supports, 1.0) if at_end else self._pipe.supports
 
     @cached_property
     def _ends(self) -> Array:
         """Ends of the panels on which integrands are smooth, from 0 to 1."""
-        return panel_ends(self._pipe.terms)
+        return panel_ends(self._pipe)
 
     def _rule(self, count: int) -> tuple[Array, Array]:
         """Nodes and weights of Gauss-Legendre quadrature with so many on each panel."""
@@ -183,19 +218,45 @@ class Galerkin(Model):
                 f"s must have at most {LARGEST_TABLE // self._size} entries for {self._size} "
                 f"functions, got {at.size}"
             )
-        return self.core.basis(at, order)
+        found = self.core.basis(at, order)
+        return found if self._free.spread is None else found @ self._free.spread
 
     @cached_property
+    def _free(self) -> FreeFunctions:
+        return FreeFunctions(self.core, self._held, self._basis == "beam")
+
+    @property
     def elastic_scale(self) -> Array:
         """Amplitude q_i of one elastic coordinate, shape (m,)."""
-        return 1.0 / np.sqrt(self.core.elastic_stiffness())
+        return self._free.scale
+
+    @property
+    def elastic_share(self) -> Array:
+        return self._free.share
+
+    def operators(self, q: ArrayLike | None = None) -> Operators:
+        found, spread = super().operators(q), self._free.spread
+        return found if spread is None else self._held_across(found, spread)
 
     def elastic_operators(self) -> Operators:
-        both = np.outer(self.elastic_scale, self.elastic_scale)
-        return operators_from(self.core.operators(), self._pipe, both)
+        found, free = self.core.operators(), self._free
+        if free.spread is None:
+            return operators_from(found, self._pipe, np.outer(free.scale, free.scale))
+        return self._held_across(operators_from(found, self._pipe), free.spread * free.scale)
+
+    def _held_across(self, core: Operators, by: Array) -> Operators:
+        """Operators about the straight pipe in coordinates of which the core's are `by` times."""
+        found = {
+            field.name: by.T @ getattr(core, field.name) @ by for field in fields(Operators)[:6]
+        }
+        found["gyroscopic"] = 0.5 * (found["gyroscopic"] - found["gyroscopic"].T)
+        if self._held[-1] == 1.0:  # where nothing follows the flow and it does no work, exactly
+            found["end_flux"][:] = 0.0
+            found["flux"] = 0.5 * (found["flux"] + found["flux"].T)
+        return replace(core, **found)
 
     def from_elastic(self, z: ArrayLike) -> NDArray[Any]:
-        return (self.elastic_scale * self._columns("z", z).T).T
+        return (self._free.scale * self._columns("z", z).T).T
 
     def shape(self, q: ArrayLike, s: ArrayLike) -> Array:
         amplitudes = self._coordinates(q)
@@ -275,9 +336,7 @@ def enriched(model: Galerkin, more: int) -> Galerkin:
 def shared_functions(model: Galerkin, larger: Galerkin) -> list[int]:
     """Where a larger model has the Legendre functions of another with as many panels."""
     places = [0] * model.dof
-    for own, others in zip(
-        model.core.functions_by_panel(), larger.core.functions_by_panel(), strict=True
-    ):
+    for own, others in zip(model._free.groups, larger._free.groups, strict=True):
         for k, other in zip(own, others, strict=False):
             places[k] = other
     return places

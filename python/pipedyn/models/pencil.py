@@ -141,7 +141,7 @@ class ChainPencil(Pencil):
         self.core = model.core if held is None else model.core.guided(held.tolist())
         self.dof -= 0 if held is None else int(held.sum())
         self.is_long = self.dof > LONGEST_DENSE
-        self.end_moves = held is None and model.pipe.beta > 0.0
+        self.end_moves = held is None and model.pipe.beta * model.pipe.inflow_share > 0.0
         self.scale = model.elastic_scale
         self.mass = partial(self._times, square=1.0)
         self.velocity = partial(self._times, velocity=1.0)

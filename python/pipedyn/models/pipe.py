@@ -12,6 +12,15 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
+from pipedyn.models.supports import (
+    ENDS,
+    End,
+    Root,
+    RootSpring,
+    checked_root,
+    checked_supports,
+    root_stiffness,
+)
 from pipedyn.models.terms import Term, checked_terms, converted, in_range
 from pipedyn.util import check
 
@@ -24,6 +33,7 @@ RANGES: dict[str, dict[str, Any]] = {
     "alpha": {"low": 0.0, "high": 1e6},
     "drag": {"low": 0.0, "high": 1e9},
     "damping": {"low": 0.0, "high": 1e6},
+    "inflow_share": {"low": 0.0, "high": 1.0},
 }
 """What `check.real` asks of a pipe's numbers: far above any pipe's, far below overflow."""
 
@@ -43,7 +53,7 @@ class Scales(NamedTuple):
 
 @dataclass(frozen=True)
 class Pipe:
-    """A cantilevered pipe conveying fluid, in units in which L, mu_p + mu_f and EI are 1.
+    """A pipe conveying fluid, a cantilever if not told, in units of L, mu_p + mu_f and EI.
 
     Time is counted in L^2 sqrt((mu_p + mu_f) / EI), flow speed u in sqrt(EI / mu_f) / L.
 
@@ -57,15 +67,29 @@ class Pipe:
         drag: quadratic drag kappa = rho_e C_D d_e L / (2 (mu_p + mu_f)) >= 0; it has no part in the
             linear analysis.
         damping: Kelvin-Voigt damping delta >= 0; EI becomes EI (1 + delta d/dtau).
+        inflow_share: of an aspirating pipe, share c in [0, 1] of the free end's velocity that the
+            fluid has before it enters: 1 where it already moves with the free end, as in the paper,
+            0 where it is drawn from rest. What it lacks the free end has to give it, which damps:
+            the end's flux of energy is multiplied by c.
         terms: what else acts on the pipe, such as `PointMass` and `Spring`: a sequence of at most
             400 terms, kept as a tuple.
+        root: how the pipe is held at s = 0: "clamped", "pinned" (a hinge) or a `RootSpring`, a
+            hinge with a rotational spring.
+        end: how it is held at s = 1: "free", "guided" (it keeps its direction and slides across),
+            "pinned" (a hinge on the axis of the straight pipe) or "clamped" (on the axis, in its
+            direction). A pinned or clamped end slides along the axis.
+        supports: arc lengths in L of rigid supports, hinges on the axis along which the pipe
+            slides; at most 100, each in (0, 1), kept as an ascending tuple.
         scales: SI value of one unit, or None for a pipe not made with `from_si`.
 
     Raises:
-        ValueError: for a number out of its range, NaN or infinity.
+        ValueError: for a number out of its range, NaN or infinity; for an inflow_share of an
+            ejecting pipe other than 1.
         TypeError: for what is no number.
 
-    Source: Orsino and Di Giulio, eqs. (1)-(9); delta is not in the paper.
+    Source: Orsino and Di Giulio, eqs. (1)-(9); delta and inflow_share are not in the paper. The
+    latter is Hamilton's principle for open systems (McIver 1973) with an inflow of that velocity.
+    Of supported pipes Paidoussis, Fluid-Structure Interactions, vol. 1, ch. 3.
     """
 
     beta: float
@@ -74,7 +98,11 @@ class Pipe:
     alpha: float = 1.0
     drag: float = 0.0
     damping: float = 0.0
+    inflow_share: float = field(default=1.0, kw_only=True)
     terms: tuple[Term, ...] = field(default=(), kw_only=True)
+    root: Root = field(default="clamped", kw_only=True)
+    end: End = field(default="free", kw_only=True)
+    supports: tuple[float, ...] = field(default=(), kw_only=True)
     scales: Scales | None = field(default=None, kw_only=True)
 
     def __post_init__(self) -> None:
@@ -82,6 +110,9 @@ class Pipe:
             "flow": check.choice("flow", self.flow, FLOWS),
             **{name: check.real(name, getattr(self, name), **RANGES[name]) for name in RANGES},
             "terms": in_range(checked_terms(self.terms)),
+            "root": checked_root(self.root),
+            "end": check.choice("end", self.end, ENDS),
+            "supports": checked_supports(self.supports),
         }
         if self.scales is not None:
             if not isinstance(self.scales, tuple) or len(self.scales) != 4:
@@ -89,6 +120,11 @@ class Pipe:
             parts = zip(Scales._fields, self.scales, strict=True)
             checked["scales"] = Scales(
                 *(check.real(f"scales.{k}", v, low=0.0, open_low=True) for k, v in parts)
+            )
+        if checked["flow"] == "ejecting" and checked["inflow_share"] != 1.0:
+            raise ValueError(
+                "inflow_share must be 1 for an ejecting pipe, as no fluid enters at its free end, "
+                f"got {check.shown(self.inflow_share)}"
             )
         for name, value in checked.items():
             object.__setattr__(self, name, value)
@@ -109,7 +145,11 @@ class Pipe:
         flow: Flow = "ejecting",
         alpha: float = 1.0,
         nozzle_ratio: float | None = None,
+        inflow_share: float = 1.0,
         terms: Sequence[Term] = (),
+        root: Root = "clamped",
+        end: End = "free",
+        supports: Sequence[float] = (),
     ) -> Pipe:
         """A pipe from measured quantities.
 
@@ -129,8 +169,12 @@ class Pipe:
             nozzle_ratio: A / A_j > 0, the pipe's section over that of a uniform jet, in place of
                 alpha, which it is: above 1 for a nozzle, below for a diffuser. Terms say a
                 nozzle's mass.
+            inflow_share: share of the free end's velocity that the fluid has before it enters.
             terms: what else acts on the pipe, its numbers in SI units, `at` in m; `terms_si` gives
                 them back.
+            root: "clamped", "pinned" or a `RootSpring`, its stiffness in N m/rad.
+            end: "free", "guided", "pinned" or "clamped".
+            supports: arc lengths of rigid supports, m.
 
         Raises:
             ValueError: for a number out of its range, a term beyond the free end, both alpha and
@@ -179,6 +223,9 @@ class Pipe:
             "damping": (damping_time / time, f"damping_time, {every}"),
         }
         given = [converted(one, units, operator.truediv) for one in checked_terms(terms, length)]
+        source = " from its SI value, length, bending_stiffness and the masses"
+        if isinstance(root, RootSpring):
+            root = checked_root(converted(root, units, operator.truediv), source)
         return cls(
             **{
                 name: check.real(f"{name} from {causes}", value, **RANGES[name])
@@ -186,9 +233,11 @@ class Pipe:
             },
             flow=flow,
             alpha=alpha,
-            terms=in_range(
-                tuple(given), " from its SI value, length, bending_stiffness and the masses"
-            ),
+            inflow_share=inflow_share,
+            terms=in_range(tuple(given), source),
+            root=root,
+            end=end,
+            supports=tuple(s / length for s in checked_supports(supports, length)),
             scales=units,
         )
 
@@ -197,14 +246,27 @@ class Pipe:
         """s, the sign of the flow's velocity: 1 ejecting, -1 aspirating."""
         return -1.0 if self.flow == "aspirating" else 1.0
 
+    @property
+    def cantilevered(self) -> bool:
+        """Whether it is clamped at the root and held nowhere else."""
+        return self.root == "clamped" and self.end == "free" and not self.supports
+
+    @property
+    def root_stiffness(self) -> float:
+        """Stiffness against rotation at the root in EI / L: infinite if clamped, 0 if pinned."""
+        return root_stiffness(self.root)
+
+    @property
+    def has_kinks(self) -> bool:
+        """Whether derivatives of a force jump: drag's as velocities change sign, a stop's too."""
+        return self.drag > 0.0 or any(term.kinks for term in self.terms)
+
     def __repr__(self) -> str:
         parts = [
-            f"{item.name}={value!r}" if item.name == "flow" else f"{item.name}={value:.12g}"
-            for item in fields(self)[:-2]
+            f"{item.name}={value:.12g}" if isinstance(value, float) else f"{item.name}={value!r}"
+            for item in fields(self)[:-1]
             if (value := getattr(self, item.name)) != item.default
         ]
-        if self.terms:
-            parts.append(f"terms={self.terms!r}")
         if self.scales is not None:
             units = zip(self.scales, ("m", "kg/m", "s", "m/s"), strict=True)
             parts.append("units " + ", ".join(f"{value:.6g} {unit}" for value, unit in units))

@@ -17,6 +17,8 @@ from typing import TYPE_CHECKING, Any, ClassVar, TypeVar
 from pipedyn.util import check
 
 if TYPE_CHECKING:
+    from _typeshed import DataclassInstance
+
     from pipedyn.models.pipe import Scales
 
 SLACK = 1e-9
@@ -28,9 +30,18 @@ MOST_TERMS = 400
 1,600 of the 2,000 functions that a basis may have."""
 
 
-def number(high: float, *, mass: int = 0, length: int = 0, time: int = 0, low: float = 0.0) -> Any:
+def number(
+    high: float,
+    *,
+    mass: int = 0,
+    length: int = 0,
+    time: int = 0,
+    low: float = 0.0,
+    open_low: bool = False,
+) -> Any:
     """A field of a term: its range, and the powers of the units in its SI value, see `Scales`."""
-    return field(metadata={"range": {"low": low, "high": high}, "powers": (mass, length, time)})
+    rule = {"low": low, "high": high, "open_low": open_low}
+    return field(metadata={"range": rule, "powers": (mass, length, time)})
 
 
 def place() -> Any:
@@ -70,6 +81,11 @@ class Term:
     def place(self) -> float | None:
         """Arc length where it acts, in L; None where it acts all along the pipe."""
         return getattr(self, "at", None)
+
+    @property
+    def kinks(self) -> tuple[float, ...]:
+        """Transverse displacements of its place at which the slope of its load jumps, in L."""
+        return ()
 
     @property
     def numbers(self) -> dict[str, float]:
@@ -236,6 +252,44 @@ class CubicSpring(Term):
 
 
 @dataclass(frozen=True, repr=False)
+class Stop(Term):
+    """Two elastic stops beside one place of the pipe, a motion-limiting restraint.
+
+    Between them the place is free; beyond a stop the force along x is -stiffness * (x - gap), or
+    -stiffness * (x + gap) on the other side, x the transverse displacement of the place. Small
+    motions do not feel it.
+
+    Attributes:
+        at: arc length from the clamp in L, 0 < at <= 1.
+        gap: > 0, from the axis of the straight pipe to either stop, in L; a stop without a gap is
+            a `Spring`.
+        stiffness: >= 0, in EI / L^3.
+
+    In `Pipe.from_si`: at and gap in m, stiffness in N/m.
+
+    Source: energy stiffness * (|x| - gap)^2 / 2 beyond the gap; the trilinear restraint of
+    Paidoussis, Fluid-Structure Interactions, vol. 1, sec. 5.8.
+
+    Example:
+        >>> import pipedyn as pp
+        >>> free, held = pp.Pipe(0.2), pp.Pipe(0.2, terms=[pp.Stop(0.8, gap=0.05, stiffness=100.0)])
+        >>> wide, narrow = (pp.limit_cycle(pp.Chain(pipe, 4), 6.5) for pipe in (free, held))
+        >>> narrow.amplitude < 0.8 * wide.amplitude
+        True
+    """
+
+    law: ClassVar[str] = "stop"
+    at: float = place()
+    gap: float = number(1e6, length=1, open_low=True)
+    stiffness: float = number(1e9, mass=1, length=1, time=-2)
+
+    @property
+    def kinks(self) -> tuple[float, ...]:
+        """Where it meets the stops."""
+        return (-self.gap, self.gap)
+
+
+@dataclass(frozen=True, repr=False)
 class Tension(Term):
     """A dead load at the free end along the straight pipe, which keeps its direction.
 
@@ -262,11 +316,11 @@ class Tension(Term):
         return 1.0
 
 
-Law = TypeVar("Law", bound=Term)
+Law = TypeVar("Law", bound="DataclassInstance")
 
 
 def converted(term: Law, scales: Scales, by: Callable[[float, float], float]) -> Law:
-    """The term with its numbers times (mul) or over (truediv) the SI values of the pipe's units."""
+    """A term or a root's spring with its numbers times (mul) or over (truediv) the units of SI."""
     bases, numbers = (scales.mass, scales.length, scales.time), {}
     try:
         for item in fields(term):

@@ -1,0 +1,41 @@
+// SPDX-License-Identifier: MIT
+//
+// A pair of elastic stops beside one place of the pipe, at the distance g of its axis to either
+// side: force -k (x - g) along x beyond one, -k (x + g) beyond the other, none between; energy
+// k (|x| - g)^2 / 2 beyond. The force is continuous, its slope jumps where the pipe meets a stop.
+#pragma once
+
+#include "pipedyn/terms/station.hpp"
+#include "pipedyn/terms/term.hpp"
+#include "pipedyn/vector/pack.hpp"
+
+namespace {
+
+struct Stop : NoLaw {
+  static constexpr const char* name = "stop";
+  static constexpr bool loads = true;
+  double gap, k;
+
+  explicit Stop(const pipedyn::Term& term) : gap(term.numbers[0]), k(term.numbers[1]) {}
+  /// Twice what x is beyond g, 0 before it; without a branch, so that packs may take it.
+  template <class Real>
+  static Real twice_beyond(const Real& x, double g) {
+    const Real apart = x - g;
+    return apart + absolute(apart);
+  }
+  template <class Real>
+  Load<Real> load(const Station<Real>& at) const {
+    return {(0.5 * k) * (twice_beyond(Real(-at.x), gap) - twice_beyond(at.x, gap)), Real{}};
+  }
+  Slopes slopes(const Station<double>& at) const {
+    const double slope = std::fabs(at.x) > gap ? -k : 0.0;
+    return {.by_position = {{slope, 0.0}, {0.0, 0.0}}};
+  }
+  template <class Real>
+  Real energy(const Station<Real>& at) const {
+    const Real pressed = twice_beyond(absolute(at.x), gap);
+    return 0.125 * k * (pressed * pressed);
+  }
+};
+
+}  // namespace

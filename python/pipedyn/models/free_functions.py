@@ -1,0 +1,80 @@
+# SPDX-License-Identifier: MIT
+"""What holding a pipe across leaves of a reduced model's functions, for small motions.
+
+The core's functions keep the directions that are held, but need not be 0 where the pipe is held
+across: in large motions sums of them have to meet that, which is no linear condition. In small ones
+it is one, w(s) = 0, and combinations of the functions that meet it are a model's functions.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from pipedyn import _core
+from pipedyn.util.check import Array
+
+
+class FreeFunctions:
+    """A model's functions by the core's, with the scale of their elastic stiffness.
+
+    Combined are only those that any support holds: all beam modes, and Legendre functions of degree
+    0 and 1, as the others vanish at the ends of panels. The combinations have unit elastic
+    stiffness and are orthogonal in it.
+
+    Args:
+        core: the core's model, whose first function is the shape that a force at the end gives the
+            beam if that is a beam held there.
+        held: arc lengths at which the pipe is held across, ascending.
+        beam: whether the functions are beam modes.
+
+    Attributes:
+        spread: amplitudes of the core's functions by those of the model's, (core's, model's), or
+            None where they are the same.
+        scale: amplitude of one elastic coordinate, (model's,).
+        share: elastic stiffness by elastic coordinates, (model's,): 1, less of one that hardly
+            bends.
+        groups: places of functions that go together, each in the order in which a larger model has
+            them.
+    """
+
+    def __init__(self, core: _core.Galerkin, held: tuple[float, ...], beam: bool) -> None:
+        stiffness = core.elastic_stiffness()
+        self.scale = 1.0 / np.sqrt(np.maximum(stiffness, 1.0))
+        self.share = stiffness * self.scale**2
+        self.spread: Array | None = None
+        count, panels = stiffness.size, core.functions_by_panel()
+        of_degree = [[of[k] for of in panels if len(of) > k and of[k] >= 0] for k in (0, 1)]
+        low = [*sorted(set(range(count)).difference(*panels)), *of_degree[0], *of_degree[1]]
+        high = [of[2:] for of in panels]
+        self.groups = [low, *high]
+        if not held:
+            return
+        end_shape: list[int] = []
+        if beam:
+            end_shape, inner = ([0], held[:-1]) if held[-1] == 1.0 else ([], held)
+            modes = list(range(len(end_shape), count))
+            low, high, held = (modes, [], inner) if inner else ([], [modes], inner)
+        rows = core.basis(np.array(held), 0)[:, low] * self.scale[low]
+        combined = _orthonormal_zeros(rows, self.share[low])
+        own, first = [k for of in high for k in of], combined.shape[1]
+        self.spread = np.zeros((count, first + len(own)))
+        self.spread[low, :first] = self.scale[low, None] * combined
+        self.spread[own, first:] = np.eye(len(own))
+        unit = np.ones(first)
+        self.scale = np.concatenate([unit, self.scale[own]])
+        self.share = np.concatenate([unit, self.share[own]])
+        places = iter(range(first, first + len(own)))
+        self.groups = [list(range(first)), *([next(places) for _ in of] for of in high)]
+
+
+def _orthonormal_zeros(rows: Array, share: Array) -> Array:
+    """A basis of what rows (r, k) take to 0, orthonormal with weights that are 1 but for one."""
+    factors, _ = np.linalg.qr(rows.T, mode="complete")
+    free = factors[:, len(rows) :]
+    soft = int(np.argmin(share)) if share.size else 0
+    part = free[soft : soft + 1]
+    size = float(np.sum(part**2))
+    lost = size * (1.0 - float(share[soft])) if share.size else 0.0
+    if lost == 0.0:
+        return free
+    return free + free @ part.T @ part * ((1.0 / np.sqrt(1.0 - lost) - 1.0) / size)

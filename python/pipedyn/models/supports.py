@@ -1,0 +1,107 @@
+# SPDX-License-Identifier: MIT
+"""How a pipe is held: at its root, at its other end and at rigid supports between."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any, Literal
+
+from pipedyn.models.terms import SLACK, number
+from pipedyn.util import check
+
+End = Literal["free", "guided", "pinned", "clamped"]
+ROOTS = ("clamped", "pinned")
+ENDS = ("free", "guided", "pinned", "clamped")
+
+MOST_SUPPORTS = 100
+"""Rigid inner supports of a pipe: spans of pipe between them, each of which needs functions."""
+
+SHORTEST_SPAN = 1e-3
+"""Least distance between two supports, or from one to an end of the pipe, in L. Two supports that
+close leave a rotation of a third of this under a unit moment: they are a clamp."""
+
+
+@dataclass(frozen=True)
+class RootSpring:
+    """A hinged root with a rotational spring: a clamp that gives.
+
+    Attributes:
+        stiffness: k >= 0, in EI / L; the moment at the root is k times its angle there. 0 is a
+            hinge, and towards infinity the clamp.
+
+    In `Pipe.from_si`: stiffness in N m/rad.
+
+    Raises:
+        ValueError: for a negative stiffness, NaN or infinity.
+        TypeError: for what is no number.
+
+    Source: energy stiffness * theta(0)^2 / 2.
+
+    Example:
+        >>> import pipedyn as pp
+        >>> pp.Pipe(beta=0.2, root=pp.RootSpring(2.0))
+        Pipe(beta=0.2, root=RootSpring(stiffness=2))
+    """
+
+    stiffness: float = number(1e9, mass=1, length=3, time=-2)
+
+    def __post_init__(self) -> None:  # how large is the pipe's matter: it may be in SI
+        value = check.real("stiffness", self.stiffness, low=0.0)
+        object.__setattr__(self, "stiffness", value)
+
+    def __repr__(self) -> str:
+        return f"RootSpring(stiffness={self.stiffness:.12g})"
+
+
+Root = Literal["clamped", "pinned"] | RootSpring
+
+
+def checked_root(root: Any, given: str = "") -> Root:
+    """The argument, if it is one; a spring of no stiffness is "pinned".
+
+    `given` is what a message says of where a spring's number comes from.
+    """
+    if isinstance(root, RootSpring):
+        rule = root.__dataclass_fields__["stiffness"].metadata["range"]
+        check.real(f"root.stiffness{given}", root.stiffness, **rule)
+        return root if root.stiffness > 0.0 else "pinned"
+    if not isinstance(root, str):
+        raise TypeError(
+            f'root must be "clamped", "pinned" or a RootSpring, got {check.shown(root)}'
+        )
+    check.choice("root", root, ROOTS)
+    return "clamped" if root == "clamped" else "pinned"
+
+
+def checked_supports(supports: Any, end: float = 1.0) -> tuple[float, ...]:
+    """The argument as ascending arc lengths, if it is a sequence of them on a pipe up to its end.
+
+    Raises ValueError for more than 100, for one that is not inside the pipe, or where two, or one
+    and an end of the pipe, are closer than 0.001 L; else TypeError.
+    """
+    if not isinstance(supports, tuple | list):
+        raise TypeError(
+            f"supports must be a tuple or list of arc lengths, got {check.shown(supports)}"
+        )
+    if len(supports) > MOST_SUPPORTS:
+        raise ValueError(f"supports must be at most {MOST_SUPPORTS}, got {len(supports)}")
+    inside: dict[str, Any] = {"low": 0.0, "high": end, "open_low": True, "open_high": True}
+    places = sorted(check.real(f"supports[{i}]", s, **inside) for i, s in enumerate(supports))
+    spans = [right - left for left, right in zip([0.0, *places], [*places, end], strict=True)]
+    if places and min(spans) < SHORTEST_SPAN * end * (1.0 - SLACK):
+        span = spans.index(min(spans))
+        left, right = [0.0, *places, end][span : span + 2]
+        raise ValueError(
+            f"supports must leave spans of at least {SHORTEST_SPAN * end:g}, got "
+            f"{right - left:.3g} from {left:g} to {right:g}; supports so close, or so close to an "
+            "end of the pipe, are one, which clamps it"
+        )
+    return tuple(places)
+
+
+def root_stiffness(root: Root) -> float:
+    """Stiffness against rotation at the root, in EI / L: infinite if clamped, 0 if pinned."""
+    if isinstance(root, RootSpring):
+        return root.stiffness
+    return math.inf if root == "clamped" else 0.0

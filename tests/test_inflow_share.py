@@ -1,0 +1,196 @@
+# SPDX-License-Identifier: MIT
+"""Aspirating pipes whose fluid enters with a share c of the free end's velocity."""
+
+import itertools
+
+import numpy as np
+import pytest
+from independent import (
+    dense_rates,
+    determinant_crossing,
+    lagrangian_accelerations,
+    lagrangian_operators,
+    pipe_rates,
+    quadratic_eigenvalues,
+)
+
+import pipedyn as pp
+
+UNEQUAL = {
+    "lengths": [0.45, 0.3, 0.15],
+    "centers": [0.4, 0.65, 0.55],
+    "gyration_radii": [0.11, 0.2, 0.05],
+    "springs": [3.0, 2.0, 5.0],
+}
+
+
+def aspirating(share, beta=0.2, **numbers):
+    return pp.Pipe(beta, flow="aspirating", inflow_share=share, **numbers)
+
+
+@pytest.mark.parametrize(
+    ("alpha", "share", "speed"),
+    [
+        (1.0, 1.0, 0.034553),
+        (1.0, 0.5, 0.069089),
+        (0.0, 0.5, 0.069112),
+        (1.0, 0.0, 0.869106),
+    ],
+)
+def test_the_share_decides_the_onset_and_alpha_hardly_matters(alpha, share, speed):
+    """Digits as printed by a determinant of exponentials in 30 digits."""
+    pipe = aspirating(share, alpha=alpha, damping=0.005)
+    found = pp.critical_speed(pp.Continuum(pipe))
+    assert found.speed == pytest.approx(speed, abs=6e-7)
+    exact, omega = determinant_crossing(
+        *(0.2, found.speed, found.frequency),
+        **{"centrifugal": alpha, "direction": -1.0, "damping": 0.005, "inflow_share": share},
+    )
+    assert found.speed == pytest.approx(exact, rel=1e-9)
+    assert found.frequency == pytest.approx(omega, rel=1e-9)
+
+
+def test_at_small_speeds_the_flow_feeds_each_mode_by_its_share_alone():
+    """First order: Re lambda = 2 c sqrt(beta) u - (delta omega^2 + sigma) / 2 for every mode."""
+    u, share, sigma = 1e-4, 0.3, 0.01
+    pipe = aspirating(share, damping=1e-5, terms=[pp.Viscosity(sigma)])
+    values = pp.eigenvalues(pp.Continuum(pipe), u, 6)[::2]
+    expected = 2.0 * share * np.sqrt(0.2) * u - 0.5 * (1e-5 * values.imag**2 + sigma)
+    assert values.real == pytest.approx(expected, rel=2e-4)
+    onset = pp.critical_speed(pp.Continuum(pipe)).speed
+    assert onset == pytest.approx((1e-5 * 3.516015**2 + sigma) / (4 * share * 0.2**0.5), rel=1e-3)
+
+
+def test_fluid_drawn_from_rest_without_suction_takes_and_gives_no_energy():
+    pipe = aspirating(0.0, alpha=0.0, gamma=3.0)
+    for model in (pp.Chain(pipe, 5), pp.Galerkin(pipe, 4), pp.modular.chain(pipe, 5)):
+        with pytest.raises(pp.NoCrossing):
+            pp.critical_speed(model, 20.0)
+        assert np.abs(pp.eigenvalues(model, 3.0, 6).real).max() < 1e-10
+    y = np.random.default_rng(2).normal(size=10)
+    assert pp.Chain(pipe, 5).power(y, 3.0).total == 0.0
+    with pytest.raises(pp.NoCrossing):
+        pp.critical_speed(pp.Continuum(pipe), 20.0)
+
+
+def test_undamped_suction_of_fluid_at_rest_feeds_the_pipe_from_the_smallest_flow_on():
+    """The growth of the first mode is of third order in u; exact roots by a determinant."""
+    pipe = aspirating(0.0)
+    for model in (pp.Chain(pipe, 30), pp.Galerkin(pipe, 8), pp.Continuum(pipe)):
+        found = pp.critical_speed(model)
+        assert found.speed == 0.0
+        assert (found.mode, found.unstable_after) == (1, 2)
+        growth = [pp.eigenvalues(model, u, 2)[0].real for u in (0.05, 0.1)]
+        assert growth[1] / growth[0] == pytest.approx(8.0, rel=0.02)
+
+
+@pytest.mark.parametrize("share", [0.0, 0.35])
+def test_chain_is_that_of_the_papers_lagrangian_with_the_momentum_of_its_inflow(share):
+    """Three unequal segments, linear and at large states; derived with sympy."""
+    numbers = {"gamma": 2.5, "alpha": 0.7, "damping": 0.01}
+    chain = pp.Chain(aspirating(share, 0.3, **numbers), **UNEQUAL, base=0.1)
+    given = *UNEQUAL.values(), 0.3, 2.5, 0.01, True, 0.7, 3.75
+    expected = lagrangian_operators(*given, inflow_share=share)
+    for found, right in zip(chain.operators().at(3.75), expected, strict=True):
+        np.testing.assert_allclose(found, right, rtol=1e-13, atol=1e-14 * np.abs(right).max())
+    y = 2.0 * np.random.default_rng(5).normal(size=(6, 12))
+    accelerations = lagrangian_accelerations(y, *given, inflow_share=share)
+    np.testing.assert_allclose(chain.rhs(0.0, y, 3.75)[3:], accelerations, rtol=1e-11, atol=1e-10)
+    scene = pp.modular.chain(chain.pipe, 4)
+    state = scene.state(*np.random.default_rng(6).normal(size=(2, 4)))
+    for route in ("orthonormal", "udwadia-kalaba"):
+        mine = scene.accelerations(state, 3.75, route)
+        np.testing.assert_allclose(mine, scene.rhs(0.0, state, 3.75)[12:], rtol=1e-9, atol=1e-9)
+
+
+@pytest.mark.parametrize("numbers", [{}, {"drag": 1.5}, {"terms": [pp.Spring(0.6, 3.0)]}])
+def test_models_move_as_dense_equations_say(numbers):
+    pipe = aspirating(0.4, 0.3, gamma=4.0, alpha=0.7, damping=0.01, **numbers)
+    chain, y = pp.Chain(pipe, 7), np.random.default_rng(7).normal(size=(14, 5))
+    expected = np.stack([dense_rates(chain, state, 4.5) for state in y.T], axis=1)
+    np.testing.assert_allclose(chain.rhs(0.0, y, 4.5), expected, rtol=1e-9, atol=1e-9)
+    if numbers:
+        return
+    for basis in ("beam", "legendre"):
+        model = pp.Galerkin(pipe, 4, basis)
+        y = 0.3 * np.random.default_rng(8).normal(size=8)
+        exact = pipe_rates(model, y, 4.5)
+        np.testing.assert_allclose(model.rhs(0.0, y, 4.5), exact, rtol=1e-8, atol=1e-8)
+
+
+@pytest.mark.parametrize("method", ["radau", "dop853"])
+def test_implicit_and_explicit_motions_keep_the_books(method):
+    """Energy less work done; and both methods agree."""
+    pipe = aspirating(0.4, 0.3, alpha=0.5, gamma=5.0, damping=0.002)
+    for model, start in (
+        (pp.Chain(pipe, 6), 0.3 * np.arange(1.0, 7.0) / 6.0),
+        (pp.Galerkin(pipe, 4), np.array([0.2, 0.02, 0.0, 0.0])),
+    ):
+        found = pp.simulate(model, 2.0, 2.0, start, method=method, rtol=1e-10)
+        assert found.audit < 1e-9
+        other = pp.simulate(model, 2.0, 2.0, start, rtol=1e-11)
+        np.testing.assert_allclose(found.q[-1], other.q[-1], atol=1e-8)
+
+
+@pytest.mark.parametrize("share", [0.0, 0.4])
+def test_recursion_along_the_chain_meets_the_matrices_roots(share):
+    """Small chains against the textbook's inverse problem; a long one with its own errors."""
+    for n, damping in ((1, 0.0), (2, 0.1), (9, 1e-3)):
+        chain = pp.Chain(aspirating(share, 0.5, gamma=3.0, damping=damping), n)
+        exact = quadratic_eigenvalues(*chain.operators().at(4.0))
+        found = pp.eigenvalues(chain, 4.0)
+        apart = np.abs(found[:, None] - exact).min(axis=1)
+        assert (apart <= 1e-11 * (1.0 + np.abs(found))).all()
+    long = pp.Chain(aspirating(share, 0.5, damping=1e-4), 300)
+    exact = pp.eigenvalues(pp.Continuum(long.pipe), 3.0, 6)
+    found = pp.modes(long, 3.0, 6)
+    assert np.abs(found.eigenvalues / exact - 1.0).max() < 1e-3
+    assert found.errors.max() < 1e-8
+    derivative = pp.critical_speed(pp.Chain(long.pipe, 60)).sensitivity.speed
+    step = 1e-4
+    moved = [
+        pp.critical_speed(pp.Chain(aspirating(share, 0.5 + s, damping=1e-4), 60)).speed
+        for s in (step, -step)
+    ]
+    assert derivative.beta == pytest.approx((moved[0] - moved[1]) / (2 * step), rel=1e-4)
+
+
+def test_chains_tend_to_the_pipe_at_second_order():
+    pipe = aspirating(0.0, damping=0.005)
+    exact = pp.critical_speed(pp.Continuum(pipe)).speed
+    errors = [pp.critical_speed(pp.Chain(pipe, n)).speed / exact - 1.0 for n in (8, 16, 32)]
+    assert abs(errors[-1]) < 1e-3
+    for coarse, fine in itertools.pairwise(errors):
+        assert coarse / fine == pytest.approx(4.0, rel=0.2)
+
+
+def test_weak_damping_is_extrapolated_with_the_share_as_well():
+    """u_c depends on sqrt(beta) / delta: delta omega^2 / (4 c sqrt(beta)) at leading order."""
+    for share, number in ((1.0, 1), (0.25, 4)):
+        pipe = aspirating(share, 1e-12, damping=1e-9)
+        found = pp.critical_speed(pp.Galerkin(pipe, 8)).speed
+        assert found == pytest.approx(number * 1e-9 * 3.516015**2 / 4e-6, rel=1e-3)
+
+
+def test_share_is_checked_converted_shown_and_weighed():
+    for bad, message in (
+        (-0.1, r"inflow_share must lie in \[0, 1\], got -0.1"),
+        (1.5, r"inflow_share must lie in \[0, 1\], got 1.5"),
+        (float("nan"), "inflow_share must"),
+    ):
+        with pytest.raises(ValueError, match=message):
+            aspirating(bad)
+    with pytest.raises(ValueError, match=r"^inflow_share must be 1 for an ejecting pipe, as no"):
+        pp.Pipe(0.2, inflow_share=0.5)
+    with pytest.raises(TypeError, match="inflow_share"):
+        aspirating("half")
+    hose = {"length": 0.6, "bending_stiffness": 7.3e-3, "pipe_mass": 0.19, "fluid_mass": 0.12}
+    pipe = pp.Pipe.from_si(**hose, flow="aspirating", inflow_share=0.25)
+    assert pipe.inflow_share == 0.25
+    assert "inflow_share=0.25" in repr(pipe)
+    lossy = aspirating(0.5, damping=0.005)
+    found = pp.relevant(lossy, 0.05, max_speed=5.0)
+    assert found["inflow"].verdict == "relevant"
+    assert found["inflow"].size == pytest.approx(0.5, rel=1e-3)
+    drawn = pp.relevant(aspirating(0.0, damping=0.005), 0.05, max_speed=5.0)["inflow"]
+    assert (drawn.strength, drawn.verdict) == ("c = 0", "relevant")

@@ -1,0 +1,372 @@
+# SPDX-License-Identifier: MIT
+"""Pipes held at both ends and between: linear questions to reduced and continuous models."""
+
+import itertools
+import math
+
+import numpy as np
+import pytest
+from scipy.linalg import eig
+from scipy.optimize import brentq
+
+import pipedyn as pp
+
+ROOTS = ("clamped", "pinned", pp.RootSpring(0.004), pp.RootSpring(30.0))
+ENDS = ("free", "guided", "pinned", "clamped")
+
+
+def test_divergence_of_pipes_held_at_both_ends_is_eulers_at_any_mass_ratio():
+    """pinned-pinned sin u = 0, clamped-pinned tan u = u, clamped-clamped sin(u/2) or tan(u/2) = u/2
+
+    by Paidoussis, Fluid-Structure Interactions, vol. 1, sec. 3.4.
+    """
+    tangent = [brentq(lambda u: math.sin(u) - u * math.cos(u), *at) for at in ((4, 4.6), (7, 7.8))]
+    closed = {
+        ("pinned", "pinned"): (math.pi, 2 * math.pi, 3 * math.pi),
+        ("clamped", "pinned"): tangent,
+        ("pinned", "clamped"): tangent,
+        ("clamped", "clamped"): (2 * math.pi, 2 * tangent[0]),
+        ("clamped", "guided"): (math.pi, 2 * math.pi),
+        ("pinned", "guided"): (math.pi / 2, 1.5 * math.pi),
+    }
+    for beta, ((root, end), speeds) in zip(itertools.cycle((0.1, 0.6)), closed.items()):
+        model = pp.Galerkin(pp.Pipe(beta, root=root, end=end), 20, "legendre")
+        found = pp.crossings(model, speeds[-1] + 0.01)
+        still = [one.speed for one in found if one.kind == "divergence"]
+        assert still == pytest.approx(speeds, rel=1e-10)
+    lowest = pp.critical_speed(pp.Continuum(pp.Pipe(0.6, end="pinned")))
+    assert lowest.speed == pytest.approx(tangent[0], rel=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("root", "end", "beta", "speed", "frequency"),
+    [
+        ("pinned", "pinned", 0.5, 6.303883, 6.7116),
+        ("clamped", "clamped", 0.3, 9.081050, 13.3895),
+        ("clamped", "clamped", 0.5, 9.294579, 17.0723),
+        ("clamped", "pinned", 0.5, 7.774398, 9.7617),
+    ],
+)
+def test_coupled_mode_flutter_follows_on_gyroscopic_restabilisation(
+    root, end, beta, speed, frequency
+):
+    """Undamped; digits of an independent program."""
+    pipe = pp.Pipe(beta, root=root, end=end)
+    *_, lost, back, flutter = pp.crossings(pp.Continuum(pipe), speed + 0.01)
+    assert (lost.kind, back.kind, flutter.kind) == ("divergence", "divergence", "flutter")
+    assert (lost.unstable_after, back.unstable_after, flutter.unstable_after) == (1, 0, 2)
+    assert flutter.speed == pytest.approx(speed, abs=6e-7)
+    assert flutter.frequency == pytest.approx(frequency, abs=6e-5)
+
+
+def test_two_diverging_modes_couple_where_little_of_the_mass_flows():
+    """No root crosses the axis: two real ones meet and turn complex at the speed printed."""
+    model = pp.Continuum(pp.Pipe(0.1, root="pinned", end="pinned"))
+    before, after = (pp.eigenvalues(model, 6.394115 + off, 4) for off in (-2e-6, 2e-6))
+    assert np.abs(before.imag).max() == 0.0
+    assert np.sum(before.real > 0.1) == 2
+    assert np.sum(after.imag > 1e-3) == 2
+    assert np.sum(after.real > 0.1) == 2
+
+
+@pytest.mark.parametrize(
+    ("pipe", "u", "frequencies"),
+    [
+        (pp.Pipe(0.5, end="clamped"), 4.0, (16.30777486, 56.12714690)),
+        (pp.Pipe(0.5, root="pinned", end="pinned"), 2.0, (7.45357311, 37.63213422)),
+    ],
+)
+def test_frequencies_below_divergence_meet_independent_numbers(pipe, u, frequencies):
+    found = pp.eigenvalues(pp.Continuum(pipe), u, 4)
+    assert found[::2].imag == pytest.approx(frequencies, abs=6e-9)
+    assert np.abs(found.real).max() < 1e-12
+
+
+@pytest.mark.parametrize("stiffness", [100.0, 300.0])
+def test_divergence_on_a_foundation_takes_the_mode_of_least_speed(stiffness):
+    modes = math.pi * np.arange(1, 5)
+    speed = (modes * np.sqrt(1.0 + stiffness / modes**4)).min()
+    pipe = pp.Pipe(0.3, root="pinned", end="pinned", terms=[pp.Foundation(stiffness)])
+    assert speed == pytest.approx({100.0: 4.47232856, 300.0: 6.34554643}[stiffness], abs=6e-9)
+    for model in (pp.Continuum(pipe), pp.Galerkin(pipe, 3)):
+        assert pp.critical_speed(model).speed == pytest.approx(speed, rel=1e-11)
+
+
+@pytest.mark.parametrize(
+    ("given", "speed", "frequency"),
+    [
+        ({"supports": [0.25]}, 6.99935, 20.7048),
+        ({"supports": [0.5]}, 8.98681892, 0.0),
+        ({"supports": [0.75]}, 5.991212, 0.0),
+        ({"root": pp.RootSpring(0.5)}, 5.237511, 5.58395),
+        ({"root": pp.RootSpring(2.0)}, 5.040909, 8.23630),
+        ({"root": pp.RootSpring(100.0)}, 5.538008, 13.44585),
+    ],
+)
+def test_inner_supports_and_root_springs_meet_independent_numbers(given, speed, frequency):
+    """Digits of an independent program; a cantilever supported at mid-length is clamped-pinned
+
+    of half the length with a straight rest, tan(u/2) = u/2.
+    """
+    pipe = pp.Pipe(0.2, **given)
+    found = pp.critical_speed(pp.Continuum(pipe))
+    assert found.speed == pytest.approx(speed, rel=2e-6)
+    assert found.frequency == pytest.approx(frequency, rel=5e-6)
+    assert pp.critical_speed(pp.Galerkin(pipe, 12)).speed == pytest.approx(speed, rel=0.02)
+
+
+def missed_by_waves(pipe, u, value):
+    """How far a root is from one: of the determinant of four exponentials, least singular value."""
+    b, elastic = math.sqrt(pipe.beta), 1.0 + pipe.damping * value
+    exponents = np.roots([elastic, 0.0, u**2, 2.0 * b * u * value, value**2])
+    w = [exponents**n for n in range(4)]
+    far = np.exp(exponents)
+    turning = pipe.root_stiffness
+    root = w[1] if turning == math.inf else w[2] - turning * w[1]
+    end = {
+        "free": (w[2], w[3]),
+        "guided": (w[1], w[3]),
+        "pinned": (w[0], w[2]),
+        "clamped": (w[0], w[1]),
+    }[pipe.end]
+    rows = np.array([w[0], root, *(far * row for row in end)])
+    rows /= np.abs(rows).max(axis=0)
+    rows /= np.abs(rows).max(axis=1)[:, None]
+    return np.linalg.svd(rows, compute_uv=False)[-1]
+
+
+@pytest.mark.parametrize("end", ENDS)
+@pytest.mark.parametrize("root", ROOTS, ids=repr)
+def test_roots_of_any_holding_are_those_of_four_exponentials(root, end):
+    pipe = pp.Pipe(0.3, root=root, end=end, damping=2e-3)
+    for value in pp.eigenvalues(pp.Continuum(pipe), 2.5, 6)[::2]:
+        if abs(value) > 1e-3:  # zero is a root of no waves
+            near = missed_by_waves(pipe, 2.5, value * (1.0 + 1e-4))
+            assert missed_by_waves(pipe, 2.5, value) < 1e-3 * near
+
+
+def finite_elements(pipe, u, count=48):
+    """Roots of Hermite cubics, which share no function with the package's; supports at nodes."""
+    h, b = 1.0 / count, math.sqrt(pipe.beta)
+    nodes, weights = np.polynomial.legendre.leggauss(4)
+    x, weights = 0.5 * (nodes + 1.0), 0.5 * h * weights
+    # Shapes on the unit interval, of value and turn at its left and at its right end.
+    shapes = map(
+        np.polynomial.Polynomial, ([1, 0, -3, 2], [0, 1, -2, 1], [0, 0, 3, -2], [0, 0, -1, 1])
+    )
+    ordered = zip(*([of(x), of.deriv(1)(x), of.deriv(2)(x)] for of in shapes), strict=True)
+    turns = np.array([[1.0], [h], [1.0], [h]])
+    w, slope, curve = (turns * np.array(of) / h**order for order, of in enumerate(ordered))
+    size = 2 * count + 2
+    mass, velocity, stiffness = np.zeros((3, size, size))
+    for k in range(count):
+        at = slice(2 * k, 2 * k + 4)
+        weight = (k + x) * h
+        mass[at, at] += (w * weights) @ w.T
+        velocity[at, at] += 2.0 * b * u * (w * weights) @ slope.T
+        stiffness[at, at] += (curve * weights) @ curve.T + u**2 * (w * weights) @ curve.T
+        stiffness[at, at] += pipe.gamma * (slope * weights * (1.0 - weight)) @ slope.T
+    held = [0, *(2 * round(s * count) for s in pipe.supports)]
+    if pipe.root == "clamped":
+        held.append(1)
+    elif pipe.root != "pinned":
+        stiffness[1, 1] += pipe.root.stiffness
+    held += [size - 2] * (pipe.end in ("pinned", "clamped"))
+    held += [size - 1] * (pipe.end in ("guided", "clamped"))
+    free = np.ix_(*2 * (np.delete(np.arange(size), held),))
+    mass, velocity, stiffness = mass[free], velocity[free], stiffness[free]
+    eye, none = np.eye(len(mass)), np.zeros_like(mass)
+    rates = np.block([[none, eye], [-stiffness, -velocity]])
+    values = eig(rates, np.block([[eye, none], [none, mass]]), right=False)
+    return values[values.imag > 0.0][np.argsort(np.abs(values[values.imag > 0.0]))]
+
+
+@pytest.mark.parametrize(
+    "given",
+    [
+        {"supports": [0.25]},
+        {"supports": [0.25, 0.75], "root": "pinned", "gamma": 8.0},
+        {"supports": [0.5], "root": pp.RootSpring(3.0), "end": "guided"},
+        {"supports": [0.125, 0.5], "root": pp.RootSpring(0.2), "end": "pinned"},
+        {"supports": [0.375], "end": "clamped", "gamma": -5.0},
+    ],
+    ids=repr,
+)
+def test_roots_on_inner_supports_are_those_of_finite_elements(given):
+    pipe = pp.Pipe(0.3, **given)
+    expected = finite_elements(pipe, 3.0)[:3]
+    for model, most in ((pp.Continuum(pipe), 2e-5), (pp.Galerkin(pipe, 24), 3e-3)):
+        found = pp.eigenvalues(model, 3.0, 6)[::2]
+        assert np.abs(found - expected).max() < most * abs(expected[-1])
+
+
+@pytest.mark.parametrize("supports", [(), (0.4,), (0.3, 0.65)])
+@pytest.mark.parametrize("end", ENDS)
+@pytest.mark.parametrize("root", ROOTS, ids=repr)
+@pytest.mark.parametrize("basis", ["beam", "legendre"])
+def test_functions_of_a_reduced_model_are_held_as_the_pipe_is(basis, root, end, supports):
+    pipe = pp.Pipe(0.2, root=root, end=end, supports=supports)
+    for m in (2, 9):
+        model = pp.Galerkin(pipe, m, basis)
+        held = [0.0, *supports, *([1.0] if end in ("pinned", "clamped") else [])]
+        kept = [0.0] * (root == "clamped") + [1.0] * (end in ("guided", "clamped"))
+        values, slopes = (model.functions([0.0, 0.37, 0.8, 1.0], order) for order in (0, 1))
+        assert np.abs(model.functions(held)).max() < 1e-13 * np.abs(values).max()
+        assert not kept or np.abs(model.functions(kept, 1)).max() < 1e-13 * np.abs(slopes).max()
+        step = 1e-4
+        around = model.functions([0.37 - step, 0.37 + step])
+        assert np.diff(around, axis=0)[0] / (2 * step) == pytest.approx(
+            model.functions([0.37], 1)[0], abs=1e-5 * np.abs(slopes).max() * m**3
+        )
+        stiffness = model.operators().stiffness
+        if basis == "beam" and not supports:  # the beam's own modes
+            assert model.operators().mass == pytest.approx(np.eye(m), abs=1e-13)
+            assert stiffness == pytest.approx(np.diag(np.diag(stiffness)), abs=1e-9)
+        else:
+            assert np.diag(stiffness)[1:] == pytest.approx(np.ones(m - 1), rel=1e-12)
+            assert stiffness == pytest.approx(np.diag(np.diag(stiffness)), abs=1e-12)
+
+
+def test_beam_modes_of_every_holding_have_frequencies_of_print():
+    """Blevins, Formulas for Natural Frequency and Mode Shape (1979), table 8-1: kappa."""
+    tables = {
+        ("clamped", "free"): (1.87510407, 4.69409113, 7.85475744),
+        ("clamped", "guided"): (2.36502037, 5.49780392, 8.63937983),
+        ("clamped", "pinned"): (3.92660231, 7.06858275, 10.21017612),
+        ("clamped", "clamped"): (4.73004074, 7.85320462, 10.9956079),
+        ("pinned", "free"): (0.0, 3.92660231, 7.06858275),
+        ("pinned", "guided"): (math.pi / 2, 1.5 * math.pi, 2.5 * math.pi),
+        ("pinned", "pinned"): (math.pi, 2 * math.pi, 3 * math.pi),
+        ("pinned", "clamped"): (3.92660231, 7.06858275, 10.21017612),
+    }
+    for (root, end), kappas in tables.items():
+        stiffness = pp.Galerkin(pp.Pipe(0.2, root=root, end=end), 3).operators().stiffness
+        assert np.abs(np.diag(stiffness)) ** 0.25 == pytest.approx(kappas, rel=1e-8, abs=1e-12)
+
+
+def test_flow_turned_round_is_the_pipe_turned_round():
+    """Ends that do no work: a pinned root and a clamped end, seen from the end."""
+    one = pp.Pipe(0.4, root="pinned", end="clamped")
+    other = pp.Pipe(0.4, end="pinned", flow="aspirating")
+    for speed in (3.0, 5.0):
+        found = [pp.eigenvalues(pp.Continuum(pipe), speed, 8) for pipe in (one, other)]
+        assert found[0] == pytest.approx(found[1], rel=1e-11)
+
+
+def test_an_end_held_across_takes_no_energy_and_gives_none():
+    for basis, end in itertools.product(("beam", "legendre"), ("pinned", "clamped")):
+        pipe = pp.Pipe(0.5, 3.0, root=pp.RootSpring(1.0), end=end, supports=[0.6])
+        ops = pp.Galerkin(pipe, 7, basis).operators()
+        assert not ops.end_flux.any()
+        assert (ops.gyroscopic == -ops.gyroscopic.T).all()
+        assert (ops.flux == ops.flux.T).all()
+
+
+def test_a_hinged_pipe_without_weight_turns_freely_at_any_speed():
+    """7.333402: determinant of the exponentials; the turning is a root of zero throughout."""
+    pipe = pp.Pipe(0.2, root="pinned")
+    for model in (pp.Continuum(pipe), pp.Galerkin(pipe, 10, "legendre")):
+        for speed in (0.0, 3.0, 7.0):
+            assert np.abs(pp.eigenvalues(model, speed, 2)[0]) < 1e-6
+        found = pp.critical_speed(model)
+        assert found.speed == pytest.approx(7.333402, rel=1e-6)
+        assert missed_by_waves(pipe, found.speed, 1j * found.frequency) < 1e-5
+
+
+def test_a_root_spring_leads_from_the_hinge_to_the_clamp():
+    def lowest(root):
+        return pp.eigenvalues(pp.Continuum(pp.Pipe(0.3, 6.0, root=root)), 3.0, 2)[0]
+
+    assert lowest(pp.RootSpring(0.0)) == lowest("pinned")
+    assert lowest(pp.RootSpring(1e-9)) == pytest.approx(lowest("pinned"), rel=1e-8)
+    assert lowest(pp.RootSpring(1e8)) == pytest.approx(lowest("clamped"), rel=1e-6)
+
+
+def test_curves_and_loci_take_supported_pipes():
+    curve = pp.stability_curve(
+        lambda beta: pp.Galerkin(pp.Pipe(beta, root="pinned", end="pinned"), 6), [0.1, 0.4, 0.8]
+    )
+    assert curve.speeds == pytest.approx(np.full(3, math.pi), rel=1e-12)
+    model = pp.Continuum(pp.Pipe(0.5, end="clamped"))
+    loci = pp.root_loci(model, [0.0, 4.0, 6.0], 2)
+    assert loci.eigenvalues[1] == pytest.approx([16.30777486j, 56.12714690j], abs=1e-7)
+    shape = pp.modes(model, 4.0, 2).shapes[0]
+    assert np.abs(shape([0.0, 1.0])).max() < 1e-12
+
+
+@pytest.mark.parametrize("end", ["free", "guided"])
+@pytest.mark.parametrize("root", ROOTS, ids=repr)
+@pytest.mark.parametrize("basis", ["beam", "legendre"])
+def test_motion_from_a_root_that_turns_balances_its_energy(basis, root, end):
+    """Against derivatives by differences: of the energy by time, of the rates by the state."""
+    terms = [pp.PointMass(0.6, 0.2), pp.Viscosity(0.3)]
+    pipe = pp.Pipe(0.4, 3.0, drag=0.5, damping=2e-3, root=root, end=end, terms=terms)
+    model = pp.Galerkin(pipe, 4, basis)
+    rng = np.random.default_rng(5)
+    largest = np.abs(model.functions(np.linspace(0.0, 1.0, 21), 1)).max(axis=0)
+    y = rng.uniform(-1.0, 1.0, 8) * np.tile(0.6 / largest, 2) * np.repeat([1.0, 5.0], 4)
+    rates, u, step = model.rhs(0.0, y, 4.0), 4.0, 1e-6
+    change = (model.energy(y + step * rates) - model.energy(y - step * rates)) / (2 * step)
+    assert model.power(y, u).total == pytest.approx(change, rel=1e-7)
+    mass, velocity, stiffness = model.operators().at(u)
+    at_rest = model.jacobian(0.0, np.zeros(8), u)[4:]
+    assert mass @ at_rest == pytest.approx(
+        -np.hstack([stiffness, velocity]), abs=1e-10 * np.abs(stiffness).max()
+    )
+    if root != "clamped":  # the root turns, and its spring has energy
+        turned = model.functions([0.0], 1)[0] @ y[:4]
+        free = pp.Galerkin(pp.Pipe(0.4, root="pinned", end=end), 4, "legendre")
+        assert abs(turned) > 1e-3
+        assert free.elastic_share.min() == (0.0 if end == "free" else 1.0)
+
+
+def test_what_a_clamp_gives_is_an_effect():
+    pipe = pp.Pipe(0.2, 10.0, root=pp.RootSpring(30.0))
+    found = pp.relevant(pipe, 5.0)
+    effect = found["RootSpring(stiffness=30)"]
+    assert effect.verdict == "relevant"
+    clamped = pp.critical_speed(pp.Continuum(pp.Pipe(0.2, 10.0))).speed
+    assert effect.answer.values[0] == pytest.approx(clamped, rel=1e-4)
+    stiff = pp.relevant(pp.Pipe(0.2, 10.0, root=pp.RootSpring(1e6)), 5.0)
+    assert stiff.simplified.root == "clamped"
+
+
+def test_supports_are_checked_where_they_are_given():
+    with pytest.raises(ValueError, match="root must be one of 'clamped', 'pinned', got 'loose'"):
+        pp.Pipe(0.2, root="loose")
+    with pytest.raises(TypeError, match=r'root must be "clamped", "pinned" or a RootSpring, got 3'):
+        pp.Pipe(0.2, root=3.0)
+    with pytest.raises(ValueError, match="stiffness must be finite and >= 0, got -1"):
+        pp.RootSpring(-1.0)
+    with pytest.raises(ValueError, match=r"root.stiffness must lie in \[0, 1e\+09\]"):
+        pp.Pipe(0.2, root=pp.RootSpring(1e12))
+    with pytest.raises(ValueError, match="end must be"):
+        pp.Pipe(0.2, end="roller")
+    with pytest.raises(TypeError, match=r"supports must be a tuple or list of arc lengths"):
+        pp.Pipe(0.2, supports=0.5)
+    for places in ([0.0], [1.0], [0.5, 1.2], [-0.1], [math.nan]):
+        with pytest.raises(ValueError, match=r"supports\[\d\] must lie in \(0, 1\)"):
+            pp.Pipe(0.2, supports=places)
+    for places in ([0.5, 0.5], [0.3, 0.3005], [0.0005], [0.9995]):
+        with pytest.raises(ValueError, match=r"supports must leave spans of at least 0.001, got"):
+            pp.Pipe(0.2, supports=places)
+    with pytest.raises(ValueError, match=r"supports must be at most 100"):
+        pp.Pipe(0.2, supports=[0.001] * 101)
+    pipe = pp.Pipe(0.2, supports=[0.7, 0.2], root=pp.RootSpring(0.0), end="pinned")
+    assert pipe.supports == (0.2, 0.7)
+    assert pipe.root == "pinned"
+    assert repr(pipe) == "Pipe(beta=0.2, root='pinned', end='pinned', supports=(0.2, 0.7))"
+    assert not pipe.cantilevered
+    with pytest.raises(ValueError, match="m must be at least 2, for one function on each"):
+        pp.Galerkin(pp.Pipe(0.2, root="pinned"), 1, "legendre")
+
+
+def test_supports_take_si_values():
+    hose = {"length": 0.6, "bending_stiffness": 7.3e-3, "pipe_mass": 0.19, "fluid_mass": 0.12}
+    pipe = pp.Pipe.from_si(**hose, root=pp.RootSpring(0.05), end="guided", supports=[0.15])
+    assert pipe.root.stiffness == pytest.approx(0.05 * 0.6 / 7.3e-3, rel=1e-14)
+    assert pipe.supports == pytest.approx((0.25,), rel=1e-15)
+    with pytest.raises(ValueError, match=r"root.stiffness from its SI value, length"):
+        pp.Pipe.from_si(**hose, root=pp.RootSpring(1e9))
+    with pytest.raises(ValueError, match=r"supports\[0\] must lie in \(0, 0.6\), got 0.6"):
+        pp.Pipe.from_si(**hose, supports=[0.6])
