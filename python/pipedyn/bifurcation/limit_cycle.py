@@ -424,7 +424,7 @@ def finished(
     largest = rtol * (1e-1 if motion.model.pipe.has_kinks else 1e-3)
     tolerance = min(1e-7, 1e-2 * rtol)
     for _ in range(CHECKS):
-        known, error, reason = _refined(motion, orbit, largest, rtol, tolerance)
+        known, error, reason = refined_until(motion, orbit, largest, rtol, tolerance)
         orbit = known.orbit
         try:
             result = described(motion, known, error, samples, how)
@@ -456,7 +456,7 @@ class Known:
     peak: tuple[float, float]
 
 
-def _refined(
+def refined_until(
     motion: VectorField, orbit: PeriodicOrbit, largest: float, rtol: float, tolerance: float
 ) -> tuple[Known, float, str]:
     """The orbit on a finer mesh, what the last refinement changed, and why it went no further.

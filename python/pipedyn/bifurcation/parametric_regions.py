@@ -16,7 +16,7 @@ and its derivative by nu vanishes too.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Collection, Iterator
 from contextlib import suppress
 from dataclasses import field
 from typing import Literal
@@ -455,7 +455,13 @@ def apart(one: Region, other: Region) -> float:
 # -------------------------------------------------------------------------------- finding edges
 
 
-def regions(hill: Hill, amplitudes: Array, low: float, high: float) -> list[Region]:
+def regions(
+    hill: Hill,
+    amplitudes: Array,
+    low: float,
+    high: float,
+    kinds: Collection[str] = tuple(SHARES),
+) -> list[Region]:
     """All regions that touch a range of frequencies, by rising frequency."""
     found = list[Region]()
     window = 0.4 * low, 2.5 * high
@@ -463,6 +469,8 @@ def regions(hill: Hill, amplitudes: Array, low: float, high: float) -> list[Regi
     for index in np.unique(np.linspace(0, count - 1, min(count, SAMPLES)).astype(int))[::-1]:
         amplitude = float(amplitudes[index])
         for kind, share in SHARES.items():
+            if kind not in kinds:
+                continue
             if share is None:
                 starts = combinations(hill.pipe, amplitude, low, high)
             else:

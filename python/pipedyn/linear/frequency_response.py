@@ -341,6 +341,12 @@ def _solutions(matrices: tuple[Array, ...], loads: Array, at: Array) -> Complex:
     return found
 
 
+def base_solution(model: Model, u: float, omega: float) -> Complex:
+    """Coordinates q per unit amplitude of the base, complex, shape (dof,)."""
+    found = _Response(model, u, "base", 1.0).solution(omega)
+    return np.asarray(model.from_elastic(found), dtype=np.complex128)
+
+
 class _Basis:
     """Of solutions at a few frequencies: what they span has those at all others to rounding."""
 
