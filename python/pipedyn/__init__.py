@@ -22,6 +22,13 @@ from pipedyn.bifurcation.equilibria import (
     equilibria,
     equilibrium_branch,
 )
+from pipedyn.bifurcation.forced_response import (
+    ForcedBranch,
+    ForcedEvent,
+    ForcedMotion,
+    ForcedResponse,
+    forced_response,
+)
 from pipedyn.bifurcation.hopf import CriticalityCurve, Hopf, NoHopf, criticality_curve, hopf
 from pipedyn.bifurcation.limit_cycle import LimitCycle, NoCycle, limit_cycle
 from pipedyn.bifurcation.parametric_regions import ParametricRegion, parametric_regions
@@ -92,6 +99,10 @@ __all__ = [
     "Event",
     "Failure",
     "FloquetMultipliers",
+    "ForcedBranch",
+    "ForcedEvent",
+    "ForcedMotion",
+    "ForcedResponse",
     "Foundation",
     "FrequencyResponse",
     "Galerkin",
@@ -143,6 +154,7 @@ __all__ = [
     "equilibria",
     "equilibrium_branch",
     "floquet",
+    "forced_response",
     "frequency_response",
     "hopf",
     "limit_cycle",

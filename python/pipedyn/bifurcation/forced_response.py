@@ -19,7 +19,7 @@ import numpy as np
 
 from pipedyn.bifurcation.continuation import folds, sign_changes
 from pipedyn.bifurcation.floquet import EventKind, crossing_event, orbit_multipliers
-from pipedyn.bifurcation.collocation import residual, solved
+from pipedyn.bifurcation.collocation import OrbitProblem, residual, solved
 from pipedyn.bifurcation.limit_cycle import Known, amplitude_of, refined_until
 from pipedyn.bifurcation.orbit_continuation import (
     FINE,
@@ -34,6 +34,7 @@ from pipedyn.bifurcation.parametric_regions import SHARES, regions
 from pipedyn.bifurcation.periodic_orbit import (
     PeriodicOrbit,
     coarsest_mesh,
+    divided,
     resolved,
     stage_phases,
 )
@@ -375,8 +376,6 @@ def _from_base(
         raise NotConverged(f"no periodic motion was found at a frequency of {low:g}")
     z = orbit.packed()
     growing = np.append(np.zeros(z.size - 1), 1.0)
-    from pipedyn.bifurcation.collocation import OrbitProblem
-
     tangent = OrbitProblem(motion, orbit, FINE).point(z, growing).tangent
     yield "base", motion, BranchStart(orbit, 0.2 * FINE.longest * tangent), (low, high)
 
@@ -418,7 +417,8 @@ def _leaving_rest(motion: ForcedField, hill: Hill, edge: float, mean: float) -> 
         factors = (1j * turns * w) ** power * np.exp(1j * phases[..., None] * turns)
         return np.asarray((factors @ spread.T).real)
 
-    edges = coarsest_mesh(motion.is_odd(mean))
+    coarse = coarsest_mesh(motion.is_odd(mean))
+    edges = divided(coarse, np.full(coarse.size - 1, 3))
     starts = np.concatenate([moved(edges[:-1], 0), moved(edges[:-1], 1)], axis=1)
     rates = moved(stage_phases(edges), 2)
     states = moved(np.linspace(0.0, 2.0 * math.pi, 65), 0)
@@ -460,16 +460,15 @@ def _branch(
         points.append(_Point(motion.order * begin.orbit.frequency, 0.0, 1.0))
     try:
         for step in track(followed(motion, begin, FINE), MOST_STEPS, "forced response", shown):
-            steps.append(step)
-            found = _events(motion, step, bool(points[-1].amplitude))
-            events += found
             end = orbit_at(step, step.length)
             before, after = (breaking_part(orbit_at(step, s), "hopf") for s in (0.0, step.length))
-            if kind != "base" and len(steps) > 2 and np.sum(before * after) < 0.0:
+            if kind != "base" and steps and np.sum(before * after) < 0.0:  # through rest
                 share = np.linalg.norm(before) / np.linalg.norm(before - after)
                 here = step.begin.p + share * (step.end.p - step.begin.p)
                 points.append(_Point(motion.order * here, 0.0, 1.0))
                 break
+            events += _events(motion, step) if steps or kind == "base" else []
+            steps.append(step)
             points.append(_point(motion, end))
             if not window[0] <= motion.order * end.frequency <= window[1]:
                 break
@@ -494,10 +493,8 @@ def _branch(
     )
 
 
-def _events(motion: ForcedField, step: Step, moving: bool) -> list[ForcedEvent]:
+def _events(motion: ForcedField, step: Step) -> list[ForcedEvent]:
     """Folds on a step and what multipliers do that pass the unit circle, along it."""
-    if not moving:
-        return []
     found = list[tuple[float, EventKind]]()
     turns = folds(step, 1e-4)
     found += [(s, "fold") for s in turns]
