@@ -251,7 +251,7 @@ def dense_rates(chain, y, u):
     end = np.array([length @ (rate * np.cos(angle)), -length @ (rate * np.sin(angle))])
     missing = np.sqrt(pipe.beta) * signed * (1.0 - pipe.inflow_share) * end
     force -= length * (missing[0] * np.cos(angle) - missing[1] * np.sin(angle))
-    jet = angle[-1]
+    jet = angle[-1] + pipe.jet_angle
     force += thrust * length * np.sin(jet - angle) + pipe.gamma * moment * np.sin(angle)
     force += elastic - np.append(elastic[1:], 0.0) + across_axis * np.cos(angle)
     # Row j of lever: velocity of drag point j across its segment due to each rate.
@@ -469,7 +469,7 @@ def pipe_rates(model, y, u, nodes=400):
     body = load * normal + swung[:, :, 0] + np.array([[0.0], [pipe.gamma]])
     force = np.einsum("s,ds,dsm->m", weights, body, moved)
     force -= (weights * (bend @ (y[:m] + pipe.damping * y[m:]))) @ bend
-    end = model.functions([1.0], 1)[0] @ y[:m]
+    end = model.functions([1.0], 1)[0] @ y[:m] + pipe.jet_angle
     swept = weights @ (normal[:, :, None] * slope)
     force -= thrust * np.array([np.sin(end), np.cos(end)]) @ swept
     missing = (1.0 - pipe.inflow_share) * swept @ y[m:]

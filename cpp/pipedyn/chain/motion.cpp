@@ -94,9 +94,9 @@ void power_of(const MotionModel& model, const Members<Real>& members, const Swee
   const LoadPower<Real> parts = add_loads(model, members, sweep);
   const Real u = members.speed();
   const Real along = vt - parts.base_along, across = vn - parts.base_across;  // about the base
-  const Real coriolis = model.coriolis * u, entry = model.entry * u;
-  const Real flow = (entry * vt - coriolis * along - (u * u) * model.thrust[0]) * along +
-                    (entry * vn - coriolis * across - (u * u) * model.thrust[1]) * across;
+  const Real entry = model.entry * u, own = (model.entry - model.coriolis) * u, square = u * u;
+  const Real flow = (own * along + entry * parts.base_along - square * model.thrust[0]) * along +
+                    (own * across + entry * parts.base_across - square * model.thrust[1]) * across;
   members.set_row(out, 0, Real(flow + parts.flow));
   members.set_row(out, 1, joints);
   members.set_row(out, 2, drag);

@@ -371,8 +371,9 @@ void accelerations(const MotionModel& model, const Members<Real>& members, Sweep
   }
   if (with_power) {
     const Real along = end_along - parts.base_along, across = end_across - parts.base_across;
-    power += (entry * end_along - coriolis * along - thrust[0]) * along;
-    power += (entry * end_across - coriolis * across - thrust[1]) * across;
+    const Real own = (model.entry - model.coriolis) * u;
+    power += (own * along + entry * parts.base_along - thrust[0]) * along;
+    power += (own * across + entry * parts.base_across - thrust[1]) * across;
     members.set_row(rates, 2 * n, power);
   }
 }

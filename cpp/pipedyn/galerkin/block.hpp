@@ -471,11 +471,11 @@ struct Block {
     }
     const Real x = last[2], y = last[3];
     const Real s = at<Real>(sine, end), c = at<Real>(cosine, end);
-    const Real coriolis = 0.5 * effects.coriolis * u, entry = effects.entry * u;
+    const Real entry = effects.entry * u, own = (effects.entry - 0.5 * effects.coriolis) * u;
     const auto [along, across] = thrust(u);
     const Real base_x = driven(batch, Drive::velocity), base_y = driven(batch, Drive::velocity + 1);
-    const Real flow = (entry * (x + base_x) - coriolis * x - along * s - across * c) * x +
-                      (entry * (y + base_y) - coriolis * y - along * c + across * s) * y;
+    const Real flow = (own * x + entry * base_x - along * s - across * c) * x +
+                      (own * y + entry * base_y - along * c + across * s) * y;
     Real joints{}, dragged{}, others{};
     if (effects.damping != 0.0) {
       for (Count i = 0; i < m; ++i) {

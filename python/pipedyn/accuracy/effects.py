@@ -39,10 +39,11 @@ NUMBERS = {
     "Coriolis": ("beta", "beta"),
     "centrifugal": ("alpha", "alpha"),
     "inflow": ("inflow_share", "c"),
+    "jet angle": ("jet_angle", "psi"),
 }
 """Effects that a number of the pipe switches off: its name and how it prints."""
 
-ABSENT = {"inflow_share": 1.0}
+ABSENT = {"inflow_share": 1.0, "jet_angle": 0.0}
 """What a number is where the pipe has no such effect, if that is not 0; listed where it has."""
 
 
@@ -52,7 +53,7 @@ class Effect:
 
     Attributes:
         name: "gravity", "drag", "damping", "Coriolis", "centrifugal", "flow" (both of its parts),
-            "inflow" (what the entering fluid lacks of the free end's velocity),
+            "inflow" (what the entering fluid lacks of the free end's velocity), "jet angle",
             "RootSpring(stiffness=30)" (what a clamp gives), or a term of the pipe as it prints,
             "PointMass(at=1, mass=0.1)", all that are equal being one; several joined by " + ".
         strength: the number it comes from, in words; empty where the pipe does not have it.
@@ -165,8 +166,8 @@ def relevant(
     drag (kappa = 0), damping (delta = 0), the flow's Coriolis part together with the momentum that
     the free end's velocity carries away (beta = 0: beta enters by sqrt(beta) u alone), its
     centrifugal part (alpha = 0), except for the critical speed the flow as a whole, what the
-    entering fluid lacks of the free end's velocity (inflow_share = 1), what a root with a spring
-    turns (then clamped), and each term.
+    entering fluid lacks of the free end's velocity (inflow_share = 1), the angle of the jet
+    (jet_angle = 0), what a root with a spring turns (then clamped), and each term.
 
     An effect that changes the kind of the answer (flutter to divergence, buckled at rest or not, no
     loss of stability, unstable from the smallest flow on, no limit cycle) is infinitely large.
@@ -283,6 +284,8 @@ def _without(pipe: Pipe, names: Collection[str]) -> Pipe:
     gone: dict[str, Any] = {number: ABSENT.get(number, 0.0) for number in numbers}
     if "flow" in names:
         gone |= {"beta": 0.0, "alpha": 0.0}
+    if "alpha" in gone:
+        gone["jet_angle"] = 0.0  # which then has no thrust
     if repr(pipe.root) in names:
         gone["root"] = "clamped"
     gone["terms"] = tuple(term for term in pipe.terms if repr(term) not in names)
@@ -304,7 +307,7 @@ def _outcome(quantity: Quantity, pipe: Pipe, tolerance: float) -> tuple[str, Ans
     except NoCrossing as failure:
         return f"{state}{failure.args[0]}", none
     except NoCycle as failure:
-        if _growth(pipe, failure.u) > 0.0:  # one may be there that no search found
+        if not _growth(pipe, failure.u) <= 0.0:  # one may be there that no search found
             raise
         return "no limit cycle, it rests", none
     words, kind = _described(quantity, pipe, found)
@@ -337,11 +340,15 @@ def _speed(u: float, pipe: Pipe) -> str:
 
 
 def _growth(pipe: Pipe, u: float) -> float:
-    """Largest real part of an eigenvalue at a speed; NaN where none converges.
+    """Largest real part of an eigenvalue of the straight pipe at a speed; NaN where none converges.
+
+    NaN too where that does not rest, of a pipe with an inclined jet.
 
     Roots count up to the size of a wave that neither flow nor weight can buckle: the lowest few may
     all cluster at -1 / delta, and the highest of a reduced model are not the pipe's.
     """
+    if pipe.jet_angle:
+        return math.nan
     numbers = [term.numbers for term in pipe.terms]
     weight = pipe.gamma * (1.0 + sum(one.get("mass", 0.0) for one in numbers))
     weight += sum(one.get("load", 0.0) for one in numbers)

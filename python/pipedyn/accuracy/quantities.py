@@ -381,7 +381,8 @@ class MotionOf(_Integrated):
                 raise ValueError("start must bend the pipe: a straight one at rest does not move")
             return self
         # 24 functions have the mode and its neighbours exactly.
-        model = Galerkin(pipe, max(24, math.ceil(self.u)) + more, "legendre")
+        unbent = replace(pipe, jet_angle=0.0)  # which is at rest, whatever the jet
+        model = Galerkin(unbent, max(24, math.ceil(self.u)) + more, "legendre")
         found = modes(model, self.u, 8)
         growth = found.eigenvalues.real  # where all grow equally, the lowest
         mode = found.shapes[int(np.argmax(growth >= growth.max() - 0.2 * abs(growth.max())))]

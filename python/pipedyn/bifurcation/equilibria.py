@@ -280,15 +280,18 @@ def _solutions(statics: Statics, u: float, own: list[Array]) -> Iterator[Array]:
     Few starts show whether a hanging pipe has bent ones at all; then more look for all of them.
     """
     yield statics.resting
-    found = _balanced(statics, u, own + _bends(statics, 3, SIZES[::2]), 0.2)
+    odd = statics.motion.is_odd(u)
+    found = _balanced(statics, u, own + _bends(statics, 3, SIZES[::2], odd), 0.2)
     yield from found
     if statics.size <= MOST_WOUND and (len(found) > 1 or statics.model.pipe.gamma < 0.0):
-        yield from _balanced(statics, u, _bends(statics, 4, SIZES), 0.5)
+        yield from _balanced(statics, u, _bends(statics, 4, SIZES, odd), 0.5)
 
 
-def _bends(statics: Statics, modes: int, sizes: Sequence[float]) -> list[Array]:
-    """Starts. Of a bend and its mirror image one, as the other leads to the mirror images."""
-    mixtures = [np.array(p) for p in product((-1, 0, 1), repeat=modes) if p > (0,) * modes]
+def _bends(statics: Statics, modes: int, sizes: Sequence[float], odd: bool) -> list[Array]:
+    """Starts. Where motions are odd, of a bend and its mirror image one leads to both's."""
+    none = (0,) * modes
+    every = product((-1, 0, 1), repeat=modes)
+    mixtures = [np.array(p) for p in every if p > none or (p < none and not odd)]
     starts: list[Array] = []
     for parts in (size * mixture for size in sizes for mixture in mixtures):
         with suppress(PipedynError):  # guides and pins that such a bend cannot meet

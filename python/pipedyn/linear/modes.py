@@ -47,7 +47,7 @@ def eigenvalues(model: AnyModel, u: float, count: int | None = None) -> Complex:
     """Eigenvalues lambda of the straight pipe at flow speed u; motion ~ exp(lambda tau).
 
     Args:
-        model: chain, reduced model or `Continuum`.
+        model: chain, reduced model or `Continuum`; of a pipe that rests bent `model.about(q)`.
         u: flow speed >= 0, in sqrt(EI / mu_f) / L.
         count: how many, from the lowest |lambda|; all 2 dof where not given. Long chains (beyond
             64 segments) are solved in O(n) for a small count. `Continuum` needs it.
@@ -66,6 +66,7 @@ def eigenvalues(model: AnyModel, u: float, count: int | None = None) -> Complex:
     """
     u, count = _checked_question(model, u, count)
     if isinstance(model, Model) and model.linear_cost:
+        model.require_equilibrium(u)
         asked, problem = 2 * model.dof if count is None else count, eigenproblem(model)
         with one_thread(problem.rows):
             pairs = problem.spectrum().by_recursion(u, asked, vectors=False)

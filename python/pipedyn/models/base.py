@@ -3,9 +3,10 @@
 
 from __future__ import annotations
 
+import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable
-from dataclasses import fields
+from dataclasses import fields, replace
 from functools import cached_property
 from operator import attrgetter
 from typing import Any, ClassVar, Self
@@ -97,6 +98,12 @@ class Operators:
             stiffness = stiffness + self.direction * u_dot * self.unsteady
         return self.mass, velocity, stiffness
 
+    def projected(self, basis: Array) -> Operators:
+        """Those in coordinates z, q = basis z, shape (dof, r)."""
+        matrices = {field.name: getattr(self, field.name) for field in fields(self)[:6]}
+        of_basis = {name: basis.T @ matrix @ basis for name, matrix in matrices.items()}
+        return replace(self, **of_basis)
+
 
 @result
 class Power:
@@ -140,6 +147,7 @@ def core_pipe(pipe: Pipe) -> _core.Pipe:
         damping=pipe.damping,
         aspirating=pipe.flow == "aspirating",
         inflow_share=pipe.inflow_share,
+        jet_angle=pipe.jet_angle,
         terms=[(t.law, t.place or 0.0, list(t.numbers.values())) for t in pipe.terms],
         root=pipe.root_stiffness,
         end=pipe.end,
@@ -214,6 +222,10 @@ class Model(OfPipe, ABC):
     among its numbers, and TypeError for what is no number or array of real numbers.
     """
 
+    def __init__(self, pipe: Pipe) -> None:
+        super().__init__(pipe)
+        self._reference: Array | None = None  # chosen by `about`; else the straight pipe
+
     @property
     @abstractmethod
     def dof(self) -> int:
@@ -259,9 +271,45 @@ class Model(OfPipe, ABC):
         """Arc lengths among which the largest displacement of a mode is found."""
         return np.linspace(0.0, 1.0, max(201, 8 * min(self.dof, 500) + 1))
 
+    def about(self, q: ArrayLike) -> Self:
+        """The same model, whose linear questions are asked about another configuration at rest.
+
+        `eigenvalues`, `modes`, `root_loci`, `crossings` and `critical_speed` take it; they refuse
+        it at flow speeds at which the configuration is no equilibrium. So of a pipe that rests bent
+        they answer at one speed; `equilibrium_branch` finds where it loses stability.
+
+        Args:
+            q: the configuration, one of those that `equilibria` finds: coordinates, of a scene also
+                the angles of its segments.
+
+        Raises:
+            ValueError, TypeError: for what is no such array, or misses a constraint.
+
+        Example:
+            >>> import pipedyn as pp
+            >>> chain = pp.Chain(pp.Pipe(0.2, jet_angle=0.5), 8)
+            >>> rest = pp.equilibria(chain, 4.0).q[0]
+            >>> pp.eigenvalues(chain.about(rest), 4.0, 2).round(3)
+            array([-4.371+4.899j, -4.371-4.899j])
+        """
+        other = self.with_pipe(self._pipe)
+        other._reference = self._coordinates(q)
+        return other
+
+    @property
+    def _about_shown(self) -> str:
+        rest = self._reference
+        return f", about {check.shown(rest)}" if rest is not None and rest.any() else ""
+
     def unbalanced(self, u: float) -> float:
         """Largest force at rest where the model is linearised, relative to 1 + |gamma| + a u^2."""
-        return 0.0
+        pipe, thrust = self.pipe, self.pipe.alpha * u**2
+        size, rest = 1.0 + abs(pipe.gamma) + thrust, self._reference
+        if rest is None:  # nothing but an inclined jet bends the straight pipe
+            across = pipe.end in ("free", "guided")
+            return across * thrust * abs(math.sin(pipe.jet_angle)) / size
+        rates = self.motion_rates(np.concatenate([rest, np.zeros_like(rest)]), u)
+        return float(np.abs(self.operators(rest).mass @ rates[self.dof :]).max()) / size
 
     def require_equilibrium(self, *speeds: float) -> None:
         """Raises ValueError if the model cannot rest, where it is linearised, at a flow speed."""
@@ -270,7 +318,8 @@ class Model(OfPipe, ABC):
             if rest > 1e-7:  # far above what an equilibrium to ten digits leaves
                 raise ValueError(
                     f"the model must rest at u = {u:g} where it is linearised, got an unbalanced "
-                    f"force of {rest:.1e}; choose about(equilibrium(..., u))"
+                    f"force of {rest:.1e}; choose about(q), q of equilibria(model, {u:g}), or ask "
+                    "equilibrium_branch(model, ...), whose points say where stability is lost"
                 )
 
     def pencil(self) -> Pencil:
@@ -301,12 +350,13 @@ class Model(OfPipe, ABC):
         the mass, -M^-1 (dM/dq q'').
 
         Args:
-            q: coordinates, shape (dof,); the straight pipe where not given.
+            q: coordinates, shape (dof,); those of `about`, else the straight pipe, where not given.
 
         Raises:
             ValueError: also for more than 4000 degrees of freedom.
         """
         self._check_dense()
+        q = self._reference if q is None else q
         if q is None:
             return operators_from(self.core.operators(), self.pipe)
         return operators_from(self.motion.operators(self._coordinates(q)), self.pipe)
@@ -405,7 +455,7 @@ class Model(OfPipe, ABC):
 
     def resting(self) -> Array:
         """Where p is at rest, shape (moving,)."""
-        return np.zeros(self.moving)
+        return np.zeros(self.moving) if self._reference is None else self._reference
 
     def free_directions(self, p: Array) -> Array:
         """Directions that constraints leave about a configuration, shape (moving, dof)."""
@@ -474,7 +524,8 @@ class Model(OfPipe, ABC):
         Args:
             q: coordinates, real or complex, shape (dof,) or (dof, k).
             s: arc lengths from the clamp in L, each in [0, 1], shape (p,).
-            derivative: 0, or 1 for its slope; where segments of a chain meet, the mean of both.
+            derivative: 0, or 1 for the angle by which the pipe turns there, the slope of a straight
+                one; where segments meet, the mean of both.
         """
 
     def tips(self, q: ArrayLike) -> Array:

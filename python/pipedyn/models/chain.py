@@ -178,7 +178,7 @@ class Chain(Model):
 
     def __repr__(self) -> str:
         rule = repr(self._rule) if self._rule else "array"
-        return f"Chain({self._pipe!r}, n={self.dof}, springs={rule})"
+        return f"Chain({self._pipe!r}, n={self.dof}, springs={rule}{self._about_shown})"
 
     @property
     def dof(self) -> int:
@@ -194,7 +194,7 @@ class Chain(Model):
     drag_points = stored("_drag_points", "xi_j, shape (n,).")
 
     def pencil(self) -> Pencil:
-        return ChainPencil(self)
+        return ChainPencil(self) if self._reference is None else super().pencil()
 
     @cached_property
     def elastic_scale(self) -> Array:
@@ -207,7 +207,7 @@ class Chain(Model):
 
     @property
     def linear_cost(self) -> bool:
-        return True
+        return self._reference is None
 
     @property
     def stations(self) -> Array:
@@ -216,6 +216,8 @@ class Chain(Model):
 
     def elastic_operators(self) -> Operators:
         self._check_dense()
+        if self._reference is not None:
+            return self.operators().projected(np.cumsum(np.diag(self.elastic_scale), axis=0))
         return operators_from(self.core.joint_operators(self.elastic_scale), self._pipe)
 
     def from_elastic(self, z: ArrayLike) -> NDArray[Any]:
@@ -257,7 +259,8 @@ class Chain(Model):
 
     def deflection(self, q: ArrayLike, s: ArrayLike, derivative: int = 0) -> NDArray[Any]:
         at, order = arc_lengths(s), check.count("derivative", derivative, low=0, high=1)
-        steps = (self._lengths * self._displaced(q, at.size).T).T
+        across = self._lengths if order else self._lengths * np.cos(self.resting())
+        steps = (across * self._displaced(q, at.size).T).T
         return along(steps, self._base, self._lengths, at, order)
 
 
@@ -266,7 +269,7 @@ def along(
 ) -> NDArray[Any]:
     """Sum of the segments' steps (n, ...) up to s, linear within a segment, 0 in the base.
 
-    Or its slope, the mean of both where segments meet.
+    Or its derivative, the mean of both where segments meet.
     """
     ends = base + np.concatenate([[0.0], np.cumsum(lengths)])
     if derivative == 1:

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from pipedyn.models.base import Model, NotConverged, OfPipe
 from pipedyn.models.galerkin import LARGEST_BASIS, Galerkin, basis_joints, enriched
+from pipedyn.models.pipe import Pipe
 from pipedyn.util import check
 
 Answer = TypeVar("Answer")
@@ -54,11 +55,25 @@ class Continuum(OfPipe):
 
     Raises:
         TypeError: for what is no pipe.
+        ValueError: for a pipe with a jet_angle.
 
     Source: Gregory and Paidoussis (1966).
     """
 
     takes_supports = True
+
+    def __init__(self, pipe: Pipe) -> None:
+        super().__init__(pipe)
+        if pipe.jet_angle:
+            raise ValueError(
+                "Continuum answers linear questions about the straight pipe, which is no "
+                f"equilibrium with jet_angle = {pipe.jet_angle:.6g}: ask equilibria, or "
+                "equilibrium_branch, of a Chain or a Galerkin model"
+            )
+
+    def with_pipe(self, pipe: Pipe) -> Continuum:
+        """Another, of another pipe; raises as for `Continuum`."""
+        return Continuum(pipe)
 
     def __repr__(self) -> str:
         return f"Continuum({self._pipe!r})"

@@ -137,7 +137,7 @@ class Galerkin(Model):
         )
 
     def __repr__(self) -> str:
-        return f"Galerkin({self._pipe!r}, m={self._size}, basis={self._basis!r})"
+        return f"Galerkin({self._pipe!r}, m={self._size}, basis={self._basis!r}{self._about_shown})"
 
     @property
     def dof(self) -> int:
@@ -239,7 +239,8 @@ class Galerkin(Model):
         return found if spread is None else self._held_across(found, spread)
 
     def elastic_operators(self) -> Operators:
-        found, free = self.core.operators(), self._free
+        rest, free = self._reference, self._free
+        found = self.core.operators() if rest is None else self.motion.operators(rest)
         if free.spread is None:
             return operators_from(found, self._pipe, np.outer(free.scale, free.scale))
         return self._held_across(operators_from(found, self._pipe), free.spread * free.scale)
@@ -260,19 +261,33 @@ class Galerkin(Model):
 
     def shape(self, q: ArrayLike, s: ArrayLike) -> Array:
         amplitudes = self._coordinates(q)
-        at = arc_lengths(s)
+
+        def tangents(slopes: Array) -> Array:
+            angles = slopes @ amplitudes
+            return np.stack([np.sin(angles), np.cos(angles)], axis=-1)
+
+        return self._integrated(tangents, amplitudes, arc_lengths(s))
+
+    def _integrated(
+        self, integrand: Callable[[Array], NDArray[Any]], amplitudes: Array, at: Array
+    ) -> NDArray[Any]:
+        """Integral to each of some arc lengths, (p, k), of (points, k) by the slopes (points, m).
+
+        With as many nodes as the pipe bent by the amplitudes needs.
+        """
         nodes, weights = gauss_nodes(self._count_for(amplitudes[:, None]))
         # In pieces: a table of the functions at every node of every s may not fit into memory.
         pieces = math.ceil(at.size * nodes.size * self._size / 1e7)
-        line = np.zeros((at.size, 2))
-        for piece in np.array_split(np.arange(at.size), min(pieces, at.size)):
+        found = []
+        for piece in np.array_split(at, min(pieces, at.size)):
+            total: NDArray[Any] = np.zeros((piece.size, 1))
             for low, high in pairwise(self._ends.tolist()):
-                length = np.clip(at[piece], low, high) - low
-                points = low + np.outer(length, nodes)
-                angles = (self.core.basis(points.ravel(), 1) @ amplitudes).reshape(points.shape)
-                line[piece, 0] += length * (np.sin(angles) @ weights)
-                line[piece, 1] += length * (np.cos(angles) @ weights)
-        return line
+                length = np.clip(piece, low, high) - low
+                points = (low + np.outer(length, nodes)).ravel()
+                values = integrand(self.core.basis(points, 1)).reshape(piece.size, nodes.size, -1)
+                total = total + length[:, None] * np.einsum("pnk,n->pk", values, weights)
+            found.append(total)
+        return np.concatenate(found)
 
     def _tips(self, q: NDArray[Any]) -> NDArray[Any]:
         return self._tips_in_motion(q, np.zeros_like(q))[:2].T
@@ -302,7 +317,7 @@ class Galerkin(Model):
         return count + math.ceil(most)
 
     def largest_angle(self, p: NDArray[Any]) -> float:
-        across = self.deflection(p, np.linspace(0.0, 1.0, 401))
+        across = self.functions(np.linspace(0.0, 1.0, 401)) @ p
         return float(np.abs(np.diff(across)).max()) * 400
 
     @cached_property
@@ -319,7 +334,14 @@ class Galerkin(Model):
 
     def deflection(self, q: ArrayLike, s: ArrayLike, derivative: int = 0) -> NDArray[Any]:
         at, order = arc_lengths(s), check.count("derivative", derivative, low=0, high=1)
-        return self.functions(at, order) @ self._displaced(q, at.size)
+        columns, rest = self._displaced(q, at.size), self._reference
+        if rest is None or order == 1:
+            return self.functions(at, order) @ columns
+        flat = columns.reshape(self.dof, -1)
+        moved = self._integrated(
+            lambda slopes: np.cos(slopes @ rest)[:, None] * (slopes @ flat), rest, at
+        )
+        return moved.reshape(at.size, *columns.shape[1:])
 
 
 def enriched(model: Galerkin, more: int) -> Galerkin:

@@ -34,6 +34,7 @@ RANGES: dict[str, dict[str, Any]] = {
     "drag": {"low": 0.0, "high": 1e9},
     "damping": {"low": 0.0, "high": 1e6},
     "inflow_share": {"low": 0.0, "high": 1.0},
+    "jet_angle": {"low": -math.pi, "high": math.pi},
 }
 """What `check.real` asks of a pipe's numbers: far above any pipe's, far below overflow."""
 
@@ -71,6 +72,9 @@ class Pipe:
             fluid has before it enters: 1 where it already moves with the free end, as in the paper,
             0 where it is drawn from rest. What it lacks the free end has to give it, which damps:
             the end's flux of energy is multiplied by c.
+        jet_angle: of an ejecting pipe, angle psi in rad, in [-pi, pi], from the tangent at its free
+            end to the jet of an inclined nozzle: at theta(1) + psi from the downward vertical. Such
+            a pipe rests bent, see `equilibria`; the straight one is no equilibrium of the flow.
         terms: what else acts on the pipe, such as `PointMass` and `Spring`: a sequence of at most
             400 terms, kept as a tuple.
         root: how the pipe is held at s = 0: "clamped", "pinned" (a hinge) or a `RootSpring`, a
@@ -83,13 +87,14 @@ class Pipe:
         scales: SI value of one unit, or None for a pipe not made with `from_si`.
 
     Raises:
-        ValueError: for a number out of its range, NaN or infinity; for an inflow_share of an
-            ejecting pipe other than 1.
+        ValueError: for a number out of its range, NaN or infinity; for an inflow_share other than 1
+            of an ejecting pipe, or a jet_angle of an aspirating one.
         TypeError: for what is no number.
 
     Source: Orsino and Di Giulio, eqs. (1)-(9); delta and inflow_share are not in the paper. The
     latter is Hamilton's principle for open systems (McIver 1973) with an inflow of that velocity.
-    Of supported pipes Paidoussis, Fluid-Structure Interactions, vol. 1, ch. 3.
+    Of inclined nozzles Lundgren, Sethna and Bajaj (1979). Of supported pipes Paidoussis,
+    Fluid-Structure Interactions, vol. 1, ch. 3.
     """
 
     beta: float
@@ -99,6 +104,7 @@ class Pipe:
     drag: float = 0.0
     damping: float = 0.0
     inflow_share: float = field(default=1.0, kw_only=True)
+    jet_angle: float = field(default=0.0, kw_only=True)
     terms: tuple[Term, ...] = field(default=(), kw_only=True)
     root: Root = field(default="clamped", kw_only=True)
     end: End = field(default="free", kw_only=True)
@@ -126,6 +132,11 @@ class Pipe:
                 "inflow_share must be 1 for an ejecting pipe, as no fluid enters at its free end, "
                 f"got {check.shown(self.inflow_share)}"
             )
+        if checked["flow"] == "aspirating" and checked["jet_angle"] != 0.0:
+            raise ValueError(
+                "jet_angle must be 0 for an aspirating pipe, as no jet leaves its free end, "
+                f"got {check.shown(self.jet_angle)}"
+            )
         for name, value in checked.items():
             object.__setattr__(self, name, value)
 
@@ -146,6 +157,7 @@ class Pipe:
         alpha: float = 1.0,
         nozzle_ratio: float | None = None,
         inflow_share: float = 1.0,
+        jet_angle: float = 0.0,
         terms: Sequence[Term] = (),
         root: Root = "clamped",
         end: End = "free",
@@ -170,6 +182,7 @@ class Pipe:
                 alpha, which it is: above 1 for a nozzle, below for a diffuser. Terms say a
                 nozzle's mass.
             inflow_share: share of the free end's velocity that the fluid has before it enters.
+            jet_angle: angle of an inclined nozzle's jet to the tangent at the free end, rad.
             terms: what else acts on the pipe, its numbers in SI units, `at` in m; `terms_si` gives
                 them back.
             root: "clamped", "pinned" or a `RootSpring`, its stiffness in N m/rad.
@@ -234,6 +247,7 @@ class Pipe:
             flow=flow,
             alpha=alpha,
             inflow_share=inflow_share,
+            jet_angle=jet_angle,
             terms=in_range(tuple(given), source),
             root=root,
             end=end,

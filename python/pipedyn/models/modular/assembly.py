@@ -151,9 +151,7 @@ class Assembly(Model):
         parts += [described(part) for part in (*others, *layout.guides_and_pins)]
         if self._enforcement != "orthonormal":
             parts.append(repr(self._enforcement))
-        if self._reference is not None and self._reference.any():
-            parts.append(f"about {check.shown(self._reference)}")
-        return f"Assembly({self._pipe!r}, {', '.join(parts)})"
+        return f"Assembly({self._pipe!r}, {', '.join(parts)}{self._about_shown})"
 
     modules = stored("_layout.modules", "The parts with inertia or forces, a tuple.")
     constraints = stored("_layout.constraints", "The constraints, in the order of enforcement.")
@@ -255,22 +253,6 @@ class Assembly(Model):
         held = np.zeros(self.moving, dtype=np.bool_)
         held[layout.held[layout.independent] // 3] = True  # on the straight pipe all are x_j
         return ChainPencil(plain, held, self.linear.elastic)
-
-    def about(self, q: ArrayLike) -> Assembly:
-        """The same scene, whose linear questions are asked about another configuration at rest.
-
-        `eigenvalues`, `root_loci`, `crossings` and `critical_speed` take it; they refuse it at flow
-        speeds at which the configuration is no equilibrium.
-
-        Args:
-            q: the configuration, such as `equilibrium` gives.
-
-        Raises:
-            ValueError, TypeError: for what is no such array, or misses a constraint.
-        """
-        other = self.with_pipe(self._pipe)
-        other._reference = self._angles_of("q", q)
-        return other
 
     # ------------------------------------------------------------------------------------ states
 
@@ -584,7 +566,7 @@ class Assembly(Model):
         linear, layout = self.linear, self._layout
         given = self._displaced(q, at.size)
         theta = real_columns(linear.basis.spread, given.reshape(self.dof, -1))
-        across = layout.lengths * np.cos(linear.theta)
+        across = layout.lengths if order else layout.lengths * np.cos(linear.theta)
         moved = along(across[:, None] * theta, layout.base, layout.lengths, at, order)
         return moved.reshape(at.size, *given.shape[1:])
 
@@ -603,6 +585,9 @@ class Assembly(Model):
             listed = " or ".join(f"({size},)" for size in sizes)
             raise ValueError(f"{name} must have shape {listed}, got {rows.shape}")
         return rows
+
+    def _coordinates(self, q: ArrayLike) -> Array:
+        return self._angles_of("q", q)
 
     def _angles_of(self, name: str, given: ArrayLike, sizes: tuple[int, ...] = ()) -> Array:
         """Angles of the segments from angles or redundant coordinates that meet the constraints."""

@@ -109,7 +109,7 @@ class SmallMotions:
         faster = np.zeros(ROWS)
         faster[0] = self.form.pipe.direction
         push = self.form.forces(self.still, 0.0, faster) - force
-        thrust, end = np.zeros_like(force), self.theta[-1]
+        thrust, end = np.zeros_like(force), self.theta[-1] + self.form.pipe.jet_angle
         thrust[-3:-1] = -np.sin(end), -np.cos(end)
         loads = self._elastic_loads(np.stack([force, thrust, push], axis=1))
         multipliers, *_ = np.linalg.lstsq(self.rows, loads)

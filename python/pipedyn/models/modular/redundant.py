@@ -70,11 +70,12 @@ class RedundantForm:
         """Forces of all modules at a state [q, q'], shape (3 n,).
 
         Of the flow -sqrt(beta) U r_j' on r_{j-1} and sqrt(beta) U r_{j-1}' on r_j for each segment,
-        and on the end -share sqrt(beta) U r_n' - a U^2 t; -sqrt(beta) U' l t of a segment in its
-        middle; weights, less the mass times the base's acceleration; -k (phi - psi) - c phi' of
-        joints, psi the rest angle; -kappa l |v| v n at a segment's drag point, v = n . r', n =
-        (t_y, -t_x); those of terms and custom modules. What drives the state, (ROWS,), see
-        `pipedyn.models.drive`, has U' and the base's motion, which inflow, drag and terms see.
+        and on the end -share sqrt(beta) U r_n' - a U^2 (cos jet_angle t + sin jet_angle n), n =
+        (t_y, -t_x); -sqrt(beta) U' l t of a segment in its middle; weights, less the mass times the
+        base's acceleration; -k (phi - psi) - c phi' of joints, psi the rest angle; -kappa l |v| v n
+        at a segment's drag point, v = n . r'; those of terms and custom modules. What drives the
+        state, (ROWS,), see `pipedyn.models.drive`, has U' and the base's motion, which inflow, drag
+        and terms see.
         """
         rate, *moves = np.zeros(ROWS) if drive is None else drive
         place, speed, acceleration = np.reshape(moves, (3, 2))
@@ -101,7 +102,8 @@ class RedundantForm:
         on_nodes[-1] -= pipe.inflow_share * momentum[-1]
         lacking = (1.0 - pipe.inflow_share) * math.sqrt(pipe.beta) * pipe.direction * u
         on_nodes[-1] += lacking * speed
-        on_nodes[-1] -= pipe.alpha * u**2 * along[-1] / lengths[-1]
+        jet = math.cos(pipe.jet_angle) * along[-1] + math.sin(pipe.jet_angle) * _across(along)[-1]
+        on_nodes[-1] -= pipe.alpha * u**2 * jet / lengths[-1]
 
         total = self.customs.force(q, rates)
         total[0::3] += on_nodes[1:, 0]
