@@ -45,7 +45,7 @@ def integrated(pipe, amplitude, frequency):
     ],
 )
 def test_principal_regions_of_the_second_mode(mean, amplitude, low, high):
-    """beta = 0.2, gamma = 10, undamped: a separate program, Hill and Magnus, to the digits given."""
+    """beta = 0.2, gamma = 10, undamped: a separate program, by Hill and by Magnus."""
     (found,) = pp.parametric_regions(pp.Continuum(PIPE), mean, [amplitude], (30.0, 35.0))
     assert found.kind == "subharmonic"
     np.testing.assert_allclose(found.edges, [[low, high]], atol=1e-6)
@@ -216,7 +216,7 @@ def test_bad_arguments_of_regions_are_named(arguments, error, rule):
 def test_bad_arguments_of_floquet_are_named():
     with pytest.raises(ValueError, match=r"amplitude must lie in \[-1, 1\]"):
         pp.floquet(MODEL, pp.Pulsation(5.0, 1.5, 20.0))
-    with pytest.raises(TypeError, match="pulsation must be a Pulsation, got 5.0"):
+    with pytest.raises(TypeError, match=r"pulsation must be a Pulsation, got 5\.0"):
         pp.floquet(MODEL, 5.0)
     with pytest.raises(ValueError, match="model must have at most 100 degrees of freedom"):
         pp.floquet(pp.Chain(PIPE, 200), pp.Pulsation(5.0, 0.1, 20.0))

@@ -17,9 +17,9 @@ from typing import Any, Literal
 
 import numpy as np
 
+from pipedyn.bifurcation.collocation import OrbitProblem, residual, solved
 from pipedyn.bifurcation.continuation import folds, sign_changes
 from pipedyn.bifurcation.floquet import EventKind, crossing_event, orbit_multipliers
-from pipedyn.bifurcation.collocation import OrbitProblem, residual, solved
 from pipedyn.bifurcation.limit_cycle import Known, amplitude_of, refined_until
 from pipedyn.bifurcation.orbit_continuation import (
     FINE,
@@ -30,7 +30,7 @@ from pipedyn.bifurcation.orbit_continuation import (
     followed,
     orbit_at,
 )
-from pipedyn.bifurcation.parametric_regions import SHARES, regions
+from pipedyn.bifurcation.parametric_regions import regions
 from pipedyn.bifurcation.periodic_orbit import (
     PeriodicOrbit,
     coarsest_mesh,
@@ -42,7 +42,7 @@ from pipedyn.bifurcation.pulsating import Hill, PulsatingPipe
 from pipedyn.bifurcation.vector_field import VectorField
 from pipedyn.linear.eigenproblem import Complex
 from pipedyn.linear.frequency_response import base_solution, checked_range
-from pipedyn.linear.modes import LARGEST_SPEED
+from pipedyn.linear.modes import largest_speed
 from pipedyn.models.base import Model, NotConverged
 from pipedyn.models.drive import ROWS, Harmonic, Pulsation
 from pipedyn.motion.simulate import checked_model_in_motion
@@ -299,7 +299,7 @@ def forced_response(
     model = checked_model_in_motion(model, largest=LARGEST, purpose="forced_response")
     forcing = _checked_forcing(u, base)
     mean = forcing.mean if isinstance(forcing, Pulsation) else u
-    speed = check.real("u", mean, low=0.0, high=LARGEST_SPEED)
+    speed = check.real("u", mean, low=0.0, high=largest_speed(model))
     if frequencies is None:
         low, high = 0.99 * forcing.frequency, 1.01 * forcing.frequency
     else:
@@ -308,10 +308,13 @@ def forced_response(
             raise ValueError(f"frequencies must have low > 0, got {check.shown(frequencies)}")
     shown = check.flag("progress", progress)
     model.require_equilibrium(speed)
-    starts = _from_rest if isinstance(forcing, Pulsation) else _from_base
+    if isinstance(forcing, Pulsation):
+        starts = _from_rest(model, speed, forcing, low, high)
+    else:
+        starts = _from_base(model, speed, forcing, low, high)
     branches = list[ForcedBranch]()
     with one_thread(2 * model.moving):
-        for kind, motion, begin, window in starts(model, speed, forcing, low, high):
+        for kind, motion, begin, window in starts:
             first = begin.orbit.frequency * motion.order
             if begin.orbit.size == 0.0 and any(_ends_at(one, first) for one in branches):
                 continue  # from the other edge it was followed to here
@@ -328,16 +331,14 @@ def forced_response(
 def _checked_forcing(u: Any, base: Any) -> Pulsation | Harmonic:
     if isinstance(u, Pulsation):
         if base is not None:
-            raise ValueError("base must not be given where the flow pulsates: one forcing at a time")
+            raise ValueError("base must not be given where the flow pulsates")
         if u.amplitude == 0.0 or abs(u.amplitude) == 1.0:
             raise ValueError(f"u.amplitude must be between 0 and 1, got {u.amplitude!r}")
         return replace(u, amplitude=abs(u.amplitude))
     if not isinstance(base, Harmonic):
         raise TypeError(f"base must be a Harmonic or u a Pulsation, got {check.shown(base)}")
     if base.direction != "x":
-        raise ValueError(
-            "base must move along x: along y rest stays a motion, got direction='y'"
-        )
+        raise ValueError("base must move along x: along y rest stays a motion, got direction='y'")
     if base.amplitude == 0.0:
         raise ValueError("base must move, got an amplitude of 0")
     return base
@@ -363,7 +364,7 @@ def _from_base(
             if orbit is None:
                 mode = amplitude * np.concatenate([answer, 1j * low * answer])
 
-                def states(phase: Array, mode: Complex = mode) -> Array:
+                def states(phase: Array, mode: Any = mode) -> Array:
                     return np.asarray((mode[:, None] * np.exp(1j * phase)).real)
 
                 orbit = resolved(motion, states, low, u, motion.is_odd(u), FINE.defect)
@@ -464,7 +465,7 @@ def _branch(
             before, after = (breaking_part(orbit_at(step, s), "hopf") for s in (0.0, step.length))
             if kind != "base" and steps and np.sum(before * after) < 0.0:  # through rest
                 share = np.linalg.norm(before) / np.linalg.norm(before - after)
-                here = step.begin.p + share * (step.end.p - step.begin.p)
+                here = step.begin.p + float(share) * (step.end.p - step.begin.p)
                 points.append(_Point(motion.order * here, 0.0, 1.0))
                 break
             events += _events(motion, step) if steps or kind == "base" else []

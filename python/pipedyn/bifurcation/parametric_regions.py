@@ -395,7 +395,7 @@ def followed(
 
     It ends beyond the largest amplitude, at amplitude 0, or outside the window of frequencies.
     """
-    frequency, nu, amplitude = start
+    frequency, _, amplitude = start
     largest = float(amplitudes[-1])
     edge, found = Edge(hill, kind, frequency, largest), Region(kind, amplitudes.size)
     z = edge.near(*start)

@@ -293,7 +293,7 @@ def pulsating_pipe(model: AnyModel, mean: float, size: int) -> PulsatingPipe:
     Of the continuous pipe it is that of a reduced model with so many functions.
     """
     if isinstance(model, Continuum):
-        one = model.frozen(size + FUNCTIONS_A_JOINT * basis_joints(model.pipe.terms).size)
+        one = model.frozen(size + FUNCTIONS_A_JOINT * basis_joints(model.pipe).size)
         return PulsatingPipe.of(one.elastic_operators(), mean)
     whole = PulsatingPipe.of(model.elastic_operators(), mean)
     if whole.size <= SMALL:

@@ -68,6 +68,10 @@ class VectorField:
             total += weight / h * (ahead - self.jacobian(y - k * h * moved, u - k * h))
         return total
 
+    def by_frequency(self, y: Array, u: float) -> Array:
+        """df/dw of the states in the columns, w the frequency of an orbit: of a forced motion."""
+        return np.zeros_like(y)
+
     def is_odd(self, u: float) -> bool:
         """Whether the mirror image of every motion is a motion too, as three states show."""
         if self.resting().any():

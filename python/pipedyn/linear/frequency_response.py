@@ -275,7 +275,7 @@ class _Response:
         self.model, self.pencil, self.u = model, model.pencil(), u
         self.rows = 1 if self.pencil.is_long else self.pencil.dof
         self.loads = np.zeros((model.dof, 3))
-        if input == "base":
+        if isinstance(input, str):
             self.loads = _base_loads(model, u)
         else:
             kind, place = input
@@ -451,7 +451,7 @@ def _poles(model: AnyModel, u: float, high: float) -> tuple[Complex, Model, bool
         if turning.size > MODES if high == math.inf else (turning > 1.5 * high).any():
             break
         if count >= most:
-            if one is model or one.dof >= largest:
+            if not isinstance(model, Continuum) or one.dof >= largest:
                 break
             one = model.frozen(2 * one.dof)
         count *= 2
@@ -535,7 +535,7 @@ def _resonances(
                 continue
             ends = np.array([at[j - way], at[j]])
             for _ in range(12):
-                some = np.linspace(*ends, 17)
+                some = np.linspace(float(ends[0]), float(ends[1]), 17)
                 above = int(np.count_nonzero(np.cumprod(np.abs(response(some)) > level)))
                 ends = some[[max(above - 1, 0), min(above, 16)]]
             sides.append(float(ends.mean()))

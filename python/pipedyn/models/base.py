@@ -479,7 +479,7 @@ class Model(OfPipe, ABC):
         rates: Array = self.motion.rhs_and_power(0.0, np.concatenate([y, work]), u, drive)
         return rates[:-1]
 
-    def motion_jacobian(self, y: Array, u: float, drive: Array | None = None) -> Array:
+    def motion_jacobian(self, y: Array, u: float | Array, drive: Array | None = None) -> Array:
         """Derivative of the rates of [p, p'], (2 moving, 2 moving); (k, ...) of k columns."""
         self._check_dense()
         return self.motion.jacobian(0.0, y, u, drive)

@@ -532,7 +532,7 @@ class Assembly(Model):
     def resting(self) -> Array:
         return self._layout.rest if self._reference is None else self._reference
 
-    def motion_jacobian(self, y: Array, u: float, drive: Array | None = None) -> Array:
+    def motion_jacobian(self, y: Array, u: float | Array, drive: Array | None = None) -> Array:
         return self.motion.jacobian(y, u, drive=drive)
 
     # ---------------------------------------------------------------------------------- geometry
