@@ -59,6 +59,9 @@ GROWS = 1e-5
 GAUSS = np.array([-0.5, 0.5]) / math.sqrt(3.0)
 """Places of two nodes of Gauss-Legendre quadrature about the middle of an interval of length 1."""
 
+LEAST = 1e-6
+"""Share of the largest amplitude below which a least amplitude counts as 0."""
+
 CLOSE = 0.1
 """Distance of two multipliers below which they may meet nearby."""
 
@@ -235,6 +238,8 @@ class Edge(Continuation):
         length = 0.02
         for _ in range(400):
             self.renew(point.z)
+            # The edge goes on with amplitudes below 0, its mirror image: no step may lead there.
+            length = min(length, max(0.4 * point.p / self.largest, 1e-9))
             try:
                 segment, length = self.next(point, length)
             except NewtonFailed:
@@ -253,8 +258,10 @@ class ParametricRegion:
             period; or "combination", of two modes with frequencies of their own.
         amplitude: those asked for, shape (A,).
         edges: lowest and highest frequency of the region at each, shape (A, 2); NaN below the
-            threshold, and for an edge far outside the range of frequencies.
-        threshold: least amplitude of the region; 0 of modes without damping.
+            threshold. Where an edge leads far outside the range of frequencies, the one that is
+            known comes first and NaN in place of the other.
+        threshold: least amplitude of the region; 0 of modes without damping, NaN where an edge
+            leads outside the range before.
         threshold_frequency: frequency at which it has that.
         error: largest change of an edge from the truncation before the last, relative.
     """
@@ -381,7 +388,8 @@ class Region:
         """Whether it has to do with a range of frequencies."""
         ends = self.edges[np.isfinite(self.edges).all(axis=1)]
         inside = (ends[:, 0] <= high) & (ends[:, 1] >= low)
-        return bool(inside.any() or low <= self.bottom[1] <= high)
+        # An edge that was lost may have to do with any.
+        return bool(inside.any() or not (self.bottom[1] < low or self.bottom[1] > high))
 
 
 def followed(
@@ -400,7 +408,7 @@ def followed(
     edge, found = Edge(hill, kind, frequency, largest), Region(kind, amplitudes.size)
     z = edge.near(*start)
     down = np.append(np.zeros(z.size - 1), -1.0)
-    low = 0.1 * largest if hill.is_hermitian else 0.0
+    low = (0.1 if hill.is_hermitian else LEAST) * largest
     for towards in (down, -down)[: 1 if amplitude == largest else 2]:
         edge.renew(z)
         end = edge.point(z, towards)
@@ -420,7 +428,7 @@ def followed(
             end = step.end
             if not low < end.p <= largest or not window[0] < edge.scale * end.z[0] < window[1]:
                 break
-        if towards is down and hill.is_hermitian and not found.bottom[0] > 0.0:
+        if towards is down and end.p <= low:
             # Both edges of a conservative pipe's region lead to a corner at amplitude 0.
             at = edge.place(end.z - end.p / end.tangent[-1] * end.tangent)
             found.bottom = np.array([0.0, hill.pipe.resonance(kind, float(at[1])), at[2]])
@@ -489,6 +497,8 @@ def regions(
                         one.join(new)
                     found += [] if same else [new]
     touching = [one for one in found if one.touches(low, high)]
+    for one in touching:
+        one.edges[one.edges[:, 0] == one.edges[:, 1], 1] = math.nan  # the other was lost
     return sorted(touching, key=lambda one: float(np.nanmin([one.bottom[1], *one.edges.flat])))
 
 
