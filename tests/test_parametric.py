@@ -108,11 +108,10 @@ def test_the_continuous_pipe_has_the_multipliers_of_many_functions():
 def test_regions_of_chains_converge_with_second_order():
     expected = np.array([27.431472, 36.229891])
     errors = []
-    for n in (7, 14, 28):
+    for n in (10, 20):
         (found,) = pp.parametric_regions(pp.Chain(PIPE, n), 5.5, 0.2, (28.0, 35.0))
         errors.append(np.abs(found.edges[0] - expected).max())
-    orders = np.log2(np.divide(errors[:-1], errors[1:]))
-    np.testing.assert_allclose(orders, 2.0, atol=0.2)
+    assert math.log2(errors[0] / errors[1]) == pytest.approx(2.0, abs=0.1)
 
 
 def test_regions_without_the_fluids_acceleration_are_wrong_by_a_fifth():
@@ -171,8 +170,7 @@ def test_regions_of_a_pipe_pinned_at_both_ends_begin_at_amplitude_zero():
     pipe = conservative(2.0, 0.5, pinned)
     hill = Hill(pipe, 4)
     assert hill.is_hermitian
-    found = [r for r in regions(hill, np.array([0.1]), 14.0, 16.0) if r.kind == "subharmonic"]
-    (one,) = [r for r in found if r.edges[0, 0] < 15.0 < r.edges[0, 1]]
+    (one,) = regions(hill, np.array([0.1]), 14.0, 16.0, ("subharmonic",))
     np.testing.assert_allclose(one.edges, [[14.093116, 15.698815]], atol=2e-6)
     np.testing.assert_allclose(one.bottom[:2], [0.0, 2.0 * 7.45357311], atol=1e-7)
 
@@ -180,7 +178,8 @@ def test_regions_of_a_pipe_pinned_at_both_ends_begin_at_amplitude_zero():
 def test_principal_and_combination_regions_of_a_pipe_clamped_at_both_ends():
     """beta = 0.5, u = 4: a separate program; frequencies of the modes by their converged digits."""
     pipe = conservative(4.0, 0.5, clamped)
-    found = regions(Hill(pipe, 4), np.array([0.1]), 32.0, 37.0)
+    kinds = "subharmonic", "combination"
+    found = regions(Hill(pipe, 4), np.array([0.1]), 34.0, 36.5, kinds)
     (one,) = [r for r in found if r.kind == "subharmonic" and r.edges[0, 0] < 32 < r.edges[0, 1]]
     np.testing.assert_allclose(one.edges, [[30.850958, 34.254095]], atol=2e-6)
     np.testing.assert_allclose(one.bottom[:2], [0.0, 2.0 * 16.30777486], atol=1e-6)

@@ -197,12 +197,14 @@ class ForcedEvent:
 class ForcedBranch:
     """Motions along one branch, in the order in which it was followed.
 
+    Its events are among them.
+
     Attributes:
         kind: "base"; or what leaves rest in a pulsating flow, "subharmonic" or "harmonic".
         frequency: angular, of the forcing, shape (P,).
         amplitude: half the peak-to-peak transverse motion of the free end relative to the base, in
             L, shape (P,).
-        largest: modulus of the largest multiplier, shape (P,).
+        largest: modulus of the largest multiplier, shape (P,); 1 at events and in rest.
         stable: whether that is smaller than 1, shape (P,).
         events: in the order in which they are met.
     """
@@ -468,7 +470,9 @@ def _branch(
                 here = step.begin.p + float(share) * (step.end.p - step.begin.p)
                 points.append(_Point(motion.order * here, 0.0, 1.0))
                 break
-            events += _events(motion, step) if steps or kind == "base" else []
+            found = _events(motion, step) if steps or kind == "base" else []
+            points += [_Point(event.frequency, event.amplitude, 1.0) for event in found]
+            events += found
             steps.append(step)
             points.append(_point(motion, end))
             if not window[0] <= motion.order * end.frequency <= window[1]:

@@ -33,7 +33,7 @@ from pipedyn.bifurcation.continuation import (
     folds,
 )
 from pipedyn.bifurcation.magnus import exponentials
-from pipedyn.bifurcation.pulsating import Hill, PulsatingPipe, pulsating_pipe
+from pipedyn.bifurcation.pulsating import Hill, pulsating_pipe
 from pipedyn.linear.eigenproblem import Complex
 from pipedyn.linear.frequency_response import checked_range
 from pipedyn.models.base import Model, NotConverged
@@ -479,8 +479,10 @@ def regions(
         for kind, share in SHARES.items():
             if kind not in kinds:
                 continue
+            if share is None and index < (count - 1) // 2:
+                continue
             if share is None:
-                starts = combinations(hill.pipe, amplitude, low, high)
+                starts = combinations(hill, amplitude, low, high)
             else:
                 at = hill.edges(share, amplitude)
                 apart = np.diff(at, prepend=0.0, append=math.inf)
@@ -511,7 +513,7 @@ def _same(one: Region, other: Region) -> bool:
 
 
 def combinations(
-    pipe: PulsatingPipe, amplitude: float, low: float, high: float
+    hill: Hill, amplitude: float, low: float, high: float
 ) -> list[tuple[float, float]]:
     """Edges of combination regions at an amplitude, w and nu, near enough for Newton's method.
 
@@ -519,13 +521,16 @@ def combinations(
     near (omega_i + omega_j) / k and (omega_i - omega_j) / k, and where on this grid a multiplier is
     largest or two come nearest to each other.
     """
-    few = FewModes(pipe, amplitude, 3.0 * high)
+    few = FewModes(hill, amplitude, 3.0 * high)
     omega = few.frequencies
     i, j = np.triu_indices(omega.size, 1)
     seeds = np.concatenate([omega[i] + omega[j], omega[j] - omega[i]])
-    seeds = (seeds[:, None] / np.arange(1.0, 5.0)).ravel()
+    # Without damping regions are narrow, of high order, too, and rounding tells them from none.
+    sharp = hill.is_hermitian
+    seeds = (seeds[:, None] / np.arange(1.0, 5.0 if sharp else 3.0)).ravel()
     seeds = seeds[(seeds > 0.8 * low) & (seeds < 1.25 * high)]
-    near = (seeds[:, None] * (1.0 + amplitude * np.linspace(-0.1, 0.1, 5))).ravel()
+    beside = amplitude * np.linspace(-0.1, 0.1, 5) if sharp else np.zeros(1)
+    near = (seeds[:, None] * (1.0 + beside)).ravel()
     at = np.unique(np.concatenate([np.linspace(0.8 * low, 1.25 * high, 97), near]))
     seen = few.largest(at)
     for _ in range(3):  # to a five hundredth of the grid's step
@@ -533,7 +538,7 @@ def combinations(
         rise = growth[1:-1] - np.maximum(growth[:-2], growth[2:])
         peak = rise > np.maximum(0.01 * np.abs(growth[1:-1]), 2.0 * GROWS)
         dip = (between[1:-1] < np.minimum(between[:-2], between[2:])) & (between[1:-1] < CLOSE)
-        extreme = (peak | dip) & (growth[1:-1] < GROWS)
+        extreme = (peak | dip if sharp else peak) & (growth[1:-1] < GROWS)
         change = np.diff(growth > GROWS)
         cells = change | np.append(extreme, False) | np.append(False, extreme)
         left, step = at[:-1][cells], np.diff(at)[cells]
@@ -552,7 +557,8 @@ class FewModes:
     and from the right, so that the modes are coupled by what changes in time only.
     """
 
-    def __init__(self, pipe: PulsatingPipe, amplitude: float, highest: float) -> None:
+    def __init__(self, hill: Hill, amplitude: float, highest: float) -> None:
+        pipe, self._parts = hill.pipe, 96 if hill.is_hermitian else 32
         square = pipe.mean**2 * (1.0 + 0.5 * amplitude**2)
         values, right = np.linalg.eig(pipe.companion(pipe.mean, square))
         order = np.argsort(np.abs(values) + 1e9 * (values.imag <= 0.0))
@@ -574,7 +580,7 @@ class FewModes:
 
         Growth of the largest, its nu, and the distance of the two that are nearest to each other.
         """
-        count = 96
+        count = self._parts
         found = np.full((frequencies.size, 3), [-1.0, 0.0, 2.0])
         phases = 2.0 * math.pi * (np.arange(count) + 0.5 + GAUSS[:, None]) / count
         speed = self.mean * (1.0 + self.amplitude * np.cos(phases))
