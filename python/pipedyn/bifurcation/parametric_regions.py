@@ -388,8 +388,7 @@ class Region:
         """Whether it has to do with a range of frequencies."""
         ends = self.edges[np.isfinite(self.edges).all(axis=1)]
         inside = (ends[:, 0] <= high) & (ends[:, 1] >= low)
-        # An edge that was lost may have to do with any.
-        return bool(inside.any() or not (self.bottom[1] < low or self.bottom[1] > high))
+        return bool(inside.any() or low <= self.bottom[1] <= high)
 
 
 def followed(
