@@ -471,7 +471,7 @@ def regions(
 ) -> list[Region]:
     """All regions that touch a range of frequencies, by rising frequency."""
     found = list[Region]()
-    window = 0.4 * low, 2.5 * high
+    window = 0.2 * low, 5.0 * high
     count = amplitudes.size
     for index in np.unique(np.linspace(0, count - 1, min(count, SAMPLES)).astype(int))[::-1]:
         amplitude = float(amplitudes[index])
@@ -486,8 +486,10 @@ def regions(
                 at = hill.edges(share, amplitude)
                 apart = np.diff(at, prepend=0.0, append=math.inf)
                 wide = np.minimum(apart[:-1], apart[1:]) > THINNEST * at
-                at = at[wide & (at > 0.7 * low) & (at < 1.5 * high)]
-                starts = [(w, share * w) for w in at.tolist()]
+                at = at[wide]
+                # Those near the range, and one on each side, of a region that contains it.
+                first, last = np.searchsorted(at, [0.8 * low, 1.25 * high])
+                starts = [(w, share * w) for w in at[max(first - 1, 0) : last + 1].tolist()]
             for frequency, nu in starts:
                 if any(one.kind == kind and one.has(index, frequency) for one in found):
                     continue

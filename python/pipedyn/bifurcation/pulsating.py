@@ -354,8 +354,8 @@ def floquet(model: AnyModel, pulsation: Pulsation) -> FloquetMultipliers:
         >>> import pipedyn as pp
         >>> model = pp.Galerkin(pp.Pipe(beta=0.2, gamma=10.0), 10, "legendre")
         >>> found = pp.floquet(model, pp.Pulsation(6.0, 0.3, 30.0))
-        >>> round(found.multipliers[0].real, 4), found.stable
-        (-1.844, False)
+        >>> print(f"{found.multipliers[0].real:.4f}", found.stable)
+        -1.8440 False
     """
     checked_model(model)
     if not isinstance(pulsation, Pulsation):
