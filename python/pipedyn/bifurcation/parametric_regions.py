@@ -333,7 +333,8 @@ def _converged(
                 pipe.require_stable(window[1])
                 found = regions(Hill(pipe, many), mu, *window)
             else:
-                found = [again(Hill(pipe, many), region, mu) for region in last]
+                hill = Hill(pipe, many)
+                found = [again(hill, region, mu, window[0]) for region in last]
         error = math.inf if last is None else max(map(apart, last, found), default=0.0)
         if error <= TOLERANCE:
             return tuple(
@@ -434,12 +435,12 @@ def followed(
     return found
 
 
-def again(hill: Hill, region: Region, amplitudes: Array) -> Region:
+def again(hill: Hill, region: Region, amplitudes: Array, low: float) -> Region:
     """The same region by other equations; raises `NewtonFailed` where it has no such edge."""
     found = Region(region.kind, amplitudes.size)
     for index, side in np.argwhere(np.isfinite(region.edges)).tolist():
         frequency, nu = (float(x[index, side]) for x in (region.edges, region.nus))
-        edge = Edge(hill, region.kind, frequency, float(amplitudes[-1]))
+        edge = Edge(hill.fewer(low, frequency), region.kind, frequency, float(amplitudes[-1]))
         z = edge.place(edge.started(frequency, nu, float(amplitudes[index])))
         found.edges[index, side], found.nus[index, side] = z[1:]
     found.bottom = region.bottom.copy()
@@ -447,7 +448,7 @@ def again(hill: Hill, region: Region, amplitudes: Array) -> Region:
     if amplitude == 0.0:
         found.bottom[1] = hill.pipe.resonance(region.kind, frequency)
     elif amplitude > 0.0:
-        edge = Edge(hill, region.kind, frequency, float(amplitudes[-1]))
+        edge = Edge(hill.fewer(low, frequency), region.kind, frequency, float(amplitudes[-1]))
         found.bottom = edge.bottom(edge.unknowns(frequency, nu, amplitude))
     return found
 
@@ -494,7 +495,8 @@ def regions(
                 if any(one.kind == kind and one.has(index, frequency) for one in found):
                     continue
                 with suppress(NewtonFailed):
-                    new = followed(hill, kind, (frequency, nu, amplitude), amplitudes, window)
+                    few = hill.fewer(low, frequency)
+                    new = followed(few, kind, (frequency, nu, amplitude), amplitudes, window)
                     same = [one for one in found if _same(one, new)]
                     for one in same[:1]:
                         one.join(new)

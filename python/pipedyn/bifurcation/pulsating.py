@@ -43,6 +43,9 @@ from pipedyn.util.threads import one_thread
 LARGEST = 100
 """Degrees of freedom: matrices of 200 rows, and a second or two."""
 
+EXTRA = 3
+"""Harmonics beyond those: edges converge by a factor of ten or more with each."""
+
 HARMONICS = 20
 """Orders up to which resonances are counted."""
 
@@ -177,6 +180,14 @@ class Hill:
     def __init__(self, pipe: PulsatingPipe, many: int) -> None:
         self.pipe, self.many = pipe, many
         self._polynomials = dict[float | None, Polynomial]()
+        self._others = dict[int, Hill]()
+
+    def fewer(self, low: float, frequency: float) -> Hill:
+        """With harmonics that reach as high at a frequency as all do at a lower one."""
+        many = math.ceil(self.many * min(low / frequency, 1.0)) + EXTRA
+        if many >= self.many:
+            return self
+        return self._others.setdefault(many, Hill(self.pipe, many))
 
     @cached_property
     def is_hermitian(self) -> bool:
