@@ -391,6 +391,8 @@ def _pipes() -> Iterator[Target]:
             "alpha": real((0.0, 2.0), -0.1, 1e300),
             "drag": real((0.0, 2.0), -0.1, 1e300),
             "damping": real((0.0, 2.0), -1e-12, 1e300),
+            "inflow_share": real((1.0, 1.0), -1e-9, 1.1),
+            "jet_angle": real((0.0, 0.0), -3.2, 3.2),
             "scales": Kind(
                 one_of(None, (1.0, 1.0, 2.0, 3.0)),
                 any_of(*NOTHINGS, *WORDS, *NOT_FINITE, one_of((1, 1, 1, 0.0), (1, 1), [1] * 4)),
@@ -409,8 +411,11 @@ def _pipes() -> Iterator[Target]:
             "drag_coefficient": real((0.5, 1.2), -1.0, 1e300),
             "external_diameter": real((0.01, 0.1), -1.0, 1e300),
             "external_density": real((1.0, 1e3), -1.0, 1e300),
+            "added_mass_coefficient": real((1.0, 1.5), -1.0, 1e300),
             "flow": word("ejecting", "aspirating"),
             "alpha": real((0.0, 2.0), -0.1, 1e300),
+            "inflow_share": real((1.0, 1.0), -1e-9, 1.1),
+            "jet_angle": real((0.0, 0.0), -3.2, 3.2),
         },
     )
     rows = array(4)
@@ -566,6 +571,7 @@ def _models() -> Iterator[Target]:
         yield Target(f"{cls}.deflection{tag}", model.deflection, {"q": complexes, "s": PLACES})
         yield Target(f"{cls}.from_elastic{tag}", model.from_elastic, {"z": complexes})
         yield Target(f"{cls}.operators{tag}", model.operators, {"q": optional(q)})
+        yield Target(f"{cls}.about{tag}", model.about, {"q": q})
         shape = pp.modes(model, 1.0).shapes[0]
         yield Target(f"ModeShape.__call__{tag}", shape, {"s": PLACES})
     yield Target(

@@ -111,6 +111,10 @@ CASES = [
     *real("drag_coefficient", lambda v: pp.Pipe.from_si(**SI, drag_coefficient=v), [-1], [1]),
     *real("external_diameter", lambda v: pp.Pipe.from_si(**SI, external_diameter=v), [-1], [1]),
     *real("external_density", lambda v: pp.Pipe.from_si(**SI, external_density=v), [-1], [1]),
+    *real(
+        *("added_mass_coefficient", lambda v: pp.Pipe.from_si(**SI, added_mass_coefficient=v)),
+        *([-1], [1]),
+    ),
     *real("damping_time", lambda v: pp.Pipe.from_si(**SI, damping_time=v), [-1]),
     *real("alpha", lambda v: pp.Pipe.from_si(**SI, alpha=v), [-1]),
     *(("flow", lambda v: pp.Pipe.from_si(**SI, flow=v), v) for v in ["in", 0, None]),

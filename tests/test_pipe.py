@@ -30,7 +30,8 @@ def test_units_of_a_pipe_from_si_follow_from_length_mass_and_stiffness():
     mass = HOSE["pipe_mass"] + HOSE["fluid_mass"]
     stiffness, length = HOSE["bending_stiffness"], HOSE["length"]
     assert pipe.beta == pytest.approx(HOSE["fluid_mass"] / mass, rel=1e-15)
-    assert pipe.gamma == pytest.approx(9.81 * length**3 * mass / stiffness, rel=1e-15)
+    displaced = 1.2 * math.pi * 0.0157**2 / 4
+    assert pipe.gamma == pytest.approx(9.81 * length**3 * (mass - displaced) / stiffness, rel=1e-15)
     assert pipe.drag == pytest.approx(1.2 * 1.2 * 0.0157 * length / (2 * mass), rel=1e-14)
     assert pipe.scales.length == length
     assert pipe.scales.mass == pytest.approx(mass, rel=1e-15)
@@ -39,6 +40,44 @@ def test_units_of_a_pipe_from_si_follow_from_length_mass_and_stiffness():
     assert pipe.scales.speed == pytest.approx(
         math.sqrt(stiffness / HOSE["fluid_mass"]) / length, rel=1e-15
     )
+
+
+def test_a_pipe_in_water_is_lifted_by_what_it_displaces_and_moves_some_of_it():
+    """The numbers of the pipe in water of physics section 2: gamma (1 - m_w), chi = C_m m_w."""
+    dry = {name: HOSE[name] for name in ("length", "bending_stiffness", "pipe_mass", "fluid_mass")}
+    water = {"external_diameter": 0.0157, "external_density": 1e3}
+    mass = HOSE["pipe_mass"] + HOSE["fluid_mass"]
+    share = 1e3 * math.pi * 0.0157**2 / 4 / mass
+    assert 0.8 < share < 0.9
+    air, wet = pp.Pipe.from_si(**dry), pp.Pipe.from_si(**dry, **water)
+    assert wet.gamma == pytest.approx(air.gamma * (1.0 - share), rel=1e-13)
+    assert (wet.drag, wet.terms) == (0.0, ())
+    tank = (0.1**2 + 0.0157**2) / (0.1**2 - 0.0157**2)
+    held = pp.Pipe.from_si(**dry, **water, added_mass_coefficient=tank, drag_coefficient=1.2)
+    assert held.gamma == wet.gamma
+    assert held.drag == pytest.approx(1.2 * 1e3 * 0.0157 * 0.68 / (2.0 * mass), rel=1e-14)
+    [added] = held.terms
+    assert added.chi == pytest.approx(share * tank, rel=1e-14)
+    assert held.terms_si[0].chi == pytest.approx(1e3 * math.pi * 0.0157**2 / 4 * tank, rel=1e-14)
+    water["external_density"] = 1.5e3  # it floats up
+    assert pp.Pipe.from_si(**dry, **water).gamma < 0.0
+
+
+@pytest.mark.parametrize(
+    "part",
+    [
+        {"external_density": 1e3},
+        {"external_diameter": 0.01},
+        {"drag_coefficient": 1.0},
+        {"added_mass_coefficient": 1.0, "external_density": 1e3},
+    ],
+)
+def test_surroundings_in_part_are_refused(part):
+    dry = {name: HOSE[name] for name in ("length", "bending_stiffness", "pipe_mass", "fluid_mass")}
+    with pytest.raises(
+        ValueError, match="external_diameter and external_density must be given together"
+    ):
+        pp.Pipe.from_si(**dry, **part)
 
 
 def test_the_centrifugal_force_of_a_speed_in_si_is_u_squared_in_units_of_the_beam():

@@ -23,13 +23,14 @@ import pipedyn as pp
 class Row:
     """A term and its law as a textbook writes it, of the place (x, y) and its velocity (vx, vy).
 
-    Load, mass, energy and power are those of the place, or per length; these read the tangent, t,
-    as well.
+    Load, mass, energy and power are those of the place, or per length; load and power read the
+    tangent, t, as well.
     """
 
     term: pp.Term | None
     load: Callable = lambda x, y, vx, vy, t: (0.0, 0.0)
     mass: float = 0.0
+    normal_mass: float = 0.0  # moves with the velocity across the pipe alone, without weight
     energy: Callable = lambda x, y: 0.0
     power: Callable = lambda x, y, vx, vy, t: 0.0
     numbers: dict = dataclasses.field(default_factory=dict)  # of the pipe, where it is no term
@@ -85,6 +86,7 @@ TABLE = [
         load=lambda x, y, vx, vy, t: (-200.0 * np.sign(x) * np.maximum(np.abs(x) - 0.08, 0.0), 0.0),
         energy=lambda x, y: 100.0 * np.maximum(np.abs(x) - 0.08, 0.0) ** 2,
     ),
+    Row(pp.AddedMass(chi=0.7), normal_mass=0.7),
     Row(
         pp.Tension(load=-3.0),
         load=lambda x, y, vx, vy, t: (0.0, -3.0),
@@ -204,6 +206,29 @@ def tangents_of(row, model, q, places):
     return derivative(lambda s: model.shape(q, s), places, np.ones_like(places), step=1e-5).T
 
 
+def lagrangian_inertia(row, model, q, rate, acceleration):
+    """d/dt dT/dq' - dT/dq of what moves across the pipe alone, (dof,)."""
+    places, weights = places_of(row, model)
+
+    def normals(at):  # the velocity across of each place by each rate
+        t = tangents_of(row, model, at, places)
+        by_q = jacobian_by_differences(lambda x: model.shape(x, places), at, sizes_of(model))
+        return t[1][:, None] * by_q[:, 0] - t[0][:, None] * by_q[:, 1]
+
+    def momentum(time):
+        by_rate = normals(q + time[0] * rate)
+        return by_rate.T @ (weights * (by_rate @ (rate + time[0] * acceleration)))
+
+    def energy(at):
+        t = tangents_of(row, model, at, places)
+        vx, vy = derivative(lambda x: model.shape(x, places), at, rate).T
+        return 0.5 * np.sum(weights * (vx * t[1] - vy * t[0]) ** 2)
+
+    change = derivative(momentum, np.zeros(1), np.ones(1))
+    by_q = jacobian_by_differences(energy, q, sizes_of(model))
+    return row.normal_mass * (change - by_q)
+
+
 @models
 @rows
 def test_term_does_the_virtual_work_of_its_law(row, kind):
@@ -226,6 +251,8 @@ def test_term_does_the_virtual_work_of_its_law(row, kind):
     load = np.stack(np.broadcast_arrays(across, along, weights)[:2], axis=1)
     load = load - row.mass * (by_q @ fitted + bias - np.array([0.0, PIPE.gamma]))
     work = work - np.einsum("k,kij,ki->j", weights, by_q, load)
+    if row.normal_mass:
+        work = work + lagrangian_inertia(row, plain, q, rate, fitted)
     assert np.abs(work).max() < 1e-9 * scale
 
 
@@ -241,6 +268,8 @@ def test_energy_of_a_term_is_its_laws_and_changes_as_its_power_says(row, kind):
     density = row.mass * ((vx**2 + vy**2) / 2 - PIPE.gamma * (height - places))
     expected = np.sum(weights * (density + row.energy(x, height)))
     t = tangents_of(row, plain, q, places)
+    if row.normal_mass:
+        expected += np.sum(weights * row.normal_mass * (vx * t[1] - vy * t[0]) ** 2) / 2
     power = np.sum(weights * row.power(x, height, vx, vy, t))
     assert model.energy(y) - plain.energy(y) == pytest.approx(expected, rel=1e-9)
     parts, name = model.power(y, SPEED), "flow" if row.term is None else "others"
@@ -257,6 +286,20 @@ def test_jacobian_of_a_term_meets_differences(row, kind):
     y = np.concatenate(state_of(model))
     exact = model.jacobian(0.0, y, SPEED)
     sizes = np.tile(sizes_of(model), 2)
+    differences = jacobian_by_differences(lambda at: model.rhs(0.0, at, SPEED), y, sizes)
+    assert np.abs(exact - differences).max() < 1e-9 * np.abs(exact).max()
+
+
+@models
+@pytest.mark.parametrize("numbers", [row.numbers for row in TABLE if row.numbers], ids=str)
+def test_numbers_of_the_free_end_keep_the_books_with_all_that_acts_at_once(numbers, kind):
+    flow = "ejecting" if "jet_angle" in numbers else "aspirating"
+    terms = [pp.AddedMass(0.4), pp.PointMass(0.4, 0.2), pp.Viscosity(0.3)]
+    model = MODELS[kind](dataclasses.replace(PIPE, flow=flow, terms=terms, **numbers))
+    y = np.concatenate(state_of(model))
+    change = derivative(model.energy, y, model.rhs(0.0, y, SPEED), step=1e-4)
+    assert model.power(y, SPEED).total == pytest.approx(change, rel=1e-8)
+    exact, sizes = model.jacobian(0.0, y, SPEED), np.tile(sizes_of(model), 2)
     differences = jacobian_by_differences(lambda at: model.rhs(0.0, at, SPEED), y, sizes)
     assert np.abs(exact - differences).max() < 1e-9 * np.abs(exact).max()
 
@@ -312,6 +355,9 @@ def test_a_scene_with_a_term_moves_as_the_chain_does(row):
             assert mine == pytest.approx(getattr(its, name), rel=1e-11, abs=1e-12)
         ours = model.motion.rhs_and_power(0.0, np.append(y, 0.0), SPEED)[:-1]
         assert np.abs(ours - expected).max() < 1e-11 * np.abs(expected).max()
+    dense = scene.accelerations(state, SPEED, "udwadia-kalaba")
+    ours = scene.rhs(0.0, state, SPEED)[dense.size :]
+    assert np.abs(dense - ours).max() < 1e-9 * np.abs(ours).max()
     if pipe.jet_angle:  # which rests bent
         return
     found = pp.eigenvalues(scene, SPEED, count=4)

@@ -757,8 +757,8 @@ def test_models_keep_show_and_pickle_their_terms():
     [
         (
             lambda: pp.Galerkin(pp.Pipe(0.2, terms=ALL), 2, "legendre"),
-            "m must be at least 3, for one function on each of the 3 panels between terms and "
-            "supports, got 2",
+            "m must be at least 3, for one function on each of the 3 panels between terms, "
+            "supports and steps, got 2",
         ),
         (
             lambda: pp.Galerkin(LOADED_PIPE, 4).operators(np.zeros(5)),

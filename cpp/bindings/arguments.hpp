@@ -229,6 +229,47 @@ Parts power_of(const Model& model, py::ssize_t rows, py::ssize_t cost, const py:
                         row_of(parts, 4));
 }
 
+/// The equations of motion of states [p, p'] with 2 dof rows. work_of: of a state, in that of a
+/// chain's segment.
+template <class Model, py::ssize_t (*work_of)(const Model&)>
+void define_equations(py::class_<Model>& model) {
+  using namespace py::literals;
+  using py::object;
+  // Rates of states that have so many rows besides [p, p'].
+  const auto rates = [](auto work, py::ssize_t more) {
+    return [work, more](const Model& of, const object&, const object& y, const object& u,
+                        const object& drive) {
+      const py::ssize_t rows = 2 * of.dof() + more;
+      return results_of(rows, rows, work_of(of), y, u, drive,
+                        [&](const Batch& batch, double* out) { work(of, batch, out); });
+    };
+  };
+  const auto drive = "drive"_a = py::none();
+  model.def("rhs", rates(std::mem_fn(&Model::rhs), 0), "t"_a, "y"_a, "u"_a, drive)
+      .def("rhs_and_power", rates(std::mem_fn(&Model::rhs_and_power), 1), "t"_a, "y"_a, "u"_a,
+           drive)
+      .def(
+          "jacobian",
+          [](const Model& of, const object&, const object& y, const object& u,
+             const object& drive) {
+            const auto work = [&](const Batch& batch, double* out) { of.jacobian(batch, out); };
+            return jacobians_of(2 * of.dof(), work_of(of), y, u, drive, work);
+          },
+          "t"_a, "y"_a, "u"_a, drive)
+      .def(
+          "energy",
+          [](const Model& of, const object& y, const object& drive) {
+            return energy_of(of, 2 * of.dof(), work_of(of), y, drive);
+          },
+          "y"_a, drive)
+      .def(
+          "power",
+          [](const Model& of, const object& y, const object& u, const object& drive) {
+            return power_of(of, 2 * of.dof(), work_of(of), y, u, drive);
+          },
+          "y"_a, "u"_a, drive);
+}
+
 /// Eigenpairs and their tracking, in linear.cpp.
 void define_linear(py::module_& m);
 

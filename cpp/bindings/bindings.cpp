@@ -16,7 +16,7 @@
 namespace py = pybind11;
 using namespace py::literals;
 using pipedyn::Basis, pipedyn::Chain, pipedyn::Family, pipedyn::Galerkin, pipedyn::Operators,
-    pipedyn::Pipe, pipedyn::Segments;
+    pipedyn::Pipe, pipedyn::Profile, pipedyn::Segments;
 using pipedyn::Batch, pipedyn::Numbers, pipedyn::Speeds, pipedyn::States;
 using pipedyn::NumberOrArray, pipedyn::Unlocked;
 
@@ -33,47 +33,8 @@ pipedyn::End end_of(const std::string& name) {
   throw std::invalid_argument("end must be free, guided, pinned or clamped, got " + name);
 }
 
-/// Work of a state, in that of a chain's segment.
 py::ssize_t work_of(const Chain& chain) { return chain.dof(); }
 py::ssize_t work_of(const Galerkin& motion) { return 4 * motion.dof() * motion.dof(); }
-
-template <class Model>
-Numbers jacobian(const Model& model, const py::object&, const py::object& y, const py::object& u,
-                 const py::object& drive) {
-  const auto work = [&](const Batch& batch, double* out) { model.jacobian(batch, out); };
-  return pipedyn::jacobians_of(2 * model.dof(), work_of(model), y, u, drive, work);
-}
-
-template <class Model>
-void define_equations(py::class_<Model>& model) {
-  using py::object;
-  // Rates of states that have so many rows besides [p, p'].
-  const auto rates = [](auto work, py::ssize_t more) {
-    return [work, more](const Model& of, const object&, const object& y, const object& u,
-                        const object& drive) {
-      const py::ssize_t rows = 2 * of.dof() + more;
-      return pipedyn::results_of(rows, rows, work_of(of), y, u, drive,
-                                 [&](const Batch& batch, double* out) { work(of, batch, out); });
-    };
-  };
-  const auto drive = "drive"_a = py::none();
-  model.def("rhs", rates(std::mem_fn(&Model::rhs), 0), "t"_a, "y"_a, "u"_a, drive)
-      .def("rhs_and_power", rates(std::mem_fn(&Model::rhs_and_power), 1), "t"_a, "y"_a, "u"_a,
-           drive)
-      .def("jacobian", jacobian<Model>, "t"_a, "y"_a, "u"_a, drive)
-      .def(
-          "energy",
-          [](const Model& of, const object& y, const object& drive) {
-            return pipedyn::energy_of(of, 2 * of.dof(), work_of(of), y, drive);
-          },
-          "y"_a, drive)
-      .def(
-          "power",
-          [](const Model& of, const object& y, const object& u, const object& drive) {
-            return pipedyn::power_of(of, 2 * of.dof(), work_of(of), y, u, drive);
-          },
-          "y"_a, "u"_a, drive);
-}
 
 }  // namespace
 
@@ -94,25 +55,38 @@ PYBIND11_MODULE(_core, m, py::mod_gil_not_used()) {
       "x"_a);
   pipedyn::motion_kernel();  // a wrong PIPEDYN_VECTOR_LEVEL shows at import
 
+  py::class_<Profile>(m, "Profile")
+      .def(py::init<>())
+      .def(py::init<std::vector<double>, std::vector<std::vector<double>>>(), "ends"_a, "series"_a)
+      .def(
+          "__call__",
+          [](const Profile& profile, const pipedyn::Vector& s) -> pipedyn::Vector {
+            return s.unaryExpr([&](double at) { return profile(at); });
+          },
+          "s"_a);
+
   py::class_<Pipe>(m, "Pipe")
-      .def(py::init([](double beta, double gamma, double centrifugal, double drag, double damping,
-                       bool aspirating, const std::vector<TermArguments>& terms, double root,
-                       const std::string& end, std::vector<double> supports, double inflow_share,
-                       double jet_angle) {
-             Pipe pipe{beta,    gamma,      centrifugal,  drag,
-                       damping, aspirating, inflow_share, jet_angle};
-             for (const auto& [law, at, numbers] : terms) {
-               pipe.terms.push_back(pipedyn::make_term(law, at, numbers));
-             }
-             pipe.root = root;
-             pipe.end = end_of(end);
-             pipe.supports = std::move(supports);
-             return pipe;
-           }),
-           "beta"_a, "gamma"_a, "centrifugal"_a, "drag"_a, "damping"_a, "aspirating"_a,
-           "terms"_a = std::vector<TermArguments>{},
-           "root"_a = std::numeric_limits<double>::infinity(), "end"_a = "free",
-           "supports"_a = std::vector<double>{}, "inflow_share"_a = 1.0, "jet_angle"_a = 0.0)
+      .def(
+          py::init([](double beta, double gamma, double centrifugal, double drag, double damping,
+                      bool aspirating, const std::vector<TermArguments>& terms, double root,
+                      const std::string& end, std::vector<double> supports, double inflow_share,
+                      double jet_angle, Profile stiffness, Profile mass) {
+            Pipe pipe{beta, gamma, centrifugal, drag, damping, aspirating, inflow_share, jet_angle};
+            pipe.stiffness = std::move(stiffness);
+            pipe.mass = std::move(mass);
+            for (const auto& [law, at, numbers] : terms) {
+              pipe.terms.push_back(pipedyn::make_term(law, at, numbers));
+            }
+            pipe.root = root;
+            pipe.end = end_of(end);
+            pipe.supports = std::move(supports);
+            return pipe;
+          }),
+          "beta"_a, "gamma"_a, "centrifugal"_a, "drag"_a, "damping"_a, "aspirating"_a,
+          "terms"_a = std::vector<TermArguments>{},
+          "root"_a = std::numeric_limits<double>::infinity(), "end"_a = "free",
+          "supports"_a = std::vector<double>{}, "inflow_share"_a = 1.0, "jet_angle"_a = 0.0,
+          py::arg_v("stiffness", Profile(), "Profile()"), py::arg_v("mass", Profile(), "Profile()"))
       .def_property_readonly("resisted",
                              [](const Pipe& pipe) { return pipedyn::resist(pipe.terms); });
 
@@ -129,27 +103,33 @@ PYBIND11_MODULE(_core, m, py::mod_gil_not_used()) {
   chain
       .def(py::init([](const Pipe& pipe, pipedyn::Vector length, pipedyn::Vector center,
                        pipedyn::Vector gyration_radius, pipedyn::Vector spring,
-                       pipedyn::Vector drag_point, double base) {
-             return Chain(pipe,
-                          Segments{std::move(length), std::move(center), std::move(gyration_radius),
-                                   std::move(spring), std::move(drag_point), base});
+                       pipedyn::Vector drag_point, double base, pipedyn::Vector mass) {
+             return Chain(pipe, Segments{.length = std::move(length),
+                                         .center = std::move(center),
+                                         .gyration_radius = std::move(gyration_radius),
+                                         .spring = std::move(spring),
+                                         .drag_point = std::move(drag_point),
+                                         .base = base,
+                                         .mass = std::move(mass)});
            }),
            "pipe"_a, "length"_a, "center"_a, "gyration_radius"_a, "spring"_a, "drag_point"_a,
-           "base"_a)
+           "base"_a, "mass"_a = pipedyn::Vector())
       .def("operators", &Chain::operators, "angles"_a = pipedyn::Vector(), Unlocked())
       .def("joint_operators", &Chain::joint_operators, "scale"_a, Unlocked())
       .def(
           "joint_times",
           [](const Chain& chain, const pipedyn::Matrix& x, double still, double rate, double square,
-             double velocity, double flux, double gravity, double unsteady) {
-            return chain.joint_times(x, {still, rate, square, velocity, flux, gravity, unsteady});
+             double velocity, double flux, double gravity, double by_damping, double unsteady) {
+            return chain.joint_times(
+                x, {still, rate, square, velocity, flux, gravity, by_damping, unsteady});
           },
           "x"_a, "still"_a = 0.0, "rate"_a = 0.0, "square"_a = 0.0, "velocity"_a = 0.0,
-          "flux"_a = 0.0, "gravity"_a = 0.0, "unsteady"_a = 0.0, Unlocked())
+          "flux"_a = 0.0, "gravity"_a = 0.0, "by_damping"_a = 0.0, "unsteady"_a = 0.0, Unlocked())
       .def("guided", &Chain::guided, "held"_a)
+      .def_property_readonly("joints", &Chain::joints)
       .def("places", &Chain::places)
       .def("loads", &Chain::loads, "stations"_a);
-  define_equations(chain);
+  pipedyn::define_equations<Chain, work_of>(chain);
 
   py::class_<Galerkin> galerkin(m, "Galerkin");
   galerkin
@@ -172,6 +152,15 @@ PYBIND11_MODULE(_core, m, py::mod_gil_not_used()) {
                                        py::none(), tips);
           },
           "y"_a)
+      .def_property_readonly("supports", &Galerkin::supports)
+      .def(
+          "held",
+          [](const Galerkin& model, const py::object& y) {
+            const auto held = [&](const Batch& batch, double* out) { model.held(batch, out); };
+            return pipedyn::results_of(2 * model.dof(), model.supports() * (1 + model.dof()),
+                                       work_of(model), y, py::float_(0.0), py::none(), held);
+          },
+          "y"_a)
       .def("functions_by_panel", [](const Galerkin& model) { return model.basis().by_panel(); })
       .def("most_on_a_panel", [](const Galerkin& model) { return model.basis().most_on_a_panel(); })
       .def(
@@ -180,8 +169,9 @@ PYBIND11_MODULE(_core, m, py::mod_gil_not_used()) {
             return model.basis().evaluate(s, derivative);
           },
           "s"_a, "derivative"_a, Unlocked())
-      .def("elastic_stiffness", [](const Galerkin& model) { return model.basis().stiffness(); });
-  define_equations(galerkin);
+      .def("elastic_stiffness", [](const Galerkin& model) { return model.basis().stiffness(); })
+      .def("elastic", &Galerkin::elastic, Unlocked());
+  pipedyn::define_equations<Galerkin, work_of>(galerkin);
 
   pipedyn::define_linear(m);
   pipedyn::define_scene(m);

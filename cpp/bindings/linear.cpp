@@ -253,6 +253,7 @@ void define_linear(py::module_& m) {
       .def("of_larger", py::overload_cast<Sweep, double, Index>(&Truncated::of_larger), "sweep"_a,
            "max_speed"_a, "resolved"_a, Unlocked());
   py::class_<Complement>(m, "Complement")
+      .def_property_readonly("dof", &Complement::dof)
       .def(py::init<Matrix>(), "columns"_a)
       .def("spread", &Complement::spread, "z"_a)
       .def("gathered", py::overload_cast<Matrix>(&Complement::gathered, py::const_), "x"_a);

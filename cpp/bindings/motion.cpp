@@ -38,8 +38,27 @@ struct Flows {
 };
 using FlowsAt = std::function<void(const Vector& t, const std::vector<Index>& which, Flows& flows)>;
 
-/// u: a steady speed a member, or a function of time to speed and drive for all.
+/// A speed that pulsates and a base that oscillates, by their numbers.
+FlowsAt oscillating(const py::tuple& numbers) {
+  const auto [mean, part, frequency, x, y, own] = numbers.cast<std::array<double, 6>>();
+  return [=](const Vector& t, const std::vector<Index>&, Flows& flows) {
+    flows.u = mean * (1.0 + part * (frequency * t.array()).cos());
+    flows.drive.resize(Drive::rows, t.size());
+    flows.drive.row(0) = -(mean * part * frequency) * (frequency * t.array()).sin();
+    const Eigen::RowVectorXd cosine = (own * t.array()).cos(), sine = (own * t.array()).sin();
+    for (const Index k : {0, 1}) {
+      const double along = k == 0 ? x : y;
+      flows.drive.row(Drive::position + k) = along * cosine;
+      flows.drive.row(Drive::velocity + k) = -(along * own) * sine;
+      flows.drive.row(Drive::acceleration + k) = -(along * own * own) * cosine;
+    }
+  };
+}
+
+/// u: a steady speed a member, or for all a function of time to speed and drive, or the numbers of
+/// `oscillating`.
 FlowsAt flows_at(const py::object& u) {
+  if (py::isinstance<py::tuple>(u)) return oscillating(u);
   if (!PyCallable_Check(u.ptr())) {
     return [all = u.cast<Reals>()](const Vector&, const std::vector<Index>& which, Flows& flows) {
       flows.u = all(which);
@@ -152,8 +171,7 @@ ImplicitRates implicit_rates_of(const py::object& of, const py::object& jacobian
   }
   if (py::isinstance<Scene>(of)) {
     const Scene& scene = of.cast<const Scene&>();
-    return implicit_rates(scene, u, &Scene::returning_rhs,
-                          std::make_unique<SceneSystems>(scene, flow_at));
+    return implicit_rates(scene, u, &Scene::rhs, std::make_unique<SceneSystems>(scene, flow_at));
   }
   if (py::isinstance<Galerkin>(of)) {
     const Galerkin& model = of.cast<const Galerkin&>();

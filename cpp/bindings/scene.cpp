@@ -15,7 +15,6 @@ using namespace py::literals;
 
 namespace {
 
-/// Work of a scene's state, in that of a chain's segment.
 py::ssize_t work_of(const Scene& scene) {
   return scene.dof() * static_cast<py::ssize_t>(2 + 3 * scene.compliance().size());
 }
@@ -73,14 +72,14 @@ Numbers from_angles(const Scene& scene, const py::object& theta, const py::objec
 
 /// Derivative of the rates of [theta, theta'] (2 n, 2 n), or of each of k states, where they return
 /// to guides and pins or not. by_state: of further moments on a single state (n, 2 n), else 0.
-Numbers jacobian(const Scene& scene, const py::object& y, const py::object& u,
-                 const py::object& moments, const Matrix& by_state, bool returns,
-                 const py::object& drive) {
+Numbers derivative(const Scene& scene, const py::object& y, const py::object& u,
+                   const py::object& moments, const Matrix& by_state, bool returns,
+                   const py::object& drive) {
   std::optional<States> further;
   if (!moments.is_none()) further.emplace("moments", moments, scene.dof());
   const auto work = [&](Batch batch, double* out) {
     if (further) batch.moments = further->values.data();
-    scene.jacobian(batch, returns ? Scene::return_rate : 0.0, by_state, out);
+    scene.derivative(batch, returns ? Scene::return_rate : 0.0, by_state, out);
   };
   return jacobians_of(2 * scene.dof(), work_of(scene), y, u, drive, work);
 }
@@ -88,19 +87,22 @@ Numbers jacobian(const Scene& scene, const py::object& y, const py::object& u,
 }  // namespace
 
 void define_scene(py::module_& m) {
-  py::class_<Scene>(m, "Scene")
+  py::class_<Scene> defined(m, "Scene");
+  define_equations<Scene, work_of>(defined);
+  defined
       .def(py::init([](const Pipe& pipe, Vector length, Vector center, Vector gyration_radius,
                        Vector spring, Vector damping, Vector rest_moment, Vector drag_point,
                        double base, const Matrix& inertia, const std::vector<Index>& held,
-                       const Vector& value) {
-             const Segments segments{std::move(length),          std::move(center),
-                                     std::move(gyration_radius), std::move(spring),
-                                     std::move(drag_point),      base,
-                                     std::move(damping),         std::move(rest_moment)};
+                       const Vector& value, Vector mass) {
+             const Segments segments{
+                 std::move(length),  std::move(center),      std::move(gyration_radius),
+                 std::move(spring),  std::move(drag_point),  base,
+                 std::move(damping), std::move(rest_moment), std::move(mass)};
              return std::make_unique<Scene>(pipe, segments, inertia, held, value);
            }),
            "pipe"_a, "length"_a, "center"_a, "gyration_radius"_a, "spring"_a, "damping"_a,
-           "rest_moment"_a, "drag_point"_a, "base"_a, "inertia"_a, "held"_a, "value"_a)
+           "rest_moment"_a, "drag_point"_a, "base"_a, "inertia"_a, "held"_a, "value"_a,
+           "mass"_a = Vector())
       .def_property_readonly("coordinates", &Scene::coordinates)
       .def_property_readonly("weights", &Scene::weights)
       .def_property_readonly("compliance", &Scene::compliance)
@@ -117,10 +119,10 @@ void define_scene(py::module_& m) {
       .def_readonly_static("met", &Scene::met)
       .def_readonly_static("return_rate", &Scene::return_rate)
       .def("solve", &Scene::solve, "theta"_a, "moments"_a, Unlocked())
-      .def("jacobian", jacobian, "y"_a, "u"_a, "moments"_a = py::none(), "by_state"_a = Matrix(),
-           "returns"_a = true, "drive"_a = py::none())
+      .def("derivative", derivative, "y"_a, "u"_a, "moments"_a = py::none(),
+           "by_state"_a = Matrix(), "returns"_a = true, "drive"_a = py::none())
       .def(
-          "rhs",
+          "redundant_rhs",
           [](const Scene& scene, const py::object&, const py::object& y, const py::object& u,
              const py::object& moments, const py::object& drive) {
             const auto work = [&](const Batch& states, double* out) {
@@ -138,15 +140,15 @@ void define_scene(py::module_& m) {
             };
             return scene_rates(scene, 2 * scene.dof() + 1, y, u, moments, drive, work);
           },
-          "t"_a, "y"_a, "u"_a, "moments"_a = py::none(), "drive"_a = py::none())
+          "t"_a, "y"_a, "u"_a, "moments"_a, "drive"_a = py::none())
       .def(
-          "energy",
+          "redundant_energy",
           [](const Scene& scene, const py::object& y, const py::object& drive) {
             return energy_of(Redundant{scene}, 2 * scene.coordinates(), work_of(scene), y, drive);
           },
           "y"_a, "drive"_a = py::none())
       .def(
-          "power",
+          "redundant_power",
           [](const Scene& scene, const py::object& y, const py::object& u,
              const py::object& drive) {
             return power_of(Redundant{scene}, 2 * scene.coordinates(), work_of(scene), y, u, drive);

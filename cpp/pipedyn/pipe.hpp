@@ -6,6 +6,7 @@
 #include <limits>
 #include <vector>
 
+#include "pipedyn/profile.hpp"
 #include "pipedyn/terms/term.hpp"
 
 namespace pipedyn {
@@ -18,7 +19,8 @@ using Vector = Eigen::VectorXd;
 /// (x = 0), free to turn; both. It slides along the axis in each case.
 enum class End { free, guided, pinned, clamped };
 
-/// The nondimensional numbers a pipe is; length, mass per length and bending stiffness are 1.
+/// The nondimensional numbers a pipe is; its length and, at the clamp, mass per length and bending
+/// stiffness are 1.
 struct Pipe {
   double beta = 0.0;         // fluid's share of the mass, 0 <= beta < 1
   double gamma = 0.0;        // gravity, negative with the free end above the clamp
@@ -34,8 +36,12 @@ struct Pipe {
       std::numeric_limits<double>::infinity();  // k_r, rotational spring at s = 0; 0: hinge
   End end = End::free;
   std::vector<double> supports{};  // arc lengths of rigid inner supports (x = 0), ascending
+  Profile stiffness{};             // e, bending stiffness along the pipe, of reduced models
+  Profile mass{};                  // m, mass per length, with the fluid's beta, of reduced models
 
   double sqrt_beta() const { return std::sqrt(beta); }
+  /// Whether the end keeps the direction of the axis.
+  bool is_guided() const { return end == End::guided || end == End::clamped; }
   /// s: U = s u is the flow speed counted towards the free end.
   double direction() const { return aspirating ? -1.0 : 1.0; }
   /// By which u v of the free end's velocity v loads it: the entering flow's change of velocity.

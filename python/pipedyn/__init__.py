@@ -50,14 +50,17 @@ from pipedyn.models.drive import Harmonic, Pulsation
 from pipedyn.models.end_coefficient import end_coefficient
 from pipedyn.models.galerkin import Galerkin
 from pipedyn.models.pipe import Pipe, Scales
+from pipedyn.models.profile import Profile
 from pipedyn.models.supports import RootSpring
 from pipedyn.models.terms import (
+    AddedMass,
     CubicSpring,
     Damper,
     Foundation,
     PointMass,
     Spring,
     Stop,
+    Stretching,
     Tension,
     Term,
     Viscosity,
@@ -76,6 +79,7 @@ from pipedyn.motion.simulate import (
 __version__ = "0.1.0"
 
 __all__ = [
+    "AddedMass",
     "Attractor",
     "BifurcationDiagram",
     "BranchPoint",
@@ -128,6 +132,7 @@ __all__ = [
     "PipedynError",
     "PointMass",
     "Power",
+    "Profile",
     "Pulsation",
     "Relevance",
     "Resonance",
@@ -138,6 +143,7 @@ __all__ = [
     "Spring",
     "StabilityCurve",
     "Stop",
+    "Stretching",
     "Tension",
     "Term",
     "Trade",

@@ -24,6 +24,7 @@ __all__: list[str] = [
     "Pair",
     "Pairs",
     "Pipe",
+    "Profile",
     "Range",
     "RootLoci",
     "Scene",
@@ -39,6 +40,21 @@ __all__: list[str] = [
     "vector_level",
     "vector_levels",
 ]
+
+class Profile:
+    def __call__(
+        self, s: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"]
+    ) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, 1]"]: ...
+    @typing.overload
+    def __init__(self) -> None: ...
+    @typing.overload
+    def __init__(
+        self,
+        ends: collections.abc.Sequence[typing.SupportsFloat | typing.SupportsIndex],
+        series: collections.abc.Sequence[
+            collections.abc.Sequence[typing.SupportsFloat | typing.SupportsIndex]
+        ],
+    ) -> None: ...
 
 class Pipe:
     def __init__(
@@ -61,6 +77,8 @@ class Pipe:
         supports: collections.abc.Sequence[typing.SupportsFloat | typing.SupportsIndex] = [],
         inflow_share: typing.SupportsFloat | typing.SupportsIndex = 1.0,
         jet_angle: typing.SupportsFloat | typing.SupportsIndex = 0.0,
+        stiffness: Profile = ...,
+        mass: Profile = ...,
     ) -> None: ...
     @property
     def resisted(self) -> bool: ...
@@ -91,6 +109,7 @@ class Chain:
         spring: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"],
         drag_point: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"],
         base: typing.SupportsFloat | typing.SupportsIndex,
+        mass: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"] = ...,
     ) -> None: ...
     def energy(
         self, y: typing.Any, drive: typing.Any = None
@@ -111,6 +130,7 @@ class Chain:
         velocity: typing.SupportsFloat | typing.SupportsIndex = 0.0,
         flux: typing.SupportsFloat | typing.SupportsIndex = 0.0,
         gravity: typing.SupportsFloat | typing.SupportsIndex = 0.0,
+        by_damping: typing.SupportsFloat | typing.SupportsIndex = 0.0,
         unsteady: typing.SupportsFloat | typing.SupportsIndex = 0.0,
     ) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"]: ...
     def loads(
@@ -135,6 +155,8 @@ class Chain:
     def rhs_and_power(
         self, t: typing.Any, y: typing.Any, u: typing.Any, drive: typing.Any = None
     ) -> numpy.typing.NDArray[numpy.float64]: ...
+    @property
+    def joints(self) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"]: ...
 
 class Galerkin:
     def __init__(
@@ -151,6 +173,7 @@ class Galerkin:
         s: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"],
         derivative: typing.SupportsInt | typing.SupportsIndex,
     ) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"]: ...
+    def elastic(self) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"]: ...
     def elastic_stiffness(
         self,
     ) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, 1]"]: ...
@@ -158,6 +181,7 @@ class Galerkin:
         self, y: typing.Any, drive: typing.Any = None
     ) -> float | numpy.typing.NDArray[numpy.float64]: ...
     def functions_by_panel(self) -> list[list[int]]: ...
+    def held(self, y: typing.Any) -> numpy.typing.NDArray[numpy.float64]: ...
     def jacobian(
         self, t: typing.Any, y: typing.Any, u: typing.Any, drive: typing.Any = None
     ) -> numpy.typing.NDArray[numpy.float64]: ...
@@ -184,6 +208,8 @@ class Galerkin:
         self, t: typing.Any, y: typing.Any, u: typing.Any, drive: typing.Any = None
     ) -> numpy.typing.NDArray[numpy.float64]: ...
     def tips(self, y: typing.Any) -> numpy.typing.NDArray[numpy.float64]: ...
+    @property
+    def supports(self) -> int: ...
 
 class Pair:
     @property
@@ -391,6 +417,8 @@ class Complement:
     def spread(
         self, z: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, n]"]
     ) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"]: ...
+    @property
+    def dof(self) -> int: ...
 
 class ChainSpectrum(Eigenproblem):
     def __init__(
@@ -424,15 +452,10 @@ class Scene:
         inertia: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, n]"],
         held: collections.abc.Sequence[typing.SupportsInt | typing.SupportsIndex],
         value: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"],
+        mass: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"] = ...,
     ) -> None: ...
     def bodies(self) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"]: ...
-    def energy(
-        self, y: typing.Any, drive: typing.Any = None
-    ) -> float | numpy.typing.NDArray[numpy.float64]: ...
-    def from_angles(
-        self, theta: typing.Any, omega: typing.Any
-    ) -> numpy.typing.NDArray[numpy.float64]: ...
-    def jacobian(
+    def derivative(
         self,
         y: typing.Any,
         u: typing.Any,
@@ -440,6 +463,15 @@ class Scene:
         by_state: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, n]"] = ...,
         returns: bool = True,
         drive: typing.Any = None,
+    ) -> numpy.typing.NDArray[numpy.float64]: ...
+    def energy(
+        self, y: typing.Any, drive: typing.Any = None
+    ) -> float | numpy.typing.NDArray[numpy.float64]: ...
+    def from_angles(
+        self, theta: typing.Any, omega: typing.Any
+    ) -> numpy.typing.NDArray[numpy.float64]: ...
+    def jacobian(
+        self, t: typing.Any, y: typing.Any, u: typing.Any, drive: typing.Any = None
     ) -> numpy.typing.NDArray[numpy.float64]: ...
     def power(
         self, y: typing.Any, u: typing.Any, drive: typing.Any = None
@@ -459,7 +491,19 @@ class Scene:
         typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"],
         typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, 1]"],
     ]: ...
-    def rhs(
+    def redundant_energy(
+        self, y: typing.Any, drive: typing.Any = None
+    ) -> float | numpy.typing.NDArray[numpy.float64]: ...
+    def redundant_power(
+        self, y: typing.Any, u: typing.Any, drive: typing.Any = None
+    ) -> tuple[
+        float | numpy.typing.NDArray[numpy.float64],
+        float | numpy.typing.NDArray[numpy.float64],
+        float | numpy.typing.NDArray[numpy.float64],
+        float | numpy.typing.NDArray[numpy.float64],
+        float | numpy.typing.NDArray[numpy.float64],
+    ]: ...
+    def redundant_rhs(
         self,
         t: typing.Any,
         y: typing.Any,
@@ -467,12 +511,20 @@ class Scene:
         moments: typing.Any = None,
         drive: typing.Any = None,
     ) -> numpy.typing.NDArray[numpy.float64]: ...
+    def rhs(
+        self, t: typing.Any, y: typing.Any, u: typing.Any, drive: typing.Any = None
+    ) -> numpy.typing.NDArray[numpy.float64]: ...
+    @typing.overload
+    def rhs_and_power(
+        self, t: typing.Any, y: typing.Any, u: typing.Any, drive: typing.Any = None
+    ) -> numpy.typing.NDArray[numpy.float64]: ...
+    @typing.overload
     def rhs_and_power(
         self,
         t: typing.Any,
         y: typing.Any,
         u: typing.Any,
-        moments: typing.Any = None,
+        moments: typing.Any,
         drive: typing.Any = None,
     ) -> numpy.typing.NDArray[numpy.float64]: ...
     def solve(

@@ -59,18 +59,34 @@ std::vector<LoadMoments> loads_at(const MotionModel& model, const Vector& sine,
 }  // namespace
 
 Chain::Chain(const Pipe& pipe, Segments segments) : pipe_(pipe), segments_(std::move(segments)) {
-  auto& [l, chi, eta, spring, xi, base, damping, rest_moment] = segments_;
+  auto& [l, chi, eta, spring, xi, base, damping, rest_moment, mass] = segments_;
   const Index n = dof();
+  const Index joints = n + (pipe_.is_guided() ? 1 : 0);
+  damped_springs_ = spring;
   if (damping.size() == 0) damping = pipe_.damping * spring;
-  if (rest_moment.size() == 0) rest_moment = Vector::Zero(spring.size());
-  held_.resize(static_cast<std::size_t>(n));
-  if (n < 1 || chi.size() != n || eta.size() != n || spring.size() != n || xi.size() != n ||
-      damping.size() != n || rest_moment.size() != n) {
-    throw std::invalid_argument("segments must have one entry a segment in every array");
+  if (rest_moment.size() == 0) rest_moment = Vector::Zero(n);
+  if (mass.size() == 0) mass = l;
+  if (n < 1 || chi.size() != n || eta.size() != n || xi.size() != n || rest_moment.size() != n ||
+      mass.size() != n || spring.size() != joints || damping.size() != joints) {
+    throw std::invalid_argument("segments must have one entry a segment in every array" +
+                                std::string(joints > n ? ", and one more joint" : ""));
   }
-  Vector masses = l;
-  const auto add_mass = [&](Index j, double arm, double mass) {
-    const double own = masses[j], total = own + mass, share = mass / total;
+  if (pipe_.is_guided()) {
+    end_spring_ = spring[n];
+    end_damping_ = damping[n];
+    for (Vector* const of : {&spring, &damping, &damped_springs_}) of->conservativeResize(n);
+  }
+  held_.resize(static_cast<std::size_t>(n));
+  if (std::isfinite(pipe_.root)) {
+    const double share = pipe_.root > 0.0 ? pipe_.root / (pipe_.root + spring[0]) : 0.0;
+    spring[0] *= share;  // of both in series
+    rest_moment[0] *= share;
+    damping[0] *= share * share;
+    damped_springs_[0] *= share * share;
+  }
+  Vector masses = mass, across_alone = Vector::Zero(n);
+  const auto add_mass = [&](Index j, double arm, double added) {
+    const double own = masses[j], total = own + added, share = added / total;
     const double apart = arm - chi[j] * l[j];
     eta[j] = std::sqrt(own / total * (eta[j] * eta[j] + share * apart * apart));
     chi[j] += share * apart / l[j];
@@ -79,35 +95,41 @@ Chain::Chain(const Pipe& pipe, Segments segments) : pipe_(pipe), segments_(std::
   for_each_place(pipe_.terms, l, base,
                  [&](const auto& law, const Term& term, Index j, double arm, double weight) {
                    if (law.mass() != 0.0) add_mass(j, arm, weight * law.mass());
+                   across_alone[j] += weight * law.normal_mass();
                    if (law.loads) loads_.push_back({j, arm, weight, term});
                  });
   std::stable_sort(
       loads_.begin(), loads_.end(),
       [](const SegmentTerm& one, const SegmentTerm& other) { return one.segment < other.segment; });
-  damped_ = (damping.array() != 0.0).any();
+  damped_ = (damping.array() != 0.0).any() || end_damping_ != 0.0;
   bent_ = (rest_moment.array() != 0.0).any();
   links_.resize(static_cast<std::size_t>(n));
   first_moment_.resize(n);
   double beyond = 0.0;
   for (Index j = n - 1; j >= 0; --j) {
-    const double mass = masses[j], arm = chi[j] * l[j], rest = l[j] - arm, square = eta[j] * eta[j];
-    const double inertia = mass * (arm * arm + square);
-    first_moment_[j] = l[j] * (beyond + mass * chi[j]);
-    links_[static_cast<std::size_t>(j)] = {.length = l[j],
-                                           .length_square = l[j] * l[j],
-                                           .mass = mass,
-                                           .first_moment = mass * arm,
-                                           .inertia = inertia,
-                                           .end_inertia = mass * (rest * rest + square),
-                                           .own_inertia = mass * mass * eta[j] * eta[j],
-                                           .exchange = mass * (square - arm * rest),
-                                           .spring = spring[j],
-                                           .damping = damping[j],
-                                           .rest_moment = rest_moment[j],
-                                           .drag_arm = xi[j] * l[j],
-                                           .drag = pipe_.drag * l[j],
-                                           .weight = pipe_.gamma * first_moment_[j]};
-    beyond += mass;
+    const double own = masses[j], arm = chi[j] * l[j], rest = l[j] - arm, square = eta[j] * eta[j];
+    const double inertia = own * (arm * arm + square);
+    // What moves across alone is homogeneous; across the segment it is one body with the rest.
+    const double more = across_alone[j], apart = arm - 0.5 * l[j], twelfth = l[j] * l[j] / 12.0;
+    const double about_centres = own * (square + apart * apart) + (own + more) * twelfth;
+    first_moment_[j] = l[j] * (beyond + own * chi[j]);
+    links_[static_cast<std::size_t>(j)] = {
+        .length = l[j],
+        .length_square = l[j] * l[j],
+        .mass = own,
+        .added = more,
+        .first_moment = own * arm + 0.5 * l[j] * more,
+        .inertia = inertia + 4.0 * twelfth * more,
+        .end_inertia = own * (rest * rest + square) + 4.0 * twelfth * more,
+        .own_inertia = own * own * eta[j] * eta[j] + more * about_centres,
+        .exchange = own * (square - arm * rest) - 2.0 * twelfth * more,
+        .spring = spring[j],
+        .damping = damping[j],
+        .rest_moment = rest_moment[j],
+        .drag_arm = xi[j] * l[j],
+        .drag = pipe_.drag * l[j],
+        .weight = pipe_.gamma * first_moment_[j]};
+    beyond += own;
   }
   linearise();
 }
@@ -123,7 +145,7 @@ void Chain::linearise() {
     ImpedanceSegment& made = impedances_[static_cast<std::size_t>(j)];
     made = {.length = link.length,
             .joint = {link.spring, link.damping, 0.0},
-            .force = {0.0, 0.0, link.mass},
+            .force = {0.0, 0.0, link.mass + link.added},
             .across = {0.0, 0.0, link.first_moment},
             .turned = {0.0, 0.0, link.first_moment},
             .moment = {link.weight, 0.0, link.inertia},
@@ -132,6 +154,12 @@ void Chain::linearise() {
             .held = held_[static_cast<std::size_t>(j)],
             .loaded = false,
             .repeats = false};
+    if (j == n - 1) {
+      made.moment.still += end_spring_;
+      made.moment.rate += end_damping_;
+      made.moment_size += end_spring_;
+      made.loaded = end_damping_ != 0.0;
+    }
     if (sums.empty()) continue;
     const auto& [load, slopes] = sums[static_cast<std::size_t>(j)];
     const double pulled = link.length * tension + load[1][1] - slopes[1].by_angle[0];
@@ -161,7 +189,8 @@ ImpedanceModel Chain::impedance() const {
           .size = dof(),
           .coriolis = pipe_.direction() * pipe_.sqrt_beta(),
           .entry = pipe_.entry(),
-          .thrust = pipe_.centrifugal * std::cos(pipe_.jet_angle)};
+          .thrust = pipe_.centrifugal * std::cos(pipe_.jet_angle),
+          .guided = pipe_.is_guided()};
 }
 
 Matrix Chain::held_rows(const Vector& scale) const {
@@ -184,7 +213,7 @@ Matrix Chain::held_rows(const Vector& scale) const {
 
 Chain Chain::coarser(Index segments) const {
   // Cut where length and compliance together have grown by equal parts.
-  const auto& [l, chi, eta, spring, xi, base, own_damping, rest_moment] = segments_;
+  const auto& [l, chi, eta, spring, xi, base, own_damping, rest_moment, own_mass] = segments_;
   const Index n = dof();
   const Vector soft = spring.cwiseMax(1e-6 * spring.mean() + 1e-300).cwiseInverse();
   const Vector measure = l / l.sum() + soft / soft.sum();
@@ -210,31 +239,40 @@ Chain Chain::coarser(Index segments) const {
                   .spring = Vector::Zero(groups),
                   .drag_point = Vector::Constant(groups, 0.5),
                   .base = base};
-  Vector compliance = Vector::Zero(groups), loss = compliance;  // of 1 / (k + c lambda)
+  joined.mass = Vector::Zero(groups);
+  // Of 1 / (k + c lambda), the joint of a guided end among them.
+  const bool guided = pipe_.is_guided();
+  Vector compliance = Vector::Zero(groups + (guided ? 1 : 0)), loss = compliance;
+  const auto add_joint = [&](Index to, double softness, double own) {
+    compliance[to] += softness;
+    loss[to] += own * softness * softness;
+  };
+  if (guided) add_joint(groups, 1.0 / std::max(end_spring_, 1.0 / soft.maxCoeff()), end_damping_);
   for (Index group = 0, j = 0; group < groups; ++group) {
     const Index start = j, end = ends[static_cast<std::size_t>(group)];
     double mass = 0.0, first = 0.0, second = 0.0;  // with powers of the distance from its joint
     double at = 0.0;
     const double length = l.segment(start, end - start).sum();
     for (; j < end; at += l[j], ++j) {
-      const double middle = at + chi[j] * l[j], own = l[j];
+      const double middle = at + chi[j] * l[j], own = own_mass[j];
       mass += own;
       first += own * middle;
       second += own * (middle * middle + eta[j] * eta[j]);
       // A joint beyond the middle moves what follows; beyond the last group's nothing does.
       const Index nearest = at <= 0.5 * length ? group : group + 1;
-      if (nearest == groups) continue;
-      compliance[nearest] += soft[j];
-      loss[nearest] += own_damping[j] * soft[j] * soft[j];
+      if (nearest < compliance.size()) add_joint(nearest, soft[j], own_damping[j]);
     }
     const double centre = first / mass;
     joined.length[group] = length;
+    joined.mass[group] = mass;
     joined.center[group] = centre / length;
     joined.gyration_radius[group] = std::sqrt(std::max(second / mass - centre * centre, 0.0));
   }
   joined.spring = compliance.cwiseInverse();
   joined.damping = loss.cwiseProduct(joined.spring.cwiseAbs2());
-  return Chain(pipe_, std::move(joined)).guided(std::move(held_ends));
+  Pipe clamped = pipe_;  // what a root adds to the first joint is in it
+  clamped.root = std::numeric_limits<double>::infinity();
+  return Chain(clamped, std::move(joined)).guided(std::move(held_ends));
 }
 
 Operators Chain::operators(const Vector& angles) const {
@@ -249,8 +287,10 @@ Operators Chain::operators(const Vector& angles) const {
     return cosine[k] * cosine[i] + sine[k] * sine[i];
   };
   const double sqrt_beta = pipe_.sqrt_beta(), share = pipe_.inflow_share;
-  const double jet = (angles.size() > 0 ? angles[n - 1] : 0.0) + pipe_.jet_angle;
-  double beyond = 0.0, spring_beyond = 0.0, damping_beyond = 0.0;
+  const bool guided = pipe_.is_guided();
+  const double end = guided || angles.size() == 0 ? 0.0 : angles[n - 1];
+  const double jet = end + pipe_.jet_angle;
+  double beyond = 0.0, spring_beyond = end_spring_, damping_beyond = end_damping_;
   Operators ops(n);
   for (Index k = n - 1; k >= 0; --k) {
     const Link& link = this->link(k);
@@ -268,7 +308,7 @@ Operators Chain::operators(const Vector& angles) const {
     }
     const double thrust = l * (cosine[k] * std::cos(jet) + sine[k] * std::sin(jet));
     ops.flux(k, k) -= thrust;
-    ops.flux(k, n - 1) += thrust;
+    if (!guided) ops.flux(k, n - 1) += thrust;
     const double elastic = link.spring + spring_beyond;
     ops.stiffness(k, k) = elastic + pipe_.gamma * (first_moment_[k] * cosine[k]);
     ops.damping(k, k) = link.damping + damping_beyond;
@@ -280,8 +320,31 @@ Operators Chain::operators(const Vector& angles) const {
     spring_beyond = link.spring;
     damping_beyond = link.damping;
   }
-  if (!loads_.empty()) add_loads(sine, cosine, ops);
+  if (!loads_.empty()) {
+    add_loads(sine, cosine, ops);
+    add_normal_mass(sine, cosine, ops.mass);
+  }
   return ops;
+}
+
+void Chain::add_normal_mass(const Vector& sine, const Vector& cosine, Matrix& mass) const {
+  double beyond[2][2] = {};  // sum of m n n^T of the segments beyond
+  for (Index i = dof() - 1; i >= 0; --i) {
+    const Link& link = this->link(i);
+    const Plane across{cosine[i], -sine[i]}, own = scaled(link.added, across);
+    const Plane moved = plus(scaled(link.length, times(beyond, across)),  // by its rate
+                             scaled(0.5 * link.length, own));
+    for (Index k = 0; k < i; ++k) {
+      const double both = this->link(k).length * dot({cosine[k], -sine[k]}, moved);
+      mass(k, i) += both;
+      mass(i, k) += both;
+    }
+    mass(i, i) += link.length_square * dot(across, times(beyond, across));
+    beyond[0][0] += own.x * across.x;
+    beyond[0][1] += own.x * across.y;
+    beyond[1][0] += own.y * across.x;
+    beyond[1][1] += own.y * across.y;
+  }
 }
 
 void Chain::add_loads(const Vector& sine, const Vector& cosine, Operators& ops) const {
@@ -357,12 +420,14 @@ Matrix Chain::joint_times(const Matrix& x, const LinearPart& part) const {
     out.row(j) = sum(at.across) * place + (sum(at.moment) + own) * angle;
     place += l * angle;
   }
-  Row beyond = thrust * angle - part.velocity * pipe_.entry() * place;
+  out.row(n - 1) += (part.by_damping * end_spring_) * angle;
+  Row beyond = -part.velocity * pipe_.entry() * place;
+  if (!pipe_.is_guided()) beyond += thrust * angle;
   for (Index j = n - 1; j >= 0; --j) {
     const ImpedanceSegment& at = impedances_[static_cast<std::size_t>(j)];
     moment += out.row(j) + at.length * beyond;
     beyond += force.row(j);
-    out.row(j) = moment + sum(at.joint) * x.row(j);
+    out.row(j) = moment + (sum(at.joint) + part.by_damping * damped_springs_[j]) * x.row(j);
   }
   return out;
 }
@@ -372,6 +437,7 @@ Chain Chain::without_forces() const {
   made.pipe_ = Pipe{.centrifugal = 0.0};
   made.loads_.clear();
   made.damped_ = made.bent_ = false;
+  made.end_spring_ = made.end_damping_ = 0.0;
   for (Vector* const of :
        {&made.segments_.spring, &made.segments_.damping, &made.segments_.rest_moment}) {
     of->setZero();
@@ -392,10 +458,21 @@ Chain Chain::guided(std::vector<bool> held) const {
 }
 
 Matrix Chain::bodies() const {
-  Matrix out(dof(), 3);
-  for (Index j = 0; j < dof(); ++j) out(j, 0) = link(j).mass;
+  Matrix out(dof(), 4);
+  for (Index j = 0; j < dof(); ++j) {
+    out(j, 0) = link(j).mass;
+    out(j, 3) = link(j).added;
+  }
   out.col(1) = segments_.center;
   out.col(2) = segments_.gyration_radius;
+  return out;
+}
+
+Matrix Chain::joints() const {
+  const Index n = dof();
+  Matrix out = Matrix::Zero(n + (pipe_.is_guided() ? 1 : 0), 3);
+  out.topRows(n) << segments_.spring, segments_.damping, segments_.rest_moment;
+  if (out.rows() > n) out.row(n) << end_spring_, end_damping_, 0.0;
   return out;
 }
 
@@ -412,13 +489,13 @@ Matrix Chain::loads(const Matrix& stations) const {
   if (stations.rows() != static_cast<Index>(loads_.size()) || stations.cols() != 7) {
     throw std::invalid_argument("stations must have one row of 7 numbers a place");
   }
-  Matrix out(stations.rows(), 2);
+  Matrix out(stations.rows(), 3);
   for (Index i = 0; i < out.rows(); ++i) {
     const auto row = stations.row(i);
     const Station<double> at{row[0], row[1], row[2], row[3], row[4], row[5], row[6]};
     Laws::with(loads_[static_cast<std::size_t>(i)].term, [&](const auto& law) {
       const Load<double> load = law.load(at);
-      out.row(i) << load.x, load.y;
+      out.row(i) << load.x, load.y, load.couple;
     });
   }
   return out;
@@ -435,6 +512,9 @@ MotionModel Chain::motion() const {
                      pipe_.centrifugal * std::sin(pipe_.jet_angle)},
           .damped = damped_,
           .bent = bent_,
+          .guided = pipe_.is_guided(),
+          .end_spring = end_spring_,
+          .end_damping = end_damping_,
           .drag = pipe_.drag != 0.0,
           .loads = loads_.data(),
           .load_count = static_cast<std::ptrdiff_t>(loads_.size())};

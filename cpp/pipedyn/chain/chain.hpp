@@ -26,6 +26,13 @@
 // the joint angles phi, in which the elastic stiffness is diagonal and small eigenvalues survive
 // rounding at any n.
 //
+// How the pipe is held (pipe.hpp): a root's spring k_r lies in series with the first joint, which
+// has 1 / k_1 + 1 / k_r for 1 / k_1 and, to first order in the damping, c_1 = delta k^2 / k_1 with
+// k of both: the root's spring is undamped, and c_1 vanishes beside k_r as n grows. A guided or
+// clamped end keeps the direction of the axis: a joint n + 1 with phi_{n+1} = -theta_n, the mirror
+// image of the clamp's, and a flow that leaves along the axis, so that 0 stands for theta_n in a
+// U^2 l_k (theta_n - theta_k). What holds x of nodes is no part of the chain: modular/scene.hpp.
+//
 // At any amplitude, with c_ki = l_min(k,i) p_max(k,i) (k != i), c_kk = M_kk, t the tangents,
 //   sum_i c_ki (cos(theta_k - theta_i) theta_i'' + sin(theta_k - theta_i) theta_i'^2)
 //     + sqrt(beta) U (l_k^2 theta_k' + 2 sum_{i>k} l_k l_i cos(theta_k - theta_i) theta_i')
@@ -39,10 +46,15 @@
 // solved in O(n). The base, with the clamp, may stand at (X, Y), functions of time: inflow and drag
 // then see its velocity, too.
 //
+// Segments of a pipe whose mass per length varies have masses m_j in place of l_j: sum_{i>k} l_i in
+// M and p_k becomes the mass beyond, while the flow's terms keep the lengths, as the fluid's share
+// does not vary.
+//
 // The terms of the pipe (terms/) act at places of the segments (stations.hpp). A mass on a segment
-// changes the segment's own mass, centre and radius of gyration: sum_{i>k} l_i in M and p_k becomes
-// the mass beyond, while the flow's terms keep the lengths. A load f at an arm a of segment j adds
-// -n_k . f times l_k, k < j, or a, k = j, to row k.
+// changes the segment's own mass, centre and radius of gyration. A load f at an arm a of segment j
+// adds -n_k . f times l_k, k < j, or a, k = j, to row k. Mass that moves across the segments alone
+// adds sum_j m_j (n_j . n_k) (n_j . n_i) l_k l_i, j beyond both, and its own share on the last of
+// them.
 #pragma once
 
 #include <complex>
@@ -59,18 +71,21 @@ struct Segments {
   Vector length;           // l_j; with the base they sum to 1
   Vector center;           // chi_j, centre of mass as a fraction of the length
   Vector gyration_radius;  // eta_j, about the centre of mass
-  Vector spring;           // k_j, joint at the segment's clamped side
-  Vector drag_point;       // xi_j, as a fraction of the length
-  double base = 0.0;       // length of the fixed part at the clamp
-  Vector damping{};        // c_j of the joints; where empty delta k_j
-  Vector rest_moment{};    // k_j psi_j, of joints at rest at the angle psi_j; where empty 0
+  Vector spring;         // k_j, joint at the segment's clamped side; of a guided or clamped end one
+                         // more, of the joint between the last segment and the end
+  Vector drag_point;     // xi_j, as a fraction of the length
+  double base = 0.0;     // length of the fixed part at the clamp
+  Vector damping{};      // c_j of the joints, as many; where empty delta k_j
+  Vector rest_moment{};  // k_j psi_j, of joints at rest at the angle psi_j; where empty 0
+  Vector mass{};         // of each, in the pipe's; where empty its length
 };
 
 /// What multiplies the parts of P: stiffness, damping and inertia, s (gyroscopic + end_flux) and
-/// flux of `Operators`, the derivative of the stiffness by gamma, and s unsteady.
+/// flux of `Operators`, the derivatives of the stiffness by gamma and of the damping by delta, and
+/// s unsteady.
 struct LinearPart {
   double still = 0.0, rate = 0.0, square = 0.0, velocity = 0.0, flux = 0.0, gravity = 0.0;
-  double unsteady = 0.0;
+  double by_damping = 0.0, unsteady = 0.0;
 };
 
 /// Immutable; one chain may serve many threads.
@@ -102,11 +117,15 @@ class Chain {
   /// The same with guides at the ends of those segments that are held (n), in `impedance` alone.
   Chain guided(std::vector<bool> held) const;
 
-  /// The segments with the masses of terms on them: mass, center, gyration_radius (n, 3).
+  /// The segments with the masses of terms on them: mass, center, gyration_radius, and the mass
+  /// that moves across alone (n, 4).
   Matrix bodies() const;
 
   /// The linear problem for the recursion in impedance.hpp; valid as long as the chain is.
   ImpedanceModel impedance() const;
+  /// Spring, damping and moment at rest of each joint, with a root's and a guided end's (joints,
+  /// 3).
+  Matrix joints() const;
   const Vector& springs() const { return segments_.spring; }
   /// Whether two chains have one linear problem without flow.
   bool is_same_at_rest(const Chain& other) const { return impedances_ == other.impedances_; }
@@ -118,7 +137,7 @@ class Chain {
 
   /// The places of the terms' loads: segment from 0, arm, and weight, which a load counts (k, 3).
   Matrix places() const;
-  /// The laws' loads there (k, 2), without the weights, at stations (k, 7) with the columns of
+  /// The laws' loads there (k, 3), without the weights, at stations (k, 7) with the columns of
   /// Station. Throws std::invalid_argument unless there is a station for each place.
   Matrix loads(const Matrix& stations) const;
 
@@ -149,8 +168,10 @@ class Chain {
 
  private:
   Pipe pipe_;
-  Segments segments_;       // centre and radius with the masses of terms
-  Vector first_moment_;     // p_k
+  Segments segments_;      // centre and radius with the masses of terms
+  Vector first_moment_;    // p_k
+  Vector damped_springs_;  // dc_j / ddelta where the joints' damping is the pipe's
+  double end_spring_ = 0.0, end_damping_ = 0.0;
   std::vector<bool> held_;  // see `guided`
   bool damped_, bent_;      // any joint, the second at rest
   std::vector<Link> links_;
@@ -160,6 +181,7 @@ class Chain {
   const Link& link(Index j) const { return links_[static_cast<std::size_t>(j)]; }
   void linearise();
   void add_loads(const Vector& sine, const Vector& cosine, Operators& ops) const;
+  void add_normal_mass(const Vector& sine, const Vector& cosine, Matrix& mass) const;
   MotionModel motion() const;
 };
 

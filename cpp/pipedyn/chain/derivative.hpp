@@ -15,7 +15,8 @@
 // one (2, 2) matrix R_j for all columns. The slopes of the terms' loads by velocity, summed over
 // the places of segment j as V_j and with the arms as V'_j, add -V_j to R_{j-1} and n_j . V'_j /
 // H_j to q_j^T. Their slopes by position do the same in a second pair of R_j and q_j, for the
-// change of position l_m n_m of all beyond by the angle of m. Row m, where all of it changes,
+// change of position l_m n_m of all beyond by the angle of m; those of couples add to the second.
+// Row m, where all of it changes,
 // starts the column. The rows go from the tip to the clamp and back, each over its columns as
 // vectors.
 //
@@ -71,15 +72,16 @@ struct Source {
   double end_t = 0.0, end_n = 0.0;      // change of the follower force
 };
 
-/// What joint j resists a turn with, its angle or its rate; the free end's is none.
+/// What joint j resists a turn with, its angle or its rate; that of the end if it is guided.
 inline double joint(const MotionModel& model, Count j, bool angle) {
-  if (j == model.size) return 0.0;
+  if (j == model.size) return angle ? model.end_spring : model.end_damping;
   return angle ? model.links[j].spring : model.links[j].damping;
 }
 
 Source angle_source(const MotionModel& model, const Kept& here, Count m, double w, double u) {
   const Link& link = model.links[m];
-  const double l = link.length, square = w * w, thrust = m + 1 < model.size ? 0.0 : u * u;
+  const double l = link.length, square = w * w,
+               thrust = m + 1 < model.size || model.guided ? 0.0 : u * u;
   const double force =
       here.tt * (here.at - l * square) + here.tn * (here.an + l * here.acceleration) + here.bt;
   const double speed = model.drag ? std::fabs(here.v) : 0.0;
@@ -105,9 +107,11 @@ Source rate_source(const MotionModel& model, const Kept& here, Count m, double w
           .v_n = l};
 }
 
-/// Adds the change of the loads on a segment itself, with the rate w, by its angle or its rate.
-void add_loads_to(Source& source, const LoadMoments& loads, const Frame& frame, bool angle,
-                  double w) {
+/// Adds the change of the loads on a segment itself, with the rate w, by its angle or its rate, and
+/// of the inertia of mass that moves across it alone.
+void add_loads_to(Source& source, const MotionModel& model, const Link& link, const Kept& here,
+                  const LoadMoments& loads, const Frame& frame, bool angle, double w) {
+  const double first_moment = 0.5 * link.length * link.added;
   const Plane by = angle ? Plane{-w * frame.t.x, -w * frame.t.y} : frame.n;  // velocity by the arm
   Plane force = times(loads.slopes[1].by_velocity, by);
   Plane about = times(loads.slopes[2].by_velocity, by);
@@ -117,7 +121,18 @@ void add_loads_to(Source& source, const LoadMoments& loads, const Frame& frame, 
     force = plus(force, plane(loads.slopes[0].by_angle));
     about = plus(about, plane(loads.slopes[1].by_angle));
     source.moment -= dot(frame.t, plane(loads.load[1]));
+    source.moment += loads.slopes[0].couple_by_angle;
+    // The acceleration of the joint, without the clamp's that stands for gravity.
+    const double at = here.at + model.gravity * frame.t.y, an = here.an + model.gravity * frame.n.y;
+    source.force_t -= link.added * an;
+    source.force_n -= link.added * at - first_moment * w * w;
+    source.moment += first_moment * (at - here.at);
+  } else {
+    source.force_t += 2.0 * first_moment * w;
+    force = plus(force, plane(loads.slopes[0].by_rate));
+    about = plus(about, plane(loads.slopes[1].by_rate));
   }
+  source.moment += dot(plane(loads.slopes[1].couple_by_velocity), by);
   source.force_t -= dot(frame.t, force);
   source.force_n -= dot(frame.n, force);
   source.moment += dot(frame.n, about);
@@ -130,9 +145,8 @@ struct Response {
   /// Goes one segment nearer to the clamp and gives the answer q of its row. drag: r_j, and arm
   /// that of the drag; slope and moment: of the terms' loads.
   Plane pass(const Frame& frame, double l, double inverse, const Plane& c, double drag, double arm,
-             const double (&slope)[2][2], const double (&moment)[2][2]) {
+             const double (&slope)[2][2], const Plane& loads) {
     const Plane across = frame.n, beyond = transposed_times(rows, across);
-    const Plane loads = transposed_times(moment, across);
     const double own = arm * drag;
     const Plane q{-(l * beyond.x + own * across.x - loads.x) * inverse,
                   -(l * beyond.y + own * across.y - loads.y) * inverse};
@@ -178,6 +192,14 @@ struct Linearised {
   }
   bool loaded() const { return model.load_count > 0; }
   Frame frame(Count k) const { return Frame(sine[k], cosine[k]); }
+  /// Change of the loads' moment on a segment by the velocity of its joint, or by its position.
+  Plane moment_by_velocity(Count k) const {
+    const Slopes(&of)[3] = loads[k].slopes;
+    return plus(transposed_times(of[1].by_velocity, frame(k).n), plane(of[0].couple_by_velocity));
+  }
+  Plane moment_by_position(Count k) const {
+    return transposed_times(loads[k].slopes[1].by_position, frame(k).n);
+  }
   double drag_slope(Count k) const {
     return model.drag ? 2.0 * model.links[k].drag * std::fabs(kept[k].v) : 0.0;
   }
@@ -185,7 +207,9 @@ struct Linearised {
   Source source(Count k, bool angle) const {
     Source found = angle ? angle_source(model, kept[k], k, rates[k], u)
                          : rate_source(model, kept[k], k, rates[k], u);
-    if (loaded()) add_loads_to(found, loads[k], frame(k), angle, rates[k]);
+    if (loaded()) {
+      add_loads_to(found, model, model.links[k], kept[k], loads[k], frame(k), angle, rates[k]);
+    }
     if (angle && slopes != nullptr) found.moment += slopes[k];
     if (angle) found.force_n += push * model.links[k].length;
     return found;
@@ -280,10 +304,11 @@ void columns_inward(const Linearised& about, const Columns& columns, double* out
     if (!model.resists()) continue;
     const LoadMoments& sums = loaded ? about.loads[k] : none;
     columns.answer[k] = by_velocity.pass(frame, l, inverse, c, about.drag_slope(k), link.drag_arm,
-                                         sums.slopes[0].by_velocity, sums.slopes[1].by_velocity);
+                                         sums.slopes[0].by_velocity,
+                                         loaded ? about.moment_by_velocity(k) : Plane{0.0, 0.0});
     if (!loaded) continue;
     columns.position_answer[k] = by_position.pass(
-        frame, l, inverse, c, 0.0, 0.0, sums.slopes[0].by_position, sums.slopes[1].by_position);
+        frame, l, inverse, c, 0.0, 0.0, sums.slopes[0].by_position, about.moment_by_position(k));
   }
 }
 

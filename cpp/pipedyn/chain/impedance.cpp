@@ -118,6 +118,14 @@ struct Impedance {
   Lanes a, b, c, d;
 };
 
+/// Beyond the last segment.
+inline Impedance end_impedance(const ImpedanceModel& model, const Problem& problem) {
+  Impedance end;
+  end.a = -problem.entry * problem.powers.one;
+  if (model.guided) end.b.re -= problem.thrust;
+  return end;
+}
+
 /// What eliminates a segment, or its derivative.
 struct Step {
   Lanes r, w, h, p;
@@ -175,8 +183,7 @@ void log_derivative(const ImpedanceModel& model, const ImpedancePoints& points, 
   for (Count first = 0; first < points.count; first += width) {
     const Lanes lambda = taken(points, first);
     const Problem problem(model, lambda, points.u);
-    Impedance at, by;  // and its derivative by lambda
-    at.a = -problem.entry * lambda;
+    Impedance at = end_impedance(model, problem), by;  // and its derivative by lambda
     by.a.re = all<Pack>(-problem.entry);
     Lanes sum;
     for (Count k = 0; k < points.roots; k += 2) {  // one division for two
@@ -287,8 +294,7 @@ void pairs(const ImpedanceModel& model, const ImpedancePoints& points, const Imp
   Turned* const turned_by = reinterpret_cast<Turned*>(segments + n);
   for (Count first = 0; first < points.count; first += width) {
     const Problem problem(model, taken(points, first), points.u);
-    Impedance at;
-    at.a = -problem.entry * problem.powers.one;
+    Impedance at = end_impedance(model, problem);
     LoadBeyond load, dual;
     double weight = 0.5;  // of the load on a joint
     Coefficients<Lanes> own;
@@ -397,6 +403,10 @@ void pairs(const ImpedanceModel& model, const ImpedancePoints& points, const Imp
       force_before = force;
       if (out.right != nullptr) put(out.right + 2 * j * points.count, points, first, x.turn);
       if (out.left != nullptr) put(out.left + 2 * j * points.count, points, first, y.turn);
+    }
+    if (model.guided) {
+      pressed += Lanes{} - y.end * x.angle;
+      entries += std::fabs(problem.thrust) * (size_of(y.end) * size_of(x.angle));
     }
     if (problem.entry != 0.0) {
       const double share = -model.entry / model.coriolis;

@@ -6,7 +6,8 @@
 //   theta_j - theta_{j-1} - phi_j = 0,   w_j - w_{j-1} - l_j theta_j = 0,
 //   e k_j phi_j - e k_{j+1} phi_{j+1} + g_j theta_j + f_j w_{j-1} + l_j Q_j = 0   (row j of P),
 //   Q_{j-1} = Q_j + z_j w_{j-1} + t_j theta_j + a U^2 phi_j,
-//   Q_n = -(1 - c) sqrt(beta) U lambda w_n,
+//   Q_n = -(1 - c) sqrt(beta) U lambda w_n, less a U^2 theta_n where the end is guided, with the
+//   spring of its joint in g_n,
 // e k_j being k_j + c_j lambda. No entry is a difference of nearly equal numbers; beyond a joint
 // that nothing holds all is of the order of lambda, with all its digits. What lies beyond
 // segment j answers a motion of its end by Q_j = A w_j + B theta_j and -e k_{j+1} phi_{j+1} = C w_j
@@ -57,6 +58,7 @@ struct ImpedanceModel {
   double coriolis;      // sqrt(beta) s
   double entry;         // (1 - c) sqrt(beta) s
   double thrust;        // a cos psi, a for short
+  bool guided;          // whether the end keeps its direction
 };
 
 /// Values of lambda at one speed u, and roots known; count and roots entries in each array.

@@ -4,10 +4,11 @@
 // PIPEDYN_WIDTH set.
 //
 // Energy: kinetic + sum k_j phi_j (phi_j / 2 - psi_j) + gamma sum p_j (1 - cos theta_j). Power,
-// with the velocity v of the free end and v_j of the drag points: flow -c sqrt(beta) U |v|^2 - a
-// U^2 (cos psi t_n + sin psi n_n) . v, joints -sum c_j phi_j'^2, drag -kappa sum l_j |v_j|^3. To
-// both come the terms', as their laws say. A change of speed adds -sqrt(beta) U' sum l_j t_j . r_j'
-// to the flow's.
+// with the velocity v of the end and v_j of the drag points: flow -c sqrt(beta) U |v|^2 - a U^2
+// (cos psi t_n + sin psi n_n) . v, joints -sum c_j phi_j'^2, drag -kappa sum l_j |v_j|^3. Where the
+// end is guided its joint counts, with phi_{n+1} = -theta_n, and the axis stands for segment n in
+// the direction of the jet. To both come the terms', as their laws say. A change of speed adds
+// -sqrt(beta) U' sum l_j t_j . r_j' to the flow's.
 //
 // Where the base moves the energy is that in its frame, but for the terms', which stand on the
 // ground, and v and r_j' are about it; of the flow the part -(1 - c) sees the whole velocity. With
@@ -58,7 +59,7 @@ void energy_of(const MotionModel& model, const Members<Real>& members, const Swe
       [&](Count j, const Real& along, const Real& across, const Real& w) {
         const Link& link = model.links[j];
         const Real turn = sweep.at(sweep.turn, j);
-        twice += link.mass * (along * along + across * across);
+        twice += link.mass * (along * along + across * across) + link.added * (across * across);
         twice += w * (2.0 * link.first_moment * across + link.inertia * w);
         twice += turn * (link.spring * turn - 2.0 * link.rest_moment);
       },
@@ -67,6 +68,8 @@ void energy_of(const MotionModel& model, const Members<Real>& members, const Swe
     twice += (2.0 * place.weight) * law.energy(at);
   };
   for_each_load(model, sweep, members.drive(), add);
+  const Real angle = members.row(n - 1);
+  twice += model.end_spring * (angle * angle);
   members.set_row(out, 0, 0.5 * twice);
 }
 
@@ -92,11 +95,13 @@ void power_of(const MotionModel& model, const Members<Real>& members, const Swee
       },
       vt, vn);
   const LoadPower<Real> parts = add_loads(model, members, sweep);
-  const Real u = members.speed();
+  const Real u = members.speed(), end_rate = sweep.at(sweep.rate, n - 1);
+  joints -= model.end_damping * (end_rate * end_rate);
+  const Thrust<Real> thrust(model, members);
   const Real along = vt - parts.base_along, across = vn - parts.base_across;  // about the base
-  const Real entry = model.entry * u, own = (model.entry - model.coriolis) * u, square = u * u;
-  const Real flow = (own * along + entry * parts.base_along - square * model.thrust[0]) * along +
-                    (own * across + entry * parts.base_across - square * model.thrust[1]) * across;
+  const Real entry = model.entry * u, own = (model.entry - model.coriolis) * u;
+  const Real flow = (own * along + entry * parts.base_along - thrust.along) * along +
+                    (own * across + entry * parts.base_across - thrust.across) * across;
   members.set_row(out, 0, Real(flow + parts.flow));
   members.set_row(out, 1, joints);
   members.set_row(out, 2, drag);

@@ -12,11 +12,12 @@
 namespace pipedyn {
 
 /// One segment as the recursion reads it; l, xi, k, c, k psi as in Segments, and with the masses of
-/// the pipe's terms that are on it: m (l without any), the centre of mass chi and the radius eta.
+/// the pipe's terms that are on it: m, the centre of mass chi and the radius eta.
 struct Link {
   double length;         // l
   double length_square;  // l^2
   double mass;           // m
+  double added;          // mass besides that moves across the segment alone, chi l
   double first_moment;   // m chi l, about the joint
   double inertia;        // m (chi^2 l^2 + eta^2), about the joint
   double end_inertia;    // m ((1 - chi)^2 l^2 + eta^2), about the other end
@@ -41,14 +42,17 @@ struct SegmentTerm {
 /// What the kernels read of a chain and its pipe.
 struct MotionModel {
   const Link* links;
-  std::ptrdiff_t size;       // n
-  double base;               // length of the fixed part at the clamp
-  double gravity;            // gamma
-  double coriolis;           // sqrt(beta) s
-  double entry;              // (1 - c) sqrt(beta) s
-  double thrust[2];          // a cos psi along and a sin psi across the last segment
-  bool damped;               // some joint is
-  bool bent;                 // some joint is bent at rest
+  std::ptrdiff_t size;  // n
+  double base;          // length of the fixed part at the clamp
+  double gravity;       // gamma
+  double coriolis;      // sqrt(beta) s
+  double entry;         // (1 - c) sqrt(beta) s
+  double thrust[2];     // a cos psi along and a sin psi across the last segment
+  bool damped;          // some joint is
+  bool bent;            // some joint is bent at rest
+  bool guided;          // the end keeps the direction of the axis
+  double end_spring;    // k and c of the joint between it and the last segment
+  double end_damping;
   bool drag;                 // kappa > 0
   const SegmentTerm* loads;  // from the clamp on
   std::ptrdiff_t load_count;

@@ -10,8 +10,8 @@
 //   m_j = m_{j-1} + g_j x2_j + e_j,
 // e_j by b alone. All beyond node j answers with a force and with the moment of joint j + 1,
 //   f_j = Z_j m_j + z_j x2_j + f0_j,   k_j = K_j m_j + s_j x2_j + k0_j,
-// f_n by the follower force and the entering flow alone, k_n = 0. Segment j's moments about its
-// joint then give
+// f_n by the follower force and the entering flow alone, k_n by the joint of a guided end alone.
+// Segment j's moments about its joint then give
 //   x2_j = X_j m_{j-1} + (c_j / D_j) x2_{j-1} + x0_j,   c_j = spring_j / mu + damping_j,
 //   D_j = c_j + R_j,
 // R_j of everything but its own joint; so one segment nearer to the clamp
@@ -86,6 +86,7 @@ struct ShiftedFactors {
 
 /// Derivative of the follower force by the angle of the last segment, with the normal n.
 inline Plane turned_thrust(const MotionModel& model, double u, const Plane& n) {
+  if (model.guided) return {0.0, 0.0};
   return plus(scaled(model.thrust[0] * u * u, n), scaled(model.thrust[1] * u * u, {n.y, -n.x}));
 }
 
@@ -103,6 +104,7 @@ void factorise_shifted(const Linearised& about, const ShiftedFactors<size>& out)
   }
   at_rate[0] = end.x * inverse_mu;
   at_rate[1] = end.y * inverse_mu;
+  moment_at_rate = zero - (model.end_spring * inverse_mu + model.end_damping);
   for (Count j = n - 1; j >= 0; --j) {
     const pipedyn::Link& link = model.links[j];
     const Frame frame = about.frame(j);
@@ -139,20 +141,28 @@ void factorise_shifted(const Linearised& about, const ShiftedFactors<size>& out)
     here.inverse = ::inverse(here.joint + rest);
     here.follow = here.joint * here.inverse;
 
-    double force_own[2][size] = {{link.mass, 0.0}, {0.0, link.mass}};
+    const Plane added = scaled(link.added, frame.n);  // across alone
+    double force_own[2][size] = {{link.mass + added.x * frame.n.x, added.x * frame.n.y},
+                                 {added.y * frame.n.x, link.mass + added.y * frame.n.y}};
     double moment_own[size] = {here.lever * arm.x, here.lever * arm.y};
     if constexpr (size == 6) {
       const double drag = about.drag_slope(j), n[2] = {frame.n.x, frame.n.y};
-      const LoadMoments none{}, &loads = about.loaded() ? about.loads[j] : none;
+      const bool loaded = about.loaded();
+      const LoadMoments none{}, &loads = loaded ? about.loads[j] : none;
+      const Plane zero_moment{0.0, 0.0};
+      const Plane by_velocity = loaded ? about.moment_by_velocity(j) : zero_moment;
+      const Plane by_position = loaded ? about.moment_by_position(j) : zero_moment;
       for (int i = 0; i < 2; ++i) {
         for (int k = 0; k < 2; ++k) {
           force_own[i][2 + k] = drag * n[i] * n[k] - loads.slopes[0].by_velocity[i][k];
           force_own[i][4 + k] = -loads.slopes[0].by_position[i][k];
-          moment_own[2 + k] -= n[i] * loads.slopes[1].by_velocity[i][k];
-          moment_own[4 + k] -= n[i] * loads.slopes[1].by_position[i][k];
         }
         moment_own[2 + i] += link.drag_arm * drag * n[i];
       }
+      moment_own[2] -= by_velocity.x;
+      moment_own[3] -= by_velocity.y;
+      moment_own[4] -= by_position.x;
+      moment_own[5] -= by_position.y;
     }
     for (Count i = 0; i < size; ++i) {
       here.force_by[0][i] = force[0][i];
@@ -179,7 +189,7 @@ void solve_shifted(const MotionModel& model, double u, const ShiftedFactors<size
   const Complex inverse_mu = *factors.inverse, zero = 0.0 * inverse_mu;
   Complex e[size], angle = inverse_mu * read_shifted(x, n - 1, pass);
   const Plane end = turned_thrust(model, u, factors.segments[n - 1].normal);
-  Complex fx = end.x * angle, fy = end.y * angle, moment = zero;
+  Complex fx = end.x * angle, fy = end.y * angle, moment = (-model.end_spring) * angle;
   for (Count j = n - 1; j >= 0; --j) {
     const ShiftedSegment<size>& here = factors.segments[j];
     const Complex rate = read_shifted(x, n + j, pass);

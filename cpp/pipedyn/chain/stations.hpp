@@ -100,7 +100,10 @@ inline void add(Slopes& sum, double weight, const Slopes& more) {
       sum.by_velocity[i][k] += weight * more.by_velocity[i][k];
     }
     sum.by_angle[i] += weight * more.by_angle[i];
+    sum.by_rate[i] += weight * more.by_rate[i];
+    sum.couple_by_velocity[i] += weight * more.couple_by_velocity[i];
   }
+  sum.couple_by_angle += weight * more.couple_by_angle;
 }
 
 /// The moments of each segment of a chain in a state, given by sines, cosines and rates (or null,

@@ -8,7 +8,8 @@
 //   a_j = a_{j-1} + l_j (theta_j'' n_j - w_j^2 t_j),   a_0 = -gamma (0, 1).
 // All beyond node j answers a_j with the force A_j a_j + b_j, A_j symmetric (2, 2), A_n = 0,
 // b_n = a U^2 (cos psi t_n + sin psi n_n) - (1 - c) sqrt(beta) U r_n' (follower force, entering
-// flow). The moments about the joint of segment j give
+// flow), with the axis for segment n in the first where the end is guided. The moments about the
+// joint of segment j give
 //   theta_j'' = g_j - e_j . a_{j-1},   e_j = c_j / H_j,   c_j = l_j A_j n_j + m_j chi_j l_j n_j,
 //   H_j = l_j^2 n_j . A_j n_j + m_j (chi_j^2 l_j^2 + eta_j^2),
 //   g_j = (tau_j - l_j n_j . (b_j - l_j w_j^2 A_j t_j)) / H_j,
@@ -18,13 +19,18 @@
 //   A_{j-1} = A_j + m_j - c_j e_j^T,
 //   b_{j-1} = b_j - w_j^2 (l_j A_j + m_j chi_j l_j) t_j + c_j g_j
 //             + (2 sqrt(beta) U l_j w_j + d_j) n_j.
-// A load f at an arm a of segment j adds a n_j . f to tau_j and -f to b_{j-1}. Where the speed
-// changes, the fluid's acceleration is the load -sqrt(beta) U' l_j t_j in the middle; where the
-// base moves, a_0 has its acceleration besides, and drag and terms see its velocity and position:
-// the flow's other forces do not. 1 / H_j enters last wherever it can, so that a segment waits for
-// its neighbour's division alone. These are eqs. (1)-(11) of Orsino and Di Giulio, solved by one
-// sweep to the tip (velocities, only with drag), one back and one out. Across the segment,
-// differences of nearly equal numbers are taken by hand: with I_j the inertia about the joint,
+// K_{n+1} = -k_{n+1} theta_n - c_{n+1} theta_n' of the joint that holds a guided end.
+// A load f at an arm a of segment j adds a n_j . f to tau_j and -f to b_{j-1}. Mass that moves
+// across a segment alone, as AddedMass has, adds to m_j, chi_j and eta_j but along t_j, where
+// A_{j-1} takes what is called mass below; the weight and the centripetal force that it is given so
+// are taken back. Where the speed changes, the fluid's acceleration is the load -sqrt(beta) U' l_j
+// t_j in the middle; where the base moves, a_0 has its acceleration besides, and drag and terms see
+// its velocity and position: the flow's other forces do not.
+//
+// 1 / H_j enters last wherever it can, so that a segment waits for its neighbour's division alone.
+// These are eqs. (1)-(11) of Orsino and Di Giulio, solved by one sweep to the tip (velocities, only
+// with drag), one back and one out. Across the segment, differences of nearly equal numbers are
+// taken by hand: with I_j the inertia about the joint,
 //   n . A_{j-1} n = m_j (n . A_j n ((1 - chi_j)^2 l_j^2 + eta_j^2) + m_j eta_j^2) / H_j,
 //   t . A_{j-1} n = t . A_j n (I_j - m_j chi_j l_j^2) / H_j,   and n . b_{j-1} likewise,
 //   1 - l_j n . e_j = (I_j - m_j chi_j l_j^2) / H_j.
@@ -119,6 +125,25 @@ struct Kept {
   double tt, tn, nn, inverse, bt, at, an, vt, v, acceleration;
 };
 
+/// Force of the flow on the end, along and across the last segment, with the signs of resistance.
+template <class Real>
+struct Thrust {
+  Real along, across;
+
+  Thrust(const MotionModel& model, const Members<Real>& members) {
+    const Real u = members.speed(), square = u * u;
+    along = model.thrust[0] * square;
+    across = model.thrust[1] * square;
+    if (!model.guided) return;
+    double angle[width] = {}, sine[width], cosine[width];
+    store(angle, members.row(model.size - 1));
+    sincos(angle, lanes<Real>, sine, cosine);
+    const Real s = load<Real>(sine), c = load<Real>(cosine), forward = along;
+    along = c * forward + s * across;
+    across = c * across - s * forward;
+  }
+};
+
 template <class Real>
 void read_state(const Members<Real>& members, Count n, const Sweep<Real>& sweep) {
   Real before{};
@@ -147,33 +172,6 @@ void for_each_velocity(const MotionModel& model, const Sweep<Real>& sweep, const
   }
 }
 
-/// What a change of the flow speed and the motion of the base do, summed from segment to segment.
-template <class Real>
-struct DrivePower {
-  const Driven<Real>& driven;
-  Real push;                            // sqrt(beta) U'
-  Real rx{}, ry{}, px{}, py{}, flow{};  // what resists, momentum about the base, power of `push`
-
-  DrivePower(const MotionModel& model, const Driven<Real>& by)
-      : driven(by), push(model.coriolis * by.rate) {}
-
-  /// Segment j with its rate and what resists along and across it, the walk at its joint.
-  void pass(const Link& link, const Walk<Real>& walk, const Real& rate, const Real& along,
-            const Real& across) {
-    const Real vx = walk.vx - driven.vx, vy = walk.vy - driven.vy;
-    const Real swing = link.first_moment * rate;
-    rx += along * walk.sine + across * walk.cosine;
-    ry += along * walk.cosine - across * walk.sine;
-    px += link.mass * vx + swing * walk.cosine;
-    py += link.mass * vy - swing * walk.sine;
-    flow -= (link.length * push) * (walk.sine * vx + walk.cosine * vy);
-  }
-  /// Of the base: what its motion adds to the energy that is counted in its frame.
-  Real base() const {
-    return (rx * driven.vx + ry * driven.vy) - (px * driven.ax + py * driven.ay);
-  }
-};
-
 /// Power of terms, of a change of the flow speed and of the base's motion; the base's velocity in
 /// the frame of the last segment.
 template <class Real>
@@ -191,7 +189,7 @@ LoadPower<Real> add_loads(const MotionModel& model, const Members<Real>& members
   const double* const moments = members.batch.moments;
   const bool drives = members.batch.drive != nullptr;
   const Driven<Real> driven = members.drive();
-  DrivePower<Real> drive(model, driven);
+  const Real push = model.coriolis * driven.rate;  // sqrt(beta) U'
   Walk<Real> walk(model, driven);
   for (Count j = 0; j < model.size; ++j) {
     const Link& link = model.links[j];
@@ -206,23 +204,34 @@ LoadPower<Real> add_loads(const MotionModel& model, const Members<Real>& members
       along -= place.weight * (at.sine * load.x + at.cosine * load.y);
       across -= normal;
       moment -= place.arm * normal;
+      if (law.couples) moment -= place.weight * load.couple;
       power.terms += place.weight * law.power(at);
+      if (drives) power.base += place.weight * base_power(law, at, load, driven.vx, driven.vy);
     };
-    if (!drives) {
-      walk.pass(j, link.length, rate, visit);
-    } else {
-      const Walk<Real> joint = walk;
-      walk.pass(j, link.length, rate, visit);
-      drive.pass(link, joint, rate, along, across);
-      along += link.length * drive.push;
+    const Walk<Real> joint = walk;
+    walk.pass(j, link.length, rate, visit);
+    // What moves across alone has no weight, and no inertia along the segment.
+    const double arm = 0.5 * link.length;
+    const Real lift = (model.gravity * link.added) * walk.sine;
+    along += (arm * link.added) * (rate * rate);
+    across -= lift;
+    moment -= arm * lift;
+    if (drives) {
+      const Real s = walk.sine, c = walk.cosine, vx = joint.vx - driven.vx,
+                 vy = joint.vy - driven.vy;
+      const Real length_push = link.length * push, alone = link.added * (c * vx - s * vy);
+      const Real swing = link.first_moment * rate + alone;
+      along += length_push;
+      power.flow -= length_push * (s * vx + c * vy);
+      power.base += drag * (c * driven.vx - s * driven.vy);
+      power.base -= link.mass * (driven.ax * vx + driven.ay * vy);
+      power.base -= swing * (c * driven.ax - s * driven.ay);
     }
     sweep.set(sweep.drag, j, across);
     sweep.set(sweep.along, j, along);
     sweep.set(sweep.moment, j, moment);
   }
   if (!drives) return power;
-  power.flow = drive.flow;
-  power.base = drive.base();
   power.base_along = walk.sine * driven.vx + walk.cosine * driven.vy;
   power.base_across = walk.cosine * driven.vx - walk.sine * driven.vy;
   return power;
@@ -272,9 +281,13 @@ void accelerations(const MotionModel& model, const Members<Real>& members, Sweep
   }
 
   const Real u = members.speed(), coriolis = model.coriolis * u;
-  const Real thrust[2] = {model.thrust[0] * (u * u), model.thrust[1] * (u * u)};
   const Real entry = model.entry * u;
-  Real tt{}, tn{}, nn{}, bt = thrust[0], bn = thrust[1], moment_beyond{};
+  const Thrust<Real> thrust(model, members);
+  const Real end_rate = sweep.at(sweep.rate, n - 1);
+  const Real end_resistance = model.end_damping * end_rate;
+  power -= end_resistance * end_rate;
+  Real moment_beyond = -(model.end_spring * members.row(n - 1) + end_resistance);
+  Real tt{}, tn{}, nn{}, bt = thrust.along, bn = thrust.across;
   if constexpr (outer != Outer::nothing) {
     bt -= entry * end_along;
     bn -= entry * end_across;
@@ -372,8 +385,8 @@ void accelerations(const MotionModel& model, const Members<Real>& members, Sweep
   if (with_power) {
     const Real along = end_along - parts.base_along, across = end_across - parts.base_across;
     const Real own = (model.entry - model.coriolis) * u;
-    power += (own * along + entry * parts.base_along - thrust[0]) * along;
-    power += (own * across + entry * parts.base_across - thrust[1]) * across;
+    power += (own * along + entry * parts.base_along - thrust.along) * along;
+    power += (own * across + entry * parts.base_across - thrust.across) * across;
     members.set_row(rates, 2 * n, power);
   }
 }

@@ -55,14 +55,20 @@ class Basis {
   bool orthonormal() const { return family_ == Family::beam && !held_across_; }
   /// Number of functions on the panel that has most.
   Index most_on_a_panel() const;
+  /// Gauss nodes on a panel that integrate products of two functions. Legendre products are
+  /// polynomials of twice a panel's functions and 2; beam mode m has about m / 2 waves and a layer
+  /// of width 1 / (m pi) at either end.
+  Index nodes_of_products() const {
+    return family_ == Family::beam ? 2 * size_ + 30 : most_on_a_panel() + 3;
+  }
 
   /// w_i, w_i' or w_i'' (derivative 0, 1, 2) at the points s, shape (len(s), m), O(len(s) m).
   /// At a joint the curvature is that of the panel beyond. Throws std::invalid_argument for another
   /// derivative.
   Matrix evaluate(const Vector& s, int derivative) const;
 
-  /// Elastic stiffness of each function, integral of w_i''^2 and k_r w_i'(0)^2, shape (m,). In
-  /// either form they are orthogonal.
+  /// Elastic stiffness of each function on a uniform pipe, integral of w_i''^2 and k_r w_i'(0)^2,
+  /// shape (m,). In either form they are orthogonal.
   Vector stiffness() const;
 
  private:

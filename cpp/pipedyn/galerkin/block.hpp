@@ -43,19 +43,24 @@ struct Block {
   const MotionEffects& effects;
   const Count m = grid.functions, padded = grid.padded, nodes = grid.nodes, points = grid.points;
   const Count block = nodes + 1;  // points of a panel
-  const bool drags = effects.drag != 0.0, loads = effects.load_count > 0;
+  const Count holds = effects.held_count;
+  const bool drags = effects.drag != 0.0, loads = effects.load_count > 0 || holds > 0;
   const bool resists = drags || loads || effects.entry != 0.0;
+  const bool across_alone = effects.normal_mass != 0.0;
 
   // The columns that are integrated: derivatives of the position by the orthonormal coordinates, x
   // then y, of several members without any that are 0; acceleration at q'' = 0; velocity, where
-  // drag, a term or the entering flow reads it; position, where a term does. Energy and power take
-  // the last two alone.
+  // drag, a term, a support or the entering flow reads it; position, where a term or a support
+  // does. Energy and power take the last two alone.
   const Count each = alone ? padded : m;
   const Count bias = 2 * each, integrated = bias + (loads ? 6 : resists ? 4 : 2);
   double *theta, *omega, *sine, *cosine;  // (points), of a single member (stride)
   double *integrands, *moments;           // rows of columns, and their integrals from the clamp
   double *mass, *force;
-  double *velocity, *weighted, *load_x, *load_y, *rest;  // (points); rest 3 Q
+  double *velocity, *weighted, *load_x, *load_y, *couple, *rest;  // (points); rest 3 Q
+  // Of supports: M^-1 G^T, a row each, with the rows G of derivatives of x there; G M^-1 G^T, then
+  // its factor; the forces.
+  double *response, *products, *reaction;
 
   static Count row_length(Count columns) { return whole_packs(columns * lanes<Real>); }
   /// Of a row of the mass matrix: single rows are written by whole packs.
@@ -80,7 +85,11 @@ struct Block {
     weighted = take(points);
     load_x = take(points);
     load_y = take(points);
+    couple = take(across_alone ? points : 0);
     rest = take(3 * nodes);
+    response = take(holds * m);
+    products = take(holds * holds);
+    reaction = take(holds);
   }
 
   /// sum_i x_i Theta_i along the pipe, of each x (m,) in the basis.
@@ -160,14 +169,16 @@ struct Block {
     return batch.drive == nullptr ? Real{} : at<Real>(batch.drive, of);
   }
 
-  /// Adds what the base does to velocities and positions about it, from column on.
-  void add_base(const Batch& batch, Count row, Count column) {
-    if (batch.drive == nullptr || !resists) return;
+  /// Adds the base's motion to that about it: acceleration, if asked for, velocity and position,
+  /// from column on.
+  void add_base(const Batch& batch, Count row, Count column, bool accelerates) {
+    if (batch.drive == nullptr) return;
+    const Count skipped = accelerates ? 0 : 2, count = (loads ? 6 : resists ? 4 : 2) - skipped;
+    constexpr Count rows[] = {Drive::acceleration, Drive::velocity, Drive::position};
     for (Count p = 0; p < points; ++p) {
-      double* const v = moments + p * row + column * lanes<Real>;
-      for (Count k = 0; k < 2; ++k) {
-        add(v, k, driven(batch, Drive::velocity + k));
-        if (loads) add(v, 2 + k, driven(batch, Drive::position + k));
+      for (Count k = 0; k < count; ++k) {
+        const Count of = k + skipped;
+        add(moments + p * row, column + k, driven(batch, rows[of / 2] + of % 2));
       }
     }
   }
@@ -213,8 +224,6 @@ struct Block {
   /// All generalised forces but inertia's that is linear in q'', by orthonormal coordinates.
   void forces(const Batch& batch, Count row) {
     const Real u = load<Real>(batch.u), push = unsteady(batch);
-    const Real across_base = driven(batch, Drive::acceleration);
-    const Real weight = effects.gamma - driven(batch, Drive::acceleration + 1);
     bool flows = false;
     double speeds[lanes<Real>];
     store(speeds, u);
@@ -224,24 +233,29 @@ struct Block {
     for (Count p = 0; p < points; ++p) {
       const double* const bent = moments + p * row + bias * lanes<Real>;
       const double mass_of = grid.mass[p];  // inertia and weight
-      Real x = -mass_of * (at<Real>(bent, 0) + across_base);
-      Real y_load = mass_of * (weight - at<Real>(bent, 1));
+      Real x = -mass_of * at<Real>(bent, 0), y_load = mass_of * (effects.gamma - at<Real>(bent, 1));
       if (batch.drive != nullptr) {
         x -= grid.weight[p] * push * at<Real>(sine, p);
         y_load -= grid.weight[p] * push * at<Real>(cosine, p);
       }
-      if (flows || drags) {
+      if (flows || drags || across_alone) {
         Real across{};
         if (flows) across = grid.weight[p] * coriolis * at<Real>(omega, p);
         if (drags) {
           const Real v = at<Real>(velocity, p);
           across += effects.drag * at<Real>(weighted, p) * (v * v);
         }
+        if (across_alone) {
+          across +=
+              grid.weight[p] * effects.normal_mass *
+              (at<Real>(cosine, p) * at<Real>(bent, 0) - at<Real>(sine, p) * at<Real>(bent, 1));
+        }
         x -= across * at<Real>(cosine, p);
         y_load += across * at<Real>(sine, p);
       }
       set(load_x, p, x);
       set(load_y, p, y_load);
+      if (across_alone) set(couple, p, Real{});
     }
     if (flows) {  // the follower force
       const Count end = points - 1;
@@ -260,6 +274,7 @@ struct Block {
       const auto load = law.load(station);
       add(load_x, p, Real(w * load.x));
       add(load_y, p, Real(w * load.y));
+      if (law.couples) add(couple, p, Real(w * load.couple));
     });
     for (Count i = 0; i < padded; i += tile * step) {
       Pack sum[tile] = {};
@@ -271,6 +286,14 @@ struct Block {
           sum[k] += fx * load<Pack>(x + k * width) + fy * load<Pack>(y_row + k * width);
         }
       }
+      if (across_alone) {
+        for (Count p = 0; p < points; ++p) {
+          const Real turning = at<Real>(couple, p);
+          for (Count k = 0; k < tile; ++k) {
+            sum[k] += turning * load<Numbers>(grid.orthonormal + p * padded + i + k * step);
+          }
+        }
+      }
       for (Count k = 0; k < tile; ++k) store(force + i * lanes<Real> + k * width, sum[k]);
     }
     elastic(batch.y);
@@ -280,12 +303,31 @@ struct Block {
     for (Count i = 0; i < m; ++i) {
       Real strain = at<Real>(y, i);
       if (effects.damping != 0.0) strain += effects.damping * at<Real>(y, m + i);
+      if (grid.elastic != nullptr) {
+        const double* const row = grid.elastic_forces + i * m;
+        for (Count j = 0; j < m; ++j) add(force, j, Real(-row[j] * strain));
+        continue;
+      }
       const Real moment_of = grid.stiffness[i] * strain;
       if (grid.to_basis == nullptr) {
         add(force, i, Real(-moment_of));
         continue;
       }
       for (Count j = i; j < m; ++j) add(force, j, Real(-grid.to_basis[i * m + j] * moment_of));
+    }
+  }
+
+  /// Adds factor sum_ij k_ij x_i x_j.
+  void add_elastic_product(double factor, const double* x, Real& sum) const {
+    for (Count i = 0; i < m; ++i) {
+      const Real own = at<Real>(x, i);
+      if (grid.elastic == nullptr) {
+        sum += factor * grid.stiffness[i] * (own * own);
+        continue;
+      }
+      Real row{};
+      for (Count j = 0; j < m; ++j) row += grid.elastic[i * m + j] * at<Real>(x, j);
+      sum += factor * (own * row);
     }
   }
 
@@ -332,6 +374,18 @@ struct Block {
           return grid.mass[k >> 1] * load<Pack>(displacements(k) + j * lanes<Real>);
         },
         mass, mass_stride(), Product::lower_half);
+    if (!across_alone) return;
+    const auto normal = [&]<class Number>(Count p, Count i, const Number&) {
+      const double* const x = moments + p * row + i * lanes<Real>;
+      return Number(at<Real>(cosine, p) * load<Number>(x) -
+                    at<Real>(sine, p) * load<Number>(x + each * lanes<Real>));
+    };
+    product_of(
+        points, [&](Count p, Count i) { return normal(p, i, Real{}); },
+        [&](Count p, Count j) {
+          return Pack((grid.weight[p] * effects.normal_mass) * normal(p, j, Pack{}));
+        },
+        mass, mass_stride(), Product::added);
   }
 
   /// mass x = force by Cholesky's factors, in place; a negative pivot leaves NaN.
@@ -362,6 +416,99 @@ struct Block {
     }
   }
 
+  /// Where the pipe is held.
+  Count support(Count b) const { return effects.held[b] * block + nodes; }
+
+  /// x to M^-1 x by the factors that `solve` leaves, in place.
+  void substitute(double* x) const {
+    const Count stride = mass_stride();
+    for (Count i = 0; i < m; ++i) {
+      Real sum = at<Real>(x, i);
+      for (Count j = 0; j < i; ++j) sum -= at<Real>(mass, i * stride + j) * at<Real>(x, j);
+      set(x, i, Real(sum * at<Real>(mass, i * stride + i)));
+    }
+    for (Count i = m - 1; i >= 0; --i) {
+      const Real value = at<Real>(x, i) * at<Real>(mass, i * stride + i);
+      set(x, i, value);
+      for (Count j = 0; j < i; ++j) add(x, j, Real(-at<Real>(mass, i * stride + j) * value));
+    }
+  }
+
+  /// The forces z that change x at the supports by what z holds, by the factor in `products`.
+  void solve_supports(double* z) const {
+    for (Count b = 0; b < holds; ++b) {
+      Real sum = at<Real>(z, b);
+      for (Count c = 0; c < b; ++c) sum -= at<Real>(products, b * holds + c) * at<Real>(z, c);
+      set(z, b, Real(sum * at<Real>(products, b * holds + b)));
+    }
+    for (Count b = holds - 1; b >= 0; --b) {
+      const Real value = at<Real>(z, b) * at<Real>(products, b * holds + b);
+      set(z, b, value);
+      for (Count c = 0; c < b; ++c) add(z, c, Real(-at<Real>(products, b * holds + c) * value));
+    }
+  }
+
+  /// Adds to accelerations what keeps the pipe at its supports, x'' + 2 k x' + k^2 x = 0, and to
+  /// the loads the forces there. After `solve`.
+  void hold(const Batch& batch, Count row, double* acceleration) {
+    const double k = effects.return_rate;
+    for (Count b = 0; b < holds; ++b) {
+      const double* const by = moments + support(b) * row;
+      double* const own = response + b * m * lanes<Real>;
+      const auto about_base = [&](Count column, Count of) {  // supports move with the base
+        return Real(at<Real>(by, bias + column) - driven(batch, of));
+      };
+      Real missed =
+          -(about_base(0, Drive::acceleration) +
+            k * (2.0 * about_base(2, Drive::velocity) + k * about_base(4, Drive::position)));
+      for (Count i = 0; i < m; ++i) {
+        set(own, i, at<Real>(by, i));
+        missed -= at<Real>(by, i) * at<Real>(acceleration, i);
+      }
+      set(reaction, b, missed);
+      substitute(own);
+      for (Count c = 0; c <= b; ++c) {  // Cholesky's factor, row by row
+        const double* const other = moments + support(c) * row;
+        Real sum{};
+        for (Count i = 0; i < m; ++i) sum += at<Real>(other, i) * at<Real>(own, i);
+        for (Count d = 0; d < c; ++d) {
+          sum -= at<Real>(products, b * holds + d) * at<Real>(products, c * holds + d);
+        }
+        set(products, b * holds + c,
+            c < b ? Real(sum * at<Real>(products, c * holds + c)) : Real(1.0 / square_root(sum)));
+      }
+    }
+    solve_supports(reaction);
+    for (Count b = 0; b < holds; ++b) {
+      const Real force_of = at<Real>(reaction, b);
+      add(load_x, support(b), force_of);
+      for (Count i = 0; i < m; ++i) {
+        add(acceleration, i, Real(force_of * at<Real>(response, b * m + i)));
+      }
+    }
+  }
+
+  void held(const Batch& batch, double* out) {
+    angles(batch.y);
+    Count p = 0;
+    for (Count b = 0; b < holds; ++b) {
+      for (Count i = 0; i <= m; ++i) {
+        const Real before =
+            b > 0 ? at<Real>(out, i < 1 ? b - 1 : holds + (b - 1) * m + i - 1) : Real{};
+        set(out, i < 1 ? b : holds + b * m + i - 1, before);
+      }
+      for (; p < support(b); ++p) {
+        const double weight = grid.weight[p];
+        if (weight == 0.0) continue;
+        const Real turned = weight * at<Real>(cosine, p);
+        add(out, b, Real(weight * at<Real>(sine, p)));
+        for (Count i = 0; i < m; ++i) {
+          add(out, holds + b * m + i, Real(grid.slope[p * padded + i] * turned));
+        }
+      }
+    }
+  }
+
   /// From orthonormal coordinates to the basis, in place.
   void to_basis(double* x) const {
     if (grid.to_basis == nullptr) return;
@@ -380,7 +527,7 @@ struct Block {
     set_acceleration(row, bias);
     if (resists) set_velocity(row, bias + 2);
     integrate(grid, row, integrated * lanes<Real>, integrands, moments);
-    add_base(batch, row, bias + 2);
+    add_base(batch, row, bias, true);
     return row;
   }
 
@@ -389,6 +536,7 @@ struct Block {
     forces(batch, row);
     gram(row);
     solve(out);
+    hold(batch, row, out);
     to_basis(out);
   }
 
@@ -429,9 +577,14 @@ struct Block {
       const Real x = at<Real>(moments + p * row, 0), y = at<Real>(moments + p * row, 1);
       twice += grid.mass[p] * (x * x + y * y);
     }
-    for (Count i = 0; i < m; ++i) {
-      const Real amplitude = at<Real>(batch.y, i);
-      twice += grid.stiffness[i] * (amplitude * amplitude);
+    add_elastic_product(1.0, batch.y, twice);
+    if (across_alone) {
+      for (Count p = 0; p < points; ++p) {
+        const double* const v = moments + p * row;
+        const Real normal =
+            at<Real>(cosine, p) * at<Real>(v, 0) - at<Real>(sine, p) * at<Real>(v, 1);
+        twice += (grid.weight[p] * effects.normal_mass) * (normal * normal);
+      }
     }
     if (effects.gamma != 0.0) {  // s - y(s) integrated by parts, with the digits of 1 - cos theta
       for (Count p = 0; p + 1 < points; ++p) {
@@ -440,7 +593,7 @@ struct Block {
         twice += 2.0 * effects.gamma * grid.weight[p] * grid.beyond[p] * rise;
       }
     }
-    add_base(batch, row, 0);
+    add_base(batch, row, 0, false);
     for_each_station(row, 0, [&](const auto& law, const auto& station, Count, double w) {
       twice += (2.0 * w) * law.energy(station);
     });
@@ -466,8 +619,12 @@ struct Block {
         const Real vx = at<Real>(moments + p * row, 0), vy = at<Real>(moments + p * row, 1);
         pushed -= (grid.weight[p] * push) * (at<Real>(sine, p) * vx + at<Real>(cosine, p) * vy);
         based -= grid.mass[p] * (ax * vx + ay * vy);
+        if (!across_alone) continue;
+        const Real normal = at<Real>(cosine, p) * vx - at<Real>(sine, p) * vy;
+        based -= (grid.weight[p] * effects.normal_mass) * normal *
+                 (at<Real>(cosine, p) * ax - at<Real>(sine, p) * ay);
       }
-      add_base(batch, row, 0);
+      add_base(batch, row, 0, false);
     }
     const Real x = last[2], y = last[3];
     const Real s = at<Real>(sine, end), c = at<Real>(cosine, end);
@@ -478,10 +635,7 @@ struct Block {
                       (own * y + entry * base_y - along * c + across * s) * y;
     Real joints{}, dragged{}, others{};
     if (effects.damping != 0.0) {
-      for (Count i = 0; i < m; ++i) {
-        const Real rate = at<Real>(batch.y, m + i);
-        joints -= effects.damping * grid.stiffness[i] * (rate * rate);
-      }
+      add_elastic_product(-effects.damping, batch.y + m * lanes<Real>, joints);
     }
     if (drags) {
       drag(row, 0);
@@ -495,8 +649,7 @@ struct Block {
     for_each_station(row, 0, [&](const auto& law, const auto& station, Count, double w) {
       others += w * law.power(station);
       if (batch.drive == nullptr) return;
-      const auto load = law.load(station);
-      based -= w * (base_x * load.x + base_y * load.y);
+      based += w * base_power(law, station, law.load(station), base_x, base_y);
     });
     set(out, 0, Real(pushed + flow));
     set(out, 1, joints);

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #include "pipedyn/galerkin/galerkin.hpp"
 
+#include <Eigen/Cholesky>
 #include <algorithm>
 #include <cmath>
 #include <limits>
@@ -86,13 +87,43 @@ MotionEffects effects_of(const Pipe& pipe, const Panels& panels) {
           .gamma = pipe.gamma,
           .drag = pipe.drag,
           .damping = pipe.damping,
+          .normal_mass = panels.normal_mass,
           .loads = panels.loads.data(),
-          .load_count = static_cast<Index>(panels.loads.size())};
+          .load_count = static_cast<Index>(panels.loads.size()),
+          .held = panels.held.data(),
+          .held_count = static_cast<Index>(panels.held.size()),
+          .return_rate = Galerkin::return_rate};
 }
 
 /// To the results (results, members) of a batch.
 auto to_columns(double* out, Index members) {
   return [=](Index k, Index i, double result) { out[i * members + k] = result; };
+}
+
+/// Adds to the stiffness what supports add to it, and to the flux, where the pipe is bent: as it
+/// moves, their forces, with which it rests, turn. still, flow: forces without supports, at rest
+/// and the flow's.
+void add_supports(const Grid& grid, const MotionEffects& effects, const Vector& q,
+                  const Vector& still, const Vector& flow, const Vector& push, Operators& ops) {
+  const Index m = q.size(), count = effects.held_count, block = grid.tables.nodes + 1;
+  const auto slope = grid.slope.topLeftCorner(grid.places.size(), m);
+  const Vector theta = slope * q;
+  const Eigen::Map<const Vector> weight(grid.tables.weight, theta.size());
+  Matrix beyond = Matrix::Zero(count, theta.size());  // whether a point lies before a support
+  for (Index b = 0; b < count; ++b) beyond.row(b).head((effects.held[b] + 1) * block).setOnes();
+  const Matrix by = beyond * weight.cwiseProduct(theta.array().cos().matrix()).asDiagonal() * slope;
+  const Eigen::Map<const Vector> stiffness(grid.tables.stiffness, m);
+  // Any forces that leave none at an equilibrium: those of least elastic energy.
+  const Matrix eased = by * stiffness.cwiseMax(1.0).cwiseInverse().asDiagonal();
+  const Eigen::LDLT<Matrix> system(eased * by.transpose());
+  const auto turning = [&](const Vector& force) -> Matrix {
+    const Vector along = beyond.transpose() * system.solve(-eased * force);
+    const Vector weighted = weight.array() * theta.array().sin() * along.array();
+    return inner(slope, weighted, slope);
+  };
+  ops.stiffness += turning(still);
+  ops.flux += turning(flow);
+  ops.unsteady += turning(push);
 }
 
 /// Operators about a configuration q at rest.
@@ -103,6 +134,7 @@ Operators operators_at(const Grid& grid, const Basis& basis, const MotionEffects
   Vector y = Vector::Zero(2 * m);
   y.head(m) = q;
   MotionEffects rest = effects;  // what does not depend on the flow; drag has no linear part
+  rest.held_count = 0;
   rest.coriolis = rest.entry = rest.thrust[0] = rest.thrust[1] = rest.drag = 0.0;
   const MotionEffects flow{.coriolis = 2.0 * sqrt_beta,
                            .thrust = {std::cos(pipe.jet_angle), std::sin(pipe.jet_angle)}};
@@ -110,13 +142,17 @@ Operators operators_at(const Grid& grid, const Basis& basis, const MotionEffects
   GridTables in_basis = grid.tables;  // the basis' functions for the orthonormal ones
   in_basis.orthonormal = in_basis.slope;
   in_basis.to_basis = in_basis.from_basis = nullptr;
+  const Vector none = Vector::Zero(m);
+  GridTables unbending = in_basis;  // bending's forces are added after
+  unbending.elastic = nullptr;
+  unbending.stiffness = none.data();
   Matrix straight;
   if (q.isZero(0.0)) straight = basis.evaluate(grid.places, 0);
-  Matrix found(3 * m + 2, m);
+  Matrix found(3 * m + 3, m);
   const auto about = [&](const MotionEffects& what, double u = 1.0, const double* drive = nullptr) {
     const double* const displacements = straight.size() > 0 ? straight.data() : nullptr;
     const Batch one{.y = y.data(), .u = &u, .members = 1, .u_step = 0, .drive = drive};
-    kernel().operators(in_basis, what, one, displacements, found.data());
+    kernel().operators(unbending, what, one, displacements, found.data());
     return Eigen::Map<const Matrix>(found.data() + m * m, m, 2 * m);
   };
   Operators ops(m);
@@ -124,21 +160,27 @@ Operators operators_at(const Grid& grid, const Basis& basis, const MotionEffects
   ops.mass = found.topRows(m);
   ops.stiffness = -by_state.leftCols(m);
   ops.damping = -by_state.rightCols(m);
-  for (Index i = 0; i < m; ++i) {
-    ops.stiffness(i, i) += in_basis.stiffness[i];
-    ops.damping(i, i) += effects.damping * in_basis.stiffness[i];
-  }
+  const Eigen::Map<const Vector> each(in_basis.stiffness, m);
+  Matrix elastic = each.asDiagonal();
+  if (in_basis.elastic != nullptr) elastic = Eigen::Map<const Matrix>(in_basis.elastic, m, m);
+  ops.stiffness += elastic;
+  ops.damping += effects.damping * elastic;
+  const Vector still = found.row(3 * m + 2).transpose() - elastic * q;
   about(flow, 0.0, faster);  // in the same place
   ops.unsteady = -by_state.leftCols(m);
+  const Vector push = found.row(3 * m + 2).transpose();
   about(flow);
   ops.flux = -by_state.leftCols(m);
   const Matrix coriolis = -by_state.rightCols(m);
   ops.gyroscopic = 0.5 * (coriolis - coriolis.transpose());
-  const auto end = found.bottomRows(2);
+  const auto end = found.middleRows(3 * m, 2);
   for (Index i = 0; i < m; ++i) {
     for (Index j = 0; j < m; ++j) {
       ops.end_flux(i, j) = share * (end(0, i) * end(0, j) + end(1, i) * end(1, j));
     }
+  }
+  if (effects.held_count > 0 && !q.isZero(0.0)) {
+    add_supports(grid, effects, q, still, found.row(3 * m + 2), push, ops);
   }
   return ops;
 }
@@ -166,10 +208,7 @@ Operators Galerkin::operators(const Vector& q) const {
     const Grid& grid = grids()[grids().choose(q.data(), 1)];
     return operators_at(grid, basis_, effects_of(pipe_, grids().panels()), pipe_, q);
   }
-  // Legendre products are polynomials of twice a panel's functions and 2; beam mode m has about
-  // m / 2 waves and a layer of width 1 / (m pi) at either end.
-  const bool beam = basis_.family() == Family::beam;
-  const Index nodes = beam ? 2 * dof() + 30 : basis_.most_on_a_panel() + 3;
+  const Index nodes = basis_.nodes_of_products() + (pipe_.mass.degree(0.0) + 1) / 2;
   const Panels panels(basis_, pipe_);
   const Grid grid(basis_, Orthonormal(dof()), panels, whole(nodes + 1, GridTables::multiple) - 1);
   return operators_at(grid, basis_, effects_of(pipe_, panels), pipe_, Vector::Zero(dof()));
@@ -211,6 +250,12 @@ void Galerkin::tips(const Batch& batch, double* out) const {
   constexpr Index finer = 2;  // 1.4 times the nodes: to rounding, not to the motion's 1e-10
   evaluate(kernel().tips, grids(), effects_of(pipe_, grids().panels()), batch, 4,
            to_columns(out, batch.members), finer);
+}
+
+void Galerkin::held(const Batch& batch, double* out) const {
+  const Index results = supports() * (1 + dof());
+  evaluate(kernel().held, grids(), effects_of(pipe_, grids().panels()), batch, results,
+           to_columns(out, batch.members));
 }
 
 void Galerkin::jacobian(const Batch& batch, double* out) const {

@@ -9,20 +9,22 @@
 // Virtual work, with U = s u and the forces per length of Orsino and Di Giulio in the limit of
 // short segments (no expansion in the amplitude anywhere):
 //
-//   int J_i . a + k_i (q_i + delta q_i')                                        inertia, bending
+//   int m J_i . a + sum_j k_ij (q_j + delta q_j')                               inertia, bending
 //     + 2 sqrt(beta) U int J_i . n theta'                                       Coriolis, end flux
 //     - (1 - c) sqrt(beta) U v(1) . J_i(1)                                      entering flow
 //     + a U^2 (cos psi t(1) + sin psi n(1)) . J_i(1)                            follower force
 //     + sqrt(beta) U' int t . J_i                                               unsteady flow
-//     - gamma int J_i . (0, 1)                                                  gravity
+//     - gamma int m J_i . (0, 1)                                                gravity
 //     + kappa int |v_n| v_n n . J_i = 0,   v_n = n . v,                         drag
 //   a(s) = (X'', Y'') + sum_i J_i q_i'' - int_0^s t theta'^2,
 //
-// (theta' here is the rate), k_i the integral of Theta_i'^2. As v' = n theta', the Coriolis term's
-// power is -sqrt(beta) U |v(1)|^2:
+// (theta' here is the rate), m the mass per length, k_ij the integral of e Theta_i' Theta_j' with
+// the bending stiffness e. Both functions have a k_ij that is diagonal where the pipe is uniform,
+// e = m = 1; its fluid always is. As v' = n theta', the Coriolis term's power is
+// -sqrt(beta) U |v(1)|^2:
 //
 //   dE/dtau = -c sqrt(beta) U |v(1)|^2 - a U^2 (cos psi t(1) + sin psi n(1)) . v(1)
-//     - sqrt(beta) U' int t . v - delta sum k_i q_i'^2 - kappa int |v_n|^3,
+//     - sqrt(beta) U' int t . v - delta sum k_ij q_i' q_j' - kappa int |v_n|^3,
 //
 // where the base rests. It may stand at (X, Y), a function of time: drag and terms then see the
 // velocity v + (X', Y'). The energy is that in its frame, and with the force R of drag and terms
@@ -34,12 +36,24 @@
 //
 //   J_i(s_f) . (mu a(s_f) - mu gamma (0, 1) - f).
 //
-// The quadrature is Gauss collocation on each panel between the places of terms: integrals from the
+// Mass that moves across the pipe alone (terms/added_mass.hpp) adds chi int (n . J_i) (n . a), and
+// a couple c the virtual work -int c Theta_i.
+//
+// The quadrature is Gauss collocation on each panel between the places of terms and the steps of e
+// and m: integrals from the
 // clamp to its points are block lower triangular, and integration by parts holds as on one panel.
 // So a term is one more load at a panel's end, or at every node where it acts all along.
 //
-// About the straight pipe, where J_i = (w_i, 0), this is the projection of the pipe's equation
-// (Gregory and Paidoussis 1966),
+// Where the pipe is held across, x(s_b) = 0, forces mu_b along x act such that
+//
+//   x'' + 2 k x' + k^2 x = 0 at each s_b,   M q'' = f + G^T mu,   G = dx/dq,
+//
+// so that a state that misses this by its integrator's errors returns to it (Baumgarte 1972). Held
+// directions are the functions' matter (basis.hpp). The operators about q are those of all
+// functions, with what the forces mu add to stiffness and flux; small motions take what G allows.
+//
+// About the straight pipe, where J_i = (w_i, 0), this is the projection of the pipe's equation,
+// where it is uniform (Gregory and Paidoussis 1966),
 //
 //   w'''' + [a U^2 - gamma (1 - s)] w'' + gamma w' + 2 sqrt(beta) U w'.' + w.. + delta w''''. = 0,
 //
@@ -66,6 +80,8 @@ class Galerkin {
 
   Index dof() const { return basis_.size(); }
   const Basis& basis() const { return basis_; }
+  /// The integrals k_ij (m, m) where the stiffness varies along the pipe, else empty: see Basis.
+  Matrix elastic() const { return Panels(basis_, pipe_).elastic; }
 
   /// Operators about a configuration q at rest, or where q is empty about the straight pipe, by a
   /// quadrature that is exact for products of functions. stiffness and flux are the derivatives of
@@ -78,6 +94,16 @@ class Galerkin {
   /// Quadrature nodes on each panel that a configuration is given. Throws std::invalid_argument
   /// unless q has m entries.
   Index nodes(const Vector& q) const;
+
+  /// How many supports hold the pipe across, x = 0, the end's among them.
+  Index supports() const {
+    return static_cast<Index>(pipe_.supports.size()) +
+           (pipe_.end == End::pinned || pipe_.end == End::clamped ? 1 : 0);
+  }
+  /// Rate k at which states that miss supports return to them, as those of scenes do (modular).
+  static constexpr double return_rate = 60.0;
+  /// x at each support, then of each its derivatives by q: (supports (1 + m), members).
+  void held(const Batch& batch, double* out) const;
 
   /// dy/dtau (2 m, members), O(N Q m + N m^2 + m^3) a member with N points, Q nodes a panel. NaN
   /// where the mass matrix is singular to rounding, or q bends more than the largest grid resolves.

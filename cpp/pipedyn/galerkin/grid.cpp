@@ -3,6 +3,7 @@
 
 #include <Eigen/Cholesky>
 #include <algorithm>
+#include <limits>
 #include <numbers>
 #include <stdexcept>
 #include <string>
@@ -87,7 +88,7 @@ Orthonormal::Orthonormal(const Basis& basis) : identity(basis.orthonormal()) {
   to_basis = inverse = Matrix::Identity(m, m);
   if (identity) return;
   Matrix mass = Matrix::Zero(m, m);
-  const Quadrature rule(basis.most_on_a_panel() + 3);
+  const Quadrature rule(basis.nodes_of_products());
   for (Index panel = 0; panel + 1 < basis.ends().size(); ++panel) {
     const double low = basis.ends()[panel], length = basis.ends()[panel + 1] - low;
     const Matrix value = basis.evaluate(low + length * rule.node.array(), 0);
@@ -105,9 +106,14 @@ Orthonormal::Orthonormal(const Basis& basis) : identity(basis.orthonormal()) {
 Orthonormal::Orthonormal(Index m)
     : identity(true), to_basis(Matrix::Identity(m, m)), inverse(to_basis) {}
 
-Panels::Panels(const Basis& basis, const Pipe& pipe) {
+Panels::Panels(const Basis& basis, const Pipe& pipe) : pipe_mass(pipe.mass) {
   std::vector<double> places(basis.ends().begin(), basis.ends().end());
-  places.insert(places.end(), pipe.supports.begin(), pipe.supports.end());
+  const auto add_places = [&](const std::vector<double>& more) {
+    places.insert(places.end(), more.begin(), more.end());
+  };
+  add_places(pipe.supports);
+  add_places(pipe.stiffness.ends());
+  add_places(pipe.mass.ends());
   for (const Term& term : pipe.terms) {
     Laws::with(term, [&]<class Law>(const Law&) {
       if (!Law::along) places.push_back(term.at);
@@ -122,9 +128,28 @@ Panels::Panels(const Basis& basis, const Pipe& pipe) {
     const Index panel = static_cast<Index>(place - places.begin()) - 1;
     Laws::with(term, [&]<class Law>(const Law& law) {
       (Law::along ? mass_per_length : mass[panel]) += law.mass();
+      normal_mass += law.normal_mass();
       if (Law::loads) loads.push_back({term, Law::along ? -1 : panel});
     });
   }
+  for (const double support : pipe.supports) {
+    held.push_back(std::lower_bound(places.begin(), places.end(), support) - places.begin() - 1);
+  }
+  if (pipe.end == End::pinned || pipe.end == End::clamped) held.push_back(count() - 1);
+  if (!pipe.stiffness.varies()) return;
+  elastic = Matrix::Zero(basis.size(), basis.size());
+  const Quadrature rule(basis.nodes_of_products() + (pipe.stiffness.degree(0.0) + 1) / 2);
+  for (Index panel = 0; panel < count(); ++panel) {
+    const double length = ends[panel + 1] - ends[panel];
+    const Vector s = ends[panel] + length * rule.node.array();
+    const auto stiffness = [&](double at) { return pipe.stiffness(at); };
+    const Vector weight = length * rule.weight.array() * s.unaryExpr(stiffness).array();
+    const Matrix curvature = basis.evaluate(s, 2);
+    elastic += inner(curvature, weight, curvature);
+  }
+  if (pipe.root == 0.0 || pipe.root == std::numeric_limits<double>::infinity()) return;
+  const Matrix turned = basis.evaluate(Vector::Zero(1), 1);
+  elastic += pipe.root * turned.transpose() * turned;
 }
 
 double Panels::mass_beyond(double s) const {
@@ -139,7 +164,7 @@ Grid::Grid(const Basis& basis, const Orthonormal& orthonormal, const Panels& pan
   const Index points = panels.count() * block;
   const Index stride = whole(points, GridTables::widest);
   places.resize(points);
-  weight_ = measure = mass = beyond_ = Vector::Zero(points);
+  weight_ = measure = mass = beyond_ = density_ = Vector::Zero(points);
   for (Index panel = 0; panel < panels.count(); ++panel) {
     const Index first = panel * block, end = first + nodes;
     length_[panel] = panels.ends[panel + 1] - panels.ends[panel];
@@ -147,13 +172,11 @@ Grid::Grid(const Basis& basis, const Orthonormal& orthonormal, const Panels& pan
       const Index p = first + k;
       places[p] = panels.ends[panel] + length_[panel] * rule_.node[k];
       weight_[p] = measure[p] = length_[panel] * rule_.weight[k];
-      mass[p] = (1.0 + panels.mass_per_length) * weight_[p];
     }
     places[end] = panels.ends[panel + 1];
     measure[end] = 1.0;
-    mass[end] = panels.mass[panel];
   }
-  for (Index p = 0; p < points; ++p) beyond_[p] = panels.mass_beyond(places[p]);
+  set_masses(panels);
   slope = Matrix::Zero(points + 1, whole(m, GridTables::multiple));
   slope.topLeftCorner(points, m) = basis.evaluate(places, 1);
   slope_by_function_ = Matrix::Zero(m, stride);
@@ -184,6 +207,8 @@ Grid::Grid(const Basis& basis, const Orthonormal& orthonormal, const Panels& pan
     arc_[k] = rule_.node[k];
   }
   arc_[nodes] = 1.0;
+  elastic_ = panels.elastic;
+  if (elastic_.size() > 0) elastic_forces_ = elastic_ * orthonormal.to_basis;
   tables = {.functions = m,
             .padded = orthonormal_.cols(),
             .panels = panels.count(),
@@ -201,31 +226,62 @@ Grid::Grid(const Basis& basis, const Orthonormal& orthonormal, const Panels& pan
             .length = length_.data(),
             .weight = weight_.data(),
             .mass = mass.data(),
+            .density = panels.pipe_mass.varies() ? density_.data() : nullptr,
             .beyond = beyond_.data(),
             .arc = arc_.data(),
             .expansion = rule_.expansion.data(),
             .recurrence = recurrence_.data(),
-            .stiffness = stiffness_.data()};
+            .stiffness = stiffness_.data(),
+            .elastic = panels.elastic.size() > 0 ? elastic_.data() : nullptr,
+            .elastic_forces = elastic_forces_.data()};
+}
+
+void Grid::set_masses(const Panels& panels) {
+  const Index nodes = rule_.size(), block = nodes + 1;
+  const bool varies = panels.pipe_mass.varies();
+  // As the quadrature's own integrals, from which forces come.
+  Matrix to_end;
+  if (varies) to_end = rule_.weight.transpose().replicate(nodes, 1) - rule_.integral_to(rule_.node);
+  double beyond = 0.0;
+  for (Index panel = panels.count() - 1; panel >= 0; --panel) {
+    const Index first = panel * block, end = first + nodes;
+    for (Index p = first; p < end; ++p) {
+      density_[p] = panels.pipe_mass(places[p]) + panels.mass_per_length;
+      mass[p] = density_[p] * weight_[p];
+    }
+    density_[end] = 1.0;
+    mass[end] = panels.mass[panel];
+    if (!varies) {
+      for (Index p = first; p <= end; ++p) beyond_[p] = panels.mass_beyond(places[p]);
+      continue;
+    }
+    beyond_[end] = beyond;
+    beyond += mass[end];
+    beyond_.segment(first, nodes) = length_[panel] * (to_end * density_.segment(first, nodes));
+    beyond_.segment(first, nodes).array() += beyond;
+    beyond += mass.segment(first, nodes).sum();
+  }
 }
 
 Grids::Grids(Basis basis, const Pipe& pipe, Index least_nodes)
     : basis_(std::move(basis)), panels_(basis_, pipe), orthonormal_(basis_) {
-  const bool drag = pipe.drag != 0.0;  // integrals end at inner points
   const Index m = basis_.size(), count = panels_.count();
+  const bool drag = pipe.drag != 0.0;
+  const Index more = (pipe.mass.degree(1e-12) + 1) / 2;
   std::vector<Matrix> series;
   for (Index panel = 0; panel < count; ++panel) {
     series.push_back(slope_series(basis_, panels_.ends[panel], panels_.ends[panel + 1]));
   }
   const Index most = std::max<Index>(4095, 4 * m) / count;  // of 0.1 GB
   const Index largest = std::max(std::min<Index>(64 * m + 96, most), least_nodes);
-  const Index least = (drag ? with_drag : smooth).least_nodes;
+  const Index least = (drag ? with_drag : smooth).least_nodes + more;
   // Points, the nodes and a panel's end, come in whole multiples.
   for (Index points = whole_points(std::max({basis_.most_on_a_panel(), least_nodes, least}) + 1);;
        points = whole_points(points + std::max<Index>(4, points / 12))) {
     const bool last = points - 1 >= largest;
     std::vector<std::vector<NodeTest>> tests;
     for (const Matrix& one : series) {
-      tests.push_back(node_tests(one, points - 1, drag));
+      tests.push_back(node_tests(one, points - 1 - more, drag));
       if (tests.back().empty() && last) tests.back().push_back({0.0, Vector::Zero(m)});
     }
     const auto serves_none = [](const std::vector<NodeTest>& of) { return of.empty(); };

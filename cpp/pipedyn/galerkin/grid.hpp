@@ -11,6 +11,7 @@
 // for each slope in it (after Trefethen 2008, theorem 4.5). A grid of Q nodes is taken when one of
 // a few eta shows this to be below the tolerance. How many G to count was found by measurement, and
 // so was the tolerance with drag, where integrals that end at the zeros of v_n miss exp(-Q eta).
+// A mass per length that is a polynomial takes half its degree more.
 #pragma once
 
 #include <deque>
@@ -49,18 +50,23 @@ struct Orthonormal {
   explicit Orthonormal(Index m);
 };
 
-/// The panels between the places of terms, supports and the basis' joints, on which integrands are
-/// smooth, with what the terms add to the pipe. Immutable.
+/// The panels between the places of terms and supports, the pipe's steps and the basis' joints, on
+/// which integrands are smooth, with what the terms add to the pipe. Immutable.
 struct Panels {
   Vector ends;                   // from 0 to 1, (P + 1,)
   Vector mass;                   // at the end of each, (P,)
   double mass_per_length = 0.0;  // all along, the pipe's 1 not counted
+  double normal_mass = 0.0;      // that of what moves across the pipe alone
   std::vector<PanelTerm> loads;  // terms that have one
+  std::vector<Index> held;       // those at whose ends the pipe is held across
+  Profile pipe_mass;             // m
+  Matrix elastic;  // integrals of e w_i'' w_j'' (m, m) where the stiffness varies, else empty
 
   Panels(const Basis& basis, const Pipe& pipe);
 
   Index count() const { return mass.size(); }
-  /// Mass beyond a place, the pipe's with the terms'; at a term's own place with it unless after.
+  /// Mass beyond a place of a uniform pipe, its own with the terms'; at a term's own place with it
+  /// unless after.
   double mass_beyond(double s) const;
 };
 
@@ -78,7 +84,10 @@ struct Grid {
  private:
   Quadrature rule_;
   Matrix slope_by_function_, orthonormal_, from_basis_, from_sums_, from_differences_, recurrence_;
-  Vector length_, arc_, weight_, beyond_, stiffness_;
+  Matrix elastic_, elastic_forces_;
+  Vector length_, arc_, weight_, beyond_, density_, stiffness_;
+
+  void set_masses(const Panels& panels);
 };
 
 /// Grids of growing size, each built when it is first taken. Serves many threads.

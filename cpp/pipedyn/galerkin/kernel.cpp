@@ -57,6 +57,10 @@ void tips(const GridTables& grid, const MotionEffects& effects, const Batch& bat
   with_block<Block>(grid, effects, batch, [&](auto&& block) { block.tips(batch, out); });
 }
 
+void held(const GridTables& grid, const MotionEffects& effects, const Batch& batch, double* out) {
+  with_block<Block>(grid, effects, batch, [&](auto&& block) { block.held(batch, out); });
+}
+
 }  // namespace
 
 namespace pipedyn {
@@ -66,6 +70,7 @@ const GalerkinKernel PIPEDYN_NAMED(galerkin) = {
     .energy = ::energy,
     .power = ::power,
     .tips = ::tips,
+    .held = ::held,
     .jacobian = ::jacobian,
     .operators = ::operators,
 };

@@ -41,11 +41,14 @@ struct GridTables {
   const double* length;             // of each panel, (P,)
   const double* weight;             // of the quadrature, 0 at the panels' ends, (N,)
   const double* mass;               // of the pipe and its terms at each point, (N,)
+  const double* density;            // per length at the nodes, 1 at ends; none where uniform, (N,)
   const double* beyond;             // mass beyond each point, (N,)
   const double* arc;                // of a panel's points, from 0 to 1, (Q + 1,)
   const double* expansion;          // of Quadrature, (Q, Q)
   const double* recurrence;         // (2 k + 1) / (k + 1), k / (k + 1), 1 / (4 k + 2), (Q, 3)
-  const double* stiffness;          // k_i, (m,)
+  const double* stiffness;          // k_ii of a uniform pipe, (m,)
+  const double* elastic;            // k_ij, (m, m); none where the stiffness is uniform
+  const double* elastic_forces;     // k T, (m, m)
 };
 
 /// A term with a load, at the end of a panel or, where it acts all along, at every node.
@@ -60,8 +63,12 @@ struct MotionEffects {
   double entry = 0.0;     // (1 - c) s sqrt(beta)
   double thrust[2]{};     // a cos psi along and a sin psi across the free end
   double gamma = 0.0, drag = 0.0, damping = 0.0;
+  double normal_mass = 0.0;  // per length, of what moves across the pipe alone
   const PanelTerm* loads = nullptr;
   std::ptrdiff_t load_count = 0;
+  const std::ptrdiff_t* held = nullptr;  // panels at whose ends the pipe is held, x = 0, ascending
+  std::ptrdiff_t held_count = 0;
+  double return_rate = 0.0;  // k, of states that miss that
 };
 
 /// The functions of one vector level. A batch here is a block: one member or the level's width,
@@ -78,13 +85,15 @@ struct GalerkinKernel {
   Function power;
   /// Position of the free end, x then y, and its velocity, (4, members).
   Function tips;
+  /// x where the pipe is held, then of each its derivatives by q: (held (1 + m), members).
+  Function held;
   /// Derivatives of q'' by q, then by q', (m, 2 m, members). Drag's share is 2 |v_n| dv_n.
   Function jacobian;
 
   /// About one state at rest, the functions being those of the tables: the mass matrix (m, m);
   /// derivatives of all forces but bending's by q, then by q' (m, 2 m); of the free end's position,
-  /// x then y (2, m). displacements: those of the straight pipe (N, m), which have more digits than
-  /// the integrals of the slopes; or null.
+  /// x then y (2, m); all forces (m). displacements: those of the straight pipe (N,
+  /// m), which have more digits than the integrals of the slopes; or null.
   void (*operators)(const GridTables&, const MotionEffects&, const Batch&,
                     const double* displacements, double* out);
 };

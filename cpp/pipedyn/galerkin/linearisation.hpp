@@ -11,7 +11,8 @@ namespace {
 /// Slopes of a law, in each lane of one member.
 template <class Real>
 struct SlopesOf {
-  Real by_position[2][2], by_velocity[2][2], by_angle[2];
+  Real by_position[2][2], by_velocity[2][2], by_angle[2], by_rate[2];
+  Real couple_by_velocity[2], couple_by_angle;
 };
 
 template <class Real, class Law>
@@ -48,19 +49,28 @@ template <class Real>
 struct Linearisation : Block<Real> {
   using Base = Block<Real>;
   using Base::alone, Base::step, Base::grid, Base::effects, Base::m, Base::padded, Base::points;
-  using Base::drags, Base::each, Base::loads, Base::resists, Base::bias, Base::moments,
-      Base::integrands;
+  using Base::drags, Base::each, Base::loads, Base::resists, Base::across_alone, Base::bias;
+  using Base::holds, Base::response, Base::reaction;
   using Base::load_x, Base::load_y, Base::mass_stride, Base::product_of;
+  using Base::moments, Base::integrands;
   using Base::sine, Base::cosine, Base::omega, Base::mass, Base::velocity, Base::weighted;
   using typename Base::Numbers, typename Base::Product;
 
   // Columns besides those that are integrated for the motion: derivatives of the loads by
-  // velocities and, of terms, by positions, times the virtual displacements; each x then y.
+  // velocities and, of terms, by positions, times the virtual displacements; each x then y. Between
+  // them what inertia makes of the displacements where some mass moves across the pipe alone: where
+  // none does, these themselves.
   const Count resisted = Base::integrated;
-  const Count held = resisted + (resists ? 2 * each : 0), last = held + (loads ? 2 * each : 0);
+  const Count beyond_resisted = resisted + (resists ? 2 * each : 0);
+  const Count inertial = across_alone ? beyond_resisted : 0;
+  const Count held = beyond_resisted + (across_alone ? 2 * each : 0);
+  const Count last = held + (loads ? 2 * each : 0);
   double *own, *acceleration, *spin;  // q'' in orthonormal coordinates and in the basis; theta''
   double* beyond;                     // a row of columns
+  double *pushed_n, *pushed_t;        // chi w n . a and chi w t . a, of what moves across alone
   double *by_angle, *by_rate, *system, *resistance;  // of `linearise`
+  double *turned, *returned;  // of supports: derivatives of x by q; of what its motion is to be at
+                              // held q'', by q, then by q'
 
   using Base::Base;
 
@@ -71,15 +81,29 @@ struct Linearisation : Block<Real> {
     acceleration = take(m);
     spin = take(grid.stride);
     beyond = take(Base::row_length(last));
+    pushed_n = take(across_alone ? points : 0);
+    pushed_t = take(across_alone ? points : 0);
     by_angle = take(points * mass_stride());
     by_rate = take(points * mass_stride());
     system = take(padded * 2 * mass_stride());
     resistance = take(padded * mass_stride());
+    turned = take(holds * m);
+    returned = take(holds * 2 * m);
   }
 
-  /// What integrals of loads count of a point, in the pipe's mass per length.
+  /// What integrals of loads count of a point, in the uniform pipe's mass per length or in 1.
   double unit(Count p) const {
+    if (grid.density != nullptr) return grid.weight[p] != 0.0 ? grid.weight[p] : 1.0;
     return grid.weight[p] != 0.0 ? grid.mass[p] : grid.mass[0] / grid.weight[0];
+  }
+
+  /// The displacements times the mass per length, or back.
+  void weigh_displacements(Count row, bool back) {
+    for (Count p = 0; p < points; ++p) {
+      const double factor = back ? 1.0 / grid.density[p] : grid.density[p];
+      double* const x = moments + p * row;
+      for (Count i = 0; i < bias * lanes<Real>; ++i) x[i] *= factor;
+    }
   }
 
   /// Loads of all points in their units, to be integrated in place of the acceleration at q'' = 0,
@@ -95,9 +119,27 @@ struct Linearisation : Block<Real> {
         sums[1] += factor * load<Pack>(y + i * lanes<Real>);
       }
       const double share = 1.0 / unit(p);
-      set(x, bias, Real(share * (grid.mass[p] * sum_of<Real>(sums[0]) - at<Real>(load_x, p))));
-      set(x, bias + 1, Real(share * (grid.mass[p] * sum_of<Real>(sums[1]) - at<Real>(load_y, p))));
+      const Real turned_x = sum_of<Real>(sums[0]), turned_y = sum_of<Real>(sums[1]);
+      Real along_x = grid.mass[p] * turned_x, along_y = grid.mass[p] * turned_y;
       for (Count k = resisted; k < last; ++k) set(x, k, Real{});
+      if (across_alone) {
+        const Real c = at<Real>(cosine, p), s = at<Real>(sine, p);
+        const double own = grid.weight[p] * effects.normal_mass;
+        const Real by_turning = own * (c * turned_x - s * turned_y);
+        along_x += by_turning * c;
+        along_y -= by_turning * s;
+        const Real ax = turned_x + at<Real>(x, bias), ay = turned_y + at<Real>(x, bias + 1);
+        set(pushed_n, p, Real(own * (c * ax - s * ay)));
+        set(pushed_t, p, Real(own * (s * ax + c * ay)));
+        for (Count i = 0; i < each; ++i) {
+          const Real by_x = at<Real>(x, i), by_y = at<Real>(y, i);
+          const Real by_normal = (share * own) * (c * by_x - s * by_y);
+          set(x, inertial + i, Real((share * grid.mass[p]) * by_x + by_normal * c));
+          set(x, inertial + each + i, Real((share * grid.mass[p]) * by_y - by_normal * s));
+        }
+      }
+      set(x, bias, Real(share * (along_x - at<Real>(load_x, p))));
+      set(x, bias + 1, Real(share * (along_y - at<Real>(load_y, p))));
       if (!drags) continue;
       const Real c = at<Real>(cosine, p), s = at<Real>(sine, p);
       const Real by_normal = share * dragged(p);
@@ -128,6 +170,7 @@ struct Linearisation : Block<Real> {
           double* const y = x + each * lanes<Real>;
           const SlopesOf<Real> slopes = slopes_of(law, station);
           const double share = -w / unit(p);
+          const double* const turning = grid.orthonormal + p * padded;
           for (Count i = 0; i < each; ++i) {
             const Real by_x = at<Real>(x, i), by_y = at<Real>(y, i);
             const auto times = [&](const Real& a, const Real& b) {
@@ -136,11 +179,18 @@ struct Linearisation : Block<Real> {
             for (Count c = 0; c < 2; ++c) {
               add(x, resisted + c * each + i,
                   Real(share * times(slopes.by_velocity[0][c], slopes.by_velocity[1][c])));
+              if (law.couples) {
+                add(x, resisted + c * each + i,
+                    Real((share * turning[i]) * slopes.couple_by_velocity[c]));
+              }
               add(x, held + c * each + i,
                   Real(w * times(slopes.by_position[0][c], slopes.by_position[1][c])));
             }
-            add(by_angle, p * mass_stride() + i,
-                Real(w * times(slopes.by_angle[0], slopes.by_angle[1])));
+            const Count entry = p * mass_stride() + i;
+            add(by_angle, entry, Real(w * times(slopes.by_angle[0], slopes.by_angle[1])));
+            if (!law.couples) continue;
+            add(by_angle, entry, Real((w * turning[i]) * slopes.couple_by_angle));
+            add(by_rate, entry, Real(w * times(slopes.by_rate[0], slopes.by_rate[1])));
           }
         });
   }
@@ -157,18 +207,24 @@ struct Linearisation : Block<Real> {
     if (loads) {
       for (Count k = 0; k < points * stride; ++k) set(by_angle, k, Real{});
     }
+    if (across_alone) {
+      for (Count k = 0; k < points * stride; ++k) set(by_rate, k, Real{});
+    }
     set_loads(row);
     if (loads) add_slopes_of_terms(row);
     if (effects.entry != 0.0) add_entering_flow(u, row);
+    const bool varies = grid.density != nullptr;
+    if (varies) weigh_displacements(row, false);
     integrate(grid, row, held * lanes<Real>, moments, integrands);
+    if (varies) weigh_displacements(row, true);
     for (Count k = 0; k < held; ++k) set(beyond, k, at<Real>(integrands + end * row, k));
     for (Count p = end; p >= 0; --p) {
       const double* const x = moments + p * row;
       const double* const y = x + each * lanes<Real>;
       const double* const before = integrands + p * row;
-      double factor = grid.mass[p];
+      double factor = varies ? grid.weight[p] : grid.mass[p];
       if (grid.weight[p] == 0.0) {
-        const double jump = factor / unit(p);
+        const double jump = grid.mass[p] / unit(p);
         for (Count k = 0; k < bias; ++k) add(beyond, k, Real(jump * at<Real>(x, k)));
         for (Count k = bias; k < held; ++k) add(beyond, k, at<Real>(x, k));
         factor = 0.0;
@@ -195,9 +251,13 @@ struct Linearisation : Block<Real> {
         forward += effects.drag * at<Real>(weighted, p) * (v * v);
         sideways += dragged(p) * (s * at<Real>(x, bias + 2) + c * at<Real>(x, bias + 3));
       }
+      if (across_alone) {
+        forward += at<Real>(pushed_n, p);
+        sideways += at<Real>(pushed_t, p);
+      }
       for (Count i = 0; i < each; i += step) {
         const Pack by_x = load<Pack>(x + i * lanes<Real>), by_y = load<Pack>(y + i * lanes<Real>);
-        const Pack beyond_x = beyond_of(i), beyond_y = beyond_of(each + i);
+        const Pack beyond_x = beyond_of(inertial + i), beyond_y = beyond_of(inertial + each + i);
         const Pack beyond_t = beyond_x * s + beyond_y * c, beyond_n = beyond_x * c - beyond_y * s;
         const Pack normal = by_x * c - by_y * s;
         Pack angle = load<Numbers>(grid.orthonormal + p * padded + i) * bent + normal * sideways +
@@ -208,7 +268,10 @@ struct Linearisation : Block<Real> {
         double* const to = by_angle + (p * stride + i) * lanes<Real>;
         if (loads) angle += load<Pack>(to);
         store(to, angle);
-        store(by_rate + (p * stride + i) * lanes<Real>, Pack(beyond_t * (2.0 * w) - normal * flow));
+        Pack rate = beyond_t * (2.0 * w) - normal * flow;
+        double* const rate_to = by_rate + (p * stride + i) * lanes<Real>;
+        if (across_alone) rate += load<Pack>(rate_to);
+        store(rate_to, rate);
       }
     }
     const auto by_slopes = [&](const double* left, double* to) {
@@ -282,6 +345,57 @@ struct Linearisation : Block<Real> {
     }
   }
 
+  /// Sums along the pipe to each support, of the basis' slopes.
+  void set_supports() {
+    const double k = effects.return_rate;
+    Count p = 0;
+    for (Count b = 0; b < holds; ++b) {
+      for (Count i = 0; i < 3 * m; ++i) {
+        double* const to = i < m ? turned : returned;
+        const Count width_of = i < m ? m : 2 * m, j = i < m ? i : i - m;
+        set(to, b * width_of + j, b > 0 ? at<Real>(to, (b - 1) * width_of + j) : Real{});
+      }
+      for (; p < Base::support(b); ++p) {
+        const double weight = grid.weight[p];
+        if (weight == 0.0) continue;
+        const Real c = weight * at<Real>(cosine, p), s = weight * at<Real>(sine, p);
+        const Real w = at<Real>(omega, p);
+        const Real by_q = s * (at<Real>(spin, p) + 2.0 * k * w) + c * (w * w - k * k);
+        const Real by_rates = 2.0 * (s * w - k * c);
+        for (Count i = 0; i < m; ++i) {
+          const double slope = grid.slope[p * Base::padded + i];
+          add(turned, b * m + i, Real(slope * c));
+          add(returned, 2 * b * m + i, Real(slope * by_q));
+          add(returned, (2 * b + 1) * m + i, Real(slope * by_rates));
+        }
+      }
+    }
+  }
+
+  /// Adds to the system's columns, which are those of q'' without supports, what these add.
+  void hold_system() {
+    const Count stride = mass_stride();
+    set_supports();
+    for (Count b = 0; b < holds; ++b) Base::to_basis(response + b * m * lanes<Real>);
+    for (Count j = 0; j < 2 * m; ++j) {
+      const Count column = j < m ? j : stride + j - m;
+      for (Count b = 0; b < holds; ++b) {
+        Real missed = at<Real>(returned, 2 * b * m + j);
+        for (Count i = 0; i < m; ++i) {
+          missed -= at<Real>(turned, b * m + i) * at<Real>(system, 2 * i * stride + column);
+        }
+        set(reaction, b, missed);
+      }
+      Base::solve_supports(reaction);
+      for (Count b = 0; b < holds; ++b) {
+        for (Count i = 0; i < m; ++i) {
+          add(system, 2 * i * stride + column,
+              Real(at<Real>(reaction, b) * at<Real>(response, b * m + i)));
+        }
+      }
+    }
+  }
+
   /// The members' system, (m, 2 m) of each.
   void write_system(double* out) const {
     const Count stride = mass_stride();
@@ -300,20 +414,24 @@ struct Linearisation : Block<Real> {
     Base::gram(row);
     for (Count i = 0; i < stride; ++i) set(own, i, Real{});
     Base::solve(own);
+    Base::hold(batch, row, own);
     for (Count i = 0; i < m; ++i) set(acceleration, i, at<Real>(own, i));
     Base::to_basis(acceleration);
     Base::template along<1>({acceleration}, {spin});
     linearise(batch, row);
     for (Count j = 0; j < m; ++j) {
-      const Count most = grid.to_basis == nullptr ? j + 1 : m;
-      for (Count i = j; i < most; ++i) {
+      const bool full = grid.elastic != nullptr, diagonal = !full && grid.to_basis == nullptr;
+      for (Count i = full ? 0 : j; i < (diagonal ? j + 1 : m); ++i) {
         const double elastic =
-            grid.stiffness[j] * (grid.to_basis == nullptr ? 1.0 : grid.to_basis[j * m + i]);
+            grid.elastic != nullptr
+                ? grid.elastic_forces[j * m + i]
+                : grid.stiffness[j] * (grid.to_basis == nullptr ? 1.0 : grid.to_basis[j * m + i]);
         add(system, 2 * i * stride + j, all<Real>(-elastic));
         add(system, (2 * i + 1) * stride + j, all<Real>(-effects.damping * elastic));
       }
     }
     solve_system();
+    if (holds > 0) hold_system();
     write_system(out);
   }
 
@@ -326,6 +444,7 @@ struct Linearisation : Block<Real> {
       }
     }
     Base::forces(batch, row);
+    const double* const forces_of = Base::force;
     Base::gram(row);
     for (Count i = 0; i < m; ++i) {
       for (Count j = 0; j < m; ++j) {
@@ -340,6 +459,7 @@ struct Linearisation : Block<Real> {
     for (Count i = 0; i < m; ++i) {
       out[3 * m * m + i] = end[i];
       out[3 * m * m + m + i] = end[each + i];
+      out[3 * m * m + 2 * m + i] = forces_of[i];
     }
   }
 };

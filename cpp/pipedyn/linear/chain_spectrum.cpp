@@ -359,15 +359,13 @@ std::optional<Forms> ChainSpectrum::forms(const Pair& pair) const {
   const auto form = [&](const LinearPart& part) {
     return times(angles, chain_.joint_times(x, part)).sum();
   };
-  Forms found{.mass = form({.square = 1.0}),
-              .velocity = form({.velocity = 1.0}),
-              .damping = form({.rate = 1.0}),
-              .flux = form({.flux = 1.0}),
-              .gravity = form({.gravity = 1.0}),
-              .by_damping = 0.0,
-              .springs = times(angles, x)};
-  found.by_damping = (chain_.springs().array() * found.springs.array()).sum();
-  return found;
+  return Forms{.mass = form({.square = 1.0}),
+               .velocity = form({.velocity = 1.0}),
+               .damping = form({.rate = 1.0}),
+               .flux = form({.flux = 1.0}),
+               .gravity = form({.gravity = 1.0}),
+               .by_damping = form({.by_damping = 1.0}),
+               .springs = times(angles, x)};
 }
 
 Reals ChainSpectrum::rounding(const Pairs& pairs) const {
@@ -416,7 +414,8 @@ double ChainSpectrum::determinant(double u, const Pair&) {
     const auto still = [](const ImpedanceParts& of) {
       return of.still + beside_zero * (of.rate + beside_zero * of.square);
     };
-    double a = -model.entry * speed * beside_zero, b = 0.0, c = 0.0, d = 0.0;
+    double a = -model.entry * speed * beside_zero, b = model.guided ? -thrust : 0.0;
+    double c = 0.0, d = 0.0;
     double sum = -static_cast<double>(roots_at_zero(speed)) * std::log(beside_zero);
     for (Index j = model.size - 1; j >= 0; --j) {
       const ImpedanceSegment& at = model.segments[j];

@@ -317,11 +317,6 @@ void Scene::add_rows(const Batch& batch, double rate, double* rates) const {
 
 void Scene::rhs(const Batch& batch, double* rates) const {
   chain_.rhs(batch, rates);
-  add_rows(batch, 0.0, rates);
-}
-
-void Scene::returning_rhs(const Batch& batch, double* rates) const {
-  chain_.rhs(batch, rates);
   add_rows(batch, return_rate, rates);
 }
 
@@ -336,7 +331,8 @@ void Scene::redundant_rhs(const Batch& states, double* rates) const {
   Matrix turning(2 * n, members);
   Batch batch = states;
   batch.y = y.data();
-  rhs(batch, turning.data());
+  chain_.rhs(batch, turning.data());
+  add_rows(batch, 0.0, turning.data());
   Matrix sine, cosine;
   turn(y.topRows(n), sine, cosine);
   Eigen::Map<Matrix> out(rates, 2 * size, members);
@@ -421,7 +417,7 @@ Scene::Linear Scene::linearised(const Batch& one, double rate) const {
   return made;
 }
 
-void Scene::jacobian(const Batch& batch, double rate, const Matrix& by_state, double* out) const {
+void Scene::derivative(const Batch& batch, double rate, const Matrix& by_state, double* out) const {
   const Index n = dof(), rows = 2 * n, members = batch.members;
   const auto column = [members](const double* of, Index size, Index k) -> Vector {
     return Eigen::Map<const Matrix>(of, size, members).col(k);

@@ -64,14 +64,13 @@ class Scene {
   /// The angles and their rates (2 n, members) in redundant states (6 n, members).
   Matrix angles(const Batch& states) const;
 
-  /// Rates of [theta, theta'] (2 n, members), O(n) a member and row. They keep guides and pins that
-  /// are met; what these say twice is enforced once. NaN where a direction has no inertia.
+  /// Rates of [theta, theta'] (2 n, members), O(n) a member and row. They return to guides and
+  /// pins, and keep those that are met; what these say twice is enforced once. NaN where a
+  /// direction has no inertia.
   void rhs(const Batch& batch, double* rates) const;
   /// The same of redundant states (6 n, members), of which the angles of the joints and their rates
-  /// are read.
+  /// are read, and which do not return.
   void redundant_rhs(const Batch& states, double* rates) const;
-  /// The same of integrators' states, which return to guides and pins.
-  void returning_rhs(const Batch& batch, double* rates) const;
   /// Those of [theta, theta', work done] (2 n + 1, members).
   void rhs_and_power(const Batch& batch, double* rates) const;
 
@@ -82,11 +81,15 @@ class Scene {
     Matrix r, e, x;          // (size of z, n), (size of z, 2 n), (n, size of z)
     Vector compliance;
   };
-  /// rate: k, 0 of `rhs`.
+  /// rate: k, 0 of `redundant_rhs`.
   Linear linearised(const Batch& one, double rate) const;
-  /// J of each member (members, 2 n, 2 n), row-major. by_state: derivatives of further moments
-  /// (n, 2 n) of a single member, which are else held.
-  void jacobian(const Batch& batch, double rate, const Matrix& by_state, double* out) const;
+  /// J of each member (members, 2 n, 2 n), row-major: of `rhs`.
+  void jacobian(const Batch& batch, double* out) const {
+    derivative(batch, return_rate, Matrix(), out);
+  }
+  /// The same at any k. by_state: derivatives of further moments (n, 2 n) of a single member, which
+  /// are else held.
+  void derivative(const Batch& batch, double rate, const Matrix& by_state, double* out) const;
 
   /// Energy of states [theta, theta']; 0 at rest on the straight pipe.
   void energy(const Batch& batch, double* out) const;

@@ -4,12 +4,14 @@
 // vector/pack.hpp.
 #pragma once
 
+#include "pipedyn/terms/added_mass.hpp"
 #include "pipedyn/terms/cubic_spring.hpp"
 #include "pipedyn/terms/damper.hpp"
 #include "pipedyn/terms/foundation.hpp"
 #include "pipedyn/terms/point_mass.hpp"
 #include "pipedyn/terms/spring.hpp"
 #include "pipedyn/terms/stop.hpp"
+#include "pipedyn/terms/stretching.hpp"
 #include "pipedyn/terms/tension.hpp"
 #include "pipedyn/terms/viscosity.hpp"
 
@@ -34,6 +36,8 @@ using Laws = LawTable<PointMass,    //
                       Viscosity,    //
                       CubicSpring,  //
                       Stop,         //
-                      Tension>;
+                      AddedMass,    //
+                      Tension,      //
+                      Stretching>;
 
 }  // namespace

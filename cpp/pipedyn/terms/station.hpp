@@ -6,7 +6,8 @@
 //
 // x is across the straight pipe and y along it, downward; t = (sin theta, cos theta). At a station
 // with virtual displacement dr a term does the virtual work load . dr; with the velocity v and the
-// acceleration a it adds mass a . dr to the inertia's, and its mass has weight like the pipe's.
+// acceleration a it adds mass a . dr to the inertia's, and its mass has weight like the pipe's. A
+// couple does the virtual work couple dtheta.
 //
 // Local to each translation unit, like vector/pack.hpp, since the kernels of all vector levels
 // include it.
@@ -23,10 +24,10 @@ struct Station {
   Real omega;         // theta'
 };
 
-/// A force, or a force per length.
+/// A force, or a force per length, and a couple that does work as theta turns.
 template <class Real>
 struct Load {
-  Real x, y;
+  Real x, y, couple{};
 };
 
 /// Derivatives of a load; rows are its components.
@@ -34,14 +35,22 @@ struct Slopes {
   double by_position[2][2] = {};  // by x, by y
   double by_velocity[2][2] = {};  // by vx, by vy
   double by_angle[2] = {};        // by theta, position and velocity held
+  double by_rate[2] = {};         // by theta', velocity held
+  double couple_by_velocity[2] = {};
+  double couple_by_angle = 0.0;
 };
 
 /// A law without effect; each law redefines those of these functions in which it has one.
 struct NoLaw {
   static constexpr bool along = false;  // acts per length, all along the pipe
   static constexpr bool loads = false;  // has a load
+  // Has a couple, along the pipe; of second degree in velocities, as are slopes by theta', so that
+  // about rest neither has a part.
+  static constexpr bool couples = false;
 
   double mass() const { return 0.0; }  // or mass per length
+  /// Mass per length that moves with v_n = v . n alone, without weight: adds (n . a) n . dr.
+  double normal_mass() const { return 0.0; }
   template <class Real>
   Load<Real> load(const Station<Real>&) const {
     return {Real{}, Real{}};
@@ -58,5 +67,22 @@ struct NoLaw {
     return Real{};
   }
 };
+
+/// What a law's load adds to the energy, beside its power, as the base moves with the velocity (vx,
+/// vy); of the fluid that moves with the pipe the energy is counted about the base, of springs on
+/// the ground.
+template <class Law, class Real>
+Real base_power(const Law& law, const Station<Real>& at, const Load<Real>& load, const Real& vx,
+                const Real& vy) {
+  if constexpr (Law::couples) {
+    Station<Real> about = at;
+    about.vx -= vx;
+    about.vy -= vy;
+    const Load<Real> own = law.load(about);
+    return (load.x - own.x) * about.vx + (load.y - own.y) * about.vy +
+           (load.couple - own.couple) * at.omega;
+  }
+  return -(load.x * vx + load.y * vy);
+}
 
 }  // namespace

@@ -62,7 +62,7 @@ class Family:
         return 3 * size if self.paired else size
 
     def for_terms(self, pipe: Pipe) -> int:
-        """Functions that a Legendre basis takes on top, where terms divide the pipe into panels."""
+        """Functions that a Legendre basis takes on top, where the pipe is divided into panels."""
         return FUNCTIONS_A_JOINT * basis_joints(pipe).size if self.order == math.inf else 0
 
     def beyond(self, size: int) -> int:

@@ -20,6 +20,7 @@ from pipedyn.models.base import PipedynError, checked_pipe
 from pipedyn.models.continuum import LARGEST, Continuum
 from pipedyn.models.galerkin import Galerkin
 from pipedyn.models.pipe import Pipe
+from pipedyn.models.profile import Profile
 from pipedyn.models.supports import RootSpring
 from pipedyn.models.terms import Foundation, Spring
 from pipedyn.util import check
@@ -46,6 +47,9 @@ NUMBERS = {
 ABSENT = {"inflow_share": 1.0, "jet_angle": 0.0}
 """What a number is where the pipe has no such effect, if that is not 0; listed where it has."""
 
+PROFILES = {"varying stiffness": "stiffness", "varying mass": "mass"}
+"""Effects that a uniform pipe has not, with its value at s = 0 all along: its name."""
+
 
 @result
 class Effect:
@@ -54,6 +58,7 @@ class Effect:
     Attributes:
         name: "gravity", "drag", "damping", "Coriolis", "centrifugal", "flow" (both of its parts),
             "inflow" (what the entering fluid lacks of the free end's velocity), "jet angle",
+            "varying stiffness" or "varying mass" of a pipe that is not uniform,
             "RootSpring(stiffness=30)" (what a clamp gives), or a term of the pipe as it prints,
             "PointMass(at=1, mass=0.1)", all that are equal being one; several joined by " + ".
         strength: the number it comes from, in words; empty where the pipe does not have it.
@@ -167,7 +172,8 @@ def relevant(
     the free end's velocity carries away (beta = 0: beta enters by sqrt(beta) u alone), its
     centrifugal part (alpha = 0), except for the critical speed the flow as a whole, what the
     entering fluid lacks of the free end's velocity (inflow_share = 1), the angle of the jet
-    (jet_angle = 0), what a root with a spring turns (then clamped), and each term.
+    (jet_angle = 0), what a root with a spring turns (then clamped), what varies along the pipe (its
+    value at s = 0 all along), and each term.
 
     An effect that changes the kind of the answer (flutter to divergence, buckled at rest or not, no
     loss of stability, unstable from the smallest flow on, no limit cycle) is infinitely large.
@@ -270,6 +276,11 @@ def _strengths(pipe: Pipe) -> dict[str, str]:
     for term in pipe.terms:
         numbers = [f"{name} = {value:.4g}" for name, value in term.numbers.items() if value]
         strengths[repr(term)] = ", ".join(numbers)
+    for name, of in PROFILES.items():
+        profile: Profile | None = getattr(pipe, of)
+        if profile is not None:
+            low, high = profile.bounds
+            strengths[name] = f"{of} {low:.4g} to {high:.4g}"
     return strengths
 
 
@@ -289,6 +300,7 @@ def _without(pipe: Pipe, names: Collection[str]) -> Pipe:
     if repr(pipe.root) in names:
         gone["root"] = "clamped"
     gone["terms"] = tuple(term for term in pipe.terms if repr(term) not in names)
+    gone |= {of: None for name, of in PROFILES.items() if name in names}
     return replace(pipe, **gone)
 
 
@@ -350,14 +362,17 @@ def _growth(pipe: Pipe, u: float) -> float:
     if pipe.jet_angle:
         return math.nan
     numbers = [term.numbers for term in pipe.terms]
-    weight = pipe.gamma * (1.0 + sum(one.get("mass", 0.0) for one in numbers))
+    soft, stiff = (1.0, 1.0) if pipe.stiffness is None else pipe.stiffness.bounds
+    light, heavy = (1.0, 1.0) if pipe.mass is None else pipe.mass.bounds
+    weight = pipe.gamma * (heavy + sum(one.get("mass", 0.0) for one in numbers))
     weight += sum(one.get("load", 0.0) for one in numbers)
     springs = (Spring, Foundation)
     stiffness = sum(term.stiffness for term in pipe.terms if isinstance(term, springs))
-    thrust = max(pipe.alpha, 1.0) * u**2 + max(-weight, 0.0)
+    thrust = (max(pipe.alpha, 1.0) * u**2 + max(-weight, 0.0)) / soft
     half_waves = 4 + math.ceil(math.sqrt(thrust) / math.pi)
     wave = math.pi * half_waves
-    largest = math.hypot(wave * math.hypot(wave, math.sqrt(abs(weight))), math.sqrt(stiffness))
+    elastic = wave * math.hypot(math.sqrt(stiff) * wave, math.sqrt(abs(weight)))
+    largest = math.hypot(elastic, math.sqrt(stiffness)) / math.sqrt(light)
 
     def least_damped(rom: Galerkin) -> float:
         values = modes(rom, u).eigenvalues

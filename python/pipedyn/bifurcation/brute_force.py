@@ -321,9 +321,7 @@ def _neighbour(model: Model, run: _Run, bend: Array) -> _Run:
     p, rate = np.split(run.state, 2)
     towards, _ = np.split(np.asarray(model.start(bend, None)), 2)
     beside = p + NUDGE * towards / float(np.abs(towards).max()), rate
-    if model.moving != model.dof:  # guides and pins
-        beside = model.motion.projected(*beside)
-    state = np.concatenate(beside)
+    state = np.concatenate(model.projected(*beside))
     return _Run(NEIGHBOUR, run.speed, run.start, state if np.isfinite(state).all() else run.state)
 
 

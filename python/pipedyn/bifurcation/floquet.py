@@ -199,7 +199,7 @@ def _eigenvalues(motion: VectorField, orbit: PeriodicOrbit, maps: Array, units: 
     """The roots of the multipliers from the maps of intervals, in units of the state."""
     allowed: Array | None = None
     if motion.constrained:
-        allowed = motion.model.motion.free_directions(orbit.starts[0]) / units[:, None]
+        allowed = motion.model.free_states(orbit.starts[0]) / units[:, None]
     return np.asarray(orbit.mirror * eigenvalues_through(maps, allowed))
 
 

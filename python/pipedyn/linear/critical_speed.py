@@ -65,7 +65,7 @@ class CriticalSpeed(Crossing):
     stable_at_rest: bool = field(kw_only=True)
     size: int = field(kw_only=True)
     pipe: Pipe = field(kw_only=True, repr=False)
-    _exact: Continuum | None = field(repr=False, compare=False, default=None)
+    _approximates: bool = field(repr=False, compare=False, default=False)
     _continuous: float | None = field(repr=False, default=None)
     _max_speed: float = field(repr=False, default=100.0)
 
@@ -76,7 +76,7 @@ class CriticalSpeed(Crossing):
         None for chains with springs or inertia of the user's own, infinite where the continuous
         pipe has no critical speed. The continuous pipe is solved at the first request.
         """
-        if self._exact is None:
+        if not self._approximates:
             return None
         if self._continuous is not None:
             return self._continuous
@@ -183,7 +183,8 @@ def _is_cheaper_up_to(end: float, model: AnyModel) -> bool:
     """Whether a search that ends before the speed asked for takes less time."""
     if not isinstance(model, Model):
         return True
-    return _some_are_cheaper(_modes_within(end), end, model.dof) and model.pencil().is_long
+    modes = _modes_within(end, model.pipe)
+    return _some_are_cheaper(modes, end, model.dof) and model.pencil().is_long
 
 
 def losses(
@@ -253,7 +254,7 @@ def _point(model: AnyModel, plan: Sequence[Job[Found]], known_to: float) -> Poin
         stable_at_rest=found[0].unstable_before == 0,
         size=solved[0].size,
         pipe=pipe,
-        _exact=Continuum(pipe) if model.approximates_pipe else None,
+        _approximates=model.approximates_pipe,
         _continuous=first.error if isinstance(model, Continuum) else None,
         _max_speed=known_to,
     )
@@ -324,7 +325,10 @@ class _Search:
         self.larger = None
         # Where roots stay on the imaginary axis, no distance to it is known.
         on_axis = self.problem.is_conservative or self.problem.velocity_free(1.0)
-        if isinstance(model, Galerkin) and larger is not None and not on_axis:
+        # Of a pipe whose stiffness varies and that is held elsewhere, elastic coordinates of one
+        # basis are not among those of the next.
+        nested = model.pipe.cantilevered or model.pipe.stiffness is None
+        if isinstance(model, Galerkin) and larger is not None and not on_axis and nested:
             self.larger = eigenproblem(larger)
             self.spectrum = _core.Truncated(
                 self.problem.spectrum(),
@@ -334,7 +338,7 @@ class _Search:
             )
         if not self.problem.is_long:
             return
-        self._track(_modes_within(max_speed))
+        self._track(_modes_within(max_speed, model.pipe))
         # Those before the cluster at -1 / delta, which a search for a few roots does not pass, may
         # be enough: modes with (delta omega)^2 < 0.9, four fewer as the search looks beyond those
         # tracked.
@@ -351,7 +355,7 @@ class _Search:
 
     def widen(self) -> None:
         """Tracks more modes than the search did that met an untracked one."""
-        self._track(max(2 * self.tracked, _modes_within(self.max_speed)))
+        self._track(max(2 * self.tracked, _modes_within(self.max_speed, self.model.pipe)))
 
     @property
     def _looked_at(self) -> int:
@@ -363,7 +367,8 @@ class _Search:
             max_speed=self.max_speed,
             # Near the free end of a heavy hanging pipe, where its weight no longer stretches it,
             # lengths are in gamma^(-1/3) and flow speeds in gamma^(1/3).
-            scale=math.cbrt(1.0 + max(self.model.pipe.gamma, 0.0) / LARGE_GRAVITY),
+            scale=math.cbrt(1.0 + max(self.model.pipe.gamma, 0.0) / LARGE_GRAVITY)
+            * _softest(self.model.pipe),
             count=self.count,
             tracked=self.tracked,
             resolved=self._looked_at,
@@ -402,9 +407,14 @@ def _swept(searches: Sequence[_Search]) -> None:
             one.widen()
 
 
-def _modes_within(max_speed: float) -> int:
+def _softest(pipe: Pipe) -> float:
+    """Share of the flow speed at which waves are as short where the pipe is softest."""
+    return 1.0 if pipe.stiffness is None else math.sqrt(min(1.0, pipe.stiffness.bounds[0]))
+
+
+def _modes_within(max_speed: float, pipe: Pipe) -> int:
     """How many modes the flow can reach: those of wave number k up to pi u, and twelve more."""
-    return 12 + math.ceil(max_speed)
+    return 12 + math.ceil(max_speed / _softest(pipe))
 
 
 def _some_are_cheaper(tracked: int, max_speed: float, dof: int) -> bool:

@@ -132,7 +132,7 @@ def _sensitivity(problem: Eigenproblem, crossing: _core.AxisCrossing) -> Sensiti
     if pipe.beta >= LEAST_BETA:
         changes["beta"] = -value * u * forms.velocity / (2.0 * pipe.beta * down)
     if forms.springs.size:
-        changes["springs"] = -(1.0 + pipe.damping * value) * forms.springs / down
+        changes["springs"] = -pencil.by_springs(value) * forms.springs / down
     speed: dict[str, Any] = {"beta": None}
     frequency = speed.copy()
     for name, change in changes.items():

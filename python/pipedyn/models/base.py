@@ -9,7 +9,7 @@ from collections.abc import Callable
 from dataclasses import fields, replace
 from functools import cached_property
 from operator import attrgetter
-from typing import Any, ClassVar, Self
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -98,12 +98,6 @@ class Operators:
             stiffness = stiffness + self.direction * u_dot * self.unsteady
         return self.mass, velocity, stiffness
 
-    def projected(self, basis: Array) -> Operators:
-        """Those in coordinates z, q = basis z, shape (dof, r)."""
-        matrices = {field.name: getattr(self, field.name) for field in fields(self)[:6]}
-        of_basis = {name: basis.T @ matrix @ basis for name, matrix in matrices.items()}
-        return replace(self, **of_basis)
-
 
 @result
 class Power:
@@ -137,6 +131,14 @@ def operators_from(core: _core.Operators, pipe: Pipe, scale: Array | None = None
     return Operators(**matrices, direction=pipe.direction, centrifugal=pipe.alpha)
 
 
+def projected(operators: Operators, basis: Array) -> Operators:
+    """Those in coordinates z of which the others are basis z, shape (dof, r)."""
+    names = [field.name for field in fields(Operators)[:7]]
+    return replace(
+        operators, **{name: basis.T @ getattr(operators, name) @ basis for name in names}
+    )
+
+
 def core_pipe(pipe: Pipe) -> _core.Pipe:
     """The pipe's numbers as the core takes them."""
     return _core.Pipe(
@@ -148,7 +150,9 @@ def core_pipe(pipe: Pipe) -> _core.Pipe:
         aspirating=pipe.flow == "aspirating",
         inflow_share=pipe.inflow_share,
         jet_angle=pipe.jet_angle,
-        terms=[(t.law, t.place or 0.0, list(t.numbers.values())) for t in pipe.terms],
+        terms=[(t.law, t.place or 0.0, t.law_numbers(pipe.damping)) for t in pipe.terms],
+        stiffness=_core.Profile() if pipe.stiffness is None else pipe.stiffness.core,
+        mass=_core.Profile() if pipe.mass is None else pipe.mass.core,
         root=pipe.root_stiffness,
         end=pipe.end,
         supports=pipe.supports,
@@ -165,13 +169,8 @@ def checked_pipe(pipe: Any) -> Pipe:
 class OfPipe:
     """A pipe to be asked about, discretised or continuous. Immutable; pickles."""
 
-    takes_supports: ClassVar[bool] = False
-    """Whether it takes pipes that are no cantilevers; to be True of every model."""
-
     def __init__(self, pipe: Pipe) -> None:
         self._pipe = checked_pipe(pipe)
-        if not (pipe.cantilevered or self.takes_supports):
-            raise ValueError(f"{type(self).__name__} must be of a cantilevered pipe, got {pipe!r}")
 
     @property
     def pipe(self) -> Pipe:
@@ -197,9 +196,15 @@ class OfPipe:
         """The same discretisation, if there is one, with its springs, of another pipe.
 
         Raises:
-            ValueError: for terms that the model does not take, as when it is made.
+            ValueError: for terms that the model does not take, as when it is made; for another
+                stiffness or mass along the pipe, which a discretisation follows.
             TypeError: for what is no pipe.
         """
+        for name in ("stiffness", "mass"):
+            if getattr(checked_pipe(pipe), name) != getattr(self._pipe, name):
+                raise ValueError(
+                    f"pipe must have the {name} along it that the model was made for, got {pipe!r}"
+                )
         other = object.__new__(type(self))
         other.__dict__.update(self.__getstate__())
         OfPipe.__init__(other, pipe)
@@ -233,7 +238,7 @@ class Model(OfPipe, ABC):
 
     @property
     def coordinates(self) -> int:
-        """Number of coordinates of a state; more than dof where constraints tie them."""
+        """Number of coordinates of a state; more than dof where something ties them."""
         return self.dof
 
     @property
@@ -242,12 +247,16 @@ class Model(OfPipe, ABC):
         return f"angles of {self.moving} segments"
 
     def term_stiffness(self, pencil: Pencil) -> float:
-        """Norm of what K of the model's pencil has besides the elastic part; 0 without terms.
+        """Norm of what K has besides the elastic part; 0 of a uniform pipe without terms.
 
         From four products: measured, to 3 %, as the lowest modes feel most of it.
         """
-        if not self.pipe.terms:
-            return 0.0
+        pipe = self.pipe
+        varied = pipe.terms or pipe.stiffness or pipe.mass
+        return self._stiffness_beside(pencil) if varied else 0.0
+
+    @staticmethod
+    def _stiffness_beside(pencil: Pencil) -> float:
         start = np.cos(np.arange(1.0, pencil.dof + 1.0))[:, None]
         return largest_stretch(lambda x: pencil.stiffness(x) - pencil.elastic(x), start, 4)
 
@@ -308,8 +317,9 @@ class Model(OfPipe, ABC):
         if rest is None:  # nothing but an inclined jet bends the straight pipe
             across = pipe.end in ("free", "guided")
             return across * thrust * abs(math.sin(pipe.jet_angle)) / size
-        rates = self.motion_rates(np.concatenate([rest, np.zeros_like(rest)]), u)
-        return float(np.abs(self.operators(rest).mass @ rates[self.dof :]).max()) / size
+        turning = self.motion_rates(np.concatenate([rest, np.zeros_like(rest)]), u)[rest.size :]
+        left = self.operators(rest).mass @ (self.free_directions(rest).T @ turning)
+        return float(np.abs(left).max()) / size
 
     def require_equilibrium(self, *speeds: float) -> None:
         """Raises ValueError if the model cannot rest, where it is linearised, at a flow speed."""
@@ -319,7 +329,8 @@ class Model(OfPipe, ABC):
                 raise ValueError(
                     f"the model must rest at u = {u:g} where it is linearised, got an unbalanced "
                     f"force of {rest:.1e}; choose about(q), q of equilibria(model, {u:g}), or ask "
-                    "equilibrium_branch(model, ...), whose points say where stability is lost"
+                    "equilibrium_branch(model, q, u, speeds), whose points say where stability is "
+                    "lost"
                 )
 
     def pencil(self) -> Pencil:
@@ -408,6 +419,11 @@ class Model(OfPipe, ABC):
 
     def require_base(self) -> None:
         """Raises ValueError where it is not known what a moving base does to the model."""
+        if any(term.law == "stretching" for term in self.pipe.terms):
+            raise ValueError(
+                "base must be at rest with Stretching: its axial spring stands on the ground, and "
+                "the base would stretch the pipe"
+            )
 
     def jacobian(
         self,
@@ -444,9 +460,10 @@ class Model(OfPipe, ABC):
 
     def start(self, q0: ArrayLike, qdot0: ArrayLike | None) -> Array:
         """[p, p'] to integrate from, shape (2 moving,), of what `simulate` is given."""
-        rule: dict[str, Any] = {"size": self.dof, "low": -LARGEST_ANGLE, "high": LARGEST_ANGLE}
+        size = self.coordinates
+        rule: dict[str, Any] = {"size": size, "low": -LARGEST_ANGLE, "high": LARGEST_ANGLE}
         q = check.array("q0", q0, **rule)
-        rates = np.zeros(self.dof) if qdot0 is None else check.array("qdot0", qdot0, **rule)
+        rates = np.zeros(size) if qdot0 is None else check.array("qdot0", qdot0, **rule)
         return np.concatenate([q, rates])
 
     def recorded(self, p: Array, pdot: Array) -> tuple[Array, Array]:
@@ -460,6 +477,14 @@ class Model(OfPipe, ABC):
     def free_directions(self, p: Array) -> Array:
         """Directions that constraints leave about a configuration, shape (moving, dof)."""
         return np.eye(self.dof)
+
+    def projected(self, p: Array, rates: Array) -> tuple[Array, Array]:
+        """Close to p and its rates, (moving, ...) each, what meets constraints; NaN without any."""
+        return p, rates
+
+    def free_states(self, y: Array) -> Array:
+        """Changes of [p, p'] that constraints leave, shape (2 moving, 2 dof)."""
+        return np.eye(2 * self.dof)
 
     def largest_angle(self, p: NDArray[Any]) -> float:
         """Largest angle of the pipe displaced by p, shape (moving,), maybe complex; to first order.
@@ -597,7 +622,7 @@ class Model(OfPipe, ABC):
             )
 
     def _coordinates(self, q: ArrayLike) -> Array:
-        return check.array("q", q, size=self.dof, low=-LARGEST_ANGLE, high=LARGEST_ANGLE)
+        return check.array("q", q, size=self.coordinates, low=-LARGEST_ANGLE, high=LARGEST_ANGLE)
 
     def _columns(self, name: str, given: ArrayLike, size: int | None = None) -> NDArray[Any]:
         """Numbers of one or several columns, shape (size, ...), dof by default; real or complex."""

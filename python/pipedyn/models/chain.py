@@ -14,14 +14,19 @@ from numpy.typing import ArrayLike, NDArray
 
 from pipedyn import _core
 from pipedyn.models.base import (
+    LARGEST_ANGLE,
     Model,
+    NotConverged,
     Operators,
     arc_lengths,
     core_pipe,
     operators_from,
+    projected,
     stored,
 )
-from pipedyn.models.pencil import ChainPencil, Pencil
+from pipedyn.models.galerkin import Galerkin, basis_joints
+from pipedyn.models.held import MET, SAME, Held, closest, held_nodes, keeps_direction
+from pipedyn.models.pencil import ChainPencil, Pencil, real_columns
 from pipedyn.models.pipe import Pipe
 from pipedyn.util import check
 from pipedyn.util.check import Array
@@ -43,36 +48,52 @@ class Chain(Model):
     """A chain of n rigid segments, the lumped-parameter model of a pipe.
 
     Coordinates: the angles theta_j of the segments from the straight pipe, shape (n,), from the
-    clamp to the free end. The terms of the pipe act where they are, anywhere along a segment; what
+    root to the other end. The terms of the pipe act where they are, anywhere along a segment; what
     acts at a place of the fixed base moves nothing. `rhs` takes O(n), `jacobian` O(n^2).
+
+    Supports, and an end that is pinned or clamped, hold the ends of segments on the axis: n angles
+    then have fewer degrees of freedom, `dof`. States and configurations hold all n, and meet the
+    supports to 1e-9; `bent` and `closed` give such. Operators and modes have coordinates along
+    `basis`, orthonormal. A root's spring lies in series with the first joint, 1 / k_1 + 1 / k_r; a
+    guided or clamped end has a joint n + 1, the mirror image of the clamp's.
 
     Args:
         pipe: the pipe.
         n: number of segments; not needed where an array is given.
-        springs: stiffness k_j of the joint at each segment's clamped side, in EI / L, shape (n,),
-            each >= 0; or a rule:
-            "consistent": 1 / k_j is the length that lies nearer to joint j than to any other, with
-            all of the base at the first; n on n equal segments, but 2 n at the clamp. Second order.
+        springs: stiffness k_j of the joint at each segment's side towards the root, in EI / L,
+            shape (n,), each >= 0, and one more for a guided or clamped end; or a rule:
+            "consistent": 1 / k_j is the length, or where the stiffness e varies the integral of
+            1 / e over what lies nearer to joint j than to any other, with all of the base at the
+            first; n on n equal segments, but 2 n at clamps. Second order.
             "midpoint": n equal cells with a joint in the middle of each, all springs n; half a
-            cell stays fixed at the clamp and the last segment is half a cell. Second order.
+            cell stays fixed at the clamp and the last segment is half a cell. Second order, for a
+            clamped root, an end free or pinned and no supports.
             "uniform": all springs n. First order.
             "frequency": all equal, the chain's first frequency without flow, gravity and terms
             that of the cantilever. First order.
             "rayleigh" (the paper's): all equal; the Rayleigh quotient of the tip-load shape,
             sampled at the joints, that of the cantilever's first frequency. It does not converge
             to the continuous pipe: frequencies and critical speed end 1.44 % low.
-        lengths: of the segments in L, shape (n,), each > 0; equal where not given.
+            Springs that these rules make equal are, where the stiffness varies, in proportion to
+            its harmonic mean over the cell, or else over the joint's segment.
+        lengths: of the segments in L, shape (n,), each > 0, one ending at each support; equal where
+            not given, or between supports.
         centers: centre of mass of each segment as a fraction chi_j of its length, shape (n,), in
-            [0, 1]; 1/2 where not given.
-        gyration_radii: eta_j in L, about the centre of mass, shape (n,), >= 0; l_j / sqrt(12),
-            that of a homogeneous segment, where not given.
+            [0, 1]; where not given that of the pipe's own mass, 1/2 if it is uniform.
+        gyration_radii: eta_j in L, about the centre of mass, shape (n,), >= 0; where not given
+            that of the pipe's own mass, l_j / sqrt(12) if it is uniform.
         drag_points: where drag acts, as a fraction xi_j of the length, shape (n,), in [0, 1]; 1/2
             where not given.
-        base: length of the fixed part at the clamp, in L; base + sum(lengths) = 1.
+        base: length of the fixed part at a clamped root, in L; base + sum(lengths) = 1.
+        masses: of the segments in the pipe's, shape (n,), each > 0; where not given their lengths,
+            or of a pipe whose mass varies the integrals of that. Of such a pipe masses, centers and
+            gyration_radii are given together or not at all.
 
     Raises:
         ValueError: for a number out of range, arrays that do not fit one another, lengths that do
-            not add up, more than a million segments, or "midpoint" with lengths or a base.
+            not add up or do not end at the supports, supports that leave nothing that moves, more
+            than a million segments, a segment lighter than its fluid, or "midpoint" with lengths or
+            a base, or where it is not made for how the pipe is held.
         TypeError: for what is no number, array or pipe.
 
     Source: Orsino and Di Giulio, eqs. (1)-(11) and the modal analysis; "midpoint" after Paidoussis
@@ -90,6 +111,7 @@ class Chain(Model):
         gyration_radii: ArrayLike | None = None,
         drag_points: ArrayLike | None = None,
         base: float = 0.0,
+        masses: ArrayLike | None = None,
     ) -> None:
         super().__init__(pipe)
         rule = check.choice("springs", springs, SPRING_RULES) if isinstance(springs, str) else None
@@ -97,12 +119,14 @@ class Chain(Model):
         n = _segment_count(
             n,
             lengths=lengths,
-            springs=None if rule else springs,
             centers=centers,
             gyration_radii=gyration_radii,
             drag_points=drag_points,
+            masses=masses,
+            springs=None if rule else springs,
+            guided=keeps_direction(pipe),
         )
-        cells = np.full(n, (1.0 - base) / n)
+        cells = _cells(n, base, pipe.supports)
         if rule == "midpoint":
             if lengths is not None or base != 0.0:
                 raise ValueError(
@@ -119,10 +143,24 @@ class Chain(Model):
         if shortest < SHORTEST_SEGMENT:
             raise ValueError(f"lengths must be at least {SHORTEST_SEGMENT:g} each, got {shortest}")
         self._base = base
-        self._centers = _given("centers", centers, np.full(n, 0.5), high=1.0)
+        inertia = {"masses": masses, "centers": centers, "gyration_radii": gyration_radii}
+        own = [name for name, given in inertia.items() if given is not None]
+        if pipe.mass is not None and len(own) in (1, 2):
+            raise ValueError(
+                "masses, centers and gyration_radii must be given together or left to the pipe's "
+                f"mass, which varies along it, got {' and '.join(own)}"
+            )
+        mass, center, radius = self._pipe_inertia()
+        self._masses = _given("masses", masses, mass, high=1e6, open_low=True)
+        lacking = self._masses - self._pipe.beta * self._lengths
+        if lacking.min() < -1e-9 * self._masses.max():
+            raise ValueError(
+                f"masses must be at least beta = {pipe.beta:g} times the length each, the fluid's "
+                f"part, got {float(self._masses[lacking.argmin()])!r}"
+            )
+        self._centers = _given("centers", centers, center, high=1.0)
         self._drag_points = _given("drag_points", drag_points, np.full(n, 0.5), high=1.0)
-        homogeneous = self._lengths / math.sqrt(12.0)
-        self._gyration_radii = _given("gyration_radii", gyration_radii, homogeneous, high=1e3)
+        self._gyration_radii = _given("gyration_radii", gyration_radii, radius, high=1e3)
         arm = self._centers[-1] * self._lengths[-1] + self._gyration_radii[-1]
         if arm < 0.1 * SHORTEST_SEGMENT:
             raise ValueError(
@@ -131,19 +169,52 @@ class Chain(Model):
             )
         self._rule = rule
         if rule is None:
-            self._springs = check.array("springs", springs, size=n, low=0.0, high=1e15)
+            self._joints = check.array(
+                "springs", springs, size=n + keeps_direction(pipe), low=0.0, high=1e15
+            )
         else:
-            self._springs = _frozen(self._springs_by_rule(rule))
-        self._approximates = rule is not None and centers is None and gyration_radii is None
+            self._joints = _frozen(self._springs_by_rule(rule))
+        self._check_terms()
+        self._approximates = rule is not None and not own
+
+    def _ends(self) -> Array:
+        """Arc lengths where the segments begin and end, shape (n + 1,)."""
+        return np.minimum(self._base + np.cumsum([0.0, *self._lengths]), 1.0)
+
+    def _pipe_inertia(self) -> tuple[Array, Array, Array]:
+        """Masses, centres and radii of gyration of the pipe's own segments."""
+        lengths, mass = self._lengths, self._pipe.mass
+        if mass is None:
+            return lengths.copy(), np.full(lengths.size, 0.5), lengths / math.sqrt(12.0)
+        whole, first, second = mass.moments(self._ends())
+        arms = first / whole
+        return whole, arms / lengths, np.sqrt(second / whole - arms**2)
+
+    def _relative_stiffness(self, rule: str) -> Array:
+        """Harmonic mean of the pipe's stiffness over what each joint stands for, shape (n + 1,)."""
+        if self._pipe.stiffness is None:
+            return np.ones(self.coordinates + 1)
+        cells = self._ends()
+        if rule == "consistent":
+            cells[1:] -= 0.5 * self._lengths
+            cells = np.append(cells, 1.0)
+            cells[0] = 0.0
+        elif rule == "midpoint":
+            cells = np.linspace(0.0, 1.0, self.coordinates + 1)
+        harmonic = np.diff(cells) / self._pipe.stiffness.reciprocal.moments(cells)[0]
+        return np.append(harmonic, harmonic[-1])[: self.coordinates + 1]
 
     def _springs_by_rule(self, rule: str) -> Array:
-        n = self.dof
+        """Of all joints, that of a guided end included, with a clamped root, shape (n + 1,)."""
+        n, every = self.coordinates, self._relative_stiffness(rule)
         if rule == "consistent":
-            inner = np.concatenate([[2.0 * self._base], self._lengths[:-1]])
-            return 2.0 / (inner + self._lengths)
+            beside = np.concatenate([[2.0 * self._base], self._lengths, [0.0]])
+            return 2.0 / (beside[:-1] + beside[1:]) * every
         if rule in ("uniform", "midpoint"):
-            return np.full(n, float(n))
-        bare = self._with_springs(np.ones(n), replace(self._pipe, terms=()))
+            return n * every
+        cantilever = replace(self._pipe, terms=(), root="clamped", end="free", supports=())
+        bare, relative = self._with_springs(np.ones(n), cantilever), every[:-1]
+        lowest = _first_eigenvalue(self._pipe)
 
         def inertia(turns: Array) -> Array:
             """Product with the mass matrix in joint angles, O(n)."""
@@ -156,54 +227,157 @@ class Chain(Model):
             angles = np.diff(tip_load) / self._lengths
             turns = np.diff(angles, prepend=0.0)
             kinetic = turns @ inertia(turns)
-            return np.full(n, FIRST_BEAM_EIGENVALUE * kinetic / (turns @ turns))
-        # "frequency": with unit springs the largest inertia is 1 / omega_1^2.
-        return np.full(n, FIRST_BEAM_EIGENVALUE * largest_stretch(inertia, np.ones(n)))
+            return lowest * kinetic / (turns @ (relative * turns)) * every
+        # "frequency": with such springs times k the largest inertia is k / omega_1^2.
+        soft = np.sqrt(1.0 / relative)
+        stretch = largest_stretch(lambda turns: soft * inertia(soft * turns), np.ones(n))
+        return lowest * stretch * every
 
-    def _with_springs(self, springs: Array, pipe: Pipe | None = None) -> _core.Chain:
+    def _check_terms(self) -> None:
+        """Raises ValueError where the chain is not made for how its pipe is held."""
+        pipe, n = self._pipe, self.coordinates
+        guided = keeps_direction(pipe)
+        if self._rule == "midpoint" and (pipe.root != "clamped" or guided or pipe.supports):
+            raise ValueError(
+                "springs='midpoint' is made for a clamped root, an end free or pinned and no "
+                f"supports, got {pipe!r}"
+            )
+        if self._base > 0.0 and pipe.root != "clamped":
+            raise ValueError(
+                f"base must be 0 unless the root is clamped, got {self._base:g} with {pipe!r}"
+            )
+        if self._joints.size < n + guided:
+            raise ValueError(
+                f"springs must have {n + 1} entries, the last of the joint that holds the "
+                f"{pipe.end} end, got {n}"
+            )
+        if self._held.all():
+            raise ValueError(
+                f"supports must leave something that moves: n must be at least {n + 1}, got {n}"
+            )
+
+    @cached_property
+    def _held(self) -> NDArray[np.bool_]:
+        """Whether the end of each segment is held on the axis, shape (n,)."""
+        return held_nodes(self._pipe, self._ends()[1:])
+
+    def _with_springs(self, springs: Array, pipe: Pipe) -> _core.Chain:
         return _core.Chain(
-            pipe=core_pipe(self._pipe if pipe is None else pipe),
+            pipe=core_pipe(pipe),
             length=self._lengths,
             center=self._centers,
             gyration_radius=self._gyration_radii,
             spring=springs,
             drag_point=self._drag_points,
             base=self._base,
+            mass=self._masses,
         )
+
+    @property
+    def _own_joints(self) -> Array:
+        """Stiffness of the joints that the pipe has, shape (n,) or (n + 1,)."""
+        return self._joints[: self.coordinates + keeps_direction(self._pipe)]
 
     @cached_property
     def core(self) -> _core.Chain:
-        """The compiled chain."""
-        return self._with_springs(self._springs)
+        """The compiled chain, but for what holds nodes."""
+        return self._with_springs(self._own_joints, self._pipe)
+
+    @cached_property
+    def motion(self) -> Any:
+        """The compiled chain, or where supports hold nodes the compiled scene."""
+        nodes = np.flatnonzero(self._held)
+        if not nodes.size:
+            return self.core
+        n, joints = self.coordinates, self._own_joints
+        return _core.Scene(
+            pipe=core_pipe(self._pipe),
+            length=self._lengths,
+            center=self._centers,
+            gyration_radius=self._gyration_radii,
+            spring=joints,
+            damping=self._pipe.damping * joints,
+            rest_moment=np.zeros(n),
+            drag_point=self._drag_points,
+            base=self._base,
+            mass=self._masses,
+            inertia=np.zeros((0, 3 * n)),
+            held=(3 * nodes).tolist(),
+            value=np.zeros(nodes.size),
+        )
+
+    @cached_property
+    def supported(self) -> Held | None:
+        """What supports hold, or None if they hold no node."""
+        return Held(self.motion, self._rows) if self._held.any() else None
+
+    def _rows(self, theta: Array) -> Array:
+        """Derivative of x of the nodes that are held by the angles, shape (n, c)."""
+        before = np.arange(theta.size)[:, None] <= np.flatnonzero(self._held)
+        return before * (self._lengths * np.cos(theta))[:, None]
 
     def __repr__(self) -> str:
         rule = repr(self._rule) if self._rule else "array"
-        return f"Chain({self._pipe!r}, n={self.dof}, springs={rule}{self._about_shown})"
+        return f"Chain({self._pipe!r}, n={self.coordinates}, springs={rule}{self._about_shown})"
 
     @property
     def dof(self) -> int:
+        """Number of angles, less one for each node that supports hold."""
+        return self._lengths.size - int(self._held.sum())
+
+    @property
+    def coordinates(self) -> int:
+        """Number of angles, n."""
         return self._lengths.size
 
     approximates_pipe = stored("_approximates", "Whether springs and inertia are not from arrays.")
     rule = stored("_rule", "Name of the spring rule, None for springs of the user's own.")
     base = stored("_base", "Length of the fixed part at the clamp.")
     lengths = stored("_lengths", "l_j, shape (n,).")
-    springs = stored("_springs", "k_j, shape (n,).")
+    masses = stored("_masses", "Of the segments, in the pipe's, shape (n,).")
     centers = stored("_centers", "chi_j, shape (n,).")
     gyration_radii = stored("_gyration_radii", "eta_j, shape (n,).")
     drag_points = stored("_drag_points", "xi_j, shape (n,).")
 
+    @property
+    def springs(self) -> Array:
+        """k_j, shape (n,), the first without a root's spring."""
+        return self._joints[: self.coordinates]
+
+    @property
+    def end_spring(self) -> float:
+        """k_{n+1} of the joint that holds a guided or clamped end; 0 of other ends."""
+        return float(self._joints[-1]) if keeps_direction(self._pipe) else 0.0
+
+    @property
+    def _series(self) -> Array:
+        """k_j with the first in series with a root's spring, shape (n,)."""
+        clamped = self._pipe.root == "clamped"
+        return self.springs if clamped else self.core.joints[: self.coordinates, 0]
+
     def pencil(self) -> Pencil:
-        return ChainPencil(self) if self._reference is None else super().pencil()
+        if self._reference is not None:
+            return super().pencil()
+        return (
+            ChainPencil(self, self._held, self._elastic_free)
+            if self.supported
+            else ChainPencil(self)
+        )
+
+    def term_stiffness(self, pencil: Pencil) -> float:
+        if self.supported and self._reference is not None:
+            one = np.eye(self.dof)
+            return float(np.linalg.norm(pencil.stiffness(one) - one, 2))
+        return self._stiffness_beside(pencil) if self.end_spring else super().term_stiffness(pencil)
 
     @cached_property
     def elastic_scale(self) -> Array:
         """Joint angle of one elastic coordinate, shape (n,)."""
-        return _frozen(elastic_scale(self._springs))
+        return _frozen(elastic_scale(self._series))
 
     @property
     def elastic_share(self) -> Array:
-        return self._springs * self.elastic_scale**2
+        return self._series * self.elastic_scale**2
 
     @property
     def linear_cost(self) -> bool:
@@ -216,16 +390,140 @@ class Chain(Model):
 
     def elastic_operators(self) -> Operators:
         self._check_dense()
+        scale = self.elastic_scale
         if self._reference is not None:
-            return self.operators().projected(np.cumsum(np.diag(self.elastic_scale), axis=0))
-        return operators_from(self.core.joint_operators(self.elastic_scale), self._pipe)
+            angles = np.cumsum(scale[:, None] * self._spread(self._elastic_free), axis=0)
+            return projected(self._in_angles(self._reference), angles)
+        every = operators_from(self.core.joint_operators(scale), self._pipe)
+        return projected(every, self._spread(self._elastic_free)) if self.supported else every
 
     def from_elastic(self, z: ArrayLike) -> NDArray[Any]:
-        joints = (self.elastic_scale * self._columns("z", z).T).T
-        return np.cumsum(joints, axis=0, out=joints)
+        given = self._columns("z", z)
+        if self.supported is None:
+            joints = (self.elastic_scale * given.T).T
+            return np.cumsum(joints, axis=0, out=joints)
+        joints = real_columns(self._elastic_free.spread, given.reshape(self.dof, -1))
+        angles = np.cumsum(self.elastic_scale[:, None] * joints, axis=0)
+        return real_columns(self._free.gathered, angles).reshape(given.shape)
+
+    @cached_property
+    def _free(self) -> _core.Complement:
+        """What supports leave of the angles, where the model is linearised."""
+        return _core.Complement(self._rows(self.resting()))
+
+    @cached_property
+    def _elastic_free(self) -> _core.Complement:
+        """The same of the elastic coordinates."""
+        rows = np.cumsum(self._rows(self.resting())[::-1], axis=0)[::-1]
+        return _core.Complement(self.elastic_scale[:, None] * rows)
+
+    def _spread(self, free: _core.Complement) -> Array:
+        return free.spread(np.eye(self.dof))
+
+    def operators(self, q: ArrayLike | None = None) -> Operators:
+        """As for `Model.operators`; where supports hold nodes, along `basis`.
+
+        Args:
+            q: angles at rest that meet the supports, shape (n,); those of `about`, else the
+                straight pipe, where not given.
+
+        Raises:
+            ValueError: also for more than 4000 degrees of freedom.
+        """
+        if self.supported is None:
+            return super().operators(q)
+        self._check_dense()
+        theta = self.resting() if q is None else self._coordinates(q)
+        return projected(self._in_angles(theta), self.basis(theta))
+
+    def _in_angles(self, theta: Array) -> Operators:
+        """Operators in all angles, with what supports' forces add to them."""
+        chain = operators_from(self.core.operators(theta), self._pipe)
+        if self.supported is None:
+            return chain
+        at_rest = np.append(theta, 0.0 * theta)[:, None] * np.ones(2)
+        turning = self.core.rhs(0.0, at_rest, np.array([0.0, 1.0]))[theta.size :]
+        still, flowing = (chain.mass @ turning).T
+        return self.supported.bent(
+            chain, theta, still, (flowing - still) / (self.pipe.alpha or 1.0)
+        )
+
+    def basis(self, q: ArrayLike | None = None) -> Array:
+        """Angles of the segments by the degrees of freedom of `operators`, shape (n, dof).
+
+        The identity without supports; else its columns are orthonormal. q: as for `operators`.
+        """
+        self._check_dense()
+        theta = self.resting() if q is None else self._coordinates(q)
+        return self._spread(_core.Complement(self._rows(theta)))
+
+    def free_directions(self, p: Array) -> Array:
+        return self.basis(p)
+
+    def free_states(self, y: Array) -> Array:
+        return super().free_states(y) if self.supported is None else self.supported.free_states(y)
+
+    def motion_rates(self, y: Array, u: float | Array, drive: Array | None = None) -> Array:
+        return np.asarray(self.motion.rhs(0.0, y, u, drive))
+
+    def projected(self, p: Array, rates: Array) -> tuple[Array, Array]:
+        if self.supported is None:
+            return p, rates
+        return self.supported.projected(p, rates)
+
+    def recorded(self, p: Array, pdot: Array) -> tuple[Array, Array]:
+        q, rates = self.projected(p.T, pdot.T)
+        return q.T, rates.T
+
+    def start(self, q0: ArrayLike, qdot0: ArrayLike | None) -> Array:
+        y = super().start(q0, qdot0)
+        theta, rates = np.split(y, 2)
+        self._require_met("q0 must meet", self._off_axis(theta), MET, "closed(q0)")
+        most = MET * (1.0 + float(np.abs(rates).max()))
+        kept = self._rows(theta).T @ rates
+        self._require_met("qdot0 must keep", kept, most, "projected(q0, qdot0)")
+        return y
+
+    def closed(self, angles: ArrayLike) -> Array:
+        """Angles close to those given that meet the supports, shape (n,) both.
+
+        Raises:
+            NotConverged: if none are found near these.
+            ValueError, TypeError: for another shape, or not of finite numbers.
+        """
+        theta = check.array(
+            "angles", angles, size=self.coordinates, low=-LARGEST_ANGLE, high=LARGEST_ANGLE
+        )
+        if self.supported is None:
+            return theta
+        shares = (1.0, 0.75, 0.5, 0.25, 0.0)
+        found, missed = closest(self.motion, (share * theta for share in shares))
+        if missed > SAME:
+            raise NotConverged("no angles close to those given meet the supports", found)
+        return found
+
+    def _coordinates(self, q: ArrayLike) -> Array:
+        theta = super()._coordinates(q)
+        self._require_met("q must meet", self._off_axis(theta), MET, "closed(q)")
+        return theta
+
+    def _off_axis(self, theta: Array) -> Array:
+        """How far the nodes that supports hold are from the axis."""
+        off: Array = np.cumsum(self._lengths * np.sin(theta))[self._held]
+        return off
+
+    def _require_met(self, rule: str, off: Array, most: float, how: str) -> None:
+        """Raises ValueError with the support that is missed by most, if by too much."""
+        if not off.size or np.abs(off).max() <= most:
+            return
+        worst = int(np.argmax(np.abs(off)))
+        raise ValueError(
+            f"{rule} the support at s = {self.stations[self._held][worst]:g}, got a deviation of "
+            f"{abs(off[worst]):.1e}; {how} does"
+        )
 
     def shape(self, q: ArrayLike, s: ArrayLike) -> Array:
-        angles = self._coordinates(q)
+        angles = super()._coordinates(q)  # supports need not be met
         at = arc_lengths(s)
         line = along(self._lengths * np.exp(1j * angles), self._base, self._lengths, at)
         return np.stack([line.imag, line.real + np.minimum(at, self._base)], axis=-1)
@@ -255,13 +553,16 @@ class Chain(Model):
 
     def bent(self, angle: Callable[[Array], ArrayLike]) -> Array:
         ends = self._base + np.cumsum(self._lengths)
-        return self._angles(angle, ends - 0.5 * self._lengths)
+        return self.closed(self._angles(angle, ends - 0.5 * self._lengths))
 
     def deflection(self, q: ArrayLike, s: ArrayLike, derivative: int = 0) -> NDArray[Any]:
         at, order = arc_lengths(s), check.count("derivative", derivative, low=0, high=1)
+        theta = given = self._displaced(q, at.size)
+        if self.supported is not None:
+            theta = real_columns(self._free.spread, given.reshape(self.dof, -1))
+            theta = theta.reshape(-1, *given.shape[1:])
         across = self._lengths if order else self._lengths * np.cos(self.resting())
-        steps = (across * self._displaced(q, at.size).T).T
-        return along(steps, self._base, self._lengths, at, order)
+        return along((across * theta.T).T, self._base, self._lengths, at, order)
 
 
 def along(
@@ -283,6 +584,16 @@ def along(
     return nodes[j] + (part * steps[j].T).T
 
 
+def _first_eigenvalue(pipe: Pipe) -> float:
+    """Square of the cantilever's first angular frequency, without flow, gravity and terms."""
+    if pipe.stiffness is None and pipe.mass is None:
+        return FIRST_BEAM_EIGENVALUE
+    bare = Pipe(0.0, stiffness=pipe.stiffness, mass=pipe.mass)
+    joints = basis_joints(bare).size
+    mass = Galerkin(bare, 24 + 4 * joints, "legendre").elastic_operators().mass
+    return float(1.0 / np.linalg.eigvalsh(mass)[-1])
+
+
 def elastic_scale(springs: Array) -> Array:
     """Joint angle of one elastic coordinate, shape (n,): 1 / sqrt(k_j).
 
@@ -293,13 +604,32 @@ def elastic_scale(springs: Array) -> Array:
     return 1.0 / np.sqrt(np.maximum(springs, floor))
 
 
-def _segment_count(n: int | None, **arrays: Any) -> int:
+def _segment_count(n: int | None, guided: bool, **arrays: Any) -> int:
     if n is not None:
         return check.count("n", n, high=LARGEST_CHAIN)
     for name, given in arrays.items():
         if given is not None:
-            return check.array(name, given, longest=LARGEST_CHAIN).size
+            size = check.array(name, given, longest=LARGEST_CHAIN + 1).size
+            return check.count(f"{name}'s segments", size - (guided and name == "springs"))
     raise ValueError("n or lengths must be given")
+
+
+def _cells(n: int, base: float, supports: tuple[float, ...]) -> Array:
+    """Lengths of n segments beyond the base, equal in each span between supports, and nearly so."""
+    edges = np.array([base, *supports, 1.0])
+    spans = np.diff(edges)
+    if spans[0] <= 0.0:
+        raise ValueError(f"base must end before the first support, {edges[1]:g}, got {base:g}")
+    if n < spans.size:
+        raise ValueError(
+            f"n must be at least {spans.size}, a segment for each span between supports, got {n}"
+        )
+    counts = np.maximum(1, np.floor(n * spans / spans.sum() * (1.0 + 1e-12))).astype(int)
+    while counts.sum() < n:
+        counts[np.argmax(spans / counts)] += 1
+    while counts.sum() > n:
+        counts[np.argmin(np.where(counts > 1, spans / counts, np.inf))] -= 1
+    return np.repeat(spans / counts, counts)
 
 
 def _frozen(values: Array) -> Array:

@@ -60,8 +60,6 @@ class Continuum(OfPipe):
     Source: Gregory and Paidoussis (1966).
     """
 
-    takes_supports = True
-
     def __init__(self, pipe: Pipe) -> None:
         super().__init__(pipe)
         if pipe.jet_angle:
@@ -97,8 +95,8 @@ class Continuum(OfPipe):
             distance: relative distance between two answers; infinite where they differ in kind.
             tolerance: distance between the last two answers at which they count as one, > 0.
             smallest: first size, from 1 to 1992.
-            largest: last size, up to 2000, or one step above the first. Terms inside the pipe
-                add four to either size for each joint that they make.
+            largest: last size, up to 2000, or one step above the first. Terms inside the pipe, and
+                steps of its stiffness or mass, add four to either for each joint that they make.
 
         Raises:
             NotConverged: if it has not converged at the last size; carries the last answer.

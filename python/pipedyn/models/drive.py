@@ -11,6 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
@@ -145,20 +146,21 @@ class Harmonic:
         """In T."""
         return 2.0 * math.pi / self.frequency
 
-    def _along(self, value: float) -> Place:
+    def along(self, value: float) -> Place:
+        """A displacement, velocity or acceleration in the direction, (x, y)."""
         return (value, 0.0) if self.direction == "x" else (0.0, value)
 
     def __call__(self, t: float) -> Place:
         """(X, Y)."""
-        return self._along(self.amplitude * math.cos(self.frequency * t))
+        return self.along(self.amplitude * math.cos(self.frequency * t))
 
     def velocity(self, t: float) -> Place:
         """(X', Y')."""
-        return self._along(-self.amplitude * self.frequency * math.sin(self.frequency * t))
+        return self.along(-self.amplitude * self.frequency * math.sin(self.frequency * t))
 
     def acceleration(self, t: float) -> Place:
         """(X'', Y'')."""
-        return self._along(-self.amplitude * self.frequency**2 * math.cos(self.frequency * t))
+        return self.along(-self.amplitude * self.frequency**2 * math.cos(self.frequency * t))
 
 
 def _frequency(value: Any) -> float:
@@ -228,6 +230,22 @@ class Drive:
         place, velocity, acceleration = self._evaluated("base", self._base, t, 2)
         return (*u, *rate, *place, *velocity, *acceleration)
 
+    @cached_property
+    def numbers(self) -> tuple[float, ...] | None:
+        """What the core takes for a function of time where speed and base only oscillate.
+
+        Mean speed, relative amplitude and frequency; amplitudes along x and y of the base and its
+        frequency.
+        """
+        speed = self._speed[0]
+        if isinstance(speed, _Constant):
+            speed = Pulsation(speed.value, 0.0, 1.0)
+        base = Harmonic(0.0, 1.0) if self._base is None else self._base[0]
+        if not (isinstance(speed, Pulsation) and isinstance(base, Harmonic)):
+            return None
+        along = base.along(base.amplitude)
+        return (speed.mean, speed.amplitude, speed.frequency, *along, base.frequency)
+
     def base(self, times: Array) -> Array | None:
         """The base's motion at times (k,), as `Model.rhs` takes it, shape (3, 2, k)."""
         if self._base is None:
@@ -261,7 +279,7 @@ def _with_derivatives(name: str, given: Any, order: int) -> tuple[Any, ...]:
         return given, given.rate
     if isinstance(given, Harmonic):
         return given, given.velocity, given.acceleration
-    if isinstance(given, int | float | np.number) and not callable(given):
+    if order == 1 and isinstance(given, int | float | np.number):
         value = check.real(name, given, low=0.0, high=LARGEST_SPEED)
         return _Constant(value), _Constant(0.0)
     listed = given if isinstance(given, tuple) else (given, *(None,) * order)

@@ -12,6 +12,7 @@ import numpy as np
 
 from pipedyn import _core
 from pipedyn.util.check import Array
+from pipedyn.util.later import scipy
 
 
 class FreeFunctions:
@@ -65,6 +66,29 @@ class FreeFunctions:
         self.share = np.concatenate([unit, self.share[own]])
         places = iter(range(first, first + len(own)))
         self.groups = [list(range(first)), *([next(places) for _ in of] for of in high)]
+
+
+def orthonormal(elastic: Array, share: Array) -> tuple[Array, Array]:
+    """Combinations of functions in which the elastic stiffness is diagonal.
+
+    Args:
+        elastic: stiffness of a pipe that is not uniform, (m, m).
+        share: that of the same functions on a uniform one, (m,): 1, less of one at the most.
+
+    Returns:
+        Amplitudes of the functions by those of the combinations, (m, m), and their stiffness, (m,):
+        1, less of one. Each has the function of its own place and those before, which a larger
+        model has, too; that of less than 1, which the others need not have, comes last.
+    """
+    count, soft = share.size, int(np.argmin(share))
+    order = [*(k for k in range(count) if k != soft), soft] if share[soft] < 1.0 else range(count)
+    places = np.array(order)
+    missing = 1.0 - share[places]
+    factor = np.linalg.cholesky(elastic[np.ix_(places, places)] + np.diag(missing))
+    by, found = np.zeros((count, count)), np.ones(count)
+    by[np.ix_(places, places)] = scipy.linalg.solve_triangular(factor, np.eye(count), lower=True).T
+    found[places] -= missing / np.diag(factor) ** 2
+    return by, found
 
 
 def _orthonormal_zeros(rows: Array, share: Array) -> Array:

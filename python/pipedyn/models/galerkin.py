@@ -6,7 +6,7 @@ from __future__ import annotations
 import bisect
 import math
 from collections.abc import Callable
-from dataclasses import fields, replace
+from dataclasses import replace
 from functools import cached_property, lru_cache
 from itertools import pairwise
 from typing import Any
@@ -16,14 +16,18 @@ from numpy.typing import ArrayLike, NDArray
 
 from pipedyn import _core
 from pipedyn.models.base import (
+    LARGEST_ANGLE,
     Model,
+    NotConverged,
     Operators,
     arc_lengths,
     core_pipe,
     operators_from,
+    projected,
     stored,
 )
-from pipedyn.models.free_functions import FreeFunctions
+from pipedyn.models.free_functions import FreeFunctions, orthonormal
+from pipedyn.models.held_across import HeldAcross
 from pipedyn.models.pipe import Pipe
 from pipedyn.util import check
 from pipedyn.util.check import Array
@@ -41,6 +45,9 @@ SHORTEST_PANEL = 1e-4
 costs d^3, 1e-11 of a critical speed at this length; on panels below a third of it functions move
 so little mass that rounding makes their eigenvalues any."""
 
+MISSED = 1e-6
+"""How far a state that is given in all coordinates may miss supports: integrators' tolerances."""
+
 
 @lru_cache(maxsize=32)
 def gauss_nodes(count: int) -> tuple[Array, Array]:
@@ -50,16 +57,17 @@ def gauss_nodes(count: int) -> tuple[Array, Array]:
 
 
 def panel_ends(pipe: Pipe) -> Array:
-    """Ends of the panels between terms and supports, shape (panels + 1,).
+    """Ends of the panels between terms, supports and the pipe's steps, shape (panels + 1,).
 
     Integrands are smooth on each.
     """
     places = [term.place for term in pipe.terms if term.place is not None]
-    return np.unique([0.0, *places, *pipe.supports, 1.0])
+    steps = [s for one in (pipe.stiffness, pipe.mass) if one is not None for s in one.at]
+    return np.unique([0.0, *places, *pipe.supports, *steps, 1.0])
 
 
 def basis_joints(pipe: Pipe) -> Array:
-    """Inner ends of the panels of a basis: supports, and terms that leave no panel too short."""
+    """Inner ends of the panels of a basis: supports, and others that leave none too short."""
     ends = [0.0, *pipe.supports, 1.0]
     for place in panel_ends(pipe)[1:-1].tolist():
         k = bisect.bisect(ends, place)
@@ -84,15 +92,16 @@ class Galerkin(Model):
     Args:
         pipe: the pipe.
         m: number of functions, from 1 to 2000.
-        basis: "beam" (the beam's own modes, held at both ends as the pipe is, unit mass; the
+        basis: "beam" (a uniform beam's modes, held at both ends as the pipe is, unit mass; the
             critical speed's error falls like m^-4) or "legendre" (w_i'' a normalised Legendre
             polynomial, unit stiffness; the error falls exponentially, but the highest third of the
             eigenvalues is not the pipe's).
-            Where a term of the pipe acts, the shear jumps. Legendre polynomials then live on the
+            Where a term of the pipe acts, the shear jumps, and where its stiffness does, the
+            curvature. Legendre polynomials then live on the
             panels between: each panel has some functions, the others go to panels in proportion to
             length, and convergence stays exponential. Beam modes stay what they are; their error
             falls like a power of m. So it is with inner supports, at which combinations of beam
-            modes are 0.
+            modes are 0, and with an inclined jet, which loads the end across: m^-2 at rest.
 
     Raises:
         ValueError: for m out of range or less than the number of panels, or an unknown basis.
@@ -102,8 +111,6 @@ class Galerkin(Model):
     models of this pipe. Motion is by virtual work along the inextensible centreline; the flow's
     forces are those of Orsino and Di Giulio, eqs. (1)-(9), for segments without length.
     """
-
-    takes_supports = True
 
     def __init__(self, pipe: Pipe, m: int, basis: str = "beam") -> None:
         super().__init__(pipe)
@@ -122,7 +129,7 @@ class Galerkin(Model):
         if self._size < needs:
             raise ValueError(
                 f"m must be at least {needs}, for one function on each of the {self.panels} panels "
-                f"between terms and supports, got {self._size}"
+                f"between terms, supports and steps, got {self._size}"
             )
 
     @cached_property
@@ -148,18 +155,12 @@ class Galerkin(Model):
         """Number of functions in large motions, which need not be 0 where the pipe is held."""
         return self._size + len(self._held)
 
-    @cached_property
-    def motion(self) -> Any:
-        if self._held:
-            raise ValueError(
-                f"motion must be of a pipe that is not held across, got {self._pipe!r}"
-            )
-        return self.core
-
     @property
     def coordinate_kind(self) -> str:
         joined = f" joined at {check.shown(self._joints)}" if self._joints.size else ""
-        return f"amplitudes of {self._size} {self._basis} functions{joined}"
+        of = self._pipe
+        held = "" if of.cantilevered else f", held {of.root!r} to {of.end!r} at {of.supports}"
+        return f"amplitudes of {self._size} {self._basis} functions{joined}{held}"
 
     basis = stored("_basis", "Name of the basis.")
 
@@ -227,37 +228,123 @@ class Galerkin(Model):
 
     @property
     def elastic_scale(self) -> Array:
-        """Amplitude q_i of one elastic coordinate, shape (m,)."""
-        return self._free.scale
+        """Amplitudes of one elastic coordinate: q_i, shape (m,), or of varying stiffness (m, m)."""
+        return self._small[1]
 
     @property
     def elastic_share(self) -> Array:
-        return self._free.share
+        return self._elastic[1]
+
+    @cached_property
+    def _elastic(self) -> tuple[Array, Array]:
+        free = self._free
+        if self._pipe.stiffness is None:
+            return free.scale, free.share
+        by_core = np.diag(free.scale) if free.spread is None else free.spread * free.scale
+        by, share = orthonormal(by_core.T @ self.core.elastic() @ by_core, free.share)
+        return free.scale[:, None] * by, share
+
+    @cached_property
+    def _small(self) -> tuple[Array | None, Array]:
+        """The core's functions by the model's coordinates, and these by elastic ones.
+
+        Of a pipe held across about what `about` chose its supports allow other directions than
+        about the straight pipe.
+        """
+        rest, spread = self._reference, self._free.spread
+        if rest is None or spread is None:
+            return spread, self._elastic[0]
+        by = self._supports.allowed(rest)
+        whole = np.diag(self.core.elastic_stiffness())
+        elastic = whole if self._pipe.stiffness is None else self.core.elastic()
+        return by, np.linalg.inv(np.linalg.cholesky(by.T @ elastic @ by)).T
 
     def operators(self, q: ArrayLike | None = None) -> Operators:
-        found, spread = super().operators(q), self._free.spread
-        return found if spread is None else self._held_across(found, spread)
+        found, by = super().operators(q), self._small[0]
+        if by is None:
+            return found
+        if q is not None:
+            by = self._supports.allowed(self._coordinates(q))
+        return self._held_across(found, by, q is None and self._reference is None)
 
     def elastic_operators(self) -> Operators:
-        rest, free = self._reference, self._free
+        (spread, scale), rest = self._small, self._reference
         found = self.core.operators() if rest is None else self.motion.operators(rest)
-        if free.spread is None:
-            return operators_from(found, self._pipe, np.outer(free.scale, free.scale))
-        return self._held_across(operators_from(found, self._pipe), free.spread * free.scale)
+        if spread is not None:
+            by = spread * scale if scale.ndim == 1 else spread @ scale
+            return self._held_across(operators_from(found, self._pipe), by, rest is None)
+        if scale.ndim == 2:
+            return projected(operators_from(found, self._pipe), scale)
+        return operators_from(found, self._pipe, np.outer(scale, scale))
 
-    def _held_across(self, core: Operators, by: Array) -> Operators:
-        """Operators about the straight pipe in coordinates of which the core's are `by` times."""
-        found = {
-            field.name: by.T @ getattr(core, field.name) @ by for field in fields(Operators)[:6]
-        }
-        found["gyroscopic"] = 0.5 * (found["gyroscopic"] - found["gyroscopic"].T)
-        if self._held[-1] == 1.0:  # where nothing follows the flow and it does no work, exactly
-            found["end_flux"][:] = 0.0
-            found["flux"] = 0.5 * (found["flux"] + found["flux"].T)
-        return replace(core, **found)
+    def _held_across(self, core: Operators, by: Array, straight: bool) -> Operators:
+        """Operators in coordinates of which the core's are `by` times."""
+        found = projected(core, by)
+        gyroscopic = 0.5 * (found.gyroscopic - found.gyroscopic.T)
+        if not straight or self._held[-1] != 1.0:
+            return replace(found, gyroscopic=gyroscopic)
+        # Where nothing follows the flow and it does no work, exactly.
+        flux, end_flux = 0.5 * (found.flux + found.flux.T), np.zeros_like(found.flux)
+        return replace(found, gyroscopic=gyroscopic, flux=flux, end_flux=end_flux)
+
+    @cached_property
+    def _supports(self) -> HeldAcross:
+        return HeldAcross(self.core)
+
+    def free_directions(self, p: Array) -> Array:
+        return self._supports.allowed(p) if self._held else super().free_directions(p)
+
+    def free_states(self, y: Array) -> Array:
+        return self._supports.free_states(y) if self._held else super().free_states(y)
+
+    def projected(self, p: Array, rates: Array) -> tuple[Array, Array]:
+        return self._supports.projected(p, rates) if self._held else (p, rates)
+
+    def recorded(self, p: Array, pdot: Array) -> tuple[Array, Array]:
+        q, rates = self.projected(p.T, pdot.T)
+        return q.T, rates.T
+
+    def start(self, q0: ArrayLike, qdot0: ArrayLike | None) -> Array:
+        q, exact = self._spread("q0", q0)
+        rates = np.zeros_like(q) if qdot0 is None else self._spread("qdot0", qdot0)[0]
+        state = self._closed("q0", q, rates)
+        missed = float(np.abs(state - np.concatenate([q, rates])).max())
+        if exact and missed > MISSED:
+            raise ValueError(
+                f"q0 and qdot0 must meet the supports, got a deviation of {missed:.1e}; those "
+                f"close to {self.dof} small amplitudes are found"
+            )
+        return state
+
+    def _spread(self, name: str, given: ArrayLike) -> tuple[Array, bool]:
+        """Amplitudes of the core's functions, and whether these were given."""
+        rule: dict[str, Any] = {"low": -LARGEST_ANGLE, "high": LARGEST_ANGLE}
+        spread = self._free.spread
+        if spread is None:
+            return check.array(name, given, size=self.dof, **rule), True
+        rows = check.array(name, given, **rule)
+        if rows.size not in spread.shape:
+            listed = " or ".join(f"({size},)" for size in sorted(spread.shape))
+            raise ValueError(f"{name} must have shape {listed}, got {rows.shape}")
+        exact = rows.size == self.coordinates
+        return rows if exact else spread @ rows, exact
+
+    def _closed(self, name: str, q: Array, rates: Array) -> Array:
+        """The state [q, q'] close by that meets the supports."""
+        state = np.concatenate(self.projected(q, rates))
+        if not np.isfinite(state).all():
+            raise NotConverged(f"no configuration close to {name} meets the supports", q)
+        return state
+
+    def _coordinates(self, q: ArrayLike) -> Array:
+        rows, exact = self._spread("q", q)
+        return rows if exact else self._closed("q", rows, np.zeros_like(rows))[: rows.size]
 
     def from_elastic(self, z: ArrayLike) -> NDArray[Any]:
-        return (self._free.scale * self._columns("z", z).T).T
+        columns, scale = self._columns("z", z), self.elastic_scale
+        if scale.ndim == 2:
+            return np.tensordot(scale, columns, axes=1)
+        return (scale * columns.T).T
 
     def shape(self, q: ArrayLike, s: ArrayLike) -> Array:
         amplitudes = self._coordinates(q)
@@ -317,8 +404,7 @@ class Galerkin(Model):
         return count + math.ceil(most)
 
     def largest_angle(self, p: NDArray[Any]) -> float:
-        across = self.functions(np.linspace(0.0, 1.0, 401)) @ p
-        return float(np.abs(np.diff(across)).max()) * 400
+        return float(np.abs(self.core.basis(np.linspace(0.0, 1.0, 401), 1) @ p).max())
 
     @cached_property
     def _fit(self) -> tuple[Array, Array]:
@@ -330,7 +416,8 @@ class Galerkin(Model):
 
     def bent(self, angle: Callable[[Array], ArrayLike]) -> Array:
         nodes, fit = self._fit
-        return np.asarray(fit @ self._angles(angle, nodes))
+        q = np.asarray(fit @ self._angles(angle, nodes))
+        return self._closed("angle", q, np.zeros_like(q))[: q.size]
 
     def deflection(self, q: ArrayLike, s: ArrayLike, derivative: int = 0) -> NDArray[Any]:
         at, order = arc_lengths(s), check.count("derivative", derivative, low=0, high=1)
@@ -338,6 +425,7 @@ class Galerkin(Model):
         if rest is None or order == 1:
             return self.functions(at, order) @ columns
         flat = columns.reshape(self.dof, -1)
+        flat = flat if self._small[0] is None else self._small[0] @ flat
         moved = self._integrated(
             lambda slopes: np.cos(slopes @ rest)[:, None] * (slopes @ flat), rest, at
         )

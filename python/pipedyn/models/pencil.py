@@ -76,6 +76,10 @@ class Pencil:
         """dD/ddelta x; D is linear in delta."""
         return self.elastic(x)
 
+    def by_springs(self, value: complex) -> Any:
+        """Derivative of k_j + value c_j of each joint by its own spring k_j, shape (n,)."""
+        return 1.0 + self.pipe.damping * value
+
     def forms(self, x: Vectors, y: Vectors) -> _core.Forms:
         """y^H A x of one root's vectors, shape (dof, 1), for these products A."""
         of = (self.mass, self.velocity, self.damping, self.flux, self.gravity, self.by_damping)
@@ -135,14 +139,14 @@ class ChainPencil(Pencil):
     ) -> None:
         super().__init__(model)
         self.held = held
-        self.complement = (
-            _core.Complement(np.zeros((model.dof, 0))) if complement is None else complement
-        )
         self.core = model.core if held is None else model.core.guided(held.tolist())
-        self.dof -= 0 if held is None else int(held.sum())
+        if complement is None:
+            complement = _core.Complement(np.zeros((model.dof, 0)))
+        self.complement = complement
+        self.dof = complement.dof
         self.is_long = self.dof > LONGEST_DENSE
         self.end_moves = held is None and model.pipe.beta * model.pipe.inflow_share > 0.0
-        self.scale = model.elastic_scale
+        self.scale, self.springs = model.elastic_scale, model.springs
         self.mass = partial(self._times, square=1.0)
         self.velocity = partial(self._times, velocity=1.0)
         self.damping = partial(self._times, rate=1.0)
@@ -156,6 +160,17 @@ class ChainPencil(Pencil):
     def elastic(self, x: Vectors) -> Vectors:
         result: Vectors = super().elastic(real_columns(self.complement.spread, x))
         return real_columns(self.complement.gathered, result)
+
+    def by_damping(self, x: Vectors) -> Vectors:
+        return self._times(x, by_damping=1.0)
+
+    def by_springs(self, value: complex) -> Any:
+        by = np.full(self.springs.size, super().by_springs(value), dtype=np.complex128)
+        root, spring = self.pipe.root_stiffness, float(self.springs[0])
+        if np.isfinite(root):  # in series, with the root undamped
+            share = root / (root + spring) if root else 0.0
+            by[0] = share**2 * (1.0 + self.pipe.damping * value * (2.0 * share - 1.0))
+        return by
 
     def _times(self, x: Vectors, **part: float) -> Vectors:
         scale = self.scale[:, None]

@@ -12,6 +12,7 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
+from pipedyn.models.profile import Along, Profile, checked_profile
 from pipedyn.models.supports import (
     ENDS,
     End,
@@ -21,7 +22,14 @@ from pipedyn.models.supports import (
     checked_supports,
     root_stiffness,
 )
-from pipedyn.models.terms import Term, checked_terms, converted, in_range
+from pipedyn.models.terms import (
+    AddedMass,
+    Stretching,
+    Term,
+    checked_terms,
+    converted,
+    in_range,
+)
 from pipedyn.util import check
 
 Flow = Literal["ejecting", "aspirating"]
@@ -56,7 +64,8 @@ class Scales(NamedTuple):
 class Pipe:
     """A pipe conveying fluid, a cantilever if not told, in units of L, mu_p + mu_f and EI.
 
-    Time is counted in L^2 sqrt((mu_p + mu_f) / EI), flow speed u in sqrt(EI / mu_f) / L.
+    Time is counted in L^2 sqrt((mu_p + mu_f) / EI), flow speed u in sqrt(EI / mu_f) / L. Where EI
+    or mu_p vary along the pipe, these are the values at the root; its bore is uniform.
 
     Attributes:
         beta: mass ratio mu_f / (mu_p + mu_f), 0 <= beta < 1.
@@ -84,6 +93,11 @@ class Pipe:
             direction). A pinned or clamped end slides along the axis.
         supports: arc lengths in L of rigid supports, hinges on the axis along which the pipe
             slides; at most 100, each in (0, 1), kept as an ascending tuple.
+        stiffness: bending stiffness along the pipe in units of that at the root, a function of
+            arc lengths s, (p,) to (p,), or a `Profile`, which has steps; 1 at s = 0. None where it
+            is uniform. Damping acts on it in proportion. Kept as a `Profile`.
+        mass: the same of the mass per length, the fluid's with it, which does not vary: nowhere
+            below beta.
         scales: SI value of one unit, or None for a pipe not made with `from_si`.
 
     Raises:
@@ -109,6 +123,8 @@ class Pipe:
     root: Root = field(default="clamped", kw_only=True)
     end: End = field(default="free", kw_only=True)
     supports: tuple[float, ...] = field(default=(), kw_only=True)
+    stiffness: Profile | None = field(default=None, kw_only=True)
+    mass: Profile | None = field(default=None, kw_only=True)
     scales: Scales | None = field(default=None, kw_only=True)
 
     def __post_init__(self) -> None:
@@ -119,7 +135,15 @@ class Pipe:
             "root": checked_root(self.root),
             "end": check.choice("end", self.end, ENDS),
             "supports": checked_supports(self.supports),
+            "stiffness": checked_profile("stiffness", self.stiffness),
+            "mass": checked_profile("mass", self.mass),
         }
+        least = 1.0 if checked["mass"] is None else checked["mass"].bounds[0]
+        if least < checked["beta"] * (1.0 - 1e-9):
+            raise ValueError(
+                f"mass must be at least beta = {checked['beta']:g}, the fluid's part of it, all "
+                f"along the pipe, got {least:.6g}"
+            )
         if self.scales is not None:
             if not isinstance(self.scales, tuple) or len(self.scales) != 4:
                 raise TypeError(f"scales must be a Scales, got {check.shown(self.scales)}")
@@ -139,6 +163,13 @@ class Pipe:
             )
         for name, value in checked.items():
             object.__setattr__(self, name, value)
+        if self.end in ("free", "guided"):
+            for i, term in enumerate(self.terms):
+                if isinstance(term, Stretching):
+                    raise ValueError(
+                        f'terms[{i}] stretches a pipe whose end is "pinned" or "clamped", got end '
+                        f"{self.end!r}"
+                    )
 
     @classmethod
     def from_si(
@@ -152,6 +183,7 @@ class Pipe:
         drag_coefficient: float = 0.0,
         external_diameter: float = 0.0,
         external_density: float = 0.0,
+        added_mass_coefficient: float = 0.0,
         damping_time: float = 0.0,
         flow: Flow = "ejecting",
         alpha: float = 1.0,
@@ -162,19 +194,26 @@ class Pipe:
         root: Root = "clamped",
         end: End = "free",
         supports: Sequence[float] = (),
+        stiffness_profile: Along | Profile | None = None,
+        mass_profile: Along | Profile | None = None,
     ) -> Pipe:
         """A pipe from measured quantities.
 
         Args:
             length: L, m.
-            bending_stiffness: EI, N m^2.
-            pipe_mass: mu_p, kg/m.
+            bending_stiffness: EI, N m^2; at the clamp where it varies.
+            pipe_mass: mu_p, kg/m; at the clamp where it varies.
             fluid_mass: mu_f, kg/m, > 0: without fluid there is no unit of flow speed.
             gravity: m/s^2; negative when the free end stands above the clamp, 0 for a pipe that
                 moves in a horizontal plane.
             drag_coefficient: C_D of the pipe's outside.
             external_diameter: d_e, m.
-            external_density: rho_e of the surrounding fluid, kg/m^3.
+            external_density: rho_e of the surrounding fluid at rest, kg/m^3. With the diameter it
+                gives the pipe buoyancy: gamma is that of the weight less the displaced fluid's,
+                negative if the pipe floats up. Of a point mass, whose volume is not known, the
+                weight lessens by the same share.
+            added_mass_coefficient: C_m, which makes an `AddedMass` of rho_e pi d_e^2 / 4 C_m: 1 far
+                from walls, (D^2 + d_e^2) / (D^2 - d_e^2) in the middle of a tank of diameter D.
             damping_time: eps, s; the material's stress is E (strain + eps d strain / dt).
             flow: "ejecting" or "aspirating".
             alpha: end coefficient, see `end_coefficient`.
@@ -188,11 +227,14 @@ class Pipe:
             root: "clamped", "pinned" or a `RootSpring`, its stiffness in N m/rad.
             end: "free", "guided", "pinned" or "clamped".
             supports: arc lengths of rigid supports, m.
+            stiffness_profile: EI along the pipe over that at the clamp, a function of s = x / L,
+                x from the clamp on, or a `Profile`, as for `Pipe`.
+            mass_profile: the same of mu_p, the pipe's own mass without the fluid.
 
         Raises:
             ValueError: for a number out of its range, a term beyond the free end, both alpha and
-                nozzle_ratio, or drag given in part: of drag_coefficient, external_diameter and
-                external_density all three or none.
+                nozzle_ratio, or surroundings given in part: external_diameter and
+                external_density both or none, and with each coefficient both.
             TypeError: for what is no number.
         """
         positive: dict[str, Any] = {"low": 0.0, "high": 1e12, "open_low": True}
@@ -201,15 +243,19 @@ class Pipe:
         pipe_mass = check.real("pipe_mass", pipe_mass, **positive)
         fluid_mass = check.real("fluid_mass", fluid_mass, **positive)
         gravity = check.real("gravity", gravity, low=-1e12, high=1e12)
-        drag = [
-            check.real("drag_coefficient", drag_coefficient, low=0.0),
-            check.real("external_diameter", external_diameter, low=0.0),
-            check.real("external_density", external_density, low=0.0),
-        ]
-        if any(drag) and not all(drag):
+        drag_coefficient = check.real("drag_coefficient", drag_coefficient, low=0.0)
+        diameter = check.real("external_diameter", external_diameter, low=0.0)
+        density = check.real("external_density", external_density, low=0.0)
+        added_mass_coefficient = check.real(
+            "added_mass_coefficient", added_mass_coefficient, low=0.0
+        )
+        if (diameter or density or drag_coefficient or added_mass_coefficient) and not (
+            diameter and density
+        ):
             raise ValueError(
-                "drag_coefficient, external_diameter and external_density must be given together, "
-                f"got {drag[0]!r}, {drag[1]!r} and {drag[2]!r}"
+                "external_diameter and external_density must be given together, also where "
+                "drag_coefficient or added_mass_coefficient is, "
+                f"got {diameter!r} and {density!r}"
             )
         damping_time = check.real("damping_time", damping_time, low=0.0)
         if nozzle_ratio is not None:
@@ -228,14 +274,24 @@ class Pipe:
                 f"got {units._asdict()}"
             )
         every = "length, pipe_mass, fluid_mass and bending_stiffness"
-        outside = "drag_coefficient, external_diameter, external_density"
+        outside = "external_diameter, external_density"
+        displaced = 0.25 * math.pi * density * diameter * diameter
+        drag = drag_coefficient * diameter * density * length / (2.0 * mass)
         numbers = {
             "beta": (fluid_mass / mass, "pipe_mass and fluid_mass"),
-            "gamma": (gravity * length**3 * mass / stiffness, f"gravity, {every}"),
-            "drag": (math.prod(drag) * length / (2.0 * mass), f"{outside}, length and the masses"),
+            "gamma": (
+                gravity * length**3 * (mass - displaced) / stiffness,
+                f"gravity, {outside}, {every}" if displaced else f"gravity, {every}",
+            ),
+            "drag": (drag, f"drag_coefficient, {outside}, length and the masses"),
             "damping": (damping_time / time, f"damping_time, {every}"),
         }
         given = [converted(one, units, operator.truediv) for one in checked_terms(terms, length)]
+        if added_mass_coefficient:
+            causes = f"added_mass_coefficient, {outside} and the masses"
+            share = displaced / mass * added_mass_coefficient
+            given.append(AddedMass(check.real(f"added mass from {causes}", share, high=1e6)))
+        own = checked_profile("mass_profile", mass_profile)
         source = " from its SI value, length, bending_stiffness and the masses"
         if isinstance(root, RootSpring):
             root = checked_root(converted(root, units, operator.truediv), source)
@@ -252,6 +308,8 @@ class Pipe:
             root=root,
             end=end,
             supports=tuple(s / length for s in checked_supports(supports, length)),
+            stiffness=checked_profile("stiffness_profile", stiffness_profile),
+            mass=None if own is None else own.mixed(pipe_mass / mass),
             scales=units,
         )
 

@@ -92,6 +92,10 @@ class Term:
         """Its numbers by name, without the place."""
         return {item.name: getattr(self, item.name) for item in fields(self) if item.name != "at"}
 
+    def law_numbers(self, damping: float) -> list[float]:
+        """What its law in the core reads, of a pipe with this Kelvin-Voigt damping."""
+        return list(self.numbers.values())
+
 
 @dataclass(frozen=True, repr=False)
 class PointMass(Term):
@@ -225,6 +229,38 @@ class Viscosity(Term):
 
 
 @dataclass(frozen=True, repr=False)
+class AddedMass(Term):
+    """Added mass of a dense fluid at rest around the pipe, for motions of any amplitude.
+
+    Only the velocity v_n normal to the pipe moves the fluid, whose kinetic energy per length is
+    chi * v_n^2 / 2. The fluid adds no weight; what it bears of the pipe's lessens gamma, see
+    `Pipe.from_si`. Small motions are those of a pipe with the mass ratio beta / (1 + chi), and
+    with damping and viscosity divided by sqrt(1 + chi), at frequencies divided by it.
+
+    Attributes:
+        chi: >= 0, mass of fluid that moves with a length of the pipe, in mu_p + mu_f:
+            rho_e A_e C_m / (mu_p + mu_f), of the fluid's density rho_e, the pipe's outer section
+            A_e and the coefficient C_m: 1 of a pipe far from any wall, (D^2 + d^2) / (D^2 - d^2)
+            of a pipe of outer diameter d along the middle of a tank of diameter D.
+
+    In `Pipe.from_si`: chi in kg/m, the product rho_e A_e C_m.
+
+    Source: Lagrange's equations of that energy; how C_m and the coefficient of `Viscosity` follow
+    from the frequency: Paidoussis, Fluid-Structure Interactions, vol. 1, eqs. (2.153), (2.157) and
+    (3.105).
+
+    Example:
+        >>> import pipedyn as pp
+        >>> pipe = pp.Pipe(beta=0.3, terms=[pp.AddedMass(chi=0.5)])
+        >>> round(pp.critical_speed(pp.Continuum(pipe)).speed, 4)
+        5.5914
+    """
+
+    law: ClassVar[str] = "added_mass"
+    chi: float = number(1e6, mass=1)
+
+
+@dataclass(frozen=True, repr=False)
 class CubicSpring(Term):
     """A hardening spring between one place of the pipe and the axis of the straight pipe.
 
@@ -291,7 +327,11 @@ class Stop(Term):
 
 @dataclass(frozen=True, repr=False)
 class Tension(Term):
-    """A dead load at the free end along the straight pipe, which keeps its direction.
+    """A dead load at the end along the straight pipe, which keeps its direction.
+
+    A pressure p in a pipe of inner section A whose end is held across acts as the load -p A if the
+    end slides along the axis, and as -(1 - 2 nu) p A, nu the material's Poisson's ratio, if it is
+    fixed (`Stretching`): Paidoussis, Fluid-Structure Interactions, vol. 1, eq. (3.70).
 
     Attributes:
         load: of tension if positive, of compression if negative, in EI / L^2.
@@ -314,6 +354,44 @@ class Tension(Term):
     def place(self) -> float:
         """Arc length where it acts, in L: the free end."""
         return 1.0
+
+
+@dataclass(frozen=True, repr=False)
+class Stretching(Term):
+    """What stretching the pipe between axially fixed ends takes: an axial spring at its end.
+
+    The pipe's model is inextensible: its end slides along the axis against this spring, of force
+    stiffness * (1 - y), y the end's position along the straight pipe, with the pipe's Kelvin-Voigt
+    damping. To third order in the amplitude this is the mean tension of a pipe that stretches,
+    stiffness / 2 times the integral of w'^2. Small motions do not feel it. It needs an end that is
+    pinned or clamped.
+
+    Attributes:
+        stiffness: of the pipe in tension, E A L^2 / (E I) >= 0, in EI / L^3.
+
+    In `Pipe.from_si`: stiffness E A / L in N/m.
+
+    Source: energy stiffness * (1 - y)^2 / 2; Holmes, J. Sound Vib. 53 (1977), 471; Paidoussis,
+    Fluid-Structure Interactions, vol. 1, eq. (5.44).
+
+    Example:
+        >>> import pipedyn as pp
+        >>> pipe = pp.Pipe(0.2, root="pinned", end="pinned", terms=[pp.Stretching(1000.0)])
+        >>> round(pp.critical_speed(pp.Galerkin(pipe, 4)).speed, 4)
+        3.1416
+    """
+
+    law: ClassVar[str] = "stretching"
+    stiffness: float = number(1e9, mass=1, length=1, time=-2)
+
+    @property
+    def place(self) -> float:
+        """Arc length where it acts, in L: the end."""
+        return 1.0
+
+    def law_numbers(self, damping: float) -> list[float]:
+        """Stiffness and damping of the spring."""
+        return [self.stiffness, self.stiffness * damping]
 
 
 Law = TypeVar("Law", bound="DataclassInstance")
@@ -359,8 +437,8 @@ def checked_terms(terms: Any, end: float = 1.0) -> tuple[Term, ...]:
             )
         if type(term).__module__ != __name__:
             raise TypeError(f"terms[{i}] must be a law of the package, got {check.shown(term)}")
-        if term.place is not None and term.place > end * (1.0 + SLACK):
+        if getattr(term, "at", end) > end * (1.0 + SLACK):
             raise ValueError(f"terms[{i}].at must lie in (0, {end:g}], got {term.place!r}")
     return tuple(
-        term if term.place is None or term.place <= end else replace(term, at=end) for term in terms
+        replace(term, at=end) if getattr(term, "at", end) > end else term for term in terms
     )

@@ -253,7 +253,9 @@ def _in_core(tasks: Sequence[Task], shown: bool, observer: Observer) -> list[Out
     """By one of the core's methods, each task with steps of its own."""
     first, members = tasks[0], len(tasks)
     model = first.model
-    u = np.array([task.u for task in tasks]) if first.drive is None else first.drive
+    u: object = np.array([task.u for task in tasks])
+    if first.drive is not None:
+        u = first.drive if first.drive.numbers is None else first.drive.numbers
     start = np.stack([task.start for task in tasks], axis=1)
     rates = _compiled(model) or (lambda t, y, *flow: model.motion.rhs_and_power(t[0], y, *flow))
     motion = _core.Integrator(
@@ -315,7 +317,8 @@ def _in_core(tasks: Sequence[Task], shown: bool, observer: Observer) -> list[Out
 
 def runs_unlocked(task: Task) -> bool:
     """Whether a task's right-hand sides do without Python and its lock."""
-    return task.drive is None and _compiled(task.model) is not None and task.method in CORE
+    unlocked = task.drive is None or task.drive.numbers is not None
+    return unlocked and _compiled(task.model) is not None and task.method in CORE
 
 
 def _compiled(model: Model) -> object:
@@ -324,7 +327,7 @@ def _compiled(model: Model) -> object:
     if isinstance(motion, SceneMotion):
         whole = motion.core if motion.core.compliance.size else motion.core.chain
         return whole if motion.is_compiled else None
-    return motion if isinstance(motion, (_core.Chain, _core.Galerkin)) else None
+    return motion if isinstance(motion, (_core.Chain, _core.Galerkin, _core.Scene)) else None
 
 
 def state_after(

@@ -280,13 +280,14 @@ def simulate(
 
 def simulate_many(
     models: Model | Sequence[Model],
-    speeds: float | ArrayLike,
+    speeds: Speed | ArrayLike | Sequence[Speed],
     duration: float,
     q0: Start | Sequence[Start],
     qdot0: ArrayLike | Sequence[ArrayLike] | None = None,
     *,
     samples: int | None = None,
     times: ArrayLike | None = None,
+    base: Base | None = None,
     rtol: float = 1e-6,
     atol: float | None = None,
     method: str = "auto",
@@ -303,13 +304,15 @@ def simulate_many(
 
     Args:
         models: one model or k.
-        speeds: flow speed >= 0, a number or shape (k,).
+        speeds: flow speed >= 0, a number or shape (k,); or as for `simulate` one that varies, or a
+            list of k.
         duration: in T, from 1e-12 to 1e9.
         q0: initial coordinates (dof,) or an angle theta(s), as for `simulate`; or k of them, e.g.
             shape (k, dof).
         qdot0: initial rates, shape (dof,) or k of them; at rest where not given.
         samples: number of evenly spaced samples, as for `simulate`.
         times: samples at these times instead.
+        base: the motion of the base, as for `simulate`, of all.
         rtol: relative tolerance of the error of each member's steps.
         atol: absolute tolerance; rtol / 100 where not given.
         method: as for `simulate`.
@@ -327,8 +330,7 @@ def simulate_many(
     chosen = list(models) if isinstance(models, Sequence) else [models]
     for i, model in enumerate(chosen):
         checked_model_in_motion(model, f"models[{i}]" if isinstance(models, Sequence) else "models")
-    at = np.atleast_1d(check.numbers("speeds", speeds, "a number or an array of real numbers"))
-    at = check.array("speeds", at, low=0.0, high=LARGEST_SPEED)
+    at = _speeds(speeds)
     starts, rates = _each("q0", q0), _each("qdot0", qdot0)
     given: dict[str, Any] = {"models": chosen, "speeds": at, "q0": starts, "qdot0": rates}
     members = max(len(values) for values in given.values())
@@ -352,10 +354,10 @@ def simulate_many(
             if i == same[0]:
                 options = (samples, times, rtol, atol, method, most)
                 task = checked_task(
-                    *(model, u.item(), duration, q, qdot, *options), members=len(same)
+                    *(model, u, duration, q, qdot, *options), base=base, members=len(same)
                 )
             else:
-                task = replace(tasks[same[0]], u=u.item(), start=checked_start(model, q, qdot))
+                task = driven(replace(tasks[same[0]], start=checked_start(model, q, qdot)), u)
         except (ValueError, TypeError) as error:
             raise type(error)(f"{error} (member {i})") from error
         tasks.append(task)
@@ -377,9 +379,10 @@ def in_batches(
     shown: bool = False,
 ) -> list[Answer]:
     """What `work` makes of each task, in batches of one model, on threads where that helps."""
-    members_of: dict[int, list[int]] = {}  # each model
+    members_of: dict[tuple[int, ...], list[int]] = {}  # each model and what drives it
     for i, task in enumerate(tasks):
-        members_of.setdefault(id(task.model), []).append(i)
+        key = (id(task.model), 0 if task.drive is None else id(task.u))
+        members_of.setdefault(key, []).append(i)
     blocks = []
     for same in members_of.values():
         together = BATCH if tasks[same[0]].method == "dop853" else 1
@@ -404,6 +407,20 @@ def in_batches(
                 pool.shutdown(cancel_futures=True)
             raise
     return [found[i] for i in range(len(tasks))]
+
+
+def _speeds(given: Any) -> list[Any]:
+    """Speeds, steady or not, of each member, or one for all."""
+    if _varies(given):
+        return [given]
+    if isinstance(given, list) and any(map(_varies, given)):
+        return given
+    at = np.atleast_1d(check.numbers("speeds", given, "a number or an array of real numbers"))
+    return check.array("speeds", at, low=0.0, high=LARGEST_SPEED).tolist()
+
+
+def _varies(u: Any) -> bool:
+    return callable(u) or (isinstance(u, tuple) and any(map(callable, u)))
 
 
 def _each(name: str, given: Any) -> list[Any]:
@@ -527,13 +544,8 @@ def checked_task(
     if t0 + duration - t0 < 0.5 * duration:
         raise ValueError(f"duration must be felt at t0 = {t0:g}, got {duration:g}")
     end = t0 + duration
-    drive = None
     if base is not None:
         model.require_base()
-    if base is None and not (callable(u) or isinstance(u, tuple)):
-        u = check.real("u", u, low=0.0, high=LARGEST_SPEED)
-    else:
-        drive = Drive(u, base, t0, end)
     if max_step != math.inf:
         max_step = check.real("max_step", max_step, low=1e-9 * duration)
     longest = LARGEST_SAMPLES // model.coordinates
@@ -553,7 +565,18 @@ def checked_task(
     method = check.choice("method", method, METHODS)
     if method == "auto":
         method = choose_method(model, members)
-    return Task(model, u, at, start, rtol, atol, method, t0, end, most, max_step, drive, base)
+    steady = Task(*(model, 0.0, at, start, rtol, atol, method, t0, end, most, max_step), base=base)
+    return driven(steady, u)
+
+
+def driven(task: Task, u: Any) -> Task:
+    """The task at another flow speed, steady or not, checked."""
+    if task.base is None and not _varies(u):
+        u = check.real("u", u, low=0.0, high=LARGEST_SPEED)
+        return replace(task, u=u, drive=None)
+    if task.drive is not None and task.u is u:
+        return task
+    return replace(task, u=u, drive=Drive(u, task.base, task.t0, task.end))
 
 
 def checked_start(model: Model, q0: Any, qdot0: Any) -> Array:

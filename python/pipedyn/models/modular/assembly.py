@@ -6,6 +6,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 from dataclasses import replace
 from functools import cached_property
+from operator import attrgetter
 from typing import Any
 
 import numpy as np
@@ -19,12 +20,14 @@ from pipedyn.models.base import (
     NotConverged,
     Operators,
     arc_lengths,
+    checked_pipe,
     stored,
 )
 from pipedyn.models.chain import LARGEST_CHAIN, Chain, along, elastic_scale
+from pipedyn.models.held import MET, SAME
 from pipedyn.models.modular.custom import CustomForces
 from pipedyn.models.modular.enforcement import ENFORCEMENTS, projection
-from pipedyn.models.modular.layout import CONSTRAINTS, MODULES, SAME, Layout
+from pipedyn.models.modular.layout import CONSTRAINTS, MODULES, Layout
 from pipedyn.models.modular.linearisation import SmallMotions
 from pipedyn.models.modular.motion import SceneMotion
 from pipedyn.models.modular.parts import (
@@ -48,19 +51,15 @@ from pipedyn.util.newton import NewtonFailed, newton
 LARGEST_JACOBIAN, LARGEST_RECURSION = 1300, 400
 """Segments up to which (6 n, 6 n) is made, 0.5 GB, and the dense recursions take seconds."""
 
-MET = 1e-9
-"""How closely given states must meet the constraints, in L, rad, and these per T.
-
-States that a user has kept in ten digits do; it is far above rounding, 1e-15 n.
-"""
-
 
 class Assembly(Model):
     """A scene from parts: a pipe of rigid segments with whatever else stands in it.
 
     Every part writes its inertia, forces or constraints in redundant coordinates and knows of no
     other. What acts at a place of the pipe, or per length, is a term of the pipe; its place may lie
-    anywhere along a segment.
+    anywhere along a segment. So does what holds the pipe belong to it: a root's spring lies in
+    series with joint 1, supports hold the nodes at their places as a `Guide` does, and a guided or
+    clamped end needs a `TorsionalSpring` of joint n + 1, between it and the last segment.
 
     States live in the redundant coordinates q = (x_1, y_1, phi_1, x_2, ...), shape (3 n,): x_j
     transverse and y_j downward is where node j, the end of segment j, stands from the clamp, phi_j
@@ -112,7 +111,14 @@ class Assembly(Model):
         self._layout = Layout(
             [part for part in given if isinstance(part, Module)],
             _parts("constraints", constraints, (Constraint,)),
+            self._pipe,
         )
+        light = [j for j, s in enumerate(self._layout.segments, start=1) if s.mass is None]
+        if self._pipe.mass is not None and light:
+            raise ValueError(
+                "modules must say the mass of each Segment where the pipe's varies along it, as "
+                f"modular.chain does, got none of segment {light[0]}"
+            )
         straight = np.zeros(self.moving)
         self._customs = CustomForces(self._layout.customs, self._configuration(straight))
         for custom in self._customs.each:
@@ -123,7 +129,7 @@ class Assembly(Model):
     def _check_terms(self) -> None:
         """Raises ValueError where some direction that is left free has no inertia."""
         rest = self._configuration(self._layout.rest)
-        if not np.isfinite(self.core.rhs(0.0, np.append(rest, np.zeros_like(rest)), 0.0)).all():
+        if not np.isfinite(self.core.redundant_rhs(0.0, np.append(rest, 0.0 * rest), 0.0)).all():
             raise ValueError(
                 f"phi_{self._layout.size} moves without inertia: give its segment a gyration "
                 "radius, or the pipe a point mass there"
@@ -184,7 +190,7 @@ class Assembly(Model):
 
     @property
     def elastic_share(self) -> Array:
-        springs = self._layout.springs
+        springs = self.core.chain.joints[: self.moving, 0]
         return springs * elastic_scale(springs) ** 2
 
     @property
@@ -208,16 +214,30 @@ class Assembly(Model):
                 )
         constraints = tuple(part for part in parts if isinstance(part, Constraint))
         others = tuple(part for part in parts if isinstance(part, Module | Term))
+        return self._remade(self._pipe, others, constraints)
+
+    def _remade(
+        self,
+        pipe: Pipe,
+        modules: tuple[Module | Term, ...] = (),
+        constraints: tuple[Constraint, ...] = (),
+    ) -> Assembly:
+        """Another scene of a pipe, with further parts."""
         more = Assembly(
-            self._pipe,
-            (*self.modules, *others),
-            (*self.constraints, *constraints),
+            pipe,
+            (*self.modules, *modules),
+            (*self._layout.given, *constraints),
             self._enforcement,
         )
         chosen = self._reference
         if chosen is not None and chosen.size == more.moving and more._misses(chosen) <= MET:
             more._reference = chosen
         return more
+
+    def with_pipe(self, pipe: Pipe) -> Assembly:
+        parts = attrgetter("root", "end", "supports")
+        same = parts(checked_pipe(pipe)) == parts(self._pipe)
+        return super().with_pipe(pipe) if same else self._remade(pipe)
 
     @cached_property
     def as_chain(self) -> Chain | None:
@@ -233,12 +253,13 @@ class Assembly(Model):
             return None
         try:
             return Chain(
-                self._pipe,
+                replace(self._pipe, supports=(), end="guided" if layout.guided else "free"),
                 springs=layout.springs,
                 lengths=layout.lengths,
                 centers=layout.centers,
                 gyration_radii=layout.gyration_radii,
                 base=layout.base,
+                masses=layout.masses,
             )
         except ValueError:  # its last segment has no inertia but that of a term
             return None
@@ -485,6 +506,7 @@ class Assembly(Model):
         return self.motion.enforced(ENFORCEMENTS[name], state, u)
 
     def require_base(self) -> None:
+        super().require_base()
         if self._customs:
             raise ValueError(
                 "base must be at rest in a scene with custom modules: whether these stand on the "
@@ -509,7 +531,7 @@ class Assembly(Model):
         state = check.doubles("y", y, "an array of real numbers")
         if state.shape != (2 * size,):
             raise ValueError(f"y must have shape ({2 * size},), got {state.shape}")
-        self.core.power(state, u)  # checks both
+        self.core.redundant_power(state, u)  # checks both
         angles = np.cumsum(state.reshape(-1, 3)[:, 2].reshape(2, -1), axis=1).ravel()
         drive = self._drive(state, u_dot, base)
         by_angles = self.motion.accelerations_by_state(angles, float(np.asarray(u)), drive)
@@ -528,6 +550,12 @@ class Assembly(Model):
     def recorded(self, p: Array, pdot: Array) -> tuple[Array, Array]:
         y = self.motion.states(p.T, pdot.T)
         return y[: self.coordinates].T, y[self.coordinates :].T
+
+    def projected(self, p: Array, rates: Array) -> tuple[Array, Array]:
+        return self.motion.held.projected(p, rates)
+
+    def free_states(self, y: Array) -> Array:
+        return self.motion.held.free_states(y)
 
     def resting(self) -> Array:
         return self._layout.rest if self._reference is None else self._reference

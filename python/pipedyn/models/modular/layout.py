@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from pipedyn import _core
 from pipedyn.models.base import core_pipe
+from pipedyn.models.held import SAME, closest, held_nodes, keeps_direction
 from pipedyn.models.modular.parts import (
     Clamp,
     Constraint,
@@ -38,9 +39,6 @@ CONSTRAINTS = (Clamp, Joint, Guide, Pin)
 MODULES = (Segment, TorsionalSpring, InternalFlow, Drag, Custom)
 """Modules that there are."""
 
-SAME = 1e-12
-"""Places that differ by less are one, and guides and pins are met: rounding leaves some 1e-15."""
-
 DEPENDENT = 1e-9
 """Guides and pins that depend on the others to this, well above rounding, are redundant."""
 
@@ -56,16 +54,23 @@ P = TypeVar("P", bound=Part)
 class Layout:
     """Modules and constraints in the order of their places, and a configuration that fits them all.
 
+    What holds the pipe besides (its root's spring, its supports and its end) comes from the pipe.
+
     Args:
         modules, constraints: the parts.
+        pipe: the pipe.
 
     Raises:
-        ValueError: if they do not fit one another.
+        ValueError: if they do not fit one another or how the pipe is held.
     """
 
-    def __init__(self, modules: Sequence[Module], constraints: Sequence[Constraint]) -> None:
+    def __init__(
+        self, modules: Sequence[Module], constraints: Sequence[Constraint], pipe: Pipe
+    ) -> None:
         self.modules, self.constraints = tuple(modules), tuple(constraints)
-        segments = _of(modules, Segment)
+        self.given, self.guided = self.constraints, keeps_direction(pipe)
+        """Constraints without those of the pipe's supports, and whether joint n + 1 is there."""
+        self.segments = segments = _of(modules, Segment)
         self.customs = _of(modules, Custom)
         self.size = len(segments)
         if self.size == 0:
@@ -77,13 +82,19 @@ class Layout:
         if abs(total - 1.0) > 1e-9:
             raise ValueError(f"the base and the segments' lengths must add up to 1, got {total!r}")
         self.ends = self.base + np.concatenate([[0.0], np.cumsum(self.lengths)])
+        self.constraints += self._supports(pipe)
         self.centers = np.array([segment.center for segment in segments])
         self.gyration_radii = np.array([segment.gyration_radius for segment in segments])
         self.drag_points = np.array([segment.drag_point for segment in segments])
-        self.springs, self.rest_moments = np.zeros(self.size), np.zeros(self.size)
+        self.masses = np.array([s.length if s.mass is None else s.mass for s in segments])
+        self.springs, self.rest_moments = np.zeros(self.size + self.guided), np.zeros(self.size)
+        """Of each joint, without a root's spring, and moments k_j psi_j of those bent at rest."""
         for spring in _of(modules, TorsionalSpring):
             self.springs[spring.joint - 1] += spring.stiffness
-            self.rest_moments[spring.joint - 1] += spring.stiffness * spring.rest_angle
+            if spring.joint <= self.size:
+                self.rest_moments[spring.joint - 1] += spring.stiffness * spring.rest_angle
+            elif spring.rest_angle != 0.0:
+                raise ValueError(f"{described(spring)}: rest_angle of a guided end must be 0")
         for array in (self.lengths, self.ends, self.springs):
             array.flags.writeable = False
         self.has_flow = bool(_of(modules, InternalFlow))
@@ -110,13 +121,20 @@ class Layout:
         n = self.size
         for part in (*self.modules, *self.constraints):
             for name in ("node", "joint", "segment", "nodes", "joints"):
-                given = getattr(part, name, ())
-                beyond = [p for p in (given if isinstance(given, tuple) else (given,)) if p > n]
+                given, most = getattr(part, name, ()), n + (self.guided and name == "joint")
+                beyond = [p for p in (given if isinstance(given, tuple) else (given,)) if p > most]
                 if beyond:
                     raise ValueError(
-                        f"{described(part)}: {name} must be at most {n}, the number of segments, "
-                        f"got {beyond[0]}"
+                        f"{described(part)}: {name} must be at most {most}, the number of "
+                        f"{'joints' if most > n else 'segments'}, got {beyond[0]}"
                     )
+        if self.guided and n + 1 not in {
+            spring.joint for spring in _of(self.modules, TorsionalSpring)
+        }:
+            raise ValueError(
+                f"modules must hold a TorsionalSpring(joint={n + 1}), between segment {n} and the "
+                "end that keeps its direction"
+            )
         for kind in (InternalFlow, Drag):
             count = len(_of(self.modules, kind))
             if count > 1:
@@ -142,6 +160,16 @@ class Layout:
                 + " and ".join(described(clamp) for clamp in _of(self.constraints, Clamp))
             )
         return bases[0]
+
+    def _supports(self, pipe: Pipe) -> tuple[Constraint, ...]:
+        """The guides that hold the pipe at its supports and at its end."""
+        if self.base > 0.0 and pipe.root != "clamped":
+            raise ValueError(
+                f"base of Clamp must be 0 unless the root is clamped, got {self.base:g} with "
+                f"{pipe!r}"
+            )
+        nodes = held_nodes(pipe, self.ends[1:])
+        return tuple(Guide(node) for node in (np.flatnonzero(nodes) + 1).tolist())
 
     def _found_holding(self) -> dict[int, Constraint]:
         """The redundant coordinates that are held, each with the first guide or pin that does."""
@@ -213,6 +241,10 @@ class Layout:
         """Derivative of the coordinates that are held by the angles, shape (n, c)."""
         return self.moments(theta, self.unit_loads)
 
+    def independent_rows(self, theta: Array) -> Array:
+        """Those that depend on none of the others, shape (n, independent)."""
+        return self.rows(theta)[:, self.independent]
+
     def closed(self, core: _core.Scene, theta: Array) -> tuple[Array, float]:
         """Angles close to those given that meet guides and pins, and how far they still miss.
 
@@ -220,7 +252,7 @@ class Layout:
         between there and a configuration that is known.
         """
         shares = (0.0, 0.25, 0.5, 0.75, 1.0)
-        return _closest(core, (theta + share * (self.rest - theta) for share in shares))
+        return closest(core, (theta + share * (self.rest - theta) for share in shares))
 
     def _found_rest(self) -> Array:
         """Angles that meet all constraints: the straight pipe where it does."""
@@ -230,8 +262,8 @@ class Layout:
         s = 0.5 * (self.ends[:-1] + self.ends[1:])
         first, second, third = (np.sin(math.pi * k * s) for k in (1, 2, 3))
         two_turns = 0.7 * second + 0.2 * first
-        core = self.compiled(Pipe(0.0))
-        best, least = _closest(
+        core = self.compiled(Pipe(0.0, end="guided" if self.guided else "free"))
+        best, least = closest(
             core, (straight, two_turns, -two_turns, first, -first, 1.5 * second + third)
         )
         if least <= SAME:
@@ -273,8 +305,8 @@ class Layout:
         return replace(pipe, **flow, drag=pipe.drag if self.has_drag else 0.0)
 
     def joint_damping(self, pipe: Pipe) -> Array:
-        """c_j, shape (n,)."""
-        damping = np.zeros(self.size)
+        """c_j of each joint without a root's spring."""
+        damping = np.zeros(self.springs.size)
         for s in _of(self.modules, TorsionalSpring):
             damping[s.joint - 1] += pipe.damping * s.stiffness if s.damping is None else s.damping
         return damping
@@ -291,6 +323,7 @@ class Layout:
             rest_moment=self.rest_moments,
             drag_point=self.drag_points,
             base=self.base,
+            mass=self.masses,
             inertia=self.inertia,
             held=self.held.tolist(),
             value=self.held_values,
@@ -323,15 +356,3 @@ def _holds(part: Constraint) -> list[tuple[int, float]]:
     return (
         [(3 * part.node - 3, part.x), (3 * part.node - 2, part.y)] if isinstance(part, Pin) else []
     )
-
-
-def _closest(core: _core.Scene, starts: Iterable[Array]) -> tuple[Array, float]:
-    """Angles that meet guides and pins, from the first start that leads there, or the closest."""
-    best, least = np.zeros(0), math.inf
-    for start in starts:
-        found, _, missed = core.project(start[:, None], np.zeros((start.size, 1)))
-        if missed[0] < least:
-            best, least = found[:, 0], float(missed[0])
-        if least <= SAME:
-            break
-    return best, least

@@ -42,7 +42,7 @@ class SmallMotions:
     def __init__(self, form: RedundantForm, theta: Array) -> None:
         self.form, self.layout, self.theta = form, form.layout, theta
         self.still = form.core.from_angles(theta, np.zeros_like(theta))
-        self.scale = elastic_scale(self.layout.springs)[:, None]
+        self.scale = elastic_scale(form.joints[: theta.size, 0])[:, None]
         self.held = self.layout.unit_loads[:, self.layout.independent]
         self.basis = _core.Complement(self.layout.moments(theta, self.held))
         self.rows = self._elastic_loads(self.held)
@@ -80,7 +80,8 @@ class SmallMotions:
             return angles.T @ matrix @ angles
 
         def of_joints(values: Array) -> Array:
-            return joints.T @ (values[:, None] * joints)
+            every = np.vstack([joints, -angles[-1:]])[: values.size]
+            return every.T @ (values[:, None] * every)
 
         compliance = form.core.compliance
         inert = compliance != 0.0
@@ -94,9 +95,8 @@ class SmallMotions:
             mass=of_angles(chain.mass + (rows / compliance[inert]) @ rows.T),
             gyroscopic=of_angles(chain.gyroscopic),
             end_flux=of_angles(chain.end_flux),
-            damping=of_angles(chain.damping - by_state[:, n:])
-            + of_joints(layout.joint_damping(form.pipe)),
-            stiffness=of_angles(chain.stiffness - by_state[:, :n]) + of_joints(layout.springs),
+            damping=of_angles(chain.damping - by_state[:, n:]) + of_joints(form.joints[:, 1]),
+            stiffness=of_angles(chain.stiffness - by_state[:, :n]) + of_joints(form.joints[:, 0]),
             flux=layout.has_flow * of_angles(chain.flux - np.diag(turned)),
             unsteady=of_angles(chain.unsteady - np.diag(pushed)),
             direction=form.pipe.direction,
@@ -109,7 +109,8 @@ class SmallMotions:
         faster = np.zeros(ROWS)
         faster[0] = self.form.pipe.direction
         push = self.form.forces(self.still, 0.0, faster) - force
-        thrust, end = np.zeros_like(force), self.theta[-1] + self.form.pipe.jet_angle
+        end = 0.0 if self.layout.guided else self.theta[-1]
+        thrust, end = np.zeros_like(force), end + self.form.pipe.jet_angle
         thrust[-3:-1] = -np.sin(end), -np.cos(end)
         loads = self._elastic_loads(np.stack([force, thrust, push], axis=1))
         multipliers, *_ = np.linalg.lstsq(self.rows, loads)

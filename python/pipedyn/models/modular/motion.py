@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from pipedyn.models.held import Held
 from pipedyn.models.modular.enforcement import Enforce, Group
 from pipedyn.models.modular.layout import coordinates_by_angles, nodes_by_angles
 from pipedyn.models.modular.redundant import RedundantForm
@@ -33,18 +34,19 @@ class SceneMotion:
         self.form, self.enforce = form, enforce
         self.core, self.layout, self.customs = form.core, form.layout, form.customs
         self.is_compiled = not form.customs and enforce is None
+        self.held = Held(form.core, form.layout.independent_rows)
 
     # --------------------------------------------------------------------- redundant coordinates
 
     def rhs(self, t: float, y: Any, u: Any, drive: Array | None = None) -> Array:
         """Rates of redundant states [q, q'], shape (6 n,) or (6 n, k), with what drives them."""
         if self.is_compiled:
-            return self.core.rhs(t, y, u, drive=drive)
+            return self.core.redundant_rhs(t, y, u, drive=drive)
         size = self.core.coordinates
         y = check.doubles("y", y, "an array of real numbers")
-        self.core.power(y, u, drive)  # checks all
+        self.core.redundant_power(y, u, drive)  # checks all
         if self.enforce is None:
-            return self.core.rhs(t, y, u, self._moments(*self._places(y)), drive)
+            return self.core.redundant_rhs(t, y, u, self._moments(*self._places(y)), drive)
         rates = np.concatenate([y[size:], np.empty_like(y[:size])])
         speeds = np.broadcast_to(np.asarray(u, dtype=np.float64), y.shape[1:])
         for j in np.ndindex(y.shape[1:]):
@@ -56,7 +58,8 @@ class SceneMotion:
 
     def enforced(self, enforce: Enforce, y: Array, u: float, drive: Array | None = None) -> Array:
         """Accelerations of one state by a dense recursion, shape (3 n,)."""
-        return enforce(self.form.mass, self.form.forces(y, u, drive), self.groups(y))
+        mass = self.form.mass(np.split(y, 2)[0])
+        return enforce(mass, self.form.forces(y, u, drive), self.groups(y))
 
     def groups(self, y: Array) -> list[Group]:
         """A_r and b_r of each constraint at a state, as given."""
@@ -79,12 +82,12 @@ class SceneMotion:
 
     def energy(self, y: Any, drive: Array | None = None) -> float | Array:
         """Energy of redundant states [q, q'], a number or shape (k,)."""
-        energy = self.core.energy(y, drive)
+        energy = self.core.redundant_energy(y, drive)
         return energy + self.customs.energy(self._places(y)[0]) if self.customs else energy
 
     def power(self, y: Any, u: Any, drive: Array | None = None) -> tuple[float | Array, ...]:
         """Power of flow, joints, drag, of terms and custom modules besides, and of the base."""
-        flow, joints, drag, others, base = self.core.power(y, u, drive)
+        flow, joints, drag, others, base = self.core.redundant_power(y, u, drive)
         if self.customs:
             others = others + self.customs.work(*self._places(y))
         return flow, joints, drag, others, base
@@ -101,33 +104,16 @@ class SceneMotion:
         moments = self._moments(q, moving)
         rates = self.core.rhs_and_power(t, y, u, moments, drive)
         if self.enforce is not None:  # beside how states return to guides and pins
-            other = self.rhs(t, state, u, drive) - self.core.rhs(t, state, u, moments, drive)
+            other = self.rhs(t, state, u, drive) - self.core.redundant_rhs(
+                t, state, u, moments, drive
+            )
             rates[n : 2 * n] += np.cumsum(other[size + 2 :: 3], axis=0)
         rates[2 * n] += self.customs.work(q, moving)
         return rates
 
     def states(self, theta: Array, omega: Array) -> Array:
         """Redundant states of angles and rates, (6 n, k) from (n, k) each."""
-        return self.core.from_angles(*self.projected(theta, omega))
-
-    def projected(self, theta: Array, omega: Array) -> tuple[Array, Array]:
-        """Angles and rates that meet guides and pins, close to those given; NaN without any."""
-        if not self.layout.holding:
-            return theta, omega
-        columns = (self.layout.size, -1)
-        *met, missed = self.core.project(theta.reshape(columns), omega.reshape(columns))
-        for of in met:
-            of[:, missed > self.core.met] = np.nan
-        return met[0].reshape(theta.shape), met[1].reshape(theta.shape)
-
-    def free_directions(self, y: Array) -> Array:
-        """Orthonormal changes of [theta, theta'] that guides and pins leave, (2 n, 2 dof)."""
-        theta, omega = np.split(y, 2)
-        by_angles = self.layout.rows(theta)
-        drift = omega[:, None] * self.layout.rows(theta + 0.5 * math.pi)
-        held = np.block([[by_angles, drift], [np.zeros_like(drift), by_angles]])
-        vectors, _, _ = np.linalg.svd(held)
-        return np.asarray(vectors[:, 2 * self.layout.independent.size :])
+        return self.core.from_angles(*self.held.projected(theta, omega))
 
     def jacobian(
         self, y: Array, u: float | Array, returns: bool = True, drive: Array | None = None
@@ -141,7 +127,7 @@ class SceneMotion:
             returns: the rates of `rhs_and_power`; else of the angles in `rhs`.
         """
         if not self.customs:
-            return self.core.jacobian(y, u, returns=returns, drive=drive)
+            return self.core.derivative(y, u, returns=returns, drive=drive)
         if y.ndim == 2:
             each = [None] * y.shape[1] if drive is None else drive.T.copy()
             speeds = np.broadcast_to(u, y.shape[1:]).tolist()
@@ -151,7 +137,7 @@ class SceneMotion:
         force = self.customs.force(*np.split(self.core.from_angles(theta, omega), 2))
         moments = self.layout.moments(theta, force[:, None])[:, 0]
         change = self.form.moments_by_state(theta, omega, force)
-        return self.core.jacobian(y, u, moments, change, returns, drive)
+        return self.core.derivative(y, u, moments, change, returns, drive)
 
     def accelerations_by_state(self, y: Array, u: float, drive: Array | None = None) -> Array:
         """Derivative of q'' in `rhs` by [theta, theta'], shape (3 n, 2 n)."""

@@ -31,6 +31,7 @@ RANGES: dict[str, dict[str, Any]] = {
     "center": {"low": 0.0, "high": 1.0},
     "drag_point": {"low": 0.0, "high": 1.0},
     "gyration_radius": {"low": 0.0, "high": 1e3},
+    "mass": {"low": 0.0, "high": 1e6, "open_low": True},
     "stiffness": {"low": 0.0, "high": 1e15},
     "damping": {"low": 0.0, "high": 1e9},
     "rest_angle": {"low": -1e3, "high": 1e3},
@@ -70,7 +71,7 @@ class Constraint(Part):
 class Segment(Module):
     """A rigid piece of the pipe; the scene's j-th segment lies between nodes j - 1 and j.
 
-    Its mass is its length, as the pipe has mass 1 and length 1; its weight is included.
+    Its weight is included.
 
     Attributes:
         length: l_j in L, > 0.
@@ -78,12 +79,15 @@ class Segment(Module):
         gyration_radius: eta_j in L about the centre of mass, >= 0; where None that of a homogeneous
             segment, l_j / sqrt(12).
         drag_point: where drag acts on it, as a fraction xi_j of the length, in [0, 1].
+        mass: with its fluid in the pipe's, (mu_p + mu_f) L, > 0; where None that of a uniform pipe,
+            its length.
     """
 
     length: float
     center: float = 0.5
     gyration_radius: float | None = None
     drag_point: float = 0.5
+    mass: float | None = None
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -97,7 +101,8 @@ class TorsionalSpring(Module):
 
     Attributes:
         joint: number of the joint, from 1; joint j holds segment j to segment j - 1, joint 1 holds
-            segment 1 to the clamp.
+            segment 1 to the root, and joint n + 1, where the pipe has one, a guided or clamped end
+            to segment n.
         stiffness: in EI / L, >= 0.
         damping: moment in unit rate, in EI T / L, >= 0; where None the pipe's Kelvin-Voigt damping,
             delta times the stiffness.

@@ -6,6 +6,7 @@ from __future__ import annotations
 from numpy.typing import ArrayLike
 
 from pipedyn.models.chain import Chain
+from pipedyn.models.held import keeps_direction
 from pipedyn.models.modular.assembly import Assembly
 from pipedyn.models.modular.parts import (
     Clamp,
@@ -29,6 +30,7 @@ def chain(
     gyration_radii: ArrayLike | None = None,
     drag_points: ArrayLike | None = None,
     base: float = 0.0,
+    masses: ArrayLike | None = None,
     enforcement: str = "orthonormal",
 ) -> Assembly:
     """The chain of `pipedyn.Chain`, put together from parts, with internal flow and drag.
@@ -42,6 +44,7 @@ def chain(
         gyration_radii: about these, in L.
         drag_points: as fractions.
         base: length of the fixed part at the clamp, in L.
+        masses: of the segments, as for `Chain`.
         enforcement: as for `Assembly`.
 
     Raises:
@@ -56,12 +59,18 @@ def chain(
         gyration_radii=gyration_radii,
         drag_points=drag_points,
         base=base,
+        masses=masses,
     )
-    columns = (plain.lengths, plain.centers, plain.gyration_radii, plain.drag_points)
+    columns = [plain.lengths, plain.centers, plain.gyration_radii, plain.drag_points]
+    if masses is not None or pipe.mass is not None:
+        columns.append(plain.masses)
     modules: list[Module] = [
         Segment(*row) for row in zip(*(column.tolist() for column in columns), strict=True)
     ]
-    modules += [TorsionalSpring(j, k) for j, k in enumerate(plain.springs.tolist(), start=1)]
+    springs = [*plain.springs.tolist(), plain.end_spring][
+        : plain.coordinates + keeps_direction(pipe)
+    ]
+    modules += [TorsionalSpring(j, k) for j, k in enumerate(springs, start=1)]
     modules += [InternalFlow(), Drag()]
-    joints = [Joint(j) for j in range(2, plain.dof + 1)]
+    joints = [Joint(j) for j in range(2, plain.coordinates + 1)]
     return Assembly(pipe, modules, [Clamp(plain.base), *joints], enforcement)

@@ -48,16 +48,36 @@ class RedundantForm:
         """The chain without springs and dampers at its joints, for linear operators."""
         return self.layout.compiled(self.pipe, sprung=False).chain
 
+    @cached_property
+    def joints(self) -> Array:
+        """Spring, damping and moment at rest of each joint, a root's spring in series, (.., 3)."""
+        return self.core.chain.joints
+
     # ------------------------------------------------------------------------------------- modules
 
-    @cached_property
-    def mass(self) -> Array:
-        """M, shape (3 n, 3 n).
+    def mass(self, q: Array) -> Array:
+        """M, shape (3 n, 3 n), at coordinates q, shape (3 n,).
 
         A segment has the kinetic energy m (|r*'|^2 + (eta / l)^2 |r_j' - r_{j-1}'|^2) / 2, with the
-        masses on it, r* = (1 - chi) r_{j-1} + chi r_j.
+        masses on it, r* = (1 - chi) r_{j-1} + chi r_j; what moves across it alone, of mass m_n, has
+        m_n (a^2 + a b + b^2) / 6, a = n . r_{j-1}', b = n . r_j'.
         """
-        mass, chi, eta = self.core.bodies().T
+        *_, across = self.core.bodies().T
+        if not across.any():
+            return self._plain_mass
+        normals = _across(np.diff(self.layout.nodes(q), axis=0)) / self.layout.lengths[:, None]
+        own = np.einsum("j,ja,jb->jab", across / 6.0, normals, normals)
+        nodes = np.zeros((across.size + 1, 3, across.size + 1, 3))
+        j = np.arange(across.size)
+        for k, i, factor in ((j, j, 2.0), (j, j + 1, 1.0), (j + 1, j, 1.0), (j + 1, j + 1, 2.0)):
+            nodes[k, :2, i, :2] += factor * own
+        size = 3 * across.size
+        return self._plain_mass + nodes[1:, :, 1:, :].reshape(size, size)
+
+    @cached_property
+    def _plain_mass(self) -> Array:
+        """M without what moves across segments alone."""
+        mass, chi, eta, _ = self.core.bodies().T
         turning = (eta / self.layout.lengths) ** 2
         own = mass * (chi**2 + turning)
         own[:-1] += (mass * ((1.0 - chi) ** 2 + turning))[1:]
@@ -89,27 +109,40 @@ class RedundantForm:
             np.add.at(on_nodes, segment + 1, share[:, None] * loads)
 
         every = np.arange(layout.size)
-        mass, chi, _ = self.core.bodies().T
+        mass, chi, _, across_alone = self.core.bodies().T
         add(chi, np.outer(mass, [0.0, pipe.gamma] - acceleration), every)
         add(np.full(layout.size, 0.5), -math.sqrt(pipe.beta) * pipe.direction * rate * along, every)
         point, normal = layout.drag_points, _across(along) / lengths[:, None]
         v = np.sum(normal * (_between(velocities, point, every) + speed), axis=1)
         add(point, normal * (-pipe.drag * lengths * np.abs(v) * v)[:, None], every)
-        add(*self._terms(q, rates, place, speed))
+        add(
+            np.full(layout.size, 0.5),
+            normal * (-across_alone * (normal @ acceleration))[:, None],
+            every,
+        )
+        share, loads, segment = self._terms(q, rates, place, speed)
+        add(share, loads[:, :2], segment)
+        turning = (normal / lengths[:, None])[segment] * loads[:, 2:]
+        np.add.at(on_nodes, segment, -turning)  # couples
+        np.add.at(on_nodes, segment + 1, turning)
         momentum = math.sqrt(pipe.beta) * pipe.direction * u * velocities
         on_nodes[:-1] -= momentum[1:]
         on_nodes[1:] += momentum[:-1]
         on_nodes[-1] -= pipe.inflow_share * momentum[-1]
         lacking = (1.0 - pipe.inflow_share) * math.sqrt(pipe.beta) * pipe.direction * u
         on_nodes[-1] += lacking * speed
-        jet = math.cos(pipe.jet_angle) * along[-1] + math.sin(pipe.jet_angle) * _across(along)[-1]
-        on_nodes[-1] -= pipe.alpha * u**2 * jet / lengths[-1]
+        end = np.array([0.0, 1.0]) if layout.guided else along[-1] / lengths[-1]
+        jet = math.cos(pipe.jet_angle) * end + math.sin(pipe.jet_angle) * _across(end[None])[0]
+        on_nodes[-1] -= pipe.alpha * u**2 * jet
 
         total = self.customs.force(q, rates)
         total[0::3] += on_nodes[1:, 0]
         total[1::3] += on_nodes[1:, 1]
-        total[2::3] += layout.rest_moments - layout.springs * q[2::3]
-        total[2::3] -= layout.joint_damping(pipe) * rates[2::3]
+        n = layout.size
+        spring, damping, rest = self.joints.T
+        total[2::3] += rest[:n] - spring[:n] * q[2::3] - damping[:n] * rates[2::3]
+        if layout.guided:  # by the angle of the last segment, the sum of the joints'
+            total[2::3] -= spring[n] * q[2::3].sum() + damping[n] * rates[2::3].sum()
         return total
 
     def moments_by_state(self, theta: Array, omega: Array, force: Array) -> Array:
@@ -135,7 +168,7 @@ class RedundantForm:
     def _terms(
         self, q: Array, rates: Array, base: Array, speed: Array
     ) -> tuple[Array, Array, NDArray[np.intp]]:
-        """Of the places where terms act: share of its segment's length, load, and the segment.
+        """Of places where terms act: share of the segment's length, load (k, 3), and segment.
 
         base, speed: position and velocity of the base, shape (2,) each.
         """

@@ -1,0 +1,35 @@
+// SPDX-License-Identifier: MIT
+//
+// Stretching of a pipe whose end is fixed along the axis as well: the end slides against an axial
+// spring with damping, force k (1 - y) - c y' along y alone; energy k (1 - y)^2 / 2.
+#pragma once
+
+#include "pipedyn/terms/station.hpp"
+#include "pipedyn/terms/term.hpp"
+
+namespace {
+
+struct Stretching : NoLaw {
+  static constexpr const char* name = "stretching";
+  static constexpr bool loads = true;
+  double k, c;
+
+  explicit Stretching(const pipedyn::Term& term) : k(term.numbers[0]), c(term.numbers[1]) {}
+  template <class Real>
+  Load<Real> load(const Station<Real>& at) const {
+    return {Real{}, k * (1.0 - at.y) - c * at.vy};
+  }
+  Slopes slopes(const Station<double>&) const {
+    return {.by_position = {{0.0, 0.0}, {0.0, -k}}, .by_velocity = {{0.0, 0.0}, {0.0, -c}}};
+  }
+  template <class Real>
+  Real energy(const Station<Real>& at) const {
+    return 0.5 * k * ((1.0 - at.y) * (1.0 - at.y));
+  }
+  template <class Real>
+  Real power(const Station<Real>& at) const {
+    return -c * (at.vy * at.vy);
+  }
+};
+
+}  // namespace

@@ -1,0 +1,105 @@
+# SPDX-License-Identifier: MIT
+"""Chains of which guides and pins hold nodes: what these leave of the angles of the segments."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipedyn import _core
+from pipedyn.models.base import Operators
+from pipedyn.models.pipe import Pipe
+from pipedyn.util.check import Array
+
+MET = 1e-9
+"""How closely given states must meet the constraints, in L, rad, and these per T.
+
+States that a user has kept in ten digits do; it is far above rounding, 1e-15 n.
+"""
+
+SAME = 1e-12
+"""Places that differ by less are one, and guides and pins are met: rounding leaves some 1e-15."""
+
+
+class Held:
+    """Coordinates of nodes that are held, and states that keep to them.
+
+    Args:
+        core: the compiled scene that holds them.
+        rows: their derivative by the angles of the segments, (n, c) of angles (n,), independent.
+    """
+
+    def __init__(self, core: _core.Scene, rows: Callable[[Array], Array]) -> None:
+        self.core, self.rows = core, rows
+
+    def projected(self, theta: Array, omega: Array) -> tuple[Array, Array]:
+        """Angles and rates that meet guides and pins, close to those given; NaN without any."""
+        columns = (theta.shape[0], -1)
+        *met, missed = self.core.project(theta.reshape(columns), omega.reshape(columns))
+        for of in met:
+            of[:, missed > self.core.met] = np.nan
+        return met[0].reshape(theta.shape), met[1].reshape(theta.shape)
+
+    def free_states(self, y: Array) -> Array:
+        """Orthonormal changes of [theta, theta'] that are left free, (2 n, 2 dof)."""
+        theta, omega = np.split(y, 2)
+        by_angles, count = self.rows(theta), self.rows(theta).shape[1]
+        drift = omega[:, None] * self.rows(theta + 0.5 * math.pi)
+        held = np.block([[by_angles, drift], [np.zeros_like(drift), by_angles]])
+        vectors, _, _ = np.linalg.svd(held)
+        return np.asarray(vectors[:, 2 * count :])
+
+    def bent(self, chain: Operators, theta: Array, still: Array, thrust: Array) -> Operators:
+        """The chain's operators in its angles, with what the forces that hold nodes add.
+
+        These change their moments as the segments turn.
+
+        Args:
+            chain: the chain's.
+            theta: angles of the segments, shape (n,).
+            still: moments on the segments at rest without flow, shape (n,).
+            thrust: those of the flow by a u^2, shape (n,).
+        """
+        loads = np.stack([still, thrust], axis=1)
+        forces, *_ = np.linalg.lstsq(self.rows(theta), -loads)
+        by_still, by_thrust = (self.rows(theta + 0.5 * math.pi) @ forces).T
+        stiffness, flux = chain.stiffness - np.diag(by_still), chain.flux - np.diag(by_thrust)
+        return replace(chain, stiffness=stiffness, flux=flux)
+
+
+def keeps_direction(pipe: Pipe) -> bool:
+    """Whether the pipe's end keeps the direction of the axis."""
+    return pipe.end in ("guided", "clamped")
+
+
+def held_nodes(pipe: Pipe, ends: Array) -> NDArray[np.bool_]:
+    """Whether supports or the pipe's end hold the end of each segment on the axis, shape (n,).
+
+    Raises ValueError for a support at which no segment ends.
+    """
+    held = np.zeros(ends.size, dtype=np.bool_)
+    for place in pipe.supports:
+        nearest = int(np.abs(ends - place).argmin())
+        if abs(ends[nearest] - place) > MET:
+            raise ValueError(
+                f"a segment must end at each support, got none that ends at s = {place:g}"
+            )
+        held[nearest] = True
+    held[-1] |= pipe.end in ("pinned", "clamped")
+    return held
+
+
+def closest(core: _core.Scene, starts: Iterable[Array]) -> tuple[Array, float]:
+    """Angles that meet guides and pins, from the first start that leads there, or the closest."""
+    best, least = np.zeros(0), math.inf
+    for start in starts:
+        found, _, missed = core.project(start[:, None], np.zeros((start.size, 1)))
+        if missed[0] < least:
+            best, least = found[:, 0], float(missed[0])
+        if least <= SAME:
+            break
+    return best, least

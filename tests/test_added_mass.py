@@ -1,0 +1,203 @@
+# SPDX-License-Identifier: MIT
+"""A pipe in a dense fluid: identities, published numbers and motions of any amplitude.
+
+Virtual work against Lagrange's equations, energy, Jacobian and operators are in test_terms.py.
+"""
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+from independent import any_chain
+from test_terms import derivative, jacobian_by_differences, sizes_of
+
+import pipedyn as pp
+from pipedyn import _core, modular
+
+MODELS = {
+    "chain": lambda pipe: pp.Chain(pipe, 7),
+    "scene": lambda pipe: modular.chain(pipe, 5),
+    "beam modes": lambda pipe: pp.Galerkin(pipe, 6),
+    "Legendre functions": lambda pipe: pp.Galerkin(pipe, 8, "legendre"),
+    "continuum": pp.Continuum,
+}
+models = pytest.mark.parametrize("make", MODELS.values(), ids=MODELS)
+
+
+def scaled(pipe, chi):
+    """The pipe whose own mass stands for the fluid's as well, and the unit of its time."""
+    root = math.sqrt(1.0 + chi)
+    terms = [
+        pp.Viscosity(term.sigma / root) for term in pipe.terms if not isinstance(term, pp.AddedMass)
+    ]
+    numbers = {"beta": pipe.beta / (1.0 + chi), "damping": pipe.damping / root}
+    return dataclasses.replace(pipe, **numbers, terms=terms), root
+
+
+@models
+def test_small_motions_are_those_of_a_heavier_pipe_of_the_same_weight(make):
+    chi = 0.5
+    terms = [pp.Viscosity(0.2), pp.AddedMass(0.2), pp.AddedMass(0.3)]
+    pipe = pp.Pipe(0.3, 10.0, damping=1e-3, terms=terms)
+    heavier, root = scaled(pipe, chi)
+    found, plain = pp.critical_speed(make(pipe)), pp.critical_speed(make(heavier))
+    assert found.speed == pytest.approx(plain.speed, rel=1e-9)
+    assert found.frequency * root == pytest.approx(plain.frequency, rel=1e-9)
+    mine, its = (pp.eigenvalues(make(one), 5.0, count=4) for one in (pipe, heavier))
+    np.testing.assert_allclose(root * mine, its, rtol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("pipe", "speed", "frequency"),
+    [
+        (pp.Pipe(0.3, terms=[pp.AddedMass(0.5)]), 5.591404378, 11.19800550),
+        (
+            pp.Pipe(0.3, 10.0, damping=1e-3, terms=[pp.AddedMass(0.5), pp.Viscosity(0.2)]),
+            6.421133982,
+            12.17007738,
+        ),
+    ],
+)
+def test_critical_speeds_of_a_pipe_in_a_dense_fluid(pipe, speed, frequency):
+    """From the determinant of exponentials and Hermite elements, digits as printed there."""
+    found = pp.critical_speed(pp.Continuum(pipe))
+    assert found.speed == pytest.approx(speed, rel=2e-10)
+    assert found.frequency == pytest.approx(frequency, rel=1e-9)
+
+
+def test_a_pipe_pinned_at_both_ends_vibrates_in_the_fluid_as_a_heavier_one():
+    """The frequencies at beta = 0.5 and u = 2 are Legendre's and Hermite elements', as printed."""
+    pipe = pp.Pipe(0.75, terms=[pp.AddedMass(0.5)], root="pinned", end="pinned")
+    for model in (pp.Galerkin(pipe, 12, "legendre"), pp.Continuum(pipe)):
+        found = np.sort(np.abs(pp.eigenvalues(model, 2.0, count=4).imag))[::2]
+        np.testing.assert_allclose(math.sqrt(1.5) * found, [7.45357311, 37.63213422], rtol=2e-9)
+
+
+def test_a_pendulum_in_a_fluid_turns_as_a_heavier_one_at_any_angle():
+    """One segment has no velocity along itself, so that chi adds to its inertia alone."""
+    pipe = pp.Pipe(0.3, 6.0, damping=0.01, terms=[pp.AddedMass(0.8)])
+    heavier, root = scaled(pipe, 0.8)
+    wet, dry = pp.Chain(pipe, 1), pp.Chain(heavier, 1)
+    y = np.array([[1.2, -2.0], [0.7, 1.5]])
+    faster = y * [[1.0], [root]]
+    found, expected = wet.rhs(0.0, y, 4.0)[1], dry.rhs(0.0, faster, 4.0)[1]
+    # Coriolis force and damping are even in units of the time: u and the angles are the same.
+    np.testing.assert_allclose(found * root**2, expected, rtol=1e-13)
+
+
+@pytest.mark.parametrize("level", _core.vector_levels())
+@pytest.mark.parametrize("reduced", [False, True])
+def test_batches_move_as_their_members(reduced, level, at_level):
+    at_level(level)
+    pipe = pp.Pipe(0.3, 4.0, drag=0.5, damping=0.01, terms=[pp.AddedMass(0.6), pp.Spring(0.7, 5.0)])
+    model = pp.Galerkin(pipe, 5, "legendre") if reduced else pp.Chain(pipe, 6)
+    size = 0.3 if reduced else 1.0
+    states = size * np.random.default_rng(3).normal(size=(2 * model.dof, 11))
+    for name in ("rhs", "jacobian"):
+        evaluate = getattr(model, name)
+        together = evaluate(0.0, states, 3.0)
+        alone = np.stack([evaluate(0.0, y, 3.0) for y in states.T], axis=1 if name == "rhs" else 0)
+        np.testing.assert_allclose(together, alone, atol=1e-11 * np.abs(alone).max())
+
+
+def tapered(s):
+    return 1.0 + 0.5 * s
+
+
+@pytest.mark.parametrize("kind", ["chain", "Legendre functions"])
+def test_jacobians_of_tapered_pipes_in_a_fluid_meet_differences_and_their_energy_its_power(kind):
+    """With drag and a jet at an angle: what else the derivatives treat apart."""
+    pipe = pp.Pipe(0.3, 5.0, drag=0.4, mass=tapered, terms=[pp.AddedMass(0.6)], jet_angle=0.3)
+    model = MODELS[kind](pipe)
+    size = np.tile(sizes_of(model), 2)
+    y = 0.4 * size * np.random.default_rng(5).normal(size=size.size)
+    found = model.jacobian(0.0, y, 3.0)
+    differences = jacobian_by_differences(lambda at: model.rhs(0.0, at, 3.0), y, size, 1e-3)
+    assert np.abs(found - differences).max() < 1e-8 * np.abs(found).max()
+    change = derivative(model.energy, y, model.rhs(0.0, y, 3.0), step=1e-4)
+    assert model.power(y, 3.0).total == pytest.approx(change, rel=1e-8)
+
+
+@pytest.mark.parametrize("n", [1, 3, 12])
+def test_products_and_eigenvalues_of_any_chain_are_those_of_its_matrices(n):
+    chain = any_chain(n, gamma=3.0, damping=0.02, terms=[pp.AddedMass(0.9), pp.Spring(0.9, 5.0)])
+    basis = np.tri(n) * chain.elastic_scale
+    ours, dense = chain.elastic_operators(), chain.operators()
+    for name in ("mass", "stiffness", "damping"):
+        expected = basis.T @ getattr(dense, name) @ basis
+        np.testing.assert_allclose(
+            getattr(ours, name), expected, atol=1e-12 * np.abs(expected).max()
+        )
+    mass, velocity, stiffness = dense.at(2.0)
+    lower = np.linalg.solve(mass, -np.hstack([stiffness, velocity]))
+    values = np.linalg.eigvals(np.vstack([np.eye(n, 2 * n, n), lower]))
+    found = pp.eigenvalues(chain, 2.0)
+    distance = np.abs(found[:, None] - values).min(axis=1)
+    assert np.abs(distance).max() < 1e-9 * np.abs(values).max()
+
+
+@pytest.mark.parametrize(
+    "make",
+    [
+        lambda pipe: pp.Chain(pipe, 9),
+        lambda pipe: pp.Galerkin(pipe, 6, "legendre"),
+        lambda pipe: pp.Galerkin(dataclasses.replace(pipe, root="pinned"), 6, "legendre"),
+        lambda pipe: modular.chain(pipe, 6).plus(modular.Guide(4)),
+    ],
+    ids=["chain", "Legendre functions", "hinged", "guided scene"],
+)
+def test_motions_balance_their_energy_by_explicit_and_implicit_steps(make):
+    """The implicit steps solve with the exact Jacobian, a chain's and a scene's in O(n)."""
+    pipe = pp.Pipe(0.3, 5.0, damping=1e-3, drag=0.3, terms=[pp.AddedMass(0.6)])
+    model, ends = make(pipe), []
+    for method in ("radau", "dop853"):
+        motion = pp.simulate(model, 7.0, 1.0, lambda s: 0.8 * s**2, rtol=1e-10, method=method)
+        assert motion.audit < 1e-8
+        ends.append(motion.q[-1])
+    np.testing.assert_allclose(ends[0], ends[1], atol=1e-6 * np.abs(ends[0]).max())
+
+
+def test_scenes_with_guides_move_as_dense_recursions_say():
+    pipe = pp.Pipe(0.3, 5.0, terms=[pp.AddedMass(0.6), pp.Viscosity(0.4)])
+    scene = modular.chain(pipe, 5).plus(modular.Guide(3))
+    theta, omega = scene.projected(np.linspace(0.1, 0.9, 5), np.cos(np.arange(5.0)))
+    y = scene.state(theta, omega)
+    found = scene.rhs(0.0, y, 3.0)[y.size // 2 :]
+    for name in ("orthonormal", "udwadia-kalaba"):
+        dense = scene.accelerations(y, 3.0, name)
+        np.testing.assert_allclose(found, dense, atol=1e-9 * np.abs(dense).max())
+
+
+def test_large_motions_of_chains_tend_to_the_pipes_at_second_order():
+    pipe = pp.Pipe(0.3, 5.0, damping=2e-3, terms=[pp.AddedMass(0.8)])
+
+    def tip(model):
+        motion = pp.simulate(model, 6.0, 0.6, lambda s: 1.2 * s, rtol=1e-9, samples=31)
+        return motion.tip
+
+    exact = tip(pp.Galerkin(pipe, 12, "legendre"))
+    assert np.abs(exact[:, 0]).max() > 0.5
+    errors = [np.abs(tip(pp.Chain(pipe, n)) - exact).max() for n in (10, 20, 40)]
+    ratios = np.array(errors[:-1]) / errors[1:]
+    assert ((ratios > 3.0) & (ratios < 5.0)).all()
+    assert errors[-1] < 3e-3
+
+
+def test_the_fluid_changes_the_cycle_that_emerges_though_not_as_a_heavier_pipe():
+    """A law from third derivatives, against a cycle close to the onset."""
+    pipe = pp.Pipe(0.3, damping=2e-3, terms=[pp.AddedMass(0.5)])
+    wet, dry = pp.Chain(pipe, 4), pp.Chain(scaled(pipe, 0.5)[0], 4)
+    law = pp.hopf(wet)
+    assert law.speed == pytest.approx(pp.hopf(dry).speed, rel=1e-10)
+    assert abs(law.amplitude_law / pp.hopf(dry).amplitude_law - 1.0) > 0.01
+    u = 1.0005 * law.speed
+    amplitude = pp.limit_cycle(wet, u).amplitude
+    assert amplitude**2 / (u - law.speed) == pytest.approx(law.amplitude_law, rel=0.02)
+
+
+def test_added_mass_is_an_effect_that_may_matter():
+    pipe = pp.Pipe(0.3, terms=[pp.AddedMass(0.5), pp.AddedMass(1e-9)])
+    found = pp.relevant(pipe, 4.0)
+    assert found["AddedMass(chi=0.5)"].verdict == "relevant"
+    assert found["AddedMass(chi=1e-09)"].verdict == "negligible"

@@ -1,0 +1,249 @@
+# SPDX-License-Identifier: MIT
+"""Large motions of reduced models whose pipe is held across at its end or between."""
+
+import math
+
+import numpy as np
+import pytest
+from scipy.optimize import brentq
+from scipy.special import ellipk
+
+import pipedyn as pp
+from pipedyn.bifurcation.equilibria import Statics
+
+HELD = (
+    {"root": "pinned", "end": "pinned"},
+    {"end": "clamped", "supports": [0.4]},
+    {"end": "pinned", "root": pp.RootSpring(3.0), "terms": [pp.Stretching(50.0)]},
+    {"root": "pinned", "supports": [0.3, 0.7], "drag": 0.4},
+    {"end": "clamped", "root": "pinned", "terms": [pp.PointMass(0.5, 0.2), pp.Viscosity(0.3)]},
+)
+SPEED = 3.0
+
+held = pytest.mark.parametrize("given", HELD, ids=repr)
+bases = pytest.mark.parametrize("basis", ["beam", "legendre"])
+
+
+def model_of(given, basis, m=4, **more):
+    return pp.Galerkin(pp.Pipe(0.4, 5.0, damping=2e-3, **given, **more), m, basis)
+
+
+def size_of(model):
+    """Amplitudes of the core's functions by which the pipe turns 1 rad at most."""
+    slopes = model.core.basis(np.linspace(0.0, 1.0, 41), 1)
+    return 1.0 / np.abs(slopes).max(axis=0)
+
+
+def state_of(model, angle=0.6, rate=2.0):
+    """A bent and moving state that meets the supports, (2 coordinates,)."""
+    rng = np.random.default_rng(3)
+    q, rates = (
+        of * size_of(model) * rng.uniform(-1.0, 1.0, model.coordinates) for of in (angle, rate)
+    )
+    return np.concatenate(model.projected(q, rates))
+
+
+def derivative(function, at, along, step):
+    """Central differences of sixth order."""
+    values = [function(at + k * step * along) for k in (1, 2, 3, -1, -2, -3)]
+    ahead = np.subtract(values[:3], values[3:])
+    return np.tensordot([45.0, -9.0, 1.0], ahead, 1) / (60.0 * step)
+
+
+def places(model, q):
+    supports = [*model.pipe.supports, *([1.0] if model.pipe.end in ("pinned", "clamped") else [])]
+    return model.shape(q, supports)[:, 0]
+
+
+@bases
+@held
+def test_supports_are_met_and_kept(given, basis):
+    model = model_of(given, basis)
+    n, y = model.coordinates, state_of(model)
+    q, rates = y[:n], y[n:]
+    assert np.abs(places(model, q)).max() < 1e-12
+    assert np.abs(derivative(lambda at: places(model, at), q, rates, 1e-3)).max() < 1e-10
+    turning = model.rhs(0.0, y, SPEED)[n:]
+    by = model._supports.held(q[:, None])[1][0]
+    drift = derivative(lambda at: model._supports.held(at[:, None])[1][0] @ rates, q, rates, 1e-3)
+    assert np.abs(by @ turning + drift).max() < 1e-9 * np.abs(by * turning).max()
+    turned = model.core.basis(np.array([0.0, 1.0]), 1)
+    if model.pipe.end == "clamped":
+        assert np.abs(turned[1]).max() < 1e-12
+    if model.pipe.root == "clamped":
+        assert np.abs(turned[0]).max() < 1e-12
+
+
+@pytest.mark.parametrize("supports", [[], [0.35]])
+def test_forces_of_supports_are_lagranges(supports):
+    """Added to the free pipe's accelerations: M^-1 G^T mu, G by differences of the drawn shape.
+
+    Legendre functions of a pinned end are those of a free one, but for the panels of supports.
+    """
+    terms = [pp.PointMass(s, 1e-300) for s in supports]
+    free = pp.Galerkin(pp.Pipe(0.4, 5.0, drag=0.3, terms=terms), 6 + len(supports), "legendre")
+    pipe = pp.Pipe(0.4, 5.0, drag=0.3, end="pinned", supports=supports)
+    model = pp.Galerkin(pipe, 5, "legendre")
+    n, y = model.coordinates, state_of(model)
+    assert free.dof == n
+    at = [*supports, 1.0]
+    by = np.array(
+        [derivative(lambda q: free.shape(q, at)[:, 0], y[:n], e, 1e-3) for e in np.eye(n)]
+    ).T
+    ours, loose = (of.rhs(0.0, y, SPEED)[n:] for of in (model, free))
+    force = free.operators(y[:n]).mass @ (ours - loose)
+    reaction = np.linalg.lstsq(by.T, force)[0]
+    assert np.abs(by.T @ reaction - force).max() < 1e-9 * np.abs(force).max()
+    assert np.abs(force).max() > 0.1
+    assert model.energy(y) == pytest.approx(free.energy(y), rel=1e-13)
+    assert model.power(y, SPEED).total == pytest.approx(free.power(y, SPEED).total, rel=1e-12)
+
+
+@bases
+@held
+def test_energy_changes_by_the_power_and_jacobians_meet_differences(given, basis):
+    """Forces of supports do no work."""
+    model = model_of(given, basis)
+    y = state_of(model)
+    rates = model.rhs(0.0, y, SPEED)
+    change = derivative(model.energy, y, rates, 3e-6)
+    assert model.power(y, SPEED).total == pytest.approx(change, rel=1e-6)
+    exact, units = model.jacobian(0.0, y, SPEED), np.tile(size_of(model), 2)
+    differences = np.array(
+        [
+            derivative(lambda at: model.rhs(0.0, at, SPEED), y, unit * e, 1e-3) / unit
+            for unit, e in zip(units, np.eye(y.size), strict=True)
+        ]
+    ).T
+    assert np.abs((exact - differences) * units).max() < 1e-8 * np.abs(exact * units).max()
+    several = model.jacobian(0.0, np.stack([y, 0.5 * y], axis=1), SPEED)
+    assert several[0] == pytest.approx(exact, rel=1e-9, abs=1e-9 * np.abs(exact).max())
+
+
+def roots_of(mass, velocity, stiffness):
+    lower = -np.linalg.solve(mass, np.hstack([stiffness, velocity]))
+    return np.linalg.eigvals(np.vstack([np.eye(2 * len(mass))[len(mass) :], lower]))
+
+
+@bases
+@held
+def test_small_motions_are_those_of_the_linear_model(given, basis):
+    model = model_of(given, basis)
+    n = model.coordinates
+    mass, velocity, stiffness = model.operators().at(SPEED)
+    still = model.jacobian(0.0, np.zeros(2 * n), SPEED)[n:]
+    found = np.linalg.eigvals(np.vstack([np.eye(2 * n)[n:], still]))
+    expected = roots_of(mass, velocity, stiffness)
+    missed = [np.abs(found - value).min() for value in expected]
+    assert np.max(missed) < 1e-6 * np.abs(expected).max()
+    # what is left is the return to the supports, (lambda + k)^2 = 0 each
+    assert found.size - expected.size == 2 * (n - model.dof)
+
+
+def test_operators_about_a_buckled_pipe_are_those_of_its_motion():
+    pipe = pp.Pipe(0.3, 4.0, root="pinned", end="pinned", damping=1e-3, supports=[0.4])
+    model = pp.Galerkin(pipe, 6, "legendre")
+    u = 1.04 * pp.critical_speed(model).speed
+    q = Statics(model).solved(model.bent(lambda s: np.sin(6.0 * s)), u)
+    assert np.abs(q).max() > 0.1
+    assert np.abs(places(model, q)).max() < 1e-12
+    n = model.coordinates
+    expected = roots_of(*model.operators(q).at(u))
+    rates = model.jacobian(0.0, np.concatenate([q, np.zeros(n)]), u)
+    values = np.linalg.eigvals(rates)
+    for value in expected:
+        assert np.abs(values - value).min() < 1e-6 * abs(value)
+
+
+@pytest.mark.parametrize(("basis", "m", "most"), [("legendre", 10, 1e-9), ("beam", 10, 3e-5)])
+def test_a_sliding_pinned_pipe_buckles_as_the_elastica(basis, m, most):
+    """U^2 cos th0 = 4 K(sin(th0 / 2))^2: the jet leaves along the end's tangent."""
+    u = 3.5
+    expected = brentq(
+        lambda turn: u**2 * math.cos(turn) - 4.0 * ellipk(math.sin(turn / 2.0) ** 2) ** 2, 0.01, 1.5
+    )
+    model = pp.Galerkin(pp.Pipe(0.3, root="pinned", end="pinned", damping=1e-3), m, basis)
+    q = Statics(model).solved(model.bent(lambda s: expected * np.cos(np.pi * s)), u)
+    turned = model.core.basis(np.array([0.0]), 1)[0] @ q
+    assert turned == pytest.approx(expected, rel=most)
+
+
+@pytest.mark.parametrize("stiffness", [1e4, 1e5])
+def test_an_axially_fixed_pipe_buckles_by_holmes_amplitude(stiffness):
+    """w = A sin pi s with A^2 = 4 (U^2 - pi^2) / (stiffness pi^2), at any mass ratio.
+
+    Holmes, J. Sound Vib. 53 (1977), 471; what is left is of the order of 1 / stiffness, A^2.
+    """
+    terms = [pp.Stretching(stiffness)]
+    for beta, u in ((0.1, 3.3), (0.6, 4.0)):
+        pipe = pp.Pipe(beta, root="pinned", end="pinned", damping=1e-3, terms=terms)
+        model = pp.Galerkin(pipe, 3)
+        amplitude = math.sqrt(4.0 * (u**2 - math.pi**2) / stiffness) / math.pi
+        start = model.bent(lambda s, a=amplitude: a * np.pi * np.cos(np.pi * s))
+        q = Statics(model).solved(start, u)
+        x = model.shape(q, [0.5])[0, 0]
+        assert x == pytest.approx(amplitude, rel=25.0 / stiffness)
+
+
+def test_a_pipe_let_go_below_and_above_buckling_comes_to_rest():
+    pipe = pp.Pipe(0.3, root="pinned", end="pinned", damping=0.05, terms=[pp.Stretching(500.0)])
+    model = pp.Galerkin(pipe, 3)
+    for u in (2.0, 4.0):
+        motion = pp.simulate(model, u, 60.0, [0.01, 0.0, 0.0], rtol=1e-9)
+        assert motion.audit < 1e-6
+        assert np.abs(model._supports.held(motion.q.T)[0]).max() < 1e-13
+        middle = model.shape(motion.q[-1], [0.5])[0, 0]
+        bent = math.sqrt(max(u**2 - math.pi**2, 0.0) / 500.0) * 2.0 / math.pi
+        assert middle == pytest.approx(bent, rel=25.0 / 500.0, abs=1e-6)
+
+
+def test_flutter_on_an_inner_support_settles_on_the_cycle_of_its_normal_form():
+    model = pp.Galerkin(pp.Pipe(0.2, damping=2e-3, supports=[0.25]), 6, "legendre")
+    hopf = pp.hopf(model)
+    assert hopf.criticality == "supercritical"
+    u = 1.002 * hopf.speed
+    cycle = pp.limit_cycle(model, u)
+    assert cycle.amplitude**2 / (u - u / 1.002) == pytest.approx(hopf.amplitude_law, rel=0.03)
+
+
+def test_a_pinned_chain_of_modules_tends_to_the_reduced_models_motion():
+    """Redundant coordinates with a guide at the last node: second order in 1 / n."""
+    pipe = pp.Pipe(0.3, 6.0, damping=5e-3, end="pinned")
+    model = pp.Galerkin(pipe, 8, "legendre")
+
+    def angle(s):
+        return 0.6 * np.sin(2.0 * np.pi * s)  # the end is on the axis
+
+    def middle(of):
+        motion = pp.simulate(of, 3.0, 0.4, of.bent(angle), rtol=1e-9, samples=5)
+        return np.array([of.shape(q, [0.5])[0, 0] for q in motion.q])
+
+    exact = middle(model)
+    errors = []
+    for n in (8, 16, 32):
+        chain = pp.modular.chain(pp.Pipe(0.3, 6.0, damping=5e-3), n).plus(pp.modular.Guide(n))
+        errors.append(np.abs(middle(chain) - exact).max())
+    assert errors[-1] < 3e-3
+    assert 3.0 < errors[0] / errors[1] < 5.5
+    assert 3.0 < errors[1] / errors[2] < 5.5
+
+
+def test_starts_meet_supports_or_are_refused():
+    model = pp.Galerkin(pp.Pipe(0.4, end="clamped", supports=[0.5]), 4)
+    small = model.start([0.05, 0.0, 0.0, 0.0], [0.3, 0.0, 0.0, 0.0])
+    n = model.coordinates
+    assert n == 6
+    assert np.abs(places(model, small[:n])).max() < 1e-13
+    assert model.start(small[:n], small[n:]) == pytest.approx(small, abs=1e-14)
+    with pytest.raises(ValueError, match="q0 and qdot0 must meet the supports, got a deviation"):
+        model.start(np.full(n, 0.1), None)
+    with pytest.raises(ValueError, match=r"q0 must have shape \(4,\) or \(6,\), got \(5,\)"):
+        model.start(np.zeros(5), None)
+    with pytest.raises(ValueError, match=r'terms.0. stretches a pipe whose end is "pinned" or'):
+        pp.Pipe(0.2, end="guided", terms=[pp.Stretching(3.0)])
+
+
+def test_stretching_takes_si_values():
+    hose = {"length": 0.5, "bending_stiffness": 2.0, "pipe_mass": 0.2, "fluid_mass": 0.1}
+    pipe = pp.Pipe.from_si(**hose, end="pinned", terms=[pp.Stretching(1e4)])
+    assert pipe.terms[0].stiffness == pytest.approx(1e4 * 0.5**3 / 2.0, rel=1e-14)
