@@ -189,3 +189,25 @@ def test_bad_arguments_are_named(given, error, rule):
     with pytest.raises(error) as refused:
         pp.frequency_response(arguments.pop("model"), arguments.pop("u"), **arguments)
     assert str(refused.value).startswith(rule)
+
+
+@pytest.mark.parametrize(
+    ("root", "end"), [("pinned", "pinned"), ("clamped", "clamped"), ("clamped", "pinned")]
+)
+def test_supports_move_with_the_base(root, end):
+    """Displacement of the middle, held against the boundary-value problem."""
+    pipe = pp.Pipe(0.5, damping=0.003, root=root, end=end)
+    u, omega = 2.0, np.array([5.0, 12.0])
+    found = pp.frequency_response(pp.Continuum(pipe), u, omega, output=0.5).response
+    errors = []
+    for w, response in zip(omega, found, strict=True):
+        flow = 2j * math.sqrt(0.5) * u * w
+        a = np.roots([1.0 + 0.003j * w, 0.0, u**2, flow, -(w**2)])
+        rows = np.array([a ** (1 if root == "clamped" else 2), a ** (1 if end == "clamped" else 2)])
+        rows[1] *= np.exp(a)
+        matrix = np.array([np.ones(4), rows[0], np.exp(a), rows[1]])
+        parts = np.linalg.solve(matrix, [1.0, 0.0, 1.0, 0.0])
+        errors.append(abs(parts @ np.exp(0.5 * a) - 1.0 - response))
+    assert max(errors) < 1e-9
+    chain = pp.frequency_response(pp.Chain(pipe, 60), u, omega, output=0.5).response
+    np.testing.assert_allclose(chain, found, rtol=0.02)

@@ -357,7 +357,7 @@ def _from_base(
     """From the linear response at the lowest frequency."""
     begin = replace(forcing, frequency=low)
     motion = ForcedField(model, begin, 1)
-    answer = model.free_directions(model.resting()) @ base_solution(model, u, low)
+    answer = model.by_coordinates() @ base_solution(model, u, low)
     orbit: PeriodicOrbit | None = None
     for share in (1.0, *np.geomspace(0.02, 1.0, 10)):  # at once, or else with growing amplitude
         motion.forcing = replace(begin, amplitude=float(share) * forcing.amplitude)
@@ -412,7 +412,7 @@ def _leaving_rest(motion: ForcedField, hill: Hill, edge: float, mean: float) -> 
     options = [factor * parts for factor in (1.0, 1j)]
     parts = max((x + x[::-1].conj() for x in options), key=lambda x: float(np.abs(x).max()))
     turns = (np.arange(count) - hill.many + share) * order
-    spread = model.free_directions(model.resting()) @ np.asarray(model.from_elastic(parts.T))
+    spread = model.by_coordinates() @ np.asarray(model.from_elastic(parts.T))
     w = edge / order
 
     def moved(phases: Array, power: int) -> Array:

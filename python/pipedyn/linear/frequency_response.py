@@ -424,7 +424,8 @@ def _base_loads(model: Model, u: float) -> Array:
     states = np.stack([still] * 3, axis=1)
     either = (model.motion_rates(states, u, way * drive)[half:] for way in (1.0, -1.0))
     accelerations = np.subtract(*either) / (2.0 * h)
-    forces = model.operators().mass @ (model.free_directions(rest).T @ accelerations)
+    moved, *_ = np.linalg.lstsq(model.by_coordinates(), accelerations)
+    forces = model.operators().mass @ moved
     return _elastic(model, lambda q: forces.T @ q).T
 
 

@@ -478,6 +478,10 @@ class Model(OfPipe, ABC):
         """Directions that constraints leave about a configuration, shape (moving, dof)."""
         return np.eye(self.dof)
 
+    def by_coordinates(self) -> Array:
+        """Change of p at rest by each coordinate of `operators()`, shape (moving, dof)."""
+        return self.free_directions(self.resting())
+
     def projected(self, p: Array, rates: Array) -> tuple[Array, Array]:
         """Close to p and its rates, (moving, ...) each, what meets constraints; NaN without any."""
         return p, rates

@@ -294,6 +294,10 @@ class Galerkin(Model):
     def free_directions(self, p: Array) -> Array:
         return self._supports.allowed(p) if self._held else super().free_directions(p)
 
+    def by_coordinates(self) -> Array:
+        spread = self._small[0]
+        return np.eye(self.dof) if spread is None else spread
+
     def free_states(self, y: Array) -> Array:
         return self._supports.free_states(y) if self._held else super().free_states(y)
 
