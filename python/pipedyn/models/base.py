@@ -510,6 +510,10 @@ class Model(OfPipe, ABC):
         """Directions that constraints leave about a configuration, shape (moving, dof)."""
         return np.eye(self.dof)
 
+    def by_coordinates(self) -> Array:
+        """Change of p at rest by each coordinate of `operators()`, shape (moving, dof)."""
+        return self.free_directions(self.resting())
+
     def projected(self, p: Array, rates: Array) -> tuple[Array, Array]:
         """Close to p and its rates, (moving, ...) each, what meets constraints; NaN without any."""
         return p, rates
@@ -536,7 +540,7 @@ class Model(OfPipe, ABC):
         rates: Array = self.motion.rhs_and_power(0.0, np.concatenate([y, work]), u, drive)
         return rates[:-1]
 
-    def motion_jacobian(self, y: Array, u: float, drive: Array | None = None) -> Array:
+    def motion_jacobian(self, y: Array, u: float | Array, drive: Array | None = None) -> Array:
         """Derivative of the rates of [p, p'], (2 moving, 2 moving); (k, ...) of k columns."""
         self._check_dense()
         return self.motion.jacobian(0.0, y, u, drive)
@@ -575,12 +579,14 @@ class Model(OfPipe, ABC):
         """
 
     @abstractmethod
-    def deflection(self, q: ArrayLike, s: ArrayLike) -> NDArray[Any]:
+    def deflection(self, q: ArrayLike, s: ArrayLike, derivative: int = 0) -> NDArray[Any]:
         """Transverse displacement for small q at arc lengths s, shape (p,) or (p, k).
 
         Args:
             q: coordinates, real or complex, shape (dof,) or (dof, k).
             s: arc lengths from the clamp in L, each in [0, 1], shape (p,).
+            derivative: 0, or 1 for the angle by which the pipe turns there, the slope of a straight
+                one; where segments meet, the mean of both.
         """
 
     def tips(self, q: ArrayLike) -> Array:

@@ -564,19 +564,29 @@ class Chain(Model):
         ends = self._base + np.cumsum(self._lengths)
         return self.closed(self._angles(angle, ends - 0.5 * self._lengths))
 
-    def deflection(self, q: ArrayLike, s: ArrayLike) -> NDArray[Any]:
-        at, given = arc_lengths(s), self._displaced(q, arc_lengths(s).size)
-        theta = given
+    def deflection(self, q: ArrayLike, s: ArrayLike, derivative: int = 0) -> NDArray[Any]:
+        at, order = arc_lengths(s), check.count("derivative", derivative, low=0, high=1)
+        theta = given = self._displaced(q, at.size)
         if self.supported is not None:
             theta = real_columns(self._free.spread, given.reshape(self.dof, -1))
             theta = theta.reshape(-1, *given.shape[1:])
-        across = self._lengths * np.cos(self.resting())
-        return along((across * theta.T).T, self._base, self._lengths, at)
+        across = self._lengths if order else self._lengths * np.cos(self.resting())
+        return along((across * theta.T).T, self._base, self._lengths, at, order)
 
 
-def along(steps: NDArray[Any], base: float, lengths: Array, s: Array) -> NDArray[Any]:
-    """Sum of the segments' steps (n, ...) up to s, linear within a segment, 0 in the base."""
+def along(
+    steps: NDArray[Any], base: float, lengths: Array, s: Array, derivative: int = 0
+) -> NDArray[Any]:
+    """Sum of the segments' steps (n, ...) up to s, linear within a segment, 0 in the base.
+
+    Or its derivative, the mean of both where segments meet.
+    """
     ends = base + np.concatenate([[0.0], np.cumsum(lengths)])
+    if derivative == 1:
+        slopes = np.concatenate([0.0 * steps[:1], (steps.T / lengths).T])
+        sides = (np.searchsorted(ends, s, side=side) for side in ("left", "right"))
+        before, after = (slopes[np.minimum(side, lengths.size)] for side in sides)
+        return np.asarray(0.5 * (before + after))
     nodes = np.concatenate([np.zeros_like(steps[:1]), np.cumsum(steps, axis=0)])
     j = np.clip(np.searchsorted(ends, s, side="right") - 1, 0, lengths.size - 1)
     part = np.clip((s - ends[j]) / lengths[j], 0.0, 1.0)

@@ -560,7 +560,7 @@ class Assembly(Model):
     def resting(self) -> Array:
         return self._layout.rest if self._reference is None else self._reference
 
-    def motion_jacobian(self, y: Array, u: float, drive: Array | None = None) -> Array:
+    def motion_jacobian(self, y: Array, u: float | Array, drive: Array | None = None) -> Array:
         return self.motion.jacobian(y, u, drive=drive)
 
     # ---------------------------------------------------------------------------------- geometry
@@ -595,12 +595,13 @@ class Assembly(Model):
         theta = self._angles(angle, 0.5 * (ends[:-1] + ends[1:]))
         return self._configuration(self.closed(theta))
 
-    def deflection(self, q: ArrayLike, s: ArrayLike) -> NDArray[Any]:
-        at, linear, layout = arc_lengths(s), self.linear, self._layout
+    def deflection(self, q: ArrayLike, s: ArrayLike, derivative: int = 0) -> NDArray[Any]:
+        at, order = arc_lengths(s), check.count("derivative", derivative, low=0, high=1)
+        linear, layout = self.linear, self._layout
         given = self._displaced(q, at.size)
         theta = real_columns(linear.basis.spread, given.reshape(self.dof, -1))
-        across = layout.lengths * np.cos(linear.theta)
-        moved = along(across[:, None] * theta, layout.base, layout.lengths, at)
+        across = layout.lengths if order else layout.lengths * np.cos(linear.theta)
+        moved = along(across[:, None] * theta, layout.base, layout.lengths, at, order)
         return moved.reshape(at.size, *given.shape[1:])
 
     # ----------------------------------------------------------------------------------- arguments

@@ -116,13 +116,13 @@ class SceneMotion:
         return self.core.from_angles(*self.held.projected(theta, omega))
 
     def jacobian(
-        self, y: Array, u: float, returns: bool = True, drive: Array | None = None
+        self, y: Array, u: float | Array, returns: bool = True, drive: Array | None = None
     ) -> Array:
         """Derivative of the angles' rates by [theta, theta'], (2 n, 2 n), or (k, ...) of k states.
 
         Args:
             y: states, shape (2 n,) or (2 n, k).
-            u: flow speed.
+            u: flow speed, for k states also one each, (k,).
             drive: what drives them, (ROWS,) or (ROWS, k).
             returns: the rates of `rhs_and_power`; else of the angles in `rhs`.
         """
@@ -130,8 +130,9 @@ class SceneMotion:
             return self.core.derivative(y, u, returns=returns, drive=drive)
         if y.ndim == 2:
             each = [None] * y.shape[1] if drive is None else drive.T.copy()
-            columns = zip(y.T.copy(), each, strict=True)
-            return np.array([self.jacobian(column, u, returns, own) for column, own in columns])
+            speeds = np.broadcast_to(u, y.shape[1:]).tolist()
+            columns = zip(y.T.copy(), speeds, each, strict=True)
+            return np.array([self.jacobian(one, own, returns, by) for one, own, by in columns])
         theta, omega = np.split(y, 2)
         force = self.customs.force(*np.split(self.core.from_angles(theta, omega), 2))
         moments = self.layout.moments(theta, force[:, None])[:, 0]
