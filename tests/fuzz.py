@@ -391,6 +391,7 @@ def _pipes() -> Iterator[Target]:
             "alpha": real((0.0, 2.0), -0.1, 1e300),
             "drag": real((0.0, 2.0), -0.1, 1e300),
             "damping": real((0.0, 2.0), -1e-12, 1e300),
+            "hysteresis": real((0.0, 2.0), -1e-12, 1e300),
             "inflow_share": real((1.0, 1.0), -1e-9, 1.1),
             "jet_angle": real((0.0, 0.0), -3.2, 3.2),
             "scales": Kind(
@@ -408,6 +409,7 @@ def _pipes() -> Iterator[Target]:
             **dict.fromkeys(SI, positive),
             "gravity": real((-9.81, 9.81), -1e13, 1e300),
             "damping_time": real((0.0, 1.0), -1.0, 1e300),
+            "hysteresis": real((0.0, 1.0), -1.0, 1e300),
             "drag_coefficient": real((0.5, 1.2), -1.0, 1e300),
             "external_diameter": real((0.01, 0.1), -1.0, 1e300),
             "external_density": real((1.0, 1e3), -1.0, 1e300),
@@ -437,6 +439,7 @@ def _pipes() -> Iterator[Target]:
             {name: Kind(any_of(rows.good, NUMBER.good), odd)},
         )
     size = real((0.1, 2.0), 0.0)
+    yield Target("Pipe.equivalent_damping", MEASURED.equivalent_damping, {"frequency": size})
     yield Target(
         "end_coefficient[function]",
         pp.end_coefficient,

@@ -191,7 +191,7 @@ CHAIN = pp.Chain(pp.Pipe(0.2), 3)
         (lambda: _shaken(lambda t: (t, math.nan)), ValueError, r"base\(0\) must give 2 finite"),
         (lambda: _shaken((lambda t: (0, 0),)), TypeError, "base must be a function of time or one"),
         (
-            lambda: pp.Chain(pp.Pipe(0.2, terms=[pp.Stretching(9.0)]), 3).rhs(
+            lambda: pp.Chain(pp.Pipe(0.2, end="pinned", terms=[pp.Stretching(9.0)]), 3).rhs(
                 0.0, np.zeros(6), 1.0, base=np.zeros((3, 2))
             ),
             ValueError,

@@ -228,6 +228,23 @@ def test_a_pinned_chain_of_modules_tends_to_the_reduced_models_motion():
     assert 3.0 < errors[1] / errors[2] < 5.5
 
 
+@pytest.mark.parametrize(
+    "make",
+    [lambda p: pp.Galerkin(p, 5), lambda p: pp.Chain(p, 10), lambda p: pp.modular.chain(p, 10)],
+)
+def test_of_an_end_held_across_results_watch_the_longest_span(make):
+    pipe = pp.Pipe(0.3, 6.0, end="pinned", supports=[0.4], damping=1e-3)
+    assert pipe.watched == pytest.approx(0.4 + 0.381966 * 0.6, rel=1e-6)
+    assert pp.Pipe(0.3, end="guided", supports=[0.4]).watched == 1.0
+    model = make(pipe)
+    motion = pp.simulate(model, 3.0, 0.2, lambda s: 0.3 * np.sin(7.0 * s), rtol=1e-9, samples=201)
+    drawn = np.array([model.shape(q, [pipe.watched])[0] for q in motion.q])
+    assert np.abs(motion.tip - drawn).max() < 1e-12
+    assert np.ptp(motion.tip[:, 0]) > 0.01
+    rates = (motion.tip[2:] - motion.tip[:-2]) / (motion.t[2:] - motion.t[:-2])[:, None]
+    assert np.abs(rates - motion.tip_velocity[1:-1]).max() < 1e-2 * np.abs(rates).max()
+
+
 def test_starts_meet_supports_or_are_refused():
     model = pp.Galerkin(pp.Pipe(0.4, end="clamped", supports=[0.5]), 4)
     small = model.start([0.05, 0.0, 0.0, 0.0], [0.3, 0.0, 0.0, 0.0])

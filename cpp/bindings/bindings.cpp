@@ -70,7 +70,7 @@ PYBIND11_MODULE(_core, m, py::mod_gil_not_used()) {
           py::init([](double beta, double gamma, double centrifugal, double drag, double damping,
                       bool aspirating, const std::vector<TermArguments>& terms, double root,
                       const std::string& end, std::vector<double> supports, double inflow_share,
-                      double jet_angle, Profile stiffness, Profile mass) {
+                      double jet_angle, Profile stiffness, Profile mass, double hysteresis) {
             Pipe pipe{beta, gamma, centrifugal, drag, damping, aspirating, inflow_share, jet_angle};
             pipe.stiffness = std::move(stiffness);
             pipe.mass = std::move(mass);
@@ -79,6 +79,7 @@ PYBIND11_MODULE(_core, m, py::mod_gil_not_used()) {
             }
             pipe.root = root;
             pipe.end = end_of(end);
+            pipe.hysteresis = hysteresis;
             pipe.supports = std::move(supports);
             return pipe;
           }),
@@ -86,7 +87,8 @@ PYBIND11_MODULE(_core, m, py::mod_gil_not_used()) {
           "terms"_a = std::vector<TermArguments>{},
           "root"_a = std::numeric_limits<double>::infinity(), "end"_a = "free",
           "supports"_a = std::vector<double>{}, "inflow_share"_a = 1.0, "jet_angle"_a = 0.0,
-          py::arg_v("stiffness", Profile(), "Profile()"), py::arg_v("mass", Profile(), "Profile()"))
+          py::arg_v("stiffness", Profile(), "Profile()"), py::arg_v("mass", Profile(), "Profile()"),
+          "hysteresis"_a = 0.0)
       .def_property_readonly("resisted",
                              [](const Pipe& pipe) { return pipedyn::resist(pipe.terms); });
 

@@ -38,6 +38,7 @@ struct Pipe {
   std::vector<double> supports{};  // arc lengths of rigid inner supports (x = 0), ascending
   Profile stiffness{};             // e, bending stiffness along the pipe, of reduced models
   Profile mass{};                  // m, mass per length, with the fluid's beta, of reduced models
+  double hysteresis = 0.0;         // mu, loss factor; of linear questions alone
 
   double sqrt_beta() const { return std::sqrt(beta); }
   /// Whether the end keeps the direction of the axis.

@@ -79,6 +79,7 @@ class Pipe:
         jet_angle: typing.SupportsFloat | typing.SupportsIndex = 0.0,
         stiffness: Profile = ...,
         mass: Profile = ...,
+        hysteresis: typing.SupportsFloat | typing.SupportsIndex = 0.0,
     ) -> None: ...
     @property
     def resisted(self) -> bool: ...
@@ -272,6 +273,8 @@ class Forms:
 
 class AxisCrossing:
     @property
+    def before(self) -> int: ...
+    @property
     def change(self) -> int: ...
     @property
     def error(self) -> float: ...
@@ -295,8 +298,6 @@ class Sweep:
     def crossings(self) -> list[AxisCrossing]: ...
     @property
     def failure(self) -> str: ...
-    @property
-    def unstable_at_rest(self) -> int: ...
     @property
     def untracked(self) -> bool: ...
 
@@ -343,6 +344,7 @@ class DenseOperator:
             "FixedSize(5)",
         ],
         size: typing.SupportsFloat | typing.SupportsIndex,
+        loss: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, n]"] = ...,
     ) -> None: ...
     def inverse(
         self, shift: typing.SupportsFloat | typing.SupportsIndex, velocity_free: bool, left: bool
@@ -362,7 +364,10 @@ class Traits:
         conservative: bool,
         squared: bool,
         free_at_rest: bool,
+        loss: typing.SupportsFloat | typing.SupportsIndex,
     ) -> None: ...
+    @property
+    def loss(self) -> float: ...
 
 class Eigenproblem(Spectrum):
     def __init__(
@@ -376,6 +381,7 @@ class Eigenproblem(Spectrum):
         ],
         centrifugal: typing.SupportsFloat | typing.SupportsIndex,
         size: typing.SupportsFloat | typing.SupportsIndex,
+        loss: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, n]"] = ...,
     ) -> None: ...
     def assess(self, u: typing.SupportsFloat | typing.SupportsIndex, pairs: Pairs) -> None: ...
     def by_recursion(

@@ -149,6 +149,8 @@ void Chain::linearise() {
             .across = {0.0, 0.0, link.first_moment},
             .turned = {0.0, 0.0, link.first_moment},
             .moment = {link.weight, 0.0, link.inertia},
+            .joint_loss = pipe_.hysteresis * damped_springs_[j],
+            .moment_loss = 0.0,
             .turned_size = 0.0,
             .moment_size = std::abs(link.weight),
             .held = held_[static_cast<std::size_t>(j)],
@@ -157,8 +159,9 @@ void Chain::linearise() {
     if (j == n - 1) {
       made.moment.still += end_spring_;
       made.moment.rate += end_damping_;
-      made.moment_size += end_spring_;
-      made.loaded = end_damping_ != 0.0;
+      made.moment_loss = pipe_.hysteresis * end_spring_;
+      made.moment_size += end_spring_ + made.moment_loss;
+      made.loaded = end_damping_ != 0.0 || made.moment_loss != 0.0;
     }
     if (sums.empty()) continue;
     const auto& [load, slopes] = sums[static_cast<std::size_t>(j)];

@@ -369,7 +369,7 @@ class MotionOf(_Integrated):
             samples=self.samples,
             rtol=self.rtol,
         )
-        return Answer(motion.tip)
+        return Answer(motion.tip + np.array([0.0, 1.0 - model.pipe.watched]))  # (0, 1) at rest
 
     def prepared(self, pipe: Pipe) -> MotionOf:
         """With its start: the least damped mode where none is given."""
@@ -386,7 +386,7 @@ class MotionOf(_Integrated):
         found = modes(model, self.u, 8)
         growth = found.eigenvalues.real  # where all grow equally, the lowest
         mode = found.shapes[int(np.argmax(growth >= growth.max() - 0.2 * abs(growth.max())))]
-        q = 0.05 * mode.coordinates / mode(np.ones(1))[0]  # 2 % of such a motion is nonlinear
+        q = 0.05 * mode.coordinates / mode([pipe.watched])[0]  # 2 % of such a motion is nonlinear
         angle = partial(_slope, model, q.real.copy())
         return replace(self, start=angle, rates=partial(_slope, model, (mode.eigenvalue * q).real))
 

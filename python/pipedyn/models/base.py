@@ -63,8 +63,9 @@ class Operators:
     """Linear operators about a configuration at rest, each of shape (dof, dof).
 
     M q'' + C q' + K q = 0 with C = s u (gyroscopic + end_flux) + damping and
-    K = stiffness + a u^2 flux + s u' unsteady. gyroscopic is skew and end_flux symmetric of rank
-    one, about a bent pipe two; with unsteady they carry sqrt(beta), end_flux also `inflow_share`.
+    K = stiffness + a u^2 flux + s u' unsteady, to which i loss comes where q ~ exp(lambda tau),
+    Im lambda > 0. gyroscopic is skew and end_flux symmetric of rank one, about a bent pipe two;
+    with unsteady they carry sqrt(beta), end_flux also `inflow_share`.
 
     Attributes:
         mass: M, symmetric and positive definite.
@@ -76,6 +77,7 @@ class Operators:
         unsteady: the fluid's acceleration in the pipe where the flow speed changes.
         direction: s, 1 ejecting and -1 aspirating.
         centrifugal: alpha.
+        loss: hysteresis times the elastic stiffness; None without.
     """
 
     mass: Array
@@ -87,16 +89,17 @@ class Operators:
     unsteady: Array
     direction: float
     centrifugal: float
+    loss: Array | None = None
 
-    def at(self, u: float, u_dot: float = 0.0) -> tuple[Array, Array, Array]:
-        """(M, C, K) at flow speed u >= 0 and its rate of change."""
+    def at(self, u: float, u_dot: float = 0.0) -> tuple[Array, Array, NDArray[Any]]:
+        """(M, C, K) at flow speed u >= 0 and its rate of change; with a loss K is complex."""
         u = check.real("u", u, low=0.0, high=1e100)
         velocity = self.direction * u * (self.gyroscopic + self.end_flux) + self.damping
         stiffness = self.stiffness + self.centrifugal * u**2 * self.flux
         if u_dot != 0.0:
             u_dot = check.real("u_dot", u_dot, low=-1e100, high=1e100)
             stiffness = stiffness + self.direction * u_dot * self.unsteady
-        return self.mass, velocity, stiffness
+        return self.mass, velocity, stiffness if self.loss is None else stiffness + 1j * self.loss
 
 
 @result
@@ -133,10 +136,12 @@ def operators_from(core: _core.Operators, pipe: Pipe, scale: Array | None = None
 
 def projected(operators: Operators, basis: Array) -> Operators:
     """Those in coordinates z of which the others are basis z, shape (dof, r)."""
-    names = [field.name for field in fields(Operators)[:7]]
-    return replace(
-        operators, **{name: basis.T @ getattr(operators, name) @ basis for name in names}
-    )
+    matrices: dict[str, Any] = {
+        name: basis.T @ of @ basis
+        for name, of in vars(operators).items()
+        if isinstance(of, np.ndarray)
+    }
+    return replace(operators, **matrices)
 
 
 def core_pipe(pipe: Pipe) -> _core.Pipe:
@@ -156,6 +161,7 @@ def core_pipe(pipe: Pipe) -> _core.Pipe:
         root=pipe.root_stiffness,
         end=pipe.end,
         supports=pipe.supports,
+        hysteresis=pipe.hysteresis,
     )
 
 
@@ -351,6 +357,20 @@ class Model(OfPipe, ABC):
         """
         return self.core
 
+    @cached_property
+    def equations(self) -> Any:
+        """The same of a pipe that has equations of motion.
+
+        Raises:
+            ValueError: with hysteresis, which is known of oscillations alone.
+        """
+        if self._pipe.hysteresis:
+            raise ValueError(
+                f"hysteresis must be 0 in motion, got {self._pipe.hysteresis:g}: a loss factor "
+                "has no equation of motion; instead take damping=pipe.equivalent_damping(frequency)"
+            )
+        return self.motion
+
     def operators(self, q: ArrayLike | None = None) -> Operators:
         """Seven linear operators in q, each (dof, dof), about a configuration at rest.
 
@@ -367,10 +387,22 @@ class Model(OfPipe, ABC):
             ValueError: also for more than 4000 degrees of freedom.
         """
         self._check_dense()
-        q = self._reference if q is None else q
-        if q is None:
-            return operators_from(self.core.operators(), self.pipe)
-        return operators_from(self.motion.operators(self._coordinates(q)), self.pipe)
+        at = self._reference if q is None else self._coordinates(q)
+
+        def found(model: Self) -> Operators:
+            core = model.core.operators() if at is None else model.motion.operators(at)
+            return operators_from(core, model.pipe)
+
+        return self._with_loss(found)
+
+    def _with_loss(self, of: Callable[[Self], Operators]) -> Operators:
+        """The model's operators, with what hysteresis adds: mu dD/ddelta, D being linear."""
+        found, pipe = of(self), self._pipe
+        if not pipe.hysteresis:
+            return found
+        step = 1.0 if pipe.damping < 1.0 else -1.0  # by which delta stays in its range
+        moved = of(self.with_pipe(replace(pipe, damping=pipe.damping + step)))
+        return replace(found, loss=pipe.hysteresis * step * (moved.damping - found.damping))
 
     @abstractmethod
     def elastic_operators(self) -> Operators:
@@ -410,7 +442,7 @@ class Model(OfPipe, ABC):
         Returns:
             dy/dt = [q', q''], of the shape of y.
         """
-        return self.motion.rhs(t, y, u, drive=self._drive(y, u_dot, base))
+        return self.equations.rhs(t, y, u, drive=self._drive(y, u_dot, base))
 
     def _drive(self, y: ArrayLike, u_dot: Any, base: Any) -> Array | None:
         if base is not None:
@@ -451,7 +483,7 @@ class Model(OfPipe, ABC):
             ValueError: also for more than 4000 segments of a chain.
         """
         self._check_dense()
-        return self.motion.jacobian(t, y, u, drive=self._drive(y, u_dot, base))
+        return self.equations.jacobian(t, y, u, drive=self._drive(y, u_dot, base))
 
     @property
     def moving(self) -> int:
@@ -535,7 +567,7 @@ class Model(OfPipe, ABC):
         By what does the work, each a number or shape (k,); states y as for `energy`, flow speed u,
         u_dot and base as for `rhs`.
         """
-        return Power(*self.motion.power(y, u, drive=self._drive(y, u_dot, base)))
+        return Power(*self.equations.power(y, u, drive=self._drive(y, u_dot, base)))
 
     @abstractmethod
     def shape(self, q: ArrayLike, s: ArrayLike) -> Array:
@@ -558,11 +590,14 @@ class Model(OfPipe, ABC):
         """
 
     def tips(self, q: ArrayLike) -> Array:
-        """Positions (x, y) of the free end, (k, 2), for k configurations, (coordinates, k)."""
+        """Positions (x, y) of the free end, (k, 2), for k configurations, (coordinates, k).
+
+        Of a pipe whose end is held across, of its place `Pipe.watched`.
+        """
         return self._tips(self._configurations("q", q))
 
     def tip_velocities(self, q: ArrayLike, qdot: ArrayLike) -> Array:
-        """Velocities (x', y') of the free end in L / T, exact, (k, 2), for k states.
+        """Velocities (x', y') of what `tips` gives, in L / T, exact, (k, 2), for k states.
 
         Coordinates q and their rates have shape (coordinates, k) each.
         """
@@ -615,8 +650,8 @@ class Model(OfPipe, ABC):
         )
 
     def tip(self, q: ArrayLike) -> Array:
-        """Position (x, y) of the free end, shape (2,)."""
-        return self.shape(q, [1.0])[0]
+        """Position (x, y) of the free end, shape (2,), or of `Pipe.watched` as for `tips`."""
+        return self.shape(q, [self.pipe.watched])[0]
 
     def _check_dense(self) -> None:
         if self.dof > DENSE_LIMIT:

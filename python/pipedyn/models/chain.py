@@ -25,7 +25,7 @@ from pipedyn.models.base import (
     stored,
 )
 from pipedyn.models.galerkin import Galerkin, basis_joints
-from pipedyn.models.held import MET, SAME, Held, closest, held_nodes, keeps_direction
+from pipedyn.models.held import MET, SAME, Held, closest, held_ends, keeps_direction
 from pipedyn.models.pencil import ChainPencil, Pencil, real_columns
 from pipedyn.models.pipe import Pipe
 from pipedyn.util import check
@@ -54,8 +54,8 @@ class Chain(Model):
     Supports, and an end that is pinned or clamped, hold the ends of segments on the axis: n angles
     then have fewer degrees of freedom, `dof`. States and configurations hold all n, and meet the
     supports to 1e-9; `bent` and `closed` give such. Operators and modes have coordinates along
-    `basis`, orthonormal. A root's spring lies in series with the first joint, 1 / k_1 + 1 / k_r; a
-    guided or clamped end has a joint n + 1, the mirror image of the clamp's.
+    `basis`, orthonormal. A root's spring, undamped, lies in series with the first joint, 1 / k_1 +
+    1 / k_r; a guided or clamped end has a joint n + 1, the mirror image of the clamp's.
 
     Args:
         pipe: the pipe.
@@ -251,15 +251,15 @@ class Chain(Model):
                 f"springs must have {n + 1} entries, the last of the joint that holds the "
                 f"{pipe.end} end, got {n}"
             )
-        if self._held.all():
+        if self._held.size == n:
             raise ValueError(
                 f"supports must leave something that moves: n must be at least {n + 1}, got {n}"
             )
 
     @cached_property
-    def _held(self) -> NDArray[np.bool_]:
-        """Whether the end of each segment is held on the axis, shape (n,)."""
-        return held_nodes(self._pipe, self._ends()[1:])
+    def _held(self) -> NDArray[np.intp]:
+        """Which segments' ends are held on the axis, from 0 on."""
+        return held_ends(self._pipe, self._ends()[1:])
 
     def _with_springs(self, springs: Array, pipe: Pipe) -> _core.Chain:
         return _core.Chain(
@@ -286,8 +286,7 @@ class Chain(Model):
     @cached_property
     def motion(self) -> Any:
         """The compiled chain, or where supports hold nodes the compiled scene."""
-        nodes = np.flatnonzero(self._held)
-        if not nodes.size:
+        if not self._held.size:
             return self.core
         n, joints = self.coordinates, self._own_joints
         return _core.Scene(
@@ -302,18 +301,18 @@ class Chain(Model):
             base=self._base,
             mass=self._masses,
             inertia=np.zeros((0, 3 * n)),
-            held=(3 * nodes).tolist(),
-            value=np.zeros(nodes.size),
+            held=(3 * self._held).tolist(),
+            value=np.zeros(self._held.size),
         )
 
     @cached_property
     def supported(self) -> Held | None:
         """What supports hold, or None if they hold no node."""
-        return Held(self.motion, self._rows) if self._held.any() else None
+        return Held(self.motion, self._rows) if self._held.size else None
 
     def _rows(self, theta: Array) -> Array:
         """Derivative of x of the nodes that are held by the angles, shape (n, c)."""
-        before = np.arange(theta.size)[:, None] <= np.flatnonzero(self._held)
+        before = np.arange(theta.size)[:, None] <= self._held
         return before * (self._lengths * np.cos(theta))[:, None]
 
     def __repr__(self) -> str:
@@ -323,7 +322,7 @@ class Chain(Model):
     @property
     def dof(self) -> int:
         """Number of angles, less one for each node that supports hold."""
-        return self._lengths.size - int(self._held.sum())
+        return self._lengths.size - self._held.size
 
     @property
     def coordinates(self) -> int:
@@ -358,11 +357,11 @@ class Chain(Model):
     def pencil(self) -> Pencil:
         if self._reference is not None:
             return super().pencil()
-        return (
-            ChainPencil(self, self._held, self._elastic_free)
-            if self.supported
-            else ChainPencil(self)
-        )
+        if self.supported is None:
+            return ChainPencil(self)
+        held = np.zeros(self.coordinates, dtype=np.bool_)
+        held[self._held] = True
+        return ChainPencil(self, held, self._elastic_free)
 
     def term_stiffness(self, pencil: Pencil) -> float:
         if self.supported and self._reference is not None:
@@ -434,7 +433,7 @@ class Chain(Model):
             return super().operators(q)
         self._check_dense()
         theta = self.resting() if q is None else self._coordinates(q)
-        return projected(self._in_angles(theta), self.basis(theta))
+        return self._with_loss(lambda of: projected(of._in_angles(theta), of.basis(theta)))
 
     def _in_angles(self, theta: Array) -> Operators:
         """Operators in all angles, with what supports' forces add to them."""
@@ -529,8 +528,17 @@ class Chain(Model):
         return np.stack([line.imag, line.real + np.minimum(at, self._base)], axis=-1)
 
     def _tips(self, q: NDArray[Any]) -> NDArray[Any]:
-        down = self._base + self._lengths @ np.cos(q)
-        return np.stack([self._lengths @ np.sin(q), down], axis=-1)
+        lengths = self._lengths_to_tip
+        return np.stack([lengths @ np.sin(q), self._base + lengths @ np.cos(q)], axis=-1)
+
+    @cached_property
+    def _lengths_to_tip(self) -> Array:
+        """Of the segments up to the place that `tips` gives, shape (n,)."""
+        place = self.pipe.watched
+        if place == 1.0:
+            return self._lengths
+        starts = self._base + np.cumsum(self._lengths) - self._lengths
+        return np.clip(place - starts, 0.0, self._lengths)
 
     @property
     def kinks_known(self) -> bool:

@@ -82,6 +82,11 @@ class Galerkin(Model):
     The functions are 0 where the pipe is held across and keep the directions that are held; all
     other conditions follow from the projection. The angle of the centreline is sum_i q_i w_i'(s).
 
+    Where the pipe is held across, that the functions are 0 there does not keep a bent pipe there.
+    So large motions have one more function for each support and for an end held across, and forces
+    that keep x = 0: states have 2 * `coordinates` entries, which must meet that. `simulate` takes m
+    small amplitudes as well, and angles theta(s), and starts from what is close by and does.
+
     `rhs` takes integrals along the pipe with as many nodes as the configuration needs: what they
     miss is below 1e-10 of the result (1e-6 with drag, whose integrand has kinks), for angles up to
     pi in any of the functions. Configurations beyond that are given the largest number of
@@ -199,11 +204,12 @@ class Galerkin(Model):
         """Ends of the panels on which integrands are smooth, from 0 to 1."""
         return panel_ends(self._pipe)
 
-    def _rule(self, count: int) -> tuple[Array, Array]:
-        """Nodes and weights of Gauss-Legendre quadrature with so many on each panel."""
+    def _rule(self, count: int, end: float = 1.0) -> tuple[Array, Array]:
+        """Nodes and weights of Gauss-Legendre quadrature up to an end, so many on each panel."""
         nodes, weights = gauss_nodes(count)
-        lengths = np.diff(self._ends)[:, None]
-        return (self._ends[:-1, None] + lengths * nodes).ravel(), (lengths * weights).ravel()
+        ends = np.minimum(self._ends, end)
+        lengths = np.diff(ends)[:, None]
+        return (ends[:-1, None] + lengths * nodes).ravel(), (lengths * weights).ravel()
 
     def functions(self, s: ArrayLike, derivative: int = 0) -> Array:
         """The functions w_i, their slopes or curvatures, shape (k, m).
@@ -387,11 +393,15 @@ class Galerkin(Model):
         return self._tips_in_motion(q, qdot)[2:].T
 
     def _tips_in_motion(self, q: Array, qdot: Array) -> Array:
-        """Positions and velocities of the free end, shape (4, k)."""
-        found = self.core.tips(np.concatenate([q, qdot]))
+        """Positions and velocities of the place watched, shape (4, k)."""
+        place = self._pipe.watched
+        if place == 1.0:
+            found = self.core.tips(np.concatenate([q, qdot]))
+        else:
+            found = np.full((4, q.shape[1]), np.nan)
         coiled = np.isnan(found[0])
         if coiled.any():  # beyond what the core resolves of motions
-            nodes, weights = self._rule(self._count_for(q[:, coiled]))
+            nodes, weights = self._rule(self._count_for(q[:, coiled]), place)
             angles, turning = self.core.basis(nodes, 1) @ np.stack([q, qdot])[:, :, coiled]
             across, down = weights[:, None] * np.sin(angles), weights[:, None] * np.cos(angles)
             parts = (across, down, down * turning, -across * turning)

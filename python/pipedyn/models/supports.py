@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Any, Literal
 
 from pipedyn.models.terms import SLACK, number
@@ -20,6 +21,10 @@ MOST_SUPPORTS = 100
 SHORTEST_SPAN = 1e-3
 """Least distance between two supports, or from one to an end of the pipe, in L. Two supports that
 close leave a rotation of a third of this under a unit moment: they are a clamp."""
+
+
+GOLDEN = 0.5 * (3.0 - math.sqrt(5.0))
+"""Share of a span at which none of its lowest 20 modes has a node: sin(k pi GOLDEN) > 0.08."""
 
 
 @dataclass(frozen=True)
@@ -105,3 +110,13 @@ def root_stiffness(root: Root) -> float:
     if isinstance(root, RootSpring):
         return root.stiffness
     return math.inf if root == "clamped" else 0.0
+
+
+def watched(end: End, supports: tuple[float, ...]) -> float:
+    """Arc length of the place whose motion shows that of the pipe, see `Pipe.watched`."""
+    if end in ("free", "guided"):
+        return 1.0
+    ends = [0.0, *supports, 1.0]
+    spans = [right - left for left, right in pairwise(ends)]
+    longest = spans.index(max(spans))
+    return ends[longest] + GOLDEN * spans[longest]

@@ -22,6 +22,7 @@ from typing import Any, TypeAlias, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike
 
+from pipedyn.linear.critical_speed import critical_speed
 from pipedyn.models.base import Model, PipedynError
 from pipedyn.models.drive import LARGEST_SPEED, Base, Drive, Speed
 from pipedyn.motion.events import (
@@ -516,7 +517,24 @@ def checked_model_in_motion(
     if model.dof > largest:
         many = f"{largest} degrees of freedom for {purpose}"
         raise ValueError(f"{name} must have at most {many}, got {model.dof}")
+    if model.pipe.hysteresis:
+        raise ValueError(f"{name} must be a pipe without hysteresis, {_instead(model)}")
     return model
+
+
+def _instead(model: Model) -> str:
+    """What to take for hysteresis, which has no equation of motion."""
+    pipe = model.pipe
+    got = f"got {pipe.hysteresis:g}: a loss factor has no equation of motion"
+    rule = "pipe.equivalent_damping(frequency)"
+    try:
+        onset = critical_speed(model)
+        delta = pipe.equivalent_damping(onset.frequency)
+    except (PipedynError, ValueError):  # none, or divergence, or a model too large to be asked
+        return f"{got}; {rule} is the Kelvin-Voigt damping that loses as much at a frequency"
+    si = "" if pipe.scales is None else f" ({pipe.time_si(delta):.4g} s)"
+    at = f"the onset, u = {onset.speed:.6g} and frequency {onset.frequency:.6g}"
+    return f"{got}; damping = {delta:.6g}{si} loses as much at {at}, see {rule}"
 
 
 def checked_task(

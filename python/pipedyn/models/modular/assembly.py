@@ -429,7 +429,7 @@ class Assembly(Model):
                 of freedom.
             TypeError: for what is no array of real numbers.
         """
-        return self._linear_at(q).operators()
+        return self._with_loss(lambda scene: scene._linear_at(q).operators())
 
     def basis(self, q: ArrayLike | None = None) -> Array:
         """Angles of the segments by the degrees of freedom of `operators`, shape (n, dof).
@@ -503,7 +503,7 @@ class Assembly(Model):
         u = check.real("u", u, low=0.0, high=1e100)
         self._check_size(LARGEST_RECURSION)
         state = check.array("y", y, size=2 * self.coordinates)
-        return self.motion.enforced(ENFORCEMENTS[name], state, u)
+        return self.equations.enforced(ENFORCEMENTS[name], state, u)
 
     def require_base(self) -> None:
         super().require_base()
@@ -534,7 +534,7 @@ class Assembly(Model):
         self.core.redundant_power(state, u)  # checks both
         angles = np.cumsum(state.reshape(-1, 3)[:, 2].reshape(2, -1), axis=1).ravel()
         drive = self._drive(state, u_dot, base)
-        by_angles = self.motion.accelerations_by_state(angles, float(np.asarray(u)), drive)
+        by_angles = self.equations.accelerations_by_state(angles, float(np.asarray(u)), drive)
         # An angle is the sum of its joint's and those before, which no other coordinate changes.
         by_joints = np.cumsum(by_angles.reshape(size, 2, -1)[:, :, ::-1], axis=2)[:, :, ::-1]
         whole = np.eye(2 * size, k=size)
@@ -576,7 +576,13 @@ class Assembly(Model):
         return line
 
     def _tips(self, q: NDArray[Any]) -> NDArray[Any]:
-        return np.array(q[-3:-1].T)
+        if self._pipe.watched == 1.0:
+            return np.array(q[-3:-1].T)
+        ends = self._layout.ends
+        k = int(np.searchsorted(ends, self._pipe.watched)) - 1
+        share = (self._pipe.watched - ends[k]) / (ends[k + 1] - ends[k])
+        left = q[3 * k - 3 : 3 * k - 1] if k else np.array([[0.0], [ends[0]]])
+        return np.array(((1.0 - share) * left + share * q[3 * k : 3 * k + 2]).T)
 
     def bent(self, angle: Callable[[Array], ArrayLike]) -> Array:
         """As for `Model.bent`, of theta(s) at the segments' middles or close to it.
