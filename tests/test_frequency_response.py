@@ -211,3 +211,14 @@ def test_supports_move_with_the_base(root, end):
     assert max(errors) < 1e-9
     chain = pp.frequency_response(pp.Chain(pipe, 60), u, omega, output=0.5).response
     np.testing.assert_allclose(chain, found, rtol=0.02)
+
+
+@pytest.mark.parametrize("driven", ["base", "force"])
+def test_a_loss_factor_damps_every_frequency_alike(driven):
+    pipe, omega = pp.Pipe(0.2, hysteresis=0.05), np.array([3.0, 22.0, 60.0])
+    how = "base" if driven == "base" else (driven, 1.0)
+    found = pp.frequency_response(pp.Continuum(pipe), 4.0, omega, input=how)
+    expected = [by_exponentials(w, 4.0, 0.2, 0.05 / w, driven) for w in omega]
+    np.testing.assert_allclose(found.response, expected, rtol=1e-9)
+    chain = pp.frequency_response(pp.Chain(pipe, 100), 4.0, omega, input=how)
+    np.testing.assert_allclose(chain.response, expected, rtol=2e-2)

@@ -219,3 +219,13 @@ def test_bad_arguments_of_floquet_are_named():
         pp.floquet(MODEL, 5.0)
     with pytest.raises(ValueError, match="model must have at most 100 degrees of freedom"):
         pp.floquet(pp.Chain(PIPE, 200), pp.Pulsation(5.0, 0.1, 20.0))
+
+
+def test_a_loss_factor_has_no_motion_to_pulsate():
+    model = pp.Galerkin(pp.Pipe(0.2, hysteresis=0.02), 4)
+    with pytest.raises(ValueError, match="hysteresis must be 0 where the flow pulsates"):
+        pp.floquet(model, pp.Pulsation(4.0, 0.1, 20.0))
+    with pytest.raises(ValueError, match="hysteresis must be 0 where the flow pulsates"):
+        pp.parametric_regions(model, 4.0, 0.1, (20.0, 30.0))
+    with pytest.raises(ValueError, match="model must be a pipe without hysteresis"):
+        pp.forced_response(model, 4.0, base=pp.Harmonic(0.1, 9.0))

@@ -33,7 +33,7 @@ from pipedyn.bifurcation.continuation import (
     folds,
 )
 from pipedyn.bifurcation.magnus import exponentials
-from pipedyn.bifurcation.pulsating import Hill, pulsating_pipe
+from pipedyn.bifurcation.pulsating import Hill, pulsating_pipe, require_motion
 from pipedyn.linear.eigenproblem import Complex
 from pipedyn.linear.frequency_response import checked_range
 from pipedyn.models.base import Model, NotConverged
@@ -301,6 +301,7 @@ def parametric_regions(
     for Hill's determinant.
     """
     checked_model(model)
+    require_motion(model)
     mean = check.real("mean", mean, low=0.0, high=100.0, open_low=True)
     single = np.ndim(amplitudes) == 0
     mu = check.array("amplitudes", [amplitudes] if single else amplitudes, open_low=True, low=0.0)

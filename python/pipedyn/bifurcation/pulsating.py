@@ -174,6 +174,15 @@ class PulsatingPipe:
         return np.asarray(-np.linalg.solve(self.mass, np.stack(forces)))
 
 
+def require_motion(model: AnyModel) -> None:
+    """Raises ValueError for a pipe that has no equation of motion."""
+    if model.pipe.hysteresis:
+        raise ValueError(
+            f"hysteresis must be 0 where the flow pulsates, got {model.pipe.hysteresis:g}: a loss "
+            "factor has no equation of motion; take damping=pipe.equivalent_damping(frequency)"
+        )
+
+
 class Hill:
     """Hill's equations with harmonics -many .. many, or -many .. many - 1 where nu is w / 2."""
 
@@ -371,6 +380,7 @@ def floquet(model: AnyModel, pulsation: Pulsation) -> FloquetMultipliers:
     checked_model(model)
     if not isinstance(pulsation, Pulsation):
         raise TypeError(f"pulsation must be a Pulsation, got {check.shown(pulsation)}")
+    require_motion(model)
     check.real("pulsation.mean", pulsation.mean, low=0.0, high=largest_speed(model))
     if isinstance(model, Model) and model.dof > LARGEST:
         raise ValueError(

@@ -14,7 +14,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import field
+from dataclasses import field, replace
 from functools import cached_property, partial
 from typing import Any, TypeAlias
 
@@ -296,7 +296,9 @@ class _Response:
     def products(self, x: NDArray[Any]) -> tuple[NDArray[Any], ...]:
         """What K, C and M make of columns."""
         of, u = self.pencil, self.u
-        still = of.stiffness(x) + of.centrifugal * u**2 * of.flux(x)
+        still: NDArray[Any] = of.stiffness(x) + of.centrifugal * u**2 * of.flux(x)
+        if of.pipe.hysteresis:  # of oscillations with positive frequency
+            still = still + 1j * of.pipe.hysteresis * of.by_damping(x)
         return still, u * of.velocity(x) + of.damping(x), of.mass(x)
 
     def solution(self, omega: float) -> Complex:
@@ -415,6 +417,8 @@ def _base_loads(model: Model, u: float) -> Array:
     ground feels the base's position and velocity, and all mass its acceleration.
     """
     model.require_base()
+    if model.pipe.hysteresis:  # no load depends on it, and motion has none
+        model = model.with_pipe(replace(model.pipe, hysteresis=0.0))
     rest, half = model.resting(), model.moving
     still = np.concatenate([rest, np.zeros(half)])
     # At rest on the straight pipe nothing is left that a small difference would be lost in.
