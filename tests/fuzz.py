@@ -301,6 +301,11 @@ FIGURE = Figure(layout="constrained")
 AX = FIGURE.subplots()
 AXES = np.array([[AX]])
 
+SHAKEN = pp.Chain(pp.Pipe(0.2, 3.0, damping=0.01), 2)
+PUMP, SHAKER = pp.Pulsation(2.0, 0.3, 25.0), pp.Harmonic(0.01, 25.0)
+SHAKES = pp.forced_response(SHAKEN, 1.0, base=SHAKER, frequencies=(20.0, 30.0))
+RESPONSE = pp.frequency_response(SHAKEN, 1.0, (1.0, 30.0))
+REGIONS = pp.parametric_regions(pp.Chain(pp.Pipe(0.1, 3.0), 2), 3.0, [0.3, 0.6], (5.0, 60.0))
 OBJECTS = (PIPE, CHAIN, BEAM, EXACT, SCENE, CRITICAL, CROSSING, HOPF, CYCLE, MOTION, ENSEMBLE)
 OBJECTS += (
     DIAGRAM,
@@ -1129,6 +1134,78 @@ def _results() -> Iterator[Target]:
     yield Target("Hopf.cycle_frequency", HOPF.cycle_frequency, {"u": at})
 
 
+def _driven() -> Iterator[Target]:
+    frequency = real((20.0, 40.0), 0.0, 1e300)
+    yield Target("RootSpring", pp.RootSpring, {"stiffness": real((0.0, 9.0), -0.1)})
+    yield Target(
+        "Pulsation",
+        pp.Pulsation,
+        {"mean": U, "amplitude": real((-1.0, 1.0), -1.1, 1.1), "frequency": frequency},
+    )
+    size = real((-0.1, 0.1))
+    yield Target(
+        "Harmonic",
+        pp.Harmonic,
+        {"amplitude": size, "frequency": frequency, "direction": word("x", "y")},
+    )
+    positive = real((0.1, 3.0), 0.0, 1e300)
+    si = {"pipe": of(MEASURED), "frequency": positive}
+    yield Target(
+        "Pulsation.from_si", pp.Pulsation.from_si, {**si, "mean": positive, "amplitude": size}
+    )
+    yield Target("Harmonic.from_si", pp.Harmonic.from_si, {**si, "amplitude": size})
+    yield Target("floquet", pp.floquet, {"model": of(CHAIN, LEGENDRE), "pulsation": of(PUMP)})
+    frequencies = Kind(
+        one_of((20.0, 30.0)),
+        any_of(*NOTHINGS, *WORDS, one_of(3, NAN, (2.0, 1.0), (0.0, 1.0), (1.0,), (NAN, 1.0))),
+    )
+    yield Target(
+        "parametric_regions",
+        pp.parametric_regions,
+        {
+            "model": of(SHAKEN),
+            "mean": real((1.0, 2.0), 0.0, 1e9),
+            "amplitudes": array(2, (0.1, 0.3), (-0.1, 1.0), rising=True, any_size=True),
+            "frequencies": frequencies,
+        },
+        called={"model": "model|mean"},  # some are unstable there
+        slow=True,
+    )
+    place = Kind(
+        one_of("tip", 1.0, 0.5), any_of(NONE, *NOTHINGS, *LOGICAL, one_of("root", NAN, -0.1, 1.1))
+    )
+    yield Target(
+        "frequency_response",
+        pp.frequency_response,
+        {
+            "model": of(CHAIN, LEGENDRE, EXACT),
+            "u": real((0.0, 2.0), -0.1, 1e300),
+            "frequencies": array(3, (1.0, 20.0), (-1.0,), any_size=True),
+            "input": Kind(
+                one_of("base", ("force", 0.5), ("moment", 1.0)),
+                any_of(NONE, *NOTHINGS, one_of("force", ("force",), ("force", 2.0), ("shear", 1))),
+            ),
+            "output": place,
+            "tolerance": real((1e-3, 1e-2), 0.0, 1.0),
+        },
+    )
+    yield Target(
+        "forced_response",
+        pp.forced_response,
+        {
+            "model": of(SHAKEN),
+            "u": real((1.0, 2.0), -0.1, 1e300),
+            "base": of(SHAKER),
+            "frequencies": frequencies,
+            "progress": FLAG,
+        },
+        slow=True,
+    )
+    inside = Kind(one_of(22.0, 25.0), real((20.0, 30.0), 0.0).bad)
+    yield Target("ForcedResponse.at", SHAKES.at, {"frequency": inside})
+    yield Target("ForcedBranch.at", SHAKES.branches[0].at, {"frequency": inside})
+
+
 def _pictures() -> Iterator[Target]:
     ax, loci = Kind(one_of(AX), _not(None, of(AX).bad)), of(LOCI)
     top = optional(real((1.0, 9.0), -1.0))
@@ -1205,6 +1282,15 @@ def _pictures() -> Iterator[Target]:
         },
         "orbit": {"cycles": cycles, "ax": ax},
         "multipliers": {"cycles": Kind(one_of(CYCLE, BRANCH), cycles.bad), "ax": ax},
+        "frequency_response": {"response": of(RESPONSE), "phase": FLAG, "ax": ax},
+        "forced_response": {"response": of(SHAKES), "ax": ax},
+        "parametric_regions": {
+            "regions": Kind(
+                one_of(REGIONS), any_of(NONE, *NOTHINGS, *WORDS, one_of(3, [], [3], PIPE))
+            ),
+            "pipe": optional(of(PIPE, MEASURED)),
+            "ax": ax,
+        },
     }
     for name, kinds in calls.items():
         call = _filmed if name == "animate" else getattr(plot, name)
@@ -1228,6 +1314,7 @@ TARGETS: tuple[Target, ...] = tuple(
         _comparisons,
         _motions,
         _results,
+        _driven,
         _pictures,
     )
     for target in group()
@@ -1304,7 +1391,8 @@ def _refusal(error: Exception, target: Target, spoiled: list[str]) -> str | None
     return None if len(message) < 400 and "\n" not in message else f"message too long: {message!r}"
 
 
-UNKNOWN = {"onset", "residuals", "errors", "_continuous", "discretisation"}
+UNKNOWN = {"onset", "residuals", "errors", "_continuous", "discretisation", "width", "edges"}
+UNKNOWN |= {"threshold", "threshold_frequency"}
 """Fields that may be NaN or infinite."""
 
 

@@ -12,7 +12,8 @@ import pytest
 import pipedyn as pp
 from pipedyn import modular, plot
 
-MADE_BY_USERS = {pp.Pipe, pp.Profile, pp.Chain, pp.Galerkin, pp.Continuum}
+MADE_BY_USERS = {pp.Pipe, pp.Profile, pp.Chain, pp.Galerkin, pp.Continuum, pp.RootSpring}
+MADE_BY_USERS |= {pp.Pulsation, pp.Harmonic}
 MADE_BY_USERS |= set(pp.Term.__subclasses__())
 MADE_BY_USERS |= {getattr(modular, name) for name in modular.__all__ if name != "Mechanism"}
 MADE_BY_USERS -= {modular.Module, modular.Constraint}
@@ -21,7 +22,8 @@ CALLED_WITH_CHECKED = {
     *("braced", "motion_jacobian", "motion_rates", "recorded", "require_equilibrium", "start")
 }
 CALLED_WITH_CHECKED |= {"free_directions", "kinks", "largest_angle", "pencil"}
-CALLED_WITH_CHECKED |= {"term_stiffness", "unbalanced"}
+CALLED_WITH_CHECKED |= {"term_stiffness", "unbalanced", "basis", "closed", "free_states"}
+CALLED_WITH_CHECKED |= {"law_numbers", "projected", "acceleration", "along", "rate", "velocity"}
 """Methods that integrators and searches call, with what they have checked."""
 
 

@@ -12,16 +12,14 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from pipedyn.models.pipe import Pipe
 from pipedyn.util import check
 from pipedyn.util.check import Array
-
-if TYPE_CHECKING:
-    from pipedyn.models.pipe import Pipe
 
 ROWS = 7
 """What drives a state: u', then position, velocity and acceleration of the base, x and y each."""
@@ -89,7 +87,9 @@ class Pulsation:
     @classmethod
     def from_si(cls, pipe: Pipe, *, mean: float, amplitude: float, frequency: float) -> Pulsation:
         """Of a pipe made with `Pipe.from_si`: mean in m/s, frequency in rad/s."""
-        return cls(pipe.speed(mean), amplitude, pipe.frequency(frequency))
+        speed, omega = check.real("mean", mean), check.real("frequency", frequency)
+        pipe = _with_scales(pipe)
+        return cls(pipe.speed(speed), amplitude, pipe.frequency(omega))
 
     @property
     def period(self) -> float:
@@ -139,7 +139,9 @@ class Harmonic:
         cls, pipe: Pipe, *, amplitude: float, frequency: float, direction: str = "x"
     ) -> Harmonic:
         """Of a pipe made with `Pipe.from_si`: amplitude in m, frequency in rad/s."""
-        return cls(pipe.length(amplitude), pipe.frequency(frequency), direction)
+        reach, omega = check.real("amplitude", amplitude), check.real("frequency", frequency)
+        pipe = _with_scales(pipe)
+        return cls(pipe.length(reach), pipe.frequency(omega), direction)
 
     @property
     def period(self) -> float:
@@ -161,6 +163,15 @@ class Harmonic:
     def acceleration(self, t: float) -> Place:
         """(X'', Y'')."""
         return self.along(-self.amplitude * self.frequency**2 * math.cos(self.frequency * t))
+
+
+def _with_scales(pipe: Any) -> Pipe:
+    """The argument, if it is a pipe made with `Pipe.from_si`."""
+    if not isinstance(pipe, Pipe):
+        raise TypeError(f"pipe must be a Pipe, got {check.shown(pipe)}")
+    if pipe.scales is None:
+        raise ValueError(f"pipe must be made with Pipe.from_si, got {pipe!r}")
+    return pipe
 
 
 def _frequency(value: Any) -> float:
