@@ -425,3 +425,9 @@ def test_a_motion_that_stopped_is_shown_as_far_as_it_went():
     )
     ax = plot.time_history(part, axes())
     assert ax.get_xlim() == pytest.approx((0.0, 7.5))
+
+
+def test_a_motion_in_a_varying_flow_is_told_by_its_function():
+    motion = pp.simulate(pp.Chain(pp.Pipe(0.2), 2), lambda t: 2.0 + 0.1 * t, 1.0, [0.1, 0.1])
+    for draw in (plot.time_history, plot.phase_portrait, plot.snapshots):
+        assert draw(motion).get_title().startswith("$u(t)$, ejecting")

@@ -129,7 +129,9 @@ BeamModes::BeamModes(Index count, double root, End end) : stiffness_(count) {
     const double mass = 0.25 * (at_end[0] * at_end[0] - 2.0 * at_end[1] * at_end[3] +
                                 at_end[2] * at_end[2] + inner(at_end) - inner(at_root));
     const double size = 1.0 / std::sqrt(mass);
-    waves_.push_back({kappa, size * a, size, size * near, size * far});
+    // The first so that the sum below is exactly 0 at the root.
+    const double from_root = size * near, from_end = size * far;
+    waves_.push_back({kappa, -(from_end * decay + from_root), size, from_root, from_end});
     stiffness_[i] = std::pow(kappa, 4);
   }
 }
@@ -151,8 +153,8 @@ Matrix BeamModes::evaluate(const Vector& s, int derivative) const {
       double waves = of.cosine * cosine + of.sine * sine;
       if (derivative == 1) waves = of.sine * cosine - of.cosine * sine;
       if (derivative == 2) waves = -waves;
-      out(p, i) = factor * (waves + of.from_end * std::exp(-of.kappa * (1.0 - s[p])) +
-                            parity * of.from_root * std::exp(-of.kappa * s[p]));
+      out(p, i) = factor * (waves + (of.from_end * std::exp(-of.kappa * (1.0 - s[p])) +
+                                     parity * of.from_root * std::exp(-of.kappa * s[p])));
     }
   }
   return out;

@@ -174,4 +174,9 @@ def open_marker(size: float, edge: str = BLACK, **more: Any) -> dict[str, Any]:
 
 def motion_title(motion: Motion) -> str:
     """Flow speed and direction."""
-    return f"$u = {motion.u:.4g}$, {motion.model.pipe.flow}"
+    return f"{speed_label(motion, 4)}, {motion.model.pipe.flow}"
+
+
+def speed_label(motion: Motion, digits: int) -> str:
+    """The flow speed of a motion, a number of so many digits or a function of time."""
+    return "$u(t)$" if callable(motion.u) else f"$u = {motion.u:.{digits}g}$"

@@ -109,7 +109,7 @@ def _signals(named: dict[str, Motion], index: int | None, rates_shown: bool) -> 
         refuse_coarse(name, curve, rates_shown=rates_shown)
         curves.append(curve)
     motions = list(named.values())
-    labels = [f"$u = {motion.u:.6g}$" for motion in motions]
+    labels = [common.speed_label(motion, 6) for motion in motions]
     if len(set(labels)) < len(labels):
         models = [motion.model for motion in motions]
         labels = [
