@@ -561,8 +561,11 @@ class Chain(Model):
         return np.asarray(along(steps, self._base, self._lengths, s))
 
     def bent(self, angle: Callable[[Array], ArrayLike]) -> Array:
+        return self.closed(self.sampled(angle))
+
+    def sampled(self, angle: Callable[[Array], ArrayLike]) -> Array:
         ends = self._base + np.cumsum(self._lengths)
-        return self.closed(self._angles(angle, ends - 0.5 * self._lengths))
+        return self._angles(angle, ends - 0.5 * self._lengths)
 
     def deflection(self, q: ArrayLike, s: ArrayLike) -> NDArray[Any]:
         at, given = arc_lengths(s), self._displaced(q, arc_lengths(s).size)

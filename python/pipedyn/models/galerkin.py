@@ -425,9 +425,12 @@ class Galerkin(Model):
         return nodes, np.linalg.solve(columns, rows.T) * root
 
     def bent(self, angle: Callable[[Array], ArrayLike]) -> Array:
-        nodes, fit = self._fit
-        q = np.asarray(fit @ self._angles(angle, nodes))
+        q = self.sampled(angle)
         return self._closed("angle", q, np.zeros_like(q))[: q.size]
+
+    def sampled(self, angle: Callable[[Array], ArrayLike]) -> Array:
+        nodes, fit = self._fit
+        return np.asarray(fit @ self._angles(angle, nodes))
 
     def deflection(self, q: ArrayLike, s: ArrayLike) -> NDArray[Any]:
         at = arc_lengths(s)

@@ -574,9 +574,11 @@ class Assembly(Model):
             NotConverged: if no angles close to these meet guides and pins.
             ValueError, TypeError: as for `Model.bent`.
         """
+        return self._configuration(self.closed(self.sampled(angle)))
+
+    def sampled(self, angle: Callable[[Array], ArrayLike]) -> Array:
         ends = self._layout.ends
-        theta = self._angles(angle, 0.5 * (ends[:-1] + ends[1:]))
-        return self._configuration(self.closed(theta))
+        return self._angles(angle, 0.5 * (ends[:-1] + ends[1:]))
 
     def deflection(self, q: ArrayLike, s: ArrayLike) -> NDArray[Any]:
         at, linear, layout = arc_lengths(s), self.linear, self._layout
