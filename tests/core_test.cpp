@@ -457,8 +457,17 @@ void check_motion_of(const Pipe& pipe, const Segments& segments, double u, Dice&
     chain.factorise({state.data(), &u, 1, 0}, mu, factors.data());
     chain.solve(u, factors.data(), x);
   });
+  const Vector drive = dice.vector(pipedyn::Drive::rows, -2.0, 2.0);
+  const pipedyn::Batch driven{
+      .y = state.data(), .u = &u, .members = 1, .u_step = 0, .drive = drive.data()};
+  chain.jacobian(driven, jacobian.data());
+  check_shifted(jacobian, 1e-13, dice, [&](const double* mu, double* x) {
+    std::vector<double> factors(static_cast<std::size_t>(chain.factor_numbers()));
+    chain.factorise(driven, mu, factors.data());
+    chain.solve(u, factors.data(), x);
+  });
 
-  Matrix power(4, 19);
+  Matrix power(5, 19);
   chain.power({y.data(), speeds.data(), 19, 1}, power.data());
   const auto change = [&](double h) -> Vector {
     return (energies_of(chain, y + h * rates) - energies_of(chain, y - h * rates)) / (2.0 * h);
@@ -475,7 +484,7 @@ void check_motion_of(const Pipe& pipe, const Segments& segments, double u, Dice&
   std::vector<double> with_work(worked.size());
   chain.rhs_and_power({worked.data(), speeds.data(), 19, 1}, with_work.data());
   for (Index j = 0; j < 19; ++j) {
-    const double sum = power(0, j) + power(1, j) + power(2, j) + power(3, j);
+    const double sum = power.col(j).sum();
     const double apart = with_work[static_cast<std::size_t>(y.size() + j)] - sum;
     const double rounding = 1e-13 * power.col(j).cwiseAbs().sum() * static_cast<double>(n);
     check(std::abs(apart) <= rounding, "the work's rate is the power");
@@ -733,7 +742,7 @@ void check_drag() {
   };
   const Vector state = Vector::Unit(4, 3);
   const double u = 0.0, expected = -0.7 * (cubes(0.0, low) + cubes(low, 1.0 - low));
-  Vector power(4);
+  Vector power(5);
   Galerkin(Pipe{.drag = 0.7}, basis).power({state.data(), &u, 1, 0}, power.data());
   check(std::abs(power[2] - expected) < 1e-9, "drag takes kappa int |v|^3");
 }
@@ -751,7 +760,7 @@ void check_reduced_motion_of(const Galerkin& model, const Pipe& pipe, Family fam
   const pipedyn::Batch batch{y.data(), u.data(), members, 1};
   model.rhs(batch, together.data());
   Vector energies(members);
-  Matrix power(4, members);
+  Matrix power(5, members);
   model.energy(batch, energies.data());
   model.power(batch, power.data());
   for (Index k = 0; k < members; ++k) {
@@ -977,7 +986,7 @@ void check_scene_systems(Pipe pipe, Index n, Dice& dice) {
     y << theta, omega;
     Matrix jacobian(2 * n, 2 * n);
     made.jacobian({y.data(), &u, 1, 0}, jacobian.data());
-    pipedyn::SceneSystems systems(made, [u](double, Index) { return u; });
+    pipedyn::SceneSystems systems(made, [u](double, Index) { return pipedyn::Flow{.u = u}; });
     systems.linearise(0.0, y.data(), 0);
     check_shifted(jacobian, 1e-11, dice, [&](const double* mu, double* x) {
       systems.factorise(mu);
@@ -1076,13 +1085,13 @@ void check_wild_motion(const Model& model, Wild& wild) {
   const double u = wild.speed();
   const pipedyn::Batch batch{y.data(), &u, members, 0};
   Vector energies = Vector::Constant(members + 1, untouched);
-  Vector power = Vector::Constant(4 * members + 1, untouched);
+  Vector power = Vector::Constant(5 * members + 1, untouched);
   Vector all = Vector::Constant((rows + 1) * members + 1, untouched);
   model.rhs_and_power(batch, all.data());
   model.energy(batch, energies.data());
   model.power(batch, power.data());
   check(all[(rows + 1) * members] == untouched, "rates stay within their array");
-  check(energies[members] == untouched && power[4 * members] == untouched,
+  check(energies[members] == untouched && power[5 * members] == untouched,
         "energy and power stay within their arrays");
   Matrix jacobian(rows, rows);
   if (members == 0) {
@@ -1169,11 +1178,11 @@ void check_wild_scene(Wild& wild) {
   Vector redundant = Vector::Constant(6 * n * members + 1, untouched);
   made.redundant_rhs({y.data(), &u, members, 0}, redundant.data());
   check(redundant[6 * n * members] == untouched, "redundant rates stay within their array");
-  Vector parts = Vector::Constant(4 * members + 1, untouched);
+  Vector parts = Vector::Constant(5 * members + 1, untouched);
   double* const out = parts.data();
   made.power({turned.data(), &u, members, 0}, out);
   made.energy({turned.data(), &u, members, 0}, out);
-  check(parts[4 * members] == untouched, "energy and power stay within their arrays");
+  check(parts[5 * members] == untouched, "energy and power stay within their arrays");
   Vector angles = Vector::Zero((2 * n + 1) * members), turning = angles;
   made.rhs_and_power({angles.data(), &u, members, 0}, turning.data());
   Matrix theta = turned.topRows(n), omega = turned.bottomRows(n);
@@ -1398,6 +1407,7 @@ pipedyn::Lapack broken_lapack() {
             columns(imag, *n, 1) = (1.0 + 1e-6) * found.eigenvalues().imag();
             columns(vectors, *n, *n) = found.pseudoEigenvectors();
           },
+      .zgeev = nullptr,
   };
 }
 

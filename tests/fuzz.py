@@ -339,6 +339,11 @@ FUNCTION = Kind(
         *map(one_of, (lambda s: s * 1j, lambda s: np.ma.masked_all_like(s), lambda s: 1e300 * s)),
     ),
 )
+UPWARD = Kind(one_of(lambda s: 1.0 + s, lambda s: np.exp(s)), FUNCTION.bad)
+ALONG = Kind(
+    any_of(NONE, UPWARD.good, one_of(pp.Profile([0.5], [1.0, 1.7]))),
+    any_of(_not(None, FUNCTION.bad), one_of(lambda s: 2.0 + s, pp.Profile([0.5], [2.0, 1.0]))),
+)
 PROFILE = Kind(
     one_of(lambda r: 1.0 - 0.5 * r),
     one_of(*(None, 3, NAN, "a", {}, object()), *(lambda r, v=v: v for v in (NAN, "a", [1, 2], 1j))),
@@ -391,6 +396,7 @@ def _pipes() -> Iterator[Target]:
             "alpha": real((0.0, 2.0), -0.1, 1e300),
             "drag": real((0.0, 2.0), -0.1, 1e300),
             "damping": real((0.0, 2.0), -1e-12, 1e300),
+            "hysteresis": real((0.0, 2.0), -1e-12, 1e300),
             "inflow_share": real((1.0, 1.0), -1e-9, 1.1),
             "jet_angle": real((0.0, 0.0), -3.2, 3.2),
             "scales": Kind(
@@ -398,8 +404,14 @@ def _pipes() -> Iterator[Target]:
                 any_of(*NOTHINGS, *WORDS, *NOT_FINITE, one_of((1, 1, 1, 0.0), (1, 1), [1] * 4)),
             ),
             "terms": TERMS,
+            "stiffness": ALONG,
+            "mass": ALONG,
         },
     )
+    places, values = array(1, (0.2, 0.8), (-0.1, 1.0)), array(2, (0.5, 2.0), (-1.0, 0.0, 1e7))
+    yield Target("Profile", pp.Profile, {"at": places, "values": values})
+    yield Target("Profile", pp.Profile, {"values": UPWARD})
+    yield Target("Profile.__call__", pp.Profile([0.5], [1.0, 0.5]), {"s": PLACES})
     positive = real((0.1, 3.0), 0.0, 1e300)
     yield Target(
         "Pipe.from_si",
@@ -408,6 +420,7 @@ def _pipes() -> Iterator[Target]:
             **dict.fromkeys(SI, positive),
             "gravity": real((-9.81, 9.81), -1e13, 1e300),
             "damping_time": real((0.0, 1.0), -1.0, 1e300),
+            "hysteresis": real((0.0, 1.0), -1.0, 1e300),
             "drag_coefficient": real((0.5, 1.2), -1.0, 1e300),
             "external_diameter": real((0.01, 0.1), -1.0, 1e300),
             "external_density": real((1.0, 1e3), -1.0, 1e300),
@@ -437,6 +450,7 @@ def _pipes() -> Iterator[Target]:
             {name: Kind(any_of(rows.good, NUMBER.good), odd)},
         )
     size = real((0.1, 2.0), 0.0)
+    yield Target("Pipe.equivalent_damping", MEASURED.equivalent_damping, {"frequency": size})
     yield Target(
         "end_coefficient[function]",
         pp.end_coefficient,

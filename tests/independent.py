@@ -370,7 +370,7 @@ def quadratic_eigenvalues(mass, damping, stiffness):
 def companion_eigenvalues(mass, damping, stiffness):
     """All eigenvalues by the textbook companion matrix of M^-1 C and M^-1 K."""
     n = len(mass)
-    companion = np.zeros((2 * n, 2 * n))
+    companion = np.zeros((2 * n, 2 * n), dtype=np.result_type(mass, damping, stiffness, 0.0))
     companion[:n, n:] = np.eye(n)
     companion[n:, :n] = -np.linalg.solve(mass, stiffness)
     companion[n:, n:] = -np.linalg.solve(mass, damping)
@@ -599,7 +599,7 @@ def clamp_misfit(chain, value, u):
     aspirating = pipe.flow == "aspirating"
     thrust = mpmath.mpf(pipe.alpha) * u**2
     coriolis = mpmath.sqrt(pipe.beta) * (-u if aspirating else u) * value
-    elastic = 1 + pipe.damping * value
+    elastic = 1 + pipe.damping * value + mpmath.mpc(0, pipe.hysteresis)
     square = value**2
     placed = [(term, spot) for term in pipe.terms for spot in places(chain, term.place)]
     ends = ((1, 0), (0, 1))  # angle and place of the free end
@@ -653,7 +653,7 @@ def series_misfit(pipe, value, u, digits):
 
         aspirating = pipe.flow == "aspirating"
         value, u = mpmath.mpmathify(value), mpmath.mpf(u)
-        elastic = 1 + mpmath.mpf(pipe.damping) * value
+        elastic = 1 + mpmath.mpf(pipe.damping) * value + mpmath.mpc(0, pipe.hysteresis)
         thrust = mpmath.mpf(pipe.alpha) * u**2
         coriolis = 2 * mpmath.sqrt(mpmath.mpf(pipe.beta)) * (-u if aspirating else u) * value
         coefficients = mpmath.mpf(pipe.gamma), coriolis, thrust, value**2

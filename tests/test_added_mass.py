@@ -141,11 +141,12 @@ def test_products_and_eigenvalues_of_any_chain_are_those_of_its_matrices(n):
     "make",
     [
         lambda pipe: pp.Chain(pipe, 9),
+        lambda pipe: pp.Chain(dataclasses.replace(pipe, root="pinned", supports=[0.6]), 10),
         lambda pipe: pp.Galerkin(pipe, 6, "legendre"),
         lambda pipe: pp.Galerkin(dataclasses.replace(pipe, root="pinned"), 6, "legendre"),
         lambda pipe: modular.chain(pipe, 6).plus(modular.Guide(4)),
     ],
-    ids=["chain", "Legendre functions", "hinged", "guided scene"],
+    ids=["chain", "held chain", "Legendre functions", "hinged", "guided scene"],
 )
 def test_motions_balance_their_energy_by_explicit_and_implicit_steps(make):
     """The implicit steps solve with the exact Jacobian, a chain's and a scene's in O(n)."""

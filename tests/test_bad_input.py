@@ -97,6 +97,8 @@ CASES = [
     *real("alpha", lambda v: pp.Pipe(0.2, alpha=v), below=[-0.1], above=[1e300]),
     *real("drag", lambda v: pp.Pipe(0.2, drag=v), below=[-0.1]),
     *real("damping", lambda v: pp.Pipe(0.2, damping=v), below=[-1e-12]),
+    *real("hysteresis", lambda v: pp.Pipe(0.2, hysteresis=v), below=[-1e-12], above=[1e300]),
+    *real("frequency", lambda v: pp.Pipe(0.2).equivalent_damping(v), below=[0.0, -1.0]),
     *(("flow", lambda v: pp.Pipe(0.2, flow=v), v) for v in ["", "Ejecting", "out", 1, None, True]),
     *(
         ("scales", lambda v: pp.Pipe(0.2, scales=v), v)
@@ -116,6 +118,7 @@ CASES = [
         *([-1], [1]),
     ),
     *real("damping_time", lambda v: pp.Pipe.from_si(**SI, damping_time=v), [-1]),
+    *real("hysteresis", lambda v: pp.Pipe.from_si(**SI, hysteresis=v), [-1]),
     *real("alpha", lambda v: pp.Pipe.from_si(**SI, alpha=v), [-1]),
     *(("flow", lambda v: pp.Pipe.from_si(**SI, flow=v), v) for v in ["in", 0, None]),
     # conversions

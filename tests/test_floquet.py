@@ -9,7 +9,7 @@ import pipedyn as pp
 from pipedyn import _core
 from pipedyn.bifurcation import collocation, magnus, periodic_orbit
 from pipedyn.bifurcation.collocation import solved
-from pipedyn.bifurcation.floquet import floquet
+from pipedyn.bifurcation.floquet import orbit_multipliers
 from pipedyn.bifurcation.periodic_orbit import NODES, interpolated
 from pipedyn.bifurcation.vector_field import VectorField
 
@@ -97,7 +97,7 @@ def test_intervals_end_at_the_kinks_of_drag(monkeypatch):
     orbit = solved(motion, orbit, 1e-8)
 
     def missed():
-        return np.abs(floquet(motion, orbit)[0] - 1.0).min()
+        return np.abs(orbit_multipliers(motion, orbit)[0] - 1.0).min()
 
     assert missed() < 1e-7
     monkeypatch.setattr(periodic_orbit, "_kinks", lambda motion, orbit: np.empty(0))
@@ -109,9 +109,9 @@ def test_both_ways_to_the_multipliers_agree(monkeypatch):
     model = pp.Chain(pp.Pipe(0.2), 16)
     cycle = pp.limit_cycle(model, 6.0)
     motion = VectorField(model)
-    by_series, _, error = floquet(motion, cycle.orbit)
+    by_series, _, error = orbit_multipliers(motion, cycle.orbit)
     monkeypatch.setattr("pipedyn.bifurcation.floquet._between_kinks", lambda motion, orbit: None)
-    by_collocation, _, other = floquet(motion, cycle.orbit)
+    by_collocation, _, other = orbit_multipliers(motion, cycle.orbit)
     assert other < 1e-9 < error < 1e-7
     assert by_series == pytest.approx(by_collocation, abs=error)
 
@@ -119,9 +119,9 @@ def test_both_ways_to_the_multipliers_agree(monkeypatch):
 def test_half_and_twice_as_fine_meshes_agree_on_a_damped_pipe(monkeypatch):
     model, u = pp.Chain(pp.Pipe(0.2, damping=1e-3), 8), 6.0
     motion, orbit = VectorField(model), pp.limit_cycle(model, u).orbit
-    found, _, error = floquet(motion, orbit)
+    found, _, error = orbit_multipliers(motion, orbit)
     monkeypatch.setattr("pipedyn.bifurcation.floquet._by_pairs", lambda motion, orbit: None)
-    finer, _, _ = floquet(motion, orbit)
+    finer, _, _ = orbit_multipliers(motion, orbit)
     assert error < 1e-8
     assert found == pytest.approx(finer, abs=error)
 

@@ -12,7 +12,8 @@ import pytest
 import pipedyn as pp
 from pipedyn import modular, plot
 
-MADE_BY_USERS = {pp.Pipe, pp.Chain, pp.Galerkin, pp.Continuum, *pp.Term.__subclasses__()}
+MADE_BY_USERS = {pp.Pipe, pp.Profile, pp.Chain, pp.Galerkin, pp.Continuum}
+MADE_BY_USERS |= set(pp.Term.__subclasses__())
 MADE_BY_USERS |= {getattr(modular, name) for name in modular.__all__ if name != "Mechanism"}
 MADE_BY_USERS -= {modular.Module, modular.Constraint}
 

@@ -36,12 +36,12 @@ def tip_angle(t, q, qdot):
     return q[-1]
 
 
-def by_scipy(u, end, t0=0.0, **options):
+def by_scipy(u, end, t0=0.0, rate=lambda t: 0.0, **options):
     """The motion of CHAIN from the bow, by scipy on the model's right-hand side."""
     start = np.concatenate([CHAIN.bent(bow), np.zeros(5)])
     speed = u if callable(u) else lambda t: u
     return solve_ivp(
-        *(lambda t, y: CHAIN.rhs(t, y, speed(t)), (t0, end), start),
+        *(lambda t, y: CHAIN.rhs(t, y, speed(t), u_dot=rate(t)), (t0, end), start),
         **({"method": "DOP853"} | SHARP | options),
     )
 
@@ -253,7 +253,10 @@ def test_a_speed_that_varies_acts_as_in_solve_ivp(method):
     def ramp(t):
         return 2.0 + 3.0 * np.sin(t) ** 2
 
-    theirs = by_scipy(ramp, 4.0, t0=1.0, t_eval=np.linspace(1.0, 4.0, 7))
+    def rate(t):
+        return 3.0 * np.sin(2.0 * t)
+
+    theirs = by_scipy(ramp, 4.0, t0=1.0, rate=rate, t_eval=np.linspace(1.0, 4.0, 7))
     ours = pp.simulate(CHAIN, ramp, 3.0, bow, t0=1.0, samples=7, method=method, rtol=1e-8)
     assert np.abs(ours.y - theirs.y).max() < 1e-3
     assert ours.audit < 1e-5
@@ -413,7 +416,7 @@ def test_batches_count_for_their_caller():
         ({"max_step": "long"}, TypeError, "max_step must be a real number"),
         ({"u": lambda t: -1.0}, ValueError, r"u\(0\) must lie in"),
         ({"u": lambda t: [4.0]}, TypeError, r"u\(0\) must be a real number"),
-        ({"u": lambda t: np.nan if t > 0.5 else 1.0}, ValueError, r"u\(0.51\) must lie in"),
+        ({"u": lambda t: np.nan if t > 0.5 else 1.0}, ValueError, r"u\(0.5\d+\) must be finite"),
     ],
 )
 def test_a_bad_argument_is_refused_by_name(options, kind, message):
@@ -433,7 +436,7 @@ def test_a_speed_between_the_times_at_which_it_was_tried_is_refused_too(model, m
     def speed(t):
         return 4.0 if t < 0.5 or t in tried else later
 
-    with pytest.raises(kind, match=r"u\(0\.5\d*\) must be"):
+    with pytest.raises(kind, match=r"u\(0\.5\d*\) must (be|lie in)"):
         pp.simulate(model, speed, 1.0, bow, method=method)
 
 

@@ -55,7 +55,7 @@ def panels(kinks, nodes=30):
 
 
 def hermite_operators(e, m, pipe, elements):
-    """Mass, Coriolis, bending, weight and flux matrices of cubic finite elements.
+    """Mass, Coriolis, bending, root's, weight and flux matrices of cubic finite elements.
 
     Displacement and slope at each node, but for those that the pipe's holding leaves none; some
     elements on each panel.
@@ -65,7 +65,7 @@ def hermite_operators(e, m, pipe, elements):
     cuts = [np.linspace(*panel, elements + 1) for panel in itertools.pairwise(ends)]
     nodes = np.unique(np.concatenate(cuts))
     size = 2 * nodes.size
-    mass, coriolis, bending, weight, flux = np.zeros((5, size, size))
+    mass, coriolis, bending, root, weight, flux = np.zeros((6, size, size))
     x, weights = leggauss(8)
 
     def beyond(at):
@@ -92,32 +92,31 @@ def hermite_operators(e, m, pipe, elements):
     held |= {1} if pipe.root == "clamped" else set()
     held |= {size - 2} if pipe.end in ("pinned", "clamped") else set()
     held |= {size - 1} if pipe.end in ("guided", "clamped") else set()
-    bending[1, 1] += 0.0 if pipe.root == "clamped" else pipe.root_stiffness
+    root[1, 1] = 0.0 if pipe.root == "clamped" else pipe.root_stiffness
     free = np.setdiff1d(np.arange(size), list(held))
-    return [matrix[np.ix_(free, free)] for matrix in (mass, coriolis, bending, weight, flux)]
+    every = mass, coriolis, bending, root, weight, flux
+    return [matrix[np.ix_(free, free)] for matrix in every]
 
 
 @pytest.mark.parametrize(
     "holding",
     [
         {},
-        {"root": pp.RootSpring(0.3)},
+        {"root": pp.RootSpring(0.3), "damping": 0.0},
         {"root": "pinned", "end": "pinned"},
         {"root": "pinned"},
         {"end": "clamped", "supports": [0.6]},
-        {"root": pp.RootSpring(20.0), "end": "guided"},
+        {"root": pp.RootSpring(20.0), "end": "guided", "damping": 0.0},
         {"supports": [0.37]},
     ],
     ids=repr,
 )
 def test_eigenvalues_are_those_of_finite_elements(holding):
     pipe = dataclasses.replace(PIPE, **holding)
-    inertia, coriolis, bend, weight, flux = hermite_operators(stiffness, mass, pipe, 12)
+    inertia, coriolis, bend, root, weight, flux = hermite_operators(stiffness, mass, pipe, 12)
     u = 1.5
-    damped = bend.copy()
-    damped[0, 0] -= pipe.root_stiffness if isinstance(pipe.root, pp.RootSpring) else 0.0
-    damping = -u * np.sqrt(PIPE.beta) * coriolis + PIPE.damping * damped
-    stiff = bend + PIPE.gamma * weight + PIPE.alpha * u**2 * flux
+    damping = -u * np.sqrt(PIPE.beta) * coriolis + pipe.damping * bend
+    stiff = bend + root + PIPE.gamma * weight + PIPE.alpha * u**2 * flux
     expected = quadratic_eigenvalues(inertia, damping, stiff)[:6]
     found = pp.eigenvalues(pp.Continuum(pipe), u, count=2)
     expected, found = (values[values.imag > 0] for values in (expected, found))
@@ -387,19 +386,55 @@ def test_chains_tend_to_the_pipe_at_second_order(along, window):
             assert window[0] < coarse / fine < window[1]
 
 
-def test_chains_move_as_the_pipe_does_at_large_angles_to_second_order():
-    pipe = pp.Pipe(0.3, 7.0, damping=0.02, stiffness=lambda s: 1 - s / 2, mass=lambda s: 1 + s)
+@pytest.mark.parametrize(
+    ("holding", "angle"),
+    [
+        ({}, lambda s: 1.0 - (1.0 - s) ** 3),
+        ({"root": "pinned", "end": "pinned"}, lambda s: 0.6 * np.cos(np.pi * s)),
+    ],
+    ids=["free end", "both pinned"],
+)
+def test_chains_move_as_the_pipe_does_at_large_angles_to_second_order(holding, angle):
+    taper = {"stiffness": lambda s: 1 - s / 2, "mass": lambda s: 1 + s}
+    pipe = pp.Pipe(0.3, 7.0, damping=0.02, **taper, **holding)
 
-    def tip(model):
-        bent = model.bent(lambda s: 1.0 - (1.0 - s) ** 3)
-        motion = pp.simulate(model, 4.0, 0.4, q0=bent, times=[0.4], rtol=1e-8)
-        return model.tips(motion.q[-1:].T)[0]
+    def places(model):
+        q = model.bent(angle)
+        if holding and isinstance(model, pp.Chain):
+            q = model.closed(q)
+        motion = pp.simulate(model, 3.0, 0.4, q0=q, times=[0.4], rtol=1e-8)
+        return model.shape(motion.q[-1], [0.5, 1.0])
 
-    exact = tip(pp.Galerkin(pipe, 8, "legendre"))
-    errors = [np.linalg.norm(tip(pp.Chain(pipe, n)) - exact) for n in (8, 16, 32)]
+    exact = places(pp.Galerkin(pipe, 8, "legendre"))
+    errors = [np.linalg.norm(places(pp.Chain(pipe, n)) - exact) for n in (8, 16, 32)]
     assert errors[-1] < 1e-3
     for coarse, fine in itertools.pairwise(errors):
-        assert 3.9 < coarse / fine < 4.1
+        assert 3.8 < coarse / fine < 4.2
+
+
+@pytest.mark.parametrize(
+    "holding",
+    [
+        {"root": pp.RootSpring(3.0)},
+        {"root": "pinned", "end": "pinned"},
+        {"end": "guided"},
+        {"end": "clamped", "supports": [0.5]},
+    ],
+    ids=repr,
+)
+def test_held_chains_tend_to_the_pipe_at_second_order(holding):
+    taper = {"stiffness": lambda s: 1 - s / 2, "mass": lambda s: 1 + s}
+    pipe = pp.Pipe(0.3, 7.0, **taper, **holding)
+
+    def root(model):
+        found = pp.eigenvalues(model, 1.5, count=3)
+        return found[found.imag > 0][0]
+
+    exact = root(pp.Continuum(pipe))
+    errors = [abs(root(pp.Chain(pipe, n)) / exact - 1.0) for n in (12, 24, 48)]
+    assert errors[-1] < 5e-3
+    for coarse, fine in itertools.pairwise(errors):
+        assert 3.5 < coarse / fine < 4.5
 
 
 def test_equal_springs_of_the_rules_follow_the_stiffness():
@@ -427,6 +462,15 @@ def test_searches_and_curves_take_such_pipes():
     assert points[0].criticality == points[1].criticality
     choice = pp.choose(pipe, "critical_speed", tolerance=1e-3)
     assert pp.critical_speed(choice.model).speed == pytest.approx(exact, rel=1.1e-3)
+
+
+def test_hysteresis_is_kelvin_voigt_damping_of_equal_loss_at_the_crossing():
+    taper = {"stiffness": lambda s: 1 - s / 2, "mass": lambda s: 1 + s}
+    for make in (pp.Continuum, lambda pipe: pp.Chain(pipe, 24)):
+        lossy = pp.critical_speed(make(pp.Pipe(0.2, hysteresis=0.1, **taper)))
+        damped = pp.critical_speed(make(pp.Pipe(0.2, damping=0.1 / lossy.frequency, **taper)))
+        assert damped.speed == pytest.approx(lossy.speed, rel=1e-8)
+        assert damped.frequency == pytest.approx(lossy.frequency, rel=1e-7)
 
 
 def test_relevant_holds_a_pipe_against_a_uniform_one():
@@ -513,7 +557,7 @@ def test_bad_profiles_are_refused():
         pp.Profile([0.5, 0.4], [1, 1, 1])
     with pytest.raises(ValueError, match="at must ascend between 0 and 1"):
         pp.Profile([1.0], [1, 1])
-    with pytest.raises(ValueError, match="values must be 2, one for each stretch, got 3"):
+    with pytest.raises(ValueError, match=r"values must be 2, one for each stretch.*, got 3"):
         pp.Profile([0.5], [1, 2, 3])
     with pytest.raises(ValueError, match=r"values\[1\] must lie in"):
         pp.Profile([0.5], [1, -2])

@@ -251,7 +251,7 @@ def test_effects_are_sorted_by_size_and_absent_ones_last(horizontal, hose):
         verdicts = [one.verdict == "absent" for one in found.effects]
         assert verdicts == sorted(verdicts)
     assert {one.name for one in horizontal.effects if one.verdict == "absent"} == {
-        *("gravity", "drag", "damping")
+        *("gravity", "drag", "damping", "hysteresis")
     }
 
 

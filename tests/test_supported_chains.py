@@ -297,6 +297,21 @@ def test_eigenvalues_in_flow_are_roots_of_the_continuous_determinant(
     assert abs(determinant(value, u, pipe) / slope) < 1e-6 * abs(value)
 
 
+def test_supports_go_with_what_varies_along_the_pipe() -> None:
+    pipe = pp.Pipe(
+        *(0.2, 5.0),
+        **{"stiffness": lambda s: 1.0 - 0.5 * s, "mass": lambda s: 1.0 + 0.3 * s},
+        terms=(pp.AddedMass(0.4),),
+        **{"root": pp.RootSpring(3.0), "end": "clamped", "supports": (0.4,)},
+    )
+
+    def found(model: pp.Model) -> Array:
+        return np.unique(np.abs(pp.eigenvalues(model, 2.0, 4).imag).round(12))
+
+    expected = found(pp.Galerkin(pipe, 20, "legendre"))
+    np.testing.assert_allclose(converged(lambda n: found(pp.Chain(pipe, n))), expected, rtol=2e-6)
+
+
 # ------------------------------------------------------------------------------------------ scenes
 
 
@@ -407,6 +422,34 @@ def test_motions_of_held_chains_balance_energy_and_keep_to_supports(name: str, m
     for place in (*chain.pipe.supports, *[1.0] * (chain.pipe.end in ("pinned", "clamped"))):
         node = int(np.argmin(np.abs(np.cumsum(chain.lengths) - place)))
         assert np.abs(across[:, node]).max() < 1e-12
+
+
+@pytest.mark.parametrize(
+    ("held", "angle"),  # starts without a jump of the moment, which would spoil the order
+    [
+        ({"root": "pinned", "end": "pinned"}, lambda s: 0.9 * np.cos(math.pi * s)),
+        ({"root": "pinned", "end": "guided"}, lambda s: 0.9 * np.cos(0.5 * math.pi * s)),
+        ({"end": "clamped"}, lambda s: 0.9 * np.sin(2.0 * math.pi * s)),
+        (
+            {"root": "pinned", "end": "pinned", "supports": (0.5,)},
+            lambda s: 0.9 * np.cos(2.0 * math.pi * s),
+        ),
+    ],
+)
+def test_large_motions_of_held_chains_tend_to_the_reduced_models(
+    held: dict[str, object], angle: Callable[[Array], Array]
+) -> None:
+    pipe = pp.Pipe(0.3, 6.0, damping=0.01, terms=(pp.AddedMass(0.3),), **held)
+
+    def end(model: pp.Model) -> Array:
+        """How far down the end is, at two times."""
+        motion = pp.simulate(model, 3.0, 0.1, angle, samples=3, rtol=1e-9)
+        return np.array([model.shape(q, [1.0])[0, 1] for q in motion.q[1:]])
+
+    expected = end(pp.Galerkin(pipe, 16, "legendre"))
+    assert np.abs(expected - 1.0).max() > 0.02
+    found = converged(lambda n: end(pp.Chain(pipe, n)), (40, 80, 160))
+    np.testing.assert_allclose(found, expected, atol=2e-6)
 
 
 def test_a_pinned_pipe_slides_and_buckles_as_the_elastica() -> None:

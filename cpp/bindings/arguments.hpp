@@ -124,6 +124,20 @@ struct Speeds {
   }
 };
 
+/// What drives the states, (Drive::rows,) or (Drive::rows, members); None where nothing does.
+struct Drives {
+  std::optional<States> given;
+
+  Drives(const py::object& drive, const States& states) {
+    if (drive.is_none()) return;
+    given.emplace("drive", drive, Drive::rows);
+    if (given->one != states.one || given->members != states.members) {
+      throw py::value_error("drive must have as many columns as y, got " + shape_of(given->values));
+    }
+  }
+  const double* data() const { return given ? given->values.data() : nullptr; }
+};
+
 /// An array to be written, (rows,) or (rows, columns). pybind11's own constructor computes strides
 /// first, which numpy does better.
 inline Numbers new_numbers(py::ssize_t rows, py::ssize_t columns, bool one) {
@@ -160,14 +174,17 @@ struct UnlockedFor {
 /// What is done with a batch; writes its results (rows, members).
 using Work = std::function<void(const Batch&, double*)>;
 
-/// What work makes of states (rows,) or (rows, k) and their speeds: (results,) or (results, k).
-/// cost: of a member, as for `UnlockedFor`.
+/// What work makes of states (rows,) or (rows, k), their speeds and drive: (results,) or (results,
+/// k). cost: of a member, as for `UnlockedFor`.
 inline Numbers results_of(py::ssize_t rows, py::ssize_t results, py::ssize_t cost,
-                          const py::object& y, const py::object& u, const Work& work) {
+                          const py::object& y, const py::object& u, const py::object& drive,
+                          const Work& work) {
   const States states("y", y, rows);
   const Speeds speeds("u", u, states);
+  const Drives drives(drive, states);
   Numbers made = new_numbers(results, states.members, states.one);
-  const Batch batch{states.values.data(), speeds.data(), states.members, speeds.step()};
+  Batch batch{states.values.data(), speeds.data(), states.members, speeds.step()};
+  batch.drive = drives.data();
   double* const out = made.mutable_data();
   const UnlockedFor unlocked(cost * states.members);
   work(batch, out);
@@ -176,13 +193,15 @@ inline Numbers results_of(py::ssize_t rows, py::ssize_t results, py::ssize_t cos
 
 /// Derivatives of rates by states (rows, rows), or of k states (k, rows, rows). cost: of a row.
 inline Numbers jacobians_of(py::ssize_t rows, py::ssize_t cost, const py::object& y,
-                            const py::object& u, const Work& work) {
+                            const py::object& u, const py::object& drive, const Work& work) {
   const States states("y", y, rows);
   const Speeds speeds("u", u, states);
+  const Drives drives(drive, states);
   std::vector<py::ssize_t> shape{rows, rows};
   if (!states.one) shape.insert(shape.begin(), states.members);
   Numbers made(shape);
-  const Batch batch{states.values.data(), speeds.data(), states.members, speeds.step()};
+  Batch batch{states.values.data(), speeds.data(), states.members, speeds.step()};
+  batch.drive = drives.data();
   double* const out = made.mutable_data();
   const UnlockedFor unlocked(rows * cost * states.members);
   work(batch, out);
@@ -191,21 +210,23 @@ inline Numbers jacobians_of(py::ssize_t rows, py::ssize_t cost, const py::object
 
 /// Energy of each member. rows, cost: as for `results_of`.
 template <class Model>
-NumberOrArray energy_of(const Model& model, py::ssize_t rows, py::ssize_t cost,
-                        const py::object& y) {
+NumberOrArray energy_of(const Model& model, py::ssize_t rows, py::ssize_t cost, const py::object& y,
+                        const py::object& drive) {
   const auto work = [&](const Batch& batch, double* out) { model.energy(batch, out); };
-  return row_of(results_of(rows, 1, cost, y, py::float_(0.0), work), 0);
+  return row_of(results_of(rows, 1, cost, y, py::float_(0.0), drive, work), 0);
 }
 
-/// (flow, joints, drag, others)
-using Parts = py::typing::Tuple<NumberOrArray, NumberOrArray, NumberOrArray, NumberOrArray>;
+/// (flow, joints, drag, others, base)
+using Parts =
+    py::typing::Tuple<NumberOrArray, NumberOrArray, NumberOrArray, NumberOrArray, NumberOrArray>;
 
 template <class Model>
 Parts power_of(const Model& model, py::ssize_t rows, py::ssize_t cost, const py::object& y,
-               const py::object& u) {
+               const py::object& u, const py::object& drive) {
   const auto work = [&](const Batch& batch, double* out) { model.power(batch, out); };
-  const Numbers parts = results_of(rows, 4, cost, y, u, work);
-  return py::make_tuple(row_of(parts, 0), row_of(parts, 1), row_of(parts, 2), row_of(parts, 3));
+  const Numbers parts = results_of(rows, 5, cost, y, u, drive, work);
+  return py::make_tuple(row_of(parts, 0), row_of(parts, 1), row_of(parts, 2), row_of(parts, 3),
+                        row_of(parts, 4));
 }
 
 /// The equations of motion of states [p, p'] with 2 dof rows. work_of: of a state, in that of a
@@ -216,33 +237,37 @@ void define_equations(py::class_<Model>& model) {
   using py::object;
   // Rates of states that have so many rows besides [p, p'].
   const auto rates = [](auto work, py::ssize_t more) {
-    return [work, more](const Model& of, const object&, const object& y, const object& u) {
+    return [work, more](const Model& of, const object&, const object& y, const object& u,
+                        const object& drive) {
       const py::ssize_t rows = 2 * of.dof() + more;
-      return results_of(rows, rows, work_of(of), y, u,
+      return results_of(rows, rows, work_of(of), y, u, drive,
                         [&](const Batch& batch, double* out) { work(of, batch, out); });
     };
   };
-  model.def("rhs", rates(std::mem_fn(&Model::rhs), 0), "t"_a, "y"_a, "u"_a)
-      .def("rhs_and_power", rates(std::mem_fn(&Model::rhs_and_power), 1), "t"_a, "y"_a, "u"_a)
+  const auto drive = "drive"_a = py::none();
+  model.def("rhs", rates(std::mem_fn(&Model::rhs), 0), "t"_a, "y"_a, "u"_a, drive)
+      .def("rhs_and_power", rates(std::mem_fn(&Model::rhs_and_power), 1), "t"_a, "y"_a, "u"_a,
+           drive)
       .def(
           "jacobian",
-          [](const Model& of, const object&, const object& y, const object& u) {
+          [](const Model& of, const object&, const object& y, const object& u,
+             const object& drive) {
             const auto work = [&](const Batch& batch, double* out) { of.jacobian(batch, out); };
-            return jacobians_of(2 * of.dof(), work_of(of), y, u, work);
+            return jacobians_of(2 * of.dof(), work_of(of), y, u, drive, work);
           },
-          "t"_a, "y"_a, "u"_a)
+          "t"_a, "y"_a, "u"_a, drive)
       .def(
           "energy",
-          [](const Model& of, const object& y) {
-            return energy_of(of, 2 * of.dof(), work_of(of), y);
+          [](const Model& of, const object& y, const object& drive) {
+            return energy_of(of, 2 * of.dof(), work_of(of), y, drive);
           },
-          "y"_a)
+          "y"_a, drive)
       .def(
           "power",
-          [](const Model& of, const object& y, const object& u) {
-            return power_of(of, 2 * of.dof(), work_of(of), y, u);
+          [](const Model& of, const object& y, const object& u, const object& drive) {
+            return power_of(of, 2 * of.dof(), work_of(of), y, u, drive);
           },
-          "y"_a, "u"_a);
+          "y"_a, "u"_a, drive);
 }
 
 /// Eigenpairs and their tracking, in linear.cpp.

@@ -70,7 +70,7 @@ PYBIND11_MODULE(_core, m, py::mod_gil_not_used()) {
           py::init([](double beta, double gamma, double centrifugal, double drag, double damping,
                       bool aspirating, const std::vector<TermArguments>& terms, double root,
                       const std::string& end, std::vector<double> supports, double inflow_share,
-                      double jet_angle, Profile stiffness, Profile mass) {
+                      double jet_angle, Profile stiffness, Profile mass, double hysteresis) {
             Pipe pipe{beta, gamma, centrifugal, drag, damping, aspirating, inflow_share, jet_angle};
             pipe.stiffness = std::move(stiffness);
             pipe.mass = std::move(mass);
@@ -79,6 +79,7 @@ PYBIND11_MODULE(_core, m, py::mod_gil_not_used()) {
             }
             pipe.root = root;
             pipe.end = end_of(end);
+            pipe.hysteresis = hysteresis;
             pipe.supports = std::move(supports);
             return pipe;
           }),
@@ -86,7 +87,8 @@ PYBIND11_MODULE(_core, m, py::mod_gil_not_used()) {
           "terms"_a = std::vector<TermArguments>{},
           "root"_a = std::numeric_limits<double>::infinity(), "end"_a = "free",
           "supports"_a = std::vector<double>{}, "inflow_share"_a = 1.0, "jet_angle"_a = 0.0,
-          py::arg_v("stiffness", Profile(), "Profile()"), py::arg_v("mass", Profile(), "Profile()"))
+          py::arg_v("stiffness", Profile(), "Profile()"), py::arg_v("mass", Profile(), "Profile()"),
+          "hysteresis"_a = 0.0)
       .def_property_readonly("resisted",
                              [](const Pipe& pipe) { return pipedyn::resist(pipe.terms); });
 
@@ -96,7 +98,8 @@ PYBIND11_MODULE(_core, m, py::mod_gil_not_used()) {
       .def_readonly("end_flux", &Operators::end_flux)
       .def_readonly("damping", &Operators::damping)
       .def_readonly("stiffness", &Operators::stiffness)
-      .def_readonly("flux", &Operators::flux);
+      .def_readonly("flux", &Operators::flux)
+      .def_readonly("unsteady", &Operators::unsteady);
 
   py::class_<Chain> chain(m, "Chain");
   chain
@@ -118,11 +121,12 @@ PYBIND11_MODULE(_core, m, py::mod_gil_not_used()) {
       .def(
           "joint_times",
           [](const Chain& chain, const pipedyn::Matrix& x, double still, double rate, double square,
-             double velocity, double flux, double gravity, double by_damping) {
-            return chain.joint_times(x, {still, rate, square, velocity, flux, gravity, by_damping});
+             double velocity, double flux, double gravity, double by_damping, double unsteady) {
+            return chain.joint_times(
+                x, {still, rate, square, velocity, flux, gravity, by_damping, unsteady});
           },
           "x"_a, "still"_a = 0.0, "rate"_a = 0.0, "square"_a = 0.0, "velocity"_a = 0.0,
-          "flux"_a = 0.0, "gravity"_a = 0.0, "by_damping"_a = 0.0, Unlocked())
+          "flux"_a = 0.0, "gravity"_a = 0.0, "by_damping"_a = 0.0, "unsteady"_a = 0.0, Unlocked())
       .def("guided", &Chain::guided, "held"_a)
       .def_property_readonly("joints", &Chain::joints)
       .def("places", &Chain::places)
@@ -147,7 +151,7 @@ PYBIND11_MODULE(_core, m, py::mod_gil_not_used()) {
           [](const Galerkin& model, const py::object& y) {
             const auto tips = [&](const Batch& batch, double* out) { model.tips(batch, out); };
             return pipedyn::results_of(2 * model.dof(), 4, work_of(model), y, py::float_(0.0),
-                                       tips);
+                                       py::none(), tips);
           },
           "y"_a)
       .def_property_readonly("supports", &Galerkin::supports)
@@ -156,7 +160,7 @@ PYBIND11_MODULE(_core, m, py::mod_gil_not_used()) {
           [](const Galerkin& model, const py::object& y) {
             const auto held = [&](const Batch& batch, double* out) { model.held(batch, out); };
             return pipedyn::results_of(2 * model.dof(), model.supports() * (1 + model.dof()),
-                                       work_of(model), y, py::float_(0.0), held);
+                                       work_of(model), y, py::float_(0.0), py::none(), held);
           },
           "y"_a)
       .def("functions_by_panel", [](const Galerkin& model) { return model.basis().by_panel(); })

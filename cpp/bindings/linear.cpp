@@ -38,6 +38,7 @@ Lapack found_lapack() {
   set("scipy.linalg.cython_lapack", "zgetrf", lapack.zgetrf);
   set("scipy.linalg.cython_lapack", "zgetrs", lapack.zgetrs);
   set("scipy.linalg.cython_lapack", "dgeev", lapack.dgeev);
+  set("scipy.linalg.cython_lapack", "zgeev", lapack.zgeev);
   return lapack;
 }
 
@@ -45,6 +46,12 @@ Lapack found_lapack() {
 const Lapack& scipy_lapack() {
   PYBIND11_CONSTINIT static py::gil_safe_call_once_and_store<Lapack> found;
   return found.call_once_and_store_result(found_lapack).get_stored();
+}
+
+/// All but the last, and that.
+DenseOperator::Matrices with_loss(std::array<Matrix, 5> others, Matrix loss) {
+  auto& [a, b, c, d, e] = others;
+  return {std::move(a), std::move(b), std::move(c), std::move(d), std::move(e), std::move(loss)};
 }
 
 /// Tells Python every so often what was done, so that it counts and can stop it: by a signal, or by
@@ -132,6 +139,7 @@ void define_linear(py::module_& m) {
       .def_property_readonly(
           "frequency", [](const AxisCrossing& crossing) { return std::abs(crossing.value.imag()); })
       .def_readonly("change", &AxisCrossing::change)
+      .def_readonly("before", &AxisCrossing::before)
       .def_readonly("mode", &AxisCrossing::mode)
       .def_readonly("error", &AxisCrossing::error)
       .def_readonly("forms", &AxisCrossing::forms)
@@ -142,7 +150,6 @@ void define_linear(py::module_& m) {
         return crossing.pair;
       });
   py::class_<Sweep>(m, "Sweep")
-      .def_readonly("unstable_at_rest", &Sweep::unstable_at_rest)
       .def_readonly("crossings", &Sweep::crossings)
       .def_readonly("failure", &Sweep::failure)
       .def_readonly("untracked", &Sweep::untracked);
@@ -219,10 +226,11 @@ void define_linear(py::module_& m) {
       "spectra"_a, "ranges"_a, "factorised"_a);
 
   py::class_<DenseOperator>(m, "DenseOperator")
-      .def(py::init([](DenseOperator::Matrices of, double size) {
-             return std::make_unique<DenseOperator>(scipy_lapack(), std::move(of), size);
+      .def(py::init([](std::array<Matrix, 5> of, double size, Matrix loss) {
+             return std::make_unique<DenseOperator>(
+                 scipy_lapack(), with_loss(std::move(of), std::move(loss)), size);
            }),
-           "matrices"_a, "size"_a)
+           "matrices"_a, "size"_a, "loss"_a = Matrix())
       .def(
           "inverse",
           [](const DenseOperator& p, double shift, bool velocity_free, bool left) {
@@ -231,18 +239,20 @@ void define_linear(py::module_& m) {
           Unlocked(), "shift"_a, "velocity_free"_a, "left"_a);
   py::class_<Traits>(m, "Traits")
       .def(py::init([](Index dof, double delta, double zero, bool damped, bool conservative,
-                       bool squared, bool free_at_rest) {
-             return Traits{dof, delta, zero, damped, conservative, squared, free_at_rest};
+                       bool squared, bool free_at_rest, double loss) {
+             return Traits{dof, delta, zero, damped, conservative, squared, free_at_rest, loss};
            }),
            "dof"_a, "delta"_a, "zero"_a, "damped"_a, "conservative"_a, "squared"_a,
-           "free_at_rest"_a);
+           "free_at_rest"_a, "loss"_a)
+      .def_readonly("loss", &Traits::loss);
   py::class_<Eigenproblem, Spectrum, std::shared_ptr<Eigenproblem>>(m, "Eigenproblem")
-      .def(py::init([](const Traits& traits, DenseOperator::Matrices of, double centrifugal,
-                       double size) {
+      .def(py::init([](const Traits& traits, std::array<Matrix, 5> of, double centrifugal,
+                       double size, Matrix loss) {
+             auto matrices = with_loss(std::move(of), std::move(loss));
              return std::make_shared<Eigenproblem>(
-                 traits, Pencil{scipy_lapack(), std::move(of), centrifugal, size});
+                 traits, Pencil{scipy_lapack(), std::move(matrices), centrifugal, size});
            }),
-           "traits"_a, "matrices"_a, "centrifugal"_a, "size"_a)
+           "traits"_a, "matrices"_a, "centrifugal"_a, "size"_a, "loss"_a = Matrix())
       .def("lowest", &Eigenproblem::lowest, "u"_a, "count"_a, "left"_a, "high"_a, Unlocked())
       .def("by_recursion", &Eigenproblem::by_recursion, "u"_a, "count"_a, "vectors"_a, Unlocked())
       .def("assess", &Eigenproblem::assess, "u"_a, "pairs"_a, Unlocked());

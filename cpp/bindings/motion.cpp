@@ -5,6 +5,7 @@
 #include <pybind11/pybind11.h>
 #include <pybind11/stl.h>
 
+#include <array>
 #include <cmath>
 #include <string>
 
@@ -21,45 +22,68 @@ using namespace py::literals;
 
 namespace {
 
-/// Flow speeds at times, of which members.
-using SpeedsAt =
-    std::function<void(const Vector& t, const std::vector<Index>& which, Reals& speeds)>;
+/// Flow speeds and drives of members at times; drive (Drive::rows, members) or empty.
+struct Flows {
+  Reals u;
+  Matrix drive;
 
-/// The value of a function u(t), which was tried at some times alone.
-double checked_speed(const py::object& u, double t) {
-  const auto name = [t] { return "u(" + std::to_string(t) + ")"; };
-  double value = 0.0;
-  try {
-    value = u(t).cast<double>();
-  } catch (const py::cast_error&) {
-    throw py::type_error(name() + " must be a real number");
+  bool driven() const { return !drive.isZero(0.0); }
+  Batch of(const double* y) const {
+    return {.y = y,
+            .u = u.data(),
+            .members = u.size(),
+            .u_step = 1,
+            .drive = driven() ? drive.data() : nullptr};
   }
-  if (value >= 0.0 && std::isfinite(value)) return value;
-  throw py::value_error(name() + " must be >= 0 and finite, got " + std::to_string(value));
-}
+};
+using FlowsAt = std::function<void(const Vector& t, const std::vector<Index>& which, Flows& flows)>;
 
-/// u: one a member, or a function of time for all.
-SpeedsAt speeds_at(const py::object& u) {
-  if (!PyCallable_Check(u.ptr())) {
-    return [all = u.cast<Reals>()](const Vector&, const std::vector<Index>& which, Reals& speeds) {
-      speeds = all(which);
-    };
-  }
-  return [u](const Vector& t, const std::vector<Index>&, Reals& speeds) {
-    const py::gil_scoped_acquire locked;
-    speeds.resize(t.size());
-    for (Index j = 0; j < t.size(); ++j) speeds[j] = checked_speed(u, t[j]);
+/// A speed that pulsates and a base that oscillates, by their numbers.
+FlowsAt oscillating(const py::tuple& numbers) {
+  const auto [mean, part, frequency, x, y, own] = numbers.cast<std::array<double, 6>>();
+  return [=](const Vector& t, const std::vector<Index>&, Flows& flows) {
+    flows.u = mean * (1.0 + part * (frequency * t.array()).cos());
+    flows.drive.resize(Drive::rows, t.size());
+    flows.drive.row(0) = -(mean * part * frequency) * (frequency * t.array()).sin();
+    const Eigen::RowVectorXd cosine = (own * t.array()).cos(), sine = (own * t.array()).sin();
+    for (const Index k : {0, 1}) {
+      const double along = k == 0 ? x : y;
+      flows.drive.row(Drive::position + k) = along * cosine;
+      flows.drive.row(Drive::velocity + k) = -(along * own) * sine;
+      flows.drive.row(Drive::acceleration + k) = -(along * own * own) * cosine;
+    }
   };
 }
 
-/// A function of a compiled model's states at a speed each.
+/// u: a steady speed a member, or for all a function of time to speed and drive, or the numbers of
+/// `oscillating`.
+FlowsAt flows_at(const py::object& u) {
+  if (py::isinstance<py::tuple>(u)) return oscillating(u);
+  if (!PyCallable_Check(u.ptr())) {
+    return [all = u.cast<Reals>()](const Vector&, const std::vector<Index>& which, Flows& flows) {
+      flows.u = all(which);
+    };
+  }
+  return [u](const Vector& t, const std::vector<Index>&, Flows& flows) {
+    const py::gil_scoped_acquire locked;
+    flows.u.resize(t.size());
+    flows.drive.resize(Drive::rows, t.size());
+    for (Index j = 0; j < t.size(); ++j) {
+      const auto value = u(t[j]).cast<std::array<double, 1 + Drive::rows>>();
+      flows.u[j] = value[0];
+      for (Index k = 0; k < Drive::rows; ++k) flows.drive(k, j) = value[1 + k];
+    }
+  };
+}
+
+/// A function of a compiled model's states at a flow each.
 template <class Model, class Function>
 Rates function_rates(const Model& model, const py::object& u, const Function& function) {
-  return [&model, function, at = speeds_at(u), speeds = Reals()](const Vector& t, const double* y,
-                                                                 const std::vector<Index>& which,
-                                                                 double* rates) mutable {
-    at(t, which, speeds);  // a force of their derivatives would enter beside them
-    function(model, Batch{y, speeds.data(), speeds.size(), 1}, rates);
+  return [&model, function, at = flows_at(u), flows = Flows()](const Vector& t, const double* y,
+                                                               const std::vector<Index>& which,
+                                                               double* rates) mutable {
+    at(t, which, flows);
+    function(model, flows.of(y), rates);
   };
 }
 
@@ -69,19 +93,21 @@ Rates compiled_rates(const Model& model, const py::object& u) {
   return function_rates(model, u, std::mem_fn(&Model::rhs_and_power));
 }
 
-/// Those of a function of times, states (rows, members) and their speeds. A ValueError means that
-/// there are none.
+/// Those of a function of times, states (rows, members), their speeds and, if any, drive (Drive::
+/// rows, members). A ValueError means that there are none.
 Rates called_rates(const py::function& function, Index rows, const py::object& u) {
-  return [function, rows, at = speeds_at(u), speeds = Reals()](const Vector& t, const double* y,
-                                                               const std::vector<Index>& which,
-                                                               double* rates) mutable {
-    at(t, which, speeds);
+  return [function, rows, at = flows_at(u), flows = Flows()](const Vector& t, const double* y,
+                                                             const std::vector<Index>& which,
+                                                             double* rates) mutable {
+    at(t, which, flows);
     const py::gil_scoped_acquire locked;
     const Index members = static_cast<Index>(which.size());
     Numbers states({rows, members});
     std::copy_n(y, rows * members, states.mutable_data());
     try {
-      const Numbers found = function(t, states, speeds).cast<Numbers>();
+      const py::object made =
+          flows.driven() ? function(t, states, flows.u, flows.drive) : function(t, states, flows.u);
+      const Numbers found = made.cast<Numbers>();
       if (found.size() != rows * members)
         throw py::value_error("rates must have the states' shape");
       std::copy_n(found.data(), rows * members, rates);
@@ -107,20 +133,24 @@ ImplicitRates implicit_rates(const Model& model, const py::object& u,
   return {function_rates(model, u, std::mem_fn(rhs)),
           function_rates(model, u,
                          [](const Model& of, const Batch& batch, double* out) {
-                           Matrix parts(4, batch.members);
+                           Matrix parts(5, batch.members);
                            of.power(batch, parts.data());
                            Eigen::Map<Vector>(out, batch.members) = parts.colwise().sum();
                          }),
           2 * model.dof(), std::move(systems)};
 }
 
-/// Of a function of a time, a state (rows,) and its speed.
+/// Of a function of a time, a state (rows,), its speed and, if any, drive (Drive::rows,).
 DenseSystems::Jacobian called_jacobian(const py::function& function, Index rows,
-                                       const SpeedAt& speed) {
-  return [function, rows, speed](double t, const double* y, Index member, double* out) {
-    const double u = speed(t, member);
+                                       const FlowAt& flow_at) {
+  return [function, rows, flow_at](double t, const double* y, Index member, double* out) {
+    const Flow flow = flow_at(t, member);
     const py::gil_scoped_acquire locked;
-    const Numbers found = function(t, Numbers(rows, y), u).cast<Numbers>();
+    const Numbers state(rows, y);
+    const py::object made = flow.driven
+                                ? function(t, state, flow.u, Numbers(Drive::rows, flow.drive))
+                                : function(t, state, flow.u);
+    const Numbers found = made.cast<Numbers>();
     if (found.size() != rows * rows) throw py::value_error("a Jacobian must have a row a state");
     std::copy_n(found.data(), rows * rows, out);
   };
@@ -128,30 +158,31 @@ DenseSystems::Jacobian called_jacobian(const py::function& function, Index rows,
 
 ImplicitRates implicit_rates_of(const py::object& of, const py::object& jacobian, Index rows,
                                 const py::object& u) {
-  const SpeedAt speed = [at = speeds_at(u)](double t, Index member) {
-    Reals one;
-    at(Vector::Constant(1, t), {member}, one);
-    return one[0];
+  const FlowAt flow_at = [at = flows_at(u)](double t, Index member) {
+    Flows flows;
+    at(Vector::Constant(1, t), {member}, flows);
+    Flow one{.u = flows.u[0], .driven = flows.driven()};
+    std::copy_n(flows.drive.data(), flows.drive.size(), one.drive);
+    return one;
   };
   if (py::isinstance<Chain>(of)) {
     const Chain& chain = of.cast<const Chain&>();
-    return implicit_rates(chain, u, &Chain::rhs, std::make_unique<ChainSystems>(chain, speed));
+    return implicit_rates(chain, u, &Chain::rhs, std::make_unique<ChainSystems>(chain, flow_at));
   }
   if (py::isinstance<Scene>(of)) {
     const Scene& scene = of.cast<const Scene&>();
-    return implicit_rates(scene, u, &Scene::rhs, std::make_unique<SceneSystems>(scene, speed));
+    return implicit_rates(scene, u, &Scene::rhs, std::make_unique<SceneSystems>(scene, flow_at));
   }
   if (py::isinstance<Galerkin>(of)) {
     const Galerkin& model = of.cast<const Galerkin&>();
-    const auto slopes = [&model, speed](double t, const double* y, Index member, double* out) {
-      const double u = speed(t, member);
-      model.jacobian({y, &u, 1, 0}, out);
+    const auto slopes = [&model, flow_at](double t, const double* y, Index member, double* out) {
+      model.jacobian(flow_at(t, member).of(y), out);
     };
     return implicit_rates(model, u, &Galerkin::rhs,
                           std::make_unique<DenseSystems>(slopes, 2 * model.dof()));
   }
   return {rates_of(of, rows, u), nullptr, rows,
-          std::make_unique<DenseSystems>(called_jacobian(jacobian, rows, speed), rows)};
+          std::make_unique<DenseSystems>(called_jacobian(jacobian, rows, flow_at), rows)};
 }
 
 /// Explicit without a Jacobian.

@@ -19,13 +19,14 @@ py::ssize_t work_of(const Scene& scene) {
   return scene.dof() * static_cast<py::ssize_t>(2 + 3 * scene.compliance().size());
 }
 
-/// Work on a batch of the states y, (rows,) or (rows, k), and of as many further moments, or none.
+/// Work on a batch of the states y, (rows,) or (rows, k), and of as many further moments and
+/// drives, or none.
 template <class Work>
 Numbers scene_rates(const Scene& scene, py::ssize_t rows, const py::object& y, const py::object& u,
-                    const py::object& moments, const Work& work) {
+                    const py::object& moments, const py::object& drive, const Work& work) {
   std::optional<States> further;
   if (!moments.is_none()) further.emplace("moments", moments, scene.dof());
-  return results_of(rows, rows, work_of(scene), y, u, [&](Batch batch, double* out) {
+  return results_of(rows, rows, work_of(scene), y, u, drive, [&](Batch batch, double* out) {
     if (further) {
       if (batch.members != further->members) {
         throw std::invalid_argument("moments must have as many columns as y, got " +
@@ -41,13 +42,15 @@ Numbers scene_rates(const Scene& scene, py::ssize_t rows, const py::object& y, c
 struct Redundant {
   const Scene& scene;
 
-  void energy(const Batch& batch, double* out) const {
+  void energy(Batch batch, double* out) const {
     const Matrix y = scene.angles(batch);
-    scene.energy({y.data(), batch.u, batch.members, batch.u_step}, out);
+    batch.y = y.data();
+    scene.energy(batch, out);
   }
-  void power(const Batch& batch, double* out) const {
+  void power(Batch batch, double* out) const {
     const Matrix y = scene.angles(batch);
-    scene.power({y.data(), batch.u, batch.members, batch.u_step}, out);
+    batch.y = y.data();
+    scene.power(batch, out);
   }
 };
 
@@ -70,14 +73,15 @@ Numbers from_angles(const Scene& scene, const py::object& theta, const py::objec
 /// Derivative of the rates of [theta, theta'] (2 n, 2 n), or of each of k states, where they return
 /// to guides and pins or not. by_state: of further moments on a single state (n, 2 n), else 0.
 Numbers derivative(const Scene& scene, const py::object& y, const py::object& u,
-                   const py::object& moments, const Matrix& by_state, bool returns) {
+                   const py::object& moments, const Matrix& by_state, bool returns,
+                   const py::object& drive) {
   std::optional<States> further;
   if (!moments.is_none()) further.emplace("moments", moments, scene.dof());
   const auto work = [&](Batch batch, double* out) {
     if (further) batch.moments = further->values.data();
     scene.derivative(batch, returns ? Scene::return_rate : 0.0, by_state, out);
   };
-  return jacobians_of(2 * scene.dof(), work_of(scene), y, u, work);
+  return jacobians_of(2 * scene.dof(), work_of(scene), y, u, drive, work);
 }
 
 }  // namespace
@@ -116,39 +120,40 @@ void define_scene(py::module_& m) {
       .def_readonly_static("return_rate", &Scene::return_rate)
       .def("solve", &Scene::solve, "theta"_a, "moments"_a, Unlocked())
       .def("derivative", derivative, "y"_a, "u"_a, "moments"_a = py::none(),
-           "by_state"_a = Matrix(), "returns"_a = true)
+           "by_state"_a = Matrix(), "returns"_a = true, "drive"_a = py::none())
       .def(
           "redundant_rhs",
           [](const Scene& scene, const py::object&, const py::object& y, const py::object& u,
-             const py::object& moments) {
+             const py::object& moments, const py::object& drive) {
             const auto work = [&](const Batch& states, double* out) {
               scene.redundant_rhs(states, out);
             };
-            return scene_rates(scene, 2 * scene.coordinates(), y, u, moments, work);
+            return scene_rates(scene, 2 * scene.coordinates(), y, u, moments, drive, work);
           },
-          "t"_a, "y"_a, "u"_a, "moments"_a = py::none())
+          "t"_a, "y"_a, "u"_a, "moments"_a = py::none(), "drive"_a = py::none())
       .def(
           "rhs_and_power",
           [](const Scene& scene, const py::object&, const py::object& y, const py::object& u,
-             const py::object& moments) {
+             const py::object& moments, const py::object& drive) {
             const auto work = [&](const Batch& batch, double* out) {
               scene.rhs_and_power(batch, out);
             };
-            return scene_rates(scene, 2 * scene.dof() + 1, y, u, moments, work);
+            return scene_rates(scene, 2 * scene.dof() + 1, y, u, moments, drive, work);
           },
-          "t"_a, "y"_a, "u"_a, "moments"_a)
+          "t"_a, "y"_a, "u"_a, "moments"_a, "drive"_a = py::none())
       .def(
           "redundant_energy",
-          [](const Scene& scene, const py::object& y) {
-            return energy_of(Redundant{scene}, 2 * scene.coordinates(), work_of(scene), y);
+          [](const Scene& scene, const py::object& y, const py::object& drive) {
+            return energy_of(Redundant{scene}, 2 * scene.coordinates(), work_of(scene), y, drive);
           },
-          "y"_a)
+          "y"_a, "drive"_a = py::none())
       .def(
           "redundant_power",
-          [](const Scene& scene, const py::object& y, const py::object& u) {
-            return power_of(Redundant{scene}, 2 * scene.coordinates(), work_of(scene), y, u);
+          [](const Scene& scene, const py::object& y, const py::object& u,
+             const py::object& drive) {
+            return power_of(Redundant{scene}, 2 * scene.coordinates(), work_of(scene), y, u, drive);
           },
-          "y"_a, "u"_a);
+          "y"_a, "u"_a, "drive"_a = py::none());
 }
 
 }  // namespace pipedyn

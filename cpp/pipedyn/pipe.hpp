@@ -38,6 +38,7 @@ struct Pipe {
   std::vector<double> supports{};  // arc lengths of rigid inner supports (x = 0), ascending
   Profile stiffness{};             // e, bending stiffness along the pipe, of reduced models
   Profile mass{};                  // m, mass per length, with the fluid's beta, of reduced models
+  double hysteresis = 0.0;         // mu, loss factor; of linear questions alone
 
   double sqrt_beta() const { return std::sqrt(beta); }
   /// Whether the end keeps the direction of the axis.
@@ -49,10 +50,12 @@ struct Pipe {
 };
 
 /// Linear operators about the straight pipe at rest, each (dof, dof):
-///   mass q'' + (s u (gyroscopic + end_flux) + damping) q' + (stiffness + a u^2 flux) q = 0.
-/// gyroscopic is skew, end_flux symmetric of rank one; both carry sqrt(beta), the latter also c.
+///   mass q'' + (s u (gyroscopic + end_flux) + damping) q'
+///     + (stiffness + a u^2 flux + s u' unsteady) q = 0.
+/// gyroscopic is skew, end_flux symmetric of rank one; with unsteady they carry sqrt(beta),
+/// end_flux also c.
 struct Operators {
-  Matrix mass, gyroscopic, end_flux, damping, stiffness, flux;
+  Matrix mass, gyroscopic, end_flux, damping, stiffness, flux, unsteady;
 
   explicit Operators(Index dof)
       : mass(Matrix::Zero(dof, dof)),
@@ -60,7 +63,8 @@ struct Operators {
         end_flux(Matrix::Zero(dof, dof)),
         damping(Matrix::Zero(dof, dof)),
         stiffness(Matrix::Zero(dof, dof)),
-        flux(Matrix::Zero(dof, dof)) {}
+        flux(Matrix::Zero(dof, dof)),
+        unsteady(Matrix::Zero(dof, dof)) {}
 };
 
 }  // namespace pipedyn

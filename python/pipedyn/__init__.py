@@ -22,9 +22,23 @@ from pipedyn.bifurcation.equilibria import (
     equilibria,
     equilibrium_branch,
 )
+from pipedyn.bifurcation.forced_response import (
+    ForcedBranch,
+    ForcedEvent,
+    ForcedMotion,
+    ForcedResponse,
+    forced_response,
+)
 from pipedyn.bifurcation.hopf import CriticalityCurve, Hopf, NoHopf, criticality_curve, hopf
 from pipedyn.bifurcation.limit_cycle import LimitCycle, NoCycle, limit_cycle
+from pipedyn.bifurcation.parametric_regions import ParametricRegion, parametric_regions
+from pipedyn.bifurcation.pulsating import FloquetMultipliers, floquet
 from pipedyn.linear.critical_speed import CriticalSpeed, NoCrossing, critical_speed, crossings
+from pipedyn.linear.frequency_response import (
+    FrequencyResponse,
+    Resonance,
+    frequency_response,
+)
 from pipedyn.linear.modes import Modes, ModeShape, RootLoci, eigenvalues, modes, root_loci
 from pipedyn.linear.sensitivity import Crossing, Derivatives, Sensitivity
 from pipedyn.linear.stability_curve import Failure, StabilityCurve, stability_curve
@@ -32,6 +46,7 @@ from pipedyn.models import modular
 from pipedyn.models.base import Model, NotConverged, Operators, PipedynError, Power
 from pipedyn.models.chain import Chain
 from pipedyn.models.continuum import Continuum
+from pipedyn.models.drive import Harmonic, Pulsation
 from pipedyn.models.end_coefficient import end_coefficient
 from pipedyn.models.galerkin import Galerkin
 from pipedyn.models.pipe import Pipe, Scales
@@ -87,8 +102,15 @@ __all__ = [
     "EquilibriumBranch",
     "Event",
     "Failure",
+    "FloquetMultipliers",
+    "ForcedBranch",
+    "ForcedEvent",
+    "ForcedMotion",
+    "ForcedResponse",
     "Foundation",
+    "FrequencyResponse",
     "Galerkin",
+    "Harmonic",
     "Hopf",
     "LimitCycle",
     "LyapunovExponent",
@@ -105,12 +127,15 @@ __all__ = [
     "NotConverged",
     "Occurrences",
     "Operators",
+    "ParametricRegion",
     "Pipe",
     "PipedynError",
     "PointMass",
     "Power",
     "Profile",
+    "Pulsation",
     "Relevance",
+    "Resonance",
     "RootLoci",
     "RootSpring",
     "Scales",
@@ -134,11 +159,15 @@ __all__ = [
     "end_coefficient",
     "equilibria",
     "equilibrium_branch",
+    "floquet",
+    "forced_response",
+    "frequency_response",
     "hopf",
     "limit_cycle",
     "lyapunov_exponent",
     "modes",
     "modular",
+    "parametric_regions",
     "plot",
     "relevant",
     "root_loci",

@@ -79,6 +79,7 @@ class Pipe:
         jet_angle: typing.SupportsFloat | typing.SupportsIndex = 0.0,
         stiffness: Profile = ...,
         mass: Profile = ...,
+        hysteresis: typing.SupportsFloat | typing.SupportsIndex = 0.0,
     ) -> None: ...
     @property
     def resisted(self) -> bool: ...
@@ -96,6 +97,8 @@ class Operators:
     def mass(self) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"]: ...
     @property
     def stiffness(self) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"]: ...
+    @property
+    def unsteady(self) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"]: ...
 
 class Chain:
     def __init__(
@@ -109,10 +112,12 @@ class Chain:
         base: typing.SupportsFloat | typing.SupportsIndex,
         mass: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"] = ...,
     ) -> None: ...
-    def energy(self, y: typing.Any) -> float | numpy.typing.NDArray[numpy.float64]: ...
+    def energy(
+        self, y: typing.Any, drive: typing.Any = None
+    ) -> float | numpy.typing.NDArray[numpy.float64]: ...
     def guided(self, held: collections.abc.Sequence[bool]) -> Chain: ...
     def jacobian(
-        self, t: typing.Any, y: typing.Any, u: typing.Any
+        self, t: typing.Any, y: typing.Any, u: typing.Any, drive: typing.Any = None
     ) -> numpy.typing.NDArray[numpy.float64]: ...
     def joint_operators(
         self, scale: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"]
@@ -127,6 +132,7 @@ class Chain:
         flux: typing.SupportsFloat | typing.SupportsIndex = 0.0,
         gravity: typing.SupportsFloat | typing.SupportsIndex = 0.0,
         by_damping: typing.SupportsFloat | typing.SupportsIndex = 0.0,
+        unsteady: typing.SupportsFloat | typing.SupportsIndex = 0.0,
     ) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"]: ...
     def loads(
         self, stations: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, n]"]
@@ -136,18 +142,19 @@ class Chain:
     ) -> Operators: ...
     def places(self) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"]: ...
     def power(
-        self, y: typing.Any, u: typing.Any
+        self, y: typing.Any, u: typing.Any, drive: typing.Any = None
     ) -> tuple[
+        float | numpy.typing.NDArray[numpy.float64],
         float | numpy.typing.NDArray[numpy.float64],
         float | numpy.typing.NDArray[numpy.float64],
         float | numpy.typing.NDArray[numpy.float64],
         float | numpy.typing.NDArray[numpy.float64],
     ]: ...
     def rhs(
-        self, t: typing.Any, y: typing.Any, u: typing.Any
+        self, t: typing.Any, y: typing.Any, u: typing.Any, drive: typing.Any = None
     ) -> numpy.typing.NDArray[numpy.float64]: ...
     def rhs_and_power(
-        self, t: typing.Any, y: typing.Any, u: typing.Any
+        self, t: typing.Any, y: typing.Any, u: typing.Any, drive: typing.Any = None
     ) -> numpy.typing.NDArray[numpy.float64]: ...
     @property
     def joints(self) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"]: ...
@@ -171,11 +178,13 @@ class Galerkin:
     def elastic_stiffness(
         self,
     ) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, 1]"]: ...
-    def energy(self, y: typing.Any) -> float | numpy.typing.NDArray[numpy.float64]: ...
+    def energy(
+        self, y: typing.Any, drive: typing.Any = None
+    ) -> float | numpy.typing.NDArray[numpy.float64]: ...
     def functions_by_panel(self) -> list[list[int]]: ...
     def held(self, y: typing.Any) -> numpy.typing.NDArray[numpy.float64]: ...
     def jacobian(
-        self, t: typing.Any, y: typing.Any, u: typing.Any
+        self, t: typing.Any, y: typing.Any, u: typing.Any, drive: typing.Any = None
     ) -> numpy.typing.NDArray[numpy.float64]: ...
     def most_on_a_panel(self) -> int: ...
     def nodes(
@@ -185,18 +194,19 @@ class Galerkin:
         self, q: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"] = ...
     ) -> Operators: ...
     def power(
-        self, y: typing.Any, u: typing.Any
+        self, y: typing.Any, u: typing.Any, drive: typing.Any = None
     ) -> tuple[
+        float | numpy.typing.NDArray[numpy.float64],
         float | numpy.typing.NDArray[numpy.float64],
         float | numpy.typing.NDArray[numpy.float64],
         float | numpy.typing.NDArray[numpy.float64],
         float | numpy.typing.NDArray[numpy.float64],
     ]: ...
     def rhs(
-        self, t: typing.Any, y: typing.Any, u: typing.Any
+        self, t: typing.Any, y: typing.Any, u: typing.Any, drive: typing.Any = None
     ) -> numpy.typing.NDArray[numpy.float64]: ...
     def rhs_and_power(
-        self, t: typing.Any, y: typing.Any, u: typing.Any
+        self, t: typing.Any, y: typing.Any, u: typing.Any, drive: typing.Any = None
     ) -> numpy.typing.NDArray[numpy.float64]: ...
     def tips(self, y: typing.Any) -> numpy.typing.NDArray[numpy.float64]: ...
     @property
@@ -263,6 +273,8 @@ class Forms:
 
 class AxisCrossing:
     @property
+    def before(self) -> int: ...
+    @property
     def change(self) -> int: ...
     @property
     def error(self) -> float: ...
@@ -286,8 +298,6 @@ class Sweep:
     def crossings(self) -> list[AxisCrossing]: ...
     @property
     def failure(self) -> str: ...
-    @property
-    def unstable_at_rest(self) -> int: ...
     @property
     def untracked(self) -> bool: ...
 
@@ -334,6 +344,7 @@ class DenseOperator:
             "FixedSize(5)",
         ],
         size: typing.SupportsFloat | typing.SupportsIndex,
+        loss: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, n]"] = ...,
     ) -> None: ...
     def inverse(
         self, shift: typing.SupportsFloat | typing.SupportsIndex, velocity_free: bool, left: bool
@@ -353,7 +364,10 @@ class Traits:
         conservative: bool,
         squared: bool,
         free_at_rest: bool,
+        loss: typing.SupportsFloat | typing.SupportsIndex,
     ) -> None: ...
+    @property
+    def loss(self) -> float: ...
 
 class Eigenproblem(Spectrum):
     def __init__(
@@ -367,6 +381,7 @@ class Eigenproblem(Spectrum):
         ],
         centrifugal: typing.SupportsFloat | typing.SupportsIndex,
         size: typing.SupportsFloat | typing.SupportsIndex,
+        loss: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, n]"] = ...,
     ) -> None: ...
     def assess(self, u: typing.SupportsFloat | typing.SupportsIndex, pairs: Pairs) -> None: ...
     def by_recursion(
@@ -453,17 +468,21 @@ class Scene:
         moments: typing.Any = None,
         by_state: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, n]"] = ...,
         returns: bool = True,
+        drive: typing.Any = None,
     ) -> numpy.typing.NDArray[numpy.float64]: ...
-    def energy(self, y: typing.Any) -> float | numpy.typing.NDArray[numpy.float64]: ...
+    def energy(
+        self, y: typing.Any, drive: typing.Any = None
+    ) -> float | numpy.typing.NDArray[numpy.float64]: ...
     def from_angles(
         self, theta: typing.Any, omega: typing.Any
     ) -> numpy.typing.NDArray[numpy.float64]: ...
     def jacobian(
-        self, t: typing.Any, y: typing.Any, u: typing.Any
+        self, t: typing.Any, y: typing.Any, u: typing.Any, drive: typing.Any = None
     ) -> numpy.typing.NDArray[numpy.float64]: ...
     def power(
-        self, y: typing.Any, u: typing.Any
+        self, y: typing.Any, u: typing.Any, drive: typing.Any = None
     ) -> tuple[
+        float | numpy.typing.NDArray[numpy.float64],
         float | numpy.typing.NDArray[numpy.float64],
         float | numpy.typing.NDArray[numpy.float64],
         float | numpy.typing.NDArray[numpy.float64],
@@ -478,28 +497,41 @@ class Scene:
         typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"],
         typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, 1]"],
     ]: ...
-    def redundant_energy(self, y: typing.Any) -> float | numpy.typing.NDArray[numpy.float64]: ...
+    def redundant_energy(
+        self, y: typing.Any, drive: typing.Any = None
+    ) -> float | numpy.typing.NDArray[numpy.float64]: ...
     def redundant_power(
-        self, y: typing.Any, u: typing.Any
+        self, y: typing.Any, u: typing.Any, drive: typing.Any = None
     ) -> tuple[
+        float | numpy.typing.NDArray[numpy.float64],
         float | numpy.typing.NDArray[numpy.float64],
         float | numpy.typing.NDArray[numpy.float64],
         float | numpy.typing.NDArray[numpy.float64],
         float | numpy.typing.NDArray[numpy.float64],
     ]: ...
     def redundant_rhs(
-        self, t: typing.Any, y: typing.Any, u: typing.Any, moments: typing.Any = None
+        self,
+        t: typing.Any,
+        y: typing.Any,
+        u: typing.Any,
+        moments: typing.Any = None,
+        drive: typing.Any = None,
     ) -> numpy.typing.NDArray[numpy.float64]: ...
     def rhs(
-        self, t: typing.Any, y: typing.Any, u: typing.Any
+        self, t: typing.Any, y: typing.Any, u: typing.Any, drive: typing.Any = None
     ) -> numpy.typing.NDArray[numpy.float64]: ...
     @typing.overload
     def rhs_and_power(
-        self, t: typing.Any, y: typing.Any, u: typing.Any
+        self, t: typing.Any, y: typing.Any, u: typing.Any, drive: typing.Any = None
     ) -> numpy.typing.NDArray[numpy.float64]: ...
     @typing.overload
     def rhs_and_power(
-        self, t: typing.Any, y: typing.Any, u: typing.Any, moments: typing.Any
+        self,
+        t: typing.Any,
+        y: typing.Any,
+        u: typing.Any,
+        moments: typing.Any,
+        drive: typing.Any = None,
     ) -> numpy.typing.NDArray[numpy.float64]: ...
     def solve(
         self,

@@ -52,7 +52,7 @@ void for_each_place(const Terms& terms, const Vector& length, double base, const
 std::vector<LoadMoments> loads_at(const MotionModel& model, const Vector& sine,
                                   const Vector& cosine) {
   std::vector<LoadMoments> sums(static_cast<std::size_t>(model.size));
-  load_moments(model, sine.data(), cosine.data(), nullptr, sums.data());
+  load_moments(model, sine.data(), cosine.data(), nullptr, {}, sums.data());
   return sums;
 }
 
@@ -149,6 +149,8 @@ void Chain::linearise() {
             .across = {0.0, 0.0, link.first_moment},
             .turned = {0.0, 0.0, link.first_moment},
             .moment = {link.weight, 0.0, link.inertia},
+            .joint_loss = pipe_.hysteresis * damped_springs_[j],
+            .moment_loss = 0.0,
             .turned_size = 0.0,
             .moment_size = std::abs(link.weight),
             .held = held_[static_cast<std::size_t>(j)],
@@ -157,8 +159,9 @@ void Chain::linearise() {
     if (j == n - 1) {
       made.moment.still += end_spring_;
       made.moment.rate += end_damping_;
-      made.moment_size += end_spring_;
-      made.loaded = end_damping_ != 0.0;
+      made.moment_loss = pipe_.hysteresis * end_spring_;
+      made.moment_size += end_spring_ + made.moment_loss;
+      made.loaded = end_damping_ != 0.0 || made.moment_loss != 0.0;
     }
     if (sums.empty()) continue;
     const auto& [load, slopes] = sums[static_cast<std::size_t>(j)];
@@ -302,8 +305,9 @@ Operators Chain::operators(const Vector& angles) const {
       const double product = sqrt_beta * l * this->link(i).length * turned;
       ops.mass(k, i) = ops.mass(i, k) = l * first_moment_[i] * turned;
       ops.end_flux(k, i) = ops.end_flux(i, k) = share * product;
-      ops.gyroscopic(k, i) = product;
+      ops.gyroscopic(k, i) = ops.unsteady(k, i) = product;
       ops.gyroscopic(i, k) = -product;
+      ops.unsteady(k, k) -= product;
     }
     const double thrust = l * (cosine[k] * std::cos(jet) + sine[k] * std::sin(jet));
     ops.flux(k, k) -= thrust;
@@ -387,6 +391,7 @@ Operators Chain::joint_operators(const Vector& scale) const {
   ops.damping = part({.rate = 1.0});
   ops.stiffness = part({.still = 1.0});
   ops.flux = part({.flux = 1.0});
+  ops.unsteady = pipe_.direction() * part({.unsteady = 1.0});
   const Matrix velocity = pipe_.direction() * part({.velocity = 1.0});
   ops.gyroscopic = 0.5 * (velocity - velocity.transpose());
   ops.end_flux = velocity - ops.gyroscopic;
@@ -396,7 +401,8 @@ Operators Chain::joint_operators(const Vector& scale) const {
 Matrix Chain::joint_times(const Matrix& x, const LinearPart& part) const {
   const Index n = dof(), columns = x.cols();
   require_rows(x.rows(), n);
-  const double coriolis = part.velocity * pipe_.sqrt_beta() * pipe_.direction();
+  const double flow = pipe_.sqrt_beta() * pipe_.direction();
+  const double coriolis = part.velocity * flow, push = part.unsteady * flow;
   const double thrust = part.flux * std::cos(pipe_.jet_angle);
   const auto sum = [&](const ImpedanceParts& of) {
     return part.still * of.still + part.rate * of.rate + part.square * of.square;
@@ -404,12 +410,16 @@ Matrix Chain::joint_times(const Matrix& x, const LinearPart& part) const {
   using Row = Eigen::RowVectorXd;
   Matrix out(n, columns), force(n, columns);
   Row angle = Row::Zero(columns), place = angle, moment = angle;
+  double left = segments_.length.sum();  // of the pipe beyond a segment
   for (Index j = 0; j < n; ++j) {
     const ImpedanceSegment& at = impedances_[static_cast<std::size_t>(j)];
     const double l = at.length;
     angle += x.row(j);
-    force.row(j) = sum(at.force) * place + (sum(at.turned) + 2.0 * l * coriolis) * angle;
-    const double own = l * l * coriolis - l * thrust + part.gravity * first_moment_[j];
+    left -= l;
+    const double turned = 2.0 * l * coriolis + l * push;
+    force.row(j) = sum(at.force) * place + (sum(at.turned) + turned) * angle;
+    const double own =
+        l * l * coriolis - l * (thrust + left * push) + part.gravity * first_moment_[j];
     out.row(j) = sum(at.across) * place + (sum(at.moment) + own) * angle;
     place += l * angle;
   }
@@ -531,7 +541,10 @@ void Chain::jacobian(const Batch& batch, double* out) const {
   for (Index k = 0; k < members; ++k) {
     const Vector y = column(batch.y, rows, k), moments = column(batch.moments, dof(), k);
     const Vector slopes = column(batch.slopes, dof(), k);
-    const Batch one{y.data(), batch.u + k * batch.u_step, 1, 0, or_none(moments), or_none(slopes)};
+    const Vector drive = column(batch.drive, Drive::rows, k);
+    const Batch one{
+        y.data(),      batch.u + k * batch.u_step, 1, 0, or_none(moments), or_none(slopes),
+        or_none(drive)};
     motion_kernel().jacobian(motion(), one, out + k * rows * rows);
   }
 }

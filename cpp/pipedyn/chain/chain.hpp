@@ -37,11 +37,14 @@
 //   sum_i c_ki (cos(theta_k - theta_i) theta_i'' + sin(theta_k - theta_i) theta_i'^2)
 //     + sqrt(beta) U (l_k^2 theta_k' + 2 sum_{i>k} l_k l_i cos(theta_k - theta_i) theta_i')
 //     - (1 - c) sqrt(beta) U l_k sum_i l_i cos(theta_k - theta_i) theta_i'
-//     + a U^2 l_k sin(theta_n + psi - theta_k) + gamma p_k sin theta_k
+//     + sqrt(beta) U' l_k sum_{i>k} l_i sin(theta_i - theta_k)
+//     + a U^2 l_k sin(theta_n + psi - theta_k)
+//     + X'' p_k cos theta_k + (gamma - Y'') p_k sin theta_k
 //     + (1 + delta d/dtau) (k_k phi_k - k_{k+1} phi_{k+1}) = drag_k,
 // where the jet leaves at the angle psi to the last segment, the inflow has the share c of the free
 // end's velocity and the force -kappa l_j |v_j| v_j acts across each segment at its drag point;
-// solved in O(n).
+// solved in O(n). The base, with the clamp, may stand at (X, Y), functions of time: inflow and drag
+// then see its velocity, too.
 //
 // Segments of a pipe whose mass per length varies have masses m_j in place of l_j: sum_{i>k} l_i in
 // M and p_k becomes the mass beyond, while the flow's terms keep the lengths, as the fluid's share
@@ -78,10 +81,11 @@ struct Segments {
 };
 
 /// What multiplies the parts of P: stiffness, damping and inertia, s (gyroscopic + end_flux) and
-/// flux of `Operators`, and the derivatives of the stiffness by gamma and of the damping by delta.
+/// flux of `Operators`, the derivatives of the stiffness by gamma and of the damping by delta, and
+/// s unsteady.
 struct LinearPart {
   double still = 0.0, rate = 0.0, square = 0.0, velocity = 0.0, flux = 0.0, gravity = 0.0;
-  double by_damping = 0.0;
+  double by_damping = 0.0, unsteady = 0.0;
 };
 
 /// Immutable; one chain may serve many threads.
@@ -155,10 +159,11 @@ class Chain {
   Index factor_numbers() const;
   void factorise(const Batch& one, const double* mu, double* factors) const;
   void solve(double u, double* factors, double* b) const;
-  /// Kinetic, elastic and gravity's energy of each member; 0 at rest on the straight pipe.
+  /// Kinetic, elastic and gravity's energy of each member, in the frame of the base, and the terms'
+  /// on the ground; 0 at rest on the straight pipe.
   void energy(const Batch& batch, double* out) const;
-  /// What flow, joints, drag and terms (others) add to the energy in unit time, (4, members); their
-  /// sum is dE/dtau.
+  /// What flow, joints, drag, terms (others) and the base's motion add to the energy in unit time,
+  /// (5, members); their sum is dE/dtau.
   void power(const Batch& batch, double* out) const;
 
  private:

@@ -162,8 +162,8 @@ struct Response {
 struct Linearised {
   const MotionModel& model;
   const double *rates, *slopes;  // the second of further moments
-  double u;
-  double *sine, *cosine;  // of each segment's angle
+  double u, push;                // the second: sqrt(beta) U'
+  double *sine, *cosine;         // of each segment's angle
   Kept* kept;
   LoadMoments* loads;
 
@@ -182,10 +182,13 @@ struct Linearised {
     kept = reinterpret_cast<Kept*>(cosine + whole_packs(n));
     loads = reinterpret_cast<LoadMoments*>(kept + n);
     const Sweep<double> sweep(n, scratch);
-    accelerations_of<true>(model, Members<double>{one, 0, 1}, sweep, nullptr, false, kept);
+    const Members<double> member{one, 0, 1};
+    const Driven<double> driven = member.drive();
+    push = model.coriolis * driven.rate;
+    accelerations_of<true>(model, member, sweep, nullptr, false, kept);
     for (Count j = 0; j < whole_packs(n); ++j) scratch[j] = j < n ? one.y[j] : 0.0;
     sincos(scratch, n, sine, cosine);
-    if (loaded()) load_moments(model, sine, cosine, rates, loads);
+    if (loaded()) load_moments(model, sine, cosine, rates, driven, loads);
   }
   bool loaded() const { return model.load_count > 0; }
   Frame frame(Count k) const { return Frame(sine[k], cosine[k]); }
@@ -208,6 +211,7 @@ struct Linearised {
       add_loads_to(found, model, model.links[k], kept[k], loads[k], frame(k), angle, rates[k]);
     }
     if (angle && slopes != nullptr) found.moment += slopes[k];
+    if (angle) found.force_n += push * model.links[k].length;
     return found;
   }
 };

@@ -54,11 +54,13 @@ inline Coefficients<Lanes> coefficients(const ImpedanceSegment& at, const Powers
                           at.across.square * by.square,
                           at.turned.square * by.square + (2.0 * l) * by.coriolis,
                           at.moment.square * by.square + (l * l) * by.coriolis + at.moment.still};
+  sum.elastic.im += at.joint_loss;
   if (at.loaded) {
     sum.force = sum.force + (at.force.rate * by.one + at.force.still);
     sum.across = sum.across + (at.across.rate * by.one + at.across.still);
     sum.turned = sum.turned + (at.turned.rate * by.one + at.turned.still);
     sum.moment = sum.moment + at.moment.rate * by.one;
+    sum.moment.im += at.moment_loss;
   }
   return sum;
 }
@@ -66,8 +68,8 @@ inline Coefficients<Lanes> coefficients(const ImpedanceSegment& at, const Powers
 /// The sums of the absolute values of what these are sums of.
 inline Coefficients<Pack> coefficient_sizes(const ImpedanceSegment& at, const Powers<Pack>& by) {
   const double l = at.length;
-  Coefficients<Pack> sum{at.joint.rate * by.one + at.joint.still, at.force.square * by.square,
-                         at.across.square * by.square,
+  Coefficients<Pack> sum{at.joint.rate * by.one + (at.joint.still + at.joint_loss),
+                         at.force.square * by.square, at.across.square * by.square,
                          at.turned.square * by.square + (2.0 * l) * by.coriolis,
                          at.moment.square * by.square + (l * l) * by.coriolis + at.moment_size};
   if (at.loaded) {

@@ -8,9 +8,10 @@
 //   Q_{j-1} = Q_j + z_j w_{j-1} + t_j theta_j + a U^2 phi_j,
 //   Q_n = -(1 - c) sqrt(beta) U lambda w_n, less a U^2 theta_n where the end is guided, with the
 //   spring of its joint in g_n,
-// e k_j being k_j + c_j lambda. No entry is a difference of nearly equal numbers; beyond a joint
-// that nothing holds all is of the order of lambda, with all its digits. What lies beyond
-// segment j answers a motion of its end by Q_j = A w_j + B theta_j and -e k_{j+1} phi_{j+1} = C w_j
+// e k_j being k_j + c_j lambda, with a loss factor + i mu dc_j / ddelta. No entry is a difference
+// of nearly equal numbers; beyond a joint that nothing holds all is of the order of lambda, with
+// all its digits. What lies beyond segment j answers a motion of its end by Q_j = A w_j + B theta_j
+// and -e k_{j+1} phi_{j+1} = C w_j
 // + D theta_j. With
 //   G = l A + B,  R = g + D + l (C + G),  W = f + C + l A,  H = G + t,  p = e k + R
 // row j says phi_j = -(R theta_{j-1} + W w_{j-1}) / p, and before the segment
@@ -38,15 +39,16 @@ struct ImpedanceParts {
 /// One segment, all but the flow's share of each coefficient.
 struct ImpedanceSegment {
   double length;
-  ImpedanceParts joint;   // e k, of the joint, which has no inertia
-  ImpedanceParts force;   // z: on all beyond the joint, by its displacement
-  ImpedanceParts across;  // f: moment about the joint, by its displacement
-  ImpedanceParts turned;  // t: force on all beyond the joint, by the angle
-  ImpedanceParts moment;  // g: moment about the joint, by the angle
+  ImpedanceParts joint;            // e k, of the joint, which has no inertia
+  ImpedanceParts force;            // z: on all beyond the joint, by its displacement
+  ImpedanceParts across;           // f: moment about the joint, by its displacement
+  ImpedanceParts turned;           // t: force on all beyond the joint, by the angle
+  ImpedanceParts moment;           // g: moment about the joint, by the angle
+  double joint_loss, moment_loss;  // imaginary parts of e k and of g
   // Sums of the absolute values of what t and g are at rest.
   double turned_size, moment_size;
   bool held;     // whether a guide holds its end
-  bool loaded;   // whether z, f and t are more than inertia, or g has a rate
+  bool loaded;   // whether z, f and t are more than inertia, or g has a rate or a loss
   bool repeats;  // whether the next segment equals it in all of the above
 
   bool operator==(const ImpedanceSegment&) const = default;

@@ -7,7 +7,13 @@
 // with the velocity v of the end and v_j of the drag points: flow -c sqrt(beta) U |v|^2 - a U^2
 // (cos psi t_n + sin psi n_n) . v, joints -sum c_j phi_j'^2, drag -kappa sum l_j |v_j|^3. Where the
 // end is guided its joint counts, with phi_{n+1} = -theta_n, and the axis stands for segment n in
-// the direction of the jet. To both come the terms', as their laws say.
+// the direction of the jet. To both come the terms', as their laws say. A change of speed adds
+// -sqrt(beta) U' sum l_j t_j . r_j' to the flow's.
+//
+// Where the base moves the energy is that in its frame, but for the terms', which stand on the
+// ground, and v and r_j' are about it; of the flow the part -(1 - c) sees the whole velocity. With
+// the momentum P about the base and the force R of drag and terms, whose own power is that on the
+// ground, the base adds -(X'', Y'') . P - (X', Y') . R.
 #include "pipedyn/chain/motion.hpp"
 
 #include "pipedyn/chain/derivative.hpp"
@@ -23,9 +29,10 @@ namespace {
 
 /// Calls body(law, place, station) for each place with a load, of angles and rates that were read.
 template <class Real, class Body>
-void for_each_load(const MotionModel& model, const Sweep<Real>& sweep, const Body& body) {
+void for_each_load(const MotionModel& model, const Sweep<Real>& sweep, const Driven<Real>& driven,
+                   const Body& body) {
   if (model.load_count == 0) return;
-  Walk<Real> walk(model);
+  Walk<Real> walk(model, driven);
   for (Count j = 0; j < model.size; ++j) {
     walk.turn(sweep.at(sweep.sine, j), sweep.at(sweep.cosine, j));
     walk.pass(j, model.links[j].length, sweep.at(sweep.rate, j), body);
@@ -46,7 +53,7 @@ void energy_of(const MotionModel& model, const Members<Real>& members, const Swe
     }
   }
   read_state(members, n, sweep);
-  Real end_along, end_across;
+  Real end_along{}, end_across{};
   for_each_velocity(
       model, sweep,
       [&](Count j, const Real& along, const Real& across, const Real& w) {
@@ -57,9 +64,10 @@ void energy_of(const MotionModel& model, const Members<Real>& members, const Swe
         twice += turn * (link.spring * turn - 2.0 * link.rest_moment);
       },
       end_along, end_across);
-  for_each_load(model, sweep, [&](const auto& law, const SegmentTerm& place, const auto& at) {
+  const auto add = [&](const auto& law, const SegmentTerm& place, const auto& at) {
     twice += (2.0 * place.weight) * law.energy(at);
-  });
+  };
+  for_each_load(model, sweep, members.drive(), add);
   const Real angle = members.row(n - 1);
   twice += model.end_spring * (angle * angle);
   members.set_row(out, 0, 0.5 * twice);
@@ -70,7 +78,8 @@ void power_of(const MotionModel& model, const Members<Real>& members, const Swee
               double* out) {
   const Count n = model.size;
   read_state(members, n, sweep);
-  Real joints{}, drag{}, others{}, rate_before{}, vt, vn;
+  const Driven<Real> driven = members.drive();
+  Real joints{}, drag{}, rate_before{}, vt = driven.vy, vn = driven.vx;
   for_each_velocity(
       model, sweep,
       [&](Count j, const Real&, const Real& across, const Real& w) {
@@ -80,24 +89,24 @@ void power_of(const MotionModel& model, const Members<Real>& members, const Swee
           joints -= link.damping * (turning * turning);
           rate_before = w;
         }
-        if (model.drag) {
-          const Real v = across + link.drag_arm * w;
-          drag -= link.drag * (absolute(v) * (v * v));
-        }
+        const Real v = across + link.drag_arm * w, force = link.drag * (absolute(v) * v);
+        sweep.set(sweep.drag, j, force);
+        drag -= force * v;
       },
       vt, vn);
-  for_each_load(model, sweep, [&](const auto& law, const SegmentTerm& place, const auto& at) {
-    others += place.weight * law.power(at);
-  });
+  const LoadPower<Real> parts = add_loads(model, members, sweep);
   const Real u = members.speed(), end_rate = sweep.at(sweep.rate, n - 1);
   joints -= model.end_damping * (end_rate * end_rate);
   const Thrust<Real> thrust(model, members);
-  const Real flow = -((model.coriolis - model.entry) * u) * (vt * vt + vn * vn) -
-                    (thrust.along * vt + thrust.across * vn);
-  members.set_row(out, 0, flow);
+  const Real along = vt - parts.base_along, across = vn - parts.base_across;  // about the base
+  const Real entry = model.entry * u, own = (model.entry - model.coriolis) * u;
+  const Real flow = (own * along + entry * parts.base_along - thrust.along) * along +
+                    (own * across + entry * parts.base_across - thrust.across) * across;
+  members.set_row(out, 0, Real(flow + parts.flow));
   members.set_row(out, 1, joints);
   members.set_row(out, 2, drag);
-  members.set_row(out, 3, others);
+  members.set_row(out, 3, parts.terms);
+  members.set_row(out, 4, parts.base);
 }
 
 // ---------------------------------------------------------------------------------------- entry

@@ -61,6 +61,13 @@ struct MotionModel {
   bool resists() const { return drag || entry != 0.0 || load_count > 0; }
 };
 
+/// Rows of what drives a member in time besides its flow speed: the rate u' of this, then position,
+/// velocity and acceleration of the base, x and y of each. The base carries the clamp and whatever
+/// holds the pipe rigidly, and does not turn; states are counted from it.
+struct Drive {
+  static constexpr std::ptrdiff_t rate = 0, position = 1, velocity = 3, acceleration = 5, rows = 7;
+};
+
 /// Member j of a batch has its state in column j of y (2 n, members), its speed at u[j * u_step].
 struct Batch {
   const double* y;
@@ -69,6 +76,7 @@ struct Batch {
   std::ptrdiff_t u_step;            // 0 where all have one speed
   const double* moments = nullptr;  // further ones on the segments of a chain (n, members)
   const double* slopes = nullptr;   // and of each by its segment's angle, 0 where null
+  const double* drive = nullptr;    // (Drive::rows, members); null at a steady speed, base at rest
 };
 
 struct GalerkinKernel;
@@ -84,7 +92,7 @@ struct MotionKernel {
   Function rhs_and_power;  // and the sum of the power (2 n + 1, members)
   Function jacobian;       // d(dy/dtau)/dy (2 n, 2 n) of one state, row-major
   Function energy;         // of each member
-  Function power;          // of flow, joints, drag and the pipe's terms, (4, members)
+  Function power;          // of flow, joints, drag, the pipe's terms and the base, (5, members)
 
   /// out = y + h sum_s weights_s k_s, entry by entry.
   void (*combine)(const double* weights, const double* const* k, std::ptrdiff_t terms,

@@ -3,6 +3,7 @@
 // Where the terms of a pipe are on a chain. A place at arc length s lies on segment j at an arm a
 // from its joint. With r_j the joint of segment j and v_j its velocity,
 //   r = r_j + a t_j,   v = v_j + a theta_j' n_j.
+// Terms stand on the ground: where the base moves they see its motion, too.
 //
 // Local to each translation unit, like pack.hpp.
 #pragma once
@@ -32,15 +33,31 @@ inline Plane transposed_times(const double (&rows)[2][2], const Plane& v) {
   return {rows[0][0] * v.x + rows[1][0] * v.y, rows[0][1] * v.x + rows[1][1] * v.y};
 }
 
+/// What drives a member, see Drive; all 0 where nothing does.
+template <class Real>
+struct Driven {
+  Real rate{}, x{}, y{}, vx{}, vy{}, ax{}, ay{};
+
+  /// row(k): row k of a batch's drive, which it has.
+  template <class Row>
+  static Driven of(const pipedyn::Batch& batch, const Row& row) {
+    if (batch.drive == nullptr) return {};
+    return {row(0), row(1), row(2), row(3), row(4), row(5), row(6)};
+  }
+};
+
 /// From segment to segment, from the clamp on, past the places with a load.
 template <class Real>
 struct Walk {
-  Real x{}, y, vx{}, vy{};  // of the joint
-  Real sine{}, cosine;      // of the segment's angle
+  Real x, y, vx, vy;    // of the joint
+  Real sine{}, cosine;  // of the segment's angle
   const SegmentTerm *next, *end;
 
-  explicit Walk(const MotionModel& model)
-      : y(all<Real>(model.base)),
+  Walk(const MotionModel& model, const Driven<Real>& driven)
+      : x(driven.x),
+        y(driven.y + model.base),
+        vx(driven.vx),
+        vy(driven.vy),
         cosine(all<Real>(1.0)),
         next(model.loads),
         end(model.loads + model.load_count) {}
@@ -92,8 +109,8 @@ inline void add(Slopes& sum, double weight, const Slopes& more) {
 /// The moments of each segment of a chain in a state, given by sines, cosines and rates (or null,
 /// at rest).
 inline void load_moments(const MotionModel& model, const double* sine, const double* cosine,
-                         const double* rates, LoadMoments* out) {
-  Walk<double> walk(model);
+                         const double* rates, const Driven<double>& driven, LoadMoments* out) {
+  Walk<double> walk(model, driven);
   for (Count j = 0; j < model.size; ++j) {
     LoadMoments& sum = out[j];
     sum = {};

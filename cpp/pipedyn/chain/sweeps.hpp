@@ -23,10 +23,14 @@
 // A load f at an arm a of segment j adds a n_j . f to tau_j and -f to b_{j-1}. Mass that moves
 // across a segment alone, as AddedMass has, adds to m_j, chi_j and eta_j but along t_j, where
 // A_{j-1} takes what is called mass below; the weight and the centripetal force that it is given so
-// are taken back. 1 / H_j enters last wherever it can, so that a segment waits for its neighbour's
-// division alone. These are eqs. (1)-(11) of Orsino and Di Giulio, solved by one sweep to the tip
-// (velocities, only with drag), one back and one out. Across the segment, differences of nearly
-// equal numbers are taken by hand: with I_j the inertia about the joint,
+// are taken back. Where the speed changes, the fluid's acceleration is the load -sqrt(beta) U' l_j
+// t_j in the middle; where the base moves, a_0 has its acceleration besides, and drag and terms see
+// its velocity and position: the flow's other forces do not.
+//
+// 1 / H_j enters last wherever it can, so that a segment waits for its neighbour's division alone.
+// These are eqs. (1)-(11) of Orsino and Di Giulio, solved by one sweep to the tip (velocities, only
+// with drag), one back and one out. Across the segment, differences of nearly equal numbers are
+// taken by hand: with I_j the inertia about the joint,
 //   n . A_{j-1} n = m_j (n . A_j n ((1 - chi_j)^2 l_j^2 + eta_j^2) + m_j eta_j^2) / H_j,
 //   t . A_{j-1} n = t . A_j n (I_j - m_j chi_j l_j^2) / H_j,   and n . b_{j-1} likewise,
 //   1 - l_j n . e_j = (I_j - m_j chi_j l_j^2) / H_j.
@@ -73,6 +77,9 @@ struct Members {
     write(out + j * batch.members + first, x);
   }
   Real speed() const { return batch.u_step == 0 ? all<Real>(batch.u[0]) : read(batch.u + first); }
+  Driven<Real> drive() const {
+    return Driven<Real>::of(batch, [&](Count k) { return read_row(batch.drive, k); });
+  }
 };
 
 /// Scratch of the sweeps, one Real a segment in each; two serve twice.
@@ -149,12 +156,11 @@ void read_state(const Members<Real>& members, Count n, const Sweep<Real>& sweep)
   sincos(sweep.turn, n * lanes<Real>, sweep.sine, sweep.cosine);
 }
 
-/// Calls body(j, vt, vn, w) with the velocity of the clamped side of each segment in its frame,
-/// from the clamp on; returns that of the free end through the last two arguments.
+/// Calls body(j, vt, vn, w) with the velocity of the clamped side of each segment in its frame, the
+/// clamp's to begin with, which the last two arguments have; returns that of the free end in these.
 template <class Real, class Body>
 void for_each_velocity(const MotionModel& model, const Sweep<Real>& sweep, const Body& body,
                        Real& vt, Real& vn) {
-  vt = vn = Real{};
   for (Count j = 0; j < model.size; ++j) {
     const Real s = sweep.at(sweep.sine, j), c = sweep.at(sweep.cosine, j);
     const Real w = sweep.at(sweep.rate, j);
@@ -166,17 +172,28 @@ void for_each_velocity(const MotionModel& model, const Sweep<Real>& sweep, const
   }
 }
 
-/// Adds the terms' loads, the moments of bent joints at rest and the batch's further moments to the
-/// drag on each segment: what acts across it, along it and about its joint, with the signs of
-/// resistance. Returns the terms' power.
+/// Power of terms, of a change of the flow speed and of the base's motion; the base's velocity in
+/// the frame of the last segment.
 template <class Real>
-Real add_loads(const MotionModel& model, const Members<Real>& members, const Sweep<Real>& sweep) {
-  Real power{};
+struct LoadPower {
+  Real terms{}, flow{}, base{}, base_along{}, base_across{};
+};
+
+/// Adds the terms' loads, the moments of bent joints at rest, the batch's further moments and what
+/// drives it to the drag on each segment: what acts across it, along it and about its joint, with
+/// the signs of resistance.
+template <class Real>
+LoadPower<Real> add_loads(const MotionModel& model, const Members<Real>& members,
+                          const Sweep<Real>& sweep) {
+  LoadPower<Real> power;
   const double* const moments = members.batch.moments;
-  Walk<Real> walk(model);
+  const bool drives = members.batch.drive != nullptr;
+  const Driven<Real> driven = members.drive();
+  const Real push = model.coriolis * driven.rate;  // sqrt(beta) U'
+  Walk<Real> walk(model, driven);
   for (Count j = 0; j < model.size; ++j) {
     const Link& link = model.links[j];
-    const Real drag = sweep.at(sweep.drag, j);
+    const Real drag = sweep.at(sweep.drag, j), rate = sweep.at(sweep.rate, j);
     Real along{}, across = drag, moment = link.drag_arm * drag;
     moment -= link.rest_moment - (j + 1 < model.size ? model.links[j + 1].rest_moment : 0.0);
     if (moments != nullptr) moment -= members.read_row(moments, j);
@@ -188,24 +205,41 @@ Real add_loads(const MotionModel& model, const Members<Real>& members, const Swe
       across -= normal;
       moment -= place.arm * normal;
       if (law.couples) moment -= place.weight * load.couple;
-      power += place.weight * law.power(at);
+      power.terms += place.weight * law.power(at);
+      if (drives) power.base += place.weight * base_power(law, at, load, driven.vx, driven.vy);
     };
-    walk.pass(j, link.length, sweep.at(sweep.rate, j), visit);
+    const Walk<Real> joint = walk;
+    walk.pass(j, link.length, rate, visit);
     // What moves across alone has no weight, and no inertia along the segment.
     const double arm = 0.5 * link.length;
-    const Real lift = (model.gravity * link.added) * walk.sine, w = sweep.at(sweep.rate, j);
-    along += (arm * link.added) * (w * w);
+    const Real lift = (model.gravity * link.added) * walk.sine;
+    along += (arm * link.added) * (rate * rate);
     across -= lift;
     moment -= arm * lift;
+    if (drives) {
+      const Real s = walk.sine, c = walk.cosine, vx = joint.vx - driven.vx,
+                 vy = joint.vy - driven.vy;
+      const Real length_push = link.length * push, alone = link.added * (c * vx - s * vy);
+      const Real swing = link.first_moment * rate + alone;
+      along += length_push;
+      power.flow -= length_push * (s * vx + c * vy);
+      power.base += drag * (c * driven.vx - s * driven.vy);
+      power.base -= link.mass * (driven.ax * vx + driven.ay * vy);
+      power.base -= swing * (c * driven.ax - s * driven.ay);
+    }
     sweep.set(sweep.drag, j, across);
     sweep.set(sweep.along, j, along);
     sweep.set(sweep.moment, j, moment);
   }
+  if (!drives) return power;
+  power.base_along = walk.sine * driven.vx + walk.cosine * driven.vy;
+  power.base_across = walk.cosine * driven.vx - walk.sine * driven.vy;
   return power;
 }
 
-/// What acts on the segments besides inertia, flow and joints: drag or, at the free end, what the
-/// entering flow lacks of its velocity; loads as in add_loads, with the former if there are any.
+/// What acts on the segments besides inertia, a steady flow and joints: drag or, at the free end,
+/// what the entering flow lacks of its velocity; loads as in add_loads, with the former if there
+/// are any.
 enum class Outer { nothing, drag, loads };
 
 /// Rates (2 n, members), and below them the power where it is asked for.
@@ -216,6 +250,14 @@ void accelerations(const MotionModel& model, const Members<Real>& members, Sweep
   read_state(members, n, sweep);
 
   Real power{}, end_along{}, end_across{};
+  Real at = all<Real>(-model.gravity), an{};  // acceleration of the clamp
+  if constexpr (outer == Outer::loads) {
+    const Driven<Real> driven = members.drive();
+    end_along = driven.vy;
+    end_across = driven.vx;
+    at += driven.ay;
+    an = driven.ax;
+  }
   if constexpr (outer != Outer::nothing) {
     for_each_velocity(
         model, sweep,
@@ -232,7 +274,11 @@ void accelerations(const MotionModel& model, const Members<Real>& members, Sweep
         },
         end_along, end_across);
   }
-  if constexpr (outer == Outer::loads) power += add_loads(model, members, sweep);
+  LoadPower<Real> parts;
+  if constexpr (outer == Outer::loads) {
+    parts = add_loads(model, members, sweep);
+    power += parts.terms + parts.flow + parts.base;
+  }
 
   const Real u = members.speed(), coriolis = model.coriolis * u;
   const Real entry = model.entry * u;
@@ -308,7 +354,6 @@ void accelerations(const MotionModel& model, const Members<Real>& members, Sweep
     bn = s * force_along + c * force_across;
   }
 
-  Real at = all<Real>(-model.gravity), an{};
   for (Count j = 0; j < n; ++j) {
     const double l = model.links[j].length;
     const Real s = sweep.at(sweep.sine, j), c = sweep.at(sweep.cosine, j);
@@ -338,17 +383,19 @@ void accelerations(const MotionModel& model, const Members<Real>& members, Sweep
     at = along - l * (w * w);
   }
   if (with_power) {
-    const Real square = end_along * end_along + end_across * end_across;
-    const Real flow = (coriolis - entry) * square;
-    const Real fed = thrust.along * end_along + thrust.across * end_across;
-    members.set_row(rates, 2 * n, power - flow - fed);
+    const Real along = end_along - parts.base_along, across = end_across - parts.base_across;
+    const Real own = (model.entry - model.coriolis) * u;
+    power += (own * along + entry * parts.base_along - thrust.along) * along;
+    power += (own * across + entry * parts.base_across - thrust.across) * across;
+    members.set_row(rates, 2 * n, power);
   }
 }
 
 template <bool keep, class Real>
 void accelerations_of(const MotionModel& model, const Members<Real>& members, Sweep<Real> sweep,
                       double* rates, bool with_power, Kept* kept) {
-  if (model.load_count > 0 || model.bent || members.batch.moments != nullptr) {
+  const Batch& batch = members.batch;
+  if (model.load_count > 0 || model.bent || batch.moments != nullptr || batch.drive != nullptr) {
     accelerations<Real, Outer::loads, keep>(model, members, sweep, rates, with_power, kept);
   } else if (model.drag || model.entry != 0.0) {
     accelerations<Real, Outer::drag, keep>(model, members, sweep, rates, with_power, kept);

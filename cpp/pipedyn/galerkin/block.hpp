@@ -16,7 +16,7 @@
 
 namespace {
 
-using pipedyn::Batch, pipedyn::MotionEffects, pipedyn::PanelTerm;
+using pipedyn::Batch, pipedyn::Drive, pipedyn::MotionEffects, pipedyn::PanelTerm;
 
 /// Hands out the thread's scratch; without any it only counts.
 struct Layout {
@@ -164,6 +164,25 @@ struct Block {
     signed_weights_of<Real>(grid, velocity, weighted, rest);
   }
 
+  /// A row of a batch's drive, 0 where nothing drives it.
+  Real driven(const Batch& batch, Count of) const {
+    return batch.drive == nullptr ? Real{} : at<Real>(batch.drive, of);
+  }
+
+  /// Adds the base's motion to that about it: acceleration, if asked for, velocity and position,
+  /// from column on.
+  void add_base(const Batch& batch, Count row, Count column, bool accelerates) {
+    if (batch.drive == nullptr) return;
+    const Count skipped = accelerates ? 0 : 2, count = (loads ? 6 : resists ? 4 : 2) - skipped;
+    constexpr Count rows[] = {Drive::acceleration, Drive::velocity, Drive::position};
+    for (Count p = 0; p < points; ++p) {
+      for (Count k = 0; k < count; ++k) {
+        const Count of = k + skipped;
+        add(moments + p * row, column + k, driven(batch, rows[of / 2] + of % 2));
+      }
+    }
+  }
+
   /// Calls body(law, station, point, weight) wherever a term acts; column: the velocity's.
   template <class Body>
   void for_each_station(Count row, Count column, const Body& body) const {
@@ -189,6 +208,11 @@ struct Block {
     }
   }
 
+  /// sqrt(beta) U'.
+  Real unsteady(const Batch& batch) const {
+    return (0.5 * effects.coriolis) * driven(batch, Drive::rate);
+  }
+
   struct Thrust {
     Real along, across;
   };
@@ -198,7 +222,8 @@ struct Block {
   }
 
   /// All generalised forces but inertia's that is linear in q'', by orthonormal coordinates.
-  void forces(const double* y, const Real& u, Count row) {
+  void forces(const Batch& batch, Count row) {
+    const Real u = load<Real>(batch.u), push = unsteady(batch);
     bool flows = false;
     double speeds[lanes<Real>];
     store(speeds, u);
@@ -209,6 +234,10 @@ struct Block {
       const double* const bent = moments + p * row + bias * lanes<Real>;
       const double mass_of = grid.mass[p];  // inertia and weight
       Real x = -mass_of * at<Real>(bent, 0), y_load = mass_of * (effects.gamma - at<Real>(bent, 1));
+      if (batch.drive != nullptr) {
+        x -= grid.weight[p] * push * at<Real>(sine, p);
+        y_load -= grid.weight[p] * push * at<Real>(cosine, p);
+      }
       if (flows || drags || across_alone) {
         Real across{};
         if (flows) across = grid.weight[p] * coriolis * at<Real>(omega, p);
@@ -267,7 +296,7 @@ struct Block {
       }
       for (Count k = 0; k < tile; ++k) store(force + i * lanes<Real> + k * width, sum[k]);
     }
-    elastic(y);
+    elastic(batch.y);
   }
 
   /// What the root's spring has in k_ij, as a product of two of these.
@@ -432,13 +461,17 @@ struct Block {
 
   /// Adds to accelerations what keeps the pipe at its supports, x'' + 2 k x' + k^2 x = 0, and to
   /// the loads the forces there. After `solve`.
-  void hold(Count row, double* acceleration) {
+  void hold(const Batch& batch, Count row, double* acceleration) {
     const double k = effects.return_rate;
     for (Count b = 0; b < holds; ++b) {
       const double* const by = moments + support(b) * row;
       double* const own = response + b * m * lanes<Real>;
+      const auto about_base = [&](Count column, Count of) {  // supports move with the base
+        return Real(at<Real>(by, bias + column) - driven(batch, of));
+      };
       Real missed =
-          -(at<Real>(by, bias) + k * (2.0 * at<Real>(by, bias + 2) + k * at<Real>(by, bias + 4)));
+          -(about_base(0, Drive::acceleration) +
+            k * (2.0 * about_base(2, Drive::velocity) + k * about_base(4, Drive::position)));
       for (Count i = 0; i < m; ++i) {
         set(own, i, at<Real>(by, i));
         missed -= at<Real>(by, i) * at<Real>(acceleration, i);
@@ -505,19 +538,20 @@ struct Block {
     set_acceleration(row, bias);
     if (resists) set_velocity(row, bias + 2);
     integrate(grid, row, integrated * lanes<Real>, integrands, moments);
+    add_base(batch, row, bias, true);
     return row;
   }
 
   void accelerations(const Batch& batch, double* out) {
     const Count row = kinematics(batch, integrated);
-    forces(batch.y, load<Real>(batch.u), row);
+    forces(batch, row);
     gram(row);
     solve(out);
-    hold(row, out);
+    hold(batch, row, out);
     to_basis(out);
   }
 
-  /// Velocities, and positions where a term reads them.
+  /// Velocities, and positions where a term reads them, about the base.
   Count velocities(const Batch& batch) {
     const Count row = row_length(loads ? 4 : 2);
     angles(batch.y);
@@ -570,6 +604,7 @@ struct Block {
         twice += 2.0 * effects.gamma * grid.weight[p] * grid.beyond[p] * rise;
       }
     }
+    add_base(batch, row, 0, false);
     for_each_station(row, 0, [&](const auto& law, const auto& station, Count, double w) {
       twice += (2.0 * w) * law.energy(station);
     });
@@ -580,17 +615,35 @@ struct Block {
     const Count end = points - 1;
     const Real u = load<Real>(batch.u);
     Count row = 0;
-    Real last[4];
-    if (resists) {
+    Real last[4], pushed{}, based{};
+    if (resists || batch.drive != nullptr) {
       row = velocities(batch);
       for (Count i = 0; i < 2; ++i) last[2 + i] = at<Real>(moments + end * row, i);
     } else {
       at_end(batch.y, last);
     }
+    if (batch.drive != nullptr) {
+      const Real push = unsteady(batch);
+      const Real ax = driven(batch, Drive::acceleration);
+      const Real ay = driven(batch, Drive::acceleration + 1);
+      for (Count p = 0; p < points; ++p) {
+        const Real vx = at<Real>(moments + p * row, 0), vy = at<Real>(moments + p * row, 1);
+        pushed -= (grid.weight[p] * push) * (at<Real>(sine, p) * vx + at<Real>(cosine, p) * vy);
+        based -= grid.mass[p] * (ax * vx + ay * vy);
+        if (!across_alone) continue;
+        const Real normal = at<Real>(cosine, p) * vx - at<Real>(sine, p) * vy;
+        based -= (grid.weight[p] * effects.normal_mass) * normal *
+                 (at<Real>(cosine, p) * ax - at<Real>(sine, p) * ay);
+      }
+      add_base(batch, row, 0, false);
+    }
     const Real x = last[2], y = last[3];
     const Real s = at<Real>(sine, end), c = at<Real>(cosine, end);
-    const Real flux = (0.5 * effects.coriolis - effects.entry) * u;
+    const Real entry = effects.entry * u, own = (effects.entry - 0.5 * effects.coriolis) * u;
     const auto [along, across] = thrust(u);
+    const Real base_x = driven(batch, Drive::velocity), base_y = driven(batch, Drive::velocity + 1);
+    const Real flow = (own * x + entry * base_x - along * s - across * c) * x +
+                      (own * y + entry * base_y - along * c + across * s) * y;
     Real joints{}, dragged{}, others{};
     if (effects.damping != 0.0) {
       const double* const rates = batch.y + m * lanes<Real>;
@@ -604,16 +657,21 @@ struct Block {
       drag(row, 0);
       for (Count p = 0; p < end; ++p) {
         const Real v = at<Real>(velocity, p);
-        dragged -= effects.drag * at<Real>(weighted, p) * (v * v * v);
+        const Real force = effects.drag * at<Real>(weighted, p) * (v * v);
+        dragged -= force * v;
+        based += force * (base_x * at<Real>(cosine, p) - base_y * at<Real>(sine, p));
       }
     }
     for_each_station(row, 0, [&](const auto& law, const auto& station, Count, double w) {
       others += w * law.power(station);
+      if (batch.drive == nullptr) return;
+      based += w * base_power(law, station, law.load(station), base_x, base_y);
     });
-    set(out, 0, Real(-flux * (x * x + y * y) - along * (s * x + c * y) - across * (c * x - s * y)));
+    set(out, 0, Real(pushed + flow));
     set(out, 1, joints);
     set(out, 2, dragged);
     set(out, 3, others);
+    set(out, 4, based);
   }
 };
 

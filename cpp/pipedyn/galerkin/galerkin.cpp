@@ -50,11 +50,14 @@ void evaluate(const GalerkinKernel::Function function, const Grids& grids,
     if (count == 0) continue;
     const Grid& grid = grids[number];
     const Index width = count == 1 ? 1 : motion_kernel().width;
-    numbers.resize(static_cast<std::size_t>((state + 1 + results) * width));
+    const Index driven = batch.drive != nullptr ? Drive::rows : 0;
+    numbers.resize(static_cast<std::size_t>((state + 1 + driven + results) * width));
     double* const y = numbers.data();
     double* const u = y + state * width;
-    double* const out = u + width;
-    const Batch block{y, u, width, 1};
+    double* const drive = u + width;
+    double* const out = drive + driven * width;
+    Batch block{y, u, width, 1};
+    if (driven > 0) block.drive = drive;
     for (Index first = 0; first < count; first += width) {
       const Index used = std::min(width, count - first);
       const Index* const member = chosen.data() + first;  // lanes to spare repeat the last
@@ -62,6 +65,7 @@ void evaluate(const GalerkinKernel::Function function, const Grids& grids,
         const Index k = member[std::min(b, used - 1)];
         u[b] = batch.u[k * batch.u_step];
         for (Index i = 0; i < state; ++i) y[i * width + b] = batch.y[i * members + k];
+        for (Index i = 0; i < driven; ++i) drive[i * width + b] = batch.drive[i * members + k];
       }
       function(grid.tables, effects, block, out);
       for (Index i = 0; i < results; ++i) {
@@ -100,7 +104,7 @@ auto to_columns(double* out, Index members) {
 /// moves, their forces, with which it rests, turn. still, flow: forces without supports, at rest
 /// and the flow's.
 void add_supports(const Grid& grid, const MotionEffects& effects, const Vector& q,
-                  const Vector& still, const Vector& flow, Operators& ops) {
+                  const Vector& still, const Vector& flow, const Vector& push, Operators& ops) {
   const Index m = q.size(), count = effects.held_count, block = grid.tables.nodes + 1;
   const auto slope = grid.slope.topLeftCorner(grid.places.size(), m);
   const Vector theta = slope * q;
@@ -119,6 +123,7 @@ void add_supports(const Grid& grid, const MotionEffects& effects, const Vector& 
   };
   ops.stiffness += turning(still);
   ops.flux += turning(flow);
+  ops.unsteady += turning(push);
 }
 
 /// Operators about a configuration q at rest.
@@ -133,6 +138,7 @@ Operators operators_at(const Grid& grid, const Basis& basis, const MotionEffects
   rest.coriolis = rest.entry = rest.thrust[0] = rest.thrust[1] = rest.drag = 0.0;
   const MotionEffects flow{.coriolis = 2.0 * sqrt_beta,
                            .thrust = {std::cos(pipe.jet_angle), std::sin(pipe.jet_angle)}};
+  const double faster[Drive::rows] = {1.0};
   GridTables in_basis = grid.tables;  // the basis' functions for the orthonormal ones
   in_basis.orthonormal = in_basis.slope;
   in_basis.to_basis = in_basis.from_basis = nullptr;
@@ -143,10 +149,10 @@ Operators operators_at(const Grid& grid, const Basis& basis, const MotionEffects
   Matrix straight;
   if (q.isZero(0.0)) straight = basis.evaluate(grid.places, 0);
   Matrix found(3 * m + 3, m);
-  const auto about = [&](const MotionEffects& what) {
-    const double one = 1.0;
+  const auto about = [&](const MotionEffects& what, double u = 1.0, const double* drive = nullptr) {
     const double* const displacements = straight.size() > 0 ? straight.data() : nullptr;
-    kernel().operators(unbending, what, {y.data(), &one, 1, 0}, displacements, found.data());
+    const Batch one{.y = y.data(), .u = &u, .members = 1, .u_step = 0, .drive = drive};
+    kernel().operators(unbending, what, one, displacements, found.data());
     return Eigen::Map<const Matrix>(found.data() + m * m, m, 2 * m);
   };
   Operators ops(m);
@@ -164,7 +170,10 @@ Operators operators_at(const Grid& grid, const Basis& basis, const MotionEffects
     ops.damping -= effects.damping * turned * turned.transpose();
   }
   const Vector still = found.row(3 * m + 2).transpose() - elastic * q;
-  about(flow);  // in the same place
+  about(flow, 0.0, faster);  // in the same place
+  ops.unsteady = -by_state.leftCols(m);
+  const Vector push = found.row(3 * m + 2).transpose();
+  about(flow);
   ops.flux = -by_state.leftCols(m);
   const Matrix coriolis = -by_state.rightCols(m);
   ops.gyroscopic = 0.5 * (coriolis - coriolis.transpose());
@@ -175,7 +184,7 @@ Operators operators_at(const Grid& grid, const Basis& basis, const MotionEffects
     }
   }
   if (effects.held_count > 0 && !q.isZero(0.0)) {
-    add_supports(grid, effects, q, still, found.row(3 * m + 2), ops);
+    add_supports(grid, effects, q, still, found.row(3 * m + 2), push, ops);
   }
   return ops;
 }
@@ -224,9 +233,11 @@ void Galerkin::rhs(const Batch& batch, double* rates) const {
 void Galerkin::rhs_and_power(const Batch& batch, double* rates) const {
   rhs(batch, rates);
   const Index members = batch.members;
-  Matrix parts(4, members);
+  Matrix parts(5, members);
   power(batch, parts.data());
-  Eigen::Map<Vector>(rates + 2 * dof() * members, members) = parts.colwise().sum();
+  Eigen::Map<Vector> sum(rates + 2 * dof() * members, members);
+  sum = parts.row(0);
+  for (Index i = 1; i < parts.rows(); ++i) sum += parts.row(i);
 }
 
 void Galerkin::energy(const Batch& batch, double* out) const {
@@ -235,7 +246,7 @@ void Galerkin::energy(const Batch& batch, double* out) const {
 }
 
 void Galerkin::power(const Batch& batch, double* out) const {
-  evaluate(kernel().power, grids(), effects_of(pipe_, grids().panels()), batch, 4,
+  evaluate(kernel().power, grids(), effects_of(pipe_, grids().panels()), batch, 5,
            to_columns(out, batch.members));
 }
 

@@ -13,9 +13,10 @@
 //     + 2 sqrt(beta) U int J_i . n theta'                                       Coriolis, end flux
 //     - (1 - c) sqrt(beta) U v(1) . J_i(1)                                      entering flow
 //     + a U^2 (cos psi t(1) + sin psi n(1)) . J_i(1)                            follower force
+//     + sqrt(beta) U' int t . J_i                                               unsteady flow
 //     - gamma int m J_i . (0, 1)                                                gravity
 //     + kappa int |v_n| v_n n . J_i = 0,   v_n = n . v,                         drag
-//   a(s) = sum_i J_i q_i'' - int_0^s t theta'^2,
+//   a(s) = (X'', Y'') + sum_i J_i q_i'' - int_0^s t theta'^2,
 //
 // (theta' here is the rate), m the mass per length, k_ij the integral of e Theta_i' Theta_j' with
 // the bending stiffness e. Both functions have a k_ij that is diagonal where the pipe is uniform,
@@ -23,9 +24,12 @@
 // -sqrt(beta) U |v(1)|^2:
 //
 //   dE/dtau = -c sqrt(beta) U |v(1)|^2 - a U^2 (cos psi t(1) + sin psi n(1)) . v(1)
-//     - delta sum k_ij q_i' q_j' - kappa int |v_n|^3,
+//     - sqrt(beta) U' int t . v - delta sum k_ij q_i' q_j' - kappa int |v_n|^3,
 //
-// and this holds to rounding at any number of nodes, since the quadrature integrates by parts
+// where the base rests. It may stand at (X, Y), a function of time: drag and terms then see the
+// velocity v + (X', Y'). The energy is that in its frame, and with the force R of drag and terms
+// its motion adds the power -(X'', Y'') . int v - (X', Y') . R. All of
+// this holds to rounding at any number of nodes, since the quadrature integrates by parts
 // exactly (quadrature.hpp). The drag's integrand is cut at the zeros of v_n (signed_weights).
 //
 // A term (terms/station.hpp) with mass mu and load f at the arc length s_f adds the virtual work
@@ -114,8 +118,8 @@ class Galerkin {
   /// Kinetic, elastic, gravity's and terms' energy of each member, O(N Q + N m); 0 at rest on the
   /// straight pipe.
   void energy(const Batch& batch, double* out) const;
-  /// What flow, damping (joints), drag and terms (others) add to the energy in unit time, (4,
-  /// members); their sum is dE/dtau.
+  /// What flow, damping (joints), drag, terms (others) and the base's motion add to the energy in
+  /// unit time, (5, members); their sum is dE/dtau.
   void power(const Batch& batch, double* out) const;
   /// Position (x, y) of each member's free end and its velocity, (4, members), O(N m).
   void tips(const Batch& batch, double* out) const;

@@ -83,7 +83,7 @@ struct GalerkinKernel {
   Function accelerations;
   /// Energy of each member, O(N Q + N m).
   Function energy;
-  /// Power of flow, damping, drag and terms, (4, members).
+  /// Power of flow, damping, drag, terms and the base, (5, members).
   Function power;
   /// Position of the free end, x then y, and its velocity, (4, members).
   Function tips;

@@ -199,8 +199,9 @@ struct Linearisation : Block<Real> {
   /// basis: system (padded, 2 strides), rows by orthonormal coordinates. After `forces` and with
   /// q'' in `own` and `spin`. The loads beyond a node act on what it moves: the quadrature's
   /// integration by parts, S^T W = w w^T - W S, gives those of the nodes.
-  void linearise(const Real& u, Count row) {
+  void linearise(const Batch& batch, Count row) {
     const Count stride = mass_stride(), end = points - 1;
+    const Real u = load<Real>(batch.u), push = Base::unsteady(batch);
     const Real coriolis = effects.coriolis * u;
     const auto thrust = Base::thrust(u);
     if (loads) {
@@ -239,8 +240,8 @@ struct Linearisation : Block<Real> {
       const Real turning = at<Real>(spin, p), square = w * w;
       const Real bent = s * load_beyond(bias) + c * load_beyond(bias + 1);
       const Real flow = grid.weight[p] * coriolis;
-      Real forward = flow * w;  // load across the pipe, turned along it
-      Real sideways{};          // load against its direction, turned across
+      Real forward = flow * w;                 // load across the pipe, turned along it
+      Real sideways = -grid.weight[p] * push;  // load against its direction, turned across
       if (p == end) {
         forward += thrust.across;
         sideways -= thrust.along;
@@ -409,16 +410,15 @@ struct Linearisation : Block<Real> {
 
   void jacobian(const Batch& batch, double* out) {
     const Count row = Base::kinematics(batch, last), stride = mass_stride();
-    const Real u = load<Real>(batch.u);
-    Base::forces(batch.y, u, row);
+    Base::forces(batch, row);
     Base::gram(row);
     for (Count i = 0; i < stride; ++i) set(own, i, Real{});
     Base::solve(own);
-    Base::hold(row, own);
+    Base::hold(batch, row, own);
     for (Count i = 0; i < m; ++i) set(acceleration, i, at<Real>(own, i));
     Base::to_basis(acceleration);
     Base::template along<1>({acceleration}, {spin});
-    linearise(u, row);
+    linearise(batch, row);
     for (Count j = 0; j < m; ++j) {
       const bool full = grid.elastic != nullptr, diagonal = !full && grid.to_basis == nullptr;
       for (Count i = full ? 0 : j; i < (diagonal ? j + 1 : m); ++i) {
@@ -447,7 +447,7 @@ struct Linearisation : Block<Real> {
         for (Count i = 0; i < m; ++i) set(moments + p * row, i, displacements[p * m + i]);
       }
     }
-    Base::forces(batch.y, load<Real>(batch.u), row);
+    Base::forces(batch, row);
     const double* const forces_of = Base::force;
     Base::gram(row);
     for (Count i = 0; i < m; ++i) {
@@ -457,7 +457,7 @@ struct Linearisation : Block<Real> {
     }
     for (Count i = 0; i < stride; ++i) own[i] = 0.0;
     for (Count p = 0; p < points; ++p) spin[p] = 0.0;
-    linearise(load<Real>(batch.u), row);
+    linearise(batch, row);
     write_system(out + m * m);
     const double* const end = moments + (points - 1) * row;
     for (Count i = 0; i < m; ++i) {

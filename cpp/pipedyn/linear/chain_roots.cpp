@@ -87,8 +87,13 @@ Pencil matrices(const Chain& chain, const Complement& complement, const Lapack& 
   DenseOperator::Matrices made{std::move(ops.mass), sign * (ops.gyroscopic + ops.end_flux),
                                std::move(ops.damping), std::move(ops.stiffness),
                                std::move(ops.flux)};
+  if (const double loss = chain.pipe().hysteresis; loss > 0.0) {
+    const Matrix columns = scale.asDiagonal();
+    made[5] = loss * (columns * chain.joint_times(columns, {.by_damping = 1.0}));
+  }
   if (complement.dof() < complement.size()) {
     for (Matrix& of : made) {
+      if (of.size() == 0) continue;
       const Matrix columns = complement.gathered(of).transpose();
       of = complement.gathered(columns).transpose();
     }
@@ -104,6 +109,10 @@ Approximations dense_roots(const Chain& chain, const Complement& complement, con
     for (const Complex mu : p->roots(shift, squared)) {
       if (mu == 0.0) continue;
       Complex root = squared ? std::sqrt(shift * shift + 1.0 / mu) : shift + 1.0 / mu;
+      if (chain.pipe().hysteresis > 0.0) {
+        roots.push_back({root, true});
+        continue;
+      }
       if (squared && root.imag() == 0.0) roots.push_back({-root, true});
       if (squared && root.imag() < 0.0) root = -root;
       if (root.imag() >= 0.0) roots.push_back({root, root.imag() == 0.0});
@@ -217,13 +226,13 @@ bool is_meeting_expected(const Approximation& one, const Approximation& other, d
 
 }  // namespace
 
-Approximations expected(const Approximations& roots, double further, double delta) {
+Approximations expected(const Approximations& roots, double further, Complex delta, bool paired) {
   Approximations result;
   result.reserve(roots.size() + 8);
   std::vector<std::size_t> real;
   std::vector<bool> taken(roots.size(), false);
   for (std::size_t i = 0; i < roots.size(); ++i) {
-    if (roots[i].alone && !roots[i].settled) real.push_back(i);
+    if (paired && roots[i].alone && !roots[i].settled) real.push_back(i);
   }
   std::sort(real.begin(), real.end(), [&](std::size_t i, std::size_t k) {
     return roots[i].value.real() < roots[k].value.real();

@@ -52,7 +52,7 @@ void sort_by_size(Approximations& all);
 Pencil matrices(const Chain& chain, const Complement& complement, const Lapack& lapack,
                 const Vector& scale, double size);
 
-/// LAPACK's roots of a chain at one speed, the lower of conjugates left out.
+/// LAPACK's roots of a chain at one speed; where roots come in conjugate pairs, the upper of each.
 Approximations dense_roots(const Chain& chain, const Complement& complement, const Lapack& lapack,
                            const Vector& scale, double u, bool squared);
 
@@ -66,13 +66,15 @@ void put_zeros(Approximations& roots, Index count);
 /// about Re(lambda d log det P / dlambda).
 void add_stiff(const Chain& chain, Index dof, double u, Approximations& roots);
 
-/// Makes one root with its conjugate of two conjugates that were found each by itself.
+/// Makes one root with its conjugate of two conjugates that were found each by itself; for roots
+/// that come in conjugate pairs.
 void join_conjugates(Approximations& roots);
 
 /// Where the roots of one speed are expected further on by so much; in the cluster at -1 / delta,
 /// where rounding makes the slopes, as they were. Of two that meet on the real axis within that
-/// their sum and product are expected, which are smooth in u, and neither implies a conjugate.
-Approximations expected(const Approximations& roots, double further, double delta);
+/// their sum and product are expected, which are smooth in u, and neither implies a conjugate; so
+/// where roots come in conjugate pairs.
+Approximations expected(const Approximations& roots, double further, Complex delta, bool paired);
 
 /// Starts near the real axis moved off their symmetry about it: a root that is corrected together
 /// with its conjugate never turns into two real ones, nor a real one into a complex.

@@ -33,14 +33,21 @@ constexpr std::size_t most_known = 8;
 constexpr Index refinement = 20;
 
 /// The first `count` of roots and their conjugates, sorted; none where a complex root without an
-/// implied conjugate has none among the others.
-std::optional<Pairs> with_conjugates(const Pairs& found, const Approximations& roots, Index count) {
+/// implied conjugate has none among the others, if roots are paired.
+std::optional<Pairs> with_conjugates(const Pairs& found, const Approximations& roots, Index count,
+                                     bool paired) {
   std::vector<Complex> values;
   std::vector<Index> from;
   std::vector<bool> used(roots.size(), false), mirrored;
   for (Index i = 0; i < found.size(); ++i) {
     const Complex value = found.values[i];
     if (used[i]) continue;
+    if (!paired) {
+      values.push_back(value);
+      from.push_back(i);
+      mirrored.push_back(false);
+      continue;
+    }
     if (roots[i].alone && value.imag() != 0.0) {
       Index twin = i;
       for (Index k = i + 1; k < found.size(); ++k) {
@@ -194,12 +201,14 @@ Pairs ChainSpectrum::polished(double u, const Approximations& roots, bool vector
   for (std::size_t i = 0; i < roots.size(); ++i) {
     Complex& value = found.values[i];
     if (is_squared(u) && std::abs(value.real()) <= found.uncertain[i]) value.real(0.0);
-    if (roots[i].alone && std::abs(value.imag()) <= found.uncertain[i]) value.imag(0.0);
+    const bool is_real = roots[i].alone && !traits.lossy();
+    if (is_real && std::abs(value.imag()) <= found.uncertain[i]) value.imag(0.0);
   }
   return found;
 }
 
-/// Whether roots beyond the least are the next ones: the circle passes where the gap is widest.
+/// Whether roots beyond the least are the next ones: the circle, of which the upper half shows what
+/// the lower does if roots are paired, passes where the gap is widest.
 bool ChainSpectrum::has_all_within(double u, const Approximations& roots, std::size_t least) const {
   double widest = 1.0, radius = 0.0;
   for (std::size_t k = least; k < roots.size(); ++k) {
@@ -209,10 +218,10 @@ bool ChainSpectrum::has_all_within(double u, const Approximations& roots, std::s
     radius = std::sqrt(inner * outer);
   }
   const bool is_far = magnitude(roots.back().value) > far_outside * radius;
-  const Index count = is_far ? arc_points : 2 * arc_points;
+  const Index half = is_far ? arc_points : 2 * arc_points, count = traits.lossy() ? 2 * half : half;
   Values points(count);
   for (Index i = 0; i < count; ++i) {
-    points[i] = std::polar(radius, M_PI * (i + 0.5) / static_cast<double>(count));
+    points[i] = std::polar(radius, M_PI * (i + 0.5) / static_cast<double>(half));
   }
   const Values rest = points * pipedyn::log_derivatives(chain_, u, points, roots);
   return widest > 1.05 && std::abs(rest.real().mean()) < 0.05;
@@ -235,14 +244,14 @@ std::optional<Pairs> ChainSpectrum::from(Approximations roots, double u, Index c
   while (next < roots.size() && magnitude(roots[next].value) <= size)
     lowest.push_back(roots[next++]);
   const Pairs known = polished(u, lowest, vectors);
-  auto found = with_conjugates(known, lowest, count);
+  auto found = with_conjugates(known, lowest, count, !traits.lossy());
   if (found) {
     for (std::size_t i = 0; i < lowest.size(); ++i) {
       const Complex slope = known.slopes[i];
       roots[i].slope = roots[i].value == 0.0 || !std::isfinite(std::norm(slope)) ? 0.0 : slope;
     }
     for (std::size_t i = lowest.size(); i < roots.size(); ++i) roots[i].slope = 0.0;
-    join_conjugates(roots);
+    if (!traits.lossy()) join_conjugates(roots);
     for (Approximation& one : roots) one.settled = one.value == 0.0;
     if (known_.size() == most_known) known_.erase(known_.begin());
     known_.push_back({u, std::move(roots)});
@@ -271,7 +280,8 @@ std::optional<Pairs> ChainSpectrum::by_recursion(double u, Index count, bool vec
       [u](const Known& a, const Known& b) { return std::abs(u - a.u) < std::abs(u - b.u); });
   const auto is_zero = [](const Approximation& one) { return one.settled; };
   if (near != known_.end() && std::ranges::count_if(near->roots, is_zero) == zeros) {
-    const Approximations starts = expected(near->roots, u - near->u, traits.delta);
+    const Approximations starts =
+        expected(near->roots, u - near->u, traits.cluster(), !traits.lossy());
     for (const bool moved : {false, true}) {
       auto found = from(moved ? without_symmetry(starts) : starts, u, count, vectors,
                         moved ? 2 * most_near : most_near);

@@ -55,7 +55,7 @@ class Search {
       for (Index i = 0; i < first->size(); ++i) every[i] = i;
       modes_ = ranked(*first);
       unstable_ = states(*first, every, Flags(every.size(), 0));
-      sweep_.unstable_at_rest = unstable_count_ = count_unstable();
+      sweep_.unstable_at_rest = unstable_count_ = count_unstable(*first);
       every.resize(std::min(first->size(), (traits_.squared ? 1 : 2) * range_.certain));
       const auto sure = [this](const Step& step) {
         scanned_ = scan(step);
@@ -64,7 +64,7 @@ class Search {
       track({[this](double u) { return take(u); },
              sure,
              [this](const Step& step) { return visit(step); },
-             {traits_.delta, 0.9, traits_.zero},
+             {traits_.cluster(), 0.9, traits_.zero},
              longest},
             first, speeds, every);
     } catch (const NotConverged& error) {
@@ -110,7 +110,7 @@ class Search {
 
   /// Mode of each root at rest, by frequency.
   Roots ranked(const Sample& first) const {
-    if (!traits_.squared) return modes_of_pairs(first.values, traits_.delta);
+    if (!traits_.squared) return modes_at_rest(first.values, traits_);
     Values roots(2 * first.size());
     roots << first.values.sqrt(), -first.values.sqrt();
     Roots modes = modes_of_pairs(roots, 0.0);
@@ -147,18 +147,24 @@ class Search {
     return result;
   }
 
-  /// Number of unstable roots among the resolved.
-  int count_unstable() const {
+  /// Number of unstable roots among the resolved of a sample.
+  int count_unstable(const Sample& at) const {
     int count = 0;
-    for (std::size_t i = 0; i < modes_.size(); ++i) {
-      count += unstable_[i] && modes_[i] >= 1 && modes_[i] <= range_.resolved;
-    }
+    for (Index i = 0; i < at.size(); ++i) count += unstable_[i] ? weight(i, at.values[i]) : 0;
     return count;
   }
 
-  /// Takes modes and states to the step's right sample; mode 0 for roots from outside.
-  void move(const Step& step) {
+  /// Number of roots that one is of those looked at.
+  int weight(Index i, Complex value) const {
+    if (modes_[i] < 1 || modes_[i] > range_.resolved || !traits_.counts(value)) return 0;
+    return traits_.lossy() ? 2 : 1;
+  }
+
+  /// Takes modes and states to the step's right sample; mode 0 for roots from outside. Returns how
+  /// many unstable roots more there are for what passed the real axis.
+  int move(const Step& step) {
     const bool partly = range_.count < 2 * traits_.dof;
+    int passed = 0;
     const Index size = step.right->size();
     Roots modes(size, 0), every(size);
     Flags before(size, 0);
@@ -166,25 +172,29 @@ class Search {
       if (step.onto[i] < 0) continue;
       modes[step.onto[i]] = modes_[i];
       before[step.onto[i]] = unstable_[i];
-      sweep_.untracked |= partly && modes_[i] <= range_.tracked && step.lost(i);
+      sweep_.untracked |=
+          partly && modes_[i] <= range_.tracked && traits_.counts(step.start(i)) && step.lost(i);
+      if (unstable_[i]) passed += weight(i, step.end(i)) - weight(i, step.start(i));
     }
     for (Index i = 0; i < size; ++i) every[i] = i;
     modes_ = std::move(modes);
     unstable_ = states(*step.right, every, before);
     for (Index i = 0; partly && i < size; ++i) {
-      sweep_.untracked |= unstable_[i] && (modes_[i] == 0 || modes_[i] > range_.tracked);
+      sweep_.untracked |= unstable_[i] && traits_.counts(step.right->values[i]) &&
+                          (modes_[i] == 0 || modes_[i] > range_.tracked);
     }
+    return passed;
   }
 
   /// Adds the crossings of a step; whether the search goes on.
   bool visit(const Step& step) {
     if (step.shortest()) scanned_ = scan(step);
     std::vector<AxisCrossing> found = crossings(step);
-    move(step);
+    unstable_count_ += move(step);
     if (sweep_.untracked) return false;
     int expected = unstable_count_;
     for (const AxisCrossing& crossing : found) expected += crossing.change;
-    const int missed = count_unstable() - expected;
+    const int missed = count_unstable(*step.right) - expected;
     if (missed % 2 != 0) {
       // Three roots that pass zero as one (two free joints), which the matching cannot show.
       Index least = 0;
@@ -201,14 +211,16 @@ class Search {
             "eigenvalue's real part",
             next->speed);
       }
+      next->before = unstable_count_;
       sweep_.crossings.push_back(*next);
       unstable_count_ += next->change;
       if (range_.until_unstable && next->change > 0) return false;
       found.erase(next);
     }
-    if (unstable_count_ != count_unstable()) {
+    const int unstable = count_unstable(*step.right);
+    if (unstable_count_ != unstable) {
       throw refusal("%d unstable roots at u = %g, where the crossings found account for %d",
-                    count_unstable(), step.right->u, unstable_count_);
+                    unstable, step.right->u, unstable_count_);
     }
     return true;
   }
@@ -226,7 +238,11 @@ class Search {
       const auto heavily_damped = [this](Complex value) {
         return !traits_.squared && value.real() < -heavy_damping * magnitude(value);
       };
-      if ((start == 0.0 ? end : start).imag() < 0.0) continue;
+      const bool stays =
+          start == 0.0 || !traits_.lossy() || traits_.counts(start) == traits_.counts(end);
+      if (stays && (start == 0.0 ? end : start).imag() < 0.0) continue;
+      // What passes both axes in one step might pass the imaginary one on either side.
+      if (!stays && found.after[i] != unstable_[i]) found.clear = false;
       if (modes_[i] > range_.certain && heavily_damped(start) && heavily_damped(end)) continue;
       found.roots.push_back(i);
       const bool real = start.imag() == 0.0 && end.imag() == 0.0;
@@ -359,7 +375,7 @@ class Search {
         const Complex value(0.0, std::abs(step.start(one.root).imag()));
         passed = {0.0, value, passed.change, passed.mode, passed.speed + passed.error};
       }
-      found.push_back(std::move(passed));
+      if (met || traits_.counts(passed.pair.value)) found.push_back(std::move(passed));
     }
     for (const Index i : scan.roots) {
       const Index k = step.meets[i];

@@ -16,6 +16,10 @@
 // two roots meet without a slope d lambda / du, would be refused. nu = lambda^2 is tracked in its
 // place. Real nu < 0 are roots on the axis; it is left where two of them meet and turn complex
 // (flutter; Beck's column) or one reaches zero (divergence).
+//
+// With a loss factor roots are tracked on either side of the real axis, and those above count for
+// two: a growing root that passes the real axis joins or leaves them there, without a crossing.
+// None passes at zero.
 #pragma once
 
 #include <optional>
@@ -35,6 +39,7 @@ struct AxisCrossing {
   double error;    // of the speed, absolute
   Pair pair = {};  // without vectors where two branches meet on the axis or at u = 0+
   std::optional<Forms> forms = {};  // of its vectors, where both are known
+  int before = 0;                   // number of unstable roots below it
 };
 
 struct Sweep {

@@ -279,7 +279,7 @@ void Eigenproblem::mend(double u, Pairs& pairs, bool left, bool high) {
   const Values before = pairs.values;
   for (Index i = 0; i < before.size(); ++i) {
     const Complex value = before[i];
-    if (!(value.imag() >= 0.0) || !is_finite(value)) continue;
+    if (!(value.imag() >= 0.0 || traits.lossy()) || !is_finite(value)) continue;
     if (is_good(pairs, i, high)) continue;
     const Pair better = near(u, {value, pairs.right.col(i)});
     if (!(std::abs(better.value - value) <= 1e-3 * std::abs(value) + 1e-6)) continue;

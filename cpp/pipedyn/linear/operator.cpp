@@ -2,6 +2,7 @@
 #include "pipedyn/linear/operator.hpp"
 
 #include <algorithm>
+#include <type_traits>
 
 namespace pipedyn {
 
@@ -45,7 +46,9 @@ ComplexTable DenseOperator::times(int matrix, const ComplexTable& x) const {
 }
 
 Products DenseOperator::multiply(const ComplexTable& x) const {
-  return {times(0, x), times(1, x), times(2, x)};
+  Products products{times(0, x), times(1, x), times(2, x)};
+  if (is_lossy()) std::get<2>(products) += Complex(0.0, 1.0) * times(5, x);
+  return products;
 }
 
 ComplexTable DenseOperator::by_speed(const Values& values, const ComplexTable& x) const {
@@ -53,9 +56,10 @@ ComplexTable DenseOperator::by_speed(const Values& values, const ComplexTable& x
 }
 
 Solver DenseOperator::factor(Complex value) const {
-  const auto& [mass, velocity, stiffness, velocity_rate, stiffness_rate] = matrices_;
+  const auto& [mass, velocity, stiffness, velocity_rate, stiffness_rate, loss] = matrices_;
   int n = static_cast<int>(dof), info = 0;
   ComplexTable lu = value * value * mass + value * velocity + stiffness.cast<Complex>();
+  if (is_lossy()) lu.imag() += loss;
   std::vector<int> pivots(n);
   lapack_.zgetrf(&n, &n, lu.data(), &n, pivots.data(), &info);
   for (Index i = 0; i < n; ++i) {  // of a singular matrix, with one that differs in rounding
@@ -78,6 +82,10 @@ Reals DenseOperator::hidden(const Values& values, const ComplexTable& right,
     const Eigen::MatrixXd rows = times(matrices_[k].cwiseAbs(), x);
     result = result * values.abs() + y.cwiseProduct(rows).colwise().sum().transpose().array();
   }
+  if (is_lossy()) {
+    const Eigen::MatrixXd rows = times(matrices_[5].cwiseAbs(), x);
+    result += y.cwiseProduct(rows).colwise().sum().transpose().array();
+  }
   return result;
 }
 
@@ -89,18 +97,21 @@ Values DenseOperator::missed(const Pairs& of_fewer, const std::vector<Index>& sh
   int more = static_cast<int>(others.size()), one = 1, info = 0;
   char plain = 'N';
   const Index fewer = static_cast<Index>(shared.size());
-  // Rows of P_21, P_12^T and P_22, of M, C and K each.
-  Matrix down[3], up[3], own[3];
-  for (int part = 0; part < 3; ++part) {
+  // Rows of P_21, P_12^T and P_22, of M, C, K and L each.
+  constexpr int of[] = {0, 1, 2, 5};
+  const int parts = is_lossy() ? 4 : 3;
+  Matrix down[4], up[4], own[4];
+  for (int part = 0; part < parts; ++part) {
+    const Matrix& matrix = matrices_[of[part]];
     down[part].resize(more, fewer);
     up[part].resize(more, fewer);
     own[part].resize(more, more);
     for (int r = 0; r < more; ++r) {
       for (Index c = 0; c < fewer; ++c) {
-        down[part](r, c) = matrices_[part](others[r], shared[c]);
-        up[part](r, c) = matrices_[part](shared[c], others[r]);
+        down[part](r, c) = matrix(others[r], shared[c]);
+        up[part](r, c) = matrix(shared[c], others[r]);
       }
-      for (int c = 0; c < more; ++c) own[part](r, c) = matrices_[part](others[r], others[c]);
+      for (int c = 0; c < more; ++c) own[part](r, c) = matrix(others[r], others[c]);
     }
   }
   std::vector<int> pivots(more);
@@ -108,27 +119,30 @@ Values DenseOperator::missed(const Pairs& of_fewer, const std::vector<Index>& sh
   ComplexVector beyond(more), onto(more);
   Values result(of_fewer.size());
   for (Index i = 0; i < result.size(); ++i) {
-    const Complex value = of_fewer.values[i], square = value * value;
+    const Complex value = of_fewer.values[i];
+    const Complex factors[] = {value * value, value, 1.0, {0.0, 1.0}};
     if (i > 0 && value.imag() != 0.0 && value == std::conj(of_fewer.values[i - 1])) {
       result[i] = std::conj(result[i - 1]);
       continue;
     }
-    const auto times = [&](const Matrix(&rows)[3], int r, const ComplexTable& x, double sign) {
-      double sums[6] = {};
-      for (int part = 0; part < 3; ++part) {
+    const auto times = [&](const Matrix(&rows)[4], int r, const ComplexTable& x, double sign) {
+      Complex total = 0.0;
+      for (int part = 0; part < parts; ++part) {
+        double real = 0.0, imag = 0.0;
         for (Index c = 0; c < fewer; ++c) {
-          sums[2 * part] += rows[part](r, c) * x(c, i).real();
-          sums[2 * part + 1] += rows[part](r, c) * x(c, i).imag();
+          real += rows[part](r, c) * x(c, i).real();
+          imag += rows[part](r, c) * x(c, i).imag();
         }
+        total += factors[part] * Complex(real, sign * imag);
       }
-      return square * Complex(sums[0], sign * sums[1]) + value * Complex(sums[2], sign * sums[3]) +
-             Complex(sums[4], sign * sums[5]);
+      return total;
     };
     for (int r = 0; r < more; ++r) {
       beyond[r] = times(down, r, of_fewer.right, 1.0);
       onto[r] = times(up, r, of_fewer.left, -1.0);
       for (int c = 0; c < more; ++c) {
-        block(r, c) = square * own[0](r, c) + value * own[1](r, c) + own[2](r, c);
+        block(r, c) = 0.0;
+        for (int part = 0; part < parts; ++part) block(r, c) += factors[part] * own[part](r, c);
       }
     }
     lapack_.zgetrf(&more, &more, block.data(), &more, pivots.data(), &info);
@@ -144,45 +158,76 @@ Values DenseOperator::missed(const Pairs& of_fewer, const std::vector<Index>& sh
 }
 
 std::shared_ptr<DenseOperator> Pencil::operator()(double u) const {
-  const auto& [mass, velocity, damping, stiffness, flux] = matrices;
+  const auto& [mass, velocity, damping, stiffness, flux, loss] = matrices;
   const double thrust = centrifugal * u * u;
-  DenseOperator::Matrices there{mass, u * velocity + damping, stiffness + thrust * flux, velocity,
-                                2.0 * centrifugal * u * flux};
+  DenseOperator::Matrices there{mass,     u * velocity + damping,       stiffness + thrust * flux,
+                                velocity, 2.0 * centrifugal * u * flux, loss};
   return std::make_shared<DenseOperator>(lapack, std::move(there), size + thrust);
 }
 
-Inverse DenseOperator::inverse(double shift, bool velocity_free, char left, char right) const {
-  const auto& [mass, velocity, stiffness, velocity_rate, stiffness_rate] = matrices_;
+template <class Number>
+Inverse DenseOperator::inverse_of(double shift, bool velocity_free, char left, char right) const {
+  using Table = Eigen::Matrix<Number, Eigen::Dynamic, Eigen::Dynamic>;
+  constexpr bool is_real = std::is_same_v<Number, double>;
+  const auto& [mass, velocity, stiffness, velocity_rate, stiffness_rate, loss] = matrices_;
+  const auto choose = [](auto of_reals, auto of_complexes) {
+    if constexpr (is_real) {
+      return of_reals;
+    } else {
+      return of_complexes;
+    }
+  };
+  const auto getrf = choose(lapack_.dgetrf, lapack_.zgetrf);
+  const auto getrs = choose(lapack_.dgetrs, lapack_.zgetrs);
   int n = static_cast<int>(dof), size = velocity_free ? n : 2 * n, info = 0;
-  Eigen::MatrixXd shifted = shift * shift * mass + shift * velocity + stiffness;
-  Eigen::MatrixXd step = Eigen::MatrixXd::Zero(size, size);
-  step.topRightCorner(n, n) = -mass;
-  if (!velocity_free) step.topLeftCorner(n, n) = -velocity - 2.0 * shift * mass;
+  Table shifted = (shift * shift * mass + shift * velocity + stiffness).cast<Number>();
+  if constexpr (!is_real) shifted.imag() = loss;
+  Table step = Table::Zero(size, size);
+  step.topRightCorner(n, n) = -mass.cast<Number>();
+  if (!velocity_free) {
+    step.topLeftCorner(n, n) = (-velocity - 2.0 * shift * mass).cast<Number>();
+  }
   std::vector<int> pivots(n);
-  lapack_.dgetrf(&n, &n, shifted.data(), &n, pivots.data(), &info);
+  getrf(&n, &n, shifted.data(), &n, pivots.data(), &info);
   if (info != 0) return {};
-  char plain = 'N', transposed = 'T';
+  char plain = 'N', adjoint = 'C';
   const bool lefts = left == 'V', rights = right == 'V';
-  lapack_.dgetrs(&plain, &n, &size, shifted.data(), &n, pivots.data(), step.data(), &size, &info);
+  getrs(&plain, &n, &size, shifted.data(), &n, pivots.data(), step.data(), &size, &info);
   if (!velocity_free) step.bottomLeftCorner(n, n).setIdentity();
   if (!step.allFinite()) return {};
-  Reals real(size), imag(size), work(1);
-  Eigen::MatrixXd vl(size, lefts ? size : 0), vr(size, rights ? size : 0);
-  for (int length = -1;; length = static_cast<int>(work[0]), work.resize(length)) {
-    lapack_.dgeev(&left, &right, &size, step.data(), &size, real.data(), imag.data(), vl.data(),
-                  &size, vr.data(), &size, work.data(), &length, &info);
+  Values mu(size);
+  Reals real(size), imag(size), more(2 * size);
+  std::vector<Number> work(1);
+  Table vl(size, lefts ? size : 0), vr(size, rights ? size : 0);
+  for (int length = -1;; length = static_cast<int>(std::real(work[0])), work.resize(length)) {
+    if constexpr (is_real) {
+      lapack_.dgeev(&left, &right, &size, step.data(), &size, real.data(), imag.data(), vl.data(),
+                    &size, vr.data(), &size, work.data(), &length, &info);
+    } else {
+      lapack_.zgeev(&left, &right, &size, step.data(), &size, mu.data(), vl.data(), &size,
+                    vr.data(), &size, work.data(), &length, more.data(), &info);
+    }
     if (length >= 0) break;  // the first call asks for the best size of its workspace
   }
   if (info != 0) return {};
-  Values mu(size);
-  mu.real() = real;
-  mu.imag() = imag;
   if (lefts) {
-    lapack_.dgetrs(&transposed, &n, &size, shifted.data(), &n, pivots.data(), vl.data(), &size,
-                   &info);
+    getrs(&adjoint, &n, &size, shifted.data(), &n, pivots.data(), vl.data(), &size, &info);
   }
-  return {mu, rights ? complex_vectors(vr, imag, n) : ComplexTable(n, 0),
-          lefts ? complex_vectors(vl, imag, n) : ComplexTable(n, 0)};
+  const auto unit = [&](const Table& vectors) -> ComplexTable {
+    if constexpr (is_real) {
+      return complex_vectors(vectors, imag, n);
+    } else {
+      return vectors.topRows(n).colwise().normalized();
+    }
+  };
+  if constexpr (is_real) {
+    mu.real() = real;
+    mu.imag() = imag;
+  }
+  return {mu, rights ? unit(vr) : ComplexTable(n, 0), lefts ? unit(vl) : ComplexTable(n, 0)};
 }
+
+template Inverse DenseOperator::inverse_of<double>(double, bool, char, char) const;
+template Inverse DenseOperator::inverse_of<Complex>(double, bool, char, char) const;
 
 }  // namespace pipedyn

@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: MIT
 //
 // P(lambda) = lambda^2 M + lambda C + K of a model at one flow speed: products and solves with it,
-// and its inverse problem, which has the lowest roots.
+// and its inverse problem, which has the lowest roots. K may have an imaginary part i L, of a loss
+// factor; the roots do not come in conjugate pairs then.
 #pragma once
 
 #include <functional>
@@ -27,6 +28,9 @@ struct Lapack {
                  int* ldb, int* info);
   void (*dgeev)(char* left, char* right, int* n, double* a, int* lda, double* real, double* imag,
                 double* vl, int* ldvl, double* vr, int* ldvr, double* work, int* size, int* info);
+  void (*zgeev)(char* left, char* right, int* n, Complex* a, int* lda, Complex* w, Complex* vl,
+                int* ldvl, Complex* vr, int* ldvr, Complex* work, int* size, double* more,
+                int* info);
 };
 
 /// M x, C x and K x.
@@ -47,8 +51,8 @@ using Inverse = std::tuple<Values, ComplexTable, ComplexTable>;
 
 class DenseOperator {
  public:
-  /// M, C and K, and the derivatives of C and K by u; each (dof, dof).
-  using Matrices = std::array<Matrix, 5>;
+  /// M, C and K, the derivatives of C and K by u, and L or none; each (dof, dof).
+  using Matrices = std::array<Matrix, 6>;
 
   DenseOperator(const Lapack& lapack, Matrices matrices, double stiffness_size)
       : dof(matrices[0].rows()),
@@ -82,7 +86,13 @@ class DenseOperator {
 
  private:
   /// With those vectors of which 'V' is given, as LAPACK is asked for them.
-  Inverse inverse(double shift, bool velocity_free, char left, char right) const;
+  Inverse inverse(double shift, bool velocity_free, char left, char right) const {
+    return is_lossy() ? inverse_of<Complex>(shift, velocity_free, left, right)
+                      : inverse_of<double>(shift, velocity_free, left, right);
+  }
+  template <class Number>
+  Inverse inverse_of(double shift, bool velocity_free, char left, char right) const;
+  bool is_lossy() const { return matrices_[5].size() > 0; }
   Eigen::MatrixXd times(const Matrix& factor, const Eigen::MatrixXd& x) const;
   ComplexTable times(int matrix, const ComplexTable& x) const;
 
@@ -90,8 +100,8 @@ class DenseOperator {
   const Matrices matrices_;
 };
 
-/// P of a model at each speed, in matrices: M, V, D, K and A of
-/// P(lambda, u) = lambda^2 M + lambda (u V + D) + K + a u^2 A.
+/// P of a model at each speed, in matrices: M, V, D, K, A and L or none of
+/// P(lambda, u) = lambda^2 M + lambda (u V + D) + K + i L + a u^2 A.
 struct Pencil {
   Lapack lapack;
   DenseOperator::Matrices matrices;

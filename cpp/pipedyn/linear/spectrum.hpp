@@ -4,6 +4,10 @@
 // speed: its lowest roots, the root next to a guess, and where its stiffness is singular. The
 // search for crossings (crossings.hpp) and root loci (tracking.hpp) need nothing else. One spectrum
 // serves one thread at a time.
+//
+// With a loss factor mu K is complex, K + i mu K_el, and P that of motions with Im lambda > 0: the
+// others are their conjugates. All roots of this P are here, as they move smoothly with u, and not
+// their conjugates; of those with Im lambda <= 0 nothing follows for the pipe.
 #pragma once
 
 #include <Eigen/Core>
@@ -93,12 +97,19 @@ struct Sample : Pairs {
 /// Of a model, the same at every speed.
 struct Traits {
   Index dof;
-  double delta;       // Kelvin-Voigt damping, whose overdamped roots cluster at -1 / delta
+  double delta;       // Kelvin-Voigt damping, whose overdamped roots cluster at -(1 + i mu) / delta
   double zero;        // |lambda| below which a root counts as zero
   bool damped;        // whether any force but the flow's takes energy
   bool conservative;  // whether roots come in fours, lambda, -lambda and conjugates, by symmetry
   bool squared;       // whether lambda enters only as lambda^2
   bool free_at_rest;  // whether it does at u = 0
+  double loss = 0.0;  // mu
+
+  bool lossy() const { return loss > 0.0; }
+  /// Whether a root is the pipe's.
+  bool counts(Complex value) const { return !lossy() || value.imag() > 0.0; }
+  /// delta of the cluster, complex with a loss factor.
+  Complex cluster() const { return delta / Complex(1.0, loss); }
 };
 
 class Spectrum {

@@ -442,6 +442,14 @@ Roots modes_of_pairs(const Values& values, double delta) {
   return modes;
 }
 
+Roots modes_at_rest(const Values& values, const Traits& traits) {
+  if (!traits.lossy()) return modes_of_pairs(values, traits.delta);
+  Roots modes;
+  Index above = 0, below = 0;
+  for (const Complex value : values) modes.push_back(traits.counts(value) ? ++above : ++below);
+  return modes;
+}
+
 std::optional<RootLoci> root_loci(Spectrum& spectrum, const std::vector<double>& speeds,
                                   Index count, Index taken,
                                   const std::function<void(Index done)>& report) {
@@ -454,8 +462,8 @@ std::optional<RootLoci> root_loci(Spectrum& spectrum, const std::vector<double>&
     return at;
   };
   const SharedSample first = take(speeds[0]);
-  const double delta = spectrum.traits.delta;
-  const Roots modes = modes_of_pairs(first->values, delta);
+  const Traits& traits = spectrum.traits;
+  const Roots modes = modes_at_rest(first->values, traits);
   Roots upper(count, -1), lower(count, -1);
   for (Index i = 0; i < first->size(); ++i) {
     const Index branch = modes[i] - 1;
@@ -465,25 +473,29 @@ std::optional<RootLoci> root_loci(Spectrum& spectrum, const std::vector<double>&
     lower[branch] = other;
     if (is_above(first->values[other], first->values[i])) std::swap(upper[branch], lower[branch]);
   }
-  for (const Index i : lower) {
-    if (i < 0) return {};
+  for (Index k = 0; k < count; ++k) {
+    // With a loss factor there may be fewer on one side of the real axis.
+    if (lower[k] < 0 && traits.lossy() && taken >= 2 * traits.dof) lower[k] = upper[k];
+    if (lower[k] < 0) return {};
   }
+  constexpr double none = std::numeric_limits<double>::quiet_NaN();
   const auto add_row = [&](const Sample& at) {
     for (Index k = 0; k < count; ++k) {
-      const Index i = upper[k], j = lower[k];
-      loci.values(done, k) = at.values[i];
-      loci.partners(done, k) = at.values[j];
-      loci.converged(done, k) = has_converged(at.values[i], at.residual[i]) &&
+      const Index i = upper[k], j = traits.lossy() ? i : lower[k];
+      const bool counts = traits.counts(at.values[i]);
+      loci.values(done, k) = counts ? at.values[i] : Complex(none, none);
+      loci.partners(done, k) = traits.lossy() ? std::conj(loci.values(done, k)) : at.values[j];
+      loci.converged(done, k) = counts && has_converged(at.values[i], at.residual[i]) &&
                                 has_converged(at.values[j], at.residual[j]);
-      loci.errors(done, k) = std::max(at.uncertain[i], at.uncertain[j]);
+      loci.errors(done, k) = counts ? std::max(at.uncertain[i], at.uncertain[j]) : infinite;
     }
     ++done;
   };
   add_row(*first);
   // The cluster begins beyond the last mode asked for: -1 / delta (1 + 1 / (delta omega)^2) there.
   const double number = std::numbers::pi * (static_cast<double>(count) + 0.5);
-  const double beyond = std::max(delta * number * number, 1.0);
-  const Cluster cluster{delta, 0.5 / (beyond * beyond), spectrum.traits.zero};
+  const double beyond = std::max(traits.delta * number * number, 1.0);
+  const Cluster cluster{traits.cluster(), 0.5 / (beyond * beyond), traits.zero};
   Roots tracked = upper;
   tracked.insert(tracked.end(), lower.begin(), lower.end());
   bool complete = true;
@@ -494,8 +506,7 @@ std::optional<RootLoci> root_loci(Spectrum& spectrum, const std::vector<double>&
       Index &up = upper[k], &low = lower[k];
       const bool was_real = step.start(up).imag() == 0.0 && step.start(low).imag() == 0.0;
       const Index onto = step.onto[up], other = step.onto[low];
-      complete = complete && onto >= 0 && other >= 0 &&
-                 !(taken < 2 * spectrum.traits.dof && step.lost(up));
+      complete = complete && onto >= 0 && other >= 0 && !(taken < 2 * traits.dof && step.lost(up));
       if (!complete) return false;
       up = onto;
       low = other;
@@ -506,7 +517,10 @@ std::optional<RootLoci> root_loci(Spectrum& spectrum, const std::vector<double>&
         break;
       }
       // A branch that left the upper half plane comes back there.
-      if ((was_real || cluster.holds(there[up])) && there[up].imag() < 0.0) std::swap(up, low);
+      const bool comes_back = traits.lossy()
+                                  ? traits.counts(there[low]) && !traits.counts(there[up])
+                                  : was_real || cluster.holds(there[up]);
+      if (comes_back && there[up].imag() < 0.0) std::swap(up, low);
     }
     if (step.right->u == speeds[done]) add_row(*step.right);
     return true;

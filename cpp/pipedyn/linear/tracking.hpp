@@ -30,7 +30,8 @@ using SharedSample = std::shared_ptr<const Sample>;
 
 /// Roots that need not be distinguished: |1 + delta lambda| < radius, and |lambda| < zero.
 struct Cluster {
-  double delta, radius, zero;
+  Complex delta;
+  double radius, zero;
 
   bool holds(Complex value) const { return magnitude(delta * value + 1.0) < radius; }
 };
@@ -87,10 +88,13 @@ void track(const Tracking& tracking, SharedSample first, const std::vector<doubl
 /// mode; so do two real roots with 1/a + 1/b = -delta, which is exact for opposite roots of an
 /// undamped buckled pipe and for overdamped modes without gravity.
 Roots modes_of_pairs(const Values& values, double delta);
+/// The same of a model. With a loss factor the roots on each side of the real axis by |lambda|.
+Roots modes_at_rest(const Values& values, const Traits& traits);
 
 /// Branches of eigenvalues at each of increasing speeds, (speeds, count) of each: a root, the other
 /// of its pair, and of both whether they passed the check of their residual and how far they may be
-/// off.
+/// off. With a loss factor of a pair that which is above the real axis and its conjugate, and NaN
+/// where both are below.
 struct RootLoci {
   Eigen::ArrayXXcd values, partners;
   Eigen::Array<bool, Eigen::Dynamic, Eigen::Dynamic> converged;

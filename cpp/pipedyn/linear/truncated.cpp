@@ -24,6 +24,7 @@ Sample Truncated::sample(double u, Index count) {
   const Values missed = more_->at(u).missed(at.take(lowest), shared_);
   for (Index i = 0; i < looked_at; ++i) {
     const Complex value = at.values[i];
+    if (!traits.counts(value)) continue;
     const double real = std::abs(value.real()), lost = std::abs(missed[i].real());
     // Far from the axis are roots of the lowest modes, of which little is missed, of those that
     // damping holds near -1 / delta whatever their shape, and of the highest, not the pipe's.
@@ -99,7 +100,8 @@ int Truncated::unstable(double u, Index resolved) {
   const std::vector<Index> order = by_size(values);
   for (Index i = 0; i < std::min<Index>(2 * resolved, values.size()); ++i) {
     const Complex value = values[order[i]];
-    number += value.real() > 1e-14 * std::abs(value) + 40.0 * eps * std::norm(value);
+    const bool grows = value.real() > 1e-14 * std::abs(value) + 40.0 * eps * std::norm(value);
+    if (grows && traits.counts(value)) number += traits.lossy() ? 2 : 1;
   }
   return number;
 }

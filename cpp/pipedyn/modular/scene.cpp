@@ -329,7 +329,8 @@ void Scene::redundant_rhs(const Batch& states, double* rates) const {
   const Index n = dof(), size = coordinates(), members = states.members;
   const Matrix y = angles(states);
   Matrix turning(2 * n, members);
-  const Batch batch{y.data(), states.u, members, states.u_step, states.moments};
+  Batch batch = states;
+  batch.y = y.data();
   chain_.rhs(batch, turning.data());
   add_rows(batch, 0.0, turning.data());
   Matrix sine, cosine;
@@ -423,10 +424,12 @@ void Scene::derivative(const Batch& batch, double rate, const Matrix& by_state, 
   };
   for (Index k = 0; k < members; ++k) {
     const Vector y = column(batch.y, rows, k);
-    Vector moments;
+    Vector moments, drive;
     if (batch.moments != nullptr) moments = column(batch.moments, n, k);
+    if (batch.drive != nullptr) drive = column(batch.drive, Drive::rows, k);
     const auto or_none = [](const Vector& of) { return of.size() > 0 ? of.data() : nullptr; };
     Batch one{y.data(), batch.u + k * batch.u_step, 1, 0, or_none(moments)};
+    one.drive = or_none(drive);
     const Linear about = linearised(one, rate);
     one.moments = or_none(about.moments);
     one.slopes = or_none(about.slopes);

@@ -7,15 +7,15 @@
 
 namespace pipedyn {
 
-SceneSystems::SceneSystems(const Scene& scene, std::function<double(double, Index)> speed)
+SceneSystems::SceneSystems(const Scene& scene, FlowAt flow)
     : scene_(scene),
-      speed_(std::move(speed)),
+      flow_at_(std::move(flow)),
       factors_(static_cast<std::size_t>(scene.chain().factor_numbers())) {}
 
 void SceneSystems::linearise(double t, const double* y, Index member) {
   state_ = Eigen::Map<const Vector>(y, 2 * scene_.dof());
-  u_ = speed_(t, member);
-  about_ = scene_.linearised({state_.data(), &u_, 1, 0}, Scene::return_rate);
+  flow_ = flow_at_(t, member);
+  about_ = scene_.linearised(flow_.of(state_.data()), Scene::return_rate);
 }
 
 SceneSystems::Shifted SceneSystems::product(const Matrix& rows, const double* x) {
@@ -46,8 +46,10 @@ void SceneSystems::factorise(const double* mu) {
   const Chain& chain = scene_.chain();
   const Index size = about_.x.cols();
   const auto or_none = [](const Vector& of) { return of.size() > 0 ? of.data() : nullptr; };
-  chain.factorise({state_.data(), &u_, 1, 0, or_none(about_.moments), or_none(about_.slopes)}, mu,
-                  factors_.data());
+  Batch one = flow_.of(state_.data());
+  one.moments = or_none(about_.moments);
+  one.slopes = or_none(about_.slopes);
+  chain.factorise(one, mu, factors_.data());
   mu_re_ = Eigen::Map<const Parts>(mu);
   mu_im_ = Eigen::Map<const Parts>(mu + shifts);
   responses_.assign(static_cast<std::size_t>(size), Matrix::Zero(state_.size(), 2 * shifts));
@@ -56,7 +58,7 @@ void SceneSystems::factorise(const double* mu) {
   for (Index z = 0; z < size; ++z) {
     Matrix& response = responses_[static_cast<std::size_t>(z)];
     response.bottomLeftCorner(scene_.dof(), shifts).colwise() = about_.x.col(z);
-    chain.solve(u_, factors_.data(), response.data());
+    chain.solve(flow_.u, factors_.data(), response.data());
     const Shifted column = shifted_rows(response.data());
     for (Index i = 0; i < size; ++i) systems_.row(i * size + z) = column.row(i);
     systems_.row(z * size + z).head<shifts>() += about_.compliance[z];
@@ -67,7 +69,7 @@ void SceneSystems::factorise(const double* mu) {
 void SceneSystems::solve(double* b) {
   const Index size = about_.x.cols();
   const Shifted wanted = product(about_.r, b + 2 * shifts * scene_.dof());
-  scene_.chain().solve(u_, factors_.data(), b);
+  scene_.chain().solve(flow_.u, factors_.data(), b);
   if (size == 0) return;
   Shifted z = wanted - shifted_rows(b);
   motion_kernel().solve_dense(systems_.data(), pivots_.data(), size, z.data());

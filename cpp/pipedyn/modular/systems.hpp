@@ -16,8 +16,7 @@ namespace pipedyn {
 
 class SceneSystems final : public ShiftedSystems {
  public:
-  /// speed: of the flow at a time, for a member.
-  SceneSystems(const Scene& scene, std::function<double(double t, Index member)> speed);
+  SceneSystems(const Scene& scene, FlowAt flow);
   void linearise(double t, const double* y, Index member) override;
   void factorise(const double* mu) override;
   void solve(double* b) override;
@@ -30,9 +29,9 @@ class SceneSystems final : public ShiftedSystems {
   using Parts = Eigen::Array<double, 1, shifts>;
 
   const Scene& scene_;
-  std::function<double(double t, Index member)> speed_;
+  FlowAt flow_at_;
   Vector state_;
-  double u_ = 0.0;
+  Flow flow_;
   Scene::Linear about_;
   std::vector<double> factors_;
   Parts mu_re_, mu_im_;

@@ -32,13 +32,21 @@ class ShiftedSystems {
   virtual bool is_cheap() const { return false; }
 };
 
-/// Flow speed at a time, for a member.
-using SpeedAt = std::function<double(double t, Index member)>;
+/// Flow speed and drive of a member at a time.
+struct Flow {
+  double u = 0.0, drive[Drive::rows] = {};
+  bool driven = false;
+
+  Batch of(const double* y) const {
+    return {.y = y, .u = &u, .members = 1, .u_step = 0, .drive = driven ? drive : nullptr};
+  }
+};
+using FlowAt = std::function<Flow(double t, Index member)>;
 
 /// J of a chain, by its recursion.
 class ChainSystems final : public ShiftedSystems {
  public:
-  ChainSystems(const Chain& chain, SpeedAt speed);
+  ChainSystems(const Chain& chain, FlowAt flow);
   void linearise(double t, const double* y, Index member) override;
   void factorise(const double* mu) override;
   void solve(double* b) override;
@@ -46,9 +54,9 @@ class ChainSystems final : public ShiftedSystems {
 
  private:
   const Chain& chain_;
-  SpeedAt speed_;
+  FlowAt flow_at_;
   Vector state_;
-  double u_ = 0.0;
+  Flow flow_;
   std::vector<double> factors_;
 };
 

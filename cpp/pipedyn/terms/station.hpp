@@ -68,4 +68,21 @@ struct NoLaw {
   }
 };
 
+/// What a law's load adds to the energy, beside its power, as the base moves with the velocity (vx,
+/// vy); of the fluid that moves with the pipe the energy is counted about the base, of springs on
+/// the ground.
+template <class Law, class Real>
+Real base_power(const Law& law, const Station<Real>& at, const Load<Real>& load, const Real& vx,
+                const Real& vy) {
+  if constexpr (Law::couples) {
+    Station<Real> about = at;
+    about.vx -= vx;
+    about.vy -= vy;
+    const Load<Real> own = law.load(about);
+    return (load.x - own.x) * about.vx + (load.y - own.y) * about.vy +
+           (load.couple - own.couple) * at.omega;
+  }
+  return -(load.x * vx + load.y * vy);
+}
+
 }  // namespace

@@ -37,6 +37,7 @@ NUMBERS = {
     "gravity": ("gamma", "gamma"),
     "drag": ("drag", "kappa"),
     "damping": ("damping", "delta"),
+    "hysteresis": ("hysteresis", "mu"),
     "Coriolis": ("beta", "beta"),
     "centrifugal": ("alpha", "alpha"),
     "inflow": ("inflow_share", "c"),
@@ -56,9 +57,9 @@ class Effect:
     """One effect, and what its absence changes.
 
     Attributes:
-        name: "gravity", "drag", "damping", "Coriolis", "centrifugal", "flow" (both of its parts),
-            "inflow" (what the entering fluid lacks of the free end's velocity), "jet angle",
-            "varying stiffness" or "varying mass" of a pipe that is not uniform,
+        name: "gravity", "drag", "damping", "hysteresis", "Coriolis", "centrifugal", "flow" (both
+            of its parts), "inflow" (what the entering fluid lacks of the free end's velocity),
+            "jet angle", "varying stiffness" or "varying mass" of a pipe that is not uniform,
             "RootSpring(stiffness=30)" (what a clamp gives), or a term of the pipe as it prints,
             "PointMass(at=1, mass=0.1)", all that are equal being one; several joined by " + ".
         strength: the number it comes from, in words; empty where the pipe does not have it.
@@ -168,12 +169,12 @@ def relevant(
     """How much each effect matters to what is asked of a pipe.
 
     Each effect is switched off in turn, and the continuous pipe asked again: gravity (gamma = 0),
-    drag (kappa = 0), damping (delta = 0), the flow's Coriolis part together with the momentum that
-    the free end's velocity carries away (beta = 0: beta enters by sqrt(beta) u alone), its
-    centrifugal part (alpha = 0), except for the critical speed the flow as a whole, what the
-    entering fluid lacks of the free end's velocity (inflow_share = 1), the angle of the jet
-    (jet_angle = 0), what a root with a spring turns (then clamped), what varies along the pipe (its
-    value at s = 0 all along), and each term.
+    drag (kappa = 0), damping (delta = 0), hysteresis (mu = 0), the flow's Coriolis part together
+    with the momentum that the free end's velocity carries away (beta = 0: beta enters by
+    sqrt(beta) u alone), its centrifugal part (alpha = 0), except for the critical speed the flow as
+    a whole, what the entering fluid lacks of the free end's velocity (inflow_share = 1), the angle
+    of the jet (jet_angle = 0), what a root with a spring turns (then clamped), what varies along
+    the pipe (its value at s = 0 all along), and each term.
 
     An effect that changes the kind of the answer (flutter to divergence, buckled at rest or not, no
     loss of stability, unstable from the smallest flow on, no limit cycle) is infinitely large.
@@ -235,7 +236,7 @@ def relevant(
         size = asked.distance(found, full)
         error = found.error + full.error if 0.0 < size < math.inf else 0.0
         note = ""
-        undamped = pipe.damping == 0.0 and pipe.flow == "ejecting"
+        undamped = pipe.damping == pipe.hysteresis == 0.0 and pipe.flow == "ejecting"
         if names == ("Coriolis",) and asked.name == "critical_speed" and undamped:
             with suppress(PipedynError):
                 limit, _ = _outcome(asked, replace(pipe, beta=LIMIT_BETA), tolerance)

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from pipedyn.bifurcation.brute_force import Failed
 from pipedyn.bifurcation.continuation import folds, sign_changes
 from pipedyn.bifurcation.equilibria import BALANCED, BranchPoint, EquilibriumBranch
-from pipedyn.bifurcation.floquet import EventKind, crossing_event, floquet, growth
+from pipedyn.bifurcation.floquet import EventKind, crossing_event, growth, orbit_multipliers
 from pipedyn.bifurcation.hopf import HopfPoint, hopf_point
 from pipedyn.bifurcation.limit_cycle import (
     LimitCycle,
@@ -450,7 +450,7 @@ class _Follower:
                 continue
             for before, beyond in sign_changes(values, low, high, 3e-5 * length):
                 a, b = cycle(before), cycle(beyond)
-                roots = floquet(self.motion, b.orbit)[1] if b.symmetric else b.multipliers
+                roots = orbit_multipliers(self.motion, b.orbit)[1] if b.symmetric else b.multipliers
                 kind, multiplier = crossing_event(roots, b.symmetric)
                 if kind == "fold":
                     continue

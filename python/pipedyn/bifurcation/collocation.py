@@ -23,6 +23,7 @@ from pipedyn.bifurcation.periodic_orbit import (
     TWICE,
     PeriodicOrbit,
     integrals,
+    stage_phases,
 )
 from pipedyn.bifurcation.vector_field import VectorField
 from pipedyn.util.check import Array
@@ -63,7 +64,8 @@ def _eliminated(
     """`_condensed` of a few intervals."""
     count, _, half = orbit.rates.shape
     size, u = motion.size, orbit.u
-    y, rows = stage_derivatives(motion, orbit)
+    motion = motion.along(stage_phases(orbit.edges).ravel(), orbit.frequency)
+    y, rows = _stage_derivatives(motion, orbit)
     h, lag = orbit.durations[:, None, None], NODES[:, None]
     right = np.empty((count, STAGES, half, size + 3))
     # Derivatives at fixed rates: of f by the first state, of the stages by time.
@@ -76,7 +78,9 @@ def _eliminated(
     right[..., size] = motion(y, u)[half:].T.reshape(orbit.rates.shape) - orbit.rates
     right[..., size + 1] = (rows @ by_frequency[..., None])[..., 0]
     right[..., size + 2] = 0.0
-    if speed_varies:
+    if motion.forced:
+        right[..., size + 1] += motion.by_frequency(y, u)[half:].T.reshape(orbit.rates.shape)
+    elif speed_varies:
         right[..., size + 2] = motion.by_speed(y, u)[half:].T.reshape(orbit.rates.shape)
     # A rate moves its state by the first of these weights, and its position by the second.
     weights = np.stack([h * ONCE, h**2 * TWICE], axis=-1)[:, :, None]
@@ -156,7 +160,8 @@ class Linearised:
     """The collocation equations about an orbit, with all but its first state eliminated.
 
     Args:
-        phase: row and value of the condition row @ unknowns = value that fixes the phase.
+        phase: row and value of the condition row @ unknowns = value that fixes the phase, or of a
+            forced motion the speed.
         speed_varies: whether the speed is an unknown.
     """
 
@@ -170,6 +175,9 @@ class Linearised:
         self.orbit, self._phase = orbit, phase
         n, mirror = motion.size, orbit.mirror
         self._rates, ends = _condensed(motion, orbit, speed_varies)
+        if orbit.forced:  # what varies is the last
+            for part in (self._rates, ends):
+                part[..., [n + 1, n + 2]] = part[..., [n + 2, n + 1]]
         self._units = state_units(motion, orbit)
         missed = orbit.stages()[:, -1] - np.concatenate(
             [orbit.starts[1:], mirror * orbit.starts[:1]]
@@ -181,11 +189,14 @@ class Linearised:
         self._runs = np.repeat(np.arange(len(begins)), np.diff([*begins, len(ends)]))
         whole, self._between = _collapsed(self._carried, begins)
         self._first, self._last, self._right = np.split(whole, [n, 2 * n], axis=1)
-        across = motion(orbit.starts[:1].T, orbit.u)[:, 0] * self._units
         self._matrix = np.zeros((n + 2, n + 2))
         self._matrix[:n, :n] = self._first + mirror * self._last
         self._matrix[:n, n:] = -self._right[:, 1:]
-        self._matrix[n, :n] = across / np.linalg.norm(across)
+        if orbit.forced:
+            self._matrix[n, n] = 1.0
+        else:
+            across = motion(orbit.starts[:1].T, orbit.u)[:, 0] * self._units
+            self._matrix[n, :n] = across / np.linalg.norm(across)
 
     def __call__(self, row: Array, gap: float, share: float) -> Array:
         """See `continuation.Solver`; shape and order are those of `packed`.
@@ -245,7 +256,8 @@ class Linearised:
 
 def state_units(motion: VectorField, orbit: PeriodicOrbit) -> Array:
     """Units of the state in which positions and rates of its fastest mode are equally large."""
-    stiffest = motion.jacobian(orbit.starts[0], orbit.u)[motion.half :, : motion.half]
+    first = motion.along(orbit.edges[:1], orbit.frequency)
+    stiffest = first.jacobian(orbit.starts[0], orbit.u)[motion.half :, : motion.half]
     units = np.ones(motion.size)
     units[motion.half :] = math.sqrt(max(float(np.abs(stiffest).max()), 1.0))
     return units
@@ -256,6 +268,13 @@ def stage_derivatives(motion: VectorField, orbit: PeriodicOrbit) -> tuple[Array,
 
     These have shape (M, s, moving, 2 moving).
     """
+    return _stage_derivatives(
+        motion.along(stage_phases(orbit.edges).ravel(), orbit.frequency), orbit
+    )
+
+
+def _stage_derivatives(motion: VectorField, orbit: PeriodicOrbit) -> tuple[Array, Array]:
+    """The same, of a motion along the stages."""
     y = np.ascontiguousarray(orbit.stages().reshape(-1, motion.size).T)
     rows = motion.jacobians(y, orbit.u)[:, motion.half :]
     return y, rows.reshape(*orbit.rates.shape, motion.size)
@@ -303,7 +322,13 @@ class OrbitProblem(Continuation):
         self.unit = _unit_of(motion, start) if unit is None else unit
         by_state = self.weights[: start.starts.size].reshape(start.starts.shape)
         by_state[:, : motion.half] = np.diff(start.edges)[:, None] / (start.span * self.unit**2)
-        self.weights[-2:] = start.frequency**-2, start.u**-2
+        self.weights[-2:] = start.frequency**-2, start.u**-2 if start.u > 0.0 else 1.0
+        if start.forced:
+            self.weights[-2:] = self.weights[:-3:-1]
+            row = np.zeros_like(self.weights)
+            row[-2] = 1.0
+            self._phase = row, start.u
+            return
         # The least change: none of it along the motion, which is a mere shift of the phase.
         row = np.zeros_like(self.weights)
         rates = motion(np.ascontiguousarray(start.starts.T), start.u).T
@@ -322,8 +347,9 @@ class OrbitProblem(Continuation):
         """Size of a step relative to the orbit's own size, its frequency and its speed."""
         orbit = self.orbit(z)
         moved = step[: orbit.starts.size].reshape(orbit.starts.shape)[:, : orbit.half]
-        sizes = float(np.abs(moved).max()), abs(float(step[-2])), abs(float(step[-1]))
-        return max(sizes[0] / orbit.size, sizes[1] / orbit.frequency, sizes[2] / orbit.u)
+        size = float(np.abs(moved).max()) / orbit.size
+        pairs = zip(step[-2:].tolist(), orbit.packed()[-2:].tolist(), strict=True)
+        return max(size, *(abs(change) / (abs(value) or 1.0) for change, value in pairs))
 
     def check(self, z: Array) -> None:
         """Raises NewtonFailed for what is no orbit near the start: an equilibrium, or far away."""
@@ -331,7 +357,7 @@ class OrbitProblem(Continuation):
         size, turn = orbit.size / self.start.size, orbit.frequency / self.start.frequency
         if size < 0.03:
             raise NewtonFailed("Newton's method takes the amplitude below 3 % of its start's")
-        if size > 30.0 or not 0.1 < turn < 10.0 or orbit.u <= 0.0:
+        if size > 30.0 or not 0.1 < turn < 10.0 or orbit.u < 0.0:
             raise NewtonFailed("Newton's method left the neighbourhood of its start")
 
 
@@ -348,7 +374,8 @@ def solved(motion: VectorField, orbit: PeriodicOrbit, tolerance: float) -> Perio
     """The periodic orbit near another at its speed, on its mesh; NewtonFailed if none is found."""
     control = OrbitControl(math.inf, tolerance=tolerance, stagnation=1e3 * tolerance, patience=None)
     problem = OrbitProblem(motion, orbit, control, unit=1.0, speed_varies=False)
-    return problem.orbit(problem.fixed(orbit.packed(), orbit.u))
+    z = orbit.packed()
+    return problem.orbit(problem.fixed(z, float(z[-1])))
 
 
 def residual(motion: VectorField, orbit: PeriodicOrbit) -> float:
@@ -357,5 +384,6 @@ def residual(motion: VectorField, orbit: PeriodicOrbit) -> float:
     share = 0.5 * (share[:-1] + share[1:])
     given = integrals(share, 0) @ orbit.rates
     phase = orbit.edges[:-1, None] + np.diff(orbit.edges)[:, None] * share
+    motion = motion.along(phase.ravel(), orbit.frequency)
     true = motion(orbit.states(phase.ravel()), orbit.u)[motion.half :]
     return float(np.abs(given.reshape(true.T.shape) - true.T).max() / np.abs(true).max())

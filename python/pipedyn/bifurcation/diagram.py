@@ -46,9 +46,9 @@ from pipedyn.bifurcation.limit_cycle import (
     limit_cycle,
 )
 from pipedyn.bifurcation.vector_field import VectorField
-from pipedyn.linear.modes import LARGEST_SPEED
 from pipedyn.linear.stability_curve import Failure
 from pipedyn.models.base import Model, NotConverged, PipedynError
+from pipedyn.models.drive import LARGEST_SPEED
 from pipedyn.motion.simulate import LARGEST_SAMPLES, checked_model_in_motion, slight_bend
 from pipedyn.util import check
 from pipedyn.util.check import Array

@@ -29,8 +29,8 @@ from pipedyn.bifurcation.continuation import (
 )
 from pipedyn.bifurcation.vector_field import VectorField
 from pipedyn.linear.eigenproblem import Complex
-from pipedyn.linear.modes import LARGEST_SPEED
 from pipedyn.models.base import Model, NotConverged, PipedynError
+from pipedyn.models.drive import LARGEST_SPEED
 from pipedyn.motion.simulate import Start, checked_model_in_motion, modal_bend
 from pipedyn.util import check
 from pipedyn.util.check import Array

@@ -12,10 +12,11 @@ million cost no digits of the trivial one.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from typing import Literal
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from pipedyn import _core
 from pipedyn.bifurcation.collocation import (
@@ -53,7 +54,7 @@ EventKind = Literal[
 ]
 
 
-def floquet(motion: VectorField, orbit: PeriodicOrbit) -> tuple[Complex, Complex, float]:
+def orbit_multipliers(motion: VectorField, orbit: PeriodicOrbit) -> tuple[Complex, Complex, float]:
     """Floquet multipliers, the largest modulus first, their roots and the error of the worst.
 
     Of an orbit with a mirror the roots are the eigenvalues over half a period, reflected. The
@@ -91,16 +92,42 @@ def _between_kinks(motion: VectorField, orbit: PeriodicOrbit) -> PeriodicOrbit |
 
 
 def _by_magnus(motion: VectorField, orbit: PeriodicOrbit, turns: float) -> tuple[Complex, float]:
-    """Roots of the multipliers and the error of the worst, by Magnus' series.
-
-    An interval's map errs by the fourth power of the length of its parts, so that what two lengths
-    differ by gives a better map: the error is how far this moves the multipliers.
-    """
+    """Roots of the multipliers and the error of the worst, by Magnus' series."""
     units = state_units(motion, orbit)
-    given = stage_derivatives(motion, orbit)[1], orbit.durations, units
     rounds = orbit.span / math.pi
     number = PARTS * rounds * (turns / rounds) ** (1.0 / 3.0)
     parts = np.ceil(number * np.diff(orbit.edges) / orbit.span).astype(int)
+    return by_series(
+        *(stage_derivatives(motion, orbit)[1], orbit.durations, units, parts),
+        lambda maps: _eigenvalues(motion, orbit, maps, units),
+        2 if orbit.symmetric else 1,
+    )
+
+
+def by_series(
+    rows: Array,
+    durations: Array,
+    units: Array,
+    parts: NDArray[np.int_],
+    eigenvalues: Callable[[Array], Complex] | None = None,
+    power: int = 1,
+) -> tuple[Complex, float]:
+    """Roots of the multipliers and the error of the worst, from derivatives along a period.
+
+    An interval's map errs by the fourth power of the length of its parts, so that what two lengths
+    differ by gives a better map: the error is how far this moves the multipliers.
+
+    Args:
+        rows: as for `interval_maps`.
+        durations: also.
+        units: also.
+        parts: also; those to begin with.
+        eigenvalues: the roots from the maps, raises `NewtonFailed` where they overflow; of the maps
+            alone where not given.
+        power: of the roots that the multipliers are.
+    """
+    eigenvalues = eigenvalues or eigenvalues_through
+    given = rows, durations, units
     maps, error, more = interval_maps(*given, parts), math.inf, 2.0
     roots: Complex = np.empty(0, dtype=np.complex128)
     while error > TOLERANCE and more * parts.sum() <= MOST:
@@ -109,13 +136,11 @@ def _by_magnus(motion: VectorField, orbit: PeriodicOrbit, turns: float) -> tuple
         maps = interval_maps(*given, parts)
         left = 1.0 / ((parts / fewer) ** 4 - 1.0)
         try:
-            plain = _eigenvalues(motion, orbit, maps, units)
-            roots = _eigenvalues(
-                motion, orbit, maps + left[:, None, None] * (maps - coarser), units
-            )
+            plain = eigenvalues(maps)
+            roots = eigenvalues(maps + left[:, None, None] * (maps - coarser))
         except NewtonFailed:  # parts may be too long for the fastest modes
             return roots, math.inf
-        last, error = error, _moved(orbit, plain, roots)
+        last, error = error, _moved(plain**power, roots**power)
         if error > 0.5 * last:  # two that meet at 1, as at a Hopf point, have half the digits
             break
         more = min(max((2.0 * error / TOLERANCE) ** 0.25, 1.5), 2.0)
@@ -135,16 +160,17 @@ def _by_collocation(
     if (parts > 1).any() and 2 * parts.sum() <= MOST:
         orbit = refined(motion, orbit, parts)
     roots, error = _eigenvalues(motion, orbit, *collocation_maps(motion, orbit)), math.inf
+    power = 2 if orbit.symmetric else 1
     pairs = None if motion.model.pipe.has_kinks else _by_pairs(motion, orbit)
     if pairs:
         before = _eigenvalues(motion, orbit, *collocation_maps(motion, pairs))
-        error = 0.1 * _moved(orbit, before, roots)
+        error = 0.1 * _moved(before**power, roots**power)
     for _ in range(MOST_HALVINGS):
         if error <= TOLERANCE or 2 * len(orbit.starts) > MOST:
             break
         orbit = refined(motion, orbit, np.full(len(orbit.starts), 2))
         coarser, roots = roots, _eigenvalues(motion, orbit, *collocation_maps(motion, orbit))
-        last, error = error, left * _moved(orbit, coarser, roots)
+        last, error = error, left * _moved(coarser**power, roots**power)
         if error > 0.5 * last:
             break
     return roots, error
@@ -163,22 +189,31 @@ def _by_pairs(motion: VectorField, orbit: PeriodicOrbit) -> PeriodicOrbit | None
     return interpolated(motion, orbit.states, edges, orbit.frequency, orbit.u)
 
 
-def _moved(orbit: PeriodicOrbit, before: Complex, after: Complex) -> float:
-    """How far the worst of the multipliers moves, relative where above 1, from their roots."""
-    if orbit.symmetric:
-        before, after = before**2, after**2
+def _moved(before: Complex, after: Complex) -> float:
+    """How far the worst of the multipliers moves, relative where above 1."""
     moved = np.abs(before[:, None] - after) / np.maximum(np.abs(after), 1.0)
     return float(moved[np.arange(len(moved)), _core.assignment(moved)].max())
 
 
 def _eigenvalues(motion: VectorField, orbit: PeriodicOrbit, maps: Array, units: Array) -> Complex:
     """The roots of the multipliers from the maps of intervals, in units of the state."""
+    allowed: Array | None = None
+    if motion.constrained:
+        allowed = motion.model.free_states(orbit.starts[0]) / units[:, None]
+    return np.asarray(orbit.mirror * eigenvalues_through(maps, allowed))
+
+
+def eigenvalues_through(maps: Array, allowed: Array | None = None) -> Complex:
+    """Eigenvalues of the product of intervals' maps, (M, n, n), of states along allowed columns.
+
+    Raises:
+        NewtonFailed: if they overflow.
+    """
     factorised()
     with np.errstate(over="raise", invalid="raise"):
         try:
             left, right = through(maps)
-            if motion.constrained:
-                allowed = motion.model.free_states(orbit.starts[0]) / units[:, None]
+            if allowed is not None:
                 allowed, _ = np.linalg.qr(allowed)
                 left = allowed.T @ np.linalg.solve(right, left @ allowed)
                 right = np.eye(len(left))
@@ -190,7 +225,7 @@ def _eigenvalues(motion: VectorField, orbit: PeriodicOrbit, maps: Array, units: 
                 raise FloatingPointError
         except (FloatingPointError, ValueError, np.linalg.LinAlgError) as error:
             raise NewtonFailed("its Floquet multipliers overflow") from error
-    return np.asarray(orbit.mirror * values)
+    return values
 
 
 def _turns(motion: VectorField, orbit: PeriodicOrbit) -> Array:
@@ -198,7 +233,9 @@ def _turns(motion: VectorField, orbit: PeriodicOrbit) -> Array:
 
     One that decays by more than exp(-25) over the span ends below 1e-11 of its size.
     """
-    some = np.ascontiguousarray(orbit.starts[:: len(orbit.starts) // 2].T)
+    every = len(orbit.starts) // 2
+    some = np.ascontiguousarray(orbit.starts[::every].T)
+    motion = motion.along(orbit.edges[:-1:every], orbit.frequency)
     factorised(some.shape[1])
     rates = np.linalg.eigvals(motion.jacobians(some, orbit.u))
     persist = rates.real > -25.0 * orbit.frequency / orbit.span
@@ -220,14 +257,17 @@ def growth(multipliers: ArrayLike) -> Array:
     return np.asarray(np.log(np.maximum(sizes, 1e-300) / (1.0 + UNIT)))
 
 
-def crossing_event(roots: ArrayLike, mirrored: bool) -> tuple[EventKind, complex]:
+def crossing_event(
+    roots: ArrayLike, mirrored: bool, trivial: bool = True
+) -> tuple[EventKind, complex]:
     """What a multiplier that passes the unit circle does, and that multiplier.
 
     One that passes 1 makes a fold. With a mirror symmetry of the cycle the multipliers are squares
     of their `roots`, the eigenvalues of the map over half a period and the reflection, which
     distinguish a pitchfork from a fold. Without one the roots are the multipliers themselves.
+    Of a forced motion none of them is trivial.
     """
-    others = nontrivial(roots)
+    others = nontrivial(roots) if trivial else np.asarray(roots, dtype=np.complex128)
     nearest = complex(others[int(np.argmin(np.abs(np.abs(others) - 1.0)))])
     kind: EventKind = "torus"
     if abs(nearest.imag) < 1e-3 * abs(nearest):  # two that meet split by sqrt(error)

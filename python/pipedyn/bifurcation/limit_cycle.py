@@ -20,15 +20,15 @@ import numpy as np
 
 from pipedyn.bifurcation.brute_force import LONGEST_PERIOD
 from pipedyn.bifurcation.collocation import residual, solved
-from pipedyn.bifurcation.floquet import floquet, nontrivial
+from pipedyn.bifurcation.floquet import nontrivial, orbit_multipliers
 from pipedyn.bifurcation.hopf import Hopf, hopf, hopf_point
 from pipedyn.bifurcation.orbit_continuation import COARSE, breaking_part, continued, solved_anew
 from pipedyn.bifurcation.periodic_orbit import PeriodicOrbit, refined, resolved
 from pipedyn.bifurcation.vector_field import VectorField
 from pipedyn.linear.critical_speed import crossings
 from pipedyn.linear.eigenproblem import Complex
-from pipedyn.linear.modes import LARGEST_SPEED
 from pipedyn.models.base import Model, NotConverged, PipedynError
+from pipedyn.models.drive import LARGEST_SPEED
 from pipedyn.motion.simulate import (
     Motion,
     MotionStopped,
@@ -350,7 +350,7 @@ def _simulated(motion: VectorField, u: float, start: Array, limit: int = SEARCH)
             away = float(np.abs(found.starts - guess.starts)[:, : motion.half].max())
             known = passed is not None and abs(found.frequency / passed.frequency - 1.0) < 1e-6
             if away < 0.01 * found.size and not known:
-                multipliers, _, _ = floquet(motion, found)
+                multipliers, _, _ = orbit_multipliers(motion, found)
                 if (np.abs(multipliers) <= 1.0 + 1e-3).all():
                     return _as_symmetric(motion, found)
                 passed = found
@@ -424,7 +424,7 @@ def finished(
     largest = rtol * (1e-1 if motion.model.pipe.has_kinks else 1e-3)
     tolerance = min(1e-7, 1e-2 * rtol)
     for _ in range(CHECKS):
-        known, error, reason = _refined(motion, orbit, largest, rtol, tolerance)
+        known, error, reason = refined_until(motion, orbit, largest, rtol, tolerance)
         orbit = known.orbit
         try:
             result = described(motion, known, error, samples, how)
@@ -456,7 +456,7 @@ class Known:
     peak: tuple[float, float]
 
 
-def _refined(
+def refined_until(
     motion: VectorField, orbit: PeriodicOrbit, largest: float, rtol: float, tolerance: float
 ) -> tuple[Known, float, str]:
     """The orbit on a finer mesh, what the last refinement changed, and why it went no further.
@@ -549,13 +549,13 @@ def on_branch(
 def described(
     motion: VectorField, known: Known, error: float, samples: int, how: str
 ) -> LimitCycle:
-    """The cycle of an orbit on its mesh; raises `NewtonFailed` as `floquet` does."""
+    """The cycle of an orbit on its mesh; raises `NewtonFailed` as `orbit_multipliers` does."""
     orbit, (amplitude, first) = known.orbit, known.peak
     period = 2.0 * math.pi / orbit.frequency
     t = np.linspace(0.0, period, samples)
     y = orbit.states(first + orbit.frequency * t)
     q, qdot = motion.model.recorded(y[: motion.half].T.copy(), y[motion.half :].T.copy())
-    multipliers, _, change = floquet(motion, orbit)
+    multipliers, _, change = orbit_multipliers(motion, orbit)
     # Rounding of eigenvalues of matrices of so many rows leaves about as much.
     change = max(change, multipliers.size * float(np.finfo(float).eps))
     others = np.abs(nontrivial(multipliers))

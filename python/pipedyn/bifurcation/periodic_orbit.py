@@ -63,13 +63,17 @@ TWICE: Array = ONCE @ ONCE
 
 @dataclass(frozen=True)
 class PeriodicOrbit:
-    """A periodic orbit, or one half of it if the other half is its mirror image."""
+    """A periodic orbit, or one half of it if the other half is its mirror image.
+
+    Of a forced motion the frequency is what varies at a given speed u, else the speed is.
+    """
 
     edges: Array = field(repr=False)  # phases at which intervals end, from 0 on, shape (M + 1,)
     starts: Array = field(repr=False)  # states where they begin, shape (M, 2 moving)
     rates: Array = field(repr=False)  # accelerations at the stages, shape (M, s, moving)
     frequency: float
     u: float
+    forced: bool = False
 
     @property
     def span(self) -> float:
@@ -132,18 +136,23 @@ class PeriodicOrbit:
         return self.durations * last.sum(axis=1).max(axis=1) / velocity
 
     def packed(self) -> Array:
-        """Unknowns: states, rates, frequency and speed, shape (M (2 + s) moving + 2,)."""
-        return np.concatenate([self.starts.ravel(), self.rates.ravel(), [self.frequency, self.u]])
+        """Unknowns: states, rates, frequency and speed, shape (M (2 + s) moving + 2,).
+
+        What varies is the last.
+        """
+        last = [self.u, self.frequency] if self.forced else [self.frequency, self.u]
+        return np.concatenate([self.starts.ravel(), self.rates.ravel(), last])
 
     def unpacked(self, z: Array) -> PeriodicOrbit:
         """The orbit of these unknowns on this mesh."""
         starts, rates = np.split(z[:-2], [self.starts.size])
+        frequency, u = z[:-3:-1] if self.forced else z[-2:]
         return replace(
             self,
             starts=starts.reshape(self.starts.shape),
             rates=rates.reshape(self.rates.shape),
-            frequency=float(z[-2]),
-            u=float(z[-1]),
+            frequency=float(frequency),
+            u=float(u),
         )
 
     def doubled(self, sign: float = 1.0) -> PeriodicOrbit:
@@ -181,9 +190,10 @@ def interpolated(
     u: float,
 ) -> PeriodicOrbit:
     """An orbit through states [p, p'], a function of phases (k,) to (2 moving, k), on a mesh."""
-    rates = motion(states(stage_phases(edges).ravel()), u)[motion.half :]
+    phases = stage_phases(edges).ravel()
+    rates = motion.along(phases, frequency)(states(phases), u)[motion.half :]
     rates = np.ascontiguousarray(rates.T).reshape(edges.size - 1, STAGES, motion.half)
-    return PeriodicOrbit(edges, states(edges[:-1]).T.copy(), rates, frequency, u)
+    return PeriodicOrbit(edges, states(edges[:-1]).T.copy(), rates, frequency, u, motion.forced)
 
 
 def resolved(

@@ -16,6 +16,9 @@ STENCIL = np.array([45.0, -9.0, 1.0]) / 60.0
 class VectorField:
     """f(y, u) = dy/dt of the integrated state y = [p, p'], shape (2 moving,)."""
 
+    forced = False
+    """Whether f depends on time, too: a `ForcedField`."""
+
     def __init__(self, model: Model) -> None:
         self.model = model
         self.half = model.moving
@@ -32,6 +35,10 @@ class VectorField:
         """Rates of the states in the columns, shape (2 moving, k), at one speed or k."""
         self._count(y.shape[1])
         return self.model.motion_rates(y, u)
+
+    def along(self, phases: Array, frequency: float) -> VectorField:
+        """The same of states at phases of an orbit with a frequency, one each."""
+        return self
 
     def jacobian(self, y: Array, u: float) -> Array:
         """df/dy of one state, shape (2 moving, 2 moving)."""
@@ -60,6 +67,10 @@ class VectorField:
             ahead = self.jacobian(y + k * h * moved, u + k * h)
             total += weight / h * (ahead - self.jacobian(y - k * h * moved, u - k * h))
         return total
+
+    def by_frequency(self, y: Array, u: float) -> Array:
+        """df/dw of the states in the columns, w the frequency of an orbit: of a forced motion."""
+        return np.zeros_like(y)
 
     def is_odd(self, u: float) -> bool:
         """Whether the mirror image of every motion is a motion too, as three states show."""

@@ -7,7 +7,10 @@ import math
 from collections.abc import Sequence
 from dataclasses import field, replace
 from functools import cached_property, lru_cache, partial
+from operator import attrgetter
 from typing import Any, TypeAlias, TypeVar
+
+import numpy as np
 
 from pipedyn import _core
 from pipedyn.linear.eigenproblem import eigenproblem
@@ -35,6 +38,10 @@ Answer = TypeVar("Answer")
 LARGE_GRAVITY = 100.0
 """gamma beyond which weight sets the scale of flow speeds: measured at beta 0.05 to 0.8, critical
 speeds are 1.6 to 1.9 times those without weight here, and grow about like gamma^(1/3) beyond."""
+
+
+BUCKLED = 64
+"""Roots looked at for those of a long chain that grow without flow: it buckles in few modes."""
 
 
 class NoCrossing(PipedynError):
@@ -208,9 +215,14 @@ def losses(
     jobs = [job for plan in plans if not isinstance(plan, Exception) for job in plan]
     _swept([job for job in jobs if isinstance(job, _Search)])
     end = max_speed if known_to is None else known_to
-    return [
-        plan if isinstance(plan, Exception) else outcome_of(partial(_point, model, plan, end))
+    found = [
+        plan if isinstance(plan, Exception) else outcome_of(partial(_found, model.pipe, plan))
         for model, plan in zip(models, plans, strict=True)
+    ]
+    _add_divergences(models, found, max_speed, until_unstable)
+    return [
+        one if isinstance(one, Exception) else _point(model, one, end)
+        for model, one in zip(models, found, strict=True)
     ]
 
 
@@ -238,27 +250,83 @@ def _plan(model: AnyModel, max_speed: float, until_unstable: bool) -> Sequence[J
     ]
 
 
-def _point(model: AnyModel, plan: Sequence[Job[Found]], known_to: float) -> Point:
-    pipe = model.pipe
+def _found(pipe: Pipe, plan: Sequence[Job[Found]]) -> Found:
+    """The crossings of a pipe, of the model of the size solved."""
     solved = [job() for job in plan]
     if not solved:
-        return None, ()
-    found = solved[0].value
-    if len(solved) > 1:
-        found = extrapolated(pipe, strengthened(pipe), [one.value for one in solved])
-    first = next((c for c in found if c.destabilising), None)
+        return Converged((), 0, 0.0)
+    if len(solved) == 1:
+        return solved[0]
+    return replace(
+        solved[0], value=extrapolated(pipe, strengthened(pipe), [one.value for one in solved])
+    )
+
+
+def _point(model: AnyModel, found: Found, known_to: float) -> Point:
+    pipe, all_found = model.pipe, found.value
+    first = next((c for c in all_found if c.destabilising), None)
     if first is None:
-        return None, found
+        return None, all_found
     critical = CriticalSpeed(
         **vars(first),
-        stable_at_rest=found[0].unstable_before == 0,
-        size=solved[0].size,
+        stable_at_rest=all_found[0].unstable_before == 0,
+        size=found.size,
         pipe=pipe,
         _approximates=model.approximates_pipe,
         _continuous=first.error if isinstance(model, Continuum) else None,
         _max_speed=known_to,
     )
-    return critical, found
+    return critical, all_found
+
+
+def _add_divergences(
+    models: Sequence[AnyModel],
+    found: list[Found | Exception],
+    max_speed: float,
+    until_unstable: bool,
+) -> None:
+    """Adds the divergences of pipes with hysteresis: those without it, as nothing oscillates."""
+    lossy = {
+        i: one
+        for i, (model, one) in enumerate(zip(models, found, strict=True))
+        if model.pipe.hysteresis and not isinstance(one, Exception) and one.size
+    }
+    ends = [
+        next((c.speed for c in one.value if c.destabilising and until_unstable), max_speed)
+        for one in lossy.values()
+    ]
+    if not any(ends):
+        return
+    still = [models[i].with_pipe(replace(models[i].pipe, hysteresis=0.0)) for i in lossy]
+    points = losses(still, max(ends))
+    for (i, one), end, model, point in zip(lossy.items(), ends, still, points, strict=True):
+        if isinstance(point, Exception):
+            found[i] = point
+            continue
+        divergences = [c for c in point[1] if c.kind == "divergence" and c.speed <= end]
+        every: list[Crossing] = []
+        oscillating, static = 0, _growing_at_rest(model, one.size)  # unstable roots of each kind
+        for c in sorted((*one.value, *divergences), key=attrgetter("speed")):
+            change = c.unstable_after - c.unstable_before
+            if c.kind == "flutter":
+                oscillating = c.unstable_before
+            before = oscillating + static
+            every.append(replace(c, unstable_before=before, unstable_after=before + change))
+            if c.kind == "flutter":
+                oscillating += change
+            else:
+                static += change
+            if until_unstable and change > 0:
+                break
+        found[i] = replace(one, value=tuple(every))
+
+
+def _growing_at_rest(model: AnyModel, size: int) -> int:
+    """Number of real roots that grow without flow; of the continuous pipe in a basis of a size."""
+    still = model.with_pipe(replace(model.pipe, damping=0.0))  # roots cluster at -1 / delta
+    problem = eigenproblem(still.frozen(size) if isinstance(still, Continuum) else still)
+    values = problem.lowest(0.0, BUCKLED if problem.is_long else 2 * problem.dof).values
+    return int(np.sum((values.imag == 0.0) & (values.real > problem.zero_tolerance)))
 
 
 def _converging(model: Continuum, max_speed: float, until_unstable: bool) -> Job[Found]:

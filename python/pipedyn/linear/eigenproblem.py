@@ -3,11 +3,17 @@
 
 The products come from `model.pencil()`; all is done in elastic coordinates, where the elastic
 stiffness is the identity. Chains are solved by recursion along them, others by their matrices.
+
+With hysteresis EI is EI (1 + i mu) for roots above the real axis, of which the core has all, and
+conjugate for those below. On the axis nothing oscillates, and nothing is lost: a growing real root
+is that of the pipe without hysteresis. A real root that decays is none of the pipe's, where mu
+makes it a pair close to the axis, or takes it below.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from functools import cached_property
 
 import numpy as np
@@ -16,6 +22,9 @@ from numpy.typing import NDArray
 from pipedyn import _core
 from pipedyn.models.base import Model
 from pipedyn.models.pencil import Pencil, Vectors
+from pipedyn.util.check import Array
+from pipedyn.util.counters import factorised
+from pipedyn.util.threads import one_thread
 
 Complex = NDArray[np.complex128]
 
@@ -81,10 +90,61 @@ class Eigenproblem:
             conservative=self.is_conservative,
             squared=self.velocity_free(1.0),
             free_at_rest=self.velocity_free(0.0),
+            loss=self.pipe.hysteresis,
         )
         # Of the stiffness at rest, elastic stiffness being 1.
         size = 1.0 + abs(self.pipe.gamma) + self.model.term_stiffness(self.pencil)
         return self.pencil.spectrum(traits, size)
+
+    @cached_property
+    def static(self) -> Eigenproblem:
+        """Of the same without hysteresis, which has the real roots."""
+        return Eigenproblem(self.pencil.with_pipe(replace(self.pipe, hysteresis=0.0)))
+
+    def lowest(self, u: float, count: int, left: bool = False) -> _core.Pairs:
+        """The `count` eigenpairs of least |lambda|, sorted, or all there are, good or not."""
+        spectrum = self.spectrum()
+        with one_thread(self.rows):
+            found = spectrum.lowest(u, count, left, high=True)
+            if self.pipe.hysteresis:
+                most = 2 * self.dof
+                while 2 * np.sum(found.values.imag > 0.0) < count and found.values.size < most:
+                    asked = min(found.values.size + count, most)
+                    found = spectrum.lowest(u, asked, left, high=True)
+                still = self.static.lowest(u, min(count, most), left)
+                grows = (still.values.imag == 0.0) & (still.values.real > self.zero_tolerance)
+                found = _joined(found, _taken(still, np.flatnonzero(grows)), count)
+        factorised(spectrum.factorisations())
+        return found
+
+    def errors(self, u: float, pairs: _core.Pairs) -> Array:
+        """How far the eigenvalues of pairs with left vectors may be off."""
+        still = (pairs.values.imag == 0.0) & (self.pipe.hysteresis > 0.0)
+        errors = np.empty(still.size)
+        for problem, which in ((self, ~still), (self.static if still.any() else self, still)):
+            some = _taken(pairs, np.flatnonzero(which))
+            problem.spectrum().assess(u, some)
+            errors[which] = some.uncertain
+        return errors
+
+
+def _taken(pairs: _core.Pairs, which: NDArray[np.intp]) -> _core.Pairs:
+    """Some of the pairs."""
+    right, left = (of[:, which] if of.size else of for of in (pairs.right, pairs.left))
+    return _core.Pairs(pairs.values[which], right, left, pairs.residuals[which])
+
+
+def _joined(lossy: _core.Pairs, grows: _core.Pairs, count: int) -> _core.Pairs:
+    """Roots above the real axis with their conjugates, and growing ones on it, the lowest first."""
+    above = _taken(lossy, np.flatnonzero(~(lossy.values.imag <= 0.0)))  # with those not found
+    values = np.concatenate([above.values, above.values.conj(), grows.values])
+    places = np.lexsort((-values.imag, values.real, np.abs(values)))[:count]
+    right, left = (
+        np.hstack([a, a.conj(), b]) if a.size else a
+        for a, b in ((above.right, grows.right), (above.left, grows.left))
+    )
+    residuals = np.concatenate([above.residuals, above.residuals, grows.residuals])
+    return _taken(_core.Pairs(values, right, left, residuals), places)
 
 
 def eigenproblem(model: Model) -> Eigenproblem:

@@ -23,16 +23,14 @@ from pipedyn.models.continuum import (
     checked_model,
     relative,
 )
+from pipedyn.models.drive import LARGEST_SPEED
+from pipedyn.models.pipe import Pipe
 from pipedyn.util import check
 from pipedyn.util.check import Array
 from pipedyn.util.counters import factorised
 from pipedyn.util.parallel import track
 from pipedyn.util.result import result
 from pipedyn.util.threads import one_thread
-
-LARGEST_SPEED = 1e4
-"""Flow speeds beyond are refused: the thrust u^2 is then 1e8 times the elastic stiffness, and
-rounding takes half of the digits."""
 
 LARGEST_FULL = _core.dense_limit
 """Degrees of freedom up to which all eigenvalues are computed at once."""
@@ -57,7 +55,9 @@ def eigenvalues(model: AnyModel, u: float, count: int | None = None) -> Complex:
 
     Returns:
         Complex array (count,), sorted by |lambda|; conjugates are neighbours, the upper
-        first (an odd count may cut the last pair).
+        first (an odd count may cut the last pair). With hysteresis it has the pairs that oscillate
+        and the real roots that grow, see `Pipe.hysteresis`; of strong damping these may be fewer
+        than 2 dof in all.
 
     Raises:
         NotConverged: if an eigenvalue fails the check of its residual; `result` holds the `Modes`,
@@ -68,7 +68,7 @@ def eigenvalues(model: AnyModel, u: float, count: int | None = None) -> Complex:
     the inverse problem, see `cpp/pipedyn/linear/operator.hpp`.
     """
     u, count = _checked_question(model, u, count)
-    if isinstance(model, Model) and model.linear_cost:
+    if isinstance(model, Model) and model.linear_cost and not model.pipe.hysteresis:
         model.require_equilibrium(u)
         asked, problem = 2 * model.dof if count is None else count, eigenproblem(model)
         with one_thread(problem.rows):
@@ -145,11 +145,8 @@ class Modes:
         To first order: residual and rounding times the eigenvalue's condition, which takes left
         vectors, computed at the first request; for `Continuum` with `discretisation`.
         """
-        model = self.shapes[0].model
-        problem = eigenproblem(model)
-        spectrum = problem.spectrum()
-        with one_thread(problem.rows):
-            pairs = spectrum.lowest(self.speed, self.eigenvalues.size, left=True, high=True)
+        problem = eigenproblem(self.shapes[0].model)
+        pairs = problem.lowest(self.speed, self.eigenvalues.size, left=True)
         errors = np.full(self.eigenvalues.size, np.inf)
         good = np.flatnonzero(np.isfinite(self.eigenvalues))
         values = self.eigenvalues[good]
@@ -158,8 +155,7 @@ class Modes:
         # Those left vectors are of pairs refined: theirs are not the residuals of what was found.
         right, left = pairs.right[:, same], pairs.left[:, same]
         found = _core.Pairs(values, right, left, self.residuals[good])
-        spectrum.assess(self.speed, found)
-        errors[good] = found.uncertain
+        errors[good] = problem.errors(self.speed, found)
         errors[good] += (self.discretisation or 0.0) * np.maximum(np.abs(values), 1.0)
         return errors
 
@@ -242,11 +238,7 @@ def _checked_count(count: Any, model: AnyModel, roots: int) -> int:
 
 
 def _modes(model: Model, u: float, count: int | None) -> Modes:
-    problem = eigenproblem(model)
-    spectrum = problem.spectrum()
-    with one_thread(problem.rows):
-        pairs = spectrum.lowest(u, 2 * model.dof if count is None else count, left=False, high=True)
-    factorised(spectrum.factorisations())
+    pairs = eigenproblem(model).lowest(u, 2 * model.dof if count is None else count)
     coordinates = model.from_elastic(pairs.right)
     # A mode that failed is NaN.
     displacement = model.deflection(np.nan_to_num(coordinates), model.stations)
@@ -270,6 +262,8 @@ class RootLoci:
             on the real axis with the greater of a pair.
         partners: the other root of each pair, shape (S, count): the conjugate while the pair is
             complex, the other real root while it is not.
+            With hysteresis branches are of what oscillates, and NaN where strong damping leaves a
+            mode no such root.
         converged: whether each eigenvalue passed the check of its residual, shape (S, count).
         errors: how far each eigenvalue or its partner may be from the exact one, absolute, shape
             (S, count). To first order: residual and rounding times the condition, so that it is
@@ -320,7 +314,7 @@ def root_loci(
         model,
         (float(at[0]), float(at[-1])),
         lambda one: _root_loci(one, at, count, shown),
-        partial(_moved, delta=model.pipe.damping),
+        partial(_moved, pipe=model.pipe),
         tolerance=1e-8,
         smallest=smallest,
         largest=smallest + 32,
@@ -329,20 +323,25 @@ def root_loci(
     if not isinstance(model, Continuum):
         return found
     scale = np.maximum(np.maximum(np.abs(found.eigenvalues), np.abs(found.partners)), 1.0)
-    moved = np.where(_overdamped(found, model.pipe.damping), np.inf, answer.error * scale)
+    unknown = _overdamped(found, model.pipe.damping) | np.isnan(scale)
+    moved = np.where(unknown, np.inf, answer.error * scale)
     return replace(found, errors=found.errors + moved)
 
 
-def _moved(a: RootLoci, b: RootLoci, delta: float) -> float:
+def _moved(a: RootLoci, b: RootLoci, pipe: Pipe) -> float:
     """Largest relative change of a root; with damping, of those that are not overdamped.
 
     Overdamped roots of neighbouring modes meet and part in the cluster at -1 / delta, so that which
     is which is a convention.
     """
-    if delta == 0.0:
-        return max(relative(a.eigenvalues, b.eigenvalues), relative(a.partners, b.partners))
+    delta = pipe.damping
     compared = ~(_overdamped(a, delta) & _overdamped(b, delta))
-    return relative(a.eigenvalues[compared], b.eigenvalues[compared])
+    if pipe.hysteresis:  # NaN is no root of the pipe's
+        compared &= np.isfinite(a.eigenvalues) & np.isfinite(b.eigenvalues)
+    moved = relative(a.eigenvalues[compared], b.eigenvalues[compared])
+    if delta > 0.0:
+        return moved
+    return max(moved, relative(a.partners[compared], b.partners[compared]))
 
 
 def _overdamped(loci: RootLoci, delta: float) -> NDArray[np.bool_]:

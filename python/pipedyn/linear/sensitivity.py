@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 from dataclasses import field
-from itertools import accumulate, pairwise
 from typing import Any, Literal
 
 from pipedyn import _core
@@ -24,7 +23,7 @@ class Derivatives:
 
     Attributes:
         beta: None at beta = 0 (below 1e-300), where the square root of beta has no derivative.
-        gamma, damping, alpha: by these.
+        gamma, damping, alpha, hysteresis: by these.
         springs: by each k_j, shape (n,), the others held; None for reduced models and scenes that
             matrices solve, see `Assembly`.
     """
@@ -33,6 +32,7 @@ class Derivatives:
     gamma: float
     damping: float
     alpha: float
+    hysteresis: float
     springs: Array | None = field(default=None, repr=False, compare=False)
 
 
@@ -83,19 +83,18 @@ class Crossing:
 
 def crossings_of(problem: Eigenproblem, swept: _core.Sweep) -> tuple[Crossing, ...]:
     """The crossings of a sweep, with counts and sensitivities."""
-    counts = accumulate((c.change for c in swept.crossings), initial=swept.unstable_at_rest)
     return tuple(
         Crossing(
             speed=crossing.speed,
             frequency=crossing.frequency,
             kind="flutter" if crossing.change % 2 == 0 else "divergence",
-            unstable_before=before,
-            unstable_after=after,
+            unstable_before=crossing.before,
+            unstable_after=crossing.before + crossing.change,
             error=crossing.error,
             mode=crossing.mode,
             sensitivity=_sensitivity(problem, crossing),
         )
-        for crossing, (before, after) in zip(swept.crossings, pairwise(counts), strict=True)
+        for crossing in swept.crossings
     )
 
 
@@ -128,6 +127,7 @@ def _sensitivity(problem: Eigenproblem, crossing: _core.AxisCrossing) -> Sensiti
         "gamma": -forms.gravity / down,
         "damping": -value * forms.by_damping / down,
         "alpha": -(u**2) * forms.flux / down,
+        "hysteresis": -1j * forms.by_damping / down if value else 0j,
     }
     if pipe.beta >= LEAST_BETA:
         changes["beta"] = -value * u * forms.velocity / (2.0 * pipe.beta * down)

@@ -1,13 +1,13 @@
 # SPDX-License-Identifier: MIT
 """Crossings of pipes whose gyroscopic force and damping are so weak that rounding hides Re lambda.
 
-Needed below sqrt(beta) = delta = 2e-5. Without it the sign of Re lambda is rounding, and crossings
-are found where there are none, or refused.
+Needed below sqrt(beta) = delta = mu = 2e-5. Without it the sign of Re lambda is rounding, and
+crossings are found where there are none, or refused.
 
-Both are odd under reversal of time, so with their ratio sqrt(beta) : delta held, crossings are even
-functions of their size: u_c = F(ratio) + O(beta, delta^2). Solved is the same pipe with both made
-stronger, in three sizes, and the crossings are extrapolated to the size asked for. The limit is not
-the pipe with neither, which is circulatory (Ziegler's paradox).
+All are odd under reversal of time, so with their ratio sqrt(beta) : delta : mu held, crossings are
+even functions of their size: u_c = F(ratio) + O(beta, delta^2, mu^2). Solved is the same pipe with
+all made stronger, in three sizes, and the crossings are extrapolated to the size asked for. The
+limit is not the pipe with none, which is circulatory (Ziegler's paradox).
 """
 
 from __future__ import annotations
@@ -35,8 +35,8 @@ through two bounds the error; they lie close so that terms of higher order do no
 
 
 def _size(pipe: Pipe) -> float:
-    """Size of sqrt(beta) and delta, 1 at the least that is solved."""
-    return max(math.sqrt(pipe.beta), pipe.damping) / STRONG
+    """Size of sqrt(beta), delta and mu, 1 at the least that is solved."""
+    return max(math.sqrt(pipe.beta), pipe.damping, pipe.hysteresis) / STRONG
 
 
 def is_weakly_damped(pipe: Pipe) -> bool:
@@ -46,9 +46,11 @@ def is_weakly_damped(pipe: Pipe) -> bool:
 
 def strengthened(pipe: Pipe) -> list[Pipe]:
     """The pipes to solve in its place."""
-    flow, damping, size = math.sqrt(pipe.beta), pipe.damping, _size(pipe)
+    flow, delta, mu, size = math.sqrt(pipe.beta), pipe.damping, pipe.hysteresis, _size(pipe)
     factors = [math.sqrt(square) / size for square in SQUARES]
-    return [replace(pipe, beta=(f * flow) ** 2, damping=f * damping) for f in factors]
+    return [
+        replace(pipe, beta=(f * flow) ** 2, damping=f * delta, hysteresis=f * mu) for f in factors
+    ]
 
 
 def extrapolated(
@@ -86,18 +88,23 @@ def extrapolated(
 
 
 def _weakened(pipe: Pipe, solved: Pipe, sensitivity: Sensitivity | None) -> Sensitivity | None:
-    """Derivatives by beta and damping, as these shrink; the others tend to a limit."""
+    """Derivatives by beta, damping and hysteresis, as these shrink; others tend to a limit."""
     if sensitivity is None:
         return None
+    weaker = _size(solved) / _size(pipe)
 
     def shrunk(by: Derivatives) -> Derivatives:
-        if by.beta is None:  # even in delta
-            return replace(by, damping=by.damping * (pipe.damping / solved.damping))
-        # u = F(sqrt(beta) / delta) + beta G: what comes from F grows like 1 / beta.
-        damping = by.damping * math.sqrt(solved.beta / pipe.beta)
-        across = 0.5 * by.damping * solved.damping
-        return replace(
-            by, beta=by.beta + across / solved.beta - across / pipe.beta, damping=damping
+        # u = F(ratio) + beta G: what comes from F grows, like 1 / beta for beta. At beta = 0 there
+        # is no ratio to one of the others alone, in which u is even.
+        shrinks = [by.beta is None and not other for other in (solved.hysteresis, solved.damping)]
+        damping, hysteresis = (
+            one * (1.0 / weaker if alone else weaker)
+            for one, alone in zip((by.damping, by.hysteresis), shrinks, strict=True)
         )
+        beta = by.beta
+        if beta is not None:
+            across = 0.5 * (by.damping * solved.damping + by.hysteresis * solved.hysteresis)
+            beta += across / solved.beta - across / pipe.beta
+        return replace(by, beta=beta, damping=damping, hysteresis=hysteresis)
 
     return Sensitivity(shrunk(sensitivity.speed), shrunk(sensitivity.frequency))

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pipedyn import _core
+from pipedyn.models.drive import drive_of
 from pipedyn.models.pencil import DensePencil, Pencil
 from pipedyn.models.pipe import Pipe
 from pipedyn.util import check
@@ -23,7 +24,7 @@ from pipedyn.util.power_iteration import largest_stretch
 from pipedyn.util.result import result
 
 DENSE_LIMIT = 4000
-"""Largest dof for which dense operators are made: six matrices of 128 MB."""
+"""Largest dof for which dense operators are made: seven matrices of 128 MB."""
 
 LARGEST_RESULT = 1_000_000_000
 """Numbers in one result: 8 GB, and twice that if they are complex."""
@@ -62,8 +63,9 @@ class Operators:
     """Linear operators about a configuration at rest, each of shape (dof, dof).
 
     M q'' + C q' + K q = 0 with C = s u (gyroscopic + end_flux) + damping and
-    K = stiffness + a u^2 flux. gyroscopic is skew and end_flux symmetric of rank one, about a bent
-    pipe two; both carry sqrt(beta), the latter also `inflow_share`.
+    K = stiffness + a u^2 flux + s u' unsteady, to which i loss comes where q ~ exp(lambda tau),
+    Im lambda > 0. gyroscopic is skew and end_flux symmetric of rank one, about a bent pipe two;
+    with unsteady they carry sqrt(beta), end_flux also `inflow_share`.
 
     Attributes:
         mass: M, symmetric and positive definite.
@@ -72,8 +74,10 @@ class Operators:
         damping: Kelvin-Voigt damping, symmetric; of a scene also what else resists velocities.
         stiffness: springs or bending, and gravity; symmetric unless a custom module is not.
         flux: centrifugal force and the end's follower force.
+        unsteady: the fluid's acceleration in the pipe where the flow speed changes.
         direction: s, 1 ejecting and -1 aspirating.
         centrifugal: alpha.
+        loss: hysteresis times the elastic stiffness; None without.
     """
 
     mass: Array
@@ -82,14 +86,20 @@ class Operators:
     damping: Array
     stiffness: Array
     flux: Array
+    unsteady: Array
     direction: float
     centrifugal: float
+    loss: Array | None = None
 
-    def at(self, u: float) -> tuple[Array, Array, Array]:
-        """(M, C, K) at flow speed u >= 0."""
+    def at(self, u: float, u_dot: float = 0.0) -> tuple[Array, Array, NDArray[Any]]:
+        """(M, C, K) at flow speed u >= 0 and its rate of change; with a loss K is complex."""
         u = check.real("u", u, low=0.0, high=1e100)
         velocity = self.direction * u * (self.gyroscopic + self.end_flux) + self.damping
-        return self.mass, velocity, self.stiffness + self.centrifugal * u**2 * self.flux
+        stiffness = self.stiffness + self.centrifugal * u**2 * self.flux
+        if u_dot != 0.0:
+            u_dot = check.real("u_dot", u_dot, low=-1e100, high=1e100)
+            stiffness = stiffness + self.direction * u_dot * self.unsteady
+        return self.mass, velocity, stiffness if self.loss is None else stiffness + 1j * self.loss
 
 
 @result
@@ -97,26 +107,28 @@ class Power:
     """Rate of a state's energy by what does the work, each a number or, for k states, shape (k,).
 
     Attributes:
-        flow: of the flow, all of it at the free end.
+        flow: of the flow; at a steady speed all of it at the free end.
         joints: of Kelvin-Voigt damping, <= 0.
         drag: of quadratic drag, <= 0.
         others: of what is no part of a plain pipe.
+        base: of the base's motion, in whose frame the energy is counted.
     """
 
     flow: float | Array
     joints: float | Array
     drag: float | Array
     others: float | Array
+    base: float | Array = 0.0
 
     @property
     def total(self) -> float | Array:
         """dE/dt along the motion."""
-        return self.flow + self.joints + self.drag + self.others
+        return self.flow + self.joints + self.drag + self.others + self.base
 
 
 def operators_from(core: _core.Operators, pipe: Pipe, scale: Array | None = None) -> Operators:
     """The core's matrices, each times a scale (dof, dof), with the pipe's two flow factors."""
-    matrices = {field.name: getattr(core, field.name) for field in fields(Operators)[:6]}
+    matrices = {field.name: getattr(core, field.name) for field in fields(Operators)[:7]}
     if scale is not None:
         matrices = {name: scale * matrix for name, matrix in matrices.items()}
     return Operators(**matrices, direction=pipe.direction, centrifugal=pipe.alpha)
@@ -124,10 +136,12 @@ def operators_from(core: _core.Operators, pipe: Pipe, scale: Array | None = None
 
 def projected(operators: Operators, basis: Array) -> Operators:
     """Those in coordinates z of which the others are basis z, shape (dof, r)."""
-    names = [field.name for field in fields(Operators)[:6]]
-    return replace(
-        operators, **{name: basis.T @ getattr(operators, name) @ basis for name in names}
-    )
+    matrices: dict[str, Any] = {
+        name: basis.T @ of @ basis
+        for name, of in vars(operators).items()
+        if isinstance(of, np.ndarray)
+    }
+    return replace(operators, **matrices)
 
 
 def core_pipe(pipe: Pipe) -> _core.Pipe:
@@ -147,6 +161,7 @@ def core_pipe(pipe: Pipe) -> _core.Pipe:
         root=pipe.root_stiffness,
         end=pipe.end,
         supports=pipe.supports,
+        hysteresis=pipe.hysteresis,
     )
 
 
@@ -342,8 +357,22 @@ class Model(OfPipe, ABC):
         """
         return self.core
 
+    @cached_property
+    def equations(self) -> Any:
+        """The same of a pipe that has equations of motion.
+
+        Raises:
+            ValueError: with hysteresis, which is known of oscillations alone.
+        """
+        if self._pipe.hysteresis:
+            raise ValueError(
+                f"hysteresis must be 0 in motion, got {self._pipe.hysteresis:g}: a loss factor "
+                "has no equation of motion; instead take damping=pipe.equivalent_damping(frequency)"
+            )
+        return self.motion
+
     def operators(self, q: ArrayLike | None = None) -> Operators:
-        """Six linear operators in q, each (dof, dof), about a configuration at rest.
+        """Seven linear operators in q, each (dof, dof), about a configuration at rest.
 
         Mass, gyroscopic, end_flux and damping are what multiplies q'' and q' there; at rest drag
         has no linear part. stiffness is the derivative of the forces of bending, gravity and terms,
@@ -358,10 +387,22 @@ class Model(OfPipe, ABC):
             ValueError: also for more than 4000 degrees of freedom.
         """
         self._check_dense()
-        q = self._reference if q is None else q
-        if q is None:
-            return operators_from(self.core.operators(), self.pipe)
-        return operators_from(self.motion.operators(self._coordinates(q)), self.pipe)
+        at = self._reference if q is None else self._coordinates(q)
+
+        def found(model: Self) -> Operators:
+            core = model.core.operators() if at is None else model.motion.operators(at)
+            return operators_from(core, model.pipe)
+
+        return self._with_loss(found)
+
+    def _with_loss(self, of: Callable[[Self], Operators]) -> Operators:
+        """The model's operators, with what hysteresis adds: mu dD/ddelta, D being linear."""
+        found, pipe = of(self), self._pipe
+        if not pipe.hysteresis:
+            return found
+        step = 1.0 if pipe.damping < 1.0 else -1.0  # by which delta stays in its range
+        moved = of(self.with_pipe(replace(pipe, damping=pipe.damping + step)))
+        return replace(found, loss=pipe.hysteresis * step * (moved.damping - found.damping))
 
     @abstractmethod
     def elastic_operators(self) -> Operators:
@@ -371,7 +412,15 @@ class Model(OfPipe, ABC):
     def from_elastic(self, z: ArrayLike) -> NDArray[Any]:
         """Coordinates q, shape (dof, ...), from elastic coordinates of the same shape."""
 
-    def rhs(self, t: float, y: ArrayLike, u: float | ArrayLike) -> Array:
+    def rhs(
+        self,
+        t: float,
+        y: ArrayLike,
+        u: float | ArrayLike,
+        *,
+        u_dot: float | ArrayLike | None = None,
+        base: ArrayLike | None = None,
+    ) -> Array:
         """Rate of the state, geometrically exact at any amplitude.
 
         Flow, gravity, bending, Kelvin-Voigt damping, quadratic drag and terms, each only where the
@@ -383,19 +432,48 @@ class Model(OfPipe, ABC):
             y: state [q, q'], shape (2 c,) with c = `coordinates`, which is dof but for scenes, or
                 (2 c, k) for k states; k may be 0.
             u: flow speed, in units of sqrt(EI / mu_f) / L, >= 0; for k states also one each, (k,).
+            u_dot: its rate of change, which accelerates the fluid along the pipe; for k states also
+                (k,). Steady where not given.
+            base: where the base moves, its position, velocity and acceleration, (x, y) each, shape
+                (3, 2), or (3, 2, k) for k states. The base carries the clamp and all that holds the
+                pipe rigidly; q is counted from it. Drag and terms see its motion: they rest on the
+                ground. At rest where not given.
 
         Returns:
             dy/dt = [q', q''], of the shape of y.
         """
-        return self.motion.rhs(t, y, u)
+        return self.equations.rhs(t, y, u, drive=self._drive(y, u_dot, base))
 
-    def jacobian(self, t: float, y: ArrayLike, u: float | ArrayLike) -> Array:
+    def _drive(self, y: ArrayLike, u_dot: Any, base: Any) -> Array | None:
+        if base is not None:
+            self.require_base()
+        return drive_of(y, u_dot, base)
+
+    def require_base(self) -> None:
+        """Raises ValueError where it is not known what a moving base does to the model."""
+        if any(term.law == "stretching" for term in self.pipe.terms):
+            raise ValueError(
+                "base must be at rest with Stretching: its axial spring stands on the ground, and "
+                "the base would stretch the pipe"
+            )
+
+    def jacobian(
+        self,
+        t: float,
+        y: ArrayLike,
+        u: float | ArrayLike,
+        *,
+        u_dot: float | ArrayLike | None = None,
+        base: ArrayLike | None = None,
+    ) -> Array:
         """Derivative of `rhs` with respect to the state, analytic.
 
         Args:
             t: time; nothing depends on it.
             y: state [q, q'], shape (2 c,), or (2 c, k) for k states of a chain or reduced model.
             u: flow speed, in units of sqrt(EI / mu_f) / L, >= 0; for k states also one each, (k,).
+            u_dot: its rate of change, as for `rhs`.
+            base: its motion, as for `rhs`.
 
         Returns:
             d(dy/dt)/dy, shape (2 c, 2 c), or (k, 2 c, 2 c). Drag's share
@@ -405,7 +483,7 @@ class Model(OfPipe, ABC):
             ValueError: also for more than 4000 segments of a chain.
         """
         self._check_dense()
-        return self.motion.jacobian(t, y, u)
+        return self.equations.jacobian(t, y, u, drive=self._drive(y, u_dot, base))
 
     @property
     def moving(self) -> int:
@@ -432,6 +510,10 @@ class Model(OfPipe, ABC):
         """Directions that constraints leave about a configuration, shape (moving, dof)."""
         return np.eye(self.dof)
 
+    def by_coordinates(self) -> Array:
+        """Change of p at rest by each coordinate of `operators()`, shape (moving, dof)."""
+        return self.free_directions(self.resting())
+
     def projected(self, p: Array, rates: Array) -> tuple[Array, Array]:
         """Close to p and its rates, (moving, ...) each, what meets constraints; NaN without any."""
         return p, rates
@@ -447,32 +529,45 @@ class Model(OfPipe, ABC):
         """
         return float(np.abs(p).max())
 
-    def motion_rates(self, y: Array, u: float | Array) -> Array:
-        """Rates of [p, p'], shape (2 moving,), or (2 moving, k) of k columns."""
+    def motion_rates(self, y: Array, u: float | Array, drive: Array | None = None) -> Array:
+        """Rates of [p, p'], shape (2 moving,), or (2 moving, k) of k columns.
+
+        drive: what drives them, see `pipedyn.models.drive`, (ROWS,) or (ROWS, k).
+        """
         if self.motion is self.core:  # which advances these, and needs no work for it
-            return np.asarray(self.core.rhs(0.0, y, u))
+            return np.asarray(self.core.rhs(0.0, y, u, drive))
         work = np.zeros((1, *y.shape[1:]))
-        rates: Array = self.motion.rhs_and_power(0.0, np.concatenate([y, work]), u)
+        rates: Array = self.motion.rhs_and_power(0.0, np.concatenate([y, work]), u, drive)
         return rates[:-1]
 
-    def motion_jacobian(self, y: Array, u: float) -> Array:
+    def motion_jacobian(self, y: Array, u: float | Array, drive: Array | None = None) -> Array:
         """Derivative of the rates of [p, p'], (2 moving, 2 moving); (k, ...) of k columns."""
-        return self.jacobian(0.0, y, u)
+        self._check_dense()
+        return self.motion.jacobian(0.0, y, u, drive)
 
-    def energy(self, y: ArrayLike) -> float | Array:
+    def energy(self, y: ArrayLike, *, base: ArrayLike | None = None) -> float | Array:
         """Kinetic, elastic and gravity's energy in EI / L, 0 at rest on the straight pipe.
 
-        A number for a state y, shape (2 coordinates,), or shape (k,) for k, (2 coordinates, k).
+        A number for a state y, shape (2 coordinates,), or shape (k,) for k, (2 coordinates, k). It
+        is counted in the frame of the base, but for what springs on the ground store. base: as for
+        `rhs`.
         """
-        return self.motion.energy(y)
+        return self.motion.energy(y, drive=self._drive(y, None, base))
 
-    def power(self, y: ArrayLike, u: float | ArrayLike) -> Power:
+    def power(
+        self,
+        y: ArrayLike,
+        u: float | ArrayLike,
+        *,
+        u_dot: float | ArrayLike | None = None,
+        base: ArrayLike | None = None,
+    ) -> Power:
         """What feeds and drains the energy, in EI / (L T): its total is dE/dt along the motion.
 
-        By what does the work, each a number or shape (k,); states y as for `energy`, flow speed u
-        as for `rhs`.
+        By what does the work, each a number or shape (k,); states y as for `energy`, flow speed u,
+        u_dot and base as for `rhs`.
         """
-        return Power(*self.motion.power(y, u))
+        return Power(*self.equations.power(y, u, drive=self._drive(y, u_dot, base)))
 
     @abstractmethod
     def shape(self, q: ArrayLike, s: ArrayLike) -> Array:
@@ -484,12 +579,14 @@ class Model(OfPipe, ABC):
         """
 
     @abstractmethod
-    def deflection(self, q: ArrayLike, s: ArrayLike) -> NDArray[Any]:
+    def deflection(self, q: ArrayLike, s: ArrayLike, derivative: int = 0) -> NDArray[Any]:
         """Transverse displacement for small q at arc lengths s, shape (p,) or (p, k).
 
         Args:
             q: coordinates, real or complex, shape (dof,) or (dof, k).
             s: arc lengths from the clamp in L, each in [0, 1], shape (p,).
+            derivative: 0, or 1 for the angle by which the pipe turns there, the slope of a straight
+                one; where segments meet, the mean of both.
         """
 
     def tips(self, q: ArrayLike) -> Array:

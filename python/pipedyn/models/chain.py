@@ -25,9 +25,10 @@ from pipedyn.models.base import (
     stored,
 )
 from pipedyn.models.galerkin import Galerkin, basis_joints
-from pipedyn.models.held import MET, SAME, Held, closest, held_nodes, keeps_direction
+from pipedyn.models.held import MET, SAME, Held, closest, held_ends, keeps_direction
 from pipedyn.models.pencil import ChainPencil, Pencil, real_columns
 from pipedyn.models.pipe import Pipe
+from pipedyn.models.profile import moments, reciprocal
 from pipedyn.util import check
 from pipedyn.util.check import Array
 from pipedyn.util.power_iteration import largest_stretch
@@ -54,8 +55,8 @@ class Chain(Model):
     Supports, and an end that is pinned or clamped, hold the ends of segments on the axis: n angles
     then have fewer degrees of freedom, `dof`. States and configurations hold all n, and meet the
     supports to 1e-9; `bent` and `closed` give such. Operators and modes have coordinates along
-    `basis`, orthonormal. A root's spring lies in series with the first joint, 1 / k_1 + 1 / k_r; a
-    guided or clamped end has a joint n + 1, the mirror image of the clamp's.
+    `basis`, orthonormal. A root's spring, undamped, lies in series with the first joint, 1 / k_1 +
+    1 / k_r; a guided or clamped end has a joint n + 1, the mirror image of the clamp's.
 
     Args:
         pipe: the pipe.
@@ -186,7 +187,7 @@ class Chain(Model):
         lengths, mass = self._lengths, self._pipe.mass
         if mass is None:
             return lengths.copy(), np.full(lengths.size, 0.5), lengths / math.sqrt(12.0)
-        whole, first, second = mass.moments(self._ends())
+        whole, first, second = moments(mass, self._ends())
         arms = first / whole
         return whole, arms / lengths, np.sqrt(second / whole - arms**2)
 
@@ -201,7 +202,7 @@ class Chain(Model):
             cells[0] = 0.0
         elif rule == "midpoint":
             cells = np.linspace(0.0, 1.0, self.coordinates + 1)
-        harmonic = np.diff(cells) / self._pipe.stiffness.reciprocal.moments(cells)[0]
+        harmonic = np.diff(cells) / moments(reciprocal(self._pipe.stiffness), cells)[0]
         return np.append(harmonic, harmonic[-1])[: self.coordinates + 1]
 
     def _springs_by_rule(self, rule: str) -> Array:
@@ -251,15 +252,15 @@ class Chain(Model):
                 f"springs must have {n + 1} entries, the last of the joint that holds the "
                 f"{pipe.end} end, got {n}"
             )
-        if self._held.all():
+        if self._held.size == n:
             raise ValueError(
                 f"supports must leave something that moves: n must be at least {n + 1}, got {n}"
             )
 
     @cached_property
-    def _held(self) -> NDArray[np.bool_]:
-        """Whether the end of each segment is held on the axis, shape (n,)."""
-        return held_nodes(self._pipe, self._ends()[1:])
+    def _held(self) -> NDArray[np.intp]:
+        """Which segments' ends are held on the axis, from 0 on."""
+        return held_ends(self._pipe, self._ends()[1:])
 
     def _with_springs(self, springs: Array, pipe: Pipe) -> _core.Chain:
         return _core.Chain(
@@ -286,8 +287,7 @@ class Chain(Model):
     @cached_property
     def motion(self) -> Any:
         """The compiled chain, or where supports hold nodes the compiled scene."""
-        nodes = np.flatnonzero(self._held)
-        if not nodes.size:
+        if not self._held.size:
             return self.core
         n, joints = self.coordinates, self._own_joints
         return _core.Scene(
@@ -302,18 +302,18 @@ class Chain(Model):
             base=self._base,
             mass=self._masses,
             inertia=np.zeros((0, 3 * n)),
-            held=(3 * nodes).tolist(),
-            value=np.zeros(nodes.size),
+            held=(3 * self._held).tolist(),
+            value=np.zeros(self._held.size),
         )
 
     @cached_property
     def supported(self) -> Held | None:
         """What supports hold, or None if they hold no node."""
-        return Held(self.motion, self._rows) if self._held.any() else None
+        return Held(self.motion, self._rows) if self._held.size else None
 
     def _rows(self, theta: Array) -> Array:
         """Derivative of x of the nodes that are held by the angles, shape (n, c)."""
-        before = np.arange(theta.size)[:, None] <= np.flatnonzero(self._held)
+        before = np.arange(theta.size)[:, None] <= self._held
         return before * (self._lengths * np.cos(theta))[:, None]
 
     def __repr__(self) -> str:
@@ -323,7 +323,7 @@ class Chain(Model):
     @property
     def dof(self) -> int:
         """Number of angles, less one for each node that supports hold."""
-        return self._lengths.size - int(self._held.sum())
+        return self._lengths.size - self._held.size
 
     @property
     def coordinates(self) -> int:
@@ -358,11 +358,11 @@ class Chain(Model):
     def pencil(self) -> Pencil:
         if self._reference is not None:
             return super().pencil()
-        return (
-            ChainPencil(self, self._held, self._elastic_free)
-            if self.supported
-            else ChainPencil(self)
-        )
+        if self.supported is None:
+            return ChainPencil(self)
+        held = np.zeros(self.coordinates, dtype=np.bool_)
+        held[self._held] = True
+        return ChainPencil(self, held, self._elastic_free)
 
     def term_stiffness(self, pencil: Pencil) -> float:
         if self.supported and self._reference is not None:
@@ -434,7 +434,7 @@ class Chain(Model):
             return super().operators(q)
         self._check_dense()
         theta = self.resting() if q is None else self._coordinates(q)
-        return projected(self._in_angles(theta), self.basis(theta))
+        return self._with_loss(lambda of: projected(of._in_angles(theta), of.basis(theta)))
 
     def _in_angles(self, theta: Array) -> Operators:
         """Operators in all angles, with what supports' forces add to them."""
@@ -463,8 +463,8 @@ class Chain(Model):
     def free_states(self, y: Array) -> Array:
         return super().free_states(y) if self.supported is None else self.supported.free_states(y)
 
-    def motion_rates(self, y: Array, u: float | Array) -> Array:
-        return np.asarray(self.motion.rhs(0.0, y, u))
+    def motion_rates(self, y: Array, u: float | Array, drive: Array | None = None) -> Array:
+        return np.asarray(self.motion.rhs(0.0, y, u, drive))
 
     def projected(self, p: Array, rates: Array) -> tuple[Array, Array]:
         if self.supported is None:
@@ -567,19 +567,29 @@ class Chain(Model):
         ends = self._base + np.cumsum(self._lengths)
         return self._angles(angle, ends - 0.5 * self._lengths)
 
-    def deflection(self, q: ArrayLike, s: ArrayLike) -> NDArray[Any]:
-        at, given = arc_lengths(s), self._displaced(q, arc_lengths(s).size)
-        theta = given
+    def deflection(self, q: ArrayLike, s: ArrayLike, derivative: int = 0) -> NDArray[Any]:
+        at, order = arc_lengths(s), check.count("derivative", derivative, low=0, high=1)
+        theta = given = self._displaced(q, at.size)
         if self.supported is not None:
             theta = real_columns(self._free.spread, given.reshape(self.dof, -1))
             theta = theta.reshape(-1, *given.shape[1:])
-        across = self._lengths * np.cos(self.resting())
-        return along((across * theta.T).T, self._base, self._lengths, at)
+        across = self._lengths if order else self._lengths * np.cos(self.resting())
+        return along((across * theta.T).T, self._base, self._lengths, at, order)
 
 
-def along(steps: NDArray[Any], base: float, lengths: Array, s: Array) -> NDArray[Any]:
-    """Sum of the segments' steps (n, ...) up to s, linear within a segment, 0 in the base."""
+def along(
+    steps: NDArray[Any], base: float, lengths: Array, s: Array, derivative: int = 0
+) -> NDArray[Any]:
+    """Sum of the segments' steps (n, ...) up to s, linear within a segment, 0 in the base.
+
+    Or its derivative, the mean of both where segments meet.
+    """
     ends = base + np.concatenate([[0.0], np.cumsum(lengths)])
+    if derivative == 1:
+        slopes = np.concatenate([0.0 * steps[:1], (steps.T / lengths).T])
+        sides = (np.searchsorted(ends, s, side=side) for side in ("left", "right"))
+        before, after = (slopes[np.minimum(side, lengths.size)] for side in sides)
+        return np.asarray(0.5 * (before + after))
     nodes = np.concatenate([np.zeros_like(steps[:1]), np.cumsum(steps, axis=0)])
     j = np.clip(np.searchsorted(ends, s, side="right") - 1, 0, lengths.size - 1)
     part = np.clip((s - ends[j]) / lengths[j], 0.0, 1.0)

@@ -300,6 +300,10 @@ class Galerkin(Model):
     def free_directions(self, p: Array) -> Array:
         return self._supports.allowed(p) if self._held else super().free_directions(p)
 
+    def by_coordinates(self) -> Array:
+        spread = self._small[0]
+        return np.eye(self.dof) if spread is None else spread
+
     def free_states(self, y: Array) -> Array:
         return self._supports.free_states(y) if self._held else super().free_states(y)
 
@@ -432,11 +436,11 @@ class Galerkin(Model):
         nodes, fit = self._fit
         return np.asarray(fit @ self._angles(angle, nodes))
 
-    def deflection(self, q: ArrayLike, s: ArrayLike) -> NDArray[Any]:
-        at = arc_lengths(s)
+    def deflection(self, q: ArrayLike, s: ArrayLike, derivative: int = 0) -> NDArray[Any]:
+        at, order = arc_lengths(s), check.count("derivative", derivative, low=0, high=1)
         columns, rest = self._displaced(q, at.size), self._reference
-        if rest is None:
-            return self.functions(at) @ columns
+        if rest is None or order == 1:
+            return self.functions(at, order) @ columns
         flat = columns.reshape(self.dof, -1)
         flat = flat if self._small[0] is None else self._small[0] @ flat
         moved = self._integrated(

@@ -76,21 +76,22 @@ def keeps_direction(pipe: Pipe) -> bool:
     return pipe.end in ("guided", "clamped")
 
 
-def held_nodes(pipe: Pipe, ends: Array) -> NDArray[np.bool_]:
-    """Whether supports or the pipe's end hold the end of each segment on the axis, shape (n,).
+def held_ends(pipe: Pipe, ends: Array) -> NDArray[np.intp]:
+    """Which of the segments' ends supports or the pipe's end hold on the axis, from 0 on.
 
     Raises ValueError for a support at which no segment ends.
     """
-    held = np.zeros(ends.size, dtype=np.bool_)
+    held = []
     for place in pipe.supports:
         nearest = int(np.abs(ends - place).argmin())
         if abs(ends[nearest] - place) > MET:
             raise ValueError(
                 f"a segment must end at each support, got none that ends at s = {place:g}"
             )
-        held[nearest] = True
-    held[-1] |= pipe.end in ("pinned", "clamped")
-    return held
+        held.append(nearest)
+    if pipe.end in ("pinned", "clamped"):
+        held.append(ends.size - 1)
+    return np.array(held, dtype=np.intp)
 
 
 def closest(core: _core.Scene, starts: Iterable[Array]) -> tuple[Array, float]:

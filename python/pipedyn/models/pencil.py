@@ -2,7 +2,8 @@
 """P(lambda) = lambda^2 M + lambda C + K of each model: what multiplies with it.
 
 All is in a model's elastic coordinates, where the elastic stiffness is the identity. Chains
-multiply in O(n), all else by dense matrices.
+multiply in O(n), all else by dense matrices. A loss factor mu adds i mu dD/ddelta to K where
+Im lambda > 0, which the core knows and no product below has.
 """
 
 from __future__ import annotations
@@ -20,6 +21,7 @@ from pipedyn import _core
 if TYPE_CHECKING:
     from pipedyn.models.base import Model
     from pipedyn.models.chain import Chain
+    from pipedyn.models.pipe import Pipe
 
 Vectors = NDArray[Any]
 
@@ -59,12 +61,16 @@ class Pencil:
         self.model = model
         self.pipe = model.pipe
         self.dof = model.dof
-        self.is_damped = model.pipe.damping != 0.0 or model.resisted
+        self.is_damped = any((self.pipe.damping, self.pipe.hysteresis, model.resisted))
         self.direction = self.pipe.direction
         self.centrifugal = self.pipe.alpha
 
     def spectrum(self, traits: _core.Traits, size: float) -> _core.Eigenproblem:
         """Its eigenvalues as the core finds them. size: of K at rest."""
+        raise NotImplementedError
+
+    def with_pipe(self, pipe: Pipe) -> Pencil:
+        """That of the same model of another pipe."""
         raise NotImplementedError
 
     def elastic(self, x: Vectors) -> Vectors:
@@ -77,8 +83,12 @@ class Pencil:
         return self.elastic(x)
 
     def by_springs(self, value: complex) -> Any:
-        """Derivative of k_j + value c_j of each joint by its own spring k_j, shape (n,)."""
-        return 1.0 + self.pipe.damping * value
+        """Derivative of k_j + value c_j, with its loss, of each joint by its spring k_j, (n,)."""
+        return 1.0 + self._lost(value)
+
+    def _lost(self, value: complex) -> complex:
+        """What damping adds to an elastic stiffness of 1; a static load has no loss."""
+        return self.pipe.damping * value + (1j * self.pipe.hysteresis if value else 0.0)
 
     def forms(self, x: Vectors, y: Vectors) -> _core.Forms:
         """y^H A x of one root's vectors, shape (dof, 1), for these products A."""
@@ -110,7 +120,10 @@ class DensePencil(Pencil):
         """Of other gravity and damping, in which K and D are linear."""
         more = self.pipe.damping + _step(self.pipe.damping)
         heavier = self.pipe.gamma + _step(self.pipe.gamma)
-        return DensePencil(self.model.with_pipe(replace(self.pipe, gamma=heavier, damping=more)))
+        return self.with_pipe(replace(self.pipe, gamma=heavier, damping=more))
+
+    def with_pipe(self, pipe: Pipe) -> DensePencil:
+        return DensePencil(self.model.with_pipe(pipe))
 
     def gravity(self, x: Vectors) -> Vectors:
         result: Vectors = _step(self.pipe.gamma) * (self._moved.stiffness(x) - self.stiffness(x))
@@ -121,7 +134,10 @@ class DensePencil(Pencil):
         return result
 
     def spectrum(self, traits: _core.Traits, size: float) -> _core.Eigenproblem:
-        return _core.Eigenproblem(traits, self.matrices, self.centrifugal, size)
+        loss = np.zeros((0, 0))
+        if traits.loss:
+            loss = traits.loss * self.by_damping(np.eye(self.dof))
+        return _core.Eigenproblem(traits, self.matrices, self.centrifugal, size, loss)
 
 
 class ChainPencil(Pencil):
@@ -138,6 +154,7 @@ class ChainPencil(Pencil):
         complement: _core.Complement | None = None,
     ) -> None:
         super().__init__(model)
+        self.chain = model
         self.held = held
         self.core = model.core if held is None else model.core.guided(held.tolist())
         if complement is None:
@@ -157,6 +174,9 @@ class ChainPencil(Pencil):
     def spectrum(self, traits: _core.Traits, size: float) -> _core.Eigenproblem:
         return _core.ChainSpectrum(traits, self.core, self.complement, self.scale, size)
 
+    def with_pipe(self, pipe: Pipe) -> ChainPencil:
+        return ChainPencil(self.chain.with_pipe(pipe), self.held, self.complement)
+
     def elastic(self, x: Vectors) -> Vectors:
         result: Vectors = super().elastic(real_columns(self.complement.spread, x))
         return real_columns(self.complement.gathered, result)
@@ -169,7 +189,7 @@ class ChainPencil(Pencil):
         root, spring = self.pipe.root_stiffness, float(self.springs[0])
         if np.isfinite(root):  # in series, with the root undamped
             share = root / (root + spring) if root else 0.0
-            by[0] = share**2 * (1.0 + self.pipe.damping * value * (2.0 * share - 1.0))
+            by[0] = share**2 * (1.0 + self._lost(value) * (2.0 * share - 1.0))
         return by
 
     def _times(self, x: Vectors, **part: float) -> Vectors:

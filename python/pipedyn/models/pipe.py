@@ -12,7 +12,7 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from pipedyn.models.profile import Along, Profile, checked_profile
+from pipedyn.models.profile import Along, Profile, checked_profile, mixed
 from pipedyn.models.supports import (
     ENDS,
     End,
@@ -42,6 +42,7 @@ RANGES: dict[str, dict[str, Any]] = {
     "alpha": {"low": 0.0, "high": 1e6},
     "drag": {"low": 0.0, "high": 1e9},
     "damping": {"low": 0.0, "high": 1e6},
+    "hysteresis": {"low": 0.0, "high": 1e3},
     "inflow_share": {"low": 0.0, "high": 1.0},
     "jet_angle": {"low": -math.pi, "high": math.pi},
 }
@@ -70,7 +71,8 @@ class Pipe:
 
     Attributes:
         beta: mass ratio mu_f / (mu_p + mu_f), 0 <= beta < 1.
-        gamma: gravity g L^3 (mu_p + mu_f) / EI; negative when the free end stands above the clamp.
+        gamma: gravity g L^3 (mu_p + mu_f) / EI, less what a fluid around the pipe bears of its
+            weight; negative when the free end stands above the clamp.
         flow: "ejecting" (out of the free end) or "aspirating" (into it).
         alpha: end coefficient >= 0, the factor of u^2 in the centrifugal term, see
             `end_coefficient`: of the nozzle, the diffuser or the outlet's profile of an ejecting
@@ -78,6 +80,10 @@ class Pipe:
         drag: quadratic drag kappa = rho_e C_D d_e L / (2 (mu_p + mu_f)) >= 0; it has no part in the
             linear analysis.
         damping: Kelvin-Voigt damping delta >= 0; EI becomes EI (1 + delta d/dtau).
+        hysteresis: loss factor mu >= 0 of the material, the same at every frequency; EI becomes
+            EI (1 + i mu) of what oscillates as exp(lambda tau) with Im lambda > 0, and conjugate
+            below. In linear questions alone: it has no equation of motion. Divergence it leaves as
+            it is: a static load loses nothing. See `equivalent_damping`.
         inflow_share: of an aspirating pipe, share c in [0, 1] of the free end's velocity that the
             fluid has before it enters: 1 where it already moves with the free end, as in the paper,
             0 where it is drawn from rest. What it lacks the free end has to give it, which damps:
@@ -106,10 +112,10 @@ class Pipe:
             of an ejecting pipe, or a jet_angle of an aspirating one.
         TypeError: for what is no number.
 
-    Source: Orsino and Di Giulio, eqs. (1)-(9); delta and inflow_share are not in the paper. The
-    latter is Hamilton's principle for open systems (McIver 1973) with an inflow of that velocity.
-    Of inclined nozzles Lundgren, Sethna and Bajaj (1979). Of supported pipes Paidoussis,
-    Fluid-Structure Interactions, vol. 1, ch. 3.
+    Source: Orsino and Di Giulio, eqs. (1)-(9); delta, mu and inflow_share are not in the paper. Of
+    mu Paidoussis (1970). The last is Hamilton's principle for open systems (McIver 1973) with an
+    inflow of that velocity. Of inclined nozzles Lundgren, Sethna and Bajaj (1979). Of supported
+    pipes Paidoussis, Fluid-Structure Interactions, vol. 1, ch. 3.
     """
 
     beta: float
@@ -118,6 +124,7 @@ class Pipe:
     alpha: float = 1.0
     drag: float = 0.0
     damping: float = 0.0
+    hysteresis: float = field(default=0.0, kw_only=True)
     inflow_share: float = field(default=1.0, kw_only=True)
     jet_angle: float = field(default=0.0, kw_only=True)
     terms: tuple[Term, ...] = field(default=(), kw_only=True)
@@ -186,6 +193,7 @@ class Pipe:
         external_density: float = 0.0,
         added_mass_coefficient: float = 0.0,
         damping_time: float = 0.0,
+        hysteresis: float = 0.0,
         flow: Flow = "ejecting",
         alpha: float = 1.0,
         nozzle_ratio: float | None = None,
@@ -216,6 +224,7 @@ class Pipe:
             added_mass_coefficient: C_m, which makes an `AddedMass` of rho_e pi d_e^2 / 4 C_m: 1 far
                 from walls, (D^2 + d_e^2) / (D^2 - d_e^2) in the middle of a tank of diameter D.
             damping_time: eps, s; the material's stress is E (strain + eps d strain / dt).
+            hysteresis: the material's loss factor.
             flow: "ejecting" or "aspirating".
             alpha: end coefficient, see `end_coefficient`.
             nozzle_ratio: A / A_j > 0, the pipe's section over that of a uniform jet, in place of
@@ -303,6 +312,7 @@ class Pipe:
             },
             flow=flow,
             alpha=alpha,
+            hysteresis=hysteresis,
             inflow_share=inflow_share,
             jet_angle=jet_angle,
             terms=in_range(tuple(given), source),
@@ -310,7 +320,7 @@ class Pipe:
             end=end,
             supports=tuple(s / length for s in checked_supports(supports, length)),
             stiffness=checked_profile("stiffness_profile", stiffness_profile),
-            mass=None if own is None else own.mixed(pipe_mass / mass),
+            mass=None if own is None else mixed(own, pipe_mass / mass),
             scales=units,
         )
 
@@ -342,6 +352,29 @@ class Pipe:
         supports, where no low mode has a node.
         """
         return watched(self.end, self.supports)
+
+    def equivalent_damping(self, frequency: float) -> float:
+        """Kelvin-Voigt damping that loses as much at one frequency as the pipe's damping does.
+
+        At the onset of flutter a pipe with this damping and no hysteresis is the same pipe:
+
+            critical = critical_speed(model)
+            delta = pipe.equivalent_damping(critical.frequency)
+            moving = replace(pipe, damping=delta, hysteresis=0.0)
+
+        Args:
+            frequency: angular, nondimensional, > 0, as of a `CriticalSpeed`; of one in rad/s it is
+                `pipe.frequency(omega)`.
+
+        Returns:
+            delta = damping + hysteresis / frequency; `time_si` makes the damping_time of `from_si`
+            of it.
+
+        Raises:
+            ValueError, TypeError: for a bad frequency.
+        """
+        omega = check.real("frequency", frequency, low=1e-100, high=1e100)
+        return self.damping + self.hysteresis / omega
 
     def __repr__(self) -> str:
         parts = [

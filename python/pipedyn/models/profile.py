@@ -26,7 +26,7 @@ RESOLVED = 3e-14
 """Share of its largest value that a function's Chebyshev series may miss: rounding leaves less."""
 
 NEARLY = 1e-9
-"""The same next to a kink of a higher derivative, whose place is known the less the fainter it is:
+"""The same next to a kink of a higher derivative, whose place is known the less the weaker it is:
 kinks of a spline's third derivative to 1e-5 or so."""
 
 SMOOTH = 1e-3
@@ -96,22 +96,24 @@ class Profile:
         *,
         name: str = "values",
     ) -> None:
-        places = np.asarray(at)
-        inner = check.array("at", at, low=0.0, high=1.0, open_low=True) if places.size else places
+        inner = check.numbers("at", at, "an array of real numbers", longest=MOST_STRETCHES)
+        if inner.size:
+            inner = check.array("at", at, low=0.0, high=1.0, open_low=True)
         if inner.size and (np.any(np.diff(inner) <= 0.0) or inner[-1] == 1.0):
             raise ValueError(f"at must ascend between 0 and 1, got {check.shown(at)}")
         ends = [0.0, *inner.tolist(), 1.0]
+        count = len(ends) - 1
         if callable(values):
-            given: list[Any] = [values] * (len(ends) - 1)
-        elif isinstance(values, Sequence | np.ndarray) and not isinstance(values, str):
-            given = list(values)
+            given: Sequence[Any] = [values] * count
+        elif isinstance(values, list | tuple) or (isinstance(values, np.ndarray) and values.ndim):
+            given = values
         else:
             raise TypeError(
                 f"{name} must be a function of arc length or a Profile, got {check.shown(values)}"
             )
-        if len(given) != len(ends) - 1:
+        if len(given) != count:
             raise ValueError(
-                f"{name} must be {len(ends) - 1}, one for each stretch, got {len(given)}"
+                f"{name} must be {count}, one for each stretch between places at, got {len(given)}"
             )
         found: list[tuple[float, float | _Series]] = []
         for k, ((low, high), value) in enumerate(zip(pairwise(ends), given, strict=True)):
@@ -141,10 +143,11 @@ class Profile:
     @property
     def core(self) -> _core.Profile:
         """The profile as the core takes it."""
-        return _core.Profile([0.0, *self.at, 1.0], [list(one) for one in self._coefficients])
+        return _core.Profile([0.0, *self.at, 1.0], [list(one) for one in self.series])
 
     @property
-    def _coefficients(self) -> list[tuple[float, ...]]:
+    def series(self) -> list[tuple[float, ...]]:
+        """Chebyshev coefficients on each stretch."""
         return [v.coefficients if isinstance(v, _Series) else (v,) for v in self.values]
 
     @property
@@ -156,42 +159,43 @@ class Profile:
     def bounds(self) -> tuple[float, float]:
         """Least and largest value among 1,001 on each stretch."""
         x = np.linspace(-1.0, 1.0, 1001)
-        each = [np.polynomial.chebyshev.chebval(x, one) for one in self._coefficients]
+        each = [np.polynomial.chebyshev.chebval(x, one) for one in self.series]
         return min(float(np.min(one)) for one in each), max(float(np.max(one)) for one in each)
 
-    @property
-    def reciprocal(self) -> Profile:
-        """1 over it."""
-        return Profile(self.at, lambda s: 1.0 / self.core(s))
 
-    def mixed(self, share: float) -> Profile:
-        """1 - share + share times it."""
-        values = [np.multiply(share, one) for one in self._coefficients]
-        for one in values:
-            one[0] += 1.0 - share
-        return Profile(self.at, [_Series(tuple(one.tolist())) for one in values])
+def reciprocal(profile: Profile) -> Profile:
+    """1 over it."""
+    core = profile.core
+    return Profile(profile.at, lambda s: 1.0 / core(s))
 
-    def moments(self, ends: Array) -> Array:
-        """Integrals between ascending ends (n + 1,), shape (3, n).
 
-        Times the powers 0, 1, 2 of the distance from the first end of each.
-        """
-        cuts = np.union1d(ends, [s for s in self.at if ends[0] < s < ends[-1]])
-        # Gauss: exact for the series times the square.
-        nodes, weights = np.polynomial.legendre.leggauss(
-            (max(map(len, self._coefficients)) + 3) // 2
-        )
-        found, core = np.zeros((3, ends.size - 1)), self.core
-        for first in range(0, cuts.size - 1, 100_000):
-            some = cuts[first : first + 100_001]
-            half, start = 0.5 * np.diff(some)[:, None], some[:-1, None]
-            s = start + half * (1.0 + nodes)
-            values = half * weights * core(s.ravel()).reshape(s.shape)
-            segment = np.searchsorted(ends, some[:-1], side="right") - 1
-            arms = s - ends[segment, None]
-            for power in range(3):
-                np.add.at(found[power], segment, np.sum(values * arms**power, axis=1))
-        return found
+def mixed(profile: Profile, share: float) -> Profile:
+    """1 - share + share times it."""
+    values = [np.multiply(share, one) for one in profile.series]
+    for one in values:
+        one[0] += 1.0 - share
+    return Profile(profile.at, [_Series(tuple(one.tolist())) for one in values])
+
+
+def moments(profile: Profile, ends: Array) -> Array:
+    """Its integrals between ascending ends (n + 1,), shape (3, n).
+
+    Times the powers 0, 1, 2 of the distance from the first end of each.
+    """
+    cuts = np.union1d(ends, [s for s in profile.at if ends[0] < s < ends[-1]])
+    # Gauss: exact for the series times the square.
+    nodes, weights = np.polynomial.legendre.leggauss((max(map(len, profile.series)) + 3) // 2)
+    found, core = np.zeros((3, ends.size - 1)), profile.core
+    for first in range(0, cuts.size - 1, 100_000):
+        some = cuts[first : first + 100_001]
+        half, start = 0.5 * np.diff(some)[:, None], some[:-1, None]
+        s = start + half * (1.0 + nodes)
+        values = half * weights * core(s.ravel()).reshape(s.shape)
+        segment = np.searchsorted(ends, some[:-1], side="right") - 1
+        arms = s - ends[segment, None]
+        for power in range(3):
+            np.add.at(found[power], segment, np.sum(values * arms**power, axis=1))
+    return found
 
 
 class _Function:

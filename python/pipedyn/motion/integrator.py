@@ -16,9 +16,9 @@ from numpy.typing import ArrayLike
 
 from pipedyn import _core
 from pipedyn.models.base import Model
+from pipedyn.models.drive import Base, Drive, Speed
 from pipedyn.models.modular.motion import SceneMotion
 from pipedyn.motion.events import Recorder
-from pipedyn.util import check
 from pipedyn.util.check import Array
 from pipedyn.util.counters import evaluated, factorised, in_time
 from pipedyn.util.later import scipy
@@ -83,7 +83,7 @@ class Task:
     """An integration to be done."""
 
     model: Model
-    u: float | Callable[[float], float]
+    u: Speed
     times: Array  # of the samples, shape (S,)
     start: Array  # [p, p', 0] of what is integrated, shape (2 moving + 1,)
     rtol: float
@@ -93,10 +93,15 @@ class Task:
     end: float = 0.0  # where it ends at the latest
     most: float = MOST_CALLS
     max_step: float = math.inf
+    drive: Drive | None = None  # where the speed changes or the base moves
+    base: Base | None = None  # as it was given
 
-    def speed(self, t: float) -> float:
-        """The flow speed at a time."""
-        return check.real(f"u({t:g})", self.u(t), low=0.0) if callable(self.u) else self.u
+    def flow(self, t: float) -> tuple[Any, ...]:
+        """The flow speed at a time and, if anything drives the motion, this, shape (ROWS,)."""
+        if self.drive is None:
+            return (self.u,)
+        u, *others = self.drive(t)
+        return (u, np.array(others)) if any(others) else (u,)
 
 
 Callback: TypeAlias = Callable[[float, Array, Array], object]
@@ -107,13 +112,13 @@ Outcome: TypeAlias = tuple[Array, int, str | None]
 it stopped early."""
 
 
-def jacobian_of(model: Model, y: Array, u: float) -> Array:
+def jacobian_of(model: Model, y: Array, *flow: Any) -> Array:
     """Derivative of the rates of [q, q', W].
 
     W acts on nothing, and Newton's method does without its own row.
     """
     whole = np.zeros((y.size, y.size))
-    whole[:-1, :-1] = model.motion_jacobian(y[:-1], u)
+    whole[:-1, :-1] = model.motion_jacobian(y[:-1], *flow)
     return whole
 
 
@@ -138,9 +143,9 @@ class Monitor:
         if self.calls >= self.task.most:
             raise Stopped(f"it needs more than {self.task.most:g} right-hand sides")
         self.calls += 1
-        u = self.task.speed(t)
-        try:  # the force of u'(t) would enter here, and in the core's rates at given speeds
-            return np.asarray(self.task.model.motion.rhs_and_power(t, y, u))
+        flow = self.task.flow(t)
+        try:
+            return np.asarray(self.task.model.motion.rhs_and_power(t, y, *flow))
         except ValueError:
             self.overflowed = True
             return np.full(y.shape, np.nan)
@@ -150,9 +155,9 @@ class Monitor:
         self.jacobians += 1
         self.factorisations += 1
         self.next_check -= JACOBIAN_CALLS
-        u = self.task.speed(t)
+        flow = self.task.flow(t)
         try:
-            return jacobian_of(self.task.model, y, u)
+            return jacobian_of(self.task.model, y, *flow)
         except ValueError:
             self.overflowed = True
             return np.zeros((y.size, y.size))
@@ -182,7 +187,7 @@ class Monitor:
                 f" at most: {why}"
             )
         rotation = float(np.abs(task.start).max())
-        rate = sum(self.fastest) + task.speed(t) ** 2 + rotation + 1.0
+        rate = sum(self.fastest) + task.flow(t)[0] ** 2 + rotation + 1.0
         if t - self.reached < least * CALLS / rate:
             raise Stopped("its step size tends to 0")
         self.next_check, self.reached = self.calls + CALLS, t
@@ -248,12 +253,14 @@ def _in_core(tasks: Sequence[Task], shown: bool, observer: Observer) -> list[Out
     """By one of the core's methods, each task with steps of its own."""
     first, members = tasks[0], len(tasks)
     model = first.model
-    u = first.u if callable(first.u) else np.array([task.u for task in tasks])
+    u: object = np.array([task.u for task in tasks])
+    if first.drive is not None:
+        u = first.drive if first.drive.numbers is None else first.drive.numbers
     start = np.stack([task.start for task in tasks], axis=1)
-    rates = _compiled(model) or (lambda t, y, u: model.motion.rhs_and_power(t[0], y, u))
+    rates = _compiled(model) or (lambda t, y, *flow: model.motion.rhs_and_power(t[0], y, *flow))
     motion = _core.Integrator(
         *(rates, u, start, first.t0, first.rtol, first.atol, first.most, first.max_step),
-        None if first.method == "dop853" else lambda t, y, u: jacobian_of(model, y, u),
+        None if first.method == "dop853" else lambda t, y, *flow: jacobian_of(model, y, *flow),
     )
     monitors = [Monitor(task) for task in tasks]
     times, count = first.times, first.times.size
@@ -310,7 +317,8 @@ def _in_core(tasks: Sequence[Task], shown: bool, observer: Observer) -> list[Out
 
 def runs_unlocked(task: Task) -> bool:
     """Whether a task's right-hand sides do without Python and its lock."""
-    return not callable(task.u) and _compiled(task.model) is not None and task.method in CORE
+    unlocked = task.drive is None or task.drive.numbers is not None
+    return unlocked and _compiled(task.model) is not None and task.method in CORE
 
 
 def _compiled(model: Model) -> object:

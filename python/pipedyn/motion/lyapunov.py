@@ -16,8 +16,8 @@ from dataclasses import field
 
 import numpy as np
 
-from pipedyn.linear.modes import LARGEST_SPEED
 from pipedyn.models.base import Model, NotConverged
+from pipedyn.models.drive import LARGEST_SPEED
 from pipedyn.motion.integrator import Stopped, decays_fast, state_after
 from pipedyn.motion.simulate import (
     Start,

@@ -22,8 +22,9 @@ from typing import Any, TypeAlias, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike
 
-from pipedyn.linear.modes import LARGEST_SPEED
+from pipedyn.linear.critical_speed import critical_speed
 from pipedyn.models.base import Model, PipedynError
+from pipedyn.models.drive import LARGEST_SPEED, Base, Drive, Speed
 from pipedyn.motion.events import (
     DenseOutput,
     Event,
@@ -55,17 +56,11 @@ Start: TypeAlias = ArrayLike | Callable[[Array], ArrayLike]
 
 Answer = TypeVar("Answer")
 
-Speed: TypeAlias = float | Callable[[float], float]
-"""A flow speed, constant or a function u(t) of time."""
-
 LARGEST_SAMPLES = 100_000_000
 """Numbers that a motion's samples may hold: 0.8 GB each for q and q'."""
 
 LARGEST_ENSEMBLE = 1_000_000
 """Members, each of which takes a kilobyte before anything is computed."""
-
-SPEEDS_CHECKED = 101
-"""Times over the duration at which a function u(t) is tried beforehand."""
 
 BATCH = 32
 """Members of a batch, in whole vectors: measured, the cost of a member falls little beyond."""
@@ -98,16 +93,17 @@ class Motion(Trajectory):
     Attributes:
         t: times in T, shape (S,).
         q, qdot: coordinates and their rates, shape (S, coordinates).
-        tip: position (x, y) of the free end in L, shape (S, 2).
-        energy: in EI / L, shape (S,).
-        audit: largest |E(t) - E(0) - work of flow, joints and drag|, relative to the largest of |E|
-            and the kinetic energy: 0 but for the integrator's errors.
+        tip: position (x, y) of the free end in L, shape (S, 2), from the base.
+        energy: in EI / L, shape (S,), in the frame of the base.
+        audit: largest |E(t) - E(0) - work of flow, joints, drag and base|, relative to the largest
+            of |E| and the kinetic energy: 0 but for the integrator's errors.
         u: flow speed, or the function of time that was given.
         method: the integrator.
         evaluations: right-hand sides that it took.
         model: the model.
         events: when and where each of the events asked for took place.
         dense: the states at any time, where they were asked for.
+        base: the base's motion as it was given, None at rest.
     """
 
     t: Array
@@ -122,6 +118,7 @@ class Motion(Trajectory):
     model: Model
     events: tuple[Occurrences, ...] = ()
     dense: DenseOutput | None = field(default=None, repr=False)
+    base: Base | None = field(default=None, repr=False)
 
     @property
     def reached(self) -> str:
@@ -180,6 +177,7 @@ def simulate(
     samples: int | None = None,
     times: ArrayLike | None = None,
     t0: float = 0.0,
+    base: Base | None = None,
     rtol: float = 1e-6,
     atol: float | None = None,
     method: str = "auto",
@@ -194,10 +192,10 @@ def simulate(
 
     Args:
         model: chain, reduced model or assembly.
-        u: flow speed >= 0, in sqrt(EI / mu_f) / L: a number, or a function of the time to one. Of a
-            function the value at each time acts; the force that u'(t) exerts, from the fluid's
-            acceleration in the pipe, is not there yet, so that u(t) must change slowly against the
-            motion.
+        u: flow speed >= 0, in sqrt(EI / mu_f) / L: a number, a `Pulsation`, or a function of the
+            time to a number, smooth, whose derivative then acts as well: it accelerates the fluid
+            in the pipe. It is taken from nine values 0.002 T apart (less in a shorter motion), in
+            [t0, t0 + duration]; a pair of functions, u(t) and its derivative, saves them.
         duration: in T, from 1e-12 to 1e9.
         q0: initial coordinates, shape (dof,), of an assembly angles (n,) or redundant coordinates
             (3 n,); or the angle theta(s) of the bent pipe, a function of arc lengths (p,) to (p,),
@@ -208,6 +206,11 @@ def simulate(
             40 a unit of time, of which flutter's cycle takes about a half, but at least 501.
         times: samples at these times instead, increasing, in [t0, t0 + duration].
         t0: time at the start, in [-1e9, 1e9].
+        base: the motion of the base: a `Harmonic`, or a function of the time to its place (X, Y) in
+            L, smooth, whose two derivatives are taken as those of u, or a triple of functions to
+            place, velocity and acceleration. The base carries the clamp and what holds the pipe
+            rigidly, guides and pins, and does not turn; coordinates are counted from it. Springs,
+            dampers and the fluid around the pipe rest on the ground. At rest where not given.
         rtol: relative tolerance of the error of each step, in [1e-13, 0.1].
         atol: absolute tolerance, > 0; rtol / 100 where not given.
         method: "auto" chooses by measured cost, see `choose_method`; "radau" (implicit, seven
@@ -252,6 +255,7 @@ def simulate(
         *(model, u, duration, q0, qdot0, samples, times, rtol, atol, method, most),
         t0=t0,
         max_step=max_step,
+        base=base,
     )
     looked_for, kept = checked_events(events), check.flag("dense", dense)
     recorder = None
@@ -277,13 +281,14 @@ def simulate(
 
 def simulate_many(
     models: Model | Sequence[Model],
-    speeds: float | ArrayLike,
+    speeds: Speed | ArrayLike | Sequence[Speed],
     duration: float,
     q0: Start | Sequence[Start],
     qdot0: ArrayLike | Sequence[ArrayLike] | None = None,
     *,
     samples: int | None = None,
     times: ArrayLike | None = None,
+    base: Base | None = None,
     rtol: float = 1e-6,
     atol: float | None = None,
     method: str = "auto",
@@ -300,13 +305,15 @@ def simulate_many(
 
     Args:
         models: one model or k.
-        speeds: flow speed >= 0, a number or shape (k,).
+        speeds: flow speed >= 0, a number or shape (k,); or as for `simulate` one that varies, or a
+            list of k.
         duration: in T, from 1e-12 to 1e9.
         q0: initial coordinates (dof,) or an angle theta(s), as for `simulate`; or k of them, e.g.
             shape (k, dof).
         qdot0: initial rates, shape (dof,) or k of them; at rest where not given.
         samples: number of evenly spaced samples, as for `simulate`.
         times: samples at these times instead.
+        base: the motion of the base, as for `simulate`, of all.
         rtol: relative tolerance of the error of each member's steps.
         atol: absolute tolerance; rtol / 100 where not given.
         method: as for `simulate`.
@@ -324,8 +331,7 @@ def simulate_many(
     chosen = list(models) if isinstance(models, Sequence) else [models]
     for i, model in enumerate(chosen):
         checked_model_in_motion(model, f"models[{i}]" if isinstance(models, Sequence) else "models")
-    at = np.atleast_1d(check.numbers("speeds", speeds, "a number or an array of real numbers"))
-    at = check.array("speeds", at, low=0.0, high=LARGEST_SPEED)
+    at = _speeds(speeds)
     starts, rates = _each("q0", q0), _each("qdot0", qdot0)
     given: dict[str, Any] = {"models": chosen, "speeds": at, "q0": starts, "qdot0": rates}
     members = max(len(values) for values in given.values())
@@ -349,10 +355,10 @@ def simulate_many(
             if i == same[0]:
                 options = (samples, times, rtol, atol, method, most)
                 task = checked_task(
-                    *(model, u.item(), duration, q, qdot, *options), members=len(same)
+                    *(model, u, duration, q, qdot, *options), base=base, members=len(same)
                 )
             else:
-                task = replace(tasks[same[0]], u=u.item(), start=checked_start(model, q, qdot))
+                task = driven(replace(tasks[same[0]], start=checked_start(model, q, qdot)), u)
         except (ValueError, TypeError) as error:
             raise type(error)(f"{error} (member {i})") from error
         tasks.append(task)
@@ -374,9 +380,10 @@ def in_batches(
     shown: bool = False,
 ) -> list[Answer]:
     """What `work` makes of each task, in batches of one model, on threads where that helps."""
-    members_of: dict[int, list[int]] = {}  # each model
+    members_of: dict[tuple[int, ...], list[int]] = {}  # each model and what drives it
     for i, task in enumerate(tasks):
-        members_of.setdefault(id(task.model), []).append(i)
+        key = (id(task.model), 0 if task.drive is None else id(task.u))
+        members_of.setdefault(key, []).append(i)
     blocks = []
     for same in members_of.values():
         together = BATCH if tasks[same[0]].method == "dop853" else 1
@@ -401,6 +408,20 @@ def in_batches(
                 pool.shutdown(cancel_futures=True)
             raise
     return [found[i] for i in range(len(tasks))]
+
+
+def _speeds(given: Any) -> list[Any]:
+    """Speeds, steady or not, of each member, or one for all."""
+    if _varies(given):
+        return [given]
+    if isinstance(given, list) and any(map(_varies, given)):
+        return given
+    at = np.atleast_1d(check.numbers("speeds", given, "a number or an array of real numbers"))
+    return check.array("speeds", at, low=0.0, high=LARGEST_SPEED).tolist()
+
+
+def _varies(u: Any) -> bool:
+    return callable(u) or (isinstance(u, tuple) and any(map(callable, u)))
 
 
 def _each(name: str, given: Any) -> list[Any]:
@@ -429,9 +450,12 @@ def assembled(tasks: Sequence[Task], outcomes: Sequence[Outcome]) -> list[Motion
     rows = np.concatenate([rows for rows, _, _ in outcomes])
     q, qdot = model.recorded(rows[:, :size], rows[:, size : 2 * size])
     states = np.ascontiguousarray(np.concatenate([q, qdot], axis=1).T)
-    energy = np.asarray(model.energy(states))
+    moves = [_base_of(task, len(rows)) for task, (rows, _, _) in zip(tasks, outcomes, strict=True)]
+    base = None if moves[0] is None else np.concatenate(moves, axis=2)
+    energy = np.asarray(model.energy(states, base=base))
     states[model.coordinates :] = 0.0  # the same at rest
-    kinetic, supplied = energy - np.asarray(model.energy(states)), rows[:, 2 * size]
+    kinetic = energy - np.asarray(model.energy(states, base=base))
+    supplied = rows[:, 2 * size]
     motions, start = [], 0
     for task, (own, evaluations, _) in zip(tasks, outcomes, strict=True):
         of = slice(start + 1, start + len(own))
@@ -449,10 +473,18 @@ def assembled(tasks: Sequence[Task], outcomes: Sequence[Outcome]) -> list[Motion
             method=task.method,
             evaluations=evaluations,
             model=model,
+            base=task.base,
         )
         motions.append(motion)
         start += len(own)
     return motions
+
+
+def _base_of(task: Task, rows: int) -> Any:
+    """The base's motion at a task's start and samples, (3, 2, rows); None at rest."""
+    if task.drive is None:
+        return None
+    return task.drive.base(np.append(task.t0, task.times)[:rows])
 
 
 # ------------------------------------------------------------------------- starts and arguments
@@ -485,7 +517,24 @@ def checked_model_in_motion(
     if model.dof > largest:
         many = f"{largest} degrees of freedom for {purpose}"
         raise ValueError(f"{name} must have at most {many}, got {model.dof}")
+    if model.pipe.hysteresis:
+        raise ValueError(f"{name} must be a pipe without hysteresis, {_instead(model)}")
     return model
+
+
+def _instead(model: Model) -> str:
+    """What to take for hysteresis, which has no equation of motion."""
+    pipe = model.pipe
+    got = f"got {pipe.hysteresis:g}: a loss factor has no equation of motion"
+    rule = "pipe.equivalent_damping(frequency)"
+    try:
+        onset = critical_speed(model)
+        delta = pipe.equivalent_damping(onset.frequency)
+    except (PipedynError, ValueError):  # none, or divergence, or a model too large to be asked
+        return f"{got}; {rule} is the Kelvin-Voigt damping that loses as much at a frequency"
+    si = "" if pipe.scales is None else f" ({pipe.time_si(delta):.4g} s)"
+    at = f"the onset, u = {onset.speed:.6g} and frequency {onset.frequency:.6g}"
+    return f"{got}; damping = {delta:.6g}{si} loses as much at {at}, see {rule}"
 
 
 def checked_task(
@@ -503,6 +552,7 @@ def checked_task(
     *,
     t0: Any = 0.0,
     max_step: Any = math.inf,
+    base: Any = None,
     members: int = 1,
 ) -> Task:
     """The arguments of `simulate`, checked, with the method chosen for so many members."""
@@ -512,11 +562,8 @@ def checked_task(
     if t0 + duration - t0 < 0.5 * duration:
         raise ValueError(f"duration must be felt at t0 = {t0:g}, got {duration:g}")
     end = t0 + duration
-    if not callable(u):
-        u = check.real("u", u, low=0.0, high=LARGEST_SPEED)
-    else:
-        for t in np.linspace(t0, end, SPEEDS_CHECKED):
-            check.real(f"u({t:g})", u(float(t)), low=0.0, high=LARGEST_SPEED)
+    if base is not None:
+        model.require_base()
     if max_step != math.inf:
         max_step = check.real("max_step", max_step, low=1e-9 * duration)
     longest = LARGEST_SAMPLES // model.coordinates
@@ -536,7 +583,18 @@ def checked_task(
     method = check.choice("method", method, METHODS)
     if method == "auto":
         method = choose_method(model, members)
-    return Task(model, u, at, start, rtol, atol, method, t0, end, most, max_step)
+    steady = Task(*(model, 0.0, at, start, rtol, atol, method, t0, end, most, max_step), base=base)
+    return driven(steady, u)
+
+
+def driven(task: Task, u: Any) -> Task:
+    """The task at another flow speed, steady or not, checked."""
+    if task.base is None and not _varies(u):
+        u = check.real("u", u, low=0.0, high=LARGEST_SPEED)
+        return replace(task, u=u, drive=None)
+    if task.drive is not None and task.u is u:
+        return task
+    return replace(task, u=u, drive=Drive(u, task.base, task.t0, task.end))
 
 
 def checked_start(model: Model, q0: Any, qdot0: Any) -> Array:

@@ -30,6 +30,7 @@ from pipedyn.plot.common import (
     panels,
     style,
 )
+from pipedyn.plot.forced import forced_response, frequency_response, parametric_regions
 from pipedyn.plot.linear import NEUTRAL, dot_stride, frequencies, mode_shapes, root_loci
 from pipedyn.plot.motion import animate, phase_portrait, snapshots, time_history
 from pipedyn.plot.stability_map import boundaries, stability_map
@@ -58,12 +59,15 @@ __all__ = [
     "colour_bar",
     "convergence",
     "dot_stride",
+    "forced_response",
     "frequencies",
+    "frequency_response",
     "mode_shapes",
     "multipliers",
     "notice",
     "orbit",
     "panels",
+    "parametric_regions",
     "phase_portrait",
     "root_loci",
     "snapshots",

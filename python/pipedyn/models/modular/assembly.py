@@ -429,7 +429,7 @@ class Assembly(Model):
                 of freedom.
             TypeError: for what is no array of real numbers.
         """
-        return self._linear_at(q).operators()
+        return self._with_loss(lambda scene: scene._linear_at(q).operators())
 
     def basis(self, q: ArrayLike | None = None) -> Array:
         """Angles of the segments by the degrees of freedom of `operators`, shape (n, dof).
@@ -503,9 +503,25 @@ class Assembly(Model):
         u = check.real("u", u, low=0.0, high=1e100)
         self._check_size(LARGEST_RECURSION)
         state = check.array("y", y, size=2 * self.coordinates)
-        return self.motion.enforced(ENFORCEMENTS[name], state, u)
+        return self.equations.enforced(ENFORCEMENTS[name], state, u)
 
-    def jacobian(self, t: float, y: ArrayLike, u: float | ArrayLike) -> Array:
+    def require_base(self) -> None:
+        super().require_base()
+        if self._customs:
+            raise ValueError(
+                "base must be at rest in a scene with custom modules: whether these stand on the "
+                "base or on the ground is not known"
+            )
+
+    def jacobian(
+        self,
+        t: float,
+        y: ArrayLike,
+        u: float | ArrayLike,
+        *,
+        u_dot: float | ArrayLike | None = None,
+        base: ArrayLike | None = None,
+    ) -> Array:
         """As for `Model.jacobian` of one state, (6 n, 6 n), of at most 1300 segments, in O(n^2).
 
         Accelerations change with the angles of the joints and their rates alone, see the class.
@@ -517,7 +533,8 @@ class Assembly(Model):
             raise ValueError(f"y must have shape ({2 * size},), got {state.shape}")
         self.core.redundant_power(state, u)  # checks both
         angles = np.cumsum(state.reshape(-1, 3)[:, 2].reshape(2, -1), axis=1).ravel()
-        by_angles = self.motion.accelerations_by_state(angles, float(np.asarray(u)))
+        drive = self._drive(state, u_dot, base)
+        by_angles = self.equations.accelerations_by_state(angles, float(np.asarray(u)), drive)
         # An angle is the sum of its joint's and those before, which no other coordinate changes.
         by_joints = np.cumsum(by_angles.reshape(size, 2, -1)[:, :, ::-1], axis=2)[:, :, ::-1]
         whole = np.eye(2 * size, k=size)
@@ -543,8 +560,8 @@ class Assembly(Model):
     def resting(self) -> Array:
         return self._layout.rest if self._reference is None else self._reference
 
-    def motion_jacobian(self, y: Array, u: float) -> Array:
-        return self.motion.jacobian(y, u)
+    def motion_jacobian(self, y: Array, u: float | Array, drive: Array | None = None) -> Array:
+        return self.motion.jacobian(y, u, drive=drive)
 
     # ---------------------------------------------------------------------------------- geometry
 
@@ -580,12 +597,13 @@ class Assembly(Model):
         ends = self._layout.ends
         return self._angles(angle, 0.5 * (ends[:-1] + ends[1:]))
 
-    def deflection(self, q: ArrayLike, s: ArrayLike) -> NDArray[Any]:
-        at, linear, layout = arc_lengths(s), self.linear, self._layout
+    def deflection(self, q: ArrayLike, s: ArrayLike, derivative: int = 0) -> NDArray[Any]:
+        at, order = arc_lengths(s), check.count("derivative", derivative, low=0, high=1)
+        linear, layout = self.linear, self._layout
         given = self._displaced(q, at.size)
         theta = real_columns(linear.basis.spread, given.reshape(self.dof, -1))
-        across = layout.lengths * np.cos(linear.theta)
-        moved = along(across[:, None] * theta, layout.base, layout.lengths, at)
+        across = layout.lengths if order else layout.lengths * np.cos(linear.theta)
+        moved = along(across[:, None] * theta, layout.base, layout.lengths, at, order)
         return moved.reshape(at.size, *given.shape[1:])
 
     # ----------------------------------------------------------------------------------- arguments

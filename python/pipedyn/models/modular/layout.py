@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from pipedyn import _core
 from pipedyn.models.base import core_pipe
-from pipedyn.models.held import SAME, closest, held_nodes, keeps_direction
+from pipedyn.models.held import SAME, closest, held_ends, keeps_direction
 from pipedyn.models.modular.parts import (
     Clamp,
     Constraint,
@@ -168,8 +168,7 @@ class Layout:
                 f"base of Clamp must be 0 unless the root is clamped, got {self.base:g} with "
                 f"{pipe!r}"
             )
-        nodes = held_nodes(pipe, self.ends[1:])
-        return tuple(Guide(node) for node in (np.flatnonzero(nodes) + 1).tolist())
+        return tuple(Guide(node) for node in (held_ends(pipe, self.ends[1:]) + 1).tolist())
 
     def _found_holding(self) -> dict[int, Constraint]:
         """The redundant coordinates that are held, each with the first guide or pin that does."""

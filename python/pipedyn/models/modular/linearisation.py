@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from pipedyn import _core
 from pipedyn.models.base import Operators
 from pipedyn.models.chain import elastic_scale
+from pipedyn.models.drive import ROWS
 from pipedyn.models.modular.redundant import RedundantForm
 from pipedyn.models.pencil import real_columns
 from pipedyn.util.check import Array
@@ -86,10 +87,10 @@ class SmallMotions:
         inert = compliance != 0.0
         rows = layout.moments(theta, form.core.weights[inert].T)
         # Forces that stay change their moments as the segments turn.
-        reaction, by_thrust = self._reactions()
+        reaction, by_thrust, by_push = self._reactions()
         own = form.customs.force(*np.split(self.still, 2))
         by_state = form.moments_by_state(theta, np.zeros(n), own + reaction)
-        turned = layout.moments(theta + 0.5 * math.pi, by_thrust[:, None])[:, 0]
+        turned, pushed = layout.moments(theta + 0.5 * math.pi, np.stack([by_thrust, by_push], 1)).T
         return Operators(
             mass=of_angles(chain.mass + (rows / compliance[inert]) @ rows.T),
             gyroscopic=of_angles(chain.gyroscopic),
@@ -97,17 +98,20 @@ class SmallMotions:
             damping=of_angles(chain.damping - by_state[:, n:]) + of_joints(form.joints[:, 1]),
             stiffness=of_angles(chain.stiffness - by_state[:, :n]) + of_joints(form.joints[:, 0]),
             flux=layout.has_flow * of_angles(chain.flux - np.diag(turned)),
+            unsteady=of_angles(chain.unsteady - np.diag(pushed)),
             direction=form.pipe.direction,
             centrifugal=form.pipe.alpha,
         )
 
-    def _reactions(self) -> tuple[Array, Array]:
-        """Forces of guides and pins at rest, and their derivative by a u^2, shape (3 n,) each."""
+    def _reactions(self) -> Array:
+        """Forces of guides and pins at rest, their derivatives by a u^2 and by s u', (3, 3 n)."""
         force = self.form.forces(self.still, 0.0)
+        faster = np.zeros(ROWS)
+        faster[0] = self.form.pipe.direction
+        push = self.form.forces(self.still, 0.0, faster) - force
         end = 0.0 if self.layout.guided else self.theta[-1]
         thrust, end = np.zeros_like(force), end + self.form.pipe.jet_angle
         thrust[-3:-1] = -np.sin(end), -np.cos(end)
-        loads = self._elastic_loads(np.stack([force, thrust], axis=1))
+        loads = self._elastic_loads(np.stack([force, thrust, push], axis=1))
         multipliers, *_ = np.linalg.lstsq(self.rows, loads)
-        reaction, by_thrust = -(self.held @ multipliers).T
-        return reaction, by_thrust
+        return -(self.held @ multipliers).T

@@ -38,25 +38,28 @@ class SceneMotion:
 
     # --------------------------------------------------------------------- redundant coordinates
 
-    def rhs(self, t: float, y: Any, u: Any) -> Array:
-        """Rates of redundant states [q, q'], shape (6 n,) or (6 n, k)."""
+    def rhs(self, t: float, y: Any, u: Any, drive: Array | None = None) -> Array:
+        """Rates of redundant states [q, q'], shape (6 n,) or (6 n, k), with what drives them."""
         if self.is_compiled:
-            return self.core.redundant_rhs(t, y, u)
+            return self.core.redundant_rhs(t, y, u, drive=drive)
         size = self.core.coordinates
         y = check.doubles("y", y, "an array of real numbers")
-        self.core.redundant_power(y, u)  # checks both
+        self.core.redundant_power(y, u, drive)  # checks all
         if self.enforce is None:
-            return self.core.redundant_rhs(t, y, u, self._moments(*self._places(y)))
+            return self.core.redundant_rhs(t, y, u, self._moments(*self._places(y)), drive)
         rates = np.concatenate([y[size:], np.empty_like(y[:size])])
         speeds = np.broadcast_to(np.asarray(u, dtype=np.float64), y.shape[1:])
         for j in np.ndindex(y.shape[1:]):
+            own = None if drive is None else drive[(slice(None), *j)]
             state = y[(slice(None), *j)].copy()
-            rates[(slice(size, None), *j)] = self.enforced(self.enforce, state, float(speeds[j]))
+            enforced = self.enforced(self.enforce, state, float(speeds[j]), own)
+            rates[(slice(size, None), *j)] = enforced
         return rates
 
-    def enforced(self, enforce: Enforce, y: Array, u: float) -> Array:
+    def enforced(self, enforce: Enforce, y: Array, u: float, drive: Array | None = None) -> Array:
         """Accelerations of one state by a dense recursion, shape (3 n,)."""
-        return enforce(self.form.mass(np.split(y, 2)[0]), self.form.forces(y, u), self.groups(y))
+        mass = self.form.mass(np.split(y, 2)[0])
+        return enforce(mass, self.form.forces(y, u, drive), self.groups(y))
 
     def groups(self, y: Array) -> list[Group]:
         """A_r and b_r of each constraint at a state, as given."""
@@ -77,31 +80,33 @@ class SceneMotion:
         theta, forces = np.cumsum(q[2::3], axis=0), self.customs.force(q, rates)
         return self.layout.moments(theta, forces.reshape(len(forces), -1)).reshape(theta.shape)
 
-    def energy(self, y: Any) -> float | Array:
+    def energy(self, y: Any, drive: Array | None = None) -> float | Array:
         """Energy of redundant states [q, q'], a number or shape (k,)."""
-        energy = self.core.redundant_energy(y)
+        energy = self.core.redundant_energy(y, drive)
         return energy + self.customs.energy(self._places(y)[0]) if self.customs else energy
 
-    def power(self, y: Any, u: Any) -> tuple[float | Array, ...]:
-        """Power of flow, joints, drag, and of what terms and custom modules do besides."""
-        flow, joints, drag, others = self.core.redundant_power(y, u)
+    def power(self, y: Any, u: Any, drive: Array | None = None) -> tuple[float | Array, ...]:
+        """Power of flow, joints, drag, of terms and custom modules besides, and of the base."""
+        flow, joints, drag, others, base = self.core.redundant_power(y, u, drive)
         if self.customs:
             others = others + self.customs.work(*self._places(y))
-        return flow, joints, drag, others
+        return flow, joints, drag, others, base
 
     # ------------------------------------------------------------------------------------- angles
 
-    def rhs_and_power(self, t: float, y: Array, u: Any) -> Array:
+    def rhs_and_power(self, t: float, y: Array, u: Any, drive: Array | None = None) -> Array:
         """Rates of [theta, theta', work done], shape (2 n + 1,) or (2 n + 1, k)."""
         if self.is_compiled:
-            return self.core.rhs_and_power(t, y, u)
+            return self.core.rhs_and_power(t, y, u, drive=drive)
         n, size = self.layout.size, self.core.coordinates
         state = self.core.from_angles(y[:n], y[n : 2 * n])
         q, moving = np.split(state, 2)
         moments = self._moments(q, moving)
-        rates = self.core.rhs_and_power(t, y, u, moments)
+        rates = self.core.rhs_and_power(t, y, u, moments, drive)
         if self.enforce is not None:  # beside how states return to guides and pins
-            other = self.rhs(t, state, u) - self.core.redundant_rhs(t, state, u, moments)
+            other = self.rhs(t, state, u, drive) - self.core.redundant_rhs(
+                t, state, u, moments, drive
+            )
             rates[n : 2 * n] += np.cumsum(other[size + 2 :: 3], axis=0)
         rates[2 * n] += self.customs.work(q, moving)
         return rates
@@ -110,29 +115,35 @@ class SceneMotion:
         """Redundant states of angles and rates, (6 n, k) from (n, k) each."""
         return self.core.from_angles(*self.held.projected(theta, omega))
 
-    def jacobian(self, y: Array, u: float, returns: bool = True) -> Array:
+    def jacobian(
+        self, y: Array, u: float | Array, returns: bool = True, drive: Array | None = None
+    ) -> Array:
         """Derivative of the angles' rates by [theta, theta'], (2 n, 2 n), or (k, ...) of k states.
 
         Args:
             y: states, shape (2 n,) or (2 n, k).
-            u: flow speed.
+            u: flow speed, for k states also one each, (k,).
+            drive: what drives them, (ROWS,) or (ROWS, k).
             returns: the rates of `rhs_and_power`; else of the angles in `rhs`.
         """
         if not self.customs:
-            return self.core.derivative(y, u, returns=returns)
+            return self.core.derivative(y, u, returns=returns, drive=drive)
         if y.ndim == 2:
-            return np.array([self.jacobian(column, u, returns) for column in y.T.copy()])
+            each = [None] * y.shape[1] if drive is None else drive.T.copy()
+            speeds = np.broadcast_to(u, y.shape[1:]).tolist()
+            columns = zip(y.T.copy(), speeds, each, strict=True)
+            return np.array([self.jacobian(one, own, returns, by) for one, own, by in columns])
         theta, omega = np.split(y, 2)
         force = self.customs.force(*np.split(self.core.from_angles(theta, omega), 2))
         moments = self.layout.moments(theta, force[:, None])[:, 0]
         change = self.form.moments_by_state(theta, omega, force)
-        return self.core.derivative(y, u, moments, change, returns)
+        return self.core.derivative(y, u, moments, change, returns, drive)
 
-    def accelerations_by_state(self, y: Array, u: float) -> Array:
+    def accelerations_by_state(self, y: Array, u: float, drive: Array | None = None) -> Array:
         """Derivative of q'' in `rhs` by [theta, theta'], shape (3 n, 2 n)."""
         lengths, n = self.layout.lengths, self.layout.size
         theta, omega = np.split(y, 2)
-        rates = self.rhs(0.0, self.core.from_angles(theta, omega), u)
+        rates = self.rhs(0.0, self.core.from_angles(theta, omega), u, drive)
         turning = np.cumsum(rates[3 * n + 2 :: 3])
         across, inward = theta + 0.5 * math.pi, theta + math.pi
         drift = np.hstack(
@@ -142,4 +153,6 @@ class SceneMotion:
                 2.0 * nodes_by_angles(lengths * omega, across),
             ]
         )
-        return drift + coordinates_by_angles(lengths, theta) @ self.jacobian(y, u, False)[n:]
+        return drift + (
+            coordinates_by_angles(lengths, theta) @ self.jacobian(y, u, False, drive)[n:]
+        )

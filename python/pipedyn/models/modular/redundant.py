@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipedyn import _core
+from pipedyn.models.drive import ROWS
 from pipedyn.models.modular.custom import CustomForces
 from pipedyn.models.modular.layout import Layout, coordinates_by_angles, nodes_by_angles
 from pipedyn.models.pipe import Pipe
@@ -85,14 +86,19 @@ class RedundantForm:
         nodes = np.diag(np.kron(own, [1.0, 1.0, 0.0])) + coupled + coupled.T
         return nodes + self.layout.inertia.T @ self.layout.inertia
 
-    def forces(self, y: Array, u: float) -> Array:
+    def forces(self, y: Array, u: float, drive: Array | None = None) -> Array:
         """Forces of all modules at a state [q, q'], shape (3 n,).
 
         Of the flow -sqrt(beta) U r_j' on r_{j-1} and sqrt(beta) U r_{j-1}' on r_j for each segment,
         and on the end -share sqrt(beta) U r_n' - a U^2 (cos jet_angle t + sin jet_angle n), n =
-        (t_y, -t_x); weights; -k (phi - psi) - c phi' of joints, psi the rest angle; -kappa l |v| v
-        n at a segment's drag point, v = n . r'; those of terms and custom modules.
+        (t_y, -t_x); -sqrt(beta) U' l t of a segment in its middle; weights, less the mass times the
+        base's acceleration; -k (phi - psi) - c phi' of joints, psi the rest angle; -kappa l |v| v n
+        at a segment's drag point, v = n . r'; those of terms and custom modules. What drives the
+        state, (ROWS,), see `pipedyn.models.drive`, has U' and the base's motion, which inflow, drag
+        and terms see.
         """
+        rate, *moves = np.zeros(ROWS) if drive is None else drive
+        place, speed, acceleration = np.reshape(moves, (3, 2))
         layout, pipe, lengths = self.layout, self.pipe, self.layout.lengths
         q, rates = np.split(y, 2)
         along, velocities = np.diff(layout.nodes(q), axis=0), layout.nodes(rates, order=1)
@@ -103,13 +109,19 @@ class RedundantForm:
             np.add.at(on_nodes, segment + 1, share[:, None] * loads)
 
         every = np.arange(layout.size)
-        mass, chi, *_ = self.core.bodies().T
-        add(chi, np.outer(mass, [0.0, pipe.gamma]), every)
+        mass, chi, _, across_alone = self.core.bodies().T
+        add(chi, np.outer(mass, [0.0, pipe.gamma] - acceleration), every)
+        add(np.full(layout.size, 0.5), -math.sqrt(pipe.beta) * pipe.direction * rate * along, every)
         point, normal = layout.drag_points, _across(along) / lengths[:, None]
-        v = np.sum(normal * _between(velocities, point, every), axis=1)
+        v = np.sum(normal * (_between(velocities, point, every) + speed), axis=1)
         add(point, normal * (-pipe.drag * lengths * np.abs(v) * v)[:, None], every)
-        place, loads, segment = self._terms(q, rates)
-        add(place, loads[:, :2], segment)
+        add(
+            np.full(layout.size, 0.5),
+            normal * (-across_alone * (normal @ acceleration))[:, None],
+            every,
+        )
+        share, loads, segment = self._terms(q, rates, place, speed)
+        add(share, loads[:, :2], segment)
         turning = (normal / lengths[:, None])[segment] * loads[:, 2:]
         np.add.at(on_nodes, segment, -turning)  # couples
         np.add.at(on_nodes, segment + 1, turning)
@@ -117,6 +129,8 @@ class RedundantForm:
         on_nodes[:-1] -= momentum[1:]
         on_nodes[1:] += momentum[:-1]
         on_nodes[-1] -= pipe.inflow_share * momentum[-1]
+        lacking = (1.0 - pipe.inflow_share) * math.sqrt(pipe.beta) * pipe.direction * u
+        on_nodes[-1] += lacking * speed
         end = np.array([0.0, 1.0]) if layout.guided else along[-1] / lengths[-1]
         jet = math.cos(pipe.jet_angle) * end + math.sin(pipe.jet_angle) * _across(end[None])[0]
         on_nodes[-1] -= pipe.alpha * u**2 * jet
@@ -151,8 +165,13 @@ class RedundantForm:
         change[:, :n] += np.diag(layout.moments(theta + 0.5 * math.pi, on_nodes)[:, 0])
         return change
 
-    def _terms(self, q: Array, rates: Array) -> tuple[Array, Array, NDArray[np.intp]]:
-        """Of places where terms act: share of the segment's length, load (k, 3), and segment."""
+    def _terms(
+        self, q: Array, rates: Array, base: Array, speed: Array
+    ) -> tuple[Array, Array, NDArray[np.intp]]:
+        """Of places where terms act: share of the segment's length, load (k, 3), and segment.
+
+        base, speed: position and velocity of the base, shape (2,) each.
+        """
         place, arm, weight = self.core.chain.places().T
         j = place.astype(np.intp)
         share = arm / self.layout.lengths[j]
@@ -162,7 +181,7 @@ class RedundantForm:
         turning = velocities[j + 1] - velocities[j]
         rate = np.sum(_across(along) / length**2 * turning, axis=1)
         where, moving = _between(nodes, share, j), _between(velocities, share, j)
-        stations = np.column_stack([where, along / length, moving, rate])
+        stations = np.column_stack([where + base, along / length, moving + speed, rate])
         return share, weight[:, None] * self.core.chain.loads(stations), j
 
     # --------------------------------------------------------------------------------- constraints

@@ -1,0 +1,544 @@
+# SPDX-License-Identifier: MIT
+"""How the straight pipe answers a harmonic force, moment or motion of its base.
+
+With q = Re(x exp(i omega tau)) small motions obey P(i omega) x = f(omega), P the pencil of the
+eigenvalues. The response is therefore a rational function of the frequency whose poles are the
+eigenvalues, and these say where it changes fast.
+
+Small models are solved at each frequency. Of larger ones a few solutions make a basis, which serves
+all other frequencies at which the residual of the whole model's equations says so.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import field
+from functools import cached_property, partial
+from typing import Any, TypeAlias
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from pipedyn.linear.eigenproblem import Complex
+from pipedyn.linear.modes import largest_speed, modes
+from pipedyn.models.base import DENSE_LIMIT, Model, NotConverged
+from pipedyn.models.continuum import (
+    SMALLEST,
+    AnyModel,
+    Continuum,
+    Converged,
+    answered,
+    checked_model,
+    relative,
+)
+from pipedyn.models.drive import ROWS
+from pipedyn.util import check
+from pipedyn.util.check import Array
+from pipedyn.util.counters import factorised
+from pipedyn.util.later import scipy
+from pipedyn.util.result import result
+from pipedyn.util.threads import one_thread
+
+Input: TypeAlias = "str | tuple[str, float]"
+"""What drives the pipe: "base", ("force", s) or ("moment", s)."""
+
+SMALL = 64
+"""Degrees of freedom up to which each frequency is solved for: 0.1 s for 1,000 frequencies."""
+
+HIGHEST = 1e5
+"""Largest frequency: that of the pipe's hundredth mode."""
+
+MODES = 4
+"""Lowest resonances that are covered where no range is given."""
+
+NEUTRAL = 1e-9
+"""|Re lambda| / |lambda| up to which a pole counts as undamped: its response is infinite."""
+
+CLOSEST = 1e-9
+"""Distance of two frequencies, relative to the highest, at which no more are put between them."""
+
+MOST = 50_000
+"""Frequencies that are chosen: 200 modes with some 200 each."""
+
+RESIDUAL = 1e-10
+"""Of the equations, relative to the load or the solution, where a basis has enough vectors."""
+
+
+@result
+class Resonance:
+    """A peak of the response.
+
+    Attributes:
+        frequency: angular, where |response| is largest.
+        height: |response| there; infinite without damping.
+        width: half-power width: distance of the frequencies on both sides at which |response| is
+            height / sqrt(2); NaN where it does not fall so far within the range.
+    """
+
+    frequency: float
+    height: float
+    width: float
+
+
+@result
+class FrequencyResponse:
+    """Complex amplitude of a displacement per unit amplitude of what drives the pipe.
+
+    Attributes:
+        frequencies: omega, increasing if chosen, shape (F,).
+        response: complex, shape (F,): an input Re(a exp(i omega tau)) moves the place by
+            Re(a response exp(i omega tau)). Infinite at the frequency of an undamped mode.
+        resonances: peaks between the lowest and the highest frequency, in rising order.
+        poles: eigenvalues in the upper half plane up to 1.5 times the highest frequency, complex.
+        stable: whether no eigenvalue has a positive real part; else motions do not tend to this
+            response.
+        input: "base", ("force", s) or ("moment", s).
+        output: arc length of the place.
+        u: flow speed.
+        model: the model.
+        size: degrees of freedom of the model solved.
+        error: for `Continuum`, the largest change of the response from the basis before the last,
+            relative to it, beyond what a shift of the poles by 1e-11 of their size explains; 0 for
+            other models.
+    """
+
+    frequencies: Array = field(repr=False)
+    response: Complex = field(repr=False)
+    resonances: tuple[Resonance, ...]
+    poles: Complex = field(repr=False)
+    stable: bool
+    input: Input
+    output: float
+    u: float
+    model: AnyModel
+    size: int
+    error: float
+
+
+def frequency_response(
+    model: AnyModel,
+    u: float,
+    frequencies: ArrayLike | tuple[float, float] | None = None,
+    *,
+    input: Input = "base",
+    output: str | float = "tip",
+    tolerance: float = 1e-3,
+) -> FrequencyResponse:
+    """Displacement of a place per unit harmonic force, moment or motion of the base.
+
+    Args:
+        model: chain, reduced model or scene up to 4000 degrees of freedom, or `Continuum`.
+        u: flow speed >= 0, in sqrt(EI / mu_f) / L.
+        frequencies: angular, in 1 / T, each >= 0: an array or list is taken as it is; a tuple
+            (low, high) is a range, in which as many are chosen as make straight lines between
+            neighbours true to the tolerance, and each peak is one of them. Where not given, the
+            range from 0 to a fifth above the fourth lowest resonance.
+        input: "base", whose transverse displacement in L has unit amplitude; ("force", s), a
+            transverse force in EI / L^2 at the arc length s; or ("moment", s), in EI / L. A moment
+            on a chain acts on the segment at s, in equal parts on both where two meet.
+        output: arc length of the place whose transverse displacement is asked for, in L; "tip" is
+            the free end, 1. Where the base moves, it is counted from the base.
+        tolerance: of the lines between chosen frequencies, relative to |response| at the larger of
+            their ends, in [1e-6, 0.1].
+
+    Returns:
+        FrequencyResponse; also where the pipe is unstable at u, as `stable` says.
+
+    Raises:
+        NotConverged: if the continuous pipe's response does not converge as the basis grows, or too
+            many frequencies are needed.
+        ValueError, TypeError: for bad arguments.
+
+    Example:
+        >>> import pipedyn as pp
+        >>> pipe = pp.Continuum(pp.Pipe(beta=0.2))
+        >>> found = pp.frequency_response(pipe, 4.0, [4.0])
+        >>> complex(found.response[0].round(6))
+        (0.435537-0.580465j)
+    """
+    checked_model(model)
+    u = check.real("u", u, low=0.0, high=largest_speed(model))
+    tolerance = check.real("tolerance", tolerance, low=1e-6, high=0.1)
+    driven, place = checked_input(input), checked_output(output)
+    if isinstance(model, Model) and model.dof > DENSE_LIMIT:
+        raise ValueError(
+            f"model must have at most {DENSE_LIMIT} degrees of freedom for frequency_response, "
+            f"got {model.dof}"
+        )
+    given: Array | None = None
+    low, high = 0.0, math.inf
+    if isinstance(frequencies, tuple):
+        low, high = checked_range("frequencies", frequencies)
+    elif frequencies is not None:
+        given = check.array("frequencies", frequencies, low=0.0, high=HIGHEST, longest=100_000)
+        low, high = float(given.min()), float(given.max())
+    poles, one, stable = _poles(model, u, high)
+    if high == math.inf:
+        turning = np.sort(poles.imag[poles.imag > 0.0])
+        if turning.size == 0:
+            raise ValueError(f"frequencies must be given: at u = {u:g} no mode oscillates")
+        high = 1.2 * float(turning[:MODES][-1])
+    ask = partial(_Response, u=u, input=driven, output=place)
+    first = ask(one)
+    with one_thread(first.rows):
+        grid = _chosen(first, poles, low, high, tolerance)
+    # At frequencies that resolve the response, so that a shift of the poles is seen in its slope.
+    at = np.unique(np.concatenate([grid, [] if given is None else given]))
+
+    def question(one: Model) -> tuple[_Response, Complex]:
+        response = ask(one)
+        with one_thread(response.rows):
+            return response, response(at)
+
+    answer: Converged[tuple[_Response, Complex]] = answered(
+        model,
+        (u,),
+        question,
+        lambda a, b: _moved(at, poles, a[1], b[1]),
+        tolerance=1e-8,
+        smallest=one.dof,
+    )
+    response, values = answer.value
+    with one_thread(response.rows):
+        peaks = _resonances(response, poles, at, values)
+        if given is None:
+            at = np.unique(np.concatenate([at, [peak.frequency for peak in peaks]]))
+        else:
+            at = given
+        values = response(at)
+    for peak in peaks:
+        if peak.height == math.inf:
+            values[at == peak.frequency] = complex(math.inf, 0.0)
+    return FrequencyResponse(
+        frequencies=at,
+        response=values,
+        resonances=peaks,
+        poles=poles[np.abs(poles) <= 1.5 * high],
+        stable=stable,
+        input=driven,
+        output=place,
+        u=u,
+        model=model,
+        size=answer.size,
+        error=answer.error,
+    )
+
+
+# ----------------------------------------------------------------------------------- arguments
+
+
+def checked_range(name: str, given: Any) -> tuple[float, float]:
+    """A range of frequencies (low, high)."""
+    if not isinstance(given, tuple) or len(given) != 2:
+        raise ValueError(f"{name} must be a tuple (low, high), got {check.shown(given)}")
+    low = check.real(f"{name}[0]", given[0], low=0.0, high=HIGHEST)
+    high = check.real(f"{name}[1]", given[1], low=0.0, high=HIGHEST)
+    if not low < high:
+        raise ValueError(f"{name} must have low < high, got {check.shown(given)}")
+    return low, high
+
+
+def checked_input(given: Any) -> Input:
+    """What drives the pipe."""
+    if isinstance(given, tuple) and len(given) == 2:
+        kind = check.choice("input[0]", given[0], ("force", "moment"))
+        return kind, check.real("input[1]", given[1], low=0.0, high=1.0, open_low=True)
+    if not isinstance(given, str):
+        raise TypeError(
+            f"input must be 'base', ('force', s) or ('moment', s), got {check.shown(given)}"
+        )
+    if given != "base":
+        raise ValueError(f"input must be 'base', ('force', s) or ('moment', s), got {given!r}")
+    return given
+
+
+def checked_output(given: Any) -> float:
+    """Arc length of the place that is looked at."""
+    if isinstance(given, str):
+        check.choice("output", given, ("tip",))
+        return 1.0
+    return check.real("output", given, low=0.0, high=1.0, open_low=True)
+
+
+# ----------------------------------------------------------------------------- the equations
+
+
+class _Response:
+    """Response of one model at any frequencies, in elastic coordinates.
+
+    The load is f(omega) = sum over j of (i omega)^j times column j of `loads`, (dof, 3).
+    """
+
+    def __init__(self, model: Model, u: float, input: Input, output: float) -> None:
+        self.model, self.pencil, self.u = model, model.pencil(), u
+        self.rows = 1 if self.pencil.is_long else self.pencil.dof
+        self.loads = np.zeros((model.dof, 3))
+        if isinstance(input, str):
+            self.loads = _base_loads(model, u)
+        else:
+            kind, place = input
+            self.loads[:, 0] = _displacement(model, float(place), int(kind == "moment"))
+        self.output = _displacement(model, output)
+        self._basis = _Basis(self) if model.dof > SMALL else None
+
+    def __call__(self, at: Array) -> Complex:
+        """At frequencies, shape (F,)."""
+        if self._basis is not None:
+            return self._basis(at)
+        return np.asarray(self.output @ _solutions(self._matrices, self.loads, at))
+
+    @cached_property
+    def _matrices(self) -> tuple[Array, ...]:
+        return self.products(np.eye(self.model.dof))
+
+    def products(self, x: NDArray[Any]) -> tuple[NDArray[Any], ...]:
+        """What K, C and M make of columns."""
+        of, u = self.pencil, self.u
+        still = of.stiffness(x) + of.centrifugal * u**2 * of.flux(x)
+        return still, u * of.velocity(x) + of.damping(x), of.mass(x)
+
+    def solution(self, omega: float) -> Complex:
+        """Of the equations at one frequency: by a factorisation, or of long chains by GMRES.
+
+        In elastic coordinates P differs from a multiple of the identity by what is large for the
+        lowest modes only, so that some 30 iterations do.
+        """
+        if not self.pencil.is_long:
+            return _solutions(self._matrices, self.loads, np.array([omega]))[:, 0]
+        powers = (1j * omega) ** np.arange(3)
+        factorised()
+
+        def product(x: Complex) -> Complex:
+            return np.asarray(sum(map(np.multiply, powers, self.products(x[:, None]))))[:, 0]
+
+        size = self.pencil.dof
+        operator = scipy.sparse.linalg.LinearOperator((size, size), product, dtype=np.complex128)
+        answer, _ = scipy.sparse.linalg.gmres(
+            *(operator, self.loads @ powers), rtol=0.1 * RESIDUAL, restart=min(size, 400), maxiter=3
+        )
+        return np.asarray(answer)
+
+
+def _solutions(matrices: tuple[Array, ...], loads: Array, at: Array) -> Complex:
+    """P^-1 f at frequencies of dense K, C and M, shape (n, F); infinite where P is singular."""
+    still, rate, mass = matrices
+    found = np.full((len(still), at.size), math.inf, dtype=np.complex128)
+    piece = max(1, 200_000 // max(len(still) ** 2, 1))
+    for begin in range(0, at.size, piece):
+        some = slice(begin, begin + piece)
+        powers = (1j * at[some, None]) ** np.arange(3)
+        left = np.tensordot(powers, np.stack([still, rate, mass]), 1)
+        right = (powers @ loads.T)[..., None]
+        factorised(len(left))
+        try:
+            found[:, some] = np.linalg.solve(left, right)[..., 0].T
+        except np.linalg.LinAlgError:
+            for k in range(len(left)):
+                with suppress(np.linalg.LinAlgError):
+                    found[:, begin + k] = np.linalg.solve(left[k], right[k])[:, 0]
+    return found
+
+
+def base_solution(model: Model, u: float, omega: float) -> Complex:
+    """Coordinates q per unit amplitude of the base, complex, shape (dof,)."""
+    found = _Response(model, u, "base", 1.0).solution(omega)
+    return np.asarray(model.from_elastic(found), dtype=np.complex128)
+
+
+class _Basis:
+    """Of solutions at a few frequencies: what they span has those at all others to rounding."""
+
+    def __init__(self, response: _Response) -> None:
+        self._response = response
+        self._vectors = np.zeros((response.model.dof, 0))
+        self._products = response.products(self._vectors)
+
+    def __call__(self, at: Array) -> Complex:
+        response, powers = self._response, (1j * at) ** np.arange(3)[:, None]
+        loads = response.loads @ powers
+        while True:
+            small = tuple(self._vectors.T @ product for product in self._products)
+            x = _solutions(small, self._vectors.T @ response.loads, at)
+            missed = loads - sum(
+                p @ (power * x) for p, power in zip(self._products, powers, strict=True)
+            )
+            sizes = np.maximum(np.linalg.norm(loads, axis=0), np.linalg.norm(x, axis=0))
+            share = np.linalg.norm(missed, axis=0) / np.maximum(sizes, 1e-300)
+            share[~np.isfinite(share)] = 0.0  # at the frequency of an undamped mode
+            worst = int(np.argmax(share))
+            if share[worst] <= RESIDUAL:
+                return np.asarray((response.output @ self._vectors) @ x)
+            if not self._grown(response.solution(float(at[worst]))):
+                raise NotConverged(
+                    f"the response at a frequency of {at[worst]:g} leaves a residual of "
+                    f"{share[worst]:.1e}"
+                )
+
+    def _grown(self, solution: Complex) -> bool:
+        """Whether the basis did not have a solution, which it has then."""
+        before = self._vectors.shape[1]
+        for part in (solution.real, solution.imag):
+            left = part / max(float(np.linalg.norm(part)), 1e-300)
+            for _ in range(2):
+                left = left - self._vectors @ (self._vectors.T @ left)
+            size = float(np.linalg.norm(left))
+            if size > 1e-13:
+                self._vectors = np.column_stack([self._vectors, left / size])
+        new = self._response.products(np.ascontiguousarray(self._vectors[:, before:]))
+        self._products = tuple(map(np.column_stack, zip(self._products, new, strict=True)))
+        return self._vectors.shape[1] > before
+
+
+def _elastic(model: Model, of_coordinates: Callable[[Array], Array]) -> Array:
+    """Rows of linear functions of q, (k, dof), by the elastic coordinates.
+
+    The functions are given by what they make of columns q, (dof, j) to (k, j).
+    """
+    size, made = model.dof, list[Array]()
+    for begin in range(0, size, 256):
+        eye = np.eye(size, min(256, size - begin), -begin)
+        made.append(of_coordinates(np.asarray(model.from_elastic(eye))))
+    return np.concatenate(made, axis=1)
+
+
+def _displacement(model: Model, s: float, derivative: int = 0) -> Array:
+    """What displaces the place s, or its slope, by each elastic coordinate, shape (dof,)."""
+    return _elastic(model, lambda q: model.deflection(q, [s], derivative))[0]
+
+
+def _base_loads(model: Model, u: float) -> Array:
+    """Loads by position, velocity and acceleration of the base across the pipe, (dof, 3).
+
+    From the equations of motion at rest, in which they are linear: what resists motion on the
+    ground feels the base's position and velocity, and all mass its acceleration.
+    """
+    model.require_base()
+    rest, half = model.resting(), model.moving
+    still = np.concatenate([rest, np.zeros(half)])
+    # At rest on the straight pipe nothing is left that a small difference would be lost in.
+    h = 1e-6 if rest.any() else 1e-30
+    drive = np.zeros((ROWS, 3))
+    drive[[1, 3, 5], [0, 1, 2]] = h
+    states = np.stack([still] * 3, axis=1)
+    either = (model.motion_rates(states, u, way * drive)[half:] for way in (1.0, -1.0))
+    accelerations = np.subtract(*either) / (2.0 * h)
+    moved, *_ = np.linalg.lstsq(model.by_coordinates(), accelerations)
+    forces = model.operators().mass @ moved
+    return _elastic(model, lambda q: forces.T @ q).T
+
+
+# --------------------------------------------------------------------- frequencies that suffice
+
+
+def _poles(model: AnyModel, u: float, high: float) -> tuple[Complex, Model, bool]:
+    """Eigenvalues in the upper half plane to beyond a frequency, and the model that has them.
+
+    Also whether none has a positive real part.
+    """
+    one, count, largest = model, 4 * MODES + 4, 0
+    if isinstance(model, Continuum):
+        # Two thirds of the functions have modes of their own, the k-th at some (k pi)^2.
+        reached = 4.0 * MODES if high == math.inf else math.sqrt(3.0 * high) / math.pi
+        largest = math.ceil(1.5 * reached) + 8
+        one = model.frozen(SMALLEST)
+    assert isinstance(one, Model)
+    while True:
+        most = 2 * one.resolved_modes
+        found = modes(one, u, min(count, most))
+        values = found.eigenvalues[found.converged]
+        turning = np.unique(np.abs(values[values.imag > 0.0]))
+        if turning.size > MODES if high == math.inf else (turning > 1.5 * high).any():
+            break
+        if count >= most:
+            if not isinstance(model, Continuum) or one.dof >= largest:
+                break
+            one = model.frozen(2 * one.dof)
+        count *= 2
+    stable = bool((values.real <= NEUTRAL * np.maximum(np.abs(values), 1.0)).all())
+    return values[values.imag >= 0.0], one, stable
+
+
+def _chosen(response: _Response, poles: Complex, low: float, high: float, most: float) -> Array:
+    """Frequencies between which straight lines miss the response by a share of it at most."""
+    if low == high:
+        return np.array([low])
+    around = np.concatenate([[0.0], np.geomspace(0.25, 64.0, 9)])
+    widths = np.maximum(np.abs(poles.real), CLOSEST * 10.0 * high)
+    near = np.abs(poles.imag)[:, None] + widths[:, None] * np.concatenate([-around, around])
+    near = near[(near > low) & (near < high)]
+    undamped = _undamped(poles)
+    near = near[(np.abs(near[:, None] - undamped) > 0.5 * CLOSEST * high).all(axis=1)]
+    at = np.unique(np.concatenate([np.linspace(low, high, 33), near]))
+    values = response(at)
+    left, right = np.arange(at.size - 1), np.arange(1, at.size)
+    floor = 1e-6 * float(np.median(np.abs(values)))
+    while left.size:
+        if at.size > MOST:
+            raise NotConverged(f"the response needs more than {MOST} frequencies")
+        middle = 0.5 * (at[left] + at[right])
+        there = response(middle)
+        size = np.maximum(np.maximum(np.abs(values[left]), np.abs(values[right])), floor)
+        missed = np.abs(there - 0.5 * (values[left] + values[right]))
+        bad = (missed > most * size) & (at[right] - at[left] > 2.0 * CLOSEST * high)
+        new = at.size + np.arange(middle.size)
+        at, values = np.concatenate([at, middle]), np.concatenate([values, there])
+        left, right = (
+            np.concatenate([left[bad], new[bad]]),
+            np.concatenate([new[bad], right[bad]]),
+        )
+    return np.sort(at)
+
+
+def _undamped(poles: Complex) -> Array:
+    """Frequencies of the modes without damping."""
+    return poles.imag[np.abs(poles.real) <= NEUTRAL * np.abs(poles)]
+
+
+def _moved(at: Array, poles: Complex, before: Complex, after: Complex) -> float:
+    """Largest change of the response, relative, beyond that of poles that move by 1e-11."""
+    size = np.maximum(np.abs(after), 1e-6 * float(np.median(np.abs(after))))
+    shift = 1e-11 * np.abs(poles / (1j * at[:, None] - poles + 1e-300)).max(axis=1, initial=0.0)
+    return relative(before / size, after / size, shift)
+
+
+def _resonances(
+    response: _Response, poles: Complex, at: Array, values: Complex
+) -> tuple[Resonance, ...]:
+    """Peaks of a response that is known at frequencies which resolve it."""
+    sizes, undamped = np.abs(values), _undamped(poles)
+    found = list[Resonance]()
+    for omega in undamped[(undamped >= at[0]) & (undamped <= at[-1])].tolist():
+        # Twice as near it is twice as large, but where the mode is not driven or not seen.
+        far, near = np.abs(response(omega * (1.0 + np.array([1e-5, 1e-6]))))
+        if near > 5.0 * far:
+            found.append(Resonance(omega, math.inf, 0.0))
+    for k in range(1, at.size - 1):
+        close = np.abs(undamped - at[k]) < 1e-4 * at[k]
+        if not sizes[k - 1] < sizes[k] >= sizes[k + 1] or close.any():
+            continue
+        low, high = at[k - 1], at[k + 1]
+        for _ in range(7):  # to an eighth each
+            some = np.linspace(low, high, 17)
+            heights = np.abs(response(some))
+            best = int(np.argmax(heights))
+            low, high = some[max(best - 1, 0)], some[min(best + 1, 16)]
+        peak, height = float(some[best]), float(heights[best])
+        level = math.sqrt(0.5) * height
+        sides = list[float]()
+        for way in (-1, 1):
+            j = k
+            while 0 <= j < at.size and sizes[j] > level:
+                j += way
+            if not 0 <= j < at.size:
+                sides.append(math.nan)
+                continue
+            ends = np.array([at[j - way], at[j]])
+            for _ in range(12):
+                some = np.linspace(float(ends[0]), float(ends[1]), 17)
+                above = int(np.count_nonzero(np.cumprod(np.abs(response(some)) > level)))
+                ends = some[[max(above - 1, 0), min(above, 16)]]
+            sides.append(float(ends.mean()))
+        found.append(Resonance(peak, height, sides[1] - sides[0]))
+    return tuple(sorted(found, key=lambda peak: peak.frequency))

@@ -1,0 +1,311 @@
+# SPDX-License-Identifier: MIT
+"""What drives a pipe in time: a flow whose speed changes, and a base that moves.
+
+The base carries the clamp and all that holds the pipe rigidly (supports, guides, pins); it moves
+without turning. Coordinates are counted from it. Springs, dampers, stops, foundations and the fluid
+around the pipe rest on the ground.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING, Any, TypeAlias
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from pipedyn.util import check
+from pipedyn.util.check import Array
+
+if TYPE_CHECKING:
+    from pipedyn.models.pipe import Pipe
+
+ROWS = 7
+"""What drives a state: u', then position, velocity and acceleration of the base, x and y each."""
+
+DIRECTIONS = ("x", "y")
+
+LARGEST_SPEED = 1e4
+"""Flow speeds beyond are refused: the thrust u^2 is then 1e8 times the elastic stiffness, and
+rounding takes half of the digits."""
+
+LARGEST_FREQUENCY = 1e6
+"""Angular: far above any pipe's, far below overflow."""
+
+STEP = 2e-3
+"""Between the nine values, in T, by which functions are differentiated: for cos(100 t) the first
+and second derivative are so exact to 4e-9, and rounding adds 1e-9 of the values."""
+
+TRIED = 101
+"""Times at which functions are tried beforehand."""
+
+Place: TypeAlias = tuple[float, float]
+
+Speed: TypeAlias = (
+    float | Callable[[float], float] | tuple[Callable[[float], float], Callable[[float], float]]
+)
+"""A flow speed: steady, a function u(t) of time, or this with its derivative."""
+
+Base: TypeAlias = Callable[[float], Place] | tuple[Callable[[float], Place], ...]
+"""A function of time to the base's place (X, Y), or this, its first and its second derivative."""
+
+
+@dataclass(frozen=True)
+class Pulsation:
+    """A flow speed that pulsates: u = mean (1 + amplitude cos(frequency t)).
+
+    Called with a time it gives the speed.
+
+    Attributes:
+        mean: u_0 >= 0, in sqrt(EI / mu_f) / L.
+        amplitude: mu, in [-1, 1], so that the flow does not reverse.
+        frequency: angular, in 1 / T, > 0.
+
+    Raises:
+        ValueError: for a number out of its range, NaN or infinity.
+        TypeError: for what is no number.
+    """
+
+    mean: float
+    amplitude: float
+    frequency: float
+
+    def __post_init__(self) -> None:
+        checked = {
+            "mean": check.real("mean", self.mean, low=0.0, high=LARGEST_SPEED),
+            "amplitude": check.real("amplitude", self.amplitude),
+            "frequency": _frequency(self.frequency),
+        }
+        if abs(checked["amplitude"]) > 1.0:
+            raise ValueError(
+                f"amplitude must lie in [-1, 1], or the flow reverses, got {self.amplitude!r}"
+            )
+        for name, value in checked.items():
+            object.__setattr__(self, name, value)
+
+    @classmethod
+    def from_si(cls, pipe: Pipe, *, mean: float, amplitude: float, frequency: float) -> Pulsation:
+        """Of a pipe made with `Pipe.from_si`: mean in m/s, frequency in rad/s."""
+        return cls(pipe.speed(mean), amplitude, pipe.frequency(frequency))
+
+    @property
+    def period(self) -> float:
+        """In T."""
+        return 2.0 * math.pi / self.frequency
+
+    def __call__(self, t: float) -> float:
+        """u(t)."""
+        return self.mean * (1.0 + self.amplitude * math.cos(self.frequency * t))
+
+    def rate(self, t: float) -> float:
+        """du/dt."""
+        return -self.mean * self.amplitude * self.frequency * math.sin(self.frequency * t)
+
+
+@dataclass(frozen=True)
+class Harmonic:
+    """A base that oscillates: amplitude cos(frequency t) along x or y, y downward.
+
+    Called with a time it gives the position (X, Y).
+
+    Attributes:
+        amplitude: in L.
+        frequency: angular, in 1 / T, > 0.
+        direction: "x", across the pipe, or "y", along it.
+
+    Raises:
+        ValueError: for a number out of its range, NaN or infinity, or another direction.
+        TypeError: for what is no number.
+    """
+
+    amplitude: float
+    frequency: float
+    direction: str = "x"
+
+    def __post_init__(self) -> None:
+        checked = {
+            "amplitude": check.real("amplitude", self.amplitude, low=-1e6, high=1e6),
+            "frequency": _frequency(self.frequency),
+            "direction": check.choice("direction", self.direction, DIRECTIONS),
+        }
+        for name, value in checked.items():
+            object.__setattr__(self, name, value)
+
+    @classmethod
+    def from_si(
+        cls, pipe: Pipe, *, amplitude: float, frequency: float, direction: str = "x"
+    ) -> Harmonic:
+        """Of a pipe made with `Pipe.from_si`: amplitude in m, frequency in rad/s."""
+        return cls(pipe.length(amplitude), pipe.frequency(frequency), direction)
+
+    @property
+    def period(self) -> float:
+        """In T."""
+        return 2.0 * math.pi / self.frequency
+
+    def along(self, value: float) -> Place:
+        """A displacement, velocity or acceleration in the direction, (x, y)."""
+        return (value, 0.0) if self.direction == "x" else (0.0, value)
+
+    def __call__(self, t: float) -> Place:
+        """(X, Y)."""
+        return self.along(self.amplitude * math.cos(self.frequency * t))
+
+    def velocity(self, t: float) -> Place:
+        """(X', Y')."""
+        return self.along(-self.amplitude * self.frequency * math.sin(self.frequency * t))
+
+    def acceleration(self, t: float) -> Place:
+        """(X'', Y'')."""
+        return self.along(-self.amplitude * self.frequency**2 * math.cos(self.frequency * t))
+
+
+def _frequency(value: Any) -> float:
+    return check.real("frequency", value, low=0.0, high=LARGEST_FREQUENCY, open_low=True)
+
+
+def drive_of(y: ArrayLike, u_dot: ArrayLike | None, base: ArrayLike | None) -> Array | None:
+    """What the core takes beside states (rows,) or (rows, k): (ROWS,), (ROWS, k), or None.
+
+    Args:
+        y: the states.
+        u_dot: rate of the flow speed, a number or shape (k,); 0 where not given.
+        base: position, velocity and acceleration of the base, x and y of each, shape (3, 2) or
+            (3, 2, k); at rest where not given.
+    """
+    if u_dot is None and base is None:
+        return None
+    columns = np.shape(y)[1:]
+    drive = np.zeros((ROWS, *columns))
+    if u_dot is not None:
+        rate = check.doubles("u_dot", u_dot, "a real number or an array of them")
+        if rate.shape not in ((), columns):
+            raise ValueError(f"u_dot must be a number or have shape {columns}, got {rate.shape}")
+        check.entries("u_dot", np.atleast_1d(rate), np.isfinite(np.atleast_1d(rate)), "be finite")
+        drive[0] = rate
+    if base is not None:
+        moves = check.doubles("base", base, "an array of real numbers")
+        if moves.shape[:2] != (3, 2) or moves.shape[2:] not in ((), columns):
+            rule = f"(3, 2) or {(3, 2, *columns)}" if columns else "(3, 2)"
+            raise ValueError(f"base must have shape {rule}, got {moves.shape}")
+        check.entries("base", moves, np.isfinite(moves), "be finite")
+        drive[1:] = moves.reshape(6, *moves.shape[2:], *(1,) * (len(columns) + 2 - moves.ndim))
+    return drive
+
+
+class Drive:
+    """What drives a motion from one time to another.
+
+    Called with a time it gives u, u', X, Y, X', Y', X'', Y''.
+
+    Args:
+        u: the flow speed, as `Speed` says.
+        base: the base's motion, as `Base` says; at rest where None.
+        low: the first time at which functions are asked.
+        high: the last.
+
+    Raises:
+        ValueError: for speeds below 0, numbers that are not finite, other shapes.
+        TypeError: for what is no such function.
+    """
+
+    def __init__(self, u: Any, base: Any, low: float, high: float) -> None:
+        self.low, self.step = low, min(STEP, (high - low) / 16.0)
+        self.last = high - 4.0 * self.step
+        self._speed = _with_derivatives("u", u, 1)
+        self._base = None if base is None else _with_derivatives("base", base, 2)
+        for t in np.linspace(low, high, TRIED).tolist():
+            self(t)
+
+    def __call__(self, t: float) -> tuple[float, ...]:
+        """u, u', X, Y, X', Y', X'', Y'' at a time."""
+        u, rate = self._evaluated("u", self._speed, t, 1)
+        if not 0.0 <= u[0] <= LARGEST_SPEED:
+            check.real(f"u({t:g})", u[0], low=0.0, high=LARGEST_SPEED)
+        if self._base is None:
+            return (*u, *rate, *(0.0,) * 6)
+        place, velocity, acceleration = self._evaluated("base", self._base, t, 2)
+        return (*u, *rate, *place, *velocity, *acceleration)
+
+    @cached_property
+    def numbers(self) -> tuple[float, ...] | None:
+        """What the core takes for a function of time where speed and base only oscillate.
+
+        Mean speed, relative amplitude and frequency; amplitudes along x and y of the base and its
+        frequency.
+        """
+        speed = self._speed[0]
+        if isinstance(speed, _Constant):
+            speed = Pulsation(speed.value, 0.0, 1.0)
+        base = Harmonic(0.0, 1.0) if self._base is None else self._base[0]
+        if not (isinstance(speed, Pulsation) and isinstance(base, Harmonic)):
+            return None
+        along = base.along(base.amplitude)
+        return (speed.mean, speed.amplitude, speed.frequency, *along, base.frequency)
+
+    def base(self, times: Array) -> Array | None:
+        """The base's motion at times (k,), as `Model.rhs` takes it, shape (3, 2, k)."""
+        if self._base is None:
+            return None
+        return np.array([self(t)[2:] for t in times.tolist()]).T.reshape(3, 2, times.size)
+
+    def _evaluated(self, name: str, functions: Any, t: float, entries: int) -> list[Any]:
+        """Values and derivatives at a time, `entries` numbers each."""
+        first, *others = functions
+        if others and others[0] is not None:
+            return [_finite(name, of, t, entries) for of in functions]
+        center = min(max(t, self.low + 4.0 * self.step), self.last)
+        near = np.array([_finite(name, first, center + k * self.step, entries) for k in NODES])
+        powers = TO_POWERS @ (near - near[4])  # so that of a constant rounding leaves nothing
+        x = (t - center) / self.step
+        found = [_finite(name, first, t, entries)]
+        for _ in range(1, len(functions)):
+            powers = np.arange(1.0, len(powers))[:, None] * powers[1:] / self.step
+            found.append(tuple((x ** np.arange(len(powers)) @ powers).tolist()))
+        return found
+
+
+NODES = tuple(range(-4, 5))
+TO_POWERS = np.linalg.inv(np.vander(NODES, increasing=True))
+"""The polynomial of degree 8 through values at these places."""
+
+
+def _with_derivatives(name: str, given: Any, order: int) -> tuple[Any, ...]:
+    """A function and its derivatives, None where it is to be differentiated."""
+    if isinstance(given, Pulsation):
+        return given, given.rate
+    if isinstance(given, Harmonic):
+        return given, given.velocity, given.acceleration
+    if order == 1 and isinstance(given, int | float | np.number):
+        value = check.real(name, given, low=0.0, high=LARGEST_SPEED)
+        return _Constant(value), _Constant(0.0)
+    listed = given if isinstance(given, tuple) else (given, *(None,) * order)
+    rule = "one with its derivative" if order == 1 else "one with its two derivatives"
+    if len(listed) != order + 1 or not all(callable(of) or of is None for of in listed):
+        raise TypeError(f"{name} must be a function of time or {rule}, got {check.shown(given)}")
+    return listed
+
+
+@dataclass(frozen=True)
+class _Constant:
+    value: float
+
+    def __call__(self, t: float) -> float:
+        return self.value
+
+
+def _finite(name: str, function: Any, t: float, entries: int) -> tuple[float, ...]:
+    """The value of a function of time, as so many finite numbers."""
+    came = function(t)
+    try:
+        values = (float(came),) if entries == 1 else tuple(map(float, came))
+    except (TypeError, ValueError):
+        values = ()
+    if len(values) == entries and all(map(math.isfinite, values)):
+        return values
+    if entries == 1:
+        check.real(f"{name}({t:g})", came)
+    raise ValueError(f"{name}({t:g}) must give {entries} finite numbers, got {check.shown(came)}")

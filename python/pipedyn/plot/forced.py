@@ -1,0 +1,214 @@
+# SPDX-License-Identifier: MIT
+"""Pictures of driven pipes: responses over the frequency, and regions of a pulsating flow."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from itertools import cycle
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+
+from pipedyn.bifurcation.forced_response import ForcedResponse
+from pipedyn.bifurcation.parametric_regions import ParametricRegion
+from pipedyn.linear.frequency_response import FrequencyResponse
+from pipedyn.models.pipe import Pipe
+from pipedyn.plot import common
+from pipedyn.util import check
+
+OMEGA_LABEL = r"angular frequency $\omega$  $(1/T)$"
+
+REGION_STYLES: dict[str, dict[str, Any]] = {
+    "subharmonic": {"color": common.BLUE, "linestyle": "-", "hatch": None},
+    "harmonic": {"color": common.ORANGE, "linestyle": (0, (5, 1.5)), "hatch": "///"},
+    "combination": {"color": common.GREEN, "linestyle": (0, (1, 1.2)), "hatch": "..."},
+}
+
+
+def frequency_response(
+    response: FrequencyResponse, phase: bool = False, ax: Axes | None = None
+) -> Axes:
+    """Magnitude of the response over the frequency, on a logarithmic scale, or its phase.
+
+    A ring marks each resonance, a bar its half-power width, and a triangle at the upper end one
+    that is infinite. The upper axis is in Hz if the pipe's numbers come from SI units.
+
+    Args:
+        response: what to show.
+        phase: the phase in degrees, from -180 to 180, in place of the magnitude.
+        ax: where to draw; new Axes where not given.
+
+    Raises:
+        TypeError: for bad arguments.
+    """
+    common.check_type("response", response, FrequencyResponse)
+    shows_phase = check.flag("phase", phase)
+    moved = "free end" if response.output == 1.0 else f"place $s = {response.output:g}$"
+    driven = "base" if isinstance(response.input, str) else response.input[0]
+    ylabel = "phase (degrees)" if shows_phase else f"|displacement of the {moved} / {driven}|"
+    ax = common.axes(ax, (6.4, 4.2), xlabel=OMEGA_LABEL, ylabel=ylabel)
+    at, finite = response.frequencies, np.isfinite(response.response)
+    if shows_phase:
+        angles = np.degrees(np.angle(np.where(finite, response.response, math.nan)))
+        angles[1:][np.abs(np.diff(angles)) > 180.0] = math.nan  # no line across the plot
+        ax.plot(at, angles, color=common.BLACK, linewidth=1.2)
+        ax.set(ylim=(-185.0, 185.0), yticks=np.arange(-180.0, 181.0, 90.0))
+    else:
+        sizes = np.where(finite, np.abs(response.response), math.nan)
+        sizes[sizes == 0.0] = math.nan
+        heights = [r.height for r in response.resonances if r.height < math.inf]
+        ax.plot(at, sizes, color=common.BLACK, linewidth=1.2)
+        ax.set_yscale("log")
+        # Frequencies are dense at peaks, so that a typical size is one of evenly spaced ones.
+        typical = float(np.nanmedian(np.interp(np.linspace(at[0], at[-1], 201), at, sizes)))
+        ax.set_ylim(bottom=max(float(np.nanmin(sizes)), 1e-3 * typical))
+        infinite = [r.frequency for r in response.resonances if r.height == math.inf]
+        if infinite:  # what is left of the peaks is cut off
+            ax.set_ylim(top=1e3 * typical)
+            look = common.open_marker(6.0, marker="^", zorder=4.0, clip_on=False)
+            of_axes = ax.get_xaxis_transform()
+            ax.plot(infinite, np.ones(len(infinite)), transform=of_axes, **look)
+        for peak in response.resonances:
+            if peak.height < math.inf and math.isfinite(peak.width):
+                level = math.sqrt(0.5) * peak.height
+                ends = _crossings(at, sizes, peak.frequency, level)
+                ax.plot(ends, [level, level], color=common.VERMILION, linewidth=1.6)
+        peaks = [r.frequency for r in response.resonances if r.height < math.inf]
+        ax.plot(peaks, heights, **common.open_marker(4.5, zorder=4.0))
+    if at.size > 1:
+        ax.set_xlim(float(at.min()), float(at.max()))
+    stable = "" if response.stable else ", unstable: the response is not reached"
+    ax.set_title(f"$u = {response.u:.4g}${stable}", pad=24.0)
+    _in_hertz(ax, response.model.pipe)
+    return ax
+
+
+def _crossings(at: Any, sizes: Any, frequency: float, level: float) -> list[float]:
+    """Frequencies on both sides of a peak at which a response has a level."""
+    above = sizes > level
+    k = int(np.argmin(np.abs(at - frequency)))
+    left = k - int(np.argmin(above[: k + 1][::-1]))
+    right = k + int(np.argmin(above[k:]))
+    found = list[float]()
+    for i, j in ((left, left + 1), (right, right - 1)):
+        share = (level - sizes[i]) / (sizes[j] - sizes[i])
+        found.append(float(at[i] + share * (at[j] - at[i])))
+    return found
+
+
+def _in_hertz(ax: Axes, pipe: Pipe) -> None:
+    """An upper axis in Hz where the pipe has units."""
+    if pipe.scales is None:
+        return
+    one = 1.0 / (2.0 * math.pi * pipe.scales.time)
+
+    def hertz(frequency: Any) -> Any:
+        return frequency * one
+
+    def angular(frequency: Any) -> Any:
+        return frequency / one
+
+    top = ax.secondary_xaxis("top", functions=(hertz, angular))
+    top.set_xlabel("frequency (Hz)")
+    ax.tick_params(top=False, which="both")
+
+
+def parametric_regions(
+    regions: Sequence[ParametricRegion], pipe: Pipe | None = None, ax: Axes | None = None
+) -> Axes:
+    """Regions in which a pulsating flow makes the pipe unstable: amplitude over frequency.
+
+    Kinds differ in colour, line and hatching; a ring marks the least amplitude of each region.
+
+    Args:
+        regions: what to show, with amplitudes that are close enough for a curve.
+        pipe: for an upper axis in Hz, if it was made from SI units.
+        ax: where to draw; new Axes where not given.
+
+    Raises:
+        ValueError, TypeError: for bad arguments.
+    """
+    if not isinstance(regions, list | tuple):
+        raise TypeError(f"regions must be a tuple or list, got {check.shown(regions)}")
+    for i, one in enumerate(regions):
+        common.check_type(f"regions[{i}]", one, ParametricRegion)
+    if pipe is not None:
+        common.check_type("pipe", pipe, Pipe)
+    xlabel = r"frequency of the pulsation $\omega$  $(1/T)$"
+    ylabel = r"amplitude $\mu$ of the pulsation"
+    ax = common.axes(ax, (6.4, 4.2), xlabel=xlabel, ylabel=ylabel)
+    named = set[str]()
+    for region in regions:
+        look = REGION_STYLES[region.kind]
+        inside = np.isfinite(region.edges).all(axis=1)
+        amplitude, edges = region.amplitude[inside], region.edges[inside]
+        if math.isfinite(region.threshold):
+            amplitude = np.append(region.threshold, amplitude)
+            edges = np.vstack([np.full(2, region.threshold_frequency), edges])
+        label = "_" if region.kind in named else region.kind
+        named.add(region.kind)
+        fill = {"facecolor": look["color"], "alpha": 0.25, "hatch": look["hatch"]}
+        ax.fill_betweenx(amplitude, *edges.T, linewidth=0.0, label=label, **fill)
+        for side in edges.T:
+            line = {"color": look["color"], "linestyle": look["linestyle"]}
+            ax.plot(side, amplitude, linewidth=1.2, **line)
+        if math.isfinite(region.threshold):
+            ring = common.open_marker(4.5, edge=look["color"], zorder=4.0, clip_on=False)
+            ax.plot([region.threshold_frequency], [region.threshold], **ring)
+    ax.set_ylim(bottom=0.0)
+    if regions:
+        ax.legend()
+    if pipe is not None:
+        _in_hertz(ax, pipe)
+    return ax
+
+
+def forced_response(response: ForcedResponse, ax: Axes | None = None) -> Axes:
+    """Amplitude of periodic motions over the frequency: stable solid, unstable dashed.
+
+    Folds and other events have markers.
+
+    Args:
+        response: what to show.
+        ax: where to draw; new Axes where not given.
+
+    Raises:
+        TypeError: for bad arguments.
+    """
+    common.check_type("response", response, ForcedResponse)
+    ylabel = "amplitude of the free end  $(L)$"
+    ax = common.axes(ax, (6.4, 4.2), xlabel=OMEGA_LABEL, ylabel=ylabel)
+    shown = set[str]()
+    for branch, look in zip(response.branches, cycle(common.CURVE_STYLES), strict=False):
+        steady = branch.stable[:-1] | branch.stable[1:]  # what ends at an event is so up to there
+        for stable, line in ((True, "-"), (False, (0, (4, 2)))):
+            there = np.where(steady == stable)[0]
+            runs = np.split(there, np.flatnonzero(np.diff(there) > 1) + 1) if there.size else []
+            for run in runs:
+                part = slice(run[0], run[-1] + 2)
+                label = f"{branch.kind}, {'stable' if stable else 'unstable'}"
+                ax.plot(
+                    *(branch.frequency[part], branch.amplitude[part]),
+                    color=look["color"],
+                    linestyle=line,
+                    linewidth=1.2,
+                    label="_" if label in shown else label,
+                )
+                shown.add(label)
+        for event in branch.events:
+            if event.kind == "end":
+                continue
+            marker = {"fold": "o", "pitchfork": "s", "period doubling": "D"}.get(event.kind, "^")
+            ax.plot(
+                *([event.frequency], [event.amplitude]),
+                label="_" if event.kind in shown else event.kind,
+                **common.open_marker(5.0, marker=marker, zorder=4.0),
+            )
+            shown.add(event.kind)
+    ax.set_ylim(bottom=0.0)
+    if shown:
+        ax.legend()
+    _in_hertz(ax, response.model.pipe)
+    return ax

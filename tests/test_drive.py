@@ -1,0 +1,334 @@
+# SPDX-License-Identifier: MIT
+"""Flow whose speed changes and a base that moves, in every model.
+
+Two routes check the forces that share nothing with the models: Hamilton's principle for open
+systems (McIver 1973) with velocities on the ground, and virtual work at the places that `shape`
+draws, both by differences.
+"""
+
+import dataclasses
+
+import numpy as np
+import pytest
+from numpy.polynomial.legendre import leggauss
+from test_terms import LENGTHS, derivative, jacobian_by_differences, sizes_of, state_of
+
+import pipedyn as pp
+
+TERMS = (
+    pp.PointMass(0.37, 0.4),
+    pp.Damper(0.62, 1.5),
+    pp.CubicSpring(0.8, 60.0),
+    pp.Foundation(9.0),
+    pp.Viscosity(1.3),
+    pp.AddedMass(0.6),
+)
+PIPE = pp.Pipe(0.3, 7.0, damping=0.02)
+LOADED = dataclasses.replace(
+    PIPE, flow="aspirating", alpha=0.8, inflow_share=0.4, drag=0.7, terms=TERMS
+)
+SPEED, RATE = 1.7, 2.3
+BASE = np.array([[0.3, -0.2], [0.7, 0.5], [-1.1, 1.9]])
+
+MODELS = {
+    "chain": lambda pipe: pp.Chain(pipe, 4),
+    "unequal chain": lambda pipe: pp.Chain(pipe, lengths=LENGTHS, springs=[4.0, 3.0, 0.0, 5.0]),
+    "midpoint chain": lambda pipe: pp.Chain(pipe, 4, springs="midpoint"),
+    "beam modes": lambda pipe: pp.Galerkin(pipe, 3),
+    "Legendre functions": lambda pipe: pp.Galerkin(pipe, 5, "legendre"),
+}
+models = pytest.mark.parametrize("make", MODELS.values(), ids=MODELS)
+
+
+def gauss_points(model, count=30):
+    """Arc lengths and weights between all kinks of the shape and its angle."""
+    inner = [term.place for term in model.pipe.terms if term.place]
+    kinks = np.unique([0.0, 1.0, *inner, *model.pipe.supports])
+    if isinstance(model, pp.Chain):
+        ends = model.base + np.cumsum([0.0, *model.lengths])
+        kinks = np.unique([0.0, *np.minimum(ends, 1.0)])
+    nodes, weights = leggauss(count)
+    halves, middles = np.diff(kinks)[:, None] / 2, (kinks[1:] + kinks[:-1])[:, None] / 2
+    return (middles + halves * nodes).ravel(), (halves * weights).ravel()
+
+
+def tangents(model, q, s):
+    return derivative(lambda at: model.shape(q, at), s, np.ones_like(s), step=1e-5)
+
+
+@models
+def test_motion_obeys_hamiltons_principle_for_open_systems_on_the_ground(make):
+    """d/dt dL/dq' - dL/dq = -b U (r' + U t) . dr/dq at the end, with velocities on the ground.
+
+    L = int |r'|^2 / 2 + chi (n . r')^2 / 2 + b U t . r' + gamma y, less the bending energy: McIver
+    (1973), in a fluid with the added mass chi.
+    """
+    chi = 0.6
+    model = make(dataclasses.replace(PIPE, damping=0.0, terms=(pp.AddedMass(chi),)))
+    q, rate = state_of(model)
+    s, w = gauss_points(model)
+    b, gamma = np.sqrt(PIPE.beta), PIPE.gamma
+    y = np.concatenate([q, rate])
+    acceleration = model.rhs(0.0, y, SPEED, u_dot=RATE, base=BASE)[model.dof :]
+    sizes = sizes_of(model)
+
+    place, moving, accelerating = BASE
+
+    def momentum(at, rates, base, speed):  # linear in all but the first
+        by_q = jacobian_by_differences(lambda x: model.shape(x, s), at, sizes)
+        t, velocity = tangents(model, at, s), by_q @ rates + base
+        n = np.stack([t[:, 1], -t[:, 0]], axis=1)
+        across = chi * np.sum(n * velocity, axis=1)[:, None] * n
+        return np.einsum("p,pc,pci->i", w, velocity + across + b * speed * t, by_q)
+
+    def lagrangian(at):
+        velocity = derivative(lambda x: model.shape(x, s), at, rate) + moving
+        t = tangents(model, at, s)
+        across = velocity[:, 0] * t[:, 1] - velocity[:, 1] * t[:, 0]
+        kinetic = (np.sum(velocity**2, axis=1) + chi * across**2) / 2
+        flow = b * SPEED * np.sum(velocity * t, axis=1)
+        height = place[1] + model.shape(at, s)[:, 1]
+        still = np.concatenate([at, np.zeros_like(at)])
+        weight = make(dataclasses.replace(PIPE, gamma=0.0)).energy(still)
+        return w @ (kinetic + flow + gamma * height) - weight
+
+    left = derivative(lambda at: momentum(at, rate, moving, SPEED), q, rate)
+    left = left + momentum(q, acceleration, accelerating, RATE)
+    left = left - jacobian_by_differences(lambda x: np.array([lagrangian(x)]), q, sizes)[0]
+    end = np.array([1.0])
+    by_q = jacobian_by_differences(lambda x: model.shape(x, end), q, sizes)[0]
+    velocity = by_q @ rate + moving
+    t_end = derivative(lambda at: model.shape(q, at), np.array([0.999]), np.ones(1), step=1e-4)[0]
+    if isinstance(model, pp.Galerkin):
+        angle = (model.functions(end, 1) @ q)[0]
+        t_end = np.array([np.sin(angle), np.cos(angle)])
+    right = -(b * SPEED * velocity + SPEED**2 * t_end) @ by_q
+    scale = np.abs(left).max() + np.abs(right).max()
+    assert np.abs(left - right).max() < 1e-8 * scale
+
+
+@models
+def test_a_drive_does_the_virtual_work_of_its_forces(make):
+    """Inflow, drag and terms see motion on the ground; chains have drag at points."""
+    drag = 0.7 if make(PIPE).linear_cost else 0.0
+    model = make(dataclasses.replace(LOADED, drag=drag, terms=TERMS[:-1]))
+    q, rate = state_of(model)
+    y = np.concatenate([q, rate])
+    driven, still = (
+        model.rhs(0.0, y, SPEED, **more) for more in ({"u_dot": RATE, "base": BASE}, {})
+    )
+    work = model.operators(q).mass @ (driven - still)[model.dof :]
+    bare = make(dataclasses.replace(PIPE, terms=[pp.PointMass(t.at, 0.0) for t in TERMS[:3]]))
+
+    def at(s):
+        by_q = jacobian_by_differences(lambda x: bare.shape(x, s), q, sizes_of(model))
+        place, velocity = bare.shape(q, s), by_q @ rate
+        return by_q, (place, velocity), (place + BASE[0], velocity + BASE[1])
+
+    def force(s, w, law):
+        by_q, relative, absolute = at(s)
+        return np.einsum("p,pc,pci->i", w, law(*absolute) - law(*relative), by_q)
+
+    s, w = gauss_points(bare)
+    t = tangents(bare, q, s)
+    n = np.stack([t[:, 1], -t[:, 0]], axis=1)
+    by_q = at(s)[0]
+    push = LOADED.direction * np.sqrt(LOADED.beta) * RATE * t
+    expected = -np.einsum("p,pc,pci->i", w, push + BASE[2], by_q)
+    mass = TERMS[0].mass * np.ones(1)
+    one = np.ones(1)
+    expected -= np.einsum("p,c,pci->i", mass, BASE[2], at(np.array([0.37]))[0])
+    only_x = np.array([1.0, 0.0])
+    expected += force(np.array([0.62]), one, lambda r, v: -1.5 * v * only_x)
+    expected += force(np.array([0.8]), one, lambda r, v: -60.0 * r**3 * only_x)
+    expected += force(s, w, lambda r, v: -9.0 * r * only_x)
+    expected += force(s, w, lambda r, v: -1.3 * np.sum(v * n, axis=1)[:, None] * n)
+    if drag:
+        points = model.base + np.cumsum(model.lengths) - 0.5 * model.lengths
+        t = tangents(bare, q, points)
+        across = np.stack([t[:, 1], -t[:, 0]], axis=1)
+
+        def law(r, v):
+            normal = np.sum(v * across, axis=1)[:, None]
+            return -drag * np.abs(normal) * normal * across
+
+        expected += force(points, model.lengths, law)
+    entering = 0.6 * LOADED.direction * np.sqrt(LOADED.beta) * SPEED
+    expected += force(one, one, lambda r, v: entering * v)
+    assert np.abs(work - expected).max() < 1e-9 * np.abs(expected).max()
+
+
+@models
+def test_energy_of_a_driven_pipe_changes_as_the_power_says(make):
+    model = make(LOADED)
+    q, rate = state_of(model)
+    y = np.concatenate([q, rate])
+    rates = model.rhs(0.0, y, SPEED, u_dot=RATE, base=BASE)
+
+    def energy(t):
+        moved = np.array([BASE[0] + t * BASE[1] + t**2 / 2 * BASE[2], BASE[1], BASE[2]])
+        return model.energy(y + t * rates, base=moved)
+
+    power = model.power(y, SPEED, u_dot=RATE, base=BASE)
+    assert power.total == pytest.approx(derivative(energy, 0.0, 1.0, step=1e-4), rel=1e-8)
+    work = model.motion.rhs_and_power(
+        0.0, np.append(y, 0.0), SPEED, np.concatenate([[RATE], BASE.ravel()])
+    )
+    assert work[-1] == pytest.approx(power.total, rel=1e-12)
+    assert np.abs(work[:-1] - rates).max() < 1e-12 * np.abs(rates).max()
+    rest = model.power(y, SPEED)
+    assert rest.base == 0.0
+    assert power.flow != rest.flow
+
+
+@models
+def test_jacobian_of_a_driven_pipe_meets_differences(make):
+    model = make(LOADED)
+    y = np.concatenate(state_of(model))
+    drive = {"u_dot": RATE, "base": BASE}
+    exact = model.jacobian(0.0, y, SPEED, **drive)
+    sizes = np.tile(sizes_of(model), 2)
+    differences = jacobian_by_differences(
+        lambda at: model.rhs(0.0, at, SPEED, **drive), y, sizes, step=2e-3
+    )
+    assert np.abs(exact - differences).max() < 1e-7 * np.abs(exact).max()
+
+
+@models
+def test_unsteady_operator_is_the_jacobian_at_rest_and_its_closed_form(make):
+    model = make(dataclasses.replace(PIPE, flow="aspirating"))
+    n = model.dof
+    for q in (np.zeros(n), state_of(model)[0]):
+        at_rest = np.concatenate([q, np.zeros(n)])
+        mass = model.operators(q).mass
+
+        def force(at, mass_of=model.operators):
+            still = np.concatenate([at, np.zeros(n)])
+            return mass_of(at).mass @ model.rhs(0.0, still, SPEED, u_dot=RATE)[n:]
+
+        _, _, stiffness = model.operators(q).at(SPEED, RATE)
+        differences = jacobian_by_differences(force, q, sizes_of(model))
+        assert np.abs(stiffness + differences).max() < 1e-9 * np.abs(stiffness).max()
+        assert at_rest.size == 2 * mass.shape[0]
+    if isinstance(model, pp.Galerkin):
+        s, w = gauss_points(model, 60)
+        w0, w2 = model.functions(s), model.functions(s, 2)
+        closed = np.sqrt(PIPE.beta) * w0.T @ ((w * (1.0 - s))[:, None] * w2)
+        assert np.abs(model.operators().unsteady - closed).max() < 1e-10 * np.abs(closed).max()
+    scaled = model.elastic_operators().unsteady
+    to_q = model.from_elastic(np.eye(n))
+    expected = to_q.T @ model.operators().unsteady @ to_q
+    assert np.abs(scaled - expected).max() < 1e-12 * np.abs(expected).max()
+
+
+@pytest.mark.parametrize("basis", ["beam", "legendre"])
+def test_unsteady_operator_of_a_held_pipe_has_its_closed_form(basis):
+    pipe = pp.Pipe(0.5, root="pinned", end="pinned", supports=(0.4,))
+    model = pp.Galerkin(pipe, 6, basis)
+    rows = model.functions(np.array([0.4, 1.0]))
+    s, w = gauss_points(model, 60)
+    values, curvatures = model.functions(s), model.functions(s, 2)
+    closed = np.sqrt(0.5) * values.T @ ((w * (1.0 - s))[:, None] * curvatures)
+    assert np.abs(rows).max() < 1e-12
+    assert np.abs(model.operators().unsteady - closed).max() < 1e-9 * np.abs(closed).max()
+
+
+@models
+def test_a_batch_of_driven_states_moves_as_each_alone(make):
+    model = make(LOADED)
+    rng = np.random.default_rng(5)
+    members = 5
+    y = 0.3 * rng.standard_normal((2 * model.dof, members))
+    base, rate = rng.standard_normal((3, 2, members)), rng.standard_normal(members)
+    u = rng.uniform(0.0, 3.0, members)
+    together = model.rhs(0.0, y, u, u_dot=rate, base=base)
+    powers = model.power(y, u, u_dot=rate, base=base).total
+    for k in range(members):
+        drive = {"u_dot": rate[k], "base": base[:, :, k]}
+        alone = model.rhs(0.0, y[:, k].copy(), u[k], **drive)
+        assert np.abs(together[:, k] - alone).max() < 1e-11 * np.abs(alone).max()
+        assert powers[k] == pytest.approx(model.power(y[:, k].copy(), u[k], **drive).total)
+    shared = model.rhs(0.0, y, u, u_dot=0.4, base=BASE)
+    one = model.rhs(0.0, y[:, 1].copy(), u[1], u_dot=0.4, base=BASE)
+    assert np.abs(shared[:, 1] - one).max() < 1e-11 * np.abs(one).max()
+
+
+# ------------------------------------------------------------------------------------------ scenes
+
+
+DRIVE = {"u_dot": RATE, "base": BASE}
+
+
+def test_a_scene_that_is_driven_moves_as_the_chain_does():
+    chain, scene = pp.Chain(LOADED, 4), pp.modular.chain(LOADED, 4)
+    q, rate = state_of(chain)
+    y, state = np.concatenate([q, rate]), scene.state(q, rate)
+    moved = np.append(y, 0.0)
+    drive = np.concatenate([[RATE], BASE.ravel()])
+    expected = chain.motion.rhs_and_power(0.0, moved, SPEED, drive)
+    found = scene.motion.rhs_and_power(0.0, moved, SPEED, drive)
+    assert np.abs(found - expected).max() < 1e-11 * np.abs(expected).max()
+    assert scene.energy(state, base=BASE) == pytest.approx(chain.energy(y, base=BASE), rel=1e-12)
+    assert scene.power(state, SPEED, **DRIVE).base == pytest.approx(
+        chain.power(y, SPEED, **DRIVE).base, rel=1e-11
+    )
+    unsteady = scene.operators().unsteady
+    assert np.abs(unsteady - chain.operators().unsteady).max() < 1e-14
+
+
+HOLDS = {
+    "free": (),
+    "guide": (pp.modular.Guide(3),),
+    "guides": (pp.modular.Guide(1), pp.modular.Guide(4)),
+    "pin": (pp.modular.Pin(2, x=0.1, y=0.44),),
+}
+
+
+@pytest.mark.parametrize("holds", HOLDS.values(), ids=HOLDS)
+def test_a_held_scene_that_is_driven_moves_as_its_redundant_form_says(holds):
+    """Guides and pins stand on the base. The other route is dense, in redundant coordinates."""
+    scene, dense = (
+        pp.modular.chain(LOADED, 4, enforcement=e).plus(*holds)
+        for e in ("orthonormal", "udwadia-kalaba")
+    )
+    theta = scene.closed([0.3, -0.1, 0.5, 0.2])
+    start = np.concatenate([theta, [0.7, -0.4, 0.2, 0.9]])
+    for_rates, _ = scene.projected(*np.split(start[:, None], 2))
+    omega = scene.projected(for_rates, start[4:, None])[1]
+    state = scene.state(for_rates[:, 0], omega[:, 0])
+    expected = dense.rhs(0.0, state, SPEED, **DRIVE)
+    found = scene.rhs(0.0, state, SPEED, **DRIVE)
+    assert np.abs(found - expected).max() < 1e-10 * np.abs(expected).max()
+    y, drive = np.append(for_rates, omega), np.concatenate([[RATE], BASE.ravel()])
+    exact = scene.motion_jacobian(y, SPEED, drive)
+    differences = jacobian_by_differences(
+        lambda at: scene.motion_rates(at, SPEED, drive), y, np.ones(8), step=2e-3
+    )
+    assert np.abs(exact - differences).max() < 1e-7 * np.abs(exact).max()
+
+
+@pytest.mark.parametrize("holds", list(HOLDS.values())[:3], ids=list(HOLDS)[:3])
+def test_unsteady_operator_of_a_held_scene_is_the_jacobian_at_rest(holds):
+    scene = pp.modular.chain(dataclasses.replace(PIPE, flow="aspirating"), 4).plus(*holds)
+    operators, still = scene.operators(), np.zeros(8)
+    basis = scene.free_directions(np.zeros(4))
+    steady, pushed = (
+        scene.motion_jacobian(still, SPEED, np.append(rate, np.zeros(6)))[4:, :4]
+        for rate in (0.0, RATE)
+    )
+    force = operators.mass @ basis.T @ (pushed - steady) @ basis
+    difference = force + operators.at(SPEED, RATE)[2] - operators.at(SPEED)[2]
+    assert np.abs(difference).max() < 1e-11 * np.abs(force).max()
+
+
+def test_custom_modules_refuse_a_base_that_moves():
+    scene = pp.modular.chain(PIPE, 3).plus(
+        pp.modular.Custom(nodes=(2,), energy=lambda q: 3.0 * q[0] ** 2)
+    )
+    state = scene.state(np.full(3, 0.1))
+    rates = scene.rhs(0.0, state, SPEED, u_dot=RATE)
+    assert np.isfinite(rates).all()
+    with pytest.raises(ValueError, match="base must be at rest in a scene with custom modules"):
+        scene.rhs(0.0, state, SPEED, base=BASE)
+    with pytest.raises(ValueError, match="base must be at rest in a scene with custom modules"):
+        pp.simulate(scene, 1.0, 1.0, np.full(3, 0.1), base=pp.Harmonic(0.1, 3.0))

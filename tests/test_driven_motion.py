@@ -1,0 +1,244 @@
+# SPDX-License-Identifier: MIT
+"""Motions of a pipe whose flow pulsates or whose base moves: amplitudes, energy, arguments."""
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+
+import pipedyn as pp
+
+PULSATING = pp.Pipe(0.2, 10.0, damping=0.002)
+SHAKEN = pp.Pipe(0.2, damping=0.002)
+LOADED = pp.Pipe(
+    *(0.3, 4.0, "aspirating", 0.8),
+    inflow_share=0.5,
+    drag=0.4,
+    damping=0.01,
+    terms=(pp.Spring(0.6, 9.0), pp.Damper(1.0, 0.2), pp.AddedMass(0.3), pp.PointMass(0.7, 0.2)),
+)
+
+
+def amplitude(motion, period):
+    """Half the peak-to-peak of the tip in the last period, by parabolas through its extremes."""
+    t = np.linspace(motion.t[-1] - period, motion.t[-1], 401)
+    x = motion.model.tips(motion.dense(t)[: motion.model.coordinates])[:, 0]
+
+    def top(values):
+        i = int(np.argmax(values[1:-1])) + 1
+        low, middle, high = values[i - 1 : i + 2]
+        return middle + (high - low) ** 2 / (8.0 * (2.0 * middle - high - low))
+
+    return 0.5 * (top(x) + top(-x))
+
+
+def bend(s):
+    return 0.3 * s**2
+
+
+@pytest.mark.parametrize(
+    ("make", "expected"),
+    [
+        (lambda pipe: pp.Galerkin(pipe, 4, "legendre"), 0.3973139),
+        (lambda pipe: pp.Galerkin(pipe, 6, "legendre"), 0.4200452),
+        (lambda pipe: pp.Chain(pipe, 10), 0.4266074),
+        (lambda pipe: pp.Chain(pipe, 20), 0.4214321),
+        (lambda pipe: pp.modular.chain(pipe, 10), 0.4266074),
+    ],
+)
+def test_subharmonic_response_to_a_pulsating_flow_has_its_amplitude(make, expected):
+    """By another program, periodic motions by Newton's method; digits as it printed them.
+
+    m = 4 and 6 of the exact reduced model, chains with n = 10 and 20. The motion has twice the
+    period of the flow.
+    """
+    flow = pp.Pulsation(6.0, 0.3, 30.0)
+    motion = pp.simulate(make(PULSATING), flow, 60 * flow.period, bend, rtol=1e-9, dense=True)
+    assert amplitude(motion, 2.0 * flow.period) == pytest.approx(expected, abs=2e-7)
+    assert motion.audit < 1e-8
+    assert motion.u is flow
+
+
+@pytest.mark.parametrize(("m", "expected"), [(4, 0.1462570), (6, 0.1633365)])
+def test_response_to_a_shaken_base_has_its_amplitude(m, expected):
+    """By the same program: X = 0.02 cos(13.5 tau), u = 5, the tip relative to the base."""
+    base = pp.Harmonic(0.02, 13.5)
+    model = pp.Galerkin(SHAKEN, m, "legendre")
+    motion = pp.simulate(model, 5.0, 45.0, bend, base=base, rtol=1e-9, dense=True)
+    assert amplitude(motion, base.period) == pytest.approx(expected, abs=2e-6)
+    assert motion.base is base
+
+
+def test_small_shaking_moves_the_tip_as_the_linear_pipe_says():
+    """|w(1) / X| = |.435537098 - .580465010 i| at u = 4, omega = 4: determinants in 30 digits."""
+    base = pp.Harmonic(1e-4, 4.0)
+    model = pp.Galerkin(pp.Pipe(0.2), 8, "legendre")
+    motion = pp.simulate(
+        model, 4.0, 30.0, np.zeros(8), base=base, rtol=1e-9, atol=1e-12, dense=True
+    )
+    found = amplitude(motion, base.period) / 1e-4
+    assert found == pytest.approx(abs(0.435537098 - 0.580465010j), rel=2e-6)
+
+
+def test_a_base_that_falls_freely_takes_gravity_away_and_one_that_speeds_up_tilts_it():
+    heavy, light = (pp.Chain(pp.Pipe(0.2, gamma), 4) for gamma in (7.0, 0.0))
+    y = np.random.default_rng(1).standard_normal(8)
+    falling = np.array([[0.0, 0.0], [0.3, -0.4], [0.0, 7.0]])
+    rates = heavy.rhs(0.0, y, 2.0, base=falling)
+    assert np.abs(rates - light.rhs(0.0, y, 2.0)).max() < 1e-12 * np.abs(rates).max()
+    hose = pp.Chain(pp.Pipe(0.2, 7.0), 4, springs=np.zeros(4))
+    hanging = np.concatenate([np.full(4, -math.atan2(3.0, 7.0)), np.zeros(4)])
+    still = hose.rhs(0.0, hanging, 0.0, base=[[0.0, 0.0], [0.0, 0.0], [3.0, 0.0]])
+    assert np.abs(still).max() < 1e-11
+
+
+MODELS = {
+    "chain": lambda pipe: pp.Chain(pipe, 5),
+    "beam modes": lambda pipe: pp.Galerkin(dataclasses.replace(pipe, drag=0.0), 4),
+    "Legendre functions": lambda pipe: pp.Galerkin(pipe, 5, "legendre"),
+    "scene": lambda pipe: pp.modular.chain(pipe, 5).plus(pp.modular.Guide(3)),
+    "held chain": lambda pipe: pp.Chain(dataclasses.replace(pipe, **HELD), 5),
+    "held Legendre functions": lambda pipe: pp.Galerkin(
+        dataclasses.replace(pipe, drag=0.0, **HELD), 6, "legendre"
+    ),
+}
+HELD = {"root": "pinned", "supports": (0.6,)}
+
+
+@pytest.mark.parametrize(
+    ("make", "method"),
+    [*((make, "radau") for make in MODELS.values()), (MODELS["chain"], "dop853")],
+    ids=[*MODELS, "chain, explicit"],
+)
+def test_the_audit_of_a_driven_motion_closes(make, method):
+    """Of a flow that pulsates and a base that runs around, with all that sees its motion."""
+    model = make(LOADED)
+    start = np.zeros(model.moving)
+    flow, base = (
+        pp.Pulsation(1.5, 0.6, 7.0),
+        lambda t: (0.2 * math.sin(3 * t), 0.1 * math.cos(2 * t)),
+    )
+    moves = (
+        base,
+        lambda t: (0.6 * math.cos(3 * t), -0.2 * math.sin(2 * t)),
+        lambda t: (-1.8 * math.sin(3 * t), -0.4 * math.cos(2 * t)),
+    )
+    sharp = {"rtol": 1e-11, "samples": 21, "method": method}
+    motion = pp.simulate(model, flow, 0.8, start, base=moves, **sharp)
+    assert motion.audit < 1e-9
+    if model.pipe.supports:
+        assert max(abs(model.shape(q, [0.6])[0, 0]) for q in motion.q) < 1e-9
+    if method == "dop853":
+        return
+    other = pp.simulate(model, lambda t: flow(t), 0.8, start, base=base, **sharp)
+    assert np.abs(other.q - motion.q).max() < 1e-8 * np.abs(motion.q).max()
+
+
+@pytest.mark.parametrize("method", ["scipy:Radau", "scipy:DOP853"])
+def test_scipys_methods_and_custom_modules_take_what_drives_a_motion(method):
+    flow, base = pp.Pulsation(3.0, 0.4, 11.0), pp.Harmonic(0.05, 6.0, "y")
+    chain, scene = pp.Chain(SHAKEN, 3), pp.modular.chain(SHAKEN, 3)
+    sharp = {"rtol": 1e-8, "samples": 5}
+    ours = pp.simulate(chain, flow, 0.3, bend, base=base, **sharp)
+    theirs = pp.simulate(chain, flow, 0.3, bend, base=base, method=method, **sharp)
+    assert np.abs(ours.q - theirs.q).max() < 1e-6
+    own = scene.plus(pp.modular.Custom(nodes=(1,), energy=lambda q: 0.0 * q[0]))
+    plain, same = (pp.simulate(m, flow, 0.3, bend, **sharp) for m in (scene, own))
+    assert np.abs(plain.q - same.q).max() < 1e-7
+
+
+def test_members_may_pulsate_each_in_its_own_way():
+    chain = pp.Chain(PULSATING, 4)
+    flows = [pp.Pulsation(5.0, 0.2, w) for w in (10.0, 20.0)] + [4.0, lambda t: 4.0 + math.sin(t)]
+    together = pp.simulate_many(chain, flows, 1.0, bend, samples=5, base=pp.Harmonic(0.02, 9.0))
+    for flow, motion in zip(flows, together.motions, strict=True):
+        alone = pp.simulate(chain, flow, 1.0, bend, samples=5, base=pp.Harmonic(0.02, 9.0))
+        assert np.abs(motion.q - alone.q).max() < 1e-6
+        assert motion.u is flow or motion.u == flow
+    many = pp.simulate_many(chain, flows[0], 1.0, [bend] * 12, samples=3, method="dop853")
+    assert np.ptp([m.q[-1] for m in many.motions], axis=0).max() == 0.0
+
+
+def test_what_drives_a_motion_may_be_in_si():
+    pipe = pp.Pipe.from_si(length=0.6, bending_stiffness=7.3e-3, pipe_mass=0.19, fluid_mass=0.12)
+    flow = pp.Pulsation.from_si(pipe, mean=2.0, amplitude=0.3, frequency=5.0)
+    assert pipe.speed_si(flow.mean) == pytest.approx(2.0)
+    assert pipe.frequency_si(flow.frequency) == pytest.approx(5.0)
+    base = pp.Harmonic.from_si(pipe, amplitude=0.01, frequency=5.0, direction="y")
+    assert base(0.0) == (0.0, pytest.approx(0.01 / 0.6))
+    h = 1e-5
+    for of, slope in ((base, base.velocity), (base.velocity, base.acceleration)):
+        difference = (np.array(of(0.2 + h)) - np.array(of(0.2 - h))) / (2 * h)
+        assert difference == pytest.approx(np.array(slope(0.2)), rel=1e-6)
+    assert (flow(0.2 + h) - flow(0.2 - h)) / (2 * h) == pytest.approx(flow.rate(0.2), rel=1e-6)
+
+
+CHAIN = pp.Chain(pp.Pipe(0.2), 3)
+
+
+@pytest.mark.parametrize(
+    ("call", "kind", "message"),
+    [
+        (lambda: pp.Pulsation(4.0, 1.2, 3.0), ValueError, "or the flow reverses, got 1.2"),
+        (lambda: pp.Pulsation(-4.0, 0.2, 3.0), ValueError, "mean must lie in"),
+        (lambda: pp.Pulsation(4.0, 0.2, 0.0), ValueError, "frequency must lie in"),
+        (lambda: pp.Pulsation(4.0, math.nan, 3.0), ValueError, "amplitude must be finite"),
+        (lambda: pp.Pulsation("4", 0.2, 3.0), TypeError, "mean must be a real number"),
+        (lambda: pp.Harmonic(0.1, 3.0, "z"), ValueError, "direction must be one of 'x', 'y'"),
+        (lambda: pp.Harmonic(math.inf, 3.0), ValueError, "amplitude must lie in"),
+        (lambda: _shaken(lambda t: 0.1), ValueError, r"base\(0\) must give 2 finite numbers"),
+        (lambda: _shaken(lambda t: (t, math.nan)), ValueError, r"base\(0\) must give 2 finite"),
+        (lambda: _shaken((lambda t: (0, 0),)), TypeError, "base must be a function of time or one"),
+        (
+            lambda: pp.Chain(pp.Pipe(0.2, end="pinned", terms=[pp.Stretching(9.0)]), 3).rhs(
+                0.0, np.zeros(6), 1.0, base=np.zeros((3, 2))
+            ),
+            ValueError,
+            "base must be at rest with Stretching",
+        ),
+        (lambda: _shaken(3.0), TypeError, "base must be a function of time or one"),
+        (
+            lambda: pp.simulate(CHAIN, (lambda t: 1.0, 2.0), 1.0, bend),
+            TypeError,
+            "u must be a function of time or one with its derivative",
+        ),
+        (
+            lambda: pp.simulate(CHAIN, (lambda t: 1.0, lambda t: math.inf), 1.0, bend),
+            ValueError,
+            r"u\(0\) must be finite",
+        ),
+        (
+            lambda: CHAIN.rhs(0.0, np.zeros(6), 1.0, u_dot=[1.0]),
+            ValueError,
+            r"u_dot must be a number or have shape \(\), got \(1,\)",
+        ),
+        (
+            lambda: CHAIN.rhs(0.0, np.zeros(6), 1.0, u_dot=math.nan),
+            ValueError,
+            "u_dot must be finite",
+        ),
+        (
+            lambda: CHAIN.rhs(0.0, np.zeros((6, 2)), 1.0, base=np.zeros((2, 3))),
+            ValueError,
+            r"base must have shape \(3, 2\) or \(3, 2, 2\), got \(2, 3\)",
+        ),
+        (
+            lambda: CHAIN.energy(np.zeros(6), base=np.full((3, 2), math.inf)),
+            ValueError,
+            "base must be finite",
+        ),
+        (
+            lambda: pp.simulate_many(CHAIN, [lambda t: 1.0, -1.0], 1.0, bend),
+            ValueError,
+            r"u must lie in \[0, 10000\], got -1.0 \(member 1\)",
+        ),
+    ],
+)
+def test_a_bad_drive_is_refused_by_name(call, kind, message):
+    with pytest.raises(kind, match=message):
+        call()
+
+
+def _shaken(base):
+    return pp.simulate(CHAIN, 1.0, 1.0, bend, base=base)

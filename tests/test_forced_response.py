@@ -1,0 +1,149 @@
+# SPDX-License-Identifier: MIT
+"""Periodic motions of finite amplitude under a moving base or a pulsating flow.
+
+They are held against motions that are integrated until they repeat, and numbers of a separate
+program that does so.
+"""
+
+import math
+
+import numpy as np
+import pytest
+
+import pipedyn as pp
+
+SHAKEN = pp.Pipe(0.2, damping=0.002)
+PULSATING = pp.Pipe(0.2, gamma=10.0, damping=0.002)
+
+
+@pytest.mark.parametrize(("m", "amplitude"), [(4, 0.1462570), (6, 0.1633365), (8, 0.1634670)])
+def test_a_moving_base_at_finite_amplitude(m, amplitude):
+    """u = 5, X = 0.02, frequency 13.5: a separate program integrates to the digits given."""
+    model = pp.Galerkin(SHAKEN, m, "legendre")
+    found = pp.forced_response(model, 5.0, base=pp.Harmonic(0.02, 13.5))
+    (motion,) = found.at(13.5)
+    assert motion.amplitude == pytest.approx(amplitude, abs=1e-6)
+    assert motion.stable
+    assert motion.error <= 1e-6
+    assert motion.period == pytest.approx(2.0 * math.pi / 13.5, rel=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("make", "amplitude"),
+    [
+        (lambda pipe: pp.Galerkin(pipe, 4, "legendre"), 0.3973139),
+        (lambda pipe: pp.Galerkin(pipe, 6, "legendre"), 0.4200452),
+        (lambda pipe: pp.Galerkin(pipe, 8, "legendre"), 0.4196651),
+        (lambda pipe: pp.Chain(pipe, 10), 0.4266074),
+    ],
+    ids=["m=4", "m=6", "m=8", "n=10"],
+)
+def test_a_pulsating_flow_at_finite_amplitude(make, amplitude):
+    """Mean 6, amplitude 0.3, frequency 30: a separate program integrates to the digits given."""
+    model = make(PULSATING)
+    found = pp.forced_response(model, pp.Pulsation(6.0, 0.3, 30.0), frequencies=(30.0, 30.5))
+    (motion,) = found.at(30.0)
+    assert motion.amplitude == pytest.approx(amplitude, abs=1e-6)
+    assert motion.stable
+    assert motion.period == pytest.approx(4.0 * math.pi / 30.0, rel=1e-12)
+
+
+def test_motions_are_those_that_simulations_end_on():
+    model = pp.Chain(SHAKEN, 5)
+    base = pp.Harmonic(0.03, 12.0)
+    (motion,) = pp.forced_response(model, 5.0, base=base).at(12.0)
+    start = motion.q[0], motion.qdot[0]
+    going = pp.simulate(
+        model, 5.0, motion.period, *start, base=base, rtol=1e-10, samples=motion.t.size
+    )
+    np.testing.assert_allclose(going.q, motion.q, atol=1e-7)
+    far = pp.simulate(model, 5.0, 40.0 * motion.period, 0.0 * start[0], base=base, samples=11)
+    np.testing.assert_allclose(far.q[-1], motion.q[0], atol=1e-5)
+
+
+def test_subharmonic_motions_are_those_that_simulations_keep():
+    model, flow = pp.Chain(PULSATING, 5), pp.Pulsation(6.0, 0.3, 28.0)
+    (motion,) = pp.forced_response(model, flow).at(28.0)
+    going = pp.simulate(
+        model, flow, motion.period, motion.q[0], motion.qdot[0], rtol=1e-10, samples=motion.t.size
+    )
+    np.testing.assert_allclose(going.q, motion.q, atol=1e-7)
+    half = motion.t.size // 2
+    np.testing.assert_allclose(motion.q[half], -motion.q[0], atol=1e-9)
+
+
+def test_small_motions_of_the_base_have_the_linear_response():
+    model = pp.Galerkin(SHAKEN, 4, "legendre")
+    for omega in (6.0, 14.0):
+        linear = pp.frequency_response(model, 5.0, [omega]).response[0]
+        (motion,) = pp.forced_response(model, 5.0, base=pp.Harmonic(1e-4, omega)).at(omega)
+        assert motion.amplitude == pytest.approx(1e-4 * abs(linear), rel=1e-5)
+
+
+def test_a_resonance_bends_over_and_has_three_motions_between_its_folds():
+    """Without flow, near the second mode, whose frequency falls as its amplitude grows."""
+    model = pp.Galerkin(SHAKEN, 3, "legendre")
+    found = pp.forced_response(model, 0.0, base=pp.Harmonic(0.02, 20.0), frequencies=(15.0, 26.0))
+    (branch,) = found.branches
+    folds = [event for event in branch.events if event.kind == "fold"]
+    assert len(folds) == 2
+    between = 0.5 * (folds[0].frequency + folds[1].frequency)
+    assert sorted(motion.stable for motion in found.at(between)) == [False, True, True]
+    assert len(found.at(0.98 * min(fold.frequency for fold in folds))) == 1
+    assert len(found.at(1.02 * max(fold.frequency for fold in folds))) == 1
+
+
+def test_branches_lead_from_edge_to_edge_of_a_parametric_region():
+    model = pp.Galerkin(PULSATING, 4, "legendre")
+    found = pp.forced_response(model, pp.Pulsation(6.0, 0.2, 30.0), frequencies=(28.0, 32.0))
+    (branch,) = found.branches
+    (region,) = pp.parametric_regions(model, 6.0, 0.2, (28.0, 32.0))
+    assert branch.kind == "subharmonic"
+    assert branch.frequency[0] == pytest.approx(region.edges[0, 0], rel=1e-6)
+    assert branch.frequency[-1] == pytest.approx(region.edges[0, 1], rel=1e-3)
+    assert branch.stable[1:-1].all()
+
+
+def test_a_scene_moves_like_its_chain():
+    base = pp.Harmonic(0.02, 13.0)
+    scene = pp.modular.chain(SHAKEN, 4)
+    (one,) = pp.forced_response(scene, 5.0, base=base).at(13.0)
+    (other,) = pp.forced_response(pp.Chain(SHAKEN, 4), 5.0, base=base).at(13.0)
+    assert one.amplitude == pytest.approx(other.amplitude, rel=1e-8)
+
+
+MODEL = pp.Galerkin(SHAKEN, 3)
+
+
+@pytest.mark.parametrize(
+    ("given", "error", "rule"),
+    [
+        ({}, TypeError, "base must be a Harmonic or u a Pulsation, got None"),
+        ({"base": pp.Harmonic(0.0, 3.0)}, ValueError, "base must move, got an amplitude of 0"),
+        ({"base": pp.Harmonic(0.1, 3.0, "y")}, ValueError, "base must move along x"),
+        ({"u": pp.Pulsation(5.0, 0.0, 3.0)}, ValueError, "u.amplitude must be between 0 and 1"),
+        (
+            {"u": pp.Pulsation(5.0, 0.1, 3.0), "base": pp.Harmonic(0.1, 3.0)},
+            ValueError,
+            "base must not be given where the flow pulsates",
+        ),
+        (
+            {"base": pp.Harmonic(0.1, 3.0), "frequencies": (0.0, 3.0)},
+            ValueError,
+            "frequencies must have low > 0",
+        ),
+        (
+            {"base": pp.Harmonic(0.1, 3.0), "frequencies": [1.0, 3.0]},
+            ValueError,
+            "frequencies must be a tuple (low, high)",
+        ),
+        ({"model": pp.Chain(SHAKEN, 80)}, ValueError, "model must have at most 60"),
+        ({"model": pp.Continuum(SHAKEN)}, TypeError, "model must be"),
+        ({"u": pp.Pulsation(9.0, 0.1, 30.0)}, ValueError, "mean must be a speed at which"),
+    ],
+)
+def test_bad_arguments_are_named(given, error, rule):
+    arguments = {"model": MODEL, "u": 5.0} | given
+    with pytest.raises(error) as refused:
+        pp.forced_response(arguments.pop("model"), arguments.pop("u"), **arguments)
+    assert str(refused.value).startswith(rule)

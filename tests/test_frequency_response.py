@@ -1,0 +1,213 @@
+# SPDX-License-Identifier: MIT
+"""The response of the straight pipe to a harmonic force, moment or motion of its base.
+
+The continuous pipe's answers are held against its boundary-value problem: four exponentials along
+the pipe, from the equation in the ground's frame, where the base is a boundary condition.
+"""
+
+import math
+
+import numpy as np
+import pytest
+
+import pipedyn as pp
+
+
+def by_exponentials(omega, u, beta, delta=0.0, driven="base", spring=0.0, damper=0.0, ground=0.0):
+    """Displacement of the free end, counted from the base, gamma = 0.
+
+    E w'''' + u^2 w'' + 2 sqrt(beta) u i omega w' + (k - omega^2) w = 0, E = 1 + i omega delta.
+    """
+    stiff = 1.0 + 1j * omega * delta
+    flow = 2j * math.sqrt(beta) * u * omega
+    a = np.roots([stiff, 0.0, u**2, flow, ground - omega**2])
+    grown = np.exp(a)
+    at_end = spring + 1j * omega * damper
+    rows = [np.ones(4), a, stiff * a**2 * grown, (-stiff * a**3 + at_end) * grown]
+    right = {"base": [1, 0, 0, 0], "force": [0, 0, 0, 1], "moment": [0, 0, 1, 0]}[driven]
+    parts = np.linalg.solve(np.array(rows), np.array(right, dtype=complex))
+    return parts @ grown - (driven == "base")
+
+
+@pytest.mark.parametrize(
+    ("u", "omega", "damping", "expected"),
+    [
+        (4.0, 4.0, 0.0, 0.435537098 - 0.580465010j),
+        (5.0, 13.5, 0.0, -3.953945431 - 8.886436152j),
+        (0.0, 2.0, 0.01, 0.741658393 - 0.021991760j),
+    ],
+)
+def test_a_moving_base_moves_the_free_end(u, omega, damping, expected):
+    """Relative to the base, beta = 0.2, gamma = 0: two routes that agree to the digits given."""
+    found = pp.frequency_response(pp.Continuum(pp.Pipe(0.2, damping=damping)), u, [omega])
+    assert found.response[0] == pytest.approx(expected, abs=6e-10)
+    assert by_exponentials(omega, u, 0.2, damping) == pytest.approx(expected, abs=6e-10)
+    assert found.error <= 1e-8
+
+
+GROUND = {
+    "plain": ((), {}),
+    "spring": ([pp.Spring(1.0, 30.0)], {"spring": 30.0}),
+    "damper": ([pp.Damper(1.0, 0.7)], {"damper": 0.7}),
+    "foundation": ([pp.Foundation(50.0)], {"ground": 50.0}),
+}
+
+
+@pytest.mark.parametrize("driven", ["base", "force", "moment"])
+@pytest.mark.parametrize(("terms", "numbers"), GROUND.values(), ids=GROUND)
+def test_what_rests_on_the_ground_feels_the_base_move(terms, numbers, driven):
+    pipe = pp.Pipe(0.3, damping=0.004, terms=terms)
+    omega = np.array([0.5, 3.0, 14.0, 40.0])
+    how = "base" if driven == "base" else (driven, 1.0)
+    found = pp.frequency_response(pp.Continuum(pipe), 3.0, omega, input=how)
+    expected = [by_exponentials(w, 3.0, 0.3, 0.004, driven, **numbers) for w in omega]
+    np.testing.assert_allclose(found.response, expected, rtol=1e-9)
+    np.testing.assert_array_equal(found.frequencies, omega)
+
+
+@pytest.mark.parametrize(
+    ("how", "output"),
+    [("base", "tip"), ("base", 0.4), (("force", 0.7), 0.5), (("moment", 0.625), "tip")],
+)
+def test_a_chain_converges_with_second_order(how, output):
+    """Also to places within segments; a moment acts in the middle of one."""
+    terms = [pp.PointMass(0.6, 0.2), pp.Spring(0.8, 20.0), pp.Damper(1.0, 0.5), pp.Foundation(5.0)]
+    pipe = pp.Pipe(0.2, gamma=5.0, damping=2e-3, terms=terms)
+    omega = np.array([1.0, 6.0, 20.0])
+    exact = pp.frequency_response(pp.Continuum(pipe), 4.0, omega, input=how, output=output)
+    errors = []
+    for n in (20, 60, 180):
+        found = pp.frequency_response(pp.Chain(pipe, n), 4.0, omega, input=how, output=output)
+        errors.append(np.abs(found.response / exact.response - 1.0).max())
+    orders = np.log(np.divide(errors[:-1], errors[1:])) / math.log(3.0)
+    np.testing.assert_allclose(orders, 2.0, atol=0.15)
+    assert errors[-1] < 1e-3
+
+
+def test_a_few_solutions_serve_a_long_chain_at_all_frequencies():
+    """Against the dense equations in the angles of the segments."""
+    pipe = pp.Pipe(0.2, gamma=3.0, damping=1e-4, terms=[pp.Spring(0.5, 40.0)])
+    chain = pp.Chain(pipe, 120)
+    omega = np.linspace(0.0, 120.0, 40)
+    found = pp.frequency_response(chain, 4.5, omega, input=("force", 0.35), output=0.9)
+    mass, velocity, stiffness = chain.operators().at(4.5)
+    load, output = chain.deflection(np.eye(120), [0.35, 0.9])
+    for w, response in zip(omega, found.response, strict=True):
+        pencil = stiffness + 1j * w * velocity - w**2 * mass
+        assert response == pytest.approx(output @ np.linalg.solve(pencil, load), rel=1e-7)
+
+
+@pytest.mark.parametrize("damping", [1e-2, 1e-4, 1e-6])
+def test_no_resonance_is_missed_however_narrow(damping):
+    pipe = pp.Pipe(0.2, damping=damping)
+    found = pp.frequency_response(pp.Continuum(pipe), 0.0, (1.0, 150.0))
+    modes = (np.array([1.8751040687, 4.6940911330, 7.8547574382, 10.9955407349]) ** 2).tolist()
+    weak = [w for w in modes if 0.5 * damping * w < 0.1]
+    assert len(found.resonances) >= len(weak)
+    for omega, peak in zip(weak, found.resonances, strict=False):
+        ratio = 0.5 * damping * omega
+        assert peak.frequency == pytest.approx(omega, rel=2.0 * max(ratio, 1e-10) + 2.0 * ratio**2)
+        assert peak.width == pytest.approx(2.0 * ratio * omega, rel=max(0.1, 10 * ratio))
+        assert peak.height == pytest.approx(
+            abs(by_exponentials(peak.frequency, 0.0, 0.2, damping)), rel=1e-5
+        )
+        assert peak.frequency in found.frequencies
+
+
+def test_lines_between_the_frequencies_are_true_to_the_tolerance():
+    model = pp.Galerkin(pp.Pipe(0.2, damping=1e-4), 10, "legendre")
+    found = pp.frequency_response(model, 3.0, (0.5, 130.0), tolerance=1e-3)
+    rng = np.random.default_rng(0)
+    k = rng.integers(0, found.frequencies.size - 1, 2000)
+    share = rng.uniform(size=k.size)
+    ends = found.frequencies[k], found.frequencies[k + 1]
+    values = found.response[k], found.response[k + 1]
+    at = ends[0] + share * (ends[1] - ends[0])
+    exact = pp.frequency_response(model, 3.0, at).response
+    missed = np.abs(values[0] + share * (values[1] - values[0]) - exact)
+    assert (missed <= 1.05e-3 * np.maximum(*np.abs(values)) + 1e-9).all()
+
+
+def test_without_damping_the_response_is_infinite_at_the_modes_frequencies():
+    found = pp.frequency_response(pp.Continuum(pp.Pipe(0.2)), 0.0)
+    expected = np.array([1.8751040687, 4.6940911330, 7.8547574382, 10.9955407349]) ** 2
+    np.testing.assert_allclose([r.frequency for r in found.resonances], expected, rtol=1e-9)
+    assert {r.height for r in found.resonances} == {math.inf}
+    assert {r.width for r in found.resonances} == {0.0}
+    assert np.isinf(found.response[np.isin(found.frequencies, expected.round(20))]).all()
+    assert found.frequencies[0] == 0.0
+    assert found.response[0] == 0.0
+    assert found.stable
+
+
+def test_the_response_of_an_unstable_pipe_says_so():
+    model = pp.Chain(pp.Pipe(0.2), 20)
+    assert pp.frequency_response(model, 5.4, (5.0, 30.0)).stable
+    found = pp.frequency_response(model, 6.0, (5.0, 30.0))
+    assert not found.stable
+    assert any(pole.real > 0.0 for pole in found.poles)
+
+
+def test_a_scene_responds_like_its_chain():
+    from pipedyn import modular
+
+    pipe = pp.Pipe(0.2, damping=1e-3, terms=[pp.Spring(0.75, 10.0)])
+    scene = modular.chain(pipe, 8)
+    omega = [1.0, 9.0, 30.0]
+    for how in ("base", ("force", 0.5), ("moment", 0.3)):
+        one = pp.frequency_response(scene, 4.0, omega, input=how)
+        other = pp.frequency_response(pp.Chain(pipe, 8), 4.0, omega, input=how)
+        np.testing.assert_allclose(one.response, other.response, rtol=1e-9)
+
+
+MODEL = pp.Galerkin(pp.Pipe(0.2), 4)
+
+
+@pytest.mark.parametrize(
+    ("given", "error", "rule"),
+    [
+        ({"input": "bases"}, ValueError, "input must be 'base', ('force', s) or"),
+        ({"input": ("push", 0.5)}, ValueError, "input[0] must be one of 'force', 'moment'"),
+        ({"input": ("force", 1.5)}, ValueError, "input[1] must lie in (0, 1]"),
+        ({"input": 3}, TypeError, "input must be 'base', ('force', s) or"),
+        ({"output": "end"}, ValueError, "output must be one of 'tip'"),
+        ({"output": 0.0}, ValueError, "output must lie in (0, 1]"),
+        ({"frequencies": (3.0, 3.0)}, ValueError, "frequencies must have low < high"),
+        ({"frequencies": (3.0, 2.0, 1.0)}, ValueError, "frequencies must be a tuple (low, high)"),
+        ({"frequencies": [-1.0]}, ValueError, "frequencies must lie in [0, 100000]"),
+        ({"frequencies": []}, ValueError, "frequencies must have from 1 to"),
+        ({"frequencies": [1.0, math.nan]}, ValueError, "frequencies must lie in"),
+        ({"frequencies": "all"}, TypeError, "frequencies must be an array"),
+        ({"tolerance": 0.0}, ValueError, "tolerance must lie in [1e-06, 0.1]"),
+        ({"u": -1.0}, ValueError, "u must lie in"),
+        ({"model": 3}, TypeError, "model must be a Model or a Continuum"),
+        ({"model": pp.Chain(pp.Pipe(0.2), 5000)}, ValueError, "model must have at most 4000"),
+    ],
+)
+def test_bad_arguments_are_named(given, error, rule):
+    arguments = {"model": MODEL, "u": 1.0} | given
+    with pytest.raises(error) as refused:
+        pp.frequency_response(arguments.pop("model"), arguments.pop("u"), **arguments)
+    assert str(refused.value).startswith(rule)
+
+
+@pytest.mark.parametrize(
+    ("root", "end"), [("pinned", "pinned"), ("clamped", "clamped"), ("clamped", "pinned")]
+)
+def test_supports_move_with_the_base(root, end):
+    """Displacement of the middle, held against the boundary-value problem."""
+    pipe = pp.Pipe(0.5, damping=0.003, root=root, end=end)
+    u, omega = 2.0, np.array([5.0, 12.0])
+    found = pp.frequency_response(pp.Continuum(pipe), u, omega, output=0.5).response
+    errors = []
+    for w, response in zip(omega, found, strict=True):
+        flow = 2j * math.sqrt(0.5) * u * w
+        a = np.roots([1.0 + 0.003j * w, 0.0, u**2, flow, -(w**2)])
+        rows = np.array([a ** (1 if root == "clamped" else 2), a ** (1 if end == "clamped" else 2)])
+        rows[1] *= np.exp(a)
+        matrix = np.array([np.ones(4), rows[0], np.exp(a), rows[1]])
+        parts = np.linalg.solve(matrix, [1.0, 0.0, 1.0, 0.0])
+        errors.append(abs(parts @ np.exp(0.5 * a) - 1.0 - response))
+    assert max(errors) < 1e-9
+    chain = pp.frequency_response(pp.Chain(pipe, 60), u, omega, output=0.5).response
+    np.testing.assert_allclose(chain, found, rtol=0.02)

@@ -1,0 +1,221 @@
+# SPDX-License-Identifier: MIT
+"""The straight pipe whose flow pulsates: Floquet multipliers and regions of instability.
+
+Edges, which are roots of Hill's determinant, are held against multipliers of the equations
+integrated step by step, and against numbers of a separate program by both routes.
+"""
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+import pipedyn as pp
+from pipedyn.bifurcation.parametric_regions import regions
+from pipedyn.bifurcation.pulsating import Hill, PulsatingPipe
+
+PIPE = pp.Pipe(0.2, gamma=10.0)
+
+
+def integrated(pipe, amplitude, frequency):
+    """Multipliers from the identity, integrated over a period."""
+    n, inverse = pipe.size, np.linalg.inv(pipe.mass)
+
+    def rates(t, y):
+        u = pipe.mean * (1.0 + amplitude * math.cos(frequency * t))
+        rate = -pipe.mean * amplitude * frequency * math.sin(frequency * t)
+        q, v = y.reshape(2, n, 2 * n)
+        stiffness = pipe.stiffness + u**2 * pipe.flux + rate * pipe.unsteady
+        force = (pipe.damping + u * pipe.velocity) @ v + stiffness @ q
+        return np.stack([v, -inverse @ force]).ravel()
+
+    start, end = np.eye(2 * n).ravel(), 2.0 * math.pi / frequency
+    found = solve_ivp(rates, (0.0, end), start, method="DOP853", rtol=1e-11, atol=1e-13)
+    return np.linalg.eigvals(found.y[:, -1].reshape(2 * n, 2 * n))
+
+
+@pytest.mark.parametrize(
+    ("mean", "amplitude", "low", "high"),
+    [
+        (4.5, 0.3, 33.062473, 39.994481),
+        (5.5, 0.2, 27.431472, 36.229891),
+        (6.0, 0.3, 23.703843, 38.500475),
+    ],
+)
+def test_principal_regions_of_the_second_mode(mean, amplitude, low, high):
+    """beta = 0.2, gamma = 10, undamped: a separate program, by Hill and by Magnus."""
+    (found,) = pp.parametric_regions(pp.Continuum(PIPE), mean, [amplitude], (30.0, 35.0))
+    assert found.kind == "subharmonic"
+    np.testing.assert_allclose(found.edges, [[low, high]], atol=1e-6)
+    assert found.error <= 1e-7
+
+
+def test_the_least_amplitude_of_a_region():
+    amplitudes = [0.1, 0.15, 0.2]
+    (found,) = pp.parametric_regions(pp.Continuum(PIPE), 5.5, amplitudes, (28.0, 35.0))
+    assert found.threshold == pytest.approx(0.1234732, abs=5e-8)
+    assert found.threshold_frequency == pytest.approx(31.5835, abs=1e-4)
+    assert np.isnan(found.edges[0]).all()
+    np.testing.assert_allclose(found.edges[2], [27.431472, 36.229891], atol=1e-6)
+    just = [found.threshold * (1.0 + step) for step in (-1e-5, 1e-5)]
+    model = pp.Galerkin(PIPE, 20, "legendre")
+    below, above = (
+        pp.floquet(model, pp.Pulsation(5.5, mu, found.threshold_frequency)) for mu in just
+    )
+    assert below.stable
+    assert not above.stable
+
+
+@pytest.mark.parametrize("model", [pp.Galerkin(PIPE, 4), pp.Chain(PIPE, 5)], ids=["beam", "chain"])
+def test_a_multiplier_is_at_minus_one_on_the_edges(model):
+    (found,) = pp.parametric_regions(model, 5.0, 0.3, (28.0, 33.0))
+    pipe = PulsatingPipe.of(model.elastic_operators(), 5.0)
+    for edge in found.edges[0]:
+        sides = [integrated(pipe, 0.3, edge * (1.0 + step)) for step in (-1e-6, 1e-6)]
+        nearest = [m[np.argmin(np.abs(m + 1.0))] + 1.0 for m in sides]
+        assert nearest[0].real * nearest[1].real < 0.0
+        assert np.abs(np.imag(nearest)).max() == 0.0
+
+
+@pytest.mark.parametrize("damping", [0.0, 0.01])
+def test_multipliers_by_two_routes(damping):
+    model = pp.Galerkin(dataclasses.replace(PIPE, damping=damping), 5)
+    found = pp.floquet(model, pp.Pulsation(6.0, 0.4, 20.0))
+    expected = integrated(PulsatingPipe.of(model.operators(), 6.0), 0.4, 20.0)
+    for one in found.multipliers:
+        assert np.abs(expected - one).min() < 1e-7
+    assert found.error <= 1e-7
+    largest = np.abs(expected).max()
+    assert found.growth == pytest.approx(math.log(largest) * 20.0 / (2.0 * math.pi), abs=1e-6)
+    assert found.stable == (largest <= 1.0)
+
+
+def test_a_steady_flow_has_the_multipliers_of_its_eigenvalues():
+    model = pp.Chain(PIPE, 6)
+    found = pp.floquet(model, pp.Pulsation(5.0, 0.0, 9.0))
+    expected = np.exp(pp.eigenvalues(model, 5.0) * 2.0 * math.pi / 9.0)
+    np.testing.assert_allclose(np.sort(np.abs(found.multipliers)), np.sort(np.abs(expected)))
+
+
+def test_the_continuous_pipe_has_the_multipliers_of_many_functions():
+    found = pp.floquet(pp.Continuum(PIPE), pp.Pulsation(6.0, 0.3, 30.0))
+    other = pp.floquet(pp.Galerkin(PIPE, 26, "legendre"), pp.Pulsation(6.0, 0.3, 30.0))
+    assert found.multipliers[0] == pytest.approx(other.multipliers[0], rel=1e-6)
+
+
+def test_regions_of_chains_converge_with_second_order():
+    expected = np.array([27.431472, 36.229891])
+    errors = []
+    for n in (10, 20):
+        (found,) = pp.parametric_regions(pp.Chain(PIPE, n), 5.5, 0.2, (28.0, 35.0))
+        errors.append(np.abs(found.edges[0] - expected).max())
+    assert math.log2(errors[0] / errors[1]) == pytest.approx(2.0, abs=0.1)
+
+
+def test_regions_without_the_fluids_acceleration_are_wrong_by_a_fifth():
+    pipe = PulsatingPipe.of(pp.Galerkin(PIPE, 14, "legendre").elastic_operators(), 6.0)
+    without = dataclasses.replace(pipe, unsteady=0.0 * pipe.unsteady)
+    (found,) = regions(Hill(without, 8), np.array([0.3]), 28.0, 33.0)
+    np.testing.assert_allclose(found.edges, [[24.861, 36.718]], atol=1e-3)
+
+
+def conservative(mean, beta, functions):
+    """A pipe held at both ends, from functions of s, their slopes and curvatures, (k, m) each."""
+    nodes, weights = np.polynomial.legendre.leggauss(60)
+    s, weights = 0.5 * (nodes + 1.0), 0.5 * weights
+    w, slope, curvature = functions(s)
+
+    def integral(one, other, by=1.0):
+        return (one * (weights * by)[:, None]).T @ other
+
+    root = math.sqrt(beta)
+    return PulsatingPipe(
+        mass=integral(w, w),
+        damping=np.zeros((w.shape[1],) * 2),
+        velocity=2.0 * root * integral(w, slope),
+        stiffness=integral(curvature, curvature),
+        flux=integral(w, curvature),
+        unsteady=root * integral(w, curvature, 1.0 - s),
+        mean=mean,
+    )
+
+
+def polynomials(s, ends):
+    """Functions of unit bending energy that have the zeros of a polynomial, at the pipe's ends."""
+    power = np.polynomial.Polynomial
+    every = [
+        power(ends) * np.polynomial.Legendre.basis(k, [0, 1]).convert(kind=power) for k in range(9)
+    ]
+    nodes, weights = np.polynomial.legendre.leggauss(60)
+    curvatures = np.stack([p.deriv(2)(0.5 * (nodes + 1.0)) for p in every], axis=1)
+    gram = (curvatures * (0.5 * weights)[:, None]).T @ curvatures
+    turn = np.linalg.inv(np.linalg.cholesky(gram)).T
+    return [
+        np.stack([p.deriv(d)(s) if d else p(s) for p in every], axis=1) @ turn for d in range(3)
+    ]
+
+
+def pinned(s):
+    return polynomials(s, [0, 1, -1])
+
+
+def clamped(s):
+    return polynomials(s, [0, 0, 1, -2, 1])
+
+
+def test_regions_of_a_pipe_pinned_at_both_ends_begin_at_amplitude_zero():
+    """beta = 0.5, u = 2: a separate program; the mode's frequency by its converged digits."""
+    pipe = conservative(2.0, 0.5, pinned)
+    hill = Hill(pipe, 4)
+    assert hill.is_hermitian
+    (one,) = regions(hill, np.array([0.1]), 14.0, 16.0, ("subharmonic",))
+    np.testing.assert_allclose(one.edges, [[14.093116, 15.698815]], atol=2e-6)
+    np.testing.assert_allclose(one.bottom[:2], [0.0, 2.0 * 7.45357311], atol=1e-7)
+
+
+def test_principal_and_combination_regions_of_a_pipe_clamped_at_both_ends():
+    """beta = 0.5, u = 4: a separate program; frequencies of the modes by their converged digits."""
+    pipe = conservative(4.0, 0.5, clamped)
+    kinds = "subharmonic", "combination"
+    found = regions(Hill(pipe, 4), np.array([0.1]), 34.0, 36.5, kinds)
+    (one,) = [r for r in found if r.kind == "subharmonic" and r.edges[0, 0] < 32 < r.edges[0, 1]]
+    np.testing.assert_allclose(one.edges, [[30.850958, 34.254095]], atol=2e-6)
+    np.testing.assert_allclose(one.bottom[:2], [0.0, 2.0 * 16.30777486], atol=1e-6)
+    (one,) = [r for r in found if r.kind == "combination"]
+    np.testing.assert_allclose(one.edges, [[36.181805, 36.381321]], atol=2e-6)
+    np.testing.assert_allclose(one.bottom[:2], [0.0, 0.5 * (16.30777486 + 56.12714690)], atol=1e-6)
+
+
+MODEL = pp.Galerkin(PIPE, 4)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "error", "rule"),
+    [
+        ((3, 5.0, 0.1, (20.0, 30.0)), TypeError, "model must be a Model or a Continuum"),
+        ((MODEL, 0.0, 0.1, (20.0, 30.0)), ValueError, "mean must lie in (0, 100]"),
+        ((MODEL, 5.0, 1.0, (20.0, 30.0)), ValueError, "amplitudes must be below 1, beyond which"),
+        ((MODEL, 5.0, [0.2, 0.1], (20.0, 30.0)), ValueError, "amplitudes must be strictly"),
+        ((MODEL, 5.0, [], (20.0, 30.0)), ValueError, "amplitudes must have from 1 to"),
+        ((MODEL, 5.0, [-0.1], (20.0, 30.0)), ValueError, "amplitudes must be finite and > 0"),
+        ((MODEL, 5.0, 0.1, (30.0, 30.0)), ValueError, "frequencies must have low < high"),
+        ((MODEL, 5.0, 0.1, (1.0, 30.0)), ValueError, "frequencies must have 0 < low and high <="),
+        ((MODEL, 5.0, 0.1, [20.0, 30.0]), ValueError, "frequencies must be a tuple (low, high)"),
+        ((MODEL, 9.0, 0.1, (20.0, 30.0)), ValueError, "mean must be a speed at which the pipe"),
+    ],
+)
+def test_bad_arguments_of_regions_are_named(arguments, error, rule):
+    with pytest.raises(error) as refused:
+        pp.parametric_regions(*arguments)
+    assert str(refused.value).startswith(rule)
+
+
+def test_bad_arguments_of_floquet_are_named():
+    with pytest.raises(ValueError, match=r"amplitude must lie in \[-1, 1\]"):
+        pp.floquet(MODEL, pp.Pulsation(5.0, 1.5, 20.0))
+    with pytest.raises(TypeError, match=r"pulsation must be a Pulsation, got 5\.0"):
+        pp.floquet(MODEL, 5.0)
+    with pytest.raises(ValueError, match="model must have at most 100 degrees of freedom"):
+        pp.floquet(pp.Chain(PIPE, 200), pp.Pulsation(5.0, 0.1, 20.0))

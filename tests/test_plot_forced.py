@@ -1,0 +1,88 @@
+# SPDX-License-Identifier: MIT
+"""Pictures of driven pipes show what the results say."""
+
+import math
+
+import numpy as np
+import pytest
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+
+import pipedyn as pp
+from pipedyn import plot
+
+PIPE = pp.Pipe.from_si(
+    length=0.45, bending_stiffness=7.3e-3, pipe_mass=0.08, fluid_mass=0.05, damping_time=2e-3
+)
+RESPONSE = pp.frequency_response(pp.Galerkin(PIPE, 3), 2.0, (0.5, 40.0))
+REGION = pp.ParametricRegion(
+    "harmonic", np.array([0.1, 0.2]), np.array([[2, 3], [1.5, 4]]), 0.05, 2.4, 0.0
+)
+
+
+def axes():
+    figure = Figure()
+    FigureCanvasAgg(figure)
+    return figure.subplots()
+
+
+def test_the_response_is_drawn_with_its_resonances_and_an_axis_in_hertz():
+    ax = plot.frequency_response(RESPONSE, ax=axes())
+    curve, *others = ax.lines
+    np.testing.assert_allclose(curve.get_ydata(), np.abs(RESPONSE.response))
+    rings = others[-1].get_xydata()
+    np.testing.assert_allclose(rings, [[r.frequency, r.height] for r in RESPONSE.resonances])
+    width = np.ptp(others[0].get_xdata())
+    assert width == pytest.approx(RESPONSE.resonances[0].width, rel=1e-2)
+    (top,) = ax.child_axes
+    ax.figure.canvas.draw()
+    hertz = PIPE.frequency_si(40.0) / (2.0 * math.pi)
+    assert top.get_xlim()[1] == pytest.approx(hertz)
+    phase = plot.frequency_response(RESPONSE, True, ax=axes()).lines[0].get_ydata()
+    assert np.nanmax(np.abs(phase)) <= 180.0
+
+
+def test_infinite_resonances_are_marked_at_the_upper_end():
+    found = pp.frequency_response(pp.Galerkin(pp.Pipe(0.2), 3), 0.0, (1.0, 30.0))
+    marks = plot.frequency_response(found, ax=axes()).lines[1]
+    np.testing.assert_allclose(marks.get_xdata(), [r.frequency for r in found.resonances])
+
+
+def test_regions_are_drawn_from_their_least_amplitude_on():
+    ax = plot.parametric_regions([REGION, REGION], PIPE, ax=axes())
+    left, right, ring, *_ = ax.lines
+    np.testing.assert_allclose(left.get_xydata(), [[2.4, 0.05], [2.0, 0.1], [1.5, 0.2]])
+    np.testing.assert_allclose(right.get_xydata(), [[2.4, 0.05], [3.0, 0.1], [4.0, 0.2]])
+    np.testing.assert_allclose(ring.get_xydata(), [[2.4, 0.05]])
+    assert [text.get_text() for text in ax.get_legend().get_texts()] == ["harmonic"]
+
+
+def test_forced_motions_are_drawn_with_their_folds():
+    model = pp.Galerkin(pp.Pipe(0.2, damping=0.002), 2)
+    found = pp.forced_response(model, 0.0, base=pp.Harmonic(0.02, 20.0), frequencies=(15.0, 26.0))
+    ax = plot.forced_response(found, ax=axes())
+    folds = [event for event in found.branches[0].events if event.kind == "fold"]
+    marked = [line.get_xydata()[0] for line in ax.lines if line.get_marker() == "o"]
+    np.testing.assert_allclose(marked, [[fold.frequency, fold.amplitude] for fold in folds])
+    words = {text.get_text() for text in ax.get_legend().get_texts()}
+    assert words == {"base, stable", "base, unstable", "fold"}
+
+
+@pytest.mark.parametrize(
+    ("call", "message"),
+    [
+        (
+            lambda ax: plot.frequency_response(3, ax=ax),
+            "response must be of type Frequency",
+        ),
+        (lambda ax: plot.frequency_response(RESPONSE, 1, ax=ax), "phase must be True or False"),
+        (lambda ax: plot.parametric_regions(REGION, ax=ax), "regions must be a tuple or list"),
+        (lambda ax: plot.parametric_regions([3], ax=ax), "regions[0] must be of type Parametric"),
+        (lambda ax: plot.parametric_regions([REGION], 3, ax=ax), "pipe must be of type Pipe"),
+        (lambda ax: plot.forced_response(3, ax=ax), "response must be of type ForcedResponse"),
+    ],
+)
+def test_bad_arguments_are_named(call, message):
+    with pytest.raises((TypeError, ValueError)) as refused:
+        call(axes())
+    assert str(refused.value).startswith(message)
