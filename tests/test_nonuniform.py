@@ -102,11 +102,11 @@ def hermite_operators(e, m, pipe, elements):
     "holding",
     [
         {},
-        {"root": pp.RootSpring(0.3), "damping": 0.0},
+        {"root": pp.RootSpring(0.3)},
         {"root": "pinned", "end": "pinned"},
         {"root": "pinned"},
         {"end": "clamped", "supports": [0.6]},
-        {"root": pp.RootSpring(20.0), "end": "guided", "damping": 0.0},
+        {"root": pp.RootSpring(20.0), "end": "guided"},
         {"supports": [0.37]},
     ],
     ids=repr,

@@ -299,7 +299,18 @@ struct Block {
     elastic(batch.y);
   }
 
+  /// What the root's spring has in k_ij, as a product of two of these.
+  Real root_turn(const double* x) const {
+    Real sum{};
+    for (Count i = 0; i < m; ++i) sum += grid.turned[i] * at<Real>(x, i);
+    return sum;
+  }
+
   void elastic(const double* y) {
+    if (effects.damping != 0.0 && grid.turned != nullptr) {
+      const Real rate = effects.damping * root_turn(y + m * lanes<Real>);
+      for (Count j = 0; j < m; ++j) add(force, j, Real(grid.turned_forces[j] * rate));
+    }
     for (Count i = 0; i < m; ++i) {
       Real strain = at<Real>(y, i);
       if (effects.damping != 0.0) strain += effects.damping * at<Real>(y, m + i);
@@ -635,7 +646,12 @@ struct Block {
                       (own * y + entry * base_y - along * c + across * s) * y;
     Real joints{}, dragged{}, others{};
     if (effects.damping != 0.0) {
-      add_elastic_product(-effects.damping, batch.y + m * lanes<Real>, joints);
+      const double* const rates = batch.y + m * lanes<Real>;
+      add_elastic_product(-effects.damping, rates, joints);
+      if (grid.turned != nullptr) {
+        const Real rate = root_turn(rates);
+        joints += effects.damping * (rate * rate);
+      }
     }
     if (drags) {
       drag(row, 0);

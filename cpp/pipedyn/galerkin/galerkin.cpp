@@ -165,6 +165,10 @@ Operators operators_at(const Grid& grid, const Basis& basis, const MotionEffects
   if (in_basis.elastic != nullptr) elastic = Eigen::Map<const Matrix>(in_basis.elastic, m, m);
   ops.stiffness += elastic;
   ops.damping += effects.damping * elastic;
+  if (in_basis.turned != nullptr) {  // the root's spring is undamped
+    const Eigen::Map<const Vector> turned(in_basis.turned, m);
+    ops.damping -= effects.damping * turned * turned.transpose();
+  }
   const Vector still = found.row(3 * m + 2).transpose() - elastic * q;
   about(flow, 0.0, faster);  // in the same place
   ops.unsteady = -by_state.leftCols(m);

@@ -44,6 +44,8 @@
 // clamp to its points are block lower triangular, and integration by parts holds as on one panel.
 // So a term is one more load at a panel's end, or at every node where it acts all along.
 //
+// A root's spring (pipe.hpp) is part of k_ij, but not damped: k_ij of the dampings lack it.
+//
 // Where the pipe is held across, x(s_b) = 0, forces mu_b along x act such that
 //
 //   x'' + 2 k x' + k^2 x = 0 at each s_b,   M q'' = f + G^T mu,   G = dx/dq,

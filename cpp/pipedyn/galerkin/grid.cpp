@@ -136,6 +136,9 @@ Panels::Panels(const Basis& basis, const Pipe& pipe) : pipe_mass(pipe.mass) {
     held.push_back(std::lower_bound(places.begin(), places.end(), support) - places.begin() - 1);
   }
   if (pipe.end == End::pinned || pipe.end == End::clamped) held.push_back(count() - 1);
+  if (pipe.root > 0.0 && pipe.root < std::numeric_limits<double>::infinity()) {
+    turned = std::sqrt(pipe.root) * basis.evaluate(Vector::Zero(1), 1).row(0);
+  }
   if (!pipe.stiffness.varies()) return;
   elastic = Matrix::Zero(basis.size(), basis.size());
   const Quadrature rule(basis.nodes_of_products() + (pipe.stiffness.degree(0.0) + 1) / 2);
@@ -147,9 +150,7 @@ Panels::Panels(const Basis& basis, const Pipe& pipe) : pipe_mass(pipe.mass) {
     const Matrix curvature = basis.evaluate(s, 2);
     elastic += inner(curvature, weight, curvature);
   }
-  if (pipe.root == 0.0 || pipe.root == std::numeric_limits<double>::infinity()) return;
-  const Matrix turned = basis.evaluate(Vector::Zero(1), 1);
-  elastic += pipe.root * turned.transpose() * turned;
+  if (turned.size() > 0) elastic += turned * turned.transpose();
 }
 
 double Panels::mass_beyond(double s) const {
@@ -209,6 +210,8 @@ Grid::Grid(const Basis& basis, const Orthonormal& orthonormal, const Panels& pan
   arc_[nodes] = 1.0;
   elastic_ = panels.elastic;
   if (elastic_.size() > 0) elastic_forces_ = elastic_ * orthonormal.to_basis;
+  turned_ = panels.turned;
+  if (turned_.size() > 0) turned_forces_ = orthonormal.to_basis.transpose() * turned_;
   tables = {.functions = m,
             .padded = orthonormal_.cols(),
             .panels = panels.count(),
@@ -233,7 +236,9 @@ Grid::Grid(const Basis& basis, const Orthonormal& orthonormal, const Panels& pan
             .recurrence = recurrence_.data(),
             .stiffness = stiffness_.data(),
             .elastic = panels.elastic.size() > 0 ? elastic_.data() : nullptr,
-            .elastic_forces = elastic_forces_.data()};
+            .elastic_forces = elastic_forces_.data(),
+            .turned = turned_.size() > 0 ? turned_.data() : nullptr,
+            .turned_forces = turned_forces_.data()};
 }
 
 void Grid::set_masses(const Panels& panels) {

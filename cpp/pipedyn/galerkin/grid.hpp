@@ -60,6 +60,7 @@ struct Panels {
   std::vector<PanelTerm> loads;  // terms that have one
   std::vector<Index> held;       // those at whose ends the pipe is held across
   Profile pipe_mass;             // m
+  Vector turned;                 // of a root's spring sqrt(k_r) Theta_i(0), (m,), else empty
   Matrix elastic;  // integrals of e w_i'' w_j'' (m, m) where the stiffness varies, else empty
 
   Panels(const Basis& basis, const Pipe& pipe);
@@ -85,6 +86,7 @@ struct Grid {
   Quadrature rule_;
   Matrix slope_by_function_, orthonormal_, from_basis_, from_sums_, from_differences_, recurrence_;
   Matrix elastic_, elastic_forces_;
+  Vector turned_, turned_forces_;
   Vector length_, arc_, weight_, beyond_, density_, stiffness_;
 
   void set_masses(const Panels& panels);

@@ -49,6 +49,8 @@ struct GridTables {
   const double* stiffness;          // k_ii of a uniform pipe, (m,)
   const double* elastic;            // k_ij, (m, m); none where the stiffness is uniform
   const double* elastic_forces;     // k T, (m, m)
+  const double* turned;             // sqrt(k_r) Theta_i(0) (m,), and its product with T: by these
+  const double* turned_forces;      // the root's spring is undamped; none without one
 };
 
 /// A term with a load, at the end of a panel or, where it acts all along, at every node.

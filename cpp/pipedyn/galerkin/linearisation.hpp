@@ -429,6 +429,10 @@ struct Linearisation : Block<Real> {
         add(system, 2 * i * stride + j, all<Real>(-elastic));
         add(system, (2 * i + 1) * stride + j, all<Real>(-effects.damping * elastic));
       }
+      for (Count i = 0; grid.turned != nullptr && i < m; ++i) {
+        const double root = grid.turned_forces[i] * grid.turned[j];
+        add(system, (2 * i + 1) * stride + j, all<Real>(effects.damping * root));
+      }
     }
     solve_system();
     if (holds > 0) hold_system();

@@ -363,9 +363,13 @@ class MotionOf(_Integrated):
     def answer(self, model: Model) -> Answer:
         """The free end's positions, shape (samples, 2)."""
         assert self.start is not None
+        q0, rates = model.bent(self.start), None
+        if self.rates is not None:  # that supports allow
+            p, _ = np.split(model.start(q0, None), 2)
+            _, rates = model.projected(p, model.sampled(self.rates))
         motion = simulate(
-            *(model, self.u, self.duration, self.start),
-            qdot0=None if self.rates is None else model.bent(self.rates),
+            *(model, self.u, self.duration, q0),
+            qdot0=rates,
             samples=self.samples,
             rtol=self.rtol,
         )
@@ -387,8 +391,9 @@ class MotionOf(_Integrated):
         growth = found.eigenvalues.real  # where all grow equally, the lowest
         mode = found.shapes[int(np.argmax(growth >= growth.max() - 0.2 * abs(growth.max())))]
         q = 0.05 * mode.coordinates / mode([pipe.watched])[0]  # 2 % of such a motion is nonlinear
-        angle = partial(_slope, model, q.real.copy())
-        return replace(self, start=angle, rates=partial(_slope, model, (mode.eigenvalue * q).real))
+        bend, rates = np.split(model.start(q.real, (mode.eigenvalue * q).real), 2)
+        angle, turning = (partial(_slope, model, of.copy()) for of in (bend, rates))
+        return replace(self, start=angle, rates=turning)
 
     def distance(self, answer: Answer, other: Answer) -> float:
         """Largest distance of the free end, in the other's largest excursion."""
@@ -406,7 +411,7 @@ class MotionOf(_Integrated):
 
 def _slope(model: Galerkin, q: Array, s: Array) -> Array:
     """The angle of a reduced model at arc lengths; a function of the module, so that it pickles."""
-    return model.functions(s, 1) @ q
+    return np.asarray(model.core.basis(s, 1) @ q)
 
 
 @dataclass(frozen=True)

@@ -641,6 +641,13 @@ class Model(OfPipe, ABC):
         `angle` gives theta(s), rad from the straight pipe, of arc lengths s, shape (p,) to (p,).
         """
 
+    @abstractmethod
+    def sampled(self, angle: Callable[[Array], ArrayLike]) -> Array:
+        """What integrators advance, shape (moving,), of angles or rates theta(s) as for `bent`.
+
+        Whether or not these meet supports.
+        """
+
     @staticmethod
     def _angles(angle: Callable[[Array], ArrayLike], s: Array) -> Array:
         if not callable(angle):

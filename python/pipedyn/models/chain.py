@@ -561,8 +561,11 @@ class Chain(Model):
         return np.asarray(along(steps, self._base, self._lengths, s))
 
     def bent(self, angle: Callable[[Array], ArrayLike]) -> Array:
+        return self.closed(self.sampled(angle))
+
+    def sampled(self, angle: Callable[[Array], ArrayLike]) -> Array:
         ends = self._base + np.cumsum(self._lengths)
-        return self.closed(self._angles(angle, ends - 0.5 * self._lengths))
+        return self._angles(angle, ends - 0.5 * self._lengths)
 
     def deflection(self, q: ArrayLike, s: ArrayLike, derivative: int = 0) -> NDArray[Any]:
         at, order = arc_lengths(s), check.count("derivative", derivative, low=0, high=1)

@@ -429,9 +429,12 @@ class Galerkin(Model):
         return nodes, np.linalg.solve(columns, rows.T) * root
 
     def bent(self, angle: Callable[[Array], ArrayLike]) -> Array:
-        nodes, fit = self._fit
-        q = np.asarray(fit @ self._angles(angle, nodes))
+        q = self.sampled(angle)
         return self._closed("angle", q, np.zeros_like(q))[: q.size]
+
+    def sampled(self, angle: Callable[[Array], ArrayLike]) -> Array:
+        nodes, fit = self._fit
+        return np.asarray(fit @ self._angles(angle, nodes))
 
     def deflection(self, q: ArrayLike, s: ArrayLike, derivative: int = 0) -> NDArray[Any]:
         at, order = arc_lengths(s), check.count("derivative", derivative, low=0, high=1)

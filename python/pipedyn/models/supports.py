@@ -33,7 +33,7 @@ class RootSpring:
 
     Attributes:
         stiffness: k >= 0, in EI / L; the moment at the root is k times its angle there. 0 is a
-            hinge, and towards infinity the clamp.
+            hinge, and towards infinity the clamp. The pipe's damping is not the spring's.
 
     In `Pipe.from_si`: stiffness in N m/rad.
 

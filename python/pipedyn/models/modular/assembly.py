@@ -591,9 +591,11 @@ class Assembly(Model):
             NotConverged: if no angles close to these meet guides and pins.
             ValueError, TypeError: as for `Model.bent`.
         """
+        return self._configuration(self.closed(self.sampled(angle)))
+
+    def sampled(self, angle: Callable[[Array], ArrayLike]) -> Array:
         ends = self._layout.ends
-        theta = self._angles(angle, 0.5 * (ends[:-1] + ends[1:]))
-        return self._configuration(self.closed(theta))
+        return self._angles(angle, 0.5 * (ends[:-1] + ends[1:]))
 
     def deflection(self, q: ArrayLike, s: ArrayLike, derivative: int = 0) -> NDArray[Any]:
         at, order = arc_lengths(s), check.count("derivative", derivative, low=0, high=1)
