@@ -23,7 +23,15 @@ CALLED_WITH_CHECKED = {
 }
 CALLED_WITH_CHECKED |= {"free_directions", "kinks", "largest_angle", "pencil"}
 CALLED_WITH_CHECKED |= {"term_stiffness", "unbalanced", "basis", "closed", "free_states"}
-CALLED_WITH_CHECKED |= {"law_numbers", "projected", "acceleration", "along", "rate", "velocity"}
+CALLED_WITH_CHECKED |= {
+    "law_numbers",
+    "projected",
+    "sampled",
+    "acceleration",
+    "along",
+    "rate",
+    "velocity",
+}
 """Methods that integrators and searches call, with what they have checked."""
 
 
