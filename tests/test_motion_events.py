@@ -230,11 +230,11 @@ def test_what_is_kept_ends_a_motion_before_it_fills_the_memory(monkeypatch, aske
 @pytest.mark.parametrize("method", [*CORE, "scipy:Radau", "scipy:LSODA"])
 def test_a_motion_that_starts_later_is_the_same_motion(method):
     options = {"samples": 11, "rtol": 1e-9, "method": method}
-    early = pp.simulate(CHAIN, 4.0, 1.0, bow, **options)
-    late = pp.simulate(CHAIN, 4.0, 1.0, bow, t0=-7.0, **options)
+    early = pp.simulate(CHAIN, 4.0, 0.4, bow, **options)
+    late = pp.simulate(CHAIN, 4.0, 0.4, bow, t0=-7.0, **options)
     assert late.t == pytest.approx(early.t - 7.0, abs=1e-14)
     assert np.abs(late.q - early.q).max() < 1e-6
-    again = pp.simulate(CHAIN, 4.0, 1.0, bow, t0=-7.0, times=[-6.5, -6.0], rtol=1e-9)
+    again = pp.simulate(CHAIN, 4.0, 0.4, bow, t0=-7.0, times=[-6.8, -6.6], rtol=1e-9)
     assert np.abs(again.q - late.q[[5, 10]]).max() < 1e-6
 
 
@@ -256,8 +256,8 @@ def test_a_speed_that_varies_acts_as_in_solve_ivp(method):
     def rate(t):
         return 3.0 * np.sin(2.0 * t)
 
-    theirs = by_scipy(ramp, 4.0, t0=1.0, rate=rate, t_eval=np.linspace(1.0, 4.0, 7))
-    ours = pp.simulate(CHAIN, ramp, 3.0, bow, t0=1.0, samples=7, method=method, rtol=1e-8)
+    theirs = by_scipy(ramp, 2.0, t0=1.0, rate=rate, t_eval=np.linspace(1.0, 2.0, 7))
+    ours = pp.simulate(CHAIN, ramp, 1.0, bow, t0=1.0, samples=7, method=method, rtol=1e-8)
     assert np.abs(ours.y - theirs.y).max() < 1e-3
     assert ours.audit < 1e-5
     assert ours.u is ramp

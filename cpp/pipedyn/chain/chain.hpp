@@ -7,7 +7,7 @@
 //   (2), (5)  Lagrangian               chain/sweeps.hpp, recursion in O(n)
 //   (3), (6)  momentum through the end chain/sweeps.hpp
 //   (4)       centres, tangents        chain/sweeps.hpp
-//   (7), (8)  inlet coefficient        python/pipedyn/models/inlet.py
+//   (7), (8)  end coefficient          python/pipedyn/models/end_coefficient.py
 //   (9)       drag                     chain/sweeps.hpp
 //   (10), (11) clamp and joints        met by the angles; modular/scene.hpp
 // (2)-(6) and (9)-(11) in redundant coordinates: python/pipedyn/models/modular/redundant.py.
