@@ -208,7 +208,11 @@ LoadPower<Real> add_loads(const MotionModel& model, const Members<Real>& members
       power.terms += place.weight * law.power(at);
       if (drives) power.base += place.weight * base_power(law, at, load, driven.vx, driven.vy);
     };
-    const Walk<Real> joint = walk;
+    Real vx{}, vy{};  // of the joint, relative to the base
+    if (drives) {
+      vx = walk.vx - driven.vx;
+      vy = walk.vy - driven.vy;
+    }
     walk.pass(j, link.length, rate, visit);
     // What moves across alone has no weight, and no inertia along the segment.
     const double arm = 0.5 * link.length;
@@ -217,8 +221,7 @@ LoadPower<Real> add_loads(const MotionModel& model, const Members<Real>& members
     across -= lift;
     moment -= arm * lift;
     if (drives) {
-      const Real s = walk.sine, c = walk.cosine, vx = joint.vx - driven.vx,
-                 vy = joint.vy - driven.vy;
+      const Real s = walk.sine, c = walk.cosine;
       const Real length_push = link.length * push, alone = link.added * (c * vx - s * vy);
       const Real swing = link.first_moment * rate + alone;
       along += length_push;

@@ -430,34 +430,26 @@ struct Block {
   /// Where the pipe is held.
   Count support(Count b) const { return effects.held[b] * block + nodes; }
 
-  /// x to M^-1 x by the factors that `solve` leaves, in place.
-  void substitute(double* x) const {
-    const Count stride = mass_stride();
-    for (Count i = 0; i < m; ++i) {
+  /// x (rows) to A^-1 x, in place, by the factor (rows, stride) of a symmetric A whose diagonal is
+  /// inverted.
+  static void substitute(const double* factor, Count rows, Count stride, double* x) {
+    for (Count i = 0; i < rows; ++i) {
       Real sum = at<Real>(x, i);
-      for (Count j = 0; j < i; ++j) sum -= at<Real>(mass, i * stride + j) * at<Real>(x, j);
-      set(x, i, Real(sum * at<Real>(mass, i * stride + i)));
+      for (Count j = 0; j < i; ++j) sum -= at<Real>(factor, i * stride + j) * at<Real>(x, j);
+      set(x, i, Real(sum * at<Real>(factor, i * stride + i)));
     }
-    for (Count i = m - 1; i >= 0; --i) {
-      const Real value = at<Real>(x, i) * at<Real>(mass, i * stride + i);
+    for (Count i = rows - 1; i >= 0; --i) {
+      const Real value = at<Real>(x, i) * at<Real>(factor, i * stride + i);
       set(x, i, value);
-      for (Count j = 0; j < i; ++j) add(x, j, Real(-at<Real>(mass, i * stride + j) * value));
+      for (Count j = 0; j < i; ++j) add(x, j, Real(-at<Real>(factor, i * stride + j) * value));
     }
   }
 
+  /// x to M^-1 x by the factor that `solve` leaves.
+  void solve_mass(double* x) const { substitute(mass, m, mass_stride(), x); }
+
   /// The forces z that change x at the supports by what z holds, by the factor in `products`.
-  void solve_supports(double* z) const {
-    for (Count b = 0; b < holds; ++b) {
-      Real sum = at<Real>(z, b);
-      for (Count c = 0; c < b; ++c) sum -= at<Real>(products, b * holds + c) * at<Real>(z, c);
-      set(z, b, Real(sum * at<Real>(products, b * holds + b)));
-    }
-    for (Count b = holds - 1; b >= 0; --b) {
-      const Real value = at<Real>(z, b) * at<Real>(products, b * holds + b);
-      set(z, b, value);
-      for (Count c = 0; c < b; ++c) add(z, c, Real(-at<Real>(products, b * holds + c) * value));
-    }
-  }
+  void solve_supports(double* z) const { substitute(products, holds, holds, z); }
 
   /// Adds to accelerations what keeps the pipe at its supports, x'' + 2 k x' + k^2 x = 0, and to
   /// the loads the forces there. After `solve`.
@@ -477,7 +469,7 @@ struct Block {
         missed -= at<Real>(by, i) * at<Real>(acceleration, i);
       }
       set(reaction, b, missed);
-      substitute(own);
+      solve_mass(own);
       for (Count c = 0; c <= b; ++c) {  // Cholesky's factor, row by row
         const double* const other = moments + support(c) * row;
         Real sum{};
