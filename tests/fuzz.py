@@ -1151,10 +1151,14 @@ def _driven() -> Iterator[Target]:
     positive = real((0.1, 3.0), 0.0, 1e300)
     si = {"pipe": of(MEASURED), "frequency": positive}
     yield Target(
-        "Pulsation.from_si", pp.Pulsation.from_si, {**si, "mean": positive, "amplitude": size}
+        "Pulsation.from_si",
+        pp.Pulsation.from_si,
+        {**si, "mean": real((0.0, 3.0), -0.1, 1e300), "amplitude": size},
     )
     yield Target("Harmonic.from_si", pp.Harmonic.from_si, {**si, "amplitude": size})
-    yield Target("floquet", pp.floquet, {"model": of(CHAIN, LEGENDRE), "pulsation": of(PUMP)})
+    yield Target(
+        "floquet", pp.floquet, {"model": of(CHAIN, LEGENDRE, SCENE), "pulsation": of(PUMP)}
+    )
     frequencies = Kind(
         one_of((20.0, 30.0)),
         any_of(*NOTHINGS, *WORDS, one_of(3, NAN, (2.0, 1.0), (0.0, 1.0), (1.0,), (NAN, 1.0))),

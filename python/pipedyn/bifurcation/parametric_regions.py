@@ -303,8 +303,8 @@ def parametric_regions(
     checked_model(model)
     require_motion(model)
     mean = check.real("mean", mean, low=0.0, high=100.0, open_low=True)
-    single = np.ndim(amplitudes) == 0
-    mu = check.array("amplitudes", [amplitudes] if single else amplitudes, open_low=True, low=0.0)
+    given = check.numbers("amplitudes", amplitudes, "a number or an array of real numbers")
+    mu = check.array("amplitudes", np.atleast_1d(given), open_low=True, low=0.0)
     if not (mu < 1.0).all():
         raise ValueError(
             f"amplitudes must be below 1, beyond which the flow reverses, got {mu.max():g}"

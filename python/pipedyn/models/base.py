@@ -442,6 +442,8 @@ class Model(OfPipe, ABC):
         Returns:
             dy/dt = [q', q''], of the shape of y.
         """
+        if u_dot is None and base is None:  # a tenth of a microsecond counts
+            return self.equations.rhs(t, y, u)
         return self.equations.rhs(t, y, u, drive=self._drive(y, u_dot, base))
 
     def _drive(self, y: ArrayLike, u_dot: Any, base: Any) -> Array | None:
@@ -483,6 +485,8 @@ class Model(OfPipe, ABC):
             ValueError: also for more than 4000 segments of a chain.
         """
         self._check_dense()
+        if u_dot is None and base is None:
+            return self.equations.jacobian(t, y, u)
         return self.equations.jacobian(t, y, u, drive=self._drive(y, u_dot, base))
 
     @property
