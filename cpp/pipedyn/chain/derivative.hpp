@@ -295,8 +295,8 @@ void columns_inward(const Linearised& about, const Columns& columns, double* out
       source.moment -= joint(model, k, angle) + spring;
       const Plane v = frame.plane(source.v_t, source.v_n);
       const Plane moved = times(by_velocity.rows, v);
-      const Plane end = frame.plane(source.end_t, source.end_n);
-      Plane b{moved.x + e_beyond.x * spring + end.x, moved.y + e_beyond.y * spring + end.y};
+      Plane b{moved.x + e_beyond.x * spring, moved.y + e_beyond.y * spring};
+      if (k + 1 == n) b = plus(b, frame.plane(source.end_t, source.end_n));
       if (loaded && angle) b = plus(b, times(by_position.rows, {l * frame.n.x, l * frame.n.y}));
       start_column(about, columns, k, block + k, source, b, c, row);
     }

@@ -144,6 +144,10 @@ def projected(operators: Operators, basis: Array) -> Operators:
     return replace(operators, **matrices)
 
 
+UNIFORM = _core.Profile()
+"""What does not vary along the pipe, as the core takes it."""
+
+
 def core_pipe(pipe: Pipe) -> _core.Pipe:
     """The pipe's numbers as the core takes them."""
     return _core.Pipe(
@@ -156,8 +160,8 @@ def core_pipe(pipe: Pipe) -> _core.Pipe:
         inflow_share=pipe.inflow_share,
         jet_angle=pipe.jet_angle,
         terms=[(t.law, t.place or 0.0, t.law_numbers(pipe.damping)) for t in pipe.terms],
-        stiffness=_core.Profile() if pipe.stiffness is None else pipe.stiffness.core,
-        mass=_core.Profile() if pipe.mass is None else pipe.mass.core,
+        stiffness=UNIFORM if pipe.stiffness is None else pipe.stiffness.core,
+        mass=UNIFORM if pipe.mass is None else pipe.mass.core,
         root=pipe.root_stiffness,
         end=pipe.end,
         supports=pipe.supports,

@@ -153,12 +153,13 @@ class Chain(Model):
             )
         mass, center, radius = self._pipe_inertia()
         self._masses = _given("masses", masses, mass, high=1e6, open_low=True)
-        lacking = self._masses - self._pipe.beta * self._lengths
-        if lacking.min() < -1e-9 * self._masses.max():
-            raise ValueError(
-                f"masses must be at least beta = {pipe.beta:g} times the length each, the fluid's "
-                f"part, got {float(self._masses[lacking.argmin()])!r}"
-            )
+        if masses is not None:
+            lacking = self._masses - self._pipe.beta * self._lengths
+            if lacking.min() < -1e-9 * self._masses.max():
+                raise ValueError(
+                    f"masses must be at least beta = {pipe.beta:g} times the length each, the "
+                    f"fluid's part, got {float(self._masses[lacking.argmin()])!r}"
+                )
         self._centers = _given("centers", centers, center, high=1.0)
         self._drag_points = _given("drag_points", drag_points, np.full(n, 0.5), high=1.0)
         self._gyration_radii = _given("gyration_radii", gyration_radii, radius, high=1e3)
@@ -628,6 +629,8 @@ def _segment_count(n: int | None, guided: bool, **arrays: Any) -> int:
 
 def _cells(n: int, base: float, supports: tuple[float, ...]) -> Array:
     """Lengths of n segments beyond the base, equal in each span between supports, and nearly so."""
+    if not supports:
+        return np.full(n, (1.0 - base) / n)
     edges = np.array([base, *supports, 1.0])
     spans = np.diff(edges)
     if spans[0] <= 0.0:

@@ -89,6 +89,8 @@ def checked_supports(supports: Any, end: float = 1.0) -> tuple[float, ...]:
         raise TypeError(
             f"supports must be a tuple or list of arc lengths, got {check.shown(supports)}"
         )
+    if not supports:
+        return ()
     if len(supports) > MOST_SUPPORTS:
         raise ValueError(f"supports must be at most {MOST_SUPPORTS}, got {len(supports)}")
     inside: dict[str, Any] = {"low": 0.0, "high": end, "open_low": True, "open_high": True}
