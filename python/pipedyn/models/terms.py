@@ -235,7 +235,8 @@ class AddedMass(Term):
     Only the velocity v_n normal to the pipe moves the fluid, whose kinetic energy per length is
     chi * v_n^2 / 2. The fluid adds no weight; what it bears of the pipe's lessens gamma, see
     `Pipe.from_si`. Small motions are those of a pipe with the mass ratio beta / (1 + chi), and
-    with damping and viscosity divided by sqrt(1 + chi), at frequencies divided by it.
+    with damping and viscosity divided by sqrt(1 + chi), at frequencies divided by it. The wake that
+    a free end sheds in large motions (Lighthill) is left out.
 
     Attributes:
         chi: >= 0, mass of fluid that moves with a length of the pipe, in mu_p + mu_f:
