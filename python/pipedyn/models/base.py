@@ -325,7 +325,7 @@ class Model(OfPipe, ABC):
         pipe, thrust = self.pipe, self.pipe.alpha * u**2
         size, rest = 1.0 + abs(pipe.gamma) + thrust, self._reference
         if rest is None:  # nothing but an inclined jet bends the straight pipe
-            across = pipe.end in ("free", "guided")
+            across = not pipe.end_held
             return across * thrust * abs(math.sin(pipe.jet_angle)) / size
         turning = self.motion_rates(np.concatenate([rest, np.zeros_like(rest)]), u)[rest.size :]
         left = self.operators(rest).mass @ (self.free_directions(rest).T @ turning)

@@ -25,7 +25,7 @@ from pipedyn.models.base import (
     stored,
 )
 from pipedyn.models.galerkin import Galerkin, basis_joints
-from pipedyn.models.held import MET, SAME, Held, closest, held_ends, keeps_direction
+from pipedyn.models.held import MET, SAME, Held, closest, held_ends
 from pipedyn.models.pencil import ChainPencil, Pencil, real_columns
 from pipedyn.models.pipe import Pipe
 from pipedyn.models.profile import moments, reciprocal
@@ -125,7 +125,7 @@ class Chain(Model):
             drag_points=drag_points,
             masses=masses,
             springs=None if rule else springs,
-            guided=keeps_direction(pipe),
+            guided=pipe.end_directed,
         )
         cells = _cells(n, base, pipe.supports)
         if rule == "midpoint":
@@ -172,7 +172,7 @@ class Chain(Model):
         self._rule = rule
         if rule is None:
             self._joints = check.array(
-                "springs", springs, size=n + keeps_direction(pipe), low=0.0, high=1e15
+                "springs", springs, size=n + pipe.end_directed, low=0.0, high=1e15
             )
         else:
             self._joints = _frozen(self._springs_by_rule(rule))
@@ -238,7 +238,7 @@ class Chain(Model):
     def _check_terms(self) -> None:
         """Raises ValueError where the chain is not made for how its pipe is held."""
         pipe, n = self._pipe, self.coordinates
-        guided = keeps_direction(pipe)
+        guided = pipe.end_directed
         if self._rule == "midpoint" and (pipe.root != "clamped" or guided or pipe.supports):
             raise ValueError(
                 "springs='midpoint' is made for a clamped root, an end free or pinned and no "
@@ -278,7 +278,7 @@ class Chain(Model):
     @property
     def _own_joints(self) -> Array:
         """Stiffness of the joints that the pipe has, shape (n,) or (n + 1,)."""
-        return self._joints[: self.coordinates + keeps_direction(self._pipe)]
+        return self._joints[: self.coordinates + self._pipe.end_directed]
 
     @cached_property
     def core(self) -> _core.Chain:
@@ -348,7 +348,7 @@ class Chain(Model):
     @property
     def end_spring(self) -> float:
         """k_{n+1} of the joint that holds a guided or clamped end; 0 of other ends."""
-        return float(self._joints[-1]) if keeps_direction(self._pipe) else 0.0
+        return float(self._joints[-1]) if self._pipe.end_directed else 0.0
 
     @property
     def _series(self) -> Array:

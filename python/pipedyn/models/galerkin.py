@@ -129,7 +129,7 @@ class Galerkin(Model):
         # adds one.
         needs = self.panels - len(self._held)
         if self._basis == "legendre":
-            turns, directed = self._pipe.root != "clamped", self._pipe.end in ("guided", "clamped")
+            turns, directed = self._pipe.root != "clamped", self._pipe.end_directed
             needs += int(turns and not directed) - int(directed and not turns)
         if self._size < needs:
             raise ValueError(
@@ -196,8 +196,8 @@ class Galerkin(Model):
     @property
     def _held(self) -> tuple[float, ...]:
         """Arc lengths at which the pipe is held across."""
-        at_end = self._pipe.end in ("pinned", "clamped")
-        return (*self._pipe.supports, 1.0) if at_end else self._pipe.supports
+        pipe = self._pipe
+        return (*pipe.supports, 1.0) if pipe.end_held else pipe.supports
 
     @cached_property
     def _ends(self) -> Array:

@@ -47,11 +47,11 @@ class Held:
     def free_states(self, y: Array) -> Array:
         """Orthonormal changes of [theta, theta'] that are left free, (2 n, 2 dof)."""
         theta, omega = np.split(y, 2)
-        by_angles, count = self.rows(theta), self.rows(theta).shape[1]
+        by_angles = self.rows(theta)
         drift = omega[:, None] * self.rows(theta + 0.5 * math.pi)
         held = np.block([[by_angles, drift], [np.zeros_like(drift), by_angles]])
         vectors, _, _ = np.linalg.svd(held)
-        return np.asarray(vectors[:, 2 * count :])
+        return np.asarray(vectors[:, 2 * by_angles.shape[1] :])
 
     def bent(self, chain: Operators, theta: Array, still: Array, thrust: Array) -> Operators:
         """The chain's operators in its angles, with what the forces that hold nodes add.
@@ -71,11 +71,6 @@ class Held:
         return replace(chain, stiffness=stiffness, flux=flux)
 
 
-def keeps_direction(pipe: Pipe) -> bool:
-    """Whether the pipe's end keeps the direction of the axis."""
-    return pipe.end in ("guided", "clamped")
-
-
 def held_ends(pipe: Pipe, ends: Array) -> NDArray[np.intp]:
     """Which of the segments' ends supports or the pipe's end hold on the axis, from 0 on.
 
@@ -89,7 +84,7 @@ def held_ends(pipe: Pipe, ends: Array) -> NDArray[np.intp]:
                 f"a segment must end at each support, got none that ends at s = {place:g}"
             )
         held.append(nearest)
-    if pipe.end in ("pinned", "clamped"):
+    if pipe.end_held:
         held.append(ends.size - 1)
     return np.array(held, dtype=np.intp)
 

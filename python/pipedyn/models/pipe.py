@@ -18,10 +18,10 @@ from pipedyn.models.supports import (
     End,
     Root,
     RootSpring,
+    along_longest_span,
     checked_root,
     checked_supports,
     root_stiffness,
-    watched,
 )
 from pipedyn.models.terms import (
     AddedMass,
@@ -171,7 +171,7 @@ class Pipe:
             )
         for name, value in checked.items():
             object.__setattr__(self, name, value)
-        if self.end in ("free", "guided"):
+        if not self.end_held:
             for i, term in enumerate(self.terms):
                 if isinstance(term, Stretching):
                     raise ValueError(
@@ -340,6 +340,16 @@ class Pipe:
         return root_stiffness(self.root)
 
     @property
+    def end_held(self) -> bool:
+        """Whether the end is held on the axis of the straight pipe."""
+        return self.end in ("pinned", "clamped")
+
+    @property
+    def end_directed(self) -> bool:
+        """Whether the end keeps the direction of that axis."""
+        return self.end in ("guided", "clamped")
+
+    @property
     def has_kinks(self) -> bool:
         """Whether derivatives of a force jump: drag's as velocities change sign, a stop's too."""
         return self.drag > 0.0 or any(term.kinks for term in self.terms)
@@ -351,7 +361,7 @@ class Pipe:
         That is the end unless it is held across: then a place 0.382 along the longest span between
         supports, where no low mode has a node.
         """
-        return watched(self.end, self.supports)
+        return along_longest_span(self.supports) if self.end_held else 1.0
 
     def equivalent_damping(self, frequency: float) -> float:
         """Kelvin-Voigt damping that loses as much at one frequency as the pipe's damping does.

@@ -114,10 +114,8 @@ def root_stiffness(root: Root) -> float:
     return math.inf if root == "clamped" else 0.0
 
 
-def watched(end: End, supports: tuple[float, ...]) -> float:
-    """Arc length of the place whose motion shows that of the pipe, see `Pipe.watched`."""
-    if end in ("free", "guided"):
-        return 1.0
+def along_longest_span(supports: tuple[float, ...]) -> float:
+    """Arc length of a place on the longest span of a pipe held at its end, see `Pipe.watched`."""
     ends = [0.0, *supports, 1.0]
     spans = [right - left for left, right in pairwise(ends)]
     longest = spans.index(max(spans))

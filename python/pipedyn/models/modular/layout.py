@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from pipedyn import _core
 from pipedyn.models.base import core_pipe
-from pipedyn.models.held import SAME, closest, held_ends, keeps_direction
+from pipedyn.models.held import SAME, closest, held_ends
 from pipedyn.models.modular.parts import (
     Clamp,
     Constraint,
@@ -68,7 +68,7 @@ class Layout:
         self, modules: Sequence[Module], constraints: Sequence[Constraint], pipe: Pipe
     ) -> None:
         self.modules, self.constraints = tuple(modules), tuple(constraints)
-        self.given, self.guided = self.constraints, keeps_direction(pipe)
+        self.given, self.guided = self.constraints, pipe.end_directed
         """Constraints without those of the pipe's supports, and whether joint n + 1 is there."""
         self.segments = segments = _of(modules, Segment)
         self.customs = _of(modules, Custom)

@@ -6,7 +6,6 @@ from __future__ import annotations
 from numpy.typing import ArrayLike
 
 from pipedyn.models.chain import Chain
-from pipedyn.models.held import keeps_direction
 from pipedyn.models.modular.assembly import Assembly
 from pipedyn.models.modular.parts import (
     Clamp,
@@ -67,9 +66,7 @@ def chain(
     modules: list[Module] = [
         Segment(*row) for row in zip(*(column.tolist() for column in columns), strict=True)
     ]
-    springs = [*plain.springs.tolist(), plain.end_spring][
-        : plain.coordinates + keeps_direction(pipe)
-    ]
+    springs = [*plain.springs.tolist(), plain.end_spring][: plain.coordinates + pipe.end_directed]
     modules += [TorsionalSpring(j, k) for j, k in enumerate(springs, start=1)]
     modules += [InternalFlow(), Drag()]
     joints = [Joint(j) for j in range(2, plain.coordinates + 1)]
