@@ -267,7 +267,15 @@ void define_equations(py::class_<Model>& model) {
           [](const Model& of, const object& y, const object& u, const object& drive) {
             return power_of(of, 2 * of.dof(), work_of(of), y, u, drive);
           },
-          "y"_a, "u"_a, drive);
+          "y"_a, "u"_a, drive)
+      .def(
+          "axial",
+          [](const Model& of, const object& y, const object& drive) {
+            return results_of(3 * of.dof(), 2 + 4 * of.dof(), work_of(of), y, py::float_(0.0),
+                              drive,
+                              [&](const Batch& batch, double* out) { of.axial(batch, out); });
+          },
+          "y"_a, drive);
 }
 
 /// Eigenpairs and their tracking, in linear.cpp.

@@ -15,6 +15,7 @@
 #include "pipedyn/modular/systems.hpp"
 #include "pipedyn/motion/dop853.hpp"
 #include "pipedyn/motion/radau.hpp"
+#include "pipedyn/motion/supply.hpp"
 
 namespace pipedyn {
 
@@ -76,32 +77,34 @@ FlowsAt flows_at(const py::object& u) {
   };
 }
 
+/// Rates of the states (rows, members) at times and a flow each.
+using FlowRates =
+    std::function<void(const Vector& t, const double* y, const Flows& flows, double* rates)>;
+
+/// Those of the states at times alone.
+Rates at_flows(FlowRates of, const py::object& u) {
+  return [of = std::move(of), at = flows_at(u), flows = Flows()](const Vector& t, const double* y,
+                                                                 const std::vector<Index>& which,
+                                                                 double* rates) mutable {
+    at(t, which, flows);
+    of(t, y, flows, rates);
+  };
+}
+
 /// A function of a compiled model's states at a flow each.
 template <class Model, class Function>
-Rates function_rates(const Model& model, const py::object& u, const Function& function) {
-  return [&model, function, at = flows_at(u), flows = Flows()](const Vector& t, const double* y,
-                                                               const std::vector<Index>& which,
-                                                               double* rates) mutable {
-    at(t, which, flows);
+FlowRates function_rates(const Model& model, const Function& function) {
+  return [&model, function](const Vector&, const double* y, const Flows& flows, double* rates) {
     function(model, flows.of(y), rates);
   };
 }
 
-/// Rates [q', q'', power] of a compiled model's states with the work done on them.
-template <class Model>
-Rates compiled_rates(const Model& model, const py::object& u) {
-  return function_rates(model, u, std::mem_fn(&Model::rhs_and_power));
-}
-
-/// Those of a function of times, states (rows, members), their speeds and, if any, drive (Drive::
-/// rows, members). A ValueError means that there are none.
-Rates called_rates(const py::function& function, Index rows, const py::object& u) {
-  return [function, rows, at = flows_at(u), flows = Flows()](const Vector& t, const double* y,
-                                                             const std::vector<Index>& which,
-                                                             double* rates) mutable {
-    at(t, which, flows);
+/// Of a function of times, states (rows, members), their speeds and, if any, drive (Drive::rows,
+/// members). A ValueError means that there are none.
+FlowRates called_rates(const py::function& function, Index rows) {
+  return [function, rows](const Vector& t, const double* y, const Flows& flows, double* rates) {
     const py::gil_scoped_acquire locked;
-    const Index members = static_cast<Index>(which.size());
+    const Index members = t.size();
     Numbers states({rows, members});
     std::copy_n(y, rows * members, states.mutable_data());
     try {
@@ -118,11 +121,76 @@ Rates called_rates(const py::function& function, Index rows, const py::object& u
   };
 }
 
-Rates rates_of(const py::object& of, Index rows, const py::object& u) {
-  if (py::isinstance<Chain>(of)) return compiled_rates(of.cast<const Chain&>(), u);
-  if (py::isinstance<Galerkin>(of)) return compiled_rates(of.cast<const Galerkin&>(), u);
-  if (py::isinstance<Scene>(of)) return compiled_rates(of.cast<const Scene&>(), u);
-  return called_rates(of, rows, u);
+/// Calls what with the compiled model that an object is; whether it is one.
+template <class What>
+bool with_compiled(const py::object& of, const What& what) {
+  const auto is = [&]<class Model>(std::type_identity<Model>) {
+    if (!py::isinstance<Model>(of)) return false;
+    what(of.cast<const Model&>());
+    return true;
+  };
+  return is(std::type_identity<Chain>()) || is(std::type_identity<Galerkin>()) ||
+         is(std::type_identity<Scene>());
+}
+
+/// Rates [q', q'', power] of a model's states with the work done on them.
+FlowRates flow_rates_of(const py::object& of, Index rows) {
+  FlowRates rates;
+  const auto compiled = [&]<class Model>(const Model& model) {
+    rates = function_rates(model, std::mem_fn(&Model::rhs_and_power));
+  };
+  return with_compiled(of, compiled) ? rates : called_rates(of, rows);
+}
+
+/// A supply at constant head of a compiled model's pipe.
+struct Supplied : Supply {
+  std::function<void(const Batch&, double*)> axial;
+  Index dof = 0;
+
+  Supplied(const py::object& core, const Supply& supply) : Supply(supply) {
+    const auto take = [&]<class Model>(const Model& model) {
+      axial = [&model](const Batch& batch, double* out) { model.axial(batch, out); };
+      dof = model.dof();
+    };
+    if (!with_compiled(core, take)) throw py::type_error("core must be a compiled model");
+  }
+
+  /// Rates of [q, q', W, u] (2 dof + 2, members) with those of [q, q', W] at a flow, where `base`
+  /// drives them; NaN where the flow turns back.
+  void rates(const FlowRates& of, const Vector& t, const double* y, const Matrix& base,
+             double* out) const {
+    const Index members = t.size(), work = 2 * dof;
+    const Eigen::Map<const Matrix> states(y, work + 2, members);
+    Eigen::Map<Matrix> found(out, work + 2, members);
+    Flows flows;
+    flows.u = states.row(work + 1).replicate(1, 2).transpose();
+    flows.drive = Matrix::Zero(Drive::rows, 2 * members);
+    if (base.size() > 0) flows.drive = base.replicate(1, 2);
+    flows.drive.row(Drive::rate) << Vector::Zero(members).transpose(),
+        Vector::Ones(members).transpose();
+    const Matrix twice = states.topRows(work + 1).replicate(1, 2);
+    Matrix both(work + 1, 2 * members), moved(3 * dof, 2 * members);
+    of(t.replicate(2, 1), twice.data(), flows, both.data());
+    moved << twice.topRows(work), both.middleRows(dof, dof);
+    Matrix along(2 + 4 * dof, 2 * members);
+    axial(flows.of(moved.data()), along.data());
+    for (Index k = 0; k < members; ++k) {
+      const Index other = members + k;
+      const double u = flows.u[k];
+      const double change = u < 0.0 ? std::numeric_limits<double>::quiet_NaN()
+                                    : rate(u, along(1, k), along(0, k), along(0, other));
+      found.col(k).head(work + 1) = both.col(k) + change * (both.col(other) - both.col(k));
+      found(work + 1, k) = change;
+    }
+  }
+};
+
+Rates rates_of(const py::object& of, Index rows, const py::object& u, const Supplied* supply) {
+  if (supply == nullptr) return at_flows(flow_rates_of(of, rows), u);
+  return at_flows([supply, inner = flow_rates_of(of, rows - 1)](
+                      const Vector& t, const double* y, const Flows& flows,
+                      double* rates) { supply->rates(inner, t, y, flows.drive, rates); },
+                  u);
 }
 
 /// Those of the same states without the work, by rhs, with their derivative, and the power apart.
@@ -130,14 +198,13 @@ template <class Model>
 ImplicitRates implicit_rates(const Model& model, const py::object& u,
                              void (Model::*rhs)(const Batch&, double*) const,
                              std::unique_ptr<ShiftedSystems> systems) {
-  return {function_rates(model, u, std::mem_fn(rhs)),
-          function_rates(model, u,
-                         [](const Model& of, const Batch& batch, double* out) {
-                           Matrix parts(5, batch.members);
-                           of.power(batch, parts.data());
-                           Eigen::Map<Vector>(out, batch.members) = parts.colwise().sum();
-                         }),
-          2 * model.dof(), std::move(systems)};
+  const auto power = [](const Model& of, const Batch& batch, double* out) {
+    Matrix parts(5, batch.members);
+    of.power(batch, parts.data());
+    Eigen::Map<Vector>(out, batch.members) = parts.colwise().sum();
+  };
+  return {at_flows(function_rates(model, std::mem_fn(rhs)), u),
+          at_flows(function_rates(model, power), u), 2 * model.dof(), std::move(systems)};
 }
 
 /// Of a function of a time, a state (rows,), its speed and, if any, drive (Drive::rows,).
@@ -157,7 +224,7 @@ DenseSystems::Jacobian called_jacobian(const py::function& function, Index rows,
 }
 
 ImplicitRates implicit_rates_of(const py::object& of, const py::object& jacobian, Index rows,
-                                const py::object& u) {
+                                const py::object& u, const Supplied* supply) {
   const FlowAt flow_at = [at = flows_at(u)](double t, Index member) {
     Flows flows;
     at(Vector::Constant(1, t), {member}, flows);
@@ -165,36 +232,40 @@ ImplicitRates implicit_rates_of(const py::object& of, const py::object& jacobian
     std::copy_n(flows.drive.data(), flows.drive.size(), one.drive);
     return one;
   };
-  if (py::isinstance<Chain>(of)) {
-    const Chain& chain = of.cast<const Chain&>();
+  const py::object model = supply == nullptr ? of : py::none();  // at constant head J is dense
+  if (py::isinstance<Chain>(model)) {
+    const Chain& chain = model.cast<const Chain&>();
     return implicit_rates(chain, u, &Chain::rhs, std::make_unique<ChainSystems>(chain, flow_at));
   }
-  if (py::isinstance<Scene>(of)) {
-    const Scene& scene = of.cast<const Scene&>();
+  if (py::isinstance<Scene>(model)) {
+    const Scene& scene = model.cast<const Scene&>();
     return implicit_rates(scene, u, &Scene::rhs, std::make_unique<SceneSystems>(scene, flow_at));
   }
-  if (py::isinstance<Galerkin>(of)) {
-    const Galerkin& model = of.cast<const Galerkin&>();
-    const auto slopes = [&model, flow_at](double t, const double* y, Index member, double* out) {
-      model.jacobian(flow_at(t, member).of(y), out);
+  if (py::isinstance<Galerkin>(model)) {
+    const Galerkin& reduced = model.cast<const Galerkin&>();
+    const auto slopes = [&reduced, flow_at](double t, const double* y, Index member, double* out) {
+      reduced.jacobian(flow_at(t, member).of(y), out);
     };
-    return implicit_rates(model, u, &Galerkin::rhs,
-                          std::make_unique<DenseSystems>(slopes, 2 * model.dof()));
+    return implicit_rates(reduced, u, &Galerkin::rhs,
+                          std::make_unique<DenseSystems>(slopes, 2 * reduced.dof()));
   }
-  return {rates_of(of, rows, u), nullptr, rows,
+  return {rates_of(of, rows, u, supply), nullptr, rows,
           std::make_unique<DenseSystems>(called_jacobian(jacobian, rows, flow_at), rows)};
 }
 
 /// Explicit without a Jacobian.
 std::unique_ptr<Integrator> integrator(const py::object& of, const py::object& u,
                                        const Matrix& start, double t0, double rtol, double atol,
-                                       double most, double max_step, const py::object& jacobian) {
+                                       double most, double max_step, const py::object& jacobian,
+                                       const py::typing::Optional<Supplied>& at_head) {
+  const Supplied* const supply = at_head.is_none() ? nullptr : at_head.cast<const Supplied*>();
   const Index rows = start.rows(), members = start.cols();
   const Limits limits{rtol, atol, most, max_step};
   if (jacobian.is_none()) {
-    return std::make_unique<Dop853>(rates_of(of, rows, u), rows, members, start.data(), t0, limits);
+    return std::make_unique<Dop853>(rates_of(of, rows, u, supply), rows, members, start.data(), t0,
+                                    limits);
   }
-  return std::make_unique<Radau>(implicit_rates_of(of, jacobian, rows, u), rows, members,
+  return std::make_unique<Radau>(implicit_rates_of(of, jacobian, rows, u, supply), rows, members,
                                  start.data(), t0, limits);
 }
 
@@ -229,10 +300,26 @@ void define_motion(py::module_& m) {
         constexpr const char* names[] = {"going", "done", "not finite", "vanishing", "spent"};
         return names[static_cast<int>(member.progress)];
       });
+  py::class_<Supplied>(m, "Supply")
+      .def(py::init([](const py::object& core, double head, double friction, double weight,
+                       double root_of_beta, double direction) {
+             return Supplied(core, {head, friction, weight, root_of_beta, direction});
+           }),
+           "core"_a, "head"_a, "friction"_a, "weight"_a, "root_of_beta"_a, "direction"_a,
+           py::keep_alive<1, 2>())
+      .def(
+          "rates",
+          [](const Supplied& supply, const py::object& of, const Vector& t, const Matrix& y,
+             const Matrix& base) {
+            Matrix out(y.rows(), y.cols());
+            supply.rates(flow_rates_of(of, y.rows() - 1), t, y.data(), base, out.data());
+            return out;
+          },
+          "of"_a, "t"_a, "y"_a, "base"_a = Matrix());
   py::class_<Integrator>(m, "Integrator")
       .def(py::init(&integrator), "of"_a, "u"_a, "start"_a, "t0"_a, "rtol"_a, "atol"_a, "most"_a,
            "max_step"_a = std::numeric_limits<double>::infinity(), "jacobian"_a = py::none(),
-           py::keep_alive<1, 2>())
+           "supply"_a = py::none(), py::keep_alive<1, 2>(), py::keep_alive<1, 11>())
       .def("advance", advance, "times"_a, "out"_a.noconvert(), "evaluations"_a, "follow"_a = false)
       .def("state", &Integrator::state, "member"_a)
       .def("stop", &Integrator::stop, "member"_a)

@@ -46,7 +46,7 @@ from pipedyn.models import modular
 from pipedyn.models.base import Model, NotConverged, Operators, PipedynError, Power
 from pipedyn.models.chain import Chain
 from pipedyn.models.continuum import Continuum
-from pipedyn.models.drive import Harmonic, Pulsation
+from pipedyn.models.drive import Harmonic, Pulsation, Supply
 from pipedyn.models.end_coefficient import end_coefficient
 from pipedyn.models.galerkin import Galerkin
 from pipedyn.models.pipe import Pipe, Scales
@@ -144,6 +144,7 @@ __all__ = [
     "StabilityCurve",
     "Stop",
     "Stretching",
+    "Supply",
     "Tension",
     "Term",
     "Trade",

@@ -29,6 +29,7 @@ __all__: list[str] = [
     "RootLoci",
     "Scene",
     "Spectrum",
+    "Supply",
     "Sweep",
     "Traits",
     "Truncated",
@@ -112,6 +113,9 @@ class Chain:
         base: typing.SupportsFloat | typing.SupportsIndex,
         mass: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"] = ...,
     ) -> None: ...
+    def axial(
+        self, y: typing.Any, drive: typing.Any = None
+    ) -> numpy.typing.NDArray[numpy.float64]: ...
     def energy(
         self, y: typing.Any, drive: typing.Any = None
     ) -> float | numpy.typing.NDArray[numpy.float64]: ...
@@ -169,6 +173,9 @@ class Galerkin:
         more: typing.SupportsInt | typing.SupportsIndex = 0,
         least_nodes: typing.SupportsInt | typing.SupportsIndex = 0,
     ) -> None: ...
+    def axial(
+        self, y: typing.Any, drive: typing.Any = None
+    ) -> numpy.typing.NDArray[numpy.float64]: ...
     def basis(
         self,
         s: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"],
@@ -460,6 +467,9 @@ class Scene:
         value: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"],
         mass: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"] = ...,
     ) -> None: ...
+    def axial(
+        self, y: typing.Any, drive: typing.Any = None
+    ) -> numpy.typing.NDArray[numpy.float64]: ...
     def bodies(self) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"]: ...
     def derivative(
         self,
@@ -557,6 +567,24 @@ class Member:
     @property
     def time(self) -> float: ...
 
+class Supply:
+    def __init__(
+        self,
+        core: typing.Any,
+        head: typing.SupportsFloat | typing.SupportsIndex,
+        friction: typing.SupportsFloat | typing.SupportsIndex,
+        weight: typing.SupportsFloat | typing.SupportsIndex,
+        root_of_beta: typing.SupportsFloat | typing.SupportsIndex,
+        direction: typing.SupportsFloat | typing.SupportsIndex,
+    ) -> None: ...
+    def rates(
+        self,
+        of: typing.Any,
+        t: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"],
+        y: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, n]"],
+        base: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, n]"] = ...,
+    ) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"]: ...
+
 class Integrator:
     def __init__(
         self,
@@ -569,6 +597,7 @@ class Integrator:
         most: typing.SupportsFloat | typing.SupportsIndex,
         max_step: typing.SupportsFloat | typing.SupportsIndex = ...,
         jacobian: typing.Any = None,
+        supply: Supply | None = None,
     ) -> None: ...
     def advance(
         self,

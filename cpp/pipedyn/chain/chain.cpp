@@ -531,6 +531,10 @@ void Chain::rhs_and_power(const Batch& batch, double* rates) const {
   motion_kernel().rhs_and_power(motion(), batch, rates);
 }
 
+void Chain::axial(const Batch& batch, double* out) const {
+  motion_kernel().axial(motion(), batch, out);
+}
+
 void Chain::jacobian(const Batch& batch, double* out) const {
   const Index rows = 2 * dof(), members = batch.members;
   const auto column = [members](const double* of, Index size, Index k) -> Vector {

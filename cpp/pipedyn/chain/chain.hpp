@@ -150,6 +150,8 @@ class Chain {
   /// Those of [theta, theta', W] (2 n + 1, members), W' the sum of the power: an integrator sums it
   /// to its own order, so that E(t) - E(0) - W(t) audits a motion.
   void rhs_and_power(const Batch& batch, double* rates) const;
+  /// MotionKernel::axial of [theta, theta', theta''] (3 n, members), O(n) a member.
+  void axial(const Batch& batch, double* out) const;
   /// d(dy/dtau)/dy (members, 2 n, 2 n), row-major, O(n^2) a member. Drag's share is 2 |v| dv, 0
   /// where v = 0; further moments change by their slopes.
   void jacobian(const Batch& batch, double* out) const;

@@ -109,6 +109,46 @@ void power_of(const MotionModel& model, const Members<Real>& members, const Swee
   members.set_row(out, 4, parts.base);
 }
 
+/// With the acceleration A_j of joint j and D_j = r(1) - r_{j+1},
+///   int t . r'' = sum_j l_j (t_j . A_j - l_j w_j^2 / 2),
+/// whose derivatives are l_j (n_j . A_j - (w_j' t_j + w_j^2 n_j) . D_j) by the angle of segment j,
+/// -l_j w_j (2 t_j . D_j + l_j) by its rate, and l_j n_j . D_j by its acceleration.
+template <class Real>
+void axial_of(const MotionModel& model, const Members<Real>& members, const Sweep<Real> sweep,
+              double* out) {
+  const Count n = model.size;
+  for (Count j = 0; j < n; ++j) sweep.set(sweep.turn, j, members.row(j));
+  sincos(sweep.turn, n * lanes<Real>, sweep.sine, sweep.cosine);
+  const Driven<Real> driven = members.drive();
+  Real ax = driven.ax, ay = driven.ay, along = model.base * ay, depth = all<Real>(model.base);
+  for (Count j = 0; j < n; ++j) {
+    const double l = model.links[j].length;
+    const Real s = sweep.at(sweep.sine, j), c = sweep.at(sweep.cosine, j);
+    const Real w = members.row(n + j), turning = l * members.row(2 * n + j), inward = l * (w * w);
+    sweep.set(sweep.free, j, c * ax - s * ay);
+    along += l * (s * ax + c * ay - 0.5 * inward);
+    ax += turning * c - inward * s;
+    ay -= turning * s + inward * c;
+    depth += l * c;
+  }
+  members.set_row(out, 0, along);
+  members.set_row(out, 1, depth);
+  Real x{}, y{};  // of D_j
+  for (Count j = n - 1; j >= 0; --j) {
+    const double l = model.links[j].length;
+    const Real s = sweep.at(sweep.sine, j), c = sweep.at(sweep.cosine, j);
+    const Real w = members.row(n + j), turning = members.row(2 * n + j);
+    const Real beyond = s * x + c * y, across = c * x - s * y;
+    const Real by_angle = sweep.at(sweep.free, j) - turning * beyond - w * w * across;
+    members.set_row(out, 2 + j, l * by_angle);
+    members.set_row(out, 2 + n + j, -l * w * (2.0 * beyond + l));
+    members.set_row(out, 2 + 2 * n + j, l * across);
+    members.set_row(out, 2 + 3 * n + j, -l * s);
+    x += l * s;
+    y += l * c;
+  }
+}
+
 // ---------------------------------------------------------------------------------------- entry
 
 template <bool with_power>
@@ -127,6 +167,12 @@ void energy(const MotionModel& model, const Batch& batch, double* out) {
 void power(const MotionModel& model, const Batch& batch, double* out) {
   for_each_block(model, batch, [&](const auto& members, const auto& sweep) {
     power_of(model, members, sweep, out);
+  });
+}
+
+void axial(const MotionModel& model, const Batch& batch, double* out) {
+  for_each_block(model, batch, [&](const auto& members, const auto& sweep) {
+    axial_of(model, members, sweep, out);
   });
 }
 
@@ -221,6 +267,7 @@ const MotionKernel PIPEDYN_NAMED(motion) = {
     .jacobian = ::jacobian,
     .energy = ::energy,
     .power = ::power,
+    .axial = ::axial,
     .combine = ::combine,
     .errors = ::errors,
     .factor_numbers = ::shifted_numbers,

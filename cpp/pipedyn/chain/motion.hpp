@@ -93,6 +93,10 @@ struct MotionKernel {
   Function jacobian;       // d(dy/dtau)/dy (2 n, 2 n) of one state, row-major
   Function energy;         // of each member
   Function power;          // of flow, joints, drag, the pipe's terms and the base, (5, members)
+  /// Of [q, q', q''] (3 n, members): int t . r'' along the pipe and the depth y(1) of its end about
+  /// the base; then the derivatives of the first by q, q' and q'', and of the second by q:
+  /// (2 + 4 n, members).
+  Function axial;
 
   /// out = y + h sum_s weights_s k_s, entry by entry.
   void (*combine)(const double* weights, const double* const* k, std::ptrdiff_t terms,

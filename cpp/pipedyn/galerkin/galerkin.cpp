@@ -23,14 +23,15 @@ const GalerkinKernel& kernel() { return *motion_kernel().galerkin; }
 
 /// Calls the kernel's function for blocks of members that take the same grid, one alone or as many
 /// as the vectors hold, and passes result i of each member k to write(k, i, result); NaN for those
-/// that bend more than the largest grid resolves. finer: by so many grids than the motion needs.
+/// that bend more than the largest grid resolves. finer: by so many grids than the motion needs;
+/// rows: of a member in batch.y, by its functions.
 template <class Write>
 void evaluate(const GalerkinKernel::Function function, const Grids& grids,
               const MotionEffects& effects, const Batch& batch, Index results, const Write& write,
-              Index finer = 0) {
+              Index finer = 0, Index rows = 2) {
   static thread_local std::vector<Index> grid_of, chosen;
   static thread_local std::vector<double> numbers;
-  const Index state = 2 * grids.basis().size(), members = batch.members;
+  const Index state = rows * grids.basis().size(), members = batch.members;
   grid_of.resize(static_cast<std::size_t>(members));
   Index lowest = grids.count(), highest = 0;
   Index needed = 0;  // by the last one, mostly by the next as well
@@ -248,6 +249,11 @@ void Galerkin::energy(const Batch& batch, double* out) const {
 void Galerkin::power(const Batch& batch, double* out) const {
   evaluate(kernel().power, grids(), effects_of(pipe_, grids().panels()), batch, 5,
            to_columns(out, batch.members));
+}
+
+void Galerkin::axial(const Batch& batch, double* out) const {
+  evaluate(kernel().axial, grids(), effects_of(pipe_, grids().panels()), batch, 2 + 4 * dof(),
+           to_columns(out, batch.members), 0, 3);
 }
 
 void Galerkin::tips(const Batch& batch, double* out) const {

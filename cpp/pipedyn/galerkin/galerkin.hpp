@@ -121,6 +121,8 @@ class Galerkin {
   /// What flow, damping (joints), drag, terms (others) and the base's motion add to the energy in
   /// unit time, (5, members); their sum is dE/dtau.
   void power(const Batch& batch, double* out) const;
+  /// MotionKernel::axial of [q, q', q''] (3 m, members), O(N Q + N m) a member.
+  void axial(const Batch& batch, double* out) const;
   /// Position (x, y) of each member's free end and its velocity, (4, members), O(N m).
   void tips(const Batch& batch, double* out) const;
 

@@ -3,6 +3,7 @@
 // The reduced model's functions of one vector level. Compiled once for each, like chain/motion.cpp.
 #include "pipedyn/galerkin/kernel.hpp"
 
+#include "pipedyn/galerkin/axial.hpp"
 #include "pipedyn/galerkin/block.hpp"
 #include "pipedyn/galerkin/linearisation.hpp"
 
@@ -53,6 +54,10 @@ void power(const GridTables& grid, const MotionEffects& effects, const Batch& ba
   with_block<Block>(grid, effects, batch, [&](auto&& block) { block.power(batch, out); });
 }
 
+void axial(const GridTables& grid, const MotionEffects& effects, const Batch& batch, double* out) {
+  with_block<Axial>(grid, effects, batch, [&](auto&& block) { block.axial(batch, out); });
+}
+
 void tips(const GridTables& grid, const MotionEffects& effects, const Batch& batch, double* out) {
   with_block<Block>(grid, effects, batch, [&](auto&& block) { block.tips(batch, out); });
 }
@@ -69,6 +74,7 @@ const GalerkinKernel PIPEDYN_NAMED(galerkin) = {
     .accelerations = ::accelerations,
     .energy = ::energy,
     .power = ::power,
+    .axial = ::axial,
     .tips = ::tips,
     .held = ::held,
     .jacobian = ::jacobian,

@@ -85,6 +85,8 @@ struct GalerkinKernel {
   Function energy;
   /// Power of flow, damping, drag, terms and the base, (5, members).
   Function power;
+  /// As MotionKernel's.
+  Function axial;
   /// Position of the free end, x then y, and its velocity, (4, members).
   Function tips;
   /// x where the pipe is held, then of each its derivatives by q: (held (1 + m), members).

@@ -95,6 +95,7 @@ class Scene {
   void energy(const Batch& batch, double* out) const;
   /// What flow, joints, drag and the pipe's terms add to it in unit time.
   void power(const Batch& batch, double* out) const { chain_.power(batch, out); }
+  void axial(const Batch& batch, double* out) const { chain_.axial(batch, out); }
 
   /// M^-1 times moments (n, k) where the angles are theta (n, k).
   Matrix solve(const Matrix& theta, const Matrix& moments) const;

@@ -30,6 +30,10 @@ drag alone decides the onset, but only below the amplitude 4 |Re d / Re c_1|, at
 balance. Terms that are left out are of the size d^2 |Z|^2 Z and d (u - u_c) |Z| Z: the equation is
 that of weak drag, and of any drag where the amplitude is small.
 
+At constant head the flow speed is one more state (`Supply`). About the straight pipe its small
+changes and the pipe's do not act on each other, so that the pair stays as it is; but a moving pipe
+changes the speed at second degree, and this the coefficient c_1, by its two terms with B.
+
 It is the left eigenvector that weighs the drag, not the velocity: drag bends the mode as well,
 which changes what the flow feeds, so that it may even drive the flutter, Re(d) > 0.
 """
@@ -52,6 +56,8 @@ from pipedyn.linear.eigenproblem import Complex
 from pipedyn.linear.sensitivity import Crossing
 from pipedyn.linear.stability_curve import Failure, of_each, swept
 from pipedyn.models.base import Model, NotConverged, PipedynError
+from pipedyn.models.constant_head import ConstantHead
+from pipedyn.models.drive import Supply
 from pipedyn.motion.simulate import checked_model_in_motion
 from pipedyn.util import check
 from pipedyn.util.check import Array
@@ -252,6 +258,8 @@ class Hopf(HopfPoint):
         model: the model.
         mode: q, complex, of the integrated state [p, p'], shape (2 moving,).
         rest: the equilibrium, an integrated state, shape (2 moving,).
+        friction: of the supply at constant head, where u is the flow speed in the straight pipe;
+            None at constant speed.
     """
 
     growth: float
@@ -267,6 +275,7 @@ class Hopf(HopfPoint):
     criticality: Literal["supercritical", "subcritical"]
     crossing: Crossing | BranchPoint = field(repr=False)
     model: Model = field(repr=False)
+    friction: float | None = None
 
     @property
     def other_unstable(self) -> int:
@@ -337,7 +346,12 @@ class Hopf(HopfPoint):
         return self.frequency + self.detuning * (float(u) - self.speed) + turned
 
 
-def hopf(model: Model, crossing: Crossing | BranchPoint | None = None) -> Hopf:
+def hopf(
+    model: Model,
+    crossing: Crossing | BranchPoint | None = None,
+    *,
+    friction: float | None = None,
+) -> Hopf:
     """The limit cycle that emerges at a flutter onset: its law, and on which side it exists.
 
     Args:
@@ -345,9 +359,17 @@ def hopf(model: Model, crossing: Crossing | BranchPoint | None = None) -> Hopf:
         crossing: a flutter of `crossings(model, ...)`, or a point of kind "hopf" on a branch of
             bent equilibria, of `equilibrium_branch(model, ...)`; the critical speed where not
             given.
+        friction: of a straight pipe fed at constant head, as of `Supply`; at constant speed where
+            not given. The onset is the same, and u the speed in the straight pipe.
 
     Returns:
         Hopf.
+
+    Example:
+        >>> chain = pp.Chain(pp.Pipe(0.3), 6)
+        >>> steady, fed = pp.hopf(chain), pp.hopf(chain, friction=1.0)
+        >>> steady.criticality, fed.criticality, fed.amplitude_law > 2.0 * steady.amplitude_law
+        ('supercritical', 'supercritical', True)
 
     Raises:
         NoCrossing: if none is given and the pipe does not lose stability.
@@ -386,11 +408,19 @@ def hopf(model: Model, crossing: Crossing | BranchPoint | None = None) -> Hopf:
     motion = VectorField(model)
     rest = _rest_at(motion, crossing)
     smooth = with_drag(model, 0.0) if model.pipe.drag else motion
+    jacobians, state = partial(smooth.jacobians, u=u), rest
+    if friction is not None:
+        if rest.any():
+            raise ValueError(
+                "friction must be None of a bent pipe, whose onset at constant head is another one"
+            )
+        supply = Supply.at_speed(model.pipe, u, friction=friction)
+        jacobians, state = ConstantHead(smooth.model, supply).jacobians, np.append(rest, u)
     with one_thread(motion.size):
         try:
             form = normal_form(
-                lambda y: smooth.jacobians(y, u),
-                rest,
+                jacobians,
+                state,
                 crossing.frequency,
                 lambda q: _tip_of(motion, rest, q),
                 lambda q: model.largest_angle(q[: motion.half]),
@@ -399,6 +429,8 @@ def hopf(model: Model, crossing: Crossing | BranchPoint | None = None) -> Hopf:
             if own:  # two that meet scatter by sqrt(eps)
                 raise NoHopf(f"no simple pair lies on the axis at u = {u:g}") from error
             raise
+        of_pipe = slice(rest.size)
+        form = replace(form, right=form.right[of_pipe], left=form.left[of_pipe])
         slope = _slope(motion, rest, u, form)
         if abs(slope.real) < 1e-9 * (1.0 + abs(slope)):
             raise NoHopf(f"the pair touches the axis at u = {u:g} and does not pass through it")
@@ -432,6 +464,7 @@ def hopf(model: Model, crossing: Crossing | BranchPoint | None = None) -> Hopf:
         model=model,
         mode=form.right,
         rest=rest,
+        friction=friction,
     )
 
 

@@ -361,6 +361,28 @@ class Model(OfPipe, ABC):
         """
         return self.core
 
+    @property
+    def motion_core(self) -> Any:
+        """What of these is compiled: of a scene all but custom modules."""
+        return self.motion
+
+    @property
+    def compiled(self) -> Any:
+        """The compiled equations of motion where they are all; else None."""
+        return self.motion
+
+    @property
+    def compiled_rates(self) -> Any:
+        """What the core's integrators take: `compiled`, or a function.
+
+        Of times (k,), states [p, p', W] (2 moving + 1, k), flow speeds (k,) and, if anything drives
+        them, this, (ROWS, k).
+        """
+        whole = self.compiled
+        if whole is not None:
+            return whole
+        return lambda t, y, *flow: self.motion.rhs_and_power(t[0], y, *flow)
+
     @cached_property
     def equations(self) -> Any:
         """The same of a pipe that has equations of motion.

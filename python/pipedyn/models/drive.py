@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""What drives a pipe in time: a flow whose speed changes, and a base that moves.
+"""What drives a pipe in time: a flow whose speed changes or is free to, and a base that moves.
 
 The base carries the clamp and all that holds the pipe rigidly (supports, guides, pins); it moves
 without turning. Coordinates are counted from it. Springs, dampers, stops, foundations and the fluid
@@ -30,6 +30,9 @@ LARGEST_SPEED = 1e4
 """Flow speeds beyond are refused: the thrust u^2 is then 1e8 times the elastic stiffness, and
 rounding takes half of the digits."""
 
+LARGEST_HEAD = 1e12
+"""Heads and weights beyond give speeds that are refused."""
+
 LARGEST_FREQUENCY = 1e6
 """Angular: far above any pipe's, far below overflow."""
 
@@ -41,11 +44,6 @@ TRIED = 101
 """Times at which functions are tried beforehand."""
 
 Place: TypeAlias = tuple[float, float]
-
-Speed: TypeAlias = (
-    float | Callable[[float], float] | tuple[Callable[[float], float], Callable[[float], float]]
-)
-"""A flow speed: steady, a function u(t) of time, or this with its derivative."""
 
 Base: TypeAlias = Callable[[float], Place] | tuple[Callable[[float], Place], ...]
 """A function of time to the base's place (X, Y), or this, its first and its second derivative."""
@@ -88,7 +86,7 @@ class Pulsation:
     def from_si(cls, pipe: Pipe, *, mean: float, amplitude: float, frequency: float) -> Pulsation:
         """Of a pipe made with `Pipe.from_si`: mean in m/s, frequency in rad/s."""
         speed, omega = check.real("mean", mean), check.real("frequency", frequency)
-        pipe = _with_scales(pipe)
+        pipe = with_scales(pipe)
         return cls(pipe.speed(speed), amplitude, pipe.frequency(omega))
 
     @property
@@ -140,7 +138,7 @@ class Harmonic:
     ) -> Harmonic:
         """Of a pipe made with `Pipe.from_si`: amplitude in m, frequency in rad/s."""
         reach, omega = check.real("amplitude", amplitude), check.real("frequency", frequency)
-        pipe = _with_scales(pipe)
+        pipe = with_scales(pipe)
         return cls(pipe.length(reach), pipe.frequency(omega), direction)
 
     @property
@@ -165,7 +163,141 @@ class Harmonic:
         return self.along(-self.amplitude * self.frequency**2 * math.cos(self.frequency * t))
 
 
-def _with_scales(pipe: Any) -> Pipe:
+@dataclass(frozen=True)
+class Supply:
+    """A flow at constant head instead of constant speed.
+
+    The fluid in the pipe obeys Newton's law along it, s being 1 ejecting and -1 aspirating,
+
+        sqrt(beta) u' + s beta int t . r'' ds = head + s weight y(1) - friction u^2 / 2,
+
+    with the tangent t and the acceleration r'' of the pipe. So the pipe's motion slows the flow or
+    speeds it up, and u' acts on the pipe. Small motions of a straight pipe do not: it loses
+    stability at the same speed. At large ones it matters, see `friction` of `hopf`.
+
+    Attributes:
+        head: what drives the flow, the pressure at the reservoir over that at the outlet times the
+            pipe's section, in EI / L^2.
+        friction: f > 0, all that the flow loses, f rho V^2 / 2: along the wall, its friction factor
+            times length by diameter, where it enters, and what brings it from rest to its speed,
+            which is 1. Below 1 the fluid has a speed before it enters, and a pipe that whips it out
+            may draw ever more of it.
+        weight: of the fluid in the pipe, in EI / L^2; beta gamma where not given. In a fluid
+            outside, whose pressure at the outlet grows with the depth, less what the same volume of
+            it weighs.
+        start: the flow speed to begin with; where not given, that of the straight pipe at rest.
+
+    Raises:
+        ValueError: for a number out of its range, NaN or infinity.
+        TypeError: for what is no number.
+
+    Example:
+        >>> pipe = pp.Pipe(0.2)
+        >>> supply = pp.Supply.at_speed(pipe, 6.0, friction=2.0)
+        >>> supply.head, supply.speed(pipe)
+        (36.0, 6.0)
+        >>> motion = pp.simulate(pp.Chain(pipe, 5), supply, 10.0, lambda s: 0.3 * s)
+        >>> motion.flow_speed.shape
+        (501,)
+
+    Source: Bajaj, Sethna and Lundgren, SIAM Journal on Applied Mathematics 39 (1980) 213-230, for
+    the question; the equation follows from Newton's law for the fluid's acceleration along t,
+    r'' . t + du/dt, as 2 u dt/dtau and u^2 dt/ds have no part along t.
+    """
+
+    head: float
+    friction: float
+    weight: float | None = None
+    start: float | None = None
+
+    def __post_init__(self) -> None:
+        checked: dict[str, float | None] = {
+            "head": check.real("head", self.head, low=-LARGEST_HEAD, high=LARGEST_HEAD),
+            "friction": check.real("friction", self.friction, low=0.0, high=1e9, open_low=True),
+        }
+        if self.weight is not None:
+            of = check.real("weight", self.weight, low=-LARGEST_HEAD, high=LARGEST_HEAD)
+            checked["weight"] = of
+        if self.start is not None:
+            checked["start"] = check.real("start", self.start, low=0.0, high=LARGEST_SPEED)
+        for name, value in checked.items():
+            object.__setattr__(self, name, value)
+
+    @classmethod
+    def at_speed(
+        cls,
+        pipe: Pipe,
+        u: float,
+        *,
+        friction: float,
+        weight: float | None = None,
+        start: float | None = None,
+    ) -> Supply:
+        """The head at which the straight pipe at rest has the flow speed u > 0."""
+        u = check.real("u", u, low=0.0, high=LARGEST_SPEED, open_low=True)
+        still = cls(0.0, friction, weight, start)
+        return cls(0.5 * still.friction * u**2 - still._hanging(pipe), friction, weight, start)
+
+    @classmethod
+    def from_si(
+        cls,
+        pipe: Pipe,
+        *,
+        pressure: float,
+        density: float,
+        friction: float,
+        start: float | None = None,
+    ) -> Supply:
+        """Of a pipe made with `Pipe.from_si`.
+
+        Args:
+            pipe: the pipe, without a fluid outside that is comparable with that inside.
+            pressure: at the reservoir over that at the outlet, N/m^2.
+            density: of the fluid in the pipe, kg/m^3, > 0.
+            friction: f, a number.
+            start: flow speed to begin with, m/s.
+        """
+        pressure = check.real("pressure", pressure)
+        density = check.real("density", density, low=0.0, open_low=True)
+        scales = with_scales(pipe).scales
+        assert scales is not None
+        head = check.real("head from pressure and density", pressure / density / scales.speed**2)
+        return cls(head, friction, None, None if start is None else pipe.speed(start))
+
+    def _hanging(self, pipe: Pipe) -> float:
+        """What the straight pipe's fluid adds to the head."""
+        return pipe.direction * self.weight_in(pipe)
+
+    def weight_in(self, pipe: Pipe) -> float:
+        """Weight of the fluid, in EI / L^2."""
+        return pipe.beta * pipe.gamma if self.weight is None else self.weight
+
+    def speed(self, pipe: Pipe) -> float:
+        """Flow speed in the straight pipe at rest.
+
+        Raises:
+            ValueError: if the head drives no flow in the pipe's direction.
+        """
+        driving = self.head + self._hanging(pipe)
+        if driving <= 0.0:
+            raise ValueError(
+                f"head must drive a flow through the straight pipe, got {self.head:g}, to which "
+                f"the weight of its fluid adds {self._hanging(pipe):g}"
+            )
+        u = math.sqrt(2.0 * driving / self.friction)
+        return check.real("speed at this head and friction", u, high=LARGEST_SPEED)
+
+
+Speed: TypeAlias = (
+    float
+    | Callable[[float], float]
+    | tuple[Callable[[float], float], Callable[[float], float]]
+    | Supply
+)
+"""A flow speed: steady, a function u(t) of time, this with its derivative, or what drives it."""
+
+
+def with_scales(pipe: Any) -> Pipe:
     """The argument, if it is a pipe made with `Pipe.from_si`."""
     if not isinstance(pipe, Pipe):
         raise TypeError(f"pipe must be a Pipe, got {check.shown(pipe)}")

@@ -159,7 +159,7 @@ class Recorder:
         last = self._search(ends, coefficients) if self.events else None
         if self.dense:
             self._ends.append(ends[1:])
-            self._steps.append(coefficients[:, :, :-1])
+            self._steps.append(coefficients[:, :, : 2 * self.model.moving])
             self.kept += coefficients.size
         return last
 

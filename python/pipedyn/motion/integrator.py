@@ -16,8 +16,8 @@ from numpy.typing import ArrayLike
 
 from pipedyn import _core
 from pipedyn.models.base import Model
+from pipedyn.models.constant_head import ConstantHead
 from pipedyn.models.drive import Base, Drive, Speed
-from pipedyn.models.modular.motion import SceneMotion
 from pipedyn.motion.events import Recorder
 from pipedyn.util.check import Array
 from pipedyn.util.counters import evaluated, factorised, in_time
@@ -67,6 +67,9 @@ LARGEST_IMPLICIT = 1000
 """Degrees of freedom beyond which dense factorisations are not chosen: four complex ones of 2,001
 unknowns take 256 MB and, from 1.8 s measured with half as many, 15 s on one core."""
 
+STILL = 1e-9
+"""Flow speed at constant head below which steps cannot but vanish: it does not turn back."""
+
 LARGEST_KEPT = 100_000_000
 """Numbers that dense output and events may hold: 0.8 GB."""
 
@@ -85,7 +88,7 @@ class Task:
     model: Model
     u: Speed
     times: Array  # of the samples, shape (S,)
-    start: Array  # [p, p', 0] of what is integrated, shape (2 moving + 1,)
+    start: Array  # [p, p', 0] of what is integrated, shape (2 moving + 1,); at constant head with u
     rtol: float
     atol: float
     method: str  # of METHODS, not "auto"
@@ -95,31 +98,47 @@ class Task:
     max_step: float = math.inf
     drive: Drive | None = None  # where the speed changes or the base moves
     base: Base | None = None  # as it was given
+    constant_head: ConstantHead | None = None  # at constant head; then u follows W in a state
 
     def flow(self, t: float) -> tuple[Any, ...]:
-        """The flow speed at a time and, if anything drives the motion, this, shape (ROWS,)."""
+        """The flow speed at a time and, if anything drives the motion, this, shape (ROWS,).
+
+        The speed is 0 where it is a state.
+        """
         if self.drive is None:
-            return (self.u,)
+            return (0.0 if self.constant_head else self.u,)
         u, *others = self.drive(t)
         return (u, np.array(others)) if any(others) else (u,)
+
+    def rates(self, t: float, y: Array) -> Array:
+        """Of a state [p, p', W], or [p, p', W, u]."""
+        u, *drive = self.flow(t)
+        if self.constant_head is not None:
+            return self.constant_head.rates(t, y, *drive)
+        return np.asarray(self.model.motion.rhs_and_power(t, y, u, *drive))
+
+    def jacobian(self, t: float, y: Array, u: float, drive: Array | None = None) -> Array:
+        """Derivative of the rates at a flow.
+
+        W acts on nothing, and Newton's method does without its own row.
+        """
+        size = 2 * self.model.moving
+        others = np.delete(np.arange(y.size), size)
+        if self.constant_head is not None:
+            slopes = self.constant_head.jacobian(y[others], drive)
+        else:
+            slopes = self.model.motion_jacobian(y[others], u, drive)
+        whole = np.zeros((y.size, y.size))
+        whole[np.ix_(others, others)] = slopes
+        return whole
 
 
 Callback: TypeAlias = Callable[[float, Array, Array], object]
 """Of a time and the coordinates and rates then; True ends the motion."""
 
 Outcome: TypeAlias = tuple[Array, int, str | None]
-"""The start and samples of a motion, (1 + S, 2 moving + 1), right-hand sides that it took, and why
-it stopped early."""
-
-
-def jacobian_of(model: Model, y: Array, *flow: Any) -> Array:
-    """Derivative of the rates of [q, q', W].
-
-    W acts on nothing, and Newton's method does without its own row.
-    """
-    whole = np.zeros((y.size, y.size))
-    whole[:-1, :-1] = model.motion_jacobian(y[:-1], *flow)
-    return whole
+"""The start and samples of a motion, (1 + S, rows of its start), right-hand sides that it took, and
+why it stopped early."""
 
 
 class Monitor:
@@ -143,9 +162,8 @@ class Monitor:
         if self.calls >= self.task.most:
             raise Stopped(f"it needs more than {self.task.most:g} right-hand sides")
         self.calls += 1
-        flow = self.task.flow(t)
         try:
-            return np.asarray(self.task.model.motion.rhs_and_power(t, y, *flow))
+            return self.task.rates(t, y)
         except ValueError:
             self.overflowed = True
             return np.full(y.shape, np.nan)
@@ -157,7 +175,7 @@ class Monitor:
         self.next_check -= JACOBIAN_CALLS
         flow = self.task.flow(t)
         try:
-            return jacobian_of(self.task.model, y, *flow)
+            return self.task.jacobian(t, y, *flow)
         except ValueError:
             self.overflowed = True
             return np.zeros((y.size, y.size))
@@ -187,7 +205,8 @@ class Monitor:
                 f" at most: {why}"
             )
         rotation = float(np.abs(task.start).max())
-        rate = sum(self.fastest) + task.flow(t)[0] ** 2 + rotation + 1.0
+        speed = task.flow(t)[0] if task.constant_head is None else task.constant_head.largest_speed
+        rate = sum(self.fastest) + speed**2 + rotation + 1.0
         if t - self.reached < least * CALLS / rate:
             raise Stopped("its step size tends to 0")
         self.next_check, self.reached = self.calls + CALLS, t
@@ -253,14 +272,14 @@ def _in_core(tasks: Sequence[Task], shown: bool, observer: Observer) -> list[Out
     """By one of the core's methods, each task with steps of its own."""
     first, members = tasks[0], len(tasks)
     model = first.model
-    u: object = np.array([task.u for task in tasks])
+    u: object = np.zeros(members) if first.constant_head else np.array([task.u for task in tasks])
     if first.drive is not None:
         u = first.drive if first.drive.numbers is None else first.drive.numbers
     start = np.stack([task.start for task in tasks], axis=1)
-    rates = _compiled(model) or (lambda t, y, *flow: model.motion.rhs_and_power(t[0], y, *flow))
     motion = _core.Integrator(
-        *(rates, u, start, first.t0, first.rtol, first.atol, first.most, first.max_step),
-        None if first.method == "dop853" else lambda t, y, *flow: jacobian_of(model, y, *flow),
+        *(model.compiled_rates, u, start, first.t0, first.rtol, first.atol, first.most),
+        *(first.max_step, None if first.method == "dop853" else first.jacobian),
+        None if first.constant_head is None else first.constant_head.core,
     )
     monitors = [Monitor(task) for task in tasks]
     times, count = first.times, first.times.size
@@ -305,6 +324,8 @@ def _in_core(tasks: Sequence[Task], shown: bool, observer: Observer) -> list[Out
     answers: list[Outcome] = []
     for j, member in enumerate(motion.members):
         why, samples = whys[j] or ENDS.get(member.progress), min(member.samples, count)
+        if why is not None and first.constant_head is not None and motion.state(j)[-1] < STILL:
+            why = "its flow stops and would turn back"
         if member.progress == "spent":
             why = why or f"it needs more than {first.most:g} right-hand sides"
         if observer.end is not None:
@@ -318,16 +339,9 @@ def _in_core(tasks: Sequence[Task], shown: bool, observer: Observer) -> list[Out
 def runs_unlocked(task: Task) -> bool:
     """Whether a task's right-hand sides do without Python and its lock."""
     unlocked = task.drive is None or task.drive.numbers is not None
-    return unlocked and _compiled(task.model) is not None and task.method in CORE
-
-
-def _compiled(model: Model) -> object:
-    """The compiled model, if that is all: of a scene whose nodes nothing holds the chain."""
-    motion = model.motion
-    if isinstance(motion, SceneMotion):
-        whole = motion.core if motion.core.compliance.size else motion.core.chain
-        return whole if motion.is_compiled else None
-    return motion if isinstance(motion, (_core.Chain, _core.Galerkin, _core.Scene)) else None
+    if task.constant_head is not None and task.method == "radau":  # its Jacobian is Python's
+        return False
+    return unlocked and task.model.compiled is not None and task.method in CORE
 
 
 def state_after(
@@ -385,7 +399,7 @@ def _by_scipy(task: Task, monitor: Monitor) -> Iterator[Array]:
 # ----------------------------------------------------------------------------- which one serves
 
 
-def choose_method(model: Model, members: int = 1) -> str:
+def choose_method(model: Model, members: int = 1, dense: bool = False) -> str:
     """The core's integrator that measured cheapest at equal error, for so many members.
 
     One motion goes by implicit steps, whose stages fill the processor's vectors: they do not follow
@@ -397,11 +411,11 @@ def choose_method(model: Model, members: int = 1) -> str:
     together, which fill the vectors by themselves: measured with 8 to 64 members of 4 to 40
     segments, the choice costs at most 1.9 times the cheaper; of reduced models, 1.4.
 
-    `tests/benchmark_simulate.py` measures it again.
+    `tests/benchmark_simulate.py` measures it again. dense: implicit steps factorise whole
+    Jacobians, as they do at constant head.
     """
-    compiled_model = _compiled(model)
-    reduced = isinstance(compiled_model, _core.Galerkin)
-    if compiled_model is None and model.moving > LARGEST_IMPLICIT:
+    reduced = isinstance(model.motion, _core.Galerkin)
+    if (dense or model.compiled is None) and model.moving > LARGEST_IMPLICIT:
         return "dop853"
     least = BATCH_DECAY if members >= BATCHED and not reduced else 0.0
     return "radau" if not least or decays_fast(model, least) else "dop853"

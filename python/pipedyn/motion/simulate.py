@@ -24,7 +24,8 @@ from numpy.typing import ArrayLike
 
 from pipedyn.linear.critical_speed import critical_speed
 from pipedyn.models.base import Model, PipedynError
-from pipedyn.models.drive import LARGEST_SPEED, Base, Drive, Speed
+from pipedyn.models.constant_head import ConstantHead
+from pipedyn.models.drive import LARGEST_SPEED, Base, Drive, Speed, Supply
 from pipedyn.motion.events import (
     DenseOutput,
     Event,
@@ -97,7 +98,8 @@ class Motion(Trajectory):
         energy: in EI / L, shape (S,), in the frame of the base.
         audit: largest |E(t) - E(0) - work of flow, joints, drag and base|, relative to the largest
             of |E| and the kinetic energy: 0 but for the integrator's errors.
-        u: flow speed, or the function of time that was given.
+        u: flow speed, or the function of time or the `Supply` that was given.
+        flow_speed: the flow speed at the times, shape (S,).
         method: the integrator.
         evaluations: right-hand sides that it took.
         model: the model.
@@ -113,6 +115,7 @@ class Motion(Trajectory):
     energy: Array = field(repr=False)
     audit: float
     u: Speed
+    flow_speed: Array = field(repr=False)
     method: str
     evaluations: int
     model: Model
@@ -382,7 +385,7 @@ def in_batches(
     """What `work` makes of each task, in batches of one model, on threads where that helps."""
     members_of: dict[tuple[int, ...], list[int]] = {}  # each model and what drives it
     for i, task in enumerate(tasks):
-        key = (id(task.model), 0 if task.drive is None else id(task.u))
+        key = (id(task.model), 0 if isinstance(task.u, float) and not task.drive else id(task.u))
         members_of.setdefault(key, []).append(i)
     blocks = []
     for same in members_of.values():
@@ -421,7 +424,8 @@ def _speeds(given: Any) -> list[Any]:
 
 
 def _varies(u: Any) -> bool:
-    return callable(u) or (isinstance(u, tuple) and any(map(callable, u)))
+    pair = isinstance(u, tuple) and any(map(callable, u))
+    return pair or callable(u) or isinstance(u, Supply)
 
 
 def _each(name: str, given: Any) -> list[Any]:
@@ -470,6 +474,7 @@ def assembled(tasks: Sequence[Task], outcomes: Sequence[Outcome]) -> list[Motion
             energy=energy[of],
             audit=float(np.abs(missed).max(initial=0.0)) / scale if scale else 0.0,
             u=task.u,
+            flow_speed=_speeds_of(task, own[1:]),
             method=task.method,
             evaluations=evaluations,
             model=model,
@@ -478,6 +483,13 @@ def assembled(tasks: Sequence[Task], outcomes: Sequence[Outcome]) -> list[Motion
         motions.append(motion)
         start += len(own)
     return motions
+
+
+def _speeds_of(task: Task, rows: Array) -> Array:
+    """The flow speed at a task's samples."""
+    if task.constant_head is not None:
+        return rows[:, -1]
+    return np.array([task.flow(t)[0] for t in task.times[: len(rows)].tolist()])
 
 
 def _base_of(task: Task, rows: int) -> Any:
@@ -582,7 +594,7 @@ def checked_task(
     most = check.real("most", most, low=1.0, high=1e18)
     method = check.choice("method", method, METHODS)
     if method == "auto":
-        method = choose_method(model, members)
+        method = choose_method(model, members, dense=isinstance(u, Supply))
     steady = Task(*(model, 0.0, at, start, rtol, atol, method, t0, end, most, max_step), base=base)
     return driven(steady, u)
 
@@ -591,10 +603,15 @@ def driven(task: Task, u: Any) -> Task:
     """The task at another flow speed, steady or not, checked."""
     if task.base is None and not _varies(u):
         u = check.real("u", u, low=0.0, high=LARGEST_SPEED)
-        return replace(task, u=u, drive=None)
-    if task.drive is not None and task.u is u:
-        return task
-    return replace(task, u=u, drive=Drive(u, task.base, task.t0, task.end))
+        return replace(task, u=u, drive=None, constant_head=None)
+    if not isinstance(u, Supply):
+        if task.drive is not None and task.u is u:
+            return task
+        return replace(task, u=u, drive=Drive(u, task.base, task.t0, task.end), constant_head=None)
+    head, rest = ConstantHead(task.model, u), task.base is None
+    start = np.append(task.start[: 2 * task.model.moving + 1], head.start)
+    drive = None if rest else Drive(0.0, task.base, task.t0, task.end)
+    return replace(task, u=u, start=start, drive=drive, constant_head=head)
 
 
 def checked_start(model: Model, q0: Any, qdot0: Any) -> Array:

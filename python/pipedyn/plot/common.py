@@ -15,6 +15,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import SymmetricalLogLocator
 from numpy.typing import NDArray
 
+from pipedyn.models.drive import Supply
 from pipedyn.motion.simulate import Motion
 from pipedyn.util import check
 
@@ -178,5 +179,7 @@ def motion_title(motion: Motion) -> str:
 
 
 def speed_label(motion: Motion, digits: int) -> str:
-    """The flow speed of a motion, a number of so many digits or a function of time."""
-    return "$u(t)$" if callable(motion.u) else f"$u = {motion.u:.{digits}g}$"
+    """The flow speed of a motion: a number of so many digits, a function of time, or a state."""
+    if isinstance(motion.u, float):
+        return f"$u = {motion.u:.{digits}g}$"
+    return "constant head" if isinstance(motion.u, Supply) else "$u(t)$"

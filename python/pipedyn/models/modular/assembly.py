@@ -147,6 +147,17 @@ class Assembly(Model):
         pipe = self._layout.acting(self._pipe)
         return SceneMotion(RedundantForm(pipe, self._layout, self.core, self._customs), dense)
 
+    @property
+    def motion_core(self) -> Any:
+        return self.motion.core
+
+    @property
+    def compiled(self) -> Any:
+        motion = self.motion
+        if not motion.is_compiled:
+            return None  # where nothing holds nodes it is a chain
+        return motion.core if motion.core.compliance.size else motion.core.chain
+
     def __repr__(self) -> str:
         layout = self._layout
         plain = [p for p in self.modules if _is_plain_spring(p)]

@@ -1,0 +1,95 @@
+# SPDX-License-Identifier: MIT
+"""The motion of a pipe fed at constant head: the flow speed is a state."""
+
+from __future__ import annotations
+
+import math
+from functools import cached_property
+
+import numpy as np
+
+from pipedyn import _core
+from pipedyn.models.base import Model
+from pipedyn.models.drive import ROWS, Supply
+from pipedyn.util.check import Array
+
+
+class ConstantHead:
+    """A model's equations of motion with its pipe fed at constant head.
+
+    A state is [p, p', u], shape (2 moving + 1,); integrators take [p, p', W, u] with the work W.
+
+    Args:
+        model: the model.
+        supply: what feeds it.
+
+    Raises ValueError where there is no such flow.
+    """
+
+    def __init__(self, model: Model, supply: Supply) -> None:
+        pipe = model.pipe
+        if pipe.beta == 0.0:
+            raise ValueError(
+                "beta must be above 0 with a Supply: without mass the fluid has no speed of its own"
+            )
+        self.model, self.supply = model, supply
+        self.speed = supply.speed(pipe)
+        self.start = self.speed if supply.start is None else supply.start
+
+    @property
+    def largest_speed(self) -> float:
+        """Beyond which the flow is not driven."""
+        return max(self.start, self.speed)
+
+    @cached_property
+    def core(self) -> _core.Supply:
+        """The compiled part."""
+        pipe, supply = self.model.pipe, self.supply
+        numbers = (supply.head, supply.friction, supply.weight_in(pipe))
+        return _core.Supply(self.model.motion_core, *numbers, math.sqrt(pipe.beta), pipe.direction)
+
+    def rates(self, t: float, y: Array, drive: Array | None = None) -> Array:
+        """Of a state [p, p', W, u]; drive: what else drives it, (ROWS,), but for u'."""
+        base = np.zeros(ROWS) if drive is None else drive
+        at = (np.array([t]), y[:, None], base[:, None])
+        return np.asarray(self.core.rates(self.model.compiled_rates, *at)[:, 0])
+
+    def jacobian(self, y: Array, drive: Array | None = None) -> Array:
+        """Derivative of the rates of [p, p', u] by one state, (2 moving + 1, 2 moving + 1).
+
+        drive: what else drives it, (ROWS,), of which u' has no part.
+        """
+        model, pipe, supply = self.model, self.model.pipe, self.supply
+        n, u, state = model.moving, float(y[-1]), y[:-1]
+        change = float(self.rates(0.0, np.concatenate([state, [0.0, u]]), drive)[-1])
+        # Accelerations are affine in u' and of second degree in u: four have all derivatives.
+        h = max(u, 1.0)
+        drives = np.zeros((ROWS, 4)) if drive is None else np.tile(drive[:, None], 4)
+        drives[0] = (change, change + 1.0, change, change)
+        speeds = np.array([u, u, u + h, u + 2.0 * h])
+        rates = model.motion_rates(np.tile(state[:, None], 4), speeds, drives)
+        acceleration, pushed, ahead, further = rates[n:].T
+        response = pushed - acceleration
+        by_speed = (4.0 * ahead - further - 3.0 * acceleration) / (2.0 * h)
+        now = drives[:, 0].copy()
+        slopes = model.motion_jacobian(state, u, now)
+        axial = model.motion_core.axial(np.concatenate([state, acceleration]), now)
+        by_q, by_rates, by_acceleration, depth = np.split(axial[2:], 4)
+        share = pipe.direction * pipe.beta
+        pull = share * by_acceleration
+        gradient = np.append(
+            share * np.concatenate([by_q, by_rates]) + pull @ slopes[n:],
+            pull @ by_speed + supply.friction * u,
+        )
+        gradient[:n] -= pipe.direction * supply.weight_in(pipe) * depth
+        change_by = -gradient / (math.sqrt(pipe.beta) + pull @ response)
+        whole = np.zeros((2 * n + 1, 2 * n + 1))
+        whole[:-1, :-1] = slopes
+        whole[n:-1, -1] = by_speed
+        whole[n:-1] += np.outer(response, change_by)
+        whole[-1] = change_by
+        return whole
+
+    def jacobians(self, y: Array) -> Array:
+        """Those of k states, (2 moving + 1, k): (k, 2 moving + 1, 2 moving + 1)."""
+        return np.stack([self.jacobian(column) for column in y.T.copy()])

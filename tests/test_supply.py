@@ -1,0 +1,349 @@
+# SPDX-License-Identifier: MIT
+"""Constant head: the flow speed as a state, its equation, its Jacobian, and what flutter does."""
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+from numpy.polynomial import Chebyshev
+
+import pipedyn as pp
+from pipedyn.models.constant_head import ConstantHead
+
+PIPE = pp.Pipe(0.3, 2.0)
+LOADED = dataclasses.replace(
+    PIPE,
+    alpha=0.9,
+    drag=0.4,
+    damping=0.01,
+    terms=(pp.Spring(0.6, 9.0), pp.Damper(1.0, 0.2), pp.AddedMass(0.3), pp.PointMass(0.7, 0.2)),
+)
+ASPIRATING = pp.Pipe(0.4, -3.0, "aspirating", inflow_share=0.5)
+HELD = pp.Pipe(0.3, 2.0, root="pinned", end="pinned")
+SUPPLY = pp.Supply(40.0, 2.5, start=2.0)
+
+
+def guided():
+    return pp.modular.assemble(pp.modular.chain(PIPE, 6).modules, pp.modular.Guide(node=3))
+
+
+def drawn(model, size=0.3, u=2.0):
+    """A state [p, p', 0, u] that no symmetry simplifies."""
+    k = np.arange(1.0, 2 * model.moving + 1.0)
+    y = size * np.sin(1.7 * k) / np.tile(k[: model.moving], 2)
+    p, rates = model.projected(*np.split(y, 2))
+    return np.concatenate([p, rates, [0.0, u]])
+
+
+def paths(model, y, rates, h):
+    """Lines of the pipe at the times -2 h to 2 h of a state that moves at these rates."""
+    n = model.moving
+    q, v, a = y[:n], y[n : 2 * n], rates[n : 2 * n]
+    return [lambda s, t=t: model.shape(q + t * v + 0.5 * t**2 * a, s) for t in h * np.arange(-2, 3)]
+
+
+SECOND = np.array([-1.0, 16.0, -30.0, 16.0, -1.0]) / 12.0
+
+
+@pytest.mark.parametrize("pipe", [PIPE, ASPIRATING], ids=["ejecting", "aspirating"])
+@pytest.mark.parametrize("basis", ["legendre", "beam"])
+def test_fluid_particles_accelerate_along_the_pipe_as_what_drives_them_says(pipe, basis):
+    """Newton's law for particles that are followed through the moving pipe, by differences.
+
+    Their places are r(s + int u, t): no formula for their acceleration enters.
+    """
+    model, h, flow = pp.Galerkin(pipe, 3, basis), 2e-4, pipe.direction / math.sqrt(pipe.beta)
+    y = drawn(model, 0.1)
+    u = y[-1]
+    rates = ConstantHead(model, SUPPLY).rates(0.0, y)
+    s = 0.5 - 0.47 * np.cos(np.linspace(0.0, math.pi, 33))
+    moved = [flow * (u * t + 0.5 * rates[-1] * t**2) for t in h * np.arange(-2, 3)]
+    lines = paths(model, y, rates, h)
+    places = [line(s + step) for line, step in zip(lines, moved, strict=True)]
+    acceleration = np.tensordot(SECOND, places, 1) / h**2
+    along = lines[2](s + 1e-6) - lines[2](s - 1e-6)
+    along /= np.linalg.norm(along, axis=1)[:, None]
+    whole = Chebyshev.fit(s, (acceleration * along).sum(axis=1), 18, [0.0, 1.0]).integ()
+    depth = model.shape(y[: model.moving], [1.0])[0, 1]
+    driving = SUPPLY.head + pipe.direction * pipe.beta * pipe.gamma * depth
+    driving -= 0.5 * SUPPLY.friction * u**2
+    assert pipe.direction * pipe.beta * (whole(1.0) - whole(0.0)) == pytest.approx(driving, rel=2e-5)
+
+
+@pytest.mark.parametrize(
+    "model",
+    [
+        pp.Chain(PIPE, 5),
+        pp.Chain(ASPIRATING, 5),
+        pp.Galerkin(LOADED, 4, "legendre"),
+        pp.Galerkin(ASPIRATING, 4),
+        pp.modular.chain(LOADED, 5),
+    ],
+    ids=repr,
+)
+def test_energy_of_pipe_and_fluid_together_is_balanced(model):
+    """The fluid's kinetic energy is |sqrt(beta) r' + s u t|^2 / 2 per length.
+
+    It enters with that of its speed and leaves with the free end's besides; head and weight work
+    on what flows through, friction takes its share. The pipe is the model's shape, by differences.
+    """
+    pipe, (nodes, weights) = model.pipe, np.polynomial.legendre.leggauss(20)
+    b, sign, u = math.sqrt(pipe.beta), pipe.direction, 2.0
+    edges = np.linspace(0.0, 1.0, 6)
+    lengths = np.diff(edges)[:, None]
+    s = (edges[:-1, None] + 0.5 * lengths * (nodes + 1.0)).ravel()
+    weights = (0.5 * lengths * weights).ravel()
+    y = drawn(model, 0.2, u)
+    n, rates = model.moving, ConstantHead(model, SUPPLY).rates(0.0, y)
+
+    def tangent_and_velocity(p, pdot, s):
+        e = 1e-5
+        at = [model.shape(model.recorded(p[None], pdot[None])[0][0], s + d) for d in (e, -e)]
+        moved = [model.recorded((p + d * pdot)[None], pdot[None])[0][0] for d in (e, -e)]
+        ahead, behind = (model.shape(q, s) for q in moved)
+        return (at[0] - at[1]) / (2.0 * e), (ahead - behind) / (2.0 * e)
+
+    def energy(state):
+        t, v = tangent_and_velocity(state[:n], state[n : 2 * n], s)
+        flowing = b * sign * state[-1] * (weights * (t * v).sum(axis=1)).sum()
+        q, qdot = model.recorded(state[None, :n], state[None, n : 2 * n])
+        own = model.energy(np.concatenate([q[0], qdot[0]]))
+        return own + flowing + 0.5 * state[-1] ** 2
+
+    h = 1e-4
+    gained = (energy(y + h * rates) - energy(y - h * rates)) / (2.0 * h)
+    q, qdot = model.recorded(y[None, :n], y[None, n : 2 * n])
+    power = model.power(np.concatenate([q[0], qdot[0]]), u)
+    velocity = model.tip_velocities(q.T, qdot.T)[0]
+    depth = model.tips(q.T)[0, 1]
+    driving = SUPPLY.head + sign * pipe.beta * pipe.gamma * depth - 0.5 * SUPPLY.friction * u**2
+    # At a steady speed the flow takes b u |v|^2 + u^2 t . v from the pipe (of it a share c and alpha
+    # at the end); what leaves has |b v + u t|^2 / 2 for the u^2 / 2 with which it entered.
+    carried = 0.5 * sign * b * u * (velocity @ velocity)
+    assert gained == pytest.approx(power.total + u / b * driving + carried, rel=1e-7)
+
+
+def models():
+    held = pp.Galerkin(HELD, 4, "legendre")
+    return [
+        pp.Chain(PIPE, 4),
+        pp.Chain(LOADED, 4),
+        pp.Chain(ASPIRATING, 4),
+        pp.Chain(HELD, 5),
+        pp.Galerkin(LOADED, 4, "legendre"),
+        pp.Galerkin(ASPIRATING, 4),
+        held,
+        pp.modular.chain(LOADED, 4),
+    ]
+
+
+@pytest.mark.parametrize("model", models(), ids=repr)
+def test_the_jacobian_is_the_derivative_of_the_rates(model):
+    head, y = ConstantHead(model, SUPPLY), drawn(model, 0.2)
+    work, drive = 2 * model.moving, np.array([0.0, 0.1, 0.2, 0.3, -0.4, 0.7, -0.3])
+    found = head.jacobian(np.delete(y, work), drive)
+
+    def rates(state):
+        return np.delete(head.rates(0.0, np.insert(state, work, 0.0), drive), work)
+
+    h = 2e-4
+    state = np.delete(y, work)
+    columns = []
+    for move in h * np.eye(state.size):
+        near = [rates(state + k * move) for k in (-2, -1, 1, 2)]
+        columns.append(np.array([1.0, -8.0, 8.0, -1.0]) @ near / (12.0 * h))
+    by_differences = np.array(columns).T
+    assert np.abs(found - by_differences).max() < 1e-8 * np.abs(found).max()
+
+
+@pytest.mark.parametrize("model", models()[:6], ids=repr)
+def test_small_motions_of_a_straight_pipe_and_of_its_flow_do_not_act_on_each_other(model):
+    """So the onset is that at constant speed. The flow's own eigenvalue is -f u / sqrt(beta)."""
+    pipe, u = model.pipe, 3.0
+    supply = pp.Supply.at_speed(pipe, u, friction=2.0)
+    rest = np.append(np.zeros(2 * model.moving), u)
+    found = ConstantHead(model, supply).jacobian(rest)
+    pipe_alone = model.motion_jacobian(rest[:-1], u)
+    assert np.abs(found[:-1, :-1] - pipe_alone).max() <= 1e-12 * np.abs(pipe_alone).max()
+    assert np.abs(found[:-1, -1]).max() == np.abs(found[-1, :-1]).max() == 0.0
+    assert found[-1, -1] == pytest.approx(-2.0 * u / math.sqrt(pipe.beta), rel=1e-12)
+
+
+@pytest.mark.parametrize("make", [lambda n: pp.Chain(PIPE, n), lambda n: pp.modular.chain(PIPE, n)])
+def test_chains_tend_to_the_pipe_with_second_order(make):
+    """Flow speed and free end of a large motion against twelve Legendre functions."""
+    supply = pp.Supply(40.0, 2.5)
+
+    def ends(model):
+        motion = pp.simulate(model, supply, 1.0, lambda s: 0.8 * s, rtol=1e-10, times=[0.5, 1.0])
+        return np.append(motion.flow_speed, motion.tip)
+
+    exact = ends(pp.Galerkin(PIPE, 12, "legendre"))
+    errors = [np.abs(ends(make(n)) - exact).max() for n in (10, 20, 40)]
+    assert 3.7 < errors[0] / errors[1] < 4.3
+    assert 3.8 < errors[1] / errors[2] < 4.2
+    assert np.abs(exact[:2] / supply.speed(PIPE) - 1.0).min() > 0.03  # the speed does change
+
+
+@pytest.mark.parametrize("method", ["radau", "dop853", "scipy:DOP853", "scipy:Radau"])
+@pytest.mark.parametrize(
+    "model", [pp.Chain(LOADED, 5), pp.Galerkin(PIPE, 4), pp.modular.chain(PIPE, 4)], ids=repr
+)
+def test_every_method_gives_the_motion_and_closes_the_audit(model, method):
+    supply = pp.Supply.at_speed(model.pipe, 4.0, friction=1.5, start=2.0)
+    options = {"rtol": 1e-9, "times": [0.5, 1.0], "q0": lambda s: 0.8 * s}
+    motion = pp.simulate(model, supply, 1.0, method=method, **options)
+    other = pp.simulate(model, supply, 1.0, method="dop853", **options | {"rtol": 1e-11})
+    assert np.abs(motion.q - other.q).max() < 2e-6
+    assert motion.flow_speed == pytest.approx(other.flow_speed, abs=2e-7)
+    assert motion.audit < 2e-7
+    assert motion.u is supply
+
+
+def test_strong_friction_is_constant_speed():
+    model, start = pp.Chain(PIPE, 6), lambda s: 0.5 * s
+    steady = pp.simulate(model, 6.0, 3.0, start, rtol=1e-9)
+    assert steady.flow_speed == pytest.approx(np.full(steady.t.size, 6.0), abs=0.0)
+    misses = []
+    for friction in (1e3, 1e4):
+        supply = pp.Supply.at_speed(PIPE, 6.0, friction=friction)
+        motion = pp.simulate(model, supply, 3.0, start, rtol=1e-9)
+        misses.append(np.abs(motion.tip - steady.tip).max())
+    assert misses[1] == pytest.approx(0.1 * misses[0], rel=0.02)  # of the first order in 1 / f
+
+
+def test_a_base_that_accelerates_downward_is_less_gravity():
+    """Of the fluid, too: it weighs less in the falling frame."""
+    supply, falling = pp.Supply(40.0, 2.5), 1.5
+
+    def motion(gamma, base):
+        model = pp.Chain(pp.Pipe(0.3, gamma), 5)
+        return pp.simulate(model, supply, 1.0, lambda s: 0.8 * s, rtol=1e-10, base=base)
+
+    place = (
+        lambda t: (0.0, 0.5 * falling * t**2),
+        lambda t: (0.0, falling * t),
+        lambda t: (0.0, falling),
+    )
+    moved = motion(2.0, place)
+    weight = pp.Supply(40.0, 2.5, weight=0.3 * 2.0)
+    assert moved.audit < 1e-8
+    lighter = motion(2.0 - falling, None)
+    # The head at which both begin is the same in the frame of the base.
+    begin = dataclasses.replace(supply, start=weight.speed(pp.Pipe(0.3, 2.0)))
+    again = pp.simulate(lighter.model, begin, 1.0, lambda s: 0.8 * s, rtol=1e-10)
+    assert np.abs(moved.q - again.q).max() < 1e-8
+    assert moved.flow_speed == pytest.approx(again.flow_speed, abs=1e-8)
+
+
+@pytest.mark.parametrize("make", [lambda: pp.Chain(PIPE, 6), lambda: pp.Galerkin(PIPE, 5)])
+def test_the_onset_stays_and_its_criticality_changes(make):
+    """The law against motions at 0.002 above the onset, whose amplitude is measured."""
+    model = make()
+    steady = pp.hopf(model)
+    assert pp.hopf(model, friction=1e6).lyapunov == pytest.approx(steady.lyapunov, rel=1e-5)
+    found = pp.hopf(model, friction=1.5)
+    assert (found.speed, found.growth) == (steady.speed, pytest.approx(steady.growth, rel=1e-9))
+    assert steady.criticality == found.criticality == "supercritical"
+    assert found.amplitude_law > 1.5 * steady.amplitude_law
+    assert pp.hopf(model, friction=0.3).criticality == "subcritical"
+    u = found.speed + 0.002
+    supply = pp.Supply.at_speed(PIPE, u, friction=1.5)
+    phase = math.sqrt(found.amplitude_law * 0.002) * found.mode.real  # on the cycle, to first order
+    n = model.moving
+    motion = pp.simulate(
+        model, supply, 60.0, phase[:n], phase[n:], rtol=1e-8, times=np.linspace(58.0, 60.0, 801)
+    )
+    reached = np.abs(motion.tip[:, 0]).max() ** 2 / 0.002
+    assert reached == pytest.approx(found.amplitude_law, rel=0.02)
+
+
+def test_the_law_at_constant_head_converges_with_second_order():
+    exact = pp.hopf(pp.Galerkin(PIPE, 10, "legendre"), friction=1.5).amplitude_law
+    errors = [pp.hopf(pp.Chain(PIPE, n), friction=1.5).amplitude_law - exact for n in (20, 40, 80)]
+    assert 3.5 < errors[0] / errors[1] < 4.5
+    assert 3.8 < errors[1] / errors[2] < 4.2
+
+
+def test_from_si_counts_pressure_and_friction():
+    pipe = pp.Pipe.from_si(length=1.0, bending_stiffness=0.02, pipe_mass=0.2, fluid_mass=0.1)
+    supply = pp.Supply.from_si(pipe, pressure=2e4, density=1000.0, friction=5.0, start=1.0)
+    # 0.1 kg/m of water has a section of 1e-4 m^2.
+    assert supply.head == pytest.approx(2e4 * 1e-4 * 1.0**2 / 0.02, rel=1e-14)
+    # 20 kPa and a metre of water against 5 velocity heads.
+    speed = math.sqrt(2.0 * (2e4 + 1000.0 * 9.81) / (1000.0 * 5.0))
+    assert pipe.speed_si(supply.speed(pipe)) == pytest.approx(speed, rel=1e-14)
+    assert supply.start == pytest.approx(pipe.speed(1.0))
+
+
+def test_members_have_supplies_of_their_own():
+    model = pp.Chain(PIPE, 4)
+    given = [pp.Supply.at_speed(PIPE, u, friction=2.0) for u in (3.0, 4.0)] + [5.0]
+    ensemble = pp.simulate_many(model, given, 0.5, lambda s: 0.3 * s, rtol=1e-9)
+    for motion, one in zip(ensemble.motions, given, strict=True):
+        alone = pp.simulate(model, one, 0.5, lambda s: 0.3 * s, rtol=1e-9, method=motion.method)
+        assert np.abs(motion.q - alone.q).max() < 1e-9
+        assert motion.flow_speed == pytest.approx(alone.flow_speed, abs=1e-9)
+
+
+def test_events_and_dense_output_see_the_pipe():
+    event = pp.Event(lambda t, q, qdot: q[-1], terminal=True)
+    motion = pp.simulate(
+        pp.Chain(PIPE, 4), SUPPLY, 5.0, lambda s: 0.3 * s, events=event, dense=True, rtol=1e-9
+    )
+    at = float(motion.events[0].t[0])
+    assert at < 5.0
+    assert abs(motion.dense(at)[3]) < 1e-9
+
+
+@pytest.mark.parametrize(
+    ("call", "message"),
+    [
+        (lambda: pp.Supply(1.0, 0.0), r"friction must lie in \(0"),
+        (lambda: pp.Supply(1.0, -2.0), "friction must"),
+        (lambda: pp.Supply(math.nan, 2.0), "head must"),
+        (lambda: pp.Supply(1.0, 2.0, start=-1.0), "start must"),
+        (lambda: pp.Supply.at_speed(PIPE, 0.0, friction=1.0), "u must"),
+        (lambda: pp.Supply(-10.0, 2.0).speed(PIPE), "head must drive a flow"),
+        (lambda: pp.Supply.from_si(PIPE, pressure=1.0, density=1.0, friction=1.0), "from_si"),
+        (
+            lambda: pp.simulate(pp.Chain(pp.Pipe(0.0), 3), SUPPLY, 1.0, lambda s: 0 * s),
+            "beta must be above 0 with a Supply",
+        ),
+        (
+            lambda: pp.simulate(pp.Chain(PIPE, 3), pp.Supply(-9.0, 1.0), 1.0, lambda s: 0 * s),
+            "head must drive a flow",
+        ),
+        (lambda: pp.hopf(pp.Chain(PIPE, 4), friction=0.0), "friction must"),
+        (lambda: pp.hopf(pp.Chain(PIPE, 4), friction=math.nan), "friction must"),
+    ],
+)
+def test_bad_input_is_refused_by_name(call, message):
+    with pytest.raises(ValueError, match=message):
+        call()
+
+
+def test_what_is_no_number_is_refused():
+    with pytest.raises(TypeError, match="head must"):
+        pp.Supply("high", 1.0)
+
+
+def test_a_bent_pipe_has_no_law_at_constant_head():
+    chain = pp.Chain(pp.Pipe(0.3, jet_angle=0.3), 4)
+    branch = pp.equilibrium_branch(chain, pp.equilibria(chain, 4.0).q[0], 4.0, (4.0, 10.0))
+    onset = next(point for point in branch.points if point.kind == "hopf")
+    with pytest.raises(ValueError, match="friction must be None of a bent pipe"):
+        pp.hopf(chain, onset, friction=1.0)
+
+
+def test_a_flow_that_stops_ends_the_motion_for_that_reason():
+    """A base that drops fast leaves the fluid behind."""
+    drop = (
+        lambda t: (0.0, 50.0 * t**2),
+        lambda t: (0.0, 100.0 * t),
+        lambda t: (0.0, 100.0),
+    )
+    with pytest.raises(pp.MotionStopped, match="its flow stops and would turn back") as caught:
+        pp.simulate(pp.Chain(PIPE, 3), SUPPLY, 5.0, lambda s: 0.1 * s, base=drop, samples=2001)
+    assert 0.0 < caught.value.motion.flow_speed[-1] < 1.0
