@@ -270,15 +270,15 @@ class Chain(Model):
         return held_ends(self._pipe, self._ends()[1:])
 
     def _with_springs(self, springs: Array, pipe: Pipe) -> _core.Chain:
-        return _core.Chain(
-            pipe=core_pipe(pipe),
-            length=self._lengths,
-            center=self._centers,
-            gyration_radius=self._gyration_radii,
-            spring=springs,
-            drag_point=self._drag_points,
-            base=self._base,
-            mass=self._masses,
+        return _core.Chain(  # by place, as in `core_pipe`
+            core_pipe(pipe),
+            self._lengths,
+            self._centers,
+            self._gyration_radii,
+            springs,
+            self._drag_points,
+            self._base,
+            self._masses,
         )
 
     @property
