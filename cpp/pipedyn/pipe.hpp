@@ -2,6 +2,7 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <array>
 #include <cmath>
 #include <limits>
 #include <vector>
@@ -45,6 +46,11 @@ struct Pipe {
   bool is_guided() const { return end == End::guided || end == End::clamped; }
   /// s: U = s u is the flow speed counted towards the free end.
   double direction() const { return aspirating ? -1.0 : 1.0; }
+  /// Thrust of the flow by u^2, along and across the free end.
+  std::array<double, 2> thrust() const {
+    if (jet_angle == 0.0) return {centrifugal, 0.0};  // asked at each rate of a motion
+    return {centrifugal * std::cos(jet_angle), centrifugal * std::sin(jet_angle)};
+  }
   /// By which u v of the free end's velocity v loads it: the entering flow's change of velocity.
   double entry() const { return (1.0 - inflow_share) * direction() * sqrt_beta(); }
 };

@@ -164,7 +164,7 @@ void Chain::linearise() {
       made.loaded = end_damping_ != 0.0 || made.moment_loss != 0.0;
     }
     if (sums.empty()) continue;
-    const auto& [load, slopes] = sums[static_cast<std::size_t>(j)];
+    const auto& [load, slopes, any] = sums[static_cast<std::size_t>(j)];
     const double pulled = link.length * tension + load[1][1] - slopes[1].by_angle[0];
     const double turned = slopes[0].by_angle[0];
     tension += load[0][1];
@@ -192,7 +192,7 @@ ImpedanceModel Chain::impedance() const {
           .size = dof(),
           .coriolis = pipe_.direction() * pipe_.sqrt_beta(),
           .entry = pipe_.entry(),
-          .thrust = pipe_.centrifugal * std::cos(pipe_.jet_angle),
+          .thrust = pipe_.thrust()[0],
           .guided = pipe_.is_guided()};
 }
 
@@ -356,7 +356,7 @@ void Chain::add_loads(const Vector& sine, const Vector& cosine, Operators& ops) 
   Slopes beyond;  // of all loads beyond segment i
   Plane load{0.0, 0.0};
   for (Index i = dof() - 1; i >= 0; --i) {
-    const auto& [loads, slopes] = sums[static_cast<std::size_t>(i)];
+    const auto& [loads, slopes, any] = sums[static_cast<std::size_t>(i)];
     const double l = link(i).length;
     const Plane across = normal(i), along{sine[i], cosine[i]};
     Slopes arm = slopes[1], own = slopes[2];  // with the arms from the joint of segment i
@@ -511,8 +511,7 @@ MotionModel Chain::motion() const {
           .gravity = pipe_.gamma,
           .coriolis = pipe_.direction() * pipe_.sqrt_beta(),
           .entry = pipe_.entry(),
-          .thrust = {pipe_.centrifugal * std::cos(pipe_.jet_angle),
-                     pipe_.centrifugal * std::sin(pipe_.jet_angle)},
+          .thrust = pipe_.thrust(),
           .damped = damped_,
           .bent = bent_,
           .guided = pipe_.is_guided(),

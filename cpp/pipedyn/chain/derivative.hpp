@@ -207,7 +207,7 @@ struct Linearised {
   Source source(Count k, bool angle) const {
     Source found = angle ? angle_source(model, kept[k], k, rates[k], u)
                          : rate_source(model, kept[k], k, rates[k], u);
-    if (loaded()) {
+    if (loaded() && loads[k].any) {
       add_loads_to(found, model, model.links[k], kept[k], loads[k], frame(k), angle, rates[k]);
     }
     if (angle && slopes != nullptr) found.moment += slopes[k];

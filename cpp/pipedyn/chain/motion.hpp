@@ -5,6 +5,7 @@
 // Includes no other library.
 #pragma once
 
+#include <array>
 #include <cstddef>
 
 #include "pipedyn/terms/term.hpp"
@@ -42,16 +43,16 @@ struct SegmentTerm {
 /// What the kernels read of a chain and its pipe.
 struct MotionModel {
   const Link* links;
-  std::ptrdiff_t size;  // n
-  double base;          // length of the fixed part at the clamp
-  double gravity;       // gamma
-  double coriolis;      // sqrt(beta) s
-  double entry;         // (1 - c) sqrt(beta) s
-  double thrust[2];     // a cos psi along and a sin psi across the last segment
-  bool damped;          // some joint is
-  bool bent;            // some joint is bent at rest
-  bool guided;          // the end keeps the direction of the axis
-  double end_spring;    // k and c of the joint between it and the last segment
+  std::ptrdiff_t size;           // n
+  double base;                   // length of the fixed part at the clamp
+  double gravity;                // gamma
+  double coriolis;               // sqrt(beta) s
+  double entry;                  // (1 - c) sqrt(beta) s
+  std::array<double, 2> thrust;  // a cos psi along and a sin psi across the last segment
+  bool damped;                   // some joint is
+  bool bent;                     // some joint is bent at rest
+  bool guided;                   // the end keeps the direction of the axis
+  double end_spring;             // k and c of the joint between it and the last segment
   double end_damping;
   bool drag;                 // kappa > 0
   const SegmentTerm* loads;  // from the clamp on

@@ -91,6 +91,7 @@ struct Walk {
 struct LoadMoments {
   double load[2][2];  // by power: x, y
   Slopes slopes[3];
+  bool any;  // whether there is a place
 };
 
 inline void add(Slopes& sum, double weight, const Slopes& more) {
@@ -120,6 +121,7 @@ inline void load_moments(const MotionModel& model, const double* sine, const dou
       const Load<double> load = law.load(at);
       const Slopes slopes = law.slopes(at);
       double weight = place.weight;
+      sum.any = true;
       for (int power = 0; power < 3; ++power) {
         add(sum.slopes[power], weight, slopes);
         if (power < 2) {

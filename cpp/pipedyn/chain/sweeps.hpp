@@ -54,14 +54,15 @@ struct Members {
   const Batch& batch;
   Count first, used;
 
+  bool whole() const { return lanes<Real> == 1 || used == lanes<Real>; }
   Real read(const double* from) const {
-    if (used == lanes<Real>) return load<Real>(from);
+    if (whole()) return load<Real>(from);
     double each[lanes<Real>];
     for (Count i = 0; i < lanes<Real>; ++i) each[i] = from[i < used ? i : used - 1];
     return load<Real>(each);
   }
   void write(double* to, const Real& x) const {
-    if (used == lanes<Real>) {
+    if (whole()) {
       store(to, x);
       return;
     }
@@ -134,7 +135,12 @@ struct Thrust {
     const Real u = members.speed(), square = u * u;
     along = model.thrust[0] * square;
     across = model.thrust[1] * square;
-    if (!model.guided) return;
+    if (model.guided) turn(model, members);
+  }
+
+ private:
+  /// Apart from the sweeps, whose registers it would take.
+  [[gnu::noinline]] void turn(const MotionModel& model, const Members<Real>& members) {
     double angle[width] = {}, sine[width], cosine[width];
     store(angle, members.row(model.size - 1));
     sincos(angle, lanes<Real>, sine, cosine);
@@ -179,15 +185,13 @@ struct LoadPower {
   Real terms{}, flow{}, base{}, base_along{}, base_across{};
 };
 
-/// Adds the terms' loads, the moments of bent joints at rest, the batch's further moments and what
-/// drives it to the drag on each segment: what acts across it, along it and about its joint, with
-/// the signs of resistance.
-template <class Real>
-LoadPower<Real> add_loads(const MotionModel& model, const Members<Real>& members,
-                          const Sweep<Real>& sweep) {
+/// See `add_loads`. drives: whether the batch's drive does.
+template <bool drives, class Real>
+[[gnu::noinline]] LoadPower<Real> add_all_loads(const MotionModel& model,
+                                                const Members<Real>& members,
+                                                const Sweep<Real>& sweep) {
   LoadPower<Real> power;
   const double* const moments = members.batch.moments;
-  const bool drives = members.batch.drive != nullptr;
   const Driven<Real> driven = members.drive();
   const Real push = model.coriolis * driven.rate;  // sqrt(beta) U'
   Walk<Real> walk(model, driven);
@@ -214,12 +218,13 @@ LoadPower<Real> add_loads(const MotionModel& model, const Members<Real>& members
       vy = walk.vy - driven.vy;
     }
     walk.pass(j, link.length, rate, visit);
-    // What moves across alone has no weight, and no inertia along the segment.
-    const double arm = 0.5 * link.length;
-    const Real lift = (model.gravity * link.added) * walk.sine;
-    along += (arm * link.added) * (rate * rate);
-    across -= lift;
-    moment -= arm * lift;
+    if (link.added != 0.0) {  // has no weight, and no inertia along the segment
+      const double arm = 0.5 * link.length;
+      const Real lift = (model.gravity * link.added) * walk.sine;
+      along += (arm * link.added) * (rate * rate);
+      across -= lift;
+      moment -= arm * lift;
+    }
     if (drives) {
       const Real s = walk.sine, c = walk.cosine;
       const Real length_push = link.length * push, alone = link.added * (c * vx - s * vy);
@@ -240,15 +245,27 @@ LoadPower<Real> add_loads(const MotionModel& model, const Members<Real>& members
   return power;
 }
 
+/// Adds the terms' loads, the moments of bent joints at rest, the batch's further moments and what
+/// drives it to the drag on each segment: what acts across it, along it and about its joint, with
+/// the signs of resistance.
+template <class Real>
+LoadPower<Real> add_loads(const MotionModel& model, const Members<Real>& members,
+                          const Sweep<Real>& sweep) {
+  return members.batch.drive != nullptr ? add_all_loads<true>(model, members, sweep)
+                                        : add_all_loads<false>(model, members, sweep);
+}
+
 /// What acts on the segments besides inertia, a steady flow and joints: drag or, at the free end,
 /// what the entering flow lacks of its velocity; loads as in add_loads, with the former if there
 /// are any.
 enum class Outer { nothing, drag, loads };
 
-/// Rates (2 n, members), and below them the power where it is asked for.
+/// Rates (2 n, members), and below them the power where it is asked for. Not inlined: beside the
+/// others each would have fewer registers.
 template <class Real, Outer outer, bool keep>
-void accelerations(const MotionModel& model, const Members<Real>& members, Sweep<Real> sweep,
-                   double* rates, bool with_power, Kept* kept) {
+[[gnu::noinline]] void accelerations(const MotionModel& model, const Members<Real>& members,
+                                     Sweep<Real> sweep, double* rates, bool with_power,
+                                     Kept* kept) {
   const Count n = model.size;
   read_state(members, n, sweep);
 

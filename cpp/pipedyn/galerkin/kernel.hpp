@@ -4,6 +4,7 @@
 // and the functions that each vector level compiles. Includes no other library.
 #pragma once
 
+#include <array>
 #include <cstddef>
 
 #include "pipedyn/chain/motion.hpp"
@@ -61,9 +62,9 @@ struct PanelTerm {
 
 /// What acts on the pipe, each 0 where the pipe does not have it.
 struct MotionEffects {
-  double coriolis = 0.0;  // 2 s sqrt(beta)
-  double entry = 0.0;     // (1 - c) s sqrt(beta)
-  double thrust[2]{};     // a cos psi along and a sin psi across the free end
+  double coriolis = 0.0;           // 2 s sqrt(beta)
+  double entry = 0.0;              // (1 - c) s sqrt(beta)
+  std::array<double, 2> thrust{};  // a cos psi along and a sin psi across the free end
   double gamma = 0.0, drag = 0.0, damping = 0.0;
   double normal_mass = 0.0;  // per length, of what moves across the pipe alone
   const PanelTerm* loads = nullptr;

@@ -194,7 +194,7 @@ class Search {
     if (sweep_.untracked) return false;
     int expected = unstable_count_;
     for (const AxisCrossing& crossing : found) expected += crossing.change;
-    const int missed = count_unstable(*step.right) - expected;
+    const int unstable = count_unstable(*step.right), missed = unstable - expected;
     if (missed % 2 != 0) {
       // Three roots that pass zero as one (two free joints), which the matching cannot show.
       Index least = 0;
@@ -217,7 +217,6 @@ class Search {
       if (range_.until_unstable && next->change > 0) return false;
       found.erase(next);
     }
-    const int unstable = count_unstable(*step.right);
     if (unstable_count_ != unstable) {
       throw refusal("%d unstable roots at u = %g, where the crossings found account for %d",
                     unstable, step.right->u, unstable_count_);

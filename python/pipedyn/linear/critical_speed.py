@@ -174,6 +174,8 @@ def first_losses(models: Sequence[AnyModel], max_speed: float = 100.0) -> list[L
     # below 20 at any beta, and gamma = 1000 takes the speed to 20 .. 80.
     for end in [*(end for end in (12.0, 20.0, 30.0, 60.0) if end < max_speed), max_speed]:
         at = [i for i in unknown if end == max_speed or _is_cheaper_up_to(end, models[i])]
+        if not at:
+            continue
         points = losses([models[i] for i in at], end, until_unstable=True, known_to=max_speed)
         for i, point in zip(at, points, strict=True):
             if isinstance(point, Exception):

@@ -150,22 +150,22 @@ UNIFORM = _core.Profile()
 
 def core_pipe(pipe: Pipe) -> _core.Pipe:
     """The pipe's numbers as the core takes them."""
-    return _core.Pipe(
-        beta=pipe.beta,
-        gamma=pipe.gamma,
-        centrifugal=pipe.alpha,
-        drag=pipe.drag,
-        damping=pipe.damping,
-        aspirating=pipe.flow == "aspirating",
-        inflow_share=pipe.inflow_share,
-        jet_angle=pipe.jet_angle,
-        terms=[(t.law, t.place or 0.0, t.law_numbers(pipe.damping)) for t in pipe.terms],
-        stiffness=UNIFORM if pipe.stiffness is None else pipe.stiffness.core,
-        mass=UNIFORM if pipe.mass is None else pipe.mass.core,
-        root=pipe.root_stiffness,
-        end=pipe.end,
-        supports=pipe.supports,
-        hysteresis=pipe.hysteresis,
+    return _core.Pipe(  # by place: names take as long as all the rest
+        pipe.beta,
+        pipe.gamma,
+        pipe.alpha,
+        pipe.drag,
+        pipe.damping,
+        pipe.flow == "aspirating",
+        [(t.law, t.place or 0.0, t.law_numbers(pipe.damping)) for t in pipe.terms],
+        pipe.root_stiffness,
+        pipe.end,
+        pipe.supports,
+        pipe.inflow_share,
+        pipe.jet_angle,
+        UNIFORM if pipe.stiffness is None else pipe.stiffness.core,
+        UNIFORM if pipe.mass is None else pipe.mass.core,
+        pipe.hysteresis,
     )
 
 
@@ -468,8 +468,8 @@ class Model(OfPipe, ABC):
         Returns:
             dy/dt = [q', q''], of the shape of y.
         """
-        if u_dot is None and base is None:  # a tenth of a microsecond counts
-            return self.equations.rhs(t, y, u)
+        if u_dot is None and base is None:
+            return self._steady_rhs(t, y, u)
         return self.equations.rhs(t, y, u, drive=self._drive(y, u_dot, base))
 
     def _drive(self, y: ArrayLike, u_dot: Any, base: Any) -> Array | None:
@@ -510,10 +510,21 @@ class Model(OfPipe, ABC):
         Raises:
             ValueError: also for more than 4000 segments of a chain.
         """
-        self._check_dense()
         if u_dot is None and base is None:
-            return self.equations.jacobian(t, y, u)
+            return self._steady_jacobian(t, y, u)
+        self._check_dense()
         return self.equations.jacobian(t, y, u, drive=self._drive(y, u_dot, base))
+
+    # Kept, as finding these costs a tenth of a call.
+
+    @cached_property
+    def _steady_rhs(self) -> Callable[..., Array]:
+        return self.equations.rhs
+
+    @cached_property
+    def _steady_jacobian(self) -> Callable[..., Array]:
+        self._check_dense()
+        return self.equations.jacobian
 
     @property
     def moving(self) -> int:

@@ -38,6 +38,8 @@ SPRING_RULES = ("consistent", "midpoint", "rayleigh", "uniform", "frequency")
 FIRST_BEAM_EIGENVALUE = 1.8751040687119611664**4
 """Square of a cantilever's first angular frequency: root of cos(k) cosh(k) = -1, to the fourth."""
 
+NOT_HELD = np.zeros(0, dtype=np.intp)
+
 LARGEST_CHAIN = 1_000_000
 """Segments: their arrays take 8 MB each, a right-hand side some 0.03 s."""
 
@@ -187,7 +189,7 @@ class Chain(Model):
         """Masses, centres and radii of gyration of the pipe's own segments."""
         lengths, mass = self._lengths, self._pipe.mass
         if mass is None:
-            return lengths.copy(), np.full(lengths.size, 0.5), lengths / math.sqrt(12.0)
+            return lengths, np.full(lengths.size, 0.5), lengths / math.sqrt(12.0)
         whole, first, second = moments(mass, self._ends())
         arms = first / whole
         return whole, arms / lengths, np.sqrt(second / whole - arms**2)
@@ -238,6 +240,8 @@ class Chain(Model):
     def _check_terms(self) -> None:
         """Raises ValueError where the chain is not made for how its pipe is held."""
         pipe, n = self._pipe, self.coordinates
+        if pipe.cantilevered:
+            return
         guided = pipe.end_directed
         if self._rule == "midpoint" and (pipe.root != "clamped" or guided or pipe.supports):
             raise ValueError(
@@ -261,18 +265,20 @@ class Chain(Model):
     @cached_property
     def _held(self) -> NDArray[np.intp]:
         """Which segments' ends are held on the axis, from 0 on."""
+        if self._pipe.cantilevered:
+            return NOT_HELD
         return held_ends(self._pipe, self._ends()[1:])
 
     def _with_springs(self, springs: Array, pipe: Pipe) -> _core.Chain:
-        return _core.Chain(
-            pipe=core_pipe(pipe),
-            length=self._lengths,
-            center=self._centers,
-            gyration_radius=self._gyration_radii,
-            spring=springs,
-            drag_point=self._drag_points,
-            base=self._base,
-            mass=self._masses,
+        return _core.Chain(  # by place, as in `core_pipe`
+            core_pipe(pipe),
+            self._lengths,
+            self._centers,
+            self._gyration_radii,
+            springs,
+            self._drag_points,
+            self._base,
+            self._masses,
         )
 
     @property
@@ -321,7 +327,7 @@ class Chain(Model):
         rule = repr(self._rule) if self._rule else "array"
         return f"Chain({self._pipe!r}, n={self.coordinates}, springs={rule}{self._about_shown})"
 
-    @property
+    @cached_property
     def dof(self) -> int:
         """Number of angles, less one for each node that supports hold."""
         return self._lengths.size - self._held.size

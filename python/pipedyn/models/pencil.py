@@ -8,6 +8,7 @@ Im lambda > 0, which the core knows and no product below has.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import replace
 from functools import cached_property, partial
@@ -164,12 +165,6 @@ class ChainPencil(Pencil):
         self.is_long = self.dof > LONGEST_DENSE
         self.end_moves = held is None and model.pipe.beta * model.pipe.inflow_share > 0.0
         self.scale, self.springs = model.elastic_scale, model.springs
-        self.mass = partial(self._times, square=1.0)
-        self.velocity = partial(self._times, velocity=1.0)
-        self.damping = partial(self._times, rate=1.0)
-        self.stiffness = partial(self._times, still=1.0)
-        self.flux = partial(self._times, flux=1.0)
-        self.gravity = partial(self._times, gravity=1.0)
 
     def spectrum(self, traits: _core.Traits, size: float) -> _core.Eigenproblem:
         return _core.ChainSpectrum(traits, self.core, self.complement, self.scale, size)
@@ -181,15 +176,36 @@ class ChainPencil(Pencil):
         result: Vectors = super().elastic(real_columns(self.complement.spread, x))
         return real_columns(self.complement.gathered, result)
 
+    # Methods: kept as partial functions of this they would leave it to the garbage collector.
+
+    def mass(self, x: Vectors) -> Vectors:
+        return self._times(x, square=1.0)
+
+    def velocity(self, x: Vectors) -> Vectors:
+        return self._times(x, velocity=1.0)
+
+    def damping(self, x: Vectors) -> Vectors:
+        return self._times(x, rate=1.0)
+
+    def stiffness(self, x: Vectors) -> Vectors:
+        return self._times(x, still=1.0)
+
+    def flux(self, x: Vectors) -> Vectors:
+        return self._times(x, flux=1.0)
+
+    def gravity(self, x: Vectors) -> Vectors:
+        return self._times(x, gravity=1.0)
+
     def by_damping(self, x: Vectors) -> Vectors:
         return self._times(x, by_damping=1.0)
 
     def by_springs(self, value: complex) -> Any:
-        by = np.full(self.springs.size, super().by_springs(value), dtype=np.complex128)
-        root, spring = self.pipe.root_stiffness, float(self.springs[0])
-        if np.isfinite(root):  # in series, with the root undamped
-            share = root / (root + spring) if root else 0.0
-            by[0] = share**2 * (1.0 + self._lost(value) * (2.0 * share - 1.0))
+        every, root, spring = super().by_springs(value), self.pipe.root_stiffness, self.springs[0]
+        if root == math.inf:
+            return every
+        by = np.full(self.springs.size, every, dtype=np.complex128)
+        share = root / (root + float(spring)) if root else 0.0  # in series, the root undamped
+        by[0] = share**2 * (1.0 + self._lost(value) * (2.0 * share - 1.0))
         return by
 
     def _times(self, x: Vectors, **part: float) -> Vectors:

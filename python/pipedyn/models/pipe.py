@@ -5,8 +5,9 @@ from __future__ import annotations
 
 import math
 import operator
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, fields
+from functools import partial
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
@@ -136,48 +137,31 @@ class Pipe:
     scales: Scales | None = field(default=None, kw_only=True)
 
     def __post_init__(self) -> None:
-        checked: dict[str, Any] = {
-            "flow": check.choice("flow", self.flow, FLOWS),
-            **{name: check.real(name, getattr(self, name), **RANGES[name]) for name in RANGES},
-            "terms": in_range(checked_terms(self.terms)),
-            "root": checked_root(self.root),
-            "end": check.choice("end", self.end, ENDS),
-            "supports": checked_supports(self.supports),
-            "stiffness": checked_profile("stiffness", self.stiffness),
-            "mass": checked_profile("mass", self.mass),
-        }
-        least = 1.0 if checked["mass"] is None else checked["mass"].bounds[0]
-        if least < checked["beta"] * (1.0 - 1e-9):
+        given = vars(self)
+        for name, checked in CHECKS.items():
+            if given[name] is not DEFAULTS[name]:
+                given[name] = checked(given[name])
+        if self.mass is not None and self.mass.bounds[0] < self.beta * (1.0 - 1e-9):
             raise ValueError(
-                f"mass must be at least beta = {checked['beta']:g}, the fluid's part of it, all "
-                f"along the pipe, got {least:.6g}"
+                f"mass must be at least beta = {self.beta:g}, the fluid's part of it, all "
+                f"along the pipe, got {self.mass.bounds[0]:.6g}"
             )
-        if self.scales is not None:
-            if not isinstance(self.scales, tuple) or len(self.scales) != 4:
-                raise TypeError(f"scales must be a Scales, got {check.shown(self.scales)}")
-            parts = zip(Scales._fields, self.scales, strict=True)
-            checked["scales"] = Scales(
-                *(check.real(f"scales.{k}", v, low=0.0, open_low=True) for k, v in parts)
-            )
-        if checked["flow"] == "ejecting" and checked["inflow_share"] != 1.0:
+        if self.flow == "ejecting" and self.inflow_share != 1.0:
             raise ValueError(
                 "inflow_share must be 1 for an ejecting pipe, as no fluid enters at its free end, "
                 f"got {check.shown(self.inflow_share)}"
             )
-        if checked["flow"] == "aspirating" and checked["jet_angle"] != 0.0:
+        if self.flow == "aspirating" and self.jet_angle != 0.0:
             raise ValueError(
                 "jet_angle must be 0 for an aspirating pipe, as no jet leaves its free end, "
                 f"got {check.shown(self.jet_angle)}"
             )
-        for name, value in checked.items():
-            object.__setattr__(self, name, value)
-        if not self.end_held:
-            for i, term in enumerate(self.terms):
-                if isinstance(term, Stretching):
-                    raise ValueError(
-                        f'terms[{i}] stretches a pipe whose end is "pinned" or "clamped", got end '
-                        f"{self.end!r}"
-                    )
+        for i, term in enumerate(self.terms):
+            if isinstance(term, Stretching) and not self.end_held:
+                raise ValueError(
+                    f'terms[{i}] stretches a pipe whose end is "pinned" or "clamped", got end '
+                    f"{self.end!r}"
+                )
 
     @classmethod
     def from_si(
@@ -443,6 +427,30 @@ class Pipe:
     def length(self, x: ArrayLike) -> Any:
         """Length as a fraction of the pipe's from m; a number or an array."""
         return _converted("x", x, np.divide, self._units("length").length)
+
+
+def _checked_scales(scales: Any) -> Scales:
+    """The argument, if it is a tuple of four positive numbers."""
+    if not isinstance(scales, tuple) or len(scales) != 4:
+        raise TypeError(f"scales must be a Scales, got {check.shown(scales)}")
+    parts = zip(Scales._fields, scales, strict=True)
+    return Scales(*(check.real(f"scales.{k}", v, low=0.0, open_low=True) for k, v in parts))
+
+
+CHECKS: dict[str, Callable[[Any], Any]] = {
+    "flow": partial(check.choice, "flow", options=FLOWS),
+    **{name: partial(check.real, name, **rule) for name, rule in RANGES.items()},
+    "terms": lambda terms: in_range(checked_terms(terms)),
+    "root": checked_root,
+    "end": partial(check.choice, "end", options=ENDS),
+    "supports": checked_supports,
+    "stiffness": partial(checked_profile, "stiffness"),
+    "mass": partial(checked_profile, "mass"),
+    "scales": _checked_scales,
+}
+"""What makes of each field, unless it is the default, the one that the pipe has."""
+
+DEFAULTS = {item.name: item.default for item in fields(Pipe)}
 
 
 def _converted(name: str, value: ArrayLike, by: np.ufunc, scale: float) -> Any:

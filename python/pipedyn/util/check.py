@@ -100,12 +100,12 @@ def executor(name: str, value: Any) -> None:
 
 def choice(name: str, value: Any, options: Collection[str]) -> str:
     """One of a few words."""
+    is_word = isinstance(value, str)
+    if is_word and value in options:
+        return str(value)
     listed = ", ".join(repr(option) for option in options)
-    if not isinstance(value, str):
-        raise TypeError(f"{name} must be one of {listed}, got {shown(value)}")
-    if value not in options:
-        raise ValueError(f"{name} must be one of {listed}, got {shown(value)}")
-    return str(value)
+    kind = ValueError if is_word else TypeError
+    raise kind(f"{name} must be one of {listed}, got {shown(value)}")
 
 
 def array(
