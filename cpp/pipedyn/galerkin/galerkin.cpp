@@ -109,16 +109,18 @@ void add_supports(const Grid& grid, const MotionEffects& effects, const Vector& 
   const auto slope = grid.slope.topLeftCorner(grid.places.size(), m);
   const Vector theta = slope * q;
   const Eigen::Map<const Vector> weight(grid.tables.weight, theta.size());
-  Matrix beyond = Matrix::Zero(count, theta.size());  // whether a point lies before a support
-  for (Index b = 0; b < count; ++b) beyond.row(b).head((effects.held[b] + 1) * block).setOnes();
-  const Matrix by = beyond * weight.cwiseProduct(theta.array().cos().matrix()).asDiagonal() * slope;
+  Matrix before = Matrix::Zero(theta.size(), count);  // whether a point lies before a support
+  for (Index b = 0; b < count; ++b) before.col(b).head((effects.held[b] + 1) * block).setOnes();
+  const Vector across = weight.array() * theta.array().cos();
+  const Matrix by = inner(slope, across, before);
   const Eigen::Map<const Vector> stiffness(grid.tables.stiffness, m);
   // Any forces that leave none at an equilibrium: those of least elastic energy.
-  const Matrix eased = by * stiffness.cwiseMax(1.0).cwiseInverse().asDiagonal();
-  const Eigen::LDLT<Matrix> system(eased * by.transpose());
+  const Vector ease = stiffness.cwiseMax(1.0).cwiseInverse();
+  const Eigen::LDLT<Matrix> system(inner(by, ease, by));
   const auto turning = [&](const Vector& force) -> Matrix {
-    const Vector along = beyond.transpose() * system.solve(-eased * force);
-    const Vector weighted = weight.array() * theta.array().sin() * along.array();
+    const Vector held = system.solve(inner(by, ease, force));
+    const Vector along = before * held;
+    const Vector weighted = -weight.array() * theta.array().sin() * along.array();
     return inner(slope, weighted, slope);
   };
   ops.stiffness += turning(still);

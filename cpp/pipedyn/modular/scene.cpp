@@ -440,9 +440,12 @@ void Scene::derivative(const Batch& batch, double rate, const Matrix& by_state, 
     if (compliance_.size() == 0) continue;
     Matrix system = about.r * about.x;
     system.diagonal() += about.compliance;
-    Matrix z = about.r * accelerations + about.e;
+    const Matrix free = accelerations;
+    Matrix z = about.r * free;
+    z += about.e;
     solve_member(system, z, system.rows() - (lends_ ? 1 : 0));
-    accelerations -= about.x * z;
+    const Matrix held = about.x * z;
+    accelerations -= held;
   }
 }
 

@@ -357,7 +357,7 @@ def state_after(
     By implicit steps where the Jacobian df/dy is given, else by explicit ones. Raises `Stopped`.
     """
     motion = _core.Integrator(
-        lambda t, y, u: np.stack([rates(column) for column in y.T], axis=1),
+        lambda t, y, u: np.array([rates(column) for column in y.T]).T,
         *(np.zeros(1), start[:, None], 0.0, rtol, atol, MOST_CALLS, math.inf),
         None if jacobian is None else lambda t, y, u: jacobian(y),
     )

@@ -176,7 +176,7 @@ def largest_exponent(
     def slopes(whole: Array) -> Array:
         y, v = whole[:n], whole[n:]
         if pair:
-            return np.asarray(rates(np.stack([y, v], axis=1))).T.ravel()
+            return np.asarray(rates(np.ascontiguousarray(whole.reshape(2, n).T))).T.ravel()
         return np.concatenate([rates(y), jacobian(y) @ v])
 
     def slopes_by_state(whole: Array) -> Array:
