@@ -157,7 +157,6 @@ def parametric_regions(
         if math.isfinite(region.threshold):
             ring = common.open_marker(4.5, edge=look["color"], zorder=4.0, clip_on=False)
             ax.plot([region.threshold_frequency], [region.threshold], **ring)
-    ax.set_yscale("linear")
     ax.set_ylim(bottom=0.0)
     if regions:
         ax.legend()
@@ -208,7 +207,6 @@ def forced_response(response: ForcedResponse, ax: Axes | None = None) -> Axes:
                 **common.open_marker(5.0, marker=marker, zorder=4.0),
             )
             shown.add(event.kind)
-    ax.set_yscale("linear")
     ax.set_ylim(bottom=0.0)
     if shown:
         ax.legend()

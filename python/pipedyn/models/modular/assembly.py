@@ -222,10 +222,11 @@ class Assembly(Model):
         modules: tuple[Module | Term, ...] = (),
         constraints: tuple[Constraint, ...] = (),
     ) -> Assembly:
-        """Another scene of a pipe, with further parts."""
+        """Another scene of a pipe, with further parts; a spring goes with the end that it holds."""
+        own = [m for m in self.modules if pipe.end_directed or not _holds_end(m, self.moving)]
         more = Assembly(
             pipe,
-            (*self.modules, *modules),
+            (*own, *modules),
             (*self._layout.given, *constraints),
             self._enforcement,
         )
@@ -656,6 +657,10 @@ class Assembly(Model):
                 f"{rule} {self._layout.described_row(worst)}, got a deviation of "
                 f"{abs(residual[worst]):.1e}; closed(angles) gives angles that meet all"
             )
+
+
+def _holds_end(part: Module, segments: int) -> bool:
+    return isinstance(part, TorsionalSpring) and part.joint > segments
 
 
 def _is_plain_spring(part: Module) -> bool:
