@@ -1445,9 +1445,7 @@ def _pictures() -> Iterator[Target]:
         "frequency_response": {"response": of(RESPONSE), "phase": FLAG, "ax": ax},
         "forced_response": {"response": of(SHAKES), "ax": ax},
         "parametric_regions": {
-            "regions": Kind(
-                one_of(REGIONS), any_of(NONE, *NOTHINGS, *WORDS, one_of(3, [], [3], PIPE))
-            ),
+            "regions": Kind(one_of(REGIONS), any_of(NONE, *NOTHINGS, *WORDS, one_of(3, [3], PIPE))),
             "pipe": optional(of(PIPE, MEASURED)),
             "ax": ax,
         },

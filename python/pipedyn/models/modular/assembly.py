@@ -43,7 +43,7 @@ from pipedyn.models.modular.parts import (
 from pipedyn.models.modular.redundant import RedundantForm
 from pipedyn.models.pencil import ChainPencil, Pencil, real_columns
 from pipedyn.models.pipe import Pipe
-from pipedyn.models.terms import Term
+from pipedyn.models.terms import Stretching, Term
 from pipedyn.util import check
 from pipedyn.util.check import Array
 from pipedyn.util.newton import NewtonFailed, newton
@@ -252,9 +252,15 @@ class Assembly(Model):
         straight = self._reference is not None and not self._reference.any()
         if not plain or not straight or self.core.compliance.any():
             return None
+        free = replace(  # small motions do not stretch it
+            self._pipe,
+            supports=(),
+            end="guided" if layout.guided else "free",
+            terms=tuple(term for term in self._pipe.terms if not isinstance(term, Stretching)),
+        )
         try:
             return Chain(
-                replace(self._pipe, supports=(), end="guided" if layout.guided else "free"),
+                free,
                 springs=layout.springs,
                 lengths=layout.lengths,
                 centers=layout.centers,
