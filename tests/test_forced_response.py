@@ -104,6 +104,21 @@ def test_branches_lead_from_edge_to_edge_of_a_parametric_region():
     assert branch.stable[1:-1].all()
 
 
+def test_forced_motions_of_chains_converge_with_second_order():
+    pipe, base = pp.Pipe(0.2, damping=0.01), pp.Harmonic(0.05, 8.0)
+
+    def amplitude(model):
+        (motion,) = pp.forced_response(model, 5.0, base=base, frequencies=(8.0, 8.1)).at(8.0)
+        return motion.amplitude
+
+    expected = amplitude(pp.Galerkin(pipe, 10, "legendre"))
+    found = np.array([amplitude(pp.Chain(pipe, n)) for n in (6, 12, 24)])
+    errors = np.abs(found - expected)
+    np.testing.assert_allclose(np.log2(errors[:-1] / errors[1:]), 2.0, atol=0.2)
+    once = found[1:] + np.diff(found) / 3.0
+    assert once[1] + (once[1] - once[0]) / 15.0 == pytest.approx(expected, rel=1e-4)
+
+
 def test_a_scene_moves_like_its_chain():
     base = pp.Harmonic(0.02, 13.0)
     scene = pp.modular.chain(SHAKEN, 4)

@@ -126,6 +126,20 @@ def test_a_chain_converges_with_second_order(how, output):
     assert errors[-1] < 1e-3
 
 
+def test_resonances_of_chains_converge_with_second_order():
+    pipe = pp.Pipe(0.2, 5.0, damping=0.004)
+
+    def peaks(model):
+        found = pp.frequency_response(model, 4.0, (5.0, 60.0)).resonances
+        return np.array([[peak.frequency, peak.height, peak.width] for peak in found])
+
+    exact = peaks(pp.Continuum(pipe))
+    found = [peaks(pp.Chain(pipe, n)) for n in (20, 40, 80)]
+    errors = [np.abs(some - exact) for some in found]
+    np.testing.assert_allclose(np.log2(np.divide(errors[:-1], errors[1:])), 2.0, atol=0.03)
+    np.testing.assert_allclose((4.0 * found[2] - found[1]) / 3.0, exact, rtol=2e-5)
+
+
 def test_a_few_solutions_serve_a_long_chain_at_all_frequencies():
     """Against the dense equations in the angles of the segments."""
     pipe = pp.Pipe(0.2, gamma=3.0, damping=1e-4, terms=[pp.Spring(0.5, 40.0)])

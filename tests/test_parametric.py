@@ -106,12 +106,24 @@ def test_the_continuous_pipe_has_the_multipliers_of_many_functions():
 
 
 def test_regions_of_chains_converge_with_second_order():
-    expected = np.array([27.431472, 36.229891])
+    expected = np.array([27.431472, 36.229891, 0.1234732])
     errors = []
-    for n in (10, 20):
+    for n in (7, 14, 28):
         (found,) = pp.parametric_regions(pp.Chain(PIPE, n), 5.5, 0.2, (28.0, 35.0))
-        errors.append(np.abs(found.edges[0] - expected).max())
-    assert math.log2(errors[0] / errors[1]) == pytest.approx(2.0, abs=0.1)
+        errors.append(np.abs(np.append(found.edges[0], found.threshold) - expected))
+    orders = np.log2(np.divide(errors[:-1], errors[1:]))
+    np.testing.assert_allclose(orders, 2.0, atol=0.15)
+    np.testing.assert_allclose(orders[1], 2.0, atol=0.06)
+
+
+def test_multipliers_of_chains_converge_with_second_order():
+    pulsation = pp.Pulsation(6.0, 0.3, 30.0)
+    expected = pp.floquet(pp.Continuum(PIPE), pulsation).multipliers[0]
+    found = [pp.floquet(pp.Chain(PIPE, n), pulsation).multipliers[0] for n in (8, 16, 32)]
+    errors = np.abs(np.array(found) - expected)
+    assert math.log2(errors[1] / errors[2]) == pytest.approx(2.0, abs=0.1)
+    once = np.array(found[1:]) + np.diff(found) / 3.0
+    assert once[1] + (once[1] - once[0]) / 15.0 == pytest.approx(expected, abs=1e-3)
 
 
 def test_regions_without_the_fluids_acceleration_are_wrong_by_a_fifth():

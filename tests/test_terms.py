@@ -384,6 +384,26 @@ def test_chains_with_a_term_tend_to_the_pipe_at_second_order(row):
         assert 3.0 < coarse / fine < 5.0
 
 
+@pytest.mark.parametrize("row", [row for row in TABLE if not row.pipe.end_held], ids=str)
+def test_large_motions_of_chains_with_a_term_tend_to_the_pipes_at_second_order(row):
+    """The start bends no free end, whose moment would jump."""
+    term = row.term
+    if row.place not in (None, 1.0):  # where segments end, and the pipe meets the stop
+        term = dataclasses.replace(term, at=0.6)
+    pipe = dataclasses.replace(row.pipe, terms=() if term is None else (term,), **row.numbers)
+
+    def tip(model):
+        start = lambda s: 0.9 * np.sin(0.5 * np.pi * s)  # noqa: E731
+        return pp.simulate(model, SPEED, 0.15, start, samples=3, rtol=1e-9).tip[1:]
+
+    expected, without = (tip(pp.Galerkin(p, 16, "legendre")) for p in (pipe, row.pipe))
+    errors = [tip(pp.Chain(pipe, n)) - expected for n in (20, 40, 80)]
+    assert np.abs(expected - without).max() > 50.0 * np.abs(errors[-1]).max()
+    assert np.abs(4.0 * errors[2] - errors[1]).max() / 3.0 < 1e-5
+    for coarse, fine in itertools.pairwise(np.abs(error).max() for error in errors):
+        assert 3.8 < coarse / fine < 4.2
+
+
 def test_terms_are_checked_where_they_are_given():
     with pytest.raises(ValueError, match=r"terms\[1\]\.at must lie in \(0, 1\], got 1\.5"):
         pp.Pipe(0.2, terms=[pp.PointMass(0.5, 0.1), pp.Spring(1.5, 2.0)])
