@@ -160,13 +160,12 @@ def test_principal_and_combination_regions_of_a_pipe_clamped_at_both_ends():
     np.testing.assert_allclose(one.bottom[:2], [0.0, 0.5 * (16.30777486 + 56.12714690)], atol=1e-6)
 
 
-@pytest.mark.parametrize(("low", "high"), [(19.0, 19.2), (28.5, 29.0)])
-def test_both_edges_of_thin_combination_regions_are_found(low, high):
+def test_both_edges_of_a_thin_combination_region_are_found():
     """Motions grow just inside and not just outside: by multipliers."""
-    hill = conservative(3.0, 7, end="pinned")
-    (one,) = regions(hill, np.array([0.1]), low, high, ("combination",))
+    hill = conservative(3.0, 12, end="pinned")
+    (one,) = regions(hill, np.array([0.1]), 26.0, 30.0, ("combination",))
     ((left, right),) = one.edges
-    assert 5e-5 < right / left - 1.0 < 5e-3
+    assert 1e-3 < right / left - 1.0 < 5e-3
     for edge, way in ((left, 1.0), (right, -1.0)):
         outside, inside = (
             np.abs(hill.pipe.multipliers(0.1, edge + way * share * (right - left))[0]).max()
