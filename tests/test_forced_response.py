@@ -127,6 +127,32 @@ def test_a_scene_moves_like_its_chain():
     assert one.amplitude == pytest.approx(other.amplitude, rel=1e-8)
 
 
+@pytest.mark.parametrize(
+    "make",
+    [lambda p: pp.Chain(p, 4), lambda p: pp.Galerkin(p, 4), lambda p: pp.modular.chain(p, 4)],
+)
+def test_a_pipe_that_rests_bent_moves_about_its_rest(make):
+    model = make(pp.Pipe(0.2, damping=0.01, jet_angle=0.3))
+    bent = model.about(pp.equilibria(model, 2.0).q[0])
+    linear = abs(pp.frequency_response(bent, 2.0, [6.0]).response[0])
+    for amplitude in (1e-4, 0.05):
+        base = pp.Harmonic(amplitude, 6.0)
+        (motion,) = pp.forced_response(bent, 2.0, base=base).at(6.0)
+        assert motion.amplitude == pytest.approx(amplitude * linear, rel=1e-5 + 4.0 * amplitude**2)
+        going = pp.simulate(
+            *(model, 2.0, motion.period, motion.q[0], motion.qdot[0]),
+            **{"base": base, "rtol": 1e-10, "samples": motion.t.size},
+        )
+        np.testing.assert_allclose(going.q, motion.q, atol=1e-9)
+    for ask in (
+        lambda: pp.floquet(bent, pp.Pulsation(2.0, 0.1, 3.0)),
+        lambda: pp.parametric_regions(bent, 2.0, 0.1, (3.0, 9.0)),
+        lambda: pp.forced_response(bent, pp.Pulsation(2.0, 0.1, 3.0)),
+    ):
+        with pytest.raises(ValueError, match="model must be about the straight pipe where the"):
+            ask()
+
+
 MODEL = pp.Galerkin(SHAKEN, 3)
 
 

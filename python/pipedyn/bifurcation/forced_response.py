@@ -38,7 +38,7 @@ from pipedyn.bifurcation.periodic_orbit import (
     resolved,
     stage_phases,
 )
-from pipedyn.bifurcation.pulsating import Hill, PulsatingPipe
+from pipedyn.bifurcation.pulsating import Hill, PulsatingPipe, require_motion
 from pipedyn.bifurcation.vector_field import VectorField
 from pipedyn.linear.eigenproblem import Complex
 from pipedyn.linear.frequency_response import base_solution, checked_range
@@ -311,6 +311,7 @@ def forced_response(
     shown = check.flag("progress", progress)
     model.require_equilibrium(speed)
     if isinstance(forcing, Pulsation):
+        require_motion(model)
         starts = _from_rest(model, speed, forcing, low, high)
     else:
         starts = _from_base(model, speed, forcing, low, high)
@@ -358,6 +359,7 @@ def _from_base(
     begin = replace(forcing, frequency=low)
     motion = ForcedField(model, begin, 1)
     answer = model.by_coordinates() @ base_solution(model, u, low)
+    rest = np.append(model.resting(), np.zeros(model.moving))
     orbit: PeriodicOrbit | None = None
     for share in (1.0, *np.geomspace(0.02, 1.0, 10)):  # at once, or else with growing amplitude
         motion.forcing = replace(begin, amplitude=float(share) * forcing.amplitude)
@@ -367,7 +369,7 @@ def _from_base(
                 mode = amplitude * np.concatenate([answer, 1j * low * answer])
 
                 def states(phase: Array, mode: Any = mode) -> Array:
-                    return np.asarray((mode[:, None] * np.exp(1j * phase)).real)
+                    return np.asarray(rest[:, None] + (mode[:, None] * np.exp(1j * phase)).real)
 
                 orbit = resolved(motion, states, low, u, motion.is_odd(u), FINE.defect)
             orbit = solved(motion, orbit, FINE.tolerance)
