@@ -531,10 +531,14 @@ def _pipes() -> Iterator[Target]:
                 "added_mass_coefficient": real((1.0, 1.5), -1.0, 1e300),
                 "flow": word(flow),
                 "stiffness_profile": ALONG,
-                "mass_profile": ALONG,
                 **own,
             },
         )
+    yield Target(
+        "Pipe.from_si[mass_profile]",
+        lambda mass_profile: pp.Pipe.from_si(**SI, mass_profile=mass_profile),
+        {"mass_profile": ALONG},
+    )
     yield Target(
         "Pipe.from_si[nozzle]",
         lambda nozzle_ratio: pp.Pipe.from_si(**SI, nozzle_ratio=nozzle_ratio),

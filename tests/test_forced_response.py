@@ -68,6 +68,9 @@ def test_subharmonic_motions_are_those_that_simulations_keep():
         model, flow, motion.period, motion.q[0], motion.qdot[0], rtol=1e-10, samples=motion.t.size
     )
     np.testing.assert_allclose(going.q, motion.q, atol=1e-7)
+    np.testing.assert_allclose(going.tip_velocity, motion.tip_velocity, atol=1e-5)
+    assert (motion.u.mean, motion.u.amplitude) == (6.0, 0.3)
+    assert motion.u.frequency == pytest.approx(28.0, rel=1e-12)
     half = motion.t.size // 2
     np.testing.assert_allclose(motion.q[half], -motion.q[0], atol=1e-9)
 

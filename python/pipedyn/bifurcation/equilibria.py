@@ -266,8 +266,8 @@ class Statics:
             return None
         turn = self.model.sampled(lambda s: np.full_like(s, 2.0 * math.pi))
         both = self.recorded(np.stack([self.resting, self.resting + turn]))
-        still, turned = self.model.energy(np.concatenate([both, np.zeros_like(both)], axis=1).T)
-        return turn if abs(turned - still) <= 1e-9 * (1.0 + abs(self.model.pipe.gamma)) else None
+        energies = self.model.energy(np.concatenate([both, np.zeros_like(both)], axis=1).T)
+        return turn if np.ptp(energies) <= 1e-9 * (1.0 + abs(self.model.pipe.gamma)) else None
 
     def unwound(self, x: Array) -> Array:
         """The same configuration without whole turns about a hinge at the root."""

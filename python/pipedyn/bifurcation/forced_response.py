@@ -45,7 +45,7 @@ from pipedyn.linear.frequency_response import base_solution, checked_range
 from pipedyn.linear.modes import largest_speed
 from pipedyn.models.base import Model, NotConverged
 from pipedyn.models.drive import ROWS, Harmonic, Pulsation
-from pipedyn.motion.simulate import checked_model_in_motion
+from pipedyn.motion.simulate import Trajectory, checked_model_in_motion
 from pipedyn.util import check
 from pipedyn.util.check import Array
 from pipedyn.util.newton import NewtonFailed
@@ -88,6 +88,12 @@ class ForcedField(VectorField):
             super()._count(states)
         else:
             self._root._count(states)
+
+    def speed(self, orbit: PeriodicOrbit) -> float | Pulsation:
+        """The flow's along an orbit."""
+        if isinstance(self.forcing, Pulsation):
+            return replace(self.forcing, frequency=self.order * orbit.frequency)
+        return float(orbit.u)
 
     def _driven(self, u: float) -> tuple[float | Array, Array]:
         """Flow speeds and what else drives the states."""
@@ -138,7 +144,7 @@ BranchKind = Literal["base", "subharmonic", "harmonic"]
 
 
 @result
-class ForcedMotion:
+class ForcedMotion(Trajectory):
     """One period of a periodic motion under a periodic forcing.
 
     Attributes:
@@ -151,6 +157,7 @@ class ForcedMotion:
         stable: whether all are smaller than 1 in modulus.
         t: times from a crest of the forcing to the period, shape (S,).
         q, qdot: coordinates and rates, shape (S, coordinates).
+        u: flow speed, or the pulsation.
         error: of the amplitude, relative, estimated by refinement.
         residual: largest |dy/dt - f(y)| half-way between the stages at which the equations were
             solved, relative to the largest |f|, of the accelerations.
@@ -166,6 +173,7 @@ class ForcedMotion:
     t: Array = field(repr=False)
     q: Array = field(repr=False)
     qdot: Array = field(repr=False)
+    u: float | Pulsation
     error: float
     residual: float
     model: Model = field(repr=False)
@@ -553,6 +561,7 @@ def _described(
         t=t,
         q=np.ascontiguousarray(q),
         qdot=np.ascontiguousarray(qdot),
+        u=motion.speed(orbit),
         error=error,
         residual=residual(motion, orbit),
         model=motion.model,
