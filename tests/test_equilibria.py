@@ -342,3 +342,14 @@ def test_search_finds_what_scipys_hybrid_method_finds(model, u):
         if left.success and np.abs(left.fun).max() < 1e-6 and np.abs(left.x).max() < 4.0:
             assert np.abs(found - left.x).max(axis=1).min() < 1e-6
     assert len(found) > 2
+
+
+@pytest.mark.parametrize(
+    "make",
+    [lambda p: pp.Chain(p, 4), lambda p: pp.Galerkin(p, 4), lambda p: pp.modular.chain(p, 4)],
+)
+def test_a_hose_on_a_hinge_hangs_or_stands_and_whole_turns_count_once(make):
+    model = make(pp.Pipe(0.2, 10.0, root="pinned"))
+    found = pp.equilibria(model, 2.0)
+    assert found.tips == pytest.approx(np.array([[0.0, 1.0], [0.0, -1.0]]), abs=1e-9)
+    assert found.stable.tolist() == [True, False]

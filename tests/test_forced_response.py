@@ -68,6 +68,9 @@ def test_subharmonic_motions_are_those_that_simulations_keep():
         model, flow, motion.period, motion.q[0], motion.qdot[0], rtol=1e-10, samples=motion.t.size
     )
     np.testing.assert_allclose(going.q, motion.q, atol=1e-7)
+    np.testing.assert_allclose(going.tip_velocity, motion.tip_velocity, atol=1e-5)
+    assert (motion.u.mean, motion.u.amplitude) == (6.0, 0.3)
+    assert motion.u.frequency == pytest.approx(28.0, rel=1e-12)
     half = motion.t.size // 2
     np.testing.assert_allclose(motion.q[half], -motion.q[0], atol=1e-9)
 
@@ -104,12 +107,53 @@ def test_branches_lead_from_edge_to_edge_of_a_parametric_region():
     assert branch.stable[1:-1].all()
 
 
+def test_forced_motions_of_chains_converge_with_second_order():
+    pipe, base = pp.Pipe(0.2, damping=0.01), pp.Harmonic(0.05, 8.0)
+
+    def amplitude(model):
+        (motion,) = pp.forced_response(model, 5.0, base=base, frequencies=(8.0, 8.1)).at(8.0)
+        return motion.amplitude
+
+    expected = amplitude(pp.Galerkin(pipe, 10, "legendre"))
+    found = np.array([amplitude(pp.Chain(pipe, n)) for n in (6, 12, 24)])
+    errors = np.abs(found - expected)
+    np.testing.assert_allclose(np.log2(errors[:-1] / errors[1:]), 2.0, atol=0.2)
+    once = found[1:] + np.diff(found) / 3.0
+    assert once[1] + (once[1] - once[0]) / 15.0 == pytest.approx(expected, rel=1e-4)
+
+
 def test_a_scene_moves_like_its_chain():
     base = pp.Harmonic(0.02, 13.0)
     scene = pp.modular.chain(SHAKEN, 4)
     (one,) = pp.forced_response(scene, 5.0, base=base).at(13.0)
     (other,) = pp.forced_response(pp.Chain(SHAKEN, 4), 5.0, base=base).at(13.0)
     assert one.amplitude == pytest.approx(other.amplitude, rel=1e-8)
+
+
+@pytest.mark.parametrize(
+    "make",
+    [lambda p: pp.Chain(p, 4), lambda p: pp.Galerkin(p, 4), lambda p: pp.modular.chain(p, 4)],
+)
+def test_a_pipe_that_rests_bent_moves_about_its_rest(make):
+    model = make(pp.Pipe(0.2, damping=0.01, jet_angle=0.3))
+    bent = model.about(pp.equilibria(model, 2.0).q[0])
+    linear = abs(pp.frequency_response(bent, 2.0, [6.0]).response[0])
+    for amplitude in (1e-4, 0.05):
+        base = pp.Harmonic(amplitude, 6.0)
+        (motion,) = pp.forced_response(bent, 2.0, base=base).at(6.0)
+        assert motion.amplitude == pytest.approx(amplitude * linear, rel=1e-5 + 4.0 * amplitude**2)
+        going = pp.simulate(
+            *(model, 2.0, motion.period, motion.q[0], motion.qdot[0]),
+            **{"base": base, "rtol": 1e-10, "samples": motion.t.size},
+        )
+        np.testing.assert_allclose(going.q, motion.q, atol=1e-9)
+    for ask in (
+        lambda: pp.floquet(bent, pp.Pulsation(2.0, 0.1, 3.0)),
+        lambda: pp.parametric_regions(bent, 2.0, 0.1, (3.0, 9.0)),
+        lambda: pp.forced_response(bent, pp.Pulsation(2.0, 0.1, 3.0)),
+    ):
+        with pytest.raises(ValueError, match="model must be about the straight pipe where the"):
+            ask()
 
 
 MODEL = pp.Galerkin(SHAKEN, 3)

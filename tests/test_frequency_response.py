@@ -45,6 +45,48 @@ def test_a_moving_base_moves_the_free_end(u, omega, damping, expected):
     assert found.error <= 1e-8
 
 
+def in_two_spans(omega, u, beta, delta, driven, place, output, held):
+    """Displacement by a force or moment at a place: four exponentials on either side of it.
+
+    E w''' grows by the force there, and E w'' falls by the moment.
+    """
+    stiff = 1.0 + 1j * omega * delta
+    a = np.roots([stiff, 0.0, u**2, 2j * math.sqrt(beta) * u * omega, -(omega**2)])
+    powers = [a**k for k in range(4)]
+    rows, right = np.zeros((8, 8), dtype=complex), np.zeros(8)
+    rows[0, :4], rows[1, :4] = powers[0], powers[2 if held else 1]
+    for row, k in ((2, 0 if held else 2), (3, 2 if held else 3)):
+        rows[row, 4:] = powers[k] * np.exp(a)
+    for k in range(4):
+        here = powers[k] * np.exp(a * place)
+        rows[4 + k] = np.concatenate([-here, here])
+    right[4 + (3 if driven == "force" else 2)] = 1.0 if driven == "force" else -1.0
+    parts = np.linalg.solve(rows, right / stiff)
+    return parts[:4] @ np.exp(a * output) if output < place else parts[4:] @ np.exp(a * output)
+
+
+@pytest.mark.parametrize("held", [False, True], ids=["cantilever", "pinned at both ends"])
+@pytest.mark.parametrize("driven", ["force", "moment"])
+@pytest.mark.parametrize("output", [0.3, 0.6, "tip"])
+def test_a_load_inside_the_pipe(driven, output, held):
+    ends = {"root": "pinned", "end": "pinned"} if held else {}
+    pipe, omega = pp.Pipe(0.3, damping=0.004, **ends), np.array([2.0, 17.0])
+    found = pp.frequency_response(
+        pp.Continuum(pipe), 2.0, omega, input=(driven, 0.6), output=output
+    )
+    assert found.output == (pipe.watched if output == "tip" else output)
+    place = found.output
+    expected = [in_two_spans(w, 2.0, 0.3, 0.004, driven, 0.6, place, held) for w in omega]
+    np.testing.assert_allclose(found.response, expected, rtol=1e-8)
+
+
+def test_a_place_that_is_held_does_not_move():
+    pipe = pp.Pipe(0.3, end="clamped", damping=0.004)
+    for model in (pp.Continuum(pipe), pp.Chain(pipe, 6), pp.Galerkin(pipe, 5)):
+        found = pp.frequency_response(model, 2.0, [3.0, 20.0], output=1.0)
+        assert np.abs(found.response).max() < 1e-12
+
+
 GROUND = {
     "plain": ((), {}),
     "spring": ([pp.Spring(1.0, 30.0)], {"spring": 30.0}),
@@ -82,6 +124,20 @@ def test_a_chain_converges_with_second_order(how, output):
     orders = np.log(np.divide(errors[:-1], errors[1:])) / math.log(3.0)
     np.testing.assert_allclose(orders, 2.0, atol=0.15)
     assert errors[-1] < 1e-3
+
+
+def test_resonances_of_chains_converge_with_second_order():
+    pipe = pp.Pipe(0.2, 5.0, damping=0.004)
+
+    def peaks(model):
+        found = pp.frequency_response(model, 4.0, (5.0, 60.0)).resonances
+        return np.array([[peak.frequency, peak.height, peak.width] for peak in found])
+
+    exact = peaks(pp.Continuum(pipe))
+    found = [peaks(pp.Chain(pipe, n)) for n in (20, 40, 80)]
+    errors = [np.abs(some - exact) for some in found]
+    np.testing.assert_allclose(np.log2(np.divide(errors[:-1], errors[1:])), 2.0, atol=0.03)
+    np.testing.assert_allclose((4.0 * found[2] - found[1]) / 3.0, exact, rtol=2e-5)
 
 
 def test_a_few_solutions_serve_a_long_chain_at_all_frequencies():

@@ -532,6 +532,10 @@ def test_profiles_from_si_are_those_of_the_pipe_without_its_fluid():
     assert pipe.scales == pp.Pipe.from_si(**hose).scales
     assert pipe.stiffness([1.0]) == pytest.approx([0.5])
     assert pipe.mass([0.2, 0.6]) == pytest.approx([1.0, 1.0 - share + 3.0 * share], rel=1e-15)
+    wet = {"external_diameter": 0.01, "external_density": 1e3, "mass_profile": lambda s: 1.0 + s}
+    assert pp.Pipe.from_si(**hose, **wet, gravity=0.0).gamma == 0.0
+    with pytest.raises(ValueError, match="mass_profile must be None in a fluid that bears part"):
+        pp.Pipe.from_si(**hose, **wet)  # its buoyancy would vary as its mass does
 
 
 def test_bad_profiles_are_refused():

@@ -106,12 +106,24 @@ def test_the_continuous_pipe_has_the_multipliers_of_many_functions():
 
 
 def test_regions_of_chains_converge_with_second_order():
-    expected = np.array([27.431472, 36.229891])
+    expected = np.array([27.431472, 36.229891, 0.1234732])
     errors = []
-    for n in (10, 20):
+    for n in (7, 14, 28):
         (found,) = pp.parametric_regions(pp.Chain(PIPE, n), 5.5, 0.2, (28.0, 35.0))
-        errors.append(np.abs(found.edges[0] - expected).max())
-    assert math.log2(errors[0] / errors[1]) == pytest.approx(2.0, abs=0.1)
+        errors.append(np.abs(np.append(found.edges[0], found.threshold) - expected))
+    orders = np.log2(np.divide(errors[:-1], errors[1:]))
+    np.testing.assert_allclose(orders, 2.0, atol=0.15)
+    np.testing.assert_allclose(orders[1], 2.0, atol=0.06)
+
+
+def test_multipliers_of_chains_converge_with_second_order():
+    pulsation = pp.Pulsation(6.0, 0.3, 30.0)
+    expected = pp.floquet(pp.Continuum(PIPE), pulsation).multipliers[0]
+    found = [pp.floquet(pp.Chain(PIPE, n), pulsation).multipliers[0] for n in (8, 16, 32)]
+    errors = np.abs(np.array(found) - expected)
+    assert math.log2(errors[1] / errors[2]) == pytest.approx(2.0, abs=0.1)
+    once = np.array(found[1:]) + np.diff(found) / 3.0
+    assert once[1] + (once[1] - once[0]) / 15.0 == pytest.approx(expected, abs=1e-3)
 
 
 def test_regions_without_the_fluids_acceleration_are_wrong_by_a_fifth():
@@ -121,54 +133,15 @@ def test_regions_without_the_fluids_acceleration_are_wrong_by_a_fifth():
     np.testing.assert_allclose(found.edges, [[24.861, 36.718]], atol=1e-3)
 
 
-def conservative(mean, beta, functions):
-    """A pipe held at both ends, from functions of s, their slopes and curvatures, (k, m) each."""
-    nodes, weights = np.polynomial.legendre.leggauss(60)
-    s, weights = 0.5 * (nodes + 1.0), 0.5 * weights
-    w, slope, curvature = functions(s)
-
-    def integral(one, other, by=1.0):
-        return (one * (weights * by)[:, None]).T @ other
-
-    root = math.sqrt(beta)
-    return PulsatingPipe(
-        mass=integral(w, w),
-        damping=np.zeros((w.shape[1],) * 2),
-        velocity=2.0 * root * integral(w, slope),
-        stiffness=integral(curvature, curvature),
-        flux=integral(w, curvature),
-        unsteady=root * integral(w, curvature, 1.0 - s),
-        mean=mean,
-    )
-
-
-def polynomials(s, ends):
-    """Functions of unit bending energy that have the zeros of a polynomial, at the pipe's ends."""
-    power = np.polynomial.Polynomial
-    every = [
-        power(ends) * np.polynomial.Legendre.basis(k, [0, 1]).convert(kind=power) for k in range(9)
-    ]
-    nodes, weights = np.polynomial.legendre.leggauss(60)
-    curvatures = np.stack([p.deriv(2)(0.5 * (nodes + 1.0)) for p in every], axis=1)
-    gram = (curvatures * (0.5 * weights)[:, None]).T @ curvatures
-    turn = np.linalg.inv(np.linalg.cholesky(gram)).T
-    return [
-        np.stack([p.deriv(d)(s) if d else p(s) for p in every], axis=1) @ turn for d in range(3)
-    ]
-
-
-def pinned(s):
-    return polynomials(s, [0, 1, -1])
-
-
-def clamped(s):
-    return polynomials(s, [0, 0, 1, -2, 1])
+def conservative(mean, functions=9, **ends):
+    """Hill's equations of a pipe held at both ends, beta = 0.5."""
+    model = pp.Galerkin(pp.Pipe(0.5, **ends), functions, "legendre")
+    return Hill(PulsatingPipe.of(model.elastic_operators(), mean), 4)
 
 
 def test_regions_of_a_pipe_pinned_at_both_ends_begin_at_amplitude_zero():
-    """beta = 0.5, u = 2: a separate program; the mode's frequency by its converged digits."""
-    pipe = conservative(2.0, 0.5, pinned)
-    hill = Hill(pipe, 4)
+    """u = 2: a separate program; the mode's frequency by its converged digits."""
+    hill = conservative(2.0, root="pinned", end="pinned")
     assert hill.is_hermitian
     (one,) = regions(hill, np.array([0.1]), 14.0, 16.0, ("subharmonic",))
     np.testing.assert_allclose(one.edges, [[14.093116, 15.698815]], atol=2e-6)
@@ -176,16 +149,30 @@ def test_regions_of_a_pipe_pinned_at_both_ends_begin_at_amplitude_zero():
 
 
 def test_principal_and_combination_regions_of_a_pipe_clamped_at_both_ends():
-    """beta = 0.5, u = 4: a separate program; frequencies of the modes by their converged digits."""
-    pipe = conservative(4.0, 0.5, clamped)
+    """u = 4: a separate program; frequencies of the modes by their converged digits."""
     kinds = "subharmonic", "combination"
-    found = regions(Hill(pipe, 4), np.array([0.1]), 34.0, 36.5, kinds)
+    found = regions(conservative(4.0, end="clamped"), np.array([0.1]), 34.0, 36.5, kinds)
     (one,) = [r for r in found if r.kind == "subharmonic" and r.edges[0, 0] < 32 < r.edges[0, 1]]
     np.testing.assert_allclose(one.edges, [[30.850958, 34.254095]], atol=2e-6)
     np.testing.assert_allclose(one.bottom[:2], [0.0, 2.0 * 16.30777486], atol=1e-6)
     (one,) = [r for r in found if r.kind == "combination"]
     np.testing.assert_allclose(one.edges, [[36.181805, 36.381321]], atol=2e-6)
     np.testing.assert_allclose(one.bottom[:2], [0.0, 0.5 * (16.30777486 + 56.12714690)], atol=1e-6)
+
+
+def test_both_edges_of_a_thin_combination_region_are_found():
+    """Motions grow just inside and not just outside: by multipliers."""
+    hill = conservative(3.0, 12, end="pinned")
+    (one,) = regions(hill, np.array([0.1]), 26.0, 30.0, ("combination",))
+    ((left, right),) = one.edges
+    assert 1e-3 < right / left - 1.0 < 5e-3
+    for edge, way in ((left, 1.0), (right, -1.0)):
+        outside, inside = (
+            np.abs(hill.pipe.multipliers(0.1, edge + way * share * (right - left))[0]).max()
+            for share in (-0.1, 0.1)
+        )
+        assert outside < 1.0 + 1e-6
+        assert inside > 1.0 + 1e-4
 
 
 MODEL = pp.Galerkin(PIPE, 4)

@@ -26,6 +26,14 @@ def axes():
     return figure.subplots()
 
 
+def test_a_response_at_any_frequencies_is_drawn_from_left_to_right():
+    found = pp.frequency_response(pp.Galerkin(PIPE, 3), 2.0, [9.0, 2.0, 0.0])
+    curve = plot.frequency_response(found, ax=axes()).lines[0]
+    assert curve.get_xdata().tolist() == [0.0, 2.0, 9.0]
+    still = pp.frequency_response(pp.Galerkin(PIPE, 3), 2.0, [0.0])
+    assert np.isnan(plot.frequency_response(still, ax=axes()).lines[0].get_ydata()).all()
+
+
 def test_the_response_is_drawn_with_its_resonances_and_an_axis_in_hertz():
     ax = plot.frequency_response(RESPONSE, ax=axes())
     curve, *others = ax.lines

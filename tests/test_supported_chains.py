@@ -15,6 +15,7 @@ import scipy.special
 
 import pipedyn as pp
 from pipedyn import modular as md
+from pipedyn.bifurcation.equilibria import Statics
 
 Array = np.ndarray
 
@@ -27,6 +28,7 @@ HELD: dict[str, dict[str, object]] = {
     "spans": {"root": pp.RootSpring(2.0), "end": "clamped", "supports": (0.3, 0.7)},
     "two spans": {"root": "pinned", "end": "pinned", "supports": (0.5,)},
     "overhang": {"supports": (0.625,)},
+    "stretched": {"end": "pinned", "terms": (pp.Damper(0.3, 0.4), pp.Stretching(30.0))},
 }
 IN_MOTION = {**HELD, "jet": {"end": "guided", "jet_angle": 0.4}}
 RICH = pp.Pipe(
@@ -345,7 +347,7 @@ def test_the_scene_of_a_held_chain_has_its_numbers(name: str) -> None:
     assert scene.energy(y) == pytest.approx(chain.energy(own), rel=1e-13)
 
 
-@pytest.mark.parametrize("name", ["pinned", "spans", "guided"])
+@pytest.mark.parametrize("name", ["pinned", "spans", "guided", "stretched"])
 def test_operators_about_a_bent_held_pipe_are_the_derivatives_of_its_forces(name: str) -> None:
     u, pipe = 8.0, replace(held(name), beta=0.2, jet_angle=0.3)
     chain, scene = pp.Chain(pipe, 8), md.chain(pipe, 8)
@@ -373,6 +375,7 @@ def test_a_scene_remade_for_another_pipe_is_held_as_that_pipe_is() -> None:
     other = scene.with_pipe(replace(RICH, supports=(0.3,), root="pinned", end="guided"))
     assert (scene.dof, other.dof) == (7, 9)
     assert scene.plus(md.Guide(2)).dof == 6
+    assert md.chain(held("guided"), 4).with_pipe(RICH).modules == md.chain(RICH, 4).modules
     same = pp.Chain(held("spans"), 10).with_pipe(other.pipe)
     np.testing.assert_allclose(
         pp.eigenvalues(other, 1.0, 4), pp.eigenvalues(same, 1.0, 4), rtol=1e-12
@@ -434,12 +437,16 @@ def test_motions_of_held_chains_balance_energy_and_keep_to_supports(name: str, m
             {"root": "pinned", "end": "pinned", "supports": (0.5,)},
             lambda s: 0.9 * np.cos(2.0 * math.pi * s),
         ),
+        (
+            {"root": "pinned", "end": "pinned", "terms": (pp.Stretching(60.0),)},
+            lambda s: 0.9 * np.cos(math.pi * s),
+        ),
     ],
 )
 def test_large_motions_of_held_chains_tend_to_the_reduced_models(
     held: dict[str, object], angle: Callable[[Array], Array]
 ) -> None:
-    pipe = pp.Pipe(0.3, 6.0, damping=0.01, terms=(pp.AddedMass(0.3),), **held)
+    pipe = pp.Pipe(0.3, 6.0, damping=0.01, **{"terms": (pp.AddedMass(0.3),)} | held)
 
     def end(model: pp.Model) -> Array:
         """How far down the end is, at two times."""
@@ -466,6 +473,24 @@ def test_a_pinned_pipe_slides_and_buckles_as_the_elastica() -> None:
         return float(abs(found.q[1, 0]))  # the least bent but for the straight one
 
     assert converged(angle, (10, 20, 40)) == pytest.approx(low, abs=2e-6)
+
+
+def test_chains_between_fixed_ends_buckle_as_the_reduced_model_and_holmes_say() -> None:
+    """A^2 = 4 (u^2 - pi^2) / (stiffness pi^2), to leading order in the amplitude: Holmes (1977)."""
+    u, stiffness = 3.3, 400.0
+    terms = [pp.Stretching(stiffness)]
+    pipe = pp.Pipe(0.3, root="pinned", end="pinned", terms=terms)
+
+    def middle(model: pp.Model) -> float:
+        bent = model.bent(lambda s: 0.1 * np.cos(math.pi * s))
+        return float(model.shape(Statics(model).solved(bent, u), [0.5])[0, 0])
+
+    expected = middle(pp.Galerkin(pipe, 8, "legendre"))
+    holmes = math.sqrt(4.0 * (u**2 - math.pi**2) / stiffness) / math.pi
+    assert expected == pytest.approx(holmes, rel=0.04)
+    assert middle(pp.Chain(pipe, 20)) == pytest.approx(0.03145267, abs=1e-8)
+    found = converged(lambda n: middle(pp.Chain(pipe, n)), (20, 40, 80))
+    assert found == pytest.approx(expected, abs=2e-8)
 
 
 def test_a_branch_of_buckled_shapes_leaves_where_the_pipe_diverges() -> None:

@@ -12,7 +12,7 @@ import math
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from dataclasses import field, replace
-from functools import cache
+from functools import cache, cached_property
 from itertools import product
 from typing import Any, Literal
 
@@ -128,7 +128,7 @@ def equilibria(model: Model, u: float, starts: Sequence[Start] = ()) -> Equilibr
         found: list[Array] = []
         for x in _solutions(statics, u, own):
             size = float(np.abs(x).max())
-            for image in (x, -x):
+            for image in map(statics.unwound, (x, -x)):
                 new = all(np.abs(image - one).max() >= DISTINCT * (1.0 + size) for one in found)
                 with suppress(ValueError, PipedynError):
                     if new and size <= FAR and statics.unbalanced(image, u) <= BALANCED:
@@ -258,6 +258,24 @@ class Statics:
             return np.array(self.model.start(given, None)[: self.size])
         except (ValueError, TypeError) as error:
             raise type(error)(str(error).replace("q0", name, 1)) from error
+
+    @cached_property
+    def _turn(self) -> Array | None:
+        """A whole turn about the root, if it is a hinge; None where something there resists it."""
+        if self.model.pipe.root != "pinned":
+            return None
+        turn = self.model.sampled(lambda s: np.full_like(s, 2.0 * math.pi))
+        both = self.recorded(np.stack([self.resting, self.resting + turn]))
+        energies = self.model.energy(np.concatenate([both, np.zeros_like(both)], axis=1).T)
+        return turn if np.ptp(energies) <= 1e-9 * (1.0 + abs(self.model.pipe.gamma)) else None
+
+    def unwound(self, x: Array) -> Array:
+        """The same configuration without whole turns about a hinge at the root."""
+        turn = self._turn
+        if turn is None:
+            return x
+        # A mean angle of pi, either way, becomes -pi.
+        return x - turn * math.floor(float(x @ turn) / float(turn @ turn) + 0.5 + 1e-9)
 
     def rms(self, x: Array) -> float:
         """Size of a difference of configurations."""

@@ -38,14 +38,14 @@ from pipedyn.bifurcation.periodic_orbit import (
     resolved,
     stage_phases,
 )
-from pipedyn.bifurcation.pulsating import Hill, PulsatingPipe
+from pipedyn.bifurcation.pulsating import Hill, PulsatingPipe, require_motion
 from pipedyn.bifurcation.vector_field import VectorField
 from pipedyn.linear.eigenproblem import Complex
 from pipedyn.linear.frequency_response import base_solution, checked_range
 from pipedyn.linear.modes import largest_speed
 from pipedyn.models.base import Model, NotConverged
 from pipedyn.models.drive import ROWS, Harmonic, Pulsation
-from pipedyn.motion.simulate import checked_model_in_motion
+from pipedyn.motion.simulate import Trajectory, checked_model_in_motion
 from pipedyn.util import check
 from pipedyn.util.check import Array
 from pipedyn.util.newton import NewtonFailed
@@ -88,6 +88,12 @@ class ForcedField(VectorField):
             super()._count(states)
         else:
             self._root._count(states)
+
+    def speed(self, orbit: PeriodicOrbit) -> float | Pulsation:
+        """The flow's along an orbit."""
+        if isinstance(self.forcing, Pulsation):
+            return replace(self.forcing, frequency=self.order * orbit.frequency)
+        return float(orbit.u)
 
     def _driven(self, u: float) -> tuple[float | Array, Array]:
         """Flow speeds and what else drives the states."""
@@ -138,7 +144,7 @@ BranchKind = Literal["base", "subharmonic", "harmonic"]
 
 
 @result
-class ForcedMotion:
+class ForcedMotion(Trajectory):
     """One period of a periodic motion under a periodic forcing.
 
     Attributes:
@@ -151,6 +157,7 @@ class ForcedMotion:
         stable: whether all are smaller than 1 in modulus.
         t: times from a crest of the forcing to the period, shape (S,).
         q, qdot: coordinates and rates, shape (S, coordinates).
+        u: flow speed, or the pulsation.
         error: of the amplitude, relative, estimated by refinement.
         residual: largest |dy/dt - f(y)| half-way between the stages at which the equations were
             solved, relative to the largest |f|, of the accelerations.
@@ -166,6 +173,7 @@ class ForcedMotion:
     t: Array = field(repr=False)
     q: Array = field(repr=False)
     qdot: Array = field(repr=False)
+    u: float | Pulsation
     error: float
     residual: float
     model: Model = field(repr=False)
@@ -311,6 +319,7 @@ def forced_response(
     shown = check.flag("progress", progress)
     model.require_equilibrium(speed)
     if isinstance(forcing, Pulsation):
+        require_motion(model)
         starts = _from_rest(model, speed, forcing, low, high)
     else:
         starts = _from_base(model, speed, forcing, low, high)
@@ -358,6 +367,7 @@ def _from_base(
     begin = replace(forcing, frequency=low)
     motion = ForcedField(model, begin, 1)
     answer = model.by_coordinates() @ base_solution(model, u, low)
+    rest = np.append(model.resting(), np.zeros(model.moving))
     orbit: PeriodicOrbit | None = None
     for share in (1.0, *np.geomspace(0.02, 1.0, 10)):  # at once, or else with growing amplitude
         motion.forcing = replace(begin, amplitude=float(share) * forcing.amplitude)
@@ -367,7 +377,7 @@ def _from_base(
                 mode = amplitude * np.concatenate([answer, 1j * low * answer])
 
                 def states(phase: Array, mode: Any = mode) -> Array:
-                    return np.asarray((mode[:, None] * np.exp(1j * phase)).real)
+                    return np.asarray(rest[:, None] + (mode[:, None] * np.exp(1j * phase)).real)
 
                 orbit = resolved(motion, states, low, u, motion.is_odd(u), FINE.defect)
             orbit = solved(motion, orbit, FINE.tolerance)
@@ -551,6 +561,7 @@ def _described(
         t=t,
         q=np.ascontiguousarray(q),
         qdot=np.ascontiguousarray(qdot),
+        u=motion.speed(orbit),
         error=error,
         residual=residual(motion, orbit),
         model=motion.model,

@@ -381,6 +381,12 @@ class Region:
         """Whether an edge is one of its own."""
         return bool((np.abs(self.edges[index] - frequency) < 1e-6 * frequency).any())
 
+    def nearest(self, index: int, frequency: float, nu: float) -> tuple[float, float]:
+        """From a frequency and nu to the nearest edge at an amplitude."""
+        ways = self.edges[index] - frequency
+        side = int(np.nanargmin(np.abs(ways)))
+        return float(ways[side]), float(self.nus[index, side]) - nu
+
     def join(self, other: Region) -> None:
         """Takes in another edge of the same region."""
         for index, side in np.argwhere(np.isfinite(other.edges)).tolist():
@@ -492,19 +498,25 @@ def regions(
                 # Those near the range, and one on each side, of a region that contains it.
                 first, last = np.searchsorted(at, [0.8 * low, 1.25 * high])
                 starts = [(w, share * w) for w in at[max(first - 1, 0) : last + 1].tolist()]
+            last, moved = 0.0, (0.0, 0.0)
             for frequency, nu in starts:
                 if any(one.kind == kind and one.has(index, frequency) for one in found):
                     continue
+                # By how much the other edge of a region was off is a better guess than nothing.
+                off = moved if frequency - last < 0.02 * frequency else (0.0, 0.0)
+                begin, last = (frequency + off[0], nu + off[1], amplitude), frequency
                 with suppress(NewtonFailed):
                     few = hill.fewer(low, frequency)
-                    new = followed(few, kind, (frequency, nu, amplitude), amplitudes, window)
+                    new = followed(few, kind, begin, amplitudes, window)
+                    moved = new.nearest(index, frequency, nu)
                     same = [one for one in found if _same(one, new)]
                     for one in same[:1]:
                         one.join(new)
                     found += [] if same else [new]
     touching = [one for one in found if one.touches(low, high)]
     for one in touching:
-        one.edges[one.edges[:, 0] == one.edges[:, 1], 1] = math.nan  # the other was lost
+        thin = np.diff(one.edges)[:, 0] < THINNEST * one.edges[:, 0]
+        one.edges[thin, 1] = math.nan  # the other was lost
     return sorted(touching, key=lambda one: float(np.nanmin([one.bottom[1], *one.edges.flat])))
 
 
@@ -550,8 +562,17 @@ def combinations(
         at, order = np.unique(np.concatenate([at, more]), return_index=True)
         seen = np.concatenate([seen, few.largest(more)])[order]
     grows = seen[:, 0] > GROWS
-    inside = np.flatnonzero(np.diff(grows)) + grows[1:][np.diff(grows)]
-    return [(float(at[k]), float(seen[k, 1])) for k in inside if low * 0.8 < at[k] < high * 1.25]
+    ends = np.flatnonzero(np.diff(grows))
+    outside, inside = at[ends + grows[:-1][ends]], at[ends + grows[1:][ends]]
+    nu = seen[ends + grows[1:][ends], 1]
+    for _ in range(12):  # so near that both edges of a thin region are found
+        middle = 0.5 * (outside + inside)
+        there = few.largest(middle)
+        grown = there[:, 0] > GROWS
+        nu = np.where(grown, there[:, 1], nu)
+        outside, inside = np.where(grown, outside, middle), np.where(grown, middle, inside)
+    kept = (low * 0.8 < inside) & (inside < high * 1.25)
+    return list(zip(inside[kept].tolist(), nu[kept].tolist(), strict=True))
 
 
 class FewModes:

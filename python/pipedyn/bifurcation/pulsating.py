@@ -175,7 +175,12 @@ class PulsatingPipe:
 
 
 def require_motion(model: AnyModel) -> None:
-    """Raises ValueError for a pipe that has no equation of motion."""
+    """Raises ValueError for a pipe with no equation of motion, or none that leaves it at rest."""
+    if isinstance(model, Model) and model.resting().any():
+        raise ValueError(
+            "model must be about the straight pipe where the flow pulsates: a bent one does not "
+            f"rest in it, got {model!r}"
+        )
     if model.pipe.hysteresis:
         raise ValueError(
             f"hysteresis must be 0 where the flow pulsates, got {model.pipe.hysteresis:g}: a loss "

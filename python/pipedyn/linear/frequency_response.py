@@ -34,6 +34,7 @@ from pipedyn.models.continuum import (
     relative,
 )
 from pipedyn.models.drive import ROWS
+from pipedyn.models.terms import PointMass
 from pipedyn.util import check
 from pipedyn.util.check import Array
 from pipedyn.util.counters import factorised
@@ -139,7 +140,8 @@ def frequency_response(
             transverse force in EI / L^2 at the arc length s; or ("moment", s), in EI / L. A moment
             on a chain acts on the segment at s, in equal parts on both where two meet.
         output: arc length of the place whose transverse displacement is asked for, in L; "tip" is
-            the free end, 1. Where the base moves, it is counted from the base.
+            the free end, or `Pipe.watched` where that is held. Where the base moves, it is counted
+            from the base.
         tolerance: of the lines between chosen frequencies, relative to |response| at the larger of
             their ends, in [1e-6, 0.1].
 
@@ -161,7 +163,7 @@ def frequency_response(
     checked_model(model)
     u = check.real("u", u, low=0.0, high=largest_speed(model))
     tolerance = check.real("tolerance", tolerance, low=1e-6, high=0.1)
-    driven, place = checked_input(input), checked_output(output)
+    driven, place = checked_input(input), checked_output(output, model.pipe.watched)
     if isinstance(model, Model) and model.dof > DENSE_LIMIT:
         raise ValueError(
             f"model must have at most {DENSE_LIMIT} degrees of freedom for frequency_response, "
@@ -174,7 +176,8 @@ def frequency_response(
     elif frequencies is not None:
         given = check.array("frequencies", frequencies, low=0.0, high=HIGHEST, longest=100_000)
         low, high = float(given.min()), float(given.max())
-    poles, one, stable = _poles(model, u, high)
+    asked = _with_joint(model, driven)
+    poles, one, stable = _poles(asked, u, high)
     if high == math.inf:
         turning = np.sort(poles.imag[poles.imag > 0.0])
         if turning.size == 0:
@@ -193,7 +196,7 @@ def frequency_response(
             return response, response(at)
 
     answer: Converged[tuple[_Response, Complex]] = answered(
-        model,
+        asked,
         (u,),
         question,
         lambda a, b: _moved(at, poles, a[1], b[1]),
@@ -254,12 +257,23 @@ def checked_input(given: Any) -> Input:
     return given
 
 
-def checked_output(given: Any) -> float:
+def checked_output(given: Any, tip: float) -> float:
     """Arc length of the place that is looked at."""
     if isinstance(given, str):
         check.choice("output", given, ("tip",))
-        return 1.0
+        return tip
     return check.real("output", given, low=0.0, high=1.0, open_low=True)
+
+
+def _with_joint(model: AnyModel, driven: Input) -> AnyModel:
+    """The continuous pipe with a joint of panels where a load acts, so that its answer converges.
+
+    The third derivative jumps at a force, the curvature at a moment.
+    """
+    if not isinstance(model, Continuum) or isinstance(driven, str) or driven[1] == 1.0:
+        return model
+    terms = (*model.pipe.terms, PointMass(driven[1], 0.0))
+    return model.with_pipe(replace(model.pipe, terms=terms))
 
 
 # ----------------------------------------------------------------------------- the equations
@@ -503,6 +517,7 @@ def _undamped(poles: Complex) -> Array:
 def _moved(at: Array, poles: Complex, before: Complex, after: Complex) -> float:
     """Largest change of the response, relative, beyond that of poles that move by 1e-11."""
     size = np.maximum(np.abs(after), 1e-6 * float(np.median(np.abs(after))))
+    size[size == 0.0] = 1.0  # of a place that is held
     shift = 1e-11 * np.abs(poles / (1j * at[:, None] - poles + 1e-300)).max(axis=1, initial=0.0)
     return relative(before / size, after / size, shift)
 

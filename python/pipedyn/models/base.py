@@ -96,8 +96,8 @@ class Operators:
         u = check.real("u", u, low=0.0, high=1e100)
         velocity = self.direction * u * (self.gyroscopic + self.end_flux) + self.damping
         stiffness = self.stiffness + self.centrifugal * u**2 * self.flux
-        if u_dot != 0.0:
-            u_dot = check.real("u_dot", u_dot, low=-1e100, high=1e100)
+        u_dot = check.real("u_dot", u_dot, low=-1e100, high=1e100)
+        if u_dot:
             stiffness = stiffness + self.direction * u_dot * self.unsteady
         return self.mass, velocity, stiffness if self.loss is None else stiffness + 1j * self.loss
 

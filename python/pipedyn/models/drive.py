@@ -321,7 +321,7 @@ def drive_of(y: ArrayLike, u_dot: ArrayLike | None, base: ArrayLike | None) -> A
     """
     if u_dot is None and base is None:
         return None
-    columns = np.shape(y)[1:]
+    columns = check.numbers("y", y, "an array of real numbers", longest=check.LONGEST).shape[1:]
     drive = np.zeros((ROWS, *columns))
     if u_dot is not None:
         rate = check.doubles("u_dot", u_dot, "a real number or an array of them")
@@ -427,7 +427,8 @@ def _with_derivatives(name: str, given: Any, order: int) -> tuple[Any, ...]:
         return _Constant(value), _Constant(0.0)
     listed = given if isinstance(given, tuple) else (given, *(None,) * order)
     rule = "one with its derivative" if order == 1 else "one with its two derivatives"
-    if len(listed) != order + 1 or not all(callable(of) or of is None for of in listed):
+    derivatives = all(callable(of) or of is None for of in listed[1:])
+    if len(listed) != order + 1 or not callable(listed[0]) or not derivatives:
         raise TypeError(f"{name} must be a function of time or {rule}, got {check.shown(given)}")
     return listed
 
@@ -443,12 +444,13 @@ class _Constant:
 def _finite(name: str, function: Any, t: float, entries: int) -> tuple[float, ...]:
     """The value of a function of time, as so many finite numbers."""
     came = function(t)
+    if entries == 1:
+        return (check.real(f"{name}({t:g})", came),)
     try:
-        values = (float(came),) if entries == 1 else tuple(map(float, came))
+        values = tuple(check.real(name, one) for one in came)
     except (TypeError, ValueError):
         values = ()
-    if len(values) == entries and all(map(math.isfinite, values)):
-        return values
-    if entries == 1:
-        check.real(f"{name}({t:g})", came)
-    raise ValueError(f"{name}({t:g}) must give {entries} finite numbers, got {check.shown(came)}")
+    if len(values) != entries:
+        rule = f"{name}({t:g}) must give {entries} finite numbers"
+        raise ValueError(f"{rule}, got {check.shown(came)}")
+    return values

@@ -12,7 +12,7 @@ import numpy as np
 from pipedyn import _core
 from pipedyn.util.check import Array
 
-MET = 1e-13
+ROUNDING = 1e-13
 """x at a support, in L, that counts as 0: a hundred times rounding."""
 
 ITERATIONS = 30
@@ -46,11 +46,11 @@ class HeldAcross:
         columns, turning = (of.reshape(self.size, -1).copy() for of in (q, rates))
         missed, by = self.held(columns)
         for _ in range(ITERATIONS):
-            if not np.nanmax(np.abs(missed), initial=0.0) > 0.1 * MET:
+            if not np.nanmax(np.abs(missed), initial=0.0) > 0.1 * ROUNDING:
                 break
             columns -= self._step(by, missed)
             missed, by = self.held(columns)
-        off = ~(np.abs(missed) <= MET).all(axis=0)
+        off = ~(np.abs(missed) <= ROUNDING).all(axis=0)
         by[off] = np.nan
         turning -= self._step(by, np.einsum("kbi,ik->bk", by, turning))
         columns[:, off] = turning[:, off] = np.nan

@@ -204,7 +204,7 @@ class Pipe:
             external_density: rho_e of the surrounding fluid at rest, kg/m^3. With the diameter it
                 gives the pipe buoyancy: gamma is that of the weight less the displaced fluid's,
                 negative if the pipe floats up. Of a point mass, whose volume is not known, the
-                weight lessens by the same share.
+                weight lessens by the same share. Not with a mass_profile, but without gravity.
             added_mass_coefficient: C_m, which makes an `AddedMass` of rho_e pi d_e^2 / 4 C_m: 1 far
                 from walls, (D^2 + d_e^2) / (D^2 - d_e^2) in the middle of a tank of diameter D.
             damping_time: eps, s; the material's stress is E (strain + eps d strain / dt).
@@ -286,6 +286,12 @@ class Pipe:
             share = displaced / mass * added_mass_coefficient
             given.append(AddedMass(check.real(f"added mass from {causes}", share, high=1e6)))
         own = checked_profile("mass_profile", mass_profile)
+        if own is not None and displaced and gravity:
+            raise ValueError(
+                "mass_profile must be None in a fluid that bears part of the weight, or gravity 0: "
+                "the displaced fluid's weight is uniform, that of such a pipe is not, got "
+                f"external_density = {density:g}"
+            )
         source = " from its SI value, length, bending_stiffness and the masses"
         if isinstance(root, RootSpring):
             root = checked_root(converted(root, units, operator.truediv), source)

@@ -94,12 +94,12 @@ def powers(coefficients: Array, x: Array) -> Array:
 
 
 def checked_events(given: Any) -> tuple[Event, ...]:
-    """The argument `events`: one or a sequence of events or functions.
+    """The argument `events`: one, or a tuple or list of events or functions.
 
     A function may have attributes `direction` and `terminal`, as for `solve_ivp`.
     """
     events = []
-    for i, one in enumerate(given if isinstance(given, Sequence) else [given]):
+    for i, one in enumerate(given if isinstance(given, tuple | list) else [given]):
         name = f"events[{i}]"
         if not isinstance(one, Event):
             if not callable(one):

@@ -68,7 +68,7 @@ BATCH = 32
 
 
 class Trajectory:
-    """States of a model at times: what a `Motion` and a `LimitCycle` have in common."""
+    """States of a model at times: what motions, limit cycles and forced motions have in common."""
 
     t: Array
     q: Array

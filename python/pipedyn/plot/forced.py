@@ -49,21 +49,24 @@ def frequency_response(
     driven = "base" if isinstance(response.input, str) else response.input[0]
     ylabel = "phase (degrees)" if shows_phase else f"|displacement of the {moved} / {driven}|"
     ax = common.axes(ax, (6.4, 4.2), xlabel=OMEGA_LABEL, ylabel=ylabel)
-    at, finite = response.frequencies, np.isfinite(response.response)
+    order = np.argsort(response.frequencies)
+    at, values = response.frequencies[order], response.response[order]
+    finite = np.isfinite(values)
     if shows_phase:
-        angles = np.degrees(np.angle(np.where(finite, response.response, math.nan)))
+        angles = np.degrees(np.angle(np.where(finite, values, math.nan)))
         angles[1:][np.abs(np.diff(angles)) > 180.0] = math.nan  # no line across the plot
         ax.plot(at, angles, color=common.BLACK, linewidth=1.2)
         ax.set(ylim=(-185.0, 185.0), yticks=np.arange(-180.0, 181.0, 90.0))
     else:
-        sizes = np.where(finite, np.abs(response.response), math.nan)
+        sizes = np.where(finite, np.abs(values), math.nan)
         sizes[sizes == 0.0] = math.nan
         heights = [r.height for r in response.resonances if r.height < math.inf]
         ax.plot(at, sizes, color=common.BLACK, linewidth=1.2)
         ax.set_yscale("log")
         # Frequencies are dense at peaks, so that a typical size is one of evenly spaced ones.
-        typical = float(np.nanmedian(np.interp(np.linspace(at[0], at[-1], 201), at, sizes)))
-        ax.set_ylim(bottom=max(float(np.nanmin(sizes)), 1e-3 * typical))
+        evenly = np.interp(np.linspace(at[0], at[-1], 201), at, sizes)
+        typical = float(np.nanmedian(evenly)) if np.isfinite(evenly).any() else 1.0
+        ax.set_ylim(bottom=max(np.nanmin(sizes, initial=typical), 1e-3 * typical))
         infinite = [r.frequency for r in response.resonances if r.height == math.inf]
         if infinite:  # what is left of the peaks is cut off
             ax.set_ylim(top=1e3 * typical)
@@ -77,8 +80,8 @@ def frequency_response(
                 ax.plot(ends, [level, level], color=common.VERMILION, linewidth=1.6)
         peaks = [r.frequency for r in response.resonances if r.height < math.inf]
         ax.plot(peaks, heights, **common.open_marker(4.5, zorder=4.0))
-    if at.size > 1:
-        ax.set_xlim(float(at.min()), float(at.max()))
+    if at[0] < at[-1]:
+        ax.set_xlim(float(at[0]), float(at[-1]))
     stable = "" if response.stable else ", unstable: the response is not reached"
     ax.set_title(f"$u = {response.u:.4g}${stable}", pad=24.0)
     _in_hertz(ax, response.model.pipe)
@@ -157,7 +160,6 @@ def parametric_regions(
         if math.isfinite(region.threshold):
             ring = common.open_marker(4.5, edge=look["color"], zorder=4.0, clip_on=False)
             ax.plot([region.threshold_frequency], [region.threshold], **ring)
-    ax.set_yscale("linear")
     ax.set_ylim(bottom=0.0)
     if regions:
         ax.legend()
@@ -208,7 +210,6 @@ def forced_response(response: ForcedResponse, ax: Axes | None = None) -> Axes:
                 **common.open_marker(5.0, marker=marker, zorder=4.0),
             )
             shown.add(event.kind)
-    ax.set_yscale("linear")
     ax.set_ylim(bottom=0.0)
     if shown:
         ax.legend()

@@ -43,7 +43,7 @@ from pipedyn.models.modular.parts import (
 from pipedyn.models.modular.redundant import RedundantForm
 from pipedyn.models.pencil import ChainPencil, Pencil, real_columns
 from pipedyn.models.pipe import Pipe
-from pipedyn.models.terms import Term
+from pipedyn.models.terms import Stretching, Term
 from pipedyn.util import check
 from pipedyn.util.check import Array
 from pipedyn.util.newton import NewtonFailed, newton
@@ -233,10 +233,11 @@ class Assembly(Model):
         modules: tuple[Module | Term, ...] = (),
         constraints: tuple[Constraint, ...] = (),
     ) -> Assembly:
-        """Another scene of a pipe, with further parts."""
+        """Another scene of a pipe, with further parts; a spring goes with the end that it holds."""
+        own = [m for m in self.modules if pipe.end_directed or not _holds_end(m, self.moving)]
         more = Assembly(
             pipe,
-            (*self.modules, *modules),
+            (*own, *modules),
             (*self._layout.given, *constraints),
             self._enforcement,
         )
@@ -262,9 +263,15 @@ class Assembly(Model):
         straight = self._reference is not None and not self._reference.any()
         if not plain or not straight or self.core.compliance.any():
             return None
+        free = replace(  # small motions do not stretch it
+            self._pipe,
+            supports=(),
+            end="guided" if layout.guided else "free",
+            terms=tuple(term for term in self._pipe.terms if not isinstance(term, Stretching)),
+        )
         try:
             return Chain(
-                replace(self._pipe, supports=(), end="guided" if layout.guided else "free"),
+                free,
                 springs=layout.springs,
                 lengths=layout.lengths,
                 centers=layout.centers,
@@ -667,6 +674,10 @@ class Assembly(Model):
                 f"{rule} {self._layout.described_row(worst)}, got a deviation of "
                 f"{abs(residual[worst]):.1e}; closed(angles) gives angles that meet all"
             )
+
+
+def _holds_end(part: Module, segments: int) -> bool:
+    return isinstance(part, TorsionalSpring) and part.joint > segments
 
 
 def _is_plain_spring(part: Module) -> bool:
