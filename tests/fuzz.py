@@ -1299,6 +1299,8 @@ def _driven() -> Iterator[Target]:
         {**si, "mean": real((0.0, 3.0), -0.1, 1e300), "amplitude": size},
     )
     yield Target("Harmonic.from_si", pp.Harmonic.from_si, {**si, "amplitude": size})
+    supply = {"friction": real((0.5, 9.0), 0.0), "weight": real((-1.0, 1.0)), "start": SLOW}
+    yield Target("Supply", pp.Supply, {"head": real((5.0, 50.0)), **supply})
     lossless = Kind(
         one_of(CHAIN, LEGENDRE, SCENE, SPANNED, SUPPORTED),
         any_of(of(CHAIN, LEGENDRE, SCENE, EXACT).bad, one_of(LOST, pp.Chain(JET, 3))),

@@ -68,7 +68,9 @@ def test_fluid_particles_accelerate_along_the_pipe_as_what_drives_them_says(pipe
     depth = model.shape(y[: model.moving], [1.0])[0, 1]
     driving = SUPPLY.head + pipe.direction * pipe.beta * pipe.gamma * depth
     driving -= 0.5 * SUPPLY.friction * u**2
-    assert pipe.direction * pipe.beta * (whole(1.0) - whole(0.0)) == pytest.approx(driving, rel=2e-5)
+    assert pipe.direction * pipe.beta * (whole(1.0) - whole(0.0)) == pytest.approx(
+        driving, rel=2e-5
+    )
 
 
 @pytest.mark.parametrize(
@@ -111,17 +113,18 @@ def test_energy_of_pipe_and_fluid_together_is_balanced(model):
         own = model.energy(np.concatenate([q[0], qdot[0]]))
         return own + flowing + 0.5 * state[-1] ** 2
 
-    h = 1e-4
-    gained = (energy(y + h * rates) - energy(y - h * rates)) / (2.0 * h)
+    h = 5e-5
+    near = [energy(y + k * h * rates) for k in (-2, -1, 1, 2)]
+    gained = np.array([1.0, -8.0, 8.0, -1.0]) @ near / (12.0 * h)
     q, qdot = model.recorded(y[None, :n], y[None, n : 2 * n])
     power = model.power(np.concatenate([q[0], qdot[0]]), u)
     velocity = model.tip_velocities(q.T, qdot.T)[0]
     depth = model.tips(q.T)[0, 1]
     driving = SUPPLY.head + sign * pipe.beta * pipe.gamma * depth - 0.5 * SUPPLY.friction * u**2
-    # At a steady speed the flow takes b u |v|^2 + u^2 t . v from the pipe (of it a share c and alpha
-    # at the end); what leaves has |b v + u t|^2 / 2 for the u^2 / 2 with which it entered.
+    # At a steady speed the flow takes c b u |v|^2 + alpha u^2 t . v from the pipe; what leaves has
+    # |b v + u t|^2 / 2 for the u^2 / 2 with which it entered.
     carried = 0.5 * sign * b * u * (velocity @ velocity)
-    assert gained == pytest.approx(power.total + u / b * driving + carried, rel=1e-7)
+    assert gained == pytest.approx(power.total + u / b * driving + carried, rel=1e-6)
 
 
 def models():
@@ -170,20 +173,24 @@ def test_small_motions_of_a_straight_pipe_and_of_its_flow_do_not_act_on_each_oth
     assert found[-1, -1] == pytest.approx(-2.0 * u / math.sqrt(pipe.beta), rel=1e-12)
 
 
-@pytest.mark.parametrize("make", [lambda n: pp.Chain(PIPE, n), lambda n: pp.modular.chain(PIPE, n)])
+@pytest.mark.parametrize("make", [pp.Chain, pp.modular.chain])
 def test_chains_tend_to_the_pipe_with_second_order(make):
-    """Flow speed and free end of a large motion against twelve Legendre functions."""
-    supply = pp.Supply(40.0, 2.5)
+    """Flow speed and free end of a large motion against ten Legendre functions.
+
+    It begins without moment and shear at the free end, and is damped: what excites the highest
+    modes converges more slowly.
+    """
+    pipe, supply = dataclasses.replace(PIPE, damping=0.01), pp.Supply(40.0, 2.5)
 
     def ends(model):
-        motion = pp.simulate(model, supply, 1.0, lambda s: 0.8 * s, rtol=1e-10, times=[0.5, 1.0])
+        bend, at = (lambda s: 0.6 * (1.0 - (1.0 - s) ** 3)), [0.25]
+        motion = pp.simulate(model, supply, 0.25, bend, rtol=1e-8, times=at)
         return np.append(motion.flow_speed, motion.tip)
 
-    exact = ends(pp.Galerkin(PIPE, 12, "legendre"))
-    errors = [np.abs(ends(make(n)) - exact).max() for n in (10, 20, 40)]
-    assert 3.7 < errors[0] / errors[1] < 4.3
-    assert 3.8 < errors[1] / errors[2] < 4.2
-    assert np.abs(exact[:2] / supply.speed(PIPE) - 1.0).min() > 0.03  # the speed does change
+    exact = ends(pp.Galerkin(pipe, 10, "legendre"))
+    errors = [ends(make(pipe, n)) - exact for n in (20, 40)]
+    assert errors[0] / errors[1] == pytest.approx(np.full(3, 4.0), abs=0.2)
+    assert exact[0] - supply.speed(pipe) > 20.0 * abs(errors[0][0])  # the speed does change
 
 
 @pytest.mark.parametrize("method", ["radau", "dop853", "scipy:DOP853", "scipy:Radau"])
@@ -340,9 +347,9 @@ def test_a_bent_pipe_has_no_law_at_constant_head():
 def test_a_flow_that_stops_ends_the_motion_for_that_reason():
     """A base that drops fast leaves the fluid behind."""
     drop = (
-        lambda t: (0.0, 50.0 * t**2),
-        lambda t: (0.0, 100.0 * t),
-        lambda t: (0.0, 100.0),
+        lambda t: (0.0, 150.0 * t**2),
+        lambda t: (0.0, 300.0 * t),
+        lambda t: (0.0, 300.0),
     )
     with pytest.raises(pp.MotionStopped, match="its flow stops and would turn back") as caught:
         pp.simulate(pp.Chain(PIPE, 3), SUPPLY, 5.0, lambda s: 0.1 * s, base=drop, samples=2001)

@@ -408,7 +408,8 @@ def hopf(
     motion = VectorField(model)
     rest = _rest_at(motion, crossing)
     smooth = with_drag(model, 0.0) if model.pipe.drag else motion
-    jacobians, state = partial(smooth.jacobians, u=u), rest
+    jacobians: Callable[[Array], Array] = partial(smooth.jacobians, u=u)
+    state = rest
     if friction is not None:
         if rest.any():
             raise ValueError(

@@ -60,7 +60,8 @@ class ConstantHead:
         drive: what else drives it, (ROWS,), of which u' has no part.
         """
         model, pipe, supply = self.model, self.model.pipe, self.supply
-        n, u, state = model.moving, float(y[-1]), y[:-1]
+        n, state = model.moving, y[:-1]
+        u = max(float(y[-1]), 0.0)  # an implicit step may try less, where there are no rates
         change = float(self.rates(0.0, np.concatenate([state, [0.0, u]]), drive)[-1])
         # Accelerations are affine in u' and of second degree in u: four have all derivatives.
         h = max(u, 1.0)

@@ -198,7 +198,8 @@ def simulate(
         u: flow speed >= 0, in sqrt(EI / mu_f) / L: a number, a `Pulsation`, or a function of the
             time to a number, smooth, whose derivative then acts as well: it accelerates the fluid
             in the pipe. It is taken from nine values 0.002 T apart (less in a shorter motion), in
-            [t0, t0 + duration]; a pair of functions, u(t) and its derivative, saves them.
+            [t0, t0 + duration]; a pair of functions, u(t) and its derivative, saves them. With a
+            `Supply`, at constant head, the speed follows from the motion.
         duration: in T, from 1e-12 to 1e9.
         q0: initial coordinates, shape (dof,), of an assembly angles (n,) or redundant coordinates
             (3 n,); or the angle theta(s) of the bent pipe, a function of arc lengths (p,) to (p,),
