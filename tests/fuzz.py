@@ -610,7 +610,8 @@ def _chains() -> Iterator[Target]:
     }
     without = {**kinds, "n": Kind(one_of(3), any_of(*NOTHINGS, *WORDS, one_of(0, -1, 2.0)))}
     yield Target("Chain", pp.Chain, without)
-    held = {**without, "pipe": of(HINGED, GUIDED), "springs": Kind(rules, springs.bad)}
+    four = array(4, (0.0, 9.0), (-1.0, 1e300))  # an end that is clamped or guided has a joint, too
+    held = {**without, "pipe": of(HINGED, GUIDED), "springs": Kind(rules, four.bad)}
     held["base"] = Kind(one_of(0.0), kinds["base"].bad)
     for cls, make in (("Chain", pp.Chain), ("modular.chain", modular.chain)):
         yield Target(f"{cls}[held]", make, held)
@@ -1299,8 +1300,15 @@ def _driven() -> Iterator[Target]:
         {**si, "mean": real((0.0, 3.0), -0.1, 1e300), "amplitude": size},
     )
     yield Target("Harmonic.from_si", pp.Harmonic.from_si, {**si, "amplitude": size})
-    supply = {"friction": real((0.5, 9.0), 0.0), "weight": real((-1.0, 1.0)), "start": SLOW}
+    supply = {"friction": real((0.5, 9.0), 0.0), "weight": optional(real((-1.0, 1.0)))}
+    supply["start"] = optional(SLOW)
     yield Target("Supply", pp.Supply, {"head": real((5.0, 50.0)), **supply})
+    at_speed = {"pipe": of(PIPE, DRAGGED), "u": real((0.5, 9.0), 0.0, 1e5), **supply}
+    yield Target("Supply.at_speed", pp.Supply.at_speed, at_speed)
+    dense = {"pressure": real((1e3, 1e5)), "density": real((500.0, 1500.0), 0.0)}
+    dense |= {"pipe": of(MEASURED), "friction": supply["friction"], "start": optional(SLOW)}
+    yield Target("Supply.from_si", pp.Supply.from_si, dense)
+    yield Target("Supply.speed", pp.Supply(20.0, 2.0).speed, {"pipe": of(PIPE, DRAGGED)})
     lossless = Kind(
         one_of(CHAIN, LEGENDRE, SCENE, SPANNED, SUPPORTED),
         any_of(of(CHAIN, LEGENDRE, SCENE, EXACT).bad, one_of(LOST, pp.Chain(JET, 3))),

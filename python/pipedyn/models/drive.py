@@ -262,11 +262,13 @@ class Supply:
         scales = with_scales(pipe).scales
         assert scales is not None
         head = check.real("head from pressure and density", pressure / density / scales.speed**2)
-        return cls(head, friction, None, None if start is None else pipe.speed(start))
+        if start is not None:
+            start = pipe.speed(check.real("start", start, low=0.0))
+        return cls(head, friction, None, start)
 
     def _hanging(self, pipe: Pipe) -> float:
         """What the straight pipe's fluid adds to the head."""
-        return pipe.direction * self.weight_in(pipe)
+        return _checked(pipe).direction * self.weight_in(pipe)
 
     def weight_in(self, pipe: Pipe) -> float:
         """Weight of the fluid, in EI / L^2."""
@@ -297,11 +299,15 @@ Speed: TypeAlias = (
 """A flow speed: steady, a function u(t) of time, this with its derivative, or what drives it."""
 
 
-def with_scales(pipe: Any) -> Pipe:
-    """The argument, if it is a pipe made with `Pipe.from_si`."""
+def _checked(pipe: Any) -> Pipe:
     if not isinstance(pipe, Pipe):
         raise TypeError(f"pipe must be a Pipe, got {check.shown(pipe)}")
-    if pipe.scales is None:
+    return pipe
+
+
+def with_scales(pipe: Any) -> Pipe:
+    """The argument, if it is a pipe made with `Pipe.from_si`."""
+    if _checked(pipe).scales is None:
         raise ValueError(f"pipe must be made with Pipe.from_si, got {pipe!r}")
     return pipe
 
