@@ -698,8 +698,10 @@ def _models() -> Iterator[Target]:
                 f"{cls}.{ask.__name__}{tag}", lambda ask=ask, **given: ask(0.0, **given), driven
             )
         yield Target(f"{cls}.power{tag}", model.power, driven)
-        yield Target(f"{cls}.shape{tag}", model.shape, {"q": q, "s": PLACES})
-        yield Target(f"{cls}.tip{tag}", model.tip, {"q": q})
+        # Small changes of a held pipe, (dof,), are taken as well as coordinates.
+        either = q if model.dof == model.coordinates else Kind(q.good, any_of(*NOTHINGS, *WORDS))
+        yield Target(f"{cls}.shape{tag}", model.shape, {"q": either, "s": PLACES})
+        yield Target(f"{cls}.tip{tag}", model.tip, {"q": either})
         yield Target(f"{cls}.tips{tag}", model.tips, {"q": columns})
         yield Target(
             f"{cls}.tip_velocities{tag}", model.tip_velocities, {"q": columns, "qdot": columns}
@@ -1341,7 +1343,7 @@ def _driven() -> Iterator[Target]:
         {
             "model": of(CHAIN, LEGENDRE, SCENE, EXACT, HINGES, LOST, *ENDLESS),
             "u": real((0.0, 2.0), -0.1, 1e300),
-            "frequencies": array(3, (1.0, 20.0), (-1.0,), any_size=True),
+            "frequencies": optional(array(3, (1.0, 20.0), (-1.0,), any_size=True)),
             "input": Kind(
                 one_of("base", ("force", 0.5), ("moment", 1.0)),
                 any_of(NONE, *NOTHINGS, one_of("force", ("force",), ("force", 2.0), ("shear", 1))),
