@@ -369,7 +369,9 @@ class Model(OfPipe, ABC):
     @property
     def compiled(self) -> Any:
         """The compiled equations of motion where they are all; else None."""
-        return self.motion
+        motion = self.motion
+        compiled = isinstance(motion, _core.Chain | _core.Galerkin | _core.Scene)
+        return motion if compiled else None
 
     @property
     def compiled_rates(self) -> Any:

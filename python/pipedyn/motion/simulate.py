@@ -490,6 +490,8 @@ def _speeds_of(task: Task, rows: Array) -> Array:
     """The flow speed at a task's samples."""
     if task.constant_head is not None:
         return rows[:, -1]
+    if task.drive is None:
+        return np.full(len(rows), task.u)
     return np.array([task.flow(t)[0] for t in task.times[: len(rows)].tolist()])
 
 
