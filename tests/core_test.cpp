@@ -931,7 +931,7 @@ void check_scene_of(const Pipe& pipe, Index n, Dice& dice) {
     held.energy({moved.data(), &still, 1, 0}, &found);
     return found;
   };
-  const double h = 1e-3 / moving.cwiseAbs().maxCoeff();
+  const double h = 1e-3 / std::max(1.0, moving.cwiseAbs().maxCoeff());  // one segment is at rest
   const double fed =
       (8.0 * (energy(h) - energy(-h)) - (energy(2.0 * h) - energy(-2.0 * h))) / (12.0 * h);
   check(std::abs(fed - turned[2 * n]) < 1e-9 * (std::abs(energy(0.0)) / h + 1.0),
