@@ -126,9 +126,13 @@ class Power:
         return self.flow + self.joints + self.drag + self.others + self.base
 
 
+CORE_MATRICES = tuple(field.name for field in fields(Operators)[:7])
+"""What the core answers of `Operators`, under its names."""
+
+
 def operators_from(core: _core.Operators, pipe: Pipe, scale: Array | None = None) -> Operators:
     """The core's matrices, each times a scale (dof, dof), with the pipe's two flow factors."""
-    matrices = {field.name: getattr(core, field.name) for field in fields(Operators)[:7]}
+    matrices = {name: getattr(core, name) for name in CORE_MATRICES}
     if scale is not None:
         matrices = {name: scale * matrix for name, matrix in matrices.items()}
     return Operators(**matrices, direction=pipe.direction, centrifugal=pipe.alpha)

@@ -484,6 +484,8 @@ class Chain(Model):
 
     def start(self, q0: ArrayLike, qdot0: ArrayLike | None) -> Array:
         y = super().start(q0, qdot0)
+        if self.supported is None:
+            return y
         theta, rates = np.split(y, 2)
         self._require_met("q0 must meet", self._off_axis(theta), MET, "closed(q0)")
         most = MET * (1.0 + float(np.abs(rates).max()))
@@ -511,7 +513,8 @@ class Chain(Model):
 
     def _coordinates(self, q: ArrayLike) -> Array:
         theta = super()._coordinates(q)
-        self._require_met("q must meet", self._off_axis(theta), MET, "closed(q)")
+        if self.supported is not None:
+            self._require_met("q must meet", self._off_axis(theta), MET, "closed(q)")
         return theta
 
     def _off_axis(self, theta: Array) -> Array:
@@ -521,7 +524,7 @@ class Chain(Model):
 
     def _require_met(self, rule: str, off: Array, most: float, how: str) -> None:
         """Raises ValueError with the support that is missed by most, if by too much."""
-        if not off.size or np.abs(off).max() <= most:
+        if np.abs(off).max() <= most:
             return
         worst = int(np.argmax(np.abs(off)))
         raise ValueError(

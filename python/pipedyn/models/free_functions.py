@@ -8,6 +8,8 @@ it is one, w(s) = 0, and combinations of the functions that meet it are a model'
 
 from __future__ import annotations
 
+from functools import cached_property
+
 import numpy as np
 
 from pipedyn import _core
@@ -34,8 +36,6 @@ class FreeFunctions:
         scale: amplitude of one elastic coordinate, (model's,).
         share: elastic stiffness by elastic coordinates, (model's,): 1, less of one that hardly
             bends.
-        groups: places of functions that go together, each in the order in which a larger model has
-            them.
     """
 
     def __init__(self, core: _core.Galerkin, held: tuple[float, ...], beam: bool) -> None:
@@ -43,13 +43,10 @@ class FreeFunctions:
         self.scale = 1.0 / np.sqrt(np.maximum(stiffness, 1.0))
         self.share = stiffness * self.scale**2
         self.spread: Array | None = None
-        count, panels = stiffness.size, core.functions_by_panel()
-        of_degree = [[of[k] for of in panels if len(of) > k and of[k] >= 0] for k in (0, 1)]
-        low = [*sorted(set(range(count)).difference(*panels)), *of_degree[0], *of_degree[1]]
-        high = [of[2:] for of in panels]
-        self.groups = [low, *high]
+        self._core = core
         if not held:
             return
+        (low, *high), count = self.groups, stiffness.size
         end_shape: list[int] = []
         if beam:
             end_shape, inner = ([0], held[:-1]) if held[-1] == 1.0 else ([], held)
@@ -66,6 +63,17 @@ class FreeFunctions:
         self.share = np.concatenate([unit, self.share[own]])
         places = iter(range(first, first + len(own)))
         self.groups = [list(range(first)), *([next(places) for _ in of] for of in high)]
+
+    @cached_property
+    def groups(self) -> list[list[int]]:
+        """Places of functions that go together, each in the order in which a larger model has them.
+
+        First those that any support holds, then the others of each panel.
+        """
+        panels = self._core.functions_by_panel()
+        of_degree = [[of[k] for of in panels if len(of) > k and of[k] >= 0] for k in (0, 1)]
+        others = sorted(set(range(self.scale.size)).difference(*panels))
+        return [[*others, *of_degree[0], *of_degree[1]], *(of[2:] for of in panels)]
 
 
 def orthonormal(elastic: Array, share: Array) -> tuple[Array, Array]:

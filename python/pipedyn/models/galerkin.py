@@ -63,7 +63,7 @@ def panel_ends(pipe: Pipe) -> Array:
     """
     places = [term.place for term in pipe.terms if term.place is not None]
     steps = [s for one in (pipe.stiffness, pipe.mass) if one is not None for s in one.at]
-    return np.unique([0.0, *places, *pipe.supports, *steps, 1.0])
+    return np.array(sorted({0.0, *places, *pipe.supports, *steps, 1.0}))
 
 
 def basis_joints(pipe: Pipe) -> Array:
