@@ -267,3 +267,51 @@ def test_a_bad_drive_is_refused_by_name(call, kind, message):
 
 def _shaken(base):
     return pp.simulate(CHAIN, 1.0, 1.0, bend, base=base)
+
+
+BAD = {
+    "nan": (math.nan, "must be finite, got nan"),
+    "negative": (-1.0, r"must lie in \[0, 10000\], got -1.0"),
+    "shape": ([1.0, 2.0], r"must be a real number, got \[1.0, 2.0\]"),
+    "raises": (None, "it raised ZeroDivisionError: "),
+}
+
+
+def late(value):
+    """A flow speed that turns bad between two of the times at which it is tried."""
+    return lambda t: (1.0 / 0.0 if value is None else value) if 7.01 < t < 7.06 else 2.0
+
+
+@pytest.mark.parametrize("method", ["dop853", "radau", "scipy:DOP853", "scipy:Radau"])
+@pytest.mark.parametrize("kind", BAD)
+def test_a_function_of_time_that_turns_bad_late_stops_the_motion_and_keeps_it(kind, method):
+    value, message = BAD[kind]
+    with pytest.raises(
+        pp.MotionStopped, match=rf"at t = [67]\S* u\(7.0\d+\) .*{message}"
+    ) as stopped:
+        pp.simulate(CHAIN, late(value), 10.0, bend, method=method)
+    kept = stopped.value.motion
+    assert 6.5 < kept.t[-1] <= 7.06
+    whole = pp.simulate(CHAIN, 2.0, 10.0, bend, method=method)
+    assert kept.tip == pytest.approx(whole.tip[: kept.t.size], abs=2e-5)
+
+
+def test_a_sample_at_which_a_function_fails_ends_what_is_kept():
+    """Steps may pass the bad instant; the samples' energy and speed need it."""
+    times = [1.0, 2.0, 3.0]
+    with pytest.raises(pp.MotionStopped, match=r"base\(2\) must give 2 finite numbers") as stopped:
+        pp.simulate(
+            *(CHAIN, 2.0, 3.0, bend),
+            times=times,
+            base=lambda t: (math.nan if t == 2.0 else 0.01 * math.sin(t), 0.0),
+        )
+    assert stopped.value.motion.t.tolist() == [1.0]
+
+
+def test_members_keep_their_motions_when_another_turns_bad():
+    given = [5.0, late(math.nan), 4.0]
+    ensemble = pp.simulate_many(CHAIN, given, 10.0, bend)
+    [failure] = ensemble.failures
+    assert failure.index == 1
+    assert "must be finite, got nan" in str(failure.error)
+    assert [one.t[-1] == 10.0 for one in ensemble.motions] == [True, False, True]

@@ -64,6 +64,7 @@ from pipedyn.models.terms import (
     Tension,
     Term,
     Viscosity,
+    Weight,
 )
 from pipedyn.motion.events import DenseOutput, Event, Occurrences
 from pipedyn.motion.lyapunov import LyapunovExponent, lyapunov_exponent
@@ -150,6 +151,7 @@ __all__ = [
     "Trade",
     "TradeRow",
     "Viscosity",
+    "Weight",
     "bifurcation_diagram",
     "choose",
     "critical_speed",

@@ -400,6 +400,11 @@ def hopf(
     elif crossing.kind not in ("flutter", "hopf"):
         raise ValueError(f"crossing must be a flutter, got a {crossing.kind}")
     u = crossing.speed
+    if crossing.frequency == 0.0:
+        raise NoHopf(
+            f"two growing real eigenvalues become a pair at u = {u:g}, away from the axis: no "
+            "cycle emerges there"
+        )
     if u == 0.0:
         raise NoHopf(
             "the pipe is unstable from u = 0 on: all its modes lie on the axis there, and no cycle "

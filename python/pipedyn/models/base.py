@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import fields, replace
@@ -329,8 +328,7 @@ class Model(OfPipe, ABC):
         pipe, thrust = self.pipe, self.pipe.alpha * u**2
         size, rest = 1.0 + abs(pipe.gamma) + thrust, self._reference
         if rest is None:  # nothing but an inclined jet bends the straight pipe
-            across = not pipe.end_held
-            return across * thrust * abs(math.sin(pipe.jet_angle)) / size
+            return pipe.thrust_across * u**2 / size
         turning = self.motion_rates(np.concatenate([rest, np.zeros_like(rest)]), u)[rest.size :]
         left = self.operators(rest).mass @ (self.free_directions(rest).T @ turning)
         return float(np.abs(left).max()) / size
@@ -340,11 +338,16 @@ class Model(OfPipe, ABC):
         for u in speeds:
             rest = self.unbalanced(u)
             if rest > 1e-7:  # far above what an equilibrium to ten digits leaves
+                bent = (
+                    ""
+                    if self._reference is not None
+                    else (f": straight it does not with jet_angle = {self.pipe.jet_angle:.6g}")
+                )
                 raise ValueError(
                     f"the model must rest at u = {u:g} where it is linearised, got an unbalanced "
-                    f"force of {rest:.1e}; choose about(q), q of equilibria(model, {u:g}), or ask "
-                    "equilibrium_branch(model, q, u, speeds), whose points say where stability is "
-                    "lost"
+                    f"force of {rest:.1e}{bent}; choose about(q), q of equilibria(model, {u:g}), "
+                    "or ask equilibrium_branch(model, q, u, speeds), whose points say where "
+                    "stability is lost"
                 )
 
     def pencil(self) -> Pencil:

@@ -345,10 +345,14 @@ def drive_of(y: ArrayLike, u_dot: ArrayLike | None, base: ArrayLike | None) -> A
     return drive
 
 
+class DriveFailed(Exception):
+    """A function of time that gives nothing to go on with, found in the course of a motion."""
+
+
 class Drive:
     """What drives a motion from one time to another.
 
-    Called with a time it gives u, u', X, Y, X', Y', X'', Y''.
+    Called with a time it gives u, u', X, Y, X', Y', X'', Y'', or raises `DriveFailed`.
 
     Args:
         u: the flow speed, as `Speed` says.
@@ -367,10 +371,16 @@ class Drive:
         self._speed = _with_derivatives("u", u, 1)
         self._base = None if base is None else _with_derivatives("base", base, 2)
         for t in np.linspace(low, high, TRIED).tolist():
-            self(t)
+            self._at(t)
 
     def __call__(self, t: float) -> tuple[float, ...]:
         """u, u', X, Y, X', Y', X'', Y'' at a time."""
+        try:
+            return self._at(t)
+        except (ValueError, TypeError) as error:
+            raise DriveFailed(str(error)) from error
+
+    def _at(self, t: float) -> tuple[float, ...]:
         u, rate = self._evaluated("u", self._speed, t, 1)
         if not 0.0 <= u[0] <= LARGEST_SPEED:
             check.real(f"u({t:g})", u[0], low=0.0, high=LARGEST_SPEED)
@@ -449,7 +459,11 @@ class _Constant:
 
 def _finite(name: str, function: Any, t: float, entries: int) -> tuple[float, ...]:
     """The value of a function of time, as so many finite numbers."""
-    came = function(t)
+    try:
+        came = function(t)
+    except Exception as error:
+        told = f"{type(error).__name__}: {error}"
+        raise ValueError(f"{name}({t:g}) must be a number or numbers, it raised {told}") from error
     if entries == 1:
         return (check.real(f"{name}({t:g})", came),)
     try:

@@ -358,6 +358,32 @@ class Tension(Term):
 
 
 @dataclass(frozen=True, repr=False)
+class Weight(Term):
+    """A dead load at one place, along the straight pipe, without mass.
+
+    What hangs there without moving much, or what a mass weighs more or less than gamma times it.
+
+    Attributes:
+        at: arc length from the clamp in L, 0 < at <= 1.
+        load: downward if positive, in EI / L^2.
+
+    In `Pipe.from_si`: at in m, load in N.
+
+    Source: as `Tension`, which acts at the end.
+
+    Example:
+        >>> import pipedyn as pp
+        >>> pipe = pp.Pipe(beta=0.2, terms=[pp.Weight(at=0.5, load=20.0)])
+        >>> round(pp.critical_speed(pp.Continuum(pipe)).speed, 4)
+        5.7049
+    """
+
+    law: ClassVar[str] = "tension"
+    at: float = place()
+    load: float = number(1e6, mass=1, length=2, time=-2, low=-1e6)
+
+
+@dataclass(frozen=True, repr=False)
 class Stretching(Term):
     """What stretching the pipe between axially fixed ends takes: an axial spring at its end.
 
