@@ -246,15 +246,18 @@ class Supply:
         pressure: float,
         density: float,
         friction: float,
+        weight: float | None = None,
         start: float | None = None,
     ) -> Supply:
         """Of a pipe made with `Pipe.from_si`.
 
         Args:
-            pipe: the pipe, without a fluid outside that is comparable with that inside.
+            pipe: the pipe.
             pressure: at the reservoir over that at the outlet, N/m^2.
             density: of the fluid in the pipe, kg/m^3, > 0.
             friction: f, a number.
+            weight: of the fluid in the pipe less that of as much of the fluid outside, N; where not
+                given as in air.
             start: flow speed to begin with, m/s.
         """
         pressure = check.real("pressure", pressure)
@@ -262,9 +265,12 @@ class Supply:
         scales = with_scales(pipe).scales
         assert scales is not None
         head = check.real("head from pressure and density", pressure / density / scales.speed**2)
+        if weight is not None:
+            force = pipe.beta * scales.mass * scales.speed**2  # EI / L^2
+            weight = check.real("weight", weight) / force
         if start is not None:
             start = pipe.speed(check.real("start", start, low=0.0))
-        return cls(head, friction, None, start)
+        return cls(head, friction, weight, start)
 
     def _hanging(self, pipe: Pipe) -> float:
         """What the straight pipe's fluid adds to the head."""
