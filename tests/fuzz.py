@@ -690,9 +690,10 @@ def _models() -> Iterator[Target]:
         )
         yield Target(f"{cls}.energy{tag}", model.energy, {"y": y})
         yield Target(f"{cls}.power{tag}", model.power, {"y": y, "u": U})
-        driven = {"y": rates, "u": U, "u_dot": optional(real((-9.0, 9.0)))}
-        if all(term.law != "stretching" for term in model.pipe.terms):
-            driven["base"] = optional(array((3, 2)))
+        driven = {
+            **{"y": rates, "u": U, "u_dot": optional(real((-9.0, 9.0)))},
+            "base": optional(array((3, 2))),
+        }
         for ask in (model.rhs, model.jacobian):
             yield Target(
                 f"{cls}.{ask.__name__}{tag}", lambda ask=ask, **given: ask(0.0, **given), driven

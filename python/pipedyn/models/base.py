@@ -470,9 +470,10 @@ class Model(OfPipe, ABC):
             u_dot: its rate of change, which accelerates the fluid along the pipe; for k states also
                 (k,). Steady where not given.
             base: where the base moves, its position, velocity and acceleration, (x, y) each, shape
-                (3, 2), or (3, 2, k) for k states. The base carries the clamp and all that holds the
-                pipe rigidly; q is counted from it. Drag and terms see its motion: they rest on the
-                ground. At rest where not given.
+                (3, 2), or (3, 2, k) for k states. The base carries the clamp, all that holds the
+                pipe rigidly and what fixes its end axially (`Stretching`); q is counted from it.
+                Drag and other terms see its motion: they rest on the ground. At rest where not
+                given.
 
         Returns:
             dy/dt = [q', q''], of the shape of y.
@@ -488,11 +489,6 @@ class Model(OfPipe, ABC):
 
     def require_base(self) -> None:
         """Raises ValueError where it is not known what a moving base does to the model."""
-        if any(term.law == "stretching" for term in self.pipe.terms):
-            raise ValueError(
-                "base must be at rest with Stretching: its axial spring stands on the ground, and "
-                "the base would stretch the pipe"
-            )
 
     def jacobian(
         self,
@@ -636,7 +632,8 @@ class Model(OfPipe, ABC):
             q: coordinates, real or complex, shape (dof,) or (dof, k).
             s: arc lengths from the clamp in L, each in [0, 1], shape (p,).
             derivative: 0, or 1 for the angle by which the pipe turns there, the slope of a straight
-                one; where segments meet, the mean of both.
+                one; of a chain that of its segments in their middles, and between these in
+                proportion to the compliance passed, that is linear if the pipe is uniform.
         """
 
     def tips(self, q: ArrayLike) -> Array:

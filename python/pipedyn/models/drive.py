@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: MIT
 """What drives a pipe in time: a flow whose speed changes or is free to, and a base that moves.
 
-The base carries the clamp and all that holds the pipe rigidly (supports, guides, pins); it moves
-without turning. Coordinates are counted from it. Springs, dampers, stops, foundations and the fluid
-around the pipe rest on the ground.
+The base carries the clamp and all that holds the pipe rigidly (supports, guides, pins, what fixes
+its end axially); it moves without turning. Coordinates are counted from it. Springs, dampers,
+stops, foundations and the fluid around the pipe rest on the ground.
 """
 
 from __future__ import annotations

@@ -391,7 +391,7 @@ class Stretching(Term):
     stiffness * (1 - y), y the end's position along the straight pipe, with the pipe's Kelvin-Voigt
     damping. To third order in the amplitude this is the mean tension of a pipe that stretches,
     stiffness / 2 times the integral of w'^2. Small motions do not feel it. It needs an end that is
-    pinned or clamped.
+    pinned or clamped. Where the base moves, both ends do so with it.
 
     Attributes:
         stiffness: of the pipe in tension, E A L^2 / (E I) >= 0, in EI / L^3.

@@ -213,8 +213,9 @@ def simulate(
         base: the motion of the base: a `Harmonic`, or a function of the time to its place (X, Y) in
             L, smooth, whose two derivatives are taken as those of u, or a triple of functions to
             place, velocity and acceleration. The base carries the clamp and what holds the pipe
-            rigidly, guides and pins, and does not turn; coordinates are counted from it. Springs,
-            dampers and the fluid around the pipe rest on the ground. At rest where not given.
+            rigidly, guides, pins and an end fixed axially (`Stretching`), and does not turn;
+            coordinates are counted from it. Springs, dampers and the fluid around the pipe rest on
+            the ground. At rest where not given.
         rtol: relative tolerance of the error of each step, in [1e-13, 0.1].
         atol: absolute tolerance, > 0; rtol / 100 where not given.
         method: "auto" chooses by measured cost, see `choose_method`; "radau" (implicit, seven
