@@ -289,8 +289,8 @@ def attractors(
     check.executor("executor", executor)
     shown = check.flag("progress", progress)
     plane = starts if isinstance(starts, StartPlane) else None
+    _require_moving_end(model)
     given = _given_starts(model, starts, seed)
-    _require_moving_end(model, given)
     search = _Search(model, u, given, options, executor, shown)
     search.run(np.random.default_rng(seed).permutation(len(given)))
     return search.answer(plane, exponents)
@@ -319,18 +319,17 @@ def _given_starts(model: Model, starts: Any, seed: int) -> Array:
     return made
 
 
-def _require_moving_end(model: Model, starts: Array) -> None:
+def _require_moving_end(model: Model) -> None:
     """Motions are told by their free end: a held one tells nothing."""
-    half = model.coordinates
-    tips = model.tips(starts[:100, :half].T)[:, 0]
-    rates = model.tip_velocities(starts[:100, :half].T, starts[:100, half:].T)[:, 0]
-    resting, _ = model.recorded(model.resting()[None], np.zeros((1, model.moving)))
-    moved = np.abs(starts[:, :half] - resting).max() + np.abs(starts[:, half:]).max()
-    apart = np.abs(tips - model.tips(resting.T)[0, 0]).max() + np.abs(rates).max()
-    if moved > 1e-3 and apart < 1e-9 * moved:
+    resting = model.resting()
+    bent = np.column_stack([resting, resting[:, None] + 0.1 * model.free_directions(resting)])
+    p, rates = model.projected(bent, np.zeros_like(bent))
+    q, _ = model.recorded(p.T, rates.T)
+    places = model.tips(q.T)[:, 0]
+    if np.abs(places - places[0]).max() < 1e-6:
         raise ValueError(
             "model must have an end that moves across: attractors are told by its transverse "
-            "motion, and it stays where it is in all starts"
+            f"motion, and the end of {model!r} is held"
         )
 
 
@@ -407,12 +406,15 @@ class _Search:
 
     def number(self, one: Attractor) -> int:
         """Which attractor a motion ends on, a new one if it is none of those found."""
-        for k, known in enumerate(self.found):
-            if known.holds(one):
-                return k
-        if len(self.found) >= MOST_ATTRACTORS:
-            return NOWHERE
+        held = self.holding(one)
+        if held != NOWHERE or len(self.found) >= MOST_ATTRACTORS:
+            return held
         return self.learn(self.recorder.found(one))
+
+    def holding(self, one: Attractor) -> int:
+        """Which of those found a motion ended on."""
+        held = (k for k, known in enumerate(self.found) if known.holds(one))
+        return next(held, NOWHERE)
 
     def learn(self, one: Found) -> int:
         """Takes another attractor, and its mirror image where there is one."""
@@ -420,13 +422,13 @@ class _Search:
         if self.odd and one.attractor.ending != "irregular" and not one.is_mirror_image(one):
             images.append(one.mirrored())
         for new in images:
-            if any(known.holds(new.attractor) for known in self.found):
+            if self.holding(new.attractor) != NOWHERE:
                 continue
             for k, known in enumerate(self.found):
                 apart = known.region.apart(new.region)
                 self.found[k], new = known.kept_apart(apart), new.kept_apart(apart)
             self.found.append(new)
-        return next(k for k, known in enumerate(self.found) if known.holds(one.attractor))
+        return self.holding(one.attractor)
 
     def share(self, end: int) -> Share:
         """Of the starts that end there."""
@@ -442,20 +444,25 @@ class _Search:
             k for k in np.argsort([-s.count for s in shares], kind="stable") if shares[k].count
         ]
         some = [self.found[k] for k in order]
-        basins = []
+        basins: list[Basin] = []
         for k, one in zip(order, some, strict=True):
             record = self.recorder.record(one.attractor)
             attractor = replace(one.attractor, start=int(np.argmax(self.ends == k)))
+            images = (j for j, other in enumerate(some) if self.odd and one.is_mirror_image(other))
+            image = next(images, -1)
             exponent = 0.0 if one.attractor.ending == "periodic" else one.growth
             if attractor.ending == "irregular" and exponents:
-                end = np.concatenate([record.motion.q[-1], record.motion.qdot[-1]])
-                measured = lyapunov_exponent(
-                    *(self.model, self.u, end),
-                    duration=2.0 * self.options.duration,
-                    transient=20.0,
-                )
+                if 0 <= image < len(basins):  # its exponent is the same
+                    measured = basins[image].attractor.exponent
+                    assert measured is not None
+                    measured = replace(measured, end=-measured.end)
+                else:
+                    measured = lyapunov_exponent(
+                        *(self.model, self.u, attractor.end),
+                        duration=self.options.duration,
+                        transient=5.0,
+                    )
                 attractor, exponent = replace(attractor, exponent=measured), measured.value
-            images = (j for j, other in enumerate(some) if self.odd and one.is_mirror_image(other))
             basins.append(
                 Basin(
                     attractor=attractor,
@@ -464,7 +471,7 @@ class _Search:
                     period=record.period,
                     amplitude=record.amplitude,
                     exponent=exponent,
-                    mirror_image=next(images, -1),
+                    mirror_image=image,
                     frequencies=record.frequencies,
                     spectrum=record.spectrum,
                     section=record.section,

@@ -139,7 +139,8 @@ class Region:
         away[:, half:] /= self.unit
         away *= 0.9 * self.radius / np.linalg.norm(self._scaled(away), axis=1)[:, None]
         moved = np.concatenate(model.projected((on + away)[:, :half].T, (on + away)[:, half:].T)).T
-        return np.where(np.isfinite(moved).all(axis=1)[:, None], moved, on)
+        met = np.isfinite(moved.sum(axis=1, keepdims=True))
+        return np.where(met, moved, on)
 
 
 class _Watch(Observer):
@@ -159,8 +160,8 @@ class _Watch(Observer):
         span = np.arange(self.block)
         size = self.regions[0].points.shape[1]
         while True:
-            whole = samples // self.block > self.judged
-            ready = np.flatnonzero(whole & (self.labels == NOWHERE))
+            going = (self.labels == NOWHERE) & (samples >= (self.judged + 1) * self.block)
+            ready = np.flatnonzero(going)
             if not ready.size:
                 return found
             places = self.judged[ready, None] * self.block + span

@@ -26,6 +26,9 @@ from pipedyn.util.newton import NewtonFailed
 SAME = 3e-3
 """Distance up to which two motions have ended on the same attractor: both are known to 1e-3."""
 
+CLOSED = 1e-3
+"""Distance between the ends of a period of a cycle: those of brute force repeat as well as that."""
+
 TOLERANCE = 1e-9
 """Relative tolerance of the motions that are recorded."""
 
@@ -76,8 +79,9 @@ class Found:
         return min(self.region.radius, SAME)
 
     def holds(self, one: Attractor) -> bool:
-        """Whether a motion ended on it."""
-        if one.ending != self.attractor.ending:
+        """Whether a motion ended on it; if irregular, it may have reached a cycle since."""
+        irregular = one.ending == "irregular" and self.attracts
+        if one.ending != self.attractor.ending and not irregular:
             return False
         return bool(np.isfinite(self.region.distances(one.end[None], self.near))[0])
 
@@ -97,6 +101,8 @@ class Found:
 
     def kept_apart(self, distance: float) -> Found:
         """The same with a region that reaches a quarter of the way to another attractor at most."""
+        if self.attractor.ending == "irregular":
+            return self
         radius = min(self.region.radius, 0.25 * distance)
         return replace(self, region=replace(self.region, radius=radius))
 
@@ -107,7 +113,7 @@ class Recorder:
     def __init__(self, model: Model, u: float, options: MotionOptions) -> None:
         self.model, self.u, self.options = model, u, options
         self.statics = Statics(model)
-        self.records: dict[bytes, Record] = {}
+        self.records: dict[tuple[str, bytes], Record] = {}
 
     def stable_equilibria(self) -> Iterator[Found]:
         """Those that are found."""
@@ -124,14 +130,35 @@ class Recorder:
 
     def found(self, one: Attractor) -> Found:
         """The attractor that a motion ends on, with the region that it attracts."""
+        growth = math.nan
         if one.ending == "rest":
             region, growth = self.about_rest(one.end)
-        elif one.ending == "periodic":
-            region, growth = self.about_cycle(self.record(one)), math.nan
         else:
-            return Found(one, self.cloud(self.record(one)), False)
+            record = self.record(one)
+            if one.ending == "periodic" and not self.closes(record):
+                one = replace(one, ending="irregular", period=0)
+                record = self.record(one)
+            # The motion went on: it is now on what it has only approached.
+            one = replace(one, end=self.states(record.motion.y[:, -1:])[0])
+            self.records[key_of(one)] = record
+            if one.ending == "irregular":
+                return Found(one, self.cloud(record), False)
+            region = self.about_cycle(record)
         tried = attracting(self.model, self.u, region, self.options.transient, self.options.rtol)
         return Found(one, tried or region, tried is not None, growth)
+
+    def closes(self, record: Record) -> bool:
+        """Whether a motion is after a period where it was."""
+        motion = record.motion
+        assert motion.dense is not None
+        ends = self.states(motion.dense(np.array([0.0, record.period])))
+        [apart] = self.region(ends[:1], self.unit(record), 1.0).distances(ends[1:], math.inf)
+        return bool(apart < CLOSED)
+
+    @staticmethod
+    def unit(record: Record) -> float:
+        """Time in which a motion turns by one radian, from one maximum to the next."""
+        return float(record.motion.t[-1]) / (2.0 * math.pi * max(len(record.section), 1))
 
     def about_rest(self, end: Array) -> tuple[Region, float]:
         """Of a motion that ends at rest, with the largest real part of an eigenvalue."""
@@ -150,7 +177,7 @@ class Recorder:
         """Of a cycle, by states on it that are as close to one another as `capture.SPACING`."""
         motion, period = record.motion, record.period
         assert motion.dense is not None
-        unit = period / (2.0 * math.pi * max(len(record.section) / PERIODS, 1.0))
+        unit = self.unit(record)
         some = self.states(motion.dense(np.linspace(0.0, period, 1000)))
         coarse = self.region(some, unit, period)
         count = math.ceil(coarse.length / SPACING)
@@ -160,7 +187,7 @@ class Recorder:
     def cloud(self, record: Record) -> Region:
         """States of an irregular motion, and how far those of one half are from the others."""
         states = self.states(record.motion.y)
-        unit = float(np.ptp(record.motion.t)) / (2.0 * math.pi * max(len(record.section), 1))
+        unit = self.unit(record)
         half = len(states) // 2
         one = self.region(states[:half], unit, 2.0 * math.pi * unit)
         apart = float(one.distances(states[half:], math.inf).max())
@@ -181,7 +208,7 @@ class Recorder:
 
     def record(self, one: Attractor) -> Record:
         """Of the motion from where another one ended."""
-        key = one.end.tobytes()
+        key = key_of(one)
         if key not in self.records:
             start = self.model.recorded(*(part[None] for part in np.split(one.end, 2)))
             of = {"rest": self.at_rest, "periodic": self.on_cycle}.get(one.ending, self.irregular)
@@ -232,6 +259,11 @@ class Recorder:
             rtol=TOLERANCE,
             dense=True,
         )
+
+
+def key_of(one: Attractor) -> tuple[str, bytes]:
+    """By which the record of the motion from where another ended is found again."""
+    return one.ending, one.end.tobytes()
 
 
 def amplitude(motion: Motion) -> float:
