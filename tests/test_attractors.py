@@ -150,3 +150,82 @@ def test_ends_that_are_held_tell_nothing():
     scene = pp.modular.chain(pp.Pipe(0.2), n=3).plus(pp.modular.Guide(node=3))
     with pytest.raises(ValueError, match="model must have an end that moves across"):
         pp.attractors(scene, 1.0, 4)
+
+
+def test_a_start_that_fails_leaves_the_others():
+    model = pp.Galerkin(pp.Pipe(0.2, damping=0.01), 3)
+    starts = np.zeros((36, 6))
+    starts[:, 0] = np.linspace(0.1, 0.5, 36)
+    starts[[2, 35], 3:] = 1e4
+    found = pp.attractors(model, 4.0, starts)
+    assert [failure.index for failure in found.failures] == [2, 35]
+    assert all("no longer finite" in str(failure.error) for failure in found.failures)
+    assert [f"start {failure.index} " in str(failure.error) for failure in found.failures]
+    assert found.failed.count == 2
+    assert (np.delete(found.ends, [2, 35]) == 0).all()
+    assert found.ends[[2, 35]].tolist() == [-2, -2]
+    assert found.basins[0].share.value == pytest.approx(34 / 36)
+
+
+def test_what_comes_to_rest_too_slowly_is_named():
+    # Growth -0.1 at rest: after 10 T motions are a third as large.
+    found = pp.attractors(pp.Chain(pp.Pipe(0.05), 2), 3.1, 3, transient=10.0, duration=5.0)
+    assert found.basins == ()
+    assert found.unsettled.value == 1.0
+    assert found.ends.tolist() == [-1, -1, -1]
+
+
+def test_bent_rests_have_no_mirror_image():
+    jet = pp.Chain(pp.Pipe(0.2, jet_angle=0.3), 2)
+    found = pp.attractors(jet, 2.0, 5)
+    (basin,) = found.basins
+    assert (basin.ending, basin.mirror_image) == ("rest", -1)
+    assert abs(basin.motion.tip[-1, 0]) > 1e-3
+
+
+def test_the_error_of_a_share_is_a_binomial_s_and_not_0_where_all_starts_agree():
+    found = plane()
+    n = len(found.starts)
+    for basin in found.basins[:3]:
+        p = basin.share.count / n
+        assert basin.share.value == p
+        assert basin.share.error == pytest.approx(np.sqrt(p * (1.0 - p) / n), rel=0.02)
+    assert 0.0 < found.failed.error < 1.0 / n
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"starts": 0}, "starts must be from 1 to 1000000, got 0"),
+        ({"starts": "many"}, "starts must be a whole number, an array of states or a StartPlane"),
+        ({"starts": np.zeros((3, 3))}, r"starts must have the shape \(N, 4\) .* got \(3, 3\)"),
+        ({"starts": [[np.nan, 0.0]]}, "starts must be finite"),
+        ({"starts": [[1e9, 0.0]]}, r"starts must lie in .* \(start 0\)"),
+        (
+            {"starts": pp.StartPlane([0.0], [0.0], (0, 7))},
+            r"starts must have indices in \[0, 3\]",
+        ),
+        (
+            {"starts": pp.StartPlane([0.0], [0.0], state=[1.0])},
+            "starts must have a state of 2 or 4 entries, got 1",
+        ),
+        ({"transient": 1.0}, "transient must be finite|transient must lie in"),
+        ({"u": -1.0}, "u must lie in"),
+    ],
+)
+def test_bad_arguments_are_refused_by_name(arguments, message):
+    with pytest.raises((ValueError, TypeError), match=message):
+        pp.attractors(STANDING, **{"u": 4.1, "starts": 3} | arguments)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (([1.0, 0.0], [0.0]), "x must hold values, strictly increasing"),
+        (([0.0], [0.0], (0, 0)), "indices must be two different ones"),
+        (([0.0], [0.0], 3), "indices must be two numbers, got 3"),
+    ],
+)
+def test_a_plane_needs_two_directions_and_rising_values(arguments, message):
+    with pytest.raises((ValueError, TypeError), match=message):
+        pp.StartPlane(*arguments)

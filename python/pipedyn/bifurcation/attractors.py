@@ -34,6 +34,7 @@ from pipedyn.motion.simulate import (
     LARGEST_ENSEMBLE,
     LARGEST_SAMPLES,
     Motion,
+    MotionStopped,
     checked_model_in_motion,
 )
 from pipedyn.util import check
@@ -155,26 +156,6 @@ class StartPlane:
     def shape(self) -> tuple[int, int]:
         """(Y, X): starts go along x first."""
         return self.y.size, self.x.size
-
-    def states(self, model: Model) -> Array:
-        """The starts, (Y X, 2 coordinates)."""
-        size = 2 * model.coordinates
-        if max(self.indices) >= size:
-            raise ValueError(
-                f"indices must lie in [0, {size - 1}], as a state [q, q'] has {size} entries, got "
-                f"{self.indices}"
-            )
-        if self.state is None:
-            given = model.recorded(model.resting()[None], np.zeros((1, model.moving)))[0][0]
-        else:
-            given = self.state
-        if given.size not in (size, size // 2):
-            raise ValueError(f"state must have {size // 2} or {size} entries, got {given.size}")
-        made = np.zeros((self.y.size, self.x.size, size))
-        made[..., : given.size] = given
-        made[..., self.indices[0]] = self.x
-        made[..., self.indices[1]] = self.y[:, None]
-        return made.reshape(-1, size)
 
 
 @result
@@ -300,23 +281,45 @@ def _given_starts(model: Model, starts: Any, seed: int) -> Array:
     """The argument as states [q, q'], (N, 2 coordinates)."""
     size = model.coordinates
     if isinstance(starts, StartPlane):
-        made = starts.states(model)
-    elif np.ndim(starts) == 0:
+        return _plane_states(starts, model)
+    kinds = "a whole number, an array of states or a StartPlane"
+    given = check.numbers("starts", starts, kinds, longest=LARGEST_SAMPLES)
+    if given.ndim == 0:
         count = check.count("starts", starts, high=LARGEST_ENSEMBLE)
-        bends = np.array(initial_bends(model, count + 1, seed)[1:])
-        made = np.concatenate([bends, np.zeros_like(bends)], axis=1)
+        made = np.array(initial_bends(model, count + 1, seed)[1:])
+    elif given.ndim != 2 or given.shape[1] not in (size, 2 * size):
+        raise ValueError(
+            f"starts must have the shape (N, {2 * size}) of states [q, q'] or (N, {size}) of "
+            f"coordinates at rest, got {given.shape}"
+        )
+    elif not 0 < len(given) <= LARGEST_ENSEMBLE:
+        raise ValueError(f"starts must be 1 to {LARGEST_ENSEMBLE}, got {len(given)}")
     else:
-        made = check.numbers("starts", starts, "a number, states or a StartPlane")
-        if made.ndim != 2 or made.shape[1] not in (size, 2 * size):
-            raise ValueError(
-                f"starts must have the shape (N, {2 * size}) of states [q, q'] or (N, {size}) of "
-                f"coordinates at rest, got {made.shape}"
-            )
-        check.array("starts", made.ravel())
-        made = np.concatenate([made, np.zeros((len(made), 2 * size - made.shape[1]))], axis=1)
-    if not 0 < len(made) <= LARGEST_ENSEMBLE:
-        raise ValueError(f"starts must be 1 to {LARGEST_ENSEMBLE}, got {len(made)}")
-    return made
+        made = check.array("starts", given.ravel(), longest=LARGEST_SAMPLES).reshape(given.shape)
+    return np.concatenate([made, np.zeros((len(made), 2 * size - made.shape[1]))], axis=1)
+
+
+def _plane_states(plane: StartPlane, model: Model) -> Array:
+    """The states [q, q'] of a plane, (Y X, 2 coordinates)."""
+    size = 2 * model.coordinates
+    if max(plane.indices) >= size:
+        raise ValueError(
+            f"starts must have indices in [0, {size - 1}], as a state [q, q'] of the model has "
+            f"{size} entries, got {plane.indices}"
+        )
+    if plane.x.size * plane.y.size > LARGEST_ENSEMBLE:
+        raise ValueError(f"starts must be 1 to {LARGEST_ENSEMBLE}, got {plane.shape}")
+    rest, _ = model.recorded(model.resting()[None], np.zeros((1, model.moving)))
+    given = rest[0] if plane.state is None else plane.state
+    if given.size not in (size, size // 2):
+        raise ValueError(
+            f"starts must have a state of {size // 2} or {size} entries, got {given.size}"
+        )
+    made = np.zeros((*plane.shape, size))
+    made[..., : given.size] = given
+    made[..., plane.indices[0]] = plane.x
+    made[..., plane.indices[1]] = plane.y[:, None]
+    return made.reshape(-1, size)
 
 
 def _require_moving_end(model: Model) -> None:
@@ -364,8 +367,9 @@ class _Search:
                 states[i] = self.model.start(*np.split(start, 2))
             except PipedynError as error:
                 self.errors[i] = error
-            except (ValueError, TypeError) as error:
-                raise type(error)(f"{error} (start {i})") from error
+            except ValueError as error:
+                rule = str(error).replace("qdot0", "q0").replace("q0", "starts", 1)
+                raise ValueError(f"{rule} (start {i})") from error
         for one in self.recorder.stable_equilibria():
             self.learn(one)
         meant = np.array([i for i in order if i not in self.errors], dtype=int)
@@ -398,7 +402,11 @@ class _Search:
         errors = iter(failed)
         for i, one in zip(some.tolist(), answers, strict=True):
             if one.ending == "failed":
-                self.ends[i], (_, self.errors[i]) = STOPPED, next(errors)
+                self.ends[i], (_, error) = STOPPED, next(errors)
+                if isinstance(error, MotionStopped):  # of which start, by its number here
+                    report = str(error).replace(f"start {one.start} ", f"start {i} ", 1)
+                    error = MotionStopped(report, error.motion)
+                self.errors[i] = error
                 continue
             states[i] = one.end
             self.ends[i] = NOWHERE if one.ending == "settling" else self.number(one)
