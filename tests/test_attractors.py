@@ -211,6 +211,8 @@ def test_the_error_of_a_share_is_a_binomial_s_and_not_0_where_all_starts_agree()
         ),
         ({"transient": 1.0}, "transient must be finite|transient must lie in"),
         ({"u": -1.0}, "u must lie in"),
+        ({"u": 0.0}, "u must be > 0 for a pipe without damping and drag, got 0"),
+        ({"u": pp.Pulsation(4.0, 0.1, 9.0)}, "u must be a steady flow speed, got Pulsation"),
     ],
 )
 def test_bad_arguments_are_refused_by_name(arguments, message):

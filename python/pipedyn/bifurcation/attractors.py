@@ -27,7 +27,7 @@ from pipedyn.bifurcation.equilibria import LARGEST
 from pipedyn.bifurcation.on_attractor import Found, Recorder
 from pipedyn.bifurcation.vector_field import VectorField
 from pipedyn.models.base import Model, PipedynError
-from pipedyn.models.drive import LARGEST_SPEED
+from pipedyn.models.drive import LARGEST_SPEED, Pulsation, Supply
 from pipedyn.motion.lyapunov import lyapunov_exponent
 from pipedyn.motion.simulate import (
     BATCH,
@@ -253,7 +253,7 @@ def attractors(
         ('periodic', 1.0)
     """
     model = checked_model_in_motion(model, largest=LARGEST, purpose="attractors")
-    u = check.real("u", u, low=0.0, high=LARGEST_SPEED)
+    u = _checked_speed(model, u)
     options = MotionOptions(
         check.real("transient", transient, low=FIRST_LOOK, high=1e6),
         check.real("duration", duration, low=1.0, high=1e4),
@@ -275,6 +275,22 @@ def attractors(
     search = _Search(model, u, given, options, executor, shown)
     search.run(np.random.default_rng(seed).permutation(len(given)))
     return search.answer(plane, exponents)
+
+
+def _checked_speed(model: Model, u: Any) -> float:
+    """The argument, if motions end on something at it."""
+    if isinstance(u, Pulsation | Supply) or callable(u):
+        raise TypeError(
+            f"u must be a steady flow speed, got {check.shown(u)}: motions are told by turning "
+            "points of the free end, which need not repeat where the flow varies"
+        )
+    u = check.real("u", u, low=0.0, high=LARGEST_SPEED)
+    if u == 0.0 and not (model.pipe.damping or model.resisted):
+        raise ValueError(
+            "u must be > 0 for a pipe without damping and drag, got 0: nothing takes energy from "
+            "its motions, so that they end nowhere"
+        )
+    return u
 
 
 def _given_starts(model: Model, starts: Any, seed: int) -> Array:

@@ -139,7 +139,7 @@ class Recorder:
                 one = replace(one, ending="irregular", period=0)
                 record = self.record(one)
             # The motion went on: it is now on what it has only approached.
-            one = replace(one, end=self.states(record.motion.y[:, -1:])[0])
+            one = replace(one, end=states_of(record.motion, record.motion.t[-1:])[0])
             self.records[key_of(one)] = record
             if one.ending == "irregular":
                 return Found(one, self.cloud(record), False)
@@ -149,9 +149,7 @@ class Recorder:
 
     def closes(self, record: Record) -> bool:
         """Whether a motion is after a period where it was."""
-        motion = record.motion
-        assert motion.dense is not None
-        ends = self.states(motion.dense(np.array([0.0, record.period])))
+        ends = states_of(record.motion, np.array([0.0, record.period]))
         [apart] = self.region(ends[:1], self.unit(record), 1.0).distances(ends[1:], math.inf)
         return bool(apart < CLOSED)
 
@@ -176,17 +174,16 @@ class Recorder:
     def about_cycle(self, record: Record) -> Region:
         """Of a cycle, by states on it that are as close to one another as `capture.SPACING`."""
         motion, period = record.motion, record.period
-        assert motion.dense is not None
         unit = self.unit(record)
-        some = self.states(motion.dense(np.linspace(0.0, period, 1000)))
+        some = states_of(motion, np.linspace(0.0, period, 1000))
         coarse = self.region(some, unit, period)
         count = math.ceil(coarse.length / SPACING)
         times = np.linspace(0.0, period, min(max(count, 500), MOST_POINTS))
-        return self.region(self.states(motion.dense(times)), unit, period)
+        return self.region(states_of(motion, times), unit, period)
 
     def cloud(self, record: Record) -> Region:
         """States of an irregular motion, and how far those of one half are from the others."""
-        states = self.states(record.motion.y)
+        states = states_of(record.motion, record.motion.t)
         unit = self.unit(record)
         half = len(states) // 2
         one = self.region(states[:half], unit, 2.0 * math.pi * unit)
@@ -196,13 +193,6 @@ class Recorder:
     def region(self, points: Array, unit: float, period: float) -> Region:
         """Around states [p, p']."""
         return Region(points, unit, period, turn=self.statics._turn)
-
-    def states(self, y: Array) -> Array:
-        """[p, p'], (S, 2 moving), of states [q, q'], (2 coordinates, S)."""
-        half = self.model.coordinates
-        if half == self.model.moving:
-            return y.T
-        return np.array([self.model.start(*np.split(state, 2)) for state in y.T])
 
     # ------------------------------------------------------------------------------------- records
 
@@ -264,6 +254,12 @@ class Recorder:
 def key_of(one: Attractor) -> tuple[str, bytes]:
     """By which the record of the motion from where another ended is found again."""
     return one.ending, one.end.tobytes()
+
+
+def states_of(motion: Motion, t: Array) -> Array:
+    """States [p, p'] of a recorded motion, (k, 2 moving), at times."""
+    assert motion.dense is not None
+    return motion.dense._integrated(t)
 
 
 def amplitude(motion: Motion) -> float:
