@@ -341,6 +341,8 @@ OVERHANG = pp.Chain(pp.Pipe(0.2, damping=0.002, supports=[0.25]), 4)
 OVERHANG_SPEED = pp.critical_speed(OVERHANG).speed
 SHAKEN = pp.Chain(pp.Pipe(0.2, 3.0, damping=0.01), 2)
 HINGES = pp.Chain(HINGED, 5)
+PLANE = pp.StartPlane(np.array([-0.1, 0.2]), np.array([-0.2, 0.1]))
+ENDS = pp.attractors(FLUTTER, SPEED, PLANE)
 PUMP, SHAKER = pp.Pulsation(2.0, 0.3, 25.0), pp.Harmonic(0.01, 25.0)
 SHAKES = pp.forced_response(SHAKEN, 1.0, base=SHAKER, frequencies=(20.0, 30.0))
 RESPONSE = pp.frequency_response(SHAKEN, 1.0, (1.0, 30.0))
@@ -348,6 +350,7 @@ REGIONS = pp.parametric_regions(pp.Chain(pp.Pipe(0.1, 3.0), 2), 3.0, [0.3, 0.6],
 OBJECTS = (PIPE, CHAIN, BEAM, EXACT, SCENE, CRITICAL, CROSSING, HOPF, CYCLE, MOTION, ENSEMBLE)
 OBJECTS += (
     DIAGRAM,
+    ENDS,
     BRANCH,
     BRANCH.events[0],
     TRADE,
@@ -1192,6 +1195,36 @@ def _motions() -> Iterator[Target]:
         "seed": Kind(one_of(0, 7), any_of(NONE, *NOTHINGS, *WORDS, one_of(-1, 0.5, NAN))),
     }
     shown = {"executor": EXECUTOR, "progress": FLAG}
+    own = any_of(array((2, 3), (-0.1, 0.1)).good, array((2, 6), (-0.1, 0.1)).good)
+    own = any_of(count(1, 3).good, own, one_of(PLANE))
+    yield Target(
+        "attractors",
+        pp.attractors,
+        {
+            "model": flutter,
+            "u": Kind(one_of(1.0, 2.0), SLOW.bad),
+            "starts": Kind(own, any_of(array((2, 6), (-0.1, 0.1), (1e7,)).bad, one_of(0, -1, 2.5))),
+            "transient": real((10.0, 20.0), -1.0, 1e300),
+            "duration": real((1.0, 2.0), 0.0, 1e300),
+            "exponents": FLAG,
+            "rtol": real((1e-6, 1e-4), 0.0, 1.0),
+            "seed": diagram["seed"],
+            **shown,
+        },
+        slow=True,
+        called={"starts": "starts|angle"},
+    )
+    wrong = any_of(NONE, *WORDS, one_of(3, (0,), (0, 0), (-1, 2)))
+    yield Target(
+        "StartPlane",
+        pp.StartPlane,
+        {
+            "x": array(2, (-1.0, 1.0), rising=True, any_size=True),
+            "y": array(3, (-1.0, 1.0), rising=True, any_size=True),
+            "indices": Kind(one_of((0, 1), (1, 5), [0, 3]), wrong),
+            "state": optional(array(6, (-0.1, 0.1), any_size=True)),
+        },
+    )
     yield Target("bifurcation_diagram", pp.bifurcation_diagram, {**diagram, **shown}, slow=True)
     yield Target("diagram_cost", pp.diagram_cost, diagram, slow=True)
 
@@ -1452,6 +1485,9 @@ def _pictures() -> Iterator[Target]:
             "ax": ax,
         },
         "bifurcation_diagram": {"diagram": of(DIAGRAM), "coordinate": place, "ax": ax},
+        "basins": {"found": of(ENDS), "ax": ax},
+        "poincare_section": {"found": of(ENDS), "coordinate": place, "ax": ax},
+        "spectrum": {"found": of(ENDS), "ax": ax},
         "trade": {
             "found": Kind(any_of(of(TRADE).good, any_trade), of(TRADE).bad),
             "cost": word("seconds", "dof", "right_hand_sides", "factorisations"),

@@ -7,6 +7,14 @@ from types import ModuleType as _ModuleType
 from pipedyn.accuracy.choose import Choice, NoModel, choose
 from pipedyn.accuracy.effects import Effect, Relevance, relevant
 from pipedyn.accuracy.trade import Trade, TradeRow, trade
+from pipedyn.bifurcation.attractors import (
+    Attractors,
+    Basin,
+    Share,
+    StartFailure,
+    StartPlane,
+    attractors,
+)
 from pipedyn.bifurcation.branches import CycleBranch, CycleEvent
 from pipedyn.bifurcation.brute_force import Attractor
 from pipedyn.bifurcation.diagram import (
@@ -82,6 +90,8 @@ __version__ = "0.1.0"
 __all__ = [
     "AddedMass",
     "Attractor",
+    "Attractors",
+    "Basin",
     "BifurcationDiagram",
     "BranchPoint",
     "Chain",
@@ -141,8 +151,11 @@ __all__ = [
     "RootSpring",
     "Scales",
     "Sensitivity",
+    "Share",
     "Spring",
     "StabilityCurve",
+    "StartFailure",
+    "StartPlane",
     "Stop",
     "Stretching",
     "Supply",
@@ -152,6 +165,7 @@ __all__ = [
     "TradeRow",
     "Viscosity",
     "Weight",
+    "attractors",
     "bifurcation_diagram",
     "choose",
     "critical_speed",

@@ -384,15 +384,19 @@ def in_batches(
     work: Callable[[Sequence[Task], bool, Observer], list[Answer]],
     executor: futures.Executor | None = None,
     shown: bool = False,
+    members: int = BATCH,
 ) -> list[Answer]:
-    """What `work` makes of each task, in batches of one model, on threads where that helps."""
+    """What `work` makes of each task, in batches of one model, on threads where that helps.
+
+    members: of a batch where the method takes several at once.
+    """
     members_of: dict[tuple[int, ...], list[int]] = {}  # each model and what drives it
     for i, task in enumerate(tasks):
         key = (id(task.model), 0 if isinstance(task.u, float) and not task.drive else id(task.u))
         members_of.setdefault(key, []).append(i)
     blocks = []
     for same in members_of.values():
-        together = BATCH if tasks[same[0]].method == "dop853" else 1
+        together = members if tasks[same[0]].method == "dop853" else 1
         blocks += [same[i : i + together] for i in range(0, len(same), together)]
     observer = Observer()
     jobs = [partial(work, [tasks[i] for i in block], False, observer) for block in blocks]
