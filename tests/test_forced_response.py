@@ -157,6 +157,16 @@ def test_a_pipe_that_rests_bent_moves_about_its_rest(make):
             ask()
 
 
+def test_a_range_of_frequencies_may_be_a_list_or_an_array():
+    base, model = pp.Harmonic(0.01, 5.0), pp.Galerkin(SHAKEN, 2)
+    expected, *others = (
+        pp.forced_response(model, 2.0, base=base, frequencies=given).branches[0]
+        for given in ((5.0, 5.5), [5.0, 5.5], np.array([5.0, 5.2, 5.5]))
+    )
+    for found in others:
+        np.testing.assert_array_equal(found.frequency, expected.frequency)
+
+
 @pytest.mark.parametrize(
     ("model", "u"),
     [
@@ -257,9 +267,14 @@ MODEL = pp.Galerkin(SHAKEN, 3)
             "frequencies must have low > 0",
         ),
         (
-            {"base": pp.Harmonic(0.1, 3.0), "frequencies": [1.0, 3.0]},
+            {"base": pp.Harmonic(0.1, 3.0), "frequencies": [3.0]},
             ValueError,
-            "frequencies must be a tuple (low, high)",
+            "frequencies must be a range (low, high), low < high, got [3.0]",
+        ),
+        (
+            {"base": pp.Harmonic(0.1, 3.0), "frequencies": np.array([3.0, 1.0])},
+            ValueError,
+            "frequencies must be a range (low, high), low < high",
         ),
         ({"model": pp.Chain(SHAKEN, 80)}, ValueError, "model must have at most 60"),
         ({"model": pp.Continuum(SHAKEN)}, TypeError, "model must be"),

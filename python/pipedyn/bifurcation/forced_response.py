@@ -17,6 +17,7 @@ from functools import cache
 from typing import Any, Literal
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from pipedyn.bifurcation.collocation import OrbitProblem, residual, solved
 from pipedyn.bifurcation.continuation import folds, sign_changes
@@ -45,7 +46,7 @@ from pipedyn.linear.eigenproblem import Complex
 from pipedyn.linear.frequency_response import base_solution, checked_range
 from pipedyn.linear.modes import largest_speed
 from pipedyn.models.base import Model, NotConverged
-from pipedyn.models.drive import ROWS, Harmonic, Pulsation
+from pipedyn.models.drive import ROWS, Harmonic, Pulsation, require_steady, steady_speed
 from pipedyn.motion.simulate import Trajectory, checked_model_in_motion
 from pipedyn.util import check
 from pipedyn.util.check import Array
@@ -287,7 +288,7 @@ def forced_response(
     u: float | Pulsation,
     *,
     base: Harmonic | None = None,
-    frequencies: tuple[float, float] | None = None,
+    frequencies: ArrayLike | None = None,
     progress: bool = False,
 ) -> ForcedResponse:
     """Periodic motions of finite amplitude over the frequency of the forcing, stable or not.
@@ -299,8 +300,9 @@ def forced_response(
             must be stable at the mean speed.
         base: transverse motion of the base, whose amplitude stays while its frequency varies.
             Needed unless the flow pulsates, and not taken if it does.
-        frequencies: range (low, high) of the forcing's angular frequency, low > 0; where not given,
-            near the frequency of base or pulsation.
+        frequencies: range (low, high) of the forcing's angular frequency, low > 0, or more in
+            increasing order, from the first to the last; where not given, near the frequency of
+            base or pulsation.
         progress: show progress on stderr.
 
     Returns:
@@ -316,7 +318,7 @@ def forced_response(
     model = checked_model_in_motion(model, largest=LARGEST, purpose="forced_response")
     forcing = _checked_forcing(u, base)
     mean = forcing.mean if isinstance(forcing, Pulsation) else u
-    speed = check.real("u", mean, low=0.0, high=largest_speed(model))
+    speed = steady_speed("u", mean, high=largest_speed(model))
     if frequencies is None:
         low, high = 0.99 * forcing.frequency, 1.01 * forcing.frequency
     else:
@@ -353,6 +355,7 @@ def _checked_forcing(u: Any, base: Any) -> Pulsation | Harmonic:
         if u.amplitude == 0.0 or abs(u.amplitude) == 1.0:
             raise ValueError(f"u.amplitude must be between 0 and 1, got {u.amplitude!r}")
         return replace(u, amplitude=abs(u.amplitude))
+    require_steady("u", u)
     if not isinstance(base, Harmonic):
         raise TypeError(f"base must be a Harmonic or u a Pulsation, got {check.shown(base)}")
     if base.direction != "x":

@@ -33,7 +33,7 @@ from pipedyn.models.continuum import (
     checked_model,
     relative,
 )
-from pipedyn.models.drive import ROWS
+from pipedyn.models.drive import ROWS, steady_speed
 from pipedyn.models.terms import PointMass
 from pipedyn.util import check
 from pipedyn.util.check import Array
@@ -161,7 +161,7 @@ def frequency_response(
         (0.435537-0.580465j)
     """
     checked_model(model)
-    u = check.real("u", u, low=0.0, high=largest_speed(model))
+    u = steady_speed("u", u, high=largest_speed(model))
     tolerance = check.real("tolerance", tolerance, low=1e-6, high=0.1)
     driven, place = checked_input(input), checked_output(output, model.pipe.watched)
     if isinstance(model, Model) and model.dof > DENSE_LIMIT:
@@ -172,6 +172,10 @@ def frequency_response(
     given: Array | None = None
     low, high = 0.0, math.inf
     if isinstance(frequencies, tuple):
+        if len(frequencies) != 2:
+            raise ValueError(
+                f"frequencies must be a tuple (low, high), got {check.shown(frequencies)}"
+            )
         low, high = checked_range("frequencies", frequencies)
     elif frequencies is not None:
         given = check.array("frequencies", frequencies, low=0.0, high=HIGHEST, longest=100_000)
@@ -233,14 +237,13 @@ def frequency_response(
 
 
 def checked_range(name: str, given: Any) -> tuple[float, float]:
-    """A range of frequencies (low, high)."""
-    if not isinstance(given, tuple) or len(given) != 2:
-        raise ValueError(f"{name} must be a tuple (low, high), got {check.shown(given)}")
-    low = check.real(f"{name}[0]", given[0], low=0.0, high=HIGHEST)
-    high = check.real(f"{name}[1]", given[1], low=0.0, high=HIGHEST)
-    if not low < high:
-        raise ValueError(f"{name} must have low < high, got {check.shown(given)}")
-    return low, high
+    """A range of frequencies (low, high), that of an increasing sequence or array."""
+    at = check.array(name, given, low=0.0, high=HIGHEST, longest=100_000)
+    if at.size < 2 or (np.diff(at) <= 0.0).any():
+        raise ValueError(
+            f"{name} must be a range (low, high), low < high, got {check.shown(given)}"
+        )
+    return float(at[0]), float(at[-1])
 
 
 def checked_input(given: Any) -> Input:
