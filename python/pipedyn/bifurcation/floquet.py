@@ -98,7 +98,7 @@ def _by_magnus(motion: VectorField, orbit: PeriodicOrbit, turns: float) -> tuple
     number = PARTS * rounds * (turns / rounds) ** (1.0 / 3.0)
     parts = np.ceil(number * np.diff(orbit.edges) / orbit.span).astype(int)
     return by_series(
-        *(stage_derivatives(motion, orbit)[1], orbit.durations, units, parts),
+        *(stage_derivatives(motion, orbit), orbit.durations, units, parts),
         lambda maps: _eigenvalues(motion, orbit, maps, units),
         2 if orbit.symmetric else 1,
     )

@@ -6,12 +6,12 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from typing import Any
 
 import numpy as np
 from numpy.polynomial import legendre
 from numpy.typing import NDArray
 
+from pipedyn import _core
 from pipedyn.bifurcation.vector_field import VectorField
 from pipedyn.util.check import Array
 from pipedyn.util.later import scipy
@@ -108,26 +108,19 @@ class PeriodicOrbit:
 
     def stages(self) -> Array:
         """States at the stages, shape (M, s, 2 moving)."""
-        return self._states(slice(None), NODES[:, None], ONCE, TWICE)
+        h, half = self.durations[:, None, None], self.half
+        y = np.repeat(self.starts[:, None], STAGES, axis=1)
+        y[..., :half] += h * NODES[:, None] * self.starts[:, None, half:]
+        y[..., :half] += h**2 * (TWICE @ self.rates)
+        y[..., half:] += h * (ONCE @ self.rates)
+        return y
 
     def states(self, phase: Array) -> Array:
         """[p, p'] at phases, shape (2 moving, k)."""
-        turns = np.floor(phase / self.span)
-        inside = phase - turns * self.span
-        where = np.clip(np.searchsorted(self.edges, inside, side="right") - 1, 0, None)
-        where = np.minimum(where, len(self.starts) - 1)
-        share = (inside - self.edges[where]) / np.diff(self.edges)[where]
-        once, twice = both_integrals(share)
-        y = self._states(where, share[:, None, None], once[:, None], twice[:, None])
-        return np.ascontiguousarray((self.mirror**turns)[:, None] * y[:, 0]).T
-
-    def _states(self, where: Any, share: Array, once: Array, twice: Array) -> Array:
-        """States at shares of some intervals, with weights of the rates in both integrals."""
-        starts, rates, h = self.starts[where], self.rates[where], self.durations[where, None, None]
-        y: Array = starts[:, None] + np.zeros((1, share.shape[-2], 1))
-        y[..., : self.half] += h * share * starts[:, None, self.half :] + h**2 * (twice @ rates)
-        y[..., self.half :] += h * (once @ rates)
-        return y
+        return _core.orbit_states(
+            *(self.edges, self.starts, self.rates, self.frequency, self.mirror),
+            *(_INTEGRATED[1], _INTEGRATED[2], phase),
+        )
 
     def defects(self) -> Array:
         """Share of the largest velocity that an interval's last two polynomials add, shape (M,)."""
