@@ -209,7 +209,7 @@ class _Record:
     error: float  # of two turnings together
     ending: Ending
     period: int
-    states: Array  # some of its states [p, p'], in order, (2 moving, k)
+    states: Array = field(default_factory=lambda: np.zeros((0, 0)))  # some, (2 moving, k)
 
     def seems_settled(self) -> bool:
         """Whether it is at rest in the end, or three periods show no change that could be seen."""

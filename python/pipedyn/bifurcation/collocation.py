@@ -55,8 +55,15 @@ def _condensed(
     by_speed = motion.by_speed(y, u)[half:] if speed_varies and not motion.forced else None
     factorised(len(orbit.starts))
     return _core.eliminated(
-        *(orbit.durations, orbit.starts, orbit.rates, motion.jacobians(y, u)),
-        *(motion(y, u)[half:], by_frequency, by_speed, orbit.frequency, WEIGHTS),
+        orbit.durations,
+        orbit.starts,
+        orbit.rates,
+        motion.jacobians(y, u),
+        motion(y, u)[half:],
+        by_frequency,
+        by_speed,
+        orbit.frequency,
+        WEIGHTS,
     )
 
 
@@ -130,9 +137,7 @@ class Linearised:
             for part in (self._rates, ends):
                 part[..., [n + 1, n + 2]] = part[..., [n + 2, n + 1]]
         self._units = state_units(motion, orbit)
-        missed = orbit.stages()[:, -1] - np.concatenate(
-            [orbit.starts[1:], mirror * orbit.starts[:1]]
-        )
+        missed = orbit.ends() - np.concatenate([orbit.starts[1:], mirror * orbit.starts[:1]])
         ends[:, :, n] += missed
         ends /= self._units[:, None]
         self._maps = ends[:, :, :n] * self._units

@@ -169,9 +169,7 @@ def bifurcation_diagram(
     motions: tuple[Attractor, ...] = ()
     for some in _sparse_first(at) if asked.starts else ():
         known = _known_solutions(model, some, branches, found.branches)
-        ended = attractors(
-            model, some, asked.starts, asked.options, failed, executor, shown, known
-        )
+        ended = attractors(model, some, asked.starts, asked.options, failed, executor, shown, known)
         if asked.steps:
             found.from_motions(ended)
         motions = (*motions, *ended)

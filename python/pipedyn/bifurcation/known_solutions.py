@@ -122,7 +122,7 @@ def at_rest(
     def correction(p: Array) -> tuple[Array, float]:
         y = np.append(p, np.zeros(half))
         force = motion(y[:, None], u)[half:, 0]
-        step = -np.linalg.solve(motion.jacobian(y, u)[half:, :half], force)
+        step = np.asarray(np.linalg.solve(-motion.jacobian(y, u)[half:, :half], force), float)
         return step, float(np.abs(step).max())
 
     for guess in guesses:

@@ -108,11 +108,22 @@ class PeriodicOrbit:
 
     def stages(self) -> Array:
         """States at the stages, shape (M, s, 2 moving)."""
-        h, half = self.durations[:, None, None], self.half
-        y = np.repeat(self.starts[:, None], STAGES, axis=1)
-        y[..., :half] += h * NODES[:, None] * self.starts[:, None, half:]
-        y[..., :half] += h**2 * (TWICE @ self.rates)
-        y[..., half:] += h * (ONCE @ self.rates)
+        return self._at_nodes(NODES, ONCE, TWICE)
+
+    def ends(self) -> Array:
+        """States where intervals end, shape (M, 2 moving)."""
+        return self._at_nodes(NODES[-1:], ONCE[-1:], TWICE[-1:])[:, 0]
+
+    def _at_nodes(self, nodes: Array, once: Array, twice: Array) -> Array:
+        """States at some of the stages, shape (M, k, 2 moving)."""
+        h, half, k = self.durations[:, None, None], self.half, nodes.size
+        sums = np.concatenate([twice, once]) @ self.rates
+        y = np.empty((len(self.starts), k, 2 * half))
+        start = self.starts[:, None]
+        y[..., :half] = start[..., :half] + h * (
+            nodes[:, None] * start[..., half:] + h * sums[:, :k]
+        )
+        y[..., half:] = start[..., half:] + h * sums[:, k:]
         return y
 
     def states(self, phase: Array) -> Array:
