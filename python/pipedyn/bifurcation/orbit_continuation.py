@@ -165,6 +165,7 @@ def followed(motion: VectorField, start: BranchStart, how: OrbitControl) -> Iter
     """Steps along a branch of orbits, past folds, without end."""
     step = _first_step(motion, start, how)
     length = 1.5 * min(0.2 * how.longest, step.length)
+    bend: Array | None = None
     while True:
         yield step
         here, towards = orbit_at(step, step.length), step.end.tangent
@@ -176,12 +177,16 @@ def followed(motion: VectorField, start: BranchStart, how: OrbitControl) -> Iter
             ).edges
             if edges.size < 0.75 * here.edges.size:
                 here, towards = _on_mesh(step, step.end, edges)
+                bend = None
         while True:
             problem = OrbitProblem(motion, here, how, step.problem.unit)
-            step, following = problem.next(problem.starting(here.packed(), towards), length)
-            coarse = orbit_at(step, step.length).defects() > how.defect
-            if not coarse.any():
+            begin = problem.starting(here.packed(), towards)
+            step, following = problem.next(begin, length, bend)
+            defects = orbit_at(step, step.length).defects()
+            if defects.max() <= how.defect:
+                bend = step.bend
                 break
+            bend, coarse = None, defects > how.defect
             if here.edges.size + np.count_nonzero(coarse) > MOST_INTERVALS:
                 raise NewtonFailed(f"more than {MOST_INTERVALS} mesh intervals are needed")
             here, towards = _on_mesh(step, step.begin, divided(here.edges, 1 + coarse))
