@@ -9,6 +9,7 @@ from pipedyn.accuracy.effects import Effect, Relevance, relevant
 from pipedyn.accuracy.trade import Trade, TradeRow, trade
 from pipedyn.bifurcation.branches import CycleBranch, CycleEvent
 from pipedyn.bifurcation.brute_force import Attractor
+from pipedyn.bifurcation.cycle_boundary import CycleBoundary, cycle_boundary
 from pipedyn.bifurcation.diagram import (
     BifurcationDiagram,
     DiagramCost,
@@ -22,6 +23,7 @@ from pipedyn.bifurcation.equilibria import (
     equilibria,
     equilibrium_branch,
 )
+from pipedyn.bifurcation.event_curve import CycleCurve, CyclePoint
 from pipedyn.bifurcation.forced_response import (
     ForcedBranch,
     ForcedEvent,
@@ -90,8 +92,11 @@ __all__ = [
     "CriticalityCurve",
     "Crossing",
     "CubicSpring",
+    "CycleBoundary",
     "CycleBranch",
+    "CycleCurve",
     "CycleEvent",
+    "CyclePoint",
     "Damper",
     "DenseOutput",
     "Derivatives",
@@ -155,6 +160,7 @@ __all__ = [
     "critical_speed",
     "criticality_curve",
     "crossings",
+    "cycle_boundary",
     "diagram_cost",
     "eigenvalues",
     "end_coefficient",
