@@ -62,7 +62,7 @@ def monodromy(model, orbit, span):
 
     start = np.concatenate([y0, np.eye(2 * n).ravel()])
     time = span / orbit.frequency
-    found = scipy.integrate.solve_ivp(both, (0.0, time), start, "DOP853", rtol=1e-10, atol=1e-11)
+    found = scipy.integrate.solve_ivp(both, (0.0, time), start, "DOP853", rtol=1e-9, atol=1e-8)
     end = found.y[:, -1]
     return y0, end[: 2 * n], end[2 * n :].reshape(2 * n, 2 * n)
 

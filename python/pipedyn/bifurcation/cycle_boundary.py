@@ -118,6 +118,13 @@ def cycle_boundary(
                     f"window must hold the event: {name} is {value:.6g} there, and its range is "
                     f"{(low, high)}"
                 )
+        place = 1 if plane.own_first else 0
+        for end in ranges[place] if begin.symmetric else ():
+            if not plane.family.at(end).is_odd(begin.u):
+                raise ValueError(
+                    f"{'xy'[place]} must leave the pipe the mirror symmetry that the cycle has, "
+                    f"got {names[place]!r}"
+                )
         starts.append(begin)
     curves, points, failures = list[CycleCurve](), list[CyclePoint](), list[str]()
     with one_thread(2 * plane.model.moving):

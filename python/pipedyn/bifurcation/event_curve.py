@@ -285,7 +285,7 @@ class EventFollower:
 
     def _at_edge(self, problem: EventProblem, place: _Place) -> _Place | None:
         """The point on an edge beyond which there are no pipes, if the last one is beside it."""
-        second = self.plane.ranges[0 if not self.plane.own_first else 1]
+        second = self.plane.ranges[1 if self.plane.own_first else 0]
         edge = min(second, key=lambda value: abs(value - place.second))
         if abs(edge - place.second) > 0.01 * self.plane.family.width:
             return None
@@ -408,6 +408,9 @@ class EventFollower:
             for values in ([p.second for p in places], [p.own for p in places])
         )
         last = places[-1]
+        # Beside an edge beyond which there are no pipes it may lie beyond.
+        low, high = self.plane.ranges[1 if self.plane.own_first else 0]
+        second = min(max(second, low), high)
         orbit = last.orbit if self.plane.forced else replace(last.orbit, u=own)
         amplitude = 0.0 if name in ("Bautin", "Hopf") else last.amplitude
         return replace(last, second=second, own=own, orbit=orbit, amplitude=amplitude)

@@ -15,6 +15,7 @@ from pipedyn.bifurcation.branches import CycleBranch, CycleEvent
 from pipedyn.bifurcation.event_problem import Family, Followed
 from pipedyn.bifurcation.forced_response import ForcedBranch, ForcedEvent, ForcedField
 from pipedyn.bifurcation.limit_cycle import amplitude_of
+from pipedyn.bifurcation.orbit_continuation import orbit_at
 from pipedyn.bifurcation.periodic_orbit import PeriodicOrbit
 from pipedyn.bifurcation.vector_field import VectorField
 from pipedyn.models.base import Model
@@ -23,6 +24,9 @@ from pipedyn.models.pipe import RANGES, Pipe
 from pipedyn.util import check
 
 EVENTS: tuple[Followed, ...] = get_args(Followed)
+
+NUMBERS = tuple(name for name in RANGES if name != "hysteresis")
+"""Of a pipe, by name; with hysteresis it has no equation of motion."""
 
 FORCINGS = "amplitude", "u"
 """Numbers of a forced motion that are none of its pipe."""
@@ -101,9 +105,9 @@ def _number(argument: str, pipe: Pipe, name: str, others: tuple[str, ...]) -> fl
         of = pipe.terms[int(term[1])]
         if term[2] in of.numbers:
             return float(of.numbers[term[2]])
-    elif name in RANGES:
+    elif name in NUMBERS:
         return float(getattr(pipe, name))
-    known = [*RANGES, *others]
+    known = [*NUMBERS, *others]
     known += [f"terms[{i}].{item}" for i, of in enumerate(pipe.terms) for item in of.numbers]
     raise ValueError(f"{argument} must be one of {', '.join(known)}, got {name!r}")
 
@@ -183,19 +187,17 @@ def orbit_near(branch: CycleBranch | ForcedBranch, event: Any) -> PeriodicOrbit:
         apart = np.abs(branch.speeds / event.speed - 1.0)
         apart += np.abs(branch.amplitudes / event.amplitude - 1.0)
         return branch.cycles[int(np.argmin(apart))].orbit
-    at, distance = branch.steps[0].begin, math.inf
-    problem = branch.steps[0].problem
-    motion = branch.motion
+    motion, distance = branch.motion, math.inf
+    nearest = branch.steps[0], 0.0
     for step in branch.steps:
         low, high = sorted((step.begin.p, step.end.p))
         margin = 0.5 * (high - low) + 1e-3 * high
         if not low - margin <= event.frequency / motion.order <= high + margin:
             continue
-        for s in np.linspace(0.0, step.length, 9).tolist():
-            point = step.at(s)
-            orbit = step.problem.orbit(point.z)
+        for s in np.linspace(0.0, step.length, 17).tolist():
+            orbit = step.problem.orbit(step.guess(s))
             away = abs(motion.order * orbit.frequency / event.frequency - 1.0)
             away += abs(amplitude_of(motion, orbit)[0] / event.amplitude - 1.0)
             if away < distance:
-                at, distance, problem = point, away, step.problem
-    return problem.orbit(at.z)
+                nearest, distance = (step, s), away
+    return orbit_at(*nearest)
