@@ -329,6 +329,10 @@ MOTION = pp.simulate(FLUTTER, 1.0, 2.0, bend, samples=201)
 ENSEMBLE = pp.simulate_many(FLUTTER, [0.5, 1.0], 2.0, bend, samples=201)
 DIAGRAM = pp.bifurcation_diagram(FLUTTER, [0.98 * CRITICAL.speed, SPEED], cycles=8, brute_force=1)
 BRANCH = DIAGRAM.cycles[0]
+FOLDED = pp.bifurcation_diagram(pp.Chain(pp.Pipe(0.05), 2), [3.0, 3.3]).cycles[0]
+(FOLD,) = (event for event in FOLDED.events if event.kind == "fold")
+WINDOW = {"beta": (0.045, 0.055), "u": (3.0, 3.3)}
+FOLDS = pp.cycle_boundary(FOLDED, FOLD, "beta", "u", WINDOW)
 TRADE = trade(PIPE, "critical_speed", families="beam", sizes=[2, 3], repeats=1)
 LOCI = pp.root_loci(CHAIN, [0.0, 1.0, 2.0], 2)
 MODES = pp.modes(CHAIN, 1.0)
@@ -1252,6 +1256,21 @@ def _motions() -> Iterator[Target]:
     )
     yield Target("bifurcation_diagram", pp.bifurcation_diagram, {**diagram, **shown}, slow=True)
     yield Target("diagram_cost", pp.diagram_cost, diagram, slow=True)
+    wrong = any_of(NONE, *NOTHINGS, *WORDS, one_of(3, NAN, {}, []))
+    other = ({"beta": (0.1, 0.05), "u": (3.0, 3.3)}, {"u": (3.0, 3.3)}, WINDOW | {"u": (0.0, 1.0)})
+    yield Target(
+        "cycle_boundary",
+        pp.cycle_boundary,
+        {
+            "branch": Kind(one_of(FOLDED), any_of(wrong, one_of(BRANCH, DIAGRAM))),
+            "events": Kind(one_of(FOLD, [FOLD]), any_of(wrong, one_of(FOLDED.events[0]))),
+            "x": Kind(one_of("beta"), any_of(wrong, one_of("u", "hysteresis"))),
+            "y": Kind(one_of("u"), any_of(wrong, one_of("beta", "frequency"))),
+            "window": Kind(one_of(WINDOW), any_of(wrong, one_of(*other))),
+            "progress": FLAG,
+        },
+        slow=True,
+    )
 
 
 def _without_none(given: dict[str, Any], name: str) -> dict[str, Any]:
@@ -1509,6 +1528,7 @@ def _pictures() -> Iterator[Target]:
         "basins": {"found": of(ENDS), "ax": ax},
         "poincare_section": {"found": of(ENDS), "coordinate": place, "ax": ax},
         "spectrum": {"found": of(ENDS), "ax": ax},
+        "cycle_boundary": {"found": of(FOLDS), "ax": ax},
         "trade": {
             "found": Kind(any_of(of(TRADE).good, any_trade), of(TRADE).bad),
             "cost": word("seconds", "dof", "right_hand_sides", "factorisations"),

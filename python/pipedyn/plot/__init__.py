@@ -31,6 +31,7 @@ from pipedyn.plot.common import (
     panels,
     style,
 )
+from pipedyn.plot.cycle_boundary import cycle_boundary
 from pipedyn.plot.forced import forced_response, frequency_response, parametric_regions
 from pipedyn.plot.linear import NEUTRAL, dot_stride, frequencies, mode_shapes, root_loci
 from pipedyn.plot.motion import animate, phase_portrait, snapshots, time_history
@@ -60,6 +61,7 @@ __all__ = [
     "boundary",
     "colour_bar",
     "convergence",
+    "cycle_boundary",
     "dot_stride",
     "forced_response",
     "frequencies",
