@@ -69,6 +69,10 @@ UNKNOWN = 1e-3
 SETTLING = (10, 20, 40, 80)
 """Periods of a motion from rest, after each of which it is looked at: 1 s of a chain of 4."""
 
+REACH = 10.0
+"""What a step is measured by, in amplitudes of the motion that a moving base begins with, but 1 L
+at most: resonances that a stop or a fixed end bends over may be small."""
+
 REPEATS = 0.02
 """Share of its swing to which a motion has come back when Newton's method takes over."""
 
@@ -416,6 +420,7 @@ def _from_base(
         motion = ForcedField(model, replace(forcing, frequency=frequency), 1)
         try:
             orbit = _first_motion(motion, u)
+            motion.reach = min(1.0, REACH * amplitude_of(motion, orbit)[0])
             z = orbit.packed()
             onward = np.append(np.zeros(z.size - 1), way)
             tangent = OrbitProblem(motion, orbit, FINE).point(z, onward).tangent
