@@ -146,10 +146,7 @@ def attractors(
     executor: futures.Executor | None,
     shown: bool,
 ) -> tuple[Attractor, ...]:
-    """Where motions end, from each start at each speed.
-
-    A start is coordinates at rest, (coordinates,), or p and p', (2, moving).
-    """
+    """Where motions end, from each start at each speed."""
     members = [(float(u), k) for u in speeds for k in range(len(starts))]
     most = min(BATCH, max(LARGEST_SAMPLES // (options.samples * model.coordinates), 1))
     indices = np.array_split(np.arange(len(members)), math.ceil(len(members) / most))
@@ -318,6 +315,7 @@ def _batch(
 
 
 def _state(model: Model, start: Array) -> Array:
+    """[p, p'] of coordinates at rest, (coordinates,), or of p and p' in rows, (2, moving)."""
     return start.ravel() if start.ndim == 2 else np.asarray(model.start(start, None))
 
 
