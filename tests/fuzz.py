@@ -693,9 +693,10 @@ def _models() -> Iterator[Target]:
         )
         yield Target(f"{cls}.energy{tag}", model.energy, {"y": y})
         yield Target(f"{cls}.power{tag}", model.power, {"y": y, "u": U})
-        driven = {"y": rates, "u": U, "u_dot": optional(real((-9.0, 9.0)))}
-        if all(term.law != "stretching" for term in model.pipe.terms):
-            driven["base"] = optional(array((3, 2)))
+        driven = {
+            **{"y": rates, "u": U, "u_dot": optional(real((-9.0, 9.0)))},
+            "base": optional(array((3, 2))),
+        }
         for ask in (model.rhs, model.jacobian):
             yield Target(
                 f"{cls}.{ask.__name__}{tag}", lambda ask=ask, **given: ask(0.0, **given), driven
@@ -919,6 +920,32 @@ def _questions() -> Iterator[Target]:
         },
         slow=True,
     )
+    window = {"beta": (0.1, 0.9), "u": (0.0, 9.0)}
+    yield Target(
+        "boundary",
+        pp.boundary,
+        {
+            "model": STRAIGHT,
+            "x": word("beta"),
+            "y": word("u"),
+            "ranges": Kind(
+                one_of(window),
+                any_of(
+                    NONE,
+                    *(*NOTHINGS[2:], *WORDS),
+                    one_of({}, {"beta": (0.1, 0.9)}, 3, window | {"u": (9.0, 1.0)}),
+                    one_of(window | {"beta": (0.0, 0.5)}, window | {"u": (NAN, 1.0)}),
+                    one_of(window | {"u": "12"}, window | {"gamma": (0.0, 1.0)}),
+                ),
+            ),
+            "u": Kind(one_of(None), any_of(*NOTHINGS, *WORDS, one_of(1.0, -1.0, NAN, [None]))),
+            "criticality": FLAG,
+        },
+        slow=True,
+    )
+    found = pp.boundary(pp.Chain(PIPE, 2), "beta", "u", window, criticality=False)
+    inside = {"x": real((0.1, 0.9), 0.09, 0.91), "y": real((0.0, 9.0), -0.1, 9.1)}
+    yield Target("Boundary.unstable", found.unstable, inside)
     yield Target(
         "criticality_curve",
         pp.criticality_curve,

@@ -282,6 +282,12 @@ def test_from_si_counts_pressure_and_friction():
     speed = math.sqrt(2.0 * (2e4 + 1000.0 * 9.81) / (1000.0 * 5.0))
     assert pipe.speed_si(supply.speed(pipe)) == pytest.approx(speed, rel=1e-14)
     assert supply.start == pytest.approx(pipe.speed(1.0))
+    # In oil of 900 kg/m^3, whose pressure grows with the depth of the outlet.
+    dipped = pp.Supply.from_si(
+        pipe, pressure=2e4, density=1000.0, friction=5.0, weight=9.81 * 1e-4 * 100.0
+    )
+    slower = math.sqrt(2.0 * (2e4 + 100.0 * 9.81) / (1000.0 * 5.0))
+    assert pipe.speed_si(dipped.speed(pipe)) == pytest.approx(slower, rel=1e-14)
 
 
 def test_members_have_supplies_of_their_own():

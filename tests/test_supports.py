@@ -62,6 +62,13 @@ def test_coupled_mode_flutter_follows_on_gyroscopic_restabilisation(
 def test_two_diverging_modes_couple_where_little_of_the_mass_flows():
     """No root crosses the axis: two real ones meet and turn complex at the speed printed."""
     model = pp.Continuum(pp.Pipe(0.1, root="pinned", end="pinned"))
+    first, second, coupled = pp.crossings(model, 7.0)
+    assert (first.kind, second.kind, coupled.kind) == ("divergence", "divergence", "flutter")
+    assert coupled.speed == pytest.approx(6.394115, abs=6e-7)
+    assert (coupled.frequency, coupled.unstable_before, coupled.unstable_after) == (0.0, 2, 2)
+    assert pp.critical_speed(model).speed == pytest.approx(first.speed, rel=1e-14)
+    with pytest.raises(pp.NoHopf, match=r"^two growing real eigenvalues become a pair at u = 6.39"):
+        pp.hopf(pp.Galerkin(model.pipe, 8, "legendre"), coupled)
     before, after = (pp.eigenvalues(model, 6.394115 + off, 4) for off in (-2e-6, 2e-6))
     assert np.abs(before.imag).max() == 0.0
     assert np.sum(before.real > 0.1) == 2

@@ -7,6 +7,7 @@ from types import ModuleType as _ModuleType
 from pipedyn.accuracy.choose import Choice, NoModel, choose
 from pipedyn.accuracy.effects import Effect, Relevance, relevant
 from pipedyn.accuracy.trade import Trade, TradeRow, trade
+from pipedyn.bifurcation import continuation
 from pipedyn.bifurcation.attractors import (
     Attractors,
     Basin,
@@ -15,6 +16,7 @@ from pipedyn.bifurcation.attractors import (
     StartPlane,
     attractors,
 )
+from pipedyn.bifurcation.boundary import Boundary, BoundaryCurve, boundary
 from pipedyn.bifurcation.branches import CycleBranch, CycleEvent
 from pipedyn.bifurcation.brute_force import Attractor
 from pipedyn.bifurcation.diagram import (
@@ -39,6 +41,7 @@ from pipedyn.bifurcation.forced_response import (
 )
 from pipedyn.bifurcation.hopf import CriticalityCurve, Hopf, NoHopf, criticality_curve, hopf
 from pipedyn.bifurcation.limit_cycle import LimitCycle, NoCycle, limit_cycle
+from pipedyn.bifurcation.organising import OrganisingPoint
 from pipedyn.bifurcation.parametric_regions import ParametricRegion, parametric_regions
 from pipedyn.bifurcation.pulsating import FloquetMultipliers, floquet
 from pipedyn.linear.critical_speed import CriticalSpeed, NoCrossing, critical_speed, crossings
@@ -72,6 +75,7 @@ from pipedyn.models.terms import (
     Tension,
     Term,
     Viscosity,
+    Weight,
 )
 from pipedyn.motion.events import DenseOutput, Event, Occurrences
 from pipedyn.motion.lyapunov import LyapunovExponent, lyapunov_exponent
@@ -92,6 +96,8 @@ __all__ = [
     "Attractors",
     "Basin",
     "BifurcationDiagram",
+    "Boundary",
+    "BoundaryCurve",
     "BranchPoint",
     "Chain",
     "Choice",
@@ -137,6 +143,7 @@ __all__ = [
     "NotConverged",
     "Occurrences",
     "Operators",
+    "OrganisingPoint",
     "ParametricRegion",
     "Pipe",
     "PipedynError",
@@ -163,9 +170,12 @@ __all__ = [
     "Trade",
     "TradeRow",
     "Viscosity",
+    "Weight",
     "attractors",
     "bifurcation_diagram",
+    "boundary",
     "choose",
+    "continuation",
     "critical_speed",
     "criticality_curve",
     "crossings",

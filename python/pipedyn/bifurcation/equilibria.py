@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
-from dataclasses import field, replace
+from dataclasses import field
 from functools import cache, cached_property
 from itertools import product
 from typing import Any, Literal
@@ -517,25 +517,20 @@ class _Way:
 
     def run(self) -> str:
         """Follows the branch, and says why it ends."""
-        step = 0.2 * self.longest
         low, first, high = self.marks
+        a = self.points[0]
+        steps = self.branch.segments(a, 0.2 * self.longest, [(-1, p) for p in self.marks])
         while len(self.points) < MOST_POINTS // 2:
-            a = self.points[-1]
             if (a.p <= low and a.tangent[-1] < 0.0) or (a.p >= high and a.tangent[-1] > 0.0):
                 return "range"
             try:
-                segment, step = self.branch.next(a, step)
-                end = segment.end.p
-                passed = [(abs(u - a.p), u) for u in self.marks if (u - a.p) * (end - u) > 0.0]
-                if passed:
-                    point = self.branch.point(segment.where(min(passed)[1]), a.tangent)
-                    segment = replace(segment, end=point)
+                segment = next(steps)
                 joined = self._record(segment)
             except NewtonFailed:
                 return "not converged"
             if joined:
                 return "pitchfork"
-            b = segment.end
+            a = b = segment.end
             if float(np.abs(b.x).max()) > FAR:
                 return "far"
             if b.p == first and float(np.abs(b.x - self.points[0].x).max()) < DISTINCT:

@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike
 from pipedyn import _core
 from pipedyn.models.base import Model
 from pipedyn.models.constant_head import ConstantHead
-from pipedyn.models.drive import Base, Drive, Speed
+from pipedyn.models.drive import Base, Drive, DriveFailed, Speed
 from pipedyn.motion.events import Recorder
 from pipedyn.util.check import Array
 from pipedyn.util.counters import evaluated, factorised, in_time
@@ -270,6 +270,8 @@ def integrate(tasks: Sequence[Task], shown: bool, observer: Observer) -> list[Ou
             observer.call(task, float(t), row)
             if observer.end is not None:
                 break
+    except DriveFailed as failed:
+        why = str(failed)
     except Stopped as stopped:
         why = NOT_FINITE if monitor.overflowed else str(stopped)
     evaluated(monitor.calls + monitor.jacobians)
@@ -303,11 +305,11 @@ def _in_core(tasks: Sequence[Task], shown: bool, observer: Observer) -> list[Out
         done, finished, allowed = 0, False, min(FORECAST, observer.stretch)
         while not finished and observer.end is None:
             follows = observer.recorder is not None
-            finished, ends, steps = motion.advance(times, states, allowed, follows)
             try:
+                finished, ends, steps = motion.advance(times, states, allowed, follows)
                 observer.steps(ends, steps)
-            except Stopped as stopped:
-                whys[0] = str(stopped)
+            except (Stopped, DriveFailed) as stopped:
+                whys[:] = [str(stopped)] * members
                 return
             in_time()
             now = motion.members
