@@ -102,6 +102,27 @@ def test_a_section_holds_the_maxima_of_the_free_end():
     np.testing.assert_allclose(cycle.section[k:], cycle.section[:-k], atol=1e-5)
 
 
+def test_a_cycle_that_is_not_symmetric_and_its_mirror_image_are_two_attractors():
+    model = pp.Chain(pp.Pipe(0.2, 20.0, drag=0.5), 2)
+    starts = np.random.default_rng(3).uniform(-1.0, 1.0, (20, 2))
+    found = pp.attractors(model, 7.0, np.concatenate([starts, -starts]))
+    one, other = found.basins
+    assert one.share == other.share
+    assert (one.mirror_image, other.mirror_image) == (1, 0)
+    assert (found.ends[:20] == 1 - found.ends[20:]).all()
+    assert one.period == pytest.approx(other.period, rel=1e-6)
+    assert max(one.motion.tip[:, 0]) == pytest.approx(-min(other.motion.tip[:, 0]), rel=1e-6)
+    assert max(one.motion.tip[:, 0]) != pytest.approx(-min(one.motion.tip[:, 0]), rel=1e-3)
+
+
+def test_whole_turns_about_a_hinge_lead_to_the_same_attractor():
+    model = pp.Chain(pp.Pipe(0.2, 10.0, root="pinned"), 2)
+    angles = np.array([[0.5, 0.2], [-0.3, 0.4], [1.0, 1.5]])
+    found = pp.attractors(model, 3.0, np.concatenate([angles, angles + 2.0 * np.pi]))
+    (rest,) = found.basins
+    assert (rest.ending, rest.share.value) == ("rest", 1.0)
+
+
 @cache
 def hanging():
     """Subcritical: its cycle folds at some 0.96 of the speed of onset."""
