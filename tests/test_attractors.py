@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 import pipedyn as pp
+from pipedyn.bifurcation import capture
 
 STANDING = pp.Chain(pp.Pipe(0.2, -30.0), 2)
 """Upright, heavy: at u = 4.1 it leans to either side or flutters."""
@@ -254,3 +255,12 @@ def test_bad_arguments_are_refused_by_name(arguments, message):
 def test_a_plane_needs_two_directions_and_rising_values(arguments, message):
     with pytest.raises((ValueError, TypeError), match=message):
         pp.StartPlane(*arguments)
+
+
+def test_where_nothing_known_attracts_each_motion_takes_the_whole_transient():
+    starts = np.random.default_rng(0).uniform(-1.0, 1.0, (3, 4))
+    labels, ends = capture.follow(STANDING, 4.1, starts, [], 12.0, 1e-9)
+    assert labels.tolist() == [capture.NOWHERE] * 3
+    for start, end in zip(starts, ends, strict=True):
+        motion = pp.simulate(STANDING, 4.1, 12.0, *np.split(start, 2), rtol=1e-9)
+        np.testing.assert_allclose(end, motion.y[:, -1], atol=1e-5)
