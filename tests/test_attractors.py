@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 import pipedyn as pp
+from pipedyn.bifurcation import capture
 
 STANDING = pp.Chain(pp.Pipe(0.2, -30.0), 2)
 """Upright, heavy: at u = 4.1 it leans to either side or flutters."""
@@ -100,6 +101,29 @@ def test_a_section_holds_the_maxima_of_the_free_end():
     assert (bend < 0.0).all()
     k = cycle.attractor.period
     np.testing.assert_allclose(cycle.section[k:], cycle.section[:-k], atol=1e-5)
+
+
+def test_a_cycle_that_is_not_symmetric_and_its_mirror_image_are_two_attractors():
+    model = pp.Chain(pp.Pipe(0.2, 20.0, drag=0.5), 2)
+    starts = np.random.default_rng(3).uniform(-1.0, 1.0, (20, 2))
+    found = pp.attractors(model, 7.0, np.concatenate([starts, -starts]))
+    one, other = found.basins
+    assert one.share == other.share
+    assert (one.mirror_image, other.mirror_image) == (1, 0)
+    assert (found.ends[:20] == 1 - found.ends[20:]).all()
+    assert one.period == pytest.approx(other.period, rel=1e-6)
+    assert one.amplitude == pytest.approx(other.amplitude, rel=1e-6)
+    means = [basin.motion.tip[:-1, 0].mean() for basin in found.basins]
+    assert means[0] == pytest.approx(-means[1], rel=1e-4)
+    assert abs(means[0]) > 1e-2
+
+
+def test_whole_turns_about_a_hinge_lead_to_the_same_attractor():
+    model = pp.Chain(pp.Pipe(0.2, 10.0, root="pinned"), 2)
+    angles = np.array([[0.5, 0.2], [-0.3, 0.4], [1.0, 1.5]])
+    found = pp.attractors(model, 3.0, np.concatenate([angles, angles + 2.0 * np.pi]))
+    (rest,) = found.basins
+    assert (rest.ending, rest.share.value) == ("rest", 1.0)
 
 
 @cache
@@ -231,3 +255,12 @@ def test_bad_arguments_are_refused_by_name(arguments, message):
 def test_a_plane_needs_two_directions_and_rising_values(arguments, message):
     with pytest.raises((ValueError, TypeError), match=message):
         pp.StartPlane(*arguments)
+
+
+def test_where_nothing_known_attracts_each_motion_takes_the_whole_transient():
+    starts = np.random.default_rng(0).uniform(-1.0, 1.0, (3, 4))
+    labels, ends = capture.follow(STANDING, 4.1, starts, [], 12.0, 1e-9)
+    assert labels.tolist() == [capture.NOWHERE] * 3
+    for start, end in zip(starts, ends, strict=True):
+        motion = pp.simulate(STANDING, 4.1, 12.0, *np.split(start, 2), rtol=1e-9)
+        np.testing.assert_allclose(end, motion.y[:, -1], atol=1e-5)

@@ -154,10 +154,7 @@ def attractors(
     shown: bool,
     known: Mapping[float, Sequence[KnownSolution]] = MappingProxyType({}),
 ) -> tuple[Attractor, ...]:
-    """Where motions end, from each start at each speed, where some solutions may be known.
-
-    A start is coordinates at rest, (coordinates,), or p and p', (2, moving).
-    """
+    """Where motions end, from each start at each speed, where some solutions may be known."""
     members = [(float(u), k) for u in speeds for k in range(len(starts))]
     most = min(BATCH, max(LARGEST_SAMPLES // (options.samples * model.coordinates), 1))
     indices = np.array_split(np.arange(len(members)), math.ceil(len(members) / most))
@@ -354,6 +351,7 @@ def _batch(
 
 
 def _state(model: Model, start: Array) -> Array:
+    """[p, p'] of coordinates at rest, (coordinates,), or of p and p' in rows, (2, moving)."""
     return start.ravel() if start.ndim == 2 else np.asarray(model.start(start, None))
 
 

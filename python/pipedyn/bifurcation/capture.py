@@ -218,9 +218,8 @@ def follow(
         nearer: share of its first distance within a region at which a motion has reached it.
     """
     labels, ends = np.full(len(states), NOWHERE), states.copy()
-    if not regions:
-        return labels, ends
-    shortest, longest = (of(region.period for region in regions) for of in (min, max))
+    periods = [region.period for region in regions] or [duration]
+    shortest, longest = min(periods), max(periods)
     step = min(max(shortest / SAMPLES, longest / LONGEST_BLOCK), duration)
     block = math.ceil(longest / step)
     elapsed, stage = 0.0, FIRST_STAGE
@@ -253,7 +252,7 @@ def _reached(
 ) -> list[tuple[int, Array]]:
     """Of each motion of a batch which region it reaches, and where it then is."""
     watch = _Watch(regions, len(tasks), block, nearer)
-    outcomes: list[Outcome] = integrate(tasks, shown, watch)
+    outcomes: list[Outcome] = integrate(tasks, shown, watch if regions else observer)
     answers = []
     for label, (rows, _, why) in zip(watch.labels.tolist(), outcomes, strict=True):
         answers.append((STOPPED if why is not None else label, rows[-1, :-1]))
