@@ -249,6 +249,20 @@ def test_bent_equilibria_lie_where_the_cubic_coefficient_says():
     assert abs(static_cubic(there, point.y)) < 1e-6
 
 
+def test_curves_of_lost_stability_alone_are_the_same_curves():
+    pipe = pp.Pipe(0.2, terms=[pp.PointMass(1.0, 0.1)])
+    ranges = {"PointMass.mass": (0.0, 1.0), "u": (0.0, 9.0)}
+    words = pp.Chain(pipe, 4), "PointMass.mass", "u", ranges
+    every = pp.boundary(*words, criticality=False)
+    some = pp.boundary(*words, criticality=False, only_stability=True)
+    stable = [c for c in every.curves if 0 in c.unstable]
+    assert 0 < len(stable) == len(some.curves) < len(every.curves)
+    ends = [sorted([c.y[0], c.y[-1]]) for c in stable]
+    assert [sorted([c.y[0], c.y[-1]]) for c in some.curves] == [
+        pytest.approx(end, abs=1e-10) for end in ends
+    ]
+
+
 # ------------------------------------------------------------------------------------- refusals
 
 

@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from pipedyn.bifurcation.axis_problems import AxisProblem
 from pipedyn.bifurcation.boundary_curves import (
     Traced,
     Tracer,
@@ -23,6 +24,7 @@ from pipedyn.bifurcation.boundary_curves import (
     first_model,
     line_starts,
 )
+from pipedyn.bifurcation.continuation import Point
 from pipedyn.bifurcation.organising import (
     Double,
     OrganisingPoint,
@@ -30,6 +32,7 @@ from pipedyn.bifurcation.organising import (
     coefficients,
     counted,
     doubles,
+    others_unstable,
 )
 from pipedyn.linear.modes import largest_speed
 from pipedyn.linear.plane import Plane, Window
@@ -145,6 +148,7 @@ def boundary(
     *,
     u: float | None = None,
     criticality: bool = True,
+    only_stability: bool = False,
 ) -> Boundary:
     """Boundaries of stability in the plane of two of a pipe's numbers, with organising points.
 
@@ -164,6 +168,8 @@ def boundary(
         u: the flow speed, if it is neither.
         criticality: whether to compute on which side motions emerge, and where this changes, which
             takes longest.
+        only_stability: whether curves on which other roots are unstable are left out; then counts
+            at the edges are not compared.
 
     Returns:
         Boundary.
@@ -199,6 +205,7 @@ def boundary(
             )
     window = checked_window(model, (x, y), ranges)
     asked = check.flag("criticality", criticality)
+    only = check.flag("only_stability", only_stability)
     by_speed = None in window.numbers
     if by_speed and u is not None:
         raise ValueError(f"u must not be given where it is x or y, got {check.shown(u)}")
@@ -206,7 +213,7 @@ def boundary(
         if u is None:
             raise ValueError(f'u must be given where neither x nor y is "u", got {x!r} and {y!r}')
         u = check.real("u", u, low=0.0, high=largest_speed(model))
-    return _bounded(model, window, u, asked, (x, y))
+    return _bounded(model, window, u, asked, only, (x, y))
 
 
 def checked_window(model: AnyModel, names: tuple[Any, Any], ranges: Any) -> Window:
@@ -240,7 +247,12 @@ def checked_window(model: AnyModel, names: tuple[Any, Any], ranges: Any) -> Wind
 
 
 def _bounded(
-    model: AnyModel, window: Window, u: float | None, criticality: bool, names: tuple[str, str]
+    model: AnyModel,
+    window: Window,
+    u: float | None,
+    criticality: bool,
+    only_stability: bool,
+    names: tuple[str, str],
 ) -> Boundary:
     with one_thread(2 * getattr(model, "dof", 64)):
         coarse = Plane(first_model(model, window, u), window, u)
@@ -250,7 +262,11 @@ def _bounded(
                 "flutter was not looked for: without damping, and with no work done at its end, "
                 "the pipe's pairs meet on the axis and pass it nowhere"
             )
-        tracer = Tracer(coarse, starts)
+
+        def wanted(problem: AxisProblem, z: Array) -> bool:
+            return not only_stability or others_unstable(coarse, problem, z) == 0
+
+        tracer = Tracer(coarse, starts, wanted)
         counts: list[NDArray[np.int_]] = []
         found: list[Double] = []
         while starts:
@@ -278,7 +294,7 @@ def _bounded(
                 points += changes_of_criticality(curve, of_curve, values[:, 1])
             curves.append(_finished(curve, of_curve, values))
     low, high = window.low, window.low + window.size
-    if not coarse.conservative:
+    if not (coarse.conservative or only_stability):
         failures += _disagreements(curves, window)
     return Boundary(
         names=names,
@@ -324,16 +340,22 @@ def _disagreements(curves: list[BoundaryCurve], window: Window) -> Iterator[str]
             )
 
 
+def _telling(curve: Traced) -> list[Point]:
+    """Points that say on which side roots are unstable: of flutter one, which holds for all."""
+    if curve.problem.kind == "divergence":
+        return curve.points
+    # Away from ends at which its frequency is 0.
+    return [curve.points[len(curve.points) // 2]]
+
+
 def _finished(curve: Traced, counts: NDArray[np.int_], values: Array) -> BoundaryCurve:
     problem, points = curve.problem, curve.points
     places = curve.places()
     slopes = np.array([point.tangent[[-1, -2]] for point in points])
     words = np.array(["", "supercritical", "subcritical"])
     leading = values[:, 1]
-    changes = np.array([problem.change(point) for point in points])
-    for k, end in ((0, curve.ends[0]), (-1, curve.ends[1])):
-        if end == "Bogdanov-Takens":  # there both of the pair are 0
-            changes[k] = changes[1 if k == 0 else -2]
+    changes = np.array([problem.change(point) for point in _telling(curve)])
+    changes = np.resize(changes, len(points))
     which = np.where(np.isnan(leading), 0, np.where(leading < 0.0, 1, 2))
     return BoundaryCurve(
         kind=problem.kind,

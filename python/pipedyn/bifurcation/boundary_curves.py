@@ -9,7 +9,7 @@ the continuous pipe is solved again in larger bases until its points stay.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from itertools import pairwise
@@ -101,10 +101,16 @@ class Tracer:
     Args:
         plane: the matrices.
         starts: near points on curves, from which it finds the unit of frequencies.
+        wanted: of a problem and a solution z, whether its curve is to be followed.
     """
 
-    def __init__(self, plane: Plane, starts: list[Start]) -> None:
-        self.plane = plane
+    def __init__(
+        self,
+        plane: Plane,
+        starts: list[Start],
+        wanted: Callable[[AxisProblem, Array], bool] = lambda problem, z: True,
+    ) -> None:
+        self.plane, self.wanted = plane, wanted
         self.unit = max([1.0, *(float(z[0]) for z, _ in starts if z.size == 3)])
         # Derivatives are exact: a step that short leaves an error of its square.
         self.control = Control(LONGEST, shortest=1e-6, turn=TURN, tolerance=SAME)
@@ -130,7 +136,7 @@ class Tracer:
             z = problem.fixed(z, float(z[held]), held)
         inside = bool((z >= -1e-9).all() and (z[-2:] <= 1.0 + 1e-9).all())
         known = (one for one in self.curves if one.problem.kind == problem.kind)
-        if not inside or any(one.holds(z) for one in known):
+        if not inside or any(one.holds(z) for one in known) or not self.wanted(problem, z):
             return
         z[-2:] = z[-2:].clip(0.0, 1.0)
         limits = [(-1, 0.0, 1.0), (-2, 0.0, 1.0)]

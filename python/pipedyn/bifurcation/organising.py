@@ -87,7 +87,12 @@ def other_roots(plane: Plane, problem: AxisProblem, z: Array) -> Complex:
 
 def counted(plane: Plane, curve: Traced) -> NDArray[np.int_]:
     """Number of unstable roots beside those on the axis at each point of a curve."""
-    return np.array([_unstable(other_roots(plane, curve.problem, p.z)) for p in curve.points])
+    return np.array([others_unstable(plane, curve.problem, p.z) for p in curve.points])
+
+
+def others_unstable(plane: Plane, problem: AxisProblem, z: Array) -> int:
+    """Number of unstable roots beside those on the axis at a point of a curve."""
+    return _unstable(other_roots(plane, problem, z))
 
 
 def _unstable(roots: Complex) -> int:
@@ -141,7 +146,7 @@ def doubles(plane: Plane, curve: Traced, counts: NDArray[np.int_]) -> Iterator[D
     for k, end in ((0, curve.ends[0]), (-1, curve.ends[1])):
         if end == "Bogdanov-Takens":
             z = curve.points[k].z
-            yield Double((0.0, 0.0), z[-2:], _unstable(other_roots(plane, curve.problem, z)))
+            yield Double((0.0, 0.0), z[-2:], others_unstable(plane, curve.problem, z))
     if plane.conservative:
         return  # its pairs lie on the axis everywhere
     for segment, before, after in zip(curve.segments(), counts[:-1], counts[1:], strict=True):

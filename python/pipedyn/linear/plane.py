@@ -162,12 +162,15 @@ class Plane:
         """M, C, K at (x, y), with their derivatives by x and by y."""
         parts = self._all_parts(at)
         u = self.speed_at(at)
-        found = [self._joined(one, u) for one in parts]
-        if self.speed_index is not None:
-            _, _, by_u, _, by_square, _ = parts[0]
-            mass, stiffness = np.zeros_like(by_u), 2.0 * u * by_square
-            found[1 + self.speed_index] = mass, by_u, stiffness
-        return found[0], found[1], found[2]
+        found = [
+            self._by_speed(parts[0], u) if k == self.speed_index else self._joined(parts[1 + k], u)
+            for k in (0, 1)
+        ]
+        return self._joined(parts[0], u), found[0], found[1]
+
+    def _by_speed(self, parts: Array, u: float) -> Matrices:
+        mass, _, flow, _, flux, _ = parts
+        return np.zeros_like(mass), flow, 2.0 * u * flux
 
     def _joined(self, parts: Array, u: float) -> Matrices:
         mass, damping, flow, stiffness, flux, loss = parts
