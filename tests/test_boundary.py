@@ -189,6 +189,24 @@ def test_zero_is_a_double_eigenvalue_where_flutter_ends_on_divergence(standing):
     assert abs(left[:, -1] @ damping @ right[-1]) < 1e-9 * around
 
 
+def test_flutter_that_no_line_meets_is_followed_from_the_divergence_that_it_leaves():
+    """Its curve leaves a Bogdanov-Takens point inside and the window between two lines."""
+    pipe = pp.Pipe(0.2, terms=[pp.Damper(0.5, 1.0)])
+    ranges = {"gamma": (-30.0, 50.0), "Damper.coefficient": (0.0, 20.0)}
+    chain = pp.Chain(pipe, 2)
+    found = pp.boundary(chain, "gamma", "Damper.coefficient", ranges, u=7.0, criticality=False)
+    assert found.failures == ()
+    point = place(found, "Bogdanov-Takens")
+    (curve,) = [c for c in found.curves if "Bogdanov-Takens" in c.ends]
+    end = 0 if curve.ends[0] == "Bogdanov-Takens" else -1
+    assert (curve.x[end], curve.y[end]) == pytest.approx((point.x, point.y), abs=1e-9)
+    k = len(curve) // 2
+    damper = pp.Damper(0.5, curve.y[k])
+    values = eigenvalues(chain.with_pipe(replace(pipe, gamma=curve.x[k], terms=(damper,))), 7.0)
+    nearest = values[np.argmin(np.abs(values - 1j * curve.frequency[k]))]
+    assert abs(nearest - 1j * curve.frequency[k]) < 1e-9
+
+
 def test_two_pairs_lie_on_the_axis_at_a_double_hopf_point():
     chain = pp.Chain(pp.Pipe(0.2, terms=[pp.PointMass(1.0, 0.1)]), 4)
     ranges = {"PointMass.mass": (0.0, 0.5), "u": (3.0, 10.0)}

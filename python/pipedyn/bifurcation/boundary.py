@@ -20,11 +20,12 @@ from pipedyn.bifurcation.axis_problems import AxisProblem
 from pipedyn.bifurcation.boundary_curves import (
     Traced,
     Tracer,
+    basis_plane,
     converged,
-    first_model,
+    first_plane,
     line_starts,
 )
-from pipedyn.bifurcation.continuation import Point
+from pipedyn.bifurcation.continuation import Control, Point
 from pipedyn.bifurcation.organising import (
     Double,
     OrganisingPoint,
@@ -41,6 +42,7 @@ from pipedyn.models.continuum import AnyModel, Continuum, checked_model
 from pipedyn.models.pipe_numbers import PipeNumber, checked_number
 from pipedyn.util import check
 from pipedyn.util.check import Array
+from pipedyn.util.newton import NewtonFailed
 from pipedyn.util.result import result
 from pipedyn.util.threads import one_thread
 
@@ -137,7 +139,9 @@ class Boundary:
     def _plane(self) -> Plane:
         of = checked_window(self.model, self.names, dict(zip(self.names, self.ranges, strict=True)))
         model = self.model
-        return Plane(model.frozen(self.size) if isinstance(model, Continuum) else model, of, self.u)
+        if isinstance(model, Continuum):
+            return basis_plane(model.frozen(self.size), of, self.u)
+        return Plane(model, of, self.u)
 
 
 def boundary(
@@ -255,7 +259,7 @@ def _bounded(
     names: tuple[str, str],
 ) -> Boundary:
     with one_thread(2 * getattr(model, "dof", 64)):
-        coarse = Plane(first_model(model, window, u), window, u)
+        coarse = first_plane(model, window, u)
         starts, failures = line_starts(coarse)
         if coarse.conservative:
             failures.append(
@@ -280,13 +284,16 @@ def _bounded(
                         found.append(one)
                         starts += one.starts()
         failures += tracer.failures()
-        plane, traced = coarse, tracer.curves
+        plane, traced = coarse, list[Traced | None](tracer.curves)
         if isinstance(model, Continuum):
-            plane, traced = converged(model, coarse, traced)
-            found = [one.solved(plane, tracer.control) for one in found]
+            plane, traced = converged(model, coarse, tracer.curves)
+            found = [*_solved_again(found, plane, tracer.control, failures)]
         points = [one.point(plane) for one in found]
         curves = []
-        for curve, of_curve in zip(traced, counts, strict=True):
+        for last, of_curve in zip(traced, counts, strict=True):
+            if last is None:
+                continue
+            curve = last
             values = np.full((len(curve.points), 2), np.nan)
             if criticality:
                 for k in np.flatnonzero(of_curve == 0):
@@ -306,6 +313,21 @@ def _bounded(
         size=plane.dof,
         failures=tuple(failures),
     )
+
+
+def _solved_again(
+    found: list[Double], plane: Plane, control: Control, failures: list[str]
+) -> Iterator[Double]:
+    """The points in a larger basis; those that it does not have are failures."""
+    for one in found:
+        try:
+            yield one.solved(plane, control)
+        except NewtonFailed as error:
+            point = one.point(plane)
+            failures.append(
+                f"a point of kind {point.kind} near ({point.x:.6g}, {point.y:.6g}) was not found "
+                f"in a larger basis: {error}"
+            )
 
 
 def _same(one: Double, other: Double) -> bool:
@@ -331,8 +353,11 @@ def _disagreements(curves: list[BoundaryCurve], window: Window) -> Iterator[str]
             before, after = (behind, ahead) if leftwards else (ahead, behind)
             ends.append((place, before, after, at))
     ends.sort(key=lambda end: end[0])
+    speeds = [k for k, number in enumerate(window.numbers) if number is None]
     for one, other in zip(ends, ends[1:] + ends[:1], strict=True):
-        if one[2] != other[1]:
+        # Without flow, and without damping, all roots lie on the axis.
+        without_flow = any(end[3][k] == 0.0 for end in (one, other) for k in speeds)
+        if one[2] != other[1] and not without_flow:
             yield (
                 f"beyond ({one[3][0]:.6g}, {one[3][1]:.6g}) on the window's edge {one[2]} roots "
                 f"are unstable, and before ({other[3][0]:.6g}, {other[3][1]:.6g}) {other[1]}: "
