@@ -944,6 +944,7 @@ def _questions() -> Iterator[Target]:
             ),
             "u": Kind(one_of(None), any_of(*NOTHINGS, *WORDS, one_of(1.0, -1.0, NAN, [None]))),
             "criticality": FLAG,
+            "only_stability": FLAG,
         },
         slow=True,
     )
