@@ -254,6 +254,7 @@ def test_the_picture_shades_where_the_pipe_may_snap(folded):
         for beta, u in path.vertices:
             onset = pp.critical_speed(pp.Chain(pp.Pipe(float(beta)), 2)).speed
             assert u <= onset + 1e-4
-    assert [text.get_text() for text in ax.texts] == ["Bautin"]
+    labels = [line.get_label() for line in ax.lines]
+    assert labels == ["fold of a stable cycle", "the straight pipe becomes unstable", "Bautin"]
     with pytest.raises(TypeError, match="found must be of type CycleBoundary"):
         plot.cycle_boundary(3)

@@ -20,9 +20,7 @@ from pipedyn.bifurcation.limit_cycle import amplitude_of
 from pipedyn.bifurcation.orbit_continuation import FINE, breaking_part, onward
 from pipedyn.bifurcation.periodic_orbit import PeriodicOrbit, resolved
 from pipedyn.bifurcation.vector_field import VectorField
-from pipedyn.linear.critical_speed import critical_speed
 from pipedyn.linear.eigenproblem import Complex
-from pipedyn.models.base import PipedynError
 from pipedyn.util.check import Array
 from pipedyn.util.later import scipy
 from pipedyn.util.newton import NewtonFailed
@@ -203,7 +201,7 @@ class EventFollower:
             multiplier=multiplier,
             unstable=np.array([place.unstable for place in places]),
             opens=np.array([place.opens for place in places]),
-            onset=np.array([self._onset(place.second) for place in places]),
+            onset=self.plane.onsets(np.array([place.second for place in places])).speeds,
             ends=(first, last),
             orbits=tuple(place.orbit for place in places),
         )
@@ -212,15 +210,6 @@ class EventFollower:
         root = complex(np.exp(1j * place.z[-2]))
         value = root**2 if place.orbit.symmetric else root
         return complex(value.real, abs(value.imag))
-
-    def _onset(self, second: float) -> float:
-        """Critical speed at a value of the second number, NaN for none."""
-        if self.plane.forced:
-            return math.nan
-        try:
-            return critical_speed(self.plane.family.at(second).model).speed
-        except (PipedynError, ValueError):
-            return math.nan
 
     def place(self, problem: EventProblem, point: Point) -> _Place:
         """What is known of a point."""

@@ -18,10 +18,12 @@ from pipedyn.bifurcation.limit_cycle import amplitude_of
 from pipedyn.bifurcation.orbit_continuation import orbit_at
 from pipedyn.bifurcation.periodic_orbit import PeriodicOrbit
 from pipedyn.bifurcation.vector_field import VectorField
+from pipedyn.linear.stability_curve import StabilityCurve, stability_curve
 from pipedyn.models.base import Model
 from pipedyn.models.drive import Pulsation
 from pipedyn.models.pipe import RANGES, Pipe
 from pipedyn.util import check
+from pipedyn.util.check import Array
 
 EVENTS: tuple[Followed, ...] = get_args(Followed)
 
@@ -128,6 +130,13 @@ class EventPlane:
     def places(self, second: float, own: float) -> tuple[float, float]:
         """(x, y)."""
         return (own, second) if self.own_first else (second, own)
+
+    def onsets(self, values: Array) -> StabilityCurve:
+        """Critical speeds at values of the second number; of forced motions there is none."""
+        if self.forced:
+            none = (None,) * values.size
+            return StabilityCurve(values, none, ((),) * values.size, ())
+        return stability_curve(lambda value: self.family.at(value).model, values)
 
     def evaluations(self) -> int:
         """Right-hand sides and Jacobians so far."""
