@@ -345,6 +345,8 @@ OVERHANG = pp.Chain(pp.Pipe(0.2, damping=0.002, supports=[0.25]), 4)
 OVERHANG_SPEED = pp.critical_speed(OVERHANG).speed
 SHAKEN = pp.Chain(pp.Pipe(0.2, 3.0, damping=0.01), 2)
 HINGES = pp.Chain(HINGED, 5)
+PLANE = pp.StartPlane(np.array([-0.1, 0.2]), np.array([-0.2, 0.1]))
+ENDS = pp.attractors(FLUTTER, SPEED, PLANE)
 PUMP, SHAKER = pp.Pulsation(2.0, 0.3, 25.0), pp.Harmonic(0.01, 25.0)
 SHAKES = pp.forced_response(SHAKEN, 1.0, base=SHAKER, frequencies=(20.0, 30.0))
 RESPONSE = pp.frequency_response(SHAKEN, 1.0, (1.0, 30.0))
@@ -352,6 +354,7 @@ REGIONS = pp.parametric_regions(pp.Chain(pp.Pipe(0.1, 3.0), 2), 3.0, [0.3, 0.6],
 OBJECTS = (PIPE, CHAIN, BEAM, EXACT, SCENE, CRITICAL, CROSSING, HOPF, CYCLE, MOTION, ENSEMBLE)
 OBJECTS += (
     DIAGRAM,
+    ENDS,
     BRANCH,
     BRANCH.events[0],
     TRADE,
@@ -694,9 +697,10 @@ def _models() -> Iterator[Target]:
         )
         yield Target(f"{cls}.energy{tag}", model.energy, {"y": y})
         yield Target(f"{cls}.power{tag}", model.power, {"y": y, "u": U})
-        driven = {"y": rates, "u": U, "u_dot": optional(real((-9.0, 9.0)))}
-        if all(term.law != "stretching" for term in model.pipe.terms):
-            driven["base"] = optional(array((3, 2)))
+        driven = {
+            **{"y": rates, "u": U, "u_dot": optional(real((-9.0, 9.0)))},
+            "base": optional(array((3, 2))),
+        }
         for ask in (model.rhs, model.jacobian):
             yield Target(
                 f"{cls}.{ask.__name__}{tag}", lambda ask=ask, **given: ask(0.0, **given), driven
@@ -920,6 +924,32 @@ def _questions() -> Iterator[Target]:
         },
         slow=True,
     )
+    window = {"beta": (0.1, 0.9), "u": (0.0, 9.0)}
+    yield Target(
+        "boundary",
+        pp.boundary,
+        {
+            "model": STRAIGHT,
+            "x": word("beta"),
+            "y": word("u"),
+            "ranges": Kind(
+                one_of(window),
+                any_of(
+                    NONE,
+                    *(*NOTHINGS[2:], *WORDS),
+                    one_of({}, {"beta": (0.1, 0.9)}, 3, window | {"u": (9.0, 1.0)}),
+                    one_of(window | {"beta": (0.0, 0.5)}, window | {"u": (NAN, 1.0)}),
+                    one_of(window | {"u": "12"}, window | {"gamma": (0.0, 1.0)}),
+                ),
+            ),
+            "u": Kind(one_of(None), any_of(*NOTHINGS, *WORDS, one_of(1.0, -1.0, NAN, [None]))),
+            "criticality": FLAG,
+        },
+        slow=True,
+    )
+    found = pp.boundary(pp.Chain(PIPE, 2), "beta", "u", window, criticality=False)
+    inside = {"x": real((0.1, 0.9), 0.09, 0.91), "y": real((0.0, 9.0), -0.1, 9.1)}
+    yield Target("Boundary.unstable", found.unstable, inside)
     yield Target(
         "criticality_curve",
         pp.criticality_curve,
@@ -1195,6 +1225,36 @@ def _motions() -> Iterator[Target]:
         "seed": Kind(one_of(0, 7), any_of(NONE, *NOTHINGS, *WORDS, one_of(-1, 0.5, NAN))),
     }
     shown = {"executor": EXECUTOR, "progress": FLAG}
+    own = any_of(array((2, 3), (-0.1, 0.1)).good, array((2, 6), (-0.1, 0.1)).good)
+    own = any_of(count(1, 3).good, own, one_of(PLANE))
+    yield Target(
+        "attractors",
+        pp.attractors,
+        {
+            "model": flutter,
+            "u": Kind(one_of(1.0, 2.0), SLOW.bad),
+            "starts": Kind(own, any_of(array((2, 6), (-0.1, 0.1), (1e7,)).bad, one_of(0, -1, 2.5))),
+            "transient": real((10.0, 20.0), -1.0, 1e300),
+            "duration": real((1.0, 2.0), 0.0, 1e300),
+            "exponents": FLAG,
+            "rtol": real((1e-6, 1e-4), 0.0, 1.0),
+            "seed": diagram["seed"],
+            **shown,
+        },
+        slow=True,
+        called={"starts": "starts|angle"},
+    )
+    wrong = any_of(NONE, *WORDS, one_of(3, (0,), (0, 0), (-1, 2)))
+    yield Target(
+        "StartPlane",
+        pp.StartPlane,
+        {
+            "x": array(2, (-1.0, 1.0), rising=True, any_size=True),
+            "y": array(3, (-1.0, 1.0), rising=True, any_size=True),
+            "indices": Kind(one_of((0, 1), (1, 5), [0, 3]), wrong),
+            "state": optional(array(6, (-0.1, 0.1), any_size=True)),
+        },
+    )
     yield Target("bifurcation_diagram", pp.bifurcation_diagram, {**diagram, **shown}, slow=True)
     yield Target("diagram_cost", pp.diagram_cost, diagram, slow=True)
     wrong = any_of(NONE, *NOTHINGS, *WORDS, one_of(3, NAN, {}, []))
@@ -1471,6 +1531,9 @@ def _pictures() -> Iterator[Target]:
         },
         "bifurcation_diagram": {"diagram": of(DIAGRAM), "coordinate": place, "ax": ax},
         "cycle_boundary": {"found": of(FOLDS), "ax": ax},
+        "basins": {"found": of(ENDS), "ax": ax},
+        "poincare_section": {"found": of(ENDS), "coordinate": place, "ax": ax},
+        "spectrum": {"found": of(ENDS), "ax": ax},
         "trade": {
             "found": Kind(any_of(of(TRADE).good, any_trade), of(TRADE).bad),
             "cost": word("seconds", "dof", "right_hand_sides", "factorisations"),

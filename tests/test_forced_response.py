@@ -9,6 +9,7 @@ import math
 
 import numpy as np
 import pytest
+import scipy.optimize
 
 import pipedyn as pp
 
@@ -156,6 +157,95 @@ def test_a_pipe_that_rests_bent_moves_about_its_rest(make):
             ask()
 
 
+def test_a_range_of_frequencies_may_be_a_list_or_an_array():
+    base, model = pp.Harmonic(0.01, 5.0), pp.Galerkin(SHAKEN, 2)
+    expected, *others = (
+        pp.forced_response(model, 2.0, base=base, frequencies=given).branches[0]
+        for given in ((5.0, 5.5), [5.0, 5.5], np.array([5.0, 5.2, 5.5]))
+    )
+    for found in others:
+        np.testing.assert_array_equal(found.frequency, expected.frequency)
+
+
+@pytest.mark.parametrize(
+    ("model", "u"),
+    [
+        (pp.Chain(pp.Pipe(0.2), 4), 0.0),
+        (pp.Galerkin(pp.Pipe(0.2), 3), 0.0),
+        (pp.Chain(pp.Pipe(0.0), 4), 1.0),
+    ],
+    ids=["chain", "reduced", "no fluid's inertia"],
+)
+def test_without_damping_motions_are_neutral_and_nothing_passes_the_unit_circle(model, u):
+    found = pp.forced_response(model, u, base=pp.Harmonic(0.01, 5.0), frequencies=(5.0, 12.0))
+    (branch,) = found.branches
+    assert [event.kind for event in branch.events] == ["end"]
+    assert branch.stable.all()
+    np.testing.assert_allclose(branch.largest, 1.0, atol=1e-6)
+    (motion,) = found.at(9.0)
+    assert motion.stable
+    np.testing.assert_allclose(np.abs(motion.multipliers), 1.0, atol=1e-9)
+
+
+def test_without_damping_two_pairs_that_meet_leave_the_circle():
+    """Then each multiplier has its inverse: the pipe's equations are reversible."""
+    model = pp.Galerkin(pp.Pipe(0.2), 2, "legendre")
+    base = pp.Harmonic(0.05, 18.5)
+    found = pp.forced_response(model, 0.0, base=base, frequencies=(18.5, 19.5))
+    events = [event for event in found.branches[0].events if event.kind != "end"]
+    assert [event.kind for event in events] == ["torus", "torus"]
+    first, last = (event.frequency for event in events)
+    (before,), (between,), (beyond,) = (
+        found.at(w) for w in (first - 0.02, 0.5 * (first + last), last + 0.02)
+    )
+    assert (before.stable, between.stable, beyond.stable) == (True, False, True)
+    sizes = np.abs(between.multipliers)
+    np.testing.assert_allclose(sizes[0] * sizes[-1], 1.0, rtol=1e-8)
+    assert sizes[0] > 1.01
+
+
+def test_an_axially_fixed_pipe_on_a_shaker_is_duffings_oscillator():
+    """w = a sin pi s: a'' + d (1 + K a^2 / 2) a' + pi^4 (a + K a^3 / 4) = (4 / pi) X omega^2 cos.
+
+    d = delta pi^4.
+
+    Holmes, J. Sound Vib. 53 (1977), 471. It is solved in its harmonics 1, 3 and 5 here; what
+    bends the pipe at large angles is besides of the order of 10 / K.
+    """
+    axial, damping, reach, omega = 1e3, 0.01, 0.01, 15.0
+    pipe = pp.Pipe(
+        *(0.2,), damping=damping, root="pinned", end="pinned", terms=[pp.Stretching(axial)]
+    )
+    phases = 2.0 * np.pi * np.arange(32) / 32.0
+    turns = np.exp(1j * phases[:, None] * np.array([1.0, 3.0, 5.0]))
+
+    def missed(parts):
+        x = parts[:3] + 1j * parts[3:]
+        a = (turns @ x).real
+        w = omega * np.array([1.0, 3.0, 5.0])
+        rate = (turns @ (1j * w * x)).real
+        bent = axial * (0.25 * a**3 + 0.5 * damping * a**2 * rate)
+        left = (np.pi**4 - w**2 + 1j * w * damping * np.pi**4) * x
+        left += np.pi**4 * turns.conj().T @ bent / 16.0
+        left[0] -= 4.0 / np.pi * reach * omega**2
+        return np.concatenate([left.real, left.imag])
+
+    def largest(start):
+        found = scipy.optimize.root(missed, [start, 0.0, 0.0, 0.0, 0.0, 0.0], tol=1e-12)
+        assert found.success
+        fine = np.exp(1j * np.linspace(0.0, 2 * np.pi, 4001)[:, None] * np.array([1.0, 3.0, 5.0]))
+        return float(np.abs((fine @ (found.x[:3] + 1j * found.x[3:])).real).max())
+
+    model = pp.Galerkin(pipe, 3)
+    found = pp.forced_response(model, 0.0, base=pp.Harmonic(reach, omega), frequencies=(8.0, 16.5))
+    motions = found.at(omega)
+    assert [motion.stable for motion in motions] == [True, False, True]
+    sine = math.sin(math.pi * pipe.watched)
+    for motion, start in ((motions[0], 0.08), (motions[2], -0.02)):
+        assert motion.amplitude == pytest.approx(sine * largest(start), rel=1e-2)
+    assert motions[0].amplitude > 2.0 * motions[2].amplitude
+
+
 MODEL = pp.Galerkin(SHAKEN, 3)
 
 
@@ -177,9 +267,14 @@ MODEL = pp.Galerkin(SHAKEN, 3)
             "frequencies must have low > 0",
         ),
         (
-            {"base": pp.Harmonic(0.1, 3.0), "frequencies": [1.0, 3.0]},
+            {"base": pp.Harmonic(0.1, 3.0), "frequencies": [3.0]},
             ValueError,
-            "frequencies must be a tuple (low, high)",
+            "frequencies must be a range (low, high), low < high, got [3.0]",
+        ),
+        (
+            {"base": pp.Harmonic(0.1, 3.0), "frequencies": np.array([3.0, 1.0])},
+            ValueError,
+            "frequencies must be a range (low, high), low < high",
         ),
         ({"model": pp.Chain(SHAKEN, 80)}, ValueError, "model must have at most 60"),
         ({"model": pp.Continuum(SHAKEN)}, TypeError, "model must be"),

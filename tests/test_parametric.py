@@ -187,9 +187,17 @@ MODEL = pp.Galerkin(PIPE, 4)
         ((MODEL, 5.0, [0.2, 0.1], (20.0, 30.0)), ValueError, "amplitudes must be strictly"),
         ((MODEL, 5.0, [], (20.0, 30.0)), ValueError, "amplitudes must have from 1 to"),
         ((MODEL, 5.0, [-0.1], (20.0, 30.0)), ValueError, "amplitudes must be finite and > 0"),
-        ((MODEL, 5.0, 0.1, (30.0, 30.0)), ValueError, "frequencies must have low < high"),
+        (
+            (MODEL, 5.0, 0.1, (30.0, 30.0)),
+            ValueError,
+            "frequencies must be a range (low, high), low < high",
+        ),
         ((MODEL, 5.0, 0.1, (1.0, 30.0)), ValueError, "frequencies must have 0 < low and high <="),
-        ((MODEL, 5.0, 0.1, [20.0, 30.0]), ValueError, "frequencies must be a tuple (low, high)"),
+        (
+            (MODEL, 5.0, 0.1, [20.0]),
+            ValueError,
+            "frequencies must be a range (low, high), low < high",
+        ),
         ((MODEL, 9.0, 0.1, (20.0, 30.0)), ValueError, "mean must be a speed at which the pipe"),
     ],
 )

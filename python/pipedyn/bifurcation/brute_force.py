@@ -146,7 +146,10 @@ def attractors(
     executor: futures.Executor | None,
     shown: bool,
 ) -> tuple[Attractor, ...]:
-    """Where motions end, from each start at each speed."""
+    """Where motions end, from each start at each speed.
+
+    A start is coordinates at rest, (coordinates,), or p and p', (2, moving).
+    """
     members = [(float(u), k) for u in speeds for k in range(len(starts))]
     most = min(BATCH, max(LARGEST_SAMPLES // (options.samples * model.coordinates), 1))
     indices = np.array_split(np.arange(len(members)), math.ceil(len(members) / most))
@@ -290,9 +293,7 @@ def _batch(
 ) -> list[Attractor | Exception]:
     """Where each member of one batch ends, or why it stopped early."""
     batch = _Batch(model, options)
-    runs = [
-        _Run(i, u, k, np.asarray(model.start(starts[k], None))) for i, (u, k) in enumerate(members)
-    ]
+    runs = [_Run(i, u, k, _state(model, starts[k])) for i, (u, k) in enumerate(members)]
     # Motions with neighbours take no more samples than all at the end.
     stretch, longest = FIRST_LOOK, max(FIRST_LOOK, 0.5 * options.duration)
     while runs and batch.elapsed + stretch <= options.transient:
@@ -316,10 +317,16 @@ def _batch(
     return [batch.answers[i] for i in range(len(members))]
 
 
+def _state(model: Model, start: Array) -> Array:
+    return start.ravel() if start.ndim == 2 else np.asarray(model.start(start, None))
+
+
 def _neighbour(model: Model, run: _Run, bend: Array) -> _Run:
     """A motion that sets out beside another, towards a bend."""
     p, rate = np.split(run.state, 2)
-    towards, _ = np.split(np.asarray(model.start(bend, None)), 2)
+    towards, _ = np.split(_state(model, bend), 2)
+    if not towards.any():
+        towards = np.ones_like(towards)
     beside = p + NUDGE * towards / float(np.abs(towards).max()), rate
     state = np.concatenate(model.projected(*beside))
     return _Run(NEIGHBOUR, run.speed, run.start, state if np.isfinite(state).all() else run.state)

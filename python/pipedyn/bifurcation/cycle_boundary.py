@@ -77,8 +77,9 @@ def cycle_boundary(
             "torus".
         x: name of a number. Of cycles x or y is "u", the flow speed; of forced motions one of them
             is "frequency", that of the forcing. The other is a number of the pipe, such as "beta"
-            and "drag", or of a term, such as "terms[0].mass"; of forced motions also "amplitude",
-            of the base's motion or of the pulsation relative to its mean, or "u".
+            and "drag", or of a term, such as "terms[0].mass" or, if there is but one,
+            "PointMass.mass"; of forced motions also "amplitude", of the base's motion or of the
+            pulsation relative to its mean, or "u".
         y: name of the other.
         window: range (low, high) of each by its name, in which the events lie.
         progress: show progress on stderr.

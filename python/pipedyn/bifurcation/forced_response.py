@@ -13,13 +13,15 @@ import math
 from collections.abc import Iterator
 from copy import copy
 from dataclasses import dataclass, field, replace
+from functools import cache
 from typing import Any, Literal
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from pipedyn.bifurcation.collocation import OrbitProblem, residual, solved
 from pipedyn.bifurcation.continuation import folds, sign_changes
-from pipedyn.bifurcation.floquet import EventKind, crossing_event, orbit_multipliers
+from pipedyn.bifurcation.floquet import UNIT, EventKind, crossing_event, orbit_multipliers
 from pipedyn.bifurcation.limit_cycle import Known, amplitude_of, refined_until
 from pipedyn.bifurcation.orbit_continuation import (
     FINE,
@@ -44,7 +46,7 @@ from pipedyn.linear.eigenproblem import Complex
 from pipedyn.linear.frequency_response import base_solution, checked_range
 from pipedyn.linear.modes import largest_speed
 from pipedyn.models.base import Model, NotConverged
-from pipedyn.models.drive import ROWS, Harmonic, Pulsation
+from pipedyn.models.drive import ROWS, Harmonic, Pulsation, require_steady, steady_speed
 from pipedyn.motion.simulate import Trajectory, checked_model_in_motion
 from pipedyn.util import check
 from pipedyn.util.check import Array
@@ -58,6 +60,9 @@ LARGEST = 60
 
 MOST_STEPS = 400
 """Steps along a branch, the longest of which are 0.15 in amplitude or in the frequency's share."""
+
+UNKNOWN = 1e-3
+"""Of multipliers whose error is not known, as they hardly converge: what is taken for it."""
 
 HARMONICS = 8
 """Of Hill's equations, for the motions in which branches leave rest."""
@@ -154,7 +159,9 @@ class ForcedMotion(Trajectory):
         period: of the motion, in T: one of the forcing, or two if it is subharmonic.
         multipliers: Floquet multipliers over this period, complex, shape (2 dof,), the largest
             modulus first.
-        stable: whether all are smaller than 1 in modulus.
+        stable: whether none exceeds 1 in modulus by more than 1e-6 or three times what it is known
+            to. Of a pipe that nothing damps they have the modulus 1: motions nearby then neither
+            grow nor decay.
         t: times from a crest of the forcing to the period, shape (S,).
         q, qdot: coordinates and rates, shape (S, coordinates).
         u: flow speed, or the pulsation.
@@ -213,7 +220,8 @@ class ForcedBranch:
         amplitude: half the peak-to-peak transverse motion of the free end relative to the base, in
             L, shape (P,).
         largest: modulus of the largest multiplier, shape (P,); 1 at events and in rest.
-        stable: whether that is smaller than 1, shape (P,).
+        stable: whether that is at most 1 but for what it is known to, as of a `ForcedMotion`, and
+            False at events, shape (P,).
         events: in the order in which they are met.
     """
 
@@ -280,7 +288,7 @@ def forced_response(
     u: float | Pulsation,
     *,
     base: Harmonic | None = None,
-    frequencies: tuple[float, float] | None = None,
+    frequencies: ArrayLike | None = None,
     progress: bool = False,
 ) -> ForcedResponse:
     """Periodic motions of finite amplitude over the frequency of the forcing, stable or not.
@@ -292,8 +300,9 @@ def forced_response(
             must be stable at the mean speed.
         base: transverse motion of the base, whose amplitude stays while its frequency varies.
             Needed unless the flow pulsates, and not taken if it does.
-        frequencies: range (low, high) of the forcing's angular frequency, low > 0; where not given,
-            near the frequency of base or pulsation.
+        frequencies: range (low, high) of the forcing's angular frequency, low > 0, or more in
+            increasing order, from the first to the last; where not given, near the frequency of
+            base or pulsation.
         progress: show progress on stderr.
 
     Returns:
@@ -309,7 +318,7 @@ def forced_response(
     model = checked_model_in_motion(model, largest=LARGEST, purpose="forced_response")
     forcing = _checked_forcing(u, base)
     mean = forcing.mean if isinstance(forcing, Pulsation) else u
-    speed = check.real("u", mean, low=0.0, high=largest_speed(model))
+    speed = steady_speed("u", mean, high=largest_speed(model))
     if frequencies is None:
         low, high = 0.99 * forcing.frequency, 1.01 * forcing.frequency
     else:
@@ -346,6 +355,7 @@ def _checked_forcing(u: Any, base: Any) -> Pulsation | Harmonic:
         if u.amplitude == 0.0 or abs(u.amplitude) == 1.0:
             raise ValueError(f"u.amplitude must be between 0 and 1, got {u.amplitude!r}")
         return replace(u, amplitude=abs(u.amplitude))
+    require_steady("u", u)
     if not isinstance(base, Harmonic):
         raise TypeError(f"base must be a Harmonic or u a Pulsation, got {check.shown(base)}")
     if base.direction != "x":
@@ -449,13 +459,20 @@ def _leaving_rest(motion: ForcedField, hill: Hill, edge: float, mean: float) -> 
 class _Point:
     frequency: float
     amplitude: float
-    largest: float
+    largest: float = 1.0
+    stable: bool = False
+
+
+def unit_of(error: float) -> float:
+    """By how much the modulus of a multiplier on the unit circle may be off, of their error."""
+    return max(UNIT, min(3.0 * error, UNKNOWN))
 
 
 def _point(motion: ForcedField, orbit: PeriodicOrbit) -> _Point:
-    multipliers, _, _ = orbit_multipliers(motion, orbit)
-    amplitude = amplitude_of(motion, orbit)[0]
-    return _Point(motion.order * orbit.frequency, amplitude, float(np.abs(multipliers[0])))
+    multipliers, _, error = orbit_multipliers(motion, orbit)
+    amplitude, largest = amplitude_of(motion, orbit)[0], float(np.abs(multipliers).max())
+    stable = largest <= 1.0 + unit_of(error)
+    return _Point(motion.order * orbit.frequency, amplitude, largest, stable)
 
 
 def _branch(
@@ -470,7 +487,7 @@ def _branch(
     if kind == "base":
         points.append(_point(motion, begin.orbit))
     else:
-        points.append(_Point(motion.order * begin.orbit.frequency, 0.0, 1.0))
+        points.append(_Point(motion.order * begin.orbit.frequency, 0.0))
     try:
         for step in track(followed(motion, begin, FINE), MOST_STEPS, "forced response", shown):
             end = orbit_at(step, step.length)
@@ -478,10 +495,10 @@ def _branch(
             if kind != "base" and steps and np.sum(before * after) < 0.0:  # through rest
                 share = np.linalg.norm(before) / np.linalg.norm(before - after)
                 here = step.begin.p + float(share) * (step.end.p - step.begin.p)
-                points.append(_Point(motion.order * here, 0.0, 1.0))
+                points.append(_Point(motion.order * here, 0.0))
                 break
             found = _events(motion, step) if steps or kind == "base" else []
-            points += [_Point(event.frequency, event.amplitude, 1.0) for event in found]
+            points += [_Point(event.frequency, event.amplitude) for event in found]
             events += found
             steps.append(step)
             points.append(_point(motion, end))
@@ -492,16 +509,16 @@ def _branch(
     except NewtonFailed:
         pass
     events.append(ForcedEvent("end", points[-1].frequency, points[-1].amplitude))
-    frequency, amplitude, largest = (
+    frequency, amplitude, largest, stable = (
         np.array([getattr(point, name) for point in points])
-        for name in ("frequency", "amplitude", "largest")
+        for name in ("frequency", "amplitude", "largest", "stable")
     )
     return ForcedBranch(
         kind=kind,
         frequency=frequency,
         amplitude=amplitude,
         largest=largest,
-        stable=largest < 1.0,
+        stable=stable,
         events=tuple(events),
         steps=tuple(steps),
         motion=motion,
@@ -514,16 +531,30 @@ def _events(motion: ForcedField, step: Step) -> list[ForcedEvent]:
     turns = folds(step, 1e-4)
     found += [(s, "fold") for s in turns]
 
-    def sizes(s: float) -> Array:
-        multipliers, _, _ = orbit_multipliers(motion, orbit_at(step, s))
-        return np.asarray(np.log(np.maximum(np.abs(multipliers), 1e-300)))
+    @cache
+    def multipliers(s: float) -> tuple[Array, Complex, float]:
+        """Logarithms of their moduli, falling, with their roots, and how far 1 is known."""
+        values, roots, error = orbit_multipliers(motion, orbit_at(step, s))
+        order = np.argsort(-np.abs(values), kind="stable")
+        return np.log(np.maximum(np.abs(values[order]), 1e-300)), roots[order], unit_of(error)
 
-    for low, high in sign_changes(sizes, 0.0, step.length, 1e-3 * step.length):
+    around = max(multipliers(s)[2] for s in (0.0, step.length))
+
+    def growth(s: float) -> Array:
+        return multipliers(s)[0] - around
+
+    for low, high in sign_changes(growth, 0.0, step.length, 1e-3 * step.length):
         if any(low - 0.02 * step.length < s < high + 0.02 * step.length for s in turns):
             continue
-        orbit = orbit_at(step, high)
-        _, roots, _ = orbit_multipliers(motion, orbit)
-        kind, _ = crossing_event(roots, orbit.symmetric, trivial=False)
+        # The one that passes is the least of those outside: without damping others are on the
+        # circle, and what leaves it little by little, as the amplitude grows, meets none.
+        outside = max(low, high, key=lambda s: np.count_nonzero(growth(s) > 0.0))
+        passing = np.count_nonzero(growth(outside) > 0.0) - 1
+        neutral = any(abs(multipliers(s)[0][passing]) <= around for s in (0.0, step.length))
+        if neutral and growth(outside)[passing] < around:
+            continue
+        root, symmetric = multipliers(outside)[1][passing], orbit_at(step, outside).symmetric
+        kind, _ = crossing_event([root], symmetric, trivial=False)
         if kind != "fold":
             found.append((high, kind))
     made = list[ForcedEvent]()
@@ -547,7 +578,7 @@ def _described(
     known: Known
     known, error, reason = refined_until(motion, orbit, 1e-3 * rtol, rtol, min(1e-7, 1e-2 * rtol))
     orbit = known.orbit
-    multipliers, _, _ = orbit_multipliers(motion, orbit)
+    multipliers, _, unsure = orbit_multipliers(motion, orbit)
     period = 2.0 * math.pi / orbit.frequency
     t = np.linspace(0.0, period, samples)
     y = orbit.states(orbit.frequency * t)
@@ -557,7 +588,7 @@ def _described(
         frequency=motion.order * orbit.frequency,
         period=period,
         multipliers=multipliers,
-        stable=bool(np.abs(multipliers).max() < 1.0),
+        stable=bool(np.abs(multipliers).max() <= 1.0 + unit_of(unsure)),
         t=t,
         q=np.ascontiguousarray(q),
         qdot=np.ascontiguousarray(qdot),

@@ -38,6 +38,7 @@ from pipedyn.linear.eigenproblem import Complex
 from pipedyn.linear.frequency_response import checked_range
 from pipedyn.models.base import Model, NotConverged
 from pipedyn.models.continuum import AnyModel, checked_model
+from pipedyn.models.drive import require_steady
 from pipedyn.util import check
 from pipedyn.util.check import Array
 from pipedyn.util.counters import factorised
@@ -278,7 +279,7 @@ def parametric_regions(
     model: AnyModel,
     mean: float,
     amplitudes: ArrayLike,
-    frequencies: tuple[float, float],
+    frequencies: ArrayLike,
 ) -> tuple[ParametricRegion, ...]:
     """Regions in which a pulsation u = mean (1 + amplitude cos(frequency tau)) is unstable.
 
@@ -286,7 +287,8 @@ def parametric_regions(
         model: chain or reduced model, scene, or `Continuum`.
         mean: mean flow speed > 0, at which the pipe is stable, in sqrt(EI / mu_f) / L.
         amplitudes: relative, increasing, each in (0, 1), shape (A,); or one.
-        frequencies: range (low, high) of the pulsation, 0 < low < high <= 20 low, in 1 / T.
+        frequencies: range (low, high) of the pulsation, 0 < low < high <= 20 low, in 1 / T, or
+            more in increasing order, from the first to the last.
 
     Returns:
         The regions that touch the range at one of the amplitudes, or whose threshold lies in it,
@@ -302,6 +304,7 @@ def parametric_regions(
     """
     checked_model(model)
     require_motion(model)
+    require_steady("mean", mean)
     mean = check.real("mean", mean, low=0.0, high=100.0, open_low=True)
     given = check.numbers("amplitudes", amplitudes, "a number or an array of real numbers")
     mu = check.array("amplitudes", np.atleast_1d(given), open_low=True, low=0.0)

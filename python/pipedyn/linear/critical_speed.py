@@ -352,10 +352,11 @@ def _converging(model: Continuum, max_speed: float, until_unstable: bool) -> Job
 
 def _resolved(model: Galerkin) -> int:
     """How many modes are the continuous pipe's."""
-    # Three fifths of a Legendre model's are to many digits. Where damping is so strong that the
-    # last of these do not oscillate, those beyond are overdamped too, however they would grow
-    # without it, and nothing sets them apart: then all.
-    share = (3 * model.resolution) // 5
+    # Three fifths of a Legendre model's are to some digits, two fifths to many. Of an aspirating
+    # pipe all modes may lose stability at nearly one speed, and any error of a high one makes it
+    # the first. Where damping is so strong that the last of these do not oscillate, those beyond
+    # are overdamped too, however they would grow without it, and nothing sets them apart: then all.
+    share = ((3 if model.pipe.flow == "ejecting" else 2) * model.resolution) // 5
     return share if model.pipe.damping * (math.pi * share) ** 2 <= 2.0 else model.dof
 
 

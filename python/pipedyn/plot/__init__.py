@@ -9,6 +9,7 @@ marker or outline distinguishes too, so that a picture printed in grey loses not
 from matplotlib.figure import Figure
 
 from pipedyn.plot.accuracy import FAMILY_STYLES, convergence, trade
+from pipedyn.plot.attractors import basins, poincare_section, spectrum
 from pipedyn.plot.bifurcation import bifurcation_diagram, multipliers, orbit
 from pipedyn.plot.common import (
     BETA_LABEL,
@@ -55,6 +56,7 @@ __all__ = [
     "VERMILION",
     "Figure",
     "animate",
+    "basins",
     "bifurcation_diagram",
     "boundaries",
     "colour_bar",
@@ -71,8 +73,10 @@ __all__ = [
     "panels",
     "parametric_regions",
     "phase_portrait",
+    "poincare_section",
     "root_loci",
     "snapshots",
+    "spectrum",
     "stability_map",
     "style",
     "time_history",
