@@ -336,7 +336,8 @@ FOLDS = pp.cycle_boundary(FOLDED, FOLD, "beta", "u", WINDOW)
 TRADE = trade(PIPE, "critical_speed", families="beam", sizes=[2, 3], repeats=1)
 LOCI = pp.root_loci(CHAIN, [0.0, 1.0, 2.0], 2)
 MODES = pp.modes(CHAIN, 1.0)
-CURVE = pp.stability_curve(lambda beta: pp.Chain(pp.Pipe(beta), 2), [0.1, 0.2], 6.0)
+WINDOW = {"beta": (0.1, 0.9), "u": (0.0, 9.0)}
+BOUNDARY = pp.boundary(pp.Chain(pp.Pipe(0.2), 2), "beta", "u", WINDOW, criticality=False)
 FIGURE = Figure(layout="constrained")
 AX = FIGURE.subplots()
 AXES = np.array([[AX]])
@@ -360,7 +361,7 @@ OBJECTS += (
     TRADE,
     LOCI,
     MODES,
-    CURVE,
+    BOUNDARY,
     FIGURE,
     AX,
     MASS,
@@ -924,7 +925,6 @@ def _questions() -> Iterator[Target]:
         },
         slow=True,
     )
-    window = {"beta": (0.1, 0.9), "u": (0.0, 9.0)}
     yield Target(
         "boundary",
         pp.boundary,
@@ -933,13 +933,13 @@ def _questions() -> Iterator[Target]:
             "x": word("beta"),
             "y": word("u"),
             "ranges": Kind(
-                one_of(window),
+                one_of(WINDOW),
                 any_of(
                     NONE,
                     *(*NOTHINGS[2:], *WORDS),
-                    one_of({}, {"beta": (0.1, 0.9)}, 3, window | {"u": (9.0, 1.0)}),
-                    one_of(window | {"beta": (0.0, 0.5)}, window | {"u": (NAN, 1.0)}),
-                    one_of(window | {"u": "12"}, window | {"gamma": (0.0, 1.0)}),
+                    one_of({}, {"beta": (0.1, 0.9)}, 3, WINDOW | {"u": (9.0, 1.0)}),
+                    one_of(WINDOW | {"beta": (0.0, 0.5)}, WINDOW | {"u": (NAN, 1.0)}),
+                    one_of(WINDOW | {"u": "12"}, WINDOW | {"gamma": (0.0, 1.0)}),
                 ),
             ),
             "u": Kind(one_of(None), any_of(*NOTHINGS, *WORDS, one_of(1.0, -1.0, NAN, [None]))),
@@ -947,9 +947,8 @@ def _questions() -> Iterator[Target]:
         },
         slow=True,
     )
-    found = pp.boundary(pp.Chain(PIPE, 2), "beta", "u", window, criticality=False)
     inside = {"x": real((0.1, 0.9), 0.09, 0.91), "y": real((0.0, 9.0), -0.1, 9.1)}
-    yield Target("Boundary.unstable", found.unstable, inside)
+    yield Target("Boundary.unstable", BOUNDARY.unstable, inside)
     yield Target(
         "criticality_curve",
         pp.criticality_curve,
@@ -1494,15 +1493,11 @@ def _pictures() -> Iterator[Target]:
         "convergence": {"ax": ax, "families": named([CRITICAL]), "exact": of(CRITICAL)},
         "stability_map": {
             "ax": ax,
-            "curves": named(CURVE),
+            "boundaries": named(BOUNDARY),
             "highest": top,
             "marked": optional(of(CRITICAL)),
         },
-        "boundaries": {
-            "found": Kind(
-                one_of([CROSSING], ()), any_of(NONE, *NOTHINGS[7:], one_of(3, [3], [None]))
-            )
-        },
+        "boundary": {"ax": ax, "found": of(BOUNDARY)},
         "dot_stride": {"loci": loci},
         "notice": {"ax": ax, "text": words},
         "panels": {
