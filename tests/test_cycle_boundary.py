@@ -211,7 +211,9 @@ WINDOW = {"beta": (0.02, 0.2), "u": (2.0, 5.0)}
         ({"events": "foreign"}, ValueError, "events must be the branch's"),
         ({"x": 3}, TypeError, "x must be a name, got 3"),
         ({"x": "u"}, ValueError, "x or y must be 'u', and the other not"),
-        ({"x": "betta"}, ValueError, "x must be one of beta, gamma"),
+        ({"x": "betta"}, ValueError, "x must be one of 'u', 'beta', 'gamma'"),
+        ({"x": "hysteresis"}, ValueError, "x must have a part in motions, got 'hysteresis'"),
+        ({"x": "jet_angle"}, ValueError, "x must leave the pipe the mirror symmetry"),
         ({"window": 3}, TypeError, "window must map names to ranges, got 3"),
         ({"window": {"beta": (0.0, 0.1)}}, ValueError, "window must have the ranges of"),
         (
@@ -235,8 +237,8 @@ def test_bad_arguments(subcritical, change, error, text):
     events = change.get("events", fold)
     given = {"branch": subcritical, "x": "beta", "y": "u", "window": WINDOW} | change
     given["events"] = other.get(events, events) if isinstance(events, str) else events
-    if change.get("x") in ("betta",):
-        given["window"] = {"betta": (0.0, 1.0), "u": (2.0, 5.0)}
+    if given["x"] not in (3, "u", "beta"):
+        given["window"] = {given["x"]: (0.0, 0.5), "u": (2.0, 5.0)}
     with pytest.raises(error, match=text):
         pp.cycle_boundary(**given)
 
@@ -254,6 +256,7 @@ def test_the_picture_shades_where_the_pipe_may_snap(folded):
         for beta, u in path.vertices:
             onset = pp.critical_speed(pp.Chain(pp.Pipe(float(beta)), 2)).speed
             assert u <= onset + 1e-4
-    assert [text.get_text() for text in ax.texts] == ["Bautin"]
+    labels = [line.get_label() for line in ax.lines]
+    assert labels == ["fold of a stable cycle", "the straight pipe becomes unstable", "Bautin"]
     with pytest.raises(TypeError, match="found must be of type CycleBoundary"):
         plot.cycle_boundary(3)

@@ -10,7 +10,10 @@ folds therefore end (Bautin); where other multipliers pass the unit circle; reso
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import field
 from typing import cast
+
+import numpy as np
 
 from pipedyn.bifurcation.branches import CycleBranch, CycleEvent
 from pipedyn.bifurcation.event_curve import CycleCurve, CyclePoint, EventFollower
@@ -23,6 +26,7 @@ from pipedyn.bifurcation.event_plane import (
 )
 from pipedyn.bifurcation.event_problem import Followed
 from pipedyn.bifurcation.forced_response import ForcedBranch, ForcedEvent
+from pipedyn.linear.stability_curve import StabilityCurve
 from pipedyn.models.base import Model, NotConverged
 from pipedyn.util import check
 from pipedyn.util.newton import NewtonFailed
@@ -39,6 +43,8 @@ class CycleBoundary:
         ranges: of x and y, ((low, high), (low, high)).
         curves: one for each event that lies on no other's.
         points: named points on them.
+        onsets: critical speed of the straight pipe over the other number's range, at 81 values;
+            None at each where motions are forced.
         model: the model.
         failures: what was not followed to its end, in sentences.
         evaluations: right-hand sides and Jacobians.
@@ -48,6 +54,7 @@ class CycleBoundary:
     ranges: tuple[tuple[float, float], tuple[float, float]]
     curves: tuple[CycleCurve, ...]
     points: tuple[CyclePoint, ...]
+    onsets: StabilityCurve = field(repr=False)
     model: Model
     failures: tuple[str, ...]
     evaluations: int
@@ -70,8 +77,9 @@ def cycle_boundary(
             "torus".
         x: name of a number. Of cycles x or y is "u", the flow speed; of forced motions one of them
             is "frequency", that of the forcing. The other is a number of the pipe, such as "beta"
-            and "drag", or of a term, such as "terms[0].mass"; of forced motions also "amplitude",
-            of the base's motion or of the pulsation relative to its mean, or "u".
+            and "drag", or of a term, such as "terms[0].mass" or, if there is but one,
+            "PointMass.mass"; of forced motions also "amplitude", of the base's motion or of the
+            pulsation relative to its mean, or "u".
         y: name of the other.
         window: range (low, high) of each by its name, in which the events lie.
         progress: show progress on stderr.
@@ -143,7 +151,32 @@ def cycle_boundary(
             failures += follower.failures
     if not curves:
         raise NotConverged("; ".join(failures))
-    model, evaluations = plane.model, plane.evaluations()
     return CycleBoundary(
-        names, ranges, tuple(curves), tuple(points), model, tuple(failures), evaluations
+        names=names,
+        ranges=ranges,
+        curves=tuple(curves),
+        points=tuple(_distinct(points, ranges)),
+        onsets=plane.onsets(np.linspace(*ranges[1 if plane.own_first else 0], 81)),
+        model=plane.model,
+        failures=tuple(failures),
+        evaluations=plane.evaluations(),
     )
+
+
+def _distinct(
+    points: list[CyclePoint], ranges: tuple[tuple[float, float], tuple[float, float]]
+) -> list[CyclePoint]:
+    """Points without those that two curves have in common, where each has found them."""
+    widths = [1e-3 * (high - low) for low, high in ranges]
+    kept = list[CyclePoint]()
+    for new in points:
+        near = (
+            abs(new.x - old.x) < widths[0]
+            and abs(new.y - old.y) < widths[1]
+            and abs(new.frequency / old.frequency - 1.0) < 0.01
+            for old in kept
+            if old.kind == new.kind
+        )
+        if not any(near):
+            kept.append(new)
+    return kept

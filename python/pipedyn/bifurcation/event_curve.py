@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field, replace
 from functools import cache
 from itertools import islice
@@ -20,9 +20,7 @@ from pipedyn.bifurcation.limit_cycle import amplitude_of
 from pipedyn.bifurcation.orbit_continuation import FINE, breaking_part, onward
 from pipedyn.bifurcation.periodic_orbit import PeriodicOrbit, resolved
 from pipedyn.bifurcation.vector_field import VectorField
-from pipedyn.linear.critical_speed import critical_speed
 from pipedyn.linear.eigenproblem import Complex
-from pipedyn.models.base import PipedynError
 from pipedyn.util.check import Array
 from pipedyn.util.later import scipy
 from pipedyn.util.newton import NewtonFailed
@@ -203,7 +201,7 @@ class EventFollower:
             multiplier=multiplier,
             unstable=np.array([place.unstable for place in places]),
             opens=np.array([place.opens for place in places]),
-            onset=np.array([self._onset(place.second) for place in places]),
+            onset=self.plane.onsets(np.array([place.second for place in places])).speeds,
             ends=(first, last),
             orbits=tuple(place.orbit for place in places),
         )
@@ -212,15 +210,6 @@ class EventFollower:
         root = complex(np.exp(1j * place.z[-2]))
         value = root**2 if place.orbit.symmetric else root
         return complex(value.real, abs(value.imag))
-
-    def _onset(self, second: float) -> float:
-        """Critical speed at a value of the second number, NaN for none."""
-        if self.plane.forced:
-            return math.nan
-        try:
-            return critical_speed(self.plane.family.at(second).model).speed
-        except (PipedynError, ValueError):
-            return math.nan
 
     def place(self, problem: EventProblem, point: Point) -> _Place:
         """What is known of a point."""
@@ -263,9 +252,9 @@ class EventFollower:
                 if len(places) > 3 and (last := self._closing(step, begin)):
                     return [*places, *self._passed(step, places[-1], last), begin], "closed"
                 cut = self._cut(step)
-                if cut == 0.0:
+                if cut is step.begin:
                     return places, "range"
-                end = step.end if cut is None else step.at(cut)
+                end = cut or step.end
                 part = replace(step, end=end)
                 here = self.place(step.problem, end)
                 places += [*self._passed(part, places[-1], here), here]
@@ -313,36 +302,24 @@ class EventFollower:
         orbit = step.problem.orbit(z)
         return orbit.frequency * self.plane.order if self.plane.forced else orbit.u
 
-    def _cut(self, step: Step) -> float | None:
-        """Arc length at which a step leaves the window, None where it does not."""
-        (x, y), cuts = self.plane.ranges, list[float]()
-
-        def second_of(z: Array) -> float:
-            return float(z[-1])
-
-        def own_of(z: Array) -> float:
-            return self._own_of(step, z)
-
-        second, own = (y, x) if self.plane.own_first else (x, y)
-        for (low, high), value in (
-            (second, second_of),
-            (own, own_of),
-        ):
-            end = value(step.end.z)
+    def _cut(self, step: Step) -> Point | None:
+        """The point at which a step leaves the window, None where it does not."""
+        first, last = self.plane.ranges
+        second, own = (last, first) if self.plane.own_first else (first, last)
+        places, cuts = {-1: (1.0, second)}, list[Array]()
+        places[-1 - step.problem.tail.size] = float(self.plane.order), own
+        for index, (factor, (low, high)) in places.items():
+            begin, end = (factor * float(p.z[index]) for p in (step.begin, step.end))
             if low <= end <= high:
                 continue
             edge = low if end < low else high
-            if (value(step.begin.z) - edge) * (end - edge) >= 0.0:
-                cuts.append(0.0)  # it began on the edge
-                continue
-
-            def beyond(s: float, of: Callable[[Array], float] = value, edge: float = edge) -> float:
-                return of(step.at(s).z) - edge
-
-            cuts.append(
-                float(scipy.optimize.brentq(beyond, 0.0, step.length, xtol=1e-9 * step.length))
-            )
-        return min(cuts, default=None)
+            if (begin - edge) * (end - edge) >= 0.0:
+                return step.begin  # on the edge
+            cuts.append(step.where(edge / factor, index))
+        if not cuts:
+            return None
+        z = min(cuts, key=step.reach)
+        return step.problem.point(z, step.begin.tangent)
 
     def _closing(self, step: Step, begin: _Place) -> _Place | None:
         """The first point again, if a step passes it."""

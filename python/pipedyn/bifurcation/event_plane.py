@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, get_args
@@ -18,15 +17,14 @@ from pipedyn.bifurcation.limit_cycle import amplitude_of
 from pipedyn.bifurcation.orbit_continuation import orbit_at
 from pipedyn.bifurcation.periodic_orbit import PeriodicOrbit
 from pipedyn.bifurcation.vector_field import VectorField
+from pipedyn.linear.stability_curve import StabilityCurve, stability_curve
 from pipedyn.models.base import Model
 from pipedyn.models.drive import Pulsation
-from pipedyn.models.pipe import RANGES, Pipe
+from pipedyn.models.pipe_numbers import PipeNumber, checked_number
 from pipedyn.util import check
+from pipedyn.util.check import Array
 
 EVENTS: tuple[Followed, ...] = get_args(Followed)
-
-NUMBERS = tuple(name for name in RANGES if name != "hysteresis")
-"""Of a pipe, by name; with hysteresis it has no equation of motion."""
 
 FORCINGS = "amplitude", "u"
 """Numbers of a forced motion that are none of its pipe."""
@@ -83,35 +81,6 @@ def checked_window(
     return ranges[0], ranges[1]
 
 
-TERM = re.compile(r"terms\[(\d+)\]\.(\w+)")
-"""Name of a number of a term."""
-
-
-def _with_number(pipe: Pipe, name: str, value: float) -> Pipe:
-    """A pipe with another value of a number."""
-    term = TERM.fullmatch(name)
-    if term is None:
-        changed: dict[str, Any] = {name: value}
-        return replace(pipe, **changed)
-    terms = list(pipe.terms)
-    terms[int(term[1])] = replace(terms[int(term[1])], **{term[2]: value})
-    return replace(pipe, terms=tuple(terms))
-
-
-def _number(argument: str, pipe: Pipe, name: str, others: tuple[str, ...]) -> float:
-    """The value that a pipe has of a number, by its name."""
-    term = TERM.fullmatch(name)
-    if term is not None and int(term[1]) < len(pipe.terms):
-        of = pipe.terms[int(term[1])]
-        if term[2] in of.numbers:
-            return float(of.numbers[term[2]])
-    elif name in NUMBERS:
-        return float(getattr(pipe, name))
-    known = [*NUMBERS, *others]
-    known += [f"terms[{i}].{item}" for i, of in enumerate(pipe.terms) for item in of.numbers]
-    raise ValueError(f"{argument} must be one of {', '.join(known)}, got {name!r}")
-
-
 @dataclass(frozen=True)
 class EventPlane:
     """The two numbers, and the motions that they distinguish."""
@@ -128,6 +97,13 @@ class EventPlane:
     def places(self, second: float, own: float) -> tuple[float, float]:
         """(x, y)."""
         return (own, second) if self.own_first else (second, own)
+
+    def onsets(self, values: Array) -> StabilityCurve:
+        """Critical speeds at values of the second number; of forced motions there is none."""
+        if self.forced:
+            none = (None,) * values.size
+            return StabilityCurve(values, none, ((),) * values.size, ())
+        return stability_curve(lambda value: self.family.at(value).model, values)
 
     def evaluations(self) -> int:
         """Right-hand sides and Jacobians so far."""
@@ -147,31 +123,37 @@ def plane_of(
     model = branch.motion.model if isinstance(branch, ForcedBranch) else branch.cycles[0].model
     order = branch.motion.order if isinstance(branch, ForcedBranch) else 1
     motions = list[VectorField]()
+    others: tuple[str, ...] = (own, *FORCINGS) if forced else (own,)
+    number: PipeNumber | None = None
+    if not forced or name not in FORCINGS:
+        number = checked_number("xy"[place], name, model.pipe, True, others)
+
+    def model_at(value: float) -> Model:
+        return model if number is None else model.with_pipe(number.changed(model.pipe, value))
 
     def forced_at(value: float) -> VectorField:
         assert isinstance(branch, ForcedBranch)
         forcing = branch.motion.forcing
         if name == "amplitude":
             return ForcedField(model, replace(forcing, amplitude=value), order)
-        if name == "u":
-            return ForcedField(model, forcing, order)
-        return ForcedField(model.with_pipe(_with_number(model.pipe, name, value)), forcing, order)
+        return ForcedField(model_at(value), forcing, order)
 
     def make(value: float) -> VectorField:
         if forced:
             motions.append(forced_at(value))
         else:
-            motions.append(VectorField(model.with_pipe(_with_number(model.pipe, name, value))))
+            motions.append(VectorField(model_at(value)))
         return motions[-1]
 
-    if isinstance(branch, ForcedBranch) and name == "amplitude":
-        value = branch.motion.forcing.amplitude
-    elif isinstance(branch, ForcedBranch) and name == "u":
-        value = branch.steps[0].problem.start.u
-        if isinstance(branch.motion.forcing, Pulsation):
-            value = branch.motion.forcing.mean
+    if number is not None:
+        value = number.of(model.pipe)
     else:
-        value = _number("xy"[place], model.pipe, name, FORCINGS if forced else ())
+        assert isinstance(branch, ForcedBranch)
+        forcing = branch.motion.forcing
+        value = forcing.amplitude
+        if name == "u":
+            still = branch.steps[0].problem.start.u
+            value = forcing.mean if isinstance(forcing, Pulsation) else still
     for end in (low, high):
         try:
             make(end)

@@ -177,8 +177,7 @@ def onward(problem: Problem, point: Point, length: float) -> Iterator[Segment[Pr
     The mesh follows: `defect` of the problem's control is the largest that is let pass.
     """
     defect, tangent = cast(OrbitControl, problem.control).defect, point.tangent
-    problem = problem.about(point.z)
-    bend: Array | None = None
+    problem, bend = problem.about(point.z), cast("Array | None", None)
     while True:
         here = problem.start
         # An interval twice as long has some 2^8 times the defect. A change of the mesh costs as
@@ -188,22 +187,22 @@ def onward(problem: Problem, point: Point, length: float) -> Iterator[Segment[Pr
                 *(problem.motion, here.states, here.frequency, here.u, here.symmetric), defect
             ).edges
             if edges.size < 0.75 * here.edges.size:
-                problem, tangent = _on_mesh(problem, tangent, edges)
-                bend = None
+                (problem, tangent), bend = _on_mesh(problem, tangent, edges), None
         while True:
             begin = problem.starting(problem.origin, tangent)
             step, following = problem.next(begin, length, bend)
-            coarse = problem.orbit(step.end.z).defects() > defect
-            if not coarse.any():
-                bend = step.bend
+            defects = problem.orbit(step.end.z).defects()
+            if defects.max() <= defect:
                 break
-            bend, edges = None, problem.start.edges
+            coarse, edges = defects > defect, problem.start.edges
             if edges.size + np.count_nonzero(coarse) > MOST_INTERVALS:
                 raise NewtonFailed(f"more than {MOST_INTERVALS} mesh intervals are needed")
-            problem, tangent = _on_mesh(problem, tangent, divided(edges, 1 + coarse))
+            finer = divided(edges, 1 + coarse)
+            (problem, tangent), bend = _on_mesh(problem, tangent, finer), None
             length = step.length
         yield step
-        problem, tangent, length = problem.about(step.end.z), step.end.tangent, following
+        problem, tangent = problem.about(step.end.z), step.end.tangent
+        length, bend = following, step.bend
 
 
 def _on_mesh(problem: Problem, tangent: Array, edges: Array) -> tuple[Problem, Array]:

@@ -20,6 +20,9 @@ WITHOUT_EFFECT = {
 }
 """Numbers of a pipe that its small motions do not know, and why."""
 
+WITHOUT_MOTION = {"hysteresis": "with hysteresis a pipe has no equation of motion"}
+"""The same for motions of finite amplitude."""
+
 LARGE_MOTIONS = ("cubic_spring", "stop", "stretching")
 """Terms that small motions do not feel."""
 
@@ -52,15 +55,15 @@ class PipeNumber:
         return replace(pipe, terms=tuple(terms))
 
 
-def pipe_numbers(pipe: Pipe) -> dict[str, PipeNumber]:
-    """The numbers with a part in small motions, by name.
+def pipe_numbers(pipe: Pipe, motions: bool = False) -> dict[str, PipeNumber]:
+    """The numbers with a part in small motions, or in motions of finite amplitude, by name.
 
     A term's is "terms[0].mass", and "PointMass.mass" where the pipe has one such term.
     """
     found = {
         name: PipeNumber(name, name, None, rule)
         for name, rule in RANGES.items()
-        if name not in WITHOUT_EFFECT
+        if name not in (WITHOUT_MOTION if motions else WITHOUT_EFFECT)
     }
     if pipe.flow == "ejecting":
         del found["inflow_share"]
@@ -69,7 +72,7 @@ def pipe_numbers(pipe: Pipe) -> dict[str, PipeNumber]:
         found["root.stiffness"] = PipeNumber("root.stiffness", "stiffness", None, rule)
     laws = [term.law for term in pipe.terms]
     for i, term in enumerate(pipe.terms):
-        if term.law in LARGE_MOTIONS:
+        if term.law in LARGE_MOTIONS and not motions:
             continue
         for item in fields(term):
             if item.name == "at":
@@ -82,17 +85,28 @@ def pipe_numbers(pipe: Pipe) -> dict[str, PipeNumber]:
     return found
 
 
-def checked_number(argument: str, name: Any, pipe: Pipe) -> PipeNumber:
-    """The number of a pipe that an argument names, "u" aside.
+def checked_number(
+    argument: str,
+    name: Any,
+    pipe: Pipe,
+    motions: bool = False,
+    others: tuple[str, ...] = ("u",),
+) -> PipeNumber:
+    """The number of a pipe that an argument names, which may be others, too.
 
     Raises:
-        ValueError: if the pipe has none of that name, or small motions do not know it.
+        ValueError: if the pipe has none of that name, or small motions do not know it, or motions
+            of finite amplitude where these are meant.
         TypeError: for what is no word.
     """
-    every = pipe_numbers(pipe)
-    if isinstance(name, str) and name in WITHOUT_EFFECT:
+    every = pipe_numbers(pipe, motions)
+    if motions and isinstance(name, str) and name in WITHOUT_MOTION:
+        raise ValueError(
+            f"{argument} must have a part in motions, got {name!r}: {WITHOUT_MOTION[name]}"
+        )
+    if not motions and isinstance(name, str) and name in WITHOUT_EFFECT:
         raise ValueError(
             f"{argument} must have a part in small motions about the straight pipe, got "
             f"{name!r}: {WITHOUT_EFFECT[name]}"
         )
-    return every[check.choice(argument, name, ("u", *every))]
+    return every[check.choice(argument, name, (*others, *every))]

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from itertools import cycle as repeated
 from itertools import pairwise
 from typing import Any
 
@@ -12,7 +13,7 @@ from matplotlib.axes import Axes
 from pipedyn.bifurcation.cycle_boundary import CycleBoundary
 from pipedyn.bifurcation.event_curve import CycleCurve
 from pipedyn.plot import common
-from pipedyn.plot.bifurcation import MARKS, STABILITY_STYLES
+from pipedyn.plot.bifurcation import STABILITY_STYLES
 from pipedyn.util.check import Array
 from pipedyn.util.later import scipy
 
@@ -35,8 +36,8 @@ COLOURS = {
     "torus": common.BLUE,
 }
 
-POINT_MARKS = {"cusp": "v", "Bautin": "o", "Hopf": "o"}
-"""Markers of named points; all others are diamonds."""
+POINT_MARKS = ("o", "v", "D", "s", "^", "p", "h", "P", "X", "*")
+"""Markers of named points, one for each kind that there is."""
 
 FINER = 12
 """Parts into which a curve's steps are divided: cubics then show no corners."""
@@ -46,9 +47,9 @@ def cycle_boundary(found: CycleBoundary, ax: Axes | None = None) -> Axes:
     """Curves of events of cycles in the plane of two numbers, and where the pipe may snap.
 
     Curves are solid where a stable cycle meets them, dashed where all cycles nearby are unstable.
-    The onset of the straight pipe's instability is black, as far as the curves reach. Between it
-    and a fold below it, from which stable cycles lead to higher speeds, the pipe rests stably and
-    large flutter is stable too: that is shaded, "it may snap here". Markers are named points.
+    The critical speed of the straight pipe is black. Between it and a fold below it, from which
+    stable cycles lead to higher speeds, the pipe rests stably and large flutter is stable too: that
+    is shaded, "it may snap here". Markers are named points.
 
     Args:
         found: what `cycle_boundary` answers.
@@ -61,18 +62,18 @@ def cycle_boundary(found: CycleBoundary, ax: Axes | None = None) -> Axes:
     xlabel, ylabel = (LABELS.get(name, name) for name in found.names)
     ax = common.axes(ax, (6.4, 4.8), xlabel=xlabel, ylabel=ylabel)
     across = found.names[0] == "u"  # the speed is x
-    onsets = list[Array]()
     for curve in found.curves:
         x, y = _smooth(curve)
         for kind, part in _parts(curve):
-            look: dict[str, Any] = {"color": COLOURS[curve.kind], "label": f"{curve.kind}, {kind}"}
+            cycles = "a stable cycle" if kind == "stable" else "unstable cycles"
+            label = f"{curve.kind} of {cycles}"
+            look: dict[str, Any] = {"color": COLOURS[curve.kind], "label": label}
             look |= STABILITY_STYLES[kind]
             ax.plot(x[part], y[part], **look)
         if not np.isfinite(curve.onset).any():
             continue
         second, speed = (y, x) if across else (x, y)
         onset = _finer(curve, curve.onset)
-        onsets.append(np.stack([second, onset], axis=1))
         shade = ax.fill_betweenx if across else ax.fill_between
         place = np.arange(len(x) - 1) // FINER
         opens = np.where(curve.opens[:-1] != 0, curve.opens[:-1], curve.opens[1:])
@@ -83,20 +84,17 @@ def cycle_boundary(found: CycleBoundary, ax: Axes | None = None) -> Axes:
         if curve.kind == "fold" and snaps.any():
             look = {"color": common.ORANGE, "alpha": 0.25, "linewidth": 0.0, "zorder": 0.5}
             shade(second, speed, onset, where=snaps, label="it may snap here", **look)
-    if onsets:
-        line = np.concatenate(onsets)
-        line = line[np.argsort(line[:, 0])]
+    if np.isfinite(found.onsets.speeds).any():
         black: dict[str, Any] = {"color": common.BLACK, "linewidth": 1.4, "zorder": 2.5}
-        places = (line[:, 1], line[:, 0]) if across else (line[:, 0], line[:, 1])
-        ax.plot(*places, label="onset: the straight pipe becomes unstable", **black)
-    for kind in dict.fromkeys(point.kind for point in found.points):
+        places = found.onsets.values, found.onsets.speeds
+        ax.plot(
+            *places[:: -1 if across else 1], label="the straight pipe becomes unstable", **black
+        )
+    kinds = dict.fromkeys(point.kind for point in found.points)
+    for kind, marker in zip(kinds, repeated(POINT_MARKS), strict=False):
         same = [point for point in found.points if point.kind == kind]
-        marker = POINT_MARKS.get(kind, MARKS["branch point"]["marker"])
         look = common.open_marker(5.5, marker=marker, zorder=4.0)
-        ax.plot([p.x for p in same], [p.y for p in same], clip_on=False, **look)
-        for point in same:
-            beside: dict[str, Any] = {"textcoords": "offset points", "fontsize": 7.0, "zorder": 5.0}
-            ax.annotate(kind, (point.x, point.y), (5, -9), annotation_clip=True, **beside)
+        ax.plot([p.x for p in same], [p.y for p in same], clip_on=False, label=kind, **look)
     (left, right), (bottom, top) = found.ranges
     ax.set(xlim=(left, right), ylim=(bottom, top))
     named = dict(zip(*reversed(ax.get_legend_handles_labels()), strict=True))
