@@ -478,6 +478,14 @@ class Search:
     low: float
     high: float
 
+    def around(self, amplitude: float) -> tuple[float, float]:
+        """Where regions are looked for, as their least amplitude may lie in the range.
+
+        The mean of u^2, by which a region's middle moves, grows with the square of the amplitude.
+        """
+        share = min(0.03 + amplitude**2, 0.25)
+        return self.low * (1.0 - share), self.high * (1.0 + share)
+
     def edge(self, kind: RegionKind, frequency: float, centre: bool = False) -> Edge:
         """For edges near a frequency."""
         few = self.hill.fewer(self.low, frequency)
@@ -501,7 +509,7 @@ class Search:
 
     def lowest(self, edge: Edge) -> float:
         """Amplitude below which an edge leads to amplitude 0."""
-        share = 0.1 if edge.centre or self.hill.is_hermitian else LEAST
+        share = 0.1 if self.hill.is_hermitian or self.hill.is_real else LEAST
         return share * float(self.amplitudes[-1])
 
     def is_near(self, frequency: float) -> bool:
@@ -534,10 +542,12 @@ class Search:
 
         z = edge.near(*start, outward)
         for way in (-1.0, 1.0):
+            sharp = SHARP
             for step in self.along(edge, z, way):
                 end = step.end
                 turns = folds(step, 1e-6)[:1]
-                if not turns and step.length < SHARP and end.tangent[-1] < 0.0:
+                if not turns and step.length < sharp and end.tangent[-1] < 0.0:
+                    sharp = 0.1 * step.length
                     with suppress(NewtonFailed):
                         bottom = edge.bottom(end.z)
                         if 0.0 < end.p - bottom[0] < 0.05 * end.p:
@@ -612,7 +622,7 @@ class Search:
         for index in self.samples():
             amplitude = float(self.amplitudes[index])
             few = FewModes(self.hill, amplitude, self.low, self.high)
-            for growth in few.unstable(0.8 * self.low, 1.25 * self.high):
+            for growth in few.unstable(*self.around(amplitude)):
                 middle, width = 0.5 * sum(growth.inside), float(np.diff(growth.outside)[0])
                 if width < 0.3 * THINNEST * middle or any(o.has(index, middle) for o in found):
                     continue
@@ -641,7 +651,7 @@ class Search:
             apart = np.diff(at, prepend=0.0, append=math.inf)
             roots[index] = at = at[np.minimum(apart[:-1], apart[1:]) > THINNEST * at]
             # Those near the range, and one on each side, of a region that contains it.
-            first, last = np.searchsorted(at, [0.8 * self.low, 1.25 * self.high])
+            first, last = np.searchsorted(at, self.around(amplitude))
             for w in at[max(first - 1, 0) : last + 1].tolist():
                 if any(abs(x - w) < 1e-6 * w for _, points in curves for x in points[index]):
                     continue
