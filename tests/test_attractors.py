@@ -237,6 +237,11 @@ def test_the_error_of_a_share_is_a_binomial_s_and_not_0_where_all_starts_agree()
         ({"u": -1.0}, "u must lie in"),
         ({"u": 0.0}, "u must be > 0 for a pipe without damping and drag, got 0"),
         ({"u": lambda t: 4.0}, "u must be a flow speed or a Pulsation"),
+        ({"base": lambda t: (0.1, 0.0)}, "base must be a Harmonic, which has a period, or None"),
+        (
+            {"u": pp.Pulsation(4.0, 0.1, 9.0), "base": pp.Harmonic(0.1, 8.0)},
+            "base must have the frequency of u, 9, so that both repeat, got 8",
+        ),
     ],
 )
 def test_bad_arguments_are_refused_by_name(arguments, message):
@@ -264,3 +269,37 @@ def test_where_nothing_known_attracts_each_motion_takes_the_whole_transient():
     for start, end in zip(starts, ends, strict=True):
         motion = pp.simulate(STANDING, 4.1, 12.0, *np.split(start, 2), rtol=1e-9)
         np.testing.assert_allclose(end, motion.y[:, -1], atol=1e-5)
+
+
+def test_an_oscillating_base_leads_to_the_forced_motion():
+    model, base = pp.Chain(pp.Pipe(0.2, damping=0.01), 2), pp.Harmonic(0.05, 9.0)
+    found = pp.attractors(model, 2.0, 3, base=base)
+    (basin,) = found.basins
+    (solved,) = pp.forced_response(model, 2.0, base=base, frequencies=(8.0, 10.0)).at(9.0)
+    assert basin.amplitude == pytest.approx(solved.amplitude, rel=1e-5)
+    np.testing.assert_allclose(basin.section[-1], solved.y[:, 0], atol=1e-5)
+    assert basin.attracts
+    assert basin.mirror_image == 0  # half a period later
+    assert basin.period == pytest.approx(2.0 * np.pi / 9.0)
+    assert np.isnan(basin.exponent)
+    assert len(basin.section) == 48
+    np.testing.assert_allclose(basin.section, basin.section[:1].repeat(48, axis=0), atol=1e-5)
+
+
+@pytest.mark.parametrize(("amplitude", "unstable"), [(0.1, False), (0.4, True)])
+def test_a_pump_excites_a_motion_of_twice_its_period_where_multipliers_are_beyond_one(
+    amplitude, unstable
+):
+    model, pump = pp.Chain(pp.Pipe(0.2), 2), pp.Pulsation(3.2, amplitude, 16.3)
+    multipliers = pp.floquet(model, pump).multipliers
+    assert (np.abs(multipliers).max() > 1.0) == unstable
+    (basin,) = pp.attractors(model, pump, 4).basins
+    assert basin.attracts
+    if unstable:
+        assert multipliers[0].real < -1.0
+        assert basin.period == pytest.approx(2.0 * pump.period)
+        motion = pp.simulate(model, pump, 80.0 * pump.period, basin.section[0][:2])
+        late = motion.tip[motion.t > 60.0 * pump.period, 0]
+        assert 0.5 * np.ptp(late) == pytest.approx(basin.amplitude, rel=1e-3)
+    else:
+        assert basin.ending == "rest"
