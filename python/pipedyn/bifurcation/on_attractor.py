@@ -190,6 +190,8 @@ class Recorder:
 
     def closes(self, record: Record) -> bool:
         """Whether a motion is after a period where it was."""
+        if math.isnan(record.period):
+            return False
         ends = states_of(record.motion, np.array([0.0, record.period]))
         first = self.region(ends[:1], self.unit(record), 1.0, np.zeros(1))
         [apart] = first.distances(ends[1:], math.inf)
@@ -270,6 +272,8 @@ class Recorder:
             settled = self.motion(q, qdot, 4.0 * self.options.duration, 2)
             times, _ = maxima(settled, 0.0)
             whole = (times.size - 1) // one.period
+        if whole < 1:
+            return self.irregular(one, q, qdot)
         period = float(times[-1] - times[-1 - whole * one.period]) / whole
         count = min(PERIODS * SAMPLES * one.period, MOST_SAMPLES)
         motion = self.motion(settled.q[-1], settled.qdot[-1], PERIODS * period, count + 1)
@@ -285,17 +289,15 @@ class Recorder:
     def on_driven_cycle(self, settled: Motion) -> Record:
         """Of a driven motion after some time; its period is NaN if none of the drive's is one."""
         q, qdot, drive = settled.q[-1], settled.qdot[-1], self.drive.period
-        count = min(PERIODS * SAMPLES * MOST_PERIODS, MOST_SAMPLES)
-        motion = self.motion(q, qdot, MOST_PERIODS * drive, count + 1)
+        motion = self.motion(q, qdot, MOST_PERIODS * drive, 2)
         begins = states_of(motion, drive * np.arange(MOST_PERIODS + 0.0))
         first = Region(begins[:1], drive / (2.0 * math.pi), drive, turn=self.statics._turn)
         missed = first.distances(begins, math.inf)
         ways = range(1, MOST_PERIODS // 3 + 1)
         repeats = next((k for k in ways if missed[::k].max() < CLOSED), 0)
         period = repeats * drive if repeats else math.nan
-        if repeats and MOST_PERIODS % repeats:
-            whole = MOST_PERIODS // repeats * repeats
-            motion = self.motion(q, qdot, whole * drive, count + 1)
+        whole = MOST_PERIODS // max(repeats, 1) * max(repeats, 1)
+        motion = self.motion(q, qdot, whole * drive, whole * SAMPLES // 2 + 1)
         section = self.begins(motion)
         frequencies, spectrum = lines(motion.t[:-1], motion.tip[:-1, 0], whole=True)
         every = slice(0, None, round(motion.t[-1] / period) if repeats else 1)
