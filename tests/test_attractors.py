@@ -11,7 +11,7 @@ from pipedyn.bifurcation import capture
 
 STANDING = pp.Chain(pp.Pipe(0.2, -30.0), 2)
 """Upright, heavy: at u = 4.1 it leans to either side or flutters."""
-ANGLES = np.linspace(-2.0, 2.0, 13)
+ANGLES = np.linspace(-2.0, 2.0, 11)
 
 
 @cache
@@ -22,7 +22,7 @@ def plane():
 def test_each_start_ends_where_its_motion_alone_does():
     found = plane()
     (cycle,) = (k for k, basin in enumerate(found.basins) if basin.ending == "periodic")
-    some = np.random.default_rng(1).choice(len(found.starts), 20, replace=False)
+    some = np.random.default_rng(1).choice(len(found.starts), 16, replace=False)
     for i in some:
         q, qdot = np.split(found.starts[i], 2)
         motion = pp.simulate(STANDING, 4.1, 25.0, q, qdot)
@@ -105,12 +105,12 @@ def test_a_section_holds_the_maxima_of_the_free_end():
 
 def test_a_cycle_that_is_not_symmetric_and_its_mirror_image_are_two_attractors():
     model = pp.Chain(pp.Pipe(0.2, 20.0, drag=0.5), 2)
-    starts = np.random.default_rng(3).uniform(-1.0, 1.0, (20, 2))
+    starts = np.random.default_rng(3).uniform(-1.0, 1.0, (8, 2))
     found = pp.attractors(model, 7.0, np.concatenate([starts, -starts]))
     one, other = found.basins
     assert one.share == other.share
     assert (one.mirror_image, other.mirror_image) == (1, 0)
-    assert (found.ends[:20] == 1 - found.ends[20:]).all()
+    assert (found.ends[:8] == 1 - found.ends[8:]).all()
     assert one.period == pytest.approx(other.period, rel=1e-6)
     assert one.amplitude == pytest.approx(other.amplitude, rel=1e-6)
     means = [basin.motion.tip[:-1, 0].mean() for basin in found.basins]
@@ -159,15 +159,15 @@ def test_an_unstable_cycle_lies_between_the_basins():
 
 def test_chaos_has_a_positive_exponent_beside_a_stable_pipe():
     model = pp.Chain(pp.Pipe(0.85), 3)
-    starts = np.array([[0.02, 0.0, 0.0], [1.5, -1.5, 1.0], [1.4, -1.4, 1.0]])
-    found = pp.attractors(model, 6.3, starts, transient=30.0, duration=20.0)
-    chaos, rest = found.basins
-    assert (rest.ending, found.ends.tolist()) == ("rest", [1, 0, 0])
+    starts = np.array([[0.02, 0.0, 0.0], [1.5, -1.5, 1.0]])
+    found = pp.attractors(model, 6.3, starts, transient=20.0, duration=20.0)
+    chaos, rest = sorted(found.basins, key=lambda basin: basin.ending)
+    assert found.basins[found.ends[0]] is rest
     assert chaos.ending == "irregular"
     assert chaos.attractor.exponent.chaotic
     assert chaos.exponent == chaos.attractor.exponent.value
     assert np.isnan(chaos.period)
-    assert len(np.unique(chaos.section[:, 0].round(3))) > 50
+    assert len(np.unique(chaos.section[:, 0].round(3))) > 30
 
 
 def test_ends_that_are_held_tell_nothing():
