@@ -329,10 +329,15 @@ MOTION = pp.simulate(FLUTTER, 1.0, 2.0, bend, samples=201)
 ENSEMBLE = pp.simulate_many(FLUTTER, [0.5, 1.0], 2.0, bend, samples=201)
 DIAGRAM = pp.bifurcation_diagram(FLUTTER, [0.98 * CRITICAL.speed, SPEED], cycles=8, brute_force=1)
 BRANCH = DIAGRAM.cycles[0]
+FOLDED = pp.bifurcation_diagram(pp.Chain(pp.Pipe(0.05), 2), [3.0, 3.3]).cycles[0]
+(FOLD,) = (event for event in FOLDED.events if event.kind == "fold")
+WINDOW = {"beta": (0.045, 0.055), "u": (3.0, 3.3)}
+FOLDS = pp.cycle_boundary(FOLDED, FOLD, "beta", "u", WINDOW)
 TRADE = trade(PIPE, "critical_speed", families="beam", sizes=[2, 3], repeats=1)
 LOCI = pp.root_loci(CHAIN, [0.0, 1.0, 2.0], 2)
 MODES = pp.modes(CHAIN, 1.0)
-CURVE = pp.stability_curve(lambda beta: pp.Chain(pp.Pipe(beta), 2), [0.1, 0.2], 6.0)
+WINDOW = {"beta": (0.1, 0.9), "u": (0.0, 9.0)}
+BOUNDARY = pp.boundary(pp.Chain(pp.Pipe(0.2), 2), "beta", "u", WINDOW, criticality=False)
 FIGURE = Figure(layout="constrained")
 AX = FIGURE.subplots()
 AXES = np.array([[AX]])
@@ -356,7 +361,7 @@ OBJECTS += (
     TRADE,
     LOCI,
     MODES,
-    CURVE,
+    BOUNDARY,
     FIGURE,
     AX,
     MASS,
@@ -920,7 +925,6 @@ def _questions() -> Iterator[Target]:
         },
         slow=True,
     )
-    window = {"beta": (0.1, 0.9), "u": (0.0, 9.0)}
     yield Target(
         "boundary",
         pp.boundary,
@@ -929,13 +933,13 @@ def _questions() -> Iterator[Target]:
             "x": word("beta"),
             "y": word("u"),
             "ranges": Kind(
-                one_of(window),
+                one_of(WINDOW),
                 any_of(
                     NONE,
                     *(*NOTHINGS[2:], *WORDS),
-                    one_of({}, {"beta": (0.1, 0.9)}, 3, window | {"u": (9.0, 1.0)}),
-                    one_of(window | {"beta": (0.0, 0.5)}, window | {"u": (NAN, 1.0)}),
-                    one_of(window | {"u": "12"}, window | {"gamma": (0.0, 1.0)}),
+                    one_of({}, {"beta": (0.1, 0.9)}, 3, WINDOW | {"u": (9.0, 1.0)}),
+                    one_of(WINDOW | {"beta": (0.0, 0.5)}, WINDOW | {"u": (NAN, 1.0)}),
+                    one_of(WINDOW | {"u": "12"}, WINDOW | {"gamma": (0.0, 1.0)}),
                 ),
             ),
             "u": Kind(one_of(None), any_of(*NOTHINGS, *WORDS, one_of(1.0, -1.0, NAN, [None]))),
@@ -943,9 +947,8 @@ def _questions() -> Iterator[Target]:
         },
         slow=True,
     )
-    found = pp.boundary(pp.Chain(PIPE, 2), "beta", "u", window, criticality=False)
     inside = {"x": real((0.1, 0.9), 0.09, 0.91), "y": real((0.0, 9.0), -0.1, 9.1)}
-    yield Target("Boundary.unstable", found.unstable, inside)
+    yield Target("Boundary.unstable", BOUNDARY.unstable, inside)
     yield Target(
         "criticality_curve",
         pp.criticality_curve,
@@ -1254,6 +1257,21 @@ def _motions() -> Iterator[Target]:
     )
     yield Target("bifurcation_diagram", pp.bifurcation_diagram, {**diagram, **shown}, slow=True)
     yield Target("diagram_cost", pp.diagram_cost, diagram, slow=True)
+    wrong = any_of(NONE, *NOTHINGS, *WORDS, one_of(3, NAN, {}, []))
+    other = ({"beta": (0.1, 0.05), "u": (3.0, 3.3)}, {"u": (3.0, 3.3)}, WINDOW | {"u": (0.0, 1.0)})
+    yield Target(
+        "cycle_boundary",
+        pp.cycle_boundary,
+        {
+            "branch": Kind(one_of(FOLDED), any_of(wrong, one_of(BRANCH, DIAGRAM))),
+            "events": Kind(one_of(FOLD, [FOLD]), any_of(wrong, one_of(FOLDED.events[0]))),
+            "x": Kind(one_of("beta"), any_of(wrong, one_of("u", "hysteresis"))),
+            "y": Kind(one_of("u"), any_of(wrong, one_of("beta", "frequency"))),
+            "window": Kind(one_of(WINDOW), any_of(wrong, one_of(*other))),
+            "progress": FLAG,
+        },
+        slow=True,
+    )
 
 
 def _without_none(given: dict[str, Any], name: str) -> dict[str, Any]:
@@ -1476,15 +1494,11 @@ def _pictures() -> Iterator[Target]:
         "convergence": {"ax": ax, "families": named([CRITICAL]), "exact": of(CRITICAL)},
         "stability_map": {
             "ax": ax,
-            "curves": named(CURVE),
+            "boundaries": named(BOUNDARY),
             "highest": top,
             "marked": optional(of(CRITICAL)),
         },
-        "boundaries": {
-            "found": Kind(
-                one_of([CROSSING], ()), any_of(NONE, *NOTHINGS[7:], one_of(3, [3], [None]))
-            )
-        },
+        "boundary": {"ax": ax, "found": of(BOUNDARY)},
         "dot_stride": {"loci": loci},
         "notice": {"ax": ax, "text": words},
         "panels": {
@@ -1515,6 +1529,7 @@ def _pictures() -> Iterator[Target]:
         "basins": {"found": of(ENDS), "ax": ax},
         "poincare_section": {"found": of(ENDS), "coordinate": place, "ax": ax},
         "spectrum": {"found": of(ENDS), "ax": ax},
+        "cycle_boundary": {"found": of(FOLDS), "ax": ax},
         "trade": {
             "found": Kind(any_of(of(TRADE).good, any_trade), of(TRADE).bad),
             "cost": word("seconds", "dof", "right_hand_sides", "factorisations"),

@@ -229,7 +229,7 @@ MODEL = pp.Galerkin(pp.Pipe(0.2), 4)
         ({"input": 3}, TypeError, "input must be 'base', ('force', s) or"),
         ({"output": "end"}, ValueError, "output must be one of 'tip'"),
         ({"output": 0.0}, ValueError, "output must lie in (0, 1]"),
-        ({"frequencies": (3.0, 3.0)}, ValueError, "frequencies must have low < high"),
+        ({"frequencies": (3.0, 3.0)}, ValueError, "frequencies must be a range (low, high), low"),
         ({"frequencies": (3.0, 2.0, 1.0)}, ValueError, "frequencies must be a tuple (low, high)"),
         ({"frequencies": [-1.0]}, ValueError, "frequencies must lie in [0, 100000]"),
         ({"frequencies": []}, ValueError, "frequencies must have from 1 to"),

@@ -358,7 +358,7 @@ def test_supports_are_checked_where_they_are_given():
         pp.Pipe(0.2, root=pp.RootSpring(1e12))
     with pytest.raises(ValueError, match="end must be"):
         pp.Pipe(0.2, end="roller")
-    with pytest.raises(TypeError, match=r"supports must be a tuple or list of arc lengths"):
+    with pytest.raises(TypeError, match=r"supports must be a sequence of arc lengths"):
         pp.Pipe(0.2, supports=0.5)
     for places in ([0.0], [1.0], [0.5, 1.2], [-0.1], [math.nan]):
         with pytest.raises(ValueError, match=r"supports\[\d\] must lie in \(0, 1\)"):
@@ -370,6 +370,10 @@ def test_supports_are_checked_where_they_are_given():
         pp.Pipe(0.2, supports=[0.001] * 101)
     pipe = pp.Pipe(0.2, supports=[0.7, 0.2], root=pp.RootSpring(0.0), end="pinned")
     assert pipe.supports == (0.2, 0.7)
+    for places in (np.array([0.7, 0.2]), np.array([]), range(0)):
+        assert pp.Pipe(0.2, supports=places).supports == tuple(sorted(places))
+    with pytest.raises(TypeError, match="supports must be a sequence of arc lengths, got array"):
+        pp.Pipe(0.2, supports=np.array([[0.3, 0.6]]))
     assert pipe.root == "pinned"
     assert repr(pipe) == "Pipe(beta=0.2, root='pinned', end='pinned', supports=(0.2, 0.7))"
     assert not pipe.cantilevered

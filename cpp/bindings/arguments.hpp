@@ -284,6 +284,9 @@ void define_linear(py::module_& m);
 /// Integration in time, in motion.cpp.
 void define_motion(py::module_& m);
 
+/// Collocation of periodic orbits, in orbits.cpp.
+void define_orbits(py::module_& m);
+
 /// The class Scene, in scene.cpp.
 void define_scene(py::module_& m);
 

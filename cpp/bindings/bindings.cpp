@@ -178,4 +178,5 @@ PYBIND11_MODULE(_core, m, py::mod_gil_not_used()) {
   pipedyn::define_linear(m);
   pipedyn::define_scene(m);
   pipedyn::define_motion(m);
+  pipedyn::define_orbits(m);
 }

@@ -19,6 +19,7 @@ from pipedyn.bifurcation.attractors import (
 from pipedyn.bifurcation.boundary import Boundary, BoundaryCurve, boundary
 from pipedyn.bifurcation.branches import CycleBranch, CycleEvent
 from pipedyn.bifurcation.brute_force import Attractor
+from pipedyn.bifurcation.cycle_boundary import CycleBoundary, cycle_boundary
 from pipedyn.bifurcation.diagram import (
     BifurcationDiagram,
     DiagramCost,
@@ -32,6 +33,7 @@ from pipedyn.bifurcation.equilibria import (
     equilibria,
     equilibrium_branch,
 )
+from pipedyn.bifurcation.event_curve import CycleCurve, CyclePoint
 from pipedyn.bifurcation.forced_response import (
     ForcedBranch,
     ForcedEvent,
@@ -106,8 +108,11 @@ __all__ = [
     "CriticalityCurve",
     "Crossing",
     "CubicSpring",
+    "CycleBoundary",
     "CycleBranch",
+    "CycleCurve",
     "CycleEvent",
+    "CyclePoint",
     "Damper",
     "DenseOutput",
     "Derivatives",
@@ -179,6 +184,7 @@ __all__ = [
     "critical_speed",
     "criticality_curve",
     "crossings",
+    "cycle_boundary",
     "diagram_cost",
     "eigenvalues",
     "end_coefficient",

@@ -34,8 +34,11 @@ __all__: list[str] = [
     "Traits",
     "Truncated",
     "assignment",
+    "carried",
     "crossings",
     "dense_limit",
+    "eliminated",
+    "orbit_states",
     "set_vector_level",
     "sincos",
     "vector_level",
@@ -618,11 +621,41 @@ class Integrator:
 def assignment(
     costs: typing.Annotated[numpy.typing.ArrayLike, numpy.float64],
 ) -> typing.Annotated[numpy.typing.NDArray[numpy.int64], "[m, 1]"]: ...
+def carried(
+    maps: typing.Annotated[numpy.typing.ArrayLike, numpy.float64],
+    right: typing.Annotated[numpy.typing.ArrayLike, numpy.float64],
+    most: typing.SupportsFloat | typing.SupportsIndex,
+) -> tuple[numpy.typing.NDArray[numpy.float64], list[int]]: ...
 def crossings(
     spectra: collections.abc.Sequence[Spectrum],
     ranges: collections.abc.Sequence[Range],
     factorised: typing.Any,
 ) -> list[Sweep]: ...
+def eliminated(
+    durations: typing.Annotated[numpy.typing.ArrayLike, numpy.float64],
+    starts: typing.Annotated[numpy.typing.ArrayLike, numpy.float64],
+    rates: typing.Annotated[numpy.typing.ArrayLike, numpy.float64],
+    jacobians: typing.Annotated[numpy.typing.ArrayLike, numpy.float64],
+    accelerations: typing.Annotated[numpy.typing.ArrayLike, numpy.float64],
+    by_frequency: typing.Annotated[numpy.typing.ArrayLike, numpy.float64] | None,
+    by_speed: typing.Annotated[numpy.typing.ArrayLike, numpy.float64] | None,
+    frequency: typing.SupportsFloat | typing.SupportsIndex,
+    weights: tuple[
+        typing.Annotated[numpy.typing.ArrayLike, numpy.float64],
+        typing.Annotated[numpy.typing.ArrayLike, numpy.float64],
+        typing.Annotated[numpy.typing.ArrayLike, numpy.float64],
+    ],
+) -> tuple[numpy.typing.NDArray[numpy.float64], numpy.typing.NDArray[numpy.float64]]: ...
+def orbit_states(
+    edges: typing.Annotated[numpy.typing.ArrayLike, numpy.float64],
+    starts: typing.Annotated[numpy.typing.ArrayLike, numpy.float64],
+    rates: typing.Annotated[numpy.typing.ArrayLike, numpy.float64],
+    frequency: typing.SupportsFloat | typing.SupportsIndex,
+    mirror: typing.SupportsFloat | typing.SupportsIndex,
+    once: typing.Annotated[numpy.typing.ArrayLike, numpy.float64],
+    twice: typing.Annotated[numpy.typing.ArrayLike, numpy.float64],
+    phases: typing.Annotated[numpy.typing.ArrayLike, numpy.float64],
+) -> numpy.typing.NDArray[numpy.float64]: ...
 def set_vector_level(name: str) -> None: ...
 def sincos(
     x: typing.Annotated[numpy.typing.ArrayLike, numpy.float64],

@@ -21,6 +21,7 @@
 #include "pipedyn/chain/shifted.hpp"
 #include "pipedyn/chain/sweeps.hpp"
 #include "pipedyn/galerkin/kernel.hpp"
+#include "pipedyn/motion/collocation.hpp"
 #include "pipedyn/motion/dense.hpp"
 #include "pipedyn/motion/stages.hpp"
 #include "pipedyn/vector/pack.hpp"
@@ -277,6 +278,8 @@ const MotionKernel PIPEDYN_NAMED(motion) = {
     .solve_dense = ::solve_dense,
     .mix_stages = ::mix_stages,
     .correct_stages = ::correct_stages,
+    .eliminate_stages = ::eliminate_stages,
+    .carry_maps = ::carry_maps,
     .finite = ::all_finite,
     .sincos = ::sincos_of,
     .galerkin = &PIPEDYN_NAMED(galerkin),

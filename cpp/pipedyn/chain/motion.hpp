@@ -80,6 +80,23 @@ struct Batch {
   const double* drive = nullptr;    // (Drive::rows, members); null at a steady speed, base at rest
 };
 
+/// A periodic orbit on a mesh, and derivatives at its stages (motion/collocation.hpp). Arrays are
+/// row-major; n = 2 half.
+struct Intervals {
+  std::ptrdiff_t count, stages, half;
+  const double* durations;      // (count,)
+  const double* starts;         // states where intervals begin (count, n)
+  const double* rates;          // accelerations at the stages (count, stages, half)
+  const double* jacobians;      // of the states' rates there (count, stages, n, n)
+  const double* accelerations;  // that the forces give there (half, count, stages)
+  const double* by_frequency;   // their derivatives, or null where they do not change
+  const double* by_speed;
+  double frequency;
+  const double* nodes;  // c (stages,)
+  const double* once;   // O (stages, stages)
+  const double* twice;  // T
+};
+
 struct GalerkinKernel;
 struct ImpedanceKernel;
 
@@ -125,6 +142,17 @@ struct MotionKernel {
   double (*correct_stages)(const double* x, const double* matrix, const double* y,
                            const double* allowed, std::ptrdiff_t rows, double* w, double* z,
                            double* out);
+
+  /// Derivatives of each interval's accelerations (count, stages half, n + 3) and of the state at
+  /// its end (count, n, n + 3) by the first state, a share of the residual, frequency and speed.
+  /// rows: room for stages half pointers. False if a matrix is singular.
+  bool (*eliminate_stages)(const Intervals&, double** rows, double* rates, double* ends);
+  /// Of x -> T x + r of intervals, T (count, n, n), r (count, n, more), the products [P | R] up to
+  /// the end of each, (count, n, n + more), from the beginning of its run: a run ends before an
+  /// entry of P reaches most. Begins of runs (room for count), and how many there are.
+  std::ptrdiff_t (*carry_maps)(const double* maps, const double* right, std::ptrdiff_t count,
+                               std::ptrdiff_t n, std::ptrdiff_t more, double most, double* out,
+                               std::ptrdiff_t* begins);
 
   bool (*finite)(const double* x, std::ptrdiff_t count);
   void (*sincos)(const double* x, std::ptrdiff_t count, double* sine, double* cosine);

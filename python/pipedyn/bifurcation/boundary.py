@@ -57,9 +57,9 @@ class BoundaryCurve:
             curve bounds the region in which the pipe is stable.
         change: number of unstable roots on its left less that on its right, shape (S,): 2 or -2,
             of divergence 1 or -1, which changes at a Bogdanov-Takens point.
-        lyapunov: first Lyapunov coefficient of flutter, as of `Hopf`, of divergence the coefficient
-            of z^3 in 0 = sigma z + c z^3 (`static_cubic`), shape (S,); NaN where other roots are
-            unstable, or it was not asked for.
+        lyapunov: first Lyapunov coefficient of flutter, as of `Hopf`; of divergence the coefficient
+            c of z' = sigma z + c z^3, z being the largest angle, shape (S,). NaN where other roots
+            are unstable, or it was not asked for.
         criticality: "supercritical", where what emerges attracts, "subcritical", or "" where it is
             not known, shape (S,). With drag that decides, see `Hopf`.
         error: of `Continuum` the largest distance of points, some of them along the curve, from

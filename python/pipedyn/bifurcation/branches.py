@@ -65,6 +65,11 @@ LARGEST_ERROR = 1e-3
 """Error of the multipliers beyond which a cycle on a branch is left out, and the branch ends: near
 five folds it was measured 6e-5 at most."""
 
+VERTICAL, STEEP = 3e-5, 1e-3
+"""Relative change of the speed while the frequency falls by a factor e, over three steps. Below the
+first, at less than half the largest frequency, a branch ends there with an infinite period: the
+speed comes to a limit exponentially. Below the second a branch does that cannot be followed."""
+
 SAMPLES = 65
 """States kept of each cycle: measured, cubics through them miss five cycles by 1.5e-6 at most."""
 
@@ -225,22 +230,26 @@ def traced(
     found: list[Traced] = []
     failed: list[Failed] = []
 
-    def trace(starts: list[BranchStart], begin: CycleEvent | None, generations: int) -> None:
+    def trace(
+        starts: list[BranchStart], begin: CycleEvent | None, generations: int, fastest: float = 0.0
+    ) -> None:
         """One way from an event or both ways from a cycle, and branches that leave there."""
         ways: list[_Follower] = []
         for start in starts:
-            ways.append(_Follower(motion, start, begin, options, failed))
+            ways.append(_Follower(motion, start, begin, options, failed, fastest))
             ways[-1].run()
             if ways[-1].closed:
                 ways = ways[-1:]
                 break
         found.append(_joined(ways))
+        fastest = max([fastest, *(cycle.frequency for way in ways for cycle in way.cycles)])
         for event, orbit, stable in [fork for way in ways for fork in way.forks]:
             ends = (end for other in found for end in (other.begin, other.end))
             if any(end is not None and event.same(end) for end in ends):
                 continue
             if generations == GENERATIONS or (stable and generations > 0):
-                trace([from_branch_point(motion, orbit)], event, generations - 1)
+                start = from_branch_point(motion, orbit)
+                trace([start], event, generations - 1, fastest)
 
     with one_thread(motion.size):
         if isinstance(begin, PeriodicOrbit):
@@ -292,9 +301,10 @@ class _Follower:
         begin: CycleEvent | None,
         options: BranchOptions,
         failed: list[Failed],
+        fastest: float = 0.0,
     ) -> None:
         self.motion, self.start, self.begin, self.options = motion, start, begin, options
-        self.failed = failed
+        self.failed, self.fastest = failed, fastest
         self.onset, self.events = math.nan, list[CycleEvent]()
         self.how = f"followed from a motion at u = {start.orbit.u:.6g}"
         if begin is not None:
@@ -312,7 +322,7 @@ class _Follower:
         Beyond the speeds given multipliers are not computed.
         """
         here, beyond, last = self.start.orbit, 0, None
-        speeds, frequencies = self.options.speeds, list[float]()
+        speeds, passed, frequencies = self.options.speeds, list[float](), list[float]()
         lowest = min(float(speeds[speeds > 0.0][0]), here.u) / BEYOND
         highest = max(float(speeds[-1]), here.u) * BEYOND
         try:
@@ -329,6 +339,7 @@ class _Follower:
                     return
                 here = orbit_at(step, step.length)
                 frequencies.append(here.frequency)
+                passed.append(here.u)
                 low, high = sorted((step.begin.p, here.u))
                 if low <= speeds[-1] and high >= speeds[0]:
                     last, beyond = self._noted(step, last), 0
@@ -338,6 +349,10 @@ class _Follower:
                         )
                 else:
                     last, beyond = None, beyond + 1
+                slow = frequencies[-1] < 0.5 * max(self.fastest, *frequencies)
+                if slow and _steepness(passed, frequencies) < VERTICAL:
+                    self._ends("infinite period", here, abs(passed[-1] - passed[-2]))
+                    return
                 if self.closed or not lowest < here.u < highest:
                     return
                 if len(frequencies) == self.options.most or beyond == MOST_BEYOND:
@@ -346,7 +361,8 @@ class _Follower:
                     raise NewtonFailed(f"beyond the speeds it takes {here.edges.size} intervals")
         except NewtonFailed as reason:
             falling = len(frequencies) > 3 and frequencies[-1] < frequencies[-3]
-            if falling and frequencies[-1] < 0.5 * max(frequencies):
+            slow = falling and frequencies[-1] < 0.5 * max(frequencies)
+            if slow or _steepness(passed, frequencies) < STEEP:
                 self._ends("infinite period", here)
                 return
             self._ends("end", here)
@@ -483,6 +499,19 @@ class _Follower:
         if self.begin is not None or cycle.u != first.u or len(self.cycles) < 4:
             return False
         return same_cycle(cycle, first.frequency, amplitude_of(self.motion, first)[0])
+
+
+def _steepness(speeds: list[float], frequencies: list[float]) -> float:
+    """Relative change of the speed for a factor e by which the frequency falls, over three steps.
+
+    It is infinite where the frequency does not fall all the time, or in fewer steps.
+    """
+    if len(speeds) < 4:
+        return math.inf
+    falls = -np.diff(np.log(frequencies[-4:]))
+    if not (falls > 0.0).all():
+        return math.inf
+    return float(np.abs(np.diff(speeds[-4:])).sum() / (speeds[-1] * falls.sum()))
 
 
 def same_cycle(cycle: LimitCycle, frequency: float, amplitude: float) -> bool:

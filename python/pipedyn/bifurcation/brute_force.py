@@ -2,22 +2,26 @@
 """Brute force over the flow speed: where motions from many starts end.
 
 After the transient the section x' = 0 of the free end is kept: its turning points. At rest there
-is none, a cycle leaves a few values, a torus or chaos many. A motion ends before if it is at rest
-or periodic and attracts what starts beside it: then it would stay so.
+is none, a cycle leaves a few values, a torus or chaos many. A motion ends before if it comes near
+to a stable equilibrium or cycle that is known, or is at rest or periodic and attracts what starts
+beside it: then it would stay so.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import partial
 from itertools import pairwise
+from types import MappingProxyType
 from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
+from pipedyn.bifurcation.known_solutions import KnownSolution, approached
 from pipedyn.models.base import Model, PipedynError
 from pipedyn.models.chain import Chain
 from pipedyn.models.drive import Base, Speed
@@ -64,6 +68,9 @@ drag all of it at rtol, and a tenth of it, once 0.6, at rtol / 10."""
 FIRST_LOOK = 4.0
 """Time after which motions are looked at for the first time, some ten periods of flutter; then
 after as much again or half the time so far. Of 3, 4, 5, 6 and 8 the cheapest, measured."""
+
+LOOKS = 32
+"""States of a record that are compared with known solutions: eight in each quarter."""
 
 NUDGE = 0.01
 """How far beside a motion a neighbour begins, rad: as much as linear laws of its distance hold, and
@@ -148,14 +155,18 @@ def attractors(
     failed: list[Failed],
     executor: futures.Executor | None,
     shown: bool,
+    known: Mapping[float, Sequence[KnownSolution]] = MappingProxyType({}),
 ) -> tuple[Attractor, ...]:
-    """Where motions end, from each start at each speed."""
+    """Where motions end, from each start at each speed, where some solutions may be known."""
     members = [(float(u), k) for u in speeds for k in range(len(starts))]
     most = min(BATCH, max(LARGEST_SAMPLES // (options.samples * model.coordinates), 1))
     indices = np.array_split(np.arange(len(members)), math.ceil(len(members) / most))
     parts = [[members[i] for i in part] for part in indices]
     found: list[Attractor] = []
-    jobs = [partial(_batch, model, part, starts, options) for part in parts]
+    jobs = [
+        partial(_batch, model, part, starts, options, {u: known.get(u, ()) for u, _ in part})
+        for part in parts
+    ]
     answers = parallel(jobs, executor, label="brute force", progress=shown)
     for part, answer in zip(parts, answers, strict=True):
         if isinstance(answer, Exception):
@@ -201,6 +212,7 @@ class _Record:
     error: float  # of two turnings together
     ending: Ending
     period: int
+    states: Array = field(default_factory=lambda: np.zeros((0, 0)))  # some, (2 moving, k)
 
     def seems_settled(self) -> bool:
         """Whether it is at rest in the end, or three periods show no change that could be seen."""
@@ -232,8 +244,10 @@ class _Record:
 class _Batch:
     """The motions of one batch, and where those ended that have."""
 
-    def __init__(self, model: Model, options: MotionOptions) -> None:
-        self.model, self.options, self.elapsed = model, options, 0.0
+    def __init__(
+        self, model: Model, options: MotionOptions, known: Mapping[float, Sequence[KnownSolution]]
+    ) -> None:
+        self.model, self.options, self.known, self.elapsed = model, options, known, 0.0
         self.answers: dict[int, Attractor | Exception] = {}
         smooth = isinstance(model, (Chain, Galerkin)) and not model.pipe.has_kinks
         self.tolerance = options.rtol * (1.0 if smooth else ACROSS_KINKS)
@@ -270,7 +284,8 @@ class _Batch:
         for k, i in enumerate(going):
             last = (k + 1) * samples.size - 1
             runs[i].state = np.asarray(self.model.start(q[last], qdot[last]))
-            records[i] = _record(samples, x[k], velocity[k], self.options.rtol)
+            states = outcomes[i][0][1:, :-1][:: -(samples.size // LOOKS)][::-1]
+            records[i] = _record(samples, x[k], velocity[k], self.options.rtol, states.T)
         return records
 
     def stopped(self, run: _Run, task: Task, outcome: Outcome) -> MotionStopped:
@@ -284,6 +299,21 @@ class _Batch:
         """Those that have not ended."""
         return [run for run in runs if run.member not in self.answers]
 
+    def identify(self, run: _Run, record: _Record) -> None:
+        """Ends a motion that comes near to a stable solution that is known."""
+        solutions = self.known.get(run.speed, ())
+        place = approached(solutions, record.states)
+        if place is None:
+            return
+        solution = solutions[place]
+        t, states = solution.recorded(SAMPLES_A_TIME)
+        q, qdot = self.model.recorded(*np.split(states.T, 2, axis=1))
+        x, velocity = self.model.tips(q.T)[:, 0], self.model.tip_velocities(q.T, qdot.T)[:, 0]
+        found = _record(t, x, velocity, self.options.rtol, states)
+        if found.ending in ("rest", "periodic"):
+            run.state = np.ascontiguousarray(states[:, -1])
+            self.keep(run, found)
+
     def keep(self, run: _Run, record: _Record) -> None:
         """Where a motion ends, by its record."""
         turnings = record.x[-1:].copy() if record.ending == "rest" else record.turnings
@@ -293,10 +323,14 @@ class _Batch:
 
 
 def _batch(
-    model: Model, members: list[tuple[float, int]], starts: list[Array], options: MotionOptions
+    model: Model,
+    members: list[tuple[float, int]],
+    starts: list[Array],
+    options: MotionOptions,
+    known: Mapping[float, Sequence[KnownSolution]],
 ) -> list[Attractor | Exception]:
     """Where each member of one batch ends, or why it stopped early."""
-    batch = _Batch(model, options)
+    batch = _Batch(model, options, known)
     runs = [_Run(i, u, k, _state(model, starts[k])) for i, (u, k) in enumerate(members)]
     # Motions with neighbours take no more samples than all at the end.
     stretch, longest = FIRST_LOOK, max(FIRST_LOOK, 0.5 * options.duration)
@@ -306,6 +340,8 @@ def _batch(
         others = [run for run in runs if run not in tried]
         for run, record in zip(others, batch.advance(others, 0.0, stretch), strict=True):
             run.settled = record is not None and record.seems_settled()
+            if record is not None:
+                batch.identify(run, record)
         records = batch.advance([*tried, *beside], 0.0, stretch)
         batch.elapsed += stretch
         for run, own, other in zip(tried, records, records[len(tried) :], strict=False):
@@ -337,11 +373,11 @@ def _neighbour(model: Model, run: _Run, bend: Array) -> _Run:
     return _Run(NEIGHBOUR, run.speed, run.start, state if np.isfinite(state).all() else run.state)
 
 
-def _record(t: Array, x: Array, velocity: Array, rtol: float) -> _Record:
+def _record(t: Array, x: Array, velocity: Array, rtol: float, states: Array) -> _Record:
     turnings, error = turning_points(t, x, velocity)
     # Errors of an integrator's steps add up over the ten or more that a period takes.
     error += 10.0 * rtol * float(np.ptp(x))
-    return _Record(x, turnings, error, *ending_of(x, turnings, error))
+    return _Record(x, turnings, error, *ending_of(x, turnings, error), states)
 
 
 def turning_points(t: Array, x: Array, velocity: Array) -> tuple[Array, float]:

@@ -10,19 +10,21 @@ large multipliers cost none either. The cost is linear in the number of interval
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from typing import Self
 
 import numpy as np
 
-from pipedyn.bifurcation.continuation import Continuation, Control
+from pipedyn import _core
+from pipedyn.bifurcation.continuation import Continuation, Control, Solver
 from pipedyn.bifurcation.periodic_orbit import (
     NODES,
     ONCE,
     PROBES,
-    STAGES,
     TWICE,
     PeriodicOrbit,
     integrals,
+    interpolated,
     stage_phases,
 )
 from pipedyn.bifurcation.vector_field import VectorField
@@ -32,6 +34,9 @@ from pipedyn.util.newton import NewtonFailed
 
 LOSS = 1e5
 """Largest entry of a product of intervals' maps: their rounding is 1e-11 then."""
+
+WEIGHTS = NODES, ONCE, TWICE
+"""Of the method, as the core takes them."""
 
 # -------------------------------------------------------------------------------- one interval
 
@@ -45,59 +50,23 @@ def _condensed(
     stages' rates, shape (M, s moving, 2 moving + 3), and of the state, (M, 2 moving, 2 moving + 3).
     By the speed they are 0 where it does not vary.
     """
-    count, _, half = orbit.rates.shape
-    size = motion.size
-    piece = max(1, 100_000 // (STAGES * half) ** 2)  # intervals whose 0.8 MB a cache holds
-    rates = np.empty((count, STAGES * half, size + 3))
-    ends = np.empty((count, size, size + 3))
-    for i in range(0, count, piece):
-        some = slice(i, i + piece)
-        edges = orbit.edges[i : i + piece + 1]
-        part = replace(orbit, edges=edges, starts=orbit.starts[some], rates=orbit.rates[some])
-        rates[some], ends[some] = _eliminated(motion, part, speed_varies)
-    return rates, ends
-
-
-def _eliminated(
-    motion: VectorField, orbit: PeriodicOrbit, speed_varies: bool
-) -> tuple[Array, Array]:
-    """`_condensed` of a few intervals."""
-    count, _, half = orbit.rates.shape
-    size, u = motion.size, orbit.u
+    half, u = motion.half, orbit.u
     motion = motion.along(stage_phases(orbit.edges).ravel(), orbit.frequency)
-    y, rows = _stage_derivatives(motion, orbit)
-    h, lag = orbit.durations[:, None, None], NODES[:, None]
-    right = np.empty((count, STAGES, half, size + 3))
-    # Derivatives at fixed rates: of f by the first state, of the stages by time.
-    right[..., :size] = rows
-    right[..., half:size] += (h * lag)[..., None] * rows[..., :half]
-    by_time = np.empty((count, STAGES, size))
-    by_time[..., :half] = lag * orbit.starts[:, None, half:] + 2.0 * h * (TWICE @ orbit.rates)
-    by_time[..., half:] = ONCE @ orbit.rates
-    by_frequency = -h / orbit.frequency * by_time
-    right[..., size] = motion(y, u)[half:].T.reshape(orbit.rates.shape) - orbit.rates
-    right[..., size + 1] = (rows @ by_frequency[..., None])[..., 0]
-    right[..., size + 2] = 0.0
-    if motion.forced:
-        right[..., size + 1] += motion.by_frequency(y, u)[half:].T.reshape(orbit.rates.shape)
-    elif speed_varies:
-        right[..., size + 2] = motion.by_speed(y, u)[half:].T.reshape(orbit.rates.shape)
-    # A rate moves its state by the first of these weights, and its position by the second.
-    weights = np.stack([h * ONCE, h**2 * TWICE], axis=-1)[:, :, None]
-    pairs = rows.reshape(count, STAGES, half, 2, half)[:, :, :, ::-1]
-    matrix = (-weights @ pairs).reshape(count, STAGES * half, STAGES * half)
-    matrix.reshape(count, -1)[:, :: STAGES * half + 1] += 1.0
-    factorised(count)
-    found = np.linalg.solve(matrix, right.reshape(count, STAGES * half, size + 3))
-    moved = weights[:, -1, 0].transpose(0, 2, 1) @ found.reshape(count, STAGES, -1)
-    once, double = np.split(moved.reshape(count, 2, half, size + 3), 2, axis=1)
-    ends = np.zeros((count, size, size + 3))
-    ends.reshape(count, -1)[:, :: size + 4] = 1.0
-    ends[:, :half, half:size] += h * np.eye(half)
-    ends[..., size + 1] = by_frequency[:, -1]
-    ends[:, half:] += once[:, 0]
-    ends[:, :half] += double[:, 0]
-    return np.asarray(found), ends
+    y = _stages(motion, orbit)
+    by_frequency = motion.by_frequency(y, u)[half:] if motion.forced else None
+    by_speed = motion.by_speed(y, u)[half:] if speed_varies and not motion.forced else None
+    factorised(len(orbit.starts))
+    return _core.eliminated(
+        orbit.durations,
+        orbit.starts,
+        orbit.rates,
+        motion.jacobians(y, u),
+        motion(y, u)[half:],
+        by_frequency,
+        by_speed,
+        orbit.frequency,
+        WEIGHTS,
+    )
 
 
 # -------------------------------------------------------------------------------- all intervals
@@ -110,16 +79,7 @@ def carried(maps: Array, right: Array) -> tuple[Array, list[int]]:
     end, (M, n, n + k), from the beginning of its run, and the first interval of each run. A run
     ends where so much grows that digits would be lost.
     """
-    n, begins = maps.shape[1], [0]
-    whole = np.concatenate([maps, right], axis=2)
-    for k in range(1, len(maps)):
-        further = maps[k] @ whole[k - 1]
-        if not np.abs(further[:, :n]).max() < LOSS:
-            begins.append(k)
-            continue
-        further[:, n:] += right[k]
-        whole[k] = further
-    return whole, begins
+    return _core.carried(maps, right, LOSS)
 
 
 def _collapsed(whole: Array, begins: list[int]) -> tuple[Array, list[list[Array]]]:
@@ -179,9 +139,7 @@ class Linearised:
             for part in (self._rates, ends):
                 part[..., [n + 1, n + 2]] = part[..., [n + 2, n + 1]]
         self._units = state_units(motion, orbit)
-        missed = orbit.stages()[:, -1] - np.concatenate(
-            [orbit.starts[1:], mirror * orbit.starts[:1]]
-        )
+        missed = orbit.ends() - np.concatenate([orbit.starts[1:], mirror * orbit.starts[:1]])
         ends[:, :, n] += missed
         ends /= self._units[:, None]
         self._maps = ends[:, :, :n] * self._units
@@ -220,6 +178,14 @@ class Linearised:
         rows = np.stack([phase, row]) @ found
         shares = np.linalg.solve(rows[:, 1:], np.array([shift, gap]) - rows[:, 0])
         return found[:, 0] + found[:, 1:] @ shares
+
+    @property
+    def closing(self) -> tuple[Array, Array]:
+        """L and R, (n, n) each, of L y(0) + R y(span) = 0 for what obeys the linearised equations.
+
+        They hold at one frequency and one speed, in units of the state.
+        """
+        return self._first, self._last
 
     def neutral(self) -> Array:
         """The change at one speed that comes nearest to dy(span) = -mirror * dy(0).
@@ -263,21 +229,16 @@ def state_units(motion: VectorField, orbit: PeriodicOrbit) -> Array:
     return units
 
 
-def stage_derivatives(motion: VectorField, orbit: PeriodicOrbit) -> tuple[Array, Array]:
-    """States at the stages, (2 moving, M s), and derivatives of the accelerations there.
-
-    These have shape (M, s, moving, 2 moving).
-    """
-    return _stage_derivatives(
-        motion.along(stage_phases(orbit.edges).ravel(), orbit.frequency), orbit
-    )
+def stage_derivatives(motion: VectorField, orbit: PeriodicOrbit) -> Array:
+    """Derivatives of the accelerations at the stages, shape (M, s, moving, 2 moving)."""
+    motion = motion.along(stage_phases(orbit.edges).ravel(), orbit.frequency)
+    rows = motion.jacobians(_stages(motion, orbit), orbit.u)[:, motion.half :]
+    return rows.reshape(*orbit.rates.shape, motion.size)
 
 
-def _stage_derivatives(motion: VectorField, orbit: PeriodicOrbit) -> tuple[Array, Array]:
-    """The same, of a motion along the stages."""
-    y = np.ascontiguousarray(orbit.stages().reshape(-1, motion.size).T)
-    rows = motion.jacobians(y, orbit.u)[:, motion.half :]
-    return y, rows.reshape(*orbit.rates.shape, motion.size)
+def _stages(motion: VectorField, orbit: PeriodicOrbit) -> Array:
+    """States at the stages, (2 moving, M s)."""
+    return np.ascontiguousarray(orbit.stages().reshape(-1, motion.size).T)
 
 
 def collocation_maps(motion: VectorField, orbit: PeriodicOrbit) -> tuple[Array, Array]:
@@ -304,9 +265,10 @@ class OrbitControl(Control):
 class OrbitProblem(Continuation):
     """The collocation equations on one mesh, for continuation from near an orbit.
 
-    Lengths are measured in L of the free end, and relative in frequency and speed; `unit` is the
-    root mean square of the positions p for each L of the free end's amplitude, on the orbit unless
-    it is given. Where the speed does not vary, only `fixed` is solved.
+    Lengths are measured in L of the free end, or in the `reach` of a vector field, and relative in
+    frequency and speed; `unit` is the root mean square of the positions p for each such length of
+    the free end's amplitude, on the orbit unless it is given. Where the speed does not vary, only
+    `fixed` is solved.
     """
 
     def __init__(
@@ -335,13 +297,33 @@ class OrbitProblem(Continuation):
         row[: rates.size] = self.weights[: rates.size] * rates.ravel()
         self._phase = row, float(row @ start.packed())
 
+    @property
+    def origin(self) -> Array:
+        """Unknowns of the start."""
+        return self.start.packed()
+
+    def about(self, z: Array, edges: Array | None = None) -> Self:
+        """The same equations from near other unknowns, on another mesh if its edges are given."""
+        return type(self)(self.motion, self.remeshed(z, edges), self.control, self.unit)
+
+    def remeshed(self, z: Array, edges: Array | None) -> PeriodicOrbit:
+        """The orbit of unknowns, on another mesh if its edges are given."""
+        orbit = self.orbit(z)
+        if edges is None:
+            return orbit
+        return interpolated(self.motion, orbit.states, edges, orbit.frequency, orbit.u)
+
     def orbit(self, z: Array) -> PeriodicOrbit:
         """The orbit of unknowns."""
         return self.start.unpacked(z)
 
-    def linearised(self, z: Array) -> Linearised:
+    def linearised(self, z: Array) -> Solver:
         """The equations about unknowns."""
-        return Linearised(self.motion, self.orbit(z), self._phase, self._speed_varies)
+        return self.about_orbit(self.orbit(z))
+
+    def about_orbit(self, orbit: PeriodicOrbit) -> Linearised:
+        """The equations of an orbit, about it."""
+        return Linearised(self.motion, orbit, self._phase, self._speed_varies)
 
     def relative(self, z: Array, step: Array) -> float:
         """Size of a step relative to the orbit's own size, its frequency and its speed."""
@@ -367,7 +349,8 @@ def _unit_of(motion: VectorField, orbit: PeriodicOrbit) -> float:
     positions, across = states[: motion.half], motion.tip(states)
     centred = positions - positions.mean(axis=1, keepdims=True)
     size = math.sqrt(float(np.mean(np.sum(centred**2, axis=0))))
-    return size / max(0.5 * float(np.ptp(across)), 0.01 * size)  # a free end may be held
+    # A free end may be held.
+    return motion.reach * size / max(0.5 * float(np.ptp(across)), 0.01 * size)
 
 
 def solved(motion: VectorField, orbit: PeriodicOrbit, tolerance: float) -> PeriodicOrbit:

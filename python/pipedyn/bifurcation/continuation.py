@@ -176,13 +176,22 @@ class Continuation(ABC):
         assert last is not None
         return found, last
 
-    def next(self: Problem, start: Point, step: float) -> tuple[Segment[Problem], float]:
-        """The step to the next point, at most so long, and the length to try after it."""
+    def next(
+        self: Problem, start: Point, step: float, bend: Array | None = None
+    ) -> tuple[Segment[Problem], float]:
+        """The step to the next point, at most so long, and the length to try after it.
+
+        Newton's method begins on the parabola with this bend, the tangent's derivative by arc
+        length, if one is given.
+        """
         control = self.control
         while True:
             reason = NewtonFailed("it turns too sharply")
+            guess = None
+            if bend is not None:
+                guess = start.z + step * (start.tangent + 0.5 * step * bend)
             try:
-                found = self.at(start, step)
+                found = self.at(start, step, guess)
                 straight = self.product(start.tangent, found.tangent)
                 straight = min(straight, step / self.length(found.z - start.z))
                 if straight >= math.cos(control.turn):
@@ -226,6 +235,11 @@ class Segment(Generic[Problem]):
     def length(self) -> float:
         """Arc length along the tangent at the beginning."""
         return self.reach(self.end.z)
+
+    @property
+    def bend(self) -> Array:
+        """About the derivative of the tangent by arc length."""
+        return (self.end.tangent - self.begin.tangent) / self.length
 
     @property
     def slopes(self) -> tuple[float, float]:

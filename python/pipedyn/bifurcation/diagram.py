@@ -38,6 +38,7 @@ from pipedyn.bifurcation.equilibria import (
     equilibria,
     equilibrium_branch,
 )
+from pipedyn.bifurcation.known_solutions import KnownSolution, at_rest
 from pipedyn.bifurcation.limit_cycle import (
     LARGEST_CYCLE,
     NoCycle,
@@ -48,7 +49,7 @@ from pipedyn.bifurcation.limit_cycle import (
 from pipedyn.bifurcation.vector_field import VectorField
 from pipedyn.linear.stability_curve import Failure
 from pipedyn.models.base import Model, NotConverged, PipedynError
-from pipedyn.models.drive import LARGEST_SPEED
+from pipedyn.models.drive import LARGEST_SPEED, require_steady
 from pipedyn.motion.simulate import LARGEST_SAMPLES, checked_model_in_motion, slight_bend
 from pipedyn.util import check
 from pipedyn.util.check import Array
@@ -64,6 +65,10 @@ MOST_MOTIONS = 100_000
 
 STEPS_AHEAD = 8
 """Along a branch of cycles, after which its steps grow no more: beside an onset they are short."""
+
+SPARSE = 4
+"""Speeds for each one at which motions are integrated first: cycles that these lead to are followed
+to the others, where motions then end sooner. Of scenes with two and three segments 4 is fastest."""
 
 MOST_FROM_MOTIONS = 12
 """Cycles, at most, that motions end on and that are followed from there: a second or more each."""
@@ -162,10 +167,14 @@ def bifurcation_diagram(
     if asked.steps:
         found.from_onsets(branches, executor, shown)
     motions: tuple[Attractor, ...] = ()
-    if asked.starts:
-        motions = attractors(model, at, asked.starts, asked.options, failed, executor, shown)
+    for some in _sparse_first(at) if asked.starts else ():
+        known = _known_solutions(model, some, branches, found.branches)
+        ended = attractors(model, some, asked.starts, asked.options, failed, executor, shown, known)
+        if asked.steps:
+            found.from_motions(ended)
+        motions = (*motions, *ended)
+    motions = tuple(sorted(motions, key=lambda one: (one.speed, one.start)))
     if asked.steps:
-        found.from_motions(motions)
         for u in sorted(seeds(at)):
             passed = (b.speeds.min() <= u <= b.speeds.max() for b in found.branches)
             if u > 0.0 and u not in resting and not any(passed):
@@ -255,6 +264,7 @@ def _asked(
     progress: bool,
 ) -> _Asked:
     model = checked_model_in_motion(model, largest=LARGEST, purpose="equilibria")
+    require_steady("speeds", speeds)
     at = check.array("speeds", speeds, low=0.0, high=LARGEST_SPEED, longest=100_000)
     if at.size < 2 or np.any(np.diff(at) <= 0.0):
         raise ValueError("speeds must be at least 2 and strictly increasing")
@@ -367,6 +377,59 @@ def equilibrium_branches(
             except PipedynError as error:
                 failed.append((u, error))
     return tuple(branches), stable
+
+
+# ------------------------------------------------------------------------------------------ motions
+
+
+def _sparse_first(speeds: Array) -> list[Array]:
+    """Some of the speeds, and then the others, where cycles that the first lead to are known."""
+    if speeds.size <= SPARSE:
+        return [speeds]
+    first = np.zeros(speeds.size, dtype=bool)
+    first[SPARSE // 2 :: SPARSE] = True
+    return [speeds[first], speeds[~first]]
+
+
+def _known_solutions(
+    model: Model,
+    speeds: Array,
+    equilibria: tuple[EquilibriumBranch, ...],
+    cycles: list[CycleBranch],
+) -> dict[float, list[KnownSolution]]:
+    """At each speed the equilibria and the cycles on branches."""
+    motion = VectorField(model)
+    found = dict[float, list[KnownSolution]]()
+    if motion.constrained:
+        return found
+    with one_thread(motion.size):
+        for u in speeds.tolist():
+            guesses = (_start_of(model, q) for b in equilibria for q in _passing(b, u))
+            found[u] = at_rest(motion, guesses, u)
+            for branch in cycles:
+                signs = (1.0, -1.0) if branch.mirrored else (1.0,)
+                found[u] += [
+                    KnownSolution(cycle.stable, orbit=cycle.orbit, sign=sign)
+                    for cycle in branch.at(u)
+                    for sign in signs
+                ]
+    return found
+
+
+def _start_of(model: Model, q: Array) -> Array:
+    """Positions p of coordinates at rest."""
+    p, _ = np.split(np.asarray(model.start(q, None)), 2)
+    return np.asarray(p)
+
+
+def _passing(branch: EquilibriumBranch, u: float) -> Array:
+    """About the coordinates where a branch passes a speed, (k, coordinates)."""
+    before, after = branch.speeds[:-1], branch.speeds[1:]
+    within = np.flatnonzero((before - u) * (after - u) <= 0.0)
+    step = after[within] - before[within]
+    share = np.divide(u - before[within], step, out=np.zeros_like(step), where=step != 0.0)
+    q: Array = branch.q[within] + share[:, None] * (branch.q[within + 1] - branch.q[within])
+    return q
 
 
 # ------------------------------------------------------------------------------------------- cycles

@@ -30,7 +30,7 @@ from pipedyn.bifurcation.continuation import (
 from pipedyn.bifurcation.vector_field import VectorField
 from pipedyn.linear.eigenproblem import Complex
 from pipedyn.models.base import Model, NotConverged, PipedynError
-from pipedyn.models.drive import LARGEST_SPEED
+from pipedyn.models.drive import LARGEST_SPEED, require_steady, steady_speed
 from pipedyn.motion.simulate import Start, checked_model_in_motion, modal_bend
 from pipedyn.util import check
 from pipedyn.util.check import Array
@@ -120,7 +120,7 @@ def equilibria(model: Model, u: float, starts: Sequence[Start] = ()) -> Equilibr
     """
     model = checked_model_in_motion(model, largest=LARGEST, purpose="equilibria")
     statics = Statics(model)
-    u = check.real("u", u, low=0.0, high=LARGEST_SPEED)
+    u = steady_speed("u", u)
     if isinstance(starts, str) or not isinstance(starts, Sequence):
         raise TypeError(f"starts must be a sequence of starts, got {check.shown(starts)}")
     own = [statics.from_start(f"starts[{i}]", start) for i, start in enumerate(starts)]
@@ -454,9 +454,11 @@ def equilibrium_branch(
     """
     model = checked_model_in_motion(model, largest=LARGEST, purpose="equilibria")
     statics = Statics(model)
+    require_steady("speeds", speeds)
     low, high = map(float, check.array("speeds", speeds, size=2, low=0.0, high=LARGEST_SPEED))
     if not high - low >= 1e-9 * (1.0 + high):
         raise ValueError(f"speeds must be (lowest, highest), got ({low:g}, {high:g})")
+    require_steady("u0", u0)
     u0 = check.real("u0", u0, low=low, high=high)
     step = check.real("step", step, low=1e-4, high=1.0)
     start = statics.from_start("q0", q0)

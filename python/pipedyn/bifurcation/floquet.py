@@ -54,8 +54,12 @@ EventKind = Literal[
 ]
 
 
-def orbit_multipliers(motion: VectorField, orbit: PeriodicOrbit) -> tuple[Complex, Complex, float]:
+def orbit_multipliers(
+    motion: VectorField, orbit: PeriodicOrbit, tolerance: float = TOLERANCE
+) -> tuple[Complex, Complex, float]:
     """Floquet multipliers, the largest modulus first, their roots and the error of the worst.
+
+    Finer meshes are tried until the error is at most the tolerance, which may remain out of reach.
 
     Of an orbit with a mirror the roots are the eigenvalues over half a period, reflected. The
     multipliers, shape (2 dof,), are their squares: the trivial one is 1 either way, and a
@@ -70,9 +74,9 @@ def orbit_multipliers(motion: VectorField, orbit: PeriodicOrbit) -> tuple[Comple
     # No fine mesh is needed where the collocation resolves all modes without it. Kinks at phases
     # that are not known take the error that halving shows.
     if turns.max() > TURN and (smooth := _between_kinks(motion, orbit)):
-        roots, error = _by_magnus(motion, smooth, turns.sum())
-    if not error <= TOLERANCE:
-        others, other = _by_collocation(motion, orbit, turns)
+        roots, error = _by_magnus(motion, smooth, turns.sum(), tolerance)
+    if not error <= tolerance:
+        others, other = _by_collocation(motion, orbit, turns, tolerance)
         if not other > error:
             roots, error = others, other
     values: Complex = roots**2 if orbit.symmetric else roots
@@ -91,16 +95,19 @@ def _between_kinks(motion: VectorField, orbit: PeriodicOrbit) -> PeriodicOrbit |
     return refined(motion, orbit, np.ones(len(orbit.starts), dtype=int), at_kinks=True)
 
 
-def _by_magnus(motion: VectorField, orbit: PeriodicOrbit, turns: float) -> tuple[Complex, float]:
+def _by_magnus(
+    motion: VectorField, orbit: PeriodicOrbit, turns: float, tolerance: float
+) -> tuple[Complex, float]:
     """Roots of the multipliers and the error of the worst, by Magnus' series."""
     units = state_units(motion, orbit)
     rounds = orbit.span / math.pi
     number = PARTS * rounds * (turns / rounds) ** (1.0 / 3.0)
     parts = np.ceil(number * np.diff(orbit.edges) / orbit.span).astype(int)
     return by_series(
-        *(stage_derivatives(motion, orbit)[1], orbit.durations, units, parts),
+        *(stage_derivatives(motion, orbit), orbit.durations, units, parts),
         lambda maps: _eigenvalues(motion, orbit, maps, units),
         2 if orbit.symmetric else 1,
+        tolerance,
     )
 
 
@@ -111,6 +118,7 @@ def by_series(
     parts: NDArray[np.int_],
     eigenvalues: Callable[[Array], Complex] | None = None,
     power: int = 1,
+    tolerance: float = TOLERANCE,
 ) -> tuple[Complex, float]:
     """Roots of the multipliers and the error of the worst, from derivatives along a period.
 
@@ -125,12 +133,13 @@ def by_series(
         eigenvalues: the roots from the maps, raises `NewtonFailed` where they overflow; of the maps
             alone where not given.
         power: of the roots that the multipliers are.
+        tolerance: of the multipliers.
     """
     eigenvalues = eigenvalues or eigenvalues_through
     given = rows, durations, units
     maps, error, more = interval_maps(*given, parts), math.inf, 2.0
     roots: Complex = np.empty(0, dtype=np.complex128)
-    while error > TOLERANCE and more * parts.sum() <= MOST:
+    while error > tolerance and more * parts.sum() <= MOST:
         fewer, coarser = parts, maps
         parts = np.ceil(more * fewer).astype(int)
         maps = interval_maps(*given, parts)
@@ -143,12 +152,12 @@ def by_series(
         last, error = error, _moved(plain**power, roots**power)
         if error > 0.5 * last:  # two that meet at 1, as at a Hopf point, have half the digits
             break
-        more = min(max((2.0 * error / TOLERANCE) ** 0.25, 1.5), 2.0)
+        more = min(max((2.0 * error / tolerance) ** 0.25, 1.5), 2.0)
     return roots, error
 
 
 def _by_collocation(
-    motion: VectorField, orbit: PeriodicOrbit, turns: Array
+    motion: VectorField, orbit: PeriodicOrbit, turns: Array, tolerance: float
 ) -> tuple[Complex, float]:
     """The same by the collocation that the orbit itself solves, on meshes half and twice as fine.
 
@@ -166,7 +175,7 @@ def _by_collocation(
         before = _eigenvalues(motion, orbit, *collocation_maps(motion, pairs))
         error = 0.1 * _moved(before**power, roots**power)
     for _ in range(MOST_HALVINGS):
-        if error <= TOLERANCE or 2 * len(orbit.starts) > MOST:
+        if error <= tolerance or 2 * len(orbit.starts) > MOST:
             break
         orbit = refined(motion, orbit, np.full(len(orbit.starts), 2))
         coarser, roots = roots, _eigenvalues(motion, orbit, *collocation_maps(motion, orbit))

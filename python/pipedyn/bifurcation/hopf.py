@@ -498,34 +498,37 @@ def onset_coefficients(model: Model, u: float, frequency: float) -> tuple[Normal
 
 
 def static_cubic(model: Model, u: float) -> float:
-    """Coefficient c of the pitchfork 0 = sigma z + c z^3 at a divergence of the straight pipe.
+    """Coefficient c of z' = sigma z + c z^3 at a divergence of the straight pipe, in 1 / T.
 
-    z is the largest angle of the shape that buckles, sigma its growing acceleration, in 1 / T^2:
-    bent equilibria exist where sigma c < 0.
+    z is the largest angle of the shape that buckles; c is negative where the bent equilibria
+    attract. Of a pipe that nothing damps it is that of z'' in place of z'.
 
     Raises:
         NotConverged: if differences do not converge.
     """
     motion = VectorField(model)
     half, rest = motion.half, motion.resting()
-
-    def turning(states: Array) -> Array:
-        return motion.jacobians(states, u)[:, half:, :half]
-
-    a = turning(rest[:, None])[0]
+    whole = motion.jacobian(rest, u)[half:]
+    a = whole[:, :half]
     left, _, right = np.linalg.svd(a)
     shape, weight = right[-1], left[:, -1]
     shape = shape / model.largest_angle(shape)
+    slowed = -whole[:, half:]
+    rate = float(weight @ slowed @ shape)
+    if abs(rate) <= 1e-9 * float(np.abs(weight) @ np.abs(slowed) @ np.abs(shape)):
+        rate = float(weight @ shape)
+    weight = weight / rate
     steps = FIRST_STEP / 2.0 ** np.arange(LEVELS)
     moves = np.concatenate([np.outer(shape, sign * steps) for sign in (1.0, -1.0)], axis=1)
     moves = np.concatenate([moves, np.zeros_like(moves)])
-    around = turning((rest[:, None] + moves).copy())
-    ahead, behind = around[:LEVELS], around[LEVELS:]
-    second = (ahead + behind - 2.0 * a) / steps[:, None, None] ** 2
-    values = (second @ shape) @ weight / (6.0 * float(weight @ shape))
-    rounding = np.finfo(float).eps * np.abs(a).max() / steps**2
+    around = motion.jacobians((rest[:, None] + moves).copy(), u)[:, half:, :half]
+    second = (around[:LEVELS] + around[LEVELS:] - 2.0 * a) / steps[:, None, None] ** 2
+    values = (second @ shape) @ weight / 6.0
+    terms = float(np.abs(weight) @ np.abs(a) @ np.abs(shape))
+    size = float(np.abs(weight) @ np.abs(second[0]) @ np.abs(shape))
+    rounding = np.finfo(float).eps * terms / steps**2
     value, error = _extrapolated([complex(one) for one in values], rounding)
-    if not error <= 1e-3 * abs(value) + rounding[-1]:
+    if not error <= 1e-3 * size:
         raise NotConverged(
             f"the third derivatives at the divergence at u = {u:g} do not converge: "
             f"{value.real:.6g} with an error of {error:.1e}"

@@ -20,15 +20,21 @@ import numpy as np
 
 from pipedyn.bifurcation.brute_force import LONGEST_PERIOD
 from pipedyn.bifurcation.collocation import residual, solved
-from pipedyn.bifurcation.floquet import nontrivial, orbit_multipliers
+from pipedyn.bifurcation.floquet import TOLERANCE, nontrivial, orbit_multipliers
 from pipedyn.bifurcation.hopf import Hopf, hopf, hopf_point
 from pipedyn.bifurcation.orbit_continuation import COARSE, breaking_part, continued, solved_anew
-from pipedyn.bifurcation.periodic_orbit import PeriodicOrbit, refined, resolved
+from pipedyn.bifurcation.periodic_orbit import (
+    STAGES,
+    PeriodicOrbit,
+    divided,
+    refined,
+    resolved,
+)
 from pipedyn.bifurcation.vector_field import VectorField
 from pipedyn.linear.critical_speed import crossings
 from pipedyn.linear.eigenproblem import Complex
 from pipedyn.models.base import Model, NotConverged, PipedynError
-from pipedyn.models.drive import LARGEST_SPEED
+from pipedyn.models.drive import steady_speed
 from pipedyn.motion.simulate import (
     Motion,
     MotionStopped,
@@ -63,9 +69,15 @@ MOST_INTERVALS = 2000
 ROUNDING = 1e-11
 """Defects below may be rounding, and are lessened by halving intervals only."""
 
+SAMPLES_A_STAGE = 2
+"""Samples for each stage of an orbit, from which its farthest displacements are narrowed down."""
+
 CHECKS = 3
 """Meshes on which the multipliers are asked for, each for a hundredth of the defect of the last: by
 the third that is 1e-7 of rtol, where rounding is all that is left."""
+
+ON_BRANCH = 1e-5
+"""Error of multipliers that is looked for on a branch, whose orbits under drag allow no less."""
 
 QUARTIC = np.linalg.inv(np.vander(np.arange(-2.0, 3.0)))
 """Coefficients, the highest first, of the polynomial through values at -2 .. 2."""
@@ -191,7 +203,7 @@ def limit_cycle(
     problems (II), for periodic orbits by collocation.
     """
     model = checked_model_in_motion(model, largest=LARGEST_CYCLE, purpose="limit_cycle")
-    u = check.real("u", u, low=0.0, high=LARGEST_SPEED, open_low=True)
+    u = steady_speed("u", u, open_low=True)
     rtol = check.real("rtol", rtol, low=1e-10, high=1e-2)
     samples = check.count("samples", samples, low=9, high=100_000)
     motion = VectorField(model)
@@ -497,12 +509,12 @@ def refined_until(
 
 def amplitude_of(motion: VectorField, orbit: PeriodicOrbit) -> tuple[float, float]:
     """Half the free end's peak-to-peak motion, and the phase of its greatest displacement."""
-    phases = np.linspace(0.0, 2.0 * math.pi, 129)[:-1]
+    # As close as the mesh asks for: a period may hold a dozen peaks.
+    phases = divided(orbit.edges, np.full(len(orbit.starts), SAMPLES_A_STAGE * STAGES))[:-1]
+    across = motion.tip(orbit.states(phases))
     if orbit.symmetric:
-        across = motion.tip(orbit.states(phases[:64]))
+        phases = np.append(phases, orbit.span + phases)
         across = np.concatenate([across, -across])
-    else:
-        across = motion.tip(orbit.states(phases))
     greatest, where = _peak(motion, orbit, phases, across, 1.0)
     if orbit.symmetric:
         return greatest, where
@@ -519,35 +531,42 @@ def _peak(
     high = heights >= heights.max() - 0.02 * np.ptp(heights)
     peaks = high & (heights >= np.roll(heights, 1)) & (heights >= np.roll(heights, -1))
     # Then so close that the polynomial through five samples is the motion.
-    apart = 0.0625 * phases[1]
-    near = phases[peaks][:, None] + apart * np.arange(-18.0, 19.0)
+    gaps = np.diff(phases, append=phases[0] + 2.0 * math.pi)
+    apart = 0.0625 * np.maximum(gaps, np.roll(gaps, 1))[peaks]
+    near = phases[peaks][:, None] + apart[:, None] * np.arange(-18.0, 19.0)
     finer = sign * motion.tip(orbit.states(near.ravel())).reshape(near.shape)
     i, j = divmod(int(np.argmax(finer[:, 2:-2])), finer.shape[1] - 4)
     line = QUARTIC @ finer[i, j : j + 5]
     turns = np.roots(line[:4] * [4.0, 3.0, 2.0, 1.0])
     inner = turns.real[(np.abs(turns.imag) < 1e-9) & (np.abs(turns.real) <= 1.0)]
     at = max(inner, key=lambda x: np.polyval(line, x), default=0.0)
-    return float(np.polyval(line, at)), float(near[i, j + 2] + apart * at)
+    return float(np.polyval(line, at)), float(near[i, j + 2] + apart[i] * at)
 
 
 def on_branch(
     motion: VectorField, orbit: PeriodicOrbit, error: float, samples: int, how: str
 ) -> LimitCycle:
     """The cycle of an orbit on a branch: its error is given, its multipliers are checked."""
-    result = described(motion, Known(orbit, amplitude_of(motion, orbit)), error, samples, how)
+    known = Known(orbit, amplitude_of(motion, orbit))
+    result = described(motion, known, error, samples, how, ON_BRANCH)
     if result.multiplier_error <= 1e-4:  # a tenth of what ends a branch
         return result
     with suppress(NewtonFailed):  # where neighbours diverge fast a finer mesh is needed
         finer = refined(motion, orbit, np.full(len(orbit.starts), 2), at_kinks=True)
         finer = solved(motion, finer, 1e-9)
         known = Known(finer, amplitude_of(motion, finer))
-        better = described(motion, known, result.error, samples, how)
+        better = described(motion, known, result.error, samples, how, ON_BRANCH)
         return min(result, better, key=lambda cycle: cycle.multiplier_error)
     return result
 
 
 def described(
-    motion: VectorField, known: Known, error: float, samples: int, how: str
+    motion: VectorField,
+    known: Known,
+    error: float,
+    samples: int,
+    how: str,
+    tolerance: float = TOLERANCE,
 ) -> LimitCycle:
     """The cycle of an orbit on its mesh; raises `NewtonFailed` as `orbit_multipliers` does."""
     orbit, (amplitude, first) = known.orbit, known.peak
@@ -555,7 +574,7 @@ def described(
     t = np.linspace(0.0, period, samples)
     y = orbit.states(first + orbit.frequency * t)
     q, qdot = motion.model.recorded(y[: motion.half].T.copy(), y[motion.half :].T.copy())
-    multipliers, _, change = orbit_multipliers(motion, orbit)
+    multipliers, _, change = orbit_multipliers(motion, orbit, tolerance)
     # Rounding of eigenvalues of matrices of so many rows leaves about as much.
     change = max(change, multipliers.size * float(np.finfo(float).eps))
     others = np.abs(nontrivial(multipliers))

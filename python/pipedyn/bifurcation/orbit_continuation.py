@@ -13,6 +13,7 @@ from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass, field
 from itertools import islice
+from typing import TypeVar, cast
 
 import numpy as np
 
@@ -25,7 +26,6 @@ from pipedyn.bifurcation.periodic_orbit import (
     PeriodicOrbit,
     coarsest_mesh,
     divided,
-    interpolated,
     resolved,
     stage_phases,
 )
@@ -109,7 +109,7 @@ def from_branch_point(motion: VectorField, orbit: PeriodicOrbit) -> BranchStart:
 
     It is left in its neutral direction.
     """
-    equations = OrbitProblem(motion, orbit, FINE).linearised(orbit.packed())
+    equations = OrbitProblem(motion, orbit, FINE).about_orbit(orbit)
     # After the first half the perturbation is the opposite of what the orbit itself does.
     direction = orbit.unpacked(equations.neutral()).doubled(-1.0).packed()
     base = orbit.doubled()
@@ -161,45 +161,58 @@ def breaking_part(orbit: PeriodicOrbit, kind: str) -> Array:
 # -------------------------------------------------------------------------------- following it
 
 
+Problem = TypeVar("Problem", bound=OrbitProblem)
+
+
 def followed(motion: VectorField, start: BranchStart, how: OrbitControl) -> Iterator[Step]:
     """Steps along a branch of orbits, past folds, without end."""
     step = _first_step(motion, start, how)
-    length = 1.5 * min(0.2 * how.longest, step.length)
+    yield step
+    yield from onward(step.problem, step.end, 1.5 * min(0.2 * how.longest, step.length))
+
+
+def onward(problem: Problem, point: Point, length: float) -> Iterator[Segment[Problem]]:
+    """Steps from a solution on, the first of a length at most, without end.
+
+    The mesh follows: `defect` of the problem's control is the largest that is let pass.
+    """
+    defect, tangent = cast(OrbitControl, problem.control).defect, point.tangent
+    problem = problem.about(point.z)
+    bend: Array | None = None
     while True:
-        yield step
-        here, towards = orbit_at(step, step.length), step.end.tangent
+        here = problem.start
         # An interval twice as long has some 2^8 times the defect. A change of the mesh costs as
         # much as a step.
-        if np.count_nonzero(here.defects() <= 1e-3 * how.defect) > 2 * COARSEST:
+        if np.count_nonzero(here.defects() <= 1e-3 * defect) > 2 * COARSEST:
             edges = resolved(
-                *(motion, here.states, here.frequency, here.u, here.symmetric), how.defect
+                *(problem.motion, here.states, here.frequency, here.u, here.symmetric), defect
             ).edges
             if edges.size < 0.75 * here.edges.size:
-                here, towards = _on_mesh(step, step.end, edges)
+                problem, tangent = _on_mesh(problem, tangent, edges)
+                bend = None
         while True:
-            problem = OrbitProblem(motion, here, how, step.problem.unit)
-            step, following = problem.next(problem.starting(here.packed(), towards), length)
-            coarse = orbit_at(step, step.length).defects() > how.defect
+            begin = problem.starting(problem.origin, tangent)
+            step, following = problem.next(begin, length, bend)
+            coarse = problem.orbit(step.end.z).defects() > defect
             if not coarse.any():
+                bend = step.bend
                 break
-            if here.edges.size + np.count_nonzero(coarse) > MOST_INTERVALS:
+            bend, edges = None, problem.start.edges
+            if edges.size + np.count_nonzero(coarse) > MOST_INTERVALS:
                 raise NewtonFailed(f"more than {MOST_INTERVALS} mesh intervals are needed")
-            here, towards = _on_mesh(step, step.begin, divided(here.edges, 1 + coarse))
+            problem, tangent = _on_mesh(problem, tangent, divided(edges, 1 + coarse))
             length = step.length
-        length = following
+        yield step
+        problem, tangent, length = problem.about(step.end.z), step.end.tangent, following
 
 
-def _on_mesh(step: Step, point: Point, edges: Array) -> tuple[PeriodicOrbit, Array]:
-    """A point's orbit and tangent on another mesh."""
-    motion = step.problem.motion
-    # The tangent there: any direction near it is good enough to find it by.
-    here, moved = (
-        interpolated(motion, orbit.states, edges, orbit.frequency, orbit.u)
-        for orbit in map(step.problem.orbit, (point.z, point.z + 1e-4 * point.tangent))
-    )
-    problem = OrbitProblem(motion, here, step.problem.control, step.problem.unit)
-    found = problem.at(problem.point(here.packed(), moved.packed() - here.packed()), 0.0)
-    return problem.orbit(found.z), found.tangent
+def _on_mesh(problem: Problem, tangent: Array, edges: Array) -> tuple[Problem, Array]:
+    """The problem about its start on another mesh, and the tangent there."""
+    z = problem.origin
+    # Any direction near the tangent is good enough to find it by.
+    here, moved = (problem.about(x, edges) for x in (z, z + 1e-4 * tangent))
+    found = here.at(here.point(here.origin, moved.origin - here.origin), 0.0)
+    return here.about(found.z), found.tangent
 
 
 def continued(motion: VectorField, point: Hopf, u: float) -> PeriodicOrbit:

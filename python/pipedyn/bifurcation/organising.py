@@ -55,6 +55,9 @@ NEARBY = 0.1
 class OrganisingPoint:
     """Where two conditions meet, and with them what the pipe may do nearby.
 
+    Points on the axis twice are solved for to 1e-9 or so; where the criticality changes they are as
+    good as the differences that give it: measured, to 1e-6 of the window.
+
     Attributes:
         kind: "Bautin" (the criticality of flutter changes, l1 = 0), "Hopf-pitchfork" (flutter and
             divergence at once), "double Hopf" (two pairs on the axis), "Bogdanov-Takens" (the

@@ -6,12 +6,12 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from typing import Any
 
 import numpy as np
 from numpy.polynomial import legendre
 from numpy.typing import NDArray
 
+from pipedyn import _core
 from pipedyn.bifurcation.vector_field import VectorField
 from pipedyn.util.check import Array
 from pipedyn.util.later import scipy
@@ -108,26 +108,30 @@ class PeriodicOrbit:
 
     def stages(self) -> Array:
         """States at the stages, shape (M, s, 2 moving)."""
-        return self._states(slice(None), NODES[:, None], ONCE, TWICE)
+        return self._at_nodes(NODES, ONCE, TWICE)
+
+    def ends(self) -> Array:
+        """States where intervals end, shape (M, 2 moving)."""
+        return self._at_nodes(NODES[-1:], ONCE[-1:], TWICE[-1:])[:, 0]
+
+    def _at_nodes(self, nodes: Array, once: Array, twice: Array) -> Array:
+        """States at some of the stages, shape (M, k, 2 moving)."""
+        h, half, k = self.durations[:, None, None], self.half, nodes.size
+        sums = np.concatenate([twice, once]) @ self.rates
+        y = np.empty((len(self.starts), k, 2 * half))
+        start = self.starts[:, None]
+        y[..., :half] = start[..., :half] + h * (
+            nodes[:, None] * start[..., half:] + h * sums[:, :k]
+        )
+        y[..., half:] = start[..., half:] + h * sums[:, k:]
+        return y
 
     def states(self, phase: Array) -> Array:
         """[p, p'] at phases, shape (2 moving, k)."""
-        turns = np.floor(phase / self.span)
-        inside = phase - turns * self.span
-        where = np.clip(np.searchsorted(self.edges, inside, side="right") - 1, 0, None)
-        where = np.minimum(where, len(self.starts) - 1)
-        share = (inside - self.edges[where]) / np.diff(self.edges)[where]
-        once, twice = both_integrals(share)
-        y = self._states(where, share[:, None, None], once[:, None], twice[:, None])
-        return np.ascontiguousarray((self.mirror**turns)[:, None] * y[:, 0]).T
-
-    def _states(self, where: Any, share: Array, once: Array, twice: Array) -> Array:
-        """States at shares of some intervals, with weights of the rates in both integrals."""
-        starts, rates, h = self.starts[where], self.rates[where], self.durations[where, None, None]
-        y: Array = starts[:, None] + np.zeros((1, share.shape[-2], 1))
-        y[..., : self.half] += h * share * starts[:, None, self.half :] + h**2 * (twice @ rates)
-        y[..., self.half :] += h * (once @ rates)
-        return y
+        return _core.orbit_states(
+            *(self.edges, self.starts, self.rates, self.frequency, self.mirror),
+            *(_INTEGRATED[1], _INTEGRATED[2], phase),
+        )
 
     def defects(self) -> Array:
         """Share of the largest velocity that an interval's last two polynomials add, shape (M,)."""

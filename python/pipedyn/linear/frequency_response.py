@@ -33,7 +33,7 @@ from pipedyn.models.continuum import (
     checked_model,
     relative,
 )
-from pipedyn.models.drive import ROWS
+from pipedyn.models.drive import ROWS, steady_speed
 from pipedyn.models.terms import PointMass
 from pipedyn.util import check
 from pipedyn.util.check import Array
@@ -138,7 +138,9 @@ def frequency_response(
             range from 0 to a fifth above the fourth lowest resonance.
         input: "base", whose transverse displacement in L has unit amplitude; ("force", s), a
             transverse force in EI / L^2 at the arc length s; or ("moment", s), in EI / L. A moment
-            on a chain acts on the two segments whose middles are next to s, on the nearer the more.
+            on a chain acts on the two segments whose middles are next to s, on the nearer the more,
+            and errs by second order in 1 / n; but at a free end itself by first order, as the jet
+            leaves along the last segment, which bends no further under it.
         output: arc length of the place whose transverse displacement is asked for, in L; "tip" is
             the free end, or `Pipe.watched` where that is held. Where the base moves, it is counted
             from the base.
@@ -161,7 +163,7 @@ def frequency_response(
         (0.435537-0.580465j)
     """
     checked_model(model)
-    u = check.real("u", u, low=0.0, high=largest_speed(model))
+    u = steady_speed("u", u, high=largest_speed(model))
     tolerance = check.real("tolerance", tolerance, low=1e-6, high=0.1)
     driven, place = checked_input(input), checked_output(output, model.pipe.watched)
     if isinstance(model, Model) and model.dof > DENSE_LIMIT:
@@ -172,6 +174,10 @@ def frequency_response(
     given: Array | None = None
     low, high = 0.0, math.inf
     if isinstance(frequencies, tuple):
+        if len(frequencies) != 2:
+            raise ValueError(
+                f"frequencies must be a tuple (low, high), got {check.shown(frequencies)}"
+            )
         low, high = checked_range("frequencies", frequencies)
     elif frequencies is not None:
         given = check.array("frequencies", frequencies, low=0.0, high=HIGHEST, longest=100_000)
@@ -233,14 +239,13 @@ def frequency_response(
 
 
 def checked_range(name: str, given: Any) -> tuple[float, float]:
-    """A range of frequencies (low, high)."""
-    if not isinstance(given, tuple) or len(given) != 2:
-        raise ValueError(f"{name} must be a tuple (low, high), got {check.shown(given)}")
-    low = check.real(f"{name}[0]", given[0], low=0.0, high=HIGHEST)
-    high = check.real(f"{name}[1]", given[1], low=0.0, high=HIGHEST)
-    if not low < high:
-        raise ValueError(f"{name} must have low < high, got {check.shown(given)}")
-    return low, high
+    """A range of frequencies (low, high), that of an increasing sequence or array."""
+    at = check.array(name, given, low=0.0, high=HIGHEST, longest=100_000)
+    if at.size < 2 or (np.diff(at) <= 0.0).any():
+        raise ValueError(
+            f"{name} must be a range (low, high), low < high, got {check.shown(given)}"
+        )
+    return float(at[0]), float(at[-1])
 
 
 def checked_input(given: Any) -> Input:

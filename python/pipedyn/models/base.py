@@ -17,6 +17,7 @@ from pipedyn import _core
 from pipedyn.models.drive import drive_of
 from pipedyn.models.pencil import DensePencil, Pencil
 from pipedyn.models.pipe import Pipe
+from pipedyn.models.profile import values_along
 from pipedyn.util import check
 from pipedyn.util.check import Array
 from pipedyn.util.power_iteration import largest_stretch
@@ -700,7 +701,11 @@ class Model(OfPipe, ABC):
         if not callable(angle):
             raise TypeError(f"angle must be a function of arc length, got {check.shown(angle)}")
         return check.array(
-            "angle(s)", angle(s), size=s.size, low=-LARGEST_ANGLE, high=LARGEST_ANGLE
+            "angle(s)",
+            values_along("angle", angle, s),
+            size=s.size,
+            low=-LARGEST_ANGLE,
+            high=LARGEST_ANGLE,
         )
 
     def tip(self, q: ArrayLike) -> Array:

@@ -305,6 +305,30 @@ Speed: TypeAlias = (
 """A flow speed: steady, a function u(t) of time, this with its derivative, or what drives it."""
 
 
+def steady_speed(
+    name: str, u: Any, *, high: float = LARGEST_SPEED, open_low: bool = False
+) -> float:
+    """A flow speed that stays; of one that varies TypeError says what can be asked instead."""
+    require_steady(name, u)
+    return check.real(name, u, low=0.0, high=high, open_low=open_low)
+
+
+def require_steady(name: str, given: Any) -> None:
+    """Raises TypeError if that, or an entry of it, is a flow whose speed is free or pulsates."""
+    for one in given if isinstance(given, list | tuple) else (given,):
+        if isinstance(one, Supply):
+            raise TypeError(
+                f"{name} must be steady, got {check.shown(one)}: at constant head ask simulate for "
+                "motions and hopf(model, friction=...) for onset and cycles next to it; rest and "
+                "small motions are those at the speed supply.speed(pipe)"
+            )
+        if isinstance(one, Pulsation):
+            raise TypeError(
+                f"{name} must be steady, got {check.shown(one)}: of a pulsating flow ask simulate, "
+                "floquet, parametric_regions or forced_response"
+            )
+
+
 def _checked(pipe: Any) -> Pipe:
     if not isinstance(pipe, Pipe):
         raise TypeError(f"pipe must be a Pipe, got {check.shown(pipe)}")

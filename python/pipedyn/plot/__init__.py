@@ -31,10 +31,11 @@ from pipedyn.plot.common import (
     panels,
     style,
 )
+from pipedyn.plot.cycle_boundary import cycle_boundary
 from pipedyn.plot.forced import forced_response, frequency_response, parametric_regions
 from pipedyn.plot.linear import NEUTRAL, dot_stride, frequencies, mode_shapes, root_loci
 from pipedyn.plot.motion import animate, phase_portrait, snapshots, time_history
-from pipedyn.plot.stability_map import boundaries, stability_map
+from pipedyn.plot.stability_map import boundary, stability_map
 
 __all__ = [
     "BETA_LABEL",
@@ -57,9 +58,10 @@ __all__ = [
     "animate",
     "basins",
     "bifurcation_diagram",
-    "boundaries",
+    "boundary",
     "colour_bar",
     "convergence",
+    "cycle_boundary",
     "dot_stride",
     "forced_response",
     "frequencies",

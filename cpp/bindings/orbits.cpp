@@ -1,0 +1,135 @@
+// SPDX-License-Identifier: MIT
+// Collocation of periodic orbits.
+#include <pybind11/numpy.h>
+#include <pybind11/pybind11.h>
+#include <pybind11/stl.h>
+
+#include <optional>
+#include <vector>
+
+#include "arguments.hpp"
+#include "pipedyn/motion/orbit.hpp"
+
+namespace pipedyn {
+
+using namespace py::literals;
+
+namespace {
+
+/// Of the method: c (s,), O (s, s), T (s, s).
+using Weights = std::tuple<Numbers, Numbers, Numbers>;
+
+void require_size(const char* name, const Numbers& array, py::ssize_t size) {
+  if (array.size() == size) return;
+  throw py::value_error(std::string(name) + " must hold " + std::to_string(size) +
+                        " numbers, got shape " + shape_of(array));
+}
+
+py::typing::Tuple<Numbers, Numbers> eliminated(const Numbers& durations, const Numbers& starts,
+                                               const Numbers& rates, const Numbers& jacobians,
+                                               const Numbers& accelerations,
+                                               const std::optional<Numbers>& by_frequency,
+                                               const std::optional<Numbers>& by_speed,
+                                               double frequency, const Weights& weights) {
+  if (rates.ndim() != 3) {
+    throw py::value_error("rates must have shape (M, s, n / 2), got " + shape_of(rates));
+  }
+  const auto& [nodes, once, twice] = weights;
+  const py::ssize_t count = rates.shape(0), stages = rates.shape(1), half = rates.shape(2);
+  const py::ssize_t n = 2 * half, all = rates.size();
+  require_size("durations", durations, count);
+  require_size("starts", starts, count * n);
+  require_size("jacobians", jacobians, count * stages * n * n);
+  for (const auto* array :
+       {&accelerations, by_frequency ? &*by_frequency : &rates, by_speed ? &*by_speed : &rates}) {
+    require_size("accelerations", *array, all);
+  }
+  require_size("nodes", nodes, stages);
+  require_size("once", once, stages * stages);
+  require_size("twice", twice, stages * stages);
+  Numbers by(std::vector<py::ssize_t>{count, stages * half, n + 3});
+  Numbers ends(std::vector<py::ssize_t>{count, n, n + 3});
+  const Intervals intervals{
+      .count = count,
+      .stages = stages,
+      .half = half,
+      .durations = durations.data(),
+      .starts = starts.data(),
+      .rates = rates.data(),
+      .jacobians = jacobians.data(),
+      .accelerations = accelerations.data(),
+      .by_frequency = by_frequency ? by_frequency->data() : nullptr,
+      .by_speed = by_speed ? by_speed->data() : nullptr,
+      .frequency = frequency,
+      .nodes = nodes.data(),
+      .once = once.data(),
+      .twice = twice.data(),
+  };
+  double* const to = by.mutable_data();
+  double* const end = ends.mutable_data();
+  bool regular = false;
+  {
+    const py::gil_scoped_release unlocked;
+    std::vector<double*> rows(static_cast<std::size_t>(stages * half));
+    regular = motion_kernel().eliminate_stages(intervals, rows.data(), to, end);
+  }
+  if (!regular) {
+    const py::object error = py::module_::import("numpy.linalg").attr("LinAlgError");
+    PyErr_SetString(error.ptr(), "Singular matrix");
+    throw py::error_already_set();
+  }
+  return py::make_tuple(by, ends);
+}
+
+py::typing::Tuple<Numbers, std::vector<py::ssize_t>> carried(const Numbers& maps,
+                                                             const Numbers& right, double most) {
+  const bool fit = maps.ndim() == 3 && right.ndim() == 3 && maps.shape(1) == maps.shape(2) &&
+                   right.shape(0) == maps.shape(0) && right.shape(1) == maps.shape(1);
+  if (!fit || maps.shape(0) == 0) {
+    throw py::value_error("maps and right must have shapes (M, n, n) and (M, n, k), got " +
+                          shape_of(maps) + " and " + shape_of(right));
+  }
+  const py::ssize_t count = maps.shape(0), n = maps.shape(1), more = right.shape(2);
+  Numbers whole(std::vector<py::ssize_t>{count, n, n + more});
+  double* const to = whole.mutable_data();
+  std::vector<py::ssize_t> begins(static_cast<std::size_t>(count));
+  {
+    const py::gil_scoped_release unlocked;
+    begins.resize(static_cast<std::size_t>(motion_kernel().carry_maps(
+        maps.data(), right.data(), count, n, more, most, to, begins.data())));
+  }
+  return py::make_tuple(whole, begins);
+}
+
+Numbers states_of(const Numbers& edges, const Numbers& starts, const Numbers& rates,
+                  double frequency, double mirror, const Numbers& once, const Numbers& twice,
+                  const Numbers& phases) {
+  if (rates.ndim() != 3 || starts.ndim() != 2) {
+    throw py::value_error("starts and rates must have shapes (M, n) and (M, s, n / 2), got " +
+                          shape_of(starts) + " and " + shape_of(rates));
+  }
+  const py::ssize_t count = rates.shape(0), stages = rates.shape(1), half = rates.shape(2);
+  require_size("edges", edges, count + 1);
+  require_size("starts", starts, 2 * half * count);
+  require_size("once", once, (stages + 1) * stages);
+  require_size("twice", twice, (stages + 2) * stages);
+  const Polynomials orbit{count,        stages,    half,   edges.data(), starts.data(),
+                          rates.data(), frequency, mirror, once.data(),  twice.data()};
+  Numbers made = new_numbers(2 * half, phases.size(), false);
+  double* const to = made.mutable_data();
+  const py::gil_scoped_release unlocked;
+  states_at(orbit, phases.data(), phases.size(), to);
+  return made;
+}
+
+}  // namespace
+
+void define_orbits(py::module_& m) {
+  m.def("eliminated", &eliminated, "durations"_a, "starts"_a, "rates"_a, "jacobians"_a,
+        "accelerations"_a, "by_frequency"_a, "by_speed"_a, "frequency"_a, "weights"_a);
+  m.def("carried", &carried, "maps"_a, "right"_a, "most"_a);
+  m.def("orbit_states", &states_of, "edges"_a, "starts"_a, "rates"_a, "frequency"_a, "mirror"_a,
+        "once"_a, "twice"_a, "phases"_a);
+}
+
+}  // namespace pipedyn
