@@ -1645,7 +1645,7 @@ def _refusal(error: Exception, target: Target, spoiled: list[str]) -> str | None
 
 
 UNKNOWN = {"onset", "residuals", "errors", "_continuous", "discretisation", "width", "edges"}
-UNKNOWN |= {"threshold", "threshold_frequency"}
+UNKNOWN |= {"threshold", "threshold_frequency", "lyapunov"}
 """Fields that may be NaN or infinite."""
 
 

@@ -160,7 +160,7 @@ def test_an_unstable_cycle_lies_between_the_basins():
 def test_chaos_has_a_positive_exponent_beside_a_stable_pipe():
     model = pp.Chain(pp.Pipe(0.85), 3)
     starts = np.array([[0.02, 0.0, 0.0], [1.5, -1.5, 1.0]])
-    found = pp.attractors(model, 6.3, starts, transient=20.0, duration=20.0)
+    found = pp.attractors(model, 6.3, starts, transient=20.0, duration=15.0)
     chaos, rest = sorted(found.basins, key=lambda basin: basin.ending)
     assert found.basins[found.ends[0]] is rest
     assert chaos.ending == "irregular"

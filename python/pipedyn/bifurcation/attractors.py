@@ -523,7 +523,7 @@ class _Search:
                 else:
                     measured = lyapunov_exponent(
                         *(self.model, self.mean, attractor.end),
-                        duration=self.options.duration,
+                        duration=2.0 * self.options.duration,
                         transient=5.0,
                     )
                 attractor, exponent = replace(attractor, exponent=measured), measured.value
