@@ -187,9 +187,15 @@ def followed(motion: VectorField, start: BranchStart, how: OrbitControl) -> Iter
                 bend = step.bend
                 break
             bend, coarse = None, defects > how.defect
-            if here.edges.size + np.count_nonzero(coarse) > MOST_INTERVALS:
-                raise NewtonFailed(f"more than {MOST_INTERVALS} mesh intervals are needed")
-            here, towards = _on_mesh(step, step.begin, divided(here.edges, 1 + coarse))
+            edges = divided(here.edges, 1 + coarse)
+            if edges.size > MOST_INTERVALS:  # some of them may be needed no more
+                end = orbit_at(step, step.length)
+                edges = resolved(
+                    *(motion, end.states, end.frequency, end.u, end.symmetric), 0.1 * how.defect
+                ).edges
+                if edges.size > min(MOST_INTERVALS, 0.75 * here.edges.size):
+                    raise NewtonFailed(f"more than {MOST_INTERVALS} mesh intervals are needed")
+            here, towards = _on_mesh(step, step.begin, edges)
             length = step.length
         length = following
 
