@@ -198,7 +198,7 @@ def test_exponents_of_several_motions_together_are_those_of_each_alone():
     chaos = np.concatenate([motion.q[-1], motion.qdot[-1]])
     cycle = pp.limit_cycle(model, 6.0)
     states = [1e-3 * np.ones(6), cycle.y[:, 0], chaos]
-    rest, periodic, irregular = exponents_together(model, [4.0, 6.0, 8.5], states, 25.0, 5.0)
+    rest, periodic, irregular = exponents_together(model, [4.0, 6.0, 8.5], states, 60.0, 10.0)
     rates = np.linalg.eigvals(model.jacobian(0.0, np.zeros(6), 4.0))
     assert rest.value == pytest.approx(rates.real.max(), abs=3.0 * rest.spread)
     assert rest.spread < 0.05
