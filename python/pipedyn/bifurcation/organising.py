@@ -40,7 +40,7 @@ PointKind = Literal[
 NEUTRAL = 1e-8
 """Real part up to which an eigenvalue is neutral, relative to 1 plus its size."""
 
-NARROWED = 1e-4
+NARROWED = 1e-7
 """Share of a step to which a change of the number of unstable roots is narrowed down, before
 Newton's method solves for it."""
 
