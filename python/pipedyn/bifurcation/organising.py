@@ -240,16 +240,20 @@ def coefficients(plane: Plane, problem: AxisProblem, z: Array) -> tuple[float, f
 
 
 def changes_of_criticality(
-    curve: Traced, counts: NDArray[np.int_], leading: Array
+    plane: Plane, curve: Traced, counts: NDArray[np.int_], leading: Array
 ) -> Iterator[OrganisingPoint]:
-    """Where the criticality changes along a curve, at points where no other root is unstable."""
+    """Where the criticality changes along a curve, at points where no other root is unstable.
+
+    `plane` is of the model that says it, which may have a smaller basis than the curve: differences
+    lose digits in a larger one.
+    """
     for k, segment in enumerate(curve.segments()):
         if counts[k] or counts[k + 1] or not leading[k] * leading[k + 1] < 0.0:
             continue
         problem, length = segment.problem, segment.length
 
         def value(s: float, segment: Segment[AxisProblem] = segment) -> float:
-            return coefficients(segment.problem.plane, segment.problem, segment.at(s).z)[1]
+            return coefficients(plane, segment.problem, segment.at(s).z)[1]
 
         with suppress(NewtonFailed, ValueError):  # not known within, or no change after all
             z = segment.at(scipy.optimize.brentq(value, 0.0, length, xtol=1e-11 * length)).z
