@@ -189,6 +189,24 @@ def test_zero_is_a_double_eigenvalue_where_flutter_ends_on_divergence(standing):
     assert abs(left[:, -1] @ damping @ right[-1]) < 1e-9 * around
 
 
+def test_flutter_that_no_line_meets_is_followed_from_the_divergence_that_it_leaves():
+    """Its curve leaves a Bogdanov-Takens point inside and the window between two lines."""
+    pipe = pp.Pipe(0.2, terms=[pp.Damper(0.5, 1.0)])
+    ranges = {"gamma": (-30.0, 50.0), "Damper.coefficient": (0.0, 20.0)}
+    chain = pp.Chain(pipe, 2)
+    found = pp.boundary(chain, "gamma", "Damper.coefficient", ranges, u=7.0, criticality=False)
+    assert found.failures == ()
+    point = place(found, "Bogdanov-Takens")
+    (curve,) = [c for c in found.curves if "Bogdanov-Takens" in c.ends]
+    end = 0 if curve.ends[0] == "Bogdanov-Takens" else -1
+    assert (curve.x[end], curve.y[end]) == pytest.approx((point.x, point.y), abs=1e-9)
+    k = len(curve) // 2
+    damper = pp.Damper(0.5, curve.y[k])
+    values = eigenvalues(chain.with_pipe(replace(pipe, gamma=curve.x[k], terms=(damper,))), 7.0)
+    nearest = values[np.argmin(np.abs(values - 1j * curve.frequency[k]))]
+    assert abs(nearest - 1j * curve.frequency[k]) < 1e-9
+
+
 def test_two_pairs_lie_on_the_axis_at_a_double_hopf_point():
     chain = pp.Chain(pp.Pipe(0.2, terms=[pp.PointMass(1.0, 0.1)]), 4)
     ranges = {"PointMass.mass": (0.0, 0.5), "u": (3.0, 10.0)}
@@ -247,6 +265,20 @@ def test_bent_equilibria_lie_where_the_cubic_coefficient_says():
             assert small == (2 if away > 0.0 else 0)
     there = pp.Chain(replace(pipe, gamma=point.x), 2)
     assert abs(static_cubic(there, point.y)) < 1e-6
+
+
+def test_curves_of_lost_stability_alone_are_the_same_curves():
+    pipe = pp.Pipe(0.2, terms=[pp.PointMass(1.0, 0.1)])
+    ranges = {"PointMass.mass": (0.0, 1.0), "u": (0.0, 9.0)}
+    words = pp.Chain(pipe, 4), "PointMass.mass", "u", ranges
+    every = pp.boundary(*words, criticality=False)
+    some = pp.boundary(*words, criticality=False, only_stability=True)
+    stable = [c for c in every.curves if 0 in c.unstable]
+    assert 0 < len(stable) == len(some.curves) < len(every.curves)
+    ends = [sorted([c.y[0], c.y[-1]]) for c in stable]
+    assert [sorted([c.y[0], c.y[-1]]) for c in some.curves] == [
+        pytest.approx(end, abs=1e-10) for end in ends
+    ]
 
 
 # ------------------------------------------------------------------------------------- refusals

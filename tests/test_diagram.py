@@ -5,6 +5,7 @@ import math
 import pickle
 import re
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -167,6 +168,23 @@ def test_irregular_motions_are_asked_for_their_exponent():
     assert irregular
     for one in irregular:
         assert abs(one.exponent.value) < 0.5
+
+
+def test_irregular_motions_are_named_and_those_that_are_spread_alike_share_an_exponent():
+    model = pp.Chain(pp.Pipe(0.3), 3)
+    found = pp.bifurcation_diagram(model, [6.0, 8.5], cycles=0, brute_force=3, duration=20.0)
+    assert [one.name for one in found.at(6.0)] == 3 * ["periodic, 1 maximum"]
+    first, *others = found.at(8.5)
+    assert first.ending == "irregular"
+    assert first.exponent.chaotic
+    assert first.name == f"chaotic, exponent {first.exponent.value:.2g}"
+    assert any(one.exponent is first.exponent for one in others)
+    torus = replace(first, exponent=replace(first.exponent, value=0.0))
+    assert torus.name == "quasi-periodic"
+    assert replace(first, exponent=None).name == "irregular"
+    half = replace(first, turnings=0.5 * first.turnings)
+    assert brute_force._alike([0, 1, 2], [first, first, half]) == [[0, 1], [2]]
+    assert brute_force._alike([0, 1], [first, replace(first, speed=8.6)]) == [[0], [1]]
 
 
 def test_settled_motions_end_early_where_they_would_have_ended(monkeypatch):

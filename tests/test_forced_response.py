@@ -6,12 +6,15 @@ program that does so.
 """
 
 import math
+import re
 
 import numpy as np
 import pytest
 import scipy.optimize
 
 import pipedyn as pp
+from pipedyn.bifurcation import forced_response
+from pipedyn.util.newton import NewtonFailed
 
 SHAKEN = pp.Pipe(0.2, damping=0.002)
 PULSATING = pp.Pipe(0.2, gamma=10.0, damping=0.002)
@@ -153,7 +156,9 @@ def test_a_pipe_that_rests_bent_moves_about_its_rest(make):
         lambda: pp.parametric_regions(bent, 2.0, 0.1, (3.0, 9.0)),
         lambda: pp.forced_response(bent, pp.Pulsation(2.0, 0.1, 3.0)),
     ):
-        with pytest.raises(ValueError, match="model must be about the straight pipe where the"):
+        with pytest.raises(
+            ValueError, match="jet_angle must leave the pipe straight where the flow p"
+        ):
             ask()
 
 
@@ -244,6 +249,71 @@ def test_an_axially_fixed_pipe_on_a_shaker_is_duffings_oscillator():
     for motion, start in ((motions[0], 0.08), (motions[2], -0.02)):
         assert motion.amplitude == pytest.approx(sine * largest(start), rel=1e-2)
     assert motions[0].amplitude > 2.0 * motions[2].amplitude
+
+
+STOPPED = pp.Chain(pp.Pipe(0.2, damping=0.01, terms=(pp.Stop(0.8, 0.01, 1000.0),)), 4)
+
+
+def test_a_pipe_that_strikes_a_stop_is_followed_from_where_its_motion_ends():
+    """Its linear response, without the stop, is far from any motion."""
+    base = pp.Harmonic(0.05, 2.02)
+    found = pp.forced_response(STOPPED, 2.0, base=base, frequencies=(2.0, 2.05))
+    assert not found.failures
+    (motion,) = found.at(2.02)
+    going = pp.simulate(
+        *(STOPPED, 2.0, 10.0 * motion.period, motion.q[0], motion.qdot[0]),
+        **{"base": base, "rtol": 1e-9, "times": np.linspace(9.0, 10.0, 257) * motion.period},
+    )
+    assert motion.amplitude == pytest.approx(0.5 * np.ptp(going.tip[:, 0]), rel=1e-5)
+
+
+def test_small_motions_that_a_fixed_end_bends_over_are_followed_past_their_folds():
+    """A resonance of 0.003 L: steps are measured by the motion and not by the pipe."""
+    pipe = pp.Pipe(0.2, damping=0.01, root="pinned", end="pinned", terms=[pp.Stretching(1e5)])
+    base = pp.Harmonic(3e-4, 9.0)
+    found = pp.forced_response(pp.Galerkin(pipe, 2), 0.0, base=base, frequencies=(9.0, 12.0))
+    (branch,) = found.branches
+    assert [event.kind for event in branch.events] == ["fold", "fold", "end"]
+    assert not found.failures
+    first, last = (event.frequency for event in branch.events[:2])
+    assert [m.stable for m in found.at(0.5 * (first + last))] == [True, False, True]
+
+
+def test_a_branch_that_is_lost_says_where_and_why(monkeypatch):
+    """One that may take two steps only, from either end."""
+    monkeypatch.setattr(forced_response, "MOST_STEPS", 2)
+    base, model = pp.Harmonic(0.02, 5.0), pp.Galerkin(SHAKEN, 2)
+    found = pp.forced_response(model, 0.0, base=base, frequencies=(3.0, 30.0))
+    assert [branch.kind for branch in found.branches] == ["base", "base"]
+    assert [failure.index for failure in found.failures] == [0, 1]
+    for branch, failure in zip(found.branches, found.failures, strict=True):
+        assert failure.error is branch.failure
+        assert failure.value == branch.frequency[-1] == branch.events[-1].frequency
+        rule = rf"the base branch was lost at a frequency of {failure.value:.6g}, .* than 2 steps"
+        assert re.match(rule, str(failure.error))
+    assert found.branches[0].frequency[-1] < 15.0 < found.branches[1].frequency[-1]
+    with pytest.raises(pp.NotConverged, match="no motion is known at a frequency of 15: the base"):
+        found.at(15.0)
+    (motion,) = found.at(3.1)
+    assert motion.stable
+
+
+def test_where_no_motion_is_found_the_reason_and_what_to_change_are_told(monkeypatch):
+    def failing(*given):
+        raise NewtonFailed("nothing converges")
+
+    monkeypatch.setattr(forced_response, "solved", failing)
+    rule = (
+        "no periodic motion was found to begin with: at a frequency of 5 a motion from rest was "
+        "followed for 150 periods: it repeats, but nothing converges; at a frequency of 6 .* "
+        "Give other frequencies.* or a smaller amplitude"
+    )
+    with pytest.raises(pp.NotConverged, match=rule):
+        pp.forced_response(
+            pp.Galerkin(pp.Pipe(0.2, damping=0.05), 2),
+            *(0.0,),
+            **{"base": pp.Harmonic(0.02, 5.0), "frequencies": (5.0, 6.0)},
+        )
 
 
 MODEL = pp.Galerkin(SHAKEN, 3)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import pipedyn as pp
-from pipedyn.motion.lyapunov import largest_exponent
+from pipedyn.motion.lyapunov import exponents_together, largest_exponent
 
 CHAIN = pp.Chain(pp.Pipe(0.2), 3)
 
@@ -189,3 +189,22 @@ def test_a_stable_cycle_is_not_chaotic(n, u):
     found = pp.lyapunov_exponent(pp.Chain(pp.Pipe(0.2), n), u, duration=30.0, transient=20.0)
     assert abs(found.value) < 3.0 * found.spread
     assert not found.chaotic
+
+
+def test_exponents_of_several_motions_together_are_those_of_each_alone():
+    """Of a pipe at rest, of a cycle and of chaos."""
+    model = pp.Chain(pp.Pipe(0.3), 3)
+    motion = pp.simulate(model, 8.5, 20.0, lambda s: 0.1 * s)
+    chaos = np.concatenate([motion.q[-1], motion.qdot[-1]])
+    cycle = pp.limit_cycle(model, 6.0)
+    states = [1e-3 * np.ones(6), cycle.y[:, 0], chaos]
+    rest, periodic, irregular = exponents_together(model, [4.0, 6.0, 8.5], states, 60.0, 10.0)
+    rates = np.linalg.eigvals(model.jacobian(0.0, np.zeros(6), 4.0))
+    assert rest.value == pytest.approx(rates.real.max(), abs=3.0 * rest.spread)
+    assert rest.spread < 0.05
+    assert abs(periodic.value) < 2e-3 + 3.0 * periodic.spread
+    assert not periodic.chaotic
+    assert irregular.chaotic
+    alone = pp.lyapunov_exponent(model, 8.5, chaos, duration=25.0, transient=5.0, rtol=1e-6)
+    allowed = 3.0 * np.hypot(alone.spread, irregular.spread)
+    assert irregular.value == pytest.approx(alone.value, abs=allowed)

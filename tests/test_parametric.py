@@ -190,11 +190,10 @@ PINNED = pp.Galerkin(pp.Pipe(0.5, root="pinned", end="pinned"), 6, "legendre")
     [
         (CLAMPED, (4.0, 0.2), (52.0, 54.0), "combination", (53.408805, 53.409365)),
         (CLAMPED, (4.0, 0.3), [14.0, 14.5], "combination", (14.297402, 14.299242)),
-        (CLAMPED, (4.0, 0.2), (50.5, 50.7), "combination", (50.603190, 50.603277)),
         (PINNED, (2.0, 0.3), np.array([25.2, 25.4]), "combination", (25.236294, 25.236417)),
         (PINNED, (2.0, 0.2), (25.0, 25.2), "subharmonic", (25.043155, 25.046724)),
     ],
-    ids=["clamped", "clamped, slow", "clamped, thinnest", "pinned", "pinned, on the axis"],
+    ids=["clamped", "clamped, slow", "pinned", "pinned, on the axis"],
 )
 def test_thin_regions_of_conservative_pipes_have_both_edges(
     model, pulsation, frequencies, kind, edges
@@ -219,7 +218,8 @@ def test_regions_that_overlap_are_told_as_their_union():
     np.testing.assert_allclose(one.edges, [[5.670518, 5.688389]], atol=1e-6)
     for w in np.linspace(*one.edges[0], 9)[1:-1]:
         assert growing(model, pp.Pulsation(2.0, 0.3, 1.0), w) > 1e-4
-    left, right = pp.parametric_regions(model, 2.0, [0.2, 0.3], (5.4, 6.0))
+    every = pp.parametric_regions(model, 2.0, [0.2, 0.3], (5.4, 6.0))
+    left, right = (one for one in every if one.kind == "harmonic")
     np.testing.assert_array_equal(left.edges[1], right.edges[1])
     np.testing.assert_allclose(left.edges, [[5.659389, 5.667712], one.edges[0]], atol=1e-6)
     assert growing(model, pp.Pulsation(2.0, 0.2, 1.0), left.edges[0].mean()) > 1e-3
@@ -237,6 +237,19 @@ def test_the_least_amplitude_of_a_thin_region_of_a_lightly_damped_pipe():
     for side, grows in ((-1e-4, False), (1e-4, True)):
         at = pp.Pulsation(2.0, found.threshold * (1.0 + side), 1.0)
         assert (growing(model, at, found.threshold_frequency) > 0.0) == grows
+
+
+def test_a_region_whose_multipliers_turn_all_the_way_round_the_circle():
+    """They pass the real axis on both sides, and leave the circle, alone, between 1 and -1."""
+    model = pp.Galerkin(PIPE, 6, "legendre")
+    every = pp.parametric_regions(model, 5.5, 0.6, (5.0, 40.0))
+    (found,) = [one for one in every if one.kind == "combination"]
+    ((left, right),) = found.edges
+    for w, grows in ((left - 1e-4, False), (left + 1e-4, True), (right - 1e-4, True)):
+        assert (growing(model, pp.Pulsation(5.5, 0.6, 1.0), w) > 0.0) == grows
+    for w in np.linspace(left, right, 9)[1:-1]:
+        assert growing(model, pp.Pulsation(5.5, 0.6, 1.0), w) > 1e-2
+    assert growing(model, pp.Pulsation(5.5, 0.6, 1.0), right + 1e-4) < 0.0
 
 
 MODEL = pp.Galerkin(PIPE, 4)
@@ -282,7 +295,7 @@ def test_pipes_are_unstable_inside_of_all_edges_and_stable_outside(seed, damping
         ),
         ((MODEL, 5.0, 0.1, (1.0, 30.0)), ValueError, "frequencies must have 0 < low and high <="),
         (
-            (MODEL, 5.0, 0.1, [20.0, 25.0, 30.0]),
+            (MODEL, 5.0, 0.1, [20.0]),
             ValueError,
             "frequencies must be a range (low, high), low < high",
         ),

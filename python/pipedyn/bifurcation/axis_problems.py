@@ -8,7 +8,7 @@ vanishes where P is singular and else nowhere near. By any number p of the matri
 
 exactly. Flutter is Re g = Im g / omega = 0: without hysteresis Re g is even in omega and Im g odd,
 so that these equations are smooth where the frequency falls to 0 (Bogdanov-Takens), and no other.
-Divergence is g = 0 at omega = 0. Borders are those of the point before, the real part of v and w.
+Divergence is g = 0 at omega = 0. Borders are the real parts of v and w of a point before.
 
 Source: Govaerts (2000), Numerical methods for bifurcations of dynamical equilibria, ch. 3 and 4.
 """
@@ -34,6 +34,10 @@ of the share; its derivatives are those at this share."""
 
 FAR = 20.0
 """Windows, or units of the frequency, within which Newton's method stays."""
+
+LEANING = 3.0
+"""Length of v or w, 1 over the cosine of its angle to the border, beyond which borders are renewed:
+next to a curve real borders leave at most the square root of 2."""
 
 Borders = tuple[Array, Array]
 
@@ -122,7 +126,8 @@ class AxisProblem(DenseProblem):
         last = np.zeros(n + 1)
         last[n] = 1.0
         v, w = np.linalg.solve(bordered, last), np.linalg.solve(bordered.T, last)
-        self._borders = _largest_real(w[:n]), _largest_real(v[:n])
+        if max(np.linalg.norm(v[:n]), np.linalg.norm(w[:n])) > LEANING:
+            self._borders = _largest_real(w[:n]), _largest_real(v[:n])
         return v[n], v[:n], w[:n]
 
 

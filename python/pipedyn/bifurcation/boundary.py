@@ -16,13 +16,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from pipedyn.bifurcation.axis_problems import AxisProblem
 from pipedyn.bifurcation.boundary_curves import (
     Traced,
     Tracer,
+    basis_plane,
     converged,
-    first_model,
+    first_plane,
     line_starts,
 )
+from pipedyn.bifurcation.continuation import Control, Point
 from pipedyn.bifurcation.organising import (
     Double,
     OrganisingPoint,
@@ -30,6 +33,7 @@ from pipedyn.bifurcation.organising import (
     coefficients,
     counted,
     doubles,
+    others_unstable,
 )
 from pipedyn.linear.modes import largest_speed
 from pipedyn.linear.plane import Plane, Window
@@ -38,6 +42,7 @@ from pipedyn.models.continuum import AnyModel, Continuum, checked_model
 from pipedyn.models.pipe_numbers import PipeNumber, checked_number
 from pipedyn.util import check
 from pipedyn.util.check import Array
+from pipedyn.util.newton import NewtonFailed
 from pipedyn.util.result import result
 from pipedyn.util.threads import one_thread
 
@@ -134,7 +139,9 @@ class Boundary:
     def _plane(self) -> Plane:
         of = checked_window(self.model, self.names, dict(zip(self.names, self.ranges, strict=True)))
         model = self.model
-        return Plane(model.frozen(self.size) if isinstance(model, Continuum) else model, of, self.u)
+        if isinstance(model, Continuum):
+            return basis_plane(model.frozen(self.size), of, self.u)
+        return Plane(model, of, self.u)
 
 
 def boundary(
@@ -145,6 +152,7 @@ def boundary(
     *,
     u: float | None = None,
     criticality: bool = True,
+    only_stability: bool = False,
 ) -> Boundary:
     """Boundaries of stability in the plane of two of a pipe's numbers, with organising points.
 
@@ -164,6 +172,8 @@ def boundary(
         u: the flow speed, if it is neither.
         criticality: whether to compute on which side motions emerge, and where this changes, which
             takes longest.
+        only_stability: whether curves on which other roots are unstable are left out; then counts
+            at the edges are not compared.
 
     Returns:
         Boundary.
@@ -199,6 +209,7 @@ def boundary(
             )
     window = checked_window(model, (x, y), ranges)
     asked = check.flag("criticality", criticality)
+    only = check.flag("only_stability", only_stability)
     by_speed = None in window.numbers
     if by_speed and u is not None:
         raise ValueError(f"u must not be given where it is x or y, got {check.shown(u)}")
@@ -206,7 +217,7 @@ def boundary(
         if u is None:
             raise ValueError(f'u must be given where neither x nor y is "u", got {x!r} and {y!r}')
         u = check.real("u", u, low=0.0, high=largest_speed(model))
-    return _bounded(model, window, u, asked, (x, y))
+    return _bounded(model, window, u, asked, only, (x, y))
 
 
 def checked_window(model: AnyModel, names: tuple[Any, Any], ranges: Any) -> Window:
@@ -240,17 +251,26 @@ def checked_window(model: AnyModel, names: tuple[Any, Any], ranges: Any) -> Wind
 
 
 def _bounded(
-    model: AnyModel, window: Window, u: float | None, criticality: bool, names: tuple[str, str]
+    model: AnyModel,
+    window: Window,
+    u: float | None,
+    criticality: bool,
+    only_stability: bool,
+    names: tuple[str, str],
 ) -> Boundary:
     with one_thread(2 * getattr(model, "dof", 64)):
-        coarse = Plane(first_model(model, window, u), window, u)
+        coarse = first_plane(model, window, u)
         starts, failures = line_starts(coarse)
         if coarse.conservative:
             failures.append(
                 "flutter was not looked for: without damping, and with no work done at its end, "
                 "the pipe's pairs meet on the axis and pass it nowhere"
             )
-        tracer = Tracer(coarse, starts)
+
+        def wanted(problem: AxisProblem, z: Array) -> bool:
+            return not only_stability or others_unstable(coarse, problem, z) == 0
+
+        tracer = Tracer(coarse, starts, wanted)
         counts: list[NDArray[np.int_]] = []
         found: list[Double] = []
         while starts:
@@ -264,13 +284,16 @@ def _bounded(
                         found.append(one)
                         starts += one.starts()
         failures += tracer.failures()
-        plane, traced = coarse, tracer.curves
+        plane, traced = coarse, list[Traced | None](tracer.curves)
         if isinstance(model, Continuum):
-            plane, traced = converged(model, coarse, traced)
-            found = [one.solved(plane, tracer.control) for one in found]
+            plane, traced = converged(model, coarse, tracer.curves)
+            found = [*_solved_again(found, plane, tracer.control, failures)]
         points = [one.point(plane) for one in found]
         curves = []
-        for curve, of_curve in zip(traced, counts, strict=True):
+        for last, of_curve in zip(traced, counts, strict=True):
+            if last is None:
+                continue
+            curve = last
             values = np.full((len(curve.points), 2), np.nan)
             if criticality:
                 for k in np.flatnonzero(of_curve == 0):
@@ -278,7 +301,7 @@ def _bounded(
                 points += changes_of_criticality(curve, of_curve, values[:, 1])
             curves.append(_finished(curve, of_curve, values))
     low, high = window.low, window.low + window.size
-    if not coarse.conservative:
+    if not (coarse.conservative or only_stability):
         failures += _disagreements(curves, window)
     return Boundary(
         names=names,
@@ -290,6 +313,21 @@ def _bounded(
         size=plane.dof,
         failures=tuple(failures),
     )
+
+
+def _solved_again(
+    found: list[Double], plane: Plane, control: Control, failures: list[str]
+) -> Iterator[Double]:
+    """The points in a larger basis; those that it does not have are failures."""
+    for one in found:
+        try:
+            yield one.solved(plane, control)
+        except NewtonFailed as error:
+            point = one.point(plane)
+            failures.append(
+                f"a point of kind {point.kind} near ({point.x:.6g}, {point.y:.6g}) was not found "
+                f"in a larger basis: {error}"
+            )
 
 
 def _same(one: Double, other: Double) -> bool:
@@ -315,13 +353,24 @@ def _disagreements(curves: list[BoundaryCurve], window: Window) -> Iterator[str]
             before, after = (behind, ahead) if leftwards else (ahead, behind)
             ends.append((place, before, after, at))
     ends.sort(key=lambda end: end[0])
+    speeds = [k for k, number in enumerate(window.numbers) if number is None]
     for one, other in zip(ends, ends[1:] + ends[:1], strict=True):
-        if one[2] != other[1]:
+        # Without flow, and without damping, all roots lie on the axis.
+        without_flow = any(end[3][k] == 0.0 for end in (one, other) for k in speeds)
+        if one[2] != other[1] and not without_flow:
             yield (
                 f"beyond ({one[3][0]:.6g}, {one[3][1]:.6g}) on the window's edge {one[2]} roots "
                 f"are unstable, and before ({other[3][0]:.6g}, {other[3][1]:.6g}) {other[1]}: "
                 "a curve between is missing"
             )
+
+
+def _telling(curve: Traced) -> list[Point]:
+    """Points that say on which side roots are unstable: of flutter one, which holds for all."""
+    if curve.problem.kind == "divergence":
+        return curve.points
+    # Away from ends at which its frequency is 0.
+    return [curve.points[len(curve.points) // 2]]
 
 
 def _finished(curve: Traced, counts: NDArray[np.int_], values: Array) -> BoundaryCurve:
@@ -330,10 +379,8 @@ def _finished(curve: Traced, counts: NDArray[np.int_], values: Array) -> Boundar
     slopes = np.array([point.tangent[[-1, -2]] for point in points])
     words = np.array(["", "supercritical", "subcritical"])
     leading = values[:, 1]
-    changes = np.array([problem.change(point) for point in points])
-    for k, end in ((0, curve.ends[0]), (-1, curve.ends[1])):
-        if end == "Bogdanov-Takens":  # there both of the pair are 0
-            changes[k] = changes[1 if k == 0 else -2]
+    changes = np.array([problem.change(point) for point in _telling(curve)])
+    changes = np.resize(changes, len(points))
     which = np.where(np.isnan(leading), 0, np.where(leading < 0.0, 1, 2))
     return BoundaryCurve(
         kind=problem.kind,

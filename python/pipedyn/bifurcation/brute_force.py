@@ -24,9 +24,10 @@ from numpy.typing import NDArray
 from pipedyn.bifurcation.known_solutions import KnownSolution, approached
 from pipedyn.models.base import Model, PipedynError
 from pipedyn.models.chain import Chain
+from pipedyn.models.drive import Base, Speed
 from pipedyn.models.galerkin import Galerkin
 from pipedyn.motion.integrator import Outcome, Task, integrate
-from pipedyn.motion.lyapunov import LyapunovExponent, lyapunov_exponent
+from pipedyn.motion.lyapunov import LyapunovExponent, exponents_together
 from pipedyn.motion.simulate import (
     BATCH,
     LARGEST_SAMPLES,
@@ -96,7 +97,8 @@ class Attractor:
         turnings: transverse position of the tip where its velocity changes sign, in order, over the
             time recorded, or less where it had settled, shape (K,); at rest the position itself.
         end: [p, p'] at the end, shape (2 moving,), empty where it failed.
-        exponent: the largest Lyapunov exponent, if asked for and the motion is irregular.
+        exponent: the largest Lyapunov exponent, if asked for and the motion is irregular; of one
+            motion for all at a speed whose turning points are spread alike.
     """
 
     speed: float
@@ -107,6 +109,21 @@ class Attractor:
     end: Array = field(repr=False)
     exponent: LyapunovExponent | None = None
 
+    @property
+    def name(self) -> str:
+        """The ending in words, of irregular ones by their exponent.
+
+        They are "chaotic" with an exponent above 0, "quasi-periodic" where that is 0 within its
+        spread, and "irregular" where it is not known.
+        """
+        if self.ending == "periodic":
+            return f"periodic, {self.period} maxim{'um' if self.period == 1 else 'a'}"
+        if self.ending != "irregular" or self.exponent is None:
+            return self.ending
+        if self.exponent.chaotic:
+            return f"chaotic, exponent {self.exponent.value:.2g}"
+        return "quasi-periodic"
+
 
 @dataclass(frozen=True)
 class MotionOptions:
@@ -116,6 +133,8 @@ class MotionOptions:
     duration: float  # time recorded
     rtol: float
     exponents: bool
+    flow: Speed | None = None  # one that pulsates, in place of the speeds
+    base: Base | None = None  # its motion
 
     @property
     def samples(self) -> int:
@@ -154,10 +173,7 @@ def attractors(
     shown: bool,
     known: Mapping[float, Sequence[KnownSolution]] = MappingProxyType({}),
 ) -> tuple[Attractor, ...]:
-    """Where motions end, from each start at each speed, where some solutions may be known.
-
-    A start is coordinates at rest, (coordinates,), or p and p', (2, moving).
-    """
+    """Where motions end, from each start at each speed, where some solutions may be known."""
     members = [(float(u), k) for u in speeds for k in range(len(starts))]
     most = min(BATCH, max(LARGEST_SAMPLES // (options.samples * model.coordinates), 1))
     indices = np.array_split(np.arange(len(members)), math.ceil(len(members) / most))
@@ -177,18 +193,51 @@ def attractors(
                 one = Attractor(u, k, "failed", 0, np.zeros(0), np.zeros(0))
             found.append(one)
     if options.exponents:
-        irregular = [i for i, one in enumerate(found) if one.ending == "irregular"]
-        measured = partial(
-            lyapunov_exponent, model, duration=2.0 * options.duration, transient=20.0
-        )
-        exponents = [partial(measured, found[i].speed, found[i].end) for i in irregular]
+        alike = _alike([i for i, one in enumerate(found) if one.ending == "irregular"], found)
+        parts = [alike[i : i + BATCH // 2] for i in range(0, len(alike), BATCH // 2)]
+        of = [[found[same[0]] for same in part] for part in parts]
+        exponents = [partial(_exponents, model, some, options) for some in of]
         results = parallel(exponents, executor, label="exponents", progress=shown)
-        for i, exponent in zip(irregular, results, strict=True):
-            if isinstance(exponent, Exception):
-                failed.append((found[i].speed, exponent))
-            else:
-                found[i] = replace(found[i], exponent=exponent)
+        for part, result in zip(parts, results, strict=True):
+            each = [result] * len(part) if isinstance(result, Exception) else result
+            for same, exponent in zip(part, each, strict=True):
+                if isinstance(exponent, Exception):
+                    failed.append((found[same[0]].speed, exponent))
+                    continue
+                for i in same:
+                    found[i] = replace(found[i], exponent=exponent)
     return tuple(found)
+
+
+def _alike(places: list[int], found: list[Attractor]) -> list[list[int]]:
+    """Those at one speed whose turning points are spread alike, and so end on the same, together.
+
+    They are unless a Kolmogorov-Smirnov test tells them apart with 99 % certainty.
+    """
+    groups: list[list[int]] = []
+    for i in places:
+        for group in groups:
+            one, other = found[group[0]], found[i]
+            if one.speed != other.speed or min(one.turnings.size, other.turnings.size) < 2:
+                continue
+            a, b = np.sort(one.turnings), np.sort(other.turnings)
+            both = np.concatenate([a, b])
+            shares = (np.searchsorted(x, both, side="right") / x.size for x in (a, b))
+            apart = float(np.abs(next(shares) - next(shares)).max())
+            if apart < 1.63 * math.sqrt(1.0 / a.size + 1.0 / b.size):
+                group.append(i)
+                break
+        else:
+            groups.append([i])
+    return groups
+
+
+def _exponents(
+    model: Model, irregular: list[Attractor], options: MotionOptions
+) -> list[LyapunovExponent | MotionStopped]:
+    """The largest exponents of irregular motions."""
+    speeds, ends = [one.speed for one in irregular], [one.end for one in irregular]
+    return exponents_together(model, speeds, ends, 2.0 * options.duration, 10.0)
 
 
 @dataclass(eq=False)
@@ -259,12 +308,16 @@ class _Batch:
         samples = before + np.linspace(0.0, recorded, self.options.samples_of(recorded))
         p, rates = np.split(runs[0].state, 2)
         first = checked_task(
-            *(self.model, runs[0].speed, before + recorded, p, rates),
+            *(self.model, self.options.flow or runs[0].speed, before + recorded, p, rates),
             times=samples,
             rtol=self.tolerance,
+            base=self.options.base,
             members=len(runs),
         )
-        tasks = [replace(first, u=run.speed, start=np.append(run.state, 0.0)) for run in runs]
+        tasks = [
+            replace(first, u=first.u if first.drive else run.speed, start=np.append(run.state, 0.0))
+            for run in runs
+        ]
         outcomes = in_batches(tasks, integrate)
         for run, task, outcome in zip(runs, tasks, outcomes, strict=True):
             if outcome[2] is not None:
@@ -354,6 +407,7 @@ def _batch(
 
 
 def _state(model: Model, start: Array) -> Array:
+    """[p, p'] of coordinates at rest, (coordinates,), or of p and p' in rows, (2, moving)."""
     return start.ravel() if start.ndim == 2 else np.asarray(model.start(start, None))
 
 

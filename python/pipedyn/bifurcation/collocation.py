@@ -265,9 +265,10 @@ class OrbitControl(Control):
 class OrbitProblem(Continuation):
     """The collocation equations on one mesh, for continuation from near an orbit.
 
-    Lengths are measured in L of the free end, and relative in frequency and speed; `unit` is the
-    root mean square of the positions p for each L of the free end's amplitude, on the orbit unless
-    it is given. Where the speed does not vary, only `fixed` is solved.
+    Lengths are measured in L of the free end, or in the `reach` of a vector field, and relative in
+    frequency and speed; `unit` is the root mean square of the positions p for each such length of
+    the free end's amplitude, on the orbit unless it is given. Where the speed does not vary, only
+    `fixed` is solved.
     """
 
     def __init__(
@@ -348,7 +349,8 @@ def _unit_of(motion: VectorField, orbit: PeriodicOrbit) -> float:
     positions, across = states[: motion.half], motion.tip(states)
     centred = positions - positions.mean(axis=1, keepdims=True)
     size = math.sqrt(float(np.mean(np.sum(centred**2, axis=0))))
-    return size / max(0.5 * float(np.ptp(across)), 0.01 * size)  # a free end may be held
+    # A free end may be held.
+    return motion.reach * size / max(0.5 * float(np.ptp(across)), 0.01 * size)
 
 
 def solved(motion: VectorField, orbit: PeriodicOrbit, tolerance: float) -> PeriodicOrbit:

@@ -48,7 +48,7 @@ FINEST = 1e-8
 
 @dataclass(frozen=True)
 class Multipliers:
-    """Those in the upper half plane, off the real axis, at a frequency of the flow.
+    """Those off the real axis, at a frequency of the flow.
 
     Attributes:
         frequency: of the flow.
@@ -70,8 +70,14 @@ class Multipliers:
     @property
     def nu(self) -> float:
         """Frequency of the motion with the largest one."""
+        if not self.values.size:
+            return 0.0
         best = self.values[int(np.argmax(np.abs(self.values)))]
-        return float(np.angle(best)) / (2.0 * math.pi) * self.frequency
+        return abs(float(np.angle(best))) / (2.0 * math.pi) * self.frequency
+
+
+End = tuple[Multipliers, Multipliers]
+"""Next to the end of an interval of frequencies, outside and inside of it."""
 
 
 @dataclass(frozen=True)
@@ -81,13 +87,15 @@ class Growth:
     Attributes:
         outside, inside: frequencies next to its lower and upper end.
         nus: of the motions that grow inside.
-        bounded: whether it is on the unit circle that multipliers meet there: not on the real axis,
-            nor where the search begins and ends.
+        axis: 0 where two multipliers meet on the unit circle there, 1 or -1 where it is one on the
+            real axis that passes this.
+        bounded: whether it ends there, or the search does.
     """
 
     outside: tuple[float, float]
     inside: tuple[float, float]
     nus: tuple[float, float]
+    axis: tuple[int, int]
     bounded: tuple[bool, bool]
 
 
@@ -147,11 +155,11 @@ class FewModes:
         sizes = np.abs(values)
         real = np.flatnonzero(np.abs(values.imag) <= 1e-4 * sizes)
         largest = max(values[real].real.tolist(), key=abs, default=0.0)
-        upper = values.imag > 1e-4 * sizes
+        off = np.abs(values.imag) > 1e-4 * sizes
         weights = (np.abs(right.reshape(2, self._seen.size, -1)) ** 2).sum(axis=0)
-        upper &= self._seen[np.argmax(weights, axis=0)]
-        left = np.linalg.inv(right)[upper]
-        values, right = values[upper].astype(np.complex128), right[:, upper]
+        off &= self._seen[np.argmax(weights, axis=0)]
+        left = np.linalg.inv(right)[off]
+        values, right = values[off].astype(np.complex128), right[:, off]
         signs = np.zeros(values.size)
         if self._form is not None:
             signs = np.sign(np.einsum("im,ij,jm->m", right.conj(), 1j * self._form, right).real)
@@ -172,19 +180,51 @@ class FewModes:
         seen = [self.at(w) for w in (1.0 / every[::-1]).tolist()]
         seen = _sorted(seen + [one for a, b in pairwise(seen) for one in self._between(a, b)])
         seen = _sorted(seen + [one for a, b in pairwise(seen) for one in self._apart(a, b)])
-        found, begin = list[Growth](), None
+        found = list[tuple[End, End]]()
+        begin: End | None = None
         for a, b in pairwise(seen):
             if not a.growing and b.growing:
                 begin = self._end(a, b)
             elif a.growing and not b.growing:
-                first = begin or (seen[0], seen[0])
-                found.append(_growth(first, self._end(b, a)))
+                found.append((begin or (seen[0], seen[0]), self._end(b, a)))
                 begin = None
         if begin:
-            found.append(_growth(begin, (seen[-1], seen[-1])))
-        return found
+            found.append((begin, (seen[-1], seen[-1])))
+        whole = list[tuple[End, End]]()
+        for lower, upper in found:
+            if whole and _axis(whole[-1][1]) and _axis(lower):
+                ends = whole[-1][1][0].frequency, lower[0].frequency
+                if all(one.real for one in seen if ends[0] <= one.frequency <= ends[1]):
+                    lower = whole.pop()[0]  # between, both are on the real axis
+            whole.append((lower, upper))
+        back = seen[::-1]
+        return [_growth(self._beyond(a, back), self._beyond(b, seen)) for a, b in whole]
 
-    def _end(self, outside: Multipliers, inside: Multipliers) -> tuple[Multipliers, Multipliers]:
+    def _beyond(self, end: End, seen: list[Multipliers]) -> tuple[End, int]:
+        """The end of an interval of growth that goes on with multipliers on the real axis."""
+        axis = _axis(end)
+        if not axis:
+            return end, 0
+        way = 1.0 if seen[-1].frequency > seen[0].frequency else -1.0
+        inside = end[0]
+        for one in seen:
+            if way * (one.frequency - inside.frequency) <= 0.0:
+                continue
+            if one.real != axis:
+                outside = one
+                break
+            inside = one
+        else:
+            return (seen[-1], seen[-1]), axis
+        for _ in range(20):
+            middle = self.at(0.5 * (outside.frequency + inside.frequency))
+            if middle.real == axis:
+                inside = middle
+            else:
+                outside = middle
+        return (outside, inside), axis
+
+    def _end(self, outside: Multipliers, inside: Multipliers) -> End:
         """Frequencies near the end of an interval of growth, from both sides."""
         for _ in range(12):
             middle = self.at(0.5 * (outside.frequency + inside.frequency))
@@ -201,6 +241,9 @@ class FewModes:
         onto = _matched(a, b)
         for i, j in combinations(np.flatnonzero(onto >= 0).tolist(), 2):
             if self._form is not None and a.signs[i] == a.signs[j]:
+                continue
+            # Nor of a conjugate pair, nor one whose conjugates are met as well.
+            if a.values[i] == a.values[j].conj() or a.values[i].imag + a.values[j].imag < 0.0:
                 continue
             gaps = _gap(a, i, j), _gap(b, int(onto[i]), int(onto[j]))
             if gaps[0] * gaps[1] < 0.0 and max(map(abs, gaps)) < NEAR:
@@ -243,13 +286,22 @@ def _sorted(seen: list[Multipliers]) -> list[Multipliers]:
     return [one for _, one in sorted({one.frequency: one for one in seen}.items())]
 
 
-def _growth(low: tuple[Multipliers, Multipliers], high: tuple[Multipliers, Multipliers]) -> Growth:
-    ends = low, high
+def _axis(end: End) -> int:
+    """Side of the real axis on which the largest multiplier ends there, 0 on the unit circle."""
+    outside, inside = end
+    best = inside.values[int(np.argmax(np.abs(inside.values)))]
+    on_axis = abs(best) - 1.0 > abs(best.imag)
+    return outside.real if on_axis and outside is not inside and best.real * outside.real > 0 else 0
+
+
+def _growth(low: tuple[End, int], high: tuple[End, int]) -> Growth:
+    (below, first), (above, last) = low, high
     return Growth(
-        outside=(low[0].frequency, high[0].frequency),
-        inside=(low[1].frequency, high[1].frequency),
-        nus=(low[1].nu, high[1].nu),
-        bounded=tuple(one is not other and not one.real for one, other in ends),  # type: ignore
+        outside=(below[0].frequency, above[0].frequency),
+        inside=(below[1].frequency, above[1].frequency),
+        nus=(below[1].nu, above[1].nu),
+        axis=(first, last),
+        bounded=(below[0] is not below[1], above[0] is not above[1]),
     )
 
 

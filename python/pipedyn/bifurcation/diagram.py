@@ -38,6 +38,7 @@ from pipedyn.bifurcation.equilibria import (
     equilibria,
     equilibrium_branch,
 )
+from pipedyn.bifurcation.hopf import HopfPoint
 from pipedyn.bifurcation.known_solutions import KnownSolution, at_rest
 from pipedyn.bifurcation.limit_cycle import (
     LARGEST_CYCLE,
@@ -114,7 +115,7 @@ def bifurcation_diagram(
     brute_force: int = 0,
     transient: float = 100.0,
     duration: float = 40.0,
-    exponents: bool = False,
+    exponents: bool = True,
     rtol: float = 1e-6,
     seed: int = 0,
     executor: futures.Executor | None = None,
@@ -140,7 +141,8 @@ def bifurcation_diagram(
         transient: time in T that is left out before motions are recorded. A motion that rests or
             repeats, and that a motion from beside it approaches, ends earlier.
         duration: time over which they are then recorded, at most.
-        exponents: whether the largest Lyapunov exponent of irregular motions is computed.
+        exponents: whether the largest Lyapunov exponent of irregular motions is computed, by which
+            chaos and quasi-periodic motion are told apart.
         rtol: relative tolerance of the motions, and of cycles at the speeds given.
         seed: of the initial states; the first is always a slight bend.
         executor: a `concurrent.futures.Executor`; its tasks are branches of cycles and batches of
@@ -464,13 +466,24 @@ class _Cycles:
         with one_thread(self.model.dof):
             onsets = hopf_points(self.model, equilibria, highest, self.failed)
         self.options = replace(self.options, onsets=tuple(point.speed for point in onsets))
-        jobs = [partial(traced, self.model, point, self.options) for point in onsets]
+        jobs = [partial(self._traced, point) for point in onsets]
         answers = parallel(jobs, executor, label="cycles", progress=shown)
         for point, answer in zip(onsets, answers, strict=True):
             if isinstance(answer, Exception):
                 self.failed.append((point.speed, answer))
             else:
                 self.add(*answer)
+
+    def _traced(self, point: HopfPoint) -> tuple[list[Traced], list[Failed]]:
+        """What begins at an onset; nothing where a branch that is known by then ends there."""
+        if self._ends_at(point):
+            return [], []
+        return traced(self.model, point, self.options)
+
+    def _ends_at(self, point: HopfPoint) -> bool:
+        """Whether a branch of cycles ends at an onset."""
+        ends = (one.end for one in self.found)
+        return any(end.kind == "hopf" and end.speed == point.speed for end in ends if end)
 
     def through(self, u: float, state: Array) -> None:
         """Through the cycle that a motion from a state, or from coordinates at rest, ends on."""

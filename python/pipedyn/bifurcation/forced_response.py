@@ -10,7 +10,7 @@ regions, with the period of the flow (harmonic) or twice that (subharmonic).
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from copy import copy
 from dataclasses import dataclass, field, replace
 from functools import cache
@@ -45,11 +45,13 @@ from pipedyn.bifurcation.vector_field import VectorField
 from pipedyn.linear.eigenproblem import Complex
 from pipedyn.linear.frequency_response import base_solution, checked_range
 from pipedyn.linear.modes import largest_speed
+from pipedyn.linear.stability_curve import Failure
 from pipedyn.models.base import Model, NotConverged
 from pipedyn.models.drive import ROWS, Harmonic, Pulsation, require_steady, steady_speed
-from pipedyn.motion.simulate import Trajectory, checked_model_in_motion
+from pipedyn.motion.simulate import MotionStopped, Trajectory, checked_model_in_motion, simulate
 from pipedyn.util import check
 from pipedyn.util.check import Array
+from pipedyn.util.later import scipy
 from pipedyn.util.newton import NewtonFailed
 from pipedyn.util.parallel import track
 from pipedyn.util.result import result
@@ -63,6 +65,16 @@ MOST_STEPS = 400
 
 UNKNOWN = 1e-3
 """Of multipliers whose error is not known, as they hardly converge: what is taken for it."""
+
+SETTLING = (10, 20, 40, 80)
+"""Periods of a motion from rest, after each of which it is looked at: 1 s of a chain of 4."""
+
+REACH = 10.0
+"""What a step is measured by, in amplitudes of the motion that a moving base begins with, but 1 L
+at most: resonances that a stop or a fixed end bends over may be small."""
+
+REPEATS = 0.02
+"""Share of its swing to which a motion has come back when Newton's method takes over."""
 
 HARMONICS = 8
 """Of Hill's equations, for the motions in which branches leave rest."""
@@ -197,7 +209,8 @@ class ForcedEvent:
 
     Attributes:
         kind: "fold", where the frequency turns back; "pitchfork", "period doubling" or "torus",
-            where a multiplier passes the unit circle; or "end" where the branch was lost or left.
+            where a multiplier passes the unit circle; or "end", where the branch left its range,
+            came to rest or was lost, as its `failure` says.
         frequency: angular, of the forcing.
         amplitude: of the free end, in L.
     """
@@ -222,6 +235,7 @@ class ForcedBranch:
         stable: whether that is at most 1 but for what it is known to, as of a `ForcedMotion`, and
             False at events, shape (P,).
         events: in the order in which they are met.
+        failure: where the branch was lost, and why; None where it left its range or came to rest.
     """
 
     kind: BranchKind
@@ -230,6 +244,7 @@ class ForcedBranch:
     largest: Array = field(repr=False)
     stable: Any = field(repr=False)
     events: tuple[ForcedEvent, ...]
+    failure: NotConverged | None
     steps: tuple[Step, ...] = field(repr=False, compare=False)
     motion: ForcedField = field(repr=False, compare=False)
 
@@ -241,7 +256,13 @@ class ForcedBranch:
             for step in self.steps:
                 for part in step.parts(folds(step, 1e-4) if np.prod(step.slopes) < 0.0 else []):
                     if (part.begin.p - omega) * (part.end.p - omega) <= 0.0 != part.end.p - omega:
-                        orbit = step.problem.orbit(part.where(omega))
+                        try:
+                            orbit = step.problem.orbit(part.where(omega))
+                        except NewtonFailed as reason:
+                            raise NotConverged(
+                                f"no motion was found at a frequency of {frequency:g} though the "
+                                f"{self.kind} branch passes it: {reason}"
+                            ) from None
                         found.append(_described(self.motion, orbit, rtol, samples))
         return found
 
@@ -251,7 +272,8 @@ class ForcedResponse:
     """Periodic motions over the frequency of the forcing.
 
     Attributes:
-        branches: each followed from one end.
+        branches: each followed from one end. Where that of a moving base was lost on its way from
+            the lowest frequency there is another from the highest.
         forcing: amplitude and direction of the base's motion, or mean and amplitude of the flow's.
         u: flow speed, in a pulsating flow its mean.
         model: the model.
@@ -264,8 +286,19 @@ class ForcedResponse:
     model: Model
     evaluations: int
 
+    @property
+    def failures(self) -> tuple[Failure, ...]:
+        """Branches that were lost: their place, the frequency there, and why."""
+        return tuple(
+            Failure(i, float(branch.frequency[-1]), branch.failure)
+            for i, branch in enumerate(self.branches)
+            if branch.failure is not None
+        )
+
     def at(self, frequency: float, rtol: float = 1e-6, samples: int = 257) -> list[ForcedMotion]:
         """The motions at a frequency of the forcing, the largest first.
+
+        Where `failures` has any, there may be more of them.
 
         Args:
             frequency: angular, in 1 / T, within the range that branches were followed in.
@@ -273,12 +306,16 @@ class ForcedResponse:
             samples: number of states given, from the start of the period to its end.
 
         Raises:
-            NotConverged: if a motion does not meet the tolerance.
+            NotConverged: if a motion does not meet the tolerance, or there is none and a branch was
+                lost.
             ValueError, TypeError: for bad arguments.
         """
         rtol = check.real("rtol", rtol, low=1e-10, high=1e-2)
         samples = check.count("samples", samples, low=9, high=100_000)
         found = [one for branch in self.branches for one in branch.at(frequency, rtol, samples)]
+        if not found and self.failures:
+            why = "; ".join(str(failure.error) for failure in self.failures)
+            raise NotConverged(f"no motion is known at a frequency of {frequency:g}: {why}")
         return sorted(found, key=lambda one: -one.amplitude)
 
 
@@ -305,10 +342,12 @@ def forced_response(
         progress: show progress on stderr.
 
     Returns:
-        ForcedResponse; `at(frequency)` gives the motions at one frequency, with their error.
+        ForcedResponse; `at(frequency)` gives the motions at one frequency, with their error. A
+        branch that is lost is named in `failures`, what was found of it is kept.
 
     Raises:
-        NotConverged: if no motion is found where the branch of a moving base begins.
+        NotConverged: if no motion of a moving base is found at either end of the range, neither
+            from the linear response nor by motions from rest that are left to settle.
         ValueError, TypeError: for bad arguments.
 
     Source: Doedel, Keller and Kernevez (1991), as for `limit_cycle`; Nayfeh and Mook (1979),
@@ -325,13 +364,15 @@ def forced_response(
         if low == 0.0:
             raise ValueError(f"frequencies must have low > 0, got {check.shown(frequencies)}")
     shown = check.flag("progress", progress)
+    branches = list[ForcedBranch]()
     model.require_equilibrium(speed)
     if isinstance(forcing, Pulsation):
         require_motion(model)
         starts = _from_rest(model, speed, forcing, low, high)
     else:
-        starts = _from_base(model, speed, forcing, low, high)
-    branches = list[ForcedBranch]()
+        starts = _from_base(
+            *(model, speed, forcing, low, high), lambda: branches[-1].failure is None
+        )
     with one_thread(2 * model.moving):
         for kind, motion, begin, window in starts:
             first = begin.orbit.frequency * motion.order
@@ -370,36 +411,108 @@ Begin = tuple[BranchKind, ForcedField, BranchStart, tuple[float, float]]
 
 
 def _from_base(
-    model: Model, u: float, forcing: Harmonic, low: float, high: float
+    model: Model, u: float, forcing: Harmonic, low: float, high: float, whole: Callable[[], bool]
 ) -> Iterator[Begin]:
-    """From the linear response at the lowest frequency."""
-    begin = replace(forcing, frequency=low)
-    motion = ForcedField(model, begin, 1)
-    answer = model.by_coordinates() @ base_solution(model, u, low)
-    rest = np.append(model.resting(), np.zeros(model.moving))
-    orbit: PeriodicOrbit | None = None
-    for share in (1.0, *np.geomspace(0.02, 1.0, 10)):  # at once, or else with growing amplitude
-        motion.forcing = replace(begin, amplitude=float(share) * forcing.amplitude)
-        amplitude = motion.forcing.amplitude
+    """From a motion at the lowest frequency; from one at the highest unless that led all along."""
+    failed, begun = list[str](), False
+    for frequency, way in ((low, 1.0), (high, -1.0)):
+        motion = ForcedField(model, replace(forcing, frequency=frequency), 1)
         try:
-            if orbit is None:
-                mode = amplitude * np.concatenate([answer, 1j * low * answer])
+            orbit = _first_motion(motion, u)
+            motion.reach = min(1.0, REACH * amplitude_of(motion, orbit)[0])
+            z = orbit.packed()
+            onward = np.append(np.zeros(z.size - 1), way)
+            tangent = OrbitProblem(motion, orbit, FINE).point(z, onward).tangent
+        except NewtonFailed as reason:
+            failed.append(f"at a frequency of {frequency:g} {reason}")
+            continue
+        begun = True
+        yield "base", motion, BranchStart(orbit, 0.2 * FINE.longest * tangent), (low, high)
+        if whole():
+            return
+    if not begun:
+        raise NotConverged(
+            f"no periodic motion was found to begin with: {'; '.join(failed)}. Give other "
+            "frequencies, that begin or end far from resonances, or a smaller amplitude of base; "
+            "simulate shows whether motions repeat at all"
+        )
 
-                def states(phase: Array, mode: Any = mode) -> Array:
-                    return np.asarray(rest[:, None] + (mode[:, None] * np.exp(1j * phase)).real)
 
-                orbit = resolved(motion, states, low, u, motion.is_odd(u), FINE.defect)
-            orbit = solved(motion, orbit, FINE.tolerance)
-            if share == 1.0:
-                break
-        except NewtonFailed:
-            orbit = None if share == 1.0 else orbit
-    if orbit is None or motion.forcing.amplitude != forcing.amplitude:
-        raise NotConverged(f"no periodic motion was found at a frequency of {low:g}")
-    z = orbit.packed()
-    growing = np.append(np.zeros(z.size - 1), 1.0)
-    tangent = OrbitProblem(motion, orbit, FINE).point(z, growing).tangent
-    yield "base", motion, BranchStart(orbit, 0.2 * FINE.longest * tangent), (low, high)
+def _first_motion(motion: ForcedField, u: float) -> PeriodicOrbit:
+    """From the linear response, at once or with growing amplitude, or where a motion ends."""
+    whole, model, w = motion.forcing, motion.model, motion.forcing.frequency
+    assert isinstance(whole, Harmonic)
+    answer = model.by_coordinates() @ base_solution(model, u, w)
+    rest = np.append(motion.resting()[: model.moving], np.zeros(model.moving))
+    symmetric = motion.is_odd(u)
+
+    def linear(share: float) -> PeriodicOrbit:
+        mode = share * whole.amplitude * np.concatenate([answer, 1j * w * answer])
+
+        def states(phase: Array) -> Array:
+            return np.asarray(rest[:, None] + (mode[:, None] * np.exp(1j * phase)).real)
+
+        return resolved(motion, states, w, u, symmetric, FINE.defect)
+
+    def at_once() -> PeriodicOrbit:
+        return solved(motion, linear(1.0), FINE.tolerance)
+
+    def growing() -> PeriodicOrbit:
+        shares = np.geomspace(0.02, 1.0, 10).tolist()
+        try:
+            orbit = linear(shares[0])
+            for share in shares:
+                motion.forcing = replace(whole, amplitude=share * whole.amplitude)
+                orbit = solved(motion, orbit, FINE.tolerance)
+        finally:
+            motion.forcing = whole
+        return orbit
+
+    reason = NewtonFailed("")
+    for find in (at_once, growing, lambda: _settled(motion, u, symmetric)):
+        try:
+            return find()
+        except NewtonFailed as failure:
+            reason = failure
+    raise reason
+
+
+def _settled(motion: ForcedField, u: float, symmetric: bool) -> PeriodicOrbit:
+    """The motion that one from rest ends in."""
+    model, w = motion.model, motion.forcing.frequency
+    period, reason = 2.0 * math.pi / w, "it does not repeat with the period of the base"
+    p = motion.resting()
+    (q0,), (qdot0,) = model.recorded(p[None, : motion.half], p[None, motion.half :])
+    for periods in SETTLING:
+        times = period * np.linspace(periods - 1.0, periods, 513)
+        try:
+            duration, base = periods * period, motion.forcing
+            assert isinstance(base, Harmonic)
+            going = simulate(model, u, duration, q0, qdot0, times=times, base=base, rtol=1e-7)
+        except MotionStopped as stopped:
+            raise NewtonFailed(f"a motion from rest stops: {stopped}") from None
+        motion.evaluations += going.evaluations
+        q0, qdot0 = going.q[-1], going.qdot[-1]
+        p = np.array([model.start(*pair) for pair in zip(going.q, going.qdot, strict=True)])
+        size = float(np.ptp(p[:, : motion.half], axis=0).max())
+        if np.abs(p[-1] - p[0])[: motion.half].max() > REPEATS * size:
+            continue
+        spline = scipy.interpolate.CubicSpline(2.0 * math.pi * np.linspace(0.0, 1.0, 513), p)
+        odd = symmetric and float(np.abs(p[256:] + p[:257]).max()) <= REPEATS * np.abs(p).max()
+
+        def states(phase: Array, through: Any = spline) -> Array:
+            return np.ascontiguousarray(through(phase).T)
+
+        try:
+            guess = resolved(motion, states, w, u, odd, FINE.defect)
+            found = solved(motion, guess, FINE.tolerance)
+        except NewtonFailed as failure:
+            reason = f"it repeats, but {failure}"
+            continue
+        if np.abs(found.starts - guess.starts)[:, : motion.half].max() <= 0.1 * size:
+            return found
+        reason = "it repeats, but Newton's method leads elsewhere"
+    raise NewtonFailed(f"a motion from rest was followed for {sum(SETTLING)} periods: {reason}")
 
 
 def _from_rest(
@@ -483,6 +596,7 @@ def _branch(
 ) -> ForcedBranch:
     """What a start leads to, until the frequency leaves its window or the motion ends in rest."""
     points, events, steps = list[_Point](), list[ForcedEvent](), list[Step]()
+    lost: NotConverged | None = None
     if kind == "base":
         points.append(_point(motion, begin.orbit))
     else:
@@ -504,9 +618,13 @@ def _branch(
             if not window[0] <= motion.order * end.frequency <= window[1]:
                 break
             if len(steps) == MOST_STEPS:
-                break
-    except NewtonFailed:
-        pass
+                raise NewtonFailed(f"it takes more than {MOST_STEPS} steps")
+    except NewtonFailed as reason:
+        last = points[-1]
+        lost = NotConverged(
+            f"the {kind} branch was lost at a frequency of {last.frequency:.6g}, amplitude "
+            f"{last.amplitude:.4g}: {reason}"
+        )
     events.append(ForcedEvent("end", points[-1].frequency, points[-1].amplitude))
     frequency, amplitude, largest, stable = (
         np.array([getattr(point, name) for point in points])
@@ -519,6 +637,7 @@ def _branch(
         largest=largest,
         stable=stable,
         events=tuple(events),
+        failure=lost,
         steps=tuple(steps),
         motion=motion,
     )

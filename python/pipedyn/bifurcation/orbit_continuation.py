@@ -194,11 +194,15 @@ def onward(problem: Problem, point: Point, length: float) -> Iterator[Segment[Pr
             defects = problem.orbit(step.end.z).defects()
             if defects.max() <= defect:
                 break
-            coarse, edges = defects > defect, problem.start.edges
-            if edges.size + np.count_nonzero(coarse) > MOST_INTERVALS:
-                raise NewtonFailed(f"more than {MOST_INTERVALS} mesh intervals are needed")
-            finer = divided(edges, 1 + coarse)
-            (problem, tangent), bend = _on_mesh(problem, tangent, finer), None
+            edges = divided(problem.start.edges, 1 + (defects > defect))
+            if edges.size > MOST_INTERVALS:  # some of them may be needed no more
+                end = problem.orbit(step.end.z)
+                edges = resolved(
+                    *(problem.motion, end.states, end.frequency, end.u, end.symmetric), 0.1 * defect
+                ).edges
+                if edges.size > min(MOST_INTERVALS, 0.75 * problem.start.edges.size):
+                    raise NewtonFailed(f"more than {MOST_INTERVALS} mesh intervals are needed")
+            (problem, tangent), bend = _on_mesh(problem, tangent, edges), None
             length = step.length
         yield step
         problem, tangent = problem.about(step.end.z), step.end.tangent

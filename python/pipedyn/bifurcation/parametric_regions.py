@@ -8,9 +8,10 @@ real eigenvalues w of H, which is a polynomial in w; combination regions are whe
 the real axis is larger than 1. Each edge found is followed in the amplitude, down to where it turns
 back, the least amplitude of its region, and up to where the region ends.
 
-The function g that is followed vanishes with H's least singular value: [H, b; c^H, 0] [q; g] =
-[0; 1]. Of a conservative pipe combination regions begin where two multipliers meet; there g is real
-and its derivative by nu vanishes too.
+The function f that is followed is the determinant of G, 2 x 2, with [H, B; C^H, 0] [Q; G] = [0; 1].
+Of a pipe that is conservative, or has neither damping nor a Coriolis force, combination regions
+begin where two multipliers meet; there f is real and its derivative by nu vanishes too. Between its
+edges f has a saddle, which is regular however thin the region is: it is followed in their place.
 """
 
 from __future__ import annotations
@@ -243,6 +244,10 @@ class Edge(Continuation):
         finally:
             self.control = CONTROL
 
+    def is_on_axis(self, z: Array) -> bool:
+        """Whether of a combination region a multiplier and its conjugate meet, at 1 or -1."""
+        return self.share is None and not 1e-5 < z[1] / z[0] < 0.5 - 1e-5
+
     def near(self, frequency: float, nu: float, amplitude: float, outward: int = 0) -> Array:
         """Unknowns of an edge near a frequency.
 
@@ -253,12 +258,9 @@ class Edge(Continuation):
             self._border = None
             with suppress(NewtonFailed):
                 z = self.started(frequency * (1.0 + outward * shift), nu, amplitude)
-                moved = np.abs(self.place(z)[1:] - [frequency, nu]).max()
-                # At 1 and -1 two multipliers meet that are one motion's and its conjugate's.
-                turn = float(z[1] / z[0]) if self.share is None else 0.25
-                if (
-                    1e-7 < turn < 0.5 - 1e-7
-                    and moved < (4e-3 if self.share is None else 1e-4) * frequency
+                moved = np.abs(self.unknowns(frequency, nu, amplitude) - z).max()
+                if not self.is_on_axis(z) and moved < (
+                    4e-3 if self.share is not None or self.meeting else 2e-2
                 ):
                     return z
         raise NewtonFailed("Newton's method left the neighbourhood of its start")
@@ -312,8 +314,10 @@ class ParametricRegion:
             period; or "combination", of two modes with frequencies of their own.
         amplitude: those asked for, shape (A,).
         edges: lowest and highest frequency of the region at each, shape (A, 2); NaN below the
-            threshold. Where an edge leads far outside the range of frequencies, the one that is
-            known comes first and NaN in place of the other.
+            threshold, where the region is thinner than 1e-6 of its frequency, and in place of an
+            edge that lies far outside the range of frequencies. Where regions of a kind overlap
+            these are the edges of the union, for each of them; one that is nowhere apart from
+            another is not listed for itself. Regions of different kinds may lie within each other.
         threshold: least amplitude of the region; 0 of modes without damping, NaN where an edge
             leads outside the range before.
         threshold_frequency: frequency at which it has that.
@@ -346,7 +350,9 @@ def parametric_regions(
     Returns:
         The regions that touch the range at one of the amplitudes, or whose threshold lies in it,
         by rising frequency. Edges are roots of Hill's determinant, to 1e-7, and may lie outside
-        the range. Instabilities of less than 1e-5 a period are left out.
+        the range. Left out are instabilities of less than 1e-5 a period of a damped pipe, regions
+        thinner than 1e-6 of their frequency, and combinations of modes whose frequencies are
+        beyond high + 4 low.
 
     Raises:
         NotConverged: if edges do not converge as functions and harmonics are added.
@@ -480,6 +486,14 @@ class Search:
     low: float
     high: float
 
+    def around(self, amplitude: float) -> tuple[float, float]:
+        """Where regions are looked for, as their least amplitude may lie in the range.
+
+        The mean of u^2, by which a region's middle moves, grows with the square of the amplitude.
+        """
+        share = min(0.03 + amplitude**2, 0.25)
+        return self.low * (1.0 - share), self.high * (1.0 + share)
+
     def edge(self, kind: RegionKind, frequency: float, centre: bool = False) -> Edge:
         """For edges near a frequency."""
         few = self.hill.fewer(self.low, frequency)
@@ -500,10 +514,12 @@ class Search:
             frequency = edge.scale * step.end.z[0]
             if not self.lowest(edge) < step.end.p <= largest or not self.is_near(frequency):
                 return
+            if edge.is_on_axis(step.end.z):  # the region becomes subharmonic or harmonic
+                return
 
     def lowest(self, edge: Edge) -> float:
         """Amplitude below which an edge leads to amplitude 0."""
-        share = 0.1 if edge.centre or self.hill.is_hermitian else LEAST
+        share = 0.1 if self.hill.is_hermitian or self.hill.is_real else LEAST
         return share * float(self.amplitudes[-1])
 
     def is_near(self, frequency: float) -> bool:
@@ -536,16 +552,20 @@ class Search:
 
         z = edge.near(*start, outward)
         for way in (-1.0, 1.0):
+            sharp = SHARP
             for step in self.along(edge, z, way):
                 end = step.end
                 turns = folds(step, 1e-6)[:1]
-                if not turns and step.length < SHARP and end.tangent[-1] < 0.0:
+                if not turns and step.length < sharp and end.tangent[-1] < 0.0:
+                    sharp = 0.1 * step.length
                     with suppress(NewtonFailed):
                         bottom = edge.bottom(end.z)
                         if 0.0 < end.p - bottom[0] < 0.05 * end.p:
                             found.bottom = bottom
                             self.down(edge, end, add, bottom)
                             break
+                if edge.is_on_axis(end.z):
+                    break
                 for part in step.parts(turns)[: 1 if turns else None]:
                     for index, at in self.passed(part):
                         add(index, at)
@@ -614,8 +634,11 @@ class Search:
         for index in self.samples():
             amplitude = float(self.amplitudes[index])
             few = FewModes(self.hill, amplitude, self.low, self.high)
-            for growth in few.unstable(0.8 * self.low, 1.25 * self.high):
+            for growth in few.unstable(*self.around(amplitude)):
                 middle, width = 0.5 * sum(growth.inside), float(np.diff(growth.outside)[0])
+                axis = growth.axis
+                if axis[0] and axis[0] == axis[1]:  # a subharmonic or harmonic region
+                    continue
                 if width < 0.3 * THINNEST * middle or any(o.has(index, middle) for o in found):
                     continue
                 with suppress(NewtonFailed):
@@ -623,15 +646,60 @@ class Search:
         return _joined(found)
 
     def _combination(self, growth: Growth, amplitude: float) -> Region:
-        """The region of an interval in which motions grow at an amplitude."""
-        if self.hill.is_hermitian or self.hill.is_real:
+        """The region of an interval in which motions grow at an amplitude.
+
+        One that ends with a multiplier at 1 or -1 does so at this amplitude, maybe at no other.
+        """
+        circle = growth.axis == (0, 0)
+        if circle and (self.hill.is_hermitian or self.hill.is_real):
             with suppress(NewtonFailed):
                 middle, nu = 0.5 * sum(growth.inside), 0.5 * sum(growth.nus)
                 return self.meeting((middle, nu, amplitude))
         found = Region("combination", self.amplitudes.size)
-        for way, frequency, nu in zip((-1, 1), growth.inside, growth.nus, strict=True):
-            found.join(self.followed("combination", (frequency, nu, amplitude), way)[0])
+        index = int(np.searchsorted(self.amplitudes, amplitude))
+        for side, (w, axis) in enumerate(zip(growth.inside, growth.axis, strict=True)):
+            if not growth.bounded[side]:
+                continue
+            if axis:
+                edge = self.edge("harmonic" if axis > 0 else "subharmonic", w)
+                _, frequency, nu = edge.place(edge.near(w, 0.0, amplitude)).tolist()
+                found.edges[index, side], found.nus[index, side] = frequency, nu
+                continue
+            way = 2 * side - 1
+            try:
+                part, _ = self.followed("combination", (w, growth.nus[side], amplitude), way)
+            except NewtonFailed:
+                ends = growth.outside[side] * (1.0 + 1e-3 * way), 0.5 * sum(growth.inside)
+                part = Region("combination", self.amplitudes.size)
+                part.add(index, *self.bisected(amplitude, *ends))
+            if circle:
+                found.join(part)
+            else:
+                values = part.edges[index], part.nus[index]
+                found.edges[index, side], found.nus[index, side] = (x[side] for x in values)
+                found.bottom = part.bottom
         return found
+
+    def bisected(self, amplitude: float, outside: float, inside: float) -> tuple[float, float]:
+        """An edge and its nu, by multipliers off the real axis, where Newton's method fails.
+
+        It does where a combination region touches another one on the real axis.
+        """
+
+        def largest(frequency: float) -> complex:
+            values, _ = self.hill.pipe.multipliers(amplitude, frequency)
+            off = values[np.abs(values.imag) > 1e-9 * np.abs(values)]
+            return complex(max(off.tolist(), key=abs, default=0.0))
+
+        if abs(largest(outside)) > 1.0 + 1e-8 or abs(largest(inside)) <= 1.0 + 1e-8:
+            raise NewtonFailed("there is no edge between these frequencies")
+        while abs(outside - inside) > 1e-9 * inside:
+            middle = 0.5 * (outside + inside)
+            if abs(largest(middle)) > 1.0 + 1e-8:
+                inside = middle
+            else:
+                outside = middle
+        return inside, abs(float(np.angle(largest(inside)))) / (2.0 * math.pi) * inside
 
     def on_axis(self, kind: RegionKind, share: float) -> list[Region]:
         """Subharmonic or harmonic regions: multipliers beyond 1 or -1 on the real axis."""
@@ -643,7 +711,7 @@ class Search:
             apart = np.diff(at, prepend=0.0, append=math.inf)
             roots[index] = at = at[np.minimum(apart[:-1], apart[1:]) > THINNEST * at]
             # Those near the range, and one on each side, of a region that contains it.
-            first, last = np.searchsorted(at, [0.8 * self.low, 1.25 * self.high])
+            first, last = np.searchsorted(at, self.around(amplitude))
             for w in at[max(first - 1, 0) : last + 1].tolist():
                 if any(abs(x - w) < 1e-6 * w for _, points in curves for x in points[index]):
                     continue
@@ -736,7 +804,9 @@ def again(hill: Hill, region: Region, amplitudes: Array, low: float) -> Region:
         ends = region.edges[index]
         if not np.isfinite(ends).all():
             continue
-        if meets:
+        turns = region.nus[index] / ends
+        on_axis = (turns == 0.0) | (turns == 0.5)
+        if meets and not on_axis.any():
             with suppress(NewtonFailed):
                 middle, nu = ends.mean(), region.nus[index].mean()
                 centre = search.edge(region.kind, middle, True)
@@ -745,9 +815,19 @@ def again(hill: Hill, region: Region, amplitudes: Array, low: float) -> Region:
         for side, way in enumerate((-1.0, 1.0)):
             frequency, nu = float(ends[side]), float(region.nus[index, side])
             shift = 3e-4 if ends[1] - ends[0] < 1e-3 * frequency else 0.0
-            edge = search.edge(region.kind, frequency)
-            z = edge.place(edge.started(frequency * (1.0 + way * shift), nu, amplitude))
-            found.edges[index, side], found.nus[index, side] = z[1:]
+            kind = ("subharmonic" if nu > 0.0 else "harmonic") if on_axis[side] else region.kind
+            edge = search.edge(kind, frequency)
+            try:
+                z = edge.place(edge.started(frequency * (1.0 + way * shift), nu, amplitude))
+                if edge.is_on_axis(edge.unknowns(*z[[1, 2, 0]].tolist())):
+                    raise NewtonFailed("two multipliers meet on the real axis")
+                found.edges[index, side], found.nus[index, side] = z[1:]
+            except NewtonFailed:
+                if edge.share is not None:
+                    raise
+                between = frequency * (1.0 + 1e-3 * way), float(ends.mean())
+                place = search.bisected(amplitude, *between)
+                found.edges[index, side], found.nus[index, side] = place
     found.bottom = region.bottom.copy()
     amplitude, frequency, nu = region.bottom.tolist()
     if amplitude == 0.0 and meets:

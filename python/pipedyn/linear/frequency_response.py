@@ -138,7 +138,9 @@ def frequency_response(
             range from 0 to a fifth above the fourth lowest resonance.
         input: "base", whose transverse displacement in L has unit amplitude; ("force", s), a
             transverse force in EI / L^2 at the arc length s; or ("moment", s), in EI / L. A moment
-            on a chain acts on the two segments whose middles are next to s, on the nearer the more.
+            on a chain acts on the two segments whose middles are next to s, on the nearer the more,
+            and errs by second order in 1 / n; but at a free end itself by first order, as the jet
+            leaves along the last segment, which bends no further under it.
         output: arc length of the place whose transverse displacement is asked for, in L; "tip" is
             the free end, or `Pipe.watched` where that is held. Where the base moves, it is counted
             from the base.

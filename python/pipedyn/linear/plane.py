@@ -37,6 +37,14 @@ SHIFT = 0.7390851332151607
 """The eigenvalues nearest to this are computed best; it is no eigenvalue of any pipe but by
 chance."""
 
+SAMPLES, SHORTEST = 16, 1.0 / 1024.0
+"""Steps of a line across the window on which eigenvalues are followed, and the shortest to which
+they are halved."""
+
+FAR = 2.0
+"""Real part, beside that of the imaginary one, beyond which a root is not looked at on a line: it
+passes the axis in no step that is short enough."""
+
 Matrices = tuple[Array, Array, NDArray[Any]]
 """M, C, K, (dof, dof) each; K is complex with hysteresis."""
 
@@ -61,15 +69,19 @@ class Plane:
         model: about the straight pipe.
         window: the two numbers.
         speed: the flow speed, where it is neither.
+        modes: how many have eigenvalues that count, from the lowest; all where not given.
 
     Attributes:
         conservative: whether nothing damps and no end does work.
         exact: whether matrices are affine in the numbers.
     """
 
-    def __init__(self, model: Model, window: Window, speed: float | None) -> None:
+    def __init__(
+        self, model: Model, window: Window, speed: float | None, modes: int | None = None
+    ) -> None:
         self.model, self.window, self.speed = model, window, speed
         self.dof = model.dof
+        self.modes = model.dof if modes is None else modes
         self.lossy = bool(model.pipe.hysteresis) or any(
             number is not None and number.name == "hysteresis" for number in window.numbers
         )
@@ -162,12 +174,15 @@ class Plane:
         """M, C, K at (x, y), with their derivatives by x and by y."""
         parts = self._all_parts(at)
         u = self.speed_at(at)
-        found = [self._joined(one, u) for one in parts]
-        if self.speed_index is not None:
-            _, _, by_u, _, by_square, _ = parts[0]
-            mass, stiffness = np.zeros_like(by_u), 2.0 * u * by_square
-            found[1 + self.speed_index] = mass, by_u, stiffness
-        return found[0], found[1], found[2]
+        found = [
+            self._by_speed(parts[0], u) if k == self.speed_index else self._joined(parts[1 + k], u)
+            for k in (0, 1)
+        ]
+        return self._joined(parts[0], u), found[0], found[1]
+
+    def _by_speed(self, parts: Array, u: float) -> Matrices:
+        mass, _, flow, _, flux, _ = parts
+        return np.zeros_like(mass), flow, 2.0 * u * flux
 
     def _joined(self, parts: Array, u: float) -> Matrices:
         mass, damping, flow, stiffness, flux, loss = parts
@@ -184,7 +199,7 @@ class Plane:
     # ----------------------------------------------------------------------------- eigenvalues
 
     def eigenvalues(self, at: Array) -> Complex:
-        """Those of the pipe's own modes, by |lambda|.
+        """Those of the modes that count, by |lambda|.
 
         With hysteresis those above the real axis with their conjugates, and growing real roots.
         """
@@ -195,8 +210,7 @@ class Plane:
             still = _quadratic(mass, damping, stiffness.real)
             grows = still[(np.abs(still.imag) < 1e-9) & (still.real > 0.0)]
             found = np.concatenate([above, above.conj(), grows])
-        # Of functions that many more would replace, the highest are not the pipe's.
-        return found[np.argsort(np.abs(found))][: 2 * self.model.resolved_modes]
+        return found[np.argsort(np.abs(found))][: 2 * self.modes]
 
     def unstable(self, at: Array) -> int:
         """Number of eigenvalues with positive real part, beyond rounding."""
@@ -204,58 +218,74 @@ class Plane:
         return int(np.count_nonzero(found.real > 1e-8 * (1.0 + np.abs(found))))
 
     def static_roots(self, at: Array, index: int) -> list[float]:
-        """Where K is singular on the line through (x, y) along x or y, within the window.
+        """Where K is singular on the line through (x, y) along x or y, within the window."""
+        low, size = float(self.window.low[index]), float(self.window.size[index])
+        own_speed = self.window.numbers[index] is None
 
-        K is affine in the square of the speed and in the others, so that these are eigenvalues.
-        """
-        low, high = (self.window.low[index], self.window.low[index] + self.window.size[index])
-        if not self.exact:
-            return []
-        ends = []
-        for value in (low, high):
+        def stiffness(value: float) -> Array:
             there = at.copy()
             there[index] = value
-            ends.append(self.at(there)[2].real)
-        begin, change = ends[0], ends[1] - ends[0]
+            result: Array = self.at(there)[2].real
+            return result
+
+        if not (self.exact or own_speed):
+            return self._changes_of_sign(stiffness, low, size)
+        # K is affine in the others and in the square of the speed: K0 + s (K1 - K0) is singular
+        # where 1 / (s - shift) is an eigenvalue of -(K0 + shift (K1 - K0))^-1 (K1 - K0).
+        begin, end = stiffness(low), stiffness(low + size)
+        change, shift = end - begin, 0.5 * SHIFT
         if np.abs(change).max() <= 1e-13 * np.abs(begin).max():
             return []
-        # K0 + s (K1 - K0) = 0, 1 / s being eigenvalues of -K0^-1 (K1 - K0); shifted off the ends.
-        shift = 0.5 * 0.7390851332151607
         factorised()
         inverse = np.linalg.eigvals(np.linalg.solve(begin + shift * change, -change))
         with np.errstate(divide="ignore", invalid="ignore"):
             shares = shift + 1.0 / inverse
-        real = (np.abs(shares.imag) <= 1e-7 * (1.0 + np.abs(shares))) & np.isfinite(shares)
+        real = np.isfinite(shares) & (np.abs(shares.imag) <= 1e-7 * (1.0 + np.abs(shares)))
         s = np.sort(shares.real[real & (shares.real >= 0.0) & (shares.real <= 1.0)])
-        if self.window.numbers[index] is None:
-            return [float(root) for root in np.sqrt(low**2 + s * (high**2 - low**2))]
-        return [float(root) for root in low + s * (high - low)]
+        if own_speed:
+            return [float(root) for root in np.sqrt(low**2 + s * ((low + size) ** 2 - low**2))]
+        return [float(root) for root in low + s * size]
+
+    def _changes_of_sign(
+        self, stiffness: Callable[[float], Array], low: float, size: float
+    ) -> list[float]:
+        """Where det K changes its sign along a line, roughly."""
+
+        def sign(share: float) -> float:
+            return float(np.linalg.slogdet(stiffness(low + share * size))[0])
+
+        found = []
+        for a, b in pairwise(np.linspace(0.0, 1.0, 4 * SAMPLES + 1).tolist()):
+            if sign(a) * sign(b) > 0.0:
+                continue
+            for _ in range(10):
+                middle = 0.5 * (a + b)
+                a, b = (middle, b) if sign(middle) == sign(a) else (a, middle)
+            found.append(low + 0.5 * (a + b) * size)
+        return found
 
     def sections(self, at: Array, index: int) -> list[tuple[float, float]]:
         """Where pairs pass the axis on the line through (x, y) along x or y: value and frequency.
 
-        Roughly: Newton's method goes on from these. The eigenvalues are followed from sample to
-        sample with their derivatives; between two samples one has passed the axis where its real
-        part changes its sign, or may have passed twice where tangents from both ends meet beyond
-        the axis: such steps are halved.
+        Roughly: Newton's method goes on from these. Eigenvalues are followed from sample to sample
+        with their derivatives, and steps halved within which one may have passed unseen.
         """
         low, size = self.window.low[index], self.window.size[index]
 
-        def sample(share: float) -> tuple[float, Complex, Complex]:
+        def sample(share: float) -> Sample:
             there = at.copy()
             there[index] = low + share * size
             values, slopes = self._moving(there, index)
-            above = (values.imag > 1e-6) & (np.abs(values.real) < 2.0 + 2.0 * np.abs(values.imag))
+            above = (values.imag > 1e-6) & (np.abs(values.real) < FAR + np.abs(values.imag))
             return share, values[above], slopes[above] * size
 
-        shares = np.linspace(0.0, 1.0, 17)
-        samples = [sample(float(share)) for share in shares]
+        samples = [sample(float(share)) for share in np.linspace(0.0, 1.0, SAMPLES + 1)]
         found: list[tuple[float, float]] = []
         waiting = list(pairwise(samples))[::-1]
         while waiting:
             a, b = waiting.pop()
             guesses, doubtful = _passed(a, b)
-            if doubtful and b[0] - a[0] > 1.0 / 2048.0:
+            if doubtful and b[0] - a[0] > SHORTEST:
                 middle = sample(0.5 * (a[0] + b[0]))
                 waiting += [(middle, b), (a, middle)]
             else:
@@ -266,93 +296,76 @@ class Plane:
         """Eigenvalues and their derivatives by x or y."""
         matrices = self.matrices(at)
         (m, c, k), (m_p, c_p, k_p) = matrices[0], matrices[1 + index]
-        values, right, left = _quadratic_vectors(m, c, k)
-        keep = np.argsort(np.abs(values))[: 2 * self.model.resolved_modes]
-        values, x, y = values[keep], right[:, keep], left[:, keep]
+        inverse, vectors = np.linalg.eig(_companion(m, c, k))
+        n = self.dof
+        # Left eigenvectors of the companion are rows of its eigenvectors' inverse, and times the
+        # inverse of P(SHIFT) those of P(lambda).
+        rows = np.linalg.inv(vectors)[:, :n] @ np.linalg.inv(_shifted(m, c, k))
+        with np.errstate(divide="ignore", invalid="ignore"):
+            values = SHIFT + 1.0 / inverse.astype(complex)
+        sizes = np.where(np.isfinite(values), np.abs(values), np.inf)
+        keep = np.argsort(sizes)[: min(2 * self.modes, np.count_nonzero(np.isfinite(sizes)))]
+        values, x, y = values[keep], vectors[:n, keep], rows[keep]
 
         def form(matrix: NDArray[Any]) -> Complex:
-            return np.asarray(np.einsum("ij,ij->j", y.conj(), matrix @ x))
+            return np.asarray(np.einsum("ji,ij->j", y, matrix @ x))
 
         moved = values**2 * form(m_p) + values * form(c_p) + form(k_p)
-        down = 2.0 * values * form(m) + form(c)
         with np.errstate(divide="ignore", invalid="ignore"):
-            slopes = -moved / down
-        return values, np.nan_to_num(slopes)
+            slopes = -moved / (2.0 * values * form(m) + form(c))
+        return values.astype(complex), np.nan_to_num(slopes)
 
 
 Sample = tuple[float, Complex, Complex]
+"""Place on a line as a share of it, eigenvalues above the real axis, and their derivatives."""
 
 
 def _passed(a: Sample, b: Sample) -> tuple[list[tuple[float, float]], bool]:
-    """What passes the axis between two samples, and whether this is in doubt."""
+    """What passes the axis between two samples, and whether more may do.
+
+    A cubic with the values and slopes at both ends strays from the straight line between them by
+    less than its tangents miss the other end: a root whose real part is larger than that at both
+    ends has not passed the axis twice. Where numbers differ one has left the real axis.
+    """
     (s, one, slope), (t, other, slope_there) = a, b
     h = t - s
-    if not one.size or not other.size:
-        return [], False
-    ahead, back = one + h * slope, other - h * slope_there
-    cost = np.abs(ahead[:, None] - other) + np.abs(one[:, None] - back)
     found: list[tuple[float, float]] = []
-    doubtful = False
-    taken = set()
-    for i in range(one.size):
-        j = int(np.argmin(cost[i]))
-        near = abs(one[i].real) < 4.0 * h * abs(slope[i]) + 1e-3 or (
-            one[i].real * other[j].real <= 0.0
-        )
-        if not near:
-            continue
-        off = cost[i, j] > 0.3 * (1e-6 + abs(one[i].real) + abs(other[j].real))
-        first, last = one[i].real, other[j].real
-        rise, fall = h * slope[i].real, h * slope_there[j].real
+    doubtful = one.size != other.size
+    if not one.size or not other.size:
+        return found, doubtful
+    ahead, back = one + h * slope, other - h * slope_there
+    misses = np.abs(ahead[:, None] - other) + np.abs(one[:, None] - back)
+    for i, j in enumerate(np.argmin(misses, axis=1).tolist()):
+        first, last, missed = one[i].real, other[j].real, misses[i, j]
         if first * last < 0.0:
             share = first / (first - last)
-            mean = one[i] + share * (other[j] - one[i])
-            found.append((s + share * h, float(mean.imag)))
-            doubtful |= (off and cost[i, j] > 0.1 * abs(one[i])) or j in taken
-            taken.add(j)
+            found.append((s + share * h, float((one[i] + share * (other[j] - one[i])).imag)))
+            doubtful |= missed > abs(first) + abs(last)
         else:
-            sign = 1.0 if first < 0.0 else -1.0
-            rising, falling = sign * rise, sign * fall
-            if rising > 0.0 and falling < 0.0:
-                # Tangents from both ends meet at this height.
-                share = (sign * (last - first) - falling) / (rising - falling)
-                height = sign * first + np.clip(share, 0.0, 1.0) * rising
-                doubtful |= bool(height > 0.0)
-            doubtful |= bool(off and cost[i, j] > 0.5 * abs(one[i].real))
-    return found, doubtful
+            doubtful |= missed > min(abs(first), abs(last))
+    return found, bool(doubtful)
 
 
-def _quadratic(
-    mass: Array, damping: Array, stiffness: NDArray[Any], vectors: Callable[..., Any] | None = None
-) -> Any:
-    """Eigenvalues of lambda^2 M + lambda C + K, by the inverse problem about `SHIFT`."""
+def _shifted(mass: Array, damping: Array, stiffness: NDArray[Any]) -> NDArray[Any]:
+    """P(SHIFT)."""
+    result: NDArray[Any] = stiffness + SHIFT * damping + SHIFT**2 * mass
+    return result
+
+
+def _companion(mass: Array, damping: Array, stiffness: NDArray[Any]) -> NDArray[Any]:
+    """The matrix with eigenvalues 1 / (lambda - SHIFT) and vectors (x, (lambda - SHIFT) x)."""
     n = len(mass)
-    shifted = stiffness + SHIFT * damping + SHIFT**2 * mass
     factorised()
     right = np.hstack([damping + 2.0 * SHIFT * mass, mass])
-    companion = np.zeros((2 * n, 2 * n), dtype=shifted.dtype)
-    companion[:n] = -np.linalg.solve(shifted, right)
-    companion[n:, :n] = np.eye(n)
-    # 1 / (lambda - SHIFT), of the vectors (x, (lambda - SHIFT) x).
-    if vectors is not None:
-        return vectors(companion)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        found = SHIFT + 1.0 / np.linalg.eigvals(companion).astype(complex)
-    return found[np.isfinite(found)]
+    solved = -np.linalg.solve(_shifted(mass, damping, stiffness), right)
+    companion = np.zeros((2 * n, 2 * n), dtype=solved.dtype)
+    companion[:n], companion[n:, :n] = solved, np.eye(n)
+    return companion
 
 
-def _quadratic_vectors(
-    mass: Array, damping: Array, stiffness: NDArray[Any]
-) -> tuple[Complex, Complex, Complex]:
-    """Eigenvalues with right and left eigenvectors, y^H P(lambda) = 0."""
-    n = len(mass)
-    inverse, columns = _quadratic(mass, damping, stiffness, np.linalg.eig)
-    adjoint, rows = _quadratic(mass.T, damping.T, stiffness.T, np.linalg.eig)
+def _quadratic(mass: Array, damping: Array, stiffness: NDArray[Any]) -> Complex:
+    """Eigenvalues of lambda^2 M + lambda C + K."""
+    inverse = np.linalg.eigvals(_companion(mass, damping, stiffness)).astype(complex)
     with np.errstate(divide="ignore", invalid="ignore"):
-        values = SHIFT + 1.0 / inverse.astype(complex)
-        others = SHIFT + 1.0 / adjoint.astype(complex)
-    good = np.isfinite(values)
-    values, columns = values[good], columns[:, good]
-    # P(lambda)^T has the same eigenvalues, and its vectors are the left ones, conjugate.
-    same = np.argmin(np.abs(others[None, :] - values[:, None]), axis=1)
-    return values, columns[:n], rows[:n, same].conj()
+        found = SHIFT + 1.0 / inverse
+    return np.asarray(found[np.isfinite(found)], dtype=complex)

@@ -11,18 +11,22 @@ Source: Benettin, Galgani, Giorgilli and Strelcyn (1980); the spread is that of 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from dataclasses import field
+from collections.abc import Callable, Sequence
+from dataclasses import field, replace
 
 import numpy as np
 
 from pipedyn.models.base import Model, NotConverged
 from pipedyn.models.drive import steady_speed
-from pipedyn.motion.integrator import Stopped, decays_fast, state_after
+from pipedyn.motion.integrator import Stopped, decays_fast, integrate, state_after
 from pipedyn.motion.simulate import (
+    MotionStopped,
     Start,
     Trajectory,
+    assembled,
     checked_model_in_motion,
+    checked_task,
+    in_batches,
     slight_bend,
     state_of,
 )
@@ -197,7 +201,12 @@ def largest_exponent(
         difference = found[n:] - state if pair else found[n:]
         size = float(np.linalg.norm(difference))
         direction, growth[i] = difference / size, math.log(size / length)
-    growth = growth[before:]
+    return _from_growth(growth[before:], step, blocks, state)
+
+
+def _from_growth(growth: Array, step: float, blocks: int, end: Array) -> LyapunovExponent:
+    """The exponent from the logarithms of what a difference grows by in each interval."""
+    each, duration = growth.size // blocks, step * growth.size
     t = step * np.arange(1.0, growth.size + 1.0)
     means = growth.reshape(blocks, each).mean(axis=1) / step
     value = float(means.mean())
@@ -213,5 +222,68 @@ def largest_exponent(
         t=t,
         history=np.cumsum(growth) / t,
         duration=duration,
-        end=state,
+        end=end,
     )
+
+
+APART = 1e-5
+"""Of neighbours in one ensemble, whose steps are their own: what is left of the square of it, and
+of the steps' errors at `APART` times 1e-4, changes the growth over an interval by 1e-4 or less."""
+
+
+def exponents_together(
+    model: Model,
+    speeds: Sequence[float],
+    states: Sequence[Array],
+    duration: float,
+    transient: float,
+    blocks: int = 10,
+    interval: float = 0.5,
+) -> list[LyapunovExponent | MotionStopped]:
+    """The largest exponents of motions that go on from states [p, p'], as one ensemble.
+
+    Of each two neighbours are integrated, by the core where it has the model.
+    """
+    each = max(math.ceil(duration / blocks / interval), 1)
+    step = duration / blocks / each
+    before = math.ceil(transient / step)
+    size = states[0].size
+    direction = np.cos(np.arange(size) + 0.5)  # in no direction of the system's own
+    direction /= np.linalg.norm(direction)
+    p, rates = np.split(states[0], 2)
+    first = checked_task(
+        *(model, speeds[0], step, p, rates),
+        times=[step],
+        rtol=1e-4 * APART,
+        members=2 * len(states),
+    )
+    here = np.array(states)
+    beside = [np.split(y + APART * direction, 2) for y in here]
+    apart = np.array([np.concatenate(model.projected(*pair)) for pair in beside]) - here
+    apart *= APART / np.linalg.norm(apart, axis=1, keepdims=True)
+    growth = np.zeros((before + blocks * each, len(states)))
+    stopped = dict[int, MotionStopped]()
+    for i in range(len(growth)):
+        going = [k for k in range(len(states)) if k not in stopped]
+        tasks = [
+            replace(first, u=speeds[k], start=np.append(y, 0.0))
+            for k in going
+            for y in (here[k], here[k] + apart[k])
+        ]
+        outcomes = in_batches(tasks, integrate) if tasks else []
+        for place, k in enumerate(going):
+            both = slice(2 * place, 2 * place + 2)
+            for task, outcome in zip(tasks[both], outcomes[both], strict=True):
+                if outcome[2] is not None:
+                    [motion] = assembled([task], [outcome])
+                    stopped[k] = MotionStopped(f"the motion stopped: {outcome[2]}", motion)
+            if k in stopped:
+                continue
+            one, other = (outcome[0][-1, :size] for outcome in outcomes[both])
+            here[k], distance = one, float(np.linalg.norm(other - one))
+            growth[i, k] = math.log(distance / APART)
+            apart[k] = (other - one) * (APART / distance)
+    return [
+        stopped.get(k) or _from_growth(growth[before:, k], step, blocks, here[k])
+        for k in range(len(states))
+    ]

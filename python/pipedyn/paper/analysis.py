@@ -46,7 +46,7 @@ REDUCED_SIZES = (2, 3, 4, 5, 6, 7, 8, 10, 12, 16, 22, 32, 46)
 number of functions, because the error of Legendre functions falls to rounding by m = 12."""
 
 
-MAP_MODES = 13
+MAP_MODES = 9
 """Mass ratios of a map at which the mode is told that loses stability."""
 
 
@@ -205,7 +205,7 @@ def _families(case: Case) -> list[tuple[str, str, Model]]:
 def stability_map(pipe: Pipe, top: float) -> tuple[Boundary, StabilityCurve]:
     """Boundaries of the continuous pipe over beta and speed, and in which modes it is lost."""
     ranges = {"beta": (0.01, 0.98), "u": (0.0, 1.02 * top)}
-    found = boundary(Continuum(pipe), "beta", "u", ranges, criticality=False)
+    found = boundary(Continuum(pipe), "beta", "u", ranges, criticality=False, only_stability=True)
     size = math.ceil(0.8 * top) + 4
 
     def reduced(beta: float) -> Galerkin:

@@ -21,6 +21,7 @@ from pipedyn.plot import common
 from pipedyn.plot.motion import finer, path_of
 from pipedyn.util import check
 from pipedyn.util.check import Array
+from pipedyn.util.later import scipy
 
 MARKS: dict[str, dict[str, Any]] = {
     "fold": {"marker": "<", "color": common.VERMILION},
@@ -33,6 +34,9 @@ MARKS: dict[str, dict[str, Any]] = {
     "end": {"marker": "|", "color": common.BLUE},
 }
 """Look of each bifurcation."""
+
+A_STEP = 12
+"""Straight pieces that are drawn between two points of a branch."""
 
 STABILITY_STYLES: dict[str, dict[str, Any]] = {
     "stable": {"linestyle": "-", "linewidth": 1.4, "zorder": 3.0},
@@ -115,16 +119,36 @@ def _branch(
         special = np.isin(speeds.round(6), np.round([event.speed for event in events], 6))
         stable = np.where(special[:-1], stable[1:], stable[:-1])
     ends = [0, *(np.flatnonzero(np.diff(stable)) + 1), stable.size]
+    curve = _curve(speeds, heights)
     for start, stop in pairwise(ends):
         word = "stable" if stable[start] else "unstable"
-        part = slice(start, stop + 1)
+        part = curve[start * A_STEP : stop * A_STEP + 1]
         look = {"color": colour, "label": f"{name}, {word}", **STABILITY_STYLES[word]}
-        ax.plot(speeds[part], heights[part], **look)
+        ax.plot(part[:, 0], part[:, 1], **look)
     for event, height in zip(events, at, strict=True):
         if event.kind in MARKS and (name, event.kind) != ("cycle", "hopf"):
             look = {"linestyle": "none", "markersize": 5.0, "zorder": 4.0, **MARKS[event.kind]}
             look |= {"markeredgecolor": "white", "markeredgewidth": 0.6}
             ax.plot(event.speed, height, label=event.kind.replace("hopf", "Hopf"), **look)
+
+
+def _curve(speeds: Array, heights: Array) -> Array:
+    """A curve without corners through the points of a branch, (k, 2), each after `A_STEP` others.
+
+    Akima's cubics by the length of the chords between the points, in shares of their range: they
+    stay as they are elsewhere if one point moves, and do not oscillate.
+    """
+    points = np.stack([speeds, heights], axis=1)
+    chords = np.linalg.norm(np.diff(points / (np.ptp(points, axis=0) + 1e-300), axis=0), axis=1)
+    places = np.append(0.0, np.cumsum(np.maximum(chords, 1e-12)))
+    if places.size < 3 or not places[-1] > 1e-9:
+        return np.repeat(points, A_STEP, axis=0)[: (len(points) - 1) * A_STEP + 1]
+    at = np.interp(
+        np.arange((places.size - 1) * A_STEP + 1) / A_STEP, np.arange(places.size), places
+    )
+    found: Array = scipy.interpolate.Akima1DInterpolator(places, points)(at)
+    found[::A_STEP] = points  # to the bit
+    return found
 
 
 def orbit(cycles: LimitCycle | Sequence[LimitCycle], ax: Axes | None = None) -> Axes:
