@@ -257,7 +257,7 @@ def changes_of_criticality(
 
         with suppress(NewtonFailed, ValueError):  # not known within, or no change after all
             z = segment.at(scipy.optimize.brentq(value, 0.0, length, xtol=1e-11 * length)).z
-            if abs(value(segment.reach(z))) > 1e-3 * min(abs(leading[k]), abs(leading[k + 1])):
+            if abs(value(segment.reach(z))) > 1e-3 * max(abs(leading[k]), abs(leading[k + 1])):
                 continue  # it passes through infinity, as where two pairs meet
             x, y = problem.place(z)
             omega = problem.frequency(z)
