@@ -26,11 +26,26 @@ STRENGTH = {"gravity": 2.0, "drag": 1.0, "damping": 1e-3, "flow": SPEED}
 """gamma, kappa, delta and u; the Coriolis part comes with flow, at beta = 0.2."""
 
 
+TERMS = {
+    "point mass": lambda strength: pp.PointMass(1.0, strength),
+    "spring": lambda strength: pp.Spring(1.0, strength),
+    "damper": lambda strength: pp.Damper(1.0, strength),
+    "stop": lambda strength: pp.Stop(1.0, 0.1, strength),
+    "cubic spring": lambda strength: pp.CubicSpring(1.0, strength),
+    "tension": pp.Tension,
+    "foundation": pp.Foundation,
+    "viscosity": pp.Viscosity,
+    "added mass": pp.AddedMass,
+}
+"""Terms by their strength; alone they are 1 strong. At the end, so that functions stay the same."""
+
+
 def scene(strengths: dict[str, float]) -> tuple[pp.Pipe, float]:
     """The pipe with some effects, and its flow speed."""
     numbers = {"gamma": "gravity", "drag": "drag", "damping": "damping"}
     given = {number: strengths.get(effect, 0.0) for number, effect in numbers.items()}
-    return pp.Pipe(0.2, **given), strengths.get("flow", 0.0)
+    terms = [make(strengths[name]) for name, make in TERMS.items() if name in strengths]
+    return pp.Pipe(0.2, **given, terms=terms), strengths.get("flow", 0.0)
 
 
 def chain_of(n: int):
@@ -91,7 +106,7 @@ def effects(name: str, make) -> None:
         errors.append(worst(model.rhs(0.0, y, u), exact(model, y, u)))
         dragged = pipe.drag and isinstance(model, pp.Galerkin)  # |v| v under the integral
         check(errors[-1], 1e-6 if dragged else 1e-11, f"{name}, {what}")
-    for effect, strength in STRENGTH.items():
+    for effect, strength in (STRENGTH | dict.fromkeys(TERMS, 1.0)).items():
         cases[effect] = {effect: strength}
         errors.append(worst(rates(make, {effect: WEAK}, many), plain))
         check(errors[-1], 1e-11, f"{name}, {effect} too weak to act")

@@ -329,10 +329,15 @@ MOTION = pp.simulate(FLUTTER, 1.0, 2.0, bend, samples=201)
 ENSEMBLE = pp.simulate_many(FLUTTER, [0.5, 1.0], 2.0, bend, samples=201)
 DIAGRAM = pp.bifurcation_diagram(FLUTTER, [0.98 * CRITICAL.speed, SPEED], cycles=8, brute_force=1)
 BRANCH = DIAGRAM.cycles[0]
+FOLDED = pp.bifurcation_diagram(pp.Chain(pp.Pipe(0.05), 2), [3.0, 3.3]).cycles[0]
+(FOLD,) = (event for event in FOLDED.events if event.kind == "fold")
+WINDOW = {"beta": (0.045, 0.055), "u": (3.0, 3.3)}
+FOLDS = pp.cycle_boundary(FOLDED, FOLD, "beta", "u", WINDOW)
 TRADE = trade(PIPE, "critical_speed", families="beam", sizes=[2, 3], repeats=1)
 LOCI = pp.root_loci(CHAIN, [0.0, 1.0, 2.0], 2)
 MODES = pp.modes(CHAIN, 1.0)
-CURVE = pp.stability_curve(lambda beta: pp.Chain(pp.Pipe(beta), 2), [0.1, 0.2], 6.0)
+WINDOW = {"beta": (0.1, 0.9), "u": (0.0, 9.0)}
+BOUNDARY = pp.boundary(pp.Chain(pp.Pipe(0.2), 2), "beta", "u", WINDOW, criticality=False)
 FIGURE = Figure(layout="constrained")
 AX = FIGURE.subplots()
 AXES = np.array([[AX]])
@@ -341,6 +346,8 @@ OVERHANG = pp.Chain(pp.Pipe(0.2, damping=0.002, supports=[0.25]), 4)
 OVERHANG_SPEED = pp.critical_speed(OVERHANG).speed
 SHAKEN = pp.Chain(pp.Pipe(0.2, 3.0, damping=0.01), 2)
 HINGES = pp.Chain(HINGED, 5)
+PLANE = pp.StartPlane(np.array([-0.1, 0.2]), np.array([-0.2, 0.1]))
+ENDS = pp.attractors(FLUTTER, SPEED, PLANE)
 PUMP, SHAKER = pp.Pulsation(2.0, 0.3, 25.0), pp.Harmonic(0.01, 25.0)
 SHAKES = pp.forced_response(SHAKEN, 1.0, base=SHAKER, frequencies=(20.0, 30.0))
 RESPONSE = pp.frequency_response(SHAKEN, 1.0, (1.0, 30.0))
@@ -348,12 +355,13 @@ REGIONS = pp.parametric_regions(pp.Chain(pp.Pipe(0.1, 3.0), 2), 3.0, [0.3, 0.6],
 OBJECTS = (PIPE, CHAIN, BEAM, EXACT, SCENE, CRITICAL, CROSSING, HOPF, CYCLE, MOTION, ENSEMBLE)
 OBJECTS += (
     DIAGRAM,
+    ENDS,
     BRANCH,
     BRANCH.events[0],
     TRADE,
     LOCI,
     MODES,
-    CURVE,
+    BOUNDARY,
     FIGURE,
     AX,
     MASS,
@@ -690,9 +698,10 @@ def _models() -> Iterator[Target]:
         )
         yield Target(f"{cls}.energy{tag}", model.energy, {"y": y})
         yield Target(f"{cls}.power{tag}", model.power, {"y": y, "u": U})
-        driven = {"y": rates, "u": U, "u_dot": optional(real((-9.0, 9.0)))}
-        if all(term.law != "stretching" for term in model.pipe.terms):
-            driven["base"] = optional(array((3, 2)))
+        driven = {
+            **{"y": rates, "u": U, "u_dot": optional(real((-9.0, 9.0)))},
+            "base": optional(array((3, 2))),
+        }
         for ask in (model.rhs, model.jacobian):
             yield Target(
                 f"{cls}.{ask.__name__}{tag}", lambda ask=ask, **given: ask(0.0, **given), driven
@@ -916,6 +925,31 @@ def _questions() -> Iterator[Target]:
         },
         slow=True,
     )
+    yield Target(
+        "boundary",
+        pp.boundary,
+        {
+            "model": STRAIGHT,
+            "x": word("beta"),
+            "y": word("u"),
+            "ranges": Kind(
+                one_of(WINDOW),
+                any_of(
+                    NONE,
+                    *(*NOTHINGS[2:], *WORDS),
+                    one_of({}, {"beta": (0.1, 0.9)}, 3, WINDOW | {"u": (9.0, 1.0)}),
+                    one_of(WINDOW | {"beta": (0.0, 0.5)}, WINDOW | {"u": (NAN, 1.0)}),
+                    one_of(WINDOW | {"u": "12"}, WINDOW | {"gamma": (0.0, 1.0)}),
+                ),
+            ),
+            "u": Kind(one_of(None), any_of(*NOTHINGS, *WORDS, one_of(1.0, -1.0, NAN, [None]))),
+            "criticality": FLAG,
+            "only_stability": FLAG,
+        },
+        slow=True,
+    )
+    inside = {"x": real((0.1, 0.9), 0.09, 0.91), "y": real((0.0, 9.0), -0.1, 9.1)}
+    yield Target("Boundary.unstable", BOUNDARY.unstable, inside)
     yield Target(
         "criticality_curve",
         pp.criticality_curve,
@@ -1191,8 +1225,53 @@ def _motions() -> Iterator[Target]:
         "seed": Kind(one_of(0, 7), any_of(NONE, *NOTHINGS, *WORDS, one_of(-1, 0.5, NAN))),
     }
     shown = {"executor": EXECUTOR, "progress": FLAG}
+    own = any_of(array((2, 3), (-0.1, 0.1)).good, array((2, 6), (-0.1, 0.1)).good)
+    own = any_of(count(1, 3).good, own, one_of(PLANE))
+    yield Target(
+        "attractors",
+        pp.attractors,
+        {
+            "model": flutter,
+            "u": Kind(one_of(1.0, 2.0), SLOW.bad),
+            "starts": Kind(own, any_of(array((2, 6), (-0.1, 0.1), (1e7,)).bad, one_of(0, -1, 2.5))),
+            "transient": real((10.0, 20.0), -1.0, 1e300),
+            "duration": real((1.0, 2.0), 0.0, 1e300),
+            "exponents": FLAG,
+            "rtol": real((1e-6, 1e-4), 0.0, 1.0),
+            "seed": diagram["seed"],
+            **shown,
+        },
+        slow=True,
+        called={"starts": "starts|angle"},
+    )
+    wrong = any_of(NONE, *WORDS, one_of(3, (0,), (0, 0), (-1, 2)))
+    yield Target(
+        "StartPlane",
+        pp.StartPlane,
+        {
+            "x": array(2, (-1.0, 1.0), rising=True, any_size=True),
+            "y": array(3, (-1.0, 1.0), rising=True, any_size=True),
+            "indices": Kind(one_of((0, 1), (1, 5), [0, 3]), wrong),
+            "state": optional(array(6, (-0.1, 0.1), any_size=True)),
+        },
+    )
     yield Target("bifurcation_diagram", pp.bifurcation_diagram, {**diagram, **shown}, slow=True)
     yield Target("diagram_cost", pp.diagram_cost, diagram, slow=True)
+    wrong = any_of(NONE, *NOTHINGS, *WORDS, one_of(3, NAN, {}, []))
+    other = ({"beta": (0.1, 0.05), "u": (3.0, 3.3)}, {"u": (3.0, 3.3)}, WINDOW | {"u": (0.0, 1.0)})
+    yield Target(
+        "cycle_boundary",
+        pp.cycle_boundary,
+        {
+            "branch": Kind(one_of(FOLDED), any_of(wrong, one_of(BRANCH, DIAGRAM))),
+            "events": Kind(one_of(FOLD, [FOLD]), any_of(wrong, one_of(FOLDED.events[0]))),
+            "x": Kind(one_of("beta"), any_of(wrong, one_of("u", "hysteresis"))),
+            "y": Kind(one_of("u"), any_of(wrong, one_of("beta", "frequency"))),
+            "window": Kind(one_of(WINDOW), any_of(wrong, one_of(*other))),
+            "progress": FLAG,
+        },
+        slow=True,
+    )
 
 
 def _without_none(given: dict[str, Any], name: str) -> dict[str, Any]:
@@ -1415,15 +1494,11 @@ def _pictures() -> Iterator[Target]:
         "convergence": {"ax": ax, "families": named([CRITICAL]), "exact": of(CRITICAL)},
         "stability_map": {
             "ax": ax,
-            "curves": named(CURVE),
+            "boundaries": named(BOUNDARY),
             "highest": top,
             "marked": optional(of(CRITICAL)),
         },
-        "boundaries": {
-            "found": Kind(
-                one_of([CROSSING], ()), any_of(NONE, *NOTHINGS[7:], one_of(3, [3], [None]))
-            )
-        },
+        "boundary": {"ax": ax, "found": of(BOUNDARY)},
         "dot_stride": {"loci": loci},
         "notice": {"ax": ax, "text": words},
         "panels": {
@@ -1451,6 +1526,10 @@ def _pictures() -> Iterator[Target]:
             "ax": ax,
         },
         "bifurcation_diagram": {"diagram": of(DIAGRAM), "coordinate": place, "ax": ax},
+        "basins": {"found": of(ENDS), "ax": ax},
+        "poincare_section": {"found": of(ENDS), "coordinate": place, "ax": ax},
+        "spectrum": {"found": of(ENDS), "ax": ax},
+        "cycle_boundary": {"found": of(FOLDS), "ax": ax},
         "trade": {
             "found": Kind(any_of(of(TRADE).good, any_trade), of(TRADE).bad),
             "cost": word("seconds", "dof", "right_hand_sides", "factorisations"),

@@ -341,3 +341,13 @@ def test_too_small_a_basis_says_nothing_of_a_larger_one(size):
     """At u = 20 it has not the crossings of the larger one, or misses too much of some root."""
     model = pp.Continuum(pp.Pipe(0.5))
     assert searched(model.frozen(size), 20.0, model.frozen(size + 8)) is None
+
+
+@pytest.mark.parametrize("stiffness", [0.0, 10.0, 300.0])
+def test_a_foundation_leaves_becks_load_as_it_is(stiffness):
+    """Without mass in the flow it adds its stiffness to every omega^2 (Smith and Herrmann 1972)."""
+    pipe = pp.Pipe(0.0, terms=[pp.Foundation(stiffness)])
+    found = pp.critical_speed(pp.Continuum(pipe))
+    assert found.speed == pytest.approx(4.47782912, abs=6e-9)
+    plain = pp.critical_speed(pp.Continuum(pp.Pipe(0.0))).frequency
+    assert found.frequency**2 == pytest.approx(plain**2 + stiffness, rel=1e-6)

@@ -6,11 +6,15 @@ program that does so.
 """
 
 import math
+import re
 
 import numpy as np
 import pytest
+import scipy.optimize
 
 import pipedyn as pp
+from pipedyn.bifurcation import forced_response
+from pipedyn.util.newton import NewtonFailed
 
 SHAKEN = pp.Pipe(0.2, damping=0.002)
 PULSATING = pp.Pipe(0.2, gamma=10.0, damping=0.002)
@@ -156,6 +160,160 @@ def test_a_pipe_that_rests_bent_moves_about_its_rest(make):
             ask()
 
 
+def test_a_range_of_frequencies_may_be_a_list_or_an_array():
+    base, model = pp.Harmonic(0.01, 5.0), pp.Galerkin(SHAKEN, 2)
+    expected, *others = (
+        pp.forced_response(model, 2.0, base=base, frequencies=given).branches[0]
+        for given in ((5.0, 5.5), [5.0, 5.5], np.array([5.0, 5.2, 5.5]))
+    )
+    for found in others:
+        np.testing.assert_array_equal(found.frequency, expected.frequency)
+
+
+@pytest.mark.parametrize(
+    ("model", "u"),
+    [
+        (pp.Chain(pp.Pipe(0.2), 4), 0.0),
+        (pp.Galerkin(pp.Pipe(0.2), 3), 0.0),
+        (pp.Chain(pp.Pipe(0.0), 4), 1.0),
+    ],
+    ids=["chain", "reduced", "no fluid's inertia"],
+)
+def test_without_damping_motions_are_neutral_and_nothing_passes_the_unit_circle(model, u):
+    found = pp.forced_response(model, u, base=pp.Harmonic(0.01, 5.0), frequencies=(5.0, 12.0))
+    (branch,) = found.branches
+    assert [event.kind for event in branch.events] == ["end"]
+    assert branch.stable.all()
+    np.testing.assert_allclose(branch.largest, 1.0, atol=1e-6)
+    (motion,) = found.at(9.0)
+    assert motion.stable
+    np.testing.assert_allclose(np.abs(motion.multipliers), 1.0, atol=1e-9)
+
+
+def test_without_damping_two_pairs_that_meet_leave_the_circle():
+    """Then each multiplier has its inverse: the pipe's equations are reversible."""
+    model = pp.Galerkin(pp.Pipe(0.2), 2, "legendre")
+    base = pp.Harmonic(0.05, 18.5)
+    found = pp.forced_response(model, 0.0, base=base, frequencies=(18.5, 19.5))
+    events = [event for event in found.branches[0].events if event.kind != "end"]
+    assert [event.kind for event in events] == ["torus", "torus"]
+    first, last = (event.frequency for event in events)
+    (before,), (between,), (beyond,) = (
+        found.at(w) for w in (first - 0.02, 0.5 * (first + last), last + 0.02)
+    )
+    assert (before.stable, between.stable, beyond.stable) == (True, False, True)
+    sizes = np.abs(between.multipliers)
+    np.testing.assert_allclose(sizes[0] * sizes[-1], 1.0, rtol=1e-8)
+    assert sizes[0] > 1.01
+
+
+def test_an_axially_fixed_pipe_on_a_shaker_is_duffings_oscillator():
+    """w = a sin pi s: a'' + d (1 + K a^2 / 2) a' + pi^4 (a + K a^3 / 4) = (4 / pi) X omega^2 cos.
+
+    d = delta pi^4.
+
+    Holmes, J. Sound Vib. 53 (1977), 471. It is solved in its harmonics 1, 3 and 5 here; what
+    bends the pipe at large angles is besides of the order of 10 / K.
+    """
+    axial, damping, reach, omega = 1e3, 0.01, 0.01, 15.0
+    pipe = pp.Pipe(
+        *(0.2,), damping=damping, root="pinned", end="pinned", terms=[pp.Stretching(axial)]
+    )
+    phases = 2.0 * np.pi * np.arange(32) / 32.0
+    turns = np.exp(1j * phases[:, None] * np.array([1.0, 3.0, 5.0]))
+
+    def missed(parts):
+        x = parts[:3] + 1j * parts[3:]
+        a = (turns @ x).real
+        w = omega * np.array([1.0, 3.0, 5.0])
+        rate = (turns @ (1j * w * x)).real
+        bent = axial * (0.25 * a**3 + 0.5 * damping * a**2 * rate)
+        left = (np.pi**4 - w**2 + 1j * w * damping * np.pi**4) * x
+        left += np.pi**4 * turns.conj().T @ bent / 16.0
+        left[0] -= 4.0 / np.pi * reach * omega**2
+        return np.concatenate([left.real, left.imag])
+
+    def largest(start):
+        found = scipy.optimize.root(missed, [start, 0.0, 0.0, 0.0, 0.0, 0.0], tol=1e-12)
+        assert found.success
+        fine = np.exp(1j * np.linspace(0.0, 2 * np.pi, 4001)[:, None] * np.array([1.0, 3.0, 5.0]))
+        return float(np.abs((fine @ (found.x[:3] + 1j * found.x[3:])).real).max())
+
+    model = pp.Galerkin(pipe, 3)
+    found = pp.forced_response(model, 0.0, base=pp.Harmonic(reach, omega), frequencies=(8.0, 16.5))
+    motions = found.at(omega)
+    assert [motion.stable for motion in motions] == [True, False, True]
+    sine = math.sin(math.pi * pipe.watched)
+    for motion, start in ((motions[0], 0.08), (motions[2], -0.02)):
+        assert motion.amplitude == pytest.approx(sine * largest(start), rel=1e-2)
+    assert motions[0].amplitude > 2.0 * motions[2].amplitude
+
+
+STOPPED = pp.Chain(pp.Pipe(0.2, damping=0.01, terms=(pp.Stop(0.8, 0.01, 1000.0),)), 4)
+
+
+def test_a_pipe_that_strikes_a_stop_is_followed_from_where_its_motion_ends():
+    """Its linear response, without the stop, is far from any motion."""
+    base = pp.Harmonic(0.05, 2.02)
+    found = pp.forced_response(STOPPED, 2.0, base=base, frequencies=(2.0, 2.05))
+    assert not found.failures
+    (motion,) = found.at(2.02)
+    going = pp.simulate(
+        *(STOPPED, 2.0, 10.0 * motion.period, motion.q[0], motion.qdot[0]),
+        **{"base": base, "rtol": 1e-9, "times": np.linspace(9.0, 10.0, 257) * motion.period},
+    )
+    assert motion.amplitude == pytest.approx(0.5 * np.ptp(going.tip[:, 0]), rel=1e-5)
+
+
+def test_small_motions_that_a_fixed_end_bends_over_are_followed_past_their_folds():
+    """A resonance of 0.003 L: steps are measured by the motion and not by the pipe."""
+    pipe = pp.Pipe(0.2, damping=0.01, root="pinned", end="pinned", terms=[pp.Stretching(1e5)])
+    base = pp.Harmonic(3e-4, 9.0)
+    found = pp.forced_response(pp.Galerkin(pipe, 2), 0.0, base=base, frequencies=(9.0, 12.0))
+    (branch,) = found.branches
+    assert [event.kind for event in branch.events] == ["fold", "fold", "end"]
+    assert not found.failures
+    first, last = (event.frequency for event in branch.events[:2])
+    assert [m.stable for m in found.at(0.5 * (first + last))] == [True, False, True]
+
+
+def test_a_branch_that_is_lost_says_where_and_why(monkeypatch):
+    """One that may take two steps only, from either end."""
+    monkeypatch.setattr(forced_response, "MOST_STEPS", 2)
+    base, model = pp.Harmonic(0.02, 5.0), pp.Galerkin(SHAKEN, 2)
+    found = pp.forced_response(model, 0.0, base=base, frequencies=(3.0, 30.0))
+    assert [branch.kind for branch in found.branches] == ["base", "base"]
+    assert [failure.index for failure in found.failures] == [0, 1]
+    for branch, failure in zip(found.branches, found.failures, strict=True):
+        assert failure.error is branch.failure
+        assert failure.value == branch.frequency[-1] == branch.events[-1].frequency
+        rule = rf"the base branch was lost at a frequency of {failure.value:.6g}, .* than 2 steps"
+        assert re.match(rule, str(failure.error))
+    assert found.branches[0].frequency[-1] < 15.0 < found.branches[1].frequency[-1]
+    with pytest.raises(pp.NotConverged, match="no motion is known at a frequency of 15: the base"):
+        found.at(15.0)
+    (motion,) = found.at(3.1)
+    assert motion.stable
+
+
+def test_where_no_motion_is_found_the_reason_and_what_to_change_are_told(monkeypatch):
+    def failing(*given):
+        raise NewtonFailed("nothing converges")
+
+    monkeypatch.setattr(forced_response, "solved", failing)
+    rule = (
+        "no periodic motion was found to begin with: at a frequency of 5 a motion from rest was "
+        "followed for 150 periods: it repeats, but nothing converges; at a frequency of 6 .* "
+        "Give other frequencies.* or a smaller amplitude"
+    )
+    with pytest.raises(pp.NotConverged, match=rule):
+        pp.forced_response(
+            pp.Galerkin(pp.Pipe(0.2, damping=0.05), 2),
+            *(0.0,),
+            **{"base": pp.Harmonic(0.02, 5.0), "frequencies": (5.0, 6.0)},
+        )
+
+
 MODEL = pp.Galerkin(SHAKEN, 3)
 
 
@@ -177,9 +335,14 @@ MODEL = pp.Galerkin(SHAKEN, 3)
             "frequencies must have low > 0",
         ),
         (
-            {"base": pp.Harmonic(0.1, 3.0), "frequencies": [1.0, 3.0]},
+            {"base": pp.Harmonic(0.1, 3.0), "frequencies": [3.0]},
             ValueError,
-            "frequencies must be a tuple (low, high)",
+            "frequencies must be a range (low, high), low < high, got [3.0]",
+        ),
+        (
+            {"base": pp.Harmonic(0.1, 3.0), "frequencies": np.array([3.0, 1.0])},
+            ValueError,
+            "frequencies must be a range (low, high), low < high",
         ),
         ({"model": pp.Chain(SHAKEN, 80)}, ValueError, "model must have at most 60"),
         ({"model": pp.Continuum(SHAKEN)}, TypeError, "model must be"),

@@ -163,7 +163,7 @@ def test_the_package_shows_public_names_only():
     assert dir(pp) == sorted({*pp.__all__, "__version__"})
     assert not [name for name in pp.__all__ if name.startswith("_")]
     modules = {name for name in pp.__all__ if inspect.ismodule(getattr(pp, name))}
-    assert modules == {"modular", "plot"}
+    assert modules == {"continuation", "modular", "plot"}
 
 
 def test_pictures_are_at_hand_without_matplotlib_being_imported():

@@ -194,3 +194,27 @@ def test_share_is_checked_converted_shown_and_weighed():
     assert found["inflow"].size == pytest.approx(0.5, rel=1e-3)
     drawn = pp.relevant(aspirating(0.0, damping=0.005), 0.05, max_speed=5.0)["inflow"]
     assert (drawn.strength, drawn.verdict) == ("c = 0", "relevant")
+
+
+@pytest.mark.parametrize(("share", "sigma"), [(1.0, 0.02), (1.0, 0.5), (0.3, 0.05)])
+def test_where_all_modes_lose_stability_at_nearly_one_speed_the_true_first_is_found(share, sigma):
+    """At leading order u = sigma / (4 c sqrt(beta)) for every mode; the first is a little lower."""
+    pipe = aspirating(share, terms=[pp.Viscosity(sigma)])
+    found = pp.critical_speed(pp.Continuum(pipe))
+    leading = sigma / (4.0 * share * np.sqrt(0.2))
+    assert found.mode == 1
+    assert leading * (1.0 - leading**2) < found.speed < leading
+    assert found.error < 1e-12
+    assert pp.critical_speed(pp.Galerkin(pipe, 24)).speed == pytest.approx(found.speed, rel=3e-6)
+    assert pp.eigenvalues(pp.Continuum(pipe), found.speed, 40).real.max() < 1e-9
+
+
+def test_fluid_drawn_from_rest_makes_an_undamped_pipe_unstable_from_the_smallest_flow_on():
+    """Growth begins with u^3, which rounding hides up to some 1e-4: so far the speed is known."""
+    for model in (pp.Continuum(aspirating(0.0)), pp.Galerkin(aspirating(0.0), 10)):
+        found = pp.critical_speed(model)
+        assert found.speed == 0.0
+        assert found.error < 1e-3
+    values = pp.eigenvalues(pp.Continuum(aspirating(0.0)), 0.01, 2).real.max()
+    twice = pp.eigenvalues(pp.Continuum(aspirating(0.0)), 0.02, 2).real.max()
+    assert twice / values == pytest.approx(8.0, rel=0.01)

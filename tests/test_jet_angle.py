@@ -273,3 +273,36 @@ def test_jet_angle_is_checked_converted_shown_and_weighed():
     assert found["jet angle"].growth < 0.0  # without it the straight pipe rests
     with pytest.raises(ValueError, match="Continuum answers"):
         pp.relevant(bent, 2.0)
+
+
+@pytest.mark.parametrize("end", ["pinned", "guided", "clamped"])
+def test_a_jet_does_not_bend_a_pipe_whose_end_is_held(end):
+    """Of its thrust only u^2 cos(psi), the part along the axis, buckles."""
+    held, plain = (pp.Pipe(0.2, end=end, jet_angle=angle) for angle in (0.3, 0.0))
+    if end == "guided":  # free to move across
+        with pytest.raises(ValueError, match=r"^Continuum answers linear questions .*jet_angle"):
+            pp.Continuum(held)
+        return
+    found = [pp.critical_speed(pp.Continuum(pipe)) for pipe in (held, plain)]
+    assert found[0].kind == "divergence"
+    assert found[0].speed == pytest.approx(found[1].speed / math.sqrt(math.cos(0.3)), rel=1e-12)
+
+
+def test_what_cannot_be_asked_of_a_bent_pipe_says_what_can():
+    model = pp.Galerkin(pp.Pipe(0.2, damping=0.002, jet_angle=0.5), 8)
+    pump = pp.Pulsation(4.0, 0.1, 20.0)
+    for call, message in (
+        (lambda: pp.critical_speed(model), r"straight it does not with jet_angle = 0.5"),
+        (lambda: pp.hopf(model), r"equilibrium_branch\(model, q, u, speeds\)"),
+        (lambda: pp.floquet(model, pump), r"^jet_angle must leave the pipe straight where"),
+        (lambda: pp.relevant(model.pipe, 4.0), r"equilibrium_branch for its onset"),
+    ):
+        with pytest.raises(ValueError, match=message):
+            call()
+    lossy = pp.Galerkin(pp.Pipe(0.2, hysteresis=0.05, jet_angle=0.5), 8)
+    with pytest.raises(
+        ValueError, match=r"it does not act on what is at rest, so ask the pipe wit"
+    ):
+        pp.equilibria(lossy, 2.0)
+    rest = pp.equilibria(pp.Galerkin(pp.Pipe(0.2, jet_angle=0.5), 8), 2.0).q[0]
+    assert pp.eigenvalues(lossy.about(rest), 2.0, 2)[0].real < 0.0

@@ -3,6 +3,7 @@
 
 import dataclasses
 import itertools
+import math
 import pickle
 
 import numpy as np
@@ -555,6 +556,13 @@ def test_bad_profiles_are_refused():
     refused(
         ValueError, "smooth but for a few places.*to s = 0$", stiffness=lambda s: 1 + np.sqrt(s)
     )
+    for own in (lambda s: math.exp(-s), lambda s: 1.0 if s < 0.5 else 0.5):
+        refused(TypeError, "stiffness must be a function of an array of arc", stiffness=own)
+    with pytest.raises(TypeError, match="angle must be a function of an array of arc lengths"):
+        pp.Chain(PIPE, 3).bent(lambda s: math.sin(s))
+    for given in ([1, 0.5], np.array([1.0, 0.5])):
+        rule = r"stiffness must be a function of arc length or a Profile, got .*make a Profile\(at,"
+        refused(TypeError, rule, stiffness=given)
     rng = np.random.default_rng(1)
     refused(ValueError, "noise|smooth", stiffness=lambda s: 1 + 1e-3 * rng.random(s.size) * (s > 0))
     with pytest.raises(ValueError, match="at must ascend between 0 and 1"):

@@ -82,8 +82,11 @@ def test_a_nozzle_is_given_by_its_ratio_of_areas():
     assert pp.Pipe.from_si(**SI).alpha == 1.0
     jet = pp.end_coefficient(lambda r: 1.0, radius=0.5, section=math.pi)
     assert pp.Pipe.from_si(**SI, alpha=jet).alpha == pytest.approx(4.0, rel=1e-12)
-    with pytest.raises(ValueError, match=r"^alpha or nozzle_ratio must be given, not both"):
-        pp.Pipe.from_si(**SI, nozzle_ratio=4.0, alpha=2.0)
+    for alpha in (2.0, 1.0):
+        with pytest.raises(ValueError, match=r"^alpha or nozzle_ratio must be given, not both"):
+            pp.Pipe.from_si(**SI, nozzle_ratio=4.0, alpha=alpha)
+    with pytest.raises(ValueError, match=r"^nozzle_ratio must be that of an ejecting pipe"):
+        pp.Pipe.from_si(**SI, nozzle_ratio=4.0, flow="aspirating")
     for bad in (0.0, -1.0, math.nan):
         with pytest.raises(ValueError, match=r"^nozzle_ratio"):
             pp.Pipe.from_si(**SI, nozzle_ratio=bad)

@@ -163,7 +163,7 @@ def test_principal_and_combination_regions_of_a_pipe_clamped_at_both_ends():
 def test_both_edges_of_a_thin_combination_region_are_found():
     """Motions grow just inside and not just outside: by multipliers."""
     hill = conservative(3.0, 12, end="pinned")
-    (one,) = regions(hill, np.array([0.1]), 26.0, 30.0, ("combination",))
+    (one,) = regions(hill, np.array([0.1]), 28.5, 30.0, ("combination",))
     ((left, right),) = one.edges
     assert 1e-3 < right / left - 1.0 < 5e-3
     for edge, way in ((left, 1.0), (right, -1.0)):
@@ -175,7 +175,108 @@ def test_both_edges_of_a_thin_combination_region_are_found():
         assert inside > 1.0 + 1e-4
 
 
+def growing(model, pulsation, frequency):
+    """By how much motions grow in a period, by multipliers."""
+    at = dataclasses.replace(pulsation, frequency=frequency)
+    return np.abs(pp.floquet(model, at).multipliers[0]) - 1.0
+
+
+CLAMPED = pp.Galerkin(pp.Pipe(0.5, end="clamped"), 6, "legendre")
+PINNED = pp.Galerkin(pp.Pipe(0.5, root="pinned", end="pinned"), 6, "legendre")
+
+
+@pytest.mark.parametrize(
+    ("model", "pulsation", "frequencies", "kind", "edges"),
+    [
+        (CLAMPED, (4.0, 0.2), (52.0, 54.0), "combination", (53.408805, 53.409365)),
+        (CLAMPED, (4.0, 0.3), [14.0, 14.5], "combination", (14.297402, 14.299242)),
+        (PINNED, (2.0, 0.3), np.array([25.2, 25.4]), "combination", (25.236294, 25.236417)),
+        (PINNED, (2.0, 0.2), (25.0, 25.2), "subharmonic", (25.043155, 25.046724)),
+    ],
+    ids=["clamped", "clamped, slow", "pinned", "pinned, on the axis"],
+)
+def test_thin_regions_of_conservative_pipes_have_both_edges(
+    model, pulsation, frequencies, kind, edges
+):
+    """Edges by a scan of multipliers."""
+    mean, amplitude = pulsation
+    (found,) = pp.parametric_regions(model, mean, [amplitude], frequencies)
+    assert found.kind == kind
+    assert found.threshold == 0.0
+    np.testing.assert_allclose(found.edges, [edges], atol=1e-6)
+    ((left, right),) = found.edges
+    step = 0.05 * (right - left)
+    for edge, inward in ((left, step), (right, -step)):
+        assert growing(model, pp.Pulsation(mean, amplitude, 1.0), edge - inward) < 1e-7
+        assert growing(model, pp.Pulsation(mean, amplitude, 1.0), edge + inward) > 1e-6
+
+
+def test_regions_that_overlap_are_told_as_their_union():
+    """Two harmonic regions without a gap at amplitude 0.3, and with one at 0.2: by multipliers."""
+    model = pp.Galerkin(pp.Pipe(0.0, 10.0), 6, "legendre")
+    (one,) = pp.parametric_regions(model, 2.0, 0.3, (5.4, 6.0))
+    np.testing.assert_allclose(one.edges, [[5.670518, 5.688389]], atol=1e-6)
+    for w in np.linspace(*one.edges[0], 9)[1:-1]:
+        assert growing(model, pp.Pulsation(2.0, 0.3, 1.0), w) > 1e-4
+    every = pp.parametric_regions(model, 2.0, [0.2, 0.3], (5.4, 6.0))
+    left, right = (one for one in every if one.kind == "harmonic")
+    np.testing.assert_array_equal(left.edges[1], right.edges[1])
+    np.testing.assert_allclose(left.edges, [[5.659389, 5.667712], one.edges[0]], atol=1e-6)
+    assert growing(model, pp.Pulsation(2.0, 0.2, 1.0), left.edges[0].mean()) > 1e-3
+    between = 0.5 * (left.edges[0, 1] + right.edges[0, 0])
+    assert growing(model, pp.Pulsation(2.0, 0.2, 1.0), between) < 1e-7
+    assert growing(model, pp.Pulsation(2.0, 0.2, 1.0), right.edges[0].mean()) > 1e-6
+
+
+def test_the_least_amplitude_of_a_thin_region_of_a_lightly_damped_pipe():
+    """Its edges turn within a millionth of the frequency there."""
+    pipe = pp.Pipe(0.5, root="pinned", end="pinned", damping=1e-5)
+    model = pp.Galerkin(pipe, 6, "legendre")
+    (found,) = pp.parametric_regions(model, 2.0, [0.2, 0.4], (24.5, 25.1))
+    assert np.isnan(found.edges[0]).all()
+    for side, grows in ((-1e-4, False), (1e-4, True)):
+        at = pp.Pulsation(2.0, found.threshold * (1.0 + side), 1.0)
+        assert (growing(model, at, found.threshold_frequency) > 0.0) == grows
+
+
+def test_a_region_whose_multipliers_turn_all_the_way_round_the_circle():
+    """They pass the real axis on both sides, and leave the circle, alone, between 1 and -1."""
+    model = pp.Galerkin(PIPE, 6, "legendre")
+    every = pp.parametric_regions(model, 5.5, 0.6, (5.0, 40.0))
+    (found,) = [one for one in every if one.kind == "combination"]
+    ((left, right),) = found.edges
+    for w, grows in ((left - 1e-4, False), (left + 1e-4, True), (right - 1e-4, True)):
+        assert (growing(model, pp.Pulsation(5.5, 0.6, 1.0), w) > 0.0) == grows
+    for w in np.linspace(left, right, 9)[1:-1]:
+        assert growing(model, pp.Pulsation(5.5, 0.6, 1.0), w) > 1e-2
+    assert growing(model, pp.Pulsation(5.5, 0.6, 1.0), right + 1e-4) < 0.0
+
+
 MODEL = pp.Galerkin(PIPE, 4)
+
+
+@pytest.mark.parametrize("damping", [0.0, 1e-4, 1e-3])
+@pytest.mark.parametrize("seed", range(2))
+def test_pipes_are_unstable_inside_of_all_edges_and_stable_outside(seed, damping):
+    random = np.random.default_rng(seed)
+    held = dict([[("root", "pinned"), ("end", "pinned")], [("end", "clamped")]][seed])
+    beta, mean = random.uniform(0.1, 0.8), random.uniform(1.0, 2.5)
+    model = pp.Galerkin(pp.Pipe(beta, damping=damping, **held), 5, "legendre")
+    omega = np.sort(pp.eigenvalues(model, mean).imag)
+    first, second = omega[omega > 0.0][:2]
+    amplitude = random.uniform(0.2, 0.4)
+    ends = sorted([0.45 * (first + second), 2.1 * first])
+    found = pp.parametric_regions(model, mean, amplitude, ends)
+    edges = np.concatenate([one.edges for one in found])
+    assert found
+    assert np.isfinite(edges).all()
+    for left, right in edges:
+        step = min(1e-5 * left, 0.1 * (right - left))
+        for edge, inward in ((left, step), (right, -step)):
+            at = pp.Pulsation(mean, amplitude, 1.0)
+            assert growing(model, at, edge + inward) > 0.0
+            others = (edges[:, 0] < edge - inward) & (edge - inward < edges[:, 1])
+            assert growing(model, at, edge - inward) < 1e-7 or others.any()
 
 
 @pytest.mark.parametrize(
@@ -187,9 +288,17 @@ MODEL = pp.Galerkin(PIPE, 4)
         ((MODEL, 5.0, [0.2, 0.1], (20.0, 30.0)), ValueError, "amplitudes must be strictly"),
         ((MODEL, 5.0, [], (20.0, 30.0)), ValueError, "amplitudes must have from 1 to"),
         ((MODEL, 5.0, [-0.1], (20.0, 30.0)), ValueError, "amplitudes must be finite and > 0"),
-        ((MODEL, 5.0, 0.1, (30.0, 30.0)), ValueError, "frequencies must have low < high"),
+        (
+            (MODEL, 5.0, 0.1, (30.0, 30.0)),
+            ValueError,
+            "frequencies must be a range (low, high), low < high",
+        ),
         ((MODEL, 5.0, 0.1, (1.0, 30.0)), ValueError, "frequencies must have 0 < low and high <="),
-        ((MODEL, 5.0, 0.1, [20.0, 30.0]), ValueError, "frequencies must be a tuple (low, high)"),
+        (
+            (MODEL, 5.0, 0.1, [20.0]),
+            ValueError,
+            "frequencies must be a range (low, high), low < high",
+        ),
         ((MODEL, 9.0, 0.1, (20.0, 30.0)), ValueError, "mean must be a speed at which the pipe"),
     ],
 )

@@ -63,6 +63,21 @@ def test_a_pipe_in_water_is_lifted_by_what_it_displaces_and_moves_some_of_it():
     assert pp.Pipe.from_si(**dry, **water).gamma < 0.0
 
 
+def test_a_mass_at_the_end_of_a_pipe_that_floats_pulls_it_down():
+    """In newtons: the pipe's own weight less the displaced water's, and the whole of the mass's."""
+    water = {"external_diameter": 0.02, "external_density": 1e3}
+    hose = {"length": 1.0, "bending_stiffness": 0.1, "pipe_mass": 0.1, "fluid_mass": 0.1}
+    pipe = pp.Pipe.from_si(**hose, **water, terms=[pp.PointMass(at=1.0, mass=0.05)])
+    chain = pp.Chain(pipe, 3)
+    lifted = 9.81 * (0.2 - 1e3 * math.pi * 0.02**2 / 4)
+    assert lifted < 0.0
+    # Turned as one about the clamp, by a unit angle: the moments of both weights, in EI / L.
+    moment = (9.81 * 0.05 * 1.0 + lifted * 0.5) / 0.1
+    turned = chain.operators().stiffness.sum() - chain.springs[0]
+    assert turned == pytest.approx(moment, rel=1e-12)
+    assert pp.critical_speed(pp.Continuum(pipe)).stable_at_rest
+
+
 @pytest.mark.parametrize(
     "part",
     [

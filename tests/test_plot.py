@@ -21,7 +21,7 @@ CHAIN = pp.Chain(PIPE, 3)
 LOCI = pp.root_loci(CHAIN, [0.0, 1.0, 2.0], 2)
 MODES = pp.modes(CHAIN, 1.0)
 CRITICAL = pp.critical_speed(CHAIN)
-CURVE = pp.stability_curve(lambda beta: pp.Chain(pp.Pipe(beta), 3), [0.1, 0.2], 8.0)
+BOUNDARY = pp.boundary(CHAIN, "beta", "u", {"beta": (0.1, 0.2), "u": (0.0, 8.0)}, criticality=False)
 
 
 def axes(layout=None):
@@ -50,10 +50,10 @@ def axes(layout=None):
         (lambda ax: plot.convergence({"a": CRITICAL}, CRITICAL, ax=ax), "families['a'] must be"),
         (lambda ax: plot.convergence({"a": [1.0]}, CRITICAL, ax=ax), "families['a'][0] must be"),
         (lambda ax: plot.convergence({}, None, ax=ax), "exact must be of type CriticalSpeed"),
-        (lambda ax: plot.stability_map(CURVE, ax=ax), "curves must be of type Mapping"),
+        (lambda ax: plot.stability_map(BOUNDARY, ax=ax), "boundaries must be of type Mapping"),
         (
             lambda ax: plot.stability_map({"a": 3}, ax=ax),
-            "curves['a'] must be of type StabilityCurve",
+            "boundaries['a'] must be of type Boundary",
         ),
         (lambda ax: plot.stability_map({}, math.inf, ax=ax), "highest must be finite and > 0"),
         (
@@ -68,8 +68,11 @@ def axes(layout=None):
         (lambda ax: plot.colour_bar(None, np.array([[ax]])), "label must be of type str, got None"),
         (lambda ax: plot.colour_bar("", [ax]), "ax must be of type Axes, got [<Axes"),
         (lambda ax: plot.dot_stride(3), "loci must be of type RootLoci, got 3"),
-        (lambda ax: plot.boundaries(np.array(None)), "found must be crossings in a sequence"),
-        (lambda ax: plot.boundaries([3]), "found[0] must be of type Crossing, got 3"),
+        (
+            lambda ax: plot.stability_map({"a": STANDING}, ax=ax),
+            "boundaries['a'] must be over ('beta', 'u'), got ('gamma', 'u')",
+        ),
+        (lambda ax: plot.boundary(CRITICAL, ax), "found must be of type Boundary, got Critical"),
     ],
 )
 def test_a_picture_refuses_what_it_cannot_show_by_name(call, message):
@@ -105,21 +108,71 @@ def test_a_picture_of_little_or_nothing_is_drawn(draw):
 
 def test_a_folded_boundary_is_one_line_through_all_crossings():
     """At gamma = 10 the critical speed folds near beta = 0.62: three crossings, one beside."""
-    betas = [0.55, 0.61, 0.62, 0.7]
-    curve = pp.stability_curve(
-        lambda beta: pp.Galerkin(pp.Pipe(beta, 10.0), 20, "legendre"), betas, max_speed=15.0
-    )
-    found = [plot.boundaries(crossings) for crossings in curve.crossings]
-    assert [len(column) for column in found] == [1, 3, 3, 1]
-    (line,) = plot.stability_map({"a": curve}, ax=axes()).lines
-    drawn = line.get_xydata()
-    for beta, column in zip(curve.values, found, strict=True):
-        for crossing in column:
-            assert np.abs(drawn - [beta, crossing.speed]).max(axis=1).min() < 1e-12
-    turns = np.diff(np.sign(np.diff(drawn[:, 0]))).nonzero()[0]
+    model = pp.Galerkin(pp.Pipe(0.2, 10.0), 16, "legendre")
+    ranges = {"beta": (0.55, 0.7), "u": (0.0, 14.0)}
+    found = pp.boundary(model, "beta", "u", ranges, criticality=False)
+    (line,) = plot.stability_map({"a": found}, ax=axes()).lines
+    x, y = line.get_xydata().T
+    for beta, times in ((0.56, 1), (0.61, 3), (0.62, 3), (0.69, 1)):
+        at = np.flatnonzero((x[:-1] - beta) * (x[1:] - beta) <= 0.0)
+        speeds = y[at] + (beta - x[at]) / (x[at + 1] - x[at]) * (y[at + 1] - y[at])
+        crossings = pp.crossings(model.with_pipe(pp.Pipe(beta, 10.0)), 14.0)
+        lost = [c.speed for c in crossings if min(c.unstable_before, c.unstable_after) == 0]
+        assert len(lost) == times
+        assert sorted(speeds) == pytest.approx(lost, abs=1e-3)  # a hundredth of a line's width
+    turns = np.diff(np.sign(np.diff(x))).nonzero()[0]
     assert turns.size == 2  # the tips of the fold
-    assert drawn[:, 0].max() == 0.7
-    assert (np.diff(drawn[:, 1]) > 0.0).all()
+    directions = np.unwrap(np.arctan2(np.diff(y) / 14.0, np.diff(x) / 0.15))
+    assert np.abs(np.diff(directions)).max() < 0.1  # no corner that a page shows
+
+
+STANDING = pp.boundary(
+    pp.Chain(pp.Pipe(0.2, damping=0.01), 2), "gamma", "u", {"gamma": (-22, 0), "u": (0, 5)}
+)
+
+
+def test_a_boundary_shades_what_is_stable_and_names_its_organising_points():
+    ax = plot.boundary(STANDING, axes())
+    (image,) = ax.images
+    rows, columns, _ = image.get_array().shape
+    left, right, low, high = image.get_extent()
+    rng = np.random.default_rng(5)
+    wrong = 0
+    for i, j in zip(rng.integers(rows, size=60), rng.integers(columns, size=60), strict=True):
+        x, y = left + (right - left) * (j + 0.5) / columns, low + (high - low) * (i + 0.5) / rows
+        wrong += (image.get_array()[i, j, 3] > 0.0) != (STANDING.unstable(x, y) == 0)
+    assert wrong == 0
+    named = {text.get_text() for text in ax.texts}
+    assert named == {point.kind for point in STANDING.points}
+    assert {"Bogdanov-Takens", "degenerate pitchfork"} <= named
+    labels = ax.get_legend_handles_labels()[1]
+    assert {"flutter, supercritical", "divergence, subcritical"} <= set(labels)
+
+
+def test_a_boundary_of_a_measured_pipe_has_axes_in_si_units():
+    pipe = pp.Pipe.from_si(
+        length=0.5,
+        bending_stiffness=0.01,
+        pipe_mass=0.05,
+        fluid_mass=0.03,
+        terms=[pp.PointMass(0.5, 0.004)],
+    )
+    ranges = {"PointMass.mass": (0.0, 0.5), "u": (0.0, 8.0)}
+    found = pp.boundary(pp.Chain(pipe, 3), "PointMass.mass", "u", ranges, criticality=False)
+    ax = plot.boundary(found, axes())
+    top, right = ax.child_axes
+    assert (top.get_xlabel(), right.get_ylabel()) == ("PointMass.mass (kg)", "flow speed (m/s)")
+    ax.figure.canvas.draw()
+    assert top.get_xlim()[1] == pytest.approx(0.5 * 0.08 * 0.5)  # of 0.04 kg
+    assert right.get_ylim()[1] == pytest.approx(pipe.speed_si(8.0))
+
+
+def test_a_window_without_boundaries_says_what_it_is():
+    ranges = {"beta": (0.1, 0.9), "u": (0.0, 1.0)}
+    found = pp.boundary(CHAIN, "beta", "u", ranges, criticality=False)
+    ax = plot.boundary(found, axes())
+    assert ax.texts[0].get_text() == "No boundary lies in the window: all is stable."
+    assert ax.images[0].get_array()[..., 3].all()
 
 
 def test_convergence_of_no_model_leaves_axes_that_have_no_positive_data_as_they_are():
@@ -182,7 +235,7 @@ def test_every_picture_takes_its_axes_last_and_makes_its_own_without():
             plot.frequencies(LOCI),
             plot.mode_shapes(MODES),
             plot.convergence({}, CRITICAL),
-            plot.stability_map({"a": CURVE}),
+            plot.stability_map({"a": BOUNDARY}),
             plot.notice("nothing"),
         ):
             assert ax.figure.number in plt.get_fignums()

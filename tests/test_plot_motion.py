@@ -298,6 +298,16 @@ def test_gravity_points_down_the_page_and_the_arrow_along_the_flow(name):
     assert np.linalg.norm(farther - motion.tip[-1]) > 0.1
 
 
+def test_the_arrow_of_an_inclined_nozzle_is_its_jet():
+    model = pp.Chain(pp.Pipe(0.2, jet_angle=1.2), 6)
+    motion = pp.simulate(model, 1.0, 1.0, bend, samples=201)
+    (flow,) = by_gid(plot.snapshots(motion, (0.0, 1.0), 5, axes()), "flow")
+    tail, head = (np.array(point) for point in flow._posA_posB)
+    angle = motion.q[-1, -1] + 1.2
+    jet = np.array([np.sin(angle), np.cos(angle)])
+    assert (head - tail) @ jet == pytest.approx(np.linalg.norm(head - tail))
+
+
 def test_snapshots_are_the_pipe_at_equal_steps_the_latest_darkest():
     ax = plot.snapshots(MOTIONS.decay, (2.0, 4.0), 5, axes())
     (shapes,) = (c for c in ax.collections if isinstance(c, LineCollection))

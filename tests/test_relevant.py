@@ -371,3 +371,38 @@ def test_growth_that_is_rounding_is_given_as_zero():
     """Without flow an undamped pipe neither grows nor decays."""
     found = pp.relevant(pp.Pipe(0.3), 0.0, "root_loci", speeds=[0.0], count=2)
     assert found.full == "growth up to 0"
+
+
+def test_a_nozzle_matters_as_a_plain_outlet_says():
+    pipe = pp.Pipe(0.2, alpha=1.2)
+    effect = pp.relevant(pipe, 3.0)["end coefficient"]
+    with_nozzle, plain = (
+        pp.critical_speed(pp.Continuum(one)).speed for one in (pipe, pp.Pipe(0.2))
+    )
+    assert (effect.strength, effect.verdict) == ("alpha = 1.2", "relevant")
+    assert effect.size == pytest.approx(plain / with_nozzle - 1.0, rel=1e-6)
+    faint = pp.relevant(pp.Pipe(0.2, alpha=1.0005), 3.0)
+    assert "end coefficient" in faint.negligible
+    assert faint.simplified == pp.Pipe(0.2)
+
+
+def test_what_drives_a_motion_is_weighed_against_the_motion_without_it():
+    pipe, start = pp.Pipe(0.2, damping=0.01), lambda s: 0.5 * s
+    given = {"duration": 1.0, "start": start, "samples": 51, "tolerance": 1e-2}
+    pump, base = pp.Pulsation(4.0, 0.2, 10.0), pp.Harmonic(1e-4, 3.0)
+    found = pp.relevant(pipe, pump, "motion", base=base, **given)
+    assert found.u == 4.0
+    assert found["moving base"].verdict == "negligible"
+    model = pp.Galerkin(pipe, 8, "legendre")
+    tips = [
+        pp.simulate(model, u, 1.0, start, samples=51, base=base, rtol=1e-8).tip for u in (pump, 4.0)
+    ]
+    apart = np.hypot(*(tips[0] - tips[1]).T).max()
+    excursion = np.hypot(*(tips[0] - [0.0, 1.0]).T).max()
+    assert found["pulsation"].size == pytest.approx(apart / excursion, rel=1e-3)
+    fed = pp.relevant(pipe, pp.Supply(16.0, 2.0), "motion", **given)
+    assert fed.u == 4.0
+    assert fed["constant head"].strength == "friction = 2"
+    assert 1e-3 < fed["constant head"].size < 0.1
+    with pytest.raises(TypeError, match=r"^u must be a real number, got Pulsation"):
+        pp.relevant(pipe, pump)

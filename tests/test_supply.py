@@ -282,6 +282,12 @@ def test_from_si_counts_pressure_and_friction():
     speed = math.sqrt(2.0 * (2e4 + 1000.0 * 9.81) / (1000.0 * 5.0))
     assert pipe.speed_si(supply.speed(pipe)) == pytest.approx(speed, rel=1e-14)
     assert supply.start == pytest.approx(pipe.speed(1.0))
+    # In oil of 900 kg/m^3, whose pressure grows with the depth of the outlet.
+    dipped = pp.Supply.from_si(
+        pipe, pressure=2e4, density=1000.0, friction=5.0, weight=9.81 * 1e-4 * 100.0
+    )
+    slower = math.sqrt(2.0 * (2e4 + 100.0 * 9.81) / (1000.0 * 5.0))
+    assert pipe.speed_si(dipped.speed(pipe)) == pytest.approx(slower, rel=1e-14)
 
 
 def test_members_have_supplies_of_their_own():
@@ -354,3 +360,32 @@ def test_a_flow_that_stops_ends_the_motion_for_that_reason():
     with pytest.raises(pp.MotionStopped, match="its flow stops and would turn back") as caught:
         pp.simulate(pp.Chain(PIPE, 3), SUPPLY, 5.0, lambda s: 0.1 * s, base=drop, samples=2001)
     assert 0.0 < caught.value.motion.flow_speed[-1] < 1.0
+
+
+FED, FLOW = pp.Supply(36.0, 2.0), pp.Pulsation(5.0, 0.1, 3.0)
+STRAIGHT = pp.Chain(pp.Pipe(0.2, damping=0.01), 4)
+
+
+@pytest.mark.parametrize(
+    ("name", "ask", "pulsates"),
+    [
+        ("u", lambda u: pp.limit_cycle(STRAIGHT, u), True),
+        ("u", lambda u: pp.equilibria(STRAIGHT, u), True),
+        ("u", lambda u: pp.frequency_response(STRAIGHT, u), True),
+        ("u", lambda u: pp.lyapunov_exponent(STRAIGHT, u), True),
+        ("u", lambda u: pp.modes(STRAIGHT, u), True),
+        ("u", lambda u: pp.eigenvalues(STRAIGHT, u), True),
+        ("u", lambda u: pp.forced_response(STRAIGHT, u, base=pp.Harmonic(0.1, 3.0)), False),
+        ("speeds", lambda u: pp.bifurcation_diagram(STRAIGHT, u), True),
+        ("speeds", lambda u: pp.bifurcation_diagram(STRAIGHT, [4.0, u]), True),
+        ("speeds", lambda u: pp.root_loci(STRAIGHT, u), True),
+        ("mean", lambda u: pp.parametric_regions(STRAIGHT, u, 0.1, (3.0, 9.0)), True),
+    ],
+)
+def test_what_needs_a_steady_flow_says_what_can_be_asked_of_another(name, ask, pulsates):
+    rule = rf"^{name} must be steady, got Supply\(.*: at constant head ask simulate .* hopf\("
+    with pytest.raises(TypeError, match=rule):
+        ask(FED)
+    if pulsates:
+        with pytest.raises(TypeError, match=rf"^{name} must be steady, .*: of a pulsating flow"):
+            ask(FLOW)

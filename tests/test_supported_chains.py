@@ -212,16 +212,16 @@ def test_without_recovery_two_unstable_roots_meet_and_flutter() -> None:
     pipe = pp.Pipe(0.1, root="pinned", end="pinned")
 
     def meeting(n: int) -> float:
-        model, low, high = pp.Chain(pipe, n), 6.35, 6.42
-        for _ in range(36):
-            u = 0.5 * (low + high)
-            values = pp.eigenvalues(model, u, 4)
-            oscillates = ((values.real > 1e-4) & (values.imag > 1e-4)).any()
-            low, high = (low, u) if oscillates else (u, high)
-        return high
+        *_, coupled = pp.crossings(pp.Chain(pipe, n), 6.5)
+        return coupled.speed
 
     assert converged(meeting) == pytest.approx(6.394115, abs=1e-6)
-    assert [c.unstable_after for c in pp.crossings(pp.Chain(pipe, 40), 6.5)] == [1, 2]
+    chain = pp.Chain(pipe, 40)
+    found = pp.crossings(chain, 6.5)
+    assert [c.unstable_after for c in found] == [1, 2, 2]
+    before, after = (pp.eigenvalues(chain, found[-1].speed + off, 4) for off in (-1e-6, 1e-6))
+    assert np.abs(before.imag).max() == 0.0
+    assert np.sum((after.real > 0.1) & (after.imag > 1e-4)) == 1
 
 
 @pytest.mark.parametrize(

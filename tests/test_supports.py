@@ -62,6 +62,13 @@ def test_coupled_mode_flutter_follows_on_gyroscopic_restabilisation(
 def test_two_diverging_modes_couple_where_little_of_the_mass_flows():
     """No root crosses the axis: two real ones meet and turn complex at the speed printed."""
     model = pp.Continuum(pp.Pipe(0.1, root="pinned", end="pinned"))
+    first, second, coupled = pp.crossings(model, 7.0)
+    assert (first.kind, second.kind, coupled.kind) == ("divergence", "divergence", "flutter")
+    assert coupled.speed == pytest.approx(6.394115, abs=6e-7)
+    assert (coupled.frequency, coupled.unstable_before, coupled.unstable_after) == (0.0, 2, 2)
+    assert pp.critical_speed(model).speed == pytest.approx(first.speed, rel=1e-14)
+    with pytest.raises(pp.NoHopf, match=r"^two growing real eigenvalues become a pair at u = 6.39"):
+        pp.hopf(pp.Galerkin(model.pipe, 8, "legendre"), coupled)
     before, after = (pp.eigenvalues(model, 6.394115 + off, 4) for off in (-2e-6, 2e-6))
     assert np.abs(before.imag).max() == 0.0
     assert np.sum(before.real > 0.1) == 2
@@ -351,7 +358,7 @@ def test_supports_are_checked_where_they_are_given():
         pp.Pipe(0.2, root=pp.RootSpring(1e12))
     with pytest.raises(ValueError, match="end must be"):
         pp.Pipe(0.2, end="roller")
-    with pytest.raises(TypeError, match=r"supports must be a tuple or list of arc lengths"):
+    with pytest.raises(TypeError, match=r"supports must be a sequence of arc lengths"):
         pp.Pipe(0.2, supports=0.5)
     for places in ([0.0], [1.0], [0.5, 1.2], [-0.1], [math.nan]):
         with pytest.raises(ValueError, match=r"supports\[\d\] must lie in \(0, 1\)"):
@@ -363,6 +370,10 @@ def test_supports_are_checked_where_they_are_given():
         pp.Pipe(0.2, supports=[0.001] * 101)
     pipe = pp.Pipe(0.2, supports=[0.7, 0.2], root=pp.RootSpring(0.0), end="pinned")
     assert pipe.supports == (0.2, 0.7)
+    for places in (np.array([0.7, 0.2]), np.array([]), range(0)):
+        assert pp.Pipe(0.2, supports=places).supports == tuple(sorted(places))
+    with pytest.raises(TypeError, match="supports must be a sequence of arc lengths, got array"):
+        pp.Pipe(0.2, supports=np.array([[0.3, 0.6]]))
     assert pipe.root == "pinned"
     assert repr(pipe) == "Pipe(beta=0.2, root='pinned', end='pinned', supports=(0.2, 0.7))"
     assert not pipe.cantilevered

@@ -94,6 +94,11 @@ TABLE = [
         energy=lambda x, y: 3.0 * (y - 1.0),
     ),
     Row(
+        pp.Weight(at=0.62, load=2.5),
+        load=lambda x, y, vx, vy, t: (0.0, 2.5),
+        energy=lambda x, y: 2.5 * (1.0 - y),
+    ),
+    Row(
         pp.Stretching(stiffness=40.0),
         load=lambda x, y, vx, vy, t: (0.0, 40.0 * (1.0 - y) - 40.0 * PIPE.damping * vy),
         energy=lambda x, y: 20.0 * (1.0 - y) ** 2,

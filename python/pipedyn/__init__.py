@@ -7,8 +7,19 @@ from types import ModuleType as _ModuleType
 from pipedyn.accuracy.choose import Choice, NoModel, choose
 from pipedyn.accuracy.effects import Effect, Relevance, relevant
 from pipedyn.accuracy.trade import Trade, TradeRow, trade
+from pipedyn.bifurcation import continuation
+from pipedyn.bifurcation.attractors import (
+    Attractors,
+    Basin,
+    Share,
+    StartFailure,
+    StartPlane,
+    attractors,
+)
+from pipedyn.bifurcation.boundary import Boundary, BoundaryCurve, boundary
 from pipedyn.bifurcation.branches import CycleBranch, CycleEvent
 from pipedyn.bifurcation.brute_force import Attractor
+from pipedyn.bifurcation.cycle_boundary import CycleBoundary, cycle_boundary
 from pipedyn.bifurcation.diagram import (
     BifurcationDiagram,
     DiagramCost,
@@ -22,6 +33,7 @@ from pipedyn.bifurcation.equilibria import (
     equilibria,
     equilibrium_branch,
 )
+from pipedyn.bifurcation.event_curve import CycleCurve, CyclePoint
 from pipedyn.bifurcation.forced_response import (
     ForcedBranch,
     ForcedEvent,
@@ -31,6 +43,7 @@ from pipedyn.bifurcation.forced_response import (
 )
 from pipedyn.bifurcation.hopf import CriticalityCurve, Hopf, NoHopf, criticality_curve, hopf
 from pipedyn.bifurcation.limit_cycle import LimitCycle, NoCycle, limit_cycle
+from pipedyn.bifurcation.organising import OrganisingPoint
 from pipedyn.bifurcation.parametric_regions import ParametricRegion, parametric_regions
 from pipedyn.bifurcation.pulsating import FloquetMultipliers, floquet
 from pipedyn.linear.critical_speed import CriticalSpeed, NoCrossing, critical_speed, crossings
@@ -64,6 +77,7 @@ from pipedyn.models.terms import (
     Tension,
     Term,
     Viscosity,
+    Weight,
 )
 from pipedyn.motion.events import DenseOutput, Event, Occurrences
 from pipedyn.motion.lyapunov import LyapunovExponent, lyapunov_exponent
@@ -81,7 +95,11 @@ __version__ = "0.1.0"
 __all__ = [
     "AddedMass",
     "Attractor",
+    "Attractors",
+    "Basin",
     "BifurcationDiagram",
+    "Boundary",
+    "BoundaryCurve",
     "BranchPoint",
     "Chain",
     "Choice",
@@ -90,8 +108,11 @@ __all__ = [
     "CriticalityCurve",
     "Crossing",
     "CubicSpring",
+    "CycleBoundary",
     "CycleBranch",
+    "CycleCurve",
     "CycleEvent",
+    "CyclePoint",
     "Damper",
     "DenseOutput",
     "Derivatives",
@@ -127,6 +148,7 @@ __all__ = [
     "NotConverged",
     "Occurrences",
     "Operators",
+    "OrganisingPoint",
     "ParametricRegion",
     "Pipe",
     "PipedynError",
@@ -140,8 +162,11 @@ __all__ = [
     "RootSpring",
     "Scales",
     "Sensitivity",
+    "Share",
     "Spring",
     "StabilityCurve",
+    "StartFailure",
+    "StartPlane",
     "Stop",
     "Stretching",
     "Supply",
@@ -150,11 +175,16 @@ __all__ = [
     "Trade",
     "TradeRow",
     "Viscosity",
+    "Weight",
+    "attractors",
     "bifurcation_diagram",
+    "boundary",
     "choose",
+    "continuation",
     "critical_speed",
     "criticality_curve",
     "crossings",
+    "cycle_boundary",
     "diagram_cost",
     "eigenvalues",
     "end_coefficient",

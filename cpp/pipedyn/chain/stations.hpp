@@ -3,7 +3,7 @@
 // Where the terms of a pipe are on a chain. A place at arc length s lies on segment j at an arm a
 // from its joint. With r_j the joint of segment j and v_j its velocity,
 //   r = r_j + a t_j,   v = v_j + a theta_j' n_j.
-// Terms stand on the ground: where the base moves they see its motion, too.
+// Terms but those on the base stand on the ground: where the base moves they see its motion, too.
 //
 // Local to each translation unit, like pack.hpp.
 #pragma once
@@ -52,15 +52,17 @@ struct Walk {
   Real x, y, vx, vy;    // of the joint
   Real sine{}, cosine;  // of the segment's angle
   const SegmentTerm *next, *end;
+  Driven<Real> driven;
 
-  Walk(const MotionModel& model, const Driven<Real>& driven)
-      : x(driven.x),
-        y(driven.y + model.base),
-        vx(driven.vx),
-        vy(driven.vy),
+  Walk(const MotionModel& model, const Driven<Real>& base)
+      : x(base.x),
+        y(base.y + model.base),
+        vx(base.vx),
+        vy(base.vy),
         cosine(all<Real>(1.0)),
         next(model.loads),
-        end(model.loads + model.load_count) {}
+        end(model.loads + model.load_count),
+        driven(base) {}
 
   /// Into the next segment, by sine and cosine of its joint angle.
   void turn(const Real& s, const Real& c) {
@@ -77,7 +79,13 @@ struct Walk {
       const Real swing = arm * rate;
       const Station<Real> at{x + arm * sine,      y + arm * cosine,  sine, cosine,
                              vx + swing * cosine, vy - swing * sine, rate};
-      Laws::with(next->term, [&](const auto& law) { body(law, *next, at); });
+      Laws::with(next->term, [&]<class Law>(const Law& law) {
+        if constexpr (Law::on_base) {
+          body(law, *next, about(at, driven.x, driven.y, driven.vx, driven.vy));
+        } else {
+          body(law, *next, at);
+        }
+      });
     }
     const Real step = length * rate;
     x += length * sine;

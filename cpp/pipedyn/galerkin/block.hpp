@@ -185,7 +185,7 @@ struct Block {
 
   /// Calls body(law, station, point, weight) wherever a term acts; column: the velocity's.
   template <class Body>
-  void for_each_station(Count row, Count column, const Body& body) const {
+  void for_each_station(const Batch& batch, Count row, Count column, const Body& body) const {
     const auto station = [&](Count p) {
       const double* const v = moments + p * row + column * lanes<Real>;
       return Station<Real>{at<Real>(v, 2), at<Real>(v, 3), at<Real>(sine, p), at<Real>(cosine, p),
@@ -195,13 +195,19 @@ struct Block {
       const PanelTerm& placed = effects.loads[k];
       Laws::with(placed.term, [&]<class Law>(const Law& law) {
         if constexpr (Law::loads) {
+          const auto seen = [&](Count p) {
+            if constexpr (!Law::on_base) return station(p);
+            constexpr Count place = Drive::position, rate = Drive::velocity;
+            return about(station(p), driven(batch, place), driven(batch, place + 1),
+                         driven(batch, rate), driven(batch, rate + 1));
+          };
           if (placed.panel >= 0) {
             const Count end = placed.panel * block + nodes;
-            body(law, station(end), end, 1.0);
+            body(law, seen(end), end, 1.0);
             return;
           }
           for (Count p = 0; p < points; ++p) {
-            if (grid.weight[p] != 0.0) body(law, station(p), p, grid.weight[p]);
+            if (grid.weight[p] != 0.0) body(law, seen(p), p, grid.weight[p]);
           }
         }
       });
@@ -270,12 +276,13 @@ struct Block {
         add(load_y, end, Real(entry * at<Real>(v, 1)));
       }
     }
-    for_each_station(row, bias + 2, [&](const auto& law, const auto& station, Count p, double w) {
-      const auto load = law.load(station);
-      add(load_x, p, Real(w * load.x));
-      add(load_y, p, Real(w * load.y));
-      if (law.couples) add(couple, p, Real(w * load.couple));
-    });
+    for_each_station(batch, row, bias + 2,
+                     [&](const auto& law, const auto& station, Count p, double w) {
+                       const auto load = law.load(station);
+                       add(load_x, p, Real(w * load.x));
+                       add(load_y, p, Real(w * load.y));
+                       if (law.couples) add(couple, p, Real(w * load.couple));
+                     });
     for (Count i = 0; i < padded; i += tile * step) {
       Pack sum[tile] = {};
       for (Count p = 0; p < points; ++p) {
@@ -597,7 +604,7 @@ struct Block {
       }
     }
     add_base(batch, row, 0, false);
-    for_each_station(row, 0, [&](const auto& law, const auto& station, Count, double w) {
+    for_each_station(batch, row, 0, [&](const auto& law, const auto& station, Count, double w) {
       twice += (2.0 * w) * law.energy(station);
     });
     return 0.5 * twice;
@@ -654,7 +661,7 @@ struct Block {
         based += force * (base_x * at<Real>(cosine, p) - base_y * at<Real>(sine, p));
       }
     }
-    for_each_station(row, 0, [&](const auto& law, const auto& station, Count, double w) {
+    for_each_station(batch, row, 0, [&](const auto& law, const auto& station, Count, double w) {
       others += w * law.power(station);
       if (batch.drive == nullptr) return;
       based += w * base_power(law, station, law.load(station), base_x, base_y);

@@ -163,9 +163,9 @@ struct Linearisation : Block<Real> {
     return (2.0 * effects.drag) * at<Real>(weighted, p) * at<Real>(velocity, p);
   }
 
-  void add_slopes_of_terms(Count row) {
+  void add_slopes_of_terms(const Batch& batch, Count row) {
     Base::for_each_station(
-        row, bias + 2, [&](const auto& law, const auto& station, Count p, double w) {
+        batch, row, bias + 2, [&](const auto& law, const auto& station, Count p, double w) {
           double* const x = moments + p * row;
           double* const y = x + each * lanes<Real>;
           const SlopesOf<Real> slopes = slopes_of(law, station);
@@ -211,7 +211,7 @@ struct Linearisation : Block<Real> {
       for (Count k = 0; k < points * stride; ++k) set(by_rate, k, Real{});
     }
     set_loads(row);
-    if (loads) add_slopes_of_terms(row);
+    if (loads) add_slopes_of_terms(batch, row);
     if (effects.entry != 0.0) add_entering_flow(u, row);
     const bool varies = grid.density != nullptr;
     if (varies) weigh_displacements(row, false);

@@ -343,6 +343,14 @@ class Search {
     return traits_.conservative && across && opposite < 1e-6 * (1.0 + std::abs(a) + std::abs(c));
   }
 
+  /// Whether two growing real roots of a conservative system meet and go on as a pair: coupled-mode
+  /// flutter after divergence, which crosses no axis.
+  bool couple(const Step& step, Index i) const {
+    const auto grows = [&](Index j) { return step.start(j).imag() == 0.0 && unstable_[j]; };
+    return traits_.conservative && !traits_.squared && grows(i) && grows(step.meets[i]) &&
+           step.end(i).imag() != 0.0;
+  }
+
   /// Crossings within the step scanned last.
   std::vector<AxisCrossing> crossings(const Step& step) {
     Scan& scan = scanned_;
@@ -372,7 +380,7 @@ class Search {
       // An undamped root may leave the axis at rest slower than u, as with a fluid drawn from rest.
       if (step.left->u == 0.0 && !traits_.damped && !is_known(passed)) {
         const Complex value(0.0, std::abs(step.start(one.root).imag()));
-        passed = {0.0, value, passed.change, passed.mode, passed.speed + passed.error};
+        passed = {0.0, value, passed.change, passed.mode, least_unstable_speed(step, one.root)};
       }
       if (met || traits_.counts(passed.pair.value)) found.push_back(std::move(passed));
     }
@@ -381,10 +389,11 @@ class Search {
       if (k < 0) continue;
       const int change = scan.after[i] + scan.after[k] - unstable_[i] - unstable_[k];
       const bool twice = std::find(scan.roots.begin(), scan.roots.end(), k) != scan.roots.end();
-      if (change == 0 || scan.leaving[i] || (twice && i > k)) continue;
+      const bool couples = change == 0 && couple(step, i);
+      if ((change == 0 && !couples) || scan.leaving[i] || (twice && i > k)) continue;
       const bool odd = change % 2 != 0;  // one real root of the two passes zero
       auto passed = odd ? divergence(step, 0.5, change, modes_[i]) : std::nullopt;
-      if (!odd && traits_.squared) passed = meeting(step, i, change);
+      if (!odd && (traits_.squared || couples)) passed = meeting(step, i, change);
       const double middle = 0.5 * (step.left->u + step.right->u);
       const double imag = traits_.squared ? std::sqrt(step.start(i)).imag() : step.start(i).imag();
       const Complex value(0.0, odd ? 0.0 : std::abs(imag));
@@ -419,6 +428,15 @@ class Search {
       return AxisCrossing{found->speed, 0.0, change, mode, found->error, std::move(found->pair)};
     }
     return {};
+  }
+
+  /// The lowest speed, to a factor of 2, at which a root that is unstable at the end of a step from
+  /// rest is so beyond rounding.
+  double least_unstable_speed(const Step& step, Index root) {
+    for (double u = step.right->u;; u *= 0.5) {
+      const Pair lower = spectrum_.refined(0.5 * u, Pair{step.expected(root, 0.5 * u)});
+      if (!(lower.value.real() > lower.uncertain)) return u;
+    }
   }
 
   /// A crossing to rounding, by Newton's method on the model itself.

@@ -20,6 +20,9 @@
 // With a loss factor roots are tracked on either side of the real axis, and those above count for
 // two: a growing root that passes the real axis joins or leaves them there, without a crossing.
 // None passes at zero.
+//
+// Of a conservative system two growing real roots may meet and become a growing pair, coupled-mode
+// flutter that passes no axis: it is listed among the crossings, with a change of 0.
 #pragma once
 
 #include <optional>
@@ -34,7 +37,8 @@ namespace pipedyn {
 struct AxisCrossing {
   double speed;    // u
   Complex value;   // i times the frequency there; 0 for divergence
-  int change;      // by how many the number of unstable roots grows, a pair being two
+  int change;      // by how many the number of unstable roots grows, a pair being two; 0 where
+                   // two growing real roots become a pair
   Index mode;      // branch, counted from rest by frequency, from 1
   double error;    // of the speed, absolute
   Pair pair = {};  // without vectors where two branches meet on the axis or at u = 0+

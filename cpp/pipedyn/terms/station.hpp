@@ -44,6 +44,8 @@ struct Slopes {
 struct NoLaw {
   static constexpr bool along = false;  // acts per length, all along the pipe
   static constexpr bool loads = false;  // has a load
+  // Stands on the base and not on the ground: where the base moves, its station is about that.
+  static constexpr bool on_base = false;
   // Has a couple, along the pipe; of second degree in velocities, as are slopes by theta', so that
   // about rest neither has a part.
   static constexpr bool couples = false;
@@ -68,18 +70,28 @@ struct NoLaw {
   }
 };
 
+/// A station about a place with a velocity.
+template <class Real>
+Station<Real> about(Station<Real> at, const Real& x, const Real& y, const Real& vx,
+                    const Real& vy) {
+  at.x -= x;
+  at.y -= y;
+  at.vx -= vx;
+  at.vy -= vy;
+  return at;
+}
+
 /// What a law's load adds to the energy, beside its power, as the base moves with the velocity (vx,
 /// vy); of the fluid that moves with the pipe the energy is counted about the base, of springs on
 /// the ground.
 template <class Law, class Real>
 Real base_power(const Law& law, const Station<Real>& at, const Load<Real>& load, const Real& vx,
                 const Real& vy) {
+  if constexpr (Law::on_base) return Real{};
   if constexpr (Law::couples) {
-    Station<Real> about = at;
-    about.vx -= vx;
-    about.vy -= vy;
-    const Load<Real> own = law.load(about);
-    return (load.x - own.x) * about.vx + (load.y - own.y) * about.vy +
+    const Station<Real> alone = about(at, Real{}, Real{}, vx, vy);
+    const Load<Real> own = law.load(alone);
+    return (load.x - own.x) * alone.vx + (load.y - own.y) * alone.vy +
            (load.couple - own.couple) * at.omega;
   }
   return -(load.x * vx + load.y * vy);

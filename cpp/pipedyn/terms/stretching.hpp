@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: MIT
 //
 // Stretching of a pipe whose end is fixed along the axis as well: the end slides against an axial
-// spring with damping, force k (1 - y) - c y' along y alone; energy k (1 - y)^2 / 2.
+// spring with damping, force k (1 - y) - c y' along y alone; energy k (1 - y)^2 / 2. What fixes
+// both ends is the base.
 #pragma once
 
 #include "pipedyn/terms/station.hpp"
@@ -12,6 +13,7 @@ namespace {
 struct Stretching : NoLaw {
   static constexpr const char* name = "stretching";
   static constexpr bool loads = true;
+  static constexpr bool on_base = true;
   double k, c;
 
   explicit Stretching(const pipedyn::Term& term) : k(term.numbers[0]), c(term.numbers[1]) {}

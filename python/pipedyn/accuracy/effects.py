@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import math
+from collections import ChainMap
 from collections.abc import Collection
 from contextlib import suppress
 from dataclasses import field, replace
@@ -11,13 +12,19 @@ from typing import Any
 
 import numpy as np
 
-from pipedyn.accuracy.quantities import Frequencies, Quantity, checked_quantity, conditions_of
+from pipedyn.accuracy.quantities import (
+    MotionOf,
+    Quantity,
+    checked_quantity,
+    conditions_of,
+)
 from pipedyn.accuracy.reference import MARGIN, Answer
 from pipedyn.bifurcation.limit_cycle import NoCycle
 from pipedyn.linear.critical_speed import NoCrossing
-from pipedyn.linear.modes import modes
+from pipedyn.linear.modes import CONTINUUM_SPEED, modes
 from pipedyn.models.base import PipedynError, checked_pipe
 from pipedyn.models.continuum import LARGEST, Continuum
+from pipedyn.models.drive import Pulsation, Supply
 from pipedyn.models.galerkin import Galerkin
 from pipedyn.models.pipe import Pipe
 from pipedyn.models.profile import Profile
@@ -39,14 +46,15 @@ NUMBERS = {
     "damping": ("damping", "delta"),
     "hysteresis": ("hysteresis", "mu"),
     "Coriolis": ("beta", "beta"),
+    "end coefficient": ("alpha", "alpha"),
     "centrifugal": ("alpha", "alpha"),
     "inflow": ("inflow_share", "c"),
     "jet angle": ("jet_angle", "psi"),
 }
 """Effects that a number of the pipe switches off: its name and how it prints."""
 
-ABSENT = {"inflow_share": 1.0, "jet_angle": 0.0}
-"""What a number is where the pipe has no such effect, if that is not 0; listed where it has."""
+ABSENT = {"end coefficient": 1.0, "inflow": 1.0, "jet angle": 0.0}
+"""What its number is where the pipe has no such effect; these are listed where it has."""
 
 PROFILES = {"varying stiffness": "stiffness", "varying mass": "mass"}
 """Effects that a uniform pipe has not, with its value at s = 0 all along: its name."""
@@ -58,8 +66,10 @@ class Effect:
 
     Attributes:
         name: "gravity", "drag", "damping", "hysteresis", "Coriolis", "centrifugal", "flow" (both
-            of its parts), "inflow" (what the entering fluid lacks of the free end's velocity),
-            "jet angle", "varying stiffness" or "varying mass" of a pipe that is not uniform,
+            of its parts), "end coefficient" (what a nozzle or an inlet changes, alpha not 1),
+            "inflow" (what the entering fluid lacks of the free end's velocity), "jet angle",
+            "pulsation", "constant head" or "moving base" of a motion, "varying stiffness" or
+            "varying mass" of a pipe that is not uniform,
             "RootSpring(stiffness=30)" (what a clamp gives), or a term of the pipe as it prints,
             "PointMass(at=1, mass=0.1)", all that are equal being one; several joined by " + ".
         strength: the number it comes from, in words; empty where the pipe does not have it.
@@ -160,7 +170,7 @@ class Relevance:
 
 def relevant(
     pipe: Pipe,
-    u: float,
+    u: float | Pulsation | Supply,
     quantity: str = "critical_speed",
     *,
     tolerance: float = 1e-3,
@@ -172,9 +182,11 @@ def relevant(
     drag (kappa = 0), damping (delta = 0), hysteresis (mu = 0), the flow's Coriolis part together
     with the momentum that the free end's velocity carries away (beta = 0: beta enters by
     sqrt(beta) u alone), its centrifugal part (alpha = 0), except for the critical speed the flow as
-    a whole, what the entering fluid lacks of the free end's velocity (inflow_share = 1), the angle
-    of the jet (jet_angle = 0), what a root with a spring turns (then clamped), what varies along
-    the pipe (its value at s = 0 all along), and each term.
+    a whole, what a nozzle or an inlet makes of the end (alpha = 1), what the entering fluid lacks
+    of the free end's velocity (inflow_share = 1), the angle of the jet (jet_angle = 0), what a root
+    with a spring turns (then clamped), what varies along the pipe (its value at s = 0 all along),
+    and each term. Of a motion also what drives it: the flow's pulsation (its mean speed), constant
+    head (the straight pipe's speed) and a moving base.
 
     An effect that changes the kind of the answer (flutter to divergence, buckled at rest or not, no
     loss of stability, unstable from the smallest flow on, no limit cycle) is infinitely large.
@@ -186,7 +198,8 @@ def relevant(
         pipe: the pipe, whose numbers may come from `Pipe.from_si`.
         u: flow speed, `pipe.speed(V)` from m/s: condition of "frequencies", "motion" and
             "limit_cycle"; for all quantities also the speed at which the growth of the straight
-            pipe, the real part of its least damped eigenvalue, is listed.
+            pipe, the real part of its least damped eigenvalue, is listed. Of a "motion" also a
+            `Pulsation` or a `Supply`; its condition base= is as for `simulate`.
         quantity: "critical_speed", "frequencies", "root_loci", "motion" or "limit_cycle", as for
             `trade`.
         tolerance: relative change up to which an effect is negligible, in [1e-8, 1].
@@ -211,15 +224,21 @@ def relevant(
         ('damping', 'drag')
     """
     pipe = checked_pipe(pipe)
-    u = Frequencies(u).u
+    steady = quantity != MotionOf.name or not isinstance(u, Pulsation | Supply)
+    speed = check.real("u", u, low=0.0, high=CONTINUUM_SPEED) if steady else math.nan
     tolerance = check.real("tolerance", tolerance, low=1e-8, high=1.0)
     if "u" in conditions_of(quantity):
         conditions = {"u": u, **conditions}
     asked = checked_quantity(quantity, conditions).prepared(pipe)
+    if isinstance(asked, MotionOf):
+        speed = asked.steady_speed(pipe)
     words, full = _outcome(asked, pipe, tolerance)
-    strengths = _strengths(pipe)
+    drives = _drives(asked, speed)
+    strengths = _strengths(pipe) | {name: strength for name, (strength, _) in drives.items()}
     if asked.name == "critical_speed":
         del strengths["flow"]
+    if "constant head" in drives:  # without mass the fluid has no speed of its own
+        del strengths["Coriolis"], strengths["flow"]
 
     def effect(*names: str) -> Effect:
         """Some effects, switched off at once; without strength they are absent."""
@@ -227,9 +246,11 @@ def relevant(
         if not strength:
             return Effect(name, "", "", None, 0.0, 0.0, math.nan, "absent")
         simpler = _without(pipe, names)
-        growth = _growth(simpler, u)
+        growth = _growth(simpler, speed)
+        gone = [change for one, (_, change) in drives.items() if one in names]
+        left = asked.changed(dict(ChainMap(*gone)))
         try:
-            without, found = _outcome(asked, simpler, tolerance)
+            without, found = _outcome(left, simpler, tolerance)
         except PipedynError as failure:
             unknown = (None, math.nan, math.nan, growth)
             return Effect(name, strength, "not found", *unknown, "relevant", str(failure.args[0]))
@@ -253,10 +274,10 @@ def relevant(
     dropped = _droppable([one.name for one in effects if one.verdict == "negligible"])
     return Relevance(
         pipe=pipe,
-        u=u,
+        u=speed,
         quantity=asked,
         full=words,
-        growth=_growth(pipe, u),
+        growth=_growth(pipe, speed),
         tolerance=tolerance,
         effects=tuple(effects),
         together=effect(*dropped) if len(dropped) > 1 else None,
@@ -268,8 +289,8 @@ def _strengths(pipe: Pipe) -> dict[str, str]:
     strengths = {}
     for name, (number, symbol) in NUMBERS.items():
         value = float(getattr(pipe, number))
-        if value != ABSENT.get(number):
-            strengths[name] = f"{symbol} = {value:.4g}" if value or number in ABSENT else ""
+        if value != ABSENT.get(name):
+            strengths[name] = f"{symbol} = {value:.6g}" if value or name in ABSENT else ""
     parts = [strengths[name] for name in ("Coriolis", "centrifugal") if strengths[name]]
     strengths["flow"] = ", ".join(parts)
     if isinstance(pipe.root, RootSpring):
@@ -285,6 +306,21 @@ def _strengths(pipe: Pipe) -> dict[str, str]:
     return strengths
 
 
+def _drives(asked: Quantity, speed: float) -> dict[str, tuple[str, dict[str, Any]]]:
+    """What drives a motion, by name: its strength in words, and the conditions without it."""
+    if not isinstance(asked, MotionOf):
+        return {}
+    drives: dict[str, tuple[str, dict[str, Any]]] = {}
+    if isinstance(asked.u, Pulsation):
+        strength = f"amplitude = {asked.u.amplitude:.4g}, frequency = {asked.u.frequency:.4g}"
+        drives["pulsation"] = strength, {"u": speed}
+    if isinstance(asked.u, Supply):
+        drives["constant head"] = f"friction = {asked.u.friction:.4g}", {"u": speed}
+    if asked.base is not None:
+        drives["moving base"] = check.shown(asked.base), {"base": None}
+    return drives
+
+
 def _droppable(names: Collection[str]) -> tuple[str, ...]:
     """Those of some effects that one number or term of the pipe switches off."""
     return tuple(name for name in names if name != "flow")
@@ -292,11 +328,12 @@ def _droppable(names: Collection[str]) -> tuple[str, ...]:
 
 def _without(pipe: Pipe, names: Collection[str]) -> Pipe:
     """The pipe with some of its effects switched off."""
-    numbers = [number for name, (number, _) in NUMBERS.items() if name in names]
-    gone: dict[str, Any] = {number: ABSENT.get(number, 0.0) for number in numbers}
+    gone: dict[str, Any] = {
+        number: ABSENT.get(name, 0.0) for name, (number, _) in NUMBERS.items() if name in names
+    }
     if "flow" in names:
         gone |= {"beta": 0.0, "alpha": 0.0}
-    if "alpha" in gone:
+    if gone.get("alpha") == 0.0:
         gone["jet_angle"] = 0.0  # which then has no thrust
     if repr(pipe.root) in names:
         gone["root"] = "clamped"
@@ -360,7 +397,7 @@ def _growth(pipe: Pipe, u: float) -> float:
     Roots count up to the size of a wave that neither flow nor weight can buckle: the lowest few may
     all cluster at -1 / delta, and the highest of a reduced model are not the pipe's.
     """
-    if pipe.jet_angle:
+    if pipe.thrust_across:
         return math.nan
     numbers = [term.numbers for term in pipe.terms]
     soft, stiff = (1.0, 1.0) if pipe.stiffness is None else pipe.stiffness.bounds

@@ -26,6 +26,7 @@ from pipedyn.linear.critical_speed import CriticalSpeed, checked_end, critical_s
 from pipedyn.linear.modes import CONTINUUM_SPEED, eigenvalues, modes, root_loci
 from pipedyn.models.base import Model, NotConverged, PipedynError
 from pipedyn.models.continuum import AnyModel, Continuum
+from pipedyn.models.drive import Base, Pulsation, Supply
 from pipedyn.models.galerkin import Galerkin
 from pipedyn.models.pipe import Pipe
 from pipedyn.motion.simulate import simulate
@@ -106,6 +107,10 @@ class Quantity(ABC):
     def prepared(self, pipe: Pipe) -> Self:
         """The same question, with defaults that depend on the pipe."""
         return self
+
+    def changed(self, conditions: dict[str, Any]) -> Self:
+        """The same question at other conditions."""
+        return replace(self, **conditions)  # type: ignore[type-var]
 
     def extrapolated(self, coarse: Answer, fine: Answer, order: float) -> Answer:
         """Richardson's value from models of one and of twice the size."""
@@ -263,9 +268,15 @@ class _Integrated(Quantity):
     rtol: float
 
     def __post_init__(self) -> None:
-        u = check.real("u", self.u, low=0.0, high=CONTINUUM_SPEED)
         rtol = check.real("rtol", self.rtol, low=self.least_rtol, high=LOOSEST_RTOL)
-        self._set(u=u, rtol=rtol)
+        self._set(u=self._checked_speed(), rtol=rtol)
+
+    def _checked_speed(self) -> Any:
+        return check.real("u", self.u, low=0.0, high=CONTINUUM_SPEED)
+
+    def steady_speed(self, pipe: Pipe) -> float:
+        """Flow speed of a pipe at rest."""
+        return self.u
 
     @property
     def floor(self) -> float:  # type: ignore[override]
@@ -295,7 +306,9 @@ class _Integrated(Quantity):
         # Waves get shorter with flow and weight, like 1 / sqrt(u^2 + |gamma|). With half a function
         # for each unit of that root the first two sizes of Legendre functions differ by 3e-7 to
         # 2e-5, as measured at u from 6 to 14.
-        expected = FIRST + math.ceil(0.5 * math.hypot(self.u, math.sqrt(abs(pipe.gamma))))
+        expected = FIRST + math.ceil(
+            0.5 * math.hypot(self.steady_speed(pipe), math.sqrt(abs(pipe.gamma)))
+        )
         first, more = min(expected, MOST - 2), family.for_terms(pipe)
         sizes = range(first + more, MOST + more + 1, 2)
         asked = (self.solved_for(tolerance), self.solved_for(0.25 * tolerance))
@@ -331,7 +344,8 @@ class MotionOf(_Integrated):
 
     The pipe starts with angles theta(s) and rates dtheta/dt(s), at rest where only angles are
     given. Without a start it moves on its least damped mode, of 0.05 L at the free end, which
-    excites no others, as a pipe let go does.
+    excites no others, as a pipe let go does. The flow may pulsate or be fed at constant head, the
+    base move.
     """
 
     name: ClassVar[str] = "motion"
@@ -339,12 +353,22 @@ class MotionOf(_Integrated):
     least_rtol: ClassVar[float] = 1e-12
     share: ClassVar[float] = 0.01
     noise: ClassVar[float] = 20.0
-    u: float
+    u: float | Pulsation | Supply  # type: ignore[assignment]
     duration: float
     start: Angle | None = field(default=None, repr=False)
     samples: int = 201
     rtol: float = RTOL
     rates: Angle | None = field(default=None, repr=False)
+    base: Base | None = None
+
+    def _checked_speed(self) -> Any:
+        return self.u if isinstance(self.u, Pulsation | Supply) else super()._checked_speed()
+
+    def steady_speed(self, pipe: Pipe) -> float:
+        """The mean of a flow that pulsates; that of a supply in the straight pipe."""
+        if isinstance(self.u, Pulsation):
+            return self.u.mean
+        return self.u.speed(pipe) if isinstance(self.u, Supply) else self.u
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -372,6 +396,7 @@ class MotionOf(_Integrated):
             qdot0=rates,
             samples=self.samples,
             rtol=self.rtol,
+            base=self.base,
         )
         return Answer(motion.tip + np.array([0.0, 1.0 - model.pipe.watched]))  # (0, 1) at rest
 
@@ -386,8 +411,9 @@ class MotionOf(_Integrated):
             return self
         # 24 functions have the mode and its neighbours exactly.
         unbent = replace(pipe, jet_angle=0.0)  # which is at rest, whatever the jet
-        model = Galerkin(unbent, max(24, math.ceil(self.u)) + more, "legendre")
-        found = modes(model, self.u, 8)
+        u = self.steady_speed(pipe)
+        model = Galerkin(unbent, max(24, math.ceil(u)) + more, "legendre")
+        found = modes(model, u, 8)
         growth = found.eigenvalues.real  # where all grow equally, the lowest
         mode = found.shapes[int(np.argmax(growth >= growth.max() - 0.2 * abs(growth.max())))]
         q = 0.05 * mode.coordinates / mode([pipe.watched])[0]  # 2 % of such a motion is nonlinear

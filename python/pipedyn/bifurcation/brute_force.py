@@ -373,9 +373,7 @@ def _batch(
 ) -> list[Attractor | Exception]:
     """Where each member of one batch ends, or why it stopped early."""
     batch = _Batch(model, options, known)
-    runs = [
-        _Run(i, u, k, np.asarray(model.start(starts[k], None))) for i, (u, k) in enumerate(members)
-    ]
+    runs = [_Run(i, u, k, _state(model, starts[k])) for i, (u, k) in enumerate(members)]
     # Motions with neighbours take no more samples than all at the end.
     stretch, longest = FIRST_LOOK, max(FIRST_LOOK, 0.5 * options.duration)
     while runs and batch.elapsed + stretch <= options.transient:
@@ -401,10 +399,17 @@ def _batch(
     return [batch.answers[i] for i in range(len(members))]
 
 
+def _state(model: Model, start: Array) -> Array:
+    """[p, p'] of coordinates at rest, (coordinates,), or of p and p' in rows, (2, moving)."""
+    return start.ravel() if start.ndim == 2 else np.asarray(model.start(start, None))
+
+
 def _neighbour(model: Model, run: _Run, bend: Array) -> _Run:
     """A motion that sets out beside another, towards a bend."""
     p, rate = np.split(run.state, 2)
-    towards, _ = np.split(np.asarray(model.start(bend, None)), 2)
+    towards, _ = np.split(_state(model, bend), 2)
+    if not towards.any():
+        towards = np.ones_like(towards)
     beside = p + NUDGE * towards / float(np.abs(towards).max()), rate
     state = np.concatenate(model.projected(*beside))
     return _Run(NEIGHBOUR, run.speed, run.start, state if np.isfinite(state).all() else run.state)

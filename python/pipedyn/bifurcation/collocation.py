@@ -11,11 +11,12 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Self
 
 import numpy as np
 
 from pipedyn import _core
-from pipedyn.bifurcation.continuation import Continuation, Control
+from pipedyn.bifurcation.continuation import Continuation, Control, Solver
 from pipedyn.bifurcation.periodic_orbit import (
     NODES,
     ONCE,
@@ -23,6 +24,7 @@ from pipedyn.bifurcation.periodic_orbit import (
     TWICE,
     PeriodicOrbit,
     integrals,
+    interpolated,
     stage_phases,
 )
 from pipedyn.bifurcation.vector_field import VectorField
@@ -177,6 +179,14 @@ class Linearised:
         shares = np.linalg.solve(rows[:, 1:], np.array([shift, gap]) - rows[:, 0])
         return found[:, 0] + found[:, 1:] @ shares
 
+    @property
+    def closing(self) -> tuple[Array, Array]:
+        """L and R, (n, n) each, of L y(0) + R y(span) = 0 for what obeys the linearised equations.
+
+        They hold at one frequency and one speed, in units of the state.
+        """
+        return self._first, self._last
+
     def neutral(self) -> Array:
         """The change at one speed that comes nearest to dy(span) = -mirror * dy(0).
 
@@ -255,9 +265,10 @@ class OrbitControl(Control):
 class OrbitProblem(Continuation):
     """The collocation equations on one mesh, for continuation from near an orbit.
 
-    Lengths are measured in L of the free end, and relative in frequency and speed; `unit` is the
-    root mean square of the positions p for each L of the free end's amplitude, on the orbit unless
-    it is given. Where the speed does not vary, only `fixed` is solved.
+    Lengths are measured in L of the free end, or in the `reach` of a vector field, and relative in
+    frequency and speed; `unit` is the root mean square of the positions p for each such length of
+    the free end's amplitude, on the orbit unless it is given. Where the speed does not vary, only
+    `fixed` is solved.
     """
 
     def __init__(
@@ -286,13 +297,33 @@ class OrbitProblem(Continuation):
         row[: rates.size] = self.weights[: rates.size] * rates.ravel()
         self._phase = row, float(row @ start.packed())
 
+    @property
+    def origin(self) -> Array:
+        """Unknowns of the start."""
+        return self.start.packed()
+
+    def about(self, z: Array, edges: Array | None = None) -> Self:
+        """The same equations from near other unknowns, on another mesh if its edges are given."""
+        return type(self)(self.motion, self.remeshed(z, edges), self.control, self.unit)
+
+    def remeshed(self, z: Array, edges: Array | None) -> PeriodicOrbit:
+        """The orbit of unknowns, on another mesh if its edges are given."""
+        orbit = self.orbit(z)
+        if edges is None:
+            return orbit
+        return interpolated(self.motion, orbit.states, edges, orbit.frequency, orbit.u)
+
     def orbit(self, z: Array) -> PeriodicOrbit:
         """The orbit of unknowns."""
         return self.start.unpacked(z)
 
-    def linearised(self, z: Array) -> Linearised:
+    def linearised(self, z: Array) -> Solver:
         """The equations about unknowns."""
-        return Linearised(self.motion, self.orbit(z), self._phase, self._speed_varies)
+        return self.about_orbit(self.orbit(z))
+
+    def about_orbit(self, orbit: PeriodicOrbit) -> Linearised:
+        """The equations of an orbit, about it."""
+        return Linearised(self.motion, orbit, self._phase, self._speed_varies)
 
     def relative(self, z: Array, step: Array) -> float:
         """Size of a step relative to the orbit's own size, its frequency and its speed."""
@@ -318,7 +349,8 @@ def _unit_of(motion: VectorField, orbit: PeriodicOrbit) -> float:
     positions, across = states[: motion.half], motion.tip(states)
     centred = positions - positions.mean(axis=1, keepdims=True)
     size = math.sqrt(float(np.mean(np.sum(centred**2, axis=0))))
-    return size / max(0.5 * float(np.ptp(across)), 0.01 * size)  # a free end may be held
+    # A free end may be held.
+    return motion.reach * size / max(0.5 * float(np.ptp(across)), 0.01 * size)
 
 
 def solved(motion: VectorField, orbit: PeriodicOrbit, tolerance: float) -> PeriodicOrbit:

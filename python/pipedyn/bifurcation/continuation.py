@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: MIT
 """Pseudo-arclength continuation: branches of solutions of G(x, p) = 0, past folds in p.
 
+`follow` takes equations of the user's own; equilibria, cycles and boundaries go the same way.
+
 From a solution z = (x, p) with unit tangent t the predictor is z + ds t; the corrector is Newton's
 method with the condition <t, Z - z> = ds, which stays regular at a fold. The product is weighted:
 <a, b> = sum of weights a b. A problem inherits all this and solves its own bordered linear
@@ -14,23 +16,31 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import dataclass, field, replace
 from functools import cache, cached_property
 from itertools import pairwise
-from typing import Generic, TypeVar
+from typing import Any, Generic, Literal, TypeVar
 
 import numpy as np
 from numpy.linalg import LinAlgError
+from numpy.typing import ArrayLike
 
+from pipedyn.models.base import NotConverged
+from pipedyn.util import check
 from pipedyn.util.check import Array
 from pipedyn.util.counters import factorised
 from pipedyn.util.later import scipy
 from pipedyn.util.newton import NewtonFailed, newton
+from pipedyn.util.result import result
 
 FLAT = 0.3
 """Share of a step's steepest slope dp/ds below which there may be two folds within it: a cubic
 through the ends misjudges the slope between them by less, as tangents turn by `Control.turn`."""
+
+End = Literal["range", "closed", "points", "not converged"]
+"""Why a branch ends: at a limit, at its beginning, at the last point asked for, or because no next
+point was found."""
 
 Solver = Callable[[Array, float, float], Array]
 """G_z at a point, factorised. To row, gap and share it gives the dz with G_z dz = -share G and
@@ -133,12 +143,12 @@ class Continuation(ABC):
         z, equations = self._solved(z, row, float(row @ start.z) + ds)
         return Point(z, self._unit(equations, row))
 
-    def fixed(self, guess: Array, p: float) -> Array:
-        """Unknowns and parameter of the solution at a value of the parameter."""
-        row = np.zeros(guess.size)
-        row[-1] = 1.0
-        z, _ = self._solved(np.append(guess[:-1], p), row, p)
-        z[-1] = p  # to the bit
+    def fixed(self, guess: Array, p: float, index: int = -1) -> Array:
+        """The solution z at a value of the parameter, or of another entry of z."""
+        row, start = np.zeros(guess.size), guess.copy()
+        row[index], start[index] = 1.0, p
+        z, _ = self._solved(start, row, p)
+        z[index] = p  # to the bit
         return z
 
     def _solved(self, z: Array, row: Array, value: float) -> tuple[Array, Solver]:
@@ -194,6 +204,24 @@ class Continuation(ABC):
         longer = 1.5 if straight > math.cos(0.5 * control.turn) else 1.0
         return Segment(self, start, found), min(longer * step, control.longest)
 
+    def segments(
+        self: Problem, start: Point, step: float, marks: Iterable[tuple[int, float]] = ()
+    ) -> Iterator[Segment[Problem]]:
+        """Steps along the branch, without end; NewtonFailed where none can be taken.
+
+        A step ends where an entry of z passes one of the marks, pairs of its index and a value.
+        """
+        marked = tuple(marks)
+        while True:
+            segment, step = self.next(start, step)
+            z, end = start.z, segment.end.z
+            passed = [(i, v) for i, v in marked if (v - z[i]) * (end[i] - v) > 0.0]
+            if passed:
+                cut = min((segment.where(v, i) for i, v in passed), key=segment.reach)
+                segment = replace(segment, end=self.point(cut, start.tangent))
+            yield segment
+            start = segment.end
+
 
 @dataclass(frozen=True)
 class Segment(Generic[Problem]):
@@ -239,14 +267,76 @@ class Segment(Generic[Problem]):
         points = [self.begin, *map(self.at, lengths), self.end]
         return [replace(self, begin=a, end=b) for a, b in pairwise(points)]
 
-    def where(self, p: float) -> Array:
-        """The solution at a value of the parameter between those at the ends."""
-        ends = {0.0: self.begin.p, self.length: self.end.p}
-        s = scipy.optimize.brentq(lambda s: ends.get(s, self.guess(s)[-1]) - p, 0.0, self.length)
-        found = self.problem.fixed(self.guess(s), p)
+    def where(self, p: float, index: int = -1) -> Array:
+        """The solution at a value of the parameter, or another entry, between those at the ends."""
+        ends = {0.0: self.begin.z[index], self.length: self.end.z[index]}
+        s = scipy.optimize.brentq(lambda s: ends.get(s, self.guess(s)[index]) - p, 0.0, self.length)
+        found = self.problem.fixed(self.guess(s), p, index)
         if not -0.5 * self.length <= self.reach(found) <= 1.5 * self.length:
             raise NewtonFailed("Newton's method left the neighbourhood of its start")
         return found
+
+
+def path(
+    problem: Continuation,
+    start: Point,
+    limits: Iterable[tuple[int, float, float]],
+    step: float,
+    most: int,
+) -> tuple[list[Point], tuple[End, End]]:
+    """The branch through a point, both ways, and why it ends.
+
+    Args:
+        problem: the equations.
+        start: a solution with its tangent, within the limits.
+        limits: entries of z by index with the least and the largest value.
+        step: first step.
+        most: number of points either way.
+    """
+    bounds = list(limits)
+    marks = [(i, value) for i, *ends in bounds for value in ends]
+
+    def one_way(begin: Point) -> tuple[list[Point], End]:
+        points = [begin]
+
+        def is_over() -> bool:
+            z, t = points[-1].z, points[-1].tangent
+            return any(
+                (z[i] <= low and t[i] < 0.0) or (z[i] >= high and t[i] > 0.0)
+                for i, low, high in bounds
+            )
+
+        steps = problem.segments(begin, step, marks)
+        while len(points) <= most:
+            if is_over():
+                return points, "range"
+            try:
+                segment = next(steps)
+                if len(points) > 1 and _holds(segment, begin):
+                    return [*points, begin], "closed"
+            except NewtonFailed:
+                return points, "not converged"
+            points.append(segment.end)
+        return points, "points"
+
+    ahead, last = one_way(start)
+    if last == "closed":
+        return ahead, (last, last)
+    back, first = one_way(Point(start.z, -start.tangent))
+    turned = [Point(point.z, -point.tangent) for point in back[:0:-1]]
+    return turned + ahead, (first, last)
+
+
+def _holds(segment: Segment[Problem], point: Point) -> bool:
+    """Whether a point of a branch lies on a segment, away from its beginning."""
+    s, length = segment.reach(point.z), segment.length
+    if not 1e-6 * length < s <= length * (1.0 + 1e-9):
+        return False
+    problem = segment.problem
+    if problem.length(segment.guess(s) - point.z) > 0.1 * length:
+        return False
+    found = problem.at(segment.begin, s, segment.guess(s))
+    return problem.length(found.z - point.z) <= 1e-6 * (1.0 + problem.length(point.z))
 
 
 def folds(segment: Segment[Problem], rtol: float) -> list[float]:
@@ -341,3 +431,210 @@ class DenseProblem(Continuation):
 
     def check(self, z: Array) -> None:
         """Every point may be followed."""
+
+
+# --------------------------------------------------------------------------- a user's equations
+
+
+@result
+class MarkedPoint:
+    """A fold of a branch, or a zero of a test function on it.
+
+    Attributes:
+        kind: "fold" (the parameter turns back) or the name of the test function.
+        x: unknowns, shape (n,).
+        p: parameter.
+    """
+
+    kind: str
+    x: Array
+    p: float
+
+
+@result
+class Branch:
+    """A branch of solutions, point by point along its arc length.
+
+    Attributes:
+        x: unknowns, shape (S, n).
+        p: parameter, shape (S,).
+        tangents: directions (x, p) of the branch, shape (S, n + 1).
+        points: folds and zeros of test functions, in order along the branch.
+        ends: why it ends at its first and last point: "range" (of the parameter, or a limit of x),
+            "closed", "points" (their number ran out) or "not converged" (no next point was found).
+    """
+
+    x: Array = field(repr=False)
+    p: Array = field(repr=False)
+    tangents: Array = field(repr=False)
+    points: tuple[MarkedPoint, ...]
+    ends: tuple[End, End]
+
+    def __len__(self) -> int:
+        return len(self.p)
+
+    @property
+    def folds(self) -> tuple[MarkedPoint, ...]:
+        """Where the parameter turns back."""
+        return tuple(point for point in self.points if point.kind == "fold")
+
+
+def follow(
+    problem: Continuation | Callable[[Array, float], ArrayLike],
+    x0: ArrayLike,
+    p0: float,
+    interval: tuple[float, float],
+    *,
+    derivative: Callable[[Array, float], ArrayLike] | None = None,
+    tests: Mapping[str, Callable[[Array, float], float]] | None = None,
+    limits: Mapping[int, tuple[float, float]] | None = None,
+    step: float = 0.05,
+    scale: float = 1.0,
+    points: int = 1000,
+) -> Branch:
+    """The branch of solutions of G(x, p) = 0 through a given one, past folds.
+
+    This is the engine of `equilibrium_branch`, `boundary` and the branches of cycles, for equations
+    of the user's own.
+
+    Args:
+        problem: the equations G, a function of x, shape (n,), and p that gives n numbers; or a
+            `Continuation`, which brings its own way to solve them and control of steps.
+        x0: near a solution at p0, from which Newton's method goes on, shape (n,).
+        p0: its parameter, within the interval.
+        interval: (lowest, highest) parameter.
+        derivative: of x and p gives [G_x, G_p], shape (n, n + 1); central differences where not
+            given.
+        tests: functions of x and p by name, whose zeros along the branch are solved for.
+        limits: (lowest, highest) value of entries of x by index, at which the branch ends, too.
+        step: longest step along the branch, in units of the scale and of the interval's length.
+        scale: change of x, as the root mean square of its entries, that counts like the interval.
+        points: most points either way, from 1 to 100,000.
+
+    Returns:
+        Branch, from the end that lies in the direction of falling p at x0.
+
+    Example:
+        >>> import numpy as np
+        >>> def circle(x, p):
+        ...     return x**2 + p**2 - 1.0
+        >>> branch = pp.continuation.follow(circle, [1.0], 0.0, (-2.0, 2.0))
+        >>> branch.ends, [round(point.p, 9) for point in branch.folds]
+        (('closed', 'closed'), [1.0, -1.0])
+
+    Raises:
+        NotConverged: if no solution is found near x0, or it is none that can be followed from.
+        ValueError, TypeError: for bad arguments, and equations that do not give n numbers.
+
+    Source: Keller (1977).
+    """
+    low, high = map(float, check.array("interval", interval, size=2))
+    if not high > low:
+        raise ValueError(f"interval must be (lowest, highest), got ({low:g}, {high:g})")
+    p0 = check.real("p0", p0, low=low, high=high)
+    x = check.array("x0", x0)
+    step = check.real("step", step, low=1e-6, high=1.0)
+    scale = check.real("scale", scale, low=0.0, open_low=True)
+    most = check.count("points", points, high=100_000)
+    given = {} if tests is None else tests
+    if not isinstance(given, Mapping) or not all(map(callable, given.values())):
+        raise TypeError(f"tests must map names to functions, got {check.shown(tests)}")
+    bounds = [(-1, low, high), *_checked_limits(limits, x)]
+    if derivative is not None and not callable(derivative):
+        raise TypeError(f"derivative must be a function, got {check.shown(derivative)}")
+    if isinstance(problem, Continuation):
+        solver = problem
+    elif callable(problem):
+        equations = _UserEquations(problem, derivative, x.size, scale)
+        control = Control(longest=step * scale)
+        solver = DenseProblem(equations, x.size, (high - low) / scale, control)
+    else:
+        raise TypeError(
+            f"problem must be a function of x and p, or a Continuation, got {check.shown(problem)}"
+        )
+    towards = np.append(np.zeros(x.size), 1.0)
+    try:
+        start = solver.point(solver.fixed(np.append(x, p0), p0), towards)
+    except NewtonFailed as error:
+        raise NotConverged(
+            f"no solution to follow was found near x0 at p = {p0:g}: {error}"
+        ) from error
+    solutions, ends = path(solver, start, bounds, 0.2 * solver.control.longest, most)
+    marked: list[MarkedPoint] = []
+    for a, b in pairwise(solutions):
+        segment = Segment(solver, a, b)
+        at = [(s, "fold") for s in folds(segment, 1e-10)]
+        for name, test in given.items():
+            at += [(s, name) for s in _zeros(segment, test)]
+        for s, kind in sorted(at):
+            z = segment.at(s).z
+            marked.append(MarkedPoint(kind, z[:-1].copy(), float(z[-1])))
+    every = np.array([point.z for point in solutions])
+    tangents = np.array([point.tangent for point in solutions])
+    return Branch(every[:, :-1], every[:, -1], tangents, tuple(marked), ends)
+
+
+def _checked_limits(limits: Any, x: Array) -> Iterator[tuple[int, float, float]]:
+    if limits is None:
+        return
+    if not isinstance(limits, Mapping):
+        raise TypeError(f"limits must map indices to (lowest, highest), got {check.shown(limits)}")
+    for key, ends in limits.items():
+        index = check.count("an index of limits", key, low=0, high=x.size - 1)
+        least, largest = map(float, check.array(f"limits[{index}]", ends, size=2))
+        if not least <= x[index] <= largest:
+            raise ValueError(
+                f"limits[{index}] must hold x0[{index}] = {x[index]:g}, "
+                f"got ({least:g}, {largest:g})"
+            )
+        yield index, least, largest
+
+
+class _UserEquations:
+    """G with its derivative, given or by central differences."""
+
+    def __init__(
+        self,
+        equations: Callable[[Array, float], ArrayLike],
+        derivative: Callable[[Array, float], ArrayLike] | None,
+        size: int,
+        scale: float,
+    ) -> None:
+        self.equations, self.derivative, self.size, self.scale = equations, derivative, size, scale
+
+    def __call__(self, x: Array, p: float) -> tuple[Array, Array]:
+        residual = self._checked("problem", self.equations(x.copy(), p), (self.size,))
+        if self.derivative is not None:
+            shape = (self.size, self.size + 1)
+            return residual, self._checked("derivative", self.derivative(x.copy(), p), shape)
+        z = np.append(x, p)
+        columns = []
+        for i in range(z.size):
+            # The cube root of rounding: the error of either kind is its square, 4e-11.
+            h = 6e-6 * max(self.scale if i < self.size else 1.0, abs(z[i]))
+            ahead, behind = z.copy(), z.copy()
+            ahead[i] += h
+            behind[i] -= h
+            g = [self.equations(one[:-1].copy(), float(one[-1])) for one in (ahead, behind)]
+            columns.append((np.asarray(g[0], float) - np.asarray(g[1], float)) / (2.0 * h))
+        return residual, np.column_stack(columns)
+
+    def _checked(self, name: str, came: ArrayLike, shape: tuple[int, ...]) -> Array:
+        found = check.doubles(name, came, "a function that gives numbers")
+        if found.shape != shape:
+            raise TypeError(f"{name} must give an array of shape {shape}, got {found.shape}")
+        return found
+
+
+def _zeros(segment: Segment[Continuation], test: Callable[[Array, float], float]) -> list[float]:
+    """Arc length at which a test function passes 0 on a segment, if it changes its sign."""
+
+    def value(s: float) -> float:
+        point = segment.at(s)
+        return float(test(point.x.copy(), point.p))
+
+    first, last = value(0.0), value(segment.length)
+    if not first * last < 0.0:
+        return [] if last != 0.0 else [segment.length]
+    found = scipy.optimize.brentq(value, 0.0, segment.length, xtol=1e-13 * segment.length)
+    return [float(found)]

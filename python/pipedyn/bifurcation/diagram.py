@@ -50,7 +50,7 @@ from pipedyn.bifurcation.limit_cycle import (
 from pipedyn.bifurcation.vector_field import VectorField
 from pipedyn.linear.stability_curve import Failure
 from pipedyn.models.base import Model, NotConverged, PipedynError
-from pipedyn.models.drive import LARGEST_SPEED
+from pipedyn.models.drive import LARGEST_SPEED, require_steady
 from pipedyn.motion.simulate import LARGEST_SAMPLES, checked_model_in_motion, slight_bend
 from pipedyn.util import check
 from pipedyn.util.check import Array
@@ -266,6 +266,7 @@ def _asked(
     progress: bool,
 ) -> _Asked:
     model = checked_model_in_motion(model, largest=LARGEST, purpose="equilibria")
+    require_steady("speeds", speeds)
     at = check.array("speeds", speeds, low=0.0, high=LARGEST_SPEED, longest=100_000)
     if at.size < 2 or np.any(np.diff(at) <= 0.0):
         raise ValueError("speeds must be at least 2 and strictly increasing")

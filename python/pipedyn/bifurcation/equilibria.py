@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
-from dataclasses import field, replace
+from dataclasses import field
 from functools import cache, cached_property
 from itertools import product
 from typing import Any, Literal
@@ -30,7 +30,7 @@ from pipedyn.bifurcation.continuation import (
 from pipedyn.bifurcation.vector_field import VectorField
 from pipedyn.linear.eigenproblem import Complex
 from pipedyn.models.base import Model, NotConverged, PipedynError
-from pipedyn.models.drive import LARGEST_SPEED
+from pipedyn.models.drive import LARGEST_SPEED, require_steady, steady_speed
 from pipedyn.motion.simulate import Start, checked_model_in_motion, modal_bend
 from pipedyn.util import check
 from pipedyn.util.check import Array
@@ -120,7 +120,7 @@ def equilibria(model: Model, u: float, starts: Sequence[Start] = ()) -> Equilibr
     """
     model = checked_model_in_motion(model, largest=LARGEST, purpose="equilibria")
     statics = Statics(model)
-    u = check.real("u", u, low=0.0, high=LARGEST_SPEED)
+    u = steady_speed("u", u)
     if isinstance(starts, str) or not isinstance(starts, Sequence):
         raise TypeError(f"starts must be a sequence of starts, got {check.shown(starts)}")
     own = [statics.from_start(f"starts[{i}]", start) for i, start in enumerate(starts)]
@@ -454,9 +454,11 @@ def equilibrium_branch(
     """
     model = checked_model_in_motion(model, largest=LARGEST, purpose="equilibria")
     statics = Statics(model)
+    require_steady("speeds", speeds)
     low, high = map(float, check.array("speeds", speeds, size=2, low=0.0, high=LARGEST_SPEED))
     if not high - low >= 1e-9 * (1.0 + high):
         raise ValueError(f"speeds must be (lowest, highest), got ({low:g}, {high:g})")
+    require_steady("u0", u0)
     u0 = check.real("u0", u0, low=low, high=high)
     step = check.real("step", step, low=1e-4, high=1.0)
     start = statics.from_start("q0", q0)
@@ -517,25 +519,20 @@ class _Way:
 
     def run(self) -> str:
         """Follows the branch, and says why it ends."""
-        step = 0.2 * self.longest
         low, first, high = self.marks
+        a = self.points[0]
+        steps = self.branch.segments(a, 0.2 * self.longest, [(-1, p) for p in self.marks])
         while len(self.points) < MOST_POINTS // 2:
-            a = self.points[-1]
             if (a.p <= low and a.tangent[-1] < 0.0) or (a.p >= high and a.tangent[-1] > 0.0):
                 return "range"
             try:
-                segment, step = self.branch.next(a, step)
-                end = segment.end.p
-                passed = [(abs(u - a.p), u) for u in self.marks if (u - a.p) * (end - u) > 0.0]
-                if passed:
-                    point = self.branch.point(segment.where(min(passed)[1]), a.tangent)
-                    segment = replace(segment, end=point)
+                segment = next(steps)
                 joined = self._record(segment)
             except NewtonFailed:
                 return "not converged"
             if joined:
                 return "pitchfork"
-            b = segment.end
+            a = b = segment.end
             if float(np.abs(b.x).max()) > FAR:
                 return "far"
             if b.p == first and float(np.abs(b.x - self.points[0].x).max()) < DISTINCT:

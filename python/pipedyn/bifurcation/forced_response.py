@@ -10,16 +10,18 @@ regions, with the period of the flow (harmonic) or twice that (subharmonic).
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from copy import copy
 from dataclasses import dataclass, field, replace
+from functools import cache
 from typing import Any, Literal
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from pipedyn.bifurcation.collocation import OrbitProblem, residual, solved
 from pipedyn.bifurcation.continuation import folds, sign_changes
-from pipedyn.bifurcation.floquet import EventKind, crossing_event, orbit_multipliers
+from pipedyn.bifurcation.floquet import UNIT, EventKind, crossing_event, orbit_multipliers
 from pipedyn.bifurcation.limit_cycle import Known, amplitude_of, refined_until
 from pipedyn.bifurcation.orbit_continuation import (
     FINE,
@@ -43,11 +45,13 @@ from pipedyn.bifurcation.vector_field import VectorField
 from pipedyn.linear.eigenproblem import Complex
 from pipedyn.linear.frequency_response import base_solution, checked_range
 from pipedyn.linear.modes import largest_speed
+from pipedyn.linear.stability_curve import Failure
 from pipedyn.models.base import Model, NotConverged
-from pipedyn.models.drive import ROWS, Harmonic, Pulsation
-from pipedyn.motion.simulate import Trajectory, checked_model_in_motion
+from pipedyn.models.drive import ROWS, Harmonic, Pulsation, require_steady, steady_speed
+from pipedyn.motion.simulate import MotionStopped, Trajectory, checked_model_in_motion, simulate
 from pipedyn.util import check
 from pipedyn.util.check import Array
+from pipedyn.util.later import scipy
 from pipedyn.util.newton import NewtonFailed
 from pipedyn.util.parallel import track
 from pipedyn.util.result import result
@@ -58,6 +62,19 @@ LARGEST = 60
 
 MOST_STEPS = 400
 """Steps along a branch, the longest of which are 0.15 in amplitude or in the frequency's share."""
+
+UNKNOWN = 1e-3
+"""Of multipliers whose error is not known, as they hardly converge: what is taken for it."""
+
+SETTLING = (10, 20, 40, 80)
+"""Periods of a motion from rest, after each of which it is looked at: 1 s of a chain of 4."""
+
+REACH = 10.0
+"""What a step is measured by, in amplitudes of the motion that a moving base begins with, but 1 L
+at most: resonances that a stop or a fixed end bends over may be small."""
+
+REPEATS = 0.02
+"""Share of its swing to which a motion has come back when Newton's method takes over."""
 
 HARMONICS = 8
 """Of Hill's equations, for the motions in which branches leave rest."""
@@ -154,7 +171,9 @@ class ForcedMotion(Trajectory):
         period: of the motion, in T: one of the forcing, or two if it is subharmonic.
         multipliers: Floquet multipliers over this period, complex, shape (2 dof,), the largest
             modulus first.
-        stable: whether all are smaller than 1 in modulus.
+        stable: whether none exceeds 1 in modulus by more than 1e-6 or three times what it is known
+            to. Of a pipe that nothing damps they have the modulus 1: motions nearby then neither
+            grow nor decay.
         t: times from a crest of the forcing to the period, shape (S,).
         q, qdot: coordinates and rates, shape (S, coordinates).
         u: flow speed, or the pulsation.
@@ -191,7 +210,8 @@ class ForcedEvent:
 
     Attributes:
         kind: "fold", where the frequency turns back; "pitchfork", "period doubling" or "torus",
-            where a multiplier passes the unit circle; or "end" where the branch was lost or left.
+            where a multiplier passes the unit circle; or "end", where the branch left its range,
+            came to rest or was lost, as its `failure` says.
         frequency: angular, of the forcing.
         amplitude: of the free end, in L.
     """
@@ -213,8 +233,10 @@ class ForcedBranch:
         amplitude: half the peak-to-peak transverse motion of the free end relative to the base, in
             L, shape (P,).
         largest: modulus of the largest multiplier, shape (P,); 1 at events and in rest.
-        stable: whether that is smaller than 1, shape (P,).
+        stable: whether that is at most 1 but for what it is known to, as of a `ForcedMotion`, and
+            False at events, shape (P,).
         events: in the order in which they are met.
+        failure: where the branch was lost, and why; None where it left its range or came to rest.
     """
 
     kind: BranchKind
@@ -223,6 +245,7 @@ class ForcedBranch:
     largest: Array = field(repr=False)
     stable: Any = field(repr=False)
     events: tuple[ForcedEvent, ...]
+    failure: NotConverged | None
     steps: tuple[Step, ...] = field(repr=False, compare=False)
     motion: ForcedField = field(repr=False, compare=False)
 
@@ -234,7 +257,13 @@ class ForcedBranch:
             for step in self.steps:
                 for part in step.parts(folds(step, 1e-4) if np.prod(step.slopes) < 0.0 else []):
                     if (part.begin.p - omega) * (part.end.p - omega) <= 0.0 != part.end.p - omega:
-                        orbit = step.problem.orbit(part.where(omega))
+                        try:
+                            orbit = step.problem.orbit(part.where(omega))
+                        except NewtonFailed as reason:
+                            raise NotConverged(
+                                f"no motion was found at a frequency of {frequency:g} though the "
+                                f"{self.kind} branch passes it: {reason}"
+                            ) from None
                         found.append(_described(self.motion, orbit, rtol, samples))
         return found
 
@@ -244,7 +273,8 @@ class ForcedResponse:
     """Periodic motions over the frequency of the forcing.
 
     Attributes:
-        branches: each followed from one end.
+        branches: each followed from one end. Where that of a moving base was lost on its way from
+            the lowest frequency there is another from the highest.
         forcing: amplitude and direction of the base's motion, or mean and amplitude of the flow's.
         u: flow speed, in a pulsating flow its mean.
         model: the model.
@@ -257,8 +287,19 @@ class ForcedResponse:
     model: Model
     evaluations: int
 
+    @property
+    def failures(self) -> tuple[Failure, ...]:
+        """Branches that were lost: their place, the frequency there, and why."""
+        return tuple(
+            Failure(i, float(branch.frequency[-1]), branch.failure)
+            for i, branch in enumerate(self.branches)
+            if branch.failure is not None
+        )
+
     def at(self, frequency: float, rtol: float = 1e-6, samples: int = 257) -> list[ForcedMotion]:
         """The motions at a frequency of the forcing, the largest first.
+
+        Where `failures` has any, there may be more of them.
 
         Args:
             frequency: angular, in 1 / T, within the range that branches were followed in.
@@ -266,12 +307,16 @@ class ForcedResponse:
             samples: number of states given, from the start of the period to its end.
 
         Raises:
-            NotConverged: if a motion does not meet the tolerance.
+            NotConverged: if a motion does not meet the tolerance, or there is none and a branch was
+                lost.
             ValueError, TypeError: for bad arguments.
         """
         rtol = check.real("rtol", rtol, low=1e-10, high=1e-2)
         samples = check.count("samples", samples, low=9, high=100_000)
         found = [one for branch in self.branches for one in branch.at(frequency, rtol, samples)]
+        if not found and self.failures:
+            why = "; ".join(str(failure.error) for failure in self.failures)
+            raise NotConverged(f"no motion is known at a frequency of {frequency:g}: {why}")
         return sorted(found, key=lambda one: -one.amplitude)
 
 
@@ -280,7 +325,7 @@ def forced_response(
     u: float | Pulsation,
     *,
     base: Harmonic | None = None,
-    frequencies: tuple[float, float] | None = None,
+    frequencies: ArrayLike | None = None,
     progress: bool = False,
 ) -> ForcedResponse:
     """Periodic motions of finite amplitude over the frequency of the forcing, stable or not.
@@ -292,15 +337,18 @@ def forced_response(
             must be stable at the mean speed.
         base: transverse motion of the base, whose amplitude stays while its frequency varies.
             Needed unless the flow pulsates, and not taken if it does.
-        frequencies: range (low, high) of the forcing's angular frequency, low > 0; where not given,
-            near the frequency of base or pulsation.
+        frequencies: range (low, high) of the forcing's angular frequency, low > 0, or more in
+            increasing order, from the first to the last; where not given, near the frequency of
+            base or pulsation.
         progress: show progress on stderr.
 
     Returns:
-        ForcedResponse; `at(frequency)` gives the motions at one frequency, with their error.
+        ForcedResponse; `at(frequency)` gives the motions at one frequency, with their error. A
+        branch that is lost is named in `failures`, what was found of it is kept.
 
     Raises:
-        NotConverged: if no motion is found where the branch of a moving base begins.
+        NotConverged: if no motion of a moving base is found at either end of the range, neither
+            from the linear response nor by motions from rest that are left to settle.
         ValueError, TypeError: for bad arguments.
 
     Source: Doedel, Keller and Kernevez (1991), as for `limit_cycle`; Nayfeh and Mook (1979),
@@ -309,7 +357,7 @@ def forced_response(
     model = checked_model_in_motion(model, largest=LARGEST, purpose="forced_response")
     forcing = _checked_forcing(u, base)
     mean = forcing.mean if isinstance(forcing, Pulsation) else u
-    speed = check.real("u", mean, low=0.0, high=largest_speed(model))
+    speed = steady_speed("u", mean, high=largest_speed(model))
     if frequencies is None:
         low, high = 0.99 * forcing.frequency, 1.01 * forcing.frequency
     else:
@@ -317,13 +365,15 @@ def forced_response(
         if low == 0.0:
             raise ValueError(f"frequencies must have low > 0, got {check.shown(frequencies)}")
     shown = check.flag("progress", progress)
+    branches = list[ForcedBranch]()
     model.require_equilibrium(speed)
     if isinstance(forcing, Pulsation):
         require_motion(model)
         starts = _from_rest(model, speed, forcing, low, high)
     else:
-        starts = _from_base(model, speed, forcing, low, high)
-    branches = list[ForcedBranch]()
+        starts = _from_base(
+            *(model, speed, forcing, low, high), lambda: branches[-1].failure is None
+        )
     with one_thread(2 * model.moving):
         for kind, motion, begin, window in starts:
             first = begin.orbit.frequency * motion.order
@@ -346,6 +396,7 @@ def _checked_forcing(u: Any, base: Any) -> Pulsation | Harmonic:
         if u.amplitude == 0.0 or abs(u.amplitude) == 1.0:
             raise ValueError(f"u.amplitude must be between 0 and 1, got {u.amplitude!r}")
         return replace(u, amplitude=abs(u.amplitude))
+    require_steady("u", u)
     if not isinstance(base, Harmonic):
         raise TypeError(f"base must be a Harmonic or u a Pulsation, got {check.shown(base)}")
     if base.direction != "x":
@@ -361,36 +412,108 @@ Begin = tuple[BranchKind, ForcedField, BranchStart, tuple[float, float]]
 
 
 def _from_base(
-    model: Model, u: float, forcing: Harmonic, low: float, high: float
+    model: Model, u: float, forcing: Harmonic, low: float, high: float, whole: Callable[[], bool]
 ) -> Iterator[Begin]:
-    """From the linear response at the lowest frequency."""
-    begin = replace(forcing, frequency=low)
-    motion = ForcedField(model, begin, 1)
-    answer = model.by_coordinates() @ base_solution(model, u, low)
-    rest = np.append(model.resting(), np.zeros(model.moving))
-    orbit: PeriodicOrbit | None = None
-    for share in (1.0, *np.geomspace(0.02, 1.0, 10)):  # at once, or else with growing amplitude
-        motion.forcing = replace(begin, amplitude=float(share) * forcing.amplitude)
-        amplitude = motion.forcing.amplitude
+    """From a motion at the lowest frequency; from one at the highest unless that led all along."""
+    failed, begun = list[str](), False
+    for frequency, way in ((low, 1.0), (high, -1.0)):
+        motion = ForcedField(model, replace(forcing, frequency=frequency), 1)
         try:
-            if orbit is None:
-                mode = amplitude * np.concatenate([answer, 1j * low * answer])
+            orbit = _first_motion(motion, u)
+            motion.reach = min(1.0, REACH * amplitude_of(motion, orbit)[0])
+            z = orbit.packed()
+            onward = np.append(np.zeros(z.size - 1), way)
+            tangent = OrbitProblem(motion, orbit, FINE).point(z, onward).tangent
+        except NewtonFailed as reason:
+            failed.append(f"at a frequency of {frequency:g} {reason}")
+            continue
+        begun = True
+        yield "base", motion, BranchStart(orbit, 0.2 * FINE.longest * tangent), (low, high)
+        if whole():
+            return
+    if not begun:
+        raise NotConverged(
+            f"no periodic motion was found to begin with: {'; '.join(failed)}. Give other "
+            "frequencies, that begin or end far from resonances, or a smaller amplitude of base; "
+            "simulate shows whether motions repeat at all"
+        )
 
-                def states(phase: Array, mode: Any = mode) -> Array:
-                    return np.asarray(rest[:, None] + (mode[:, None] * np.exp(1j * phase)).real)
 
-                orbit = resolved(motion, states, low, u, motion.is_odd(u), FINE.defect)
-            orbit = solved(motion, orbit, FINE.tolerance)
-            if share == 1.0:
-                break
-        except NewtonFailed:
-            orbit = None if share == 1.0 else orbit
-    if orbit is None or motion.forcing.amplitude != forcing.amplitude:
-        raise NotConverged(f"no periodic motion was found at a frequency of {low:g}")
-    z = orbit.packed()
-    growing = np.append(np.zeros(z.size - 1), 1.0)
-    tangent = OrbitProblem(motion, orbit, FINE).point(z, growing).tangent
-    yield "base", motion, BranchStart(orbit, 0.2 * FINE.longest * tangent), (low, high)
+def _first_motion(motion: ForcedField, u: float) -> PeriodicOrbit:
+    """From the linear response, at once or with growing amplitude, or where a motion ends."""
+    whole, model, w = motion.forcing, motion.model, motion.forcing.frequency
+    assert isinstance(whole, Harmonic)
+    answer = model.by_coordinates() @ base_solution(model, u, w)
+    rest = np.append(motion.resting()[: model.moving], np.zeros(model.moving))
+    symmetric = motion.is_odd(u)
+
+    def linear(share: float) -> PeriodicOrbit:
+        mode = share * whole.amplitude * np.concatenate([answer, 1j * w * answer])
+
+        def states(phase: Array) -> Array:
+            return np.asarray(rest[:, None] + (mode[:, None] * np.exp(1j * phase)).real)
+
+        return resolved(motion, states, w, u, symmetric, FINE.defect)
+
+    def at_once() -> PeriodicOrbit:
+        return solved(motion, linear(1.0), FINE.tolerance)
+
+    def growing() -> PeriodicOrbit:
+        shares = np.geomspace(0.02, 1.0, 10).tolist()
+        try:
+            orbit = linear(shares[0])
+            for share in shares:
+                motion.forcing = replace(whole, amplitude=share * whole.amplitude)
+                orbit = solved(motion, orbit, FINE.tolerance)
+        finally:
+            motion.forcing = whole
+        return orbit
+
+    reason = NewtonFailed("")
+    for find in (at_once, growing, lambda: _settled(motion, u, symmetric)):
+        try:
+            return find()
+        except NewtonFailed as failure:
+            reason = failure
+    raise reason
+
+
+def _settled(motion: ForcedField, u: float, symmetric: bool) -> PeriodicOrbit:
+    """The motion that one from rest ends in."""
+    model, w = motion.model, motion.forcing.frequency
+    period, reason = 2.0 * math.pi / w, "it does not repeat with the period of the base"
+    p = motion.resting()
+    (q0,), (qdot0,) = model.recorded(p[None, : motion.half], p[None, motion.half :])
+    for periods in SETTLING:
+        times = period * np.linspace(periods - 1.0, periods, 513)
+        try:
+            duration, base = periods * period, motion.forcing
+            assert isinstance(base, Harmonic)
+            going = simulate(model, u, duration, q0, qdot0, times=times, base=base, rtol=1e-7)
+        except MotionStopped as stopped:
+            raise NewtonFailed(f"a motion from rest stops: {stopped}") from None
+        motion.evaluations += going.evaluations
+        q0, qdot0 = going.q[-1], going.qdot[-1]
+        p = np.array([model.start(*pair) for pair in zip(going.q, going.qdot, strict=True)])
+        size = float(np.ptp(p[:, : motion.half], axis=0).max())
+        if np.abs(p[-1] - p[0])[: motion.half].max() > REPEATS * size:
+            continue
+        spline = scipy.interpolate.CubicSpline(2.0 * math.pi * np.linspace(0.0, 1.0, 513), p)
+        odd = symmetric and float(np.abs(p[256:] + p[:257]).max()) <= REPEATS * np.abs(p).max()
+
+        def states(phase: Array, through: Any = spline) -> Array:
+            return np.ascontiguousarray(through(phase).T)
+
+        try:
+            guess = resolved(motion, states, w, u, odd, FINE.defect)
+            found = solved(motion, guess, FINE.tolerance)
+        except NewtonFailed as failure:
+            reason = f"it repeats, but {failure}"
+            continue
+        if np.abs(found.starts - guess.starts)[:, : motion.half].max() <= 0.1 * size:
+            return found
+        reason = "it repeats, but Newton's method leads elsewhere"
+    raise NewtonFailed(f"a motion from rest was followed for {sum(SETTLING)} periods: {reason}")
 
 
 def _from_rest(
@@ -449,13 +572,20 @@ def _leaving_rest(motion: ForcedField, hill: Hill, edge: float, mean: float) -> 
 class _Point:
     frequency: float
     amplitude: float
-    largest: float
+    largest: float = 1.0
+    stable: bool = False
+
+
+def unit_of(error: float) -> float:
+    """By how much the modulus of a multiplier on the unit circle may be off, of their error."""
+    return max(UNIT, min(3.0 * error, UNKNOWN))
 
 
 def _point(motion: ForcedField, orbit: PeriodicOrbit) -> _Point:
-    multipliers, _, _ = orbit_multipliers(motion, orbit)
-    amplitude = amplitude_of(motion, orbit)[0]
-    return _Point(motion.order * orbit.frequency, amplitude, float(np.abs(multipliers[0])))
+    multipliers, _, error = orbit_multipliers(motion, orbit)
+    amplitude, largest = amplitude_of(motion, orbit)[0], float(np.abs(multipliers).max())
+    stable = largest <= 1.0 + unit_of(error)
+    return _Point(motion.order * orbit.frequency, amplitude, largest, stable)
 
 
 def _branch(
@@ -467,10 +597,11 @@ def _branch(
 ) -> ForcedBranch:
     """What a start leads to, until the frequency leaves its window or the motion ends in rest."""
     points, events, steps = list[_Point](), list[ForcedEvent](), list[Step]()
+    lost: NotConverged | None = None
     if kind == "base":
         points.append(_point(motion, begin.orbit))
     else:
-        points.append(_Point(motion.order * begin.orbit.frequency, 0.0, 1.0))
+        points.append(_Point(motion.order * begin.orbit.frequency, 0.0))
     try:
         for step in track(followed(motion, begin, FINE), MOST_STEPS, "forced response", shown):
             end = orbit_at(step, step.length)
@@ -478,31 +609,36 @@ def _branch(
             if kind != "base" and steps and np.sum(before * after) < 0.0:  # through rest
                 share = np.linalg.norm(before) / np.linalg.norm(before - after)
                 here = step.begin.p + float(share) * (step.end.p - step.begin.p)
-                points.append(_Point(motion.order * here, 0.0, 1.0))
+                points.append(_Point(motion.order * here, 0.0))
                 break
             found = _events(motion, step) if steps or kind == "base" else []
-            points += [_Point(event.frequency, event.amplitude, 1.0) for event in found]
+            points += [_Point(event.frequency, event.amplitude) for event in found]
             events += found
             steps.append(step)
             points.append(_point(motion, end))
             if not window[0] <= motion.order * end.frequency <= window[1]:
                 break
             if len(steps) == MOST_STEPS:
-                break
-    except NewtonFailed:
-        pass
+                raise NewtonFailed(f"it takes more than {MOST_STEPS} steps")
+    except NewtonFailed as reason:
+        last = points[-1]
+        lost = NotConverged(
+            f"the {kind} branch was lost at a frequency of {last.frequency:.6g}, amplitude "
+            f"{last.amplitude:.4g}: {reason}"
+        )
     events.append(ForcedEvent("end", points[-1].frequency, points[-1].amplitude))
-    frequency, amplitude, largest = (
+    frequency, amplitude, largest, stable = (
         np.array([getattr(point, name) for point in points])
-        for name in ("frequency", "amplitude", "largest")
+        for name in ("frequency", "amplitude", "largest", "stable")
     )
     return ForcedBranch(
         kind=kind,
         frequency=frequency,
         amplitude=amplitude,
         largest=largest,
-        stable=largest < 1.0,
+        stable=stable,
         events=tuple(events),
+        failure=lost,
         steps=tuple(steps),
         motion=motion,
     )
@@ -514,16 +650,30 @@ def _events(motion: ForcedField, step: Step) -> list[ForcedEvent]:
     turns = folds(step, 1e-4)
     found += [(s, "fold") for s in turns]
 
-    def sizes(s: float) -> Array:
-        multipliers, _, _ = orbit_multipliers(motion, orbit_at(step, s))
-        return np.asarray(np.log(np.maximum(np.abs(multipliers), 1e-300)))
+    @cache
+    def multipliers(s: float) -> tuple[Array, Complex, float]:
+        """Logarithms of their moduli, falling, with their roots, and how far 1 is known."""
+        values, roots, error = orbit_multipliers(motion, orbit_at(step, s))
+        order = np.argsort(-np.abs(values), kind="stable")
+        return np.log(np.maximum(np.abs(values[order]), 1e-300)), roots[order], unit_of(error)
 
-    for low, high in sign_changes(sizes, 0.0, step.length, 1e-3 * step.length):
+    around = max(multipliers(s)[2] for s in (0.0, step.length))
+
+    def growth(s: float) -> Array:
+        return multipliers(s)[0] - around
+
+    for low, high in sign_changes(growth, 0.0, step.length, 1e-3 * step.length):
         if any(low - 0.02 * step.length < s < high + 0.02 * step.length for s in turns):
             continue
-        orbit = orbit_at(step, high)
-        _, roots, _ = orbit_multipliers(motion, orbit)
-        kind, _ = crossing_event(roots, orbit.symmetric, trivial=False)
+        # The one that passes is the least of those outside: without damping others are on the
+        # circle, and what leaves it little by little, as the amplitude grows, meets none.
+        outside = max(low, high, key=lambda s: np.count_nonzero(growth(s) > 0.0))
+        passing = np.count_nonzero(growth(outside) > 0.0) - 1
+        neutral = any(abs(multipliers(s)[0][passing]) <= around for s in (0.0, step.length))
+        if neutral and growth(outside)[passing] < around:
+            continue
+        root, symmetric = multipliers(outside)[1][passing], orbit_at(step, outside).symmetric
+        kind, _ = crossing_event([root], symmetric, trivial=False)
         if kind != "fold":
             found.append((high, kind))
     made = list[ForcedEvent]()
@@ -547,7 +697,7 @@ def _described(
     known: Known
     known, error, reason = refined_until(motion, orbit, 1e-3 * rtol, rtol, min(1e-7, 1e-2 * rtol))
     orbit = known.orbit
-    multipliers, _, _ = orbit_multipliers(motion, orbit)
+    multipliers, _, unsure = orbit_multipliers(motion, orbit)
     period = 2.0 * math.pi / orbit.frequency
     t = np.linspace(0.0, period, samples)
     y = orbit.states(orbit.frequency * t)
@@ -557,7 +707,7 @@ def _described(
         frequency=motion.order * orbit.frequency,
         period=period,
         multipliers=multipliers,
-        stable=bool(np.abs(multipliers).max() < 1.0),
+        stable=bool(np.abs(multipliers).max() <= 1.0 + unit_of(unsure)),
         t=t,
         q=np.ascontiguousarray(q),
         qdot=np.ascontiguousarray(qdot),

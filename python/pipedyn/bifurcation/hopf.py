@@ -400,6 +400,11 @@ def hopf(
     elif crossing.kind not in ("flutter", "hopf"):
         raise ValueError(f"crossing must be a flutter, got a {crossing.kind}")
     u = crossing.speed
+    if crossing.frequency == 0.0:
+        raise NoHopf(
+            f"two growing real eigenvalues become a pair at u = {u:g}, away from the axis: no "
+            "cycle emerges there"
+        )
     if u == 0.0:
         raise NoHopf(
             "the pipe is unstable from u = 0 on: all its modes lie on the axis there, and no cycle "
@@ -419,19 +424,11 @@ def hopf(
         jacobians, state = ConstantHead(smooth.model, supply).jacobians, np.append(rest, u)
     with one_thread(motion.size):
         try:
-            form = normal_form(
-                jacobians,
-                state,
-                crossing.frequency,
-                lambda q: _tip_of(motion, rest, q),
-                lambda q: model.largest_angle(q[: motion.half]),
-            )
+            form = _pipe_form(motion, rest, crossing.frequency, jacobians, state)
         except ValueError as error:
             if own:  # two that meet scatter by sqrt(eps)
                 raise NoHopf(f"no simple pair lies on the axis at u = {u:g}") from error
             raise
-        of_pipe = slice(rest.size)
-        form = replace(form, right=form.right[of_pipe], left=form.left[of_pipe])
         slope = _slope(motion, rest, u, form)
         if abs(slope.real) < 1e-9 * (1.0 + abs(slope)):
             raise NoHopf(f"the pair touches the axis at u = {u:g} and does not pass through it")
@@ -467,6 +464,76 @@ def hopf(
         rest=rest,
         friction=friction,
     )
+
+
+def _pipe_form(
+    motion: VectorField,
+    rest: Array,
+    frequency: float,
+    jacobians: Callable[[Array], Array],
+    state: Array,
+) -> NormalForm:
+    """`normal_form` of a pipe, q with unit displacement of the free end, without other states."""
+    form = normal_form(
+        jacobians,
+        state,
+        frequency,
+        lambda q: _tip_of(motion, rest, q),
+        lambda q: motion.model.largest_angle(q[: motion.half]),
+    )
+    of_pipe = slice(rest.size)
+    return replace(form, right=form.right[of_pipe], left=form.left[of_pipe])
+
+
+def onset_coefficients(model: Model, u: float, frequency: float) -> tuple[NormalForm, complex]:
+    """Normal form without drag, and the mean of drag, of a flutter of the straight pipe.
+
+    Raises as `normal_form`.
+    """
+    motion = VectorField(model)
+    smooth, rest = with_drag(model, 0.0) if model.pipe.drag else motion, motion.resting()
+    with one_thread(motion.size):
+        form = _pipe_form(smooth, rest, frequency, partial(smooth.jacobians, u=u), rest)
+        return form, _mean_drag(model, smooth, rest, u, form)[0]
+
+
+def static_cubic(model: Model, u: float) -> float:
+    """Coefficient c of z' = sigma z + c z^3 at a divergence of the straight pipe, in 1 / T.
+
+    z is the largest angle of the shape that buckles; c is negative where the bent equilibria
+    attract. Of a pipe that nothing damps it is that of z'' in place of z'.
+
+    Raises:
+        NotConverged: if differences do not converge.
+    """
+    motion = VectorField(model)
+    half, rest = motion.half, motion.resting()
+    whole = motion.jacobian(rest, u)[half:]
+    a = whole[:, :half]
+    left, _, right = np.linalg.svd(a)
+    shape, weight = right[-1], left[:, -1]
+    shape = shape / model.largest_angle(shape)
+    slowed = -whole[:, half:]
+    rate = float(weight @ slowed @ shape)
+    if abs(rate) <= 1e-9 * float(np.abs(weight) @ np.abs(slowed) @ np.abs(shape)):
+        rate = float(weight @ shape)
+    weight = weight / rate
+    steps = FIRST_STEP / 2.0 ** np.arange(LEVELS)
+    moves = np.concatenate([np.outer(shape, sign * steps) for sign in (1.0, -1.0)], axis=1)
+    moves = np.concatenate([moves, np.zeros_like(moves)])
+    around = motion.jacobians((rest[:, None] + moves).copy(), u)[:, half:, :half]
+    second = (around[:LEVELS] + around[LEVELS:] - 2.0 * a) / steps[:, None, None] ** 2
+    values = (second @ shape) @ weight / 6.0
+    terms = float(np.abs(weight) @ np.abs(a) @ np.abs(shape))
+    size = float(np.abs(weight) @ np.abs(second[0]) @ np.abs(shape))
+    rounding = np.finfo(float).eps * terms / steps**2
+    value, error = _extrapolated([complex(one) for one in values], rounding)
+    if not error <= 1e-3 * size:
+        raise NotConverged(
+            f"the third derivatives at the divergence at u = {u:g} do not converge: "
+            f"{value.real:.6g} with an error of {error:.1e}"
+        )
+    return value.real
 
 
 def with_drag(model: Model, drag: float) -> VectorField:

@@ -34,7 +34,7 @@ from pipedyn.bifurcation.vector_field import VectorField
 from pipedyn.linear.critical_speed import crossings
 from pipedyn.linear.eigenproblem import Complex
 from pipedyn.models.base import Model, NotConverged, PipedynError
-from pipedyn.models.drive import LARGEST_SPEED
+from pipedyn.models.drive import steady_speed
 from pipedyn.motion.simulate import (
     Motion,
     MotionStopped,
@@ -203,7 +203,7 @@ def limit_cycle(
     problems (II), for periodic orbits by collocation.
     """
     model = checked_model_in_motion(model, largest=LARGEST_CYCLE, purpose="limit_cycle")
-    u = check.real("u", u, low=0.0, high=LARGEST_SPEED, open_low=True)
+    u = steady_speed("u", u, open_low=True)
     rtol = check.real("rtol", rtol, low=1e-10, high=1e-2)
     samples = check.count("samples", samples, low=9, high=100_000)
     motion = VectorField(model)

@@ -13,6 +13,7 @@ from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass, field
 from itertools import islice
+from typing import TypeVar, cast
 
 import numpy as np
 
@@ -25,7 +26,6 @@ from pipedyn.bifurcation.periodic_orbit import (
     PeriodicOrbit,
     coarsest_mesh,
     divided,
-    interpolated,
     resolved,
     stage_phases,
 )
@@ -109,7 +109,7 @@ def from_branch_point(motion: VectorField, orbit: PeriodicOrbit) -> BranchStart:
 
     It is left in its neutral direction.
     """
-    equations = OrbitProblem(motion, orbit, FINE).linearised(orbit.packed())
+    equations = OrbitProblem(motion, orbit, FINE).about_orbit(orbit)
     # After the first half the perturbation is the opposite of what the orbit itself does.
     direction = orbit.unpacked(equations.neutral()).doubled(-1.0).packed()
     base = orbit.doubled()
@@ -161,56 +161,64 @@ def breaking_part(orbit: PeriodicOrbit, kind: str) -> Array:
 # -------------------------------------------------------------------------------- following it
 
 
+Problem = TypeVar("Problem", bound=OrbitProblem)
+
+
 def followed(motion: VectorField, start: BranchStart, how: OrbitControl) -> Iterator[Step]:
     """Steps along a branch of orbits, past folds, without end."""
     step = _first_step(motion, start, how)
-    length = 1.5 * min(0.2 * how.longest, step.length)
-    bend: Array | None = None
+    yield step
+    yield from onward(step.problem, step.end, 1.5 * min(0.2 * how.longest, step.length))
+
+
+def onward(problem: Problem, point: Point, length: float) -> Iterator[Segment[Problem]]:
+    """Steps from a solution on, the first of a length at most, without end.
+
+    The mesh follows: `defect` of the problem's control is the largest that is let pass.
+    """
+    defect, tangent = cast(OrbitControl, problem.control).defect, point.tangent
+    problem, bend = problem.about(point.z), cast("Array | None", None)
     while True:
-        yield step
-        here, towards = orbit_at(step, step.length), step.end.tangent
+        here = problem.start
         # An interval twice as long has some 2^8 times the defect. A change of the mesh costs as
         # much as a step.
-        if np.count_nonzero(here.defects() <= 1e-3 * how.defect) > 2 * COARSEST:
+        if np.count_nonzero(here.defects() <= 1e-3 * defect) > 2 * COARSEST:
             edges = resolved(
-                *(motion, here.states, here.frequency, here.u, here.symmetric), how.defect
+                *(problem.motion, here.states, here.frequency, here.u, here.symmetric), defect
             ).edges
             if edges.size < 0.75 * here.edges.size:
-                here, towards = _on_mesh(step, step.end, edges)
-                bend = None
+                (problem, tangent), bend = _on_mesh(problem, tangent, edges), None
+        tried = False
         while True:
-            problem = OrbitProblem(motion, here, how, step.problem.unit)
-            begin = problem.starting(here.packed(), towards)
+            begin = problem.starting(problem.origin, tangent)
             step, following = problem.next(begin, length, bend)
-            defects = orbit_at(step, step.length).defects()
-            if defects.max() <= how.defect:
-                bend = step.bend
+            defects = problem.orbit(step.end.z).defects()
+            if defects.max() <= defect:
                 break
-            bend, coarse = None, defects > how.defect
-            edges = divided(here.edges, 1 + coarse)
+            before = problem.start.edges
+            edges = divided(before, 1 + (defects > defect))
             if edges.size > MOST_INTERVALS:  # some of them may be needed no more
-                end = orbit_at(step, step.length)
+                end = problem.orbit(step.end.z)
                 edges = resolved(
-                    *(motion, end.states, end.frequency, end.u, end.symmetric), 0.1 * how.defect
+                    *(problem.motion, end.states, end.frequency, end.u, end.symmetric), 0.1 * defect
                 ).edges
-                if edges.size > min(MOST_INTERVALS, 0.75 * here.edges.size):
+                if tried or edges.size > min(MOST_INTERVALS, 0.75 * before.size):
                     raise NewtonFailed(f"more than {MOST_INTERVALS} mesh intervals are needed")
-            here, towards = _on_mesh(step, step.begin, edges)
+                tried = True
+            (problem, tangent), bend = _on_mesh(problem, tangent, edges), None
             length = step.length
-        length = following
+        yield step
+        problem, tangent = problem.about(step.end.z), step.end.tangent
+        length, bend = following, step.bend
 
 
-def _on_mesh(step: Step, point: Point, edges: Array) -> tuple[PeriodicOrbit, Array]:
-    """A point's orbit and tangent on another mesh."""
-    motion = step.problem.motion
-    # The tangent there: any direction near it is good enough to find it by.
-    here, moved = (
-        interpolated(motion, orbit.states, edges, orbit.frequency, orbit.u)
-        for orbit in map(step.problem.orbit, (point.z, point.z + 1e-4 * point.tangent))
-    )
-    problem = OrbitProblem(motion, here, step.problem.control, step.problem.unit)
-    found = problem.at(problem.point(here.packed(), moved.packed() - here.packed()), 0.0)
-    return problem.orbit(found.z), found.tangent
+def _on_mesh(problem: Problem, tangent: Array, edges: Array) -> tuple[Problem, Array]:
+    """The problem about its start on another mesh, and the tangent there."""
+    z = problem.origin
+    # Any direction near the tangent is good enough to find it by.
+    here, moved = (problem.about(x, edges) for x in (z, z + 1e-4 * tangent))
+    found = here.at(here.point(here.origin, moved.origin - here.origin), 0.0)
+    return here.about(found.z), found.tangent
 
 
 def continued(motion: VectorField, point: Hopf, u: float) -> PeriodicOrbit:

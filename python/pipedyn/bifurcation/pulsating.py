@@ -96,17 +96,23 @@ class PulsatingPipe:
         return np.asarray(np.linalg.eigvals(self.companion(self.mean, mean)), dtype=np.complex128)
 
     def companion(self, speed: float, square: float) -> Array:
-        """Derivative of the state's rate by the state [q, q'] with these for u and u^2."""
+        """Derivative of the state's rate by the state with these for u and u^2."""
         return np.tensordot([1.0, speed, square], self.companions()[:3], 1)
 
     def companions(self) -> Array:
-        """Its parts by 1, u, u^2 and u', (4, 2 n, 2 n)."""
+        """Its parts by 1, u, u^2 and u', (4, 2 n, 2 n), of a state [q, M^-1 p].
+
+        With the momenta p = M q' + u C_1 q / 2 the equations of a conservative pipe are Hamilton's
+        at any u, and stay so where they are projected on some of its modes.
+        """
         n = self.size
         made = np.zeros((4, 2 * n, 2 * n))
         made[0, :n, n:] = np.eye(n)
         still, square, rate, damping, velocity = self._forces
-        made[:, n:, :n] = still, np.zeros((n, n)), square, rate
-        made[:2, n:, n:] = damping, velocity
+        half = 0.5 * velocity
+        made[1, :n, :n] = made[1, n:, n:] = half
+        made[0, n:, n:] = damping
+        made[:, n:, :n] = still, damping @ half, square + half @ half, rate - half
         return made
 
     def require_stable(self, highest: float) -> None:
@@ -176,6 +182,12 @@ class PulsatingPipe:
 
 def require_motion(model: AnyModel) -> None:
     """Raises ValueError for a pipe with no equation of motion, or none that leaves it at rest."""
+    if model.pipe.thrust_across:
+        raise ValueError(
+            "jet_angle must leave the pipe straight where the flow pulsates, got "
+            f"{model.pipe.jet_angle:.6g}, whose pipe bends with the flow and never rests: "
+            "simulate gives its motion"
+        )
     if isinstance(model, Model) and model.resting().any():
         raise ValueError(
             "model must be about the straight pipe where the flow pulsates: a bent one does not "
@@ -206,8 +218,16 @@ class Hill:
     @cached_property
     def is_hermitian(self) -> bool:
         """Whether H is Hermitian, as of pipes that neither gain nor lose energy."""
+        return self._same_as(lambda h: h.conj().T)
+
+    @cached_property
+    def is_real(self) -> bool:
+        """Whether H is real, as of pipes with neither damping nor a Coriolis force."""
+        return self._same_as(np.conj)
+
+    def _same_as(self, other: Callable[[Complex], Complex]) -> bool:
         h = self.matrix(11.0, 3.0, 0.1, 2 * self.many + 1)
-        return bool(np.abs(h - h.conj().T).max() <= 1e-11 * np.abs(h).max())
+        return bool(np.abs(h - other(h)).max() <= 1e-11 * np.abs(h).max())
 
     def matrix(self, frequency: float, nu: float, amplitude: float, count: int) -> Complex:
         """H, shape (count n, count n), of count harmonics from -many on."""
@@ -241,7 +261,13 @@ class Hill:
 
     def _polynomial(self, share: float | None) -> Polynomial:
         if share is None:
-            return Polynomial(lambda w, nu, mu: self.matrix(w, nu, mu, 2 * self.many + 1), 3)
+            is_real = self.is_real
+
+            def every(frequency: float, nu: float, amplitude: float) -> NDArray[Any]:
+                h = self.matrix(frequency, nu, amplitude, 2 * self.many + 1)
+                return np.ascontiguousarray(h.real) if is_real else h
+
+            return Polynomial(every, 3)
         count = 2 * self.many + (share == 0.0)
         turn = np.kron(_real_form(count), np.eye(self.pipe.size))
 

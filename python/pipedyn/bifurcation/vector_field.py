@@ -19,6 +19,9 @@ class VectorField:
     forced = False
     """Whether f depends on time, too: a `ForcedField`."""
 
+    reach = 1.0
+    """Length in L of the free end that steps along a branch of orbits are measured by."""
+
     def __init__(self, model: Model) -> None:
         self.model = model
         self.half = model.moving

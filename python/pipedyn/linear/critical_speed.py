@@ -337,7 +337,7 @@ def _converging(model: Continuum, max_speed: float, until_unstable: bool) -> Job
     def crossed(
         one: Galerkin, larger: Galerkin | None
     ) -> tuple[tuple[Crossing, ...], tuple[Crossing, ...] | None]:
-        search = _Search(one, max_speed, until_unstable, _resolved(one), larger)
+        search = _Search(one, max_speed, until_unstable, resolved(one), larger)
         _swept([search])
         return search().value, search.of_larger()
 
@@ -350,12 +350,13 @@ def _converging(model: Continuum, max_speed: float, until_unstable: bool) -> Job
     return job
 
 
-def _resolved(model: Galerkin) -> int:
-    """How many modes are the continuous pipe's."""
-    # Three fifths of a Legendre model's are to many digits. Where damping is so strong that the
-    # last of these do not oscillate, those beyond are overdamped too, however they would grow
-    # without it, and nothing sets them apart: then all.
-    share = (3 * model.resolution) // 5
+def resolved(model: Galerkin) -> int:
+    """How many modes of a Legendre model are the continuous pipe's."""
+    # Three fifths of a Legendre model's are to some digits, two fifths to many. Of an aspirating
+    # pipe all modes may lose stability at nearly one speed, and any error of a high one makes it
+    # the first. Where damping is so strong that the last of these do not oscillate, those beyond
+    # are overdamped too, however they would grow without it, and nothing sets them apart: then all.
+    share = ((3 if model.pipe.flow == "ejecting" else 2) * model.resolution) // 5
     return share if model.pipe.damping * (math.pi * share) ** 2 <= 2.0 else model.dof
 
 
@@ -459,8 +460,8 @@ class _Search:
             return None
         assert self.swept is not None
         assert isinstance(self.larger.model, Galerkin)
-        resolved = _resolved(self.larger.model)
-        swept = self.spectrum.of_larger(self.swept, self.max_speed, resolved)
+        modes = resolved(self.larger.model)
+        swept = self.spectrum.of_larger(self.swept, self.max_speed, modes)
         return None if swept is None else crossings_of(self.larger, swept)
 
 

@@ -33,7 +33,7 @@ from pipedyn.models.continuum import (
     checked_model,
     relative,
 )
-from pipedyn.models.drive import ROWS
+from pipedyn.models.drive import ROWS, steady_speed
 from pipedyn.models.terms import PointMass
 from pipedyn.util import check
 from pipedyn.util.check import Array
@@ -138,7 +138,9 @@ def frequency_response(
             range from 0 to a fifth above the fourth lowest resonance.
         input: "base", whose transverse displacement in L has unit amplitude; ("force", s), a
             transverse force in EI / L^2 at the arc length s; or ("moment", s), in EI / L. A moment
-            on a chain acts on the segment at s, in equal parts on both where two meet.
+            on a chain acts on the two segments whose middles are next to s, on the nearer the more,
+            and errs by second order in 1 / n; but at a free end itself by first order, as the jet
+            leaves along the last segment, which bends no further under it.
         output: arc length of the place whose transverse displacement is asked for, in L; "tip" is
             the free end, or `Pipe.watched` where that is held. Where the base moves, it is counted
             from the base.
@@ -161,7 +163,7 @@ def frequency_response(
         (0.435537-0.580465j)
     """
     checked_model(model)
-    u = check.real("u", u, low=0.0, high=largest_speed(model))
+    u = steady_speed("u", u, high=largest_speed(model))
     tolerance = check.real("tolerance", tolerance, low=1e-6, high=0.1)
     driven, place = checked_input(input), checked_output(output, model.pipe.watched)
     if isinstance(model, Model) and model.dof > DENSE_LIMIT:
@@ -172,6 +174,10 @@ def frequency_response(
     given: Array | None = None
     low, high = 0.0, math.inf
     if isinstance(frequencies, tuple):
+        if len(frequencies) != 2:
+            raise ValueError(
+                f"frequencies must be a tuple (low, high), got {check.shown(frequencies)}"
+            )
         low, high = checked_range("frequencies", frequencies)
     elif frequencies is not None:
         given = check.array("frequencies", frequencies, low=0.0, high=HIGHEST, longest=100_000)
@@ -233,14 +239,13 @@ def frequency_response(
 
 
 def checked_range(name: str, given: Any) -> tuple[float, float]:
-    """A range of frequencies (low, high)."""
-    if not isinstance(given, tuple) or len(given) != 2:
-        raise ValueError(f"{name} must be a tuple (low, high), got {check.shown(given)}")
-    low = check.real(f"{name}[0]", given[0], low=0.0, high=HIGHEST)
-    high = check.real(f"{name}[1]", given[1], low=0.0, high=HIGHEST)
-    if not low < high:
-        raise ValueError(f"{name} must have low < high, got {check.shown(given)}")
-    return low, high
+    """A range of frequencies (low, high), that of an increasing sequence or array."""
+    at = check.array(name, given, low=0.0, high=HIGHEST, longest=100_000)
+    if at.size < 2 or (np.diff(at) <= 0.0).any():
+        raise ValueError(
+            f"{name} must be a range (low, high), low < high, got {check.shown(given)}"
+        )
+    return float(at[0]), float(at[-1])
 
 
 def checked_input(given: Any) -> Input:
@@ -301,7 +306,7 @@ class _Response:
         """At frequencies, shape (F,)."""
         if self._basis is not None:
             return self._basis(at)
-        return np.asarray(self.output @ _solutions(self._matrices, self.loads, at))
+        return _seen(self.output, _solutions(self._matrices, self.loads, at))
 
     @cached_property
     def _matrices(self) -> tuple[Array, ...]:
@@ -338,7 +343,10 @@ class _Response:
 
 
 def _solutions(matrices: tuple[Array, ...], loads: Array, at: Array) -> Complex:
-    """P^-1 f at frequencies of dense K, C and M, shape (n, F); infinite where P is singular."""
+    """P^-1 f at frequencies of dense K, C and M, shape (n, F).
+
+    Infinite where P is singular, but 0 where nothing loads it: a base at rest moves nothing.
+    """
     still, rate, mass = matrices
     found = np.full((len(still), at.size), math.inf, dtype=np.complex128)
     piece = max(1, 200_000 // max(len(still) ** 2, 1))
@@ -354,6 +362,15 @@ def _solutions(matrices: tuple[Array, ...], loads: Array, at: Array) -> Complex:
             for k in range(len(left)):
                 with suppress(np.linalg.LinAlgError):
                     found[:, begin + k] = np.linalg.solve(left[k], right[k])[:, 0]
+    found[:, ~(loads.any(axis=0) @ np.abs(1j * at) ** np.arange(3)[:, None] > 0.0)] = 0.0
+    return found
+
+
+def _seen(output: Array, x: Complex) -> Complex:
+    """What is seen of solutions, (n, F) to (F,): infinite where they are, unless nothing is."""
+    infinite = np.isinf(x).any(axis=0)
+    found: Complex = np.asarray(output @ np.where(infinite, 0.0, x))
+    found[infinite] = complex(math.inf, 0.0) if output.any() else 0.0
     return found
 
 
@@ -377,15 +394,16 @@ class _Basis:
         while True:
             small = tuple(self._vectors.T @ product for product in self._products)
             x = _solutions(small, self._vectors.T @ response.loads, at)
+            finite = np.where(np.isinf(x), 0.0, x)
             missed = loads - sum(
-                p @ (power * x) for p, power in zip(self._products, powers, strict=True)
+                p @ (power * finite) for p, power in zip(self._products, powers, strict=True)
             )
-            sizes = np.maximum(np.linalg.norm(loads, axis=0), np.linalg.norm(x, axis=0))
+            sizes = np.maximum(np.linalg.norm(loads, axis=0), np.linalg.norm(finite, axis=0))
             share = np.linalg.norm(missed, axis=0) / np.maximum(sizes, 1e-300)
-            share[~np.isfinite(share)] = 0.0  # at the frequency of an undamped mode
+            share[np.isinf(x).any(axis=0)] = 0.0  # at the frequency of an undamped mode
             worst = int(np.argmax(share))
             if share[worst] <= RESIDUAL:
-                return np.asarray((response.output @ self._vectors) @ x)
+                return _seen(response.output @ self._vectors, x)
             if not self._grown(response.solution(float(at[worst]))):
                 raise NotConverged(
                     f"the response at a frequency of {at[worst]:g} leaves a residual of "
@@ -497,8 +515,10 @@ def _chosen(response: _Response, poles: Complex, low: float, high: float, most: 
             raise NotConverged(f"the response needs more than {MOST} frequencies")
         middle = 0.5 * (at[left] + at[right])
         there = response(middle)
-        size = np.maximum(np.maximum(np.abs(values[left]), np.abs(values[right])), floor)
-        missed = np.abs(there - 0.5 * (values[left] + values[right]))
+        known = np.isfinite(values[left]) & np.isfinite(values[right]) & np.isfinite(there)
+        before, after = (np.where(known, values[side], 0.0) for side in (left, right))
+        size = np.maximum(np.maximum(np.abs(before), np.abs(after)), floor)
+        missed = np.abs(np.where(known, there, math.inf) - 0.5 * (before + after))
         bad = (missed > most * size) & (at[right] - at[left] > 2.0 * CLOSEST * high)
         new = at.size + np.arange(middle.size)
         at, values = np.concatenate([at, middle]), np.concatenate([values, there])

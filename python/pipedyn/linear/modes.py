@@ -23,7 +23,7 @@ from pipedyn.models.continuum import (
     checked_model,
     relative,
 )
-from pipedyn.models.drive import LARGEST_SPEED
+from pipedyn.models.drive import LARGEST_SPEED, require_steady, steady_speed
 from pipedyn.models.pipe import Pipe
 from pipedyn.util import check
 from pipedyn.util.check import Array
@@ -208,7 +208,7 @@ def largest_speed(model: AnyModel | None) -> float:
 def _checked_question(model: AnyModel, u: Any, count: Any) -> tuple[float, int | None]:
     """Speed and count that modes are asked for."""
     checked_model(model)
-    u = check.real("u", u, low=0.0, high=LARGEST_SPEED)
+    u = steady_speed("u", u)
     if count is not None:
         count = _checked_count(count, model, 2)
         if isinstance(model, Model) and model.dof > DENSE_LIMIT and count > model.dof // 2:
@@ -302,6 +302,7 @@ def root_loci(
         ValueError, TypeError: for bad arguments.
     """
     checked_model(model)
+    require_steady("speeds", speeds)
     at = check.array("speeds", speeds, low=0.0, high=largest_speed(model), longest=100_000)
     if np.any(np.diff(at) <= 0.0):
         raise ValueError("speeds must be strictly increasing")

@@ -53,6 +53,10 @@ class Sensitivity:
 class Crossing:
     """A crossing of the imaginary axis by an eigenvalue or a conjugate pair.
 
+    Of conservative pipes also where two growing real eigenvalues meet and become a growing pair,
+    Paidoussis' coupled-mode flutter: a flutter of frequency 0 that leaves `unstable_after` as
+    `unstable_before`.
+
     Attributes:
         speed: u.
         frequency: angular, in 1 / T; 0 for divergence, and at u = 0 for a pair that leaves zero.

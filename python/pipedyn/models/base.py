@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import fields, replace
@@ -18,6 +17,7 @@ from pipedyn import _core
 from pipedyn.models.drive import drive_of
 from pipedyn.models.pencil import DensePencil, Pencil
 from pipedyn.models.pipe import Pipe
+from pipedyn.models.profile import values_along
 from pipedyn.util import check
 from pipedyn.util.check import Array
 from pipedyn.util.power_iteration import largest_stretch
@@ -329,8 +329,7 @@ class Model(OfPipe, ABC):
         pipe, thrust = self.pipe, self.pipe.alpha * u**2
         size, rest = 1.0 + abs(pipe.gamma) + thrust, self._reference
         if rest is None:  # nothing but an inclined jet bends the straight pipe
-            across = not pipe.end_held
-            return across * thrust * abs(math.sin(pipe.jet_angle)) / size
+            return pipe.thrust_across * u**2 / size
         turning = self.motion_rates(np.concatenate([rest, np.zeros_like(rest)]), u)[rest.size :]
         left = self.operators(rest).mass @ (self.free_directions(rest).T @ turning)
         return float(np.abs(left).max()) / size
@@ -340,11 +339,16 @@ class Model(OfPipe, ABC):
         for u in speeds:
             rest = self.unbalanced(u)
             if rest > 1e-7:  # far above what an equilibrium to ten digits leaves
+                bent = (
+                    ""
+                    if self._reference is not None
+                    else (f": straight it does not with jet_angle = {self.pipe.jet_angle:.6g}")
+                )
                 raise ValueError(
                     f"the model must rest at u = {u:g} where it is linearised, got an unbalanced "
-                    f"force of {rest:.1e}; choose about(q), q of equilibria(model, {u:g}), or ask "
-                    "equilibrium_branch(model, q, u, speeds), whose points say where stability is "
-                    "lost"
+                    f"force of {rest:.1e}{bent}; choose about(q), q of equilibria(model, {u:g}), "
+                    "or ask equilibrium_branch(model, q, u, speeds), whose points say where "
+                    "stability is lost"
                 )
 
     def pencil(self) -> Pencil:
@@ -467,9 +471,10 @@ class Model(OfPipe, ABC):
             u_dot: its rate of change, which accelerates the fluid along the pipe; for k states also
                 (k,). Steady where not given.
             base: where the base moves, its position, velocity and acceleration, (x, y) each, shape
-                (3, 2), or (3, 2, k) for k states. The base carries the clamp and all that holds the
-                pipe rigidly; q is counted from it. Drag and terms see its motion: they rest on the
-                ground. At rest where not given.
+                (3, 2), or (3, 2, k) for k states. The base carries the clamp, all that holds the
+                pipe rigidly and what fixes its end axially (`Stretching`); q is counted from it.
+                Drag and other terms see its motion: they rest on the ground. At rest where not
+                given.
 
         Returns:
             dy/dt = [q', q''], of the shape of y.
@@ -485,11 +490,6 @@ class Model(OfPipe, ABC):
 
     def require_base(self) -> None:
         """Raises ValueError where it is not known what a moving base does to the model."""
-        if any(term.law == "stretching" for term in self.pipe.terms):
-            raise ValueError(
-                "base must be at rest with Stretching: its axial spring stands on the ground, and "
-                "the base would stretch the pipe"
-            )
 
     def jacobian(
         self,
@@ -633,7 +633,8 @@ class Model(OfPipe, ABC):
             q: coordinates, real or complex, shape (dof,) or (dof, k).
             s: arc lengths from the clamp in L, each in [0, 1], shape (p,).
             derivative: 0, or 1 for the angle by which the pipe turns there, the slope of a straight
-                one; where segments meet, the mean of both.
+                one; of a chain that of its segments in their middles, and between these in
+                proportion to the compliance passed, that is linear if the pipe is uniform.
         """
 
     def tips(self, q: ArrayLike) -> Array:
@@ -700,7 +701,11 @@ class Model(OfPipe, ABC):
         if not callable(angle):
             raise TypeError(f"angle must be a function of arc length, got {check.shown(angle)}")
         return check.array(
-            "angle(s)", angle(s), size=s.size, low=-LARGEST_ANGLE, high=LARGEST_ANGLE
+            "angle(s)",
+            values_along("angle", angle, s),
+            size=s.size,
+            low=-LARGEST_ANGLE,
+            high=LARGEST_ANGLE,
         )
 
     def tip(self, q: ArrayLike) -> Array:

@@ -583,27 +583,47 @@ class Chain(Model):
         if self.supported is not None:
             theta = real_columns(self._free.spread, given.reshape(self.dof, -1))
             theta = theta.reshape(-1, *given.shape[1:])
-        across = self._lengths if order else self._lengths * np.cos(self.resting())
-        return along((across * theta.T).T, self._base, self._lengths, at, order)
+        if order:
+            return turned(theta, self._ends(), float(self.springs[0]), self._pipe, at)
+        across = self._lengths * np.cos(self.resting())
+        return along((across * theta.T).T, self._base, self._lengths, at)
 
 
-def along(
-    steps: NDArray[Any], base: float, lengths: Array, s: Array, derivative: int = 0
-) -> NDArray[Any]:
-    """Sum of the segments' steps (n, ...) up to s, linear within a segment, 0 in the base.
-
-    Or its derivative, the mean of both where segments meet.
-    """
+def along(steps: NDArray[Any], base: float, lengths: Array, s: Array) -> NDArray[Any]:
+    """Sum of the segments' steps (n, ...) up to s, linear within a segment, 0 in the base."""
     ends = base + np.concatenate([[0.0], np.cumsum(lengths)])
-    if derivative == 1:
-        slopes = np.concatenate([0.0 * steps[:1], (steps.T / lengths).T])
-        sides = (np.searchsorted(ends, s, side=side) for side in ("left", "right"))
-        before, after = (slopes[np.minimum(side, lengths.size)] for side in sides)
-        return np.asarray(0.5 * (before + after))
     nodes = np.concatenate([np.zeros_like(steps[:1]), np.cumsum(steps, axis=0)])
     j = np.clip(np.searchsorted(ends, s, side="right") - 1, 0, lengths.size - 1)
     part = np.clip((s - ends[j]) / lengths[j], 0.0, 1.0)
     return nodes[j] + (part * steps[j].T).T
+
+
+def turned(theta: NDArray[Any], ends: Array, spring: float, pipe: Pipe, s: Array) -> NDArray[Any]:
+    """Angles of the pipe that a chain stands for, at arc lengths s, (p, ...), of second order.
+
+    Each segment has the pipe's angle in its middle. Between two middles the moment is nearly one,
+    so that the angle grows in proportion to the compliance passed, which of a uniform pipe is the
+    length. Towards a free or pinned end there is no moment and the angle stays; in a guided or
+    clamped end it is 0, and at a root's spring what this has of the first segment's.
+
+    Args:
+        theta: angles of the segments, (n, ...).
+        ends: where these begin and end, (n + 1,).
+        spring: of the first joint alone.
+        pipe: the pipe.
+        s: arc lengths, (p,).
+    """
+    places = np.concatenate([[0.0], 0.5 * (ends[:-1] + ends[1:]), [1.0]])
+    at_root = spring / (spring + pipe.root_stiffness) if spring > 0.0 else 1.0
+    last = 0.0 if pipe.end_directed else 1.0
+    angles = np.concatenate([at_root * theta[:1], theta, last * theta[-1:]])
+    if pipe.stiffness is not None:
+        every = np.unique(np.concatenate([places, s]))
+        passed = np.append(0.0, np.cumsum(moments(reciprocal(pipe.stiffness), every)[0]))
+        places, s = (passed[np.searchsorted(every, some)] for some in (places, s))
+    j = np.clip(np.searchsorted(places, s, side="right") - 1, 0, places.size - 2)
+    share = (s - places[j]) / (places[j + 1] - places[j])
+    return np.asarray((angles[j].T * (1.0 - share) + angles[j + 1].T * share).T)
 
 
 def _first_eigenvalue(pipe: Pipe) -> float:

@@ -55,18 +55,19 @@ class Continuum(OfPipe):
 
     Raises:
         TypeError: for what is no pipe.
-        ValueError: for a pipe with a jet_angle.
+        ValueError: for a pipe that an inclined jet bends.
 
     Source: Gregory and Paidoussis (1966).
     """
 
     def __init__(self, pipe: Pipe) -> None:
         super().__init__(pipe)
-        if pipe.jet_angle:
+        if pipe.thrust_across:
             raise ValueError(
                 "Continuum answers linear questions about the straight pipe, which is no "
                 f"equilibrium with jet_angle = {pipe.jet_angle:.6g}: ask equilibria, or "
-                "equilibrium_branch, of a Chain or a Galerkin model"
+                "equilibrium_branch for its onset, of a Chain or a Galerkin model; relevant, trade "
+                "and choose of a motion or a limit cycle"
             )
 
     def with_pipe(self, pipe: Pipe) -> Continuum:

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: MIT
 """What drives a pipe in time: a flow whose speed changes or is free to, and a base that moves.
 
-The base carries the clamp and all that holds the pipe rigidly (supports, guides, pins); it moves
-without turning. Coordinates are counted from it. Springs, dampers, stops, foundations and the fluid
-around the pipe rest on the ground.
+The base carries the clamp and all that holds the pipe rigidly (supports, guides, pins, what fixes
+its end axially); it moves without turning. Coordinates are counted from it. Springs, dampers,
+stops, foundations and the fluid around the pipe rest on the ground.
 """
 
 from __future__ import annotations
@@ -246,15 +246,18 @@ class Supply:
         pressure: float,
         density: float,
         friction: float,
+        weight: float | None = None,
         start: float | None = None,
     ) -> Supply:
         """Of a pipe made with `Pipe.from_si`.
 
         Args:
-            pipe: the pipe, without a fluid outside that is comparable with that inside.
+            pipe: the pipe.
             pressure: at the reservoir over that at the outlet, N/m^2.
             density: of the fluid in the pipe, kg/m^3, > 0.
             friction: f, a number.
+            weight: of the fluid in the pipe less that of as much of the fluid outside, N; where not
+                given as in air.
             start: flow speed to begin with, m/s.
         """
         pressure = check.real("pressure", pressure)
@@ -262,9 +265,12 @@ class Supply:
         scales = with_scales(pipe).scales
         assert scales is not None
         head = check.real("head from pressure and density", pressure / density / scales.speed**2)
+        if weight is not None:
+            force = pipe.beta * scales.mass * scales.speed**2  # EI / L^2
+            weight = check.real("weight", weight) / force
         if start is not None:
             start = pipe.speed(check.real("start", start, low=0.0))
-        return cls(head, friction, None, start)
+        return cls(head, friction, weight, start)
 
     def _hanging(self, pipe: Pipe) -> float:
         """What the straight pipe's fluid adds to the head."""
@@ -297,6 +303,30 @@ Speed: TypeAlias = (
     | Supply
 )
 """A flow speed: steady, a function u(t) of time, this with its derivative, or what drives it."""
+
+
+def steady_speed(
+    name: str, u: Any, *, high: float = LARGEST_SPEED, open_low: bool = False
+) -> float:
+    """A flow speed that stays; of one that varies TypeError says what can be asked instead."""
+    require_steady(name, u)
+    return check.real(name, u, low=0.0, high=high, open_low=open_low)
+
+
+def require_steady(name: str, given: Any) -> None:
+    """Raises TypeError if that, or an entry of it, is a flow whose speed is free or pulsates."""
+    for one in given if isinstance(given, list | tuple) else (given,):
+        if isinstance(one, Supply):
+            raise TypeError(
+                f"{name} must be steady, got {check.shown(one)}: at constant head ask simulate for "
+                "motions and hopf(model, friction=...) for onset and cycles next to it; rest and "
+                "small motions are those at the speed supply.speed(pipe)"
+            )
+        if isinstance(one, Pulsation):
+            raise TypeError(
+                f"{name} must be steady, got {check.shown(one)}: of a pulsating flow ask simulate, "
+                "floquet, parametric_regions or forced_response"
+            )
 
 
 def _checked(pipe: Any) -> Pipe:
@@ -345,10 +375,14 @@ def drive_of(y: ArrayLike, u_dot: ArrayLike | None, base: ArrayLike | None) -> A
     return drive
 
 
+class DriveFailed(Exception):
+    """A function of time that gives nothing to go on with, found in the course of a motion."""
+
+
 class Drive:
     """What drives a motion from one time to another.
 
-    Called with a time it gives u, u', X, Y, X', Y', X'', Y''.
+    Called with a time it gives u, u', X, Y, X', Y', X'', Y'', or raises `DriveFailed`.
 
     Args:
         u: the flow speed, as `Speed` says.
@@ -367,10 +401,16 @@ class Drive:
         self._speed = _with_derivatives("u", u, 1)
         self._base = None if base is None else _with_derivatives("base", base, 2)
         for t in np.linspace(low, high, TRIED).tolist():
-            self(t)
+            self._at(t)
 
     def __call__(self, t: float) -> tuple[float, ...]:
         """u, u', X, Y, X', Y', X'', Y'' at a time."""
+        try:
+            return self._at(t)
+        except (ValueError, TypeError) as error:
+            raise DriveFailed(str(error)) from error
+
+    def _at(self, t: float) -> tuple[float, ...]:
         u, rate = self._evaluated("u", self._speed, t, 1)
         if not 0.0 <= u[0] <= LARGEST_SPEED:
             check.real(f"u({t:g})", u[0], low=0.0, high=LARGEST_SPEED)
@@ -449,7 +489,11 @@ class _Constant:
 
 def _finite(name: str, function: Any, t: float, entries: int) -> tuple[float, ...]:
     """The value of a function of time, as so many finite numbers."""
-    came = function(t)
+    try:
+        came = function(t)
+    except Exception as error:
+        told = f"{type(error).__name__}: {error}"
+        raise ValueError(f"{name}({t:g}) must be a number or numbers, it raised {told}") from error
     if entries == 1:
         return (check.real(f"{name}({t:g})", came),)
     try:

@@ -26,8 +26,10 @@ from pipedyn.models.supports import (
 )
 from pipedyn.models.terms import (
     AddedMass,
+    PointMass,
     Stretching,
     Term,
+    Weight,
     checked_terms,
     converted,
     in_range,
@@ -179,7 +181,7 @@ class Pipe:
         damping_time: float = 0.0,
         hysteresis: float = 0.0,
         flow: Flow = "ejecting",
-        alpha: float = 1.0,
+        alpha: float | None = None,
         nozzle_ratio: float | None = None,
         inflow_share: float = 1.0,
         jet_angle: float = 0.0,
@@ -203,17 +205,18 @@ class Pipe:
             external_diameter: d_e, m.
             external_density: rho_e of the surrounding fluid at rest, kg/m^3. With the diameter it
                 gives the pipe buoyancy: gamma is that of the weight less the displaced fluid's,
-                negative if the pipe floats up. Of a point mass, whose volume is not known, the
-                weight lessens by the same share. Not with a mass_profile, but without gravity.
+                negative if the pipe floats up. A point mass, whose volume is not known, keeps its
+                whole weight: a `Weight` at its place makes up the difference. Not with a
+                mass_profile, but without gravity.
             added_mass_coefficient: C_m, which makes an `AddedMass` of rho_e pi d_e^2 / 4 C_m: 1 far
                 from walls, (D^2 + d_e^2) / (D^2 - d_e^2) in the middle of a tank of diameter D.
             damping_time: eps, s; the material's stress is E (strain + eps d strain / dt).
             hysteresis: the material's loss factor.
             flow: "ejecting" or "aspirating".
-            alpha: end coefficient, see `end_coefficient`.
-            nozzle_ratio: A / A_j > 0, the pipe's section over that of a uniform jet, in place of
-                alpha, which it is: above 1 for a nozzle, below for a diffuser. Terms say a
-                nozzle's mass.
+            alpha: end coefficient, see `end_coefficient`; 1 where not given.
+            nozzle_ratio: A / A_j > 0, of an ejecting pipe the section over that of a uniform jet,
+                in place of alpha, which it is: above 1 for a nozzle, below for a diffuser. Terms
+                say a nozzle's mass.
             inflow_share: share of the free end's velocity that the fluid has before it enters.
             jet_angle: angle of an inclined nozzle's jet to the tangent at the free end, rad.
             terms: what else acts on the pipe, its numbers in SI units, `at` in m; `terms_si` gives
@@ -253,10 +256,15 @@ class Pipe:
             )
         damping_time = check.real("damping_time", damping_time, low=0.0)
         if nozzle_ratio is not None:
-            if alpha != 1.0:
+            if alpha is not None:
                 raise ValueError(
                     f"alpha or nozzle_ratio must be given, not both, got {check.shown(alpha)} and "
                     f"{check.shown(nozzle_ratio)}"
+                )
+            if flow != "ejecting":
+                raise ValueError(
+                    f"nozzle_ratio must be that of an ejecting pipe, whose jet it contracts, "
+                    f"got flow={check.shown(flow)}"
                 )
             alpha = check.real("nozzle_ratio", nozzle_ratio, open_low=True, **RANGES["alpha"])
         mass = pipe_mass + fluid_mass
@@ -281,6 +289,12 @@ class Pipe:
             "damping": (damping_time / time, f"damping_time, {every}"),
         }
         given = [converted(one, units, operator.truediv) for one in checked_terms(terms, length)]
+        borne = gravity * length**3 * displaced / stiffness  # by the fluid, of the pipe's mass
+        given += [
+            Weight(at=one.at, load=borne * one.mass)
+            for one in given
+            if isinstance(one, PointMass) and borne
+        ]
         if added_mass_coefficient:
             causes = f"added_mass_coefficient, {outside} and the masses"
             share = displaced / mass * added_mass_coefficient
@@ -301,7 +315,7 @@ class Pipe:
                 for name, (value, causes) in numbers.items()
             },
             flow=flow,
-            alpha=alpha,
+            alpha=1.0 if alpha is None else alpha,
             hysteresis=hysteresis,
             inflow_share=inflow_share,
             jet_angle=jet_angle,
@@ -318,6 +332,15 @@ class Pipe:
     def direction(self) -> float:
         """s, the sign of the flow's velocity: 1 ejecting, -1 aspirating."""
         return -1.0 if self.flow == "aspirating" else 1.0
+
+    @property
+    def thrust_across(self) -> float:
+        """Share of u^2 with which the jet loads the end of the straight pipe across it.
+
+        It is 0 where the end is held, and of a jet along the axis.
+        """
+        across = self.alpha * abs(math.sin(self.jet_angle))
+        return 0.0 if self.end_held or across < 1e-15 else across
 
     @property
     def cantilevered(self) -> bool:

@@ -207,7 +207,9 @@ class _Function:
     def __call__(self, s: Array) -> Array:
         given = np.array(s)
         rule: dict[str, Any] = {"low": SMALLEST, "high": LARGEST, "longest": s.size}
-        return check.array(f"{self.name}(s)", self.function(given), size=s.size, **rule)
+        return check.array(
+            f"{self.name}(s)", values_along(self.name, self.function, given), size=s.size, **rule
+        )
 
 
 def _nodes(count: int) -> tuple[Array, Array]:
@@ -282,10 +284,30 @@ def _refuse_many(name: str, stretches: int) -> None:
         )
 
 
+def values_along(name: str, function: Any, s: Array) -> Any:
+    """What a function of arc lengths gives; TypeError if it takes none but single numbers."""
+    try:
+        return function(s)
+    except (TypeError, ValueError) as error:
+        try:
+            function(float(s[0]))
+        except Exception:  # it fails at numbers, too: this is not what is wrong
+            raise error from None
+        raise TypeError(
+            f"{name} must be a function of an array of arc lengths, as of numpy's functions, got "
+            f"one that takes single numbers alone: {error}"
+        ) from error
+
+
 def checked_profile(name: str, given: Any) -> Profile | None:
     """A field of the pipe as a profile that is 1 at the clamp; None where it is uniform."""
     if given is None:
         return None
+    if isinstance(given, list | tuple | np.ndarray):
+        raise TypeError(
+            f"{name} must be a function of arc length or a Profile, got {check.shown(given)}; of "
+            "steps make a Profile(at, values)"
+        )
     profile = given if isinstance(given, Profile) else Profile(values=given, name=name)
     at_clamp = float(profile([0.0])[0])
     if abs(at_clamp - 1.0) > 1e-9:

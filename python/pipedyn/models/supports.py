@@ -4,9 +4,12 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any, Literal
+
+import numpy as np
 
 from pipedyn.models.terms import SLACK, number
 from pipedyn.util import check
@@ -85,11 +88,10 @@ def checked_supports(supports: Any, end: float = 1.0) -> tuple[float, ...]:
     Raises ValueError for more than 100, for one that is not inside the pipe, or where two, or one
     and an end of the pipe, are closer than 0.001 L; else TypeError.
     """
-    if not isinstance(supports, tuple | list):
-        raise TypeError(
-            f"supports must be a tuple or list of arc lengths, got {check.shown(supports)}"
-        )
-    if not supports:
+    sequence = isinstance(supports, Sequence) and not isinstance(supports, str | bytes | bytearray)
+    if not sequence and not (isinstance(supports, np.ndarray) and supports.ndim == 1):
+        raise TypeError(f"supports must be a sequence of arc lengths, got {check.shown(supports)}")
+    if not len(supports):
         return ()
     if len(supports) > MOST_SUPPORTS:
         raise ValueError(f"supports must be at most {MOST_SUPPORTS}, got {len(supports)}")

@@ -358,6 +358,32 @@ class Tension(Term):
 
 
 @dataclass(frozen=True, repr=False)
+class Weight(Term):
+    """A dead load at one place, along the straight pipe, without mass.
+
+    What hangs there without moving much, or what a mass weighs more or less than gamma times it.
+
+    Attributes:
+        at: arc length from the clamp in L, 0 < at <= 1.
+        load: downward if positive, in EI / L^2.
+
+    In `Pipe.from_si`: at in m, load in N.
+
+    Source: as `Tension`, which acts at the end.
+
+    Example:
+        >>> import pipedyn as pp
+        >>> pipe = pp.Pipe(beta=0.2, terms=[pp.Weight(at=0.5, load=20.0)])
+        >>> round(pp.critical_speed(pp.Continuum(pipe)).speed, 4)
+        5.7049
+    """
+
+    law: ClassVar[str] = "tension"
+    at: float = place()
+    load: float = number(1e6, mass=1, length=2, time=-2, low=-1e6)
+
+
+@dataclass(frozen=True, repr=False)
 class Stretching(Term):
     """What stretching the pipe between axially fixed ends takes: an axial spring at its end.
 
@@ -365,7 +391,7 @@ class Stretching(Term):
     stiffness * (1 - y), y the end's position along the straight pipe, with the pipe's Kelvin-Voigt
     damping. To third order in the amplitude this is the mean tension of a pipe that stretches,
     stiffness / 2 times the integral of w'^2. Small motions do not feel it. It needs an end that is
-    pinned or clamped.
+    pinned or clamped. Where the base moves, both ends do so with it.
 
     Attributes:
         stiffness: of the pipe in tension, E A L^2 / (E I) >= 0, in EI / L^3.

@@ -78,11 +78,14 @@ class DenseOutput:
         Raises ValueError for times outside the motion.
         """
         at = check.array("t", np.atleast_1d(t), low=float(self.t[0]), high=float(self.t[-1]))
-        step = np.clip(np.searchsorted(self.t, at, "right") - 1, 0, len(self.coefficients) - 1)
-        x = (at - self.t[step]) / (self.t[step + 1] - self.t[step])
-        p, pdot = np.split(powers(self.coefficients[step], x), 2, axis=1)
+        p, pdot = np.split(self._integrated(at), 2, axis=1)
         states = np.concatenate(self.model.recorded(p, pdot), axis=1)
         return np.asarray(states[0] if np.ndim(t) == 0 else states.T)
+
+    def _integrated(self, t: Array) -> Array:
+        """The states [p, p'] that the integrator advances, (k, 2 moving), at times (k,)."""
+        step = np.clip(np.searchsorted(self.t, t, "right") - 1, 0, len(self.coefficients) - 1)
+        return powers(self.coefficients[step], (t - self.t[step]) / np.diff(self.t)[step])
 
 
 def powers(coefficients: Array, x: Array) -> Array:

@@ -6,7 +6,7 @@ from __future__ import annotations
 import math
 import time
 import warnings
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, TypeAlias
@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike
 from pipedyn import _core
 from pipedyn.models.base import Model
 from pipedyn.models.constant_head import ConstantHead
-from pipedyn.models.drive import Base, Drive, Speed
+from pipedyn.models.drive import Base, Drive, DriveFailed, Speed
 from pipedyn.motion.events import Recorder
 from pipedyn.util.check import Array
 from pipedyn.util.counters import evaluated, factorised, in_time
@@ -224,7 +224,16 @@ class Observer:
         self.recorder, self.callback = recorder, callback
         self.end: float | None = None
         """Where the motion was ended, by an event or the caller."""
+        self.stretch = CALLS
+        """Right-hand sides of a member between two looks, at most."""
         self._called = -math.inf
+
+    def ended(self, states: Array, samples: Array) -> Iterable[int]:
+        """Which members of a batch may end here, as their first samples show.
+
+        states: (members, S, rows), of which member j has samples[j].
+        """
+        return ()
 
     def steps(self, ends: ArrayLike, coefficients: ArrayLike) -> None:
         """Takes steps of the motion, as `Recorder.add`."""
@@ -261,6 +270,8 @@ def integrate(tasks: Sequence[Task], shown: bool, observer: Observer) -> list[Ou
             observer.call(task, float(t), row)
             if observer.end is not None:
                 break
+    except DriveFailed as failed:
+        why = str(failed)
     except Stopped as stopped:
         why = NOT_FINITE if monitor.overflowed else str(stopped)
     evaluated(monitor.calls + monitor.jacobians)
@@ -287,21 +298,26 @@ def _in_core(tasks: Sequence[Task], shown: bool, observer: Observer) -> list[Out
         times = np.append(times, first.end)  # events are looked for up to there
     states = np.empty((members, times.size, len(start)))
     whys: list[str | None] = [None] * members
+    left = set[int]()  # by the observer's leave
 
     def reached() -> Iterator[int]:
         """The samples that all members have, or will not have, one by one."""
-        done, finished, allowed = 0, False, FORECAST
+        done, finished, allowed = 0, False, min(FORECAST, observer.stretch)
         while not finished and observer.end is None:
             follows = observer.recorder is not None
-            finished, ends, steps = motion.advance(times, states, allowed, follows)
             try:
+                finished, ends, steps = motion.advance(times, states, allowed, follows)
                 observer.steps(ends, steps)
-            except Stopped as stopped:
-                whys[0] = str(stopped)
+            except (Stopped, DriveFailed) as stopped:
+                whys[:] = [str(stopped)] * members
                 return
             in_time()
             now = motion.members
+            for j in observer.ended(states, np.array([member.samples for member in now])):
+                motion.stop(j)
+                left.add(j)
             going = [j for j, member in enumerate(now) if member.progress == "going"]
+            going = [j for j in going if j not in left]
             if going:
                 slowest = min(going, key=lambda j: now[j].time)
                 at, monitor = now[slowest].time, monitors[slowest]
@@ -314,7 +330,7 @@ def _in_core(tasks: Sequence[Task], shown: bool, observer: Observer) -> list[Out
                     motion.stop(slowest)
                 else:
                     observer.call(first, at, motion.state(slowest))
-                allowed = max(1, monitor.next_check - monitor.calls)
+                allowed = max(1, min(monitor.next_check - monitor.calls, observer.stretch))
             until = min((now[j].samples for j in going), default=count)
             yield from range(done, min(until, count))
             done = until
@@ -326,7 +342,7 @@ def _in_core(tasks: Sequence[Task], shown: bool, observer: Observer) -> list[Out
         why, samples = whys[j] or ENDS.get(member.progress), min(member.samples, count)
         if why is not None and first.constant_head is not None and motion.state(j)[-1] < STILL:
             why = "its flow stops and would turn back"
-        if member.progress == "spent":
+        if member.progress == "spent" and j not in left:
             why = why or f"it needs more than {first.most:g} right-hand sides"
         if observer.end is not None:
             samples, why = int(np.searchsorted(times[:samples], observer.end, "right")), None

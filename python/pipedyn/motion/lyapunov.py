@@ -17,7 +17,7 @@ from dataclasses import field, replace
 import numpy as np
 
 from pipedyn.models.base import Model, NotConverged
-from pipedyn.models.drive import LARGEST_SPEED
+from pipedyn.models.drive import steady_speed
 from pipedyn.motion.integrator import Stopped, decays_fast, integrate, state_after
 from pipedyn.motion.simulate import (
     MotionStopped,
@@ -120,7 +120,7 @@ def lyapunov_exponent(
         ValueError, TypeError: for bad arguments.
     """
     model = checked_model_in_motion(model)
-    u = check.real("u", u, low=0.0, high=LARGEST_SPEED)
+    u = steady_speed("u", u)
     kinds = "a LimitCycle, a Motion, an angle theta(s), coordinates or a state [q, q']"
     state = state_of(model, "start", slight_bend if start is None else start, kinds)
     duration = check.real("duration", duration, low=1e-3, high=1e6)

@@ -25,7 +25,7 @@ from numpy.typing import ArrayLike
 from pipedyn.linear.critical_speed import critical_speed
 from pipedyn.models.base import Model, PipedynError
 from pipedyn.models.constant_head import ConstantHead
-from pipedyn.models.drive import LARGEST_SPEED, Base, Drive, Speed, Supply
+from pipedyn.models.drive import LARGEST_SPEED, Base, Drive, DriveFailed, Speed, Supply
 from pipedyn.motion.events import (
     DenseOutput,
     Event,
@@ -213,8 +213,9 @@ def simulate(
         base: the motion of the base: a `Harmonic`, or a function of the time to its place (X, Y) in
             L, smooth, whose two derivatives are taken as those of u, or a triple of functions to
             place, velocity and acceleration. The base carries the clamp and what holds the pipe
-            rigidly, guides and pins, and does not turn; coordinates are counted from it. Springs,
-            dampers and the fluid around the pipe rest on the ground. At rest where not given.
+            rigidly, guides, pins and an end fixed axially (`Stretching`), and does not turn;
+            coordinates are counted from it. Springs, dampers and the fluid around the pipe rest on
+            the ground. At rest where not given.
         rtol: relative tolerance of the error of each step, in [1e-13, 0.1].
         atol: absolute tolerance, > 0; rtol / 100 where not given.
         method: "auto" chooses by measured cost, see `choose_method`; "radau" (implicit, seven
@@ -248,8 +249,9 @@ def simulate(
         True
 
     Raises:
-        MotionStopped: if the step tends to 0, the state or its rate is no longer finite, or the
-            motion takes more than `most` right-hand sides; it carries the motion up to there.
+        MotionStopped: if the step tends to 0, the state or its rate is no longer finite, the
+            motion takes more than `most` right-hand sides, or a function of time turns bad on the
+            way; it carries the motion up to there.
         ValueError, TypeError: for bad arguments.
 
     Source: `rhs` of the models for the equations; Hairer, Norsett and Wanner, Solving Ordinary
@@ -382,15 +384,19 @@ def in_batches(
     work: Callable[[Sequence[Task], bool, Observer], list[Answer]],
     executor: futures.Executor | None = None,
     shown: bool = False,
+    members: int = BATCH,
 ) -> list[Answer]:
-    """What `work` makes of each task, in batches of one model, on threads where that helps."""
+    """What `work` makes of each task, in batches of one model, on threads where that helps.
+
+    members: of a batch where the method takes several at once.
+    """
     members_of: dict[tuple[int, ...], list[int]] = {}  # each model and what drives it
     for i, task in enumerate(tasks):
         key = (id(task.model), 0 if isinstance(task.u, float) and not task.drive else id(task.u))
         members_of.setdefault(key, []).append(i)
     blocks = []
     for same in members_of.values():
-        together = BATCH if tasks[same[0]].method == "dop853" else 1
+        together = members if tasks[same[0]].method == "dop853" else 1
         blocks += [same[i : i + together] for i in range(0, len(same), together)]
     observer = Observer()
     jobs = [partial(work, [tasks[i] for i in block], False, observer) for block in blocks]
@@ -444,9 +450,21 @@ def motions_of(
     tasks: Sequence[Task], shown: bool, observer: Observer
 ) -> list[tuple[Motion, str | None]]:
     """Motion of each member of a batch, and why it stopped early."""
-    outcomes = integrate(tasks, shown, observer)
+    outcomes = list(map(_while_driven, tasks, integrate(tasks, shown, observer)))
     motions = assembled(tasks, outcomes)
     return [(motion, why) for motion, (_, _, why) in zip(motions, outcomes, strict=True)]
+
+
+def _while_driven(task: Task, outcome: Outcome) -> Outcome:
+    """What came of a task up to the first sample at which its functions of time fail, if one is."""
+    rows, calls, _ = outcome
+    if task.drive is not None and task.drive.numbers is None:
+        for k, t in enumerate(task.times[: len(rows) - 1].tolist()):
+            try:
+                task.drive(t)
+            except DriveFailed as failed:
+                return rows[: k + 1], calls, str(failed)
+    return outcome
 
 
 def assembled(tasks: Sequence[Task], outcomes: Sequence[Outcome]) -> list[Motion]:
@@ -533,8 +551,18 @@ def checked_model_in_motion(
         many = f"{largest} degrees of freedom for {purpose}"
         raise ValueError(f"{name} must have at most {many}, got {model.dof}")
     if model.pipe.hysteresis:
-        raise ValueError(f"{name} must be a pipe without hysteresis, {_instead(model)}")
+        instead = _at_rest(model) if purpose == "equilibria" else _instead(model)
+        raise ValueError(f"{name} must be a pipe without hysteresis, {instead}")
     return model
+
+
+def _at_rest(model: Model) -> str:
+    """What to ask of equilibria with hysteresis, where a static load loses nothing."""
+    return (
+        f"got {model.pipe.hysteresis:g}: it does not act on what is at rest, so ask the pipe "
+        "without it, and eigenvalues(model.about(q), u) with it for small motions about what is "
+        "found"
+    )
 
 
 def _instead(model: Model) -> str:

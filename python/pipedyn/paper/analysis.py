@@ -7,26 +7,24 @@ What fails is left out and named; the rest is kept.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field, replace
 from functools import partial
-from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from pipedyn import plot
+from pipedyn.bifurcation.boundary import Boundary, boundary
 from pipedyn.linear.critical_speed import (
     CriticalSpeed,
     NoCrossing,
-    Point,
     critical_speed,
     crossings,
 )
 from pipedyn.linear.modes import RootLoci, root_loci
 from pipedyn.linear.sensitivity import Crossing
-from pipedyn.linear.stability_curve import Failure, StabilityCurve, stability_curve
+from pipedyn.linear.stability_curve import StabilityCurve, stability_curve
 from pipedyn.models.base import Model
 from pipedyn.models.chain import SPRING_RULES, Chain
 from pipedyn.models.continuum import Continuum
@@ -48,8 +46,8 @@ REDUCED_SIZES = (2, 3, 4, 5, 6, 7, 8, 10, 12, 16, 22, 32, 46)
 number of functions, because the error of Legendre functions falls to rounding by m = 12."""
 
 
-FOLD = 0.002
-"""How well the map has to know the tips of folds, in beta: a sixth of a line's width."""
+MAP_MODES = 9
+"""Mass ratios of a map at which the mode is told that loses stability."""
 
 
 @dataclass(frozen=True)
@@ -91,8 +89,9 @@ class Findings:
     benchmark: RootLoci | None = None  # root loci of the continuous pipe
     panels: list[list[tuple[str, RootLoci | None]]] = field(default_factory=list)  # rows, titled
     rows: list[Row] = field(default_factory=list)  # the table, without the continuous pipe
-    curves: dict[float, StabilityCurve] = field(default_factory=dict)  # over beta, by gamma
-    map_error: float = 0.0  # largest distance of the map's boundaries from the continuous pipe's
+    maps: dict[float, Boundary] = field(default_factory=dict)  # over beta, by gamma
+    curves: dict[float, StabilityCurve] = field(default_factory=dict)  # at some beta, by gamma
+    map_error: float = 0.0  # largest of the maps' boundaries
     failures: list[str] = field(default_factory=list)
 
 
@@ -152,13 +151,14 @@ def gather(case: Case, executor: futures.Executor | None = None) -> Iterator[Fin
     for gamma, name in maps.items():
         if outcomes[name][0] is None:
             continue
-        findings.curves[gamma], difference = outcomes[name][0]
-        findings.map_error = max(findings.map_error, difference)
-        if math.isinf(difference):
-            findings.failures.append(f"{name}: boundaries differ from the continuous pipe's")
+        found, curve = outcomes[name][0]
+        findings.maps[gamma], findings.curves[gamma] = found, curve
+        findings.map_error = max([findings.map_error, *(one.error for one in found.curves)])
+        findings.failures += [f"{name}: {failure}" for failure in found.failures]
         findings.failures += [
             f"{name}, beta = {failure.value:g}: {_remark(failure.error)}"
-            for failure in findings.curves[gamma].failures
+            for failure in curve.failures
+            if not isinstance(failure.error, NoCrossing)
         ]
     yield findings
 
@@ -202,84 +202,13 @@ def _families(case: Case) -> list[tuple[str, str, Model]]:
     ]
 
 
-def stability_map(pipe: Pipe, top: float) -> tuple[StabilityCurve, float]:
-    """Stability over beta, and the distance of its boundaries from the continuous pipe's.
+def stability_map(pipe: Pipe, top: float) -> tuple[Boundary, StabilityCurve]:
+    """Boundaries of the continuous pipe over beta and speed, and in which modes it is lost."""
+    ranges = {"beta": (0.01, 0.98), "u": (0.0, 1.02 * top)}
+    found = boundary(Continuum(pipe), "beta", "u", ranges, criticality=False, only_stability=True)
+    size = math.ceil(0.8 * top) + 4
 
-    Computed is a reduced model with as many Legendre functions as the highest speed needs, in a
-    third of the continuous pipe's time. At three values of beta it is compared with that.
-    """
-    end, size = 1.02 * top, math.ceil(0.8 * top) + 4
-    first = np.linspace(0.01, 0.98, 25).tolist()
+    def reduced(beta: float) -> Galerkin:
+        return Continuum(replace(pipe, beta=beta)).frozen(size)
 
-    def continuous(beta: float) -> Continuum:
-        return Continuum(replace(pipe, beta=beta))
-
-    points: dict[float, Point] = {}
-    failures: dict[float, Failure] = {}
-    betas = first
-    while betas:
-        curve = stability_curve(lambda beta: continuous(beta).frozen(size), betas, max_speed=end)
-        points |= zip(betas, zip(curve.critical, curve.crossings, strict=True), strict=True)
-        failures |= {failure.value: failure for failure in curve.failures}
-        lines = {beta: plot.boundaries(found) for beta, (_, found) in sorted(points.items())}
-        steps = [_between(left, right, top) for left, right in pairwise(lines.items())]
-        betas = [beta for beta in steps if beta is not None]
-    values = sorted(points)
-    critical, found = zip(*(points[value] for value in values), strict=True)
-    failed = (replace(failures[v], index=i) for i, v in enumerate(values) if v in failures)
-    compared = first[::12]
-    exact = stability_curve(continuous, compared, max_speed=end)
-    missing = {failure.value for failure in exact.failures}
-    pairs = zip(compared, exact.crossings, strict=True)
-    distances = [_distance(lines[v], plot.boundaries(c)) for v, c in pairs if v not in missing]
-    curve = StabilityCurve(np.array(values), critical, found, tuple(failed))
-    return curve, max(distances, default=0.0)
-
-
-def _between(
-    left: tuple[float, list[Crossing]], right: tuple[float, list[Crossing]], top: float
-) -> float | None:
-    """Where the map needs one more beta between two, given the boundaries at each; or None.
-
-    Steps across folds and steep parts are halved. Where it is seen how far ahead two boundaries
-    meet, or one passes the top, the next value lies just before.
-    """
-    (a, more), (b, fewer) = left, right
-    if b - a <= FOLD or _distance(more, fewer) <= 0.04 * top:
-        return None
-    begin, ahead = a, 1.0
-    if len(more) < len(fewer):
-        begin, ahead, more, fewer = b, -1.0, fewer, more
-    lost = [more[i:][: len(more) - len(fewer)] for i in range(len(fewer) + 1)]
-    meeting, i = min((_until_lost(some, ahead, top), i) for i, some in enumerate(lost))
-    rest = [c for c in more if c not in lost[i]]
-    if meeting > FOLD or _distance(rest, fewer) > 0.04 * top:
-        place = begin + ahead * (meeting - 0.5 * FOLD)
-        return place if 0.1 * (b - a) < place - a < 0.9 * (b - a) else 0.5 * (a + b)
-    if i == 0 and b - a > meeting + FOLD:  # the critical speed leaps: see its mode beyond
-        return begin + ahead * (meeting + 0.5 * FOLD)
-    return None
-
-
-def _until_lost(lost: list[Crossing], ahead: float, top: float) -> float:
-    """How far ahead in beta two boundaries meet or one passes the top; infinite if not seen."""
-    known = [None if c.sensitivity is None else c.sensitivity.speed.beta for c in lost]
-    slopes = [ahead * slope for slope in known if slope is not None]
-    if len(slopes) < len(lost):
-        return math.inf
-    if len(lost) == 1:
-        if lost[0].speed >= top:
-            return 0.0
-        return (1.01 * top - lost[0].speed) / slopes[0] if slopes[0] > 0.0 else math.inf
-    if len(lost) != 2 or lost[0].destabilising == lost[1].destabilising:
-        return math.inf
-    # At the tip of a fold beta is a parabola of the speed.
-    apart, closing = lost[1].speed - lost[0].speed, slopes[0] - slopes[1]
-    return 0.5 * apart / closing if closing > 0.0 else math.inf
-
-
-def _distance(a: Sequence[Crossing], b: Sequence[Crossing]) -> float:
-    """Largest distance of stability boundaries, in speed; infinite where their numbers differ."""
-    if len(a) != len(b):
-        return math.inf
-    return max((abs(p.speed - q.speed) for p, q in zip(a, b, strict=True)), default=0.0)
+    return found, stability_curve(reduced, np.linspace(*ranges["beta"], MAP_MODES), 1.02 * top)

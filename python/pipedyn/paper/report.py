@@ -51,8 +51,8 @@ def convergence_figure(case: Case, findings: Findings) -> plot.Figure:
 def map_figure(case: Case, findings: Findings) -> plot.Figure:
     """The stability map."""
     figure, ((ax,),) = plot.panels(1, 1, 6.4, 4.8)
-    curves = {rf"$\gamma = {gamma:g}$": curve for gamma, curve in findings.curves.items()}
-    plot.stability_map(curves, map_top(findings.exact), findings.exact, ax)
+    maps = {rf"$\gamma = {gamma:g}$": found for gamma, found in findings.maps.items()}
+    plot.stability_map(maps, map_top(findings.exact), findings.exact, ax)
     ax.set_xlim(0.0, 1.0)
     ax.set_title(f"Stability boundaries of the continuous pipe, {_flow(case.pipe)}")
     return figure
@@ -256,8 +256,7 @@ def report(case: Case, findings: Findings) -> str:
     )
     headings = ("model, springs or basis", "size", "u_c", "omega_c", "kind", "mode", *HEADER[-3:])
     compared = (
-        f"  The map's boundaries are within {findings.map_error:.0e} of the continuous pipe's, "
-        "where compared."
+        f"  The map's boundaries are within {findings.map_error:.0e} of those of a smaller basis."
     )
     notes = ["", verdict(findings), instabilities(findings), *second_mode(findings), compared]
     return Table(title, headings, rows, numbers=True, notes=notes).text()

@@ -9,6 +9,7 @@ marker or outline distinguishes too, so that a picture printed in grey loses not
 from matplotlib.figure import Figure
 
 from pipedyn.plot.accuracy import FAMILY_STYLES, convergence, trade
+from pipedyn.plot.attractors import basins, poincare_section, spectrum
 from pipedyn.plot.bifurcation import bifurcation_diagram, multipliers, orbit
 from pipedyn.plot.common import (
     BETA_LABEL,
@@ -30,10 +31,11 @@ from pipedyn.plot.common import (
     panels,
     style,
 )
+from pipedyn.plot.cycle_boundary import cycle_boundary
 from pipedyn.plot.forced import forced_response, frequency_response, parametric_regions
 from pipedyn.plot.linear import NEUTRAL, dot_stride, frequencies, mode_shapes, root_loci
 from pipedyn.plot.motion import animate, phase_portrait, snapshots, time_history
-from pipedyn.plot.stability_map import boundaries, stability_map
+from pipedyn.plot.stability_map import boundary, stability_map
 
 __all__ = [
     "BETA_LABEL",
@@ -54,10 +56,12 @@ __all__ = [
     "VERMILION",
     "Figure",
     "animate",
+    "basins",
     "bifurcation_diagram",
-    "boundaries",
+    "boundary",
     "colour_bar",
     "convergence",
+    "cycle_boundary",
     "dot_stride",
     "forced_response",
     "frequencies",
@@ -69,8 +73,10 @@ __all__ = [
     "panels",
     "parametric_regions",
     "phase_portrait",
+    "poincare_section",
     "root_loci",
     "snapshots",
+    "spectrum",
     "stability_map",
     "style",
     "time_history",

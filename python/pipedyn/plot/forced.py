@@ -84,7 +84,7 @@ def frequency_response(
         ax.set_xlim(float(at[0]), float(at[-1]))
     stable = "" if response.stable else ", unstable: the response is not reached"
     ax.set_title(f"$u = {response.u:.4g}${stable}", pad=24.0)
-    _in_hertz(ax, response.model.pipe)
+    in_hertz(ax, response.model.pipe)
     return ax
 
 
@@ -101,7 +101,7 @@ def _crossings(at: Any, sizes: Any, frequency: float, level: float) -> list[floa
     return found
 
 
-def _in_hertz(ax: Axes, pipe: Pipe) -> None:
+def in_hertz(ax: Axes, pipe: Pipe) -> None:
     """An upper axis in Hz where the pipe has units."""
     if pipe.scales is None:
         return
@@ -164,7 +164,7 @@ def parametric_regions(
     if regions:
         ax.legend()
     if pipe is not None:
-        _in_hertz(ax, pipe)
+        in_hertz(ax, pipe)
     return ax
 
 
@@ -213,5 +213,5 @@ def forced_response(response: ForcedResponse, ax: Axes | None = None) -> Axes:
     ax.set_ylim(bottom=0.0)
     if shown:
         ax.legend()
-    _in_hertz(ax, response.model.pipe)
+    in_hertz(ax, response.model.pipe)
     return ax

@@ -338,6 +338,8 @@ def _flow_ends(motion: Motion, shape: Array) -> tuple[Any, Any]:
     """Tail and head of the arrow at the free end: out of it, or into it."""
     step = shape[-1] - shape[-2]
     along = step / np.linalg.norm(step)
+    cos, sin = math.cos(angle := motion.model.pipe.jet_angle), math.sin(angle)
+    along = np.array([cos * along[0] + sin * along[1], cos * along[1] - sin * along[0]])  # (x, y)
     near, far = (tuple(map(float, shape[-1] + length * along)) for length in (0.02, ARROW))
     return (near, far) if motion.model.pipe.flow == "ejecting" else (far, near)
 

@@ -1,37 +1,248 @@
 # SPDX-License-Identifier: MIT
-"""Stability maps: boundaries over a parameter, joined round the tips of their folds."""
+"""Stability boundaries in the plane of two numbers, and maps of several pipes' boundaries."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
-from itertools import cycle
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import fields
+from itertools import cycle, pairwise
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.colors import to_rgba
+from numpy.typing import NDArray
 
-from pipedyn import _core
+from pipedyn.bifurcation.boundary import Boundary, BoundaryCurve
 from pipedyn.linear.critical_speed import CriticalSpeed
-from pipedyn.linear.sensitivity import Crossing
-from pipedyn.linear.stability_curve import StabilityCurve
+from pipedyn.models.pipe import Pipe
+from pipedyn.models.pipe_numbers import pipe_numbers
+from pipedyn.models.supports import RootSpring
+from pipedyn.models.terms import Term
 from pipedyn.plot import common
 from pipedyn.util import check
 from pipedyn.util.check import Array
 
+LABELS = {
+    "u": common.SPEED_LABEL,
+    "beta": common.BETA_LABEL,
+    "gamma": r"gravity $\gamma$",
+    "alpha": r"end coefficient $\alpha$",
+    "damping": r"damping $\delta$",
+    "hysteresis": r"loss factor $\mu$",
+    "inflow_share": "inflow share $c$",
+    "root.stiffness": "stiffness of the root $(EI/L)$",
+}
+
+MARKERS = {
+    "Bautin": "D",
+    "Hopf-pitchfork": "s",
+    "double Hopf": "o",
+    "Bogdanov-Takens": "^",
+    "degenerate pitchfork": "v",
+}
+
+LOOKS: dict[tuple[str, str], dict[str, Any]] = {
+    ("flutter", "supercritical"): {"color": common.BLACK, "linewidth": 1.6},
+    ("flutter", "subcritical"): {"color": common.VERMILION, "linewidth": 1.6},
+    ("flutter", ""): {"color": common.BLACK, "linewidth": 0.7},
+    ("divergence", "supercritical"): {"color": common.BLUE, "linewidth": 1.6},
+    ("divergence", "subcritical"): {"color": common.PURPLE, "linewidth": 1.6},
+    ("divergence", ""): {"color": common.BLUE, "linewidth": 0.7},
+}
+DASHES = {"supercritical": "-", "subcritical": (0, (4, 1.5)), "": "-"}
+
+STABLE = "#DCEBDD"
+PER_STEP = 8
+"""Pieces in which a step of a curve is drawn."""
+
+COLUMNS = 500
+"""Of the shading, either way: its steps are hidden by the curves."""
+
+
+def boundary(found: Boundary, ax: Axes | None = None) -> Axes:
+    """Boundaries of stability, the stable region shaded.
+
+    Curves are solid where what emerges attracts, dashed where it repels, thin where other roots are
+    unstable or the criticality was not computed. Organising points are marked and named. Further
+    axes are in SI units where the pipe's numbers come from them.
+
+    Args:
+        found: what `pipedyn.boundary` answered.
+        ax: where to draw; new Axes where not given.
+
+    Raises:
+        TypeError: for bad arguments.
+    """
+    common.check_type("found", found, Boundary)
+    x, y = (LABELS.get(name, f"{name}") for name in found.names)
+    ax = common.axes(ax, (6.4, 4.8), xlabel=x, ylabel=y)
+    (left, right), (low, high) = found.ranges
+    shade = np.zeros((COLUMNS, COLUMNS, 4))
+    shade[_stable(found)] = to_rgba(STABLE)
+    within = (left, right, low, high)
+    ax.imshow(shade, origin="lower", extent=within, aspect="auto", zorder=0.2, label="_shade")
+    named = set[str]()
+
+    def new(label: str) -> str:
+        shown = "_" if label in named else label
+        named.add(label)
+        return shown
+
+    for curve in found.curves:
+        places = _dense(curve, found)
+        kinds = _kinds(curve, found, places)
+        changes = [0, *(np.flatnonzero(kinds[:-1] != kinds[1:]) + 1), kinds.size]
+        for first, last in pairwise(changes):
+            look = curve.kind, str(kinds[first])
+            label = new(", ".join(word for word in look if word))
+            part = places[first : last + 1]
+            ax.plot(*part.T, linestyle=DASHES[look[1]], label=label, **LOOKS[look])
+    for point, below in zip(found.points, cycle((False, True)), strict=False):
+        shown = common.open_marker(5.5, marker=MARKERS[point.kind], zorder=4.0)
+        ax.plot(point.x, point.y, label=new(point.kind), **shown)
+        beside: dict[str, Any] = {"textcoords": "offset points", "fontsize": 7.0}
+        ax.annotate(point.kind, (point.x, point.y), (5, -9 if below else 4), **beside)
+    ax.set(xlim=(left, right), ylim=(low, high))
+    if not found.curves:
+        where = "stable" if shade[..., 3].any() else "unstable"
+        sentence = f"No boundary lies in the window: all is {where}."
+        ax.text(0.5, 0.5, sentence, transform=ax.transAxes, ha="center")
+    else:
+        ax.legend()
+    pipe = found.model.pipe
+    for along, name in zip("xy", found.names, strict=True):
+        _si_axis(ax, along, _si_unit(name, pipe))
+    return ax
+
+
+def _dense(curve: BoundaryCurve, found: Boundary) -> Array:
+    """Points of cubics through a curve's points with its directions there, (k, 2)."""
+    low, high = np.array(found.ranges).T
+    size = high - low
+    at = (np.column_stack([curve.x, curve.y]) - low) / size
+    t = (np.arange(PER_STEP) / PER_STEP)[:, None, None]
+    a, b, s = at[:-1], at[1:], 1.0 - t
+    length = np.linalg.norm(b - a, axis=1, keepdims=True)
+    slopes = length * curve.slopes[:-1], length * curve.slopes[1:]
+    straight = a * s**2 * (1.0 + 2.0 * t) + b * t**2 * (3.0 - 2.0 * t)
+    between = straight + s * t * (s * slopes[0] - t * slopes[1])
+    shares = np.concatenate([between.transpose(1, 0, 2).reshape(-1, 2), at[-1:]])
+    result: Array = low + size * shares
+    return result
+
+
+def _kinds(curve: BoundaryCurve, found: Boundary, places: Array) -> NDArray[np.str_]:
+    """Criticality of each piece of `_dense`; it changes at organising points."""
+    low, high = np.array(found.ranges).T
+    marks = np.array([[point.x, point.y] for point in found.points]).reshape(-1, 2)
+    middles = 0.5 * (places[:-1] + places[1:])
+    kinds = np.repeat(curve.criticality[:-1], PER_STEP)
+    for k in np.flatnonzero(curve.criticality[:-1] != curve.criticality[1:]):
+        own = slice(PER_STEP * k, PER_STEP * (k + 1))
+        away = np.abs((middles[own, None] - marks) / (high - low)).max(axis=2)
+        nearest = np.unravel_index(np.argmin(away), away.shape)[0] if len(marks) else PER_STEP // 2
+        kinds[own][int(nearest) :] = curve.criticality[k + 1]
+    return kinds
+
+
+def _stable(found: Boundary) -> NDArray[np.bool_]:
+    """Where no root is unstable, rows from the lowest y on, from the curves' counts.
+
+    On the way up through a column each curve says how many roots are unstable beyond it; only where
+    none is met the eigenvalues do.
+    """
+    (left, right), (low, high) = found.ranges
+    middles = (np.arange(COLUMNS) + 0.5) / COLUMNS
+    columns, rows = left + (right - left) * middles, low + (high - low) * middles
+    stable = np.zeros((COLUMNS, COLUMNS), dtype=np.bool_)
+    met: list[list[tuple[float, int, int]]] = [[] for _ in columns]
+    for curve in found.curves:
+        places = _dense(curve, found)
+        sides = np.repeat(curve.sides[:-1], PER_STEP, axis=0)
+        for (x, y), (to_x, to_y), (on_left, on_right) in zip(
+            places[:-1], places[1:], sides, strict=True
+        ):
+            first, last = np.searchsorted(columns, sorted((x, to_x)))
+            for k in range(first, last):
+                height = y + (columns[k] - x) / (to_x - x) * (to_y - y)
+                counts = (on_right, on_left) if to_x > x else (on_left, on_right)
+                met[k].append((float(height), int(counts[0]), int(counts[1])))
+    known: int | None = None
+    for k, crossed in enumerate(met):
+        crossed.sort()
+        if not crossed:
+            if known is None:
+                known = found.unstable(float(columns[k]), float(rows[COLUMNS // 2]))
+            stable[:, k] = known == 0
+            continue
+        known = None
+        stable[rows < crossed[0][0], k] = crossed[0][1] == 0
+        for (height, _, count), (until, *_) in pairwise([*crossed, (math.inf, 0, 0)]):
+            stable[(rows > height) & (rows < until), k] = count == 0
+    return stable
+
+
+def _si_unit(name: str, pipe: Pipe) -> tuple[float, str] | None:
+    """SI value of one of a number's units, and its name; None where it has none."""
+    scales = pipe.scales
+    if scales is None:
+        return None
+    own = {"u": (scales.speed, "flow speed (m/s)"), "damping": (scales.time, "damping time (s)")}
+    if name in own:
+        return own[name]
+    number = pipe_numbers(pipe).get(name)
+    holder: Any = pipe.root if name == "root.stiffness" else None
+    if number is not None and number.term is not None:
+        holder = pipe.terms[number.term]
+    if number is None or not isinstance(holder, Term | RootSpring):
+        return None
+    (item,) = (item for item in fields(holder) if item.name == number.attribute)
+    powers = item.metadata["powers"]
+    value = math.prod(map(pow, (scales.mass, scales.length, scales.time), powers))
+    # Masses are counted per length.
+    units = zip(("kg", "m", "s"), (powers[0], powers[1] - powers[0], powers[2]), strict=True)
+    unit = " ".join(
+        f"{unit}$^{{{power}}}$" if power != 1 else unit for unit, power in units if power
+    )
+    return value, f"{name} ({unit})" if unit else name
+
+
+def _si_axis(ax: Axes, along: str, unit: tuple[float, str] | None) -> None:
+    """A second axis, on the other side, in SI units."""
+    if unit is None:
+        return
+    one = unit[0]
+
+    def to_si(value: Any) -> Any:
+        return value * one
+
+    def from_si(value: Any) -> Any:
+        return value / one
+
+    if along == "x":
+        ax.secondary_xaxis("top", functions=(to_si, from_si)).set_xlabel(unit[1])
+        ax.tick_params(top=False, which="both")
+    else:
+        ax.secondary_yaxis("right", functions=(to_si, from_si)).set_ylabel(unit[1])
+        ax.tick_params(right=False, which="both")
+
+
+# --------------------------------------------------------------------- boundaries of several pipes
+
 
 def stability_map(
-    curves: Mapping[str, StabilityCurve],
+    boundaries: Mapping[str, Boundary],
     highest: float | None = None,
     marked: CriticalSpeed | None = None,
     ax: Axes | None = None,
 ) -> Axes:
-    """Stability boundaries: flow speed against a parameter, folds included.
-
-    Crossings at neighbouring parameters are joined, and those of one parameter round the tip of a
-    fold, by cubics whose slopes come from the sensitivities by beta.
+    """Where pipes lose or regain stability: boundaries of several, flow speed against mass ratio.
 
     Args:
-        curves: stability curves by label, made over beta with a `max_speed`, so that they hold
-            every crossing.
+        boundaries: by label, with "beta" for x and "u" for y; parts on which other roots are
+            unstable are left out.
         highest: end of the axis of speed.
         marked: a critical speed to mark, at its pipe's beta.
         ax: where to draw; new Axes where not given.
@@ -39,20 +250,23 @@ def stability_map(
     Raises:
         ValueError, TypeError: for bad arguments.
     """
-    common.check_mapping("curves", curves, StabilityCurve)
+    common.check_mapping("boundaries", boundaries, Boundary)
+    for label, one in boundaries.items():
+        if one.names != ("beta", "u"):
+            raise ValueError(f"boundaries[{label!r}] must be over ('beta', 'u'), got {one.names!r}")
     if highest is not None:
         highest = check.real("highest", highest, low=0.0, open_low=True)
     if marked is not None:
         common.check_type("marked", marked, CriticalSpeed)
     ax = common.axes(ax, (6.4, 4.8), xlabel=common.BETA_LABEL, ylabel=common.SPEED_LABEL)
-    largest = 0.0
-    for (label, curve), look in zip(curves.items(), cycle(common.CURVE_STYLES), strict=False):
-        lines = _boundary_lines(curve)
-        largest = max([largest, *(float(line[:, 1].max()) for line, _ in lines)])
+    drawn = False
+    for (label, found), look in zip(boundaries.items(), cycle(common.CURVE_STYLES), strict=False):
+        lines = [part for curve in found.curves for part in _of_stability(curve, found)]
+        drawn = drawn or bool(lines)
         if not lines:
             ax.plot([], [], linewidth=1.5, label=f"{label}: no boundary", **look)
         for line, kind in lines:
-            ax.plot(line[:, 0], line[:, 1], linewidth=1.5, label=label, **look)
+            ax.plot(*line.T, linewidth=1.5, label=label, **look)
             label = "_" + label.lstrip("_")
             if kind == "divergence":
                 middle = line[line.shape[0] // 2]
@@ -64,75 +278,17 @@ def stability_map(
         label = f"{place}: $u_c = {marked.speed:.4g}$"
         ax.plot(marked.pipe.beta, marked.speed, clip_on=False, label=label, **ring)
     ax.set_ylim(0.0, highest)
-    if largest == 0.0:
+    if not drawn:
         common.notice("There is no stability boundary above $u = 0$.", ax)
     if ax.get_legend_handles_labels()[0]:  # a mark above the highest speed has none
         ax.legend()
     return ax
 
 
-def boundaries(found: Iterable[Crossing]) -> list[Crossing]:
-    """The crossings at which the pipe loses its stability or regains it.
-
-    At the others it is unstable before and after.
-    """
-    if not np.iterable(found):
-        raise TypeError(f"found must be crossings in a sequence, got {check.shown(found)}")
-    crossings = list(found)
-    for i, crossing in enumerate(crossings):
-        common.check_type(f"found[{i}]", crossing, Crossing)
-    return [c for c in crossings if min(c.unstable_before, c.unstable_after) == 0]
-
-
-def _boundary_lines(curve: StabilityCurve) -> list[tuple[Array, str]]:
-    """Stability boundaries as polylines (parameter, speed), each of shape (k, 2), and kinds.
-
-    A boundary has the stable side on its right: it runs to larger parameters through crossings that
-    destabilise, to smaller ones through the others. Between two neighbouring parameters each
-    crossing from which one sets out is joined with one at which one arrives, at the tip of a fold
-    of the same parameter, so that all these steps together are short and turn little.
-    """
-    failed = {failure.index for failure in curve.failures}
-    taken = [i for i in np.argsort(curve.values) if i not in failed]
-    points = [(k, c) for k, i in enumerate(taken) for c in boundaries(curve.crossings[i])]
-    scale = max((c.speed for _, c in points), default=0.0) or 1.0  # to 1, which beta spans
-    column = np.array([k for k, _ in points], dtype=np.intp)
-    # Places and directions in this plane are complex numbers.
-    at = curve.values[taken][column] + 1j / scale * np.array([c.speed for _, c in points])
-    rightwards = np.array([c.destabilising for _, c in points], dtype=np.bool_)
-    kinds = np.array([c.kind for _, c in points])
-    # Where no slope is known the tangent is 0, with which a cubic is a straight line.
-    known = [None if c.sensitivity is None else c.sensitivity.speed.beta for _, c in points]
-    angles = np.arctan(np.array(known, dtype=np.float64) / scale)
-    tangents = np.where(rightwards, 1.0, -1.0) * np.nan_to_num(np.exp(1j * angles))
-    following: dict[int, int] = {}
-    for k in range(len(taken) - 1):
-        origins = np.flatnonzero(column == np.where(rightwards, k, k + 1))
-        targets = np.flatnonzero(column == np.where(rightwards, k + 1, k))
-        steps = at[targets] - at[origins, None]
-        ahead = (steps * (tangents[targets] + tangents[origins, None]).conj()).real
-        possible = (kinds[targets] == kinds[origins, None]) & (ahead >= 0.0)
-        # A step counts once if it goes straight on, three times if it turns by 90 degrees twice;
-        # what is impossible costs more than all others.
-        cost = np.where(possible, 3.0 * np.abs(steps) - ahead, 1e3)
-        pairs = enumerate(_core.assignment(cost))
-        following |= {
-            int(origins[i]): int(targets[j]) for i, j in pairs if j >= 0 and possible[i, j]
-        }
-    t = np.arange(1.0, 17.0) / 16.0  # along a cubic
-    s = 1.0 - t
-    lines: list[tuple[Array, str]] = []
-    ends = set(range(at.size)) - set(following.values())
-    for first in (*ends, *(following.keys() - ends)):  # closed ones have no end: they come last
-        here, line = first, [at[[first]]]
-        while here in following:
-            there = following.pop(here)
-            straight = at[here] * s**2 * (1.0 + 2.0 * t) + at[there] * t**2 * (3.0 - 2.0 * t)
-            slopes = np.abs(at[there] - at[here]) * tangents[[here, there]]
-            line.append(straight + s * t * (s * slopes[0] - t * slopes[1]))
-            here = there
-        if first in ends or len(line) > 1:
-            places = np.concatenate(line)
-            polyline = np.column_stack([places.real, scale * places.imag])
-            lines.append((polyline, points[first][1].kind))
-    return lines
+def _of_stability(curve: BoundaryCurve, found: Boundary) -> Iterator[tuple[Array, str]]:
+    """Parts of a curve on which no other root is unstable, (k, 2) each, with its kind."""
+    places = _dense(curve, found)
+    pieces = np.repeat(np.maximum(curve.unstable[:-1], curve.unstable[1:]) == 0, PER_STEP)
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], pieces.view(np.int8), [0]])))
+    for first, last in edges.reshape(-1, 2):
+        yield places[first : last + 1], curve.kind

@@ -23,7 +23,7 @@ from pipedyn.models.base import (
     checked_pipe,
     stored,
 )
-from pipedyn.models.chain import LARGEST_CHAIN, Chain, along, elastic_scale
+from pipedyn.models.chain import LARGEST_CHAIN, Chain, along, elastic_scale, turned
 from pipedyn.models.held import MET, SAME
 from pipedyn.models.modular.custom import CustomForces
 from pipedyn.models.modular.enforcement import ENFORCEMENTS, projection
@@ -620,8 +620,13 @@ class Assembly(Model):
         linear, layout = self.linear, self._layout
         given = self._displaced(q, at.size)
         theta = real_columns(linear.basis.spread, given.reshape(self.dof, -1))
-        across = layout.lengths if order else layout.lengths * np.cos(linear.theta)
-        moved = along(across[:, None] * theta, layout.base, layout.lengths, at, order)
+        if order:
+            moved = turned(
+                theta, np.minimum(layout.ends, 1.0), float(layout.springs[0]), self._pipe, at
+            )
+        else:
+            across = layout.lengths * np.cos(linear.theta)
+            moved = along(across[:, None] * theta, layout.base, layout.lengths, at)
         return moved.reshape(at.size, *given.shape[1:])
 
     # ----------------------------------------------------------------------------------- arguments

@@ -1,0 +1,203 @@
+# SPDX-License-Identifier: MIT
+"""The equations of points in a plane of two numbers at which an eigenvalue lies on the axis.
+
+With two real borders b and c, P(i omega; x, y) v + b g = 0 and c^T v = 1 define one number g, which
+vanishes where P is singular and else nowhere near. By any number p of the matrices
+
+    g_p = -w^T P_p v,      w^T P + h c^T = 0,  w^T b = 1,
+
+exactly. Flutter is Re g = Im g / omega = 0: without hysteresis Re g is even in omega and Im g odd,
+so that these equations are smooth where the frequency falls to 0 (Bogdanov-Takens), and no other.
+Divergence is g = 0 at omega = 0. Borders are the real parts of v and w of a point before.
+
+Source: Govaerts (2000), Numerical methods for bifurcations of dynamical equilibria, ch. 3 and 4.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipedyn.bifurcation.continuation import Control, DenseProblem, Point
+from pipedyn.linear.plane import Matrices, Plane
+from pipedyn.linear.sensitivity import Kind
+from pipedyn.util.check import Array
+from pipedyn.util.counters import factorised
+from pipedyn.util.newton import NewtonFailed
+
+LEAST = 1e-5
+"""Share of the unit of frequency below which Im g / omega is its limit, which differs by the square
+of the share; its derivatives are those at this share."""
+
+FAR = 20.0
+"""Windows, or units of the frequency, within which Newton's method stays."""
+
+LEANING = 3.0
+"""Length of v or w, 1 over the cosine of its angle to the border, beyond which borders are renewed:
+next to a curve real borders leave at most the square root of 2."""
+
+Borders = tuple[Array, Array]
+
+
+class AxisProblem(DenseProblem):
+    """Unknowns ([omega,] y) and parameter x, in units of the frequency and of the window.
+
+    Args:
+        plane: the matrices.
+        control: how steps are taken.
+        size: number of unknowns.
+    """
+
+    kind: Kind
+    unit = 0.0
+
+    def __init__(self, plane: Plane, control: Control, size: int) -> None:
+        # The window is as long as it is high; a frequency counts as one of them.
+        super().__init__(self._equations, size, math.sqrt(size), control)
+        self.plane = plane
+        self._borders: Borders | None = None
+
+    def place(self, z: Array) -> Array:
+        """(x, y)."""
+        return self.plane.window.place(z[[-1, -2]])
+
+    def frequency(self, z: Array) -> float:
+        """Of the pair on the axis; 0 of a divergence."""
+        return float(z[0] * self.unit) if z.size == 3 else 0.0
+
+    def check(self, z: Array) -> None:
+        """Raises NewtonFailed far from the window, or where beta has no root."""
+        if not (np.abs(z) < FAR).all():
+            raise NewtonFailed("Newton's method left the window")
+        for number, value in zip(self.plane.window.numbers, self.place(z), strict=True):
+            if number is not None and number.name == "beta" and not value > 0.0:
+                raise NewtonFailed("beta fell below 0")
+
+    def on_other(self, plane: Plane) -> AxisProblem:
+        """The same of other matrices, as of a larger basis."""
+        raise NotImplementedError
+
+    def _equations(self, x: Array, p: float) -> tuple[Array, Array]:
+        raise NotImplementedError
+
+    def change(self, point: Point) -> int:
+        """Number of unstable roots on the left of a curve less that on its right."""
+        z, omega = point.z, self.frequency(point.z)
+        (mass, damping, stiffness), by_x, by_y = self.plane.matrices(self.place(z))
+        whole = stiffness + 1j * omega * damping - omega**2 * mass
+        _, v, w = self._bordered(whole if omega else stiffness.real)
+
+        def slope(index: int, one: Matrices) -> complex:
+            changed = one[2] @ v + 1j * omega * (one[1] @ v) - omega**2 * (one[0] @ v)
+            return complex(-self.plane.window.size[index] * (w @ changed))
+
+        right, up = point.tangent[[-1, -2]]
+        leftwards = right * slope(1, by_y) - up * slope(0, by_x)
+        down = complex(w @ (damping @ v) + 2j * omega * (w @ (mass @ v)))
+        if not omega and abs(down) <= 1e-9 * float(np.abs(w) @ np.abs(damping) @ np.abs(v)):
+            down = complex(w @ (mass @ v))  # zero is a double root: the squares pass it
+        return (2 if self.kind == "flutter" else 1) * (1 if (leftwards / down).real > 0.0 else -1)
+
+    def starting_at(self, z: Array) -> Point:
+        """A solution with its tangent, on either side."""
+        _, derivative = self._equations(z[:-1], float(z[-1]))
+        tangent = np.linalg.svd(derivative)[2][-1]
+        return Point(z, tangent / self.length(tangent))
+
+    def renew(self) -> None:
+        """Forgets the borders, as before a point that is not near the last one."""
+        self._borders = None
+
+    def _bordered(self, matrix: NDArray[Any]) -> tuple[complex, NDArray[Any], NDArray[Any]]:
+        """G, v and w; keeps borders for what comes next."""
+        n = len(matrix)
+        if not np.isfinite(matrix).all():
+            raise ValueError("matrices are not finite")
+        factorised()
+        if self._borders is None:
+            left, _, right = np.linalg.svd(matrix)
+            self._borders = _largest_real(left[:, -1]), _largest_real(right[-1])
+        bordered = np.zeros((n + 1, n + 1), dtype=matrix.dtype)
+        bordered[:n, :n] = matrix
+        bordered[:n, n], bordered[n, :n] = self._borders
+        last = np.zeros(n + 1)
+        last[n] = 1.0
+        v, w = np.linalg.solve(bordered, last), np.linalg.solve(bordered.T, last)
+        if max(np.linalg.norm(v[:n]), np.linalg.norm(w[:n])) > LEANING:
+            self._borders = _largest_real(w[:n]), _largest_real(v[:n])
+        return v[n], v[:n], w[:n]
+
+
+def _largest_real(v: NDArray[Any]) -> Array:
+    """The real part of a vector, turned so that it is longest; of unit length."""
+    if np.iscomplexobj(v):
+        v = (v * np.exp(-0.5j * np.angle(np.sum(v * v)))).real
+    unit: Array = v / np.linalg.norm(v)
+    return unit
+
+
+class FlutterProblem(AxisProblem):
+    """A pair on the axis: z = (omega / unit, y, x), y and x as shares of the window."""
+
+    kind: Kind = "flutter"
+
+    def __init__(self, plane: Plane, control: Control, unit: float) -> None:
+        super().__init__(plane, control, 2)
+        self.unit = unit
+
+    def on_other(self, plane: Plane) -> FlutterProblem:
+        """With other matrices."""
+        return FlutterProblem(plane, self.control, self.unit)
+
+    def _equations(self, x: Array, p: float) -> tuple[Array, Array]:
+        share = max(float(x[0]), LEAST)
+        omega = self.unit * share
+        matrices, by_x, by_y = self.plane.matrices(self.place(np.append(x, p)))
+        (m, c, k) = matrices
+        g, v, w = self._bordered(k + 1j * omega * c - omega**2 * m)
+
+        def along(change: NDArray[Any]) -> complex:
+            return complex(-(w @ change))
+
+        by_size = self.plane.window.size
+        slopes = [
+            self.unit * along(1j * (c @ v) - 2.0 * omega * (m @ v)),
+            *(
+                size * along(one[2] @ v + 1j * omega * (one[1] @ v) - omega**2 * (one[0] @ v))
+                for size, one in ((by_size[1], by_y), (by_size[0], by_x))
+            ),
+        ]
+        derivative = np.array(
+            [[slope.real for slope in slopes], [slope.imag / share for slope in slopes]]
+        )
+        derivative[1, 0] -= g.imag / share**2
+        if x[0] >= LEAST:
+            return np.array([g.real, g.imag / share]), derivative
+        g, v, w = self._bordered(k.real)
+        return np.array([g.real, -self.unit * float((w @ (c @ v)).real)]), derivative
+
+
+class DivergenceProblem(AxisProblem):
+    """A real eigenvalue 0: z = (y, x) as shares of the window."""
+
+    kind: Kind = "divergence"
+
+    def __init__(self, plane: Plane, control: Control) -> None:
+        super().__init__(plane, control, 1)
+
+    def on_other(self, plane: Plane) -> DivergenceProblem:
+        """With other matrices."""
+        return DivergenceProblem(plane, self.control)
+
+    def _equations(self, x: Array, p: float) -> tuple[Array, Array]:
+        matrices, by_x, by_y = self.plane.matrices(self.place(np.append(x, p)))
+        g, v, w = self._bordered(matrices[2].real)
+        sizes = self.plane.window.size
+        slopes = [
+            -size * float(w @ (one[2].real @ v))
+            for size, one in zip(sizes, (by_x, by_y), strict=True)
+        ]
+        return np.array([g.real]), np.array([slopes[::-1]])

@@ -1,0 +1,182 @@
+# SPDX-License-Identifier: MIT
+"""Folds of cycles, lost symmetries, period doublings and tori in the plane of two numbers.
+
+An event that a branch of cycles or of forced motions has is solved for (`EventProblem`) and
+followed both ways by the continuation that branches themselves are. On the way points are named at
+which two conditions meet: cusps; where the cycle's amplitude falls to 0 on the curve of onsets, and
+folds therefore end (Bautin); where other multipliers pass the unit circle; resonances.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import field
+from typing import cast
+
+import numpy as np
+
+from pipedyn.bifurcation.branches import CycleBranch, CycleEvent
+from pipedyn.bifurcation.event_curve import CycleCurve, CyclePoint, EventFollower
+from pipedyn.bifurcation.event_plane import (
+    checked_events,
+    checked_names,
+    checked_window,
+    orbit_near,
+    plane_of,
+)
+from pipedyn.bifurcation.event_problem import Followed
+from pipedyn.bifurcation.forced_response import ForcedBranch, ForcedEvent
+from pipedyn.linear.stability_curve import StabilityCurve
+from pipedyn.models.base import Model, NotConverged
+from pipedyn.util import check
+from pipedyn.util.newton import NewtonFailed
+from pipedyn.util.result import result
+from pipedyn.util.threads import one_thread
+
+
+@result
+class CycleBoundary:
+    """Curves of events of cycles in a window of two numbers.
+
+    Attributes:
+        names: of x and y.
+        ranges: of x and y, ((low, high), (low, high)).
+        curves: one for each event that lies on no other's.
+        points: named points on them.
+        onsets: critical speed of the straight pipe over the other number's range, at 81 values;
+            None at each where motions are forced.
+        model: the model.
+        failures: what was not followed to its end, in sentences.
+        evaluations: right-hand sides and Jacobians.
+    """
+
+    names: tuple[str, str]
+    ranges: tuple[tuple[float, float], tuple[float, float]]
+    curves: tuple[CycleCurve, ...]
+    points: tuple[CyclePoint, ...]
+    onsets: StabilityCurve = field(repr=False)
+    model: Model
+    failures: tuple[str, ...]
+    evaluations: int
+
+
+def cycle_boundary(
+    branch: CycleBranch | ForcedBranch,
+    events: CycleEvent | ForcedEvent | Sequence[CycleEvent | ForcedEvent],
+    x: str,
+    y: str,
+    window: Mapping[str, tuple[float, float]],
+    *,
+    progress: bool = False,
+) -> CycleBoundary:
+    """Folds of cycles, lost symmetries, period doublings and tori followed in two numbers.
+
+    Args:
+        branch: of cycles, of `bifurcation_diagram`; or of forced motions, of `forced_response`.
+        events: of the branch, one or several, of kind "fold", "pitchfork", "period doubling" or
+            "torus".
+        x: name of a number. Of cycles x or y is "u", the flow speed; of forced motions one of them
+            is "frequency", that of the forcing. The other is a number of the pipe, such as "beta"
+            and "drag", or of a term, such as "terms[0].mass" or, if there is but one,
+            "PointMass.mass"; of forced motions also "amplitude", of the base's motion or of the
+            pulsation relative to its mean, or "u".
+        y: name of the other.
+        window: range (low, high) of each by its name, in which the events lie.
+        progress: show progress on stderr.
+
+    Returns:
+        CycleBoundary; a curve that cannot be followed further keeps what it has, and `failures`
+        says where and why.
+
+    Raises:
+        NotConverged: if no event given is found again.
+        ValueError, TypeError: for bad arguments.
+
+    Example:
+        >>> import pipedyn as pp
+        >>> diagram = pp.bifurcation_diagram(pp.Chain(pp.Pipe(0.05), 2), [3.0, 3.2, 3.4])
+        >>> branch = diagram.cycles[0]
+        >>> fold = next(e for e in branch.events if e.kind == "fold")
+        >>> found = pp.cycle_boundary(branch, fold, "beta", "u", {"beta": (0.01, 0.2), "u": (2, 5)})
+        >>> [point.kind for point in found.points], found.curves[0].ends
+        (['Bautin'], ('range', 'Bautin'))
+
+    Source: Doedel, Govaerts and Kuznetsov (2003), Computation of periodic solution bifurcations in
+    ODEs using bordered systems; Kuznetsov, Elements of Applied Bifurcation Theory, ch. 9, for what
+    is met on the way.
+    """
+    if not isinstance(branch, CycleBranch | ForcedBranch):
+        raise TypeError(
+            f"branch must be a CycleBranch or a ForcedBranch, got {check.shown(branch)}"
+        )
+    given = checked_events(branch, events)
+    names = checked_names(branch, x, y)
+    ranges = checked_window(names, window)
+    shown = check.flag("progress", progress)
+    plane = plane_of(branch, names, ranges)
+    starts = []
+    for event in given:
+        begin = orbit_near(branch, event)
+        own = begin.frequency * plane.order if plane.forced else begin.u
+        for name, value, (low, high) in zip(
+            names, plane.places(plane.value, own), ranges, strict=True
+        ):
+            if not low <= value <= high:
+                raise ValueError(
+                    f"window must hold the event: {name} is {value:.6g} there, and its range is "
+                    f"{(low, high)}"
+                )
+        place = 1 if plane.own_first else 0
+        for end in ranges[place] if begin.symmetric else ():
+            if not plane.family.at(end).is_odd(begin.u):
+                raise ValueError(
+                    f"{'xy'[place]} must leave the pipe the mirror symmetry that the cycle has, "
+                    f"got {names[place]!r}"
+                )
+        starts.append(begin)
+    curves, points, failures = list[CycleCurve](), list[CyclePoint](), list[str]()
+    with one_thread(2 * plane.model.moving):
+        for event, begin in zip(given, starts, strict=True):
+            follower = EventFollower(plane, cast(Followed, event.kind), shown)
+            try:
+                start = follower.start(begin)
+                if any(follower.lies_on(curve, start) for curve in curves):
+                    continue
+                curves.append(follower.run(start))
+            except NewtonFailed as reason:
+                at = event.frequency if isinstance(event, ForcedEvent) else event.speed
+                failures.append(f"the {event.kind} at {at:.6g} is not found again: {reason}")
+                continue
+            points += follower.points
+            failures += follower.failures
+    if not curves:
+        raise NotConverged("; ".join(failures))
+    return CycleBoundary(
+        names=names,
+        ranges=ranges,
+        curves=tuple(curves),
+        points=tuple(_distinct(points, ranges)),
+        onsets=plane.onsets(np.linspace(*ranges[1 if plane.own_first else 0], 81)),
+        model=plane.model,
+        failures=tuple(failures),
+        evaluations=plane.evaluations(),
+    )
+
+
+def _distinct(
+    points: list[CyclePoint], ranges: tuple[tuple[float, float], tuple[float, float]]
+) -> list[CyclePoint]:
+    """Points without those that two curves have in common, where each has found them."""
+    widths = [1e-3 * (high - low) for low, high in ranges]
+    kept = list[CyclePoint]()
+    for new in points:
+        near = (
+            abs(new.x - old.x) < widths[0]
+            and abs(new.y - old.y) < widths[1]
+            and abs(new.frequency / old.frequency - 1.0) < 0.01
+            for old in kept
+            if old.kind == new.kind
+        )
+        if not any(near):
+            kept.append(new)
+    return kept

@@ -1,0 +1,302 @@
+# SPDX-License-Identifier: MIT
+"""What a motion does on an attractor: its record there, and the region around that it attracts."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from contextlib import suppress
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from pipedyn.bifurcation.brute_force import (
+    SAMPLES_A_TIME,
+    Attractor,
+    MotionOptions,
+    turning_points,
+)
+from pipedyn.bifurcation.capture import FIRST_STAGE, SPACING, Region, attracting
+from pipedyn.bifurcation.equilibria import Statics, equilibria
+from pipedyn.models.base import Model, NotConverged
+from pipedyn.motion.simulate import Motion, simulate
+from pipedyn.util.check import Array
+from pipedyn.util.newton import NewtonFailed
+
+SAME = 3e-3
+"""Distance up to which two motions have ended on the same attractor: both are known to 1e-3."""
+
+CLOSED = 1e-3
+"""Distance between the ends of a period of a cycle: those of brute force repeat as well as that."""
+
+TOLERANCE = 1e-9
+"""Relative tolerance of the motions that are recorded."""
+
+PERIODS, SAMPLES = 16, 256
+"""Periods of a cycle that are recorded, and samples between two of its maxima."""
+
+IRREGULAR = 5.0
+"""Time recorded of an irregular motion, in durations: some hundred points of its section."""
+
+MOST_SAMPLES, MOST_POINTS = 2**16, 200_000
+"""Of a motion that is recorded, and on a cycle."""
+
+
+@dataclass(frozen=True, eq=False)
+class Record:
+    """A motion on an attractor, with what `Basin` tells of it."""
+
+    motion: Motion
+    period: float
+    amplitude: float
+    section: Array
+    frequencies: Array
+    spectrum: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Found:
+    """An attractor.
+
+    Attributes:
+        attractor: where a motion ended on it.
+        region: around it; of an irregular one, many of its states, with the largest distance
+            between those of the first half of a record and of the second as radius.
+        attracts: whether motions from all trials in the region come nearer.
+        growth: at rest, the largest real part of an eigenvalue; else NaN.
+    """
+
+    attractor: Attractor
+    region: Region
+    attracts: bool
+    growth: float = math.nan
+
+    @property
+    def near(self) -> float:
+        """Distance up to which a motion is on it."""
+        if self.attractor.ending == "irregular":
+            return self.region.radius
+        return min(self.region.radius, SAME)
+
+    def holds(self, one: Attractor) -> bool:
+        """Whether a motion ended on it; if irregular, it may have reached a cycle since."""
+        irregular = one.ending == "irregular" and self.attracts
+        if one.ending != self.attractor.ending and not irregular:
+            return False
+        return bool(np.isfinite(self.region.distances(one.end[None], self.near))[0])
+
+    def is_mirror_image(self, other: Found) -> bool:
+        """Whether the other is its image in the axis."""
+        if other.attractor.ending != self.attractor.ending:
+            return False
+        points = -self.region.points[:: max(len(self.region.points) // 200, 1)]
+        within = np.isfinite(other.region.distances(points, other.near))
+        return bool(np.mean(within) > 0.9)
+
+    def mirrored(self) -> Found:
+        """Its image in the axis."""
+        one = self.attractor
+        image = replace(one, end=-one.end, turnings=-one.turnings)
+        return replace(self, attractor=image, region=self.region.mirrored())
+
+    def kept_apart(self, distance: float) -> Found:
+        """The same with a region that reaches a quarter of the way to another attractor at most."""
+        if self.attractor.ending == "irregular":
+            return self
+        radius = min(self.region.radius, 0.25 * distance)
+        return replace(self, region=replace(self.region, radius=radius))
+
+
+class Recorder:
+    """Records motions on attractors of a model at a flow speed."""
+
+    def __init__(self, model: Model, u: float, options: MotionOptions) -> None:
+        self.model, self.u, self.options = model, u, options
+        self.statics = Statics(model)
+        self.records: dict[tuple[str, bytes], Record] = {}
+
+    def stable_equilibria(self) -> Iterator[Found]:
+        """Those that are found."""
+        try:
+            known = equilibria(self.model, self.u)
+        except NotConverged:
+            return
+        for q in known.q[known.stable]:
+            end = np.asarray(self.model.start(q, None))
+            height = self.model.tips(q[:, None])[:, 0]
+            found = self.found(Attractor(self.u, -1, "rest", 0, height, end))
+            if found.attracts:
+                yield found
+
+    def found(self, one: Attractor) -> Found:
+        """The attractor that a motion ends on, with the region that it attracts."""
+        growth = math.nan
+        if one.ending == "rest":
+            region, growth = self.about_rest(one.end)
+        else:
+            record = self.record(one)
+            if one.ending == "periodic" and not self.closes(record):
+                one = replace(one, ending="irregular", period=0)
+                record = self.record(one)
+            # The motion went on: it is now on what it has only approached.
+            one = replace(one, end=states_of(record.motion, record.motion.t[-1:])[0])
+            self.records[key_of(one)] = record
+            if one.ending == "irregular":
+                return Found(one, self.cloud(record), False)
+            region = self.about_cycle(record)
+        tried = attracting(self.model, self.u, region, self.options.transient, self.options.rtol)
+        return Found(one, tried or region, tried is not None, growth)
+
+    def closes(self, record: Record) -> bool:
+        """Whether a motion is after a period where it was."""
+        ends = states_of(record.motion, np.array([0.0, record.period]))
+        [apart] = self.region(ends[:1], self.unit(record), 1.0).distances(ends[1:], math.inf)
+        return bool(apart < CLOSED)
+
+    @staticmethod
+    def unit(record: Record) -> float:
+        """Time in which a motion turns by one radian, from one maximum to the next."""
+        return float(record.motion.t[-1]) / (2.0 * math.pi * max(len(record.section), 1))
+
+    def about_rest(self, end: Array) -> tuple[Region, float]:
+        """Of a motion that ends at rest, with the largest real part of an eigenvalue."""
+        place = np.split(end, 2)[0]
+        with suppress(NewtonFailed):  # in contact with a stop, for which Newton is not made
+            place = self.statics.solved(place, self.u)
+        values = self.statics.eigenvalues(place, self.u)
+        omega = float(np.abs(values).min()) if not values.imag.any() else 0.0
+        omega = omega or float(np.abs(values[values.imag != 0.0]).min())
+        unit = 1.0 / max(omega, 1e-3)
+        period = min(2.0 * math.pi * unit, 0.25 * FIRST_STAGE)
+        points = np.append(place, np.zeros_like(place))[None]
+        return self.region(points, unit, period), float(values.real.max())
+
+    def about_cycle(self, record: Record) -> Region:
+        """Of a cycle, by states on it that are as close to one another as `capture.SPACING`."""
+        motion, period = record.motion, record.period
+        unit = self.unit(record)
+        some = states_of(motion, np.linspace(0.0, period, 1000))
+        coarse = self.region(some, unit, period)
+        count = math.ceil(coarse.length / SPACING)
+        times = np.linspace(0.0, period, min(max(count, 500), MOST_POINTS))
+        return self.region(states_of(motion, times), unit, period)
+
+    def cloud(self, record: Record) -> Region:
+        """States of an irregular motion, and how far those of one half are from the others."""
+        states = states_of(record.motion, record.motion.t)
+        unit = self.unit(record)
+        half = len(states) // 2
+        one = self.region(states[:half], unit, 2.0 * math.pi * unit)
+        apart = float(one.distances(states[half:], math.inf).max())
+        return replace(self.region(states, unit, one.period), radius=max(2.0 * apart, SAME))
+
+    def region(self, points: Array, unit: float, period: float) -> Region:
+        """Around states [p, p']."""
+        return Region(points, unit, period, turn=self.statics._turn)
+
+    # ------------------------------------------------------------------------------------- records
+
+    def record(self, one: Attractor) -> Record:
+        """Of the motion from where another one ended."""
+        key = key_of(one)
+        if key not in self.records:
+            start = self.model.recorded(*(part[None] for part in np.split(one.end, 2)))
+            of = {"rest": self.at_rest, "periodic": self.on_cycle}.get(one.ending, self.irregular)
+            self.records[key] = of(one, *(part[0] for part in start))
+        return self.records[key]
+
+    def at_rest(self, one: Attractor, q: Array, qdot: Array) -> Record:
+        """Of a motion at rest."""
+        none = np.zeros(0)
+        motion = self.motion(q, qdot, 1.0, 101)
+        return Record(motion, 0.0, 0.0, np.empty((0, 2 * q.size)), none, none)
+
+    def on_cycle(self, one: Attractor, q: Array, qdot: Array) -> Record:
+        """Of a cycle with some maxima a period, after a time in which the motion comes nearer."""
+        settled = self.motion(q, qdot, self.options.duration, 2)
+        times, _ = maxima(settled, 0.25 * self.options.duration)
+        whole = (times.size - 1) // one.period
+        if whole < 1:
+            settled = self.motion(q, qdot, 4.0 * self.options.duration, 2)
+            times, _ = maxima(settled, 0.0)
+            whole = (times.size - 1) // one.period
+        period = float(times[-1] - times[-1 - whole * one.period]) / whole
+        count = min(PERIODS * SAMPLES * one.period, MOST_SAMPLES)
+        motion = self.motion(settled.q[-1], settled.qdot[-1], PERIODS * period, count + 1)
+        frequencies, spectrum = lines(motion.t[:-1], motion.tip[:-1, 0], whole=True)
+        _, section = maxima(motion, 0.0)
+        # A line every frequency / PERIODS: those between harmonics are 0 but for errors.
+        harmonics = slice(0, None, PERIODS)
+        return Record(
+            *(motion, period, amplitude(motion), section),
+            *(frequencies[harmonics], spectrum[harmonics]),
+        )
+
+    def irregular(self, one: Attractor, q: Array, qdot: Array) -> Record:
+        """Of a motion that does not repeat."""
+        time = IRREGULAR * self.options.duration
+        count = min(math.ceil(time * SAMPLES_A_TIME), MOST_SAMPLES)
+        motion = self.motion(q, qdot, time, count + 1)
+        _, section = maxima(motion, 0.0)
+        found = lines(motion.t[:-1], motion.tip[:-1, 0], whole=False)
+        return Record(motion, math.nan, amplitude(motion), section, *found)
+
+    def motion(self, q: Array, qdot: Array, duration: float, samples: int) -> Motion:
+        """From a state, with dense output."""
+        return simulate(
+            *(self.model, self.u, duration, q, qdot),
+            samples=samples,
+            rtol=TOLERANCE,
+            dense=True,
+        )
+
+
+def key_of(one: Attractor) -> tuple[str, bytes]:
+    """By which the record of the motion from where another ended is found again."""
+    return one.ending, one.end.tobytes()
+
+
+def states_of(motion: Motion, t: Array) -> Array:
+    """States [p, p'] of a recorded motion, (k, 2 moving), at times."""
+    assert motion.dense is not None
+    return motion.dense._integrated(t)
+
+
+def amplitude(motion: Motion) -> float:
+    """Half the peak-to-peak of the free end."""
+    x, rate = motion.tip[:, 0], motion.tip_velocity[:, 0]
+    turnings, _ = turning_points(motion.t, x, rate)
+    return 0.5 * float(np.ptp(turnings)) if turnings.size else 0.0
+
+
+def maxima(motion: Motion, since: float) -> tuple[Array, Array]:
+    """Times at which the free end is at a maximum, and states [q, q'], (K, 2 coordinates)."""
+    dense, model, half = motion.dense, motion.model, motion.model.coordinates
+    assert dense is not None
+
+    def velocity(t: Array) -> Array:
+        states = dense(t)
+        return np.asarray(model.tip_velocities(states[:half], states[half:])[:, 0])
+
+    end = float(dense.t[-1])
+    t = np.linspace(since, end, math.ceil((end - since) * SAMPLES_A_TIME) + 1)
+    values = velocity(t)
+    falls = np.flatnonzero((values[:-1] > 0.0) & (values[1:] <= 0.0))
+    if not falls.size:
+        return np.empty(0), np.empty((0, 2 * half))
+    low, high = t[falls], t[falls + 1]
+    for _ in range(50):  # bisection, to rounding
+        middle = 0.5 * (low + high)
+        above = velocity(middle) > 0.0
+        low, high = np.where(above, middle, low), np.where(above, high, middle)
+    return high, np.ascontiguousarray(dense(high).T)
+
+
+def lines(t: Array, x: Array, *, whole: bool) -> tuple[Array, Array]:
+    """Angular frequencies and amplitudes of evenly spaced samples of x.
+
+    Of a whole number of periods, or else through Hann's window.
+    """
+    window = np.ones(x.size) if whole else np.hanning(x.size + 1)[:-1]
+    found = np.asarray(np.abs(np.fft.rfft((x - x.mean()) * window)) * 2.0 / window.sum())
+    return np.asarray(2.0 * math.pi * np.fft.rfftfreq(x.size, float(t[1] - t[0]))), found

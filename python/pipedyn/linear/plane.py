@@ -1,0 +1,371 @@
+# SPDX-License-Identifier: MIT
+"""P(lambda; x, y) = lambda^2 M + lambda C + K over two numbers of a pipe, with its derivatives.
+
+The numbers are the flow speed or any that `pipe_numbers` names. M, C, K are polynomials of the
+speed, and affine in each other number, of beta in its square root: then all follows exactly from
+the matrices at the corners of the window. Whether they are is tried at a point inside. Where they
+are not, as in a root spring's stiffness of a chain, in series with that of the first joint, each
+point has matrices of its own and derivatives are differences.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import pairwise, product
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipedyn.linear.eigenproblem import Complex, eigenproblem
+from pipedyn.models.base import Model, Operators
+from pipedyn.models.pipe_numbers import PipeNumber
+from pipedyn.util.check import Array
+from pipedyn.util.counters import factorised
+
+AFFINE = 1e-12
+"""Distance of the matrices at a point inside from the affine ones, relative to the largest entry,
+up to which it is rounding: measured, 2e-15 at most of those that are affine."""
+
+STEP = 0.01
+"""Of differences, relative to the number: sixth order leaves 1e-12."""
+
+SHIFT = 0.7390851332151607
+"""The eigenvalues nearest to this are computed best; it is no eigenvalue of any pipe but by
+chance."""
+
+SAMPLES, SHORTEST = 16, 1.0 / 1024.0
+"""Steps of a line across the window on which eigenvalues are followed, and the shortest to which
+they are halved."""
+
+FAR = 2.0
+"""Real part, beside that of the imaginary one, beyond which a root is not looked at on a line: it
+passes the axis in no step that is short enough."""
+
+Matrices = tuple[Array, Array, NDArray[Any]]
+"""M, C, K, (dof, dof) each; K is complex with hysteresis."""
+
+
+@dataclass(frozen=True)
+class Window:
+    """Two numbers, or the flow speed (None), and the ranges in which they are looked at."""
+
+    numbers: tuple[PipeNumber | None, PipeNumber | None]
+    low: Array
+    size: Array
+
+    def place(self, share: Array) -> Array:
+        """(x, y) from shares of the ranges."""
+        return self.low + self.size * share
+
+
+class Plane:
+    """The matrices of one model over a window.
+
+    Args:
+        model: about the straight pipe.
+        window: the two numbers.
+        speed: the flow speed, where it is neither.
+        modes: how many have eigenvalues that count, from the lowest; all where not given.
+
+    Attributes:
+        conservative: whether nothing damps and no end does work.
+        exact: whether matrices are affine in the numbers.
+    """
+
+    def __init__(
+        self, model: Model, window: Window, speed: float | None, modes: int | None = None
+    ) -> None:
+        self.model, self.window, self.speed = model, window, speed
+        self.dof = model.dof
+        self.modes = model.dof if modes is None else modes
+        self.lossy = bool(model.pipe.hysteresis) or any(
+            number is not None and number.name == "hysteresis" for number in window.numbers
+        )
+        middle = self.model_at(window.place(np.array([0.5, 0.5])))
+        self.conservative = eigenproblem(middle).is_conservative
+        self.scale = np.asarray(middle.from_elastic(np.eye(self.dof)), dtype=np.float64)
+        self._sides = [0.0] if self.speed_index == 0 else [0.0, 1.0]
+        self._tops = [0.0] if self.speed_index == 1 else [0.0, 1.0]
+        self._corners = np.array(
+            [self._parts(window.place(np.array(at))) for at in product(self._sides, self._tops)]
+        )
+        inside = window.place(np.array([0.37, 0.61]))
+        by_corners = self._from_corners(np.outer(*self._weights(inside)[:2]).ravel())[0]
+        own = self._parts(inside)
+        sizes = np.abs(own).max(axis=(1, 2), keepdims=True)
+        self.exact = bool((np.abs(own - by_corners) <= AFFINE * (sizes + 1e-300)).all())
+
+    @cached_property
+    def speed_index(self) -> int | None:
+        """Which of the two is the flow speed."""
+        return next((i for i, number in enumerate(self.window.numbers) if number is None), None)
+
+    def speed_at(self, at: Array) -> float:
+        """The flow speed at (x, y)."""
+        if self.speed_index is not None:
+            return float(at[self.speed_index])
+        assert self.speed is not None
+        return self.speed
+
+    def model_at(self, at: Array) -> Model:
+        """The model at (x, y)."""
+        pipe = self.model.pipe
+        for number, value in zip(self.window.numbers, at.tolist(), strict=True):
+            if number is not None:
+                pipe = number.changed(pipe, value)
+        return self.model.with_pipe(pipe)
+
+    def _parts(self, at: Array) -> Array:
+        """M; C without flow, and by u; K without flow, and by u^2; the loss: (6, dof, dof)."""
+        of: Operators = self.model_at(at).operators()
+        flow = of.direction * (of.gyroscopic + of.end_flux)
+        loss = np.zeros_like(of.mass) if of.loss is None else of.loss
+        parts = (of.mass, of.damping, flow, of.stiffness, of.centrifugal * of.flux, loss)
+        return self.scale.T @ np.array(parts) @ self.scale
+
+    def _weights(self, at: Array) -> tuple[Array, Array, Array, Array]:
+        """Shares of the corners by x and y at a point, and their derivatives by x and y."""
+        shares, slopes = [], []
+        for i, number in enumerate(self.window.numbers):
+            low, size = self.window.low[i], self.window.size[i]
+            if number is None:
+                share, slope = 0.0, 0.0
+            elif number.name == "beta":
+                roots = math.sqrt(low), math.sqrt(low + size)
+                share = (math.sqrt(at[i]) - roots[0]) / (roots[1] - roots[0])
+                slope = 0.5 / math.sqrt(at[i]) / (roots[1] - roots[0])
+            else:
+                share, slope = (at[i] - low) / size, 1.0 / size
+            one = number is None
+            shares.append(np.array([1.0] if one else [1.0 - share, share]))
+            slopes.append(np.array([0.0] if one else [-slope, slope]))
+        return shares[0], shares[1], slopes[0], slopes[1]
+
+    def _from_corners(self, *weights: Array) -> Array:
+        """Sums of the corners' parts, (k, 6, dof, dof), by weights, each of all corners."""
+        flat = self._corners.reshape(len(self._corners), -1)
+        return (np.array(weights) @ flat).reshape(-1, *self._corners.shape[1:])
+
+    def _all_parts(self, at: Array) -> Array:
+        """Parts at a point, and their derivatives by x and y: (3, 6, dof, dof)."""
+        if self.exact:
+            x, y, along_x, along_y = self._weights(at)
+            pairs = (x, y), (along_x, y), (x, along_y)
+            return self._from_corners(*(np.outer(*pair).ravel() for pair in pairs))
+        return np.array([self._parts(at), self._differences(at, 0), self._differences(at, 1)])
+
+    def _differences(self, at: Array, index: int) -> Array:
+        if self.window.numbers[index] is None:
+            return np.zeros((6, self.dof, self.dof))
+        step = np.zeros(2)
+        step[index] = h = STEP * abs(at[index]) / 3.0 or STEP * self.window.size[index]
+        weights = (45.0, -9.0, 1.0)
+        total = sum(
+            weight * (self._parts(at + k * step) - self._parts(at - k * step))
+            for k, weight in enumerate(weights, 1)
+        )
+        return np.asarray(total / (60.0 * h))
+
+    def matrices(self, at: Array) -> tuple[Matrices, Matrices, Matrices]:
+        """M, C, K at (x, y), with their derivatives by x and by y."""
+        parts = self._all_parts(at)
+        u = self.speed_at(at)
+        found = [
+            self._by_speed(parts[0], u) if k == self.speed_index else self._joined(parts[1 + k], u)
+            for k in (0, 1)
+        ]
+        return self._joined(parts[0], u), found[0], found[1]
+
+    def _by_speed(self, parts: Array, u: float) -> Matrices:
+        mass, _, flow, _, flux, _ = parts
+        return np.zeros_like(mass), flow, 2.0 * u * flux
+
+    def _joined(self, parts: Array, u: float) -> Matrices:
+        mass, damping, flow, stiffness, flux, loss = parts
+        still: NDArray[Any] = stiffness + u**2 * flux
+        return mass, damping + u * flow, still + 1j * loss if self.lossy else still
+
+    def at(self, at: Array) -> Matrices:
+        """M, C, K at (x, y)."""
+        if not self.exact:
+            return self._joined(self._parts(at), self.speed_at(at))
+        weights = np.outer(*self._weights(at)[:2]).ravel()
+        return self._joined(self._from_corners(weights)[0], self.speed_at(at))
+
+    # ----------------------------------------------------------------------------- eigenvalues
+
+    def eigenvalues(self, at: Array) -> Complex:
+        """Those of the modes that count, by |lambda|.
+
+        With hysteresis those above the real axis with their conjugates, and growing real roots.
+        """
+        mass, damping, stiffness = self.at(at)
+        found = _quadratic(mass, damping, stiffness)
+        if self.lossy:
+            above = found[found.imag > 1e-9]
+            still = _quadratic(mass, damping, stiffness.real)
+            grows = still[(np.abs(still.imag) < 1e-9) & (still.real > 0.0)]
+            found = np.concatenate([above, above.conj(), grows])
+        return found[np.argsort(np.abs(found))][: 2 * self.modes]
+
+    def unstable(self, at: Array) -> int:
+        """Number of eigenvalues with positive real part, beyond rounding."""
+        found = self.eigenvalues(at)
+        return int(np.count_nonzero(found.real > 1e-8 * (1.0 + np.abs(found))))
+
+    def static_roots(self, at: Array, index: int) -> list[float]:
+        """Where K is singular on the line through (x, y) along x or y, within the window."""
+        low, size = float(self.window.low[index]), float(self.window.size[index])
+        own_speed = self.window.numbers[index] is None
+
+        def stiffness(value: float) -> Array:
+            there = at.copy()
+            there[index] = value
+            result: Array = self.at(there)[2].real
+            return result
+
+        if not (self.exact or own_speed):
+            return self._changes_of_sign(stiffness, low, size)
+        # K is affine in the others and in the square of the speed: K0 + s (K1 - K0) is singular
+        # where 1 / (s - shift) is an eigenvalue of -(K0 + shift (K1 - K0))^-1 (K1 - K0).
+        begin, end = stiffness(low), stiffness(low + size)
+        change, shift = end - begin, 0.5 * SHIFT
+        if np.abs(change).max() <= 1e-13 * np.abs(begin).max():
+            return []
+        factorised()
+        inverse = np.linalg.eigvals(np.linalg.solve(begin + shift * change, -change))
+        with np.errstate(divide="ignore", invalid="ignore"):
+            shares = shift + 1.0 / inverse
+        real = np.isfinite(shares) & (np.abs(shares.imag) <= 1e-7 * (1.0 + np.abs(shares)))
+        s = np.sort(shares.real[real & (shares.real >= 0.0) & (shares.real <= 1.0)])
+        if own_speed:
+            return [float(root) for root in np.sqrt(low**2 + s * ((low + size) ** 2 - low**2))]
+        return [float(root) for root in low + s * size]
+
+    def _changes_of_sign(
+        self, stiffness: Callable[[float], Array], low: float, size: float
+    ) -> list[float]:
+        """Where det K changes its sign along a line, roughly."""
+
+        def sign(share: float) -> float:
+            return float(np.linalg.slogdet(stiffness(low + share * size))[0])
+
+        found = []
+        for a, b in pairwise(np.linspace(0.0, 1.0, 4 * SAMPLES + 1).tolist()):
+            if sign(a) * sign(b) > 0.0:
+                continue
+            for _ in range(10):
+                middle = 0.5 * (a + b)
+                a, b = (middle, b) if sign(middle) == sign(a) else (a, middle)
+            found.append(low + 0.5 * (a + b) * size)
+        return found
+
+    def sections(self, at: Array, index: int) -> list[tuple[float, float]]:
+        """Where pairs pass the axis on the line through (x, y) along x or y: value and frequency.
+
+        Roughly: Newton's method goes on from these. Eigenvalues are followed from sample to sample
+        with their derivatives, and steps halved within which one may have passed unseen.
+        """
+        low, size = self.window.low[index], self.window.size[index]
+
+        def sample(share: float) -> Sample:
+            there = at.copy()
+            there[index] = low + share * size
+            values, slopes = self._moving(there, index)
+            above = (values.imag > 1e-6) & (np.abs(values.real) < FAR + np.abs(values.imag))
+            return share, values[above], slopes[above] * size
+
+        samples = [sample(float(share)) for share in np.linspace(0.0, 1.0, SAMPLES + 1)]
+        found: list[tuple[float, float]] = []
+        waiting = list(pairwise(samples))[::-1]
+        while waiting:
+            a, b = waiting.pop()
+            guesses, doubtful = _passed(a, b)
+            if doubtful and b[0] - a[0] > SHORTEST:
+                middle = sample(0.5 * (a[0] + b[0]))
+                waiting += [(middle, b), (a, middle)]
+            else:
+                found += guesses
+        return [(float(low + share * size), frequency) for share, frequency in found]
+
+    def _moving(self, at: Array, index: int) -> tuple[Complex, Complex]:
+        """Eigenvalues and their derivatives by x or y."""
+        matrices = self.matrices(at)
+        (m, c, k), (m_p, c_p, k_p) = matrices[0], matrices[1 + index]
+        inverse, vectors = np.linalg.eig(_companion(m, c, k))
+        n = self.dof
+        # Left eigenvectors of the companion are rows of its eigenvectors' inverse, and times the
+        # inverse of P(SHIFT) those of P(lambda).
+        rows = np.linalg.inv(vectors)[:, :n] @ np.linalg.inv(_shifted(m, c, k))
+        with np.errstate(divide="ignore", invalid="ignore"):
+            values = SHIFT + 1.0 / inverse.astype(complex)
+        sizes = np.where(np.isfinite(values), np.abs(values), np.inf)
+        keep = np.argsort(sizes)[: min(2 * self.modes, np.count_nonzero(np.isfinite(sizes)))]
+        values, x, y = values[keep], vectors[:n, keep], rows[keep]
+
+        def form(matrix: NDArray[Any]) -> Complex:
+            return np.asarray(np.einsum("ji,ij->j", y, matrix @ x))
+
+        moved = values**2 * form(m_p) + values * form(c_p) + form(k_p)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            slopes = -moved / (2.0 * values * form(m) + form(c))
+        return values.astype(complex), np.nan_to_num(slopes)
+
+
+Sample = tuple[float, Complex, Complex]
+"""Place on a line as a share of it, eigenvalues above the real axis, and their derivatives."""
+
+
+def _passed(a: Sample, b: Sample) -> tuple[list[tuple[float, float]], bool]:
+    """What passes the axis between two samples, and whether more may do.
+
+    A cubic with the values and slopes at both ends strays from the straight line between them by
+    less than its tangents miss the other end: a root whose real part is larger than that at both
+    ends has not passed the axis twice. Where numbers differ one has left the real axis.
+    """
+    (s, one, slope), (t, other, slope_there) = a, b
+    h = t - s
+    found: list[tuple[float, float]] = []
+    doubtful = one.size != other.size
+    if not one.size or not other.size:
+        return found, doubtful
+    ahead, back = one + h * slope, other - h * slope_there
+    misses = np.abs(ahead[:, None] - other) + np.abs(one[:, None] - back)
+    for i, j in enumerate(np.argmin(misses, axis=1).tolist()):
+        first, last, missed = one[i].real, other[j].real, misses[i, j]
+        if first * last < 0.0:
+            share = first / (first - last)
+            found.append((s + share * h, float((one[i] + share * (other[j] - one[i])).imag)))
+            doubtful |= missed > abs(first) + abs(last)
+        else:
+            doubtful |= missed > min(abs(first), abs(last))
+    return found, bool(doubtful)
+
+
+def _shifted(mass: Array, damping: Array, stiffness: NDArray[Any]) -> NDArray[Any]:
+    """P(SHIFT)."""
+    result: NDArray[Any] = stiffness + SHIFT * damping + SHIFT**2 * mass
+    return result
+
+
+def _companion(mass: Array, damping: Array, stiffness: NDArray[Any]) -> NDArray[Any]:
+    """The matrix with eigenvalues 1 / (lambda - SHIFT) and vectors (x, (lambda - SHIFT) x)."""
+    n = len(mass)
+    factorised()
+    right = np.hstack([damping + 2.0 * SHIFT * mass, mass])
+    solved = -np.linalg.solve(_shifted(mass, damping, stiffness), right)
+    companion = np.zeros((2 * n, 2 * n), dtype=solved.dtype)
+    companion[:n], companion[n:, :n] = solved, np.eye(n)
+    return companion
+
+
+def _quadratic(mass: Array, damping: Array, stiffness: NDArray[Any]) -> Complex:
+    """Eigenvalues of lambda^2 M + lambda C + K."""
+    inverse = np.linalg.eigvals(_companion(mass, damping, stiffness)).astype(complex)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        found = SHIFT + 1.0 / inverse
+    return np.asarray(found[np.isfinite(found)], dtype=complex)

@@ -1,0 +1,112 @@
+# SPDX-License-Identifier: MIT
+"""A pipe's numbers by name: its own, those of its terms and of the spring at its root.
+
+What moves in the plane of two of them is the small motion about the straight pipe: numbers without
+a part in it are refused.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields, replace
+from typing import Any
+
+from pipedyn.models.pipe import RANGES, Pipe
+from pipedyn.models.supports import RootSpring
+from pipedyn.util import check
+
+WITHOUT_EFFECT = {
+    "drag": "drag has no part in small motions",
+    "jet_angle": "the straight pipe is no equilibrium of an inclined jet",
+}
+"""Numbers of a pipe that its small motions do not know, and why."""
+
+WITHOUT_MOTION = {"hysteresis": "with hysteresis a pipe has no equation of motion"}
+"""The same for motions of finite amplitude."""
+
+LARGE_MOTIONS = ("cubic_spring", "stop", "stretching")
+"""Terms that small motions do not feel."""
+
+
+@dataclass(frozen=True)
+class PipeNumber:
+    """One number of a pipe: where it stands, and in which range it may lie."""
+
+    name: str  # as users say it
+    attribute: str
+    term: int | None  # its place among the terms
+    rule: dict[str, Any]  # what `check.real` asks of it
+
+    def of(self, pipe: Pipe) -> float:
+        """Its value."""
+        holder: Any = pipe if self.term is None else pipe.terms[self.term]
+        if self.name == "root.stiffness":
+            holder = pipe.root
+        return float(getattr(holder, self.attribute))
+
+    def changed(self, pipe: Pipe, value: float) -> Pipe:
+        """The pipe with another value."""
+        if self.name == "root.stiffness":
+            return replace(pipe, root=RootSpring(value))
+        if self.term is None:
+            own: dict[str, Any] = {self.attribute: value}
+            return replace(pipe, **own)
+        terms = list(pipe.terms)
+        terms[self.term] = replace(terms[self.term], **{self.attribute: value})
+        return replace(pipe, terms=tuple(terms))
+
+
+def pipe_numbers(pipe: Pipe, motions: bool = False) -> dict[str, PipeNumber]:
+    """The numbers with a part in small motions, or in motions of finite amplitude, by name.
+
+    A term's is "terms[0].mass", and "PointMass.mass" where the pipe has one such term.
+    """
+    found = {
+        name: PipeNumber(name, name, None, rule)
+        for name, rule in RANGES.items()
+        if name not in (WITHOUT_MOTION if motions else WITHOUT_EFFECT)
+    }
+    if pipe.flow == "ejecting":
+        del found["inflow_share"]
+    if isinstance(pipe.root, RootSpring):
+        rule = fields(RootSpring)[0].metadata["range"]
+        found["root.stiffness"] = PipeNumber("root.stiffness", "stiffness", None, rule)
+    laws = [term.law for term in pipe.terms]
+    for i, term in enumerate(pipe.terms):
+        if term.law in LARGE_MOTIONS and not motions:
+            continue
+        for item in fields(term):
+            if item.name == "at":
+                continue
+            rule = item.metadata["range"]
+            number = PipeNumber(f"terms[{i}].{item.name}", item.name, i, rule)
+            found[number.name] = number
+            if laws.count(term.law) == 1:
+                found[f"{type(term).__name__}.{item.name}"] = number
+    return found
+
+
+def checked_number(
+    argument: str,
+    name: Any,
+    pipe: Pipe,
+    motions: bool = False,
+    others: tuple[str, ...] = ("u",),
+) -> PipeNumber:
+    """The number of a pipe that an argument names, which may be others, too.
+
+    Raises:
+        ValueError: if the pipe has none of that name, or small motions do not know it, or motions
+            of finite amplitude where these are meant.
+        TypeError: for what is no word.
+    """
+    every = pipe_numbers(pipe, motions)
+    if motions and isinstance(name, str) and name in WITHOUT_MOTION:
+        raise ValueError(
+            f"{argument} must have a part in motions, got {name!r}: {WITHOUT_MOTION[name]}"
+        )
+    if not motions and isinstance(name, str) and name in WITHOUT_EFFECT:
+        raise ValueError(
+            f"{argument} must have a part in small motions about the straight pipe, got "
+            f"{name!r}: {WITHOUT_EFFECT[name]}"
+        )
+    return every[check.choice(argument, name, (*others, *every))]

@@ -1,0 +1,200 @@
+# SPDX-License-Identifier: MIT
+"""Pictures of attractors: their basins, Poincare sections and spectra."""
+
+from __future__ import annotations
+
+from itertools import cycle
+from typing import Any, Literal
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.colors import BoundaryNorm, ListedColormap
+from matplotlib.patches import Patch
+
+from pipedyn.bifurcation.attractors import Attractors, Basin
+from pipedyn.plot import common
+from pipedyn.plot.forced import OMEGA_LABEL, in_hertz
+
+FILLS = ("#0072B2", "#F0E442", "#56B4E9", "#8C3B00", "#009E73", "#E9C6DA", "#333333", "#E69F00")
+"""Colours of basins. Neighbours in the row differ in lightness, so that they do in grey."""
+
+UNSETTLED, FAILED = "0.75", "#FFFFFF"
+
+MARKERS = ("o", "s", "^", "D", "v", "P", "X", "h")
+"""Of attractors at rest, and of sections."""
+
+LEAST = 1e-5
+"""Part of its highest line below which a spectrum is not shown: what motions err."""
+
+
+def basins(found: Attractors, ax: Axes | None = None) -> Axes:
+    """Basins of attraction: which attractor each start of a plane ends on.
+
+    Each attractor has a colour and in the legend its share of the starts. A white marker shows an
+    equilibrium that lies in the plane. Starts whose motions did not settle are grey, failed ones
+    white. Axes of angles and other coordinates are the model's; those of rates are in 1 / T.
+
+    Args:
+        found: attractors from a `StartPlane` of at least 2 values along both axes.
+        ax: where to draw; new Axes where not given.
+
+    Raises:
+        ValueError, TypeError: for bad arguments.
+    """
+    common.check_type("found", found, Attractors)
+    plane = found.plane
+    if plane is None or min(plane.shape) < 2:
+        rule = "found must come from a StartPlane of at least 2 values along both axes"
+        raise ValueError(f"{rule}, got {len(found.starts)} starts of another kind")
+    xlabel, ylabel = (_entry_label(found, index, "initial ") for index in plane.indices)
+    ax = common.axes(ax, (6.4, 4.6), xlabel=xlabel, ylabel=ylabel)
+    colours = [fill for fill, _ in zip(cycle(FILLS), found.basins, strict=False)]
+    shades = ListedColormap([FAILED, UNSETTLED, *colours])
+    steps = BoundaryNorm(np.arange(-2.5, len(colours) + 0.5), shades.N)
+    ends = found.ends.reshape(plane.shape)
+    ax.pcolormesh(plane.x, plane.y, ends, cmap=shades, norm=steps, rasterized=True)
+    shown = [
+        Patch(facecolor=colour, edgecolor="0.3", label=f"{_name(found, k)}, {_percent(basin)}")
+        for k, (colour, basin) in enumerate(zip(colours, found.basins, strict=True))
+    ]
+    for share, colour, word in (
+        (found.unsettled, UNSETTLED, "not settled"),
+        (found.failed, FAILED, "failed"),
+    ):
+        if share.count:
+            label = f"{word}, {100.0 * share.value:.3g} %"
+            shown.append(Patch(facecolor=colour, edgecolor="0.3", label=label))
+    for k, basin in enumerate(found.basins):
+        if basin.ending == "rest":
+            end = np.append(basin.motion.q[-1], basin.motion.qdot[-1])[list(plane.indices)]
+            inside = plane.x[0] <= end[0] <= plane.x[-1] and plane.y[0] <= end[1] <= plane.y[-1]
+            if inside:
+                look = common.open_marker(6.0, marker=MARKERS[k % len(MARKERS)], zorder=3.0)
+                ax.plot(*end, gid=f"rest {k}", **look)
+    ax.legend(handles=shown, loc="upper left", bbox_to_anchor=(1.01, 1.0), borderaxespad=0.0)
+    ax.set_title(f"$u = {found.u:.6g}$, {found.model.pipe.flow}")
+    return ax
+
+
+def poincare_section(
+    found: Attractors | Basin, coordinate: Literal["tip"] | int = "tip", ax: Axes | None = None
+) -> Axes:
+    """Poincare sections of attractors: states at which the free end is at a maximum.
+
+    A cycle has as many points as maxima in a period, a torus lines, chaos a cloud. Shown is one
+    coordinate against the rate of the last, or of the one given; of "tip", the maximum itself
+    against that rate.
+
+    Args:
+        found: attractors, or one of the basins. Those at rest have no section.
+        coordinate: "tip" for the free end's transverse position, or the index of a coordinate,
+            counted from 0.
+        ax: where to draw; new Axes where not given.
+
+    Raises:
+        ValueError, TypeError: for bad arguments.
+    """
+    some, model, names = _shown(found)
+    index, xlabel = common.coordinate_axis(coordinate, model.coordinates)
+    rate = model.coordinates - 1 if index is None else index
+    ylabel = rf"rate $\dot q_{{{rate}}}$  $(1/T)$ at a maximum of the free end"
+    ax = common.axes(ax, (4.8, 4.2), xlabel=xlabel, ylabel=ylabel)
+    looks = zip(cycle(MARKERS), cycle(common.CURVE_STYLES), strict=False)
+    drawn = 0
+    for basin, name, (marker, style) in zip(some, names, looks, strict=False):
+        if not len(basin.section):
+            continue
+        q, qdot = np.split(basin.section, 2, axis=1)
+        across = model.tips(q.T)[:, 0] if index is None else q[:, index]
+        few = basin.ending == "periodic"
+        look: dict[str, Any] = {"linestyle": "none", "marker": marker, "color": style["color"]}
+        look |= {"label": name, "markersize": 5.0 if few else 2.0, "markeredgewidth": 0.0}
+        ax.plot(across, qdot[:, rate], **look)
+        drawn += 1
+    if drawn:
+        ax.legend()
+        ax.margins(0.08)
+    else:
+        ax.text(0.5, 0.5, "all are at rest", transform=ax.transAxes, ha="center", va="center")
+    return ax
+
+
+def spectrum(found: Attractors | Basin, ax: Axes | None = None) -> Axes:
+    """Amplitude of the free end's transverse motion by frequency, of each attractor that moves.
+
+    Lines of a cycle are drawn as stems at its harmonics. The upper axis is in Hz if the pipe's
+    numbers come from SI units.
+
+    Args:
+        found: attractors, or one of the basins.
+        ax: where to draw; new Axes where not given.
+
+    Raises:
+        TypeError: for bad arguments.
+    """
+    some, model, names = _shown(found)
+    ax = common.axes(ax, (6.4, 3.6), xlabel=OMEGA_LABEL, ylabel="amplitude of the free end  $(L)$")
+    highest, last = 0.0, 0.0
+    for basin, name, style in zip(some, names, cycle(common.CURVE_STYLES), strict=False):
+        omega, height = basin.frequencies[1:], basin.spectrum[1:]  # without its mean
+        if not height.size:
+            continue
+        large = height > LEAST * height.max()
+        highest = max(highest, float(height.max()))
+        last = max(last, float(omega[large][-1]))
+        if basin.ending == "periodic":
+            stem: dict[str, Any] = {"color": style["color"], "linewidth": 1.0}
+            ax.vlines(omega[large], LEAST * height.max(), height[large], **stem)
+            look: dict[str, Any] = {"marker": "o", "markersize": 3.5, "linestyle": "none"}
+            ax.plot(omega[large], height[large], color=style["color"], label=name, **look)
+        else:
+            ax.plot(omega, np.maximum(height, 1e-300), label=name, linewidth=0.7, **style)
+    if highest:
+        ax.set_yscale("log")
+        ax.set(xlim=(0.0, 1.05 * last), ylim=(LEAST * highest, 3.0 * highest))
+        ax.legend()
+        in_hertz(ax, model.pipe)
+    else:
+        ax.text(0.5, 0.5, "all are at rest", transform=ax.transAxes, ha="center", va="center")
+    return ax
+
+
+def _shown(found: Any) -> tuple[list[Basin], Any, list[str]]:
+    """Basins of the argument, their model and names."""
+    if isinstance(found, Basin):
+        return [found], found.motion.model, [_kind(found)]
+    common.check_type("found", found, Attractors)
+    names = [_name(found, k) for k in range(len(found))]
+    return list(found.basins), found.model, names
+
+
+def _kind(basin: Basin) -> str:
+    """What the attractor is, in words."""
+    if basin.ending == "rest":
+        return "rest"
+    if basin.ending == "periodic":
+        return f"cycle, period {basin.period:.4g} T"
+    exponent = basin.attractor.exponent
+    if exponent is None:
+        return "irregular"
+    word = "chaotic" if exponent.chaotic else "irregular"
+    return f"{word}, exponent {exponent.value:.2g} $\\pm$ {exponent.spread:.1g}"
+
+
+def _name(found: Attractors, k: int) -> str:
+    """Number and kind, and of whose mirror image it is."""
+    basin = found.basins[k]
+    image = f", mirror image of {basin.mirror_image}" if 0 <= basin.mirror_image < k else ""
+    return f"{k}: {_kind(basin)}{image}"
+
+
+def _percent(basin: Basin) -> str:
+    return f"{100.0 * basin.share.value:.3g} %"
+
+
+def _entry_label(found: Attractors, index: int, before: str) -> str:
+    """Of an entry of the state [q, q']."""
+    half = found.model.coordinates
+    if index < half:
+        return f"{before}coordinate $q_{{{index}}}$, counted from 0"
+    return rf"{before}rate $\dot q_{{{index - half}}}$  $(1/T)$"

@@ -1,0 +1,140 @@
+# SPDX-License-Identifier: MIT
+"""Curves of folds, lost symmetries, period doublings and tori in the plane of two numbers."""
+
+from __future__ import annotations
+
+from itertools import cycle as repeated
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+
+from pipedyn.bifurcation.cycle_boundary import CycleBoundary
+from pipedyn.bifurcation.event_curve import CycleCurve
+from pipedyn.plot import common
+from pipedyn.plot.bifurcation import STABILITY_STYLES
+from pipedyn.util.check import Array
+from pipedyn.util.later import scipy
+
+LABELS = {
+    "u": common.SPEED_LABEL,
+    "beta": common.BETA_LABEL,
+    "gamma": r"gravity $\gamma$",
+    "drag": r"drag $\kappa$",
+    "damping": r"damping $\delta$",
+    "alpha": r"end coefficient $\alpha$",
+    "frequency": r"frequency of the forcing  $(1/T)$",
+    "amplitude": "amplitude of the forcing",
+}
+"""Of axes, by the number; others have their name."""
+
+COLOURS = {
+    "fold": common.VERMILION,
+    "pitchfork": common.GREEN,
+    "period doubling": common.PURPLE,
+    "torus": common.BLUE,
+}
+
+POINT_MARKS = ("o", "v", "D", "s", "^", "p", "h", "P", "X", "*")
+"""Markers of named points, one for each kind that there is."""
+
+FINER = 12
+"""Parts into which a curve's steps are divided: cubics then show no corners."""
+
+
+def cycle_boundary(found: CycleBoundary, ax: Axes | None = None) -> Axes:
+    """Curves of events of cycles in the plane of two numbers, and where the pipe may snap.
+
+    Curves are solid where a stable cycle meets them, dashed where all cycles nearby are unstable.
+    The critical speed of the straight pipe is black. Between it and a fold below it, from which
+    stable cycles lead to higher speeds, the pipe rests stably and large flutter is stable too: that
+    is shaded, "it may snap here". Markers are named points.
+
+    Args:
+        found: what `cycle_boundary` answers.
+        ax: where to draw; new Axes where not given.
+
+    Raises:
+        TypeError: for bad arguments.
+    """
+    common.check_type("found", found, CycleBoundary)
+    xlabel, ylabel = (LABELS.get(name, name) for name in found.names)
+    ax = common.axes(ax, (6.4, 4.8), xlabel=xlabel, ylabel=ylabel)
+    across = found.names[0] == "u"  # the speed is x
+    for curve in found.curves:
+        x, y = _smooth(curve)
+        for kind, part in _parts(curve):
+            cycles = "a stable cycle" if kind == "stable" else "unstable cycles"
+            label = f"{curve.kind} of {cycles}"
+            look: dict[str, Any] = {"color": COLOURS[curve.kind], "label": label}
+            look |= STABILITY_STYLES[kind]
+            ax.plot(x[part], y[part], **look)
+        if not np.isfinite(curve.onset).any():
+            continue
+        second, speed = (y, x) if across else (x, y)
+        onset = _finer(curve, curve.onset)
+        shade = ax.fill_betweenx if across else ax.fill_between
+        place = np.arange(len(x) - 1) // FINER
+        opens = np.where(curve.opens[:-1] != 0, curve.opens[:-1], curve.opens[1:])
+        stable = np.maximum(curve.unstable[:-1], curve.unstable[1:]) == 0
+        snaps = np.append(((opens > 0) & stable)[place], False)
+        snaps[1:] |= snaps[:-1]
+        snaps &= speed < onset
+        if curve.kind == "fold" and snaps.any():
+            look = {"color": common.ORANGE, "alpha": 0.25, "linewidth": 0.0, "zorder": 0.5}
+            shade(second, speed, onset, where=snaps, label="it may snap here", **look)
+    if np.isfinite(found.onsets.speeds).any():
+        black: dict[str, Any] = {"color": common.BLACK, "linewidth": 1.4, "zorder": 2.5}
+        places = found.onsets.values, found.onsets.speeds
+        ax.plot(
+            *places[:: -1 if across else 1], label="the straight pipe becomes unstable", **black
+        )
+    kinds = dict.fromkeys(point.kind for point in found.points)
+    for kind, marker in zip(kinds, repeated(POINT_MARKS), strict=False):
+        same = [point for point in found.points if point.kind == kind]
+        look = common.open_marker(5.5, marker=marker, zorder=4.0)
+        ax.plot([p.x for p in same], [p.y for p in same], clip_on=False, label=kind, **look)
+    (left, right), (bottom, top) = found.ranges
+    ax.set(xlim=(left, right), ylim=(bottom, top))
+    named = dict(zip(*reversed(ax.get_legend_handles_labels()), strict=True))
+    ax.legend(list(named.values()), list(named))
+    return ax
+
+
+def _length(curve: CycleCurve) -> Array:
+    """Length along a curve in what cycles change in, so that it has no cusps, shape (S,)."""
+    columns = [curve.x, curve.y, curve.frequency]
+    scaled = [of / max(float(np.ptp(of)), 1e-12 * float(np.abs(of).max())) for of in columns]
+    scaled.append(curve.amplitude / max(float(curve.amplitude.max()), 1e-300))
+    steps = np.linalg.norm(np.diff(np.stack(scaled, axis=1), axis=0), axis=1)
+    return np.append(0.0, np.cumsum(np.maximum(steps, 1e-9)))
+
+
+def _finer(curve: CycleCurve, values: Array) -> Array:
+    """Values along a curve on finer steps, by a cubic spline, shape (FINER (S - 1) + 1,)."""
+    s = _length(curve)
+    share = np.linspace(0.0, 1.0, FINER + 1)[:-1]
+    at = np.append((s[:-1, None] + np.diff(s)[:, None] * share).ravel(), s[-1])
+    known = np.isfinite(values)
+    if known.sum() < 4:
+        return np.interp(at, s[known], values[known], np.nan, np.nan)
+    smooth = scipy.interpolate.CubicSpline(s[known], values[known], extrapolate=False)
+    return np.asarray(smooth(at))
+
+
+def _smooth(curve: CycleCurve) -> tuple[Array, Array]:
+    """The curve on finer steps."""
+    return _finer(curve, curve.x), _finer(curve, curve.y)
+
+
+def _parts(curve: CycleCurve) -> list[tuple[str, slice]]:
+    """Pieces of the finer curve that are stable or unstable."""
+    if len(curve) < 2:
+        return []
+    unstable = np.maximum(curve.unstable[:-1], curve.unstable[1:]) > 0
+    ends = [0, *(np.flatnonzero(np.diff(unstable)) + 1), unstable.size]
+    return [
+        ("unstable" if unstable[a] else "stable", slice(FINER * a, FINER * b + 1))
+        for a, b in pairwise(ends)
+    ]

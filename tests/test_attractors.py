@@ -1,0 +1,266 @@
+# SPDX-License-Identifier: MIT
+"""Attractors at one speed and their basins, against single motions, symmetry and limit cycles."""
+
+from functools import cache
+
+import numpy as np
+import pytest
+
+import pipedyn as pp
+from pipedyn.bifurcation import capture
+
+STANDING = pp.Chain(pp.Pipe(0.2, -30.0), 2)
+"""Upright, heavy: at u = 4.1 it leans to either side or flutters."""
+ANGLES = np.linspace(-2.0, 2.0, 13)
+
+
+@cache
+def plane():
+    return pp.attractors(STANDING, 4.1, pp.StartPlane(ANGLES, ANGLES))
+
+
+def test_each_start_ends_where_its_motion_alone_does():
+    found = plane()
+    (cycle,) = (k for k, basin in enumerate(found.basins) if basin.ending == "periodic")
+    some = np.random.default_rng(1).choice(len(found.starts), 20, replace=False)
+    for i in some:
+        q, qdot = np.split(found.starts[i], 2)
+        motion = pp.simulate(STANDING, 4.1, 25.0, q, qdot)
+        late = motion.tip[motion.t > 20.0, 0]
+        basin = found.basins[found.ends[i]]
+        if found.ends[i] == cycle:
+            assert 0.5 * np.ptp(late) == pytest.approx(basin.amplitude, rel=2e-3)
+        elif basin.attracts:
+            assert np.ptp(late) < 1e-6
+            np.testing.assert_allclose(motion.q[-1], basin.attractor.end[:2], atol=1e-6)
+
+
+def test_mirror_images_have_equal_shares_of_a_symmetric_plane():
+    found = plane()
+    assert found.unsettled.count == found.failed.count == 0
+    assert sum(basin.share.count for basin in found.basins) == ANGLES.size**2
+    rests = [k for k, basin in enumerate(found.basins) if basin.ending == "rest"]
+    one, other, upright = rests
+    assert (found.basins[upright].share.count, found.basins[upright].attracts) == (1, False)
+    assert (found.basins[one].mirror_image, found.basins[other].mirror_image) == (other, one)
+    assert found.basins[one].share == found.basins[other].share
+    np.testing.assert_allclose(
+        found.basins[one].attractor.end, -found.basins[other].attractor.end, atol=1e-9
+    )
+    # Start by start: plane[-y, -x] mirrors plane[y, x].
+    ends = found.ends.reshape(found.plane.shape)
+    image = np.array([basin.mirror_image for basin in found.basins])
+    np.testing.assert_array_equal(ends[::-1, ::-1], image[ends])
+
+
+def test_an_upright_pipe_that_nothing_moves_is_told_from_what_attracts():
+    found = plane()
+    middle = found.basins[found.ends[len(found.ends) // 2]]
+    assert (found.starts[len(found.ends) // 2] == 0.0).all()
+    assert not middle.attracts
+    assert middle.exponent > 1.0
+    assert all(basin.attracts for basin in found.basins if basin is not middle)
+
+
+def test_what_rests_is_an_equilibrium_and_its_exponent_an_eigenvalue():
+    known = pp.equilibria(STANDING, 4.1)
+    for basin in plane().basins:
+        if basin.ending == "rest" and basin.attracts:
+            apart = np.abs(known.q - basin.motion.q[-1]).max(axis=1)
+            assert apart.min() < 1e-8
+            assert basin.exponent == pytest.approx(known.growth[apart.argmin()], rel=1e-6)
+            assert basin.amplitude == basin.period == 0.0
+            assert basin.section.shape == (0, 4)
+
+
+def test_a_cycle_has_the_period_and_amplitude_of_collocation():
+    cycle = next(basin for basin in plane().basins if basin.ending == "periodic")
+    solved = pp.limit_cycle(STANDING, 4.1, cycle.motion)
+    assert cycle.period == pytest.approx(solved.period, rel=1e-7)
+    assert cycle.amplitude == pytest.approx(solved.amplitude, rel=1e-6)
+    assert solved.stable
+    assert cycle.attracts
+    # It is its own mirror image: x has odd harmonics alone.
+    assert np.abs(cycle.spectrum[2:40:2]).max() < 1e-5 * cycle.spectrum.max()
+    assert cycle.frequencies[1] == pytest.approx(solved.frequency, rel=1e-7)
+    assert cycle.motion.tip[:, 0].var() == pytest.approx(
+        0.5 * np.sum(cycle.spectrum[1:] ** 2), rel=1e-3
+    )
+
+
+def test_a_section_holds_the_maxima_of_the_free_end():
+    cycle = next(basin for basin in plane().basins if basin.ending == "periodic")
+    assert len(cycle.section) == 16 * cycle.attractor.period
+    q, qdot = np.split(cycle.section.T, 2)
+    rates = STANDING.tip_velocities(q, qdot)[:, 0]
+    assert np.abs(rates).max() < 1e-10
+    accelerations = STANDING.rhs(0.0, cycle.section.T, 4.1)[2:]
+    theta = q
+    # x'' of two segments of one half each.
+    bend = 0.5 * (np.cos(theta) * accelerations - np.sin(theta) * qdot**2).sum(axis=0)
+    assert (bend < 0.0).all()
+    k = cycle.attractor.period
+    np.testing.assert_allclose(cycle.section[k:], cycle.section[:-k], atol=1e-5)
+
+
+def test_a_cycle_that_is_not_symmetric_and_its_mirror_image_are_two_attractors():
+    model = pp.Chain(pp.Pipe(0.2, 20.0, drag=0.5), 2)
+    starts = np.random.default_rng(3).uniform(-1.0, 1.0, (20, 2))
+    found = pp.attractors(model, 7.0, np.concatenate([starts, -starts]))
+    one, other = found.basins
+    assert one.share == other.share
+    assert (one.mirror_image, other.mirror_image) == (1, 0)
+    assert (found.ends[:20] == 1 - found.ends[20:]).all()
+    assert one.period == pytest.approx(other.period, rel=1e-6)
+    assert one.amplitude == pytest.approx(other.amplitude, rel=1e-6)
+    means = [basin.motion.tip[:-1, 0].mean() for basin in found.basins]
+    assert means[0] == pytest.approx(-means[1], rel=1e-4)
+    assert abs(means[0]) > 1e-2
+
+
+def test_whole_turns_about_a_hinge_lead_to_the_same_attractor():
+    model = pp.Chain(pp.Pipe(0.2, 10.0, root="pinned"), 2)
+    angles = np.array([[0.5, 0.2], [-0.3, 0.4], [1.0, 1.5]])
+    found = pp.attractors(model, 3.0, np.concatenate([angles, angles + 2.0 * np.pi]))
+    (rest,) = found.basins
+    assert (rest.ending, rest.share.value) == ("rest", 1.0)
+
+
+@cache
+def hanging():
+    """Subcritical: its cycle folds at some 0.96 of the speed of onset."""
+    model = pp.Chain(pp.Pipe(0.05, 60.0), 2)
+    return model, pp.hopf(model)
+
+
+@pytest.mark.parametrize(
+    ("share", "endings"),
+    [(0.94, {"rest"}), (0.98, {"rest", "periodic"}), (1.02, {"periodic"})],
+)
+def test_rest_and_cycle_attract_between_a_fold_and_a_subcritical_onset(share, endings):
+    model, onset = hanging()
+    assert onset.criticality == "subcritical"
+    starts = np.array([0.1, 0.5, 1.5, -1.5])[:, None] * [1.0, -1.0]
+    found = pp.attractors(model, share * onset.speed, starts)
+    assert {basin.ending for basin in found.basins} == endings
+    assert found.unsettled.count == 0
+
+
+def test_an_unstable_cycle_lies_between_the_basins():
+    model, onset = hanging()
+    u = 0.98 * onset.speed
+    between = pp.limit_cycle(model, u)
+    assert not between.stable
+    on = between.y.T[:: max(len(between.t) // 4, 1)]
+    found = pp.attractors(model, u, np.concatenate([0.95 * on, 1.05 * on]))
+    kinds = [found.basins[end].ending for end in found.ends]
+    assert kinds == ["rest"] * len(on) + ["periodic"] * len(on)
+
+
+def test_chaos_has_a_positive_exponent_beside_a_stable_pipe():
+    model = pp.Chain(pp.Pipe(0.85), 3)
+    starts = np.array([[0.02, 0.0, 0.0], [1.5, -1.5, 1.0], [1.4, -1.4, 1.0]])
+    found = pp.attractors(model, 6.3, starts, transient=30.0, duration=20.0)
+    chaos, rest = found.basins
+    assert (rest.ending, found.ends.tolist()) == ("rest", [1, 0, 0])
+    assert chaos.ending == "irregular"
+    assert chaos.attractor.exponent.chaotic
+    assert chaos.exponent == chaos.attractor.exponent.value
+    assert np.isnan(chaos.period)
+    assert len(np.unique(chaos.section[:, 0].round(3))) > 50
+
+
+def test_ends_that_are_held_tell_nothing():
+    scene = pp.modular.chain(pp.Pipe(0.2), n=3).plus(pp.modular.Guide(node=3))
+    with pytest.raises(ValueError, match="model must have an end that moves across"):
+        pp.attractors(scene, 1.0, 4)
+
+
+def test_a_start_that_fails_leaves_the_others():
+    model = pp.Galerkin(pp.Pipe(0.2, damping=0.01), 3)
+    starts = np.zeros((36, 6))
+    starts[:, 0] = np.linspace(0.1, 0.5, 36)
+    starts[[2, 35], 3:] = 1e4
+    found = pp.attractors(model, 4.0, starts)
+    assert [failure.index for failure in found.failures] == [2, 35]
+    assert all("no longer finite" in str(failure.error) for failure in found.failures)
+    assert [f"start {failure.index} " in str(failure.error) for failure in found.failures]
+    assert found.failed.count == 2
+    assert (np.delete(found.ends, [2, 35]) == 0).all()
+    assert found.ends[[2, 35]].tolist() == [-2, -2]
+    assert found.basins[0].share.value == pytest.approx(34 / 36)
+
+
+def test_what_comes_to_rest_too_slowly_is_named():
+    # Growth -0.1 at rest: after 10 T motions are a third as large.
+    found = pp.attractors(pp.Chain(pp.Pipe(0.05), 2), 3.1, 3, transient=10.0, duration=5.0)
+    assert found.basins == ()
+    assert found.unsettled.value == 1.0
+    assert found.ends.tolist() == [-1, -1, -1]
+
+
+def test_bent_rests_have_no_mirror_image():
+    jet = pp.Chain(pp.Pipe(0.2, jet_angle=0.3), 2)
+    found = pp.attractors(jet, 2.0, 5)
+    (basin,) = found.basins
+    assert (basin.ending, basin.mirror_image) == ("rest", -1)
+    assert abs(basin.motion.tip[-1, 0]) > 1e-3
+
+
+def test_the_error_of_a_share_is_a_binomial_s_and_not_0_where_all_starts_agree():
+    found = plane()
+    n = len(found.starts)
+    for basin in found.basins[:3]:
+        p = basin.share.count / n
+        assert basin.share.value == p
+        assert basin.share.error == pytest.approx(np.sqrt(p * (1.0 - p) / n), rel=0.02)
+    assert 0.0 < found.failed.error < 1.0 / n
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"starts": 0}, "starts must be from 1 to 1000000, got 0"),
+        ({"starts": "many"}, "starts must be a whole number, an array of states or a StartPlane"),
+        ({"starts": np.zeros((3, 3))}, r"starts must have the shape \(N, 4\) .* got \(3, 3\)"),
+        ({"starts": [[np.nan, 0.0]]}, "starts must be finite"),
+        ({"starts": [[1e9, 0.0]]}, r"starts must lie in .* \(start 0\)"),
+        (
+            {"starts": pp.StartPlane([0.0], [0.0], (0, 7))},
+            r"starts must have indices in \[0, 3\]",
+        ),
+        (
+            {"starts": pp.StartPlane([0.0], [0.0], state=[1.0])},
+            "starts must have a state of 2 or 4 entries, got 1",
+        ),
+        ({"transient": 1.0}, "transient must be finite|transient must lie in"),
+        ({"u": -1.0}, "u must lie in"),
+        ({"u": 0.0}, "u must be > 0 for a pipe without damping and drag, got 0"),
+        ({"u": pp.Pulsation(4.0, 0.1, 9.0)}, "u must be a steady flow speed, got Pulsation"),
+    ],
+)
+def test_bad_arguments_are_refused_by_name(arguments, message):
+    with pytest.raises((ValueError, TypeError), match=message):
+        pp.attractors(STANDING, **{"u": 4.1, "starts": 3} | arguments)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (([1.0, 0.0], [0.0]), "x must hold values, strictly increasing"),
+        (([0.0], [0.0], (0, 0)), "indices must be two different ones"),
+        (([0.0], [0.0], 3), "indices must be two numbers, got 3"),
+    ],
+)
+def test_a_plane_needs_two_directions_and_rising_values(arguments, message):
+    with pytest.raises((ValueError, TypeError), match=message):
+        pp.StartPlane(*arguments)
+
+
+def test_where_nothing_known_attracts_each_motion_takes_the_whole_transient():
+    starts = np.random.default_rng(0).uniform(-1.0, 1.0, (3, 4))
+    labels, ends = capture.follow(STANDING, 4.1, starts, [], 12.0, 1e-9)
+    assert labels.tolist() == [capture.NOWHERE] * 3
+    for start, end in zip(starts, ends, strict=True):
+        motion = pp.simulate(STANDING, 4.1, 12.0, *np.split(start, 2), rtol=1e-9)
+        np.testing.assert_allclose(end, motion.y[:, -1], atol=1e-5)

@@ -1,0 +1,336 @@
+# SPDX-License-Identifier: MIT
+"""Boundaries of stability in two numbers: against crossings, counts and published numbers."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import pipedyn as pp
+from pipedyn.bifurcation.hopf import static_cubic
+
+BUCKLING = pp.Pipe(0.2, damping=0.005)
+STANDING = {"gamma": (-60.0, 20.0), "u": (0.0, 8.0)}
+
+
+@pytest.fixture(scope="module")
+def over_beta():
+    ranges = {"beta": (0.01, 0.98), "u": (0.0, 20.0)}
+    return pp.boundary(pp.Continuum(pp.Pipe(0.2)), "beta", "u", ranges, criticality=False)
+
+
+@pytest.fixture(scope="module")
+def standing():
+    return pp.boundary(pp.Continuum(BUCKLING), "gamma", "u", STANDING, criticality=False)
+
+
+def place(found, kind):
+    (point,) = [point for point in found.points if point.kind == kind]
+    return point
+
+
+def eigenvalues(model, u):
+    """All of them, from the operators alone."""
+    mass, damping, stiffness = model.operators().at(u)
+    n = len(mass)
+    inverse = np.linalg.inv(mass)
+    companion = np.zeros((2 * n, 2 * n))
+    companion[:n, n:] = np.eye(n)
+    companion[n:] = np.hstack([-inverse @ stiffness, -inverse @ damping])
+    return np.linalg.eigvals(companion)
+
+
+def below(found, x, y, start):
+    """Unstable roots at a point: those of the lower edge and what curves add on the way up."""
+    count = start
+    for curve in found.curves:
+        at = np.flatnonzero((curve.x[:-1] - x) * (curve.x[1:] - x) < 0.0)
+        for k in at:
+            share = (x - curve.x[k]) / (curve.x[k + 1] - curve.x[k])
+            if curve.y[k] + share * (curve.y[k + 1] - curve.y[k]) < y:
+                count += int(np.sign(curve.x[k + 1] - curve.x[k]) * curve.change[k])
+    return count
+
+
+# ------------------------------------------------------------------------ points on the curves
+
+
+def test_points_of_the_continuous_pipe_are_its_critical_speeds(over_beta):
+    rng = np.random.default_rng(17)
+    steep = [np.abs(curve.slopes[:, 0]) < 0.3 for curve in over_beta.curves]
+    for curve, excluded in zip(over_beta.curves, steep, strict=True):
+        assert curve.error < 1e-9
+        for k in rng.choice(np.flatnonzero(~excluded), 2, replace=False):
+            found = pp.crossings(pp.Continuum(pp.Pipe(curve.x[k])), 20.5)
+            nearest = min(found, key=lambda c: abs(c.speed - curve.y[k]))
+            assert curve.y[k] == pytest.approx(nearest.speed, abs=1e-9 + nearest.error)
+            assert curve.frequency[k] == pytest.approx(nearest.frequency, rel=1e-8)
+            assert curve.sides[k].min() == min(nearest.unstable_before, nearest.unstable_after)
+
+
+@pytest.mark.parametrize("beta", [0.295, 0.67, 0.9])
+def test_the_first_curve_turns_back_where_the_critical_speed_leaps(over_beta, beta):
+    first = over_beta.curves[0]
+    assert first.unstable.max() == 0
+    assert np.count_nonzero(np.diff(np.sign(first.x - beta))) == 3
+
+
+def test_unstable_roots_that_leave_the_window_enter_it(over_beta, standing):
+    """Curves and their changes give the number of unstable roots anywhere, by eigenvalues."""
+    assert over_beta.failures == standing.failures == ()
+    rng = np.random.default_rng(3)
+    for found, low in ((over_beta, None), (standing, 0.01)):
+        for _ in range(8):
+            (left, right), (_, top) = found.ranges
+            x, y = rng.uniform(left, right), rng.uniform(0.1, top)
+            name = found.names[0]
+            model = pp.Galerkin(replace(found.model.pipe, **{name: x}), 24, "legendre")
+            start = 0 if low is None else int((eigenvalues(model, low).real > 1e-9).sum())
+            values = pp.eigenvalues(model, y, 16)
+            assert below(found, x, y, start) == int((values.real > 0.0).sum())
+            assert found.unstable(x, y) == int((values.real > 0.0).sum())
+
+
+@pytest.mark.parametrize(
+    ("pipe", "name", "ends", "speeds"),
+    [
+        # physics of supports and hysteresis: Paidoussis (1970) has 5.79 near the latter
+        (pp.Pipe(0.2, hysteresis=0.05), "hysteresis", (0.02, 0.1), (5.664183, 5.900876)),
+        (pp.Pipe(0.2, root=pp.RootSpring(1.0)), "root.stiffness", (0.5, 2.0), (5.237511, 5.040909)),
+        (
+            pp.Pipe(0.1, terms=[pp.Foundation(1.0)]),
+            "terms[0].stiffness",
+            (10, 100),
+            (4.783532, 5.133889),
+        ),
+        (
+            pp.Pipe(0.2, terms=[pp.Tension(1.0)]),
+            "Tension.load",
+            (-2, 20),
+            (4.976284857, 8.583785800),
+        ),
+        (pp.Pipe(0.2), "alpha", (0.8, 2.0), (6.947846171, 3.358684218)),
+    ],
+)
+def test_curves_end_at_known_critical_speeds(pipe, name, ends, speeds):
+    ranges = {name: ends, "u": (0.0, 7.5)}
+    found = pp.boundary(pp.Continuum(pipe), name, "u", ranges, criticality=False)
+    curve = next(c for c in found.curves if c.kind == "flutter" and c.unstable[0] == 0)
+    reached = dict(zip(curve.x[[0, -1]].tolist(), curve.y[[0, -1]].tolist(), strict=True))
+    for end, speed in zip(ends, speeds, strict=True):
+        if speed < 7.5:
+            assert reached[end] == pytest.approx(speed, abs=6e-7)
+
+
+def test_a_window_without_the_flow_speed_has_the_same_points():
+    pipe = pp.Pipe(0.4, terms=[pp.PointMass(1.0, 0.1)])
+    ranges = {"PointMass.mass": (0.0, 1.0), "gamma": (-5.0, 40.0)}
+    chain = pp.Chain(pipe, 5)
+    found = pp.boundary(chain, "PointMass.mass", "gamma", ranges, u=6.0, criticality=False)
+    assert found.failures == ()
+    assert found.curves
+    for curve in found.curves:
+        k = len(curve) // 2
+        mass = pp.PointMass(1.0, curve.x[k])
+        other = chain.with_pipe(replace(pipe, gamma=curve.y[k], terms=(mass,)))
+        nearest = min(pp.crossings(other, 8.0), key=lambda c: abs(c.speed - 6.0))
+        assert nearest.speed == pytest.approx(6.0, abs=1e-9)
+        assert nearest.frequency == pytest.approx(curve.frequency[k], abs=1e-8)
+
+
+def test_a_scene_and_a_chain_have_one_boundary():
+    pipe = pp.Pipe(0.3, damping=0.01)
+    ranges = {"Spring.stiffness": (0.0, 40.0), "u": (0.0, 9.0)}
+    models = [
+        pp.Chain(replace(pipe, terms=(pp.Spring(0.5, 1.0),)), 3),
+        pp.modular.chain(pipe, 3).plus(pp.Spring(0.5, 1.0)),
+    ]
+    one, other = (
+        pp.boundary(model, "Spring.stiffness", "u", ranges, criticality=False) for model in models
+    )
+    assert len(one.curves) == len(other.curves) > 0
+    for a, b in zip(one.curves, other.curves, strict=True):
+        assert a.y[[0, -1]] == pytest.approx(b.y[[0, -1]], abs=1e-10)
+
+
+# --------------------------------------------------------------------------- organising points
+
+
+def test_flutter_meets_divergence_where_the_book_says():
+    """Paidoussis, Fluid-Structure Interactions, vol. 1, p. 387: 2.2458, -46.0014."""
+    ranges = {"gamma": (-60.0, 0.0), "u": (0.0, 4.0)}
+    two_modes = pp.Galerkin(BUCKLING, 2, "beam")
+    found = pp.boundary(two_modes, "gamma", "u", ranges, criticality=False)
+    point = place(found, "Hopf-pitchfork")
+    assert (point.x, point.y) == pytest.approx((-46.00146312, 2.24583504), abs=1e-8)
+    assert point.unstable == 0
+
+
+def test_the_continuous_pipe_has_a_zero_root_and_a_pair_on_the_axis_there(standing):
+    point = place(standing, "Hopf-pitchfork")
+    assert (point.x, point.y) == pytest.approx((-44.0276, 2.35536), abs=5e-5)  # as printed
+    values = pp.eigenvalues(pp.Continuum(replace(BUCKLING, gamma=point.x)), point.y, 8)
+    neutral = values[np.abs(values.real) < 1e-7]
+    assert sorted(neutral.imag) == pytest.approx(
+        [-point.frequencies[0], 0.0, point.frequencies[0]], abs=1e-7
+    )
+
+
+def test_zero_is_a_double_eigenvalue_where_flutter_ends_on_divergence(standing):
+    """At a Bogdanov-Takens point K v = 0, w^T K = 0 and w^T C v = 0."""
+    point = place(standing, "Bogdanov-Takens")
+    (ended,) = [c for c in standing.curves if "Bogdanov-Takens" in c.ends]
+    assert ended.frequency.min() == 0.0
+    model = pp.Galerkin(replace(BUCKLING, gamma=point.x), 20, "legendre")
+    _, damping, stiffness = model.operators().at(point.y)
+    left, sizes, right = np.linalg.svd(stiffness)
+    assert sizes[-1] < 1e-10 * sizes[0]
+    around = np.abs(left[:, -1]) @ np.abs(damping) @ np.abs(right[-1])
+    assert abs(left[:, -1] @ damping @ right[-1]) < 1e-9 * around
+
+
+def test_flutter_that_no_line_meets_is_followed_from_the_divergence_that_it_leaves():
+    """Its curve leaves a Bogdanov-Takens point inside and the window between two lines."""
+    pipe = pp.Pipe(0.2, terms=[pp.Damper(0.5, 1.0)])
+    ranges = {"gamma": (-30.0, 50.0), "Damper.coefficient": (0.0, 20.0)}
+    chain = pp.Chain(pipe, 2)
+    found = pp.boundary(chain, "gamma", "Damper.coefficient", ranges, u=7.0, criticality=False)
+    assert found.failures == ()
+    point = place(found, "Bogdanov-Takens")
+    (curve,) = [c for c in found.curves if "Bogdanov-Takens" in c.ends]
+    end = 0 if curve.ends[0] == "Bogdanov-Takens" else -1
+    assert (curve.x[end], curve.y[end]) == pytest.approx((point.x, point.y), abs=1e-9)
+    k = len(curve) // 2
+    damper = pp.Damper(0.5, curve.y[k])
+    values = eigenvalues(chain.with_pipe(replace(pipe, gamma=curve.x[k], terms=(damper,))), 7.0)
+    nearest = values[np.argmin(np.abs(values - 1j * curve.frequency[k]))]
+    assert abs(nearest - 1j * curve.frequency[k]) < 1e-9
+
+
+def test_two_pairs_lie_on_the_axis_at_a_double_hopf_point():
+    chain = pp.Chain(pp.Pipe(0.2, terms=[pp.PointMass(1.0, 0.1)]), 4)
+    ranges = {"PointMass.mass": (0.0, 0.5), "u": (3.0, 10.0)}
+    found = pp.boundary(chain, "PointMass.mass", "u", ranges, criticality=False)
+    point = place(found, "double Hopf")
+    there = chain.with_pipe(replace(chain.pipe, terms=(pp.PointMass(1.0, point.x),)))
+    values = eigenvalues(there, point.y)
+    neutral = np.sort(values[(np.abs(values.real) < 1e-8) & (values.imag > 0.0)].imag)
+    assert neutral == pytest.approx(point.frequencies, abs=1e-8)
+    assert point.unstable == int((values.real > 1e-6).sum())
+
+
+def test_criticality_changes_at_a_bautin_point():
+    """The first Lyapunov coefficients of `hopf` on either side have their zero there."""
+    ranges = {"beta": (0.4, 0.7), "u": (4.0, 8.0)}
+    found = pp.boundary(pp.Chain(pp.Pipe(0.2), 3), "beta", "u", ranges)
+    point = place(found, "Bautin")
+    sides = [pp.hopf(pp.Chain(pp.Pipe(point.x + step), 3)) for step in (-1e-3, 1e-3)]
+    first, last = (one.lyapunov for one in sides)
+    assert first * last < 0.0
+    assert abs(first + last) < 0.02 * abs(first - last)  # a line through 0, but for its bend
+    (curve,) = found.curves
+    assert set(curve.criticality) == {"supercritical", "subcritical"}
+    assert (curve.criticality == "subcritical").tolist() == (curve.lyapunov > 0.0).tolist()
+    for k in (0, len(curve) - 1):
+        own = pp.hopf(pp.Chain(pp.Pipe(curve.x[k]), 3))
+        assert curve.lyapunov[k] == pytest.approx(own.lyapunov, rel=1e-6)
+
+
+def test_drag_decides_the_criticality_where_there_is_any():
+    ranges = {"beta": (0.4, 0.7), "u": (4.0, 8.0)}
+    found = pp.boundary(pp.Chain(pp.Pipe(0.2, drag=0.5), 2), "beta", "u", ranges)
+    (curve,) = found.curves
+    for k in (0, len(curve) - 1):
+        own = pp.hopf(pp.Chain(pp.Pipe(curve.x[k], drag=0.5), 2))
+        assert curve.criticality[k] == own.criticality
+
+
+def test_bent_equilibria_lie_where_the_cubic_coefficient_says():
+    """Near a supercritical divergence beyond it, near a subcritical one before."""
+    pipe = pp.Pipe(0.2, damping=0.01)
+    ranges = {"gamma": (-18.0, -7.0), "u": (0.5, 2.5)}
+    found = pp.boundary(pp.Chain(pipe, 2), "gamma", "u", ranges)
+    point = place(found, "degenerate pitchfork")
+    (curve,) = [c for c in found.curves if c.kind == "divergence" and 0 in c.unstable]
+    for word, sign in (("supercritical", 1.0), ("subcritical", -1.0)):
+        k = np.flatnonzero(curve.criticality == word)[3]
+        right, up = curve.slopes[k]
+        # Across the curve to the side with one more unstable root, or to the other.
+        across = sign * np.sign(curve.change[k]) * np.array([-up * 11.0, right * 2.0])
+        for away in (1.0, -1.0):
+            gamma, u = np.array([curve.x[k], curve.y[k]]) + 2e-3 * away * across
+            q = pp.equilibria(pp.Chain(replace(pipe, gamma=gamma), 2), u).q
+            sizes = np.abs(q).max(axis=1)
+            small = np.count_nonzero((sizes > 1e-6) & (sizes < 0.3))
+            assert small == (2 if away > 0.0 else 0)
+    there = pp.Chain(replace(pipe, gamma=point.x), 2)
+    assert abs(static_cubic(there, point.y)) < 1e-6
+
+
+def test_curves_of_lost_stability_alone_are_the_same_curves():
+    pipe = pp.Pipe(0.2, terms=[pp.PointMass(1.0, 0.1)])
+    ranges = {"PointMass.mass": (0.0, 1.0), "u": (0.0, 9.0)}
+    words = pp.Chain(pipe, 4), "PointMass.mass", "u", ranges
+    every = pp.boundary(*words, criticality=False)
+    some = pp.boundary(*words, criticality=False, only_stability=True)
+    stable = [c for c in every.curves if 0 in c.unstable]
+    assert 0 < len(stable) == len(some.curves) < len(every.curves)
+    ends = [sorted([c.y[0], c.y[-1]]) for c in stable]
+    assert [sorted([c.y[0], c.y[-1]]) for c in some.curves] == [
+        pytest.approx(end, abs=1e-10) for end in ends
+    ]
+
+
+# ------------------------------------------------------------------------------------- refusals
+
+
+def test_a_conservative_pipe_has_divergence_only_and_says_so():
+    pipe = pp.Pipe(0.5, root="pinned", end="pinned")
+    ranges = {"beta": (0.1, 0.9), "u": (0.0, 7.0)}
+    found = pp.boundary(pp.Continuum(pipe), "beta", "u", ranges, criticality=False)
+    assert [c.kind for c in found.curves] == ["divergence"] * 2
+    speeds = [float(c.y.mean()) for c in found.curves]
+    assert sorted(speeds) == pytest.approx([np.pi, 2.0 * np.pi], abs=1e-9)
+    assert max(float(np.ptp(c.y)) for c in found.curves) < 1e-9
+    assert "flutter was not looked for" in found.failures[0]
+
+
+CHAIN = pp.Chain(pp.Pipe(0.2, terms=[pp.Stop(0.8, 0.1, 9.0), pp.Spring(1.0, 2.0)]), 2)
+WINDOW = {"beta": (0.1, 0.9), "u": (0.0, 9.0)}
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (("drag", "u", {"drag": (0, 1), "u": (0, 1)}), "x must have a part in small motions"),
+        (("beta", "jet_angle", {}), "y must have a part in small motions"),
+        (("mass", "u", {}), "x must be one of 'u', 'beta', 'gamma'"),
+        (("Stop.gap", "u", {}), "x must be one of 'u', 'beta', 'gamma'"),
+        (("beta", "beta", WINDOW), "x and y must be two numbers, got 'beta' and 'beta'"),
+        (("Spring.stiffness", "terms[1].stiffness", {}), "x and y must be two numbers"),
+        (("beta", "u", {"beta": (0.1, 0.9)}), "ranges must have 'beta' and 'u', got ['beta']"),
+        (("beta", "u", WINDOW | {"beta": (0.0, 0.9)}), "ranges['beta'] must lie in (0, 1), got 0"),
+        (("beta", "u", WINDOW | {"beta": (0.9, 0.1)}), "ranges['beta'] must be (low, high)"),
+        (("beta", "u", WINDOW | {"u": (-1.0, 2.0)}), "ranges['u'] must lie in [0, "),
+        (("beta", "gamma", {"beta": (0.1, 0.9), "gamma": (0, 9)}), "u must be given where neither"),
+        (("beta", 3, WINDOW), "y must be one of"),
+        (("beta", "u", [WINDOW]), "ranges must map x and y to (low, high), got"),
+    ],
+)
+def test_what_no_boundary_can_be_drawn_of_is_refused_by_name(words, message):
+    with pytest.raises((ValueError, TypeError)) as caught:
+        pp.boundary(CHAIN, *words)
+    assert str(caught.value).startswith(message)
+
+
+def test_a_flow_speed_is_given_once():
+    with pytest.raises(ValueError, match="u must not be given where it is x or y, got 3"):
+        pp.boundary(CHAIN, "beta", "u", WINDOW, u=3.0)
+
+
+def test_a_bent_pipe_is_refused():
+    bent = pp.Chain(pp.Pipe(0.2, jet_angle=0.3), 3)
+    with pytest.raises(ValueError, match="model must rest straight"):
+        pp.boundary(bent, "beta", "u", WINDOW)
+    with pytest.raises(ValueError, match=r"x must lie in \[0.1, 0.9\], got 0.05"):
+        pp.boundary(CHAIN, "beta", "u", WINDOW, criticality=False).unstable(0.05, 1.0)

@@ -1,0 +1,262 @@
+# SPDX-License-Identifier: MIT
+"""Folds of cycles, lost symmetries, period doublings and tori in two numbers.
+
+They are held against events of branches at fixed values of the second number, against multipliers
+from the variational equation as scipy integrates it, and, where curves end at an onset, against the
+normal form of flutter.
+"""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import scipy
+
+import pipedyn as pp
+from pipedyn.bifurcation import event_curve
+
+BETA = 0.05
+
+
+def folds(branch):
+    return [event for event in branch.events if event.kind == "fold"]
+
+
+@pytest.fixture(scope="module")
+def subcritical():
+    """The branch of two segments, which has one fold, below the onset."""
+    (branch,) = pp.bifurcation_diagram(pp.Chain(pp.Pipe(BETA), 2), [3.0, 3.3]).cycles
+    return branch
+
+
+@pytest.fixture(scope="module")
+def folded(subcritical):
+    """Its fold over beta."""
+    (fold,) = folds(subcritical)
+    return pp.cycle_boundary(subcritical, fold, "beta", "u", {"beta": (0.02, 0.2), "u": (2.0, 5.0)})
+
+
+@pytest.fixture(scope="module")
+def three():
+    """Cycles of three segments, which lose their symmetry, double their period, leave for tori."""
+    return pp.bifurcation_diagram(pp.Chain(pp.Pipe(0.3), 3), [6.7, 7.4])
+
+
+def monodromy(model, orbit, span):
+    """What perturbations become over a phase, by the variational equation along the motion.
+
+    The Jacobian is a central difference of the rates.
+    """
+    n, h = model.dof, 1e-6
+    y0 = orbit.states(np.array([0.0]))[:, 0]
+
+    def rates(y):
+        return model.rhs(0.0, y, orbit.u)
+
+    def both(_, z):
+        y, moved = z[: 2 * n], z[2 * n :].reshape(2 * n, 2 * n)
+        all_at_once = rates(np.hstack([y[:, None] + h * moved, y[:, None] - h * moved, y[:, None]]))
+        ahead, behind, here = np.split(all_at_once, [2 * n, 4 * n], axis=1)
+        return np.concatenate([here[:, 0], ((ahead - behind) / (2.0 * h)).ravel()])
+
+    start = np.concatenate([y0, np.eye(2 * n).ravel()])
+    time = span / orbit.frequency
+    found = scipy.integrate.solve_ivp(both, (0.0, time), start, "DOP853", rtol=1e-9, atol=1e-8)
+    end = found.y[:, -1]
+    return y0, end[: 2 * n], end[2 * n :].reshape(2 * n, 2 * n)
+
+
+def model_at(found, i):
+    """The chain at a point of the curve in (beta, u)."""
+    return found.model.with_pipe(replace(found.model.pipe, beta=float(found.curves[0].x[i])))
+
+
+def test_folds_at_other_mass_ratios_are_those_of_the_bifurcation_diagram(subcritical, folded):
+    curve = folded.curves[0]
+    assert folded.names == ("beta", "u")
+    assert curve.kind == "fold"
+    assert curve.x[0] == pytest.approx(0.02, abs=1e-12)
+    (branch,) = pp.bifurcation_diagram(pp.Chain(pp.Pipe(0.02), 2), [2.9, 3.1]).cycles
+    (fold,) = folds(branch)
+    assert curve.y[0] == pytest.approx(fold.speed, abs=1e-8)
+    assert curve.amplitude[0] == pytest.approx(fold.amplitude, abs=1e-5)
+    begin = int(np.flatnonzero(np.isclose(curve.x, BETA, rtol=1e-12))[0])
+    (event,) = folds(subcritical)
+    assert curve.y[begin] == pytest.approx(event.speed, abs=1e-8)
+    assert (np.diff(curve.x) > 0.0).all()
+    assert (curve.unstable == 0).all()
+    assert (curve.opens == 1).all()
+    assert (curve.y[:-1] < curve.onset[:-1]).all()
+
+
+def test_at_a_fold_a_second_multiplier_is_one(folded):
+    """1 is then a double root of the characteristic polynomial of the monodromy matrix."""
+    curve = folded.curves[0]
+    for i in (1, len(curve) // 2):
+        orbit = curve.orbits[i]
+        y0, end, moved = monodromy(model_at(folded, i), orbit, 2.0 * math.pi)
+        assert np.abs(end - y0).max() < 1e-8
+        polynomial = np.poly(moved)
+        assert abs(np.polyval(polynomial, 1.0)) < 1e-6
+        assert abs(np.polyval(np.polyder(polynomial), 1.0)) < 1e-6
+        assert abs(np.polyval(np.polyder(polynomial, 2), 1.0)) > 0.1
+
+
+def test_folds_end_where_the_criticality_of_flutter_changes(folded):
+    """There the first Lyapunov coefficient is 0, which comes from the normal form alone."""
+    (point,) = folded.points
+    assert point.kind == "Bautin"
+    assert folded.curves[0].ends == ("range", "Bautin")
+
+    def lyapunov(beta):
+        return pp.hopf(pp.Chain(pp.Pipe(beta), 2)).lyapunov
+
+    beta = scipy.optimize.brentq(lyapunov, 0.07, 0.1, xtol=1e-7)
+    assert point.x == pytest.approx(beta, abs=2e-5)
+    assert point.y == pytest.approx(pp.critical_speed(pp.Chain(pp.Pipe(beta), 2)).speed, abs=2e-5)
+    assert point.amplitude == 0.0
+
+
+@pytest.mark.parametrize("kind", ["pitchfork", "period doubling", "torus"])
+def test_multipliers_on_the_unit_circle(three, kind, monkeypatch):
+    """-1 at a period doubling, e^(i theta) at a torus; with the reflection -1 at a pitchfork.
+
+    Other multipliers are as large as 1,000, and all are known relative to the largest.
+    """
+    monkeypatch.setattr(event_curve, "LONGEST", 0.5)
+    branch, event = next(
+        (b, e) for b in three.cycles for e in b.events if e.kind == kind and e.speed != b.onset
+    )
+    window = {"beta": (0.3, 0.31), "u": (6.0, 9.0)}
+    found = pp.cycle_boundary(branch, event, "beta", "u", window)
+    (curve,) = found.curves
+    assert curve.kind == kind
+    assert curve.ends == ("range", "range")
+    assert found.failures == ()
+    assert curve.x[[0, -1]] == pytest.approx([0.3, 0.31], abs=1e-10)
+    for i, orbit in list(enumerate(curve.orbits))[-1:]:
+        halved = orbit.span < 0.9 * 2.0 * math.pi
+        assert halved == (kind != "period doubling")
+        y0, end, moved = monodromy(model_at(found, i), orbit, orbit.span)
+        assert np.abs(end - orbit.mirror * y0).max() < 1e-6 * np.abs(y0).max()
+        root = -1.0
+        if kind == "torus":
+            assert abs(curve.multiplier[i]) == pytest.approx(1.0, abs=1e-12)
+            assert curve.multiplier[i].imag > 0.1
+            root = np.sqrt(curve.multiplier[i])
+        units = np.where(np.arange(len(y0)) < len(y0) // 2, 1.0, orbit.frequency)
+        scaled = orbit.mirror * moved * units / units[:, None]
+        sizes = [np.linalg.svd(scaled - sign * root * np.eye(len(y0)))[1] for sign in (1.0, -1.0)]
+        nearest = min(s[-1] / s[0] for s in sizes[: 1 + (kind == "torus")])
+        assert nearest < 1e-6
+        others = np.linalg.eigvals(scaled)
+        assert np.sort(np.abs(others - 1.0))[1] > 1e-2  # only the trivial one is 1
+
+
+def test_folds_of_forced_motions_over_the_amplitude_of_the_forcing(monkeypatch):
+    """Both folds of a resonance that bends over lie on one curve, which ends in a cusp below."""
+    monkeypatch.setattr(event_curve, "LONGEST", 0.2)
+    model = pp.Galerkin(pp.Pipe(0.2, damping=0.002), 3, "legendre")
+
+    def response(amplitude, low, high):
+        base = pp.Harmonic(amplitude, 20.0)
+        return pp.forced_response(model, 0.0, base=base, frequencies=(low, high)).branches[0]
+
+    branch = response(0.02, 15.5, 21.0)
+    first, second = folds(branch)
+    window = {"amplitude": (0.001, 0.02), "frequency": (12.0, 30.0)}
+    found = pp.cycle_boundary(branch, (first, second), "amplitude", "frequency", window)
+    (curve,) = found.curves
+    (cusp,) = found.points
+    assert cusp.kind == "cusp"
+    assert cusp.x == curve.x.min()
+    assert curve.ends == ("range", "range")
+    assert found.names == ("amplitude", "frequency")
+    assert curve.y[[0, -1]] == pytest.approx([second.frequency, first.frequency], rel=1e-6)
+    near = 0.98 * cusp.y, 1.02 * cusp.y
+    assert folds(response(0.97 * cusp.x, *near)) == []
+    assert len(folds(response(1.05 * cusp.x, *near))) == 2
+
+
+def test_a_curve_that_cannot_be_followed_says_where_and_keeps_what_it_has(monkeypatch, subcritical):
+    monkeypatch.setattr(event_curve, "MOST_STEPS", 2)
+    (fold,) = folds(subcritical)
+    found = pp.cycle_boundary(
+        subcritical, fold, "u", "beta", {"u": (2.0, 5.0), "beta": (0.02, 0.2)}
+    )
+    (curve,) = found.curves
+    assert curve.ends == ("points", "points")
+    assert len(curve) == 5
+    assert len(found.failures) == 2
+    beyond = f"({curve.x[-1]:.6g}, {curve.y[-1]:.6g})"
+    assert (
+        found.failures[0]
+        == f"the fold was not followed beyond {beyond}: it takes more than 2 steps"
+    )
+    assert found.names == ("u", "beta")
+
+
+WINDOW = {"beta": (0.02, 0.2), "u": (2.0, 5.0)}
+
+
+@pytest.mark.parametrize(
+    ("change", "error", "text"),
+    [
+        ({"branch": 3}, TypeError, "branch must be a CycleBranch or a ForcedBranch, got 3"),
+        ({"events": 3}, TypeError, "events must be one or more events, got 3"),
+        ({"events": []}, TypeError, "events must be one or more events"),
+        ({"events": ["fold"]}, TypeError, "events must be CycleEvents, got 'fold'"),
+        ({"events": "onset"}, ValueError, "events must be of kind fold, pitchfork"),
+        ({"events": "foreign"}, ValueError, "events must be the branch's"),
+        ({"x": 3}, TypeError, "x must be a name, got 3"),
+        ({"x": "u"}, ValueError, "x or y must be 'u', and the other not"),
+        ({"x": "betta"}, ValueError, "x must be one of 'u', 'beta', 'gamma'"),
+        ({"x": "hysteresis"}, ValueError, "x must have a part in motions, got 'hysteresis'"),
+        ({"x": "jet_angle"}, ValueError, "x must leave the pipe the mirror symmetry"),
+        ({"window": 3}, TypeError, "window must map names to ranges, got 3"),
+        ({"window": {"beta": (0.0, 0.1)}}, ValueError, "window must have the ranges of"),
+        (
+            {"window": WINDOW | {"beta": (0.2, 0.02)}},
+            ValueError,
+            "must be .low, high. with low < high",
+        ),
+        ({"window": WINDOW | {"beta": (0.02, 1.2)}}, ValueError, "beta must lie in"),
+        ({"window": WINDOW | {"u": (0.0, 5.0)}}, ValueError, "must have low > 0, got 0"),
+        (
+            {"window": WINDOW | {"u": (4.0, 5.0)}},
+            ValueError,
+            "window must hold the event: u is 3.12",
+        ),
+        ({"progress": 1}, TypeError, "progress must be True or False"),
+    ],
+)
+def test_bad_arguments(subcritical, change, error, text):
+    (fold,) = folds(subcritical)
+    other = {"onset": subcritical.events[0], "foreign": replace(fold, speed=3.0)}
+    events = change.get("events", fold)
+    given = {"branch": subcritical, "x": "beta", "y": "u", "window": WINDOW} | change
+    given["events"] = other.get(events, events) if isinstance(events, str) else events
+    if given["x"] not in (3, "u", "beta"):
+        given["window"] = {given["x"]: (0.0, 0.5), "u": (2.0, 5.0)}
+    with pytest.raises(error, match=text):
+        pp.cycle_boundary(**given)
+
+
+def test_the_picture_shades_where_the_pipe_may_snap(folded):
+    from matplotlib.figure import Figure
+
+    from pipedyn import plot
+
+    ax = plot.cycle_boundary(folded, Figure().subplots())
+    (shade,) = ax.collections
+    assert shade.get_label() == "it may snap here"
+    # The region that is shaded lies between the fold and the onset.
+    for path in shade.get_paths():
+        for beta, u in path.vertices:
+            onset = pp.critical_speed(pp.Chain(pp.Pipe(float(beta)), 2)).speed
+            assert u <= onset + 1e-4
+    labels = [line.get_label() for line in ax.lines]
+    assert labels == ["fold of a stable cycle", "the straight pipe becomes unstable", "Bautin"]
+    with pytest.raises(TypeError, match="found must be of type CycleBoundary"):
+        plot.cycle_boundary(3)
