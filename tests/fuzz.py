@@ -1234,6 +1234,7 @@ def _motions() -> Iterator[Target]:
             "model": flutter,
             "u": Kind(one_of(1.0, 2.0), SLOW.bad),
             "starts": Kind(own, any_of(array((2, 6), (-0.1, 0.1), (1e7,)).bad, one_of(0, -1, 2.5))),
+            "base": Kind(one_of(None), any_of(*NOTHINGS, *WORDS, one_of(3, NAN, [], PUMP))),
             "transient": real((10.0, 20.0), -1.0, 1e300),
             "duration": real((1.0, 2.0), 0.0, 1e300),
             "exponents": FLAG,
@@ -1645,7 +1646,7 @@ def _refusal(error: Exception, target: Target, spoiled: list[str]) -> str | None
 
 
 UNKNOWN = {"onset", "residuals", "errors", "_continuous", "discretisation", "width", "edges"}
-UNKNOWN |= {"threshold", "threshold_frequency"}
+UNKNOWN |= {"threshold", "threshold_frequency", "lyapunov"}
 """Fields that may be NaN or infinite."""
 
 

@@ -119,7 +119,7 @@ CASES = [
     ),
     *real("damping_time", lambda v: pp.Pipe.from_si(**SI, damping_time=v), [-1]),
     *real("hysteresis", lambda v: pp.Pipe.from_si(**SI, hysteresis=v), [-1]),
-    *real("alpha", lambda v: pp.Pipe.from_si(**SI, alpha=v), [-1]),
+    *real("alpha", lambda v: pp.Pipe.from_si(**SI, alpha=v), [-1], missing=[None]),
     *(("flow", lambda v: pp.Pipe.from_si(**SI, flow=v), v) for v in ["in", 0, None]),
     # conversions
     *(

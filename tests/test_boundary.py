@@ -7,7 +7,9 @@ import numpy as np
 import pytest
 
 import pipedyn as pp
+from pipedyn.bifurcation.boundary_curves import Tracer, line_starts
 from pipedyn.bifurcation.hopf import static_cubic
+from pipedyn.linear.plane import Plane, Window
 
 BUCKLING = pp.Pipe(0.2, damping=0.005)
 STANDING = {"gamma": (-60.0, 20.0), "u": (0.0, 8.0)}
@@ -136,6 +138,41 @@ def test_a_window_without_the_flow_speed_has_the_same_points():
         nearest = min(pp.crossings(other, 8.0), key=lambda c: abs(c.speed - 6.0))
         assert nearest.speed == pytest.approx(6.0, abs=1e-9)
         assert nearest.frequency == pytest.approx(curve.frequency[k], abs=1e-8)
+
+
+class Ring(Plane):
+    """One degree of freedom, damped by (x - 0.5)^2 + (y - 0.5)^2 - 0.3^2: it flutters inside."""
+
+    def __init__(self):
+        self.window = Window((None, None), np.zeros(2), np.ones(2))
+        self.dof = self.modes = 1
+        self.lossy = self.conservative = False
+        self.exact, self.speed_index, self.speed = True, None, 1.0
+
+    def matrices(self, at):
+        away = at - 0.5
+        one, none = np.ones((1, 1)), np.zeros((1, 1))
+        damping = np.full((1, 1), float(away @ away) - 0.09)
+        by_x, by_y = ((none, 2.0 * part * one, none) for part in away)
+        return (one, damping, one), by_x, by_y
+
+    def at(self, at):
+        return self.matrices(at)[0]
+
+
+def test_a_closed_curve_that_no_edge_meets_is_found_and_closes():
+    starts, failures = line_starts(Ring())
+    tracer = Tracer(Ring(), starts)
+    (curve,) = tracer.trace(starts)
+    assert failures == [*tracer.failures()] == []
+    assert curve.ends == ("closed", "closed")
+    places = curve.places()
+    assert places[0].tolist() == places[-1].tolist()
+    assert np.hypot(*(places - 0.5).T) == pytest.approx(0.3, abs=1e-12)
+    turned = np.unwrap(np.arctan2(*(places - 0.5).T))
+    assert abs(turned[-1] - turned[0]) == pytest.approx(2.0 * np.pi)
+    (change,) = {curve.problem.change(point) for point in curve.points}
+    assert change * (turned[-1] - turned[0]) < 0.0  # the inside, left of the way, is unstable
 
 
 def test_a_scene_and_a_chain_have_one_boundary():

@@ -15,6 +15,7 @@ import scipy
 
 import pipedyn as pp
 from pipedyn.bifurcation import event_curve
+from pipedyn.bifurcation.vector_field import VectorField
 
 BETA = 0.05
 
@@ -195,6 +196,14 @@ def test_a_curve_that_cannot_be_followed_says_where_and_keeps_what_it_has(monkey
         == f"the fold was not followed beyond {beyond}: it takes more than 2 steps"
     )
     assert found.names == ("u", "beta")
+
+
+@pytest.mark.parametrize("m", [4, 12, 30])
+def test_the_mirror_of_a_model_of_many_functions_is_seen(m):
+    """The states that show it are bent by 0.3 rad, not each of their functions."""
+    assert VectorField(pp.Galerkin(pp.Pipe(0.01, gamma=300.0), m, "beam")).is_odd(11.8)
+    leaning = pp.Chain(pp.Pipe(0.2, jet_angle=0.3), 3)
+    assert not VectorField(leaning).is_odd(1.0)
 
 
 WINDOW = {"beta": (0.02, 0.2), "u": (2.0, 5.0)}

@@ -39,6 +39,12 @@ MAKERS = {
     "a member": lambda beta: replace(
         pp.simulate_many(chain(beta), [1.0, 2.0], 1.0, bend, samples=5).motions[1], evaluations=0
     ),
+    "Boundary": lambda beta: pp.boundary(
+        chain(beta), "gamma", "u", {"gamma": (0.0, 10.0), "u": (0.0, 6.0)}, criticality=False
+    ),
+    "Branch": lambda beta: pp.continuation.follow(
+        lambda x, p: x - beta * p, [0.0], 0.0, (0.0, 1.0)
+    ),
     "Equilibria": lambda beta: pp.equilibria(chain(beta), 1.0),
     "Operators": lambda beta: chain(beta).operators(),
     "Power": lambda beta: chain(beta).power(np.full((6, 2), 0.1), 2.0),

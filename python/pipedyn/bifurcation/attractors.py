@@ -22,12 +22,12 @@ from pipedyn.bifurcation.brute_force import (
     MotionOptions,
     initial_bends,
 )
-from pipedyn.bifurcation.capture import NOWHERE, STOPPED, follow
+from pipedyn.bifurcation.capture import NOWHERE, STOPPED, Excitation, follow
 from pipedyn.bifurcation.equilibria import LARGEST
 from pipedyn.bifurcation.on_attractor import Found, Recorder
 from pipedyn.bifurcation.vector_field import VectorField
 from pipedyn.models.base import Model, PipedynError
-from pipedyn.models.drive import LARGEST_SPEED, Pulsation, Supply
+from pipedyn.models.drive import LARGEST_SPEED, Harmonic, Pulsation, Supply
 from pipedyn.motion.lyapunov import lyapunov_exponent
 from pipedyn.motion.simulate import (
     BATCH,
@@ -85,15 +85,16 @@ class Basin:
         amplitude: half the peak-to-peak transverse motion of the free end, in L.
         exponent: largest Lyapunov exponent in 1 / T: of rest the largest real part of an eigenvalue
             and of a cycle 0, as its phase is neutral; measured where irregular, NaN if not asked
-            for.
+            for, and where the flow pulsates or the base oscillates.
         mirror_image: which of the basins is its mirror image, itself where it is symmetric; -1
             where the pipe has no mirror symmetry or no start ends there.
         frequencies: angular, in 1 / T, shape (F,); empty at rest.
         spectrum: amplitude of the free end's transverse motion by frequency, in L, shape (F,): of a
             cycle, those of its harmonics; where irregular, through Hann's window.
         section: Poincare section: states [q, q'] on it where the free end is at a maximum of its
-            transverse position, in order, shape (K, 2 coordinates); empty at rest.
-        motion: on it, as it was recorded: of a cycle, 16 periods.
+            transverse position, in order, shape (K, 2 coordinates); empty at rest. Where the flow
+            pulsates or the base oscillates, the stroboscopic one: when a period of that begins.
+        motion: on it, as it was recorded: of a cycle 16 periods, if driven 48 of the drive's.
     """
 
     attractor: Attractor
@@ -176,7 +177,7 @@ class Attractors:
     """All that motions from many starts end on, at one flow speed.
 
     Attributes:
-        u: flow speed.
+        u: flow speed, as given.
         basins: attractors with their shares, the largest first.
         unsettled: share of the starts whose motions still approached something at the end.
         failed: share of the starts whose motions stopped.
@@ -186,9 +187,10 @@ class Attractors:
         failures: the starts whose motions stopped, with the reasons.
         model: the model.
         plane: that was given, None for other starts.
+        base: motion of the base, as given.
     """
 
-    u: float
+    u: float | Pulsation
     basins: tuple[Basin, ...]
     unsettled: Share
     failed: Share
@@ -197,6 +199,7 @@ class Attractors:
     failures: tuple[StartFailure, ...]
     model: Model
     plane: StartPlane | None = field(default=None, repr=False)
+    base: Harmonic | None = None
 
     def __len__(self) -> int:
         return len(self.basins)
@@ -204,9 +207,10 @@ class Attractors:
 
 def attractors(
     model: Model,
-    u: float,
+    u: float | Pulsation,
     starts: int | ArrayLike | StartPlane = 200,
     *,
+    base: Harmonic | None = None,
     transient: float = 60.0,
     duration: float = 40.0,
     exponents: bool = True,
@@ -223,14 +227,18 @@ def attractors(
     that is recorded, and told by the turning points of the free end, as of `bifurcation_diagram`. A
     motion and its mirror image, x to -x, end on two attractors, unless these are the same.
 
+    Where the flow pulsates or the base oscillates, motions begin with a period of that, and states
+    are compared at the same phase of it.
+
     Args:
         model: chain, reduced model or scene, up to 500 degrees of freedom. Its free end must move.
-        u: flow speed >= 0, in sqrt(EI / mu_f) / L.
+        u: flow speed >= 0, in sqrt(EI / mu_f) / L, or a `Pulsation`.
         starts: a number of starts at rest, drawn at random: the angle theta(s) is the sum of sin((k
             - 1/2) pi s), k = 1, 2, 3, times a_k, uniform in [-2, 2], [-1, 1] and [-1/2, 1/2] rad,
             all times 10^-a, a uniform in [0, 1.5]; shares are of this distribution. Or states
             [q, q'], shape (N, 2 coordinates), or coordinates at rest, (N, coordinates); or a
             `StartPlane`.
+        base: motion of the base, of the frequency of a pulsating flow; None at rest.
         transient: time in T after which a motion that has reached nothing known is recorded.
         duration: time over which it is.
         exponents: whether the largest Lyapunov exponent of irregular motions is computed.
@@ -253,12 +261,14 @@ def attractors(
         ('periodic', 1.0)
     """
     model = checked_model_in_motion(model, largest=LARGEST, purpose="attractors")
-    u = _checked_speed(model, u)
+    drive = _checked_drive(model, u, base)
     options = MotionOptions(
-        check.real("transient", transient, low=FIRST_LOOK, high=1e6),
-        check.real("duration", duration, low=1.0, high=1e4),
+        drive.whole(check.real("transient", transient, low=FIRST_LOOK, high=1e6)),
+        drive.whole(check.real("duration", duration, low=1.0, high=1e4)),
         check.real("rtol", rtol, low=1e-12, high=1e-3),
         exponents=False,
+        flow=drive.u,
+        base=drive.base,
     )
     if options.samples * model.coordinates > LARGEST_SAMPLES:
         raise ValueError(
@@ -272,25 +282,38 @@ def attractors(
     plane = starts if isinstance(starts, StartPlane) else None
     _require_moving_end(model)
     given = _given_starts(model, starts, seed)
-    search = _Search(model, u, given, options, executor, shown)
+    search = _Search(model, drive, given, options, executor, shown)
     search.run(np.random.default_rng(seed).permutation(len(given)))
     return search.answer(plane, exponents)
 
 
-def _checked_speed(model: Model, u: Any) -> float:
-    """The argument, if motions end on something at it."""
-    if isinstance(u, Pulsation | Supply) or callable(u):
+def _checked_drive(model: Model, u: Any, base: Any) -> Excitation:
+    """The arguments `u` and `base`, if motions end on something."""
+    if isinstance(u, Supply) or (callable(u) and not isinstance(u, Pulsation)):
+        rule = "u must be a flow speed or a Pulsation"
         raise TypeError(
-            f"u must be a steady flow speed, got {check.shown(u)}: motions are told by turning "
-            "points of the free end, which need not repeat where the flow varies"
+            f"{rule}, as attractors need a steady flow or a period, got {check.shown(u)}"
         )
+    if not (base is None or isinstance(base, Harmonic)):
+        raise TypeError(
+            f"base must be a Harmonic, which has a period, or None, got {check.shown(base)}"
+        )
+    if base is not None:
+        model.require_base()
+    if isinstance(u, Pulsation):
+        if base is not None and base.frequency != u.frequency:
+            raise ValueError(
+                f"base must have the frequency of u, {u.frequency:g}, so that both repeat, got "
+                f"{base.frequency:g}"
+            )
+        return Excitation(u, base)
     u = check.real("u", u, low=0.0, high=LARGEST_SPEED)
     if u == 0.0 and not (model.pipe.damping or model.resisted):
         raise ValueError(
             "u must be > 0 for a pipe without damping and drag, got 0: nothing takes energy from "
             "its motions, so that they end nowhere"
         )
-    return u
+    return Excitation(u, base)
 
 
 def _given_starts(model: Model, starts: Any, seed: int) -> Array:
@@ -361,19 +384,22 @@ class _Search:
     def __init__(
         self,
         model: Model,
-        u: float,
+        drive: Excitation,
         starts: Array,
         options: MotionOptions,
         executor: futures.Executor | None,
         shown: bool,
     ) -> None:
-        self.model, self.u, self.options = model, u, options
+        self.model, self.drive, self.options = model, drive, options
+        self.mean = drive.u if isinstance(drive.u, float) else drive.u.mean
         self.starts, self.executor, self.shown = starts, executor, shown
-        self.recorder = Recorder(model, u, options)
+        self.recorder = Recorder(model, drive, options)
         self.found: list[Found] = []
         self.ends = np.full(len(starts), NOWHERE)
         self.errors: dict[int, Exception] = {}
-        self.odd = VectorField(model).is_odd(u)
+        self.odd = VectorField(model).is_odd(self.mean)
+        if drive.shifts and isinstance(drive.u, Pulsation):
+            self.odd = False  # half a period later the flow is another
 
     def run(self, order: Starts) -> None:
         """Finds where the starts end, the first in order before the others."""
@@ -392,11 +418,19 @@ class _Search:
         pilots, others = meant[:PILOTS], meant[PILOTS:]
         # The last of a batch is where neighbours of all go: it must not be at rest.
         bent = np.abs(states[pilots, : self.model.moving] - self.model.resting()).max(axis=1)
-        approaching = self.classify(pilots[np.argsort(bent)], states, self.options)
+        pilots, options = pilots[np.argsort(bent)], self.options
+        if self.drive.period:  # all take the transient, in whole periods
+            labels, reached = follow(
+                *(self.model, self.drive, states[pilots], (), options.transient, options.rtol),
+                *(self.executor, self.shown),
+            )
+            states[pilots[labels == NOWHERE]] = reached[labels == NOWHERE]
+            options = replace(options, transient=0.0)
+        approaching = self.classify(pilots, states, options)
         others = np.concatenate([others, approaching])
         attracting = [k for k, one in enumerate(self.found) if one.attracts]
         labels, states[others] = follow(
-            *(self.model, self.u, states[others], [self.found[k].region for k in attracting]),
+            *(self.model, self.drive, states[others], [self.found[k].region for k in attracting]),
             *(self.options.transient, self.options.rtol, self.executor, self.shown),
         )
         self.ends[others] = np.array([*attracting, STOPPED, NOWHERE])[labels]
@@ -411,7 +445,7 @@ class _Search:
         if not some.size:
             return some
         starts, failed = [states[i].reshape(2, -1) for i in some], list[brute_force.Failed]()
-        at = np.array([self.u])
+        at = np.array([self.mean])
         answers = brute_force.attractors(
             self.model, at, starts, options, failed, self.executor, self.shown
         )
@@ -442,9 +476,13 @@ class _Search:
 
     def learn(self, one: Found) -> int:
         """Takes another attractor, and its mirror image where there is one."""
-        images = [one]
-        if self.odd and one.attractor.ending != "irregular" and not one.is_mirror_image(one):
-            images.append(one.mirrored())
+        images, shifts = [one], self.drive.shifts
+        if (
+            self.odd
+            and one.attractor.ending != "irregular"
+            and not one.is_mirror_image(one, shifts)
+        ):
+            images.append(one.mirrored(shifts))
         for new in images:
             if self.holding(new.attractor) != NOWHERE:
                 continue
@@ -463,7 +501,7 @@ class _Search:
 
     def answer(self, plane: StartPlane | None, exponents: bool) -> Attractors:
         """What was found."""
-        shares = [self.share(k) for k in range(len(self.found))]
+        shares, shifts = [self.share(k) for k in range(len(self.found))], self.drive.shifts
         order = [
             k for k in np.argsort([-s.count for s in shares], kind="stable") if shares[k].count
         ]
@@ -472,18 +510,20 @@ class _Search:
         for k, one in zip(order, some, strict=True):
             record = self.recorder.record(one.attractor)
             attractor = replace(one.attractor, start=int(np.argmax(self.ends == k)))
-            images = (j for j, other in enumerate(some) if self.odd and one.is_mirror_image(other))
-            image = next(images, -1)
-            exponent = 0.0 if one.attractor.ending == "periodic" else one.growth
-            if attractor.ending == "irregular" and exponents:
+            images = (j for j, other in enumerate(some) if one.is_mirror_image(other, shifts))
+            image = next(images, -1) if self.odd else -1
+            exponent, steady = one.growth, not self.drive.period
+            if one.attractor.ending == "periodic" and steady:
+                exponent = 0.0
+            if attractor.ending == "irregular" and exponents and steady:
                 if 0 <= image < len(basins):  # its exponent is the same
                     measured = basins[image].attractor.exponent
                     assert measured is not None
                     measured = replace(measured, end=-measured.end)
                 else:
                     measured = lyapunov_exponent(
-                        *(self.model, self.u, attractor.end),
-                        duration=self.options.duration,
+                        *(self.model, self.mean, attractor.end),
+                        duration=2.0 * self.options.duration,
                         transient=5.0,
                     )
                 attractor, exponent = replace(attractor, exponent=measured), measured.value
@@ -505,7 +545,8 @@ class _Search:
         places = np.append(np.zeros(len(self.found), dtype=int), [STOPPED, NOWHERE])
         places[order] = np.arange(len(order))
         return Attractors(
-            u=self.u,
+            u=self.drive.u,
+            base=self.drive.base,
             basins=tuple(basins),
             unsettled=self.share(NOWHERE),
             failed=self.share(STOPPED),

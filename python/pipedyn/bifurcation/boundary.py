@@ -298,7 +298,7 @@ def _bounded(
             if criticality:
                 for k in np.flatnonzero(of_curve == 0):
                     values[k] = coefficients(coarse, curve.problem, curve.points[k].z)
-                points += changes_of_criticality(curve, of_curve, values[:, 1])
+                points += changes_of_criticality(coarse, curve, of_curve, values[:, 1])
             curves.append(_finished(curve, of_curve, values))
     low, high = window.low, window.low + window.size
     if not (coarse.conservative or only_stability):

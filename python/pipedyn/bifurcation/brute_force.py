@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 from pipedyn.bifurcation.known_solutions import KnownSolution, approached
 from pipedyn.models.base import Model, PipedynError
 from pipedyn.models.chain import Chain
+from pipedyn.models.drive import Base, Speed
 from pipedyn.models.galerkin import Galerkin
 from pipedyn.motion.integrator import Outcome, Task, integrate
 from pipedyn.motion.lyapunov import LyapunovExponent, exponents_together
@@ -132,6 +133,8 @@ class MotionOptions:
     duration: float  # time recorded
     rtol: float
     exponents: bool
+    flow: Speed | None = None  # one that pulsates, in place of the speeds
+    base: Base | None = None  # its motion
 
     @property
     def samples(self) -> int:
@@ -305,12 +308,16 @@ class _Batch:
         samples = before + np.linspace(0.0, recorded, self.options.samples_of(recorded))
         p, rates = np.split(runs[0].state, 2)
         first = checked_task(
-            *(self.model, runs[0].speed, before + recorded, p, rates),
+            *(self.model, self.options.flow or runs[0].speed, before + recorded, p, rates),
             times=samples,
             rtol=self.tolerance,
+            base=self.options.base,
             members=len(runs),
         )
-        tasks = [replace(first, u=run.speed, start=np.append(run.state, 0.0)) for run in runs]
+        tasks = [
+            replace(first, u=first.u if first.drive else run.speed, start=np.append(run.state, 0.0))
+            for run in runs
+        ]
         outcomes = in_batches(tasks, integrate)
         for run, task, outcome in zip(runs, tasks, outcomes, strict=True):
             if outcome[2] is not None:

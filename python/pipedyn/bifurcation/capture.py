@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipedyn.models.base import Model
-from pipedyn.models.drive import Speed
+from pipedyn.models.drive import Harmonic, Pulsation
 from pipedyn.motion.integrator import Observer, Outcome, Task, integrate
 from pipedyn.motion.simulate import BATCH, checked_task, in_batches
 from pipedyn.util.check import Array
@@ -37,6 +37,9 @@ which a state counts as on an attractor."""
 
 SAMPLES, LONGEST_BLOCK = 6, 200
 """Samples in the shortest period of a region, and at most in a block, which spans the longest."""
+
+PHASES = 12
+"""Of a period of the drive, at which states are compared."""
 
 LOOK = 200
 """Right-hand sides of a member between two looks, a sixth of the time of some ten periods: looks
@@ -60,16 +63,54 @@ TRIALS, TRIED_NEARER = 16, 0.05
 how much nearer they must come."""
 
 
+@dataclass(frozen=True)
+class Excitation:
+    """What drives the motions: the flow and, in some, the base, from time 0 on.
+
+    Attributes:
+        u: flow speed, steady or pulsating.
+        base: the base's motion, None at rest.
+    """
+
+    u: float | Pulsation
+    base: Harmonic | None = None
+
+    @property
+    def period(self) -> float:
+        """After which it repeats; 0 where all is steady."""
+        driving = self.base or self.u
+        return 0.0 if isinstance(driving, float) else 2.0 * math.pi / driving.frequency
+
+    @property
+    def shifts(self) -> bool:
+        """Whether it takes half a period until the mirror image of all that drives acts."""
+        return self.base is not None and self.base.direction == "x"
+
+    def whole(self, time: float) -> float:
+        """The time, rounded up to whole periods."""
+        return math.ceil(time / self.period - 1e-9) * self.period if self.period else time
+
+    def phases(self, t: Array) -> Array:
+        """Two columns that tell the phases at times apart, (k, 2); none where all is steady."""
+        if not self.period:
+            return np.empty((len(t), 0))
+        phase = 2.0 * math.pi * np.asarray(t) / self.period
+        return np.stack([np.cos(phase), np.sin(phase)], axis=1)
+
+
 @dataclass(frozen=True, eq=False)
 class Region:
     """States around an attractor from which motions come nearer to it.
 
     Attributes:
-        points: states [p, p'] on it, dense along it, (M, 2 moving).
+        points: states [p, p'] on it, dense along it, (M, 2 moving). Where motions are driven, those
+            at PHASES times in each period of the drive, with `Excitation.phases`, so that states at
+            other phases are far away.
         unit: time by which rates are multiplied, one over its angular frequency.
         period: of motions on it or, at rest, about it.
         radius: of the region, root mean square of p.
         turn: a whole turn about a hinge at the root, (moving,), after which all is as before.
+        driven: whether points have phases.
     """
 
     points: Array
@@ -77,6 +118,7 @@ class Region:
     period: float
     radius: float = WIDEST
     turn: Array | None = None
+    driven: bool = False
 
     @cached_property
     def _steps(self) -> Array:
@@ -90,32 +132,44 @@ class Region:
     @cached_property
     def floor(self) -> float:
         """Distance within which a state counts as on the attractor."""
+        if self.driven:
+            return FLOOR
         return max(2.0 * float(self._steps.max(initial=0.0)), FLOOR)
 
     @cached_property
     def _tree(self) -> scipy.spatial.cKDTree:
         return scipy.spatial.cKDTree(self._scaled(self._unwound(self.points)))
 
+    @property
+    def half(self) -> int:
+        """Number of entries of p."""
+        return self.points.shape[1] // 2 - self.driven
+
     def _scaled(self, states: Array) -> Array:
-        half = states.shape[1] // 2
-        units = np.repeat([1.0, self.unit], half) / math.sqrt(half)
-        return states * units
+        units = np.repeat([1.0, self.unit], self.half) / math.sqrt(self.half)
+        return states * np.append(units, np.ones(2 * self.driven))
 
     def _unwound(self, states: Array) -> Array:
         if self.turn is None:
             return states
-        states, half = states.copy(), states.shape[1] // 2
+        states, half = states.copy(), self.half
         turns = np.floor(states[:, :half] @ self.turn / float(self.turn @ self.turn) + 0.5)
         states[:, :half] -= turns[:, None] * self.turn
         return states
 
     def distances(self, states: Array, most: float | None = None) -> Array:
-        """Of states (k, 2 moving), infinite beyond the most, which is the radius if not given."""
+        """Of states, infinite beyond the most, which is the radius if not given.
+
+        States are (k, 2 moving), if driven with phases, or else those when a period begins.
+        """
         most = self.radius if most is None else most
+        if states.shape[1] < self.points.shape[1]:
+            states = np.concatenate([states, np.tile([1.0, 0.0], (len(states), 1))], axis=1)
         near = self._unwound(states)
         found, _ = self._tree.query(self._scaled(near), distance_upper_bound=most)
         if self.turn is not None:
-            turn = np.append(self.turn, np.zeros_like(self.turn))
+            turn = np.zeros(near.shape[1])
+            turn[: self.half] = self.turn
             for other in (near + turn, near - turn):
                 beyond, _ = self._tree.query(self._scaled(other), distance_upper_bound=most)
                 found = np.minimum(found, beyond)
@@ -126,18 +180,24 @@ class Region:
         most = 4.0 * max(self.radius, other.radius)
         return float(self.distances(other.points[:: max(len(other.points) // 2000, 1)], most).min())
 
-    def mirrored(self) -> Region:
-        """That of the mirror image."""
-        return replace(self, points=-self.points)
+    def mirrored(self, shifts: bool = False) -> Region:
+        """That of the mirror image, which is half a period later if the drive shifts."""
+        signs = -np.ones(self.points.shape[1])
+        if not shifts:
+            signs[2 * self.half :] = 1.0
+        return replace(self, points=signs * self.points)
 
     def beside(self, model: Model, seed: int = 0) -> Array:
         """States nearly as far away as the radius, in directions drawn at random, (k, 2 moving)."""
         random = np.random.default_rng(seed)
-        half = self.points.shape[1] // 2
-        on = self.points[random.integers(len(self.points), size=TRIALS)]
+        half, at = self.half, np.arange(len(self.points))
+        if self.driven:  # when a period begins
+            at = np.flatnonzero(self.points[:, -2] > 1.0 - 1e-9)
+        on = self.points[random.choice(at, TRIALS), : 2 * half]
         away = random.normal(size=on.shape)
         away[:, half:] /= self.unit
-        away *= 0.9 * self.radius / np.linalg.norm(self._scaled(away), axis=1)[:, None]
+        sizes = np.linalg.norm(away * np.repeat([1.0, self.unit], half), axis=1)
+        away *= 0.9 * self.radius * math.sqrt(half) / sizes[:, None]
         moved = np.concatenate(model.projected((on + away)[:, :half].T, (on + away)[:, half:].T)).T
         met = np.isfinite(moved.sum(axis=1, keepdims=True))
         return np.where(met, moved, on)
@@ -146,9 +206,12 @@ class Region:
 class _Watch(Observer):
     """Ends the motions of a batch that have reached a region. Judged are blocks of samples."""
 
-    def __init__(self, regions: Sequence[Region], members: int, block: int, nearer: float) -> None:
+    def __init__(
+        self, regions: Sequence[Region], members: int, phases: Array, nearer: float
+    ) -> None:
         super().__init__()
-        self.regions, self.block, self.nearer, self.stretch = regions, block, nearer, LOOK
+        self.regions, self.phases, self.nearer, self.stretch = regions, phases, nearer, LOOK
+        self.block = len(phases)
         self.labels = np.full(members, NOWHERE)
         self.judged = np.zeros(members, dtype=int)  # blocks
         self.inside = np.full(members, NOWHERE)  # the region in which the last block lies
@@ -158,7 +221,7 @@ class _Watch(Observer):
         """As of `Observer`."""
         found: list[int] = []
         span = np.arange(self.block)
-        size = self.regions[0].points.shape[1]
+        size = 2 * self.regions[0].half
         while True:
             going = (self.labels == NOWHERE) & (samples >= (self.judged + 1) * self.block)
             ready = np.flatnonzero(going)
@@ -170,6 +233,8 @@ class _Watch(Observer):
 
     def _judge(self, members: Any, blocks: Array) -> list[int]:
         """Which of some members have reached a region with these blocks, (k, samples, rows)."""
+        phases = np.broadcast_to(self.phases, (len(blocks), *self.phases.shape))
+        blocks = np.concatenate([blocks, phases], axis=2)
         last = np.stack([region.distances(blocks[:, -1]) for region in self.regions])
         nearest, before = last.argmin(axis=0), self.inside[members]
         self.inside[members] = NOWHERE
@@ -195,7 +260,7 @@ class _Watch(Observer):
 
 def follow(
     model: Model,
-    u: Speed,
+    drive: Excitation,
     states: Array,
     regions: Sequence[Region],
     duration: float,
@@ -208,7 +273,7 @@ def follow(
 
     Args:
         model: the model.
-        u: flow speed.
+        drive: what drives it.
         states: where motions start, (k, 2 moving).
         regions: that are known.
         duration: of the motions at most, after which they have reached NOWHERE.
@@ -218,22 +283,29 @@ def follow(
         nearer: share of its first distance within a region at which a motion has reached it.
     """
     labels, ends = np.full(len(states), NOWHERE), states.copy()
-    periods = [region.period for region in regions] or [duration]
+    periods = [region.period for region in regions] or [drive.period or duration]
     shortest, longest = min(periods), max(periods)
     step = min(max(shortest / SAMPLES, longest / LONGEST_BLOCK), duration)
-    block = math.ceil(longest / step)
+    if drive.period:
+        step = drive.period / PHASES
+    block = math.ceil(longest / step - 1e-6)
+    phases = drive.phases(step * np.arange(1.0, block + 1.0))
     elapsed, stage = 0.0, FIRST_STAGE
-    while elapsed < duration and (labels == NOWHERE).any():
+    while elapsed < duration - 1e-9 * step and (labels == NOWHERE).any():
         going = np.flatnonzero(labels == NOWHERE)
         count = block * max(round(min(stage, duration - elapsed) / (step * block)), 1)
         times = step * np.arange(1.0, count + 1.0)
         p, rates = np.split(ends[going[0]], 2)
         first = checked_task(
-            *(model, u, float(times[-1]), p, rates), times=times, rtol=rtol, members=len(states)
+            *(model, drive.u, float(times[-1]), p, rates),
+            times=times,
+            rtol=rtol,
+            base=drive.base,
+            members=len(states),
         )
         tasks = [replace(first, start=np.append(ends[i], 0.0)) for i in going]
         together = max(min(MEMBERS, LARGEST_BATCH // (count * tasks[0].start.size)), BATCH)
-        work = partial(_reached, regions, block, nearer)
+        work = partial(_reached, regions, phases, nearer)
         answers = in_batches(tasks, work, executor, shown, together)
         labels[going] = [label for label, _ in answers]
         ends[going] = [end for _, end in answers]
@@ -244,14 +316,14 @@ def follow(
 
 def _reached(
     regions: Sequence[Region],
-    block: int,
+    phases: Array,
     nearer: float,
     tasks: Sequence[Task],
     shown: bool,
     observer: Observer,
 ) -> list[tuple[int, Array]]:
     """Of each motion of a batch which region it reaches, and where it then is."""
-    watch = _Watch(regions, len(tasks), block, nearer)
+    watch = _Watch(regions, len(tasks), phases, nearer)
     outcomes: list[Outcome] = integrate(tasks, shown, watch if regions else observer)
     answers = []
     for label, (rows, _, why) in zip(watch.labels.tolist(), outcomes, strict=True):
@@ -260,13 +332,13 @@ def _reached(
 
 
 def attracting(
-    model: Model, u: Speed, region: Region, duration: float, rtol: float
+    model: Model, drive: Excitation, region: Region, duration: float, rtol: float
 ) -> Region | None:
     """The region with a radius from which all trials come nearer; None if there is none."""
     for halved in range(HALVINGS + 1):
         tried = replace(region, radius=region.radius * 0.5**halved)
         beside = tried.beside(model)
-        labels, _ = follow(model, u, beside, [tried], duration, rtol, nearer=TRIED_NEARER)
+        labels, _ = follow(model, drive, beside, [tried], duration, rtol, nearer=TRIED_NEARER)
         if (labels == 0).all():
             return tried
     return None

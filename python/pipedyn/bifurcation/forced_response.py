@@ -147,8 +147,7 @@ class ForcedField(VectorField):
         """Whether the mirror image of a motion, half an orbit later, is a motion too."""
         if self.resting().any():
             return False
-        k = np.arange(1.0, self.size + 1.0)
-        y = 0.3 * np.stack([np.sin(k), np.cos(2.0 * k), np.sin(3.0 * k + 1.0)], axis=1)
+        y = self.some_states()
         phases, w = np.array([0.3, 1.1, 2.5]), self.forcing.frequency / self.order
         ahead = self.along(phases, w)(y, u)
         behind = self.along(phases + math.pi, w)(-y, u)

@@ -16,7 +16,14 @@ from pipedyn.bifurcation.brute_force import (
     MotionOptions,
     turning_points,
 )
-from pipedyn.bifurcation.capture import FIRST_STAGE, SPACING, Region, attracting
+from pipedyn.bifurcation.capture import (
+    FIRST_STAGE,
+    PHASES,
+    SPACING,
+    Excitation,
+    Region,
+    attracting,
+)
 from pipedyn.bifurcation.equilibria import Statics, equilibria
 from pipedyn.models.base import Model, NotConverged
 from pipedyn.motion.simulate import Motion, simulate
@@ -31,6 +38,9 @@ CLOSED = 1e-3
 
 TOLERANCE = 1e-9
 """Relative tolerance of the motions that are recorded."""
+
+MOST_PERIODS = 48
+"""Of the drive that are recorded, and of which one up to a third may be that of a motion."""
 
 PERIODS, SAMPLES = 16, 256
 """Periods of a cycle that are recorded, and samples between two of its maxima."""
@@ -85,19 +95,23 @@ class Found:
             return False
         return bool(np.isfinite(self.region.distances(one.end[None], self.near))[0])
 
-    def is_mirror_image(self, other: Found) -> bool:
+    def is_mirror_image(self, other: Found, shifts: bool) -> bool:
         """Whether the other is its image in the axis."""
         if other.attractor.ending != self.attractor.ending:
             return False
-        points = -self.region.points[:: max(len(self.region.points) // 200, 1)]
+        points = self.region.mirrored(shifts).points
+        points = points[:: max(len(points) // 200, 1)]
         within = np.isfinite(other.region.distances(points, other.near))
         return bool(np.mean(within) > 0.9)
 
-    def mirrored(self) -> Found:
+    def mirrored(self, shifts: bool) -> Found:
         """Its image in the axis."""
-        one = self.attractor
-        image = replace(one, end=-one.end, turnings=-one.turnings)
-        return replace(self, attractor=image, region=self.region.mirrored())
+        one, region = self.attractor, self.region.mirrored(shifts)
+        end = -one.end
+        if shifts:  # when a period begins
+            end = region.points[np.argmax(region.points[:, -2]), : end.size]
+        image = replace(one, end=end, turnings=-one.turnings)
+        return replace(self, attractor=image, region=region)
 
     def kept_apart(self, distance: float) -> Found:
         """The same with a region that reaches a quarter of the way to another attractor at most."""
@@ -108,23 +122,25 @@ class Found:
 
 
 class Recorder:
-    """Records motions on attractors of a model at a flow speed."""
+    """Records motions on attractors of a model."""
 
-    def __init__(self, model: Model, u: float, options: MotionOptions) -> None:
-        self.model, self.u, self.options = model, u, options
+    def __init__(self, model: Model, drive: Excitation, options: MotionOptions) -> None:
+        self.model, self.drive, self.options = model, drive, options
         self.statics = Statics(model)
         self.records: dict[tuple[str, bytes], Record] = {}
 
     def stable_equilibria(self) -> Iterator[Found]:
         """Those that are found."""
+        if not isinstance(u := self.drive.u, float) or self.drive.period:
+            return
         try:
-            known = equilibria(self.model, self.u)
+            known = equilibria(self.model, u)
         except NotConverged:
             return
         for q in known.q[known.stable]:
             end = np.asarray(self.model.start(q, None))
             height = self.model.tips(q[:, None])[:, 0]
-            found = self.found(Attractor(self.u, -1, "rest", 0, height, end))
+            found = self.found(Attractor(u, -1, "rest", 0, height, end))
             if found.attracts:
                 yield found
 
@@ -133,6 +149,8 @@ class Recorder:
         growth = math.nan
         if one.ending == "rest":
             region, growth = self.about_rest(one.end)
+        elif self.drive.period:
+            return self.driven(one)
         else:
             record = self.record(one)
             if one.ending == "periodic" and not self.closes(record):
@@ -142,57 +160,89 @@ class Recorder:
             one = replace(one, end=states_of(record.motion, record.motion.t[-1:])[0])
             self.records[key_of(one)] = record
             if one.ending == "irregular":
-                return Found(one, self.cloud(record), False)
+                return Found(one, self.cloud(record, record.motion.t), False)
             region = self.about_cycle(record)
-        tried = attracting(self.model, self.u, region, self.options.transient, self.options.rtol)
+        tried = self.attracting(region)
         return Found(one, tried or region, tried is not None, growth)
+
+    def attracting(self, region: Region) -> Region | None:
+        """The region with a radius from which all trials come nearer; None if there is none."""
+        options = self.options
+        return attracting(self.model, self.drive, region, options.transient, options.rtol)
+
+    def driven(self, one: Attractor) -> Found:
+        """The same of driven motions that move."""
+        record = self.record(one)
+        period = record.period
+        if math.isnan(period):
+            one = replace(one, ending="irregular", period=0)
+            record = self.record(one)
+        one = replace(one, end=states_of(record.motion, record.motion.t[-1:])[0])
+        self.records[key_of(one)] = record
+        step = self.drive.period / PHASES
+        if one.ending == "irregular":
+            times = step * np.arange(0.0, math.floor(record.motion.t[-1] / step))
+            return Found(one, self.cloud(record, times), False)
+        times = step * np.arange(0.0, round(period / step))
+        region = self.region(states_of(record.motion, times), self.unit(record), period, times)
+        tried = self.attracting(region)
+        return Found(one, tried or region, tried is not None)
 
     def closes(self, record: Record) -> bool:
         """Whether a motion is after a period where it was."""
+        if math.isnan(record.period):
+            return False
         ends = states_of(record.motion, np.array([0.0, record.period]))
-        [apart] = self.region(ends[:1], self.unit(record), 1.0).distances(ends[1:], math.inf)
+        first = self.region(ends[:1], self.unit(record), 1.0, np.zeros(1))
+        [apart] = first.distances(ends[1:], math.inf)
         return bool(apart < CLOSED)
 
-    @staticmethod
-    def unit(record: Record) -> float:
-        """Time in which a motion turns by one radian, from one maximum to the next."""
+    def unit(self, record: Record) -> float:
+        """Time in which a motion turns by one radian, from one maximum or period to the next."""
         return float(record.motion.t[-1]) / (2.0 * math.pi * max(len(record.section), 1))
 
     def about_rest(self, end: Array) -> tuple[Region, float]:
         """Of a motion that ends at rest, with the largest real part of an eigenvalue."""
         place = np.split(end, 2)[0]
+        if self.drive.period:  # which does not move what is straight
+            unit = self.drive.period / (2.0 * math.pi)
+            times = self.drive.period / PHASES * np.arange(0.0, PHASES)
+            points = np.tile(np.append(place, np.zeros_like(place)), (PHASES, 1))
+            return self.region(points, unit, self.drive.period, times), math.nan
+        assert isinstance(self.drive.u, float)
         with suppress(NewtonFailed):  # in contact with a stop, for which Newton is not made
-            place = self.statics.solved(place, self.u)
-        values = self.statics.eigenvalues(place, self.u)
+            place = self.statics.solved(place, self.drive.u)
+        values = self.statics.eigenvalues(place, self.drive.u)
         omega = float(np.abs(values).min()) if not values.imag.any() else 0.0
         omega = omega or float(np.abs(values[values.imag != 0.0]).min())
         unit = 1.0 / max(omega, 1e-3)
         period = min(2.0 * math.pi * unit, 0.25 * FIRST_STAGE)
         points = np.append(place, np.zeros_like(place))[None]
-        return self.region(points, unit, period), float(values.real.max())
+        return self.region(points, unit, period, np.zeros(1)), float(values.real.max())
 
     def about_cycle(self, record: Record) -> Region:
         """Of a cycle, by states on it that are as close to one another as `capture.SPACING`."""
         motion, period = record.motion, record.period
         unit = self.unit(record)
-        some = states_of(motion, np.linspace(0.0, period, 1000))
-        coarse = self.region(some, unit, period)
+        times = np.linspace(0.0, period, 1000)
+        coarse = self.region(states_of(motion, times), unit, period, times)
         count = math.ceil(coarse.length / SPACING)
         times = np.linspace(0.0, period, min(max(count, 500), MOST_POINTS))
-        return self.region(states_of(motion, times), unit, period)
+        return self.region(states_of(motion, times), unit, period, times)
 
-    def cloud(self, record: Record) -> Region:
+    def cloud(self, record: Record, times: Array) -> Region:
         """States of an irregular motion, and how far those of one half are from the others."""
-        states = states_of(record.motion, record.motion.t)
-        unit = self.unit(record)
+        states, unit = states_of(record.motion, times), self.unit(record)
+        whole = self.region(states, unit, 2.0 * math.pi * unit, times)
         half = len(states) // 2
-        one = self.region(states[:half], unit, 2.0 * math.pi * unit)
-        apart = float(one.distances(states[half:], math.inf).max())
-        return replace(self.region(states, unit, one.period), radius=max(2.0 * apart, SAME))
+        apart = replace(whole, points=whole.points[:half]).distances(whole.points[half:], math.inf)
+        return replace(whole, radius=max(2.0 * float(apart.max()), SAME))
 
-    def region(self, points: Array, unit: float, period: float) -> Region:
-        """Around states [p, p']."""
-        return Region(points, unit, period, turn=self.statics._turn)
+    def region(self, points: Array, unit: float, period: float, times: Array) -> Region:
+        """Around states [p, p'] at times, which tell the phases of the drive."""
+        driven = self.drive.period > 0.0
+        points = np.concatenate([points, self.drive.phases(times)], axis=1)
+        return Region(points, unit, period, turn=self.statics._turn, driven=driven)
 
     # ------------------------------------------------------------------------------------- records
 
@@ -214,12 +264,16 @@ class Recorder:
     def on_cycle(self, one: Attractor, q: Array, qdot: Array) -> Record:
         """Of a cycle with some maxima a period, after a time in which the motion comes nearer."""
         settled = self.motion(q, qdot, self.options.duration, 2)
+        if self.drive.period:
+            return self.on_driven_cycle(settled)
         times, _ = maxima(settled, 0.25 * self.options.duration)
         whole = (times.size - 1) // one.period
         if whole < 1:
             settled = self.motion(q, qdot, 4.0 * self.options.duration, 2)
             times, _ = maxima(settled, 0.0)
             whole = (times.size - 1) // one.period
+        if whole < 1:
+            return self.irregular(one, q, qdot)
         period = float(times[-1] - times[-1 - whole * one.period]) / whole
         count = min(PERIODS * SAMPLES * one.period, MOST_SAMPLES)
         motion = self.motion(settled.q[-1], settled.qdot[-1], PERIODS * period, count + 1)
@@ -232,20 +286,46 @@ class Recorder:
             *(frequencies[harmonics], spectrum[harmonics]),
         )
 
+    def on_driven_cycle(self, settled: Motion) -> Record:
+        """Of a driven motion after some time; its period is NaN if none of the drive's is one."""
+        q, qdot, drive = settled.q[-1], settled.qdot[-1], self.drive.period
+        motion = self.motion(q, qdot, MOST_PERIODS * drive, 2)
+        begins = states_of(motion, drive * np.arange(MOST_PERIODS + 0.0))
+        first = Region(begins[:1], drive / (2.0 * math.pi), drive, turn=self.statics._turn)
+        missed = first.distances(begins, math.inf)
+        ways = range(1, MOST_PERIODS // 3 + 1)
+        repeats = next((k for k in ways if missed[::k].max() < CLOSED), 0)
+        period = repeats * drive if repeats else math.nan
+        whole = MOST_PERIODS // max(repeats, 1) * max(repeats, 1)
+        motion = self.motion(q, qdot, whole * drive, whole * SAMPLES // 2 + 1)
+        section = self.begins(motion)
+        frequencies, spectrum = lines(motion.t[:-1], motion.tip[:-1, 0], whole=True)
+        every = slice(0, None, round(motion.t[-1] / period) if repeats else 1)
+        return Record(
+            *(motion, period, amplitude(motion), section, frequencies[every], spectrum[every])
+        )
+
+    def begins(self, motion: Motion) -> Array:
+        """States [q, q'] when periods of the drive begin, (K, 2 coordinates)."""
+        assert motion.dense is not None
+        count = math.floor(motion.t[-1] / self.drive.period + 1e-6)
+        return np.ascontiguousarray(motion.dense(self.drive.period * np.arange(count)).T)
+
     def irregular(self, one: Attractor, q: Array, qdot: Array) -> Record:
         """Of a motion that does not repeat."""
         time = IRREGULAR * self.options.duration
         count = min(math.ceil(time * SAMPLES_A_TIME), MOST_SAMPLES)
         motion = self.motion(q, qdot, time, count + 1)
-        _, section = maxima(motion, 0.0)
+        section = self.begins(motion) if self.drive.period else maxima(motion, 0.0)[1]
         found = lines(motion.t[:-1], motion.tip[:-1, 0], whole=False)
         return Record(motion, math.nan, amplitude(motion), section, *found)
 
     def motion(self, q: Array, qdot: Array, duration: float, samples: int) -> Motion:
         """From a state, with dense output."""
         return simulate(
-            *(self.model, self.u, duration, q, qdot),
+            *(self.model, self.drive.u, duration, q, qdot),
             samples=samples,
+            base=self.drive.base,
             rtol=TOLERANCE,
             dense=True,
         )

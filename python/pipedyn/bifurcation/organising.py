@@ -40,7 +40,7 @@ PointKind = Literal[
 NEUTRAL = 1e-8
 """Real part up to which an eigenvalue is neutral, relative to 1 plus its size."""
 
-NARROWED = 1e-4
+NARROWED = 1e-7
 """Share of a step to which a change of the number of unstable roots is narrowed down, before
 Newton's method solves for it."""
 
@@ -48,8 +48,9 @@ ROUNDING = 1e-6
 """Step of Newton's method that does not get shorter at which rounding is reached: of a pair of high
 frequency that hardly moves, omega 258 and growth within 1e-4, it leaves 1e-7."""
 
-STILL = 1e-6
-"""Imaginary part up to which a root on the axis is 0, and flow speed that counts as none."""
+STILL = 1e-4
+"""Imaginary part up to which a root on the axis is 0: of a double 0 it scatters by the square root
+of rounding, 3e-6 was met. And flow speed that counts as none."""
 
 NEARBY = 0.1
 """Distance in shares of the window beyond which a solution is not the one that was looked for."""
@@ -239,16 +240,20 @@ def coefficients(plane: Plane, problem: AxisProblem, z: Array) -> tuple[float, f
 
 
 def changes_of_criticality(
-    curve: Traced, counts: NDArray[np.int_], leading: Array
+    plane: Plane, curve: Traced, counts: NDArray[np.int_], leading: Array
 ) -> Iterator[OrganisingPoint]:
-    """Where the criticality changes along a curve, at points where no other root is unstable."""
+    """Where the criticality changes along a curve, at points where no other root is unstable.
+
+    `plane` is of the model that says it, which may have a smaller basis than the curve: differences
+    lose digits in a larger one.
+    """
     for k, segment in enumerate(curve.segments()):
         if counts[k] or counts[k + 1] or not leading[k] * leading[k + 1] < 0.0:
             continue
         problem, length = segment.problem, segment.length
 
         def value(s: float, segment: Segment[AxisProblem] = segment) -> float:
-            return coefficients(segment.problem.plane, segment.problem, segment.at(s).z)[1]
+            return coefficients(plane, segment.problem, segment.at(s).z)[1]
 
         with suppress(NewtonFailed, ValueError):  # not known within, or no change after all
             z = segment.at(scipy.optimize.brentq(value, 0.0, length, xtol=1e-11 * length)).z

@@ -79,11 +79,18 @@ class VectorField:
         """Whether the mirror image of every motion is a motion too, as three states show."""
         if self.resting().any():
             return False
-        k = np.arange(1.0, self.size + 1.0)
-        y = 0.3 * np.stack([np.sin(k), np.cos(2.0 * k), np.sin(3.0 * k + 1.0)], axis=1)
+        y = self.some_states()
         rates = self(np.concatenate([y, -y], axis=1), u)
         ahead, behind = rates[:, :3], rates[:, 3:]
         return bool(np.abs(ahead + behind).max() <= 1e-9 * np.abs(ahead).max())
+
+    def some_states(self) -> Array:
+        """Three states in which the pipe turns by 0.3 rad at most, shape (2 moving, 3)."""
+        k = np.arange(1.0, self.size + 1.0)
+        y = np.stack([np.sin(k), np.cos(2.0 * k), np.sin(3.0 * k + 1.0)], axis=1)
+        # Angles of many functions add up to more than some models take.
+        largest = max(self.model.largest_angle(one) for one in y[: self.half].T)
+        return 0.3 / max(largest, 1.0) * y
 
     def resting(self) -> Array:
         """The state at rest where the model is linearised."""

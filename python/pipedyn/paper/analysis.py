@@ -46,7 +46,7 @@ REDUCED_SIZES = (2, 3, 4, 5, 6, 7, 8, 10, 12, 16, 22, 32, 46)
 number of functions, because the error of Legendre functions falls to rounding by m = 12."""
 
 
-MAP_MODES = 9
+MAP_MODES = 13
 """Mass ratios of a map at which the mode is told that loses stability."""
 
 

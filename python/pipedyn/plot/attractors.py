@@ -72,7 +72,8 @@ def basins(found: Attractors, ax: Axes | None = None) -> Axes:
                 look = common.open_marker(6.0, marker=MARKERS[k % len(MARKERS)], zorder=3.0)
                 ax.plot(*end, gid=f"rest {k}", **look)
     ax.legend(handles=shown, loc="upper left", bbox_to_anchor=(1.01, 1.0), borderaxespad=0.0)
-    ax.set_title(f"$u = {found.u:.6g}$, {found.model.pipe.flow}")
+    speed = f"$u = {found.u:.6g}$" if isinstance(found.u, float) else "$u(t)$"
+    ax.set_title(f"{speed}, {found.model.pipe.flow}")
     return ax
 
 
@@ -83,7 +84,8 @@ def poincare_section(
 
     A cycle has as many points as maxima in a period, a torus lines, chaos a cloud. Shown is one
     coordinate against the rate of the last, or of the one given; of "tip", the maximum itself
-    against that rate.
+    against that rate. Where a pump or the base drives the pipe, sections are stroboscopic: states
+    when a period of that begins.
 
     Args:
         found: attractors, or one of the basins. Those at rest have no section.
@@ -97,7 +99,9 @@ def poincare_section(
     some, model, names = _shown(found)
     index, xlabel = common.coordinate_axis(coordinate, model.coordinates)
     rate = model.coordinates - 1 if index is None else index
-    ylabel = rf"rate $\dot q_{{{rate}}}$  $(1/T)$ at a maximum of the free end"
+    driven = any(basin.motion.base or not isinstance(basin.motion.u, float) for basin in some)
+    place = "once a period" if driven else "at a maximum of the free end"
+    ylabel = rf"rate $\dot q_{{{rate}}}$  $(1/T)$ {place}"
     ax = common.axes(ax, (4.8, 4.2), xlabel=xlabel, ylabel=ylabel)
     looks = zip(cycle(MARKERS), cycle(common.CURVE_STYLES), strict=False)
     drawn = 0
