@@ -188,20 +188,23 @@ def onward(problem: Problem, point: Point, length: float) -> Iterator[Segment[Pr
             ).edges
             if edges.size < 0.75 * here.edges.size:
                 (problem, tangent), bend = _on_mesh(problem, tangent, edges), None
+        tried = False
         while True:
             begin = problem.starting(problem.origin, tangent)
             step, following = problem.next(begin, length, bend)
             defects = problem.orbit(step.end.z).defects()
             if defects.max() <= defect:
                 break
-            edges = divided(problem.start.edges, 1 + (defects > defect))
+            before = problem.start.edges
+            edges = divided(before, 1 + (defects > defect))
             if edges.size > MOST_INTERVALS:  # some of them may be needed no more
                 end = problem.orbit(step.end.z)
                 edges = resolved(
                     *(problem.motion, end.states, end.frequency, end.u, end.symmetric), 0.1 * defect
                 ).edges
-                if edges.size > min(MOST_INTERVALS, 0.75 * problem.start.edges.size):
+                if tried or edges.size > min(MOST_INTERVALS, 0.75 * before.size):
                     raise NewtonFailed(f"more than {MOST_INTERVALS} mesh intervals are needed")
+                tried = True
             (problem, tangent), bend = _on_mesh(problem, tangent, edges), None
             length = step.length
         yield step
