@@ -358,7 +358,6 @@ MOTIONS = {
     "lyapunov_exponent": lambda m: pp.lyapunov_exponent(m, 6.0, lambda s: 0.1 * s),
     "limit_cycle": lambda m: pp.limit_cycle(m, 7.0),
     "hopf": lambda m: pp.hopf(m),
-    "equilibria": lambda m: pp.equilibria(m, 3.0),
     "bifurcation_diagram": lambda m: pp.bifurcation_diagram(m, [5.0, 7.0]),
 }
 

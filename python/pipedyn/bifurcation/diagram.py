@@ -265,7 +265,7 @@ def _asked(
     executor: futures.Executor | None,
     progress: bool,
 ) -> _Asked:
-    model = checked_model_in_motion(model, largest=LARGEST, purpose="equilibria")
+    model = checked_model_in_motion(model, largest=LARGEST, purpose="bifurcation_diagram")
     require_steady("speeds", speeds)
     at = check.array("speeds", speeds, low=0.0, high=LARGEST_SPEED, longest=100_000)
     if at.size < 2 or np.any(np.diff(at) <= 0.0):
