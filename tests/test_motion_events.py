@@ -427,15 +427,17 @@ def test_a_bad_argument_is_refused_by_name(options, kind, message):
 
 @pytest.mark.parametrize("model", [CHAIN, OWN], ids=["chain", "own module"])
 @pytest.mark.parametrize("method", CORE)
-@pytest.mark.parametrize("later", [-1.0, math.nan, None])
-def test_a_speed_between_the_times_at_which_it_was_tried_is_refused_too(model, method, later):
+@pytest.mark.parametrize(
+    ("later", "kind"), [(-1.0, pp.MotionStopped), (math.nan, ValueError), (None, TypeError)]
+)
+def test_a_speed_between_the_times_at_which_it_was_tried_is_refused_too(model, method, later, kind):
+    """Near these its derivative is tried as well; else what moved before is kept."""
     tried = np.linspace(0.0, 1.0, 101)
 
     def speed(t):
         return 4.0 if t < 0.5 or t in tried else later
 
-    message = r"^the motion stopped at t = 0\.\d+: u\(0\.5\d*\) must (be|lie in)"
-    with pytest.raises(pp.MotionStopped, match=message):
+    with pytest.raises(kind, match=r"u\(0\.5\d*\) must (be|lie in)"):
         pp.simulate(model, speed, 1.0, bow, method=method)
 
 
@@ -452,5 +454,5 @@ def test_what_an_event_a_speed_or_a_callback_raises_is_not_lost():
     for options in ({"events": broken}, {"callback": broken}):
         with pytest.raises(KeyError, match="mine"):
             pp.simulate(**given | options)
-    with pytest.raises(pp.MotionStopped, match=r"u\(0.50\d+\) .* it raised KeyError: 'mine'$"):
+    with pytest.raises(ValueError, match=r"^u\(0.50\d+\) .* it raised KeyError: 'mine'$"):
         pp.simulate(**given | {"u": late})
