@@ -331,8 +331,8 @@ DIAGRAM = pp.bifurcation_diagram(FLUTTER, [0.98 * CRITICAL.speed, SPEED], cycles
 BRANCH = DIAGRAM.cycles[0]
 FOLDED = pp.bifurcation_diagram(pp.Chain(pp.Pipe(0.05), 2), [3.0, 3.3]).cycles[0]
 (FOLD,) = (event for event in FOLDED.events if event.kind == "fold")
-WINDOW = {"beta": (0.045, 0.055), "u": (3.0, 3.3)}
-FOLDS = pp.cycle_boundary(FOLDED, FOLD, "beta", "u", WINDOW)
+NEAR_FOLD = {"beta": (0.045, 0.055), "u": (3.0, 3.3)}
+FOLDS = pp.cycle_boundary(FOLDED, FOLD, "beta", "u", NEAR_FOLD)
 TRADE = trade(PIPE, "critical_speed", families="beam", sizes=[2, 3], repeats=1)
 LOCI = pp.root_loci(CHAIN, [0.0, 1.0, 2.0], 2)
 MODES = pp.modes(CHAIN, 1.0)
@@ -1259,7 +1259,11 @@ def _motions() -> Iterator[Target]:
     yield Target("bifurcation_diagram", pp.bifurcation_diagram, {**diagram, **shown}, slow=True)
     yield Target("diagram_cost", pp.diagram_cost, diagram, slow=True)
     wrong = any_of(NONE, *NOTHINGS, *WORDS, one_of(3, NAN, {}, []))
-    other = ({"beta": (0.1, 0.05), "u": (3.0, 3.3)}, {"u": (3.0, 3.3)}, WINDOW | {"u": (0.0, 1.0)})
+    other = (
+        {"beta": (0.1, 0.05), "u": (3.0, 3.3)},
+        {"u": (3.0, 3.3)},
+        NEAR_FOLD | {"u": (0.0, 1.0)},
+    )
     yield Target(
         "cycle_boundary",
         pp.cycle_boundary,
@@ -1268,7 +1272,7 @@ def _motions() -> Iterator[Target]:
             "events": Kind(one_of(FOLD, [FOLD]), any_of(wrong, one_of(FOLDED.events[0]))),
             "x": Kind(one_of("beta"), any_of(wrong, one_of("u", "hysteresis"))),
             "y": Kind(one_of("u"), any_of(wrong, one_of("beta", "frequency"))),
-            "window": Kind(one_of(WINDOW), any_of(wrong, one_of(*other))),
+            "window": Kind(one_of(NEAR_FOLD), any_of(wrong, one_of(*other))),
             "progress": FLAG,
         },
         slow=True,

@@ -184,9 +184,9 @@ def require_motion(model: AnyModel) -> None:
     """Raises ValueError for a pipe with no equation of motion, or none that leaves it at rest."""
     if model.pipe.thrust_across:
         raise ValueError(
-            "jet_angle must leave the pipe straight where the flow pulsates, got "
-            f"{model.pipe.jet_angle:.6g}, whose pipe bends with the flow and never rests: "
-            "simulate gives its motion"
+            "model must be of a pipe that rests straight where the flow pulsates, got jet_angle = "
+            f"{model.pipe.jet_angle:.6g}: it bends with the flow and never rests; simulate gives "
+            "its motion"
         )
     if isinstance(model, Model) and model.resting().any():
         raise ValueError(
