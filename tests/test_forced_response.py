@@ -156,7 +156,7 @@ def test_a_pipe_that_rests_bent_moves_about_its_rest(make):
         lambda: pp.parametric_regions(bent, 2.0, 0.1, (3.0, 9.0)),
         lambda: pp.forced_response(bent, pp.Pulsation(2.0, 0.1, 3.0)),
     ):
-        with pytest.raises(ValueError, match="^model must be of a pipe that rests straight where"):
+        with pytest.raises(ValueError, match=r"^model must be of a pipe that rests straight where"):
             ask()
 
 
