@@ -329,20 +329,20 @@ BAD = {
 
 def late(value):
     """A flow speed that turns bad between two of the times at which it is tried."""
-    return lambda t: (1.0 / 0.0 if value is None else value) if 7.01 < t < 7.06 else 2.0
+    return lambda t: (1.0 / 0.0 if value is None else value) if 2.81 < t < 2.83 else 2.0
 
 
-@pytest.mark.parametrize("method", ["dop853", "radau", "scipy:DOP853", "scipy:Radau"])
+@pytest.mark.parametrize("method", ["dop853", "radau", "scipy:DOP853"])
 @pytest.mark.parametrize("kind", BAD)
 def test_a_function_of_time_that_turns_bad_late_stops_the_motion_and_keeps_it(kind, method):
     value, message = BAD[kind]
     with pytest.raises(
-        pp.MotionStopped, match=rf"at t = [67]\S* u\(7.0\d+\) .*{message}"
+        pp.MotionStopped, match=rf"at t = 2\S* u\(2.8\d+\) .*{message}"
     ) as stopped:
-        pp.simulate(CHAIN, late(value), 10.0, bend, method=method)
+        pp.simulate(CHAIN, late(value), 4.0, bend, method=method)
     kept = stopped.value.motion
-    assert 6.5 < kept.t[-1] <= 7.06
-    whole = pp.simulate(CHAIN, 2.0, 10.0, bend, method=method)
+    assert 2.7 < kept.t[-1] <= 2.83
+    whole = pp.simulate(CHAIN, 2.0, 4.0, bend, method=method)
     assert kept.tip == pytest.approx(whole.tip[: kept.t.size], abs=2e-5)
 
 
@@ -360,8 +360,8 @@ def test_a_sample_at_which_a_function_fails_ends_what_is_kept():
 
 def test_members_keep_their_motions_when_another_turns_bad():
     given = [5.0, late(math.nan), 4.0]
-    ensemble = pp.simulate_many(CHAIN, given, 10.0, bend)
+    ensemble = pp.simulate_many(CHAIN, given, 4.0, bend)
     [failure] = ensemble.failures
     assert failure.index == 1
     assert "must be finite, got nan" in str(failure.error)
-    assert [one.t[-1] == 10.0 for one in ensemble.motions] == [True, False, True]
+    assert [one.t[-1] == 4.0 for one in ensemble.motions] == [True, False, True]
