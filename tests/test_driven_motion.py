@@ -336,9 +336,7 @@ def late(value):
 @pytest.mark.parametrize("kind", BAD)
 def test_a_function_of_time_that_turns_bad_late_stops_the_motion_and_keeps_it(kind, method):
     value, message = BAD[kind]
-    with pytest.raises(
-        pp.MotionStopped, match=rf"at t = 2\S* u\(2.8\d+\) .*{message}"
-    ) as stopped:
+    with pytest.raises(pp.MotionStopped, match=rf"at t = 2\S* u\(2.8\d+\) .*{message}") as stopped:
         pp.simulate(CHAIN, late(value), 4.0, bend, method=method)
     kept = stopped.value.motion
     assert 2.7 < kept.t[-1] <= 2.83

@@ -314,8 +314,9 @@ class ParametricRegion:
             period; or "combination", of two modes with frequencies of their own.
         amplitude: those asked for, shape (A,).
         edges: lowest and highest frequency of the region at each, shape (A, 2); NaN below the
-            threshold, where the region is thinner than 1e-6 of its frequency, and in place of an
-            edge that lies far outside the range of frequencies. Where regions of a kind overlap
+            threshold, where the region is thinner than 1e-6 of its frequency, in place of an edge
+            that lies far outside the range of frequencies, and where one was not found again beside
+            a region of another kind that meets it. Where regions of a kind overlap
             these are the edges of the union, for each of them; one that is nowhere apart from
             another is not listed for itself. Regions of different kinds may lie within each other.
         threshold: least amplitude of the region; 0 of modes without damping, NaN where an edge
@@ -387,7 +388,9 @@ def _converged(
     model: AnyModel, mean: float, mu: Array, window: tuple[float, float]
 ) -> tuple[ParametricRegion, ...]:
     """The regions, by ever more functions and harmonics."""
-    many = math.ceil(window[1] / window[0]) + 4
+    # A flow that pulsates by 0.6 needs ten more than the frequencies alone: with fewer its growing
+    # motions are not there at all, however often they are looked for.
+    many = math.ceil(window[1] / window[0]) + 4 + math.ceil(12.0 * mu[-1])
     last: list[Region] | None = None
     for size in SIZES:
         pipe = pulsating_pipe(model, mean, size)
@@ -397,9 +400,17 @@ def _converged(
                 found = regions(Hill(pipe, many), mu, *window)
             else:
                 hill = Hill(pipe, many)
-                found = [again(hill, region, mu, window[0]) for region in last]
+                try:
+                    found = [again(hill, region, mu, window[0]) for region in last]
+                except NewtonFailed as reason:
+                    raise NotConverged(
+                        "edges of parametric regions were not found again with more functions and "
+                        f"harmonics: {reason}"
+                    ) from None
         error = math.inf if last is None else max(map(apart, last, found), default=0.0)
         if error <= TOLERANCE:
+            for one in found:
+                one.edges[np.diff(one.edges)[:, 0] < 0.3 * THINNEST * one.edges[:, 1]] = math.nan
             return tuple(
                 ParametricRegion(
                     kind=one.kind,
