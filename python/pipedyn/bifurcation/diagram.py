@@ -69,7 +69,7 @@ STEPS_AHEAD = 8
 
 SPARSE = 4
 """Speeds for each one at which motions are integrated first: cycles that these lead to are followed
-to the others, where motions then end sooner. Of scenes with two and three segments 4 is fastest."""
+to the others, where motions then end sooner. A choice: other numbers were not measured."""
 
 MOST_FROM_MOTIONS = 12
 """Cycles, at most, that motions end on and that are followed from there: a second or more each."""
