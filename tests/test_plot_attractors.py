@@ -67,6 +67,8 @@ def test_a_section_shows_each_maximum_of_a_cycle():
     cycle = next(basin for basin in found().basins if basin.ending == "periodic")
     tips = found().model.tips(cycle.section[:, :2].T)[:, 0]
     np.testing.assert_allclose(points.get_xdata(), tips)
+    low, high = ax.get_xlim()
+    assert high - low > 0.05 * abs(tips[0])  # rounding of a point is not spread over the page
     one = plot.poincare_section(cycle, 0, axes())
     np.testing.assert_allclose(one.lines[0].get_xydata(), cycle.section[:, [0, 2]])
 
@@ -96,3 +98,15 @@ def test_pictures_refuse_what_they_cannot_show():
         plot.basins(replace(found(), plane=None), axes())
     with pytest.raises(TypeError, match="found must be of type Attractors, got 3"):
         plot.spectrum(3, axes())
+
+
+def test_a_section_of_a_measured_pipe_has_axes_in_si_units():
+    section = plot.poincare_section(replace(found(), model=pp.Chain(MEASURED, 2)), ax=axes())
+    top, right = section.child_axes
+    assert (top.get_xlabel(), right.get_ylabel()) == (
+        "free end $x$ (m)",
+        "rate $\\dot q_{1}$ (1/s)",
+    )
+    section.figure.canvas.draw()
+    assert top.get_xlim()[1] == pytest.approx(0.5 * section.get_xlim()[1])
+    assert right.get_ylim()[1] == pytest.approx(section.get_ylim()[1] / MEASURED.scales.time)

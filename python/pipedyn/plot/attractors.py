@@ -12,8 +12,7 @@ from matplotlib.colors import BoundaryNorm, ListedColormap
 from matplotlib.patches import Patch
 
 from pipedyn.bifurcation.attractors import Attractors, Basin
-from pipedyn.plot import common
-from pipedyn.plot.forced import OMEGA_LABEL, in_hertz
+from pipedyn.plot import common, units
 
 FILLS = ("#0072B2", "#F0E442", "#56B4E9", "#8C3B00", "#009E73", "#E9C6DA", "#333333", "#E69F00")
 """Colours of basins. Neighbours in the row differ in lightness, so that they do in grey."""
@@ -22,6 +21,9 @@ UNSETTLED, FAILED = "0.75", "#FFFFFF"
 
 MARKERS = ("o", "s", "^", "D", "v", "P", "X", "h")
 """Of attractors at rest, and of sections."""
+
+SMALLEST_VIEW = 0.05
+"""Share of the largest value that a section's axes span at least: a cycle's points are points."""
 
 LEAST = 1e-5
 """Part of its highest line below which a spectrum is not shown: what motions err."""
@@ -46,8 +48,8 @@ def basins(found: Attractors, ax: Axes | None = None) -> Axes:
     if plane is None or min(plane.shape) < 2:
         rule = "found must come from a StartPlane of at least 2 values along both axes"
         raise ValueError(f"{rule}, got {len(found.starts)} starts of another kind")
-    xlabel, ylabel = (_entry_label(found, index, "initial ") for index in plane.indices)
-    ax = common.axes(ax, (6.4, 4.6), xlabel=xlabel, ylabel=ylabel)
+    entries = [_entry(found, index, "initial ") for index in plane.indices]
+    ax = common.axes(ax, (6.4, 4.6), xlabel=entries[0].label, ylabel=entries[1].label)
     colours = [fill for fill, _ in zip(cycle(FILLS), found.basins, strict=False)]
     shades = ListedColormap([FAILED, UNSETTLED, *colours])
     steps = BoundaryNorm(np.arange(-2.5, len(colours) + 0.5), shades.N)
@@ -74,6 +76,8 @@ def basins(found: Attractors, ax: Axes | None = None) -> Axes:
     ax.legend(handles=shown, loc="upper left", bbox_to_anchor=(1.01, 1.0), borderaxespad=0.0)
     speed = f"$u = {found.u:.6g}$" if isinstance(found.u, float) else "$u(t)$"
     ax.set_title(f"{speed}, {found.model.pipe.flow}")
+    units.second_axis(ax, "x", entries[0], found.model.pipe)
+    units.second_axis(ax, "y", entries[1], found.model.pipe)
     return ax
 
 
@@ -101,8 +105,8 @@ def poincare_section(
     rate = model.coordinates - 1 if index is None else index
     driven = any(basin.motion.base or not isinstance(basin.motion.u, float) for basin in some)
     place = "once a period" if driven else "at a maximum of the free end"
-    ylabel = rf"rate $\dot q_{{{rate}}}$  $(1/T)$ {place}"
-    ax = common.axes(ax, (4.8, 4.2), xlabel=xlabel, ylabel=ylabel)
+    shown = units.rate(rate, "", f" {place}")
+    ax = common.axes(ax, (4.8, 4.2), xlabel=xlabel, ylabel=shown.label)
     looks = zip(cycle(MARKERS), cycle(common.CURVE_STYLES), strict=False)
     drawn = 0
     for basin, name, (marker, style) in zip(some, names, looks, strict=False):
@@ -118,6 +122,16 @@ def poincare_section(
     if drawn:
         ax.legend()
         ax.margins(0.08)
+        for place, limits in (
+            (ax.dataLim.intervalx, ax.set_xlim),
+            (ax.dataLim.intervaly, ax.set_ylim),
+        ):
+            least = SMALLEST_VIEW * float(np.abs(place).max())
+            if np.ptp(place) < least:
+                limits(place.mean() - least, place.mean() + least)
+        if index is None:
+            units.second_axis(ax, "x", units.TIP, model.pipe)
+        units.second_axis(ax, "y", shown, model.pipe)
     else:
         ax.text(0.5, 0.5, "all are at rest", transform=ax.transAxes, ha="center", va="center")
     return ax
@@ -137,7 +151,9 @@ def spectrum(found: Attractors | Basin, ax: Axes | None = None) -> Axes:
         TypeError: for bad arguments.
     """
     some, model, names = _shown(found)
-    ax = common.axes(ax, (6.4, 3.6), xlabel=OMEGA_LABEL, ylabel="amplitude of the free end  $(L)$")
+    ax = common.axes(
+        ax, (6.4, 3.6), xlabel=units.FREQUENCY.label, ylabel="amplitude of the free end  $(L)$"
+    )
     highest, last = 0.0, 0.0
     for basin, name, style in zip(some, names, cycle(common.CURVE_STYLES), strict=False):
         omega, height = basin.frequencies[1:], basin.spectrum[1:]  # without its mean
@@ -157,7 +173,7 @@ def spectrum(found: Attractors | Basin, ax: Axes | None = None) -> Axes:
         ax.set_yscale("log")
         ax.set(xlim=(0.0, 1.05 * last), ylim=(LEAST * highest, 3.0 * highest))
         ax.legend()
-        in_hertz(ax, model.pipe)
+        units.second_axis(ax, "x", units.FREQUENCY, model.pipe)
     else:
         ax.text(0.5, 0.5, "all are at rest", transform=ax.transAxes, ha="center", va="center")
     return ax
@@ -196,9 +212,9 @@ def _percent(basin: Basin) -> str:
     return f"{100.0 * basin.share.value:.3g} %"
 
 
-def _entry_label(found: Attractors, index: int, before: str) -> str:
+def _entry(found: Attractors, index: int, before: str) -> units.Quantity:
     """Of an entry of the state [q, q']."""
     half = found.model.coordinates
     if index < half:
-        return f"{before}coordinate $q_{{{index}}}$, counted from 0"
-    return rf"{before}rate $\dot q_{{{index - half}}}$  $(1/T)$"
+        return units.Quantity(f"{before}coordinate $q_{{{index}}}$, counted from 0")
+    return units.rate(index - half, before)

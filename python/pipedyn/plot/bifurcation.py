@@ -17,7 +17,7 @@ from pipedyn.bifurcation.diagram import BifurcationDiagram
 from pipedyn.bifurcation.equilibria import EquilibriumBranch
 from pipedyn.bifurcation.floquet import UNIT, nontrivial
 from pipedyn.bifurcation.limit_cycle import LimitCycle
-from pipedyn.plot import common
+from pipedyn.plot import common, units
 from pipedyn.plot.motion import finer, path_of
 from pipedyn.util import check
 from pipedyn.util.check import Array
@@ -30,8 +30,8 @@ MARKS: dict[str, dict[str, Any]] = {
     "hopf": {"marker": "o", "color": common.ORANGE},
     "period doubling": {"marker": "^", "color": common.PURPLE},
     "torus": {"marker": "h", "color": common.PURPLE},
-    "infinite period": {"marker": "X", "color": common.VERMILION},
-    "end": {"marker": "|", "color": common.BLUE},
+    "infinite period": {"marker": "*", "color": common.SKY, "markersize": 8.0},
+    "end": {"marker": "d", "color": common.BLUE},
 }
 """Look of each bifurcation."""
 
@@ -54,7 +54,8 @@ def bifurcation_diagram(
 
     Equilibria are black. Cycles are blue: their highest and lowest positions, and those of their
     mirror images. Stable branches are solid, unstable ones dashed. Grey dots are the turning
-    points of motions from many initial states; each marker is a bifurcation.
+    points of motions from many initial states; each marker is a bifurcation. Further axes are in SI
+    units where the pipe's numbers come from them.
 
     Args:
         diagram: the diagram to show.
@@ -96,7 +97,10 @@ def bifurcation_diagram(
     ax.set_xlim(float(diagram.speeds[0]), float(diagram.speeds[-1]))
     named = {str(line.get_label()): line for line in ax.get_legend_handles_labels()[0]}
     ordered = sorted(named.items(), key=lambda item: item[1].get_zorder())
-    ax.legend([line for _, line in ordered], [name for name, _ in ordered])
+    common.legend_below(ax, dict(ordered))
+    units.second_axis(ax, "x", units.SPEED, diagram.model.pipe)
+    if index is None:
+        units.second_axis(ax, "y", units.TIP, diagram.model.pipe)
     return ax
 
 

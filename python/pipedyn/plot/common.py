@@ -13,6 +13,7 @@ from matplotlib.axes import Axes
 from matplotlib.colors import SymLogNorm
 from matplotlib.figure import Figure
 from matplotlib.ticker import SymmetricalLogLocator
+from matplotlib.transforms import ScaledTranslation
 from numpy.typing import NDArray
 
 from pipedyn.models.drive import Supply
@@ -148,6 +149,21 @@ def coordinate_axis(coordinate: Any, coordinates: int) -> tuple[int | None, str]
         return None, TIP_LABEL
     index = check.count("coordinate", coordinate, low=0, high=coordinates - 1)
     return index, f"coordinate $q_{{{index}}}$, counted from 0"
+
+
+def legend_below(ax: Axes, named: Mapping[str, Any] | None = None, columns: int = 3) -> None:
+    """A legend below the axis, where it hides nothing: of lines by name, or all that have one."""
+    if named is None:
+        named = dict(zip(*reversed(ax.get_legend_handles_labels()), strict=True))
+    below = ScaledTranslation(0.0, -0.42, ax.figure.dpi_scale_trans)  # inches: ticks and a label
+    ax.legend(
+        *(list(named.values()), list(named)),
+        loc="upper center",
+        bbox_to_anchor=(0.5, 0.0),
+        bbox_transform=ax.transAxes + below,
+        ncols=columns,
+        frameon=False,
+    )
 
 
 def notice(text: str, ax: Axes | None = None) -> Axes:

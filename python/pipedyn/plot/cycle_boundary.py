@@ -12,22 +12,10 @@ from matplotlib.axes import Axes
 
 from pipedyn.bifurcation.cycle_boundary import CycleBoundary
 from pipedyn.bifurcation.event_curve import CycleCurve
-from pipedyn.plot import common
+from pipedyn.plot import common, units
 from pipedyn.plot.bifurcation import STABILITY_STYLES
 from pipedyn.util.check import Array
 from pipedyn.util.later import scipy
-
-LABELS = {
-    "u": common.SPEED_LABEL,
-    "beta": common.BETA_LABEL,
-    "gamma": r"gravity $\gamma$",
-    "drag": r"drag $\kappa$",
-    "damping": r"damping $\delta$",
-    "alpha": r"end coefficient $\alpha$",
-    "frequency": r"frequency of the forcing  $(1/T)$",
-    "amplitude": "amplitude of the forcing",
-}
-"""Of axes, by the number; others have their name."""
 
 COLOURS = {
     "fold": common.VERMILION,
@@ -59,8 +47,9 @@ def cycle_boundary(found: CycleBoundary, ax: Axes | None = None) -> Axes:
         TypeError: for bad arguments.
     """
     common.check_type("found", found, CycleBoundary)
-    xlabel, ylabel = (LABELS.get(name, name) for name in found.names)
-    ax = common.axes(ax, (6.4, 4.8), xlabel=xlabel, ylabel=ylabel)
+    pipe = found.model.pipe
+    shown = [units.of_number(name, pipe) for name in found.names]
+    ax = common.axes(ax, (6.4, 4.8), xlabel=shown[0].label, ylabel=shown[1].label)
     across = found.names[0] == "u"  # the speed is x
     for curve in found.curves:
         x, y = _smooth(curve)
@@ -98,7 +87,9 @@ def cycle_boundary(found: CycleBoundary, ax: Axes | None = None) -> Axes:
     (left, right), (bottom, top) = found.ranges
     ax.set(xlim=(left, right), ylim=(bottom, top))
     named = dict(zip(*reversed(ax.get_legend_handles_labels()), strict=True))
-    ax.legend(list(named.values()), list(named))
+    common.legend_below(ax, named)
+    units.second_axis(ax, "x", shown[0], pipe)
+    units.second_axis(ax, "y", shown[1], pipe)
     return ax
 
 

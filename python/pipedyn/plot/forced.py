@@ -15,10 +15,8 @@ from pipedyn.bifurcation.forced_response import ForcedResponse
 from pipedyn.bifurcation.parametric_regions import ParametricRegion
 from pipedyn.linear.frequency_response import FrequencyResponse
 from pipedyn.models.pipe import Pipe
-from pipedyn.plot import common
+from pipedyn.plot import common, units
 from pipedyn.util import check
-
-OMEGA_LABEL = r"angular frequency $\omega$  $(1/T)$"
 
 REGION_STYLES: dict[str, dict[str, Any]] = {
     "subharmonic": {"color": common.BLUE, "linestyle": "-", "hatch": None},
@@ -48,7 +46,7 @@ def frequency_response(
     moved = "free end" if response.output == 1.0 else f"place $s = {response.output:g}$"
     driven = "base" if isinstance(response.input, str) else response.input[0]
     ylabel = "phase (degrees)" if shows_phase else f"|displacement of the {moved} / {driven}|"
-    ax = common.axes(ax, (6.4, 4.2), xlabel=OMEGA_LABEL, ylabel=ylabel)
+    ax = common.axes(ax, (6.4, 4.2), xlabel=units.FREQUENCY.label, ylabel=ylabel)
     order = np.argsort(response.frequencies)
     at, values = response.frequencies[order], response.response[order]
     finite = np.isfinite(values)
@@ -84,7 +82,7 @@ def frequency_response(
         ax.set_xlim(float(at[0]), float(at[-1]))
     stable = "" if response.stable else ", unstable: the response is not reached"
     ax.set_title(f"$u = {response.u:.4g}${stable}", pad=24.0)
-    in_hertz(ax, response.model.pipe)
+    units.second_axis(ax, "x", units.FREQUENCY, response.model.pipe)
     return ax
 
 
@@ -99,23 +97,6 @@ def _crossings(at: Any, sizes: Any, frequency: float, level: float) -> list[floa
         share = (level - sizes[i]) / (sizes[j] - sizes[i])
         found.append(float(at[i] + share * (at[j] - at[i])))
     return found
-
-
-def in_hertz(ax: Axes, pipe: Pipe) -> None:
-    """An upper axis in Hz where the pipe has units."""
-    if pipe.scales is None:
-        return
-    one = 1.0 / (2.0 * math.pi * pipe.scales.time)
-
-    def hertz(frequency: Any) -> Any:
-        return frequency * one
-
-    def angular(frequency: Any) -> Any:
-        return frequency / one
-
-    top = ax.secondary_xaxis("top", functions=(hertz, angular))
-    top.set_xlabel("frequency (Hz)")
-    ax.tick_params(top=False, which="both")
 
 
 def parametric_regions(
@@ -164,7 +145,7 @@ def parametric_regions(
     if regions:
         ax.legend()
     if pipe is not None:
-        in_hertz(ax, pipe)
+        units.second_axis(ax, "x", units.FREQUENCY, pipe)
     return ax
 
 
@@ -182,7 +163,7 @@ def forced_response(response: ForcedResponse, ax: Axes | None = None) -> Axes:
     """
     common.check_type("response", response, ForcedResponse)
     ylabel = "amplitude of the free end  $(L)$"
-    ax = common.axes(ax, (6.4, 4.2), xlabel=OMEGA_LABEL, ylabel=ylabel)
+    ax = common.axes(ax, (6.4, 4.2), xlabel=units.FREQUENCY.label, ylabel=ylabel)
     shown = set[str]()
     for branch, look in zip(response.branches, cycle(common.CURVE_STYLES), strict=False):
         steady = branch.stable[:-1] | branch.stable[1:]  # what ends at an event is so up to there
@@ -213,5 +194,5 @@ def forced_response(response: ForcedResponse, ax: Axes | None = None) -> Axes:
     ax.set_ylim(bottom=0.0)
     if shown:
         ax.legend()
-    in_hertz(ax, response.model.pipe)
+    units.second_axis(ax, "x", units.FREQUENCY, response.model.pipe)
     return ax

@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping
-from dataclasses import fields
 from itertools import cycle, pairwise
 from typing import Any
 
@@ -16,24 +15,9 @@ from numpy.typing import NDArray
 
 from pipedyn.bifurcation.boundary import Boundary, BoundaryCurve
 from pipedyn.linear.critical_speed import CriticalSpeed
-from pipedyn.models.pipe import Pipe
-from pipedyn.models.pipe_numbers import pipe_numbers
-from pipedyn.models.supports import RootSpring
-from pipedyn.models.terms import Term
-from pipedyn.plot import common
+from pipedyn.plot import common, units
 from pipedyn.util import check
 from pipedyn.util.check import Array
-
-LABELS = {
-    "u": common.SPEED_LABEL,
-    "beta": common.BETA_LABEL,
-    "gamma": r"gravity $\gamma$",
-    "alpha": r"end coefficient $\alpha$",
-    "damping": r"damping $\delta$",
-    "hysteresis": r"loss factor $\mu$",
-    "inflow_share": "inflow share $c$",
-    "root.stiffness": "stiffness of the root $(EI/L)$",
-}
 
 MARKERS = {
     "Bautin": "D",
@@ -53,6 +37,8 @@ LOOKS: dict[tuple[str, str], dict[str, Any]] = {
 }
 DASHES = {"supercritical": "-", "subcritical": (0, (4, 1.5)), "": "-"}
 
+BESIDE = "other roots unstable"
+
 STABLE = "#DCEBDD"
 PER_STEP = 8
 """Pieces in which a step of a curve is drawn."""
@@ -65,8 +51,8 @@ def boundary(found: Boundary, ax: Axes | None = None) -> Axes:
     """Boundaries of stability, the stable region shaded.
 
     Curves are solid where what emerges attracts, dashed where it repels, thin where other roots are
-    unstable or the criticality was not computed. Organising points are marked and named. Further
-    axes are in SI units where the pipe's numbers come from them.
+    unstable or the criticality was not computed. The legend names organising points. Further axes
+    are in SI units where the pipe's numbers come from them.
 
     Args:
         found: what `pipedyn.boundary` answered.
@@ -76,8 +62,8 @@ def boundary(found: Boundary, ax: Axes | None = None) -> Axes:
         TypeError: for bad arguments.
     """
     common.check_type("found", found, Boundary)
-    x, y = (LABELS.get(name, f"{name}") for name in found.names)
-    ax = common.axes(ax, (6.4, 4.8), xlabel=x, ylabel=y)
+    shown = [units.of_number(name, found.model.pipe) for name in found.names]
+    ax = common.axes(ax, (6.4, 4.8), xlabel=shown[0].label, ylabel=shown[1].label)
     (left, right), (low, high) = found.ranges
     shade = np.zeros((COLUMNS, COLUMNS, 4))
     shade[_stable(found)] = to_rgba(STABLE)
@@ -96,24 +82,22 @@ def boundary(found: Boundary, ax: Axes | None = None) -> Axes:
         changes = [0, *(np.flatnonzero(kinds[:-1] != kinds[1:]) + 1), kinds.size]
         for first, last in pairwise(changes):
             look = curve.kind, str(kinds[first])
-            label = new(", ".join(word for word in look if word))
+            beside = "" if look[1] or not curve.unstable[first // PER_STEP] else BESIDE
+            label = new(", ".join(word for word in (*look, beside) if word))
             part = places[first : last + 1]
             ax.plot(*part.T, linestyle=DASHES[look[1]], label=label, **LOOKS[look])
-    for point, below in zip(found.points, cycle((False, True)), strict=False):
-        shown = common.open_marker(5.5, marker=MARKERS[point.kind], zorder=4.0)
-        ax.plot(point.x, point.y, label=new(point.kind), **shown)
-        beside: dict[str, Any] = {"textcoords": "offset points", "fontsize": 7.0}
-        ax.annotate(point.kind, (point.x, point.y), (5, -9 if below else 4), **beside)
+    for point in found.points:
+        mark = common.open_marker(5.5, marker=MARKERS[point.kind], zorder=4.0)
+        ax.plot(point.x, point.y, label=new(point.kind), **mark)
     ax.set(xlim=(left, right), ylim=(low, high))
     if not found.curves:
         where = "stable" if shade[..., 3].any() else "unstable"
         sentence = f"No boundary lies in the window: all is {where}."
         ax.text(0.5, 0.5, sentence, transform=ax.transAxes, ha="center")
     else:
-        ax.legend()
-    pipe = found.model.pipe
-    for along, name in zip("xy", found.names, strict=True):
-        _si_axis(ax, along, _si_unit(name, pipe))
+        common.legend_below(ax)
+    units.second_axis(ax, "x", shown[0], found.model.pipe)
+    units.second_axis(ax, "y", shown[1], found.model.pipe)
     return ax
 
 
@@ -182,51 +166,6 @@ def _stable(found: Boundary) -> NDArray[np.bool_]:
         for (height, _, count), (until, *_) in pairwise([*crossed, (math.inf, 0, 0)]):
             stable[(rows > height) & (rows < until), k] = count == 0
     return stable
-
-
-def _si_unit(name: str, pipe: Pipe) -> tuple[float, str] | None:
-    """SI value of one of a number's units, and its name; None where it has none."""
-    scales = pipe.scales
-    if scales is None:
-        return None
-    own = {"u": (scales.speed, "flow speed (m/s)"), "damping": (scales.time, "damping time (s)")}
-    if name in own:
-        return own[name]
-    number = pipe_numbers(pipe).get(name)
-    holder: Any = pipe.root if name == "root.stiffness" else None
-    if number is not None and number.term is not None:
-        holder = pipe.terms[number.term]
-    if number is None or not isinstance(holder, Term | RootSpring):
-        return None
-    (item,) = (item for item in fields(holder) if item.name == number.attribute)
-    powers = item.metadata["powers"]
-    value = math.prod(map(pow, (scales.mass, scales.length, scales.time), powers))
-    # Masses are counted per length.
-    units = zip(("kg", "m", "s"), (powers[0], powers[1] - powers[0], powers[2]), strict=True)
-    unit = " ".join(
-        f"{unit}$^{{{power}}}$" if power != 1 else unit for unit, power in units if power
-    )
-    return value, f"{name} ({unit})" if unit else name
-
-
-def _si_axis(ax: Axes, along: str, unit: tuple[float, str] | None) -> None:
-    """A second axis, on the other side, in SI units."""
-    if unit is None:
-        return
-    one = unit[0]
-
-    def to_si(value: Any) -> Any:
-        return value * one
-
-    def from_si(value: Any) -> Any:
-        return value / one
-
-    if along == "x":
-        ax.secondary_xaxis("top", functions=(to_si, from_si)).set_xlabel(unit[1])
-        ax.tick_params(top=False, which="both")
-    else:
-        ax.secondary_yaxis("right", functions=(to_si, from_si)).set_ylabel(unit[1])
-        ax.tick_params(right=False, which="both")
 
 
 # --------------------------------------------------------------------- boundaries of several pipes
