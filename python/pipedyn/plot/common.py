@@ -12,6 +12,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.colors import SymLogNorm
 from matplotlib.figure import Figure
+from matplotlib.font_manager import FontProperties
 from matplotlib.ticker import SymmetricalLogLocator
 from matplotlib.transforms import ScaledTranslation
 from numpy.typing import NDArray
@@ -151,17 +152,30 @@ def coordinate_axis(coordinate: Any, coordinates: int) -> tuple[int | None, str]
     return index, f"coordinate $q_{{{index}}}$, counted from 0"
 
 
-def legend_below(ax: Axes, named: Mapping[str, Any] | None = None, columns: int = 3) -> None:
-    """A legend below the axis, where it hides nothing: of lines by name, or all that have one."""
+def legend_below(ax: Axes, named: Mapping[str, Any] | None = None) -> None:
+    """A legend below the axis, where it hides nothing: of lines by name, or all that have one.
+
+    It has as many columns, up to four, as the figure is wide enough for.
+    """
     if named is None:
         named = dict(zip(*reversed(ax.get_legend_handles_labels()), strict=True))
     below = ScaledTranslation(0.0, -0.42, ax.figure.dpi_scale_trans)  # inches: ticks and a label
+    lengths = [len(name) for name in named]
+    letter = FontProperties(size=matplotlib.rcParams["legend.fontsize"]).get_size_in_points() / 72.0
+
+    def width(columns: int) -> float:
+        """In inches: letters are half as wide as high, lines and gaps take eight letters."""
+        longest = (max(part, default=0) for part in np.array_split(lengths, columns))
+        return 0.5 * letter * sum(most + 8.0 for most in longest)
+
+    wide = float(ax.figure.get_figwidth()) if isinstance(ax.figure, Figure) else 0.0
+    fitting = (count for count in (4, 3, 2) if lengths and width(count) <= wide)
     ax.legend(
         *(list(named.values()), list(named)),
         loc="upper center",
         bbox_to_anchor=(0.5, 0.0),
         bbox_transform=ax.transAxes + below,
-        ncols=columns,
+        ncols=next(fitting, 1),
         frameon=False,
     )
 
