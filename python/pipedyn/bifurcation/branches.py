@@ -497,11 +497,11 @@ class _Follower:
         speeds = self.options.speeds
         for u in speeds[(speeds >= low) & (speeds <= high) & (speeds != part.begin.p)].tolist():
             try:
-                z = part.where(u)
+                z, kept = part.where_and_kept(u)
             except NewtonFailed as reason:
                 self.failed.append((u, NoCycle(f"no cycle at u = {u:g}: {reason}", u)))
                 continue
-            cycle = self._finished(step.problem.orbit(z))
+            cycle = self._finished(replace(step.problem.orbit(z), closing=kept))
             if cycle is not None:
                 yield step.reach(z), cycle, None
                 self.closed = self.closed or self._is_first(cycle)

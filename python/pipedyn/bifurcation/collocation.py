@@ -10,7 +10,7 @@ large multipliers cost none either. The cost is linear in the number of interval
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Self
 
 import numpy as np
@@ -66,7 +66,12 @@ def _condensed(
     factorised(len(orbit.starts))
     by_rates, ends = _core.eliminated(
         *(orbit.durations, orbit.starts, orbit.rates, jacobians, motion(y, u)[half:]),
-        *(by_frequency, by_speed, orbit.frequency, WEIGHTS, orbit.mirror, units),
+        by_frequency,
+        by_speed,
+        orbit.frequency,
+        WEIGHTS,
+        orbit.mirror,
+        units,
     )
     return by_rates, ends, units
 
@@ -376,12 +381,18 @@ def _unit_of(motion: VectorField, orbit: PeriodicOrbit) -> float:
     return motion.reach * size / max(0.5 * float(np.ptp(across)), 0.01 * size)
 
 
-def solved(motion: VectorField, orbit: PeriodicOrbit, tolerance: float) -> PeriodicOrbit:
-    """The periodic orbit near another at its speed, on its mesh; NewtonFailed if none is found."""
+def solved(
+    motion: VectorField, orbit: PeriodicOrbit, tolerance: float, closing: bool = False
+) -> PeriodicOrbit:
+    """The periodic orbit near another at its speed, on its mesh; NewtonFailed if none is found.
+
+    closing: whether it has what leads to its multipliers, where the last step was short enough.
+    """
     control = OrbitControl(math.inf, tolerance=tolerance, stagnation=1e3 * tolerance, patience=None)
     problem = OrbitProblem(motion, orbit, control, unit=1.0, speed_varies=False)
     z = orbit.packed()
-    return problem.orbit(problem.fixed(z, float(z[-1])))
+    z, kept = problem.fixed_and_kept(z, float(z[-1]))
+    return replace(problem.orbit(z), closing=kept if closing else None)
 
 
 def residual(motion: VectorField, orbit: PeriodicOrbit) -> float:

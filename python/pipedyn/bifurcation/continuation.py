@@ -160,11 +160,15 @@ class Continuation(ABC):
 
     def fixed(self, guess: Array, p: float, index: int = -1) -> Array:
         """The solution z at a value of the parameter, or of another entry of z."""
+        return self.fixed_and_kept(guess, p, index)[0]
+
+    def fixed_and_kept(self, guess: Array, p: float, index: int = -1) -> tuple[Array, Any]:
+        """The same, and what is `kept` of the equations there."""
         row, start = np.zeros(guess.size), guess.copy()
         row[index], start[index] = 1.0, p
-        z, _, _ = self._solved(start, row, p)
+        z, _, kept = self._solved(start, row, p)
         z[index] = p  # to the bit
-        return z
+        return z, kept
 
     def _solved(self, z: Array, row: Array, value: float) -> tuple[Array, Solver, Any]:
         """The solution with row @ z = value, the equations about the last iterate, and `kept`."""
@@ -305,16 +309,20 @@ class Segment(Generic[Problem]):
 
     def where(self, p: float, index: int = -1) -> Array:
         """The solution at a value of the parameter, or another entry, between those at the ends."""
+        return self.where_and_kept(p, index)[0]
+
+    def where_and_kept(self, p: float, index: int = -1) -> tuple[Array, Any]:
+        """The same, and what is `kept` of the equations there."""
         ends = {0.0: self.begin.z[index], self.length: self.end.z[index]}
 
         def apart(s: float) -> float:
             return float(ends[s] if s in ends else self.guess(s, index)) - p
 
         s = scipy.optimize.brentq(apart, 0.0, self.length)
-        found = self.problem.fixed(self.guess(s), p, index)
+        found, kept = self.problem.fixed_and_kept(self.guess(s), p, index)
         if not -0.5 * self.length <= self.reach(found) <= 1.5 * self.length:
             raise NewtonFailed("Newton's method left the neighbourhood of its start")
-        return found
+        return found, kept
 
 
 def path(

@@ -56,11 +56,16 @@ EventKind = Literal[
 
 
 def orbit_multipliers(
-    motion: VectorField, orbit: PeriodicOrbit, tolerance: float = TOLERANCE
+    motion: VectorField,
+    orbit: PeriodicOrbit,
+    tolerance: float = TOLERANCE,
+    coarser: PeriodicOrbit | None = None,
 ) -> tuple[Complex, Complex, float]:
     """Floquet multipliers, the largest modulus first, their roots and the error of the worst.
 
     Finer meshes are tried until the error is at most the tolerance, which may remain out of reach.
+    `coarser` is the orbit on the mesh from which its own was refined, if that is known: where the
+    equations that were solved for both are, no others are needed.
 
     Of an orbit with a mirror the roots are the eigenvalues over half a period, reflected. The
     multipliers, shape (2 dof,), are their squares: the trivial one is 1 either way, and a
@@ -77,7 +82,7 @@ def orbit_multipliers(
     if turns.max() > _longest(tolerance) and (smooth := _between_kinks(motion, orbit)):
         roots, error = _by_magnus(motion, smooth, turns.sum(), tolerance)
     if not error <= tolerance:
-        others, other = _by_collocation(motion, orbit, turns, tolerance)
+        others, other = _by_collocation(motion, orbit, turns, tolerance, coarser)
         if not other > error:
             roots, error = others, other
     values: Complex = roots**2 if orbit.symmetric else roots
@@ -178,7 +183,11 @@ def by_series(
 
 
 def _by_collocation(
-    motion: VectorField, orbit: PeriodicOrbit, turns: Array, tolerance: float
+    motion: VectorField,
+    orbit: PeriodicOrbit,
+    turns: Array,
+    tolerance: float,
+    coarser: PeriodicOrbit | None,
 ) -> tuple[Complex, float]:
     """The same by the collocation that the orbit itself solves, on meshes half and twice as fine.
 
@@ -192,15 +201,17 @@ def _by_collocation(
     least = TOLERANCE if orbit.closing is not None else 0.0  # an iterate's, not the orbit's
     roots, error = _roots(motion, orbit), math.inf
     power = 2 if orbit.symmetric else 1
-    pairs = None if motion.model.pipe.has_kinks else _by_pairs(motion, orbit)
-    if pairs:
+    smooth = not motion.model.pipe.has_kinks
+    if coarser is not None and coarser.closing is not None and orbit.closing is not None and smooth:
+        error = max(left * _moved(_roots(motion, coarser) ** power, roots**power), least)
+    elif smooth and (pairs := _by_pairs(motion, orbit)):
         error = max(0.1 * _moved(_roots(motion, pairs) ** power, roots**power), least)
     for _ in range(MOST_HALVINGS):
         if error <= tolerance or 2 * len(orbit.starts) > MOST:
             break
         orbit = refined(motion, orbit, np.full(len(orbit.starts), 2))
-        coarser, roots = roots, _roots(motion, orbit)
-        last, error = error, left * _moved(coarser**power, roots**power)
+        before, roots = roots, _roots(motion, orbit)
+        last, error = error, left * _moved(before**power, roots**power)
         if error > 0.5 * last:
             break
     return roots, error

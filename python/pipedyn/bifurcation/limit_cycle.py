@@ -481,10 +481,11 @@ def finished(
 
 @dataclass(frozen=True)
 class Known:
-    """An orbit with its `amplitude_of`."""
+    """An orbit with its `amplitude_of`, and what it was refined from."""
 
     orbit: PeriodicOrbit
     peak: tuple[float, float]
+    coarser: PeriodicOrbit | None = None
 
 
 def refined_until(
@@ -523,10 +524,11 @@ def refined_until(
         if parts.sum() > MOST_INTERVALS:
             return known, error, f"that takes more than {MOST_INTERVALS} mesh intervals"
         try:
-            finer = solved(motion, refined(motion, orbit, parts, at_kinks=True), tolerance)
+            guess = refined(motion, orbit, parts, at_kinks=True)
+            finer = solved(motion, guess, tolerance, closing=enough > 0.0)
         except NewtonFailed as failure:
             return known, error, str(failure)
-        before, known = known, Known(finer, amplitude_of(motion, finer))
+        before, known = known, Known(finer, amplitude_of(motion, finer), orbit)
         measured = known.peak[0] / before.peak[0]
         change = max(abs(measured - 1.0), abs(finer.frequency / orbit.frequency - 1.0))
         change = max(change, 1e-13)  # answers of ever finer meshes differ by some 3e-14
@@ -601,7 +603,7 @@ def described(
     t = np.linspace(0.0, period, samples)
     y = orbit.states(first + orbit.frequency * t)
     q, qdot = motion.model.recorded(y[: motion.half].T.copy(), y[motion.half :].T.copy())
-    multipliers, _, change = orbit_multipliers(motion, orbit, tolerance)
+    multipliers, _, change = orbit_multipliers(motion, orbit, tolerance, known.coarser)
     # Rounding of eigenvalues of matrices of so many rows leaves about as much.
     change = max(change, multipliers.size * float(np.finfo(float).eps))
     others = np.abs(nontrivial(multipliers))

@@ -206,7 +206,7 @@ def onward(problem: Problem, point: Point, length: float) -> Iterator[Segment[Pr
                 if tried or edges.size > min(MOST_INTERVALS, 0.75 * before.size):
                     raise NewtonFailed(f"more than {MOST_INTERVALS} mesh intervals are needed")
                 tried = True
-            there, length = problem.remeshed(step.end.z, edges).packed(), step.length
+            there, length = problem.about(step.end.z, edges).origin, step.length
             problem, tangent = _on_mesh(problem, tangent, edges)
             bend = 2.0 * ((there - problem.origin) / length - tangent) / length  # leads there
         yield step
