@@ -369,10 +369,10 @@ def test_branches_on_an_executor_are_the_same(capsys):
 def test_a_speed_that_fails_is_marked_and_the_others_kept(monkeypatch):
     real = module.finished
 
-    def fails_once(motion, orbit, *rest):
+    def fails_once(motion, orbit, *rest, **options):
         if math.isclose(orbit.u, 4.8):
             raise pp.NotConverged("not there")
-        return real(motion, orbit, *rest)
+        return real(motion, orbit, *rest, **options)
 
     monkeypatch.setattr(module, "finished", fails_once)
     found = pp.bifurcation_diagram(THREE, [4.0, 4.7, 4.8, 4.9])

@@ -30,7 +30,8 @@ py::typing::Tuple<Numbers, Numbers> eliminated(const Numbers& durations, const N
                                                const Numbers& accelerations,
                                                const std::optional<Numbers>& by_frequency,
                                                const std::optional<Numbers>& by_speed,
-                                               double frequency, const Weights& weights) {
+                                               double frequency, const Weights& weights,
+                                               double mirror, const std::optional<Numbers>& units) {
   if (rates.ndim() != 3) {
     throw py::value_error("rates must have shape (M, s, n / 2), got " + shape_of(rates));
   }
@@ -47,6 +48,7 @@ py::typing::Tuple<Numbers, Numbers> eliminated(const Numbers& durations, const N
   require_size("nodes", nodes, stages);
   require_size("once", once, stages * stages);
   require_size("twice", twice, stages * stages);
+  if (units) require_size("units", *units, n);
   Numbers by(std::vector<py::ssize_t>{count, stages * half, n + 3});
   Numbers ends(std::vector<py::ssize_t>{count, n, n + 3});
   const Intervals intervals{
@@ -64,6 +66,8 @@ py::typing::Tuple<Numbers, Numbers> eliminated(const Numbers& durations, const N
       .nodes = nodes.data(),
       .once = once.data(),
       .twice = twice.data(),
+      .mirror = mirror,
+      .units = units ? units->data() : nullptr,
   };
   double* const to = by.mutable_data();
   double* const end = ends.mutable_data();
@@ -81,22 +85,18 @@ py::typing::Tuple<Numbers, Numbers> eliminated(const Numbers& durations, const N
   return py::make_tuple(by, ends);
 }
 
-py::typing::Tuple<Numbers, std::vector<py::ssize_t>> carried(const Numbers& maps,
-                                                             const Numbers& right, double most) {
-  const bool fit = maps.ndim() == 3 && right.ndim() == 3 && maps.shape(1) == maps.shape(2) &&
-                   right.shape(0) == maps.shape(0) && right.shape(1) == maps.shape(1);
-  if (!fit || maps.shape(0) == 0) {
-    throw py::value_error("maps and right must have shapes (M, n, n) and (M, n, k), got " +
-                          shape_of(maps) + " and " + shape_of(right));
+py::typing::Tuple<Numbers, std::vector<py::ssize_t>> carried(const Numbers& maps, double most) {
+  if (maps.ndim() != 3 || maps.shape(2) < maps.shape(1) || maps.shape(0) == 0) {
+    throw py::value_error("maps must have shape (M, n, n + k), got " + shape_of(maps));
   }
-  const py::ssize_t count = maps.shape(0), n = maps.shape(1), more = right.shape(2);
-  Numbers whole(std::vector<py::ssize_t>{count, n, n + more});
+  const py::ssize_t count = maps.shape(0), n = maps.shape(1), columns = maps.shape(2);
+  Numbers whole(std::vector<py::ssize_t>{count, n, columns});
   double* const to = whole.mutable_data();
   std::vector<py::ssize_t> begins(static_cast<std::size_t>(count));
   {
     const py::gil_scoped_release unlocked;
-    begins.resize(static_cast<std::size_t>(motion_kernel().carry_maps(
-        maps.data(), right.data(), count, n, more, most, to, begins.data())));
+    begins.resize(static_cast<std::size_t>(
+        motion_kernel().carry_maps(maps.data(), count, n, columns, most, to, begins.data())));
   }
   return py::make_tuple(whole, begins);
 }
@@ -126,8 +126,9 @@ Numbers states_of(const Numbers& edges, const Numbers& starts, const Numbers& ra
 
 void define_orbits(py::module_& m) {
   m.def("eliminated", &eliminated, "durations"_a, "starts"_a, "rates"_a, "jacobians"_a,
-        "accelerations"_a, "by_frequency"_a, "by_speed"_a, "frequency"_a, "weights"_a);
-  m.def("carried", &carried, "maps"_a, "right"_a, "most"_a);
+        "accelerations"_a, "by_frequency"_a, "by_speed"_a, "frequency"_a, "weights"_a,
+        "mirror"_a = 1.0, "units"_a = py::none());
+  m.def("carried", &carried, "maps"_a, "most"_a);
   m.def("orbit_states", &states_of, "edges"_a, "starts"_a, "rates"_a, "frequency"_a, "mirror"_a,
         "once"_a, "twice"_a, "phases"_a);
 }

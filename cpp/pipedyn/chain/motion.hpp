@@ -95,6 +95,8 @@ struct Intervals {
   const double* nodes;  // c (stages,)
   const double* once;   // O (stages, stages)
   const double* twice;  // T
+  double mirror;        // the state after the last interval is so many times the first, 1 or -1
+  const double* units;  // of the state (n,), or null for maps of single intervals alone
 };
 
 struct GalerkinKernel;
@@ -145,13 +147,15 @@ struct MotionKernel {
 
   /// Derivatives of each interval's accelerations (count, stages half, n + 3) and of the state at
   /// its end (count, n, n + 3) by the first state, a share of the residual, frequency and speed.
+  /// With units, the second are those of states in these, and what the state at the end misses of
+  /// the next interval's beginning is part of the residual.
   /// rows: room for stages half pointers. False if a matrix is singular.
   bool (*eliminate_stages)(const Intervals&, double** rows, double* rates, double* ends);
-  /// Of x -> T x + r of intervals, T (count, n, n), r (count, n, more), the products [P | R] up to
-  /// the end of each, (count, n, n + more), from the beginning of its run: a run ends before an
-  /// entry of P reaches most. Begins of runs (room for count), and how many there are.
-  std::ptrdiff_t (*carry_maps)(const double* maps, const double* right, std::ptrdiff_t count,
-                               std::ptrdiff_t n, std::ptrdiff_t more, double most, double* out,
+  /// Of x -> T x + r of intervals, [T | r] (count, n, columns), the products [P | R] up to the end
+  /// of each, as many, from the beginning of its run: a run ends before an entry of P reaches most.
+  /// Begins of runs (room for count), and how many there are.
+  std::ptrdiff_t (*carry_maps)(const double* maps, std::ptrdiff_t count, std::ptrdiff_t n,
+                               std::ptrdiff_t columns, double most, double* out,
                                std::ptrdiff_t* begins);
 
   bool (*finite)(const double* x, std::ptrdiff_t count);

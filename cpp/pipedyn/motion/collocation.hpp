@@ -145,6 +145,27 @@ bool eliminate_interval(const Intervals& of, Count m, double** rows, double* rat
   return true;
 }
 
+/// The map of interval m to its end in units of the state, and what this misses of the next state.
+void join_interval(const Intervals& of, Count m, double* ends) {
+  const Count s = of.stages, half = of.half, n = 2 * half, more = n + 3;
+  const double h = of.durations[m];
+  const double* const start = of.starts + m * n;
+  const double* const next = m + 1 < of.count ? start + n : of.starts;
+  const double sign = m + 1 < of.count ? 1.0 : of.mirror;
+  const double* const k = of.rates + m * s * half;
+  for (Count a = 0; a < n; ++a) {
+    double* const end = ends + a * more;
+    const double* const weights = (a < half ? of.twice : of.once) + (s - 1) * s;
+    double sum = 0.0;
+    for (Count j = 0; j < s; ++j) sum += weights[j] * k[j * half + a % half];
+    const double moved = a < half ? h * (start[half + a] + h * sum) : h * sum;
+    end[n] += start[a] + moved - sign * next[a];
+    const double inverse = 1.0 / of.units[a];
+    for (Count b = 0; b < n; ++b) end[b] *= of.units[b] * inverse;
+    for (Count b = n; b < more; ++b) end[b] *= inverse;
+  }
+}
+
 bool eliminate_stages(const Intervals& of, double** rows, double* rates, double* ends) {
   const Count n = 2 * of.half, size = of.stages * of.half, more = n + 3;
   const Count stride = whole_packs(size + more) + width;
@@ -155,19 +176,18 @@ bool eliminate_stages(const Intervals& of, double** rows, double* rates, double*
     if (!eliminate_interval(of, m, rows, rates + m * size * more, ends + m * n * more)) {
       return false;
     }
+    if (of.units != nullptr) join_interval(of, m, ends + m * n * more);
   }
   return true;
 }
 
-Count carry_maps(const double* maps, const double* right, Count count, Count n, Count more,
-                 double most, double* out, Count* begins) {
-  const Count columns = n + more;
+Count carry_maps(const double* maps, Count count, Count n, Count columns, double most, double* out,
+                 Count* begins) {
   Count runs = 0;
   begins[runs++] = 0;
   for (Count m = 0; m < count; ++m) {
     double* const to = out + m * n * columns;
-    const double* const map = maps + m * n * n;
-    const double* const own = right + m * n * more;
+    const double* const map = maps + m * n * columns;
     if (m > 0) {
       const double* const from = to - n * columns;
       double largest = 0.0;
@@ -175,22 +195,19 @@ Count carry_maps(const double* maps, const double* right, Count count, Count n, 
         double* const row = to + i * columns;
         for (Count j = 0; j < columns; ++j) row[j] = 0.0;
         for (Count k = 0; k < n; ++k) {
-          const double factor = map[i * n + k];
+          const double factor = map[i * columns + k];
           for (Count j = 0; j < columns; ++j) row[j] += factor * from[k * columns + j];
         }
         for (Count j = 0; j < n; ++j) {
           const double entry = std::fabs(row[j]);
           if (!(entry <= largest)) largest = entry;
         }
-        for (Count j = 0; j < more; ++j) row[n + j] += own[i * more + j];
+        for (Count j = n; j < columns; ++j) row[j] += map[i * columns + j];
       }
       if (largest < most) continue;
       begins[runs++] = m;
     }
-    for (Count i = 0; i < n; ++i) {
-      for (Count j = 0; j < n; ++j) to[i * columns + j] = map[i * n + j];
-      for (Count j = 0; j < more; ++j) to[i * columns + n + j] = own[i * more + j];
-    }
+    for (Count i = 0; i < n * columns; ++i) to[i] = map[i];
   }
   return runs;
 }

@@ -12,7 +12,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field, replace
-from functools import cache
+from functools import cache, partial
 from typing import Literal, cast
 
 import numpy as np
@@ -21,9 +21,16 @@ from numpy.typing import NDArray
 from pipedyn.bifurcation.brute_force import Failed
 from pipedyn.bifurcation.continuation import folds, sign_changes
 from pipedyn.bifurcation.equilibria import BALANCED, BranchPoint, EquilibriumBranch
-from pipedyn.bifurcation.floquet import EventKind, crossing_event, growth, orbit_multipliers
+from pipedyn.bifurcation.floquet import (
+    EventKind,
+    crossing_event,
+    growth,
+    orbit_multipliers,
+    quick_multipliers,
+)
 from pipedyn.bifurcation.hopf import HopfPoint, hopf_point
 from pipedyn.bifurcation.limit_cycle import (
+    ON_BRANCH,
     LimitCycle,
     NoCycle,
     amplitude_of,
@@ -381,7 +388,7 @@ class _Follower:
         What fails to meet the tolerance is a failure, and kept for what it is.
         """
         try:
-            return finished(self.motion, orbit, self.options.rtol, SAMPLES, self.how)
+            return finished(self.motion, orbit, self.options.rtol, SAMPLES, self.how, at_once=True)
         except NotConverged as error:
             self.failed.append((orbit.u, error))
             reached: LimitCycle | None = error.result
@@ -420,19 +427,25 @@ class _Follower:
 
         `last` is the cycle at its beginning, if that is known and kept.
         """
+        orbit = cache(partial(orbit_at, step))
 
         @cache
         def cycle(s: float) -> LimitCycle:
             if s == 0.0 and last is not None:
                 return last
-            return on_branch(self.motion, orbit_at(step, s), FINE.defect, SAMPLES, self.how)
+            return on_branch(self.motion, orbit(s), FINE.defect, SAMPLES, self.how)
+
+        @cache
+        def passing(s: float) -> Array:
+            quick = quick_multipliers(self.motion, orbit(s), ON_BRANCH)
+            return growth(cycle(s).multipliers if quick is None else quick)
 
         length = step.length
         found: list[Found] = [] if last is not None else [(0.0, cycle(0.0), None)]
         found.append((length, cycle(length), None))
         if max(cycle(s).multiplier_error for s in (0.0, length)) <= LARGEST_ERROR:
             turns = folds(step, 1e-5)  # the speed of a fold is known to the square of that
-            found += self._events(step, turns, cycle)
+            found += self._events(step, turns, cycle, passing)
             for part in step.parts(turns):
                 found += self._at_speeds(step, part)
         self._take(found)
@@ -447,14 +460,14 @@ class _Follower:
                 self.events.append(event)
 
     def _events(
-        self, step: Step, turns: list[float], cycle: Callable[[float], LimitCycle]
+        self,
+        step: Step,
+        turns: list[float],
+        cycle: Callable[[float], LimitCycle],
+        passing: Callable[[float], Array],
     ) -> Iterator[Found]:
         """Folds, at known lengths, and where multipliers cross the unit circle between them."""
         length = step.length
-
-        def values(s: float) -> Array:
-            return growth(cycle(s).multipliers)
-
         for s in turns:
             a = cycle(s)
             error = max(abs(step.at(s + 1e-3 * length).p - a.u), 1e-9)
@@ -464,7 +477,7 @@ class _Follower:
         for low, high in zip(ends[::2], ends[1::2], strict=True):
             if not low < high:
                 continue
-            for before, beyond in sign_changes(values, low, high, 3e-5 * length):
+            for before, beyond in sign_changes(passing, low, high, 3e-5 * length):
                 a, b = cycle(before), cycle(beyond)
                 roots = orbit_multipliers(self.motion, b.orbit)[1] if b.symmetric else b.multipliers
                 kind, multiplier = crossing_event(roots, b.symmetric)
@@ -484,11 +497,11 @@ class _Follower:
         speeds = self.options.speeds
         for u in speeds[(speeds >= low) & (speeds <= high) & (speeds != part.begin.p)].tolist():
             try:
-                z = part.where(u)
+                z, kept = part.where_and_kept(u)
             except NewtonFailed as reason:
                 self.failed.append((u, NoCycle(f"no cycle at u = {u:g}: {reason}", u)))
                 continue
-            cycle = self._finished(step.problem.orbit(z))
+            cycle = self._finished(replace(step.problem.orbit(z), closing=kept))
             if cycle is not None:
                 yield step.reach(z), cycle, None
                 self.closed = self.closed or self._is_first(cycle)

@@ -10,7 +10,7 @@ large multipliers cost none either. The cost is linear in the number of interval
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Self
 
 import numpy as np
@@ -35,6 +35,11 @@ from pipedyn.util.newton import NewtonFailed
 LOSS = 1e5
 """Largest entry of a product of intervals' maps: their rounding is 1e-11 then."""
 
+NEAR = 1e-3
+"""Length up to which an orbit has the derivatives by the speed of another. Newton's method then
+needs no more iterations, and a tangent is off by as much: at a fold not at all, where the speed's
+share of it is 0 whatever they are."""
+
 WEIGHTS = NODES, ONCE, TWICE
 """Of the method, as the core takes them."""
 
@@ -42,44 +47,46 @@ WEIGHTS = NODES, ONCE, TWICE
 
 
 def _condensed(
-    motion: VectorField, orbit: PeriodicOrbit, speed_varies: bool
-) -> tuple[Array, Array]:
-    """Derivatives of each interval's stages and of the state at its end.
+    motion: VectorField, orbit: PeriodicOrbit, by_speed: Array | None
+) -> tuple[Array, Array, Array]:
+    """Derivatives of each interval's stages and of the state at its end, and units of the state.
 
     By the state at its beginning, a share of the residual, the frequency and the speed: of the
     stages' rates, shape (M, s moving, 2 moving + 3), and of the state, (M, 2 moving, 2 moving + 3).
-    By the speed they are 0 where it does not vary.
+    The second are in the units of the state, shape (2 moving,); to its residual belongs what the
+    state misses of the next interval's. Those of the forces by the speed are given,
+    (moving, M s), or none where it does not vary.
     """
     half, u = motion.half, orbit.u
     motion = motion.along(stage_phases(orbit.edges).ravel(), orbit.frequency)
     y = _stages(motion, orbit)
     by_frequency = motion.by_frequency(y, u)[half:] if motion.forced else None
-    by_speed = motion.by_speed(y, u)[half:] if speed_varies and not motion.forced else None
+    jacobians = motion.jacobians(y, u)
+    units = _units(jacobians[0])
     factorised(len(orbit.starts))
-    return _core.eliminated(
-        orbit.durations,
-        orbit.starts,
-        orbit.rates,
-        motion.jacobians(y, u),
-        motion(y, u)[half:],
+    by_rates, ends = _core.eliminated(
+        *(orbit.durations, orbit.starts, orbit.rates, jacobians, motion(y, u)[half:]),
         by_frequency,
         by_speed,
         orbit.frequency,
         WEIGHTS,
+        orbit.mirror,
+        units,
     )
+    return by_rates, ends, units
 
 
 # -------------------------------------------------------------------------------- all intervals
 
 
-def carried(maps: Array, right: Array) -> tuple[Array, list[int]]:
+def carried(maps: Array) -> tuple[Array, list[int]]:
     """What the maps of intervals, one after the other, make of the state where their run begins.
 
-    Of x -> T x + r of each interval, T (M, n, n) and r (M, n, k), the products [P | R] up to its
-    end, (M, n, n + k), from the beginning of its run, and the first interval of each run. A run
-    ends where so much grows that digits would be lost.
+    Of x -> T x + r of each interval, [T | r] (M, n, n + k), the products [P | R] up to its end, as
+    many, from the beginning of its run, and the first interval of each run. A run ends where so
+    much grows that digits would be lost.
     """
-    return _core.carried(maps, right, LOSS)
+    return _core.carried(maps, LOSS)
 
 
 def _collapsed(whole: Array, begins: list[int]) -> tuple[Array, list[list[Array]]]:
@@ -88,7 +95,9 @@ def _collapsed(whole: Array, begins: list[int]) -> tuple[Array, list[list[Array]
     For each doubling of the runs also triangles T, L, R and C of the states x between, in
     T x = C - L x(begin) - R x(end).
     """
-    n, between = whole.shape[1], []
+    n, between = whole.shape[1], list[list[Array]]()
+    if len(begins) == 1:
+        return np.concatenate([-whole[-1, :, :n], np.eye(n), whole[-1, :, n:]], axis=1), between
     relations = whole[[*(k - 1 for k in begins[1:]), -1]]
     eye = np.zeros_like(relations[:, :, :n]) + np.eye(n)
     relations = np.concatenate([-relations[:, :, :n], eye, relations[:, :, n:]], axis=2)
@@ -112,7 +121,7 @@ def through(maps: Array) -> tuple[Array, Array]:
 
     R is the identity where no digits are lost.
     """
-    whole, _ = _collapsed(*carried(maps, maps[:, :, :0]))
+    whole, _ = _collapsed(*carried(maps))
     return whole[:, : maps.shape[1]], whole[:, maps.shape[1] :]
 
 
@@ -122,7 +131,8 @@ class Linearised:
     Args:
         phase: row and value of the condition row @ unknowns = value that fixes the phase, or of a
             forced motion the speed.
-        speed_varies: whether the speed is an unknown.
+        by_speed: derivatives of the accelerations at the stages by the speed, (moving, M s), as
+            `derivatives_by_speed` gives them; None where it is no unknown.
     """
 
     def __init__(
@@ -130,23 +140,19 @@ class Linearised:
         motion: VectorField,
         orbit: PeriodicOrbit,
         phase: tuple[Array, float],
-        speed_varies: bool = True,
+        by_speed: Array | None = None,
     ) -> None:
         self.orbit, self._phase = orbit, phase
         n, mirror = motion.size, orbit.mirror
-        self._rates, ends = _condensed(motion, orbit, speed_varies)
+        self._rates, ends, self._units = _condensed(motion, orbit, by_speed)
         if orbit.forced:  # what varies is the last
             for part in (self._rates, ends):
                 part[..., [n + 1, n + 2]] = part[..., [n + 2, n + 1]]
-        self._units = state_units(motion, orbit)
-        missed = orbit.ends() - np.concatenate([orbit.starts[1:], mirror * orbit.starts[:1]])
-        ends[:, :, n] += missed
-        ends /= self._units[:, None]
-        self._maps = ends[:, :, :n] * self._units
-        self._carried, begins = carried(self._maps, ends[:, :, n:])
+        self._carried, begins = carried(ends)
         self._runs = np.repeat(np.arange(len(begins)), np.diff([*begins, len(ends)]))
         whole, self._between = _collapsed(self._carried, begins)
-        self._first, self._last, self._right = np.split(whole, [n, 2 * n], axis=1)
+        self._first, self._last = whole[:, :n], whole[:, n : 2 * n]
+        self._right = whole[:, 2 * n :]
         self._matrix = np.zeros((n + 2, n + 2))
         self._matrix[:n, :n] = self._first + mirror * self._last
         self._matrix[:n, n:] = -self._right[:, 1:]
@@ -210,7 +216,7 @@ class Linearised:
             more[1 : 2 * pairs : 2] = np.linalg.solve(triangles, known)
             more[2 * pairs + 1 :] = ends[pairs + 1 :]
             ends = more
-        acting = np.broadcast_to(factors, (len(self._maps), *factors.shape))
+        acting = np.broadcast_to(factors, (len(self._runs), *factors.shape))
         later = self._carried @ np.concatenate([ends[self._runs], acting], axis=1)
         starts = np.concatenate([ends[:1], later[:-1]]) * self._units[:, None]
         rates = self._rates @ np.concatenate([starts, acting], axis=1)
@@ -223,10 +229,22 @@ class Linearised:
 def state_units(motion: VectorField, orbit: PeriodicOrbit) -> Array:
     """Units of the state in which positions and rates of its fastest mode are equally large."""
     first = motion.along(orbit.edges[:1], orbit.frequency)
-    stiffest = first.jacobian(orbit.starts[0], orbit.u)[motion.half :, : motion.half]
-    units = np.ones(motion.size)
-    units[motion.half :] = math.sqrt(max(float(np.abs(stiffest).max()), 1.0))
+    return _units(first.jacobian(orbit.starts[0], orbit.u))
+
+
+def _units(jacobian: Array) -> Array:
+    """The same from the derivatives of the rates of one state."""
+    half = len(jacobian) // 2
+    units = np.ones(2 * half)
+    units[half:] = math.sqrt(max(float(np.abs(jacobian[half:, :half]).max()), 1.0))
     return units
+
+
+def derivatives_by_speed(motion: VectorField, orbit: PeriodicOrbit) -> Array | None:
+    """Of the accelerations at the stages, (moving, M s); None of a forced motion."""
+    if motion.forced:
+        return None
+    return motion.by_speed(_stages(motion, orbit), orbit.u)[motion.half :]
 
 
 def stage_derivatives(motion: VectorField, orbit: PeriodicOrbit) -> Array:
@@ -243,9 +261,8 @@ def _stages(motion: VectorField, orbit: PeriodicOrbit) -> Array:
 
 def collocation_maps(motion: VectorField, orbit: PeriodicOrbit) -> tuple[Array, Array]:
     """What changes of a state become over each interval, (M, n, n), in units of the state, (n,)."""
-    _, ends = _condensed(motion, orbit, False)
-    units = state_units(motion, orbit)
-    return ends[:, :, : motion.size] * units / units[:, None], units
+    _, ends, units = _condensed(motion, orbit, None)
+    return ends[:, :, : motion.size], units
 
 
 # ----------------------------------------------------------------------------- Newton's method
@@ -282,6 +299,7 @@ class OrbitProblem(Continuation):
         super().__init__(np.zeros(start.starts.size + start.rates.size + 2), control)
         self.motion, self.start, self._speed_varies = motion, start, speed_varies
         self.unit = _unit_of(motion, start) if unit is None else unit
+        self._by_speed: tuple[Array, Array | None] | None = None  # and where it was taken
         by_state = self.weights[: start.starts.size].reshape(start.starts.shape)
         by_state[:, : motion.half] = np.diff(start.edges)[:, None] / (start.span * self.unit**2)
         self.weights[-2:] = start.frequency**-2, start.u**-2 if start.u > 0.0 else 1.0
@@ -321,9 +339,19 @@ class OrbitProblem(Continuation):
         """The equations about unknowns."""
         return self.about_orbit(self.orbit(z))
 
+    def kept(self, equations: Solver) -> tuple[Array, Array] | None:
+        """What leads to the multipliers of the orbit."""
+        return equations.closing if isinstance(equations, Linearised) else None
+
     def about_orbit(self, orbit: PeriodicOrbit) -> Linearised:
         """The equations of an orbit, about it."""
-        return Linearised(self.motion, orbit, self._phase, self._speed_varies)
+        by_speed = None
+        if self._speed_varies:
+            z = orbit.packed()
+            if self._by_speed is None or self.length(z - self._by_speed[0]) > NEAR:
+                self._by_speed = z, derivatives_by_speed(self.motion, orbit)
+            by_speed = self._by_speed[1]
+        return Linearised(self.motion, orbit, self._phase, by_speed)
 
     def relative(self, z: Array, step: Array) -> float:
         """Size of a step relative to the orbit's own size, its frequency and its speed."""
@@ -353,12 +381,18 @@ def _unit_of(motion: VectorField, orbit: PeriodicOrbit) -> float:
     return motion.reach * size / max(0.5 * float(np.ptp(across)), 0.01 * size)
 
 
-def solved(motion: VectorField, orbit: PeriodicOrbit, tolerance: float) -> PeriodicOrbit:
-    """The periodic orbit near another at its speed, on its mesh; NewtonFailed if none is found."""
+def solved(
+    motion: VectorField, orbit: PeriodicOrbit, tolerance: float, closing: bool = False
+) -> PeriodicOrbit:
+    """The periodic orbit near another at its speed, on its mesh; NewtonFailed if none is found.
+
+    closing: whether it has what leads to its multipliers, where the last step was short enough.
+    """
     control = OrbitControl(math.inf, tolerance=tolerance, stagnation=1e3 * tolerance, patience=None)
     problem = OrbitProblem(motion, orbit, control, unit=1.0, speed_varies=False)
     z = orbit.packed()
-    return problem.orbit(problem.fixed(z, float(z[-1])))
+    z, kept = problem.fixed_and_kept(z, float(z[-1]))
+    return replace(problem.orbit(z), closing=kept if closing else None)
 
 
 def residual(motion: VectorField, orbit: PeriodicOrbit) -> float:

@@ -16,6 +16,7 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
+from bisect import bisect_left
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cache, cached_property
@@ -38,9 +39,15 @@ FLAT = 0.3
 """Share of a step's steepest slope dp/ds below which there may be two folds within it: a cubic
 through the ends misjudges the slope between them by less, as tangents turn by `Control.turn`."""
 
+SOLVED = 1e-9
+"""Newton's last step up to which the equations about the last iterate are those of the solution:
+multipliers of cycles then move by 1e-7 at most."""
+
 End = Literal["range", "closed", "points", "not converged"]
 """Why a branch ends: at a limit, at its beginning, at the last point asked for, or because no next
 point was found."""
+
+EVERY = slice(None)
 
 Solver = Callable[[Array, float, float], Array]
 """G_z at a point, factorised. To row, gap and share it gives the dz with G_z dz = -share G and
@@ -67,6 +74,7 @@ class Point:
 
     z: Array
     tangent: Array
+    kept: Any = field(default=None, repr=False, compare=False)  # see `Continuation.kept`
 
     @property
     def x(self) -> Array:
@@ -105,6 +113,13 @@ class Continuation(ABC):
     def check(self, z: Array) -> None:
         """Raises NewtonFailed for what is not to be followed."""
 
+    def kept(self, equations: Solver) -> Any:
+        """What is worth keeping of the equations about a solution; nothing unless a problem says.
+
+        They are those of Newton's last step, if that is at most `SOLVED`.
+        """
+        return None
+
     def product(self, a: Array, b: Array) -> float:
         """Of two changes."""
         return float((self.weights * a) @ b)
@@ -140,26 +155,32 @@ class Continuation(ABC):
         """
         z = start.z + ds * start.tangent if guess is None else guess
         row = self.weights * start.tangent
-        z, equations = self._solved(z, row, float(row @ start.z) + ds)
-        return Point(z, self._unit(equations, row))
+        z, equations, kept = self._solved(z, row, float(row @ start.z) + ds)
+        return Point(z, self._unit(equations, row), kept)
 
     def fixed(self, guess: Array, p: float, index: int = -1) -> Array:
         """The solution z at a value of the parameter, or of another entry of z."""
+        return self.fixed_and_kept(guess, p, index)[0]
+
+    def fixed_and_kept(self, guess: Array, p: float, index: int = -1) -> tuple[Array, Any]:
+        """The same, and what is `kept` of the equations there."""
         row, start = np.zeros(guess.size), guess.copy()
         row[index], start[index] = 1.0, p
-        z, _ = self._solved(start, row, p)
+        z, _, kept = self._solved(start, row, p)
         z[index] = p  # to the bit
-        return z
+        return z, kept
 
-    def _solved(self, z: Array, row: Array, value: float) -> tuple[Array, Solver]:
-        """The solution with row @ z = value, and the equations about the last iterate."""
+    def _solved(self, z: Array, row: Array, value: float) -> tuple[Array, Solver, Any]:
+        """The solution with row @ z = value, the equations about the last iterate, and `kept`."""
         last: Solver | None = None
+        size = math.inf
 
         def correction(here: Array) -> tuple[Array, float]:
-            nonlocal last
+            nonlocal last, size
             last = self.linearised(here)
             step = last(row, value - float(row @ here), 1.0)
-            return step, self.relative(here, step)
+            size = self.relative(here, step)
+            return step, size
 
         control = self.control
         self.check(z)
@@ -174,7 +195,7 @@ class Continuation(ABC):
             check=self.check,
         )
         assert last is not None
-        return found, last
+        return found, last, self.kept(last) if size <= SOLVED else None
 
     def next(
         self: Problem, start: Point, step: float, bend: Array | None = None
@@ -251,16 +272,35 @@ class Segment(Generic[Problem]):
         return self.problem.product(self.begin.tangent, z - self.begin.z)
 
     @cached_property
-    def guess(self) -> scipy.interpolate.CubicHermiteSpline:
-        """The cubic through both ends with their tangents, a function of arc length."""
-        onward = self.end.tangent / self.problem.product(self.begin.tangent, self.end.tangent)
-        ends, slopes = [self.begin.z, self.end.z], [self.begin.tangent, onward]
-        return scipy.interpolate.CubicHermiteSpline([0.0, self.length], ends, slopes)
+    def _known(self) -> dict[float, tuple[Point, Array]]:
+        """Points by arc length with their derivative by it: the ends and those solved for."""
+        onward = self._derivative(self.end)
+        return {0.0: (self.begin, self.begin.tangent), self.length: (self.end, onward)}
+
+    def _derivative(self, point: Point) -> Array:
+        return point.tangent / self.problem.product(self.begin.tangent, point.tangent)
+
+    def guess(self, s: float, index: int | slice = EVERY) -> Array:
+        """About the solution at an arc length, on the cubic through the nearest known points.
+
+        These have their tangents, so that the cubic is Hermite's. index: of z, if not all is asked.
+        """
+        places = sorted(self._known)
+        i = min(max(bisect_left(places, s), 1), len(places) - 1)
+        h = places[i] - places[i - 1]
+        x = (s - places[i - 1]) / h
+        (a, first), (b, last) = (self._known[place] for place in places[i - 1 : i + 1])
+        before, u, v = a.z[index], h * first[index], h * last[index]
+        gap = b.z[index] - before
+        found: Array = before + x * (u + x * (3.0 * gap - 2.0 * u - v + x * (u + v - 2.0 * gap)))
+        return found
 
     def at(self, s: float) -> Point:
         """The point at an arc length."""
-        ends = {0.0: self.begin, self.length: self.end}
-        return ends.get(s) or self.problem.at(self.begin, s, self.guess(s))
+        if s not in self._known:
+            found = self.problem.at(self.begin, s, self.guess(s))
+            self._known[s] = found, self._derivative(found)
+        return self._known[s][0]
 
     def parts(self, lengths: list[float]) -> list[Segment[Problem]]:
         """The segments into which points at these arc lengths divide it."""
@@ -269,12 +309,20 @@ class Segment(Generic[Problem]):
 
     def where(self, p: float, index: int = -1) -> Array:
         """The solution at a value of the parameter, or another entry, between those at the ends."""
+        return self.where_and_kept(p, index)[0]
+
+    def where_and_kept(self, p: float, index: int = -1) -> tuple[Array, Any]:
+        """The same, and what is `kept` of the equations there."""
         ends = {0.0: self.begin.z[index], self.length: self.end.z[index]}
-        s = scipy.optimize.brentq(lambda s: ends.get(s, self.guess(s)[index]) - p, 0.0, self.length)
-        found = self.problem.fixed(self.guess(s), p, index)
+
+        def apart(s: float) -> float:
+            return float(ends[s] if s in ends else self.guess(s, index)) - p
+
+        s = scipy.optimize.brentq(apart, 0.0, self.length)
+        found, kept = self.problem.fixed_and_kept(self.guess(s), p, index)
         if not -0.5 * self.length <= self.reach(found) <= 1.5 * self.length:
             raise NewtonFailed("Newton's method left the neighbourhood of its start")
-        return found
+        return found, kept
 
 
 def path(

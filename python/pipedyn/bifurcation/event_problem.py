@@ -29,7 +29,7 @@ from typing import Literal, Self
 
 import numpy as np
 
-from pipedyn.bifurcation.collocation import Linearised, OrbitProblem
+from pipedyn.bifurcation.collocation import Linearised, OrbitProblem, derivatives_by_speed
 from pipedyn.bifurcation.continuation import Control, Solver
 from pipedyn.bifurcation.periodic_orbit import PeriodicOrbit
 from pipedyn.bifurcation.vector_field import VectorField
@@ -227,7 +227,8 @@ class EventProblem(OrbitProblem):
     def _equations(self, orbit: PeriodicOrbit, x: float) -> Linearised:
         """The collocation equations about an orbit at a value of the parameter."""
         phase = (self._phase[0], orbit.u) if orbit.forced else self._phase
-        return Linearised(self.family.at(x), orbit, phase, True)
+        motion = self.family.at(x)
+        return Linearised(motion, orbit, phase, derivatives_by_speed(motion, orbit))
 
     def _measure(
         self,

@@ -39,7 +39,8 @@ TOLERANCE, MOST_HALVINGS, MOST = 1e-7, 4, 4000
 of mesh intervals to get there: one mostly does. Mesh intervals: 2 GB for 100 segments."""
 
 TURN = 4.0
-"""Largest |lambda| h of an interval, for modes that persist: the error is 3e-8, at half 5e-13."""
+"""Largest |lambda| h of an interval, for modes that persist, up to which multipliers are known to
+TOLERANCE: the error is 3e-8, at half 5e-13, as its sixteenth power."""
 
 PARTS = 12.0
 """Parts into which Magnus' series first divides half a period, for each cube root of the fastest
@@ -55,11 +56,16 @@ EventKind = Literal[
 
 
 def orbit_multipliers(
-    motion: VectorField, orbit: PeriodicOrbit, tolerance: float = TOLERANCE
+    motion: VectorField,
+    orbit: PeriodicOrbit,
+    tolerance: float = TOLERANCE,
+    coarser: PeriodicOrbit | None = None,
 ) -> tuple[Complex, Complex, float]:
     """Floquet multipliers, the largest modulus first, their roots and the error of the worst.
 
     Finer meshes are tried until the error is at most the tolerance, which may remain out of reach.
+    `coarser` is the orbit on the mesh from which its own was refined, if that is known: where the
+    equations that were solved for both are, no others are needed.
 
     Of an orbit with a mirror the roots are the eigenvalues over half a period, reflected. The
     multipliers, shape (2 dof,), are their squares: the trivial one is 1 either way, and a
@@ -73,10 +79,10 @@ def orbit_multipliers(
     roots: Complex = np.empty(0, dtype=np.complex128)
     # No fine mesh is needed where the collocation resolves all modes without it. Kinks at phases
     # that are not known take the error that halving shows.
-    if turns.max() > TURN and (smooth := _between_kinks(motion, orbit)):
+    if turns.max() > _longest(tolerance) and (smooth := _between_kinks(motion, orbit)):
         roots, error = _by_magnus(motion, smooth, turns.sum(), tolerance)
     if not error <= tolerance:
-        others, other = _by_collocation(motion, orbit, turns, tolerance)
+        others, other = _by_collocation(motion, orbit, turns, tolerance, coarser)
         if not other > error:
             roots, error = others, other
     values: Complex = roots**2 if orbit.symmetric else roots
@@ -84,6 +90,26 @@ def orbit_multipliers(
     sizes = np.log(np.maximum(np.abs(values), 1e-300)).round(11)
     order = np.lexsort((-values.imag, -sizes))
     return values[order].astype(np.complex128), roots[order], error
+
+
+def quick_multipliers(
+    motion: VectorField, orbit: PeriodicOrbit, tolerance: float
+) -> Complex | None:
+    """The multipliers by the equations that were solved for the orbit, without their error.
+
+    None where these are not known, or would not give them to the tolerance.
+    """
+    if orbit.closing is None or motion.constrained or motion.model.pipe.has_kinks:
+        return None
+    if _turns(motion, orbit).max() > _longest(tolerance):
+        return None
+    roots = _roots(motion, orbit)
+    return roots**2 if orbit.symmetric else roots
+
+
+def _longest(tolerance: float) -> float:
+    """Largest |lambda| h of an interval with which multipliers are known to a tolerance."""
+    return TURN * (tolerance / TOLERANCE) ** 0.0625
 
 
 def _between_kinks(motion: VectorField, orbit: PeriodicOrbit) -> PeriodicOrbit | None:
@@ -157,7 +183,11 @@ def by_series(
 
 
 def _by_collocation(
-    motion: VectorField, orbit: PeriodicOrbit, turns: Array, tolerance: float
+    motion: VectorField,
+    orbit: PeriodicOrbit,
+    turns: Array,
+    tolerance: float,
+    coarser: PeriodicOrbit | None,
 ) -> tuple[Complex, float]:
     """The same by the collocation that the orbit itself solves, on meshes half and twice as fine.
 
@@ -165,24 +195,33 @@ def _by_collocation(
     not known; of both some more is allowed for.
     """
     left = 1e-3 if motion.model.kinks_known else 0.25
-    parts = np.ceil(np.maximum(turns / TURN, 1.0)).astype(int)
+    parts = np.ceil(np.maximum(turns / _longest(tolerance), 1.0)).astype(int)
     if (parts > 1).any() and 2 * parts.sum() <= MOST:
         orbit = refined(motion, orbit, parts)
-    roots, error = _eigenvalues(motion, orbit, *collocation_maps(motion, orbit)), math.inf
+    least = TOLERANCE if orbit.closing is not None else 0.0  # an iterate's, not the orbit's
+    roots, error = _roots(motion, orbit), math.inf
     power = 2 if orbit.symmetric else 1
-    pairs = None if motion.model.pipe.has_kinks else _by_pairs(motion, orbit)
-    if pairs:
-        before = _eigenvalues(motion, orbit, *collocation_maps(motion, pairs))
-        error = 0.1 * _moved(before**power, roots**power)
+    smooth = not motion.model.pipe.has_kinks
+    if coarser is not None and coarser.closing is not None and orbit.closing is not None and smooth:
+        error = max(left * _moved(_roots(motion, coarser) ** power, roots**power), least)
+    elif smooth and (pairs := _by_pairs(motion, orbit)):
+        error = max(0.1 * _moved(_roots(motion, pairs) ** power, roots**power), least)
     for _ in range(MOST_HALVINGS):
         if error <= tolerance or 2 * len(orbit.starts) > MOST:
             break
         orbit = refined(motion, orbit, np.full(len(orbit.starts), 2))
-        coarser, roots = roots, _eigenvalues(motion, orbit, *collocation_maps(motion, orbit))
-        last, error = error, left * _moved(coarser**power, roots**power)
+        before, roots = roots, _roots(motion, orbit)
+        last, error = error, left * _moved(before**power, roots**power)
         if error > 0.5 * last:
             break
     return roots, error
+
+
+def _roots(motion: VectorField, orbit: PeriodicOrbit) -> Complex:
+    """The roots of the multipliers by the collocation on the orbit's own mesh."""
+    if orbit.closing is not None and not motion.constrained:
+        return np.asarray(orbit.mirror * _eigenvalues_of(*orbit.closing))
+    return _eigenvalues(motion, orbit, *collocation_maps(motion, orbit))
 
 
 def _by_pairs(motion: VectorField, orbit: PeriodicOrbit) -> PeriodicOrbit | None:
@@ -218,10 +257,19 @@ def eigenvalues_through(maps: Array, allowed: Array | None = None) -> Complex:
     Raises:
         NewtonFailed: if they overflow.
     """
-    factorised()
     with np.errstate(over="raise", invalid="raise"):
         try:
             left, right = through(maps)
+        except (FloatingPointError, ValueError, np.linalg.LinAlgError) as error:
+            raise NewtonFailed("its Floquet multipliers overflow") from error
+    return _eigenvalues_of(left, right, allowed)
+
+
+def _eigenvalues_of(left: Array, right: Array, allowed: Array | None = None) -> Complex:
+    """The mu of L y + mu R y = 0, of y along allowed columns; raises `NewtonFailed` likewise."""
+    factorised()
+    with np.errstate(over="raise", invalid="raise"):
+        try:
             if allowed is not None:
                 allowed, _ = np.linalg.qr(allowed)
                 left = allowed.T @ np.linalg.solve(right, left @ allowed)

@@ -69,6 +69,10 @@ MOST_INTERVALS = 2000
 ROUNDING = 1e-11
 """Defects below may be rounding, and are lessened by halving intervals only."""
 
+SMOOTH = 0.1
+"""Share of the tolerance that the last halving of all intervals with a large defect may change
+where forces are smooth: what is left is smaller by some 2^-15."""
+
 SAMPLES_A_STAGE = 2
 """Samples for each stage of an orbit, from which its farthest displacements are narrowed down."""
 
@@ -425,9 +429,23 @@ def _last_period(motion: VectorField, u: float, going: Motion) -> PeriodicOrbit:
 
 
 def finished(
-    motion: VectorField, orbit: PeriodicOrbit, rtol: float, samples: int, how: str
+    motion: VectorField,
+    orbit: PeriodicOrbit,
+    rtol: float,
+    samples: int,
+    how: str,
+    at_once: bool = False,
 ) -> LimitCycle:
     """The cycle, refined until its amplitude and frequency converge and its multipliers are right.
+
+    Args:
+        motion: the vector field.
+        orbit: near it.
+        rtol: tolerance of amplitude and frequency.
+        samples: number of states that are given.
+        how: it was found.
+        at_once: whether one refinement is enough where forces are smooth and it changes little, be
+            the defects that are left what they may: half as many intervals or fewer.
 
     Raises:
         NotConverged: if the tolerance is out of reach; `result` holds what was reached.
@@ -436,7 +454,8 @@ def finished(
     largest = rtol * (1e-1 if motion.model.pipe.has_kinks else 1e-3)
     tolerance = min(1e-7, 1e-2 * rtol)
     for _ in range(CHECKS):
-        known, error, reason = refined_until(motion, orbit, largest, rtol, tolerance)
+        enough = SMOOTH * rtol if at_once and not motion.model.pipe.has_kinks else 0.0
+        known, error, reason = refined_until(motion, orbit, largest, rtol, tolerance, enough)
         orbit = known.orbit
         try:
             result = described(motion, known, error, samples, how)
@@ -462,29 +481,38 @@ def finished(
 
 @dataclass(frozen=True)
 class Known:
-    """An orbit with its `amplitude_of`."""
+    """An orbit with its `amplitude_of`, and what it was refined from."""
 
     orbit: PeriodicOrbit
     peak: tuple[float, float]
+    coarser: PeriodicOrbit | None = None
 
 
 def refined_until(
-    motion: VectorField, orbit: PeriodicOrbit, largest: float, rtol: float, tolerance: float
+    motion: VectorField,
+    orbit: PeriodicOrbit,
+    largest: float,
+    rtol: float,
+    tolerance: float,
+    enough: float = 0.0,
 ) -> tuple[Known, float, str]:
     """The orbit on a finer mesh, what the last refinement changed, and why it went no further.
 
     Refined are the intervals with a large defect, and all of them where there is none, until what
     is left of the defects is rounding: halving the intervals lessens that to a half at best, but to
-    an eighth what it resolves, even at the kinks of forces.
+    an eighth what it resolves, even at the kinks of forces. A change up to `enough` is the last.
     """
     # With kinks two answers may agree by chance: an error falls by the fourth power of h at most.
     known, error, worst = Known(orbit, amplitude_of(motion, orbit)), math.inf, math.inf
-    last = math.inf if motion.model.pipe.has_kinks else 0.0
+    smooth = not motion.model.pipe.has_kinks
+    last = 0.0 if smooth else math.inf
     most = 2  # parts of an interval
     while True:
         orbit = known.orbit
         defects = orbit.defects()
         coarse, coarsest, worst = defects > largest, worst, float(defects.max())
+        if error <= enough:
+            return known, error, ""
         if error <= 0.5 * rtol and (not coarse.any() or worst > 0.25 * coarsest):
             return known, error, ""
         if not coarse.any():
@@ -496,15 +524,16 @@ def refined_until(
         if parts.sum() > MOST_INTERVALS:
             return known, error, f"that takes more than {MOST_INTERVALS} mesh intervals"
         try:
-            finer = solved(motion, refined(motion, orbit, parts, at_kinks=True), tolerance)
+            guess = refined(motion, orbit, parts, at_kinks=True)
+            finer = solved(motion, guess, tolerance, closing=enough > 0.0)
         except NewtonFailed as failure:
             return known, error, str(failure)
-        before, known = known, Known(finer, amplitude_of(motion, finer))
+        before, known = known, Known(finer, amplitude_of(motion, finer), orbit)
         measured = known.peak[0] / before.peak[0]
         change = max(abs(measured - 1.0), abs(finer.frequency / orbit.frequency - 1.0))
         change = max(change, 1e-13)  # answers of ever finer meshes differ by some 3e-14
         error, last = max(change, last / 16.0), change
-        most = 2 if motion.model.pipe.has_kinks else 4
+        most = 4 if smooth else 2
 
 
 def amplitude_of(motion: VectorField, orbit: PeriodicOrbit) -> tuple[float, float]:
@@ -574,7 +603,7 @@ def described(
     t = np.linspace(0.0, period, samples)
     y = orbit.states(first + orbit.frequency * t)
     q, qdot = motion.model.recorded(y[: motion.half].T.copy(), y[motion.half :].T.copy())
-    multipliers, _, change = orbit_multipliers(motion, orbit, tolerance)
+    multipliers, _, change = orbit_multipliers(motion, orbit, tolerance, known.coarser)
     # Rounding of eigenvalues of matrices of so many rows leaves about as much.
     change = max(change, multipliers.size * float(np.finfo(float).eps))
     others = np.abs(nontrivial(multipliers))

@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import islice
 from typing import TypeVar, cast
 
@@ -59,7 +59,8 @@ Step = Segment[OrbitProblem]
 
 def orbit_at(step: Step, s: float) -> PeriodicOrbit:
     """The orbit at an arc length from the beginning of a step."""
-    return step.problem.orbit(step.at(s).z)
+    point = step.at(s)
+    return replace(step.problem.orbit(point.z), closing=point.kept)
 
 
 def solved_anew(
@@ -205,8 +206,9 @@ def onward(problem: Problem, point: Point, length: float) -> Iterator[Segment[Pr
                 if tried or edges.size > min(MOST_INTERVALS, 0.75 * before.size):
                     raise NewtonFailed(f"more than {MOST_INTERVALS} mesh intervals are needed")
                 tried = True
-            (problem, tangent), bend = _on_mesh(problem, tangent, edges), None
-            length = step.length
+            there, length = problem.about(step.end.z, edges).origin, step.length
+            problem, tangent = _on_mesh(problem, tangent, edges)
+            bend = 2.0 * ((there - problem.origin) / length - tangent) / length  # leads there
         yield step
         problem, tangent = problem.about(step.end.z), step.end.tangent
         length, bend = following, step.bend

@@ -74,6 +74,9 @@ class PeriodicOrbit:
     frequency: float
     u: float
     forced: bool = False
+    closing: tuple[Array, Array] | None = field(default=None, repr=False, compare=False)
+    """L and R, (n, n) each, of L y(0) + R y(span) = 0 for small changes y of the state, in units of
+    it, where the equations that were solved for the orbit are known."""
 
     @property
     def span(self) -> float:
@@ -157,6 +160,7 @@ class PeriodicOrbit:
             rates=rates.reshape(self.rates.shape),
             frequency=float(frequency),
             u=float(u),
+            closing=None,
         )
 
     def doubled(self, sign: float = 1.0) -> PeriodicOrbit:
