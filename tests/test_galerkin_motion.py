@@ -4,7 +4,7 @@
 import math
 import re
 from concurrent.futures import ThreadPoolExecutor
-from functools import partial
+from functools import cache, partial
 
 import numpy as np
 import pytest
@@ -104,7 +104,7 @@ def test_pipe_and_fluid_obey_dalembert(m, basis, flow):
     panel, panel_weights = gauss(8)
     s = ((np.arange(30)[:, None] + panel) / 30).ravel()  # many panels: the drag has kinks
     weights = np.tile(panel_weights / 30, 30)
-    for _ in range(3):
+    for _ in range(2):
         y = state(model, rng, angle=rng.uniform(0.3, 2.0))
         q, rate = y[:m], y[m:]
         motion = partial(moved, q=q, rate=rate, acceleration=model.rhs(0.0, y, u)[m:])
@@ -592,13 +592,19 @@ def test_other_bad_arguments_are_refused():
         MODEL.operators([0.0, math.nan, 0.0])
 
 
+@cache
+def many_nodes():
+    """Gauss nodes and weights, which take longer than what is integrated by them."""
+    return np.polynomial.legendre.leggauss(1500)
+
+
 @pytest.mark.parametrize("basis", ["beam", "legendre"])
 @pytest.mark.parametrize("turns", [0.01, 0.5, 5.0, 150.0])  # the last beyond the core's grids
 def test_tips_and_their_velocities_are_integrals_of_the_centreline(basis, turns):
     model = pp.Galerkin(pp.Pipe(0.3, 5.0), 3, basis)
     q = model.bent(lambda s: 2.0 * np.pi * turns * s) * np.linspace(0.9, 1.0, 9)[:, None]
     rates = np.linspace(-1.0, 2.0, 27).reshape(9, 3)
-    nodes, weights = np.polynomial.legendre.leggauss(1500)
+    nodes, weights = many_nodes()
     slopes = model.functions(0.5 + 0.5 * nodes, 1)
     angles, turning = q @ slopes.T, rates @ slopes.T
     sine, cosine = np.sin(angles), np.cos(angles)

@@ -134,11 +134,9 @@ def lyapunov_exponent(
         raise ValueError(f"interval must cut the time into at most {MOST_INTERVALS} parts")
 
     def rates(y: Array) -> Array:
-        evaluated(y[0].size)
         return model.motion_rates(y, u)
 
     def jacobian(y: Array) -> Array:
-        evaluated(1)
         return model.motion_jacobian(y, u)
 
     return largest_exponent(
@@ -185,6 +183,7 @@ def largest_exponent(
 
     def slopes_by_state(whole: Array) -> Array:
         """The same block twice: Newton's method does without the Jacobian's own change."""
+        evaluated(1)
         block = jacobian(whole[:n])
         return np.asarray(scipy.linalg.block_diag(block, block))
 
@@ -192,11 +191,12 @@ def largest_exponent(
     for i in track(range(growth.size), growth.size, "exponent", shown):
         whole = np.concatenate([state, length * direction + (state if pair else 0.0)])
         try:
-            found = state_after(
+            found, calls = state_after(
                 *(slopes, whole, step, rtol, atol), slopes_by_state if stiff else None
             )
         except Stopped as stopped:
             raise NotConverged(f"the motion stopped: {stopped}") from None
+        evaluated(2 * calls)  # of both states, or of one with its Jacobian
         state = found[:n]
         difference = found[n:] - state if pair else found[n:]
         size = float(np.linalg.norm(difference))
