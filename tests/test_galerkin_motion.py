@@ -4,11 +4,11 @@
 import math
 import re
 from concurrent.futures import ThreadPoolExecutor
-from functools import cache, partial
+from functools import partial
 
 import numpy as np
 import pytest
-from independent import derivative, gauss, second_derivative
+from independent import derivative, gauss, leggauss, second_derivative
 from numpy.polynomial import Legendre
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq, root
@@ -587,19 +587,13 @@ def test_other_bad_arguments_are_refused():
         MODEL.operators([0.0, math.nan, 0.0])
 
 
-@cache
-def many_nodes():
-    """Gauss nodes and weights, which take longer than what is integrated by them."""
-    return np.polynomial.legendre.leggauss(1500)
-
-
 @pytest.mark.parametrize("basis", ["beam", "legendre"])
 @pytest.mark.parametrize("turns", [0.01, 0.5, 5.0, 150.0])  # the last beyond the core's grids
 def test_tips_and_their_velocities_are_integrals_of_the_centreline(basis, turns):
     model = pp.Galerkin(pp.Pipe(0.3, 5.0), 3, basis)
     q = model.bent(lambda s: 2.0 * np.pi * turns * s) * np.linspace(0.9, 1.0, 9)[:, None]
     rates = np.linspace(-1.0, 2.0, 27).reshape(9, 3)
-    nodes, weights = many_nodes()
+    nodes, weights = leggauss(1500)
     slopes = model.functions(0.5 + 0.5 * nodes, 1)
     angles, turning = q @ slopes.T, rates @ slopes.T
     sine, cosine = np.sin(angles), np.cos(angles)
