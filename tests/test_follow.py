@@ -157,3 +157,137 @@ def test_what_cannot_be_followed_is_refused_by_name(words, more, message):
 def test_where_there_is_no_solution_near_the_start_it_says_so():
     with pytest.raises(pp.NotConverged, match="no solution to follow was found near x0 at p = 0"):
         follow(lambda x, p: x**2 + 1.0 + p**2, [0.3], 0.0, (-1.0, 1.0))
+
+
+def circle(x, p):
+    """Folds at p = -1 and 1, where x = 0."""
+    return x**2 + p**2 - 1.0
+
+
+def test_exceptions_of_the_equations_end_the_branch_which_says_so_and_keeps_what_it_has():
+    def broken(error):
+        def equations(x, p):
+            if p > 0.5:
+                raise error
+            return x - p
+
+        return equations
+
+    for error in (ValueError("no such pipe"), RuntimeError("no such pipe"), KeyError("pipe")):
+        branch = follow(broken(error), [0.0], 0.0, (-1.0, 1.0))
+        assert branch.ends == ("range", "not converged")
+        assert branch.p[-1] == pytest.approx(0.5, abs=1e-4)
+        (failure,) = branch.failures
+        assert failure.startswith(
+            f"the branch was not followed beyond p = {branch.p[-1]:.6g}, x = ["
+        )
+        assert f"problem raised {type(error).__name__}: {error}, at p = 0.5" in failure
+        with pytest.raises(type(error)):  # at the start it passes through
+            follow(broken(error), [0.6], 0.6, (-1.0, 1.0))
+
+
+def test_where_equations_are_not_defined_it_says_so():
+    branch = follow(lambda x, p: x - np.sqrt(0.3 - p), [0.5], 0.05, (0.0, 1.0), step=0.02)
+    assert branch.ends == ("range", "not converged")
+    assert branch.p[-1] == pytest.approx(0.3, abs=1e-5)
+    (failure,) = branch.failures
+    assert "problem gives nan at p = 0.3" in failure
+
+
+def test_a_problem_of_its_own_that_raises_ends_the_branch_too():
+    def equations(x, p):
+        if p > 0.5:
+            raise RuntimeError("no such pipe")
+        return x - p, np.array([[1.0, -1.0]])
+
+    branch = follow(DenseProblem(equations, 1, 1.0, Control(0.1)), [0.0], 0.0, (-1.0, 1.0))
+    assert branch.ends == ("range", "not converged")
+    assert branch.failures[0].endswith("RuntimeError: no such pipe")
+
+
+def test_a_branch_that_takes_too_many_points_says_so():
+    branch = follow(lambda x, p: x - p, [0.0], 0.0, (-1.0, 1.0), points=3)
+    assert branch.ends == ("points", "points")
+    for failure, p in zip(branch.failures, branch.p[[0, -1]], strict=True):
+        assert failure.startswith(f"the branch was not followed beyond p = {p:.6g}, x = [")
+        assert failure.endswith(": it takes more than 3 points")
+    assert follow(lambda x, p: x - p, [0.0], 0.0, (-1.0, 1.0)).failures == ()
+
+
+@pytest.mark.parametrize(
+    ("derivative", "message"),
+    [
+        (
+            lambda x, p: [[3.0 * x[0] ** 2 - 2.0, -1.0]],
+            "of G[0] by x[0] at x0 and p0 it gives 3.88",
+        ),
+        (lambda x, p: [[3.0 * x[0] ** 2 - 1.0, 1.0]], "of G[0] by p at x0 and p0 it gives 1, and "),
+    ],
+)
+def test_a_derivative_that_is_not_that_of_the_equations_is_refused(derivative, message):
+    with pytest.raises(ValueError, match="derivative must be that of problem") as caught:
+        follow(cubic, [-1.4], -1.344, (-2.0, 2.0), derivative=derivative)
+    assert message in str(caught.value)
+
+
+def test_a_scale_out_of_proportion_is_named():
+    def small(x, p):
+        return (x / 1e-6) ** 3 - x / 1e-6 - p
+
+    def exact(x, p):
+        return np.array([[(3.0 * (x[0] / 1e-6) ** 2 - 1.0) / 1e-6, -1.0]])
+
+    said = "scale is out of proportion: it is 1, and x is about {}: folds may be passed over"
+    branch = follow(small, [-1.4e-6], -1.344, (-2.0, 2.0), derivative=exact)
+    assert branch.failures[-1] == said.format("2e-06")
+    with pytest.raises(pp.NotConverged, match=said.format("5e-06")):
+        follow(lambda x, p: small(x, p) ** 2 + 1.0, [5e-6], 0.0, (-2.0, 2.0))
+    branch = follow(small, [-1.4e-6], -1.344, (-2.0, 2.0), scale=1e-6)
+    assert branch.ends == ("range", "range")
+    assert len(branch.folds) == 2
+
+
+def test_differences_are_in_proportion_to_the_interval():
+    branch = follow(lambda x, p: cubic(x, 1e9 * p), [-1.4], -1.344e-9, (-2e-9, 2e-9))
+    assert branch.ends == ("range", "range")
+    assert len(branch.folds) == 2
+
+
+@pytest.mark.parametrize(("x0", "p0"), [(0.0, 1.0), (0.003, 1.0), (0.0, -1.0)])
+def test_a_start_on_a_fold_is_followed(x0, p0):
+    branch = follow(circle, [x0], p0, (-2.0, 2.0))
+    assert branch.ends == ("closed", "closed")
+    assert branch.x[0, 0] == pytest.approx(x0, abs=1e-5)
+    assert branch.tangents[0, 0] > 0.99
+    assert np.abs(circle(branch.x[:, 0], branch.p)).max() < 1e-12
+    cut = follow(circle, [x0], p0, (-2.0, 2.0), limits={0: (-0.5, 0.5)})
+    assert cut.ends == ("range", "range")
+    assert cut.x[[0, -1], 0].tolist() == [-0.5, 0.5]
+
+
+def test_zeros_of_tests_at_both_ends_are_reported_once():
+    tests = {"first": lambda x, p: x[0] + 1.0, "last": lambda x, p: x[0] - 1.0}
+    branch = follow(lambda x, p: x - p, [0.0], 0.0, (-1.0, 1.0), tests=tests)
+    assert [(one.kind, one.p) for one in branch.points] == [("first", -1.0), ("last", 1.0)]
+    around = follow(circle, [1.0], 0.0, (-2.0, 2.0), tests={"start": lambda x, p: p})
+    starts = [point for point in around.points if point.kind == "start"]
+    assert sorted(point.x[0] for point in starts) == pytest.approx([-1.0, 1.0], abs=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("test", "said"),
+    [
+        (lambda x, p: np.sqrt(0.25 - p) - 0.6, "it gives nan at p = "),
+        (lambda x, p: x[0] + 0.11 if p < 0.25 else {}["here"], "KeyError: 'here'"),
+    ],
+)
+def test_a_test_that_gives_no_number_is_told_and_keeps_the_others(test, said):
+    tests = {"root": test, "zero": lambda x, p: x[0]}
+    branch = follow(lambda x, p: x - p, [-0.5], -0.5, (-1.0, 1.0), tests=tests)
+    assert branch.ends == ("range", "range")
+    assert [point.kind for point in branch.points] == ["root", "zero"]
+    (failure,) = branch.failures
+    assert failure.startswith("zeros of tests['root'] are not known from p = 0.2")
+    assert said in failure
+    with pytest.raises(TypeError, match="tests\\['root'\\] must give a number, got"):
+        follow(lambda x, p: x - p, [0.0], 0.0, (-1.0, 1.0), tests={"root": lambda x, p: x})

@@ -146,7 +146,7 @@ class Tracer:
         limits = [(-1, 0.0, 1.0), (-2, 0.0, 1.0)]
         if z.size == 3:
             limits.append((0, 0.0, math.inf))
-        points, ends = path(problem, problem.starting_at(z), limits, 0.3 * LONGEST, MOST_POINTS)
+        points, ends, _ = path(problem, problem.starting_at(z), limits, 0.3 * LONGEST, MOST_POINTS)
         first, last = (
             "Bogdanov-Takens" if end == "range" and point.z.size == 3 and point.z[0] <= 0.0 else end
             for end, point in zip(ends, (points[0], points[-1]), strict=True)
