@@ -14,6 +14,7 @@ import pipedyn as pp
 from pipedyn.bifurcation import brute_force
 from pipedyn.bifurcation import diagram as module
 from pipedyn.bifurcation.brute_force import ending_of, turning_points
+from pipedyn.bifurcation.motion_options import MotionOptions, initial_bends
 from pipedyn.util.counters import counted
 
 TWO = pp.Chain(pp.Pipe(0.2, -20.0), 2)
@@ -190,13 +191,13 @@ def test_irregular_motions_are_named_and_those_that_are_spread_alike_share_an_ex
 def test_settled_motions_end_early_where_they_would_have_ended(monkeypatch):
     model = pp.Galerkin(pp.Pipe(0.2), 4)
     speeds = np.array([4.0, 6.5, 8.0])
-    options = brute_force.MotionOptions(100.0, 40.0, 1e-6, False)
-    starts = brute_force.initial_bends(model, 2, 0)
+    options = MotionOptions(100.0, 40.0, 1e-6, False)
+    starts = initial_bends(model, 2, 0)
     answers, costs = [], []
     for first_look in (brute_force.FIRST_LOOK, 200.0):
         monkeypatch.setattr(brute_force, "FIRST_LOOK", first_look)
         with counted() as work:
-            answers.append(brute_force.attractors(model, speeds, starts, options, [], None, False))
+            answers.append(brute_force.attractors(model, speeds, starts, options, []))
         costs.append(work.right_hand_sides)
     assert costs[0] < 0.25 * costs[1]
     for early, late in zip(*answers, strict=True):
@@ -208,8 +209,8 @@ def test_settled_motions_end_early_where_they_would_have_ended(monkeypatch):
 def test_a_motion_that_rests_where_nothing_stays_goes_on():
     # Upright and too heavy: 1e-12 beside the straight pipe a motion rests for a while.
     start = np.full(2, 1e-12)
-    options = brute_force.MotionOptions(40.0, 10.0, 1e-6, False)
-    (one,) = brute_force.attractors(TWO, np.array([1.0]), [start], options, [], None, False)
+    options = MotionOptions(40.0, 10.0, 1e-6, False)
+    (one,) = brute_force.attractors(TWO, np.array([1.0]), [start], options, [])
     stable = pp.equilibria(TWO, 1.0)
     assert np.abs(stable.tips[stable.stable, 0] - one.turnings[-1]).min() < 1e-2
 
@@ -242,7 +243,7 @@ def test_a_cycle_attracts_what_starts_beside_it_and_comes_nearer(change, attract
 
 def test_starts_of_guided_scenes_meet_the_guide():
     scene = pp.modular.chain(pp.Pipe(0.2, damping=0.05), n=3).plus(pp.modular.Guide(node=3))
-    for q in brute_force.initial_bends(scene, 5, 1):
+    for q in initial_bends(scene, 5, 1):
         assert abs(scene.tips(q[:, None])[0, 0]) < 1e-9
 
 

@@ -12,7 +12,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import partial
 from itertools import pairwise
@@ -31,9 +30,9 @@ from pipedyn.bifurcation.capture import (
     watched,
 )
 from pipedyn.bifurcation.known_solutions import KnownSolution
-from pipedyn.models.base import Model, PipedynError
+from pipedyn.bifurcation.motion_options import FIRST_LOOK, SAMPLES_A_TIME, MotionOptions
+from pipedyn.models.base import Model
 from pipedyn.models.chain import Chain
-from pipedyn.models.drive import Base, Speed
 from pipedyn.models.galerkin import Galerkin
 from pipedyn.motion.integrator import Outcome, Task
 from pipedyn.motion.lyapunov import LyapunovExponent, exponents_together
@@ -44,11 +43,8 @@ from pipedyn.motion.simulate import (
     assembled,
     checked_task,
     in_batches,
-    modal_bend,
-    slight_bend,
 )
 from pipedyn.util.check import Array
-from pipedyn.util.later import futures
 from pipedyn.util.parallel import parallel
 from pipedyn.util.result import result
 
@@ -74,10 +70,6 @@ are compared to 10 rtol of the range; over ten periods of 36 cycles, from just a
 1.5 times its speed, motions missed 0.06 of that at most without drag, but 0.6 of it once; with
 drag all of it at rtol, and a tenth of it, once 0.6, at rtol / 10."""
 
-FIRST_LOOK = 4.0
-"""Time after which motions are looked at for the first time, some ten periods of flutter; then
-after as much again or half the time so far. Of 3, 4, 5, 6 and 8 the cheapest, measured."""
-
 JOINED = 0.25
 """Share of the transient after which motions from several starts at one speed go on as one, if they
 are irregular and their turning points were spread alike at two looks one after the other. Where
@@ -89,9 +81,6 @@ a thousand times what turning points err."""
 
 NEIGHBOUR = -1
 """Of a motion that begins beside a member of a batch and is none itself, for its number."""
-
-SAMPLES_A_TIME = 100
-"""Samples in a unit of time: cubics through them give a maximum of flutter to 1e-6."""
 
 
 @result
@@ -136,52 +125,12 @@ class Attractor:
         return "quasi-periodic"
 
 
-@dataclass(frozen=True)
-class MotionOptions:
-    """How motions are computed, and whether the exponents of irregular ones are."""
-
-    transient: float  # time left out
-    duration: float  # time recorded
-    rtol: float
-    exponents: bool
-    flow: Speed | None = None  # one that pulsates, in place of the speeds
-    base: Base | None = None  # its motion
-
-    @property
-    def samples(self) -> int:
-        """Of each motion at a time, at most."""
-        return self.samples_of(max(self.duration, 2.0 * FIRST_LOOK))
-
-    def samples_of(self, time: float) -> int:
-        """Of each motion over some time."""
-        return max(math.ceil(time * SAMPLES_A_TIME), 100) + 1
-
-
-def initial_bends(model: Model, count: int, seed: int) -> list[Array]:
-    """Initial coordinates, the first a slight bend, the others mixtures of three shapes.
-
-    Amplitudes range from a hundredth of a radian to some radians.
-    """
-    random = np.random.default_rng(seed)
-    found = [model.bent(slight_bend)]
-    while len(found) < count:
-        parts = random.uniform(-1.0, 1.0, 3) * np.array([2.0, 1.0, 0.5])
-        parts *= 10.0 ** random.uniform(-1.5, 0.0)
-        for halved in 0.5 ** np.arange(6):
-            with suppress(PipedynError):  # guides and pins that such a bend cannot meet
-                found.append(model.bent(modal_bend(halved * parts)))
-                break
-    return found
-
-
 def attractors(
     model: Model,
     speeds: Array,
     starts: list[Array],
     options: MotionOptions,
     failed: list[Failed],
-    executor: futures.Executor | None,
-    shown: bool,
     known: Mapping[float, Sequence[KnownSolution]] = MappingProxyType({}),
 ) -> tuple[Attractor, ...]:
     """Where motions end, from each start at each speed, where some solutions may be known."""
@@ -192,8 +141,9 @@ def attractors(
     indices = np.array_split(np.arange(units), math.ceil(units / (most // together)))
     parts = [members[part[0] * together : (part[-1] + 1) * together] for part in indices]
     found: list[Attractor] = []
+    executor, shown, sent = options.executor, options.shown, replace(options, executor=None)
     jobs = [
-        partial(_batch, model, part, starts, options, {u: known.get(u, ()) for u, _ in part})
+        partial(_batch, model, part, starts, sent, {u: known.get(u, ()) for u, _ in part})
         for part in parts
     ]
     answers = parallel(jobs, executor, label="brute force", progress=shown)
@@ -209,7 +159,7 @@ def attractors(
         alike = _alike([i for i, one in enumerate(found) if one.ending == "irregular"], found)
         groups = [alike[i : i + BATCH // 2] for i in range(0, len(alike), BATCH // 2)]
         of = [[found[same[0]] for same in group] for group in groups]
-        exponents = [partial(_exponents, model, some, options) for some in of]
+        exponents = [partial(_exponents, model, some, sent) for some in of]
         results = parallel(exponents, executor, label="exponents", progress=shown)
         for group, result in zip(groups, results, strict=True):
             each = [result] * len(group) if isinstance(result, Exception) else result

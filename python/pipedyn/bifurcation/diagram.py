@@ -25,12 +25,9 @@ from pipedyn.bifurcation.branches import (
 )
 from pipedyn.bifurcation.brute_force import (
     RECURRENCE,
-    SAMPLES_A_TIME,
     Attractor,
     Failed,
-    MotionOptions,
     attractors,
-    initial_bends,
 )
 from pipedyn.bifurcation.equilibria import (
     LARGEST,
@@ -47,11 +44,12 @@ from pipedyn.bifurcation.limit_cycle import (
     cycle_from,
     limit_cycle,
 )
+from pipedyn.bifurcation.motion_options import MotionOptions, initial_bends
 from pipedyn.bifurcation.vector_field import VectorField
 from pipedyn.linear.stability_curve import Failure
 from pipedyn.models.base import Model, NotConverged, PipedynError
 from pipedyn.models.drive import LARGEST_SPEED, require_steady
-from pipedyn.motion.simulate import LARGEST_SAMPLES, checked_model_in_motion, slight_bend
+from pipedyn.motion.simulate import checked_model_in_motion, slight_bend
 from pipedyn.util import check
 from pipedyn.util.check import Array
 from pipedyn.util.counters import clock, counted
@@ -156,10 +154,10 @@ def bifurcation_diagram(
         ValueError, TypeError: for bad arguments.
     """
     asked = _asked(
-        *(model, speeds, cycles, brute_force, transient, duration, exponents, rtol, seed),
-        *(executor, progress),
+        *(model, speeds, cycles, brute_force),
+        MotionOptions.checked(transient, duration, rtol, exponents, seed, executor, progress),
     )
-    model, at, shown, failed = asked.model, asked.speeds, asked.shown, list[Failed]()
+    model, at, failed, shown = asked.model, asked.speeds, list[Failed](), asked.options.shown
     begun = clock()
     branches, resting = equilibrium_branches(model, at, failed, shown)
     if shown:
@@ -171,7 +169,7 @@ def bifurcation_diagram(
     motions: tuple[Attractor, ...] = ()
     for some in _sparse_first(at) if asked.starts else ():
         known = _known_solutions(model, some, branches, found.branches)
-        ended = attractors(model, some, asked.starts, asked.options, failed, executor, shown, known)
+        ended = attractors(model, some, asked.starts, asked.options, failed, known)
         if asked.steps:
             found.from_motions(ended)
         motions = (*motions, *ended)
@@ -234,7 +232,9 @@ def diagram_cost(model: Model, speeds: ArrayLike, **options: Any) -> DiagramCost
     """
     given = inspect.signature(bifurcation_diagram).bind(model, speeds, **options)
     given.apply_defaults()
-    asked = _asked(**given.arguments)
+    of_motions = given.kwargs
+    steps, count = of_motions.pop("cycles"), of_motions.pop("brute_force")
+    asked = _asked(model, speeds, steps, count, MotionOptions.checked(**of_motions))
     begun = clock()
     branches, _ = equilibrium_branches(asked.model, asked.speeds, [], False)
     return _cost(asked, branches, clock() - begun)
@@ -249,21 +249,10 @@ class _Asked:
     steps: int  # along each branch of cycles
     starts: list[Array]  # of motions
     options: MotionOptions
-    shown: bool
 
 
 def _asked(
-    model: Model,
-    speeds: ArrayLike,
-    cycles: int,
-    brute_force: int,
-    transient: float,
-    duration: float,
-    exponents: bool,
-    rtol: float,
-    seed: int,
-    executor: futures.Executor | None,
-    progress: bool,
+    model: Model, speeds: ArrayLike, cycles: int, brute_force: int, options: MotionOptions
 ) -> _Asked:
     model = checked_model_in_motion(model, largest=LARGEST, purpose="bifurcation_diagram")
     require_steady("speeds", speeds)
@@ -280,21 +269,10 @@ def _asked(
         raise ValueError(
             f"brute_force must ask for at most {MOST_MOTIONS} motions, got {count * at.size}"
         )
-    options = MotionOptions(
-        check.real("transient", transient, low=0.0, high=1e6),
-        check.real("duration", duration, low=1.0, high=1e4),
-        check.real("rtol", rtol, low=1e-12, high=1e-2),
-        check.flag("exponents", exponents),
-    )
-    if count and options.samples * model.coordinates > LARGEST_SAMPLES:
-        raise ValueError(
-            f"duration must ask for at most {LARGEST_SAMPLES} numbers a motion, at "
-            f"{SAMPLES_A_TIME} samples a unit of time, got {options.samples * model.coordinates}"
-        )
-    seed = check.count("seed", seed, low=0)
-    starts = initial_bends(model, count, seed) if count else []
-    check.executor("executor", executor)
-    return _Asked(model, at, steps, starts, options, check.flag("progress", progress))
+    if count:
+        options.require_room(model)
+    starts = initial_bends(model, count, options.seed) if count else []
+    return _Asked(model, at, steps, starts, options)
 
 
 def _cost(asked: _Asked, branches: tuple[EquilibriumBranch, ...], seconds: float) -> DiagramCost:
@@ -307,8 +285,9 @@ def _cost(asked: _Asked, branches: tuple[EquilibriumBranch, ...], seconds: float
         speeds = asked.speeds.size
         some = np.linspace(0.0, speeds - 1.0, min(speeds, 6 if speeds > 30 else 3)).astype(int)
         starts = asked.starts[: 2 if len(asked.starts) > 7 else 1]
+        alone = replace(asked.options, executor=None, shown=False)
         with counted() as work:
-            attractors(asked.model, asked.speeds[some], starts, asked.options, [], None, False)
+            attractors(asked.model, asked.speeds[some], starts, alone, [])
         share = speeds * len(asked.starts) / (some.size * len(starts))
         motions = share * work.right_hand_sides
         seconds += share * (clock() - begun)
