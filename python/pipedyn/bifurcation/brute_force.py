@@ -13,7 +13,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import partial
+from functools import cached_property, partial
 from itertools import pairwise
 from types import MappingProxyType
 from typing import Any, Literal
@@ -34,7 +34,7 @@ from pipedyn.bifurcation.motion_options import FIRST_LOOK, SAMPLES_A_TIME, Motio
 from pipedyn.models.base import Model
 from pipedyn.models.chain import Chain
 from pipedyn.models.galerkin import Galerkin
-from pipedyn.motion.integrator import Outcome, Task
+from pipedyn.motion.integrator import Outcome, Task, decays_fast, fastest_rates
 from pipedyn.motion.lyapunov import LyapunovExponent, exponents_together
 from pipedyn.motion.simulate import (
     BATCH,
@@ -69,6 +69,11 @@ ACROSS_KINKS = 0.1
 are compared to 10 rtol of the range; over ten periods of 36 cycles, from just above the onset to
 1.5 times its speed, motions missed 0.06 of that at most without drag, but 0.6 of it once; with
 drag all of it at rtol, and a tenth of it, once 0.6, at rtol / 10."""
+
+EXPLICIT = 8.0
+"""Right-hand sides of implicit steps in the time 1 / |lambda| of the fastest mode beyond which
+explicit ones in batches cost less: motions then excite fast modes, which implicit ones would leap.
+Measured with six functions: steps cost the same at 8, and explicit ones half as much at 33."""
 
 JOINED = 0.25
 """Share of the transient after which motions from several starts at one speed go on as one, if they
@@ -219,6 +224,7 @@ class _Run:
     first: float = math.inf  # its largest distance in its first period there
     like: _Run | None = None  # whose turning points were spread alike at the last look
     alone: bool = False  # whether it does not join another
+    explicit: bool = False  # whether explicit steps cost less
 
 
 @dataclass(frozen=True)
@@ -310,6 +316,7 @@ class _Batch:
                 **({} if run.member == NEIGHBOUR else judged.get(run.speed, {})),
                 inside=run.inside,
                 first=run.first,
+                method="dop853" if run.explicit else first.method,
             )
             for run in runs
         ]
@@ -317,6 +324,8 @@ class _Batch:
         outcomes, records = [one.outcome for one in found], list[_Record | None]([None] * len(runs))
         for run, task, one in zip(runs, tasks, found, strict=True):
             run.inside, run.first = one.inside, one.first
+            rate = one.outcome[1] / (before + recorded)
+            run.explicit |= task.method == "radau" and rate > self.dearest
             if one.outcome[2] is not None:
                 self.answers[run.member] = self.stopped(run, task, one.outcome)
             elif one.label != NOWHERE:
@@ -334,6 +343,14 @@ class _Batch:
             runs[i].state = np.asarray(self.model.start(q[last], qdot[last]))
             records[i] = _record(samples, x[part], velocity[part], self.options.rtol)
         return records
+
+    @cached_property
+    def dearest(self) -> float:
+        """Right-hand sides of implicit steps in a unit of time beyond which explicit ones serve."""
+        if decays_fast(self.model):
+            return math.inf
+        fastest, _ = fastest_rates(self.model)
+        return EXPLICIT * fastest
 
     def tip_of(self, states: Array) -> tuple[Array, Array, Array, Array]:
         """Coordinates and rates of states [p, p'], (k, 2 moving), and the tip's x and its rate."""
