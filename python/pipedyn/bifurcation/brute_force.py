@@ -146,12 +146,12 @@ def attractors(
     indices = np.array_split(np.arange(units), math.ceil(units / (most // together)))
     parts = [members[part[0] * together : (part[-1] + 1) * together] for part in indices]
     found: list[Attractor] = []
-    executor, shown, sent = options.executor, options.shown, replace(options, executor=None)
+    sent = replace(options, executor=None)
     jobs = [
         partial(_batch, model, part, starts, sent, {u: known.get(u, ()) for u, _ in part})
         for part in parts
     ]
-    answers = parallel(jobs, executor, label="brute force", progress=shown)
+    answers = parallel(jobs, options.executor, label="brute force", progress=options.shown)
     for part, answer in zip(parts, answers, strict=True):
         if isinstance(answer, Exception):
             answer = [answer] * len(part)
@@ -160,20 +160,27 @@ def attractors(
                 failed.append((u, one))
                 one = Attractor(u, k, "failed", 0, np.zeros(0), np.zeros(0))
             found.append(one)
-    if options.exponents:
-        alike = _alike([i for i, one in enumerate(found) if one.ending == "irregular"], found)
-        groups = [alike[i : i + BATCH // 2] for i in range(0, len(alike), BATCH // 2)]
-        of = [[found[same[0]] for same in group] for group in groups]
-        exponents = [partial(_exponents, model, some, sent) for some in of]
-        results = parallel(exponents, executor, label="exponents", progress=shown)
-        for group, result in zip(groups, results, strict=True):
-            each = [result] * len(group) if isinstance(result, Exception) else result
-            for same, exponent in zip(group, each, strict=True):
-                if isinstance(exponent, Exception):
-                    failed.append((found[same[0]].speed, exponent))
-                    continue
-                for i in same:
-                    found[i] = replace(found[i], exponent=exponent)
+    return with_exponents(model, found, options, failed) if options.exponents else tuple(found)
+
+
+def with_exponents(
+    model: Model, ended: Sequence[Attractor], options: MotionOptions, failed: list[Failed]
+) -> tuple[Attractor, ...]:
+    """The same with the exponents of irregular ones."""
+    found, sent = list(ended), replace(options, executor=None)
+    alike = _alike([i for i, one in enumerate(found) if one.ending == "irregular"], found)
+    groups = [alike[i : i + BATCH // 2] for i in range(0, len(alike), BATCH // 2)]
+    of = [[found[same[0]] for same in group] for group in groups]
+    exponents = [partial(_exponents, model, some, sent) for some in of]
+    results = parallel(exponents, options.executor, label="exponents", progress=options.shown)
+    for group, answer in zip(groups, results, strict=True):
+        each = [answer] * len(group) if isinstance(answer, Exception) else answer
+        for same, exponent in zip(group, each, strict=True):
+            if isinstance(exponent, Exception):
+                failed.append((found[same[0]].speed, exponent))
+                continue
+            for i in same:
+                found[i] = replace(found[i], exponent=exponent)
     return tuple(found)
 
 
