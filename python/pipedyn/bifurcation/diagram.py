@@ -137,8 +137,10 @@ def bifurcation_diagram(
         cycles: number of steps along each branch of cycles at most; 0 for no cycles. Models of more
             than 100 degrees of freedom have to be given 0.
         brute_force: number of initial states for each speed; 0 for none.
-        transient: time in T that is left out before motions are recorded. A motion that rests or
-            repeats, and that a motion from beside it approaches, ends earlier.
+        transient: time in T that is left out before motions are recorded. A motion that has reached
+            a known equilibrium or cycle, or that rests or repeats and that a motion from beside it
+            approaches, ends earlier. Irregular ones at one speed whose turning points are spread
+            alike go on as one after a quarter of this time, as long as that stays irregular.
         duration: time over which they are then recorded, at most.
         exponents: whether the largest Lyapunov exponent of irregular motions is computed, by which
             chaos and quasi-periodic motion are told apart.
