@@ -94,6 +94,7 @@ def test_a_guess_uses_what_was_solved_for_and_leads_beyond_the_end(circle):
     assert segment.at(0.1).p == pytest.approx(0.1, abs=1e-13)
     assert segment.guess(0.1) == pytest.approx(segment.at(0.1).z, abs=1e-15)
     assert missed(0.11, 0.11) < 0.25 * before
+    segment.at(0.2 - 1e-9)  # of no use for an extrapolation
     # Beyond the end the cubic stays nearer to the circle than the tangent, by far.
     apart = [
         np.abs(z[:2] ** 2 + z[2] ** 2 - 1.0).max()
