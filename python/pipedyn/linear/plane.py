@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pipedyn.linear.eigenproblem import Complex, eigenproblem
+from pipedyn.linear.eigenproblem import Complex
 from pipedyn.models.base import Model, Operators
 from pipedyn.models.pipe_numbers import PipeNumber
 from pipedyn.util.check import Array
@@ -30,8 +30,14 @@ AFFINE = 1e-12
 """Distance of the matrices at a point inside from the affine ones, relative to the largest entry,
 up to which it is rounding: measured, 2e-15 at most of those that are affine."""
 
+SYMMETRIC = 1e-10
+"""Difference of entries that symmetry makes equal, relative to the largest, that is rounding."""
+
 STEP = 0.01
 """Of differences, relative to the number: sixth order leaves 1e-12."""
+
+ON_EDGE = 1e-9
+"""Share of the window next to an edge that is rounding."""
 
 SHIFT = 0.7390851332151607
 """The eigenvalues nearest to this are computed best; it is no eigenvalue of any pipe but by
@@ -61,6 +67,11 @@ class Window:
         """(x, y) from shares of the ranges."""
         return self.low + self.size * share
 
+    def on_edges(self, share: Array) -> Array:
+        """Shares that are off an edge by rounding, on it."""
+        edges = share.clip(0.0, 1.0).round()
+        return np.where(np.abs(share - edges) <= ON_EDGE, edges, share)
+
 
 class Plane:
     """The matrices of one model over a window.
@@ -72,7 +83,7 @@ class Plane:
         modes: how many have eigenvalues that count, from the lowest; all where not given.
 
     Attributes:
-        conservative: whether nothing damps and no end does work.
+        conservative: whether nothing damps and no end does work anywhere; see `conservative_at`.
         exact: whether matrices are affine in the numbers.
     """
 
@@ -86,7 +97,6 @@ class Plane:
             number is not None and number.name == "hysteresis" for number in window.numbers
         )
         middle = self.model_at(window.place(np.array([0.5, 0.5])))
-        self.conservative = eigenproblem(middle).is_conservative
         self.scale = np.asarray(middle.from_elastic(np.eye(self.dof)), dtype=np.float64)
         self._sides = [0.0] if self.speed_index == 0 else [0.0, 1.0]
         self._tops = [0.0] if self.speed_index == 1 else [0.0, 1.0]
@@ -98,6 +108,7 @@ class Plane:
         own = self._parts(inside)
         sizes = np.abs(own).max(axis=(1, 2), keepdims=True)
         self.exact = bool((np.abs(own - by_corners) <= AFFINE * (sizes + 1e-300)).all())
+        self.conservative = self.conservative_at(inside)
 
     @cached_property
     def speed_index(self) -> int | None:
@@ -111,10 +122,31 @@ class Plane:
         assert self.speed is not None
         return self.speed
 
+    def conservative_near(self, share: Array, distance: float) -> bool:
+        """Whether eigenvalues do so at shares of the window, or on an edge within a distance."""
+        edges = share.clip(0.0, 1.0).round()
+        nearest = np.where(np.abs(share - edges) <= distance, edges, share)
+        return self.conservative_at(self.window.place(nearest))
+
+    def conservative_at(self, at: Array) -> bool:
+        """Whether eigenvalues come in fours, lambda, -lambda and conjugates, at (x, y).
+
+        Nothing damps, forces by velocity are gyroscopic, and K is symmetric: no end does work, as
+        of any undamped pipe without flow.
+        """
+        _, damping, stiffness = self.at(at)
+        if np.iscomplexobj(stiffness) and stiffness.imag.any():
+            return False
+        return _differ_little(damping, -damping.T) and _differ_little(stiffness, stiffness.T)
+
     def model_at(self, at: Array) -> Model:
         """The model at (x, y)."""
         pipe = self.model.pipe
-        for number, value in zip(self.window.numbers, at.tolist(), strict=True):
+        window = self.window
+        share = (at - window.low) / window.size
+        within = window.on_edges(share)
+        at = np.where(within == share, at, window.place(within))
+        for number, value in zip(window.numbers, at.tolist(), strict=True):
             if number is not None:
                 pipe = number.changed(pipe, value)
         return self.model.with_pipe(pipe)
@@ -214,8 +246,23 @@ class Plane:
 
     def unstable(self, at: Array) -> int:
         """Number of eigenvalues with positive real part, beyond rounding."""
+        static = self.static_stiffnesses(at)
+        if static is not None:
+            return int(np.count_nonzero(static < -1e-8))
         found = self.eigenvalues(at)
         return int(np.count_nonzero(found.real > 1e-8 * (1.0 + np.abs(found))))
+
+    def static_stiffnesses(self, at: Array) -> Array | None:
+        """Eigenvalues of K where forces by velocity vanish and K is symmetric; None elsewhere.
+
+        There as many roots are unstable as of these are negative; the roots themselves leave the
+        axis by the square root of rounding where two of them are 0.
+        """
+        _, damping, stiffness = self.at(at)
+        if damping.any() or not self.conservative_at(at):
+            return None
+        factorised()
+        return np.linalg.eigvalsh(0.5 * (stiffness.real + stiffness.real.T))
 
     def static_roots(self, at: Array, index: int) -> list[float]:
         """Where K is singular on the line through (x, y) along x or y, within the window."""
@@ -344,6 +391,11 @@ def _passed(a: Sample, b: Sample) -> tuple[list[tuple[float, float]], bool]:
         else:
             doubtful |= missed > min(abs(first), abs(last))
     return found, bool(doubtful)
+
+
+def _differ_little(one: NDArray[Any], other: NDArray[Any]) -> bool:
+    """Whether two matrices are the same but for rounding."""
+    return float(np.abs(one - other).max()) <= SYMMETRIC * float(np.abs(one).max())
 
 
 def _shifted(mass: Array, damping: Array, stiffness: NDArray[Any]) -> NDArray[Any]:
