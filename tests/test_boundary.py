@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 import pipedyn as pp
+from pipedyn.bifurcation.boundary import checked_window
 from pipedyn.bifurcation.boundary_curves import Tracer, line_starts
 from pipedyn.bifurcation.hopf import static_cubic
 from pipedyn.linear.plane import Plane, Window
@@ -158,6 +159,9 @@ class Ring(Plane):
 
     def at(self, at):
         return self.matrices(at)[0]
+
+    def defined(self, at):
+        return True
 
 
 def test_a_closed_curve_that_no_edge_meets_is_found_and_closes():
@@ -432,6 +436,53 @@ def test_curves_into_an_edge_without_flow_and_damping_say_why_they_end():
     assert found.failures
     for sentence in found.failures:
         assert "without damping and flow, as beyond, all roots lie on the axis" in sentence
+
+
+# ------------------------------------------------------------------- matrices and derivatives
+
+SPRUNG = pp.Pipe(0.07, gamma=5.0, root=pp.RootSpring(3.0), damping=0.01, hysteresis=0.02)
+
+
+@pytest.mark.parametrize(
+    "model",
+    [pp.Chain(SPRUNG, 3), pp.Galerkin(SPRUNG, 4, "legendre"), pp.modular.chain(SPRUNG, 3)],
+    ids=["chain", "legendre", "scene"],
+)
+def test_derivatives_by_a_roots_stiffness_hold_where_numbers_begin(model):
+    """Eigenvalues of pipes whose numbers differ by a little, on the corner of the window."""
+    ranges = {"root.stiffness": (1.0, 40.0), "alpha": (0.0, 3.0)}
+    plane = Plane(model, checked_window(model, tuple(ranges), ranges), 7.0)
+    at = np.array([1.0, 0.0])
+    whole, *slopes = plane.matrices(at)
+
+    def determinant(at, power):
+        mass, damping, stiffness = plane.at(at)
+        return np.linalg.slogdet(stiffness + 3.0j * damping - 9.0 * mass)[1]
+
+    inverse = np.linalg.inv(whole[2] + 3.0j * whole[1] - 9.0 * whole[0])
+    for k, (by_mass, by_damping, by_stiffness) in enumerate(slopes):
+        slope = np.trace(inverse @ (by_stiffness + 3.0j * by_damping - 9.0 * by_mass)).real
+        step = np.eye(2)[k] * 1e-4
+        values = [determinant(at + i * step, 3.0j) for i in range(5)]
+        by_differences = np.dot([-25.0, 48.0, -36.0, 16.0, -3.0], values) / 12e-4
+        assert slope == pytest.approx(by_differences, rel=1e-7, abs=1e-8)
+
+
+@pytest.mark.parametrize("name", ["alpha", "damping", "hysteresis"])
+def test_numbers_from_their_lower_limit_beside_a_roots_stiffness(name):
+    chain = pp.Chain(pp.Pipe(0.07, root=pp.RootSpring(3.0)), 3)
+    top = {"alpha": 3.0, "damping": 2.0, "hysteresis": 0.9}[name]
+    ranges = {"root.stiffness": (1.0, 400.0), name: (0.0, top)}
+    found = pp.boundary(chain, "root.stiffness", name, ranges, u=5.2, criticality=False)
+    assert found.failures == ()
+    for curve in found.curves:
+        k = len(curve) // 2
+        pipe = replace(chain.pipe, root=pp.RootSpring(curve.x[k]), **{name: curve.y[k]})
+        values = pp.eigenvalues(chain.with_pipe(pipe), 5.2)
+        assert np.abs(values - 1j * curve.frequency[k]).min() < 1e-8
+    for x, y in ((20.0, 0.1 * top), (300.0, 0.9 * top)):
+        pipe = replace(chain.pipe, root=pp.RootSpring(x), **{name: y})
+        assert found.unstable(x, y) == (pp.eigenvalues(chain.with_pipe(pipe), 5.2).real > 0).sum()
 
 
 # ------------------------------------------------------------------------------------- refusals

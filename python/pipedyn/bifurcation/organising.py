@@ -268,7 +268,7 @@ def _two_modes(plane: Plane, at: Array) -> Array:
         bordered[:n, :n] = stiffness.real
         bordered[:n, n:], bordered[n:, :n] = left[:, -2:], right[-2:]
         v, w = np.linalg.solve(bordered, last), np.linalg.solve(bordered.T, last)[:n]
-        block = v[n:]
+        block = np.asarray(v[n:], dtype=np.float64)
         by_x, by_y = (
             -size * (w.T @ one[2].real @ v[:n]).ravel()
             for size, one in zip(plane.window.size, changes, strict=True)
