@@ -155,6 +155,38 @@ def test_multipliers_on_the_unit_circle(three, kind, monkeypatch):
         assert np.sort(np.abs(others - 1.0))[1] > 1e-2  # only the trivial one is 1
 
 
+def test_a_pitchfork_is_followed_from_either_branch_that_meets_there(three, monkeypatch):
+    """Also from that of cycles without mirror symmetry, which it is the beginning of."""
+    monkeypatch.setattr(event_curve, "LONGEST", 0.5)
+    ranges = {"beta": (0.295, 0.305), "u": (6.0, 9.0)}
+    found = []
+    for branch in three.cycles[:2]:
+        (event,) = (one for one in branch.events if one.kind == "pitchfork")
+        found += pp.cycle_boundary(branch, event, "beta", "u", ranges).curves
+    symmetric, other = found
+    assert not three.cycles[1].cycles[0].symmetric
+    assert other.ends == symmetric.ends == ("range", "range")
+    for name in ("x", "y", "frequency"):
+        ends = [getattr(curve, name)[[0, -1]] for curve in found]
+        assert ends[0] == pytest.approx(ends[1], rel=1e-8)
+    assert other.orbits[0].symmetric
+
+
+def test_a_period_doubling_is_followed_from_the_cycles_of_twice_the_period(three, monkeypatch):
+    monkeypatch.setattr(event_curve, "LONGEST", 0.5)
+    branch = three.cycles[1]
+    (event,) = (one for one in branch.events if one.kind == "period doubling")
+    near = min(branch.cycles, key=lambda cycle: abs(cycle.u - event.speed))
+    twice = replace(near, orbit=near.orbit.doubled())
+    rest = {"amplitudes": np.array([near.amplitude]), "speeds": np.array([near.u])}
+    changed = replace(branch, origin="period doubling", onset=event.speed, cycles=(twice,), **rest)
+    ranges = {"beta": (0.299, 0.301), "u": (6.0, 9.0)}
+    both = [pp.cycle_boundary(one, event, "beta", "u", ranges) for one in (branch, changed)]
+    first, second = (found.curves[0] for found in both)
+    assert first.y[[0, -1]] == pytest.approx(second.y[[0, -1]], rel=1e-8)
+    assert first.frequency[0] == pytest.approx(second.frequency[0], rel=1e-8)
+
+
 def test_folds_of_forced_motions_over_the_amplitude_of_the_forcing(monkeypatch):
     """Both folds of a resonance that bends over lie on one curve, which ends in a cusp below."""
     monkeypatch.setattr(event_curve, "LONGEST", 0.2)

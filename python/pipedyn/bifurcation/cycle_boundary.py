@@ -21,7 +21,7 @@ from pipedyn.bifurcation.event_plane import (
     checked_events,
     checked_names,
     checked_window,
-    orbit_near,
+    orbit_at_event,
     plane_of,
 )
 from pipedyn.bifurcation.event_problem import Followed
@@ -116,7 +116,7 @@ def cycle_boundary(
     plane = plane_of(branch, names, ranges)
     starts = []
     for event in given:
-        begin = orbit_near(branch, event)
+        begin = orbit_at_event(branch, event, plane.family.at(plane.value))
         own = begin.frequency * plane.order if plane.forced else begin.u
         for name, value, (low, high) in zip(
             names, plane.places(plane.value, own), ranges, strict=True

@@ -14,8 +14,8 @@ from pipedyn.bifurcation.branches import CycleBranch, CycleEvent
 from pipedyn.bifurcation.event_problem import Family, Followed
 from pipedyn.bifurcation.forced_response import ForcedBranch, ForcedEvent, ForcedField
 from pipedyn.bifurcation.limit_cycle import amplitude_of
-from pipedyn.bifurcation.orbit_continuation import orbit_at
-from pipedyn.bifurcation.periodic_orbit import PeriodicOrbit
+from pipedyn.bifurcation.orbit_continuation import FINE, orbit_at
+from pipedyn.bifurcation.periodic_orbit import PeriodicOrbit, resolved
 from pipedyn.bifurcation.vector_field import VectorField
 from pipedyn.linear.stability_curve import StabilityCurve, stability_curve
 from pipedyn.models.base import Model
@@ -163,7 +163,38 @@ def plane_of(
     return EventPlane(family, model, value, place == 1, ranges, forced, order, motions)
 
 
-def orbit_near(branch: CycleBranch | ForcedBranch, event: Any) -> PeriodicOrbit:
+def orbit_at_event(
+    branch: CycleBranch | ForcedBranch, event: Any, motion: VectorField
+) -> PeriodicOrbit:
+    """Near the orbit at an event, from the known one that is nearest.
+
+    Where the branch begins or ends at a symmetry-breaking pitchfork or a period doubling, that is
+    the orbit that is its own mirror image, or the one of half the period.
+    """
+    orbit = _nearest(branch, event)
+    begins = ends = False
+    if isinstance(event, CycleEvent) and isinstance(branch, CycleBranch):
+        begins = event.kind == branch.origin and event.speed == branch.onset
+        ends = event.multiplier == 1.0  # that of a doubling passed on the way is -1
+
+    def mean(sign: float, turns: int, symmetric: bool) -> PeriodicOrbit:
+        """The mean of the orbit and of what it is half its period later, with a sign."""
+
+        def states(phase: Array) -> Array:
+            early, late = (np.mod(phase / turns + s, 2.0 * math.pi) for s in (0.0, math.pi))
+            return 0.5 * (orbit.states(early) + sign * orbit.states(late))
+
+        u = orbit.u if orbit.forced else event.speed
+        return resolved(motion, states, turns * orbit.frequency, u, symmetric, FINE.defect)
+
+    if event.kind == "pitchfork" and not orbit.symmetric:
+        return mean(-1.0, 1, True)
+    if event.kind == "period doubling" and (begins or ends):
+        return mean(1.0, 2, False)
+    return orbit
+
+
+def _nearest(branch: CycleBranch | ForcedBranch, event: Any) -> PeriodicOrbit:
     """The known orbit that is nearest to an event."""
     if isinstance(branch, CycleBranch):
         apart = np.abs(branch.speeds / event.speed - 1.0)
