@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any, get_args
 
@@ -17,7 +17,6 @@ from pipedyn.bifurcation.limit_cycle import amplitude_of
 from pipedyn.bifurcation.orbit_continuation import FINE, orbit_at
 from pipedyn.bifurcation.periodic_orbit import PeriodicOrbit, resolved
 from pipedyn.bifurcation.vector_field import VectorField
-from pipedyn.linear.stability_curve import StabilityCurve, stability_curve
 from pipedyn.models.base import Model
 from pipedyn.models.drive import Pulsation
 from pipedyn.models.pipe_numbers import PipeNumber, checked_number
@@ -59,33 +58,12 @@ def checked_names(branch: CycleBranch | ForcedBranch, x: Any, y: Any) -> tuple[s
     return x, y
 
 
-def checked_window(
-    names: tuple[str, str], window: Any
-) -> tuple[tuple[float, float], tuple[float, float]]:
-    """Ranges of both numbers."""
-    if not isinstance(window, Mapping):
-        raise TypeError(f"window must map names to ranges, got {check.shown(window)}")
-    if set(window) != set(names):
-        raise ValueError(f"window must have the ranges of {names}, got {check.shown(window)}")
-    ranges = []
-    for name in names:
-        at = check.array(f"window[{name!r}]", window[name], longest=2)
-        if at.size != 2 or not at[0] < at[1]:
-            raise ValueError(
-                f"window[{name!r}] must be (low, high) with low < high, got "
-                f"{check.shown(window[name])}"
-            )
-        if name in ("u", "frequency") and not at[0] > 0.0:
-            raise ValueError(f"window[{name!r}] must have low > 0, got {at[0]:g}")
-        ranges.append((float(at[0]), float(at[1])))
-    return ranges[0], ranges[1]
-
-
 @dataclass(frozen=True)
 class EventPlane:
     """The two numbers, and the motions that they distinguish."""
 
     family: Family
+    names: tuple[str, str]
     model: Model
     value: float  # of the second number, on the branch
     own_first: bool  # whether x is what varies along branches
@@ -97,13 +75,6 @@ class EventPlane:
     def places(self, second: float, own: float) -> tuple[float, float]:
         """(x, y)."""
         return (own, second) if self.own_first else (second, own)
-
-    def onsets(self, values: Array) -> StabilityCurve:
-        """Critical speeds at values of the second number; of forced motions there is none."""
-        if self.forced:
-            none = (None,) * values.size
-            return StabilityCurve(values, none, ((),) * values.size, ())
-        return stability_curve(lambda value: self.family.at(value).model, values)
 
     def evaluations(self) -> int:
         """Right-hand sides and Jacobians so far."""
@@ -158,9 +129,9 @@ def plane_of(
         try:
             make(end)
         except ValueError as error:
-            raise ValueError(f"window[{name!r}] must be a range of pipes: {error}") from None
+            raise ValueError(f"ranges[{name!r}] must be a range of pipes: {error}") from None
     family = Family(make, high - low, is_speed=forced and name == "u")
-    return EventPlane(family, model, value, place == 1, ranges, forced, order, motions)
+    return EventPlane(family, names, model, value, place == 1, ranges, forced, order, motions)
 
 
 def orbit_at_event(
