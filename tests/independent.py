@@ -1,13 +1,15 @@
 # SPDX-License-Identifier: MIT
 """Routes to the answers that share nothing with the package's own, and what several tests need."""
 
-from functools import lru_cache
+from functools import cache, lru_cache
 
 import mpmath
 import numpy as np
 from numpy.polynomial import chebyshev
 
 import pipedyn as pp
+
+leggauss = cache(np.polynomial.legendre.leggauss)
 
 
 def lagrangian_equations(
@@ -163,7 +165,7 @@ def any_chain(n, *seed, **pipe):
 
 def gauss(count):
     """Gauss's nodes and weights on 0 to 1."""
-    nodes, weights = np.polynomial.legendre.leggauss(count)
+    nodes, weights = leggauss(count)
     return 0.5 * (nodes + 1.0), 0.5 * weights
 
 
@@ -444,19 +446,25 @@ def exact_jacobian(chain, y, u, digits=80):
         return np.transpose(columns)
 
 
+@cache
+def integrals_from_the_clamp(nodes):
+    """Gauss's nodes, weights on 0 to 1, and what integrates up to each of these, (nodes, nodes)."""
+    x, weights = leggauss(nodes)
+    s, weights = 0.5 * (1.0 + x), 0.5 * weights
+    table = np.polynomial.legendre.legvander(x, nodes)
+    degrees = np.arange(nodes)
+    series = (2.0 * degrees[:, None] + 1.0) * table[:, :-1].T * weights
+    upward = table[:, 1:] - np.concatenate([-np.ones((nodes, 1)), table[:, :-2]], axis=1)
+    return s, weights, upward / (2.0 * (2.0 * degrees + 1.0)) @ series
+
+
 def pipe_rates(model, y, u, nodes=400):
     """dy/dt of a reduced model by virtual work, integrals by one fine Gauss rule.
 
     What is integrated from the clamp to s is the integral of its Legendre series.
     """
     pipe, m = model.pipe, model.dof
-    x, weights = np.polynomial.legendre.leggauss(nodes)
-    s, weights = 0.5 * (1.0 + x), 0.5 * weights
-    table = np.polynomial.legendre.legvander(x, nodes)
-    degrees = np.arange(nodes)
-    series = (2.0 * degrees[:, None] + 1.0) * table[:, :-1].T * weights
-    upward = table[:, 1:] - np.concatenate([-np.ones((nodes, 1)), table[:, :-2]], axis=1)
-    from_clamp = upward / (2.0 * (2.0 * degrees + 1.0)) @ series
+    s, weights, from_clamp = integrals_from_the_clamp(nodes)
     slope, bend = model.functions(s, 1), model.functions(s, 2)
     angle, turning = slope @ y[:m], slope @ y[m:]
     tangent = np.array([np.sin(angle), np.cos(angle)])

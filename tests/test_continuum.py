@@ -209,7 +209,7 @@ def test_two_branches_lie_on_the_real_axis_at_u_8():
     ],
 )
 def test_eigenvalues_are_roots_of_the_determinant(beta, u, numbers):
-    found = pp.eigenvalues(pp.Continuum(pp.Pipe(beta, **numbers)), u, 10)
+    found = pp.eigenvalues(pp.Continuum(pp.Pipe(beta, **numbers)), u, 6)
     aspirating = numbers.get("flow") == "aspirating"
     for value in found[found.imag >= 0.0]:
         root = determinant_eigenvalue(

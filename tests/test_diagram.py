@@ -140,7 +140,7 @@ def test_points_that_fail_are_marked_and_the_others_kept(monkeypatch):
 
     def one_stops(tasks, work):
         done = real_many(tasks, work)
-        done[3] = (*done[3][:2], "it stopped")
+        done[3] = replace(done[3], outcome=(*done[3].outcome[:2], "it stopped"))
         return done
 
     monkeypatch.setattr(module, "equilibria", none_at_rest)

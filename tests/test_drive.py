@@ -10,7 +10,7 @@ import dataclasses
 
 import numpy as np
 import pytest
-from numpy.polynomial.legendre import leggauss
+from independent import leggauss
 from test_terms import LENGTHS, derivative, jacobian_by_differences, sizes_of, state_of
 
 import pipedyn as pp

@@ -37,10 +37,9 @@ def test_a_moving_base_at_finite_amplitude(m, amplitude):
     [
         (lambda pipe: pp.Galerkin(pipe, 4, "legendre"), 0.3973139),
         (lambda pipe: pp.Galerkin(pipe, 6, "legendre"), 0.4200452),
-        (lambda pipe: pp.Galerkin(pipe, 8, "legendre"), 0.4196651),
         (lambda pipe: pp.Chain(pipe, 10), 0.4266074),
     ],
-    ids=["m=4", "m=6", "m=8", "n=10"],
+    ids=["m=4", "m=6", "n=10"],
 )
 def test_a_pulsating_flow_at_finite_amplitude(make, amplitude):
     """Mean 6, amplitude 0.3, frequency 30: a separate program integrates to the digits given."""

@@ -1,66 +1,81 @@
 # SPDX-License-Identifier: MIT
 """Motions that end on equilibria and cycles that are known, and those that do not."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
 import pipedyn as pp
-from pipedyn.bifurcation import brute_force
+from pipedyn.bifurcation import brute_force, capture
 from pipedyn.bifurcation import diagram as module
 from pipedyn.bifurcation.branches import _steepness
-from pipedyn.bifurcation.known_solutions import KnownSolution, approached, at_rest
+from pipedyn.bifurcation.capture import NOWHERE, TRIED_NEARER, WatchedTask
+from pipedyn.bifurcation.known_solutions import KnownSolution, at_rest, kept_apart
 from pipedyn.bifurcation.vector_field import VectorField
+from pipedyn.motion.simulate import checked_task
 from pipedyn.util.counters import counted
 
 MODEL, SPEED = pp.Chain(pp.Pipe(0.2), 3), 5.0
-PHASES = np.linspace(0.0, 12.0, 32)
+BLOCK = 32
+PHASES = np.linspace(0.0, 2.0 * np.pi * (1.0 - 1.0 / BLOCK), BLOCK)
+ASIDE = np.sqrt(3.0) * np.array([0.0, 0.0, 1.0, 0.0, 0.0, 0.0])  # root mean square 1
 
 
 @pytest.fixture(scope="module")
 def cycle():
-    return KnownSolution(True, orbit=pp.limit_cycle(MODEL, SPEED).orbit)
+    return KnownSolution.cycle(True, pp.limit_cycle(MODEL, SPEED).orbit)
 
 
-def beside(cycle, share):
-    """States by a share of the cycle's size beside it, in a direction across it."""
-    y = cycle.sign * cycle.orbit.states(PHASES)
-    return y + share * cycle.size * np.array([0.0, 0.0, 1.0, 0.0, 0.0, 0.0])[:, None]
+def ends_on(solutions, distances):
+    """Which of the solutions a motion ends on that is so far beside the first in each period."""
+    first = solutions[0]
+    y = first.sign * first.orbit.states(np.tile(PHASES, len(distances))).T
+    states = y + np.repeat(distances, BLOCK)[:, None] * ASIDE
+    stable = [one for one in solutions if one.stable]
+    task = WatchedTask(
+        **vars(checked_task(MODEL, SPEED, 1.0, np.zeros(3), None)),
+        regions=[one.region for one in stable],
+        nearer=TRIED_NEARER,
+        phases=np.zeros((BLOCK, 0)),
+    )
+    watch = capture._Watch([task])
+    watch.ended(states[None], np.array([len(states)]))
+    [label] = watch.labels
+    return NOWHERE if label == NOWHERE else solutions.index(stable[label])
 
 
 def test_distances_are_across_a_cycle_and_not_along_it(cycle):
-    assert cycle.distances(cycle.orbit.states(PHASES + 0.3), 10.0) == pytest.approx(0.0, abs=1e-7)
-    dense = cycle.orbit.states(np.linspace(0.0, 2.0 * np.pi, 20_001))
-    states = beside(cycle, 0.05)
-    units = np.repeat([1.0, 10.0], 3)[:, None]
+    region, orbit = cycle.region, cycle.orbit
+    assert region.distances(orbit.states(PHASES + 0.3).T) == pytest.approx(0.0, abs=3e-5)
+    dense = orbit.states(np.linspace(0.0, 2.0 * np.pi, 20_001))
+    states = orbit.states(PHASES) + 0.02 * ASIDE[:, None]
+    units = np.repeat([1.0, orbit.frequency], 3)[:, None] * np.sqrt(3.0)
     least = [np.linalg.norm((dense - y[:, None]) / units, axis=0).min() for y in states.T]
-    assert cycle.distances(states, 10.0) == pytest.approx(np.array(least), rel=1e-2)
+    assert region.distances(states.T) == pytest.approx(np.array(least), abs=3e-5)
 
 
 @pytest.mark.parametrize(
-    ("shares", "ends"),
+    ("distances", "ends"),
     [
-        (np.geomspace(0.01, 0.001, 32), True),
-        (np.geomspace(1e-3, 8e-4, 32), True),  # slowly, but near
-        (np.geomspace(0.01, 0.008, 32), False),  # too slowly to be sure of it
-        (np.geomspace(0.001, 0.01, 32), False),  # it leaves
-        (np.geomspace(0.5, 0.1, 32), False),  # still far
+        (np.geomspace(0.03, 0.001, 8), True),
+        (np.full(2, 5e-5), True),  # on it
+        (np.geomspace(0.03, 0.003, 8), False),  # not so much nearer yet
+        (np.geomspace(0.001, 0.03, 8), False),  # it leaves
+        (np.geomspace(0.5, 0.1, 8), False),  # still far
     ],
 )
-def test_motions_end_on_what_they_come_near_to(cycle, shares, ends):
-    states = beside(cycle, shares)
-    assert (approached([cycle], states) == 0) == ends
-    assert approached([replace(cycle, stable=False)], states) is None
-    mirrored = replace(cycle, sign=-1.0)
+def test_motions_end_on_what_they_come_near_to(cycle, distances, ends):
+    assert (ends_on([cycle], distances) == 0) == ends
+    mirrored = KnownSolution.cycle(True, cycle.orbit, -1.0)
     still = at_rest(VectorField(MODEL), [np.zeros(3)], SPEED)
-    assert (approached([*still, mirrored], states) == 1) == ends  # its own mirror image
+    assert not still[0].stable
+    assert (ends_on([mirrored, *still], distances) == 0) == ends
 
 
 def test_an_unstable_cycle_next_to_a_stable_one_leaves_it_open_where_motions_end(cycle):
-    states = beside(cycle, np.geomspace(0.01, 0.001, 32))
-    near = pp.limit_cycle(MODEL, 1.0001 * SPEED).orbit
-    assert approached([cycle, KnownSolution(False, orbit=near)], states) is None
+    near = KnownSolution.cycle(False, pp.limit_cycle(MODEL, 1.001 * SPEED).orbit)
+    distances = np.geomspace(0.03, 0.001, 8)
+    assert ends_on([cycle], distances) == 0
+    assert ends_on(kept_apart([cycle, near]), distances) == NOWHERE
 
 
 def test_equilibria_and_their_stability_are_those_of_a_pipe_that_leans():
@@ -69,7 +84,7 @@ def test_equilibria_and_their_stability_are_those_of_a_pipe_that_leans():
     found = at_rest(VectorField(model), known.q + 0.01, 1.0)
     assert [one.stable for one in found] == known.stable.tolist()
     for one, q in zip(found, known.q, strict=True):
-        assert one.rest[:2] == pytest.approx(q, abs=1e-8)
+        assert one.region.points[0, :2] == pytest.approx(q, abs=1e-8)
     assert at_rest(VectorField(model), [known.q[0] + 1.0], 1.0) == []
 
 

@@ -60,7 +60,7 @@ def followed_by_tiny_steps(model, speeds, step, count):
 def test_branches_meet_nearest_neighbours_at_tiny_steps(model, end):
     """Pairs compared by sum and product, which run smoothly where a pair turns real."""
     speeds = np.linspace(0.0, end, 15)
-    expected = followed_by_tiny_steps(model, speeds, 4e-3, 4)
+    expected = followed_by_tiny_steps(model, speeds, 1e-2, 4)
     loci = pp.root_loci(model, speeds, count=4)
     sums, products = loci.eigenvalues + loci.partners, loci.eigenvalues * loci.partners
     np.testing.assert_allclose(sums, expected.sum(axis=2), atol=1e-6)

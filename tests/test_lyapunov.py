@@ -26,9 +26,9 @@ def lorenz_jacobian(y):
 @pytest.mark.parametrize("pair", [False, True])
 def test_lorenz_attractor_is_chaotic_with_the_known_exponent(pair):
     start = np.array([1.0, 1.0, 20.0])
-    found = largest_exponent(lorenz, lorenz_jacobian, start, 400.0, 20.0, 10, 1.0, pair)
+    found = largest_exponent(lorenz, lorenz_jacobian, start, 150.0, 10.0, 10, 1.0, pair)
     # 0.9056: Sprott (2003), Chaos and Time-Series Analysis, table of exponents.
-    assert abs(found.value - 0.9056) < 4.0 * found.spread
+    assert abs(found.value - 0.9056) < min(4.0 * found.spread, 0.03)
     assert found.spread < 0.05
     assert found.chaotic
 
@@ -51,9 +51,9 @@ def test_exponent_at_rest_is_the_largest_real_part(method):
     rest = pp.equilibria(chain, 1.0)
     k = int(np.argmax(rest.tips[:, 0]))
     found = pp.lyapunov_exponent(
-        chain, 1.0, rest.q[k] + 0.05, duration=60.0, transient=40.0, method=method
+        chain, 1.0, rest.q[k] + 0.05, duration=30.0, transient=20.0, method=method
     )
-    assert abs(found.value - rest.growth[k]) < 2.0 * found.spread + 1e-3
+    assert abs(found.value - rest.growth[k]) < min(2.0 * found.spread + 1e-3, 0.01)
     assert found.value < 0.0
     assert not found.chaotic
 

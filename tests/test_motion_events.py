@@ -73,13 +73,19 @@ def test_a_pendulum_hangs_straight_at_odd_quarters_of_its_period(method):
     assert turning.q[:, 0] == pytest.approx(angle * np.array([-1, 1, -1, 1]), abs=1e-8)
 
 
-@pytest.mark.parametrize("method", CORE)
-def test_events_and_the_states_there_are_those_of_solve_ivp(method):
+@pytest.fixture(scope="module")
+def theirs():
+    """The motion of CHAIN at u = 4 with its tip's events, by scipy."""
+
     def event(t, y):
         return y[4]
 
     event.direction = -1
-    theirs = by_scipy(4.0, 5.0, events=event)
+    return by_scipy(4.0, 5.0, events=event, dense_output=True)
+
+
+@pytest.mark.parametrize("method", CORE)
+def test_events_and_the_states_there_are_those_of_solve_ivp(method, theirs):
     ours = pp.simulate(CHAIN, 4.0, 5.0, bow, events=pp.Event(tip_angle, -1), method=method, **SHARP)
     [found] = ours.events
     assert found.t.size > 5
@@ -198,8 +204,7 @@ def test_a_scene_s_events_take_its_own_coordinates():
 
 
 @pytest.mark.parametrize("method", CORE)
-def test_states_at_any_time_are_those_of_solve_ivp(method):
-    theirs = by_scipy(4.0, 3.0, dense_output=True)
+def test_states_at_any_time_are_those_of_solve_ivp(method, theirs):
     motion = pp.simulate(CHAIN, 4.0, 3.0, bow, dense=True, samples=7, method=method, **SHARP)
     times = np.linspace(0.0, 3.0, 1001)
     assert motion.dense(times).shape == (10, 1001)
@@ -229,7 +234,7 @@ def test_what_is_kept_ends_a_motion_before_it_fills_the_memory(monkeypatch, aske
 
 @pytest.mark.parametrize("method", [*CORE, "scipy:Radau", "scipy:LSODA"])
 def test_a_motion_that_starts_later_is_the_same_motion(method):
-    options = {"samples": 11, "rtol": 1e-9, "method": method}
+    options = {"samples": 11, "rtol": 1e-9 if method in CORE else 1e-8, "method": method}
     early = pp.simulate(CHAIN, 4.0, 0.4, bow, **options)
     late = pp.simulate(CHAIN, 4.0, 0.4, bow, t0=-7.0, **options)
     assert late.t == pytest.approx(early.t - 7.0, abs=1e-14)
@@ -256,14 +261,15 @@ def test_a_speed_that_varies_acts_as_in_solve_ivp(method):
     def rate(t):
         return 3.0 * np.sin(2.0 * t)
 
-    theirs = by_scipy(ramp, 2.0, t0=1.0, rate=rate, t_eval=np.linspace(1.0, 2.0, 7))
-    ours = pp.simulate(CHAIN, ramp, 1.0, bow, t0=1.0, samples=7, method=method, rtol=1e-8)
+    theirs = by_scipy(ramp, 1.5, t0=1.0, rate=rate, t_eval=np.linspace(1.0, 1.5, 7))
+    rtol = 1e-8 if method in CORE else 1e-6
+    ours = pp.simulate(CHAIN, ramp, 0.5, bow, t0=1.0, samples=7, method=method, rtol=rtol)
     assert np.abs(ours.y - theirs.y).max() < 1e-3
     assert ours.audit < 1e-5
     assert ours.u is ramp
     assert ours.u(1.0) == ramp(1.0)
-    constant = pp.simulate(CHAIN, lambda t: 4, 1.0, bow, samples=3, method=method)
-    same = pp.simulate(CHAIN, 4.0, 1.0, bow, samples=3, method=method)
+    constant = pp.simulate(CHAIN, lambda t: 4, 0.5, bow, samples=3, method=method)
+    same = pp.simulate(CHAIN, 4.0, 0.5, bow, samples=3, method=method)
     assert np.abs(constant.q - same.q).max() < 1e-12
 
 

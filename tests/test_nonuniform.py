@@ -8,8 +8,7 @@ import pickle
 
 import numpy as np
 import pytest
-from independent import quadratic_eigenvalues
-from numpy.polynomial.legendre import leggauss
+from independent import leggauss, quadratic_eigenvalues
 from scipy.integrate import quad
 from test_terms import (
     LENGTHS,

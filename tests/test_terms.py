@@ -13,8 +13,8 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
+from independent import leggauss
 from numpy.polynomial import Polynomial
-from numpy.polynomial.legendre import leggauss
 
 import pipedyn as pp
 

@@ -69,8 +69,12 @@ NEAR_FOLD = 0.02
 five folds, both are 1e-5 from 1 at the fold, here the one 9e-4 to 0.1, the other 3e-5 at most."""
 
 LARGEST_ERROR = 1e-3
-"""Error of the multipliers beyond which a cycle on a branch is left out, and the branch ends: near
-five folds it was measured 6e-5 at most."""
+"""Error of the multipliers beyond which a cycle on a branch is left out: near five folds it was
+measured 6e-5 at most."""
+
+UNSURE = 4
+"""Steps from the first such cycle on after which a branch ends: they show whether its period grows
+without end, as it does where multipliers are too far apart to be known."""
 
 VERTICAL, STEEP = 3e-5, 1e-3
 """Relative change of the speed while the frequency falls by a factor e, over three steps. Below the
@@ -322,13 +326,14 @@ class _Follower:
         self.forks: list[tuple[CycleEvent, PeriodicOrbit, bool]] = []
         self.end: CycleEvent | None = None
         self.closed = False
+        self.again: float | None = None  # speed of a cycle that was passed before
 
     def run(self) -> None:
         """Follows the branch until it ends, is far from the speeds or its steps run out.
 
         Beyond the speeds given multipliers are not computed.
         """
-        here, beyond, last = self.start.orbit, 0, None
+        here, beyond, unsure, last = self.start.orbit, 0, 0, None
         speeds, passed, frequencies = self.options.speeds, list[float](), list[float]()
         lowest = min(float(speeds[speeds > 0.0][0]), here.u) / BEYOND
         highest = max(float(speeds[-1]), here.u) * BEYOND
@@ -348,18 +353,29 @@ class _Follower:
                 frequencies.append(here.frequency)
                 passed.append(here.u)
                 low, high = sorted((step.begin.p, here.u))
-                if low <= speeds[-1] and high >= speeds[0]:
+                if unsure:
+                    unsure += 1
+                elif low <= speeds[-1] and high >= speeds[0]:
                     last, beyond = self._noted(step, last), 0
-                    if last.multiplier_error > LARGEST_ERROR:
+                    unsure = int(last.multiplier_error > LARGEST_ERROR)
+                    if self.again is not None:
+                        self._forget_repeated()
                         raise NewtonFailed(
-                            f"its multipliers are known to {last.multiplier_error:.1e} only"
+                            f"it leads back to the cycle at u = {self.again:g}, so that a step "
+                            "went over to another branch, which is closed"
                         )
                 else:
                     last, beyond = None, beyond + 1
                 slow = frequencies[-1] < 0.5 * max(self.fastest, *frequencies)
                 if slow and _steepness(passed, frequencies) < VERTICAL:
                     self._ends("infinite period", here, abs(passed[-1] - passed[-2]))
+                    if not self.cycles and last is not None:
+                        error = last.multiplier_error
+                        self._fails(here, f"its multipliers are known to {error:.1e} only")
                     return
+                if unsure == UNSURE and last is not None:
+                    error = last.multiplier_error
+                    raise NewtonFailed(f"its multipliers are known to {error:.1e} only")
                 if self.closed or not lowest < here.u < highest:
                     return
                 if len(frequencies) == self.options.most or beyond == MOST_BEYOND:
@@ -373,8 +389,15 @@ class _Follower:
                 self._ends("infinite period", here)
                 return
             self._ends("end", here)
-            report = f"the cycles {self.how} were not followed beyond u = {here.u:g}: {reason}"
-            self.failed.append((here.u, NotConverged(report)))
+            self._fails(here, str(reason))
+
+    def _fails(self, here: PeriodicOrbit, reason: str) -> None:
+        """Takes note of a failure beyond an orbit."""
+        where = f"u = {here.u:g}"
+        if not self.options.holds(here.u):
+            where += ", outside the speeds given, from where they might come back"
+        report = f"the cycles {self.how} were not followed beyond {where}: {reason}"
+        self.failed.append((here.u, NotConverged(report)))
 
     def _ends(self, kind: EventKind, orbit: PeriodicOrbit, error: float = 0.0) -> None:
         """Takes note of the orbit at which the branch ends, or ("end") is not followed further."""
@@ -505,6 +528,8 @@ class _Follower:
             if cycle is not None:
                 yield step.reach(z), cycle, None
                 self.closed = self.closed or self._is_first(cycle)
+                if not self.closed and self._is_passed(cycle):
+                    self.again = u
 
     def _is_first(self, cycle: LimitCycle) -> bool:
         """Whether a cycle is that from which the branch set out: the branch is then closed."""
@@ -512,6 +537,20 @@ class _Follower:
         if self.begin is not None or cycle.u != first.u or len(self.cycles) < 4:
             return False
         return same_cycle(cycle, first.frequency, amplitude_of(self.motion, first)[0])
+
+    def _is_passed(self, cycle: LimitCycle) -> bool:
+        """Whether a cycle is one that was passed before, but not right before."""
+        return any(
+            one.u == cycle.u and same_cycle(cycle, one.frequency, one.amplitude)
+            for one in self.cycles[:-4]
+        )
+
+    def _forget_repeated(self) -> None:
+        """Leaves out events that were met a second time."""
+        every = self.events
+        self.events = [
+            event for i, event in enumerate(every) if not any(map(event.same, every[:i]))
+        ]
 
 
 def _steepness(speeds: list[float], frequencies: list[float]) -> float:

@@ -2,9 +2,10 @@
 """Brute force over the flow speed: where motions from many starts end.
 
 After the transient the section x' = 0 of the free end is kept: its turning points. At rest there
-is none, a cycle leaves a few values, a torus or chaos many. A motion ends before if it comes near
-to a stable equilibrium or cycle that is known, or is at rest or periodic and attracts what starts
-beside it: then it would stay so.
+is none, a cycle leaves a few values, a torus or chaos many. A motion ends before if it has reached
+a stable equilibrium or cycle that is known, or is at rest or periodic and attracts what starts
+beside it: then it would stay so. Irregular motions at one speed that cannot be told apart go on as
+one.
 """
 
 from __future__ import annotations
@@ -16,17 +17,25 @@ from dataclasses import dataclass, field, replace
 from functools import partial
 from itertools import pairwise
 from types import MappingProxyType
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pipedyn.bifurcation.known_solutions import KnownSolution, approached
+from pipedyn.bifurcation.capture import (
+    NOWHERE,
+    TRIED_NEARER,
+    Region,
+    WatchedTask,
+    judged_step,
+    watched,
+)
+from pipedyn.bifurcation.known_solutions import KnownSolution
 from pipedyn.models.base import Model, PipedynError
 from pipedyn.models.chain import Chain
 from pipedyn.models.drive import Base, Speed
 from pipedyn.models.galerkin import Galerkin
-from pipedyn.motion.integrator import Outcome, Task, integrate
+from pipedyn.motion.integrator import Outcome, Task
 from pipedyn.motion.lyapunov import LyapunovExponent, exponents_together
 from pipedyn.motion.simulate import (
     BATCH,
@@ -69,8 +78,10 @@ FIRST_LOOK = 4.0
 """Time after which motions are looked at for the first time, some ten periods of flutter; then
 after as much again or half the time so far. Of 3, 4, 5, 6 and 8 the cheapest, measured."""
 
-LOOKS = 32
-"""States of a record that are compared with known solutions: eight in each quarter."""
+JOINED = 0.25
+"""Share of the transient after which motions from several starts at one speed go on as one, if they
+are irregular and their turning points were spread alike at two looks one after the other. Where
+that one does not stay irregular, the others go on from where they were."""
 
 NUDGE = 0.01
 """How far beside a motion a neighbour begins, rad: as much as linear laws of its distance hold, and
@@ -176,8 +187,10 @@ def attractors(
     """Where motions end, from each start at each speed, where some solutions may be known."""
     members = [(float(u), k) for u in speeds for k in range(len(starts))]
     most = min(BATCH, max(LARGEST_SAMPLES // (options.samples * model.coordinates), 1))
-    indices = np.array_split(np.arange(len(members)), math.ceil(len(members) / most))
-    parts = [[members[i] for i in part] for part in indices]
+    together = len(starts) if len(starts) <= most else 1  # those of a speed, if they fit
+    units = len(members) // together
+    indices = np.array_split(np.arange(units), math.ceil(units / (most // together)))
+    parts = [members[part[0] * together : (part[-1] + 1) * together] for part in indices]
     found: list[Attractor] = []
     jobs = [
         partial(_batch, model, part, starts, options, {u: known.get(u, ()) for u, _ in part})
@@ -194,13 +207,13 @@ def attractors(
             found.append(one)
     if options.exponents:
         alike = _alike([i for i, one in enumerate(found) if one.ending == "irregular"], found)
-        parts = [alike[i : i + BATCH // 2] for i in range(0, len(alike), BATCH // 2)]
-        of = [[found[same[0]] for same in part] for part in parts]
+        groups = [alike[i : i + BATCH // 2] for i in range(0, len(alike), BATCH // 2)]
+        of = [[found[same[0]] for same in group] for group in groups]
         exponents = [partial(_exponents, model, some, options) for some in of]
         results = parallel(exponents, executor, label="exponents", progress=shown)
-        for part, result in zip(parts, results, strict=True):
-            each = [result] * len(part) if isinstance(result, Exception) else result
-            for same, exponent in zip(part, each, strict=True):
+        for group, result in zip(groups, results, strict=True):
+            each = [result] * len(group) if isinstance(result, Exception) else result
+            for same, exponent in zip(group, each, strict=True):
                 if isinstance(exponent, Exception):
                     failed.append((found[same[0]].speed, exponent))
                     continue
@@ -210,26 +223,28 @@ def attractors(
 
 
 def _alike(places: list[int], found: list[Attractor]) -> list[list[int]]:
-    """Those at one speed whose turning points are spread alike, and so end on the same, together.
-
-    They are unless a Kolmogorov-Smirnov test tells them apart with 99 % certainty.
-    """
+    """Those at one speed together whose turning points are spread alike: they end on the same."""
     groups: list[list[int]] = []
     for i in places:
         for group in groups:
             one, other = found[group[0]], found[i]
-            if one.speed != other.speed or min(one.turnings.size, other.turnings.size) < 2:
-                continue
-            a, b = np.sort(one.turnings), np.sort(other.turnings)
-            both = np.concatenate([a, b])
-            shares = (np.searchsorted(x, both, side="right") / x.size for x in (a, b))
-            apart = float(np.abs(next(shares) - next(shares)).max())
-            if apart < 1.63 * math.sqrt(1.0 / a.size + 1.0 / b.size):
+            if one.speed == other.speed and spread_alike(one.turnings, other.turnings):
                 group.append(i)
                 break
         else:
             groups.append([i])
     return groups
+
+
+def spread_alike(a: Array, b: Array) -> bool:
+    """Unless a Kolmogorov-Smirnov test tells two sets of values apart with 99 % certainty."""
+    if min(a.size, b.size) < 2:
+        return False
+    a, b = np.sort(a), np.sort(b)
+    both = np.concatenate([a, b])
+    shares = (np.searchsorted(x, both, side="right") / x.size for x in (a, b))
+    apart = float(np.abs(next(shares) - next(shares)).max())
+    return apart < 1.63 * math.sqrt(1.0 / a.size + 1.0 / b.size)
 
 
 def _exponents(
@@ -250,6 +265,10 @@ class _Run:
     state: Array  # [p, p']
     settled: bool = False  # as its last record shows
     next_trial: float = 0.0  # time from which it may be tried for whether it attracts
+    inside: int = NOWHERE  # the region of a known solution in which it is
+    first: float = math.inf  # its largest distance in its first period there
+    like: _Run | None = None  # whose turning points were spread alike at the last look
+    alone: bool = False  # whether it does not join another
 
 
 @dataclass(frozen=True)
@@ -261,7 +280,6 @@ class _Record:
     error: float  # of two turnings together
     ending: Ending
     period: int
-    states: Array = field(default_factory=lambda: np.zeros((0, 0)))  # some, (2 moving, k)
 
     def seems_settled(self) -> bool:
         """Whether it is at rest in the end, or three periods show no change that could be seen."""
@@ -294,15 +312,28 @@ class _Batch:
     """The motions of one batch, and where those ended that have."""
 
     def __init__(
-        self, model: Model, options: MotionOptions, known: Mapping[float, Sequence[KnownSolution]]
+        self,
+        model: Model,
+        options: MotionOptions,
+        known: Mapping[float, Sequence[KnownSolution]],
+        bend: Array,
     ) -> None:
-        self.model, self.options, self.known, self.elapsed = model, options, known, 0.0
+        self.model, self.options, self.elapsed = model, options, 0.0
+        self.bend = bend  # towards which neighbours begin
+        self.joined: list[tuple[_Run, _Run, float]] = []  # one, another, and since when
         self.answers: dict[int, Attractor | Exception] = {}
+        self.known: dict[float, list[Attractor]] = {}
+        self.regions: dict[float, tuple[Region, ...]] = {}  # of these
+        for u, solutions in known.items():
+            every = [(self.on_known(u, one), one.region) for one in solutions if one.stable]
+            told = [(end, region) for end, region in every if end.ending in ("rest", "periodic")]
+            self.known[u] = [end for end, _ in told]
+            self.regions[u] = tuple(region for _, region in told)
         smooth = isinstance(model, (Chain, Galerkin)) and not model.pipe.has_kinks
         self.tolerance = options.rtol * (1.0 if smooth else ACROSS_KINKS)
 
     def advance(self, runs: list[_Run], before: float, recorded: float) -> list[_Record | None]:
-        """Goes on for some time and then a time that is recorded; None of one that stopped."""
+        """Goes on for some time and then a time that is recorded; None of one that has ended."""
         if not runs:
             return []
         samples = before + np.linspace(0.0, recorded, self.options.samples_of(recorded))
@@ -314,28 +345,58 @@ class _Batch:
             base=self.options.base,
             members=len(runs),
         )
+        of_all = WatchedTask(**vars(first), nearer=TRIED_NEARER, kept=True)
+        sample, judged = recorded / (samples.size - 1), dict[float, Any]()
+        for u, regions in self.regions.items():
+            step, longest = judged_step(regions, recorded)
+            every = max(round(step / sample), 1)
+            block = np.zeros((math.ceil(longest / (every * sample) - 1e-6), 0))
+            judged[u] = {"regions": regions, "every": every, "phases": block}
         tasks = [
-            replace(first, u=first.u if first.drive else run.speed, start=np.append(run.state, 0.0))
+            replace(
+                of_all,
+                u=first.u if first.drive else run.speed,
+                start=np.append(run.state, 0.0),
+                **({} if run.member == NEIGHBOUR else judged.get(run.speed, {})),
+                inside=run.inside,
+                first=run.first,
+            )
             for run in runs
         ]
-        outcomes = in_batches(tasks, integrate)
-        for run, task, outcome in zip(runs, tasks, outcomes, strict=True):
-            if outcome[2] is not None:
-                self.answers[run.member] = self.stopped(run, task, outcome)
-        records: list[_Record | None] = [None] * len(runs)
-        going = [i for i, (_, _, why) in enumerate(outcomes) if why is None]
+        found = in_batches(tasks, watched)
+        outcomes, records = [one.outcome for one in found], list[_Record | None]([None] * len(runs))
+        for run, task, one in zip(runs, tasks, found, strict=True):
+            run.inside, run.first = one.inside, one.first
+            if one.outcome[2] is not None:
+                self.answers[run.member] = self.stopped(run, task, one.outcome)
+            elif one.label != NOWHERE:
+                end = self.known[run.speed][one.label]
+                self.answers[run.member] = replace(end, start=run.start)
+        going = [
+            i for i, one in enumerate(found) if one.outcome[2] is None and one.label == NOWHERE
+        ]
         if not going:
             return records
         rows = np.concatenate([outcomes[i][0][1:, :-1] for i in going])
-        q, qdot = self.model.recorded(*np.split(rows, 2, axis=1))
-        x = self.model.tips(q.T)[:, 0].reshape(len(going), -1)
-        velocity = self.model.tip_velocities(q.T, qdot.T)[:, 0].reshape(x.shape)
+        q, qdot, x, velocity = self.tip_of(rows)
         for k, i in enumerate(going):
-            last = (k + 1) * samples.size - 1
+            part, last = slice(k * samples.size, (k + 1) * samples.size), (k + 1) * samples.size - 1
             runs[i].state = np.asarray(self.model.start(q[last], qdot[last]))
-            states = outcomes[i][0][1:, :-1][:: -(samples.size // LOOKS)][::-1]
-            records[i] = _record(samples, x[k], velocity[k], self.options.rtol, states.T)
+            records[i] = _record(samples, x[part], velocity[part], self.options.rtol)
         return records
+
+    def tip_of(self, states: Array) -> tuple[Array, Array, Array, Array]:
+        """Coordinates and rates of states [p, p'], (k, 2 moving), and the tip's x and its rate."""
+        q, qdot = self.model.recorded(*np.split(states, 2, axis=1))
+        x, velocity = self.model.tips(q.T)[:, 0], self.model.tip_velocities(q.T, qdot.T)[:, 0]
+        return q, qdot, x, velocity
+
+    def on_known(self, u: float, solution: KnownSolution) -> Attractor:
+        """Where a motion ends that a known solution attracts."""
+        t, states = solution.recorded(SAMPLES_A_TIME)
+        _, _, x, velocity = self.tip_of(states.T)
+        end = np.ascontiguousarray(states[:, -1])
+        return _attractor(u, -1, _record(t, x, velocity, self.options.rtol), end)
 
     def stopped(self, run: _Run, task: Task, outcome: Outcome) -> MotionStopped:
         """The error of a motion, by its start and the time since."""
@@ -348,27 +409,73 @@ class _Batch:
         """Those that have not ended."""
         return [run for run in runs if run.member not in self.answers]
 
-    def identify(self, run: _Run, record: _Record) -> None:
-        """Ends a motion that comes near to a stable solution that is known."""
-        solutions = self.known.get(run.speed, ())
-        place = approached(solutions, record.states)
-        if place is None:
-            return
-        solution = solutions[place]
-        t, states = solution.recorded(SAMPLES_A_TIME)
-        q, qdot = self.model.recorded(*np.split(states.T, 2, axis=1))
-        x, velocity = self.model.tips(q.T)[:, 0], self.model.tip_velocities(q.T, qdot.T)[:, 0]
-        found = _record(t, x, velocity, self.options.rtol, states)
-        if found.ending in ("rest", "periodic"):
-            run.state = np.ascontiguousarray(states[:, -1])
-            self.keep(run, found)
-
     def keep(self, run: _Run, record: _Record) -> None:
         """Where a motion ends, by its record."""
-        turnings = record.x[-1:].copy() if record.ending == "rest" else record.turnings
-        self.answers[run.member] = Attractor(
-            run.speed, run.start, record.ending, record.period, turnings, run.state
-        )
+        self.answers[run.member] = _attractor(run.speed, run.start, record, run.state)
+
+    def look(self, runs: list[_Run], stretch: float) -> list[_Run]:
+        """Goes on for a stretch; returns the motions that have neither ended nor joined another."""
+        tried = [run for run in runs if run.settled and self.elapsed >= run.next_trial]
+        beside = [_neighbour(self.model, run, self.bend) for run in tried]
+        others = [run for run in runs if run not in tried]
+        irregular: list[tuple[_Run, _Record]] = []
+        for run, record in zip(others, self.advance(others, 0.0, stretch), strict=True):
+            run.settled = record is not None and record.seems_settled()
+            if record is not None and record.ending == "irregular" and not run.settled:
+                irregular.append((run, record))
+        records = self.advance([*tried, *beside], 0.0, stretch)
+        self.elapsed += stretch
+        for run, own, other in zip(tried, records, records[len(tried) :], strict=False):
+            run.next_trial = 2.0 * self.elapsed
+            if own is not None and other is not None and own.attracts(other):
+                self.keep(run, own)
+        joined = self.joining(irregular)
+        return [run for run in runs if run.member not in self.answers and run not in joined]
+
+    def joining(self, irregular: list[tuple[_Run, _Record]]) -> list[_Run]:
+        """Which irregular motions go on as another one at their speed."""
+        first: list[tuple[_Run, _Record]] = []  # with which the others are compared
+        joined: list[_Run] = []
+        for run, record in irregular:
+            same = (
+                one
+                for one, other in first
+                if one.speed == run.speed and spread_alike(other.turnings, record.turnings)
+            )
+            before, run.like = run.like, None if run.alone else next(same, None)
+            if run.like is None:
+                first.append((run, record))
+            elif run.like is before and self.elapsed >= JOINED * self.options.transient:
+                joined.append(run)
+                self.joined.append((run, run.like, self.elapsed))
+        return joined
+
+    def finish(self, runs: list[_Run]) -> None:
+        """Follows motions to where they end."""
+        # Motions with neighbours take no more samples than all at the end.
+        stretch, longest = FIRST_LOOK, max(FIRST_LOOK, 0.5 * self.options.duration)
+        if self.elapsed:
+            stretch = min(max(FIRST_LOOK, 0.5 * self.elapsed), longest)
+        while runs and self.elapsed + stretch <= self.options.transient:
+            runs = self.look(runs, stretch)
+            stretch = min(max(stretch, 0.5 * self.elapsed), longest)
+        before = self.options.transient - self.elapsed
+        records = self.advance(runs, before, self.options.duration)
+        for run, record in zip(runs, records, strict=True):
+            if record is not None:
+                self.keep(run, record)
+        joined, self.joined = self.joined, []
+        again: list[tuple[_Run, float]] = []
+        for run, other, since in joined:
+            end = self.answers[other.member]
+            if isinstance(end, Attractor) and end.ending == "irregular":
+                self.answers[run.member] = replace(end, start=run.start)
+            else:
+                run.alone = True
+                again.append((run, since))
+        for since in sorted({since for _, since in again}):
+            self.elapsed = since
+            self.finish([run for run, at in again if at == since])
 
 
 def _batch(
@@ -379,31 +486,15 @@ def _batch(
     known: Mapping[float, Sequence[KnownSolution]],
 ) -> list[Attractor | Exception]:
     """Where each member of one batch ends, or why it stopped early."""
-    batch = _Batch(model, options, known)
-    runs = [_Run(i, u, k, _state(model, starts[k])) for i, (u, k) in enumerate(members)]
-    # Motions with neighbours take no more samples than all at the end.
-    stretch, longest = FIRST_LOOK, max(FIRST_LOOK, 0.5 * options.duration)
-    while runs and batch.elapsed + stretch <= options.transient:
-        tried = [run for run in runs if run.settled and batch.elapsed >= run.next_trial]
-        beside = [_neighbour(model, run, starts[-1]) for run in tried]
-        others = [run for run in runs if run not in tried]
-        for run, record in zip(others, batch.advance(others, 0.0, stretch), strict=True):
-            run.settled = record is not None and record.seems_settled()
-            if record is not None:
-                batch.identify(run, record)
-        records = batch.advance([*tried, *beside], 0.0, stretch)
-        batch.elapsed += stretch
-        for run, own, other in zip(tried, records, records[len(tried) :], strict=False):
-            run.next_trial = 2.0 * batch.elapsed
-            if own is not None and other is not None and own.attracts(other):
-                batch.keep(run, own)
-        runs = batch.going(runs)
-        stretch = min(max(stretch, 0.5 * batch.elapsed), longest)
-    records = batch.advance(runs, options.transient - batch.elapsed, options.duration)
-    for run, record in zip(runs, records, strict=True):
-        if record is not None:
-            batch.keep(run, record)
+    batch = _Batch(model, options, known, starts[-1])
+    batch.finish([_Run(i, u, k, _state(model, starts[k])) for i, (u, k) in enumerate(members)])
     return [batch.answers[i] for i in range(len(members))]
+
+
+def _attractor(u: float, start: int, record: _Record, end: Array) -> Attractor:
+    """Where a motion ends, by its record."""
+    turnings = record.x[-1:].copy() if record.ending == "rest" else record.turnings
+    return Attractor(u, start, record.ending, record.period, turnings, end)
 
 
 def _state(model: Model, start: Array) -> Array:
@@ -422,11 +513,11 @@ def _neighbour(model: Model, run: _Run, bend: Array) -> _Run:
     return _Run(NEIGHBOUR, run.speed, run.start, state if np.isfinite(state).all() else run.state)
 
 
-def _record(t: Array, x: Array, velocity: Array, rtol: float, states: Array) -> _Record:
+def _record(t: Array, x: Array, velocity: Array, rtol: float) -> _Record:
     turnings, error = turning_points(t, x, velocity)
     # Errors of an integrator's steps add up over the ten or more that a period takes.
     error += 10.0 * rtol * float(np.ptp(x))
-    return _Record(x, turnings, error, *ending_of(x, turnings, error), states)
+    return _Record(x, turnings, error, *ending_of(x, turnings, error))
 
 
 def turning_points(t: Array, x: Array, velocity: Array) -> tuple[Array, float]:

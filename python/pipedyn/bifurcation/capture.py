@@ -1,24 +1,26 @@
 # SPDX-License-Identifier: MIT
 """When a motion has reached a known attractor: it is near, and comes nearer.
 
-The distance of a state from an attractor is that from the nearest of many states on it, rates being
-multiplied by a time of the attractor's own. A motion has reached it when its largest distance over
-a period is within a radius and later, without having left that, at most half as large. What passes
-a saddle or follows an unstable cycle beside the attractor does not come nearer; what is so near to
-attract in all directions is tried with motions from beside each attractor, as far away as that.
+The distance of a state from an attractor is that from the curve through many states on it, rates
+being multiplied by a time of the attractor's own. A motion has reached it when its largest distance
+over a period is within a radius and later, without having left that, much smaller. What passes a
+saddle or follows an unstable cycle beside the attractor does not come nearer. What is so near to
+attract in all directions is tried with motions from beside each attractor, as far away as that;
+where nothing is tried, the motion is a trial of its own and has to come as much nearer as those.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from functools import cached_property, partial
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from pipedyn.linear.eigenproblem import Complex
 from pipedyn.models.base import Model
 from pipedyn.models.drive import Harmonic, Pulsation
 from pipedyn.motion.integrator import Observer, Outcome, Task, integrate
@@ -31,9 +33,12 @@ Labels = NDArray[np.int_]
 
 NOWHERE, STOPPED = -1, -2
 
-SPACING, FLOOR = 2e-4, 1e-4
-"""Distance between neighbouring states on a cycle, by half of which distances err; and that within
-which a state counts as on an attractor."""
+FLOOR = 1e-4
+"""Distance within which a state counts as on an attractor."""
+
+COARSE, FINE = 256, 2**14
+"""Steps along the curve of a cycle, at least and at most: doubled until chords miss it by less than
+a quarter of `FLOOR`."""
 
 SAMPLES, LONGEST_BLOCK = 6, 200
 """Samples in the shortest period of a region, and at most in a block, which spans the longest."""
@@ -41,9 +46,10 @@ SAMPLES, LONGEST_BLOCK = 6, 200
 PHASES = 12
 """Of a period of the drive, at which states are compared."""
 
-LOOK = 200
-"""Right-hand sides of a member between two looks, a sixth of the time of some ten periods: looks
-take a fifth as long as the motions between them, measured with two segments."""
+LOOK, SLOWER = 200, 4
+"""Right-hand sides of a member between two looks, a sixth of the time of some ten periods: looks at
+a full batch take a fifth as long as the motions between them, measured with two segments. With
+fewer members they are so much rarer, at most."""
 
 FIRST_STAGE = 8.0
 """Time after which those that go on are gathered into full batches; then after as much again."""
@@ -61,6 +67,13 @@ WIDEST, HALVINGS = 0.05, 5
 TRIALS, TRIED_NEARER = 16, 0.05
 """Motions from beside an attractor, in directions drawn at random, that show that it attracts, and
 how much nearer they must come."""
+
+COMPARED, APART = 256, 0.25
+"""States of another attractor from which the distance of two is taken; and the share of the way
+to anything else that is known that a region reaches at most."""
+
+WHOLE: Array = np.array([0.0, 2.0 * math.pi])
+"""Phases of a cycle."""
 
 
 @dataclass(frozen=True)
@@ -111,6 +124,7 @@ class Region:
         radius: of the region, root mean square of p.
         turn: a whole turn about a hinge at the root, (moving,), after which all is as before.
         driven: whether points have phases.
+        curve: whether the points follow one another on a curve.
     """
 
     points: Array
@@ -119,22 +133,55 @@ class Region:
     radius: float = WIDEST
     turn: Array | None = None
     driven: bool = False
+    curve: bool = False
+
+    @staticmethod
+    def about_rest(place: Array, values: Complex) -> Region:
+        """About an equilibrium at p, with the eigenvalues there."""
+        omega = float(np.abs(values).min()) if not values.imag.any() else 0.0
+        omega = omega or float(np.abs(values[values.imag != 0.0]).min())
+        unit = 1.0 / max(omega, 1e-3)
+        points = np.append(place, np.zeros_like(place))[None]
+        return Region(points, unit, min(2.0 * math.pi * unit, 0.25 * FIRST_STAGE))
 
     @cached_property
     def _steps(self) -> Array:
-        return np.asarray(np.linalg.norm(np.diff(self._scaled(self.points), axis=0), axis=1))
-
-    @property
-    def length(self) -> float:
-        """Of the way along the points."""
-        return float(self._steps.sum())
+        return np.diff(self._scaled(self.points), axis=0)
 
     @cached_property
-    def floor(self) -> float:
-        """Distance within which a state counts as on the attractor."""
-        if self.driven:
-            return FLOOR
-        return max(2.0 * float(self._steps.max(initial=0.0)), FLOOR)
+    def _ways(self) -> tuple[Array, Array]:
+        """From each point to the next, and to the one before."""
+        none = np.zeros((1, self.points.shape[1]))
+        return np.concatenate([self._steps, none]), np.concatenate([none, -self._steps])
+
+    @staticmethod
+    def about_cycle(
+        states: Callable[[Array], Array], frequency: float, mesh: Array = WHOLE, finest: int = FINE
+    ) -> Region:
+        """About a cycle with states, (k, 2 moving), at phases from 0 to 2 pi, (k,).
+
+        mesh: phases between which the same number of steps lie.
+        finest: steps at most.
+        """
+        unit, count = 1.0 / frequency, COARSE
+        while True:
+            places = np.linspace(0.0, mesh.size - 1.0, count + 1)
+            points = states(np.interp(places, np.arange(mesh.size), mesh))
+            region = Region(points, unit, 2.0 * math.pi * unit, curve=True)
+            # Second differences across the curve are eight times what the chord of a step misses.
+            along, bend = region._steps[1:] + region._steps[:-1], np.diff(region._steps, axis=0)
+            share = np.sum(bend * along, axis=1) / np.maximum(np.sum(along**2, axis=1), 1e-300)
+            missed = np.linalg.norm(bend - share[:, None] * along, axis=1).max() / 8.0
+            if missed < 0.25 * FLOOR or count >= finest:
+                return region
+            count *= 2
+
+    @cached_property
+    def _reach(self) -> float:
+        """How far a state on the curve may be from the points."""
+        if not self.curve:
+            return 0.0
+        return 0.5 * float(np.linalg.norm(self._steps, axis=1).max(initial=0.0))
 
     @cached_property
     def _tree(self) -> scipy.spatial.cKDTree:
@@ -145,9 +192,13 @@ class Region:
         """Number of entries of p."""
         return self.points.shape[1] // 2 - self.driven
 
-    def _scaled(self, states: Array) -> Array:
+    @cached_property
+    def _units(self) -> Array:
         units = np.repeat([1.0, self.unit], self.half) / math.sqrt(self.half)
-        return states * np.append(units, np.ones(2 * self.driven))
+        return np.append(units, np.ones(2 * self.driven))
+
+    def _scaled(self, states: Array) -> Array:
+        return states * self._units
 
     def _unwound(self, states: Array) -> Array:
         if self.turn is None:
@@ -166,19 +217,38 @@ class Region:
         if states.shape[1] < self.points.shape[1]:
             states = np.concatenate([states, np.tile([1.0, 0.0], (len(states), 1))], axis=1)
         near = self._unwound(states)
-        found, _ = self._tree.query(self._scaled(near), distance_upper_bound=most)
+        found = self._nearest(near, most)
         if self.turn is not None:
             turn = np.zeros(near.shape[1])
             turn[: self.half] = self.turn
             for other in (near + turn, near - turn):
-                beyond, _ = self._tree.query(self._scaled(other), distance_upper_bound=most)
-                found = np.minimum(found, beyond)
+                found = np.minimum(found, self._nearest(other, most))
+        return found
+
+    def _nearest(self, states: Array, most: float) -> Array:
+        """Distances from the points or the curve through them, infinite beyond the most."""
+        scaled = self._scaled(states)
+        found, places = self._tree.query(scaled, distance_upper_bound=most + self._reach)
+        near = np.flatnonzero(np.isfinite(found))
+        if self.curve and near.size:
+            away = scaled[near] - self._tree.data[places[near]]
+            for ways in self._ways:
+                way = ways[places[near]]
+                ahead = np.sum(away * way, axis=1) / np.maximum(np.sum(way**2, axis=1), 1e-300)
+                missed = away - np.clip(ahead, 0.0, 1.0)[:, None] * way
+                found[near] = np.minimum(found[near], np.linalg.norm(missed, axis=1))
+            found[found > most] = math.inf
         return np.asarray(found)
 
     def apart(self, other: Region) -> float:
         """Smallest distance from another, infinite if they are far apart."""
         most = 4.0 * max(self.radius, other.radius)
-        return float(self.distances(other.points[:: max(len(other.points) // 2000, 1)], most).min())
+        points = other.points[:: max(len(other.points) // COMPARED, 1)]
+        return float(self.distances(points, most).min())
+
+    def kept_apart(self, distance: float) -> Region:
+        """The same, if something else that is known is so far away."""
+        return replace(self, radius=min(self.radius, APART * distance))
 
     def mirrored(self, shifts: bool = False) -> Region:
         """That of the mirror image, which is half a period later if the drive shifts."""
@@ -203,43 +273,89 @@ class Region:
         return np.where(met, moved, on)
 
 
+@dataclass(frozen=True)
+class WatchedTask(Task):
+    """A motion that ends where it has reached a region.
+
+    Attributes:
+        regions: that it may reach.
+        nearer: share of its first distance within a region at which it has reached that.
+        every: of its samples one in so many is judged.
+        phases: of those in a block, `Excitation.phases`.
+        inside: the region in which it was before, or NOWHERE.
+        first: its largest distance in its first period there.
+        kept: whether all samples are answered, or only the last.
+    """
+
+    regions: Sequence[Region] = ()
+    nearer: float = NEARER
+    every: int = 1
+    phases: Array = field(default_factory=lambda: np.zeros((1, 0)))
+    inside: int = NOWHERE
+    first: float = math.inf
+    kept: bool = False
+
+
+@dataclass(frozen=True)
+class Watched:
+    """What came of it: which region it has reached, and in which it was at the end."""
+
+    outcome: Outcome
+    label: int
+    inside: int
+    first: float
+
+
 class _Watch(Observer):
     """Ends the motions of a batch that have reached a region. Judged are blocks of samples."""
 
-    def __init__(
-        self, regions: Sequence[Region], members: int, phases: Array, nearer: float
-    ) -> None:
+    def __init__(self, tasks: Sequence[WatchedTask]) -> None:
         super().__init__()
-        self.regions, self.phases, self.nearer, self.stretch = regions, phases, nearer, LOOK
-        self.block = len(phases)
-        self.labels = np.full(members, NOWHERE)
-        self.judged = np.zeros(members, dtype=int)  # blocks
-        self.inside = np.full(members, NOWHERE)  # the region in which the last block lies
-        self.first = np.full(members, math.inf)  # the largest distance in the first such block
+        self.stretch = LOOK * min(max(MEMBERS // len(tasks), 1), SLOWER)
+        self.tasks, self.rows = tasks, 2 * tasks[0].model.moving
+        self.labels = np.full(len(tasks), NOWHERE)
+        self.judged = np.zeros(len(tasks), dtype=int)  # blocks
+        self.inside = np.array([task.inside for task in tasks])  # where the last block lies
+        self.first = np.array([task.first for task in tasks])
+        members_of: dict[int, list[int]] = {}  # each list of regions
+        for member, task in enumerate(tasks):
+            if task.regions:
+                members_of.setdefault(id(task.regions), []).append(member)
+        self.groups = [np.array(some) for some in members_of.values()]
 
     def ended(self, states: Array, samples: Array) -> list[int]:
         """As of `Observer`."""
         found: list[int] = []
-        span = np.arange(self.block)
-        size = 2 * self.regions[0].half
-        while True:
-            going = (self.labels == NOWHERE) & (samples >= (self.judged + 1) * self.block)
-            ready = np.flatnonzero(going)
-            if not ready.size:
-                return found
-            places = self.judged[ready, None] * self.block + span
-            found += self._judge(ready, states[ready[:, None], places, :size])
-            self.judged[ready] += 1
+        for members in self.groups:
+            task = self.tasks[members[0]]
+            span = np.arange(len(task.phases)) * task.every
+            size = span.size * task.every
+            while True:
+                whole = samples[members] > self.judged[members] * size + span[-1]
+                ready = members[whole & (self.labels[members] == NOWHERE)]
+                if not ready.size:
+                    break
+                places = self.judged[ready, None] * size + span
+                found += self._judge(task, ready, states[ready[:, None], places, : self.rows])
+                self.judged[ready] += 1
+        return found
 
-    def _judge(self, members: Any, blocks: Array) -> list[int]:
-        """Which of some members have reached a region with these blocks, (k, samples, rows)."""
-        phases = np.broadcast_to(self.phases, (len(blocks), *self.phases.shape))
-        blocks = np.concatenate([blocks, phases], axis=2)
-        last = np.stack([region.distances(blocks[:, -1]) for region in self.regions])
+    def _judge(self, task: WatchedTask, members: Any, blocks: Array) -> list[int]:
+        """Which of some members, with a task like this, have reached a region.
+
+        blocks: of samples of each, (k, samples, rows).
+        """
+        regions = task.regions
+        if task.phases.size:
+            phases = np.broadcast_to(task.phases, (len(blocks), *task.phases.shape))
+            blocks = np.concatenate([blocks, phases], axis=2)
+        last = np.stack([region.distances(blocks[:, -1]) for region in regions])
         nearest, before = last.argmin(axis=0), self.inside[members]
         self.inside[members] = NOWHERE
+        if np.isinf(last).all():
+            return []
         found: list[int] = []
-        for k, region in enumerate(self.regions):
+        for k, region in enumerate(regions):
             some = np.flatnonzero((nearest == k) & np.isfinite(last[k]))
             if not some.size:
                 continue
@@ -251,11 +367,28 @@ class _Watch(Observer):
             new = before[some] != k
             self.first[at[new]] = largest[new]
             self.inside[at] = k
-            near = np.where(new, 0.0, self.nearer * self.first[at])
-            reached = largest <= np.maximum(near, region.floor)
+            near = np.where(new, 0.0, task.nearer * self.first[at])
+            reached = largest <= np.maximum(near, FLOOR)
             self.labels[at[reached]] = k
             found += at[reached].tolist()
         return found
+
+
+def watched(tasks: Sequence[WatchedTask], shown: bool, observer: Observer) -> list[Watched]:
+    """What comes of each motion of a batch, as for `in_batches`."""
+    watch = _Watch(tasks)
+    outcomes: list[Outcome] = integrate(tasks, shown, watch if watch.groups else observer)
+    if not tasks[0].kept:
+        outcomes = [(rows[-1:].copy(), calls, why) for rows, calls, why in outcomes]
+    states = zip(watch.labels.tolist(), watch.inside.tolist(), watch.first.tolist(), strict=True)
+    return [Watched(outcome, *state) for outcome, state in zip(outcomes, states, strict=True)]
+
+
+def judged_step(regions: Sequence[Region], most: float) -> tuple[float, float]:
+    """Time between two samples that are judged, and between two blocks."""
+    periods = [region.period for region in regions] or [most]
+    longest = max(periods)
+    return min(max(min(periods) / SAMPLES, longest / LONGEST_BLOCK), most), longest
 
 
 def follow(
@@ -283,11 +416,10 @@ def follow(
         nearer: share of its first distance within a region at which a motion has reached it.
     """
     labels, ends = np.full(len(states), NOWHERE), states.copy()
-    periods = [region.period for region in regions] or [drive.period or duration]
-    shortest, longest = min(periods), max(periods)
-    step = min(max(shortest / SAMPLES, longest / LONGEST_BLOCK), duration)
+    inside, nearest = labels.copy(), np.full(len(states), math.inf)
+    step, longest = judged_step(regions, duration)
     if drive.period:
-        step = drive.period / PHASES
+        step, longest = drive.period / PHASES, max([r.period for r in regions] or [drive.period])
     block = math.ceil(longest / step - 1e-6)
     phases = drive.phases(step * np.arange(1.0, block + 1.0))
     elapsed, stage = 0.0, FIRST_STAGE
@@ -303,32 +435,25 @@ def follow(
             base=drive.base,
             members=len(states),
         )
-        tasks = [replace(first, start=np.append(ends[i], 0.0)) for i in going]
+        of_all = WatchedTask(**vars(first), regions=regions, nearer=nearer, phases=phases)
+        tasks = [
+            replace(
+                of_all,
+                start=np.append(ends[i], 0.0),
+                inside=int(inside[i]),
+                first=float(nearest[i]),
+            )
+            for i in going
+        ]
         together = max(min(MEMBERS, LARGEST_BATCH // (count * tasks[0].start.size)), BATCH)
-        work = partial(_reached, regions, phases, nearer)
-        answers = in_batches(tasks, work, executor, shown, together)
-        labels[going] = [label for label, _ in answers]
-        ends[going] = [end for _, end in answers]
+        answers = in_batches(tasks, watched, executor, shown, together)
+        for i, one in zip(going.tolist(), answers, strict=True):
+            rows, _, why = one.outcome
+            labels[i] = STOPPED if why is not None else one.label
+            ends[i], inside[i], nearest[i] = rows[-1, :-1], one.inside, one.first
         elapsed += float(times[-1])
         stage = elapsed
     return labels, ends
-
-
-def _reached(
-    regions: Sequence[Region],
-    phases: Array,
-    nearer: float,
-    tasks: Sequence[Task],
-    shown: bool,
-    observer: Observer,
-) -> list[tuple[int, Array]]:
-    """Of each motion of a batch which region it reaches, and where it then is."""
-    watch = _Watch(regions, len(tasks), phases, nearer)
-    outcomes: list[Outcome] = integrate(tasks, shown, watch if regions else observer)
-    answers = []
-    for label, (rows, _, why) in zip(watch.labels.tolist(), outcomes, strict=True):
-        answers.append((STOPPED if why is not None else label, rows[-1, :-1]))
-    return answers
 
 
 def attracting(

@@ -22,6 +22,7 @@ from pipedyn.bifurcation.periodic_orbit import (
     ONCE,
     PROBES,
     TWICE,
+    Closing,
     PeriodicOrbit,
     integrals,
     interpolated,
@@ -300,6 +301,7 @@ class OrbitProblem(Continuation):
         self.motion, self.start, self._speed_varies = motion, start, speed_varies
         self.unit = _unit_of(motion, start) if unit is None else unit
         self._by_speed: tuple[Array, Array | None] | None = None  # and where it was taken
+        self._last: tuple[Array, PeriodicOrbit] | None = None
         by_state = self.weights[: start.starts.size].reshape(start.starts.shape)
         by_state[:, : motion.half] = np.diff(start.edges)[:, None] / (start.span * self.unit**2)
         self.weights[-2:] = start.frequency**-2, start.u**-2 if start.u > 0.0 else 1.0
@@ -335,13 +337,22 @@ class OrbitProblem(Continuation):
         """The orbit of unknowns."""
         return self.start.unpacked(z)
 
+    def _at(self, z: Array) -> PeriodicOrbit:
+        """The same, asked for repeatedly of one iterate of Newton's method."""
+        if self._last is None or self._last[0] is not z:
+            self._last = z, self.orbit(z)
+        return self._last[1]
+
     def linearised(self, z: Array) -> Solver:
         """The equations about unknowns."""
-        return self.about_orbit(self.orbit(z))
+        return self.about_orbit(self._at(z))
 
-    def kept(self, equations: Solver) -> tuple[Array, Array] | None:
+    def kept(self, equations: Solver, step: float) -> Closing | None:
         """What leads to the multipliers of the orbit."""
-        return equations.closing if isinstance(equations, Linearised) else None
+        # Those of kinked forces change with every iterate, those of constraints need more.
+        if self.motion.model.pipe.has_kinks or self.motion.constrained:
+            return None
+        return Closing(*equations.closing, step) if isinstance(equations, Linearised) else None
 
     def about_orbit(self, orbit: PeriodicOrbit) -> Linearised:
         """The equations of an orbit, about it."""
@@ -355,15 +366,16 @@ class OrbitProblem(Continuation):
 
     def relative(self, z: Array, step: Array) -> float:
         """Size of a step relative to the orbit's own size, its frequency and its speed."""
-        orbit = self.orbit(z)
+        orbit = self._at(z)
         moved = step[: orbit.starts.size].reshape(orbit.starts.shape)[:, : orbit.half]
         size = float(np.abs(moved).max()) / orbit.size
-        pairs = zip(step[-2:].tolist(), orbit.packed()[-2:].tolist(), strict=True)
+        last = (orbit.u, orbit.frequency) if orbit.forced else (orbit.frequency, orbit.u)
+        pairs = zip(step[-2:].tolist(), last, strict=True)
         return max(size, *(abs(change) / (abs(value) or 1.0) for change, value in pairs))
 
     def check(self, z: Array) -> None:
         """Raises NewtonFailed for what is no orbit near the start: an equilibrium, or far away."""
-        orbit = self.orbit(z)
+        orbit = self._at(z)
         size, turn = orbit.size / self.start.size, orbit.frequency / self.start.frequency
         if size < 0.03:
             raise NewtonFailed("Newton's method takes the amplitude below 3 % of its start's")
@@ -386,7 +398,7 @@ def solved(
 ) -> PeriodicOrbit:
     """The periodic orbit near another at its speed, on its mesh; NewtonFailed if none is found.
 
-    closing: whether it has what leads to its multipliers, where the last step was short enough.
+    closing: whether it has what leads to its multipliers.
     """
     control = OrbitControl(math.inf, tolerance=tolerance, stagnation=1e3 * tolerance, patience=None)
     problem = OrbitProblem(motion, orbit, control, unit=1.0, speed_varies=False)

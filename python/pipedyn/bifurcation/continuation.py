@@ -40,10 +40,6 @@ FLAT = 0.3
 """Share of a step's steepest slope dp/ds below which there may be two folds within it: a cubic
 through the ends misjudges the slope between them by less, as tangents turn by `Control.turn`."""
 
-SOLVED = 1e-9
-"""Newton's last step up to which the equations about the last iterate are those of the solution:
-multipliers of cycles then move by 1e-7 at most."""
-
 End = Literal["range", "closed", "points", "not converged"]
 """Why a branch ends: at a limit, at its beginning, at the last point asked for, or because no next
 point was found."""
@@ -114,10 +110,10 @@ class Continuation(ABC):
     def check(self, z: Array) -> None:
         """Raises NewtonFailed for what is not to be followed."""
 
-    def kept(self, equations: Solver) -> Any:
+    def kept(self, equations: Solver, step: float) -> Any:
         """What is worth keeping of the equations about a solution; nothing unless a problem says.
 
-        They are those of Newton's last step, if that is at most `SOLVED`.
+        They are those about the last iterate, which Newton's last step, of this size, has left.
         """
         return None
 
@@ -167,7 +163,8 @@ class Continuation(ABC):
         """The same, and what is `kept` of the equations there."""
         row, start = np.zeros(guess.size), guess.copy()
         row[index], start[index] = 1.0, p
-        z, _, kept = self._solved(start, row, p)
+        found, _, kept = self._solved(start, row, p)
+        z = found.copy()
         z[index] = p  # to the bit
         return z, kept
 
@@ -196,24 +193,20 @@ class Continuation(ABC):
             check=self.check,
         )
         assert last is not None
-        return found, last, self.kept(last) if size <= SOLVED else None
+        return found, last, self.kept(last, size)
 
     def next(
-        self: Problem, start: Point, step: float, bend: Array | None = None
+        self: Problem, start: Point, step: float, ahead: Callable[[float], Array] | None = None
     ) -> tuple[Segment[Problem], float]:
         """The step to the next point, at most so long, and the length to try after it.
 
-        Newton's method begins on the parabola with this bend, the tangent's derivative by arc
-        length, if one is given.
+        Newton's method begins at what `ahead` gives for an arc length, on the tangent without it.
         """
         control = self.control
         while True:
             reason = NewtonFailed("it turns too sharply")
-            guess = None
-            if bend is not None:
-                guess = start.z + step * (start.tangent + 0.5 * step * bend)
             try:
-                found = self.at(start, step, guess)
+                found = self.at(start, step, ahead(step) if ahead is not None else None)
                 straight = self.product(start.tangent, found.tangent)
                 straight = min(straight, step / self.length(found.z - start.z))
                 if straight >= math.cos(control.turn):
@@ -258,10 +251,10 @@ class Segment(Generic[Problem]):
         """Arc length along the tangent at the beginning."""
         return self.reach(self.end.z)
 
-    @property
-    def bend(self) -> Array:
-        """About the derivative of the tangent by arc length."""
-        return (self.end.tangent - self.begin.tangent) / self.length
+    def ahead(self, s: float) -> Array:
+        """About the solution at an arc length beyond the end, along the tangent there."""
+        share = self.problem.product(self.begin.tangent, self.end.tangent)
+        return self.guess(self.length + share * s)
 
     @property
     def slopes(self) -> tuple[float, float]:

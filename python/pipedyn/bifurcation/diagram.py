@@ -39,7 +39,7 @@ from pipedyn.bifurcation.equilibria import (
     equilibrium_branch,
 )
 from pipedyn.bifurcation.hopf import HopfPoint
-from pipedyn.bifurcation.known_solutions import KnownSolution, at_rest
+from pipedyn.bifurcation.known_solutions import KnownSolution, at_rest, kept_apart
 from pipedyn.bifurcation.limit_cycle import (
     LARGEST_CYCLE,
     NoCycle,
@@ -407,14 +407,15 @@ def _known_solutions(
     with one_thread(motion.size):
         for u in speeds.tolist():
             guesses = (_start_of(model, q) for b in equilibria for q in _passing(b, u))
-            found[u] = at_rest(motion, guesses, u)
+            solutions = at_rest(motion, guesses, u)
             for branch in cycles:
                 signs = (1.0, -1.0) if branch.mirrored else (1.0,)
-                found[u] += [
-                    KnownSolution(cycle.stable, orbit=cycle.orbit, sign=sign)
+                solutions += [
+                    KnownSolution.cycle(cycle.stable, cycle.orbit, sign)
                     for cycle in branch.at(u)
                     for sign in signs
                 ]
+            found[u] = kept_apart(solutions)
     return found
 
 

@@ -1,35 +1,24 @@
 # SPDX-License-Identifier: MIT
-"""Equilibria and cycles that are known at a speed, and whether a motion ends on one of them.
+"""Equilibria and cycles that are known at a speed, and the regions that stable ones attract.
 
-A stable one attracts whatever comes near. A motion is taken to end there once it is within a small
-part of its size, has come nearer, and is much nearer to it than to anything else that is known: to
-an unstable cycle beside it, for one.
+These reach a quarter of the way to anything else that is known: to an unstable cycle, for one.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from pipedyn.bifurcation.periodic_orbit import PROBES, PeriodicOrbit, stage_phases
+from pipedyn.bifurcation.capture import COARSE, FINE, Region
+from pipedyn.bifurcation.periodic_orbit import PeriodicOrbit
 from pipedyn.bifurcation.vector_field import VectorField
 from pipedyn.linear.eigenproblem import Complex
 from pipedyn.util.check import Array
 from pipedyn.util.counters import factorised
 from pipedyn.util.newton import NewtonFailed, newton
-
-NEAR, NEARER, NEAREST = 0.02, 0.5, 1e-3
-"""Share of a solution's size within which a motion ends on it if it is by this factor nearer in the
-last quarter of a record than in the first; within the last it is enough that it comes nearer."""
-
-ELSEWHERE = 5.0
-"""How many times farther everything else that is known has to be."""
-
-SMALL_REST = 0.5
-"""Size of an equilibrium, in coordinates: `NEAR` of it is a hundredth of a radian."""
 
 PERIODS = 4
 """Periods of a cycle that are recorded: three show that it repeats, with less than one at the ends
@@ -38,78 +27,54 @@ of which maxima are left out."""
 
 @dataclass(frozen=True, eq=False)
 class KnownSolution:
-    """An equilibrium or a cycle at a speed."""
+    """An equilibrium or a cycle at a speed, with the region around it that it attracts if stable.
+
+    Attributes:
+        stable: whether eigenvalues or Floquet multipliers say so.
+        region: about it.
+        orbit: of a cycle.
+        sign: -1 for the mirror image of the orbit.
+    """
 
     stable: bool
-    rest: Array | None = field(default=None, repr=False)  # state, (2 moving,)
+    region: Region
     orbit: PeriodicOrbit | None = field(default=None, repr=False)
-    sign: float = 1.0  # -1 for the mirror image of the orbit
+    sign: float = 1.0
 
-    @property
-    def size(self) -> float:
-        """Root mean square of what positions of a cycle are from their mean."""
-        if self.orbit is None:
-            return SMALL_REST
-        p = self.orbit.states(PROBES)[: self.orbit.half]
-        return float(np.sqrt(np.sum(np.var(p, axis=1))))
-
-    def distances(self, states: Array, rate: float) -> Array:
-        """Of states [p, p'] in the columns, (2 moving, k), with rates in units of `rate`."""
-        units = np.ones(len(states))
-        units[len(states) // 2 :] = rate
-        scaled = states / units[:, None]
-        if self.orbit is None:
-            assert self.rest is not None
-            return np.asarray(np.linalg.norm(scaled - (self.rest / units)[:, None], axis=0))
-        phases = stage_phases(self.orbit.edges).ravel()
-        if self.orbit.symmetric:
-            phases = np.append(phases, self.orbit.span + phases)
-        probes = self.sign * self.orbit.states(phases) / units[:, None]
-        # |a - b|^2 - |b|^2 without a table of differences.
-        squares = np.sum(probes**2, axis=0)[:, None] - 2.0 * probes.T @ scaled
-        phase = phases[np.argmin(squares, axis=0)]
-        for _ in range(2):  # to the foot of the perpendicular, by the chord to a phase beside it
-            here, beside = (
-                self.sign * self.orbit.states(at) / units[:, None] for at in (phase, phase + 1e-4)
-            )
-            along = (beside - here) / 1e-4
-            ahead = np.sum((scaled - here) * along, axis=0) / np.sum(along**2, axis=0)
-            phase = phase + np.clip(ahead, -PROBES[1], PROBES[1])
-        foot = self.sign * self.orbit.states(phase) / units[:, None]
-        return np.asarray(np.linalg.norm(scaled - foot, axis=0))
+    @staticmethod
+    def cycle(stable: bool, orbit: PeriodicOrbit, sign: float = 1.0) -> KnownSolution:
+        """That of an orbit."""
+        mesh = orbit.edges
+        if orbit.symmetric:
+            mesh = np.append(mesh, orbit.span + mesh[1:])
+        region = Region.about_cycle(
+            lambda phase: sign * orbit.states(phase).T,
+            orbit.frequency,
+            mesh,
+            FINE if stable else COARSE,  # nothing but its distance from others is asked for
+        )
+        return KnownSolution(stable, region, orbit, sign)
 
     def recorded(self, samples: int) -> tuple[Array, Array]:
         """Times, with so many in a unit of time, and states, (2 moving, k), of some periods."""
         if self.orbit is None:
-            assert self.rest is not None
-            return np.linspace(0.0, 1.0, 9), np.repeat(self.rest[:, None], 9, axis=1)
-        period = 2.0 * math.pi / self.orbit.frequency
+            return np.linspace(0.0, 1.0, 9), np.repeat(self.region.points.T, 9, axis=1)
+        period = self.region.period
         count = PERIODS * max(128, math.ceil(samples * period)) + 1
         t = np.linspace(0.0, PERIODS * period, count)
         return t, self.sign * self.orbit.states(self.orbit.frequency * t)
 
 
-def approached(solutions: Sequence[KnownSolution], states: Array) -> int | None:
-    """Which of the solutions a motion ends on, by some of its states in order, (2 moving, k)."""
-    if not any(one.stable for one in solutions):
-        return None
-    p, rates = np.split(states, 2)
-    spread, turning = (float(np.sqrt(np.sum(np.var(part, axis=1)))) for part in (p, rates))
-    rate = turning / spread if spread > 0.0 and turning > 0.0 else 1.0
-    quarters = np.array(
-        [
-            [float(part.max()) for part in np.array_split(one.distances(states, rate), 4)]
-            for one in solutions
-        ]
-    )
-    last = quarters[:, -1]
-    place = int(np.argmin(last))
-    one, first, near = solutions[place], float(quarters[place, 0]), float(last[place])
-    others = np.delete(last, place)
-    if not one.stable or (others < ELSEWHERE * near).any():
-        return None
-    allowed = NEAR if near <= NEARER * first else NEAREST if near < first else 0.0
-    return place if near <= allowed * one.size else None
+def kept_apart(solutions: Sequence[KnownSolution]) -> list[KnownSolution]:
+    """The same, with regions of stable ones that leave out all others."""
+    found: list[KnownSolution] = []
+    for one in solutions:
+        region = one.region
+        for other in solutions if one.stable else ():
+            if other is not one:
+                region = region.kept_apart(region.apart(other.region))
+        found.append(replace(one, region=region))
+    return found
 
 
 def at_rest(
@@ -132,12 +97,12 @@ def at_rest(
             continue
         rest = np.append(p, np.zeros(half))
         if np.abs(p - guess).max() > farthest or any(
-            one.rest is not None and np.abs(one.rest - rest).max() < 1e-5 for one in found
+            np.abs(one.region.points - rest).max() < 1e-5 for one in found
         ):
             continue
         factorised()
         values: Complex = np.linalg.eigvals(motion.jacobian(rest, u)).astype(np.complex128)
         # A margin, as weak damping and rounding of eigenvalues are not told apart.
         stable = float(values.real.max()) < -1e-9 * (1.0 + float(np.abs(values).max()))
-        found.append(KnownSolution(stable, rest=rest))
+        found.append(KnownSolution(stable, Region.about_rest(p, values)))
     return found

@@ -17,9 +17,7 @@ from pipedyn.bifurcation.brute_force import (
     turning_points,
 )
 from pipedyn.bifurcation.capture import (
-    FIRST_STAGE,
     PHASES,
-    SPACING,
     Excitation,
     Region,
     attracting,
@@ -48,8 +46,8 @@ PERIODS, SAMPLES = 16, 256
 IRREGULAR = 5.0
 """Time recorded of an irregular motion, in durations: some hundred points of its section."""
 
-MOST_SAMPLES, MOST_POINTS = 2**16, 200_000
-"""Of a motion that is recorded, and on a cycle."""
+MOST_SAMPLES = 2**16
+"""Of a motion that is recorded."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,11 +112,10 @@ class Found:
         return replace(self, attractor=image, region=region)
 
     def kept_apart(self, distance: float) -> Found:
-        """The same with a region that reaches a quarter of the way to another attractor at most."""
+        """The same, with its region, if another attractor is so far away."""
         if self.attractor.ending == "irregular":
             return self
-        radius = min(self.region.radius, 0.25 * distance)
-        return replace(self, region=replace(self.region, radius=radius))
+        return replace(self, region=self.region.kept_apart(distance))
 
 
 class Recorder:
@@ -213,22 +210,18 @@ class Recorder:
         with suppress(NewtonFailed):  # in contact with a stop, for which Newton is not made
             place = self.statics.solved(place, self.drive.u)
         values = self.statics.eigenvalues(place, self.drive.u)
-        omega = float(np.abs(values).min()) if not values.imag.any() else 0.0
-        omega = omega or float(np.abs(values[values.imag != 0.0]).min())
-        unit = 1.0 / max(omega, 1e-3)
-        period = min(2.0 * math.pi * unit, 0.25 * FIRST_STAGE)
-        points = np.append(place, np.zeros_like(place))[None]
-        return self.region(points, unit, period, np.zeros(1)), float(values.real.max())
+        region = replace(Region.about_rest(place, values), turn=self.statics._turn)
+        return region, float(values.real.max())
 
     def about_cycle(self, record: Record) -> Region:
-        """Of a cycle, by states on it that are as close to one another as `capture.SPACING`."""
+        """Of a cycle, with units of a motion from one maximum to the next."""
         motion, period = record.motion, record.period
-        unit = self.unit(record)
-        times = np.linspace(0.0, period, 1000)
-        coarse = self.region(states_of(motion, times), unit, period, times)
-        count = math.ceil(coarse.length / SPACING)
-        times = np.linspace(0.0, period, min(max(count, 500), MOST_POINTS))
-        return self.region(states_of(motion, times), unit, period, times)
+
+        def states(phase: Array) -> Array:
+            return states_of(motion, 0.5 / math.pi * period * phase)
+
+        region = Region.about_cycle(states, 2.0 * math.pi / period)
+        return replace(region, unit=self.unit(record), turn=self.statics._turn)
 
     def cloud(self, record: Record, times: Array) -> Region:
         """States of an irregular motion, and how far those of one half are from the others."""

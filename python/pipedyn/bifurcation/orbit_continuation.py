@@ -9,7 +9,7 @@ orbit. The mesh is refined and coarsened on the way. Whatever solves for an orbi
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from itertools import islice
@@ -178,7 +178,7 @@ def onward(problem: Problem, point: Point, length: float) -> Iterator[Segment[Pr
     The mesh follows: `defect` of the problem's control is the largest that is let pass.
     """
     defect, tangent = cast(OrbitControl, problem.control).defect, point.tangent
-    problem, bend = problem.about(point.z), cast("Array | None", None)
+    problem, ahead = problem.about(point.z), cast("Callable[[float], Array] | None", None)
     while True:
         here = problem.start
         # An interval twice as long has some 2^8 times the defect. A change of the mesh costs as
@@ -188,11 +188,17 @@ def onward(problem: Problem, point: Point, length: float) -> Iterator[Segment[Pr
                 *(problem.motion, here.states, here.frequency, here.u, here.symmetric), defect
             ).edges
             if edges.size < 0.75 * here.edges.size:
-                (problem, tangent), bend = _on_mesh(problem, tangent, edges), None
+                (problem, tangent), ahead = _on_mesh(problem, tangent, edges), None
         tried = False
         while True:
+            if ahead is not None:  # where it leads to shows what mesh the step takes
+                there = ahead(length)
+                coarse = problem.orbit(there).defects() > defect
+                edges = divided(problem.start.edges, 1 + coarse)
+                if coarse.any() and edges.size <= MOST_INTERVALS:
+                    (problem, tangent), ahead = _on_mesh_to(problem, tangent, there, length, edges)
             begin = problem.starting(problem.origin, tangent)
-            step, following = problem.next(begin, length, bend)
+            step, following = problem.next(begin, length, ahead)
             defects = problem.orbit(step.end.z).defects()
             if defects.max() <= defect:
                 break
@@ -206,12 +212,11 @@ def onward(problem: Problem, point: Point, length: float) -> Iterator[Segment[Pr
                 if tried or edges.size > min(MOST_INTERVALS, 0.75 * before.size):
                     raise NewtonFailed(f"more than {MOST_INTERVALS} mesh intervals are needed")
                 tried = True
-            there, length = problem.about(step.end.z, edges).origin, step.length
-            problem, tangent = _on_mesh(problem, tangent, edges)
-            bend = 2.0 * ((there - problem.origin) / length - tangent) / length  # leads there
+            length = step.length
+            (problem, tangent), ahead = _on_mesh_to(problem, tangent, step.end.z, length, edges)
         yield step
         problem, tangent = problem.about(step.end.z), step.end.tangent
-        length, bend = following, step.bend
+        length, ahead = following, step.ahead
 
 
 def _on_mesh(problem: Problem, tangent: Array, edges: Array) -> tuple[Problem, Array]:
@@ -221,6 +226,17 @@ def _on_mesh(problem: Problem, tangent: Array, edges: Array) -> tuple[Problem, A
     here, moved = (problem.about(x, edges) for x in (z, z + 1e-4 * tangent))
     found = here.at(here.point(here.origin, moved.origin - here.origin), 0.0)
     return here.about(found.z), found.tangent
+
+
+def _on_mesh_to(
+    problem: Problem, tangent: Array, there: Array, length: float, edges: Array
+) -> tuple[tuple[Problem, Array], Callable[[float], Array]]:
+    """The same, and the parabola from there to what lies ahead on the mesh before, by length."""
+    there = problem.about(there, edges).origin
+    finer, tangent = _on_mesh(problem, tangent, edges)
+    z, slope = finer.origin, tangent
+    bend = ((there - z) / length - slope) / length
+    return (finer, tangent), lambda s: z + s * (slope + s * bend)
 
 
 def continued(motion: VectorField, point: Hopf, u: float) -> PeriodicOrbit:

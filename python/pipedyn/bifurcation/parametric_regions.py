@@ -94,10 +94,17 @@ class Bordered:
     def __init__(self, h: Complex, b: Complex, c: Complex) -> None:
         n = len(h)
         factorised()
-        self._lu = scipy.linalg.lu_factor(np.block([[h, b], [c.conj().T, np.zeros((2, 2))]]))
+        whole = np.zeros((n + 2, n + 2), dtype=np.result_type(h, b, c), order="F")
+        whole[:n, :n], whole[:n, n:], whole[n:, :n] = h, b, c.conj().T
+        if not np.isfinite(whole).all():
+            raise ValueError("Hill's equations are not finite")
+        self._lu = scipy.linalg.lu_factor(whole, overwrite_a=True, check_finite=False)
         last = np.eye(n + 2, 2, -n)
-        q, w = (scipy.linalg.lu_solve(self._lu, last, trans) for trans in (0, 2))
+        q, w = (self._solved(last, trans) for trans in (0, 2))
         self.q, self.g, self.w = q[:n], q[n:], w[:n]
+
+    def _solved(self, right: Array | Complex, trans: int = 0) -> Complex:
+        return np.asarray(scipy.linalg.lu_solve(self._lu, right, trans, check_finite=False))
 
     def changed(self, h: Complex) -> Changed:
         """By a derivative of H."""
@@ -108,7 +115,7 @@ class Bordered:
         """Second derivative of G, where H has this one."""
         last = np.zeros((2, 2))
         both = np.concatenate([np.hstack([other.right, one.right]), np.hstack([last, last])])
-        solved = scipy.linalg.lu_solve(self._lu, both)[:-2]
+        solved = self._solved(both)[:-2]
         found = one.left.conj().T @ solved[:, :2] + other.left.conj().T @ solved[:, 2:]
         return np.asarray(found - self.w.conj().T @ (h @ self.q))
 

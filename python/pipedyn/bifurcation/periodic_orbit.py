@@ -5,7 +5,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 from numpy.polynomial import legendre
@@ -62,6 +63,18 @@ TWICE: Array = ONCE @ ONCE
 
 
 @dataclass(frozen=True)
+class Closing:
+    """L and R, (n, n) each, of L y(0) + R y(span) = 0 for small changes y of an orbit's state.
+
+    They are in units of the state, and about the last iterate of Newton's method.
+    """
+
+    first: Array
+    last: Array
+    step: float  # relative, by which that was left
+
+
+@dataclass(frozen=True)
 class PeriodicOrbit:
     """A periodic orbit, or one half of it if the other half is its mirror image.
 
@@ -74,9 +87,7 @@ class PeriodicOrbit:
     frequency: float
     u: float
     forced: bool = False
-    closing: tuple[Array, Array] | None = field(default=None, repr=False, compare=False)
-    """L and R, (n, n) each, of L y(0) + R y(span) = 0 for small changes y of the state, in units of
-    it, where the equations that were solved for the orbit are known."""
+    closing: Closing | None = field(default=None, repr=False, compare=False)  # if that is known
 
     @property
     def span(self) -> float:
@@ -98,7 +109,7 @@ class PeriodicOrbit:
         """Number of positions in a state."""
         return int(self.starts.shape[1]) // 2
 
-    @property
+    @cached_property
     def size(self) -> float:
         """Largest extent of a coordinate."""
         p = self.starts[:, : self.half]
@@ -152,15 +163,15 @@ class PeriodicOrbit:
 
     def unpacked(self, z: Array) -> PeriodicOrbit:
         """The orbit of these unknowns on this mesh."""
-        starts, rates = np.split(z[:-2], [self.starts.size])
+        starts, rates = z[: self.starts.size], z[self.starts.size : -2]
         frequency, u = z[:-3:-1] if self.forced else z[-2:]
-        return replace(
-            self,
-            starts=starts.reshape(self.starts.shape),
-            rates=rates.reshape(self.rates.shape),
-            frequency=float(frequency),
-            u=float(u),
-            closing=None,
+        return PeriodicOrbit(
+            self.edges,
+            starts.reshape(self.starts.shape),
+            rates.reshape(self.rates.shape),
+            float(frequency),
+            float(u),
+            self.forced,
         )
 
     def doubled(self, sign: float = 1.0) -> PeriodicOrbit:

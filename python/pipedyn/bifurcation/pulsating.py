@@ -269,11 +269,13 @@ class Hill:
 
             return Polynomial(every, 3)
         count = 2 * self.many + (share == 0.0)
-        turn = np.kron(_real_form(count), np.eye(self.pipe.size))
+        turn = _real_form(count)
 
         def real(frequency: float, amplitude: float) -> Array:
             h = self.matrix(frequency, share * frequency, amplitude, count)
-            return np.ascontiguousarray((turn @ h @ turn.conj().T).real)
+            rows = turn @ h.reshape(count, -1)  # each coordinate's harmonics by themselves
+            both = turn.conj() @ rows.reshape(len(h), count, -1)
+            return np.ascontiguousarray(both.real).reshape(h.shape)
 
         return Polynomial(real, 2)
 
@@ -308,7 +310,10 @@ class Polynomial:
         sizes = np.abs(every).max(axis=1)
         kept = sizes > 1e-15 * sizes.max()
         powers = np.array(list(product(range(3), repeat=numbers)))
-        self._powers, self._parts, self._shape = powers[kept], every[kept], values.shape[1:]
+        self._powers, self._shape = powers[kept], values.shape[1:]
+        # Between harmonics more than two apart there is nothing, whatever the numbers.
+        self._filled = np.flatnonzero(values.reshape(len(values), -1).any(axis=0))
+        self._parts = np.ascontiguousarray(every[kept][:, self._filled])
 
     def __call__(self, *at: float) -> NDArray[Any]:
         """The matrix."""
@@ -323,7 +328,9 @@ class Polynomial:
         return self._sum(factors * np.prod(np.array(at) ** powers, axis=1))
 
     def _sum(self, factors: Array) -> NDArray[Any]:
-        return np.asarray(factors @ self._parts).reshape(self._shape)
+        whole = np.zeros(math.prod(self._shape), dtype=self._parts.dtype)
+        whole[self._filled] = factors @ self._parts
+        return whole.reshape(self._shape)
 
 
 def _real_form(count: int) -> Complex:

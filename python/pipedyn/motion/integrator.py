@@ -367,13 +367,19 @@ def state_after(
     rtol: float,
     atol: float,
     jacobian: Callable[[Array], Array] | None = None,
-) -> Array:
-    """The state at a time of y' = rates(y) from a start at time 0.
+) -> tuple[Array, int]:
+    """The state at a time of y' = rates(y) from a start at time 0, and how often rates were asked.
 
     By implicit steps where the Jacobian df/dy is given, else by explicit ones. Raises `Stopped`.
     """
+
+    def of_all(t: Array, y: Array, u: Array) -> Array:
+        if y.shape[1] == 1:
+            return rates(y[:, 0])[:, None]
+        return np.stack([rates(column) for column in y.T], axis=1)  # stages of implicit steps
+
     motion = _core.Integrator(
-        lambda t, y, u: np.array([rates(column) for column in y.T]).T,
+        of_all,
         *(np.zeros(1), start[:, None], 0.0, rtol, atol, MOST_CALLS, math.inf),
         None if jacobian is None else lambda t, y, u: jacobian(y),
     )
@@ -383,7 +389,7 @@ def state_after(
     [member] = motion.members
     if member.progress != "done":
         raise Stopped(ENDS.get(member.progress, "it takes too many steps"))
-    return state[0, 0]
+    return state[0, 0], member.evaluations
 
 
 def _by_scipy(task: Task, monitor: Monitor) -> Iterator[Array]:

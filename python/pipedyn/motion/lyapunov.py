@@ -134,11 +134,9 @@ def lyapunov_exponent(
         raise ValueError(f"interval must cut the time into at most {MOST_INTERVALS} parts")
 
     def rates(y: Array) -> Array:
-        evaluated(y[0].size)
         return model.motion_rates(y, u)
 
     def jacobian(y: Array) -> Array:
-        evaluated(1)
         return model.motion_jacobian(y, u)
 
     return largest_exponent(
@@ -185,6 +183,7 @@ def largest_exponent(
 
     def slopes_by_state(whole: Array) -> Array:
         """The same block twice: Newton's method does without the Jacobian's own change."""
+        evaluated(1)
         block = jacobian(whole[:n])
         return np.asarray(scipy.linalg.block_diag(block, block))
 
@@ -192,11 +191,12 @@ def largest_exponent(
     for i in track(range(growth.size), growth.size, "exponent", shown):
         whole = np.concatenate([state, length * direction + (state if pair else 0.0)])
         try:
-            found = state_after(
+            found, calls = state_after(
                 *(slopes, whole, step, rtol, atol), slopes_by_state if stiff else None
             )
         except Stopped as stopped:
             raise NotConverged(f"the motion stopped: {stopped}") from None
+        evaluated(2 * calls)  # of both states, or of one with its Jacobian
         state = found[:n]
         difference = found[n:] - state if pair else found[n:]
         size = float(np.linalg.norm(difference))
@@ -230,6 +230,10 @@ APART = 1e-5
 """Of neighbours in one ensemble, whose steps are their own: what is left of the square of it, and
 of the steps' errors at `APART` times 1e-4, changes the growth over an interval by 1e-4 or less."""
 
+BEYOND_DOUBT = 6.0
+"""Spreads above 0 at which an exponent needs no more time: twice what `chaotic` asks, since it is
+asked several times on the way."""
+
 
 def exponents_together(
     model: Model,
@@ -242,7 +246,9 @@ def exponents_together(
 ) -> list[LyapunovExponent | MotionStopped]:
     """The largest exponents of motions that go on from states [p, p'], as one ensemble.
 
-    Of each two neighbours are integrated, by the core where it has the model.
+    Of each two neighbours are integrated, by the core where it has the model. A motion whose
+    exponent is beyond doubt above 0 in the later half of the time so far ends there, before the
+    duration does, and that half is what its exponent is taken over.
     """
     each = max(math.ceil(duration / blocks / interval), 1)
     step = duration / blocks / each
@@ -262,9 +268,9 @@ def exponents_together(
     apart = np.array([np.concatenate(model.projected(*pair)) for pair in beside]) - here
     apart *= APART / np.linalg.norm(apart, axis=1, keepdims=True)
     growth = np.zeros((before + blocks * each, len(states)))
-    stopped = dict[int, MotionStopped]()
+    answers = dict[int, LyapunovExponent | MotionStopped]()
     for i in range(len(growth)):
-        going = [k for k in range(len(states)) if k not in stopped]
+        going = [k for k in range(len(states)) if k not in answers]
         tasks = [
             replace(first, u=speeds[k], start=np.append(y, 0.0))
             for k in going
@@ -276,14 +282,19 @@ def exponents_together(
             for task, outcome in zip(tasks[both], outcomes[both], strict=True):
                 if outcome[2] is not None:
                     [motion] = assembled([task], [outcome])
-                    stopped[k] = MotionStopped(f"the motion stopped: {outcome[2]}", motion)
-            if k in stopped:
+                    answers[k] = MotionStopped(f"the motion stopped: {outcome[2]}", motion)
+            if k in answers:
                 continue
             one, other = (outcome[0][-1, :size] for outcome in outcomes[both])
             here[k], distance = one, float(np.linalg.norm(other - one))
             growth[i, k] = math.log(distance / APART)
             apart[k] = (other - one) * (APART / distance)
+            half = (i + 1) // (2 * blocks) * blocks
+            if half and (i + 1) % (2 * blocks) == 0:
+                late = _from_growth(growth[i + 1 - half : i + 1, k], step, blocks, one)
+                if late.value > BEYOND_DOUBT * late.spread:
+                    answers[k] = late
     return [
-        stopped.get(k) or _from_growth(growth[before:, k], step, blocks, here[k])
+        answers.get(k) or _from_growth(growth[before:, k], step, blocks, here[k])
         for k in range(len(states))
     ]

@@ -56,6 +56,7 @@ Start: TypeAlias = ArrayLike | Callable[[Array], ArrayLike]
 """The angle theta(s) of the bent pipe, or coordinates; a search for motion takes states as well."""
 
 Answer = TypeVar("Answer")
+OneTask = TypeVar("OneTask", bound=Task)
 
 LARGEST_SAMPLES = 100_000_000
 """Numbers that a motion's samples may hold: 0.8 GB each for q and q'."""
@@ -380,8 +381,8 @@ def simulate_many(
 
 
 def in_batches(
-    tasks: Sequence[Task],
-    work: Callable[[Sequence[Task], bool, Observer], list[Answer]],
+    tasks: Sequence[OneTask],
+    work: Callable[[Sequence[OneTask], bool, Observer], list[Answer]],
     executor: futures.Executor | None = None,
     shown: bool = False,
     members: int = BATCH,
