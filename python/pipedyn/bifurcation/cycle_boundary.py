@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Folds of cycles, symmetry-breaking pitchforks, period doublings and tori in the plane of two numbers.
+"""Folds, pitchforks, period doublings and tori of cycles in the plane of two numbers.
 
 An event that a branch of cycles or of forced motions has is solved for (`EventProblem`) and
 followed both ways by the continuation that branches themselves are. On the way points are named at
@@ -9,11 +9,10 @@ folds therefore end (Bautin); where other multipliers pass the unit circle; reso
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
 import math
+from collections.abc import Mapping, Sequence
 from dataclasses import field
 from typing import cast
-
 
 from pipedyn.bifurcation.boundary import Boundary
 from pipedyn.bifurcation.branches import CycleBranch, CycleEvent
@@ -22,7 +21,6 @@ from pipedyn.bifurcation.event_onset import Onset
 from pipedyn.bifurcation.event_plane import (
     checked_events,
     checked_names,
-    checked_ranges,
     orbit_at_event,
     plane_of,
 )
@@ -71,12 +69,13 @@ def cycle_boundary(
     *,
     progress: bool = False,
 ) -> CycleBoundary:
-    """Folds of cycles, symmetry-breaking pitchforks, period doublings and tori followed in two numbers.
+    """Folds, pitchforks, period doublings and tori of cycles followed in two numbers.
 
     Args:
         branch: of cycles, of `bifurcation_diagram`; or of forced motions, of `forced_response`.
         events: of the branch, one or several, of kind "fold", "pitchfork", "period doubling" or
-            "torus".
+            "torus". A pitchfork breaks the mirror symmetry of cycles; it may be given with either
+            of the branches that meet there.
         x: name of a number. Of cycles x or y is "u", the flow speed; of forced motions one of them
             is "frequency", that of the forcing. The other is a number of the pipe, such as "beta"
             and "drag", or of a term, such as "terms[0].mass" or, if there is but one,
@@ -113,9 +112,9 @@ def cycle_boundary(
         )
     given = checked_events(branch, events)
     names = checked_names(branch, x, y)
-    window = checked_ranges(branch, names, ranges)
     shown = check.flag("progress", progress)
-    plane = plane_of(branch, names, window)
+    plane = plane_of(branch, names, ranges)
+    window = plane.ranges
     starts = []
     for event in given:
         begin = orbit_at_event(branch, event, plane.family.at(plane.value))

@@ -45,7 +45,8 @@ class CycleCurve:
     """An event of cycles, point by point along the curve.
 
     Attributes:
-        kind: "fold", "pitchfork" (symmetry-breaking: of a cycle's mirror symmetry), "period doubling" or "torus".
+        kind: "fold", "pitchfork" (which breaks the mirror symmetry of cycles), "period doubling" or
+            "torus".
         x, y: the two numbers, shape (S,).
         frequency: of the cycle, angular, in 1 / T, shape (S,); of a forced motion that of the
             forcing.
@@ -208,7 +209,9 @@ class EventFollower:
             multiplier=multiplier,
             unstable=np.array([place.unstable for place in places]),
             opens=np.array([place.opens for place in places]),
-            onset=np.full(len(places), math.nan) if self.onset is None else self.onset.along(second),
+            onset=np.full(len(places), math.nan)
+            if self.onset is None
+            else self.onset.along(second),
             ends=(first, last),
             orbits=tuple(place.orbit for place in places),
         )

@@ -17,6 +17,7 @@ from pipedyn.bifurcation.limit_cycle import amplitude_of
 from pipedyn.bifurcation.orbit_continuation import FINE, orbit_at
 from pipedyn.bifurcation.periodic_orbit import PeriodicOrbit, resolved
 from pipedyn.bifurcation.vector_field import VectorField
+from pipedyn.linear.modes import largest_speed
 from pipedyn.models.base import Model
 from pipedyn.models.drive import Pulsation
 from pipedyn.models.pipe_numbers import PipeNumber, checked_number
@@ -81,15 +82,15 @@ class EventPlane:
         return sum(motion.evaluations for motion in self.motions)
 
 
-def plane_of(
-    branch: CycleBranch | ForcedBranch,
-    names: tuple[str, str],
-    ranges: tuple[tuple[float, float], tuple[float, float]],
-) -> EventPlane:
-    """That of a branch; raises ValueError for a number that there is not."""
+def plane_of(branch: CycleBranch | ForcedBranch, names: tuple[str, str], given: Any) -> EventPlane:
+    """That of a branch, of ranges as they are given.
+
+    Raises:
+        ValueError, TypeError: for a number that there is not, and for bad ranges.
+    """
     own = "u" if isinstance(branch, CycleBranch) else "frequency"
     place = 1 if names[0] == own else 0
-    name, (low, high) = names[place], ranges[place]
+    name = names[place]
     forced = isinstance(branch, ForcedBranch)
     model = branch.motion.model if isinstance(branch, ForcedBranch) else branch.cycles[0].model
     order = branch.motion.order if isinstance(branch, ForcedBranch) else 1
@@ -98,6 +99,16 @@ def plane_of(
     number: PipeNumber | None = None
     if not forced or name not in FORCINGS:
         number = checked_number("xy"[place], name, model.pipe, True, others)
+    rule: dict[str, Any] = {"low": 0.0, "high": largest_speed(model)}
+    if name == "amplitude":
+        rule = {"low": 0.0}
+    elif number is not None:
+        rule = dict(number.rule)
+    varies: dict[str, Any] = {"low": 0.0, "open_low": forced}
+    if not forced:
+        varies["high"] = largest_speed(model)
+    ranges = check.window(names, given, (rule, varies) if place == 0 else (varies, rule))
+    low, high = ranges[place]
 
     def model_at(value: float) -> Model:
         return model if number is None else model.with_pipe(number.changed(model.pipe, value))
