@@ -1272,7 +1272,7 @@ def _motions() -> Iterator[Target]:
             "events": Kind(one_of(FOLD, [FOLD]), any_of(wrong, one_of(FOLDED.events[0]))),
             "x": Kind(one_of("beta"), any_of(wrong, one_of("u", "hysteresis"))),
             "y": Kind(one_of("u"), any_of(wrong, one_of("beta", "frequency"))),
-            "window": Kind(one_of(NEAR_FOLD), any_of(wrong, one_of(*other))),
+            "ranges": Kind(one_of(NEAR_FOLD), any_of(wrong, one_of(*other))),
             "progress": FLAG,
         },
         slow=True,

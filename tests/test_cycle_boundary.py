@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Folds of cycles, lost symmetries, period doublings and tori in two numbers.
+"""Folds of cycles, symmetry-breaking pitchforks, period doublings and tori in two numbers.
 
 They are held against events of branches at fixed values of the second number, against multipliers
 from the variational equation as scipy integrates it, and, where curves end at an onset, against the
@@ -15,6 +15,9 @@ import scipy
 
 import pipedyn as pp
 from pipedyn.bifurcation import event_curve
+from pipedyn.bifurcation.event_onset import Onset
+from pipedyn.bifurcation.event_plane import EventPlane
+from pipedyn.bifurcation.event_problem import Family
 from pipedyn.bifurcation.vector_field import VectorField
 
 BETA = 0.05
@@ -155,6 +158,38 @@ def test_multipliers_on_the_unit_circle(three, kind, monkeypatch):
         assert np.sort(np.abs(others - 1.0))[1] > 1e-2  # only the trivial one is 1
 
 
+def test_a_pitchfork_is_followed_from_either_branch_that_meets_there(three, monkeypatch):
+    """Also from that of cycles without mirror symmetry, which it is the beginning of."""
+    monkeypatch.setattr(event_curve, "LONGEST", 0.5)
+    ranges = {"beta": (0.295, 0.305), "u": (6.0, 9.0)}
+    found = []
+    for branch in three.cycles[:2]:
+        (event,) = (one for one in branch.events if one.kind == "pitchfork")
+        found += pp.cycle_boundary(branch, event, "beta", "u", ranges).curves
+    symmetric, other = found
+    assert not three.cycles[1].cycles[0].symmetric
+    assert other.ends == symmetric.ends == ("range", "range")
+    for name in ("x", "y", "frequency"):
+        ends = [getattr(curve, name)[[0, -1]] for curve in found]
+        assert ends[0] == pytest.approx(ends[1], rel=1e-8)
+    assert other.orbits[0].symmetric
+
+
+def test_a_period_doubling_is_followed_from_the_cycles_of_twice_the_period(three, monkeypatch):
+    monkeypatch.setattr(event_curve, "LONGEST", 0.5)
+    branch = three.cycles[1]
+    (event,) = (one for one in branch.events if one.kind == "period doubling")
+    near = min(branch.cycles, key=lambda cycle: abs(cycle.u - event.speed))
+    twice = replace(near, orbit=near.orbit.doubled())
+    rest = {"amplitudes": np.array([near.amplitude]), "speeds": np.array([near.u])}
+    changed = replace(branch, origin="period doubling", onset=event.speed, cycles=(twice,), **rest)
+    ranges = {"beta": (0.299, 0.301), "u": (6.0, 9.0)}
+    both = [pp.cycle_boundary(one, event, "beta", "u", ranges) for one in (branch, changed)]
+    first, second = (found.curves[0] for found in both)
+    assert first.y[[0, -1]] == pytest.approx(second.y[[0, -1]], rel=1e-8)
+    assert first.frequency[0] == pytest.approx(second.frequency[0], rel=1e-8)
+
+
 def test_folds_of_forced_motions_over_the_amplitude_of_the_forcing(monkeypatch):
     """Both folds of a resonance that bends over lie on one curve, which ends in a cusp below."""
     monkeypatch.setattr(event_curve, "LONGEST", 0.2)
@@ -198,6 +233,59 @@ def test_a_curve_that_cannot_be_followed_says_where_and_keeps_what_it_has(monkey
     assert found.names == ("u", "beta")
 
 
+def plane_over(model, name, ranges):
+    """The plane of a number of a pipe and the flow speed, for cycles."""
+
+    def make(value):
+        return VectorField(model.with_pipe(replace(model.pipe, **{name: value})))
+
+    (low, high), _ = ranges
+    value = getattr(model.pipe, name)
+    return EventPlane(
+        Family(make, high - low), (name, "u"), model, value, False, ranges, False, 1, []
+    )
+
+
+@pytest.mark.parametrize("which", [0, 1, 2])
+def test_with_folds_of_the_onset_that_one_is_followed_which_the_cycles_come_from(which):
+    """Of six segments it turns back near beta = 0.2912 and 0.289: between there are three."""
+    model = pp.Chain(pp.Pipe(0.2905), 6)
+    begins = [c.speed for c in pp.crossings(model, 8.0) if c.unstable_before + c.unstable_after < 3]
+    assert len(begins) == 3
+    plane = plane_over(model, "beta", ((0.28, 0.3), (6.0, 9.0)))
+    onset = Onset(plane, begins[which], 9.0)
+    assert onset.failures == []
+    values = np.array([0.285, 0.288, 0.29, 0.2905, 0.291, 0.2914, 0.295])
+    speeds = onset.along(values)
+    assert speeds[3] == pytest.approx(begins[which], rel=1e-10)
+    assert [len(pp.crossings(pp.Chain(pp.Pipe(b), 6), 8.0)) for b in (0.288, 0.2914)] == [1, 1]
+    known = [slice(None, 5), slice(2, 5), slice(2, None)][which]
+    assert np.flatnonzero(np.isfinite(speeds)).tolist() == list(range(7))[known]
+    for beta, speed in zip(values[known], speeds[known], strict=True):
+        other = pp.crossings(pp.Chain(pp.Pipe(float(beta)), 6), 8.0)
+        assert min(abs(c.speed - speed) for c in other) < 1e-9
+    assert (np.diff(speeds[known]) > 0.0).all() == (which != 1)
+
+
+def test_over_a_number_without_a_part_in_small_motions_the_onset_is_level():
+    model = pp.Chain(pp.Pipe(0.2, drag=1.0), 2)
+    speed = pp.critical_speed(model).speed
+    onset = Onset(plane_over(model, "drag", ((0.0, 5.0), (3.0, 9.0))), speed, 9.0)
+    assert onset.along(np.array([0.0, 2.0])).tolist() == [speed, speed]
+    (bound,) = onset.found.curves
+    assert bound.y.tolist() == [speed, speed]
+    assert bound.sides.tolist() == [[2, 0], [2, 0]]
+
+
+def test_where_the_onset_cannot_be_followed_it_says_why():
+    """The straight pipe is no equilibrium of an inclined jet."""
+    model = pp.Chain(pp.Pipe(0.2, jet_angle=0.2), 2)
+    onset = Onset(plane_over(model, "beta", ((0.1, 0.3), (3.0, 9.0))), math.nan, 9.0)
+    assert onset.found is None
+    assert np.isnan(onset.along(np.array([0.2]))).all()
+    assert onset.failures[0].startswith("the onset of flutter was not followed over beta: ")
+
+
 @pytest.mark.parametrize("m", [4, 12, 30])
 def test_the_mirror_of_a_model_of_many_functions_is_seen(m):
     """The states that show it are bent by 0.3 rad, not each of their functions."""
@@ -221,21 +309,29 @@ WINDOW = {"beta": (0.02, 0.2), "u": (2.0, 5.0)}
         ({"x": 3}, TypeError, "x must be a name, got 3"),
         ({"x": "u"}, ValueError, "x or y must be 'u', and the other not"),
         ({"x": "betta"}, ValueError, "x must be one of 'u', 'beta', 'gamma'"),
-        ({"x": "hysteresis"}, ValueError, "x must have a part in motions, got 'hysteresis'"),
-        ({"x": "jet_angle"}, ValueError, "x must leave the pipe the mirror symmetry"),
-        ({"window": 3}, TypeError, "window must map names to ranges, got 3"),
-        ({"window": {"beta": (0.0, 0.1)}}, ValueError, "window must have the ranges of"),
         (
-            {"window": WINDOW | {"beta": (0.2, 0.02)}},
+            {"x": "hysteresis"},
             ValueError,
-            "must be .low, high. with low < high",
+            "a pipe with hysteresis has no equation of motion in time",
         ),
-        ({"window": WINDOW | {"beta": (0.02, 1.2)}}, ValueError, "beta must lie in"),
-        ({"window": WINDOW | {"u": (0.0, 5.0)}}, ValueError, "must have low > 0, got 0"),
+        ({"x": "jet_angle"}, ValueError, "x must leave the pipe the mirror symmetry"),
+        ({"ranges": 3}, TypeError, "ranges must map x and y to .low, high., got 3"),
+        ({"ranges": {"beta": (0.0, 0.1)}}, ValueError, "ranges must have 'beta' and 'u', got"),
         (
-            {"window": WINDOW | {"u": (4.0, 5.0)}},
+            {"ranges": WINDOW | {"beta": (0.2, 0.02)}},
             ValueError,
-            "window must hold the event: u is 3.12",
+            "must be .low, high., got .0.2, 0.02.",
+        ),
+        (
+            {"ranges": WINDOW | {"beta": (0.02, 1.2)}},
+            ValueError,
+            "ranges.'beta'. must lie in .0, 1., got 1.2",
+        ),
+        ({"ranges": WINDOW | {"u": (-1.0, 5.0)}}, ValueError, "must lie in .0, .*got -1"),
+        (
+            {"ranges": WINDOW | {"u": (4.0, 5.0)}},
+            ValueError,
+            "ranges must hold the event: u is 3.12",
         ),
         ({"progress": 1}, TypeError, "progress must be True or False"),
     ],
@@ -244,10 +340,10 @@ def test_bad_arguments(subcritical, change, error, text):
     (fold,) = folds(subcritical)
     other = {"onset": subcritical.events[0], "foreign": replace(fold, speed=3.0)}
     events = change.get("events", fold)
-    given = {"branch": subcritical, "x": "beta", "y": "u", "window": WINDOW} | change
+    given = {"branch": subcritical, "x": "beta", "y": "u", "ranges": WINDOW} | change
     given["events"] = other.get(events, events) if isinstance(events, str) else events
     if given["x"] not in (3, "u", "beta"):
-        given["window"] = {given["x"]: (0.0, 0.5), "u": (2.0, 5.0)}
+        given["ranges"] = {given["x"]: (0.0, 0.5), "u": (2.0, 5.0)}
     with pytest.raises(error, match=text):
         pp.cycle_boundary(**given)
 

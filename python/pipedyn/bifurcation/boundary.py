@@ -229,23 +229,13 @@ def checked_window(model: AnyModel, names: tuple[Any, Any], ranges: Any) -> Wind
     places = [None if one is None else (one.term, one.attribute) for one in numbers]
     if places[0] == places[1]:
         raise ValueError(f"x and y must be two numbers, got {names[0]!r} and {names[1]!r}")
-    if not isinstance(ranges, Mapping):
-        raise TypeError(f"ranges must map x and y to (low, high), got {check.shown(ranges)}")
-    if set(ranges) != set(names):
-        raise ValueError(f"ranges must have {names[0]!r} and {names[1]!r}, got {list(ranges)}")
-    bounds = []
+    rules: list[dict[str, Any]] = []
     for name, number in zip(names, numbers, strict=True):
-        rule: dict[str, Any] = {"low": 0.0, "high": largest_speed(model)}
-        if number is not None:
-            rule = dict(number.rule)
+        rule = {"low": 0.0, "high": largest_speed(model)} if number is None else dict(number.rule)
         if name in ("beta", "root.stiffness"):  # the root of beta has no derivative at 0
             rule["open_low"] = True
-        label = f"ranges[{name!r}]"
-        low, high = map(float, check.array(label, ranges[name], size=2))
-        low, high = check.real(label, low, **rule), check.real(label, high, **rule)
-        if not high - low > 1e-9 * (1.0 + abs(high)):
-            raise ValueError(f"{label} must be (low, high), got ({low:g}, {high:g})")
-        bounds.append((low, high))
+        rules.append(rule)
+    bounds = check.window(names, ranges, (rules[0], rules[1]))
     low_, high_ = np.array(bounds).T
     return Window((numbers[0], numbers[1]), low_, high_ - low_)
 

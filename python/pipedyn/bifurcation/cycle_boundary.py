@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Folds of cycles, lost symmetries, period doublings and tori in the plane of two numbers.
+"""Folds, pitchforks, period doublings and tori of cycles in the plane of two numbers.
 
 An event that a branch of cycles or of forced motions has is solved for (`EventProblem`) and
 followed both ways by the continuation that branches themselves are. On the way points are named at
@@ -9,24 +9,23 @@ folds therefore end (Bautin); where other multipliers pass the unit circle; reso
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import field
 from typing import cast
 
-import numpy as np
-
+from pipedyn.bifurcation.boundary import Boundary
 from pipedyn.bifurcation.branches import CycleBranch, CycleEvent
 from pipedyn.bifurcation.event_curve import CycleCurve, CyclePoint, EventFollower
+from pipedyn.bifurcation.event_onset import Onset
 from pipedyn.bifurcation.event_plane import (
     checked_events,
     checked_names,
-    checked_window,
-    orbit_near,
+    orbit_at_event,
     plane_of,
 )
 from pipedyn.bifurcation.event_problem import Followed
 from pipedyn.bifurcation.forced_response import ForcedBranch, ForcedEvent
-from pipedyn.linear.stability_curve import StabilityCurve
 from pipedyn.models.base import Model, NotConverged
 from pipedyn.util import check
 from pipedyn.util.newton import NewtonFailed
@@ -43,8 +42,9 @@ class CycleBoundary:
         ranges: of x and y, ((low, high), (low, high)).
         curves: one for each event that lies on no other's.
         points: named points on them.
-        onsets: critical speed of the straight pipe over the other number's range, at 81 values;
-            None at each where motions are forced.
+        onsets: curves on which the straight pipe becomes unstable, as of `boundary` with
+            `only_stability`, also at speeds beyond the range; None where motions are forced or it
+            was not found.
         model: the model.
         failures: what was not followed to its end, in sentences.
         evaluations: right-hand sides and Jacobians.
@@ -54,7 +54,7 @@ class CycleBoundary:
     ranges: tuple[tuple[float, float], tuple[float, float]]
     curves: tuple[CycleCurve, ...]
     points: tuple[CyclePoint, ...]
-    onsets: StabilityCurve = field(repr=False)
+    onsets: Boundary | None = field(repr=False)
     model: Model
     failures: tuple[str, ...]
     evaluations: int
@@ -65,23 +65,24 @@ def cycle_boundary(
     events: CycleEvent | ForcedEvent | Sequence[CycleEvent | ForcedEvent],
     x: str,
     y: str,
-    window: Mapping[str, tuple[float, float]],
+    ranges: Mapping[str, tuple[float, float]],
     *,
     progress: bool = False,
 ) -> CycleBoundary:
-    """Folds of cycles, lost symmetries, period doublings and tori followed in two numbers.
+    """Folds, pitchforks, period doublings and tori of cycles followed in two numbers.
 
     Args:
         branch: of cycles, of `bifurcation_diagram`; or of forced motions, of `forced_response`.
         events: of the branch, one or several, of kind "fold", "pitchfork", "period doubling" or
-            "torus".
+            "torus". A pitchfork breaks the mirror symmetry of cycles; it may be given with either
+            of the branches that meet there.
         x: name of a number. Of cycles x or y is "u", the flow speed; of forced motions one of them
             is "frequency", that of the forcing. The other is a number of the pipe, such as "beta"
             and "drag", or of a term, such as "terms[0].mass" or, if there is but one,
             "PointMass.mass"; of forced motions also "amplitude", of the base's motion or of the
             pulsation relative to its mean, or "u".
         y: name of the other.
-        window: range (low, high) of each by its name, in which the events lie.
+        ranges: (low, high) of both, by name, in which the events lie.
         progress: show progress on stderr.
 
     Returns:
@@ -111,23 +112,23 @@ def cycle_boundary(
         )
     given = checked_events(branch, events)
     names = checked_names(branch, x, y)
-    ranges = checked_window(names, window)
     shown = check.flag("progress", progress)
     plane = plane_of(branch, names, ranges)
+    window = plane.ranges
     starts = []
     for event in given:
-        begin = orbit_near(branch, event)
+        begin = orbit_at_event(branch, event, plane.family.at(plane.value))
         own = begin.frequency * plane.order if plane.forced else begin.u
         for name, value, (low, high) in zip(
-            names, plane.places(plane.value, own), ranges, strict=True
+            names, plane.places(plane.value, own), window, strict=True
         ):
             if not low <= value <= high:
                 raise ValueError(
-                    f"window must hold the event: {name} is {value:.6g} there, and its range is "
+                    f"ranges must hold the event: {name} is {value:.6g} there, and its range is "
                     f"{(low, high)}"
                 )
         place = 1 if plane.own_first else 0
-        for end in ranges[place] if begin.symmetric else ():
+        for end in window[place] if begin.symmetric else ():
             if not plane.family.at(end).is_odd(begin.u):
                 raise ValueError(
                     f"{'xy'[place]} must leave the pipe the mirror symmetry that the cycle has, "
@@ -136,8 +137,14 @@ def cycle_boundary(
         starts.append(begin)
     curves, points, failures = list[CycleCurve](), list[CyclePoint](), list[str]()
     with one_thread(2 * plane.model.moving):
+        onset = None
+        if isinstance(branch, CycleBranch):
+            by_flutter = branch.origin == "hopf"
+            fastest = max(1.5 * begin.u for begin in starts)
+            onset = Onset(plane, branch.onset if by_flutter else math.nan, fastest)
+            failures += onset.failures
         for event, begin in zip(given, starts, strict=True):
-            follower = EventFollower(plane, cast(Followed, event.kind), shown)
+            follower = EventFollower(plane, cast(Followed, event.kind), shown, onset)
             try:
                 start = follower.start(begin)
                 if any(follower.lies_on(curve, start) for curve in curves):
@@ -153,10 +160,10 @@ def cycle_boundary(
         raise NotConverged("; ".join(failures))
     return CycleBoundary(
         names=names,
-        ranges=ranges,
+        ranges=window,
         curves=tuple(curves),
-        points=tuple(_distinct(points, ranges)),
-        onsets=plane.onsets(np.linspace(*ranges[1 if plane.own_first else 0], 81)),
+        points=tuple(_distinct(points, window)),
+        onsets=onset.found if onset is not None else None,
         model=plane.model,
         failures=tuple(failures),
         evaluations=plane.evaluations(),

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipedyn.bifurcation.continuation import Point, Segment, sign_changes
+from pipedyn.bifurcation.event_onset import Onset
 from pipedyn.bifurcation.event_plane import EVENTS, EventPlane
 from pipedyn.bifurcation.event_problem import EventProblem, Followed, event_angle
 from pipedyn.bifurcation.floquet import UNIT, crossing_event, nontrivial, orbit_multipliers
@@ -44,7 +45,8 @@ class CycleCurve:
     """An event of cycles, point by point along the curve.
 
     Attributes:
-        kind: "fold", "pitchfork" (a cycle loses its mirror symmetry), "period doubling" or "torus".
+        kind: "fold", "pitchfork" (which breaks the mirror symmetry of cycles), "period doubling" or
+            "torus".
         x, y: the two numbers, shape (S,).
         frequency: of the cycle, angular, in 1 / T, shape (S,); of a forced motion that of the
             forcing.
@@ -55,8 +57,11 @@ class CycleCurve:
             a stable cycle meets the curve.
         opens: at a fold 1 where its two cycles exist at flow speeds (frequencies of the forcing)
             above, -1 where below; 0 at others, shape (S,).
-        onset: critical speed of the straight pipe there, shape (S,); NaN where there is none, it
-            was not found, or the motion is forced.
+        onset: flow speed at which the flutter of the straight pipe sets in from which the branch of
+            cycles comes, shape (S,), followed from the branch's own beginning as the other number
+            changes; of a branch that does not begin at flutter the lowest speed at which the pipe
+            becomes unstable, followed likewise. NaN where the boundary has turned back over the
+            other number, where more roots are unstable there, and of forced motions.
         ends: why it ends at its first and last point: "range" (it leaves the window), "closed",
             a kind of `CyclePoint`, "points" or "not converged".
         orbits: the solutions of the collocation equations.
@@ -130,8 +135,10 @@ def _growth(rest: Complex) -> Array:
 class EventFollower:
     """A curve in the making."""
 
-    def __init__(self, plane: EventPlane, kind: Followed, shown: bool) -> None:
-        self.plane, self.kind, self.shown = plane, kind, shown
+    def __init__(
+        self, plane: EventPlane, kind: Followed, shown: bool, onset: Onset | None = None
+    ) -> None:
+        self.plane, self.kind, self.shown, self.onset = plane, kind, shown, onset
         self.points, self.failures = list[CyclePoint](), list[str]()
         self.how = replace(FINE, longest=LONGEST, tolerance=1e-6, stagnation=1e-5)
 
@@ -184,6 +191,7 @@ class EventFollower:
             np.array(of)
             for of in zip(*(self.plane.places(p.second, p.own) for p in places), strict=True)
         )
+        second = np.array([place.second for place in places])
         turns = {"fold": 1.0, "pitchfork": 1.0, "period doubling": -1.0}
         multiplier = np.array(
             [
@@ -201,7 +209,9 @@ class EventFollower:
             multiplier=multiplier,
             unstable=np.array([place.unstable for place in places]),
             opens=np.array([place.opens for place in places]),
-            onset=self.plane.onsets(np.array([place.second for place in places])).speeds,
+            onset=np.full(len(places), math.nan)
+            if self.onset is None
+            else self.onset.along(second),
             ends=(first, last),
             orbits=tuple(place.orbit for place in places),
         )

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any, get_args
 
@@ -14,10 +14,10 @@ from pipedyn.bifurcation.branches import CycleBranch, CycleEvent
 from pipedyn.bifurcation.event_problem import Family, Followed
 from pipedyn.bifurcation.forced_response import ForcedBranch, ForcedEvent, ForcedField
 from pipedyn.bifurcation.limit_cycle import amplitude_of
-from pipedyn.bifurcation.orbit_continuation import orbit_at
-from pipedyn.bifurcation.periodic_orbit import PeriodicOrbit
+from pipedyn.bifurcation.orbit_continuation import FINE, orbit_at
+from pipedyn.bifurcation.periodic_orbit import PeriodicOrbit, resolved
 from pipedyn.bifurcation.vector_field import VectorField
-from pipedyn.linear.stability_curve import StabilityCurve, stability_curve
+from pipedyn.linear.modes import largest_speed
 from pipedyn.models.base import Model
 from pipedyn.models.drive import Pulsation
 from pipedyn.models.pipe_numbers import PipeNumber, checked_number
@@ -59,33 +59,12 @@ def checked_names(branch: CycleBranch | ForcedBranch, x: Any, y: Any) -> tuple[s
     return x, y
 
 
-def checked_window(
-    names: tuple[str, str], window: Any
-) -> tuple[tuple[float, float], tuple[float, float]]:
-    """Ranges of both numbers."""
-    if not isinstance(window, Mapping):
-        raise TypeError(f"window must map names to ranges, got {check.shown(window)}")
-    if set(window) != set(names):
-        raise ValueError(f"window must have the ranges of {names}, got {check.shown(window)}")
-    ranges = []
-    for name in names:
-        at = check.array(f"window[{name!r}]", window[name], longest=2)
-        if at.size != 2 or not at[0] < at[1]:
-            raise ValueError(
-                f"window[{name!r}] must be (low, high) with low < high, got "
-                f"{check.shown(window[name])}"
-            )
-        if name in ("u", "frequency") and not at[0] > 0.0:
-            raise ValueError(f"window[{name!r}] must have low > 0, got {at[0]:g}")
-        ranges.append((float(at[0]), float(at[1])))
-    return ranges[0], ranges[1]
-
-
 @dataclass(frozen=True)
 class EventPlane:
     """The two numbers, and the motions that they distinguish."""
 
     family: Family
+    names: tuple[str, str]
     model: Model
     value: float  # of the second number, on the branch
     own_first: bool  # whether x is what varies along branches
@@ -98,27 +77,20 @@ class EventPlane:
         """(x, y)."""
         return (own, second) if self.own_first else (second, own)
 
-    def onsets(self, values: Array) -> StabilityCurve:
-        """Critical speeds at values of the second number; of forced motions there is none."""
-        if self.forced:
-            none = (None,) * values.size
-            return StabilityCurve(values, none, ((),) * values.size, ())
-        return stability_curve(lambda value: self.family.at(value).model, values)
-
     def evaluations(self) -> int:
         """Right-hand sides and Jacobians so far."""
         return sum(motion.evaluations for motion in self.motions)
 
 
-def plane_of(
-    branch: CycleBranch | ForcedBranch,
-    names: tuple[str, str],
-    ranges: tuple[tuple[float, float], tuple[float, float]],
-) -> EventPlane:
-    """That of a branch; raises ValueError for a number that there is not."""
+def plane_of(branch: CycleBranch | ForcedBranch, names: tuple[str, str], given: Any) -> EventPlane:
+    """That of a branch, of ranges as they are given.
+
+    Raises:
+        ValueError, TypeError: for a number that there is not, and for bad ranges.
+    """
     own = "u" if isinstance(branch, CycleBranch) else "frequency"
     place = 1 if names[0] == own else 0
-    name, (low, high) = names[place], ranges[place]
+    name = names[place]
     forced = isinstance(branch, ForcedBranch)
     model = branch.motion.model if isinstance(branch, ForcedBranch) else branch.cycles[0].model
     order = branch.motion.order if isinstance(branch, ForcedBranch) else 1
@@ -127,6 +99,16 @@ def plane_of(
     number: PipeNumber | None = None
     if not forced or name not in FORCINGS:
         number = checked_number("xy"[place], name, model.pipe, True, others)
+    rule: dict[str, Any] = {"low": 0.0, "high": largest_speed(model)}
+    if name == "amplitude":
+        rule = {"low": 0.0}
+    elif number is not None:
+        rule = dict(number.rule)
+    varies: dict[str, Any] = {"low": 0.0, "open_low": forced}
+    if not forced:
+        varies["high"] = largest_speed(model)
+    ranges = check.window(names, given, (rule, varies) if place == 0 else (varies, rule))
+    low, high = ranges[place]
 
     def model_at(value: float) -> Model:
         return model if number is None else model.with_pipe(number.changed(model.pipe, value))
@@ -158,12 +140,43 @@ def plane_of(
         try:
             make(end)
         except ValueError as error:
-            raise ValueError(f"window[{name!r}] must be a range of pipes: {error}") from None
+            raise ValueError(f"ranges[{name!r}] must be a range of pipes: {error}") from None
     family = Family(make, high - low, is_speed=forced and name == "u")
-    return EventPlane(family, model, value, place == 1, ranges, forced, order, motions)
+    return EventPlane(family, names, model, value, place == 1, ranges, forced, order, motions)
 
 
-def orbit_near(branch: CycleBranch | ForcedBranch, event: Any) -> PeriodicOrbit:
+def orbit_at_event(
+    branch: CycleBranch | ForcedBranch, event: Any, motion: VectorField
+) -> PeriodicOrbit:
+    """Near the orbit at an event, from the known one that is nearest.
+
+    Where the branch begins or ends at a symmetry-breaking pitchfork or a period doubling, that is
+    the orbit that is its own mirror image, or the one of half the period.
+    """
+    orbit = _nearest(branch, event)
+    begins = ends = False
+    if isinstance(event, CycleEvent) and isinstance(branch, CycleBranch):
+        begins = event.kind == branch.origin and event.speed == branch.onset
+        ends = event.multiplier == 1.0  # that of a doubling passed on the way is -1
+
+    def mean(sign: float, turns: int, symmetric: bool) -> PeriodicOrbit:
+        """The mean of the orbit and of what it is half its period later, with a sign."""
+
+        def states(phase: Array) -> Array:
+            early, late = (np.mod(phase / turns + s, 2.0 * math.pi) for s in (0.0, math.pi))
+            return 0.5 * (orbit.states(early) + sign * orbit.states(late))
+
+        u = orbit.u if orbit.forced else event.speed
+        return resolved(motion, states, turns * orbit.frequency, u, symmetric, FINE.defect)
+
+    if event.kind == "pitchfork" and not orbit.symmetric:
+        return mean(-1.0, 1, True)
+    if event.kind == "period doubling" and (begins or ends):
+        return mean(1.0, 2, False)
+    return orbit
+
+
+def _nearest(branch: CycleBranch | ForcedBranch, event: Any) -> PeriodicOrbit:
     """The known orbit that is nearest to an event."""
     if isinstance(branch, CycleBranch):
         apart = np.abs(branch.speeds / event.speed - 1.0)

@@ -20,7 +20,7 @@ WITHOUT_EFFECT = {
 }
 """Numbers of a pipe that its small motions do not know, and why."""
 
-WITHOUT_MOTION = {"hysteresis": "with hysteresis a pipe has no equation of motion"}
+WITHOUT_MOTION = {"hysteresis": "a pipe with hysteresis has no equation of motion in time"}
 """The same for motions of finite amplitude."""
 
 LARGE_MOTIONS = ("cubic_spring", "stop", "stretching")
@@ -102,7 +102,8 @@ def checked_number(
     every = pipe_numbers(pipe, motions)
     if motions and isinstance(name, str) and name in WITHOUT_MOTION:
         raise ValueError(
-            f"{argument} must have a part in motions, got {name!r}: {WITHOUT_MOTION[name]}"
+            f"{argument} must be a number with which the pipe can be set in motion, got {name!r}: "
+            f"{WITHOUT_MOTION[name]}"
         )
     if not motions and isinstance(name, str) and name in WITHOUT_EFFECT:
         raise ValueError(

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Curves of folds, lost symmetries, period doublings and tori in the plane of two numbers."""
+"""Curves of folds, pitchforks, period doublings and tori of cycles in two numbers."""
 
 from __future__ import annotations
 
@@ -14,6 +14,7 @@ from pipedyn.bifurcation.cycle_boundary import CycleBoundary
 from pipedyn.bifurcation.event_curve import CycleCurve
 from pipedyn.plot import common, units
 from pipedyn.plot.bifurcation import STABILITY_STYLES
+from pipedyn.plot.stability_map import parts_of_stability
 from pipedyn.util.check import Array
 from pipedyn.util.later import scipy
 
@@ -31,13 +32,18 @@ FINER = 12
 """Parts into which a curve's steps are divided: cubics then show no corners."""
 
 
+NEAR = 1e-3
+"""Relative distance up to which a bound of stability as it is drawn is the onset of the cycles."""
+
+
 def cycle_boundary(found: CycleBoundary, ax: Axes | None = None) -> Axes:
     """Curves of events of cycles in the plane of two numbers, and where the pipe may snap.
 
     Curves are solid where a stable cycle meets them, dashed where all cycles nearby are unstable.
-    The critical speed of the straight pipe is black. Between it and a fold below it, from which
-    stable cycles lead to higher speeds, the pipe rests stably and large flutter is stable too: that
-    is shaded, "it may snap here". Markers are named points.
+    Where the straight pipe becomes unstable the curve is black. Between the onset from which cycles
+    come and their fold below it, from which stable cycles lead to higher speeds, large flutter is
+    stable, and where the pipe rests stably, too, it is shaded: "it may snap here". Markers are
+    named points.
 
     Args:
         found: what `cycle_boundary` answers.
@@ -51,6 +57,10 @@ def cycle_boundary(found: CycleBoundary, ax: Axes | None = None) -> Axes:
     shown = [units.of_number(name, pipe) for name in found.names]
     ax = common.axes(ax, (6.4, 4.8), xlabel=shown[0].label, ylabel=shown[1].label)
     across = found.names[0] == "u"  # the speed is x
+    bounds = list[Array]()
+    if found.onsets is not None:
+        for bound in found.onsets.curves:
+            bounds += [places for places, _ in parts_of_stability(bound, found.onsets)]
     for curve in found.curves:
         x, y = _smooth(curve)
         for kind, part in _parts(curve):
@@ -69,16 +79,14 @@ def cycle_boundary(found: CycleBoundary, ax: Axes | None = None) -> Axes:
         stable = np.maximum(curve.unstable[:-1], curve.unstable[1:]) == 0
         snaps = np.append(((opens > 0) & stable)[place], False)
         snaps[1:] |= snaps[:-1]
-        snaps &= speed < onset
+        begins = np.maximum(speed, _stable_from(bounds, second, onset, across))
+        snaps &= begins < onset
         if curve.kind == "fold" and snaps.any():
             look = {"color": common.ORANGE, "alpha": 0.25, "linewidth": 0.0, "zorder": 0.5}
-            shade(second, speed, onset, where=snaps, label="it may snap here", **look)
-    if np.isfinite(found.onsets.speeds).any():
-        black: dict[str, Any] = {"color": common.BLACK, "linewidth": 1.4, "zorder": 2.5}
-        places = found.onsets.values, found.onsets.speeds
-        ax.plot(
-            *places[:: -1 if across else 1], label="the straight pipe becomes unstable", **black
-        )
+            shade(second, begins, onset, where=snaps, label="it may snap here", **look)
+    black: dict[str, Any] = {"color": common.BLACK, "linewidth": 1.4, "zorder": 2.5}
+    for places in bounds:
+        ax.plot(*places.T, label="the straight pipe becomes unstable", **black)
     kinds = dict.fromkeys(point.kind for point in found.points)
     for kind, marker in zip(kinds, repeated(POINT_MARKS), strict=False):
         same = [point for point in found.points if point.kind == kind]
@@ -91,6 +99,22 @@ def cycle_boundary(found: CycleBoundary, ax: Axes | None = None) -> Axes:
     units.second_axis(ax, "x", shown[0], pipe)
     units.second_axis(ax, "y", shown[1], pipe)
     return ax
+
+
+def _stable_from(bounds: list[Array], second: Array, onset: Array, across: bool) -> Array:
+    """Speeds from which on the straight pipe is stable below onsets, -inf where from 0 on."""
+    lowest = np.full(onset.size, -np.inf)
+    for places in bounds:
+        at, speeds = places.T[:: -1 if across else 1]
+        for i in range(len(at) - 1):
+            low, high = sorted((at[i], at[i + 1]))
+            inside = np.flatnonzero((second >= low) & (second <= high) & (high > low))
+            share = (second[inside] - at[i]) / (at[i + 1] - at[i])
+            speed = speeds[i] + share * (speeds[i + 1] - speeds[i])
+            # The bound that is the onset itself lies within what its cubics miss.
+            below = speed < onset[inside] - NEAR * np.abs(onset[inside])
+            lowest[inside[below]] = np.maximum(lowest[inside[below]], speed[below])
+    return lowest
 
 
 def _length(curve: CycleCurve) -> Array:

@@ -208,7 +208,7 @@ def stability_map(
     ax = common.axes(ax, (6.4, 4.8), xlabel=common.BETA_LABEL, ylabel=common.SPEED_LABEL)
     drawn = False
     for (label, found), look in zip(boundaries.items(), cycle(common.CURVE_STYLES), strict=False):
-        lines = [part for curve in found.curves for part in _of_stability(curve, found)]
+        lines = [part for curve in found.curves for part in parts_of_stability(curve, found)]
         drawn = drawn or bool(lines)
         if not lines:
             ax.plot([], [], linewidth=1.5, label=f"{label}: no boundary", **look)
@@ -232,7 +232,7 @@ def stability_map(
     return ax
 
 
-def _of_stability(curve: BoundaryCurve, found: Boundary) -> Iterator[tuple[Array, str]]:
+def parts_of_stability(curve: BoundaryCurve, found: Boundary) -> Iterator[tuple[Array, str]]:
     """Parts of a curve on which no other root is unstable, (k, 2) each, with its kind."""
     places = _dense(curve, found)
     pieces = np.repeat(np.maximum(curve.unstable[:-1], curve.unstable[1:]) == 0, PER_STEP)

@@ -7,7 +7,7 @@ import math
 import operator
 import reprlib
 import sys
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from itertools import islice
 from numbers import Integral, Real
 from typing import Any
@@ -132,6 +132,25 @@ def array(
     entries(name, values, good & np.isfinite(values), _rule(low, high, open_low, False))
     values.flags.writeable = False
     return values
+
+
+def window(
+    names: tuple[str, str], ranges: Any, rules: tuple[dict[str, Any], dict[str, Any]]
+) -> tuple[tuple[float, float], tuple[float, float]]:
+    """Ranges of two numbers by name, whose ends obey rules of `real`."""
+    if not isinstance(ranges, Mapping):
+        raise TypeError(f"ranges must map x and y to (low, high), got {shown(ranges)}")
+    if set(ranges) != set(names):
+        raise ValueError(f"ranges must have {names[0]!r} and {names[1]!r}, got {list(ranges)}")
+    bounds = []
+    for name, rule in zip(names, rules, strict=True):
+        label = f"ranges[{name!r}]"
+        low, high = map(float, array(label, ranges[name], size=2))
+        low, high = real(label, low, **rule), real(label, high, **rule)
+        if not high - low > 1e-9 * (1.0 + abs(high)):
+            raise ValueError(f"{label} must be (low, high), got ({low:g}, {high:g})")
+        bounds.append((low, high))
+    return bounds[0], bounds[1]
 
 
 def entries(name: str, values: NDArray[Any], good: NDArray[np.bool_], rule: str) -> None:
