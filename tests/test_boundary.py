@@ -10,7 +10,7 @@ import pipedyn as pp
 from pipedyn.bifurcation.boundary import checked_window
 from pipedyn.bifurcation.boundary_curves import Tracer, line_starts
 from pipedyn.bifurcation.hopf import static_cubic
-from pipedyn.linear.plane import Plane, Window
+from pipedyn.linear.plane import Plane, Scale, Window
 
 BUCKLING = pp.Pipe(0.2, damping=0.005)
 STANDING = {"gamma": (-60.0, 20.0), "u": (0.0, 8.0)}
@@ -142,26 +142,25 @@ def test_a_window_without_the_flow_speed_has_the_same_points():
 
 
 class Ring(Plane):
-    """One degree of freedom, damped by (x - 0.5)^2 + (y - 0.5)^2 - 0.3^2: it flutters inside."""
+    """One degree of freedom, damped by its distance's square from a circle: it flutters inside."""
 
-    def __init__(self):
+    def __init__(self, center=(0.5, 0.5), radius=0.3):
+        self.center, self.radius = np.array(center), radius
+        self._scales = [Scale((0.0, 1.0))] * 2
         self.window = Window((None, None), np.zeros(2), np.ones(2))
         self.dof = self.modes = 1
         self.lossy = self.conservative = False
         self.exact, self.speed_index, self.speed = True, None, 1.0
 
     def matrices(self, at):
-        away = at - 0.5
+        away = at - self.center
         one, none = np.ones((1, 1)), np.zeros((1, 1))
-        damping = np.full((1, 1), float(away @ away) - 0.09)
+        damping = np.full((1, 1), float(away @ away - (self.radius**2).real))
         by_x, by_y = ((none, 2.0 * part * one, none) for part in away)
         return (one, damping, one), by_x, by_y
 
     def at(self, at):
         return self.matrices(at)[0]
-
-    def defined(self, at):
-        return True
 
 
 def test_a_closed_curve_that_no_edge_meets_is_found_and_closes():
@@ -177,6 +176,36 @@ def test_a_closed_curve_that_no_edge_meets_is_found_and_closes():
     assert abs(turned[-1] - turned[0]) == pytest.approx(2.0 * np.pi)
     (change,) = {curve.problem.change(point) for point in curve.points}
     assert change * (turned[-1] - turned[0]) < 0.0  # the inside, left of the way, is unstable
+
+
+@pytest.mark.parametrize("only_stability", [True, False])
+def test_a_closed_curve_that_no_line_meets_is_reached_uphill(only_stability):
+    plane = Ring(center=(0.68, 0.27), radius=0.05)
+    starts, _ = line_starts(plane, only_stability)
+    (curve,) = Tracer(plane, starts).trace(starts)
+    assert curve.ends == ("closed", "closed")
+    assert np.hypot(*(curve.places() - plane.center).T) == pytest.approx(0.05, abs=1e-12)
+
+
+def test_damping_that_has_an_extreme_beside_the_axis_is_no_curve():
+    plane = Ring(center=(0.68, 0.27), radius=0.0)
+    plane.radius = 0.1j  # damped everywhere
+    assert line_starts(plane) == ([], [])
+
+
+@pytest.mark.parametrize("stiffest", [30.0, 60.0, 100.0, 1000.0])
+def test_flutter_in_a_closed_curve_is_found_in_windows_of_any_size(stiffest):
+    """Between root stiffness 0.89 and 5.71; lines are even in the angle that the spring passes."""
+    chain = pp.Chain(pp.Pipe(0.2, gamma=10.0, root=pp.RootSpring(1.0)), 5)
+    ranges = {"root.stiffness": (0.01, stiffest), "u": (0.0, 12.0)}
+    found = pp.boundary(chain, "root.stiffness", "u", ranges, criticality=False)
+    assert found.failures == ()
+    (closed,) = [curve for curve in found.curves if curve.ends == ("closed", "closed")]
+    assert closed.x.min() == pytest.approx(0.888, abs=0.005)
+    assert closed.x.max() == pytest.approx(5.71, abs=0.03)
+    inside = chain.with_pipe(replace(chain.pipe, root=pp.RootSpring(3.0)))
+    for u, count in ((9.5, 2), (9.7, 4), (9.9, 2)):
+        assert (eigenvalues(inside, u).real > 0.0).sum() == found.unstable(3.0, u) == count
 
 
 def test_a_scene_and_a_chain_have_one_boundary():

@@ -157,8 +157,12 @@ def boundary(
     """Boundaries of stability in the plane of two of a pipe's numbers, with organising points.
 
     Curves of flutter and divergence are found where they meet the window's edges and lines across
-    it, and followed past folds; a closed curve that none of these lines meets is missed. That what
-    leaves the window enters it is checked at its edges.
+    it, and followed past folds. That what leaves the window enters it is checked at its edges, so
+    that no curve which meets them is lost in silence. A closed curve of flutter meets none of them:
+    where a pair comes near to the axis on a line, and turns back, its real part is followed uphill
+    from there until the pair passes or goes no farther. A closed curve so small that all lines pass
+    it by, and to which none of these ways leads, is missed; no search by samples can tell. Look in
+    a smaller window where one is expected.
 
     Args:
         model: chain, reduced model, scene of up to 500 degrees of freedom, or `Continuum`, whose
@@ -260,7 +264,7 @@ def _bounded(
 ) -> Boundary:
     with one_thread(2 * getattr(model, "dof", 64)):
         coarse = first_plane(model, window, u)
-        starts, failures = line_starts(coarse)
+        starts, failures = line_starts(coarse, only_stability)
         if coarse.conservative:
             failures.append(
                 "flutter was not looked for: without damping, and with no work done at its end, "
