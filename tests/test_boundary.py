@@ -450,8 +450,7 @@ def test_where_an_undamped_pipe_buckles_without_flow_nothing_else_is_unstable(ga
 def test_without_flow_an_undamped_pipe_buckles_whatever_its_mass_ratio():
     ranges = {"beta": (0.1, 0.9), "gamma": (-60.0, 10.0)}
     found = pp.boundary(pp.Galerkin(pp.Pipe(0.2), 6), "beta", "gamma", ranges, u=0.0)
-    (only,) = found.failures
-    assert "flutter was not looked for" in only
+    assert found.failures == ()
     upper, lower = sorted(found.curves, key=lambda c: -c.y[0])
     # A standing column under its own weight buckles at 7.8373 (Greenhill, 1881).
     assert upper.y == pytest.approx(-7.8373, abs=5e-4)
@@ -517,15 +516,38 @@ def test_numbers_from_their_lower_limit_beside_a_roots_stiffness(name):
 # ------------------------------------------------------------------------------------- refusals
 
 
-def test_a_conservative_pipe_has_divergence_only_and_says_so():
+@pytest.mark.parametrize(
+    "make", [lambda pipe: pp.Galerkin(pipe, 8, "legendre"), pp.Continuum], ids=["legendre", "all"]
+)
+def test_modes_of_an_undamped_held_pipe_couple_where_its_crossings_say(make):
+    """Pinned at both ends: divergences at pi and 2 pi, whatever beta, and then flutter."""
     pipe = pp.Pipe(0.5, root="pinned", end="pinned")
-    ranges = {"beta": (0.1, 0.9), "u": (0.0, 7.0)}
-    found = pp.boundary(pp.Continuum(pipe), "beta", "u", ranges, criticality=False)
-    assert [c.kind for c in found.curves] == ["divergence"] * 2
-    speeds = [float(c.y.mean()) for c in found.curves]
-    assert sorted(speeds) == pytest.approx([np.pi, 2.0 * np.pi], abs=1e-9)
-    assert max(float(np.ptp(c.y)) for c in found.curves) < 1e-9
-    assert "flutter was not looked for" in found.failures[0]
+    ranges = {"beta": (0.05, 0.95), "u": (0.0, 7.0)}
+    found = pp.boundary(make(pipe), "beta", "u", ranges, criticality=False)
+    assert found.failures == ()
+    statics = [c for c in found.curves if c.kind == "divergence"]
+    assert sorted(float(c.y.mean()) for c in statics) == pytest.approx([np.pi, 2 * np.pi], abs=1e-6)
+    (flutter,) = [c for c in found.curves if c.kind == "flutter"]
+    for k in range(2, len(flutter), 5):
+        there = make(replace(pipe, beta=flutter.x[k]))
+        nearest = min(
+            (c for c in pp.crossings(there, 7.5) if c.kind == "flutter"),
+            key=lambda c: abs(c.speed - flutter.y[k]),
+        )
+        assert flutter.y[k] == pytest.approx(nearest.speed, abs=1e-8)
+        assert flutter.frequency[k] == pytest.approx(nearest.frequency, abs=1e-5)
+        assert sorted(flutter.sides[k]) == [nearest.unstable_before, nearest.unstable_after]
+    for u in (6.25, 6.5):
+        values = eigenvalues(pp.Galerkin(replace(pipe, beta=0.6), 12, "legendre"), u)
+        assert found.unstable(0.6, u) == (values.real > 1e-6).sum()
+
+
+def test_coupled_modes_at_a_held_speed_are_left_to_crossings():
+    pipe = pp.Pipe(0.5, root="pinned", end="pinned")
+    model = pp.Galerkin(pipe, 6, "legendre")
+    ranges = {"beta": (0.1, 0.9), "gamma": (-5.0, 5.0)}
+    (only,) = pp.boundary(model, "beta", "gamma", ranges, u=6.2, criticality=False).failures
+    assert "see `crossings`" in only
 
 
 CHAIN = pp.Chain(pp.Pipe(0.2, terms=[pp.Stop(0.8, 0.1, 9.0), pp.Spring(1.0, 2.0)]), 2)

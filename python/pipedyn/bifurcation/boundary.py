@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pipedyn.bifurcation.axis_problems import AxisProblem
+from pipedyn.bifurcation.axis_problems import AxisProblem, CoupledModeProblem
 from pipedyn.bifurcation.boundary_curves import (
     Traced,
     Tracer,
@@ -55,13 +55,18 @@ class BoundaryCurve:
     """A curve of flutter or of divergence, point by point along its arc length.
 
     Attributes:
-        kind: "flutter" (a pair passes the imaginary axis) or "divergence" (a real root passes 0).
+        kind: "flutter" (a pair passes the imaginary axis; of undamped pipes whose ends do no work
+            two pairs meet on it and leave it, coupled-mode flutter) or "divergence" (a real root
+            passes 0).
         x, y: the two numbers, shape (S,).
-        frequency: angular, in 1 / T, shape (S,); 0 of divergence.
+        frequency: angular, in 1 / T, shape (S,); 0 of divergence, and where two growing real roots
+            meet and become a growing pair, which `crossings` counts as coupled-mode flutter, too.
         unstable: number of unstable roots beside those on the axis, shape (S,): where it is 0 the
-            curve bounds the region in which the pipe is stable.
+            curve bounds the region in which the pipe is stable. At an end "Bogdanov-Takens" as
+            right before it, as `change`: at that point itself zero is a double root.
         change: number of unstable roots on its left less that on its right, shape (S,): 2 or -2,
-            of divergence 1 or -1, which changes at a Bogdanov-Takens point.
+            of divergence 1 or -1, which changes at a Bogdanov-Takens point, and 0 where real roots
+            meet.
         lyapunov: first Lyapunov coefficient of flutter, as of `Hopf`; of divergence the coefficient
             c of z' = sigma z + c z^3, z being the largest angle, shape (S,). NaN where other roots
             are unstable, or it was not asked for.
@@ -264,11 +269,14 @@ def _bounded(
 ) -> Boundary:
     with one_thread(2 * getattr(model, "dof", 64)):
         coarse = first_plane(model, window, u)
+        by_speed = coarse.speed_index is not None
         starts, failures = line_starts(coarse, only_stability)
-        if coarse.conservative:
+        middle = window.place(np.full(2, 0.5))
+        if coarse.conservative and not by_speed and coarse.static_stiffnesses(middle) is None:
             failures.append(
-                "flutter was not looked for: without damping, and with no work done at its end, "
-                "the pipe's pairs meet on the axis and pass it nowhere"
+                "coupled-mode flutter, where two pairs of an undamped pipe meet on the axis, was "
+                "not looked for: it is found along the flow speed, which is held here; see "
+                "`crossings`"
             )
 
         def wanted(problem: AxisProblem, z: Array) -> bool:
@@ -370,9 +378,9 @@ def _disagreements(curves: list[BoundaryCurve], plane: Plane) -> Iterator[str]:
             )
 
 
-def _telling(curve: Traced) -> list[Point]:
+def _points_of_change(curve: Traced) -> list[Point]:
     """Points that say on which side roots are unstable: of flutter one, which holds for all."""
-    if curve.problem.kind == "divergence":
+    if curve.problem.kind == "divergence" or isinstance(curve.problem, CoupledModeProblem):
         return curve.points
     # Away from ends at which its frequency is 0.
     return [curve.points[len(curve.points) // 2]]
@@ -384,7 +392,7 @@ def _finished(curve: Traced, counts: NDArray[np.int_], values: Array) -> Boundar
     slopes = np.array([point.tangent[[-1, -2]] for point in points])
     words = np.array(["", "supercritical", "subcritical"])
     leading = values[:, 1]
-    changes = np.array([problem.change(point) for point in _telling(curve)])
+    changes = np.array([problem.change(point) for point in _points_of_change(curve)])
     changes = np.resize(changes, len(points))
     which = np.where(np.isnan(leading), 0, np.where(leading < 0.0, 1, 2))
     return BoundaryCurve(

@@ -17,7 +17,12 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from pipedyn.bifurcation.axis_problems import AxisProblem, DivergenceProblem, FlutterProblem
+from pipedyn.bifurcation.axis_problems import (
+    AxisProblem,
+    CoupledModeProblem,
+    DivergenceProblem,
+    FlutterProblem,
+)
 from pipedyn.bifurcation.continuation import Control, Point, Segment, path
 from pipedyn.linear.critical_speed import losses, resolved
 from pipedyn.linear.plane import ON_EDGE, Plane, Window
@@ -56,8 +61,9 @@ SAME = 1e-7
 
 
 Start = tuple[Array, int | None]
-"""([omega,] y, x), y and x as shares of the window, and which of them is kept where the others are
-solved for; None where it is a solution."""
+"""([frequency,] y, x), y and x as shares of the window, and which of them is kept where the others
+are solved for; None where it is a solution. Of a conservative plane the first is the frequency's
+square, negative of real roots."""
 
 
 @dataclass
@@ -120,7 +126,7 @@ class Tracer:
         wanted: Callable[[AxisProblem, Array], bool] = lambda problem, z: True,
     ) -> None:
         self.plane, self.wanted = plane, wanted
-        self.unit = max([1.0, *(float(z[0]) for z, _ in starts if z.size == 3)])
+        self.unit = max([1.0, *(abs(float(z[0])) for z, _ in starts if z.size == 3)])
         # Derivatives are exact: a step that short leaves an error of its square.
         self.control = Control(LONGEST, shortest=1e-6, turn=TURN, tolerance=SAME)
         self.curves: list[Traced] = []
@@ -137,28 +143,31 @@ class Tracer:
     def _trace(self, start: Array, held: int | None) -> None:
         problem: AxisProblem
         if start.size == 3:
-            problem = FlutterProblem(self.plane, self.control, self.unit)
+            meeting = self.plane.conservative
+            of = CoupledModeProblem if meeting else FlutterProblem
+            problem = of(self.plane, self.control, self.unit)
             z = start / [self.unit, 1.0, 1.0]
         else:
             problem, z = DivergenceProblem(self.plane, self.control), start
         if held is not None:
             z = problem.fixed(z, float(z[held]), held)
-        inside = bool((z >= -ON_EDGE).all() and (z[-2:] <= 1.0 + ON_EDGE).all())
+        inside = bool((z[-2:] >= -ON_EDGE).all() and (z[-2:] <= 1.0 + ON_EDGE).all())
+        inside &= z.size == 2 or meeting or z[0] >= -ON_EDGE
         known = (one for one in self.curves if one.problem.kind == problem.kind)
-        if z.size == 3 and self.plane.conservative_near(z[[-1, -2]], ON_EDGE):
+        if z.size == 3 and not meeting and self.plane.conservative_near(z[[-1, -2]], ON_EDGE):
             return  # all roots lie on the axis, on no curve of their own
         if not inside or any(one.holds(z) for one in known) or not self.wanted(problem, z):
             return
         z[-2:] = self.plane.window.on_edges(z[-2:])
         limits = [(-1, 0.0, 1.0), (-2, 0.0, 1.0)]
-        if z.size == 3:
+        if z.size == 3 and not meeting:
             limits.append((0, 0.0, math.inf))
         points, ends = path(problem, problem.starting_at(z), limits, 0.3 * LONGEST, MOST_POINTS)
         if len(points) == 1:
             return  # it touches the window in a corner
         points = [_on_edges(problem, point) for point in points]
         first, last = (
-            "Bogdanov-Takens" if end == "range" and point.z.size == 3 and point.z[0] <= 0.0 else end
+            "Bogdanov-Takens" if end == "range" and limits[2:] and point.z[0] <= 0.0 else end
             for end, point in zip(ends, (points[0], points[-1]), strict=True)
         )
         self.curves.append(Traced(problem, points, (first, last)))
@@ -224,7 +233,7 @@ def line_starts(plane: Plane, only_stability: bool = False) -> tuple[list[Start]
         for at in places:
             for value in plane.static_roots(at, along):
                 add(along, at, share_of(value), 0.0)
-        if plane.conservative:
+        if plane.conservative and not by_speed:
             continue
         if by_speed:
             end = float(window.low[along] + window.size[along])
@@ -234,8 +243,16 @@ def line_starts(plane: Plane, only_stability: bool = False) -> tuple[list[Start]
                     failures.append(f"crossings at {at[1 - along]:.6g}: {answer}")
                     continue
                 for crossing in answer[1]:
+                    if plane.conservative:
+                        if crossing.kind == "flutter":
+                            there = at.copy()
+                            there[along] = crossing.speed
+                            add(along, at, share_of(crossing.speed), plane.meeting(there))
+                        continue
                     if crossing.speed >= max(window.low[along], 1e-9) and crossing.frequency:
                         add(along, at, share_of(crossing.speed), crossing.frequency)
+            if plane.conservative:
+                continue
             for at in places[:: LINES_OF_SPEED // 2]:
                 extremes += [(along, at, *one) for one in plane.extremes(at, along)]
         else:

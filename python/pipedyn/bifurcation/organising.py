@@ -17,7 +17,12 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from pipedyn.bifurcation.axis_problems import AxisProblem, DivergenceProblem, FlutterProblem
+from pipedyn.bifurcation.axis_problems import (
+    AxisProblem,
+    CoupledModeProblem,
+    DivergenceProblem,
+    FlutterProblem,
+)
 from pipedyn.bifurcation.boundary_curves import Start, Traced
 from pipedyn.bifurcation.continuation import Control, Segment, sign_changes
 from pipedyn.bifurcation.hopf import NoHopf, onset_coefficients, static_cubic
@@ -119,6 +124,11 @@ def counted(plane: Plane, curve: Traced) -> NDArray[np.int_]:
 
 def others_unstable(plane: Plane, problem: AxisProblem, z: Array) -> int:
     """Number of unstable roots beside those on the axis at a point of a curve."""
+    if isinstance(problem, CoupledModeProblem):
+        found, root = plane.eigenvalues(problem.place(z)), problem.root(z)
+        for value in (root, root, -root, -root):
+            found = np.delete(found, np.argmin(np.abs(found - value)))
+        return _unstable(found) + (2 if z[0] < 0.0 else 0)
     if problem.kind == "divergence":
         static = plane.static_stiffnesses(problem.place(z))
         if static is not None:
@@ -315,7 +325,7 @@ def coefficients(plane: Plane, problem: AxisProblem, z: Array) -> tuple[float, f
     The latter is negative where what emerges attracts; NaN both where they are not known.
     """
     at, omega = problem.place(z), problem.frequency(z)
-    if problem.kind == "flutter" and omega < 1e-4:
+    if isinstance(problem, CoupledModeProblem) or (problem.kind == "flutter" and omega < 1e-4):
         return np.nan, np.nan
     model, u = plane.model_at(at), plane.speed_at(at)
     pipe = model.pipe

@@ -333,6 +333,18 @@ class Plane:
         factorised()
         return np.linalg.eigvalsh(0.5 * (stiffness.real + stiffness.real.T))
 
+    def meeting(self, at: Array) -> float:
+        """About -lambda^2 of the two roots that are nearest to each other at (x, y)."""
+        mass, damping, stiffness = self.at(at)
+        values = _quadratic(mass, damping, stiffness)
+        values = values[np.argsort(np.abs(values))][: 2 * self.modes]
+        values = values[
+            (values.imag > 1e-6) | ((np.abs(values.imag) < 1e-6) & (values.real > 1e-6))
+        ]
+        apart = np.abs(values[:, None] - values) + np.diag(np.full(values.size, np.inf))
+        i, j = np.unravel_index(np.argmin(apart), apart.shape)
+        return float(-((0.5 * (values[i] + values[j])) ** 2).real)
+
     def static_roots(self, at: Array, index: int) -> list[float]:
         """Where K is singular on the line through (x, y) along x or y, within the window."""
         low, size = float(self.window.low[index]), float(self.window.size[index])
