@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 import pipedyn as pp
+from pipedyn.bifurcation import organising
 from pipedyn.bifurcation.boundary import checked_window
 from pipedyn.bifurcation.boundary_curves import Tracer, line_starts
 from pipedyn.bifurcation.hopf import static_cubic
@@ -306,6 +307,24 @@ def test_criticality_changes_at_a_bautin_point():
         assert curve.lyapunov[k] == pytest.approx(own.lyapunov, rel=1e-6)
 
 
+def test_a_change_of_criticality_that_is_not_solved_for_is_told(monkeypatch):
+    ranges = {"beta": (0.4, 0.7), "u": (4.0, 8.0)}
+    words = pp.Chain(pp.Pipe(0.2), 3), "beta", "u", ranges
+    bautin = place(pp.boundary(*words), "Bautin")
+    known = organising.coefficients
+
+    def unknown_near_the_point(plane, problem, z):
+        near = abs(problem.place(z)[0] - bautin.x) < 1e-3
+        return (np.nan, np.nan) if near else known(plane, problem, z)
+
+    monkeypatch.setattr(organising, "coefficients", unknown_near_the_point)
+    found = pp.boundary(*words)
+    assert found.points == ()
+    (only,) = found.failures
+    assert only.startswith("a point of kind Bautin near (0.")
+    assert "the criticality is not known all along the step" in only
+
+
 def test_drag_decides_the_criticality_where_there_is_any():
     ranges = {"beta": (0.4, 0.7), "u": (4.0, 8.0)}
     found = pp.boundary(pp.Chain(pp.Pipe(0.2, drag=0.5), 2), "beta", "u", ranges)
@@ -540,6 +559,49 @@ def test_modes_of_an_undamped_held_pipe_couple_where_its_crossings_say(make):
     for u in (6.25, 6.5):
         values = eigenvalues(pp.Galerkin(replace(pipe, beta=0.6), 12, "legendre"), u)
         assert found.unstable(0.6, u) == (values.real > 1e-6).sum()
+
+
+@pytest.mark.parametrize(
+    ("model", "name", "values", "top"),
+    [
+        (
+            pp.Galerkin(pp.Pipe(0.2, root="clamped", end="clamped"), 10, "legendre"),
+            "beta",
+            (0.05, 0.95),
+            13.0,
+        ),
+        (
+            pp.Galerkin(pp.Pipe(0.7, root="clamped", end="pinned"), 8, "legendre"),
+            "gamma",
+            (-50.0, 50.0),
+            10.0,
+        ),
+        (
+            pp.Galerkin(replace(HELD, beta=0.6, damping=0.0), 8, "beam"),
+            "Foundation.stiffness",
+            (0.0, 1000.0),
+            12.0,
+        ),
+    ],
+    ids=["clamped", "gravity", "foundation"],
+)
+def test_curves_of_a_conservative_pipe_say_how_many_roots_are_unstable_anywhere(
+    model, name, values, top
+):
+    """Gyroscopic forces make a pipe stable again beyond a divergence, until modes couple."""
+    found = pp.boundary(model, name, "u", {name: values, "u": (0.0, top)}, criticality=False)
+    rng = np.random.default_rng(1)
+    counts = []
+    for _ in range(25):
+        x, y = rng.uniform(*values), rng.uniform(0.2, top)
+        if name == "Foundation.stiffness":
+            pipe = replace(model.pipe, terms=(pp.Foundation(x),))
+        else:
+            pipe = replace(model.pipe, **{name: x})
+        start = int((np.linalg.eigvalsh(model.with_pipe(pipe).operators().at(0.0)[2]) < 0.0).sum())
+        counts.append(int((eigenvalues(model.with_pipe(pipe), y).real > 1e-5).sum()))
+        assert counts[-1] == found.unstable(x, y) == below(found, x, y, start)
+    assert set(counts) >= {0, 1, 2}
 
 
 def test_coupled_modes_at_a_held_speed_are_left_to_crossings():

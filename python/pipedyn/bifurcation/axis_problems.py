@@ -39,7 +39,7 @@ LEAST_SQUARE = 1e-6
 FAR = 20.0
 """Windows, or units of the frequency, within which Newton's method stays."""
 
-LEANING = 3.0
+LONGEST_NULL_VECTOR = 3.0
 """Length of v or w, 1 over the cosine of its angle to the border, beyond which borders are renewed:
 next to a curve real borders leave at most the square root of 2."""
 
@@ -100,9 +100,22 @@ class AxisProblem(DenseProblem):
         right, up = point.tangent[[-1, -2]]
         leftwards = right * slope(1, by_y) - up * slope(0, by_x)
         down = complex(w @ (damping @ v) + 2j * omega * (w @ (mass @ v)))
-        if not omega and abs(down) <= 1e-9 * float(np.abs(w) @ np.abs(damping) @ np.abs(v)):
-            down = complex(w @ (mass @ v))  # zero is a double root: the squares pass it
+        sizes = float(np.linalg.norm(w) * np.linalg.norm(damping) * np.linalg.norm(v))
+        if not omega and abs(down) <= 1e-9 * sizes:
+            # Zero is a double root: squares pass it, at a rate with half of g's second derivative.
+            down = complex(w @ (mass @ v)) + self._gyroscopic(stiffness.real, damping, v, w)
         return (2 if self.kind == "flutter" else 1) * (1 if (leftwards / down).real > 0.0 else -1)
+
+    def _gyroscopic(
+        self, stiffness: Array, damping: Array, v: NDArray[Any], w: NDArray[Any]
+    ) -> float:
+        """What forces by velocity add to the mass of a mode without stiffness."""
+        n = len(stiffness)
+        bordered = np.zeros((n + 1, n + 1))
+        bordered[:n, :n], bordered[:n, n], bordered[n, :n] = stiffness, w, v
+        turned = np.linalg.solve(bordered, np.append(-(damping @ v), 0.0))[:n]
+        turned_left = np.linalg.solve(bordered.T, np.append(-(w @ damping), 0.0))[:n]
+        return 0.5 * float(turned_left @ damping @ v + w @ damping @ turned)
 
     def starting_at(self, z: Array) -> Point:
         """A solution with its tangent, on either side."""
@@ -129,7 +142,7 @@ class AxisProblem(DenseProblem):
         last = np.zeros(n + 1)
         last[n] = 1.0
         v, w = np.linalg.solve(bordered, last), np.linalg.solve(bordered.T, last)
-        if max(np.linalg.norm(v[:n]), np.linalg.norm(w[:n])) > LEANING:
+        if max(np.linalg.norm(v[:n]), np.linalg.norm(w[:n])) > LONGEST_NULL_VECTOR:
             self._borders = _largest_real(w[:n]), _largest_real(v[:n])
         return v[n], v[:n], w[:n]
 

@@ -27,12 +27,12 @@ from pipedyn.bifurcation.boundary_curves import (
 )
 from pipedyn.bifurcation.continuation import Control, Point
 from pipedyn.bifurcation.organising import (
-    Double,
+    DoublePoint,
     OrganisingPoint,
     changes_of_criticality,
     coefficients,
     counted,
-    doubles,
+    double_points,
     others_unstable,
 )
 from pipedyn.linear.modes import largest_speed
@@ -284,12 +284,12 @@ def _bounded(
 
         tracer = Tracer(coarse, starts, wanted)
         counts: list[NDArray[np.int_]] = []
-        found: list[Double] = []
+        found: list[DoublePoint] = []
         while starts:
             new, starts = tracer.trace(starts), []
             for curve in new:
                 counts.append(counted(coarse, curve))
-                for one in doubles(coarse, curve, counts[-1]):
+                for one in double_points(coarse, curve, counts[-1]):
                     if isinstance(one, str):
                         failures.append(one)
                     elif not any(_same(one, other) for other in found):
@@ -310,7 +310,11 @@ def _bounded(
             if criticality:
                 for k in np.flatnonzero(of_curve == 0):
                     values[k] = coefficients(coarse, curve.problem, curve.points[k].z)
-                points += changes_of_criticality(coarse, curve, of_curve, values[:, 1])
+                for point in changes_of_criticality(coarse, curve, of_curve, values[:, 1]):
+                    if isinstance(point, str):
+                        failures.append(point)
+                    else:
+                        points.append(point)
             curves.append(_finished(curve, of_curve, values))
     low, high = window.low, window.low + window.size
     if not (coarse.conservative or only_stability or any(tracer.failures())):
@@ -328,8 +332,8 @@ def _bounded(
 
 
 def _solved_again(
-    found: list[Double], plane: Plane, control: Control, failures: list[str]
-) -> Iterator[Double]:
+    found: list[DoublePoint], plane: Plane, control: Control, failures: list[str]
+) -> Iterator[DoublePoint]:
     """The points in a larger basis; those that it does not have are failures."""
     for one in found:
         try:
@@ -337,12 +341,12 @@ def _solved_again(
         except NewtonFailed as error:
             point = one.point(plane)
             failures.append(
-                f"a point of kind {point.kind} near ({point.x:.6g}, {point.y:.6g}) was not found "
-                f"in a larger basis: {error}"
+                f"a point of kind {point.kind} near ({point.x:.6g}, {point.y:.6g}) was found in a "
+                f"small basis only, and is left out: {error}"
             )
 
 
-def _same(one: Double, other: Double) -> bool:
+def _same(one: DoublePoint, other: DoublePoint) -> bool:
     near = np.allclose(one.roots, other.roots, rtol=1e-6, atol=1e-6)
     return near and float(np.abs(one.at - other.at).max()) < 1e-6
 
@@ -372,9 +376,9 @@ def _disagreements(curves: list[BoundaryCurve], plane: Plane) -> Iterator[str]:
     for one, other in zip(ends, ends[1:] + ends[:1], strict=True):
         if one[2] != other[1] and not any(plane.conservative_at(end[3]) for end in (one, other)):
             yield (
-                f"beyond ({one[3][0]:.6g}, {one[3][1]:.6g}) on the window's edge {one[2]} roots "
-                f"are unstable, and before ({other[3][0]:.6g}, {other[3][1]:.6g}) {other[1]}: "
-                "a curve between is missing"
+                f"on the window's edge between ({one[3][0]:.6g}, {one[3][1]:.6g}) and "
+                f"({other[3][0]:.6g}, {other[3][1]:.6g}), where curves end, a curve is missing: "
+                f"{one[2]} roots are unstable next to the first and {other[1]} next to the second"
             )
 
 

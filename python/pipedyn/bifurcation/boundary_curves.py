@@ -81,7 +81,7 @@ class Traced:
             self.problem.renew()
             yield Segment(self.problem, a, b)
 
-    def some(self) -> Traced:
+    def sample(self) -> Traced:
         """A few of its points, the first and last among them."""
         which = np.unique(
             np.linspace(0, len(self.points) - 1, 3 + len(self.points) // 8, dtype=int)
@@ -348,7 +348,7 @@ def converged(
         NotConverged: if points of a curve still move in the largest basis.
     """
     inner = basis_joints(model.pipe).size
-    some: list[Traced | None] = [curve.some() for curve in curves]
+    some: list[Traced | None] = [curve.sample() for curve in curves]
     moves = [math.inf] * len(curves)
     more = 0
     while True:
