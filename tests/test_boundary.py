@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 import pipedyn as pp
+from pipedyn.bifurcation.boundary import checked_window
 from pipedyn.bifurcation.boundary_curves import Tracer, line_starts
 from pipedyn.bifurcation.hopf import static_cubic
 from pipedyn.linear.plane import Plane, Window
@@ -158,6 +159,9 @@ class Ring(Plane):
 
     def at(self, at):
         return self.matrices(at)[0]
+
+    def defined(self, at):
+        return True
 
 
 def test_a_closed_curve_that_no_edge_meets_is_found_and_closes():
@@ -316,6 +320,169 @@ def test_curves_of_lost_stability_alone_are_the_same_curves():
     assert [sorted([c.y[0], c.y[-1]]) for c in some.curves] == [
         pytest.approx(end, abs=1e-10) for end in ends
     ]
+
+
+HELD = pp.Pipe(0.1, root="pinned", end="pinned", damping=0.005, terms=(pp.Foundation(10.0),))
+
+
+@pytest.mark.parametrize("damping", [0.005, 0.0])
+@pytest.mark.parametrize(
+    "make",
+    [lambda pipe: pp.Galerkin(pipe, 6, "beam"), lambda pipe: pp.Chain(pipe, 8), pp.Continuum],
+    ids=["beam", "chain", "continuum"],
+)
+def test_buckling_modes_exchange_where_two_curves_of_divergence_cross(make, damping):
+    """Modes i and j of a pinned pipe at k = (i j)^2 pi^4, u^2 = (i^2 + j^2) pi^2."""
+    model = make(replace(HELD, damping=damping))
+    ranges = {"Foundation.stiffness": (0.0, 1000.0), "u": (0.0, 12.0)}
+    found = pp.boundary(model, "Foundation.stiffness", "u", ranges, criticality=False)
+    first, second = sorted(found.points, key=lambda point: point.x)
+    assert first.kind == second.kind == "double divergence"
+    assert damping == 0.0 or found.failures == ()
+    assert all("Bogdanov-Takens" not in c.ends for c in found.curves)
+    if not isinstance(model, pp.Chain):
+        assert first.x == pytest.approx(4.0 * np.pi**4, rel=1e-9)
+        assert first.y == pytest.approx(np.pi * np.sqrt(5.0), rel=1e-9)
+        assert second.x == pytest.approx(9.0 * np.pi**4, rel=1e-9)
+        assert second.y == pytest.approx(np.pi * np.sqrt(10.0), rel=1e-9)
+    if not isinstance(model, pp.Continuum):
+        for point, below_zero in ((first, 0), (second, 1)):
+            held = replace(model.pipe, terms=(pp.Foundation(point.x),))
+            stiffness = model.with_pipe(held).operators().at(point.y)[2]
+            values = np.sort(np.linalg.eigvals(stiffness).real)
+            assert np.count_nonzero(values < -1e-7) == below_zero
+            assert np.abs(values[below_zero : below_zero + 2]).max() < 1e-8 < values[below_zero + 2]
+
+
+# ------------------------------------------------------------------- edges on which nothing damps
+
+ASPIRATING = pp.Pipe(0.2, flow="aspirating")
+
+
+@pytest.mark.parametrize(
+    ("model", "top"),
+    [
+        (pp.Galerkin(ASPIRATING, 6), 0.1),
+        (pp.Galerkin(ASPIRATING, 8, "legendre"), 0.02),
+        (pp.Chain(ASPIRATING, 4), 0.02),
+        (pp.Continuum(ASPIRATING), 0.02),
+    ],
+    ids=["modes", "legendre", "chain", "continuum"],
+)
+def test_curves_that_meet_where_all_roots_lie_on_the_axis_end_there_and_nothing_else(model, top):
+    """Aspirating pipes lose stability at a flow in proportion to their damping."""
+    ranges = {"damping": (0.0, top), "u": (0.0, 50.0 * top)}
+    found = pp.boundary(model, "damping", "u", ranges)
+    assert found.failures == found.points == ()
+    assert {curve.kind for curve in found.curves} == {"flutter"}
+    for curve in found.curves:
+        assert 0.0 in (curve.x[0] + curve.y[0], curve.x[-1] + curve.y[-1])  # the corner, exactly
+    assert not isinstance(model, pp.Chain) or len(found.curves) == 4  # one for each mode
+    for curve in found.curves[:3]:
+        k = len(curve) // 2
+        for sign in (-1.0, 1.0):
+            right, up = curve.slopes[k] * [top, 50.0 * top]
+            x, y = curve.x[k] - sign * 1e-4 * up / 50.0, curve.y[k] + sign * 1e-4 * right * 50.0
+            there = replace(model.pipe, damping=x)
+            small = pp.Galerkin(there, 16, "legendre") if isinstance(model, pp.Continuum) else None
+            values = eigenvalues(small or model.with_pipe(there), y)
+            near = values[np.argmin(np.abs(values - 1j * curve.frequency[k]))]
+            side = curve.sides[k][0 if sign > 0.0 else 1]
+            assert (near.real > 0.0) == (side > curve.unstable[k])
+
+
+def test_a_curve_that_touches_the_window_in_its_corner_is_none():
+    model = pp.Galerkin(pp.Pipe(0.2), 6)
+    speed = pp.critical_speed(model).speed
+    ranges = {"beta": (0.1, 0.2), "u": (speed, 7.0)}
+    found = pp.boundary(model, "beta", "u", ranges, criticality=False)
+    assert found.failures == found.curves == ()
+    assert (
+        found.unstable(0.15, 6.0)
+        == 2
+        == (eigenvalues(pp.Galerkin(pp.Pipe(0.15), 6), 6.0).real > 0.0).sum()
+    )
+
+
+@pytest.mark.parametrize("gammas", [(-60.0, 60.0), (-40.0, 0.0)])
+def test_where_an_undamped_pipe_buckles_without_flow_nothing_else_is_unstable(gammas):
+    """gamma -7.5829 of four segments: the first of the chain's stiffness matrices' zeros."""
+    chain = pp.Chain(pp.Pipe(0.2), 4)
+    found = pp.boundary(chain, "gamma", "u", {"gamma": gammas, "u": (0.0, 5.0)})
+    ends = [(c, k) for c in found.curves for k in (0, -1) if c.y[k] == 0.0 and c.x[k] > -20.0]
+    ((curve, k),) = ends
+    stiffness = chain.with_pipe(pp.Pipe(0.2, gamma=curve.x[k])).operators().at(0.0)[2]
+    first, second = np.linalg.eigvalsh(stiffness)[:2]
+    assert abs(first) < 1e-9 < 0.1 < second
+    assert curve.unstable[k] == 0
+    assert curve.criticality[k] == "supercritical"
+
+
+def test_without_flow_an_undamped_pipe_buckles_whatever_its_mass_ratio():
+    ranges = {"beta": (0.1, 0.9), "gamma": (-60.0, 10.0)}
+    found = pp.boundary(pp.Galerkin(pp.Pipe(0.2), 6), "beta", "gamma", ranges, u=0.0)
+    (only,) = found.failures
+    assert "flutter was not looked for" in only
+    upper, lower = sorted(found.curves, key=lambda c: -c.y[0])
+    # A standing column under its own weight buckles at 7.8373 (Greenhill, 1881).
+    assert upper.y == pytest.approx(-7.8373, abs=5e-4)
+    assert upper.unstable.tolist() == [0] * len(upper)
+    assert lower.unstable.tolist() == [1] * len(lower)
+
+
+def test_curves_into_an_edge_without_flow_and_damping_say_why_they_end():
+    ranges = {"inflow_share": (0.0, 1.0), "u": (0.0, 4.0)}
+    found = pp.boundary(pp.Galerkin(ASPIRATING, 3), "inflow_share", "u", ranges, criticality=False)
+    assert found.failures
+    for sentence in found.failures:
+        assert "without damping and flow, as beyond, all roots lie on the axis" in sentence
+
+
+# ------------------------------------------------------------------- matrices and derivatives
+
+SPRUNG = pp.Pipe(0.07, gamma=5.0, root=pp.RootSpring(3.0), damping=0.01, hysteresis=0.02)
+
+
+@pytest.mark.parametrize(
+    "model",
+    [pp.Chain(SPRUNG, 3), pp.Galerkin(SPRUNG, 4, "legendre"), pp.modular.chain(SPRUNG, 3)],
+    ids=["chain", "legendre", "scene"],
+)
+def test_derivatives_by_a_roots_stiffness_hold_where_numbers_begin(model):
+    """Eigenvalues of pipes whose numbers differ by a little, on the corner of the window."""
+    ranges = {"root.stiffness": (1.0, 40.0), "alpha": (0.0, 3.0)}
+    plane = Plane(model, checked_window(model, tuple(ranges), ranges), 7.0)
+    at = np.array([1.0, 0.0])
+    whole, *slopes = plane.matrices(at)
+
+    def determinant(at, power):
+        mass, damping, stiffness = plane.at(at)
+        return np.linalg.slogdet(stiffness + 3.0j * damping - 9.0 * mass)[1]
+
+    inverse = np.linalg.inv(whole[2] + 3.0j * whole[1] - 9.0 * whole[0])
+    for k, (by_mass, by_damping, by_stiffness) in enumerate(slopes):
+        slope = np.trace(inverse @ (by_stiffness + 3.0j * by_damping - 9.0 * by_mass)).real
+        step = np.eye(2)[k] * 1e-4
+        values = [determinant(at + i * step, 3.0j) for i in range(5)]
+        by_differences = np.dot([-25.0, 48.0, -36.0, 16.0, -3.0], values) / 12e-4
+        assert slope == pytest.approx(by_differences, rel=1e-7, abs=1e-8)
+
+
+@pytest.mark.parametrize("name", ["alpha", "damping", "hysteresis"])
+def test_numbers_from_their_lower_limit_beside_a_roots_stiffness(name):
+    chain = pp.Chain(pp.Pipe(0.07, root=pp.RootSpring(3.0)), 3)
+    top = {"alpha": 3.0, "damping": 2.0, "hysteresis": 0.9}[name]
+    ranges = {"root.stiffness": (1.0, 400.0), name: (0.0, top)}
+    found = pp.boundary(chain, "root.stiffness", name, ranges, u=5.2, criticality=False)
+    assert found.failures == ()
+    for curve in found.curves:
+        k = len(curve) // 2
+        pipe = replace(chain.pipe, root=pp.RootSpring(curve.x[k]), **{name: curve.y[k]})
+        values = pp.eigenvalues(chain.with_pipe(pipe), 5.2)
+        assert np.abs(values - 1j * curve.frequency[k]).min() < 1e-8
+    for x, y in ((20.0, 0.1 * top), (300.0, 0.9 * top)):
+        pipe = replace(chain.pipe, root=pp.RootSpring(x), **{name: y})
+        assert found.unstable(x, y) == (pp.eigenvalues(chain.with_pipe(pipe), 5.2).real > 0).sum()
 
 
 # ------------------------------------------------------------------------------------- refusals

@@ -8,7 +8,14 @@ import scipy.integrate
 import pipedyn as pp
 from pipedyn import _core
 from pipedyn.bifurcation.collocation import WEIGHTS, collocation_maps
-from pipedyn.bifurcation.periodic_orbit import NODES, ONCE, TWICE, interpolated, stage_phases
+from pipedyn.bifurcation.periodic_orbit import (
+    NODES,
+    ONCE,
+    TWICE,
+    PeriodicOrbit,
+    interpolated,
+    stage_phases,
+)
 from pipedyn.bifurcation.vector_field import VectorField
 
 MODEL, SPEED = pp.Chain(pp.Pipe(0.2, 5.0, damping=0.01), 3), 6.0
@@ -70,6 +77,26 @@ def test_eliminated_stages_solve_their_equations(half, level, at_level):
     moved[:, :, n + 2] += by_speed.T
     assert found == pytest.approx(moved, abs=1e-10 * np.abs(found).max())
     assert ends[0] == pytest.approx(np.concatenate([p[-1], v[-1]]), abs=1e-10 * np.abs(ends).max())
+
+
+@pytest.mark.parametrize("level", _core.vector_levels())
+def test_what_an_interval_misses_of_the_next_is_part_of_the_residual(level, at_level):
+    at_level(level)
+    random = np.random.default_rng(5)
+    count, half, stages = 3, 2, NODES.size
+    n, h = 2 * half, np.array([0.1, 0.3, 0.2])
+    starts, rates = random.normal(size=(count, n)), random.normal(size=(count, stages, half))
+    jacobians = random.normal(size=(count * stages, n, n))
+    force, units = random.normal(size=(half, count * stages)), np.array([1.0, 2.0, 4.0, 0.5])
+    given = h, starts, rates, jacobians, force, None, None, 4.0, WEIGHTS
+    by_rates, plain = _core.eliminated(*given)
+    same, found = _core.eliminated(*given, -1.0, units)
+    orbit = PeriodicOrbit(np.append(0.0, 4.0 * np.cumsum(h)), starts, rates, 4.0, 1.0)
+    plain[:, :, n] += orbit.ends() - np.stack([starts[1], starts[2], -starts[0]])
+    plain /= units[:, None]
+    plain[:, :, :n] *= units
+    assert np.array_equal(same, by_rates)
+    assert found == pytest.approx(plain, abs=1e-13 * np.abs(plain).max())
 
 
 @pytest.mark.parametrize("level", _core.vector_levels())

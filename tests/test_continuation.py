@@ -83,6 +83,26 @@ def test_a_segment_is_solved_for_at_a_length_and_at_a_parameter(circle):
         assert segment.guess(length) == pytest.approx(segment.at(length).z, abs=1e-4)
 
 
+def test_a_guess_uses_what_was_solved_for_and_leads_beyond_the_end(circle):
+    begin = circle.point(np.array([1.0, 1.0, 0.0]), np.array([0.0, 0.0, 1.0]))
+    segment, _ = circle.next(begin, 0.2)
+
+    def missed(s, true):
+        return np.abs(segment.guess(s) - np.append(np.full(2, np.sqrt(1.0 - true**2)), true)).max()
+
+    before = missed(0.11, 0.11)  # lengths are those of p, along the tangent at p = 0
+    assert segment.at(0.1).p == pytest.approx(0.1, abs=1e-13)
+    assert segment.guess(0.1) == pytest.approx(segment.at(0.1).z, abs=1e-15)
+    assert missed(0.11, 0.11) < 0.25 * before
+    segment.at(0.2 - 1e-9)  # of no use for an extrapolation
+    # Beyond the end the cubic stays nearer to the circle than the tangent, by far.
+    apart = [
+        np.abs(z[:2] ** 2 + z[2] ** 2 - 1.0).max()
+        for z in (segment.ahead(0.1), segment.end.z + 0.1 * segment.end.tangent)
+    ]
+    assert apart[0] < 0.05 * apart[1]
+
+
 def test_where_a_curve_ends_continuation_fails():
     def ending(x, p):
         slope = np.full(2, 0.5 / np.sqrt(0.1 - p))

@@ -11,9 +11,10 @@ import numpy as np
 import pytest
 
 import pipedyn as pp
-from pipedyn.bifurcation import brute_force
+from pipedyn.bifurcation import brute_force, capture
 from pipedyn.bifurcation import diagram as module
 from pipedyn.bifurcation.brute_force import ending_of, turning_points
+from pipedyn.bifurcation.motion_options import MotionOptions, initial_bends
 from pipedyn.util.counters import counted
 
 TWO = pp.Chain(pp.Pipe(0.2, -20.0), 2)
@@ -190,13 +191,13 @@ def test_irregular_motions_are_named_and_those_that_are_spread_alike_share_an_ex
 def test_settled_motions_end_early_where_they_would_have_ended(monkeypatch):
     model = pp.Galerkin(pp.Pipe(0.2), 4)
     speeds = np.array([4.0, 6.5, 8.0])
-    options = brute_force.MotionOptions(100.0, 40.0, 1e-6, False)
-    starts = brute_force.initial_bends(model, 2, 0)
+    options = MotionOptions(100.0, 40.0, 1e-6, False)
+    starts = initial_bends(model, 2, 0)
     answers, costs = [], []
     for first_look in (brute_force.FIRST_LOOK, 200.0):
         monkeypatch.setattr(brute_force, "FIRST_LOOK", first_look)
         with counted() as work:
-            answers.append(brute_force.attractors(model, speeds, starts, options, [], None, False))
+            answers.append(brute_force.attractors(model, speeds, starts, options, []))
         costs.append(work.right_hand_sides)
     assert costs[0] < 0.25 * costs[1]
     for early, late in zip(*answers, strict=True):
@@ -205,11 +206,62 @@ def test_settled_motions_end_early_where_they_would_have_ended(monkeypatch):
             assert end(early.turnings) == pytest.approx(end(late.turnings), abs=2e-6)
 
 
+@pytest.mark.parametrize(
+    ("model", "u", "ending"),
+    [
+        (pp.Chain(pp.Pipe(0.3), 3), 8.5, "irregular"),
+        # Irregular for a while, and then on a cycle, on which each has to arrive by itself.
+        (pp.Chain(pp.Pipe(0.2, 20.0, drag=0.5), 2), 10.154, "periodic"),
+    ],
+)
+def test_motions_that_go_on_as_one_end_where_each_alone_does(model, u, ending, monkeypatch):
+    options, starts = MotionOptions(60.0, 20.0, 1e-6, False), initial_bends(model, 3, 0)
+    answers, costs, joined, joining = [], [], [0], brute_force._Batch.joining
+
+    def counting(batch, irregular):
+        found = joining(batch, irregular)
+        joined[0] += len(found)
+        return found
+
+    monkeypatch.setattr(brute_force._Batch, "joining", counting)
+    for share in (0.25, math.inf):
+        monkeypatch.setattr(brute_force, "JOINED", share)
+        with counted() as work:
+            answers.append(brute_force.attractors(model, np.array([u]), starts, options, []))
+        costs.append(work.right_hand_sides)
+        assert joined[0] > 0
+    for one, alone in zip(*answers, strict=True):
+        assert one.ending == alone.ending == ending
+        if ending == "periodic":
+            assert one.period == alone.period
+        assert one.turnings.max() == pytest.approx(alone.turnings.max(), rel=0.05)
+    if ending == "irregular":
+        assert costs[0] < 0.8 * costs[1]
+
+
+def test_explicit_steps_follow_the_same_motion_where_they_cost_less(monkeypatch):
+    model = pp.Galerkin(pp.Pipe(0.2, 10.0, terms=[pp.PointMass(1.0, 0.2)]), 4)
+    starts, speeds = initial_bends(model, 2, 0), np.array([2.0, 4.0])
+    options, ends, method = MotionOptions(8.0, 2.0, 1e-8, False), [], []
+
+    def watched(tasks, *others):
+        method.extend(task.method for task in tasks)
+        return capture.watched(tasks, *others)
+
+    monkeypatch.setattr(brute_force, "watched", watched)
+    for least in (math.inf, 0.0):
+        monkeypatch.setattr(brute_force, "EXPLICIT", least)
+        found = brute_force.attractors(model, speeds, starts, options, [])
+        ends.append(np.array([one.end for one in found]))
+        assert ("dop853" in method) == (least == 0.0)
+    np.testing.assert_allclose(ends[1], ends[0], atol=1e-4)
+
+
 def test_a_motion_that_rests_where_nothing_stays_goes_on():
     # Upright and too heavy: 1e-12 beside the straight pipe a motion rests for a while.
     start = np.full(2, 1e-12)
-    options = brute_force.MotionOptions(40.0, 10.0, 1e-6, False)
-    (one,) = brute_force.attractors(TWO, np.array([1.0]), [start], options, [], None, False)
+    options = MotionOptions(40.0, 10.0, 1e-6, False)
+    (one,) = brute_force.attractors(TWO, np.array([1.0]), [start], options, [])
     stable = pp.equilibria(TWO, 1.0)
     assert np.abs(stable.tips[stable.stable, 0] - one.turnings[-1]).min() < 1e-2
 
@@ -242,7 +294,7 @@ def test_a_cycle_attracts_what_starts_beside_it_and_comes_nearer(change, attract
 
 def test_starts_of_guided_scenes_meet_the_guide():
     scene = pp.modular.chain(pp.Pipe(0.2, damping=0.05), n=3).plus(pp.modular.Guide(node=3))
-    for q in brute_force.initial_bends(scene, 5, 1):
+    for q in initial_bends(scene, 5, 1):
         assert abs(scene.tips(q[:, None])[0, 0]) < 1e-9
 
 

@@ -10,6 +10,7 @@ from pipedyn.bifurcation import diagram as module
 from pipedyn.bifurcation.branches import _steepness
 from pipedyn.bifurcation.capture import NOWHERE, TRIED_NEARER, WatchedTask
 from pipedyn.bifurcation.known_solutions import KnownSolution, at_rest, kept_apart
+from pipedyn.bifurcation.motion_options import MotionOptions, initial_bends
 from pipedyn.bifurcation.vector_field import VectorField
 from pipedyn.motion.simulate import checked_task
 from pipedyn.util.counters import counted
@@ -93,14 +94,12 @@ def test_motions_end_where_they_would_have_ended_and_cost_less():
     found = pp.bifurcation_diagram(MODEL, speeds)
     known = module._known_solutions(MODEL, speeds, found.equilibria, list(found.cycles))
     assert [[one.stable for one in known[u]] for u in speeds] == [[True]] + 2 * [[False, True]]
-    options = brute_force.MotionOptions(100.0, 40.0, 1e-6, False)
-    starts = brute_force.initial_bends(MODEL, 3, 0)
+    options = MotionOptions(100.0, 40.0, 1e-6, False)
+    starts = initial_bends(MODEL, 3, 0)
     answers, costs = [], []
     for solutions in ({}, known):
         with counted() as work:
-            answers.append(
-                brute_force.attractors(MODEL, speeds, starts, options, [], None, False, solutions)
-            )
+            answers.append(brute_force.attractors(MODEL, speeds, starts, options, [], solutions))
         costs.append(work.right_hand_sides)
     assert costs[1] < 0.6 * costs[0]
     for long, short in zip(*answers, strict=True):
@@ -114,11 +113,9 @@ def test_the_largest_of_a_dozen_peaks_is_the_amplitude():
     (one,) = brute_force.attractors(
         model,
         np.array([11.3846]),
-        brute_force.initial_bends(model, 1, 0),
-        brute_force.MotionOptions(60.0, 20.0, 1e-6, False),
+        initial_bends(model, 1, 0),
+        MotionOptions(60.0, 20.0, 1e-6, False),
         [],
-        None,
-        False,
     )
     cycle = pp.limit_cycle(model, 11.3846, one.end)
     phases = np.linspace(0.0, 2.0 * np.pi, 20_001)

@@ -151,6 +151,16 @@ def test_a_boundary_shades_what_is_stable_and_names_its_organising_points():
     assert below < ax.xaxis.label.get_window_extent().y0 + 1.0
 
 
+def test_where_criticality_is_known_no_curve_is_drawn_without():
+    """A step in which other roots become unstable is drawn so from the organising point on."""
+    chain = pp.Chain(pp.Pipe(0.2, terms=[pp.PointMass(1.0, 0.1)]), 4)
+    ranges = {"PointMass.mass": (0.0, 0.5), "u": (3.0, 10.0)}
+    drawn = plot.boundary(pp.boundary(chain, "PointMass.mass", "u", ranges), axes())
+    labels = {line.get_label() for line in drawn.lines}
+    assert "flutter, other roots unstable" in labels
+    assert "flutter" not in labels
+
+
 def test_a_boundary_of_a_measured_pipe_has_axes_in_si_units():
     pipe = pp.Pipe.from_si(
         length=0.5,

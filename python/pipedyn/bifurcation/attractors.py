@@ -15,15 +15,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pipedyn.bifurcation import brute_force
-from pipedyn.bifurcation.brute_force import (
-    FIRST_LOOK,
-    SAMPLES_A_TIME,
-    Attractor,
-    MotionOptions,
-    initial_bends,
-)
+from pipedyn.bifurcation.brute_force import Attractor
 from pipedyn.bifurcation.capture import NOWHERE, STOPPED, Excitation, follow
 from pipedyn.bifurcation.equilibria import LARGEST
+from pipedyn.bifurcation.motion_options import FIRST_LOOK, MotionOptions, initial_bends
 from pipedyn.bifurcation.on_attractor import Found, Recorder
 from pipedyn.bifurcation.vector_field import VectorField
 from pipedyn.models.base import Model, PipedynError
@@ -262,29 +257,22 @@ def attractors(
     """
     model = checked_model_in_motion(model, largest=LARGEST, purpose="attractors")
     drive = _checked_drive(model, u, base)
-    options = MotionOptions(
-        drive.whole(check.real("transient", transient, low=FIRST_LOOK, high=1e6)),
-        drive.whole(check.real("duration", duration, low=1.0, high=1e4)),
-        check.real("rtol", rtol, low=1e-12, high=1e-3),
-        exponents=False,
+    check.real("transient", transient, low=FIRST_LOOK, high=1e6)
+    options = MotionOptions.checked(transient, duration, rtol, exponents, seed, executor, progress)
+    options = replace(
+        options,
+        transient=drive.whole(options.transient),
+        duration=drive.whole(options.duration),
         flow=drive.u,
         base=drive.base,
     )
-    if options.samples * model.coordinates > LARGEST_SAMPLES:
-        raise ValueError(
-            f"duration must ask for at most {LARGEST_SAMPLES} numbers a motion, at "
-            f"{SAMPLES_A_TIME} samples a unit of time, got {options.samples * model.coordinates}"
-        )
-    exponents = check.flag("exponents", exponents)
-    seed = check.count("seed", seed, low=0)
-    check.executor("executor", executor)
-    shown = check.flag("progress", progress)
+    options.require_room(model)
     plane = starts if isinstance(starts, StartPlane) else None
     _require_moving_end(model)
-    given = _given_starts(model, starts, seed)
-    search = _Search(model, drive, given, options, executor, shown)
-    search.run(np.random.default_rng(seed).permutation(len(given)))
-    return search.answer(plane, exponents)
+    given = _given_starts(model, starts, options.seed)
+    search = _Search(model, drive, given, options)
+    search.run(np.random.default_rng(options.seed).permutation(len(given)))
+    return search.answer(plane)
 
 
 def _checked_drive(model: Model, u: Any, base: Any) -> Excitation:
@@ -387,12 +375,10 @@ class _Search:
         drive: Excitation,
         starts: Array,
         options: MotionOptions,
-        executor: futures.Executor | None,
-        shown: bool,
     ) -> None:
         self.model, self.drive, self.options = model, drive, options
         self.mean = drive.u if isinstance(drive.u, float) else drive.u.mean
-        self.starts, self.executor, self.shown = starts, executor, shown
+        self.starts = starts
         self.recorder = Recorder(model, drive, options)
         self.found: list[Found] = []
         self.ends = np.full(len(starts), NOWHERE)
@@ -422,7 +408,7 @@ class _Search:
         if self.drive.period:  # all take the transient, in whole periods
             labels, reached = follow(
                 *(self.model, self.drive, states[pilots], (), options.transient, options.rtol),
-                *(self.executor, self.shown),
+                *(options.executor, options.shown),
             )
             states[pilots[labels == NOWHERE]] = reached[labels == NOWHERE]
             options = replace(options, transient=0.0)
@@ -431,7 +417,8 @@ class _Search:
         attracting = [k for k, one in enumerate(self.found) if one.attracts]
         labels, states[others] = follow(
             *(self.model, self.drive, states[others], [self.found[k].region for k in attracting]),
-            *(self.options.transient, self.options.rtol, self.executor, self.shown),
+            *(self.options.transient, self.options.rtol),
+            *(self.options.executor, self.options.shown),
         )
         self.ends[others] = np.array([*attracting, STOPPED, NOWHERE])[labels]
         self.classify(others[labels == NOWHERE], states, replace(self.options, transient=0.0))
@@ -446,9 +433,8 @@ class _Search:
             return some
         starts, failed = [states[i].reshape(2, -1) for i in some], list[brute_force.Failed]()
         at = np.array([self.mean])
-        answers = brute_force.attractors(
-            self.model, at, starts, options, failed, self.executor, self.shown
-        )
+        asked = replace(options, exponents=False)  # but of those that differ, later
+        answers = brute_force.attractors(self.model, at, starts, asked, failed)
         errors = iter(failed)
         for i, one in zip(some.tolist(), answers, strict=True):
             if one.ending == "failed":
@@ -499,7 +485,7 @@ class _Search:
         error = math.sqrt(value * (1.0 - value) / n + 0.25 / n**2) / (1.0 + 1.0 / n)
         return Share(count, value, error)
 
-    def answer(self, plane: StartPlane | None, exponents: bool) -> Attractors:
+    def answer(self, plane: StartPlane | None) -> Attractors:
         """What was found."""
         shares, shifts = [self.share(k) for k in range(len(self.found))], self.drive.shifts
         order = [
@@ -515,7 +501,7 @@ class _Search:
             exponent, steady = one.growth, not self.drive.period
             if one.attractor.ending == "periodic" and steady:
                 exponent = 0.0
-            if attractor.ending == "irregular" and exponents and steady:
+            if attractor.ending == "irregular" and self.options.exponents and steady:
                 if 0 <= image < len(basins):  # its exponent is the same
                     measured = basins[image].attractor.exponent
                     assert measured is not None

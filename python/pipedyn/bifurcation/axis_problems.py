@@ -69,12 +69,11 @@ class AxisProblem(DenseProblem):
         return float(z[0] * self.unit) if z.size == 3 else 0.0
 
     def check(self, z: Array) -> None:
-        """Raises NewtonFailed far from the window, or where beta has no root."""
+        """Raises NewtonFailed far from the window, or where there are no matrices."""
         if not (np.abs(z) < FAR).all():
             raise NewtonFailed("Newton's method left the window")
-        for number, value in zip(self.plane.window.numbers, self.place(z), strict=True):
-            if number is not None and number.name == "beta" and not value > 0.0:
-                raise NewtonFailed("beta fell below 0")
+        if not self.plane.defined(self.place(z)):
+            raise NewtonFailed("a number left its range")
 
     def on_other(self, plane: Plane) -> AxisProblem:
         """The same of other matrices, as of a larger basis."""

@@ -291,8 +291,8 @@ def _bounded(
                 points += changes_of_criticality(coarse, curve, of_curve, values[:, 1])
             curves.append(_finished(curve, of_curve, values))
     low, high = window.low, window.low + window.size
-    if not (coarse.conservative or only_stability):
-        failures += _disagreements(curves, window)
+    if not (coarse.conservative or only_stability or any(tracer.failures())):
+        failures += _disagreements(curves, coarse)
     return Boundary(
         names=names,
         ranges=((float(low[0]), float(high[0])), (float(low[1]), float(high[1]))),
@@ -325,8 +325,12 @@ def _same(one: Double, other: Double) -> bool:
     return near and float(np.abs(one.at - other.at).max()) < 1e-6
 
 
-def _disagreements(curves: list[BoundaryCurve], window: Window) -> Iterator[str]:
-    """Where unstable roots that leave the window do not enter it: round its edges once."""
+def _disagreements(curves: list[BoundaryCurve], plane: Plane) -> Iterator[str]:
+    """Where unstable roots that leave the window do not enter it: round its edges once.
+
+    Next to an end at which all roots lie on the axis they are not compared.
+    """
+    window = plane.window
     ends = []
     for curve in curves:
         for k, end in ((0, curve.ends[0]), (-1, curve.ends[1])):
@@ -343,11 +347,8 @@ def _disagreements(curves: list[BoundaryCurve], window: Window) -> Iterator[str]
             before, after = (behind, ahead) if leftwards else (ahead, behind)
             ends.append((place, before, after, at))
     ends.sort(key=lambda end: end[0])
-    speeds = [k for k, number in enumerate(window.numbers) if number is None]
     for one, other in zip(ends, ends[1:] + ends[:1], strict=True):
-        # Without flow, and without damping, all roots lie on the axis.
-        without_flow = any(end[3][k] == 0.0 for end in (one, other) for k in speeds)
-        if one[2] != other[1] and not without_flow:
+        if one[2] != other[1] and not any(plane.conservative_at(end[3]) for end in (one, other)):
             yield (
                 f"beyond ({one[3][0]:.6g}, {one[3][1]:.6g}) on the window's edge {one[2]} roots "
                 f"are unstable, and before ({other[3][0]:.6g}, {other[3][1]:.6g}) {other[1]}: "

@@ -19,7 +19,7 @@ import numpy as np
 from pipedyn.bifurcation.axis_problems import AxisProblem, DivergenceProblem, FlutterProblem
 from pipedyn.bifurcation.continuation import Control, Point, Segment, path
 from pipedyn.linear.critical_speed import losses, resolved
-from pipedyn.linear.plane import Plane, Window
+from pipedyn.linear.plane import ON_EDGE, Plane, Window
 from pipedyn.models.base import NotConverged
 from pipedyn.models.continuum import FUNCTIONS_A_JOINT, LARGEST, AnyModel, Continuum
 from pipedyn.models.galerkin import Galerkin, basis_joints, enriched
@@ -138,15 +138,18 @@ class Tracer:
             problem, z = DivergenceProblem(self.plane, self.control), start
         if held is not None:
             z = problem.fixed(z, float(z[held]), held)
-        inside = bool((z >= -1e-9).all() and (z[-2:] <= 1.0 + 1e-9).all())
+        inside = bool((z >= -ON_EDGE).all() and (z[-2:] <= 1.0 + ON_EDGE).all())
         known = (one for one in self.curves if one.problem.kind == problem.kind)
         if not inside or any(one.holds(z) for one in known) or not self.wanted(problem, z):
             return
-        z[-2:] = z[-2:].clip(0.0, 1.0)
+        z[-2:] = self.plane.window.on_edges(z[-2:])
         limits = [(-1, 0.0, 1.0), (-2, 0.0, 1.0)]
         if z.size == 3:
             limits.append((0, 0.0, math.inf))
         points, ends, _ = path(problem, problem.starting_at(z), limits, 0.3 * LONGEST, MOST_POINTS)
+        if len(points) == 1:
+            return  # it touches the window in a corner
+        points = [_on_edges(problem, point) for point in points]
         first, last = (
             "Bogdanov-Takens" if end == "range" and point.z.size == 3 and point.z[0] <= 0.0 else end
             for end, point in zip(ends, (points[0], points[-1]), strict=True)
@@ -160,6 +163,8 @@ class Tracer:
                 if end in ("points", "not converged"):
                     x, y = curve.problem.place(point.z)
                     reason = "too many points" if end == "points" else "no next point was found"
+                    if self.plane.conservative_near(point.z[[-1, -2]], 2.0 * LONGEST):
+                        reason = "without damping and flow, as beyond, all roots lie on the axis"
                     yield (
                         f"a curve of {curve.problem.kind} was not followed beyond "
                         f"({x:.6g}, {y:.6g}): {reason}"
@@ -291,8 +296,14 @@ def _moved(curve: Traced, plane: Plane) -> Traced:
             points.append(problem.at(point, 0.0))
         else:
             z = problem.fixed(point.z, float(point.z[edge]), edge)
-            points.append(problem.point(z, point.tangent))
+            points.append(_on_edges(problem, problem.point(z, point.tangent)))
     return Traced(problem, points, curve.ends)
+
+
+def _on_edges(problem: AxisProblem, point: Point) -> Point:
+    """A point whose shares are exactly 0 or 1 where it is on an edge but for rounding."""
+    within = problem.plane.window.on_edges(point.z[-2:])
+    return replace(point, z=np.append(point.z[:-2], within))
 
 
 def _edge(z: Array) -> int | None:

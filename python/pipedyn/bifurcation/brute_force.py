@@ -12,9 +12,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from contextlib import suppress
 from dataclasses import dataclass, field, replace
-from functools import partial
+from functools import cached_property, partial
 from itertools import pairwise
 from types import MappingProxyType
 from typing import Any, Literal
@@ -31,11 +30,11 @@ from pipedyn.bifurcation.capture import (
     watched,
 )
 from pipedyn.bifurcation.known_solutions import KnownSolution
-from pipedyn.models.base import Model, PipedynError
+from pipedyn.bifurcation.motion_options import FIRST_LOOK, SAMPLES_A_TIME, MotionOptions
+from pipedyn.models.base import Model
 from pipedyn.models.chain import Chain
-from pipedyn.models.drive import Base, Speed
 from pipedyn.models.galerkin import Galerkin
-from pipedyn.motion.integrator import Outcome, Task
+from pipedyn.motion.integrator import Outcome, Task, decays_fast, fastest_rates
 from pipedyn.motion.lyapunov import LyapunovExponent, exponents_together
 from pipedyn.motion.simulate import (
     BATCH,
@@ -44,11 +43,8 @@ from pipedyn.motion.simulate import (
     assembled,
     checked_task,
     in_batches,
-    modal_bend,
-    slight_bend,
 )
 from pipedyn.util.check import Array
-from pipedyn.util.later import futures
 from pipedyn.util.parallel import parallel
 from pipedyn.util.result import result
 
@@ -74,9 +70,10 @@ are compared to 10 rtol of the range; over ten periods of 36 cycles, from just a
 1.5 times its speed, motions missed 0.06 of that at most without drag, but 0.6 of it once; with
 drag all of it at rtol, and a tenth of it, once 0.6, at rtol / 10."""
 
-FIRST_LOOK = 4.0
-"""Time after which motions are looked at for the first time, some ten periods of flutter; then
-after as much again or half the time so far. Of 3, 4, 5, 6 and 8 the cheapest, measured."""
+EXPLICIT = 8.0
+"""Right-hand sides of implicit steps in the time 1 / |lambda| of the fastest mode beyond which
+explicit ones in batches cost less: motions then excite fast modes, which implicit ones would leap.
+Measured with six functions: steps cost the same at 8, and explicit ones half as much at 33."""
 
 JOINED = 0.25
 """Share of the transient after which motions from several starts at one speed go on as one, if they
@@ -89,9 +86,6 @@ a thousand times what turning points err."""
 
 NEIGHBOUR = -1
 """Of a motion that begins beside a member of a batch and is none itself, for its number."""
-
-SAMPLES_A_TIME = 100
-"""Samples in a unit of time: cubics through them give a maximum of flutter to 1e-6."""
 
 
 @result
@@ -136,52 +130,12 @@ class Attractor:
         return "quasi-periodic"
 
 
-@dataclass(frozen=True)
-class MotionOptions:
-    """How motions are computed, and whether the exponents of irregular ones are."""
-
-    transient: float  # time left out
-    duration: float  # time recorded
-    rtol: float
-    exponents: bool
-    flow: Speed | None = None  # one that pulsates, in place of the speeds
-    base: Base | None = None  # its motion
-
-    @property
-    def samples(self) -> int:
-        """Of each motion at a time, at most."""
-        return self.samples_of(max(self.duration, 2.0 * FIRST_LOOK))
-
-    def samples_of(self, time: float) -> int:
-        """Of each motion over some time."""
-        return max(math.ceil(time * SAMPLES_A_TIME), 100) + 1
-
-
-def initial_bends(model: Model, count: int, seed: int) -> list[Array]:
-    """Initial coordinates, the first a slight bend, the others mixtures of three shapes.
-
-    Amplitudes range from a hundredth of a radian to some radians.
-    """
-    random = np.random.default_rng(seed)
-    found = [model.bent(slight_bend)]
-    while len(found) < count:
-        parts = random.uniform(-1.0, 1.0, 3) * np.array([2.0, 1.0, 0.5])
-        parts *= 10.0 ** random.uniform(-1.5, 0.0)
-        for halved in 0.5 ** np.arange(6):
-            with suppress(PipedynError):  # guides and pins that such a bend cannot meet
-                found.append(model.bent(modal_bend(halved * parts)))
-                break
-    return found
-
-
 def attractors(
     model: Model,
     speeds: Array,
     starts: list[Array],
     options: MotionOptions,
     failed: list[Failed],
-    executor: futures.Executor | None,
-    shown: bool,
     known: Mapping[float, Sequence[KnownSolution]] = MappingProxyType({}),
 ) -> tuple[Attractor, ...]:
     """Where motions end, from each start at each speed, where some solutions may be known."""
@@ -192,11 +146,12 @@ def attractors(
     indices = np.array_split(np.arange(units), math.ceil(units / (most // together)))
     parts = [members[part[0] * together : (part[-1] + 1) * together] for part in indices]
     found: list[Attractor] = []
+    sent = replace(options, executor=None)
     jobs = [
-        partial(_batch, model, part, starts, options, {u: known.get(u, ()) for u, _ in part})
+        partial(_batch, model, part, starts, sent, {u: known.get(u, ()) for u, _ in part})
         for part in parts
     ]
-    answers = parallel(jobs, executor, label="brute force", progress=shown)
+    answers = parallel(jobs, options.executor, label="brute force", progress=options.shown)
     for part, answer in zip(parts, answers, strict=True):
         if isinstance(answer, Exception):
             answer = [answer] * len(part)
@@ -205,20 +160,27 @@ def attractors(
                 failed.append((u, one))
                 one = Attractor(u, k, "failed", 0, np.zeros(0), np.zeros(0))
             found.append(one)
-    if options.exponents:
-        alike = _alike([i for i, one in enumerate(found) if one.ending == "irregular"], found)
-        groups = [alike[i : i + BATCH // 2] for i in range(0, len(alike), BATCH // 2)]
-        of = [[found[same[0]] for same in group] for group in groups]
-        exponents = [partial(_exponents, model, some, options) for some in of]
-        results = parallel(exponents, executor, label="exponents", progress=shown)
-        for group, result in zip(groups, results, strict=True):
-            each = [result] * len(group) if isinstance(result, Exception) else result
-            for same, exponent in zip(group, each, strict=True):
-                if isinstance(exponent, Exception):
-                    failed.append((found[same[0]].speed, exponent))
-                    continue
-                for i in same:
-                    found[i] = replace(found[i], exponent=exponent)
+    return with_exponents(model, found, options, failed) if options.exponents else tuple(found)
+
+
+def with_exponents(
+    model: Model, ended: Sequence[Attractor], options: MotionOptions, failed: list[Failed]
+) -> tuple[Attractor, ...]:
+    """The same with the exponents of irregular ones."""
+    found, sent = list(ended), replace(options, executor=None)
+    alike = _alike([i for i, one in enumerate(found) if one.ending == "irregular"], found)
+    groups = [alike[i : i + BATCH // 2] for i in range(0, len(alike), BATCH // 2)]
+    of = [[found[same[0]] for same in group] for group in groups]
+    exponents = [partial(_exponents, model, some, sent) for some in of]
+    results = parallel(exponents, options.executor, label="exponents", progress=options.shown)
+    for group, answer in zip(groups, results, strict=True):
+        each = [answer] * len(group) if isinstance(answer, Exception) else answer
+        for same, exponent in zip(group, each, strict=True):
+            if isinstance(exponent, Exception):
+                failed.append((found[same[0]].speed, exponent))
+                continue
+            for i in same:
+                found[i] = replace(found[i], exponent=exponent)
     return tuple(found)
 
 
@@ -269,6 +231,7 @@ class _Run:
     first: float = math.inf  # its largest distance in its first period there
     like: _Run | None = None  # whose turning points were spread alike at the last look
     alone: bool = False  # whether it does not join another
+    explicit: bool = False  # whether explicit steps cost less
 
 
 @dataclass(frozen=True)
@@ -360,6 +323,7 @@ class _Batch:
                 **({} if run.member == NEIGHBOUR else judged.get(run.speed, {})),
                 inside=run.inside,
                 first=run.first,
+                method="dop853" if run.explicit else first.method,
             )
             for run in runs
         ]
@@ -367,6 +331,8 @@ class _Batch:
         outcomes, records = [one.outcome for one in found], list[_Record | None]([None] * len(runs))
         for run, task, one in zip(runs, tasks, found, strict=True):
             run.inside, run.first = one.inside, one.first
+            rate = one.outcome[1] / (before + recorded)
+            run.explicit |= task.method == "radau" and rate > self.dearest
             if one.outcome[2] is not None:
                 self.answers[run.member] = self.stopped(run, task, one.outcome)
             elif one.label != NOWHERE:
@@ -384,6 +350,14 @@ class _Batch:
             runs[i].state = np.asarray(self.model.start(q[last], qdot[last]))
             records[i] = _record(samples, x[part], velocity[part], self.options.rtol)
         return records
+
+    @cached_property
+    def dearest(self) -> float:
+        """Right-hand sides of implicit steps in a unit of time beyond which explicit ones serve."""
+        if decays_fast(self.model):
+            return math.inf
+        fastest, _ = fastest_rates(self.model)
+        return EXPLICIT * fastest
 
     def tip_of(self, states: Array) -> tuple[Array, Array, Array, Array]:
         """Coordinates and rates of states [p, p'], (k, 2 moving), and the tip's x and its rate."""

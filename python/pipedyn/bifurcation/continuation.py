@@ -254,7 +254,8 @@ class Segment(Generic[Problem]):
     def ahead(self, s: float) -> Array:
         """About the solution at an arc length beyond the end, along the tangent there."""
         share = self.problem.product(self.begin.tangent, self.end.tangent)
-        return self.guess(self.length + share * s)
+        # Through the ends: from points that lie close together it would lead anywhere.
+        return self._on_cubic(self.length + share * s, 0.0, self.length)
 
     @property
     def slopes(self) -> tuple[float, float]:
@@ -281,9 +282,12 @@ class Segment(Generic[Problem]):
         """
         places = sorted(self._known)
         i = min(max(bisect_left(places, s), 1), len(places) - 1)
-        h = places[i] - places[i - 1]
-        x = (s - places[i - 1]) / h
-        (a, first), (b, last) = (self._known[place] for place in places[i - 1 : i + 1])
+        return self._on_cubic(s, places[i - 1], places[i], index)
+
+    def _on_cubic(self, s: float, low: float, high: float, index: int | slice = EVERY) -> Array:
+        """On the cubic through two of the known points."""
+        h, x = high - low, (s - low) / (high - low)
+        (a, first), (b, last) = self._known[low], self._known[high]
         before, u, v = a.z[index], h * first[index], h * last[index]
         gap = b.z[index] - before
         found: Array = before + x * (u + x * (3.0 * gap - 2.0 * u - v + x * (u + v - 2.0 * gap)))

@@ -10,12 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pipedyn.bifurcation.brute_force import (
-    SAMPLES_A_TIME,
-    Attractor,
-    MotionOptions,
-    turning_points,
-)
+from pipedyn.bifurcation.brute_force import Attractor, turning_points
 from pipedyn.bifurcation.capture import (
     PHASES,
     Excitation,
@@ -23,6 +18,7 @@ from pipedyn.bifurcation.capture import (
     attracting,
 )
 from pipedyn.bifurcation.equilibria import Statics, equilibria
+from pipedyn.bifurcation.motion_options import SAMPLES_A_TIME, MotionOptions
 from pipedyn.models.base import Model, NotConverged
 from pipedyn.motion.simulate import Motion, simulate
 from pipedyn.util.check import Array

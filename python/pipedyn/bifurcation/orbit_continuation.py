@@ -193,7 +193,8 @@ def onward(problem: Problem, point: Point, length: float) -> Iterator[Segment[Pr
         while True:
             if ahead is not None:  # where it leads to shows what mesh the step takes
                 there = ahead(length)
-                coarse = problem.orbit(there).defects() > defect
+                guess = problem.orbit(there)
+                coarse = (guess.defects() > defect) & (guess.u >= 0.0)
                 edges = divided(problem.start.edges, 1 + coarse)
                 if coarse.any() and edges.size <= MOST_INTERVALS:
                     (problem, tangent), ahead = _on_mesh_to(problem, tangent, there, length, edges)

@@ -34,6 +34,7 @@ PointKind = Literal[
     "Hopf-pitchfork",
     "double Hopf",
     "Bogdanov-Takens",
+    "double divergence",
     "degenerate pitchfork",
 ]
 
@@ -48,9 +49,20 @@ ROUNDING = 1e-6
 """Step of Newton's method that does not get shorter at which rounding is reached: of a pair of high
 frequency that hardly moves, omega 258 and growth within 1e-4, it leaves 1e-7."""
 
-STILL = 1e-4
+STATIC = 1e-4
 """Imaginary part up to which a root on the axis is 0: of a double 0 it scatters by the square root
-of rounding, 3e-6 was met. And flow speed that counts as none."""
+of rounding, 3e-6 was met."""
+
+AT_EDGE = 1e-4
+"""Share of the window up to which a point next to an edge on which nothing damps is no organising
+point: all roots near the axis pass it on that edge."""
+
+SECOND_RANK = 1e-4
+"""Second singular value of K, of elastic stiffness 1, up to which it may lack two ranks; Newton's
+method tells."""
+
+CROSSED = 1e-9
+"""Stiffness that is none, of the two modes of a double divergence."""
 
 NEARBY = 0.1
 """Distance in shares of the window beyond which a solution is not the one that was looked for."""
@@ -66,8 +78,11 @@ class OrganisingPoint:
     Attributes:
         kind: "Bautin" (the criticality of flutter changes, l1 = 0), "Hopf-pitchfork" (flutter and
             divergence at once), "double Hopf" (two pairs on the axis), "Bogdanov-Takens" (the
-            frequency of flutter falls to 0 on a divergence) or "degenerate pitchfork" (the
-            criticality of divergence changes; mirror symmetry leaves no cusp but this).
+            frequency of flutter falls to 0 on a divergence: zero is a double root with one mode),
+            "double divergence" (two curves of divergence cross, as where buckling modes exchange:
+            zero is a double root with two modes, and no flutter begins there) or "degenerate
+            pitchfork" (the criticality of divergence changes; mirror symmetry leaves no cusp but
+            this).
         x, y: the two numbers.
         frequencies: of the pairs on the axis, the lowest first.
         unstable: number of unstable roots beside those on the axis.
@@ -84,7 +99,8 @@ def other_roots(plane: Plane, problem: AxisProblem, z: Array) -> Complex:
     """The eigenvalues at a point of a curve but those on the axis, the largest real part first."""
     found = plane.eigenvalues(problem.place(z))
     omega = problem.frequency(z)
-    pair = bool(omega) or problem.kind == "flutter" or plane.conservative  # zero may be double
+    # Zero is a double root where lambda and -lambda are both roots.
+    pair = problem.kind == "flutter" or plane.conservative_at(problem.place(z))
     for value in (1j * omega, -1j * omega) if pair else (0j,):
         found = np.delete(found, np.argmin(np.abs(found - value)))
     return found[np.argsort(-(found.real - NEUTRAL * (1.0 + np.abs(found))), kind="stable")]
@@ -92,11 +108,21 @@ def other_roots(plane: Plane, problem: AxisProblem, z: Array) -> Complex:
 
 def counted(plane: Plane, curve: Traced) -> NDArray[np.int_]:
     """Number of unstable roots beside those on the axis at each point of a curve."""
-    return np.array([others_unstable(plane, curve.problem, p.z) for p in curve.points])
+    counts = [others_unstable(plane, curve.problem, point.z) for point in curve.points]
+    if curve.problem.kind == "flutter" and not plane.conservative:
+        # All roots lie on the axis at an end without damping and flow: as many as right before.
+        for end, before in ((0, 1), (-1, -2)):
+            if plane.conservative_at(curve.problem.place(curve.points[end].z)):
+                counts[end] = counts[before]
+    return np.array(counts)
 
 
 def others_unstable(plane: Plane, problem: AxisProblem, z: Array) -> int:
     """Number of unstable roots beside those on the axis at a point of a curve."""
+    if problem.kind == "divergence":
+        static = plane.static_stiffnesses(problem.place(z))
+        if static is not None:
+            return int(np.count_nonzero(np.delete(static, np.argmin(np.abs(static))) < 0.0))
     return _unstable(other_roots(plane, problem, z))
 
 
@@ -111,9 +137,12 @@ class Double:
     roots: tuple[float, float]
     at: Array  # (y, x) as shares of the window
     unstable: int
+    modes: int = 1  # of roots that are both 0: two where K lacks two ranks
 
     def starts(self) -> Iterator[Start]:
-        """The curves on which it lies."""
+        """The curves on which it lies; those that cross in a double divergence are known."""
+        if self.modes == 2:
+            return
         if not any(self.roots):
             yield np.array([0.0, *self.at]), None
         for omega in set(self.roots):
@@ -122,7 +151,10 @@ class Double:
     def solved(self, plane: Plane, control: Control) -> Double:
         """The point nearby at which both conditions hold."""
         low, high = self.roots
-        if not high:
+        if self.modes == 2:
+            z = _two_modes(plane, self.at)
+            roots = 0.0, 0.0
+        elif not high:
             flutter = FlutterProblem(plane, control, 1.0)
             z = flutter.fixed(np.array([0.0, *self.at]), 0.0, 0)
             roots = 0.0, 0.0
@@ -135,13 +167,15 @@ class Double:
             roots = (low * float(z[1]) if low else 0.0), high * float(z[0])
         if np.abs(z[-2:] - self.at).max() > NEARBY:
             raise NewtonFailed("Newton's method left the neighbourhood of its start")
-        return Double((min(roots), max(roots)), z[-2:], self.unstable)
+        return replace(self, roots=(min(roots), max(roots)), at=z[-2:])
 
     def point(self, plane: Plane) -> OrganisingPoint:
         """For users."""
         x, y = plane.window.place(self.at[::-1])
         low, high = self.roots
         kind: PointKind = "double Hopf" if low else "Hopf-pitchfork" if high else "Bogdanov-Takens"
+        if self.modes == 2:
+            kind = "double divergence"
         frequencies = tuple(root for root in self.roots if root)
         return OrganisingPoint(kind, float(x), float(y), frequencies, self.unstable)
 
@@ -153,19 +187,29 @@ def doubles(plane: Plane, curve: Traced, counts: NDArray[np.int_]) -> Iterator[D
             z = curve.points[k].z
             yield Double((0.0, 0.0), z[-2:], others_unstable(plane, curve.problem, z))
     if plane.conservative:
-        return  # its pairs lie on the axis everywhere
+        if curve.problem.kind != "divergence":
+            return  # its pairs lie on the axis everywhere
+        # Roots may become stable by gyroscopic forces; K tells where another one passes 0.
+        stiffness = [_beside(plane, curve.problem, point.z) for point in curve.points]
+        counts = np.array([np.count_nonzero(one < 0.0) for one in stiffness])
     for segment, before, after in zip(curve.segments(), counts[:-1], counts[1:], strict=True):
         if before == after:
             continue
         try:
             for guess in _on_segment(plane, segment):
                 one = guess.solved(plane, curve.problem.control)
-                # Without flow, and without damping, all roots lie on the axis.
-                if plane.speed_at(plane.window.place(one.at[::-1])) > STILL:
+                if one.modes == 2 or not plane.conservative_near(one.at[::-1], AT_EDGE):
                     yield one
         except NewtonFailed as error:
             x, y = curve.problem.place(segment.begin.z)
             yield f"another root on the axis near ({x:.6g}, {y:.6g}) was not solved for: {error}"
+
+
+def _beside(plane: Plane, problem: AxisProblem, z: Array) -> Array:
+    """Eigenvalues of the symmetric part of K at a point of divergence but that which is 0."""
+    stiffness = plane.at(problem.place(z))[2].real
+    values = np.linalg.eigvalsh(0.5 * (stiffness + stiffness.T))
+    return np.delete(values, np.argmin(np.abs(values)))
 
 
 def _on_segment(plane: Plane, segment: Segment[AxisProblem]) -> Iterator[Double]:
@@ -176,18 +220,66 @@ def _on_segment(plane: Plane, segment: Segment[AxisProblem]) -> Iterator[Double]
         return other_roots(plane, problem, segment.at(s).z)
 
     def growth(s: float) -> Array:
+        if plane.conservative:
+            return -_beside(plane, problem, segment.at(s).z)
         found = roots(s)
         result: Array = found.real - NEUTRAL * (1.0 + np.abs(found))
         return result
 
     length = segment.length
     for before, beyond in sign_changes(growth, 0.0, length, NARROWED * length):
-        found = roots(beyond)
-        passing = abs(float(found[np.argmin(np.abs(growth(beyond)))].imag))
         z = segment.at(beyond).z
-        pair = sorted((passing if passing > STILL else 0.0, problem.frequency(z)))
+        if plane.conservative_near(z[[-1, -2]], AT_EDGE) and not plane.conservative:
+            continue
+        found = roots(beyond)
         least = min(_unstable(roots(before)), _unstable(found))
+        # A symmetric K that two passing eigenvalues make singular lacks two ranks.
+        if plane.conservative or (problem.kind == "divergence" and _lacks_two_ranks(plane, z)):
+            yield Double((0.0, 0.0), z[-2:], least, modes=2)
+            continue
+        passing = abs(float(found[np.argmin(np.abs(growth(beyond)))].imag))
+        pair = sorted((passing if passing > STATIC else 0.0, problem.frequency(z)))
         yield Double((pair[0], pair[1]), z[-2:], least)
+
+
+def _lacks_two_ranks(plane: Plane, z: Array) -> bool:
+    """Whether two modes have no stiffness at a point of divergence."""
+    sizes = np.linalg.svd(plane.at(plane.window.place(z[[-1, -2]]))[2].real, compute_uv=False)
+    return bool(sizes.size > 1 and sizes[-2] <= SECOND_RANK)
+
+
+def _two_modes(plane: Plane, at: Array) -> Array:
+    """(y, x) where K lacks two ranks: with two borders each way the block G of four is 0.
+
+    [K B; C^T 0] [V; G] = [0; 1], and by any number p of the matrices G_p = -W^T K_p V. These are
+    four equations in two unknowns, which have a solution where a symmetry, or modes that two
+    stiffnesses share, makes curves cross: Newton's steps are those of least squares.
+    """
+    left, _, right = np.linalg.svd(plane.at(plane.window.place(at[::-1]))[2].real)
+    n = len(left)
+    last = np.zeros((n + 2, 2))
+    last[n:] = np.eye(2)
+    block = np.zeros((2, 2))
+
+    def correction(here: Array) -> tuple[Array, float]:
+        nonlocal block
+        (_, _, stiffness), *changes = plane.matrices(plane.window.place(here[::-1]))
+        bordered = np.zeros((n + 2, n + 2))
+        bordered[:n, :n] = stiffness.real
+        bordered[:n, n:], bordered[n:, :n] = left[:, -2:], right[-2:]
+        v, w = np.linalg.solve(bordered, last), np.linalg.solve(bordered.T, last)[:n]
+        block = np.asarray(v[n:], dtype=np.float64)
+        by_x, by_y = (
+            -size * (w.T @ one[2].real @ v[:n]).ravel()
+            for size, one in zip(plane.window.size, changes, strict=True)
+        )
+        step = np.linalg.lstsq(np.column_stack([by_y, by_x]), -block.ravel(), rcond=None)[0]
+        return step, float(np.abs(step).max())
+
+    found = newton(at, correction, tolerance=1e-13, stagnation=1e-10)
+    if np.abs(block).max() > CROSSED:
+        raise NewtonFailed("curves of divergence come close, but do not cross")
+    return found
 
 
 def _newton(pair: list[AxisProblem], z: Array) -> Array:
@@ -259,6 +351,8 @@ def changes_of_criticality(
             z = segment.at(scipy.optimize.brentq(value, 0.0, length, xtol=1e-11 * length)).z
             if abs(value(segment.reach(z))) > 1e-3 * max(abs(leading[k]), abs(leading[k + 1])):
                 continue  # it passes through infinity, as where two pairs meet
+            if plane.conservative_near(z[[-1, -2]], AT_EDGE):
+                continue
             x, y = problem.place(z)
             omega = problem.frequency(z)
             kind: PointKind = "Bautin" if omega else "degenerate pitchfork"

@@ -2,16 +2,18 @@
 """P(lambda; x, y) = lambda^2 M + lambda C + K over two numbers of a pipe, with its derivatives.
 
 The numbers are the flow speed or any that `pipe_numbers` names. M, C, K are polynomials of the
-speed, and affine in each other number, of beta in its square root: then all follows exactly from
-the matrices at the corners of the window. Whether they are is tried at a point inside. Where they
-are not, as in a root spring's stiffness of a chain, in series with that of the first joint, each
-point has matrices of its own and derivatives are differences.
+speed, and affine in each other number, of beta in its square root. The stiffness k of a chain's
+root lies in series with k_1 of the first joint: they are polynomials of k / (k_1 + k), the share of
+the angle that such a spring passes on, and of a reduced model's root of 1 / sqrt(k). Then all
+follows exactly from the matrices at a few nodes, the corners of the window among them. Whether they
+are is tried at a point inside. Where they are not each point has matrices of its own and
+derivatives are differences.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise, product
@@ -20,8 +22,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pipedyn.linear.eigenproblem import Complex, eigenproblem
+from pipedyn.linear.eigenproblem import Complex
 from pipedyn.models.base import Model, Operators
+from pipedyn.models.chain import Chain
+from pipedyn.models.galerkin import Galerkin
 from pipedyn.models.pipe_numbers import PipeNumber
 from pipedyn.util.check import Array
 from pipedyn.util.counters import factorised
@@ -30,8 +34,14 @@ AFFINE = 1e-12
 """Distance of the matrices at a point inside from the affine ones, relative to the largest entry,
 up to which it is rounding: measured, 2e-15 at most of those that are affine."""
 
+SYMMETRIC = 1e-10
+"""Difference of entries that symmetry makes equal, relative to the largest, that is rounding."""
+
 STEP = 0.01
 """Of differences, relative to the number: sixth order leaves 1e-12."""
+
+ON_EDGE = 1e-9
+"""Share of the window next to an edge that is rounding."""
 
 SHIFT = 0.7390851332151607
 """The eigenvalues nearest to this are computed best; it is no eigenvalue of any pipe but by
@@ -61,6 +71,65 @@ class Window:
         """(x, y) from shares of the ranges."""
         return self.low + self.size * share
 
+    def on_edges(self, share: Array) -> Array:
+        """Shares that are off an edge by rounding, on it."""
+        edges = share.clip(0.0, 1.0).round()
+        return np.where(np.abs(share - edges) <= ON_EDGE, edges, share)
+
+
+@dataclass(frozen=True)
+class Scale:
+    """A function of a number by which matrices are polynomials, through values at nodes."""
+
+    nodes: Sequence[float]  # values of the number
+    of: Callable[[float], float] = float
+    slope: Callable[[float], float] = lambda value: 1.0
+    back: Callable[[float], float] = float
+    least: float = -math.inf  # value that the number must exceed
+    affine: bool = True  # whether K is
+
+    def weights(self, value: float) -> tuple[Array, Array]:
+        """Of the nodes, (k,), in the polynomial through them, and their derivatives."""
+        t, nodes = self.of(value), [self.of(node) for node in self.nodes]
+        shares, slopes = np.ones(len(nodes)), np.zeros(len(nodes))
+        for i, node in enumerate(nodes):
+            for other in nodes[:i] + nodes[i + 1 :]:
+                slopes[i] = (slopes[i] * (t - other) + shares[i]) / (node - other)
+                shares[i] *= (t - other) / (node - other)
+        return shares, self.slope(value) * slopes
+
+
+def _scale(number: PipeNumber | None, low: float, high: float, model: Model) -> Scale:
+    if number is None:
+        return Scale((low,))  # the speed's polynomials are apart, see `Plane.matrices`
+    if number.name == "beta":
+        return Scale(
+            (low, high), math.sqrt, lambda beta: 0.5 / math.sqrt(beta), lambda root: root**2, 0.0
+        )
+    if number.name == "root.stiffness" and isinstance(model, Chain):
+        joint = float(model.springs[0])
+
+        def share(k: float) -> float:
+            return k / (joint + k)
+
+        def back(s: float) -> float:
+            return joint * s / (1.0 - s)
+
+        # Of damping and loss in the joint the square of the share is passed on.
+        nodes = low, back(0.5 * (share(low) + share(high))), high
+        return Scale(nodes, share, lambda k: joint / (joint + k) ** 2, back, -0.5 * joint)
+    if number.name == "root.stiffness" and isinstance(model, Galerkin):
+        # Functions have unit stiffness: the root's rotation is in 1 / sqrt(k).
+        def angle(k: float) -> float:
+            return 1.0 / math.sqrt(k)
+
+        def of_angle(t: float) -> float:
+            return 1.0 / t**2
+
+        nodes = low, of_angle(0.5 * (angle(low) + angle(high))), high
+        return Scale(nodes, angle, lambda k: -0.5 * k**-1.5, of_angle, 0.0, affine=False)
+    return Scale((low, high))
+
 
 class Plane:
     """The matrices of one model over a window.
@@ -72,8 +141,8 @@ class Plane:
         modes: how many have eigenvalues that count, from the lowest; all where not given.
 
     Attributes:
-        conservative: whether nothing damps and no end does work.
-        exact: whether matrices are affine in the numbers.
+        conservative: whether nothing damps and no end does work anywhere; see `conservative_at`.
+        exact: whether matrices are such polynomials of the numbers.
     """
 
     def __init__(
@@ -86,18 +155,21 @@ class Plane:
             number is not None and number.name == "hysteresis" for number in window.numbers
         )
         middle = self.model_at(window.place(np.array([0.5, 0.5])))
-        self.conservative = eigenproblem(middle).is_conservative
         self.scale = np.asarray(middle.from_elastic(np.eye(self.dof)), dtype=np.float64)
-        self._sides = [0.0] if self.speed_index == 0 else [0.0, 1.0]
-        self._tops = [0.0] if self.speed_index == 1 else [0.0, 1.0]
-        self._corners = np.array(
-            [self._parts(window.place(np.array(at))) for at in product(self._sides, self._tops)]
-        )
+        self._scales = [
+            _scale(number, low, low + length, model)
+            for number, low, length in zip(
+                window.numbers, window.low.tolist(), window.size.tolist(), strict=True
+            )
+        ]
+        nodes = product(*(one.nodes for one in self._scales))
+        self._nodes = np.array([self._parts(np.array(at)) for at in nodes])
         inside = window.place(np.array([0.37, 0.61]))
-        by_corners = self._from_corners(np.outer(*self._weights(inside)[:2]).ravel())[0]
+        by_nodes = self._from_nodes(np.outer(*self._weights(inside)[:2]).ravel())[0]
         own = self._parts(inside)
         sizes = np.abs(own).max(axis=(1, 2), keepdims=True)
-        self.exact = bool((np.abs(own - by_corners) <= AFFINE * (sizes + 1e-300)).all())
+        self.exact = bool((np.abs(own - by_nodes) <= AFFINE * (sizes + 1e-300)).all())
+        self.conservative = self.conservative_at(inside)
 
     @cached_property
     def speed_index(self) -> int | None:
@@ -111,10 +183,31 @@ class Plane:
         assert self.speed is not None
         return self.speed
 
+    def conservative_near(self, share: Array, distance: float) -> bool:
+        """Whether eigenvalues do so at shares of the window, or on an edge within a distance."""
+        edges = share.clip(0.0, 1.0).round()
+        nearest = np.where(np.abs(share - edges) <= distance, edges, share)
+        return self.conservative_at(self.window.place(nearest))
+
+    def conservative_at(self, at: Array) -> bool:
+        """Whether eigenvalues come in fours, lambda, -lambda and conjugates, at (x, y).
+
+        Nothing damps, forces by velocity are gyroscopic, and K is symmetric: no end does work, as
+        of any undamped pipe without flow.
+        """
+        _, damping, stiffness = self.at(at)
+        if np.iscomplexobj(stiffness) and stiffness.imag.any():
+            return False
+        return _differ_little(damping, -damping.T) and _differ_little(stiffness, stiffness.T)
+
     def model_at(self, at: Array) -> Model:
         """The model at (x, y)."""
         pipe = self.model.pipe
-        for number, value in zip(self.window.numbers, at.tolist(), strict=True):
+        window = self.window
+        share = (at - window.low) / window.size
+        within = window.on_edges(share)
+        at = np.where(within == share, at, window.place(within))
+        for number, value in zip(window.numbers, at.tolist(), strict=True):
             if number is not None:
                 pipe = number.changed(pipe, value)
         return self.model.with_pipe(pipe)
@@ -128,47 +221,47 @@ class Plane:
         return self.scale.T @ np.array(parts) @ self.scale
 
     def _weights(self, at: Array) -> tuple[Array, Array, Array, Array]:
-        """Shares of the corners by x and y at a point, and their derivatives by x and y."""
-        shares, slopes = [], []
-        for i, number in enumerate(self.window.numbers):
-            low, size = self.window.low[i], self.window.size[i]
-            if number is None:
-                share, slope = 0.0, 0.0
-            elif number.name == "beta":
-                roots = math.sqrt(low), math.sqrt(low + size)
-                share = (math.sqrt(at[i]) - roots[0]) / (roots[1] - roots[0])
-                slope = 0.5 / math.sqrt(at[i]) / (roots[1] - roots[0])
-            else:
-                share, slope = (at[i] - low) / size, 1.0 / size
-            one = number is None
-            shares.append(np.array([1.0] if one else [1.0 - share, share]))
-            slopes.append(np.array([0.0] if one else [-slope, slope]))
-        return shares[0], shares[1], slopes[0], slopes[1]
+        """Shares of the nodes by x and y at a point, and their derivatives by x and y."""
+        (x, along_x), (y, along_y) = (
+            one.weights(value) for one, value in zip(self._scales, at.tolist(), strict=True)
+        )
+        return x, y, along_x, along_y
 
-    def _from_corners(self, *weights: Array) -> Array:
-        """Sums of the corners' parts, (k, 6, dof, dof), by weights, each of all corners."""
-        flat = self._corners.reshape(len(self._corners), -1)
-        return (np.array(weights) @ flat).reshape(-1, *self._corners.shape[1:])
+    def _from_nodes(self, *weights: Array) -> Array:
+        """Sums of the nodes' parts, (k, 6, dof, dof), by weights, each of all nodes."""
+        flat = self._nodes.reshape(len(self._nodes), -1)
+        return (np.array(weights) @ flat).reshape(-1, *self._nodes.shape[1:])
+
+    def defined(self, at: Array) -> bool:
+        """Whether there are matrices at (x, y), which may lie outside the window."""
+        return all(value > one.least for one, value in zip(self._scales, at.tolist(), strict=True))
 
     def _all_parts(self, at: Array) -> Array:
         """Parts at a point, and their derivatives by x and y: (3, 6, dof, dof)."""
         if self.exact:
             x, y, along_x, along_y = self._weights(at)
             pairs = (x, y), (along_x, y), (x, along_y)
-            return self._from_corners(*(np.outer(*pair).ravel() for pair in pairs))
+            return self._from_nodes(*(np.outer(*pair).ravel() for pair in pairs))
         return np.array([self._parts(at), self._differences(at, 0), self._differences(at, 1)])
 
     def _differences(self, at: Array, index: int) -> Array:
-        if self.window.numbers[index] is None:
+        """The derivative at a point of the polynomial through seven within the number's range."""
+        number = self.window.numbers[index]
+        if number is None:
             return np.zeros((6, self.dof, self.dof))
-        step = np.zeros(2)
-        step[index] = h = STEP * abs(at[index]) / 3.0 or STEP * self.window.size[index]
-        weights = (45.0, -9.0, 1.0)
-        total = sum(
-            weight * (self._parts(at + k * step) - self._parts(at - k * step))
-            for k, weight in enumerate(weights, 1)
+        h = STEP * abs(at[index]) / 3.0 or STEP * self.window.size[index]
+        places = h * np.arange(-3.0, 4.0)
+        low, high = (
+            number.rule.get(word, edge) for word, edge in (("low", -np.inf), ("high", np.inf))
         )
-        return np.asarray(total / (60.0 * h))
+        places += max(0.0, low - at[index] - places[0]) - max(0.0, at[index] + places[-1] - high)
+        weights = np.linalg.solve(np.vander(places / h, increasing=True).T, np.eye(7)[1])
+        step = np.zeros(2)
+        step[index] = 1.0
+        total = sum(
+            w * self._parts(at + place * step) for w, place in zip(weights, places, strict=True)
+        )
+        return np.asarray(total / h)
 
     def matrices(self, at: Array) -> tuple[Matrices, Matrices, Matrices]:
         """M, C, K at (x, y), with their derivatives by x and by y."""
@@ -194,7 +287,7 @@ class Plane:
         if not self.exact:
             return self._joined(self._parts(at), self.speed_at(at))
         weights = np.outer(*self._weights(at)[:2]).ravel()
-        return self._joined(self._from_corners(weights)[0], self.speed_at(at))
+        return self._joined(self._from_nodes(weights)[0], self.speed_at(at))
 
     # ----------------------------------------------------------------------------- eigenvalues
 
@@ -214,8 +307,23 @@ class Plane:
 
     def unstable(self, at: Array) -> int:
         """Number of eigenvalues with positive real part, beyond rounding."""
+        static = self.static_stiffnesses(at)
+        if static is not None:
+            return int(np.count_nonzero(static < -1e-8))
         found = self.eigenvalues(at)
         return int(np.count_nonzero(found.real > 1e-8 * (1.0 + np.abs(found))))
+
+    def static_stiffnesses(self, at: Array) -> Array | None:
+        """Eigenvalues of K where forces by velocity vanish and K is symmetric; None elsewhere.
+
+        There as many roots are unstable as of these are negative; the roots themselves leave the
+        axis by the square root of rounding where two of them are 0.
+        """
+        _, damping, stiffness = self.at(at)
+        if damping.any() or not self.conservative_at(at):
+            return None
+        factorised()
+        return np.linalg.eigvalsh(0.5 * (stiffness.real + stiffness.real.T))
 
     def static_roots(self, at: Array, index: int) -> list[float]:
         """Where K is singular on the line through (x, y) along x or y, within the window."""
@@ -228,10 +336,10 @@ class Plane:
             result: Array = self.at(there)[2].real
             return result
 
-        if not (self.exact or own_speed):
+        if not (own_speed or (self.exact and self._scales[index].affine)):
             return self._changes_of_sign(stiffness, low, size)
-        # K is affine in the others and in the square of the speed: K0 + s (K1 - K0) is singular
-        # where 1 / (s - shift) is an eigenvalue of -(K0 + shift (K1 - K0))^-1 (K1 - K0).
+        # K is affine in the others' scales and in the square of the speed: K0 + s (K1 - K0) is
+        # singular where 1 / (s - shift) is an eigenvalue of -(K0 + shift (K1 - K0))^-1 (K1 - K0).
         begin, end = stiffness(low), stiffness(low + size)
         change, shift = end - begin, 0.5 * SHIFT
         if np.abs(change).max() <= 1e-13 * np.abs(begin).max():
@@ -244,7 +352,9 @@ class Plane:
         s = np.sort(shares.real[real & (shares.real >= 0.0) & (shares.real <= 1.0)])
         if own_speed:
             return [float(root) for root in np.sqrt(low**2 + s * ((low + size) ** 2 - low**2))]
-        return [float(root) for root in low + s * size]
+        scale = self._scales[index]
+        first, last = scale.of(low), scale.of(low + size)
+        return [float(scale.back(root)) for root in first + s * (last - first)]
 
     def _changes_of_sign(
         self, stiffness: Callable[[float], Array], low: float, size: float
@@ -344,6 +454,11 @@ def _passed(a: Sample, b: Sample) -> tuple[list[tuple[float, float]], bool]:
         else:
             doubtful |= missed > min(abs(first), abs(last))
     return found, bool(doubtful)
+
+
+def _differ_little(one: NDArray[Any], other: NDArray[Any]) -> bool:
+    """Whether two matrices are the same but for rounding."""
+    return float(np.abs(one - other).max()) <= SYMMETRIC * float(np.abs(one).max())
 
 
 def _shifted(mass: Array, damping: Array, stiffness: NDArray[Any]) -> NDArray[Any]:

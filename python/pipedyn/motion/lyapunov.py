@@ -230,8 +230,8 @@ APART = 1e-5
 """Of neighbours in one ensemble, whose steps are their own: what is left of the square of it, and
 of the steps' errors at `APART` times 1e-4, changes the growth over an interval by 1e-4 or less."""
 
-BEYOND_DOUBT = 6.0
-"""Spreads above 0 at which an exponent needs no more time: twice what `chaotic` asks, since it is
+BEYOND_DOUBT = 4.0
+"""Spreads above 0 at which an exponent needs no more time: more than `chaotic` asks, since it is
 asked several times on the way."""
 
 

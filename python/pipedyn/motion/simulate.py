@@ -391,9 +391,10 @@ def in_batches(
 
     members: of a batch where the method takes several at once.
     """
-    members_of: dict[tuple[int, ...], list[int]] = {}  # each model and what drives it
+    members_of: dict[tuple[object, ...], list[int]] = {}  # each model, what drives it, and how
     for i, task in enumerate(tasks):
-        key = (id(task.model), 0 if isinstance(task.u, float) and not task.drive else id(task.u))
+        drive = 0 if isinstance(task.u, float) and not task.drive else id(task.u)
+        key = (id(task.model), drive, task.method)
         members_of.setdefault(key, []).append(i)
     blocks = []
     for same in members_of.values():

@@ -24,6 +24,7 @@ MARKERS = {
     "Hopf-pitchfork": "s",
     "double Hopf": "o",
     "Bogdanov-Takens": "^",
+    "double divergence": "X",
     "degenerate pitchfork": "v",
 }
 
@@ -78,11 +79,13 @@ def boundary(found: Boundary, ax: Axes | None = None) -> Axes:
 
     for curve in found.curves:
         places = _dense(curve, found)
-        kinds = _kinds(curve, found, places)
-        changes = [0, *(np.flatnonzero(kinds[:-1] != kinds[1:]) + 1), kinds.size]
+        kinds = _of_pieces(curve.criticality, curve, found, places)
+        others = _of_pieces(curve.unstable > 0, curve, found, places)
+        differ = (kinds[:-1] != kinds[1:]) | (others[:-1] != others[1:])
+        changes = [0, *(np.flatnonzero(differ) + 1), kinds.size]
         for first, last in pairwise(changes):
             look = curve.kind, str(kinds[first])
-            beside = "" if look[1] or not curve.unstable[first // PER_STEP] else BESIDE
+            beside = BESIDE if others[first] and not look[1] else ""
             label = new(", ".join(word for word in (*look, beside) if word))
             part = places[first : last + 1]
             ax.plot(*part.T, linestyle=DASHES[look[1]], label=label, **LOOKS[look])
@@ -117,18 +120,23 @@ def _dense(curve: BoundaryCurve, found: Boundary) -> Array:
     return result
 
 
-def _kinds(curve: BoundaryCurve, found: Boundary, places: Array) -> NDArray[np.str_]:
-    """Criticality of each piece of `_dense`; it changes at organising points."""
+def _of_pieces(
+    values: NDArray[Any], curve: BoundaryCurve, found: Boundary, places: Array
+) -> NDArray[Any]:
+    """What holds at points of a curve on each piece of `_dense`; it changes at organising points.
+
+    In one step all of them change at the same piece.
+    """
     low, high = np.array(found.ranges).T
     marks = np.array([[point.x, point.y] for point in found.points]).reshape(-1, 2)
     middles = 0.5 * (places[:-1] + places[1:])
-    kinds = np.repeat(curve.criticality[:-1], PER_STEP)
-    for k in np.flatnonzero(curve.criticality[:-1] != curve.criticality[1:]):
+    pieces = np.repeat(values[:-1], PER_STEP)
+    for k in np.flatnonzero(values[:-1] != values[1:]):
         own = slice(PER_STEP * k, PER_STEP * (k + 1))
         away = np.abs((middles[own, None] - marks) / (high - low)).max(axis=2)
         nearest = np.unravel_index(np.argmin(away), away.shape)[0] if len(marks) else PER_STEP // 2
-        kinds[own][int(nearest) :] = curve.criticality[k + 1]
-    return kinds
+        pieces[own][int(nearest) :] = values[k + 1]
+    return pieces
 
 
 def _stable(found: Boundary) -> NDArray[np.bool_]:

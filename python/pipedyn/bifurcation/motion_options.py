@@ -1,0 +1,97 @@
+# SPDX-License-Identifier: MIT
+"""What `attractors` and `bifurcation_diagram` ask of motions, and where these start."""
+
+from __future__ import annotations
+
+import math
+from contextlib import suppress
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from pipedyn.models.base import Model, PipedynError
+from pipedyn.models.drive import Base, Speed
+from pipedyn.motion.simulate import LARGEST_SAMPLES, modal_bend, slight_bend
+from pipedyn.util import check
+from pipedyn.util.check import Array
+from pipedyn.util.later import futures
+
+FIRST_LOOK = 4.0
+"""Time after which motions are looked at for the first time, some ten periods of flutter; then
+after as much again or half the time so far. Of 3, 4, 5, 6 and 8 the cheapest, measured."""
+
+SAMPLES_A_TIME = 100
+"""Samples in a unit of time: cubics through them give a maximum of flutter to 1e-6."""
+
+
+@dataclass(frozen=True)
+class MotionOptions:
+    """How motions are computed, and whether the exponents of irregular ones are."""
+
+    transient: float = 100.0  # time left out
+    duration: float = 40.0  # time recorded
+    rtol: float = 1e-6
+    exponents: bool = True
+    seed: int = 0  # of random starts
+    executor: futures.Executor | None = None  # of batches
+    shown: bool = False  # whether progress is
+    flow: Speed | None = None  # one that pulsates, in place of the speeds
+    base: Base | None = None  # its motion
+
+    @staticmethod
+    def checked(
+        transient: Any,
+        duration: Any,
+        rtol: Any,
+        exponents: Any,
+        seed: Any,
+        executor: Any,
+        progress: Any,
+    ) -> MotionOptions:
+        """Those that a caller gives."""
+        check.executor("executor", executor)
+        return MotionOptions(
+            transient=check.real("transient", transient, low=0.0, high=1e6),
+            duration=check.real("duration", duration, low=1.0, high=1e4),
+            rtol=check.real("rtol", rtol, low=1e-12, high=1e-3),
+            exponents=check.flag("exponents", exponents),
+            seed=check.count("seed", seed, low=0),
+            executor=executor,
+            shown=check.flag("progress", progress),
+        )
+
+    @property
+    def samples(self) -> int:
+        """Of each motion at a time, at most."""
+        return self.samples_of(max(self.duration, 2.0 * FIRST_LOOK))
+
+    def samples_of(self, time: float) -> int:
+        """Of each motion over some time."""
+        return max(math.ceil(time * SAMPLES_A_TIME), 100) + 1
+
+    def require_room(self, model: Model) -> None:
+        """Refuses records that are too long to be held."""
+        numbers = self.samples * model.coordinates
+        if numbers > LARGEST_SAMPLES:
+            raise ValueError(
+                f"duration must ask for at most {LARGEST_SAMPLES} numbers a motion, at "
+                f"{SAMPLES_A_TIME} samples a unit of time, got {numbers}"
+            )
+
+
+def initial_bends(model: Model, count: int, seed: int) -> list[Array]:
+    """Initial coordinates, the first a slight bend, the others mixtures of three shapes.
+
+    Amplitudes range from a hundredth of a radian to some radians.
+    """
+    random = np.random.default_rng(seed)
+    found = [model.bent(slight_bend)]
+    while len(found) < count:
+        parts = random.uniform(-1.0, 1.0, 3) * np.array([2.0, 1.0, 0.5])
+        parts *= 10.0 ** random.uniform(-1.5, 0.0)
+        for halved in 0.5 ** np.arange(6):
+            with suppress(PipedynError):  # guides and pins that such a bend cannot meet
+                found.append(model.bent(modal_bend(halved * parts)))
+                break
+    return found
