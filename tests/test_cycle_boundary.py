@@ -12,8 +12,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import scipy
+from matplotlib.figure import Figure
 
 import pipedyn as pp
+from pipedyn import plot
 from pipedyn.bifurcation import event_curve
 from pipedyn.bifurcation.event_onset import Onset
 from pipedyn.bifurcation.event_plane import EventPlane
@@ -183,11 +185,10 @@ def test_a_period_doubling_is_followed_from_the_cycles_of_twice_the_period(three
     twice = replace(near, orbit=near.orbit.doubled())
     rest = {"amplitudes": np.array([near.amplitude]), "speeds": np.array([near.u])}
     changed = replace(branch, origin="period doubling", onset=event.speed, cycles=(twice,), **rest)
-    ranges = {"beta": (0.299, 0.301), "u": (6.0, 9.0)}
-    both = [pp.cycle_boundary(one, event, "beta", "u", ranges) for one in (branch, changed)]
-    first, second = (found.curves[0] for found in both)
-    assert first.y[[0, -1]] == pytest.approx(second.y[[0, -1]], rel=1e-8)
-    assert first.frequency[0] == pytest.approx(second.frequency[0], rel=1e-8)
+    ranges = {"beta": (0.3, 0.301), "u": (6.0, 9.0)}
+    (curve,) = pp.cycle_boundary(changed, event, "beta", "u", ranges).curves
+    assert curve.y[0] == pytest.approx(event.speed, abs=2.0 * event.error)
+    assert curve.frequency[0] == pytest.approx(near.frequency, rel=0.02)
 
 
 def test_folds_of_forced_motions_over_the_amplitude_of_the_forcing(monkeypatch):
@@ -267,6 +268,16 @@ def test_with_folds_of_the_onset_that_one_is_followed_which_the_cycles_come_from
     assert (np.diff(speeds[known]) > 0.0).all() == (which != 1)
 
 
+@pytest.mark.parametrize("beta", [0.19, 0.21])
+def test_the_onset_is_followed_from_an_edge_of_the_range(beta):
+    model = pp.Chain(pp.Pipe(beta), 2)
+    ranges = ((0.19, 0.21), (3.0, 9.0))
+    onset = Onset(plane_over(model, "beta", ranges), pp.critical_speed(model).speed, 9.0)
+    values = np.array([0.19, 0.2, 0.21])
+    known = [pp.critical_speed(pp.Chain(pp.Pipe(float(b)), 2)).speed for b in values]
+    assert onset.along(values) == pytest.approx(known, rel=1e-10)
+
+
 def test_over_a_number_without_a_part_in_small_motions_the_onset_is_level():
     model = pp.Chain(pp.Pipe(0.2, drag=1.0), 2)
     speed = pp.critical_speed(model).speed
@@ -284,6 +295,43 @@ def test_where_the_onset_cannot_be_followed_it_says_why():
     assert onset.found is None
     assert np.isnan(onset.along(np.array([0.2]))).all()
     assert onset.failures[0].startswith("the onset of flutter was not followed over beta: ")
+
+
+FOUR = pp.Chain(pp.Pipe(0.09, gamma=200.0), 4)
+HANGING = pp.Galerkin(pp.Pipe(0.01, gamma=300.0), 10, "legendre")
+
+
+@pytest.mark.parametrize(
+    ("model", "speeds", "end", "speeds_there"),
+    [(FOUR, (9.57, 9.573), 0.092, (9.58, 9.585)), (HANGING, (11.7, 11.71), 0.0101, (11.7, 11.71))],
+    ids=["four segments", "gamma = 300"],
+)
+def test_folds_of_four_segments_and_of_the_long_hanging_pipe(
+    model, speeds, end, speeds_there, monkeypatch
+):
+    """At the other end of the range they are those of the branch there; rest is stable above."""
+    monkeypatch.setattr(event_curve, "LONGEST", 0.5)
+    begin = model.pipe.beta
+    other = model.with_pipe(replace(model.pipe, beta=end))
+    branch, there = (
+        pp.bifurcation_diagram(one, at, cycles=8).cycles[0]
+        for one, at in ((model, speeds), (other, speeds_there))
+    )
+    (fold,), (fold_there,) = folds(branch), folds(there)
+    found = pp.cycle_boundary(branch, fold, "u", "beta", {"u": (9.0, 13.0), "beta": (begin, end)})
+    (curve,) = found.curves
+    assert curve.ends == ("range", "range")
+    assert curve.y[[0, -1]].tolist() == [begin, end]
+    assert curve.x[[0, -1]] == pytest.approx([fold.speed, fold_there.speed], rel=1e-8)
+    onsets = [pp.critical_speed(one).speed for one in (model, other)]
+    assert curve.onset[[0, -1]] == pytest.approx(onsets, rel=1e-9)
+    assert (curve.unstable == 0).all()
+    assert (curve.opens == 1).all()
+    assert (curve.x < curve.onset).all()
+    shade = plot.cycle_boundary(found, Figure().subplots()).collections[0]
+    corners = np.concatenate([path.vertices for path in shade.get_paths()])
+    assert np.ptp(corners[:, 0]) == pytest.approx(onsets[1] - fold.speed, rel=1e-4)
+    assert np.ptp(corners[:, 1]) == pytest.approx(end - begin, rel=1e-9)
 
 
 @pytest.mark.parametrize("m", [4, 12, 30])
@@ -349,10 +397,6 @@ def test_bad_arguments(subcritical, change, error, text):
 
 
 def test_the_picture_shades_where_the_pipe_may_snap(folded):
-    from matplotlib.figure import Figure
-
-    from pipedyn import plot
-
     ax = plot.cycle_boundary(folded, Figure().subplots())
     (shade,) = ax.collections
     assert shade.get_label() == "it may snap here"

@@ -60,8 +60,8 @@ class CycleCurve:
         onset: flow speed at which the flutter of the straight pipe sets in from which the branch of
             cycles comes, shape (S,), followed from the branch's own beginning as the other number
             changes; of a branch that does not begin at flutter the lowest speed at which the pipe
-            becomes unstable, followed likewise. NaN where the boundary has turned back over the
-            other number, where more roots are unstable there, and of forced motions.
+            becomes unstable, followed likewise. NaN beyond the fold at which that curve turns back
+            over the other number, if it bounds the stable region nowhere, and of forced motions.
         ends: why it ends at its first and last point: "range" (it leaves the window), "closed",
             a kind of `CyclePoint`, "points" or "not converged".
         orbits: the solutions of the collocation equations.

@@ -71,16 +71,18 @@ class Onset:
         lowest = math.inf
         for curve in self.found.curves:
             s, at = _splines(curve, self.found)
-            bounds = _turns(curve, s, at[self._second])
-            for here in _solved(at[self._second], self._share(plane.value)):
+            bounds = _turns(s, at[self._second])
+            for here in _solved(at[self._second], self._share(plane.value), s[0], s[-1]):
                 speed = self._speed(at, here)
                 k = min(int(np.searchsorted(s, here, "right")) - 1, len(curve) - 2)
-                if curve.unstable[k : k + 2].min() > 0:
-                    continue
-                near = speed < lowest if math.isnan(begin) else abs(speed / begin - 1.0) < SAME
-                if near and (math.isnan(begin) or curve.kind == "flutter"):
+                if math.isnan(begin):
+                    wanted = speed < lowest and curve.unstable[k : k + 2].min() == 0
+                else:
+                    wanted = curve.kind == "flutter" and abs(speed / begin - 1.0) < SAME
+                if wanted:
                     lowest, self._curve = speed, curve
-                    self._ends = bounds[bounds <= here].max(), bounds[bounds >= here].min()
+                    i = min(int(np.searchsorted(bounds, here, "right")), bounds.size - 1)
+                    self._ends = bounds[i - 1], bounds[i]
 
     @property
     def _second(self) -> int:
@@ -111,9 +113,7 @@ class Onset:
         speeds = np.full(values.size, math.nan)
         for i, value in enumerate(values.tolist()):
             share = self._share(value)
-            places = [one for one in _solved(at[self._second], share) if left <= one <= right]
-            ends = [one for one in (left, right) if abs(at[self._second](one) - share) < 1e-9]
-            for here in (places or ends)[:1]:
+            for here in _solved(at[self._second], share, left, right)[:1]:
                 z = np.array([at[1](here), at[0](here)])
                 if curve.kind == "flutter":
                     z = np.append(np.interp(here, s, curve.frequency) / unit, z)
@@ -136,18 +136,17 @@ def _splines(curve: BoundaryCurve, found: Boundary) -> tuple[Array, list[Any]]:
     return s, [make(s, at[:, i], curve.slopes[:, i]) for i in (0, 1)]
 
 
-def _solved(spline: Any, value: float) -> list[float]:
-    """Where a cubic spline has a value."""
+def _solved(spline: Any, value: float, left: float, right: float) -> list[float]:
+    """Where a cubic spline has a value between two places, at which rounding may hide it."""
     found = np.atleast_1d(spline.solve(value, extrapolate=False))
-    return [float(s) for s in found if math.isfinite(s)]
+    inside = [float(s) for s in found if left <= s <= right]
+    return inside or [s for s in (left, right) if abs(spline(s) - value) < 1e-9]
 
 
-def _turns(curve: BoundaryCurve, s: Array, second: Any) -> Array:
-    """Lengths between which the second number grows or falls and no other root is unstable."""
+def _turns(s: Array, second: Any) -> Array:
+    """Lengths between which the second number grows or falls along a curve."""
     turns = np.atleast_1d(second.derivative().roots(extrapolate=False))
-    changes = np.flatnonzero((curve.unstable[:-1] > 0) != (curve.unstable[1:] > 0))
-    bounds = [s[:1], s[-1:], turns[np.isfinite(turns)], s[changes], s[changes + 1]]
-    return np.unique(np.concatenate(bounds))
+    return np.unique(np.concatenate([s[:1], s[-1:], turns[np.isfinite(turns)]]))
 
 
 def _level(

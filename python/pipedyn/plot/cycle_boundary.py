@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 
+from pipedyn.bifurcation.boundary import Boundary
 from pipedyn.bifurcation.cycle_boundary import CycleBoundary
 from pipedyn.bifurcation.event_curve import CycleCurve
 from pipedyn.plot import common, units
@@ -32,18 +33,14 @@ FINER = 12
 """Parts into which a curve's steps are divided: cubics then show no corners."""
 
 
-NEAR = 1e-3
-"""Relative distance up to which a bound of stability as it is drawn is the onset of the cycles."""
-
-
 def cycle_boundary(found: CycleBoundary, ax: Axes | None = None) -> Axes:
     """Curves of events of cycles in the plane of two numbers, and where the pipe may snap.
 
     Curves are solid where a stable cycle meets them, dashed where all cycles nearby are unstable.
-    Where the straight pipe becomes unstable the curve is black. Between the onset from which cycles
-    come and their fold below it, from which stable cycles lead to higher speeds, large flutter is
-    stable, and where the pipe rests stably, too, it is shaded: "it may snap here". Markers are
-    named points.
+    Where the straight pipe becomes unstable the curve is black. From a fold below the onset, from
+    which stable cycles lead to higher speeds, up to the next speed at which the straight pipe loses
+    stability, both are stable, rest and large flutter: that is shaded, "it may snap here". Markers
+    are named points.
 
     Args:
         found: what `cycle_boundary` answers.
@@ -57,10 +54,6 @@ def cycle_boundary(found: CycleBoundary, ax: Axes | None = None) -> Axes:
     shown = [units.of_number(name, pipe) for name in found.names]
     ax = common.axes(ax, (6.4, 4.8), xlabel=shown[0].label, ylabel=shown[1].label)
     across = found.names[0] == "u"  # the speed is x
-    bounds = list[Array]()
-    if found.onsets is not None:
-        for bound in found.onsets.curves:
-            bounds += [places for places, _ in parts_of_stability(bound, found.onsets)]
     for curve in found.curves:
         x, y = _smooth(curve)
         for kind, part in _parts(curve):
@@ -69,7 +62,7 @@ def cycle_boundary(found: CycleBoundary, ax: Axes | None = None) -> Axes:
             look: dict[str, Any] = {"color": COLOURS[curve.kind], "label": label}
             look |= STABILITY_STYLES[kind]
             ax.plot(x[part], y[part], **look)
-        if not np.isfinite(curve.onset).any():
+        if found.onsets is None or curve.kind != "fold":
             continue
         second, speed = (y, x) if across else (x, y)
         onset = _finer(curve, curve.onset)
@@ -79,14 +72,16 @@ def cycle_boundary(found: CycleBoundary, ax: Axes | None = None) -> Axes:
         stable = np.maximum(curve.unstable[:-1], curve.unstable[1:]) == 0
         snaps = np.append(((opens > 0) & stable)[place], False)
         snaps[1:] |= snaps[:-1]
-        begins = np.maximum(speed, _stable_from(bounds, second, onset, across))
-        snaps &= begins < onset
-        if curve.kind == "fold" and snaps.any():
+        until = _stable_until(found.onsets, second, speed, across)
+        snaps &= np.isfinite(until) & ~(speed >= onset)
+        if snaps.any():
             look = {"color": common.ORANGE, "alpha": 0.25, "linewidth": 0.0, "zorder": 0.5}
-            shade(second, begins, onset, where=snaps, label="it may snap here", **look)
+            shade(second, speed, until, where=snaps, label="it may snap here", **look)
     black: dict[str, Any] = {"color": common.BLACK, "linewidth": 1.4, "zorder": 2.5}
-    for places in bounds:
-        ax.plot(*places.T, label="the straight pipe becomes unstable", **black)
+    if found.onsets is not None:
+        for bound in found.onsets.curves:
+            for places, _ in parts_of_stability(bound, found.onsets):
+                ax.plot(*places.T, label="the straight pipe becomes unstable", **black)
     kinds = dict.fromkeys(point.kind for point in found.points)
     for kind, marker in zip(kinds, repeated(POINT_MARKS), strict=False):
         same = [point for point in found.points if point.kind == kind]
@@ -101,20 +96,32 @@ def cycle_boundary(found: CycleBoundary, ax: Axes | None = None) -> Axes:
     return ax
 
 
-def _stable_from(bounds: list[Array], second: Array, onset: Array, across: bool) -> Array:
-    """Speeds from which on the straight pipe is stable below onsets, -inf where from 0 on."""
-    lowest = np.full(onset.size, -np.inf)
-    for places in bounds:
-        at, speeds = places.T[:: -1 if across else 1]
-        for i in range(len(at) - 1):
-            low, high = sorted((at[i], at[i + 1]))
-            inside = np.flatnonzero((second >= low) & (second <= high) & (high > low))
-            share = (second[inside] - at[i]) / (at[i + 1] - at[i])
-            speed = speeds[i] + share * (speeds[i + 1] - speeds[i])
-            # The bound that is the onset itself lies within what its cubics miss.
-            below = speed < onset[inside] - NEAR * np.abs(onset[inside])
-            lowest[inside[below]] = np.maximum(lowest[inside[below]], speed[below])
-    return lowest
+def _stable_until(onsets: Boundary, second: Array, speed: Array, across: bool) -> Array:
+    """Speeds up to which the straight pipe, stable at those given, stays so; NaN where it is not.
+
+    They are those of the lowest bound of stability above, NaN if it is stable beyond it alone.
+    """
+    near = 1e-9 * float(np.ptp(onsets.ranges[1 if across else 0]))  # at edges, by rounding
+    lowest, stable = np.full(speed.size, np.inf), np.zeros(speed.size, dtype=np.bool_)
+    for bound in onsets.curves:
+        own = np.column_stack([bound.x, bound.y])
+        for places, _ in parts_of_stability(bound, onsets):
+            middle = places[len(places) // 2]
+            nearest = int(
+                np.argmin(np.abs((own - middle) / np.ptp(onsets.ranges, axis=1)).sum(axis=1))
+            )
+            at, speeds = places.T[:: -1 if across else 1]
+            for i in np.flatnonzero(np.diff(at)).tolist():
+                low, high = sorted((at[i], at[i + 1]))
+                inside = np.flatnonzero((second >= low - near) & (second <= high + near))
+                share = (second[inside] - at[i]) / (at[i + 1] - at[i])
+                height = speeds[i] + share * (speeds[i + 1] - speeds[i])
+                first = (height > speed[inside]) & (height < lowest[inside])
+                lowest[inside[first]] = height[first]
+                # Unstable roots lie on the left of a curve that turns to larger x below them.
+                below = (bound.change[nearest] > 0) == (at[i + 1] > at[i])
+                stable[inside[first]] = below != across
+    return np.where(stable, lowest, np.nan)
 
 
 def _length(curve: CycleCurve) -> Array:
