@@ -345,6 +345,13 @@ def forced_response(
         ForcedResponse; `at(frequency)` gives the motions at one frequency, with their error. A
         branch that is lost is named in `failures`, what was found of it is kept.
 
+    Example:
+        >>> model = pp.Galerkin(pp.Pipe(0.2, damping=0.002), 4)
+        >>> shaken = pp.Harmonic(0.02, frequency=13.5, direction="x")
+        >>> found = pp.forced_response(model, 5.0, base=shaken, frequencies=(13.0, 14.0))
+        >>> len(found.branches)
+        1
+
     Raises:
         NotConverged: if no motion of a moving base is found at either end of the range, neither
             from the linear response nor by motions from rest that are left to settle.

@@ -115,6 +115,11 @@ def lyapunov_exponent(
     Returns:
         LyapunovExponent.
 
+    Example:
+        >>> found = pp.lyapunov_exponent(pp.Chain(pp.Pipe(0.2), 2), 4.0, duration=40.0, transient=20.0)
+        >>> found.chaotic  # a cycle
+        False
+
     Raises:
         NotConverged: if the integration stops.
         ValueError, TypeError: for bad arguments.
