@@ -116,8 +116,9 @@ def lyapunov_exponent(
         LyapunovExponent.
 
     Example:
-        >>> found = pp.lyapunov_exponent(pp.Chain(pp.Pipe(0.2), 2), 4.0, duration=40.0, transient=20.0)
-        >>> found.chaotic  # a cycle
+        >>> model = pp.Chain(pp.Pipe(0.2), 2)
+        >>> found = pp.lyapunov_exponent(model, 4.0, duration=40.0, transient=20.0)
+        >>> found.chaotic  # it is a cycle
         False
 
     Raises:

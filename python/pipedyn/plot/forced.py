@@ -39,7 +39,7 @@ def frequency_response(
         ax: where to draw; new Axes where not given.
 
     Example:
-        >>> found = pp.frequency_response(pp.Chain(pp.Pipe(0.2), 10), 4.0, np.linspace(1.0, 60.0, 100))
+        >>> found = pp.frequency_response(pp.Chain(pp.Pipe(0.2), 10), 4.0, np.arange(1.0, 60.0))
         >>> ax = plot.frequency_response(found)
 
     Raises:
@@ -117,7 +117,8 @@ def parametric_regions(
 
     Example:
         >>> model = pp.Galerkin(pp.Pipe(0.2, 10.0), 8)
-        >>> ax = plot.parametric_regions(pp.parametric_regions(model, 5.5, [0.15, 0.2], (27.0, 37.0)))
+        >>> regions = pp.parametric_regions(model, 5.5, [0.15, 0.2], (27.0, 37.0))
+        >>> ax = plot.parametric_regions(regions)
 
     Raises:
         ValueError, TypeError: for bad arguments.
