@@ -222,7 +222,7 @@ def animate(
 
     Example:
         >>> motion = pp.simulate(pp.Chain(pp.Pipe(0.2), 10), 6.0, 1.0, lambda s: 0.1 * s)
-        >>> film = plot.animate(motion, "flutter.gif", fps=5.0, speed=0.5)
+        >>> film = plot.animate(motion, "flutter.gif", fps=5.0, speed=0.2)
 
     Raises:
         ValueError: for a span outside the motion's times; for fewer than 2 or more than 2000
