@@ -7,6 +7,7 @@ from types import ModuleType as _ModuleType
 from pipedyn.accuracy.choose import Choice, NoModel, choose
 from pipedyn.accuracy.effects import Effect, Relevance, relevant
 from pipedyn.accuracy.trade import Trade, TradeRow, trade
+from pipedyn.archive import load, save
 from pipedyn.bifurcation import continuation
 from pipedyn.bifurcation.attractors import (
     Attractors,
@@ -195,6 +196,7 @@ __all__ = [
     "frequency_response",
     "hopf",
     "limit_cycle",
+    "load",
     "lyapunov_exponent",
     "modes",
     "modular",
@@ -202,6 +204,7 @@ __all__ = [
     "plot",
     "relevant",
     "root_loci",
+    "save",
     "simulate",
     "simulate_many",
     "stability_curve",

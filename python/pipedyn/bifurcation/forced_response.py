@@ -94,6 +94,10 @@ class ForcedField(VectorField):
         self._root: ForcedField = self
         self._phases, self._frequency = np.zeros(1), forcing.frequency
 
+    def archived(self) -> dict[str, Any]:
+        """What a file keeps of it, by name."""
+        return {**super().archived(), "forcing": self.forcing, "order": self.order}
+
     def along(self, phases: Array, frequency: float) -> ForcedField:
         """The same of states at phases of an orbit with a frequency, one each."""
         other = copy(self)
