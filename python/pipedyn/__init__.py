@@ -53,6 +53,12 @@ from pipedyn.linear.frequency_response import (
     Resonance,
     frequency_response,
 )
+from pipedyn.linear.identification import (
+    Identification,
+    Measurement,
+    NotIdentifiable,
+    identify,
+)
 from pipedyn.linear.modes import Modes, ModeShape, RootLoci, eigenvalues, modes, root_loci
 from pipedyn.linear.sensitivity import Crossing, Derivatives, Sensitivity
 from pipedyn.linear.stability_curve import Failure, StabilityCurve, stability_curve
@@ -134,8 +140,10 @@ __all__ = [
     "Galerkin",
     "Harmonic",
     "Hopf",
+    "Identification",
     "LimitCycle",
     "LyapunovExponent",
+    "Measurement",
     "MemberFailure",
     "ModeShape",
     "Model",
@@ -147,6 +155,7 @@ __all__ = [
     "NoHopf",
     "NoModel",
     "NotConverged",
+    "NotIdentifiable",
     "Occurrences",
     "Operators",
     "OrganisingPoint",
@@ -195,6 +204,7 @@ __all__ = [
     "forced_response",
     "frequency_response",
     "hopf",
+    "identify",
     "limit_cycle",
     "load",
     "lyapunov_exponent",
