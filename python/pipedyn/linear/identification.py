@@ -180,7 +180,7 @@ def identify(
         measurements: at least as many as unknowns.
         unknowns: names, or bounds (low, high) by name. Names are "bending_stiffness" (of a pipe
             made with `from_si`), "clamp_compliance" (one over the stiffness of a `RootSpring`), and
-            the pipe's numbers as of `boundary`: "damping", "hysteresis", "Viscosity.coefficient",
+            the pipe's numbers as of `boundary`: "damping", "hysteresis", "Viscosity.sigma",
             "Spring.stiffness". Without bounds an unknown may differ by a factor of 30 from the
             pipe's value.
 
@@ -391,15 +391,16 @@ class _Problem:
         return np.array([value for value, _ in found]), np.array([slope for _, slope in found])
 
     def fitted(self, begin: Array, size: int) -> Array:
-        """The unknowns of least squares, from here and from elsewhere in the bounds."""
+        """The unknowns of least squares, from here and, if that explains little, from elsewhere."""
         low, high = self.bounds
         random = np.random.default_rng(0)
-        starts = [begin, 0.5 * (low + high)]
+        starts = [begin]
         if size == SIZES[0]:
+            starts.append(0.5 * (low + high))
             starts += [low + (high - low) * random.uniform(size=low.size) for _ in range(4)]
         best, failed = None, list[PipedynError]()
         inner = 1e-9 * (high - low)
-        for start in starts[: 1 if size > SIZES[0] else None]:
+        for start in starts:
             try:
                 found = scipy.optimize.least_squares(
                     lambda x: self._misfit(x, size)[0],
@@ -416,10 +417,26 @@ class _Problem:
                 continue
             if best is None or found.cost < best.cost * (1.0 - 1e-6):
                 best = found
+            if self.explained(2.0 * best.cost):
+                break
         if best is None:
             raise failed[0]
         x: Array = best.x
         return x
+
+    @property
+    def freedom(self) -> int:
+        """Number of measurements less that of unknowns."""
+        return len(self.measurements) - len(self.unknowns)
+
+    def explained(self, squares: float) -> bool:
+        """Whether chance alone makes so large a sum of squares once in a hundred times, or oftener.
+
+        Without freedom it has to vanish.
+        """
+        if not self.freedom:
+            return squares < 1e-6
+        return bool(scipy.stats.chi2.sf(squares, self.freedom) > 0.01)
 
     def _misfit(self, x: Array, size: int) -> tuple[Array, Array]:
         """Residuals of least squares and their derivatives."""
@@ -452,10 +469,10 @@ class _Problem:
         values = np.exp(x)
         sigma = values * np.sqrt(np.diag(spread))
         names = tuple(one.name for one in self.unknowns)
-        freedom = len(self.measurements) - every
+        freedom = self.freedom
         squares = float(residuals @ residuals)
         warnings = list(self._warnings(values, np.sqrt(np.diag(spread)), at_end, x - low < 1e-4))
-        if freedom > 0 and scipy.stats.chi2.sf(squares, freedom) < 0.01:
+        if freedom and not self.explained(squares):
             warnings.append(
                 f"the pipe with these numbers does not explain the measurements: chi-squared is "
                 f"{squares:.3g} at {freedom} degrees of freedom. An effect is missing, or the "
