@@ -53,8 +53,13 @@ def source(name, rawtext, text, lineno, inliner, options=None, content=None):
 
 
 def plain_words(app, what, name, obj, options, lines):
-    """Docstrings are plain text with `code`: single backquotes become literals."""
-    lines[:] = [re.sub(r"(?<!`)`([^`]+)`(?!`)", r"``\1``", line) for line in lines]
+    """Docstrings are plain text with `code`, which becomes a literal; bars are magnitudes."""
+    for i, line in enumerate(lines):
+        if not line.lstrip().startswith((">>>", "...")):
+            parts = re.split(r"`+([^`]+)`+", line)
+            parts[::2] = [part.replace("|", "\\|").replace("*", "\\*") for part in parts[::2]]
+            parts[1::2] = [f"``{part}``" for part in parts[1::2]]
+            lines[i] = "".join(parts)
 
 
 def setup(app):
