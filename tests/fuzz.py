@@ -16,11 +16,13 @@ import math
 import re
 import signal
 import sys
+import tempfile
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from decimal import Decimal
 from fractions import Fraction
 from itertools import pairwise
+from pathlib import Path
 from random import Random
 from typing import Any
 
@@ -351,6 +353,8 @@ ENDS = pp.attractors(FLUTTER, SPEED, PLANE)
 PUMP, SHAKER = pp.Pulsation(2.0, 0.3, 25.0), pp.Harmonic(0.01, 25.0)
 SHAKES = pp.forced_response(SHAKEN, 1.0, base=SHAKER, frequencies=(20.0, 30.0))
 RESPONSE = pp.frequency_response(SHAKEN, 1.0, (1.0, 30.0))
+KEPT = Path(tempfile.mkdtemp()) / "kept.npz"
+pp.save(CRITICAL, KEPT)
 REGIONS = pp.parametric_regions(pp.Chain(pp.Pipe(0.1, 3.0), 2), 3.0, [0.3, 0.6], (5.0, 60.0))
 OBJECTS = (PIPE, CHAIN, BEAM, EXACT, SCENE, CRITICAL, CROSSING, HOPF, CYCLE, MOTION, ENSEMBLE)
 OBJECTS += (
@@ -1364,6 +1368,42 @@ def _results() -> Iterator[Target]:
     yield Target("Hopf.cycle_frequency", HOPF.cycle_frequency, {"u": at})
 
 
+def _kept() -> Iterator[Target]:
+    """Files, and numbers from measurements."""
+    kept, bad = one_of(KEPT, str(KEPT)), any_of(NONE, *NOTHINGS, one_of("x.json", 3))
+    path = Kind(kept, any_of(bad, one_of("/nowhere/x.npz")))
+    things = one_of(CHAIN, PIPE, CRITICAL, CYCLE, SCENE)
+    thing = Kind(things, any_of(NONE, *NOTHINGS, one_of(3, "pipe")))
+    yield Target("save", pp.save, {"thing": thing, "path": path})
+    yield Target("load", pp.load, {"path": Kind(kept, bad)})
+    size, most = real((0.1, 5.0), -1.0, 1e300), real((0.1, 5.0), 0.0, 1e300)
+    words = ("frequency", "decay_rate", "decrement", "critical_speed", "critical_frequency")
+    yield Target(
+        "Measurement",
+        lambda **given: pp.Measurement(**given),
+        {
+            "quantity": Kind(one_of(*words[:3]), any_of(NONE, *NOTHINGS, one_of("speed", 3))),
+            "value": Kind(size.good, one_of(NAN, "1", 1e300)),
+            "uncertainty": most,
+            "speed": real((0.0, 3.0), -0.1, 1e300),
+            "mode": count(1, 3, 21),
+        },
+    )
+    measured = [pp.Measurement("frequency", 3.5, 0.1), pp.Measurement("decrement", 0.2, 0.05)]
+    names = one_of(["damping"], ("damping",), {"damping": (1e-4, 1.0)})
+    wrong = one_of([], ["damping", "damping"], ["x"], {"damping": (1.0, 0.0)}, {"damping": 3}, "x")
+    yield Target(
+        "identify",
+        pp.identify,
+        {
+            "pipe": Kind(one_of(PIPE), any_of(NONE, *NOTHINGS, one_of(CHAIN))),
+            "measurements": Kind(one_of(measured, tuple(measured)), one_of([], None, [3], 3)),
+            "unknowns": Kind(names, any_of(NONE, *NOTHINGS, wrong)),
+        },
+        slow=True,
+    )
+
+
 def _driven() -> Iterator[Target]:
     frequency = real((20.0, 40.0), 0.0, 1e300)
     yield Target("RootSpring", pp.RootSpring, {"stiffness": real((0.0, 9.0), -0.1)})
@@ -1572,6 +1612,7 @@ TARGETS: tuple[Target, ...] = tuple(
         _comparisons,
         _motions,
         _results,
+        _kept,
         _driven,
         _pictures,
     )

@@ -52,10 +52,17 @@ from pipedyn.linear.frequency_response import (
     Resonance,
     frequency_response,
 )
+from pipedyn.linear.identification import (
+    Identification,
+    Measurement,
+    NotIdentifiable,
+    identify,
+)
 from pipedyn.linear.modes import Modes, ModeShape, RootLoci, eigenvalues, modes, root_loci
 from pipedyn.linear.sensitivity import Crossing, Derivatives, Sensitivity
 from pipedyn.linear.stability_curve import Failure, StabilityCurve, stability_curve
 from pipedyn.models import modular
+from pipedyn.models.archive import load, save
 from pipedyn.models.base import Model, NotConverged, Operators, PipedynError, Power
 from pipedyn.models.chain import Chain
 from pipedyn.models.continuum import Continuum
@@ -133,8 +140,10 @@ __all__ = [
     "Galerkin",
     "Harmonic",
     "Hopf",
+    "Identification",
     "LimitCycle",
     "LyapunovExponent",
+    "Measurement",
     "MemberFailure",
     "ModeShape",
     "Model",
@@ -146,6 +155,7 @@ __all__ = [
     "NoHopf",
     "NoModel",
     "NotConverged",
+    "NotIdentifiable",
     "Occurrences",
     "Operators",
     "OrganisingPoint",
@@ -194,7 +204,9 @@ __all__ = [
     "forced_response",
     "frequency_response",
     "hopf",
+    "identify",
     "limit_cycle",
+    "load",
     "lyapunov_exponent",
     "modes",
     "modular",
@@ -202,6 +214,7 @@ __all__ = [
     "plot",
     "relevant",
     "root_loci",
+    "save",
     "simulate",
     "simulate_many",
     "stability_curve",

@@ -194,6 +194,12 @@ def choose(
         Choice. Where its `steady` is False the model meets the tolerance by a change of sign of its
         error, and a little larger one of its family does not.
 
+    Example:
+        >>> pipe = pp.Pipe(0.2)
+        >>> found = pp.choose(pipe, "critical_speed", tolerance=1e-3)
+        >>> type(found.model).__name__, found.error <= 1e-3
+        ('Galerkin', True)
+
     Raises:
         NoModel: if none meets the demand; it says what came nearest.
         NoCrossing, NoCycle, NotConverged: if the continuous pipe has no such answer, or none is

@@ -217,10 +217,10 @@ def relevant(
     Example:
         A hose of 1 m, as heavy as the water in it, hanging in air at 4 m/s:
 
-        >>> hose = Pipe.from_si(length=1.0, bending_stiffness=0.1, pipe_mass=0.1, fluid_mass=0.1,
-        ...                     drag_coefficient=1.0, external_diameter=0.015,
-        ...                     external_density=1.2, damping_time=1e-4)
-        >>> relevant(hose, hose.speed(4.0)).negligible
+        >>> hose = pp.Pipe.from_si(length=1.0, bending_stiffness=0.1, pipe_mass=0.1, fluid_mass=0.1,
+        ...                        drag_coefficient=1.0, external_diameter=0.015,
+        ...                        external_density=1.2, damping_time=1e-4)
+        >>> pp.relevant(hose, hose.speed(4.0)).negligible
         ('damping', 'drag')
     """
     pipe = checked_pipe(pipe)

@@ -222,6 +222,11 @@ def trade(
         less than ten times the reference's own are bounds (`resolved` is False). Counts of motions
         may differ by a step from run to run, as rounding does.
 
+    Example:
+        >>> found = pp.trade(pp.Pipe(0.2), "critical_speed", sizes=[4, 8], repeats=1)
+        >>> {row.size for row in found.rows}
+        {8, 4}
+
     Raises:
         NoCrossing, NoCycle, NotConverged: if the continuous pipe has no such answer, or in half a
             minute none is found that the next larger model confirms at all.

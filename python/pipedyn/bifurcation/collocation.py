@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import Self
+from typing import Any, Self
 
 import numpy as np
 
@@ -316,6 +316,17 @@ class OrbitProblem(Continuation):
         rates = motion(np.ascontiguousarray(start.starts.T), start.u).T
         row[: rates.size] = self.weights[: rates.size] * rates.ravel()
         self._phase = row, float(row @ start.packed())
+
+    def archived(self) -> dict[str, Any]:
+        """What a file keeps of it, by name."""
+        varies = {"speed_varies": self._speed_varies}
+        parts = {"motion": self.motion, "start": self.start, "control": self.control}
+        return {**parts, "unit": self.unit, **varies}
+
+    @classmethod
+    def restored(cls, fields: dict[str, Any]) -> Self:
+        """The equations of which a file kept this."""
+        return cls(**fields)
 
     @property
     def origin(self) -> Array:

@@ -153,6 +153,12 @@ def bifurcation_diagram(
     Returns:
         BifurcationDiagram; what fails is recorded in `failures` and the rest is kept.
 
+    Example:
+        >>> model = pp.Chain(pp.Pipe(0.2), 2)
+        >>> found = pp.bifurcation_diagram(model, [3.0, 4.0, 5.0])
+        >>> [(branch.origin, round(branch.onset, 4)) for branch in found.cycles]
+        [('hopf', 3.5927)]
+
     Raises:
         ValueError, TypeError: for bad arguments.
     """

@@ -114,6 +114,11 @@ def equilibria(model: Model, u: float, starts: Sequence[Start] = ()) -> Equilibr
     Returns:
         Equilibria. Those of an undamped pipe without flow are stable where they oscillate.
 
+    Example:
+        >>> found = pp.equilibria(pp.Chain(pp.Pipe(0.2, -20.0), 2), 1.0)  # bent by its weight
+        >>> len(found.q), found.stable.tolist()
+        (3, [False, True, True])
+
     Raises:
         NotConverged: if not a single one is found.
         ValueError, TypeError: for bad arguments.
@@ -445,6 +450,13 @@ def equilibrium_branch(
 
     Returns:
         EquilibriumBranch, from the end that lies in the direction of falling speed at q0.
+
+    Example:
+        >>> model = pp.Chain(pp.Pipe(0.2, -20.0), 2)
+        >>> leaning = pp.equilibria(model, 1.0)
+        >>> branch = pp.equilibrium_branch(model, leaning.q[1], 1.0, (0.0, 4.0))
+        >>> branch.q.shape[1], float(branch.speeds.max()) <= 4.0
+        (2, True)
 
     Raises:
         NotConverged: if there is no equilibrium near q0, or none could be followed.

@@ -94,6 +94,10 @@ class ForcedField(VectorField):
         self._root: ForcedField = self
         self._phases, self._frequency = np.zeros(1), forcing.frequency
 
+    def archived(self) -> dict[str, Any]:
+        """What a file keeps of it, by name."""
+        return {**super().archived(), "forcing": self.forcing, "order": self.order}
+
     def along(self, phases: Array, frequency: float) -> ForcedField:
         """The same of states at phases of an orbit with a frequency, one each."""
         other = copy(self)
@@ -344,6 +348,13 @@ def forced_response(
     Returns:
         ForcedResponse; `at(frequency)` gives the motions at one frequency, with their error. A
         branch that is lost is named in `failures`, what was found of it is kept.
+
+    Example:
+        >>> model = pp.Galerkin(pp.Pipe(0.2, damping=0.002), 4)
+        >>> shaken = pp.Harmonic(0.02, frequency=13.5, direction="x")
+        >>> found = pp.forced_response(model, 5.0, base=shaken, frequencies=(13.0, 14.0))
+        >>> len(found.branches)
+        1
 
     Raises:
         NotConverged: if no motion of a moving base is found at either end of the range, neither

@@ -662,6 +662,11 @@ def criticality_curve(
     Returns:
         CriticalityCurve; a point that fails is recorded in `failures` and the others are kept.
 
+    Example:
+        >>> curve = pp.criticality_curve(lambda beta: pp.Chain(pp.Pipe(beta), 2), [0.05, 0.2])
+        >>> curve.subcritical.tolist()
+        [True, False]
+
     Raises:
         ValueError, TypeError: for bad arguments.
     """

@@ -196,6 +196,11 @@ def limit_cycle(
     Returns:
         LimitCycle.
 
+    Example:
+        >>> cycle = pp.limit_cycle(pp.Galerkin(pp.Pipe(0.2), 8, "legendre"), 6.0)
+        >>> round(cycle.amplitude, 4), round(cycle.frequency, 3), cycle.stable
+        (0.2766, 13.792, True)
+
     Raises:
         NoCycle: if rest is stable and no cycle comes from an onset, or the search ends
             at rest, in motion without a period, or with no motion at all; the message says which,

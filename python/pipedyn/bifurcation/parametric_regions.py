@@ -91,6 +91,12 @@ def parametric_regions(
         thinner than 1e-6 of their frequency, and combinations of modes whose frequencies are
         beyond high + 4 low.
 
+    Example:
+        >>> pipe = pp.Pipe(0.2, 10.0)
+        >>> (region,) = pp.parametric_regions(pp.Continuum(pipe), 5.5, 0.2, (27.0, 37.0))
+        >>> region.kind, region.edges.round(3)
+        ('subharmonic', array([[27.431, 36.23 ]]))
+
     Raises:
         NotConverged: if edges do not converge as functions and harmonics are added.
         ValueError, TypeError: for bad arguments, and for a pipe that is unstable at the mean.

@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+from typing import Any, Self
+
 import numpy as np
 
 from pipedyn.models.base import Model
@@ -29,6 +31,15 @@ class VectorField:
         self.constrained = model.moving != model.dof
         """Whether guides and pins hold p."""
         self.evaluations = 0
+
+    def archived(self) -> dict[str, Any]:
+        """What a file keeps of it, by name."""
+        return {"model": self.model}
+
+    @classmethod
+    def restored(cls, fields: dict[str, Any]) -> Self:
+        """The field of which a file kept this."""
+        return cls(**fields)
 
     def _count(self, states: int) -> None:
         self.evaluations += states

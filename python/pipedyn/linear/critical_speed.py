@@ -119,6 +119,11 @@ def crossings(model: AnyModel, max_speed: float) -> tuple[Crossing, ...]:
     Returns:
         Crossings in order of speed, flutter and divergence.
 
+    Example:
+        >>> found = pp.crossings(pp.Continuum(pp.Pipe(0.295)), 9.0)
+        >>> [(round(c.speed, 4), c.destabilising) for c in found]
+        [(7.2605, True), (7.8516, False), (8.1892, True)]
+
     Raises:
         NotConverged: if the crossings found do not account for the unstable roots, or those of the
             continuous pipe do not converge as the basis grows.
@@ -138,6 +143,11 @@ def critical_speed(model: AnyModel, max_speed: float = 100.0) -> CriticalSpeed:
 
     Returns:
         Speed, frequency, kind, mode and sensitivity, with the error of the speed.
+
+    Example:
+        >>> found = pp.critical_speed(pp.Continuum(pp.Pipe(0.2)))
+        >>> found.kind, found.mode, round(found.speed, 6), round(found.frequency, 5)
+        ('flutter', 2, 5.591404, 13.7147)
 
     Raises:
         NoCrossing: if there is none up to max_speed.

@@ -59,6 +59,11 @@ def eigenvalues(model: AnyModel, u: float, count: int | None = None) -> Complex:
         and the real roots that grow, see `Pipe.hysteresis`; of strong damping these may be fewer
         than 2 dof in all.
 
+    Example:
+        >>> found = pp.eigenvalues(pp.Continuum(pp.Pipe(0.2)), 4.0, count=4)
+        >>> found.round(3)
+        array([-4.755 +4.012j, -4.755 -4.012j, -2.526+17.036j, -2.526-17.036j])
+
     Raises:
         NotConverged: if an eigenvalue fails the check of its residual; `result` holds the `Modes`,
             of which `converged` says which.
@@ -170,6 +175,11 @@ def modes(model: AnyModel, u: float, count: int | None = None) -> Modes:
 
     Returns:
         Modes, in the order of `eigenvalues`; one that fails its residual check has converged False.
+
+    Example:
+        >>> found = pp.modes(pp.Chain(pp.Pipe(0.2), 10), 4.0, count=2)
+        >>> found.eigenvalues.round(2), len(found.shapes)
+        (array([-4.8+4.01j, -4.8-4.01j]), 2)
 
     Raises:
         NotConverged: if the continuous pipe's eigenvalues do not converge as the basis grows.
@@ -296,6 +306,11 @@ def root_loci(
 
     Returns:
         RootLoci, at the speeds asked for only.
+
+    Example:
+        >>> loci = pp.root_loci(pp.Chain(pp.Pipe(0.2), 10), np.linspace(0.0, 8.0, 41), count=3)
+        >>> loci.eigenvalues.shape
+        (41, 3)
 
     Raises:
         NotConverged: if the continuous pipe's branches do not converge as the basis grows.

@@ -101,6 +101,11 @@ def stability_curve(
         StabilityCurve; a point that fails is recorded in `failures` and the others are kept. A pipe
         that stays stable is no failure if max_speed is given.
 
+    Example:
+        >>> curve = pp.stability_curve(lambda beta: pp.Continuum(pp.Pipe(beta)), [0.1, 0.2, 0.5])
+        >>> curve.speeds.round(4)
+        array([4.7499, 5.5914, 9.3224])
+
     Raises:
         ValueError, TypeError: for bad arguments.
     """

@@ -206,6 +206,17 @@ class OfPipe:
         kept = {name for name in self.__dict__ if hasattr(type(self), name)}
         return {name: value for name, value in self.__dict__.items() if name not in kept}
 
+    def archived(self) -> dict[str, Any]:
+        """What a file keeps of it, by name."""
+        return self.__getstate__()
+
+    @classmethod
+    def restored(cls, fields: dict[str, Any]) -> Self:
+        """The model of which a file kept this."""
+        made = object.__new__(cls)
+        made.__dict__.update(fields)
+        return made
+
     def with_pipe(self, pipe: Pipe) -> Self:
         """The same discretisation, if there is one, with its springs, of another pipe.
 

@@ -42,6 +42,10 @@ def end_coefficient(
         areas: area of the patch that each sample stands for, shape (k,), > 0.
         section: the pipe's section A; the area of the opening where it is not given.
 
+    Example:
+        >>> round(pp.end_coefficient(lambda r: 1.0 - r**2), 6)  # laminar flow in a tube
+        1.333333
+
     Raises:
         ValueError: for numbers out of range, an end through which nothing flows on balance, or
             a function that cannot be integrated.

@@ -115,6 +115,12 @@ def lyapunov_exponent(
     Returns:
         LyapunovExponent.
 
+    Example:
+        >>> model = pp.Chain(pp.Pipe(0.2), 2)
+        >>> found = pp.lyapunov_exponent(model, 4.0, duration=40.0, transient=20.0)
+        >>> found.chaotic  # it is a cycle
+        False
+
     Raises:
         NotConverged: if the integration stops.
         ValueError, TypeError: for bad arguments.

@@ -332,6 +332,12 @@ def simulate_many(
     Returns:
         Ensemble; a member that stops early is reported in `failures`, the others are kept.
 
+    Example:
+        >>> model = pp.Chain(pp.Pipe(0.2), 10)
+        >>> found = pp.simulate_many(model, np.linspace(4.0, 6.0, 5), 2.0, lambda s: 0.1 * s)
+        >>> len(found), found.failures
+        (5, ())
+
     Raises:
         ValueError, TypeError: for bad arguments.
     """

@@ -63,6 +63,11 @@ def convergence(
         exact: critical speed of the continuous pipe.
         ax: where to draw; new Axes where not given.
 
+    Example:
+        >>> pipe = pp.Pipe(0.2)
+        >>> chains = [pp.critical_speed(pp.Chain(pipe, n)) for n in (5, 10, 20)]
+        >>> ax = plot.convergence({"consistent": chains}, pp.critical_speed(pp.Continuum(pipe)))
+
     Raises:
         TypeError: for bad arguments.
     """
@@ -118,6 +123,9 @@ def trade(found: Trade, cost: str = "seconds", ax: Axes | None = None) -> Axes:
         found: what was measured.
         cost: "seconds", "dof", "right_hand_sides" or "factorisations".
         ax: where to draw; new Axes where not given.
+
+    Example:
+        >>> ax = plot.trade(pp.trade(pp.Pipe(0.2), "critical_speed", sizes=[4, 8, 16], repeats=1))
 
     Raises:
         ValueError, TypeError: for bad arguments.

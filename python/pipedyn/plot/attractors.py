@@ -40,6 +40,12 @@ def basins(found: Attractors, ax: Axes | None = None) -> Axes:
         found: attractors from a `StartPlane` of at least 2 values along both axes.
         ax: where to draw; new Axes where not given.
 
+    Example:
+        >>> angles = np.linspace(-1.0, 1.0, 5)
+        >>> model = pp.Chain(pp.Pipe(0.2, -30.0), 2)
+        >>> found = pp.attractors(model, 4.1, pp.StartPlane(angles, angles))
+        >>> ax = plot.basins(found)
+
     Raises:
         ValueError, TypeError: for bad arguments.
     """
@@ -97,6 +103,10 @@ def poincare_section(
             counted from 0.
         ax: where to draw; new Axes where not given.
 
+    Example:
+        >>> found = pp.attractors(pp.Chain(pp.Pipe(0.2), 2), 4.0, 3)
+        >>> ax = plot.poincare_section(found)
+
     Raises:
         ValueError, TypeError: for bad arguments.
     """
@@ -146,6 +156,10 @@ def spectrum(found: Attractors | Basin, ax: Axes | None = None) -> Axes:
     Args:
         found: attractors, or one of the basins.
         ax: where to draw; new Axes where not given.
+
+    Example:
+        >>> found = pp.attractors(pp.Chain(pp.Pipe(0.2), 2), 4.0, 3)
+        >>> ax = plot.spectrum(found)
 
     Raises:
         TypeError: for bad arguments.

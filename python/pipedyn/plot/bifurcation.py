@@ -63,6 +63,10 @@ def bifurcation_diagram(
             equilibria are shown; use it where the free end is held.
         ax: where to draw; new Axes where not given.
 
+    Example:
+        >>> found = pp.bifurcation_diagram(pp.Chain(pp.Pipe(0.2), 2), [3.0, 4.0, 5.0])
+        >>> ax = plot.bifurcation_diagram(found)
+
     Raises:
         ValueError, TypeError: for bad arguments.
     """
@@ -162,6 +166,10 @@ def orbit(cycles: LimitCycle | Sequence[LimitCycle], ax: Axes | None = None) -> 
         cycles: one limit cycle or several. Unstable ones are dashed.
         ax: where to draw; new Axes where not given.
 
+    Example:
+        >>> model = pp.Chain(pp.Pipe(0.2), 2)
+        >>> ax = plot.orbit([pp.limit_cycle(model, u) for u in (3.8, 4.2)])
+
     Raises:
         ValueError: for no cycle, or fewer than 8 samples of one.
         TypeError: for bad arguments.
@@ -193,6 +201,9 @@ def multipliers(cycles: LimitCycle | CycleBranch, ax: Axes | None = None) -> Axe
     Args:
         cycles: a limit cycle or a branch of them.
         ax: where to draw; new Axes where not given.
+
+    Example:
+        >>> ax = plot.multipliers(pp.limit_cycle(pp.Chain(pp.Pipe(0.2), 2), 4.0))
 
     Raises:
         TypeError: for bad arguments.

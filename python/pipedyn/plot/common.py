@@ -45,7 +45,12 @@ CURVE_STYLES: tuple[dict[str, Any], ...] = (
 
 
 def style() -> AbstractContextManager[None]:
-    """Settings for a printed page, in force within a `with` statement."""
+    """Settings for a printed page, in force within a `with` statement.
+
+    Example:
+        >>> with plot.style():
+        ...     ax = plot.notice("eight points high")
+    """
     settings: dict[Any, Any] = {
         "font.size": 8.0,
         "axes.titlesize": 8.0,
@@ -76,6 +81,11 @@ def panels(rows: int, columns: int, width: float, height: float) -> tuple[Figure
         width: of the figure, in inches.
         height: of the figure, in inches.
 
+    Example:
+        >>> figure, axes = plot.panels(2, 3, 6.4, 4.0)
+        >>> axes.shape
+        (2, 3)
+
     Raises:
         ValueError, TypeError: for bad arguments.
     """
@@ -97,6 +107,11 @@ def colour_bar(label: str, ax: Axes | NDArray[Any]) -> Axes | None:
 
     Returns:
         The bar's own Axes; None where the Axes show no collection.
+
+    Example:
+        >>> figure, axes = plot.panels(1, 1, 4.0, 3.0)
+        >>> points = axes[0, 0].scatter([1.0, 2.0], [3.0, 4.0], c=[5.0, 6.0])
+        >>> bar = plot.colour_bar(plot.SPEED_LABEL, axes)
 
     Raises:
         TypeError: for bad arguments.
@@ -186,6 +201,9 @@ def notice(text: str, ax: Axes | None = None) -> Axes:
     Args:
         text: the sentence.
         ax: where to draw; new Axes where not given.
+
+    Example:
+        >>> ax = plot.notice("nothing was computed")
 
     Raises:
         TypeError: for bad arguments.

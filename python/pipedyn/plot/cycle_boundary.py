@@ -46,6 +46,12 @@ def cycle_boundary(found: CycleBoundary, ax: Axes | None = None) -> Axes:
         found: what `cycle_boundary` answers.
         ax: where to draw; new Axes where not given.
 
+    Example:
+        >>> (branch,) = pp.bifurcation_diagram(pp.Chain(pp.Pipe(0.05), 2), [3.0, 3.3]).cycles
+        >>> folds = [event for event in branch.events if event.kind == "fold"]
+        >>> window = {"beta": (0.04, 0.1), "u": (2.0, 5.0)}
+        >>> ax = plot.cycle_boundary(pp.cycle_boundary(branch, folds, "beta", "u", window))
+
     Raises:
         TypeError: for bad arguments.
     """

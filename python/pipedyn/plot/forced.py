@@ -38,6 +38,10 @@ def frequency_response(
         phase: the phase in degrees, from -180 to 180, in place of the magnitude.
         ax: where to draw; new Axes where not given.
 
+    Example:
+        >>> found = pp.frequency_response(pp.Chain(pp.Pipe(0.2), 10), 4.0, np.arange(1.0, 60.0))
+        >>> ax = plot.frequency_response(found)
+
     Raises:
         TypeError: for bad arguments.
     """
@@ -111,6 +115,11 @@ def parametric_regions(
         pipe: for an upper axis in Hz, if it was made from SI units.
         ax: where to draw; new Axes where not given.
 
+    Example:
+        >>> model = pp.Galerkin(pp.Pipe(0.2, 10.0), 8)
+        >>> regions = pp.parametric_regions(model, 5.5, [0.15, 0.2], (27.0, 37.0))
+        >>> ax = plot.parametric_regions(regions)
+
     Raises:
         ValueError, TypeError: for bad arguments.
     """
@@ -157,6 +166,12 @@ def forced_response(response: ForcedResponse, ax: Axes | None = None) -> Axes:
     Args:
         response: what to show.
         ax: where to draw; new Axes where not given.
+
+    Example:
+        >>> model = pp.Galerkin(pp.Pipe(0.2, damping=0.002), 4)
+        >>> shaken = pp.Harmonic(0.02, frequency=13.5, direction="x")
+        >>> found = pp.forced_response(model, 5.0, base=shaken, frequencies=(13.0, 14.0))
+        >>> ax = plot.forced_response(found)
 
     Raises:
         TypeError: for bad arguments.

@@ -43,6 +43,11 @@ def root_loci(
         highest: speed at the end of the colours; that of the loci where not given.
         ax: where to draw; new Axes where not given. The first collection serves `colour_bar`.
 
+    Example:
+        >>> speeds = np.linspace(0.0, 8.0, 81)
+        >>> exact = pp.root_loci(pp.Continuum(pp.Pipe(0.2)), speeds, count=3)
+        >>> ax = plot.root_loci(pp.root_loci(pp.Chain(pp.Pipe(0.2), 10), speeds, count=3), exact)
+
     Raises:
         ValueError, TypeError: for bad arguments.
     """
@@ -77,6 +82,10 @@ def frequencies(
         largest: |Re lambda| at the ends of the colours, linear within 1 and logarithmic beyond;
             that of the loci where not given.
         ax: where to draw; new Axes where not given. The first collection serves `colour_bar`.
+
+    Example:
+        >>> loci = pp.root_loci(pp.Chain(pp.Pipe(0.2), 10), np.linspace(0.0, 8.0, 81), count=3)
+        >>> ax = plot.frequencies(loci)
 
     Raises:
         ValueError, TypeError: for bad arguments.
@@ -156,7 +165,13 @@ def _branches(loci: RootLoci) -> NDArray[np.complex128]:
 
 
 def dot_stride(loci: RootLoci) -> int:
-    """Number of speeds from one dot of a benchmark to the next."""
+    """Number of speeds from one dot of a benchmark to the next.
+
+    Example:
+        >>> loci = pp.root_loci(pp.Chain(pp.Pipe(0.2), 10), np.linspace(0.0, 8.0, 161), count=3)
+        >>> plot.dot_stride(loci) >= 1
+        True
+    """
     common.check_type("loci", loci, RootLoci)
     # 19 dots of 2.2 points leave the curve visible between them in a panel two inches wide.
     return max(1, round((loci.speeds.size - 1) / 18))
@@ -168,6 +183,9 @@ def mode_shapes(modes: Modes, ax: Axes | None = None) -> Axes:
     Args:
         modes: two curves for each eigenvalue that is not the lower of a conjugate pair.
         ax: where to draw; new Axes where not given.
+
+    Example:
+        >>> ax = plot.mode_shapes(pp.modes(pp.Chain(pp.Pipe(0.2), 10), 4.0, count=3))
 
     Raises:
         TypeError: for bad arguments.

@@ -41,6 +41,10 @@ def time_history(motions: Motion | Sequence[Motion] | Ensemble, ax: Axes | None 
             velocities are shown.
         ax: where to draw; new Axes where not given.
 
+    Example:
+        >>> motion = pp.simulate(pp.Chain(pp.Pipe(0.2), 5), 6.0, 5.0, lambda s: 0.1 * s)
+        >>> ax = plot.time_history(motion)
+
     Raises:
         ValueError: for fewer than 3 samples, or samples too far apart to interpolate.
         TypeError: for bad arguments.
@@ -68,6 +72,10 @@ def phase_portrait(
         coordinate: "tip" for the free end's transverse displacement, or the index of a coordinate,
             counted from 0.
         ax: where to draw; new Axes where not given.
+
+    Example:
+        >>> motion = pp.simulate(pp.Chain(pp.Pipe(0.2), 5), 6.0, 5.0, lambda s: 0.1 * s)
+        >>> ax = plot.phase_portrait(motion)
 
     Raises:
         ValueError: for fewer than 3 samples, samples too far apart to interpolate, or an index
@@ -155,6 +163,10 @@ def snapshots(
         ax: where to draw; new Axes where not given. The first collection, the shapes, serves
             `colour_bar`.
 
+    Example:
+        >>> motion = pp.simulate(pp.Chain(pp.Pipe(0.2), 5), 6.0, 5.0, lambda s: 0.1 * s)
+        >>> ax = plot.snapshots(motion, span=(4.0, 5.0))
+
     Raises:
         ValueError: for a span outside the motion's times, a count out of range, fewer than 3
             samples, or samples too far apart to interpolate.
@@ -207,6 +219,10 @@ def animate(
 
     Returns:
         The animation. Keep a reference to it as long as it is shown.
+
+    Example:
+        >>> motion = pp.simulate(pp.Chain(pp.Pipe(0.2), 10), 6.0, 1.0, lambda s: 0.1 * s)
+        >>> film = plot.animate(motion, "flutter.gif", fps=5.0, speed=0.2)
 
     Raises:
         ValueError: for a span outside the motion's times; for fewer than 2 or more than 2000

@@ -59,6 +59,11 @@ def boundary(found: Boundary, ax: Axes | None = None) -> Axes:
         found: what `pipedyn.boundary` answered.
         ax: where to draw; new Axes where not given.
 
+    Example:
+        >>> window = {"gamma": (-20.0, 0.0), "u": (0.0, 5.0)}
+        >>> found = pp.boundary(pp.Chain(pp.Pipe(0.2, damping=0.01), 2), "gamma", "u", window)
+        >>> ax = plot.boundary(found)
+
     Raises:
         TypeError: for bad arguments.
     """
@@ -193,6 +198,11 @@ def stability_map(
         highest: end of the axis of speed.
         marked: a critical speed to mark, at its pipe's beta.
         ax: where to draw; new Axes where not given.
+
+    Example:
+        >>> window = {"beta": (0.1, 0.9), "u": (0.0, 15.0)}
+        >>> found = pp.boundary(pp.Chain(pp.Pipe(0.2), 4), "beta", "u", window, criticality=False)
+        >>> ax = plot.stability_map({"chain, n = 4": found})
 
     Raises:
         ValueError, TypeError: for bad arguments.

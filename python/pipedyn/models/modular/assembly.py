@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable
 from dataclasses import replace
 from functools import cached_property
 from operator import attrgetter
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -125,6 +125,24 @@ class Assembly(Model):
             custom.validate(self._configuration(self._layout.rest)[custom.index])
         self._check_terms()
         self._reference = straight if self._misses(straight) <= MET else None
+
+    def archived(self) -> dict[str, Any]:
+        """What it is made from, and the configuration that `about` chose."""
+        parts = {"modules": self.modules, "constraints": self.constraints}
+        return {
+            "pipe": self.pipe,
+            **parts,
+            "enforcement": self.enforcement,
+            "reference": self._reference,
+        }
+
+    @classmethod
+    def restored(cls, fields: dict[str, Any]) -> Self:
+        """The scene of these parts."""
+        reference = fields.pop("reference")
+        made = cls(**fields)
+        made._reference = reference
+        return made
 
     def _check_terms(self) -> None:
         """Raises ValueError where some direction that is left free has no inertia."""

@@ -46,6 +46,11 @@ def chain(
         masses: of the segments, as for `Chain`.
         enforcement: as for `Assembly`.
 
+    Example:
+        >>> scene = pp.modular.chain(pp.Pipe(0.2), 10)
+        >>> round(pp.critical_speed(scene).speed, 4)
+        5.4857
+
     Raises:
         ValueError: as for `Chain` and `Assembly`.
         TypeError: for what is no number, array or pipe.

@@ -1,0 +1,69 @@
+# SPDX-License-Identifier: MIT
+"""The book: `sphinx-build -W notebooks <folder>` with the extra "docs"."""
+
+import re
+import tomllib
+from pathlib import Path
+
+from docutils import nodes
+from sphinx.util import logging
+
+project = "pipedyn"
+author = "the engineers of pipedyn"
+copyright = "the engineers of pipedyn"  # the name that Sphinx wants
+with (Path(__file__).resolve().parent.parent / "pyproject.toml").open("rb") as file:
+    version = release = tomllib.load(file)["project"]["version"]
+
+extensions = [
+    "myst_nb",
+    "sphinx.ext.autodoc",
+    "sphinx.ext.napoleon",
+    "sphinx_copybutton",
+]
+root_doc = "index"
+exclude_patterns = ["_build", "**/.ipynb_checkpoints"]
+
+myst_enable_extensions = ["amsmath", "colon_fence", "deflist", "dollarmath"]
+myst_heading_anchors = 3
+nb_execution_mode = "force"
+nb_execution_timeout = 300
+nb_execution_raise_on_error = True
+nb_merge_streams = True
+
+autodoc_member_order = "bysource"
+autodoc_typehints = "none"  # the text says what each argument is
+autodoc_default_options = {"members": True, "show-inheritance": False}
+napoleon_google_docstring = True
+napoleon_numpy_docstring = False
+napoleon_custom_sections = ["Source"]
+
+html_theme = "furo"
+html_title = "pipedyn"
+html_static_path = []
+
+ROOT = Path(__file__).resolve().parent.parent
+
+
+def source(name, rawtext, text, lineno, inliner, options=None, content=None):
+    """The role {source}: a file of the repository, which must be there."""
+    if not (ROOT / text).is_file():
+        logging.getLogger(__name__).warning(
+            "no such file: %s", text, location=(inliner.document.current_source, lineno)
+        )
+    return [nodes.literal(rawtext, text)], []
+
+
+def plain_words(app, what, name, obj, options, lines):
+    """Docstrings are plain text with `code`, which becomes a literal; bars are magnitudes."""
+    for i, line in enumerate(lines):
+        if not line.lstrip().startswith((">>>", "...")):
+            parts = re.split(r"`+([^`]+)`+", line)
+            parts[::2] = [part.replace("|", "\\|").replace("*", "\\*") for part in parts[::2]]
+            parts[1::2] = [f"``{part}``" for part in parts[1::2]]
+            lines[i] = "".join(parts)
+
+
+def setup(app):
+    """Registers the above."""
+    app.add_role("source", source)
+    app.connect("autodoc-process-docstring", plain_words)

@@ -1,0 +1,627 @@
+# SPDX-License-Identifier: MIT
+"""Numbers of a pipe from what was measured on it, with their uncertainties.
+
+Least squares of (model - measured) / uncertainty over the logarithms of the unknown numbers, within
+bounds. The model is the continuous pipe's small motion. Derivatives are exact: of a root of
+P(lambda, u; x) with left and right vectors y and v
+
+    d lambda / d x = -y^H P_x v / y^H P_lambda v,
+
+where P_x is a difference of sixth order of the matrices, which are smooth in x; of a crossing of
+the imaginary axis d u / d x = -Re(lambda_x) / Re(lambda_u).
+"""
+
+from __future__ import annotations
+
+import math
+import operator
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import Any, Literal, get_args
+
+import numpy as np
+
+from pipedyn.linear.critical_speed import CriticalSpeed, critical_speed
+from pipedyn.linear.modes import root_loci
+from pipedyn.models.base import Operators, PipedynError, checked_pipe
+from pipedyn.models.continuum import Continuum
+from pipedyn.models.galerkin import Galerkin
+from pipedyn.models.pipe import Pipe, Scales
+from pipedyn.models.pipe_numbers import checked_number
+from pipedyn.models.supports import RootSpring
+from pipedyn.models.terms import converted
+from pipedyn.util import check
+from pipedyn.util.check import Array
+from pipedyn.util.later import scipy
+from pipedyn.util.result import result
+from pipedyn.util.threads import one_thread
+
+MeasuredQuantity = Literal[
+    "frequency", "decay_rate", "decrement", "critical_speed", "critical_frequency"
+]
+
+STIFFNESS, COMPLIANCE = "bending_stiffness", "clamp_compliance"
+
+RANGES_OF_ZERO = {"damping": (1e-6, 1.0), "hysteresis": (1e-5, 1.0), COMPLIANCE: (1e-5, 10.0)}
+"""Bounds, nondimensional, of unknowns for which the pipe has no value to look around."""
+
+AROUND = 30.0
+"""Factor by which an unknown may differ from the pipe's own value where no bounds are given."""
+
+STEP = 0.01
+"""Of the logarithms, for derivatives of the matrices: the sixth-order error is below rounding."""
+
+STENCIL = np.array([45.0, -9.0, 1.0]) / 60.0
+
+SIZES = (16, 24, 36, 54)
+"""Functions of the model, one after the other until the predictions stay."""
+
+STAYING = 0.02
+"""Change of a prediction, in its uncertainty, from one of these to the next that is let pass."""
+
+UNTOLD = 1.0
+"""Standard deviation of a combination of logarithms, a factor of e, beyond which data do not tell
+it: the linear law of errors means nothing there."""
+
+WEAK = 0.3
+"""Relative uncertainty of an estimate from which on it is called weakly determined."""
+
+LEAST_TURN = 1e-3
+"""Share of |lambda| that the frequency counts for at least in a decrement, on the way of the search
+through pipes whose mode does not oscillate."""
+
+MODES = 20
+"""The highest mode that may be measured."""
+
+
+class NotIdentifiable(PipedynError):
+    """Measurements that do not tell the unknowns."""
+
+
+@dataclass(frozen=True)
+class Measurement:
+    """One measured number.
+
+    Of a pipe made with `Pipe.from_si` in SI units, of another nondimensional.
+
+    Attributes:
+        quantity: "frequency" of a mode, in Hz (nondimensional: angular, 1 / T); "decay_rate", minus
+            the real part of its eigenvalue, in 1/s (1 / T); "decrement", the logarithm of the ratio
+            of two maxima a period apart; "critical_speed" in m/s (u); or "critical_frequency", with
+            which it begins to flutter, in Hz (1 / T).
+        value: what was measured.
+        uncertainty: its standard deviation > 0, in the same unit.
+        speed: flow speed at which a mode was measured, in m/s (u).
+        mode: which one, from 1, counted at rest by frequency.
+
+    Raises:
+        ValueError, TypeError: for bad arguments.
+
+    Example:
+        >>> pp.Measurement("frequency", 2.31, 0.02)
+        Measurement(quantity='frequency', value=2.31, uncertainty=0.02, speed=0.0, mode=1)
+    """
+
+    quantity: MeasuredQuantity
+    value: float
+    uncertainty: float
+    speed: float = 0.0
+    mode: int = 1
+
+    def __post_init__(self) -> None:
+        check.choice("quantity", self.quantity, get_args(MeasuredQuantity))
+        signed = self.quantity in ("decay_rate", "decrement")
+        value = check.real("value", self.value, low=-1e9 if signed else 0.0, high=1e9)
+        sigma = check.real("uncertainty", self.uncertainty, low=0.0, high=1e9, open_low=True)
+        speed = check.real("speed", self.speed, low=0.0, high=1e6)
+        if speed and self.quantity.startswith("critical"):
+            raise ValueError(f"speed must be left out of a {self.quantity}, got {speed:g}")
+        mode = check.count("mode", self.mode, low=1, high=MODES)
+        given = {"value": value, "uncertainty": sigma, "speed": speed, "mode": mode}
+        for name, one in given.items():
+            object.__setattr__(self, name, one)
+
+
+@result
+class Identification:
+    """What measurements say of a pipe.
+
+    In SI units where the pipe has scales: the bending stiffness in N m^2, damping in s, the clamp's
+    compliance in rad/(N m), terms' numbers in their units.
+
+    Attributes:
+        unknowns: names, (U,).
+        values: estimates, shape (U,).
+        uncertainties: standard deviations, shape (U,); NaN of an estimate at the end of its range.
+        covariance: of the estimates, shape (U, U); NaN where it is not known.
+        correlation: the same over the uncertainties, shape (U, U).
+        predicted: what the pipe with these numbers would show, shape (M,).
+        residuals: (measured - predicted) / uncertainty, shape (M,).
+        chi_squared: sum of their squares: about `freedom` if the model and the uncertainties are
+            right.
+        freedom: number of measurements less that of unknowns.
+        condition: of the derivatives by the logarithms of the unknowns, in units of the
+            measurements' uncertainties.
+        warnings: what to know before the estimates are used, in sentences.
+        critical_speed: predicted flow speed at which the pipe loses stability, in m/s (u).
+        critical_speed_uncertainty: its standard deviation, of the unknowns' alone.
+        pipe: with these numbers.
+        measurements: what was measured.
+    """
+
+    unknowns: tuple[str, ...]
+    values: Array
+    uncertainties: Array
+    covariance: Array = field(repr=False)
+    correlation: Array = field(repr=False)
+    predicted: Array = field(repr=False)
+    residuals: Array = field(repr=False)
+    chi_squared: float
+    freedom: int
+    condition: float = field(repr=False)
+    warnings: tuple[str, ...]
+    critical_speed: float
+    critical_speed_uncertainty: float
+    pipe: Pipe = field(repr=False)
+    measurements: tuple[Measurement, ...] = field(repr=False)
+
+
+def identify(
+    pipe: Pipe,
+    measurements: Sequence[Measurement],
+    unknowns: Sequence[str] | Mapping[str, tuple[float, float]],
+) -> Identification:
+    """Estimates numbers of a pipe from measured frequencies, decay rates and critical speeds.
+
+    Args:
+        pipe: the pipe as far as it is known. Its values of the unknowns are where the search
+            begins.
+        measurements: at least as many as unknowns.
+        unknowns: names, or bounds (low, high) by name. Names are "bending_stiffness" (of a pipe
+            made with `from_si`), "clamp_compliance" (one over the stiffness of a `RootSpring`), and
+            the pipe's numbers as of `boundary`: "damping", "hysteresis", "Viscosity.sigma",
+            "Spring.stiffness". Without bounds an unknown may differ by a factor of 30 from the
+            pipe's value.
+
+    Returns:
+        Identification.
+
+    Example:
+        >>> pipe = pp.Pipe.from_si(
+        ...     length=0.45, bending_stiffness=8e-3, pipe_mass=0.19, fluid_mass=0.032
+        ... )
+        >>> measured = [
+        ...     pp.Measurement("frequency", 1.014, 0.01),
+        ...     pp.Measurement("frequency", 3.58, 0.03, mode=2),
+        ...     pp.Measurement("decrement", 0.05, 0.005),
+        ... ]
+        >>> found = pp.identify(pipe, measured, ["bending_stiffness", "damping"])
+        >>> found.freedom
+        1
+
+    Raises:
+        NotIdentifiable: if the measurements do not tell the unknowns; the message names the
+            combination that stays open.
+        NoCrossing, NotConverged: if a measured critical speed has no counterpart in the model.
+        ValueError, TypeError: for bad arguments.
+
+    Source: Nocedal and Wright (2006), Numerical optimization, ch. 10, for least squares; what
+    uncertainties of the fitted numbers follow is the linear law of errors.
+    """
+    known = _checked(pipe, measurements, unknowns)
+    with one_thread(max(SIZES)):
+        x, size = known.begin, SIZES[0]
+        for size in SIZES:
+            x = known.fitted(x, size)
+            if known.moved(x, size) <= STAYING:
+                break
+        return known.described(x, size)
+
+
+@dataclass(frozen=True)
+class _Unknown:
+    """A number that is looked for."""
+
+    name: str
+    low: float  # bounds, in the units of users
+    high: float
+
+    def put(self, pipe: Pipe, value: float) -> Pipe:
+        """The pipe with a value of it."""
+        if self.name == STIFFNESS:
+            return _with_stiffness(pipe, value)
+        one = value / _unit(self.name, pipe)
+        if self.name == COMPLIANCE:
+            return replace(pipe, root=RootSpring(1.0 / one))
+        return checked_number("unknowns", self.name, pipe, others=()).changed(pipe, one)
+
+
+def _unit(name: str, pipe: Pipe) -> float:
+    """Value of one nondimensional unit of an unknown, for users."""
+    if pipe.scales is None:
+        return 1.0
+    length, mass, time, _ = pipe.scales
+    if name == STIFFNESS:
+        return mass * length**4 / time**2
+    if name == COMPLIANCE:
+        return time**2 / (mass * length**3)
+    number = checked_number("unknowns", name, pipe, others=())
+    if number.name == "root.stiffness":
+        return mass * length**3 / time**2
+    if number.term is None:
+        return time if number.name == "damping" else 1.0
+    term = pipe.terms[number.term]
+    unit = converted(replace(term, **{number.attribute: 1.0}), pipe.scales, operator.mul)
+    return float(getattr(unit, number.attribute))
+
+
+def _with_stiffness(pipe: Pipe, value: float) -> Pipe:
+    """The pipe with another bending stiffness, all that was measured in SI units staying."""
+    old = pipe.scales
+    assert old is not None
+    slower = math.sqrt(_unit(STIFFNESS, pipe) / value)  # times grow by this factor
+    new = Scales(old.length, old.mass, old.time * slower, old.speed / slower)
+    root: Any = pipe.root
+    if isinstance(root, RootSpring):
+        root = converted(converted(root, old, operator.mul), new, operator.truediv)
+    return replace(
+        pipe,
+        gamma=pipe.gamma * slower**2,
+        damping=pipe.damping / slower,
+        terms=tuple(
+            converted(converted(term, old, operator.mul), new, operator.truediv)
+            for term in pipe.terms
+        ),
+        root=root,
+        scales=new,
+    )
+
+
+def _checked(pipe: Pipe, measurements: Any, unknowns: Any) -> _Problem:
+    """The arguments of `identify`."""
+    pipe = checked_pipe(pipe)
+    if not isinstance(measurements, list | tuple) or not measurements:
+        raise TypeError(
+            f"measurements must be a list of Measurement, got {check.shown(measurements)}"
+        )
+    for i, one in enumerate(measurements):
+        if not isinstance(one, Measurement):
+            raise TypeError(f"measurements[{i}] must be a Measurement, got {check.shown(one)}")
+    if isinstance(unknowns, str) or not isinstance(unknowns, list | tuple | Mapping):
+        raise TypeError(f"unknowns must be a list of names, got {check.shown(unknowns)}")
+    names = list(unknowns)
+    if not names:
+        raise ValueError("unknowns must have at least one name, got none")
+    if len(set(map(str, names))) < len(names):
+        raise ValueError(f"unknowns must differ, got {names!r}")
+    found, begin = list[_Unknown](), list[float]()
+    for name in names:
+        bounds = unknowns[name] if isinstance(unknowns, Mapping) else None
+        one, value = _unknown(pipe, name, bounds)
+        found.append(one)
+        begin.append(min(max(value, one.low), one.high))
+    problem = _Problem(pipe, tuple(measurements), tuple(found), np.log(begin))
+    if len(measurements) < len(found):
+        raise NotIdentifiable(f"{len(measurements)} measurements cannot tell {len(found)} unknowns")
+    return problem
+
+
+def _unknown(pipe: Pipe, name: Any, bounds: Any) -> tuple[_Unknown, float]:
+    """An unknown, and where its search begins."""
+    if name == STIFFNESS and pipe.scales is None:
+        raise ValueError(
+            "unknowns must not have 'bending_stiffness' of a nondimensional pipe, which is counted "
+            "in it: make the pipe with Pipe.from_si"
+        )
+    if name == COMPLIANCE:
+        stiffness = pipe.root_stiffness
+        if stiffness == 0.0:
+            raise ValueError("unknowns must not have 'clamp_compliance' where the root is a hinge")
+        value = 1.0 / stiffness
+    elif name == STIFFNESS:
+        value = 1.0
+    else:
+        number = checked_number("unknowns", name, pipe, others=(STIFFNESS, COMPLIANCE))
+        value = number.of(pipe)
+        if number.name in ("beta", "gamma", "alpha") and pipe.scales is not None:
+            raise ValueError(
+                f"unknowns must not have {name!r} of a pipe made with Pipe.from_si: its masses and "
+                "lengths are given"
+            )
+    unit = _unit(name, pipe)
+    if bounds is not None:
+        low, high = check.array(f"unknowns[{name!r}]", bounds, size=2, low=0.0, open_low=True)
+        if not low < high:
+            raise ValueError(f"unknowns[{name!r}] must be (low, high), got ({low:g}, {high:g})")
+    elif value > 0.0:
+        low, high = value / AROUND * unit, value * AROUND * unit
+    elif name in RANGES_OF_ZERO:
+        low, high = (unit * one for one in RANGES_OF_ZERO[name])
+    else:
+        raise ValueError(
+            f"unknowns must give bounds (low, high) of {name!r}, which the pipe has at {value:g}"
+        )
+    one = _Unknown(name, float(low), float(high))
+    begin = value * unit if value > 0.0 else math.sqrt(low * high)
+    for end in (one.low, one.high):  # a bad range is told at once
+        one.put(pipe, end)
+    return one, begin
+
+
+@dataclass(frozen=True)
+class _Problem:
+    """Measurements and unknowns; x are the logarithms of the unknowns."""
+
+    given: Pipe
+    measurements: tuple[Measurement, ...]
+    unknowns: tuple[_Unknown, ...]
+    begin: Array
+    last: list[_Roots] = field(default_factory=list)
+
+    @property
+    def bounds(self) -> Array:
+        """Of x, shape (2, U)."""
+        return np.log([[one.low for one in self.unknowns], [one.high for one in self.unknowns]])
+
+    def pipe(self, x: Array) -> Pipe:
+        """The pipe with these unknowns."""
+        pipe = self.given
+        # The stiffness first: the others stay what they are in SI units.
+        pairs = list(zip(self.unknowns, np.exp(x).tolist(), strict=True))
+        for one, value in sorted(pairs, key=lambda pair: pair[0].name != STIFFNESS):
+            pipe = one.put(pipe, value)
+        return pipe
+
+    def model(self, x: Array, size: int) -> Galerkin:
+        """The model with so many functions."""
+        return Continuum(self.pipe(x)).frozen(size)
+
+    def roots(self, x: Array, size: int) -> _Roots:
+        """Of the model, kept for the next question about the same."""
+        known = self.last[-1:]
+        if not known or known[0].size != size or not np.array_equal(known[0].x, x):
+            self.last[:] = [_Roots(self, x.copy(), size)]
+        return self.last[-1]
+
+    def predictions(self, x: Array, size: int) -> tuple[Array, Array]:
+        """What each measurement should show, (M,), and its derivatives by x, (M, U)."""
+        roots = self.roots(x, size)
+        found = [roots.answer(one) for one in self.measurements]
+        return np.array([value for value, _ in found]), np.array([slope for _, slope in found])
+
+    def fitted(self, begin: Array, size: int) -> Array:
+        """The unknowns of least squares, from here and, if that explains little, from elsewhere."""
+        low, high = self.bounds
+        random = np.random.default_rng(0)
+        starts = [begin]
+        if size == SIZES[0]:
+            starts.append(0.5 * (low + high))
+            starts += [low + (high - low) * random.uniform(size=low.size) for _ in range(4)]
+        best, failed = None, list[PipedynError]()
+        inner = 1e-9 * (high - low)
+        for start in starts:
+            try:
+                found = scipy.optimize.least_squares(
+                    lambda x: self._misfit(x, size)[0],
+                    np.clip(start, low + inner, high - inner),
+                    jac=lambda x: self._misfit(x, size)[1],
+                    bounds=(low, high),
+                    xtol=1e-12,
+                    ftol=1e-12,
+                    gtol=1e-12,
+                    max_nfev=100,
+                )
+            except PipedynError as error:
+                failed.append(error)
+                continue
+            if best is None or found.cost < best.cost * (1.0 - 1e-6):
+                best = found
+            if self.explained(2.0 * best.cost):
+                break
+        if best is None:
+            raise failed[0]
+        x: Array = best.x
+        return x
+
+    @property
+    def freedom(self) -> int:
+        """Number of measurements less that of unknowns."""
+        return len(self.measurements) - len(self.unknowns)
+
+    def explained(self, squares: float) -> bool:
+        """Whether chance alone makes so large a sum of squares once in a hundred times, or oftener.
+
+        Without freedom it has to vanish.
+        """
+        if not self.freedom:
+            return squares < 1e-6
+        return bool(scipy.stats.chi2.sf(squares, self.freedom) > 0.01)
+
+    def _misfit(self, x: Array, size: int) -> tuple[Array, Array]:
+        """Residuals of least squares and their derivatives."""
+        predicted, slopes = self.predictions(x, size)
+        sigma = np.array([one.uncertainty for one in self.measurements])
+        measured = np.array([one.value for one in self.measurements])
+        return (predicted - measured) / sigma, slopes / sigma[:, None]
+
+    def moved(self, x: Array, size: int) -> float:
+        """Largest change of a prediction, in its uncertainty, in a larger model."""
+        larger = size + max(8, size // 2)
+        return float(np.abs(self._misfit(x, larger)[0] - self._misfit(x, size)[0]).max())
+
+    def described(self, x: Array, size: int) -> Identification:
+        """The estimates with their uncertainties."""
+        residuals, slopes = self._misfit(x, size)
+        low, high = self.bounds
+        at_end = (x - low < 1e-4) | (high - x < 1e-4)
+        free = np.flatnonzero(~at_end)
+        every = len(self.unknowns)
+        spread = np.full((every, every), math.nan)
+        condition = math.inf
+        if free.size:
+            left, sizes, right = np.linalg.svd(slopes[:, free], full_matrices=False)
+            del left
+            condition = float(sizes[0] / sizes[-1]) if sizes[-1] > 0.0 else math.inf
+            if not sizes[-1] * UNTOLD > 1.0:
+                raise NotIdentifiable(self._untold(free, right[-1], sizes[-1]))
+            spread[np.ix_(free, free)] = (right.T / sizes**2) @ right
+        values = np.exp(x)
+        sigma = values * np.sqrt(np.diag(spread))
+        names = tuple(one.name for one in self.unknowns)
+        freedom = self.freedom
+        squares = float(residuals @ residuals)
+        warnings = list(self._warnings(values, np.sqrt(np.diag(spread)), at_end, x - low < 1e-4))
+        if freedom and not self.explained(squares):
+            warnings.append(
+                f"the pipe with these numbers does not explain the measurements: chi-squared is "
+                f"{squares:.3g} at {freedom} degrees of freedom. An effect is missing, or the "
+                "uncertainties are too small"
+            )
+        speed, by_x = self.roots(x, size).answer(Measurement("critical_speed", 0.0, 1.0))
+        inner = spread[np.ix_(free, free)]
+        scale = np.sqrt(np.diag(spread))
+        return Identification(
+            unknowns=names,
+            values=values,
+            uncertainties=sigma,
+            covariance=spread * np.outer(values, values),
+            correlation=spread / np.outer(scale, scale),
+            predicted=np.array([m.value for m in self.measurements])
+            + residuals * np.array([m.uncertainty for m in self.measurements]),
+            residuals=-residuals,
+            chi_squared=squares,
+            freedom=freedom,
+            condition=condition,
+            warnings=tuple(warnings),
+            critical_speed=speed,
+            critical_speed_uncertainty=math.sqrt(float(by_x[free] @ inner @ by_x[free])),
+            pipe=self.pipe(x),
+            measurements=self.measurements,
+        )
+
+    def _untold(self, free: Any, direction: Array, size: float) -> str:
+        """The combination of unknowns that measurements leave open, in words."""
+        names = [self.unknowns[i].name for i in free]
+        powers = direction / direction[int(np.argmax(np.abs(direction)))]
+        parts = [
+            name if abs(power - 1.0) < 0.05 else f"{name}^{power:.2g}"
+            for name, power in zip(names, powers.tolist(), strict=True)
+            if abs(power) > 0.05
+        ]
+        known = f"to a factor of {math.exp(1.0 / size):.2g}" if size > 0.1 else "not at all"
+        return f"the measurements tell {' '.join(parts)} {known}: measure something else, too"
+
+    def _warnings(self, values: Array, relative: Array, at_end: Any, at_low: Any) -> Any:
+        for i, one in enumerate(self.unknowns):
+            if at_end[i]:
+                side, word = (one.low, "at most") if at_low[i] else (one.high, "at least")
+                yield (
+                    f"{one.name} lies at the end of its range: the measurements say that it is "
+                    f"{word} about {side:.3g}, and uncertainties are those at that value"
+                )
+            elif relative[i] > WEAK:
+                yield f"{one.name} is known to {100.0 * relative[i]:.0f} % only"
+
+
+class _Roots:
+    """Roots of one model, and their derivatives by the unknowns."""
+
+    def __init__(self, problem: _Problem, x: Array, size: int) -> None:
+        self.problem, self.x, self.size = problem, x, size
+        self.pipe = problem.pipe(x)
+        self.model = problem.model(x, size)
+        self._answers: dict[Measurement, tuple[float, Array]] = {}
+
+    @cached_property
+    def _beside(self) -> list[list[tuple[float, Pipe, Operators]]]:
+        """For each x weights of a derivative, pipes on either side and their operators."""
+        found: list[list[tuple[float, Pipe, Operators]]] = []
+        for i in range(self.x.size):
+            found.append([])
+            for k, weight in enumerate(STENCIL, 1):
+                for side in (1.0, -1.0):
+                    x = self.x.copy()
+                    x[i] += side * k * STEP
+                    pipe = self.problem.pipe(x)
+                    operators = Continuum(pipe).frozen(self.size).operators()
+                    found[-1].append((side * weight / STEP, pipe, operators))
+        return found
+
+    @cached_property
+    def _critical(self) -> CriticalSpeed:
+        return critical_speed(self.model)
+
+    def answer(self, one: Measurement) -> tuple[float, Array]:
+        """What a measurement should show and its derivatives by x."""
+        if one not in self._answers:
+            self._answers[one] = self._answer(one)
+        return self._answers[one]
+
+    def _answer(self, one: Measurement) -> tuple[float, Array]:
+        if one.quantity.startswith("critical"):
+            return self._at_onset(one.quantity)
+        u = one.speed / self._speed_unit(self.pipe)
+        speeds = np.linspace(0.0, u, 2 + math.ceil(4.0 * u)) if u else np.zeros(1)
+        loci = root_loci(self.model, speeds, count=max(one.mode, 2))
+        root = complex(loci.eigenvalues[-1, one.mode - 1])
+        by_x, _ = self._slopes(root, lambda pipe: one.speed / self._speed_unit(pipe))
+        time, by_time = self._time()
+        if one.quantity == "decrement":
+            turning = max(root.imag, LEAST_TURN * abs(root))  # where it is overdamped
+            ratio = root.real / turning
+            slope = (by_x.real - ratio * by_x.imag) / turning
+            return -2.0 * math.pi * ratio, -2.0 * math.pi * slope
+        if one.quantity == "decay_rate":
+            return -root.real / time, -by_x.real / time + root.real / time * by_time
+        return self._frequency(root.imag, by_x.imag)
+
+    def _frequency(self, omega: float, slope: Array) -> tuple[float, Array]:
+        """In Hz where the pipe has scales."""
+        time, by_time = self._time()
+        turn = 1.0 if self.pipe.scales is None else 2.0 * math.pi
+        value = omega / (turn * time)
+        return value, slope / (turn * time) - value * by_time
+
+    def _at_onset(self, quantity: str) -> tuple[float, Array]:
+        found = self._critical
+        by_x, by_u = self._slopes(1j * found.frequency, lambda pipe: found.speed)
+        moved = -by_x.real / by_u.real
+        if quantity == "critical_frequency":
+            return self._frequency(found.frequency, by_x.imag + by_u.imag * moved)
+        unit = self._speed_unit(self.pipe)
+        by_unit = -self._time()[1]  # their product is sqrt(m / mu_f) L
+        return unit * found.speed, unit * (moved + found.speed * by_unit)
+
+    def _slopes(self, root: complex, speed: Any) -> tuple[Any, complex]:
+        """Derivatives of a root by x, the flow staying what it is in users' units, and by u."""
+
+        def whole(parts: Any) -> Any:
+            return parts[2] + root * parts[1] + root**2 * parts[0]
+
+        operators, u = self.model.operators(), speed(self.pipe)
+        here = np.array(operators.at(u))
+        left, _, right = np.linalg.svd(whole(here))
+        y, v = left[:, -1].conj(), right[-1].conj()
+        down = y @ (2.0 * root * here[0] + here[1]) @ v
+        by_x = [
+            sum(weight * whole(of.at(speed(pipe))) for weight, pipe, of in beside)
+            for beside in self._beside
+        ]
+        h = STEP
+        ahead, behind = (np.array(operators.at(one)) for one in (u + h * u, u - h * u))
+        by_u = (ahead - behind) / (2.0 * h * u) if u else np.zeros_like(here)  # of second degree
+        slopes = np.array([*by_x, whole(by_u)])
+        moved = -np.einsum("i,kij,j->k", y, slopes, v) / down
+        return moved[:-1], complex(moved[-1])
+
+    def _time(self) -> tuple[float, Array]:
+        """The unit of time and the derivatives of its logarithm."""
+        if self.pipe.scales is None:
+            return 1.0, np.zeros(self.x.size)
+        by_x = [-0.5 if one.name == STIFFNESS else 0.0 for one in self.problem.unknowns]
+        return self.pipe.scales.time, np.array(by_x)
+
+    @staticmethod
+    def _speed_unit(pipe: Pipe) -> float:
+        return 1.0 if pipe.scales is None else pipe.scales.speed

@@ -1,0 +1,193 @@
+# SPDX-License-Identifier: MIT
+"""What is saved is loaded again, equal and as useful as it was; what cannot be is refused."""
+
+import json
+import math
+
+import numpy as np
+import pytest
+
+import pipedyn as pp
+
+HOSE = pp.Pipe.from_si(
+    length=0.45,
+    bending_stiffness=7.3e-3,
+    pipe_mass=0.19,
+    fluid_mass=0.032,
+    terms=[pp.PointMass(0.45, 0.01)],
+)
+TAPERED = pp.Pipe(0.2, stiffness=lambda s: 1.0 - 0.5 * s, mass=pp.Profile([0.5], [1.0, 0.7]))
+CHAIN = pp.Chain(pp.Pipe(0.2, 10.0, damping=0.01), 3)
+
+MODELS = {
+    "chain": CHAIN,
+    "chain with its own springs": pp.Chain(HOSE, lengths=[0.3, 0.3, 0.4], springs=[2.0, 3.0, 4.0]),
+    "midpoint": pp.Chain(pp.Pipe(0.2), 4, springs="midpoint"),
+    "bent": pp.Chain(pp.Pipe(0.2, -30.0), 2).about(
+        pp.equilibria(pp.Chain(pp.Pipe(0.2, -30.0), 2), 1.0).q[1]
+    ),
+    "tapered": pp.Galerkin(TAPERED, 8, "legendre"),
+    "beam": pp.Galerkin(HOSE, 4),
+    "held": pp.Chain(pp.Pipe(0.2, end="pinned", root=pp.RootSpring(3.0)), 5),
+    "continuous": pp.Continuum(HOSE),
+    "scene": pp.modular.chain(pp.Pipe(0.2), 4).plus(pp.modular.Guide(4), pp.Damper(0.5, 1.0)),
+}
+
+RESULTS = {
+    "critical speed": lambda: pp.critical_speed(CHAIN),
+    "curve with a failure": lambda: pp.stability_curve(
+        lambda beta: pp.Chain(pp.Pipe(beta, damping=0.1 * beta), 3), [0.1, 0.2, 0.999]
+    ),
+    "root loci": lambda: pp.root_loci(CHAIN, [0.0, 2.0, 4.0]),
+    "modes": lambda: pp.modes(CHAIN, 2.0),
+    "motion": lambda: pp.simulate(
+        CHAIN, 4.0, 1.0, lambda s: 0.1 * s, events=pp.Event(lambda t, q, qdot: q[0]), dense=True
+    ),
+    "driven motion": lambda: pp.simulate(
+        CHAIN, pp.Pulsation(4.0, 0.1, 5.0), 1.0, lambda s: 0.1 * s, base=pp.Harmonic(0.01, 3.0)
+    ),
+    "ensemble": lambda: pp.simulate_many(CHAIN, [3.0, 4.0], 1.0, lambda s: 0.1 * s),
+    "cycle": lambda: pp.limit_cycle(pp.Chain(pp.Pipe(0.2), 2), 4.0),
+    "diagram": lambda: pp.bifurcation_diagram(
+        pp.Chain(pp.Pipe(0.2), 2), [3.0, 4.0], cycles=6, brute_force=1
+    ),
+    "forced response": lambda: pp.forced_response(
+        pp.Galerkin(pp.Pipe(0.2, damping=0.01), 3),
+        5.0,
+        base=pp.Harmonic(0.01, 13.0, "x"),
+        frequencies=(12.5, 13.5),
+    ),
+    "boundary": lambda: pp.boundary(CHAIN, "gamma", "u", {"gamma": (-5.0, 5.0), "u": (0.0, 6.0)}),
+    "trade": lambda: pp.trade(pp.Pipe(0.2), "critical_speed", sizes=[4, 8], repeats=1),
+}
+
+
+def again(thing, tmp_path):
+    path = tmp_path / "saved.npz"
+    pp.save(thing, path)
+    assert [one.name for one in tmp_path.iterdir()] == ["saved.npz"]
+    return pp.load(path)
+
+
+@pytest.mark.parametrize("name", MODELS)
+def test_models_answer_as_before(name, tmp_path):
+    model = MODELS[name]
+    loaded = again(model, tmp_path)
+    assert type(loaded) is type(model)
+    assert repr(loaded) == repr(model)
+    assert loaded.pipe == model.pipe
+    if isinstance(model, pp.Continuum):
+        assert pp.critical_speed(loaded) == pp.critical_speed(model)
+        return
+    mine, its = model.operators(), loaded.operators()
+    assert mine == its
+    y = np.linspace(0.01, 0.02, 2 * model.coordinates)
+    np.testing.assert_array_equal(loaded.rhs(0.0, y, 3.0), model.rhs(0.0, y, 3.0))
+
+
+@pytest.mark.parametrize("name", RESULTS)
+def test_results_are_equal(name, tmp_path):
+    found = RESULTS[name]()
+    loaded = again(found, tmp_path)
+    assert loaded == found
+    assert repr(loaded) == repr(found)
+
+
+def test_pipes_keep_their_units(tmp_path):
+    loaded = again(HOSE, tmp_path)
+    assert loaded == HOSE
+    assert loaded.scales == HOSE.scales
+    assert loaded.speed_si(1.0) == HOSE.speed_si(1.0)
+    assert again(TAPERED, tmp_path) == TAPERED
+
+
+def test_numbers_are_kept_to_the_bit(tmp_path):
+    odd = pp.Failure(3, math.nan, ValueError("no", 1e-300, -0.0, math.inf, 1 + 2j))
+    loaded = again(odd, tmp_path)
+    assert math.isnan(loaded.value)
+    assert loaded.error.args == odd.error.args
+    assert math.copysign(1.0, loaded.error.args[2]) == -1.0
+
+
+def test_a_loaded_branch_can_be_asked_further(tmp_path):
+    found = RESULTS["forced response"]()
+    loaded = again(found, tmp_path)
+    (mine,), (its,) = found.at(13.0), loaded.at(13.0)
+    assert its.amplitude == mine.amplitude
+    cycle = again(RESULTS["cycle"](), tmp_path)
+    assert pp.limit_cycle(cycle.model, 4.1, cycle).amplitude > cycle.amplitude
+
+
+def test_functions_of_the_users_are_refused_by_their_place(tmp_path):
+    wall = pp.modular.Custom(nodes=(2,), energy=lambda q: q[0] ** 4, name="wall")
+    scene = pp.modular.chain(pp.Pipe(0.2), 2).plus(wall)
+    with pytest.raises(
+        ValueError, match=r"Assembly.modules\[\d+\].energy cannot be saved: it is a "
+    ):
+        pp.save(scene, tmp_path / "scene.npz")
+    motion = pp.simulate(CHAIN, lambda t: 3.0 + 0.0 * t, 0.5, lambda s: 0.1 * s)
+    with pytest.raises(ValueError, match=r"Motion.u cannot be saved: it is a Python function"):
+        pp.save(motion, tmp_path / "motion.npz")
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("thing", "path", "kind", "message"),
+    [
+        (3, "x.npz", TypeError, "thing must be a result, a model or a pipe, got 3"),
+        (pp.Pipe(0.2), "x.json", ValueError, r"path must end in .npz, got 'x.json'"),
+        (pp.Pipe(0.2), 3, TypeError, "path must be a path, got 3"),
+        (pp.Pipe(0.2), "none/x.npz", ValueError, "path must lie in a folder that exists"),
+    ],
+)
+def test_bad_arguments_are_named(thing, path, kind, message, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(kind, match=message):
+        pp.save(thing, path)
+
+
+def header_of(path):
+    with np.load(path) as file:
+        return json.loads(str(file["header"]))
+
+
+def test_files_say_who_wrote_them_and_later_ones_are_refused(tmp_path):
+    path = tmp_path / "pipe.npz"
+    pp.save(pp.Pipe(0.2), path)
+    header = header_of(path)
+    assert (header["format"], header["package"]) == (1, pp.__version__)
+    header["format"], header["package"] = 2, "9.9"
+    np.savez(path, header=np.array(json.dumps(header)))
+    with pytest.raises(ValueError, match=r"cannot be loaded: it was written by pipedyn 9.9"):
+        pp.load(path)
+
+
+@pytest.mark.parametrize(
+    "changed",
+    [
+        {"objects": [{"class": "os.system", "fields": {}}]},
+        {"objects": [{"error": "print", "args": {"tuple": ["x"]}}]},
+        {"objects": [{"class": "Pipe", "fields": {"beta": 2.0}}]},
+        {"objects": [{"class": "Pipe", "fields": {"unknown": 0.2}}]},
+        {"objects": [], "root": {"object": 5}},
+        {"objects": [{"array": "missing"}]},
+    ],
+)
+def test_files_that_were_changed_are_refused(changed, tmp_path):
+    path = tmp_path / "pipe.npz"
+    pp.save(pp.Pipe(0.2), path)
+    np.savez(path, header=np.array(json.dumps(header_of(path) | changed)))
+    with pytest.raises(ValueError, match=r"pipe\.npz cannot be loaded"):
+        pp.load(path)
+
+
+def test_other_files_are_refused(tmp_path):
+    path = tmp_path / "other.npz"
+    path.write_text("no archive")
+    with pytest.raises(ValueError, match="cannot be loaded"):
+        pp.load(path)
+    np.savez(path, header=np.array([object()], dtype=object))
+    with pytest.raises(ValueError, match="cannot be loaded"):
+        pp.load(path)
+    with pytest.raises(FileNotFoundError):
+        pp.load(tmp_path / "none.npz")

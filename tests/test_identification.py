@@ -1,0 +1,202 @@
+# SPDX-License-Identifier: MIT
+"""Numbers of a pipe from measurements: found again, with uncertainties that hold, or refused.
+
+Measurements are made by another model (a chain of many segments, or the determinant's numbers of
+the literature) or drawn at random around the true ones.
+"""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import pipedyn as pp
+
+EI, LENGTH, DAMPING_TIME, COMPLIANCE = 7.3e-3, 0.45, 2e-3, 0.03
+
+
+def hose(stiffness=EI, **more):
+    return pp.Pipe.from_si(
+        length=LENGTH, bending_stiffness=stiffness, pipe_mass=0.19, fluid_mass=0.032, **more
+    )
+
+
+TRUE = hose(damping_time=DAMPING_TIME, root=pp.RootSpring(EI / LENGTH / COMPLIANCE))
+GUESS = hose(9e-3)
+
+
+def shown(pipe, sigma=0.01):
+    """What the pipe shows, by its matrices at rest and its onset."""
+    model = pp.Continuum(pipe).frozen(24)
+    mass, damping, stiffness = model.operators().at(0.0)
+    zero, one = np.zeros_like(mass), np.eye(len(mass))
+    big = np.block(
+        [[zero, one], [-np.linalg.solve(mass, stiffness), -np.linalg.solve(mass, damping)]]
+    )
+    roots = sorted((root for root in np.linalg.eigvals(big) if root.imag > 0.0), key=abs)
+    found = []
+    for mode in (1, 2):
+        root = roots[mode - 1]
+        hertz = root.imag / (2.0 * math.pi * pipe.scales.time)
+        decrement = -2.0 * math.pi * root.real / root.imag
+        found.append(pp.Measurement("frequency", hertz, sigma * hertz, mode=mode))
+        found.append(pp.Measurement("decrement", decrement, 5.0 * sigma * decrement, mode=mode))
+    critical = pp.critical_speed(model)
+    speed = pipe.speed_si(critical.speed)
+    found.append(pp.Measurement("critical_speed", speed, 2.0 * sigma * speed))
+    hertz = pipe.frequency_si(critical.frequency) / (2.0 * math.pi)
+    found.append(pp.Measurement("critical_frequency", hertz, sigma * hertz))
+    return found
+
+
+MEASURED = shown(TRUE)
+EVERY = ("bending_stiffness", "damping", "clamp_compliance")
+
+
+def test_exact_measurements_give_the_numbers_back():
+    found = pp.identify(GUESS, MEASURED, EVERY)
+    truth = [EI, DAMPING_TIME, COMPLIANCE * LENGTH / EI]
+    np.testing.assert_allclose(found.values, truth, rtol=1e-6)
+    assert found.chi_squared < 1e-9
+    assert found.freedom == 3
+    np.testing.assert_allclose(found.predicted, [m.value for m in MEASURED], rtol=1e-7)
+    assert found.critical_speed == pytest.approx(MEASURED[4].value, rel=1e-6)
+    assert found.pipe.scales.time == pytest.approx(TRUE.scales.time)
+    assert found.pipe.damping == pytest.approx(TRUE.damping)
+
+
+def test_uncertainties_are_the_spread_of_estimates_from_noisy_measurements():
+    unknowns = EVERY[:2]
+    rigid = hose(damping_time=DAMPING_TIME)
+    exact = shown(rigid, 0.003)
+    random = np.random.default_rng(3)
+    found = pp.identify(hose(EI), exact, unknowns)
+    drawn = []
+    for _ in range(10):
+        noisy = [replace(m, value=m.value + m.uncertainty * random.normal()) for m in exact]
+        one = pp.identify(
+            rigid,
+            noisy,
+            {name: (v / 2, v * 2) for name, v in zip(unknowns, found.values, strict=True)},
+        )
+        drawn.append([*one.values, one.critical_speed])
+    spread = np.std(drawn, axis=0, ddof=1)
+    known = [*found.uncertainties, found.critical_speed_uncertainty]
+    # The spread of ten is known to a quarter.
+    assert np.abs(np.log(spread / known)).max() < math.log(2.0)
+
+
+def test_derivatives_are_those_of_the_predictions():
+    from pipedyn.linear.identification import _checked
+
+    more = [
+        pp.Measurement("frequency", 1.0, 0.1, speed=3.0, mode=2),
+        pp.Measurement("decay_rate", 1.0, 0.1, speed=3.0, mode=1),
+    ]
+    problem = _checked(
+        replace(TRUE, terms=(pp.Viscosity(0.5),)),
+        [*MEASURED, *more],
+        [*EVERY, "Viscosity.sigma"],
+    )
+    x = problem.begin + 0.05
+    _, slopes = problem.predictions(x, 16)
+    for i in range(x.size):
+        moved = []
+        for h in (1e-4, -1e-4):
+            beside = x.copy()
+            beside[i] += h
+            moved.append(problem.predictions(beside, 16)[0])
+        by_difference = (moved[0] - moved[1]) / 2e-4
+        np.testing.assert_allclose(
+            slopes[:, i], by_difference, rtol=1e-5, atol=1e-6 * np.abs(slopes).max()
+        )
+
+
+def test_a_clamp_taken_as_rigid_shows_in_the_residuals():
+    """EI comes out a tenth too low then, and its uncertainty says nothing of it."""
+    sharp = [replace(m, uncertainty=0.3 * m.uncertainty) for m in MEASURED]
+    rigid = pp.identify(GUESS, sharp, EVERY[:2])
+    assert rigid.values[0] < 0.95 * EI
+    assert rigid.uncertainties[0] < 0.02 * EI
+    assert rigid.chi_squared > 4.0 * rigid.freedom
+    assert any("does not explain the measurements" in word for word in rigid.warnings)
+
+
+def test_what_the_data_do_not_tell_is_refused_with_its_name():
+    onset = [m for m in MEASURED if m.quantity == "critical_speed"]
+    with pytest.raises(pp.NotIdentifiable, match="1 measurements cannot tell 2 unknowns"):
+        pp.identify(GUESS, onset, EVERY[:2])
+    twice = [*onset, replace(onset[0], value=1.001 * onset[0].value)]
+    with pytest.raises(pp.NotIdentifiable, match=r"tell .*damping.* measure something else"):
+        pp.identify(GUESS, twice, EVERY[:2])
+
+
+def test_an_unknown_at_the_end_of_its_range_is_told():
+    """A rigid clamp: any small compliance will do."""
+    rigid = shown(hose(damping_time=DAMPING_TIME))
+    found = pp.identify(GUESS, rigid, EVERY)
+    assert found.values[:2] == pytest.approx([EI, DAMPING_TIME], rel=0.02)
+    assert math.isnan(found.uncertainties[2]) or found.uncertainties[2] > 0.3 * found.values[2]
+    assert any("clamp_compliance" in word for word in found.warnings)
+
+
+def test_a_nondimensional_pipe_and_its_loss_factor():
+    """Paidoussis (1970): beta .00203, gamma 42.4; u_c 5.79, omega_c 18.1 belong to mu = .02."""
+    pipe = pp.Pipe(0.00203, 42.4)
+    measured = [
+        pp.Measurement("critical_speed", 5.79087, 0.005),
+        pp.Measurement("critical_frequency", 18.1460, 0.02),
+    ]
+    found = pp.identify(pipe, measured, ["hysteresis"])
+    assert found.values[0] == pytest.approx(0.02, rel=1e-3)
+    assert found.uncertainties[0] < 0.001
+    assert found.chi_squared < 0.01
+
+
+@pytest.mark.parametrize(
+    ("change", "kind", "message"),
+    [
+        ({"pipe": 3}, TypeError, "pipe must be a Pipe"),
+        ({"measurements": []}, TypeError, "measurements must be a list of Measurement"),
+        ({"measurements": [3]}, TypeError, r"measurements\[0\] must be a Measurement, got 3"),
+        ({"unknowns": "damping"}, TypeError, "unknowns must be a list of names"),
+        ({"unknowns": []}, ValueError, "unknowns must have at least one name"),
+        ({"unknowns": ["damping", "damping"]}, ValueError, "unknowns must differ"),
+        ({"unknowns": ["stiffness"]}, ValueError, "unknowns must be one of"),
+        ({"unknowns": ["drag"]}, ValueError, "no part in small motions"),
+        ({"unknowns": ["gamma"]}, ValueError, "its masses and lengths are given"),
+        ({"unknowns": {"damping": (2.0, 1.0)}}, ValueError, r"must be \(low, high\), got \(2, 1\)"),
+        ({"unknowns": {"damping": (0.0, 1.0)}}, ValueError, r"unknowns\['damping'\]"),
+        (
+            {"pipe": pp.Pipe(0.2), "unknowns": ["bending_stiffness"]},
+            ValueError,
+            "make the pipe with Pipe.from_si",
+        ),
+        (
+            {"pipe": pp.Pipe(0.2, 10.0, root="pinned"), "unknowns": ["clamp_compliance"]},
+            ValueError,
+            "the root is a hinge",
+        ),
+    ],
+)
+def test_bad_arguments_are_named(change, kind, message):
+    given = {"pipe": GUESS, "measurements": MEASURED, "unknowns": ["damping"], **change}
+    with pytest.raises(kind, match=message):
+        pp.identify(**given)
+
+
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        (("speed", 1.0, 0.1), "quantity must be one of"),
+        (("frequency", -1.0, 0.1), "value"),
+        (("frequency", 1.0, 0.0), "uncertainty"),
+        (("frequency", 1.0, 0.1, -1.0), "speed"),
+        (("frequency", 1.0, 0.1, 0.0, 0), "mode"),
+        (("critical_speed", 1.0, 0.1, 2.0), "speed must be left out of a critical_speed"),
+    ],
+)
+def test_bad_measurements_are_named(given, message):
+    with pytest.raises(ValueError, match=message):
+        pp.Measurement(*given)
