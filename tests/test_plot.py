@@ -161,6 +161,21 @@ def test_where_criticality_is_known_no_curve_is_drawn_without():
     assert "flutter" not in labels
 
 
+def test_where_buckling_modes_exchange_the_shading_and_the_criticality_hold():
+    """Of an undamped pipe, too: bent equilibria attract beyond its first divergence."""
+    pipe = pp.Pipe(0.6, root="pinned", end="pinned", terms=(pp.Foundation(10.0),))
+    ranges = {"Foundation.stiffness": (300.0, 500.0), "u": (5.0, 9.0)}
+    found = pp.boundary(pp.Galerkin(pipe, 4, "beam"), "Foundation.stiffness", "u", ranges)
+    ax = plot.boundary(found, axes())
+    shade = ax.images[0].get_array()[..., 3] > 0.0
+    assert shade[:160].all()  # below u = 6.28, across the crossing at 389.6
+    for curve in found.curves:
+        if curve.kind == "divergence":
+            squares = [k**2 * np.pi**2 + curve.x / (k**2 * np.pi**2) for k in (1, 2)]
+            first = curve.y < np.sqrt(np.min(squares, axis=0)) + 1e-9
+            assert set(curve.criticality[first]) == {"supercritical"}
+
+
 def test_a_boundary_of_a_measured_pipe_has_axes_in_si_units():
     pipe = pp.Pipe.from_si(
         length=0.5,

@@ -103,19 +103,8 @@ class AxisProblem(DenseProblem):
         sizes = float(np.linalg.norm(w) * np.linalg.norm(damping) * np.linalg.norm(v))
         if not omega and abs(down) <= 1e-9 * sizes:
             # Zero is a double root: squares pass it, at a rate with half of g's second derivative.
-            down = complex(w @ (mass @ v)) + self._gyroscopic(stiffness.real, damping, v, w)
+            down = complex(w @ (mass @ v)) + gyroscopic_mass(stiffness.real, damping, v, w)
         return (2 if self.kind == "flutter" else 1) * (1 if (leftwards / down).real > 0.0 else -1)
-
-    def _gyroscopic(
-        self, stiffness: Array, damping: Array, v: NDArray[Any], w: NDArray[Any]
-    ) -> float:
-        """What forces by velocity add to the mass of a mode without stiffness."""
-        n = len(stiffness)
-        bordered = np.zeros((n + 1, n + 1))
-        bordered[:n, :n], bordered[:n, n], bordered[n, :n] = stiffness, w, v
-        turned = np.linalg.solve(bordered, np.append(-(damping @ v), 0.0))[:n]
-        turned_left = np.linalg.solve(bordered.T, np.append(-(w @ damping), 0.0))[:n]
-        return 0.5 * float(turned_left @ damping @ v + w @ damping @ turned)
 
     def starting_at(self, z: Array) -> Point:
         """A solution with its tangent, on either side."""
@@ -145,6 +134,16 @@ class AxisProblem(DenseProblem):
         if max(np.linalg.norm(v[:n]), np.linalg.norm(w[:n])) > LONGEST_NULL_VECTOR:
             self._borders = _largest_real(w[:n]), _largest_real(v[:n])
         return v[n], v[:n], w[:n]
+
+
+def gyroscopic_mass(stiffness: Array, damping: Array, v: NDArray[Any], w: NDArray[Any]) -> float:
+    """What gyroscopic forces add to the mass w @ M @ v of a mode v, w without stiffness."""
+    n = len(stiffness)
+    bordered = np.zeros((n + 1, n + 1))
+    bordered[:n, :n], bordered[:n, n], bordered[n, :n] = stiffness, w, v
+    turned = np.linalg.solve(bordered, np.append(-(damping @ v), 0.0))[:n]
+    turned_left = np.linalg.solve(bordered.T, np.append(-(w @ damping), 0.0))[:n]
+    return 0.5 * float(turned_left @ damping @ v + w @ damping @ turned)
 
 
 def _largest_real(v: NDArray[Any]) -> Array:

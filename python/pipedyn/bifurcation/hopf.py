@@ -49,6 +49,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from pipedyn.bifurcation.axis_problems import gyroscopic_mass
 from pipedyn.bifurcation.equilibria import BranchPoint, Statics
 from pipedyn.bifurcation.vector_field import VectorField
 from pipedyn.linear.critical_speed import first_loss
@@ -515,8 +516,8 @@ def static_cubic(model: Model, u: float) -> float:
     shape = shape / model.largest_angle(shape)
     slowed = -whole[:, half:]
     rate = float(weight @ slowed @ shape)
-    if abs(rate) <= 1e-9 * float(np.abs(weight) @ np.abs(slowed) @ np.abs(shape)):
-        rate = float(weight @ shape)
+    if abs(rate) <= 1e-9 * float(np.linalg.norm(slowed)) * float(np.linalg.norm(shape)):
+        rate = float(weight @ shape) + gyroscopic_mass(-a, slowed, shape, weight)
     weight = weight / rate
     steps = FIRST_STEP / 2.0 ** np.arange(LEVELS)
     moves = np.concatenate([np.outer(shape, sign * steps) for sign in (1.0, -1.0)], axis=1)

@@ -148,7 +148,7 @@ def _stable(found: Boundary) -> NDArray[np.bool_]:
     """Where no root is unstable, rows from the lowest y on, from the curves' counts.
 
     On the way up through a column each curve says how many roots are unstable beyond it; only where
-    none is met the eigenvalues do.
+    none is met, or they disagree, the eigenvalues do.
     """
     (left, right), (low, high) = found.ranges
     middles = (np.arange(COLUMNS) + 0.5) / COLUMNS
@@ -157,7 +157,9 @@ def _stable(found: Boundary) -> NDArray[np.bool_]:
     met: list[list[tuple[float, int, int]]] = [[] for _ in columns]
     for curve in found.curves:
         places = _dense(curve, found)
-        sides = np.repeat(curve.sides[:-1], PER_STEP, axis=0)
+        others = _of_pieces(curve.unstable, curve, found, places)
+        change = _of_pieces(curve.change, curve, found, places)
+        sides = others[:, None] + np.maximum(np.stack([change, -change], axis=1), 0)
         for (x, y), (to_x, to_y), (on_left, on_right) in zip(
             places[:-1], places[1:], sides, strict=True
         ):
@@ -175,6 +177,13 @@ def _stable(found: Boundary) -> NDArray[np.bool_]:
             stable[:, k] = known == 0
             continue
         known = None
+        if any((a[2] == 0) != (b[1] == 0) for a, b in pairwise(crossed)):
+            # So near to where curves cross that their pieces do not tell which is the lower.
+            heights = [low, *(height for height, *_ in crossed), high]
+            for bottom, top in pairwise(np.clip(heights, low, high).tolist()):
+                count = found.unstable(float(columns[k]), 0.5 * (bottom + top))
+                stable[(rows > bottom) & (rows < top), k] = count == 0
+            continue
         stable[rows < crossed[0][0], k] = crossed[0][1] == 0
         for (height, _, count), (until, *_) in pairwise([*crossed, (math.inf, 0, 0)]):
             stable[(rows > height) & (rows < until), k] = count == 0
