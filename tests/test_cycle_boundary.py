@@ -303,7 +303,10 @@ HANGING = pp.Galerkin(pp.Pipe(0.01, gamma=300.0), 10, "legendre")
 
 @pytest.mark.parametrize(
     ("model", "speeds", "end", "speeds_there"),
-    [(FOUR, (9.57, 9.573), 0.092, (9.58, 9.585)), (HANGING, (11.7, 11.71), 0.0101, (11.7, 11.71))],
+    [
+        (FOUR, (9.57, 9.573), 0.092, (9.58, 9.585)),
+        (HANGING, (11.704, 11.707), 0.0101, (11.708, 11.711)),
+    ],
     ids=["four segments", "gamma = 300"],
 )
 def test_folds_of_four_segments_and_of_the_long_hanging_pipe(
@@ -314,7 +317,7 @@ def test_folds_of_four_segments_and_of_the_long_hanging_pipe(
     begin = model.pipe.beta
     other = model.with_pipe(replace(model.pipe, beta=end))
     branch, there = (
-        pp.bifurcation_diagram(one, at, cycles=8).cycles[0]
+        pp.bifurcation_diagram(one, at, cycles=8, rtol=1e-3).cycles[0]
         for one, at in ((model, speeds), (other, speeds_there))
     )
     (fold,), (fold_there,) = folds(branch), folds(there)
