@@ -7,10 +7,11 @@ import numpy as np
 import pytest
 
 import pipedyn as pp
+from pipedyn.bifurcation import organising
 from pipedyn.bifurcation.boundary import checked_window
 from pipedyn.bifurcation.boundary_curves import Tracer, line_starts
 from pipedyn.bifurcation.hopf import static_cubic
-from pipedyn.linear.plane import Plane, Window
+from pipedyn.linear.plane import Plane, Scale, Window
 
 BUCKLING = pp.Pipe(0.2, damping=0.005)
 STANDING = {"gamma": (-60.0, 20.0), "u": (0.0, 8.0)}
@@ -142,26 +143,25 @@ def test_a_window_without_the_flow_speed_has_the_same_points():
 
 
 class Ring(Plane):
-    """One degree of freedom, damped by (x - 0.5)^2 + (y - 0.5)^2 - 0.3^2: it flutters inside."""
+    """One degree of freedom, damped by its distance's square from a circle: it flutters inside."""
 
-    def __init__(self):
+    def __init__(self, center=(0.5, 0.5), radius=0.3):
+        self.center, self.radius = np.array(center), radius
+        self._scales = [Scale((0.0, 1.0))] * 2
         self.window = Window((None, None), np.zeros(2), np.ones(2))
         self.dof = self.modes = 1
         self.lossy = self.conservative = False
         self.exact, self.speed_index, self.speed = True, None, 1.0
 
     def matrices(self, at):
-        away = at - 0.5
+        away = at - self.center
         one, none = np.ones((1, 1)), np.zeros((1, 1))
-        damping = np.full((1, 1), float(away @ away) - 0.09)
+        damping = np.full((1, 1), float(away @ away - (self.radius**2).real))
         by_x, by_y = ((none, 2.0 * part * one, none) for part in away)
         return (one, damping, one), by_x, by_y
 
     def at(self, at):
         return self.matrices(at)[0]
-
-    def defined(self, at):
-        return True
 
 
 def test_a_closed_curve_that_no_edge_meets_is_found_and_closes():
@@ -177,6 +177,36 @@ def test_a_closed_curve_that_no_edge_meets_is_found_and_closes():
     assert abs(turned[-1] - turned[0]) == pytest.approx(2.0 * np.pi)
     (change,) = {curve.problem.change(point) for point in curve.points}
     assert change * (turned[-1] - turned[0]) < 0.0  # the inside, left of the way, is unstable
+
+
+@pytest.mark.parametrize("only_stability", [True, False])
+def test_a_closed_curve_that_no_line_meets_is_reached_uphill(only_stability):
+    plane = Ring(center=(0.68, 0.27), radius=0.05)
+    starts, _ = line_starts(plane, only_stability)
+    (curve,) = Tracer(plane, starts).trace(starts)
+    assert curve.ends == ("closed", "closed")
+    assert np.hypot(*(curve.places() - plane.center).T) == pytest.approx(0.05, abs=1e-12)
+
+
+def test_damping_that_has_an_extreme_beside_the_axis_is_no_curve():
+    plane = Ring(center=(0.68, 0.27), radius=0.0)
+    plane.radius = 0.1j  # damped everywhere
+    assert line_starts(plane) == ([], [])
+
+
+@pytest.mark.parametrize("stiffest", [30.0, 60.0, 100.0, 1000.0])
+def test_flutter_in_a_closed_curve_is_found_in_windows_of_any_size(stiffest):
+    """Between root stiffness 0.89 and 5.71; lines are even in the angle that the spring passes."""
+    chain = pp.Chain(pp.Pipe(0.2, gamma=10.0, root=pp.RootSpring(1.0)), 5)
+    ranges = {"root.stiffness": (0.01, stiffest), "u": (0.0, 12.0)}
+    found = pp.boundary(chain, "root.stiffness", "u", ranges, criticality=False)
+    assert found.failures == ()
+    (closed,) = [curve for curve in found.curves if curve.ends == ("closed", "closed")]
+    assert closed.x.min() == pytest.approx(0.888, abs=0.005)
+    assert closed.x.max() == pytest.approx(5.71, abs=0.03)
+    inside = chain.with_pipe(replace(chain.pipe, root=pp.RootSpring(3.0)))
+    for u, count in ((9.5, 2), (9.7, 4), (9.9, 2)):
+        assert (eigenvalues(inside, u).real > 0.0).sum() == found.unstable(3.0, u) == count
 
 
 def test_a_scene_and_a_chain_have_one_boundary():
@@ -275,6 +305,24 @@ def test_criticality_changes_at_a_bautin_point():
     for k in (0, len(curve) - 1):
         own = pp.hopf(pp.Chain(pp.Pipe(curve.x[k]), 3))
         assert curve.lyapunov[k] == pytest.approx(own.lyapunov, rel=1e-6)
+
+
+def test_a_change_of_criticality_that_is_not_solved_for_is_told(monkeypatch):
+    ranges = {"beta": (0.4, 0.7), "u": (4.0, 8.0)}
+    words = pp.Chain(pp.Pipe(0.2), 3), "beta", "u", ranges
+    bautin = place(pp.boundary(*words), "Bautin")
+    known = organising.coefficients
+
+    def unknown_near_the_point(plane, problem, z):
+        near = abs(problem.place(z)[0] - bautin.x) < 1e-3
+        return (np.nan, np.nan) if near else known(plane, problem, z)
+
+    monkeypatch.setattr(organising, "coefficients", unknown_near_the_point)
+    found = pp.boundary(*words)
+    assert found.points == ()
+    (only,) = found.failures
+    assert only.startswith("a point of kind Bautin near (0.")
+    assert "the criticality is not known all along the step" in only
 
 
 def test_drag_decides_the_criticality_where_there_is_any():
@@ -421,8 +469,7 @@ def test_where_an_undamped_pipe_buckles_without_flow_nothing_else_is_unstable(ga
 def test_without_flow_an_undamped_pipe_buckles_whatever_its_mass_ratio():
     ranges = {"beta": (0.1, 0.9), "gamma": (-60.0, 10.0)}
     found = pp.boundary(pp.Galerkin(pp.Pipe(0.2), 6), "beta", "gamma", ranges, u=0.0)
-    (only,) = found.failures
-    assert "flutter was not looked for" in only
+    assert found.failures == ()
     upper, lower = sorted(found.curves, key=lambda c: -c.y[0])
     # A standing column under its own weight buckles at 7.8373 (Greenhill, 1881).
     assert upper.y == pytest.approx(-7.8373, abs=5e-4)
@@ -488,15 +535,81 @@ def test_numbers_from_their_lower_limit_beside_a_roots_stiffness(name):
 # ------------------------------------------------------------------------------------- refusals
 
 
-def test_a_conservative_pipe_has_divergence_only_and_says_so():
+@pytest.mark.parametrize(
+    "make", [lambda pipe: pp.Galerkin(pipe, 8, "legendre"), pp.Continuum], ids=["legendre", "all"]
+)
+def test_modes_of_an_undamped_held_pipe_couple_where_its_crossings_say(make):
+    """Pinned at both ends: divergences at pi and 2 pi, whatever beta, and then flutter."""
     pipe = pp.Pipe(0.5, root="pinned", end="pinned")
-    ranges = {"beta": (0.1, 0.9), "u": (0.0, 7.0)}
-    found = pp.boundary(pp.Continuum(pipe), "beta", "u", ranges, criticality=False)
-    assert [c.kind for c in found.curves] == ["divergence"] * 2
-    speeds = [float(c.y.mean()) for c in found.curves]
-    assert sorted(speeds) == pytest.approx([np.pi, 2.0 * np.pi], abs=1e-9)
-    assert max(float(np.ptp(c.y)) for c in found.curves) < 1e-9
-    assert "flutter was not looked for" in found.failures[0]
+    ranges = {"beta": (0.05, 0.95), "u": (0.0, 7.0)}
+    found = pp.boundary(make(pipe), "beta", "u", ranges, criticality=False)
+    assert found.failures == ()
+    statics = [c for c in found.curves if c.kind == "divergence"]
+    assert sorted(float(c.y.mean()) for c in statics) == pytest.approx([np.pi, 2 * np.pi], abs=1e-6)
+    (flutter,) = [c for c in found.curves if c.kind == "flutter"]
+    for k in range(2, len(flutter), 5):
+        there = make(replace(pipe, beta=flutter.x[k]))
+        nearest = min(
+            (c for c in pp.crossings(there, 7.5) if c.kind == "flutter"),
+            key=lambda c: abs(c.speed - flutter.y[k]),
+        )
+        assert flutter.y[k] == pytest.approx(nearest.speed, abs=1e-8)
+        assert flutter.frequency[k] == pytest.approx(nearest.frequency, abs=1e-5)
+        assert sorted(flutter.sides[k]) == [nearest.unstable_before, nearest.unstable_after]
+    for u in (6.25, 6.5):
+        values = eigenvalues(pp.Galerkin(replace(pipe, beta=0.6), 12, "legendre"), u)
+        assert found.unstable(0.6, u) == (values.real > 1e-6).sum()
+
+
+@pytest.mark.parametrize(
+    ("model", "name", "values", "top"),
+    [
+        (
+            pp.Galerkin(pp.Pipe(0.2, root="clamped", end="clamped"), 10, "legendre"),
+            "beta",
+            (0.05, 0.95),
+            13.0,
+        ),
+        (
+            pp.Galerkin(pp.Pipe(0.7, root="clamped", end="pinned"), 8, "legendre"),
+            "gamma",
+            (-50.0, 50.0),
+            10.0,
+        ),
+        (
+            pp.Galerkin(replace(HELD, beta=0.6, damping=0.0), 8, "beam"),
+            "Foundation.stiffness",
+            (0.0, 1000.0),
+            12.0,
+        ),
+    ],
+    ids=["clamped", "gravity", "foundation"],
+)
+def test_curves_of_a_conservative_pipe_say_how_many_roots_are_unstable_anywhere(
+    model, name, values, top
+):
+    """Gyroscopic forces make a pipe stable again beyond a divergence, until modes couple."""
+    found = pp.boundary(model, name, "u", {name: values, "u": (0.0, top)}, criticality=False)
+    rng = np.random.default_rng(1)
+    counts = []
+    for _ in range(25):
+        x, y = rng.uniform(*values), rng.uniform(0.2, top)
+        if name == "Foundation.stiffness":
+            pipe = replace(model.pipe, terms=(pp.Foundation(x),))
+        else:
+            pipe = replace(model.pipe, **{name: x})
+        start = int((np.linalg.eigvalsh(model.with_pipe(pipe).operators().at(0.0)[2]) < 0.0).sum())
+        counts.append(int((eigenvalues(model.with_pipe(pipe), y).real > 1e-5).sum()))
+        assert counts[-1] == found.unstable(x, y) == below(found, x, y, start)
+    assert set(counts) >= {0, 1, 2}
+
+
+def test_coupled_modes_at_a_held_speed_are_left_to_crossings():
+    pipe = pp.Pipe(0.5, root="pinned", end="pinned")
+    model = pp.Galerkin(pipe, 6, "legendre")
+    ranges = {"beta": (0.1, 0.9), "gamma": (-5.0, 5.0)}
+    (only,) = pp.boundary(model, "beta", "gamma", ranges, u=6.2, criticality=False).failures
+    assert "see `crossings`" in only
 
 
 CHAIN = pp.Chain(pp.Pipe(0.2, terms=[pp.Stop(0.8, 0.1, 9.0), pp.Spring(1.0, 2.0)]), 2)

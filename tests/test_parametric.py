@@ -13,7 +13,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 import pipedyn as pp
-from pipedyn.bifurcation.parametric_regions import regions
+from pipedyn.bifurcation.parametric_search import regions
 from pipedyn.bifurcation.pulsating import Hill, PulsatingPipe
 
 PIPE = pp.Pipe(0.2, gamma=10.0)

@@ -15,6 +15,7 @@ Source: Govaerts (2000), Numerical methods for bifurcations of dynamical equilib
 
 from __future__ import annotations
 
+import cmath
 import math
 from typing import Any
 
@@ -32,10 +33,13 @@ LEAST = 1e-5
 """Share of the unit of frequency below which Im g / omega is its limit, which differs by the square
 of the share; its derivatives are those at this share."""
 
+LEAST_SQUARE = 1e-6
+"""Square of a root nearer to 0 than which a double one is extrapolated to, linearly."""
+
 FAR = 20.0
 """Windows, or units of the frequency, within which Newton's method stays."""
 
-LEANING = 3.0
+LONGEST_NULL_VECTOR = 3.0
 """Length of v or w, 1 over the cosine of its angle to the border, beyond which borders are renewed:
 next to a curve real borders leave at most the square root of 2."""
 
@@ -96,9 +100,22 @@ class AxisProblem(DenseProblem):
         right, up = point.tangent[[-1, -2]]
         leftwards = right * slope(1, by_y) - up * slope(0, by_x)
         down = complex(w @ (damping @ v) + 2j * omega * (w @ (mass @ v)))
-        if not omega and abs(down) <= 1e-9 * float(np.abs(w) @ np.abs(damping) @ np.abs(v)):
-            down = complex(w @ (mass @ v))  # zero is a double root: the squares pass it
+        sizes = float(np.linalg.norm(w) * np.linalg.norm(damping) * np.linalg.norm(v))
+        if not omega and abs(down) <= 1e-9 * sizes:
+            # Zero is a double root: squares pass it, at a rate with half of g's second derivative.
+            down = complex(w @ (mass @ v)) + self._gyroscopic(stiffness.real, damping, v, w)
         return (2 if self.kind == "flutter" else 1) * (1 if (leftwards / down).real > 0.0 else -1)
+
+    def _gyroscopic(
+        self, stiffness: Array, damping: Array, v: NDArray[Any], w: NDArray[Any]
+    ) -> float:
+        """What forces by velocity add to the mass of a mode without stiffness."""
+        n = len(stiffness)
+        bordered = np.zeros((n + 1, n + 1))
+        bordered[:n, :n], bordered[:n, n], bordered[n, :n] = stiffness, w, v
+        turned = np.linalg.solve(bordered, np.append(-(damping @ v), 0.0))[:n]
+        turned_left = np.linalg.solve(bordered.T, np.append(-(w @ damping), 0.0))[:n]
+        return 0.5 * float(turned_left @ damping @ v + w @ damping @ turned)
 
     def starting_at(self, z: Array) -> Point:
         """A solution with its tangent, on either side."""
@@ -125,7 +142,7 @@ class AxisProblem(DenseProblem):
         last = np.zeros(n + 1)
         last[n] = 1.0
         v, w = np.linalg.solve(bordered, last), np.linalg.solve(bordered.T, last)
-        if max(np.linalg.norm(v[:n]), np.linalg.norm(w[:n])) > LEANING:
+        if max(np.linalg.norm(v[:n]), np.linalg.norm(w[:n])) > LONGEST_NULL_VECTOR:
             self._borders = _largest_real(w[:n]), _largest_real(v[:n])
         return v[n], v[:n], w[:n]
 
@@ -200,3 +217,103 @@ class DivergenceProblem(AxisProblem):
             for size, one in zip(sizes, (by_x, by_y), strict=True)
         ]
         return np.array([g.real]), np.array([slopes[::-1]])
+
+
+class CoupledModeProblem(AxisProblem):
+    """Two pairs of a conservative pipe meet: z = (s / unit, y, x), s = -lambda^2 a double root.
+
+    P(lambda)^T = P(-lambda), so that with one border b for both sides g is a real function of s:
+    g = 0 and dg/ds = 0. Where s > 0 the pairs meet on the axis and leave it, with frequency
+    sqrt(s); where s < 0 two growing real roots meet and become a growing pair.
+    """
+
+    kind: Kind = "flutter"
+
+    def __init__(self, plane: Plane, control: Control, unit: float) -> None:
+        super().__init__(plane, control, 2)
+        self.unit = unit
+
+    def on_other(self, plane: Plane) -> CoupledModeProblem:
+        """With other matrices."""
+        return CoupledModeProblem(plane, self.control, self.unit)
+
+    def frequency(self, z: Array) -> float:
+        """Of the pairs that meet on the axis; 0 of real roots."""
+        return math.sqrt(max(float(z[0]) * self.unit, 0.0))
+
+    def root(self, z: Array) -> complex:
+        """The double root above the real axis, or the growing one."""
+        return cmath.sqrt(-float(z[0]) * self.unit)
+
+    def change(self, point: Point) -> int:
+        """Of real roots 0: as many are unstable before they meet as after."""
+        if point.z[0] <= 0.0:
+            return 0
+        _, derivative = self._equations(point.z[:-1], point.p)
+        right, up = point.tangent[[-1, -2]]
+        leftwards = right * derivative[0, 1] - up * derivative[0, 2]
+        # Two s near a double one are real where g and its second derivative differ in sign.
+        return 2 if leftwards * derivative[1, 0] > 0.0 else -2
+
+    def _equations(self, x: Array, p: float) -> tuple[Array, Array]:
+        s = self.unit * float(x[0])
+        moved = math.copysign(max(abs(s), LEAST_SQUARE), s)
+        root = cmath.sqrt(-moved)
+        (m, c, k), by_x, by_y = self.plane.matrices(self.place(np.append(x, p)))
+        whole = k.real + root * c + root**2 * m
+        if moved < 0.0:
+            whole = whole.real
+        factors, v, w, g = self._one_border(whole)
+        n = len(k)
+        by_root = c + 2.0 * root * m
+
+        def parts(one: Matrices, size: float) -> tuple[NDArray[Any], NDArray[Any]]:
+            return (
+                size * (one[2].real + root * one[1] + root**2 * one[0]),
+                size * (one[1] + 2.0 * root * one[0]),
+            )
+
+        sizes = self.plane.window.size
+        changes = [(by_root, 2.0 * m), parts(by_y, sizes[1]), parts(by_x, sizes[0])]
+        first, second = [], []
+        zero = np.zeros(1)
+        for by, mixed in changes:
+            first.append(-(w @ by @ v))
+            v_by = np.linalg.solve(factors, np.append(-(by @ v), zero))[:n]
+            w_by = np.linalg.solve(factors.T, np.append(-(w @ by), zero))[:n]
+            second.append(-(w_by @ by_root @ v + w @ mixed @ v + w @ by_root @ v_by))
+        # ds = -2 lambda dlambda.
+        slope = -first[0] / (2.0 * root)
+        bend = (second[0] / (2.0 * root) - first[0] / (2.0 * root**2)) / (2.0 * root)
+        off = s - moved
+        residual = np.array([g + off * slope, slope + off * bend])
+        derivative = np.array(
+            [
+                [self.unit * slope, *first[1:]],
+                [self.unit * bend, *(-one / (2.0 * root) for one in second[1:])],
+            ]
+        )
+        scale = np.array([1.0, self.unit])
+        return (scale * residual).real, (scale[:, None] * derivative).real
+
+    def _one_border(
+        self, matrix: NDArray[Any]
+    ) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any], complex]:
+        """The bordered matrix, v, w and g, with the same border on both sides."""
+        if self._borders is None:
+            left, _, right = np.linalg.svd(matrix)
+            self._borders = (_common(left[:, -1], right[-1]),) * 2
+        border = self._borders[0]
+        g, v, w = self._bordered(matrix)
+        n = len(matrix)
+        bordered = np.zeros((n + 1, n + 1), dtype=matrix.dtype)
+        bordered[:n, :n], bordered[:n, n], bordered[n, :n] = matrix, border, border
+        if self._borders[0] is not border:  # renewed for what comes next
+            self._borders = (_common(*self._borders),) * 2
+        return bordered, v, w, g
+
+
+def _common(one: NDArray[Any], other: NDArray[Any]) -> Array:
+    """A border that leans on both of two vectors."""
+    a, b = _largest_real(one), _largest_real(other)
+    return _largest_real(a + (b if a @ b >= 0.0 else -b))

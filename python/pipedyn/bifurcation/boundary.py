@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pipedyn.bifurcation.axis_problems import AxisProblem
+from pipedyn.bifurcation.axis_problems import AxisProblem, CoupledModeProblem
 from pipedyn.bifurcation.boundary_curves import (
     Traced,
     Tracer,
@@ -27,12 +27,12 @@ from pipedyn.bifurcation.boundary_curves import (
 )
 from pipedyn.bifurcation.continuation import Control, Point
 from pipedyn.bifurcation.organising import (
-    Double,
+    DoublePoint,
     OrganisingPoint,
     changes_of_criticality,
     coefficients,
     counted,
-    doubles,
+    double_points,
     others_unstable,
 )
 from pipedyn.linear.modes import largest_speed
@@ -55,13 +55,18 @@ class BoundaryCurve:
     """A curve of flutter or of divergence, point by point along its arc length.
 
     Attributes:
-        kind: "flutter" (a pair passes the imaginary axis) or "divergence" (a real root passes 0).
+        kind: "flutter" (a pair passes the imaginary axis; of undamped pipes whose ends do no work
+            two pairs meet on it and leave it, coupled-mode flutter) or "divergence" (a real root
+            passes 0).
         x, y: the two numbers, shape (S,).
-        frequency: angular, in 1 / T, shape (S,); 0 of divergence.
+        frequency: angular, in 1 / T, shape (S,); 0 of divergence, and where two growing real roots
+            meet and become a growing pair, which `crossings` counts as coupled-mode flutter, too.
         unstable: number of unstable roots beside those on the axis, shape (S,): where it is 0 the
-            curve bounds the region in which the pipe is stable.
+            curve bounds the region in which the pipe is stable. At an end "Bogdanov-Takens" as
+            right before it, as `change`: at that point itself zero is a double root.
         change: number of unstable roots on its left less that on its right, shape (S,): 2 or -2,
-            of divergence 1 or -1, which changes at a Bogdanov-Takens point.
+            of divergence 1 or -1, which changes at a Bogdanov-Takens point, and 0 where real roots
+            meet.
         lyapunov: first Lyapunov coefficient of flutter, as of `Hopf`; of divergence the coefficient
             c of z' = sigma z + c z^3, z being the largest angle, shape (S,). NaN where other roots
             are unstable, or it was not asked for.
@@ -157,8 +162,12 @@ def boundary(
     """Boundaries of stability in the plane of two of a pipe's numbers, with organising points.
 
     Curves of flutter and divergence are found where they meet the window's edges and lines across
-    it, and followed past folds; a closed curve that none of these lines meets is missed. That what
-    leaves the window enters it is checked at its edges.
+    it, and followed past folds. That what leaves the window enters it is checked at its edges, so
+    that no curve which meets them is lost in silence. A closed curve of flutter meets none of them:
+    where a pair comes near to the axis on a line, and turns back, its real part is followed uphill
+    from there until the pair passes or goes no farther. A closed curve so small that all lines pass
+    it by, and to which none of these ways leads, is missed; no search by samples can tell. Look in
+    a smaller window where one is expected.
 
     Args:
         model: chain, reduced model, scene of up to 500 degrees of freedom, or `Continuum`, whose
@@ -250,11 +259,14 @@ def _bounded(
 ) -> Boundary:
     with one_thread(2 * getattr(model, "dof", 64)):
         coarse = first_plane(model, window, u)
-        starts, failures = line_starts(coarse)
-        if coarse.conservative:
+        by_speed = coarse.speed_index is not None
+        starts, failures = line_starts(coarse, only_stability)
+        middle = window.place(np.full(2, 0.5))
+        if coarse.conservative and not by_speed and coarse.static_stiffnesses(middle) is None:
             failures.append(
-                "flutter was not looked for: without damping, and with no work done at its end, "
-                "the pipe's pairs meet on the axis and pass it nowhere"
+                "coupled-mode flutter, where two pairs of an undamped pipe meet on the axis, was "
+                "not looked for: it is found along the flow speed, which is held here; see "
+                "`crossings`"
             )
 
         def wanted(problem: AxisProblem, z: Array) -> bool:
@@ -262,12 +274,12 @@ def _bounded(
 
         tracer = Tracer(coarse, starts, wanted)
         counts: list[NDArray[np.int_]] = []
-        found: list[Double] = []
+        found: list[DoublePoint] = []
         while starts:
             new, starts = tracer.trace(starts), []
             for curve in new:
                 counts.append(counted(coarse, curve))
-                for one in doubles(coarse, curve, counts[-1]):
+                for one in double_points(coarse, curve, counts[-1]):
                     if isinstance(one, str):
                         failures.append(one)
                     elif not any(_same(one, other) for other in found):
@@ -288,7 +300,11 @@ def _bounded(
             if criticality:
                 for k in np.flatnonzero(of_curve == 0):
                     values[k] = coefficients(coarse, curve.problem, curve.points[k].z)
-                points += changes_of_criticality(coarse, curve, of_curve, values[:, 1])
+                for point in changes_of_criticality(coarse, curve, of_curve, values[:, 1]):
+                    if isinstance(point, str):
+                        failures.append(point)
+                    else:
+                        points.append(point)
             curves.append(_finished(curve, of_curve, values))
     low, high = window.low, window.low + window.size
     if not (coarse.conservative or only_stability or any(tracer.failures())):
@@ -306,8 +322,8 @@ def _bounded(
 
 
 def _solved_again(
-    found: list[Double], plane: Plane, control: Control, failures: list[str]
-) -> Iterator[Double]:
+    found: list[DoublePoint], plane: Plane, control: Control, failures: list[str]
+) -> Iterator[DoublePoint]:
     """The points in a larger basis; those that it does not have are failures."""
     for one in found:
         try:
@@ -315,12 +331,12 @@ def _solved_again(
         except NewtonFailed as error:
             point = one.point(plane)
             failures.append(
-                f"a point of kind {point.kind} near ({point.x:.6g}, {point.y:.6g}) was not found "
-                f"in a larger basis: {error}"
+                f"a point of kind {point.kind} near ({point.x:.6g}, {point.y:.6g}) was found in a "
+                f"small basis only, and is left out: {error}"
             )
 
 
-def _same(one: Double, other: Double) -> bool:
+def _same(one: DoublePoint, other: DoublePoint) -> bool:
     near = np.allclose(one.roots, other.roots, rtol=1e-6, atol=1e-6)
     return near and float(np.abs(one.at - other.at).max()) < 1e-6
 
@@ -350,15 +366,15 @@ def _disagreements(curves: list[BoundaryCurve], plane: Plane) -> Iterator[str]:
     for one, other in zip(ends, ends[1:] + ends[:1], strict=True):
         if one[2] != other[1] and not any(plane.conservative_at(end[3]) for end in (one, other)):
             yield (
-                f"beyond ({one[3][0]:.6g}, {one[3][1]:.6g}) on the window's edge {one[2]} roots "
-                f"are unstable, and before ({other[3][0]:.6g}, {other[3][1]:.6g}) {other[1]}: "
-                "a curve between is missing"
+                f"on the window's edge between ({one[3][0]:.6g}, {one[3][1]:.6g}) and "
+                f"({other[3][0]:.6g}, {other[3][1]:.6g}), where curves end, a curve is missing: "
+                f"{one[2]} roots are unstable next to the first and {other[1]} next to the second"
             )
 
 
-def _telling(curve: Traced) -> list[Point]:
+def _points_of_change(curve: Traced) -> list[Point]:
     """Points that say on which side roots are unstable: of flutter one, which holds for all."""
-    if curve.problem.kind == "divergence":
+    if curve.problem.kind == "divergence" or isinstance(curve.problem, CoupledModeProblem):
         return curve.points
     # Away from ends at which its frequency is 0.
     return [curve.points[len(curve.points) // 2]]
@@ -370,7 +386,7 @@ def _finished(curve: Traced, counts: NDArray[np.int_], values: Array) -> Boundar
     slopes = np.array([point.tangent[[-1, -2]] for point in points])
     words = np.array(["", "supercritical", "subcritical"])
     leading = values[:, 1]
-    changes = np.array([problem.change(point) for point in _telling(curve)])
+    changes = np.array([problem.change(point) for point in _points_of_change(curve)])
     changes = np.resize(changes, len(points))
     which = np.where(np.isnan(leading), 0, np.where(leading < 0.0, 1, 2))
     return BoundaryCurve(

@@ -15,8 +15,14 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
+from numpy.typing import NDArray
 
-from pipedyn.bifurcation.axis_problems import AxisProblem, DivergenceProblem, FlutterProblem
+from pipedyn.bifurcation.axis_problems import (
+    AxisProblem,
+    CoupledModeProblem,
+    DivergenceProblem,
+    FlutterProblem,
+)
 from pipedyn.bifurcation.continuation import Control, Point, Segment, path
 from pipedyn.linear.critical_speed import losses, resolved
 from pipedyn.linear.plane import ON_EDGE, Plane, Window
@@ -37,6 +43,10 @@ LINES_OF_SPEED, LINES = 7, 3
 """Lines across the window, its edges with them, on which curves are looked for: of those along the
 flow speed and of others, which take ten times as long."""
 
+FIRST_CLIMB, LAST_CLIMB, MOST_CLIMBS = 0.04, 1e-3, 10
+"""Radius of the first step uphill to a closed curve, the shortest step, in shares of the window,
+and the most of them: those that reach a curve take two to eight."""
+
 AGREED = 2e-10
 """Distance of a point of the continuous pipe from that of the basis before, relative to its
 numbers or 1, at which it counts as converged: convergence is exponential, so that the next is
@@ -51,8 +61,9 @@ SAME = 1e-7
 
 
 Start = tuple[Array, int | None]
-"""([omega,] y, x), y and x as shares of the window, and which of them is kept where the others are
-solved for; None where it is a solution."""
+"""([frequency,] y, x), y and x as shares of the window, and which of them is kept where the others
+are solved for; None where it is a solution. Of a conservative plane the first is the frequency's
+square, negative of real roots."""
 
 
 @dataclass
@@ -70,7 +81,7 @@ class Traced:
             self.problem.renew()
             yield Segment(self.problem, a, b)
 
-    def some(self) -> Traced:
+    def sample(self) -> Traced:
         """A few of its points, the first and last among them."""
         which = np.unique(
             np.linspace(0, len(self.points) - 1, 3 + len(self.points) // 8, dtype=int)
@@ -115,7 +126,7 @@ class Tracer:
         wanted: Callable[[AxisProblem, Array], bool] = lambda problem, z: True,
     ) -> None:
         self.plane, self.wanted = plane, wanted
-        self.unit = max([1.0, *(float(z[0]) for z, _ in starts if z.size == 3)])
+        self.unit = max([1.0, *(abs(float(z[0])) for z, _ in starts if z.size == 3)])
         # Derivatives are exact: a step that short leaves an error of its square.
         self.control = Control(LONGEST, shortest=1e-6, turn=TURN, tolerance=SAME)
         self.curves: list[Traced] = []
@@ -132,26 +143,31 @@ class Tracer:
     def _trace(self, start: Array, held: int | None) -> None:
         problem: AxisProblem
         if start.size == 3:
-            problem = FlutterProblem(self.plane, self.control, self.unit)
+            meeting = self.plane.conservative
+            of = CoupledModeProblem if meeting else FlutterProblem
+            problem = of(self.plane, self.control, self.unit)
             z = start / [self.unit, 1.0, 1.0]
         else:
             problem, z = DivergenceProblem(self.plane, self.control), start
         if held is not None:
             z = problem.fixed(z, float(z[held]), held)
-        inside = bool((z >= -ON_EDGE).all() and (z[-2:] <= 1.0 + ON_EDGE).all())
+        inside = bool((z[-2:] >= -ON_EDGE).all() and (z[-2:] <= 1.0 + ON_EDGE).all())
+        inside &= z.size == 2 or meeting or z[0] >= -ON_EDGE
         known = (one for one in self.curves if one.problem.kind == problem.kind)
+        if z.size == 3 and not meeting and self.plane.conservative_near(z[[-1, -2]], ON_EDGE):
+            return  # all roots lie on the axis, on no curve of their own
         if not inside or any(one.holds(z) for one in known) or not self.wanted(problem, z):
             return
         z[-2:] = self.plane.window.on_edges(z[-2:])
         limits = [(-1, 0.0, 1.0), (-2, 0.0, 1.0)]
-        if z.size == 3:
+        if z.size == 3 and not meeting:
             limits.append((0, 0.0, math.inf))
         points, ends, _ = path(problem, problem.starting_at(z), limits, 0.3 * LONGEST, MOST_POINTS)
         if len(points) == 1:
             return  # it touches the window in a corner
         points = [_on_edges(problem, point) for point in points]
         first, last = (
-            "Bogdanov-Takens" if end == "range" and point.z.size == 3 and point.z[0] <= 0.0 else end
+            "Bogdanov-Takens" if end == "range" and limits[2:] and point.z[0] <= 0.0 else end
             for end, point in zip(ends, (points[0], points[-1]), strict=True)
         )
         self.curves.append(Traced(problem, points, (first, last)))
@@ -189,43 +205,135 @@ def basis_plane(model: Galerkin, window: Window, speed: float | None) -> Plane:
     return Plane(model, window, speed, resolved(model))
 
 
-def line_starts(plane: Plane) -> tuple[list[Start], list[str]]:
-    """Near points on curves where lines across the window meet them, and what failed."""
+def line_starts(plane: Plane, only_stability: bool = False) -> tuple[list[Start], list[str]]:
+    """Near points on curves where lines across the window meet them, and what failed.
+
+    And near curves that a pair reaches from where it comes near to the axis on a line, of which the
+    flow speed has three; with only_stability from points where no other pair is unstable.
+    """
     window = plane.window
     found: list[Start] = []
     failures: list[str] = []
+    extremes: list[tuple[int, Array, float, complex]] = []
 
-    def add(along: int, fixed: float, value: float, frequency: float) -> None:
-        share = (value - window.low[along]) / window.size[along]
-        x, y = (share, fixed) if along == 0 else (fixed, share)
+    def add(along: int, at: Array, share: float, frequency: float) -> None:
+        x, y = ((at if i != along else window.place(np.full(2, share)))[i] for i in (0, 1))
+        x, y = (np.array([x, y]) - window.low) / window.size
         z = np.array([frequency, y, x] if frequency else [y, x])
         found.append((z, -2 if along == 0 else -1))
 
     for along in (1, 0):
         by_speed = plane.speed_index == along
-        lines = np.linspace(0.0, 1.0, LINES_OF_SPEED if by_speed else LINES).tolist()
-        places = [window.place(np.array([s, s])) for s in lines]
-        for at, s in zip(places, lines, strict=True):
+        number = LINES_OF_SPEED if by_speed else LINES
+        places = [np.full(2, value) for value in plane.lines(1 - along, number)]
+
+        def share_of(value: float, along: int = along) -> float:
+            return float((value - window.low[along]) / window.size[along])
+
+        for at in places:
             for value in plane.static_roots(at, along):
-                add(along, s, value, 0.0)
-        if plane.conservative:
+                add(along, at, share_of(value), 0.0)
+        if plane.conservative and not by_speed:
             continue
         if by_speed:
             end = float(window.low[along] + window.size[along])
             answers = losses([plane.model_at(at) for at in places], end)
-            for s, answer in zip(lines, answers, strict=True):
+            for at, answer in zip(places, answers, strict=True):
                 if isinstance(answer, Exception):
-                    failures.append(f"crossings at a share of {s:.3g} of the window: {answer}")
+                    failures.append(f"crossings at {at[1 - along]:.6g}: {answer}")
                     continue
                 for crossing in answer[1]:
+                    if plane.conservative:
+                        if crossing.kind == "flutter":
+                            there = at.copy()
+                            there[along] = crossing.speed
+                            add(along, at, share_of(crossing.speed), plane.meeting(there))
+                        continue
                     if crossing.speed >= max(window.low[along], 1e-9) and crossing.frequency:
-                        add(along, s, crossing.speed, crossing.frequency)
+                        add(along, at, share_of(crossing.speed), crossing.frequency)
+            if plane.conservative:
+                continue
+            for at in places[:: LINES_OF_SPEED // 2]:
+                extremes += [(along, at, *one) for one in plane.extremes(at, along)]
         else:
-            for at, s in zip(places, lines, strict=True):
+            for at in places:
                 if plane.speed_at(at) > 0.0:  # else nothing but damping acts
-                    for value, frequency in plane.sections(at, along):
-                        add(along, s, value, frequency)
+                    passing, others = plane.sections(at, along)
+                    extremes += [(along, at, *one) for one in others]
+                    for share, root in passing:
+                        add(along, at, share, root.imag)
+    for along, at, share, root in extremes:
+        z = (at - window.low) / window.size
+        z[along] = share
+        start = climbed(plane, z, root, only_stability)
+        if start is not None:
+            found.append(start)
     return found, failures
+
+
+def climbed(plane: Plane, z: Array, root: complex, only_stability: bool) -> Start | None:
+    """Near a curve of flutter that a pair reaches as its real part goes uphill to 0, or downhill.
+
+    From shares z of the window, where it has an extreme on a line: inside a closed curve that no
+    line meets there is one in the plane, to which this leads if nothing else lies between. Steps
+    are those of a quasi-Newton method (symmetric rank one) within a radius, for which derivatives
+    of eigenvalues are exact. None where it ends at an extreme beside the axis.
+    """
+
+    def near(z: Array, guess: complex) -> tuple[complex, NDArray[np.complex128], bool]:
+        values, slopes = plane.pairs(plane.window.place(z))
+        if not values.size:
+            raise NewtonFailed("no root is left")
+        k = int(np.argmin(np.abs(values - guess)))
+        return values[k], slopes[:, k], bool((np.delete(values, k).real > 0.0).any())
+
+    try:
+        root, slopes, others = near(z, root)
+        uphill = -np.sign(root.real)
+        if only_stability and others:
+            return None
+        bend, radius = np.zeros((2, 2)), FIRST_CLIMB
+        for _ in range(MOST_CLIMBS):
+            gradient = uphill * slopes.real
+            step = (z + _within(bend, gradient, radius)).clip(0.0, 1.0) - z
+            length = float(np.linalg.norm(step))
+            if length < LAST_CLIMB:
+                return None
+            if plane.conservative_near(z + step, FIRST_CLIMB):
+                return None  # all pairs reach the axis on that edge
+            there, slopes_there, others = near(z + step, root + complex(slopes @ step))
+            gained = uphill * (there.real - root.real)
+            if there.real * root.real <= 0.0:
+                share = root.real / (root.real - there.real)
+                x, y = z + share * step
+                kept = -2 if abs(gradient[0]) > abs(gradient[1]) else -1
+                return np.array([(root + share * (there - root)).imag, y, x]), kept
+            expected = float(gradient @ step + 0.5 * step @ bend @ step)
+            turned = uphill * slopes_there.real - gradient - bend @ step
+            if abs(turned @ step) > 1e-8 * np.linalg.norm(turned) * length:
+                bend += np.outer(turned, turned) / (turned @ step)
+            if gained > 0.1 * expected:
+                z, root, slopes = z + step, there, slopes_there
+                radius *= 2.0 if gained > 0.7 * expected else 1.0
+            else:
+                radius = 0.4 * length
+    except NewtonFailed:
+        pass
+    return None
+
+
+def _within(bend: Array, gradient: Array, radius: float) -> Array:
+    """The step to the largest value of a quadratic within a radius, about."""
+    values, vectors = np.linalg.eigh(bend)
+    along = vectors.T @ gradient
+    shift = max(float(values.max()), 0.0) + 1e-9 * (1.0 + float(np.abs(values).max()))
+    while True:
+        step: Array = along / (shift - values)
+        length = float(np.linalg.norm(step))
+        if length <= 1.2 * radius:
+            return vectors @ step
+        # The length is about inverse to the shift beyond the largest value.
+        shift += (length / radius - 1.0) * (shift - float(values.max()))
 
 
 def converged(
@@ -240,7 +348,7 @@ def converged(
         NotConverged: if points of a curve still move in the largest basis.
     """
     inner = basis_joints(model.pipe).size
-    some: list[Traced | None] = [curve.some() for curve in curves]
+    some: list[Traced | None] = [curve.sample() for curve in curves]
     moves = [math.inf] * len(curves)
     more = 0
     while True:

@@ -32,7 +32,7 @@ from pipedyn.bifurcation.orbit_continuation import (
     followed,
     orbit_at,
 )
-from pipedyn.bifurcation.parametric_regions import regions
+from pipedyn.bifurcation.parametric_search import regions
 from pipedyn.bifurcation.periodic_orbit import (
     PeriodicOrbit,
     coarsest_mesh,

@@ -17,7 +17,12 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from pipedyn.bifurcation.axis_problems import AxisProblem, DivergenceProblem, FlutterProblem
+from pipedyn.bifurcation.axis_problems import (
+    AxisProblem,
+    CoupledModeProblem,
+    DivergenceProblem,
+    FlutterProblem,
+)
 from pipedyn.bifurcation.boundary_curves import Start, Traced
 from pipedyn.bifurcation.continuation import Control, Segment, sign_changes
 from pipedyn.bifurcation.hopf import NoHopf, onset_coefficients, static_cubic
@@ -41,7 +46,7 @@ PointKind = Literal[
 NEUTRAL = 1e-8
 """Real part up to which an eigenvalue is neutral, relative to 1 plus its size."""
 
-NARROWED = 1e-7
+BRACKET = 1e-7
 """Share of a step to which a change of the number of unstable roots is narrowed down, before
 Newton's method solves for it."""
 
@@ -119,6 +124,11 @@ def counted(plane: Plane, curve: Traced) -> NDArray[np.int_]:
 
 def others_unstable(plane: Plane, problem: AxisProblem, z: Array) -> int:
     """Number of unstable roots beside those on the axis at a point of a curve."""
+    if isinstance(problem, CoupledModeProblem):
+        found, root = plane.eigenvalues(problem.place(z)), problem.root(z)
+        for value in (root, root, -root, -root):
+            found = np.delete(found, np.argmin(np.abs(found - value)))
+        return _unstable(found) + (2 if z[0] < 0.0 else 0)
     if problem.kind == "divergence":
         static = plane.static_stiffnesses(problem.place(z))
         if static is not None:
@@ -131,7 +141,7 @@ def _unstable(roots: Complex) -> int:
 
 
 @dataclass(frozen=True)
-class Double:
+class DoublePoint:
     """Two roots on the axis at once: frequencies in rising order, 0 of a real root that is 0."""
 
     roots: tuple[float, float]
@@ -148,7 +158,7 @@ class Double:
         for omega in set(self.roots):
             yield np.array([omega, *self.at] if omega else self.at), None
 
-    def solved(self, plane: Plane, control: Control) -> Double:
+    def solved(self, plane: Plane, control: Control) -> DoublePoint:
         """The point nearby at which both conditions hold."""
         low, high = self.roots
         if self.modes == 2:
@@ -180,12 +190,14 @@ class Double:
         return OrganisingPoint(kind, float(x), float(y), frequencies, self.unstable)
 
 
-def doubles(plane: Plane, curve: Traced, counts: NDArray[np.int_]) -> Iterator[Double | str]:
+def double_points(
+    plane: Plane, curve: Traced, counts: NDArray[np.int_]
+) -> Iterator[DoublePoint | str]:
     """Where another root lies on the axis along a curve; a sentence where it was not solved for."""
     for k, end in ((0, curve.ends[0]), (-1, curve.ends[1])):
         if end == "Bogdanov-Takens":
             z = curve.points[k].z
-            yield Double((0.0, 0.0), z[-2:], others_unstable(plane, curve.problem, z))
+            yield DoublePoint((0.0, 0.0), z[-2:], others_unstable(plane, curve.problem, z))
     if plane.conservative:
         if curve.problem.kind != "divergence":
             return  # its pairs lie on the axis everywhere
@@ -202,7 +214,11 @@ def doubles(plane: Plane, curve: Traced, counts: NDArray[np.int_]) -> Iterator[D
                     yield one
         except NewtonFailed as error:
             x, y = curve.problem.place(segment.begin.z)
-            yield f"another root on the axis near ({x:.6g}, {y:.6g}) was not solved for: {error}"
+            yield (
+                f"on the curve of {curve.problem.kind} beyond ({x:.6g}, {y:.6g}) the number of "
+                f"other unstable roots changes from {before} to {after}; the organising point "
+                f"between was not solved for: {error}"
+            )
 
 
 def _beside(plane: Plane, problem: AxisProblem, z: Array) -> Array:
@@ -212,7 +228,7 @@ def _beside(plane: Plane, problem: AxisProblem, z: Array) -> Array:
     return np.delete(values, np.argmin(np.abs(values)))
 
 
-def _on_segment(plane: Plane, segment: Segment[AxisProblem]) -> Iterator[Double]:
+def _on_segment(plane: Plane, segment: Segment[AxisProblem]) -> Iterator[DoublePoint]:
     problem = segment.problem
 
     @cache
@@ -227,7 +243,7 @@ def _on_segment(plane: Plane, segment: Segment[AxisProblem]) -> Iterator[Double]
         return result
 
     length = segment.length
-    for before, beyond in sign_changes(growth, 0.0, length, NARROWED * length):
+    for before, beyond in sign_changes(growth, 0.0, length, BRACKET * length):
         z = segment.at(beyond).z
         if plane.conservative_near(z[[-1, -2]], AT_EDGE) and not plane.conservative:
             continue
@@ -235,11 +251,11 @@ def _on_segment(plane: Plane, segment: Segment[AxisProblem]) -> Iterator[Double]
         least = min(_unstable(roots(before)), _unstable(found))
         # A symmetric K that two passing eigenvalues make singular lacks two ranks.
         if plane.conservative or (problem.kind == "divergence" and _lacks_two_ranks(plane, z)):
-            yield Double((0.0, 0.0), z[-2:], least, modes=2)
+            yield DoublePoint((0.0, 0.0), z[-2:], least, modes=2)
             continue
         passing = abs(float(found[np.argmin(np.abs(growth(beyond)))].imag))
         pair = sorted((passing if passing > STATIC else 0.0, problem.frequency(z)))
-        yield Double((pair[0], pair[1]), z[-2:], least)
+        yield DoublePoint((pair[0], pair[1]), z[-2:], least)
 
 
 def _lacks_two_ranks(plane: Plane, z: Array) -> bool:
@@ -315,7 +331,7 @@ def coefficients(plane: Plane, problem: AxisProblem, z: Array) -> tuple[float, f
     The latter is negative where what emerges attracts; NaN both where they are not known.
     """
     at, omega = problem.place(z), problem.frequency(z)
-    if problem.kind == "flutter" and omega < 1e-4:
+    if isinstance(problem, CoupledModeProblem) or (problem.kind == "flutter" and omega < 1e-4):
         return np.nan, np.nan
     model, u = plane.model_at(at), plane.speed_at(at)
     pipe = model.pipe
@@ -333,8 +349,10 @@ def coefficients(plane: Plane, problem: AxisProblem, z: Array) -> tuple[float, f
 
 def changes_of_criticality(
     plane: Plane, curve: Traced, counts: NDArray[np.int_], leading: Array
-) -> Iterator[OrganisingPoint]:
+) -> Iterator[OrganisingPoint | str]:
     """Where the criticality changes along a curve, at points where no other root is unstable.
+
+    A sentence where it is not solved for.
 
     `plane` is of the model that says it, which may have a smaller basis than the curve: differences
     lose digits in a larger one.
@@ -345,15 +363,26 @@ def changes_of_criticality(
         problem, length = segment.problem, segment.length
 
         def value(s: float, segment: Segment[AxisProblem] = segment) -> float:
-            return coefficients(plane, segment.problem, segment.at(s).z)[1]
+            found = coefficients(plane, segment.problem, segment.at(s).z)[1]
+            if np.isnan(found):
+                raise NewtonFailed("the criticality is not known all along the step")
+            return found
 
-        with suppress(NewtonFailed, ValueError):  # not known within, or no change after all
+        kind: PointKind = "Bautin" if problem.kind == "flutter" else "degenerate pitchfork"
+        try:
             z = segment.at(scipy.optimize.brentq(value, 0.0, length, xtol=1e-11 * length)).z
-            if abs(value(segment.reach(z))) > 1e-3 * max(abs(leading[k]), abs(leading[k + 1])):
-                continue  # it passes through infinity, as where two pairs meet
-            if plane.conservative_near(z[[-1, -2]], AT_EDGE):
-                continue
-            x, y = problem.place(z)
-            omega = problem.frequency(z)
-            kind: PointKind = "Bautin" if omega else "degenerate pitchfork"
-            yield OrganisingPoint(kind, float(x), float(y), (omega,) if omega else (), 0)
+            left = value(segment.reach(z))
+        except (NewtonFailed, ValueError) as error:
+            x, y = problem.place(segment.begin.z)
+            yield (
+                f"a point of kind {kind} near ({x:.6g}, {y:.6g}), where the criticality changes, "
+                f"was not solved for: {error}"
+            )
+            continue
+        if abs(left) > 1e-3 * max(abs(leading[k]), abs(leading[k + 1])):
+            continue  # it passes through infinity, as where two pairs meet
+        if plane.conservative_near(z[[-1, -2]], AT_EDGE):
+            continue
+        x, y = problem.place(z)
+        omega = problem.frequency(z)
+        yield OrganisingPoint(kind, float(x), float(y), (omega,) if omega else (), 0)

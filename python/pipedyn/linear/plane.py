@@ -88,15 +88,23 @@ class Scale:
     least: float = -math.inf  # value that the number must exceed
     affine: bool = True  # whether K is
 
+    @cached_property
+    def _ends(self) -> tuple[float, float]:
+        return self.of(self.nodes[0]), self.of(self.nodes[-1])
+
     def weights(self, value: float) -> tuple[Array, Array]:
-        """Of the nodes, (k,), in the polynomial through them, and their derivatives."""
-        t, nodes = self.of(value), [self.of(node) for node in self.nodes]
-        shares, slopes = np.ones(len(nodes)), np.zeros(len(nodes))
-        for i, node in enumerate(nodes):
-            for other in nodes[:i] + nodes[i + 1 :]:
-                slopes[i] = (slopes[i] * (t - other) + shares[i]) / (node - other)
-                shares[i] *= (t - other) / (node - other)
-        return shares, self.slope(value) * slopes
+        """Of the nodes, (k,), in the polynomial through them, and their derivatives.
+
+        Of three the second lies half-way between the others by the function.
+        """
+        if len(self.nodes) == 1:
+            return np.ones(1), np.zeros(1)
+        low, high = self._ends
+        s, slope = (self.of(value) - low) / (high - low), self.slope(value) / (high - low)
+        if len(self.nodes) == 2:
+            return np.array([1.0 - s, s]), np.array([-slope, slope])
+        shares = np.array([(2.0 * s - 1.0) * (s - 1.0), 4.0 * s * (1.0 - s), s * (2.0 * s - 1.0)])
+        return shares, slope * np.array([4.0 * s - 3.0, 4.0 - 8.0 * s, 4.0 * s - 1.0])
 
 
 def _scale(number: PipeNumber | None, low: float, high: float, model: Model) -> Scale:
@@ -325,6 +333,18 @@ class Plane:
         factorised()
         return np.linalg.eigvalsh(0.5 * (stiffness.real + stiffness.real.T))
 
+    def meeting(self, at: Array) -> float:
+        """About -lambda^2 of the two roots that are nearest to each other at (x, y)."""
+        mass, damping, stiffness = self.at(at)
+        values = _quadratic(mass, damping, stiffness)
+        values = values[np.argsort(np.abs(values))][: 2 * self.modes]
+        values = values[
+            (values.imag > 1e-6) | ((np.abs(values.imag) < 1e-6) & (values.real > 1e-6))
+        ]
+        apart = np.abs(values[:, None] - values) + np.diag(np.full(values.size, np.inf))
+        i, j = np.unravel_index(np.argmin(apart), apart.shape)
+        return float(-((0.5 * (values[i] + values[j])) ** 2).real)
+
     def static_roots(self, at: Array, index: int) -> list[float]:
         """Where K is singular on the line through (x, y) along x or y, within the window."""
         low, size = float(self.window.low[index]), float(self.window.size[index])
@@ -374,23 +394,33 @@ class Plane:
             found.append(low + 0.5 * (a + b) * size)
         return found
 
-    def sections(self, at: Array, index: int) -> list[tuple[float, float]]:
-        """Where pairs pass the axis on the line through (x, y) along x or y: value and frequency.
+    def lines(self, index: int, number: int) -> Array:
+        """Values of x or y at which lines lie, even in what matrices are polynomials of."""
+        low, high = self.window.low[index], self.window.low[index] + self.window.size[index]
+        scale = self._scales[index]
+        even = scale if scale.affine else Scale(scale.nodes)
+        between = np.linspace(even.of(low), even.of(high), number)[1:-1]
+        return np.array([low, *(even.back(value) for value in between), high])
 
-        Roughly: Newton's method goes on from these. Eigenvalues are followed from sample to sample
-        with their derivatives, and steps halved within which one may have passed unseen.
+    def sections(self, at: Array, index: int) -> tuple[list[Root], list[Root]]:
+        """Pairs that pass the axis on the line through (x, y) along x or y, and extremes.
+
+        Extremes are those that come nearest to the axis there, from either side, but do not pass.
+        Both are roughly known: Newton's method goes on from these. Eigenvalues are followed from
+        sample to sample with their derivatives, and steps halved within which one may have passed
+        unseen.
         """
         low, size = self.window.low[index], self.window.size[index]
 
         def sample(share: float) -> Sample:
             there = at.copy()
             there[index] = low + share * size
-            values, slopes = self._moving(there, index)
-            above = (values.imag > 1e-6) & (np.abs(values.real) < FAR + np.abs(values.imag))
-            return share, values[above], slopes[above] * size
+            values, slopes = self.pairs(there)
+            return share, values, slopes[index]
 
         samples = [sample(float(share)) for share in np.linspace(0.0, 1.0, SAMPLES + 1)]
-        found: list[tuple[float, float]] = []
+        found: list[Root] = []
+        extremes: list[Root] = []
         waiting = list(pairwise(samples))[::-1]
         while waiting:
             a, b = waiting.pop()
@@ -400,12 +430,25 @@ class Plane:
                 waiting += [(middle, b), (a, middle)]
             else:
                 found += guesses
-        return [(float(low + share * size), frequency) for share, frequency in found]
+                extremes += _nearest(a, b)
+        return found, extremes
 
-    def _moving(self, at: Array, index: int) -> tuple[Complex, Complex]:
-        """Eigenvalues and their derivatives by x or y."""
-        matrices = self.matrices(at)
-        (m, c, k), (m_p, c_p, k_p) = matrices[0], matrices[1 + index]
+    def extremes(self, at: Array, index: int) -> list[Root]:
+        """Those of `sections` alone, without halved steps."""
+        samples = []
+        for share in np.linspace(0.0, 1.0, SAMPLES + 1).tolist():
+            there = at.copy()
+            there[index] = self.window.low[index] + share * self.window.size[index]
+            values, slopes = self.pairs(there)
+            samples.append((share, values, slopes[index]))
+        return [one for pair in pairwise(samples) for one in _nearest(*pair)]
+
+    def pairs(self, at: Array) -> tuple[Complex, Complex]:
+        """Eigenvalues above the real axis, not far from the imaginary one, and their slopes.
+
+        Slopes are derivatives by shares of the window along x and y, shape (2, k).
+        """
+        (m, c, k), *changes = self.matrices(at)
         inverse, vectors = np.linalg.eig(_companion(m, c, k))
         n = self.dof
         # Left eigenvectors of the companion are rows of its eigenvectors' inverse, and times the
@@ -420,36 +463,65 @@ class Plane:
         def form(matrix: NDArray[Any]) -> Complex:
             return np.asarray(np.einsum("ji,ij->j", y, matrix @ x))
 
-        moved = values**2 * form(m_p) + values * form(c_p) + form(k_p)
+        above = (values.imag > 1e-6) & (np.abs(values.real) < FAR + np.abs(values.imag))
+        values, x, y = values[above].astype(complex), x[:, above], y[above]
+        moved = np.array(
+            [values**2 * form(m_p) + values * form(c_p) + form(k_p) for m_p, c_p, k_p in changes]
+        )
         with np.errstate(divide="ignore", invalid="ignore"):
             slopes = -moved / (2.0 * values * form(m) + form(c))
-        return values.astype(complex), np.nan_to_num(slopes)
+        by_shares = self.window.size[:, None] * np.nan_to_num(slopes)
+        return np.asarray(values, dtype=complex), np.asarray(by_shares, dtype=complex)
 
 
 Sample = tuple[float, Complex, Complex]
 """Place on a line as a share of it, eigenvalues above the real axis, and their derivatives."""
 
+Root = tuple[float, complex]
+"""Place on a line as a share of it, and an eigenvalue there."""
 
-def _passed(a: Sample, b: Sample) -> tuple[list[tuple[float, float]], bool]:
+
+def _matched(a: Sample, b: Sample) -> Array:
+    """By how much tangents at either of two samples miss the roots at the other, (k, l)."""
+    (s, one, slope), (t, other, slope_there) = a, b
+    ahead, back = one + (t - s) * slope, other - (t - s) * slope_there
+    misses: Array = np.abs(ahead[:, None] - other) + np.abs(one[:, None] - back)
+    return misses
+
+
+def _nearest(a: Sample, b: Sample) -> list[Root]:
+    """Where real parts have their extreme nearest to 0 between two samples."""
+    (s, one, slope), (t, other, slope_there) = a, b
+    found: list[Root] = []
+    if not one.size or not other.size:
+        return found
+    for i, j in enumerate(np.argmin(_matched(a, b), axis=1).tolist()):
+        first, last = slope[i].real, slope_there[j].real
+        away = -one[i].real
+        if away * other[j].real < 0.0 and away * first > 0.0 > away * last:
+            share = first / (first - last)
+            found.append((s + share * (t - s), complex(one[i] + share * (other[j] - one[i]))))
+    return found
+
+
+def _passed(a: Sample, b: Sample) -> tuple[list[Root], bool]:
     """What passes the axis between two samples, and whether more may do.
 
     A cubic with the values and slopes at both ends strays from the straight line between them by
     less than its tangents miss the other end: a root whose real part is larger than that at both
     ends has not passed the axis twice. Where numbers differ one has left the real axis.
     """
-    (s, one, slope), (t, other, slope_there) = a, b
-    h = t - s
-    found: list[tuple[float, float]] = []
+    (s, one, _), (t, other, _) = a, b
+    found: list[Root] = []
     doubtful = one.size != other.size
     if not one.size or not other.size:
         return found, doubtful
-    ahead, back = one + h * slope, other - h * slope_there
-    misses = np.abs(ahead[:, None] - other) + np.abs(one[:, None] - back)
+    misses = _matched(a, b)
     for i, j in enumerate(np.argmin(misses, axis=1).tolist()):
         first, last, missed = one[i].real, other[j].real, misses[i, j]
         if first * last < 0.0:
             share = first / (first - last)
-            found.append((s + share * h, float((one[i] + share * (other[j] - one[i])).imag)))
+            found.append((s + share * (t - s), complex(one[i] + share * (other[j] - one[i]))))
             doubtful |= missed > abs(first) + abs(last)
         else:
             doubtful |= missed > min(abs(first), abs(last))
