@@ -291,3 +291,20 @@ def test_a_test_that_gives_no_number_is_told_and_keeps_the_others(test, said):
     assert said in failure
     with pytest.raises(TypeError, match="tests\\['root'\\] must give a number, got"):
         follow(lambda x, p: x - p, [0.0], 0.0, (-1.0, 1.0), tests={"root": lambda x, p: x})
+
+
+@pytest.mark.parametrize("p0", [0.0, 0.4])
+def test_an_interval_may_end_where_the_equations_do(p0):
+    """As that of a pipe's number which must not be negative: differences are then one-sided."""
+
+    def equations(x, p):
+        if p < 0.0:
+            raise ValueError("p must be positive")
+        return x**3 + x - np.exp(p)
+
+    branch = follow(equations, [0.8], p0, (0.0, 1.0))
+    assert branch.ends == ("range", "range")
+    assert branch.failures == ()
+    assert branch.p[[0, -1]].tolist() == [0.0, 1.0]
+    slope = 1.0 / (3.0 * branch.x[0, 0] ** 2 + 1.0)
+    assert branch.tangents[0, 0] / branch.tangents[0, 1] == pytest.approx(slope, rel=1e-8)

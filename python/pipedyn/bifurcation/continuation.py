@@ -323,6 +323,11 @@ class Segment(Generic[Problem]):
         return found, kept
 
 
+BESIDE = 1e-4
+"""Share of a range within which its limit is solved for where no step can be taken: steps that end
+beyond it may, where nothing is defined there, become as short as `Control.shortest`."""
+
+
 def path(
     problem: Continuation,
     start: Point,
@@ -363,9 +368,27 @@ def path(
                 if len(points) > 1 and _holds(segment, begin):
                     return [*points, begin], "closed", ""
             except failing as error:
+                edge = at_edge(points[-1])
+                if edge is not None:
+                    return [*points, edge], "range", ""
                 return points, "not converged", _reason(error)
             points.append(segment.end)
         return points, "points", f"it takes more than {most} points"
+
+    def at_edge(point: Point) -> Point | None:
+        """The point at a limit right ahead, beyond which there may be no equations."""
+        for i, low, high in bounds:
+            edge, slope = (high if point.tangent[i] > 0.0 else low), float(point.tangent[i])
+            gap = edge - float(point.z[i])
+            if gap * slope > 0.0 and abs(gap) <= BESIDE * (high - low) < math.inf:
+                away = gap / slope
+                try:
+                    z = problem.fixed(point.z + away * point.tangent, edge, i)
+                    if problem.length(z - point.z) <= 2.0 * away:
+                        return problem.point(z, point.tangent)
+                except failing:
+                    continue
+        return None
 
     ahead, last, why_last = one_way(start)
     if last == "closed":
@@ -613,7 +636,7 @@ def follow(
     if isinstance(problem, Continuation):
         solver = problem
     elif callable(problem):
-        equations = _UserEquations(problem, derivative, x, p0, (scale, high - low))
+        equations = _UserEquations(problem, derivative, x, p0, scale, (low, high))
         control = Control(longest=step * scale)
         solver = DenseProblem(equations, x.size, (high - low) / scale, control)
     else:
@@ -747,7 +770,8 @@ class _UserEquations:
         equations: G.
         derivative: [G_x, G_p], or None.
         x, p: where they are called first.
-        units: changes of x and of p that count alike.
+        scale: change of x that counts like the interval of p.
+        interval: of p.
 
     Raises:
         ValueError, TypeError: for what is no such function, and a derivative that is not that of G.
@@ -759,10 +783,12 @@ class _UserEquations:
         derivative: Function | None,
         x: Array,
         p: float,
-        units: tuple[float, float],
+        scale: float,
+        interval: tuple[float, float],
     ) -> None:
         self.equations, self.derivative, self.size = equations, derivative, x.size
-        self.units = np.append(np.full(x.size, units[0]), units[1])
+        self.interval = interval
+        self.units = np.append(np.full(x.size, scale), interval[1] - interval[0])
         _given("problem", equations, x, p, (self.size,))
         if derivative is not None:
             came = _given("derivative", derivative, x, p, (self.size, self.size + 1))
@@ -799,21 +825,32 @@ class _UserEquations:
         # The cube root of rounding: the error of either kind is its square, 4e-11.
         unit = float(self.units[i])
         h = 6e-6 * times * unit * max(1.0, abs(z[i]) / unit) ** (1.0 / 3.0)
-        ahead, behind = z.copy(), z.copy()
-        ahead[i] += h
-        behind[i] -= h
-        values = [
-            self._at("problem", self.equations, one[:-1], float(one[-1]), (self.size,))
-            for one in (ahead, behind)
+
+        def value(steps: float) -> Array:
+            moved = z.copy()
+            moved[i] += steps * h
+            return self._at("problem", self.equations, moved[:-1], float(moved[-1]), (self.size,))
+
+        sides = (1.0, -1.0)  # at the limits of the interval there may be nothing beyond
+        inward = [
+            side
+            for side, limit in zip(sides, self.interval, strict=True)
+            if i == self.size and not 2.0 * h < side * (z[i] - limit)
         ]
-        return (values[0] - values[1]) / (ahead[i] - behind[i])
+        try:
+            return (value(1.0) - value(-1.0)) / (2.0 * h)
+        except NewtonFailed:
+            if not inward:
+                raise
+        side = inward[0]
+        return (4.0 * value(side) - 3.0 * value(0.0) - value(2.0 * side)) / (2.0 * side * h)
 
     def _compare(self, came: Array, x: Array, p: float) -> None:
         """Refuses a derivative from which differences are away by more than their own error."""
         z = np.append(x, p)
         near, far = np.full((2, *came.shape), np.nan)
         for i in range(z.size):
-            with suppress(NewtonFailed):  # beside the end of what G is defined for
+            with suppress(NewtonFailed):
                 near[:, i], far[:, i] = self._difference(z, i), self._difference(z, i, 10.0)
         sizes = np.nan_to_num(np.abs(near)) * self.units
         rounding = 1e-6 * sizes.max(axis=1, keepdims=True) / self.units
