@@ -54,6 +54,9 @@ ROUNDING = 1e-6
 """Step of Newton's method that does not get shorter at which rounding is reached: of a pair of high
 frequency that hardly moves, omega 258 and growth within 1e-4, it leaves 1e-7."""
 
+OWN = 1e-3
+"""Distance up to which an eigenvalue is that of the curve, relative to 1 plus its frequency."""
+
 STATIC = 1e-4
 """Imaginary part up to which a root on the axis is 0: of a double 0 it scatters by the square root
 of rounding, 3e-6 was met."""
@@ -107,7 +110,9 @@ def other_roots(plane: Plane, problem: AxisProblem, z: Array) -> Complex:
     # Zero is a double root where lambda and -lambda are both roots.
     pair = problem.kind == "flutter" or plane.conservative_at(problem.place(z))
     for value in (1j * omega, -1j * omega) if pair else (0j,):
-        found = np.delete(found, np.argmin(np.abs(found - value)))
+        k = int(np.argmin(np.abs(found - value)))
+        if abs(found[k] - value) <= OWN * (1.0 + omega):  # else of a mode that does not count
+            found = np.delete(found, k)
     return found[np.argsort(-(found.real - NEUTRAL * (1.0 + np.abs(found))), kind="stable")]
 
 
