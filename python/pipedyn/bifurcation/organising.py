@@ -23,7 +23,7 @@ from pipedyn.bifurcation.axis_problems import (
     DivergenceProblem,
     FlutterProblem,
 )
-from pipedyn.bifurcation.boundary_curves import Start, Traced
+from pipedyn.bifurcation.boundary_curves import CurveStart, Traced
 from pipedyn.bifurcation.continuation import Control, Segment, sign_changes
 from pipedyn.bifurcation.hopf import NoHopf, onset_coefficients, static_cubic
 from pipedyn.linear.eigenproblem import Complex
@@ -154,14 +154,14 @@ class DoublePoint:
     unstable: int
     modes: int = 1  # of roots that are both 0: two where K lacks two ranks
 
-    def starts(self) -> Iterator[Start]:
+    def starts(self) -> Iterator[CurveStart]:
         """The curves on which it lies; those that cross in a double divergence are known."""
         if self.modes == 2:
             return
         if not any(self.roots):
-            yield np.array([0.0, *self.at]), None
+            yield CurveStart(np.array([0.0, *self.at]))
         for omega in set(self.roots):
-            yield np.array([omega, *self.at] if omega else self.at), None
+            yield CurveStart(np.array([omega, *self.at] if omega else self.at))
 
     def solved(self, plane: Plane, control: Control) -> DoublePoint:
         """The point nearby at which both conditions hold."""
