@@ -2,6 +2,7 @@
 """Boundaries of stability in two numbers: against crossings, counts and published numbers."""
 
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -437,6 +438,21 @@ def test_curves_that_meet_where_all_roots_lie_on_the_axis_end_there_and_nothing_
             near = values[np.argmin(np.abs(values - 1j * curve.frequency[k]))]
             side = curve.sides[k][0 if sign > 0.0 else 1]
             assert (near.real > 0.0) == (side > curve.unstable[k])
+
+
+def test_curves_of_modes_beyond_those_that_count_agree_with_the_others():
+    """Hysteresis damps all modes alike: aspirating ones beyond the sixth flutter last."""
+    ranges = {"hysteresis": (0.02, 0.06), "u": (0.0, 5.0)}
+    found = pp.boundary(pp.Continuum(ASPIRATING), "hysteresis", "u", ranges, criticality=False)
+    assert found.failures == ()
+    top = sorted(
+        (c.x[k], *sorted(c.sides[k])) for c in found.curves for k in (0, -1) if c.y[k] == 5.0
+    )
+    for (x, low, _), (to, _, high) in pairwise(top):
+        assert low == high
+        lossy = replace(ASPIRATING, hysteresis=0.5 * (x + to))
+        values = pp.eigenvalues(pp.Galerkin(lossy, 24, "legendre"), 5.0, 24)
+        assert (values.real > 0.0).sum() == low
 
 
 def test_a_curve_that_touches_the_window_in_its_corner_is_none():

@@ -60,10 +60,19 @@ SAME = 1e-7
 """Distance in shares of the window below which two solutions are one."""
 
 
-Start = tuple[Array, int | None]
-"""([frequency,] y, x), y and x as shares of the window, and which of them is kept where the others
-are solved for; None where it is a solution. Of a conservative plane the first is the frequency's
-square, negative of real roots."""
+@dataclass(frozen=True)
+class CurveStart:
+    """Near a point on a curve, or a solution.
+
+    Attributes:
+        z: ([frequency,] y, x), y and x as shares of the window. Of a conservative plane the first
+            is the frequency's square, negative of real roots.
+        kept: the entry of z that keeps its value where the others are solved for; None where z is
+            a solution.
+    """
+
+    z: Array
+    kept: int | None = None
 
 
 @dataclass
@@ -122,25 +131,25 @@ class Tracer:
     def __init__(
         self,
         plane: Plane,
-        starts: list[Start],
+        starts: list[CurveStart],
         wanted: Callable[[AxisProblem, Array], bool] = lambda problem, z: True,
     ) -> None:
         self.plane, self.wanted = plane, wanted
-        self.unit = max([1.0, *(abs(float(z[0])) for z, _ in starts if z.size == 3)])
+        self.unit = max([1.0, *(abs(float(one.z[0])) for one in starts if one.z.size == 3)])
         # Derivatives are exact: a step that short leaves an error of its square.
         self.control = Control(LONGEST, shortest=1e-6, turn=TURN, tolerance=SAME)
         self.curves: list[Traced] = []
 
-    def trace(self, starts: list[Start]) -> list[Traced]:
+    def trace(self, starts: list[CurveStart]) -> list[Traced]:
         """The curves through points near those given, but those that are known."""
         before = len(self.curves)
-        for z, held in starts:
+        for start in starts:
             # As of a guess: a curve that is missed shows where counts are compared.
             with suppress(NewtonFailed):
-                self._trace(z, held)
+                self._trace(start.z, start.kept)
         return self.curves[before:]
 
-    def _trace(self, start: Array, held: int | None) -> None:
+    def _trace(self, start: Array, kept: int | None) -> None:
         problem: AxisProblem
         if start.size == 3:
             meeting = self.plane.conservative
@@ -149,8 +158,8 @@ class Tracer:
             z = start / [self.unit, 1.0, 1.0]
         else:
             problem, z = DivergenceProblem(self.plane, self.control), start
-        if held is not None:
-            z = problem.fixed(z, float(z[held]), held)
+        if kept is not None:
+            z = problem.fixed(z, float(z[kept]), kept)
         inside = bool((z[-2:] >= -ON_EDGE).all() and (z[-2:] <= 1.0 + ON_EDGE).all())
         inside &= z.size == 2 or meeting or z[0] >= -ON_EDGE
         known = (one for one in self.curves if one.problem.kind == problem.kind)
@@ -205,14 +214,14 @@ def basis_plane(model: Galerkin, window: Window, speed: float | None) -> Plane:
     return Plane(model, window, speed, resolved(model))
 
 
-def line_starts(plane: Plane, only_stability: bool = False) -> tuple[list[Start], list[str]]:
+def line_starts(plane: Plane, only_stability: bool = False) -> tuple[list[CurveStart], list[str]]:
     """Near points on curves where lines across the window meet them, and what failed.
 
     And near curves that a pair reaches from where it comes near to the axis on a line, of which the
     flow speed has three; with only_stability from points where no other pair is unstable.
     """
     window = plane.window
-    found: list[Start] = []
+    found: list[CurveStart] = []
     failures: list[str] = []
     extremes: list[tuple[int, Array, float, complex]] = []
 
@@ -220,7 +229,7 @@ def line_starts(plane: Plane, only_stability: bool = False) -> tuple[list[Start]
         x, y = ((at if i != along else window.place(np.full(2, share)))[i] for i in (0, 1))
         x, y = (np.array([x, y]) - window.low) / window.size
         z = np.array([frequency, y, x] if frequency else [y, x])
-        found.append((z, -2 if along == 0 else -1))
+        found.append(CurveStart(z, -2 if along == 0 else -1))
 
     for along in (1, 0):
         by_speed = plane.speed_index == along
@@ -271,7 +280,7 @@ def line_starts(plane: Plane, only_stability: bool = False) -> tuple[list[Start]
     return found, failures
 
 
-def climbed(plane: Plane, z: Array, root: complex, only_stability: bool) -> Start | None:
+def climbed(plane: Plane, z: Array, root: complex, only_stability: bool) -> CurveStart | None:
     """Near a curve of flutter that a pair reaches as its real part goes uphill to 0, or downhill.
 
     From shares z of the window, where it has an extreme on a line: inside a closed curve that no
@@ -307,7 +316,7 @@ def climbed(plane: Plane, z: Array, root: complex, only_stability: bool) -> Star
                 share = root.real / (root.real - there.real)
                 x, y = z + share * step
                 kept = -2 if abs(gradient[0]) > abs(gradient[1]) else -1
-                return np.array([(root + share * (there - root)).imag, y, x]), kept
+                return CurveStart(np.array([(root + share * (there - root)).imag, y, x]), kept)
             expected = float(gradient @ step + 0.5 * step @ bend @ step)
             turned = uphill * slopes_there.real - gradient - bend @ step
             if abs(turned @ step) > 1e-8 * np.linalg.norm(turned) * length:

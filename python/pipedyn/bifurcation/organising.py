@@ -23,7 +23,7 @@ from pipedyn.bifurcation.axis_problems import (
     DivergenceProblem,
     FlutterProblem,
 )
-from pipedyn.bifurcation.boundary_curves import Start, Traced
+from pipedyn.bifurcation.boundary_curves import CurveStart, Traced
 from pipedyn.bifurcation.continuation import Control, Segment, sign_changes
 from pipedyn.bifurcation.hopf import NoHopf, onset_coefficients, static_cubic
 from pipedyn.linear.eigenproblem import Complex
@@ -53,6 +53,9 @@ Newton's method solves for it."""
 ROUNDING = 1e-6
 """Step of Newton's method that does not get shorter at which rounding is reached: of a pair of high
 frequency that hardly moves, omega 258 and growth within 1e-4, it leaves 1e-7."""
+
+OWN = 1e-3
+"""Distance up to which an eigenvalue is that of the curve, relative to 1 plus its frequency."""
 
 STATIC = 1e-4
 """Imaginary part up to which a root on the axis is 0: of a double 0 it scatters by the square root
@@ -107,7 +110,9 @@ def other_roots(plane: Plane, problem: AxisProblem, z: Array) -> Complex:
     # Zero is a double root where lambda and -lambda are both roots.
     pair = problem.kind == "flutter" or plane.conservative_at(problem.place(z))
     for value in (1j * omega, -1j * omega) if pair else (0j,):
-        found = np.delete(found, np.argmin(np.abs(found - value)))
+        k = int(np.argmin(np.abs(found - value)))
+        if abs(found[k] - value) <= OWN * (1.0 + omega):  # else of a mode that does not count
+            found = np.delete(found, k)
     return found[np.argsort(-(found.real - NEUTRAL * (1.0 + np.abs(found))), kind="stable")]
 
 
@@ -149,14 +154,14 @@ class DoublePoint:
     unstable: int
     modes: int = 1  # of roots that are both 0: two where K lacks two ranks
 
-    def starts(self) -> Iterator[Start]:
+    def starts(self) -> Iterator[CurveStart]:
         """The curves on which it lies; those that cross in a double divergence are known."""
         if self.modes == 2:
             return
         if not any(self.roots):
-            yield np.array([0.0, *self.at]), None
+            yield CurveStart(np.array([0.0, *self.at]))
         for omega in set(self.roots):
-            yield np.array([omega, *self.at] if omega else self.at), None
+            yield CurveStart(np.array([omega, *self.at] if omega else self.at))
 
     def solved(self, plane: Plane, control: Control) -> DoublePoint:
         """The point nearby at which both conditions hold."""
