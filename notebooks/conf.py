@@ -35,6 +35,7 @@ autodoc_typehints = "none"  # the text says what each argument is
 autodoc_default_options = {"members": True, "show-inheritance": False}
 napoleon_google_docstring = True
 napoleon_numpy_docstring = False
+napoleon_attr_annotations = False
 napoleon_custom_sections = ["Source"]
 
 html_theme = "furo"
