@@ -24,7 +24,7 @@ import numpy as np
 
 from pipedyn.linear.critical_speed import CriticalSpeed, critical_speed
 from pipedyn.linear.modes import root_loci
-from pipedyn.models.base import Operators, PipedynError, checked_pipe
+from pipedyn.models.base import NotConverged, Operators, PipedynError, checked_pipe
 from pipedyn.models.continuum import Continuum
 from pipedyn.models.galerkin import Galerkin
 from pipedyn.models.pipe import Pipe, Scales
@@ -203,20 +203,24 @@ def identify(
     Raises:
         NotIdentifiable: if the measurements do not tell the unknowns; the message names the
             combination that stays open.
-        NoCrossing, NotConverged: if a measured critical speed has no counterpart in the model.
+        NoCrossing: if a measured critical speed has no counterpart in the model.
+        NotConverged: if the model's predictions still move as it grows.
         ValueError, TypeError: for bad arguments.
 
-    Source: Nocedal and Wright (2006), Numerical optimization, ch. 10, for least squares; what
-    uncertainties of the fitted numbers follow is the linear law of errors.
+    Source: Nocedal and Wright (2006), Numerical optimization, ch. 10, for least squares.
+    Uncertainties follow from those of the measurements by the linear law of errors.
     """
     known = _checked(pipe, measurements, unknowns)
     with one_thread(max(SIZES)):
-        x, size = known.begin, SIZES[0]
+        x = known.begin
         for size in SIZES:
             x = known.fitted(x, size)
-            if known.moved(x, size) <= STAYING:
-                break
-        return known.described(x, size)
+            moved = known.moved(x, size)
+            if moved <= STAYING:
+                return known.described(x, size)
+    raise NotConverged(
+        f"with {SIZES[-1]} functions a prediction still moves by {moved:.2g} of its uncertainty"
+    )
 
 
 @dataclass(frozen=True)
