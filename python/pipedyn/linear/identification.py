@@ -464,8 +464,7 @@ class _Problem:
         spread = np.full((every, every), math.nan)
         condition = math.inf
         if free.size:
-            left, sizes, right = np.linalg.svd(slopes[:, free], full_matrices=False)
-            del left
+            _, sizes, right = np.linalg.svd(slopes[:, free], full_matrices=False)
             condition = float(sizes[0] / sizes[-1]) if sizes[-1] > 0.0 else math.inf
             if not sizes[-1] * UNTOLD > 1.0:
                 raise NotIdentifiable(self._untold(free, right[-1], sizes[-1]))
@@ -491,8 +490,7 @@ class _Problem:
             uncertainties=sigma,
             covariance=spread * np.outer(values, values),
             correlation=spread / np.outer(scale, scale),
-            predicted=np.array([m.value for m in self.measurements])
-            + residuals * np.array([m.uncertainty for m in self.measurements]),
+            predicted=self.predictions(x, size)[0],
             residuals=-residuals,
             chi_squared=squares,
             freedom=freedom,
