@@ -27,6 +27,7 @@ from pipedyn.linear.frequency_response import checked_range
 from pipedyn.models.base import Model, NotConverged
 from pipedyn.models.continuum import AnyModel, checked_model
 from pipedyn.models.drive import require_steady
+from pipedyn.models.pipe import Pipe
 from pipedyn.util import check
 from pipedyn.util.check import Array
 from pipedyn.util.newton import NewtonFailed
@@ -59,6 +60,7 @@ class ParametricRegion:
             leads outside the range before.
         threshold_frequency: frequency at which it has that.
         error: largest change of an edge from the truncation before the last, relative.
+        pipe: the pipe.
     """
 
     kind: RegionKind
@@ -67,6 +69,7 @@ class ParametricRegion:
     threshold: float
     threshold_frequency: float
     error: float
+    pipe: Pipe = field(repr=False)
 
 
 def parametric_regions(
@@ -161,6 +164,7 @@ def _converged(
                     threshold=float(one.bottom[0]),
                     threshold_frequency=float(one.bottom[1]),
                     error=error,
+                    pipe=model.pipe,
                 )
                 for one in found
             )

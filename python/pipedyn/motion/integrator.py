@@ -99,6 +99,7 @@ class Task:
     drive: Drive | None = None  # where the speed changes or the base moves
     base: Base | None = None  # as it was given
     constant_head: ConstantHead | None = None  # at constant head; then u follows W in a state
+    finer: int = 1  # one sample of so many is kept where that shows the motion
 
     def flow(self, t: float) -> tuple[Any, ...]:
         """The flow speed at a time and, if anything drives the motion, this, shape (ROWS,).

@@ -40,9 +40,9 @@ def convergence_figure(case: Case, findings: Findings) -> plot.Figure:
     """Critical speeds against the number of degrees of freedom."""
     figure, ((ax,),) = plot.panels(1, 1, 6.4, 5.2)
     if findings.exact is None:
-        plot.notice(findings.remark, ax)
+        plot.notice(findings.remark, ax=ax)
     else:
-        plot.convergence(_by_family(findings), findings.exact, ax)
+        plot.convergence(_by_family(findings), findings.exact, ax=ax)
     sentence = textwrap.fill(verdict(findings), 105).replace("-", "\u2212")
     ax.set_title(f"{_title(case.pipe)}\n{sentence}", loc="left")
     return figure
@@ -52,7 +52,7 @@ def map_figure(case: Case, findings: Findings) -> plot.Figure:
     """The stability map."""
     figure, ((ax,),) = plot.panels(1, 1, 6.4, 4.8)
     maps = {rf"$\gamma = {gamma:g}$": found for gamma, found in findings.maps.items()}
-    plot.stability_map(maps, map_top(findings.exact), findings.exact, ax)
+    plot.stability_map(maps, map_top(findings.exact), findings.exact, ax=ax)
     ax.set_xlim(0.0, 1.0)
     ax.set_title(f"Stability boundaries of the continuous pipe, {_flow(case.pipe)}")
     return figure
@@ -108,7 +108,7 @@ def _panels(
         step = findings.benchmark.speeds[plot.dot_stride(findings.benchmark)]
         title += f"\nblack dots: continuous pipe, at steps of {step:.3g} in $u${more}"
     figure.suptitle(title, fontsize=9.0)
-    plot.colour_bar(bar, axes)
+    plot.colour_bar(bar, ax=axes)
     axes[0, 0].set_xlim(across)
     axes[0, 0].set_ylim(-0.03 * top, 1.04 * top)
     return figure
