@@ -14,12 +14,15 @@ ROUNDING = 1e-9
 INVISIBLE = 1e-4
 """In L: a twentieth of a pixel of a picture of the pipe at 100 dots an inch."""
 
-FINEST = 16
-"""Parts into which the times between a motion's default samples are divided at most, a power of 2.
-Six samples a cycle then resolve frequencies up to 670."""
+FEWEST, FINEST = 4, 128
+"""Parts into which the times between a motion's default samples are divided, powers of 2."""
 
-MOST_NUMBERS = 4_000_000
-"""Numbers that these samples may hold, 32 MB; where that is too few they are less fine."""
+A_CYCLE = 12.0
+"""Samples of the finest a cycle of the fastest mode: twice as many as are needed, since large
+motion is faster than small."""
+
+MOST_NUMBERS = 16_000_000
+"""Numbers that these samples may hold, 128 MB; where that is too few they are less fine."""
 
 
 def coarse(

@@ -43,10 +43,11 @@ from pipedyn.motion.integrator import (
     Outcome,
     Task,
     choose_method,
+    fastest_rates,
     integrate,
     runs_unlocked,
 )
-from pipedyn.motion.sampling import FINEST, INVISIBLE, MOST_NUMBERS, coarse
+from pipedyn.motion.sampling import A_CYCLE, FEWEST, FINEST, INVISIBLE, MOST_NUMBERS, coarse
 from pipedyn.util import check
 from pipedyn.util.check import Array
 from pipedyn.util.later import futures
@@ -210,7 +211,7 @@ def simulate(
         qdot0: initial rates, of the shape of q0; at rest where not given.
         samples: number of evenly spaced samples, both ends included, at least 2. Where not given,
             40 a unit of time, of which flutter's cycle takes about a half, but at least 501; and by
-            the core's methods 2 to 16 times as many, as needed, where the free end oscillates so
+            the core's methods 2 to 128 times as many, as needed, where the free end oscillates so
             fast that cubics through these would miss 5 % of its displacement or 25 % of its
             velocity.
         times: samples at these times instead, increasing, in [t0, t0 + duration].
@@ -471,10 +472,19 @@ def motions_of(
 
 
 def finely_sampled(task: Task) -> Task:
-    """The task with more samples, of which `as_sparse_as_shown` leaves what shows the motion."""
-    intervals = task.times.size - 1
-    room = MOST_NUMBERS // (intervals * len(task.start))
-    finer = min(FINEST, 1 << max(room, 1).bit_length() - 1) if task.method in CORE else 1
+    """The task with more samples, of which `as_sparse_as_shown` leaves what shows the motion.
+
+    They resolve the fastest mode, but none whose loss factor in bending exceeds 1.
+    """
+    if task.method not in CORE:
+        return task
+    intervals, damping = task.times.size - 1, task.model.pipe.damping
+    fastest, _ = fastest_rates(task.model)
+    cycles = min(fastest, 1.0 / damping if damping else math.inf) / (2.0 * math.pi)
+    wanted = A_CYCLE * cycles * float(np.ptp(task.times)) / intervals
+    room = max(MOST_NUMBERS // (intervals * len(task.start)), 1)
+    finer = int(min(max(wanted, FEWEST), FINEST, room))
+    finer = 1 << (finer.bit_length() - 1)
     times = np.linspace(task.times[0], task.times[-1], finer * intervals + 1)
     times[::finer] = task.times  # to the bit
     return replace(task, times=times, finer=finer)

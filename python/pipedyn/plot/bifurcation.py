@@ -84,10 +84,10 @@ def bifurcation_diagram(
     if diagram.motions and index is None:
         x = np.concatenate([np.full(one.turnings.size, one.speed) for one in diagram.motions])
         y = np.concatenate([one.turnings for one in diagram.motions])
-        look: dict[str, Any] = {"marker": ".", "color": "0.55", "markersize": 2.6, "gid": "motions"}
+        look: dict[str, Any] = {"marker": ".", "color": "0.6", "markersize": 5.0, "gid": "motions"}
         look |= {"linestyle": "none", "markeredgewidth": 0.0, "zorder": 1.0}
         look["rasterized"] = x.size > 20_000  # keeps vector files small
-        ax.plot(one[0] * x, one[1] * y, label="turning points after the transient", **look)
+        ax.plot(one[0] * x, one[1] * y, label="turning points of motions", **look)
     for branch in diagram.equilibria:
         heights = branch.tips[:, 0] if index is None else branch.q[:, index]
         at = [float(p.tip[0] if index is None else p.q[index]) for p in branch.points]
@@ -108,7 +108,7 @@ def bifurcation_diagram(
         ax.plot(one[0] * np.array(failed), [0.02] * len(failed), label="failed", **look)
     ax.set_xlim(one[0] * diagram.speeds[0], one[0] * diagram.speeds[-1])
     named = {str(line.get_label()): line for line in ax.get_legend_handles_labels()[0]}
-    ordered = sorted(named.items(), key=lambda item: item[1].get_zorder())
+    ordered = sorted(named.items(), key=lambda item: item[1].get_gid() == "motions")
     common.legend_below(ax, dict(ordered))
     view.second_axes(ax, SPEED, shown)
     return ax

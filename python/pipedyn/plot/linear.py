@@ -35,6 +35,9 @@ DOT: dict[str, Any] = {"color": "black", "marker": "o", "markersize": 2.2, "line
 DOT |= {"markeredgewidth": 0.0, "zorder": 3.0}
 """Look of a benchmark."""
 
+ONSET = common.open_marker(4.5, marker="D", markeredgewidth=0.9, zorder=4.0)
+"""Look of an onset."""
+
 
 def root_loci(
     loci: RootLoci,
@@ -46,8 +49,8 @@ def root_loci(
 ) -> Axes:
     """Branches in the upper half of the complex plane, flow speed as colour.
 
-    The lower half is their mirror image. A pair that has become real shows as two curves on the
-    real axis.
+    A diamond marks each onset. The lower half is their mirror image. A pair that has become real
+    shows as two curves on the real axis.
 
     Args:
         loci: branches of the model.
@@ -72,8 +75,10 @@ def root_loci(
     norm = Normalize(0.0, view.one(SPEED) * (end or 1.0))
     speeds = view.one(SPEED) * loci.speeds[:, None]
     _coloured(ax, branches.real, branches.imag, speeds, "viridis", norm)
+    rate = view.one(GROWTH)
+    _onsets(ax, branches.real, branches, rate * NEUTRAL)
     if benchmark is not None:
-        exact = view.one(GROWTH) * branches_of(benchmark)[:: dot_stride(benchmark)]
+        exact = rate * branches_of(benchmark)[:: dot_stride(benchmark)]
         ax.plot(exact.real, exact.imag, **DOT)
     ax.axvline(0.0, color="0.4", linewidth=0.6, zorder=0.5)
     ax.autoscale_view()
@@ -117,13 +122,7 @@ def frequencies(
     speeds, height = view.one(SPEED) * loci.speeds[:, None], view.one(ROOT_FREQUENCY)
     heights, growth = height * branches.imag, rate * branches.real
     _coloured(ax, speeds, heights, growth, "RdBu_r", norm, outlined=rate * NEUTRAL)
-    # Onsets, where a real part becomes positive, by linear interpolation along the segments.
-    real, places = branches.real, speeds + 1j * heights
-    i, j = np.nonzero((real[:-1] <= NEUTRAL) & (real[1:] > NEUTRAL))
-    part = real[i, j] / (real[i, j] - real[i + 1, j])
-    onsets = places[i, j] + part * (places[i + 1, j] - places[i, j])
-    diamond = common.open_marker(4.5, marker="D", markeredgewidth=0.9, zorder=4.0)
-    ax.plot(onsets.real, onsets.imag, **diamond)
+    _onsets(ax, growth, speeds + 1j * heights, rate * NEUTRAL)
     if benchmark is not None:
         stride = dot_stride(benchmark)
         places = view.one(SPEED) * benchmark.speeds[::stride]
@@ -168,6 +167,14 @@ def _coloured(
     ax.add_collection(lines)
     outlines = PathCollection(lines.get_paths(), capstyle="round", zorder=2.1, **below)
     ax.add_collection(outlines, autolim=False)
+
+
+def _onsets(ax: Axes, real: Array, places: NDArray[np.complex128], neutral: float) -> None:
+    """Diamonds where real parts become positive, by linear interpolation along the branches."""
+    i, j = np.nonzero((real[:-1] <= neutral) & (real[1:] > neutral))
+    part = real[i, j] / (real[i, j] - real[i + 1, j])
+    onsets = places[i, j] + part * (places[i + 1, j] - places[i, j])
+    ax.plot(onsets.real, onsets.imag, **ONSET)
 
 
 def pieces(x: Array, y: Array, values: Array) -> tuple[Array, Array]:

@@ -299,7 +299,8 @@ def stability_map(
     return ax
 
 
-TICKS: dict[str, Any] = {"spacing": 9.0, "length": 0.5, "linewidth": 0.7}
+TICKS: dict[str, Any] = {"spacing": 8.0, "length": 0.5, "linewidth": 0.7}
+TICKS["dashes"] = {"dash_offset": 0.0, "dash_list": None}
 """On the unstable sides of boundaries."""
 
 
