@@ -57,7 +57,7 @@ from pipedyn.util.check import Array
 from pipedyn.util.counters import clock, counted
 from pipedyn.util.later import futures
 from pipedyn.util.newton import NewtonFailed
-from pipedyn.util.parallel import parallel, track
+from pipedyn.util.parallel import parallel, track, watched
 from pipedyn.util.result import Result, TableResult, joined
 from pipedyn.util.threads import one_thread
 
@@ -183,7 +183,7 @@ def bifurcation_diagram(
     model, at, failed, shown = asked.model, asked.speeds, list[Failed](), asked.options.shown
     begun = clock()
     branches, resting = equilibrium_branches(model, at, failed, shown)
-    if shown:
+    if shown and watched():
         cost = _cost(asked, branches, clock() - begun)
         print(f"bifurcation diagram: {cost}", file=sys.stderr)
     found = _Cycles(model, BranchOptions(at, asked.options.rtol, asked.steps), failed)
