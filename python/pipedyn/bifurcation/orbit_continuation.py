@@ -221,12 +221,13 @@ def onward(problem: Problem, point: Point, length: float) -> Iterator[Segment[Pr
 
 
 def _on_mesh(problem: Problem, tangent: Array, edges: Array) -> tuple[Problem, Array]:
-    """The problem about its start on another mesh, and the tangent there."""
+    """The problem about its start on another mesh, and the tangent there.
+
+    Both are interpolated: to set out from, this is as good as a solution on that mesh.
+    """
     z = problem.origin
-    # Any direction near the tangent is good enough to find it by.
     here, moved = (problem.about(x, edges) for x in (z, z + 1e-4 * tangent))
-    found = here.at(here.point(here.origin, moved.origin - here.origin), 0.0)
-    return here.about(found.z), found.tangent
+    return here, here.starting(here.origin, moved.origin - here.origin).tangent
 
 
 def _on_mesh_to(
