@@ -212,7 +212,7 @@ def _by_collocation(
     """
     left = 1e-3 if motion.model.kinks_known else 0.25
     if (parts > 1).any() and 2 * parts.sum() <= MOST:
-        orbit = refined(motion, orbit, parts)
+        orbit = refined(motion, orbit, parts, at_kinks=True)
     used = _closing(orbit, tolerance)
     least = SENSITIVITY * used.step if used is not None else 0.0
     roots, error = _roots(motion, orbit, tolerance), math.inf
