@@ -7,7 +7,7 @@ import inspect
 import math
 import sys
 from contextlib import suppress
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
@@ -46,6 +46,7 @@ from pipedyn.bifurcation.limit_cycle import (
     limit_cycle,
 )
 from pipedyn.bifurcation.motion_options import MotionOptions, initial_bends
+from pipedyn.bifurcation.periodic_orbit import PeriodicOrbit
 from pipedyn.bifurcation.vector_field import VectorField
 from pipedyn.linear.stability_curve import Failure
 from pipedyn.models.base import Model, NotConverged, PipedynError
@@ -57,7 +58,7 @@ from pipedyn.util.counters import clock, counted
 from pipedyn.util.later import futures
 from pipedyn.util.newton import NewtonFailed
 from pipedyn.util.parallel import parallel, track
-from pipedyn.util.result import result
+from pipedyn.util.result import Result, TableResult, joined
 from pipedyn.util.threads import one_thread
 
 MOST_MOTIONS = 100_000
@@ -74,8 +75,7 @@ MOST_FROM_MOTIONS = 12
 """Cycles, at most, that motions end on and that are followed from there: a second or more each."""
 
 
-@result
-class BifurcationDiagram:
+class BifurcationDiagram(TableResult):
     """What a pipe does over the flow speed.
 
     Attributes:
@@ -93,7 +93,7 @@ class BifurcationDiagram:
     speeds: Array
     equilibria: tuple[EquilibriumBranch, ...]
     cycles: tuple[CycleBranch, ...]
-    motions: tuple[Attractor, ...] = field(repr=False)
+    motions: tuple[Attractor, ...]
     failures: tuple[Failure, ...]
     model: Model
 
@@ -104,6 +104,20 @@ class BifurcationDiagram:
             return ()
         nearest = min(self.motions, key=lambda one: abs(one.speed - u)).speed
         return tuple(one for one in self.motions if one.speed == nearest)
+
+    def _columns(self) -> dict[str, Any]:
+        names = "speed", "amplitude", "highest", "frequency", "stable"
+        still = (np.zeros_like(one.speeds) for one in self.equilibria)
+        tables = [
+            (one.speeds, zero, one.tips[:, 0], zero, one.stable)
+            for one, zero in zip(self.equilibria, still, strict=True)
+        ] + [
+            (one.speeds, one.amplitudes, one.highest, one.frequencies, one.stable)
+            for one in self.cycles
+        ]
+        kinds = ["equilibrium"] * len(self.equilibria) + ["cycle"] * len(self.cycles)
+        branches = [dict(zip(names, table, strict=True)) for table in tables]
+        return joined(branches, branch=range(len(kinds)), kind=kinds)
 
 
 def bifurcation_diagram(
@@ -194,8 +208,7 @@ def bifurcation_diagram(
     return BifurcationDiagram(at, branches, tuple(found.branches), motions, failures, model)
 
 
-@result
-class DiagramCost:
+class DiagramCost(Result):
     """What a bifurcation diagram takes, as far as short pieces of its work foretell.
 
     Attributes:
@@ -452,7 +465,8 @@ class _Cycles:
         """Takes the branches of one beginning, and what failed on them."""
         self.failed += failed
         for one in found:
-            if not any(one.is_reverse(other) for other in self.found):
+            known = one.repeats(self.branches, self.options.speeds)
+            if not known and not any(one.is_reverse(other) for other in self.found):
                 self.found.append(one)
 
     def from_onsets(
@@ -474,11 +488,11 @@ class _Cycles:
             else:
                 self.add(*answer)
 
-    def _traced(self, point: HopfPoint) -> tuple[list[Traced], list[Failed]]:
-        """What begins at an onset; nothing where a branch that is known by then ends there."""
-        if self._ends_at(point):
+    def _traced(self, begin: HopfPoint | PeriodicOrbit) -> tuple[list[Traced], list[Failed]]:
+        """What begins at an onset, or goes through an orbit, as far as no branch has it by then."""
+        if isinstance(begin, HopfPoint) and self._ends_at(begin):
             return [], []
-        return traced(self.model, point, self.options)
+        return traced(self.model, begin, replace(self.options, known=tuple(self.branches)))
 
     def _ends_at(self, point: HopfPoint) -> bool:
         """Whether a branch of cycles ends at an onset."""
@@ -494,7 +508,7 @@ class _Cycles:
                 amplitude, _ = amplitude_of(motion, orbit)
             known = (cycle for branch in self.branches for cycle in branch.at(u))
             if not any(same_cycle(cycle, orbit.frequency, amplitude) for cycle in known):
-                self.add(*traced(self.model, orbit, self.options))
+                self.add(*self._traced(orbit))
         except NewtonFailed as reason:
             report = f"the cycle at u = {u:g} was not followed: {reason}"
             self.failed.append((u, NoCycle(report, u)))

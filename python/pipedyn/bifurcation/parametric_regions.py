@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import field
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -27,11 +28,13 @@ from pipedyn.linear.frequency_response import checked_range
 from pipedyn.models.base import Model, NotConverged
 from pipedyn.models.continuum import AnyModel, checked_model
 from pipedyn.models.drive import require_steady
+from pipedyn.models.pipe import Pipe
 from pipedyn.util import check
 from pipedyn.util.check import Array
 from pipedyn.util.newton import NewtonFailed
-from pipedyn.util.result import result
+from pipedyn.util.result import TableResult
 from pipedyn.util.threads import one_thread
+from pipedyn.util.units import FREQUENCY
 
 SIZES = (12, 16, 22, 30, 40)
 """Functions or modes, one after the other, until edges converge."""
@@ -40,8 +43,10 @@ TOLERANCE = 1e-7
 """Relative change of the edges from one of these to the next at which they count as converged."""
 
 
-@result
-class ParametricRegion:
+class ParametricRegion(
+    TableResult,
+    units={"amplitude": None, **dict.fromkeys(("edges", "lowest", "highest"), FREQUENCY)},
+):
     """A region of amplitude and frequency in which the straight pipe is unstable.
 
     Attributes:
@@ -59,6 +64,7 @@ class ParametricRegion:
             leads outside the range before.
         threshold_frequency: frequency at which it has that.
         error: largest change of an edge from the truncation before the last, relative.
+        pipe: the pipe.
     """
 
     kind: RegionKind
@@ -67,6 +73,11 @@ class ParametricRegion:
     threshold: float
     threshold_frequency: float
     error: float
+    pipe: Pipe = field(repr=False)
+
+    def _columns(self) -> dict[str, Any]:
+        low, high = self.edges.T
+        return {"amplitude": self.amplitude, "lowest": low, "highest": high}
 
 
 def parametric_regions(
@@ -161,6 +172,7 @@ def _converged(
                     threshold=float(one.bottom[0]),
                     threshold_frequency=float(one.bottom[1]),
                     error=error,
+                    pipe=model.pipe,
                 )
                 for one in found
             )

@@ -29,8 +29,9 @@ from pipedyn.util import check
 from pipedyn.util.check import Array
 from pipedyn.util.counters import factorised
 from pipedyn.util.parallel import track
-from pipedyn.util.result import result
+from pipedyn.util.result import Result, TableResult
 from pipedyn.util.threads import one_thread
+from pipedyn.util.units import RATE
 
 LARGEST_FULL = _core.dense_limit
 """Degrees of freedom up to which all eigenvalues are computed at once."""
@@ -91,8 +92,7 @@ def eigenvalues(model: AnyModel, u: float, count: int | None = None) -> Complex:
     return found.eigenvalues
 
 
-@result
-class ModeShape:
+class ModeShape(Result):
     """Transverse displacement of one mode, complex; its largest magnitude is 1, there it is real.
 
     Attributes:
@@ -119,8 +119,7 @@ class ModeShape:
         return np.asarray(self.model.deflection(self.coordinates, s), dtype=np.complex128)
 
 
-@result
-class Modes:
+class Modes(TableResult):
     """Eigenvalues and modes at one flow speed.
 
     Attributes:
@@ -163,6 +162,16 @@ class Modes:
         errors[good] = problem.errors(self.speed, found)
         errors[good] += (self.discretisation or 0.0) * np.maximum(np.abs(values), 1.0)
         return errors
+
+    def _columns(self) -> dict[str, Any]:
+        values = self.eigenvalues
+        return {
+            "growth_rate": values.real,
+            "frequency": values.imag,
+            "damping_ratio": -values.real / np.abs(values),
+            "residual": self.residuals,
+            "converged": self.converged,
+        }
 
 
 def modes(model: AnyModel, u: float, count: int | None = None) -> Modes:
@@ -247,23 +256,47 @@ def _checked_count(count: Any, model: AnyModel, roots: int) -> int:
     return asked
 
 
-def _modes(model: Model, u: float, count: int | None) -> Modes:
-    pairs = eigenproblem(model).lowest(u, 2 * model.dof if count is None else count)
-    coordinates = model.from_elastic(pairs.right)
-    # A mode that failed is NaN.
+def neutral_shape(model: Model, u: float, frequency: float) -> ModeShape:
+    """Of the mode with eigenvalue i frequency at a speed, which is one of the model's to rounding.
+
+    By inverse iteration, which converges at once so near to an eigenvalue.
+    """
+    value = complex(0.0, frequency)
+    mass, velocity, stiffness = model.operators().at(u)
+    if frequency == 0.0:  # a static load loses nothing
+        stiffness = stiffness.real
+    dynamic = value**2 * mass + value * velocity + stiffness
+    x = np.linspace(1.0, 2.0, len(mass)) + 0j
+    with one_thread(len(mass)):
+        dynamic = dynamic + np.finfo(float).eps * np.linalg.norm(dynamic) * np.eye(len(mass))
+        for _ in range(3):
+            x = np.linalg.solve(dynamic, x)
+            x /= np.linalg.norm(x)
+    factorised(3)
+    (shape,) = _shapes(model, np.array([value]), np.asarray(x[:, None], dtype=np.complex128))
+    return shape
+
+
+def _shapes(model: Model, values: Complex, coordinates: Complex) -> tuple[ModeShape, ...]:
+    """Of eigenvalues with their coordinates, (dof, k); a mode that failed is NaN."""
     displacement = model.deflection(np.nan_to_num(coordinates), model.stations)
     largest = np.argmax(np.abs(displacement), axis=0)
     peaks = displacement[largest, np.arange(largest.size)]
     with np.errstate(divide="ignore", invalid="ignore"):
         coordinates = coordinates / peaks
-    shapes = tuple(
-        ModeShape(complex(value), model, coordinates[:, i]) for i, value in enumerate(pairs.values)
+    return tuple(
+        ModeShape(complex(value), model, coordinates[:, i]) for i, value in enumerate(values)
     )
+
+
+def _modes(model: Model, u: float, count: int | None) -> Modes:
+    pairs = eigenproblem(model).lowest(u, 2 * model.dof if count is None else count)
+    coordinates = model.from_elastic(pairs.right)
+    shapes = _shapes(model, pairs.values, coordinates)
     return Modes(u, pairs.values, shapes, pairs.residuals, pairs.converged, model.dof)
 
 
-@result
-class RootLoci:
+class RootLoci(TableResult, units=dict.fromkeys(("error", "errors"), RATE)):
     """Eigenvalues as functions of the flow speed, each column one branch.
 
     Attributes:
@@ -280,6 +313,7 @@ class RootLoci:
             large where two roots meet; for `Continuum` with the largest change from the basis
             before the last, and infinite for overdamped roots, which need not converge.
         size: degrees of freedom of the model solved.
+        pipe: the pipe.
     """
 
     speeds: Array
@@ -288,6 +322,18 @@ class RootLoci:
     converged: NDArray[np.bool_] = field(repr=False)
     errors: Array = field(repr=False)
     size: int
+    pipe: Pipe = field(repr=False)
+
+    def _columns(self) -> dict[str, Any]:
+        count = self.eigenvalues.shape[1]
+        return {
+            "speed": np.repeat(self.speeds, count),
+            "branch": np.tile(np.arange(count), self.speeds.size),
+            "growth_rate": self.eigenvalues.real.ravel(),
+            "frequency": self.eigenvalues.imag.ravel(),
+            "error": self.errors.ravel(),
+            "converged": self.converged.ravel(),
+        }
 
 
 def root_loci(
@@ -384,5 +430,6 @@ def _root_loci(model: Model, speeds: Array, count: int, shown: bool) -> RootLoci
             for _ in done:
                 pass
             values, partners = found.values, found.partners
-            return RootLoci(speeds, values, partners, found.converged, found.errors, problem.dof)
+            checks = found.converged, found.errors
+            return RootLoci(speeds, values, partners, *checks, problem.dof, model.pipe)
         taken *= 2
