@@ -11,8 +11,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
-from functools import cache, partial
+from functools import cache
 from typing import Any, Literal, cast
 
 import numpy as np
@@ -468,7 +469,14 @@ class _Follower:
 
         `last` is the cycle at its beginning, if that is known and kept.
         """
-        orbit = cache(partial(orbit_at, step))
+
+        @cache
+        def orbit(s: float) -> PeriodicOrbit:
+            if s == 0.0 and last is None:  # it may have been taken over from another mesh
+                with suppress(NewtonFailed):
+                    point = step.problem.at(step.begin, 0.0)
+                    return replace(step.problem.orbit(point.z), closing=point.kept)
+            return orbit_at(step, s)
 
         @cache
         def cycle(s: float) -> LimitCycle:
