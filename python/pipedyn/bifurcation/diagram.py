@@ -186,9 +186,11 @@ def bifurcation_diagram(
     if shown and watched():
         cost = _cost(asked, branches, clock() - begun)
         print(f"bifurcation diagram: {cost}", file=sys.stderr)
-    found = _Cycles(model, BranchOptions(at, asked.options.rtol, asked.steps), failed)
+    steps_shown = shown and executor is None  # other processes write over one another
+    options = BranchOptions(at, asked.options.rtol, asked.steps, shown=steps_shown)
+    found = _Cycles(model, options, failed)
     if asked.steps:
-        found.from_onsets(branches, executor, shown)
+        found.from_onsets(branches, executor, shown and not steps_shown)
     motions: tuple[Attractor, ...] = ()
     for some in _sparse_first(at) if asked.starts else ():
         known = _known_solutions(model, some, branches, found.branches)

@@ -25,7 +25,7 @@ def track(items: Iterable[Item], total: int | None, label: str, shown: bool) -> 
 
     Nothing is written where nobody watches. total: how many there are, if that is known.
     """
-    if not (shown and watched()):
+    if not (shown and watched()) or total == 0:
         yield from items
         return
     try:
