@@ -55,11 +55,11 @@ def root_loci(
     end = float(loci.speeds[-1])
     if highest is not None:
         end = check.real("highest", highest, low=0.0, open_low=True)
-    branches = _branches(loci)
+    branches = branches_of(loci)
     norm = Normalize(0.0, end or 1.0)
     _coloured(ax, branches.real, branches.imag, loci.speeds[:, None], "viridis", norm)
     if benchmark is not None:
-        exact = _branches(benchmark)[:: dot_stride(benchmark)]
+        exact = branches_of(benchmark)[:: dot_stride(benchmark)]
         ax.plot(exact.real, exact.imag, **DOT)
     ax.axvline(0.0, color="0.4", linewidth=0.6, zorder=0.5)
     ax.autoscale_view()
@@ -91,7 +91,7 @@ def frequencies(
         ValueError, TypeError: for bad arguments.
     """
     ax = _checked_axes(loci, benchmark, ax, common.SPEED_LABEL, common.FREQUENCY_LABEL)
-    branches = _branches(loci)
+    branches = branches_of(loci)
     if largest is None:
         largest = float(np.nanmax(np.abs(branches.real), initial=0.0))
     largest = check.real("largest", largest, low=0.0)
@@ -107,7 +107,7 @@ def frequencies(
     ax.plot(onsets.real, onsets.imag, **diamond)
     if benchmark is not None:
         stride = dot_stride(benchmark)
-        ax.plot(benchmark.speeds[::stride], _branches(benchmark).imag[::stride], **DOT)
+        ax.plot(benchmark.speeds[::stride], branches_of(benchmark).imag[::stride], **DOT)
     ax.autoscale_view()
     return ax
 
@@ -134,12 +134,9 @@ def _coloured(
     The largest values are on top: of two roots with one frequency, the less stable one. Those above
     `outlined` have a black outline, the others a thin grey one.
     """
-    points = np.stack(np.broadcast_arrays(x, y, values), axis=-1)
-    both = np.stack([points[:-1], points[1:]], axis=-2)
-    segments = both[np.isfinite(both).all(axis=(-2, -1))]
-    means = segments[:, :, 2].mean(axis=1)
+    segments, means = pieces(x, y, values)
     order = np.argsort(means, kind="stable")
-    ends, means = list(segments[order, :, :2]), means[order]
+    ends, means = list(segments[order]), means[order]
     outline = np.where(means > outlined, "black", "0.35").tolist()
     widths = np.where(means > outlined, 4.2, 2.6).tolist()
     coloured: dict[str, Any] = {"array": means, "cmap": colours, "norm": norm, "linewidths": 2.0}
@@ -150,7 +147,15 @@ def _coloured(
     ax.add_collection(outlines, autolim=False)
 
 
-def _branches(loci: RootLoci) -> NDArray[np.complex128]:
+def pieces(x: Array, y: Array, values: Array) -> tuple[Array, Array]:
+    """Segments of the columns of x and y, (k, 2, 2), and the means of their values, (k,)."""
+    points = np.stack(np.broadcast_arrays(x, y, values), axis=-1)
+    both = np.stack([points[:-1], points[1:]], axis=-2)
+    segments = both[np.isfinite(both).all(axis=(-2, -1))]
+    return segments[:, :, :2], segments[:, :, 2].mean(axis=1)
+
+
+def branches_of(loci: RootLoci) -> NDArray[np.complex128]:
     """Upper roots, then the partners where they are real, as columns; NaN: nothing to draw."""
     on_axis = loci.eigenvalues.imag == 0.0
     real = on_axis.copy()

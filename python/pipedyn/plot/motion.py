@@ -26,6 +26,7 @@ from matplotlib.patches import FancyArrowPatch, Rectangle
 from numpy.typing import ArrayLike
 
 from pipedyn.bifurcation.limit_cycle import LimitCycle
+from pipedyn.models.pipe import Pipe
 from pipedyn.motion.simulate import Ensemble, Motion
 from pipedyn.plot import common
 from pipedyn.util import check
@@ -257,7 +258,7 @@ def animate(
         # A cycle repeats, so its whole path is there from the start.
         trace.set_data(*path_of_tip[: None if cycle else dots * frame + 1].T)
         if flow is not None:
-            flow.set_positions(*_flow_ends(motion, shapes[frame]))
+            flow.set_positions(*flow_ends(motion.model.pipe, shapes[frame]))
         now = rf"$\tau = {times[frame]:.{digits}f}\,T$"
         text = ax.set_title(f"{common.motion_title(motion)}\n{now}")
         return [pipe, trace, text]
@@ -322,7 +323,15 @@ def _surroundings(ax: Axes, motion: Motion, shapes: Array, shape: Array) -> Fanc
 
     Returns the arrow, at one shape; None without flow.
     """
-    gamma = motion.model.pipe.gamma
+    pipe = motion.model.pipe
+    clamp_and_gravity(ax, pipe.gamma, shapes)
+    if motion.u == 0.0:
+        return None
+    return _arrow(ax, common.VERMILION, "flow", flow_ends(pipe, shape))
+
+
+def clamp_and_gravity(ax: Axes, gamma: float, shapes: Array) -> None:
+    """Clamp, gravity, and axes of equal scale with room for all shapes and the flow's arrow."""
     wide = max(0.36, float(np.abs(shapes[..., 0]).max()) + ARROW + 0.06)
     low = min(-0.12, float(shapes[..., 1].min()) - ARROW - 0.06)
     high = float(shapes[..., 1].max()) + ARROW + 0.06
@@ -338,9 +347,6 @@ def _surroundings(ax: Axes, motion: Motion, shapes: Array, shape: Array) -> Fanc
         start = -0.06 if gamma > 0.0 else 0.1
         _arrow(ax, common.BLACK, "gravity", ((at, start), (at, start + length)))
         ax.text(at + 0.03, start + 0.5 * length, "$g$", va="center")
-    if motion.u == 0.0:
-        return None
-    return _arrow(ax, common.VERMILION, "flow", _flow_ends(motion, shape))
 
 
 def _arrow(ax: Axes, colour: str, gid: str, ends: tuple[Any, Any]) -> FancyArrowPatch:
@@ -350,14 +356,14 @@ def _arrow(ax: Axes, colour: str, gid: str, ends: tuple[Any, Any]) -> FancyArrow
     return arrow
 
 
-def _flow_ends(motion: Motion, shape: Array) -> tuple[Any, Any]:
+def flow_ends(pipe: Pipe, shape: Array) -> tuple[Any, Any]:
     """Tail and head of the arrow at the free end: out of it, or into it."""
     step = shape[-1] - shape[-2]
     along = step / np.linalg.norm(step)
-    cos, sin = math.cos(angle := motion.model.pipe.jet_angle), math.sin(angle)
+    cos, sin = math.cos(angle := pipe.jet_angle), math.sin(angle)
     along = np.array([cos * along[0] + sin * along[1], cos * along[1] - sin * along[0]])  # (x, y)
     near, far = (tuple(map(float, shape[-1] + length * along)) for length in (0.02, ARROW))
-    return (near, far) if motion.model.pipe.flow == "ejecting" else (far, near)
+    return (near, far) if pipe.flow == "ejecting" else (far, near)
 
 
 # ---------------------------------------------------------------------------------- between samples
