@@ -354,7 +354,7 @@ PUMP, SHAKER = pp.Pulsation(2.0, 0.3, 25.0), pp.Harmonic(0.01, 25.0)
 SHAKES = pp.forced_response(SHAKEN, 1.0, base=SHAKER, frequencies=(20.0, 30.0))
 RESPONSE = pp.frequency_response(SHAKEN, 1.0, (1.0, 30.0))
 KEPT = Path(tempfile.mkdtemp()) / "kept.npz"
-pp.save(CRITICAL, KEPT)
+CRITICAL.save(KEPT)
 REGIONS = pp.parametric_regions(pp.Chain(pp.Pipe(0.1, 3.0), 2), 3.0, [0.3, 0.6], (5.0, 60.0))
 OBJECTS = (PIPE, CHAIN, BEAM, EXACT, SCENE, CRITICAL, CROSSING, HOPF, CYCLE, MOTION, ENSEMBLE)
 OBJECTS += (
@@ -1372,9 +1372,17 @@ def _kept() -> Iterator[Target]:
     """Files, and numbers from measurements."""
     kept, bad = one_of(KEPT, str(KEPT)), any_of(NONE, *NOTHINGS, one_of("x.json", 3))
     path = Kind(kept, any_of(bad, one_of("/nowhere/x.npz")))
-    things = one_of(CHAIN, PIPE, CRITICAL, CYCLE, SCENE)
-    thing = Kind(things, any_of(NONE, *NOTHINGS, one_of(3, "pipe")))
-    yield Target("save", pp.save, {"thing": thing, "path": path})
+    things = Kind(one_of(CHAIN, PIPE, CRITICAL, CYCLE, SCENE), None)
+    yield Target("save", lambda thing, path: thing.save(path), {"thing": things, "path": path})
+    found = (MODES, LOCI, MOTION, ENSEMBLE, DIAGRAM, TRADE, ENDS, BOUNDARY, RESPONSE, SHAKES)
+    table = {"table": Kind(one_of(*found), None), "units": word("nondimensional")}
+    yield Target("columns", lambda table, units: table.columns(units), table)
+    table["units"] = word("si", "nondimensional")
+    table["table"] = Kind(one_of(pp.modes(pp.Chain(MEASURED, 3), 1.0)), None)
+    yield Target("to_csv", lambda table, units: table.to_csv(units=units), table)
+    known = {"found": Kind(one_of(CRITICAL, CYCLE, LOCI, BOUNDARY), None)}
+    known["pipe"] = Kind(one_of(MEASURED), one_of(PIPE, 3, "pipe", CHAIN))
+    yield Target("in_si", lambda found, pipe: repr(found.in_si(pipe)), known)
     yield Target("load", pp.load, {"path": Kind(kept, bad)})
     size, most = real((0.1, 5.0), -1.0, 1e300), real((0.1, 5.0), 0.0, 1e300)
     words = ("frequency", "decay_rate", "decrement", "critical_speed", "critical_frequency")

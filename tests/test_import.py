@@ -78,6 +78,15 @@ def test_every_name_of_the_package_is_there_and_documented():
         assert getattr(pp, name).__doc__, name
 
 
+def test_every_public_name_stands_in_the_reference():
+    pages = (PACKAGE.parents[1] / "notebooks" / "reference").glob("*.md")
+    words = set(" ".join(page.read_text(encoding="utf-8") for page in pages).split())
+    for prefix, module in (("", pp), ("plot.", pp.plot), ("modular.", pp.modular)):
+        names = (name for name in module.__all__ if not inspect.ismodule(getattr(module, name)))
+        found = {name: {f"pipedyn.{name}", f"pipedyn.{prefix}{name}"} & words for name in names}
+        assert all(found.values()), found
+
+
 def test_progress_needs_no_progress_bar(monkeypatch, capsys):
     """Without tqdm a plain count goes to stderr."""
     monkeypatch.setitem(sys.modules, "tqdm", None)

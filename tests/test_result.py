@@ -1,6 +1,7 @@
 """Results compare and hash by their numbers, arrays included."""
 
 import pickle
+import sys
 from dataclasses import replace
 from functools import partial
 
@@ -8,7 +9,7 @@ import numpy as np
 import pytest
 
 import pipedyn as pp
-from pipedyn.util.result import result
+from pipedyn.util.result import Result, TableResult
 
 PIPE = pp.Pipe(0.2, 10.0, damping=1e-3)
 SPEEDS = np.linspace(0.0, 2.0, 3)
@@ -62,8 +63,7 @@ def test_results_of_the_same_numbers_are_equal_and_of_others_are_not(name):
     assert len({one, again, other}) == 2
 
 
-@result
-class Held:
+class Held(Result):
     """For tests."""
 
     values: np.ndarray
@@ -94,3 +94,178 @@ def test_arrays_compare_by_shape_and_entries(other, equal):
 def test_what_is_missing_in_both_is_equal():
     assert same(float("nan")) == same(float("nan"))
     assert hash(same(float("nan"))) == hash(same(float("nan")))
+
+
+# ------------------------------------------------------------------------------ what users see
+
+
+HOSE = {"length": 0.45, "bending_stiffness": 7.3e-3, "pipe_mass": 0.19, "fluid_mass": 0.032}
+SCALED = pp.Pipe.from_si(**HOSE)
+SCALED_CHAIN = pp.Chain(SCALED, 3)
+
+
+def every_subclass(kind):
+    return {kind, *(one for own in kind.__subclasses__() for one in every_subclass(own))}
+
+
+def tables():
+    """One of each class of tables, of a pipe with scales."""
+    motion = pp.simulate(
+        SCALED_CHAIN, 4.0, 1.0, bend, samples=5, events=pp.Event(lambda t, q, qdot: q[0])
+    )
+    small = pp.Chain(SCALED, 2)
+    cycle = pp.limit_cycle(small, 6.0)
+    diagram = pp.bifurcation_diagram(small, [5.0, 6.0], cycles=8)
+    shaken = pp.forced_response(
+        pp.Chain(pp.Pipe.from_si(**HOSE, damping_time=0.01), 2),
+        1.0,
+        base=pp.Harmonic(0.01, 10.0),
+        frequencies=(9.0, 11.0),
+    )
+    pulsation = pp.Pulsation(2.0, 0.3, 25.0)
+    return [
+        motion,
+        motion.events[0],
+        pp.simulate_many(SCALED_CHAIN, [1.0, 2.0], 1.0, bend, samples=5),
+        pp.modes(SCALED_CHAIN, 2.0),
+        replace(pp.root_loci(SCALED_CHAIN, SPEEDS, 2)),
+        pp.stability_curve(lambda n: pp.Chain(SCALED, round(n)), [3.0, 4.0]),
+        pp.criticality_curve(lambda n: pp.Chain(SCALED, round(n)), [3.0, 4.0]),
+        pp.frequency_response(SCALED_CHAIN, 1.0, [1.0, 2.0]),
+        pp.lyapunov_exponent(small, 4.0, bend, duration=5.0, transient=1.0),
+        pp.equilibria(small, 1.0),
+        cycle,
+        diagram,
+        diagram.equilibria[0],
+        diagram.cycles[0],
+        pp.boundary(small, "gamma", "u", {"gamma": (0.0, 5.0), "u": (0.0, 8.0)}),
+        pp.continuation.follow(lambda x, p: x - p, [0.0], 0.0, (0.0, 1.0)),
+        shaken,
+        shaken.branches[0],
+        shaken.at(10.0)[0],
+        pp.attractors(small, 3.0, 2),
+        *pp.parametric_regions(pp.Chain(pp.Pipe(0.1, 3.0), 2), 3.0, [0.6], (5.0, 60.0))[:1],
+        pp.floquet(small, pulsation),
+        pp.trade(SCALED, "critical_speed", families="beam", sizes=[4], repeats=1),
+        pp.relevant(pp.Pipe(0.2), 1.0, "frequencies", count=1),
+        pp.identify(SCALED, [pp.Measurement("frequency", 1.0, 0.01)], ["bending_stiffness"]),
+        cycle_fold(),
+    ]
+
+
+def cycle_fold():
+    branch = pp.bifurcation_diagram(pp.Chain(pp.Pipe(0.05), 2), [3.0, 3.2, 3.4]).cycles[0]
+    fold = next(event for event in branch.events if event.kind == "fold")
+    window = {"beta": (0.04, 0.06), "u": (2.0, 5.0)}
+    return pp.cycle_boundary(branch, fold, "beta", "u", window)
+
+
+def test_every_table_has_columns_a_data_frame_and_a_page():
+    every = tables()
+    assert {type(table) for table in every} == every_subclass(TableResult) - {TableResult}
+    for table in every:
+        columns = table.columns()
+        assert len({len(values) for values in columns.values()}) == 1, table
+        frame = table.to_dataframe()
+        assert list(frame.columns) == list(columns)
+        assert table.to_csv().splitlines()[0] == ",".join(columns)
+        assert len(table.to_csv().splitlines()) == 1 + len(frame)
+        assert table._repr_html_().startswith("<table>")
+        assert len(repr(table).splitlines()) <= 7, repr(table)
+        if table._scales() is None:
+            with pytest.raises(ValueError, match=r"pipe must be given|numbers in SI need"):
+                table.columns("si")
+        else:
+            assert len(table.columns("si")) == len(columns)
+
+
+def test_numbers_in_si_are_those_of_the_hose():
+    """Against the definitions with the hose's own numbers, and between one another."""
+    length, stiffness, fluid = HOSE["length"], HOSE["bending_stiffness"], HOSE["fluid_mass"]
+    mass = HOSE["pipe_mass"] + fluid
+    found = pp.critical_speed(SCALED_CHAIN)
+    si = found.in_si()
+    assert si.speed == pytest.approx(found.speed * np.sqrt(stiffness / fluid) / length, rel=1e-14)
+    time = length**2 * np.sqrt(mass / stiffness)
+    assert si.frequency == pytest.approx(found.frequency / (2.0 * np.pi * time), rel=1e-14)
+    assert si.units == {"speed": "m/s", "frequency": "Hz"}
+    assert (
+        repr(si)
+        == f"CriticalSpeed in SI(speed={si.speed:.7g} m/s, frequency={si.frequency:.7g} Hz)"
+    )
+    with pytest.raises(AttributeError, match="error of CriticalSpeed has no value in SI units"):
+        _ = si.error
+    cycle = pp.limit_cycle(pp.Chain(SCALED, 2), 6.0).in_si()
+    assert cycle.period == pytest.approx(1.0 / cycle.frequency, rel=1e-12)
+    assert cycle.t[-1] == pytest.approx(cycle.period, rel=1e-12)
+    assert np.ptp(cycle.tip[:, 0]) == pytest.approx(2.0 * cycle.amplitude, rel=1e-3)
+    # The rates of coordinates are their derivatives by time in seconds.
+    slope = np.gradient(pp.limit_cycle(pp.Chain(SCALED, 2), 6.0).q[:, 0], cycle.t, edge_order=2)
+    assert np.abs(slope - cycle.qdot[:, 0]).max() < 0.02 * np.abs(slope).max()
+
+
+def test_energy_in_joules_is_weight_times_height():
+    """What gravity adds to the energy of a bent pipe, from the heights of its segments."""
+    weightless = pp.Pipe.from_si(**HOSE, gravity=0.0)
+    angles = np.array([0.3, -0.2, 0.5])
+    heavy, light = (
+        pp.simulate(pp.Chain(pipe, 3), 0.0, 1e-3, angles).in_si().energy[0]
+        for pipe in (SCALED, weightless)
+    )
+    part, weight = HOSE["length"] / 3.0, 9.81 * (HOSE["pipe_mass"] + HOSE["fluid_mass"])
+    joints = np.append(0.0, np.cumsum(part * (1.0 - np.cos(angles))))
+    assert heavy - light == pytest.approx(
+        weight * part * 0.5 * (joints[1:] + joints[:-1]).sum(), rel=1e-5
+    )
+
+
+def test_a_sweep_over_the_length_has_scales_of_each_point():
+    def hose(length):
+        return pp.Chain(pp.Pipe.from_si(**{**HOSE, "length": length}), 3)
+
+    curve = pp.stability_curve(hose, [0.3, 0.45])
+    single = [pp.critical_speed(hose(length)).in_si().speed for length in (0.3, 0.45)]
+    np.testing.assert_allclose(curve.in_si().speeds, single, rtol=1e-12)
+    np.testing.assert_allclose(curve.columns("si")["speed (m/s)"], single, rtol=1e-12)
+    assert [one.in_si().speed for one in curve.critical] == pytest.approx(single, rel=1e-12)
+
+
+def test_the_axes_of_a_boundary_have_the_units_of_its_numbers():
+    pipe = pp.Pipe.from_si(**HOSE, terms=[pp.PointMass(0.45, 0.01)])
+    window = {"PointMass.mass": (0.05, 0.2), "u": (0.0, 9.0)}
+    found = pp.boundary(pp.Chain(pipe, 3), "PointMass.mass", "u", window, criticality=False)
+    curve, si = found.curves[0], found.in_si().curves[0]
+    scale = 0.45 * (HOSE["pipe_mass"] + HOSE["fluid_mass"])
+    np.testing.assert_allclose(si.x, curve.x * scale, rtol=1e-12)
+    np.testing.assert_allclose(si.y, pipe.speed_si(curve.y), rtol=1e-12)
+    assert list(found.columns("si"))[2:5] == ["PointMass.mass (kg)", "u (m/s)", "frequency (Hz)"]
+
+
+def test_si_is_refused_without_scales_and_without_a_pipe():
+    with pytest.raises(ValueError, match=r"numbers in SI need a pipe made with Pipe\.from_si"):
+        pp.critical_speed(chain()).in_si()
+    loci = pp.root_loci(SCALED_CHAIN, SPEEDS, 2)
+    with pytest.raises(ValueError, match="pipe must be given: the result does not hold its pipe"):
+        loci.in_si()
+    with pytest.raises(TypeError, match="pipe must be a Pipe, got 3"):
+        loci.in_si(3)
+    np.testing.assert_array_equal(loci.in_si(SCALED).speeds, SCALED.speed_si(SPEEDS))
+    with pytest.raises(ValueError, match="units must be one of 'nondimensional', 'si', got 'SI'"):
+        loci.columns("SI")
+
+
+def test_a_data_frame_needs_pandas(monkeypatch):
+    monkeypatch.setitem(sys.modules, "pandas", None)
+    with pytest.raises(ImportError, match="pip install pandas"):
+        pp.modes(SCALED_CHAIN, 2.0).to_dataframe()
+
+
+def test_a_motion_is_shown_in_a_line_and_a_diagram_in_five():
+    motion = pp.simulate(pp.Chain(pp.Pipe(0.2), 3), 1.0, 1.0, bend, samples=5)
+    assert repr(motion) == (
+        "Motion(t=[0, 0.25, 0.5, 0.75, 1], u=1, "
+        "model=Chain(Pipe(beta=0.2), n=3, springs='consistent'))"
+    )
+    diagram = pp.bifurcation_diagram(pp.Chain(pp.Pipe(0.2), 2), [3.0, 4.0], cycles=6)
+    assert len(repr(diagram).splitlines()) <= 5
+    assert "cycles=<2 CycleBranch>" in repr(diagram)

@@ -62,7 +62,6 @@ from pipedyn.linear.modes import Modes, ModeShape, RootLoci, eigenvalues, modes,
 from pipedyn.linear.sensitivity import Crossing, Derivatives, Sensitivity
 from pipedyn.linear.stability_curve import Failure, StabilityCurve, stability_curve
 from pipedyn.models import modular
-from pipedyn.models.archive import load, save
 from pipedyn.models.base import Model, NotConverged, Operators, PipedynError, Power
 from pipedyn.models.chain import Chain
 from pipedyn.models.continuum import Continuum
@@ -96,6 +95,7 @@ from pipedyn.motion.simulate import (
     simulate,
     simulate_many,
 )
+from pipedyn.util.archive import load
 
 __version__ = "0.1.0"
 
@@ -214,7 +214,6 @@ __all__ = [
     "plot",
     "relevant",
     "root_loci",
-    "save",
     "simulate",
     "simulate_many",
     "stability_curve",

@@ -34,7 +34,7 @@ from pipedyn.models.base import Model, PipedynError, checked_pipe
 from pipedyn.models.pipe import Pipe
 from pipedyn.util import check
 from pipedyn.util.later import html
-from pipedyn.util.result import result
+from pipedyn.util.result import Result
 
 DEFAULT = ("legendre", "beam", "consistent", "midpoint")
 """Families to choose among where none are named: of chains those whose error falls fastest."""
@@ -55,8 +55,7 @@ GAIN = 0.7
 which it is spent: times of one answer scatter by as much."""
 
 
-@result
-class Tried:
+class Tried(Result):
     """A family: what was measured last of it, if anything, and why it was not chosen."""
 
     family: str
@@ -64,8 +63,7 @@ class Tried:
     why: str
 
 
-@result
-class Choice:
+class Choice(Result):
     """The model chosen.
 
     Attributes:

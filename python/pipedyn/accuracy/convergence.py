@@ -19,7 +19,7 @@ from pipedyn.models.galerkin import Galerkin, basis_joints
 from pipedyn.models.pipe import Pipe
 from pipedyn.util import check
 from pipedyn.util.check import Array
-from pipedyn.util.result import result
+from pipedyn.util.result import Result
 
 RULES = {"consistent": 2.0, "midpoint": 2.0, "rayleigh": 0.0, "uniform": 1.0, "frequency": 1.0}
 """Spring rules and the order of their errors; the paper's tends to another limit."""
@@ -116,8 +116,7 @@ def checked_families(name: str, given: Any, default: Sequence[str]) -> tuple[Fam
 # ----------------------------------------------------------------------------- laws of their errors
 
 
-@result
-class ConvergenceLaw:
+class ConvergenceLaw(Result):
     """How the error of a family's critical speed falls as its models grow.
 
     Attributes:

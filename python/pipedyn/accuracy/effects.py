@@ -31,8 +31,9 @@ from pipedyn.models.profile import Profile
 from pipedyn.models.supports import RootSpring
 from pipedyn.models.terms import Foundation, Spring
 from pipedyn.util import check
-from pipedyn.util.result import result
+from pipedyn.util.result import Result, TableResult
 from pipedyn.util.table import Table
+from pipedyn.util.units import RATE
 
 LIMIT_BETA = 1e-9
 """beta that stands for the limit beta -> 0, from which the critical speed differs by 1.1 beta."""
@@ -60,8 +61,7 @@ PROFILES = {"varying stiffness": "stiffness", "varying mass": "mass"}
 """Effects that a uniform pipe has not, with its value at s = 0 all along: its name."""
 
 
-@result
-class Effect:
+class Effect(Result):
     """One effect, and what its absence changes.
 
     Attributes:
@@ -109,8 +109,7 @@ class Effect:
         return (self.name, self.strength, self.without, size, growth, self.verdict)
 
 
-@result
-class Relevance:
+class Relevance(TableResult, units={"growth": RATE}):
     """The size of each effect on one quantity of a pipe.
 
     Attributes:
@@ -164,8 +163,9 @@ class Relevance:
     def __str__(self) -> str:
         return self._table().text()
 
-    def _repr_html_(self) -> str:
-        return self._table().html()
+    def _columns(self) -> dict[str, Any]:
+        names = "name", "strength", "without", "size", "error", "growth", "verdict", "note"
+        return {name: [getattr(one, name) for one in self.effects] for name in names}
 
 
 def relevant(

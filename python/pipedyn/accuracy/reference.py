@@ -11,7 +11,7 @@ from typing import Any
 
 from numpy.typing import NDArray
 
-from pipedyn.util.result import result
+from pipedyn.util.result import Result
 
 MARGIN = 10.0
 """By how much the error of a reference must be smaller than an error measured against it, which is
@@ -21,8 +21,7 @@ LEAST_ERROR = 1e-14
 """Least error that a reference is given: rounding of an eigenvalue or of a quadrature."""
 
 
-@result
-class Answer:
+class Answer(Result):
     """What a model answered, or of the continuous pipe: a reference.
 
     Attributes:

@@ -3,13 +3,10 @@
 
 from __future__ import annotations
 
-import csv
-import io
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import field, fields
 from itertools import pairwise
-from os import PathLike
 from typing import Any
 
 import numpy as np
@@ -29,7 +26,7 @@ from pipedyn.models.pipe import Pipe
 from pipedyn.util import check
 from pipedyn.util.counters import clock, counted, limited
 from pipedyn.util.parallel import track
-from pipedyn.util.result import result
+from pipedyn.util.result import Result, TableResult
 from pipedyn.util.table import Table
 
 LONGEST = 10.0
@@ -43,8 +40,7 @@ DEFAULT = ("consistent", "midpoint", "uniform", "rayleigh", "consistent pair", "
 """Families that are measured where none are named."""
 
 
-@result
-class TradeRow:
+class TradeRow(Result):
     """One model, or pair of models, measured.
 
     Attributes:
@@ -89,8 +85,7 @@ class TradeRow:
         )
 
 
-@result
-class Trade:
+class Trade(TableResult):
     """Error against cost of models of one pipe for one quantity.
 
     Attributes:
@@ -163,27 +158,11 @@ class Trade:
     def __str__(self) -> str:
         return self._table().text()
 
-    def _repr_html_(self) -> str:
-        return self._table().html()
-
-    def to_csv(self, path: str | PathLike[str] | None = None) -> str:
-        """The rows as comma-separated values, written to a file too where its path is given.
-
-        Raises:
-            OSError: if it cannot be written.
-            TypeError: for what is no path.
-        """
-        if path is not None and not isinstance(path, str | PathLike):
-            raise TypeError(f"path must be a file's name, got {check.shown(path)}")
-        names = [one.name for one in fields(TradeRow) if one.name != "values"]
-        text = io.StringIO()
-        writer = csv.writer(text, lineterminator="\n")
-        writer.writerow(names)  # of a row None is an empty cell
-        writer.writerows([getattr(row, name) for name in names] for row in self.rows)
-        if path is not None:
-            with open(path, "w", encoding="utf-8", newline="") as file:
-                file.write(text.getvalue())
-        return text.getvalue()
+    def _columns(self) -> dict[str, Any]:
+        names = [one.name for one in fields(TradeRow) if one.name not in ("failure", "values")]
+        columns = {name: [getattr(row, name) for row in self.rows] for name in names}
+        failures = ["" if row.failure is None else str(row.failure) for row in self.rows]
+        return columns | {"failure": failures}
 
 
 def trade(

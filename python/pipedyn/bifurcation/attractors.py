@@ -35,7 +35,8 @@ from pipedyn.motion.simulate import (
 from pipedyn.util import check
 from pipedyn.util.check import Array
 from pipedyn.util.later import futures
-from pipedyn.util.result import result
+from pipedyn.util.result import Result, TableResult
+from pipedyn.util.units import LENGTH, RATE
 
 Starts = NDArray[np.int_]
 """Numbers of some of the starts."""
@@ -48,8 +49,7 @@ MOST_ATTRACTORS = 100
 """Beyond, attractors are not told apart from motions that have not settled."""
 
 
-@result
-class Share:
+class Share(Result):
     """How many of all starts.
 
     Attributes:
@@ -65,8 +65,7 @@ class Share:
     error: float
 
 
-@result
-class Basin:
+class Basin(Result, units={"exponent": RATE, "spectrum": LENGTH}):
     """An attractor, and the starts that end on it.
 
     Attributes:
@@ -110,8 +109,7 @@ class Basin:
         return self.attractor.ending
 
 
-@result
-class StartPlane:
+class StartPlane(Result):
     """Starts on a plane of two coordinates or rates, such as two initial angles.
 
     Attributes:
@@ -154,8 +152,7 @@ class StartPlane:
         return self.y.size, self.x.size
 
 
-@result
-class StartFailure:
+class StartFailure(Result):
     """A start whose motion stopped, or that has none.
 
     Attributes:
@@ -167,8 +164,7 @@ class StartFailure:
     error: Exception
 
 
-@result
-class Attractors:
+class Attractors(TableResult, units={"exponent": RATE}):
     """All that motions from many starts end on, at one flow speed.
 
     Attributes:
@@ -198,6 +194,14 @@ class Attractors:
 
     def __len__(self) -> int:
         return len(self.basins)
+
+    def _columns(self) -> dict[str, Any]:
+        names = "ending", "period", "amplitude", "exponent", "attracts", "mirror_image"
+        shares = {
+            "share": [one.share.value for one in self.basins],
+            "share_error": [one.share.error for one in self.basins],
+        }
+        return shares | {name: [getattr(one, name) for one in self.basins] for name in names}
 
 
 def attractors(

@@ -39,19 +39,19 @@ from pipedyn.linear.modes import largest_speed
 from pipedyn.linear.plane import Plane, Window
 from pipedyn.linear.sensitivity import Kind
 from pipedyn.models.continuum import AnyModel, Continuum, checked_model
-from pipedyn.models.pipe_numbers import PipeNumber, checked_number
+from pipedyn.models.pipe_numbers import PipeNumber, checked_number, unit_of_number
 from pipedyn.util import check
 from pipedyn.util.check import Array
 from pipedyn.util.newton import NewtonFailed
-from pipedyn.util.result import result
+from pipedyn.util.result import Result, TableResult, joined
 from pipedyn.util.threads import one_thread
+from pipedyn.util.units import Unit
 
 LARGEST_MODEL = 500
 """Degrees of freedom of a model: dense matrices are factorised at every point."""
 
 
-@result
-class BoundaryCurve:
+class BoundaryCurve(Result):
     """A curve of flutter or of divergence, point by point along its arc length.
 
     Attributes:
@@ -102,8 +102,7 @@ class BoundaryCurve:
         return self.unstable[:, None] + np.stack([left, right], axis=1)
 
 
-@result
-class Boundary:
+class Boundary(TableResult):
     """Curves on which eigenvalues lie on the imaginary axis, in a window of two numbers.
 
     Attributes:
@@ -147,6 +146,29 @@ class Boundary:
         if isinstance(model, Continuum):
             return basis_plane(model.frozen(self.size), of, self.u)
         return Plane(model, of, self.u)
+
+    def _unit(self, name: str) -> Unit | None:
+        known = unit_of_number(name, self.model.pipe) if name in self.names else None
+        return known or super()._unit(name)
+
+    def _units_within(self) -> dict[str, Unit | None]:
+        first, second = map(self._unit, self.names)
+        return {"x": first, "y": second}
+
+    def _columns(self) -> dict[str, Any]:
+        first, second = self.names
+        tables = [
+            {
+                first: one.x,
+                second: one.y,
+                "frequency": one.frequency,
+                "unstable": one.unstable,
+                "criticality": one.criticality,
+            }
+            for one in self.curves
+        ]
+        kinds = [one.kind for one in self.curves]
+        return joined(tables, curve=range(len(kinds)), kind=kinds)
 
 
 def boundary(

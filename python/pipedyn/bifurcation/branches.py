@@ -13,7 +13,7 @@ import math
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field, replace
 from functools import cache, partial
-from typing import Literal, cast
+from typing import Any, Literal, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -57,8 +57,9 @@ from pipedyn.models.base import Model, NotConverged, PipedynError
 from pipedyn.util import check
 from pipedyn.util.check import Array
 from pipedyn.util.newton import NewtonFailed
-from pipedyn.util.result import result
+from pipedyn.util.result import Result, TableResult
 from pipedyn.util.threads import one_thread
+from pipedyn.util.units import SPEED
 
 SAME = 1e-4
 """Relative difference below which two cycles, or the speeds of two events, are the same: measured,
@@ -97,8 +98,7 @@ ones, since their number may grow without end (a cascade of period doublings).""
 Origin = Literal["hopf", "pitchfork", "period doubling", "motion"]
 
 
-@result
-class CycleEvent:
+class CycleEvent(Result, units={"error": SPEED}):
     """Where the stability of a branch of cycles changes, or the branch turns or ends.
 
     Attributes:
@@ -130,8 +130,7 @@ class CycleEvent:
         return self.kind == other.kind and apart <= near and equal
 
 
-@result
-class CycleBranch:
+class CycleBranch(TableResult):
     """Cycles along a branch, which may turn in the flow speed, in order from where it begins.
 
     Attributes:
@@ -172,6 +171,15 @@ class CycleBranch:
         """The cycles at one of the speeds given, in order along the branch."""
         u = check.real("u", u, low=0.0)
         return tuple(cycle for cycle in self.cycles if math.isclose(cycle.u, u, rel_tol=1e-12))
+
+    def _columns(self) -> dict[str, Any]:
+        return {
+            "speed": self.speeds,
+            "amplitude": self.amplitudes,
+            "highest": self.highest,
+            "frequency": self.frequencies,
+            "stable": self.stable,
+        }
 
 
 @dataclass(frozen=True)

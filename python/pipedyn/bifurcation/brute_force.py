@@ -46,7 +46,8 @@ from pipedyn.motion.simulate import (
 )
 from pipedyn.util.check import Array
 from pipedyn.util.parallel import parallel
-from pipedyn.util.result import result
+from pipedyn.util.result import Result
+from pipedyn.util.units import LENGTH
 
 Failed = tuple[float, Exception]
 """A flow speed and what was raised there."""
@@ -88,8 +89,7 @@ NEIGHBOUR = -1
 """Of a motion that begins beside a member of a batch and is none itself, for its number."""
 
 
-@result
-class Attractor:
+class Attractor(Result, units={"turnings": LENGTH}):
     """Where one motion ends.
 
     Attributes:

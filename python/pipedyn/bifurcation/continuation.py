@@ -34,7 +34,7 @@ from pipedyn.util.check import Array
 from pipedyn.util.counters import factorised
 from pipedyn.util.later import scipy
 from pipedyn.util.newton import NewtonFailed, newton
-from pipedyn.util.result import result
+from pipedyn.util.result import Result, TableResult, numbered
 
 FLAT = 0.3
 """Share of a step's steepest slope dp/ds below which there may be two folds within it: a cubic
@@ -517,8 +517,7 @@ class DenseProblem(Continuation):
 # --------------------------------------------------------------------------- a user's equations
 
 
-@result
-class MarkedPoint:
+class MarkedPoint(Result):
     """A fold of a branch, or a zero of a test function on it.
 
     Attributes:
@@ -532,8 +531,7 @@ class MarkedPoint:
     p: float
 
 
-@result
-class Branch:
+class Branch(TableResult):
     """A branch of solutions, point by point along its arc length.
 
     Attributes:
@@ -562,6 +560,9 @@ class Branch:
     def folds(self) -> tuple[MarkedPoint, ...]:
         """Where the parameter turns back."""
         return tuple(point for point in self.points if point.kind == "fold")
+
+    def _columns(self) -> dict[str, Any]:
+        return {"p": self.p, **numbered("x", self.x)}
 
 
 def follow(

@@ -12,7 +12,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import field
-from typing import cast
+from typing import Any, cast
 
 from pipedyn.bifurcation.boundary import Boundary
 from pipedyn.bifurcation.branches import CycleBranch, CycleEvent
@@ -27,14 +27,15 @@ from pipedyn.bifurcation.event_plane import (
 from pipedyn.bifurcation.event_problem import Followed
 from pipedyn.bifurcation.forced_response import ForcedBranch, ForcedEvent
 from pipedyn.models.base import Model, NotConverged
+from pipedyn.models.pipe_numbers import unit_of_number
 from pipedyn.util import check
 from pipedyn.util.newton import NewtonFailed
-from pipedyn.util.result import result
+from pipedyn.util.result import TableResult, joined
 from pipedyn.util.threads import one_thread
+from pipedyn.util.units import Unit
 
 
-@result
-class CycleBoundary:
+class CycleBoundary(TableResult):
     """Curves of events of cycles in a window of two numbers.
 
     Attributes:
@@ -58,6 +59,29 @@ class CycleBoundary:
     model: Model
     failures: tuple[str, ...]
     evaluations: int
+
+    def _unit(self, name: str) -> Unit | None:
+        known = unit_of_number(name, self.model.pipe) if name in self.names else None
+        return known or super()._unit(name)
+
+    def _units_within(self) -> dict[str, Unit | None]:
+        first, second = map(self._unit, self.names)
+        return {"x": first, "y": second}
+
+    def _columns(self) -> dict[str, Any]:
+        first, second = self.names
+        tables = [
+            {
+                first: one.x,
+                second: one.y,
+                "frequency": one.frequency,
+                "amplitude": one.amplitude,
+                "unstable": one.unstable,
+            }
+            for one in self.curves
+        ]
+        kinds = [one.kind for one in self.curves]
+        return joined(tables, curve=range(len(kinds)), kind=kinds)
 
 
 def cycle_boundary(

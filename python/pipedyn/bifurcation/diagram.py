@@ -7,7 +7,7 @@ import inspect
 import math
 import sys
 from contextlib import suppress
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
@@ -57,7 +57,7 @@ from pipedyn.util.counters import clock, counted
 from pipedyn.util.later import futures
 from pipedyn.util.newton import NewtonFailed
 from pipedyn.util.parallel import parallel, track
-from pipedyn.util.result import result
+from pipedyn.util.result import Result, TableResult, joined
 from pipedyn.util.threads import one_thread
 
 MOST_MOTIONS = 100_000
@@ -74,8 +74,7 @@ MOST_FROM_MOTIONS = 12
 """Cycles, at most, that motions end on and that are followed from there: a second or more each."""
 
 
-@result
-class BifurcationDiagram:
+class BifurcationDiagram(TableResult):
     """What a pipe does over the flow speed.
 
     Attributes:
@@ -93,7 +92,7 @@ class BifurcationDiagram:
     speeds: Array
     equilibria: tuple[EquilibriumBranch, ...]
     cycles: tuple[CycleBranch, ...]
-    motions: tuple[Attractor, ...] = field(repr=False)
+    motions: tuple[Attractor, ...]
     failures: tuple[Failure, ...]
     model: Model
 
@@ -104,6 +103,20 @@ class BifurcationDiagram:
             return ()
         nearest = min(self.motions, key=lambda one: abs(one.speed - u)).speed
         return tuple(one for one in self.motions if one.speed == nearest)
+
+    def _columns(self) -> dict[str, Any]:
+        names = "speed", "amplitude", "highest", "frequency", "stable"
+        still = (np.zeros_like(one.speeds) for one in self.equilibria)
+        tables = [
+            (one.speeds, zero, one.tips[:, 0], zero, one.stable)
+            for one, zero in zip(self.equilibria, still, strict=True)
+        ] + [
+            (one.speeds, one.amplitudes, one.highest, one.frequencies, one.stable)
+            for one in self.cycles
+        ]
+        kinds = ["equilibrium"] * len(self.equilibria) + ["cycle"] * len(self.cycles)
+        branches = [dict(zip(names, table, strict=True)) for table in tables]
+        return joined(branches, branch=range(len(kinds)), kind=kinds)
 
 
 def bifurcation_diagram(
@@ -194,8 +207,7 @@ def bifurcation_diagram(
     return BifurcationDiagram(at, branches, tuple(found.branches), motions, failures, model)
 
 
-@result
-class DiagramCost:
+class DiagramCost(Result):
     """What a bifurcation diagram takes, as far as short pieces of its work foretell.
 
     Attributes:

@@ -36,8 +36,9 @@ from pipedyn.util import check
 from pipedyn.util.check import Array
 from pipedyn.util.later import scipy
 from pipedyn.util.newton import NewtonFailed
-from pipedyn.util.result import result
+from pipedyn.util.result import Result, TableResult, numbered
 from pipedyn.util.threads import one_thread
+from pipedyn.util.units import RATE
 
 BALANCED = 1e-8
 """Force that may be left at an equilibrium, in units of 1 + |gamma| + a u^2: in 11 searches of five
@@ -73,8 +74,7 @@ LARGEST_BATCH = 1_000_000
 """Entries of the Jacobians of one batch by x; those by the state are four times as many, 32 MB."""
 
 
-@result
-class Equilibria:
+class Equilibria(TableResult, units={"growth": RATE}):
     """Equilibria at one flow speed, the straight one first, the others from the least bent on.
 
     Attributes:
@@ -97,6 +97,15 @@ class Equilibria:
 
     def __len__(self) -> int:
         return len(self.stable)
+
+    def _columns(self) -> dict[str, Any]:
+        return {
+            "tip_x": self.tips[:, 0],
+            "tip_y": self.tips[:, 1],
+            "growth_rate": self.growth,
+            "stable": self.stable,
+            **numbered("q", self.q),
+        }
 
 
 def equilibria(model: Model, u: float, starts: Sequence[Start] = ()) -> Equilibria:
@@ -367,8 +376,7 @@ NEAR = 0.5
 more than rounded numbers of an equilibrium are off by, and less than the way to another."""
 
 
-@result
-class BranchPoint:
+class BranchPoint(Result):
     """Where the stability of a branch changes or the branch turns.
 
     Attributes:
@@ -388,8 +396,7 @@ class BranchPoint:
     tip: Array
 
 
-@result
-class EquilibriumBranch:
+class EquilibriumBranch(TableResult):
     """A branch of equilibria, point by point along its arc length.
 
     Attributes:
@@ -426,6 +433,16 @@ class EquilibriumBranch:
     def straight(self) -> bool:
         """Whether its configuration, that of the straight pipe, is the same at every speed."""
         return not float(np.ptp(self.q, axis=0).max()) > 0.0
+
+    def _columns(self) -> dict[str, Any]:
+        return {
+            "speed": self.speeds,
+            "tip_x": self.tips[:, 0],
+            "tip_y": self.tips[:, 1],
+            "stable": self.stable,
+            "unstable": self.unstable,
+            **numbered("q", self.q),
+        }
 
 
 def equilibrium_branch(

@@ -26,7 +26,7 @@ from pipedyn.util.check import Array
 from pipedyn.util.later import scipy
 from pipedyn.util.newton import NewtonFailed
 from pipedyn.util.parallel import track
-from pipedyn.util.result import result
+from pipedyn.util.result import Result
 
 LONGEST = 0.08
 """Longest step: a share of the second number's range, of the frequency or of the speed, or a change
@@ -40,8 +40,7 @@ NEAR_END, NEARBY = 0.01, 0.1
 which these are 0, and below which it is said to lead there if Newton's method fails on the way."""
 
 
-@result
-class CycleCurve:
+class CycleCurve(Result):
     """An event of cycles, point by point along the curve.
 
     Attributes:
@@ -83,8 +82,7 @@ class CycleCurve:
         return len(self.x)
 
 
-@result
-class CyclePoint:
+class CyclePoint(Result):
     """Where a curve of an event meets a second condition.
 
     Multipliers are those over a period, of a cycle that is its own mirror image those over half a

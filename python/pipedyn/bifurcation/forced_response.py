@@ -54,7 +54,7 @@ from pipedyn.util.check import Array
 from pipedyn.util.later import scipy
 from pipedyn.util.newton import NewtonFailed
 from pipedyn.util.parallel import track
-from pipedyn.util.result import result
+from pipedyn.util.result import Result, TableResult, joined
 from pipedyn.util.threads import one_thread
 
 LARGEST = 60
@@ -163,8 +163,7 @@ class ForcedField(VectorField):
 BranchKind = Literal["base", "subharmonic", "harmonic"]
 
 
-@result
-class ForcedMotion(Trajectory):
+class ForcedMotion(Trajectory, TableResult):
     """One period of a periodic motion under a periodic forcing.
 
     Attributes:
@@ -207,8 +206,7 @@ class ForcedMotion(Trajectory):
         return self.model.tips(self.q.T)
 
 
-@result
-class ForcedEvent:
+class ForcedEvent(Result):
     """Where a branch changes.
 
     Attributes:
@@ -224,8 +222,7 @@ class ForcedEvent:
     amplitude: float
 
 
-@result
-class ForcedBranch:
+class ForcedBranch(TableResult):
     """Motions along one branch, in the order in which it was followed.
 
     Its events are among them.
@@ -270,9 +267,16 @@ class ForcedBranch:
                         found.append(_described(self.motion, orbit, rtol, samples))
         return found
 
+    def _columns(self) -> dict[str, Any]:
+        return {
+            "frequency": self.frequency,
+            "amplitude": self.amplitude,
+            "largest": self.largest,
+            "stable": self.stable,
+        }
 
-@result
-class ForcedResponse:
+
+class ForcedResponse(TableResult):
     """Periodic motions over the frequency of the forcing.
 
     Attributes:
@@ -321,6 +325,11 @@ class ForcedResponse:
             why = "; ".join(str(failure.error) for failure in self.failures)
             raise NotConverged(f"no motion is known at a frequency of {frequency:g}: {why}")
         return sorted(found, key=lambda one: -one.amplitude)
+
+    def _columns(self) -> dict[str, Any]:
+        tables = [one._columns() for one in self.branches]
+        kinds = [one.kind for one in self.branches]
+        return joined(tables, branch=range(len(kinds)), kind=kinds)
 
 
 def forced_response(

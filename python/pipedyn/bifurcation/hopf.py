@@ -44,7 +44,7 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -55,7 +55,7 @@ from pipedyn.bifurcation.vector_field import VectorField
 from pipedyn.linear.critical_speed import first_loss
 from pipedyn.linear.eigenproblem import Complex
 from pipedyn.linear.sensitivity import Crossing
-from pipedyn.linear.stability_curve import Failure, of_each, swept
+from pipedyn.linear.stability_curve import Failure, of_each, scales_of_each, swept
 from pipedyn.models.base import Model, NotConverged, PipedynError
 from pipedyn.models.constant_head import ConstantHead
 from pipedyn.models.drive import Supply
@@ -65,7 +65,7 @@ from pipedyn.util.check import Array
 from pipedyn.util.counters import factorised
 from pipedyn.util.later import futures, scipy
 from pipedyn.util.parallel import outcome_of
-from pipedyn.util.result import result
+from pipedyn.util.result import Result, TableResult
 from pipedyn.util.threads import one_thread
 
 LEVELS, FIRST_STEP = 6, 0.2
@@ -200,8 +200,7 @@ def _extrapolated(values: list[complex], rounding: Array) -> tuple[complex, floa
 # ------------------------------------------------------------------------------- of the pipe
 
 
-@dataclass(frozen=True)
-class HopfPoint:
+class HopfPoint(Result):
     """A pair of eigenvalues on the imaginary axis, from which small periodic orbits come."""
 
     speed: float
@@ -227,7 +226,6 @@ def _rest_at(motion: VectorField, crossing: Crossing | BranchPoint) -> Array:
     return motion.resting()
 
 
-@result
 class Hopf(HopfPoint):
     """A flutter onset, and the limit cycle that emerges there.
 
@@ -589,8 +587,7 @@ def _tip_of(motion: VectorField, rest: Array, mode: Complex) -> complex:
 # ----------------------------------------------------------------------- against a parameter
 
 
-@result
-class CriticalityCurve:
+class CriticalityCurve(TableResult):
     """Onsets of flutter against a parameter.
 
     Attributes:
@@ -639,6 +636,21 @@ class CriticalityCurve:
         known, side = ~np.isnan(self.speeds), self.subcritical
         at = np.flatnonzero(known[:-1] & known[1:] & (side[:-1] != side[1:]))
         return np.stack([self.values[at], self.values[at + 1]], axis=1)
+
+    def _columns(self) -> dict[str, Any]:
+        failed = {one.index: str(one.error) for one in self.failures}
+        return {
+            "value": self.values,
+            "speed": of_each(self.onsets, "speed"),
+            "frequency": of_each(self.onsets, "frequency"),
+            "criticality": [one.criticality if one is not None else "" for one in self.onsets],
+            "lyapunov": of_each(self.onsets, "lyapunov"),
+            "failure": [failed.get(index, "") for index in range(len(self.values))],
+        }
+
+    def _scales(self) -> Any:
+        """Of each point, whose pipe may be another."""
+        return scales_of_each(self.onsets)
 
 
 def _onsets(models: Sequence[Model]) -> list[Hopf | Exception]:

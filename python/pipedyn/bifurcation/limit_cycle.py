@@ -51,7 +51,7 @@ from pipedyn.util.check import Array
 from pipedyn.util.counters import factorised
 from pipedyn.util.later import scipy
 from pipedyn.util.newton import NewtonFailed
-from pipedyn.util.result import result
+from pipedyn.util.result import TableResult
 from pipedyn.util.threads import one_thread
 
 LARGEST_CYCLE = 100
@@ -98,8 +98,7 @@ KINDS = "a LimitCycle, a Hopf, a Motion, an angle theta(s), coordinates or a sta
 """What a start may be."""
 
 
-@result
-class LimitCycle(Trajectory):
+class LimitCycle(Trajectory, TableResult):
     """One period of a periodic motion.
 
     Attributes:

@@ -32,7 +32,7 @@ from pipedyn.models.base import NotConverged
 from pipedyn.util.check import Array
 from pipedyn.util.later import scipy
 from pipedyn.util.newton import NewtonFailed, newton
-from pipedyn.util.result import result
+from pipedyn.util.result import Result
 
 PointKind = Literal[
     "Bautin",
@@ -76,8 +76,7 @@ NEARBY = 0.1
 """Distance in shares of the window beyond which a solution is not the one that was looked for."""
 
 
-@result
-class OrganisingPoint:
+class OrganisingPoint(Result):
     """Where two conditions meet, and with them what the pipe may do nearby.
 
     Points on the axis twice are solved for to 1e-9 or so; where the criticality changes they are as

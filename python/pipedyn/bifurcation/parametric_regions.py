@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import field
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -30,8 +31,9 @@ from pipedyn.models.drive import require_steady
 from pipedyn.util import check
 from pipedyn.util.check import Array
 from pipedyn.util.newton import NewtonFailed
-from pipedyn.util.result import result
+from pipedyn.util.result import TableResult
 from pipedyn.util.threads import one_thread
+from pipedyn.util.units import FREQUENCY
 
 SIZES = (12, 16, 22, 30, 40)
 """Functions or modes, one after the other, until edges converge."""
@@ -40,8 +42,10 @@ TOLERANCE = 1e-7
 """Relative change of the edges from one of these to the next at which they count as converged."""
 
 
-@result
-class ParametricRegion:
+class ParametricRegion(
+    TableResult,
+    units={"amplitude": None, **dict.fromkeys(("edges", "lowest", "highest"), FREQUENCY)},
+):
     """A region of amplitude and frequency in which the straight pipe is unstable.
 
     Attributes:
@@ -67,6 +71,10 @@ class ParametricRegion:
     threshold: float
     threshold_frequency: float
     error: float
+
+    def _columns(self) -> dict[str, Any]:
+        low, high = self.edges.T
+        return {"amplitude": self.amplitude, "lowest": low, "highest": high}
 
 
 def parametric_regions(

@@ -37,8 +37,9 @@ from pipedyn.models.galerkin import basis_joints
 from pipedyn.util import check
 from pipedyn.util.check import Array
 from pipedyn.util.newton import NewtonFailed
-from pipedyn.util.result import result
+from pipedyn.util.result import TableResult
 from pipedyn.util.threads import one_thread
+from pipedyn.util.units import RATE
 
 LARGEST = 100
 """Degrees of freedom: matrices of 200 rows, and a second or two."""
@@ -369,8 +370,7 @@ def pulsating_pipe(model: AnyModel, mean: float, size: int) -> PulsatingPipe:
 # ----------------------------------------------------------------------------------- multipliers
 
 
-@result
-class FloquetMultipliers:
+class FloquetMultipliers(TableResult, units={"growth": RATE}):
     """What a period of a pulsating flow makes of small motions of the straight pipe.
 
     Attributes:
@@ -392,6 +392,10 @@ class FloquetMultipliers:
     model: AnyModel
     size: int
     error: float
+
+    def _columns(self) -> dict[str, Any]:
+        values = self.multipliers
+        return {"real": values.real, "imaginary": values.imag, "modulus": np.abs(values)}
 
 
 def floquet(model: AnyModel, pulsation: Pulsation) -> FloquetMultipliers:

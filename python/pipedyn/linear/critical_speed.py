@@ -30,7 +30,6 @@ from pipedyn.models.pipe import Pipe
 from pipedyn.util import check
 from pipedyn.util.counters import factorised
 from pipedyn.util.parallel import Job, outcome_of
-from pipedyn.util.result import result
 from pipedyn.util.threads import one_thread
 
 Answer = TypeVar("Answer")
@@ -56,7 +55,6 @@ class NoCrossing(PipedynError):
         self.max_speed = max_speed
 
 
-@result
 class CriticalSpeed(Crossing):
     """The lowest crossing that destabilises: its speed, frequency, kind and the rest of a crossing.
 

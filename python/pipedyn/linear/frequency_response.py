@@ -39,8 +39,9 @@ from pipedyn.util import check
 from pipedyn.util.check import Array
 from pipedyn.util.counters import factorised
 from pipedyn.util.later import scipy
-from pipedyn.util.result import result
+from pipedyn.util.result import Result, TableResult
 from pipedyn.util.threads import one_thread
+from pipedyn.util.units import FREQUENCY
 
 Input: TypeAlias = "str | tuple[str, float]"
 """What drives the pipe: "base", ("force", s) or ("moment", s)."""
@@ -67,8 +68,7 @@ RESIDUAL = 1e-10
 """Of the equations, relative to the load or the solution, where a basis has enough vectors."""
 
 
-@result
-class Resonance:
+class Resonance(Result, units={"width": FREQUENCY}):
     """A peak of the response.
 
     Attributes:
@@ -83,8 +83,7 @@ class Resonance:
     width: float
 
 
-@result
-class FrequencyResponse:
+class FrequencyResponse(TableResult):
     """Complex amplitude of a displacement per unit amplitude of what drives the pipe.
 
     Attributes:
@@ -116,6 +115,13 @@ class FrequencyResponse:
     model: AnyModel
     size: int
     error: float
+
+    def _columns(self) -> dict[str, Any]:
+        return {
+            "frequency": self.frequencies,
+            "gain": np.abs(self.response),
+            "phase": np.angle(self.response),
+        }
 
 
 def frequency_response(

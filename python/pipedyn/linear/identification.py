@@ -34,7 +34,7 @@ from pipedyn.models.terms import converted
 from pipedyn.util import check
 from pipedyn.util.check import Array
 from pipedyn.util.later import scipy
-from pipedyn.util.result import result
+from pipedyn.util.result import TableResult
 from pipedyn.util.threads import one_thread
 
 MeasuredQuantity = Literal[
@@ -123,8 +123,7 @@ class Measurement:
             object.__setattr__(self, name, one)
 
 
-@result
-class Identification:
+class Identification(TableResult):
     """What measurements say of a pipe.
 
     In SI units where the pipe has scales: the bending stiffness in N m^2, damping in s, the clamp's
@@ -165,6 +164,13 @@ class Identification:
     critical_speed_uncertainty: float
     pipe: Pipe = field(repr=False)
     measurements: tuple[Measurement, ...] = field(repr=False)
+
+    def _columns(self) -> dict[str, Any]:
+        return {
+            "unknown": self.unknowns,
+            "value": self.values,
+            "uncertainty": self.uncertainties,
+        }
 
 
 def identify(

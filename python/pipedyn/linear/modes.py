@@ -29,8 +29,9 @@ from pipedyn.util import check
 from pipedyn.util.check import Array
 from pipedyn.util.counters import factorised
 from pipedyn.util.parallel import track
-from pipedyn.util.result import result
+from pipedyn.util.result import Result, TableResult
 from pipedyn.util.threads import one_thread
+from pipedyn.util.units import RATE
 
 LARGEST_FULL = _core.dense_limit
 """Degrees of freedom up to which all eigenvalues are computed at once."""
@@ -91,8 +92,7 @@ def eigenvalues(model: AnyModel, u: float, count: int | None = None) -> Complex:
     return found.eigenvalues
 
 
-@result
-class ModeShape:
+class ModeShape(Result):
     """Transverse displacement of one mode, complex; its largest magnitude is 1, there it is real.
 
     Attributes:
@@ -119,8 +119,7 @@ class ModeShape:
         return np.asarray(self.model.deflection(self.coordinates, s), dtype=np.complex128)
 
 
-@result
-class Modes:
+class Modes(TableResult):
     """Eigenvalues and modes at one flow speed.
 
     Attributes:
@@ -163,6 +162,16 @@ class Modes:
         errors[good] = problem.errors(self.speed, found)
         errors[good] += (self.discretisation or 0.0) * np.maximum(np.abs(values), 1.0)
         return errors
+
+    def _columns(self) -> dict[str, Any]:
+        values = self.eigenvalues
+        return {
+            "growth_rate": values.real,
+            "frequency": values.imag,
+            "damping_ratio": -values.real / np.abs(values),
+            "residual": self.residuals,
+            "converged": self.converged,
+        }
 
 
 def modes(model: AnyModel, u: float, count: int | None = None) -> Modes:
@@ -262,8 +271,7 @@ def _modes(model: Model, u: float, count: int | None) -> Modes:
     return Modes(u, pairs.values, shapes, pairs.residuals, pairs.converged, model.dof)
 
 
-@result
-class RootLoci:
+class RootLoci(TableResult, units=dict.fromkeys(("error", "errors"), RATE)):
     """Eigenvalues as functions of the flow speed, each column one branch.
 
     Attributes:
@@ -288,6 +296,17 @@ class RootLoci:
     converged: NDArray[np.bool_] = field(repr=False)
     errors: Array = field(repr=False)
     size: int
+
+    def _columns(self) -> dict[str, Any]:
+        count = self.eigenvalues.shape[1]
+        return {
+            "speed": np.repeat(self.speeds, count),
+            "branch": np.tile(np.arange(count), self.speeds.size),
+            "growth_rate": self.eigenvalues.real.ravel(),
+            "frequency": self.eigenvalues.imag.ravel(),
+            "error": self.errors.ravel(),
+            "converged": self.converged.ravel(),
+        }
 
 
 def root_loci(

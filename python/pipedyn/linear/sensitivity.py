@@ -9,7 +9,7 @@ from typing import Any, Literal
 from pipedyn import _core
 from pipedyn.linear.eigenproblem import Eigenproblem
 from pipedyn.util.check import Array
-from pipedyn.util.result import result
+from pipedyn.util.result import Result
 
 Kind = Literal["flutter", "divergence"]
 
@@ -17,8 +17,7 @@ LEAST_BETA = 1e-300
 """Derivatives by a smaller beta overflow: under weak damping they grow like 1 / beta."""
 
 
-@result
-class Derivatives:
+class Derivatives(Result):
     """Derivatives of one quantity by the pipe's numbers and the springs.
 
     Attributes:
@@ -36,8 +35,7 @@ class Derivatives:
     springs: Array | None = field(default=None, repr=False, compare=False)
 
 
-@result
-class Sensitivity:
+class Sensitivity(Result):
     """How a crossing moves with the pipe's numbers.
 
     Attributes:
@@ -49,8 +47,7 @@ class Sensitivity:
     frequency: Derivatives
 
 
-@result
-class Crossing:
+class Crossing(Result):
     """A crossing of the imaginary axis by an eigenvalue or a conjugate pair.
 
     Of conservative pipes also where two growing real eigenvalues meet and become a growing pair,

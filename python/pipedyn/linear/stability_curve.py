@@ -19,7 +19,7 @@ from pipedyn.util import check
 from pipedyn.util.check import Array
 from pipedyn.util.later import futures
 from pipedyn.util.parallel import outcome_of, parallel
-from pipedyn.util.result import result
+from pipedyn.util.result import Result, TableResult
 
 Answer = TypeVar("Answer")
 
@@ -30,8 +30,7 @@ BATCHES = 16
 """Of the points of a sweep that an executor takes, at least: enough to share among some workers."""
 
 
-@result
-class Failure:
+class Failure(Result):
     """A point of a sweep that could not be computed.
 
     Attributes:
@@ -45,8 +44,7 @@ class Failure:
     error: Exception
 
 
-@result
-class StabilityCurve:
+class StabilityCurve(TableResult):
     """Critical speed, and every crossing, against a parameter.
 
     Attributes:
@@ -72,11 +70,35 @@ class StabilityCurve:
         """Critical frequencies, shape (S,), NaN where there is none."""
         return of_each(self.critical, "frequency")
 
+    def _columns(self) -> dict[str, Any]:
+        failed = {one.index: str(one.error) for one in self.failures}
+        return {
+            "value": self.values,
+            "speed": self.speeds,
+            "frequency": self.frequencies,
+            "kind": [one.kind if one is not None else "" for one in self.critical],
+            "failure": [failed.get(index, "") for index in range(len(self.values))],
+        }
+
+    def _scales(self) -> Any:
+        """Of each point, whose pipe may be another."""
+        return scales_of_each(self.critical)
+
 
 def of_each(results: Iterable[Any], name: str) -> Array:
     """An attribute of each result, NaN where the result or the attribute is None."""
     found = [getattr(one, name, None) for one in results]
     return np.array([math.nan if value is None else value for value in found])
+
+
+def scales_of_each(results: Iterable[Any]) -> Any:
+    """SI values of one nondimensional unit, each of shape (S,), None where no result has any."""
+    each = [None if one is None else one._scales() for one in results]
+    known = next((one for one in each if one is not None), None)
+    if known is None:
+        return None
+    missing = (math.nan,) * len(known)
+    return type(known)(*np.array([one or missing for one in each]).T)
 
 
 def stability_curve(

@@ -21,7 +21,7 @@ from pipedyn.models.profile import values_along
 from pipedyn.util import check
 from pipedyn.util.check import Array
 from pipedyn.util.power_iteration import largest_stretch
-from pipedyn.util.result import result
+from pipedyn.util.result import Result, Saved
 
 DENSE_LIMIT = 4000
 """Largest dof for which dense operators are made: seven matrices of 128 MB."""
@@ -58,8 +58,7 @@ class NotConverged(PipedynError):
         self.result = result
 
 
-@result
-class Operators:
+class Operators(Result):
     """Linear operators about a configuration at rest, each of shape (dof, dof).
 
     M q'' + C q' + K q = 0 with C = s u (gyroscopic + end_flux) + damping and
@@ -102,8 +101,7 @@ class Operators:
         return self.mass, velocity, stiffness if self.loss is None else stiffness + 1j * self.loss
 
 
-@result
-class Power:
+class Power(Result):
     """Rate of a state's energy by what does the work, each a number or, for k states, shape (k,).
 
     Attributes:
@@ -180,7 +178,7 @@ def checked_pipe(pipe: Any) -> Pipe:
     return pipe
 
 
-class OfPipe:
+class OfPipe(Saved):
     """A pipe to be asked about, discretised or continuous. Immutable; pickles."""
 
     def __init__(self, pipe: Pipe) -> None:

@@ -35,6 +35,7 @@ from pipedyn.models.terms import (
     in_range,
 )
 from pipedyn.util import check
+from pipedyn.util.result import Saved
 
 Flow = Literal["ejecting", "aspirating"]
 FLOWS = ("ejecting", "aspirating")
@@ -66,7 +67,7 @@ class Scales(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Pipe:
+class Pipe(Saved):
     """A pipe conveying fluid, a cantilever if not told, in units of L, mu_p + mu_f and EI.
 
     Time is counted in L^2 sqrt((mu_p + mu_f) / EI), flow speed u in sqrt(EI / mu_f) / L. Where EI

@@ -12,7 +12,9 @@ from typing import Any
 
 from pipedyn.models.pipe import RANGES, Pipe
 from pipedyn.models.supports import RootSpring
+from pipedyn.models.terms import Term
 from pipedyn.util import check
+from pipedyn.util.units import SPEED, TIME, Unit
 
 WITHOUT_EFFECT = {
     "drag": "drag has no part in small motions",
@@ -83,6 +85,30 @@ def pipe_numbers(pipe: Pipe, motions: bool = False) -> dict[str, PipeNumber]:
             if laws.count(term.law) == 1:
                 found[f"{type(term).__name__}.{item.name}"] = number
     return found
+
+
+def unit_of_number(name: str, pipe: Pipe) -> Unit | None:
+    """The SI unit of a number of a pipe, or of u; None where it has none."""
+    if name in ("u", "damping"):
+        return SPEED if name == "u" else TIME
+    number = pipe_numbers(pipe, motions=True).get(name)
+    holder: Any = pipe.root if name == "root.stiffness" else None
+    if number is not None and number.term is not None:
+        holder = pipe.terms[number.term]
+    if number is None or not isinstance(holder, Term | RootSpring):
+        return None
+    (item,) = (item for item in fields(holder) if item.name == number.attribute)
+    mass, length, time = item.metadata["powers"]
+    # Masses are counted per length.
+    powers = zip(("kg", "m", "s"), (mass, length - mass, time), strict=True)
+    text = " ".join(f"{unit}^{power}" if power != 1 else unit for unit, power in powers if power)
+    if not text:
+        return None
+
+    def scale(scales: Any) -> Any:
+        return scales.mass**mass * scales.length**length * scales.time**time
+
+    return Unit(text, scale)
 
 
 def checked_number(

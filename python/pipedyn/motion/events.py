@@ -14,7 +14,7 @@ from pipedyn.models.base import Model
 from pipedyn.util import check
 from pipedyn.util.check import Array
 from pipedyn.util.later import scipy
-from pipedyn.util.result import result
+from pipedyn.util.result import Result, TableResult, states_over_time
 
 EventFunction: TypeAlias = Callable[[float, Array, Array], float]
 """g(t, q, qdot) of a time and the coordinates and rates then, shape (coordinates,) each."""
@@ -43,8 +43,7 @@ class Event:
     terminal: bool | int = False
 
 
-@result
-class Occurrences:
+class Occurrences(TableResult):
     """When and where an event took place.
 
     Attributes:
@@ -56,9 +55,11 @@ class Occurrences:
     q: Array = field(repr=False)
     qdot: Array = field(repr=False)
 
+    def _columns(self) -> dict[str, Any]:
+        return states_over_time(self.t, self.q, self.qdot)
 
-@result
-class DenseOutput:
+
+class DenseOutput(Result):
     """The states of a motion at any time, by the polynomials of its integrator's steps.
 
     Attributes:

@@ -13,6 +13,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import field, replace
+from typing import Any
 
 import numpy as np
 
@@ -35,7 +36,8 @@ from pipedyn.util.check import Array
 from pipedyn.util.counters import evaluated
 from pipedyn.util.later import scipy
 from pipedyn.util.parallel import track
-from pipedyn.util.result import result
+from pipedyn.util.result import TableResult
+from pipedyn.util.units import RATE
 
 Rates = Callable[[Array], Array]
 """Of a state y, shape (n,): y' or its Jacobian."""
@@ -48,8 +50,9 @@ MOST_INTERVALS = 10_000_000
 """Intervals, whose growth is stored: 80 MB."""
 
 
-@result
-class LyapunovExponent:
+class LyapunovExponent(
+    TableResult, units=dict.fromkeys(("value", "spread", "blocks", "history"), RATE)
+):
     """The largest Lyapunov exponent of a motion, with its statistical error.
 
     Attributes:
@@ -77,6 +80,9 @@ class LyapunovExponent:
     def chaotic(self) -> bool:
         """Whether the value is above 0 by more than three times its spread."""
         return self.value > 3.0 * self.spread
+
+    def _columns(self) -> dict[str, Any]:
+        return {"t": self.t, "history": self.history}
 
 
 def lyapunov_exponent(

@@ -50,7 +50,7 @@ from pipedyn.util import check
 from pipedyn.util.check import Array
 from pipedyn.util.later import futures
 from pipedyn.util.parallel import parallel
-from pipedyn.util.result import result
+from pipedyn.util.result import Result, TableResult, joined, states_over_time
 
 Start: TypeAlias = ArrayLike | Callable[[Array], ArrayLike]
 """The angle theta(s) of the bent pipe, or coordinates; a search for motion takes states as well."""
@@ -87,9 +87,11 @@ class Trajectory:
         """Velocity (x', y') of the free end at the times, in L / T, shape (S, 2)."""
         return self.model.tip_velocities(self.q.T, self.qdot.T)
 
+    def _columns(self) -> dict[str, Any]:
+        return states_over_time(self.t, self.q, self.qdot, self.model.tips(self.q.T))
 
-@result
-class Motion(Trajectory):
+
+class Motion(Trajectory, TableResult):
     """One motion, sampled.
 
     Attributes:
@@ -114,13 +116,13 @@ class Motion(Trajectory):
     qdot: Array = field(repr=False)
     tip: Array = field(repr=False)
     energy: Array = field(repr=False)
-    audit: float
+    audit: float = field(repr=False)
     u: Speed
     flow_speed: Array = field(repr=False)
-    method: str
-    evaluations: int
+    method: str = field(repr=False)
+    evaluations: int = field(repr=False)
     model: Model
-    events: tuple[Occurrences, ...] = ()
+    events: tuple[Occurrences, ...] = field(repr=False, default=())
     dense: DenseOutput | None = field(default=None, repr=False)
     base: Base | None = field(default=None, repr=False)
 
@@ -128,6 +130,13 @@ class Motion(Trajectory):
     def reached(self) -> str:
         """How far it came, in words."""
         return f"at t = {self.t[-1]:g}" if self.t.size else "before its first sample"
+
+    def _columns(self) -> dict[str, Any]:
+        return {
+            **super()._columns(),
+            "energy": self.energy,
+            "flow_speed": self.flow_speed,
+        }
 
 
 class MotionStopped(PipedynError):
@@ -142,8 +151,7 @@ class MotionStopped(PipedynError):
         self.motion = motion
 
 
-@result
-class MemberFailure:
+class MemberFailure(Result):
     """A member whose motion stopped.
 
     Attributes:
@@ -155,8 +163,7 @@ class MemberFailure:
     error: MotionStopped
 
 
-@result
-class Ensemble:
+class Ensemble(TableResult):
     """Motions of many members.
 
     Attributes:
@@ -164,11 +171,15 @@ class Ensemble:
         failures: the members that stopped early.
     """
 
-    motions: tuple[Motion, ...] = field(repr=False)
+    motions: tuple[Motion, ...]
     failures: tuple[MemberFailure, ...]
 
     def __len__(self) -> int:
         return len(self.motions)
+
+    def _columns(self) -> dict[str, Any]:
+        tables = [one._columns() for one in self.motions]
+        return joined(tables, member=range(len(tables)))
 
 
 def simulate(

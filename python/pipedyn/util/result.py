@@ -1,45 +1,380 @@
 # SPDX-License-Identifier: MIT
-"""Result classes: frozen dataclasses that `==` and `hash` take though they hold arrays.
-
-A plain dataclass compares tuples of its fields, and Python refuses the truth of an array.
-"""
+"""Result classes: frozen dataclasses that compare, show, save and convert themselves."""
 
 from __future__ import annotations
 
+import csv
 import dataclasses
-from typing import Any, TypeVar, dataclass_transform
+import io
+import os
+import re
+from collections.abc import Mapping, Sequence
+from types import MappingProxyType
+from typing import Any, ClassVar, Literal, dataclass_transform
 
 import numpy as np
 
-Class = TypeVar("Class")
+from pipedyn.util import check
+from pipedyn.util.archive import save
+from pipedyn.util.table import Table
+from pipedyn.util.units import UNIT_OF, Unit
+
+Units = Literal["nondimensional", "si"]
+
+SHOWN, WIDTH, ROWS = 6, 100, 20
+"""Numbers of an array and characters of a line in a `repr`, and rows of a table in a notebook."""
+
+
+NUMBERS = float, int, complex, np.ndarray
+
+
+class Saved:
+    """What can be written to a file and loaded from it."""
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Writes it to a file, from which `load` makes an equal one.
+
+        Args:
+            path: of the file, ending in .npz; an existing one is replaced.
+
+        Example:
+            >>> pp.critical_speed(pp.Chain(pp.Pipe(0.2), 10)).save("critical.npz")
+            >>> round(pp.load("critical.npz").speed, 4)
+            5.4857
+
+        Raises:
+            ValueError: for what holds a Python function or an object of another package, of which
+                the message says where it is; for a path that does not end in .npz, or in a folder
+                that is not there.
+            OSError: where the file cannot be written.
+        """
+        save(self, path)
 
 
 @dataclass_transform(frozen_default=True, field_specifiers=(dataclasses.field,))
-def result(cls: type[Class]) -> type[Class]:
-    """Decorates a class like `dataclass(frozen=True)`; results of equal numbers are equal.
+class Result(Saved):
+    """A class of results; each that inherits from it is made a frozen dataclass.
 
-    NaN equals NaN, as what is missing in both; fields with compare=False do not count.
+    Results of equal numbers are equal. NaN equals NaN, as what is missing in both; fields with
+    compare=False do not count.
     """
-    made = dataclasses.dataclass(frozen=True, eq=False)(cls)
-    for name, method in (("__eq__", _equal), ("__hash__", _hash)):
-        setattr(made, name, method)
-    return made
+
+    _units: ClassVar[Mapping[str, Unit | None]] = MappingProxyType({})
+
+    def __init_subclass__(cls, units: Mapping[str, Unit | None] | None = None) -> None:
+        """units: of fields and columns where they are other than `UNIT_OF` says."""
+        super().__init_subclass__()
+        cls._units = {**cls._units, **(units or {})}
+        own = cls.__dict__.get("__repr__")
+        dataclasses.dataclass(frozen=True, eq=False, repr=False)(cls)
+        if own is not None:
+            cls.__repr__ = own  # type: ignore[method-assign]
+
+    def __eq__(self, other: object) -> Any:
+        if type(self) is not type(other):
+            return NotImplemented
+        return self is other or same(_compared(self), _compared(other))
+
+    def __hash__(self) -> int:
+        """From the numbers, but NaN, and the words in a result, which equal results share."""
+        kinds = (str, int, float, complex)
+        return hash((type(self), *(v for v in _compared(self) if isinstance(v, kinds) and v == v)))
+
+    def __repr__(self) -> str:
+        lines = [f"{type(self).__name__}("]
+        for name, value in self._shown():
+            part = f"{name}={_short(value)}, "
+            if len(lines[-1]) + len(part) > WIDTH + 1:
+                lines.append("    ")
+            lines[-1] += part
+        return "\n".join(line.rstrip() for line in lines).removesuffix(",") + ")"
+
+    def _shown(self) -> list[tuple[str, Any]]:
+        """Fields with their values as far as they are worth showing."""
+        shown = []
+        for one in dataclasses.fields(self):  # type: ignore[arg-type]
+            value = getattr(self, one.name)
+            if one.repr and not same(value, one.default):
+                shown.append((one.name, value))
+        return shown
+
+    def _repr_html_(self) -> str:
+        return self._table().html()
+
+    def _table(self) -> Table:
+        """What a notebook shows."""
+        scales = self._scales()
+        si = SI(self, scales) if scales is not None else None
+        rows = []
+        for name, value in self._shown():
+            numbers = [] if si is None else [si._text(name) if name in si.units else ""]
+            rows.append((name, _short(value), *numbers))
+        headings = ("", "value", "SI") if si is not None else ("", "value")
+        return Table(type(self).__name__, headings, rows)
+
+    # ------------------------------------------------------------------------------------ SI units
+
+    def in_si(self, pipe: Any = None) -> SI:
+        """Its speeds in m/s, frequencies in Hz, lengths in m, times in s and rates in 1/s.
+
+        Args:
+            pipe: the pipe, where the result does not hold it or its model.
+
+        Returns:
+            SI: the same names as of the result, as far as they have a unit, and results within.
+
+        Raises:
+            ValueError: for a pipe without scales, or where it is not known.
+            TypeError: for what is no pipe.
+
+        Example:
+            >>> hose = pp.Pipe.from_si(
+            ...     length=0.45, bending_stiffness=7.3e-3, pipe_mass=0.19, fluid_mass=0.032
+            ... )
+            >>> found = pp.critical_speed(pp.Chain(hose, 20)).in_si()
+            >>> round(found.speed, 3), round(found.frequency, 3)
+            (6.612, 2.006)
+        """
+        scales = self._scales() if pipe is None else _scales_of(pipe)
+        if scales is None:
+            if pipe is None and self._pipe() is None:
+                raise ValueError("pipe must be given: the result does not hold its pipe")
+            raise ValueError("numbers in SI need a pipe made with Pipe.from_si")
+        return SI(self, scales)
+
+    def _pipe(self) -> Any:
+        """The pipe of which this is a result, if it is known."""
+        model = getattr(self, "model", None)
+        pipe = getattr(self, "pipe", None) or getattr(model, "pipe", None)
+        if pipe is not None:
+            return pipe
+        for _, within in _results_within(self):
+            if (pipe := within._pipe()) is not None:
+                return pipe
+        return None
+
+    def _scales(self) -> Any:
+        """SI values of one nondimensional unit, None where they are not known."""
+        return getattr(self._pipe(), "scales", None)
+
+    def _unit(self, name: str) -> Unit | None:
+        """The SI unit of a field or a column."""
+        name = re.sub(r"_(\d+|[xy])$", "", name)
+        return self._units[name] if name in self._units else UNIT_OF.get(name)
+
+    def _units_within(self) -> dict[str, Unit | None]:
+        """Of fields of the results within, as far as these do not know them."""
+        return {}
+
+
+class TableResult(Result):
+    """A result that is a table: rows with names of columns."""
+
+    def _columns(self) -> dict[str, Any]:
+        """Values by the names of columns, each of shape (rows,)."""
+        raise NotImplementedError
+
+    def columns(self, units: Units = "nondimensional") -> dict[str, Any]:
+        """The table as arrays by the names of its columns, each of shape (rows,).
+
+        Args:
+            units: "si" for columns with an SI unit in their names, where the pipe has scales.
+
+        Raises:
+            ValueError, TypeError: for other units, or without scales.
+
+        Example:
+            >>> curve = pp.stability_curve(lambda beta: pp.Chain(pp.Pipe(beta), 5), [0.1, 0.2])
+            >>> list(curve.columns())
+            ['value', 'speed', 'frequency', 'kind', 'failure']
+        """
+        columns = {name: np.asarray(values) for name, values in self._columns().items()}
+        if check.choice("units", units, ("nondimensional", "si")) == "nondimensional":
+            return columns
+        scales = self.in_si()._scales
+        made = {}
+        for name, values in columns.items():
+            unit = self._unit(name)
+            if unit is None:
+                made[name] = values
+            else:
+                made[f"{name} ({unit.name})"] = values * unit.scale(scales)
+        return made
+
+    def to_dataframe(self, units: Units = "nondimensional") -> Any:
+        """The table as a pandas DataFrame.
+
+        Args:
+            units: as for `columns`.
+
+        Raises:
+            ImportError: where pandas is not installed.
+            ValueError, TypeError: as `columns`.
+        """
+        columns = self.columns(units)
+        try:
+            import pandas
+        except ImportError as error:
+            raise ImportError("to_dataframe needs pandas: pip install pandas") from error
+        return pandas.DataFrame(columns)
+
+    def to_csv(
+        self, path: str | os.PathLike[str] | None = None, units: Units = "nondimensional"
+    ) -> str:
+        """The table as comma-separated values, written to a file too where its path is given.
+
+        Args:
+            path: of the file.
+            units: as for `columns`.
+
+        Raises:
+            OSError: if it cannot be written.
+            ValueError, TypeError: as `columns`, and for what is no path.
+        """
+        if path is not None and not isinstance(path, str | os.PathLike):
+            raise TypeError(f"path must be a file's name, got {check.shown(path)}")
+        columns = self.columns(units)
+        text = io.StringIO()
+        writer = csv.writer(text, lineterminator="\n")
+        writer.writerow(columns)
+        writer.writerows(zip(*(values.tolist() for values in columns.values()), strict=True))
+        if path is not None:
+            with open(path, "w", encoding="utf-8", newline="") as file:
+                file.write(text.getvalue())
+        return text.getvalue()
+
+    def _table(self) -> Table:
+        columns = self.columns("si" if self._scales() is not None else "nondimensional")
+        shown = [map(_cell, values[:ROWS].tolist()) for values in columns.values()]
+        rows = list(zip(*shown, strict=True))
+        count = len(next(iter(columns.values()), ()))
+        notes = [f"{count - ROWS} more rows"] if count > ROWS else []
+        return Table(repr(self), tuple(columns), rows, notes=notes)
+
+
+class SI:
+    """Numbers of a result in SI units, by the names that they have in it.
+
+    What has no unit, or one that depends on the model, is not here.
+    """
+
+    def __init__(
+        self, result: Result, scales: Any, known: dict[str, Unit | None] | None = None
+    ) -> None:
+        self._result, self._scales, self._known = result, scales, known or {}
+
+    @property
+    def units(self) -> dict[str, str]:
+        """The SI unit of each number, by its name."""
+        found = {}
+        for name in _names_of_numbers(self._result):
+            unit = self._unit(name)
+            if unit is not None:
+                found[name] = unit.name
+        return found
+
+    def _unit(self, name: str) -> Unit | None:
+        return self._known.get(name) or self._result._unit(name)
+
+    def __getattr__(self, name: str) -> Any:
+        if name.startswith("_"):
+            raise AttributeError(name)
+        value, unit = getattr(self._result, name), self._unit(name)
+        if unit is not None and isinstance(value, NUMBERS):
+            scale = np.asarray(unit.scale(self._scales))  # of each point of a sweep, or one
+            return value * (scale if scale.ndim else scale.item())
+        if isinstance(value, Result):
+            return self._within(value)
+        if isinstance(value, tuple) and (value == () or _results_in(value)):
+            return tuple(one if one is None else self._within(one) for one in value)
+        raise AttributeError(f"{name} of {type(self._result).__name__} has no value in SI units")
+
+    def _within(self, one: Result) -> SI:
+        own = one._scales()
+        return SI(one, self._scales if own is None else own, self._result._units_within())
+
+    def _text(self, name: str) -> str:
+        return f"{_short(getattr(self, name))} {self.units[name]}"
+
+    def __dir__(self) -> list[str]:
+        return ["units", *self.units, *(name for name, _ in _results_within(self._result))]
+
+    def __repr__(self) -> str:
+        parts = ", ".join(f"{name}={self._text(name)}" for name in self.units)
+        return f"{type(self._result).__name__} in SI({parts})"
+
+
+def _scales_of(pipe: Any) -> Any:
+    if not hasattr(pipe, "scales"):
+        raise TypeError(f"pipe must be a Pipe, got {check.shown(pipe)}")
+    return pipe.scales
+
+
+def _names_of_numbers(one: Result) -> list[str]:
+    """Of fields and properties."""
+    own = [name for kind in type(one).__mro__ for name in vars(kind) if _is_property(kind, name)]
+    fields = [field.name for field in dataclasses.fields(one)]  # type: ignore[arg-type]
+    public = (name for name in dict.fromkeys(fields + own) if not name.startswith("_"))
+    return [name for name in public if isinstance(getattr(one, name), NUMBERS)]
+
+
+def _is_property(kind: type, name: str) -> bool:
+    return isinstance(vars(kind)[name], property)
+
+
+def _results_within(one: Result) -> list[tuple[str, Result]]:
+    """Results in fields, and the first of each tuple of them."""
+    found = []
+    for field in dataclasses.fields(one):  # type: ignore[arg-type]
+        value = getattr(one, field.name)
+        within = _results_in(value if isinstance(value, tuple) else (value,))
+        if within:
+            found.append((field.name, within[0]))
+    return found
+
+
+def _results_in(values: tuple[Any, ...]) -> list[Result]:
+    return [one for one in values if isinstance(one, Result)]
+
+
+# ------------------------------------------------------------------------------------- short texts
+
+
+def _short(value: Any) -> str:
+    """A value in a few words."""
+    if isinstance(value, np.ndarray):
+        return _short_array(value) if value.ndim else _short(value.item())
+    if isinstance(value, bool | np.bool_ | str | type(None)):
+        return repr(value) if isinstance(value, str) else str(value)
+    if isinstance(value, float | complex | np.inexact):
+        return f"{value:.7g}"
+    if isinstance(value, tuple | list) and len(value) > 0:
+        if len(value) <= SHOWN and not any(isinstance(one, Result) for one in value):
+            parts = ", ".join(map(_short, value))
+            return f"({parts})" if len(value) > 1 else f"({parts},)"
+        kinds = list(dict.fromkeys(type(one).__name__ for one in value if one is not None))
+        return f"<{len(value)} {' or '.join(kinds)}>"
+    return repr(value)
+
+
+def _cell(value: Any) -> str:
+    return value if isinstance(value, str) else _short(value)
+
+
+def _short_array(values: np.ndarray[Any, Any]) -> str:
+    if values.size <= SHOWN and values.ndim == 1:
+        return f"[{', '.join(map(_short, values.tolist()))}]"
+    shape = " x ".join(map(str, values.shape))
+    if values.dtype.kind not in "iuf" or not values.size or not np.isfinite(values).any():
+        return f"<{shape}>"
+    return f"<{shape}, {np.nanmin(values):.4g} to {np.nanmax(values):.4g}>"
+
+
+# ---------------------------------------------------------------------------------------- equality
 
 
 def _compared(one: Any) -> list[Any]:
     return [getattr(one, field.name) for field in dataclasses.fields(one) if field.compare]
-
-
-def _equal(one: Any, other: object) -> Any:
-    if type(one) is not type(other):
-        return NotImplemented
-    return one is other or same(_compared(one), _compared(other))
-
-
-def _hash(one: Any) -> int:
-    """From the numbers, but NaN, and the words in a result, which equal results share."""
-    kinds = (str, int, float, complex)
-    return hash((type(one), *(v for v in _compared(one) if isinstance(v, kinds) and v == v)))
 
 
 def same(one: Any, other: Any) -> bool:
@@ -64,3 +399,25 @@ def same(one: Any, other: Any) -> bool:
     if getattr(type(one), "__eq__", None) is object.__eq__ and not callable(one):
         return same(one.__getstate__(), other.__getstate__())
     return bool(one == other)
+
+
+def joined(tables: Sequence[dict[str, Any]], **names: Sequence[Any]) -> dict[str, Any]:
+    """One table of several with the same columns, with columns that tell them apart in front."""
+    columns: dict[str, Any] = {}
+    sizes = [len(next(iter(one.values()))) for one in tables]
+    for name, values in names.items():
+        columns[name] = np.repeat(np.asarray(values), sizes)
+    for name in tables[0] if tables else ():
+        columns[name] = np.concatenate([np.asarray(one[name]) for one in tables])
+    return columns
+
+
+def numbered(name: str, values: Any) -> dict[str, Any]:
+    """Columns of an array, (rows, k), as name_0, name_1 and so on."""
+    return {f"{name}_{index}": column for index, column in enumerate(np.asarray(values).T)}
+
+
+def states_over_time(t: Any, q: Any, qdot: Any, tip: Any = None) -> dict[str, Any]:
+    """Columns of a motion: time, free end, coordinates and their rates."""
+    end = {} if tip is None else {"tip_x": tip[:, 0], "tip_y": tip[:, 1]}
+    return {"t": t, **end, **numbered("q", q), **numbered("qdot", qdot)}

@@ -23,7 +23,6 @@ from typing import Any
 
 import numpy as np
 
-from pipedyn.models.base import OfPipe
 from pipedyn.util import check
 
 FORMAT = 1
@@ -174,29 +173,10 @@ def _class(name: str, other: Any = None) -> Any:
 
 
 def save(thing: Any, path: str | os.PathLike[str]) -> None:
-    """Writes a result, a model or a pipe to a file.
-
-    Args:
-        thing: what to save.
-        path: of the file, ending in .npz; an existing one is replaced.
-
-    Example:
-        >>> pp.save(pp.critical_speed(pp.Chain(pp.Pipe(0.2), 10)), "critical.npz")
-        >>> round(pp.load("critical.npz").speed, 4)
-        5.4857
-
-    Raises:
-        ValueError: for what holds a Python function or an object of another package, of which the
-            message says where it is; for a path that does not end in .npz, or in a folder that is
-            not there.
-        TypeError: for what is no result, model or pipe.
-        OSError: where the file cannot be written.
-    """
+    """Writes a result, a model or a pipe to a file; see `result.Saved`."""
     place = _checked(path)
     if not place.parent.is_dir():
         raise ValueError(f"path must lie in a folder that exists, got {check.shown(str(place))}")
-    if not isinstance(thing, OfPipe) and not dataclasses.is_dataclass(thing):
-        raise TypeError(f"thing must be a result, a model or a pipe, got {check.shown(thing)}")
     writer = _Writer()
     root = writer.encoded(thing, type(thing).__name__)
     header = {
@@ -212,7 +192,7 @@ def save(thing: Any, path: str | os.PathLike[str]) -> None:
 
 
 def load(path: str | os.PathLike[str]) -> Any:
-    """What `save` wrote: equal to what was saved.
+    """What `save` of a result, a model or a pipe wrote: equal to what was saved.
 
     Args:
         path: of the file.
@@ -221,7 +201,7 @@ def load(path: str | os.PathLike[str]) -> Any:
         The result, model or pipe.
 
     Example:
-        >>> pp.save(pp.Pipe(0.2, 10.0), "pipe.npz")
+        >>> pp.Pipe(0.2, 10.0).save("pipe.npz")
         >>> pp.load("pipe.npz")
         Pipe(beta=0.2, gamma=10)
 

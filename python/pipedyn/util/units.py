@@ -1,0 +1,40 @@
+# SPDX-License-Identifier: MIT
+"""What the numbers of results are in SI units, of a pipe that has scales."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from types import MappingProxyType
+from typing import Any, NamedTuple
+
+
+class Unit(NamedTuple):
+    """An SI unit, and what one nondimensional unit is in it, from a pipe's `Scales`."""
+
+    name: str
+    scale: Callable[[Any], Any]
+
+
+SPEED = Unit("m/s", lambda scales: scales.speed)
+FREQUENCY = Unit("Hz", lambda scales: 1.0 / (2.0 * math.pi * scales.time))
+"""Of angular frequencies."""
+TIME = Unit("s", lambda scales: scales.time)
+RATE = Unit("1/s", lambda scales: 1.0 / scales.time)
+LENGTH = Unit("m", lambda scales: scales.length)
+ENERGY = Unit("J", lambda scales: scales.mass * scales.length**3 / scales.time**2)
+
+UNIT_OF: MappingProxyType[str, Unit] = MappingProxyType(
+    {
+        **dict.fromkeys(("speed", "speeds", "flow_speed", "u"), SPEED),
+        **dict.fromkeys(("critical_speed", "critical_speed_uncertainty"), SPEED),
+        **dict.fromkeys(("frequency", "frequencies", "threshold_frequency"), FREQUENCY),
+        **dict.fromkeys(("t", "period", "duration"), TIME),
+        **dict.fromkeys(("eigenvalue", "eigenvalues", "partners", "poles"), RATE),
+        **dict.fromkeys(("growth_rate", "qdot"), RATE),
+        **dict.fromkeys(("tip", "tips", "amplitude", "amplitudes", "highest"), LENGTH),
+        "energy": ENERGY,
+    }
+)
+"""Of a number or an array of a result, or a column of a table, by its name; a class may say
+otherwise."""
