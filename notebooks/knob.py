@@ -18,17 +18,17 @@ PAGE = """
 <div style="display:grid;min-width:640px;background:white">
 <img alt="root loci, stability boundary and moving pipe" style="grid-area:1/1/2/2;width:100%"
  src="data:image/png;base64,PIXELS">
-<div class="film" style="grid-area:1/1/2/2">FILM</div>
+<img alt="" style="grid-area:1/1/2/2;width:100%" src="data:image/svg+xml;base64,FILM">
 </div>
 <script>
 (() => {
   const here = document.currentScript.parentElement, frames = FRAMES;
-  const [said, img, film] = [".said", "img", ".film"].map(name => here.querySelector(name));
+  const said = here.querySelector(".said"), [pixels, film] = here.querySelectorAll("img");
   here.querySelector("input").addEventListener("input", event => {
     const frame = frames[event.target.value];
     said.innerHTML = frame.said;
-    img.src = "data:image/png;base64," + frame.pixels;
-    film.innerHTML = frame.film;
+    pixels.src = "data:image/png;base64," + frame.pixels;
+    film.src = "data:image/svg+xml;base64," + frame.film;
   });
 })();
 </script>
@@ -40,12 +40,12 @@ def frame(state):
     """What is shown of an `Exploration` as its numbers are set: text, pixels and film."""
     picture = Image.open(io.BytesIO(state.picture.png())).quantize(96)
     file = io.BytesIO()
-    picture.save(file, "png", optimize=True)
+    picture.save(file, "png")
     now, then = (html.escape(one) for one in state.report)
     return {
         "said": f"<b>{now}</b><br>{then}",
         "pixels": base64.b64encode(file.getvalue()).decode(),
-        "film": state.picture.overlay(),
+        "film": base64.b64encode(state.picture.overlay().encode()).decode(),
     }
 
 

@@ -263,7 +263,10 @@ class ExplorationPicture:
         return file.getvalue()
 
     def overlay(self) -> str:
-        """The moving pipe as an SVG, which lies exactly on the pixels."""
+        """The moving pipe as an SVG, which lies exactly on the pixels.
+
+        It moves where it is an image of its own; not everywhere as a part of a page.
+        """
         self.update()
         of, film = self._of, self._of.film
         width, height = 10.0 * WIDTH * DPI, 10.0 * HEIGHT * DPI
@@ -288,8 +291,9 @@ class ExplorationPicture:
             f'fill="{common.VERMILION}"/></marker>'
         )
         return (
-            f'<svg viewBox="0 0 {width:g} {height:g}" style="display:block;width:100%" '
-            f'xmlns="http://www.w3.org/2000/svg"><defs>{head}</defs>{"".join(moving)}</svg>'
+            f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {width:g} {height:g}" '
+            f'width="{width / 10.0:g}" height="{height / 10.0:g}">'
+            f"<defs>{head}</defs>{''.join(moving)}</svg>"
         )
 
     def _pixels(self, places: Array) -> Array:

@@ -75,11 +75,11 @@ def explore(
     state = Exploration(pipe, n, u, springs=springs, against=against, ranges=ranges)
     cell = widgets.Layout(grid_area=SAME_PLACE, width="100%", margin="0")
     pixels = widgets.Image(format="png", layout=cell)
-    moving = widgets.HTML(layout=cell)
+    moving = widgets.Image(format="svg+xml", layout=cell)
     text = widgets.HTML()
 
     def show(trouble: str = "") -> None:
-        pixels.value, moving.value = state.picture.png(), state.picture.overlay()
+        pixels.value, moving.value = state.picture.png(), state.picture.overlay().encode()
         text.value = _report(state, trouble)
 
     def follow(name: str, change: Mapping[str, Any]) -> None:
