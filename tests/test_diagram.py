@@ -328,6 +328,15 @@ def test_kinds_of_motion_after_the_transient_are_distinguished(signal, expected)
     assert ending_of(x, turnings, error) == expected
 
 
+def test_a_drift_that_no_period_shows_is_not_taken_for_a_cycle():
+    t = np.linspace(0.0, 20.0, 8001)
+    for drift, expected in ((1e-6, ("periodic", 1)), (0.05, ("settling", 0))):
+        size = 0.02 * (1.0 + drift * np.exp(-1e-3 * t))
+        turnings, _ = turning_points(t, size * np.sin(9.0 * t), 9.0 * size * np.cos(9.0 * t))
+        assert np.abs(np.diff(np.abs(turnings[1:-1]))).max() < 1e-6
+        assert ending_of(size * np.sin(9.0 * t), turnings, 1e-6) == expected
+
+
 @pytest.mark.parametrize(
     ("change", "kind", "message"),
     [

@@ -10,7 +10,7 @@ passes names it. Cycles that leave a branch at pitchforks and period doublings a
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cache, partial
 from typing import Any, Literal, cast
@@ -190,6 +190,7 @@ class BranchOptions:
     rtol: float  # of the cycles there
     most: int  # steps along one branch
     onsets: tuple[float, ...] = ()  # of flutter, at any of which a branch may end
+    known: tuple[CycleBranch, ...] = ()  # which one that meets them repeats from there on
 
     def holds(self, u: float) -> bool:
         """Whether a speed lies within those given."""
@@ -210,6 +211,12 @@ class Traced:
         """Whether it leads from where the other ends to where that begins."""
         pairs = ((self.end, other.begin), (self.begin, other.end))
         return all(a is not None and b is not None and a.same(b) for a, b in pairs)
+
+    def repeats(self, others: Sequence[CycleBranch], speeds: Array) -> bool:
+        """Whether all its cycles at the speeds given lie on other branches."""
+        cycles = () if self.branch is None else self.branch.cycles
+        there = [is_on_any(others, cycle) for cycle in cycles if cycle.u in speeds]
+        return bool(there) and all(there)
 
 
 def hopf_points(
@@ -254,8 +261,10 @@ def traced(
     ) -> None:
         """One way from an event or both ways from a cycle, and branches that leave there."""
         ways: list[_Follower] = []
+        siblings = (one.branch for one in found if one.branch is not None)
+        its = replace(options, known=(*options.known, *siblings))
         for start in starts:
-            ways.append(_Follower(motion, start, begin, options, failed, fastest))
+            ways.append(_Follower(motion, start, begin, its, failed, fastest))
             ways[-1].run()
             if ways[-1].closed:
                 ways = ways[-1:]
@@ -334,6 +343,7 @@ class _Follower:
         self.forks: list[tuple[CycleEvent, PeriodicOrbit, bool]] = []
         self.end: CycleEvent | None = None
         self.closed = False
+        self.repeats = False  # goes on as a branch that is known
         self.again: float | None = None  # speed of a cycle that was passed before
 
     def run(self) -> None:
@@ -353,7 +363,7 @@ class _Follower:
                     self._take([(0.0, last, None)])
             else:  # up to its first orbit
                 first = next(steps)
-                self._take(self._at_speeds(first, first))
+                self._take(self._at_speeds(first, self._leaving(first)))
             for step in steps:
                 if self._vanishes(step):
                     return
@@ -384,7 +394,7 @@ class _Follower:
                 if unsure == UNSURE and last is not None:
                     error = last.multiplier_error
                     raise NewtonFailed(f"its multipliers are known to {error:.1e} only")
-                if self.closed or not lowest < here.u < highest:
+                if self.closed or self.repeats or not lowest < here.u < highest:
                     return
                 if len(frequencies) == self.options.most or beyond == MOST_BEYOND:
                     raise NewtonFailed("its steps ran out")
@@ -479,6 +489,10 @@ class _Follower:
             found += self._events(step, turns, cycle, passing)
             for part in step.parts(turns):
                 found += self._at_speeds(step, part)
+        known = self.options.known
+        if repeated := [s for s, one, _ in found if is_on_any(known, one)]:
+            self.repeats = True
+            found = [one for one in found if one[0] < min(repeated)]
         self._take(found)
         return cycle(length)
 
@@ -539,6 +553,12 @@ class _Follower:
                 if not self.closed and self._is_passed(cycle):
                     self.again = u
 
+    def _leaving(self, first: Step) -> Step:
+        """The first step, as the speed changes with the square of what grows on it."""
+        if self.motion.model.pipe.has_kinks:  # with drag it changes linearly
+            return first
+        return replace(first, begin=first.problem.starting(first.begin.z, self.start.towards))
+
     def _is_first(self, cycle: LimitCycle) -> bool:
         """Whether a cycle is that from which the branch set out: the branch is then closed."""
         first = self.start.orbit
@@ -572,6 +592,15 @@ def _steepness(speeds: list[float], frequencies: list[float]) -> float:
     if not (falls > 0.0).all():
         return math.inf
     return float(np.abs(np.diff(speeds[-4:])).sum() / (speeds[-1] * falls.sum()))
+
+
+def is_on_any(branches: Sequence[CycleBranch], cycle: LimitCycle) -> bool:
+    """Whether one of the branches has a cycle at its speed."""
+    return any(
+        one.symmetric == cycle.symmetric and same_cycle(one, cycle.frequency, cycle.amplitude)
+        for branch in branches
+        for one in branch.at(cycle.u)
+    )
 
 
 def same_cycle(cycle: LimitCycle, frequency: float, amplitude: float) -> bool:

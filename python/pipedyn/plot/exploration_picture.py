@@ -203,7 +203,7 @@ class ExplorationPicture:
             ax.clear()
             reach = np.array([[-0.34, 0.0], [0.34, 1.0]])  # of every film
             clamp_and_gravity(ax, weight, reach)
-            ax.set(title="linear motion, least stable mode")
+            ax.set(title="linear motion, least stable mode", xlabel="$x / L$", ylabel="$y / L$")
             ax.yaxis.set_label_coords(-0.2, 0.5)
         ax.add_collection(self.envelope, autolim=False)
         ax.add_line(self.pipe)
