@@ -40,7 +40,7 @@ COST_LABELS = {
 }
 
 ERROR_LABELS = {
-    "critical_speed": "relative error of the critical speed",
+    "critical_speed": "relative error of critical speed",
     "frequencies": "largest relative error of an eigenvalue",
     "root_loci": "largest relative error of a root on the branches",
     "motion": "largest error of the free end / its largest displacement",
@@ -82,7 +82,7 @@ def convergence(
     common.check_type("exact", exact, CriticalSpeed)
     families = {name: found for name, found in families.items() if found}
     View(units, exact.pipe)
-    ylabel = r"relative error of the critical speed"
+    ylabel = r"relative error of critical speed"
     ax = common.axes(ax, (6.4, 5.2), xlabel="degrees of freedom $n$, $m$", ylabel=ylabel)
     if exact.speed == 0.0:
         return common.notice("The critical speed is 0: there is nothing to converge to.", ax=ax)

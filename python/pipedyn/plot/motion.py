@@ -262,6 +262,9 @@ class Film(FuncAnimation):
         Raises:
             ValueError, TypeError: for another ending, no folder, or .mp4 where ffmpeg is not found.
         """
+        if args or "writer" in options:
+            super().save(filename, *args, **options)
+            return
         path = _checked_path(filename)
         kind = path.suffix.lower()
         if kind == ".html":
@@ -269,9 +272,7 @@ class Film(FuncAnimation):
             path.write_text(f'<!DOCTYPE html><meta charset="utf-8">{player}', encoding="utf-8")
             return
         chosen: Any = FFMpegWriter if kind == ".mp4" else PillowWriter
-        if not args and "writer" not in options:
-            options["writer"] = chosen(fps=self.fps)
-        super().save(path, *args, **options)
+        super().save(path, writer=chosen(fps=self.fps), **options)
 
     def to_jshtml(self, *args: Any, **options: Any) -> str:
         """A player for a page, with all frames."""
