@@ -2,17 +2,17 @@
 """The book: `sphinx-build -W notebooks <folder>` with the extra "docs"."""
 
 import re
-import tomllib
 from pathlib import Path
 
 from docutils import nodes
 from sphinx.util import logging
 
+import pipedyn
+
 project = "pipedyn"
 author = "the engineers of pipedyn"
 copyright = "the engineers of pipedyn"  # the name that Sphinx wants
-with (Path(__file__).resolve().parent.parent / "pyproject.toml").open("rb") as file:
-    version = release = tomllib.load(file)["project"]["version"]
+version = release = pipedyn.__version__
 
 extensions = [
     "myst_nb",

@@ -3,7 +3,8 @@
 
 import math
 import pickle
-from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
+from contextlib import nullcontext
 from types import SimpleNamespace
 
 import numpy as np
@@ -147,6 +148,29 @@ def test_a_speed_right_beside_the_onset_has_its_cycle():
             (cycle,) = branch.at(speed)
             assert cycle.amplitude == pytest.approx(onset.amplitude(speed), rel=2e-2)
             assert cycle.stable
+
+
+def test_the_cycle_is_found_however_near_the_speed_is_to_the_onset():
+    onset = pp.hopf(THREE)
+    u = onset.speed * (1.0 + np.array([-1e-2, 1e-6, 2e-5]))
+    found = pp.bifurcation_diagram(THREE, u)
+    assert found.failures == ()
+    for speed in u[1:]:
+        (cycle,) = found.cycles[0].at(speed)
+        assert cycle.amplitude == pytest.approx(onset.amplitude(speed), rel=1e-3)
+
+
+@pytest.mark.parametrize("executor", [None, ThreadPoolExecutor])
+def test_a_branch_that_two_onsets_lead_to_is_listed_once(executor):
+    hose = pp.Pipe(0.2, 10.0, damping=1e-3, terms=[pp.PointMass(1.0, 0.2)])
+    with executor(1) if executor else nullcontext() as pool:
+        found = pp.bifurcation_diagram(pp.Galerkin(hose, 4), [5.3, 5.5], executor=pool)
+    # Followed from the first onset, the cycles lead away beyond 6.9 and end in the last of three.
+    assert len(pp.crossings(found.model, 8.2)) == 3
+    (branch,) = found.cycles
+    assert branch.onset == pytest.approx(pp.critical_speed(found.model).speed, rel=1e-9)
+    assert [len(branch.at(u)) for u in found.speeds] == [1, 1]
+    assert found.failures == ()
 
 
 def test_cycles_of_bent_pipes_double_their_period():
@@ -354,12 +378,12 @@ def test_an_event_is_named_by_where_the_multiplier_passes(root, mirrored, kind):
 # ------------------------------------------------------------------------------------- machinery
 
 
-def test_branches_on_an_executor_are_the_same(capsys):
+def test_branches_on_an_executor_are_the_same(terminal):
     speeds = [4.0, 5.0]
     alone = pp.bifurcation_diagram(THREE, speeds)
     with ProcessPoolExecutor(1) as executor:
         again = pp.bifurcation_diagram(THREE, speeds, executor=executor, progress=True)
-    assert "cycles" in capsys.readouterr().err
+    assert "cycles" in terminal.readouterr().err
     np.testing.assert_array_equal(again.cycles[0].speeds, alone.cycles[0].speeds)
     np.testing.assert_array_equal(again.cycles[0].amplitudes, alone.cycles[0].amplitudes)
     copy = pickle.loads(pickle.dumps(alone))

@@ -72,7 +72,7 @@ def test_motions_that_are_periodic_are_cycles_though_a_period_has_a_dozen_maxima
         assert cycle.amplitude == pytest.approx(0.5 * np.ptp(one.turnings), rel=1e-4)
 
 
-def test_what_a_diagram_takes_is_known_beforehand(capsys):
+def test_what_a_diagram_takes_is_known_beforehand(terminal):
     model, speeds = pp.Galerkin(pp.Pipe(0.2), 3), [5.0, 5.5, 6.0, 6.5]
     given = {"brute_force": 2, "transient": 10.0, "duration": 4.0}
     cost = pp.diagram_cost(model, speeds, **given)
@@ -89,9 +89,9 @@ def test_what_a_diagram_takes_is_known_beforehand(capsys):
         needed = taken[name] - taken["equilibria"]
         assert needed / 3.0 < told < 3.0 * needed
     assert cost.seconds > 0.0
-    assert capsys.readouterr().err == ""
+    assert terminal.readouterr().err == ""
     pp.bifurcation_diagram(model, speeds, cycles=0, progress=True)
-    assert "bifurcation diagram: about" in capsys.readouterr().err
+    assert "bifurcation diagram: about" in terminal.readouterr().err
     stable = pp.diagram_cost(model, [1.0, 2.0])
     assert (stable.cycles, stable.motions) == (0.0, 0.0)
     with pytest.raises(ValueError, match="speeds must be at least 2"):
@@ -110,7 +110,7 @@ def test_what_a_diagram_takes_includes_its_equilibria(monkeypatch):
     assert pp.diagram_cost(pp.Chain(pp.Pipe(0.2), 2), [1.0, 2.0], cycles=0).seconds == 100.0
 
 
-def test_batches_on_an_executor_give_the_same_diagram(diagram, capsys):
+def test_batches_on_an_executor_give_the_same_diagram(diagram, terminal):
     with ThreadPoolExecutor(2) as executor:
         again = pp.bifurcation_diagram(
             *(TWO, SPEEDS),
@@ -123,7 +123,7 @@ def test_batches_on_an_executor_give_the_same_diagram(diagram, capsys):
         )
     for a, b in zip(diagram.motions, again.motions, strict=True):
         np.testing.assert_array_equal(a.turnings, b.turnings)
-    assert "brute force" in capsys.readouterr().err
+    assert "brute force" in terminal.readouterr().err
 
 
 def test_diagram_pickles(diagram):
@@ -326,6 +326,15 @@ def test_kinds_of_motion_after_the_transient_are_distinguished(signal, expected)
     x = signal(t)
     turnings, error = turning_points(t, x, signal(t + 1e-20j).imag / 1e-20)
     assert ending_of(x, turnings, error) == expected
+
+
+def test_a_drift_that_no_period_shows_is_not_taken_for_a_cycle():
+    t = np.linspace(0.0, 20.0, 8001)
+    for drift, expected in ((1e-6, ("periodic", 1)), (0.05, ("settling", 0))):
+        size = 0.02 * (1.0 + drift * np.exp(-1e-3 * t))
+        turnings, _ = turning_points(t, size * np.sin(9.0 * t), 9.0 * size * np.cos(9.0 * t))
+        assert np.abs(np.diff(np.abs(turnings[1:-1]))).max() < 1e-6
+        assert ending_of(size * np.sin(9.0 * t), turnings, 1e-6) == expected
 
 
 @pytest.mark.parametrize(

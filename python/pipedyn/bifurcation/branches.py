@@ -10,9 +10,10 @@ passes names it. Cycles that leave a branch at pitchforks and period doublings a
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
-from functools import cache, partial
+from functools import cache
 from typing import Any, Literal, cast
 
 import numpy as np
@@ -57,6 +58,7 @@ from pipedyn.models.base import Model, NotConverged, PipedynError
 from pipedyn.util import check
 from pipedyn.util.check import Array
 from pipedyn.util.newton import NewtonFailed
+from pipedyn.util.parallel import track
 from pipedyn.util.result import Result, TableResult
 from pipedyn.util.threads import one_thread
 from pipedyn.util.units import SPEED
@@ -190,6 +192,8 @@ class BranchOptions:
     rtol: float  # of the cycles there
     most: int  # steps along one branch
     onsets: tuple[float, ...] = ()  # of flutter, at any of which a branch may end
+    shown: bool = False  # whether steps are counted on stderr
+    known: tuple[CycleBranch, ...] = ()  # which one that meets them repeats from there on
 
     def holds(self, u: float) -> bool:
         """Whether a speed lies within those given."""
@@ -210,6 +214,12 @@ class Traced:
         """Whether it leads from where the other ends to where that begins."""
         pairs = ((self.end, other.begin), (self.begin, other.end))
         return all(a is not None and b is not None and a.same(b) for a, b in pairs)
+
+    def repeats(self, others: Sequence[CycleBranch], speeds: Array) -> bool:
+        """Whether all its cycles at the speeds given lie on other branches."""
+        cycles = () if self.branch is None else self.branch.cycles
+        there = [is_on_any(others, cycle) for cycle in cycles if cycle.u in speeds]
+        return bool(there) and all(there)
 
 
 def hopf_points(
@@ -254,8 +264,10 @@ def traced(
     ) -> None:
         """One way from an event or both ways from a cycle, and branches that leave there."""
         ways: list[_Follower] = []
+        siblings = (one.branch for one in found if one.branch is not None)
+        its = replace(options, known=(*options.known, *siblings))
         for start in starts:
-            ways.append(_Follower(motion, start, begin, options, failed, fastest))
+            ways.append(_Follower(motion, start, begin, its, failed, fastest))
             ways[-1].run()
             if ways[-1].closed:
                 ways = ways[-1:]
@@ -334,6 +346,7 @@ class _Follower:
         self.forks: list[tuple[CycleEvent, PeriodicOrbit, bool]] = []
         self.end: CycleEvent | None = None
         self.closed = False
+        self.repeats = False  # goes on as a branch that is known
         self.again: float | None = None  # speed of a cycle that was passed before
 
     def run(self) -> None:
@@ -346,14 +359,17 @@ class _Follower:
         lowest = min(float(speeds[speeds > 0.0][0]), here.u) / BEYOND
         highest = max(float(speeds[-1]), here.u) * BEYOND
         try:
-            steps = followed(self.motion, self.start, FINE)
+            steps = track(
+                *(followed(self.motion, self.start, FINE), None),
+                *(f"cycles {self.how}", self.options.shown),
+            )
             if self.begin is None:
                 last = self._finished(here)
                 if last is not None:
                     self._take([(0.0, last, None)])
             else:  # up to its first orbit
                 first = next(steps)
-                self._take(self._at_speeds(first, first))
+                self._take(self._at_speeds(first, self._leaving(first)))
             for step in steps:
                 if self._vanishes(step):
                     return
@@ -384,7 +400,7 @@ class _Follower:
                 if unsure == UNSURE and last is not None:
                     error = last.multiplier_error
                     raise NewtonFailed(f"its multipliers are known to {error:.1e} only")
-                if self.closed or not lowest < here.u < highest:
+                if self.closed or self.repeats or not lowest < here.u < highest:
                     return
                 if len(frequencies) == self.options.most or beyond == MOST_BEYOND:
                     raise NewtonFailed("its steps ran out")
@@ -458,7 +474,14 @@ class _Follower:
 
         `last` is the cycle at its beginning, if that is known and kept.
         """
-        orbit = cache(partial(orbit_at, step))
+
+        @cache
+        def orbit(s: float) -> PeriodicOrbit:
+            if s == 0.0 and last is None:  # it may have been taken over from another mesh
+                with suppress(NewtonFailed):
+                    point = step.problem.at(step.begin, 0.0)
+                    return replace(step.problem.orbit(point.z), closing=point.kept)
+            return orbit_at(step, s)
 
         @cache
         def cycle(s: float) -> LimitCycle:
@@ -479,6 +502,10 @@ class _Follower:
             found += self._events(step, turns, cycle, passing)
             for part in step.parts(turns):
                 found += self._at_speeds(step, part)
+        known = self.options.known
+        if repeated := [s for s, one, _ in found if is_on_any(known, one)]:
+            self.repeats = True
+            found = [one for one in found if one[0] < min(repeated)]
         self._take(found)
         return cycle(length)
 
@@ -539,6 +566,12 @@ class _Follower:
                 if not self.closed and self._is_passed(cycle):
                     self.again = u
 
+    def _leaving(self, first: Step) -> Step:
+        """The first step, as the speed changes with the square of what grows on it."""
+        if self.motion.model.pipe.has_kinks:  # with drag it changes linearly
+            return first
+        return replace(first, begin=first.problem.starting(first.begin.z, self.start.towards))
+
     def _is_first(self, cycle: LimitCycle) -> bool:
         """Whether a cycle is that from which the branch set out: the branch is then closed."""
         first = self.start.orbit
@@ -572,6 +605,15 @@ def _steepness(speeds: list[float], frequencies: list[float]) -> float:
     if not (falls > 0.0).all():
         return math.inf
     return float(np.abs(np.diff(speeds[-4:])).sum() / (speeds[-1] * falls.sum()))
+
+
+def is_on_any(branches: Sequence[CycleBranch], cycle: LimitCycle) -> bool:
+    """Whether one of the branches has a cycle at its speed."""
+    return any(
+        one.symmetric == cycle.symmetric and same_cycle(one, cycle.frequency, cycle.amplitude)
+        for branch in branches
+        for one in branch.at(cycle.u)
+    )
 
 
 def same_cycle(cycle: LimitCycle, frequency: float, amplitude: float) -> bool:

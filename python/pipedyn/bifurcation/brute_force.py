@@ -542,13 +542,16 @@ def ending_of(x: Array, turnings: Array, error: float) -> tuple[Ending, int]:
     for period in range(1, min(LONGEST_PERIOD, highs.size // 3) + 1):
         change = np.abs(highs[period:] - highs[:-period])
         recurs = bool(change.max() < near)
-        if recurs and change.max() <= error:
+        if recurs and _drift(highs, period) <= error:
             return "periodic", period
         if change.size < 4 * period:
             continue
         # A Floquet multiplier that still acts shrinks the changes by a constant factor. Near a
-        # torus they may shrink for a while as well, but not twice as much in each quarter.
-        parts = [max(float(part.max()), error) for part in np.array_split(change, 4)]
+        # torus they may shrink for a while as well, but not twice as much in each quarter. Where
+        # one acts slowly, changes are too small to be seen from one period to the next.
+        changes = (float(part.max()) for part in np.array_split(change, 4))
+        drifts = (_drift(part, period) for part in np.array_split(highs, 4))
+        parts = [max(*both, error) for both in zip(changes, drifts, strict=True)]
         converges = all(b <= max(0.5 * a, error) for a, b in pairwise(parts))
         if recurs and converges:
             return "periodic", period
@@ -560,6 +563,11 @@ def maxima(turnings: Array) -> Array:
     """Those of the turning points that are maxima, but for the first and the last."""
     inner = turnings[1:-1]
     return np.asarray(inner[(inner > turnings[:-2]) & (inner > turnings[2:])])
+
+
+def _drift(highs: Array, period: int) -> float:
+    """By how much any two maxima differ that lie whole periods apart."""
+    return max(float(np.ptp(highs[k::period])) for k in range(min(period, highs.size)))
 
 
 def _largest_change(highs: Array, period: int) -> float:

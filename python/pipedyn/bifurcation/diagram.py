@@ -46,6 +46,7 @@ from pipedyn.bifurcation.limit_cycle import (
     limit_cycle,
 )
 from pipedyn.bifurcation.motion_options import MotionOptions, initial_bends
+from pipedyn.bifurcation.periodic_orbit import PeriodicOrbit
 from pipedyn.bifurcation.vector_field import VectorField
 from pipedyn.linear.stability_curve import Failure
 from pipedyn.models.base import Model, NotConverged, PipedynError
@@ -56,7 +57,7 @@ from pipedyn.util.check import Array
 from pipedyn.util.counters import clock, counted
 from pipedyn.util.later import futures
 from pipedyn.util.newton import NewtonFailed
-from pipedyn.util.parallel import parallel, track
+from pipedyn.util.parallel import parallel, track, watched
 from pipedyn.util.result import Result, TableResult, joined
 from pipedyn.util.threads import one_thread
 
@@ -182,12 +183,14 @@ def bifurcation_diagram(
     model, at, failed, shown = asked.model, asked.speeds, list[Failed](), asked.options.shown
     begun = clock()
     branches, resting = equilibrium_branches(model, at, failed, shown)
-    if shown:
+    if shown and watched():
         cost = _cost(asked, branches, clock() - begun)
         print(f"bifurcation diagram: {cost}", file=sys.stderr)
-    found = _Cycles(model, BranchOptions(at, asked.options.rtol, asked.steps), failed)
+    steps_shown = shown and executor is None  # other processes write over one another
+    options = BranchOptions(at, asked.options.rtol, asked.steps, shown=steps_shown)
+    found = _Cycles(model, options, failed)
     if asked.steps:
-        found.from_onsets(branches, executor, shown)
+        found.from_onsets(branches, executor, shown and not steps_shown)
     motions: tuple[Attractor, ...] = ()
     for some in _sparse_first(at) if asked.starts else ():
         known = _known_solutions(model, some, branches, found.branches)
@@ -464,7 +467,8 @@ class _Cycles:
         """Takes the branches of one beginning, and what failed on them."""
         self.failed += failed
         for one in found:
-            if not any(one.is_reverse(other) for other in self.found):
+            known = one.repeats(self.branches, self.options.speeds)
+            if not known and not any(one.is_reverse(other) for other in self.found):
                 self.found.append(one)
 
     def from_onsets(
@@ -486,11 +490,11 @@ class _Cycles:
             else:
                 self.add(*answer)
 
-    def _traced(self, point: HopfPoint) -> tuple[list[Traced], list[Failed]]:
-        """What begins at an onset; nothing where a branch that is known by then ends there."""
-        if self._ends_at(point):
+    def _traced(self, begin: HopfPoint | PeriodicOrbit) -> tuple[list[Traced], list[Failed]]:
+        """What begins at an onset, or goes through an orbit, as far as no branch has it by then."""
+        if isinstance(begin, HopfPoint) and self._ends_at(begin):
             return [], []
-        return traced(self.model, point, self.options)
+        return traced(self.model, begin, replace(self.options, known=tuple(self.branches)))
 
     def _ends_at(self, point: HopfPoint) -> bool:
         """Whether a branch of cycles ends at an onset."""
@@ -506,7 +510,7 @@ class _Cycles:
                 amplitude, _ = amplitude_of(motion, orbit)
             known = (cycle for branch in self.branches for cycle in branch.at(u))
             if not any(same_cycle(cycle, orbit.frequency, amplitude) for cycle in known):
-                self.add(*traced(self.model, orbit, self.options))
+                self.add(*self._traced(orbit))
         except NewtonFailed as reason:
             report = f"the cycle at u = {u:g} was not followed: {reason}"
             self.failed.append((u, NoCycle(report, u)))
