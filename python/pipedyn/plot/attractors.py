@@ -35,7 +35,7 @@ def basins(found: Attractors, *, units: Units = "nondimensional", ax: Axes | Non
 
     Each attractor has a colour and in the legend its share of the starts. A white marker shows an
     equilibrium that lies in the plane. Starts whose motions did not settle are grey, failed ones
-    white. Axes of angles and other coordinates are the model's.
+    white. Coordinates are the model's, counted from 0.
 
     Args:
         found: attractors from a `StartPlane` of at least 2 values along both axes.
@@ -87,7 +87,7 @@ def basins(found: Attractors, *, units: Units = "nondimensional", ax: Axes | Non
             if inside:
                 look = common.open_marker(6.0, marker=MARKERS[k % len(MARKERS)], zorder=3.0)
                 ax.plot(*end, gid=f"rest {k}", **look)
-    ax.legend(handles=shown, loc="upper left", bbox_to_anchor=(1.01, 1.0), borderaxespad=0.0)
+    common.legend_below(ax, {str(patch.get_label()): patch for patch in shown})
     ax.set_title(f"{view.speed(found.u, 6)}, {found.model.pipe.flow}")
     view.second_axes(ax, *entries)
     return ax
@@ -144,7 +144,7 @@ def poincare_section(
         ax.plot(view.one(across) * x, view.one(shown) * qdot[:, last], **look)
         drawn += 1
     if drawn:
-        ax.legend()
+        common.legend_below(ax)
         ax.margins(0.08)
         for place, limits in (
             (ax.dataLim.intervalx, ax.set_xlim),
@@ -202,7 +202,7 @@ def spectrum(
     if highest:
         ax.set_yscale("log")
         ax.set(xlim=(0.0, 1.05 * last), ylim=(LEAST * highest, 3.0 * highest))
-        ax.legend()
+        common.legend_below(ax)
         view.second_axes(ax, FREQUENCY)
     else:
         ax.text(0.5, 0.5, "all are at rest", transform=ax.transAxes, ha="center", va="center")
@@ -251,5 +251,5 @@ def _entry(found: Attractors, index: int, before: str) -> Quantity:
     """Of an entry of the state [q, q']."""
     half = found.model.coordinates
     if index < half:
-        return Quantity(f"{before}coordinate $q_{{{index}}}$, counted from 0")
+        return Quantity(f"{before}coordinate $q_{{{index}}}$")
     return rate(index - half, before)
