@@ -552,3 +552,19 @@ def test_a_pair_that_turns_real_and_passes_zero_in_one_step_diverges():
     assert [one.kind for one in found] == ["divergence"]
     for change, side in ((found[0].unstable_before, -1e-4), (found[0].unstable_after, 1e-4)):
         assert change == np.sum(pp.eigenvalues(model, found[0].speed + side).real > 0.0)
+
+
+def test_the_mode_shape_of_a_critical_speed():
+    """Euler's half wave of a pinned pipe; of flutter the eigenvector that `modes` finds."""
+    s = np.linspace(0.0, 1.0, 9)
+    pinned = pp.critical_speed(pp.Continuum(pp.Pipe(0.2, root="pinned", end="pinned")))
+    np.testing.assert_allclose(np.abs(pinned.mode_shape(s)), np.sin(np.pi * s), atol=1e-9)
+    scene = pp.modular.chain(pp.Pipe(0.2), 6).plus(pp.Damper(0.5, 0.1))
+    for model in (pp.Chain(pp.Pipe(0.2, 20.0), 3), pp.Galerkin(pp.Pipe(0.2), 10), scene):
+        found = pp.critical_speed(model)
+        shapes = pp.modes(model, found.speed, count=6).shapes
+        near = min(shapes, key=lambda one: abs(one.eigenvalue - 1j * found.frequency))
+        np.testing.assert_allclose(found.mode_shape(s), near(s), atol=1e-9)
+    continuous = pp.critical_speed(pp.Continuum(pp.Pipe(0.2)))
+    finer = pp.critical_speed(pp.Galerkin(pp.Pipe(0.2), 30, "legendre"))
+    np.testing.assert_allclose(continuous.mode_shape(s), finer.mode_shape(s), atol=1e-8)

@@ -473,3 +473,11 @@ def test_a_root_at_infinity_is_given_as_none(monkeypatch, beta):
         pp.critical_speed(model)
     with pytest.raises(pp.NotConverged, match="beyond double precision"):
         pp.root_loci(model, [0.0, 1.0], 2)
+
+
+def test_errors_of_long_chains_need_no_dense_matrices():
+    """Those of 20,000 segments would take 3 GB each; beside the limit both ways say the same."""
+    short, long = (pp.modes(pp.Chain(pp.Pipe(0.2), n), 4.0, count=2) for n in (2000, 2001))
+    np.testing.assert_allclose(long.errors, short.errors, rtol=0.5)
+    longest = pp.modes(pp.Chain(pp.Pipe(0.2), 20_000), 4.0, count=2)
+    assert (longest.errors < 1e-9).all()

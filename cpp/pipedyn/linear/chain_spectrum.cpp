@@ -2,6 +2,7 @@
 #include "pipedyn/linear/chain_spectrum.hpp"
 
 #include <algorithm>
+#include <limits>
 #include <numeric>
 #include <tuple>
 
@@ -343,10 +344,18 @@ Values ChainSpectrum::log_derivatives(double u, const Values& values) const {
 
 void ChainSpectrum::assess(double u, Pairs& pairs) {
   if (pairs.uncertain.size() > 0) return;
-  Eigenproblem::assess(u, pairs);
-  if (pairs.left.cols() == 0) return;
+  const Index count = pairs.values.size();
+  if (chain_.dof() <= dense_limit) {
+    Eigenproblem::assess(u, pairs);
+    if (pairs.left.cols() == 0) return;
+  } else {  // what recursions do not tell is unknown
+    pairs.uncertain = Reals::Constant(count, infinite);
+    for (Values* const one : {&pairs.slopes, &pairs.by_left, &pairs.by_right}) {
+      *one = Values::Constant(count, std::numeric_limits<double>::quiet_NaN());
+    }
+  }
   const Pairs better = at(u, pairs.values, false);
-  for (Index i = 0; i < pairs.values.size(); ++i) {
+  for (Index i = 0; i < count; ++i) {
     if (!has_converged(better.values[i], better.residual[i])) continue;
     pairs.uncertain[i] = better.uncertain[i];
     pairs.slopes[i] = better.slopes[i];

@@ -14,7 +14,7 @@ import numpy as np
 
 from pipedyn import _core
 from pipedyn.linear.eigenproblem import eigenproblem
-from pipedyn.linear.modes import LARGEST_FULL, largest_speed
+from pipedyn.linear.modes import LARGEST_FULL, ModeShape, largest_speed, neutral_shape
 from pipedyn.linear.sensitivity import Crossing, crossings_of
 from pipedyn.linear.weak_damping import extrapolated, is_weakly_damped, strengthened
 from pipedyn.models.base import Model, NotConverged, PipedynError
@@ -64,15 +64,31 @@ class CriticalSpeed(Crossing):
     Attributes:
         stable_at_rest: False if the pipe is buckled without flow.
         size: degrees of freedom of the model solved.
-        pipe: the pipe.
+        model: the model.
     """
 
     stable_at_rest: bool = field(kw_only=True)
     size: int = field(kw_only=True)
-    pipe: Pipe = field(kw_only=True, repr=False)
-    _approximates: bool = field(repr=False, compare=False, default=False)
+    model: AnyModel = field(kw_only=True, repr=False, compare=False)
     _continuous: float | None = field(repr=False, default=None)
     _max_speed: float = field(repr=False, default=100.0)
+
+    @property
+    def pipe(self) -> Pipe:
+        """The pipe."""
+        return self.model.pipe
+
+    @cached_property
+    def mode_shape(self) -> ModeShape:
+        """Shape of the motion that neither grows nor decays, computed at the first request.
+
+        Raises:
+            ValueError: for more than 4000 degrees of freedom.
+        """
+        model = self.model
+        if isinstance(model, Continuum):
+            model = model.frozen(self.size)
+        return neutral_shape(model, self.speed, self.frequency)
 
     @cached_property
     def discretisation(self) -> float | None:
@@ -81,7 +97,7 @@ class CriticalSpeed(Crossing):
         None for chains with springs or inertia of the user's own, infinite where the continuous
         pipe has no critical speed. The continuous pipe is solved at the first request.
         """
-        if not self._approximates:
+        if not self.model.approximates_pipe:
             return None
         if self._continuous is not None:
             return self._continuous
@@ -273,7 +289,7 @@ def _found(pipe: Pipe, plan: Sequence[Job[Found]]) -> Found:
 
 
 def _point(model: AnyModel, found: Found, known_to: float) -> Point:
-    pipe, all_found = model.pipe, found.value
+    all_found = found.value
     first = next((c for c in all_found if c.destabilising), None)
     if first is None:
         return None, all_found
@@ -281,8 +297,7 @@ def _point(model: AnyModel, found: Found, known_to: float) -> Point:
         **vars(first),
         stable_at_rest=all_found[0].unstable_before == 0,
         size=found.size,
-        pipe=pipe,
-        _approximates=model.approximates_pipe,
+        model=model,
         _continuous=first.error if isinstance(model, Continuum) else None,
         _max_speed=known_to,
     )

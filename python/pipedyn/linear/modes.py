@@ -256,18 +256,43 @@ def _checked_count(count: Any, model: AnyModel, roots: int) -> int:
     return asked
 
 
-def _modes(model: Model, u: float, count: int | None) -> Modes:
-    pairs = eigenproblem(model).lowest(u, 2 * model.dof if count is None else count)
-    coordinates = model.from_elastic(pairs.right)
-    # A mode that failed is NaN.
+def neutral_shape(model: Model, u: float, frequency: float) -> ModeShape:
+    """Of the mode with eigenvalue i frequency at a speed, which is one of the model's to rounding.
+
+    By inverse iteration, which converges at once so near to an eigenvalue.
+    """
+    value = complex(0.0, frequency)
+    mass, velocity, stiffness = model.operators().at(u)
+    if frequency == 0.0:  # a static load loses nothing
+        stiffness = stiffness.real
+    dynamic = value**2 * mass + value * velocity + stiffness
+    x = np.linspace(1.0, 2.0, len(mass)) + 0j
+    with one_thread(len(mass)):
+        dynamic = dynamic + np.finfo(float).eps * np.linalg.norm(dynamic) * np.eye(len(mass))
+        for _ in range(3):
+            x = np.linalg.solve(dynamic, x)
+            x /= np.linalg.norm(x)
+    factorised(3)
+    (shape,) = _shapes(model, np.array([value]), np.asarray(x[:, None], dtype=np.complex128))
+    return shape
+
+
+def _shapes(model: Model, values: Complex, coordinates: Complex) -> tuple[ModeShape, ...]:
+    """Of eigenvalues with their coordinates, (dof, k); a mode that failed is NaN."""
     displacement = model.deflection(np.nan_to_num(coordinates), model.stations)
     largest = np.argmax(np.abs(displacement), axis=0)
     peaks = displacement[largest, np.arange(largest.size)]
     with np.errstate(divide="ignore", invalid="ignore"):
         coordinates = coordinates / peaks
-    shapes = tuple(
-        ModeShape(complex(value), model, coordinates[:, i]) for i, value in enumerate(pairs.values)
+    return tuple(
+        ModeShape(complex(value), model, coordinates[:, i]) for i, value in enumerate(values)
     )
+
+
+def _modes(model: Model, u: float, count: int | None) -> Modes:
+    pairs = eigenproblem(model).lowest(u, 2 * model.dof if count is None else count)
+    coordinates = model.from_elastic(pairs.right)
+    shapes = _shapes(model, pairs.values, coordinates)
     return Modes(u, pairs.values, shapes, pairs.residuals, pairs.converged, model.dof)
 
 
