@@ -1,18 +1,19 @@
 # SPDX-License-Identifier: MIT
 """The book: `sphinx-build -W notebooks <folder>` with the extra "docs"."""
 
+import importlib.util
 import re
-import tomllib
 from pathlib import Path
 
 from docutils import nodes
 from sphinx.util import logging
 
+import pipedyn
+
 project = "pipedyn"
 author = "the engineers of pipedyn"
 copyright = "the engineers of pipedyn"  # the name that Sphinx wants
-with (Path(__file__).resolve().parent.parent / "pyproject.toml").open("rb") as file:
-    version = release = tomllib.load(file)["project"]["version"]
+version = release = pipedyn.__version__
 
 extensions = [
     "myst_nb",
@@ -40,7 +41,11 @@ napoleon_custom_sections = ["Source"]
 
 html_theme = "furo"
 html_title = "pipedyn"
-html_static_path = []
+
+# Formulas show without a network: MathJax in one file, with its glyphs, stands beside the pages.
+MATHJAX = Path(importlib.util.find_spec("sphinx-mathjax-offline").origin).parent / "static/mathjax"
+html_static_path = [str(MATHJAX / "tex-svg.js")]
+mathjax_path = "tex-svg.js"
 
 ROOT = Path(__file__).resolve().parent.parent
 

@@ -331,7 +331,7 @@ def test_folds_of_four_segments_and_of_the_long_hanging_pipe(
     assert (curve.unstable == 0).all()
     assert (curve.opens == 1).all()
     assert (curve.x < curve.onset).all()
-    shade = plot.cycle_boundary(found, Figure().subplots()).collections[0]
+    shade = plot.cycle_boundary(found, ax=Figure().subplots()).collections[0]
     corners = np.concatenate([path.vertices for path in shade.get_paths()])
     assert np.ptp(corners[:, 0]) == pytest.approx(onsets[1] - fold.speed, rel=1e-4)
     assert np.ptp(corners[:, 1]) == pytest.approx(end - begin, rel=1e-9)
@@ -400,7 +400,7 @@ def test_bad_arguments(subcritical, change, error, text):
 
 
 def test_the_picture_shades_where_the_pipe_may_snap(folded):
-    ax = plot.cycle_boundary(folded, Figure().subplots())
+    ax = plot.cycle_boundary(folded, ax=Figure().subplots())
     (shade,) = ax.collections
     assert shade.get_label() == "it may snap here"
     # The region that is shaded lies between the fold and the onset.

@@ -5,6 +5,7 @@ import dataclasses
 import inspect
 import math
 from contextlib import nullcontext
+from functools import cache, partial
 
 import matplotlib
 import matplotlib.pyplot as plt
@@ -22,6 +23,16 @@ LOCI = pp.root_loci(CHAIN, [0.0, 1.0, 2.0], 2)
 MODES = pp.modes(CHAIN, 1.0)
 CRITICAL = pp.critical_speed(CHAIN)
 BOUNDARY = pp.boundary(CHAIN, "beta", "u", {"beta": (0.1, 0.2), "u": (0.0, 8.0)}, criticality=False)
+
+
+def turned(found):
+    """With the names of x and y exchanged."""
+    return dataclasses.replace(found, names=found.names[::-1])
+
+
+def shown(ax):
+    """Its lines, without those that are only in the legend."""
+    return [line for line in ax.lines if len(line.get_xdata())]
 
 
 def axes(layout=None):
@@ -65,14 +76,21 @@ def axes(layout=None):
         (lambda ax: plot.panels(1, 1, math.nan, 5), "width must lie in [0.1, 200], got nan"),
         (lambda ax: plot.panels(1, 1, 5, 1e9), "height must lie in [0.1, 200]"),
         (lambda ax: plot.notice(3, ax=ax), "text must be of type str, got 3"),
-        (lambda ax: plot.colour_bar(None, np.array([[ax]])), "label must be of type str, got None"),
-        (lambda ax: plot.colour_bar("", [ax]), "ax must be of type Axes, got [<Axes"),
+        (
+            lambda ax: plot.colour_bar(None, ax=np.array([[ax]])),
+            "label must be of type str, got None",
+        ),
+        (lambda ax: plot.colour_bar("", ax=[ax]), "ax must be of type Axes, got [<Axes"),
         (lambda ax: plot.dot_stride(3), "loci must be of type RootLoci, got 3"),
         (
-            lambda ax: plot.stability_map({"a": STANDING}, ax=ax),
-            "boundaries['a'] must be over ('beta', 'u'), got ('gamma', 'u')",
+            lambda ax: plot.stability_map({"a": turned(BOUNDARY)}, ax=ax),
+            "boundaries['a'] must have 'u' for y, got ('u', 'beta')",
         ),
-        (lambda ax: plot.boundary(CRITICAL, ax), "found must be of type Boundary, got Critical"),
+        (
+            lambda ax: plot.stability_map({"a": BOUNDARY, "b": STANDING}, ax=ax),
+            "boundaries must be over one number, got beta, gamma",
+        ),
+        (lambda ax: plot.boundary(CRITICAL, ax=ax), "found must be of type Boundary, got Critical"),
     ],
 )
 def test_a_picture_refuses_what_it_cannot_show_by_name(call, message):
@@ -111,7 +129,7 @@ def test_a_folded_boundary_is_one_line_through_all_crossings():
     model = pp.Galerkin(pp.Pipe(0.2, 10.0), 16, "legendre")
     ranges = {"beta": (0.55, 0.7), "u": (0.0, 14.0)}
     found = pp.boundary(model, "beta", "u", ranges, criticality=False)
-    (line,) = plot.stability_map({"a": found}, ax=axes()).lines
+    (line,) = shown(plot.stability_map({"a": found}, ax=axes()))
     x, y = line.get_xydata().T
     for beta, times in ((0.56, 1), (0.61, 3), (0.62, 3), (0.69, 1)):
         at = np.flatnonzero((x[:-1] - beta) * (x[1:] - beta) <= 0.0)
@@ -132,7 +150,7 @@ STANDING = pp.boundary(
 
 
 def test_a_boundary_shades_what_is_stable_and_names_its_organising_points():
-    ax = plot.boundary(STANDING, axes())
+    ax = plot.boundary(STANDING, ax=axes())
     (image,) = ax.images
     rows, columns, _ = image.get_array().shape
     left, right, low, high = image.get_extent()
@@ -155,7 +173,7 @@ def test_where_criticality_is_known_no_curve_is_drawn_without():
     """A step in which other roots become unstable is drawn so from the organising point on."""
     chain = pp.Chain(pp.Pipe(0.2, terms=[pp.PointMass(1.0, 0.1)]), 4)
     ranges = {"PointMass.mass": (0.0, 0.5), "u": (3.0, 10.0)}
-    drawn = plot.boundary(pp.boundary(chain, "PointMass.mass", "u", ranges), axes())
+    drawn = plot.boundary(pp.boundary(chain, "PointMass.mass", "u", ranges), ax=axes())
     labels = {line.get_label() for line in drawn.lines}
     assert "flutter, other roots unstable" in labels
     assert "flutter" not in labels
@@ -166,7 +184,7 @@ def test_where_buckling_modes_exchange_the_shading_and_the_criticality_hold():
     pipe = pp.Pipe(0.6, root="pinned", end="pinned", terms=(pp.Foundation(10.0),))
     ranges = {"Foundation.stiffness": (300.0, 500.0), "u": (5.0, 9.0)}
     found = pp.boundary(pp.Galerkin(pipe, 4, "beam"), "Foundation.stiffness", "u", ranges)
-    ax = plot.boundary(found, axes())
+    ax = plot.boundary(found, ax=axes())
     shade = ax.images[0].get_array()[..., 3] > 0.0
     assert shade[:160].all()  # below u = 6.28, across the crossing at 389.6
     for curve in found.curves:
@@ -186,7 +204,7 @@ def test_a_boundary_of_a_measured_pipe_has_axes_in_si_units():
     )
     ranges = {"PointMass.mass": (0.0, 0.5), "u": (0.0, 8.0)}
     found = pp.boundary(pp.Chain(pipe, 3), "PointMass.mass", "u", ranges, criticality=False)
-    ax = plot.boundary(found, axes())
+    ax = plot.boundary(found, ax=axes())
     top, right = ax.child_axes
     assert (top.get_xlabel(), right.get_ylabel()) == ("PointMass.mass (kg)", "flow speed (m/s)")
     ax.figure.canvas.draw()
@@ -197,7 +215,7 @@ def test_a_boundary_of_a_measured_pipe_has_axes_in_si_units():
 def test_a_window_without_boundaries_says_what_it_is():
     ranges = {"beta": (0.1, 0.9), "u": (0.0, 1.0)}
     found = pp.boundary(CHAIN, "beta", "u", ranges, criticality=False)
-    ax = plot.boundary(found, axes())
+    ax = plot.boundary(found, ax=axes())
     assert ax.texts[0].get_text() == "No boundary lies in the window: all is stable."
     assert ax.images[0].get_array()[..., 3].all()
 
@@ -220,7 +238,7 @@ def found(errors):
 
 @pytest.mark.parametrize("layout", [None, "constrained", "tight"])
 @pytest.mark.parametrize("within", [plot.style, nullcontext], ids=["style", "defaults"])
-def test_the_legend_of_the_convergence_picture_fits_above_the_curves(layout, within):
+def test_the_legend_of_the_convergence_picture_fits_below_and_no_decade_is_empty(layout, within):
     families = {name: found(0.5 ** np.arange(1, 7)) for name in plot.FAMILY_STYLES}
     families["rayleigh"] = found(-0.0144 + 0.2 * 0.5 ** np.arange(1, 12))
     exponential = found(20.0 ** -np.arange(1.0, 8.0))
@@ -232,30 +250,40 @@ def test_the_legend_of_the_convergence_picture_fits_above_the_curves(layout, wit
         plot.convergence(families, dataclasses.replace(CRITICAL, error=0.0), ax=ax)
         ax.figure.canvas.draw()
         frame, legend = ax.get_window_extent(), ax.get_legend().get_window_extent()
+        label = ax.xaxis.label.get_window_extent()
     whole = ax.figure.bbox
-    assert frame.height > 0.6 * whole.height
+    assert frame.height > 0.5 * whole.height
     assert frame.width > 0.6 * whole.width
     assert whole.x0 <= legend.x0 < legend.x1 <= whole.x1
-    assert legend.y1 <= frame.y1
-    assert legend.width < 1.02 * frame.width
-    highest = max(float(np.max(line.get_ydata())) for line in ax.lines if len(line.get_ydata()) > 2)
-    assert ax.transData.transform((1.0, highest))[1] < legend.y0
+    assert whole.y0 <= legend.y0 < legend.y1 <= label.y0 + 1.0
+    errors = np.concatenate([line.get_ydata() for line in shown(ax) if len(line.get_xdata()) > 2])
+    low, high = ax.get_ylim()
+    assert 0.1 * errors.min() < low < errors.min() < errors.max() < high < 10.0 * errors.max()
+    assert "reduced, legendre: factor 20 per function" in [
+        text.get_text() for text in ax.get_legend().get_texts()
+    ]
 
 
-def test_every_picture_takes_its_axes_last_and_makes_its_own_without():
-    pictures = {
-        name: inspect.signature(getattr(plot, name)).parameters
-        for name in plot.__all__
-        if inspect.isfunction(getattr(plot, name))
-    }
-    taking = {
-        name: tuple(parameters) for name, parameters in pictures.items() if "ax" in parameters
-    }
-    assert len(taking) >= 14
-    for name, parameters in taking.items():
-        assert parameters[-1] == "ax", name
-        if name != "colour_bar":  # which needs Axes that show something
-            assert pictures[name]["ax"].default is None, name
+PICTURES = {
+    name: inspect.signature(getattr(plot, name)).parameters
+    for name in plot.__all__
+    if inspect.isfunction(getattr(plot, name))
+}
+OF_RESULTS = {
+    name
+    for name, parameters in PICTURES.items()
+    if name not in ("colour_bar", "dot_stride", "notice", "panels", "style")
+}
+"""All public functions of `plot` that draw results."""
+
+
+def test_every_picture_takes_its_axes_last_by_name_and_does_without():
+    assert len(OF_RESULTS) >= 21
+    for name, parameters in PICTURES.items():
+        if name in ("dot_stride", "panels", "style"):  # draw on nothing
+            continue
+        *_, last = parameters.values()
+        assert (last.name, last.kind, last.default) == ("ax", last.KEYWORD_ONLY, None), name
     try:
         for ax in (
             plot.root_loci(LOCI),
@@ -266,16 +294,135 @@ def test_every_picture_takes_its_axes_last_and_makes_its_own_without():
             plot.notice("nothing"),
         ):
             assert ax.figure.number in plt.get_fignums()
+        mesh = plt.gca().scatter([0.0, 1.0], [0.0, 1.0], c=[0.0, 1.0])
+        assert plot.colour_bar("of the current Axes") is mesh.colorbar.ax
     finally:
         plt.close("all")
 
 
+HOSE = pp.Pipe.from_si(
+    length=0.5, bending_stiffness=0.01, pipe_mass=0.1, fluid_mass=0.02, damping_time=1e-3
+)
+
+
+def film(motion, **how):
+    """The Axes of an animation, which is drawn once."""
+    plot.animate(motion, fps=5.0, **how)._init_draw()
+    return how["ax"]
+
+
+@cache
+def of_the_hose():
+    """Each picture of results of a pipe with scales, as a function of `units` and `ax`."""
+    chain = pp.Chain(HOSE, 2)
+    loci = pp.root_loci(chain, [0.0, 3.0, 6.0], 2)
+    window = {"beta": (0.1, 0.2), "u": (0.0, 8.0)}
+    onset = pp.boundary(chain, "beta", "u", window, criticality=False)
+    critical = pp.critical_speed(chain)
+    sizes = [pp.critical_speed(pp.Chain(HOSE, n)) for n in (2, 4, 8)]
+    diagram = pp.bifurcation_diagram(chain, [3.0, 4.5], cycles=0)
+    cycle = pp.limit_cycle(chain, 5.0)
+    branch = pp.CycleBranch(
+        *(np.array([4.0, 5.0]), np.array([0.1, 0.2]), np.array([0.1, 0.2]), np.array([9.0, 9.0])),
+        *(np.array([True, True]), np.array([cycle.multipliers] * 2), (), (cycle, cycle)),
+    )
+    motion = pp.simulate(chain, 3.0, 2.0, lambda s: 0.1 * s)
+    angles = np.linspace(-0.5, 0.5, 2)
+    ends = pp.attractors(chain, 5.0, pp.StartPlane(angles, angles))
+    response = pp.frequency_response(chain, 2.0, (0.5, 40.0), input=("force", 1.0))
+    edges = np.array([[2.0, 3.0], [1.5, 4.0]])
+    region = pp.ParametricRegion("harmonic", np.array([0.1, 0.2]), edges, 0.05, 2.4, 0.0, HOSE)
+    base = pp.Harmonic(0.02, 5.0)
+    forced = pp.forced_response(chain, 2.0, base=base, frequencies=(4.0, 6.0))
+    curve = pp.stability_curve(
+        lambda beta: pp.Chain(dataclasses.replace(HOSE, beta=beta), 2), [0.1, 0.2]
+    )
+    known = pp.CycleBoundary(
+        names=("beta", "u"),
+        ranges=onset.ranges,
+        curves=(),
+        points=(),
+        onsets=onset,
+        model=chain,
+        failures=(),
+        evaluations=0,
+    )
+    trade = pp.trade(HOSE, "critical_speed", families="legendre", sizes=[4, 8], repeats=1)
+    draw = {
+        "animate": (motion,),
+        "basins": (ends,),
+        "bifurcation_diagram": (dataclasses.replace(diagram, cycles=(branch,)),),
+        "boundary": (onset,),
+        "convergence": ({"consistent": sizes}, critical),
+        "cycle_boundary": (known,),
+        "forced_response": (forced,),
+        "frequencies": (loci, loci),
+        "frequency_response": (response,),
+        "mode_shapes": (pp.modes(chain, 3.0),),
+        "multipliers": (branch,),
+        "orbit": (cycle,),
+        "parametric_regions": ([region],),
+        "phase_portrait": (motion,),
+        "poincare_section": (ends,),
+        "root_loci": (loci, loci),
+        "snapshots": (motion,),
+        "spectrum": (ends,),
+        "stability_map": ({"a": onset, "b": curve}, None, critical),
+        "time_history": (motion,),
+        "trade": (trade,),
+    }
+    pictures = {name: partial(getattr(plot, name), *given) for name, given in draw.items()}
+    return pictures | {"animate": partial(film, motion)}
+
+
+def test_every_picture_shows_si_units_on_request():
+    assert set(of_the_hose()) == OF_RESULTS
+    metre, second, speed = HOSE.length_si(1.0), HOSE.time_si(1.0), HOSE.speed_si(1.0)
+    units = {  # what a nondimensional 1 is, in the unit that a label ends with
+        "flow speed (m/s)": speed,
+        "velocity of the free end $\\dot x$ (m/s)": metre / second,
+        "(m)": metre,
+        "time (s)": second,
+        "(Hz)": HOSE.frequency_si(1.0) / (2.0 * math.pi),
+        "(1/s)": 1.0 / second,
+        "(rad/s)": 1.0 / second,
+        "(m/N)": metre / (HOSE.scales.mass * metre**2 / second**2),
+    }
+    seen = set()
+    for name, draw in of_the_hose().items():
+        pair = []
+        for system in ("nondimensional", "si"):
+            ax = axes()
+            draw(units=system, ax=ax)
+            pair.append(ax)
+        plain, si = pair
+        assert not si.child_axes, name  # which are those in SI units beside nondimensional ones
+        for axis, other in ((plain.xaxis, si.xaxis), (plain.yaxis, si.yaxis)):
+            label = other.label.get_text()
+            found = [one for words, one in units.items() if label.endswith(words)]
+            expected = axis.get_view_interval() * (found or [1.0])[0]
+            assert other.get_view_interval() == pytest.approx(expected, 1e-9, 1e-12), (name, label)
+            seen |= {words for words in units if label.endswith(words)}
+    assert seen == set(units)
+
+
+def test_a_pipe_without_scales_has_no_si_units(monkeypatch):
+    drawn = of_the_hose()
+    monkeypatch.setattr(pp.Pipe, "scales", property(lambda pipe: None))
+    for name, draw in drawn.items():
+        with pytest.raises(ValueError, match="units must be 'nondimensional' where the pipe has"):
+            draw(units="si", ax=axes())
+        with pytest.raises(ValueError, match="units must be one of 'nondimensional', 'si'"):
+            draw(units="SI", ax=axes())
+        assert draw(ax=axes()), name
+
+
 def test_a_colour_bar_stands_beside_all_axes_that_share_it():
     figure, several = plot.panels(1, 2, 4.0, 2.0)
-    assert plot.colour_bar(plot.SPEED_LABEL, several) is None
+    assert plot.colour_bar(plot.SPEED_LABEL, ax=several) is None
     for ax in several.flat:
         plot.root_loci(LOCI, ax=ax)
-    bar = plot.colour_bar(plot.SPEED_LABEL, several)
+    bar = plot.colour_bar(plot.SPEED_LABEL, ax=several)
     assert bar.get_ylabel() == plot.SPEED_LABEL
     assert figure.axes == [*several.flat, bar]
 

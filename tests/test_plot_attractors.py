@@ -35,7 +35,7 @@ def found():
 
 def test_basins_show_where_each_start_ends():
     ax = axes()
-    assert plot.basins(found(), ax) is ax
+    assert plot.basins(found(), ax=ax) is ax
     (mesh,) = ax.collections
     np.testing.assert_array_equal(mesh.get_array(), found().ends.reshape(6, 6))
     words = [text.get_text() for text in ax.get_legend().get_texts()]
@@ -46,7 +46,7 @@ def test_basins_show_where_each_start_ends():
 
 def test_equilibria_in_the_plane_are_marked():
     wide = replace(found(), plane=pp.StartPlane(np.linspace(-3, 3, 6), np.linspace(-3, 3, 6)))
-    ax = plot.basins(wide, axes())
+    ax = plot.basins(wide, ax=axes())
     marked = [line.get_xydata()[0] for line in ax.lines]
     ends = [basin.motion.q[-1] for basin in wide.basins if basin.ending == "rest"]
     np.testing.assert_allclose(marked, ends)
@@ -56,7 +56,7 @@ def test_what_did_not_settle_or_failed_is_in_the_legend():
     ends = found().ends.copy()
     ends[:3], ends[3:5] = -1, -2
     shares = {"unsettled": pp.Share(3, 3 / 36, 0.0), "failed": pp.Share(2, 2 / 36, 0.0)}
-    ax = plot.basins(replace(found(), ends=ends, **shares), axes())
+    ax = plot.basins(replace(found(), ends=ends, **shares), ax=axes())
     words = [text.get_text() for text in ax.get_legend().get_texts()]
     assert words[-2:] == ["not settled, 8.33 %", "failed, 5.56 %"]
 
@@ -69,20 +69,20 @@ def test_a_section_shows_each_maximum_of_a_cycle():
     np.testing.assert_allclose(points.get_xdata(), tips)
     low, high = ax.get_xlim()
     assert high - low > 0.05 * abs(tips[0])  # rounding of a point is not spread over the page
-    one = plot.poincare_section(cycle, 0, axes())
+    one = plot.poincare_section(cycle, 0, ax=axes())
     np.testing.assert_allclose(one.lines[0].get_xydata(), cycle.section[:, [0, 2]])
 
 
 def test_a_spectrum_shows_the_harmonics_and_hertz_where_there_are_units():
     cycle = next(basin for basin in found().basins if basin.ending == "periodic")
-    ax = plot.spectrum(cycle, axes())
+    ax = plot.spectrum(cycle, ax=axes())
     (tops,) = ax.lines
     assert tops.get_xdata()[0] == pytest.approx(2.0 * np.pi / cycle.period)
     assert tops.get_ydata()[0] == cycle.spectrum[1]
     assert not ax.child_axes
     model = pp.Chain(MEASURED, 2)
     measured = replace(cycle, motion=replace(cycle.motion, model=model))
-    (top,) = plot.spectrum(measured, axes()).child_axes
+    (top,) = plot.spectrum(measured, ax=axes()).child_axes
     assert top.get_xlabel() == "frequency (Hz)"
 
 
@@ -95,9 +95,9 @@ def test_pictures_of_what_rests_say_so():
 
 def test_pictures_refuse_what_they_cannot_show():
     with pytest.raises(ValueError, match="found must come from a StartPlane"):
-        plot.basins(replace(found(), plane=None), axes())
+        plot.basins(replace(found(), plane=None), ax=axes())
     with pytest.raises(TypeError, match="found must be of type Attractors, got 3"):
-        plot.spectrum(3, axes())
+        plot.spectrum(3, ax=axes())
 
 
 def test_a_section_of_a_measured_pipe_has_axes_in_si_units():
@@ -105,7 +105,7 @@ def test_a_section_of_a_measured_pipe_has_axes_in_si_units():
     top, right = section.child_axes
     assert (top.get_xlabel(), right.get_ylabel()) == (
         "free end $x$ (m)",
-        "rate $\\dot q_{1}$ (1/s)",
+        "rate $\\dot q_{1}$ at a maximum of the free end (1/s)",
     )
     section.figure.canvas.draw()
     assert top.get_xlim()[1] == pytest.approx(0.5 * section.get_xlim()[1])

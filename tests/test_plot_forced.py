@@ -16,7 +16,7 @@ PIPE = pp.Pipe.from_si(
 )
 RESPONSE = pp.frequency_response(pp.Galerkin(PIPE, 3), 2.0, (0.5, 40.0))
 REGION = pp.ParametricRegion(
-    "harmonic", np.array([0.1, 0.2]), np.array([[2, 3], [1.5, 4]]), 0.05, 2.4, 0.0
+    "harmonic", np.array([0.1, 0.2]), np.array([[2, 3], [1.5, 4]]), 0.05, 2.4, 0.0, PIPE
 )
 
 
@@ -57,7 +57,7 @@ def test_infinite_resonances_are_marked_at_the_upper_end():
 
 
 def test_regions_are_drawn_from_their_least_amplitude_on():
-    ax = plot.parametric_regions([REGION, REGION], PIPE, ax=axes())
+    ax = plot.parametric_regions([REGION, REGION], ax=axes())
     left, right, ring, *_ = ax.lines
     np.testing.assert_allclose(left.get_xydata(), [[2.4, 0.05], [2.0, 0.1], [1.5, 0.2]])
     np.testing.assert_allclose(right.get_xydata(), [[2.4, 0.05], [3.0, 0.1], [4.0, 0.2]])
@@ -86,7 +86,6 @@ def test_forced_motions_are_drawn_with_their_folds():
         (lambda ax: plot.frequency_response(RESPONSE, 1, ax=ax), "phase must be True or False"),
         (lambda ax: plot.parametric_regions(REGION, ax=ax), "regions must be a tuple or list"),
         (lambda ax: plot.parametric_regions([3], ax=ax), "regions[0] must be of type Parametric"),
-        (lambda ax: plot.parametric_regions([REGION], 3, ax=ax), "pipe must be of type Pipe"),
         (lambda ax: plot.forced_response(3, ax=ax), "response must be of type ForcedResponse"),
     ],
 )

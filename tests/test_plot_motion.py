@@ -3,6 +3,7 @@
 
 import dataclasses
 import math
+import re
 from functools import cached_property
 
 import matplotlib
@@ -134,7 +135,10 @@ def by_gid(ax, gid):
             lambda ax: plot.time_history(MOTIONS.coarse),
             "motions must be sampled at least six times a cy",
         ),
-        (lambda ax: plot.time_history(MOTIONS.cycle, [ax]), "ax must be of type Axes, got [<Axes"),
+        (
+            lambda ax: plot.time_history(MOTIONS.cycle, ax=[ax]),
+            "ax must be of type Axes, got [<Axes",
+        ),
         (lambda ax: plot.phase_portrait(3), "motions must be a Motion, several of them or an"),
         (
             lambda ax: plot.phase_portrait([MOTIONS.cycle, MOTIONS.coarse]),
@@ -149,7 +153,10 @@ def by_gid(ax, gid):
             lambda ax: plot.phase_portrait(MOTIONS.cycle, 1.0),
             "coordinate must be a whole number, got 1.0",
         ),
-        (lambda ax: plot.phase_portrait(MOTIONS.cycle, "tip", 3), "ax must be of type Axes, got 3"),
+        (
+            lambda ax: plot.phase_portrait(MOTIONS.cycle, "tip", ax=3),
+            "ax must be of type Axes, got 3",
+        ),
         (lambda ax: plot.animate([MOTIONS.cycle]), "motion must be of type Motion"),
         (
             lambda ax: plot.animate(MOTIONS.coarse),
@@ -275,7 +282,7 @@ def test_gravity_points_down_the_page_and_the_arrow_along_the_flow(name):
     pipe = PIPES[name]
     motion = pp.simulate(pp.Chain(pipe, 6), 1.0, 1.0, bend, samples=201)
     ax = axes()
-    assert plot.snapshots(motion, (0.0, 1.0), 5, ax) is ax
+    assert plot.snapshots(motion, (0.0, 1.0), 5, ax=ax) is ax
     ax.figure.canvas.draw()
     assert ax.get_aspect() == 1.0
     to_page = ax.transData.transform
@@ -301,7 +308,7 @@ def test_gravity_points_down_the_page_and_the_arrow_along_the_flow(name):
 def test_the_arrow_of_an_inclined_nozzle_is_its_jet():
     model = pp.Chain(pp.Pipe(0.2, jet_angle=1.2), 6)
     motion = pp.simulate(model, 1.0, 1.0, bend, samples=201)
-    (flow,) = by_gid(plot.snapshots(motion, (0.0, 1.0), 5, axes()), "flow")
+    (flow,) = by_gid(plot.snapshots(motion, (0.0, 1.0), 5, ax=axes()), "flow")
     tail, head = (np.array(point) for point in flow._posA_posB)
     angle = motion.q[-1, -1] + 1.2
     jet = np.array([np.sin(angle), np.cos(angle)])
@@ -309,7 +316,7 @@ def test_the_arrow_of_an_inclined_nozzle_is_its_jet():
 
 
 def test_snapshots_are_the_pipe_at_equal_steps_the_latest_darkest():
-    ax = plot.snapshots(MOTIONS.decay, (2.0, 4.0), 5, axes())
+    ax = plot.snapshots(MOTIONS.decay, (2.0, 4.0), 5, ax=axes())
     (shapes,) = (c for c in ax.collections if isinstance(c, LineCollection))
     ax.figure.canvas.draw()
     np.testing.assert_allclose(shapes.get_array(), [2.0, 2.5, 3.0, 3.5, 4.0])
@@ -320,7 +327,7 @@ def test_snapshots_are_the_pipe_at_equal_steps_the_latest_darkest():
         i = int(np.argmin(np.abs(MOTIONS.decay.t - t)))
         s = np.linspace(0.0, 1.0, len(line))
         np.testing.assert_allclose(line, CHAIN.shape(MOTIONS.decay.q[i], s), atol=1e-12)
-    bar = plot.colour_bar(plot.TIME_LABEL, ax)
+    bar = plot.colour_bar(plot.TIME_LABEL, ax=ax)
     assert ax.figure.axes == [ax, bar]
 
 
@@ -343,7 +350,7 @@ def test_nothing_of_a_picture_of_motion_is_cut_off(draw, name):
         box = text.get_window_extent()
         assert whole.x0 <= box.x0 < box.x1 <= whole.x1
         assert whole.y0 <= box.y0 < box.y1 <= whole.y1
-    assert ax.xaxis.label.get_text().endswith(("(L)$", "(T)$"))
+    assert re.search(r"/ L\$|\\tau = ", ax.xaxis.label.get_text())  # the unit is told
     for patch in ax.patches:
         box = patch.get_window_extent()
         assert inside.x0 <= box.x0 <= box.x1 <= inside.x1
@@ -351,20 +358,20 @@ def test_nothing_of_a_picture_of_motion_is_cut_off(draw, name):
 
 
 def test_histories_and_portraits_show_every_motion_under_its_speed():
-    ax = plot.time_history(MOTIONS.many, axes())
+    ax = plot.time_history(MOTIONS.many, ax=axes())
     assert [text.get_text() for text in ax.get_legend().get_texts()] == ["$u = 5.5$", "$u = 6$"]
     curves = [line for line in ax.lines if line.get_label().startswith("$u")]
     for curve, motion in zip(curves, MOTIONS.many.motions, strict=True):
         shown = np.interp(motion.t, *curve.get_data())
         np.testing.assert_allclose(shown, motion.tip[:, 0], atol=1e-12)
     assert curves[0].get_linestyle() != curves[1].get_linestyle()
-    ax = plot.time_history([MOTIONS.cycle, MOTIONS.fine], axes())
+    ax = plot.time_history([MOTIONS.cycle, MOTIONS.fine], ax=axes())
     labels = [text.get_text() for text in ax.get_legend().get_texts()]
     assert labels == ["0: $u = 6$, Chain, 6 d.o.f.", "1: $u = 6$, Chain, 6 d.o.f."]
 
 
 def test_a_portrait_of_a_coordinate_shows_it_against_its_rate():
-    ax = plot.phase_portrait(MOTIONS.decay, 2, axes())
+    ax = plot.phase_portrait(MOTIONS.decay, 2, ax=axes())
     shown = np.concatenate([np.column_stack(line.get_data()) for line in ax.lines[:3]])
     states = np.column_stack([MOTIONS.decay.q[:, 2], MOTIONS.decay.qdot[:, 2]])
     begin = np.abs(shown[:, None] - states[None, ::400]).max(axis=-1).min(axis=0)
@@ -433,7 +440,7 @@ def test_a_motion_that_stopped_is_shown_as_far_as_it_went():
             name: getattr(MOTIONS.cycle, name)[:301] for name in ("t", "q", "qdot", "tip", "energy")
         },
     )
-    ax = plot.time_history(part, axes())
+    ax = plot.time_history(part, ax=axes())
     assert ax.get_xlim() == pytest.approx((0.0, 7.5))
 
 

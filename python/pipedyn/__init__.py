@@ -97,7 +97,7 @@ from pipedyn.motion.simulate import (
 )
 from pipedyn.util.archive import load
 
-__version__ = "0.1.0"
+__version__ = "0.2.0"
 
 __all__ = [
     "AddedMass",

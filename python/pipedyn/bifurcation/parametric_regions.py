@@ -28,6 +28,7 @@ from pipedyn.linear.frequency_response import checked_range
 from pipedyn.models.base import Model, NotConverged
 from pipedyn.models.continuum import AnyModel, checked_model
 from pipedyn.models.drive import require_steady
+from pipedyn.models.pipe import Pipe
 from pipedyn.util import check
 from pipedyn.util.check import Array
 from pipedyn.util.newton import NewtonFailed
@@ -63,6 +64,7 @@ class ParametricRegion(
             leads outside the range before.
         threshold_frequency: frequency at which it has that.
         error: largest change of an edge from the truncation before the last, relative.
+        pipe: the pipe.
     """
 
     kind: RegionKind
@@ -71,6 +73,7 @@ class ParametricRegion(
     threshold: float
     threshold_frequency: float
     error: float
+    pipe: Pipe = field(repr=False)
 
     def _columns(self) -> dict[str, Any]:
         low, high = self.edges.T
@@ -169,6 +172,7 @@ def _converged(
                     threshold=float(one.bottom[0]),
                     threshold_frequency=float(one.bottom[1]),
                     error=error,
+                    pipe=model.pipe,
                 )
                 for one in found
             )

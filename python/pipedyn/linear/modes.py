@@ -313,6 +313,7 @@ class RootLoci(TableResult, units=dict.fromkeys(("error", "errors"), RATE)):
             large where two roots meet; for `Continuum` with the largest change from the basis
             before the last, and infinite for overdamped roots, which need not converge.
         size: degrees of freedom of the model solved.
+        pipe: the pipe.
     """
 
     speeds: Array
@@ -321,6 +322,7 @@ class RootLoci(TableResult, units=dict.fromkeys(("error", "errors"), RATE)):
     converged: NDArray[np.bool_] = field(repr=False)
     errors: Array = field(repr=False)
     size: int
+    pipe: Pipe = field(repr=False)
 
     def _columns(self) -> dict[str, Any]:
         count = self.eigenvalues.shape[1]
@@ -428,5 +430,6 @@ def _root_loci(model: Model, speeds: Array, count: int, shown: bool) -> RootLoci
             for _ in done:
                 pass
             values, partners = found.values, found.partners
-            return RootLoci(speeds, values, partners, found.converged, found.errors, problem.dof)
+            checks = found.converged, found.errors
+            return RootLoci(speeds, values, partners, *checks, problem.dof, model.pipe)
         taken *= 2

@@ -99,6 +99,7 @@ class Task:
     drive: Drive | None = None  # where the speed changes or the base moves
     base: Base | None = None  # as it was given
     constant_head: ConstantHead | None = None  # at constant head; then u follows W in a state
+    finer: int = 1  # one sample of so many is kept where that shows the motion
 
     def flow(self, t: float) -> tuple[Any, ...]:
         """The flow speed at a time and, if anything drives the motion, this, shape (ROWS,).
@@ -332,10 +333,11 @@ def _in_core(tasks: Sequence[Task], shown: bool, observer: Observer) -> list[Out
                     observer.call(first, at, motion.state(slowest))
                 allowed = max(1, min(monitor.next_check - monitor.calls, observer.stretch))
             until = min((now[j].samples for j in going), default=count)
-            yield from range(done, min(until, count))
+            until = min(until, count) // first.finer
+            yield from range(done, until)
             done = until
 
-    for _ in track(reached(), count, "motion", shown):
+    for _ in track(reached(), count // first.finer, "motion", shown):
         pass
     answers: list[Outcome] = []
     for j, member in enumerate(motion.members):

@@ -43,9 +43,11 @@ from pipedyn.motion.integrator import (
     Outcome,
     Task,
     choose_method,
+    fastest_rates,
     integrate,
     runs_unlocked,
 )
+from pipedyn.motion.sampling import A_CYCLE, FEWEST, FINEST, INVISIBLE, MOST_NUMBERS, coarse
 from pipedyn.util import check
 from pipedyn.util.check import Array
 from pipedyn.util.later import futures
@@ -218,8 +220,11 @@ def simulate(
             so that different models start alike. A motion goes on with `motion.q[-1]` and
             `motion.qdot[-1]`, a cycle with `cycle.q[0]` and `cycle.qdot[0]`.
         qdot0: initial rates, of the shape of q0; at rest where not given.
-        samples: number of evenly spaced samples, both ends included, at least 2; where not given,
-            40 a unit of time, of which flutter's cycle takes about a half, but at least 501.
+        samples: number of evenly spaced samples, both ends included, at least 2. Where not given,
+            40 a unit of time, of which flutter's cycle takes about a half, but at least 501; and by
+            the core's methods 2 to 128 times as many, as needed, where the free end oscillates so
+            fast that cubics through these would miss 5 % of its displacement or 25 % of its
+            velocity.
         times: samples at these times instead, increasing, in [t0, t0 + duration].
         t0: time at the start, in [-1e9, 1e9].
         base: the motion of the base: a `Harmonic`, or a function of the time to its place (X, Y) in
@@ -275,6 +280,8 @@ def simulate(
         max_step=max_step,
         base=base,
     )
+    if samples is None and times is None:
+        task = finely_sampled(task)
     looked_for, kept = checked_events(events), check.flag("dense", dense)
     recorder = None
     if looked_for or kept:
@@ -469,9 +476,49 @@ def motions_of(
     tasks: Sequence[Task], shown: bool, observer: Observer
 ) -> list[tuple[Motion, str | None]]:
     """Motion of each member of a batch, and why it stopped early."""
-    outcomes = list(map(_while_driven, tasks, integrate(tasks, shown, observer)))
+    found = map(as_sparse_as_shown, tasks, integrate(tasks, shown, observer))
+    tasks, outcomes = zip(*((task, _while_driven(task, one)) for task, one in found), strict=True)
     motions = assembled(tasks, outcomes)
     return [(motion, why) for motion, (_, _, why) in zip(motions, outcomes, strict=True)]
+
+
+def finely_sampled(task: Task) -> Task:
+    """The task with more samples, of which `as_sparse_as_shown` leaves what shows the motion.
+
+    They resolve the fastest mode, but none whose loss factor in bending exceeds 1.
+    """
+    if task.method not in CORE:
+        return task
+    intervals, damping = task.times.size - 1, task.model.pipe.damping
+    fastest, _ = fastest_rates(task.model)
+    cycles = min(fastest, 1.0 / damping if damping else math.inf) / (2.0 * math.pi)
+    wanted = A_CYCLE * cycles * float(np.ptp(task.times)) / intervals
+    room = max(MOST_NUMBERS // (intervals * len(task.start)), 1)
+    finer = int(min(max(wanted, FEWEST), FINEST, room))
+    finer = 1 << (finer.bit_length() - 1)
+    times = np.linspace(task.times[0], task.times[-1], finer * intervals + 1)
+    times[::finer] = task.times  # to the bit
+    return replace(task, times=times, finer=finer)
+
+
+def as_sparse_as_shown(task: Task, outcome: Outcome) -> tuple[Task, Outcome]:
+    """The task and what came of it with as few of its samples as show the free end's motion."""
+    rows, calls, why = outcome
+    size, every = task.model.moving, task.finer
+    while every > 1:
+        kept = rows[1::every]
+        q, qdot = task.model.recorded(kept[:, :size], kept[:, size : 2 * size])
+        t = task.times[: len(rows) - 1 : every]
+        late = len(t) - len(t) // 4
+        ends = task.model.tips(q.T), task.model.tip_velocities(q.T, qdot.T)
+        if len(t) < 3 or not (
+            coarse(t, *ends, rates_shown=True)
+            or coarse(t[late:], ends[0][late:], ends[1][late:], INVISIBLE)
+        ):
+            break
+        every //= 2
+    rows = np.concatenate([rows[:1], rows[1::every]])
+    return replace(task, times=task.times[::every], finer=1), (rows, calls, why)
 
 
 def _while_driven(task: Task, outcome: Outcome) -> Outcome:

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import string
 import textwrap
 from collections.abc import Callable
 from functools import partial
@@ -10,12 +11,15 @@ from itertools import groupby
 from typing import Any, TypeAlias
 
 import numpy as np
+from matplotlib.lines import Line2D
+from matplotlib.patheffects import withStroke
 
 from pipedyn import plot
 from pipedyn.accuracy.convergence import convergence_law
 from pipedyn.linear.critical_speed import CriticalSpeed
 from pipedyn.models.pipe import Pipe
 from pipedyn.paper.analysis import CHAIN_SIZES, REDUCED_SIZES, Case, Findings, Row, map_top
+from pipedyn.plot.linear import DOT, ONSET
 from pipedyn.util.table import Table
 
 
@@ -23,7 +27,14 @@ def loci_figure(case: Case, findings: Findings) -> plot.Figure:
     """Figure 2."""
     left, right, top = _ranges(findings)
     picture = partial(plot.root_loci, benchmark=findings.benchmark, highest=findings.highest)
-    return _panels(case, findings, picture, plot.SPEED_LABEL, (left, right), top)
+    figure, bar = _panels(case, findings, picture, plot.SPEED_LABEL, (left, right), top)
+    if findings.exact is not None:
+        for ax in figure.axes:
+            if ax is bar:
+                ax.axhline(findings.exact.speed, **CRITICAL_LINE)
+            else:
+                ax.plot([0.0], [findings.exact.frequency], **CRITICAL_POINT)
+    return _explained(figure, findings, CRITICAL_POINT)
 
 
 def frequency_figure(case: Case, findings: Findings) -> plot.Figure:
@@ -31,28 +42,39 @@ def frequency_figure(case: Case, findings: Findings) -> plot.Figure:
     left, right, top = _ranges(findings)
     largest, end = max(-left, right), findings.highest
     picture = partial(plot.frequencies, benchmark=findings.benchmark, largest=largest)
-    onsets = f"{plot.REAL_LABEL}; unstable: black outline, onset: diamond"
-    more = "; dotted line: its critical speed" if findings.exact is not None else ""
-    return _panels(case, findings, picture, onsets, (-0.02 * end, 1.02 * end), top, more)
+    across = (-0.02 * end, 1.02 * end)
+    figure, bar = _panels(case, findings, picture, plot.REAL_LABEL, across, top)
+    if findings.exact is not None:
+        for ax in figure.axes:
+            if ax is not bar:
+                ax.axvline(findings.exact.speed, zorder=0.6, **CRITICAL_LINE)
+    outline = Line2D([], [], color="0.85", linewidth=2.0, label="unstable: black outline")
+    outline.set_path_effects([withStroke(linewidth=4.2, foreground="black")])
+    return _explained(figure, findings, CRITICAL_LINE, outline)
+
+
+CRITICAL_LINE: dict[str, Any] = {"color": "black", "linestyle": ":", "linewidth": 1.1}
+CRITICAL_POINT: dict[str, Any] = {"color": plot.VERMILION, "marker": "+", "markersize": 8.0}
+CRITICAL_POINT |= {"linestyle": "none", "markeredgewidth": 1.1, "zorder": 5.0}
+"""Of the continuous pipe."""
 
 
 def convergence_figure(case: Case, findings: Findings) -> plot.Figure:
     """Critical speeds against the number of degrees of freedom."""
     figure, ((ax,),) = plot.panels(1, 1, 6.4, 5.2)
     if findings.exact is None:
-        plot.notice(findings.remark, ax)
+        plot.notice(findings.remark, ax=ax)
     else:
-        plot.convergence(_by_family(findings), findings.exact, ax)
-    sentence = textwrap.fill(verdict(findings), 105).replace("-", "\u2212")
-    ax.set_title(f"{_title(case.pipe)}\n{sentence}", loc="left")
+        plot.convergence(_by_family(findings), findings.exact, ax=ax)
+    ax.set_title(_title(case.pipe))
     return figure
 
 
 def map_figure(case: Case, findings: Findings) -> plot.Figure:
     """The stability map."""
     figure, ((ax,),) = plot.panels(1, 1, 6.4, 4.8)
-    maps = {rf"$\gamma = {gamma:g}$": found for gamma, found in findings.maps.items()}
-    plot.stability_map(maps, map_top(findings.exact), findings.exact, ax)
+    maps = {rf"$\gamma = {gamma:g}$": found for gamma, found in sorted(findings.maps.items())}
+    plot.stability_map(maps, map_top(findings.exact), findings.exact, ax=ax)
     ax.set_xlim(0.0, 1.0)
     ax.set_title(f"Stability boundaries of the continuous pipe, {_flow(case.pipe)}")
     return figure
@@ -75,27 +97,23 @@ def _panels(
     bar: str,
     across: tuple[float, float],
     top: float,
-    more: str = "",
-) -> plot.Figure:
-    """One picture of each model under a common title, and a colour bar.
-
-    A dotted line marks the critical speed if the title says so (`more`).
-    """
+) -> tuple[plot.Figure, Any]:
+    """One picture of each model, with letters, and a colour bar; the figure and the bar's Axes."""
     rows, columns = len(findings.panels), max(len(row) for row in findings.panels)
-    figure, axes = plot.panels(rows, columns, 1.5 + 2.05 * columns, 0.7 + 2.1 * rows)
+    figure, axes = plot.panels(rows, columns, 1.5 + 2.05 * columns, 1.1 + 2.1 * rows)
+    letters = iter(string.ascii_lowercase)
     for (i, j), ax in np.ndenumerate(axes):
         if j >= len(findings.panels[i]):
             ax.set_visible(False)
             continue
         title, loci = findings.panels[i][j]
-        ax.set_title(title)
+        ax.set_title(f"({next(letters)}) {title}")
         if loci is None:
             ax.text(0.5, 0.5, "not computed", transform=ax.transAxes, ha="center")
         else:
             picture(loci, ax=ax)
-            if more and findings.exact is not None:
-                line = {"color": "0.4", "linestyle": ":", "linewidth": 0.9, "zorder": 0.6}
-                ax.axvline(findings.exact.speed, **line)
+            beyond = _beyond(ax, across, top)
+            ax.text(0.97, 0.96, beyond, transform=ax.transAxes, ha="right", va="top", size=6.5)
         ax.label_outer()
         # What has no labels, or draws within the Axes, does not count in the layout, whose time is
         # that of measuring.
@@ -103,34 +121,52 @@ def _panels(
         ax.yaxis.set_in_layout(j == 0)
         for spine in ax.spines.values():
             spine.set_in_layout(False)
-    title = _title(case.pipe)
-    if findings.benchmark is not None:
-        step = findings.benchmark.speeds[plot.dot_stride(findings.benchmark)]
-        title += f"\nblack dots: continuous pipe, at steps of {step:.3g} in $u${more}"
-    figure.suptitle(title, fontsize=9.0)
-    plot.colour_bar(bar, axes)
+    figure.suptitle(f"{_title(case.pipe)}; all quantities nondimensional", fontsize=9.0)
+    shown = plot.colour_bar(bar, ax=axes)
     axes[0, 0].set_xlim(across)
     axes[0, 0].set_ylim(-0.03 * top, 1.04 * top)
+    return figure, shown
+
+
+def _beyond(ax: Any, across: tuple[float, float], top: float) -> str:
+    """A note on branches that leave the axes, which are those of the continuous pipe."""
+    (left, right), (_, high) = ax.dataLim.intervalx, ax.dataLim.intervaly
+    name = ax.get_xlabel()
+    ends = [f"{name} to {end:.3g}" for end in (left, right) if not across[0] <= end <= across[1]]
+    if high > 1.04 * top:
+        ends.append(f"{ax.get_ylabel()} to {high:.3g}")
+    return "\n".join(["outside:", *ends]).replace("-", "\u2212") if ends else ""
+
+
+def _explained(figure: plot.Figure, findings: Findings, critical: Any, *more: Any) -> plot.Figure:
+    """The figure with a legend below: what the marks are."""
+    handles = []
+    if findings.benchmark is not None:
+        step = findings.benchmark.speeds[plot.dot_stride(findings.benchmark)]
+        label = f"continuous pipe, steps of {step:.3g} in $u$"
+        handles.append(Line2D([], [], label=label, **DOT))
+    if findings.exact is not None:
+        label = f"its critical speed, $u_c = {findings.exact.speed:.4g}$"
+        handles.append(Line2D([], [], label=label, **critical))
+    handles += [Line2D([], [], label="onset of the model", **ONSET), *more]
+    figure.legend(handles=handles, loc="outside lower center", ncols=2, frameon=False)
     return figure
 
 
 def _ranges(findings: Findings) -> tuple[float, float, float]:
     """Least and greatest real part, and greatest |Im|, of figures 2 and 3.
 
-    They include every panel, but beyond the benchmark at most its own width and half its height.
+    They are those of the benchmark with room on both sides; without one, of all panels.
     """
     every = [loci for row in findings.panels for _, loci in row if loci is not None]
     if findings.benchmark is not None:
-        every.insert(0, findings.benchmark)
+        every = [findings.benchmark]
     if not every:
         return -1.0, 1.0, 1.0
-    roots = [np.concatenate([loci.eigenvalues, loci.partners]) for loci in every]
-    ends = [(np.nanmin(v.real), np.nanmax(v.real), np.nanmax(v.imag)) for v in roots]
-    (left, right, top), (lefts, rights, tops) = ends[0], zip(*ends, strict=True)
-    room = right - left
-    left, right = max(left - room, min(lefts)), min(right + room, max(rights))
-    margin = 0.04 * max(right - left, 1.0)
-    return float(left - margin), float(right + margin), float(max(min(1.5 * top, max(tops)), 1.0))
+    roots = np.concatenate([np.r_[loci.eigenvalues, loci.partners].ravel() for loci in every])
+    left, right, top = np.nanmin(roots.real), np.nanmax(roots.real), np.nanmax(roots.imag)
+    margin = 0.2 * max(right - left, 1.0)
+    return float(left - margin), float(right + margin), float(max(1.05 * top, 1.0))
 
 
 def _title(pipe: Pipe) -> str:

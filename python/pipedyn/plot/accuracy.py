@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.ticker import LogLocator, NullFormatter, ScalarFormatter
+from matplotlib.ticker import FixedLocator, LogLocator, NullLocator, ScalarFormatter
 from numpy.typing import NDArray
 
 from pipedyn.accuracy.convergence import ConvergenceLaw, convergence_law, own_error, relative_errors
@@ -17,6 +17,7 @@ from pipedyn.accuracy.trade import COSTS, Trade, TradeRow
 from pipedyn.linear.critical_speed import CriticalSpeed
 from pipedyn.models.galerkin import BASES
 from pipedyn.plot import common
+from pipedyn.plot.units import Units, View
 from pipedyn.util import check
 from pipedyn.util.check import Array
 
@@ -50,6 +51,8 @@ ERROR_LABELS = {
 def convergence(
     families: Mapping[str, Sequence[CriticalSpeed]],
     exact: CriticalSpeed,
+    *,
+    units: Units = "nondimensional",
     ax: Axes | None = None,
 ) -> Axes:
     """Error of the critical speed against degrees of freedom, with fitted orders.
@@ -61,6 +64,7 @@ def convergence(
         families: critical speeds of models of growing size under the name of their spring rule or
             basis.
         exact: critical speed of the continuous pipe.
+        units: "nondimensional", or "si" where the pipe has scales.
         ax: where to draw; new Axes where not given.
 
     Example:
@@ -77,12 +81,13 @@ def convergence(
             common.check_type(f"families[{name!r}][{i}]", critical, CriticalSpeed)
     common.check_type("exact", exact, CriticalSpeed)
     families = {name: found for name, found in families.items() if found}
-    ylabel = r"relative error of the critical speed, $|u_c / u_{c,\mathrm{exact}} - 1|$"
+    View(units, exact.pipe)
+    ylabel = r"relative error of the critical speed"
     ax = common.axes(ax, (6.4, 5.2), xlabel="degrees of freedom $n$, $m$", ylabel=ylabel)
     if exact.speed == 0.0:
-        return common.notice("The critical speed is 0: there is nothing to converge to.", ax)
+        return common.notice("The critical speed is 0: there is nothing to converge to.", ax=ax)
     if not families:  # nothing positive is there that logarithmic axes could show
-        return common.notice("No model has an answer to show.", ax)
+        return common.notice("No model has an answer to show.", ax=ax)
     floor = max(own_error(found, exact) for found in families.values())
     least, largest, others = 1.0, 2.0, False
     for name, found in families.items():
@@ -91,7 +96,8 @@ def convergence(
         fitted = convergence_law(found, exact)
         kind = "reduced" if name in BASES else "chain"
         named = "rayleigh (the paper's)" if name == "rayleigh" else name
-        colour = _draw(ax, name, sizes, shown, same_kind, f"{kind}, {named}: {_law(fitted)}")
+        law = _law(fitted, "function" if name in BASES else "segment")
+        colour = _draw(ax, name, sizes, shown, same_kind, f"{kind}, {named}: {law}")
         if fitted.law == "flat":
             limit, place = abs(fitted.limit), ax.get_yaxis_transform()
             ax.axhline(limit, color=colour, linewidth=0.7, zorder=0.8)
@@ -104,15 +110,16 @@ def convergence(
     ax.set_xscale("log", base=2)
     ax.set_yscale("log")
     if least <= floor:
-        text = "error of the compared speeds themselves; smaller differences are shown at its edge"
-        _floor(ax, 0.1 * floor, floor, text, (0.02, 0.3 * floor), va="center", clip_on=True)
+        _floor(ax, floor, "below the error of the reference")
     ax.xaxis.set_major_formatter(ScalarFormatter())
     ax.grid(True, color="0.9", linewidth=0.5, zorder=0.2)
-    _legend_on_top(ax, 0.1 * least, 1.5 * largest)
+    _decades(ax, least, largest, floor)
     return ax
 
 
-def trade(found: Trade, cost: str = "seconds", ax: Axes | None = None) -> Axes:
+def trade(
+    found: Trade, cost: str = "seconds", *, units: Units = "nondimensional", ax: Axes | None = None
+) -> Axes:
     """Error against cost, log-log: each family a line, and the Pareto front as a grey band.
 
     Where the reference is not accurate enough to measure a model's error, an open marker with an
@@ -122,6 +129,7 @@ def trade(found: Trade, cost: str = "seconds", ax: Axes | None = None) -> Axes:
     Args:
         found: what was measured.
         cost: "seconds", "dof", "right_hand_sides" or "factorisations".
+        units: "nondimensional", or "si" where the pipe has scales.
         ax: where to draw; new Axes where not given.
 
     Example:
@@ -132,15 +140,17 @@ def trade(found: Trade, cost: str = "seconds", ax: Axes | None = None) -> Axes:
     """
     common.check_type("found", found, Trade)
     cost = check.choice("cost", cost, COSTS)
+    View(units, found.pipe)
     ylabel = ERROR_LABELS[found.quantity.name]
     ax = common.axes(ax, (6.4, 4.8), xlabel=COST_LABELS[cost], ylabel=ylabel)
     costs, errors, _ = _points(found.rows, cost)
     if not costs.size:
-        return common.notice("No model has an answer to show.", ax)
+        return common.notice("No model has an answer to show.", ax=ax)
     for family, order in found.orders().items():
         x, y, resolved = _points(found.of(family), cost)
         if x.size:
-            label = f"{family}: {_law(order, sign='-')}"
+            per = "function" if family in BASES else "segment"
+            label = f"{family}: {_law(order, per, sign='-')}"
             colour = _draw(ax, family, x, y, resolved > 0.0, label)
             arrow = {"arrowstyle": "<|-", "color": colour, "lw": 0.8, "shrinkB": 3}
             for point in np.stack([x, y], axis=1)[resolved == 0.0]:
@@ -152,18 +162,15 @@ def trade(found: Trade, cost: str = "seconds", ax: Axes | None = None) -> Axes:
     ax.set_xscale("log")
     ax.set_yscale("log")
     floor = found.reference.error
-    _floor(ax, 0.0, floor, "error of the reference itself", (0.99, floor), ha="right", va="top")
-    ax.set_ylim(min(0.3 * errors.min(), 0.5 * floor), 3.0 * errors.max())
+    _floor(ax, floor, "below the error of the reference")
     if costs.max() < 10.0 * costs.min():  # at least a decade, or no tick is a round number
         middle = math.sqrt(costs.max() * costs.min())
         ax.set_xlim(middle / 4.0, middle * 4.0)
-    for axis in (ax.xaxis, ax.yaxis):
-        axis.set_major_locator(LogLocator(numticks=12))
-    ax.yaxis.set_minor_formatter(NullFormatter())
+    ax.xaxis.set_major_locator(LogLocator(numticks=12))
     ax.xaxis.set_minor_locator(LogLocator(subs=(2.0, 5.0), numticks=12))
     ax.tick_params(axis="x", which="minor", labelsize=6.0)
     ax.grid(True, color="0.9", linewidth=0.5, zorder=0.1)
-    ax.legend(fontsize=7.0, loc="center left", bbox_to_anchor=(1.01, 0.5), frameon=False)
+    _decades(ax, float(errors.min()), float(errors.max()), floor)
     return ax
 
 
@@ -182,12 +189,12 @@ def _draw(ax: Axes, family: str, x: Array, y: Array, filled: NDArray[np.bool_], 
     return str(look["color"])
 
 
-def _law(fitted: ConvergenceLaw, sign: str = "+") -> str:
+def _law(fitted: ConvergenceLaw, unit: str, sign: str = "+") -> str:
     """The law by which errors fall, for a legend; sign "-" for errors without theirs."""
     if fitted.law == "power":
         return f"order {fitted.rate:.2f}"
     if fitted.law == "exponential":
-        return f"÷ {fitted.rate:.1f} per d.o.f."
+        return f"factor {fitted.rate:.2g} per {unit}"
     if fitted.law == "flat":
         return f"tends to {_percent(fitted.limit, sign)}"
     return "no clear order"
@@ -198,12 +205,9 @@ def _percent(part: float, sign: str = "+") -> str:
     return f"{100.0 * part:{sign}.2f} %".replace("-", "\u2212")
 
 
-def _floor(
-    ax: Axes, low: float, high: float, text: str, at: tuple[float, float], **look: Any
-) -> None:
-    """A grey band of errors too small to be measured, and its text."""
-    ax.axhspan(low, high, color="0.93", zorder=0.2)
-    ax.text(*at, text, fontsize=6.5, color="0.35", transform=ax.get_yaxis_transform(), **look)
+def _floor(ax: Axes, high: float, label: str) -> None:
+    """A grey band of errors too small to be measured."""
+    ax.axhspan(1e-300, high, facecolor="0.93", edgecolor="0.7", zorder=0.2, label=label)
 
 
 def _points(rows: Sequence[TradeRow], cost: str) -> Array:
@@ -214,17 +218,14 @@ def _points(rows: Sequence[TradeRow], cost: str) -> Array:
     return np.asarray(table[shown].T)
 
 
-def _legend_on_top(ax: Axes, low: float, high: float) -> None:
-    """A legend inside logarithmic axes, above the range from low to high."""
-    share = 0.0
-    look = {"fontsize": 7.0, "handlelength": 2.5, "handletextpad": 0.6, "columnspacing": 1.0}
-    for columns in (2, 1) if ax.get_legend_handles_labels()[0] else ():
-        legend = ax.legend(loc="upper center", ncols=columns, framealpha=1.0, **look)
-        taken, whole = legend.get_window_extent(), ax.get_window_extent()
-        share = min(0.6, 1.25 * taken.height / whole.height)  # with a gap to the frame
-        if taken.width < whole.width:
-            break
-    ax.set_ylim(low, low * (high / low) ** (1.0 / (1.0 - share)))
-    decades = np.arange(math.ceil(math.log10(low)), math.floor(math.log10(high)) + 1)
-    ax.set_yticks((10.0**decades)[:: -math.ceil(decades.size / 20)])
-    ax.minorticks_off()
+def _decades(ax: Axes, low: float, high: float, floor: float) -> None:
+    """Axes from the least to the largest error, to the floor where that is near; the legend."""
+    low = min(0.6 * low, 0.3 * floor) if floor > 0.1 * low else 0.6 * low
+    ax.set_ylim(low, 1.7 * high)
+    decades = np.arange(math.floor(math.log10(low)), math.ceil(math.log10(high)) + 1)
+    ax.yaxis.set_major_locator(
+        FixedLocator((10.0**decades)[:: -math.ceil(decades.size / 12)].tolist())
+    )
+    ax.yaxis.set_minor_locator(NullLocator())
+    ax.set_ylim(low, 1.7 * high)
+    common.legend_below(ax)

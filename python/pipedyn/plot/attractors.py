@@ -12,7 +12,8 @@ from matplotlib.colors import BoundaryNorm, ListedColormap
 from matplotlib.patches import Patch
 
 from pipedyn.bifurcation.attractors import Attractors, Basin
-from pipedyn.plot import common, units
+from pipedyn.plot import common
+from pipedyn.plot.units import AMPLITUDE, FREQUENCY, GROWTH, TIME, TIP, Quantity, Units, View, rate
 
 FILLS = ("#0072B2", "#F0E442", "#56B4E9", "#8C3B00", "#009E73", "#E9C6DA", "#333333", "#E69F00")
 """Colours of basins. Neighbours in the row differ in lightness, so that they do in grey."""
@@ -29,15 +30,16 @@ LEAST = 1e-5
 """Part of its highest line below which a spectrum is not shown: what motions err."""
 
 
-def basins(found: Attractors, ax: Axes | None = None) -> Axes:
+def basins(found: Attractors, *, units: Units = "nondimensional", ax: Axes | None = None) -> Axes:
     """Basins of attraction: which attractor each start of a plane ends on.
 
     Each attractor has a colour and in the legend its share of the starts. A white marker shows an
     equilibrium that lies in the plane. Starts whose motions did not settle are grey, failed ones
-    white. Axes of angles and other coordinates are the model's; those of rates are in 1 / T.
+    white. Axes of angles and other coordinates are the model's.
 
     Args:
         found: attractors from a `StartPlane` of at least 2 values along both axes.
+        units: "nondimensional", or "si" where the pipe has scales.
         ax: where to draw; new Axes where not given.
 
     Example:
@@ -54,15 +56,20 @@ def basins(found: Attractors, ax: Axes | None = None) -> Axes:
     if plane is None or min(plane.shape) < 2:
         rule = "found must come from a StartPlane of at least 2 values along both axes"
         raise ValueError(f"{rule}, got {len(found.starts)} starts of another kind")
+    view = View(units, found.model.pipe)
     entries = [_entry(found, index, "initial ") for index in plane.indices]
-    ax = common.axes(ax, (6.4, 4.6), xlabel=entries[0].label, ylabel=entries[1].label)
+    xlabel, ylabel = map(view.label, entries)
+    x, y = (view.one(of) * at for of, at in zip(entries, (plane.x, plane.y), strict=True))
+    ax = common.axes(ax, (6.4, 4.6), xlabel=xlabel, ylabel=ylabel)
     colours = [fill for fill, _ in zip(cycle(FILLS), found.basins, strict=False)]
     shades = ListedColormap([FAILED, UNSETTLED, *colours])
     steps = BoundaryNorm(np.arange(-2.5, len(colours) + 0.5), shades.N)
     ends = found.ends.reshape(plane.shape)
-    ax.pcolormesh(plane.x, plane.y, ends, cmap=shades, norm=steps, rasterized=True)
+    ax.pcolormesh(x, y, ends, cmap=shades, norm=steps, rasterized=True)
     shown = [
-        Patch(facecolor=colour, edgecolor="0.3", label=f"{_name(found, k)}, {_percent(basin)}")
+        Patch(
+            facecolor=colour, edgecolor="0.3", label=f"{_name(found, k, view)}, {_percent(basin)}"
+        )
         for k, (colour, basin) in enumerate(zip(colours, found.basins, strict=True))
     ]
     for share, colour, word in (
@@ -75,20 +82,23 @@ def basins(found: Attractors, ax: Axes | None = None) -> Axes:
     for k, basin in enumerate(found.basins):
         if basin.ending == "rest":
             end = np.append(basin.motion.q[-1], basin.motion.qdot[-1])[list(plane.indices)]
-            inside = plane.x[0] <= end[0] <= plane.x[-1] and plane.y[0] <= end[1] <= plane.y[-1]
+            end = end * list(map(view.one, entries))
+            inside = x[0] <= end[0] <= x[-1] and y[0] <= end[1] <= y[-1]
             if inside:
                 look = common.open_marker(6.0, marker=MARKERS[k % len(MARKERS)], zorder=3.0)
                 ax.plot(*end, gid=f"rest {k}", **look)
     ax.legend(handles=shown, loc="upper left", bbox_to_anchor=(1.01, 1.0), borderaxespad=0.0)
-    speed = f"$u = {found.u:.6g}$" if isinstance(found.u, float) else "$u(t)$"
-    ax.set_title(f"{speed}, {found.model.pipe.flow}")
-    units.second_axis(ax, "x", entries[0], found.model.pipe)
-    units.second_axis(ax, "y", entries[1], found.model.pipe)
+    ax.set_title(f"{view.speed(found.u, 6)}, {found.model.pipe.flow}")
+    view.second_axes(ax, *entries)
     return ax
 
 
 def poincare_section(
-    found: Attractors | Basin, coordinate: Literal["tip"] | int = "tip", ax: Axes | None = None
+    found: Attractors | Basin,
+    coordinate: Literal["tip"] | int = "tip",
+    *,
+    units: Units = "nondimensional",
+    ax: Axes | None = None,
 ) -> Axes:
     """Poincare sections of attractors: states at which the free end is at a maximum.
 
@@ -101,6 +111,7 @@ def poincare_section(
         found: attractors, or one of the basins. Those at rest have no section.
         coordinate: "tip" for the free end's transverse position, or the index of a coordinate,
             counted from 0.
+        units: "nondimensional", or "si" where the pipe has scales.
         ax: where to draw; new Axes where not given.
 
     Example:
@@ -110,24 +121,27 @@ def poincare_section(
     Raises:
         ValueError, TypeError: for bad arguments.
     """
-    some, model, names = _shown(found)
+    some, model, names = _shown(found, units)
     index, xlabel = common.coordinate_axis(coordinate, model.coordinates)
-    rate = model.coordinates - 1 if index is None else index
+    last = model.coordinates - 1 if index is None else index
+    view = View(units, model.pipe)
+    across = TIP if index is None else Quantity(xlabel)
     driven = any(basin.motion.base or not isinstance(basin.motion.u, float) for basin in some)
     place = "once a period" if driven else "at a maximum of the free end"
-    shown = units.rate(rate, "", f" {place}")
-    ax = common.axes(ax, (4.8, 4.2), xlabel=xlabel, ylabel=shown.label)
+    shown = rate(last, "", f" {place}")
+    labels = {"xlabel": view.label(across), "ylabel": view.label(shown)}
+    ax = common.axes(ax, (4.8, 4.2), **labels)
     looks = zip(cycle(MARKERS), cycle(common.CURVE_STYLES), strict=False)
     drawn = 0
     for basin, name, (marker, style) in zip(some, names, looks, strict=False):
         if not len(basin.section):
             continue
         q, qdot = np.split(basin.section, 2, axis=1)
-        across = model.tips(q.T)[:, 0] if index is None else q[:, index]
+        x = model.tips(q.T)[:, 0] if index is None else q[:, index]
         few = basin.ending == "periodic"
         look: dict[str, Any] = {"linestyle": "none", "marker": marker, "color": style["color"]}
         look |= {"label": name, "markersize": 5.0 if few else 2.0, "markeredgewidth": 0.0}
-        ax.plot(across, qdot[:, rate], **look)
+        ax.plot(view.one(across) * x, view.one(shown) * qdot[:, last], **look)
         drawn += 1
     if drawn:
         ax.legend()
@@ -139,15 +153,15 @@ def poincare_section(
             least = SMALLEST_VIEW * float(np.abs(place).max())
             if np.ptp(place) < least:
                 limits(place.mean() - least, place.mean() + least)
-        if index is None:
-            units.second_axis(ax, "x", units.TIP, model.pipe)
-        units.second_axis(ax, "y", shown, model.pipe)
+        view.second_axes(ax, across, shown)
     else:
         ax.text(0.5, 0.5, "all are at rest", transform=ax.transAxes, ha="center", va="center")
     return ax
 
 
-def spectrum(found: Attractors | Basin, ax: Axes | None = None) -> Axes:
+def spectrum(
+    found: Attractors | Basin, *, units: Units = "nondimensional", ax: Axes | None = None
+) -> Axes:
     """Amplitude of the free end's transverse motion by frequency, of each attractor that moves.
 
     Lines of a cycle are drawn as stems at its harmonics. The upper axis is in Hz if the pipe's
@@ -155,6 +169,7 @@ def spectrum(found: Attractors | Basin, ax: Axes | None = None) -> Axes:
 
     Args:
         found: attractors, or one of the basins.
+        units: "nondimensional", or "si" where the pipe has scales.
         ax: where to draw; new Axes where not given.
 
     Example:
@@ -164,13 +179,14 @@ def spectrum(found: Attractors | Basin, ax: Axes | None = None) -> Axes:
     Raises:
         TypeError: for bad arguments.
     """
-    some, model, names = _shown(found)
-    ax = common.axes(
-        ax, (6.4, 3.6), xlabel=units.FREQUENCY.label, ylabel="amplitude of the free end  $(L)$"
-    )
+    some, model, names = _shown(found, units)
+    view = View(units, model.pipe)
+    labels = {"xlabel": view.label(FREQUENCY), "ylabel": view.label(AMPLITUDE)}
+    ax = common.axes(ax, (6.4, 3.6), **labels)
     highest, last = 0.0, 0.0
     for basin, name, style in zip(some, names, cycle(common.CURVE_STYLES), strict=False):
-        omega, height = basin.frequencies[1:], basin.spectrum[1:]  # without its mean
+        omega = view.one(FREQUENCY) * basin.frequencies[1:]  # without its mean
+        height = view.one(AMPLITUDE) * basin.spectrum[1:]
         if not height.size:
             continue
         large = height > LEAST * height.max()
@@ -187,48 +203,53 @@ def spectrum(found: Attractors | Basin, ax: Axes | None = None) -> Axes:
         ax.set_yscale("log")
         ax.set(xlim=(0.0, 1.05 * last), ylim=(LEAST * highest, 3.0 * highest))
         ax.legend()
-        units.second_axis(ax, "x", units.FREQUENCY, model.pipe)
+        view.second_axes(ax, FREQUENCY)
     else:
         ax.text(0.5, 0.5, "all are at rest", transform=ax.transAxes, ha="center", va="center")
     return ax
 
 
-def _shown(found: Any) -> tuple[list[Basin], Any, list[str]]:
+def _shown(found: Any, units: Units) -> tuple[list[Basin], Any, list[str]]:
     """Basins of the argument, their model and names."""
     if isinstance(found, Basin):
-        return [found], found.motion.model, [_kind(found)]
+        view = View(units, found.motion.model.pipe)
+        return [found], found.motion.model, [_kind(found, view)]
     common.check_type("found", found, Attractors)
-    names = [_name(found, k) for k in range(len(found))]
+    view = View(units, found.model.pipe)
+    names = [_name(found, k, view) for k in range(len(found))]
     return list(found.basins), found.model, names
 
 
-def _kind(basin: Basin) -> str:
+def _kind(basin: Basin, view: View) -> str:
     """What the attractor is, in words."""
     if basin.ending == "rest":
         return "rest"
     if basin.ending == "periodic":
-        return f"cycle, period {basin.period:.4g} T"
+        unit = " s" if view.si else ""
+        return f"cycle, period {basin.period * view.one(TIME):.4g}{unit}"
     exponent = basin.attractor.exponent
     if exponent is None:
         return "irregular"
     word = "chaotic" if exponent.chaotic else "irregular"
-    return f"{word}, exponent {exponent.value:.2g} $\\pm$ {exponent.spread:.1g}"
+    value, spread = (view.one(GROWTH) * of for of in (exponent.value, exponent.spread))
+    unit = " 1/s" if view.si else ""
+    return f"{word}, exponent {value:.2g} $\\pm$ {spread:.1g}{unit}"
 
 
-def _name(found: Attractors, k: int) -> str:
+def _name(found: Attractors, k: int, view: View) -> str:
     """Number and kind, and of whose mirror image it is."""
     basin = found.basins[k]
     image = f", mirror image of {basin.mirror_image}" if 0 <= basin.mirror_image < k else ""
-    return f"{k}: {_kind(basin)}{image}"
+    return f"{k}: {_kind(basin, view)}{image}"
 
 
 def _percent(basin: Basin) -> str:
     return f"{100.0 * basin.share.value:.3g} %"
 
 
-def _entry(found: Attractors, index: int, before: str) -> units.Quantity:
+def _entry(found: Attractors, index: int, before: str) -> Quantity:
     """Of an entry of the state [q, q']."""
     half = found.model.coordinates
     if index < half:
-        return units.Quantity(f"{before}coordinate $q_{{{index}}}$, counted from 0")
-    return units.rate(index - half, before)
+        return Quantity(f"{before}coordinate $q_{{{index}}}$, counted from 0")
+    return rate(index - half, before)

@@ -17,8 +17,9 @@ from pipedyn.bifurcation.diagram import BifurcationDiagram
 from pipedyn.bifurcation.equilibria import EquilibriumBranch
 from pipedyn.bifurcation.floquet import UNIT, nontrivial
 from pipedyn.bifurcation.limit_cycle import LimitCycle
-from pipedyn.plot import common, units
+from pipedyn.plot import common
 from pipedyn.plot.motion import finer, path_of
+from pipedyn.plot.units import SPEED, TIP, TIP_RATE, Quantity, Units, View
 from pipedyn.util import check
 from pipedyn.util.check import Array
 from pipedyn.util.later import scipy
@@ -31,7 +32,7 @@ MARKS: dict[str, dict[str, Any]] = {
     "period doubling": {"marker": "^", "color": common.PURPLE},
     "torus": {"marker": "h", "color": common.PURPLE},
     "infinite period": {"marker": "*", "color": common.SKY, "markersize": 8.0},
-    "end": {"marker": "d", "color": common.BLUE},
+    "end": {"marker": "P", "color": common.BLUE},
 }
 """Look of each bifurcation."""
 
@@ -48,6 +49,8 @@ STABILITY_STYLES: dict[str, dict[str, Any]] = {
 def bifurcation_diagram(
     diagram: BifurcationDiagram,
     coordinate: Literal["tip"] | int = "tip",
+    *,
+    units: Units = "nondimensional",
     ax: Axes | None = None,
 ) -> Axes:
     """Transverse position of the free end against flow speed.
@@ -61,6 +64,7 @@ def bifurcation_diagram(
         diagram: the diagram to show.
         coordinate: "tip", or the index of a coordinate, counted from 0. With an index only
             equilibria are shown; use it where the free end is held.
+        units: "nondimensional", or "si" where the pipe has scales.
         ax: where to draw; new Axes where not given.
 
     Example:
@@ -72,18 +76,22 @@ def bifurcation_diagram(
     """
     common.check_type("diagram", diagram, BifurcationDiagram)
     index, ylabel = common.coordinate_axis(coordinate, diagram.model.coordinates)
-    ax = common.axes(ax, (6.4, 4.2), xlabel=common.SPEED_LABEL, ylabel=ylabel)
+    view = View(units, diagram.model.pipe)
+    shown = TIP if index is None else Quantity(ylabel)
+    labels = {"xlabel": view.label(SPEED), "ylabel": view.label(shown)}
+    ax = common.axes(ax, (6.4, 4.2), **labels)
+    one = np.array([view.one(SPEED), view.one(shown)])
     if diagram.motions and index is None:
         x = np.concatenate([np.full(one.turnings.size, one.speed) for one in diagram.motions])
         y = np.concatenate([one.turnings for one in diagram.motions])
-        look: dict[str, Any] = {"marker": ".", "color": "0.55", "markersize": 2.6, "gid": "motions"}
+        look: dict[str, Any] = {"marker": ".", "color": "0.6", "markersize": 5.0, "gid": "motions"}
         look |= {"linestyle": "none", "markeredgewidth": 0.0, "zorder": 1.0}
         look["rasterized"] = x.size > 20_000  # keeps vector files small
-        ax.plot(x, y, label="turning points after the transient", **look)
+        ax.plot(one[0] * x, one[1] * y, label="turning points of motions", **look)
     for branch in diagram.equilibria:
         heights = branch.tips[:, 0] if index is None else branch.q[:, index]
         at = [float(p.tip[0] if index is None else p.q[index]) for p in branch.points]
-        _branch(ax, branch, heights, at, "equilibrium", common.BLACK)
+        _branch(ax, branch, heights, at, "equilibrium", common.BLACK, one)
     for cycles in diagram.cycles if index is None else ():
         lowest = cycles.highest - 2.0 * cycles.amplitudes
         nearest = [
@@ -92,19 +100,17 @@ def bifurcation_diagram(
         ]
         mirror_image = (-cycles.highest, -lowest) if cycles.mirrored else ()
         for heights in (cycles.highest, lowest, *mirror_image):
-            _branch(ax, cycles, heights, heights[nearest], "cycle", common.BLUE)
+            _branch(ax, cycles, heights, heights[nearest], "cycle", common.BLUE, one)
     failed = sorted({failure.value for failure in diagram.failures})
     if failed:
         look = {"marker": "x", "linestyle": "none", "color": common.VERMILION, "zorder": 5.0}
         look |= {"markersize": 4.0, "transform": ax.get_xaxis_transform()}
-        ax.plot(failed, [0.02] * len(failed), label="failed", **look)
-    ax.set_xlim(float(diagram.speeds[0]), float(diagram.speeds[-1]))
+        ax.plot(one[0] * np.array(failed), [0.02] * len(failed), label="failed", **look)
+    ax.set_xlim(one[0] * diagram.speeds[0], one[0] * diagram.speeds[-1])
     named = {str(line.get_label()): line for line in ax.get_legend_handles_labels()[0]}
-    ordered = sorted(named.items(), key=lambda item: item[1].get_zorder())
+    ordered = sorted(named.items(), key=lambda item: item[1].get_gid() == "motions")
     common.legend_below(ax, dict(ordered))
-    units.second_axis(ax, "x", units.SPEED, diagram.model.pipe)
-    if index is None:
-        units.second_axis(ax, "y", units.TIP, diagram.model.pipe)
+    view.second_axes(ax, SPEED, shown)
     return ax
 
 
@@ -115,8 +121,9 @@ def _branch(
     at: Sequence[float],
     name: str,
     colour: str,
+    one: Array,
 ) -> None:
-    """A branch in stable and unstable pieces, and its bifurcations at heights `at`.
+    """A branch in stable and unstable pieces, and its bifurcations at heights `at`, in units `one`.
 
     A step between neighbouring points is as stable as the one it starts from; from a bifurcation it
     is as stable as the next.
@@ -127,7 +134,7 @@ def _branch(
         special = np.isin(speeds.round(6), np.round([event.speed for event in events], 6))
         stable = np.where(special[:-1], stable[1:], stable[:-1])
     ends = [0, *(np.flatnonzero(np.diff(stable)) + 1), stable.size]
-    curve = _curve(speeds, heights)
+    curve = one * _curve(speeds, heights)
     for start, stop in pairwise(ends):
         word = "stable" if stable[start] else "unstable"
         part = curve[start * A_STEP : stop * A_STEP + 1]
@@ -137,7 +144,9 @@ def _branch(
         if event.kind in MARKS and (name, event.kind) != ("cycle", "hopf"):
             look = {"linestyle": "none", "markersize": 5.0, "zorder": 4.0, **MARKS[event.kind]}
             look |= {"markeredgecolor": "white", "markeredgewidth": 0.6}
-            ax.plot(event.speed, height, label=event.kind.replace("hopf", "Hopf"), **look)
+            ax.plot(
+                *(one * [event.speed, height]), label=event.kind.replace("hopf", "Hopf"), **look
+            )
 
 
 def _curve(speeds: Array, heights: Array) -> Array:
@@ -159,11 +168,17 @@ def _curve(speeds: Array, heights: Array) -> Array:
     return found
 
 
-def orbit(cycles: LimitCycle | Sequence[LimitCycle], ax: Axes | None = None) -> Axes:
+def orbit(
+    cycles: LimitCycle | Sequence[LimitCycle],
+    *,
+    units: Units = "nondimensional",
+    ax: Axes | None = None,
+) -> Axes:
     """Limit cycles in the phase plane: the free end's transverse position against its velocity.
 
     Args:
         cycles: one limit cycle or several. Unstable ones are dashed.
+        units: "nondimensional", or "si" where the pipe has scales.
         ax: where to draw; new Axes where not given.
 
     Example:
@@ -182,17 +197,22 @@ def orbit(cycles: LimitCycle | Sequence[LimitCycle], ax: Axes | None = None) -> 
             raise TypeError(f"cycles must be limit cycles, got {check.shown(cycle)}")
         if cycle.t.size < 8:
             raise ValueError(f"cycles[{i}] must have at least 8 samples, got {cycle.t.size}")
-    ax = common.axes(ax, (4.8, 4.2), xlabel=common.TIP_LABEL, ylabel=common.TIP_RATE_LABEL)
-    for cycle, look in zip(shown, repeated(common.CURVE_STYLES), strict=False):
+    views = [View(units, cycle.model.pipe) for cycle in shown]
+    labels = {"xlabel": views[0].label(TIP), "ylabel": views[0].label(TIP_RATE)}
+    ax = common.axes(ax, (4.8, 4.2), **labels)
+    for cycle, view, look in zip(shown, views, repeated(common.CURVE_STYLES), strict=False):
         x, t = path_of(cycle), finer(cycle.t)
         word = "stable" if cycle.stable else "unstable"
         line = {"color": look["color"], **STABILITY_STYLES[word]}
-        ax.plot(x(t), x(t, 1), label=f"$u = {cycle.u:.6g}$, {word}", **line)
+        label = f"{view.speed(cycle.u, 6)}, {word}"
+        ax.plot(view.one(TIP) * x(t), view.one(TIP_RATE) * x(t, 1), label=label, **line)
     ax.legend()
     return ax
 
 
-def multipliers(cycles: LimitCycle | CycleBranch, ax: Axes | None = None) -> Axes:
+def multipliers(
+    cycles: LimitCycle | CycleBranch, *, units: Units = "nondimensional", ax: Axes | None = None
+) -> Axes:
     """Floquet multipliers and the unit circle.
 
     The trivial multiplier is a ring at 1. Multipliers outside the circle, which make a cycle
@@ -200,6 +220,7 @@ def multipliers(cycles: LimitCycle | CycleBranch, ax: Axes | None = None) -> Axe
 
     Args:
         cycles: a limit cycle or a branch of them.
+        units: "nondimensional", or "si" where the pipe has scales.
         ax: where to draw; new Axes where not given.
 
     Example:
@@ -210,6 +231,8 @@ def multipliers(cycles: LimitCycle | CycleBranch, ax: Axes | None = None) -> Axe
     """
     if not isinstance(cycles, LimitCycle | CycleBranch):
         raise TypeError(f"cycles must be limit cycles, got {check.shown(cycles)}")
+    first = cycles if isinstance(cycles, LimitCycle) else next(iter(cycles.cycles), None)
+    view = View(units, None if first is None else first.model.pipe)
     ax = common.axes(ax, (4.4, 4.2), xlabel=r"Re $\rho$", ylabel=r"Im $\rho$")
     circle: dict[str, Any] = {"facecolor": "0.95", "edgecolor": "0.4", "linewidth": 0.8}
     ax.add_patch(Circle((0.0, 0.0), 1.0, zorder=0.2, **circle))
@@ -219,7 +242,7 @@ def multipliers(cycles: LimitCycle | CycleBranch, ax: Axes | None = None) -> Axe
     outside = np.abs(others) > 1.0 + UNIT
     speeds = None
     if isinstance(cycles, CycleBranch):
-        speeds = np.broadcast_to(cycles.speeds[:, None], others.shape)
+        speeds = np.broadcast_to(view.one(SPEED) * cycles.speeds[:, None], others.shape)
     inside_look, outside_look = ("o", 16, common.BLUE), ("X", 30, common.VERMILION)
     for chosen, (marker, size, plain) in ((~outside, inside_look), (outside, outside_look)):
         if not chosen.any():
@@ -231,7 +254,7 @@ def multipliers(cycles: LimitCycle | CycleBranch, ax: Axes | None = None) -> Axe
         points = others[chosen]
         ax.scatter(points.real, points.imag, marker=marker, s=size, zorder=3.0, **look)
     if speeds is not None:
-        common.colour_bar(common.SPEED_LABEL, ax)
+        common.colour_bar(view.label(SPEED), ax=ax)
     ring = {"markerfacecolor": "none", "markeredgewidth": 1.4, "zorder": 2.5}
     ax.plot([1.0], [0.0], **common.open_marker(7.0, common.SKY, **ring))
     ax.margins(0.08)

@@ -17,17 +17,15 @@ from matplotlib.ticker import SymmetricalLogLocator
 from matplotlib.transforms import ScaledTranslation
 from numpy.typing import NDArray
 
-from pipedyn.models.drive import Supply
-from pipedyn.motion.simulate import Motion
 from pipedyn.util import check
 
 SPEED_LABEL = r"flow speed $u = V L \, (\mu_f / EI)^{1/2}$"
-REAL_LABEL = r"Re $\lambda$  $(1/T)$"
-IMAGINARY_LABEL = r"Im $\lambda$  $(1/T)$"
-FREQUENCY_LABEL = r"|Im $\lambda$|  $(1/T)$"
-TIME_LABEL = r"time $\tau$  $(T)$"
-TIP_LABEL = "free end $x$  $(L)$"
-TIP_RATE_LABEL = r"velocity of the free end $\dot x$  $(L/T)$"
+REAL_LABEL = r"Re $\lambda$"
+IMAGINARY_LABEL = r"Im $\lambda$"
+FREQUENCY_LABEL = r"|Im $\lambda$|"
+TIME_LABEL = r"time $\tau = (t / L^2) \, [EI / (\mu_p + \mu_f)]^{1/2}$"
+TIP_LABEL = "free end $x / L$"
+TIP_RATE_LABEL = r"velocity of the free end $\mathrm{d}x / L \mathrm{d}\tau$"
 BETA_LABEL = r"mass ratio $\beta = \mu_f / (\mu_p + \mu_f)$"
 
 # The colours of Okabe and Ito, which remain distinct to colour-blind readers.
@@ -98,12 +96,12 @@ def panels(rows: int, columns: int, width: float, height: float) -> tuple[Figure
     return figure, axes
 
 
-def colour_bar(label: str, ax: Axes | NDArray[Any]) -> Axes | None:
+def colour_bar(label: str, *, ax: Axes | NDArray[Any] | None = None) -> Axes | None:
     """One colour bar next to one or several Axes, for the first collection that they show.
 
     Args:
         label: of the bar.
-        ax: the Axes, or an array of them in one figure.
+        ax: the Axes, or an array of them in one figure; the current ones of pyplot where not given.
 
     Returns:
         The bar's own Axes; None where the Axes show no collection.
@@ -111,12 +109,16 @@ def colour_bar(label: str, ax: Axes | NDArray[Any]) -> Axes | None:
     Example:
         >>> figure, axes = plot.panels(1, 1, 4.0, 3.0)
         >>> points = axes[0, 0].scatter([1.0, 2.0], [3.0, 4.0], c=[5.0, 6.0])
-        >>> bar = plot.colour_bar(plot.SPEED_LABEL, axes)
+        >>> bar = plot.colour_bar(plot.SPEED_LABEL, ax=axes)
 
     Raises:
         TypeError: for bad arguments.
     """
     check_type("label", label, str)
+    if ax is None:
+        import matplotlib.pyplot as plt  # chooses how figures are shown, so only where needed
+
+        ax = plt.gca()
     every: list[Any] = list(ax.flat) if isinstance(ax, np.ndarray) and ax.size else [ax]
     for one in every:
         check_type("ax", one, Axes)
@@ -174,6 +176,8 @@ def legend_below(ax: Axes, named: Mapping[str, Any] | None = None) -> None:
     """
     if named is None:
         named = dict(zip(*reversed(ax.get_legend_handles_labels()), strict=True))
+    if isinstance(ax.figure, Figure) and ax.figure.get_layout_engine() is None:
+        ax.figure.set_layout_engine("constrained")  # or what stands below is cut off
     below = ScaledTranslation(0.0, -0.42, ax.figure.dpi_scale_trans)  # inches: ticks and a label
     lengths = [len(name) for name in named]
     letter = FontProperties(size=matplotlib.rcParams["legend.fontsize"]).get_size_in_points() / 72.0
@@ -195,7 +199,7 @@ def legend_below(ax: Axes, named: Mapping[str, Any] | None = None) -> None:
     )
 
 
-def notice(text: str, ax: Axes | None = None) -> Axes:
+def notice(text: str, *, ax: Axes | None = None) -> Axes:
     """A sentence in place of a picture.
 
     Args:
@@ -219,15 +223,3 @@ def open_marker(size: float, edge: str = BLACK, **more: Any) -> dict[str, Any]:
     """Look of a white marker with an edge, without a line; a ring where no other shape is given."""
     look = {"linestyle": "none", "marker": "o", "markersize": size, "markerfacecolor": "white"}
     return look | {"markeredgecolor": edge} | more
-
-
-def motion_title(motion: Motion) -> str:
-    """Flow speed and direction."""
-    return f"{speed_label(motion, 4)}, {motion.model.pipe.flow}"
-
-
-def speed_label(motion: Motion, digits: int) -> str:
-    """The flow speed of a motion: a number of so many digits, a function of time, or a state."""
-    if isinstance(motion.u, float):
-        return f"$u = {motion.u:.{digits}g}$"
-    return "constant head" if isinstance(motion.u, Supply) else "$u(t)$"

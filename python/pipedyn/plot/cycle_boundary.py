@@ -13,9 +13,10 @@ from matplotlib.axes import Axes
 from pipedyn.bifurcation.boundary import Boundary
 from pipedyn.bifurcation.cycle_boundary import CycleBoundary
 from pipedyn.bifurcation.event_curve import CycleCurve
-from pipedyn.plot import common, units
+from pipedyn.plot import common
 from pipedyn.plot.bifurcation import STABILITY_STYLES
 from pipedyn.plot.stability_map import parts_of_stability
+from pipedyn.plot.units import Units, View, of_number
 from pipedyn.util.check import Array
 from pipedyn.util.later import scipy
 
@@ -33,7 +34,9 @@ FINER = 12
 """Parts into which a curve's steps are divided: cubics then show no corners."""
 
 
-def cycle_boundary(found: CycleBoundary, ax: Axes | None = None) -> Axes:
+def cycle_boundary(
+    found: CycleBoundary, *, units: Units = "nondimensional", ax: Axes | None = None
+) -> Axes:
     """Curves of events of cycles in the plane of two numbers, and where the pipe may snap.
 
     Curves are solid where a stable cycle meets them, dashed where all cycles nearby are unstable.
@@ -44,6 +47,7 @@ def cycle_boundary(found: CycleBoundary, ax: Axes | None = None) -> Axes:
 
     Args:
         found: what `cycle_boundary` answers.
+        units: "nondimensional", or "si" where the pipe has scales.
         ax: where to draw; new Axes where not given.
 
     Example:
@@ -57,8 +61,10 @@ def cycle_boundary(found: CycleBoundary, ax: Axes | None = None) -> Axes:
     """
     common.check_type("found", found, CycleBoundary)
     pipe = found.model.pipe
-    shown = [units.of_number(name, pipe) for name in found.names]
-    ax = common.axes(ax, (6.4, 4.8), xlabel=shown[0].label, ylabel=shown[1].label)
+    view, shown = View(units, pipe), [of_number(name, pipe) for name in found.names]
+    xlabel, ylabel = map(view.label, shown)
+    ax = common.axes(ax, (6.4, 4.8), xlabel=xlabel, ylabel=ylabel)
+    one = np.array(list(map(view.one, shown)))  # of x and y
     across = found.names[0] == "u"  # the speed is x
     for curve in found.curves:
         x, y = _smooth(curve)
@@ -67,7 +73,7 @@ def cycle_boundary(found: CycleBoundary, ax: Axes | None = None) -> Axes:
             label = f"{curve.kind} of {cycles}"
             look: dict[str, Any] = {"color": COLOURS[curve.kind], "label": label}
             look |= STABILITY_STYLES[kind]
-            ax.plot(x[part], y[part], **look)
+            ax.plot(one[0] * x[part], one[1] * y[part], **look)
         if found.onsets is None or curve.kind != "fold":
             continue
         second, speed = (y, x) if across else (x, y)
@@ -82,23 +88,24 @@ def cycle_boundary(found: CycleBoundary, ax: Axes | None = None) -> Axes:
         snaps &= np.isfinite(until) & ~(speed >= onset)
         if snaps.any():
             look = {"color": common.ORANGE, "alpha": 0.25, "linewidth": 0.0, "zorder": 0.5}
-            shade(second, speed, until, where=snaps, label="it may snap here", **look)
+            by, per = one if across else one[::-1]
+            ends = per * second, by * speed, by * until
+            shade(*ends, where=snaps, label="it may snap here", **look)
     black: dict[str, Any] = {"color": common.BLACK, "linewidth": 1.4, "zorder": 2.5}
     if found.onsets is not None:
         for bound in found.onsets.curves:
-            for places, _ in parts_of_stability(bound, found.onsets):
-                ax.plot(*places.T, label="the straight pipe becomes unstable", **black)
+            for places, *_ in parts_of_stability(bound, found.onsets):
+                ax.plot(*(one * places).T, label="the straight pipe becomes unstable", **black)
     kinds = dict.fromkeys(point.kind for point in found.points)
     for kind, marker in zip(kinds, repeated(POINT_MARKS), strict=False):
         same = [point for point in found.points if point.kind == kind]
         look = common.open_marker(5.5, marker=marker, zorder=4.0)
-        ax.plot([p.x for p in same], [p.y for p in same], clip_on=False, label=kind, **look)
-    (left, right), (bottom, top) = found.ranges
-    ax.set(xlim=(left, right), ylim=(bottom, top))
+        at = one[:, None] * [[p.x for p in same], [p.y for p in same]]
+        ax.plot(*at, clip_on=False, label=kind, **look)
+    ax.set(xlim=one[0] * np.array(found.ranges[0]), ylim=one[1] * np.array(found.ranges[1]))
     named = dict(zip(*reversed(ax.get_legend_handles_labels()), strict=True))
     common.legend_below(ax, named)
-    units.second_axis(ax, "x", shown[0], pipe)
-    units.second_axis(ax, "y", shown[1], pipe)
+    view.second_axes(ax, *shown)
     return ax
 
 
@@ -111,7 +118,7 @@ def _stable_until(onsets: Boundary, second: Array, speed: Array, across: bool) -
     lowest, stable = np.full(speed.size, np.inf), np.zeros(speed.size, dtype=np.bool_)
     for bound in onsets.curves:
         own = np.column_stack([bound.x, bound.y])
-        for places, _ in parts_of_stability(bound, onsets):
+        for places, *_ in parts_of_stability(bound, onsets):
             middle = places[len(places) // 2]
             nearest = int(
                 np.argmin(np.abs((own - middle) / np.ptp(onsets.ranges, axis=1)).sum(axis=1))

@@ -14,8 +14,8 @@ from matplotlib.axes import Axes
 from pipedyn.bifurcation.forced_response import ForcedResponse
 from pipedyn.bifurcation.parametric_regions import ParametricRegion
 from pipedyn.linear.frequency_response import FrequencyResponse
-from pipedyn.models.pipe import Pipe
-from pipedyn.plot import common, units
+from pipedyn.plot import common
+from pipedyn.plot.units import AMPLITUDE, FREQUENCY, PER_FORCE, PER_MOMENT, Quantity, Units, View
 from pipedyn.util import check
 
 REGION_STYLES: dict[str, dict[str, Any]] = {
@@ -26,7 +26,11 @@ REGION_STYLES: dict[str, dict[str, Any]] = {
 
 
 def frequency_response(
-    response: FrequencyResponse, phase: bool = False, ax: Axes | None = None
+    response: FrequencyResponse,
+    phase: bool = False,
+    *,
+    units: Units = "nondimensional",
+    ax: Axes | None = None,
 ) -> Axes:
     """Magnitude of the response over the frequency, on a logarithmic scale, or its phase.
 
@@ -36,6 +40,7 @@ def frequency_response(
     Args:
         response: what to show.
         phase: the phase in degrees, from -180 to 180, in place of the magnitude.
+        units: "nondimensional", or "si" where the pipe has scales.
         ax: where to draw; new Axes where not given.
 
     Example:
@@ -49,10 +54,16 @@ def frequency_response(
     shows_phase = check.flag("phase", phase)
     moved = "free end" if response.output == 1.0 else f"place $s = {response.output:g}$"
     driven = "base" if isinstance(response.input, str) else response.input[0]
-    ylabel = "phase (degrees)" if shows_phase else f"|displacement of the {moved} / {driven}|"
-    ax = common.axes(ax, (6.4, 4.2), xlabel=units.FREQUENCY.label, ylabel=ylabel)
+    view = View(units, response.model.pipe)
+    size = Quantity(f"|displacement of the {moved} / {driven}|")
+    if driven != "base":
+        unit, value = PER_FORCE if driven == "force" else PER_MOMENT
+        size = Quantity(size.label, f"{size.label} ({unit})", value)
+    ylabel = "phase (degrees)" if shows_phase else view.label(size)
+    ax = common.axes(ax, (6.4, 4.2), xlabel=view.label(FREQUENCY), ylabel=ylabel)
+    per, one = view.one(FREQUENCY), view.one(size)
     order = np.argsort(response.frequencies)
-    at, values = response.frequencies[order], response.response[order]
+    at, values = per * response.frequencies[order], response.response[order]
     finite = np.isfinite(values)
     if shows_phase:
         angles = np.degrees(np.angle(np.where(finite, values, math.nan)))
@@ -60,16 +71,16 @@ def frequency_response(
         ax.plot(at, angles, color=common.BLACK, linewidth=1.2)
         ax.set(ylim=(-185.0, 185.0), yticks=np.arange(-180.0, 181.0, 90.0))
     else:
-        sizes = np.where(finite, np.abs(values), math.nan)
+        sizes = one * np.where(finite, np.abs(values), math.nan)
         sizes[sizes == 0.0] = math.nan
-        heights = [r.height for r in response.resonances if r.height < math.inf]
+        heights = [one * r.height for r in response.resonances if r.height < math.inf]
         ax.plot(at, sizes, color=common.BLACK, linewidth=1.2)
         ax.set_yscale("log")
         # Frequencies are dense at peaks, so that a typical size is one of evenly spaced ones.
         evenly = np.interp(np.linspace(at[0], at[-1], 201), at, sizes)
         typical = float(np.nanmedian(evenly)) if np.isfinite(evenly).any() else 1.0
         ax.set_ylim(bottom=max(np.nanmin(sizes, initial=typical), 1e-3 * typical))
-        infinite = [r.frequency for r in response.resonances if r.height == math.inf]
+        infinite = [per * r.frequency for r in response.resonances if r.height == math.inf]
         if infinite:  # what is left of the peaks is cut off
             ax.set_ylim(top=1e3 * typical)
             look = common.open_marker(6.0, marker="^", zorder=4.0, clip_on=False)
@@ -77,16 +88,16 @@ def frequency_response(
             ax.plot(infinite, np.ones(len(infinite)), transform=of_axes, **look)
         for peak in response.resonances:
             if peak.height < math.inf and math.isfinite(peak.width):
-                level = math.sqrt(0.5) * peak.height
-                ends = _crossings(at, sizes, peak.frequency, level)
+                level = math.sqrt(0.5) * one * peak.height
+                ends = _crossings(at, sizes, per * peak.frequency, level)
                 ax.plot(ends, [level, level], color=common.VERMILION, linewidth=1.6)
-        peaks = [r.frequency for r in response.resonances if r.height < math.inf]
+        peaks = [per * r.frequency for r in response.resonances if r.height < math.inf]
         ax.plot(peaks, heights, **common.open_marker(4.5, zorder=4.0))
     if at[0] < at[-1]:
         ax.set_xlim(float(at[0]), float(at[-1]))
     stable = "" if response.stable else ", unstable: the response is not reached"
-    ax.set_title(f"$u = {response.u:.4g}${stable}", pad=24.0)
-    units.second_axis(ax, "x", units.FREQUENCY, response.model.pipe)
+    ax.set_title(f"{view.speed(response.u)}{stable}", pad=24.0)
+    view.second_axes(ax, FREQUENCY)
     return ax
 
 
@@ -104,7 +115,7 @@ def _crossings(at: Any, sizes: Any, frequency: float, level: float) -> list[floa
 
 
 def parametric_regions(
-    regions: Sequence[ParametricRegion], pipe: Pipe | None = None, ax: Axes | None = None
+    regions: Sequence[ParametricRegion], *, units: Units = "nondimensional", ax: Axes | None = None
 ) -> Axes:
     """Regions in which a pulsating flow makes the pipe unstable: amplitude over frequency.
 
@@ -112,7 +123,7 @@ def parametric_regions(
 
     Args:
         regions: what to show, with amplitudes that are close enough for a curve.
-        pipe: for an upper axis in Hz, if it was made from SI units.
+        units: "nondimensional", or "si" where the pipe has scales.
         ax: where to draw; new Axes where not given.
 
     Example:
@@ -127,19 +138,19 @@ def parametric_regions(
         raise TypeError(f"regions must be a tuple or list, got {check.shown(regions)}")
     for i, one in enumerate(regions):
         common.check_type(f"regions[{i}]", one, ParametricRegion)
-    if pipe is not None:
-        common.check_type("pipe", pipe, Pipe)
-    xlabel = r"frequency of the pulsation $\omega$  $(1/T)$"
+    view = View(units, regions[0].pipe if regions else None)
+    pulsation = Quantity(r"frequency of the pulsation $\omega$", FREQUENCY.si_label, FREQUENCY.unit)
     ylabel = r"amplitude $\mu$ of the pulsation"
-    ax = common.axes(ax, (6.4, 4.2), xlabel=xlabel, ylabel=ylabel)
+    ax = common.axes(ax, (6.4, 4.2), xlabel=view.label(pulsation), ylabel=ylabel)
+    per = view.one(FREQUENCY)
     named = set[str]()
     for region in regions:
         look = REGION_STYLES[region.kind]
         inside = np.isfinite(region.edges).all(axis=1)
-        amplitude, edges = region.amplitude[inside], region.edges[inside]
+        amplitude, edges = region.amplitude[inside], per * region.edges[inside]
         if math.isfinite(region.threshold):
             amplitude = np.append(region.threshold, amplitude)
-            edges = np.vstack([np.full(2, region.threshold_frequency), edges])
+            edges = np.vstack([np.full(2, per * region.threshold_frequency), edges])
         label = "_" if region.kind in named else region.kind
         named.add(region.kind)
         fill = {"facecolor": look["color"], "alpha": 0.25, "hatch": look["hatch"]}
@@ -149,22 +160,24 @@ def parametric_regions(
             ax.plot(side, amplitude, linewidth=1.2, **line)
         if math.isfinite(region.threshold):
             ring = common.open_marker(4.5, edge=look["color"], zorder=4.0, clip_on=False)
-            ax.plot([region.threshold_frequency], [region.threshold], **ring)
+            ax.plot([per * region.threshold_frequency], [region.threshold], **ring)
     ax.set_ylim(bottom=0.0)
     if regions:
         ax.legend()
-    if pipe is not None:
-        units.second_axis(ax, "x", units.FREQUENCY, pipe)
+    view.second_axes(ax, pulsation)
     return ax
 
 
-def forced_response(response: ForcedResponse, ax: Axes | None = None) -> Axes:
+def forced_response(
+    response: ForcedResponse, *, units: Units = "nondimensional", ax: Axes | None = None
+) -> Axes:
     """Amplitude of periodic motions over the frequency: stable solid, unstable dashed.
 
     Folds and other events have markers.
 
     Args:
         response: what to show.
+        units: "nondimensional", or "si" where the pipe has scales.
         ax: where to draw; new Axes where not given.
 
     Example:
@@ -177,8 +190,10 @@ def forced_response(response: ForcedResponse, ax: Axes | None = None) -> Axes:
         TypeError: for bad arguments.
     """
     common.check_type("response", response, ForcedResponse)
-    ylabel = "amplitude of the free end  $(L)$"
-    ax = common.axes(ax, (6.4, 4.2), xlabel=units.FREQUENCY.label, ylabel=ylabel)
+    view = View(units, response.model.pipe)
+    labels = {"xlabel": view.label(FREQUENCY), "ylabel": view.label(AMPLITUDE)}
+    ax = common.axes(ax, (6.4, 4.2), **labels)
+    per, one = view.one(FREQUENCY), view.one(AMPLITUDE)
     shown = set[str]()
     for branch, look in zip(response.branches, cycle(common.CURVE_STYLES), strict=False):
         steady = branch.stable[:-1] | branch.stable[1:]  # what ends at an event is so up to there
@@ -189,7 +204,7 @@ def forced_response(response: ForcedResponse, ax: Axes | None = None) -> Axes:
                 part = slice(run[0], run[-1] + 2)
                 label = f"{branch.kind}, {'stable' if stable else 'unstable'}"
                 ax.plot(
-                    *(branch.frequency[part], branch.amplitude[part]),
+                    *(per * branch.frequency[part], one * branch.amplitude[part]),
                     color=look["color"],
                     linestyle=line,
                     linewidth=1.2,
@@ -201,7 +216,7 @@ def forced_response(response: ForcedResponse, ax: Axes | None = None) -> Axes:
                 continue
             marker = {"fold": "o", "pitchfork": "s", "period doubling": "D"}.get(event.kind, "^")
             ax.plot(
-                *([event.frequency], [event.amplitude]),
+                *([per * event.frequency], [one * event.amplitude]),
                 label="_" if event.kind in shown else event.kind,
                 **common.open_marker(5.0, marker=marker, zorder=4.0),
             )
@@ -209,5 +224,5 @@ def forced_response(response: ForcedResponse, ax: Axes | None = None) -> Axes:
     ax.set_ylim(bottom=0.0)
     if shown:
         ax.legend()
-    units.second_axis(ax, "x", units.FREQUENCY, response.model.pipe)
+    view.second_axes(ax, FREQUENCY)
     return ax

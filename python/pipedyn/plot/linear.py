@@ -14,6 +14,16 @@ from numpy.typing import NDArray
 
 from pipedyn.linear.modes import Modes, RootLoci
 from pipedyn.plot import common
+from pipedyn.plot.units import (
+    ARC,
+    GROWTH,
+    OSCILLATION,
+    ROOT_FREQUENCY,
+    SPEED,
+    Quantity,
+    Units,
+    View,
+)
 from pipedyn.util import check
 from pipedyn.util.check import Array
 
@@ -25,22 +35,28 @@ DOT: dict[str, Any] = {"color": "black", "marker": "o", "markersize": 2.2, "line
 DOT |= {"markeredgewidth": 0.0, "zorder": 3.0}
 """Look of a benchmark."""
 
+ONSET = common.open_marker(4.5, marker="D", markeredgewidth=0.9, zorder=4.0)
+"""Look of an onset."""
+
 
 def root_loci(
     loci: RootLoci,
     benchmark: RootLoci | None = None,
     highest: float | None = None,
+    *,
+    units: Units = "nondimensional",
     ax: Axes | None = None,
 ) -> Axes:
     """Branches in the upper half of the complex plane, flow speed as colour.
 
-    The lower half is their mirror image. A pair that has become real shows as two curves on the
-    real axis.
+    A diamond marks each onset. The lower half is their mirror image. A pair that has become real
+    shows as two curves on the real axis.
 
     Args:
         loci: branches of the model.
         benchmark: branches of the continuous pipe, shown as black dots.
         highest: speed at the end of the colours; that of the loci where not given.
+        units: "nondimensional", or "si" where the pipe has scales.
         ax: where to draw; new Axes where not given. The first collection serves `colour_bar`.
 
     Example:
@@ -51,15 +67,18 @@ def root_loci(
     Raises:
         ValueError, TypeError: for bad arguments.
     """
-    ax = _checked_axes(loci, benchmark, ax, common.REAL_LABEL, common.IMAGINARY_LABEL)
+    ax, view = _checked_axes(loci, benchmark, units, ax, GROWTH, OSCILLATION)
     end = float(loci.speeds[-1])
     if highest is not None:
         end = check.real("highest", highest, low=0.0, open_low=True)
-    branches = _branches(loci)
-    norm = Normalize(0.0, end or 1.0)
-    _coloured(ax, branches.real, branches.imag, loci.speeds[:, None], "viridis", norm)
+    branches = view.one(GROWTH) * branches_of(loci)
+    norm = Normalize(0.0, view.one(SPEED) * (end or 1.0))
+    speeds = view.one(SPEED) * loci.speeds[:, None]
+    _coloured(ax, branches.real, branches.imag, speeds, "viridis", norm)
+    rate = view.one(GROWTH)
+    _onsets(ax, branches.real, branches, rate * NEUTRAL)
     if benchmark is not None:
-        exact = _branches(benchmark)[:: dot_stride(benchmark)]
+        exact = rate * branches_of(benchmark)[:: dot_stride(benchmark)]
         ax.plot(exact.real, exact.imag, **DOT)
     ax.axvline(0.0, color="0.4", linewidth=0.6, zorder=0.5)
     ax.autoscale_view()
@@ -70,6 +89,8 @@ def frequencies(
     loci: RootLoci,
     benchmark: RootLoci | None = None,
     largest: float | None = None,
+    *,
+    units: Units = "nondimensional",
     ax: Axes | None = None,
 ) -> Axes:
     """|Im lambda| against flow speed, the real part as a diverging colour centred on zero.
@@ -81,6 +102,7 @@ def frequencies(
         benchmark: branches of the continuous pipe, shown as black dots.
         largest: |Re lambda| at the ends of the colours, linear within 1 and logarithmic beyond;
             that of the loci where not given.
+        units: "nondimensional", or "si" where the pipe has scales.
         ax: where to draw; new Axes where not given. The first collection serves `colour_bar`.
 
     Example:
@@ -90,34 +112,34 @@ def frequencies(
     Raises:
         ValueError, TypeError: for bad arguments.
     """
-    ax = _checked_axes(loci, benchmark, ax, common.SPEED_LABEL, common.FREQUENCY_LABEL)
-    branches = _branches(loci)
+    ax, view = _checked_axes(loci, benchmark, units, ax, SPEED, ROOT_FREQUENCY)
+    branches = branches_of(loci)
     if largest is None:
         largest = float(np.nanmax(np.abs(branches.real), initial=0.0))
     largest = check.real("largest", largest, low=0.0)
-    norm = SymLogNorm(1.0, vmin=-max(largest, 2.0), vmax=max(largest, 2.0))
-    speeds = loci.speeds[:, None]
-    _coloured(ax, speeds, branches.imag, branches.real, "RdBu_r", norm, outlined=NEUTRAL)
-    # Onsets, where a real part becomes positive, by linear interpolation along the segments.
-    real, places = branches.real, speeds + 1j * branches.imag
-    i, j = np.nonzero((real[:-1] <= NEUTRAL) & (real[1:] > NEUTRAL))
-    part = real[i, j] / (real[i, j] - real[i + 1, j])
-    onsets = places[i, j] + part * (places[i + 1, j] - places[i, j])
-    diamond = common.open_marker(4.5, marker="D", markeredgewidth=0.9, zorder=4.0)
-    ax.plot(onsets.real, onsets.imag, **diamond)
+    rate, end = view.one(GROWTH), view.one(GROWTH) * max(largest, 2.0)
+    norm = SymLogNorm(rate, vmin=-end, vmax=end)
+    speeds, height = view.one(SPEED) * loci.speeds[:, None], view.one(ROOT_FREQUENCY)
+    heights, growth = height * branches.imag, rate * branches.real
+    _coloured(ax, speeds, heights, growth, "RdBu_r", norm, outlined=rate * NEUTRAL)
+    _onsets(ax, growth, speeds + 1j * heights, rate * NEUTRAL)
     if benchmark is not None:
         stride = dot_stride(benchmark)
-        ax.plot(benchmark.speeds[::stride], _branches(benchmark).imag[::stride], **DOT)
+        places = view.one(SPEED) * benchmark.speeds[::stride]
+        ax.plot(places, height * branches_of(benchmark).imag[::stride], **DOT)
     ax.autoscale_view()
     return ax
 
 
-def _checked_axes(loci: Any, benchmark: Any, ax: Any, xlabel: str, ylabel: str) -> Axes:
+def _checked_axes(
+    loci: Any, benchmark: Any, units: Units, ax: Any, x: Quantity, y: Quantity
+) -> tuple[Axes, View]:
     """The Axes to draw on, once the arguments of both pictures of eigenvalues are checked."""
     common.check_type("loci", loci, RootLoci)
     if benchmark is not None:
         common.check_type("benchmark", benchmark, RootLoci)
-    return common.axes(ax, (4.8, 4.2), xlabel=xlabel, ylabel=ylabel)
+    view = View(units, loci.pipe)
+    return common.axes(ax, (4.8, 4.2), xlabel=view.label(x), ylabel=view.label(y)), view
 
 
 def _coloured(
@@ -134,12 +156,9 @@ def _coloured(
     The largest values are on top: of two roots with one frequency, the less stable one. Those above
     `outlined` have a black outline, the others a thin grey one.
     """
-    points = np.stack(np.broadcast_arrays(x, y, values), axis=-1)
-    both = np.stack([points[:-1], points[1:]], axis=-2)
-    segments = both[np.isfinite(both).all(axis=(-2, -1))]
-    means = segments[:, :, 2].mean(axis=1)
+    segments, means = pieces(x, y, values)
     order = np.argsort(means, kind="stable")
-    ends, means = list(segments[order, :, :2]), means[order]
+    ends, means = list(segments[order]), means[order]
     outline = np.where(means > outlined, "black", "0.35").tolist()
     widths = np.where(means > outlined, 4.2, 2.6).tolist()
     coloured: dict[str, Any] = {"array": means, "cmap": colours, "norm": norm, "linewidths": 2.0}
@@ -150,7 +169,23 @@ def _coloured(
     ax.add_collection(outlines, autolim=False)
 
 
-def _branches(loci: RootLoci) -> NDArray[np.complex128]:
+def _onsets(ax: Axes, real: Array, places: NDArray[np.complex128], neutral: float) -> None:
+    """Diamonds where real parts become positive, by linear interpolation along the branches."""
+    i, j = np.nonzero((real[:-1] <= neutral) & (real[1:] > neutral))
+    part = real[i, j] / (real[i, j] - real[i + 1, j])
+    onsets = places[i, j] + part * (places[i + 1, j] - places[i, j])
+    ax.plot(onsets.real, onsets.imag, **ONSET)
+
+
+def pieces(x: Array, y: Array, values: Array) -> tuple[Array, Array]:
+    """Segments of the columns of x and y, (k, 2, 2), and the means of their values, (k,)."""
+    points = np.stack(np.broadcast_arrays(x, y, values), axis=-1)
+    both = np.stack([points[:-1], points[1:]], axis=-2)
+    segments = both[np.isfinite(both).all(axis=(-2, -1))]
+    return segments[:, :, :2], segments[:, :, 2].mean(axis=1)
+
+
+def branches_of(loci: RootLoci) -> NDArray[np.complex128]:
     """Upper roots, then the partners where they are real, as columns; NaN: nothing to draw."""
     on_axis = loci.eigenvalues.imag == 0.0
     real = on_axis.copy()
@@ -177,11 +212,12 @@ def dot_stride(loci: RootLoci) -> int:
     return max(1, round((loci.speeds.size - 1) / 18))
 
 
-def mode_shapes(modes: Modes, ax: Axes | None = None) -> Axes:
+def mode_shapes(modes: Modes, *, units: Units = "nondimensional", ax: Axes | None = None) -> Axes:
     """Transverse displacement along the pipe: real part solid, imaginary part dashed.
 
     Args:
         modes: two curves for each eigenvalue that is not the lower of a conjugate pair.
+        units: "nondimensional", or "si" where the pipe has scales.
         ax: where to draw; new Axes where not given.
 
     Example:
@@ -192,18 +228,20 @@ def mode_shapes(modes: Modes, ax: Axes | None = None) -> Axes:
     """
     common.check_type("modes", modes, Modes)
     ylabel = "displacement (largest = 1); Re solid, Im dashed"
-    ax = common.axes(ax, (6.4, 4.2), xlabel="arc length $s / L$ from the clamp", ylabel=ylabel)
+    view = View(units, modes.shapes[0].model.pipe if modes.shapes else None)
+    ax = common.axes(ax, (6.4, 4.2), xlabel=view.label(ARC), ylabel=ylabel)
     s = np.linspace(0.0, 1.0, 401)
     upper = [shape for shape in modes.shapes if shape.eigenvalue.imag >= 0.0]
     for i, shape in enumerate(upper):
-        displacement, value = shape(s), shape.eigenvalue
+        displacement, value = shape(s), view.one(GROWTH) * shape.eigenvalue
         colour = common.CURVE_STYLES[i % len(common.CURVE_STYLES)]["color"]
         look: dict[str, Any] = {"color": colour, "linewidth": 1.0 + 0.4 * (i % 3)}
-        label = rf"$\lambda = {value.real:.3g} {value.imag:+.4g}\,\mathrm{{i}}$"
-        ax.plot(s, displacement.real, label=label, **look)
-        ax.plot(s, displacement.imag, linestyle="--", **look)
+        label = rf"$\lambda = {value.real:.3g} {value.imag:+.4g}\,\mathrm{{i}}${' 1/s' * view.si}"
+        at = view.one(ARC) * s
+        ax.plot(at, displacement.real, label=label, **look)
+        ax.plot(at, displacement.imag, linestyle="--", **look)
     ax.axhline(0.0, color="0.4", linewidth=0.6, zorder=0.5)
-    ax.set(xlim=(0.0, 1.0), ylim=(-1.08, 1.08), title=rf"$u = {modes.speed:g}$")
+    ax.set(xlim=(0.0, view.one(ARC)), ylim=(-1.08, 1.08), title=view.speed(modes.speed, 6))
     if upper:
         ax.legend()
     return ax

@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 import os
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from itertools import cycle
 from pathlib import Path
 from typing import Any, Literal, TypeAlias
@@ -26,19 +26,28 @@ from matplotlib.patches import FancyArrowPatch, Rectangle
 from numpy.typing import ArrayLike
 
 from pipedyn.bifurcation.limit_cycle import LimitCycle
+from pipedyn.models.pipe import Pipe
+from pipedyn.motion.sampling import INVISIBLE, ROUNDING, coarse
 from pipedyn.motion.simulate import Ensemble, Motion
 from pipedyn.plot import common
+from pipedyn.plot.units import ACROSS, ALONG, TIME, TIP, TIP_RATE, Units, View, rate
 from pipedyn.util import check
 from pipedyn.util.check import Array
 from pipedyn.util.later import scipy
 
 
-def time_history(motions: Motion | Sequence[Motion] | Ensemble, ax: Axes | None = None) -> Axes:
+def time_history(
+    motions: Motion | Sequence[Motion] | Ensemble,
+    *,
+    units: Units = "nondimensional",
+    ax: Axes | None = None,
+) -> Axes:
     """Transverse displacement of the free end over time.
 
     Args:
         motions: one, several or an ensemble. Between samples, cubics through positions and
             velocities are shown.
+        units: "nondimensional", or "si" where the pipe has scales.
         ax: where to draw; new Axes where not given.
 
     Example:
@@ -49,12 +58,13 @@ def time_history(motions: Motion | Sequence[Motion] | Ensemble, ax: Axes | None 
         ValueError: for fewer than 3 samples, or samples too far apart to interpolate.
         TypeError: for bad arguments.
     """
-    shown = _signals(checked_motions(motions), None, rates_shown=False)
-    ax = common.axes(ax, (6.4, 3.2), xlabel=common.TIME_LABEL, ylabel=common.TIP_LABEL)
+    shown = _signals(checked_motions(motions), None, units, rates_shown=False)
+    view = shown[0].view
+    ax = common.axes(ax, (6.4, 3.2), xlabel=view.label(TIME), ylabel=view.label(TIP))
     ax.axhline(0.0, color="0.4", linewidth=0.6, zorder=0.5)
-    for _, curve, label, look in shown:
-        t = finer(curve.x)
-        ax.plot(t, curve(t), label=label, linewidth=1.0, **look)
+    for one in shown:
+        t = finer(one.curve.x)
+        ax.plot(one.times(t), one.values(t), label=one.label, linewidth=1.0, **one.look)
     ax.margins(x=0.0)
     _legend(ax, shown)
     return ax
@@ -63,6 +73,8 @@ def time_history(motions: Motion | Sequence[Motion] | Ensemble, ax: Axes | None 
 def phase_portrait(
     motions: Motion | Sequence[Motion] | Ensemble,
     coordinate: Literal["tip"] | int = "tip",
+    *,
+    units: Units = "nondimensional",
     ax: Axes | None = None,
 ) -> Axes:
     """Displacement against velocity. A ring marks the start; the last cycle is a thicker line.
@@ -71,6 +83,7 @@ def phase_portrait(
         motions: one, several or an ensemble.
         coordinate: "tip" for the free end's transverse displacement, or the index of a coordinate,
             counted from 0.
+        units: "nondimensional", or "si" where the pipe has scales.
         ax: where to draw; new Axes where not given.
 
     Example:
@@ -85,28 +98,52 @@ def phase_portrait(
     named = checked_motions(motions)
     least = min(motion.model.coordinates for motion in named.values())
     index, xlabel = common.coordinate_axis(coordinate, least)
-    shown = _signals(named, index, rates_shown=True)
-    rate = common.TIP_RATE_LABEL if index is None else rf"its rate $\dot q_{{{index}}}$  $(1/T)$"
-    ax = common.axes(ax, (4.8, 4.2), xlabel=xlabel, ylabel=rate)
-    for motion, curve, label, look in shown:
-        last = t = finer(curve.x)
-        if (ends := last_cycle(motion)) is not None:
+    shown = _signals(named, index, units, rates_shown=True)
+    view = shown[0].view
+    ylabel = view.label(TIP_RATE if index is None else rate(index, "its "))
+    ax = common.axes(ax, (4.8, 4.2), xlabel=view.label(TIP) if index is None else xlabel)
+    ax.set_ylabel(ylabel)
+    for one in shown:
+        last, t, colour = finer(one.curve.x), finer(one.curve.x), one.look["color"]
+        if (ends := last_cycle(one.motion)) is not None:
             last = np.linspace(*ends, 401)
-            thin = {"color": look["color"], "linewidth": 0.6, "alpha": 0.5, "zorder": 2.0}
+            thin = {"color": colour, "linewidth": 0.6, "alpha": 0.5, "zorder": 2.0}
             for part in (t[t <= ends[0]], t[t >= ends[1]]):
-                ax.plot(curve(part), curve(part, 1), **thin)
-        ax.plot(curve(last), curve(last, 1), label=label, linewidth=1.6, **look)
-        ax.plot(curve(t[0]), curve(t[0], 1), **common.open_marker(4.5, look["color"], zorder=3.0))
+                ax.plot(one.values(part), one.values(part, 1), **thin)
+        ax.plot(one.values(last), one.values(last, 1), label=one.label, linewidth=1.6, **one.look)
+        start = common.open_marker(4.5, colour, zorder=3.0)
+        ax.plot(one.values(t[0]), one.values(t[0], 1), **start)
     _legend(ax, shown)
     return ax
 
 
 Cubics: TypeAlias = "scipy.interpolate.CubicHermiteSpline"
-Signal: TypeAlias = "tuple[Motion, scipy.interpolate.PPoly, str, dict[str, Any]]"
-"""A motion, the free end or a coordinate as a function of time, label and style of the curve."""
 
 
-def _signals(named: dict[str, Motion], index: int | None, rates_shown: bool) -> list[Signal]:
+@dataclass(frozen=True)
+class Signal:
+    """What is shown of a motion: the free end or a coordinate as a function of time."""
+
+    motion: Motion
+    curve: scipy.interpolate.PPoly
+    label: str
+    look: dict[str, Any]
+    view: View
+    index: int | None  # of a coordinate
+
+    def times(self, t: Array) -> Array:
+        """Times as they are shown."""
+        return self.view.one(TIME) * t
+
+    def values(self, t: Array, derivative: int = 0) -> Array:
+        """Values or rates at times, as they are shown."""
+        unit = self.view.one(TIP) if self.index is None else 1.0
+        return np.asarray(unit / self.view.one(TIME) ** derivative * self.curve(t, derivative))
+
+
+def _signals(
+    named: dict[str, Motion], index: int | None, units: Units, rates_shown: bool
+) -> list[Signal]:
     """What is shown of each motion; refuses samples too far apart.
 
     A label is the speed, and the model where speeds are the same.
@@ -117,22 +154,29 @@ def _signals(named: dict[str, Motion], index: int | None, rates_shown: bool) -> 
         refuse_coarse(name, curve, rates_shown=rates_shown)
         curves.append(curve)
     motions = list(named.values())
-    labels = [common.speed_label(motion, 6) for motion in motions]
+    views = [View(units, motion.model.pipe) for motion in motions]
+    labels = [view.speed(motion.u, 6) for view, motion in zip(views, motions, strict=True)]
     if len(set(labels)) < len(labels):
         models = [motion.model for motion in motions]
         labels = [
             f"{i}: {label}, {type(model).__name__}, {model.dof} d.o.f."
             for i, (label, model) in enumerate(zip(labels, models, strict=True))
         ]
-    return list(zip(motions, curves, labels, cycle(common.CURVE_STYLES), strict=False))
+    rows = zip(motions, curves, labels, cycle(common.CURVE_STYLES), views, strict=False)
+    return [Signal(*row, index) for row in rows]
 
 
 def _legend(ax: Axes, shown: Sequence[Signal]) -> None:
     """Names of several curves; of more than 12 a legend would cover most of the axes' height."""
     if len(shown) == 1:
-        ax.set_title(common.motion_title(shown[0][0]))
+        ax.set_title(_title(shown[0].motion, shown[0].view))
     elif len(shown) <= 12:
         ax.legend()
+
+
+def _title(motion: Motion, view: View) -> str:
+    """Flow speed and direction."""
+    return f"{view.speed(motion.u)}, {motion.model.pipe.flow}"
 
 
 # ------------------------------------------------------------------------------- shapes of the pipe
@@ -146,6 +190,8 @@ def snapshots(
     motion: Motion,
     span: ArrayLike | None = None,
     count: int = 16,
+    *,
+    units: Units = "nondimensional",
     ax: Axes | None = None,
 ) -> Axes:
     """Shapes of the pipe at equal time steps in one picture, the latest darkest.
@@ -160,6 +206,7 @@ def snapshots(
             in the same state.
         count: number of shapes, from 2 to 1000. Both ends of a span are among them, but only the
             end of a cycle, where it is as at the start.
+        units: "nondimensional", or "si" where the pipe has scales.
         ax: where to draw; new Axes where not given. The first collection, the shapes, serves
             `colour_bar`.
 
@@ -174,23 +221,30 @@ def snapshots(
     """
     motion, start, end, cycle = shown_part(motion, span)
     count = check.count("count", count, low=2, high=1000)  # more than pixels can separate
+    view = View(units, motion.model.pipe)
     ax = common.axes(ax, (4.4, 5.0))
     times = np.linspace(start, end, count + 1)[1:] if cycle else np.linspace(start, end, count)
-    shapes = _shapes(motion, times)
+    shapes = view.one(ACROSS) * _shapes(motion, times)
     darkness = np.linspace(0.22, 1.0, 256)  # no shape is as light as the page
     lines = LineCollection(
         list(shapes),
         cmap=ListedColormap(1.0 - darkness[:, None] * [1.0, 0.9, 0.75]),
         linewidths=[1.1] * (count - 1) + [2.4],
-        array=times,
+        array=view.one(TIME) * times,
         capstyle="round",
         zorder=2.0,
         gid="shapes",
     )
     ax.add_collection(lines)
-    _surroundings(ax, motion, shapes, shapes[-1])
-    what = f"a cycle of {end - start:.4g}" if cycle else rf"$\tau =$ {start:.4g} to {end:.4g}"
-    ax.set_title(f"{common.motion_title(motion)}\n{count} shapes, {what} $T$")
+    _surroundings(ax, motion, shapes, shapes[-1], view)
+    start, end = view.one(TIME) * start, view.one(TIME) * end
+    name, unit = ("t", " s") if view.si else (r"\tau", "")
+    what = (
+        f"a cycle of ${name} =$ {end - start:.4g}"
+        if cycle
+        else rf"${name} =$ {start:.4g} to {end:.4g}"
+    )
+    ax.set_title(f"{_title(motion, view)}\n{count} shapes, {what}{unit}")
     return ax
 
 
@@ -201,6 +255,7 @@ def animate(
     fps: float = 25.0,
     speed: float | None = None,
     span: ArrayLike | None = None,
+    units: Units = "nondimensional",
     ax: Axes | None = None,
 ) -> FuncAnimation:
     """An animation of the pipe with the path of its free end, frames at equal time steps.
@@ -215,6 +270,7 @@ def animate(
             2.5 seconds, and all of a motion without cycles 8.
         span: start and end in T; where not given the last cycle, which repeats without end, or all
             of a motion without one.
+        units: "nondimensional", or "si" where the pipe has scales.
         ax: where to draw; that of a figure without a window where not given.
 
     Returns:
@@ -242,14 +298,17 @@ def animate(
         ax = Figure(figsize=(4.0, 4.6), layout="constrained").subplots()
     figure = common.axes(ax, (4.0, 4.6)).figure.figure
 
+    view = View(units, motion.model.pipe)
+    one = view.one(ACROSS)
     times = np.linspace(start, end, frames, endpoint=not cycle)
-    shapes = _shapes(motion, times)
+    shapes = one * _shapes(motion, times)
     dots = max(1, math.ceil(400 / frames))
     fine = np.linspace(start, end, dots * (frames - (not cycle)) + 1)
-    path_of_tip = motion.model.tips(coordinates_at(motion, fine).T)
+    path_of_tip = one * motion.model.tips(coordinates_at(motion, fine).T)
     (trace,) = ax.plot([], [], color=common.BLUE, linewidth=0.9, zorder=1.8, gid="trace")
     (pipe,) = ax.plot([], [], color=common.BLACK, linewidth=2.6, zorder=2.0, gid="pipe")
-    flow = _surroundings(ax, motion, shapes, shapes[0])
+    flow = _surroundings(ax, motion, shapes, shapes[0], view)
+    times = view.one(TIME) * times
     digits = max(0, -math.floor(math.log10(times[1] - times[0])))  # neighbouring times differ
 
     def show(frame: int) -> Sequence[Any]:
@@ -257,9 +316,10 @@ def animate(
         # A cycle repeats, so its whole path is there from the start.
         trace.set_data(*path_of_tip[: None if cycle else dots * frame + 1].T)
         if flow is not None:
-            flow.set_positions(*_flow_ends(motion, shapes[frame]))
-        now = rf"$\tau = {times[frame]:.{digits}f}\,T$"
-        text = ax.set_title(f"{common.motion_title(motion)}\n{now}")
+            flow.set_positions(*flow_ends(motion.model.pipe, shapes[frame], one))
+        now = f"{times[frame]:.{digits}f}"
+        now = f"$t =$ {now} s" if view.si else rf"$\tau =$ {now}"
+        text = ax.set_title(f"{_title(motion, view)}\n{now}")
         return [pipe, trace, text]
 
     show(0)
@@ -317,30 +377,42 @@ def _shapes(motion: Motion, times: Array) -> Array:
     return np.stack([motion.model.shape(q, s) for q in coordinates_at(motion, times)])
 
 
-def _surroundings(ax: Axes, motion: Motion, shapes: Array, shape: Array) -> FancyArrowPatch | None:
+def _surroundings(
+    ax: Axes, motion: Motion, shapes: Array, shape: Array, view: View
+) -> FancyArrowPatch | None:
     """Clamp, gravity, and axes of equal scale with room for all shapes and the flow's arrow.
 
     Returns the arrow, at one shape; None without flow.
     """
-    gamma = motion.model.pipe.gamma
-    wide = max(0.36, float(np.abs(shapes[..., 0]).max()) + ARROW + 0.06)
-    low = min(-0.12, float(shapes[..., 1].min()) - ARROW - 0.06)
-    high = float(shapes[..., 1].max()) + ARROW + 0.06
-    ax.set_aspect("equal", adjustable="box")
-    ax.set(xlim=(-wide, wide), ylim=(low, high) if gamma < 0.0 else (high, low))
-    ax.set(xlabel="transverse $x$  $(L)$", ylabel="along the straight pipe $y$  $(L)$")
-    hatched: dict[str, Any] = {"facecolor": "0.92", "edgecolor": "0.35", "hatch": "////"}
-    ax.add_patch(Rectangle((-0.1, -0.06), 0.2, 0.06, zorder=1.5, gid="clamp", **hatched))
-    ax.plot([-0.1, 0.1], [0.0, 0.0], color=common.BLACK, linewidth=1.4, zorder=1.6)
-    ax.axvline(0.0, color="0.6", linewidth=0.6, linestyle=(0, (6, 4)), zorder=0.5)
-    if gamma != 0.0:
-        at, length = -wide + 0.1, math.copysign(0.16, gamma)
-        start = -0.06 if gamma > 0.0 else 0.1
-        _arrow(ax, common.BLACK, "gravity", ((at, start), (at, start + length)))
-        ax.text(at + 0.03, start + 0.5 * length, "$g$", va="center")
+    pipe, one = motion.model.pipe, view.one(ACROSS)
+    clamp_and_gravity(ax, pipe.gamma, shapes, one)
+    ax.set(xlabel=view.label(ACROSS), ylabel=view.label(ALONG))
     if motion.u == 0.0:
         return None
-    return _arrow(ax, common.VERMILION, "flow", _flow_ends(motion, shape))
+    return _arrow(ax, common.VERMILION, "flow", flow_ends(pipe, shape, one))
+
+
+def clamp_and_gravity(ax: Axes, gamma: float, shapes: Array, one: float = 1.0) -> None:
+    """Clamp, gravity, and axes of equal scale with room for all shapes and the flow's arrow.
+
+    one: the pipe's length.
+    """
+    room = (ARROW + 0.06) * one
+    wide = max(0.36 * one, float(np.abs(shapes[..., 0]).max()) + room)
+    low = min(-0.12 * one, float(shapes[..., 1].min()) - room)
+    high = float(shapes[..., 1].max()) + room
+    ax.set_aspect("equal", adjustable="box")
+    ax.set(xlim=(-wide, wide), ylim=(low, high) if gamma < 0.0 else (high, low))
+    hatched: dict[str, Any] = {"facecolor": "0.92", "edgecolor": "0.35", "hatch": "////"}
+    corner, width, height = (-0.1 * one, -0.06 * one), 0.2 * one, 0.06 * one
+    ax.add_patch(Rectangle(corner, width, height, zorder=1.5, gid="clamp", **hatched))
+    ax.plot([-0.1 * one, 0.1 * one], [0.0, 0.0], color=common.BLACK, linewidth=1.4, zorder=1.6)
+    ax.axvline(0.0, color="0.6", linewidth=0.6, linestyle=(0, (6, 4)), zorder=0.5)
+    if gamma != 0.0:
+        at, length = -wide + 0.1 * one, math.copysign(0.16, gamma) * one
+        start = (-0.06 if gamma > 0.0 else 0.1) * one
+        _arrow(ax, common.BLACK, "gravity", ((at, start), (at, start + length)))
+        ax.text(at + 0.03 * one, start + 0.5 * length, "$g$", va="center")
 
 
 def _arrow(ax: Axes, colour: str, gid: str, ends: tuple[Any, Any]) -> FancyArrowPatch:
@@ -350,21 +422,19 @@ def _arrow(ax: Axes, colour: str, gid: str, ends: tuple[Any, Any]) -> FancyArrow
     return arrow
 
 
-def _flow_ends(motion: Motion, shape: Array) -> tuple[Any, Any]:
-    """Tail and head of the arrow at the free end: out of it, or into it."""
+def flow_ends(pipe: Pipe, shape: Array, one: float = 1.0) -> tuple[Any, Any]:
+    """Tail and head of the arrow at the free end: out of it, or into it; one: the pipe's length."""
     step = shape[-1] - shape[-2]
     along = step / np.linalg.norm(step)
-    cos, sin = math.cos(angle := motion.model.pipe.jet_angle), math.sin(angle)
+    cos, sin = math.cos(angle := pipe.jet_angle), math.sin(angle)
     along = np.array([cos * along[0] + sin * along[1], cos * along[1] - sin * along[0]])  # (x, y)
-    near, far = (tuple(map(float, shape[-1] + length * along)) for length in (0.02, ARROW))
-    return (near, far) if motion.model.pipe.flow == "ejecting" else (far, near)
+    lengths = 0.02 * one, ARROW * one
+    near, far = (tuple(map(float, shape[-1] + length * along)) for length in lengths)
+    return (near, far) if pipe.flow == "ejecting" else (far, near)
 
 
 # ---------------------------------------------------------------------------------- between samples
 
-
-ROUNDING = 1e-9
-"""A point that moves by less, in L, is held: its velocity is rounding in the constraints."""
 
 POINTS = 4000
 """Points of a curve through fewer samples: two for each pixel of a picture 2000 pixels wide."""
@@ -412,26 +482,12 @@ def coordinates_at(motion: Motion, times: Array) -> Array:
 def refuse_coarse(
     name: str, curve: scipy.interpolate.PPoly, *, invisible: float = 0.0, rates_shown: bool = False
 ) -> None:
-    """Refuse samples too far apart: a cubic through every other sample misses the others.
-
-    It may miss them by 5 % of the range of positions or by `invisible`, and by 25 % of the largest
-    velocity if velocities are shown. Six samples a cycle meet this; a sine is then known to 0.4 %
-    from all samples.
-    """
-    t = curve.x[: curve.x.size - 1 + curve.x.size % 2]  # ends with a sample that is kept
-    positions, velocities = curve(t), curve(t, 1)
-    if np.ptp(positions, axis=0).max() < ROUNDING:
-        return
-    every_other = scipy.interpolate.CubicHermiteSpline(t[::2], positions[::2], velocities[::2])
-    missed = np.abs(every_other(t) - positions).max()
-    missed_rate = np.abs(every_other(t, 1) - velocities).max()
-    # One sample a cycle always finds the same position: only the velocities show that it is wrong.
-    missed = max(missed, 0.125 * missed_rate * np.diff(t[::2]).max())
-    lost = missed > max(invisible, 0.05 * np.ptp(positions, axis=0).max())
-    if lost or (rates_shown and missed_rate > 0.25 * np.abs(velocities).max()):
+    """Refuse samples too far apart, see `coarse`."""
+    times = curve.x
+    if coarse(times, curve(times), curve(times, 1), invisible, rates_shown=rates_shown):
         raise ValueError(
             f"{name} must be sampled at least six times a cycle of the fastest visible motion, got "
-            f"samples {np.diff(t).max():.3g} T apart"
+            f"samples {np.diff(times).max():.3g} T apart: ask `simulate` for more `samples=`"
         )
 
 
@@ -485,7 +541,7 @@ def shown_part(motion: Any, span: Any) -> tuple[Motion, float, float, bool]:
     held = slice(first, int(np.searchsorted(motion.t, end, side="left")) + 3)
     names = ("t", "q", "qdot", "tip", "energy")
     shown = replace(motion, **{name: getattr(motion, name)[held] for name in names})
-    refuse_coarse("motion", tip_of(shown), invisible=1e-4)  # L: a twentieth of a pixel at 100 dpi
+    refuse_coarse("motion", tip_of(shown), invisible=INVISIBLE)
     return shown, start, end, cycle is not None
 
 

@@ -11,11 +11,15 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.colors import to_rgba
+from matplotlib.patheffects import withTickedStroke
 from numpy.typing import NDArray
 
 from pipedyn.bifurcation.boundary import Boundary, BoundaryCurve
 from pipedyn.linear.critical_speed import CriticalSpeed
-from pipedyn.plot import common, units
+from pipedyn.linear.stability_curve import StabilityCurve
+from pipedyn.models.pipe import Pipe
+from pipedyn.plot import common
+from pipedyn.plot.units import SPEED, Quantity, Units, View, of_number
 from pipedyn.util import check
 from pipedyn.util.check import Array
 
@@ -48,7 +52,7 @@ COLUMNS = 500
 """Of the shading, either way: its steps are hidden by the curves."""
 
 
-def boundary(found: Boundary, ax: Axes | None = None) -> Axes:
+def boundary(found: Boundary, *, units: Units = "nondimensional", ax: Axes | None = None) -> Axes:
     """Boundaries of stability, the stable region shaded.
 
     Curves are solid where what emerges attracts, dashed where it repels, thin where other roots are
@@ -57,6 +61,7 @@ def boundary(found: Boundary, ax: Axes | None = None) -> Axes:
 
     Args:
         found: what `pipedyn.boundary` answered.
+        units: "nondimensional", or "si" where the pipe has scales.
         ax: where to draw; new Axes where not given.
 
     Example:
@@ -68,9 +73,12 @@ def boundary(found: Boundary, ax: Axes | None = None) -> Axes:
         TypeError: for bad arguments.
     """
     common.check_type("found", found, Boundary)
-    shown = [units.of_number(name, found.model.pipe) for name in found.names]
-    ax = common.axes(ax, (6.4, 4.8), xlabel=shown[0].label, ylabel=shown[1].label)
-    (left, right), (low, high) = found.ranges
+    view = View(units, found.model.pipe)
+    shown = [of_number(name, found.model.pipe) for name in found.names]
+    xlabel, ylabel = map(view.label, shown)
+    ax = common.axes(ax, (6.4, 4.8), xlabel=xlabel, ylabel=ylabel)
+    one = np.array(list(map(view.one, shown)))  # of x and y
+    (left, right), (low, high) = one[:, None] * found.ranges
     shade = np.zeros((COLUMNS, COLUMNS, 4))
     shade[_stable(found)] = to_rgba(STABLE)
     within = (left, right, low, high)
@@ -92,11 +100,13 @@ def boundary(found: Boundary, ax: Axes | None = None) -> Axes:
             look = curve.kind, str(kinds[first])
             beside = BESIDE if others[first] and not look[1] else ""
             label = new(", ".join(word for word in (*look, beside) if word))
-            part = places[first : last + 1]
+            part = one * places[first : last + 1]
             ax.plot(*part.T, linestyle=DASHES[look[1]], label=label, **LOOKS[look])
     for point in found.points:
         mark = common.open_marker(5.5, marker=MARKERS[point.kind], zorder=4.0)
-        ax.plot(point.x, point.y, label=new(point.kind), **mark)
+        ax.plot(one[0] * point.x, one[1] * point.y, label=new(point.kind), **mark)
+    if found.failures:
+        ax.plot([], [], " ", label=f"{len(found.failures)} curves with failures")
     ax.set(xlim=(left, right), ylim=(low, high))
     if not found.curves:
         where = "stable" if shade[..., 3].any() else "unstable"
@@ -104,8 +114,7 @@ def boundary(found: Boundary, ax: Axes | None = None) -> Axes:
         ax.text(0.5, 0.5, sentence, transform=ax.transAxes, ha="center")
     else:
         common.legend_below(ax)
-    units.second_axis(ax, "x", shown[0], found.model.pipe)
-    units.second_axis(ax, "y", shown[1], found.model.pipe)
+    view.second_axes(ax, *shown)
     return ax
 
 
@@ -194,18 +203,27 @@ def _stable(found: Boundary) -> NDArray[np.bool_]:
 
 
 def stability_map(
-    boundaries: Mapping[str, Boundary],
+    boundaries: Mapping[str, Boundary | StabilityCurve],
     highest: float | None = None,
     marked: CriticalSpeed | None = None,
+    parameter: str | None = None,
+    *,
+    units: Units = "nondimensional",
     ax: Axes | None = None,
 ) -> Axes:
-    """Where pipes lose or regain stability: boundaries of several, flow speed against mass ratio.
+    """Where pipes lose or regain stability: flow speed against a number, of several pipes.
+
+    Ticks on a boundary point to its unstable side. Words at a curve of divergence tell whether the
+    flow buckles the pipe above it, or its weight below it. Parts on which other roots are unstable
+    are left out. Crosses on the axis are points that failed.
 
     Args:
-        boundaries: by label, with "beta" for x and "u" for y; parts on which other roots are
-            unstable are left out.
-        highest: end of the axis of speed.
-        marked: a critical speed to mark, at its pipe's beta.
+        boundaries: by label: boundaries with one number for x and "u" for y, and curves from
+            `pipedyn.stability_curve`, which are drawn as points.
+        highest: end of the axis of speed, nondimensional.
+        marked: a critical speed to mark, at its pipe's beta: of boundaries over beta.
+        parameter: label of the x axis for curves, which do not know what they go over.
+        units: "nondimensional", or "si" where the pipe has scales.
         ax: where to draw; new Axes where not given.
 
     Example:
@@ -216,45 +234,115 @@ def stability_map(
     Raises:
         ValueError, TypeError: for bad arguments.
     """
-    common.check_mapping("boundaries", boundaries, Boundary)
-    for label, one in boundaries.items():
-        if one.names != ("beta", "u"):
-            raise ValueError(f"boundaries[{label!r}] must be over ('beta', 'u'), got {one.names!r}")
+    common.check_type("boundaries", boundaries, Mapping)
+    names = dict.fromkeys(_swept(label, one) for label, one in boundaries.items())
+    names.pop(None, None)
+    if len(names) > 1:
+        raise ValueError(f"boundaries must be over one number, got {', '.join(map(str, names))}")
     if highest is not None:
         highest = check.real("highest", highest, low=0.0, open_low=True)
     if marked is not None:
         common.check_type("marked", marked, CriticalSpeed)
-    ax = common.axes(ax, (6.4, 4.8), xlabel=common.BETA_LABEL, ylabel=common.SPEED_LABEL)
-    drawn = False
-    for (label, found), look in zip(boundaries.items(), cycle(common.CURVE_STYLES), strict=False):
-        lines = [part for curve in found.curves for part in parts_of_stability(curve, found)]
-        drawn = drawn or bool(lines)
-        if not lines:
-            ax.plot([], [], linewidth=1.5, label=f"{label}: no boundary", **look)
-        for line, kind in lines:
-            ax.plot(*line.T, linewidth=1.5, label=label, **look)
-            label = "_" + label.lstrip("_")
+    if parameter is not None:
+        common.check_type("parameter", parameter, str)
+    name = next(iter(names), None)
+    pipes = [_pipe(one) for one in boundaries.values()]
+    known = next((pipe for pipe in pipes if pipe is not None), None)
+    known = marked.pipe if known is None and marked is not None else known
+    view = View(units, known)
+    shown = Quantity(parameter or ("parameter of the curves" if boundaries else common.BETA_LABEL))
+    if name is not None and known is not None:
+        shown = of_number(name, known)
+    ax = common.axes(ax, (6.4, 4.8), xlabel=view.label(shown), ylabel=view.label(SPEED))
+    drawn, failed = False, list[float]()
+    for (label, found), pipe, look in zip(
+        boundaries.items(), pipes, cycle(common.CURVE_STYLES), strict=False
+    ):
+        own = View(units, pipe or known)
+        one = np.array([own.one(shown), own.one(SPEED)])
+        if isinstance(found, StabilityCurve):
+            points = {"linestyle": "none", "marker": "o", "markersize": 3.5}
+            ax.plot(one[0] * found.values, one[1] * found.speeds, label=label, **(look | points))
+            failed += [one[0] * failure.value for failure in found.failures]
+            drawn = drawn or bool(np.isfinite(found.speeds).any())
+            continue
+        parts = [part for curve in found.curves for part in parts_of_stability(curve, found)]
+        drawn = drawn or bool(parts)
+        note = "" if parts else ": no boundary"
+        if found.failures:
+            note += f" ({len(found.failures)} curves with failures)"
+        ax.plot([], [], linewidth=1.5, label=f"{label}{note}", **look)
+        for line, kind, left in parts:
+            ticks = withTickedStroke(angle=90.0 if left else -90.0, **TICKS)
+            at = one * line
+            ax.plot(*at.T, linewidth=1.3, path_effects=[ticks], **look)
             if kind == "divergence":
-                middle = line[line.shape[0] // 2]
-                centred = {"color": look["color"], "ha": "center", "fontsize": 7.0}
-                ax.annotate("divergence", middle, (0, 3), textcoords="offset points", **centred)
-    if marked is not None and (highest is None or marked.speed <= highest):
-        place = rf"$\beta = {marked.pipe.beta:g}$, $\gamma = {marked.pipe.gamma:g}$"
+                _divergence(ax, at, left, found.model.pipe.gamma < 0.0, look["color"])
+    if failed:
+        cross = common.open_marker(5.0, common.VERMILION, marker="x", zorder=5.0)
+        place = ax.get_xaxis_transform()
+        ax.plot(failed, [0.02] * len(failed), label="failed", transform=place, **cross)
+    if marked is not None and name in (None, "beta") and marked.speed <= (highest or math.inf):
+        words = rf"$\beta = {marked.pipe.beta:g}$, $\gamma = {marked.pipe.gamma:g}$"
         ring = common.open_marker(7.0, markerfacecolor="none", markeredgewidth=1.2, zorder=4.0)
-        label = f"{place}: $u_c = {marked.speed:.4g}$"
-        ax.plot(marked.pipe.beta, marked.speed, clip_on=False, label=label, **ring)
-    ax.set_ylim(0.0, highest)
+        own = View(units, marked.pipe)
+        label = f"{words}: {own.speed(marked.speed, 4)}"
+        ax.plot(marked.pipe.beta, own.one(SPEED) * marked.speed, clip_on=False, label=label, **ring)
+    ax.set_ylim(0.0, None if highest is None else view.one(SPEED) * highest)
     if not drawn:
-        common.notice("There is no stability boundary above $u = 0$.", ax)
+        common.notice("There is no stability boundary above $u = 0$.", ax=ax)
+    elif any(isinstance(one, Boundary) for one in boundaries.values()):
+        ticks = withTickedStroke(angle=-90.0, **TICKS)
+        ax.plot([], [], color="0.3", path_effects=[ticks], label="ticks: unstable side")
     if ax.get_legend_handles_labels()[0]:  # a mark above the highest speed has none
-        ax.legend()
+        common.legend_below(ax)
     return ax
 
 
-def parts_of_stability(curve: BoundaryCurve, found: Boundary) -> Iterator[tuple[Array, str]]:
-    """Parts of a curve on which no other root is unstable, (k, 2) each, with its kind."""
+TICKS: dict[str, Any] = {"spacing": 8.0, "length": 0.5, "linewidth": 0.7}
+TICKS["dashes"] = {"dash_offset": 0.0, "dash_list": None}
+"""On the unstable sides of boundaries."""
+
+
+def _swept(label: Any, one: Any) -> str | None:
+    """Name of the number over which a boundary was found; None of a curve, which does not know."""
+    common.check_type("the names of boundaries", label, str)
+    if isinstance(one, StabilityCurve):
+        return None
+    found: Boundary = common.check_type(f"boundaries[{label!r}]", one, Boundary)
+    if found.names[1] != "u":
+        raise ValueError(f"boundaries[{label!r}] must have 'u' for y, got {found.names!r}")
+    return found.names[0]
+
+
+def _pipe(found: Boundary | StabilityCurve) -> Pipe | None:
+    """Of a boundary, or of the first critical speed of a curve."""
+    if isinstance(found, Boundary):
+        return found.model.pipe
+    return next((one.pipe for one in found.critical if one is not None), None)
+
+
+def _divergence(ax: Axes, line: Array, left: bool, standing: bool, colour: str) -> None:
+    """Words at a curve of divergence: above it by the flow, or below it at rest."""
+    k = line.shape[0] // 2
+    above = (line[k, 0] > line[k - 1, 0]) == left
+    below = "buckled by its weight below" if standing else "divergence below"
+    words = "divergence above" if above else below
+    place: dict[str, Any] = {"ha": "center", "va": "bottom" if above else "top", "fontsize": 7.0}
+    offset = (0, 7 if above else -7)
+    white = {"facecolor": "white", "edgecolor": "none", "pad": 0.6, "alpha": 0.85}
+    place |= {"textcoords": "offset points", "color": colour, "bbox": white}
+    ax.annotate(words, line[k], offset, **place)
+
+
+def parts_of_stability(curve: BoundaryCurve, found: Boundary) -> Iterator[tuple[Array, str, bool]]:
+    """Parts of a curve on which no other root is unstable, (k, 2) each.
+
+    Each comes with its kind, and whether the pipe is unstable on its left.
+    """
     places = _dense(curve, found)
     pieces = np.repeat(np.maximum(curve.unstable[:-1], curve.unstable[1:]) == 0, PER_STEP)
     edges = np.flatnonzero(np.diff(np.concatenate([[0], pieces.view(np.int8), [0]])))
     for first, last in edges.reshape(-1, 2):
-        yield places[first : last + 1], curve.kind
+        left = curve.change[(first + last) // (2 * PER_STEP)] > 0
+        yield places[first : last + 1], curve.kind, bool(left)

@@ -1,20 +1,24 @@
 # SPDX-License-Identifier: MIT
-"""What axes show: labels of quantities, and second axes in SI units where a pipe has scales."""
+"""What axes show: labels of quantities, and units, nondimensional or SI where a pipe has scales."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, fields
-from typing import Any, Literal
+from typing import Any, Literal, TypeAlias
 
 from matplotlib.axes import Axes
 
+from pipedyn.models.drive import Supply
 from pipedyn.models.pipe import Pipe, Scales
 from pipedyn.models.pipe_numbers import pipe_numbers
 from pipedyn.models.supports import RootSpring
 from pipedyn.models.terms import Term
 from pipedyn.plot import common
+from pipedyn.util import check
+
+Units: TypeAlias = Literal["nondimensional", "si"]
 
 
 @dataclass(frozen=True)
@@ -32,13 +36,38 @@ class Quantity:
     unit: Callable[[Scales], float] = lambda scales: 1.0
 
 
+def _hertz(scales: Scales) -> float:
+    return 1.0 / (2.0 * math.pi * scales.time)
+
+
+def _per_second(scales: Scales) -> float:
+    return 1.0 / scales.time
+
+
+def _metres(scales: Scales) -> float:
+    return scales.length
+
+
 SPEED = Quantity(common.SPEED_LABEL, "flow speed (m/s)", lambda scales: scales.speed)
-TIP = Quantity(common.TIP_LABEL, "free end $x$ (m)", lambda scales: scales.length)
-FREQUENCY = Quantity(
-    r"angular frequency $\omega$  $(1/T)$",
-    "frequency (Hz)",
-    lambda scales: 1.0 / (2.0 * math.pi * scales.time),
+TIME = Quantity(common.TIME_LABEL, "time (s)", lambda scales: scales.time)
+TIP = Quantity(common.TIP_LABEL, "free end $x$ (m)", _metres)
+TIP_RATE = Quantity(
+    common.TIP_RATE_LABEL,
+    r"velocity of the free end $\dot x$ (m/s)",
+    lambda scales: scales.length / scales.time,
 )
+AMPLITUDE = Quantity("amplitude of the free end / $L$", "amplitude of the free end (m)", _metres)
+ACROSS = Quantity("transverse $x / L$", "transverse $x$ (m)", _metres)
+ALONG = Quantity("along the straight pipe $y / L$", "along the straight pipe $y$ (m)", _metres)
+ARC = Quantity("arc length $s / L$ from the clamp", "arc length $s$ from the clamp (m)", _metres)
+GROWTH = Quantity(common.REAL_LABEL, r"Re $\lambda$ (1/s)", _per_second)
+OSCILLATION = Quantity(common.IMAGINARY_LABEL, r"Im $\lambda$ (rad/s)", _per_second)
+ROOT_FREQUENCY = Quantity(common.FREQUENCY_LABEL, r"|Im $\lambda$| $/ 2 \pi$ (Hz)", _hertz)
+FREQUENCY = Quantity(r"angular frequency $\omega$ (nondimensional)", "frequency (Hz)", _hertz)
+
+PER_FORCE = "m/N", lambda scales: scales.time**2 / (scales.mass * scales.length)
+PER_MOMENT = "1/N", lambda scales: scales.time**2 / (scales.mass * scales.length**2)
+"""Of a displacement per unit of what drives the pipe: unit, and SI value of one."""
 
 OF_A_NUMBER = {
     "u": SPEED,
@@ -49,7 +78,7 @@ OF_A_NUMBER = {
     "hysteresis": Quantity(r"loss factor $\mu$"),
     "drag": Quantity(r"drag $\kappa$"),
     "inflow_share": Quantity("inflow share $c$"),
-    "frequency": Quantity(r"frequency of the forcing  $(1/T)$", FREQUENCY.si_label, FREQUENCY.unit),
+    "frequency": Quantity("frequency of the forcing", FREQUENCY.si_label, FREQUENCY.unit),
     "amplitude": Quantity("amplitude of the forcing"),
 }
 """Of a boundary's axes, by the name of the number; others are looked up in the pipe."""
@@ -83,24 +112,52 @@ def of_number(name: str, pipe: Pipe) -> Quantity:
 def rate(coordinate: int, before: str = "", after: str = "") -> Quantity:
     """Of change of a coordinate, with words before and after it in the label."""
     words = rf"{before}rate $\dot q_{{{coordinate}}}$"
-    return Quantity(f"{words}  $(1/T)${after}", f"{words} (1/s)", lambda scales: 1.0 / scales.time)
+    return Quantity(f"{words}{after}", f"{words}{after} (1/s)", _per_second)
 
 
-def second_axis(ax: Axes, along: Literal["x", "y"], shown: Quantity, pipe: Pipe) -> None:
-    """An axis in SI units on the other side, where the pipe has scales and the quantity a unit."""
-    if pipe.scales is None or not shown.si_label:
-        return
-    one = shown.unit(pipe.scales)
+class View:
+    """Units in which a picture shows a pipe's quantities.
 
-    def to_si(value: Any) -> Any:
-        return value * one
+    Raises ValueError for units="si" of a pipe without scales.
+    """
 
-    def from_si(value: Any) -> Any:
-        return value / one
+    def __init__(self, units: Any, pipe: Pipe | None) -> None:
+        self.si = check.choice("units", units, ("nondimensional", "si")) == "si"
+        self.scales = None if pipe is None else pipe.scales
+        if self.si and self.scales is None:
+            raise ValueError(
+                "units must be 'nondimensional' where the pipe has no scales, as one made by "
+                "`Pipe.from_si` has them, got 'si'"
+            )
 
-    if along == "x":
-        ax.secondary_xaxis("top", functions=(to_si, from_si)).set_xlabel(shown.si_label)
-        ax.tick_params(top=False, which="both")
-    else:
-        ax.secondary_yaxis("right", functions=(to_si, from_si)).set_ylabel(shown.si_label)
-        ax.tick_params(right=False, which="both")
+    def one(self, quantity: Quantity) -> float:
+        """What is shown for a nondimensional 1."""
+        return quantity.unit(self.scales) if self.si and self.scales is not None else 1.0
+
+    def label(self, quantity: Quantity) -> str:
+        """Of an axis."""
+        return (self.si and quantity.si_label) or quantity.label
+
+    def speed(self, u: Any, digits: int = 4) -> str:
+        """A flow speed in words: a number of so many digits, a function of time, or a state."""
+        if not isinstance(u, float):
+            return "constant head" if isinstance(u, Supply) else "$u(t)$"
+        if self.si:
+            return f"$V = {u * self.one(SPEED):.{digits}g}$ m/s"
+        return f"$u = {u:.{digits}g}$"
+
+    def second_axes(self, ax: Axes, x: Quantity | None = None, y: Quantity | None = None) -> None:
+        """Axes in SI units on the other sides of nondimensional ones, where the pipe has scales."""
+        if self.si or self.scales is None:
+            return
+        for along, shown in (("x", x), ("y", y)):
+            if shown is None or not shown.si_label:
+                continue
+            one = shown.unit(self.scales)
+            functions = (lambda value, one=one: value * one), (lambda value, one=one: value / one)
+            if along == "x":
+                ax.secondary_xaxis("top", functions=functions).set_xlabel(shown.si_label)
+                ax.tick_params(top=False, which="both")
+            else:
+                ax.secondary_yaxis("right", functions=functions).set_ylabel(shown.si_label)
+                ax.tick_params(right=False, which="both")
