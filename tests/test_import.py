@@ -90,11 +90,11 @@ def test_every_public_name_stands_in_the_reference():
         assert [name for name in names if not found[name]] == []
 
 
-def test_progress_needs_no_progress_bar(monkeypatch, capsys):
+def test_progress_needs_no_progress_bar(monkeypatch, terminal):
     """Without tqdm a plain count goes to stderr."""
     monkeypatch.setitem(sys.modules, "tqdm", None)
     pp.root_loci(pp.Chain(pp.Pipe(0.2), 3), [0.0, 1.0, 2.0], count=2, progress=True)
-    err = capsys.readouterr().err
+    err = terminal.readouterr().err
     assert "root loci" in err
     assert "2/2" in err
 

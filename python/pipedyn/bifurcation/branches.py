@@ -11,8 +11,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
-from functools import cache, partial
+from functools import cache
 from typing import Any, Literal, cast
 
 import numpy as np
@@ -57,6 +58,7 @@ from pipedyn.models.base import Model, NotConverged, PipedynError
 from pipedyn.util import check
 from pipedyn.util.check import Array
 from pipedyn.util.newton import NewtonFailed
+from pipedyn.util.parallel import track
 from pipedyn.util.result import Result, TableResult
 from pipedyn.util.threads import one_thread
 from pipedyn.util.units import SPEED
@@ -190,6 +192,7 @@ class BranchOptions:
     rtol: float  # of the cycles there
     most: int  # steps along one branch
     onsets: tuple[float, ...] = ()  # of flutter, at any of which a branch may end
+    shown: bool = False  # whether steps are counted on stderr
     known: tuple[CycleBranch, ...] = ()  # which one that meets them repeats from there on
 
     def holds(self, u: float) -> bool:
@@ -356,7 +359,10 @@ class _Follower:
         lowest = min(float(speeds[speeds > 0.0][0]), here.u) / BEYOND
         highest = max(float(speeds[-1]), here.u) * BEYOND
         try:
-            steps = followed(self.motion, self.start, FINE)
+            steps = track(
+                *(followed(self.motion, self.start, FINE), None),
+                *(f"cycles {self.how}", self.options.shown),
+            )
             if self.begin is None:
                 last = self._finished(here)
                 if last is not None:
@@ -468,7 +474,14 @@ class _Follower:
 
         `last` is the cycle at its beginning, if that is known and kept.
         """
-        orbit = cache(partial(orbit_at, step))
+
+        @cache
+        def orbit(s: float) -> PeriodicOrbit:
+            if s == 0.0 and last is None:  # it may have been taken over from another mesh
+                with suppress(NewtonFailed):
+                    point = step.problem.at(step.begin, 0.0)
+                    return replace(step.problem.orbit(point.z), closing=point.kept)
+            return orbit_at(step, s)
 
         @cache
         def cycle(s: float) -> LimitCycle:

@@ -18,13 +18,15 @@ import numpy as np
 from pipedyn import _core
 from pipedyn.bifurcation.continuation import Continuation, Control, Solver
 from pipedyn.bifurcation.periodic_orbit import (
+    BETWEEN,
     NODES,
     ONCE,
     PROBES,
+    RATES_BETWEEN,
+    STAGES,
     TWICE,
     Closing,
     PeriodicOrbit,
-    integrals,
     interpolated,
     stage_phases,
 )
@@ -59,8 +61,8 @@ def _condensed(
     (moving, M s), or none where it does not vary.
     """
     half, u = motion.half, orbit.u
-    motion = motion.along(stage_phases(orbit.edges).ravel(), orbit.frequency)
-    y = _stages(motion, orbit)
+    motion = _along_stages(motion, orbit)
+    y = orbit.stage_columns()
     by_frequency = motion.by_frequency(y, u)[half:] if motion.forced else None
     jacobians = motion.jacobians(y, u)
     units = _units(jacobians[0])
@@ -245,19 +247,21 @@ def derivatives_by_speed(motion: VectorField, orbit: PeriodicOrbit) -> Array | N
     """Of the accelerations at the stages, (moving, M s); None of a forced motion."""
     if motion.forced:
         return None
-    return motion.by_speed(_stages(motion, orbit), orbit.u)[motion.half :]
+    return motion.by_speed(orbit.stage_columns(), orbit.u)[motion.half :]
 
 
 def stage_derivatives(motion: VectorField, orbit: PeriodicOrbit) -> Array:
     """Derivatives of the accelerations at the stages, shape (M, s, moving, 2 moving)."""
-    motion = motion.along(stage_phases(orbit.edges).ravel(), orbit.frequency)
-    rows = motion.jacobians(_stages(motion, orbit), orbit.u)[:, motion.half :]
+    motion = _along_stages(motion, orbit)
+    rows = motion.jacobians(orbit.stage_columns(), orbit.u)[:, motion.half :]
     return rows.reshape(*orbit.rates.shape, motion.size)
 
 
-def _stages(motion: VectorField, orbit: PeriodicOrbit) -> Array:
-    """States at the stages, (2 moving, M s)."""
-    return np.ascontiguousarray(orbit.stages().reshape(-1, motion.size).T)
+def _along_stages(motion: VectorField, orbit: PeriodicOrbit) -> VectorField:
+    """The vector field of states at the stages."""
+    if not motion.forced:
+        return motion
+    return motion.along(stage_phases(orbit.edges).ravel(), orbit.frequency)
 
 
 def collocation_maps(motion: VectorField, orbit: PeriodicOrbit) -> tuple[Array, Array]:
@@ -420,10 +424,8 @@ def solved(
 
 def residual(motion: VectorField, orbit: PeriodicOrbit) -> float:
     """Largest |dy/dt - f(y)| half-way between the stages, of the accelerations, relative."""
-    share = np.concatenate([[0.0], NODES])
-    share = 0.5 * (share[:-1] + share[1:])
-    given = integrals(share, 0) @ orbit.rates
-    phase = orbit.edges[:-1, None] + np.diff(orbit.edges)[:, None] * share
+    phase = orbit.edges[:-1, None] + np.diff(orbit.edges)[:, None] * BETWEEN
     motion = motion.along(phase.ravel(), orbit.frequency)
-    true = motion(orbit.states(phase.ravel()), orbit.u)[motion.half :]
-    return float(np.abs(given.reshape(true.T.shape) - true.T).max() / np.abs(true).max())
+    true = motion(orbit.states_between(), orbit.u)[motion.half :].reshape(motion.half, -1, STAGES)
+    given = (RATES_BETWEEN @ orbit.rates).transpose(2, 0, 1)
+    return float(np.abs(given - true).max() / np.abs(true).max())

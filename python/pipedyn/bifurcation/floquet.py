@@ -47,6 +47,10 @@ SENSITIVITY = 1e4
 on branches of a chain and a reduced model: 60 in the mean, this in 99 of 100, and more by far only
 where two multipliers meet."""
 
+FINER = 2.0
+"""How many times as many intervals the collocation may take before Magnus' series is tried: there
+both cost about the same."""
+
 PARTS = 12.0
 """Parts into which Magnus' series first divides half a period, for each cube root of the fastest
 mode's turns in it. With twice as many, multipliers of chains and reduced models err by some 1e-6 at
@@ -82,12 +86,13 @@ def orbit_multipliers(
     """
     turns, error = _turns(motion, orbit), math.inf
     roots: Complex = np.empty(0, dtype=np.complex128)
-    # No fine mesh is needed where the collocation resolves all modes without it. Kinks at phases
-    # that are not known take the error that halving shows.
-    if turns.max() > _longest(tolerance) and (smooth := _between_kinks(motion, orbit)):
+    # The series is for modes that the collocation resolves on a far finer mesh only. Kinks at
+    # phases that are not known take the error that halving shows.
+    parts = np.ceil(np.maximum(turns / _longest(tolerance), 1.0)).astype(int)
+    if parts.sum() > FINER * parts.size and (smooth := _between_kinks(motion, orbit)):
         roots, error = _by_magnus(motion, smooth, turns.sum(), tolerance)
     if not error <= tolerance:
-        others, other = _by_collocation(motion, orbit, turns, tolerance, coarser)
+        others, other = _by_collocation(motion, orbit, parts, tolerance, coarser)
         if not other > error:
             roots, error = others, other
     values: Complex = roots**2 if orbit.symmetric else roots
@@ -195,19 +200,19 @@ def by_series(
 def _by_collocation(
     motion: VectorField,
     orbit: PeriodicOrbit,
-    turns: Array,
+    parts: NDArray[np.int_],
     tolerance: float,
     coarser: PeriodicOrbit | None,
 ) -> tuple[Complex, float]:
-    """The same by the collocation that the orbit itself solves, on meshes half and twice as fine.
+    """The same by the collocation that the orbit itself solves, each interval in so many parts.
 
+    It is done on meshes half and twice as fine as well.
     Halving leaves 2^-15 of the error where f is smooth, and 2^-3 across kinks at phases that are
     not known; of both some more is allowed for.
     """
     left = 1e-3 if motion.model.kinks_known else 0.25
-    parts = np.ceil(np.maximum(turns / _longest(tolerance), 1.0)).astype(int)
     if (parts > 1).any() and 2 * parts.sum() <= MOST:
-        orbit = refined(motion, orbit, parts)
+        orbit = refined(motion, orbit, parts, at_kinks=True)
     used = _closing(orbit, tolerance)
     least = SENSITIVITY * used.step if used is not None else 0.0
     roots, error = _roots(motion, orbit, tolerance), math.inf

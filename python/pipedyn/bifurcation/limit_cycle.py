@@ -26,7 +26,6 @@ from pipedyn.bifurcation.orbit_continuation import COARSE, breaking_part, contin
 from pipedyn.bifurcation.periodic_orbit import (
     STAGES,
     PeriodicOrbit,
-    divided,
     refined,
     resolved,
 )
@@ -543,8 +542,8 @@ def refined_until(
 def amplitude_of(motion: VectorField, orbit: PeriodicOrbit) -> tuple[float, float]:
     """Half the free end's peak-to-peak motion, and the phase of its greatest displacement."""
     # As close as the mesh asks for: a period may hold a dozen peaks.
-    phases = divided(orbit.edges, np.full(len(orbit.starts), SAMPLES_A_STAGE * STAGES))[:-1]
-    across = motion.tip(orbit.states(phases))
+    phases, y = orbit.sampled(SAMPLES_A_STAGE * STAGES)
+    phases, across = phases[:-1], motion.tip(y)[:-1]
     if orbit.symmetric:
         phases = np.append(phases, orbit.span + phases)
         across = np.concatenate([across, -across])
@@ -561,36 +560,54 @@ def _peak(
     """The free end's greatest displacement to one side and its phase, from samples all round."""
     heights = sign * across
     # Between samples it may go farther by a hundredth of its range, and at several peaks.
-    high = heights >= heights.max() - 0.02 * np.ptp(heights)
-    peaks = high & (heights >= np.roll(heights, 1)) & (heights >= np.roll(heights, -1))
+    most = float(heights.max())
+    high = heights >= most - 0.02 * (most - float(heights.min()))
+    around = np.concatenate([heights[-1:], heights, heights[:1]])
+    peaks = high & (heights >= around[:-2]) & (heights >= around[2:])
     # Then so close that the polynomial through five samples is the motion.
-    gaps = np.diff(phases, append=phases[0] + 2.0 * math.pi)
-    apart = 0.0625 * np.maximum(gaps, np.roll(gaps, 1))[peaks]
+    gaps = np.diff(
+        np.concatenate([phases[-1:] - 2.0 * math.pi, phases, phases[:1] + 2.0 * math.pi])
+    )
+    apart = 0.0625 * np.maximum(gaps[:-1], gaps[1:])[peaks]
     near = phases[peaks][:, None] + apart[:, None] * np.arange(-18.0, 19.0)
     finer = sign * motion.tip(orbit.states(near.ravel())).reshape(near.shape)
     i, j = divmod(int(np.argmax(finer[:, 2:-2])), finer.shape[1] - 4)
-    line = QUARTIC @ finer[i, j : j + 5]
-    turns = np.roots(line[:4] * [4.0, 3.0, 2.0, 1.0])
-    inner = turns.real[(np.abs(turns.imag) < 1e-9) & (np.abs(turns.real) <= 1.0)]
-    at = max(inner, key=lambda x: np.polyval(line, x), default=0.0)
-    return float(np.polyval(line, at)), float(near[i, j + 2] + apart[i] * at)
+    a, b, c, d, e = (QUARTIC @ finer[i, j : j + 5]).tolist()
+    x = -0.5 * d / c if c < 0.0 else 0.0
+    for _ in range(4):  # Newton's method from the top of a parabola
+        bend = (12.0 * a * x + 6.0 * b) * x + 2.0 * c
+        if not (bend < 0.0 and abs(x) <= 1.0):
+            x = 0.0
+            break
+        x -= (((4.0 * a * x + 3.0 * b) * x + 2.0 * c) * x + d) / bend
+    x = x if abs(x) <= 1.0 else 0.0
+    height = (((a * x + b) * x + c) * x + d) * x + e
+    return float(height), float(near[i, j + 2] + apart[i] * x)
 
 
 def on_branch(
     motion: VectorField, orbit: PeriodicOrbit, error: float, samples: int, how: str
 ) -> LimitCycle:
-    """The cycle of an orbit on a branch: its error is given, its multipliers are checked."""
-    known = Known(orbit, amplitude_of(motion, orbit))
-    result = described(motion, known, error, samples, how, ON_BRANCH)
-    if result.multiplier_error <= 1e-4:  # a tenth of what ends a branch
-        return result
+    """The cycle of an orbit on a branch: its error is given, its multipliers are checked.
+
+    Where forces have kinks, multipliers need a mesh that ends at these.
+    """
+    plain: LimitCycle | None = None
+
+    def of(orbit: PeriodicOrbit) -> LimitCycle:
+        known = Known(orbit, amplitude_of(motion, orbit))
+        return described(motion, known, error, samples, how, ON_BRANCH)
+
+    if not (motion.model.pipe.has_kinks and motion.model.kinks_known):
+        plain = of(orbit)
+        if plain.multiplier_error <= 1e-4:  # a tenth of what ends a branch
+            return plain
     with suppress(NewtonFailed):  # where neighbours diverge fast a finer mesh is needed
         finer = refined(motion, orbit, np.full(len(orbit.starts), 2), at_kinks=True)
-        finer = solved(motion, finer, 1e-9)
-        known = Known(finer, amplitude_of(motion, finer))
-        better = described(motion, known, result.error, samples, how, ON_BRANCH)
-        return min(result, better, key=lambda cycle: cycle.multiplier_error)
-    return result
+        better = of(solved(motion, finer, 1e-9))
+        if plain is None or better.multiplier_error < plain.multiplier_error:
+            return better
+    return of(orbit) if plain is None else plain
 
 
 def described(

@@ -6,7 +6,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cache, cached_property
 
 import numpy as np
 from numpy.polynomial import legendre
@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 from pipedyn import _core
 from pipedyn.bifurcation.vector_field import VectorField
 from pipedyn.util.check import Array
-from pipedyn.util.later import scipy
 
 STAGES = 8
 """Stages of the Radau IIA method, which has order 2 STAGES - 1 = 15. Cycles of two pipes take 2.5
@@ -31,6 +30,14 @@ BEFORE = 1e-10
 """Phase by which an interval ends before a kink, so that its last stage, at its end, has the slopes
 of the forces before. What the next interval misses is this times their jump, below rounding; kinks
 are found to some 1e-14."""
+
+KINK_SAMPLES = 16
+"""Of an interval, between which kinks are looked for: two that lie closer are no more than a short
+stretch of other slopes."""
+
+MOST_SECANTS, KINK_ERROR = 30, 1e-12
+"""To find kinks, five or six of which mostly do, and the change of phase that is the last: the next
+would be far smaller."""
 
 _X: Array = np.sort(legendre.legroots([0.0] * (STAGES - 1) + [-1.0, 1.0]).real)
 _X[-1] = 1.0
@@ -55,11 +62,28 @@ def both_integrals(at: Array) -> tuple[Array, Array]:
     return basis[:, :-1] @ _INTEGRATED[1], basis @ _INTEGRATED[2]
 
 
+@cache
+def _equal_parts(parts: int) -> tuple[Array, Array, Array]:
+    """Beginnings of equal parts of an interval of length 1, (k,), and `both_integrals` to them."""
+    begins = np.linspace(0.0, 1.0, parts + 1)[:-1]
+    return begins, *both_integrals(begins)
+
+
 ONCE = integrals(NODES, 1)
 """Integrals from 0 to each stage, shape (s, s)."""
 
 TWICE: Array = ONCE @ ONCE
 """Integrals of these, shape (s, s)."""
+
+
+BETWEEN: Array = 0.5 * (np.append(0.0, NODES[:-1]) + NODES)
+"""Places half-way between the stages, the first of them between the beginning and the first stage,
+shape (s,)."""
+
+RATES_BETWEEN = integrals(BETWEEN, 0)
+"""Values there of the polynomial through values at the stages, shape (s, s)."""
+
+_INTEGRALS_BETWEEN = both_integrals(BETWEEN)
 
 
 @dataclass(frozen=True)
@@ -115,29 +139,36 @@ class PeriodicOrbit:
         p = self.starts[:, : self.half]
         return float((2.0 * np.abs(p) if self.symmetric else np.ptp(p, axis=0)).max())
 
-    @property
+    @cached_property
     def durations(self) -> Array:
         """Times that the intervals take, shape (M,)."""
-        return np.diff(self.edges) / self.frequency
+        return (self.edges[1:] - self.edges[:-1]) / self.frequency
 
     def stages(self) -> Array:
         """States at the stages, shape (M, s, 2 moving)."""
-        return self._at_nodes(NODES, ONCE, TWICE)
+        return self._at_nodes(NODES, ONCE, TWICE).transpose(1, 2, 0)
+
+    def stage_columns(self) -> Array:
+        """The same, in columns, shape (2 moving, M s)."""
+        return self._at_nodes(NODES, ONCE, TWICE).reshape(2 * self.half, -1)
+
+    def states_between(self) -> Array:
+        """States at `BETWEEN` in all intervals, in columns, shape (2 moving, M s)."""
+        return self._at_nodes(BETWEEN, *_INTEGRALS_BETWEEN).reshape(2 * self.half, -1)
 
     def ends(self) -> Array:
         """States where intervals end, shape (M, 2 moving)."""
-        return self._at_nodes(NODES[-1:], ONCE[-1:], TWICE[-1:])[:, 0]
+        return self._at_nodes(NODES[-1:], ONCE[-1:], TWICE[-1:])[..., 0].T
 
     def _at_nodes(self, nodes: Array, once: Array, twice: Array) -> Array:
-        """States at some of the stages, shape (M, k, 2 moving)."""
-        h, half, k = self.durations[:, None, None], self.half, nodes.size
-        sums = np.concatenate([twice, once]) @ self.rates
-        y = np.empty((len(self.starts), k, 2 * half))
-        start = self.starts[:, None]
-        y[..., :half] = start[..., :half] + h * (
-            nodes[:, None] * start[..., half:] + h * sums[:, :k]
-        )
-        y[..., half:] = start[..., half:] + h * sums[:, k:]
+        """States at places in all intervals, shape (2 moving, M, k)."""
+        h, half, k = self.durations[:, None], self.half, nodes.size
+        rates = self.rates.transpose(2, 0, 1).reshape(-1, STAGES)
+        sums = (rates @ np.concatenate([twice, once]).T).reshape(half, -1, 2 * k)
+        start = self.starts.T[..., None]
+        y = np.empty((2 * half, len(self.starts), k))
+        y[:half] = start[:half] + h * (nodes * start[half:] + h * sums[..., :k])
+        y[half:] = start[half:] + h * sums[..., k:]
         return y
 
     def states(self, phase: Array) -> Array:
@@ -147,11 +178,21 @@ class PeriodicOrbit:
             *(_INTEGRATED[1], _INTEGRATED[2], phase),
         )
 
+    def sampled(self, parts: int) -> tuple[Array, Array]:
+        """Phases at the ends of equal parts of the intervals, (M parts + 1,), and states there.
+
+        These are [p, p'], shape (2 moving, M parts + 1).
+        """
+        phase = divided(self.edges, np.full(len(self.starts), parts))
+        y = self._at_nodes(*_equal_parts(parts)).reshape(2 * self.half, -1)
+        return phase, np.concatenate([y, self.mirror * self.starts[:1].T], axis=1)
+
     def defects(self) -> Array:
         """Share of the largest velocity that an interval's last two polynomials add, shape (M,)."""
-        last = np.abs(TO_LEGENDRE[-2:] @ self.rates)
+        rates = self.rates.transpose(0, 2, 1).reshape(-1, STAGES)
+        last = np.abs(rates @ TO_LEGENDRE[-2:].T).sum(axis=1).reshape(-1, self.half)
         velocity = np.abs(self.starts[:, self.half :]).max()
-        return self.durations * last.sum(axis=1).max(axis=1) / velocity
+        return self.durations * last.max(axis=1) / velocity
 
     def packed(self) -> Array:
         """Unknowns: states, rates, frequency and speed, shape (M (2 + s) moving + 2,).
@@ -198,7 +239,7 @@ def coarsest_mesh(symmetric: bool) -> Array:
 
 def stage_phases(edges: Array) -> Array:
     """Phases of the stages, shape (M, s)."""
-    return edges[:-1, None] + np.diff(edges)[:, None] * NODES
+    return edges[:-1, None] + (edges[1:] - edges[:-1])[:, None] * NODES
 
 
 def interpolated(
@@ -262,11 +303,24 @@ def _joined(edges: Array, kinks: Array) -> Array:
 
 
 def _kinks(motion: VectorField, orbit: PeriodicOrbit) -> Array:
-    """Phases at which derivatives of the forces jump, shape (k,)."""
-    phase = divided(orbit.edges, np.full(len(orbit.starts), 8))
-    signed = motion.model.kinks(*np.split(orbit.states(phase), 2))
-    if signed.size == 0:
-        return np.empty(0)
-    roots = scipy.interpolate.CubicSpline(phase, signed.T).roots(extrapolate=False)
-    kinks: Array = np.sort(np.concatenate(roots))
-    return kinks[np.isfinite(kinks)] - BEFORE  # NaN marks a point that does not move
+    """Phases at which derivatives of the forces jump, shape (k,), rising.
+
+    What changes sign there is sampled, and zeros between samples are narrowed down by the Illinois
+    method: secants, for which an end that stays counts half.
+    """
+    phase, y = orbit.sampled(KINK_SAMPLES)
+    signed = motion.model.kinks(*np.split(y, 2))
+    positive = signed > 0.0
+    which, before = np.nonzero(positive[:, 1:] != positive[:, :-1])
+    low, high = phase[before], phase[before + 1]
+    below, above = signed[which, before], signed[which, before + 1]
+    every = np.arange(which.size)
+    for _ in range(MOST_SECANTS):
+        last, high = high, (low * above - high * below) / (above - below)
+        if np.abs(high - last).max(initial=0.0) <= KINK_ERROR:
+            break
+        found = motion.model.kinks(*np.split(orbit.states(high), 2))[which, every]
+        crossed = (found > 0.0) != (above > 0.0)
+        low, below = np.where(crossed, last, low), np.where(crossed, above, 0.5 * below)
+        above = found
+    return np.sort(high) - BEFORE
