@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: MIT
 """The book: `sphinx-build -W notebooks <folder>` with the extra "docs"."""
 
+import importlib.util
 import re
 from pathlib import Path
 
@@ -40,7 +41,11 @@ napoleon_custom_sections = ["Source"]
 
 html_theme = "furo"
 html_title = "pipedyn"
-html_static_path = []
+
+# Formulas show without a network: MathJax in one file, with its glyphs, stands beside the pages.
+MATHJAX = Path(importlib.util.find_spec("sphinx-mathjax-offline").origin).parent / "static/mathjax"
+html_static_path = [str(MATHJAX / "tex-svg.js")]
+mathjax_path = "tex-svg.js"
 
 ROOT = Path(__file__).resolve().parent.parent
 

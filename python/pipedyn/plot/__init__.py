@@ -32,9 +32,11 @@ from pipedyn.plot.common import (
     style,
 )
 from pipedyn.plot.cycle_boundary import cycle_boundary
+from pipedyn.plot.exploration import Exploration
 from pipedyn.plot.forced import forced_response, frequency_response, parametric_regions
 from pipedyn.plot.linear import NEUTRAL, dot_stride, frequencies, mode_shapes, root_loci
 from pipedyn.plot.motion import animate, phase_portrait, snapshots, time_history
+from pipedyn.plot.sliders import explore
 from pipedyn.plot.stability_map import boundary, stability_map
 
 __all__ = [
@@ -54,6 +56,7 @@ __all__ = [
     "SPEED_LABEL",
     "TIME_LABEL",
     "VERMILION",
+    "Exploration",
     "Figure",
     "animate",
     "basins",
@@ -63,6 +66,7 @@ __all__ = [
     "convergence",
     "cycle_boundary",
     "dot_stride",
+    "explore",
     "forced_response",
     "frequencies",
     "frequency_response",
