@@ -33,7 +33,7 @@ nb_merge_streams = True
 
 autodoc_member_order = "bysource"
 autodoc_typehints = "none"  # the text says what each argument is
-autodoc_default_options = {"members": True, "show-inheritance": False}
+autodoc_default_options = {"members": True}
 napoleon_google_docstring = True
 napoleon_numpy_docstring = False
 napoleon_attr_annotations = False
@@ -44,7 +44,9 @@ html_title = "pipedyn"
 
 # Formulas show without a network: MathJax in one file, with its glyphs, stands beside the pages.
 MATHJAX = Path(importlib.util.find_spec("sphinx-mathjax-offline").origin).parent / "static/mathjax"
-html_static_path = [str(MATHJAX / "tex-svg.js")]
+html_static_path = [str(MATHJAX / "tex-svg.js"), "book.css"]
+html_css_files = ["book.css"]
+html_theme_options = {"light_css_variables": {"code-font-size": "0.79rem"}}
 mathjax_path = "tex-svg.js"
 
 ROOT = Path(__file__).resolve().parent.parent

@@ -7,7 +7,7 @@ from types import ModuleType as _ModuleType
 from pipedyn.accuracy.choose import Choice, NoModel, choose
 from pipedyn.accuracy.effects import Effect, Relevance, relevant
 from pipedyn.accuracy.trade import Trade, TradeRow, trade
-from pipedyn.bifurcation import continuation
+from pipedyn.bifurcation import follow as continuation
 from pipedyn.bifurcation.attractors import (
     Attractors,
     Basin,
