@@ -157,7 +157,8 @@ def _explained(
         label = f"continuous pipe, steps of {_view(case.pipe).speed(float(step), 3)}"
         handles.append(Line2D([], [], label=label, **DOT))
     if findings.exact is not None:
-        label = f"its critical speed, {_view(case.pipe).speed(findings.exact.speed, 4)}"
+        speed = _view(case.pipe).speed(findings.exact.speed, 4).replace(" = ", "_c = ")
+        label = f"its critical speed, {speed}"
         handles.append(Line2D([], [], label=label, **critical))
     handles += [Line2D([], [], label="onset of the model", **ONSET), *more]
     figure.legend(handles=handles, loc="outside lower center", ncols=2, frameon=False)
