@@ -1,11 +1,23 @@
 # SPDX-License-Identifier: MIT
-"""The command `python -m pipedyn`, given what it must not take."""
+"""The command `pipedyn`: options that it must not take, a pipe in SI units, what it forecasts."""
 
+import csv
+import math
 import re
+from dataclasses import replace
 
 import pytest
 
+import pipedyn as pp
+import pipedyn.__main__ as command
 from pipedyn.__main__ import main
+from pipedyn.paper.analysis import Findings, Row, forecast
+from pipedyn.paper.report import report
+
+HOSE = ["--length", "0.45", "--bending-stiffness", "7.3e-3"]
+MASSES = ["--pipe-mass", "0.19", "--fluid-mass", "0.032"]
+TUBE = ["--length", "1.2", "--youngs-modulus", "3e6", "--outer-diameter", "0.016"]
+TUBE += ["--inner-diameter", "0.012", "--pipe-density", "1150", "--fluid-density", "998"]
 
 
 @pytest.mark.parametrize(
@@ -38,6 +50,31 @@ from pipedyn.__main__ import main
         ),
         (["--workers", "-1"], "argument --workers: must be a whole number from 0 to 64, got '-1'"),
         (["--format", "gif"], "argument --format: invalid choice: 'gif'"),
+        (
+            [*HOSE, *MASSES, "--gamma", "3"],
+            "argument --gamma: is nondimensional and cannot be given with --length, which is in SI",
+        ),
+        (["--beta", "0.2", "--gravity", "9.8"], "argument --beta: is nondimensional and cannot be"),
+        (["--gravity", "9.8"], "argument --length: must be given in SI units"),
+        (HOSE, "argument --pipe-mass: must be given in SI units, or --pipe-density"),
+        (
+            [*HOSE, "--pipe-density", "1150", "--fluid-mass", "0.032"],
+            "argument --outer-diameter: must be given with --pipe-density",
+        ),
+        (
+            [*HOSE, *MASSES, "--fluid-density", "998"],
+            "argument --fluid-density: cannot be given with --fluid-mass",
+        ),
+        (
+            [*HOSE, *MASSES, "--inner-diameter", "0.01"],
+            "argument --inner-diameter: has no part where bending stiffness and masses are given",
+        ),
+        (
+            [*TUBE, "--inner-diameter", "0.02"],
+            "argument --outer-diameter: must be above --inner-diameter, got 0.016 and 0.02",
+        ),
+        ([*TUBE, "--length", "-1"], "argument --length: must lie in (0, 1e+15], got -1.0"),
+        ([*TUBE, "--highest", "1e4"], "argument --highest: must lie in (0, 20.1471], got"),
         (["--bet", "0.3"], "unrecognized arguments: --bet 0.3"),
     ],
     ids=lambda words: " ".join(words)[:40] if isinstance(words, list) else "",
@@ -49,5 +86,95 @@ def test_a_bad_option_ends_the_command_with_one_line(words, said, tmp_path, monk
     assert stopped.value.code == 2
     out, err = capsys.readouterr()
     assert out == ""
-    assert re.fullmatch(rf"python -m pipedyn: error: {re.escape(said)}.*\n", err), err
+    assert re.fullmatch(rf"pipedyn: error: {re.escape(said)}.*\n", err), err
     assert words[0] == "--output" or not list(tmp_path.rglob("*.*"))
+
+
+def case_of(words, tmp_path):
+    return command._parsed([*words, "--output", str(tmp_path)])
+
+
+def test_a_pipe_in_si_units_is_that_of_from_si(tmp_path):
+    more = ["--gravity", "-9.81", "--damping-time", "2e-3", "--alpha", "0.5"]
+    pipe = case_of([*HOSE, *MASSES, *more], tmp_path).pipe
+    assert pipe == pp.Pipe.from_si(
+        length=0.45,
+        bending_stiffness=7.3e-3,
+        pipe_mass=0.19,
+        fluid_mass=0.032,
+        gravity=-9.81,
+        damping_time=2e-3,
+        alpha=0.5,
+    )
+
+
+def test_material_and_diameters_give_the_tubes_stiffness_and_masses(tmp_path):
+    """Of a ring of radii 6 and 8 mm: I = pi (b^4 - a^4) / 4, areas pi (b^2 - a^2) and pi a^2."""
+    a, b = 0.006, 0.008
+    pipe = case_of(TUBE, tmp_path).pipe
+    wall, bore = 1150.0 * math.pi * (b**2 - a**2), 998.0 * math.pi * a**2
+    stiffness = 3e6 * math.pi * (b**4 - a**4) / 4.0
+    assert pipe.beta == pytest.approx(bore / (wall + bore), rel=1e-14)
+    assert pipe.gamma == pytest.approx(9.81 * 1.2**3 * (wall + bore) / stiffness, rel=1e-14)
+    assert pipe.speed_si(1.0) == pytest.approx(math.sqrt(stiffness / bore) / 1.2, rel=1e-14)
+
+
+def test_the_highest_speed_of_a_pipe_in_si_units_is_in_metres_per_second(tmp_path):
+    case = case_of([*TUBE, "--highest", "7.5"], tmp_path)
+    assert case.pipe.speed_si(case.highest) == pytest.approx(7.5, rel=1e-14)
+    assert case_of(["--highest", "7.5"], tmp_path).highest == 7.5
+
+
+def test_the_table_of_a_pipe_in_si_units_is_in_metres_per_second_and_hertz(tmp_path):
+    """The numbers come from omega / (2 pi T) and V = u sqrt(EI / mu_f) / L by hand."""
+    case = case_of([*HOSE, *MASSES], tmp_path)
+    exact = pp.critical_speed(pp.Continuum(case.pipe))
+    chain = pp.critical_speed(pp.Chain(case.pipe, 4))
+    findings = Findings(highest=8.0, exact=exact, rows=[Row("chain", "rayleigh", 4, chain)])
+    speed = exact.speed * math.sqrt(7.3e-3 / 0.032) / 0.45
+    hertz = exact.frequency / (0.45**2 * math.sqrt(0.222 / 7.3e-3)) / (2.0 * math.pi)
+    said = report(case, findings)
+    assert "V_c (m/s)  f_c (Hz)" in said
+    assert f"{speed:.7f}  {hertz:.6f}  flutter" in said
+    command.written(case, findings, command._table_saver(case, findings))
+    with (tmp_path / "critical-speeds.csv").open(encoding="utf-8") as stream:
+        (first, *_) = csv.DictReader(stream)
+    assert float(first["speed (m/s)"]) == pytest.approx(speed, rel=1e-14)
+    assert float(first["frequency (Hz)"]) == pytest.approx(hertz, rel=1e-14)
+    assert float(first["speed"]) == exact.speed
+    plain = replace(case, pipe=replace(case.pipe, scales=None))
+    assert f"{exact.speed:.7f}" in report(plain, findings)
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ["--speeds", "722"],
+        ["--highest", "40"],
+        ["--chain", *"246", "200"],
+        ["--reduced", *"24", "60"],
+        ["--springs", "rayleigh", "consistent", "midpoint"],
+        ["--workers", "0"],
+    ],
+    ids=" ".join,
+)
+def test_the_forecast_grows_with_what_is_asked(words, tmp_path, monkeypatch):
+    monkeypatch.setattr("os.cpu_count", lambda: 2)
+    usual = ["--workers", "2"]
+    assert forecast(case_of(usual + words, tmp_path)) > forecast(case_of(usual, tmp_path))
+
+
+def test_the_forecast_is_said_before_anything_is_computed(tmp_path, monkeypatch, capsys):
+    def gather(case, executor):
+        raise InterruptedError("nothing is computed")
+
+    monkeypatch.setattr(command, "gather", gather)
+    for words, said in (
+        ([], r"pipedyn: takes about \d+ s if 2 cores are free\n"),
+        (["--quiet"], ""),
+    ):
+        with pytest.raises(InterruptedError):
+            main([*words, "--workers", "2", "--output", str(tmp_path)])
+        out, err = capsys.readouterr()
+        assert out == ""
+        assert re.fullmatch(said, err), err

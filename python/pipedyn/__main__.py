@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: MIT
 """The paper's modal analysis in one command: figures 2 and 3, convergence, stability map, table.
 
+It has no subcommands: other questions are asked of a model, in as few words of Python.
+
 All results are computed first, on a few threads. Then the figures and the table are written.
 What cannot be computed is left out and named at the end on stderr. The exit status is then 1.
 """
@@ -25,10 +27,19 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from pipedyn import plot
 from pipedyn.models.chain import SPRING_RULES
 from pipedyn.models.galerkin import BASES
-from pipedyn.models.pipe import FLOWS, Pipe
-from pipedyn.paper.analysis import HIGHEST_SPEED, LEAST_HIGHEST, Case, Findings, gather
-from pipedyn.paper.report import BEFORE_MAPS, HEADER, Draw, map_figure, report, table
+from pipedyn.paper.analysis import (
+    HIGHEST_SPEED,
+    LEAST_HIGHEST,
+    Case,
+    Findings,
+    forecast,
+    gather,
+)
+from pipedyn.paper.pipe_options import add_pipe_options, taken_pipe
+from pipedyn.paper.report import BEFORE_MAPS, HEADER, SI_HEADER, Draw, map_figure, report, table
 from pipedyn.util import check
+
+PROGRAM = "pipedyn"
 
 
 class _Parser(argparse.ArgumentParser):
@@ -40,26 +51,19 @@ class _Parser(argparse.ArgumentParser):
 
 def _parsed(arguments: Sequence[str] | None) -> Case:
     parser = _Parser(
-        prog="python -m pipedyn",
+        prog=PROGRAM,
         description="Modal analysis of a pipe conveying fluid: articulated chains, reduced models "
         "and the continuous pipe. Writes root loci (figure 2 of the paper), frequencies against "
         "flow speed (figure 3), the convergence of the critical speed, a stability map and a table "
         "of critical speeds. Without options: the paper's case.",
-        epilog="Units: L, mu_p + mu_f and EI are 1, and the flow speed is u = V L sqrt(mu_f / EI). "
+        epilog="Nondimensional: L, mu_p + mu_f and EI are 1, and the flow speed is "
+        "u = V L sqrt(mu_f / EI). "
         "Exit status: 0 if all went well; 1 if something could not be computed or written; then "
         "the rest is kept; 2 for bad arguments.",
         allow_abbrev=False,
     )
     usual = "(default: %(default)s)"
-    add = parser.add_argument_group("pipe").add_argument
-    for name, metavar, default, text in (
-        ("beta", "B", 0.2, "mass ratio in [0, 1)"),
-        ("gamma", "G", 0.0, "gravity; negative when the free end stands above the clamp"),
-        ("alpha", "A", 1.0, "end coefficient, A >= 0: of nozzle or inlet"),
-        ("damping", "D", 0.0, "Kelvin-Voigt damping, D >= 0"),
-    ):
-        add(f"--{name}", type=float, default=default, metavar=metavar, help=f"{text} {usual}")
-    add("--flow", choices=FLOWS, default="ejecting", help=f"direction {usual}")
+    add_pipe_options(parser)
 
     add = parser.add_argument_group("panels of figures 2 and 3").add_argument
     rules: dict[str, Any] = {"choices": SPRING_RULES, "default": ["rayleigh", "consistent"]}
@@ -78,8 +82,8 @@ def _parsed(arguments: Sequence[str] | None) -> Case:
         add(f"--{name}", metavar=metavar, help=text, **several)
     add("--basis", choices=BASES, default="beam", help=f"of the reduced models {usual}")
     text = (
-        f"highest flow speed, 0 < U <= {HIGHEST_SPEED:g} (default: 1.5 times the critical speed, "
-        f"but at least {LEAST_HIGHEST:g})"
+        f"highest flow speed, 0 < u <= {HIGHEST_SPEED:g}; in m/s of a pipe in SI units (default: "
+        f"1.5 times the critical speed, but at least u = {LEAST_HIGHEST:g})"
     )
     add("--highest", type=float, metavar="U", help=text)
     text = f"number of flow speeds, from 2 to 5001 {usual}"  # steps of 0.02 up to the highest
@@ -92,16 +96,16 @@ def _parsed(arguments: Sequence[str] | None) -> Case:
     workers = min(2, os.cpu_count() or 1)
     text = f"threads that share the work; 0: the command's own alone {usual}"
     add("--workers", type=partial(_whole, 0, 64), default=workers, metavar="K", help=text)
-    add("--quiet", dest="progress", action="store_false", help="show no progress on stderr")
+    add("--quiet", dest="progress", action="store_false", help="say nothing on stderr but errors")
 
     words = sys.argv[1:] if arguments is None else arguments
     given = vars(parser.parse_args([_positional(word) for word in words]))
     try:
-        numbers = {name: given.pop(name) for name in ("beta", "gamma", "flow", "alpha", "damping")}
-        pipe = Pipe(**numbers)
+        pipe = taken_pipe(given)
         if given["highest"] is not None:
-            bounds: dict[str, Any] = {"low": 0.0, "high": HIGHEST_SPEED, "open_low": True}
-            check.real("argument --highest:", given["highest"], **bounds)
+            unit = 1.0 if pipe.scales is None else pipe.scales.speed
+            bounds: dict[str, Any] = {"low": 0.0, "high": HIGHEST_SPEED * unit, "open_low": True}
+            given["highest"] = check.real("argument --highest:", given["highest"], **bounds) / unit
         for name in ("chain", "reduced"):
             sizes = given[f"{name}_sizes"] = sorted(set(given[f"{name}_sizes"]))
             if len(sizes) > 5:  # panels of 2 inches
@@ -171,12 +175,12 @@ def written(case: Case, findings: Findings, savers: dict[str, Saver]) -> list[Pa
     return paths
 
 
-def _table_saver(findings: Findings) -> dict[str, Saver]:
+def _table_saver(case: Case, findings: Findings) -> dict[str, Saver]:
     def save(path: Path) -> None:
         with path.open("w", newline="", encoding="utf-8") as stream:
             writer = csv.writer(stream)
-            writer.writerow(HEADER)
-            writer.writerows(table(findings))
+            writer.writerow(HEADER if case.pipe.scales is None else HEADER + SI_HEADER)
+            writer.writerows(table(case.pipe, findings))
 
     return {"critical-speeds.csv": save}
 
@@ -192,11 +196,15 @@ def _figure_saver(case: Case, findings: Findings, name: str, draw: Draw) -> dict
 def main(arguments: Sequence[str] | None = None) -> int:
     """The command; returns its exit status."""
     case = _parsed(arguments)
+    if case.progress:
+        seconds = f"{forecast(case):.1g}" if forecast(case) < 10.0 else f"{forecast(case):.2g}"
+        words = f"takes about {seconds} s if {max(case.workers, 1)} cores are free"
+        print(f"{PROGRAM}: {words}", file=sys.stderr, flush=True)
     # Nine tenths of the time are spent in the core, which other threads need not wait for.
     with ThreadPoolExecutor(case.workers) if case.workers else nullcontext() as executor:
         stages = gather(case, executor)
         findings = next(stages)
-        savers = _table_saver(findings)
+        savers = _table_saver(case, findings)
         for name, draw in BEFORE_MAPS.items():
             savers |= _figure_saver(case, findings, name, draw)
         paths = written(case, findings, savers)
@@ -206,7 +214,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     print("\nWritten: " + ", ".join(map(str, paths)))
     if findings.failures:
         missing = f"{len(findings.failures)} not computed or written, the first:"
-        print(f"python -m pipedyn: {missing} {findings.failures[0]}", file=sys.stderr)
+        print(f"{PROGRAM}: {missing} {findings.failures[0]}", file=sys.stderr)
         return 1
     return 0
 

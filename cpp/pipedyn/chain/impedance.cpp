@@ -232,9 +232,8 @@ struct Motion {
 
   /// From the segment before and what loads turn this one by, none by a difference of the others.
   /// by_joint: W of the step, or H + a U^2 for the left vector; by_end: p - l by_joint.
-  [[gnu::always_inline]] void move(double l, const Lanes& share, const Lanes& elastic,
-                                   const Lanes& r, const Lanes& by_joint, const Lanes& by_end,
-                                   const Lanes& loaded) {
+  PIPEDYN_INLINE void move(double l, const Lanes& share, const Lanes& elastic, const Lanes& r,
+                           const Lanes& by_joint, const Lanes& by_end, const Lanes& loaded) {
     joint = end;
     turn = loaded - (r * angle + by_joint * joint) * share;
     end = l * loaded + (by_end * joint + l * (elastic * angle)) * share;
@@ -259,8 +258,7 @@ struct LoadBeyond {
 struct Rates {
   Lanes mass, flow, damping;  // times 2 lambda, sqrt(beta) U and 1
 
-  [[gnu::always_inline]] void add(const ImpedanceSegment& at, const Motion& dual,
-                                  const Motion& motion) {
+  PIPEDYN_INLINE void add(const ImpedanceSegment& at, const Motion& dual, const Motion& motion) {
     const double l = at.length;
     const Lanes &x = motion.joint, &angle = motion.angle, &y = dual.joint, &other = dual.angle;
     mass += y * (at.force.square * x + at.turned.square * angle) +

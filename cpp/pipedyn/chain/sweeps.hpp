@@ -140,7 +140,7 @@ struct Thrust {
 
  private:
   /// Apart from the sweeps, whose registers it would take.
-  [[gnu::noinline]] void turn(const MotionModel& model, const Members<Real>& members) {
+  PIPEDYN_NOINLINE void turn(const MotionModel& model, const Members<Real>& members) {
     double angle[width] = {}, sine[width], cosine[width];
     store(angle, members.row(model.size - 1));
     sincos(angle, lanes<Real>, sine, cosine);
@@ -187,9 +187,9 @@ struct LoadPower {
 
 /// See `add_loads`. drives: whether the batch's drive does.
 template <bool drives, class Real>
-[[gnu::noinline]] LoadPower<Real> add_all_loads(const MotionModel& model,
-                                                const Members<Real>& members,
-                                                const Sweep<Real>& sweep) {
+PIPEDYN_NOINLINE LoadPower<Real> add_all_loads(const MotionModel& model,
+                                               const Members<Real>& members,
+                                               const Sweep<Real>& sweep) {
   LoadPower<Real> power;
   const double* const moments = members.batch.moments;
   const Driven<Real> driven = members.drive();
@@ -263,9 +263,8 @@ enum class Outer { nothing, drag, loads };
 /// Rates (2 n, members), and below them the power where it is asked for. Not inlined: beside the
 /// others each would have fewer registers.
 template <class Real, Outer outer, bool keep>
-[[gnu::noinline]] void accelerations(const MotionModel& model, const Members<Real>& members,
-                                     Sweep<Real> sweep, double* rates, bool with_power,
-                                     Kept* kept) {
+PIPEDYN_NOINLINE void accelerations(const MotionModel& model, const Members<Real>& members,
+                                    Sweep<Real> sweep, double* rates, bool with_power, Kept* kept) {
   const Count n = model.size;
   read_state(members, n, sweep);
 

@@ -2,6 +2,7 @@
 #include "pipedyn/linear/chain_roots.hpp"
 
 #include <algorithm>
+#include <numbers>
 #include <tuple>
 
 #include "pipedyn/vector/levels.hpp"
@@ -355,7 +356,7 @@ void separate(const Chain& chain, double u, bool squared, Approximations& roots)
       }
       Values arms(circle_points);
       for (Index k = 0; k < circle_points; ++k) {
-        const double turn = 2.0 * M_PI * (static_cast<double>(k) + 0.5) / circle_points;
+        const double turn = 2.0 * std::numbers::pi * (static_cast<double>(k) + 0.5) / circle_points;
         arms[k] = std::polar(circle_radius * std::abs(centre), turn);
       }
       const Values found = arms * log_derivatives(chain, u, centre + arms, rest);

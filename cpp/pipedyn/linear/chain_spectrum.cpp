@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <limits>
+#include <numbers>
 #include <numeric>
 #include <tuple>
 
@@ -222,7 +223,7 @@ bool ChainSpectrum::has_all_within(double u, const Approximations& roots, std::s
   const Index half = is_far ? arc_points : 2 * arc_points, count = traits.lossy() ? 2 * half : half;
   Values points(count);
   for (Index i = 0; i < count; ++i) {
-    points[i] = std::polar(radius, M_PI * (i + 0.5) / static_cast<double>(half));
+    points[i] = std::polar(radius, std::numbers::pi * (i + 0.5) / static_cast<double>(half));
   }
   const Values rest = points * pipedyn::log_derivatives(chain_, u, points, roots);
   return widest > 1.05 && std::abs(rest.real().mean()) < 0.05;

@@ -31,10 +31,15 @@ namespace {
 using Count = std::ptrdiff_t;
 constexpr Count width = PIPEDYN_WIDTH;
 
+// Width 1 is standard C++, for compilers without GCC's vector extensions and attributes.
 #if PIPEDYN_WIDTH > 1
+#define PIPEDYN_NOINLINE [[gnu::noinline]]
+#define PIPEDYN_INLINE [[gnu::always_inline]]
 typedef double Pack __attribute__((vector_size(8 * PIPEDYN_WIDTH)));
 typedef std::int64_t Bits __attribute__((vector_size(8 * PIPEDYN_WIDTH)));
 #else
+#define PIPEDYN_NOINLINE
+#define PIPEDYN_INLINE
 using Pack = double;
 using Bits = std::int64_t;
 #endif

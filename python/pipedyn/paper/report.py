@@ -20,37 +20,43 @@ from pipedyn.linear.critical_speed import CriticalSpeed
 from pipedyn.models.pipe import Pipe
 from pipedyn.paper.analysis import CHAIN_SIZES, REDUCED_SIZES, Case, Findings, Row, map_top
 from pipedyn.plot.linear import DOT, ONSET
+from pipedyn.plot.units import GROWTH, ROOT_FREQUENCY, SPEED, Units, View
 from pipedyn.util.table import Table
 
 
 def loci_figure(case: Case, findings: Findings) -> plot.Figure:
     """Figure 2."""
     left, right, top = _ranges(findings)
+    view = _view(case.pipe)
+    rate = view.one(GROWTH)
     picture = partial(plot.root_loci, benchmark=findings.benchmark, highest=findings.highest)
-    figure, bar = _panels(case, findings, picture, plot.SPEED_LABEL, (left, right), top)
+    across = (rate * left, rate * right)
+    figure, bar = _panels(case, findings, picture, view.label(SPEED), across, rate * top)
     if findings.exact is not None:
         for ax in figure.axes:
             if ax is bar:
-                ax.axhline(findings.exact.speed, **CRITICAL_LINE)
+                ax.axhline(view.one(SPEED) * findings.exact.speed, **CRITICAL_LINE)
             else:
-                ax.plot([0.0], [findings.exact.frequency], **CRITICAL_POINT)
-    return _explained(figure, findings, CRITICAL_POINT)
+                ax.plot([0.0], [rate * findings.exact.frequency], **CRITICAL_POINT)
+    return _explained(case, figure, findings, CRITICAL_POINT)
 
 
 def frequency_figure(case: Case, findings: Findings) -> plot.Figure:
     """Figure 3."""
     left, right, top = _ranges(findings)
-    largest, end = max(-left, right), findings.highest
+    view = _view(case.pipe)
+    largest, end = max(-left, right), view.one(SPEED) * findings.highest
     picture = partial(plot.frequencies, benchmark=findings.benchmark, largest=largest)
     across = (-0.02 * end, 1.02 * end)
-    figure, bar = _panels(case, findings, picture, plot.REAL_LABEL, across, top)
+    top *= view.one(ROOT_FREQUENCY)
+    figure, bar = _panels(case, findings, picture, view.label(GROWTH), across, top)
     if findings.exact is not None:
         for ax in figure.axes:
             if ax is not bar:
-                ax.axvline(findings.exact.speed, zorder=0.6, **CRITICAL_LINE)
+                ax.axvline(view.one(SPEED) * findings.exact.speed, zorder=0.6, **CRITICAL_LINE)
     outline = Line2D([], [], color="0.85", linewidth=2.0, label="unstable: black outline")
     outline.set_path_effects([withStroke(linewidth=4.2, foreground="black")])
-    return _explained(figure, findings, CRITICAL_LINE, outline)
+    return _explained(case, figure, findings, CRITICAL_LINE, outline)
 
 
 CRITICAL_LINE: dict[str, Any] = {"color": "black", "linestyle": ":", "linewidth": 1.1}
@@ -74,7 +80,9 @@ def map_figure(case: Case, findings: Findings) -> plot.Figure:
     """The stability map."""
     figure, ((ax,),) = plot.panels(1, 1, 6.4, 4.8)
     maps = {rf"$\gamma = {gamma:g}$": found for gamma, found in sorted(findings.maps.items())}
-    plot.stability_map(maps, map_top(findings.exact), findings.exact, ax=ax)
+    plot.stability_map(
+        maps, map_top(findings.exact), findings.exact, units=_units(case.pipe), ax=ax
+    )
     ax.set_xlim(0.0, 1.0)
     ax.set_title(f"Stability boundaries of the continuous pipe, {_flow(case.pipe)}")
     return figure
@@ -111,7 +119,7 @@ def _panels(
         if loci is None:
             ax.text(0.5, 0.5, "not computed", transform=ax.transAxes, ha="center")
         else:
-            picture(loci, ax=ax)
+            picture(loci, units=_units(case.pipe), ax=ax)
             beyond = _beyond(ax, across, top)
             ax.text(0.97, 0.96, beyond, transform=ax.transAxes, ha="right", va="top", size=6.5)
         ax.label_outer()
@@ -121,7 +129,8 @@ def _panels(
         ax.yaxis.set_in_layout(j == 0)
         for spine in ax.spines.values():
             spine.set_in_layout(False)
-    figure.suptitle(f"{_title(case.pipe)}; all quantities nondimensional", fontsize=9.0)
+    named = "" if _view(case.pipe).si else "; all quantities nondimensional"
+    figure.suptitle(f"{_title(case.pipe)}{named}", fontsize=9.0)
     shown = plot.colour_bar(bar, ax=axes)
     axes[0, 0].set_xlim(across)
     axes[0, 0].set_ylim(-0.03 * top, 1.04 * top)
@@ -138,15 +147,18 @@ def _beyond(ax: Any, across: tuple[float, float], top: float) -> str:
     return "\n".join(["outside:", *ends]).replace("-", "\u2212") if ends else ""
 
 
-def _explained(figure: plot.Figure, findings: Findings, critical: Any, *more: Any) -> plot.Figure:
+def _explained(
+    case: Case, figure: plot.Figure, findings: Findings, critical: Any, *more: Any
+) -> plot.Figure:
     """The figure with a legend below: what the marks are."""
     handles = []
     if findings.benchmark is not None:
         step = findings.benchmark.speeds[plot.dot_stride(findings.benchmark)]
-        label = f"continuous pipe, steps of {step:.3g} in $u$"
+        label = f"continuous pipe, steps of {_view(case.pipe).speed(float(step), 3)}"
         handles.append(Line2D([], [], label=label, **DOT))
     if findings.exact is not None:
-        label = f"its critical speed, $u_c = {findings.exact.speed:.4g}$"
+        speed = _view(case.pipe).speed(findings.exact.speed, 4).replace(" = ", "_c = ")
+        label = f"its critical speed, {speed}"
         handles.append(Line2D([], [], label=label, **critical))
     handles += [Line2D([], [], label="onset of the model", **ONSET), *more]
     figure.legend(handles=handles, loc="outside lower center", ncols=2, frameon=False)
@@ -167,6 +179,20 @@ def _ranges(findings: Findings) -> tuple[float, float, float]:
     left, right, top = np.nanmin(roots.real), np.nanmax(roots.real), np.nanmax(roots.imag)
     margin = 0.2 * max(right - left, 1.0)
     return float(left - margin), float(right + margin), float(max(1.05 * top, 1.0))
+
+
+def _units(pipe: Pipe) -> Units:
+    """SI where the pipe's numbers come from it."""
+    return "nondimensional" if pipe.scales is None else "si"
+
+
+def _view(pipe: Pipe) -> View:
+    return View(_units(pipe), pipe)
+
+
+def _said(pipe: Pipe, u: float) -> str:
+    """A flow speed in a sentence."""
+    return _view(pipe).speed(u, 5).replace("$", "")
 
 
 def _title(pipe: Pipe) -> str:
@@ -191,14 +217,14 @@ def verdict(findings: Findings) -> str:
         sizes = ", ".join(f"{size:g}" for size in fitted.sizes)
         return (
             "The paper's spring rule (rayleigh) does not converge to the continuous pipe: its "
-            f"critical speed tends to {exact.speed * (1.0 + fitted.limit):.5g}, "
-            f"{100.0 * fitted.limit:+.2f} % from the exact {exact.speed:.5g} (extrapolated from "
-            f"n = {sizes})."
+            f"critical speed tends to {_said(exact.pipe, exact.speed * (1.0 + fitted.limit))}, "
+            f"{100.0 * fitted.limit:+.2f} % from the exact {_said(exact.pipe, exact.speed)} "
+            f"(extrapolated from n = {sizes})."
         )
     return "The sizes computed do not show whether the paper's spring rule (rayleigh) converges."
 
 
-def instabilities(findings: Findings) -> str:
+def instabilities(pipe: Pipe, findings: Findings) -> str:
     """At which speeds instabilities of the continuous pipe begin and end."""
     exact = findings.exact
     start = ""
@@ -207,13 +233,14 @@ def instabilities(findings: Findings) -> str:
     elif exact is not None and exact.speed == 0.0:
         start = "The smallest flow makes the pipe unstable. "
     found = [
-        f"u = {c.speed:.5g} ({c.kind}, mode {c.mode}, {'begins' if c.destabilising else 'ends'}"
-        f"{'' if c.unstable_after else '; stable beyond'})"
+        f"{_said(pipe, c.speed)} ({c.kind}, mode {c.mode}, "
+        f"{'begins' if c.destabilising else 'ends'}{'' if c.unstable_after else '; stable beyond'})"
         for c in findings.crossings
         if c.speed > 0.0
     ]
     listed = textwrap.shorten(", ".join(found), 500, placeholder=" ...") or "none"
-    return f"{start}Instabilities of the continuous pipe, 0 < u <= {findings.highest:g}: {listed}."
+    end = _said(pipe, findings.highest)
+    return f"{start}Instabilities of the continuous pipe up to {end}: {listed}."
 
 
 def second_mode(findings: Findings) -> list[str]:
@@ -256,22 +283,30 @@ HEADER = (
 )
 
 
-def table(findings: Findings) -> list[tuple[str, ...]]:
-    """Lines of the table under HEADER, the continuous pipe first; numbers with all digits."""
+SI_HEADER = ("speed (m/s)", "frequency (Hz)")
+"""Further columns of a pipe in SI units."""
+
+
+def table(pipe: Pipe, findings: Findings) -> list[tuple[str, ...]]:
+    """Lines of the table under its headings, the continuous pipe first; numbers with all digits."""
     exact = findings.exact
     first = Row("continuous", "", 0 if exact is None else exact.size, exact, findings.remark)
     lines: list[tuple[str, ...]] = []
     for row in (first, *findings.rows):
         start, found = (row.kind, row.family, str(row.size)), row.critical
+        si = () if pipe.scales is None else ("", "")
         if found is None:
-            lines.append((*start, *[""] * 7, row.remark))
+            lines.append((*start, *[""] * 7, row.remark, *si))
             continue
         error = ""
         if row is not first and exact is not None and exact.speed > 0.0:
             error = f"{100.0 * (found.speed / exact.speed - 1.0):+.6g}"
         speed, rest = repr(found.speed), "yes" if found.stable_at_rest else "no"
         answer = (speed, repr(found.frequency), found.kind, str(found.mode), rest)
-        lines.append((*start, *answer, error, f"{found.error:.1e}", row.remark))
+        if pipe.scales is not None:
+            measured = found.in_si(pipe)
+            si = repr(float(measured.speed)), repr(float(measured.frequency))
+        lines.append((*start, *answer, error, f"{found.error:.1e}", row.remark, *si))
     return lines
 
 
@@ -282,7 +317,9 @@ def report(case: Case, findings: Findings) -> str:
         "reduced": {*case.reduced_sizes, max((*REDUCED_SIZES, *case.reduced_sizes))},
     }
     pipe, rows = case.pipe, []
-    for kind, family, size, speed, frequency, how, mode, _, *errors in table(findings):
+    for kind, family, size, speed, frequency, how, mode, _, *errors in table(pipe, findings):
+        if pipe.scales is not None:
+            *errors, speed, frequency = errors
         if kind not in shown or int(size) in shown[kind]:
             rounded = [f"{float(speed):.7f}", f"{float(frequency):.6f}"] if speed else ["", ""]
             rows.append((f"{kind} {family}", size, *rounded, how, mode, *errors))
@@ -290,9 +327,10 @@ def report(case: Case, findings: Findings) -> str:
         f"Critical speeds: beta = {pipe.beta:g}, gamma = {pipe.gamma:g}, {pipe.flow}, "
         f"alpha = {pipe.alpha:g}, damping = {pipe.damping:g}\n"
     )
-    headings = ("model, springs or basis", "size", "u_c", "omega_c", "kind", "mode", *HEADER[-3:])
+    units = ("u_c", "omega_c") if pipe.scales is None else ("V_c (m/s)", "f_c (Hz)")
+    headings = ("model, springs or basis", "size", *units, "kind", "mode", *HEADER[-3:])
     compared = (
         f"  The map's boundaries are within {findings.map_error:.0e} of those of a smaller basis."
     )
-    notes = ["", verdict(findings), instabilities(findings), *second_mode(findings), compared]
+    notes = ["", verdict(findings), instabilities(pipe, findings), *second_mode(findings), compared]
     return Table(title, headings, rows, numbers=True, notes=notes).text()

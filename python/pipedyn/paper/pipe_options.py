@@ -1,0 +1,131 @@
+# SPDX-License-Identifier: MIT
+"""The command's pipe: options with its nondimensional numbers, or with what was measured in SI."""
+
+from __future__ import annotations
+
+import argparse
+import math
+from collections.abc import Mapping
+from typing import Any
+
+from pipedyn.models.pipe import FLOWS, Pipe
+from pipedyn.util import check
+
+EITHER = ("flow", "alpha")
+"""Options without a unit, of both kinds of pipe."""
+
+NONDIMENSIONAL = {
+    "beta": ("B", 0.2, "mass ratio in [0, 1)"),
+    "gamma": ("G", 0.0, "gravity; negative when the free end stands above the clamp"),
+    "damping": ("D", 0.0, "Kelvin-Voigt damping, D >= 0"),
+}
+"""Metavariable, default and help by name."""
+
+SI = {
+    "length": ("L", None, "length, m"),
+    "bending-stiffness": ("EI", None, "bending stiffness, N m^2"),
+    "youngs-modulus": ("E", None, "in its place: Young's modulus, Pa, with both diameters"),
+    "pipe-mass": ("M", None, "mass of the pipe, kg/m"),
+    "pipe-density": ("RHO", None, "in its place: density, kg/m^3, with both diameters"),
+    "fluid-mass": ("M", None, "mass of the fluid, kg/m"),
+    "fluid-density": ("RHO", None, "in its place: density, kg/m^3, with --inner-diameter"),
+    "outer-diameter": ("D", None, "outer diameter, m"),
+    "inner-diameter": ("D", None, "inner diameter, m"),
+    "gravity": ("G", 9.81, "m/s^2; negative when the free end stands above the clamp"),
+    "damping-time": ("T", 0.0, "stress is E (strain + T d strain / dt), s"),
+}
+"""The same in SI units."""
+
+
+def add_pipe_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options; those of one unit that are not given are None."""
+    usual = "(default: %(default)s)"
+    groups = (
+        ("nondimensional pipe", None, NONDIMENSIONAL),
+        ("pipe in SI units", "Speeds are then in m/s, frequencies in Hz.", SI),
+    )
+    for title, text, options in groups:
+        add = parser.add_argument_group(title, text).add_argument
+        for name, (metavar, default, words) in options.items():
+            words += "" if default is None else f" (default: {default:g})"
+            add(f"--{name}", type=float, metavar=metavar, help=words)
+    add = parser.add_argument_group("pipe, in either units").add_argument
+    text = f"end coefficient, A >= 0: of nozzle or inlet {usual}"
+    add("--alpha", type=float, default=1.0, metavar="A", help=text)
+    add("--flow", choices=FLOWS, default="ejecting", help=f"direction {usual}")
+
+
+def taken_pipe(given: dict[str, Any]) -> Pipe:
+    """The pipe of the options, which are taken out of what was given.
+
+    Raises:
+        ValueError: for numbers out of range, options of both units, or too few or too many.
+    """
+    both = {name: given.pop(name) for name in EITHER}
+    numbers, measured = (
+        {name: value for name in names if (value := given.pop(name.replace("-", "_"))) is not None}
+        for names in (NONDIMENSIONAL, SI)
+    )
+    if not measured:
+        defaults = {name: default for name, (_, default, _) in NONDIMENSIONAL.items()}
+        return Pipe(**(defaults | numbers), **both)
+    if numbers:
+        raise ValueError(
+            f"argument --{next(iter(numbers))}: is nondimensional and cannot be given with "
+            f"--{next(iter(measured))}, which is in SI units"
+        )
+    return Pipe.from_si(**_quantities(measured), **both)
+
+
+def _quantities(measured: Mapping[str, float]) -> dict[str, Any]:
+    """Arguments of `Pipe.from_si` from the options in SI units."""
+    left = dict(measured)
+
+    def needed(name: str, why: str) -> float:
+        if name not in measured:
+            raise ValueError(f"argument --{name}: must be given {why}")
+        left.pop(name, None)
+        bounds: dict[str, Any] = {"low": 0.0, "high": 1e15, "open_low": True}
+        return check.real(f"argument --{name}:", measured[name], **bounds)
+
+    def either(name: str, other: str, factor: Any) -> float:
+        """A quantity that is given as it is, or by a property of the material and the section."""
+        if name in measured and other in measured:
+            raise ValueError(f"argument --{other}: cannot be given with --{name}")
+        if other in measured:
+            return needed(other, "") * float(factor(f"with --{other}"))
+        return needed(name, f"in SI units, or --{other}")
+
+    def section(power: int, why: str) -> float:
+        """D^power - d^power of the wall."""
+        outer, inner = needed("outer-diameter", why), needed("inner-diameter", why)
+        if outer <= inner:
+            raise ValueError(
+                "argument --outer-diameter: must be above --inner-diameter, got "
+                f"{outer:g} and {inner:g}"
+            )
+        return outer**power - inner**power
+
+    found: dict[str, Any] = {
+        "length": needed("length", "in SI units"),
+        "bending_stiffness": either(
+            "bending-stiffness", "youngs-modulus", lambda why: math.pi / 64.0 * section(4, why)
+        ),
+        "pipe_mass": either(
+            "pipe-mass", "pipe-density", lambda why: math.pi / 4.0 * section(2, why)
+        ),
+        "fluid_mass": either(
+            "fluid-mass",
+            "fluid-density",
+            lambda why: math.pi / 4.0 * needed("inner-diameter", why) ** 2,
+        ),
+    }
+    for name in ("gravity", "damping-time"):
+        if name in left:
+            found[name.replace("-", "_")] = left.pop(name)
+    if left:
+        raise ValueError(
+            f"argument --{next(iter(left))}: has no part where bending stiffness and masses are "
+            "given"
+        )
+    return found
