@@ -521,3 +521,25 @@ def test_a_film_is_an_mp4_where_ffmpeg_is(tmp_path, monkeypatch):
     for save in (film.save, lambda path: plot.animate(MOTIONS.cycle, path, ax=small_axes())):
         with pytest.raises(ValueError, match=r"path must end with \.gif or \.html, since ffmpeg"):
             save(path)
+
+
+def test_films_are_of_each_attractor_that_moves(tmp_path):
+    model = pp.Chain(pp.Pipe(0.2), 2)
+    diagram = pp.bifurcation_diagram(model, [3.0, 4.0], brute_force=1)
+    chaotic = dataclasses.replace(diagram.motions[-1], ending="irregular", start=7)
+    diagram = dataclasses.replace(diagram, motions=(*diagram.motions, chaotic))
+    made = plot.films(diagram, 4.0, fps=4.0)
+    assert list(made) == ["cycle 0", "motion from start 7"]
+    assert not plot.films(diagram, 3.0)  # at rest
+    made["cycle 0"].save(tmp_path / "cycle.gif")
+    with Image.open(tmp_path / "cycle.gif") as image:
+        assert image.n_frames == 10
+    made["motion from start 7"]._init_draw()
+    found = pp.attractors(model, 4.0, 2)
+    ((name, film),) = plot.films(found, fps=4.0).items()
+    assert name.startswith("0: cycle, period")
+    film._init_draw()
+    with pytest.raises(ValueError, match="speed must be one of the diagram's speeds"):
+        plot.films(diagram, 3.5)
+    with pytest.raises(TypeError, match="found must be of type BifurcationDiagram, got 3"):
+        plot.films(3)

@@ -12,8 +12,12 @@ from matplotlib.colors import BoundaryNorm, ListedColormap
 from matplotlib.patches import Patch
 
 from pipedyn.bifurcation.attractors import Attractors, Basin
+from pipedyn.bifurcation.diagram import BifurcationDiagram
+from pipedyn.motion.simulate import simulate
 from pipedyn.plot import common
+from pipedyn.plot.motion import Film, animate
 from pipedyn.plot.units import AMPLITUDE, FREQUENCY, GROWTH, TIME, TIP, Quantity, Units, View, rate
+from pipedyn.util import check
 
 FILLS = ("#0072B2", "#F0E442", "#56B4E9", "#8C3B00", "#009E73", "#E9C6DA", "#333333", "#E69F00")
 """Colours of basins. Neighbours in the row differ in lightness, so that they do in grey."""
@@ -25,6 +29,9 @@ MARKERS = ("o", "s", "^", "D", "v", "P", "X", "h")
 
 SMALLEST_VIEW = 0.05
 """Share of the largest value that a section's axes span at least: a cycle's points are points."""
+
+FILMED = 10.0
+"""Time in a film of an irregular motion: some twenty swings of flutter."""
 
 LEAST = 1e-5
 """Part of its highest line below which a spectrum is not shown: what motions err."""
@@ -207,6 +214,52 @@ def spectrum(
     else:
         ax.text(0.5, 0.5, "all are at rest", transform=ax.transAxes, ha="center", va="center")
     return ax
+
+
+def films(
+    found: Attractors | BifurcationDiagram,
+    speed: float | None = None,
+    *,
+    fps: float = 25.0,
+    units: Units = "nondimensional",
+) -> dict[str, Film]:
+    """Films of the attractors that move, by name, each on a figure of its own.
+
+    Of a diagram they are the stable cycles at a speed, and the irregular motions there, which go on
+    for `FILMED` from where they ended.
+
+    Args:
+        found: attractors, or a diagram.
+        speed: flow speed, one of the diagram's.
+        fps: frames a second, as of `animate`.
+        units: "nondimensional", or "si" where the pipe has scales.
+
+    Example:
+        >>> diagram = pp.bifurcation_diagram(pp.Chain(pp.Pipe(0.2), 2), [3.0, 4.0])
+        >>> for name, film in plot.films(diagram, 4.0, fps=5.0).items():
+        ...     film.save(f"{name}.gif")
+
+    Raises:
+        ValueError, TypeError: for bad arguments, and what `animate` refuses.
+    """
+    how: dict[str, Any] = {"fps": fps, "units": units}
+    if isinstance(found, Attractors):
+        moving = [k for k, basin in enumerate(found.basins) if basin.ending != "rest"]
+        view = View(units, found.model.pipe)
+        return {_name(found, k, view): animate(found.basins[k], **how) for k in moving}
+    diagram: BifurcationDiagram = common.check_type("found", found, BifurcationDiagram)
+    speed = check.real("speed", speed, low=0.0)
+    if not np.isclose(diagram.speeds, speed, rtol=1e-12, atol=0.0).any():
+        raise ValueError(f"speed must be one of the diagram's speeds, got {speed:g}")
+    cycles = [one for branch in diagram.cycles for one in branch.at(speed) if one.stable]
+    made = {f"cycle {k}": animate(one, **how) for k, one in enumerate(cycles)}
+    ends = (one for one in diagram.motions if np.isclose(one.speed, speed, rtol=1e-12))
+    for one in ends:
+        if one.ending == "irregular":
+            q, qdot = np.split(one.end, 2)
+            motion = simulate(diagram.model, speed, FILMED, q, qdot)
+            made[f"motion from start {one.start}"] = animate(motion, span=(0.0, FILMED), **how)
+    return made
 
 
 def _shown(found: Any, units: Units) -> tuple[list[Basin], Any, list[str]]:
