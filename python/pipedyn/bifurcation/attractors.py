@@ -241,7 +241,8 @@ def attractors(
         transient: time in T after which a motion that has reached nothing known is recorded.
         duration: time over which it is.
         exponents: whether the largest Lyapunov exponent of irregular motions is computed.
-        rtol: relative tolerance of the motions.
+        rtol: relative tolerance of the motions. Where those of the first batch are on their way,
+            explicit steps take 1e-4 if rtol is less.
         seed: of the random starts, and of the choice of the first batch.
         executor: a `concurrent.futures.Executor`, of which batches are the tasks, instead of the
             threads of this process.

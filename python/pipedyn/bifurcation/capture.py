@@ -7,6 +7,8 @@ over a period is within a radius and later, without having left that, much small
 saddle or follows an unstable cycle beside the attractor does not come nearer. What is so near to
 attract in all directions is tried with motions from beside each attractor, as far away as that;
 where nothing is tried, the motion is a trial of its own and has to come as much nearer as those.
+About an equilibrium there may be a basin in which linear decay is known to win: what is in it comes
+to rest.
 """
 
 from __future__ import annotations

@@ -158,7 +158,9 @@ def bifurcation_diagram(
         duration: time over which they are then recorded, at most.
         exponents: whether the largest Lyapunov exponent of irregular motions is computed, by which
             chaos and quasi-periodic motion are told apart.
-        rtol: relative tolerance of the motions, and of cycles at the speeds given.
+        rtol: relative tolerance of cycles at the speeds given, and of the steps of motions that are
+            recorded, relative to the motion's size. On the way there explicit steps take 1e-4 where
+            rtol is less.
         seed: of the initial states; the first is always a slight bend.
         executor: a `concurrent.futures.Executor`; its tasks are branches of cycles and batches of
             motions.
