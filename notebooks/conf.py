@@ -1,18 +1,19 @@
 # SPDX-License-Identifier: MIT
 """The book: `sphinx-build -W notebooks <folder>` with the extra "docs"."""
 
+import importlib.util
 import re
-import tomllib
 from pathlib import Path
 
 from docutils import nodes
 from sphinx.util import logging
 
+import pipedyn
+
 project = "pipedyn"
 author = "the engineers of pipedyn"
 copyright = "the engineers of pipedyn"  # the name that Sphinx wants
-with (Path(__file__).resolve().parent.parent / "pyproject.toml").open("rb") as file:
-    version = release = tomllib.load(file)["project"]["version"]
+version = release = pipedyn.__version__
 
 extensions = [
     "myst_nb",
@@ -32,7 +33,7 @@ nb_merge_streams = True
 
 autodoc_member_order = "bysource"
 autodoc_typehints = "none"  # the text says what each argument is
-autodoc_default_options = {"members": True, "show-inheritance": False}
+autodoc_default_options = {"members": True}
 napoleon_google_docstring = True
 napoleon_numpy_docstring = False
 napoleon_attr_annotations = False
@@ -40,7 +41,13 @@ napoleon_custom_sections = ["Source"]
 
 html_theme = "furo"
 html_title = "pipedyn"
-html_static_path = []
+
+# Formulas show without a network: MathJax in one file, with its glyphs, stands beside the pages.
+MATHJAX = Path(importlib.util.find_spec("sphinx-mathjax-offline").origin).parent / "static/mathjax"
+html_static_path = [str(MATHJAX / "tex-svg.js"), "book.css"]
+html_css_files = ["book.css"]
+html_theme_options = {"light_css_variables": {"code-font-size": "0.79rem"}}
+mathjax_path = "tex-svg.js"
 
 ROOT = Path(__file__).resolve().parent.parent
 

@@ -44,7 +44,7 @@ def refined(chain: pp.Chain, value: complex) -> complex:
     rows = [
         [mpmath.mpf(float(number)) for number in row]
         for row in zip(
-            *(chain.lengths, chain.centers, chain.gyration_radii, chain.springs), strict=True
+            *(chain.lengths, chain.centres, chain.gyration_radii, chain.springs), strict=True
         )
     ]
 

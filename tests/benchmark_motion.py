@@ -50,7 +50,7 @@ def exact_accelerations(chain: pp.Chain, y: np.ndarray, u: float) -> np.ndarray:
         length, chi, eta, spring, xi = (
             [mpmath.mpf(float(x)) for x in numbers]
             for numbers in (
-                *(chain.lengths, chain.centers, chain.gyration_radii),
+                *(chain.lengths, chain.centres, chain.gyration_radii),
                 *(chain.springs, chain.drag_points),
             )
         )

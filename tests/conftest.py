@@ -3,6 +3,7 @@
 
 import gc
 import os
+import sys
 
 # Before numpy is imported: its matrices here are small, and threads only get in each other's way.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
@@ -24,6 +25,13 @@ def at_level():
     before = _core.vector_level()
     yield _core.set_vector_level
     _core.set_vector_level(before)
+
+
+@pytest.fixture
+def terminal(capsys, monkeypatch):
+    """Captured output that passes for a terminal, to which progress is written."""
+    monkeypatch.setattr(type(sys.stderr), "isatty", lambda self: True)
+    return capsys
 
 
 def pytest_collection_finish():

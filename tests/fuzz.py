@@ -615,7 +615,7 @@ def _chains() -> Iterator[Target]:
         "n": Kind(one_of(3), count(1, 5, 10**6 + 1).bad),
         "springs": Kind(any_of(springs.good, rules), springs.bad),
         "lengths": optional(thirds),
-        "centers": fractions,
+        "centres": fractions,
         "gyration_radii": optional(array(3, (0.01, 0.1), (-1.0,))),
         "drag_points": fractions,
         "base": Kind(one_of(0.0, 0), real((0.0, 0.1), -0.1, 1.0).bad),
@@ -756,7 +756,7 @@ def _scenes() -> Iterator[Target]:
     for part, kinds in {
         modular.Segment: {
             "length": real((0.1, 1.0), 0.0, 1.1),
-            "center": SHARE,
+            "centre": SHARE,
             "gyration_radius": optional(real((0.0, 1.0), -0.1, 1e300)),
             "drag_point": SHARE,
         },

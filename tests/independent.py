@@ -14,7 +14,7 @@ leggauss = cache(np.polynomial.legendre.leggauss)
 
 def lagrangian_equations(
     lengths,
-    centers,
+    centres,
     radii,
     springs,
     beta,
@@ -44,7 +44,7 @@ def lagrangian_equations(
     q, v, a = (sympy.symbols(f"{letter}1:{n + 1}") for letter in "qva")
     length, chi, eta, k, xi = (
         [sympy.Rational(str(x)) for x in numbers]
-        for numbers in (lengths, centers, radii, springs, points or [0] * n)
+        for numbers in (lengths, centres, radii, springs, points or [0] * n)
     )
     beta, gamma, delta, alpha, u, drag = (
         sympy.Rational(str(x)) for x in (beta, gamma, delta, alpha, u, drag)
@@ -156,7 +156,7 @@ def any_chain(n, *seed, **pipe):
         pp.Pipe(0.3, **pipe),
         lengths=0.9 * lengths / lengths.sum(),
         springs=springs,
-        centers=rng.uniform(0.2, 0.8, n),
+        centres=rng.uniform(0.2, 0.8, n),
         gyration_radii=rng.uniform(0.1, 0.5, n) / n,
         drag_points=rng.uniform(0.0, 1.0, n),
         base=0.1,
@@ -207,7 +207,7 @@ def _inertia(chain):
     """
     n, length = chain.dof, chain.lengths
     beyond = length[::-1].cumsum()[::-1] - length
-    arm = chain.centers * length
+    arm = chain.centres * length
     moment = length * (beyond + arm)
     near, far = np.minimum.outer(range(n), range(n)), np.maximum.outer(range(n), range(n))
     coupling = length[near] * moment[far]
@@ -399,7 +399,7 @@ def exact_rates(chain, y, u, digits=60):
         length, spring, chi, eta, xi = (
             [number(x) for x in numbers]
             for numbers in (
-                *(chain.lengths, chain.springs, chain.centers),
+                *(chain.lengths, chain.springs, chain.centres),
                 *(chain.gyration_radii, chain.drag_points),
             )
         )
@@ -616,7 +616,7 @@ def clamp_misfit(chain, value, u):
     beyond = mpmath.mpf(0)  # mass
     for k in reversed(range(chain.dof)):
         length, stiffness = mpmath.mpf(chain.lengths[k]), elastic * mpmath.mpf(chain.springs[k])
-        arm = mpmath.mpf(chain.centers[k]) * length
+        arm = mpmath.mpf(chain.centres[k]) * length
         heavy, following, dragged = square * length, thrust * length, 2 * coriolis * length
         turned = heavy * mpmath.mpf(chain.gyration_radii[k]) ** 2 - following
         turned += length * (coriolis * length + pipe.gamma * (beyond + arm))

@@ -183,9 +183,9 @@ CASES = [
     ("lengths", lambda v: pp.Chain(PIPE, lengths=v), [0.5, 0.6]),
     ("lengths", lambda v: pp.Chain(PIPE, lengths=v, base=0.1), [0.5, 0.5]),
     ("lengths", lambda v: pp.Chain(PIPE, lengths=v, springs="midpoint"), [0.5, 0.5]),
-    *array("centers", lambda v: pp.Chain(PIPE, 3, centers=v), 3, [-0.1, 1.1], optional=True),
-    ("centers", lambda v: pp.Chain(PIPE, 3, centers=v), [0.5, 0.5]),
-    ("centers", lambda v: pp.Chain(PIPE, 2, centers=v, gyration_radii=[0.1, 0.0]), [0.5, 0.0]),
+    *array("centres", lambda v: pp.Chain(PIPE, 3, centres=v), 3, [-0.1, 1.1], optional=True),
+    ("centres", lambda v: pp.Chain(PIPE, 3, centres=v), [0.5, 0.5]),
+    ("centres", lambda v: pp.Chain(PIPE, 2, centres=v, gyration_radii=[0.1, 0.0]), [0.5, 0.0]),
     *array(
         "gyration_radii", lambda v: pp.Chain(PIPE, 3, gyration_radii=v), 3, [-0.1], optional=True
     ),

@@ -378,12 +378,12 @@ def test_an_event_is_named_by_where_the_multiplier_passes(root, mirrored, kind):
 # ------------------------------------------------------------------------------------- machinery
 
 
-def test_branches_on_an_executor_are_the_same(capsys):
+def test_branches_on_an_executor_are_the_same(terminal):
     speeds = [4.0, 5.0]
     alone = pp.bifurcation_diagram(THREE, speeds)
     with ProcessPoolExecutor(1) as executor:
         again = pp.bifurcation_diagram(THREE, speeds, executor=executor, progress=True)
-    assert "cycles" in capsys.readouterr().err
+    assert "cycles" in terminal.readouterr().err
     np.testing.assert_array_equal(again.cycles[0].speeds, alone.cycles[0].speeds)
     np.testing.assert_array_equal(again.cycles[0].amplitudes, alone.cycles[0].amplitudes)
     copy = pickle.loads(pickle.dumps(alone))

@@ -21,7 +21,7 @@ FIRST_BEAM_FREQUENCY = 1.8751040687119612**2
 
 UNEQUAL = {
     "lengths": [0.5, 0.3, 0.2],
-    "centers": [0.4, 0.65, 0.55],
+    "centres": [0.4, 0.65, 0.55],
     "gyration_radii": [0.11, 0.2, 0.05],
     "springs": [3.0, 2.0, 5.0],
 }
@@ -47,7 +47,7 @@ def chains(draw, most=7):
     return pp.Chain(
         pipe,
         lengths=lengths * (1.0 - base) / lengths.sum(),
-        centers=numbers(0.0, 1.0),
+        centres=numbers(0.0, 1.0),
         gyration_radii=numbers(0.01, 0.3),
         springs=numbers(0.0, 50.0),
         base=base,
@@ -97,7 +97,7 @@ def test_kinetic_energy_is_that_of_the_moving_segments(chain):
     expected = np.zeros((chain.dof, chain.dof))
     for j in range(chain.dof):
         centre = np.where(np.arange(chain.dof) < j, chain.lengths, 0.0)
-        centre[j] = chain.centers[j] * chain.lengths[j]
+        centre[j] = chain.centres[j] * chain.lengths[j]
         spin = np.eye(chain.dof)[j] * chain.gyration_radii[j]
         expected += chain.lengths[j] * (np.outer(centre, centre) + np.outer(spin, spin))
     np.testing.assert_allclose(chain.operators().mass, expected, rtol=1e-12, atol=1e-16)
@@ -109,7 +109,7 @@ def test_potential_energy_is_that_of_springs_and_lifted_centres(chain):
     joints = np.eye(chain.dof) - np.eye(chain.dof, k=-1)
     springs = joints.T @ np.diag(chain.springs) @ joints
     beyond = chain.lengths.sum() - np.cumsum(chain.lengths)
-    weight = chain.lengths * (beyond + chain.centers * chain.lengths)
+    weight = chain.lengths * (beyond + chain.centres * chain.lengths)
     ops = chain.operators()
     np.testing.assert_allclose(
         ops.stiffness, springs + chain.pipe.gamma * np.diag(weight), rtol=1e-12, atol=1e-12
@@ -212,7 +212,7 @@ def test_the_recursion_has_the_characteristic_function_of_the_matrices(unequal, 
     arrays = {
         "lengths": 0.9 * lengths / lengths.sum(),
         "base": 0.1,
-        "centers": 0.5 + 0.3 * np.cos(k),
+        "centres": 0.5 + 0.3 * np.cos(k),
         "gyration_radii": 0.1 + 0.05 * np.sin(2 * k),
         "springs": np.where(k == 3, 0.0, n * (1.0 + 0.5 * np.cos(3 * k))),
     }

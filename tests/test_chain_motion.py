@@ -44,7 +44,7 @@ def test_chain_moves_as_the_papers_lagrangian_says(flow, alpha):
     """Three unequal segments, base and all effects, at large states; derived with sympy."""
     arrays = {
         "lengths": [0.45, 0.3, 0.15],
-        "centers": [0.4, 0.65, 0.55],
+        "centres": [0.4, 0.65, 0.55],
         "gyration_radii": [0.11, 0.2, 0.05],
         "springs": [3.0, 2.0, 5.0],
     }
@@ -223,7 +223,7 @@ def exact_energy(chain, y):
     n, pipe = chain.dof, chain.pipe
     total = px = py = vx = vy = before = mpmath.mpf(0)
     for j in range(n):
-        length, chi = mpmath.mpf(chain.lengths[j]), mpmath.mpf(chain.centers[j])
+        length, chi = mpmath.mpf(chain.lengths[j]), mpmath.mpf(chain.centres[j])
         sine, cosine, rate = mpmath.sin(y[j]), mpmath.cos(y[j]), y[n + j]
         dx, dy = length * sine, length * (cosine - 1)
         wx, wy = length * cosine * rate, -length * sine * rate

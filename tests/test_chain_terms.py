@@ -69,14 +69,14 @@ NAMES = {"point_mass": pp.PointMass, "spring": pp.Spring}
 @pytest.fixture(scope="module")
 def three():
     """Three segments as the Lagrangian of `independent` takes them."""
-    lengths, centers, radii, springs, beta, gamma, damping = NUMBERS
+    lengths, centres, radii, springs, beta, gamma, damping = NUMBERS
     terms = [NAMES[law](at, number) for law, at, number in LAWS]
     pipe = pp.Pipe(beta, gamma, damping=damping, drag=0.8, terms=terms)
     points = [0.2, 0.5, 0.7]
     return pp.Chain(
         pipe,
         lengths=lengths,
-        centers=centers,
+        centres=centres,
         gyration_radii=radii,
         springs=springs,
         drag_points=points,

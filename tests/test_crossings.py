@@ -493,7 +493,7 @@ def test_irregular_chains_crossings_account_for_every_unstable_root(seed):
         pipe,
         lengths=lengths,
         springs=n * 10.0 ** random.uniform(-1.0, 1.0, n),
-        centers=random.uniform(0.2, 0.8, n),
+        centres=random.uniform(0.2, 0.8, n),
         gyration_radii=lengths * random.uniform(0.1, 0.5, n),
     )
     counts_meet_the_matrices(chain, 10.0, share=0.75)

@@ -22,9 +22,9 @@ def unstable_in_many_digits(chain, u, digits=50):
     """
     pipe, n = chain.pipe, chain.dof
     with mpmath.workdps(digits):
-        lengths, centers, radii, springs = (
+        lengths, centres, radii, springs = (
             [mpmath.mpf(float(v)) for v in values]
-            for values in (chain.lengths, chain.centers, chain.gyration_radii, chain.springs)
+            for values in (chain.lengths, chain.centres, chain.gyration_radii, chain.springs)
         )
         aspirating = pipe.flow == "aspirating"
         speed = mpmath.mpf(-u if aspirating else u)
@@ -32,8 +32,8 @@ def unstable_in_many_digits(chain, u, digits=50):
         mass, velocity, stiffness = (mpmath.zeros(n) for _ in range(3))
         for k in range(n):
             beyond = mpmath.fsum(lengths[k + 1 :])
-            arm = lengths[k] * beyond + centers[k] * lengths[k] ** 2
-            offset = (centers[k] * lengths[k]) ** 2 + radii[k] ** 2
+            arm = lengths[k] * beyond + centres[k] * lengths[k] ** 2
+            offset = (centres[k] * lengths[k]) ** 2 + radii[k] ** 2
             mass[k, k] = lengths[k] ** 2 * beyond + lengths[k] * offset
             velocity[k, k] += mpmath.sqrt(pipe.beta) * speed * lengths[k] ** 2
             for i in range(k):

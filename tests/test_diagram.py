@@ -72,7 +72,7 @@ def test_motions_that_are_periodic_are_cycles_though_a_period_has_a_dozen_maxima
         assert cycle.amplitude == pytest.approx(0.5 * np.ptp(one.turnings), rel=1e-4)
 
 
-def test_what_a_diagram_takes_is_known_beforehand(capsys):
+def test_what_a_diagram_takes_is_known_beforehand(terminal):
     model, speeds = pp.Galerkin(pp.Pipe(0.2), 3), [5.0, 5.5, 6.0, 6.5]
     given = {"brute_force": 2, "transient": 10.0, "duration": 4.0}
     cost = pp.diagram_cost(model, speeds, **given)
@@ -89,9 +89,9 @@ def test_what_a_diagram_takes_is_known_beforehand(capsys):
         needed = taken[name] - taken["equilibria"]
         assert needed / 3.0 < told < 3.0 * needed
     assert cost.seconds > 0.0
-    assert capsys.readouterr().err == ""
+    assert terminal.readouterr().err == ""
     pp.bifurcation_diagram(model, speeds, cycles=0, progress=True)
-    assert "bifurcation diagram: about" in capsys.readouterr().err
+    assert "bifurcation diagram: about" in terminal.readouterr().err
     stable = pp.diagram_cost(model, [1.0, 2.0])
     assert (stable.cycles, stable.motions) == (0.0, 0.0)
     with pytest.raises(ValueError, match="speeds must be at least 2"):
@@ -110,7 +110,7 @@ def test_what_a_diagram_takes_includes_its_equilibria(monkeypatch):
     assert pp.diagram_cost(pp.Chain(pp.Pipe(0.2), 2), [1.0, 2.0], cycles=0).seconds == 100.0
 
 
-def test_batches_on_an_executor_give_the_same_diagram(diagram, capsys):
+def test_batches_on_an_executor_give_the_same_diagram(diagram, terminal):
     with ThreadPoolExecutor(2) as executor:
         again = pp.bifurcation_diagram(
             *(TWO, SPEEDS),
@@ -123,7 +123,7 @@ def test_batches_on_an_executor_give_the_same_diagram(diagram, capsys):
         )
     for a, b in zip(diagram.motions, again.motions, strict=True):
         np.testing.assert_array_equal(a.turnings, b.turnings)
-    assert "brute force" in capsys.readouterr().err
+    assert "brute force" in terminal.readouterr().err
 
 
 def test_diagram_pickles(diagram):

@@ -140,7 +140,7 @@ def test_chains_of_the_users_own_have_their_exact_spectrum_too():
         pp.Pipe(0.3, gamma=4.0, damping=1e-4),
         lengths=0.9 * lengths / lengths.sum(),
         base=0.1,
-        centers=0.5 + 0.3 * np.cos(k),
+        centres=0.5 + 0.3 * np.cos(k),
         gyration_radii=0.01 + 0.002 * np.sin(2 * k),
         springs=n * (1.0 + 0.5 * np.cos(3 * k)),
     )
@@ -445,7 +445,7 @@ def test_a_node_without_mass_has_roots_that_no_digits_hold_and_says_so():
     chain = pp.Chain(
         pp.Pipe(0.0),
         lengths=[0.3, 0.3, 0.4],
-        centers=[0.0, 1.0, 0.5],
+        centres=[0.0, 1.0, 0.5],
         gyration_radii=[0.0, 0.0, 0.1],
     )
     found = pp.modes(chain, 3.0)

@@ -78,6 +78,22 @@ def test_every_name_of_the_package_is_there_and_documented():
         assert getattr(pp, name).__doc__, name
 
 
+AMERICAN = ("color", "center", "behavior", "neighbor", "ization", "izer", "ized", "gray")
+
+
+def test_public_names_are_spelled_the_british_way():
+    names = set()
+    for module in (pp, pp.plot, pp.modular, pp.continuation):
+        for name, one in inspect.getmembers(module):
+            if str(getattr(one, "__module__", "")).startswith("pipedyn."):
+                names.add(name)
+                names.update(inspect.signature(one).parameters if inspect.isfunction(one) else ())
+                names.update(vars(one) if inspect.isclass(one) else ())
+    assert len(names) > 500
+    public = (name for name in names if not name.startswith("_"))
+    assert [name for name in public if any(word in name.lower() for word in AMERICAN)] == []
+
+
 def test_every_public_name_stands_in_the_reference():
     pages = (PACKAGE.parents[1] / "notebooks" / "reference").glob("*.md")
     words = set(" ".join(page.read_text(encoding="utf-8") for page in pages).split())
@@ -90,11 +106,11 @@ def test_every_public_name_stands_in_the_reference():
         assert [name for name in names if not found[name]] == []
 
 
-def test_progress_needs_no_progress_bar(monkeypatch, capsys):
+def test_progress_needs_no_progress_bar(monkeypatch, terminal):
     """Without tqdm a plain count goes to stderr."""
     monkeypatch.setitem(sys.modules, "tqdm", None)
     pp.root_loci(pp.Chain(pp.Pipe(0.2), 3), [0.0, 1.0, 2.0], count=2, progress=True)
-    err = capsys.readouterr().err
+    err = terminal.readouterr().err
     assert "root loci" in err
     assert "2/2" in err
 

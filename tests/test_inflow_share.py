@@ -18,7 +18,7 @@ import pipedyn as pp
 
 UNEQUAL = {
     "lengths": [0.45, 0.3, 0.15],
-    "centers": [0.4, 0.65, 0.55],
+    "centres": [0.4, 0.65, 0.55],
     "gyration_radii": [0.11, 0.2, 0.05],
     "springs": [3.0, 2.0, 5.0],
 }

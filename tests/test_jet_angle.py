@@ -85,7 +85,7 @@ def test_chain_moves_as_the_papers_lagrangian_with_the_jets_momentum_says():
     """Three unequal segments at large states; derived with sympy."""
     arrays = {
         "lengths": [0.45, 0.3, 0.15],
-        "centers": [0.4, 0.65, 0.55],
+        "centres": [0.4, 0.65, 0.55],
         "gyration_radii": [0.11, 0.2, 0.05],
         "springs": [3.0, 2.0, 5.0],
     }

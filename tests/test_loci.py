@@ -203,12 +203,12 @@ def test_one_speed_is_a_locus_of_one_point():
     assert loci.size == 5
 
 
-def test_progress_changes_nothing_but_stderr(capsys):
+def test_progress_changes_nothing_but_stderr(terminal):
     speeds = np.linspace(0.0, 8.0, 9)
     quiet = pp.root_loci(pp.Chain(PIPE, 5), speeds)
-    assert capsys.readouterr().err == ""
+    assert terminal.readouterr().err == ""
     shown = pp.root_loci(pp.Chain(PIPE, 5), speeds, progress=True)
-    assert "root loci" in capsys.readouterr().err
+    assert "root loci" in terminal.readouterr().err
     np.testing.assert_array_equal(shown.eigenvalues, quiet.eigenvalues)
 
 

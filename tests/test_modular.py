@@ -34,7 +34,7 @@ LOADED = replace(  # places inside segments, on nodes and on the fixed base of s
 UNEQUAL = {
     "lengths": [0.2, 0.25, 0.15, 0.3],
     "springs": [9.0, 4.0, 7.0, 3.0],
-    "centers": [0.4, 0.65, 0.55, 0.3],
+    "centres": [0.4, 0.65, 0.55, 0.3],
     "gyration_radii": [0.05, 0.08, 0.02, 0.1],
     "drag_points": [0.3, 0.5, 0.9, 0.2],
     "base": 0.1,

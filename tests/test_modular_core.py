@@ -25,7 +25,7 @@ def unequal(n, pipe=PIPE, seed=0, **given):
     arguments = {
         "lengths": 0.9 * lengths / lengths.sum(),
         "springs": rng.uniform(0.5, 2.0, n) * n,
-        "centers": rng.uniform(0.2, 0.8, n),
+        "centres": rng.uniform(0.2, 0.8, n),
         "gyration_radii": rng.uniform(0.1, 0.5, n) / n,
         "drag_points": rng.uniform(0.0, 1.0, n),
         "base": 0.1,
@@ -144,7 +144,7 @@ def test_scenes_at_random_move_or_name_what_lacks_inertia():
         modules, terms = list(scene.modules), ()
         if seed % 3 == 0:
             length = modules[n - 1].length
-            modules[n - 1] = md.Segment(length, center=0.0, gyration_radius=0.0)
+            modules[n - 1] = md.Segment(length, centre=0.0, gyration_radius=0.0)
         elif seed % 5:
             terms = scene.pipe.terms
         groups = list(scene.constraints)
@@ -273,7 +273,7 @@ def test_derivatives_of_accelerations_agree_with_differences(kind):
         scene = scene.plus(md.Guide(4), md.Pin(2, 0.1, 0.4))
     if kind == "light":  # the last segment has no inertia but that of a module of the user's own
         modules = list(scene.modules)
-        modules[3] = md.Segment(modules[3].length, center=0.0, gyration_radius=0.0)
+        modules[3] = md.Segment(modules[3].length, centre=0.0, gyration_radius=0.0)
         scene = md.Assembly(PIPE, modules, scene.constraints)
     y = state(scene)
     angles = np.concatenate([np.cumsum(of[2::3]) for of in np.split(y, 2)])

@@ -427,7 +427,7 @@ SEGMENTS = [md.Segment(0.5), md.Segment(0.5)]
 
 def lone_end() -> md.Assembly:
     """Its last segment has no inertia but that of a point mass."""
-    last = md.Segment(0.5, center=0.0, gyration_radius=0.0)
+    last = md.Segment(0.5, centre=0.0, gyration_radius=0.0)
     return md.Assembly(PIPE, [SEGMENTS[0], last, pp.PointMass(1.0, 0.1)], [md.Clamp(), md.Joint(2)])
 
 
@@ -441,7 +441,7 @@ def lone_end() -> md.Assembly:
         (lambda: scene(md.Custom(nodes=(6,), energy=np.sum))(), "Custom: nodes must be at most 4"),
         (lambda: md.TorsionalSpring(1, 1.0, -2.0), "damping of TorsionalSpring must lie in"),
         (lambda: md.Segment(0.0), "length of Segment must lie in [1e-07, 1], got 0.0"),
-        (lambda: md.Segment(0.5, center=1.5), "center of Segment must lie in [0, 1], got 1.5"),
+        (lambda: md.Segment(0.5, centre=1.5), "centre of Segment must lie in [0, 1], got 1.5"),
         (lambda: md.Pin(1, math.nan, 0.0), "x of Pin must lie in [-1000, 1000], got nan"),
         (lambda: md.Joint(1), "segment of Joint must be from 2"),
         (lambda: md.Guide(0), "node of Guide must be from 1"),
@@ -485,7 +485,7 @@ def lone_end() -> md.Assembly:
         (
             lambda: md.Assembly(
                 PIPE,
-                [md.Segment(0.5), md.Segment(0.5, center=0.0, gyration_radius=0.0)],
+                [md.Segment(0.5), md.Segment(0.5, centre=0.0, gyration_radius=0.0)],
                 [md.Clamp(), md.Joint(2)],
             ),
             "phi_2 moves without inertia: give its segment a gyration radius",

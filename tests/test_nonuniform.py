@@ -342,14 +342,14 @@ def test_segments_have_the_mass_the_centre_and_the_inertia_of_their_stretch():
 
         whole, first, second = (moment(power) for power in range(3))
         assert chain.masses[k] == pytest.approx(whole, rel=1e-12)
-        assert chain.centers[k] * length == pytest.approx(first / whole, rel=1e-12)
+        assert chain.centres[k] * length == pytest.approx(first / whole, rel=1e-12)
         radius = np.sqrt(second / whole - (first / whole) ** 2)
         assert chain.gyration_radii[k] == pytest.approx(radius, rel=1e-10)
 
 
 def test_masses_of_the_users_own_are_the_segments():
     uniform = dataclasses.replace(PIPE, mass=None)
-    inertia = {"masses": [0.4, 0.2, 0.5], "centers": [0.4] * 3, "gyration_radii": [0.1] * 3}
+    inertia = {"masses": [0.4, 0.2, 0.5], "centres": [0.4] * 3, "gyration_radii": [0.1] * 3}
     ones, others = (pp.Chain(pipe, 3, **inertia) for pipe in (PIPE, uniform))
     assert ones.masses.tolist() == inertia["masses"]
     assert not ones.approximates_pipe
@@ -358,8 +358,8 @@ def test_masses_of_the_users_own_are_the_segments():
     light = {**inertia, "masses": [0.4, 0.05, 0.5]}
     with pytest.raises(ValueError, match=r"masses must be at least beta = 0\.3 times the length"):
         pp.Chain(PIPE, 3, **light)
-    with pytest.raises(ValueError, match=r"given together or left.*got centers and gyration_radii"):
-        pp.Chain(PIPE, 3, centers=[0.4] * 3, gyration_radii=[0.1] * 3)
+    with pytest.raises(ValueError, match=r"given together or left.*got centres and gyration_radii"):
+        pp.Chain(PIPE, 3, centres=[0.4] * 3, gyration_radii=[0.1] * 3)
     segments = [pp.modular.Segment(0.5), pp.modular.Segment(0.5)]
     parts = [pp.modular.Clamp(), pp.modular.Joint(2)]
     with pytest.raises(ValueError, match=r"mass of each Segment.*none of segment 1"):

@@ -44,6 +44,11 @@ def test_jobs_that_have_not_begun_are_cancelled_where_no_more_answers_are_taken(
     assert [future.cancelled() for future in futures] == [False, True, True, True]
 
 
-def test_progress_is_counted_on_stderr(capsys):
+def test_progress_is_written_to_terminals_alone(capsys):
     assert list(parallel(JOBS[:1], label="numbers", progress=True)) == [3]
-    assert "numbers" in capsys.readouterr().err
+    assert capsys.readouterr().err == ""
+
+
+def test_progress_is_counted_on_stderr(terminal):
+    assert list(parallel(JOBS[:1], label="numbers", progress=True)) == [3]
+    assert "numbers" in terminal.readouterr().err

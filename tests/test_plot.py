@@ -144,6 +144,56 @@ def test_a_folded_boundary_is_one_line_through_all_crossings():
     assert np.abs(np.diff(directions)).max() < 0.1  # no corner that a page shows
 
 
+def side(line):
+    """Points beside the middle of a line, on the side of its ticks and on the other."""
+    at = line.get_xydata()
+    k = len(at) // 2
+    along = at[k] - at[k - 1]
+    left = np.array([-along[1], along[0]]) * 0.01 / np.hypot(*along)
+    (ticks,) = line.get_path_effects()
+    sign = 1.0 if ticks._angle > 0.0 else -1.0
+    middle = 0.5 * (at[k] + at[k - 1])
+    return middle + sign * left, middle - sign * left
+
+
+def test_ticks_of_a_map_point_to_the_unstable_side_and_words_tell_what_divergence_it_is():
+    window = {"beta": (0.1, 0.5), "u": (0.0, 8.0)}
+    buckled = pp.boundary(pp.Chain(pp.Pipe(0.2, -10.0), 4), "beta", "u", window, criticality=False)
+    held = pp.Galerkin(pp.Pipe(0.6, root="pinned", end="pinned"), 4, "beam")
+    pinned = pp.boundary(held, "beta", "u", {**window, "u": (0.0, 4.0)}, criticality=False)
+    lowest = math.inf
+    for found, words in ((buckled, "buckled by its weight below"), (pinned, "divergence above")):
+        ax = plot.stability_map({"a": found}, ax=axes())
+        assert [text.get_text() for text in ax.texts] == [words]
+        for line in shown(ax):
+            unstable, stable = side(line)
+            assert found.unstable(*unstable) > 0 == found.unstable(*stable)
+        labels = [text.get_text() for text in ax.get_legend().get_texts()]
+        assert labels == ["a", "ticks: unstable side"]
+    lowest = min(
+        line.get_ydata().max() for line in shown(plot.stability_map({"a": buckled}, ax=axes()))
+    )
+    assert lowest < 2.0  # the flow straightens the pipe
+
+
+def test_a_map_has_the_label_of_what_was_swept_and_shows_what_failed():
+    def model(length):
+        if length > 1.2:
+            raise pp.NotConverged("too long")
+        return pp.Chain(pp.Pipe(0.3 / length), 3)
+
+    found = pp.stability_curve(model, [0.5, 1.0, 1.5])
+    ax = plot.stability_map({"hose": found}, parameter="length (m)", ax=axes())
+    points, crosses = shown(ax)
+    np.testing.assert_array_equal(points.get_xydata(), np.c_[found.values, found.speeds])
+    assert (crosses.get_marker(), crosses.get_xdata()) == ("x", [1.5])
+    assert ax.get_xlabel() == "length (m)"
+    assert "gravity" in plot.stability_map({"a": STANDING}, ax=axes()).get_xlabel()
+    failed = dataclasses.replace(BOUNDARY, failures=("a curve was not followed",))
+    legend = plot.stability_map({"a": failed}, ax=axes()).get_legend()
+    assert legend.get_texts()[0].get_text() == "a (1 curves with failures)"
+
+
 STANDING = pp.boundary(
     pp.Chain(pp.Pipe(0.2, damping=0.01), 2), "gamma", "u", {"gamma": (-22, 0), "u": (0, 5)}
 )
@@ -267,12 +317,12 @@ def test_the_legend_of_the_convergence_picture_fits_below_and_no_decade_is_empty
 PICTURES = {
     name: inspect.signature(getattr(plot, name)).parameters
     for name in plot.__all__
-    if inspect.isfunction(getattr(plot, name))
+    if inspect.isfunction(getattr(plot, name)) and name != "explore"  # a figure of its own
 }
 OF_RESULTS = {
     name
     for name, parameters in PICTURES.items()
-    if name not in ("colour_bar", "dot_stride", "notice", "panels", "style")
+    if name not in ("colour_bar", "dot_stride", "explore", "films", "notice", "panels", "style")
 }
 """All public functions of `plot` that draw results."""
 
@@ -280,7 +330,13 @@ OF_RESULTS = {
 def test_every_picture_takes_its_axes_last_by_name_and_does_without():
     assert len(OF_RESULTS) >= 21
     for name, parameters in PICTURES.items():
-        if name in ("dot_stride", "panels", "style"):  # draw on nothing
+        if name in (
+            "dot_stride",
+            "explore",
+            "films",
+            "panels",
+            "style",
+        ):  # draw on no Axes of the caller
             continue
         *_, last = parameters.values()
         assert (last.name, last.kind, last.default) == ("ax", last.KEYWORD_ONLY, None), name

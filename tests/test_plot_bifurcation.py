@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 import pipedyn as pp
 from pipedyn import plot
 from pipedyn.bifurcation.branches import CycleEvent
-from pipedyn.plot.bifurcation import A_STEP, _curve
+from pipedyn.plot.bifurcation import A_STEP, smooth
 
 TWO = pp.Chain(pp.Pipe(0.2, -20.0), 2)
 SPEEDS = np.linspace(2.0, 3.0, 5)
@@ -173,12 +173,12 @@ def test_bad_arguments_are_refused_by_name(call, kind, message):
 def test_branches_are_drawn_without_corners_through_their_points():
     """Of a circle with 16 points, whose chords turn by 22.5 degrees."""
     turn = np.linspace(0.0, 1.5 * np.pi, 13)
-    curve = _curve(5.0 + np.cos(turn), np.sin(turn))
+    curve = smooth(5.0 + np.cos(turn), np.sin(turn))
     np.testing.assert_array_equal(curve[::A_STEP], np.stack([5.0 + np.cos(turn), np.sin(turn)]).T)
     pieces = np.diff(curve, axis=0)
     angles = np.unwrap(np.arctan2(pieces[:, 1], pieces[:, 0]))
     assert np.degrees(np.abs(np.diff(angles)).max()) < 5.0
     assert np.abs(np.hypot(curve[:, 0] - 5.0, curve[:, 1]) - 1.0).max() < 0.01
-    straight = _curve(np.array([1.0, 2.0]), np.array([0.0, 0.0]))
+    straight = smooth(np.array([1.0, 2.0]), np.array([0.0, 0.0]))
     assert straight.shape == (A_STEP + 1, 2)
     assert straight[[0, -1], 0].tolist() == [1.0, 2.0]

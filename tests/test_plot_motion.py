@@ -164,12 +164,12 @@ def by_gid(ax, gid):
         ),
         (lambda ax: plot.animate(MOTIONS.cycle, 3), "path must be a path of a file, got 3"),
         (
-            lambda ax: plot.animate(MOTIONS.cycle, "pipe.mp4"),
-            "path must end with .gif and lie in a folder",
+            lambda ax: plot.animate(MOTIONS.cycle, "pipe.avi"),
+            "path must end with .gif, .mp4 or .html and lie in a folder",
         ),
         (
             lambda ax: plot.animate(MOTIONS.cycle, "none/pipe.gif"),
-            "path must end with .gif and lie in a",
+            "path must end with .gif, .mp4 or .html and lie in a",
         ),
         (lambda ax: plot.animate(MOTIONS.cycle, fps=60), "fps must lie in [1, 50], got 60"),
         (lambda ax: plot.animate(MOTIONS.cycle, fps=math.nan), "fps must lie in [1, 50], got nan"),
@@ -448,3 +448,98 @@ def test_a_motion_in_a_varying_flow_is_told_by_its_function():
     motion = pp.simulate(pp.Chain(pp.Pipe(0.2), 2), lambda t: 2.0 + 0.1 * t, 1.0, [0.1, 0.1])
     for draw in (plot.time_history, plot.phase_portrait, plot.snapshots):
         assert draw(motion).get_title().startswith("$u(t)$, ejecting")
+
+
+@pytest.mark.parametrize(
+    ("model", "u", "duration", "start"),
+    [
+        (pp.Chain(pp.Pipe(0.2), 3), 9.0, 30.0, lambda s: 0.1 * s),
+        (pp.Chain(pp.Pipe(0.2), 20), 0.0, 2.0, np.full(20, 0.1)),
+        (pp.Chain(pp.Pipe(0.2, flow="aspirating", damping=0.001), 20), 3.0, 5.0, np.full(20, 0.1)),
+        (pp.Chain(pp.Pipe(0.5, -20.0, drag=0.5), 100), 6.0, 0.01, np.full(100, 0.1)),
+        (pp.Galerkin(pp.Pipe(0.2), 8), 3.0, 0.5, lambda s: 0.1 + 0.0 * s),
+    ],
+    ids=["chaos", "undamped", "aspirating", "long chain", "reduced"],
+)
+def test_a_default_motion_is_drawn_by_every_picture(model, u, duration, start):
+    motion = pp.simulate(model, u, duration, start)
+    for draw in plot.time_history, plot.phase_portrait, plot.snapshots:
+        assert draw(motion, ax=axes())
+    plot.animate(motion, fps=5.0, ax=small_axes())._init_draw()
+    least = max(501, math.ceil(40.0 * duration) + 1)
+    parts, rest = divmod(motion.t.size - 1, least - 1)
+    assert (parts, rest) == (1 << (parts.bit_length() - 1), 0)
+    asked = pp.simulate(model, u, duration, start, samples=least)
+    np.testing.assert_array_equal(asked.q, motion.q[::parts])
+    assert asked.evaluations == motion.evaluations
+    if parts > 1:
+        with pytest.raises(ValueError, match="ask `simulate` for more `samples=`"):
+            plot.phase_portrait(asked, ax=axes())
+
+
+def test_a_slow_motion_has_no_more_samples_than_it_needs():
+    assert pp.simulate(CHAIN, 6.0, 30.0, bend).t.size == 1201
+
+
+def test_a_limit_cycle_and_what_a_basin_ends_on_are_shown_as_motions():
+    cycle = pp.limit_cycle(CHAIN, 6.0)
+    ax = small_axes()
+    plot.animate(cycle, fps=4, ax=ax)._init_draw()
+    (trace,) = by_gid(ax, "trace")
+    ends = np.column_stack(trace.get_data())[[0, -1]]
+    np.testing.assert_allclose(ends[0], ends[1], atol=1e-6)  # one period, which closes
+    assert "a cycle of" in plot.snapshots(cycle, ax=axes()).get_title()
+    found = pp.attractors(pp.Chain(pp.Pipe(0.2), 2), 4.0, 2)
+    (line,) = [
+        line
+        for line in plot.time_history(found.basins[0], ax=axes()).lines
+        if line.get_label().startswith("$u")
+    ]
+    assert np.ptp(line.get_ydata()) == pytest.approx(2.0 * found.basins[0].amplitude, rel=1e-3)
+
+
+def test_a_film_is_a_page_with_a_player_of_all_its_frames(tmp_path):
+    path = tmp_path / "pipe.html"
+    with matplotlib.rc_context({"animation.embed_limit": 1e-6}):
+        plot.animate(MOTIONS.cycle, path, fps=4, ax=small_axes())
+    page = path.read_text(encoding="utf-8")
+    assert page.startswith("<!DOCTYPE html>")
+    assert page.count("data:image/png;base64") == 10
+    assert "checked" in page[page.index('value="loop"') :][:200]
+
+
+def test_a_film_is_an_mp4_where_ffmpeg_is(tmp_path, monkeypatch):
+    """In place of ffmpeg a program that writes the frames as they come."""
+    program = tmp_path / "ffmpeg"
+    program.write_text('#!/bin/sh\nfor last; do :; done\ncat > "$last"\n')
+    program.chmod(0o755)
+    path = tmp_path / "pipe.mp4"
+    monkeypatch.setitem(matplotlib.rcParams, "animation.ffmpeg_path", str(program))
+    film = plot.animate(MOTIONS.cycle, path, fps=4, ax=small_axes())
+    assert path.stat().st_size == 10 * 100 * 114 * 4  # RGBA; heights of H.264 are even
+    monkeypatch.setitem(matplotlib.rcParams, "animation.ffmpeg_path", str(tmp_path / "none"))
+    for save in (film.save, lambda path: plot.animate(MOTIONS.cycle, path, ax=small_axes())):
+        with pytest.raises(ValueError, match=r"path must end with \.gif or \.html, since ffmpeg"):
+            save(path)
+
+
+def test_films_are_of_each_attractor_that_moves(tmp_path):
+    model = pp.Chain(pp.Pipe(0.2), 2)
+    diagram = pp.bifurcation_diagram(model, [3.0, 4.0], brute_force=1)
+    chaotic = dataclasses.replace(diagram.motions[-1], ending="irregular", start=7)
+    diagram = dataclasses.replace(diagram, motions=(*diagram.motions, chaotic))
+    made = plot.films(diagram, 4.0, fps=4.0)
+    assert list(made) == ["cycle 0", "motion from start 7"]
+    assert not plot.films(diagram, 3.0)  # at rest
+    made["cycle 0"].save(tmp_path / "cycle.gif")
+    with Image.open(tmp_path / "cycle.gif") as image:
+        assert image.n_frames == 10
+    made["motion from start 7"]._init_draw()
+    found = pp.attractors(model, 4.0, 2)
+    ((name, film),) = plot.films(found, fps=4.0).items()
+    assert name.startswith("0: cycle, period")
+    film._init_draw()
+    with pytest.raises(ValueError, match="speed must be one of the diagram's speeds"):
+        plot.films(diagram, 3.5)
+    with pytest.raises(TypeError, match="found must be of type BifurcationDiagram, got 3"):
+        plot.films(3)

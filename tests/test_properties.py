@@ -67,7 +67,7 @@ def chains(draw, pipe, wild=True):
         draw(pipe),
         lengths=lengths * (1.0 - base) / lengths.sum(),
         springs=springs * dice.choice([0.0, 1.0], n, p=[0.05, 0.95]),
-        centers=dice.uniform(0.0, 1.0, n),
+        centres=dice.uniform(0.0, 1.0, n),
         gyration_radii=dice.uniform(0.1, 1.0, n) / n,
         drag_points=dice.uniform(0.0, 1.0, n),
         base=base,
@@ -296,7 +296,7 @@ def test_a_scene_of_a_chain_moves_as_the_chain(chain, u, seed):
     scene = modular.chain(
         *(chain.pipe, chain.dof, chain.springs),
         lengths=chain.lengths,
-        centers=chain.centers,
+        centres=chain.centres,
         gyration_radii=chain.gyration_radii,
         drag_points=chain.drag_points,
         base=chain.base,

@@ -166,9 +166,9 @@ def test_exceptions_pickle_with_what_they_carry():
     assert (str(unfinished), unfinished.result) == ("still moves", [1, 2])
 
 
-def test_progress_is_counted_on_stderr_only(capsys):
+def test_progress_is_counted_on_stderr_only(terminal):
     pp.stability_curve(lambda beta: pp.Chain(pp.Pipe(beta), 4), [0.1, 0.2], progress=True)
-    out, err = capsys.readouterr()
+    out, err = terminal.readouterr()
     assert out == ""
     assert "stability curve" in err
     assert "2/2" in err

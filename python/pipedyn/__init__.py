@@ -7,7 +7,7 @@ from types import ModuleType as _ModuleType
 from pipedyn.accuracy.choose import Choice, NoModel, choose
 from pipedyn.accuracy.effects import Effect, Relevance, relevant
 from pipedyn.accuracy.trade import Trade, TradeRow, trade
-from pipedyn.bifurcation import continuation
+from pipedyn.bifurcation import follow as continuation
 from pipedyn.bifurcation.attractors import (
     Attractors,
     Basin,
@@ -97,7 +97,7 @@ from pipedyn.motion.simulate import (
 )
 from pipedyn.util.archive import load
 
-__version__ = "0.1.0"
+__version__ = "0.2.0"
 
 __all__ = [
     "AddedMass",

@@ -57,6 +57,7 @@ from pipedyn.models.base import Model, NotConverged, PipedynError
 from pipedyn.util import check
 from pipedyn.util.check import Array
 from pipedyn.util.newton import NewtonFailed
+from pipedyn.util.parallel import track
 from pipedyn.util.result import Result, TableResult
 from pipedyn.util.threads import one_thread
 from pipedyn.util.units import SPEED
@@ -190,6 +191,7 @@ class BranchOptions:
     rtol: float  # of the cycles there
     most: int  # steps along one branch
     onsets: tuple[float, ...] = ()  # of flutter, at any of which a branch may end
+    shown: bool = False  # whether steps are counted on stderr
     known: tuple[CycleBranch, ...] = ()  # which one that meets them repeats from there on
 
     def holds(self, u: float) -> bool:
@@ -356,7 +358,10 @@ class _Follower:
         lowest = min(float(speeds[speeds > 0.0][0]), here.u) / BEYOND
         highest = max(float(speeds[-1]), here.u) * BEYOND
         try:
-            steps = followed(self.motion, self.start, FINE)
+            steps = track(
+                *(followed(self.motion, self.start, FINE), None),
+                *(f"cycles {self.how}", self.options.shown),
+            )
             if self.begin is None:
                 last = self._finished(here)
                 if last is not None:

@@ -57,7 +57,7 @@ from pipedyn.util.check import Array
 from pipedyn.util.counters import clock, counted
 from pipedyn.util.later import futures
 from pipedyn.util.newton import NewtonFailed
-from pipedyn.util.parallel import parallel, track
+from pipedyn.util.parallel import parallel, track, watched
 from pipedyn.util.result import Result, TableResult, joined
 from pipedyn.util.threads import one_thread
 
@@ -183,12 +183,14 @@ def bifurcation_diagram(
     model, at, failed, shown = asked.model, asked.speeds, list[Failed](), asked.options.shown
     begun = clock()
     branches, resting = equilibrium_branches(model, at, failed, shown)
-    if shown:
+    if shown and watched():
         cost = _cost(asked, branches, clock() - begun)
         print(f"bifurcation diagram: {cost}", file=sys.stderr)
-    found = _Cycles(model, BranchOptions(at, asked.options.rtol, asked.steps), failed)
+    steps_shown = shown and executor is None  # other processes write over one another
+    options = BranchOptions(at, asked.options.rtol, asked.steps, shown=steps_shown)
+    found = _Cycles(model, options, failed)
     if asked.steps:
-        found.from_onsets(branches, executor, shown)
+        found.from_onsets(branches, executor, shown and not steps_shown)
     motions: tuple[Attractor, ...] = ()
     for some in _sparse_first(at) if asked.starts else ():
         known = _known_solutions(model, some, branches, found.branches)

@@ -1,15 +1,17 @@
 # SPDX-License-Identifier: MIT
 """Pictures of results. Every picture is made on the matplotlib Axes `ax`, and returns it.
 
-`ax` is the last argument; where it is not given, the picture makes a new figure. `animate` returns
-the animation. Colours of magnitudes grow in lightness. Whatever colour distinguishes, line style,
-marker or outline distinguishes too, so that a picture printed in grey loses nothing.
+`ax` is given by name; where it is not, the picture makes a new figure. `units="si"` shows all in SI
+units, where the pipe was made with `Pipe.from_si`; else axes are nondimensional, some with a second
+one in SI units. `animate` returns a film, `films` one of each attractor. Colours of magnitudes grow
+in lightness. Whatever colour distinguishes, line style, marker or outline distinguishes too, so
+that a picture printed in grey loses nothing.
 """
 
 from matplotlib.figure import Figure
 
 from pipedyn.plot.accuracy import FAMILY_STYLES, convergence, trade
-from pipedyn.plot.attractors import basins, poincare_section, spectrum
+from pipedyn.plot.attractors import basins, films, poincare_section, spectrum
 from pipedyn.plot.bifurcation import bifurcation_diagram, multipliers, orbit
 from pipedyn.plot.common import (
     BETA_LABEL,
@@ -32,9 +34,11 @@ from pipedyn.plot.common import (
     style,
 )
 from pipedyn.plot.cycle_boundary import cycle_boundary
+from pipedyn.plot.exploration import Exploration
 from pipedyn.plot.forced import forced_response, frequency_response, parametric_regions
 from pipedyn.plot.linear import NEUTRAL, dot_stride, frequencies, mode_shapes, root_loci
 from pipedyn.plot.motion import animate, phase_portrait, snapshots, time_history
+from pipedyn.plot.sliders import explore
 from pipedyn.plot.stability_map import boundary, stability_map
 
 __all__ = [
@@ -54,6 +58,7 @@ __all__ = [
     "SPEED_LABEL",
     "TIME_LABEL",
     "VERMILION",
+    "Exploration",
     "Figure",
     "animate",
     "basins",
@@ -63,6 +68,8 @@ __all__ = [
     "convergence",
     "cycle_boundary",
     "dot_stride",
+    "explore",
+    "films",
     "forced_response",
     "frequencies",
     "frequency_response",

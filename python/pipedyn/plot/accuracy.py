@@ -40,7 +40,7 @@ COST_LABELS = {
 }
 
 ERROR_LABELS = {
-    "critical_speed": "relative error of the critical speed",
+    "critical_speed": "relative error of critical speed",
     "frequencies": "largest relative error of an eigenvalue",
     "root_loci": "largest relative error of a root on the branches",
     "motion": "largest error of the free end / its largest displacement",
@@ -82,7 +82,7 @@ def convergence(
     common.check_type("exact", exact, CriticalSpeed)
     families = {name: found for name, found in families.items() if found}
     View(units, exact.pipe)
-    ylabel = r"relative error of the critical speed"
+    ylabel = r"relative error of critical speed"
     ax = common.axes(ax, (6.4, 5.2), xlabel="degrees of freedom $n$, $m$", ylabel=ylabel)
     if exact.speed == 0.0:
         return common.notice("The critical speed is 0: there is nothing to converge to.", ax=ax)
@@ -220,12 +220,13 @@ def _points(rows: Sequence[TradeRow], cost: str) -> Array:
 
 def _decades(ax: Axes, low: float, high: float, floor: float) -> None:
     """Axes from the least to the largest error, to the floor where that is near; the legend."""
-    low = min(0.6 * low, 0.3 * floor) if floor > 0.1 * low else 0.6 * low
-    ax.set_ylim(low, 1.7 * high)
+    low = min(low, 0.5 * floor) if floor > 0.1 * low else low
+    room = 1.2 * (high / low) ** 0.03
+    low, high = low / room, high * room
     decades = np.arange(math.floor(math.log10(low)), math.ceil(math.log10(high)) + 1)
     ax.yaxis.set_major_locator(
         FixedLocator((10.0**decades)[:: -math.ceil(decades.size / 12)].tolist())
     )
     ax.yaxis.set_minor_locator(NullLocator())
-    ax.set_ylim(low, 1.7 * high)
+    ax.set_ylim(low, high)
     common.legend_below(ax)

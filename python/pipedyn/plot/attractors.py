@@ -12,8 +12,12 @@ from matplotlib.colors import BoundaryNorm, ListedColormap
 from matplotlib.patches import Patch
 
 from pipedyn.bifurcation.attractors import Attractors, Basin
+from pipedyn.bifurcation.diagram import BifurcationDiagram
+from pipedyn.motion.simulate import simulate
 from pipedyn.plot import common
+from pipedyn.plot.motion import Film, animate
 from pipedyn.plot.units import AMPLITUDE, FREQUENCY, GROWTH, TIME, TIP, Quantity, Units, View, rate
+from pipedyn.util import check
 
 FILLS = ("#0072B2", "#F0E442", "#56B4E9", "#8C3B00", "#009E73", "#E9C6DA", "#333333", "#E69F00")
 """Colours of basins. Neighbours in the row differ in lightness, so that they do in grey."""
@@ -26,6 +30,9 @@ MARKERS = ("o", "s", "^", "D", "v", "P", "X", "h")
 SMALLEST_VIEW = 0.05
 """Share of the largest value that a section's axes span at least: a cycle's points are points."""
 
+FILMED = 10.0
+"""Time in a film of an irregular motion: some twenty swings of flutter."""
+
 LEAST = 1e-5
 """Part of its highest line below which a spectrum is not shown: what motions err."""
 
@@ -35,7 +42,7 @@ def basins(found: Attractors, *, units: Units = "nondimensional", ax: Axes | Non
 
     Each attractor has a colour and in the legend its share of the starts. A white marker shows an
     equilibrium that lies in the plane. Starts whose motions did not settle are grey, failed ones
-    white. Axes of angles and other coordinates are the model's.
+    white. Coordinates are the model's, counted from 0.
 
     Args:
         found: attractors from a `StartPlane` of at least 2 values along both axes.
@@ -87,7 +94,7 @@ def basins(found: Attractors, *, units: Units = "nondimensional", ax: Axes | Non
             if inside:
                 look = common.open_marker(6.0, marker=MARKERS[k % len(MARKERS)], zorder=3.0)
                 ax.plot(*end, gid=f"rest {k}", **look)
-    ax.legend(handles=shown, loc="upper left", bbox_to_anchor=(1.01, 1.0), borderaxespad=0.0)
+    common.legend_below(ax, {str(patch.get_label()): patch for patch in shown})
     ax.set_title(f"{view.speed(found.u, 6)}, {found.model.pipe.flow}")
     view.second_axes(ax, *entries)
     return ax
@@ -144,7 +151,7 @@ def poincare_section(
         ax.plot(view.one(across) * x, view.one(shown) * qdot[:, last], **look)
         drawn += 1
     if drawn:
-        ax.legend()
+        common.legend_below(ax)
         ax.margins(0.08)
         for place, limits in (
             (ax.dataLim.intervalx, ax.set_xlim),
@@ -202,11 +209,57 @@ def spectrum(
     if highest:
         ax.set_yscale("log")
         ax.set(xlim=(0.0, 1.05 * last), ylim=(LEAST * highest, 3.0 * highest))
-        ax.legend()
+        common.legend_below(ax)
         view.second_axes(ax, FREQUENCY)
     else:
         ax.text(0.5, 0.5, "all are at rest", transform=ax.transAxes, ha="center", va="center")
     return ax
+
+
+def films(
+    found: Attractors | BifurcationDiagram,
+    speed: float | None = None,
+    *,
+    fps: float = 25.0,
+    units: Units = "nondimensional",
+) -> dict[str, Film]:
+    """Films of the attractors that move, by name, each on a figure of its own.
+
+    Of a diagram they are the stable cycles at a speed, and the irregular motions there, which go on
+    for `FILMED` from where they ended.
+
+    Args:
+        found: attractors, or a diagram.
+        speed: flow speed, one of the diagram's.
+        fps: frames a second, as of `animate`.
+        units: "nondimensional", or "si" where the pipe has scales.
+
+    Example:
+        >>> diagram = pp.bifurcation_diagram(pp.Chain(pp.Pipe(0.2), 2), [3.0, 4.0])
+        >>> for name, film in plot.films(diagram, 4.0, fps=5.0).items():
+        ...     film.save(f"{name}.gif")
+
+    Raises:
+        ValueError, TypeError: for bad arguments, and what `animate` refuses.
+    """
+    how: dict[str, Any] = {"fps": fps, "units": units}
+    if isinstance(found, Attractors):
+        moving = [k for k, basin in enumerate(found.basins) if basin.ending != "rest"]
+        view = View(units, found.model.pipe)
+        return {_name(found, k, view): animate(found.basins[k], **how) for k in moving}
+    diagram: BifurcationDiagram = common.check_type("found", found, BifurcationDiagram)
+    speed = check.real("speed", speed, low=0.0)
+    if not np.isclose(diagram.speeds, speed, rtol=1e-12, atol=0.0).any():
+        raise ValueError(f"speed must be one of the diagram's speeds, got {speed:g}")
+    cycles = [one for branch in diagram.cycles for one in branch.at(speed) if one.stable]
+    made = {f"cycle {k}": animate(one, **how) for k, one in enumerate(cycles)}
+    ends = (one for one in diagram.motions if np.isclose(one.speed, speed, rtol=1e-12))
+    for one in ends:
+        if one.ending == "irregular":
+            q, qdot = np.split(one.end, 2)
+            motion = simulate(diagram.model, speed, FILMED, q, qdot)
+            made[f"motion from start {one.start}"] = animate(motion, span=(0.0, FILMED), **how)
+    return made
 
 
 def _shown(found: Any, units: Units) -> tuple[list[Basin], Any, list[str]]:
@@ -251,5 +304,5 @@ def _entry(found: Attractors, index: int, before: str) -> Quantity:
     """Of an entry of the state [q, q']."""
     half = found.model.coordinates
     if index < half:
-        return Quantity(f"{before}coordinate $q_{{{index}}}$, counted from 0")
+        return Quantity(f"{before}coordinate $q_{{{index}}}$")
     return rate(index - half, before)

@@ -134,7 +134,7 @@ def _branch(
         special = np.isin(speeds.round(6), np.round([event.speed for event in events], 6))
         stable = np.where(special[:-1], stable[1:], stable[:-1])
     ends = [0, *(np.flatnonzero(np.diff(stable)) + 1), stable.size]
-    curve = one * _curve(speeds, heights)
+    curve = one * smooth(speeds, heights)
     for start, stop in pairwise(ends):
         word = "stable" if stable[start] else "unstable"
         part = curve[start * A_STEP : stop * A_STEP + 1]
@@ -149,7 +149,7 @@ def _branch(
             )
 
 
-def _curve(speeds: Array, heights: Array) -> Array:
+def smooth(speeds: Array, heights: Array) -> Array:
     """A curve without corners through the points of a branch, (k, 2), each after `A_STEP` others.
 
     Akima's cubics by the length of the chords between the points, in shares of their range: they
@@ -200,13 +200,14 @@ def orbit(
     views = [View(units, cycle.model.pipe) for cycle in shown]
     labels = {"xlabel": views[0].label(TIP), "ylabel": views[0].label(TIP_RATE)}
     ax = common.axes(ax, (4.8, 4.2), **labels)
-    for cycle, view, look in zip(shown, views, repeated(common.CURVE_STYLES), strict=False):
+    looks = zip(repeated(common.CURVE_STYLES), repeated((1.0, 1.6, 2.2)), strict=False)
+    for cycle, view, (look, width) in zip(shown, views, looks, strict=False):
         x, t = path_of(cycle), finer(cycle.t)
         word = "stable" if cycle.stable else "unstable"
-        line = {"color": look["color"], **STABILITY_STYLES[word]}
+        line = {**STABILITY_STYLES[word], "color": look["color"], "linewidth": width}
         label = f"{view.speed(cycle.u, 6)}, {word}"
         ax.plot(view.one(TIP) * x(t), view.one(TIP_RATE) * x(t, 1), label=label, **line)
-    ax.legend()
+    common.legend_below(ax)
     return ax
 
 

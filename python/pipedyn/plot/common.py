@@ -13,6 +13,7 @@ from matplotlib.axes import Axes
 from matplotlib.colors import SymLogNorm
 from matplotlib.figure import Figure
 from matplotlib.font_manager import FontProperties
+from matplotlib.textpath import TextPath
 from matplotlib.ticker import SymmetricalLogLocator
 from matplotlib.transforms import ScaledTranslation
 from numpy.typing import NDArray
@@ -172,23 +173,25 @@ def coordinate_axis(coordinate: Any, coordinates: int) -> tuple[int | None, str]
 def legend_below(ax: Axes, named: Mapping[str, Any] | None = None) -> None:
     """A legend below the axis, where it hides nothing: of lines by name, or all that have one.
 
-    It has as many columns, up to four, as the figure is wide enough for.
+    It has as many columns, up to four, as the figure is wide enough for; more than six names are in
+    smaller letters.
     """
     if named is None:
         named = dict(zip(*reversed(ax.get_legend_handles_labels()), strict=True))
     if isinstance(ax.figure, Figure) and ax.figure.get_layout_engine() is None:
         ax.figure.set_layout_engine("constrained")  # or what stands below is cut off
     below = ScaledTranslation(0.0, -0.42, ax.figure.dpi_scale_trans)  # inches: ticks and a label
-    lengths = [len(name) for name in named]
-    letter = FontProperties(size=matplotlib.rcParams["legend.fontsize"]).get_size_in_points() / 72.0
+    size = FontProperties(size=matplotlib.rcParams["legend.fontsize"]).get_size_in_points()
+    size = min(size, 6.0) if len(named) > 6 else size
+    texts = [TextPath((0.0, 0.0), name, size=size).get_extents().width for name in named]
 
     def width(columns: int) -> float:
-        """In inches: letters are half as wide as high, lines and gaps take eight letters."""
-        longest = (max(part, default=0) for part in np.array_split(lengths, columns))
-        return 0.5 * letter * sum(most + 8.0 for most in longest)
+        """In inches: lines and gaps take five times the height of letters."""
+        longest = (max(part, default=0.0) for part in np.array_split(texts, columns))
+        return float(sum(text + 5.0 * size for text in longest)) / 72.0
 
     wide = float(ax.figure.get_figwidth()) if isinstance(ax.figure, Figure) else 0.0
-    fitting = (count for count in (4, 3, 2) if lengths and width(count) <= wide)
+    fitting = (count for count in (4, 3, 2) if texts and width(count) <= wide)
     ax.legend(
         *(list(named.values()), list(named)),
         loc="upper center",
@@ -196,6 +199,8 @@ def legend_below(ax: Axes, named: Mapping[str, Any] | None = None) -> None:
         bbox_transform=ax.transAxes + below,
         ncols=next(fitting, 1),
         frameon=False,
+        fontsize=size,
+        columnspacing=1.2,
     )
 
 

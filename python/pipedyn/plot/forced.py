@@ -15,6 +15,7 @@ from pipedyn.bifurcation.forced_response import ForcedResponse
 from pipedyn.bifurcation.parametric_regions import ParametricRegion
 from pipedyn.linear.frequency_response import FrequencyResponse
 from pipedyn.plot import common
+from pipedyn.plot.bifurcation import A_STEP, smooth
 from pipedyn.plot.units import AMPLITUDE, FREQUENCY, PER_FORCE, PER_MOMENT, Quantity, Units, View
 from pipedyn.util import check
 
@@ -96,7 +97,8 @@ def frequency_response(
     if at[0] < at[-1]:
         ax.set_xlim(float(at[0]), float(at[-1]))
     stable = "" if response.stable else ", unstable: the response is not reached"
-    ax.set_title(f"{view.speed(response.u)}{stable}", pad=24.0)
+    above = 24.0 if view.scales is not None and not view.si else None  # of the axis in Hz
+    ax.set_title(f"{view.speed(response.u)}{stable}", pad=above)
     view.second_axes(ax, FREQUENCY)
     return ax
 
@@ -154,16 +156,22 @@ def parametric_regions(
         label = "_" if region.kind in named else region.kind
         named.add(region.kind)
         fill = {"facecolor": look["color"], "alpha": 0.25, "hatch": look["hatch"]}
-        ax.fill_betweenx(amplitude, *edges.T, linewidth=0.0, label=label, **fill)
-        for side in edges.T:
-            line = {"color": look["color"], "linestyle": look["linestyle"]}
-            ax.plot(side, amplitude, linewidth=1.2, **line)
+        line = {"color": look["color"], "linestyle": look["linestyle"], "linewidth": 1.2}
+        if math.isfinite(region.threshold):  # down one side and up the other
+            around = np.append(edges[:0:-1, 0], edges[:, 1]), np.append(amplitude[:0:-1], amplitude)
+            outline = smooth(*around)
+            ax.fill(*outline.T, linewidth=0.0, label=label, **fill)
+            ax.plot(*outline.T, **line)
+        else:
+            ax.fill_betweenx(amplitude, *edges.T, linewidth=0.0, label=label, **fill)
+            for side in edges.T:
+                ax.plot(*smooth(side, amplitude).T, **line)
         if math.isfinite(region.threshold):
             ring = common.open_marker(4.5, edge=look["color"], zorder=4.0, clip_on=False)
             ax.plot([per * region.threshold_frequency], [region.threshold], **ring)
     ax.set_ylim(bottom=0.0)
     if regions:
-        ax.legend()
+        common.legend_below(ax)
     view.second_axes(ax, pulsation)
     return ax
 
@@ -196,15 +204,16 @@ def forced_response(
     per, one = view.one(FREQUENCY), view.one(AMPLITUDE)
     shown = set[str]()
     for branch, look in zip(response.branches, cycle(common.CURVE_STYLES), strict=False):
+        curve = smooth(per * branch.frequency, one * branch.amplitude)
         steady = branch.stable[:-1] | branch.stable[1:]  # what ends at an event is so up to there
         for stable, line in ((True, "-"), (False, (0, (4, 2)))):
             there = np.where(steady == stable)[0]
             runs = np.split(there, np.flatnonzero(np.diff(there) > 1) + 1) if there.size else []
             for run in runs:
-                part = slice(run[0], run[-1] + 2)
+                part = curve[run[0] * A_STEP : (run[-1] + 1) * A_STEP + 1]
                 label = f"{branch.kind}, {'stable' if stable else 'unstable'}"
                 ax.plot(
-                    *(per * branch.frequency[part], one * branch.amplitude[part]),
+                    *part.T,
                     color=look["color"],
                     linestyle=line,
                     linewidth=1.2,
@@ -223,6 +232,6 @@ def forced_response(
             shown.add(event.kind)
     ax.set_ylim(bottom=0.0)
     if shown:
-        ax.legend()
+        common.legend_below(ax)
     view.second_axes(ax, FREQUENCY)
     return ax

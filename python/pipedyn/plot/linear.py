@@ -227,7 +227,7 @@ def mode_shapes(modes: Modes, *, units: Units = "nondimensional", ax: Axes | Non
         TypeError: for bad arguments.
     """
     common.check_type("modes", modes, Modes)
-    ylabel = "displacement (largest = 1); Re solid, Im dashed"
+    ylabel = "displacement (largest: 1)"
     view = View(units, modes.shapes[0].model.pipe if modes.shapes else None)
     ax = common.axes(ax, (6.4, 4.2), xlabel=view.label(ARC), ylabel=ylabel)
     s = np.linspace(0.0, 1.0, 401)
@@ -243,5 +243,7 @@ def mode_shapes(modes: Modes, *, units: Units = "nondimensional", ax: Axes | Non
     ax.axhline(0.0, color="0.4", linewidth=0.6, zorder=0.5)
     ax.set(xlim=(0.0, view.one(ARC)), ylim=(-1.08, 1.08), title=view.speed(modes.speed, 6))
     if upper:
-        ax.legend()
+        for word, line in (("real part", "-"), ("imaginary part", "--")):
+            ax.plot([], [], color="0.4", linestyle=line, label=word)
+        common.legend_below(ax)
     return ax

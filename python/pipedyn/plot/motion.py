@@ -17,7 +17,8 @@ from pathlib import Path
 from typing import Any, Literal, TypeAlias
 
 import numpy as np
-from matplotlib.animation import FuncAnimation, PillowWriter
+from matplotlib import rc_context
+from matplotlib.animation import FFMpegWriter, FuncAnimation, PillowWriter
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
 from matplotlib.colors import ListedColormap
@@ -25,6 +26,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import FancyArrowPatch, Rectangle
 from numpy.typing import ArrayLike
 
+from pipedyn.bifurcation.attractors import Basin
 from pipedyn.bifurcation.limit_cycle import LimitCycle
 from pipedyn.models.pipe import Pipe
 from pipedyn.motion.sampling import INVISIBLE, ROUNDING, coarse
@@ -35,9 +37,12 @@ from pipedyn.util import check
 from pipedyn.util.check import Array
 from pipedyn.util.later import scipy
 
+Shown: TypeAlias = Motion | LimitCycle | Basin
+"""What is shown as a motion: also a limit cycle, and the motion on which starts of a basin end."""
+
 
 def time_history(
-    motions: Motion | Sequence[Motion] | Ensemble,
+    motions: Shown | Sequence[Shown] | Ensemble,
     *,
     units: Units = "nondimensional",
     ax: Axes | None = None,
@@ -45,8 +50,8 @@ def time_history(
     """Transverse displacement of the free end over time.
 
     Args:
-        motions: one, several or an ensemble. Between samples, cubics through positions and
-            velocities are shown.
+        motions: one, several or an ensemble; limit cycles and basins, too. Between samples, cubics
+            through positions and velocities are shown.
         units: "nondimensional", or "si" where the pipe has scales.
         ax: where to draw; new Axes where not given.
 
@@ -71,7 +76,7 @@ def time_history(
 
 
 def phase_portrait(
-    motions: Motion | Sequence[Motion] | Ensemble,
+    motions: Shown | Sequence[Shown] | Ensemble,
     coordinate: Literal["tip"] | int = "tip",
     *,
     units: Units = "nondimensional",
@@ -80,7 +85,7 @@ def phase_portrait(
     """Displacement against velocity. A ring marks the start; the last cycle is a thicker line.
 
     Args:
-        motions: one, several or an ensemble.
+        motions: one, several or an ensemble; limit cycles and basins, too.
         coordinate: "tip" for the free end's transverse displacement, or the index of a coordinate,
             counted from 0.
         units: "nondimensional", or "si" where the pipe has scales.
@@ -171,7 +176,7 @@ def _legend(ax: Axes, shown: Sequence[Signal]) -> None:
     if len(shown) == 1:
         ax.set_title(_title(shown[0].motion, shown[0].view))
     elif len(shown) <= 12:
-        ax.legend()
+        common.legend_below(ax)
 
 
 def _title(motion: Motion, view: View) -> str:
@@ -187,7 +192,7 @@ ARROW = 0.14
 
 
 def snapshots(
-    motion: Motion,
+    motion: Shown,
     span: ArrayLike | None = None,
     count: int = 16,
     *,
@@ -200,7 +205,7 @@ def snapshots(
     arrow next to the clamp shows gravity, if there is any.
 
     Args:
-        motion: what to show.
+        motion: what to show: a motion, a limit cycle or what a basin ends on.
         span: start and end in T; where not given the last cycle, or all of a motion without one.
             A cycle lasts from one upward crossing of the free end's middle position to the next
             in the same state.
@@ -239,17 +244,48 @@ def snapshots(
     _surroundings(ax, motion, shapes, shapes[-1], view)
     start, end = view.one(TIME) * start, view.one(TIME) * end
     name, unit = ("t", " s") if view.si else (r"\tau", "")
-    what = (
-        f"a cycle of ${name} =$ {end - start:.4g}"
-        if cycle
-        else rf"${name} =$ {start:.4g} to {end:.4g}"
-    )
+    ends = f"{end - start:.4g}$" if cycle else f"{start:.4g}$ to {end:.4g}"
+    what = f"{'a cycle of ' * cycle}${name} = {ends}"
     ax.set_title(f"{_title(motion, view)}\n{count} shapes, {what}{unit}")
     return ax
 
 
+class Film(FuncAnimation):
+    """An animation that is saved by the ending of its file's name, and plays in a notebook."""
+
+    fps = 25.0
+    repeats = False
+
+    def save(self, filename: Any, *args: Any, **options: Any) -> None:
+        """Write a file: .gif; .mp4, by ffmpeg; or .html, a page with a player.
+
+        Raises:
+            ValueError, TypeError: for another ending, no folder, or .mp4 where ffmpeg is not found.
+        """
+        if args or "writer" in options:
+            super().save(filename, *args, **options)
+            return
+        path = _checked_path(filename)
+        kind = path.suffix.lower()
+        if kind == ".html":
+            player = self.to_jshtml()
+            path.write_text(f'<!DOCTYPE html><meta charset="utf-8">{player}', encoding="utf-8")
+            return
+        chosen: Any = FFMpegWriter if kind == ".mp4" else PillowWriter
+        super().save(path, writer=chosen(fps=self.fps), **options)
+
+    def to_jshtml(self, *args: Any, **options: Any) -> str:
+        """A player for a page, with all frames."""
+        options.setdefault("default_mode", "loop" if self.repeats else "once")
+        with rc_context({"animation.embed_limit": 1e6}):  # MB: no frame is left out
+            return str(super().to_jshtml(*args, **options))
+
+    def _repr_html_(self) -> str:
+        return self.to_jshtml()
+
+
 def animate(
-    motion: Motion,
+    motion: Shown,
     path: str | os.PathLike[str] | None = None,
     *,
     fps: float = 25.0,
@@ -257,14 +293,16 @@ def animate(
     span: ArrayLike | None = None,
     units: Units = "nondimensional",
     ax: Axes | None = None,
-) -> FuncAnimation:
+) -> Film:
     """An animation of the pipe with the path of its free end, frames at equal time steps.
 
-    In a notebook `IPython.display.HTML(animation.to_jshtml())` shows it.
+    It plays in a notebook where it is the last value of a cell; `film.save(path)` writes it.
 
     Args:
-        motion: what to show.
-        path: a file to write, ending in .gif; none is written where not given.
+        motion: what to show: a motion; a limit cycle, as `branch.at(u)` of a diagram's branches
+            gives it; or what a basin of `attractors` ends on.
+        path: a file to write, ending in .gif, .mp4 (by ffmpeg, which must be installed) or .html (a
+            page with a player); none is written where not given.
         fps: frames a second, from 1 to 50, the most that a GIF can show.
         speed: time that passes in a second of the animation, in T. Where not given, a cycle takes
             2.5 seconds, and all of a motion without cycles 8.
@@ -282,12 +320,14 @@ def animate(
 
     Raises:
         ValueError: for a span outside the motion's times; for fewer than 2 or more than 2000
-            frames, or fewer than 8 in a cycle; for a path that is no .gif in a folder that exists;
-            for fewer than 3 samples, or samples too far apart to interpolate.
+            frames, or fewer than 8 in a cycle; for a path of another ending, in no folder that
+            exists, or to .mp4 where ffmpeg is not found; for fewer than 3 samples, or samples too
+            far apart to interpolate.
         TypeError: for bad arguments.
     """
     motion, start, end, cycle = shown_part(motion, span)
-    path = _checked_path(path)
+    if path is not None:
+        path = _checked_path(path)
     fps = check.real("fps", fps, low=1.0, high=50.0)
     if speed is not None:
         speed = check.real("speed", speed, low=0.0, open_low=True)
@@ -318,7 +358,7 @@ def animate(
         if flow is not None:
             flow.set_positions(*flow_ends(motion.model.pipe, shapes[frame], one))
         now = f"{times[frame]:.{digits}f}"
-        now = f"$t =$ {now} s" if view.si else rf"$\tau =$ {now}"
+        now = f"$t = {now}$ s" if view.si else rf"$\tau = {now}$"
         text = ax.set_title(f"{_title(motion, view)}\n{now}")
         return [pipe, trace, text]
 
@@ -326,22 +366,25 @@ def animate(
     if own:  # laid out once: every frame is then as large as the first, and quicker
         figure.draw_without_rendering()
         figure.set_layout_engine("none")
-    animation = FuncAnimation(figure, show, frames=frames, interval=1000.0 / fps, blit=False)
+    film = Film(figure, show, frames=frames, interval=1000.0 / fps, blit=False)
+    film.fps, film.repeats = fps, cycle
     if path is not None:
-        animation.save(path, writer=PillowWriter(fps=fps))  # type: ignore[arg-type]
-    return animation
+        film.save(path)
+    return film
 
 
-def _checked_path(path: Any) -> Path | None:
-    """The path of a file that can be written; None where none is asked for."""
-    if path is None:
-        return None
+def _checked_path(path: Any) -> Path:
+    """The path of a film that can be written."""
     if not isinstance(path, str | os.PathLike) or isinstance(os.fspath(path), bytes):
         raise TypeError(f"path must be a path of a file, got {check.shown(path)}")
     target = Path(path)
-    if target.suffix.lower() != ".gif" or not target.parent.is_dir():
-        came = check.shown(path)
-        raise ValueError(f"path must end with .gif and lie in a folder that exists, got {came}")
+    kinds = (".gif", ".mp4", ".html")
+    if target.suffix.lower() not in kinds or not target.parent.is_dir():
+        rule = "path must end with .gif, .mp4 or .html and lie in a folder that exists"
+        raise ValueError(f"{rule}, got {check.shown(path)}")
+    if target.suffix.lower() == ".mp4" and not FFMpegWriter.isAvailable():
+        rule = "path must end with .gif or .html, since ffmpeg, which writes .mp4, is not installed"
+        raise ValueError(f"{rule}, got {check.shown(path)}")
     return target
 
 
@@ -440,8 +483,18 @@ POINTS = 4000
 """Points of a curve through fewer samples: two for each pixel of a picture 2000 pixels wide."""
 
 
+KEPT = ("t", "q", "qdot", "tip", "u", "model", "method", "evaluations")
+"""What limit cycles have of motions."""
+
+
 def checked_motion(motion: Any, name: str = "motion") -> Motion:
-    """The argument, if it is a motion with samples to draw."""
+    """The argument, if it is a motion with samples to draw; or that of a limit cycle or a basin."""
+    if isinstance(motion, Basin):
+        motion = motion.motion
+    if isinstance(motion, LimitCycle):
+        kept: dict[str, Any] = {name: getattr(motion, name) for name in KEPT}
+        unknown, speed = np.full((2, motion.t.size), [[math.nan], [motion.u]])
+        motion = Motion(energy=unknown, audit=math.nan, flow_speed=speed, **kept)
     checked: Motion = common.check_type(name, motion, Motion)
     if checked.t.size < 3:
         raise ValueError(f"{name} must have at least 3 samples, got {checked.t.size}")
@@ -450,7 +503,7 @@ def checked_motion(motion: Any, name: str = "motion") -> Motion:
 
 def checked_motions(motions: Any) -> dict[str, Motion]:
     """A motion, several or those of an ensemble, under the names of the argument."""
-    if isinstance(motions, Motion):
+    if isinstance(motions, Motion | LimitCycle | Basin):
         return {"motions": checked_motion(motions, "motions")}
     several = motions.motions if isinstance(motions, Ensemble) else motions
     if not isinstance(several, Sequence) or isinstance(several, str):
@@ -525,9 +578,12 @@ def last_cycle(motion: Motion) -> tuple[float, float] | None:
 
 def shown_part(motion: Any, span: Any) -> tuple[Motion, float, float, bool]:
     """The samples of what is shown, its start and end, and whether that is the last cycle."""
+    closed = isinstance(motion, LimitCycle)
     motion = checked_motion(motion)
     begin, finish = float(motion.t[0]), float(motion.t[-1])
-    cycle = last_cycle(motion) if span is None else None
+    cycle = None
+    if span is None:
+        cycle = (begin, finish) if closed else last_cycle(motion)
     start, end = cycle or (begin, finish)
     if span is not None:
         start, end = map(float, check.array("span", span, size=2))

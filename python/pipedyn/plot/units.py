@@ -17,6 +17,7 @@ from pipedyn.models.supports import RootSpring
 from pipedyn.models.terms import Term
 from pipedyn.plot import common
 from pipedyn.util import check
+from pipedyn.util import units as si
 
 Units: TypeAlias = Literal["nondimensional", "si"]
 
@@ -36,34 +37,32 @@ class Quantity:
     unit: Callable[[Scales], float] = lambda scales: 1.0
 
 
-def _hertz(scales: Scales) -> float:
-    return 1.0 / (2.0 * math.pi * scales.time)
-
-
-def _per_second(scales: Scales) -> float:
-    return 1.0 / scales.time
-
-
-def _metres(scales: Scales) -> float:
-    return scales.length
-
-
-SPEED = Quantity(common.SPEED_LABEL, "flow speed (m/s)", lambda scales: scales.speed)
-TIME = Quantity(common.TIME_LABEL, "time (s)", lambda scales: scales.time)
-TIP = Quantity(common.TIP_LABEL, "free end $x$ (m)", _metres)
+SPEED = Quantity(common.SPEED_LABEL, "flow speed (m/s)", si.SPEED.scale)
+TIME = Quantity(common.TIME_LABEL, "time (s)", si.TIME.scale)
+TIP = Quantity(common.TIP_LABEL, "free end $x$ (m)", si.LENGTH.scale)
 TIP_RATE = Quantity(
     common.TIP_RATE_LABEL,
     r"velocity of the free end $\dot x$ (m/s)",
     lambda scales: scales.length / scales.time,
 )
-AMPLITUDE = Quantity("amplitude of the free end / $L$", "amplitude of the free end (m)", _metres)
-ACROSS = Quantity("transverse $x / L$", "transverse $x$ (m)", _metres)
-ALONG = Quantity("along the straight pipe $y / L$", "along the straight pipe $y$ (m)", _metres)
-ARC = Quantity("arc length $s / L$ from the clamp", "arc length $s$ from the clamp (m)", _metres)
-GROWTH = Quantity(common.REAL_LABEL, r"Re $\lambda$ (1/s)", _per_second)
-OSCILLATION = Quantity(common.IMAGINARY_LABEL, r"Im $\lambda$ (rad/s)", _per_second)
-ROOT_FREQUENCY = Quantity(common.FREQUENCY_LABEL, r"|Im $\lambda$| $/ 2 \pi$ (Hz)", _hertz)
-FREQUENCY = Quantity(r"angular frequency $\omega$ (nondimensional)", "frequency (Hz)", _hertz)
+AMPLITUDE = Quantity(
+    "amplitude of the free end / $L$", "amplitude of the free end (m)", si.LENGTH.scale
+)
+ACROSS = Quantity("transverse $x / L$", "transverse $x$ (m)", si.LENGTH.scale)
+ALONG = Quantity(
+    "along the straight pipe $y / L$", "along the straight pipe $y$ (m)", si.LENGTH.scale
+)
+ARC = Quantity(
+    "arc length $s / L$ from the clamp", "arc length $s$ from the clamp (m)", si.LENGTH.scale
+)
+GROWTH = Quantity(common.REAL_LABEL, r"Re $\lambda$ (1/s)", si.RATE.scale)
+OSCILLATION = Quantity(common.IMAGINARY_LABEL, r"Im $\lambda$ (rad/s)", si.RATE.scale)
+ROOT_FREQUENCY = Quantity(
+    common.FREQUENCY_LABEL, r"|Im $\lambda$| $/ 2 \pi$ (Hz)", si.FREQUENCY.scale
+)
+FREQUENCY = Quantity(
+    r"angular frequency $\omega$ (nondimensional)", "frequency (Hz)", si.FREQUENCY.scale
+)
 
 PER_FORCE = "m/N", lambda scales: scales.time**2 / (scales.mass * scales.length)
 PER_MOMENT = "1/N", lambda scales: scales.time**2 / (scales.mass * scales.length**2)
@@ -74,7 +73,7 @@ OF_A_NUMBER = {
     "beta": Quantity(common.BETA_LABEL),
     "gamma": Quantity(r"gravity $\gamma$"),
     "alpha": Quantity(r"end coefficient $\alpha$"),
-    "damping": Quantity(r"damping $\delta$", "damping time (s)", lambda scales: scales.time),
+    "damping": Quantity(r"damping $\delta$", "damping time (s)", si.TIME.scale),
     "hysteresis": Quantity(r"loss factor $\mu$"),
     "drag": Quantity(r"drag $\kappa$"),
     "inflow_share": Quantity("inflow share $c$"),
@@ -112,7 +111,7 @@ def of_number(name: str, pipe: Pipe) -> Quantity:
 def rate(coordinate: int, before: str = "", after: str = "") -> Quantity:
     """Of change of a coordinate, with words before and after it in the label."""
     words = rf"{before}rate $\dot q_{{{coordinate}}}$"
-    return Quantity(f"{words}{after}", f"{words}{after} (1/s)", _per_second)
+    return Quantity(f"{words}{after}", f"{words}{after} (1/s)", si.RATE.scale)
 
 
 class View:

@@ -15,9 +15,17 @@ Job = Callable[[], Answer]
 """What runs anywhere: it pickles, e.g. a `functools.partial` of a module's function."""
 
 
-def track(items: Iterable[Item], total: int, label: str, shown: bool) -> Iterator[Item]:
-    """The items, counted on stderr while they are taken: by tqdm where that is installed."""
-    if not shown:
+def watched() -> bool:
+    """Whether someone sees what goes to stderr: in a terminal or a notebook."""
+    return sys.stderr.isatty() or "ipykernel" in sys.modules
+
+
+def track(items: Iterable[Item], total: int | None, label: str, shown: bool) -> Iterator[Item]:
+    """The items, counted on stderr while they are taken: by tqdm where that is installed.
+
+    Nothing is written where nobody watches. total: how many there are, if that is known.
+    """
+    if not (shown and watched()) or total == 0:
         yield from items
         return
     try:
@@ -25,7 +33,8 @@ def track(items: Iterable[Item], total: int, label: str, shown: bool) -> Iterato
     except ImportError:
         for done, item in enumerate(items, start=1):
             yield item
-            print(f"\r{label}: {done}/{total}", end="", file=sys.stderr, flush=True)
+            count = f"{done}" if total is None else f"{done}/{total}"
+            print(f"\r{label}: {count}", end="", file=sys.stderr, flush=True)
         print(file=sys.stderr)
         return
     yield from tqdm(items, total=total, desc=label)

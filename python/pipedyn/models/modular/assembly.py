@@ -292,7 +292,7 @@ class Assembly(Model):
                 free,
                 springs=layout.springs,
                 lengths=layout.lengths,
-                centers=layout.centers,
+                centres=layout.centres,
                 gyration_radii=layout.gyration_radii,
                 base=layout.base,
                 masses=layout.masses,

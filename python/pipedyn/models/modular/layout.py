@@ -83,7 +83,7 @@ class Layout:
             raise ValueError(f"the base and the segments' lengths must add up to 1, got {total!r}")
         self.ends = self.base + np.concatenate([[0.0], np.cumsum(self.lengths)])
         self.constraints += self._supports(pipe)
-        self.centers = np.array([segment.center for segment in segments])
+        self.centres = np.array([segment.centre for segment in segments])
         self.gyration_radii = np.array([segment.gyration_radius for segment in segments])
         self.drag_points = np.array([segment.drag_point for segment in segments])
         self.masses = np.array([s.length if s.mass is None else s.mass for s in segments])
@@ -315,7 +315,7 @@ class Layout:
         return _core.Scene(
             pipe=core_pipe(self.acting(pipe)),
             length=self.lengths,
-            center=self.centers,
+            center=self.centres,
             gyration_radius=self.gyration_radii,
             spring=sprung * self.springs,
             damping=sprung * self.joint_damping(pipe),

@@ -28,7 +28,7 @@ MASSLESS = 1e-10
 
 RANGES: dict[str, dict[str, Any]] = {
     "length": {"low": 1e-7, "high": 1.0},
-    "center": {"low": 0.0, "high": 1.0},
+    "centre": {"low": 0.0, "high": 1.0},
     "drag_point": {"low": 0.0, "high": 1.0},
     "gyration_radius": {"low": 0.0, "high": 1e3},
     "mass": {"low": 0.0, "high": 1e6, "open_low": True},
@@ -75,7 +75,7 @@ class Segment(Module):
 
     Attributes:
         length: l_j in L, > 0.
-        center: its centre of mass, as a fraction chi_j of the length, in [0, 1].
+        centre: its centre of mass, as a fraction chi_j of the length, in [0, 1].
         gyration_radius: eta_j in L about the centre of mass, >= 0; where None that of a homogeneous
             segment, l_j / sqrt(12).
         drag_point: where drag acts on it, as a fraction xi_j of the length, in [0, 1].
@@ -84,7 +84,7 @@ class Segment(Module):
     """
 
     length: float
-    center: float = 0.5
+    centre: float = 0.5
     gyration_radius: float | None = None
     drag_point: float = 0.5
     mass: float | None = None

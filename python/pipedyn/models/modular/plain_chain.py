@@ -25,7 +25,7 @@ def chain(
     springs: str | ArrayLike = "consistent",
     *,
     lengths: ArrayLike | None = None,
-    centers: ArrayLike | None = None,
+    centres: ArrayLike | None = None,
     gyration_radii: ArrayLike | None = None,
     drag_points: ArrayLike | None = None,
     base: float = 0.0,
@@ -39,7 +39,7 @@ def chain(
         n: number of segments; not needed where an array has it.
         springs: a rule, or the stiffness of each joint, as for `Chain`.
         lengths: of the segments, as for `Chain`, so are the next four.
-        centers: of mass, as fractions.
+        centres: of mass, as fractions.
         gyration_radii: about these, in L.
         drag_points: as fractions.
         base: length of the fixed part at the clamp, in L.
@@ -59,13 +59,13 @@ def chain(
         *(pipe, n),
         springs=springs,
         lengths=lengths,
-        centers=centers,
+        centres=centres,
         gyration_radii=gyration_radii,
         drag_points=drag_points,
         base=base,
         masses=masses,
     )
-    columns = [plain.lengths, plain.centers, plain.gyration_radii, plain.drag_points]
+    columns = [plain.lengths, plain.centres, plain.gyration_radii, plain.drag_points]
     if masses is not None or pipe.mass is not None:
         columns.append(plain.masses)
     modules: list[Module] = [

@@ -1,0 +1,457 @@
+# SPDX-License-Identifier: MIT
+"""A pipe whose numbers can be turned, and what follows: the state behind `plot.explore`.
+
+Nothing here needs a notebook. What is shown are answers of the public functions: `root_loci`,
+`modes` and `critical_speed` of a chain, and `stability_curve` against one of the numbers.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from pipedyn.linear.critical_speed import CriticalSpeed, NoCrossing, critical_speed
+from pipedyn.linear.modes import ModeShape, RootLoci, eigenvalues, modes, root_loci
+from pipedyn.linear.stability_curve import StabilityCurve, stability_curve
+from pipedyn.models.chain import Chain
+from pipedyn.models.pipe import Pipe
+from pipedyn.models.pipe_numbers import PipeNumber, checked_number, pipe_numbers
+from pipedyn.plot import common
+from pipedyn.util import check
+from pipedyn.util.check import Array
+
+if TYPE_CHECKING:
+    from pipedyn.plot.exploration_picture import ExplorationPicture
+
+MOST_SEGMENTS = 20
+"""Of 40 the stability curve alone takes over a second with strong damping, of 20 some 0.05 s."""
+
+POINTS = ((10, 25), (14, 17), (MOST_SEGMENTS, 11))
+"""Of the stability curve: up to so many segments so many points, each as long as strong damping
+lets it take."""
+
+LOCI_SPEEDS = 61
+"""Flow speeds at which root loci are drawn: a step is then 4 pixels or less on most branches."""
+
+ROUNDING = 1e-9
+"""Real parts that differ by less, relative to the eigenvalue, are the same."""
+
+RANGES: dict[str, tuple[float, float]] = {
+    "beta": (0.02, 0.95),
+    "gamma": (-20.0, 60.0),
+    "alpha": (0.0, 2.0),
+    "damping": (0.0, 0.05),
+    "hysteresis": (0.0, 0.2),
+    "inflow_share": (0.0, 1.0),
+}
+"""Of sliders, if nothing else is asked for; wider where the pipe's own number lies outside."""
+
+ALWAYS = ("beta", "gamma", "damping")
+"""Numbers of the pipe that have a slider in any case, after the flow speed."""
+
+CYCLES, FRAMES = 3, 16
+"""Cycles of the mode in a film, and frames in each: straight lines between them are as good as the
+curve to 2 % of the amplitude."""
+
+CYCLE_SECONDS = 1.2
+"""What a cycle takes on the screen, slow enough to follow by eye."""
+
+AMPLITUDE, STEEPEST = 0.25, 0.7
+"""The largest displacement of a film in L, and the largest slope, whichever is met first: a linear
+mode has no amplitude of its own."""
+
+
+@dataclass(frozen=True)
+class Slider:
+    """A number that can be turned.
+
+    Attributes:
+        name: "u", "segments", or that of a number of the pipe.
+        low, high: its range.
+    """
+
+    name: str
+    low: float
+    high: float
+
+
+@dataclass(frozen=True, eq=False)
+class Film:
+    """Linear motion of one mode.
+
+    Attributes:
+        shapes: centrelines, x transverse and y along the straight pipe, shape (frames, points, 2).
+        duration: from the first frame to the last, in T.
+        seconds: the same on the screen.
+    """
+
+    shapes: Array
+    duration: float
+    seconds: float
+
+
+class Exploration:
+    """A chain whose numbers can be set one by one, with the answers that `plot.explore` shows.
+
+    Args:
+        pipe: the pipe at first; the straight one must be an equilibrium.
+        n: number of segments at first, up to 20.
+        u: flow speed at first; 1.05 times the critical one where not given.
+        springs: rule for the springs, as for `Chain`.
+        against: the number against which critical speeds are drawn: "beta", "gamma", or any
+            other for which there is a slider but "u" and "segments".
+        ranges: (low, high) of sliders by name, where others than the usual are wanted; a number of
+            the pipe that is named here gets a slider.
+
+    Attributes:
+        sliders: numbers that can be set: "u", "beta", "gamma", "damping", "segments", the
+            stiffness of a root that gives, the terms' numbers, and those of the pipe that are not
+            at their default.
+        values: what they are set to, by name.
+
+    Example:
+        >>> at_hand = plot.Exploration(pp.Pipe(0.2, terms=[pp.PointMass(1.0, 0.1)]), n=10)
+        >>> list(at_hand.values)
+        ['u', 'beta', 'gamma', 'damping', 'segments', 'PointMass.mass']
+        >>> at_hand.set("PointMass.mass", 0.0)
+        >>> round(at_hand.critical.speed, 3) == round(
+        ...     pp.critical_speed(pp.Chain(pp.Pipe(0.2), 10)).speed, 3)
+        True
+
+    Raises:
+        ValueError: for a number that the pipe does not have or that small motions do not know, a
+            range or a value outside what it may be, a pipe that does not rest straight.
+        TypeError: for bad arguments.
+    """
+
+    def __init__(
+        self,
+        pipe: Pipe,
+        n: int = 10,
+        u: float | None = None,
+        *,
+        springs: str = "consistent",
+        against: str = "beta",
+        ranges: Mapping[str, tuple[float, float]] | None = None,
+    ) -> None:
+        common.check_type("pipe", pipe, Pipe)
+        n = check.count("n", n, high=MOST_SEGMENTS)
+        common.check_type("springs", springs, str)
+        if pipe.jet_angle:
+            raise ValueError(
+                "pipe must rest straight: its small motions about that are shown, got "
+                f"jet_angle = {pipe.jet_angle:g}"
+            )
+        self._pipe, self._springs = pipe, springs
+        model = Chain(pipe, n, springs=springs)
+        given = _checked_ranges(ranges, pipe)
+        self._numbers = _chosen(pipe, given)
+        own = {name: number.of(pipe) for name, number in self._numbers.items()}
+        self._critical = _critical(model)
+        if u is None:
+            u = 4.0 if self._critical is None else 1.05 * self._critical.speed
+        u = check.real("u", u, low=0.0, high=1e3)
+        first = [name for name in ALWAYS if name in own]
+        rest = [name for name in own if name not in first]
+        self.values: dict[str, float] = {"u": u}
+        self.values |= {name: own[name] for name in first}
+        self.values |= {"segments": float(n)}
+        self.values |= {name: own[name] for name in rest}
+        self.sliders = tuple(self._slider(name, given) for name in self.values)
+        turned = [name for name in own if name != "segments"]
+        self.against = check.choice("against", against, turned)
+        self._model, self._curve = model, self._curve_of(model)
+
+    # ------------------------------------------------------------------------------- numbers
+
+    def set(self, name: str, value: float) -> None:
+        """Set a number; all answers are those with its new value.
+
+        Args:
+            name: of one of the sliders.
+            value: within the slider's range; a whole number of "segments".
+
+        Raises:
+            ValueError: for another name, or a value outside the range. All stays as it was.
+            TypeError: for what is no number.
+        """
+        check.choice("name", name, tuple(self.values))
+        slider = self.slider(name)
+        if name == "segments":
+            value = check.count(name, value, low=round(slider.low), high=round(slider.high))
+        value = check.real(name, value, low=slider.low, high=slider.high)
+        if value == self.values[name]:
+            return
+        before = self.values
+        self.values = before | {name: value}
+        if name == "u":
+            self._forget("modes", "film")
+            return
+        try:
+            model = Chain(self._turned(), round(self.values["segments"]), springs=self._springs)
+            critical = _critical(model)
+            if name != self.against:
+                self._curve = self._curve_of(model)
+        except Exception:
+            self.values = before
+            raise
+        self._model, self._critical = model, critical
+        self._forget("modes", "film", "loci")
+
+    def slider(self, name: str) -> Slider:
+        """The slider of that name."""
+        return next(one for one in self.sliders if one.name == name)
+
+    def _forget(self, *names: str) -> None:
+        for name in names:
+            self.__dict__.pop(name, None)
+
+    def _turned(self) -> Pipe:
+        pipe = self._pipe
+        for name, number in self._numbers.items():
+            if self.values[name] != number.of(self._pipe):
+                pipe = number.changed(pipe, self.values[name])
+        return pipe
+
+    def _slider(self, name: str, given: Mapping[str, tuple[float, float]]) -> Slider:
+        value = self.values[name]
+        if name in given:
+            low, high = given[name]
+            if not low <= value <= high:
+                raise ValueError(
+                    f"ranges[{name!r}] must hold the value at first, {value:g}, got "
+                    f"({low:g}, {high:g})"
+                )
+            return Slider(name, low, high)
+        if name == "u":
+            critical = self._critical
+            reach = max(value, 4.0 if critical is None else 1.2 * critical.speed)
+            return Slider(name, 0.0, rounded_up(1.4 * reach))
+        if name == "segments":
+            return Slider(name, self._fewest_segments(), MOST_SEGMENTS)
+        rule = self._numbers[name].rule
+        low, high = RANGES.get(name, (0.0, 0.0 if value else 1.0))
+        if value > high:
+            high = rounded_up(2.0 * value)
+        elif value < low:
+            low = -rounded_up(-2.0 * value)
+        if name == "beta" and self._pipe.mass is not None:
+            high = min(high, self._pipe.mass.bounds[0])
+        below, above = rule.get("low", -math.inf), rule.get("high", math.inf)
+        high = min(high, 0.999 if name == "beta" else above)
+        return Slider(name, max(low, below), high)
+
+    def _fewest_segments(self) -> float:
+        n = round(self.values["segments"])
+        for fewer in range(1, n):
+            try:
+                Chain(self._pipe, fewer, springs=self._springs)
+            except ValueError:
+                continue
+            return float(fewer)
+        return float(n)
+
+    # ------------------------------------------------------------------------------- answers
+
+    @property
+    def model(self) -> Chain:
+        """The chain with the numbers as they are set."""
+        return self._model
+
+    @property
+    def critical(self) -> CriticalSpeed | None:
+        """What `critical_speed` answers of the model; None where there is none up to u = 100."""
+        return self._critical
+
+    @property
+    def curve(self) -> StabilityCurve:
+        """Critical speeds against the number `against`, all others as they are set."""
+        return self._curve
+
+    @cached_property
+    def loci(self) -> RootLoci:
+        """Branches of eigenvalues up to the end of the slider of u."""
+        return root_loci(self.model, np.linspace(0.0, self.slider("u").high, LOCI_SPEEDS))
+
+    @cached_property
+    def modes(self) -> tuple[ModeShape, ...]:
+        """Modes at the flow speed, the upper of each pair and the real ones, lowest first."""
+        found = modes(self.model, self.values["u"])
+        shapes = zip(found.shapes, found.converged, strict=True)
+        return tuple(one for one, good in shapes if good and one.eigenvalue.imag >= 0.0)
+
+    @property
+    def least_stable(self) -> ModeShape | None:
+        """The mode with the largest real part, the lowest of several; None where there is none."""
+        if not self.modes:
+            return None
+        values = np.array([one.eigenvalue for one in self.modes])
+        same = values.real >= values.real.max() - ROUNDING * (1.0 + np.abs(values))
+        return self.modes[int(np.argmax(same))]
+
+    @property
+    def unstable(self) -> bool:
+        """Whether a mode grows, by more than rounding."""
+        value = 0j if self.least_stable is None else self.least_stable.eigenvalue
+        return value.real > ROUNDING * (1.0 + abs(value))
+
+    @cached_property
+    def film(self) -> Film:
+        """Linear motion of the least stable mode over three cycles.
+
+        It grows or decays as that mode does; what has no cycles, does so by exp(3). Its size is a
+        matter of the picture: at its largest the pipe is deflected by 0.25 L, or has a slope of
+        0.7. Displacements across the pipe are the mode's, and each point lies as far along as the
+        pipe's length leaves it.
+        """
+        s = np.union1d(np.linspace(0.0, 1.0, 21), self.model.stations)
+        shape = self.least_stable
+        value = 0j if shape is None else shape.eigenvalue
+        grows = value.real if abs(value.real) > ROUNDING * (1.0 + abs(value)) else 0.0
+        if value.imag:
+            duration, seconds = CYCLES * 2.0 * math.pi / value.imag, CYCLES * CYCLE_SECONDS
+        else:
+            duration, seconds = (3.0 / abs(grows) if grows else 1.0), CYCLES * CYCLE_SECONDS
+        times = np.linspace(0.0, duration, CYCLES * FRAMES + 1)
+        across = np.zeros((times.size, s.size))
+        if shape is not None:
+            largest = duration if grows > 0.0 else 0.0
+            factors = np.exp(grows * (times - largest) + 1j * value.imag * times)
+            across = (factors[:, None] * shape(s)).real
+            slopes = np.abs(np.diff(across, axis=1) / np.diff(s)).max()
+            across *= min(AMPLITUDE / max(np.abs(across).max(), 1e-300), STEEPEST / (slopes or 1.0))
+        along = np.sqrt(np.diff(s) ** 2 - np.diff(across, axis=1) ** 2)
+        down = np.concatenate([np.zeros((times.size, 1)), np.cumsum(along, axis=1)], axis=1)
+        return Film(np.stack([across, down], axis=-1), duration, seconds)
+
+    @property
+    def report(self) -> tuple[str, str]:
+        """Two sentences: the state at the flow speed, and where stability is lost."""
+        pipe, u, shape = self.model.pipe, self.values["u"], self.least_stable
+        si = f" ({pipe.speed_si(u):.3g} m/s)" if pipe.scales else ""
+        if shape is None:
+            now = f"u = {u:.4g}{si}: no mode oscillates."
+        else:
+            value = shape.eigenvalue
+            kind = "flutter" if value.imag else "divergence"
+            state = f"unstable, {kind} grows" if self.unstable else "stable"
+            pair = f" ± {value.imag:.4g}i" if value.imag else ""
+            now = f"u = {u:.4g}{si}: {state}. Least stable mode: λ = {value.real:.3g}{pair}."
+        lost = self.critical
+        if lost is None:
+            return now, "No loss of stability up to u = 100."
+        si = f" ({pipe.speed_si(lost.speed):.3g} m/s)" if pipe.scales else ""
+        then = f"{lost.kind.capitalize()} begins at u = {lost.speed:.4g}{si}, mode {lost.mode}"
+        if lost.frequency:
+            hertz = ""
+            if pipe.scales:
+                hertz = f" ({pipe.frequency_si(lost.frequency) / (2.0 * math.pi):.3g} Hz)"
+            then += f", frequency {lost.frequency:.4g}{hertz}"
+        return now, then + "."
+
+    # ---------------------------------------------------------------------- stability curve
+
+    def _curve_of(self, model: Chain) -> StabilityCurve:
+        slider = self.slider(self.against)
+        number = self._numbers[self.against]
+        points = next(points for most, points in POINTS if round(self.values["segments"]) <= most)
+        values = np.linspace(slider.low, slider.high, points)
+        return stability_curve(
+            lambda value: model.with_pipe(number.changed(model.pipe, value)), values
+        )
+
+    @property
+    def stable_speeds(self) -> Array:
+        """Ends of the range of stable speeds below the first loss, at the curve's values, (S, 2).
+
+        The first is 0 but for a pipe that is buckled without flow and straightened by it. The last
+        is infinite where none is lost up to u = 100. NaN where there are none, or the point failed.
+        """
+        curve = self.curve
+        failed = {one.index: one.error for one in curve.failures}
+        found = np.full((curve.values.size, 2), np.nan)
+        for i, (critical, crossings) in enumerate(
+            zip(curve.critical, curve.crossings, strict=True)
+        ):
+            if critical is not None:
+                below = [c.speed for c in crossings if c.unstable_after == 0]
+                first = 0.0 if critical.stable_at_rest else [*below, math.nan][0]
+                found[i] = (first, critical.speed) if first <= critical.speed else math.nan
+            elif isinstance(failed[i], NoCrossing) and self._stable_at_rest(curve.values[i]):
+                found[i] = 0.0, math.inf
+        return found
+
+    def _stable_at_rest(self, value: float) -> bool:
+        pipe = self._numbers[self.against].changed(self.model.pipe, float(value))
+        found = eigenvalues(self.model.with_pipe(pipe), 0.0)
+        return bool((found.real <= ROUNDING * (1.0 + np.abs(found))).all())
+
+    # ------------------------------------------------------------------------------ pictures
+
+    @cached_property
+    def picture(self) -> ExplorationPicture:
+        """What is drawn of it, which follows the numbers."""
+        from pipedyn.plot.exploration_picture import ExplorationPicture
+
+        return ExplorationPicture(self)
+
+
+def rounded_up(value: float) -> float:
+    """The next of 1, 1.2, 1.5, 2, 2.5, 3, 4, 5, 6, 8, 10 times a power of ten."""
+    if value <= 0.0:
+        return 1.0
+    power = 10.0 ** math.floor(math.log10(value))
+    steps = (1.0, 1.2, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0)
+    return next(step for step in steps if step * power >= value * (1.0 - 1e-12)) * power
+
+
+def _critical(model: Chain) -> CriticalSpeed | None:
+    try:
+        return critical_speed(model)
+    except NoCrossing:
+        return None
+
+
+def _checked_ranges(ranges: Any, pipe: Pipe) -> dict[str, tuple[float, float]]:
+    """The argument ranges, each within what its number may be."""
+    if ranges is None:
+        return {}
+    common.check_type("ranges", ranges, Mapping)
+    found = {}
+    for name in ranges:
+        rule: dict[str, Any] = {"low": 0.0, "high": 1e3}
+        if name == "segments":
+            rule = {"low": 1.0, "high": float(MOST_SEGMENTS)}
+        elif name != "u":
+            number = checked_number("a name in ranges", name, pipe, others=("u", "segments"))
+            rule = number.rule
+        low, high = map(float, check.array(f"ranges[{name!r}]", ranges[name], size=2))
+        for end in (low, high):
+            check.real(f"ranges[{name!r}]", end, **rule)
+        if not low < high:
+            raise ValueError(f"ranges[{name!r}] must be (low, high), got ({low:g}, {high:g})")
+        found[name] = low, high
+    return found
+
+
+def _chosen(pipe: Pipe, given: Mapping[str, Any]) -> dict[str, PipeNumber]:
+    """Numbers with a slider by name; of a number's two names the term's own, as users say it."""
+    by_place: dict[tuple[int | None, str, bool], tuple[str, PipeNumber]] = {}
+    for name, number in pipe_numbers(pipe).items():
+        place = number.term, number.attribute, name == "root.stiffness"
+        if place in by_place and by_place[place][0] in given:
+            continue
+        by_place[place] = name, number
+    plain = Pipe(0.5)
+    found = {}
+    for name, number in by_place.values():
+        own = number.term is None and name != "root.stiffness"
+        usual = own and name not in ALWAYS and number.of(pipe) == number.of(plain)
+        if name in given or not usual:
+            found[name] = number
+    return found

@@ -1,0 +1,312 @@
+# SPDX-License-Identifier: MIT
+"""The picture of an `Exploration`: three axes whose curves follow its numbers.
+
+Axes, ticks and labels are drawn once and kept as pixels; at each change the curves alone are drawn
+over them, which takes a thirtieth of the time. The pipe moves in the browser, as an animated SVG
+over the pixels.
+"""
+
+from __future__ import annotations
+
+import io
+import math
+import zlib
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from matplotlib.artist import Artist
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.cm import ScalarMappable
+from matplotlib.collections import LineCollection, PolyCollection
+from matplotlib.colors import Normalize
+from matplotlib.figure import Figure
+from matplotlib.patches import Rectangle
+from matplotlib.transforms import Bbox
+from PIL import Image
+
+from pipedyn.plot import common, units
+from pipedyn.plot.exploration import CYCLES, rounded_up
+from pipedyn.plot.linear import branches_of, pieces
+from pipedyn.plot.motion import clamp_and_gravity, flow_ends
+from pipedyn.plot.stability_map import STABLE
+from pipedyn.util.check import Array
+
+if TYPE_CHECKING:
+    from pipedyn.plot.exploration import Exploration
+
+WIDTH, HEIGHT, DPI = 9.6, 3.7, 110
+"""Of the picture in inches, and pixels in each: as wide as a notebook's page."""
+
+LEFT, WIDE, BOTTOM, HIGH = (0.065, 0.385, 0.745), (0.245, 0.275, 0.245), 0.13, 0.73
+"""Of the three axes, in shares of the picture."""
+
+ABOVE = 0.882
+"""Lower edge of the bar of colours: what lies below belongs to one of the axes alone."""
+
+FAR = 0.35
+"""Share of the axis of frequencies that the axis of real parts reaches either way: strongly damped
+roots lie far outside, and do not matter."""
+
+ENVELOPE = 9
+"""Shapes of the cycle with the largest motion, behind the moving pipe."""
+
+
+class ExplorationPicture:
+    """Root loci, stability boundary and moving pipe of an exploration.
+
+    Args:
+        exploration: whose numbers are shown.
+
+    Attributes:
+        figure: of matplotlib; `update` brings it up to date.
+    """
+
+    def __init__(self, exploration: Exploration) -> None:
+        self._of = exploration
+        with common.style():
+            self._build()
+        self._kept: Any = None  # pixels of all that does not move
+        self._parts: dict[tuple[int, float], Any] = {}  # of axes as they were, by what differs
+        self._shown: dict[str, Any] = {}
+
+    def _build(self) -> None:
+        of = self._of
+        self.figure = Figure(figsize=(WIDTH, HEIGHT), dpi=DPI)
+        self._canvas: Any = FigureCanvasAgg(self.figure)  # its methods have no types
+        places = zip(LEFT, WIDE, strict=True)
+        self.axes: tuple[Axes, ...] = tuple(
+            self.figure.add_axes((left, BOTTOM, wide, HIGH)) for left, wide in places
+        )
+        loci, speeds, _ = self.axes
+        highest = of.slider("u").high
+        norm = Normalize(0.0, highest)
+        # Root loci, coloured by the flow speed, and the roots at that which is set.
+        loci.set(xlabel=common.REAL_LABEL, ylabel=common.IMAGINARY_LABEL)
+        loci.axvline(0.0, color="0.4", linewidth=0.6, zorder=0.5)
+        loci.yaxis.set_label_coords(-0.17, 0.5)
+        loci.tick_params(top=False, right=False)
+        loci.locator_params(nbins=5)  # each tick takes half a millisecond
+        self.branches = LineCollection([], cmap="viridis", norm=norm, linewidths=1.8, zorder=2.0)
+        loci.add_collection(self.branches, autolim=False)
+        (self.roots,) = loci.plot([], [], **common.open_marker(6.0, zorder=4.0))
+        red = common.open_marker(6.0, zorder=4.0, markerfacecolor=common.VERMILION)
+        (self.growing_roots,) = loci.plot([], [], **red)
+        bar = self.figure.add_axes((LEFT[0], ABOVE, WIDE[0], 0.02))
+        colours = ScalarMappable(norm, "viridis")
+        self.figure.colorbar(colours, cax=bar, orientation="horizontal")
+        bar.xaxis.set_ticks_position("top")
+        bar.tick_params(length=2.0, pad=1.0)
+        bar.set_title("root loci, flow speed $u$ as colour", pad=13.0)
+        # The map of critical speeds.
+        slider, shown = of.slider(of.against), units.of_number(of.against, of.model.pipe)
+        speeds.set(xlim=(slider.low, slider.high), ylim=(0.0, highest))
+        speeds.set(xlabel=shown.label, ylabel="flow speed $u$")
+        speeds.set_title("green: stable; ring: this pipe", pad=20.0)
+        speeds.yaxis.set_label_coords(-0.13, 0.5)
+        self.stable = PolyCollection([], facecolors=STABLE, edgecolors="none", zorder=0.2)
+        self.stable.set_antialiased(False)  # neighbours share edges
+        speeds.add_collection(self.stable, autolim=False)
+        (self.onset,) = speeds.plot([], [], color="0.35", linewidth=1.0, zorder=2.0)
+        dashed: dict[str, Any] = {"color": common.BLUE, "linestyle": "--", "linewidth": 1.0}
+        (self.regained,) = speeds.plot([], [], label="buckled below", **dashed)
+        dot: dict[str, Any] = {"linestyle": "none", "markersize": 2.8, "zorder": 2.5}
+        black, blue = dot | {"color": common.BLACK}, dot | {"color": common.BLUE}
+        (self.flutter,) = speeds.plot([], [], marker="o", label="flutter", **black)
+        (self.divergence,) = speeds.plot([], [], marker="s", label="divergence", **blue)
+        (self.place,) = speeds.plot([], [], **common.open_marker(6.0, zorder=4.0, clip_on=False))
+        handles = (self.flutter, self.divergence, self.regained)
+        look: dict[str, Any] = {
+            "frameon": False,
+            "handlelength": 1.6,
+            "columnspacing": 1.2,
+            "borderpad": 0.0,
+        }
+        above: dict[str, Any] = {"loc": "lower center", "bbox_to_anchor": (0.5, 1.01), "ncols": 3}
+        speeds.legend(handles=handles, **above, **look)
+        # Shapes of the pipe.
+        (self.pipe,) = self.axes[2].plot([], [], color=common.BLACK, linewidth=2.6, zorder=2.5)
+        self.envelope = LineCollection([], colors="0.75", linewidths=0.8, zorder=1.8)
+
+    @property
+    def _moving(self) -> tuple[Artist, ...]:
+        """What is drawn at each change, from the lowest."""
+        return (
+            *(self.branches, self.roots, self.growing_roots),
+            *(self.stable, self.onset, self.regained, self.flutter, self.divergence, self.place),
+            self.envelope,
+        )
+
+    # ------------------------------------------------------------------------------- artists
+
+    def update(self) -> None:
+        """Give all artists the data of the exploration's state."""
+        of, shown = self._of, self._shown
+        highest = of.slider("u").high
+        if shown.get("loci") is not of.loci:
+            shown["loci"] = of.loci
+            branches = branches_of(of.loci)
+            segments, colours = pieces(branches.real, branches.imag, of.loci.speeds[:, None])
+            self.branches.set_segments(list(segments))
+            self.branches.set_array(colours)
+            self._limit(branches)
+        if shown.get("modes") is not of.modes:
+            shown["modes"] = of.modes
+            values = np.array([one.eigenvalue for one in of.modes], dtype=np.complex128)
+            grows = values.real > 1e-9 * (1.0 + np.abs(values))
+            self.roots.set_data(values.real[~grows], values.imag[~grows])
+            self.growing_roots.set_data(values.real[grows], values.imag[grows])
+            self._film()
+        if shown.get("curve") is not of.curve:
+            shown["curve"] = of.curve
+            self._map(highest)
+        self.place.set_data([of.values[of.against]], [of.values["u"]])
+        self.place.set_markerfacecolor(common.VERMILION if of.unstable else "white")
+
+    def _limit(self, branches: Any) -> None:
+        """Room for the branches, in round steps, so that axes stay while they change little."""
+        imag = branches.imag[np.isfinite(branches.imag)]
+        top = rounded_up(1.02 * float(np.max(imag, initial=1e-3)))
+        if self._shown.get("top") != top:
+            self._shown["top"] = top
+            self.axes[0].set(xlim=(-FAR * top, FAR * top), ylim=(0.0, top))
+            self._redraw(0, top)
+
+    def _map(self, highest: float) -> None:
+        of, speeds = self._of, self._of.curve.speeds
+        values, ranges = of.curve.values, of.stable_speeds
+        low, high = ranges[:, 0], np.minimum(ranges[:, 1], 2.0 * highest)
+        corners = [(values[:-1], low[:-1]), (values[1:], low[1:])]
+        corners += [(values[1:], high[1:]), (values[:-1], high[:-1])]
+        quads = np.stack([np.stack(corner, axis=-1) for corner in corners], axis=1)
+        self.stable.set_verts(list(quads[np.isfinite(quads).all(axis=(1, 2))]))
+        self.onset.set_data(values, speeds)
+        self.regained.set_data(values, np.where(low > 0.0, low, math.nan))
+        kinds = np.array([None if one is None else one.kind for one in of.curve.critical])
+        for kind, line in ("flutter", self.flutter), ("divergence", self.divergence):
+            line.set_data(values[kinds == kind], speeds[kinds == kind])
+
+    def _film(self) -> None:
+        of = self._of
+        shapes = of.film.shapes
+        if self._shown.get("weight") != (sign := float(np.sign(of.values["gamma"]))):
+            self._shown["weight"] = sign
+            self._surround(sign)
+        places = np.linspace(0, len(shapes) // CYCLES, ENVELOPE).astype(int)
+        self.envelope.set_segments(list(shapes[-1 - places if of.unstable else places]))
+        self.pipe.set_data(*shapes[0].T)
+
+    def _surround(self, weight: float) -> None:
+        """Clamp and gravity of a pipe that hangs (1), stands (-1) or has no weight (0)."""
+        ax = self.axes[2]
+        with common.style():
+            ax.clear()
+            reach = np.array([[-0.34, 0.0], [0.34, 1.0]])  # of every film
+            clamp_and_gravity(ax, weight, reach)
+            ax.set(title="linear motion, least stable mode", xlabel="$x / L$", ylabel="$y / L$")
+            ax.yaxis.set_label_coords(-0.2, 0.5)
+        ax.add_collection(self.envelope, autolim=False)
+        ax.add_line(self.pipe)
+        self._redraw(2, weight)
+
+    # -------------------------------------------------------------------------------- pixels
+
+    def _redraw(self, index: int, key: float) -> None:
+        """Draw one of the axes anew, without what moves, and keep its pixels for the next time."""
+        if self._kept is None:
+            return
+        left = 0.0 if index == 0 else LEFT[index] - 0.06
+        right = 1.0 if index == 2 else LEFT[index + 1] - 0.06
+        part = Bbox([[left, 0.0], [right, ABOVE - 0.01 if index == 0 else 1.0]])
+        self._canvas.restore_region(self._kept)
+        if (index, key) in self._parts:
+            self._canvas.restore_region(self._parts[index, key])
+        else:
+            blank = Rectangle(part.p0, part.width, part.height, color="white")
+            blank.set_transform(self.figure.transFigure)
+            blank.set_figure(self.figure)
+            self.figure.draw_artist(blank)
+            self._still(self.axes[index])
+            place = part.transformed(self.figure.transFigure)
+            self._parts[index, key] = self._canvas.copy_from_bbox(place)
+        self._kept = self._canvas.copy_from_bbox(self.figure.bbox)
+
+    def _still(self, drawn: Axes | None = None) -> None:
+        """Draw the figure or one of its axes without what moves."""
+        hidden = (*self._moving, self.pipe)
+        for artist in hidden:
+            artist.set_visible(False)
+        with common.style():
+            if drawn is None:
+                self._canvas.draw()
+            else:
+                self.figure.draw_artist(drawn)
+        for artist in hidden:
+            artist.set_visible(True)
+
+    def png(self) -> bytes:
+        """The picture as it is now, without the moving pipe."""
+        self.update()
+        if self._kept is None:
+            self._still()
+            self._kept = self._canvas.copy_from_bbox(self.figure.bbox)
+            gravity, now = self._of.slider("gamma"), self._shown["weight"]
+            signs = {float(np.sign(one)) for one in (gravity.low, gravity.high)} - {now}
+            for sign in (*signs, now):  # so that a change of sign takes no longer than others
+                self._surround(sign)
+        self._canvas.restore_region(self._kept)
+        for artist in self._moving:
+            self.figure.draw_artist(artist)
+        pixels = Image.fromarray(np.asarray(self._canvas.buffer_rgba())).convert("RGB")
+        file = io.BytesIO()
+        pixels.save(file, "png", compress_level=1, compress_type=zlib.Z_RLE)  # the quickest
+        return file.getvalue()
+
+    def overlay(self) -> str:
+        """The moving pipe as an SVG, which lies exactly on the pixels.
+
+        It moves where it is an image of its own; not everywhere as a part of a page.
+        """
+        self.update()
+        of, film = self._of, self._of.film
+        width, height = 10.0 * WIDTH * DPI, 10.0 * HEIGHT * DPI
+        points = _whole(self._pixels(film.shapes))
+        arrows = np.array([flow_ends(of.model.pipe, shape) for shape in film.shapes])
+        tips = _whole(self._pixels(arrows))
+        timing = f'dur="{film.seconds:g}s" repeatCount="indefinite"'
+        line = "fill:none;stroke-linecap:round;stroke-linejoin:round"
+        moving = [
+            f'<polyline points="{points[0]}" style="{line};stroke:{common.BLACK};stroke-width:38">'
+            f'<animate attributeName="points" values="{";".join(points)}" {timing}/></polyline>'
+        ]
+        if of.values["u"]:
+            look = f"{line};stroke:{common.VERMILION};stroke-width:25"
+            moving.append(
+                f'<polyline points="{tips[0]}" style="{look}" marker-end="url(#flow)">'
+                f'<animate attributeName="points" values="{";".join(tips)}" {timing}/></polyline>'
+            )
+        head = (
+            '<marker id="flow" viewBox="0 0 10 10" refX="5" refY="5" markerWidth="5" '
+            'markerHeight="5" orient="auto"><path d="M0,0 L10,5 L0,10 z" '
+            f'fill="{common.VERMILION}"/></marker>'
+        )
+        return (
+            f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {width:g} {height:g}" '
+            f'width="{width / 10.0:g}" height="{height / 10.0:g}">'
+            f"<defs>{head}</defs>{''.join(moving)}</svg>"
+        )
+
+    def _pixels(self, places: Array) -> Array:
+        """Places in the third axes, (..., 2), in tenths of a pixel from the upper left corner."""
+        flat = self.axes[2].transData.transform(places.reshape(-1, 2))
+        flat[:, 1] = HEIGHT * DPI - flat[:, 1]
+        result: Array = 10.0 * flat.reshape(places.shape)
+        return result
+
+
+def _whole(places: Array) -> list[str]:
+    """Polylines of an SVG from points, (k, points, 2), in whole numbers."""
+    return [
+        " ".join(map(str, one))
+        for one in places.round().astype(int).reshape(len(places), -1).tolist()
+    ]

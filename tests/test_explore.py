@@ -1,0 +1,278 @@
+# SPDX-License-Identifier: MIT
+"""`plot.explore`: what it shows after each move is what the public functions answer."""
+
+import io
+import math
+import re
+import sys
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from PIL import Image
+
+import pipedyn as pp
+from pipedyn import plot
+
+PIPE = pp.Pipe(
+    0.3,
+    5.0,
+    damping=0.002,
+    terms=[pp.PointMass(1.0, 0.1), pp.Spring(0.5, 3.0), pp.Spring(0.8, 1.0)],
+    root=pp.RootSpring(4.0),
+)
+MOVES = {
+    "u": 3.5,
+    "beta": 0.55,
+    "gamma": -4.0,
+    "damping": 0.01,
+    "segments": 4,
+    "root.stiffness": 6.0,
+    "PointMass.mass": 0.05,
+    "terms[1].stiffness": 2.0,
+    "terms[2].stiffness": 0.0,
+}
+
+
+def moved_pipe():
+    """The pipe after all moves, made by hand."""
+    terms = [pp.PointMass(1.0, 0.05), pp.Spring(0.5, 2.0), pp.Spring(0.8, 0.0)]
+    return pp.Pipe(0.55, -4.0, damping=0.01, terms=terms, root=pp.RootSpring(6.0))
+
+
+def pixels(state):
+    return np.asarray(Image.open(io.BytesIO(state.picture.png())))
+
+
+def test_there_is_a_slider_for_each_number_that_is_asked_for_and_each_of_a_term():
+    assert list(plot.Exploration(PIPE, 5).values) == list(MOVES)
+    assert list(plot.Exploration(pp.Pipe(0.2), 5).values) == list(MOVES)[:5]
+    nozzle = plot.Exploration(pp.Pipe(0.2, alpha=1.4), 5, ranges={"hysteresis": (0.0, 0.1)})
+    assert list(nozzle.values)[5:] == ["alpha", "hysteresis"]
+
+
+@pytest.mark.parametrize("order", [list(MOVES), list(MOVES)[::-1]])
+def test_answers_are_those_of_the_public_functions_after_each_move(order):
+    state = plot.Exploration(PIPE, 5, 2.0, ranges={"u": (0.0, 8.0)})
+    for name in order:
+        state.set(name, MOVES[name])
+    pipe = moved_pipe()
+    model = pp.Chain(pipe, 4)
+    loci = pp.root_loci(model, np.linspace(0.0, 8.0, state.loci.speeds.size))
+    assert np.array_equal(state.loci.eigenvalues, loci.eigenvalues)
+    values = pp.eigenvalues(model, 3.5)
+    assert [mode.eigenvalue for mode in state.modes] == list(values[values.imag >= 0.0])
+    assert state.least_stable.eigenvalue.real == values.real.max()
+    assert state.critical.speed == pp.critical_speed(model).speed
+    betas = state.curve.values
+    each = [pp.critical_speed(pp.Chain(replace(pipe, beta=beta), 4)).speed for beta in betas]
+    assert state.curve.speeds == pytest.approx(each, rel=1e-12)
+
+
+def test_artists_have_the_data_of_the_answers():
+    state = plot.Exploration(PIPE, 5, 2.0, against="PointMass.mass", ranges={"u": (0.0, 8.0)})
+    picture = state.picture
+    for name, value in MOVES.items():
+        state.set(name, value)
+        picture.update()
+        values = np.array([mode.eigenvalue for mode in state.modes])
+        shown = [picture.roots.get_xydata(), picture.growing_roots.get_xydata()]
+        assert np.array_equal(
+            shown[0], np.column_stack([values.real, values.imag])[values.real < 0]
+        )
+        assert np.array_equal(
+            shown[1], np.column_stack([values.real, values.imag])[values.real > 0]
+        )
+        ends = {tuple(end) for one in picture.branches.get_segments() for end in one}
+        upper = state.loci.eigenvalues[:, 0]
+        assert {(z.real, abs(z.imag)) for z in upper.tolist()} <= ends
+        assert np.array_equal(picture.onset.get_xdata(), state.curve.values)
+        assert np.array_equal(picture.onset.get_ydata(), state.curve.speeds)
+        place = [state.values["PointMass.mass"], state.values["u"]]
+        assert picture.place.get_xydata().tolist() == [place]
+
+
+def test_pixels_after_many_moves_are_those_of_a_new_picture():
+    """Only curves are drawn anew at a move; nothing of what was shown before may stay."""
+    ranges = {"u": (0.0, 8.0), "gamma": (-5.0, 60.0)}
+    state = plot.Exploration(PIPE, 3, 2.0, ranges=ranges)
+    before = pixels(state)
+    for name, value in MOVES.items():
+        state.set(name, value)
+    for name, value in ("gamma", 60.0), ("segments", 2), ("gamma", -4.0):
+        state.set(name, value)
+        state.picture.png()
+    after = pixels(state)
+    fresh = plot.Exploration(moved_pipe(), 2, 3.5, ranges=ranges)
+    # The sliders' own ranges follow the first pipe: those in the picture are the same.
+    assert state.slider("beta") == fresh.slider("beta")
+    assert np.array_equal(after, pixels(fresh))
+    assert np.count_nonzero((after != before).any(axis=-1)) > 2000
+
+
+def test_the_region_shown_as_stable_is_that_in_which_no_eigenvalue_grows():
+    """A standing pipe buckles by its weight: the flow straightens it before it flutters."""
+    state = plot.Exploration(pp.Pipe(0.2, -10.0, damping=0.001), 6)
+    found = state.stable_speeds
+    assert np.isfinite(found).all()
+    assert (found[:, 0] > 1.0).all()
+    for beta, (low, high) in zip(state.curve.values, found, strict=True):
+        model = pp.Chain(pp.Pipe(beta, -10.0, damping=0.001), 6)
+        for u, stable in (0.99 * low, 0), (1.01 * low, 1), (0.99 * high, 1), (1.01 * high, 0):
+            assert (pp.eigenvalues(model, u).real.max() < 0.0) == stable
+    hanging = plot.Exploration(pp.Pipe(0.2, 10.0), 6)
+    assert (hanging.stable_speeds[:, 0] == 0.0).all()
+    assert np.array_equal(hanging.stable_speeds[:, 1], hanging.curve.speeds)
+
+
+def test_a_pipe_that_never_loses_stability_is_stable_at_all_speeds_shown():
+    state = plot.Exploration(pp.Pipe(0.2), 1)  # one segment does not flutter
+    assert state.critical is None
+    assert state.report[1] == "No loss of stability up to u = 100."
+    assert (state.stable_speeds == [0.0, math.inf]).all()
+    assert state.picture.png()
+    assert len(state.picture.stable.get_paths()) == state.curve.values.size - 1
+
+
+@pytest.mark.parametrize("u", [4.0, 7.0])
+def test_the_film_is_small_motion_in_time(u):
+    """Time stepping from its first frame, a millionth as large, gives the others."""
+    state = plot.Exploration(pp.Pipe(0.2, 3.0, damping=0.004), 5, u)
+    film, mode = state.film, state.least_stable
+    assert state.unstable == (u > state.critical.speed)
+    start = 1e-6 * mode.coordinates
+    q, qdot = start.real, (mode.eigenvalue * start).real
+    times = np.linspace(0.0, film.duration, len(film.shapes))
+    steps = {"times": times, "rtol": 1e-9, "atol": 1e-15}
+    motion = pp.simulate(state.model, u, film.duration, q, qdot, **steps)
+    tip, shown = motion.tip[:, 0], film.shapes[:, -1, 0]
+    scale = shown[np.argmax(np.abs(shown))] / tip[np.argmax(np.abs(shown))]
+    assert np.abs(scale * tip - shown).max() < 1e-4
+    pieces = np.diff(film.shapes, axis=1)
+    lengths = np.hypot(pieces[..., 0], pieces[..., 1]).sum(axis=1)
+    assert lengths == pytest.approx(1.0, abs=1e-12)
+    assert np.abs(film.shapes[..., 0]).max() <= 0.25 + 1e-12
+
+
+def test_at_rest_without_damping_the_lowest_mode_is_shown():
+    """All real parts are zero but for rounding, which must not choose."""
+    state = plot.Exploration(pp.Pipe(0.2), 10, 0.0)
+    assert not state.unstable
+    lowest = pp.eigenvalues(state.model, 0.0)[0]
+    assert state.least_stable.eigenvalue == lowest
+    first, last = state.film.shapes[[0, -1]]
+    assert first == pytest.approx(last, abs=1e-9)
+
+
+def test_divergence_grows_without_a_cycle():
+    state = plot.Exploration(pp.Pipe(0.2, -10.0, damping=0.01), 6, 0.0)
+    assert state.least_stable.eigenvalue.imag == 0.0
+    tip = state.film.shapes[:, -1, 0]
+    assert tip[-1] / tip[0] == pytest.approx(math.exp(3.0))
+    assert "divergence grows" in state.report[0]
+
+
+def test_the_moving_pipe_lies_on_the_axes():
+    state = plot.Exploration(pp.Pipe(0.2), 4, 3.0)
+    svg = state.picture.overlay()
+    values = re.findall(r'values="([^"]*)"', svg)
+    assert len(values) == 2  # the pipe and the jet's arrow
+    frames = [np.array(one.split(), dtype=float).reshape(-1, 2) for one in values[0].split(";")]
+    assert len(frames) == len(state.film.shapes)
+    height = state.picture.figure.bbox.height
+    for frame, shape in zip(frames, state.film.shapes, strict=True):
+        places = state.picture.axes[2].transData.transform(shape)
+        assert frame / 10.0 == pytest.approx(
+            np.column_stack([places[:, 0], height - places[:, 1]]), abs=0.051
+        )
+    state.set("u", 0.0)
+    assert state.picture.overlay().count("values=") == 1
+
+
+def test_speeds_and_frequencies_are_told_in_si_where_the_pipe_has_scales():
+    hose = pp.Pipe.from_si(length=0.45, bending_stiffness=7.3e-3, pipe_mass=0.19, fluid_mass=0.032)
+    now, then = plot.Exploration(hose, 6, 3.0).report
+    assert f"u = 3 ({hose.speed_si(3.0):.3g} m/s)" in now
+    assert " m/s)" in then
+    assert " Hz)" in then
+
+
+@pytest.mark.parametrize(
+    ("call", "message"),
+    [
+        (lambda: plot.Exploration(3), "pipe must be of type Pipe, got 3"),
+        (lambda: plot.Exploration(PIPE, 21), "n must be from 1 to 20, got 21"),
+        (lambda: plot.Exploration(PIPE, 5, -1.0), "u must lie in"),
+        (lambda: plot.Exploration(PIPE, 5, springs="soft"), "springs must be one of"),
+        (lambda: plot.Exploration(PIPE, 5, springs=[1.0] * 5), "springs must be of type str"),
+        (lambda: plot.Exploration(PIPE, 5, against="u"), "against must be one of 'beta', 'gamma'"),
+        (lambda: plot.Exploration(PIPE, 5, ranges=[1.0]), "ranges must be of type Mapping"),
+        (lambda: plot.Exploration(PIPE, 5, ranges={"drag": (0.0, 1.0)}), "got 'drag': drag has no"),
+        (lambda: plot.Exploration(PIPE, 5, ranges={"mass": (0.0, 1.0)}), "must be one of"),
+        (lambda: plot.Exploration(PIPE, 5, ranges={"beta": (0.1, 1.0)}), "ranges['beta'] must lie"),
+        (lambda: plot.Exploration(PIPE, 5, ranges={"beta": (0.4, 0.9)}), "must hold the value at"),
+        (lambda: plot.Exploration(PIPE, 5, ranges={"beta": (0.9, 0.2)}), "must be (low, high)"),
+        (lambda: plot.Exploration(PIPE, 5, ranges={"beta": 0.2}), "ranges['beta'] must be one-dim"),
+        (lambda: plot.Exploration(pp.Pipe(0.2, jet_angle=0.1), 5), "pipe must rest straight"),
+    ],
+)
+def test_bad_arguments_are_refused(call, message):
+    with pytest.raises((ValueError, TypeError), match=re.escape(message)):
+        call()
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "message"),
+    [
+        ("mass", 1.0, "name must be one of 'u', 'beta'"),
+        ("beta", 0.99, "beta must lie in [0.02, 0.95], got 0.99"),
+        ("beta", math.nan, "beta must lie in"),
+        ("beta", "high", "beta must be a real number"),
+        ("segments", 2.5, "segments must be a whole number, got 2.5"),
+        ("segments", 30, "segments must be from 1 to 20, got 30"),
+    ],
+)
+def test_a_bad_move_is_refused_and_changes_nothing(name, value, message):
+    state = plot.Exploration(pp.Pipe(0.2), 4)
+    before = dict(state.values), state.model, state.curve
+    with pytest.raises((ValueError, TypeError), match=re.escape(message)):
+        state.set(name, value)
+    assert (dict(state.values), state.model, state.curve) == before
+
+
+def test_without_ipywidgets_the_extra_is_named(monkeypatch):
+    monkeypatch.setitem(sys.modules, "ipywidgets", None)
+    with pytest.raises(ImportError, match=re.escape("pip install pipedyn[notebook]")):
+        plot.explore(PIPE)
+
+
+def test_sliders_move_the_state_and_what_is_shown():
+    widgets = pytest.importorskip("ipywidgets")
+    box = plot.explore(pp.Pipe(0.2, 2.0), 5, ranges={"beta": (0.1, 0.9)})
+    controls, text, stack = box.children
+    image, film = stack.children
+    assert isinstance(image, widgets.Image)
+    before = image.value, film.value, text.value
+    by_name = {one.description: one for one in controls.children}
+    assert list(by_name)[:5] == [
+        *("flow speed u", "mass ratio β", "gravity γ", "damping δ"),
+        "segments",
+    ]
+    by_name["gravity γ"].value = 20.0
+    by_name["segments"].value = 7
+    assert box.exploration.model.dof == 7
+    assert box.exploration.model.pipe.gamma == 20.0
+    assert image.value == box.exploration.picture.png()
+    after = image.value, film.value, text.value
+    assert all(old != new for old, new in zip(before, after, strict=True))
+
+
+def test_a_move_without_an_answer_is_told_and_the_picture_stays():
+    pytest.importorskip("ipywidgets")
+    box = plot.explore(pp.Pipe(0.2), 5)
+    controls, text, stack = box.children
+    before = stack.children[0].value
+    box.exploration.set = lambda name, value: (_ for _ in ()).throw(pp.NotConverged("lost", None))
+    controls.children[1].value = 0.5
+    assert "No answer for beta = 0.5: lost" in text.value
+    assert stack.children[0].value == before

@@ -1,0 +1,103 @@
+# SPDX-License-Identifier: MIT
+"""Figures 2 and 3 of the paper's analysis are fit to be printed."""
+
+from functools import cache
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import pytest
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+
+import pipedyn as pp
+from pipedyn import plot
+from pipedyn.paper.analysis import Case, Findings
+from pipedyn.paper.report import convergence_figure, frequency_figure, loci_figure, map_figure
+
+PIPE = pp.Pipe(0.2)
+CASE = Case(PIPE, ["rayleigh"], [2, 12], [4], "beam", None, 41, Path(), "png", 0, False)
+
+
+@cache
+def findings():
+    """A coarse chain, a fine one, and one that failed."""
+    speeds, exact = np.linspace(0.0, 9.0, 41), pp.Continuum(PIPE)
+    coarse, fine = (pp.root_loci(pp.Chain(PIPE, n), speeds, min(n, 4)) for n in (4, 12))
+    maps = {
+        gamma: pp.boundary(
+            pp.Galerkin(pp.Pipe(0.2, gamma), 6),
+            *("beta", "u", {"beta": (0.1, 0.3), "u": (0.0, 8.0)}),
+            criticality=False,
+        )
+        for gamma in (0.0, 10.0, -10.0)
+    }
+    return Findings(
+        highest=9.0,
+        exact=pp.critical_speed(exact),
+        benchmark=pp.root_loci(exact, speeds, 4),
+        panels=[[("coarse", coarse), ("fine", fine), ("failed", None)]],
+        maps=maps,
+    )
+
+
+@cache
+def drawn(draw):
+    """A figure, laid out."""
+    with plot.style():
+        figure = draw(CASE, findings())
+        FigureCanvasAgg(figure)
+        figure.canvas.draw()
+    return figure
+
+
+FIGURES = pytest.mark.parametrize("draw", [loci_figure, frequency_figure])
+
+
+@FIGURES
+def test_panels_have_letters_and_the_legend_tells_the_marks(draw):
+    figure = drawn(draw)
+    panels = figure.axes[:3]
+    assert [ax.get_title() for ax in panels] == ["(a) coarse", "(b) fine", "(c) failed"]
+    assert figure.get_suptitle().count("nondimensional") == 1
+    assert not any("nondimensional" in ax.get_xlabel() + ax.get_ylabel() for ax in figure.axes)
+    (legend,) = figure.legends
+    words = [text.get_text() for text in legend.get_texts()]
+    assert "its critical speed, $u_c = 5.591$" in words
+    frames = [ax.get_tightbbox() for ax in panels]
+    titles = [ax.title.get_window_extent() for ax in panels]
+    assert all(a.x1 < b.x0 for a, b in pairwise(titles))
+    assert legend.get_window_extent().y1 < min(frame.y0 for frame in frames)
+    assert legend.get_window_extent().y0 >= 0.0
+
+
+def test_the_critical_speed_is_marked_in_both():
+    exact = findings().exact
+    for ax in drawn(loci_figure).axes[:3]:
+        (mark,) = [line for line in ax.lines if line.get_marker() == "+"]
+        assert mark.get_xydata().tolist() == [[0.0, exact.frequency]]
+    for ax in drawn(frequency_figure).axes[:3]:
+        (line,) = [line for line in ax.lines if line.get_linestyle() == ":"]
+        assert line.get_xdata() == [exact.speed, exact.speed]
+
+
+@FIGURES
+def test_axes_are_those_of_the_continuous_pipe_and_tell_what_is_outside(draw):
+    coarse, fine, _, *_ = drawn(draw).axes
+    exact, model = findings().benchmark.eigenvalues, findings().panels[0][0][1].eigenvalues
+    assert coarse.get_ylim()[1] < 1.2 * exact.imag.max()
+    if draw is loci_figure:
+        left, right = coarse.get_xlim()
+        width = np.ptp(np.append(exact.real, findings().benchmark.partners.real))
+        assert right - left < 1.5 * width
+        assert model.real.max() > right
+        notes = [text.get_text() for text in coarse.texts]
+        assert any(f"Re $\\lambda$ to {model.real.max():.3g}" in note for note in notes)
+        assert not any(text.get_text() for text in fine.texts)
+
+
+def test_the_map_is_in_order_of_gravity_and_titles_are_no_sentences():
+    (ax,) = map_figure(CASE, findings()).axes
+    words = [text.get_text() for text in ax.get_legend().get_texts()]
+    assert words[:3] == [r"$\gamma = -10$", r"$\gamma = 0$", r"$\gamma = 10$"]
+    (ax,) = convergence_figure(CASE, findings()).axes
+    assert "." not in ax.get_title().replace("0.2", "")
