@@ -139,8 +139,8 @@ def test_points_that_fail_are_marked_and_the_others_kept(monkeypatch):
             raise pp.NotConverged("none here")
         return real_equilibria(model, u)
 
-    def one_stops(tasks, work):
-        done = real_many(tasks, work)
+    def one_stops(tasks, work, members):
+        done = real_many(tasks, work, members=members)
         done[3] = replace(done[3], outcome=(*done[3].outcome[:2], "it stopped"))
         return done
 
@@ -249,12 +249,19 @@ def test_explicit_steps_follow_the_same_motion_where_they_cost_less(monkeypatch)
         return capture.watched(tasks, *others)
 
     monkeypatch.setattr(brute_force, "watched", watched)
-    for least in (math.inf, 0.0):
+    monkeypatch.setattr(brute_force, "TRANSIENT", 0.0)
+    for least, foreseen, used in (
+        (math.inf, 0, {"radau"}),
+        (0.0, 0, {"radau", "dop853"}),
+        (math.inf, 100, {"dop853"}),  # by the eigenvalues at rest
+    ):
         monkeypatch.setattr(brute_force, "EXPLICIT", least)
+        monkeypatch.setattr(brute_force, "LARGEST_DENSE", foreseen)
         found = brute_force.attractors(model, speeds, starts, options, [])
         ends.append(np.array([one.end for one in found]))
-        assert ("dop853" in method) == (least == 0.0)
-    np.testing.assert_allclose(ends[1], ends[0], atol=1e-4)
+        assert set(method) == used
+        method.clear()
+    np.testing.assert_allclose(ends[1:], [ends[0]] * 2, atol=1e-4)
 
 
 def test_a_motion_that_rests_where_nothing_stays_goes_on():
@@ -326,6 +333,25 @@ def test_kinds_of_motion_after_the_transient_are_distinguished(signal, expected)
     x = signal(t)
     turnings, error = turning_points(t, x, signal(t + 1e-20j).imag / 1e-20)
     assert ending_of(x, turnings, error) == expected
+
+
+@pytest.mark.parametrize("model", [pp.Chain(pp.Pipe(0.2), 3), pp.Galerkin(pp.Pipe(0.2), 3)])
+def test_what_is_recorded_keeps_to_rtol_however_rough_the_way(model, monkeypatch):
+    """Nothing is known here on which motions could end; the cycle comes from collocation."""
+    speeds = np.array([1.01, 1.1]) * pp.critical_speed(model).speed
+    cycles = [pp.limit_cycle(model, u, rtol=1e-8) for u in speeds]
+    options = MotionOptions(100.0, 20.0, 1e-6, False)
+    starts, work = initial_bends(model, 2, 0), list[int]()
+    for roughly in (brute_force.TRANSIENT, 0.0):
+        monkeypatch.setattr(brute_force, "TRANSIENT", roughly)
+        with counted() as counts:
+            found = brute_force.attractors(model, speeds, starts, options, [])
+        work.append(counts.right_hand_sides)
+        assert [one.name for one in found] == ["periodic, 1 maximum"] * 4
+        for one in found:
+            cycle = cycles[speeds.tolist().index(one.speed)]
+            assert np.abs(one.turnings[-8:]) == pytest.approx(cycle.amplitude, rel=1e-5)
+    assert work[0] < work[1]
 
 
 def test_a_drift_that_no_period_shows_is_not_taken_for_a_cycle():

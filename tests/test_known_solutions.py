@@ -130,3 +130,40 @@ def test_a_speed_that_stays_while_the_frequency_falls_is_that_of_an_infinite_per
     assert _steepness([5.0, 5.1, 5.2, 5.3], frequencies) > 0.1
     assert _steepness([5.0] * 4, [2.0, 1.8, 1.9, 1.4]) == np.inf
     assert _steepness([5.0] * 3, frequencies[:3]) == np.inf
+
+
+SUBCRITICAL = pp.Chain(pp.Pipe(0.7), 3)
+
+
+@pytest.mark.parametrize(
+    ("model", "u"),
+    [
+        (SUBCRITICAL, 6.1996),
+        (pp.Chain(pp.Pipe(0.2, 10.0, drag=1.0), 2), 3.0),
+        (pp.Galerkin(pp.Pipe(0.2, 10.0, terms=[pp.PointMass(1.0, 0.2)]), 4), 3.8),
+    ],
+)
+def test_motions_from_the_basin_of_rest_come_to_rest(model, u):
+    """And on the way what measures the distance never exceeds its value at the start."""
+    [rest] = at_rest(VectorField(model), [model.resting()], u)
+    assert rest.stable
+    rows, random = rest.region.basin, np.random.default_rng(1)
+    slow = np.linalg.eigvals(model.motion_jacobian(rest.region.points[0], u)).real.max()
+    for _ in range(3):
+        away = random.normal(size=2 * model.moving)
+        away *= 0.99 / np.linalg.norm(rows @ away)
+        motion = pp.simulate(model, u, min(6.0 / -slow, 60.0), *np.split(away, 2), samples=2001)
+        size = np.linalg.norm(rows @ np.concatenate([motion.q, motion.qdot], axis=1).T, axis=0)
+        assert size.max() < 1.0
+        assert size[-1] <= 1.1 * np.exp(0.5 * slow * motion.t[-1])
+
+
+def test_an_unstable_cycle_lies_outside_the_basin_of_the_rest_within():
+    onset = pp.hopf(SUBCRITICAL)
+    u = onset.speed * (1.0 - 1e-4)
+    cycle = pp.limit_cycle(SUBCRITICAL, u, onset)
+    assert not cycle.stable
+    [rest] = at_rest(VectorField(SUBCRITICAL), [np.zeros(3)], u)
+    on = cycle.orbit.states(PHASES).T
+    assert not rest.region.attracts(on).any()
+    assert rest.region.attracts(0.05 * on).all()

@@ -45,6 +45,7 @@ from pipedyn.motion.simulate import (
     in_batches,
 )
 from pipedyn.util.check import Array
+from pipedyn.util.counters import factorised
 from pipedyn.util.parallel import parallel
 from pipedyn.util.result import Result
 from pipedyn.util.units import LENGTH
@@ -71,10 +72,26 @@ are compared to 10 rtol of the range; over ten periods of 36 cycles, from just a
 1.5 times its speed, motions missed 0.06 of that at most without drag, but 0.6 of it once; with
 drag all of it at rtol, and a tenth of it, once 0.6, at rtol / 10."""
 
-EXPLICIT = 8.0
+SHARE, LEAST_SIZE = 4.0, 1.0 / 64.0
+"""Factor between the sizes of motions that are told apart, and the least. Steps of a motion err by
+rtol of its size where a coordinate is smaller than that: at rtol of each coordinate the small ones
+of fast modes, which nobody sees, ask for 1.5 times as many right-hand sides, measured with six
+functions, and the tip then errs by 1e-9 after some time and not by 1e-7."""
+
+TRANSIENT = 1e-4
+"""Tolerance of explicit steps while a motion is on its way, if larger than rtol: the tip errs by
+1e-5 after some time at it, less than motions differ that go to the same attractor, and right-hand
+sides are half as many. What seems settled goes on at rtol, as does what is recorded."""
+
+EXPLICIT = 4.0
 """Right-hand sides of implicit steps in the time 1 / |lambda| of the fastest mode beyond which
 explicit ones in batches cost less: motions then excite fast modes, which implicit ones would leap.
-Measured with six functions: steps cost the same at 8, and explicit ones half as much at 33."""
+Measured with six functions: at 5.6 explicit ones cost half as much while a motion is on its way,
+and 1.1 times as much at rtol."""
+
+LARGEST_DENSE = 100
+"""Degrees of freedom up to which it is told beforehand, from the eigenvalues at rest, that fast
+modes do not decay by a factor e until the first look: then steps are explicit from the start."""
 
 JOINED = 0.25
 """Share of the transient after which motions from several starts at one speed go on as one, if they
@@ -232,6 +249,14 @@ class _Run:
     like: _Run | None = None  # whose turning points were spread alike at the last look
     alone: bool = False  # whether it does not join another
     explicit: bool = False  # whether explicit steps cost less
+    size: float = LEAST_SIZE  # of the motion, a power of SHARE
+    under_way: bool = True  # whether the tolerance may be TRANSIENT
+    roughly: bool = False  # whether it was in the last record
+
+    def resized(self, span: float) -> None:
+        """Takes note of how far its tip or its coordinates range."""
+        steps = math.floor(math.log(max(span, LEAST_SIZE)) / math.log(SHARE) + 1e-9)
+        self.size = min(SHARE**steps, 1.0)
 
 
 @dataclass(frozen=True)
@@ -315,19 +340,26 @@ class _Batch:
             every = max(round(step / sample), 1)
             block = np.zeros((math.ceil(longest / (every * sample) - 1e-6), 0))
             judged[u] = {"regions": regions, "every": every, "phases": block}
-        tasks = [
-            replace(
+        tasks = list[WatchedTask]()
+        for run in runs:
+            method = "dop853" if run.explicit else first.method
+            run.roughly = run.under_way and method == "dop853" and first.rtol < TRANSIENT
+            rtol = TRANSIENT if run.roughly else first.rtol
+            task = replace(
                 of_all,
                 u=first.u if first.drive else run.speed,
                 start=np.append(run.state, 0.0),
                 **({} if run.member == NEIGHBOUR else judged.get(run.speed, {})),
                 inside=run.inside,
                 first=run.first,
-                method="dop853" if run.explicit else first.method,
+                method=method,
+                rtol=rtol,
+                atol=rtol * run.size,
             )
-            for run in runs
-        ]
-        found = in_batches(tasks, watched)
+            tasks.append(task)
+        # A thread takes some; the members of a chain's batch cost less the more they are.
+        members = BATCH if self.model.linear_cost else BATCH // 2
+        found = in_batches(tasks, watched, members=members)
         outcomes, records = [one.outcome for one in found], list[_Record | None]([None] * len(runs))
         for run, task, one in zip(runs, tasks, found, strict=True):
             run.inside, run.first = one.inside, one.first
@@ -348,7 +380,9 @@ class _Batch:
         for k, i in enumerate(going):
             part, last = slice(k * samples.size, (k + 1) * samples.size), (k + 1) * samples.size - 1
             runs[i].state = np.asarray(self.model.start(q[last], qdot[last]))
-            records[i] = _record(samples, x[part], velocity[part], self.options.rtol)
+            runs[i].resized(float(np.ptp(x[part])))
+            rtol = max(self.options.rtol, tasks[i].rtol)
+            records[i] = _record(samples, x[part], velocity[part], rtol)
         return records
 
     @cached_property
@@ -358,6 +392,16 @@ class _Batch:
             return math.inf
         fastest, _ = fastest_rates(self.model)
         return EXPLICIT * fastest
+
+    def keeps_fast_modes(self, u: float) -> bool:
+        """Whether the fastest mode at rest hardly decays until the first look."""
+        if self.options.flow is not None or self.model.moving > LARGEST_DENSE:
+            return False
+        rest = np.concatenate([self.model.resting(), np.zeros(self.model.moving)])
+        factorised()
+        values = np.linalg.eigvals(self.model.motion_jacobian(rest, u))
+        fastest = values[np.abs(values).argmax()]
+        return bool(fastest.real > -1.0 / FIRST_LOOK)
 
     def tip_of(self, states: Array) -> tuple[Array, Array, Array, Array]:
         """Coordinates and rates of states [p, p'], (k, 2 moving), and the tip's x and its rate."""
@@ -394,8 +438,10 @@ class _Batch:
         others = [run for run in runs if run not in tried]
         irregular: list[tuple[_Run, _Record]] = []
         for run, record in zip(others, self.advance(others, 0.0, stretch), strict=True):
-            run.settled = record is not None and record.seems_settled()
-            if record is not None and record.ending == "irregular" and not run.settled:
+            settled = record is not None and record.seems_settled()
+            run.settled = settled and not run.roughly
+            run.under_way &= not settled
+            if record is not None and record.ending == "irregular" and not settled:
                 irregular.append((run, record))
         records = self.advance([*tried, *beside], 0.0, stretch)
         self.elapsed += stretch
@@ -434,6 +480,8 @@ class _Batch:
             runs = self.look(runs, stretch)
             stretch = min(max(stretch, 0.5 * self.elapsed), longest)
         before = self.options.transient - self.elapsed
+        for run in runs:
+            run.under_way = False
         records = self.advance(runs, before, self.options.duration)
         for run, record in zip(runs, records, strict=True):
             if record is not None:
@@ -461,7 +509,12 @@ def _batch(
 ) -> list[Attractor | Exception]:
     """Where each member of one batch ends, or why it stopped early."""
     batch = _Batch(model, options, known, starts[-1])
-    batch.finish([_Run(i, u, k, _state(model, starts[k])) for i, (u, k) in enumerate(members)])
+    runs = [_Run(i, u, k, _state(model, starts[k])) for i, (u, k) in enumerate(members)]
+    excited = {u: batch.keeps_fast_modes(u) for u in {run.speed for run in runs}}
+    for run in runs:
+        run.resized(float(np.abs(run.state[: run.state.size // 2]).max()))
+        run.explicit = excited[run.speed]
+    batch.finish(runs)
     return [batch.answers[i] for i in range(len(members))]
 
 
@@ -484,7 +537,8 @@ def _neighbour(model: Model, run: _Run, bend: Array) -> _Run:
         towards = np.ones_like(towards)
     beside = p + NUDGE * towards / float(np.abs(towards).max()), rate
     state = np.concatenate(model.projected(*beside))
-    return _Run(NEIGHBOUR, run.speed, run.start, state if np.isfinite(state).all() else run.state)
+    state = state if np.isfinite(state).all() else run.state
+    return _Run(NEIGHBOUR, run.speed, run.start, state, size=run.size, under_way=False)
 
 
 def _record(t: Array, x: Array, velocity: Array, rtol: float) -> _Record:
@@ -550,7 +604,7 @@ def ending_of(x: Array, turnings: Array, error: float) -> tuple[Ending, int]:
         # torus they may shrink for a while as well, but not twice as much in each quarter. Where
         # one acts slowly, changes are too small to be seen from one period to the next.
         changes = (float(part.max()) for part in np.array_split(change, 4))
-        drifts = (_drift(part, period) for part in np.array_split(highs, 4))
+        drifts = (_drift(part, period) if recurs else 0.0 for part in np.array_split(highs, 4))
         parts = [max(*both, error) for both in zip(changes, drifts, strict=True)]
         converges = all(b <= max(0.5 * a, error) for a, b in pairwise(parts))
         if recurs and converges:

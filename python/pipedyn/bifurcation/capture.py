@@ -125,6 +125,8 @@ class Region:
         turn: a whole turn about a hinge at the root, (moving,), after which all is as before.
         driven: whether points have phases.
         curve: whether the points follow one another on a curve.
+        basin: of rest, rows whose products with how far a state is away have a sum of squares below
+            1 where motions are known to come to rest, (k, 2 moving); None where nothing is known.
     """
 
     points: Array
@@ -134,6 +136,7 @@ class Region:
     turn: Array | None = None
     driven: bool = False
     curve: bool = False
+    basin: Array | None = None
 
     @staticmethod
     def about_rest(place: Array, values: Complex) -> Region:
@@ -239,6 +242,13 @@ class Region:
                 found[near] = np.minimum(found[near], np.linalg.norm(missed, axis=1))
             found[found > most] = math.inf
         return np.asarray(found)
+
+    def attracts(self, states: Array) -> NDArray[np.bool_]:
+        """Which of states, (k, 2 moving), lie in the basin."""
+        if self.basin is None:
+            return np.zeros(len(states), dtype=bool)
+        away = self._unwound(states) - self.points[0]
+        return np.asarray(np.sum((away @ self.basin.T) ** 2, axis=1) < 1.0)
 
     def apart(self, other: Region) -> float:
         """Smallest distance from another, infinite if they are far apart."""
@@ -349,12 +359,16 @@ class _Watch(Observer):
         if task.phases.size:
             phases = np.broadcast_to(task.phases, (len(blocks), *task.phases.shape))
             blocks = np.concatenate([blocks, phases], axis=2)
+        found: list[int] = []
+        for k, region in enumerate(regions):
+            reached = members[region.attracts(blocks[:, -1])]
+            self.labels[reached] = k
+            found += reached.tolist()
         last = np.stack([region.distances(blocks[:, -1]) for region in regions])
         nearest, before = last.argmin(axis=0), self.inside[members]
         self.inside[members] = NOWHERE
         if np.isinf(last).all():
-            return []
-        found: list[int] = []
+            return found
         for k, region in enumerate(regions):
             some = np.flatnonzero((nearest == k) & np.isfinite(last[k]))
             if not some.size:

@@ -24,6 +24,9 @@ PERIODS = 4
 """Periods of a cycle that are recorded: three show that it repeats, with less than one at the ends
 of which maxima are left out."""
 
+MIXED, NARROWER = 256, 20
+"""Mixtures of modes that are tried about rest, and amplitudes: from 0.5 rad down to 6e-4."""
+
 
 @dataclass(frozen=True, eq=False)
 class KnownSolution:
@@ -101,8 +104,41 @@ def at_rest(
         ):
             continue
         factorised()
-        values: Complex = np.linalg.eigvals(motion.jacobian(rest, u)).astype(np.complex128)
+        slopes = motion.jacobian(rest, u)
+        values: Complex = np.linalg.eigvals(slopes).astype(np.complex128)
         # A margin, as weak damping and rounding of eigenvalues are not told apart.
         stable = float(values.real.max()) < -1e-9 * (1.0 + float(np.abs(values).max()))
-        found.append(KnownSolution(stable, Region.about_rest(p, values)))
+        region = Region.about_rest(p, values)
+        if stable:
+            region = replace(region, basin=_basin(motion, rest, slopes, u))
+        found.append(KnownSolution(stable, region))
     return found
+
+
+def _basin(motion: VectorField, rest: Array, slopes: Array, u: float) -> Array | None:
+    """`Region.basin` of a stable equilibrium, from where motions come to rest.
+
+    There V, the sum of the modes' squared velocities, falls at least half as fast as linear theory
+    says. That is asked of each mode at some phases and of mixtures, all at one V; what nonlinear
+    forces change grows with a higher power of the distance, so that it holds nearer too.
+    """
+    values, vectors = np.linalg.eig(slopes)
+    vectors = vectors * np.abs(values).min() / np.linalg.norm(vectors[motion.half :], axis=0)
+    try:
+        rows = np.linalg.inv(vectors)
+    except np.linalg.LinAlgError:  # of eigenvalues that meet
+        return None
+    rows = np.concatenate([rows.real, rows.imag])
+    random, count = np.random.default_rng(0), values.size
+    phases = np.exp(0.25j * math.pi * np.arange(8))
+    alone = np.einsum("ik,p->ikp", vectors, phases).reshape(count, -1).real
+    mixed = (vectors @ (random.normal(size=(count, MIXED, 2)) @ np.array([1.0, 1.0j]))).real
+    away = np.concatenate([alone, mixed], axis=1)
+    sizes = np.linalg.norm(rows @ away, axis=0)
+    away = (away / sizes)[:, sizes > 1e-9]  # the phases of a real eigenvalue have zeros
+    by_linear = 2.0 * np.sum((rows @ away) * (rows @ slopes @ away), axis=0)
+    for radius in 0.5 * 0.7 ** np.arange(NARROWER):
+        rates = motion(np.ascontiguousarray(rest[:, None] + radius * away), u) / radius
+        if (2.0 * np.sum((rows @ away) * (rows @ rates), axis=0) <= 0.5 * by_linear).all():
+            return np.asarray(rows / radius)
+    return None

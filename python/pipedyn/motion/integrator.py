@@ -8,7 +8,7 @@ import time
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -453,6 +453,7 @@ def decays_fast(model: Model, least: float = BATCH_DECAY) -> bool:
     return decay > least * fastest
 
 
+@lru_cache(maxsize=8)
 def fastest_rates(model: Model) -> tuple[float, float]:
     """Highest frequency and fastest decay of velocities at rest, to some per cent."""
     pipe = replace(model.pipe, drag=0.0)

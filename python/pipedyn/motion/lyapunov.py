@@ -273,6 +273,7 @@ def exponents_together(
         *(model, speeds[0], step, p, rates),
         times=[step],
         rtol=1e-4 * APART,
+        atol=1e-4 * APART,
         members=2 * len(states),
     )
     here = np.array(states)

@@ -418,7 +418,7 @@ def in_batches(
     members_of: dict[tuple[object, ...], list[int]] = {}  # each model, what drives it, and how
     for i, task in enumerate(tasks):
         drive = 0 if isinstance(task.u, float) and not task.drive else id(task.u)
-        key = (id(task.model), drive, task.method)
+        key = (id(task.model), drive, task.method, task.rtol, task.atol)
         members_of.setdefault(key, []).append(i)
     blocks = []
     for same in members_of.values():
