@@ -11,9 +11,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import suppress
 from dataclasses import dataclass, field, replace
-from functools import cache
+from functools import cache, partial
 from typing import Any, Literal, cast
 
 import numpy as np
@@ -474,14 +473,7 @@ class _Follower:
 
         `last` is the cycle at its beginning, if that is known and kept.
         """
-
-        @cache
-        def orbit(s: float) -> PeriodicOrbit:
-            if s == 0.0 and last is None:  # it may have been taken over from another mesh
-                with suppress(NewtonFailed):
-                    point = step.problem.at(step.begin, 0.0)
-                    return replace(step.problem.orbit(point.z), closing=point.kept)
-            return orbit_at(step, s)
+        orbit = cache(partial(orbit_at, step))
 
         @cache
         def cycle(s: float) -> LimitCycle:

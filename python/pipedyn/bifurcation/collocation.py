@@ -92,15 +92,15 @@ def carried(maps: Array) -> tuple[Array, list[int]]:
     return _core.carried(maps, LOSS)
 
 
-def _collapsed(whole: Array, begins: list[int]) -> tuple[Array, list[list[Array]]]:
-    """[L | R | C] of L x(begin) + R x(end) = C over all intervals, from their `carried` maps.
+def _collapsed(whole: Array, begins: list[int]) -> tuple[Array, Array, Array, list[list[Array]]]:
+    """L, R and C of L x(begin) + R x(end) = C over all intervals, from their `carried` maps.
 
     For each doubling of the runs also triangles T, L, R and C of the states x between, in
     T x = C - L x(begin) - R x(end).
     """
     n, between = whole.shape[1], list[list[Array]]()
     if len(begins) == 1:
-        return np.concatenate([-whole[-1, :, :n], np.eye(n), whole[-1, :, n:]], axis=1), between
+        return -whole[-1, :, :n], np.eye(n), whole[-1, :, n:], between
     relations = whole[[*(k - 1 for k in begins[1:]), -1]]
     eye = np.zeros_like(relations[:, :, :n]) + np.eye(n)
     relations = np.concatenate([-relations[:, :, :n], eye, relations[:, :, n:]], axis=2)
@@ -116,7 +116,7 @@ def _collapsed(whole: Array, begins: list[int]) -> tuple[Array, list[list[Array]
         turned = np.concatenate([first, last, known], axis=2)[:, n:]
         between.append([part[:, :n] for part in (triangles, first, last, known)])
         relations = np.concatenate([turned, relations[even:]])
-    return relations[0], between
+    return relations[0, :, :n], relations[0, :, n : 2 * n], relations[0, :, 2 * n :], between
 
 
 def through(maps: Array) -> tuple[Array, Array]:
@@ -124,8 +124,8 @@ def through(maps: Array) -> tuple[Array, Array]:
 
     R is the identity where no digits are lost.
     """
-    whole, _ = _collapsed(*carried(maps))
-    return whole[:, : maps.shape[1]], whole[:, maps.shape[1] :]
+    first, last, _, _ = _collapsed(*carried(maps))
+    return first, last
 
 
 class Linearised:
@@ -152,10 +152,9 @@ class Linearised:
             for part in (self._rates, ends):
                 part[..., [n + 1, n + 2]] = part[..., [n + 2, n + 1]]
         self._carried, begins = carried(ends)
-        self._runs = np.repeat(np.arange(len(begins)), np.diff([*begins, len(ends)]))
-        whole, self._between = _collapsed(self._carried, begins)
-        self._first, self._last = whole[:, :n], whole[:, n : 2 * n]
-        self._right = whole[:, 2 * n :]
+        self._first, self._last, self._right, self._between = _collapsed(self._carried, begins)
+        lengths = np.diff([*begins, len(ends)])
+        self._runs = np.repeat(np.arange(lengths.size), lengths) if lengths.size > 1 else None
         self._matrix = np.zeros((n + 2, n + 2))
         self._matrix[:n, :n] = self._first + mirror * self._last
         self._matrix[:n, n:] = -self._right[:, 1:]
@@ -163,7 +162,7 @@ class Linearised:
             self._matrix[n, n] = 1.0
         else:
             across = motion(orbit.starts[:1].T, orbit.u)[:, 0] * self._units
-            self._matrix[n, :n] = across / np.linalg.norm(across)
+            self._matrix[n, :n] = across / math.sqrt(across @ across)
 
     def __call__(self, row: Array, gap: float, share: float) -> Array:
         """See `continuation.Solver`; shape and order are those of `packed`.
@@ -175,18 +174,23 @@ class Linearised:
         shift = share * (value - float(phase @ self.orbit.packed()))
         n = self._units.size
         matrix, right = self._matrix.copy(), np.zeros((n + 2, 3))
-        matrix[n + 1] = np.append(row[:n] * self._units, row[-2:])
-        length = float(np.linalg.norm(matrix[n + 1]))
-        matrix[n + 1] /= length
+        last = matrix[n + 1]
+        last[:n], last[n:] = row[:n] * self._units, row[-2:]
+        length = math.sqrt(last @ last)
+        last /= length
         right[:n, 0] = self._right[:, 0] * share
         right[n, 1], right[n + 1, 2] = 1.0, 1.0 / length
         factorised()
         known = np.linalg.solve(matrix, right)
+        acting = np.concatenate([[[share, 0.0, 0.0]], known[n:]])
         ends = np.stack([known[:n], self.orbit.mirror * known[:n]])
-        found = self._restored(ends, np.concatenate([[[share, 0.0, 0.0]], known[n:]]))
-        rows = np.stack([phase, row]) @ found
-        shares = np.linalg.solve(rows[:, 1:], np.array([shift, gap]) - rows[:, 0])
-        return found[:, 0] + found[:, 1:] @ shares
+        found = self._restored(ends, acting)
+        (r0, a, b), (r1, c, d) = (phase @ found).tolist(), (row @ found).tolist()
+        r0, r1, determinant = shift - r0, gap - r1, a * d - b * c
+        if determinant == 0.0:
+            raise np.linalg.LinAlgError("Singular matrix")
+        shares = [1.0, (d * r0 - b * r1) / determinant, (a * r1 - c * r0) / determinant]
+        return np.asarray(found @ shares)
 
     @property
     def closing(self) -> tuple[Array, Array]:
@@ -219,13 +223,20 @@ class Linearised:
             more[1 : 2 * pairs : 2] = np.linalg.solve(triangles, known)
             more[2 * pairs + 1 :] = ends[pairs + 1 :]
             ends = more
-        acting = np.broadcast_to(factors, (len(self._runs), *factors.shape))
-        later = self._carried @ np.concatenate([ends[self._runs], acting], axis=1)
-        starts = np.concatenate([ends[:1], later[:-1]]) * self._units[:, None]
-        rates = self._rates @ np.concatenate([starts, acting], axis=1)
-        columns = factors.shape[1]
+        count, n, columns = len(self._carried), self._units.size, factors.shape[1]
+        if self._runs is None:  # all intervals from the first state
+            given = np.concatenate([ends[0], factors])
+            later = self._carried.reshape(-1, len(given)) @ given
+            later = later.reshape(count, n, columns)
+        else:
+            acting = np.broadcast_to(factors, (count, *factors.shape))
+            later = self._carried @ np.concatenate([ends[self._runs], acting], axis=1)
+        given = np.empty((count, n + 3, columns))
+        given[0, :n], given[1:, :n], given[:, n:] = ends[0], later[:-1], factors
+        given[:, :n] *= self._units[:, None]
+        rates = self._rates @ given
         return np.concatenate(
-            [starts.reshape(-1, columns), rates.reshape(-1, columns), factors[1:]]
+            [given[:, :n].reshape(-1, columns), rates.reshape(-1, columns), factors[1:]]
         )
 
 

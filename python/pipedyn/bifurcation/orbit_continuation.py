@@ -221,17 +221,12 @@ def onward(problem: Problem, point: Point, length: float) -> Iterator[Segment[Pr
 
 
 def _on_mesh(problem: Problem, tangent: Array, edges: Array) -> tuple[Problem, Array]:
-    """The problem about its start on another mesh, and the tangent there.
-
-    To set out from, what is interpolated is as good as a solution, unless forces have kinks.
-    """
+    """The problem about its start on another mesh, and the tangent there."""
     z = problem.origin
+    # Any direction near the tangent is good enough to find it by.
     here, moved = (problem.about(x, edges) for x in (z, z + 1e-4 * tangent))
-    start = here.starting(here.origin, moved.origin - here.origin)
-    if problem.motion.model.pipe.has_kinks:
-        start = here.at(start, 0.0)
-        here = here.about(start.z)
-    return here, start.tangent
+    found = here.at(here.starting(here.origin, moved.origin - here.origin), 0.0)
+    return here.about(found.z), found.tangent
 
 
 def _on_mesh_to(

@@ -31,7 +31,7 @@ BEFORE = 1e-10
 of the forces before. What the next interval misses is this times their jump, below rounding; kinks
 are found to some 1e-14."""
 
-KINK_SAMPLES = 16
+KINK_SAMPLES = 8
 """Of an interval, between which kinks are looked for: two that lie closer are no more than a short
 stretch of other slopes."""
 
