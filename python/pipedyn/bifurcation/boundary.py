@@ -26,6 +26,7 @@ from pipedyn.bifurcation.boundary_curves import (
     line_starts,
 )
 from pipedyn.bifurcation.continuation import Control, Point
+from pipedyn.bifurcation.in_plane import InPlane
 from pipedyn.bifurcation.organising import (
     DoublePoint,
     OrganisingPoint,
@@ -39,13 +40,12 @@ from pipedyn.linear.modes import largest_speed
 from pipedyn.linear.plane import Plane, Window
 from pipedyn.linear.sensitivity import Kind
 from pipedyn.models.continuum import AnyModel, Continuum, checked_model
-from pipedyn.models.pipe_numbers import PipeNumber, checked_number, unit_of_number
+from pipedyn.models.pipe_numbers import PipeNumber, checked_number
 from pipedyn.util import check
 from pipedyn.util.check import Array
 from pipedyn.util.newton import NewtonFailed
-from pipedyn.util.result import Result, TableResult, joined
+from pipedyn.util.result import Result
 from pipedyn.util.threads import one_thread
-from pipedyn.util.units import Unit
 
 LARGEST_MODEL = 500
 """Degrees of freedom of a model: dense matrices are factorised at every point."""
@@ -102,7 +102,7 @@ class BoundaryCurve(Result):
         return self.unstable[:, None] + np.stack([left, right], axis=1)
 
 
-class Boundary(TableResult):
+class Boundary(InPlane):
     """Curves on which eigenvalues lie on the imaginary axis, in a window of two numbers.
 
     Attributes:
@@ -115,6 +115,8 @@ class Boundary(TableResult):
         size: degrees of freedom of the model solved.
         failures: what was not followed to its end, or does not agree, in sentences.
     """
+
+    _along = ("frequency", "unstable", "criticality")
 
     names: tuple[str, str]
     ranges: tuple[tuple[float, float], tuple[float, float]]
@@ -146,29 +148,6 @@ class Boundary(TableResult):
         if isinstance(model, Continuum):
             return basis_plane(model.frozen(self.size), of, self.u)
         return Plane(model, of, self.u)
-
-    def _unit(self, name: str) -> Unit | None:
-        known = unit_of_number(name, self.model.pipe) if name in self.names else None
-        return known or super()._unit(name)
-
-    def _units_within(self) -> dict[str, Unit | None]:
-        first, second = map(self._unit, self.names)
-        return {"x": first, "y": second}
-
-    def _columns(self) -> dict[str, Any]:
-        first, second = self.names
-        tables = [
-            {
-                first: one.x,
-                second: one.y,
-                "frequency": one.frequency,
-                "unstable": one.unstable,
-                "criticality": one.criticality,
-            }
-            for one in self.curves
-        ]
-        kinds = [one.kind for one in self.curves]
-        return joined(tables, curve=range(len(kinds)), kind=kinds)
 
 
 def boundary(

@@ -12,7 +12,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import field
-from typing import Any, cast
+from typing import cast
 
 from pipedyn.bifurcation.boundary import Boundary
 from pipedyn.bifurcation.branches import CycleBranch, CycleEvent
@@ -26,16 +26,14 @@ from pipedyn.bifurcation.event_plane import (
 )
 from pipedyn.bifurcation.event_problem import Followed
 from pipedyn.bifurcation.forced_response import ForcedBranch, ForcedEvent
+from pipedyn.bifurcation.in_plane import InPlane
 from pipedyn.models.base import Model, NotConverged
-from pipedyn.models.pipe_numbers import unit_of_number
 from pipedyn.util import check
 from pipedyn.util.newton import NewtonFailed
-from pipedyn.util.result import TableResult, joined
 from pipedyn.util.threads import one_thread
-from pipedyn.util.units import Unit
 
 
-class CycleBoundary(TableResult):
+class CycleBoundary(InPlane):
     """Curves of events of cycles in a window of two numbers.
 
     Attributes:
@@ -51,6 +49,8 @@ class CycleBoundary(TableResult):
         evaluations: right-hand sides and Jacobians.
     """
 
+    _along = ("frequency", "amplitude", "unstable")
+
     names: tuple[str, str]
     ranges: tuple[tuple[float, float], tuple[float, float]]
     curves: tuple[CycleCurve, ...]
@@ -59,29 +59,6 @@ class CycleBoundary(TableResult):
     model: Model
     failures: tuple[str, ...]
     evaluations: int
-
-    def _unit(self, name: str) -> Unit | None:
-        known = unit_of_number(name, self.model.pipe) if name in self.names else None
-        return known or super()._unit(name)
-
-    def _units_within(self) -> dict[str, Unit | None]:
-        first, second = map(self._unit, self.names)
-        return {"x": first, "y": second}
-
-    def _columns(self) -> dict[str, Any]:
-        first, second = self.names
-        tables = [
-            {
-                first: one.x,
-                second: one.y,
-                "frequency": one.frequency,
-                "amplitude": one.amplitude,
-                "unstable": one.unstable,
-            }
-            for one in self.curves
-        ]
-        kinds = [one.kind for one in self.curves]
-        return joined(tables, curve=range(len(kinds)), kind=kinds)
 
 
 def cycle_boundary(

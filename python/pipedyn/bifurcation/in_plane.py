@@ -1,0 +1,36 @@
+# SPDX-License-Identifier: MIT
+"""What results with curves in the plane of two numbers of a pipe have in common."""
+
+from __future__ import annotations
+
+from typing import Any, ClassVar
+
+from pipedyn.models.pipe_numbers import unit_of_number
+from pipedyn.util.result import TableResult, joined
+from pipedyn.util.units import Unit
+
+
+class InPlane(TableResult):
+    """Curves with x and y, the two numbers that are named; a table of all their points."""
+
+    _along: ClassVar[tuple[str, ...]] = ()  # what a curve has at each point, beside its place
+
+    def _unit(self, name: str) -> Unit | None:
+        own: Any = self
+        known = unit_of_number(name, own.model.pipe) if name in own.names else None
+        return known or super()._unit(name)
+
+    def _units_within(self) -> dict[str, Unit | None]:
+        own: Any = self
+        first, second = map(self._unit, own.names)
+        return {"x": first, "y": second}
+
+    def _columns(self) -> dict[str, Any]:
+        own: Any = self
+        first, second = own.names
+        tables = [
+            {first: one.x, second: one.y, **{name: getattr(one, name) for name in self._along}}
+            for one in own.curves
+        ]
+        kinds = [one.kind for one in own.curves]
+        return joined(tables, curve=range(len(kinds)), kind=kinds)
