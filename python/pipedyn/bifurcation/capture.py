@@ -128,7 +128,8 @@ class Region:
         driven: whether points have phases.
         curve: whether the points follow one another on a curve.
         basin: of rest, rows whose products with how far a state is away have a sum of squares below
-            1 where motions are known to come to rest, (k, 2 moving); None where nothing is known.
+            1 where motions come to rest, as far as samples tell, (k, 2 moving); None where that is
+            not known.
     """
 
     points: Array
