@@ -1373,16 +1373,19 @@ def _kept() -> Iterator[Target]:
     kept, bad = one_of(KEPT, str(KEPT)), any_of(NONE, *NOTHINGS, one_of("x.json", 3))
     path = Kind(kept, any_of(bad, one_of("/nowhere/x.npz")))
     things = Kind(one_of(CHAIN, PIPE, CRITICAL, CYCLE, SCENE), None)
-    yield Target("save", lambda thing, path: thing.save(path), {"thing": things, "path": path})
+    yield Target(
+        "Saved.save", lambda thing, path: thing.save(path), {"thing": things, "path": path}
+    )
     found = (MODES, LOCI, MOTION, ENSEMBLE, DIAGRAM, TRADE, ENDS, BOUNDARY, RESPONSE, SHAKES)
     table = {"table": Kind(one_of(*found), None), "units": word("nondimensional")}
-    yield Target("columns", lambda table, units: table.columns(units), table)
+    yield Target("TableResult.columns", lambda table, units: table.columns(units), table)
     table["units"] = word("si", "nondimensional")
     table["table"] = Kind(one_of(pp.modes(pp.Chain(MEASURED, 3), 1.0)), None)
-    yield Target("to_csv", lambda table, units: table.to_csv(units=units), table)
+    yield Target("TableResult.to_csv", lambda table, units: table.to_csv(units=units), table)
+    yield Target("TableResult.to_dataframe", lambda table, units: table.to_dataframe(units), table)
     known = {"found": Kind(one_of(CRITICAL, CYCLE, LOCI, BOUNDARY), None)}
     known["pipe"] = Kind(one_of(MEASURED), one_of(PIPE, 3, "pipe", CHAIN))
-    yield Target("in_si", lambda found, pipe: repr(found.in_si(pipe)), known)
+    yield Target("Result.in_si", lambda found, pipe: repr(found.in_si(pipe)), known)
     yield Target("load", pp.load, {"path": Kind(kept, bad)})
     size, most = real((0.1, 5.0), -1.0, 1e300), real((0.1, 5.0), 0.0, 1e300)
     words = ("frequency", "decay_rate", "decrement", "critical_speed", "critical_frequency")
@@ -1594,10 +1597,18 @@ def _pictures() -> Iterator[Target]:
         "forced_response": {"response": of(SHAKES), "ax": ax},
         "parametric_regions": {
             "regions": Kind(one_of(REGIONS), any_of(NONE, *NOTHINGS, *WORDS, one_of(3, [3], PIPE))),
-            "pipe": optional(of(PIPE, MEASURED)),
             "ax": ax,
         },
     }
+    knob = plot.Exploration(PIPE, 3)
+    sliders = {"name": word("beta", "gamma")}
+    yield Target("plot.Exploration.slider", knob.slider, sliders)
+    moved = Kind(real((0.1, 0.9), 0.0).good, None)  # the message names the slider
+    yield Target("plot.Exploration.set", knob.set, {**sliders, "value": moved})
+    explored = {"pipe": of(PIPE), "n": count(1, 4, 1001), "against": word("beta", "gamma")}
+    yield Target("plot.explore", plot.Exploration, explored)  # without its widgets
+    ends = {"found": of(ENDS), "fps": real((20.0, 30.0), 0.0, 1e3)}
+    yield Target("plot.films", _films, ends, slow=True)
     for name, kinds in calls.items():
         call = _filmed if name == "animate" else getattr(plot, name)
         yield Target(f"plot.{name}", call, kinds, slow=bool(kinds) and name != "panels")
@@ -1607,6 +1618,11 @@ def _filmed(**given: Any) -> str:
     """A film that nobody looks at is warned of."""
     film: str = plot.animate(**given).to_jshtml()
     return film
+
+
+def _films(**given: Any) -> list[str]:
+    """The same of each attractor."""
+    return [film.to_jshtml() for film in plot.films(**given).values()]
 
 
 TARGETS: tuple[Target, ...] = tuple(

@@ -39,12 +39,12 @@ def test_points_that_fail_are_marked_and_the_others_kept():
     assert not curve.subcritical.any()
 
 
-def test_points_on_an_executor_are_the_same(capsys):
+def test_points_on_an_executor_are_the_same(terminal):
     alone = pp.criticality_curve(three, [0.2, 0.7])
     with ThreadPoolExecutor(2) as executor:
         again = pp.criticality_curve(three, [0.2, 0.7], executor=executor, progress=True)
     np.testing.assert_array_equal(alone.laws, again.laws)
-    assert "criticality" in capsys.readouterr().err
+    assert "criticality" in terminal.readouterr().err
     assert pickle.loads(pickle.dumps(alone)).subcritical.tolist() == [False, True]
 
 

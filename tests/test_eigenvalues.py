@@ -344,7 +344,9 @@ def test_modes_report_size_and_residuals():
     assert [shape.eigenvalue for shape in found.shapes] == list(found.eigenvalues)
 
 
-STIFF_SHORT = modular.chain(pp.Pipe(0.5, damping=1e3), 3, [5e8] * 3, lengths=[0.3, 1e-5, 0.69999])
+STIFF_SHORT = modular.chain(
+    pp.Pipe(0.5, damping=1e3), 3, springs=[5e8] * 3, lengths=[0.3, 1e-5, 0.69999]
+)
 
 
 @pytest.mark.parametrize(

@@ -52,17 +52,19 @@ def public_calls():
             if isinstance(item, FunctionType) or item in MADE_BY_USERS:
                 yield prefix + name
             if isinstance(item, type) and item is not pp.Model:
-                yield from (f"{prefix}{name}.{method}" for method in methods_with_arguments(item))
+                yield from methods_with_arguments(prefix + name, item)
 
 
-def methods_with_arguments(cls):
+def methods_with_arguments(label, cls):
+    """Those of results, which all of them inherit, are tried once."""
     for base in cls.__mro__:
         if base.__module__.startswith("pipedyn"):
             for name, method in vars(base).items():
                 public = not name.startswith("_") and name not in CALLED_WITH_CHECKED
                 arguments = inspect.signature(method).parameters if callable(method) else ()
                 if public and isinstance(method, FunctionType) and len(arguments) > 1:
-                    yield name
+                    of_results = base.__module__ == "pipedyn.util.result"
+                    yield f"{base.__name__ if of_results else label}.{name}"
 
 
 def test_every_public_call_is_tried(fuzz):

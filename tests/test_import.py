@@ -95,7 +95,7 @@ def test_public_names_are_spelled_the_british_way():
 
 
 def test_every_public_name_stands_in_the_reference():
-    pages = (PACKAGE.parents[1] / "notebooks" / "reference").glob("*.md")
+    pages = (Path(__file__).parents[1] / "notebooks" / "reference").glob("*.md")
     words = set(" ".join(page.read_text(encoding="utf-8") for page in pages).split())
     for prefix, module in (("", pp), ("plot.", pp.plot), ("modular.", pp.modular)):
         every = {name: getattr(module, name) for name in module.__all__}

@@ -53,7 +53,7 @@ def slack(n: int, pipe: pp.Pipe = EJECTING, y: float = 0.9) -> md.Assembly:
 
 SCENES: dict[str, Callable[[], md.Assembly]] = {
     "plain": lambda: md.chain(EJECTING, 5),
-    "aspirating": lambda: md.chain(ASPIRATING, 6, "midpoint"),
+    "aspirating": lambda: md.chain(ASPIRATING, 6, springs="midpoint"),
     "unequal": lambda: md.chain(EJECTING, **UNEQUAL),
     "guided": lambda: md.chain(EJECTING, 5).plus(md.Guide(5)),
     "guided twice": lambda: md.chain(ASPIRATING, 5).plus(md.Guide(3), md.Guide(5), md.Guide(3)),

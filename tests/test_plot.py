@@ -372,8 +372,8 @@ def of_the_hose():
     """Each picture of results of a pipe with scales, as a function of `units` and `ax`."""
     chain = pp.Chain(HOSE, 2)
     loci = pp.root_loci(chain, [0.0, 3.0, 6.0], 2)
-    window = {"beta": (0.1, 0.2), "u": (0.0, 8.0)}
-    onset = pp.boundary(chain, "beta", "u", window, criticality=False)
+    window = {"gamma": (10.0, 30.0), "u": (0.0, 12.0)}
+    onset = pp.boundary(chain, "gamma", "u", window, criticality=False)
     critical = pp.critical_speed(chain)
     sizes = [pp.critical_speed(pp.Chain(HOSE, n)) for n in (2, 4, 8)]
     diagram = pp.bifurcation_diagram(chain, [3.0, 4.5], cycles=0)
@@ -391,10 +391,10 @@ def of_the_hose():
     base = pp.Harmonic(0.02, 5.0)
     forced = pp.forced_response(chain, 2.0, base=base, frequencies=(4.0, 6.0))
     curve = pp.stability_curve(
-        lambda beta: pp.Chain(dataclasses.replace(HOSE, beta=beta), 2), [0.1, 0.2]
+        lambda damping: pp.Chain(dataclasses.replace(HOSE, damping=damping), 2), [0.1, 0.2]
     )
     known = pp.CycleBoundary(
-        names=("beta", "u"),
+        names=("gamma", "u"),
         ranges=onset.ranges,
         curves=(),
         points=(),
@@ -488,3 +488,31 @@ def test_pictures_leave_the_settings_of_matplotlib_alone():
     with plot.style():
         plot.convergence({"uniform": found([0.5, 0.25])}, CRITICAL, ax=axes())
     assert dict(matplotlib.rcParams) == before
+
+
+def test_speeds_over_the_mass_ratio_have_units_of_their_own():
+    """Over beta the unit of u changes: a map multiplies each point, other pictures refuse SI."""
+    window = {"beta": (0.1, 0.5), "u": (0.0, 9.0)}
+    found = pp.boundary(pp.Chain(HOSE, 3), "beta", "u", window, criticality=False)
+    with pytest.raises(ValueError, match="units must be 'nondimensional' over beta"):
+        plot.boundary(found, units="si")
+    ax = plot.stability_map({"chain": found}, units="si")
+    (line,) = (one for one in ax.lines if one.get_xdata().size > 5)
+    mass = HOSE.scales.mass * line.get_xdata()[0]
+    expected = (
+        found.curves[0].y[0]
+        * math.sqrt(HOSE.scales.mass * HOSE.scales.length**4 / HOSE.scales.time**2 / mass)
+        / HOSE.scales.length
+    )
+    assert line.get_ydata()[0] == pytest.approx(expected, rel=1e-6)
+    lengths = [0.3, 0.45]
+    curve = pp.stability_curve(lambda length: pp.Chain(hose_of(length), 3), lengths)
+    ax = plot.stability_map({"chain": curve}, parameter="length (m)", units="si")
+    np.testing.assert_allclose(ax.lines[0].get_ydata(), curve.in_si().speeds, rtol=1e-12)
+    plt.close("all")
+
+
+def hose_of(length):
+    return pp.Pipe.from_si(
+        length=length, bending_stiffness=7.3e-3, pipe_mass=0.19, fluid_mass=0.032
+    )

@@ -271,3 +271,47 @@ def test_a_motion_is_shown_in_a_line_and_a_diagram_in_five():
     diagram = pp.bifurcation_diagram(pp.Chain(pp.Pipe(0.2), 2), [3.0, 4.0], cycles=6)
     assert len(repr(diagram).splitlines()) <= 5
     assert "cycles=<2 CycleBranch>" in repr(diagram)
+
+
+HEAVY = {**HOSE, "pipe_mass": 0.122, "fluid_mass": 0.1}
+"""The same mass in all, more of it fluid."""
+
+
+def test_another_mass_ratio_has_another_unit_of_speed():
+    """Of a pipe that was changed, and along a boundary over beta; against pipes made so."""
+    changed, made = replace(SCALED, beta=0.1 / 0.222), pp.Pipe.from_si(**HEAVY)
+    assert changed.scales == pytest.approx(made.scales, rel=1e-12)
+    window = {"beta": (0.1, 0.5), "u": (0.0, 9.0)}
+    found = pp.boundary(pp.Chain(SCALED, 3), "beta", "u", window, criticality=False)
+    columns, curve = found.columns("si"), found.in_si().curves[0]
+    for place in (0, -1):
+        mass = 0.222 * found.curves[0].x[place]
+        hose = pp.Pipe.from_si(**{**HOSE, "pipe_mass": 0.222 - mass, "fluid_mass": mass})
+        there = hose.speed_si(found.curves[0].y[place])
+        assert curve.y[place] == pytest.approx(there, rel=1e-9)
+        assert columns["u (m/s)"][place] == pytest.approx(there, rel=1e-9)
+
+
+def test_each_member_of_an_ensemble_has_its_own_units():
+    long = pp.Pipe.from_si(**{**HOSE, "length": 0.9})
+    models = [pp.Chain(SCALED, 3), pp.Chain(long, 3)]
+    found = pp.simulate_many(models, [2.0, 2.0], 1.0, [[0.1, 0.1, 0.1]] * 2, samples=3)
+    columns = found.columns("si")
+    alone = [one.in_si() for one in found.motions]
+    np.testing.assert_allclose(columns["t (s)"], np.concatenate([one.t for one in alone]))
+    np.testing.assert_allclose(
+        columns["tip_y (m)"], np.concatenate([one.tip[:, 1] for one in alone])
+    )
+
+
+def test_what_is_in_si_already_is_not_converted_again():
+    found = pp.identify(SCALED, [pp.Measurement("frequency", 1.0, 0.01)], ["bending_stiffness"])
+    assert "critical_speed" not in found.in_si().units
+
+
+def test_redundant_coordinates_have_no_one_unit():
+    scene = pp.modular.chain(SCALED, 2)
+    motion = pp.simulate(scene, 1.0, 0.1, [0.1, 0.1], samples=3)
+    assert "qdot_0" in motion.columns("si")
+    exponent = pp.lyapunov_exponent(pp.Chain(SCALED, 2), 4.0, bend, duration=5.0, transient=1.0)
+    assert "history (1/s)" in exponent.columns("si", SCALED)

@@ -197,8 +197,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """The command; returns its exit status."""
     case = _parsed(arguments)
     if case.progress:
-        seconds = f"{forecast(case):.1g}" if forecast(case) < 10.0 else f"{forecast(case):.2g}"
-        words = f"takes about {seconds} s if {max(case.workers, 1)} cores are free"
+        seconds = float(f"{forecast(case):.1g}")
+        cores = "2 cores are" if case.workers > 1 else "a core is"
+        words = f"takes about {seconds:g} s if {cores} free"
         print(f"{PROGRAM}: {words}", file=sys.stderr, flush=True)
     # Nine tenths of the time are spent in the core, which other threads need not wait for.
     with ThreadPoolExecutor(case.workers) if case.workers else nullcontext() as executor:

@@ -401,8 +401,10 @@ class _Follower:
                     raise NewtonFailed(f"its multipliers are known to {error:.1e} only")
                 if self.closed or self.repeats or not lowest < here.u < highest:
                     return
-                if len(frequencies) == self.options.most or beyond == MOST_BEYOND:
-                    raise NewtonFailed("its steps ran out")
+                if len(frequencies) == self.options.most:
+                    raise NewtonFailed("its steps ran out; cycles= allows more")
+                if beyond == MOST_BEYOND:
+                    raise NewtonFailed(f"after {beyond} steps it has not come back")
                 if last is None and here.edges.size > INTERVALS_BEYOND:
                     raise NewtonFailed(f"beyond the speeds it takes {here.edges.size} intervals")
         except NewtonFailed as reason:

@@ -5,8 +5,9 @@ from __future__ import annotations
 
 from typing import Any, ClassVar
 
+from pipedyn.models.pipe import scales_at
 from pipedyn.models.pipe_numbers import unit_of_number
-from pipedyn.util.result import TableResult, joined
+from pipedyn.util.result import Result, TableResult, joined
 from pipedyn.util.units import Unit
 
 
@@ -24,6 +25,18 @@ class InPlane(TableResult):
         own: Any = self
         first, second = map(self._unit, own.names)
         return {"x": first, "y": second}
+
+    def _scales_within(self, one: Result, scales: Any) -> Any:
+        """The flow speed's depends on beta, if that is one of the two numbers."""
+        own: Any = self
+        if "beta" not in own.names or not hasattr(one, "x"):
+            return super()._scales_within(one, scales)
+        place: Any = one
+        return scales_at(place.x if own.names[0] == "beta" else place.y, scales)
+
+    def _scales_of_rows(self, scales: Any) -> Any:
+        own: Any = self
+        return scales_at(self._columns()["beta"], scales) if "beta" in own.names else scales
 
     def _columns(self) -> dict[str, Any]:
         own: Any = self

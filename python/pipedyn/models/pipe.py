@@ -66,6 +66,16 @@ class Scales(NamedTuple):
     """sqrt(EI / mu_f) / L, m/s"""
 
 
+def scales_at(beta: Any, scales: Scales) -> Scales:
+    """Those of another mass ratio, or of several, at the same length, EI and mu_p + mu_f."""
+    with np.errstate(divide="ignore"):
+        speed = scales.length / scales.time / np.sqrt(beta)
+    if np.ndim(beta):
+        return scales._replace(speed=speed)
+    same = beta == 0.0 or math.isclose(speed, scales.speed, rel_tol=1e-9)
+    return scales if same else scales._replace(speed=float(speed))
+
+
 @dataclass(frozen=True)
 class Pipe(Saved):
     """A pipe conveying fluid, a cantilever if not told, in units of L, mu_p + mu_f and EI.
@@ -159,6 +169,8 @@ class Pipe(Saved):
                 "jet_angle must be 0 for an aspirating pipe, as no jet leaves its free end, "
                 f"got {check.shown(self.jet_angle)}"
             )
+        if self.scales is not None:  # mu_f = beta (mu_p + mu_f), also where beta was replaced
+            given["scales"] = scales_at(self.beta, self.scales)
         for i, term in enumerate(self.terms):
             if isinstance(term, Stretching) and not self.end_held:
                 raise ValueError(

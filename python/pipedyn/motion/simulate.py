@@ -26,6 +26,7 @@ from pipedyn.linear.critical_speed import critical_speed
 from pipedyn.models.base import Model, PipedynError
 from pipedyn.models.constant_head import ConstantHead
 from pipedyn.models.drive import LARGEST_SPEED, Base, Drive, DriveFailed, Speed, Supply
+from pipedyn.models.modular.assembly import Assembly
 from pipedyn.motion.events import (
     DenseOutput,
     Event,
@@ -53,6 +54,7 @@ from pipedyn.util.check import Array
 from pipedyn.util.later import futures
 from pipedyn.util.parallel import parallel
 from pipedyn.util.result import Result, TableResult, joined, states_over_time
+from pipedyn.util.units import Unit
 
 Start: TypeAlias = ArrayLike | Callable[[Array], ArrayLike]
 """The angle theta(s) of the bent pipe, or coordinates; a search for motion takes states as well."""
@@ -88,6 +90,12 @@ class Trajectory:
     def tip_velocity(self) -> Array:
         """Velocity (x', y') of the free end at the times, in L / T, shape (S, 2)."""
         return self.model.tip_velocities(self.q.T, self.qdot.T)
+
+    def _unit(self, name: str) -> Unit | None:
+        if name.startswith("qdot") and isinstance(self.model, Assembly):
+            return None  # of redundant coordinates some are lengths
+        of_results: Any = super()
+        return of_results._unit(name)
 
     def _columns(self) -> dict[str, Any]:
         return states_over_time(self.t, self.q, self.qdot, self.model.tips(self.q.T))
@@ -182,6 +190,12 @@ class Ensemble(TableResult):
     def _columns(self) -> dict[str, Any]:
         tables = [one._columns() for one in self.motions]
         return joined(tables, member=range(len(tables)))
+
+    def _scales_of_rows(self, scales: Any) -> Any:
+        """Of each member's pipe."""
+        each = [one.model.pipe.scales or (math.nan,) * len(scales) for one in self.motions]
+        rows = np.repeat(each, [one.t.size for one in self.motions], axis=0)
+        return type(scales)(*rows.T)
 
 
 def simulate(
@@ -511,7 +525,7 @@ def as_sparse_as_shown(task: Task, outcome: Outcome) -> tuple[Task, Outcome]:
         t = task.times[: len(rows) - 1 : every]
         late = len(t) - len(t) // 4
         ends = task.model.tips(q.T), task.model.tip_velocities(q.T, qdot.T)
-        if len(t) < 3 or not (
+        if len(t) >= 3 and not (
             coarse(t, *ends, rates_shown=True)
             or coarse(t[late:], ends[0][late:], ends[1][late:], INVISIBLE)
         ):

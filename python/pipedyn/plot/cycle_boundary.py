@@ -16,7 +16,7 @@ from pipedyn.bifurcation.event_curve import CycleCurve
 from pipedyn.plot import common
 from pipedyn.plot.bifurcation import STABILITY_STYLES
 from pipedyn.plot.stability_map import parts_of_stability
-from pipedyn.plot.units import Units, View, of_number
+from pipedyn.plot.units import Units, of_number, view_of_plane
 from pipedyn.util.check import Array
 from pipedyn.util.later import scipy
 
@@ -61,7 +61,8 @@ def cycle_boundary(
     """
     common.check_type("found", found, CycleBoundary)
     pipe = found.model.pipe
-    view, shown = View(units, pipe), [of_number(name, pipe) for name in found.names]
+    view = view_of_plane(units, pipe, found.names)
+    shown = [of_number(name, pipe) for name in found.names]
     xlabel, ylabel = map(view.label, shown)
     ax = common.axes(ax, (6.4, 4.8), xlabel=xlabel, ylabel=ylabel)
     one = np.array(list(map(view.one, shown)))  # of x and y

@@ -204,7 +204,8 @@ class Exploration:
         self._forget("modes", "film", "loci")
 
     def slider(self, name: str) -> Slider:
-        """The slider of that name."""
+        """The slider of that name; raises ValueError or TypeError for another."""
+        check.choice("name", name, tuple(one.name for one in self.sliders))
         return next(one for one in self.sliders if one.name == name)
 
     def _forget(self, *names: str) -> None:

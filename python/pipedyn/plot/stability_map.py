@@ -17,9 +17,9 @@ from numpy.typing import NDArray
 from pipedyn.bifurcation.boundary import Boundary, BoundaryCurve
 from pipedyn.linear.critical_speed import CriticalSpeed
 from pipedyn.linear.stability_curve import StabilityCurve
-from pipedyn.models.pipe import Pipe
+from pipedyn.models.pipe import Pipe, scales_at
 from pipedyn.plot import common
-from pipedyn.plot.units import SPEED, Quantity, Units, View, of_number
+from pipedyn.plot.units import SPEED, Quantity, Units, View, of_number, view_of_plane
 from pipedyn.util import check
 from pipedyn.util.check import Array
 
@@ -73,7 +73,7 @@ def boundary(found: Boundary, *, units: Units = "nondimensional", ax: Axes | Non
         TypeError: for bad arguments.
     """
     common.check_type("found", found, Boundary)
-    view = View(units, found.model.pipe)
+    view = view_of_plane(units, found.model.pipe, found.names)
     shown = [of_number(name, found.model.pipe) for name in found.names]
     xlabel, ylabel = map(view.label, shown)
     ax = common.axes(ax, (6.4, 4.8), xlabel=xlabel, ylabel=ylabel)
@@ -262,7 +262,8 @@ def stability_map(
         one = np.array([own.one(shown), own.one(SPEED)])
         if isinstance(found, StabilityCurve):
             points = {"linestyle": "none", "marker": "o", "markersize": 3.5}
-            ax.plot(one[0] * found.values, one[1] * found.speeds, label=label, **(look | points))
+            speeds = found.in_si().speeds if own.si else found.speeds
+            ax.plot(one[0] * found.values, speeds, label=label, **(look | points))
             failed += [one[0] * failure.value for failure in found.failures]
             drawn = drawn or bool(np.isfinite(found.speeds).any())
             continue
@@ -275,6 +276,8 @@ def stability_map(
         for line, kind, left in parts:
             ticks = withTickedStroke(angle=90.0 if left else -90.0, **TICKS)
             at = one * line
+            if name == "beta" and own.si and own.scales is not None:
+                at[:, 1] = line[:, 1] * scales_at(line[:, 0], own.scales).speed
             ax.plot(*at.T, linewidth=1.3, path_effects=[ticks], **look)
             if kind == "divergence":
                 _divergence(ax, at, left, found.model.pipe.gamma < 0.0, look["color"])

@@ -108,6 +108,19 @@ def of_number(name: str, pipe: Pipe) -> Quantity:
     return Quantity(label, f"{name} ({unit})" if unit else name, value)
 
 
+def view_of_plane(units: Any, pipe: Pipe, names: tuple[str, str]) -> View:
+    """Of the plane of two numbers; raises ValueError where speeds have no one unit in it."""
+    view = View(units, pipe)
+    if {"beta", "u"} <= set(names):
+        if view.si:
+            raise ValueError(
+                "units must be 'nondimensional' over beta, with which the unit of the flow speed "
+                "changes, got 'si': in_si() and columns('si') of what was found have the numbers"
+            )
+        view.scales = None
+    return view
+
+
 def rate(coordinate: int, before: str = "", after: str = "") -> Quantity:
     """Of change of a coordinate, with words before and after it in the label."""
     words = rf"{before}rate $\dot q_{{{coordinate}}}$"

@@ -211,6 +211,9 @@ def load(path: str | os.PathLike[str]) -> Any:
     """
     place = _checked(path)
     try:
+        with zipfile.ZipFile(place) as members:
+            if "header.npy" not in members.namelist():
+                raise zipfile.BadZipFile
         with np.load(place, allow_pickle=False) as file:
             header = json.loads(str(file["header"]))
             if header["format"] > FORMAT:
@@ -220,7 +223,9 @@ def load(path: str | os.PathLike[str]) -> Any:
                 )
             reader = _Reader(header["objects"], file.__getitem__)
             return reader.decoded(header["root"])
-    except (ValueError, KeyError, TypeError, IndexError, zipfile.BadZipFile) as error:
+    except (zipfile.BadZipFile, EOFError) as error:
+        raise ValueError(f"{place} cannot be loaded: it is no file of pipedyn") from error
+    except (ValueError, KeyError, TypeError, IndexError) as error:
         raise ValueError(f"{place} cannot be loaded: {error}") from error
 
 

@@ -157,6 +157,11 @@ class Result(Saved):
         """SI values of one nondimensional unit, None where they are not known."""
         return getattr(self._pipe(), "scales", None)
 
+    def _scales_within(self, one: Result, scales: Any) -> Any:
+        """Those of a result within, where these are the own ones."""
+        own = one._scales()
+        return scales if own is None else own
+
     def _unit(self, name: str) -> Unit | None:
         """The SI unit of a field or a column."""
         name = re.sub(r"_(\d+|[xy])$", "", name)
@@ -174,11 +179,16 @@ class TableResult(Result):
         """Values by the names of columns, each of shape (rows,)."""
         raise NotImplementedError
 
-    def columns(self, units: Units = "nondimensional") -> dict[str, Any]:
+    def _scales_of_rows(self, scales: Any) -> Any:
+        """Of each row, where these are the own ones."""
+        return scales
+
+    def columns(self, units: Units = "nondimensional", pipe: Any = None) -> dict[str, Any]:
         """The table as arrays by the names of its columns, each of shape (rows,).
 
         Args:
             units: "si" for columns with an SI unit in their names, where the pipe has scales.
+            pipe: the pipe, where units are SI and the result does not hold it.
 
         Raises:
             ValueError, TypeError: for other units, or without scales.
@@ -191,7 +201,7 @@ class TableResult(Result):
         columns = {name: np.asarray(values) for name, values in self._columns().items()}
         if check.choice("units", units, ("nondimensional", "si")) == "nondimensional":
             return columns
-        scales = self.in_si()._scales
+        scales = self._scales_of_rows(self.in_si(pipe)._scales)
         made = {}
         for name, values in columns.items():
             unit = self._unit(name)
@@ -201,17 +211,18 @@ class TableResult(Result):
                 made[f"{name} ({unit.name})"] = values * unit.scale(scales)
         return made
 
-    def to_dataframe(self, units: Units = "nondimensional") -> Any:
+    def to_dataframe(self, units: Units = "nondimensional", pipe: Any = None) -> Any:
         """The table as a pandas DataFrame.
 
         Args:
             units: as for `columns`.
+            pipe: also.
 
         Raises:
             ImportError: where pandas is not installed.
             ValueError, TypeError: as `columns`.
         """
-        columns = self.columns(units)
+        columns = self.columns(units, pipe)
         try:
             import pandas
         except ImportError as error:
@@ -219,13 +230,17 @@ class TableResult(Result):
         return pandas.DataFrame(columns)
 
     def to_csv(
-        self, path: str | os.PathLike[str] | None = None, units: Units = "nondimensional"
+        self,
+        path: str | os.PathLike[str] | None = None,
+        units: Units = "nondimensional",
+        pipe: Any = None,
     ) -> str:
         """The table as comma-separated values, written to a file too where its path is given.
 
         Args:
             path: of the file.
             units: as for `columns`.
+            pipe: also.
 
         Raises:
             OSError: if it cannot be written.
@@ -233,7 +248,7 @@ class TableResult(Result):
         """
         if path is not None and not isinstance(path, str | os.PathLike):
             raise TypeError(f"path must be a file's name, got {check.shown(path)}")
-        columns = self.columns(units)
+        columns = self.columns(units, pipe)
         text = io.StringIO()
         writer = csv.writer(text, lineterminator="\n")
         writer.writerow(columns)
@@ -290,8 +305,8 @@ class SI:
         raise AttributeError(f"{name} of {type(self._result).__name__} has no value in SI units")
 
     def _within(self, one: Result) -> SI:
-        own = one._scales()
-        return SI(one, self._scales if own is None else own, self._result._units_within())
+        scales = self._result._scales_within(one, self._scales)
+        return SI(one, scales, self._result._units_within())
 
     def _text(self, name: str) -> str:
         return f"{_short(getattr(self, name))} {self.units[name]}"

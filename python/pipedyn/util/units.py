@@ -27,7 +27,6 @@ ENERGY = Unit("J", lambda scales: scales.mass * scales.length**3 / scales.time**
 UNIT_OF: MappingProxyType[str, Unit] = MappingProxyType(
     {
         **dict.fromkeys(("speed", "speeds", "flow_speed", "u"), SPEED),
-        **dict.fromkeys(("critical_speed", "critical_speed_uncertainty"), SPEED),
         **dict.fromkeys(("frequency", "frequencies", "threshold_frequency"), FREQUENCY),
         **dict.fromkeys(("t", "period", "duration"), TIME),
         **dict.fromkeys(("eigenvalue", "eigenvalues", "partners", "poles"), RATE),

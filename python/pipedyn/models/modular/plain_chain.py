@@ -22,8 +22,8 @@ from pipedyn.models.pipe import Pipe
 def chain(
     pipe: Pipe,
     n: int | None = None,
-    springs: str | ArrayLike = "consistent",
     *,
+    springs: str | ArrayLike = "consistent",
     lengths: ArrayLike | None = None,
     centres: ArrayLike | None = None,
     gyration_radii: ArrayLike | None = None,
