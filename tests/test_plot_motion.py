@@ -505,6 +505,8 @@ def test_a_film_is_a_page_with_a_player_of_all_its_frames(tmp_path):
     page = path.read_text(encoding="utf-8")
     assert page.startswith("<!DOCTYPE html>")
     assert page.count("data:image/png;base64") == 10
+    assert "http" not in page  # it plays without a network
+    assert "fa-" not in page
     assert "checked" in page[page.index('value="loop"') :][:200]
 
 

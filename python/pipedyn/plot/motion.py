@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import math
 import os
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import cycle
@@ -250,6 +251,20 @@ def snapshots(
     return ax
 
 
+ICONS = {
+    "fa-minus": "&minus;",
+    "fa-fast-backward": "&#9198;&#xFE0E;",
+    "fa-step-backward": "&lsaquo;",
+    "fa-play fa-flip-horizontal": "&#9664;&#xFE0E;",
+    "fa-pause": "&#10074;&#10074;",
+    "fa-play": "&#9654;&#xFE0E;",
+    "fa-step-forward": "&rsaquo;",
+    "fa-fast-forward": "&#9197;&#xFE0E;",
+    "fa-plus": "+",
+}
+"""Characters for the buttons of a player."""
+
+
 class Film(FuncAnimation):
     """An animation that is saved by the ending of its file's name, and plays in a notebook."""
 
@@ -278,7 +293,10 @@ class Film(FuncAnimation):
         """A player for a page, with all frames."""
         options.setdefault("default_mode", "loop" if self.repeats else "once")
         with rc_context({"animation.embed_limit": 1e6}):  # MB: no frame is left out
-            return str(super().to_jshtml(*args, **options))
+            page = str(super().to_jshtml(*args, **options))
+        # Matplotlib's icons are a font that a browser would have to fetch.
+        page = re.sub(r"<link [^>]*font-awesome[^>]*>", "", page)
+        return re.sub(r'<i class="fa (fa-[^"]*)"></i>', lambda icon: ICONS[icon[1]], page)
 
     def _repr_html_(self) -> str:
         return self.to_jshtml()
