@@ -253,13 +253,13 @@ def snapshots(
 
 ICONS = {
     "fa-minus": "&minus;",
-    "fa-fast-backward": "&#9198;&#xFE0E;",
+    "fa-fast-backward": "|&#9664;&#xFE0E;",
     "fa-step-backward": "&lsaquo;",
     "fa-play fa-flip-horizontal": "&#9664;&#xFE0E;",
     "fa-pause": "&#10074;&#10074;",
     "fa-play": "&#9654;&#xFE0E;",
     "fa-step-forward": "&rsaquo;",
-    "fa-fast-forward": "&#9197;&#xFE0E;",
+    "fa-fast-forward": "&#9654;&#xFE0E;|",
     "fa-plus": "+",
 }
 """Characters for the buttons of a player."""
