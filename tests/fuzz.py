@@ -1607,7 +1607,7 @@ def _pictures() -> Iterator[Target]:
     yield Target("plot.Exploration.set", knob.set, {**sliders, "value": moved})
     explored = {"pipe": of(PIPE), "n": count(1, 4, 1001), "against": word("beta", "gamma")}
     yield Target("plot.explore", plot.Exploration, explored)  # without its widgets
-    ends = {"found": of(ENDS), "fps": real((20.0, 30.0), 0.0, 1e3)}
+    ends = {"found": of(ENDS), "fps": real((4.0, 5.0), 0.0, 1e3)}
     yield Target("plot.films", _films, ends, slow=True)
     for name, kinds in calls.items():
         call = _filmed if name == "animate" else getattr(plot, name)

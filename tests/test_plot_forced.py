@@ -2,6 +2,7 @@
 """Pictures of driven pipes show what the results say."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -94,3 +95,10 @@ def test_bad_arguments_are_named(call, message):
     with pytest.raises((TypeError, ValueError)) as refused:
         call(axes())
     assert str(refused.value).startswith(message)
+
+
+def test_a_region_without_edges_is_no_obstacle_to_the_others():
+    """One that is too thin at all amplitudes asked for has edges of NaN alone."""
+    thin = replace(REGION, edges=np.full_like(REGION.edges, math.nan))
+    ax = plot.parametric_regions([thin, REGION], ax=axes())
+    assert any(collection.get_paths() for collection in ax.collections)

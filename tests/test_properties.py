@@ -100,7 +100,7 @@ def reduced(pipe):
 def scenes(draw, pipe, guided=False):
     """Chains from parts, with further parts."""
     n = draw(st.integers(2, 5))
-    scene = modular.chain(draw(pipe), n, draw(st.sampled_from(RULES)))
+    scene = modular.chain(draw(pipe), n, springs=draw(st.sampled_from(RULES)))
     node = st.integers(1, n)
     place = mixed([1.0, 1.0 / n], 0.01, 1.0)
     size = mixed([0.0], 0.0, 3.0)
@@ -294,7 +294,8 @@ def test_a_batch_is_its_members_and_pickles_move_alike(model, seed, members):
 @given(chains(pipes(), wild=False), SPEEDS, SEEDS)
 def test_a_scene_of_a_chain_moves_as_the_chain(chain, u, seed):
     scene = modular.chain(
-        *(chain.pipe, chain.dof, chain.springs),
+        *(chain.pipe, chain.dof),
+        springs=chain.springs,
         lengths=chain.lengths,
         centres=chain.centres,
         gyration_radii=chain.gyration_radii,

@@ -156,6 +156,8 @@ def smooth(speeds: Array, heights: Array) -> Array:
     stay as they are elsewhere if one point moves, and do not oscillate.
     """
     points = np.stack([speeds, heights], axis=1)
+    if not points.size:
+        return points
     chords = np.linalg.norm(np.diff(points / (np.ptp(points, axis=0) + 1e-300), axis=0), axis=1)
     places = np.append(0.0, np.cumsum(np.maximum(chords, 1e-12)))
     if places.size < 3 or not places[-1] > 1e-9:
