@@ -24,8 +24,8 @@ Units = Literal["nondimensional", "si"]
 SHOWN, WIDTH, ROWS = 6, 100, 20
 """Numbers of an array and characters of a line in a `repr`, and rows of a table in a notebook."""
 
-
 NUMBERS = float, int, complex, np.ndarray
+"""What may have an SI unit."""
 
 
 class Saved:
@@ -65,10 +65,7 @@ class Result(Saved):
         """units: of fields and columns where they are other than `UNIT_OF` says."""
         super().__init_subclass__()
         cls._units = {**cls._units, **(units or {})}
-        own = cls.__dict__.get("__repr__")
         dataclasses.dataclass(frozen=True, eq=False, repr=False)(cls)
-        if own is not None:
-            cls.__repr__ = own  # type: ignore[method-assign]
 
     def __eq__(self, other: object) -> Any:
         if type(self) is not type(other):
