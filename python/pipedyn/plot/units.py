@@ -3,23 +3,20 @@
 
 from __future__ import annotations
 
-import math
+import re
 from collections.abc import Callable
-from dataclasses import dataclass, fields
-from typing import Any, Literal, TypeAlias
+from dataclasses import dataclass
+from typing import Any
 
 from matplotlib.axes import Axes
 
 from pipedyn.models.drive import Supply
 from pipedyn.models.pipe import Pipe, Scales
-from pipedyn.models.pipe_numbers import pipe_numbers
-from pipedyn.models.supports import RootSpring
-from pipedyn.models.terms import Term
+from pipedyn.models.pipe_numbers import unit_of_number
 from pipedyn.plot import common
 from pipedyn.util import check
 from pipedyn.util import units as si
-
-Units: TypeAlias = Literal["nondimensional", "si"]
+from pipedyn.util.result import Units as Units
 
 
 @dataclass(frozen=True)
@@ -88,24 +85,11 @@ def of_number(name: str, pipe: Pipe) -> Quantity:
     if name in OF_A_NUMBER:
         return OF_A_NUMBER[name]
     label = "stiffness of the root $(EI/L)$" if name == "root.stiffness" else name
-    number = pipe_numbers(pipe).get(name)
-    holder: Any = pipe.root if name == "root.stiffness" else None
-    if number is not None and number.term is not None:
-        holder = pipe.terms[number.term]
-    if number is None or not isinstance(holder, Term | RootSpring):
+    unit = unit_of_number(name, pipe)
+    if unit is None:
         return Quantity(label)
-    (item,) = (item for item in fields(holder) if item.name == number.attribute)
-    mass, length, time = item.metadata["powers"]
-
-    def value(scales: Scales) -> float:
-        return math.prod(map(pow, (scales.mass, scales.length, scales.time), (mass, length, time)))
-
-    # Masses are counted per length.
-    powers = zip(("kg", "m", "s"), (mass, length - mass, time), strict=True)
-    unit = " ".join(
-        f"{unit}$^{{{power}}}$" if power != 1 else unit for unit, power in powers if power
-    )
-    return Quantity(label, f"{name} ({unit})" if unit else name, value)
+    text = re.sub(r"\^(-?\d+)", r"$^{\1}$", unit.name)
+    return Quantity(label, f"{name} ({text})", unit.scale)
 
 
 def view_of_plane(units: Any, pipe: Pipe, names: tuple[str, str]) -> View:
