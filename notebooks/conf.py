@@ -9,6 +9,7 @@ from docutils import nodes
 from sphinx.util import logging
 
 import pipedyn
+from pipedyn.util.result import Result
 
 project = "pipedyn"
 author = "the engineers of pipedyn"
@@ -71,7 +72,16 @@ def plain_words(app, what, name, obj, options, lines):
             lines[i] = "".join(parts)
 
 
+def made_by_users(app, what, name, obj, options, signature, return_annotation):
+    """Results are made by the package: only those with an example show how they are called."""
+    result = what == "class" and issubclass(obj, Result)
+    if result and "Example:" not in (obj.__doc__ or ""):
+        return "", None
+    return signature, return_annotation
+
+
 def setup(app):
     """Registers the above."""
     app.add_role("source", source)
     app.connect("autodoc-process-docstring", plain_words)
+    app.connect("autodoc-process-signature", made_by_users)
