@@ -27,7 +27,7 @@ exclude_patterns = ["_build", "**/.ipynb_checkpoints"]
 
 myst_enable_extensions = ["amsmath", "colon_fence", "deflist", "dollarmath"]
 myst_heading_anchors = 3
-smartquotes = False  # q'' is a second derivative
+smartquotes_action = "De"  # no quotation marks: q'' is a second derivative
 nb_execution_mode = "force"
 nb_execution_timeout = 300
 nb_execution_raise_on_error = True
