@@ -101,13 +101,24 @@ def marked(line):
     return "".join(parts)
 
 
+def rejoined(what, lines):
+    """Napoleon takes what stands before a colon for a type: prose is put together again."""
+    for i, line in enumerate(lines):
+        field, _, words = line.partition(": ")
+        if field == ":type" and what == "property":
+            lines[0] = f"{words}: {lines[0]}"
+            del lines[i]
+            return
+        if field == ":rtype" and " " in words:
+            j = next(j for j, one in enumerate(lines) if one.startswith(":returns: "))
+            lines[j] = f":returns: {words}: {lines[j].removeprefix(':returns: ')}"
+            del lines[i]
+            return
+
+
 def plain_words(app, what, name, obj, options, lines):
     """Docstrings are plain text: what is indented before the lists is a formula or code."""
-    for i, line in enumerate(lines):  # "name: what it is" of a property tells no type
-        if what == "property" and line.startswith(":type: "):
-            lines[0] = f"{line.removeprefix(':type: ')}: {lines[0]}"
-            del lines[i]
-            break
+    rejoined(what, lines)
     text = next((i for i, line in enumerate(lines) if line.startswith((":", ".."))), len(lines))
     found, block = [], False
     for i, line in enumerate(lines):
