@@ -394,13 +394,13 @@ class Model(OfPipe, ABC):
     def compiled_rates(self) -> Any:
         """What the core's integrators take: `compiled`, or a function.
 
-        Of times (k,), states [p, p', W] (2 moving + 1, k), flow speeds (k,) and, if anything drives
-        them, this, (ROWS, k).
+        Of times (k,), states of k columns as `motion_rates` takes them, flow speeds (k,) and, if
+        anything drives them, this, (ROWS, k).
         """
         whole = self.compiled
         if whole is not None:
             return whole
-        return lambda t, y, *flow: self.motion.rhs_and_power(t[0], y, *flow)
+        return lambda t, y, *flow: self.motion_rates(y, *flow)
 
     @cached_property
     def equations(self) -> Any:
@@ -586,10 +586,12 @@ class Model(OfPipe, ABC):
         return float(np.abs(p).max())
 
     def motion_rates(self, y: Array, u: float | Array, drive: Array | None = None) -> Array:
-        """Rates of [p, p'], shape (2 moving,), or (2 moving, k) of k columns.
+        """Rates of [p, p'] or, with the work W done on them, of [p, p', W]; (rows,) or (rows, k).
 
         drive: what drives them, see `pipedyn.models.drive`, (ROWS,) or (ROWS, k).
         """
+        if len(y) > 2 * self.moving:
+            return np.asarray(self.motion.rhs_and_power(0.0, y, u, drive))
         if self.motion is self.core:  # which advances these, and needs no work for it
             return np.asarray(self.core.rhs(0.0, y, u, drive))
         work = np.zeros((1, *y.shape[1:]))

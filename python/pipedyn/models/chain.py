@@ -474,6 +474,8 @@ class Chain(Model):
         return super().free_states(y) if self.supported is None else self.supported.free_states(y)
 
     def motion_rates(self, y: Array, u: float | Array, drive: Array | None = None) -> Array:
+        if len(y) > 2 * self.moving:
+            return super().motion_rates(y, u, drive)
         return np.asarray(self.motion.rhs(0.0, y, u, drive))
 
     def projected(self, p: Array, rates: Array) -> tuple[Array, Array]:
