@@ -54,8 +54,8 @@ from pipedyn.bifurcation.equilibria import BranchPoint, Statics
 from pipedyn.bifurcation.vector_field import VectorField
 from pipedyn.linear.critical_speed import first_loss
 from pipedyn.linear.eigenproblem import Complex
-from pipedyn.linear.sensitivity import Crossing
-from pipedyn.linear.stability_curve import Failure, of_each, scales_of_each, swept
+from pipedyn.linear.sensitivity import Crossing, of_each
+from pipedyn.linear.stability_curve import Failure, scales_of_each, swept
 from pipedyn.models.base import Model, NotConverged, PipedynError
 from pipedyn.models.constant_head import ConstantHead
 from pipedyn.models.drive import Supply
@@ -67,6 +67,7 @@ from pipedyn.util.later import futures, scipy
 from pipedyn.util.parallel import outcome_of
 from pipedyn.util.result import Result, TableResult
 from pipedyn.util.threads import one_thread
+from pipedyn.util.units import LENGTH, SPEED
 
 LEVELS, FIRST_STEP = 6, 0.2
 """Steps of the differences, each half of the one before, and the largest angle, rad, by which the
@@ -226,7 +227,7 @@ def _rest_at(motion: VectorField, crossing: Crossing | BranchPoint) -> Array:
     return motion.resting()
 
 
-class Hopf(HopfPoint):
+class Hopf(HopfPoint, units={"balance": LENGTH, "fold": SPEED}):
     """A flutter onset, and the limit cycle that emerges there.
 
     The amplitude A of the free end obeys A' = growth (u - u_c) A + Re(quadratic) A^2 + Re(cubic)
@@ -587,7 +588,7 @@ def _tip_of(motion: VectorField, rest: Array, mode: Complex) -> complex:
 # ----------------------------------------------------------------------- against a parameter
 
 
-class CriticalityCurve(TableResult):
+class CriticalityCurve(TableResult, units={"folds": SPEED}):
     """Onsets of flutter against a parameter.
 
     Attributes:

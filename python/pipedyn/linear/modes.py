@@ -119,7 +119,7 @@ class ModeShape(Result):
         return np.asarray(self.model.deflection(self.coordinates, s), dtype=np.complex128)
 
 
-class Modes(TableResult):
+class Modes(TableResult, units={"errors": RATE}):
     """Eigenvalues and modes at one flow speed.
 
     Attributes:

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from pipedyn.linear.critical_speed import CriticalSpeed, Point, checked_end, first_losses, losses
-from pipedyn.linear.sensitivity import Crossing
+from pipedyn.linear.sensitivity import Crossing, of_each
 from pipedyn.models.continuum import AnyModel, checked_model
 from pipedyn.util import check
 from pipedyn.util.check import Array
@@ -83,12 +83,6 @@ class StabilityCurve(TableResult):
     def _scales(self) -> Any:
         """Of each point, whose pipe may be another."""
         return scales_of_each(self.critical)
-
-
-def of_each(results: Iterable[Any], name: str) -> Array:
-    """An attribute of each result, NaN where the result or the attribute is None."""
-    found = [getattr(one, name, None) for one in results]
-    return np.array([math.nan if value is None else value for value in found])
 
 
 def scales_of_each(results: Iterable[Any]) -> Any:

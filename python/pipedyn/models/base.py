@@ -22,6 +22,7 @@ from pipedyn.util import check
 from pipedyn.util.check import Array
 from pipedyn.util.power_iteration import largest_stretch
 from pipedyn.util.result import Result, Saved
+from pipedyn.util.units import POWER
 
 DENSE_LIMIT = 4000
 """Largest dof for which dense operators are made: seven matrices of 128 MB."""
@@ -101,7 +102,9 @@ class Operators(Result):
         return self.mass, velocity, stiffness if self.loss is None else stiffness + 1j * self.loss
 
 
-class Power(Result):
+class Power(
+    Result, units=dict.fromkeys(("flow", "joints", "drag", "others", "base", "total"), POWER)
+):
     """Rate of a state's energy by what does the work, each a number or, for k states, shape (k,).
 
     Attributes:

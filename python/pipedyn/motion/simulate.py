@@ -48,7 +48,7 @@ from pipedyn.motion.integrator import (
     integrate,
     runs_unlocked,
 )
-from pipedyn.motion.sampling import A_CYCLE, FEWEST, FINEST, INVISIBLE, MOST_NUMBERS, coarse
+from pipedyn.motion.sampling import A_CYCLE, A_TURN, FEWEST, FINEST, INVISIBLE, MOST_NUMBERS, coarse
 from pipedyn.util import check
 from pipedyn.util.check import Array
 from pipedyn.util.later import futures
@@ -499,16 +499,19 @@ def motions_of(
 def finely_sampled(task: Task) -> Task:
     """The task with more samples, of which `as_sparse_as_shown` leaves what shows the motion.
 
-    They resolve the fastest mode, but none whose loss factor in bending exceeds 1.
+    They resolve the fastest mode, but none whose loss factor in bending exceeds 1, and a pipe that
+    whirls as fast as it starts.
     """
     if task.method not in CORE:
         return task
-    intervals, damping = task.times.size - 1, task.model.pipe.damping
-    fastest, _ = fastest_rates(task.model)
-    cycles = min(fastest, 1.0 / damping if damping else math.inf) / (2.0 * math.pi)
-    wanted = A_CYCLE * cycles * float(np.ptp(task.times)) / intervals
+    model, intervals, damping = task.model, task.times.size - 1, task.model.pipe.damping
+    fastest, _ = fastest_rates(model)
+    fastest = min(fastest, 1.0 / damping if damping else math.inf)
+    turning = model.largest_angle(task.start[model.moving : 2 * model.moving])
+    interval = float(np.ptp(task.times)) / intervals / (2.0 * math.pi)
+    wanted = min(A_CYCLE * fastest * interval, FINEST)
     room = max(MOST_NUMBERS // (intervals * len(task.start)), 1)
-    finer = int(min(max(wanted, FEWEST), FINEST, room))
+    finer = int(min(max(wanted, A_TURN * turning * interval, FEWEST), room))
     finer = 1 << (finer.bit_length() - 1)
     times = np.linspace(task.times[0], task.times[-1], finer * intervals + 1)
     times[::finer] = task.times  # to the bit
@@ -527,6 +530,7 @@ def as_sparse_as_shown(task: Task, outcome: Outcome) -> tuple[Task, Outcome]:
         ends = task.model.tips(q.T), task.model.tip_velocities(q.T, qdot.T)
         if len(t) >= 3 and not (
             coarse(t, *ends, rates_shown=True)
+            or coarse(t, ends[0][:, 0], ends[1][:, 0], rates_shown=True)
             or coarse(t[late:], ends[0][late:], ends[1][late:], INVISIBLE)
         ):
             break

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
@@ -86,7 +86,7 @@ class Findings:
     highest: float = 0.0  # end of the speeds in figures 2 and 3
     exact: CriticalSpeed | None = None  # of the continuous pipe
     remark: str = ""  # why there is none
-    crossings: tuple[Crossing, ...] = ()  # of the continuous pipe, up to `highest`
+    crossings: Sequence[Crossing] = ()  # of the continuous pipe, up to `highest`
     benchmark: RootLoci | None = None  # root loci of the continuous pipe
     panels: list[list[tuple[str, RootLoci | None]]] = field(default_factory=list)  # rows, titled
     rows: list[Row] = field(default_factory=list)  # the table, without the continuous pipe
