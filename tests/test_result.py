@@ -64,6 +64,18 @@ def test_results_of_the_same_numbers_are_equal_and_of_others_are_not(name):
     assert len({one, again, other}) == 2
 
 
+def test_what_was_drawn_pickles():
+    """What a picture has computed, and kept, is left out."""
+    found = pp.boundary(
+        SCALED_CHAIN, "gamma", "u", {"gamma": (0.0, 5.0), "u": (0.0, 8.0)}, criticality=False
+    )
+    before = pickle.dumps(found)
+    assert found.unstable(1.0, 1.0) == 0  # keeps its matrices
+    assert len(found.__dict__) > len(found.__getstate__())
+    assert pickle.dumps(found) == before
+    assert pickle.loads(before).unstable(1.0, 1.0) == 0
+
+
 class Held(Result):
     """For tests."""
 

@@ -107,8 +107,8 @@ class Crossings(ResultSequence[Crossing], units={"error": SPEED, "max_speed": SP
 
     Example:
         >>> found = pp.crossings(pp.Continuum(pp.Pipe(0.295)), 9.0)
-        >>> len(found), found[0].kind, found.speeds.round(3)
-        (3, 'flutter', array([7.26 , 7.852, 8.189]))
+        >>> len(found), found[0].kind, found.speeds.round(3).tolist()
+        (3, 'flutter', [7.261, 7.852, 8.189])
         >>> print(found.to_csv().splitlines()[0])
         speed,frequency,kind,mode,unstable_before,unstable_after,error
     """

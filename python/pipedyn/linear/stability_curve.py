@@ -12,7 +12,14 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike
 
-from pipedyn.linear.critical_speed import CriticalSpeed, Point, checked_end, first_losses, losses
+from pipedyn.linear.critical_speed import (
+    CriticalSpeed,
+    NoCrossing,
+    Point,
+    checked_end,
+    first_losses,
+    losses,
+)
 from pipedyn.linear.sensitivity import Crossing, of_each
 from pipedyn.models.continuum import AnyModel, checked_model
 from pipedyn.util import check
@@ -20,6 +27,7 @@ from pipedyn.util.check import Array
 from pipedyn.util.later import futures
 from pipedyn.util.parallel import outcome_of, parallel
 from pipedyn.util.result import Result, TableResult
+from pipedyn.util.units import SPEED
 
 Answer = TypeVar("Answer")
 
@@ -44,7 +52,7 @@ class Failure(Result):
     error: Exception
 
 
-class StabilityCurve(TableResult):
+class StabilityCurve(TableResult, units=dict.fromkeys(("stable_up_to", "max_speed"), SPEED)):
     """Critical speed, and every crossing, against a parameter.
 
     Attributes:
@@ -53,12 +61,27 @@ class StabilityCurve(TableResult):
         crossings: crossings at each value; those up to the critical speed where no max_speed was
             asked for; empty where the point failed.
         failures: the points that failed, with what they raised.
+        max_speed: up to which every crossing was asked for, None where it was not.
     """
 
     values: Array
     critical: tuple[CriticalSpeed | None, ...] = field(repr=False)
     crossings: tuple[tuple[Crossing, ...], ...] = field(repr=False)
     failures: tuple[Failure, ...]
+    max_speed: float | None = None
+
+    @property
+    def stable_up_to(self) -> Array:
+        """Flow speed up to which no loss of stability was found, shape (S,), NaN elsewhere."""
+        failed = {one.index: one.error for one in self.failures}
+        ends = np.full(len(self.values), math.nan)
+        for index, one in enumerate(self.critical):
+            error = failed.get(index)
+            if isinstance(error, NoCrossing):
+                ends[index] = error.max_speed
+            elif one is None and error is None and self.max_speed is not None:
+                ends[index] = self.max_speed
+        return ends
 
     @property
     def speeds(self) -> Array:
@@ -131,7 +154,7 @@ def stability_curve(
     at, answers, failures = swept(make_model, values, solve, executor, progress)
     none: Point = (None, ())
     critical, found = zip(*(none if one is None else one for one in answers), strict=True)
-    return StabilityCurve(at, critical, found, failures)
+    return StabilityCurve(at, critical, found, failures, max_speed)
 
 
 def swept(

@@ -692,8 +692,17 @@ def checked_task(
     if base is not None:
         model.require_base()
     if max_step != math.inf:
-        max_step = check.real("max_step", max_step, low=1e-9 * duration)
+        max_step = check.real("max_step", max_step, low=0.0, open_low=True)
+        if max_step < (least := 1e-9 * duration):
+            raise ValueError(
+                f"max_step must be at least {least:g}, 1e-9 of the duration, got {max_step:g}"
+            )
     longest = LARGEST_SAMPLES // model.coordinates
+    if samples is not None and times is not None:
+        raise ValueError(
+            "samples or times must be given, a number of even ones or the times themselves, not "
+            f"both, got {check.shown(samples)} and {check.shown(times)}"
+        )
     if times is None:
         if samples is None:
             samples = min(max(501, math.ceil(40.0 * duration) + 1), longest)

@@ -77,6 +77,11 @@ class Result(Saved):
         kinds = (str, int, float, complex)
         return hash((type(self), *(v for v in _compared(self) if isinstance(v, kinds) and v == v)))
 
+    def __getstate__(self) -> dict[str, Any]:
+        """What it holds, without what was computed from that at a request and kept."""
+        names = (field.name for field in dataclasses.fields(self))  # type: ignore[arg-type]
+        return {name: self.__dict__[name] for name in names}
+
     def __repr__(self) -> str:
         start, shown = f"{type(self).__name__}(", self._shown()
         for depth in None, 1, 0:
