@@ -195,7 +195,7 @@ def test_a_map_has_the_label_of_what_was_swept_and_shows_what_failed():
 
 
 @pytest.mark.parametrize("max_speed", [None, 40.0])
-def test_a_map_tells_where_a_pipe_stays_stable(max_speed):
+def test_a_map_tells_where_no_loss_of_stability_was_found(max_speed):
     """A chain of one segment diverges nowhere: it is no failure."""
 
     def model(n):
@@ -203,10 +203,10 @@ def test_a_map_tells_where_a_pipe_stays_stable(max_speed):
 
     found = pp.stability_curve(model, [1.0, 2.0, 3.0], max_speed)
     end = 100.0 if max_speed is None else max_speed
-    np.testing.assert_array_equal(found.stable_up_to, [end, math.nan, math.nan])
+    np.testing.assert_array_equal(found.no_loss_up_to, [end, math.nan, math.nan])
     ax = plot.stability_map({"chain": found}, parameter="segments", ax=axes())
     labels = [text.get_text() for text in ax.get_legend().get_texts()]
-    assert labels == ["chain", f"chain: stable up to $u = {end:g}$"]
+    assert labels == ["chain", f"chain: no loss of stability up to $u = {end:g}$"]
     (mark,) = (line for line in ax.lines if line.get_marker() == "^")
     np.testing.assert_array_equal(mark.get_xdata(), [1.0])
 

@@ -52,7 +52,7 @@ class Failure(Result):
     error: Exception
 
 
-class StabilityCurve(TableResult, units=dict.fromkeys(("stable_up_to", "max_speed"), SPEED)):
+class StabilityCurve(TableResult, units=dict.fromkeys(("no_loss_up_to", "max_speed"), SPEED)):
     """Critical speed, and every crossing, against a parameter.
 
     Attributes:
@@ -71,8 +71,11 @@ class StabilityCurve(TableResult, units=dict.fromkeys(("stable_up_to", "max_spee
     max_speed: float | None = None
 
     @property
-    def stable_up_to(self) -> Array:
-        """Flow speed up to which no loss of stability was found, shape (S,), NaN elsewhere."""
+    def no_loss_up_to(self) -> Array:
+        """Flow speed up to which no loss of stability was found, shape (S,), NaN elsewhere.
+
+        The pipe is stable up to there, unless it is buckled at rest.
+        """
         failed = {one.index: one.error for one in self.failures}
         ends = np.full(len(self.values), math.nan)
         for index, one in enumerate(self.critical):

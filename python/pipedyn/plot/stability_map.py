@@ -216,7 +216,7 @@ def stability_map(
     Ticks on a boundary point to its unstable side. Words at a curve of divergence tell whether the
     flow buckles the pipe above it, or its weight below it. Parts on which other roots are unstable
     are left out. Crosses on the axis are points that failed; triangles at the top are points of
-    curves at which the pipe stays stable as far as was looked for, and `marked` if it lies above.
+    curves at which no loss of stability was found up to a speed, and `marked` if it lies above.
 
     Args:
         boundaries: by label: boundaries with one number for x and "u" for y, and curves from
@@ -265,12 +265,12 @@ def stability_map(
             points = {"linestyle": "none", "marker": "o", "markersize": 3.5}
             speeds = found.in_si().speeds if own.si else found.speeds
             ax.plot(one[0] * found.values, speeds, label=label, **(look | points))
-            stays = np.isfinite(found.stable_up_to)
-            for end in np.unique(found.stable_up_to[stays]):
-                at = one[0] * found.values[found.stable_up_to == end]
+            stays = np.isfinite(found.no_loss_up_to)
+            for end in np.unique(found.no_loss_up_to[stays]):
+                at = one[0] * found.values[found.no_loss_up_to == end]
                 top: dict[str, Any] = {"marker": "^", "linestyle": "none"}
                 top["transform"] = ax.get_xaxis_transform()
-                words = f"{label}: stable up to {own.speed(float(end))}"
+                words = f"{label}: no loss of stability up to {own.speed(float(end))}"
                 top |= {"markersize": 5.0, "clip_on": False, "color": look["color"]}
                 ax.plot(at, np.full(at.size, 0.98), label=words, **top)
             failed += [
