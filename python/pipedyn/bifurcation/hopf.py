@@ -260,6 +260,11 @@ class Hopf(HopfPoint, units={"balance": LENGTH, "fold": SPEED}):
         rest: the equilibrium, an integrated state, shape (2 moving,).
         friction: of the supply at constant head, where u is the flow speed in the straight pipe;
             None at constant speed.
+
+    Example:
+        >>> found = pp.hopf(pp.Chain(pp.Pipe(0.2), 4))
+        >>> found.criticality, round(found.speed, 4), round(found.amplitude_law, 4)
+        ('supercritical', 4.9493, 0.2599)
     """
 
     growth: float
@@ -314,6 +319,14 @@ class Hopf(HopfPoint, units={"balance": LENGTH, "fold": SPEED}):
         With three segments at beta 0.2 and drag up to 1 it is right to 4 % at amplitudes up to 0.1;
         with four at beta 0.8, near l_1 = 19, to 3 % up to 0.03.
 
+        Example:
+            >>> found = pp.hopf(pp.Chain(pp.Pipe(0.2), 4))
+            >>> round(found.amplitude(found.speed + 0.01), 4)
+            0.051
+            >>> cycle = pp.limit_cycle(pp.Chain(pp.Pipe(0.2), 4), found.speed + 0.01)
+            >>> round(cycle.amplitude, 4)
+            0.0509
+
         Raises:
             ValueError: if it has no cycle there.
         """
@@ -337,6 +350,11 @@ class Hopf(HopfPoint, units={"balance": LENGTH, "fold": SPEED}):
 
     def cycle_frequency(self, u: float) -> float:
         """Angular frequency of the cycle of `amplitude` at a speed, in 1 / T.
+
+        Example:
+            >>> found = pp.hopf(pp.Chain(pp.Pipe(0.2), 4))
+            >>> round(found.cycle_frequency(found.speed + 0.01) - found.frequency, 5)
+            -0.00783
 
         Raises:
             ValueError: if there is none.

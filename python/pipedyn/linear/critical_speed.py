@@ -66,6 +66,13 @@ class CriticalSpeed(Crossing, units={"discretisation": SPEED}):
         stable_at_rest: False if the pipe is buckled without flow.
         size: degrees of freedom of the model solved.
         model: the model.
+
+    Example:
+        >>> found = pp.critical_speed(pp.Chain(pp.Pipe(0.2), n=10))
+        >>> found.kind, found.mode, round(found.speed, 4), round(found.sensitivity.speed.beta, 3)
+        ('flutter', 2, 5.4857, 10.312)
+        >>> round(found.discretisation, 3)
+        0.106
     """
 
     stable_at_rest: bool = field(kw_only=True)

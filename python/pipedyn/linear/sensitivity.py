@@ -50,6 +50,11 @@ class Sensitivity(Result):
     Attributes:
         speed: derivatives of its speed.
         frequency: derivatives of its frequency.
+
+    Example:
+        >>> found = pp.critical_speed(pp.Chain(pp.Pipe(0.2), n=10)).sensitivity
+        >>> round(found.speed.gamma, 4), round(found.frequency.gamma, 4)
+        (0.0741, 0.1296)
     """
 
     speed: Derivatives

@@ -62,6 +62,13 @@ class StabilityCurve(TableResult, units=dict.fromkeys(("no_loss_up_to", "max_spe
             asked for; empty where the point failed.
         failures: the points that failed, with what they raised.
         max_speed: up to which every crossing was asked for, None where it was not.
+
+    Example:
+        >>> curve = pp.stability_curve(lambda n: pp.Chain(pp.Pipe(0.2), round(n)), [5, 10, 20])
+        >>> curve.speeds.round(3)
+        array([5.174, 5.486, 5.565])
+        >>> list(curve.columns())[:3]
+        ['value', 'speed', 'frequency']
     """
 
     values: Array

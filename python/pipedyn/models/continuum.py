@@ -53,6 +53,13 @@ class Continuum(OfPipe):
     Args:
         pipe: the pipe, with its terms.
 
+    Example:
+        >>> pipe = pp.Continuum(pp.Pipe(0.2))
+        >>> round(pp.critical_speed(pipe).speed, 9)
+        5.591404378
+        >>> pipe.frozen(12)
+        Galerkin(Pipe(beta=0.2), m=12, basis='legendre')
+
     Raises:
         TypeError: for what is no pipe.
         ValueError: for a pipe that an inclined jet bends.

@@ -176,6 +176,12 @@ class Exploration:
             name: of one of the sliders.
             value: within the slider's range; a whole number of "segments".
 
+        Example:
+            >>> at_hand = plot.Exploration(pp.Pipe(0.2), n=6)
+            >>> at_hand.set("gamma", 30.0)
+            >>> round(at_hand.critical.speed, 3)
+            8.244
+
         Raises:
             ValueError: for another name, or a value outside the range. All stays as it was.
             TypeError: for what is no number.
