@@ -257,13 +257,21 @@ def test_power_in_watts_is_energy_in_joules_by_seconds():
 
 
 def test_maxima_in_a_period_are_a_number_without_a_unit():
-    diagram = pp.bifurcation_diagram(
-        pp.Chain(SCALED, 2), [5.9, 6.0], cycles=0, brute_force=1, transient=30.0, duration=9.0
-    )
-    *_, motion = diagram.motions
-    assert motion.period == 1
+    turnings = np.array([0.5, -0.5])
+    motion = pp.Attractor(6.0, 0, "periodic", period=1, turnings=turnings, end=np.zeros(4))
+    si = motion.in_si(SCALED)
+    np.testing.assert_array_equal(si.turnings, 0.45 * turnings)
     with pytest.raises(AttributeError, match="period of Attractor has no value in SI units"):
-        _ = diagram.in_si().motions[0].period
+        _ = si.period
+
+
+def test_reprs_tell_what_was_asked_for():
+    curve = pp.stability_curve(lambda n: pp.Chain(SCALED, round(n)), [2.0, 3.0])
+    assert f"speeds=[{curve.speeds[0]:.7g}, {curve.speeds[1]:.7g}]" in repr(curve)
+    found = pp.simulate_many(SCALED_CHAIN, [1.0, 2.0], 1.0, bend, samples=5)
+    assert repr(found.in_si()) == "Ensemble in SI(motions=<2 Motion>)"
+    assert "crossings" not in repr(pp.crossings(SCALED_CHAIN, 9.0))
+    assert repr(pp.crossings(SCALED_CHAIN, 9.0)).startswith("Crossings(speeds=[")
 
 
 def test_crossings_are_a_tuple_and_a_table(tmp_path):

@@ -656,6 +656,10 @@ class CriticalityCurve(TableResult, units={"folds": SPEED}):
         at = np.flatnonzero(known[:-1] & known[1:] & (side[:-1] != side[1:]))
         return np.stack([self.values[at], self.values[at + 1]], axis=1)
 
+    def _shown(self) -> list[tuple[str, Any]]:
+        (values, *rest) = super()._shown()
+        return [values, ("speeds", self.speeds), ("subcritical", self.subcritical), *rest]
+
     def _columns(self) -> dict[str, Any]:
         failed = {one.index: str(one.error) for one in self.failures}
         return {

@@ -103,6 +103,10 @@ class StabilityCurve(TableResult, units=dict.fromkeys(("no_loss_up_to", "max_spe
         """Critical frequencies, shape (S,), NaN where there is none."""
         return of_each(self.critical, "frequency")
 
+    def _shown(self) -> list[tuple[str, Any]]:
+        (values, *rest) = super()._shown()
+        return [values, ("speeds", self.speeds), *rest]
+
     def _columns(self) -> dict[str, Any]:
         failed = {one.index: str(one.error) for one in self.failures}
         return {

@@ -353,8 +353,10 @@ class SI:
         return ["units", *self.units, *(name for name, _ in _results_within(self._result))]
 
     def __repr__(self) -> str:
-        parts = ", ".join(f"{name}={self._text(name)}" for name in self.units)
-        return f"{type(self._result).__name__} in SI({parts})"
+        parts = [f"{name}={self._text(name)}" for name in self.units]
+        within = ((name, getattr(self._result, name)) for name, _ in _results_within(self._result))
+        parts += [f"{name}={_short(one)}" for name, one in within if isinstance(one, tuple)]
+        return f"{type(self._result).__name__} in SI({', '.join(parts)})"
 
 
 def _scales_of(pipe: Any) -> Any:
@@ -403,7 +405,7 @@ def _short(value: Any, depth: int | None = None) -> str:
         return f"{value:.7g}"
     if isinstance(value, tuple | list) and len(value) > 0:
         if len(value) <= SHOWN and not any(isinstance(one, Result) for one in value):
-            parts = ", ".join(map(_short, value))
+            parts = ", ".join(_short(one, depth) for one in value)
             return f"({parts})" if len(value) > 1 else f"({parts},)"
         kinds = list(dict.fromkeys(type(one).__name__ for one in value if one is not None))
         return f"<{len(value)} {' or '.join(kinds)}>"
