@@ -61,7 +61,7 @@ def axes(layout=None):
         (lambda ax: plot.convergence({"a": CRITICAL}, CRITICAL, ax=ax), "families['a'] must be"),
         (lambda ax: plot.convergence({"a": [1.0]}, CRITICAL, ax=ax), "families['a'][0] must be"),
         (lambda ax: plot.convergence({}, None, ax=ax), "exact must be of type CriticalSpeed"),
-        (lambda ax: plot.stability_map(BOUNDARY, ax=ax), "boundaries must be of type Mapping"),
+        (lambda ax: plot.stability_map(BOUNDARY, ax=ax), "boundaries must map labels to"),
         (
             lambda ax: plot.stability_map({"a": 3}, ax=ax),
             "boundaries['a'] must be of type Boundary",

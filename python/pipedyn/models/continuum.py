@@ -171,7 +171,8 @@ def converged_ahead(
 def checked_model(model: Any) -> AnyModel:
     """The argument, if it is a model."""
     if not isinstance(model, Model | Continuum):
-        raise TypeError(f"model must be a Model or a Continuum, got {check.shown(model)}")
+        instead = ": take Continuum(pipe), or Chain(pipe, n)" if isinstance(model, Pipe) else ""
+        raise TypeError(f"model must be a Model or a Continuum, got {check.shown(model)}{instead}")
     return model
 
 

@@ -235,7 +235,11 @@ def stability_map(
     Raises:
         ValueError, TypeError: for bad arguments.
     """
-    common.check_type("boundaries", boundaries, Mapping)
+    if not isinstance(boundaries, Mapping):
+        raise TypeError(
+            "boundaries must map labels to boundaries or curves, as {'chain': found} does, got "
+            f"{check.shown(boundaries)}"
+        )
     names = dict.fromkeys(_swept(label, one) for label, one in boundaries.items())
     names.pop(None, None)
     if len(names) > 1:

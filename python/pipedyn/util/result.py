@@ -408,7 +408,9 @@ def _short(value: Any, depth: int | None = None) -> str:
             parts = ", ".join(_short(one, depth) for one in value)
             return f"({parts})" if len(value) > 1 else f"({parts},)"
         kinds = list(dict.fromkeys(type(one).__name__ for one in value if one is not None))
-        return f"<{len(value)} {' or '.join(kinds)}>"
+        error = getattr(value[0], "error", None)
+        why = f", the first: {check.shown(error)}" if isinstance(error, Exception) else ""
+        return f"<{len(value)} {' or '.join(kinds)}{why}>"
     if depth is None or isinstance(value, Result):
         return repr(value)
     return _without_parts(repr(value), depth)
