@@ -60,6 +60,12 @@ class Pulsation:
         amplitude: mu, in [-1, 1], so that the flow does not reverse.
         frequency: angular, in 1 / T, > 0.
 
+    Example:
+        >>> flow = pp.Pulsation(mean=5.0, amplitude=0.2, frequency=30.0)
+        >>> motion = pp.simulate(pp.Chain(pp.Pipe(0.2), 5), flow, 1.0, lambda s: 0.1 * s)
+        >>> round(float(motion.flow_speed.max()), 3)
+        6.0
+
     Raises:
         ValueError: for a number out of its range, NaN or infinity.
         TypeError: for what is no number.
@@ -113,6 +119,12 @@ class Harmonic:
         amplitude: in L.
         frequency: angular, in 1 / T, > 0.
         direction: "x", across the pipe, or "y", along it.
+
+    Example:
+        >>> shaken = pp.Harmonic(amplitude=0.01, frequency=3.5)
+        >>> motion = pp.simulate(pp.Chain(pp.Pipe(0.2), 5), 3.0, 10.0, np.zeros(5), base=shaken)
+        >>> round(float(np.ptp(motion.tip[:, 0])), 4)
+        0.0183
 
     Raises:
         ValueError: for a number out of its range, NaN or infinity, or another direction.
