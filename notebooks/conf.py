@@ -86,11 +86,9 @@ def internal(app, what, name, obj, skip, options):
 
 
 def called(app, what, name, obj, options, signature, return_annotation):
-    """Results are made by the package: only those with an example show how they are called."""
-    result = what == "class" and issubclass(obj, Result)
-    if name in GIVEN or (result and "Example:" not in (obj.__doc__ or "")):
-        return "", None
-    return signature, return_annotation
+    """Results are made by the package, which needs no arguments shown; all but one."""
+    result = what == "class" and issubclass(obj, Result) and name != "pipedyn.StartPlane"
+    return ("", None) if result or name in GIVEN else (signature, return_annotation)
 
 
 def marked(line):
