@@ -179,8 +179,8 @@ def test_a_slower_machine_takes_longer_and_its_pace_is_measured(tmp_path, monkey
     usual = forecast(case, Pace(1.0, 0.5))
     assert forecast(case, Pace(2.0, 1.0)) == pytest.approx(2.0 * usual)
     assert usual < forecast(case, Pace(1.0, 1.0)) < 2.0 * usual
-    clock = iter([10.0, 10.0 + 3.0 * SECONDS_OF_A_SEARCH, 20.0, 20.0 + 4.0 * SECONDS_OF_A_SEARCH])
-    monkeypatch.setattr("time.perf_counter", lambda: next(clock))
+    times = iter([0.0, 6.0, 0.0, 8.0])  # of two searches in turn, and of two on each thread
+    monkeypatch.setattr("time.perf_counter", lambda: SECONDS_OF_A_SEARCH * next(times))
     assert measured_pace(2) == pytest.approx(Pace(3.0, 2.0))
 
 

@@ -2,7 +2,7 @@
 
 import pickle
 import sys
-from dataclasses import replace
+from dataclasses import fields, replace
 from functools import cache, partial
 
 import numpy as np
@@ -123,6 +123,7 @@ def classes_of(kind):
     return {one for each in own for one in classes_of(each)} if own else {kind}
 
 
+@cache
 def tables():
     """One of each class of tables, of a pipe with scales."""
     motion = pp.simulate(
@@ -200,6 +201,33 @@ def test_every_table_has_columns_a_data_frame_and_a_page():
                 table.columns("si")
         else:
             assert len(table.columns("si")) == len(columns)
+
+
+def within(one):
+    """All results that a result holds."""
+    for name in (field.name for field in fields(one)):
+        value = getattr(one, name)
+        for part in value if isinstance(value, tuple) else (value,):
+            if isinstance(part, Result):
+                yield part
+                yield from within(part)
+
+
+def test_reprs_are_short():
+    shown = {type(part): part for table in tables() for part in (table, *within(table))}
+    others = [
+        pp.critical_speed(SCALED_CHAIN),
+        pp.hopf(SCALED_CHAIN),
+        pp.choose(SCALED, "critical_speed", tolerance=0.1),
+        SCALED_CHAIN.operators(),
+        SCALED_CHAIN.power(np.zeros(6), 1.0),
+    ]
+    shown |= {type(one): one for one in others}
+    assert len(shown) > 40
+    for one in shown.values():
+        lines = repr(one).splitlines()
+        assert len(lines) <= 5, repr(one)
+        assert max(map(len, lines)) <= 160, repr(one)
 
 
 def test_numbers_in_si_are_those_of_the_hose():

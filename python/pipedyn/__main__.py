@@ -199,7 +199,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     case = _parsed(arguments)
     if case.progress:
         seconds = forecast(case, measured_pace(case.workers))
-        low, high = (float(f"{share * seconds:.2g}") for share in (0.8, 1.5))
+        low, high = (float(f"{share * seconds:.2g}") for share in (0.7, 1.6))
         words = f"takes about {low:g} to {high:g} s as fast as this machine is now"
         print(f"{PROGRAM}: {words}", file=sys.stderr, flush=True)
     # Nine tenths of the time are spent in the core, which other threads need not wait for.

@@ -126,7 +126,7 @@ def parametric_regions(
 
     Returns:
         The regions that touch the range at one of the amplitudes, or whose threshold lies in it,
-        by rising frequency: indexed as a tuple, and a table. Edges are roots of Hill's
+        by rising frequency, indexed as a tuple, and a table. Edges are roots of Hill's
         determinant, to 1e-7, and may lie outside the range. Left out are instabilities of less
         than 1e-5 a period of a damped pipe, regions thinner than 1e-6 of their frequency, and
         combinations of modes whose frequencies are beyond high + 4 low.

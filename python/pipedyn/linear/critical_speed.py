@@ -139,7 +139,7 @@ def crossings(model: AnyModel, max_speed: float) -> Crossings:
         max_speed: end of the search, > 0.
 
     Returns:
-        Crossings in order of speed, flutter and divergence: indexed as a tuple, and a table.
+        Crossings in order of speed, flutter and divergence, indexed as a tuple, and a table.
 
     Example:
         >>> found = pp.crossings(pp.Continuum(pp.Pipe(0.295)), 9.0)

@@ -445,8 +445,11 @@ class Pipe(Saved):
         parts = [
             f"{item.name}={value:.12g}" if isinstance(value, float) else f"{item.name}={value!r}"
             for item in fields(self)[:-1]
-            if (value := getattr(self, item.name)) != item.default
+            if (value := getattr(self, item.name)) != item.default and item.name != "supports"
         ]
+        if self.supports:
+            places = ", ".join(f"{s:.12g}" for s in self.supports)
+            parts.append(f"supports=({places}{',' * (len(self.supports) == 1)})")
         if self.scales is not None:
             units = zip(self.scales, ("m", "kg/m", "s", "m/s"), strict=True)
             parts.append("units " + ", ".join(f"{value:.6g} {unit}" for value, unit in units))

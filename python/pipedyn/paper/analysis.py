@@ -208,14 +208,16 @@ def measured_pace(workers: int) -> Pace:
     search = partial(boundary, criticality=False, only_stability=True)
     job = partial(search, Galerkin(Pipe(0.2), 6), "beta", "u", window)
     job()  # imports what it needs
-    begin = time.perf_counter()
-    job()
-    alone = time.perf_counter() - begin
+    alone = _seconds_of([job] * 2) / 2.0
     with futures.ThreadPoolExecutor(threads) as executor:
-        begin = time.perf_counter()
-        list(parallel([job] * threads, executor))
-        together = time.perf_counter() - begin
-    return Pace(alone / SECONDS_OF_A_SEARCH, together / threads / SECONDS_OF_A_SEARCH)
+        together = _seconds_of([job] * (2 * threads), executor) / (2.0 * threads)
+    return Pace(alone / SECONDS_OF_A_SEARCH, together / SECONDS_OF_A_SEARCH)
+
+
+def _seconds_of(jobs: list[Job[Any]], executor: futures.Executor | None = None) -> float:
+    begin = time.perf_counter()
+    list(parallel(jobs, executor))
+    return time.perf_counter() - begin
 
 
 def _highest(case: Case, critical: CriticalSpeed | None) -> float:
