@@ -1606,6 +1606,7 @@ def _pictures() -> Iterator[Target]:
     moved = Kind(real((0.1, 0.9), 0.0).good, None)  # the message names the slider
     yield Target("plot.Exploration.set", knob.set, {**sliders, "value": moved})
     explored = {"pipe": of(PIPE), "n": count(1, 4, 1001), "against": word("beta", "gamma")}
+    explored["units"] = word("nondimensional")
     yield Target("plot.explore", plot.Exploration, explored)  # without its widgets
     ends = {"found": of(ENDS), "fps": real((4.0, 5.0), 0.0, 1e3)}
     yield Target("plot.films", _films, ends, slow=True)

@@ -11,7 +11,14 @@ import pytest
 import pipedyn as pp
 import pipedyn.__main__ as command
 from pipedyn.__main__ import main
-from pipedyn.paper.analysis import Findings, Row, forecast
+from pipedyn.paper.analysis import (
+    SECONDS_OF_A_SEARCH,
+    Findings,
+    Pace,
+    Row,
+    forecast,
+    measured_pace,
+)
 from pipedyn.paper.report import report
 
 HOSE = ["--length", "0.45", "--bending-stiffness", "7.3e-3"]
@@ -154,14 +161,27 @@ def test_the_table_of_a_pipe_in_si_units_is_in_metres_per_second_and_hertz(tmp_p
         ["--chain", *"246", "200"],
         ["--reduced", *"24", "60"],
         ["--springs", "rayleigh", "consistent", "midpoint"],
-        ["--workers", "0"],
     ],
     ids=" ".join,
 )
-def test_the_forecast_grows_with_what_is_asked(words, tmp_path, monkeypatch):
-    monkeypatch.setattr("os.cpu_count", lambda: 2)
-    usual = ["--workers", "2"]
-    assert forecast(case_of(usual + words, tmp_path)) > forecast(case_of(usual, tmp_path))
+def test_the_forecast_grows_with_what_is_asked(words, tmp_path):
+    assert forecast(case_of(words, tmp_path)) > forecast(case_of([], tmp_path))
+
+
+def test_a_heavy_pipe_whose_map_reaches_higher_takes_longer(tmp_path):
+    """Its critical speed, which is looked for first, decides how far maps and figures reach."""
+    usual, heavy = (forecast(case_of(words, tmp_path)) for words in ([], ["--gamma", "1085"]))
+    assert heavy > 1.5 * usual
+
+
+def test_a_slower_machine_takes_longer_and_its_pace_is_measured(tmp_path, monkeypatch):
+    case = case_of([], tmp_path)
+    usual = forecast(case, Pace(1.0, 0.5))
+    assert forecast(case, Pace(2.0, 1.0)) == pytest.approx(2.0 * usual)
+    assert usual < forecast(case, Pace(1.0, 1.0)) < 2.0 * usual
+    times = iter([0.0, 6.0, 0.0, 8.0])  # of two searches in turn, and of two on each thread
+    monkeypatch.setattr("time.perf_counter", lambda: SECONDS_OF_A_SEARCH * next(times))
+    assert measured_pace(2) == pytest.approx(Pace(3.0, 2.0))
 
 
 def test_the_forecast_is_said_before_anything_is_computed(tmp_path, monkeypatch, capsys):
@@ -170,7 +190,7 @@ def test_the_forecast_is_said_before_anything_is_computed(tmp_path, monkeypatch,
 
     monkeypatch.setattr(command, "gather", gather)
     for words, said in (
-        ([], r"pipedyn: takes about \d+ s if 2 cores are free\n"),
+        ([], r"pipedyn: takes about \d+(\.\d)? to \d+(\.\d)? s as fast as this machine is now\n"),
         (["--quiet"], ""),
     ):
         with pytest.raises(InterruptedError):

@@ -41,6 +41,21 @@ def test_every_public_function_has_an_example():
     assert [name for name in top if name not in WITH_EXAMPLE] == []
 
 
+FIRST_WEEK = """
+    Pipe Pipe.from_si Pipe.speed_si Pipe.speed Pipe.time_si Pipe.frequency_si Pipe.length_si
+    Pipe.equivalent_damping Scales Chain Galerkin Continuum Operators Operators.at Model.operators
+    Model.rhs Model.jacobian Model.energy Model.power Model.shape Model.tip Model.tips Model.about
+    CriticalSpeed Sensitivity Modes RootLoci StabilityCurve Crossings Motion Ensemble Event
+    Pulsation Harmonic Equilibria Hopf Hopf.amplitude Hopf.cycle_frequency LimitCycle
+    BifurcationDiagram Boundary.unstable Attractors FrequencyResponse Trade.pareto
+    modular.Assembly modular.Assembly.plus
+"""
+
+
+def test_what_a_newcomer_calls_has_an_example():
+    assert [name for name in FIRST_WEEK.split() if f"pp.{name}" not in WITH_EXAMPLE] == []
+
+
 @pytest.mark.parametrize("name", WITH_EXAMPLE)
 def test_examples_print_what_they_say(name, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)

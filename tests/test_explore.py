@@ -197,9 +197,36 @@ def test_speeds_and_frequencies_are_told_in_si_where_the_pipe_has_scales():
     assert " Hz)" in then
 
 
+@pytest.mark.parametrize("against", ["beta", "gamma"])
+def test_the_picture_is_in_si_on_request(against):
+    """Also where the mass ratio is turned, with which the unit of the flow speed changes."""
+    hose = pp.Pipe.from_si(length=0.45, bending_stiffness=7.3e-3, pipe_mass=0.19, fluid_mass=0.032)
+    state = plot.Exploration(hose, 6, 3.0, against=against, units="si")
+    picture = state.picture
+    labels = [(ax.get_xlabel(), ax.get_ylabel()) for ax in picture.axes]
+    assert labels[0] == (r"Re $\lambda$ (1/s)", r"Im $\lambda$ (rad/s)")
+    assert labels[1][1] == "flow speed (m/s)"
+    for beta in (hose.beta, 0.3):
+        state.set("beta", beta)
+        picture.update()
+        pipe = replace(hose, beta=beta)
+        values = np.array([mode.eigenvalue for mode in state.modes])
+        np.testing.assert_allclose(picture.roots.get_xdata(), values.real / hose.scales.time)
+        assert picture.place.get_ydata() == pytest.approx([pipe.speed_si(3.0)])
+        made = [
+            pp.critical_speed(pp.Chain(replace(pipe, **{against: value}), 6)).in_si().speed
+            for value in state.curve.values
+        ]
+        np.testing.assert_allclose(picture.onset.get_ydata(), made, rtol=1e-9)
+        assert picture.pipe.get_ydata()[-1] < 0.45
+    assert picture.axes[2].get_xlabel() == "$x$ (m)"
+    assert picture.overlay().startswith("<svg")
+
+
 @pytest.mark.parametrize(
     ("call", "message"),
     [
+        (lambda: plot.Exploration(PIPE, 5, units="si"), "units must be 'nondimensional' where"),
         (lambda: plot.Exploration(3), "pipe must be of type Pipe, got 3"),
         (lambda: plot.Exploration(PIPE, 21), "n must be from 1 to 20, got 21"),
         (lambda: plot.Exploration(PIPE, 5, -1.0), "u must lie in"),

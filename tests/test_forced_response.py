@@ -7,6 +7,7 @@ program that does so.
 
 import math
 import re
+import sys
 
 import numpy as np
 import pytest
@@ -353,3 +354,16 @@ def test_bad_arguments_are_named(given, error, rule):
     with pytest.raises(error) as refused:
         pp.forced_response(arguments.pop("model"), arguments.pop("u"), **arguments)
     assert str(refused.value).startswith(rule)
+
+
+def test_progress_counts_steps_whose_number_nobody_knows(terminal, monkeypatch):
+    monkeypatch.setitem(sys.modules, "tqdm", None)
+    found = pp.forced_response(
+        pp.Chain(pp.Pipe(0.2, damping=0.01), 2),
+        1.0,
+        base=pp.Harmonic(0.01, 10.0),
+        frequencies=(9.0, 11.0),
+        progress=True,
+    )
+    told = terminal.readouterr().err.split("\r")[-1]
+    assert told == f"forced response: {len(found.branches[0].steps) - 1}\n"  # the last ends it

@@ -237,7 +237,12 @@ MODEL = pp.Galerkin(pp.Pipe(0.2), 4)
         ({"frequencies": "all"}, TypeError, "frequencies must be an array"),
         ({"tolerance": 0.0}, ValueError, "tolerance must lie in [1e-06, 0.1]"),
         ({"u": -1.0}, ValueError, "u must lie in"),
-        ({"model": 3}, TypeError, "model must be a Model or a Continuum"),
+        ({"model": 3}, TypeError, "model must be a Model or a Continuum, got 3"),
+        (
+            {"model": pp.Pipe(0.2)},
+            TypeError,
+            "model must be a Model or a Continuum, got Pipe(beta=0.2): take Continuum(pipe)",
+        ),
         ({"model": pp.Chain(pp.Pipe(0.2), 5000)}, ValueError, "model must have at most 4000"),
     ],
 )

@@ -125,7 +125,7 @@ def test_a_clamp_taken_as_rigid_shows_in_the_residuals():
 
 def test_what_the_data_do_not_tell_is_refused_with_its_name():
     onset = [m for m in MEASURED if m.quantity == "critical_speed"]
-    with pytest.raises(pp.NotIdentifiable, match="1 measurements cannot tell 2 unknowns"):
+    with pytest.raises(pp.NotIdentifiable, match="1 measurement cannot tell 2 unknowns"):
         pp.identify(GUESS, onset, EVERY[:2])
     twice = [*onset, replace(onset[0], value=1.001 * onset[0].value)]
     with pytest.raises(pp.NotIdentifiable, match=r"tell .*damping.* measure something else"):
@@ -164,6 +164,8 @@ def test_a_nondimensional_pipe_and_its_loss_factor():
         ({"unknowns": []}, ValueError, "unknowns must have at least one name"),
         ({"unknowns": ["damping", "damping"]}, ValueError, "unknowns must differ"),
         ({"unknowns": ["stiffness"]}, ValueError, "unknowns must be one of"),
+        ({"unknowns": ["dampng"]}, ValueError, "got 'dampng': did you mean 'damping'"),
+        ({"unknowns": ["clamp_stiffness"]}, ValueError, "'clamp_compliance' instead of 'clamp_st"),
         ({"unknowns": ["drag"]}, ValueError, "no part in small motions"),
         ({"unknowns": ["gamma"]}, ValueError, "its masses and lengths are given"),
         ({"unknowns": {"damping": (2.0, 1.0)}}, ValueError, r"must be \(low, high\), got \(2, 1\)"),

@@ -374,7 +374,7 @@ def test_without_internal_flow_the_speed_does_nothing() -> None:
     y = still.state([0.1, 0.2, 0.3], [1.0, 2.0, 3.0])
     np.testing.assert_array_equal(still.rhs(0.0, y, 0.0), still.rhs(0.0, y, 9.0))
     assert still.power(y, 9.0).flow == 0.0
-    assert pp.crossings(still, 10.0) == ()
+    assert not pp.crossings(still, 10.0)
 
 
 def test_motions_of_scenes_are_plotted_though_their_ends_are_held() -> None:

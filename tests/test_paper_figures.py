@@ -12,7 +12,13 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 import pipedyn as pp
 from pipedyn import plot
 from pipedyn.paper.analysis import Case, Findings
-from pipedyn.paper.report import convergence_figure, frequency_figure, loci_figure, map_figure
+from pipedyn.paper.report import (
+    convergence_figure,
+    frequency_figure,
+    loci_figure,
+    map_figure,
+    second_mode,
+)
 
 PIPE = pp.Pipe(0.2)
 CASE = Case(PIPE, ["rayleigh"], [2, 12], [4], "beam", None, 41, Path(), "png", 0, False)
@@ -37,6 +43,12 @@ def findings():
         benchmark=pp.root_loci(exact, speeds, 4),
         panels=[[("coarse", coarse), ("fine", fine), ("failed", None)]],
         maps=maps,
+        curves={
+            gamma: pp.stability_curve(
+                lambda beta, gamma=gamma: pp.Galerkin(pp.Pipe(beta, gamma), 4), [0.1, 0.2]
+            )
+            for gamma in (5.0, 10.0, 0.0, -10.0)
+        },
     )
 
 
@@ -93,6 +105,13 @@ def test_axes_are_those_of_the_continuous_pipe_and_tell_what_is_outside(draw):
         notes = [text.get_text() for text in coarse.texts]
         assert any(f"Re $\\lambda$ to {model.real.max():.3g}" in note for note in notes)
         assert not any(text.get_text() for text in fine.texts)
+
+
+def test_modes_on_the_map_are_told_in_order_of_gravity():
+    lines = [line for line in second_mode(findings()) if "On the map" in line]
+    gammas = [float(line.partition("gamma = ")[2].partition(":")[0]) for line in lines]
+    assert gammas == sorted(gammas)
+    assert len(gammas) == 4
 
 
 def test_the_map_is_in_order_of_gravity_and_titles_are_no_sentences():

@@ -61,7 +61,7 @@ def axes(layout=None):
         (lambda ax: plot.convergence({"a": CRITICAL}, CRITICAL, ax=ax), "families['a'] must be"),
         (lambda ax: plot.convergence({"a": [1.0]}, CRITICAL, ax=ax), "families['a'][0] must be"),
         (lambda ax: plot.convergence({}, None, ax=ax), "exact must be of type CriticalSpeed"),
-        (lambda ax: plot.stability_map(BOUNDARY, ax=ax), "boundaries must be of type Mapping"),
+        (lambda ax: plot.stability_map(BOUNDARY, ax=ax), "boundaries must map labels to"),
         (
             lambda ax: plot.stability_map({"a": 3}, ax=ax),
             "boundaries['a'] must be of type Boundary",
@@ -191,7 +191,32 @@ def test_a_map_has_the_label_of_what_was_swept_and_shows_what_failed():
     assert "gravity" in plot.stability_map({"a": STANDING}, ax=axes()).get_xlabel()
     failed = dataclasses.replace(BOUNDARY, failures=("a curve was not followed",))
     legend = plot.stability_map({"a": failed}, ax=axes()).get_legend()
-    assert legend.get_texts()[0].get_text() == "a (1 curves with failures)"
+    assert legend.get_texts()[0].get_text() == "a (1 curve with failures)"
+
+
+@pytest.mark.parametrize("max_speed", [None, 40.0])
+def test_a_map_tells_where_no_loss_of_stability_was_found(max_speed):
+    """A chain of one segment diverges nowhere: it is no failure."""
+
+    def model(n):
+        return pp.Chain(pp.Pipe(0.3), round(n))
+
+    found = pp.stability_curve(model, [1.0, 2.0, 3.0], max_speed)
+    end = 100.0 if max_speed is None else max_speed
+    np.testing.assert_array_equal(found.no_loss_up_to, [end, math.nan, math.nan])
+    ax = plot.stability_map({"chain": found}, parameter="segments", ax=axes())
+    labels = [text.get_text() for text in ax.get_legend().get_texts()]
+    assert labels == ["chain", f"chain: no loss of stability up to $u = {end:g}$"]
+    (mark,) = (line for line in ax.lines if line.get_marker() == "^")
+    np.testing.assert_array_equal(mark.get_xdata(), [1.0])
+
+
+def test_a_map_notes_a_pipe_that_lies_above_it():
+    heavy = pp.critical_speed(pp.Galerkin(pp.Pipe(0.3, 100.0), 6))
+    ax = plot.stability_map({"a": BOUNDARY}, 5.0, heavy, ax=axes())
+    labels = [text.get_text() for text in ax.get_legend().get_texts()]
+    assert rf"$\beta = 0.3$, $\gamma = 100$: $u = {heavy.speed:.4g}$, above" in labels
+    assert ax.get_ylim() == (0.0, 5.0)
 
 
 STANDING = pp.boundary(

@@ -545,3 +545,43 @@ def test_films_are_of_each_attractor_that_moves(tmp_path):
         plot.films(diagram, 3.5)
     with pytest.raises(TypeError, match="found must be of type BifurcationDiagram, got 3"):
         plot.films(3)
+
+
+def dots_and_curves(ax):
+    dotted = [line for line in ax.lines if line.get_marker() == "."]
+    return len(dotted), sum(len(line.get_xdata()) > 100 for line in ax.lines if line not in dotted)
+
+
+@pytest.mark.parametrize(
+    ("model", "rate", "start"),
+    [
+        (CHAIN, 0.0, bend),
+        (pp.Galerkin(pp.Pipe(0.2), 5), 0.0, bend),
+        (pp.Chain(pp.Pipe(0.2, drag=1.0), 2), 1e4, [0.0, 0.0]),
+        (pp.Chain(pp.Pipe(0.2, damping=1e-3), 3), [1e3, -400.0, 700.0], [0.0, 0.0, 0.0]),
+        (pp.Chain(pp.Pipe(0.2), 8), 300.0, np.zeros(8)),
+    ],
+)
+def test_pictures_of_a_default_motion_never_refuse(model, rate, start):
+    """Neither where it starts so fast that it whirls, nor of coordinates that no tip shows."""
+    motion = pp.simulate(model, 3.0, 1.0, start, np.zeros(model.dof) + rate)
+    for ax in (plot.time_history(motion, ax=axes()), plot.phase_portrait(motion, ax=axes())):
+        dots, curves = dots_and_curves(ax)
+        assert dots == 0
+        assert curves > 0
+    plot.snapshots(motion, ax=axes())
+    film = plot.animate(motion, ax=axes())
+    film._init_draw()  # a film that was never drawn warns
+    film._draw_was_started = True
+    for index in range(model.dof):
+        dots, curves = dots_and_curves(plot.phase_portrait(motion, index, ax=axes()))
+        assert (dots == 1) != (curves > 0)
+
+
+def test_a_coordinate_that_moves_too_fast_for_a_curve_is_shown_by_its_samples():
+    motion = pp.simulate(pp.Galerkin(pp.Pipe(0.2), 5), 4.0, 20.0, bend)
+    ax = plot.phase_portrait(motion, 4, ax=axes())
+    assert ax.get_title().endswith("samples, too far apart for a curve")
+    (line,) = ax.lines
+    np.testing.assert_array_equal(line.get_xdata(), motion.q[:, 4])
+    np.testing.assert_allclose(line.get_ydata(), motion.qdot[:, 4], rtol=1e-14)

@@ -2,11 +2,12 @@
 
 import pickle
 import sys
-from dataclasses import replace
-from functools import partial
+from dataclasses import fields, replace
+from functools import cache, partial
 
 import numpy as np
 import pytest
+from scipy.interpolate import CubicSpline
 
 import pipedyn as pp
 from pipedyn.util.result import Result, TableResult
@@ -63,6 +64,18 @@ def test_results_of_the_same_numbers_are_equal_and_of_others_are_not(name):
     assert len({one, again, other}) == 2
 
 
+def test_what_was_drawn_pickles():
+    """What a picture has computed, and kept, is left out."""
+    found = pp.boundary(
+        SCALED_CHAIN, "gamma", "u", {"gamma": (0.0, 5.0), "u": (0.0, 8.0)}, criticality=False
+    )
+    before = pickle.dumps(found)
+    assert found.unstable(1.0, 1.0) == 0  # keeps its matrices
+    assert len(found.__dict__) > len(found.__getstate__())
+    assert pickle.dumps(found) == before
+    assert pickle.loads(before).unstable(1.0, 1.0) == 0
+
+
 class Held(Result):
     """For tests."""
 
@@ -110,6 +123,7 @@ def classes_of(kind):
     return {one for each in own for one in classes_of(each)} if own else {kind}
 
 
+@cache
 def tables():
     """One of each class of tables, of a pipe with scales."""
     motion = pp.simulate(
@@ -130,6 +144,7 @@ def tables():
         motion.events[0],
         pp.simulate_many(SCALED_CHAIN, [1.0, 2.0], 1.0, bend, samples=5),
         pp.modes(SCALED_CHAIN, 2.0),
+        pp.crossings(SCALED_CHAIN, 9.0),
         replace(pp.root_loci(SCALED_CHAIN, SPEEDS, 2)),
         pp.stability_curve(lambda n: pp.Chain(SCALED, round(n)), [3.0, 4.0]),
         pp.criticality_curve(lambda n: pp.Chain(SCALED, round(n)), [3.0, 4.0]),
@@ -146,13 +161,19 @@ def tables():
         shaken.branches[0],
         shaken.at(10.0)[0],
         pp.attractors(small, 3.0, 2),
-        *pp.parametric_regions(pp.Chain(pp.Pipe(0.1, 3.0), 2), 3.0, [0.6], (5.0, 60.0))[:1],
+        regions(),
+        regions()[0],
         pp.floquet(small, pulsation),
         pp.trade(SCALED, "critical_speed", families="beam", sizes=[4], repeats=1),
         pp.relevant(pp.Pipe(0.2), 1.0, "frequencies", count=1),
         pp.identify(SCALED, [pp.Measurement("frequency", 1.0, 0.01)], ["bending_stiffness"]),
         cycle_fold(),
     ]
+
+
+@cache
+def regions():
+    return pp.parametric_regions(pp.Chain(pp.Pipe(0.1, 3.0), 2), 3.0, [0.6], (5.0, 20.0))
 
 
 def cycle_fold():
@@ -173,12 +194,40 @@ def test_every_table_has_columns_a_data_frame_and_a_page():
         assert table.to_csv().splitlines()[0] == ",".join(columns)
         assert len(table.to_csv().splitlines()) == 1 + len(frame)
         assert table._repr_html_().startswith("<table>")
-        assert len(repr(table).splitlines()) <= 7, repr(table)
+        most = 1 if isinstance(table, pp.Motion) else 5
+        assert len(repr(table).splitlines()) <= most, repr(table)
         if table._scales() is None:
             with pytest.raises(ValueError, match=r"pipe must be given|numbers in SI need"):
                 table.columns("si")
         else:
             assert len(table.columns("si")) == len(columns)
+
+
+def within(one):
+    """All results that a result holds."""
+    for name in (field.name for field in fields(one)):
+        value = getattr(one, name)
+        for part in value if isinstance(value, tuple) else (value,):
+            if isinstance(part, Result):
+                yield part
+                yield from within(part)
+
+
+def test_reprs_are_short():
+    shown = {type(part): part for table in tables() for part in (table, *within(table))}
+    others = [
+        pp.critical_speed(SCALED_CHAIN),
+        pp.hopf(SCALED_CHAIN),
+        pp.choose(SCALED, "critical_speed", tolerance=0.1),
+        SCALED_CHAIN.operators(),
+        SCALED_CHAIN.power(np.zeros(6), 1.0),
+    ]
+    shown |= {type(one): one for one in others}
+    assert len(shown) > 40
+    for one in shown.values():
+        lines = repr(one).splitlines()
+        assert len(lines) <= 5, repr(one)
+        assert max(map(len, lines)) <= 160, repr(one)
 
 
 def test_numbers_in_si_are_those_of_the_hose():
@@ -190,13 +239,12 @@ def test_numbers_in_si_are_those_of_the_hose():
     assert si.speed == pytest.approx(found.speed * np.sqrt(stiffness / fluid) / length, rel=1e-14)
     time = length**2 * np.sqrt(mass / stiffness)
     assert si.frequency == pytest.approx(found.frequency / (2.0 * np.pi * time), rel=1e-14)
-    assert si.units == {"speed": "m/s", "frequency": "Hz"}
-    assert (
-        repr(si)
-        == f"CriticalSpeed in SI(speed={si.speed:.7g} m/s, frequency={si.frequency:.7g} Hz)"
-    )
-    with pytest.raises(AttributeError, match="error of CriticalSpeed has no value in SI units"):
-        _ = si.error
+    assert si.units == {"speed": "m/s", "frequency": "Hz", "error": "m/s"}
+    shown = f"speed={si.speed:.7g} m/s, frequency={si.frequency:.7g} Hz, error={si.error:.7g} m/s"
+    assert repr(si) == f"CriticalSpeed in SI({shown})"
+    assert si.discretisation == pytest.approx(si.speed * found.discretisation / found.speed)
+    with pytest.raises(AttributeError, match="mode of CriticalSpeed has no value in SI units"):
+        _ = si.mode
     cycle = pp.limit_cycle(pp.Chain(SCALED, 2), 6.0).in_si()
     assert cycle.period == pytest.approx(1.0 / cycle.frequency, rel=1e-12)
     assert cycle.t[-1] == pytest.approx(cycle.period, rel=1e-12)
@@ -204,6 +252,85 @@ def test_numbers_in_si_are_those_of_the_hose():
     # The rates of coordinates are their derivatives by time in seconds.
     slope = np.gradient(pp.limit_cycle(pp.Chain(SCALED, 2), 6.0).q[:, 0], cycle.t, edge_order=2)
     assert np.abs(slope - cycle.qdot[:, 0]).max() < 0.02 * np.abs(slope).max()
+
+
+def test_sensitivities_in_si_are_differences_of_speeds_and_frequencies_in_si():
+    """The number of a hose is changed, and its critical speed computed again."""
+
+    hose = pp.Pipe.from_si(**HOSE, damping_time=0.01)
+
+    def critical(**changes):
+        return pp.critical_speed(pp.Chain(replace(hose, **changes), 3)).in_si()
+
+    found = critical().sensitivity
+    for name in ("gamma", "damping", "beta"):
+        value, step = getattr(hose, name), 1e-4 * getattr(hose, name)
+        low, high = (critical(**{name: value + side * step}) for side in (-1.0, 1.0))
+        changed = (high.frequency - low.frequency) / (2.0 * step)
+        assert getattr(found.frequency, name) == pytest.approx(changed, rel=1e-5)
+        if name != "beta":
+            changed = (high.speed - low.speed) / (2.0 * step)
+            assert getattr(found.speed, name) == pytest.approx(changed, rel=1e-5)
+    with pytest.raises(AttributeError, match="beta of Derivatives has no value in SI units"):
+        _ = found.speed.beta  # the unit of flow speed changes with it
+
+
+def test_power_in_watts_is_energy_in_joules_by_seconds():
+    """Of a damped hose without flow, along its motion."""
+    model = pp.Chain(pp.Pipe.from_si(**HOSE, damping_time=0.02), 3)
+    motion = pp.simulate(model, 0.0, 0.02, bend, [1.0, 0.0, 0.0], rtol=1e-12)
+    si, slope = motion.in_si(), CubicSpline(motion.in_si().t, motion.in_si().energy).derivative()
+    powers = model.power(motion.y, 0.0).in_si(model.pipe).total
+    np.testing.assert_allclose(powers, slope(si.t), atol=1e-6 * np.abs(powers).max())
+
+
+def test_maxima_in_a_period_are_a_number_without_a_unit():
+    turnings = np.array([0.5, -0.5])
+    motion = pp.Attractor(6.0, 0, "periodic", period=1, turnings=turnings, end=np.zeros(4))
+    si = motion.in_si(SCALED)
+    np.testing.assert_array_equal(si.turnings, 0.45 * turnings)
+    with pytest.raises(AttributeError, match="period of Attractor has no value in SI units"):
+        _ = si.period
+
+
+def test_reprs_tell_what_was_asked_for():
+    curve = pp.stability_curve(lambda n: pp.Chain(SCALED, round(n)), [2.0, 3.0])
+    assert f"speeds=[{curve.speeds[0]:.7g}, {curve.speeds[1]:.7g}]" in repr(curve)
+    found = pp.simulate_many(SCALED_CHAIN, [1.0, 2.0], 1.0, bend, samples=5)
+    assert repr(found.in_si()) == "Ensemble in SI(motions=<2 Motion>)"
+    assert "crossings" not in repr(pp.crossings(SCALED_CHAIN, 9.0))
+    assert repr(pp.crossings(SCALED_CHAIN, 9.0)).startswith("Crossings(speeds=[")
+
+
+def test_crossings_are_a_tuple_and_a_table(tmp_path):
+    model = pp.Continuum(pp.Pipe(0.295))
+    found = pp.crossings(model, 9.0)
+    first, *others = found
+    assert len(found) == 3
+    assert (first, others) == (found[0], [found[1], found[-1]])
+    assert found[1:] == tuple(others)
+    assert first in found
+    np.testing.assert_array_equal(found.to_dataframe()["speed"], found.speeds)
+    found.save(tmp_path / "found.npz")
+    assert pp.load(tmp_path / "found.npz") == found
+    assert not pp.crossings(model, 1.0)
+    hose = pp.crossings(SCALED_CHAIN, 9.0)
+    assert hose.in_si()[0].speed == hose.in_si().speeds[0] == SCALED.speed_si(hose[0].speed)
+    assert hose.columns("si")["speed (m/s)"][0] == hose.in_si().speeds[0]
+
+
+def test_parametric_regions_are_a_tuple_and_a_table(tmp_path):
+    found = regions()
+    columns = found.columns()
+    assert len(found) == len(set(columns["region"])) > 1
+    for index, one in enumerate(found):
+        np.testing.assert_array_equal(
+            columns["highest"][columns["region"] == index], one.edges[:, 1]
+        )
+    found.save(tmp_path / "found.npz")
+    assert pp.load(tmp_path / "found.npz") == found
+    none = pp.parametric_regions(pp.Chain(pp.Pipe(0.1, 3.0), 2), 1.0, 0.01, (50.0, 60.0))
+    assert list(none.columns()) == list(columns)
 
 
 def test_energy_in_joules_is_weight_times_height():
@@ -268,6 +395,10 @@ def test_a_motion_is_shown_in_a_line_and_a_diagram_in_five():
         "Motion(t=[0, 0.25, 0.5, 0.75, 1], u=1, "
         "model=Chain(Pipe(beta=0.2), n=3, springs='consistent'))"
     )
+    motion = pp.simulate(
+        pp.Chain(SCALED, 3), pp.Pulsation(1.0, 0.1, 3.0), 1.0, bend, base=pp.Harmonic(0.01, 3.0)
+    )
+    assert repr(motion) == "Motion(t=<501, 0 to 1>, u=Pulsation(...), model=Chain(...))"
     diagram = pp.bifurcation_diagram(pp.Chain(pp.Pipe(0.2), 2), [3.0, 4.0], cycles=6)
     assert len(repr(diagram).splitlines()) <= 5
     assert "cycles=<2 CycleBranch>" in repr(diagram)

@@ -172,3 +172,9 @@ def test_progress_is_counted_on_stderr_only(terminal):
     assert out == ""
     assert "stability curve" in err
     assert "2/2" in err
+
+
+def test_the_reason_why_all_points_failed_is_shown():
+    """Segments are counted in whole numbers, values of a sweep are not."""
+    curve = pp.stability_curve(lambda n: pp.Chain(pp.Pipe(0.2), n), [5, 10])
+    assert "failures=<2 Failure, the first: TypeError('n must be a whole number" in repr(curve)

@@ -44,7 +44,11 @@ from pipedyn.bifurcation.forced_response import (
 from pipedyn.bifurcation.hopf import CriticalityCurve, Hopf, NoHopf, criticality_curve, hopf
 from pipedyn.bifurcation.limit_cycle import LimitCycle, NoCycle, limit_cycle
 from pipedyn.bifurcation.organising import OrganisingPoint
-from pipedyn.bifurcation.parametric_regions import ParametricRegion, parametric_regions
+from pipedyn.bifurcation.parametric_regions import (
+    ParametricRegion,
+    ParametricRegions,
+    parametric_regions,
+)
 from pipedyn.bifurcation.pulsating import FloquetMultipliers, floquet
 from pipedyn.linear.critical_speed import CriticalSpeed, NoCrossing, critical_speed, crossings
 from pipedyn.linear.frequency_response import (
@@ -59,7 +63,7 @@ from pipedyn.linear.identification import (
     identify,
 )
 from pipedyn.linear.modes import Modes, ModeShape, RootLoci, eigenvalues, modes, root_loci
-from pipedyn.linear.sensitivity import Crossing, Derivatives, Sensitivity
+from pipedyn.linear.sensitivity import Crossing, Crossings, Derivatives, Sensitivity
 from pipedyn.linear.stability_curve import Failure, StabilityCurve, stability_curve
 from pipedyn.models import modular
 from pipedyn.models.base import Model, NotConverged, Operators, PipedynError, Power
@@ -114,6 +118,7 @@ __all__ = [
     "CriticalSpeed",
     "CriticalityCurve",
     "Crossing",
+    "Crossings",
     "CubicSpring",
     "CycleBoundary",
     "CycleBranch",
@@ -160,6 +165,7 @@ __all__ = [
     "Operators",
     "OrganisingPoint",
     "ParametricRegion",
+    "ParametricRegions",
     "Pipe",
     "PipedynError",
     "PointMass",

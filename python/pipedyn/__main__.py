@@ -34,6 +34,7 @@ from pipedyn.paper.analysis import (
     Findings,
     forecast,
     gather,
+    measured_pace,
 )
 from pipedyn.paper.pipe_options import add_pipe_options, taken_pipe
 from pipedyn.paper.report import BEFORE_MAPS, HEADER, SI_HEADER, Draw, map_figure, report, table
@@ -197,9 +198,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """The command; returns its exit status."""
     case = _parsed(arguments)
     if case.progress:
-        seconds = float(f"{forecast(case):.1g}")
-        cores = "2 cores are" if case.workers > 1 else "a core is"
-        words = f"takes about {seconds:g} s if {cores} free"
+        seconds = forecast(case, measured_pace(case.workers))
+        low, high = (float(f"{share * seconds:.2g}") for share in (0.7, 1.6))
+        words = f"takes about {low:g} to {high:g} s as fast as this machine is now"
         print(f"{PROGRAM}: {words}", file=sys.stderr, flush=True)
     # Nine tenths of the time are spent in the core, which other threads need not wait for.
     with ThreadPoolExecutor(case.workers) if case.workers else nullcontext() as executor:

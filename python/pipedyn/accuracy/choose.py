@@ -125,6 +125,11 @@ class Choice(Result):
         """Segments or functions."""
         return self.row.size
 
+    def _shown(self) -> list[tuple[str, Any]]:
+        names = "models", "error", "cost", "tolerance", "budget", "steady", "quantity"
+        pairs = ((name, getattr(self, name)) for name in names)
+        return [(name, value) for name, value in pairs if value is not None]
+
     def __str__(self) -> str:
         return "\n".join(self._lines())
 

@@ -122,6 +122,12 @@ class Trade(TableResult):
 
         Args:
             cost: "seconds", "dof", "right_hand_sides" or "factorisations".
+
+        Example:
+            >>> found = pp.trade(pp.Pipe(0.2), "critical_speed", sizes=[4, 8], repeats=1)
+            >>> front = found.pareto("dof")
+            >>> [(row.dof, row.error < 1e-6) for row in front]
+            [(4, False), (8, True)]
         """
         cost = check.choice("cost", cost, COSTS)
         good = [row for row in self.rows if math.isfinite(row.error)]

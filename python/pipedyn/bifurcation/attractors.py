@@ -179,6 +179,11 @@ class Attractors(TableResult, units={"exponent": RATE}):
         model: the model.
         plane: that was given, None for other starts.
         base: motion of the base, as given.
+
+    Example:
+        >>> found = pp.attractors(pp.Chain(pp.Pipe(0.2), 2), 4.0, 8)
+        >>> [(basin.ending, basin.share.count) for basin in found.basins]
+        [('periodic', 8)]
     """
 
     u: float | Pulsation

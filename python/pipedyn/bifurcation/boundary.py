@@ -130,6 +130,13 @@ class Boundary(InPlane):
     def unstable(self, x: float, y: float) -> int:
         """Number of unstable roots at a point of the window, by its eigenvalues.
 
+        Example:
+            >>> window = {"gamma": (-20.0, 0.0), "u": (0.0, 5.0)}
+            >>> model = pp.Chain(pp.Pipe(0.2, damping=0.01), 2)
+            >>> found = pp.boundary(model, "gamma", "u", window, criticality=False)
+            >>> found.unstable(-5.0, 1.0), found.unstable(-20.0, 1.0)
+            (0, 1)
+
         Raises:
             ValueError, TypeError: for a point outside the window.
         """

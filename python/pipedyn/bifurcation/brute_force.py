@@ -107,7 +107,7 @@ NEIGHBOUR = -1
 """Of a motion that begins beside a member of a batch and is none itself, for its number."""
 
 
-class Attractor(Result, units={"turnings": LENGTH}):
+class Attractor(Result, units={"turnings": LENGTH, "period": None}):
     """Where one motion ends.
 
     Attributes:

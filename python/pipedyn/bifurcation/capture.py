@@ -422,7 +422,8 @@ class _Watch(Observer):
             squares = None
             if region.floquet is not None and some.size:
                 states = blocks[some].reshape(-1, blocks.shape[2])
-                squares = region.floquet.squares(states).reshape(some.size, blocks.shape[1], -1)
+                squares = np.abs(region.floquet(states)) ** 2
+                squares = squares.reshape(some.size, blocks.shape[1], -1)
             for i, (place, distance) in enumerate(
                 zip(some.tolist(), largest.tolist(), strict=True)
             ):

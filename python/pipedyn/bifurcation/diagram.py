@@ -88,6 +88,13 @@ class BifurcationDiagram(TableResult):
         failures: points that failed, with what they raised, by speed; `value` is the flow speed and
             `index` its place among `speeds`, -1 where a branch failed at none of these.
         model: the model.
+
+    Example:
+        >>> found = pp.bifurcation_diagram(pp.Chain(pp.Pipe(0.2), 2), [3.0, 4.0, 5.0])
+        >>> [(event.kind, round(event.speed, 3)) for event in found.cycles[0].events]
+        [('hopf', 3.593)]
+        >>> [round(cycle.amplitude, 3) for cycle in found.cycles[0].at(4.0)]
+        [0.546]
     """
 
     speeds: Array

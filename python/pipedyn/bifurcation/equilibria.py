@@ -85,6 +85,11 @@ class Equilibria(TableResult, units={"growth": RATE}):
         residuals: largest force left, in units of 1 + |gamma| + a u^2, shape (k,).
         u: flow speed.
         model: the model.
+
+    Example:
+        >>> found = pp.equilibria(pp.Chain(pp.Pipe(0.2, -20.0), 2), 1.0)
+        >>> found.stable.tolist(), found.tips[:, 0].round(3)
+        ([False, True, True], array([ 0.   ,  0.715, -0.715]))
     """
 
     q: Array = field(repr=False)

@@ -252,7 +252,7 @@ class EventFollower:
         places = [begin]
         steps = onward(problem, point, 0.25 * self.how.longest)
         try:
-            for step in track(islice(steps, MOST_STEPS), MOST_STEPS, self.kind, self.shown):
+            for step in track(islice(steps, MOST_STEPS), None, self.kind, self.shown):
                 problem = step.problem
                 ended = self._ending(step)
                 if ended is not None:

@@ -59,8 +59,8 @@ class FloquetCoordinates:
     def _tree(self) -> scipy.spatial.cKDTree:
         return scipy.spatial.cKDTree(self.points * self.units)
 
-    def squares(self, states: Array) -> Array:
-        """Squared moduli of the coordinates of states, (N, 2 moving), each (N, k)."""
+    def __call__(self, states: Array) -> Complex:
+        """The coordinates of states, (N, 2 moving), each (N, k)."""
         _, near = self._tree.query(states * self.units)
         away, (once, twice) = states - self.points[near], self.rates[:, near]
         # To third order in how far it is ahead of the point.
@@ -68,7 +68,7 @@ class FloquetCoordinates:
         ahead = np.sum(along * away, axis=1, keepdims=True)
         ahead /= np.sum(along * once, axis=1, keepdims=True)
         away = away - ahead * once - 0.5 * ahead**2 * twice
-        return np.abs(np.einsum("nki,ni->nk", self.rows[near], away)) ** 2
+        return np.asarray(np.einsum("nki,ni->nk", self.rows[near], away))
 
 
 def floquet_coordinates(

@@ -622,7 +622,7 @@ def _branch(
     else:
         points.append(_Point(motion.order * begin.orbit.frequency, 0.0))
     try:
-        for step in track(followed(motion, begin, FINE), MOST_STEPS, "forced response", shown):
+        for step in track(followed(motion, begin, FINE), None, "forced response", shown):
             end = orbit_at(step, step.length)
             before, after = (breaking_part(orbit_at(step, s), "hopf") for s in (0.0, step.length))
             if kind != "base" and steps and np.sum(before * after) < 0.0:  # through rest

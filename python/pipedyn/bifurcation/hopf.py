@@ -54,8 +54,8 @@ from pipedyn.bifurcation.equilibria import BranchPoint, Statics
 from pipedyn.bifurcation.vector_field import VectorField
 from pipedyn.linear.critical_speed import first_loss
 from pipedyn.linear.eigenproblem import Complex
-from pipedyn.linear.sensitivity import Crossing
-from pipedyn.linear.stability_curve import Failure, of_each, scales_of_each, swept
+from pipedyn.linear.sensitivity import Crossing, of_each
+from pipedyn.linear.stability_curve import Failure, scales_of_each, swept
 from pipedyn.models.base import Model, NotConverged, PipedynError
 from pipedyn.models.constant_head import ConstantHead
 from pipedyn.models.drive import Supply
@@ -67,6 +67,7 @@ from pipedyn.util.later import futures, scipy
 from pipedyn.util.parallel import outcome_of
 from pipedyn.util.result import Result, TableResult
 from pipedyn.util.threads import one_thread
+from pipedyn.util.units import LENGTH, SPEED
 
 LEVELS, FIRST_STEP = 6, 0.2
 """Steps of the differences, each half of the one before, and the largest angle, rad, by which the
@@ -226,7 +227,7 @@ def _rest_at(motion: VectorField, crossing: Crossing | BranchPoint) -> Array:
     return motion.resting()
 
 
-class Hopf(HopfPoint):
+class Hopf(HopfPoint, units={"balance": LENGTH, "fold": SPEED}):
     """A flutter onset, and the limit cycle that emerges there.
 
     The amplitude A of the free end obeys A' = growth (u - u_c) A + Re(quadratic) A^2 + Re(cubic)
@@ -259,6 +260,11 @@ class Hopf(HopfPoint):
         rest: the equilibrium, an integrated state, shape (2 moving,).
         friction: of the supply at constant head, where u is the flow speed in the straight pipe;
             None at constant speed.
+
+    Example:
+        >>> found = pp.hopf(pp.Chain(pp.Pipe(0.2), 4))
+        >>> found.criticality, round(found.speed, 4), round(found.amplitude_law, 4)
+        ('supercritical', 4.9493, 0.2599)
     """
 
     growth: float
@@ -313,6 +319,14 @@ class Hopf(HopfPoint):
         With three segments at beta 0.2 and drag up to 1 it is right to 4 % at amplitudes up to 0.1;
         with four at beta 0.8, near l_1 = 19, to 3 % up to 0.03.
 
+        Example:
+            >>> found = pp.hopf(pp.Chain(pp.Pipe(0.2), 4))
+            >>> round(found.amplitude(found.speed + 0.01), 4)
+            0.051
+            >>> cycle = pp.limit_cycle(pp.Chain(pp.Pipe(0.2), 4), found.speed + 0.01)
+            >>> round(cycle.amplitude, 4)
+            0.0509
+
         Raises:
             ValueError: if it has no cycle there.
         """
@@ -336,6 +350,11 @@ class Hopf(HopfPoint):
 
     def cycle_frequency(self, u: float) -> float:
         """Angular frequency of the cycle of `amplitude` at a speed, in 1 / T.
+
+        Example:
+            >>> found = pp.hopf(pp.Chain(pp.Pipe(0.2), 4))
+            >>> round(found.cycle_frequency(found.speed + 0.01) - found.frequency, 5)
+            -0.00783
 
         Raises:
             ValueError: if there is none.
@@ -587,7 +606,7 @@ def _tip_of(motion: VectorField, rest: Array, mode: Complex) -> complex:
 # ----------------------------------------------------------------------- against a parameter
 
 
-class CriticalityCurve(TableResult):
+class CriticalityCurve(TableResult, units={"folds": SPEED}):
     """Onsets of flutter against a parameter.
 
     Attributes:
@@ -636,6 +655,10 @@ class CriticalityCurve(TableResult):
         known, side = ~np.isnan(self.speeds), self.subcritical
         at = np.flatnonzero(known[:-1] & known[1:] & (side[:-1] != side[1:]))
         return np.stack([self.values[at], self.values[at + 1]], axis=1)
+
+    def _shown(self) -> list[tuple[str, Any]]:
+        (values, *rest) = super()._shown()
+        return [values, ("speeds", self.speeds), ("subcritical", self.subcritical), *rest]
 
     def _columns(self) -> dict[str, Any]:
         failed = {one.index: str(one.error) for one in self.failures}

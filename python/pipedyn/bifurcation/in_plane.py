@@ -21,7 +21,7 @@ class InPlane(TableResult):
         known = unit_of_number(name, own.model.pipe) if name in own.names else None
         return known or super()._unit(name)
 
-    def _units_within(self) -> dict[str, Unit | None]:
+    def _units_within(self, name: str) -> dict[str, Unit | None]:
         own: Any = self
         first, second = map(self._unit, own.names)
         return {"x": first, "y": second}

@@ -122,6 +122,11 @@ class LimitCycle(Trajectory, TableResult):
         evaluations: right-hand sides and Jacobians.
         method: how it was found.
         orbit: the solution of the collocation equations, from which other searches set out.
+
+    Example:
+        >>> cycle = pp.limit_cycle(pp.Chain(pp.Pipe(0.2), 4), 6.0)
+        >>> round(cycle.amplitude, 4), round(cycle.period, 4), cycle.stable
+        (0.4422, 0.4866, True)
     """
 
     amplitude: float

@@ -32,9 +32,9 @@ from pipedyn.models.pipe import Pipe
 from pipedyn.util import check
 from pipedyn.util.check import Array
 from pipedyn.util.newton import NewtonFailed
-from pipedyn.util.result import TableResult
+from pipedyn.util.result import ResultSequence, TableResult, joined
 from pipedyn.util.threads import one_thread
-from pipedyn.util.units import FREQUENCY
+from pipedyn.util.units import FREQUENCY, SPEED
 
 SIZES = (12, 16, 22, 30, 40)
 """Functions or modes, one after the other, until edges converge."""
@@ -80,12 +80,41 @@ class ParametricRegion(
         return {"amplitude": self.amplitude, "lowest": low, "highest": high}
 
 
+class ParametricRegions(
+    ResultSequence[ParametricRegion],
+    units={"amplitude": None, "mean": SPEED, **dict.fromkeys(("lowest", "highest"), FREQUENCY)},
+):
+    """All regions of a pulsation, by rising frequency, as a tuple and as a table.
+
+    Attributes:
+        regions: those found.
+        mean: mean flow speed.
+        frequencies: range of the pulsation, angular, in 1 / T, shape (2,).
+        model: the model.
+    """
+
+    regions: tuple[ParametricRegion, ...]
+    mean: float
+    frequencies: Array
+    model: AnyModel
+
+    def _members(self) -> tuple[ParametricRegion, ...]:
+        return self.regions
+
+    def _columns(self) -> dict[str, Any]:
+        if not self.regions:
+            return {name: [] for name in ("region", "kind", "amplitude", "lowest", "highest")}
+        kinds = [one.kind for one in self.regions]
+        tables = [one.columns() for one in self.regions]
+        return joined(tables, region=range(len(kinds)), kind=kinds)
+
+
 def parametric_regions(
     model: AnyModel,
     mean: float,
     amplitudes: ArrayLike,
     frequencies: ArrayLike,
-) -> tuple[ParametricRegion, ...]:
+) -> ParametricRegions:
     """Regions in which a pulsation u = mean (1 + amplitude cos(frequency tau)) is unstable.
 
     Args:
@@ -97,10 +126,10 @@ def parametric_regions(
 
     Returns:
         The regions that touch the range at one of the amplitudes, or whose threshold lies in it,
-        by rising frequency. Edges are roots of Hill's determinant, to 1e-7, and may lie outside
-        the range. Left out are instabilities of less than 1e-5 a period of a damped pipe, regions
-        thinner than 1e-6 of their frequency, and combinations of modes whose frequencies are
-        beyond high + 4 low.
+        by rising frequency, indexed as a tuple, and a table. Edges are roots of Hill's
+        determinant, to 1e-7, and may lie outside the range. Left out are instabilities of less
+        than 1e-5 a period of a damped pipe, regions thinner than 1e-6 of their frequency, and
+        combinations of modes whose frequencies are beyond high + 4 low.
 
     Example:
         >>> pipe = pp.Pipe(0.2, 10.0)
@@ -134,7 +163,8 @@ def parametric_regions(
         )
     if isinstance(model, Model):
         model.require_equilibrium(mean)
-    return _converged(model, mean, mu, (low, high))
+    found = _converged(model, mean, mu, (low, high))
+    return ParametricRegions(found, mean, np.array([low, high]), model)
 
 
 def _converged(

@@ -15,7 +15,7 @@ import numpy as np
 from pipedyn import _core
 from pipedyn.linear.eigenproblem import eigenproblem
 from pipedyn.linear.modes import LARGEST_FULL, ModeShape, largest_speed, neutral_shape
-from pipedyn.linear.sensitivity import Crossing, crossings_of
+from pipedyn.linear.sensitivity import Crossing, Crossings, crossings_of
 from pipedyn.linear.weak_damping import extrapolated, is_weakly_damped, strengthened
 from pipedyn.models.base import Model, NotConverged, PipedynError
 from pipedyn.models.continuum import (
@@ -31,6 +31,7 @@ from pipedyn.util import check
 from pipedyn.util.counters import factorised
 from pipedyn.util.parallel import Job, outcome_of
 from pipedyn.util.threads import one_thread
+from pipedyn.util.units import SPEED
 
 Answer = TypeVar("Answer")
 
@@ -55,7 +56,7 @@ class NoCrossing(PipedynError):
         self.max_speed = max_speed
 
 
-class CriticalSpeed(Crossing):
+class CriticalSpeed(Crossing, units={"discretisation": SPEED}):
     """The lowest crossing that destabilises: its speed, frequency, kind and the rest of a crossing.
 
     The speed is 0 if the pipe is unstable from the smallest flow on. `mode` is a convention where
@@ -65,6 +66,13 @@ class CriticalSpeed(Crossing):
         stable_at_rest: False if the pipe is buckled without flow.
         size: degrees of freedom of the model solved.
         model: the model.
+
+    Example:
+        >>> found = pp.critical_speed(pp.Chain(pp.Pipe(0.2), n=10))
+        >>> found.kind, found.mode, round(found.speed, 4), round(found.sensitivity.speed.beta, 3)
+        ('flutter', 2, 5.4857, 10.312)
+        >>> round(found.discretisation, 3)
+        0.106
     """
 
     stable_at_rest: bool = field(kw_only=True)
@@ -119,7 +127,7 @@ def _continuous_speed(pipe: Pipe, max_speed: float) -> CriticalSpeed:
     return critical_speed(Continuum(pipe), max_speed)
 
 
-def crossings(model: AnyModel, max_speed: float) -> tuple[Crossing, ...]:
+def crossings(model: AnyModel, max_speed: float) -> Crossings:
     """Every crossing of the imaginary axis by an eigenvalue up to a flow speed.
 
     None is missed between samples: see `cpp/pipedyn/linear/crossings.hpp`. A pipe that is unstable
@@ -131,7 +139,7 @@ def crossings(model: AnyModel, max_speed: float) -> tuple[Crossing, ...]:
         max_speed: end of the search, > 0.
 
     Returns:
-        Crossings in order of speed, flutter and divergence.
+        Crossings in order of speed, flutter and divergence, indexed as a tuple, and a table.
 
     Example:
         >>> found = pp.crossings(pp.Continuum(pp.Pipe(0.295)), 9.0)
@@ -144,8 +152,9 @@ def crossings(model: AnyModel, max_speed: float) -> tuple[Crossing, ...]:
         ValueError, TypeError: for bad arguments.
     """
     checked_model(model)
-    _, found = raised(losses([model], checked_end(max_speed, model)))
-    return found
+    end = checked_end(max_speed, model)
+    _, found = raised(losses([model], end))
+    return Crossings(found, end, model)
 
 
 def critical_speed(model: AnyModel, max_speed: float = 100.0) -> CriticalSpeed:

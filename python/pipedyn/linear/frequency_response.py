@@ -102,6 +102,11 @@ class FrequencyResponse(TableResult):
         error: for `Continuum`, the largest change of the response from the basis before the last,
             relative to it, beyond what a shift of the poles by 1e-11 of their size explains; 0 for
             other models.
+
+    Example:
+        >>> found = pp.frequency_response(pp.Galerkin(pp.Pipe(0.2), 6), 4.0)
+        >>> [round(peak.frequency, 3) for peak in found.resonances]
+        [16.985, 56.157, 114.485]
     """
 
     frequencies: Array = field(repr=False)

@@ -313,7 +313,8 @@ def _checked(pipe: Pipe, measurements: Any, unknowns: Any) -> _Problem:
         begin.append(min(max(value, one.low), one.high))
     problem = _Problem(pipe, tuple(measurements), tuple(found), np.log(begin))
     if len(measurements) < len(found):
-        raise NotIdentifiable(f"{len(measurements)} measurements cannot tell {len(found)} unknowns")
+        few = check.counted(len(measurements), "measurement")
+        raise NotIdentifiable(f"{few} cannot tell {len(found)} unknowns")
     return problem
 
 
@@ -323,6 +324,11 @@ def _unknown(pipe: Pipe, name: Any, bounds: Any) -> tuple[_Unknown, float]:
         raise ValueError(
             "unknowns must not have 'bending_stiffness' of a nondimensional pipe, which is counted "
             "in it: make the pipe with Pipe.from_si"
+        )
+    if name in ("clamp_stiffness", "root_stiffness"):
+        raise ValueError(
+            f"unknowns must have 'clamp_compliance' instead of {name!r}, one over that, which is 0 "
+            "of a rigid clamp"
         )
     if name == COMPLIANCE:
         stiffness = pipe.root_stiffness

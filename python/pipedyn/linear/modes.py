@@ -119,7 +119,7 @@ class ModeShape(Result):
         return np.asarray(self.model.deflection(self.coordinates, s), dtype=np.complex128)
 
 
-class Modes(TableResult):
+class Modes(TableResult, units={"errors": RATE}):
     """Eigenvalues and modes at one flow speed.
 
     Attributes:
@@ -132,6 +132,14 @@ class Modes(TableResult):
         size: degrees of freedom of the model solved.
         discretisation: for `Continuum`, the largest change of an eigenvalue from the basis before
             the last, relative to it or to 1, whichever is more; None for other models.
+
+    Example:
+        >>> chain = pp.Chain(pp.Pipe(0.2), n=5)
+        >>> found = pp.modes(chain, 4.0, count=2)
+        >>> found.eigenvalues.round(3)
+        array([-4.966+3.99j, -4.966-3.99j])
+        >>> abs(found.shapes[0]([0.0, 0.5, 1.0])).round(3)
+        array([0.   , 0.271, 1.   ])
     """
 
     speed: float
@@ -314,6 +322,14 @@ class RootLoci(TableResult, units=dict.fromkeys(("error", "errors"), RATE)):
             before the last, and infinite for overdamped roots, which need not converge.
         size: degrees of freedom of the model solved.
         pipe: the pipe.
+
+    Example:
+        >>> chain = pp.Chain(pp.Pipe(0.2), n=5)
+        >>> loci = pp.root_loci(chain, [0.0, 3.0, 6.0], count=2)
+        >>> loci.eigenvalues.round(2)
+        array([[  0.   +3.45j,   0.  +20.73j],
+               [ -3.07 +3.61j,  -2.17+17.79j],
+               [-11.35 +0.j  ,   1.73+13.17j]])
     """
 
     speeds: Array

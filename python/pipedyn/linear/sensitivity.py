@@ -3,13 +3,19 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Iterable
 from dataclasses import field
 from typing import Any, Literal
 
+import numpy as np
+
 from pipedyn import _core
 from pipedyn.linear.eigenproblem import Eigenproblem
+from pipedyn.models.continuum import AnyModel
 from pipedyn.util.check import Array
-from pipedyn.util.result import Result
+from pipedyn.util.result import Result, ResultSequence
+from pipedyn.util.units import FREQUENCY, SPEED, Unit
 
 Kind = Literal["flutter", "divergence"]
 
@@ -25,6 +31,9 @@ class Derivatives(Result):
         gamma, damping, alpha, hysteresis: by these.
         springs: by each k_j, shape (n,), the others held; None for reduced models and scenes that
             matrices solve, see `Assembly`.
+
+    In SI those of a speed are in m/s and those of a frequency in Hz, by the same nondimensional
+    numbers. That of a speed by beta is left out: the unit of speed changes with beta.
     """
 
     beta: float | None
@@ -41,13 +50,24 @@ class Sensitivity(Result):
     Attributes:
         speed: derivatives of its speed.
         frequency: derivatives of its frequency.
+
+    Example:
+        >>> found = pp.critical_speed(pp.Chain(pp.Pipe(0.2), n=10)).sensitivity
+        >>> round(found.speed.gamma, 4), round(found.frequency.gamma, 4)
+        (0.0741, 0.1296)
     """
 
     speed: Derivatives
     frequency: Derivatives
 
+    def _units_within(self, name: str) -> dict[str, Unit | None]:
+        names = ("gamma", "damping", "alpha", "hysteresis", "springs")
+        if name == "speed":
+            return dict.fromkeys(names, SPEED)
+        return dict.fromkeys((*names, "beta"), FREQUENCY)
 
-class Crossing(Result):
+
+class Crossing(Result, units={"error": SPEED}):
     """A crossing of the imaginary axis by an eigenvalue or a conjugate pair.
 
     Of conservative pipes also where two growing real eigenvalues meet and become a growing pair,
@@ -80,6 +100,54 @@ class Crossing(Result):
     def destabilising(self) -> bool:
         """Whether unstable roots become more."""
         return self.unstable_after > self.unstable_before
+
+
+class Crossings(ResultSequence[Crossing], units={"error": SPEED, "max_speed": SPEED}):
+    """All crossings of a model up to a flow speed, in order of speed, as a tuple and as a table.
+
+    Attributes:
+        crossings: those found.
+        max_speed: where the search ended.
+        model: the model.
+
+    Example:
+        >>> found = pp.crossings(pp.Continuum(pp.Pipe(0.295)), 9.0)
+        >>> len(found), found[0].kind, found.speeds.round(3).tolist()
+        (3, 'flutter', [7.261, 7.852, 8.189])
+        >>> print(found.to_csv().splitlines()[0])
+        speed,frequency,kind,mode,unstable_before,unstable_after,error
+    """
+
+    crossings: tuple[Crossing, ...] = field(repr=False)
+    max_speed: float
+    model: AnyModel
+
+    @property
+    def speeds(self) -> Array:
+        """Those of the crossings, shape (K,)."""
+        return of_each(self.crossings, "speed")
+
+    @property
+    def frequencies(self) -> Array:
+        """Angular frequencies of the crossings, shape (K,)."""
+        return of_each(self.crossings, "frequency")
+
+    def _members(self) -> tuple[Crossing, ...]:
+        return self.crossings
+
+    def _shown(self) -> list[tuple[str, Any]]:
+        kinds = tuple(one.kind for one in self.crossings)
+        return [("speeds", self.speeds), ("kinds", kinds), *super()._shown()]
+
+    def _columns(self) -> dict[str, Any]:
+        names = "speed", "frequency", "kind", "mode", "unstable_before", "unstable_after", "error"
+        return {name: [getattr(one, name) for one in self.crossings] for name in names}
+
+
+def of_each(results: Iterable[Any], name: str) -> Array:
+    """An attribute of each result, NaN where the result or the attribute is None."""
+    found = [getattr(one, name, None) for one in results]
+    return np.array([math.nan if value is None else value for value in found])
 
 
 def crossings_of(problem: Eigenproblem, swept: _core.Sweep) -> tuple[Crossing, ...]:

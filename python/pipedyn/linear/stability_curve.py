@@ -12,14 +12,22 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike
 
-from pipedyn.linear.critical_speed import CriticalSpeed, Point, checked_end, first_losses, losses
-from pipedyn.linear.sensitivity import Crossing
+from pipedyn.linear.critical_speed import (
+    CriticalSpeed,
+    NoCrossing,
+    Point,
+    checked_end,
+    first_losses,
+    losses,
+)
+from pipedyn.linear.sensitivity import Crossing, of_each
 from pipedyn.models.continuum import AnyModel, checked_model
 from pipedyn.util import check
 from pipedyn.util.check import Array
 from pipedyn.util.later import futures
 from pipedyn.util.parallel import outcome_of, parallel
 from pipedyn.util.result import Result, TableResult
+from pipedyn.util.units import SPEED
 
 Answer = TypeVar("Answer")
 
@@ -44,7 +52,7 @@ class Failure(Result):
     error: Exception
 
 
-class StabilityCurve(TableResult):
+class StabilityCurve(TableResult, units=dict.fromkeys(("no_loss_up_to", "max_speed"), SPEED)):
     """Critical speed, and every crossing, against a parameter.
 
     Attributes:
@@ -53,12 +61,37 @@ class StabilityCurve(TableResult):
         crossings: crossings at each value; those up to the critical speed where no max_speed was
             asked for; empty where the point failed.
         failures: the points that failed, with what they raised.
+        max_speed: up to which every crossing was asked for, None where it was not.
+
+    Example:
+        >>> curve = pp.stability_curve(lambda n: pp.Chain(pp.Pipe(0.2), round(n)), [5, 10, 20])
+        >>> curve.speeds.round(3)
+        array([5.174, 5.486, 5.565])
+        >>> list(curve.columns())[:3]
+        ['value', 'speed', 'frequency']
     """
 
     values: Array
     critical: tuple[CriticalSpeed | None, ...] = field(repr=False)
     crossings: tuple[tuple[Crossing, ...], ...] = field(repr=False)
     failures: tuple[Failure, ...]
+    max_speed: float | None = None
+
+    @property
+    def no_loss_up_to(self) -> Array:
+        """Flow speed up to which no loss of stability was found, shape (S,), NaN elsewhere.
+
+        The pipe is stable up to there, unless it is buckled at rest.
+        """
+        failed = {one.index: one.error for one in self.failures}
+        ends = np.full(len(self.values), math.nan)
+        for index, one in enumerate(self.critical):
+            error = failed.get(index)
+            if isinstance(error, NoCrossing):
+                ends[index] = error.max_speed
+            elif one is None and error is None and self.max_speed is not None:
+                ends[index] = self.max_speed
+        return ends
 
     @property
     def speeds(self) -> Array:
@@ -69,6 +102,10 @@ class StabilityCurve(TableResult):
     def frequencies(self) -> Array:
         """Critical frequencies, shape (S,), NaN where there is none."""
         return of_each(self.critical, "frequency")
+
+    def _shown(self) -> list[tuple[str, Any]]:
+        (values, *rest) = super()._shown()
+        return [values, ("speeds", self.speeds), *rest]
 
     def _columns(self) -> dict[str, Any]:
         failed = {one.index: str(one.error) for one in self.failures}
@@ -83,12 +120,6 @@ class StabilityCurve(TableResult):
     def _scales(self) -> Any:
         """Of each point, whose pipe may be another."""
         return scales_of_each(self.critical)
-
-
-def of_each(results: Iterable[Any], name: str) -> Array:
-    """An attribute of each result, NaN where the result or the attribute is None."""
-    found = [getattr(one, name, None) for one in results]
-    return np.array([math.nan if value is None else value for value in found])
 
 
 def scales_of_each(results: Iterable[Any]) -> Any:
@@ -137,7 +168,7 @@ def stability_curve(
     at, answers, failures = swept(make_model, values, solve, executor, progress)
     none: Point = (None, ())
     critical, found = zip(*(none if one is None else one for one in answers), strict=True)
-    return StabilityCurve(at, critical, found, failures)
+    return StabilityCurve(at, critical, found, failures, max_speed)
 
 
 def swept(

@@ -22,6 +22,7 @@ from pipedyn.util import check
 from pipedyn.util.check import Array
 from pipedyn.util.power_iteration import largest_stretch
 from pipedyn.util.result import Result, Saved
+from pipedyn.util.units import POWER
 
 DENSE_LIMIT = 4000
 """Largest dof for which dense operators are made: seven matrices of 128 MB."""
@@ -77,6 +78,14 @@ class Operators(Result):
         direction: s, 1 ejecting and -1 aspirating.
         centrifugal: alpha.
         loss: hysteresis times the elastic stiffness; None without.
+
+    Example:
+        >>> operators = pp.Chain(pp.Pipe(0.2), n=2).operators()
+        >>> operators.mass.round(4)
+        array([[0.1667, 0.0625],
+               [0.0625, 0.0417]])
+        >>> bool((operators.gyroscopic == -operators.gyroscopic.T).all())
+        True
     """
 
     mass: Array
@@ -91,7 +100,14 @@ class Operators(Result):
     loss: Array | None = None
 
     def at(self, u: float, u_dot: float = 0.0) -> tuple[Array, Array, NDArray[Any]]:
-        """(M, C, K) at flow speed u >= 0 and its rate of change; with a loss K is complex."""
+        """(M, C, K) at flow speed u >= 0 and its rate of change; with a loss K is complex.
+
+        Example:
+            >>> M, C, K = pp.Chain(pp.Pipe(0.2), n=2).operators().at(4.0)
+            >>> K.round(3)
+            array([[-2.,  6.],
+                   [-2.,  2.]])
+        """
         u = check.real("u", u, low=0.0, high=1e100)
         velocity = self.direction * u * (self.gyroscopic + self.end_flux) + self.damping
         stiffness = self.stiffness + self.centrifugal * u**2 * self.flux
@@ -101,7 +117,9 @@ class Operators(Result):
         return self.mass, velocity, stiffness if self.loss is None else stiffness + 1j * self.loss
 
 
-class Power(Result):
+class Power(
+    Result, units=dict.fromkeys(("flow", "joints", "drag", "others", "base", "total"), POWER)
+):
     """Rate of a state's energy by what does the work, each a number or, for k states, shape (k,).
 
     Attributes:
@@ -400,7 +418,7 @@ class Model(OfPipe, ABC):
         whole = self.compiled
         if whole is not None:
             return whole
-        return lambda t, y, *flow: self.motion_rates(y, *flow)
+        return lambda t, y, u, drive=None: self.motion_rates(y, u, drive, t[0])
 
     @cached_property
     def equations(self) -> Any:
@@ -427,6 +445,12 @@ class Model(OfPipe, ABC):
 
         Args:
             q: coordinates, shape (dof,); those of `about`, else the straight pipe, where not given.
+
+        Example:
+            >>> chain = pp.Chain(pp.Pipe(0.2), n=2)
+            >>> chain.operators().stiffness.round(3)
+            array([[ 6., -2.],
+                   [-2.,  2.]])
 
         Raises:
             ValueError: also for more than 4000 degrees of freedom.
@@ -487,6 +511,13 @@ class Model(OfPipe, ABC):
 
         Returns:
             dy/dt = [q', q''], of the shape of y.
+
+        Example:
+            >>> chain = pp.Chain(pp.Pipe(0.2), n=2)
+            >>> chain.rhs(0.0, [0.1, 0.1, 0.0, 0.0], 4.0).round(3)
+            array([ 0.   ,  0.   , -5.486,  8.229])
+            >>> chain.rhs(0.0, np.zeros((4, 256)), 4.0).shape
+            (4, 256)
         """
         if u_dot is None and base is None:
             return self._steady_rhs(t, y, u)
@@ -521,6 +552,14 @@ class Model(OfPipe, ABC):
         Returns:
             d(dy/dt)/dy, shape (2 c, 2 c), or (k, 2 c, 2 c). Drag's share
             d(|v| v) = 2 |v| dv is 0 where v is.
+
+        Example:
+            >>> chain = pp.Chain(pp.Pipe(0.2), n=2)
+            >>> chain.jacobian(0.0, [0.1, 0.1, 0.0, 0.0], 4.0).round(2)
+            array([[  0.  ,   0.  ,   1.  ,   0.  ],
+                   [  0.  ,   0.  ,   0.  ,   1.  ],
+                   [-13.71, -41.14,  -6.13,  -3.07],
+                   [ 68.57,  13.71,   9.2 ,  -6.13]])
 
         Raises:
             ValueError: also for more than 4000 segments of a chain.
@@ -585,17 +624,19 @@ class Model(OfPipe, ABC):
         """
         return float(np.abs(p).max())
 
-    def motion_rates(self, y: Array, u: float | Array, drive: Array | None = None) -> Array:
+    def motion_rates(
+        self, y: Array, u: float | Array, drive: Array | None = None, t: float = 0.0
+    ) -> Array:
         """Rates of [p, p'] or, with the work W done on them, of [p, p', W]; (rows,) or (rows, k).
 
         drive: what drives them, see `pipedyn.models.drive`, (ROWS,) or (ROWS, k).
         """
         if len(y) > 2 * self.moving:
-            return np.asarray(self.motion.rhs_and_power(0.0, y, u, drive))
+            return np.asarray(self.motion.rhs_and_power(t, y, u, drive))
         if self.motion is self.core:  # which advances these, and needs no work for it
-            return np.asarray(self.core.rhs(0.0, y, u, drive))
+            return np.asarray(self.core.rhs(t, y, u, drive))
         work = np.zeros((1, *y.shape[1:]))
-        rates: Array = self.motion.rhs_and_power(0.0, np.concatenate([y, work]), u, drive)
+        rates: Array = self.motion.rhs_and_power(t, np.concatenate([y, work]), u, drive)
         return rates[:-1]
 
     def motion_jacobian(self, y: Array, u: float | Array, drive: Array | None = None) -> Array:
@@ -609,6 +650,11 @@ class Model(OfPipe, ABC):
         A number for a state y, shape (2 coordinates,), or shape (k,) for k, (2 coordinates, k). It
         is counted in the frame of the base, but for what springs on the ground store. base: as for
         `rhs`.
+
+        Example:
+            >>> chain = pp.Chain(pp.Pipe(0.2), n=2)
+            >>> round(float(chain.energy([0.1, 0.0, 0.0, 0.0])), 12)  # of springs 4 and 2
+            0.03
         """
         return self.motion.energy(y, drive=self._drive(y, None, base))
 
@@ -624,6 +670,11 @@ class Model(OfPipe, ABC):
 
         By what does the work, each a number or shape (k,); states y as for `energy`, flow speed u,
         u_dot and base as for `rhs`.
+
+        Example:
+            >>> chain = pp.Chain(pp.Pipe(0.2), n=2)
+            >>> chain.power([0.1, 0.1, 1.0, 1.0], 4.0)
+            Power(flow=-1.788854, joints=0, drag=0, others=0)
         """
         return Power(*self.equations.power(y, u, drive=self._drive(y, u_dot, base)))
 
@@ -634,6 +685,13 @@ class Model(OfPipe, ABC):
         Args:
             q: coordinates, shape (coordinates,).
             s: arc lengths from the clamp in L, each in [0, 1], shape (k,).
+
+        Example:
+            >>> chain = pp.Chain(pp.Pipe(0.2), n=2)
+            >>> chain.shape([0.0, np.pi / 2.0], [0.0, 0.5, 1.0]).round(3)
+            array([[0. , 0. ],
+                   [0. , 0.5],
+                   [0.5, 0.5]])
         """
 
     @abstractmethod
@@ -646,12 +704,23 @@ class Model(OfPipe, ABC):
             derivative: 0, or 1 for the angle by which the pipe turns there, the slope of a straight
                 one; of a chain that of its segments in their middles, and between these in
                 proportion to the compliance passed, that is linear if the pipe is uniform.
+
+        Example:
+            >>> chain = pp.Chain(pp.Pipe(0.2), n=2)
+            >>> chain.deflection([0.1, 0.2], [0.5, 1.0]).round(6)
+            array([0.05, 0.15])
         """
 
     def tips(self, q: ArrayLike) -> Array:
         """Positions (x, y) of the free end, (k, 2), for k configurations, (coordinates, k).
 
         Of a pipe whose end is held across, of its place `Pipe.watched`.
+
+        Example:
+            >>> chain = pp.Chain(pp.Pipe(0.2), n=2)
+            >>> chain.tips([[0.0, 0.1], [0.0, 0.1]]).round(3)
+            array([[0.   , 1.   ],
+                   [0.1  , 0.995]])
         """
         return self._tips(self._configurations("q", q))
 
@@ -720,7 +789,13 @@ class Model(OfPipe, ABC):
         )
 
     def tip(self, q: ArrayLike) -> Array:
-        """Position (x, y) of the free end, shape (2,), or of `Pipe.watched` as for `tips`."""
+        """Position (x, y) of the free end, shape (2,), or of `Pipe.watched` as for `tips`.
+
+        Example:
+            >>> chain = pp.Chain(pp.Pipe(0.2), n=2)
+            >>> chain.tip([0.0, np.pi / 2.0]).round(3)
+            array([0.5, 0.5])
+        """
         return self.shape(q, [self.pipe.watched])[0]
 
     def _check_dense(self) -> None:

@@ -95,6 +95,15 @@ class Chain(Model):
             or of a pipe whose mass varies the integrals of that. Of such a pipe masses, centres and
             gyration_radii are given together or not at all.
 
+    Example:
+        >>> chain = pp.Chain(pp.Pipe(0.2), n=3)
+        >>> chain
+        Chain(Pipe(beta=0.2), n=3, springs='consistent')
+        >>> chain.springs.round(6)
+        array([6., 3., 3.])
+        >>> pp.Chain(pp.Pipe(0.2), n=3, springs="rayleigh").springs.round(4)
+        array([3.9707, 3.9707, 3.9707])
+
     Raises:
         ValueError: for a number out of range, arrays that do not fit one another, lengths that do
             not add up or do not end at the supports, supports that leave nothing that moves, more
@@ -473,10 +482,12 @@ class Chain(Model):
     def free_states(self, y: Array) -> Array:
         return super().free_states(y) if self.supported is None else self.supported.free_states(y)
 
-    def motion_rates(self, y: Array, u: float | Array, drive: Array | None = None) -> Array:
+    def motion_rates(
+        self, y: Array, u: float | Array, drive: Array | None = None, t: float = 0.0
+    ) -> Array:
         if len(y) > 2 * self.moving:
-            return super().motion_rates(y, u, drive)
-        return np.asarray(self.motion.rhs(0.0, y, u, drive))
+            return super().motion_rates(y, u, drive, t)
+        return np.asarray(self.motion.rhs(t, y, u, drive))
 
     def projected(self, p: Array, rates: Array) -> tuple[Array, Array]:
         if self.supported is None:

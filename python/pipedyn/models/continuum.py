@@ -53,6 +53,13 @@ class Continuum(OfPipe):
     Args:
         pipe: the pipe, with its terms.
 
+    Example:
+        >>> pipe = pp.Continuum(pp.Pipe(0.2))
+        >>> round(pp.critical_speed(pipe).speed, 9)
+        5.591404378
+        >>> pipe.frozen(12)
+        Galerkin(Pipe(beta=0.2), m=12, basis='legendre')
+
     Raises:
         TypeError: for what is no pipe.
         ValueError: for a pipe that an inclined jet bends.
@@ -164,7 +171,8 @@ def converged_ahead(
 def checked_model(model: Any) -> AnyModel:
     """The argument, if it is a model."""
     if not isinstance(model, Model | Continuum):
-        raise TypeError(f"model must be a Model or a Continuum, got {check.shown(model)}")
+        instead = ": take Continuum(pipe), or Chain(pipe, n)" if isinstance(model, Pipe) else ""
+        raise TypeError(f"model must be a Model or a Continuum, got {check.shown(model)}{instead}")
     return model
 
 

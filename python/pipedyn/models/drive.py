@@ -60,6 +60,12 @@ class Pulsation:
         amplitude: mu, in [-1, 1], so that the flow does not reverse.
         frequency: angular, in 1 / T, > 0.
 
+    Example:
+        >>> flow = pp.Pulsation(mean=5.0, amplitude=0.2, frequency=30.0)
+        >>> motion = pp.simulate(pp.Chain(pp.Pipe(0.2), 5), flow, 1.0, lambda s: 0.1 * s)
+        >>> round(float(motion.flow_speed.max()), 3)
+        6.0
+
     Raises:
         ValueError: for a number out of its range, NaN or infinity.
         TypeError: for what is no number.
@@ -84,7 +90,14 @@ class Pulsation:
 
     @classmethod
     def from_si(cls, pipe: Pipe, *, mean: float, amplitude: float, frequency: float) -> Pulsation:
-        """Of a pipe made with `Pipe.from_si`: mean in m/s, frequency in rad/s."""
+        """Of a pipe made with `Pipe.from_si`: mean in m/s, frequency in rad/s.
+
+        Example:
+            >>> numbers = {"bending_stiffness": 4.0, "pipe_mass": 0.75, "fluid_mass": 0.25}
+            >>> pipe = pp.Pipe.from_si(length=2.0, **numbers)
+            >>> pp.Pulsation.from_si(pipe, mean=8.0, amplitude=0.2, frequency=3.0)
+            Pulsation(mean=4.0, amplitude=0.2, frequency=6.0)
+        """
         speed, omega = check.real("mean", mean), check.real("frequency", frequency)
         pipe = with_scales(pipe)
         return cls(pipe.speed(speed), amplitude, pipe.frequency(omega))
@@ -114,6 +127,12 @@ class Harmonic:
         frequency: angular, in 1 / T, > 0.
         direction: "x", across the pipe, or "y", along it.
 
+    Example:
+        >>> shaken = pp.Harmonic(amplitude=0.01, frequency=3.5)
+        >>> motion = pp.simulate(pp.Chain(pp.Pipe(0.2), 5), 3.0, 10.0, np.zeros(5), base=shaken)
+        >>> round(float(np.ptp(motion.tip[:, 0])), 4)
+        0.0183
+
     Raises:
         ValueError: for a number out of its range, NaN or infinity, or another direction.
         TypeError: for what is no number.
@@ -136,7 +155,14 @@ class Harmonic:
     def from_si(
         cls, pipe: Pipe, *, amplitude: float, frequency: float, direction: str = "x"
     ) -> Harmonic:
-        """Of a pipe made with `Pipe.from_si`: amplitude in m, frequency in rad/s."""
+        """Of a pipe made with `Pipe.from_si`: amplitude in m, frequency in rad/s.
+
+        Example:
+            >>> numbers = {"bending_stiffness": 4.0, "pipe_mass": 0.75, "fluid_mass": 0.25}
+            >>> pipe = pp.Pipe.from_si(length=2.0, **numbers)
+            >>> pp.Harmonic.from_si(pipe, amplitude=0.02, frequency=3.0)
+            Harmonic(amplitude=0.01, frequency=6.0, direction='x')
+        """
         reach, omega = check.real("amplitude", amplitude), check.real("frequency", frequency)
         pipe = with_scales(pipe)
         return cls(pipe.length(reach), pipe.frequency(omega), direction)
@@ -259,6 +285,12 @@ class Supply:
             weight: of the fluid in the pipe less that of as much of the fluid outside, N; where not
                 given as in air.
             start: flow speed to begin with, m/s.
+
+        Example:
+            >>> numbers = {"bending_stiffness": 4.0, "pipe_mass": 0.75, "fluid_mass": 0.25}
+            >>> pipe = pp.Pipe.from_si(length=2.0, **numbers)
+            >>> pp.Supply.from_si(pipe, pressure=1e5, density=1000.0, friction=0.5)
+            Supply(head=25.0, friction=0.5, weight=None, start=None)
         """
         pressure = check.real("pressure", pressure)
         density = check.real("density", density, low=0.0, open_low=True)

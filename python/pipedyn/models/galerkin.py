@@ -108,6 +108,11 @@ class Galerkin(Model):
             falls like a power of m. So it is with inner supports, at which combinations of beam
             modes are 0, and with an inclined jet, which loads the end across: m^-2 at rest.
 
+    Example:
+        >>> model = pp.Galerkin(pp.Pipe(0.2), m=8, basis="legendre")
+        >>> model.dof, round(pp.critical_speed(model).speed, 6)
+        (8, 5.591406)
+
     Raises:
         ValueError: for m out of range or less than the number of panels, or an unknown basis.
         TypeError: for what is no whole number, word or pipe.

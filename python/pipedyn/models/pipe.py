@@ -54,7 +54,14 @@ RANGES: dict[str, dict[str, Any]] = {
 
 
 class Scales(NamedTuple):
-    """SI value of one nondimensional unit."""
+    """SI value of one nondimensional unit.
+
+    Example:
+        >>> pp.Pipe.from_si(
+        ...     length=2.0, bending_stiffness=4.0, pipe_mass=0.75, fluid_mass=0.25
+        ... ).scales
+        Scales(length=2.0, mass=1.0, time=2.0, speed=2.0)
+    """
 
     length: float
     """L, m"""
@@ -120,6 +127,13 @@ class Pipe(Saved):
         mass: the same of the mass per length, the fluid's with it, which does not vary: nowhere
             below beta.
         scales: SI value of one unit, or None for a pipe not made with `from_si`.
+
+    Example:
+        >>> hanging = pp.Pipe(beta=0.2, gamma=10.0, terms=[pp.PointMass(at=1.0, mass=0.1)])
+        >>> hanging
+        Pipe(beta=0.2, gamma=10, terms=(PointMass(at=1, mass=0.1),))
+        >>> round(pp.critical_speed(pp.Chain(hanging, n=10)).speed, 4)
+        4.8073
 
     Raises:
         ValueError: for a number out of its range, NaN or infinity; for an inflow_share other than 1
@@ -240,6 +254,16 @@ class Pipe(Saved):
             stiffness_profile: EI along the pipe over that at the clamp, a function of s = x / L,
                 x from the clamp on, or a `Profile`, as for `Pipe`.
             mass_profile: the same of mu_p, the pipe's own mass without the fluid.
+
+        Example:
+            >>> hose = pp.Pipe.from_si(
+            ...     length=0.45, bending_stiffness=7.3e-3, pipe_mass=0.19, fluid_mass=0.032
+            ... )
+            >>> round(hose.beta, 4), round(hose.gamma, 3)
+            (0.1441, 27.185)
+            >>> found = pp.critical_speed(pp.Continuum(hose))
+            >>> print(f"{found.in_si().speed:.3f} m/s, {found.in_si().frequency:.3f} Hz")
+            7.004 m/s, 2.449 Hz
 
         Raises:
             ValueError: for a number out of its range, a term beyond the free end, both alpha and
@@ -406,6 +430,11 @@ class Pipe(Saved):
             delta = damping + hysteresis / frequency; `time_si` makes the damping_time of `from_si`
             of it.
 
+        Example:
+            >>> lossy = pp.Pipe(0.2, damping=1e-3, hysteresis=0.02)
+            >>> round(lossy.equivalent_damping(10.0), 6)
+            0.003
+
         Raises:
             ValueError, TypeError: for a bad frequency.
         """
@@ -416,8 +445,11 @@ class Pipe(Saved):
         parts = [
             f"{item.name}={value:.12g}" if isinstance(value, float) else f"{item.name}={value!r}"
             for item in fields(self)[:-1]
-            if (value := getattr(self, item.name)) != item.default
+            if (value := getattr(self, item.name)) != item.default and item.name != "supports"
         ]
+        if self.supports:
+            places = ", ".join(f"{s:.12g}" for s in self.supports)
+            parts.append(f"supports=({places}{',' * (len(self.supports) == 1)})")
         if self.scales is not None:
             units = zip(self.scales, ("m", "kg/m", "s", "m/s"), strict=True)
             parts.append("units " + ", ".join(f"{value:.6g} {unit}" for value, unit in units))
@@ -439,35 +471,83 @@ class Pipe(Saved):
         return self.scales
 
     def speed_si(self, u: ArrayLike) -> Any:
-        """Flow speed in m/s from the nondimensional u; a number or an array."""
+        """Flow speed in m/s from the nondimensional u; a number or an array.
+
+        Example:
+            >>> numbers = {"bending_stiffness": 4.0, "pipe_mass": 0.75, "fluid_mass": 0.25}
+            >>> pp.Pipe.from_si(length=2.0, **numbers).speed_si(3.0)
+            6.0
+        """
         return _converted("u", u, np.multiply, self._units("speed").speed)
 
     def speed(self, V: ArrayLike) -> Any:
-        """Nondimensional flow speed u from V in m/s; a number or an array."""
+        """Nondimensional flow speed u from V in m/s; a number or an array.
+
+        Example:
+            >>> numbers = {"bending_stiffness": 4.0, "pipe_mass": 0.75, "fluid_mass": 0.25}
+            >>> pp.Pipe.from_si(length=2.0, **numbers).speed(6.0)
+            3.0
+        """
         return _converted("V", V, np.divide, self._units("speed").speed)
 
     def time_si(self, tau: ArrayLike) -> Any:
-        """Time in s from the nondimensional tau; a number or an array."""
+        """Time in s from the nondimensional tau; a number or an array.
+
+        Example:
+            >>> numbers = {"bending_stiffness": 4.0, "pipe_mass": 0.75, "fluid_mass": 0.25}
+            >>> pp.Pipe.from_si(length=2.0, **numbers).time_si(1.5)
+            3.0
+        """
         return _converted("tau", tau, np.multiply, self._units("time").time)
 
     def time(self, t: ArrayLike) -> Any:
-        """Nondimensional time tau from t in s; a number or an array."""
+        """Nondimensional time tau from t in s; a number or an array.
+
+        Example:
+            >>> numbers = {"bending_stiffness": 4.0, "pipe_mass": 0.75, "fluid_mass": 0.25}
+            >>> pp.Pipe.from_si(length=2.0, **numbers).time(3.0)
+            1.5
+        """
         return _converted("t", t, np.divide, self._units("time").time)
 
     def frequency_si(self, omega: ArrayLike) -> Any:
-        """Angular frequency in rad/s from the nondimensional omega; a number or an array."""
+        """Angular frequency in rad/s from the nondimensional omega; a number or an array.
+
+        Example:
+            >>> numbers = {"bending_stiffness": 4.0, "pipe_mass": 0.75, "fluid_mass": 0.25}
+            >>> pp.Pipe.from_si(length=2.0, **numbers).frequency_si(14.0)
+            7.0
+        """
         return _converted("omega", omega, np.divide, self._units("time").time)
 
     def frequency(self, omega_si: ArrayLike) -> Any:
-        """Nondimensional angular frequency from rad/s; a number or an array."""
+        """Nondimensional angular frequency from rad/s; a number or an array.
+
+        Example:
+            >>> numbers = {"bending_stiffness": 4.0, "pipe_mass": 0.75, "fluid_mass": 0.25}
+            >>> pp.Pipe.from_si(length=2.0, **numbers).frequency(7.0)
+            14.0
+        """
         return _converted("omega_si", omega_si, np.multiply, self._units("time").time)
 
     def length_si(self, s: ArrayLike) -> Any:
-        """Length in m from a fraction of the pipe's; a number or an array."""
+        """Length in m from a fraction of the pipe's; a number or an array.
+
+        Example:
+            >>> numbers = {"bending_stiffness": 4.0, "pipe_mass": 0.75, "fluid_mass": 0.25}
+            >>> pp.Pipe.from_si(length=2.0, **numbers).length_si(0.5)
+            1.0
+        """
         return _converted("s", s, np.multiply, self._units("length").length)
 
     def length(self, x: ArrayLike) -> Any:
-        """Length as a fraction of the pipe's from m; a number or an array."""
+        """Length as a fraction of the pipe's from m; a number or an array.
+
+        Example:
+            >>> numbers = {"bending_stiffness": 4.0, "pipe_mass": 0.75, "fluid_mass": 0.25}
+            >>> pp.Pipe.from_si(length=2.0, **numbers).length(1.0)
+            0.5
+        """
         return _converted("x", x, np.divide, self._units("length").length)
 
 

@@ -36,6 +36,13 @@ class Event:
         function: g.
         direction: above 0 for events at which g grows, below 0 at which it falls; 0 for both.
         terminal: whether the motion ends at the event; or after how many of them, 0 for never.
+
+    Example:
+        >>> chain = pp.Chain(pp.Pipe(0.2), 5)
+        >>> passes = pp.Event(lambda t, q, qdot: q[-1], direction=1)
+        >>> motion = pp.simulate(chain, 6.0, 5.0, lambda s: 0.1 * s, events=passes)
+        >>> motion.events[0].t[:2].round(3)
+        array([0.441, 0.918])
     """
 
     function: EventFunction

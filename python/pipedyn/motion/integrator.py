@@ -116,7 +116,7 @@ class Task:
         u, *drive = self.flow(t)
         if self.constant_head is not None:
             return self.constant_head.rates(t, y, *drive)
-        return self.model.motion_rates(y, u, *drive)
+        return self.model.motion_rates(y, u, drive[0] if drive else None, t)
 
     def jacobian(self, t: float, y: Array, u: float, drive: Array | None = None) -> Array:
         """Derivative of the rates at a flow.

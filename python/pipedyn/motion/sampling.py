@@ -21,6 +21,10 @@ A_CYCLE = 12.0
 """Samples of the finest a cycle of the fastest mode: twice as many as are needed, since large
 motion is faster than small."""
 
+A_TURN = 384.0
+"""Samples of the finest a turn of the fastest part of the pipe at the start: a whirling pipe cracks
+like a whip, and of 20 segments without damping the free end then needs more than 80."""
+
 MOST_NUMBERS = 16_000_000
 """Numbers that these samples may hold, 128 MB; where that is too few they are less fine."""
 

@@ -48,7 +48,7 @@ from pipedyn.motion.integrator import (
     integrate,
     runs_unlocked,
 )
-from pipedyn.motion.sampling import A_CYCLE, FEWEST, FINEST, INVISIBLE, MOST_NUMBERS, coarse
+from pipedyn.motion.sampling import A_CYCLE, A_TURN, FEWEST, FINEST, INVISIBLE, MOST_NUMBERS, coarse
 from pipedyn.util import check
 from pipedyn.util.check import Array
 from pipedyn.util.later import futures
@@ -120,6 +120,14 @@ class Motion(Trajectory, TableResult):
         events: when and where each of the events asked for took place.
         dense: the states at any time, where they were asked for.
         base: the base's motion as it was given, None at rest.
+
+    Example:
+        >>> chain = pp.Chain(pp.Pipe(0.2), n=5)
+        >>> motion = pp.simulate(chain, 6.0, 20.0, lambda s: 0.1 * s)
+        >>> motion
+        Motion(t=<801, 0 to 20>, u=6, model=Chain(Pipe(beta=0.2), n=5, springs='consistent'))
+        >>> round(float(np.abs(motion.tip[:, 0]).max()), 3), motion.audit < 1e-5
+        (0.393, True)
     """
 
     t: Array
@@ -180,6 +188,12 @@ class Ensemble(TableResult):
     Attributes:
         motions: one a member, in order; of one that failed, up to where it stopped.
         failures: the members that stopped early.
+
+    Example:
+        >>> chain = pp.Chain(pp.Pipe(0.2), n=5)
+        >>> found = pp.simulate_many(chain, [4.0, 6.0], 20.0, lambda s: 0.1 * s)
+        >>> [round(float(np.ptp(one.tip[-40:, 0])), 3) for one in found.motions]
+        [0.0, 0.782]
     """
 
     motions: tuple[Motion, ...]
@@ -500,16 +514,19 @@ def motions_of(
 def finely_sampled(task: Task) -> Task:
     """The task with more samples, of which `as_sparse_as_shown` leaves what shows the motion.
 
-    They resolve the fastest mode, but none whose loss factor in bending exceeds 1.
+    They resolve the fastest mode, but none whose loss factor in bending exceeds 1, and a pipe that
+    whirls as fast as it starts.
     """
     if task.method not in CORE:
         return task
-    intervals, damping = task.times.size - 1, task.model.pipe.damping
-    fastest, _ = fastest_rates(task.model)
-    cycles = min(fastest, 1.0 / damping if damping else math.inf) / (2.0 * math.pi)
-    wanted = A_CYCLE * cycles * float(np.ptp(task.times)) / intervals
+    model, intervals, damping = task.model, task.times.size - 1, task.model.pipe.damping
+    fastest, _ = fastest_rates(model)
+    fastest = min(fastest, 1.0 / damping if damping else math.inf)
+    turning = model.largest_angle(task.start[model.moving : 2 * model.moving])
+    interval = float(np.ptp(task.times)) / intervals / (2.0 * math.pi)
+    wanted = min(A_CYCLE * fastest * interval, FINEST)
     room = max(MOST_NUMBERS // (intervals * len(task.start)), 1)
-    finer = int(min(max(wanted, FEWEST), FINEST, room))
+    finer = int(min(max(wanted, A_TURN * turning * interval, FEWEST), room))
     finer = 1 << (finer.bit_length() - 1)
     times = np.linspace(task.times[0], task.times[-1], finer * intervals + 1)
     times[::finer] = task.times  # to the bit
@@ -528,6 +545,7 @@ def as_sparse_as_shown(task: Task, outcome: Outcome) -> tuple[Task, Outcome]:
         ends = task.model.tips(q.T), task.model.tip_velocities(q.T, qdot.T)
         if len(t) >= 3 and not (
             coarse(t, *ends, rates_shown=True)
+            or coarse(t, ends[0][:, 0], ends[1][:, 0], rates_shown=True)
             or coarse(t[late:], ends[0][late:], ends[1][late:], INVISIBLE)
         ):
             break
@@ -689,8 +707,17 @@ def checked_task(
     if base is not None:
         model.require_base()
     if max_step != math.inf:
-        max_step = check.real("max_step", max_step, low=1e-9 * duration)
+        max_step = check.real("max_step", max_step, low=0.0, open_low=True)
+        if max_step < (least := 1e-9 * duration):
+            raise ValueError(
+                f"max_step must be at least {least:g}, 1e-9 of the duration, got {max_step:g}"
+            )
     longest = LARGEST_SAMPLES // model.coordinates
+    if samples is not None and times is not None:
+        raise ValueError(
+            "samples or times must be given, a number of even ones or the times themselves, not "
+            f"both, got {check.shown(samples)} and {check.shown(times)}"
+        )
     if times is None:
         if samples is None:
             samples = min(max(501, math.ceil(40.0 * duration) + 1), longest)

@@ -7,12 +7,12 @@ What fails is left out and named; the rest is kept.
 from __future__ import annotations
 
 import math
-import os
-from collections.abc import Iterable, Iterator
+import time
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -32,7 +32,7 @@ from pipedyn.models.continuum import Continuum
 from pipedyn.models.galerkin import BASES, Galerkin
 from pipedyn.models.pipe import Pipe
 from pipedyn.util.later import futures
-from pipedyn.util.parallel import Job, parallel
+from pipedyn.util.parallel import Job, outcome_of, parallel
 
 BRANCHES = 4
 """Branches in figures 2 and 3: the paper's smallest chain has as many."""
@@ -46,6 +46,19 @@ REDUCED_SIZES = (2, 3, 4, 5, 6, 7, 8, 10, 12, 16, 22, 32, 46)
 """Sizes in the convergence picture, with those of the panels: factors of sqrt(2), and every small
 number of functions, because the error of Legendre functions falls to rounding by m = 12."""
 
+
+class Pace(NamedTuple):
+    """How many seconds pass where a core of the machine of `forecast` takes one."""
+
+    alone: float  # on one thread
+    shared: float  # of work that all threads share
+
+
+AS_MEASURED = Pace(1.0, 0.5)
+"""That machine's with two free cores."""
+
+SECONDS_OF_A_SEARCH = 0.16
+"""That machine's for the search of `measured_pace`."""
 
 MAP_MODES = 9
 """Mass ratios of a map at which the mode is told that loses stability."""
@@ -86,7 +99,7 @@ class Findings:
     highest: float = 0.0  # end of the speeds in figures 2 and 3
     exact: CriticalSpeed | None = None  # of the continuous pipe
     remark: str = ""  # why there is none
-    crossings: tuple[Crossing, ...] = ()  # of the continuous pipe, up to `highest`
+    crossings: Sequence[Crossing] = ()  # of the continuous pipe, up to `highest`
     benchmark: RootLoci | None = None  # root loci of the continuous pipe
     panels: list[list[tuple[str, RootLoci | None]]] = field(default_factory=list)  # rows, titled
     rows: list[Row] = field(default_factory=list)  # the table, without the continuous pipe
@@ -117,8 +130,7 @@ def gather(case: Case, executor: futures.Executor | None = None) -> Iterator[Fin
     name = "critical speed, continuous pipe"
     found = recorded([name], parallel([partial(critical_speed, exact)]))
     findings.exact, findings.remark = found[name]
-    wanted = 0.0 if findings.exact is None else math.ceil(1.5 * findings.exact.speed)
-    findings.highest = case.highest or float(min(max(wanted, LEAST_HIGHEST), HIGHEST_SPEED))
+    findings.highest = _highest(case, findings.exact)
     speeds = np.linspace(0.0, findings.highest, case.speeds)
     panels, families = _panels(case), _families(case)
     jobs: dict[str, Job[Any]] = {
@@ -129,8 +141,7 @@ def gather(case: Case, executor: futures.Executor | None = None) -> Iterator[Fin
         jobs[f"root loci, {title}"] = partial(root_loci, model, speeds, min(BRANCHES, model.dof))
     for kind, family, model in families:
         jobs[f"critical speed, {kind}, {family}, {model.dof}"] = partial(critical_speed, model)
-    # A standing pipe that does not buckle, a level one, two hanging ones.
-    gammas = [case.pipe.gamma, *sorted({-10.0, 0.0, 10.0, 100.0} - {case.pipe.gamma}, reverse=True)]
+    gammas = _gammas(case)
     maps = {gamma: f"stability map, gamma = {gamma}" for gamma in gammas}
     top = map_top(findings.exact)
     map_jobs = [partial(stability_map, replace(case.pipe, gamma=gamma), top) for gamma in gammas]
@@ -164,27 +175,61 @@ def gather(case: Case, executor: futures.Executor | None = None) -> Iterator[Fin
     yield findings
 
 
-def forecast(case: Case) -> float:
+def forecast(case: Case, pace: Pace = AS_MEASURED) -> float:
     """About how many seconds the analysis takes, from what was asked of it.
 
     Each constant is a core's time (AMD Zen 4), measured for chains of 4 to 256 segments, reduced
-    models of 2 to 200 functions and 21 to 721 speeds up to 9 and 40. The threads share what is
-    computed; one draws. A highest speed that is not given is that of the paper's case.
+    models of 2 to 200 functions, 21 to 721 speeds up to 9 and 40, and maps up to 0.3 to 30. The
+    threads share what is computed; one draws.
+
+    Args:
+        case: the options.
+        pace: how fast that goes on this machine, see `measured_pace`.
     """
-    highest = case.highest or 9.0
+    exact = outcome_of(partial(critical_speed, Continuum(case.pipe)))
+    found = None if isinstance(exact, Exception) else exact
     rows = len(case.springs)
-    at_a_speed = 2.3e-4 * highest  # of the continuous pipe
+    at_a_speed = 2.3e-4 * _highest(case, found)  # of the continuous pipe
     at_a_speed += rows * sum(1e-6 * n for n in case.chain_sizes)
     at_a_speed += sum(6e-7 * m**2.35 for m in case.reduced_sizes)
     critical = sum(6.5e-7 * m**3 for m in {*REDUCED_SIZES, *case.reduced_sizes})
     critical += 5e-5 * sum({*CHAIN_SIZES, *case.chain_sizes})
-    computed = 4 * SECONDS_OF_A_MAP + critical + case.speeds * at_a_speed
+    a_map = 0.2 + 1.2 * (map_top(found) / 20.0) ** 3
+    computed = len(_gammas(case)) * a_map + critical + case.speeds * at_a_speed
     panels = rows * len(case.chain_sizes) + len(case.reduced_sizes)
     drawn = 1.0 + panels * (0.2 + 1.4e-4 * case.speeds)
-    return computed / max(1, min(case.workers, os.cpu_count() or 1)) + drawn
+    return computed * pace.shared + drawn * pace.alone
 
 
-SECONDS_OF_A_MAP = 1.5
+def measured_pace(workers: int) -> Pace:
+    """How fast this machine is now, from a short search on one thread and on all of them."""
+    threads = max(1, workers)
+    window = {"beta": (0.1, 0.3), "u": (0.0, 8.0)}
+    search = partial(boundary, criticality=False, only_stability=True)
+    job = partial(search, Galerkin(Pipe(0.2), 6), "beta", "u", window)
+    job()  # imports what it needs
+    alone = _seconds_of([job] * 2) / 2.0
+    with futures.ThreadPoolExecutor(threads) as executor:
+        together = _seconds_of([job] * (2 * threads), executor) / (2.0 * threads)
+    return Pace(alone / SECONDS_OF_A_SEARCH, together / SECONDS_OF_A_SEARCH)
+
+
+def _seconds_of(jobs: list[Job[Any]], executor: futures.Executor | None = None) -> float:
+    begin = time.perf_counter()
+    list(parallel(jobs, executor))
+    return time.perf_counter() - begin
+
+
+def _highest(case: Case, critical: CriticalSpeed | None) -> float:
+    """End of the speeds in figures 2 and 3."""
+    wanted = 0.0 if critical is None else math.ceil(1.5 * critical.speed)
+    return case.highest or float(min(max(wanted, LEAST_HIGHEST), HIGHEST_SPEED))
+
+
+def _gammas(case: Case) -> list[float]:
+    """Of the maps: the pipe's own; a standing pipe that does not buckle, a level, two hanging."""
+    own = case.pipe.gamma
+    return [own, *sorted({-10.0, 0.0, 10.0, 100.0} - {own}, reverse=True)]
 
 
 def map_top(critical: CriticalSpeed | None) -> float:

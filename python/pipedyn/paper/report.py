@@ -257,7 +257,7 @@ def second_mode(findings: Findings) -> list[str]:
             "Is the instability in the second mode (branches counted from rest)? Continuous pipe: "
             f"{answer}; {len(modes) - len(others)} of {len(modes)} models agree{named}."
         )
-    for gamma, curve in findings.curves.items():
+    for gamma, curve in sorted(findings.curves.items()):
         pairs = zip(curve.values, curve.critical, strict=True)
         known = [(float(beta), found.mode) for beta, found in pairs if found is not None]
         runs = []

@@ -22,6 +22,7 @@ from pipedyn.models.chain import Chain
 from pipedyn.models.pipe import Pipe
 from pipedyn.models.pipe_numbers import PipeNumber, checked_number, pipe_numbers
 from pipedyn.plot import common
+from pipedyn.plot.units import Units, View
 from pipedyn.util import check
 from pipedyn.util.check import Array
 
@@ -107,8 +108,11 @@ class Exploration:
             other for which there is a slider but "u" and "segments".
         ranges: (low, high) of sliders by name, where others than the usual are wanted; a number of
             the pipe that is named here gets a slider.
+        units: of the picture, "nondimensional", or "si" where the pipe has scales; numbers are set
+            and answered nondimensional.
 
     Attributes:
+        view: these units.
         sliders: numbers that can be set: "u", "beta", "gamma", "damping", "segments", the
             stiffness of a root that gives, the terms' numbers, and those of the pipe that are not
             at their default.
@@ -138,8 +142,10 @@ class Exploration:
         springs: str = "consistent",
         against: str = "beta",
         ranges: Mapping[str, tuple[float, float]] | None = None,
+        units: Units = "nondimensional",
     ) -> None:
         common.check_type("pipe", pipe, Pipe)
+        self.view = View(units, pipe)
         n = check.count("n", n, high=MOST_SEGMENTS)
         common.check_type("springs", springs, str)
         if pipe.jet_angle:
@@ -175,6 +181,12 @@ class Exploration:
         Args:
             name: of one of the sliders.
             value: within the slider's range; a whole number of "segments".
+
+        Example:
+            >>> at_hand = plot.Exploration(pp.Pipe(0.2), n=6)
+            >>> at_hand.set("gamma", 30.0)
+            >>> round(at_hand.critical.speed, 3)
+            8.244
 
         Raises:
             ValueError: for another name, or a value outside the range. All stays as it was.

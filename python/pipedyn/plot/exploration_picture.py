@@ -25,11 +25,13 @@ from matplotlib.patches import Rectangle
 from matplotlib.transforms import Bbox
 from PIL import Image
 
+from pipedyn.models.pipe import scales_at
 from pipedyn.plot import common, units
 from pipedyn.plot.exploration import CYCLES, rounded_up
 from pipedyn.plot.linear import branches_of, pieces
 from pipedyn.plot.motion import clamp_and_gravity, flow_ends
 from pipedyn.plot.stability_map import STABLE
+from pipedyn.plot.units import Quantity
 from pipedyn.util.check import Array
 
 if TYPE_CHECKING:
@@ -50,6 +52,10 @@ roots lie far outside, and do not matter."""
 
 ENVELOPE = 9
 """Shapes of the cycle with the largest motion, behind the moving pipe."""
+
+
+PLACE_X = Quantity("$x / L$", "$x$ (m)", units.ACROSS.unit)
+PLACE_Y = Quantity("$y / L$", "$y$ (m)", units.ALONG.unit)
 
 
 class ExplorationPicture:
@@ -79,10 +85,11 @@ class ExplorationPicture:
             self.figure.add_axes((left, BOTTOM, wide, HIGH)) for left, wide in places
         )
         loci, speeds, _ = self.axes
-        highest = of.slider("u").high
+        view = of.view
+        highest = of.slider("u").high * float(self._speed(of.values["beta"]))
         norm = Normalize(0.0, highest)
         # Root loci, coloured by the flow speed, and the roots at that which is set.
-        loci.set(xlabel=common.REAL_LABEL, ylabel=common.IMAGINARY_LABEL)
+        loci.set(xlabel=view.label(units.GROWTH), ylabel=view.label(units.OSCILLATION))
         loci.axvline(0.0, color="0.4", linewidth=0.6, zorder=0.5)
         loci.yaxis.set_label_coords(-0.17, 0.5)
         loci.tick_params(top=False, right=False)
@@ -97,11 +104,15 @@ class ExplorationPicture:
         self.figure.colorbar(colours, cax=bar, orientation="horizontal")
         bar.xaxis.set_ticks_position("top")
         bar.tick_params(length=2.0, pad=1.0)
-        bar.set_title("root loci, flow speed $u$ as colour", pad=13.0)
+        speed = view.label(Quantity("flow speed $u$", units.SPEED.si_label))
+        bar.set_title(f"root loci, {speed} as colour", pad=13.0)
         # The map of critical speeds.
         slider, shown = of.slider(of.against), units.of_number(of.against, of.model.pipe)
-        speeds.set(xlim=(slider.low, slider.high), ylim=(0.0, highest))
-        speeds.set(xlabel=shown.label, ylabel="flow speed $u$")
+        ends = view.one(shown) * np.array([slider.low, slider.high])
+        if of.against == "beta" and view.si:  # with which the unit changes
+            curve = self._speed(of.curve.values) * of.curve.speeds
+            highest = max(highest, 1.2 * float(np.max(curve, initial=0.0, where=curve < np.inf)))
+        speeds.set(xlim=ends, ylim=(0.0, highest), xlabel=view.label(shown), ylabel=speed)
         speeds.set_title("green: stable; ring: this pipe", pad=20.0)
         speeds.yaxis.set_label_coords(-0.13, 0.5)
         self.stable = PolyCollection([], facecolors=STABLE, edgecolors="none", zorder=0.2)
@@ -137,30 +148,43 @@ class ExplorationPicture:
             self.envelope,
         )
 
+    def _speed(self, beta: Any) -> Any:
+        """What is shown for u = 1 at one mass ratio or several."""
+        scales = self._of.view.scales
+        si = self._of.view.si and scales is not None
+        return scales_at(beta, scales).speed if si and scales is not None else np.ones_like(beta)
+
+    @property
+    def _speeds_shown(self) -> Any:
+        """The same at the curve's values."""
+        betas = np.full_like(self._of.curve.values, self._of.values["beta"])
+        return self._speed(self._of.curve.values if self._of.against == "beta" else betas)
+
     # ------------------------------------------------------------------------------- artists
 
     def update(self) -> None:
         """Give all artists the data of the exploration's state."""
-        of, shown = self._of, self._shown
-        highest = of.slider("u").high
+        of, shown, rate = self._of, self._shown, self._of.view.one(units.GROWTH)
+        one = float(self._speed(of.values["beta"]))
         if shown.get("loci") is not of.loci:
             shown["loci"] = of.loci
-            branches = branches_of(of.loci)
-            segments, colours = pieces(branches.real, branches.imag, of.loci.speeds[:, None])
+            branches, colour = rate * branches_of(of.loci), one * of.loci.speeds[:, None]
+            segments, colours = pieces(branches.real, branches.imag, colour)
             self.branches.set_segments(list(segments))
             self.branches.set_array(colours)
             self._limit(branches)
         if shown.get("modes") is not of.modes:
             shown["modes"] = of.modes
-            values = np.array([one.eigenvalue for one in of.modes], dtype=np.complex128)
+            values = np.array([mode.eigenvalue for mode in of.modes], dtype=np.complex128)
             grows = values.real > 1e-9 * (1.0 + np.abs(values))
+            values *= rate
             self.roots.set_data(values.real[~grows], values.imag[~grows])
             self.growing_roots.set_data(values.real[grows], values.imag[grows])
             self._film()
-        if shown.get("curve") is not of.curve:
-            shown["curve"] = of.curve
-            self._map(highest)
-        self.place.set_data([of.values[of.against]], [of.values["u"]])
+        if shown.get("curve") is not of.curve or shown.get("speed") != one:
+            shown["curve"], shown["speed"] = of.curve, one
+            self._map()
+        self.place.set_data([self._across * of.values[of.against]], [one * of.values["u"]])
         self.place.set_markerfacecolor(common.VERMILION if of.unstable else "white")
 
     def _limit(self, branches: Any) -> None:
@@ -172,10 +196,16 @@ class ExplorationPicture:
             self.axes[0].set(xlim=(-FAR * top, FAR * top), ylim=(0.0, top))
             self._redraw(0, top)
 
-    def _map(self, highest: float) -> None:
-        of, speeds = self._of, self._of.curve.speeds
-        values, ranges = of.curve.values, of.stable_speeds
-        low, high = ranges[:, 0], np.minimum(ranges[:, 1], 2.0 * highest)
+    @property
+    def _across(self) -> float:
+        """What is shown for a 1 of the number against which critical speeds are drawn."""
+        return self._of.view.one(units.of_number(self._of.against, self._of.model.pipe))
+
+    def _map(self) -> None:
+        of, one = self._of, self._speeds_shown
+        values, ranges = self._across * of.curve.values, of.stable_speeds
+        speeds, highest = one * of.curve.speeds, self.axes[1].get_ylim()[1]
+        low, high = one * ranges[:, 0], np.minimum(one * ranges[:, 1], 2.0 * highest)
         corners = [(values[:-1], low[:-1]), (values[1:], low[1:])]
         corners += [(values[1:], high[1:]), (values[:-1], high[:-1])]
         quads = np.stack([np.stack(corner, axis=-1) for corner in corners], axis=1)
@@ -188,7 +218,7 @@ class ExplorationPicture:
 
     def _film(self) -> None:
         of = self._of
-        shapes = of.film.shapes
+        shapes = of.view.one(units.ACROSS) * of.film.shapes
         if self._shown.get("weight") != (sign := float(np.sign(of.values["gamma"]))):
             self._shown["weight"] = sign
             self._surround(sign)
@@ -201,9 +231,12 @@ class ExplorationPicture:
         ax = self.axes[2]
         with common.style():
             ax.clear()
-            reach = np.array([[-0.34, 0.0], [0.34, 1.0]])  # of every film
-            clamp_and_gravity(ax, weight, reach)
-            ax.set(title="linear motion, least stable mode", xlabel="$x / L$", ylabel="$y / L$")
+            view = self._of.view
+            one = view.one(units.ACROSS)
+            reach = one * np.array([[-0.34, 0.0], [0.34, 1.0]])  # of every film
+            clamp_and_gravity(ax, weight, reach, one)
+            xlabel, ylabel = map(view.label, (PLACE_X, PLACE_Y))
+            ax.set(title="linear motion, least stable mode", xlabel=xlabel, ylabel=ylabel)
             ax.yaxis.set_label_coords(-0.2, 0.5)
         ax.add_collection(self.envelope, autolim=False)
         ax.add_line(self.pipe)
@@ -270,8 +303,10 @@ class ExplorationPicture:
         self.update()
         of, film = self._of, self._of.film
         width, height = 10.0 * WIDTH * DPI, 10.0 * HEIGHT * DPI
-        points = _whole(self._pixels(film.shapes))
-        arrows = np.array([flow_ends(of.model.pipe, shape) for shape in film.shapes])
+        one = of.view.one(units.ACROSS)
+        shapes = one * film.shapes
+        points = _whole(self._pixels(shapes))
+        arrows = np.array([flow_ends(of.model.pipe, shape, one) for shape in shapes])
         tips = _whole(self._pixels(arrows))
         timing = f'dur="{film.seconds:g}s" repeatCount="indefinite"'
         line = "fill:none;stroke-linecap:round;stroke-linejoin:round"

@@ -12,7 +12,7 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from pipedyn.bifurcation.forced_response import ForcedResponse
-from pipedyn.bifurcation.parametric_regions import ParametricRegion
+from pipedyn.bifurcation.parametric_regions import ParametricRegion, ParametricRegions
 from pipedyn.linear.frequency_response import FrequencyResponse
 from pipedyn.plot import common
 from pipedyn.plot.bifurcation import A_STEP, smooth
@@ -136,8 +136,10 @@ def parametric_regions(
     Raises:
         ValueError, TypeError: for bad arguments.
     """
-    if not isinstance(regions, list | tuple):
-        raise TypeError(f"regions must be a tuple or list, got {check.shown(regions)}")
+    if not isinstance(regions, list | tuple | ParametricRegions):
+        raise TypeError(
+            f"regions must be those of parametric_regions or a list, got {check.shown(regions)}"
+        )
     for i, one in enumerate(regions):
         common.check_type(f"regions[{i}]", one, ParametricRegion)
     view = View(units, regions[0].pipe if regions else None)

@@ -85,6 +85,8 @@ def phase_portrait(
 ) -> Axes:
     """Displacement against velocity. A ring marks the start; the last cycle is a thicker line.
 
+    A coordinate that moves too fast for a curve through the samples is shown as these, in dots.
+
     Args:
         motions: one, several or an ensemble; limit cycles and basins, too.
         coordinate: "tip" for the free end's transverse displacement, or the index of a coordinate,
@@ -97,8 +99,8 @@ def phase_portrait(
         >>> ax = plot.phase_portrait(motion)
 
     Raises:
-        ValueError: for fewer than 3 samples, samples too far apart to interpolate, or an index
-            that a model does not have.
+        ValueError: for fewer than 3 samples, samples too far apart to interpolate the free end's
+            path, or an index that a model does not have.
         TypeError: for bad arguments.
     """
     named = checked_motions(motions)
@@ -110,7 +112,13 @@ def phase_portrait(
     ax = common.axes(ax, (4.8, 4.2), xlabel=view.label(TIP) if index is None else xlabel)
     ax.set_ylabel(ylabel)
     for one in shown:
-        last, t, colour = finer(one.curve.x), finer(one.curve.x), one.look["color"]
+        t, colour = finer(one.curve.x), one.look["color"]
+        if one.dotted:
+            t = one.curve.x
+            look = {"color": colour, "linestyle": "none", "marker": ".", "markersize": 2.0}
+            ax.plot(one.values(t), one.values(t, 1), label=f"{one.label}, samples", **look)
+            continue
+        last = t
         if (ends := last_cycle(one.motion)) is not None:
             last = np.linspace(*ends, 401)
             thin = {"color": colour, "linewidth": 0.6, "alpha": 0.5, "zorder": 2.0}
@@ -136,6 +144,7 @@ class Signal:
     look: dict[str, Any]
     view: View
     index: int | None  # of a coordinate
+    dotted: bool  # whether its samples alone are known
 
     def times(self, t: Array) -> Array:
         """Times as they are shown."""
@@ -150,15 +159,17 @@ class Signal:
 def _signals(
     named: dict[str, Motion], index: int | None, units: Units, rates_shown: bool
 ) -> list[Signal]:
-    """What is shown of each motion; refuses samples too far apart.
+    """What is shown of each motion; refuses samples too far apart, but of a coordinate.
 
     A label is the speed, and the model where speeds are the same.
     """
-    curves = []
+    curves, dotted = [], []
     for name, motion in named.items():
         curve = path_of(motion, index)
-        refuse_coarse(name, curve, rates_shown=rates_shown)
+        if index is None:
+            refuse_coarse(name, curve, rates_shown=rates_shown)
         curves.append(curve)
+        dotted.append(index is not None and is_coarse(curve, rates_shown=rates_shown))
     motions = list(named.values())
     views = [View(units, motion.model.pipe) for motion in motions]
     labels = [view.speed(motion.u, 6) for view, motion in zip(views, motions, strict=True)]
@@ -169,13 +180,14 @@ def _signals(
             for i, (label, model) in enumerate(zip(labels, models, strict=True))
         ]
     rows = zip(motions, curves, labels, cycle(common.CURVE_STYLES), views, strict=False)
-    return [Signal(*row, index) for row in rows]
+    return [Signal(*row, index, dots) for row, dots in zip(rows, dotted, strict=True)]
 
 
 def _legend(ax: Axes, shown: Sequence[Signal]) -> None:
     """Names of several curves; of more than 12 a legend would cover most of the axes' height."""
     if len(shown) == 1:
-        ax.set_title(_title(shown[0].motion, shown[0].view))
+        samples = "\nsamples, too far apart for a curve" if shown[0].dotted else ""
+        ax.set_title(_title(shown[0].motion, shown[0].view) + samples)
     elif len(shown) <= 12:
         common.legend_below(ax)
 
@@ -550,15 +562,22 @@ def coordinates_at(motion: Motion, times: Array) -> Array:
     return np.asarray(scipy.interpolate.CubicHermiteSpline(motion.t, motion.q, motion.qdot)(times))
 
 
+def is_coarse(
+    curve: scipy.interpolate.PPoly, *, invisible: float = 0.0, rates_shown: bool = False
+) -> bool:
+    """Whether samples are too far apart, see `coarse`."""
+    times = curve.x
+    return coarse(times, curve(times), curve(times, 1), invisible, rates_shown=rates_shown)
+
+
 def refuse_coarse(
     name: str, curve: scipy.interpolate.PPoly, *, invisible: float = 0.0, rates_shown: bool = False
 ) -> None:
-    """Refuse samples too far apart, see `coarse`."""
-    times = curve.x
-    if coarse(times, curve(times), curve(times, 1), invisible, rates_shown=rates_shown):
+    """Refuse samples too far apart."""
+    if is_coarse(curve, invisible=invisible, rates_shown=rates_shown):
         raise ValueError(
             f"{name} must be sampled at least six times a cycle of the fastest visible motion, got "
-            f"samples {np.diff(times).max():.3g} T apart: ask `simulate` for more `samples=`"
+            f"samples {np.diff(curve.x).max():.3g} T apart: ask `simulate` for more `samples=`"
         )
 
 

@@ -12,6 +12,7 @@ from pipedyn.models.base import PipedynError
 from pipedyn.models.pipe import Pipe
 from pipedyn.plot import common
 from pipedyn.plot.exploration import Exploration, Slider
+from pipedyn.plot.units import Units
 
 LABELS = {
     "u": "flow speed u",
@@ -39,6 +40,7 @@ def explore(
     springs: str = "consistent",
     against: str = "beta",
     ranges: Mapping[str, tuple[float, float]] | None = None,
+    units: Units = "nondimensional",
 ) -> Any:
     """Sliders for a pipe's numbers in Jupyter; pictures follow while one is moved.
 
@@ -59,6 +61,8 @@ def explore(
         against: the number against which critical speeds are drawn, one that has a slider.
         ranges: (low, high) of sliders by name, where others than the usual are wanted; a number of
             the pipe that is named here gets a slider.
+        units: of the pictures, "nondimensional", or "si" where the pipe has scales; sliders are of
+            nondimensional numbers, the sentences below them tell both.
 
     Returns:
         The widget, which Jupyter shows; its attribute `exploration` holds the numbers as they are
@@ -72,7 +76,7 @@ def explore(
         ValueError, TypeError: for bad arguments, as of `Exploration`.
     """
     widgets = _ipywidgets()
-    state = Exploration(pipe, n, u, springs=springs, against=against, ranges=ranges)
+    state = Exploration(pipe, n, u, springs=springs, against=against, ranges=ranges, units=units)
     cell = widgets.Layout(grid_area=SAME_PLACE, width="100%", margin="0")
     pixels = widgets.Image(format="png", layout=cell)
     moving = widgets.Image(format="svg+xml", layout=cell)

@@ -106,7 +106,7 @@ def boundary(found: Boundary, *, units: Units = "nondimensional", ax: Axes | Non
         mark = common.open_marker(5.5, marker=MARKERS[point.kind], zorder=4.0)
         ax.plot(one[0] * point.x, one[1] * point.y, label=new(point.kind), **mark)
     if found.failures:
-        ax.plot([], [], " ", label=f"{len(found.failures)} curves with failures")
+        ax.plot([], [], " ", label=f"{check.counted(len(found.failures), 'curve')} with failures")
     ax.set(xlim=(left, right), ylim=(low, high))
     if not found.curves:
         where = "stable" if shade[..., 3].any() else "unstable"
@@ -215,7 +215,8 @@ def stability_map(
 
     Ticks on a boundary point to its unstable side. Words at a curve of divergence tell whether the
     flow buckles the pipe above it, or its weight below it. Parts on which other roots are unstable
-    are left out. Crosses on the axis are points that failed.
+    are left out. Crosses on the axis are points that failed; triangles at the top are points of
+    curves at which no loss of stability was found up to a speed, and `marked` if it lies above.
 
     Args:
         boundaries: by label: boundaries with one number for x and "u" for y, and curves from
@@ -234,7 +235,11 @@ def stability_map(
     Raises:
         ValueError, TypeError: for bad arguments.
     """
-    common.check_type("boundaries", boundaries, Mapping)
+    if not isinstance(boundaries, Mapping):
+        raise TypeError(
+            "boundaries must map labels to boundaries or curves, as {'chain': found} does, got "
+            f"{check.shown(boundaries)}"
+        )
     names = dict.fromkeys(_swept(label, one) for label, one in boundaries.items())
     names.pop(None, None)
     if len(names) > 1:
@@ -264,14 +269,24 @@ def stability_map(
             points = {"linestyle": "none", "marker": "o", "markersize": 3.5}
             speeds = found.in_si().speeds if own.si else found.speeds
             ax.plot(one[0] * found.values, speeds, label=label, **(look | points))
-            failed += [one[0] * failure.value for failure in found.failures]
-            drawn = drawn or bool(np.isfinite(found.speeds).any())
+            stays = np.isfinite(found.no_loss_up_to)
+            for end in np.unique(found.no_loss_up_to[stays]):
+                at = one[0] * found.values[found.no_loss_up_to == end]
+                top: dict[str, Any] = {"marker": "^", "linestyle": "none"}
+                top["transform"] = ax.get_xaxis_transform()
+                words = f"{label}: no loss of stability up to {own.speed(float(end))}"
+                top |= {"markersize": 5.0, "clip_on": False, "color": look["color"]}
+                ax.plot(at, np.full(at.size, 0.98), label=words, **top)
+            failed += [
+                one[0] * failure.value for failure in found.failures if not stays[failure.index]
+            ]
+            drawn = drawn or bool(np.isfinite(found.speeds).any() or stays.any())
             continue
         parts = [part for curve in found.curves for part in parts_of_stability(curve, found)]
         drawn = drawn or bool(parts)
         note = "" if parts else ": no boundary"
         if found.failures:
-            note += f" ({len(found.failures)} curves with failures)"
+            note += f" ({check.counted(len(found.failures), 'curve')} with failures)"
         ax.plot([], [], linewidth=1.5, label=f"{label}{note}", **look)
         for line, kind, left in parts:
             ticks = withTickedStroke(angle=90.0 if left else -90.0, **TICKS)
@@ -285,12 +300,15 @@ def stability_map(
         cross = common.open_marker(5.0, common.VERMILION, marker="x", zorder=5.0)
         place = ax.get_xaxis_transform()
         ax.plot(failed, [0.02] * len(failed), label="failed", transform=place, **cross)
-    if marked is not None and name in (None, "beta") and marked.speed <= (highest or math.inf):
+    if marked is not None and name in (None, "beta"):
         words = rf"$\beta = {marked.pipe.beta:g}$, $\gamma = {marked.pipe.gamma:g}$"
-        ring = common.open_marker(7.0, markerfacecolor="none", markeredgewidth=1.2, zorder=4.0)
         own = View(units, marked.pipe)
-        label = f"{words}: {own.speed(marked.speed, 4)}"
-        ax.plot(marked.pipe.beta, own.one(SPEED) * marked.speed, clip_on=False, label=label, **ring)
+        label, height = f"{words}: {own.speed(marked.speed, 4)}", own.one(SPEED) * marked.speed
+        look = {"markerfacecolor": "none", "markeredgewidth": 1.2, "zorder": 4.0, "clip_on": False}
+        if marked.speed > (highest or math.inf):
+            height, label = 0.97, f"{label}, above"
+            look |= {"marker": "^", "transform": ax.get_xaxis_transform()}
+        ax.plot(marked.pipe.beta, height, label=label, **common.open_marker(7.0, **look))
     ax.set_ylim(0.0, None if highest is None else view.one(SPEED) * highest)
     if not drawn:
         common.notice("There is no stability boundary above $u = 0$.", ax=ax)

@@ -15,6 +15,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from pipedyn.util.later import difflib
+
 Array = NDArray[np.float64]
 
 NOT_NUMBERS = (bool, np.bool_, np.timedelta64)
@@ -84,6 +86,11 @@ def count(name: str, value: Any, *, low: int = 1, high: int | None = None) -> in
     return number
 
 
+def counted(number: int, thing: str) -> str:
+    """So many things, in words: one has no plural."""
+    return f"{number} {thing}{'' if number == 1 else 's'}"
+
+
 def flag(name: str, value: Any) -> bool:
     """True or False, nothing that only looks like it."""
     if not isinstance(value, bool | np.bool_):
@@ -104,8 +111,11 @@ def choice(name: str, value: Any, options: Collection[str]) -> str:
     if is_word and value in options:
         return str(value)
     listed = ", ".join(repr(option) for option in options)
-    kind = ValueError if is_word else TypeError
-    raise kind(f"{name} must be one of {listed}, got {shown(value)}")
+    if not is_word:
+        raise TypeError(f"{name} must be one of {listed}, got {shown(value)}")
+    similar = difflib.get_close_matches(value[:60], options, n=1) if len(options) > 4 else []
+    hint = f": did you mean {similar[0]!r}?" if similar else ""
+    raise ValueError(f"{name} must be one of {listed}, got {shown(value)}{hint}")
 
 
 def array(

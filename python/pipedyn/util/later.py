@@ -5,6 +5,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    import difflib as difflib
     import html as html
     from concurrent import futures as futures
 
@@ -20,6 +21,7 @@ else:
             setattr(self, name, found)  # asked for here once
             return found
 
+    difflib = _Later("difflib")
     futures = _Later("concurrent.futures")
     html = _Later("html")
     scipy = _Later("scipy")

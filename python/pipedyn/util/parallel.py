@@ -31,11 +31,13 @@ def track(items: Iterable[Item], total: int | None, label: str, shown: bool) -> 
     try:
         from tqdm import tqdm
     except ImportError:
-        for done, item in enumerate(items, start=1):
-            yield item
-            count = f"{done}" if total is None else f"{done}/{total}"
-            print(f"\r{label}: {count}", end="", file=sys.stderr, flush=True)
-        print(file=sys.stderr)
+        try:
+            for done, item in enumerate(items, start=1):
+                yield item
+                count = f"{done}" if total is None else f"{done}/{total}"
+                print(f"\r{label}: {count}", end="", file=sys.stderr, flush=True)
+        finally:  # also where no more items are taken
+            print(file=sys.stderr)
         return
     yield from tqdm(items, total=total, desc=label)
 

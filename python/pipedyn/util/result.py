@@ -10,7 +10,7 @@ import os
 import re
 from collections.abc import Mapping, Sequence
 from types import MappingProxyType
-from typing import Any, ClassVar, Literal, dataclass_transform
+from typing import Any, ClassVar, Literal, TypeVar, dataclass_transform, overload
 
 import numpy as np
 
@@ -77,10 +77,21 @@ class Result(Saved):
         kinds = (str, int, float, complex)
         return hash((type(self), *(v for v in _compared(self) if isinstance(v, kinds) and v == v)))
 
+    def __getstate__(self) -> dict[str, Any]:
+        """What it holds, without what was computed from that at a request and kept."""
+        names = (field.name for field in dataclasses.fields(self))  # type: ignore[arg-type]
+        return {name: self.__dict__[name] for name in names}
+
     def __repr__(self) -> str:
-        lines = [f"{type(self).__name__}("]
-        for name, value in self._shown():
-            part = f"{name}={_short(value)}, "
+        start, shown = f"{type(self).__name__}(", self._shown()
+        for depth in None, 1, 0:
+            line = start + ", ".join(f"{name}={_short(one, depth)}" for name, one in shown) + ")"
+            if len(line) <= WIDTH:
+                return line
+        lines = [start]
+        for name, one in shown:
+            parts = [f"{name}={_short(one, depth)}, " for depth in (None, 1, 0)]
+            part = next((part for part in parts if len(part) < WIDTH - 4), parts[0])
             if len(lines[-1]) + len(part) > WIDTH + 1:
                 lines.append("    ")
             lines[-1] += part
@@ -164,8 +175,8 @@ class Result(Saved):
         name = re.sub(r"_(\d+|[xy])$", "", name)
         return self._units[name] if name in self._units else UNIT_OF.get(name)
 
-    def _units_within(self) -> dict[str, Unit | None]:
-        """Of fields of the results within, as far as these do not know them."""
+    def _units_within(self, name: str) -> dict[str, Unit | None]:
+        """Of fields of the results within a field, as far as these do not know them."""
         return {}
 
 
@@ -264,6 +275,29 @@ class TableResult(Result):
         return Table(repr(self), tuple(columns), rows, notes=notes)
 
 
+Member = TypeVar("Member", bound=Result)
+
+
+class ResultSequence(TableResult, Sequence[Member]):
+    """Results in order, counted, indexed and looped over as a tuple of them would be."""
+
+    def _members(self) -> tuple[Member, ...]:
+        """The results."""
+        raise NotImplementedError
+
+    def __len__(self) -> int:
+        return len(self._members())
+
+    @overload
+    def __getitem__(self, index: int) -> Member: ...
+
+    @overload
+    def __getitem__(self, index: slice) -> tuple[Member, ...]: ...
+
+    def __getitem__(self, index: Any) -> Any:
+        return self._members()[index]
+
+
 class SI:
     """Numbers of a result in SI units, by the names that they have in it.
 
@@ -295,25 +329,34 @@ class SI:
         if unit is not None and isinstance(value, NUMBERS):
             scale = np.asarray(unit.scale(self._scales))  # of each point of a sweep, or one
             return value * (scale if scale.ndim else scale.item())
+        if value is None and unit is not None:
+            return None
         if isinstance(value, Result):
-            return self._within(value)
+            return self._within(name, value)
         if isinstance(value, tuple) and (value == () or _results_in(value)):
-            return tuple(one if one is None else self._within(one) for one in value)
+            return tuple(one if one is None else self._within(name, one) for one in value)
         raise AttributeError(f"{name} of {type(self._result).__name__} has no value in SI units")
 
-    def _within(self, one: Result) -> SI:
+    def _within(self, name: str, one: Result) -> SI:
         scales = self._result._scales_within(one, self._scales)
-        return SI(one, scales, self._result._units_within())
+        return SI(one, scales, self._result._units_within(name))
 
     def _text(self, name: str) -> str:
         return f"{_short(getattr(self, name))} {self.units[name]}"
+
+    def __getitem__(self, index: int) -> SI:
+        """One of the results in order."""
+        of_sequence: Any = self._result
+        return self._within("", of_sequence[index])
 
     def __dir__(self) -> list[str]:
         return ["units", *self.units, *(name for name, _ in _results_within(self._result))]
 
     def __repr__(self) -> str:
-        parts = ", ".join(f"{name}={self._text(name)}" for name in self.units)
-        return f"{type(self._result).__name__} in SI({parts})"
+        parts = [f"{name}={self._text(name)}" for name in self.units]
+        within = ((name, getattr(self._result, name)) for name, _ in _results_within(self._result))
+        parts += [f"{name}={_short(one)}" for name, one in within if isinstance(one, tuple)]
+        return f"{type(self._result).__name__} in SI({', '.join(parts)})"
 
 
 def _scales_of(pipe: Any) -> Any:
@@ -352,8 +395,8 @@ def _results_in(values: tuple[Any, ...]) -> list[Result]:
 # ------------------------------------------------------------------------------------- short texts
 
 
-def _short(value: Any) -> str:
-    """A value in a few words."""
+def _short(value: Any, depth: int | None = None) -> str:
+    """A value in a few words; without what stands in more than `depth` parentheses, if given."""
     if isinstance(value, np.ndarray):
         return _short_array(value) if value.ndim else _short(value.item())
     if isinstance(value, bool | np.bool_ | str | type(None)):
@@ -362,11 +405,28 @@ def _short(value: Any) -> str:
         return f"{value:.7g}"
     if isinstance(value, tuple | list) and len(value) > 0:
         if len(value) <= SHOWN and not any(isinstance(one, Result) for one in value):
-            parts = ", ".join(map(_short, value))
+            parts = ", ".join(_short(one, depth) for one in value)
             return f"({parts})" if len(value) > 1 else f"({parts},)"
         kinds = list(dict.fromkeys(type(one).__name__ for one in value if one is not None))
-        return f"<{len(value)} {' or '.join(kinds)}>"
-    return repr(value)
+        error = getattr(value[0], "error", None)
+        why = f", the first: {check.shown(error)}" if isinstance(error, Exception) else ""
+        return f"<{len(value)} {' or '.join(kinds)}{why}>"
+    if depth is None or isinstance(value, Result):
+        return repr(value)
+    return _without_parts(repr(value), depth)
+
+
+def _without_parts(text: str, depth: int) -> str:
+    """The text without what stands in more than so many parentheses."""
+    kept, within = "", 0
+    for one in text:
+        within -= one == ")"
+        if within <= depth:
+            kept += one
+        elif not kept.endswith("..."):
+            kept += "..."
+        within += one == "("
+    return kept
 
 
 def _cell(value: Any) -> str:

@@ -22,6 +22,9 @@ FREQUENCY = Unit("Hz", lambda scales: 1.0 / (2.0 * math.pi * scales.time))
 TIME = Unit("s", lambda scales: scales.time)
 RATE = Unit("1/s", lambda scales: 1.0 / scales.time)
 LENGTH = Unit("m", lambda scales: scales.length)
+VELOCITY = Unit("m/s", lambda scales: scales.length / scales.time)
+"""Of the pipe's own motion; flow speeds have a unit of their own."""
+POWER = Unit("W", lambda scales: scales.mass * scales.length**3 / scales.time**3)
 ENERGY = Unit("J", lambda scales: scales.mass * scales.length**3 / scales.time**2)
 
 UNIT_OF: MappingProxyType[str, Unit] = MappingProxyType(
@@ -33,6 +36,7 @@ UNIT_OF: MappingProxyType[str, Unit] = MappingProxyType(
         **dict.fromkeys(("growth_rate", "qdot"), RATE),
         **dict.fromkeys(("tip", "tips", "amplitude", "amplitudes", "highest"), LENGTH),
         "energy": ENERGY,
+        "tip_velocity": VELOCITY,
     }
 )
 """Of a number or an array of a result, or a column of a table, by its name; a class may say

@@ -86,6 +86,13 @@ class Assembly(Model):
         enforcement: "orthonormal" (accelerations as by a basis built group by group, found in O(n)
             along the chain) or "udwadia-kalaba" (dense, to compare); both give the same motion.
 
+    Example:
+        >>> scene = pp.modular.chain(pp.Pipe(0.2), 4)
+        >>> scene
+        Assembly(Pipe(beta=0.2), n=4, 4 springs, InternalFlow(), Drag())
+        >>> round(pp.critical_speed(scene).speed, 4)
+        4.9493
+
     Raises:
         ValueError: for parts that do not fit one another: nodes or segments that are not there,
             lengths that do not add up to 1, constraints that contradict one another or leave
@@ -231,6 +238,12 @@ class Assembly(Model):
         """Another scene, with further modules, constraints and terms of the pipe.
 
         What `about` chose stays where the configuration meets the constraints, old and new.
+
+        Example:
+            >>> scene = pp.modular.chain(pp.Pipe(0.2), 4)
+            >>> held = scene.plus(pp.modular.Guide(2), pp.PointMass(at=1.0, mass=0.1))
+            >>> round(pp.critical_speed(scene).speed, 4), round(pp.critical_speed(held).speed, 4)
+            (4.9493, 5.2274)
 
         Raises:
             TypeError: for what is none of these.
