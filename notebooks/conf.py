@@ -9,6 +9,7 @@ from docutils import nodes
 from sphinx.util import logging
 
 import pipedyn
+from pipedyn.util.result import Result
 
 project = "pipedyn"
 author = "the engineers of pipedyn"
@@ -26,6 +27,7 @@ exclude_patterns = ["_build", "**/.ipynb_checkpoints"]
 
 myst_enable_extensions = ["amsmath", "colon_fence", "deflist", "dollarmath"]
 myst_heading_anchors = 3
+smartquotes_action = "De"  # no quotation marks: q'' is a second derivative
 nb_execution_mode = "force"
 nb_execution_timeout = 300
 nb_execution_raise_on_error = True
@@ -61,17 +63,66 @@ def source(name, rawtext, text, lineno, inliner, options=None, content=None):
     return [nodes.literal(rawtext, text)], []
 
 
+INTERNAL = """
+archived as_chain bounds by_coordinates cantilevered compiled compiled_rates coordinate_kind core
+elastic_operators elastic_scale elastic_share end_directed end_held end_spring equations
+free_directions free_states from_elastic frozen has_kinks index kinks kinks_known largest_angle
+law_numbers linear linear_cost motion motion_core motion_jacobian motion_rates moving numbers panels
+place projected recorded reference require_base require_equilibrium resisted resolution
+resolved_modes resting restored sampled series size start supported term_stiffness thrust_across
+watched weight_in
+"""
+# What the package's own modules ask of pipes, models and terms, by the name of the member.
+
+GIVEN = {"pipedyn.util.result.SI", "pipedyn.Model", "pipedyn.Term"}
+# Classes, besides results, whose objects no user makes by hand.
+
+
+def internal(app, what, name, obj, skip, options):
+    """Keeps out of the reference what no user needs."""
+    function = getattr(obj, "fget", None) or getattr(obj, "func", None) or obj
+    module = getattr(function, "__module__", None) or ""
+    return True if name in INTERNAL.split() and module.startswith("pipedyn.models") else None
+
+
+def called(app, what, name, obj, options, signature, return_annotation):
+    """Results are made by the package, which needs no arguments shown; all but one."""
+    result = what == "class" and issubclass(obj, Result) and name != "pipedyn.StartPlane"
+    return ("", None) if result or name in GIVEN else (signature, return_annotation)
+
+
+def marked(line):
+    """A line of a docstring in reStructuredText: `code` becomes a literal, bars are magnitudes."""
+    if line.lstrip().startswith((">>>", "...")):
+        return line
+    parts = re.split(r"`+([^`]+)`+", line)
+    parts[::2] = [part.replace("|", "\\|").replace("*", "\\*") for part in parts[::2]]
+    parts[1::2] = [f"``{part}``" for part in parts[1::2]]
+    return "".join(parts)
+
+
 def plain_words(app, what, name, obj, options, lines):
-    """Docstrings are plain text with `code`, which becomes a literal; bars are magnitudes."""
+    """Docstrings are plain text: what is indented before the lists is a formula or code."""
+    for i, line in enumerate(lines):  # "name: what it is" of a property tells no type
+        if what == "property" and line.startswith(":type: "):
+            lines[0] = f"{line.removeprefix(':type: ')}: {lines[0]}"
+            del lines[i]
+            break
+    text = next((i for i, line in enumerate(lines) if line.startswith((":", ".."))), len(lines))
+    found, block = [], False
     for i, line in enumerate(lines):
-        if not line.lstrip().startswith((">>>", "...")):
-            parts = re.split(r"`+([^`]+)`+", line)
-            parts[::2] = [part.replace("|", "\\|").replace("*", "\\*") for part in parts[::2]]
-            parts[1::2] = [f"``{part}``" for part in parts[1::2]]
-            lines[i] = "".join(parts)
+        if line.startswith(" ") and 0 < i < text and not lines[i - 1].strip() and not block:
+            found += [".. code-block:: text", ""]
+            block = True
+        elif line.strip() and not line.startswith(" "):
+            block = False
+        found.append(line if block else marked(line))
+    lines[:] = found
 
 
 def setup(app):
     """Registers the above."""
     app.add_role("source", source)
     app.connect("autodoc-process-docstring", plain_words)
+    app.connect("autodoc-process-signature", called)
+    app.connect("autodoc-skip-member", internal)

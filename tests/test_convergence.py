@@ -9,6 +9,7 @@ import pytest
 from independent import chain_crossing, series_crossing, tells_its_distance
 
 import pipedyn as pp
+from pipedyn.accuracy.convergence import convergence_law, fitted_law
 
 PIPE = pp.Pipe(0.2)
 EXACT = 5.591404378
@@ -141,6 +142,22 @@ def test_legendre_functions_converge_exponentially():
     digits_a_function = -np.polyfit(sizes, np.log10(error), 1)[0]
     assert digits_a_function > 0.8
     assert error[sizes == 10][0] == pytest.approx(2e-10, rel=0.5)
+
+
+def test_a_law_is_told_from_the_largest_error_on():
+    """Of Legendre functions three are closer than four, by chance; from four on the error falls."""
+    exact = pp.critical_speed(pp.Continuum(PIPE))
+    found = [pp.critical_speed(pp.Galerkin(PIPE, m, "legendre")) for m in (2, 3, 4, 6, 8, 16)]
+    off = np.abs([one.speed / EXACT - 1.0 for one in found])
+    assert off[1] < off[2] > off[3]
+    law = convergence_law(found, exact)
+    assert law.law == "exponential"
+    assert law.rate == pytest.approx((off[2] / off[4]) ** (1.0 / 4.0), rel=0.05)
+
+
+def test_no_law_is_told_of_errors_that_grow():
+    grow = fitted_law(np.array([4.0, 6.0, 8.0, 12.0]), np.array([1e-8, -1e-6, 1e-4, -1e-2]))
+    assert grow.law == "unknown"
 
 
 @pytest.mark.parametrize(("beta", "m", "digits"), [(0.5, 16, 1e-12), (0.99, 24, 1e-12)])

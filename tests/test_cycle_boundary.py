@@ -402,7 +402,7 @@ def test_bad_arguments(subcritical, change, error, text):
 def test_the_picture_shades_where_the_pipe_may_snap(folded):
     ax = plot.cycle_boundary(folded, ax=Figure().subplots())
     (shade,) = ax.collections
-    assert shade.get_label() == "it may snap here"
+    assert shade.get_label() == "rest and flutter both stable"
     # The region that is shaded lies between the fold and the onset.
     for path in shade.get_paths():
         for beta, u in path.vertices:

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: MIT
 """Motion of the reduced model at any amplitude, against routes that do not share its derivation."""
 
+import itertools
 import math
 import re
 from concurrent.futures import ThreadPoolExecutor
@@ -284,6 +285,33 @@ def test_quadrature_misses_less_than_it_says(m, basis, drag):
                 error = np.abs(model.rhs(0.0, y, 6.0) - expected)[m:].max()
                 worst = max(worst, error / np.abs(expected[m:]).max())
     assert worst < (1e-6 if drag else 1e-10)
+
+
+@pytest.mark.parametrize("basis", BASES)
+def test_steps_that_may_err_more_take_fewer_nodes_and_miss_a_thousandth_of_it_at_most(basis):
+    """Over one step of a fixed length, against far more nodes."""
+    rng, m, step = np.random.default_rng(7), 3, 1e-6
+    model = pp.Galerkin(pp.Pipe(0.3, gamma=5.0), m, basis)
+    reference, missed = fine(model, 250), []
+    for rtol in (1e-4, 1e-6, 1e-10):
+        worst = 0.0
+        for angle, falling in itertools.product((0.3, 1.0, 2.0, math.pi), (0.0, 1.0, 3.0)):
+            y = state(model, rng, angle, 14.0, falling)
+            ends = []
+            for core in (model.motion, reference):
+                motion = _core.Integrator(
+                    *(core, np.array([6.0]), y[:, None], 0.0, [rtol], [1e9], 1e8, step)
+                )
+                found = np.empty((1, 1, 2 * m))
+                while not motion.advance(np.array([step]), found, 1000)[0]:
+                    pass
+                ends.append(found[0, 0, m:])
+            scale = step * np.abs(reference.rhs(0.0, y, 6.0)[m:]).max()
+            worst = max(worst, np.abs(ends[0] - ends[1]).max() / scale)
+        missed.append(worst)
+    assert missed[0] < 1e-7
+    assert missed[1] < 1e-9
+    assert missed[2] < 1e-12 < missed[0]
 
 
 def test_nodes_follow_functions_and_amplitude():

@@ -3,6 +3,8 @@
 
 import ast
 import inspect
+import json
+import re
 import subprocess
 import sys
 from functools import cache
@@ -104,6 +106,22 @@ def test_every_public_name_stands_in_the_reference():
         assert len(names) > 10
         found = {name: {f"pipedyn.{name}", f"pipedyn.{prefix}{name}"} & words for name in names}
         assert [name for name in names if not found[name]] == []
+
+
+def test_names_that_the_book_mentions_exist():
+    book = Path(__file__).parents[1] / "notebooks"
+    texts = [page.read_text(encoding="utf-8") for page in book.rglob("*.md")]
+    for page in book.glob("*.ipynb"):
+        cells = json.loads(page.read_text(encoding="utf-8"))["cells"]
+        texts += ["".join(cell["source"]) for cell in cells if cell["cell_type"] == "markdown"]
+    objects = {"pipedyn": pp, "pp": pp, "model": pp.Model, "motion": pp.Motion, "pipe": pp.Pipe}
+    objects |= {name: getattr(pp, name) for name in pp.__all__}
+    names = {name for text in texts for name in re.findall(r"`(\w+\.\w+)[^`/]*`", text)}
+    mentioned = [name.split(".") for name in names if name.split(".")[0] in objects]
+    assert len(mentioned) > 15
+    for owner, name in mentioned:
+        fields = getattr(objects[owner], "__dataclass_fields__", {})
+        assert name in fields or hasattr(objects[owner], name), f"{owner}.{name}"
 
 
 def test_progress_needs_no_progress_bar(monkeypatch, terminal):

@@ -55,7 +55,7 @@ def solved(problem, times, rtol, atol, max_step):
     start = solution(np.zeros(1)).T
     motion = _core.Integrator(
         *(lambda t, y, u: rates(t[0], y), np.zeros(1), start),
-        *(0.0, rtol, atol, 1e8, max_step),
+        *(0.0, [rtol], [atol], 1e8, max_step),
     )
     states = np.empty((1, times.size, len(start)))
     while not motion.advance(times, states, 100_000)[0]:
@@ -105,12 +105,28 @@ def test_errors_are_proportional_to_tolerances_over_nine_decades(problem):
     assert np.polyfit(np.log(tolerances), np.log(calls), 1)[0] == pytest.approx(-0.125, abs=0.05)
 
 
+def test_members_of_a_batch_keep_to_their_own_tolerances():
+    rates, solution, end, _ = PROBLEMS["swirl"]
+    tolerances, times = np.array([1e-3, 1e-10, 1e-6]), np.linspace(0.0, end, 11)[1:]
+    motion = _core.Integrator(
+        *(lambda t, y, u: rates(t, y), np.zeros(3), np.repeat(solution(np.zeros(1)).T, 3, axis=1)),
+        *(0.0, tolerances, tolerances, 1e8),
+    )
+    states = np.empty((3, times.size, 2))
+    while not motion.advance(times, states, 100_000)[0]:
+        pass
+    for member, tolerance, found in zip(motion.members, tolerances, states, strict=True):
+        alone, evaluations = solved("swirl", times, tolerance, tolerance, np.inf)
+        assert member.evaluations == evaluations
+        assert found == pytest.approx(alone, abs=1e-11)
+
+
 def test_steps_joined_are_the_polynomials_from_which_samples_come():
     rates, solution, end, _ = PROBLEMS["orbit"]
     start = solution(np.zeros(1)).T
     times = np.linspace(0.0, end, 41)
     motion = _core.Integrator(
-        lambda t, y, u: rates(t[0], y), np.zeros(1), start, 0.0, 1e-8, 1e-8, 1e8
+        lambda t, y, u: rates(t[0], y), np.zeros(1), start, 0.0, [1e-8], [1e-8], 1e8
     )
     states = np.empty((1, times.size, 4))
     finished, breaks, pieces = False, [np.zeros(1)], []

@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: MIT
 """Motions that end on equilibria and cycles that are known, and those that do not."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -8,7 +10,7 @@ import pipedyn as pp
 from pipedyn.bifurcation import brute_force, capture
 from pipedyn.bifurcation import diagram as module
 from pipedyn.bifurcation.branches import _steepness
-from pipedyn.bifurcation.capture import NOWHERE, TRIED_NEARER, WatchedTask
+from pipedyn.bifurcation.capture import FALLEN, NOWHERE, TRIED_NEARER, Approach, WatchedTask
 from pipedyn.bifurcation.known_solutions import KnownSolution, at_rest, kept_apart
 from pipedyn.bifurcation.motion_options import MotionOptions, initial_bends
 from pipedyn.bifurcation.vector_field import VectorField
@@ -21,9 +23,15 @@ PHASES = np.linspace(0.0, 2.0 * np.pi * (1.0 - 1.0 / BLOCK), BLOCK)
 ASIDE = np.sqrt(3.0) * np.array([0.0, 0.0, 1.0, 0.0, 0.0, 0.0])  # root mean square 1
 
 
+def at_distances(stable, orbit, sign=1.0):
+    """A cycle to which distances alone tell whether motions come nearer."""
+    known = KnownSolution.cycle(VectorField(MODEL), stable, orbit, sign)
+    return replace(known, region=replace(known.region, floquet=None))
+
+
 @pytest.fixture(scope="module")
 def cycle():
-    return KnownSolution.cycle(True, pp.limit_cycle(MODEL, SPEED).orbit)
+    return at_distances(True, pp.limit_cycle(MODEL, SPEED).orbit)
 
 
 def ends_on(solutions, distances):
@@ -66,14 +74,14 @@ def test_distances_are_across_a_cycle_and_not_along_it(cycle):
 )
 def test_motions_end_on_what_they_come_near_to(cycle, distances, ends):
     assert (ends_on([cycle], distances) == 0) == ends
-    mirrored = KnownSolution.cycle(True, cycle.orbit, -1.0)
+    mirrored = at_distances(True, cycle.orbit, -1.0)
     still = at_rest(VectorField(MODEL), [np.zeros(3)], SPEED)
     assert not still[0].stable
     assert (ends_on([mirrored, *still], distances) == 0) == ends
 
 
 def test_an_unstable_cycle_next_to_a_stable_one_leaves_it_open_where_motions_end(cycle):
-    near = KnownSolution.cycle(False, pp.limit_cycle(MODEL, 1.001 * SPEED).orbit)
+    near = at_distances(False, pp.limit_cycle(MODEL, 1.001 * SPEED).orbit)
     distances = np.geomspace(0.03, 0.001, 8)
     assert ends_on([cycle], distances) == 0
     assert ends_on(kept_apart([cycle, near]), distances) == NOWHERE
@@ -167,3 +175,66 @@ def test_an_unstable_cycle_lies_outside_the_basin_of_the_rest_within():
     on = cycle.orbit.states(PHASES).T
     assert not rest.region.attracts(on).any()
     assert rest.region.attracts(0.05 * on).all()
+
+
+TIP_MASS = pp.Galerkin(pp.Pipe(0.2, 10.0, terms=[pp.PointMass(1.0, 0.2)]), 6)
+
+
+@pytest.mark.parametrize(
+    ("model", "u"),
+    [
+        (TIP_MASS, 4.5),  # modes up to a frequency of 280 decay slowly
+        (pp.Galerkin(pp.Pipe(0.2), 4), 5.8),
+        (MODEL, SPEED),
+        (
+            pp.Chain(pp.Pipe(0.3, terms=[pp.Weight(0.6, 3.0), pp.Spring(0.6, 40.0)]), 3),
+            6.5,
+        ),  # no mirror image
+    ],
+)
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_floquet_coordinates_of_motions_beside_a_cycle_decay_by_its_multipliers(model, u, sign):
+    cycle, motion = pp.limit_cycle(model, u), VectorField(model)
+    region = KnownSolution.cycle(motion, True, cycle.orbit, sign).region
+    found, period = region.floquet, 2.0 * np.pi / cycle.frequency
+    sizes = np.sort(np.exp(-found.decay * period))[::-1]
+    kept = np.abs(cycle.multipliers)[1 : 1 + sizes.size]  # the first is the trivial one
+    assert sizes == pytest.approx(kept, rel=1e-3, abs=1e-4)
+    assert np.abs(found(sign * cycle.orbit.states(PHASES + 0.01).T)).max() < 1e-5
+    random = np.random.default_rng(2)
+    away = random.normal(size=motion.size)
+    away *= 1e-4 / np.linalg.norm(away * region.units)
+    on, times = sign * cycle.orbit.states(np.array([1.3]))[:, 0], np.linspace(0.0, period, 8)
+    ends = []
+    for start in (on + away, on - away):  # the difference is linear but for third order
+        moved = pp.simulate(
+            model, u, 1.001 * period, *np.split(start, 2), times=times, rtol=1e-12, atol=1e-13
+        )
+        ends.append(found(np.concatenate([moved.q, moved.qdot], axis=1)))
+    sizes = 0.5 * np.abs(ends[0] - ends[1])
+    assert sizes[0].max() > 1e-5
+    linear = sizes[0] * np.exp(-found.decay * times[:, None])
+    assert np.abs(sizes - linear).max() < 0.02 * sizes[0].max()
+
+
+def test_motions_come_nearer_where_every_floquet_coordinate_falls_as_it_must():
+    decay, start = np.array([0.1, 5.0]), np.array([1.0, 100.0])
+
+    def compared(rates, times):
+        """Whether a motion whose coordinates change at rates is told to come nearer, and when."""
+        approach, fallen = Approach(0, 0.01), False
+        for time in times:
+            squares = start * np.exp(-2.0 * rates * time)
+            approach, fallen = approach.later(times[1] - times[0], squares, decay)
+            if fallen:
+                return time
+        return None
+
+    times = np.arange(0.0, 20.0, 0.5)
+    slowest = -np.log(FALLEN) / decay[0]
+    # The fast one rules the first comparison, the slow one the second.
+    assert slowest <= compared(decay, times) <= slowest + 1.5
+    assert compared(0.6 * decay, times) is not None
+    assert compared(np.array([0.4, 1.0]) * decay, times) is None  # too slow
+    assert compared(np.array([0.0, 1.0]) * decay, times) is None  # as on a torus
+    assert compared(np.array([-0.1, 1.0]) * decay, times) is None

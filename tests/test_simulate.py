@@ -108,7 +108,7 @@ def test_the_audit_sees_a_force_that_does_no_work_it_should(monkeypatch):
         def __init__(self, core):
             self.core = core
 
-        def rhs_and_power(self, t, y, u):
+        def rhs_and_power(self, t, y, u, drive=None):
             rates = self.core.rhs_and_power(t, y, u)
             rates[6:12] += 1e-3 * y[:6]  # a force that the power does not know
             return rates
@@ -261,7 +261,7 @@ def test_a_motion_that_overflows_later_keeps_its_beginning(monkeypatch):
     core = CHAIN.core
 
     class Bursting(StandIn):
-        def rhs_and_power(self, t, y, u):
+        def rhs_and_power(self, t, y, u, drive=None):
             if t > 0.5:
                 raise ValueError("y must be finite, got inf at index 0")
             return core.rhs_and_power(t, y, u)
@@ -279,7 +279,7 @@ def test_an_interruption_ends_a_motion_and_is_not_lost(monkeypatch, method):
     core = CHAIN.core
 
     class Interrupted(StandIn):
-        def rhs_and_power(self, t, y, u):
+        def rhs_and_power(self, t, y, u, drive=None):
             if t > 0.5:
                 raise KeyboardInterrupt
             return core.rhs_and_power(t, y, u)

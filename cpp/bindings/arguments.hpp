@@ -37,6 +37,12 @@ inline Numbers numbers_argument(const char* name, const char* kind, py::handle v
   return py::module_::import("pipedyn.util.check").attr("doubles")(name, value, kind);
 }
 
+inline void require_size(const char* name, const Numbers& array, py::ssize_t size) {
+  if (array.size() == size) return;
+  throw py::value_error(std::string(name) + " must hold " + std::to_string(size) +
+                        " numbers, got shape " + shape_of(array));
+}
+
 inline void require_finite(const char* name, const Numbers& array) {
   const double* const data = array.data();
   const py::ssize_t count = array.size();

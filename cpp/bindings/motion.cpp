@@ -7,6 +7,7 @@
 
 #include <array>
 #include <cmath>
+#include <functional>
 #include <string>
 
 #include "arguments.hpp"
@@ -23,10 +24,12 @@ using namespace py::literals;
 
 namespace {
 
-/// Flow speeds and drives of members at times; drive (Drive::rows, members) or empty.
+/// Flow speeds and drives of members at times; drive (Drive::rows, members) or empty. errors: as in
+/// `Batch`, or empty.
 struct Flows {
   Reals u;
   Matrix drive;
+  Vector errors;
 
   bool driven() const { return !drive.isZero(0.0); }
   Batch of(const double* y) const {
@@ -34,7 +37,8 @@ struct Flows {
             .u = u.data(),
             .members = u.size(),
             .u_step = 1,
-            .drive = driven() ? drive.data() : nullptr};
+            .drive = driven() ? drive.data() : nullptr,
+            .errors = errors.size() > 0 ? errors.data() : nullptr};
   }
 };
 using FlowsAt = std::function<void(const Vector& t, const std::vector<Index>& which, Flows& flows)>;
@@ -81,12 +85,17 @@ FlowsAt flows_at(const py::object& u) {
 using FlowRates =
     std::function<void(const Vector& t, const double* y, const Flows& flows, double* rates)>;
 
-/// Those of the states at times alone.
-Rates at_flows(FlowRates of, const py::object& u) {
-  return [of = std::move(of), at = flows_at(u), flows = Flows()](const Vector& t, const double* y,
-                                                                 const std::vector<Index>& which,
-                                                                 double* rates) mutable {
+/// Relative error that quadratures may leave in rates, as a share of the one of a step: as this
+/// lasts for a thousand steps it still is no larger.
+constexpr double quadrature_share = 1e-3;
+
+/// Those of the states at times alone, for steps with relative errors `rtol` of each member.
+Rates at_flows(FlowRates of, const py::object& u, const Vector& rtol) {
+  return [of = std::move(of), at = flows_at(u), errors = Vector(quadrature_share * rtol),
+          flows = Flows()](const Vector& t, const double* y, const std::vector<Index>& which,
+                           double* rates) mutable {
     at(t, which, flows);
+    flows.errors = errors(which);
     of(t, y, flows, rates);
   };
 }
@@ -95,7 +104,7 @@ Rates at_flows(FlowRates of, const py::object& u) {
 template <class Model, class Function>
 FlowRates function_rates(const Model& model, const Function& function) {
   return [&model, function](const Vector&, const double* y, const Flows& flows, double* rates) {
-    function(model, flows.of(y), rates);
+    std::invoke(function, model, flows.of(y), rates);
   };
 }
 
@@ -133,11 +142,13 @@ bool with_compiled(const py::object& of, const What& what) {
          is(std::type_identity<Scene>());
 }
 
-/// Rates [q', q'', power] of a model's states with the work done on them.
+/// Rates of a model's states, [q', q''] or, of so many rows, with the work done on them, whose rate
+/// is the power.
 FlowRates flow_rates_of(const py::object& of, Index rows) {
   FlowRates rates;
   const auto compiled = [&]<class Model>(const Model& model) {
-    rates = function_rates(model, std::mem_fn(&Model::rhs_and_power));
+    const bool works = rows > 2 * model.dof();
+    rates = function_rates(model, works ? &Model::rhs_and_power : &Model::rhs);
   };
   return with_compiled(of, compiled) ? rates : called_rates(of, rows);
 }
@@ -185,17 +196,18 @@ struct Supplied : Supply {
   }
 };
 
-Rates rates_of(const py::object& of, Index rows, const py::object& u, const Supplied* supply) {
-  if (supply == nullptr) return at_flows(flow_rates_of(of, rows), u);
+Rates rates_of(const py::object& of, Index rows, const py::object& u, const Vector& rtol,
+               const Supplied* supply) {
+  if (supply == nullptr) return at_flows(flow_rates_of(of, rows), u, rtol);
   return at_flows([supply, inner = flow_rates_of(of, rows - 1)](
                       const Vector& t, const double* y, const Flows& flows,
                       double* rates) { supply->rates(inner, t, y, flows.drive, rates); },
-                  u);
+                  u, rtol);
 }
 
 /// Those of the same states without the work, by rhs, with their derivative, and the power apart.
 template <class Model>
-ImplicitRates implicit_rates(const Model& model, const py::object& u,
+ImplicitRates implicit_rates(const Model& model, const py::object& u, const Vector& rtol,
                              void (Model::*rhs)(const Batch&, double*) const,
                              std::unique_ptr<ShiftedSystems> systems) {
   const auto power = [](const Model& of, const Batch& batch, double* out) {
@@ -203,8 +215,8 @@ ImplicitRates implicit_rates(const Model& model, const py::object& u,
     of.power(batch, parts.data());
     Eigen::Map<Vector>(out, batch.members) = parts.colwise().sum();
   };
-  return {at_flows(function_rates(model, std::mem_fn(rhs)), u),
-          at_flows(function_rates(model, power), u), 2 * model.dof(), std::move(systems)};
+  return {at_flows(function_rates(model, rhs), u, rtol),
+          at_flows(function_rates(model, power), u, rtol), 2 * model.dof(), std::move(systems)};
 }
 
 /// Of a function of a time, a state (rows,), its speed and, if any, drive (Drive::rows,).
@@ -224,7 +236,7 @@ DenseSystems::Jacobian called_jacobian(const py::function& function, Index rows,
 }
 
 ImplicitRates implicit_rates_of(const py::object& of, const py::object& jacobian, Index rows,
-                                const py::object& u, const Supplied* supply) {
+                                const py::object& u, const Vector& rtol, const Supplied* supply) {
   const FlowAt flow_at = [at = flows_at(u)](double t, Index member) {
     Flows flows;
     at(Vector::Constant(1, t), {member}, flows);
@@ -235,38 +247,45 @@ ImplicitRates implicit_rates_of(const py::object& of, const py::object& jacobian
   const py::object model = supply == nullptr ? of : py::none();  // at constant head J is dense
   if (py::isinstance<Chain>(model)) {
     const Chain& chain = model.cast<const Chain&>();
-    return implicit_rates(chain, u, &Chain::rhs, std::make_unique<ChainSystems>(chain, flow_at));
+    return implicit_rates(chain, u, rtol, &Chain::rhs,
+                          std::make_unique<ChainSystems>(chain, flow_at));
   }
   if (py::isinstance<Scene>(model)) {
     const Scene& scene = model.cast<const Scene&>();
-    return implicit_rates(scene, u, &Scene::rhs, std::make_unique<SceneSystems>(scene, flow_at));
+    return implicit_rates(scene, u, rtol, &Scene::rhs,
+                          std::make_unique<SceneSystems>(scene, flow_at));
   }
   if (py::isinstance<Galerkin>(model)) {
     const Galerkin& reduced = model.cast<const Galerkin&>();
     const auto slopes = [&reduced, flow_at](double t, const double* y, Index member, double* out) {
       reduced.jacobian(flow_at(t, member).of(y), out);
     };
-    return implicit_rates(reduced, u, &Galerkin::rhs,
+    return implicit_rates(reduced, u, rtol, &Galerkin::rhs,
                           std::make_unique<DenseSystems>(slopes, 2 * reduced.dof()));
   }
-  return {rates_of(of, rows, u, supply), nullptr, rows,
+  return {rates_of(of, rows, u, rtol, supply), nullptr, rows,
           std::make_unique<DenseSystems>(called_jacobian(jacobian, rows, flow_at), rows)};
 }
 
 /// Explicit without a Jacobian.
 std::unique_ptr<Integrator> integrator(const py::object& of, const py::object& u,
-                                       const Matrix& start, double t0, double rtol, double atol,
-                                       double most, double max_step, const py::object& jacobian,
+                                       const Matrix& start, double t0, const Numbers& rtols,
+                                       const Numbers& atols, double most, double max_step,
+                                       const py::object& jacobian,
                                        const py::typing::Optional<Supplied>& at_head) {
   const Supplied* const supply = at_head.is_none() ? nullptr : at_head.cast<const Supplied*>();
   const Index rows = start.rows(), members = start.cols();
+  require_size("rtol", rtols, members);
+  require_size("atol", atols, members);
+  const Vector rtol = Eigen::Map<const Vector>(rtols.data(), members);
+  const Vector atol = Eigen::Map<const Vector>(atols.data(), members);
   const Limits limits{rtol, atol, most, max_step};
   if (jacobian.is_none()) {
-    return std::make_unique<Dop853>(rates_of(of, rows, u, supply), rows, members, start.data(), t0,
-                                    limits);
+    return std::make_unique<Dop853>(rates_of(of, rows, u, rtol, supply), rows, members,
+                                    start.data(), t0, limits);
   }
-  return std::make_unique<Radau>(implicit_rates_of(of, jacobian, rows, u, supply), rows, members,
-                                 start.data(), t0, limits);
+  return std::make_unique<Radau>(implicit_rates_of(of, jacobian, rows, u, rtol, supply), rows,
+                                 members, start.data(), t0, limits);
 }
 
 /// Goes on; whether all members have finished, and where asked for the ends of steps and their

@@ -19,12 +19,6 @@ namespace {
 /// Of the method: c (s,), O (s, s), T (s, s).
 using Weights = std::tuple<Numbers, Numbers, Numbers>;
 
-void require_size(const char* name, const Numbers& array, py::ssize_t size) {
-  if (array.size() == size) return;
-  throw py::value_error(std::string(name) + " must hold " + std::to_string(size) +
-                        " numbers, got shape " + shape_of(array));
-}
-
 py::typing::Tuple<Numbers, Numbers> eliminated(const Numbers& durations, const Numbers& starts,
                                                const Numbers& rates, const Numbers& jacobians,
                                                const Numbers& accelerations,

@@ -217,8 +217,8 @@ void combine(const double* weights, const double* const* k, Count terms, const d
 }
 
 void errors(const double* const* weights, const double* const* k, Count terms, const double* y,
-            const double* next, double absolute_error, double relative, double* const* out,
-            Count size) {
+            const double* next, const double* absolute_error, const double* relative,
+            double* const* out, Count size) {
   for_each_pack(size, [&]<class Real, Count packs>(Count first) {
     Real one[packs] = {}, other[packs] = {};
     for (Count s = 0; s < terms; ++s) {
@@ -232,7 +232,8 @@ void errors(const double* const* weights, const double* const* k, Count terms, c
       const Count at = first + i * lanes<Real>;
       const Real before = absolute(load<Real>(y + at)), after = absolute(load<Real>(next + at));
       const Real largest = before < after ? after : before;
-      const Real scale = 1.0 / (absolute_error + relative * largest);
+      const Real allowed = load<Real>(absolute_error + at) + load<Real>(relative + at) * largest;
+      const Real scale = 1.0 / allowed;
       const Real a = one[i] * scale, b = other[i] * scale;
       store(out[0] + at, Real(a * a));
       store(out[1] + at, Real(b * b));

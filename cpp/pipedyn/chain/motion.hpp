@@ -78,6 +78,7 @@ struct Batch {
   const double* moments = nullptr;  // further ones on the segments of a chain (n, members)
   const double* slopes = nullptr;   // and of each by its segment's angle, 0 where null
   const double* drive = nullptr;    // (Drive::rows, members); null at a steady speed, base at rest
+  const double* errors = nullptr;   // relative, that quadratures may leave (members,); null: least
 };
 
 /// A periodic orbit on a mesh, and derivatives at its stages (motion/collocation.hpp). Arrays are
@@ -123,8 +124,8 @@ struct MotionKernel {
                   const double* y, const double* h, double* out, std::ptrdiff_t size);
   /// out_e = (sum_s weights_es k_s / (absolute + relative max(|y|, |next|)))^2, e = 0 and 1.
   void (*errors)(const double* const* weights, const double* const* k, std::ptrdiff_t terms,
-                 const double* y, const double* next, double absolute, double relative,
-                 double* const* out, std::ptrdiff_t size);
+                 const double* y, const double* next, const double* absolute,
+                 const double* relative, double* const* out, std::ptrdiff_t size);
 
   // (mu - J) x = b for so many complex mu at once, real parts first in mu (2 shifts) and in the
   // rows of b, which become x; factors have room for the numbers that are asked for.

@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <numeric>
 #include <stdexcept>
 #include <string>
 #include <utility>
@@ -23,8 +24,9 @@ const GalerkinKernel& kernel() { return *motion_kernel().galerkin; }
 
 /// Calls the kernel's function for blocks of members that take the same grid, one alone or as many
 /// as the vectors hold, and passes result i of each member k to write(k, i, result); NaN for those
-/// that bend more than the largest grid resolves. finer: by so many grids than the motion needs;
-/// rows: of a member in batch.y, by its functions.
+/// that bend more than the largest grid resolves. Where errors are left, a finer grid than a member
+/// needs will do: blocks are then filled up by falling number of their grids.
+/// finer: by so many grids than the motion needs; rows: of a member in batch.y, by its functions.
 template <class Write>
 void evaluate(const GalerkinKernel::Function function, const Grids& grids,
               const MotionEffects& effects, const Batch& batch, Index results, const Write& write,
@@ -33,25 +35,26 @@ void evaluate(const GalerkinKernel::Function function, const Grids& grids,
   static thread_local std::vector<double> numbers;
   const Index state = rows * grids.basis().size(), members = batch.members;
   grid_of.resize(static_cast<std::size_t>(members));
-  Index lowest = grids.count(), highest = 0;
+  chosen.resize(static_cast<std::size_t>(members));
+  std::iota(chosen.begin(), chosen.end(), Index{0});
   Index needed = 0;  // by the last one, mostly by the next as well
   for (Index k = 0; k < members; ++k) {
-    needed = grids.choose(batch.y + k, members, needed);
-    const Index number = std::min(needed + finer, grids.count() - 1);
-    grid_of[static_cast<std::size_t>(k)] = number;
-    lowest = std::min(lowest, number);
-    highest = std::max(highest, number);
+    const double error = batch.errors == nullptr ? 0.0 : batch.errors[k];
+    needed = grids.choose(batch.y + k, members, needed, error);
+    grid_of[static_cast<std::size_t>(k)] = std::min(needed + finer, grids.count() - 1);
   }
-  for (Index number = lowest; number <= highest; ++number) {
-    chosen.clear();
-    for (Index k = 0; k < members; ++k) {
-      if (grid_of[static_cast<std::size_t>(k)] == number) chosen.push_back(k);
-    }
-    const Index count = static_cast<Index>(chosen.size());
-    if (count == 0) continue;
-    const Grid& grid = grids[number];
-    const Index width = count == 1 ? 1 : motion_kernel().width;
-    const Index driven = batch.drive != nullptr ? Drive::rows : 0;
+  const auto number = [](Index k) { return grid_of[static_cast<std::size_t>(k)]; };
+  std::stable_sort(chosen.begin(), chosen.end(),
+                   [&](Index a, Index b) { return number(a) > number(b); });
+  const Index driven = batch.drive != nullptr ? Drive::rows : 0;
+  for (Index first = 0; first < members;) {
+    const Index* const member = chosen.data() + first;  // lanes to spare repeat the last
+    const auto fits = [&](Index k) {
+      return batch.errors != nullptr || number(k) == number(*member);
+    };
+    const Index most = std::min(motion_kernel().width, members - first);
+    const Index used = std::find_if_not(member, member + most, fits) - member;
+    const Index width = used == 1 ? 1 : motion_kernel().width;
     numbers.resize(static_cast<std::size_t>((state + 1 + driven + results) * width));
     double* const y = numbers.data();
     double* const u = y + state * width;
@@ -59,24 +62,21 @@ void evaluate(const GalerkinKernel::Function function, const Grids& grids,
     double* const out = drive + driven * width;
     Batch block{y, u, width, 1};
     if (driven > 0) block.drive = drive;
-    for (Index first = 0; first < count; first += width) {
-      const Index used = std::min(width, count - first);
-      const Index* const member = chosen.data() + first;  // lanes to spare repeat the last
-      for (Index b = 0; b < width; ++b) {
-        const Index k = member[std::min(b, used - 1)];
-        u[b] = batch.u[k * batch.u_step];
-        for (Index i = 0; i < state; ++i) y[i * width + b] = batch.y[i * members + k];
-        for (Index i = 0; i < driven; ++i) drive[i * width + b] = batch.drive[i * members + k];
-      }
-      function(grid.tables, effects, block, out);
+    for (Index b = 0; b < width; ++b) {
+      const Index k = member[std::min(b, used - 1)];
+      u[b] = batch.u[k * batch.u_step];
+      for (Index i = 0; i < state; ++i) y[i * width + b] = batch.y[i * members + k];
+      for (Index i = 0; i < driven; ++i) drive[i * width + b] = batch.drive[i * members + k];
+    }
+    function(grids[number(*member)].tables, effects, block, out);
+    for (Index b = 0; b < used; ++b) {
+      const Index k = member[b];
+      const bool resolved = grids.resolves(number(k), batch.y + k, members);
       for (Index i = 0; i < results; ++i) {
-        for (Index b = 0; b < used; ++b) write(member[b], i, out[i * width + b]);
+        write(k, i, resolved ? out[i * width + b] : not_a_number);
       }
     }
-    for (const Index k : chosen) {
-      if (grids.resolves(number, batch.y + k, members)) continue;
-      for (Index i = 0; i < results; ++i) write(k, i, not_a_number);
-    }
+    first += used;
   }
 }
 

@@ -22,8 +22,12 @@ namespace {
 struct Demand {
   double log_tolerance, growths;
   Index least_nodes;
+  double most_more;  // in the logarithm, where a larger error will do; kinks are not left more
 };
-constexpr Demand smooth{25.0, 2.5, 7}, with_drag{33.0, 3.5, 31};
+constexpr Demand smooth{25.0, 2.5, 7, 11.5}, with_drag{33.0, 3.5, 31, 0.0};
+/// Logarithm of ten: no error measured was a tenth of what was demanded.
+constexpr double certain = 2.3;
+const Demand& demanded(bool drag) { return drag ? with_drag : smooth; }
 
 Index whole_points(Index count) { return whole(count, GridTables::multiple); }
 
@@ -56,7 +60,7 @@ Matrix slope_series(const Basis& basis, double low, double high) {
 
 /// drag: integrals end at inner points.
 std::vector<NodeTest> node_tests(const Matrix& series, Index nodes, bool drag) {
-  const Demand& demand = drag ? with_drag : smooth;
+  const Demand& demand = demanded(drag);
   const auto sum = [&series](double (*factor)(double), double eta) {  // over factor(k eta) c_ik
     Vector sums = Vector::Zero(series.cols());
     for (Index k = 0; k < series.rows(); ++k) {
@@ -76,7 +80,7 @@ std::vector<NodeTest> node_tests(const Matrix& series, Index nodes, bool drag) {
     }
     const double budget = 2.0 * static_cast<double>(nodes) * eta - demand.log_tolerance -
                           demand.growths * std::log(growth);
-    if (budget > 0.0) tests.push_back({budget, 2.0 * sum(std::sinh, eta)});
+    if (budget + demand.most_more > 0.0) tests.push_back({budget, 2.0 * sum(std::sinh, eta)});
   }
   return tests;
 }
@@ -269,9 +273,11 @@ void Grid::set_masses(const Panels& panels) {
 }
 
 Grids::Grids(Basis basis, const Pipe& pipe, Index least_nodes)
-    : basis_(std::move(basis)), panels_(basis_, pipe), orthonormal_(basis_) {
+    : basis_(std::move(basis)),
+      panels_(basis_, pipe),
+      orthonormal_(basis_),
+      drag_(pipe.drag != 0.0) {
   const Index m = basis_.size(), count = panels_.count();
-  const bool drag = pipe.drag != 0.0;
   const Index more = (pipe.mass.degree(1e-12) + 1) / 2;
   std::vector<Matrix> series;
   for (Index panel = 0; panel < count; ++panel) {
@@ -279,14 +285,14 @@ Grids::Grids(Basis basis, const Pipe& pipe, Index least_nodes)
   }
   const Index most = std::max<Index>(4095, 4 * m) / count;  // of 0.1 GB
   const Index largest = std::max(std::min<Index>(64 * m + 96, most), least_nodes);
-  const Index least = (drag ? with_drag : smooth).least_nodes + more;
+  const Index least = demanded(drag_).least_nodes + more;
   // Points, the nodes and a panel's end, come in whole multiples.
   for (Index points = whole_points(std::max({basis_.most_on_a_panel(), least_nodes, least}) + 1);;
        points = whole_points(points + std::max<Index>(4, points / 12))) {
     const bool last = points - 1 >= largest;
     std::vector<std::vector<NodeTest>> tests;
     for (const Matrix& one : series) {
-      tests.push_back(node_tests(one, points - 1 - more, drag));
+      tests.push_back(node_tests(one, points - 1 - more, drag_));
       if (tests.back().empty() && last) tests.back().push_back({0.0, Vector::Zero(m)});
     }
     const auto serves_none = [](const std::vector<NodeTest>& of) { return of.empty(); };
@@ -298,20 +304,24 @@ Grids::Grids(Basis basis, const Pipe& pipe, Index least_nodes)
   }
 }
 
-bool Grids::Slot::resolves(const double* q, Index stride) const {
+bool Grids::Slot::resolves(const double* q, Index stride, double more) const {
   const auto passes = [&](const NodeTest& test) {
     double cost = 0.0;
     for (Index i = 0; i < test.cost.size(); ++i) cost += std::abs(q[i * stride]) * test.cost[i];
-    return cost <= test.budget;
+    return cost <= test.budget + more;
   };
   return std::all_of(tests.begin(), tests.end(), [&](const std::vector<NodeTest>& of_panel) {
     return std::any_of(of_panel.begin(), of_panel.end(), passes);
   });
 }
 
-Index Grids::choose(const double* q, Index stride, Index guess) const {
+Index Grids::choose(const double* q, Index stride, Index guess, double error) const {
+  const Demand& demand = demanded(drag_);
+  const double more = error > 0.0 ? std::clamp(std::log(error) + demand.log_tolerance + certain,
+                                               0.0, demand.most_more)
+                                  : 0.0;
   const auto serves = [&](Index number) {
-    return slots_[static_cast<std::size_t>(number)].resolves(q, stride);
+    return slots_[static_cast<std::size_t>(number)].resolves(q, stride, more);
   };
   Index number = guess;
   while (number + 1 < count() && !serves(number)) ++number;

@@ -104,8 +104,8 @@ class Grids {
   Index count() const { return static_cast<Index>(slots_.size()); }
 
   /// Number of the grid for amplitudes q with the given stride, O(m) a grid tried from a guess on.
-  /// The largest serves all beyond.
-  Index choose(const double* q, Index stride, Index guess = 0) const;
+  /// The largest serves all beyond. error: of rates, relative, that is enough; the least if 0.
+  Index choose(const double* q, Index stride, Index guess = 0, double error = 0.0) const;
 
   /// Whether the grid chosen for q has the nodes that q takes; the largest may not.
   bool resolves(Index number, const double* q, Index stride) const;
@@ -120,13 +120,15 @@ class Grids {
     std::once_flag built;
     std::unique_ptr<const Grid> grid;
 
-    /// Whether amplitudes q with the given stride pass a test of each panel, O(m) a test.
-    bool resolves(const double* q, Index stride) const;
+    /// Whether amplitudes q with the given stride pass a test of each panel, O(m) a test, budgets
+    /// being so much larger.
+    bool resolves(const double* q, Index stride, double more = 0.0) const;
   };
 
   Basis basis_;
   Panels panels_;
   Orthonormal orthonormal_;
+  bool drag_;
   mutable std::deque<Slot> slots_;
 };
 

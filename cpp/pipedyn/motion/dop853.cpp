@@ -46,9 +46,15 @@ Dop853::Dop853(Rates rates, Index rows, Index members, const double* start, doub
       steps_(y_),
       squares5_(y_),
       squares3_(y_),
+      relative_(y_),
+      absolute_(y_),
       rate_(stages + 1, y_),
       dense_{y_, y_, y_, Vector::Zero(y_.size()), Stages(stages + 4, y_), Stages(7, y_)} {
   tried_ = Vector::Zero(members);
+  for (Index i = 0; i < entries(); i += members) {
+    relative_.segment(i, members) = limits_.relative;
+    absolute_.segment(i, members) = limits_.absolute;
+  }
   evaluate(y_, rate_[0], 0.0);
   choose_first_steps();
 }
@@ -96,8 +102,9 @@ void Dop853::choose_first_steps() {
   const auto norms = [&](const Vector& of, const Vector& from) {
     Vector sum = Vector::Zero(m);
     for (Index i = 0; i < entries(); i += m) {
-      const auto allowed = limits_.absolute + limits_.relative * y_.segment(i, m).array().abs();
-      sum.array() += ((of.segment(i, m) - from.segment(i, m)).array() / allowed).square();
+      const auto allowed =
+          limits_.absolute + limits_.relative.cwiseProduct(y_.segment(i, m).cwiseAbs());
+      sum.array() += ((of.segment(i, m) - from.segment(i, m)).array() / allowed.array()).square();
     }
     return Vector((sum / static_cast<double>(rows_)).cwiseSqrt());
   };
@@ -162,8 +169,8 @@ void Dop853::measure_errors() {
     count = present(rate_, dop853::error_weights[e], stages, weights[e], k[e]);
   const double* const both[] = {weights[0], weights[1]};
   double* const out[] = {squares5_.data(), squares3_.data()};
-  motion_kernel().errors(both, k[0], count, y_.data(), next_.data(), limits_.absolute,
-                         limits_.relative, out, entries());
+  motion_kernel().errors(both, k[0], count, y_.data(), next_.data(), absolute_.data(),
+                         relative_.data(), out, entries());
   fifth_.setZero(m);
   third_.setZero(m);
   for (Index i = 0; i < entries(); i += m) {
@@ -263,6 +270,8 @@ void Dop853::gather(const Vector& all, const std::vector<Index>& columns, Vector
 void Dop853::keep(const std::vector<Index>& columns) {
   gather(y_, columns, y_);
   gather(rate_[0], columns, rate_[0]);
+  gather(relative_, columns, relative_);
+  gather(absolute_, columns, absolute_);
 }
 
 }  // namespace pipedyn

@@ -38,6 +38,7 @@ class Dop853 final : public Integrator {
 
   Rates rates_;
   Vector y_, next_, stage_, steps_, squares5_, squares3_;
+  Vector relative_, absolute_;                // `Limits` of each entry
   Stages rate_;                               // 13
   Vector tried_, fifth_, third_, error_, t_;  // by column
   std::vector<char> accepted_;

@@ -36,7 +36,7 @@ struct Interpolant {
 
 /// What the steps of each member keep to.
 struct Limits {
-  double relative, absolute;  // error of a step
+  Vector relative, absolute;  // error of a step of each member
   double most;                // evaluations of a member
   double max_step = std::numeric_limits<double>::infinity();
 };

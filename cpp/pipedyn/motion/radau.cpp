@@ -124,7 +124,7 @@ void Radau::begin(Index which) {
 }
 
 void Radau::allow() {
-  allowed_ = limits_.absolute + limits_.relative * y_.head(of_.solved).array().abs();
+  allowed_ = limits_.absolute[current_] + limits_.relative[current_] * y_.head(of_.solved).array().abs();
 }
 
 /// Guesses the stages of a step: the last step's polynomial, continued.
@@ -164,7 +164,7 @@ bool Radau::solve(Index which, double h, Index& evaluations) {
     by_mu[4 + k][k] = mu[4 + k];
     by_mu[k][4 + k] = -mu[4 + k];
   }
-  const double floor = 10.0 * std::numeric_limits<double>::epsilon() / limits_.relative;
+  const double floor = 10.0 * std::numeric_limits<double>::epsilon() / limits_.relative[current_];
   const double enough = std::max(newton_share, floor);
   double last = 0.0;
   left_ = std::pow(std::max(left_, std::numeric_limits<double>::epsilon()), 0.8);
@@ -235,7 +235,7 @@ double Radau::error(double h) {
   for (Index i = 0; i < n; ++i) {
     const double change = z_(i, radau::stages - 1);
     const double largest = std::max(std::abs(y_[i]), std::abs(y_[i] + change));
-    const double scale = 1.0 / (limits_.absolute + limits_.relative * largest);
+    const double scale = 1.0 / (limits_.absolute[current_] + limits_.relative[current_] * largest);
     const double at_end = x_(i, 0) * scale, inside = (change - predicted_[i]) * scale;
     squares += at_end * at_end;
     squares_within += inside * inside;

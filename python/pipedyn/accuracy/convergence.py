@@ -170,6 +170,10 @@ def fitted_law(sizes: Array, errors: Array) -> ConvergenceLaw:
         return ConvergenceLaw("flat", math.nan, float(limits[0]), spread, sizes[-5:])
     last = sizes >= min(sizes[-1] / 2.0, sizes[-4])
     sizes, logs = sizes[last], np.log(np.abs(errors[last]))
+    largest = int(np.argmax(logs))  # smaller models than this are too small to show a law
+    if sizes.size - largest < 3:
+        return replace(unknown, sizes=sizes)
+    sizes, logs = sizes[largest:], logs[largest:]
     power, power_misfit = _line(np.log(sizes), logs)
     exponential, misfit = _line(sizes, logs)
     if min(power_misfit, misfit) > 0.1 * float(np.ptp(logs)):

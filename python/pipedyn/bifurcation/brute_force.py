@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 from pipedyn.bifurcation.capture import (
     NOWHERE,
     TRIED_NEARER,
+    Approach,
     Region,
     WatchedTask,
     judged_step,
@@ -157,7 +158,9 @@ def attractors(
 ) -> tuple[Attractor, ...]:
     """Where motions end, from each start at each speed, where some solutions may be known."""
     members = [(float(u), k) for u in speeds for k in range(len(starts))]
-    most = min(BATCH, max(LARGEST_SAMPLES // (options.samples * model.coordinates), 1))
+    most = max(LARGEST_SAMPLES // (options.samples * model.coordinates), 1)
+    if options.executor is not None:  # else batches are filled up and spread over threads
+        most = min(BATCH, most)
     together = len(starts) if len(starts) <= most else 1  # those of a speed, if they fit
     units = len(members) // together
     indices = np.array_split(np.arange(units), math.ceil(units / (most // together)))
@@ -244,8 +247,7 @@ class _Run:
     state: Array  # [p, p']
     settled: bool = False  # as its last record shows
     next_trial: float = 0.0  # time from which it may be tried for whether it attracts
-    inside: int = NOWHERE  # the region of a known solution in which it is
-    first: float = math.inf  # its largest distance in its first period there
+    approach: Approach = field(default_factory=Approach)  # to a known solution
     like: _Run | None = None  # whose turning points were spread alike at the last look
     alone: bool = False  # whether it does not join another
     explicit: bool = False  # whether explicit steps cost less
@@ -348,10 +350,9 @@ class _Batch:
             task = replace(
                 of_all,
                 u=first.u if first.drive else run.speed,
-                start=np.append(run.state, 0.0),
+                start=run.state,
                 **({} if run.member == NEIGHBOUR else judged.get(run.speed, {})),
-                inside=run.inside,
-                first=run.first,
+                approach=run.approach,
                 method=method,
                 rtol=rtol,
                 atol=rtol * run.size,
@@ -362,7 +363,7 @@ class _Batch:
         found = in_batches(tasks, watched, members=members)
         outcomes, records = [one.outcome for one in found], list[_Record | None]([None] * len(runs))
         for run, task, one in zip(runs, tasks, found, strict=True):
-            run.inside, run.first = one.inside, one.first
+            run.approach = one.approach
             rate = one.outcome[1] / (before + recorded)
             run.explicit |= task.method == "radau" and rate > self.dearest
             if one.outcome[2] is not None:
@@ -375,7 +376,7 @@ class _Batch:
         ]
         if not going:
             return records
-        rows = np.concatenate([outcomes[i][0][1:, :-1] for i in going])
+        rows = np.concatenate([outcomes[i][0][1:] for i in going])
         q, qdot, x, velocity = self.tip_of(rows)
         for k, i in enumerate(going):
             part, last = slice(k * samples.size, (k + 1) * samples.size), (k + 1) * samples.size - 1

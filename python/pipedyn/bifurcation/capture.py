@@ -8,7 +8,9 @@ saddle or follows an unstable cycle beside the attractor does not come nearer. W
 attract in all directions is tried with motions from beside each attractor, as far away as that;
 where nothing is tried, the motion is a trial of its own and has to come as much nearer as those.
 About an equilibrium there may be a basin in which linear decay is known to win: what is in it comes
-to rest.
+to rest. About a cycle there may be Floquet coordinates, each of which has to fall at least half as
+fast as linear theory says, by a quarter in square: what nonlinear forces change grows with a higher
+power of the distance, so that it goes on so.
 """
 
 from __future__ import annotations
@@ -22,6 +24,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from pipedyn.bifurcation.floquet_coordinates import FloquetCoordinates
 from pipedyn.linear.eigenproblem import Complex
 from pipedyn.models.base import Model
 from pipedyn.models.drive import Harmonic, Pulsation
@@ -62,6 +65,10 @@ MEMBERS, LARGEST_BATCH = 128, 2**22
 NEARER = 0.5
 """Share of the largest distance in the first period within a region that shows that a motion comes
 nearer."""
+
+FALLEN, ACTING = 0.75, 0.01
+"""Share of its square that a Floquet coordinate has kept at most when a motion is said to come
+nearer, and of the sum of all squares below which one may do what it likes: others drive it."""
 
 WIDEST, HALVINGS = 0.05, 5
 """Radius of a region that is tried first, root mean square in rad, and how often it is halved."""
@@ -130,6 +137,7 @@ class Region:
         basin: of rest, rows whose products with how far a state is away have a sum of squares below
             1 where motions come to rest, as far as samples tell, (k, 2 moving); None where that is
             not known.
+        floquet: coordinates about a stable cycle, None where they are not known.
     """
 
     points: Array
@@ -140,6 +148,7 @@ class Region:
     driven: bool = False
     curve: bool = False
     basin: Array | None = None
+    floquet: FloquetCoordinates | None = None
 
     @staticmethod
     def about_rest(place: Array, values: Complex) -> Region:
@@ -199,12 +208,13 @@ class Region:
         return self.points.shape[1] // 2 - self.driven
 
     @cached_property
-    def _units(self) -> Array:
+    def units(self) -> Array:
+        """By which states are multiplied for their distances."""
         units = np.repeat([1.0, self.unit], self.half) / math.sqrt(self.half)
         return np.append(units, np.ones(2 * self.driven))
 
     def _scaled(self, states: Array) -> Array:
-        return states * self._units
+        return states * self.units
 
     def _unwound(self, states: Array) -> Array:
         if self.turn is None:
@@ -286,6 +296,37 @@ class Region:
         return np.where(met, moved, on)
 
 
+@dataclass(frozen=True, eq=False)
+class Approach:
+    """How a motion has come nearer to what a region is about.
+
+    Attributes:
+        region: in which it was before, or NOWHERE.
+        first: its largest distance in its first period there.
+        squares: of its Floquet coordinates when they were last compared, the mean over a period.
+        since: time since then.
+    """
+
+    region: int = NOWHERE
+    first: float = math.inf
+    squares: Array | None = None
+    since: float = 0.0
+
+    def later(self, time: float, squares: Array, decay: Array) -> tuple[Approach, bool]:
+        """The same after a time, and whether Floquet coordinates have fallen as they must.
+
+        They are compared when at half its rate the slowest would have fallen so much.
+        """
+        if self.squares is None:
+            return replace(self, squares=squares, since=0.0), False
+        slowest = decay[self.squares >= ACTING * self.squares.sum()].min()
+        if (since := self.since + time) * slowest < -math.log(FALLEN):
+            return replace(self, since=since), False
+        acting = squares >= ACTING * squares.sum()
+        fallen = (squares <= FALLEN * self.squares)[acting].all()
+        return replace(self, squares=squares, since=0.0), bool(fallen)
+
+
 @dataclass(frozen=True)
 class WatchedTask(Task):
     """A motion that ends where it has reached a region.
@@ -295,8 +336,7 @@ class WatchedTask(Task):
         nearer: share of its first distance within a region at which it has reached that.
         every: of its samples one in so many is judged.
         phases: of those in a block, `Excitation.phases`.
-        inside: the region in which it was before, or NOWHERE.
-        first: its largest distance in its first period there.
+        approach: how it has come nearer to one before.
         kept: whether all samples are answered, or only the last.
     """
 
@@ -304,19 +344,17 @@ class WatchedTask(Task):
     nearer: float = NEARER
     every: int = 1
     phases: Array = field(default_factory=lambda: np.zeros((1, 0)))
-    inside: int = NOWHERE
-    first: float = math.inf
+    approach: Approach = field(default_factory=Approach)
     kept: bool = False
 
 
 @dataclass(frozen=True)
 class Watched:
-    """What came of it: which region it has reached, and in which it was at the end."""
+    """What came of it: which region it has reached, and how it has come nearer to one."""
 
     outcome: Outcome
     label: int
-    inside: int
-    first: float
+    approach: Approach
 
 
 class _Watch(Observer):
@@ -328,8 +366,7 @@ class _Watch(Observer):
         self.tasks, self.rows = tasks, 2 * tasks[0].model.moving
         self.labels = np.full(len(tasks), NOWHERE)
         self.judged = np.zeros(len(tasks), dtype=int)  # blocks
-        self.inside = np.array([task.inside for task in tasks])  # where the last block lies
-        self.first = np.array([task.first for task in tasks])
+        self.approaches = [task.approach for task in tasks]  # up to the last block
         members_of: dict[int, list[int]] = {}  # each list of regions
         for member, task in enumerate(tasks):
             if task.regions:
@@ -368,10 +405,12 @@ class _Watch(Observer):
             self.labels[reached] = k
             found += reached.tolist()
         last = np.stack([region.distances(blocks[:, -1]) for region in regions])
-        nearest, before = last.argmin(axis=0), self.inside[members]
-        self.inside[members] = NOWHERE
+        nearest, before = last.argmin(axis=0), [self.approaches[member] for member in members]
+        for member in members:
+            self.approaches[member] = Approach()
         if np.isinf(last).all():
             return found
+        time = (task.times[1] - task.times[0]) * blocks.shape[1] * task.every
         for k, region in enumerate(regions):
             some = np.flatnonzero((nearest == k) & np.isfinite(last[k]))
             if not some.size:
@@ -380,14 +419,28 @@ class _Watch(Observer):
             largest = region.distances(rows.reshape(-1, rows.shape[2])).reshape(rows.shape[:2])
             largest = largest.max(axis=1)
             some, largest = some[np.isfinite(largest)], largest[np.isfinite(largest)]
-            at = members[some]
-            new = before[some] != k
-            self.first[at[new]] = largest[new]
-            self.inside[at] = k
-            near = np.where(new, 0.0, task.nearer * self.first[at])
-            reached = largest <= np.maximum(near, FLOOR)
-            self.labels[at[reached]] = k
-            found += at[reached].tolist()
+            squares = None
+            if region.floquet is not None and some.size:
+                states = blocks[some].reshape(-1, blocks.shape[2])
+                squares = np.abs(region.floquet(states)) ** 2
+                squares = squares.reshape(some.size, blocks.shape[1], -1)
+            for i, (place, distance) in enumerate(
+                zip(some.tolist(), largest.tolist(), strict=True)
+            ):
+                approach, near = before[place], FLOOR
+                if approach.region == k:
+                    near = max(near, task.nearer * approach.first)
+                else:
+                    approach = Approach(k, distance)
+                reached = distance <= near
+                if squares is not None and region.floquet is not None:
+                    mean, decay = squares[i].mean(axis=0), region.floquet.decay
+                    approach, fallen = approach.later(time, mean, decay)
+                    reached |= fallen
+                self.approaches[members[place]] = approach
+                if reached:
+                    self.labels[members[place]] = k
+                    found.append(int(members[place]))
         return found
 
 
@@ -397,8 +450,8 @@ def watched(tasks: Sequence[WatchedTask], shown: bool, observer: Observer) -> li
     outcomes: list[Outcome] = integrate(tasks, shown, watch if watch.groups else observer)
     if not tasks[0].kept:
         outcomes = [(rows[-1:].copy(), calls, why) for rows, calls, why in outcomes]
-    states = zip(watch.labels.tolist(), watch.inside.tolist(), watch.first.tolist(), strict=True)
-    return [Watched(outcome, *state) for outcome, state in zip(outcomes, states, strict=True)]
+    states = zip(outcomes, watch.labels.tolist(), watch.approaches, strict=True)
+    return [Watched(*state) for state in states]
 
 
 def judged_step(regions: Sequence[Region], most: float) -> tuple[float, float]:
@@ -433,7 +486,7 @@ def follow(
         nearer: share of its first distance within a region at which a motion has reached it.
     """
     labels, ends = np.full(len(states), NOWHERE), states.copy()
-    inside, nearest = labels.copy(), np.full(len(states), math.inf)
+    approaches = [Approach()] * len(states)
     step, longest = judged_step(regions, duration)
     if drive.period:
         step, longest = drive.period / PHASES, max([r.period for r in regions] or [drive.period])
@@ -453,21 +506,13 @@ def follow(
             members=len(states),
         )
         of_all = WatchedTask(**vars(first), regions=regions, nearer=nearer, phases=phases)
-        tasks = [
-            replace(
-                of_all,
-                start=np.append(ends[i], 0.0),
-                inside=int(inside[i]),
-                first=float(nearest[i]),
-            )
-            for i in going
-        ]
+        tasks = [replace(of_all, start=ends[i], approach=approaches[i]) for i in going]
         together = max(min(MEMBERS, LARGEST_BATCH // (count * tasks[0].start.size)), BATCH)
         answers = in_batches(tasks, watched, executor, shown, together)
         for i, one in zip(going.tolist(), answers, strict=True):
             rows, _, why = one.outcome
             labels[i] = STOPPED if why is not None else one.label
-            ends[i], inside[i], nearest[i] = rows[-1, :-1], one.inside, one.first
+            ends[i], approaches[i] = rows[-1], one.approach
         elapsed += float(times[-1])
         stage = elapsed
     return labels, ends

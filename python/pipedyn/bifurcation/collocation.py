@@ -281,6 +281,15 @@ def collocation_maps(motion: VectorField, orbit: PeriodicOrbit) -> tuple[Array, 
     return ends[:, :, : motion.size], units
 
 
+def interval_derivatives(motion: VectorField, orbit: PeriodicOrbit) -> Array:
+    """Of the accelerations at the stages by the state where an interval begins.
+
+    Shape (M, s, moving, 2 moving); orbits on which the collocation equations still hold.
+    """
+    by_rates, _, _ = _condensed(motion, orbit, None)
+    return by_rates[..., : motion.size].reshape(*orbit.rates.shape, motion.size)
+
+
 # ----------------------------------------------------------------------------- Newton's method
 
 

@@ -434,7 +434,7 @@ def _known_solutions(
             for branch in cycles:
                 signs = (1.0, -1.0) if branch.mirrored else (1.0,)
                 solutions += [
-                    KnownSolution.cycle(cycle.stable, cycle.orbit, sign)
+                    KnownSolution.cycle(motion, cycle.stable, cycle.orbit, sign)
                     for cycle in branch.at(u)
                     for sign in signs
                 ]

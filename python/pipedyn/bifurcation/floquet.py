@@ -122,6 +122,12 @@ def _closing(orbit: PeriodicOrbit, tolerance: float) -> Closing | None:
     return known if known is not None and SENSITIVITY * known.step <= tolerance else None
 
 
+def parts_for(motion: VectorField, orbit: PeriodicOrbit, tolerance: float) -> NDArray[np.int_]:
+    """Parts of each interval, (M,), with which multipliers are known to a tolerance."""
+    turns = _turns(motion, orbit)
+    return np.ceil(np.maximum(turns / _longest(tolerance), 1.0)).astype(int)
+
+
 def _longest(tolerance: float) -> float:
     """Largest |lambda| h of an interval with which multipliers are known to a tolerance."""
     return TURN * (tolerance / TOLERANCE) ** 0.0625

@@ -13,6 +13,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from pipedyn.bifurcation.capture import COARSE, FINE, Region
+from pipedyn.bifurcation.floquet_coordinates import floquet_coordinates
 from pipedyn.bifurcation.periodic_orbit import PeriodicOrbit
 from pipedyn.bifurcation.vector_field import VectorField
 from pipedyn.linear.eigenproblem import Complex
@@ -45,7 +46,9 @@ class KnownSolution:
     sign: float = 1.0
 
     @staticmethod
-    def cycle(stable: bool, orbit: PeriodicOrbit, sign: float = 1.0) -> KnownSolution:
+    def cycle(
+        motion: VectorField, stable: bool, orbit: PeriodicOrbit, sign: float = 1.0
+    ) -> KnownSolution:
         """That of an orbit."""
         mesh = orbit.edges
         if orbit.symmetric:
@@ -56,6 +59,9 @@ class KnownSolution:
             mesh,
             FINE if stable else COARSE,  # nothing but its distance from others is asked for
         )
+        if stable:
+            coordinates = floquet_coordinates(motion, orbit, region.units, sign)
+            region = replace(region, floquet=coordinates)
         return KnownSolution(stable, region, orbit, sign)
 
     def recorded(self, samples: int) -> tuple[Array, Array]:

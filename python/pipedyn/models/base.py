@@ -412,13 +412,13 @@ class Model(OfPipe, ABC):
     def compiled_rates(self) -> Any:
         """What the core's integrators take: `compiled`, or a function.
 
-        Of times (k,), states [p, p', W] (2 moving + 1, k), flow speeds (k,) and, if anything drives
-        them, this, (ROWS, k).
+        Of times (k,), states of k columns as `motion_rates` takes them, flow speeds (k,) and, if
+        anything drives them, this, (ROWS, k).
         """
         whole = self.compiled
         if whole is not None:
             return whole
-        return lambda t, y, *flow: self.motion.rhs_and_power(t[0], y, *flow)
+        return lambda t, y, u, drive=None: self.motion_rates(y, u, drive, t[0])
 
     @cached_property
     def equations(self) -> Any:
@@ -624,15 +624,19 @@ class Model(OfPipe, ABC):
         """
         return float(np.abs(p).max())
 
-    def motion_rates(self, y: Array, u: float | Array, drive: Array | None = None) -> Array:
-        """Rates of [p, p'], shape (2 moving,), or (2 moving, k) of k columns.
+    def motion_rates(
+        self, y: Array, u: float | Array, drive: Array | None = None, t: float = 0.0
+    ) -> Array:
+        """Rates of [p, p'] or, with the work W done on them, of [p, p', W]; (rows,) or (rows, k).
 
         drive: what drives them, see `pipedyn.models.drive`, (ROWS,) or (ROWS, k).
         """
+        if len(y) > 2 * self.moving:
+            return np.asarray(self.motion.rhs_and_power(t, y, u, drive))
         if self.motion is self.core:  # which advances these, and needs no work for it
-            return np.asarray(self.core.rhs(0.0, y, u, drive))
+            return np.asarray(self.core.rhs(t, y, u, drive))
         work = np.zeros((1, *y.shape[1:]))
-        rates: Array = self.motion.rhs_and_power(0.0, np.concatenate([y, work]), u, drive)
+        rates: Array = self.motion.rhs_and_power(t, np.concatenate([y, work]), u, drive)
         return rates[:-1]
 
     def motion_jacobian(self, y: Array, u: float | Array, drive: Array | None = None) -> Array:

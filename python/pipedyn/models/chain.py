@@ -65,19 +65,21 @@ class Chain(Model):
         n: number of segments; not needed where an array is given.
         springs: stiffness k_j of the joint at each segment's side towards the root, in EI / L,
             shape (n,), each >= 0, and one more for a guided or clamped end; or a rule:
-            "consistent": 1 / k_j is the length, or where the stiffness e varies the integral of
-            1 / e over what lies nearer to joint j than to any other, with all of the base at the
-            first; n on n equal segments, but 2 n at clamps. Second order.
-            "midpoint": n equal cells with a joint in the middle of each, all springs n; half a
-            cell stays fixed at the clamp and the last segment is half a cell. Second order, for a
-            clamped root, an end free or pinned and no supports.
-            "uniform": all springs n. First order.
-            "frequency": all equal, the chain's first frequency without flow, gravity and terms
-            that of the cantilever. First order.
-            "rayleigh" (the paper's): all equal; the Rayleigh quotient of the tip-load shape,
-            sampled at the joints, that of the cantilever's first frequency. It does not converge
-            to the continuous pipe, but to one with 0.97133 of its bending stiffness: without
-            gravity frequencies and critical speed end 1.44 % low.
+
+            - "consistent": 1 / k_j is the length, or where the stiffness e varies the integral of
+              1 / e over what lies nearer to joint j than to any other, with all of the base at the
+              first; n on n equal segments, but 2 n at clamps. Second order.
+            - "midpoint": n equal cells with a joint in the middle of each, all springs n; half a
+              cell stays fixed at the clamp and the last segment is half a cell. Second order, for a
+              clamped root, an end free or pinned and no supports.
+            - "uniform": all springs n. First order.
+            - "frequency": all equal, the chain's first frequency without flow, gravity and terms
+              that of the cantilever. First order.
+            - "rayleigh" (the paper's): all equal; the Rayleigh quotient of the tip-load shape,
+              sampled at the joints, that of the cantilever's first frequency. It does not converge
+              to the continuous pipe, but to one with 0.97133 of its bending stiffness: without
+              gravity frequencies and critical speed end 1.44 % low.
+
             Springs that these rules make equal are, where the stiffness varies, in proportion to
             its harmonic mean over the cell, or else over the joint's segment.
         lengths: of the segments in L, shape (n,), each > 0, one ending at each support; equal where
@@ -480,8 +482,12 @@ class Chain(Model):
     def free_states(self, y: Array) -> Array:
         return super().free_states(y) if self.supported is None else self.supported.free_states(y)
 
-    def motion_rates(self, y: Array, u: float | Array, drive: Array | None = None) -> Array:
-        return np.asarray(self.motion.rhs(0.0, y, u, drive))
+    def motion_rates(
+        self, y: Array, u: float | Array, drive: Array | None = None, t: float = 0.0
+    ) -> Array:
+        if len(y) > 2 * self.moving:
+            return super().motion_rates(y, u, drive, t)
+        return np.asarray(self.motion.rhs(t, y, u, drive))
 
     def projected(self, p: Array, rates: Array) -> tuple[Array, Array]:
         if self.supported is None:

@@ -88,7 +88,7 @@ class Task:
     model: Model
     u: Speed
     times: Array  # of the samples, shape (S,)
-    start: Array  # [p, p', 0] of what is integrated, shape (2 moving + 1,); at constant head with u
+    start: Array  # [p, p'] or, with the work done, [p, p', 0]; at constant head with u besides
     rtol: float
     atol: float
     method: str  # of METHODS, not "auto"
@@ -112,11 +112,11 @@ class Task:
         return (u, np.array(others)) if any(others) else (u,)
 
     def rates(self, t: float, y: Array) -> Array:
-        """Of a state [p, p', W], or [p, p', W, u]."""
+        """Of a state [p, p'], [p, p', W] or [p, p', W, u]."""
         u, *drive = self.flow(t)
         if self.constant_head is not None:
             return self.constant_head.rates(t, y, *drive)
-        return np.asarray(self.model.motion.rhs_and_power(t, y, u, *drive))
+        return self.model.motion_rates(y, u, drive[0] if drive else None, t)
 
     def jacobian(self, t: float, y: Array, u: float, drive: Array | None = None) -> Array:
         """Derivative of the rates at a flow.
@@ -124,7 +124,7 @@ class Task:
         W acts on nothing, and Newton's method does without its own row.
         """
         size = 2 * self.model.moving
-        others = np.delete(np.arange(y.size), size)
+        others = np.flatnonzero(np.arange(y.size) != size)
         if self.constant_head is not None:
             slopes = self.constant_head.jacobian(y[others], drive)
         else:
@@ -288,9 +288,10 @@ def _in_core(tasks: Sequence[Task], shown: bool, observer: Observer) -> list[Out
     if first.drive is not None:
         u = first.drive if first.drive.numbers is None else first.drive.numbers
     start = np.stack([task.start for task in tasks], axis=1)
+    rtol, atol = np.array([(task.rtol, task.atol) for task in tasks]).T
     motion = _core.Integrator(
-        *(model.compiled_rates, u, start, first.t0, first.rtol, first.atol, first.most),
-        *(first.max_step, None if first.method == "dop853" else first.jacobian),
+        *(model.compiled_rates, u, start, first.t0, rtol, atol, first.most, first.max_step),
+        None if first.method == "dop853" else first.jacobian,
         None if first.constant_head is None else first.constant_head.core,
     )
     monitors = [Monitor(task) for task in tasks]
@@ -382,7 +383,8 @@ def state_after(
 
     motion = _core.Integrator(
         of_all,
-        *(np.zeros(1), start[:, None], 0.0, rtol, atol, MOST_CALLS, math.inf),
+        *(np.zeros(1), start[:, None], 0.0, np.array([rtol]), np.array([atol]), MOST_CALLS),
+        math.inf,
         None if jacobian is None else lambda t, y, u: jacobian(y),
     )
     state = np.empty((1, 1, start.size))
@@ -466,12 +468,12 @@ def fastest_rates(model: Model) -> tuple[float, float]:
 def _strongest(model: Model, first: int) -> float:
     """Largest ratio of accelerations to coordinates (first 0) or velocities, by iteration."""
     size = model.moving
-    rest = np.concatenate([model.resting(), np.zeros(size + 1)])
+    rest = np.concatenate([model.resting(), np.zeros(size)])
 
     def accelerations(moved: Array | float) -> Array:
         state = rest.copy()
         state[first : first + size] += moved
-        return model.motion.rhs_and_power(0.0, state, 0.0)[size:-1]
+        return model.motion_rates(state, 0.0)[size:]
 
     at_rest = accelerations(0.0)
 

@@ -285,7 +285,7 @@ def exponents_together(
     for i in range(len(growth)):
         going = [k for k in range(len(states)) if k not in answers]
         tasks = [
-            replace(first, u=speeds[k], start=np.append(y, 0.0))
+            replace(first, u=speeds[k], start=y)
             for k in going
             for y in (here[k], here[k] + apart[k])
         ]

@@ -182,7 +182,7 @@ def legend_below(ax: Axes, named: Mapping[str, Any] | None = None) -> None:
         ax.figure.set_layout_engine("constrained")  # or what stands below is cut off
     below = ScaledTranslation(0.0, -0.42, ax.figure.dpi_scale_trans)  # inches: ticks and a label
     size = FontProperties(size=matplotlib.rcParams["legend.fontsize"]).get_size_in_points()
-    size = min(size, 6.0) if len(named) > 6 else size
+    size *= 0.8 if len(named) > 6 else 1.0
     texts = [TextPath((0.0, 0.0), name, size=size).get_extents().width for name in named]
 
     def width(columns: int) -> float:

@@ -37,12 +37,12 @@ FINER = 12
 def cycle_boundary(
     found: CycleBoundary, *, units: Units = "nondimensional", ax: Axes | None = None
 ) -> Axes:
-    """Curves of events of cycles in the plane of two numbers, and where the pipe may snap.
+    """Curves of events of cycles in the plane of two numbers, and where a push may start flutter.
 
     Curves are solid where a stable cycle meets them, dashed where all cycles nearby are unstable.
     Where the straight pipe becomes unstable the curve is black. From a fold below the onset, from
     which stable cycles lead to higher speeds, up to the next speed at which the straight pipe loses
-    stability, both are stable, rest and large flutter: that is shaded, "it may snap here". Markers
+    stability, both are stable, rest and large flutter, and a push decides: that is shaded. Markers
     are named points.
 
     Args:
@@ -83,15 +83,15 @@ def cycle_boundary(
         place = np.arange(len(x) - 1) // FINER
         opens = np.where(curve.opens[:-1] != 0, curve.opens[:-1], curve.opens[1:])
         stable = np.maximum(curve.unstable[:-1], curve.unstable[1:]) == 0
-        snaps = np.append(((opens > 0) & stable)[place], False)
-        snaps[1:] |= snaps[:-1]
+        both = np.append(((opens > 0) & stable)[place], False)
+        both[1:] |= both[:-1]
         until = _stable_until(found.onsets, second, speed, across)
-        snaps &= np.isfinite(until) & ~(speed >= onset)
-        if snaps.any():
+        both &= np.isfinite(until) & ~(speed >= onset)
+        if both.any():
             look = {"color": common.ORANGE, "alpha": 0.25, "linewidth": 0.0, "zorder": 0.5}
             by, per = one if across else one[::-1]
             ends = per * second, by * speed, by * until
-            shade(*ends, where=snaps, label="it may snap here", **look)
+            shade(*ends, where=both, label="rest and flutter both stable", **look)
     black: dict[str, Any] = {"color": common.BLACK, "linewidth": 1.4, "zorder": 2.5}
     if found.onsets is not None:
         for bound in found.onsets.curves:
