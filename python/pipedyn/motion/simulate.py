@@ -757,7 +757,13 @@ def checked_start(model: Model, q0: Any, qdot0: Any) -> Array:
     """[p, p', 0] of the arguments `q0` and `qdot0`, shape (2 moving + 1,)."""
     if not callable(q0):
         check.numbers("q0", q0, "an angle theta(s) or coordinates")
-    return np.append(model.start(model.bent(q0) if callable(q0) else q0, qdot0), 0.0)
+        return np.append(model.start(q0, qdot0), 0.0)
+    try:
+        bent = model.bent(q0)
+    except (ValueError, TypeError) as error:
+        rule = "q0 must make angles, shape (p,), of arc lengths, shape (p,)"
+        raise type(error)(f"{rule}: {error}") from error
+    return np.append(model.start(bent, qdot0), 0.0)
 
 
 def state_of(model: Model, name: str, start: Any, kinds: str) -> Array:
