@@ -442,7 +442,8 @@ class _Batch:
             settled = record is not None and record.seems_settled()
             run.settled = settled and not run.roughly
             run.under_way &= not settled
-            if record is not None and record.ending == "irregular" and not settled:
+            unknown = run.approach.region == NOWHERE  # else it will soon have reached that
+            if record is not None and record.ending == "irregular" and not settled and unknown:
                 irregular.append((run, record))
         records = self.advance([*tried, *beside], 0.0, stretch)
         self.elapsed += stretch

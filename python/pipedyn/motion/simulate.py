@@ -71,6 +71,9 @@ LARGEST_ENSEMBLE = 1_000_000
 BATCH = 32
 """Members of a batch, in whole vectors: measured, the cost of a member falls little beyond."""
 
+VECTOR = 4
+"""Members that take as long as one, at least: those that the core's vectors hold."""
+
 
 class Trajectory:
     """States of a model at times: what motions, limit cycles and forced motions have in common."""
@@ -451,8 +454,10 @@ def in_batches(
         members_of.setdefault(key, []).append(i)
     blocks = []
     for same in members_of.values():
-        together = members if tasks[same[0]].method == "dop853" else 1
-        blocks += [same[i : i + together] for i in range(0, len(same), together)]
+        explicit = tasks[same[0]].method == "dop853"
+        least = 2 if len(same) > VECTOR else 1  # for two threads
+        count = max(math.ceil(len(same) / members), least) if explicit else len(same)
+        blocks += [part.tolist() for part in np.array_split(same, count)]
     observer = Observer()
     jobs = [partial(work, [tasks[i] for i in block], False, observer) for block in blocks]
     own = executor is None and len(jobs) > 1 and all(map(runs_unlocked, tasks))
