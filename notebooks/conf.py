@@ -2,6 +2,7 @@
 """The book: `sphinx-build -W notebooks <folder>` with the extra "docs"."""
 
 import importlib.util
+import inspect
 import re
 from pathlib import Path
 
@@ -35,7 +36,10 @@ nb_merge_streams = True
 
 autodoc_member_order = "bysource"
 autodoc_typehints = "none"  # the text says what each argument is
-autodoc_default_options = {"members": True}
+SHARED = "Result, Saved, TableResult, ResultSequence, Sequence, BaseException"
+# Bases whose members stand once, on the page of results, or belong to Python.
+
+autodoc_default_options = {"members": True, "inherited-members": SHARED}
 napoleon_google_docstring = True
 napoleon_numpy_docstring = False
 napoleon_attr_annotations = False
@@ -91,6 +95,37 @@ def called(app, what, name, obj, options, signature, return_annotation):
     return ("", None) if result or name in GIVEN else (signature, return_annotation)
 
 
+def attributes(lines):
+    """The section "Attributes" of a class's docstring: where it stands, and its lines by name."""
+    start = stop = lines.index("Attributes:") + 1 if "Attributes:" in lines else len(lines)
+    found = {}
+    while stop < len(lines) and (lines[stop].startswith(" ") or not lines[stop]):
+        if entry := re.match(r"    (\w+(?:, \w+)*): (.*)", lines[stop]):
+            names, text = entry.groups()
+            several = {name: [f"    {name}: {text}"] for name in names.split(", ")}
+            found |= several
+        elif lines[stop]:
+            for entry in several.values():
+                entry.append(lines[stop])
+        stop += 1
+    return slice(start, stop), found
+
+
+def with_inherited(app, what, name, obj, options, lines):
+    """Fields of a result, those of its bases too, each with an entry of its own."""
+    if what != "class" or not issubclass(obj, Result) or obj.__name__ in SHARED.split(", "):
+        return
+    found = {}
+    for base in reversed(obj.__mro__[1:]):
+        if base.__module__.startswith("pipedyn") and base.__name__ not in SHARED.split(", "):
+            found |= attributes((inspect.getdoc(base) or "").splitlines())[1]
+    within, own = attributes(lines)
+    entries = [line for entry in (found | own).values() for line in entry]
+    if entries:
+        heading = [] if "Attributes:" in lines else ["", "Attributes:"]
+        lines[within] = [*heading, *entries, ""]
+
+
 def marked(line):
     """A line of a docstring in reStructuredText: `code` becomes a literal, bars are magnitudes."""
     if line.lstrip().startswith((">>>", "...")):
@@ -134,6 +169,7 @@ def plain_words(app, what, name, obj, options, lines):
 def setup(app):
     """Registers the above."""
     app.add_role("source", source)
+    app.connect("autodoc-process-docstring", with_inherited, priority=400)  # before napoleon
     app.connect("autodoc-process-docstring", plain_words)
     app.connect("autodoc-process-signature", called)
     app.connect("autodoc-skip-member", internal)

@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from matplotlib.markers import TICKUP
 
 import pipedyn as pp
 from pipedyn import plot
@@ -22,6 +23,11 @@ CHAIN = pp.Chain(PIPE, 3)
 LOCI = pp.root_loci(CHAIN, [0.0, 1.0, 2.0], 2)
 MODES = pp.modes(CHAIN, 1.0)
 CRITICAL = pp.critical_speed(CHAIN)
+BUCKLED = pp.boundary(
+    pp.Chain(pp.Pipe(0.2, -10.0), 4),
+    *("beta", "u", {"beta": (0.1, 0.5), "u": (0.0, 8.0)}),
+    criticality=False,
+)
 BOUNDARY = pp.boundary(CHAIN, "beta", "u", {"beta": (0.1, 0.2), "u": (0.0, 8.0)}, criticality=False)
 
 
@@ -157,12 +163,10 @@ def side(line):
 
 
 def test_ticks_of_a_map_point_to_the_unstable_side_and_words_tell_what_divergence_it_is():
-    window = {"beta": (0.1, 0.5), "u": (0.0, 8.0)}
-    buckled = pp.boundary(pp.Chain(pp.Pipe(0.2, -10.0), 4), "beta", "u", window, criticality=False)
+    window = {"beta": (0.1, 0.5), "u": (0.0, 4.0)}
     held = pp.Galerkin(pp.Pipe(0.6, root="pinned", end="pinned"), 4, "beam")
-    pinned = pp.boundary(held, "beta", "u", {**window, "u": (0.0, 4.0)}, criticality=False)
-    lowest = math.inf
-    for found, words in ((buckled, "buckled by its weight below"), (pinned, "divergence above")):
+    pinned = pp.boundary(held, "beta", "u", window, criticality=False)
+    for found, words in ((BUCKLED, "buckled by its weight below"), (pinned, "divergence above")):
         ax = plot.stability_map({"a": found}, ax=axes())
         assert [text.get_text() for text in ax.texts] == [words]
         for line in shown(ax):
@@ -171,7 +175,7 @@ def test_ticks_of_a_map_point_to_the_unstable_side_and_words_tell_what_divergenc
         labels = [text.get_text() for text in ax.get_legend().get_texts()]
         assert labels == ["a", "ticks: unstable side"]
     lowest = min(
-        line.get_ydata().max() for line in shown(plot.stability_map({"a": buckled}, ax=axes()))
+        line.get_ydata().max() for line in shown(plot.stability_map({"a": BUCKLED}, ax=axes()))
     )
     assert lowest < 2.0  # the flow straightens the pipe
 
@@ -184,10 +188,17 @@ def test_a_map_has_the_label_of_what_was_swept_and_shows_what_failed():
 
     found = pp.stability_curve(model, [0.5, 1.0, 1.5])
     ax = plot.stability_map({"hose": found}, parameter="length (m)", ax=axes())
-    points, crosses = shown(ax)
+    points, ticks, crosses = shown(ax)
     np.testing.assert_array_equal(points.get_xydata(), np.c_[found.values, found.speeds])
     assert (crosses.get_marker(), crosses.get_xdata()) == ("x", [1.5])
+    np.testing.assert_array_equal(ticks.get_xydata(), points.get_xydata())
+    assert ticks.get_marker() == TICKUP
     assert ax.get_xlabel() == "length (m)"
+    assert plot.stability_map({"hose": found}, ax=axes()).get_xlabel() == "length"
+    by_gamma = pp.stability_curve(lambda gamma: pp.Chain(pp.Pipe(0.3, gamma), 3), [0.0, 1.0])
+    assert "gravity" in plot.stability_map({"a": by_gamma}, ax=axes()).get_xlabel()
+    several = plot.stability_map({"hose": found, "other": by_gamma}, ax=axes())
+    assert several.get_xlabel() == "parameter of the curves"
     assert "gravity" in plot.stability_map({"a": STANDING}, ax=axes()).get_xlabel()
     failed = dataclasses.replace(BOUNDARY, failures=("a curve was not followed",))
     legend = plot.stability_map({"a": failed}, ax=axes()).get_legend()
@@ -206,7 +217,9 @@ def test_a_map_tells_where_no_loss_of_stability_was_found(max_speed):
     np.testing.assert_array_equal(found.no_loss_up_to, [end, math.nan, math.nan])
     ax = plot.stability_map({"chain": found}, parameter="segments", ax=axes())
     labels = [text.get_text() for text in ax.get_legend().get_texts()]
-    assert labels == ["chain", f"chain: no loss of stability up to $u = {end:g}$"]
+    assert labels == [
+        *("chain", f"chain: no loss of stability up to $u = {end:g}$", "ticks: unstable side")
+    ]
     (mark,) = (line for line in ax.lines if line.get_marker() == "^")
     np.testing.assert_array_equal(mark.get_xdata(), [1.0])
 
@@ -339,6 +352,29 @@ def test_the_legend_of_the_convergence_picture_fits_below_and_no_decade_is_empty
     ]
 
 
+@pytest.mark.parametrize("name", ["boundary", "stability_map", "time_history", "frequencies"])
+@pytest.mark.parametrize("within", [plot.style, nullcontext], ids=["style", "defaults"])
+def test_at_one_column_nothing_is_cut_off_and_the_curves_have_room(name, within):
+    shows = {"boundary": BUCKLED, "stability_map": {"n = 4": BUCKLED}, "frequencies": LOCI}
+    motion = pp.simulate(pp.Chain(HOSE, 3), 2.0, 2.0, lambda s: 0.1 * s)
+    units = {"units": "si"} if name == "time_history" else {}
+    with within():
+        figure = Figure(figsize=(3.4, 2.45))
+        FigureCanvasAgg(figure)
+        ax = getattr(plot, name)(shows.get(name, motion), ax=figure.subplots(), **units)
+        figure.canvas.draw()
+        texts = [ax.xaxis.label, ax.yaxis.label, *ax.texts]
+        texts += [] if ax.get_legend() is None else [ax.get_legend()]
+        boxes = [text.get_window_extent() for text in texts]
+        for box in boxes:
+            assert figure.bbox.x0 <= box.x0 < box.x1 <= figure.bbox.x1
+            assert figure.bbox.y0 <= box.y0 < box.y1 <= figure.bbox.y1
+        frame = ax.get_window_extent()
+        assert frame.height > 0.5 * figure.bbox.height
+        for text in ax.texts:  # clear of the axis line
+            assert text.get_window_extent().y0 > frame.y0 + 1.0
+
+
 PICTURES = {
     name: inspect.signature(getattr(plot, name)).parameters
     for name in plot.__all__
@@ -461,7 +497,7 @@ def test_every_picture_shows_si_units_on_request():
     metre, second, speed = HOSE.length_si(1.0), HOSE.time_si(1.0), HOSE.speed_si(1.0)
     units = {  # what a nondimensional 1 is, in the unit that a label ends with
         "flow speed (m/s)": speed,
-        "velocity of the free end $\\dot x$ (m/s)": metre / second,
+        "velocity of the free end $\\dot{x}$ (m/s)": metre / second,
         "(m)": metre,
         "time (s)": second,
         "(Hz)": HOSE.frequency_si(1.0) / (2.0 * math.pi),

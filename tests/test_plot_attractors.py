@@ -105,7 +105,7 @@ def test_a_section_of_a_measured_pipe_has_axes_in_si_units():
     top, right = section.child_axes
     assert (top.get_xlabel(), right.get_ylabel()) == (
         "free end $x$ (m)",
-        "rate $\\dot q_{1}$ at a maximum of the free end (1/s)",
+        "rate $\\dot{q}_{1}$ at a maximum of the free end (1/s)",
     )
     section.figure.canvas.draw()
     assert top.get_xlim()[1] == pytest.approx(0.5 * section.get_xlim()[1])

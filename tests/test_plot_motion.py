@@ -350,7 +350,7 @@ def test_nothing_of_a_picture_of_motion_is_cut_off(draw, name):
         box = text.get_window_extent()
         assert whole.x0 <= box.x0 < box.x1 <= whole.x1
         assert whole.y0 <= box.y0 < box.y1 <= whole.y1
-    assert re.search(r"/ L\$|\\tau = ", ax.xaxis.label.get_text())  # the unit is told
+    assert re.search(r"/L\$|\\tau=", ax.xaxis.label.get_text())  # the unit is told
     for patch in ax.patches:
         box = patch.get_window_extent()
         assert inside.x0 <= box.x0 <= box.x1 <= inside.x1

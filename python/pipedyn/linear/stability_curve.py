@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import inspect
 import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import field
@@ -62,6 +63,7 @@ class StabilityCurve(TableResult, units=dict.fromkeys(("no_loss_up_to", "max_spe
             asked for; empty where the point failed.
         failures: the points that failed, with what they raised.
         max_speed: up to which every crossing was asked for, None where it was not.
+        parameter: its name, as the function that made the models calls it; empty where it has none.
 
     Example:
         >>> curve = pp.stability_curve(lambda n: pp.Chain(pp.Pipe(0.2), round(n)), [5, 10, 20])
@@ -76,6 +78,7 @@ class StabilityCurve(TableResult, units=dict.fromkeys(("no_loss_up_to", "max_spe
     crossings: tuple[tuple[Crossing, ...], ...] = field(repr=False)
     failures: tuple[Failure, ...]
     max_speed: float | None = None
+    parameter: str = field(default="", repr=False)
 
     @property
     def no_loss_up_to(self) -> Array:
@@ -168,7 +171,15 @@ def stability_curve(
     at, answers, failures = swept(make_model, values, solve, executor, progress)
     none: Point = (None, ())
     critical, found = zip(*(none if one is None else one for one in answers), strict=True)
-    return StabilityCurve(at, critical, found, failures, max_speed)
+    return StabilityCurve(at, critical, found, failures, max_speed, _name_of_argument(make_model))
+
+
+def _name_of_argument(function: Callable[[float], Any]) -> str:
+    """Of the first argument, empty where Python does not tell."""
+    try:
+        return next(iter(inspect.signature(function).parameters), "")
+    except ValueError:
+        return ""
 
 
 def swept(

@@ -3,8 +3,9 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
-from contextlib import AbstractContextManager
+from contextlib import AbstractContextManager, suppress
 from typing import Any, cast
 
 import matplotlib
@@ -15,19 +16,20 @@ from matplotlib.figure import Figure
 from matplotlib.font_manager import FontProperties
 from matplotlib.textpath import TextPath
 from matplotlib.ticker import SymmetricalLogLocator
-from matplotlib.transforms import ScaledTranslation
+from matplotlib.transforms import ScaledTranslation, blended_transform_factory
 from numpy.typing import NDArray
 
 from pipedyn.util import check
 
-SPEED_LABEL = r"flow speed $u = V L \, (\mu_f / EI)^{1/2}$"
+# Formulas without spaces: where a label is longer than the picture is high, it is broken at one.
+SPEED_LABEL = r"flow speed $u=VL\,(\mu_f/EI)^{1/2}$"
 REAL_LABEL = r"Re $\lambda$"
 IMAGINARY_LABEL = r"Im $\lambda$"
 FREQUENCY_LABEL = r"|Im $\lambda$|"
-TIME_LABEL = r"time $\tau = (t / L^2) \, [EI / (\mu_p + \mu_f)]^{1/2}$"
-TIP_LABEL = "free end $x / L$"
-TIP_RATE_LABEL = r"velocity of the free end $\mathrm{d}x / L \mathrm{d}\tau$"
-BETA_LABEL = r"mass ratio $\beta = \mu_f / (\mu_p + \mu_f)$"
+TIME_LABEL = r"time $\tau=(t/L^2)\,[EI/(\mu_p+\mu_f)]^{1/2}$"
+TIP_LABEL = "free end $x/L$"
+TIP_RATE_LABEL = r"velocity of the free end $\mathrm{d}x/L\mathrm{d}\tau$"
+BETA_LABEL = r"mass ratio $\beta=\mu_f/(\mu_p+\mu_f)$"
 
 # The colours of Okabe and Ito, which remain distinct to colour-blind readers.
 BLACK, ORANGE, SKY, GREEN = "#000000", "#E69F00", "#56B4E9", "#009E73"
@@ -136,13 +138,20 @@ def colour_bar(label: str, *, ax: Axes | NDArray[Any] | None = None) -> Axes | N
 
 
 def axes(ax: Any, size: tuple[float, float], **labels: str) -> Axes:
-    """The Axes given, or those of a new figure of pyplot, of a size in inches; with its labels."""
+    """The Axes given, or those of a new figure of pyplot, of a size in inches; with its labels.
+
+    A figure without a layout gets one, or what stands beside the Axes would be cut off.
+    """
     if ax is None:
         import matplotlib.pyplot as plt  # chooses how figures are shown, so only where needed
 
         ax = plt.subplots(figsize=size, layout="constrained")[1]
     chosen: Axes = check_type("ax", ax, Axes)
+    if isinstance(chosen.figure, Figure) and chosen.figure.get_layout_engine() is None:
+        with suppress(RuntimeError):  # it has a colour bar that was placed without
+            chosen.figure.set_layout_engine("constrained")
     chosen.set(**labels)
+    chosen.yaxis.label.set_wrap(True)
     return chosen
 
 
@@ -173,31 +182,37 @@ def coordinate_axis(coordinate: Any, coordinates: int) -> tuple[int | None, str]
 def legend_below(ax: Axes, named: Mapping[str, Any] | None = None) -> None:
     """A legend below the axis, where it hides nothing: of lines by name, or all that have one.
 
-    It has as many columns, up to four, as the figure is wide enough for; more than six names are in
-    smaller letters.
+    It has as many columns, up to four, as the figure is wide enough for. Where it would take more
+    than a fifth of the figure's height, its letters are smaller, down to six points.
     """
     if named is None:
         named = dict(zip(*reversed(ax.get_legend_handles_labels()), strict=True))
-    if isinstance(ax.figure, Figure) and ax.figure.get_layout_engine() is None:
-        ax.figure.set_layout_engine("constrained")  # or what stands below is cut off
+    spec = ax.get_subplotspec()
+    alone = spec is not None and spec.get_gridspec().ncols == 1
+    middle = blended_transform_factory(
+        ax.figure.transSubfigure if alone else ax.transAxes, ax.transAxes
+    )
     below = ScaledTranslation(0.0, -0.42, ax.figure.dpi_scale_trans)  # inches: ticks and a label
     size = FontProperties(size=matplotlib.rcParams["legend.fontsize"]).get_size_in_points()
-    size *= 0.8 if len(named) > 6 else 1.0
-    texts = [TextPath((0.0, 0.0), name, size=size).get_extents().width for name in named]
+    texts = [TextPath((0.0, 0.0), name, size=1.0).get_extents().width for name in named]
+    wide, high = 72.0 / ax.figure.dpi * np.array(ax.figure.bbox.size)
 
-    def width(columns: int) -> float:
-        """In inches: lines and gaps take five times the height of letters."""
-        longest = (max(part, default=0.0) for part in np.array_split(texts, columns))
-        return float(sum(text + 5.0 * size for text in longest)) / 72.0
+    def columns(size: float) -> int:
+        """As many as fit: lines and gaps take five times the height of letters."""
+        for count in (4, 3, 2):
+            longest = [max(part, default=0.0) for part in np.array_split(texts, count)]
+            if count <= len(texts) and size * (sum(longest) + 5.0 * count) <= wide:
+                return count
+        return 1
 
-    wide = float(ax.figure.get_figwidth()) if isinstance(ax.figure, Figure) else 0.0
-    fitting = (count for count in (4, 3, 2) if texts and width(count) <= wide)
+    while size > 6.0 and 1.7 * size * math.ceil(len(texts) / columns(size)) > 0.2 * high:
+        size = max(6.0, size - 0.5)
     ax.legend(
         *(list(named.values()), list(named)),
         loc="upper center",
         bbox_to_anchor=(0.5, 0.0),
-        bbox_transform=ax.transAxes + below,
-        ncols=next(fitting, 1),
+        bbox_transform=middle + below,
+        ncols=columns(size),
         frameon=False,
         fontsize=size,
         columnspacing=1.2,

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.colors import to_rgba
+from matplotlib.markers import TICKUP
 from matplotlib.patheffects import withTickedStroke
 from numpy.typing import NDArray
 
@@ -19,7 +20,7 @@ from pipedyn.linear.critical_speed import CriticalSpeed
 from pipedyn.linear.stability_curve import StabilityCurve
 from pipedyn.models.pipe import Pipe, scales_at
 from pipedyn.plot import common
-from pipedyn.plot.units import SPEED, Quantity, Units, View, of_number, view_of_plane
+from pipedyn.plot.units import OF_A_NUMBER, SPEED, Quantity, Units, View, of_number, view_of_plane
 from pipedyn.util import check
 from pipedyn.util.check import Array
 
@@ -213,17 +214,19 @@ def stability_map(
 ) -> Axes:
     """Where pipes lose or regain stability: flow speed against a number, of several pipes.
 
-    Ticks on a boundary point to its unstable side. Words at a curve of divergence tell whether the
-    flow buckles the pipe above it, or its weight below it. Parts on which other roots are unstable
-    are left out. Crosses on the axis are points that failed; triangles at the top are points of
-    curves at which no loss of stability was found up to a speed, and `marked` if it lies above.
+    Ticks on boundaries and at points of curves point to the unstable side. Words at a curve of
+    divergence tell whether the flow buckles the pipe above it, or its weight below it. Parts on
+    which other roots are unstable are left out. Crosses on the axis are points that failed;
+    triangles at the top are points of curves at which no loss of stability was found up to a speed,
+    and `marked` if it lies above.
 
     Args:
         boundaries: by label: boundaries with one number for x and "u" for y, and curves from
             `pipedyn.stability_curve`, which are drawn as points.
         highest: end of the axis of speed, nondimensional.
         marked: a critical speed to mark, at its pipe's beta: of boundaries over beta.
-        parameter: label of the x axis for curves, which do not know what they go over.
+        parameter: label of the x axis for curves; where not given, the name of the argument that
+            made their models.
         units: "nondimensional", or "si" where the pipe has scales.
         ax: where to draw; new Axes where not given.
 
@@ -255,11 +258,11 @@ def stability_map(
     known = next((pipe for pipe in pipes if pipe is not None), None)
     known = marked.pipe if known is None and marked is not None else known
     view = View(units, known)
-    shown = Quantity(parameter or ("parameter of the curves" if boundaries else common.BETA_LABEL))
+    shown = Quantity(parameter or _parameter(boundaries))
     if name is not None and known is not None:
         shown = of_number(name, known)
     ax = common.axes(ax, (6.4, 4.8), xlabel=view.label(shown), ylabel=view.label(SPEED))
-    drawn, failed = False, list[float]()
+    drawn, failed, divergences = False, list[float](), list[tuple[Any, ...]]()
     for (label, found), pipe, look in zip(
         boundaries.items(), pipes, cycle(common.CURVE_STYLES), strict=False
     ):
@@ -269,6 +272,8 @@ def stability_map(
             points = {"linestyle": "none", "marker": "o", "markersize": 3.5}
             speeds = found.in_si().speeds if own.si else found.speeds
             ax.plot(one[0] * found.values, speeds, label=label, **(look | points))
+            points |= {"marker": TICKUP, "markersize": 7.0, "label": "_unstable side"}
+            ax.plot(one[0] * found.values, speeds, **(look | points))
             stays = np.isfinite(found.no_loss_up_to)
             for end in np.unique(found.no_loss_up_to[stays]):
                 at = one[0] * found.values[found.no_loss_up_to == end]
@@ -295,7 +300,9 @@ def stability_map(
                 at[:, 1] = line[:, 1] * scales_at(line[:, 0], own.scales).speed
             ax.plot(*at.T, linewidth=1.3, path_effects=[ticks], **look)
             if kind == "divergence":
-                _divergence(ax, at, left, found.model.pipe.gamma < 0.0, look["color"])
+                middle = line.shape[0] // 2
+                gamma = line[middle, 0] if name == "gamma" else found.model.pipe.gamma
+                divergences.append((at[middle - 1 : middle + 1], left, gamma < 0.0, look["color"]))
     if failed:
         cross = common.open_marker(5.0, common.VERMILION, marker="x", zorder=5.0)
         place = ax.get_xaxis_transform()
@@ -309,10 +316,13 @@ def stability_map(
             height, label = 0.97, f"{label}, above"
             look |= {"marker": "^", "transform": ax.get_xaxis_transform()}
         ax.plot(marked.pipe.beta, height, label=label, **common.open_marker(7.0, **look))
-    ax.set_ylim(0.0, None if highest is None else view.one(SPEED) * highest)
+    end = 1.1 * ax.dataLim.y1 if highest is None else view.one(SPEED) * highest
+    ax.set_ylim(0.0, end if end > 0.0 else None)
+    for step in divergences:
+        _divergence(ax, *step)
     if not drawn:
         common.notice("There is no stability boundary above $u = 0$.", ax=ax)
-    elif any(isinstance(one, Boundary) for one in boundaries.values()):
+    elif boundaries:
         ticks = withTickedStroke(angle=-90.0, **TICKS)
         ax.plot([], [], color="0.3", path_effects=[ticks], label="ticks: unstable side")
     if ax.get_legend_handles_labels()[0]:  # a mark above the highest speed has none
@@ -336,6 +346,17 @@ def _swept(label: Any, one: Any) -> str | None:
     return found.names[0]
 
 
+def _parameter(boundaries: Mapping[str, Boundary | StabilityCurve]) -> str:
+    """Label of what curves go over, in the words of the functions that made their models."""
+    if not boundaries:
+        return common.BETA_LABEL
+    curves = (one for one in boundaries.values() if isinstance(one, StabilityCurve))
+    names = {one.parameter for one in curves}
+    name = names.pop() if len(names) == 1 else ""
+    known = OF_A_NUMBER.get(name)
+    return known.label if known is not None else name or "parameter of the curves"
+
+
 def _pipe(found: Boundary | StabilityCurve) -> Pipe | None:
     """Of a boundary, or of the first critical speed of a curve."""
     if isinstance(found, Boundary):
@@ -343,17 +364,21 @@ def _pipe(found: Boundary | StabilityCurve) -> Pipe | None:
     return next((one.pipe for one in found.critical if one is not None), None)
 
 
-def _divergence(ax: Axes, line: Array, left: bool, standing: bool, colour: str) -> None:
-    """Words at a curve of divergence: above it by the flow, or below it at rest."""
-    k = line.shape[0] // 2
-    above = (line[k, 0] > line[k - 1, 0]) == left
+def _divergence(ax: Axes, step: Array, left: bool, standing: bool, colour: str) -> None:
+    """Words at a step of a curve of divergence: above it by the flow, or below it at rest.
+
+    They stand on that side, or on the other where the axis is near.
+    """
+    before, at = step
+    above = (at[0] > before[0]) == left
     below = "buckled by its weight below" if standing else "divergence below"
-    words = "divergence above" if above else below
-    place: dict[str, Any] = {"ha": "center", "va": "bottom" if above else "top", "fontsize": 7.0}
-    offset = (0, 7 if above else -7)
+    share = at[1] / ax.get_ylim()[1]
+    over = share < 0.8 if above else share < 0.3
+    place: dict[str, Any] = {"ha": "center", "va": "bottom" if over else "top", "fontsize": 7.0}
     white = {"facecolor": "white", "edgecolor": "none", "pad": 0.6, "alpha": 0.85}
     place |= {"textcoords": "offset points", "color": colour, "bbox": white}
-    ax.annotate(words, line[k], offset, **place)
+    words = "divergence above" if above else below
+    ax.annotate(words, at, (0, 7 if over else -7), **place)
 
 
 def parts_of_stability(curve: BoundaryCurve, found: Boundary) -> Iterator[tuple[Array, str, bool]]:

@@ -39,23 +39,23 @@ TIME = Quantity(common.TIME_LABEL, "time (s)", si.TIME.scale)
 TIP = Quantity(common.TIP_LABEL, "free end $x$ (m)", si.LENGTH.scale)
 TIP_RATE = Quantity(
     common.TIP_RATE_LABEL,
-    r"velocity of the free end $\dot x$ (m/s)",
+    r"velocity of the free end $\dot{x}$ (m/s)",
     lambda scales: scales.length / scales.time,
 )
 AMPLITUDE = Quantity(
     "amplitude of the free end / $L$", "amplitude of the free end (m)", si.LENGTH.scale
 )
-ACROSS = Quantity("transverse $x / L$", "transverse $x$ (m)", si.LENGTH.scale)
+ACROSS = Quantity("transverse $x/L$", "transverse $x$ (m)", si.LENGTH.scale)
 ALONG = Quantity(
-    "along the straight pipe $y / L$", "along the straight pipe $y$ (m)", si.LENGTH.scale
+    "along the straight pipe $y/L$", "along the straight pipe $y$ (m)", si.LENGTH.scale
 )
 ARC = Quantity(
-    "arc length $s / L$ from the clamp", "arc length $s$ from the clamp (m)", si.LENGTH.scale
+    "arc length $s/L$ from the clamp", "arc length $s$ from the clamp (m)", si.LENGTH.scale
 )
 GROWTH = Quantity(common.REAL_LABEL, r"Re $\lambda$ (1/s)", si.RATE.scale)
 OSCILLATION = Quantity(common.IMAGINARY_LABEL, r"Im $\lambda$ (rad/s)", si.RATE.scale)
 ROOT_FREQUENCY = Quantity(
-    common.FREQUENCY_LABEL, r"|Im $\lambda$| $/ 2 \pi$ (Hz)", si.FREQUENCY.scale
+    common.FREQUENCY_LABEL, r"|Im $\lambda$| $/2\pi$ (Hz)", si.FREQUENCY.scale
 )
 FREQUENCY = Quantity(
     r"angular frequency $\omega$ (nondimensional)", "frequency (Hz)", si.FREQUENCY.scale
@@ -107,7 +107,7 @@ def view_of_plane(units: Any, pipe: Pipe, names: tuple[str, str]) -> View:
 
 def rate(coordinate: int, before: str = "", after: str = "") -> Quantity:
     """Of change of a coordinate, with words before and after it in the label."""
-    words = rf"{before}rate $\dot q_{{{coordinate}}}$"
+    words = rf"{before}rate $\dot{{q}}_{{{coordinate}}}$"
     return Quantity(f"{words}{after}", f"{words}{after} (1/s)", si.RATE.scale)
 
 
