@@ -17,9 +17,9 @@ from numpy.typing import NDArray
 from pipedyn.bifurcation.boundary import Boundary, BoundaryCurve
 from pipedyn.linear.critical_speed import CriticalSpeed
 from pipedyn.linear.stability_curve import StabilityCurve
-from pipedyn.models.pipe import Pipe, scales_at
+from pipedyn.models.pipe import Pipe
 from pipedyn.plot import common
-from pipedyn.plot.units import SPEED, Quantity, Units, View, of_number, view_of_plane
+from pipedyn.plot.units import SPEED, Plane, Quantity, Units, View, of_number
 from pipedyn.util import check
 from pipedyn.util.check import Array
 
@@ -44,7 +44,7 @@ DASHES = {"supercritical": "-", "subcritical": (0, (4, 1.5)), "": "-"}
 
 BESIDE = "other roots unstable"
 
-STABLE = "#DCEBDD"
+STABLE, OUTSIDE = "#DCEBDD", "0.88"
 PER_STEP = 8
 """Pieces in which a step of a curve is drawn."""
 
@@ -73,14 +73,12 @@ def boundary(found: Boundary, *, units: Units = "nondimensional", ax: Axes | Non
         TypeError: for bad arguments.
     """
     common.check_type("found", found, Boundary)
-    view = view_of_plane(units, found.model.pipe, found.names)
-    shown = [of_number(name, found.model.pipe) for name in found.names]
-    xlabel, ylabel = map(view.label, shown)
+    plane = Plane(units, found.model.pipe, found.names)
+    xlabel, ylabel = map(plane.label, plane.quantities)
     ax = common.axes(ax, (6.4, 4.8), xlabel=xlabel, ylabel=ylabel)
-    one = np.array(list(map(view.one, shown)))  # of x and y
-    (left, right), (low, high) = one[:, None] * found.ranges
-    shade = np.zeros((COLUMNS, COLUMNS, 4))
-    shade[_stable(found)] = to_rgba(STABLE)
+    (left, right), (low, high) = plane.limits(found.ranges)
+    stable = _stable(found)
+    shade, outside = _shade(stable, found, plane)
     within = (left, right, low, high)
     ax.imshow(shade, origin="lower", extent=within, aspect="auto", zorder=0.2, label="_shade")
     named = set[str]()
@@ -100,21 +98,23 @@ def boundary(found: Boundary, *, units: Units = "nondimensional", ax: Axes | Non
             look = curve.kind, str(kinds[first])
             beside = BESIDE if others[first] and not look[1] else ""
             label = new(", ".join(word for word in (*look, beside) if word))
-            part = one * places[first : last + 1]
-            ax.plot(*part.T, linestyle=DASHES[look[1]], label=label, **LOOKS[look])
+            part = plane.at(*places[first : last + 1].T)
+            ax.plot(*part, linestyle=DASHES[look[1]], label=label, **LOOKS[look])
     for point in found.points:
         mark = common.open_marker(5.5, marker=MARKERS[point.kind], zorder=4.0)
-        ax.plot(one[0] * point.x, one[1] * point.y, label=new(point.kind), **mark)
+        ax.plot(*plane.at(point.x, point.y), label=new(point.kind), **mark)
+    if outside:
+        ax.fill([], [], color=OUTSIDE, label="not searched")
     if found.failures:
         ax.plot([], [], " ", label=f"{check.counted(len(found.failures), 'curve')} with failures")
     ax.set(xlim=(left, right), ylim=(low, high))
     if not found.curves:
-        where = "stable" if shade[..., 3].any() else "unstable"
+        where = "stable" if stable.any() else "unstable"
         sentence = f"No boundary lies in the window: all is {where}."
         ax.text(0.5, 0.5, sentence, transform=ax.transAxes, ha="center")
     else:
         common.legend_below(ax)
-    view.second_axes(ax, *shown)
+    plane.second_axes(ax, *plane.quantities)
     return ax
 
 
@@ -151,6 +151,21 @@ def _of_pieces(
         nearest = np.unravel_index(np.argmin(away), away.shape)[0] if len(marks) else PER_STEP // 2
         pieces[own][int(nearest) :] = values[k + 1]
     return pieces
+
+
+def _shade(stable: NDArray[np.bool_], found: Boundary, plane: Plane) -> tuple[NDArray[Any], bool]:
+    """Colours of the axes' area, rows from the lowest on, and whether some lies outside."""
+    middles = (np.arange(COLUMNS) + 0.5) / COLUMNS
+    (left, right), (low, high) = plane.limits(found.ranges)
+    x, y = np.meshgrid(left + (right - left) * middles, low + (high - low) * middles)
+    least, most = np.array(found.ranges).T[:, :, None, None]
+    share = (np.array([x, y]) / plane.units(x, y) - least) / (most - least)
+    within = ((share >= 0.0) & (share <= 1.0)).all(axis=0)
+    column, row = np.clip((share * COLUMNS).astype(int), 0, COLUMNS - 1)
+    shade = np.zeros((COLUMNS, COLUMNS, 4))
+    shade[stable[row, column]] = to_rgba(STABLE)
+    shade[~within] = to_rgba(OUTSIDE)
+    return shade, not bool(within.all())
 
 
 def _stable(found: Boundary) -> NDArray[np.bool_]:
@@ -282,6 +297,7 @@ def stability_map(
             ]
             drawn = drawn or bool(np.isfinite(found.speeds).any() or stays.any())
             continue
+        plane = Plane(units, found.model.pipe, found.names)
         parts = [part for curve in found.curves for part in parts_of_stability(curve, found)]
         drawn = drawn or bool(parts)
         note = "" if parts else ": no boundary"
@@ -290,9 +306,7 @@ def stability_map(
         ax.plot([], [], linewidth=1.5, label=f"{label}{note}", **look)
         for line, kind, left in parts:
             ticks = withTickedStroke(angle=90.0 if left else -90.0, **TICKS)
-            at = one * line
-            if name == "beta" and own.si and own.scales is not None:
-                at[:, 1] = line[:, 1] * scales_at(line[:, 0], own.scales).speed
+            at = plane.at(*line.T).T
             ax.plot(*at.T, linewidth=1.3, path_effects=[ticks], **look)
             if kind == "divergence":
                 _divergence(ax, at, left, found.model.pipe.gamma < 0.0, look["color"])
