@@ -202,3 +202,14 @@ def test_bad_arguments_are_named(change, kind, message):
 def test_bad_measurements_are_named(given, message):
     with pytest.raises(ValueError, match=message):
         pp.Measurement(*given)
+
+
+def test_an_estimate_held_by_its_range_promises_nothing():
+    """All measurements then judge what no unknown could fit."""
+    [first, *_] = MEASURED
+    far = replace(first, value=3.0 * first.value)
+    found = pp.identify(GUESS, [far], {"bending_stiffness": (5e-3, 9e-3)})
+    assert found.values == pytest.approx([9e-3], rel=1e-3)
+    assert np.isnan(found.uncertainties).all()
+    assert math.isnan(found.critical_speed_uncertainty)
+    assert any("chi-squared" in one and "at 1 degree of freedom" in one for one in found.warnings)

@@ -554,3 +554,22 @@ def hose_of(length):
     return pp.Pipe.from_si(
         length=length, bending_stiffness=7.3e-3, pipe_mass=0.19, fluid_mass=0.032
     )
+
+
+def test_a_map_in_si_tells_where_nothing_was_searched():
+    """The highest speed searched is one number; in m/s it falls with the mass ratio."""
+    hose = pp.Pipe.from_si(length=1.2, bending_stiffness=0.08, pipe_mass=0.2, fluid_mass=0.11)
+    window = {"beta": (0.1, 0.9), "u": (0.0, 12.0)}
+    found = pp.boundary(pp.Chain(hose, 3), "beta", "u", window, criticality=False)
+    words = []
+    for units in ("nondimensional", "si"):
+        ax = plot.stability_map({"hose": found}, highest=12.0, units=units)
+        words.append([text.get_text() for text in ax.get_legend().get_texts()])
+        top = ax.get_ylim()[1]
+    assert "not searched" not in words[0]
+    assert "not searched" in words[1]
+    [area] = ax.collections
+    [lowest] = {tuple(p) for path in area.get_paths() for p in path.vertices if p[0] == 0.9} - {
+        (0.9, top)
+    }
+    assert lowest[1] == pytest.approx(dataclasses.replace(hose, beta=0.9).speed_si(12.0))

@@ -433,7 +433,7 @@ class _Problem:
                 continue
             if best is None or found.cost < best.cost * (1.0 - 1e-6):
                 best = found
-            if self.explained(2.0 * best.cost):
+            if self.explained(2.0 * best.cost, self.freedom):
                 break
         if best is None:
             raise failed[0]
@@ -445,14 +445,15 @@ class _Problem:
         """Number of measurements less that of unknowns."""
         return len(self.measurements) - len(self.unknowns)
 
-    def explained(self, squares: float) -> bool:
+    @staticmethod
+    def explained(squares: float, freedom: int) -> bool:
         """Whether chance alone makes so large a sum of squares once in a hundred times, or oftener.
 
         Without freedom it has to vanish.
         """
-        if not self.freedom:
+        if not freedom:
             return squares < 1e-6
-        return bool(scipy.stats.chi2.sf(squares, self.freedom) > 0.01)
+        return bool(scipy.stats.chi2.sf(squares, freedom) > 0.01)
 
     def _misfit(self, x: Array, size: int) -> tuple[Array, Array]:
         """Residuals of least squares and their derivatives."""
@@ -487,11 +488,12 @@ class _Problem:
         freedom = self.freedom
         squares = float(residuals @ residuals)
         warnings = list(self._warnings(values, np.sqrt(np.diag(spread)), at_end, x - low < 1e-4))
-        if freedom and not self.explained(squares):
+        left = len(self.measurements) - free.size  # estimates at an end of their range fit nothing
+        if left and not self.explained(squares, left):
             warnings.append(
                 f"the pipe with these numbers does not explain the measurements: chi-squared is "
-                f"{squares:.3g} at {freedom} degrees of freedom. An effect is missing, or the "
-                "uncertainties are too small"
+                f"{squares:.3g} at {check.counted(left, 'degree')} of freedom. An effect is "
+                "missing, a range too narrow, or the uncertainties are too small"
             )
         speed, by_x = self.roots(x, size).answer(Measurement("critical_speed", 0.0, 1.0))
         inner = spread[np.ix_(free, free)]
@@ -509,7 +511,9 @@ class _Problem:
             condition=condition,
             warnings=tuple(warnings),
             critical_speed=speed,
-            critical_speed_uncertainty=math.sqrt(float(by_x[free] @ inner @ by_x[free])),
+            critical_speed_uncertainty=(
+                math.sqrt(float(by_x[free] @ inner @ by_x[free])) if free.size else math.nan
+            ),
             pipe=self.pipe(x),
             measurements=self.measurements,
         )

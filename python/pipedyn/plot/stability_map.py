@@ -324,6 +324,14 @@ def stability_map(
             look |= {"marker": "^", "transform": ax.get_xaxis_transform()}
         ax.plot(marked.pipe.beta, height, label=label, **common.open_marker(7.0, **look))
     ax.set_ylim(0.0, None if highest is None else view.one(SPEED) * highest)
+    if name == "beta" and view.si:
+        _unsearched(
+            ax,
+            [
+                (View(units, p or known), one)
+                for one, p in zip(boundaries.values(), pipes, strict=True)
+            ],
+        )
     if not drawn:
         common.notice("There is no stability boundary above $u = 0$.", ax=ax)
     elif any(isinstance(one, Boundary) for one in boundaries.values()):
@@ -332,6 +340,25 @@ def stability_map(
     if ax.get_legend_handles_labels()[0]:  # a mark above the highest speed has none
         common.legend_below(ax)
     return ax
+
+
+def _unsearched(ax: Axes, found: list[tuple[View, Boundary | StabilityCurve]]) -> None:
+    """Shades speeds in SI above those searched: the unit of speed falls with the mass ratio."""
+    highest = ax.get_ylim()[1]
+    ends = list[NDArray[np.float64]]()
+    for view, one in found:
+        if isinstance(one, Boundary) and view.scales is not None:
+            (left, right), (_, end) = one.ranges
+            beta = np.linspace(left, right, 200)
+            ends.append(np.array([beta, end * scales_at(beta, view.scales).speed]))
+    if not ends:
+        return
+    beta, lowest = ends[0][0], np.min([end for _, end in ends], axis=0)
+    if (lowest < highest).any():
+        look: dict[str, Any] = {"facecolor": "none", "edgecolor": "0.75", "hatch": "////"}
+        look |= {"linewidth": 0.0, "label": "not searched"}
+        ax.fill_between(beta, lowest, highest, lowest < highest, interpolate=True, **look)
+        ax.set_ylim(0.0, highest)
 
 
 TICKS: dict[str, Any] = {"spacing": 8.0, "length": 0.5, "linewidth": 0.7}
