@@ -44,7 +44,9 @@ DASHES = {"supercritical": "-", "subcritical": (0, (4, 1.5)), "": "-"}
 
 BESIDE = "other roots unstable"
 
-STABLE, OUTSIDE = "#DCEBDD", "0.88"
+STABLE = "#DCEBDD"
+UNSEARCHED: dict[str, Any] = {"facecolor": "none", "edgecolor": "0.75", "hatch": "////"}
+UNSEARCHED |= {"linewidth": 0.0, "label": "not searched"}
 PER_STEP = 8
 """Pieces in which a step of a curve is drawn."""
 
@@ -78,7 +80,9 @@ def boundary(found: Boundary, *, units: Units = "nondimensional", ax: Axes | Non
     ax = common.axes(ax, (6.4, 4.8), xlabel=xlabel, ylabel=ylabel)
     (left, right), (low, high) = plane.limits(found.ranges)
     stable = _stable(found)
-    shade, outside = _shade(stable, found, plane)
+    (x, y), row, column, searched = _pixels(found, plane)
+    shade = np.zeros((COLUMNS, COLUMNS, 4))
+    shade[stable[row, column] & searched] = to_rgba(STABLE)
     within = (left, right, low, high)
     ax.imshow(shade, origin="lower", extent=within, aspect="auto", zorder=0.2, label="_shade")
     named = set[str]()
@@ -103,8 +107,10 @@ def boundary(found: Boundary, *, units: Units = "nondimensional", ax: Axes | Non
     for point in found.points:
         mark = common.open_marker(5.5, marker=MARKERS[point.kind], zorder=4.0)
         ax.plot(*plane.at(point.x, point.y), label=new(point.kind), **mark)
-    if outside:
-        ax.fill([], [], color=OUTSIDE, label="not searched")
+    if not searched.all():
+        hatch = ax.contourf(x, y, searched, [-0.5, 0.5], colors="none", hatches=["////"])
+        hatch.set(edgecolor=UNSEARCHED["edgecolor"], linewidth=0.0)
+        ax.fill([], [], **UNSEARCHED)
     if found.failures:
         ax.plot([], [], " ", label=f"{check.counted(len(found.failures), 'curve')} with failures")
     ax.set(xlim=(left, right), ylim=(low, high))
@@ -153,19 +159,15 @@ def _of_pieces(
     return pieces
 
 
-def _shade(stable: NDArray[np.bool_], found: Boundary, plane: Plane) -> tuple[NDArray[Any], bool]:
-    """Colours of the axes' area, rows from the lowest on, and whether some lies outside."""
+def _pixels(found: Boundary, plane: Plane) -> tuple[Array, Array, Array, NDArray[np.bool_]]:
+    """Of the axes' area: places, rows and columns of `_stable` there, and which were searched."""
     middles = (np.arange(COLUMNS) + 0.5) / COLUMNS
     (left, right), (low, high) = plane.limits(found.ranges)
-    x, y = np.meshgrid(left + (right - left) * middles, low + (high - low) * middles)
+    at = np.array(np.meshgrid(left + (right - left) * middles, low + (high - low) * middles))
     least, most = np.array(found.ranges).T[:, :, None, None]
-    share = (np.array([x, y]) / plane.units(x, y) - least) / (most - least)
-    within = ((share >= 0.0) & (share <= 1.0)).all(axis=0)
+    share = (at / plane.units(*at) - least) / (most - least)
     column, row = np.clip((share * COLUMNS).astype(int), 0, COLUMNS - 1)
-    shade = np.zeros((COLUMNS, COLUMNS, 4))
-    shade[stable[row, column]] = to_rgba(STABLE)
-    shade[~within] = to_rgba(OUTSIDE)
-    return shade, not bool(within.all())
+    return at, row, column, ((share >= 0.0) & (share <= 1.0)).all(axis=0)
 
 
 def _stable(found: Boundary) -> NDArray[np.bool_]:
@@ -325,13 +327,7 @@ def stability_map(
         ax.plot(marked.pipe.beta, height, label=label, **common.open_marker(7.0, **look))
     ax.set_ylim(0.0, None if highest is None else view.one(SPEED) * highest)
     if name == "beta" and view.si:
-        _unsearched(
-            ax,
-            [
-                (View(units, p or known), one)
-                for one, p in zip(boundaries.values(), pipes, strict=True)
-            ],
-        )
+        _unsearched(ax, [one for one in boundaries.values() if isinstance(one, Boundary)])
     if not drawn:
         common.notice("There is no stability boundary above $u = 0$.", ax=ax)
     elif any(isinstance(one, Boundary) for one in boundaries.values()):
@@ -342,22 +338,17 @@ def stability_map(
     return ax
 
 
-def _unsearched(ax: Axes, found: list[tuple[View, Boundary | StabilityCurve]]) -> None:
+def _unsearched(ax: Axes, found: list[Boundary]) -> None:
     """Shades speeds in SI above those searched: the unit of speed falls with the mass ratio."""
     highest = ax.get_ylim()[1]
-    ends = list[NDArray[np.float64]]()
-    for view, one in found:
-        if isinstance(one, Boundary) and view.scales is not None:
-            (left, right), (_, end) = one.ranges
-            beta = np.linspace(left, right, 200)
-            ends.append(np.array([beta, end * scales_at(beta, view.scales).speed]))
-    if not ends:
-        return
+    ends = list[Array]()
+    for one in found:
+        (left, right), (_, end) = one.ranges
+        plane = Plane("si", one.model.pipe, one.names)
+        ends.append(plane.at(np.linspace(left, right, 200), np.full(200, end)))
     beta, lowest = ends[0][0], np.min([end for _, end in ends], axis=0)
     if (lowest < highest).any():
-        look: dict[str, Any] = {"facecolor": "none", "edgecolor": "0.75", "hatch": "////"}
-        look |= {"linewidth": 0.0, "label": "not searched"}
-        ax.fill_between(beta, lowest, highest, lowest < highest, interpolate=True, **look)
+        ax.fill_between(beta, lowest, highest, lowest < highest, interpolate=True, **UNSEARCHED)
         ax.set_ylim(0.0, highest)
 
 
