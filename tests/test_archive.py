@@ -126,7 +126,9 @@ def test_functions_of_the_users_are_refused_by_their_place(tmp_path):
     ):
         scene.save(tmp_path / "scene.npz")
     motion = pp.simulate(CHAIN, lambda t: 3.0 + 0.0 * t, 0.5, lambda s: 0.1 * s)
-    with pytest.raises(ValueError, match=r"Motion.u cannot be saved: it is a Python function"):
+    with pytest.raises(
+        ValueError, match=r"Motion\.u cannot be saved: it is a Python function; to_csv"
+    ):
         motion.save(tmp_path / "motion.npz")
     assert list(tmp_path.iterdir()) == []
 

@@ -412,3 +412,22 @@ def test_the_picture_shades_where_the_pipe_may_snap(folded):
     assert labels == ["fold of a stable cycle", "the straight pipe becomes unstable", "Bautin"]
     with pytest.raises(TypeError, match="found must be of type CycleBoundary"):
         plot.cycle_boundary(3)
+
+
+def test_the_picture_in_si_has_the_speeds_of_pipes_of_each_mass_ratio(folded):
+    numbers = {"length": 0.45, "bending_stiffness": 7.3e-3, "gravity": 0.0}
+    hose = pp.Pipe.from_si(**numbers, pipe_mass=0.19, fluid_mass=0.01)
+    of_hose = replace(folded, model=pp.Chain(hose, 2))
+    before, after = (
+        plot.cycle_boundary(of_hose, units=units, ax=Figure().subplots())
+        for units in ("nondimensional", "si")
+    )
+    for line, in_si in zip(before.lines, after.lines, strict=True):
+        for k in 0, -1:
+            (beta, u), (same, speed) = line.get_xydata()[k], in_si.get_xydata()[k]
+            fluid = 0.2 * beta
+            pipe = pp.Pipe.from_si(**numbers, pipe_mass=0.2 - fluid, fluid_mass=fluid)
+            assert (same, speed) == pytest.approx((beta, pipe.speed_si(u)), rel=1e-9)
+    (shade,) = after.collections
+    lowest = min(after.lines[0].get_ydata())
+    assert min(y for path in shade.get_paths() for _, y in path.vertices) >= lowest * (1.0 - 1e-9)

@@ -3,6 +3,7 @@
 
 import dataclasses
 import inspect
+import itertools
 import math
 from contextlib import nullcontext
 from functools import cache, partial
@@ -552,20 +553,37 @@ def test_pictures_leave_the_settings_of_matplotlib_alone():
 
 
 def test_speeds_over_the_mass_ratio_have_units_of_their_own():
-    """Over beta the unit of u changes: a map multiplies each point, other pictures refuse SI."""
+    """Over beta the unit of u changes: each point is multiplied by that at its own beta."""
     window = {"beta": (0.1, 0.5), "u": (0.0, 9.0)}
     found = pp.boundary(pp.Chain(HOSE, 3), "beta", "u", window, criticality=False)
-    with pytest.raises(ValueError, match="units must be 'nondimensional' over beta"):
-        plot.boundary(found, units="si")
-    ax = plot.stability_map({"chain": found}, units="si")
-    (line,) = (one for one in ax.lines if one.get_xdata().size > 5)
-    mass = HOSE.scales.mass * line.get_xdata()[0]
-    expected = (
-        found.curves[0].y[0]
-        * math.sqrt(HOSE.scales.mass * HOSE.scales.length**4 / HOSE.scales.time**2 / mass)
-        / HOSE.scales.length
-    )
-    assert line.get_ydata()[0] == pytest.approx(expected, rel=1e-6)
+    length, stiffness = HOSE.scales.length, HOSE.scales.mass * HOSE.scales.length**4
+    stiffness /= HOSE.scales.time**2
+
+    def unit(beta):
+        return math.sqrt(stiffness / (HOSE.scales.mass * beta)) / length
+
+    for ax in plot.stability_map({"chain": found}, units="si"), plot.boundary(found, units="si"):
+        (line,) = (one for one in ax.lines if one.get_xdata().size > 5)
+        for end in 0, -1:
+            expected = found.curves[0].y[end] * unit(line.get_xdata()[end])
+            assert line.get_ydata()[end] == pytest.approx(expected, rel=1e-6)
+    assert ax.get_ylim() == pytest.approx((0.0, 9.0 * unit(0.1)))
+    shade = ax.images[0].get_array()
+    left, right, low, high = ax.images[0].get_extent()
+    assert (left, right) == (0.1, 0.5)
+    seen = set()
+    for i, j in itertools.product(range(25, 500, 50), repeat=2):
+        beta = left + (right - left) * (j + 0.5) / 500
+        u = (low + (high - low) * (i + 0.5) / 500) / unit(beta)
+        stable = u < 9.0 and found.unstable(beta, u) == 0
+        seen.add((stable, tuple(shade[i, j])))
+    assert len(seen) == len({colour for _, colour in seen}) == 2
+    hatch = ax.collections[0].get_paths()[0]  # above the window
+    assert [
+        hatch.contains_point((0.4, 9.1 * unit(0.4))),
+        hatch.contains_point((0.4, 8.9 * unit(0.4))),
+    ] == [True, False]
+    assert "not searched" in {text.get_text() for text in ax.get_legend().get_texts()}
     lengths = [0.3, 0.45]
     curve = pp.stability_curve(lambda length: pp.Chain(hose_of(length), 3), lengths)
     ax = plot.stability_map({"chain": curve}, parameter="length (m)", units="si")

@@ -241,7 +241,7 @@ def test_numbers_in_si_are_those_of_the_hose():
     assert si.frequency == pytest.approx(found.frequency / (2.0 * np.pi * time), rel=1e-14)
     assert si.units == {"speed": "m/s", "frequency": "Hz", "error": "m/s"}
     shown = f"speed={si.speed:.7g} m/s, frequency={si.frequency:.7g} Hz, error={si.error:.7g} m/s"
-    assert repr(si) == f"CriticalSpeed in SI({shown})"
+    assert repr(si) == f"CriticalSpeed in SI({shown}, sensitivity=<Sensitivity>)"
     assert si.discretisation == pytest.approx(si.speed * found.discretisation / found.speed)
     with pytest.raises(AttributeError, match="mode of CriticalSpeed has no value in SI units"):
         _ = si.mode
@@ -374,7 +374,7 @@ def test_si_is_refused_without_scales_and_without_a_pipe():
     with pytest.raises(ValueError, match=r"numbers in SI need a pipe made with Pipe\.from_si"):
         pp.critical_speed(chain()).in_si()
     loci = replace(pp.root_loci(SCALED_CHAIN, SPEEDS, 2), pipe=None)
-    with pytest.raises(ValueError, match="pipe must be given: the result does not hold its pipe"):
+    with pytest.raises(ValueError, match="pipe must be given: RootLoci does not hold its pipe"):
         loci.in_si()
     with pytest.raises(TypeError, match="pipe must be a Pipe, got 3"):
         loci.in_si(3)
@@ -437,7 +437,38 @@ def test_each_member_of_an_ensemble_has_its_own_units():
 
 def test_what_is_in_si_already_is_not_converted_again():
     found = pp.identify(SCALED, [pp.Measurement("frequency", 1.0, 0.01)], ["bending_stiffness"])
-    assert "critical_speed" not in found.in_si().units
+    with pytest.raises(ValueError, match="Identification has no numbers to convert"):
+        found.in_si()
+    assert "nondimensional" not in found._repr_html_()
+    assert list(found.columns("si")) == list(found.columns())
+
+
+def test_a_part_of_a_result_needs_the_pipe_or_the_whole():
+    part = pp.critical_speed(SCALED_CHAIN).sensitivity
+    with pytest.raises(ValueError, match=r"Sensitivity does not hold its pipe.*found\.in_si\(\)"):
+        part.in_si()
+    gamma = part.in_si(SCALED).speed.gamma
+    assert gamma == SCALED.speed_si(part.speed.gamma)
+    start = f"Sensitivity in SI(speed=Derivatives in SI(gamma={gamma:.7g} m/s, "
+    assert repr(part.in_si(SCALED)).startswith(start)
+    with pytest.raises(ValueError, match="DiagramCost has no numbers to convert"):
+        pp.DiagramCost(1.0, 2.0, 3.0).in_si(SCALED)
+
+
+def test_methods_are_those_of_the_result_itself():
+    si = pp.modes(SCALED_CHAIN, 2.0).in_si()
+    with pytest.raises(AttributeError, match='of the Modes itself, with units="si"'):
+        si.to_dataframe()
+    with pytest.raises(AttributeError, match=r"what in_si\(\) gives has no save: call .* itself$"):
+        si.save("modes.npz")
+    with pytest.raises(TypeError, match=r'got in_si\(\) of a Modes: pass the Modes itself, .*"si"'):
+        pp.plot.root_loci(si)
+
+
+def test_a_table_tells_its_units_from_those_of_its_caption():
+    caption = "These numbers are nondimensional, those of the table in SI units."
+    assert caption in pp.modes(SCALED_CHAIN, 2.0)._repr_html_()
+    assert caption not in pp.modes(chain(), 2.0)._repr_html_()
 
 
 def test_redundant_coordinates_have_no_one_unit():

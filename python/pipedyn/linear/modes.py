@@ -99,6 +99,8 @@ class ModeShape(Result):
         eigenvalue: lambda.
         model: the model it belongs to.
         coordinates: q, complex, shape (dof,).
+
+    In SI the eigenvalue is in 1/s; the size of a mode is arbitrary, so its shape stays as it is.
     """
 
     eigenvalue: complex

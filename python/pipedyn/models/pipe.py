@@ -513,6 +513,8 @@ class Pipe(Saved):
     def frequency_si(self, omega: ArrayLike) -> Any:
         """Angular frequency in rad/s from the nondimensional omega; a number or an array.
 
+        Frequencies of `in_si()` of results are in Hz, this one over 2 pi.
+
         Example:
             >>> numbers = {"bending_stiffness": 4.0, "pipe_mass": 0.75, "fluid_mass": 0.25}
             >>> pp.Pipe.from_si(length=2.0, **numbers).frequency_si(14.0)
@@ -521,7 +523,7 @@ class Pipe(Saved):
         return _converted("omega", omega, np.divide, self._units("time").time)
 
     def frequency(self, omega_si: ArrayLike) -> Any:
-        """Nondimensional angular frequency from rad/s; a number or an array.
+        """Nondimensional angular frequency from rad/s (2 pi times Hz); a number or an array.
 
         Example:
             >>> numbers = {"bending_stiffness": 4.0, "pipe_mass": 0.75, "fluid_mass": 0.25}

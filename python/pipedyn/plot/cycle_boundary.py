@@ -16,7 +16,7 @@ from pipedyn.bifurcation.event_curve import CycleCurve
 from pipedyn.plot import common
 from pipedyn.plot.bifurcation import STABILITY_STYLES
 from pipedyn.plot.stability_map import parts_of_stability
-from pipedyn.plot.units import Units, of_number, view_of_plane
+from pipedyn.plot.units import Plane, Units
 from pipedyn.util.check import Array
 from pipedyn.util.later import scipy
 
@@ -60,12 +60,9 @@ def cycle_boundary(
         TypeError: for bad arguments.
     """
     common.check_type("found", found, CycleBoundary)
-    pipe = found.model.pipe
-    view = view_of_plane(units, pipe, found.names)
-    shown = [of_number(name, pipe) for name in found.names]
-    xlabel, ylabel = map(view.label, shown)
+    plane = Plane(units, found.model.pipe, found.names)
+    xlabel, ylabel = map(plane.label, plane.quantities)
     ax = common.axes(ax, (6.4, 4.8), xlabel=xlabel, ylabel=ylabel)
-    one = np.array(list(map(view.one, shown)))  # of x and y
     across = found.names[0] == "u"  # the speed is x
     for curve in found.curves:
         x, y = _smooth(curve)
@@ -74,7 +71,7 @@ def cycle_boundary(
             label = f"{curve.kind} of {cycles}"
             look: dict[str, Any] = {"color": COLOURS[curve.kind], "label": label}
             look |= STABILITY_STYLES[kind]
-            ax.plot(one[0] * x[part], one[1] * y[part], **look)
+            ax.plot(*plane.at(x[part], y[part]), **look)
         if found.onsets is None or curve.kind != "fold":
             continue
         second, speed = (y, x) if across else (x, y)
@@ -89,24 +86,25 @@ def cycle_boundary(
         both &= np.isfinite(until) & ~(speed >= onset)
         if both.any():
             look = {"color": common.ORANGE, "alpha": 0.25, "linewidth": 0.0, "zorder": 0.5}
-            by, per = one if across else one[::-1]
-            ends = per * second, by * speed, by * until
-            shade(*ends, where=both, label="rest and flutter both stable", **look)
+            along, bottom = plane.at(x, y)[:: -1 if across else 1]
+            top = plane.at(until, y)[0] if across else plane.at(x, until)[1]
+            shade(along, bottom, top, where=both, label="rest and flutter both stable", **look)
     black: dict[str, Any] = {"color": common.BLACK, "linewidth": 1.4, "zorder": 2.5}
     if found.onsets is not None:
         for bound in found.onsets.curves:
             for places, *_ in parts_of_stability(bound, found.onsets):
-                ax.plot(*(one * places).T, label="the straight pipe becomes unstable", **black)
+                ax.plot(*plane.at(*places.T), label="the straight pipe becomes unstable", **black)
     kinds = dict.fromkeys(point.kind for point in found.points)
     for kind, marker in zip(kinds, repeated(POINT_MARKS), strict=False):
         same = [point for point in found.points if point.kind == kind]
         look = common.open_marker(5.5, marker=marker, zorder=4.0)
-        at = one[:, None] * [[p.x for p in same], [p.y for p in same]]
+        at = plane.at([p.x for p in same], [p.y for p in same])
         ax.plot(*at, clip_on=False, label=kind, **look)
-    ax.set(xlim=one[0] * np.array(found.ranges[0]), ylim=one[1] * np.array(found.ranges[1]))
+    xlim, ylim = plane.limits(found.ranges)
+    ax.set(xlim=xlim, ylim=ylim)
     named = dict(zip(*reversed(ax.get_legend_handles_labels()), strict=True))
     common.legend_below(ax, named)
-    view.second_axes(ax, *shown)
+    plane.second_axes(ax, *plane.quantities)
     return ax
 
 

@@ -18,9 +18,9 @@ from numpy.typing import NDArray
 from pipedyn.bifurcation.boundary import Boundary, BoundaryCurve
 from pipedyn.linear.critical_speed import CriticalSpeed
 from pipedyn.linear.stability_curve import StabilityCurve
-from pipedyn.models.pipe import Pipe, scales_at
+from pipedyn.models.pipe import Pipe
 from pipedyn.plot import common
-from pipedyn.plot.units import OF_A_NUMBER, SPEED, Quantity, Units, View, of_number, view_of_plane
+from pipedyn.plot.units import OF_A_NUMBER, SPEED, Plane, Quantity, Units, View, of_number
 from pipedyn.util import check
 from pipedyn.util.check import Array
 
@@ -46,6 +46,8 @@ DASHES = {"supercritical": "-", "subcritical": (0, (4, 1.5)), "": "-"}
 BESIDE = "other roots unstable"
 
 STABLE = "#DCEBDD"
+UNSEARCHED: dict[str, Any] = {"facecolor": "none", "edgecolor": "0.75", "hatch": "////"}
+UNSEARCHED |= {"linewidth": 0.0, "label": "not searched"}
 PER_STEP = 8
 """Pieces in which a step of a curve is drawn."""
 
@@ -74,14 +76,14 @@ def boundary(found: Boundary, *, units: Units = "nondimensional", ax: Axes | Non
         TypeError: for bad arguments.
     """
     common.check_type("found", found, Boundary)
-    view = view_of_plane(units, found.model.pipe, found.names)
-    shown = [of_number(name, found.model.pipe) for name in found.names]
-    xlabel, ylabel = map(view.label, shown)
+    plane = Plane(units, found.model.pipe, found.names)
+    xlabel, ylabel = map(plane.label, plane.quantities)
     ax = common.axes(ax, (6.4, 4.8), xlabel=xlabel, ylabel=ylabel)
-    one = np.array(list(map(view.one, shown)))  # of x and y
-    (left, right), (low, high) = one[:, None] * found.ranges
+    (left, right), (low, high) = plane.limits(found.ranges)
+    stable = _stable(found)
+    (x, y), row, column, searched = _pixels(found, plane)
     shade = np.zeros((COLUMNS, COLUMNS, 4))
-    shade[_stable(found)] = to_rgba(STABLE)
+    shade[stable[row, column] & searched] = to_rgba(STABLE)
     within = (left, right, low, high)
     ax.imshow(shade, origin="lower", extent=within, aspect="auto", zorder=0.2, label="_shade")
     named = set[str]()
@@ -101,21 +103,25 @@ def boundary(found: Boundary, *, units: Units = "nondimensional", ax: Axes | Non
             look = curve.kind, str(kinds[first])
             beside = BESIDE if others[first] and not look[1] else ""
             label = new(", ".join(word for word in (*look, beside) if word))
-            part = one * places[first : last + 1]
-            ax.plot(*part.T, linestyle=DASHES[look[1]], label=label, **LOOKS[look])
+            part = plane.at(*places[first : last + 1].T)
+            ax.plot(*part, linestyle=DASHES[look[1]], label=label, **LOOKS[look])
     for point in found.points:
         mark = common.open_marker(5.5, marker=MARKERS[point.kind], zorder=4.0)
-        ax.plot(one[0] * point.x, one[1] * point.y, label=new(point.kind), **mark)
+        ax.plot(*plane.at(point.x, point.y), label=new(point.kind), **mark)
+    if not searched.all():
+        hatch = ax.contourf(x, y, searched, [-0.5, 0.5], colors="none", hatches=["////"])
+        hatch.set(edgecolor=UNSEARCHED["edgecolor"], linewidth=0.0)
+        ax.fill([], [], **UNSEARCHED)
     if found.failures:
         ax.plot([], [], " ", label=f"{check.counted(len(found.failures), 'curve')} with failures")
     ax.set(xlim=(left, right), ylim=(low, high))
     if not found.curves:
-        where = "stable" if shade[..., 3].any() else "unstable"
+        where = "stable" if stable.any() else "unstable"
         sentence = f"No boundary lies in the window: all is {where}."
         ax.text(0.5, 0.5, sentence, transform=ax.transAxes, ha="center")
     else:
         common.legend_below(ax)
-    view.second_axes(ax, *shown)
+    plane.second_axes(ax, *plane.quantities)
     return ax
 
 
@@ -152,6 +158,17 @@ def _of_pieces(
         nearest = np.unravel_index(np.argmin(away), away.shape)[0] if len(marks) else PER_STEP // 2
         pieces[own][int(nearest) :] = values[k + 1]
     return pieces
+
+
+def _pixels(found: Boundary, plane: Plane) -> tuple[Array, Array, Array, NDArray[np.bool_]]:
+    """Of the axes' area: places, rows and columns of `_stable` there, and which were searched."""
+    middles = (np.arange(COLUMNS) + 0.5) / COLUMNS
+    (left, right), (low, high) = plane.limits(found.ranges)
+    at = np.array(np.meshgrid(left + (right - left) * middles, low + (high - low) * middles))
+    least, most = np.array(found.ranges).T[:, :, None, None]
+    share = (at / plane.units(*at) - least) / (most - least)
+    column, row = np.clip((share * COLUMNS).astype(int), 0, COLUMNS - 1)
+    return at, row, column, ((share >= 0.0) & (share <= 1.0)).all(axis=0)
 
 
 def _stable(found: Boundary) -> NDArray[np.bool_]:
@@ -287,6 +304,7 @@ def stability_map(
             ]
             drawn = drawn or bool(np.isfinite(found.speeds).any() or stays.any())
             continue
+        plane = Plane(units, found.model.pipe, found.names)
         parts = [part for curve in found.curves for part in parts_of_stability(curve, found)]
         drawn = drawn or bool(parts)
         note = "" if parts else ": no boundary"
@@ -295,9 +313,7 @@ def stability_map(
         ax.plot([], [], linewidth=1.5, label=f"{label}{note}", **look)
         for line, kind, left in parts:
             ticks = withTickedStroke(angle=90.0 if left else -90.0, **TICKS)
-            at = one * line
-            if name == "beta" and own.si and own.scales is not None:
-                at[:, 1] = line[:, 1] * scales_at(line[:, 0], own.scales).speed
+            at = plane.at(*line.T).T
             ax.plot(*at.T, linewidth=1.3, path_effects=[ticks], **look)
             if kind == "divergence":
                 middle = line.shape[0] // 2
@@ -321,13 +337,7 @@ def stability_map(
     for step in divergences:
         _divergence(ax, *step)
     if name == "beta" and view.si:
-        _unsearched(
-            ax,
-            [
-                (View(units, p or known), one)
-                for one, p in zip(boundaries.values(), pipes, strict=True)
-            ],
-        )
+        _unsearched(ax, [one for one in boundaries.values() if isinstance(one, Boundary)])
     if not drawn:
         common.notice("There is no stability boundary above $u = 0$.", ax=ax)
     elif boundaries:
@@ -338,22 +348,17 @@ def stability_map(
     return ax
 
 
-def _unsearched(ax: Axes, found: list[tuple[View, Boundary | StabilityCurve]]) -> None:
+def _unsearched(ax: Axes, found: list[Boundary]) -> None:
     """Shades speeds in SI above those searched: the unit of speed falls with the mass ratio."""
     highest = ax.get_ylim()[1]
-    ends = list[NDArray[np.float64]]()
-    for view, one in found:
-        if isinstance(one, Boundary) and view.scales is not None:
-            (left, right), (_, end) = one.ranges
-            beta = np.linspace(left, right, 200)
-            ends.append(np.array([beta, end * scales_at(beta, view.scales).speed]))
-    if not ends:
-        return
+    ends = list[Array]()
+    for one in found:
+        (left, right), (_, end) = one.ranges
+        plane = Plane("si", one.model.pipe, one.names)
+        ends.append(plane.at(np.linspace(left, right, 200), np.full(200, end)))
     beta, lowest = ends[0][0], np.min([end for _, end in ends], axis=0)
     if (lowest < highest).any():
-        look: dict[str, Any] = {"facecolor": "none", "edgecolor": "0.75", "hatch": "////"}
-        look |= {"linewidth": 0.0, "label": "not searched"}
-        ax.fill_between(beta, lowest, highest, lowest < highest, interpolate=True, **look)
+        ax.fill_between(beta, lowest, highest, lowest < highest, interpolate=True, **UNSEARCHED)
         ax.set_ylim(0.0, highest)
 
 

@@ -8,14 +8,16 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
 from matplotlib.axes import Axes
 
 from pipedyn.models.drive import Supply
-from pipedyn.models.pipe import Pipe, Scales
+from pipedyn.models.pipe import Pipe, Scales, scales_at
 from pipedyn.models.pipe_numbers import unit_of_number
 from pipedyn.plot import common
 from pipedyn.util import check
 from pipedyn.util import units as si
+from pipedyn.util.check import Array
 from pipedyn.util.result import Units as Units
 
 
@@ -92,19 +94,6 @@ def of_number(name: str, pipe: Pipe) -> Quantity:
     return Quantity(label, f"{name} ({text})", unit.scale)
 
 
-def view_of_plane(units: Any, pipe: Pipe, names: tuple[str, str]) -> View:
-    """Of the plane of two numbers; raises ValueError where speeds have no one unit in it."""
-    view = View(units, pipe)
-    if {"beta", "u"} <= set(names):
-        if view.si:
-            raise ValueError(
-                "units must be 'nondimensional' over beta, with which the unit of the flow speed "
-                "changes, got 'si': in_si() and columns('si') of what was found have the numbers"
-            )
-        view.scales = None
-    return view
-
-
 def rate(coordinate: int, before: str = "", after: str = "") -> Quantity:
     """Of change of a coordinate, with words before and after it in the label."""
     words = rf"{before}rate $\dot{{q}}_{{{coordinate}}}$"
@@ -157,3 +146,48 @@ class View:
             else:
                 ax.secondary_yaxis("right", functions=functions).set_ylabel(shown.si_label)
                 ax.tick_params(right=False, which="both")
+
+
+LEAST_BETA = 0.04
+"""Of the largest in a plane: the axis of speeds in m/s, which grow without bound towards beta = 0,
+ends with those of this one."""
+
+
+class Plane(View):
+    """Units in which the plane of two numbers is shown: with beta, that of the flow speed changes.
+
+    Attributes:
+        quantities: of x and y.
+    """
+
+    def __init__(self, units: Any, pipe: Pipe, names: tuple[str, str]) -> None:
+        super().__init__(units, pipe)
+        self.quantities = of_number(names[0], pipe), of_number(names[1], pipe)
+        self._beta = names.index("beta") if {"beta", "u"} == set(names) else None
+        if self._beta is not None and not self.si:
+            self.scales = None  # other axes would need one unit of the flow speed
+
+    def units(self, x: Any, y: Any) -> Array:
+        """What is shown for a nondimensional 1 of either number at places, (2,) and their shape."""
+        places = np.asarray([x, y], dtype=float)
+        ones = np.empty_like(places)
+        ones.T[...] = [self.one(quantity) for quantity in self.quantities]
+        if self._beta is not None and self.scales is not None:
+            ones[1 - self._beta] = scales_at(places[self._beta], self.scales).speed
+        return ones
+
+    def at(self, x: Any, y: Any) -> Array:
+        """Places as they are shown, (2,) and their shape."""
+        shown: Array = self.units(x, y) * [x, y]
+        return shown
+
+    def limits(self, ranges: Any) -> Array:
+        """Of the axes that show a window, (2, 2)."""
+        edges = np.array(ranges)
+        if self._beta is not None:
+            edges[self._beta, 0] = max(edges[self._beta, 0], LEAST_BETA * edges[self._beta, 1])
+        corners = self.at(*np.meshgrid(*edges))
+        found = np.stack([corners.min(axis=(1, 2)), corners.max(axis=(1, 2))], axis=1)
+        if self._beta is not None:
+            found[self._beta] = ranges[self._beta]
+        return found

@@ -178,7 +178,12 @@ def save(thing: Any, path: str | os.PathLike[str]) -> None:
     if not place.parent.is_dir():
         raise ValueError(f"path must lie in a folder that exists, got {check.shown(str(place))}")
     writer = _Writer()
-    root = writer.encoded(thing, type(thing).__name__)
+    try:
+        root = writer.encoded(thing, type(thing).__name__)
+    except ValueError as error:
+        if hasattr(thing, "to_csv"):
+            raise ValueError(f"{error}; to_csv or to_dataframe writes its table") from None
+        raise
     header = {
         "format": FORMAT,
         "package": sys.modules["pipedyn"].__version__,
@@ -192,7 +197,10 @@ def save(thing: Any, path: str | os.PathLike[str]) -> None:
 
 
 def load(path: str | os.PathLike[str]) -> Any:
-    """What `save` of a result, a model or a pipe wrote: equal to what was saved.
+    """What `save` of a result, a model or a pipe wrote.
+
+    A result or a pipe is equal to what was saved. A model has its numbers and answers as it does,
+    but models are equal only if they are one object.
 
     Args:
         path: of the file.

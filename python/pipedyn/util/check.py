@@ -32,6 +32,8 @@ _BRIEF.maxstring = _BRIEF.maxlong = _BRIEF.maxother = 120
 
 def shown(value: object) -> str:
     """What came, on one line and short enough for a message."""
+    if said := getattr(type(value), "_as_argument", None):
+        return str(said(value))
     try:
         text = " ".join(_BRIEF.repr(value).split())
     except Exception:  # an int of more digits than Python prints, an object that has no repr

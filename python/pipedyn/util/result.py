@@ -5,10 +5,11 @@ from __future__ import annotations
 
 import csv
 import dataclasses
+import inspect
 import io
 import os
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from types import MappingProxyType
 from typing import Any, ClassVar, Literal, TypeVar, dataclass_transform, overload
 
@@ -32,7 +33,7 @@ class Saved:
     """What can be written to a file and loaded from it."""
 
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Writes it to a file, from which `load` makes an equal one.
+        """Writes it to a file, from which `load` makes it again.
 
         Args:
             path: of the file, ending in .npz; an existing one is replaced.
@@ -44,7 +45,8 @@ class Saved:
 
         Raises:
             ValueError: for what holds a Python function or an object of another package, of which
-                the message says where it is; for a path that does not end in .npz, or in a folder
+                the message says where it is (`to_csv` writes the table of a result that is one);
+                for a path that does not end in .npz, or in a folder
                 that is not there.
             OSError: where the file cannot be written.
         """
@@ -125,6 +127,8 @@ class Result(Saved):
     def in_si(self, pipe: Any = None) -> SI:
         """Its speeds in m/s, frequencies in Hz, lengths in m, times in s and rates in 1/s.
 
+        Frequencies in Hz are angular ones over 2 pi; `Pipe.frequency_si` gives rad/s.
+
         Args:
             pipe: the pipe, where the result does not hold it or its model.
 
@@ -132,7 +136,8 @@ class Result(Saved):
             SI: the same names as of the result, as far as they have a unit, and results within.
 
         Raises:
-            ValueError: for a pipe without scales, or where it is not known.
+            ValueError: for a pipe without scales, or where it is not known; for a result of which
+                no number has a unit that the pipe alone gives.
             TypeError: for what is no pipe.
 
         Example:
@@ -143,12 +148,25 @@ class Result(Saved):
             >>> round(found.speed, 3), round(found.frequency, 3)
             (6.612, 2.006)
         """
+        made = SI(self, self._known_scales(pipe))
+        if made._is_empty():
+            raise ValueError(
+                f"{type(self).__name__} has no numbers to convert: they have no unit, are in SI "
+                "units already, or have units that depend on more than the pipe"
+            )
+        return made
+
+    def _known_scales(self, pipe: Any) -> Any:
+        """The given pipe's, or its own; refused where there are none."""
         scales = self._scales() if pipe is None else _scales_of(pipe)
+        if scales is None and pipe is None and self._pipe() is None:
+            raise ValueError(
+                f"pipe must be given: {type(self).__name__} does not hold its pipe; what is part "
+                "of a result that does is converted with it, as found.in_si().sensitivity"
+            )
         if scales is None:
-            if pipe is None and self._pipe() is None:
-                raise ValueError("pipe must be given: the result does not hold its pipe")
             raise ValueError("numbers in SI need a pipe made with Pipe.from_si")
-        return SI(self, scales)
+        return scales
 
     def _pipe(self) -> Any:
         """The pipe of which this is a result, if it is known."""
@@ -209,7 +227,7 @@ class TableResult(Result):
         columns = {name: np.asarray(values) for name, values in self._columns().items()}
         if check.choice("units", units, ("nondimensional", "si")) == "nondimensional":
             return columns
-        scales = self._scales_of_rows(self.in_si(pipe)._scales)
+        scales = self._scales_of_rows(self._known_scales(pipe))
         made = {}
         for name, values in columns.items():
             unit = self._unit(name)
@@ -272,7 +290,10 @@ class TableResult(Result):
         rows = list(zip(*shown, strict=True))
         count = len(next(iter(columns.values()), ()))
         notes = [f"{count - ROWS} more rows"] if count > ROWS else []
-        return Table(repr(self), tuple(columns), rows, notes=notes)
+        title = repr(self)
+        if list(columns) != list(self.columns()):
+            title += "\nThese numbers are nondimensional, those of the table in SI units."
+        return Table(title, tuple(columns), rows, notes=notes)
 
 
 Member = TypeVar("Member", bound=Result)
@@ -326,6 +347,12 @@ class SI:
         if name.startswith("_"):
             raise AttributeError(name)
         value, unit = getattr(self._result, name), self._unit(name)
+        if inspect.ismethod(value):
+            own = type(self._result).__name__
+            asked = ', with units="si"' if "units" in inspect.signature(value).parameters else ""
+            raise AttributeError(
+                f"what in_si() gives has no {name}: call {name} of the {own} itself{asked}"
+            )
         if unit is not None and isinstance(value, NUMBERS):
             scale = np.asarray(unit.scale(self._scales))  # of each point of a sweep, or one
             return value * (scale if scale.ndim else scale.item())
@@ -352,11 +379,32 @@ class SI:
     def __dir__(self) -> list[str]:
         return ["units", *self.units, *(name for name, _ in _results_within(self._result))]
 
+    def _is_empty(self) -> bool:
+        if any(self._unit(name) is not None for name in _names_of_numbers(self._result)):
+            return False
+        within = _results_within(self._result)
+        return all(self._within(name, first)._is_empty() for name, first in within)
+
+    def _shown(self) -> list[str]:
+        """Numbers with their units, and results within that have some; in full if all are there."""
+        numbers = [f"{name}={self._text(name)}" for name in self.units]
+        within = []
+        for name, first in _results_within(self._result):
+            if self._within(name, first)._is_empty():
+                continue
+            value = getattr(self._result, name)
+            short = _short(value) if value is not first else f"<{type(value).__name__}>"
+            full = value is first and not numbers
+            within.append(f"{name}={getattr(self, name) if full else short}")
+        return numbers + within
+
     def __repr__(self) -> str:
-        parts = [f"{name}={self._text(name)}" for name in self.units]
-        within = ((name, getattr(self._result, name)) for name, _ in _results_within(self._result))
-        parts += [f"{name}={_short(one)}" for name, one in within if isinstance(one, tuple)]
-        return f"{type(self._result).__name__} in SI({', '.join(parts)})"
+        return f"{type(self._result).__name__} in SI({', '.join(self._shown())})"
+
+    def _as_argument(self) -> str:
+        """What a message says where it came instead of the result."""
+        own = type(self._result).__name__
+        return f'in_si() of a {own}: pass the {own} itself, and units="si" for SI in pictures'
 
 
 def _scales_of(pipe: Any) -> Any:
@@ -365,12 +413,12 @@ def _scales_of(pipe: Any) -> Any:
     return pipe.scales
 
 
-def _names_of_numbers(one: Result) -> list[str]:
+def _names_of_numbers(one: Result) -> Iterator[str]:
     """Of fields and properties."""
     own = [name for kind in type(one).__mro__ for name in vars(kind) if _is_property(kind, name)]
     fields = [field.name for field in dataclasses.fields(one)]  # type: ignore[arg-type]
     public = (name for name in dict.fromkeys(fields + own) if not name.startswith("_"))
-    return [name for name in public if isinstance(getattr(one, name), NUMBERS)]
+    return (name for name in public if isinstance(getattr(one, name), NUMBERS))
 
 
 def _is_property(kind: type, name: str) -> bool:
