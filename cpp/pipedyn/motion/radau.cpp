@@ -124,7 +124,8 @@ void Radau::begin(Index which) {
 }
 
 void Radau::allow() {
-  allowed_ = limits_.absolute[current_] + limits_.relative[current_] * y_.head(of_.solved).array().abs();
+  allowed_ =
+      limits_.absolute[current_] + limits_.relative[current_] * y_.head(of_.solved).array().abs();
 }
 
 /// Guesses the stages of a step: the last step's polynomial, continued.
