@@ -410,7 +410,6 @@ class _Watch(Observer):
             self.approaches[member] = Approach()
         if np.isinf(last).all():
             return found
-        time = (task.times[1] - task.times[0]) * blocks.shape[1] * task.every
         for k, region in enumerate(regions):
             some = np.flatnonzero((nearest == k) & np.isfinite(last[k]))
             if not some.size:
@@ -419,11 +418,11 @@ class _Watch(Observer):
             largest = region.distances(rows.reshape(-1, rows.shape[2])).reshape(rows.shape[:2])
             largest = largest.max(axis=1)
             some, largest = some[np.isfinite(largest)], largest[np.isfinite(largest)]
-            squares = None
-            if region.floquet is not None and some.size:
-                states = blocks[some].reshape(-1, blocks.shape[2])
-                squares = np.abs(region.floquet(states)) ** 2
-                squares = squares.reshape(some.size, blocks.shape[1], -1)
+            floquet = region.floquet if some.size else None
+            if floquet is not None:
+                time = (task.times[1] - task.times[0]) * blocks.shape[1] * task.every
+                squares = np.abs(floquet(blocks[some].reshape(-1, blocks.shape[2]))) ** 2
+                squares = squares.reshape(some.size, blocks.shape[1], -1).mean(axis=1)
             for i, (place, distance) in enumerate(
                 zip(some.tolist(), largest.tolist(), strict=True)
             ):
@@ -433,9 +432,8 @@ class _Watch(Observer):
                 else:
                     approach = Approach(k, distance)
                 reached = distance <= near
-                if squares is not None and region.floquet is not None:
-                    mean, decay = squares[i].mean(axis=0), region.floquet.decay
-                    approach, fallen = approach.later(time, mean, decay)
+                if floquet is not None:
+                    approach, fallen = approach.later(time, squares[i], floquet.decay)
                     reached |= fallen
                 self.approaches[members[place]] = approach
                 if reached:

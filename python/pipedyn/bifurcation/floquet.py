@@ -88,7 +88,7 @@ def orbit_multipliers(
     roots: Complex = np.empty(0, dtype=np.complex128)
     # The series is for modes that the collocation resolves on a far finer mesh only. Kinks at
     # phases that are not known take the error that halving shows.
-    parts = np.ceil(np.maximum(turns / _longest(tolerance), 1.0)).astype(int)
+    parts = _parts(turns, tolerance)
     if parts.sum() > FINER * parts.size and (smooth := _between_kinks(motion, orbit)):
         roots, error = _by_magnus(motion, smooth, turns.sum(), tolerance)
     if not error <= tolerance:
@@ -124,7 +124,11 @@ def _closing(orbit: PeriodicOrbit, tolerance: float) -> Closing | None:
 
 def parts_for(motion: VectorField, orbit: PeriodicOrbit, tolerance: float) -> NDArray[np.int_]:
     """Parts of each interval, (M,), with which multipliers are known to a tolerance."""
-    turns = _turns(motion, orbit)
+    return _parts(_turns(motion, orbit), tolerance)
+
+
+def _parts(turns: Array, tolerance: float) -> NDArray[np.int_]:
+    """The same from the turns of each interval."""
     return np.ceil(np.maximum(turns / _longest(tolerance), 1.0)).astype(int)
 
 
