@@ -300,7 +300,8 @@ def test_steps_that_may_err_more_take_fewer_nodes_and_miss_a_thousandth_of_it_at
             ends = []
             for core in (model.motion, reference):
                 motion = _core.Integrator(
-                    *(core, np.array([6.0]), y[:, None], 0.0, [rtol], [1e9], 1e8, step)
+                    *(core, np.array([6.0]), y[:, None], 0.0, [rtol]),
+                    *(np.full((2 * m, 1), 1e9), 1e8, step),
                 )
                 found = np.empty((1, 1, 2 * m))
                 while not motion.advance(np.array([step]), found, 1000)[0]:

@@ -55,7 +55,7 @@ def solved(problem, times, rtol, atol, max_step):
     start = solution(np.zeros(1)).T
     motion = _core.Integrator(
         *(lambda t, y, u: rates(t[0], y), np.zeros(1), start),
-        *(0.0, [rtol], [atol], 1e8, max_step),
+        *(0.0, [rtol], np.full_like(start, atol), 1e8, max_step),
     )
     states = np.empty((1, times.size, len(start)))
     while not motion.advance(times, states, 100_000)[0]:
@@ -110,7 +110,7 @@ def test_members_of_a_batch_keep_to_their_own_tolerances():
     tolerances, times = np.array([1e-3, 1e-10, 1e-6]), np.linspace(0.0, end, 11)[1:]
     motion = _core.Integrator(
         *(lambda t, y, u: rates(t, y), np.zeros(3), np.repeat(solution(np.zeros(1)).T, 3, axis=1)),
-        *(0.0, tolerances, tolerances, 1e8),
+        *(0.0, tolerances, np.tile(tolerances, (2, 1)), 1e8),
     )
     states = np.empty((3, times.size, 2))
     while not motion.advance(times, states, 100_000)[0]:
@@ -121,12 +121,33 @@ def test_members_of_a_batch_keep_to_their_own_tolerances():
         assert found == pytest.approx(alone, abs=1e-11)
 
 
+@pytest.mark.parametrize("implicit", [False, True])
+def test_entries_of_a_state_keep_to_their_own_tolerances(implicit):
+    """Of a slow and a fast oscillation whose errors do not count."""
+    own = np.array([1.0, 1.0, 40.0, 40.0])
+    matrix = np.kron(np.eye(2), [[0.0, 1.0], [-1.0, 0.0]]) * own
+    start, times = np.array([[1.0, 0.0, 1e-3, 0.0]]).T, np.array([5.0])
+    taken = []
+    for atol in (1e-8 * np.ones(4), np.array([1e-8, 1e-8, 1.0, 1.0])):
+        motion = _core.Integrator(
+            *(lambda t, y, u: matrix @ y, np.zeros(1), start, 0.0, [1e-8], atol[:, None], 1e8),
+            jacobian=(lambda t, y, u: matrix) if implicit else None,
+        )
+        state = np.empty((1, 1, 4))
+        while not motion.advance(times, state, 100_000)[0]:
+            pass
+        assert state[0, 0, :2] == pytest.approx([np.cos(5.0), -np.sin(5.0)], abs=1e-7)
+        taken.append(motion.members[0].evaluations)
+    assert taken[1] < 0.5 * taken[0]
+
+
 def test_steps_joined_are_the_polynomials_from_which_samples_come():
     rates, solution, end, _ = PROBLEMS["orbit"]
     start = solution(np.zeros(1)).T
     times = np.linspace(0.0, end, 41)
     motion = _core.Integrator(
-        lambda t, y, u: rates(t[0], y), np.zeros(1), start, 0.0, [1e-8], [1e-8], 1e8
+        *(lambda t, y, u: rates(t[0], y), np.zeros(1), start),
+        *(0.0, [1e-8], np.full_like(start, 1e-8), 1e8),
     )
     states = np.empty((1, times.size, 4))
     finished, breaks, pieces = False, [np.zeros(1)], []

@@ -18,9 +18,10 @@ LEVELS = _core.vector_levels()
 
 def solved(rates, jacobian, start, times, rtol, atol=None, max_step=np.inf):
     """States (times, n) of y' = rates(t, y), y (n, k) at times (k,), and what they took."""
+    start = np.array(start, dtype=float)[:, None]
     motion = _core.Integrator(
-        *(lambda t, y, u: rates(t, y), np.zeros(1), np.array(start, dtype=float)[:, None], 0.0),
-        *([rtol], [rtol if atol is None else atol], 1e8, max_step),
+        *(lambda t, y, u: rates(t, y), np.zeros(1), start, 0.0),
+        *([rtol], np.full_like(start, rtol if atol is None else atol), 1e8, max_step),
         lambda t, y, u: jacobian(t, y),
     )
     times = np.asarray(times, dtype=float)
@@ -216,7 +217,7 @@ def test_several_members_of_one_integrator_go_one_after_the_other():
     times, states = np.array([0.0, 0.3, 1.0]), np.empty((2, 3, 7))
     u = np.array([1.0, 5.0])
     motion = _core.Integrator(
-        *(chain.motion, u, 0.1 * start, 0.0, [1e-8, 1e-6], [1e-10, 1e-8], 1e6),
+        *(chain.motion, u, 0.1 * start, 0.0, [1e-8, 1e-6], np.tile([1e-10, 1e-8], (7, 1)), 1e6),
         jacobian=chain.motion_jacobian,
     )
     while not motion.advance(times, states, 1_000_000)[0]:
@@ -267,7 +268,7 @@ def test_a_step_vanishes_as_soon_before_time_0_as_after():
     taken = []
     for t0 in (2.0, -4.0):
         motion = _core.Integrator(
-            *(lambda t, y, u: y**2, np.zeros(1), np.ones((1, 1)), t0, [1e-8], [1e-10], 1e8),
+            *(lambda t, y, u: y**2, np.zeros(1), np.ones((1, 1)), t0, [1e-8], [[1e-10]], 1e8),
             jacobian=lambda t, y, u: np.array([[2.0 * y[0]]]),
         )
         while not motion.advance(np.array([t0 + 2.0]), np.empty((1, 1, 1)), 1_000_000)[0]:

@@ -14,6 +14,7 @@
 #include <optional>
 #include <string>
 
+#include "parts.hpp"
 #include "pipedyn/chain/motion.hpp"
 #include "pipedyn/vector/levels.hpp"
 
@@ -177,9 +178,6 @@ struct UnlockedFor {
   }
 };
 
-/// What is done with a batch; writes its results (rows, members).
-using Work = std::function<void(const Batch&, double*)>;
-
 /// What work makes of states (rows,) or (rows, k), their speeds and drive: (results,) or (results,
 /// k). cost: of a member, as for `UnlockedFor`.
 inline Numbers results_of(py::ssize_t rows, py::ssize_t results, py::ssize_t cost,
@@ -246,8 +244,11 @@ void define_equations(py::class_<Model>& model) {
     return [work, more](const Model& of, const object&, const object& y, const object& u,
                         const object& drive) {
       const py::ssize_t rows = 2 * of.dof() + more;
-      return results_of(rows, rows, work_of(of), y, u, drive,
-                        [&](const Batch& batch, double* out) { work(of, batch, out); });
+      const py::ssize_t cost = work_of(of);
+      const auto part = [&](const Batch& batch, double* out) { work(of, batch, out); };
+      return results_of(rows, rows, cost, y, u, drive, [&](const Batch& batch, double* out) {
+        in_parts(batch, rows, rows, false, cost, part, out);
+      });
     };
   };
   const auto drive = "drive"_a = py::none();
@@ -258,8 +259,11 @@ void define_equations(py::class_<Model>& model) {
           "jacobian",
           [](const Model& of, const object&, const object& y, const object& u,
              const object& drive) {
-            const auto work = [&](const Batch& batch, double* out) { of.jacobian(batch, out); };
-            return jacobians_of(2 * of.dof(), work_of(of), y, u, drive, work);
+            const py::ssize_t rows = 2 * of.dof(), cost = work_of(of);
+            const auto part = [&](const Batch& batch, double* out) { of.jacobian(batch, out); };
+            return jacobians_of(rows, cost, y, u, drive, [&](const Batch& batch, double* out) {
+              in_parts(batch, rows, rows * rows, true, rows * cost, part, out);
+            });
           },
           "t"_a, "y"_a, "u"_a, drive)
       .def(

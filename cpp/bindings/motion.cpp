@@ -276,9 +276,9 @@ std::unique_ptr<Integrator> integrator(const py::object& of, const py::object& u
   const Supplied* const supply = at_head.is_none() ? nullptr : at_head.cast<const Supplied*>();
   const Index rows = start.rows(), members = start.cols();
   require_size("rtol", rtols, members);
-  require_size("atol", atols, members);
+  require_size("atol", atols, members * rows);
   const Vector rtol = Eigen::Map<const Vector>(rtols.data(), members);
-  const Vector atol = Eigen::Map<const Vector>(atols.data(), members);
+  const Matrix atol = Eigen::Map<const Matrix>(atols.data(), rows, members);
   const Limits limits{rtol, atol, most, max_step};
   if (jacobian.is_none()) {
     return std::make_unique<Dop853>(rates_of(of, rows, u, rtol, supply), rows, members,

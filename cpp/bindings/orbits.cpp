@@ -4,6 +4,7 @@
 #include <pybind11/pybind11.h>
 #include <pybind11/stl.h>
 
+#include <atomic>
 #include <optional>
 #include <vector>
 
@@ -65,11 +66,16 @@ py::typing::Tuple<Numbers, Numbers> eliminated(const Numbers& durations, const N
   };
   double* const to = by.mutable_data();
   double* const end = ends.mutable_data();
-  bool regular = false;
+  std::atomic<bool> regular = true;
   {
     const py::gil_scoped_release unlocked;
-    std::vector<double*> rows(static_cast<std::size_t>(stages * half));
-    regular = motion_kernel().eliminate_stages(intervals, rows.data(), to, end);
+    const Index size = stages * half;
+    in_parts(count, size * size * (size + n) / 100, [&](Index first, Index last) {
+      std::vector<double*> rows(static_cast<std::size_t>(size));
+      if (!motion_kernel().eliminate_stages(intervals, first, last, rows.data(), to, end)) {
+        regular = false;
+      }
+    });
   }
   if (!regular) {
     const py::object error = py::module_::import("numpy.linalg").attr("LinAlgError");

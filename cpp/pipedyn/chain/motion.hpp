@@ -151,7 +151,8 @@ struct MotionKernel {
   /// With units, the second are those of states in these, and what the state at the end misses of
   /// the next interval's beginning is part of the residual.
   /// rows: room for stages half pointers. False if a matrix is singular.
-  bool (*eliminate_stages)(const Intervals&, double** rows, double* rates, double* ends);
+  bool (*eliminate_stages)(const Intervals&, std::ptrdiff_t first, std::ptrdiff_t last,
+                           double** rows, double* rates, double* ends);
   /// Of x -> T x + r of intervals, [T | r] (count, n, columns), the products [P | R] up to the end
   /// of each, as many, from the beginning of its run: a run ends before an entry of P reaches most.
   /// Begins of runs (room for count), and how many there are.

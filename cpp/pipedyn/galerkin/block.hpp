@@ -352,30 +352,41 @@ struct Block {
   enum class Product { all, lower_half, added };
 
   /// Writes sum_k left(k, i) right(k, j) to (padded rows, stride), in tiles that are in registers,
-  /// or adds it. left gives a Real, right the numbers of a vector from j on.
+  /// or adds it; of rows from m on some. left gives a Real, right the numbers of a vector from j on.
   template <class Left, class Right>
   void product_of(Count depth, const Left& left, const Right& right, double* to, Count stride,
                   Product kind) const {
-    constexpr Count rows = 4, columns = alone ? 1 : width == 8 ? 4 : 2;
-    for (Count i = 0; i < padded; i += rows) {
-      for (Count j = 0; j < (kind == Product::lower_half ? i + rows : padded);
-           j += columns * step) {
-        Pack sum[rows][columns] = {};
+    constexpr Count columns = alone ? 1 : width == 8 ? 4 : 2;
+    for (Count i = 0; i < m; i += 4) {
+      if (i + 2 < m) {
+        product_rows<4, columns>(depth, i, left, right, to, stride, kind);
+      } else {
+        product_rows<2, alone ? 1 : 4>(depth, i, left, right, to, stride, kind);
+      }
+    }
+  }
+
+  /// Rows from i on of the same.
+  template <Count rows, Count columns, class Left, class Right>
+  void product_rows(Count depth, Count i, const Left& left, const Right& right, double* to,
+                    Count stride, Product kind) const {
+    const Count end = kind == Product::lower_half ? i + rows : padded;
+    for (Count j = 0; j < end; j += columns * step) {
+      Pack sum[rows][columns] = {};
 #pragma GCC unroll 2
-        for (Count k = 0; k < depth; ++k) {
-          decltype(right(k, j)) others[columns];
-          for (Count c = 0; c < columns; ++c) others[c] = right(k, j + c * step);
-          for (Count r = 0; r < rows; ++r) {
-            const Real value = left(k, i + r);
-            for (Count c = 0; c < columns; ++c) sum[r][c] += value * others[c];
-          }
-        }
+      for (Count k = 0; k < depth; ++k) {
+        decltype(right(k, j)) others[columns];
+        for (Count c = 0; c < columns; ++c) others[c] = right(k, j + c * step);
         for (Count r = 0; r < rows; ++r) {
-          double* const entries = to + ((i + r) * stride + j) * lanes<Real>;
-          for (Count c = 0; c < columns; ++c) {
-            if (kind == Product::added) sum[r][c] += load<Pack>(entries + c * width);
-            store(entries + c * width, sum[r][c]);
-          }
+          const Real value = left(k, i + r);
+          for (Count c = 0; c < columns; ++c) sum[r][c] += value * others[c];
+        }
+      }
+      for (Count r = 0; r < rows; ++r) {
+        double* const entries = to + ((i + r) * stride + j) * lanes<Real>;
+        for (Count c = 0; c < columns; ++c) {
+          if (kind == Product::added) sum[r][c] += load<Pack>(entries + c * width);
+          store(entries + c * width, sum[r][c]);
         }
       }
     }

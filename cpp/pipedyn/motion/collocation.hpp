@@ -166,12 +166,13 @@ void join_interval(const Intervals& of, Count m, double* ends) {
   }
 }
 
-bool eliminate_stages(const Intervals& of, double** rows, double* rates, double* ends) {
+bool eliminate_stages(const Intervals& of, Count first, Count last, double** rows, double* rates,
+                      double* ends) {
   const Count n = 2 * of.half, size = of.stages * of.half, more = n + 3;
   const Count stride = whole_packs(size + more) + width;
   double* const matrix = pipedyn::scratch(size * stride);
   for (Count i = 0; i < size * stride; ++i) matrix[i] = 0.0;
-  for (Count m = 0; m < of.count; ++m) {
+  for (Count m = first; m < last; ++m) {
     for (Count r = 0; r < size; ++r) rows[r] = matrix + r * stride;
     if (!eliminate_interval(of, m, rows, rates + m * size * more, ends + m * n * more)) {
       return false;

@@ -47,13 +47,12 @@ Dop853::Dop853(Rates rates, Index rows, Index members, const double* start, doub
       squares5_(y_),
       squares3_(y_),
       relative_(y_),
-      absolute_(y_),
+      absolute_(Eigen::Map<const Vector>(limits_.absolute.data(), limits_.absolute.size())),
       rate_(stages + 1, y_),
       dense_{y_, y_, y_, Vector::Zero(y_.size()), Stages(stages + 4, y_), Stages(7, y_)} {
   tried_ = Vector::Zero(members);
   for (Index i = 0; i < entries(); i += members) {
     relative_.segment(i, members) = limits_.relative;
-    absolute_.segment(i, members) = limits_.absolute;
   }
   evaluate(y_, rate_[0], 0.0);
   choose_first_steps();
@@ -102,8 +101,8 @@ void Dop853::choose_first_steps() {
   const auto norms = [&](const Vector& of, const Vector& from) {
     Vector sum = Vector::Zero(m);
     for (Index i = 0; i < entries(); i += m) {
-      const auto allowed =
-          limits_.absolute + limits_.relative.cwiseProduct(y_.segment(i, m).cwiseAbs());
+      const auto allowed = absolute_.segment(i, m) +
+                           relative_.segment(i, m).cwiseProduct(y_.segment(i, m).cwiseAbs());
       sum.array() += ((of.segment(i, m) - from.segment(i, m)).array() / allowed.array()).square();
     }
     return Vector((sum / static_cast<double>(rows_)).cwiseSqrt());

@@ -36,7 +36,8 @@ struct Interpolant {
 
 /// What the steps of each member keep to.
 struct Limits {
-  Vector relative, absolute;  // error of a step of each member
+  Vector relative;  // error of a step of each member
+  Matrix absolute;  // and of each entry of its state (rows, members)
   double most;                // evaluations of a member
   double max_step = std::numeric_limits<double>::infinity();
 };

@@ -124,8 +124,9 @@ void Radau::begin(Index which) {
 }
 
 void Radau::allow() {
+  const Index n = of_.solved;
   allowed_ =
-      limits_.absolute[current_] + limits_.relative[current_] * y_.head(of_.solved).array().abs();
+      limits_.absolute.col(current_).head(n) + limits_.relative[current_] * y_.head(n).cwiseAbs();
 }
 
 /// Guesses the stages of a step: the last step's polynomial, continued.
@@ -236,7 +237,8 @@ double Radau::error(double h) {
   for (Index i = 0; i < n; ++i) {
     const double change = z_(i, radau::stages - 1);
     const double largest = std::max(std::abs(y_[i]), std::abs(y_[i] + change));
-    const double scale = 1.0 / (limits_.absolute[current_] + limits_.relative[current_] * largest);
+    const double scale =
+        1.0 / (limits_.absolute(i, current_) + limits_.relative[current_] * largest);
     const double at_end = x_(i, 0) * scale, inside = (change - predicted_[i]) * scale;
     squares += at_end * at_end;
     squares_within += inside * inside;

@@ -252,13 +252,20 @@ class _Run:
     alone: bool = False  # whether it does not join another
     explicit: bool = False  # whether explicit steps cost less
     size: float = LEAST_SIZE  # of the motion, a power of SHARE
+    rate_size: float = LEAST_SIZE  # of its rates, as fast as that until they have been seen
     under_way: bool = True  # whether the tolerance may be TRANSIENT
     roughly: bool = False  # whether it was in the last record
 
-    def resized(self, span: float) -> None:
-        """Takes note of how far its tip or its coordinates range."""
-        steps = math.floor(math.log(max(span, LEAST_SIZE)) / math.log(SHARE) + 1e-9)
-        self.size = min(SHARE**steps, 1.0)
+    def resized(self, span: float, fastest: float) -> None:
+        """Takes note of how far its tip or its coordinates range, and how fast they move."""
+        self.size = min(size_of(span), 1.0)
+        self.rate_size = max(size_of(fastest), self.size)
+
+
+def size_of(span: float) -> float:
+    """Of a motion, or its rates, that range so far: a power of SHARE, rounded down."""
+    steps = math.floor(math.log(max(span, LEAST_SIZE)) / math.log(SHARE) + 1e-9)
+    return float(SHARE**steps)
 
 
 @dataclass(frozen=True)
@@ -355,7 +362,7 @@ class _Batch:
                 approach=run.approach,
                 method=method,
                 rtol=rtol,
-                atol=rtol * run.size,
+                atol=rtol * np.repeat([run.size, run.rate_size], run.state.size // 2),
             )
             tasks.append(task)
         # A thread takes some; the members of a chain's batch cost less the more they are.
@@ -381,7 +388,7 @@ class _Batch:
         for k, i in enumerate(going):
             part, last = slice(k * samples.size, (k + 1) * samples.size), (k + 1) * samples.size - 1
             runs[i].state = np.asarray(self.model.start(q[last], qdot[last]))
-            runs[i].resized(float(np.ptp(x[part])))
+            runs[i].resized(float(np.ptp(x[part])), float(np.abs(velocity[part]).max()))
             rtol = max(self.options.rtol, tasks[i].rtol)
             records[i] = _record(samples, x[part], velocity[part], rtol)
         return records
@@ -514,7 +521,7 @@ def _batch(
     runs = [_Run(i, u, k, _state(model, starts[k])) for i, (u, k) in enumerate(members)]
     excited = {u: batch.keeps_fast_modes(u) for u in {run.speed for run in runs}}
     for run in runs:
-        run.resized(float(np.abs(run.state[: run.state.size // 2]).max()))
+        run.resized(*np.abs(np.split(run.state, 2)).max(axis=1).tolist())
         run.explicit = excited[run.speed]
     batch.finish(runs)
     return [batch.answers[i] for i in range(len(members))]
@@ -540,7 +547,8 @@ def _neighbour(model: Model, run: _Run, bend: Array) -> _Run:
     beside = p + NUDGE * towards / float(np.abs(towards).max()), rate
     state = np.concatenate(model.projected(*beside))
     state = state if np.isfinite(state).all() else run.state
-    return _Run(NEIGHBOUR, run.speed, run.start, state, size=run.size, under_way=False)
+    sizes = {"size": run.size, "rate_size": run.rate_size}
+    return _Run(NEIGHBOUR, run.speed, run.start, state, **sizes, under_way=False)
 
 
 def _record(t: Array, x: Array, velocity: Array, rtol: float) -> _Record:

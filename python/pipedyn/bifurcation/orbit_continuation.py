@@ -45,7 +45,7 @@ MOST_EVALUATIONS = 100_000
 """Right-hand sides and Jacobians after which no more steps are taken on the way to a speed: they
 alone take 1 s of a chain of 20 segments, half a minute of one of 100."""
 
-FINE = OrbitControl(0.15, tolerance=1e-8, stagnation=1e-5, defect=1e-4)
+FINE = OrbitControl(0.15, tolerance=1e-8, stagnation=1e-5, defect=1e-4, patience=2)
 """For diagrams: amplitudes are then good to 1e-9 and multipliers to 1e-8, under drag to some 2e-5
 and 5e-5."""
 

@@ -90,7 +90,7 @@ class Task:
     times: Array  # of the samples, shape (S,)
     start: Array  # [p, p'] or, with the work done, [p, p', 0]; at constant head with u besides
     rtol: float
-    atol: float
+    atol: float | Array  # or of each entry of a state
     method: str  # of METHODS, not "auto"
     t0: float = 0.0
     end: float = 0.0  # where it ends at the latest
@@ -288,7 +288,8 @@ def _in_core(tasks: Sequence[Task], shown: bool, observer: Observer) -> list[Out
     if first.drive is not None:
         u = first.drive if first.drive.numbers is None else first.drive.numbers
     start = np.stack([task.start for task in tasks], axis=1)
-    rtol, atol = np.array([(task.rtol, task.atol) for task in tasks]).T
+    rtol = np.array([task.rtol for task in tasks])
+    atol = np.stack([np.broadcast_to(task.atol, len(start)) for task in tasks], axis=1)
     motion = _core.Integrator(
         *(model.compiled_rates, u, start, first.t0, rtol, atol, first.most, first.max_step),
         None if first.method == "dop853" else first.jacobian,
@@ -383,7 +384,14 @@ def state_after(
 
     motion = _core.Integrator(
         of_all,
-        *(np.zeros(1), start[:, None], 0.0, np.array([rtol]), np.array([atol]), MOST_CALLS),
+        *(
+            np.zeros(1),
+            start[:, None],
+            0.0,
+            np.array([rtol]),
+            np.full_like(start, atol)[:, None],
+            MOST_CALLS,
+        ),
         math.inf,
         None if jacobian is None else lambda t, y, u: jacobian(y),
     )
