@@ -87,6 +87,19 @@ def test_uncertainties_are_the_spread_of_estimates_from_noisy_measurements():
     assert np.abs(np.log(spread / known)).max() < math.log(2.0)
 
 
+def differences(problem, x):
+    """Derivatives of the predictions by differences, (M, U)."""
+    columns = []
+    for i in range(x.size):
+        moved = []
+        for h in (1e-4, -1e-4):
+            beside = x.copy()
+            beside[i] += h
+            moved.append(problem.predictions(beside, 16)[0])
+        columns.append((moved[0] - moved[1]) / 2e-4)
+    return np.array(columns).T
+
+
 def test_derivatives_are_those_of_the_predictions():
     from pipedyn.linear.identification import _checked
 
@@ -101,16 +114,56 @@ def test_derivatives_are_those_of_the_predictions():
     )
     x = problem.begin + 0.05
     _, slopes = problem.predictions(x, 16)
-    for i in range(x.size):
-        moved = []
-        for h in (1e-4, -1e-4):
-            beside = x.copy()
-            beside[i] += h
-            moved.append(problem.predictions(beside, 16)[0])
-        by_difference = (moved[0] - moved[1]) / 2e-4
+    for column, expected in zip(slopes.T, differences(problem, x).T, strict=True):
         np.testing.assert_allclose(
-            slopes[:, i], by_difference, rtol=1e-5, atol=1e-6 * np.abs(slopes).max()
+            column, expected, rtol=1e-5, atol=1e-6 * np.abs(slopes).max()
         )
+
+
+@pytest.mark.parametrize(
+    ("pipe", "unknown"),
+    [
+        (hose(end="pinned"), "bending_stiffness"),
+        (hose(end="clamped", damping_time=DAMPING_TIME), "bending_stiffness"),
+        (pp.Pipe(0.2, 5.0, hysteresis=0.05, terms=(pp.Spring(1.0, 200.0),)), "Spring.stiffness"),
+        (pp.Pipe(0.9, -100.0, end="pinned", terms=(pp.Spring(0.6, 10.0),)), "Spring.stiffness"),
+    ],
+    ids=["two roots meet at 0", "damped", "hysteresis", "two pairs meet on the axis"],
+)
+def test_derivatives_of_speeds_at_which_roots_meet_on_the_axis(pipe, unknown):
+    from pipedyn.linear.identification import _checked
+
+    problem = _checked(pipe, [pp.Measurement("critical_speed", 5.0, 0.1)], [unknown])
+    x = problem.begin + 0.05
+    _, slopes = problem.predictions(x, 16)
+    np.testing.assert_allclose(slopes, differences(problem, x), rtol=1e-6)
+
+
+def test_the_stiffness_of_a_pipe_held_at_both_ends_comes_from_its_divergence():
+    """Pinned ends: u_c = pi without weight, so that EI = mu_f (L U_c / pi)^2."""
+    pipe = pp.Pipe.from_si(
+        length=0.6, bending_stiffness=5e-3, pipe_mass=0.19, fluid_mass=0.032, gravity=0.0,
+        root="pinned", end="pinned",
+    )  # fmt: skip
+    speed = math.pi / 0.6 * math.sqrt(EI / 0.032)
+    found = pp.identify(pipe, [pp.Measurement("critical_speed", speed, 0.01 * speed)], [EVERY[0]])
+    assert found.values == pytest.approx([EI], rel=1e-6)
+    assert found.uncertainties == pytest.approx([0.02 * EI], rel=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("pipe", "message"),
+    [
+        (hose(end="pinned"), "of a pipe that diverges, as the model does at u = "),
+        (pp.Pipe(0.9, -100.0, end="pinned", damping=0.0), "two modes of which meet at u = 3.64"),
+    ],
+)
+def test_the_frequency_of_an_onset_without_one_of_its_own_is_refused(pipe, message):
+    unknown = "bending_stiffness" if pipe.scales else "Spring.stiffness"
+    if not pipe.scales:
+        pipe = replace(pipe, terms=(pp.Spring(0.6, 1e-3),))
+    with pytest.raises(pp.NotIdentifiable, match=message):
+        pp.identify(pipe, [pp.Measurement("critical_frequency", 2.0, 0.1)], [unknown])
 
 
 def test_a_clamp_taken_as_rigid_shows_in_the_residuals():

@@ -8,7 +8,8 @@ P(lambda, u; x) with left and right vectors y and v
     d lambda / d x = -y^H P_x v / y^H P_lambda v,
 
 where P_x is a difference of sixth order of the matrices, which are smooth in x; of a crossing of
-the imaginary axis d u / d x = -Re(lambda_x) / Re(lambda_u).
+the imaginary axis d u / d x = -Re(lambda_x) / Re(lambda_u). Where two roots meet there, as at each
+divergence of a pipe without damping, y^H P_lambda v = 0 and d u / d x = -y^H P_x v / y^H P_u v.
 """
 
 from __future__ import annotations
@@ -70,6 +71,10 @@ WEAK = 0.3
 LEAST_TURN = 1e-3
 """Share of |lambda| that the frequency counts for at least in a decrement, on the way of the search
 through pipes whose mode does not oscillate."""
+
+MEETING = 1e4
+"""|d lambda / d u| at a crossing from which on two roots meet there: rounding leaves some 1e7 of
+infinity, and weakly damped pipes have some 1e2."""
 
 MODES = 20
 """The highest mode that may be measured."""
@@ -583,7 +588,8 @@ class _Roots:
         speeds = np.linspace(0.0, u, 2 + math.ceil(4.0 * u)) if u else np.zeros(1)
         loci = root_loci(self.model, speeds, count=max(one.mode, 2))
         root = complex(loci.eigenvalues[-1, one.mode - 1])
-        by_x, _ = self._slopes(root, lambda pipe: one.speed / self._speed_unit(pipe))
+        down, by_x, _ = self._slopes(root, lambda pipe: one.speed / self._speed_unit(pipe))
+        by_x = -by_x / down
         time, by_time = self._time()
         if one.quantity == "decrement":
             turning = max(root.imag, LEAST_TURN * abs(root))  # where it is overdamped
@@ -603,25 +609,43 @@ class _Roots:
 
     def _at_onset(self, quantity: str) -> tuple[float, Array]:
         found = self._critical
-        by_x, by_u = self._slopes(1j * found.frequency, lambda pipe: found.speed)
-        moved = -by_x.real / by_u.real
+        oscillates = found.frequency > 0.0
+        refused = "measurements must not have a critical_frequency of a pipe that"
+        if quantity == "critical_frequency" and not found.frequency:
+            raise NotIdentifiable(
+                f"{refused} diverges, as the model does at u = {found.speed:.4g}: it does not "
+                "oscillate there"
+            )
+        down, by_x, by_u = self._slopes(1j * found.frequency, lambda pipe: found.speed)
+        meet, moved = False, np.zeros_like(by_x.real)  # where the smallest flow makes every such pipe unstable
+        if found.speed > 0.0:
+            meet = abs(by_u) > MEETING * abs(down)
+            turned = (by_u if meet else down).conjugate()
+            moved = -(turned * by_x).real / (turned * by_u).real
         if quantity == "critical_frequency":
-            return self._frequency(found.frequency, by_x.imag + by_u.imag * moved)
+            if meet:
+                raise NotIdentifiable(
+                    f"{refused} loses no energy, two modes of which meet at u = {found.speed:.4g}: "
+                    "what moves the frequency at which they do is not computed"
+                )
+            return self._frequency(found.frequency, -((by_x + by_u * moved) / down).imag)
         unit = self._speed_unit(self.pipe)
         by_unit = -self._time()[1]  # their product is sqrt(m / mu_f) L
         return unit * found.speed, unit * (moved + found.speed * by_unit)
 
-    def _slopes(self, root: complex, speed: Any) -> tuple[Any, complex]:
-        """Derivatives of a root by x, the flow staying what it is in users' units, and by u."""
+    def _slopes(self, root: complex, speed: Any) -> tuple[complex, Any, complex]:
+        """y^H P_lambda v, y^H P_x v, the flow staying what it is in users' units, and y^H P_u v."""
 
         def whole(parts: Any) -> Any:
+            if root == 0.0:  # a static load loses nothing
+                return parts[2].real
             return parts[2] + root * parts[1] + root**2 * parts[0]
 
         operators, u = self.model.operators(), speed(self.pipe)
         here = np.array(operators.at(u))
         left, _, right = np.linalg.svd(whole(here))
         y, v = left[:, -1].conj(), right[-1].conj()
-        down = y @ (2.0 * root * here[0] + here[1]) @ v
+        down = complex(y @ (2.0 * root * here[0] + here[1]) @ v)
         by_x = [
             sum(weight * whole(of.at(speed(pipe))) for weight, pipe, of in beside)
             for beside in self._beside
@@ -630,8 +654,8 @@ class _Roots:
         ahead, behind = (np.array(operators.at(one)) for one in (u + h * u, u - h * u))
         by_u = (ahead - behind) / (2.0 * h * u) if u else np.zeros_like(here)  # of second degree
         slopes = np.array([*by_x, whole(by_u)])
-        moved = -np.einsum("i,kij,j->k", y, slopes, v) / down
-        return moved[:-1], complex(moved[-1])
+        projected = np.einsum("i,kij,j->k", y, slopes, v)
+        return down, projected[:-1], complex(projected[-1])
 
     def _time(self) -> tuple[float, Array]:
         """The unit of time and the derivatives of its logarithm."""
