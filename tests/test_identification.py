@@ -115,9 +115,7 @@ def test_derivatives_are_those_of_the_predictions():
     x = problem.begin + 0.05
     _, slopes = problem.predictions(x, 16)
     for column, expected in zip(slopes.T, differences(problem, x).T, strict=True):
-        np.testing.assert_allclose(
-            column, expected, rtol=1e-5, atol=1e-6 * np.abs(slopes).max()
-        )
+        np.testing.assert_allclose(column, expected, rtol=1e-5, atol=1e-6 * np.abs(slopes).max())
 
 
 @pytest.mark.parametrize(

@@ -359,6 +359,41 @@ def test_a_sweep_over_the_length_has_scales_of_each_point():
     assert [one.in_si().speed for one in curve.critical] == pytest.approx(single, rel=1e-12)
 
 
+def test_a_sweep_without_an_answer_has_its_pipes(tmp_path):
+    """A chain of one segment never flutters: no answer of its own holds the pipe."""
+
+    def hose(length):
+        return pp.Chain(pp.Pipe.from_si(**{**HOSE, "length": length}), 1)
+
+    ends = np.array([SCALED.speed_si(100.0) * 0.45 / length for length in (0.3, 0.45)])
+    for curve in (
+        pp.stability_curve(hose, [0.3, 0.45]),
+        pp.stability_curve(hose, [0.3, 0.45], max_speed=100.0),
+    ):
+        curve.save(tmp_path / "curve.npz")
+        saved = pp.load(tmp_path / "curve.npz")
+        assert saved == curve
+        assert saved.pipes == (hose(0.3).pipe, SCALED)
+        np.testing.assert_allclose(saved.in_si().no_loss_up_to, ends, rtol=1e-12)
+        assert np.isnan(saved.columns("si")["speed (m/s)"]).all()
+    none = pp.criticality_curve(hose, [0.3, 0.45])
+    assert none.pipes == (hose(0.3).pipe, SCALED)
+    assert np.isnan(none.in_si().speeds).all()
+    half = pp.stability_curve(lambda n: pp.Chain(SCALED, 1 if n == 2.0 else n), [1.5, 2.0])
+    assert half.pipes == (None, SCALED)
+
+
+def test_an_exponent_has_its_pipe(tmp_path):
+    found = pp.lyapunov_exponent(
+        SCALED_CHAIN, 2.0, duration=2.0, transient=0.0, blocks=4, method="pair"
+    )
+    found.save(tmp_path / "exponent.npz")
+    saved = pp.load(tmp_path / "exponent.npz")
+    assert saved.pipe == SCALED
+    assert saved.in_si().value == pytest.approx(found.value / SCALED.scales.time)
+    assert list(saved.columns("si"))[0] == "t (s)"
+
+
 def test_the_axes_of_a_boundary_have_the_units_of_its_numbers():
     pipe = pp.Pipe.from_si(**HOSE, terms=[pp.PointMass(0.45, 0.01)])
     window = {"PointMass.mass": (0.05, 0.2), "u": (0.0, 9.0)}
@@ -445,7 +480,9 @@ def test_what_is_in_si_already_is_not_converted_again():
 
 def test_a_part_of_a_result_needs_the_pipe_or_the_whole():
     part = pp.critical_speed(SCALED_CHAIN).sensitivity
-    with pytest.raises(ValueError, match=r"Sensitivity does not hold its pipe.*found\.in_si\(\)"):
+    with pytest.raises(
+        ValueError, match=r"Sensitivity does not hold its pipe; .* of the whole's in_si"
+    ):
         part.in_si()
     gamma = part.in_si(SCALED).speed.gamma
     assert gamma == SCALED.speed_si(part.speed.gamma)

@@ -55,10 +55,11 @@ from pipedyn.bifurcation.vector_field import VectorField
 from pipedyn.linear.critical_speed import first_loss
 from pipedyn.linear.eigenproblem import Complex
 from pipedyn.linear.sensitivity import Crossing, of_each
-from pipedyn.linear.stability_curve import Failure, scales_of_each, swept
+from pipedyn.linear.stability_curve import Failure, first_known, scales_of_each, swept
 from pipedyn.models.base import Model, NotConverged, PipedynError
 from pipedyn.models.constant_head import ConstantHead
 from pipedyn.models.drive import Supply
+from pipedyn.models.pipe import Pipe
 from pipedyn.motion.simulate import checked_model_in_motion
 from pipedyn.util import check
 from pipedyn.util.check import Array
@@ -614,11 +615,13 @@ class CriticalityCurve(TableResult, units={"folds": SPEED}):
         onsets: Hopf at each value, None where the point failed.
         failures: the points that failed, with what they raised: `NoHopf` where stability is lost
             otherwise, `NoCrossing` where it is not lost.
+        pipes: the pipe at each value, None where there is no model.
     """
 
     values: Array
     onsets: tuple[Hopf | None, ...] = field(repr=False)
     failures: tuple[Failure, ...]
+    pipes: tuple[Pipe | None, ...] = field(default=(), repr=False)
 
     @property
     def speeds(self) -> Array:
@@ -671,9 +674,12 @@ class CriticalityCurve(TableResult, units={"folds": SPEED}):
             "failure": [failed.get(index, "") for index in range(len(self.values))],
         }
 
+    def _pipe(self) -> Any:
+        return first_known(self.pipes) or super()._pipe()
+
     def _scales(self) -> Any:
         """Of each point, whose pipe may be another."""
-        return scales_of_each(self.onsets)
+        return scales_of_each(self.pipes, self.onsets)
 
 
 def _onsets(models: Sequence[Model]) -> list[Hopf | Exception]:
@@ -706,5 +712,7 @@ def criticality_curve(
     Raises:
         ValueError, TypeError: for bad arguments.
     """
-    at, onsets, failures = swept(make_model, values, _onsets, executor, progress, "criticality")
-    return CriticalityCurve(at, tuple(onsets), failures)
+    at, pipes, onsets, failures = swept(
+        make_model, values, _onsets, executor, progress, "criticality"
+    )
+    return CriticalityCurve(at, tuple(onsets), failures, pipes)

@@ -23,6 +23,7 @@ from pipedyn.linear.critical_speed import (
 )
 from pipedyn.linear.sensitivity import Crossing, of_each
 from pipedyn.models.continuum import AnyModel, checked_model
+from pipedyn.models.pipe import Pipe
 from pipedyn.util import check
 from pipedyn.util.check import Array
 from pipedyn.util.later import futures
@@ -64,6 +65,7 @@ class StabilityCurve(TableResult, units=dict.fromkeys(("no_loss_up_to", "max_spe
         failures: the points that failed, with what they raised.
         max_speed: up to which every crossing was asked for, None where it was not.
         parameter: its name, as the function that made the models calls it; empty where it has none.
+        pipes: the pipe at each value, None where there is no model.
 
     Example:
         >>> curve = pp.stability_curve(lambda n: pp.Chain(pp.Pipe(0.2), round(n)), [5, 10, 20])
@@ -79,6 +81,7 @@ class StabilityCurve(TableResult, units=dict.fromkeys(("no_loss_up_to", "max_spe
     failures: tuple[Failure, ...]
     max_speed: float | None = None
     parameter: str = field(default="", repr=False)
+    pipes: tuple[Pipe | None, ...] = field(default=(), repr=False)
 
     @property
     def no_loss_up_to(self) -> Array:
@@ -120,14 +123,26 @@ class StabilityCurve(TableResult, units=dict.fromkeys(("no_loss_up_to", "max_spe
             "failure": [failed.get(index, "") for index in range(len(self.values))],
         }
 
+    def _pipe(self) -> Any:
+        return first_known(self.pipes) or super()._pipe()
+
     def _scales(self) -> Any:
         """Of each point, whose pipe may be another."""
-        return scales_of_each(self.critical)
+        return scales_of_each(self.pipes, self.critical)
 
 
-def scales_of_each(results: Iterable[Any]) -> Any:
-    """SI values of one nondimensional unit, each of shape (S,), None where no result has any."""
-    each = [None if one is None else one._scales() for one in results]
+def first_known(pipes: Iterable[Pipe | None]) -> Pipe | None:
+    """The first pipe of a sweep, None where there is none."""
+    return next((one for one in pipes if one is not None), None)
+
+
+def scales_of_each(pipes: Sequence[Pipe | None], results: Sequence[Any]) -> Any:
+    """SI values of one nondimensional unit, each of shape (S,), None where no pipe has any.
+
+    Of results that were saved without pipes (by version 0.2.0), those of each result.
+    """
+    known_pipes = pipes or [None if one is None else one._pipe() for one in results]
+    each = [getattr(one, "scales", None) for one in known_pipes]
     known = next((one for one in each if one is not None), None)
     if known is None:
         return None
@@ -168,10 +183,11 @@ def stability_curve(
     if max_speed is not None:
         max_speed = checked_end(max_speed)
     solve = first_losses if max_speed is None else partial(losses, max_speed=max_speed)
-    at, answers, failures = swept(make_model, values, solve, executor, progress)
+    at, pipes, answers, failures = swept(make_model, values, solve, executor, progress)
     none: Point = (None, ())
     critical, found = zip(*(none if one is None else one for one in answers), strict=True)
-    return StabilityCurve(at, critical, found, failures, max_speed, _name_of_argument(make_model))
+    name = _name_of_argument(make_model)
+    return StabilityCurve(at, critical, found, failures, max_speed, name, pipes)
 
 
 def _name_of_argument(function: Callable[[float], Any]) -> str:
@@ -189,10 +205,11 @@ def swept(
     executor: futures.Executor | None,
     progress: bool,
     label: str = "stability curve",
-) -> tuple[Array, list[Answer | None], tuple[Failure, ...]]:
+) -> tuple[Array, tuple[Pipe | None, ...], list[Answer | None], tuple[Failure, ...]]:
     """What `solve` answers of the model at each value of a parameter, as for `stability_curve`.
 
-    The values, shape (S,); the answers, None where the point failed; the failures, in order.
+    The values, shape (S,); the pipes, None where there is no model; the answers, None where the
+    point failed; the failures, in order.
     `solve` takes a batch of models and returns an answer or an exception of each; it pickles if an
     executor of processes takes it.
     """
@@ -208,7 +225,8 @@ def swept(
         return checked_model(make_model(value))
 
     outcomes: list[Any] = [outcome_of(partial(model_at, value)) for value in at.tolist()]
-    made = [i for i, one in enumerate(outcomes) if not isinstance(one, Exception)]
+    pipes = tuple(None if isinstance(one, Exception) else one.pipe for one in outcomes)
+    made = [i for i, one in enumerate(pipes) if one is not None]
     size = LARGEST_BATCH
     if executor is not None or shown:
         size = min(size, max(1, len(made) // BATCHES))
@@ -222,4 +240,4 @@ def swept(
             outcomes[i] = one
     answers = [None if isinstance(one, Exception) else one for one in outcomes]
     errors = [(i, one) for i, one in enumerate(outcomes) if isinstance(one, Exception)]
-    return at, answers, tuple(Failure(i, float(at[i]), error) for i, error in errors)
+    return at, pipes, answers, tuple(Failure(i, float(at[i]), error) for i, error in errors)

@@ -19,6 +19,7 @@ import numpy as np
 
 from pipedyn.models.base import Model, NotConverged
 from pipedyn.models.drive import steady_speed
+from pipedyn.models.pipe import Pipe
 from pipedyn.motion.integrator import Stopped, decays_fast, integrate, state_after
 from pipedyn.motion.simulate import (
     MotionStopped,
@@ -66,6 +67,7 @@ class LyapunovExponent(
         history: the value from the time up to then, shape (S,).
         duration: over which it was taken.
         end: [p, p'] at the end, shape (2 moving,): a start for more.
+        pipe: the pipe.
     """
 
     value: float
@@ -75,6 +77,7 @@ class LyapunovExponent(
     history: Array = field(repr=False)
     duration: float
     end: Array = field(repr=False)
+    pipe: Pipe | None = field(default=None, repr=False)
 
     @property
     def chaotic(self) -> bool:
@@ -151,11 +154,12 @@ def lyapunov_exponent(
     def jacobian(y: Array) -> Array:
         return model.motion_jacobian(y, u)
 
-    return largest_exponent(
+    found = largest_exponent(
         *(rates, jacobian, state, duration, transient, blocks, interval, pair, rtol),
         stiff=decays_fast(model),
         shown=shown,
     )
+    return replace(found, pipe=model.pipe)
 
 
 def largest_exponent(
@@ -307,7 +311,10 @@ def exponents_together(
                 late = _from_growth(growth[i + 1 - half : i + 1, k], step, blocks, one)
                 if late.value > BEYOND_DOUBT * late.spread:
                     answers[k] = late
-    return [
+    ended = (
         answers.get(k) or _from_growth(growth[before:, k], step, blocks, here[k])
         for k in range(len(states))
+    )
+    return [
+        replace(one, pipe=model.pipe) if isinstance(one, LyapunovExponent) else one for one in ended
     ]

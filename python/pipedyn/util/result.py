@@ -161,8 +161,8 @@ class Result(Saved):
         scales = self._scales() if pipe is None else _scales_of(pipe)
         if scales is None and pipe is None and self._pipe() is None:
             raise ValueError(
-                f"pipe must be given: {type(self).__name__} does not hold its pipe; what is part "
-                "of a result that does is converted with it, as found.in_si().sensitivity"
+                f"pipe must be given: {type(self).__name__} does not hold its pipe; if it is a "
+                "part of a result that does, take the part of the whole's in_si()"
             )
         if scales is None:
             raise ValueError("numbers in SI need a pipe made with Pipe.from_si")
