@@ -161,6 +161,8 @@ def test_the_table_of_a_pipe_in_si_units_is_in_metres_per_second_and_hertz(tmp_p
         ["--chain", *"246", "200"],
         ["--reduced", *"24", "60"],
         ["--springs", "rayleigh", "consistent", "midpoint"],
+        ["--format", "pdf"],
+        ["--format", "svg"],
     ],
     ids=" ".join,
 )
@@ -170,8 +172,20 @@ def test_the_forecast_grows_with_what_is_asked(words, tmp_path):
 
 def test_a_heavy_pipe_whose_map_reaches_higher_takes_longer(tmp_path):
     """Its critical speed, which is looked for first, decides how far maps and figures reach."""
-    usual, heavy = (forecast(case_of(words, tmp_path)) for words in ([], ["--gamma", "1085"]))
+    one_thread = Pace(1.0, 1.0)
+    usual, heavy = (
+        forecast(case_of(words, tmp_path), one_thread) for words in ([], ["--gamma", "1085"])
+    )
     assert heavy > 1.5 * usual
+
+
+def test_a_high_speed_takes_longer_even_at_few_speeds(tmp_path):
+    """The continuous pipe's loci and crossings up to it take as long as all the rest."""
+    usual, high = (
+        forecast(case_of(["--speeds", "30", "--highest", highest], tmp_path))
+        for highest in ("9", "100")
+    )
+    assert high > 2.0 * usual
 
 
 def test_a_slower_machine_takes_longer_and_its_pace_is_measured(tmp_path, monkeypatch):

@@ -391,7 +391,7 @@ def test_an_exponent_has_its_pipe(tmp_path):
     saved = pp.load(tmp_path / "exponent.npz")
     assert saved.pipe == SCALED
     assert saved.in_si().value == pytest.approx(found.value / SCALED.scales.time)
-    assert list(saved.columns("si"))[0] == "t (s)"
+    assert "t (s)" in saved.columns("si")
 
 
 def test_the_axes_of_a_boundary_have_the_units_of_its_numbers():

@@ -609,7 +609,6 @@ class _Roots:
 
     def _at_onset(self, quantity: str) -> tuple[float, Array]:
         found = self._critical
-        oscillates = found.frequency > 0.0
         refused = "measurements must not have a critical_frequency of a pipe that"
         if quantity == "critical_frequency" and not found.frequency:
             raise NotIdentifiable(

@@ -60,6 +60,9 @@ AS_MEASURED = Pace(1.0, 0.5)
 SECONDS_OF_A_SEARCH = 0.16
 """That machine's for the search of `measured_pace`."""
 
+DRAWING = {"png": 1.0, "pdf": 2.05, "svg": 1.7}
+"""How long the figures take in each format, against bitmaps: 3.9, 8.0 and 6.6 s of 9 panels."""
+
 MAP_MODES = 9
 """Mass ratios of a map at which the mode is told that loses stability."""
 
@@ -179,8 +182,9 @@ def forecast(case: Case, pace: Pace = AS_MEASURED) -> float:
     """About how many seconds the analysis takes, from what was asked of it.
 
     Each constant is a core's time (AMD Zen 4), measured for chains of 4 to 256 segments, reduced
-    models of 2 to 200 functions, 21 to 721 speeds up to 9 and 40, and maps up to 0.3 to 30. The
-    threads share what is computed; one draws.
+    models of 2 to 200 functions, 21 to 721 speeds up to 8 and 100, and maps up to 0.3 to 30. The
+    threads share what is computed; one draws. The continuous pipe needs functions in proportion to
+    the highest speed, and each speed their number's second or third power.
 
     Args:
         case: the options.
@@ -189,15 +193,17 @@ def forecast(case: Case, pace: Pace = AS_MEASURED) -> float:
     exact = outcome_of(partial(critical_speed, Continuum(case.pipe)))
     found = None if isinstance(exact, Exception) else exact
     rows = len(case.springs)
-    at_a_speed = 2.3e-4 * _highest(case, found)  # of the continuous pipe
+    highest = _highest(case, found)
+    continuous = 1.7e-5 * highest**3  # its loci at few speeds, and its crossings
+    at_a_speed = 1.5e-3 + 3.5e-6 * highest**2  # of the continuous pipe
     at_a_speed += rows * sum(1e-6 * n for n in case.chain_sizes)
     at_a_speed += sum(6e-7 * m**2.35 for m in case.reduced_sizes)
     critical = sum(6.5e-7 * m**3 for m in {*REDUCED_SIZES, *case.reduced_sizes})
     critical += 5e-5 * sum({*CHAIN_SIZES, *case.chain_sizes})
     a_map = 0.2 + 1.2 * (map_top(found) / 20.0) ** 3
-    computed = len(_gammas(case)) * a_map + critical + case.speeds * at_a_speed
+    computed = len(_gammas(case)) * a_map + critical + continuous + case.speeds * at_a_speed
     panels = rows * len(case.chain_sizes) + len(case.reduced_sizes)
-    drawn = 1.0 + panels * (0.2 + 1.4e-4 * case.speeds)
+    drawn = DRAWING[case.format] * (1.05 + panels * (0.3 + 1.4e-4 * case.speeds))
     return computed * pace.shared + drawn * pace.alone
 
 
