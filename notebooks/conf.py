@@ -13,8 +13,8 @@ import pipedyn
 from pipedyn.util.result import Result
 
 project = "pipedyn"
-author = "the engineers of pipedyn"
-copyright = "the engineers of pipedyn"  # the name that Sphinx wants
+author = "The pipedyn developers"
+copyright = "The pipedyn developers"  # the name that Sphinx wants
 version = release = pipedyn.__version__
 
 extensions = [

@@ -182,6 +182,16 @@ def test_files_that_were_changed_are_refused(changed, tmp_path):
         pp.load(path)
 
 
+@pytest.mark.parametrize(
+    ("header", "lacking"), [("{}", "format"), ("[]", "format"), ('{"format": 1}', "package")]
+)
+def test_what_a_header_lacks_is_told(header, lacking, tmp_path):
+    path = tmp_path / "other.npz"
+    np.savez(path, header=np.array(header))
+    with pytest.raises(ValueError, match=f"cannot be loaded: its header has no '{lacking}', which"):
+        pp.load(path)
+
+
 def test_other_files_are_refused(tmp_path):
     path = tmp_path / "other.npz"
     path.write_text("no archive")

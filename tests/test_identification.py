@@ -209,7 +209,13 @@ def test_a_nondimensional_pipe_and_its_loss_factor():
     ("change", "kind", "message"),
     [
         ({"pipe": 3}, TypeError, "pipe must be a Pipe"),
-        ({"measurements": []}, TypeError, "measurements must be a list of Measurement"),
+        ({"measurements": []}, ValueError, "must have at least one Measurement, got none"),
+        ({"measurements": 3}, TypeError, "measurements must be a list of Measurement, got 3"),
+        (
+            {"measurements": [pp.Measurement("frequency", 1.0, 0.1, speed=100.0)]},
+            ValueError,
+            r"measurements\[0\]\.speed must be at most 64\.82, got 100, 84\.9 in units of the pipe",
+        ),
         ({"measurements": [3]}, TypeError, r"measurements\[0\] must be a Measurement, got 3"),
         ({"unknowns": "damping"}, TypeError, "unknowns must be a list of names"),
         ({"unknowns": []}, ValueError, "unknowns must have at least one name"),
@@ -263,4 +269,15 @@ def test_an_estimate_held_by_its_range_promises_nothing():
     assert found.values == pytest.approx([9e-3], rel=1e-3)
     assert np.isnan(found.uncertainties).all()
     assert math.isnan(found.critical_speed_uncertainty)
+    assert found.freedom == 1
     assert any("chi-squared" in one and "at 1 degree of freedom" in one for one in found.warnings)
+
+
+def test_as_many_unknowns_as_measurements_may_explain_nothing():
+    """No range holds a frequency and a decrement of the second mode that are both too small."""
+    measured = [replace(one, value=0.5 * one.value) for one in MEASURED[:2]]
+    unknowns = {"bending_stiffness": (5e-3, 9e-3), "hysteresis": (0.1, 0.2)}
+    found = pp.identify(GUESS, measured, unknowns)
+    assert found.freedom == 2
+    assert found.chi_squared > 100.0
+    assert any("does not explain" in one for one in found.warnings)

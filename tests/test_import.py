@@ -124,6 +124,21 @@ def test_names_that_the_book_mentions_exist():
         assert name in fields or hasattr(objects[owner], name), f"{owner}.{name}"
 
 
+def test_the_book_names_the_functions_that_take_an_executor():
+    page = Path(__file__).parents[1] / "notebooks" / "how-to" / "sweep-in-parallel.md"
+    text = page.read_text(encoding="utf-8").split("# Sweep in parallel")[1]
+    taking, others = text.split("```")[0].split("The others")
+    functions = {name: getattr(pp, name) for name in pp.__all__}
+    parameters = {
+        name: inspect.signature(one).parameters
+        for name, one in functions.items()
+        if inspect.isfunction(one)
+    }
+    named = set(re.findall(r"`([a-z_]+)`", taking)) - {"executor"}
+    assert named == {name for name, own in parameters.items() if "executor" in own}
+    assert set(re.findall(r"`([a-z_]+)`", others)) <= set(parameters) - named
+
+
 def test_progress_needs_no_progress_bar(monkeypatch, terminal):
     """Without tqdm a plain count goes to stderr."""
     monkeypatch.setitem(sys.modules, "tqdm", None)

@@ -405,6 +405,16 @@ def test_batches_count_for_their_caller():
     [
         ({"events": 3}, TypeError, r"events\[0\] must be an Event or a function"),
         ({"events": [tip_angle, None]}, TypeError, r"events\[1\] must be an Event"),
+        (
+            {"events": lambda t, y: y[0]},
+            TypeError,
+            r"events\[0\] must be called as events\[0\]\(t, q, qdot\), got a function of \(t, y\)",
+        ),
+        (
+            {"events": [tip_angle, pp.Event(lambda t: t)]},
+            TypeError,
+            r"events\[1\] must be called as events\[1\]\(t, q, qdot\), got a function of \(t\)",
+        ),
         ({"events": pp.Event("g")}, TypeError, r"events\[0\].function must be a function"),
         ({"events": pp.Event(tip_angle, "up")}, TypeError, r"events\[0\].direction must be a real"),
         ({"events": pp.Event(tip_angle, 0, -1)}, ValueError, r"events\[0\].terminal must be at l"),

@@ -60,6 +60,7 @@ def axes(layout=None):
         (lambda ax: plot.frequencies(None, ax=ax), "loci must be of type RootLoci, got None"),
         (lambda ax: plot.frequencies(LOCI, LOCI, -1, ax=ax), "largest must be finite and >= 0"),
         (lambda ax: plot.mode_shapes(LOCI, ax=ax), "modes must be of type Modes"),
+        (lambda ax: plot.mode_shapes(MODES, 0, ax=ax), "count must be"),
         (
             lambda ax: plot.convergence([CRITICAL], CRITICAL, ax=ax),
             "families must be of type Mapping",
@@ -416,6 +417,16 @@ def test_every_picture_takes_its_axes_last_by_name_and_does_without():
         assert plot.colour_bar("of the current Axes") is mesh.colorbar.ax
     finally:
         plt.close("all")
+
+
+def test_four_modes_are_drawn_unless_more_are_asked_for():
+    found = pp.modes(pp.Chain(pp.Pipe(0.2), 12), 4.0)
+    for count, curves in ((None, 4), (2, 2), (12, 12), (99, 12)):
+        asked = {} if count is None else {"count": count}
+        ax = plot.mode_shapes(found, ax=axes(), **asked)
+        labels = [one for one in ax.get_legend_handles_labels()[1] if "lambda" in one]
+        assert len(labels) == curves
+        assert ax.get_title() == ("$u = 4$" if curves == 12 else f"$u = 4$, {curves} of 12 modes")
 
 
 HOSE = pp.Pipe.from_si(

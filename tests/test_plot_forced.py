@@ -36,6 +36,13 @@ def test_a_response_at_any_frequencies_is_drawn_from_left_to_right():
     assert np.isnan(plot.frequency_response(still, ax=axes()).lines[0].get_ydata()).all()
 
 
+def test_a_pulsation_without_regions_has_its_pipe():
+    none = pp.parametric_regions(pp.Chain(PIPE, 2), 1.0, [0.01], (50.0, 60.0))
+    assert len(none) == 0
+    ax = plot.parametric_regions(none, units="si", ax=axes())
+    assert ax.get_xlabel() == "frequency (Hz)"
+
+
 def test_the_response_is_drawn_with_its_resonances_and_an_axis_in_hertz():
     ax = plot.frequency_response(RESPONSE, ax=axes())
     curve, *others = ax.lines

@@ -95,7 +95,10 @@ def by_gid(ax, gid):
     [
         (lambda ax: plot.snapshots(None), "motion must be of type Motion, got None"),
         (lambda ax: plot.snapshots(MOTIONS.many), "motion must be of type Motion, got Ensemble("),
-        (lambda ax: plot.snapshots(MOTIONS.short), "motion must have at least 3 samples, got 2"),
+        (
+            lambda ax: plot.snapshots(MOTIONS.short),
+            "motion must have at least 3 samples, got 2: ask `simulate` for more `samples=`",
+        ),
         (
             lambda ax: plot.snapshots(MOTIONS.coarse),
             "motion must be sampled at least six times a cycle",
@@ -370,6 +373,29 @@ def test_histories_and_portraits_show_every_motion_under_its_speed():
     assert labels == ["0: $u = 6$, Chain, 6 d.o.f.", "1: $u = 6$, Chain, 6 d.o.f."]
 
 
+def test_members_that_failed_are_left_out_of_a_picture_and_told():
+    found = pp.simulate_many(
+        pp.Chain(pp.Pipe(0.2, 10.0), 4), [5.0, 6.0, 9999.0], 5.0, lambda s: 0.1 * s, most=20_000
+    )
+    assert [one.index for one in found.failures] == [2]
+    for draw in plot.time_history, plot.phase_portrait:
+        ax = draw(found, ax=axes())
+        labels = [text.get_text() for text in ax.get_legend().get_texts()]
+        assert labels == ["$u = 5$", "$u = 6$"]
+        assert ax.get_title() == "left out: member 2, which failed"
+
+
+def test_the_only_member_that_did_not_fail_is_shown_as_one_motion():
+    chain, start = pp.Chain(pp.Pipe(0.2, 10.0), 4), [0.1, 0.1, 0.1, 0.1]
+    found = pp.simulate_many(chain, [6.0, 9999.0], 5.0, start, most=20_000)
+    title = plot.time_history(found, ax=axes()).get_title()
+    assert title == "$u = 6$, ejecting\nleft out: member 1, which failed"
+    none = pp.simulate_many(chain, [9999.0], 5.0, start, most=20_000)
+    told = r"motions must have a member that did not fail, the first: .* as `most=`"
+    with pytest.raises(ValueError, match=told):
+        plot.time_history(none, ax=axes())
+
+
 def test_a_portrait_of_a_coordinate_shows_it_against_its_rate():
     ax = plot.phase_portrait(MOTIONS.decay, 2, ax=axes())
     shown = np.concatenate([np.column_stack(line.get_data()) for line in ax.lines[:3]])
@@ -401,6 +427,7 @@ def test_an_animation_of_a_cycle_closes_and_shows_in_a_notebook():
     animation = plot.animate(MOTIONS.cycle, fps=4)
     page = animation.to_jshtml()
     assert page.count("data:image/png;base64") == 10  # 2.5 seconds
+    assert repr(animation) == "Film(10 frames, 4 a second, 2.5 s)"
     (ax,) = animation._fig.axes
     animation._draw_frame(0)
     (trace,) = by_gid(ax, "trace")

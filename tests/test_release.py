@@ -49,6 +49,13 @@ def test_what_is_read_by_people_names_the_version_of_the_package(name, pattern):
     assert found[1] == pp.__version__
 
 
+def test_the_book_and_the_citation_have_the_same_authors():
+    (author,) = re.findall(
+        r'^author = "(.*)"$', (ROOT / "notebooks" / "conf.py").read_text(encoding="utf-8"), re.M
+    )
+    assert f'name: "{author}"' in (ROOT / "CITATION.cff").read_text(encoding="utf-8")
+
+
 def test_the_date_of_the_release_is_one():
     changes, citation = (
         (ROOT / name).read_text(encoding="utf-8") for name in ("CHANGELOG.md", "CITATION.cff")

@@ -58,6 +58,13 @@ STENCIL = np.array([45.0, -9.0, 1.0]) / 60.0
 SIZES = (16, 24, 36, 54)
 """Functions of the model, one after the other until the predictions stay."""
 
+MOST_SPEED = 55.0
+"""u up to which modes are followed: a flow of 1.25 (SIZES[-1] - 8) bends the pipe into waves as
+short as the largest model has."""
+
+MOST_TRIALS = 40
+"""Pipes that a search from one start tries: those that end in an optimum take 5 to 30."""
+
 STAYING = 0.02
 """Change of a prediction, in its uncertainty, from one of these to the next that is let pass."""
 
@@ -144,7 +151,8 @@ class Identification(TableResult):
         residuals: (measured - predicted) / uncertainty, shape (M,).
         chi_squared: sum of their squares: about `freedom` if the model and the uncertainties are
             right.
-        freedom: number of measurements less that of unknowns.
+        freedom: number of measurements less that of unknowns within their ranges: an estimate at
+            the end of its range fits nothing.
         condition: of the derivatives by the logarithms of the unknowns, in units of the
             measurements' uncertainties.
         warnings: what to know before the estimates are used, in sentences.
@@ -271,6 +279,11 @@ def _unit(name: str, pipe: Pipe) -> float:
     return float(getattr(unit, number.attribute))
 
 
+def _speed_unit(pipe: Pipe) -> float:
+    """Of flow speeds, for users."""
+    return 1.0 if pipe.scales is None else pipe.scales.speed
+
+
 def _with_stiffness(pipe: Pipe, value: float) -> Pipe:
     """The pipe with another bending stiffness, all that was measured in SI units staying."""
     old = pipe.scales
@@ -296,10 +309,12 @@ def _with_stiffness(pipe: Pipe, value: float) -> Pipe:
 def _checked(pipe: Pipe, measurements: Any, unknowns: Any) -> _Problem:
     """The arguments of `identify`."""
     pipe = checked_pipe(pipe)
-    if not isinstance(measurements, list | tuple) or not measurements:
+    if not isinstance(measurements, list | tuple):
         raise TypeError(
             f"measurements must be a list of Measurement, got {check.shown(measurements)}"
         )
+    if not measurements:
+        raise ValueError("measurements must have at least one Measurement, got none")
     for i, one in enumerate(measurements):
         if not isinstance(one, Measurement):
             raise TypeError(f"measurements[{i}] must be a Measurement, got {check.shown(one)}")
@@ -317,6 +332,14 @@ def _checked(pipe: Pipe, measurements: Any, unknowns: Any) -> _Problem:
         found.append(one)
         begin.append(min(max(value, one.low), one.high))
     problem = _Problem(pipe, tuple(measurements), tuple(found), np.log(begin))
+    unit = _speed_unit(problem.pipe(problem.begin))
+    for i, given in enumerate(measurements):
+        if given.speed > MOST_SPEED * unit:
+            word = "" if unit == 1.0 else f", {given.speed / unit:.3g} in units of the pipe"
+            raise ValueError(
+                f"measurements[{i}].speed must be at most {MOST_SPEED * unit:.4g}, "
+                f"got {given.speed:g}{word}"
+            )
     if len(measurements) < len(found):
         few = check.counted(len(measurements), "measurement")
         raise NotIdentifiable(f"{few} cannot tell {len(found)} unknowns")
@@ -431,7 +454,7 @@ class _Problem:
                     xtol=1e-12,
                     ftol=1e-12,
                     gtol=1e-12,
-                    max_nfev=100,
+                    max_nfev=MOST_TRIALS,
                 )
             except PipedynError as error:
                 failed.append(error)
@@ -490,14 +513,13 @@ class _Problem:
         values = np.exp(x)
         sigma = values * np.sqrt(np.diag(spread))
         names = tuple(one.name for one in self.unknowns)
-        freedom = self.freedom
         squares = float(residuals @ residuals)
         warnings = list(self._warnings(values, np.sqrt(np.diag(spread)), at_end, x - low < 1e-4))
-        left = len(self.measurements) - free.size  # estimates at an end of their range fit nothing
-        if left and not self.explained(squares, left):
+        freedom = len(self.measurements) - free.size
+        if not self.explained(squares, freedom):
             warnings.append(
                 f"the pipe with these numbers does not explain the measurements: chi-squared is "
-                f"{squares:.3g} at {check.counted(left, 'degree')} of freedom. An effect is "
+                f"{squares:.3g} at {check.counted(freedom, 'degree')} of freedom. An effect is "
                 "missing, a range too narrow, or the uncertainties are too small"
             )
         speed, by_x = self.roots(x, size).answer(Measurement("critical_speed", 0.0, 1.0))
@@ -584,11 +606,13 @@ class _Roots:
     def _answer(self, one: Measurement) -> tuple[float, Array]:
         if one.quantity.startswith("critical"):
             return self._at_onset(one.quantity)
-        u = one.speed / self._speed_unit(self.pipe)
-        speeds = np.linspace(0.0, u, 2 + math.ceil(4.0 * u)) if u else np.zeros(1)
+        u = one.speed / _speed_unit(self.pipe)
+        if u > MOST_SPEED:
+            raise NotConverged(f"at u = {u:.3g} no mode is followed")
+        speeds = np.linspace(0.0, u, 2 + math.ceil(u)) if u else np.zeros(1)
         loci = root_loci(self.model, speeds, count=max(one.mode, 2))
         root = complex(loci.eigenvalues[-1, one.mode - 1])
-        down, by_x, _ = self._slopes(root, lambda pipe: one.speed / self._speed_unit(pipe))
+        down, by_x, _ = self._slopes(root, lambda pipe: one.speed / _speed_unit(pipe))
         by_x = -by_x / down
         time, by_time = self._time()
         if one.quantity == "decrement":
@@ -631,7 +655,7 @@ class _Roots:
                     "what moves the frequency at which they do is not computed"
                 )
             return self._frequency(found.frequency, -((by_x + by_u * moved) / down).imag)
-        unit = self._speed_unit(self.pipe)
+        unit = _speed_unit(self.pipe)
         by_unit = -self._time()[1]  # their product is sqrt(m / mu_f) L
         return unit * found.speed, unit * (moved + found.speed * by_unit)
 
@@ -665,7 +689,3 @@ class _Roots:
             return 1.0, np.zeros(self.x.size)
         by_x = [-0.5 if one.name == STIFFNESS else 0.0 for one in self.problem.unknowns]
         return self.pipe.scales.time, np.array(by_x)
-
-    @staticmethod
-    def _speed_unit(pipe: Pipe) -> float:
-        return 1.0 if pipe.scales is None else pipe.scales.speed

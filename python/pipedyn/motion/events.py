@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import inspect
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
@@ -116,16 +117,33 @@ def checked_events(given: Any) -> tuple[Event, ...]:
             if not callable(one):
                 message = f"{name} must be an Event or a function g(t, q, qdot)"
                 raise TypeError(f"{message}, got {check.shown(one)}")
+            _require_arguments(name, one)
             options = {key: getattr(one, key, 0) for key in ("direction", "terminal")}
             one = Event(one, **options)
         elif not callable(one.function):
             raise TypeError(f"{name}.function must be a function, got {check.shown(one.function)}")
+        else:
+            _require_arguments(name, one.function)
         direction = check.real(f"{name}.direction", one.direction)
         terminal = one.terminal
         if not isinstance(terminal, bool | np.bool_):
             terminal = check.count(f"{name}.terminal", terminal, low=0)
         events.append(Event(one.function, direction, int(terminal)))
     return tuple(events)
+
+
+def _require_arguments(name: str, function: Callable[..., Any]) -> None:
+    """Refuse a function that does not take (t, q, qdot), as far as Python tells its arguments."""
+    try:
+        arguments = inspect.signature(function)
+    except ValueError:
+        return
+    try:
+        arguments.bind(0.0, None, None)
+    except TypeError:
+        raise TypeError(
+            f"{name} must be called as {name}(t, q, qdot), got a function of {arguments}"
+        ) from None
 
 
 class Recorder:

@@ -81,6 +81,11 @@ class Stopped(Exception):
     """Why an integration stopped early."""
 
 
+def _spent(most: float) -> str:
+    """Why a motion stopped that takes more right-hand sides than it may."""
+    return f"it needs more than {most:g} right-hand sides: give `simulate` more as `most=`"
+
+
 @dataclass(frozen=True)
 class Task:
     """An integration to be done."""
@@ -161,7 +166,7 @@ class Monitor:
         if self.calls >= self.next_check:
             self.check(t)
         if self.calls >= self.task.most:
-            raise Stopped(f"it needs more than {self.task.most:g} right-hand sides")
+            raise Stopped(_spent(self.task.most))
         self.calls += 1
         try:
             return self.task.rates(t, y)
@@ -347,7 +352,7 @@ def _in_core(tasks: Sequence[Task], shown: bool, observer: Observer) -> list[Out
         if why is not None and first.constant_head is not None and motion.state(j)[-1] < STILL:
             why = "its flow stops and would turn back"
         if member.progress == "spent" and j not in left:
-            why = why or f"it needs more than {first.most:g} right-hand sides"
+            why = why or _spent(first.most)
         if observer.end is not None:
             samples, why = int(np.searchsorted(times[:samples], observer.end, "right")), None
         rows = np.concatenate([start[None, :, j], states[j, :samples]])

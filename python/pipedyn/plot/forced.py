@@ -142,7 +142,8 @@ def parametric_regions(
         )
     for i, one in enumerate(regions):
         common.check_type(f"regions[{i}]", one, ParametricRegion)
-    view = View(units, regions[0].pipe if regions else None)
+    pipe = regions.model.pipe if isinstance(regions, ParametricRegions) else None
+    view = View(units, regions[0].pipe if regions else pipe)
     pulsation = Quantity(r"frequency of the pulsation $\omega$", FREQUENCY.si_label, FREQUENCY.unit)
     ylabel = r"amplitude $\mu$ of the pulsation"
     ax = common.axes(ax, (6.4, 4.2), xlabel=view.label(pulsation), ylabel=ylabel)

@@ -212,11 +212,15 @@ def dot_stride(loci: RootLoci) -> int:
     return max(1, round((loci.speeds.size - 1) / 18))
 
 
-def mode_shapes(modes: Modes, *, units: Units = "nondimensional", ax: Axes | None = None) -> Axes:
+def mode_shapes(
+    modes: Modes, count: int = 4, *, units: Units = "nondimensional", ax: Axes | None = None
+) -> Axes:
     """Transverse displacement along the pipe: real part solid, imaginary part dashed.
 
     Args:
         modes: two curves for each eigenvalue that is not the lower of a conjugate pair.
+        count: of how many of these, at most, in the order of `modes`; the title tells how many
+            there are if that is more.
         units: "nondimensional", or "si" where the pipe has scales.
         ax: where to draw; new Axes where not given.
 
@@ -224,15 +228,16 @@ def mode_shapes(modes: Modes, *, units: Units = "nondimensional", ax: Axes | Non
         >>> ax = plot.mode_shapes(pp.modes(pp.Chain(pp.Pipe(0.2), 10), 4.0, count=3))
 
     Raises:
-        TypeError: for bad arguments.
+        ValueError, TypeError: for bad arguments.
     """
     common.check_type("modes", modes, Modes)
+    count = check.count("count", count)
     ylabel = "displacement (largest: 1)"
     view = View(units, modes.shapes[0].model.pipe if modes.shapes else None)
     ax = common.axes(ax, (6.4, 4.2), xlabel=view.label(ARC), ylabel=ylabel)
     s = np.linspace(0.0, 1.0, 401)
     upper = [shape for shape in modes.shapes if shape.eigenvalue.imag >= 0.0]
-    for i, shape in enumerate(upper):
+    for i, shape in enumerate(upper[:count]):
         displacement, value = shape(s), view.one(GROWTH) * shape.eigenvalue
         colour = common.CURVE_STYLES[i % len(common.CURVE_STYLES)]["color"]
         look: dict[str, Any] = {"color": colour, "linewidth": 1.0 + 0.4 * (i % 3)}
@@ -242,6 +247,8 @@ def mode_shapes(modes: Modes, *, units: Units = "nondimensional", ax: Axes | Non
         ax.plot(at, displacement.imag, linestyle="--", **look)
     ax.axhline(0.0, color="0.4", linewidth=0.6, zorder=0.5)
     ax.set(xlim=(0.0, view.one(ARC)), ylim=(-1.08, 1.08), title=view.speed(modes.speed, 6))
+    if len(upper) > count:
+        ax.set_title(f"{view.speed(modes.speed, 6)}, {count} of {len(upper)} modes")
     if upper:
         for word, line in (("real part", "-"), ("imaginary part", "--")):
             ax.plot([], [], color="0.4", linestyle=line, label=word)

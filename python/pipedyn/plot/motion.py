@@ -51,7 +51,8 @@ def time_history(
     """Transverse displacement of the free end over time.
 
     Args:
-        motions: one, several or an ensemble; limit cycles and basins, too. Between samples, cubics
+        motions: one, several or an ensemble, of which members that failed are left out; limit
+            cycles and basins, too. Between samples, cubics
             through positions and velocities are shown.
         units: "nondimensional", or "si" where the pipe has scales.
         ax: where to draw; new Axes where not given.
@@ -64,7 +65,8 @@ def time_history(
         ValueError: for fewer than 3 samples, or samples too far apart to interpolate.
         TypeError: for bad arguments.
     """
-    shown = _signals(checked_motions(motions), None, units, rates_shown=False)
+    named, failed = checked_motions(motions)
+    shown = _signals(named, None, units, rates_shown=False)
     view = shown[0].view
     ax = common.axes(ax, (6.4, 3.2), xlabel=view.label(TIME), ylabel=view.label(TIP))
     ax.axhline(0.0, color="0.4", linewidth=0.6, zorder=0.5)
@@ -72,7 +74,7 @@ def time_history(
         t = finer(one.curve.x)
         ax.plot(one.times(t), one.values(t), label=one.label, linewidth=1.0, **one.look)
     ax.margins(x=0.0)
-    _legend(ax, shown)
+    _legend(ax, shown, failed)
     return ax
 
 
@@ -88,7 +90,8 @@ def phase_portrait(
     A coordinate that moves too fast for a curve through the samples is shown as these, in dots.
 
     Args:
-        motions: one, several or an ensemble; limit cycles and basins, too.
+        motions: one, several or an ensemble, of which members that failed are left out; limit
+            cycles and basins, too.
         coordinate: "tip" for the free end's transverse displacement, or the index of a coordinate,
             counted from 0.
         units: "nondimensional", or "si" where the pipe has scales.
@@ -103,7 +106,7 @@ def phase_portrait(
             path, or an index that a model does not have.
         TypeError: for bad arguments.
     """
-    named = checked_motions(motions)
+    named, failed = checked_motions(motions)
     least = min(motion.model.coordinates for motion in named.values())
     index, xlabel = common.coordinate_axis(coordinate, least)
     shown = _signals(named, index, units, rates_shown=True)
@@ -127,7 +130,7 @@ def phase_portrait(
         ax.plot(one.values(last), one.values(last, 1), label=one.label, linewidth=1.6, **one.look)
         start = common.open_marker(4.5, colour, zorder=3.0)
         ax.plot(one.values(t[0]), one.values(t[0], 1), **start)
-    _legend(ax, shown)
+    _legend(ax, shown, failed)
     return ax
 
 
@@ -183,13 +186,30 @@ def _signals(
     return [Signal(*row, index, dots) for row, dots in zip(rows, dotted, strict=True)]
 
 
-def _legend(ax: Axes, shown: Sequence[Signal]) -> None:
-    """Names of several curves; of more than 12 a legend would cover most of the axes' height."""
+def _legend(ax: Axes, shown: Sequence[Signal], failed: Sequence[int]) -> None:
+    """Names of several curves, and which members are not there.
+
+    Of more than 12 a legend would cover most of the axes' height.
+    """
+    title = []
     if len(shown) == 1:
-        samples = "\nsamples, too far apart for a curve" if shown[0].dotted else ""
-        ax.set_title(_title(shown[0].motion, shown[0].view) + samples)
+        title.append(_title(shown[0].motion, shown[0].view))
+        if shown[0].dotted:
+            title.append("samples, too far apart for a curve")
     elif len(shown) <= 12:
         common.legend_below(ax)
+    if failed:
+        title.append(_left_out(failed, len(shown) + len(failed)))
+    if title:
+        ax.set_title("\n".join(title))
+
+
+def _left_out(failed: Sequence[int], members: int) -> str:
+    """That members of an ensemble are not shown."""
+    if len(failed) == 1:
+        return f"left out: member {failed[0]}, which failed"
+    which = ", ".join(map(str, failed)) if len(failed) <= 6 else f"{len(failed)} of {members}"
+    return f"left out: members {which}, which failed"
 
 
 def _title(motion: Motion, view: View) -> str:
@@ -282,6 +302,11 @@ class Film(FuncAnimation):
 
     fps = 25.0
     repeats = False
+    frames = 0
+
+    def __repr__(self) -> str:
+        seconds = f"{self.frames / self.fps:.3g} s"
+        return f"Film({self.frames} frames, {self.fps:g} a second, {seconds})"
 
     def save(self, filename: Any, *args: Any, **options: Any) -> None:
         """Write a file: .gif; .mp4, by ffmpeg; or .html, a page with a player.
@@ -397,7 +422,7 @@ def animate(
         figure.draw_without_rendering()
         figure.set_layout_engine("none")
     film = Film(figure, show, frames=frames, interval=1000.0 / fps, blit=False)
-    film.fps, film.repeats = fps, cycle
+    film.fps, film.repeats, film.frames = fps, cycle, frames
     if path is not None:
         film.save(path)
     return film
@@ -527,22 +552,39 @@ def checked_motion(motion: Any, name: str = "motion") -> Motion:
         motion = Motion(energy=unknown, audit=math.nan, flow_speed=speed, **kept)
     checked: Motion = common.check_type(name, motion, Motion)
     if checked.t.size < 3:
-        raise ValueError(f"{name} must have at least 3 samples, got {checked.t.size}")
+        raise ValueError(
+            f"{name} must have at least 3 samples, got {checked.t.size}: ask `simulate` for more "
+            "`samples=`"
+        )
     return checked
 
 
-def checked_motions(motions: Any) -> dict[str, Motion]:
-    """A motion, several or those of an ensemble, under the names of the argument."""
+def checked_motions(motions: Any) -> tuple[dict[str, Motion], list[int]]:
+    """A motion, several or those of an ensemble, under the names of the argument.
+
+    And the members of the ensemble that failed, which are not among them.
+    """
     if isinstance(motions, Motion | LimitCycle | Basin):
-        return {"motions": checked_motion(motions, "motions")}
-    several = motions.motions if isinstance(motions, Ensemble) else motions
+        return {"motions": checked_motion(motions, "motions")}, []
+    several: Any = motions
+    failures = {}
+    if isinstance(motions, Ensemble):
+        several, failures = motions.motions, {one.index: one.error for one in motions.failures}
     if not isinstance(several, Sequence) or isinstance(several, str):
         raise TypeError(
             f"motions must be a Motion, several of them or an Ensemble, got {check.shown(motions)}"
         )
     if not several:
         raise ValueError("motions must hold at least one, got none")
-    return {f"motions[{i}]": checked_motion(m, f"motions[{i}]") for i, m in enumerate(several)}
+    if len(failures) == len(several):
+        first = next(iter(failures.values()))
+        raise ValueError(f"motions must have a member that did not fail, the first: {first}")
+    named = {
+        f"motions[{i}]": checked_motion(one, f"motions[{i}]")
+        for i, one in enumerate(several)
+        if i not in failures
+    }
+    return named, list(failures)
 
 
 def path_of(motion: Motion | LimitCycle, index: int | None = None) -> Cubics:

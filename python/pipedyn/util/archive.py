@@ -28,6 +28,9 @@ from pipedyn.util import check
 FORMAT = 1
 """Version of the format; a file of a later one is refused."""
 
+HEADER = ("format", "package", "root", "objects")
+"""What a header has."""
+
 
 class _Writer:
     """Objects and arrays of one file."""
@@ -224,6 +227,9 @@ def load(path: str | os.PathLike[str]) -> Any:
                 raise zipfile.BadZipFile
         with np.load(place, allow_pickle=False) as file:
             header = json.loads(str(file["header"]))
+            lacking = [one for one in HEADER if not isinstance(header, dict) or one not in header]
+            if lacking:
+                raise ValueError(f"its header has no {lacking[0]!r}, which `save` writes")
             if header["format"] > FORMAT:
                 raise ValueError(
                     f"it was written by pipedyn {header['package']}, this is "
