@@ -18,6 +18,7 @@ from matplotlib.markers import TICKUP
 
 import pipedyn as pp
 from pipedyn import plot
+from pipedyn.plot import common
 
 PIPE = pp.Pipe(0.2)
 CHAIN = pp.Chain(PIPE, 3)
@@ -256,6 +257,61 @@ def test_a_boundary_shades_what_is_stable_and_names_its_organising_points():
     ax.figure.canvas.draw()
     below = ax.get_legend().get_window_extent().y1
     assert below < ax.xaxis.label.get_window_extent().y0 + 1.0
+
+
+LEGENDRE = pp.Galerkin(pp.Pipe(0.3, damping=0.001), 8, basis="legendre")
+
+
+def shade(ax):
+    """Which pixels of a picture of boundaries are shaded, and x and y of their middles."""
+    (image,) = ax.images
+    left, right, low, high = image.get_extent()
+    rows, columns, _ = image.get_array().shape
+    x = left + (right - left) * (np.arange(columns) + 0.5) / columns
+    y = low + (high - low) * (np.arange(rows) + 0.5) / rows
+    return image.get_array()[..., 3] > 0.0, x, y
+
+
+def test_shading_and_lines_say_what_eigenvalues_say_next_to_organising_points():
+    """Other roots become unstable within a step, exactly where curves cross."""
+    found = pp.boundary(LEGENDRE, "gamma", "u", {"gamma": (-80.0, 20.0), "u": (0.0, 12.0)})
+    ax = plot.boundary(found, ax=axes())
+    stable, gammas, speeds = shade(ax)
+    rng = np.random.default_rng(3)
+    for j, gamma in enumerate(gammas):
+        i = rng.integers(1, len(speeds) - 1)
+        if (stable[i - 1 : i + 2, j] == stable[i, j]).all():  # a curve lies a pixel away
+            model = LEGENDRE.with_pipe(dataclasses.replace(LEGENDRE.pipe, gamma=gamma))
+            assert (pp.eigenvalues(model, speeds[i]).real <= 0.0).all() == stable[i, j]
+    compared = 0
+    for line in shown(ax)[: -len({point.kind for point in found.points})]:
+        middles = 0.5 * (line.get_xydata()[1:] + line.get_xydata()[:-1])
+        for gamma, u in [*middles[:: max(1, len(middles) // 20)], middles[-1]]:
+            model = LEGENDRE.with_pipe(dataclasses.replace(LEGENDRE.pipe, gamma=gamma))
+            values = pp.eigenvalues(model, u)
+            own = 1 if line.get_color() in (common.BLUE, common.PURPLE) else 2
+            others = values[np.argsort(np.abs(values.real))][own:]
+            beside = not line.get_linewidth() > 1.0
+            assert (others.real > 0.0).any() == beside
+            compared += 1
+    assert compared > 40
+
+
+def test_an_upright_boundary_between_two_columns_parts_what_is_shaded():
+    """Without momentum of the jet the flow leaves the buckling load alone: gamma = -7.837."""
+    model = pp.Galerkin(pp.Pipe(0.3, alpha=0.0, damping=0.001), 6, basis="legendre")
+    window = {"gamma": (-20.0, 5.0), "u": (0.0, 4.0)}
+    found = pp.boundary(model, "gamma", "u", window, criticality=False)
+    stable, gammas, _ = shade(plot.boundary(found, ax=axes()))
+    np.testing.assert_array_equal(stable.all(axis=0), gammas > -7.837)
+    np.testing.assert_array_equal(stable.any(axis=0), gammas > -7.837)
+
+
+def test_parts_of_a_map_end_where_curves_cross():
+    point = next(one for one in STANDING.points if one.kind == "Bogdanov-Takens")
+    lines = shown(plot.stability_map({"a": STANDING}, ax=axes()))
+    ends = [tuple(line.get_xydata()[k]) for line in lines for k in (0, -1)]
+    assert ends.count((point.x, point.y)) == 2
 
 
 def test_where_criticality_is_known_no_curve_is_drawn_without():

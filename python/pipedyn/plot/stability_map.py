@@ -94,9 +94,8 @@ def boundary(found: Boundary, *, units: Units = "nondimensional", ax: Axes | Non
         return shown
 
     for curve in found.curves:
-        places = _dense(curve, found)
-        kinds = _of_pieces(curve.criticality, curve, found, places)
-        others = _of_pieces(curve.unstable > 0, curve, found, places)
+        places, of, _ = _dense(curve, found)
+        kinds, others = curve.criticality[of], curve.unstable[of] > 0
         differ = (kinds[:-1] != kinds[1:]) | (others[:-1] != others[1:])
         changes = [0, *(np.flatnonzero(differ) + 1), kinds.size]
         for first, last in pairwise(changes):
@@ -125,39 +124,43 @@ def boundary(found: Boundary, *, units: Units = "nondimensional", ax: Axes | Non
     return ax
 
 
-def _dense(curve: BoundaryCurve, found: Boundary) -> Array:
-    """Points of cubics through a curve's points with its directions there, (k, 2)."""
-    low, high = np.array(found.ranges).T
-    size = high - low
-    at = (np.column_stack([curve.x, curve.y]) - low) / size
-    t = (np.arange(PER_STEP) / PER_STEP)[:, None, None]
-    a, b, s = at[:-1], at[1:], 1.0 - t
-    length = np.linalg.norm(b - a, axis=1, keepdims=True)
-    slopes = length * curve.slopes[:-1], length * curve.slopes[1:]
-    straight = a * s**2 * (1.0 + 2.0 * t) + b * t**2 * (3.0 - 2.0 * t)
-    between = straight + s * t * (s * slopes[0] - t * slopes[1])
-    shares = np.concatenate([between.transpose(1, 0, 2).reshape(-1, 2), at[-1:]])
-    result: Array = low + size * shares
-    return result
+def _dense(curve: BoundaryCurve, found: Boundary) -> tuple[Array, NDArray[np.int_], Array]:
+    """A curve in pieces: cubics through its points with its directions there.
 
+    What holds at its points changes between them at an organising point, which is one of the ends
+    of pieces; where none is known, as where the criticality passes infinity, in the middle.
 
-def _of_pieces(
-    values: NDArray[Any], curve: BoundaryCurve, found: Boundary, places: Array
-) -> NDArray[Any]:
-    """What holds at points of a curve on each piece of `_dense`; it changes at organising points.
-
-    In one step all of them change at the same piece.
+    Returns:
+        Ends of pieces, (k + 1, 2); of each piece the point of the curve whose values hold on it,
+        (k,), and whether it is known where the counts of that step change, (k,).
     """
     low, high = np.array(found.ranges).T
-    marks = np.array([[point.x, point.y] for point in found.points]).reshape(-1, 2)
-    middles = 0.5 * (places[:-1] + places[1:])
-    pieces = np.repeat(values[:-1], PER_STEP)
-    for k in np.flatnonzero(values[:-1] != values[1:]):
-        own = slice(PER_STEP * k, PER_STEP * (k + 1))
-        away = np.abs((middles[own, None] - marks) / (high - low)).max(axis=2)
-        nearest = np.unravel_index(np.argmin(away), away.shape)[0] if len(marks) else PER_STEP // 2
-        pieces[own][int(nearest) :] = values[k + 1]
-    return pieces
+    at = (np.column_stack([curve.x, curve.y]) - low) / (high - low)
+    a, b = at[:-1], at[1:]
+    length = np.linalg.norm(b - a, axis=1, keepdims=True)
+    shares, steps = np.arange(PER_STEP) / PER_STEP, np.arange(len(a))
+
+    def cubic(k: NDArray[np.int_], share: Array) -> Array:
+        t, s = share[:, None], 1.0 - share[:, None]
+        slopes = length[k] * curve.slopes[k], length[k] * curve.slopes[k + 1]
+        straight = a[k] * s**2 * (1.0 + 2.0 * t) + b[k] * t**2 * (3.0 - 2.0 * t)
+        result: Array = straight + s * t * (s * slopes[0] - t * slopes[1])
+        return result
+
+    step, share = np.repeat(steps, PER_STEP), np.tile(shares, len(a))
+    places, change = cubic(step, share), np.full(len(a), 0.5)
+    within, which = curve.organising.T
+    points = [found.points[i] for i in which]
+    marks = (np.array([[one.x, one.y] for one in points]).reshape(-1, 2) - low) / (high - low)
+    for k, mark in zip(within, marks, strict=True):
+        along = np.vstack([places[step == k], b[k]]) @ (b[k] - a[k])
+        change[k] = np.interp(mark @ (b[k] - a[k]), along, [*shares, 1.0])
+    order = np.argsort(np.concatenate([step + share, within + change[within]]), kind="stable")
+    step, share = np.append(step, within)[order], np.append(share, change[within])[order]
+    ends = np.concatenate([np.concatenate([places, marks])[order], at[-1:]])
+    same = (np.diff(curve.unstable) == 0) & (np.diff(curve.change) == 0)
+    known = same | (np.bincount(within, minlength=len(a)) == 1)
+    return low + (high - low) * ends, step + (share >= change[step]), known[step]
 
 
 def _pixels(found: Boundary, plane: Plane) -> tuple[Array, Array, Array, NDArray[np.bool_]]:
@@ -175,22 +178,23 @@ def _stable(found: Boundary) -> NDArray[np.bool_]:
     """Where no root is unstable, rows from the lowest y on, from the curves' counts.
 
     On the way up through a column each curve says how many roots are unstable beyond it; only where
-    none is met, or they disagree, the eigenvalues do.
+    none is met, it does not know, or they disagree, the eigenvalues do.
     """
     (left, right), (low, high) = found.ranges
     middles = (np.arange(COLUMNS) + 0.5) / COLUMNS
     columns, rows = left + (right - left) * middles, low + (high - low) * middles
     stable = np.zeros((COLUMNS, COLUMNS), dtype=np.bool_)
     met: list[list[tuple[float, int, int]]] = [[] for _ in columns]
+    uncertain = np.zeros(COLUMNS, dtype=np.bool_)
+    passed = np.zeros(COLUMNS + 1, dtype=np.bool_)  # between a column and that before
     for curve in found.curves:
-        places = _dense(curve, found)
-        others = _of_pieces(curve.unstable, curve, found, places)
-        change = _of_pieces(curve.change, curve, found, places)
-        sides = others[:, None] + np.maximum(np.stack([change, -change], axis=1), 0)
-        for (x, y), (to_x, to_y), (on_left, on_right) in zip(
-            places[:-1], places[1:], sides, strict=True
+        places, of, certain = _dense(curve, found)
+        for (x, y), (to_x, to_y), (on_left, on_right), sure in zip(
+            places[:-1], places[1:], curve.sides[of], certain, strict=True
         ):
             first, last = np.searchsorted(columns, sorted((x, to_x)))
+            uncertain[first:last] |= not sure
+            passed[first : last + 1] = True
             for k in range(first, last):
                 height = y + (columns[k] - x) / (to_x - x) * (to_y - y)
                 counts = (on_right, on_left) if to_x > x else (on_left, on_right)
@@ -199,12 +203,12 @@ def _stable(found: Boundary) -> NDArray[np.bool_]:
     for k, crossed in enumerate(met):
         crossed.sort()
         if not crossed:
-            if known is None:
+            if known is None or passed[k]:
                 known = found.unstable(float(columns[k]), float(rows[COLUMNS // 2]))
             stable[:, k] = known == 0
             continue
         known = None
-        if any((a[2] == 0) != (b[1] == 0) for a, b in pairwise(crossed)):
+        if uncertain[k] or any((a[2] == 0) != (b[1] == 0) for a, b in pairwise(crossed)):
             # So near to where curves cross that their pieces do not tell which is the lower.
             heights = [low, *(height for height, *_ in crossed), high]
             for bottom, top in pairwise(np.clip(heights, low, high).tolist()):
@@ -418,9 +422,9 @@ def parts_of_stability(curve: BoundaryCurve, found: Boundary) -> Iterator[tuple[
 
     Each comes with its kind, and whether the pipe is unstable on its left.
     """
-    places = _dense(curve, found)
-    pieces = np.repeat(np.maximum(curve.unstable[:-1], curve.unstable[1:]) == 0, PER_STEP)
+    places, of, certain = _dense(curve, found)
+    pieces = certain & (curve.unstable[of] == 0)
     edges = np.flatnonzero(np.diff(np.concatenate([[0], pieces.view(np.int8), [0]])))
     for first, last in edges.reshape(-1, 2):
-        left = curve.change[(first + last) // (2 * PER_STEP)] > 0
+        left = curve.change[of[first]] > 0
         yield places[first : last + 1], curve.kind, bool(left)
