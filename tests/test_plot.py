@@ -226,6 +226,97 @@ def test_a_map_tells_where_no_loss_of_stability_was_found(max_speed):
     np.testing.assert_array_equal(mark.get_xdata(), [1.0])
 
 
+def failing(beta):
+    raise pp.NotConverged("never")
+
+
+def never_stable(gamma=-50.0):
+    return pp.Galerkin(pp.Pipe(0.2, gamma, damping=0.001), 8, "legendre")
+
+
+UP_TO_HALF = {"beta": (0.1, 0.9), "u": (0.0, 0.5)}
+
+
+@pytest.mark.parametrize(
+    ("swept", "sentence", "labels"),
+    [
+        (
+            lambda: pp.boundary(CHAIN, "beta", "u", UP_TO_HALF, criticality=False),
+            "No boundary lies in the window: all is stable.",
+            ["a: stable from $u = 0$ to $u = 0.5$"],
+        ),
+        (
+            lambda: pp.boundary(
+                pp.Chain(pp.Pipe(0.2, flow="aspirating"), 3),
+                *("beta", "u", {"beta": (0.1, 0.9), "u": (0.1, 2.0)}),
+                criticality=False,
+            ),
+            "No boundary lies in the window: all is unstable.",
+            ["a: unstable from $u = 0.1$ to $u = 2$"],
+        ),
+        (
+            lambda: pp.stability_curve(failing, [0.1, 0.2]),
+            "No stability boundary was computed.",
+            ["a", "failed"],
+        ),
+    ],
+)
+def test_a_map_says_why_it_has_no_boundary(swept, sentence, labels):
+    found = swept()
+    ax = plot.stability_map({"a": found}, ax=axes())
+    assert [text.get_text() for text in ax.texts] == [sentence]
+    assert [text.get_text() for text in ax.get_legend().get_texts()] == labels
+    if isinstance(found, pp.Boundary):
+        assert (ax.get_xlim(), ax.get_ylim()) == (found.ranges[0], (0.0, found.ranges[1][1]))
+        rng = np.random.default_rng(2)
+        for beta, u in rng.uniform(*np.array(found.ranges).T, (20, 2)).tolist():
+            pipe = dataclasses.replace(found.model.pipe, beta=beta)
+            grows = (pp.eigenvalues(found.model.with_pipe(pipe), u).real > 1e-7).any()
+            assert grows == ("unstable" in sentence)
+
+
+def test_a_map_shows_all_that_was_searched_and_words_stay_within_it():
+    """At gamma = -50 only heavy fluid is held upright: the curves begin at beta = 0.7."""
+    window = {"beta": (0.05, 0.9), "u": (0.0, 12.0)}
+    found = pp.boundary(never_stable(), "beta", "u", window, criticality=False)
+    for width in (3.4, 6.4):
+        figure = Figure((width, 3.0))
+        FigureCanvasAgg(figure)
+        ax = plot.stability_map({"a": found}, ax=figure.subplots())
+        assert ax.get_xlim() == window["beta"]
+        assert min(line.get_xdata().min() for line in shown(ax)) > 0.7
+        figure.canvas.draw()
+        frame = ax.get_window_extent()
+        for text in ax.texts:
+            assert frame.x0 <= text.get_window_extent().x0
+            assert text.get_window_extent().x1 <= frame.x1
+
+
+def test_a_map_rings_no_speed_at_which_no_stability_is_lost():
+    """Of the buckled pipe flutter begins where another root is unstable."""
+    lost, kept = (pp.critical_speed(never_stable(gamma)) for gamma in (-50.0, -10.0))
+    assert (lost.unstable_before, kept.unstable_before) == (1, 0)
+    for one, ringed in ((lost, False), (kept, True)):
+        ax = plot.stability_map({"a": BOUNDARY}, 9.0, one, ax=axes())
+        labels = [text.get_text() for text in ax.get_legend().get_texts()]
+        rings = [line for line in shown(ax) if line.get_marker() == "o"]
+        assert bool(rings) == ringed
+        assert (
+            any(label.endswith(f"unstable below $u = {one.speed:.4g}$, too") for label in labels)
+            != ringed
+        )
+
+
+def test_a_map_is_in_order_of_gravity():
+    def of(gamma):
+        model = CHAIN.with_pipe(dataclasses.replace(CHAIN.pipe, gamma=gamma))
+        return pp.boundary(model, "beta", "u", {"beta": (0.1, 0.2), "u": (0, 8)}, criticality=False)
+
+    ax = plot.stability_map({f"{gamma:g}": of(gamma) for gamma in (10.0, -10.0, 0.0)}, ax=axes())
+    labels = [text.get_text() for text in ax.get_legend().get_texts()]
+    assert labels[:3] == ["-10", "0", "10"]
+
+
 def test_a_map_notes_a_pipe_that_lies_above_it():
     heavy = pp.critical_speed(pp.Galerkin(pp.Pipe(0.3, 100.0), 6))
     ax = plot.stability_map({"a": BOUNDARY}, 5.0, heavy, ax=axes())

@@ -254,10 +254,15 @@ def checked_window(model: AnyModel, names: tuple[Any, Any], ranges: Any) -> Wind
     rules: list[dict[str, Any]] = []
     for name, number in zip(names, numbers, strict=True):
         rule = {"low": 0.0, "high": largest_speed(model)} if number is None else dict(number.rule)
-        if name in ("beta", "root.stiffness"):  # the root of beta has no derivative at 0
+        if name == "root.stiffness":
             rule["open_low"] = True
         rules.append(rule)
     bounds = check.window(names, ranges, (rules[0], rules[1]))
+    if "beta" in names and bounds[names.index("beta")][0] == 0.0:
+        raise ValueError(
+            "ranges['beta'] must lie in (0, 1), got 0: curves are followed by derivatives, and the "
+            "Coriolis force, which grows with the root of beta, has none at 0"
+        )
     low_, high_ = np.array(bounds).T
     return Window((numbers[0], numbers[1]), low_, high_ - low_)
 

@@ -237,15 +237,17 @@ def stability_map(
 
     Ticks on boundaries and at points of curves point to the unstable side. Words at a curve of
     divergence tell whether the flow buckles the pipe above it, or its weight below it. Parts on
-    which other roots are unstable are left out. Crosses on the axis are points that failed;
-    triangles at the top are points of curves at which no loss of stability was found up to a speed,
-    and `marked` if it lies above.
+    which other roots are unstable are left out; of a pipe without others the legend says whether it
+    is stable at the speeds searched. Crosses on the axis are points that failed; triangles at the
+    top are points of curves at which no loss of stability was found up to a speed, and `marked` if
+    it lies above. Pipes come in the order of gamma, and the x axis shows what was searched.
 
     Args:
         boundaries: by label: boundaries with one number for x and "u" for y, and curves from
             `pipedyn.stability_curve`, which are drawn as points.
         highest: end of the axis of speed, nondimensional.
-        marked: a critical speed to mark, at its pipe's beta: of boundaries over beta.
+        marked: a critical speed to mark, at its pipe's beta: of boundaries over beta. If the pipe
+            is unstable below, too, the legend says so instead.
         parameter: label of the x axis for curves; where not given, the name of the argument that
             made their models.
         units: "nondimensional", or "si" where the pipe has scales.
@@ -266,6 +268,7 @@ def stability_map(
         )
     names = dict.fromkeys(_swept(label, one) for label, one in boundaries.items())
     names.pop(None, None)
+    boundaries = dict(sorted(boundaries.items(), key=lambda item: _gamma(item[1])))
     if len(names) > 1:
         raise ValueError(f"boundaries must be over one number, got {', '.join(map(str, names))}")
     if highest is not None:
@@ -284,6 +287,7 @@ def stability_map(
         shown = of_number(name, known)
     ax = common.axes(ax, (6.4, 4.8), xlabel=view.label(shown), ylabel=view.label(SPEED))
     drawn, failed, divergences = False, list[float](), list[tuple[Any, ...]]()
+    states, searched, reach = set[str](), list[float](), 0.0
     for (label, found), pipe, look in zip(
         boundaries.items(), pipes, cycle(common.CURVE_STYLES), strict=False
     ):
@@ -292,6 +296,7 @@ def stability_map(
         if isinstance(found, StabilityCurve):
             points = {"linestyle": "none", "marker": "o", "markersize": 3.5}
             speeds = found.in_si().speeds if own.si else found.speeds
+            searched += (one[0] * found.values).tolist()
             ax.plot(one[0] * found.values, speeds, label=label, **(look | points))
             points |= {"marker": TICKUP, "markersize": 7.0, "label": "_unstable side"}
             ax.plot(one[0] * found.values, speeds, **(look | points))
@@ -303,6 +308,7 @@ def stability_map(
                 words = f"{label}: no loss of stability up to {own.speed(float(end))}"
                 top |= {"markersize": 5.0, "clip_on": False, "color": look["color"]}
                 ax.plot(at, np.full(at.size, 0.98), label=words, **top)
+            states.add("not computed")
             failed += [
                 one[0] * failure.value for failure in found.failures if not stays[failure.index]
             ]
@@ -311,7 +317,15 @@ def stability_map(
         plane = Plane(units, found.model.pipe, found.names)
         parts = [part for curve in found.curves for part in parts_of_stability(curve, found)]
         drawn = drawn or bool(parts)
-        note = "" if parts else ": no boundary"
+        (left, right), (_, end) = plane.limits(found.ranges)
+        searched, reach = [*searched, float(left), float(right)], max(reach, float(end))
+        note = ""
+        if not parts:
+            states.add(_state(found))
+            # The unit of speed in SI falls with the mass ratio.
+            said = View("nondimensional", None) if name == "beta" else own
+            low, high = (said.speed(float(end)) for end in found.ranges[1])
+            note = f": {_state(found)} from {low} to {high}"
         if found.failures:
             note += f" ({check.counted(len(found.failures), 'curve')} with failures)"
         ax.plot([], [], linewidth=1.5, label=f"{label}{note}", **look)
@@ -327,7 +341,11 @@ def stability_map(
         cross = common.open_marker(5.0, common.VERMILION, marker="x", zorder=5.0)
         place = ax.get_xaxis_transform()
         ax.plot(failed, [0.02] * len(failed), label="failed", transform=place, **cross)
-    if marked is not None and name in (None, "beta"):
+    if marked is not None and name in (None, "beta") and marked.unstable_before:
+        words = rf"$\beta = {marked.pipe.beta:g}$, $\gamma = {marked.pipe.gamma:g}$"
+        speed = View(units, marked.pipe).speed(marked.speed, 4)
+        ax.plot([], [], " ", label=f"{words}: unstable below {speed}, too")
+    elif marked is not None and name in (None, "beta"):
         words = rf"$\beta = {marked.pipe.beta:g}$, $\gamma = {marked.pipe.gamma:g}$"
         own = View(units, marked.pipe)
         label, height = f"{words}: {own.speed(marked.speed, 4)}", own.one(SPEED) * marked.speed
@@ -336,20 +354,54 @@ def stability_map(
             height, label = 0.97, f"{label}, above"
             look |= {"marker": "^", "transform": ax.get_xaxis_transform()}
         ax.plot(marked.pipe.beta, height, label=label, **common.open_marker(7.0, **look))
-    end = 1.1 * ax.dataLim.y1 if highest is None else view.one(SPEED) * highest
+    end = 1.1 * ax.dataLim.y1 if drawn else reach
+    if highest is not None:
+        end = view.one(SPEED) * highest
     ax.set_ylim(0.0, end if end > 0.0 else None)
-    for step in divergences:
-        _divergence(ax, *step)
+    if searched:
+        if marked is not None and name in (None, "beta") and not marked.unstable_before:
+            searched.append(marked.pipe.beta)
+        left, right = min(searched), max(searched)
+        of_points = any(isinstance(one, StabilityCurve) for one in boundaries.values())
+        room = 0.05 * (right - left) if of_points else 0.0  # for marks at the ends
+        if right > left:
+            ax.set_xlim(left - room, right + room)
+    heights = np.array([step[0][1, 1] for step in divergences]) / ax.get_ylim()[1]
+    for i, step in enumerate(divergences):
+        _divergence(ax, *step, int((np.abs(heights[:i] - heights[i]) < 0.08).sum()))
     if name == "beta" and view.si:
         _unsearched(ax, [one for one in boundaries.values() if isinstance(one, Boundary)])
     if not drawn:
-        common.notice("There is no stability boundary above $u = 0$.", ax=ax)
+        ax.text(0.5, 0.5, _why_nothing(states), transform=ax.transAxes, ha="center", wrap=True)
     elif boundaries:
         ticks = withTickedStroke(angle=-90.0, **TICKS)
         ax.plot([], [], color="0.3", path_effects=[ticks], label="ticks: unstable side")
     if ax.get_legend_handles_labels()[0]:  # a mark above the highest speed has none
         common.legend_below(ax)
     return ax
+
+
+def _gamma(one: Any) -> float:
+    """Of the pipe, last where there is none; 0 where gamma itself is swept."""
+    swept = one.names[0] if isinstance(one, Boundary) else one.parameter
+    pipe = _pipe(one)
+    return 0.0 if swept == "gamma" else math.inf if pipe is None else pipe.gamma
+
+
+def _state(found: Boundary) -> str:
+    """Of a pipe without a boundary of stability in the window."""
+    if found.failures:
+        return "no boundary known"
+    count = found.unstable(*np.mean(found.ranges, axis=1).tolist())
+    return "unstable" if count else "stable"
+
+
+def _why_nothing(states: set[str]) -> str:
+    """Why a map has no boundary, from the states of its pipes."""
+    if not states or not states <= {"stable", "unstable"}:
+        return "No stability boundary was computed."
+    all_is = f": all is {next(iter(states))}" if len(states) == 1 else ""
+    return f"No boundary lies in the window{all_is}."
 
 
 def _unsearched(ax: Axes, found: list[Boundary]) -> None:
@@ -400,21 +452,27 @@ def _pipe(found: Boundary | StabilityCurve) -> Pipe | None:
     return next((one.pipe for one in found.critical if one is not None), None)
 
 
-def _divergence(ax: Axes, step: Array, left: bool, standing: bool, colour: str) -> None:
+def _divergence(
+    ax: Axes, step: Array, left: bool, standing: bool, colour: str, others: int
+) -> None:
     """Words at a step of a curve of divergence: above it by the flow, or below it at rest.
 
-    They stand on that side, or on the other where the axis is near.
+    They stand on that side, or on the other where the axis is near, beyond those of other curves as
+    high.
     """
     before, at = step
     above = (at[0] > before[0]) == left
     below = "buckled by its weight below" if standing else "divergence below"
     share = at[1] / ax.get_ylim()[1]
     over = share < 0.8 if above else share < 0.3
-    place: dict[str, Any] = {"ha": "center", "va": "bottom" if over else "top", "fontsize": 7.0}
+    place: dict[str, Any] = {"va": "bottom" if over else "top", "fontsize": 7.0}
+    across = (at[0] - ax.get_xlim()[0]) / np.ptp(ax.get_xlim())
+    place["ha"] = "left" if across < 0.3 else "right" if across > 0.7 else "center"
     white = {"facecolor": "white", "edgecolor": "none", "pad": 0.6, "alpha": 0.85}
     place |= {"textcoords": "offset points", "color": colour, "bbox": white}
     words = "divergence above" if above else below
-    ax.annotate(words, at, (0, 7 if over else -7), **place)
+    away = 7 + 10 * others
+    ax.annotate(words, at, (0, away if over else -away), **place)
 
 
 def parts_of_stability(curve: BoundaryCurve, found: Boundary) -> Iterator[tuple[Array, str, bool]]:
