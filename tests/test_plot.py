@@ -454,6 +454,9 @@ def test_a_window_without_boundaries_says_what_it_is():
     ax = plot.boundary(found, ax=axes())
     assert ax.texts[0].get_text() == "No boundary lies in the window: all is stable."
     assert ax.images[0].get_array()[..., 3].all()
+    failed = dataclasses.replace(found, failures=("crossings at 0.5: not found",))
+    ax = plot.boundary(failed, ax=axes())
+    assert ax.texts[0].get_text() == "No stability boundary was computed."
 
 
 def test_convergence_of_no_model_leaves_axes_that_have_no_positive_data_as_they_are():

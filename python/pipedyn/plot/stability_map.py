@@ -115,9 +115,8 @@ def boundary(found: Boundary, *, units: Units = "nondimensional", ax: Axes | Non
         ax.plot([], [], " ", label=f"{check.counted(len(found.failures), 'curve')} with failures")
     ax.set(xlim=(left, right), ylim=(low, high))
     if not found.curves:
-        where = "stable" if stable.any() else "unstable"
-        sentence = f"No boundary lies in the window: all is {where}."
-        ax.text(0.5, 0.5, sentence, transform=ax.transAxes, ha="center")
+        sentence = _why_nothing({_state(found)})
+        ax.text(0.5, 0.5, sentence, transform=ax.transAxes, ha="center", wrap=True)
     else:
         common.legend_below(ax)
     plane.second_axes(ax, *plane.quantities)
@@ -286,7 +285,7 @@ def stability_map(
     if name is not None and known is not None:
         shown = of_number(name, known)
     ax = common.axes(ax, (6.4, 4.8), xlabel=view.label(shown), ylabel=view.label(SPEED))
-    drawn, failed, divergences = False, list[float](), list[tuple[Any, ...]]()
+    drawn, failed, divergences = False, list[float](), list[tuple[Array, bool, bool, Any]]()
     states, searched, reach = set[str](), list[float](), 0.0
     for (label, found), pipe, look in zip(
         boundaries.items(), pipes, cycle(common.CURVE_STYLES), strict=False
