@@ -14,6 +14,7 @@
 #include <stdexcept>
 #include <string>
 #include <utility>
+#include <vector>
 
 #include "pipedyn/chain/chain.hpp"
 #include "pipedyn/galerkin/galerkin.hpp"
@@ -25,6 +26,7 @@
 #include "pipedyn/linear/tracking.hpp"
 #include "pipedyn/modular/systems.hpp"
 #include "pipedyn/motion/radau_coefficients.hpp"
+#include "pipedyn/util/threads.hpp"
 #include "pipedyn/vector/levels.hpp"
 
 namespace {
@@ -1433,6 +1435,34 @@ void check_mending() {
   }
 }
 
+void check_threads() {
+  for (const Index parts : {1, 2, 5, 3}) {
+    std::vector<Index> calls(static_cast<std::size_t>(parts));
+    pipedyn::at_once(parts, [&](Index k) { ++calls[k]; });
+    check(calls == std::vector<Index>(static_cast<std::size_t>(parts), 1),
+          "each part is done once");
+    for (Index failing = 0; failing < parts; ++failing) {
+      check_refused(
+          [&] {
+            pipedyn::at_once(parts, [&](Index k) {
+              if (k == failing) throw std::invalid_argument("of a part");
+            });
+          },
+          "a part that fails");
+    }
+  }
+  Index nested = 0;
+  pipedyn::at_once(2, [&](Index k) {
+    if (k == 0) pipedyn::at_once(3, [&](Index) { ++nested; });
+  });
+  check(nested == 3, "parts may have parts");
+  std::vector<int> covered(1000);
+  pipedyn::in_parts(1000, 100, [&](Index begin, Index end) {
+    for (Index k = begin; k < end; ++k) ++covered[k];
+  });
+  check(covered == std::vector<int>(1000, 1), "parts cover all");
+}
+
 }  // namespace
 
 int main() {
@@ -1452,6 +1482,7 @@ int main() {
   check_completeness();
   check_crossings();
   check_mending();
+  check_threads();
   std::printf("%d checks, %d failed\n", checks, failures);
   return failures == 0 ? 0 : 1;
 }

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import pipedyn as pp
-from pipedyn.bifurcation import organising
+from pipedyn.bifurcation import boundary_curves, organising
 from pipedyn.bifurcation.boundary import checked_window
 from pipedyn.bifurcation.boundary_curves import Tracer, line_starts
 from pipedyn.bifurcation.hopf import static_cubic
@@ -355,6 +355,41 @@ def test_bent_equilibria_lie_where_the_cubic_coefficient_says():
             assert small == (2 if away > 0.0 else 0)
     there = pp.Chain(replace(pipe, gamma=point.x), 2)
     assert abs(static_cubic(there, point.y)) < 1e-6
+
+
+def test_counts_change_along_a_curve_at_the_organising_points_that_lie_on_it(monkeypatch):
+    """Steps are so long that two lie in one. u^2 = k^2 pi^2 + s / (k^2 pi^2) is mode k's load."""
+    monkeypatch.setattr(boundary_curves, "LONGEST", 0.4)
+    monkeypatch.setattr(boundary_curves, "TURN", 0.9)
+    foundation = pp.Foundation(10.0)
+    pipe = pp.Pipe(0.6, damping=0.005, root="pinned", end="pinned", terms=(foundation,))
+    window = {"Foundation.stiffness": (0.0, 2500.0), "u": (0.1, 14.0)}
+    model = pp.Galerkin(pipe, 6, "beam")
+    found = pp.boundary(model, "Foundation.stiffness", "u", window, criticality=False)
+    loads = (np.arange(1, 7) * np.pi) ** 2
+
+    def others_unstable(mode, stiffness):
+        """On that mode's curve of divergence, by eigenvalues."""
+        soil = replace(foundation, stiffness=stiffness)
+        speed = np.sqrt(loads[mode] + stiffness / loads[mode])
+        values = pp.eigenvalues(model.with_pipe(replace(pipe, terms=(soil,))), speed)
+        return int((np.delete(values, np.argmin(np.abs(values))).real > 1e-6).sum())
+
+    changes = 0
+    for curve in found.curves:
+        steps = curve.organising[:, 0]
+        assert np.unique(steps).size == steps.size
+        if curve.kind != "divergence":
+            continue
+        np.testing.assert_array_equal(np.flatnonzero(np.diff(curve.unstable)), np.sort(steps))
+        for k, i in curve.organising:
+            mode = int(np.argmin(np.abs(loads + curve.x[k] / loads - curve.y[k] ** 2)))
+            point = found.points[i].x
+            for end in (k, k + 1):
+                near = point + 0.02 * (curve.x[end] - point)
+                assert others_unstable(mode, near) == curve.unstable[end]
+            changes += 1
+    assert changes >= 6
 
 
 def test_curves_of_lost_stability_alone_are_the_same_curves():

@@ -57,10 +57,13 @@ def test_eliminated_stages_solve_their_equations(half, level, at_level):
     random = np.random.default_rng(half)
     stages, n, h, frequency = NODES.size, 2 * half, 0.3, 4.0
     start, rates = random.normal(size=(1, n)), random.normal(size=(1, stages, half))
-    jacobians = random.normal(size=(stages, n, n))
-    force, by_speed = random.normal(size=(2, half, stages))
+    linearised, by_speed = (
+        random.normal(size=(stages, 1 + n, n)),
+        random.normal(size=(half, stages)),
+    )
+    force, jacobians = linearised[:, 0, half:], linearised[:, 1:]
     found, ends = _core.eliminated(
-        np.array([h]), start, rates, jacobians, force, None, by_speed, frequency, WEIGHTS
+        np.array([h]), start, rates, linearised, None, by_speed, frequency, WEIGHTS
     )
     found = found.reshape(stages, half, n + 3)
     # The states at the stages are moved by their rates, by the first state and by the duration.
@@ -73,7 +76,7 @@ def test_eliminated_stages_solve_their_equations(half, level, at_level):
     p[:, :, n + 1] += longer * (NODES[:, None] * start[0, half:] + 2.0 * h * TWICE @ rates[0])
     v[:, :, n + 1] += longer * (ONCE @ rates[0])
     moved = jacobians[:, half:] @ np.concatenate([p, v], axis=1)
-    moved[:, :, n] += force.T - rates[0]
+    moved[:, :, n] += force - rates[0]
     moved[:, :, n + 2] += by_speed.T
     assert found == pytest.approx(moved, abs=1e-10 * np.abs(found).max())
     assert ends[0] == pytest.approx(np.concatenate([p[-1], v[-1]]), abs=1e-10 * np.abs(ends).max())
@@ -86,9 +89,9 @@ def test_what_an_interval_misses_of_the_next_is_part_of_the_residual(level, at_l
     count, half, stages = 3, 2, NODES.size
     n, h = 2 * half, np.array([0.1, 0.3, 0.2])
     starts, rates = random.normal(size=(count, n)), random.normal(size=(count, stages, half))
-    jacobians = random.normal(size=(count * stages, n, n))
-    force, units = random.normal(size=(half, count * stages)), np.array([1.0, 2.0, 4.0, 0.5])
-    given = h, starts, rates, jacobians, force, None, None, 4.0, WEIGHTS
+    linearised = random.normal(size=(count * stages, 1 + n, n))
+    units = np.array([1.0, 2.0, 4.0, 0.5])
+    given = h, starts, rates, linearised, None, None, 4.0, WEIGHTS
     by_rates, plain = _core.eliminated(*given)
     same, found = _core.eliminated(*given, -1.0, units)
     orbit = PeriodicOrbit(np.append(0.0, 4.0 * np.cumsum(h)), starts, rates, 4.0, 1.0)
@@ -141,7 +144,7 @@ def test_arrays_that_do_not_fit_are_refused():
     with pytest.raises(ValueError, match="maps must have shape"):
         _core.carried(np.zeros((2, 3, 2)), 1e5)
     with pytest.raises(ValueError, match="rates must have shape"):
-        _core.eliminated(*[np.zeros(3)] * 5, None, None, 1.0, WEIGHTS)
+        _core.eliminated(*[np.zeros(3)] * 4, None, None, 1.0, WEIGHTS)
     given = np.zeros(3), np.zeros((2, 2)), np.zeros((2, NODES.size, 1))
     with pytest.raises(ValueError, match="durations must hold 2 numbers"):
-        _core.eliminated(*given, np.zeros(0), np.zeros(0), None, None, 1.0, WEIGHTS)
+        _core.eliminated(*given, np.zeros(0), None, None, 1.0, WEIGHTS)

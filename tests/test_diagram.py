@@ -9,6 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import scipy.stats
 
 import pipedyn as pp
 from pipedyn.bifurcation import brute_force, capture
@@ -234,7 +235,9 @@ def test_motions_that_go_on_as_one_end_where_each_alone_does(model, u, ending, m
         assert one.ending == alone.ending == ending
         if ending == "periodic":
             assert one.period == alone.period
-        assert one.turnings.max() == pytest.approx(alone.turnings.max(), rel=0.05)
+            assert one.turnings.max() == pytest.approx(alone.turnings.max(), rel=0.05)
+        else:  # of two chaotic records the farthest turning is chance, not how all are spread
+            assert scipy.stats.ks_2samp(one.turnings, alone.turnings).pvalue > 0.01
     if ending == "irregular":
         assert costs[0] < 0.8 * costs[1]
 

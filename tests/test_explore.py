@@ -125,6 +125,33 @@ def test_the_region_shown_as_stable_is_that_in_which_no_eigenvalue_grows():
     assert np.array_equal(hanging.stable_speeds[:, 1], hanging.curve.speeds)
 
 
+@pytest.mark.parametrize(
+    ("pipe", "u", "sentence"),
+    [
+        (pp.Pipe(0.2, -50.0), None, "Unstable at every flow speed up to u = 6."),
+        (pp.Pipe(0.0, -50.0), 0.0, "Unstable at every flow speed up to u = 6."),
+        (pp.Pipe(0.95, -50.0), 7.0, "Up to u = 10 stable only from u = "),
+        (pp.Pipe(0.2, -10.0), None, "Stable from u = 1.808 on; flutter begins at u = 4.75, mode 2"),
+        (pp.Pipe(0.2, -5.0), None, "Flutter begins at u = "),
+    ],
+)
+def test_the_report_and_the_map_say_at_which_speeds_the_pipe_is_stable(pipe, u, sentence):
+    state = plot.Exploration(pipe, 10, u)
+    assert state.report[1].startswith(sentence)
+    state.picture.update()
+    values, ranges, end = state.curve.values, state.stable_speeds, state.slider("u").high
+    for i in range(0, values.size, 4):
+        model = state.model.with_pipe(replace(pipe, beta=values[i]))
+        stable = [(pp.eigenvalues(model, u).real < 1e-7).all() for u in np.linspace(0.1, end, 30)]
+        for speed, good in zip(np.linspace(0.1, end, 30), stable, strict=True):
+            assert good or not ranges[i, 0] <= speed <= ranges[i, 1]
+            assert not (good and speed < ranges[i, 0])
+        # Nothing is marked where the pipe is unstable below, too.
+        marked = np.isfinite(state.picture.onset.get_ydata()[i])
+        assert marked == (ranges[i, 1] == state.curve.speeds[i])
+        assert marked or not np.isnan(ranges[i, 0]) or not any(stable)
+
+
 def test_a_pipe_that_never_loses_stability_is_stable_at_all_speeds_shown():
     state = plot.Exploration(pp.Pipe(0.2), 1)  # one segment does not flutter
     assert state.critical is None

@@ -11,13 +11,15 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 
 import pipedyn as pp
 from pipedyn import plot
-from pipedyn.paper.analysis import Case, Findings
+from pipedyn.paper.analysis import Case, Findings, Row
 from pipedyn.paper.report import (
     convergence_figure,
     frequency_figure,
+    instabilities,
     loci_figure,
     map_figure,
     second_mode,
+    table,
 )
 
 PIPE = pp.Pipe(0.2)
@@ -105,6 +107,33 @@ def test_axes_are_those_of_the_continuous_pipe_and_tell_what_is_outside(draw):
         notes = [text.get_text() for text in coarse.texts]
         assert any(f"Re $\\lambda$ to {model.real.max():.3g}" in note for note in notes)
         assert not any(text.get_text() for text in fine.texts)
+
+
+@pytest.mark.parametrize(
+    ("gamma", "said"),
+    [
+        (0.0, "is stable from u = 0 to u = 5.5914. Instabilities: u = 5.5914 (flutter"),
+        (
+            -10.0,
+            "The pipe is buckled at rest. Up to u = 8 the continuous pipe is stable from u = 1.",
+        ),
+        (
+            -50.0,
+            "The pipe is buckled at rest. Up to u = 8 the continuous pipe is unstable at every",
+        ),
+    ],
+)
+def test_speeds_at_which_the_pipe_is_stable_are_told(gamma, said):
+    pipe = pp.Pipe(0.2, gamma)
+    exact = pp.Continuum(pipe)
+    critical = pp.critical_speed(exact)
+    row = Row("chain", "rayleigh", 4, pp.critical_speed(pp.Chain(pipe, 4, springs="rayleigh")))
+    known = Findings(8.0, critical, crossings=pp.crossings(exact, 8.0), rows=[row])
+    assert said in instabilities(pipe, known)
+    never = gamma == -50.0
+    assert [line[10] for line in table(pipe, known)] == [never * "unstable below, too"] * 2
+    assert ("no stability to lose" in second_mode(known)[0]) == never
+    assert "not computed" in instabilities(pipe, Findings(8.0, critical))
 
 
 def test_modes_on_the_map_are_told_in_order_of_gravity():

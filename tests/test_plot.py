@@ -18,6 +18,7 @@ from matplotlib.markers import TICKUP
 
 import pipedyn as pp
 from pipedyn import plot
+from pipedyn.plot import common
 
 PIPE = pp.Pipe(0.2)
 CHAIN = pp.Chain(PIPE, 3)
@@ -226,6 +227,97 @@ def test_a_map_tells_where_no_loss_of_stability_was_found(max_speed):
     np.testing.assert_array_equal(mark.get_xdata(), [1.0])
 
 
+def failing(beta):
+    raise pp.NotConverged("never")
+
+
+def never_stable(gamma=-50.0):
+    return pp.Galerkin(pp.Pipe(0.2, gamma, damping=0.001), 8, "legendre")
+
+
+UP_TO_HALF = {"beta": (0.1, 0.9), "u": (0.0, 0.5)}
+
+
+@pytest.mark.parametrize(
+    ("swept", "sentence", "labels"),
+    [
+        (
+            lambda: pp.boundary(CHAIN, "beta", "u", UP_TO_HALF, criticality=False),
+            "No boundary lies in the window: all is stable.",
+            ["a: stable from $u = 0$ to $u = 0.5$"],
+        ),
+        (
+            lambda: pp.boundary(
+                pp.Chain(pp.Pipe(0.2, flow="aspirating"), 3),
+                *("beta", "u", {"beta": (0.1, 0.9), "u": (0.1, 2.0)}),
+                criticality=False,
+            ),
+            "No boundary lies in the window: all is unstable.",
+            ["a: unstable from $u = 0.1$ to $u = 2$"],
+        ),
+        (
+            lambda: pp.stability_curve(failing, [0.1, 0.2]),
+            "No stability boundary was computed.",
+            ["a", "failed"],
+        ),
+    ],
+)
+def test_a_map_says_why_it_has_no_boundary(swept, sentence, labels):
+    found = swept()
+    ax = plot.stability_map({"a": found}, ax=axes())
+    assert [text.get_text() for text in ax.texts] == [sentence]
+    assert [text.get_text() for text in ax.get_legend().get_texts()] == labels
+    if isinstance(found, pp.Boundary):
+        assert (ax.get_xlim(), ax.get_ylim()) == (found.ranges[0], (0.0, found.ranges[1][1]))
+        rng = np.random.default_rng(2)
+        for beta, u in rng.uniform(*np.array(found.ranges).T, (20, 2)).tolist():
+            pipe = dataclasses.replace(found.model.pipe, beta=beta)
+            grows = (pp.eigenvalues(found.model.with_pipe(pipe), u).real > 1e-7).any()
+            assert grows == ("unstable" in sentence)
+
+
+def test_a_map_shows_all_that_was_searched_and_words_stay_within_it():
+    """At gamma = -50 only heavy fluid is held upright: the curves begin at beta = 0.7."""
+    window = {"beta": (0.05, 0.9), "u": (0.0, 12.0)}
+    found = pp.boundary(never_stable(), "beta", "u", window, criticality=False)
+    for width in (3.4, 6.4):
+        figure = Figure((width, 3.0))
+        FigureCanvasAgg(figure)
+        ax = plot.stability_map({"a": found}, ax=figure.subplots())
+        assert ax.get_xlim() == window["beta"]
+        assert min(line.get_xdata().min() for line in shown(ax)) > 0.7
+        figure.canvas.draw()
+        frame = ax.get_window_extent()
+        for text in ax.texts:
+            assert frame.x0 <= text.get_window_extent().x0
+            assert text.get_window_extent().x1 <= frame.x1
+
+
+def test_a_map_rings_no_speed_at_which_no_stability_is_lost():
+    """Of the buckled pipe flutter begins where another root is unstable."""
+    lost, kept = (pp.critical_speed(never_stable(gamma)) for gamma in (-50.0, -10.0))
+    assert (lost.unstable_before, kept.unstable_before) == (1, 0)
+    for one, ringed in ((lost, False), (kept, True)):
+        ax = plot.stability_map({"a": BOUNDARY}, 9.0, one, ax=axes())
+        labels = [text.get_text() for text in ax.get_legend().get_texts()]
+        rings = [line for line in shown(ax) if line.get_marker() == "o"]
+        assert bool(rings) == ringed
+        assert (
+            any(label.endswith(f"unstable below $u = {one.speed:.4g}$, too") for label in labels)
+            != ringed
+        )
+
+
+def test_a_map_is_in_order_of_gravity():
+    def of(gamma):
+        model = CHAIN.with_pipe(dataclasses.replace(CHAIN.pipe, gamma=gamma))
+        return pp.boundary(model, "beta", "u", {"beta": (0.1, 0.2), "u": (0, 8)}, criticality=False)
+
+    ax = plot.stability_map({f"{gamma:g}": of(gamma) for gamma in (10.0, -10.0, 0.0)}, ax=axes())
+    labels = [text.get_text() for text in ax.get_legend().get_texts()]
+    assert labels[:3] == ["-10", "0", "10"]
+
+
 def test_a_map_notes_a_pipe_that_lies_above_it():
     heavy = pp.critical_speed(pp.Galerkin(pp.Pipe(0.3, 100.0), 6))
     ax = plot.stability_map({"a": BOUNDARY}, 5.0, heavy, ax=axes())
@@ -257,6 +349,61 @@ def test_a_boundary_shades_what_is_stable_and_names_its_organising_points():
     ax.figure.canvas.draw()
     below = ax.get_legend().get_window_extent().y1
     assert below < ax.xaxis.label.get_window_extent().y0 + 1.0
+
+
+LEGENDRE = pp.Galerkin(pp.Pipe(0.3, damping=0.001), 8, basis="legendre")
+
+
+def shade(ax):
+    """Which pixels of a picture of boundaries are shaded, and x and y of their middles."""
+    (image,) = ax.images
+    left, right, low, high = image.get_extent()
+    rows, columns, _ = image.get_array().shape
+    x = left + (right - left) * (np.arange(columns) + 0.5) / columns
+    y = low + (high - low) * (np.arange(rows) + 0.5) / rows
+    return image.get_array()[..., 3] > 0.0, x, y
+
+
+def test_shading_and_lines_say_what_eigenvalues_say_next_to_organising_points():
+    """Other roots become unstable within a step, exactly where curves cross."""
+    found = pp.boundary(LEGENDRE, "gamma", "u", {"gamma": (-80.0, 20.0), "u": (0.0, 12.0)})
+    ax = plot.boundary(found, ax=axes())
+    stable, gammas, speeds = shade(ax)
+    rng = np.random.default_rng(3)
+    for j, gamma in enumerate(gammas):
+        i = rng.integers(1, len(speeds) - 1)
+        if (stable[i - 1 : i + 2, j] == stable[i, j]).all():  # a curve lies a pixel away
+            model = LEGENDRE.with_pipe(dataclasses.replace(LEGENDRE.pipe, gamma=gamma))
+            assert (pp.eigenvalues(model, speeds[i]).real <= 0.0).all() == stable[i, j]
+    compared = 0
+    for line in shown(ax)[: -len({point.kind for point in found.points})]:
+        middles = 0.5 * (line.get_xydata()[1:] + line.get_xydata()[:-1])
+        for gamma, u in [*middles[:: max(1, len(middles) // 20)], middles[-1]]:
+            model = LEGENDRE.with_pipe(dataclasses.replace(LEGENDRE.pipe, gamma=gamma))
+            values = pp.eigenvalues(model, u)
+            own = 1 if line.get_color() in (common.BLUE, common.PURPLE) else 2
+            others = values[np.argsort(np.abs(values.real))][own:]
+            beside = not line.get_linewidth() > 1.0
+            assert (others.real > 0.0).any() == beside
+            compared += 1
+    assert compared > 40
+
+
+def test_an_upright_boundary_between_two_columns_parts_what_is_shaded():
+    """Without momentum of the jet the flow leaves the buckling load alone: gamma = -7.837."""
+    model = pp.Galerkin(pp.Pipe(0.3, alpha=0.0, damping=0.001), 6, basis="legendre")
+    window = {"gamma": (-20.0, 5.0), "u": (0.0, 4.0)}
+    found = pp.boundary(model, "gamma", "u", window, criticality=False)
+    stable, gammas, _ = shade(plot.boundary(found, ax=axes()))
+    np.testing.assert_array_equal(stable.all(axis=0), gammas > -7.837)
+    np.testing.assert_array_equal(stable.any(axis=0), gammas > -7.837)
+
+
+def test_parts_of_a_map_end_where_curves_cross():
+    point = next(one for one in STANDING.points if one.kind == "Bogdanov-Takens")
+    lines = shown(plot.stability_map({"a": STANDING}, ax=axes()))
+    ends = [tuple(line.get_xydata()[k]) for line in lines for k in (0, -1)]
+    assert ends.count((point.x, point.y)) == 2
 
 
 def test_where_criticality_is_known_no_curve_is_drawn_without():
@@ -308,6 +455,9 @@ def test_a_window_without_boundaries_says_what_it_is():
     ax = plot.boundary(found, ax=axes())
     assert ax.texts[0].get_text() == "No boundary lies in the window: all is stable."
     assert ax.images[0].get_array()[..., 3].all()
+    failed = dataclasses.replace(found, failures=("crossings at 0.5: not found",))
+    ax = plot.boundary(failed, ax=axes())
+    assert ax.texts[0].get_text() == "No stability boundary was computed."
 
 
 def test_convergence_of_no_model_leaves_axes_that_have_no_positive_data_as_they_are():

@@ -195,13 +195,15 @@ inline Numbers results_of(py::ssize_t rows, py::ssize_t results, py::ssize_t cos
   return made;
 }
 
-/// Derivatives of rates by states (rows, rows), or of k states (k, rows, rows). cost: of a row.
-inline Numbers jacobians_of(py::ssize_t rows, py::ssize_t cost, const py::object& y,
-                            const py::object& u, const py::object& drive, const Work& work) {
+/// What work makes of k states, (k, results, rows), or of one, (results, rows): derivatives of
+/// rates by states, mostly. cost: of a row.
+inline Numbers jacobians_of(py::ssize_t rows, py::ssize_t results, py::ssize_t cost,
+                            const py::object& y, const py::object& u, const py::object& drive,
+                            const Work& work) {
   const States states("y", y, rows);
   const Speeds speeds("u", u, states);
   const Drives drives(drive, states);
-  std::vector<py::ssize_t> shape{rows, rows};
+  std::vector<py::ssize_t> shape{results, rows};
   if (!states.one) shape.insert(shape.begin(), states.members);
   Numbers made(shape);
   Batch batch{states.values.data(), speeds.data(), states.members, speeds.step()};
@@ -210,6 +212,25 @@ inline Numbers jacobians_of(py::ssize_t rows, py::ssize_t cost, const py::object
   const UnlockedFor unlocked(rows * cost * states.members);
   work(batch, out);
   return made;
+}
+
+/// Rates of each member and their derivatives (members, 1 + rows, rows).
+template <class Model>
+void linearise(const Model& model, const Batch& batch, double* out) {
+  if constexpr (requires { model.linearise(batch, out); }) {
+    model.linearise(batch, out);
+  } else {
+    const Index rows = 2 * model.dof(), square = rows * rows, members = batch.members;
+    Matrix rates(rows, members);
+    std::vector<double> slopes(static_cast<std::size_t>(members * square));
+    model.rhs(batch, rates.data());
+    model.jacobian(batch, slopes.data());
+    for (Index k = 0; k < members; ++k) {
+      double* const own = out + k * (rows + square);
+      Eigen::Map<Vector>(own, rows) = rates.col(k);
+      std::copy_n(slopes.data() + k * square, square, own + rows);
+    }
+  }
 }
 
 /// Energy of each member. rows, cost: as for `results_of`.
@@ -251,21 +272,23 @@ void define_equations(py::class_<Model>& model) {
       });
     };
   };
+  // Derivatives of these, after so many rows.
+  const auto slopes = [](auto work, py::ssize_t more) {
+    return [work, more](const Model& of, const object&, const object& y, const object& u,
+                        const object& drive) {
+      const py::ssize_t rows = 2 * of.dof(), results = rows + more, cost = work_of(of);
+      const auto part = [&](const Batch& batch, double* out) { work(of, batch, out); };
+      return jacobians_of(rows, results, cost, y, u, drive, [&](const Batch& batch, double* out) {
+        in_parts(batch, rows, results * rows, true, rows * cost, part, out);
+      });
+    };
+  };
   const auto drive = "drive"_a = py::none();
   model.def("rhs", rates(std::mem_fn(&Model::rhs), 0), "t"_a, "y"_a, "u"_a, drive)
       .def("rhs_and_power", rates(std::mem_fn(&Model::rhs_and_power), 1), "t"_a, "y"_a, "u"_a,
            drive)
-      .def(
-          "jacobian",
-          [](const Model& of, const object&, const object& y, const object& u,
-             const object& drive) {
-            const py::ssize_t rows = 2 * of.dof(), cost = work_of(of);
-            const auto part = [&](const Batch& batch, double* out) { of.jacobian(batch, out); };
-            return jacobians_of(rows, cost, y, u, drive, [&](const Batch& batch, double* out) {
-              in_parts(batch, rows, rows * rows, true, rows * cost, part, out);
-            });
-          },
-          "t"_a, "y"_a, "u"_a, drive)
+      .def("jacobian", slopes(std::mem_fn(&Model::jacobian), 0), "t"_a, "y"_a, "u"_a, drive)
+      .def("linearised", slopes(linearise<Model>, 1), "t"_a, "y"_a, "u"_a, drive)
       .def(
           "energy",
           [](const Model& of, const object& y, const object& drive) {

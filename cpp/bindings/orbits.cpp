@@ -21,8 +21,7 @@ namespace {
 using Weights = std::tuple<Numbers, Numbers, Numbers>;
 
 py::typing::Tuple<Numbers, Numbers> eliminated(const Numbers& durations, const Numbers& starts,
-                                               const Numbers& rates, const Numbers& jacobians,
-                                               const Numbers& accelerations,
+                                               const Numbers& rates, const Numbers& linearised,
                                                const std::optional<Numbers>& by_frequency,
                                                const std::optional<Numbers>& by_speed,
                                                double frequency, const Weights& weights,
@@ -35,10 +34,10 @@ py::typing::Tuple<Numbers, Numbers> eliminated(const Numbers& durations, const N
   const py::ssize_t n = 2 * half, all = rates.size();
   require_size("durations", durations, count);
   require_size("starts", starts, count * n);
-  require_size("jacobians", jacobians, count * stages * n * n);
+  require_size("linearised", linearised, count * stages * (1 + n) * n);
   for (const auto* array :
-       {&accelerations, by_frequency ? &*by_frequency : &rates, by_speed ? &*by_speed : &rates}) {
-    require_size("accelerations", *array, all);
+       {by_frequency ? &*by_frequency : &rates, by_speed ? &*by_speed : &rates}) {
+    require_size("derivatives of accelerations", *array, all);
   }
   require_size("nodes", nodes, stages);
   require_size("once", once, stages * stages);
@@ -53,8 +52,7 @@ py::typing::Tuple<Numbers, Numbers> eliminated(const Numbers& durations, const N
       .durations = durations.data(),
       .starts = starts.data(),
       .rates = rates.data(),
-      .jacobians = jacobians.data(),
-      .accelerations = accelerations.data(),
+      .linearised = linearised.data(),
       .by_frequency = by_frequency ? by_frequency->data() : nullptr,
       .by_speed = by_speed ? by_speed->data() : nullptr,
       .frequency = frequency,
@@ -125,9 +123,9 @@ Numbers states_of(const Numbers& edges, const Numbers& starts, const Numbers& ra
 }  // namespace
 
 void define_orbits(py::module_& m) {
-  m.def("eliminated", &eliminated, "durations"_a, "starts"_a, "rates"_a, "jacobians"_a,
-        "accelerations"_a, "by_frequency"_a, "by_speed"_a, "frequency"_a, "weights"_a,
-        "mirror"_a = 1.0, "units"_a = py::none());
+  m.def("eliminated", &eliminated, "durations"_a, "starts"_a, "rates"_a, "linearised"_a,
+        "by_frequency"_a, "by_speed"_a, "frequency"_a, "weights"_a, "mirror"_a = 1.0,
+        "units"_a = py::none());
   m.def("carried", &carried, "maps"_a, "most"_a);
   m.def("orbit_states", &states_of, "edges"_a, "starts"_a, "rates"_a, "frequency"_a, "mirror"_a,
         "once"_a, "twice"_a, "phases"_a);

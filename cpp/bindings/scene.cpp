@@ -81,7 +81,7 @@ Numbers derivative(const Scene& scene, const py::object& y, const py::object& u,
     if (further) batch.moments = further->values.data();
     scene.derivative(batch, returns ? Scene::return_rate : 0.0, by_state, out);
   };
-  return jacobians_of(2 * scene.dof(), work_of(scene), y, u, drive, work);
+  return jacobians_of(2 * scene.dof(), 2 * scene.dof(), work_of(scene), y, u, drive, work);
 }
 
 }  // namespace

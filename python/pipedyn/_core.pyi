@@ -141,6 +141,9 @@ class Chain:
         by_damping: typing.SupportsFloat | typing.SupportsIndex = 0.0,
         unsteady: typing.SupportsFloat | typing.SupportsIndex = 0.0,
     ) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"]: ...
+    def linearised(
+        self, t: typing.Any, y: typing.Any, u: typing.Any, drive: typing.Any = None
+    ) -> numpy.typing.NDArray[numpy.float64]: ...
     def loads(
         self, stations: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, n]"]
     ) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"]: ...
@@ -194,6 +197,9 @@ class Galerkin:
     def functions_by_panel(self) -> list[list[int]]: ...
     def held(self, y: typing.Any) -> numpy.typing.NDArray[numpy.float64]: ...
     def jacobian(
+        self, t: typing.Any, y: typing.Any, u: typing.Any, drive: typing.Any = None
+    ) -> numpy.typing.NDArray[numpy.float64]: ...
+    def linearised(
         self, t: typing.Any, y: typing.Any, u: typing.Any, drive: typing.Any = None
     ) -> numpy.typing.NDArray[numpy.float64]: ...
     def most_on_a_panel(self) -> int: ...
@@ -492,6 +498,9 @@ class Scene:
     def jacobian(
         self, t: typing.Any, y: typing.Any, u: typing.Any, drive: typing.Any = None
     ) -> numpy.typing.NDArray[numpy.float64]: ...
+    def linearised(
+        self, t: typing.Any, y: typing.Any, u: typing.Any, drive: typing.Any = None
+    ) -> numpy.typing.NDArray[numpy.float64]: ...
     def power(
         self, y: typing.Any, u: typing.Any, drive: typing.Any = None
     ) -> tuple[
@@ -634,8 +643,7 @@ def eliminated(
     durations: typing.Annotated[numpy.typing.ArrayLike, numpy.float64],
     starts: typing.Annotated[numpy.typing.ArrayLike, numpy.float64],
     rates: typing.Annotated[numpy.typing.ArrayLike, numpy.float64],
-    jacobians: typing.Annotated[numpy.typing.ArrayLike, numpy.float64],
-    accelerations: typing.Annotated[numpy.typing.ArrayLike, numpy.float64],
+    linearised: typing.Annotated[numpy.typing.ArrayLike, numpy.float64],
     by_frequency: typing.Annotated[numpy.typing.ArrayLike, numpy.float64] | None,
     by_speed: typing.Annotated[numpy.typing.ArrayLike, numpy.float64] | None,
     frequency: typing.SupportsFloat | typing.SupportsIndex,

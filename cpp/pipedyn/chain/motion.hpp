@@ -85,12 +85,13 @@ struct Batch {
 /// row-major; n = 2 half.
 struct Intervals {
   std::ptrdiff_t count, stages, half;
-  const double* durations;      // (count,)
-  const double* starts;         // states where intervals begin (count, n)
-  const double* rates;          // accelerations at the stages (count, stages, half)
-  const double* jacobians;      // of the states' rates there (count, stages, n, n)
-  const double* accelerations;  // that the forces give there (half, count, stages)
-  const double* by_frequency;   // their derivatives, or null where they do not change
+  const double* durations;     // (count,)
+  const double* starts;        // states where intervals begin (count, n)
+  const double* rates;         // accelerations at the stages (count, stages, half)
+  const double* linearised;    // the states' rates there by the forces, then their derivatives by
+                               // the states (count, stages, 1 + n, n)
+  const double* by_frequency;  // derivatives of the accelerations (half, count, stages), or null
+                               // where they do not change
   const double* by_speed;
   double frequency;
   const double* nodes;  // c (stages,)

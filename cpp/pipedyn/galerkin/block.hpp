@@ -352,7 +352,8 @@ struct Block {
   enum class Product { all, lower_half, added };
 
   /// Writes sum_k left(k, i) right(k, j) to (padded rows, stride), in tiles that are in registers,
-  /// or adds it; of rows from m on some. left gives a Real, right the numbers of a vector from j on.
+  /// or adds it; of rows from m on some. left gives a Real, right the numbers of a vector from j
+  /// on.
   template <class Left, class Right>
   void product_of(Count depth, const Left& left, const Right& right, double* to, Count stride,
                   Product kind) const {

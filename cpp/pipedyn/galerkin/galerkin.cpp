@@ -269,15 +269,22 @@ void Galerkin::held(const Batch& batch, double* out) const {
            to_columns(out, batch.members));
 }
 
-void Galerkin::jacobian(const Batch& batch, double* out) const {
-  const Index m = dof(), half = 2 * m * m;
+void Galerkin::differentiate(const Batch& batch, Index before, double* out) const {
+  const Index m = dof(), n = 2 * m, half = m * n, size = (before + n) * n;
   for (Index k = 0; k < batch.members; ++k) {
-    double* const own = out + 2 * k * half;
-    std::fill_n(own, half, 0.0);
-    for (Index i = 0; i < m; ++i) own[i * 2 * m + m + i] = 1.0;
+    double* const own = out + k * size;
+    std::fill_n(own, before * n + half, 0.0);
+    for (Index i = 0; i < before * m; ++i) own[i] = batch.y[(m + i) * batch.members + k];
+    for (Index i = 0; i < m; ++i) own[(before + i) * n + m + i] = 1.0;
   }
-  const auto write = [=](Index k, Index i, double result) { out[(2 * k + 1) * half + i] = result; };
-  evaluate(kernel().jacobian, grids(), effects_of(pipe_, grids().panels()), batch, half, write);
+  const auto write = [=](Index k, Index i, double result) {
+    if (i < half) {
+      out[k * size + before * n + half + i] = result;
+    } else if (before > 0) {
+      out[k * size + m + i - half] = result;
+    }
+  };
+  evaluate(kernel().jacobian, grids(), effects_of(pipe_, grids().panels()), batch, half + m, write);
 }
 
 }  // namespace pipedyn

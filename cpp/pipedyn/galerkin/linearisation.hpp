@@ -437,6 +437,7 @@ struct Linearisation : Block<Real> {
     solve_system();
     if (holds > 0) hold_system();
     write_system(out);
+    for (Count i = 0; i < m; ++i) set(out, 2 * m * m + i, at<Real>(acceleration, i));
   }
 
   /// Of a state at rest: see GalerkinKernel.

@@ -38,7 +38,7 @@ struct Interpolant {
 struct Limits {
   Vector relative;  // error of a step of each member
   Matrix absolute;  // and of each entry of its state (rows, members)
-  double most;                // evaluations of a member
+  double most;      // evaluations of a member
   double max_step = std::numeric_limits<double>::infinity();
 };
 

@@ -35,6 +35,7 @@ from pipedyn.bifurcation.organising import (
     counted,
     double_points,
     others_unstable,
+    separated,
 )
 from pipedyn.linear.modes import largest_speed
 from pipedyn.linear.plane import Plane, Window
@@ -78,6 +79,9 @@ class BoundaryCurve(Result):
             "Bogdanov-Takens" (its frequency falls to 0), "points" or "not converged".
         slopes: direction (dx, dy) by arc length of unit length in shares of the window, shape
             (S, 2).
+        organising: organising points on it: `Boundary.points[i]` lies between its points k and
+            k + 1, rows (k, i). Where `unstable`, `change` or `criticality` differ at these, they
+            change there. At most one between two points.
     """
 
     kind: Kind
@@ -91,6 +95,7 @@ class BoundaryCurve(Result):
     error: float = field(repr=False)
     ends: tuple[str, str]
     slopes: Array = field(repr=False)
+    organising: NDArray[np.int_] = field(repr=False)
 
     def __len__(self) -> int:
         return len(self.x)
@@ -249,10 +254,15 @@ def checked_window(model: AnyModel, names: tuple[Any, Any], ranges: Any) -> Wind
     rules: list[dict[str, Any]] = []
     for name, number in zip(names, numbers, strict=True):
         rule = {"low": 0.0, "high": largest_speed(model)} if number is None else dict(number.rule)
-        if name in ("beta", "root.stiffness"):  # the root of beta has no derivative at 0
+        if name == "root.stiffness":
             rule["open_low"] = True
         rules.append(rule)
     bounds = check.window(names, ranges, (rules[0], rules[1]))
+    if "beta" in names and bounds[names.index("beta")][0] == 0.0:
+        raise ValueError(
+            "ranges['beta'] must lie in (0, 1), got 0: curves are followed by derivatives, and the "
+            "Coriolis force, which grows with the root of beta, has none at 0"
+        )
     low_, high_ = np.array(bounds).T
     return Window((numbers[0], numbers[1]), low_, high_ - low_)
 
@@ -283,24 +293,35 @@ def _bounded(
         tracer = Tracer(coarse, starts, wanted)
         counts: list[NDArray[np.int_]] = []
         found: list[DoublePoint] = []
+        on: list[list[tuple[int, int]]] = []  # of each curve, steps and numbers of points in them
         while starts:
             new, starts = tracer.trace(starts), []
             for curve in new:
-                counts.append(counted(coarse, curve))
-                for one in double_points(coarse, curve, counts[-1]):
-                    if isinstance(one, str):
-                        failures.append(one)
-                    elif not any(_same(one, other) for other in found):
+                of_curve, places = counted(coarse, curve), list[tuple[int, float, int]]()
+                for place in double_points(coarse, curve, of_curve):
+                    if isinstance(place, str):
+                        failures.append(place)
+                        continue
+                    where, one = place
+                    i = next((i for i, other in enumerate(found) if _same(one, other)), len(found))
+                    if where is not None:
+                        places.append((*where, i))
+                    if i == len(found):
                         found.append(one)
                         starts += one.starts()
+                of_curve, steps = separated(coarse, curve, of_curve, places)
+                counts.append(of_curve)
+                on.append(steps)
         failures += tracer.failures()
         plane, traced = coarse, list[Traced | None](tracer.curves)
+        points: list[OrganisingPoint | None]
         if isinstance(model, Continuum):
             plane, traced = converged(model, coarse, tracer.curves)
-            found = [*_solved_again(found, plane, tracer.control, failures)]
-        points = [one.point(plane) for one in found]
-        curves = []
-        for last, of_curve in zip(traced, counts, strict=True):
+            points = [*_solved_again(found, plane, tracer.control, failures)]
+        else:
+            points = [one.point(plane) for one in found]
+        parts = []
+        for last, of_curve, steps in zip(traced, counts, on, strict=True):
             if last is None:
                 continue
             curve = last
@@ -308,12 +329,17 @@ def _bounded(
             if criticality:
                 for k in np.flatnonzero(of_curve == 0):
                     values[k] = coefficients(coarse, curve.problem, curve.points[k].z)
-                for point in changes_of_criticality(coarse, curve, of_curve, values[:, 1]):
-                    if isinstance(point, str):
-                        failures.append(point)
+                for change in changes_of_criticality(coarse, curve, of_curve, values[:, 1]):
+                    if isinstance(change, str):
+                        failures.append(change)
                     else:
-                        points.append(point)
-            curves.append(_finished(curve, of_curve, values))
+                        steps.append((change[0], len(points)))
+                        points.append(change[1])
+            parts.append((curve, of_curve, values, steps))
+    known = [(i, one) for i, one in enumerate(points) if one is not None]
+    known.sort(key=lambda of: (of[1].unstable, of[1].kind, of[1].x))
+    numbers = {i: number for number, (i, _) in enumerate(known)}
+    curves = [_finished(*part, numbers) for part in parts]
     low, high = window.low, window.low + window.size
     if not (coarse.conservative or only_stability or any(tracer.failures())):
         failures += _disagreements(curves, coarse)
@@ -321,7 +347,7 @@ def _bounded(
         names=names,
         ranges=((float(low[0]), float(high[0])), (float(low[1]), float(high[1]))),
         curves=tuple(sorted(curves, key=lambda c: (c.kind != "flutter", -len(c)))),
-        points=tuple(sorted(points, key=lambda p: (p.unstable, p.kind, p.x))),
+        points=tuple(one for _, one in known),
         u=u,
         model=model,
         size=plane.dof,
@@ -331,12 +357,13 @@ def _bounded(
 
 def _solved_again(
     found: list[DoublePoint], plane: Plane, control: Control, failures: list[str]
-) -> Iterator[DoublePoint]:
-    """The points in a larger basis; those that it does not have are failures."""
+) -> Iterator[OrganisingPoint | None]:
+    """The points in a larger basis; those that it does not have are None, and failures."""
     for one in found:
         try:
-            yield one.solved(plane, control)
+            yield one.solved(plane, control).point(plane)
         except NewtonFailed as error:
+            yield None
             point = one.point(plane)
             failures.append(
                 f"a point of kind {point.kind} near ({point.x:.6g}, {point.y:.6g}) was found in a "
@@ -388,7 +415,14 @@ def _points_of_change(curve: Traced) -> list[Point]:
     return [curve.points[len(curve.points) // 2]]
 
 
-def _finished(curve: Traced, counts: NDArray[np.int_], values: Array) -> BoundaryCurve:
+def _finished(
+    curve: Traced,
+    counts: NDArray[np.int_],
+    values: Array,
+    steps: list[tuple[int, int]],
+    numbers: dict[int, int],
+) -> BoundaryCurve:
+    """For users; the points in steps have other numbers there."""
     problem, points = curve.problem, curve.points
     places = curve.places()
     slopes = np.array([point.tangent[[-1, -2]] for point in points])
@@ -396,6 +430,7 @@ def _finished(curve: Traced, counts: NDArray[np.int_], values: Array) -> Boundar
     leading = values[:, 1]
     changes = np.array([problem.change(point) for point in _points_of_change(curve)])
     changes = np.resize(changes, len(points))
+    organising = [(step, numbers[i]) for step, i in sorted(steps) if i in numbers]
     which = np.where(np.isnan(leading), 0, np.where(leading < 0.0, 1, 2))
     return BoundaryCurve(
         kind=problem.kind,
@@ -409,4 +444,5 @@ def _finished(curve: Traced, counts: NDArray[np.int_], values: Array) -> Boundar
         error=curve.error,
         ends=curve.ends,
         slopes=slopes / np.linalg.norm(slopes, axis=1, keepdims=True),
+        organising=np.array(organising, dtype=int).reshape(-1, 2),
     )

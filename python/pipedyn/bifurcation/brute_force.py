@@ -252,7 +252,7 @@ class _Run:
     alone: bool = False  # whether it does not join another
     explicit: bool = False  # whether explicit steps cost less
     size: float = LEAST_SIZE  # of the motion, a power of SHARE
-    rate_size: float = LEAST_SIZE  # of its rates, as fast as that until they have been seen
+    rate_size: float = LEAST_SIZE  # and of its rates
     under_way: bool = True  # whether the tolerance may be TRANSIENT
     roughly: bool = False  # whether it was in the last record
 
@@ -401,15 +401,18 @@ class _Batch:
         fastest, _ = fastest_rates(self.model)
         return EXPLICIT * fastest
 
-    def keeps_fast_modes(self, u: float) -> bool:
-        """Whether the fastest mode at rest hardly decays until the first look."""
+    def modes(self, u: float) -> tuple[bool, float]:
+        """Whether the fastest mode at rest hardly decays until the first look, and |lambda| of one.
+
+        That is the mode that grows most or decays least.
+        """
         if self.options.flow is not None or self.model.moving > LARGEST_DENSE:
-            return False
+            return False, 0.0
         rest = np.concatenate([self.model.resting(), np.zeros(self.model.moving)])
         factorised()
         values = np.linalg.eigvals(self.model.motion_jacobian(rest, u))
-        fastest = values[np.abs(values).argmax()]
-        return bool(fastest.real > -1.0 / FIRST_LOOK)
+        fastest, last = values[np.abs(values).argmax()], values[values.real.argmax()]
+        return bool(fastest.real > -1.0 / FIRST_LOOK), float(abs(last))
 
     def tip_of(self, states: Array) -> tuple[Array, Array, Array, Array]:
         """Coordinates and rates of states [p, p'], (k, 2 moving), and the tip's x and its rate."""
@@ -519,10 +522,11 @@ def _batch(
     """Where each member of one batch ends, or why it stopped early."""
     batch = _Batch(model, options, known, starts[-1])
     runs = [_Run(i, u, k, _state(model, starts[k])) for i, (u, k) in enumerate(members)]
-    excited = {u: batch.keeps_fast_modes(u) for u in {run.speed for run in runs}}
+    modes = {u: batch.modes(u) for u in {run.speed for run in runs}}
     for run in runs:
-        run.resized(*np.abs(np.split(run.state, 2)).max(axis=1).tolist())
-        run.explicit = excited[run.speed]
+        run.explicit, frequency = modes[run.speed]
+        span, fastest = np.abs(np.split(run.state, 2)).max(axis=1).tolist()
+        run.resized(span, max(fastest, frequency * span))
     batch.finish(runs)
     return [batch.answers[i] for i in range(len(members))]
 
@@ -544,11 +548,12 @@ def _neighbour(model: Model, run: _Run, bend: Array) -> _Run:
     towards, _ = np.split(_state(model, bend), 2)
     if not towards.any():
         towards = np.ones_like(towards)
-    beside = p + NUDGE * towards / float(np.abs(towards).max()), rate
-    state = np.concatenate(model.projected(*beside))
+    nudged = p + NUDGE * towards / float(np.abs(towards).max())
+    state = np.concatenate(model.projected(nudged, rate))
     state = state if np.isfinite(state).all() else run.state
-    sizes = {"size": run.size, "rate_size": run.rate_size}
-    return _Run(NEIGHBOUR, run.speed, run.start, state, **sizes, under_way=False)
+    beside = _Run(NEIGHBOUR, run.speed, run.start, state, under_way=False)
+    beside.size, beside.rate_size = run.size, run.rate_size
+    return beside
 
 
 def _record(t: Array, x: Array, velocity: Array, rtol: float) -> _Record:

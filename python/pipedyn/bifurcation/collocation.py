@@ -64,13 +64,11 @@ def _condensed(
     motion = _along_stages(motion, orbit)
     y = orbit.stage_columns()
     by_frequency = motion.by_frequency(y, u)[half:] if motion.forced else None
-    jacobians = motion.jacobians(y, u)
-    units = _units(jacobians[0])
+    linearised = motion.linearised(y, u)
+    units = _units(linearised[0, 1:])
     factorised(len(orbit.starts))
     by_rates, ends = _core.eliminated(
-        *(orbit.durations, orbit.starts, orbit.rates, jacobians, motion(y, u)[half:]),
-        by_frequency,
-        by_speed,
+        *(orbit.durations, orbit.starts, orbit.rates, linearised, by_frequency, by_speed),
         orbit.frequency,
         WEIGHTS,
         orbit.mirror,

@@ -173,6 +173,7 @@ def _level(
         error=0.0,
         ends=("range", "range"),
         slopes=along,
+        organising=np.zeros((0, 2), dtype=int),
     )
     return Boundary(
         names=plane.names,

@@ -141,6 +141,12 @@ class ForcedField(VectorField):
         speeds, drive = self._driven(u)
         return self.model.motion_jacobian(np.ascontiguousarray(y), speeds, drive)
 
+    def linearised(self, y: Array, u: float) -> Array:
+        """Both, (k, 1 + 2 moving, 2 moving)."""
+        self._count(2 * y.shape[1])
+        speeds, drive = self._driven(u)
+        return self.model.motion_linearised(np.ascontiguousarray(y), speeds, drive)
+
     def by_frequency(self, y: Array, u: float) -> Array:
         """df/dw, w of the orbit: exact, as f is of second degree in it."""
         ahead, behind, h = copy(self), copy(self), 0.5 * self._frequency

@@ -12,6 +12,7 @@ from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cache
+from itertools import pairwise
 from typing import Literal
 
 import numpy as np
@@ -196,26 +197,33 @@ class DoublePoint:
 
 def double_points(
     plane: Plane, curve: Traced, counts: NDArray[np.int_]
-) -> Iterator[DoublePoint | str]:
-    """Where another root lies on the axis along a curve; a sentence where it was not solved for."""
+) -> Iterator[tuple[tuple[int, float] | None, DoublePoint] | str]:
+    """Where another root lies on the axis along a curve; a sentence where it was not solved for.
+
+    Each comes with the step in which it lies and its arc length from the step's begin; None at an
+    end of the curve.
+    """
     for k, end in ((0, curve.ends[0]), (-1, curve.ends[1])):
         if end == "Bogdanov-Takens":
             z = curve.points[k].z
-            yield DoublePoint((0.0, 0.0), z[-2:], others_unstable(plane, curve.problem, z))
+            others = others_unstable(plane, curve.problem, z)
+            yield None, DoublePoint((0.0, 0.0), z[-2:], others)
     if plane.conservative:
         if curve.problem.kind != "divergence":
             return  # its pairs lie on the axis everywhere
         # Roots may become stable by gyroscopic forces; K tells where another one passes 0.
         stiffness = [_beside(plane, curve.problem, point.z) for point in curve.points]
         counts = np.array([np.count_nonzero(one < 0.0) for one in stiffness])
-    for segment, before, after in zip(curve.segments(), counts[:-1], counts[1:], strict=True):
+    for k, (segment, (before, after)) in enumerate(
+        zip(curve.segments(), pairwise(counts), strict=True)
+    ):
         if before == after:
             continue
         try:
-            for guess in _on_segment(plane, segment):
+            for s, guess in _on_segment(plane, segment):
                 one = guess.solved(plane, curve.problem.control)
                 if one.modes == 2 or not plane.conservative_near(one.at[::-1], AT_EDGE):
-                    yield one
+                    yield (k, s), one
         except NewtonFailed as error:
             x, y = curve.problem.place(segment.begin.z)
             yield (
@@ -225,6 +233,37 @@ def double_points(
             )
 
 
+def separated(
+    plane: Plane, curve: Traced, counts: NDArray[np.int_], places: list[tuple[int, float, int]]
+) -> tuple[NDArray[np.int_], list[tuple[int, int]]]:
+    """Adds points to a curve so that each step holds one double point at most.
+
+    Args:
+        plane: the matrices.
+        curve: gets the points.
+        counts: number of unstable roots beside those on the axis at its points.
+        places: of each double point the step, the arc length in it, and its number.
+
+    Returns:
+        The counts with those at the new points, and the steps and numbers of the double points.
+    """
+    places.sort()
+    steps = [step for step, *_ in places]
+    for i in range(len(places) - 1, 0, -1):
+        (before, left, _), (step, right, _) = places[i - 1 : i + 1]
+        if before != step:
+            continue
+        with suppress(NewtonFailed):
+            curve.problem.renew()
+            segment = Segment(curve.problem, *curve.points[step : step + 2])
+            point = segment.at(0.5 * (left + right))
+            curve.points.insert(step + 1, point)
+            count = others_unstable(plane, curve.problem, point.z)
+            counts = np.insert(counts, step + 1, count)
+            steps[i:] = [one + 1 for one in steps[i:]]
+    return counts, [(step, number) for step, (*_, number) in zip(steps, places, strict=True)]
+
+
 def _beside(plane: Plane, problem: AxisProblem, z: Array) -> Array:
     """Eigenvalues of the symmetric part of K at a point of divergence but that which is 0."""
     stiffness = plane.at(problem.place(z))[2].real
@@ -232,7 +271,7 @@ def _beside(plane: Plane, problem: AxisProblem, z: Array) -> Array:
     return np.delete(values, np.argmin(np.abs(values)))
 
 
-def _on_segment(plane: Plane, segment: Segment[AxisProblem]) -> Iterator[DoublePoint]:
+def _on_segment(plane: Plane, segment: Segment[AxisProblem]) -> Iterator[tuple[float, DoublePoint]]:
     problem = segment.problem
 
     @cache
@@ -255,11 +294,11 @@ def _on_segment(plane: Plane, segment: Segment[AxisProblem]) -> Iterator[DoubleP
         least = min(_unstable(roots(before)), _unstable(found))
         # A symmetric K that two passing eigenvalues make singular lacks two ranks.
         if plane.conservative or (problem.kind == "divergence" and _lacks_two_ranks(plane, z)):
-            yield DoublePoint((0.0, 0.0), z[-2:], least, modes=2)
+            yield beyond, DoublePoint((0.0, 0.0), z[-2:], least, modes=2)
             continue
         passing = abs(float(found[np.argmin(np.abs(growth(beyond)))].imag))
         pair = sorted((passing if passing > STATIC else 0.0, problem.frequency(z)))
-        yield DoublePoint((pair[0], pair[1]), z[-2:], least)
+        yield beyond, DoublePoint((pair[0], pair[1]), z[-2:], least)
 
 
 def _lacks_two_ranks(plane: Plane, z: Array) -> bool:
@@ -353,10 +392,10 @@ def coefficients(plane: Plane, problem: AxisProblem, z: Array) -> tuple[float, f
 
 def changes_of_criticality(
     plane: Plane, curve: Traced, counts: NDArray[np.int_], leading: Array
-) -> Iterator[OrganisingPoint | str]:
+) -> Iterator[tuple[int, OrganisingPoint] | str]:
     """Where the criticality changes along a curve, at points where no other root is unstable.
 
-    A sentence where it is not solved for.
+    Each comes with the step in which it lies. A sentence where it is not solved for.
 
     `plane` is of the model that says it, which may have a smaller basis than the curve: differences
     lose digits in a larger one.
@@ -389,4 +428,4 @@ def changes_of_criticality(
             continue
         x, y = problem.place(z)
         omega = problem.frequency(z)
-        yield OrganisingPoint(kind, float(x), float(y), (omega,) if omega else (), 0)
+        yield k, OrganisingPoint(kind, float(x), float(y), (omega,) if omega else (), 0)

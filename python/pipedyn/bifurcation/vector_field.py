@@ -63,6 +63,11 @@ class VectorField:
         self._count(y.shape[1])
         return self.model.motion_jacobian(y, u)
 
+    def linearised(self, y: Array, u: float) -> Array:
+        """f, then df/dy, of the states in the columns, shape (k, 1 + 2 moving, 2 moving)."""
+        self._count(2 * y.shape[1])
+        return self.model.motion_linearised(y, u)
+
     def by_speed(self, y: Array, u: float) -> Array:
         """df/du of the states in the columns at u > 0: exact, as f is of second degree in u."""
         h = 0.5 * u

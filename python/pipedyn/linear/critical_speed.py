@@ -7,6 +7,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import field, replace
 from functools import cached_property, lru_cache, partial
+from itertools import pairwise
 from operator import attrgetter
 from typing import Any, TypeAlias, TypeVar
 
@@ -180,6 +181,29 @@ def critical_speed(model: AnyModel, max_speed: float = 100.0) -> CriticalSpeed:
     checked_model(model)
     critical, _ = first_loss(model, checked_end(max_speed, model))
     return critical
+
+
+def stable_speeds(
+    model: AnyModel, found: Sequence[Crossing], end: float
+) -> tuple[tuple[float, float], ...]:
+    """Ranges of flow speed, from 0 to the end of a search, in which no root is unstable.
+
+    Args:
+        model: the model.
+        found: all its crossings up to there, in order of speed.
+        end: of the search.
+    """
+    at_rest = found[0].unstable_before if found else _growing_at_rest(model, 16)
+    counts = [at_rest, *(one.unstable_after for one in found)]
+    bounds = pairwise([0.0, *(one.speed for one in found), end])
+    ranges: list[tuple[float, float]] = []
+    for (low, high), count in zip(bounds, counts, strict=True):
+        if count or low >= high:
+            continue
+        if ranges and ranges[-1][1] == low:
+            low = ranges.pop()[0]
+        ranges.append((low, high))
+    return tuple(ranges)
 
 
 def checked_end(max_speed: Any, model: AnyModel | None = None) -> float:

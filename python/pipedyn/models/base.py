@@ -644,6 +644,14 @@ class Model(OfPipe, ABC):
         self._check_dense()
         return self.motion.jacobian(0.0, y, u, drive)
 
+    def motion_linearised(self, y: Array, u: float | Array, drive: Array | None = None) -> Array:
+        """Rates of [p, p'] of k columns, then these derivatives, (k, 1 + 2 moving, 2 moving)."""
+        if self.motion is self.core:
+            self._check_dense()
+            return np.asarray(self.core.linearised(0.0, y, u, drive))
+        rates = self.motion_rates(y, u, drive).T[:, None]
+        return np.concatenate([rates, self.motion_jacobian(y, u, drive)], axis=1)
+
     def energy(self, y: ArrayLike, *, base: ArrayLike | None = None) -> float | Array:
         """Kinetic, elastic and gravity's energy in EI / L, 0 at rest on the straight pipe.
 

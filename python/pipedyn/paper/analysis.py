@@ -102,7 +102,7 @@ class Findings:
     highest: float = 0.0  # end of the speeds in figures 2 and 3
     exact: CriticalSpeed | None = None  # of the continuous pipe
     remark: str = ""  # why there is none
-    crossings: Sequence[Crossing] = ()  # of the continuous pipe, up to `highest`
+    crossings: Sequence[Crossing] | None = None  # of the continuous pipe, up to `highest`
     benchmark: RootLoci | None = None  # root loci of the continuous pipe
     panels: list[list[tuple[str, RootLoci | None]]] = field(default_factory=list)  # rows, titled
     rows: list[Row] = field(default_factory=list)  # the table, without the continuous pipe
@@ -152,7 +152,7 @@ def gather(case: Case, executor: futures.Executor | None = None) -> Iterator[Fin
     answers = parallel(every, executor, label="models", progress=case.progress)
     outcomes = recorded(jobs, answers)
     findings.benchmark, _ = outcomes["root loci, continuous pipe"]
-    findings.crossings = outcomes["crossings, continuous pipe"][0] or ()
+    findings.crossings = outcomes["crossings, continuous pipe"][0]
     findings.panels = [
         [(title, outcomes[f"root loci, {title}"][0]) for title, _ in row] for row in panels
     ]

@@ -16,7 +16,9 @@ from matplotlib.patheffects import withStroke
 
 from pipedyn import plot
 from pipedyn.accuracy.convergence import convergence_law
-from pipedyn.linear.critical_speed import CriticalSpeed
+from pipedyn.linear.critical_speed import CriticalSpeed, stable_speeds
+from pipedyn.linear.sensitivity import Crossing
+from pipedyn.models.continuum import Continuum
 from pipedyn.models.pipe import Pipe
 from pipedyn.paper.analysis import CHAIN_SIZES, REDUCED_SIZES, Case, Findings, Row, map_top
 from pipedyn.plot.linear import DOT, ONSET
@@ -157,8 +159,10 @@ def _explained(
         label = f"continuous pipe, steps of {_view(case.pipe).speed(float(step), 3)}"
         handles.append(Line2D([], [], label=label, **DOT))
     if findings.exact is not None:
-        speed = _view(case.pipe).speed(findings.exact.speed, 4).replace(" = ", "_c = ")
-        label = f"its critical speed, {speed}"
+        speed = _view(case.pipe).speed(findings.exact.speed, 4)
+        label = f"its critical speed, {speed.replace(' = ', '_c = ')}"
+        if findings.exact.unstable_before:
+            label = f"its {findings.exact.kind} begins, {speed}; unstable below, too"
         handles.append(Line2D([], [], label=label, **critical))
     handles += [Line2D([], [], label="onset of the model", **ONSET), *more]
     figure.legend(handles=handles, loc="outside lower center", ncols=2, frameon=False)
@@ -225,13 +229,18 @@ def verdict(findings: Findings) -> str:
 
 
 def instabilities(pipe: Pipe, findings: Findings) -> str:
-    """At which speeds instabilities of the continuous pipe begin and end."""
+    """At which speeds the continuous pipe is stable, and where instabilities begin and end."""
     exact = findings.exact
     start = ""
     if exact is not None and not exact.stable_at_rest:
         start = "The pipe is buckled at rest. "
     elif exact is not None and exact.speed == 0.0:
         start = "The smallest flow makes the pipe unstable. "
+    if findings.crossings is None:
+        return f"{start}The instabilities of the continuous pipe were not computed."
+    ranges = stable_speeds(Continuum(pipe), findings.crossings, findings.highest)
+    parts = [f"from {_said(pipe, low)} to {_said(pipe, high)}" for low, high in ranges]
+    stable = f"stable {' and '.join(parts)}" if parts else "unstable at every speed"
     found = [
         f"{_said(pipe, c.speed)} ({c.kind}, mode {c.mode}, "
         f"{'begins' if c.destabilising else 'ends'}{'' if c.unstable_after else '; stable beyond'})"
@@ -240,14 +249,19 @@ def instabilities(pipe: Pipe, findings: Findings) -> str:
     ]
     listed = textwrap.shorten(", ".join(found), 500, placeholder=" ...") or "none"
     end = _said(pipe, findings.highest)
-    return f"{start}Instabilities of the continuous pipe up to {end}: {listed}."
+    return f"{start}Up to {end} the continuous pipe is {stable}. Instabilities: {listed}."
 
 
 def second_mode(findings: Findings) -> list[str]:
     """Whether the instability is in the second mode, from the table and from the map."""
     lines = []
     exact = findings.exact
-    if exact is not None:
+    if exact is not None and exact.unstable_before:
+        lines.append(
+            "Is the instability in the second mode (branches counted from rest)? The pipe has no "
+            f"stability to lose at {_said(exact.pipe, exact.speed)}: it is unstable below, too."
+        )
+    elif exact is not None:
         answer = "yes" if exact.mode == 2 else f"no, in mode {exact.mode}"
         modes = [(row, row.critical.mode) for row in findings.rows if row.critical is not None]
         others = [f"{row.family} {row.size} (mode {k})" for row, k in modes if k != exact.mode]
@@ -258,7 +272,8 @@ def second_mode(findings: Findings) -> list[str]:
             f"{answer}; {len(modes) - len(others)} of {len(modes)} models agree{named}."
         )
     for gamma, curve in sorted(findings.curves.items()):
-        pairs = zip(curve.values, curve.critical, strict=True)
+        every = (next(filter(_loses, found), None) for found in curve.crossings)
+        pairs = zip(curve.values, every, strict=True)
         known = [(float(beta), found.mode) for beta, found in pairs if found is not None]
         runs = []
         for mode, group in groupby(known, key=lambda point: point[1]):
@@ -267,6 +282,11 @@ def second_mode(findings: Findings) -> list[str]:
         if runs:
             lines.append(f"  On the map, gamma = {gamma:g}: {', '.join(runs)}.")
     return lines
+
+
+def _loses(crossing: Crossing) -> bool:
+    """Whether a stable pipe becomes unstable."""
+    return crossing.destabilising and crossing.unstable_before == 0
 
 
 def _by_family(findings: Findings) -> dict[str, list[CriticalSpeed]]:
@@ -298,7 +318,7 @@ def table(pipe: Pipe, findings: Findings) -> list[tuple[str, ...]]:
         if found is None:
             lines.append((*start, *[""] * 7, row.remark, *si))
             continue
-        error = ""
+        error, remark = "", row.remark or ("unstable below, too" if found.unstable_before else "")
         if row is not first and exact is not None and exact.speed > 0.0:
             error = f"{100.0 * (found.speed / exact.speed - 1.0):+.6g}"
         speed, rest = repr(found.speed), "yes" if found.stable_at_rest else "no"
@@ -306,7 +326,7 @@ def table(pipe: Pipe, findings: Findings) -> list[tuple[str, ...]]:
         if pipe.scales is not None:
             measured = found.in_si(pipe)
             si = repr(float(measured.speed)), repr(float(measured.frequency))
-        lines.append((*start, *answer, error, f"{found.error:.1e}", row.remark, *si))
+        lines.append((*start, *answer, error, f"{found.error:.1e}", remark, *si))
     return lines
 
 

@@ -8,15 +8,24 @@ Nothing here needs a notebook. What is shown are answers of the public functions
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from pipedyn.linear.critical_speed import CriticalSpeed, NoCrossing, critical_speed
-from pipedyn.linear.modes import ModeShape, RootLoci, eigenvalues, modes, root_loci
+from pipedyn.linear.critical_speed import (
+    CriticalSpeed,
+    Loss,
+    NoCrossing,
+    crossings,
+    first_loss,
+    losses,
+    stable_speeds,
+)
+from pipedyn.linear.modes import ModeShape, RootLoci, modes, root_loci
+from pipedyn.linear.sensitivity import Crossing
 from pipedyn.linear.stability_curve import StabilityCurve, stability_curve
 from pipedyn.models.chain import Chain
 from pipedyn.models.pipe import Pipe
@@ -35,6 +44,9 @@ MOST_SEGMENTS = 20
 POINTS = ((10, 25), (14, 17), (MOST_SEGMENTS, 11))
 """Of the stability curve: up to so many segments so many points, each as long as strong damping
 lets it take."""
+
+MAX_SPEED = 100.0
+"""Up to which a loss of stability is looked for."""
 
 LOCI_SPEEDS = 61
 """Flow speeds at which root loci are drawn: a step is then 4 pixels or less on most branches."""
@@ -158,9 +170,9 @@ class Exploration:
         given = _checked_ranges(ranges, pipe)
         self._numbers = _chosen(pipe, given)
         own = {name: number.of(pipe) for name, number in self._numbers.items()}
-        self._critical = _critical(model)
+        self._loss = _loss(model)
         if u is None:
-            u = 4.0 if self._critical is None else 1.05 * self._critical.speed
+            u = 4.0 if self._loss is None else 1.05 * self._loss[0].speed
         u = check.real("u", u, low=0.0, high=1e3)
         first = [name for name in ALWAYS if name in own]
         rest = [name for name in own if name not in first]
@@ -206,14 +218,14 @@ class Exploration:
             return
         try:
             model = Chain(self._turned(), round(self.values["segments"]), springs=self._springs)
-            critical = _critical(model)
+            loss = _loss(model)
             if name != self.against:
                 self._curve = self._curve_of(model)
         except Exception:
             self.values = before
             raise
-        self._model, self._critical = model, critical
-        self._forget("modes", "film", "loci")
+        self._model, self._loss = model, loss
+        self._forget("modes", "film", "loci", "_stability")
 
     def slider(self, name: str) -> Slider:
         """The slider of that name; raises ValueError or TypeError for another."""
@@ -242,8 +254,11 @@ class Exploration:
                 )
             return Slider(name, low, high)
         if name == "u":
-            critical = self._critical
-            reach = max(value, 4.0 if critical is None else 1.2 * critical.speed)
+            critical = self.critical
+            if critical is None or critical.unstable_before:
+                reach = max(value, 4.0)
+            else:
+                reach = max(value, 1.2 * critical.speed)
             return Slider(name, 0.0, rounded_up(1.4 * reach))
         if name == "segments":
             return Slider(name, self._fewest_segments(), MOST_SEGMENTS)
@@ -279,7 +294,7 @@ class Exploration:
     @property
     def critical(self) -> CriticalSpeed | None:
         """What `critical_speed` answers of the model; None where there is none up to u = 100."""
-        return self._critical
+        return None if self._loss is None else self._loss[0]
 
     @property
     def curve(self) -> StabilityCurve:
@@ -355,17 +370,36 @@ class Exploration:
             state = f"unstable, {kind} grows" if self.unstable else "stable"
             pair = f" ± {value.imag:.4g}i" if value.imag else ""
             now = f"u = {u:.4g}{si}: {state}. Least stable mode: λ = {value.real:.3g}{pair}."
-        lost = self.critical
-        if lost is None:
-            return now, "No loss of stability up to u = 100."
-        si = f" ({pipe.speed_si(lost.speed):.3g} m/s)" if pipe.scales else ""
-        then = f"{lost.kind.capitalize()} begins at u = {lost.speed:.4g}{si}, mode {lost.mode}"
+        return now, self._stability
+
+    @cached_property
+    def _stability(self) -> str:
+        """At which flow speeds the pipe is stable, and how that is lost, in a sentence."""
+        pipe, lost = self.model.pipe, self.critical
+
+        def said(u: float) -> str:
+            return f"{u:.4g} ({pipe.speed_si(u):.3g} m/s)" if pipe.scales else f"{u:.4g}"
+
+        if lost is None and stable_speeds(self.model, (), MAX_SPEED):
+            return f"No loss of stability up to u = {MAX_SPEED:g}."
+        if lost is None or lost.unstable_before:
+            end = MAX_SPEED if lost is None else self.slider("u").high
+            ranges = stable_speeds(self.model, crossings(self.model, end), end)
+            if not ranges:
+                return f"Unstable at every flow speed up to u = {said(end)}."
+            parts = " and ".join(f"from u = {said(low)} to {said(high)}" for low, high in ranges)
+            return f"Up to u = {said(end)} stable only {parts}."
+        low = _lowest_stable(*self._loss) if self._loss is not None else 0.0
+        begins = f"begins at u = {said(lost.speed)}, mode {lost.mode}"
+        then = f"{lost.kind.capitalize()} {begins}"
+        if low:
+            then = f"Stable from u = {said(low)} on; {lost.kind} {begins}"
         if lost.frequency:
             hertz = ""
             if pipe.scales:
                 hertz = f" ({pipe.frequency_si(lost.frequency) / (2.0 * math.pi):.3g} Hz)"
             then += f", frequency {lost.frequency:.4g}{hertz}"
-        return now, then + "."
+        return then + "."
 
     # ---------------------------------------------------------------------- stability curve
 
@@ -380,29 +414,31 @@ class Exploration:
 
     @property
     def stable_speeds(self) -> Array:
-        """Ends of the range of stable speeds below the first loss, at the curve's values, (S, 2).
+        """Ends of the lowest range of stable speeds, at the curve's values, shape (S, 2).
 
         The first is 0 but for a pipe that is buckled without flow and straightened by it. The last
-        is infinite where none is lost up to u = 100. NaN where there are none, or the point failed.
+        is infinite where none is lost up to u = 100. NaN where there are none, of a pipe that is
+        unstable when it meets flutter or divergence up to the end of the slider, or the point
+        failed.
         """
-        curve = self.curve
-        failed = {one.index: one.error for one in curve.failures}
+        curve, end = self.curve, self.slider("u").high
         found = np.full((curve.values.size, 2), np.nan)
-        for i, (critical, crossings) in enumerate(
-            zip(curve.critical, curve.crossings, strict=True)
-        ):
-            if critical is not None:
-                below = [c.speed for c in crossings if c.unstable_after == 0]
-                first = 0.0 if critical.stable_at_rest else [*below, math.nan][0]
-                found[i] = (first, critical.speed) if first <= critical.speed else math.nan
-            elif isinstance(failed[i], NoCrossing) and self._stable_at_rest(curve.values[i]):
-                found[i] = 0.0, math.inf
+        for i, (critical, below) in enumerate(zip(curve.critical, curve.crossings, strict=True)):
+            if critical is not None and not critical.unstable_before:
+                found[i] = _lowest_stable(critical, below), critical.speed
+        failed = {one.index: one.error for one in curve.failures}
+        kept = [i for i, error in failed.items() if isinstance(error, NoCrossing)]
+        again = [i for i, one in enumerate(curve.critical) if one is not None]
+        again = [*kept, *(i for i in again if np.isnan(found[i, 0]))]
+        number = self._numbers[self.against]
+        pipes = [number.changed(self.model.pipe, float(curve.values[i])) for i in again]
+        models = [self.model.with_pipe(pipe) for pipe in pipes]
+        for i, model, answer in zip(again, models, losses(models, end), strict=True):
+            ranges = () if isinstance(answer, Exception) else stable_speeds(model, answer[1], end)
+            if ranges:
+                low, high = ranges[0]
+                found[i] = low, math.inf if high == end and i in failed else high
         return found
-
-    def _stable_at_rest(self, value: float) -> bool:
-        pipe = self._numbers[self.against].changed(self.model.pipe, float(value))
-        found = eigenvalues(self.model.with_pipe(pipe), 0.0)
-        return bool((found.real <= ROUNDING * (1.0 + np.abs(found))).all())
 
     # ------------------------------------------------------------------------------ pictures
 
@@ -423,11 +459,18 @@ def rounded_up(value: float) -> float:
     return next(step for step in steps if step * power >= value * (1.0 - 1e-12)) * power
 
 
-def _critical(model: Chain) -> CriticalSpeed | None:
+def _loss(model: Chain) -> Loss | None:
     try:
-        return critical_speed(model)
+        return first_loss(model, MAX_SPEED)
     except NoCrossing:
         return None
+
+
+def _lowest_stable(critical: CriticalSpeed, below: Sequence[Crossing]) -> float:
+    """Speed from which on a pipe is stable that loses stability at the critical one."""
+    if critical.stable_at_rest:
+        return 0.0
+    return next(one.speed for one in below if one.unstable_after == 0)
 
 
 def _checked_ranges(ranges: Any, pipe: Pipe) -> dict[str, tuple[float, float]]:

@@ -210,9 +210,14 @@ class ExplorationPicture:
         corners += [(values[1:], high[1:]), (values[:-1], high[:-1])]
         quads = np.stack([np.stack(corner, axis=-1) for corner in corners], axis=1)
         self.stable.set_verts(list(quads[np.isfinite(quads).all(axis=(1, 2))]))
-        self.onset.set_data(values, speeds)
-        self.regained.set_data(values, np.where(low > 0.0, low, math.nan))
-        kinds = np.array([None if one is None else one.kind for one in of.curve.critical])
+        # Of a pipe that is unstable below, too, no boundary of stability.
+        lost = [one if one and not one.unstable_before else None for one in of.curve.critical]
+        kinds = np.array([None if one is None else one.kind for one in lost])
+        known = np.array([one is not None for one in lost])
+        self.onset.set_data(values, np.where(known, speeds, math.nan))
+        self.regained.set_data(
+            values, np.where((low > 0.0) & (known | np.isinf(ranges[:, 1])), low, math.nan)
+        )
         for kind, line in ("flutter", self.flutter), ("divergence", self.divergence):
             line.set_data(values[kinds == kind], speeds[kinds == kind])
 

@@ -94,9 +94,8 @@ def boundary(found: Boundary, *, units: Units = "nondimensional", ax: Axes | Non
         return shown
 
     for curve in found.curves:
-        places = _dense(curve, found)
-        kinds = _of_pieces(curve.criticality, curve, found, places)
-        others = _of_pieces(curve.unstable > 0, curve, found, places)
+        places, of, _ = _dense(curve, found)
+        kinds, others = curve.criticality[of], curve.unstable[of] > 0
         differ = (kinds[:-1] != kinds[1:]) | (others[:-1] != others[1:])
         changes = [0, *(np.flatnonzero(differ) + 1), kinds.size]
         for first, last in pairwise(changes):
@@ -116,48 +115,51 @@ def boundary(found: Boundary, *, units: Units = "nondimensional", ax: Axes | Non
         ax.plot([], [], " ", label=f"{check.counted(len(found.failures), 'curve')} with failures")
     ax.set(xlim=(left, right), ylim=(low, high))
     if not found.curves:
-        where = "stable" if stable.any() else "unstable"
-        sentence = f"No boundary lies in the window: all is {where}."
-        ax.text(0.5, 0.5, sentence, transform=ax.transAxes, ha="center")
+        sentence = _why_nothing({_state(found)})
+        ax.text(0.5, 0.5, sentence, transform=ax.transAxes, ha="center", wrap=True)
     else:
         common.legend_below(ax)
     plane.second_axes(ax, *plane.quantities)
     return ax
 
 
-def _dense(curve: BoundaryCurve, found: Boundary) -> Array:
-    """Points of cubics through a curve's points with its directions there, (k, 2)."""
-    low, high = np.array(found.ranges).T
-    size = high - low
-    at = (np.column_stack([curve.x, curve.y]) - low) / size
-    t = (np.arange(PER_STEP) / PER_STEP)[:, None, None]
-    a, b, s = at[:-1], at[1:], 1.0 - t
-    length = np.linalg.norm(b - a, axis=1, keepdims=True)
-    slopes = length * curve.slopes[:-1], length * curve.slopes[1:]
-    straight = a * s**2 * (1.0 + 2.0 * t) + b * t**2 * (3.0 - 2.0 * t)
-    between = straight + s * t * (s * slopes[0] - t * slopes[1])
-    shares = np.concatenate([between.transpose(1, 0, 2).reshape(-1, 2), at[-1:]])
-    result: Array = low + size * shares
-    return result
+def _dense(curve: BoundaryCurve, found: Boundary) -> tuple[Array, NDArray[np.int_], Array]:
+    """A curve in pieces: cubics through its points with its directions there.
 
+    What holds at its points changes between them at an organising point, which is one of the ends
+    of pieces; where none is known, as where the criticality passes infinity, in the middle.
 
-def _of_pieces(
-    values: NDArray[Any], curve: BoundaryCurve, found: Boundary, places: Array
-) -> NDArray[Any]:
-    """What holds at points of a curve on each piece of `_dense`; it changes at organising points.
-
-    In one step all of them change at the same piece.
+    Returns:
+        Ends of pieces, (k + 1, 2); of each piece the point of the curve whose values hold on it,
+        (k,), and whether it is known where the counts of that step change, (k,).
     """
     low, high = np.array(found.ranges).T
-    marks = np.array([[point.x, point.y] for point in found.points]).reshape(-1, 2)
-    middles = 0.5 * (places[:-1] + places[1:])
-    pieces = np.repeat(values[:-1], PER_STEP)
-    for k in np.flatnonzero(values[:-1] != values[1:]):
-        own = slice(PER_STEP * k, PER_STEP * (k + 1))
-        away = np.abs((middles[own, None] - marks) / (high - low)).max(axis=2)
-        nearest = np.unravel_index(np.argmin(away), away.shape)[0] if len(marks) else PER_STEP // 2
-        pieces[own][int(nearest) :] = values[k + 1]
-    return pieces
+    at = (np.column_stack([curve.x, curve.y]) - low) / (high - low)
+    a, b = at[:-1], at[1:]
+    length = np.linalg.norm(b - a, axis=1, keepdims=True)
+    shares, steps = np.arange(PER_STEP) / PER_STEP, np.arange(len(a))
+
+    def cubic(k: NDArray[np.int_], share: Array) -> Array:
+        t, s = share[:, None], 1.0 - share[:, None]
+        slopes = length[k] * curve.slopes[k], length[k] * curve.slopes[k + 1]
+        straight = a[k] * s**2 * (1.0 + 2.0 * t) + b[k] * t**2 * (3.0 - 2.0 * t)
+        result: Array = straight + s * t * (s * slopes[0] - t * slopes[1])
+        return result
+
+    step, share = np.repeat(steps, PER_STEP), np.tile(shares, len(a))
+    places, change = cubic(step, share), np.full(len(a), 0.5)
+    within, which = curve.organising.T
+    points = [found.points[i] for i in which]
+    marks = (np.array([[one.x, one.y] for one in points]).reshape(-1, 2) - low) / (high - low)
+    for k, mark in zip(within, marks, strict=True):
+        along = np.vstack([places[step == k], b[k]]) @ (b[k] - a[k])
+        change[k] = np.interp(mark @ (b[k] - a[k]), along, [*shares, 1.0])
+    order = np.argsort(np.concatenate([step + share, within + change[within]]), kind="stable")
+    step, share = np.append(step, within)[order], np.append(share, change[within])[order]
+    ends = np.concatenate([np.concatenate([places, marks])[order], at[-1:]])
+    same = (np.diff(curve.unstable) == 0) & (np.diff(curve.change) == 0)
+    known = same | (np.bincount(within, minlength=len(a)) == 1)
+    return low + (high - low) * ends, step + (share >= change[step]), known[step]
 
 
 def _pixels(found: Boundary, plane: Plane) -> tuple[Array, Array, Array, NDArray[np.bool_]]:
@@ -175,22 +177,23 @@ def _stable(found: Boundary) -> NDArray[np.bool_]:
     """Where no root is unstable, rows from the lowest y on, from the curves' counts.
 
     On the way up through a column each curve says how many roots are unstable beyond it; only where
-    none is met, or they disagree, the eigenvalues do.
+    none is met, it does not know, or they disagree, the eigenvalues do.
     """
     (left, right), (low, high) = found.ranges
     middles = (np.arange(COLUMNS) + 0.5) / COLUMNS
     columns, rows = left + (right - left) * middles, low + (high - low) * middles
     stable = np.zeros((COLUMNS, COLUMNS), dtype=np.bool_)
     met: list[list[tuple[float, int, int]]] = [[] for _ in columns]
+    uncertain = np.zeros(COLUMNS, dtype=np.bool_)
+    passed = np.zeros(COLUMNS + 1, dtype=np.bool_)  # between a column and that before
     for curve in found.curves:
-        places = _dense(curve, found)
-        others = _of_pieces(curve.unstable, curve, found, places)
-        change = _of_pieces(curve.change, curve, found, places)
-        sides = others[:, None] + np.maximum(np.stack([change, -change], axis=1), 0)
-        for (x, y), (to_x, to_y), (on_left, on_right) in zip(
-            places[:-1], places[1:], sides, strict=True
+        places, of, certain = _dense(curve, found)
+        for (x, y), (to_x, to_y), (on_left, on_right), sure in zip(
+            places[:-1], places[1:], curve.sides[of], certain, strict=True
         ):
             first, last = np.searchsorted(columns, sorted((x, to_x)))
+            uncertain[first:last] |= not sure
+            passed[first : last + 1] = True
             for k in range(first, last):
                 height = y + (columns[k] - x) / (to_x - x) * (to_y - y)
                 counts = (on_right, on_left) if to_x > x else (on_left, on_right)
@@ -199,12 +202,12 @@ def _stable(found: Boundary) -> NDArray[np.bool_]:
     for k, crossed in enumerate(met):
         crossed.sort()
         if not crossed:
-            if known is None:
+            if known is None or passed[k]:
                 known = found.unstable(float(columns[k]), float(rows[COLUMNS // 2]))
             stable[:, k] = known == 0
             continue
         known = None
-        if any((a[2] == 0) != (b[1] == 0) for a, b in pairwise(crossed)):
+        if uncertain[k] or any((a[2] == 0) != (b[1] == 0) for a, b in pairwise(crossed)):
             # So near to where curves cross that their pieces do not tell which is the lower.
             heights = [low, *(height for height, *_ in crossed), high]
             for bottom, top in pairwise(np.clip(heights, low, high).tolist()):
@@ -233,15 +236,17 @@ def stability_map(
 
     Ticks on boundaries and at points of curves point to the unstable side. Words at a curve of
     divergence tell whether the flow buckles the pipe above it, or its weight below it. Parts on
-    which other roots are unstable are left out. Crosses on the axis are points that failed;
-    triangles at the top are points of curves at which no loss of stability was found up to a speed,
-    and `marked` if it lies above.
+    which other roots are unstable are left out; of a pipe without others the legend says whether it
+    is stable at the speeds searched. Crosses on the axis are points that failed; triangles at the
+    top are points of curves at which no loss of stability was found up to a speed, and `marked` if
+    it lies above. Pipes come in the order of gamma, and the x axis shows what was searched.
 
     Args:
         boundaries: by label: boundaries with one number for x and "u" for y, and curves from
             `pipedyn.stability_curve`, which are drawn as points.
         highest: end of the axis of speed, nondimensional.
-        marked: a critical speed to mark, at its pipe's beta: of boundaries over beta.
+        marked: a critical speed to mark, at its pipe's beta: of boundaries over beta. If the pipe
+            is unstable below, too, the legend says so instead.
         parameter: label of the x axis for curves; where not given, the name of the argument that
             made their models.
         units: "nondimensional", or "si" where the pipe has scales.
@@ -262,6 +267,7 @@ def stability_map(
         )
     names = dict.fromkeys(_swept(label, one) for label, one in boundaries.items())
     names.pop(None, None)
+    boundaries = dict(sorted(boundaries.items(), key=lambda item: _gamma(item[1])))
     if len(names) > 1:
         raise ValueError(f"boundaries must be over one number, got {', '.join(map(str, names))}")
     if highest is not None:
@@ -279,7 +285,8 @@ def stability_map(
     if name is not None and known is not None:
         shown = of_number(name, known)
     ax = common.axes(ax, (6.4, 4.8), xlabel=view.label(shown), ylabel=view.label(SPEED))
-    drawn, failed, divergences = False, list[float](), list[tuple[Any, ...]]()
+    drawn, failed, divergences = False, list[float](), list[tuple[Array, bool, bool, Any]]()
+    states, searched, reach = set[str](), list[float](), 0.0
     for (label, found), pipe, look in zip(
         boundaries.items(), pipes, cycle(common.CURVE_STYLES), strict=False
     ):
@@ -288,6 +295,7 @@ def stability_map(
         if isinstance(found, StabilityCurve):
             points = {"linestyle": "none", "marker": "o", "markersize": 3.5}
             speeds = found.in_si().speeds if own.si else found.speeds
+            searched += (one[0] * found.values).tolist()
             ax.plot(one[0] * found.values, speeds, label=label, **(look | points))
             points |= {"marker": TICKUP, "markersize": 7.0, "label": "_unstable side"}
             ax.plot(one[0] * found.values, speeds, **(look | points))
@@ -299,6 +307,7 @@ def stability_map(
                 words = f"{label}: no loss of stability up to {own.speed(float(end))}"
                 top |= {"markersize": 5.0, "clip_on": False, "color": look["color"]}
                 ax.plot(at, np.full(at.size, 0.98), label=words, **top)
+            states.add("not computed")
             failed += [
                 one[0] * failure.value for failure in found.failures if not stays[failure.index]
             ]
@@ -307,7 +316,15 @@ def stability_map(
         plane = Plane(units, found.model.pipe, found.names)
         parts = [part for curve in found.curves for part in parts_of_stability(curve, found)]
         drawn = drawn or bool(parts)
-        note = "" if parts else ": no boundary"
+        (left, right), (_, end) = plane.limits(found.ranges)
+        searched, reach = [*searched, float(left), float(right)], max(reach, float(end))
+        note = ""
+        if not parts:
+            states.add(_state(found))
+            # The unit of speed in SI falls with the mass ratio.
+            said = View("nondimensional", None) if name == "beta" else own
+            low, high = (said.speed(float(end)) for end in found.ranges[1])
+            note = f": {_state(found)} from {low} to {high}"
         if found.failures:
             note += f" ({check.counted(len(found.failures), 'curve')} with failures)"
         ax.plot([], [], linewidth=1.5, label=f"{label}{note}", **look)
@@ -323,7 +340,11 @@ def stability_map(
         cross = common.open_marker(5.0, common.VERMILION, marker="x", zorder=5.0)
         place = ax.get_xaxis_transform()
         ax.plot(failed, [0.02] * len(failed), label="failed", transform=place, **cross)
-    if marked is not None and name in (None, "beta"):
+    if marked is not None and name in (None, "beta") and marked.unstable_before:
+        words = rf"$\beta = {marked.pipe.beta:g}$, $\gamma = {marked.pipe.gamma:g}$"
+        speed = View(units, marked.pipe).speed(marked.speed, 4)
+        ax.plot([], [], " ", label=f"{words}: unstable below {speed}, too")
+    elif marked is not None and name in (None, "beta"):
         words = rf"$\beta = {marked.pipe.beta:g}$, $\gamma = {marked.pipe.gamma:g}$"
         own = View(units, marked.pipe)
         label, height = f"{words}: {own.speed(marked.speed, 4)}", own.one(SPEED) * marked.speed
@@ -332,20 +353,54 @@ def stability_map(
             height, label = 0.97, f"{label}, above"
             look |= {"marker": "^", "transform": ax.get_xaxis_transform()}
         ax.plot(marked.pipe.beta, height, label=label, **common.open_marker(7.0, **look))
-    end = 1.1 * ax.dataLim.y1 if highest is None else view.one(SPEED) * highest
+    end = 1.1 * ax.dataLim.y1 if drawn else reach
+    if highest is not None:
+        end = view.one(SPEED) * highest
     ax.set_ylim(0.0, end if end > 0.0 else None)
-    for step in divergences:
-        _divergence(ax, *step)
+    if searched:
+        if marked is not None and name in (None, "beta") and not marked.unstable_before:
+            searched.append(marked.pipe.beta)
+        left, right = min(searched), max(searched)
+        of_points = any(isinstance(one, StabilityCurve) for one in boundaries.values())
+        room = 0.05 * (right - left) if of_points else 0.0  # for marks at the ends
+        if right > left:
+            ax.set_xlim(left - room, right + room)
+    heights = np.array([step[0][1, 1] for step in divergences]) / ax.get_ylim()[1]
+    for i, step in enumerate(divergences):
+        _divergence(ax, *step, int((np.abs(heights[:i] - heights[i]) < 0.08).sum()))
     if name == "beta" and view.si:
         _unsearched(ax, [one for one in boundaries.values() if isinstance(one, Boundary)])
     if not drawn:
-        common.notice("There is no stability boundary above $u = 0$.", ax=ax)
+        ax.text(0.5, 0.5, _why_nothing(states), transform=ax.transAxes, ha="center", wrap=True)
     elif boundaries:
         ticks = withTickedStroke(angle=-90.0, **TICKS)
         ax.plot([], [], color="0.3", path_effects=[ticks], label="ticks: unstable side")
     if ax.get_legend_handles_labels()[0]:  # a mark above the highest speed has none
         common.legend_below(ax)
     return ax
+
+
+def _gamma(one: Any) -> float:
+    """Of the pipe, last where there is none; 0 where gamma itself is swept."""
+    swept = one.names[0] if isinstance(one, Boundary) else one.parameter
+    pipe = _pipe(one)
+    return 0.0 if swept == "gamma" else math.inf if pipe is None else pipe.gamma
+
+
+def _state(found: Boundary) -> str:
+    """Of a pipe without a boundary of stability in the window."""
+    if found.failures:
+        return "no boundary known"
+    count = found.unstable(*np.mean(found.ranges, axis=1).tolist())
+    return "unstable" if count else "stable"
+
+
+def _why_nothing(states: set[str]) -> str:
+    """Why a map has no boundary, from the states of its pipes."""
+    if not states or not states <= {"stable", "unstable"}:
+        return "No stability boundary was computed."
+    all_is = f": all is {next(iter(states))}" if len(states) == 1 else ""
+    return f"No boundary lies in the window{all_is}."
 
 
 def _unsearched(ax: Axes, found: list[Boundary]) -> None:
@@ -396,21 +451,27 @@ def _pipe(found: Boundary | StabilityCurve) -> Pipe | None:
     return next((one.pipe for one in found.critical if one is not None), None)
 
 
-def _divergence(ax: Axes, step: Array, left: bool, standing: bool, colour: str) -> None:
+def _divergence(
+    ax: Axes, step: Array, left: bool, standing: bool, colour: str, others: int
+) -> None:
     """Words at a step of a curve of divergence: above it by the flow, or below it at rest.
 
-    They stand on that side, or on the other where the axis is near.
+    They stand on that side, or on the other where the axis is near, beyond those of other curves as
+    high.
     """
     before, at = step
     above = (at[0] > before[0]) == left
     below = "buckled by its weight below" if standing else "divergence below"
     share = at[1] / ax.get_ylim()[1]
     over = share < 0.8 if above else share < 0.3
-    place: dict[str, Any] = {"ha": "center", "va": "bottom" if over else "top", "fontsize": 7.0}
+    place: dict[str, Any] = {"va": "bottom" if over else "top", "fontsize": 7.0}
+    across = (at[0] - ax.get_xlim()[0]) / np.ptp(ax.get_xlim())
+    place["ha"] = "left" if across < 0.3 else "right" if across > 0.7 else "center"
     white = {"facecolor": "white", "edgecolor": "none", "pad": 0.6, "alpha": 0.85}
     place |= {"textcoords": "offset points", "color": colour, "bbox": white}
     words = "divergence above" if above else below
-    ax.annotate(words, at, (0, 7 if over else -7), **place)
+    away = 7 + 10 * others
+    ax.annotate(words, at, (0, away if over else -away), **place)
 
 
 def parts_of_stability(curve: BoundaryCurve, found: Boundary) -> Iterator[tuple[Array, str, bool]]:
@@ -418,9 +479,9 @@ def parts_of_stability(curve: BoundaryCurve, found: Boundary) -> Iterator[tuple[
 
     Each comes with its kind, and whether the pipe is unstable on its left.
     """
-    places = _dense(curve, found)
-    pieces = np.repeat(np.maximum(curve.unstable[:-1], curve.unstable[1:]) == 0, PER_STEP)
+    places, of, certain = _dense(curve, found)
+    pieces = certain & (curve.unstable[of] == 0)
     edges = np.flatnonzero(np.diff(np.concatenate([[0], pieces.view(np.int8), [0]])))
     for first, last in edges.reshape(-1, 2):
-        left = curve.change[(first + last) // (2 * PER_STEP)] > 0
+        left = curve.change[of[first]] > 0
         yield places[first : last + 1], curve.kind, bool(left)

@@ -1,0 +1,94 @@
+"""Large batches go to several threads: each member has what it has alone, whoever asks."""
+
+import multiprocessing
+from concurrent.futures import ThreadPoolExecutor
+
+import numpy as np
+import pytest
+
+import pipedyn as pp
+from pipedyn import _core
+from pipedyn.bifurcation.periodic_orbit import NODES
+from pipedyn.models.drive import ROWS
+
+PIPE = pp.Pipe(0.2, 10.0, drag=0.5, terms=[pp.PointMass(1.0, 0.2)])
+MODELS = {
+    "chain": pp.Chain(PIPE, 3),
+    "galerkin": pp.Galerkin(PIPE, 3),
+    "scene": pp.modular.chain(PIPE, 2),
+}
+MEMBERS = 400
+
+
+def batch(model, members=MEMBERS):
+    random = np.random.default_rng(7)
+    y = 0.3 * random.normal(size=(2 * model.moving, members))
+    return y, random.uniform(1.0, 8.0, members), random.normal(size=(ROWS, members))
+
+
+@pytest.mark.parametrize("driven", [False, True])
+@pytest.mark.parametrize("name", MODELS)
+def test_members_of_a_large_batch_have_what_they_have_alone(name, driven):
+    model = MODELS[name]
+    y, u, drive = batch(model)
+    drive = drive if driven else None
+    whole = model.motion_rates(y, u, drive).T, model.motion_jacobian(y, u, drive)
+    for k in (0, 1, MEMBERS // 2 - 1, MEMBERS // 2, MEMBERS - 1):
+        one = y[:, k], u[k], None if drive is None else drive[:, k]
+        pair = model.motion_rates(*one), model.motion_jacobian(*one)
+        for found, alone in zip(whole, pair, strict=True):
+            assert found[k] == pytest.approx(alone, abs=1e-9 * np.abs(alone).max())
+
+
+@pytest.mark.parametrize("members", [1, 5, MEMBERS])
+@pytest.mark.parametrize("name", MODELS)
+def test_linearised_rates_are_the_rates_and_their_derivatives(name, members):
+    model = MODELS[name]
+    y, u, drive = batch(model, members)
+    found = model.motion_linearised(y, u, drive)
+    rates, slopes = model.motion_rates(y, u, drive).T, model.motion_jacobian(y, u, drive)
+    assert found.shape == (members, 1 + 2 * model.moving, 2 * model.moving)
+    assert found[:, 0] == pytest.approx(rates, abs=1e-9 * np.abs(rates).max())
+    assert found[:, 1:] == pytest.approx(slopes, abs=1e-9 * np.abs(slopes).max())
+
+
+def test_several_callers_at_once_have_what_one_has():
+    model = MODELS["galerkin"]
+    y, u, _ = batch(model)
+    alone = model.motion_jacobian(y, u)
+    with ThreadPoolExecutor(4) as pool:
+        for found in pool.map(lambda _: model.motion_jacobian(y, u), range(12)):
+            assert np.array_equal(found, alone) or found == pytest.approx(alone, rel=1e-9, abs=1e-9)
+
+
+def _in_child(model, y, u, answers):
+    answers.put(model.motion_rates(y, u))
+
+
+@pytest.mark.skipif("fork" not in multiprocessing.get_all_start_methods(), reason="no fork")
+@pytest.mark.filterwarnings("ignore:This process:DeprecationWarning")
+def test_a_forked_process_has_threads_of_its_own():
+    model = MODELS["galerkin"]
+    y, u, _ = batch(model)
+    alone = model.motion_rates(y, u)
+    context = multiprocessing.get_context("fork")
+    answers = context.SimpleQueue()
+    child = context.Process(target=_in_child, args=(model, y, u, answers), daemon=True)
+    child.start()
+    child.join(30.0)
+    assert child.exitcode == 0
+    assert np.array_equal(answers.get(), alone)
+
+
+@pytest.mark.parametrize("singular", [0, 199])
+def test_a_singular_interval_is_refused_whichever_thread_meets_it(singular):
+    count, stages, half = 200, NODES.size, 6
+    n, h = 2 * half, np.full(count, 1.0)
+    slopes = np.zeros((count, stages, 1 + n, n))
+    slopes[singular, :, 1 + half :, half:] = np.eye(half)
+    given = h, np.zeros((count, n)), np.zeros((count, stages, half)), slopes, None, None, 1.0
+    own = NODES, np.eye(stages), np.zeros((stages, stages))  # rates k with k = k + ...
+    with pytest.raises(np.linalg.LinAlgError, match="Singular"):
+        _core.eliminated(*given, own)
+    slopes[singular] = 0.0
+    _core.eliminated(*given, own)
