@@ -1546,7 +1546,7 @@ def _pictures() -> Iterator[Target]:
     calls: dict[str, dict[str, Kind]] = {
         "root_loci": {"ax": ax, "loci": loci, "benchmark": optional(loci), "highest": top},
         "frequencies": {"ax": ax, "loci": loci, "benchmark": optional(loci), "largest": top},
-        "mode_shapes": {"ax": ax, "modes": of(MODES)},
+        "mode_shapes": {"ax": ax, "modes": of(MODES), "count": count(1, 4, 1001)},
         "convergence": {"ax": ax, "families": named([CRITICAL]), "exact": of(CRITICAL)},
         "stability_map": {
             "ax": ax,

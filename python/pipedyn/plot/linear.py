@@ -219,8 +219,8 @@ def mode_shapes(
 
     Args:
         modes: two curves for each eigenvalue that is not the lower of a conjugate pair.
-        count: of how many of these, at most, in the order of `modes`; the title tells how many
-            there are if that is more.
+        count: of how many of these, at most, in the order of `modes`, from 1 to 1000; the title
+            tells how many there are if that is more.
         units: "nondimensional", or "si" where the pipe has scales.
         ax: where to draw; new Axes where not given.
 
@@ -231,7 +231,7 @@ def mode_shapes(
         ValueError, TypeError: for bad arguments.
     """
     common.check_type("modes", modes, Modes)
-    count = check.count("count", count)
+    count = check.count("count", count, high=1000)
     ylabel = "displacement (largest: 1)"
     view = View(units, modes.shapes[0].model.pipe if modes.shapes else None)
     ax = common.axes(ax, (6.4, 4.2), xlabel=view.label(ARC), ylabel=ylabel)
