@@ -244,7 +244,8 @@ def _from_growth(growth: Array, step: float, blocks: int, end: Array) -> Lyapuno
 
 APART = 1e-5
 """Of neighbours in one ensemble, whose steps are their own: what is left of the square of it, and
-of the steps' errors at `APART` times 1e-4, changes the growth over an interval by 1e-4 or less."""
+of the steps' errors at `APART` times 1e-3, changes the growth over an interval by 1e-4 or less:
+measured on four pipes, by 2e-5 over the first four."""
 
 BEYOND_DOUBT = 4.0
 """Spreads above 0 at which an exponent needs no more time: more than `chaotic` asks, since it is
@@ -276,8 +277,8 @@ def exponents_together(
     first = checked_task(
         *(model, speeds[0], step, p, rates),
         times=[step],
-        rtol=1e-4 * APART,
-        atol=1e-4 * APART,
+        rtol=1e-3 * APART,
+        atol=1e-3 * APART,
         members=2 * len(states),
     )
     here = np.array(states)
