@@ -13,6 +13,7 @@ import pipedyn.__main__ as command
 from pipedyn.__main__ import main
 from pipedyn.paper.analysis import (
     SECONDS_OF_A_SEARCH,
+    STARTED,
     Findings,
     Pace,
     Row,
@@ -193,6 +194,8 @@ def test_a_slower_machine_takes_longer_and_its_pace_is_measured(tmp_path, monkey
     usual = forecast(case, Pace(1.0, 0.5))
     assert forecast(case, Pace(2.0, 1.0)) == pytest.approx(2.0 * usual)
     assert usual < forecast(case, Pace(1.0, 1.0)) < 2.0 * usual
+    slower, held_up = (forecast(case, Pace(1.0, shared)) for shared in (1.0, 1.5))
+    assert held_up == pytest.approx(1.5 * slower - 0.5 * STARTED)
     times = iter([0.0, 6.0, 0.0, 8.0])  # of two searches in turn, and of two on each thread
     monkeypatch.setattr("time.perf_counter", lambda: SECONDS_OF_A_SEARCH * next(times))
     assert measured_pace(2) == pytest.approx(Pace(3.0, 2.0))

@@ -63,6 +63,9 @@ SECONDS_OF_A_SEARCH = 0.16
 DRAWING = {"png": 1.0, "pdf": 2.05, "svg": 1.7}
 """How long the figures take in each format, against bitmaps: 3.9, 8.0 and 6.6 s of 9 panels."""
 
+STARTED = 2.0
+"""What the command takes before it forecasts: imports and the searches of `measured_pace`."""
+
 MAP_MODES = 9
 """Mass ratios of a map at which the mode is told that loses stability."""
 
@@ -204,7 +207,9 @@ def forecast(case: Case, pace: Pace = AS_MEASURED) -> float:
     computed = len(_gammas(case)) * a_map + critical + continuous + case.speeds * at_a_speed
     panels = rows * len(case.chain_sizes) + len(case.reduced_sizes)
     drawn = DRAWING[case.format] * (1.05 + panels * (0.3 + 1.4e-4 * case.speeds))
-    return computed * pace.shared + drawn * pace.alone
+    # Most is drawn while threads compute: where these hold one another up, they hold it up, too.
+    slower = max(pace.alone, pace.shared)
+    return STARTED * pace.alone + computed * pace.shared + drawn * slower
 
 
 def measured_pace(workers: int) -> Pace:
