@@ -57,13 +57,10 @@ def test_eliminated_stages_solve_their_equations(half, level, at_level):
     random = np.random.default_rng(half)
     stages, n, h, frequency = NODES.size, 2 * half, 0.3, 4.0
     start, rates = random.normal(size=(1, n)), random.normal(size=(1, stages, half))
-    linearised, by_speed = (
-        random.normal(size=(stages, 1 + n, n)),
-        random.normal(size=(half, stages)),
-    )
-    force, jacobians = linearised[:, 0, half:], linearised[:, 1:]
+    linearised = random.normal(size=(stages, 2 + n, n))
+    force, by_speed, jacobians = linearised[:, 0, half:], linearised[:, 1, half:], linearised[:, 2:]
     found, ends = _core.eliminated(
-        np.array([h]), start, rates, linearised, None, by_speed, frequency, WEIGHTS
+        np.array([h]), start, rates, linearised, None, True, frequency, WEIGHTS
     )
     found = found.reshape(stages, half, n + 3)
     # The states at the stages are moved by their rates, by the first state and by the duration.
@@ -77,7 +74,7 @@ def test_eliminated_stages_solve_their_equations(half, level, at_level):
     v[:, :, n + 1] += longer * (ONCE @ rates[0])
     moved = jacobians[:, half:] @ np.concatenate([p, v], axis=1)
     moved[:, :, n] += force - rates[0]
-    moved[:, :, n + 2] += by_speed.T
+    moved[:, :, n + 2] += by_speed
     assert found == pytest.approx(moved, abs=1e-10 * np.abs(found).max())
     assert ends[0] == pytest.approx(np.concatenate([p[-1], v[-1]]), abs=1e-10 * np.abs(ends).max())
 
@@ -89,9 +86,9 @@ def test_what_an_interval_misses_of_the_next_is_part_of_the_residual(level, at_l
     count, half, stages = 3, 2, NODES.size
     n, h = 2 * half, np.array([0.1, 0.3, 0.2])
     starts, rates = random.normal(size=(count, n)), random.normal(size=(count, stages, half))
-    linearised = random.normal(size=(count * stages, 1 + n, n))
+    linearised = random.normal(size=(count * stages, 2 + n, n))
     units = np.array([1.0, 2.0, 4.0, 0.5])
-    given = h, starts, rates, linearised, None, None, 4.0, WEIGHTS
+    given = h, starts, rates, linearised, None, False, 4.0, WEIGHTS
     by_rates, plain = _core.eliminated(*given)
     same, found = _core.eliminated(*given, -1.0, units)
     orbit = PeriodicOrbit(np.append(0.0, 4.0 * np.cumsum(h)), starts, rates, 4.0, 1.0)
@@ -144,7 +141,7 @@ def test_arrays_that_do_not_fit_are_refused():
     with pytest.raises(ValueError, match="maps must have shape"):
         _core.carried(np.zeros((2, 3, 2)), 1e5)
     with pytest.raises(ValueError, match="rates must have shape"):
-        _core.eliminated(*[np.zeros(3)] * 4, None, None, 1.0, WEIGHTS)
+        _core.eliminated(*[np.zeros(3)] * 4, None, False, 1.0, WEIGHTS)
     given = np.zeros(3), np.zeros((2, 2)), np.zeros((2, NODES.size, 1))
     with pytest.raises(ValueError, match="durations must hold 2 numbers"):
-        _core.eliminated(*given, np.zeros(0), None, None, 1.0, WEIGHTS)
+        _core.eliminated(*given, np.zeros(0), None, False, 1.0, WEIGHTS)

@@ -19,7 +19,15 @@ MADE_BY_USERS |= {getattr(modular, name) for name in modular.__all__ if name != 
 MADE_BY_USERS -= {modular.Module, modular.Constraint}
 
 CALLED_WITH_CHECKED = {
-    *("braced", "motion_jacobian", "motion_rates", "recorded", "require_equilibrium", "start")
+    *(
+        "braced",
+        "motion_jacobian",
+        "motion_linearised",
+        "motion_rates",
+        "recorded",
+        "require_equilibrium",
+        "start",
+    )
 }
 CALLED_WITH_CHECKED |= {"free_directions", "kinks", "largest_angle", "pencil"}
 CALLED_WITH_CHECKED |= {"term_stiffness", "unbalanced", "basis", "closed", "free_states"}

@@ -12,10 +12,15 @@ from pipedyn.bifurcation.periodic_orbit import NODES
 from pipedyn.models.drive import ROWS
 
 PIPE = pp.Pipe(0.2, 10.0, drag=0.5, terms=[pp.PointMass(1.0, 0.2)])
+ASPIRATING = pp.Pipe(0.4, 5.0, "aspirating", inflow_share=0.5, terms=[pp.AddedMass(0.3)])
 MODELS = {
     "chain": pp.Chain(PIPE, 3),
     "galerkin": pp.Galerkin(PIPE, 3),
     "scene": pp.modular.chain(PIPE, 2),
+    "turned jet": pp.Galerkin(pp.Pipe(0.2, 10.0, jet_angle=0.3), 6, "legendre"),
+    "added mass": pp.Galerkin(ASPIRATING, 5),
+    "pinned": pp.Galerkin(pp.Pipe(0.2, end="pinned"), 4),
+    "pinned chain": pp.Chain(pp.Pipe(0.2, end="pinned"), 4),
 }
 MEMBERS = 400
 
@@ -47,9 +52,13 @@ def test_linearised_rates_are_the_rates_and_their_derivatives(name, members):
     y, u, drive = batch(model, members)
     found = model.motion_linearised(y, u, drive)
     rates, slopes = model.motion_rates(y, u, drive).T, model.motion_jacobian(y, u, drive)
-    assert found.shape == (members, 1 + 2 * model.moving, 2 * model.moving)
-    assert found[:, 0] == pytest.approx(rates, abs=1e-9 * np.abs(rates).max())
-    assert found[:, 1:] == pytest.approx(slopes, abs=1e-9 * np.abs(slopes).max())
+    ahead, behind = (model.motion_rates(y, u + h, drive).T for h in (0.1, -0.1))  # of degree two
+    expected = (rates, (ahead - behind) / 0.2, *slopes.transpose(1, 0, 2))
+    assert found.shape == (members, 2 + 2 * model.moving, 2 * model.moving)
+    for part, right in zip(found.transpose(1, 0, 2), expected, strict=True):
+        assert part == pytest.approx(
+            right, abs=1e-8 * max(np.abs(rates).max(), np.abs(right).max())
+        )
 
 
 def test_several_callers_at_once_have_what_one_has():
@@ -84,9 +93,9 @@ def test_a_forked_process_has_threads_of_its_own():
 def test_a_singular_interval_is_refused_whichever_thread_meets_it(singular):
     count, stages, half = 200, NODES.size, 6
     n, h = 2 * half, np.full(count, 1.0)
-    slopes = np.zeros((count, stages, 1 + n, n))
-    slopes[singular, :, 1 + half :, half:] = np.eye(half)
-    given = h, np.zeros((count, n)), np.zeros((count, stages, half)), slopes, None, None, 1.0
+    slopes = np.zeros((count, stages, 2 + n, n))
+    slopes[singular, :, 2 + half :, half:] = np.eye(half)
+    given = h, np.zeros((count, n)), np.zeros((count, stages, half)), slopes, None, False, 1.0
     own = NODES, np.eye(stages), np.zeros((stages, stages))  # rates k with k = k + ...
     with pytest.raises(np.linalg.LinAlgError, match="Singular"):
         _core.eliminated(*given, own)

@@ -214,21 +214,36 @@ inline Numbers jacobians_of(py::ssize_t rows, py::ssize_t results, py::ssize_t c
   return made;
 }
 
-/// Rates of each member and their derivatives (members, 1 + rows, rows).
+/// Rates of each member, their derivatives by the speed and by the state (members, 2 + rows, rows).
 template <class Model>
 void linearise(const Model& model, const Batch& batch, double* out) {
   if constexpr (requires { model.linearise(batch, out); }) {
     model.linearise(batch, out);
   } else {
     const Index rows = 2 * model.dof(), square = rows * rows, members = batch.members;
-    Matrix rates(rows, members);
+    Matrix rates[3] = {Matrix(rows, members), Matrix(rows, members), Matrix(rows, members)};
+    const auto step = [&](Index k) {
+      const double u = batch.u[k * batch.u_step];
+      return u > 0.0 ? 0.5 * u : 1.0;
+    };
+    for (Index i = 0; i < 3; ++i) {  // they are of second degree in the speed
+      Vector u(members);
+      for (Index k = 0; k < members; ++k) {
+        u[k] = batch.u[k * batch.u_step] + static_cast<double>(i) * step(k);
+      }
+      Batch faster = batch;
+      faster.u = u.data();
+      faster.u_step = 1;
+      model.rhs(faster, rates[i].data());
+    }
     std::vector<double> slopes(static_cast<std::size_t>(members * square));
-    model.rhs(batch, rates.data());
     model.jacobian(batch, slopes.data());
     for (Index k = 0; k < members; ++k) {
-      double* const own = out + k * (rows + square);
-      Eigen::Map<Vector>(own, rows) = rates.col(k);
-      std::copy_n(slopes.data() + k * square, square, own + rows);
+      double* const own = out + k * (2 * rows + square);
+      const auto at = [&](Index i) { return rates[i].col(k); };
+      Eigen::Map<Vector>(own, rows) = at(0);
+      Eigen::Map<Vector>(own + rows, rows) = (4.0 * at(1) - at(2) - 3.0 * at(0)) / (2.0 * step(k));
+      std::copy_n(slopes.data() + k * square, square, own + 2 * rows);
     }
   }
 }
@@ -288,7 +303,7 @@ void define_equations(py::class_<Model>& model) {
       .def("rhs_and_power", rates(std::mem_fn(&Model::rhs_and_power), 1), "t"_a, "y"_a, "u"_a,
            drive)
       .def("jacobian", slopes(std::mem_fn(&Model::jacobian), 0), "t"_a, "y"_a, "u"_a, drive)
-      .def("linearised", slopes(linearise<Model>, 1), "t"_a, "y"_a, "u"_a, drive)
+      .def("linearised", slopes(linearise<Model>, 2), "t"_a, "y"_a, "u"_a, drive)
       .def(
           "energy",
           [](const Model& of, const object& y, const object& drive) {

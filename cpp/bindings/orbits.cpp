@@ -23,9 +23,9 @@ using Weights = std::tuple<Numbers, Numbers, Numbers>;
 py::typing::Tuple<Numbers, Numbers> eliminated(const Numbers& durations, const Numbers& starts,
                                                const Numbers& rates, const Numbers& linearised,
                                                const std::optional<Numbers>& by_frequency,
-                                               const std::optional<Numbers>& by_speed,
-                                               double frequency, const Weights& weights,
-                                               double mirror, const std::optional<Numbers>& units) {
+                                               bool speed_varies, double frequency,
+                                               const Weights& weights, double mirror,
+                                               const std::optional<Numbers>& units) {
   if (rates.ndim() != 3) {
     throw py::value_error("rates must have shape (M, s, n / 2), got " + shape_of(rates));
   }
@@ -34,11 +34,8 @@ py::typing::Tuple<Numbers, Numbers> eliminated(const Numbers& durations, const N
   const py::ssize_t n = 2 * half, all = rates.size();
   require_size("durations", durations, count);
   require_size("starts", starts, count * n);
-  require_size("linearised", linearised, count * stages * (1 + n) * n);
-  for (const auto* array :
-       {by_frequency ? &*by_frequency : &rates, by_speed ? &*by_speed : &rates}) {
-    require_size("derivatives of accelerations", *array, all);
-  }
+  require_size("linearised", linearised, count * stages * (2 + n) * n);
+  if (by_frequency) require_size("by_frequency", *by_frequency, all);
   require_size("nodes", nodes, stages);
   require_size("once", once, stages * stages);
   require_size("twice", twice, stages * stages);
@@ -54,7 +51,7 @@ py::typing::Tuple<Numbers, Numbers> eliminated(const Numbers& durations, const N
       .rates = rates.data(),
       .linearised = linearised.data(),
       .by_frequency = by_frequency ? by_frequency->data() : nullptr,
-      .by_speed = by_speed ? by_speed->data() : nullptr,
+      .speed_varies = speed_varies,
       .frequency = frequency,
       .nodes = nodes.data(),
       .once = once.data(),
@@ -124,7 +121,7 @@ Numbers states_of(const Numbers& edges, const Numbers& starts, const Numbers& ra
 
 void define_orbits(py::module_& m) {
   m.def("eliminated", &eliminated, "durations"_a, "starts"_a, "rates"_a, "linearised"_a,
-        "by_frequency"_a, "by_speed"_a, "frequency"_a, "weights"_a, "mirror"_a = 1.0,
+        "by_frequency"_a, "speed_varies"_a, "frequency"_a, "weights"_a, "mirror"_a = 1.0,
         "units"_a = py::none());
   m.def("carried", &carried, "maps"_a, "most"_a);
   m.def("orbit_states", &states_of, "edges"_a, "starts"_a, "rates"_a, "frequency"_a, "mirror"_a,

@@ -645,7 +645,7 @@ def eliminated(
     rates: typing.Annotated[numpy.typing.ArrayLike, numpy.float64],
     linearised: typing.Annotated[numpy.typing.ArrayLike, numpy.float64],
     by_frequency: typing.Annotated[numpy.typing.ArrayLike, numpy.float64] | None,
-    by_speed: typing.Annotated[numpy.typing.ArrayLike, numpy.float64] | None,
+    speed_varies: bool,
     frequency: typing.SupportsFloat | typing.SupportsIndex,
     weights: tuple[
         typing.Annotated[numpy.typing.ArrayLike, numpy.float64],

@@ -89,10 +89,10 @@ struct Intervals {
   const double* starts;        // states where intervals begin (count, n)
   const double* rates;         // accelerations at the stages (count, stages, half)
   const double* linearised;    // the states' rates there by the forces, then their derivatives by
-                               // the states (count, stages, 1 + n, n)
+                               // the speed and the states (count, stages, 2 + n, n)
   const double* by_frequency;  // derivatives of the accelerations (half, count, stages), or null
                                // where they do not change
-  const double* by_speed;
+  bool speed_varies;
   double frequency;
   const double* nodes;  // c (stages,)
   const double* once;   // O (stages, stages)

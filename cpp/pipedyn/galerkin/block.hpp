@@ -283,6 +283,12 @@ struct Block {
                        add(load_y, p, Real(w * load.y));
                        if (law.couples) add(couple, p, Real(w * load.couple));
                      });
+    gather(row);
+    elastic(batch.y);
+  }
+
+  /// The generalised forces of the loads, by orthonormal coordinates.
+  void gather(Count row) {
     for (Count i = 0; i < padded; i += tile * step) {
       Pack sum[tile] = {};
       for (Count p = 0; p < points; ++p) {
@@ -303,7 +309,6 @@ struct Block {
       }
       for (Count k = 0; k < tile; ++k) store(force + i * lanes<Real> + k * width, sum[k]);
     }
-    elastic(batch.y);
   }
 
   /// What the root's spring has in k_ij, as a product of two of these.

@@ -274,17 +274,17 @@ void Galerkin::differentiate(const Batch& batch, Index before, double* out) cons
   for (Index k = 0; k < batch.members; ++k) {
     double* const own = out + k * size;
     std::fill_n(own, before * n + half, 0.0);
-    for (Index i = 0; i < before * m; ++i) own[i] = batch.y[(m + i) * batch.members + k];
+    for (Index i = 0; before > 0 && i < m; ++i) own[i] = batch.y[(m + i) * batch.members + k];
     for (Index i = 0; i < m; ++i) own[(before + i) * n + m + i] = 1.0;
   }
   const auto write = [=](Index k, Index i, double result) {
     if (i < half) {
       out[k * size + before * n + half + i] = result;
-    } else if (before > 0) {
-      out[k * size + m + i - half] = result;
+    } else if (before > 0) {  // q'', and its derivative in the next row
+      out[k * size + m + i - half + (i < half + m ? 0 : m)] = result;
     }
   };
-  evaluate(kernel().jacobian, grids(), effects_of(pipe_, grids().panels()), batch, half + m, write);
+  evaluate(kernel().jacobian, grids(), effects_of(pipe_, grids().panels()), batch, half + n, write);
 }
 
 }  // namespace pipedyn

@@ -115,8 +115,9 @@ class Galerkin {
   /// d(dy/dtau)/dy (members, 2 m, 2 m), row-major, at the same order of cost. Drag's share is
   /// 2 |v_n| dv_n, 0 where v_n = 0.
   void jacobian(const Batch& batch, double* out) const { differentiate(batch, 0, out); }
-  /// Rates of each member and their derivatives (members, 1 + 2 m, 2 m), at once.
-  void linearise(const Batch& batch, double* out) const { differentiate(batch, 1, out); }
+  /// Rates of each member, their derivatives by the speed and by the state (members, 2 + 2 m, 2 m),
+  /// at once.
+  void linearise(const Batch& batch, double* out) const { differentiate(batch, 2, out); }
   /// Kinetic, elastic, gravity's and terms' energy of each member, O(N Q + N m); 0 at rest on the
   /// straight pipe.
   void energy(const Batch& batch, double* out) const;
@@ -130,7 +131,7 @@ class Galerkin {
 
  private:
   const Grids& grids() const;
-  /// So many rows, of the rates, before the derivatives of each member.
+  /// The last rows of `linearise`, 2 m and so many before.
   void differentiate(const Batch& batch, Index before, double* out) const;
 
   Pipe pipe_;

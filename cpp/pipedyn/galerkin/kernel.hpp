@@ -92,8 +92,8 @@ struct GalerkinKernel {
   Function tips;
   /// x where the pipe is held, then of each its derivatives by q: (held (1 + m), members).
   Function held;
-  /// Derivatives of q'' by q, then by q', (m, 2 m, members), and q'' (m, members). Drag's share is
-  /// 2 |v_n| dv_n.
+  /// Derivatives of q'' by q, then by q', (m, 2 m, members), q'' and its derivative by the speed,
+  /// (m, members) each. Drag's share is 2 |v_n| dv_n.
   Function jacobian;
 
   /// About one state at rest, the functions being those of the tables: the mass matrix (m, m);

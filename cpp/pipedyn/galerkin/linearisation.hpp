@@ -379,21 +379,52 @@ struct Linearisation : Block<Real> {
     for (Count b = 0; b < holds; ++b) Base::to_basis(response + b * m * lanes<Real>);
     for (Count j = 0; j < 2 * m; ++j) {
       const Count column = j < m ? j : stride + j - m;
-      for (Count b = 0; b < holds; ++b) {
-        Real missed = at<Real>(returned, 2 * b * m + j);
-        for (Count i = 0; i < m; ++i) {
-          missed -= at<Real>(turned, b * m + i) * at<Real>(system, 2 * i * stride + column);
-        }
-        set(reaction, b, missed);
+      for (Count b = 0; b < holds; ++b) set(reaction, b, at<Real>(returned, 2 * b * m + j));
+      hold_column(system + column * lanes<Real>, 2 * stride);
+    }
+  }
+
+  /// Adds to a column of q''s without supports, entries so many numbers apart, what makes of their
+  /// own motion what `reaction` has.
+  void hold_column(double* column, Count apart) {
+    for (Count b = 0; b < holds; ++b) {
+      Real missed = at<Real>(reaction, b);
+      for (Count i = 0; i < m; ++i) {
+        missed -= at<Real>(turned, b * m + i) * at<Real>(column, i * apart);
       }
-      Base::solve_supports(reaction);
-      for (Count b = 0; b < holds; ++b) {
-        for (Count i = 0; i < m; ++i) {
-          add(system, 2 * i * stride + column,
-              Real(at<Real>(reaction, b) * at<Real>(response, b * m + i)));
-        }
+      set(reaction, b, missed);
+    }
+    Base::solve_supports(reaction);
+    for (Count b = 0; b < holds; ++b) {
+      for (Count i = 0; i < m; ++i) {
+        add(column, i * apart, Real(at<Real>(reaction, b) * at<Real>(response, b * m + i)));
       }
     }
+  }
+
+  /// Derivative of q'' without supports by the speed, in the basis. Takes the place of the loads.
+  void by_speed(const Batch& batch, Count row, double* to) {
+    const Real u = load<Real>(batch.u);
+    const Count end = points - 1;
+    for (Count p = 0; p < points; ++p) {
+      const Real across = (grid.weight[p] * effects.coriolis) * at<Real>(omega, p);
+      set(load_x, p, Real(-across * at<Real>(cosine, p)));
+      set(load_y, p, Real(across * at<Real>(sine, p)));
+      if (across_alone) set(Base::couple, p, Real{});
+    }
+    const Real along = (2.0 * effects.thrust[0]) * u, across = (2.0 * effects.thrust[1]) * u;
+    const Real s = at<Real>(sine, end), c = at<Real>(cosine, end);
+    add(load_x, end, Real(-along * s - across * c));
+    add(load_y, end, Real(across * s - along * c));
+    if (effects.entry != 0.0) {
+      const double* const v = moments + end * row + (bias + 2) * lanes<Real>;
+      add(load_x, end, Real(effects.entry * at<Real>(v, 0)));
+      add(load_y, end, Real(effects.entry * at<Real>(v, 1)));
+    }
+    Base::gather(row);
+    for (Count i = 0; i < m; ++i) set(to, i, at<Real>(Base::force, i));
+    Base::solve_mass(to);
+    Base::to_basis(to);
   }
 
   /// The members' system, (m, 2 m) of each.
@@ -435,9 +466,16 @@ struct Linearisation : Block<Real> {
       }
     }
     solve_system();
-    if (holds > 0) hold_system();
+    double* const accelerations = out + 2 * m * m * lanes<Real>;
+    double* const by_u = accelerations + m * lanes<Real>;
+    by_speed(batch, row, by_u);
+    if (holds > 0) {
+      hold_system();
+      for (Count b = 0; b < holds; ++b) set(reaction, b, Real{});
+      hold_column(by_u, 1);
+    }
     write_system(out);
-    for (Count i = 0; i < m; ++i) set(out, 2 * m * m + i, at<Real>(acceleration, i));
+    for (Count i = 0; i < m; ++i) set(accelerations, i, at<Real>(acceleration, i));
   }
 
   /// Of a state at rest: see GalerkinKernel.

@@ -103,8 +103,8 @@ bool eliminate_interval(const Intervals& of, Count m, double** rows, double* rat
     }
     for (Count a = 0; a < half; ++a) {
       const Count at = m * s + i;
-      const double* const linearised = of.linearised + at * (1 + n) * n;
-      const double* const by_state = linearised + (1 + half + a) * n;
+      const double* const linearised = of.linearised + at * (2 + n) * n;
+      const double* const by_state = linearised + (2 + half + a) * n;
       double* const row = rows[i * half + a];
       for (Count j = 0; j < s; ++j) {
         const double once = -h * of.once[i * s + j], twice = -h * h * of.twice[i * s + j];
@@ -123,7 +123,7 @@ bool eliminate_interval(const Intervals& of, Count m, double** rows, double* rat
       const Count stage = a * of.count * s + at;
       right[n] = linearised[half + a] - k[i * half + a];
       right[n + 1] = turned + (of.by_frequency != nullptr ? of.by_frequency[stage] : 0.0);
-      right[n + 2] = of.by_speed != nullptr ? of.by_speed[stage] : 0.0;
+      right[n + 2] = of.speed_varies ? linearised[n + half + a] : 0.0;
     }
   }
   if (!solve_rows(rows, size, size + more)) return false;

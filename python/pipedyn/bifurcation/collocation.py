@@ -38,11 +38,6 @@ from pipedyn.util.newton import NewtonFailed
 LOSS = 1e5
 """Largest entry of a product of intervals' maps: their rounding is 1e-11 then."""
 
-NEAR = 1e-3
-"""Length up to which an orbit has the derivatives by the speed of another. Newton's method then
-needs no more iterations, and a tangent is off by as much: at a fold not at all, where the speed's
-share of it is 0 whatever they are."""
-
 WEIGHTS = NODES, ONCE, TWICE
 """Of the method, as the core takes them."""
 
@@ -50,25 +45,24 @@ WEIGHTS = NODES, ONCE, TWICE
 
 
 def _condensed(
-    motion: VectorField, orbit: PeriodicOrbit, by_speed: Array | None
+    motion: VectorField, orbit: PeriodicOrbit, speed_varies: bool
 ) -> tuple[Array, Array, Array]:
     """Derivatives of each interval's stages and of the state at its end, and units of the state.
 
     By the state at its beginning, a share of the residual, the frequency and the speed: of the
     stages' rates, shape (M, s moving, 2 moving + 3), and of the state, (M, 2 moving, 2 moving + 3).
     The second are in the units of the state, shape (2 moving,); to its residual belongs what the
-    state misses of the next interval's. Those of the forces by the speed are given,
-    (moving, M s), or none where it does not vary.
+    state misses of the next interval's. Those by the speed are 0 where it does not vary.
     """
     half, u = motion.half, orbit.u
     motion = _along_stages(motion, orbit)
     y = orbit.stage_columns()
     by_frequency = motion.by_frequency(y, u)[half:] if motion.forced else None
     linearised = motion.linearised(y, u)
-    units = _units(linearised[0, 1:])
+    units = _units(linearised[0, 2:])
     factorised(len(orbit.starts))
     by_rates, ends = _core.eliminated(
-        *(orbit.durations, orbit.starts, orbit.rates, linearised, by_frequency, by_speed),
+        *(orbit.durations, orbit.starts, orbit.rates, linearised, by_frequency, speed_varies),
         orbit.frequency,
         WEIGHTS,
         orbit.mirror,
@@ -132,8 +126,7 @@ class Linearised:
     Args:
         phase: row and value of the condition row @ unknowns = value that fixes the phase, or of a
             forced motion the speed.
-        by_speed: derivatives of the accelerations at the stages by the speed, (moving, M s), as
-            `derivatives_by_speed` gives them; None where it is no unknown.
+        speed_varies: whether the speed is an unknown.
     """
 
     def __init__(
@@ -141,11 +134,11 @@ class Linearised:
         motion: VectorField,
         orbit: PeriodicOrbit,
         phase: tuple[Array, float],
-        by_speed: Array | None = None,
+        speed_varies: bool = False,
     ) -> None:
         self.orbit, self._phase = orbit, phase
         n, mirror = motion.size, orbit.mirror
-        self._rates, ends, self._units = _condensed(motion, orbit, by_speed)
+        self._rates, ends, self._units = _condensed(motion, orbit, speed_varies)
         if orbit.forced:  # what varies is the last
             for part in (self._rates, ends):
                 part[..., [n + 1, n + 2]] = part[..., [n + 2, n + 1]]
@@ -252,13 +245,6 @@ def _units(jacobian: Array) -> Array:
     return units
 
 
-def derivatives_by_speed(motion: VectorField, orbit: PeriodicOrbit) -> Array | None:
-    """Of the accelerations at the stages, (moving, M s); None of a forced motion."""
-    if motion.forced:
-        return None
-    return motion.by_speed(orbit.stage_columns(), orbit.u)[motion.half :]
-
-
 def stage_derivatives(motion: VectorField, orbit: PeriodicOrbit) -> Array:
     """Derivatives of the accelerations at the stages, shape (M, s, moving, 2 moving)."""
     motion = _along_stages(motion, orbit)
@@ -275,7 +261,7 @@ def _along_stages(motion: VectorField, orbit: PeriodicOrbit) -> VectorField:
 
 def collocation_maps(motion: VectorField, orbit: PeriodicOrbit) -> tuple[Array, Array]:
     """What changes of a state become over each interval, (M, n, n), in units of the state, (n,)."""
-    _, ends, units = _condensed(motion, orbit, None)
+    _, ends, units = _condensed(motion, orbit, False)
     return ends[:, :, : motion.size], units
 
 
@@ -284,7 +270,7 @@ def interval_derivatives(motion: VectorField, orbit: PeriodicOrbit) -> Array:
 
     Shape (M, s, moving, 2 moving); orbits on which the collocation equations still hold.
     """
-    by_rates, _, _ = _condensed(motion, orbit, None)
+    by_rates, _, _ = _condensed(motion, orbit, False)
     return by_rates[..., : motion.size].reshape(*orbit.rates.shape, motion.size)
 
 
@@ -320,9 +306,9 @@ class OrbitProblem(Continuation):
         speed_varies: bool = True,
     ) -> None:
         super().__init__(np.zeros(start.starts.size + start.rates.size + 2), control)
-        self.motion, self.start, self._speed_varies = motion, start, speed_varies
+        self.motion, self.start = motion, start
+        self._speed_varies = speed_varies and not motion.forced
         self.unit = _unit_of(motion, start) if unit is None else unit
-        self._by_speed: tuple[Array, Array | None] | None = None  # and where it was taken
         self._last: tuple[Array, PeriodicOrbit] | None = None
         by_state = self.weights[: start.starts.size].reshape(start.starts.shape)
         by_state[:, : motion.half] = np.diff(start.edges)[:, None] / (start.span * self.unit**2)
@@ -389,13 +375,7 @@ class OrbitProblem(Continuation):
 
     def about_orbit(self, orbit: PeriodicOrbit) -> Linearised:
         """The equations of an orbit, about it."""
-        by_speed = None
-        if self._speed_varies:
-            z = orbit.packed()
-            if self._by_speed is None or self.length(z - self._by_speed[0]) > NEAR:
-                self._by_speed = z, derivatives_by_speed(self.motion, orbit)
-            by_speed = self._by_speed[1]
-        return Linearised(self.motion, orbit, self._phase, by_speed)
+        return Linearised(self.motion, orbit, self._phase, self._speed_varies)
 
     def relative(self, z: Array, step: Array) -> float:
         """Size of a step relative to the orbit's own size, its frequency and its speed."""

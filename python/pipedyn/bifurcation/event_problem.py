@@ -29,7 +29,7 @@ from typing import Literal, Self
 
 import numpy as np
 
-from pipedyn.bifurcation.collocation import Linearised, OrbitProblem, derivatives_by_speed
+from pipedyn.bifurcation.collocation import Linearised, OrbitProblem
 from pipedyn.bifurcation.continuation import Control, Solver
 from pipedyn.bifurcation.periodic_orbit import PeriodicOrbit
 from pipedyn.bifurcation.vector_field import VectorField
@@ -228,7 +228,7 @@ class EventProblem(OrbitProblem):
         """The collocation equations about an orbit at a value of the parameter."""
         phase = (self._phase[0], orbit.u) if orbit.forced else self._phase
         motion = self.family.at(x)
-        return Linearised(motion, orbit, phase, derivatives_by_speed(motion, orbit))
+        return Linearised(motion, orbit, phase, not motion.forced)
 
     def _measure(
         self,

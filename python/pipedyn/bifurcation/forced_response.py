@@ -142,7 +142,7 @@ class ForcedField(VectorField):
         return self.model.motion_jacobian(np.ascontiguousarray(y), speeds, drive)
 
     def linearised(self, y: Array, u: float) -> Array:
-        """Both, (k, 1 + 2 moving, 2 moving)."""
+        """f, df/du at fixed pulsation and df/dy, (k, 2 + 2 moving, 2 moving)."""
         self._count(2 * y.shape[1])
         speeds, drive = self._driven(u)
         return self.model.motion_linearised(np.ascontiguousarray(y), speeds, drive)

@@ -64,7 +64,7 @@ class VectorField:
         return self.model.motion_jacobian(y, u)
 
     def linearised(self, y: Array, u: float) -> Array:
-        """f, then df/dy, of the states in the columns, shape (k, 1 + 2 moving, 2 moving)."""
+        """f, df/du and df/dy of the states in the columns, shape (k, 2 + 2 moving, 2 moving)."""
         self._count(2 * y.shape[1])
         return self.model.motion_linearised(y, u)
 

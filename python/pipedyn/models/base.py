@@ -645,12 +645,18 @@ class Model(OfPipe, ABC):
         return self.motion.jacobian(0.0, y, u, drive)
 
     def motion_linearised(self, y: Array, u: float | Array, drive: Array | None = None) -> Array:
-        """Rates of [p, p'] of k columns, then these derivatives, (k, 1 + 2 moving, 2 moving)."""
+        """Rates of [p, p'] of k columns, their derivatives by the speed and by [p, p'].
+
+        One after the other, (k, 2 + 2 moving, 2 moving).
+        """
         if self.motion is self.core:
             self._check_dense()
             return np.asarray(self.core.linearised(0.0, y, u, drive))
-        rates = self.motion_rates(y, u, drive).T[:, None]
-        return np.concatenate([rates, self.motion_jacobian(y, u, drive)], axis=1)
+        step = np.where(np.asarray(u) > 0.0, 0.5 * np.asarray(u), 1.0)
+        rates, faster, fastest = (self.motion_rates(y, u + k * step, drive) for k in range(3))
+        by_speed = (4.0 * faster - fastest - 3.0 * rates) / (2.0 * step)  # of second degree
+        slopes = self.motion_jacobian(y, u, drive)
+        return np.concatenate([rates.T[:, None], by_speed.T[:, None], slopes], axis=1)
 
     def energy(self, y: ArrayLike, *, base: ArrayLike | None = None) -> float | Array:
         """Kinetic, elastic and gravity's energy in EI / L, 0 at rest on the straight pipe.
