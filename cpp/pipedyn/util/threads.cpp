@@ -2,6 +2,7 @@
 #include "pipedyn/util/threads.hpp"
 
 #include <atomic>
+#include <chrono>
 #include <condition_variable>
 #include <exception>
 #include <mutex>
@@ -33,12 +34,22 @@ class Helpers {
     }
     begun_.notify_all();
     attempt(0);
+    soon([this] { return left_ == 0; });
     std::unique_lock lock(mutex_);
     done_.wait(lock, [this] { return left_ == 0; });
     if (error_ != nullptr) std::rethrow_exception(std::exchange(error_, nullptr));
   }
 
  private:
+  /// Waits awake for what comes soon, mostly: who sleeps may be woken on the other's processor, and
+  /// then the two take turns.
+  template <class Condition>
+  static void soon(const Condition& condition) {
+    const auto end = std::chrono::steady_clock::now() + std::chrono::microseconds(100);
+    while (!condition() && std::chrono::steady_clock::now() < end) {
+    }
+  }
+
   void attempt(Index k) {
     try {
       (*part_)(k);
@@ -50,6 +61,7 @@ class Helpers {
 
   [[noreturn]] void serve(Index number) {
     for (Index seen = 0;;) {
+      soon([&] { return round_ != seen; });
       {
         std::unique_lock lock(mutex_);
         begun_.wait(lock, [&] { return round_ != seen; });
@@ -66,7 +78,8 @@ class Helpers {
   std::mutex mutex_;
   std::condition_variable begun_, done_;
   const std::function<void(Index)>* part_ = nullptr;
-  Index count_ = 0, wanted_ = 0, left_ = 0, round_ = 0;
+  Index count_ = 0, wanted_ = 0;
+  std::atomic<Index> left_ = 0, round_ = 0;
   std::exception_ptr error_;
 };
 
