@@ -12,6 +12,9 @@
 #ifndef _WIN32
 #include <pthread.h>
 #endif
+#ifdef __linux__
+#include <sched.h>
+#endif
 
 namespace pipedyn {
 
@@ -46,8 +49,7 @@ class Helpers {
   template <class Condition>
   static void soon(const Condition& condition) {
     const auto end = std::chrono::steady_clock::now() + std::chrono::microseconds(100);
-    while (!condition() && std::chrono::steady_clock::now() < end) {
-    }
+    while (!condition() && std::chrono::steady_clock::now() < end) std::this_thread::yield();
   }
 
   void attempt(Index k) {
@@ -97,7 +99,13 @@ std::atomic<Helpers*>& helpers() {
 }  // namespace
 
 Index threads() {
-  static const Index found = std::max<Index>(std::thread::hardware_concurrency(), 1);
+  static const Index found = [] {
+#ifdef __linux__
+    cpu_set_t allowed;  // of more processors than it holds the call fails
+    if (sched_getaffinity(0, sizeof allowed, &allowed) == 0) return Index{CPU_COUNT(&allowed)};
+#endif
+    return std::max<Index>(std::thread::hardware_concurrency(), 1);
+  }();
   return found;
 }
 

@@ -640,11 +640,8 @@ class _Roots:
                 "oscillate there"
             )
         down, by_x, by_u = self._slopes(1j * found.frequency, lambda pipe: found.speed)
-        meet, moved = (
-            False,
-            np.zeros_like(by_x.real),
-        )  # where the smallest flow makes every such pipe unstable
-        if found.speed > 0.0:
+        meet, moved = False, np.zeros_like(by_x.real)
+        if found.speed > 0.0:  # else the smallest flow makes every such pipe unstable
             meet = abs(by_u) > MEETING * abs(down)
             turned = (by_u if meet else down).conjugate()
             moved = -(turned * by_x).real / (turned * by_u).real
