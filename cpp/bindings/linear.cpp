@@ -150,6 +150,7 @@ void define_linear(py::module_& m) {
         return crossing.pair;
       });
   py::class_<Sweep>(m, "Sweep")
+      .def_readonly("unstable_at_rest", &Sweep::unstable_at_rest)
       .def_readonly("crossings", &Sweep::crossings)
       .def_readonly("failure", &Sweep::failure)
       .def_readonly("untracked", &Sweep::untracked);
@@ -186,6 +187,7 @@ void define_linear(py::module_& m) {
             return found;
           },
           "speeds"_a, "count"_a, "taken"_a, "factorised"_a, "row_done"_a = py::none())
+      .def("set_without_loss", &Spectrum::set_without_loss, "other"_a)
       .def("factorisations", &Spectrum::factorisations);
 
   m.def(
@@ -261,7 +263,7 @@ void define_linear(py::module_& m) {
                     std::vector<Index>, Index>(),
            "fewer"_a, "more"_a, "shared"_a, "resolved"_a)
       .def("of_larger", py::overload_cast<Sweep, double, Index>(&Truncated::of_larger), "sweep"_a,
-           "max_speed"_a, "resolved"_a, Unlocked());
+           "end"_a, "resolved"_a, Unlocked());
   py::class_<Complement>(m, "Complement")
       .def_property_readonly("dof", &Complement::dof)
       .def(py::init<Matrix>(), "columns"_a)

@@ -56,23 +56,4 @@ double error_of(const Pair& pair) {
   return rate > 0.0 ? (pair.uncertain + std::abs(pair.value.real())) / rate : infinite;
 }
 
-std::optional<Divergence> divergence(Spectrum& spectrum, const Pair& near, double expected,
-                                     double least, double most, double reach) {
-  const Function determinant = [&](double u) { return spectrum.determinant(u, near); };
-  double low = expected, high = expected;
-  for (bool changes = false; !changes; reach *= 4.0) {
-    if (low == least && high == most) return {};
-    low = std::max(expected - reach, least);
-    high = std::min(expected + reach, most);
-    changes = determinant(low) * determinant(high) < 0.0;
-  }
-  const double rounding = 4e-16 * (1.0 + high);
-  const double u = zero_between(determinant, low, high, rounding);
-  Pair pair = spectrum.null_pair(u, near);
-  if (!pair.converged()) return {};
-  const double rate = std::abs(pair.slope);
-  const double error = (rate > 0.0 ? pair.uncertain / rate : infinite) + 4e-16 * (1.0 + u);
-  return Divergence{u, error, std::move(pair)};
-}
-
 }  // namespace pipedyn

@@ -4,7 +4,6 @@
 #pragma once
 
 #include <functional>
-#include <optional>
 #include <utility>
 
 #include "pipedyn/linear/spectrum.hpp"
@@ -23,14 +22,5 @@ std::pair<double, Pair> newton(Spectrum& spectrum, double u, Pair guess, double 
 
 /// Of the speed at which a root lies on the axis.
 double error_of(const Pair& pair);
-
-/// Where det K(u) changes sign, outwards from the speed expected by a first reach and more, with
-/// the null vectors there and the error of the speed; `near` has those near by.
-struct Divergence {
-  double speed, error;
-  Pair pair;
-};
-std::optional<Divergence> divergence(Spectrum& spectrum, const Pair& near, double expected,
-                                     double least, double most, double reach);
 
 }  // namespace pipedyn

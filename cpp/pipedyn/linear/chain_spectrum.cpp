@@ -7,6 +7,7 @@
 #include <numeric>
 #include <tuple>
 
+#include "pipedyn/linear/axis_roots.hpp"
 #include "pipedyn/vector/levels.hpp"
 #include "pipedyn/vector/scratch.hpp"
 
@@ -30,6 +31,8 @@ constexpr double far_outside = 1.5;
 constexpr int most_near = 8;
 /// Samples whose roots are kept: steps are halved from the right, and go on from there.
 constexpr std::size_t most_known = 8;
+/// Least speed at which divergences are looked for: at rest the stiffness may be singular.
+constexpr double least_speed = 1e-5;
 /// Coarser chains on the way from the coarsest to a long one have so many times its segments: 5 and
 /// 80 take as long, measured from 1,000 to 100,000 segments.
 constexpr Index refinement = 20;
@@ -392,6 +395,20 @@ Reals ChainSpectrum::rounding(const Pairs& pairs) const {
   return pairs.uncertain.min(1e-7 * (1.0 + pairs.values.abs2().sqrt()));
 }
 
+Reals ChainSpectrum::quotients(double u, const Pairs& pairs) {
+  if (is_squared(u) || pairs.right.cols() == 0) return Eigenproblem::quotients(u, pairs);
+  const Index count = pairs.size();
+  Matrix parts(traits.dof, 2 * count);
+  parts << pairs.right.real(), pairs.right.imag();
+  const Matrix angles = scale_.asDiagonal() * complement_.spread(parts);
+  const auto form = [&](const LinearPart& part) -> Reals {
+    const Vector sums = angles.cwiseProduct(chain_.joint_times(angles, part)).colwise().sum();
+    return (sums.head(count) + sums.tail(count)).array();
+  };
+  const double thrust = chain_.impedance().thrust * u * u;
+  return form({.still = 1.0, .flux = thrust}) / form({.square = 1.0});
+}
+
 Pair ChainSpectrum::refined(double u, const Pair& guess) {
   Values value = Values::Constant(1, guess.value);
   for (int step = 0; step < 8; ++step) {
@@ -403,62 +420,91 @@ Pair ChainSpectrum::refined(double u, const Pair& guess) {
   return polished(u, {{value[0], false}}, true).pair(0);
 }
 
-Pair ChainSpectrum::null_pair(double u, const Pair&) {
-  Pair result{0.0};
-  if (roots_at_zero(u) > 0) {
-    // Vectors are those of the roots at zero. Where it vanishes, the determinant at neighbouring
-    // numbers u is its rounding: on 600 chains errors were at most 0.3 of what this makes of them.
-    // The difference for the slope loses as little by curvature as by rounding.
-    const double apart = 1e-6 * (1.0 + u), near = eps * (1.0 + u);
-    result.slope = (determinant(u + apart, {}) - determinant(u - apart, {})) / (2.0 * apart);
-    result.residual = result.uncertain = 0.0;
-    for (int k = -4; k <= 4; ++k) {
-      result.uncertain = std::max(result.uncertain, std::abs(determinant(u + k * near, {})));
-    }
-    return result;
+namespace {
+
+/// A number with its derivative by the flow speed.
+struct Dual {
+  Complex value, slope = 0.0;
+
+  friend Dual operator+(Dual a, Dual b) { return {a.value + b.value, a.slope + b.slope}; }
+  friend Dual operator-(Dual a, Dual b) { return {a.value - b.value, a.slope - b.slope}; }
+  friend Dual operator*(Dual a, Dual b) {
+    return {a.value * b.value, a.slope * b.value + a.value * b.slope};
   }
-  Pairs found = solved(chain_, complement_, scale_, u, Values::Zero(1), true, false, false);
-  // Beyond a clamp of two guides nothing moves with what starts at the first.
-  if (!(found.residual[0] <= small_residual)) found = at(u, Values::Zero(1), true);
-  found.uncertain *= found.by_left.abs();
-  found.slopes *= -found.by_left;
-  return found.pair(0);
+  friend Dual operator/(Dual a, Dual b) {
+    const Complex ratio = a.value / b.value;
+    return {ratio, (a.slope - ratio * b.slope) / b.value};
+  }
+};
+
+/// The pivots of P(0, u), whose product is its determinant, at a real or complex speed, given to
+/// `visit` one by one: the recursion of chain/impedance.hpp at lambda = `beside_zero`.
+template <class Number, class Visit>
+void static_pivots(const ImpedanceModel& model, Number u, const Visit& visit) {
+  const auto number = [](double value) { return Number{value}; };
+  const auto still = [&](const ImpedanceParts& of) {
+    return number(of.still + beside_zero * (of.rate + beside_zero * of.square));
+  };
+  const Number thrust = number(model.thrust) * u * u;
+  const Number coriolis = number(model.coriolis * beside_zero) * u;
+  Number a = number(-model.entry * beside_zero) * u;
+  Number b = model.guided ? number(0.0) - thrust : number(0.0), c = number(0.0), d = number(0.0);
+  for (Index j = model.size - 1; j >= 0; --j) {
+    const ImpedanceSegment& at = model.segments[j];
+    const Number l = number(at.length), k = still(at.joint), g = l * a + b;
+    if (at.held) {
+      const Number moment = still(at.moment) + l * l * coriolis;
+      const Number force =
+          still(at.across) + still(at.turned) + number(2.0) * l * coriolis + thrust;
+      a = ((k + d + moment) / l - force) / l + still(at.force);
+      b = k / l - thrust;
+      c = k / l;
+      d = k;
+      continue;
+    }
+    const Number r = still(at.moment) + l * l * coriolis + d + l * (c + g);
+    const Number w = still(at.across) + c + l * a, p = k + r;
+    const Number h = g + still(at.turned) + number(2.0) * l * coriolis;
+    visit(p);
+    const Number inverse = number(1.0) / p;
+    a = a + still(at.force) - (h + thrust) * w * inverse;
+    b = (h * k - thrust * r) * inverse;
+    c = w * k * inverse;
+    d = r * k * inverse;
+  }
 }
 
-/// Divided by that at rest, and by the power of lambda that the roots at zero give.
-double ChainSpectrum::determinant(double u, const Pair&) {
-  const ImpedanceModel model = chain_.impedance();
-  const auto logarithm = [&](double speed, double& sign) {
-    const double thrust = model.thrust * speed * speed;
-    const double coriolis = model.coriolis * speed * beside_zero;
-    const auto still = [](const ImpedanceParts& of) {
-      return of.still + beside_zero * (of.rate + beside_zero * of.square);
-    };
-    double a = -model.entry * speed * beside_zero, b = model.guided ? -thrust : 0.0;
-    double c = 0.0, d = 0.0;
-    double sum = -static_cast<double>(roots_at_zero(speed)) * std::log(beside_zero);
-    for (Index j = model.size - 1; j >= 0; --j) {
-      const ImpedanceSegment& at = model.segments[j];
-      const double l = at.length, k = still(at.joint), g = l * a + b;
-      if (at.held) {
-        const double moment = still(at.moment) + l * l * coriolis;
-        const double force = still(at.across) + still(at.turned) + 2.0 * l * coriolis + thrust;
-        a = ((k + d + moment) / l - force) / l + still(at.force);
-        b = k / l - thrust;
-        c = k / l;
-        d = k;
-        continue;
-      }
-      const double r = still(at.moment) + l * l * coriolis + d + l * (c + g);
-      const double w = still(at.across) + c + l * a, p = k + r;
-      const double h = g + still(at.turned) + 2.0 * l * coriolis;
-      if (p < 0.0) sign = -sign;
-      sum += std::log(std::abs(p));
-      a += still(at.force) - (h + thrust) * w / p;
-      b = (h * k - thrust * r) / p;
-      c = w * k / p;
-      d = r * k / p;
+/// How many zeros of the determinant lie in the disc about the real interval from low to high: the
+/// mean of (u - centre) d log det / du on its circle, of which the upper half shows all; none where
+/// one lies too near the circle.
+std::optional<int> zeros_within(const ImpedanceModel& model, double low, double high) {
+  const double centre = 0.5 * (low + high), radius = 0.5 * (high - low);
+  for (int points = arc_points; points <= 16 * arc_points; points *= 2) {
+    double sum = 0.0;
+    for (int i = 0; i < points; ++i) {
+      const Complex arm = std::polar(radius, std::numbers::pi * (i + 0.5) / points);
+      Complex slope = 0.0;
+      static_pivots(model, Dual{centre + arm, 1.0},
+                    [&](const Dual& pivot) { slope += pivot.slope / pivot.value; });
+      sum += (arm * slope).real();
     }
+    const double number = sum / points;
+    if (std::abs(number - std::round(number)) < 1e-3) return static_cast<int>(std::lround(number));
+  }
+  return {};
+}
+
+}  // namespace
+
+/// The determinant of K(u), divided by that at rest and by the power of lambda that the roots at
+/// zero give.
+double ChainSpectrum::determinant(double u) const {
+  const auto logarithm = [&](double speed, double& sign) {
+    double sum = -static_cast<double>(roots_at_zero(speed)) * std::log(beside_zero);
+    static_pivots(chain_.impedance(), speed, [&](double pivot) {
+      if (pivot < 0.0) sign = -sign;
+      sum += std::log(std::abs(pivot));
+    });
     return sum;
   };
   double sign = 1.0;
@@ -469,6 +515,67 @@ double ChainSpectrum::determinant(double u, const Pair&) {
     if (!std::isnan(size) || tries == 3) return sign * std::exp(size);
     u += eps * (1.0 + u);  // a pivot is 0, but not at the next speed
   }
+}
+
+/// Adds the divergences between two speeds: discs about the interval that have none are left, one
+/// with a single zero is searched by the sign of the determinant, and others are halved.
+void ChainSpectrum::add_divergences(double low, double high, std::vector<Divergence>& found) const {
+  const double length = high - low, middle = 0.5 * (low + high);
+  const bool changes = determinant(low) * determinant(high) <= 0.0;
+  const std::optional<int> number = zeros_within(chain_.impedance(), low, high);
+  if (number == 0 && !changes) return;
+  const bool shortest = length < same_speed * (1.0 + high);
+  if (changes && (number == 1 || shortest)) {
+    const Function sign = [this](double u) { return determinant(u); };
+    found.push_back(divergence_at(zero_between(sign, low, high, 4e-16 * (1.0 + high))));
+  } else if (shortest) {
+    if (number.value_or(0) > 1) found.push_back({middle, length, {}, *number});
+  } else {
+    add_divergences(low, middle, found);
+    add_divergences(middle, high, found);
+  }
+}
+
+Divergences ChainSpectrum::divergences(double max_speed) {
+  Divergences result;
+  if (traits.conservative) {
+    static_pivots(chain_.impedance(), 0.0,
+                  [&](double pivot) { result.negative_at_rest += pivot < 0.0; });
+  }
+  ++factorised_;
+  if (chain_.impedance().thrust != 0.0) {
+    add_divergences(least_speed, 1.0001 * max_speed, result.all);
+    std::erase_if(result.all, [=](const Divergence& one) { return one.speed > max_speed; });
+  }
+  return result;
+}
+
+/// Null vectors of K at a speed where it is singular, with the error of that.
+Divergence ChainSpectrum::divergence_at(double u) const {
+  Pair pair{0.0};
+  double rest_square = 0.0;
+  if (roots_at_zero(u) > 0) {
+    // Vectors are those of the roots at zero. Where it vanishes, the determinant at neighbouring
+    // numbers u is its rounding: on 600 chains errors were at most 0.3 of what this makes of them.
+    // The difference for the slope loses as little by curvature as by rounding.
+    const double apart = 1e-6 * (1.0 + u), near = eps * (1.0 + u);
+    pair.slope = (determinant(u + apart) - determinant(u - apart)) / (2.0 * apart);
+    pair.residual = pair.uncertain = 0.0;
+    for (int k = -4; k <= 4; ++k) {
+      pair.uncertain = std::max(pair.uncertain, std::abs(determinant(u + k * near)));
+    }
+  } else {
+    Pairs found = solved(chain_, complement_, scale_, u, Values::Zero(1), true, false, false);
+    // Beyond a clamp of two guides nothing moves with what starts at the first.
+    if (!(found.residual[0] <= small_residual)) found = at(u, Values::Zero(1), true);
+    found.uncertain *= found.by_left.abs();
+    found.slopes *= -found.by_left;
+    pair = found.pair(0);
+    rest_square = -0.5 * u * pair.slope.real() / forms(pair)->mass.real();  // K = 0 along x
+  }
+  const double rate = std::abs(pair.slope);
+  const double error = (rate > 0.0 ? pair.uncertain / rate : infinite) + 4e-16 * (1.0 + u);
+  return {u, error, std::move(pair), 1, rest_square};
 }
 
 }  // namespace pipedyn

@@ -36,8 +36,10 @@ class ChainSpectrum : public Eigenproblem {
   std::optional<Forms> forms(const Pair& pair) const override;
   Index standing() const override { return zeros_in_flow_; }
   Pair refined(double u, const Pair& guess) override;
-  Pair null_pair(double u, const Pair& near) override;
-  double determinant(double u, const Pair& near) override;
+  Reals quotients(double u, const Pairs& pairs) override;
+  /// By a search that is certified: the determinant's zeros in a disc are counted by its
+  /// log-derivative on the circle, O(n) a point.
+  Divergences divergences(double max_speed) override;
 
  protected:
   Reals rounding(const Pairs& pairs) const override;
@@ -62,6 +64,9 @@ class ChainSpectrum : public Eigenproblem {
   Pairs polished(double u, const Approximations& roots, bool vectors) const;
   Index roots_at_zero(double u) const { return u == 0.0 ? zeros_at_rest_ : zeros_in_flow_; }
   Approximations dense_starts(double u);
+  double determinant(double u) const;
+  void add_divergences(double low, double high, std::vector<Divergence>& found) const;
+  Divergence divergence_at(double u) const;
   bool has_all_within(double u, const Approximations& roots, std::size_t least) const;
 };
 

@@ -12,6 +12,10 @@ namespace {
 /// Relative error of a crossing's speed beyond which it is no result: three digits are wanted.
 constexpr double largest_error = 1e-3;
 
+/// Half the step about a divergence, in 1 + u: of the growing root that appears there, which is
+/// 1e-2 of a conservative system and 1e-4 of others, rounding leaves many digits.
+constexpr double about_divergence = 1e-4;
+
 /// A message in printf's format.
 template <class... Numbers>
 NotConverged refusal(const char* format, Numbers... numbers) {
@@ -24,6 +28,19 @@ bool is_known(const AxisCrossing& crossing) {
   return crossing.error <= largest_error * crossing.speed + 1e-12;
 }
 
+/// The root that a growing real root without loss factor becomes with it: of those that grow the
+/// nearest.
+Complex twin_of(Complex still, const Values& values) {
+  Complex nearest(0.0, -1.0);
+  double least = infinite;
+  for (const Complex value : values) {
+    if (!(value.real() > 0.0) || !(magnitude(value - still) < least)) continue;
+    nearest = value;
+    least = magnitude(value - still);
+  }
+  return nearest;
+}
+
 /// What a step shows: one root of each conjugate pair; those that meet another on the real axis are
 /// not followed by their cubics.
 struct Scan {
@@ -31,6 +48,7 @@ struct Scan {
   Flags leaving;      // of the left sample's, which leave the axis at rest to the right
   Flags after;        // the same, which are unstable at the right end
   bool clear = true;  // whether the step shows all
+  int static_count = 0;  // see `Search::static_count`, of the right sample
   struct Predicted {
     Index root;
     double at;  // fraction of the step
@@ -46,16 +64,19 @@ class Search {
 
   Sweep run() {
     const double longest = spectrum_.longest_step() * range_.scale;
-    const int steps = std::max(1, static_cast<int>(std::ceil(range_.max_speed / longest)));
-    std::vector<double> speeds(steps, range_.max_speed);
-    for (int i = 1; i < steps; ++i) speeds[i - 1] = i * (range_.max_speed / steps);
     try {
+      divergences_ = spectrum_.without_loss().divergences(range_.max_speed);
+      if (ends_with_first_divergence()) return std::move(sweep_);
+      const std::vector<double> speeds = samples(longest);
       const SharedSample first = take(0.0);
       Roots every(first->size());
       for (Index i = 0; i < first->size(); ++i) every[i] = i;
       modes_ = ranked(*first);
+      rest_ = first->values;
+      rest_modes_ = modes_;
       unstable_ = states(*first, every, Flags(every.size(), 0));
-      sweep_.unstable_at_rest = unstable_count_ = count_unstable(*first);
+      static_count_ = static_count(*first);
+      sweep_.unstable_at_rest = unstable_count_ = count_unstable(*first) + static_count_;
       every.resize(std::min(first->size(), (traits_.squared ? 1 : 2) * range_.certain));
       const auto sure = [this](const Step& step) {
         scanned_ = scan(step);
@@ -74,6 +95,69 @@ class Search {
   }
 
  private:
+  /// Speeds sampled at least: steps up to the longest, and one closely about each divergence, within
+  /// which no other lies.
+  std::vector<double> samples(double longest) const {
+    const std::vector<Divergence>& all = divergences_.all;
+    const int steps = std::max(1, static_cast<int>(std::ceil(range_.max_speed / longest)));
+    std::vector<double> speeds;
+    for (int i = 1; i <= steps; ++i) speeds.push_back(i * (range_.max_speed / steps));
+    for (std::size_t i = 0; i < all.size(); ++i) {
+      const double u = all[i].speed, before = i > 0 ? all[i - 1].speed : 0.0;
+      double reach = std::min(about_divergence * (1.0 + u), (u - before) / 3.0);
+      if (i + 1 < all.size()) reach = std::min(reach, (all[i + 1].speed - u) / 3.0);
+      std::erase_if(speeds, [=](double at) { return std::abs(at - u) <= reach; });
+      speeds.insert(speeds.end(), {u - reach, u + reach});
+    }
+    std::sort(speeds.begin(), speeds.end());
+    return speeds;
+  }
+
+  /// The divergence within a step, if there is one.
+  const Divergence* passed(const Step& step) const {
+    for (const Divergence& one : divergences_.all) {
+      if (one.speed > step.left->u && one.speed <= step.right->u) return &one;
+    }
+    return nullptr;
+  }
+
+  /// The most roots of a conservative system that can grow: Krein's index, the number of negative
+  /// eigenvalues of K, is that of growing real roots, twice that of growing pairs and twice that of
+  /// pairs on the axis with negative energy, together.
+  int most_unstable(double u) const {
+    int negative = divergences_.negative_at_rest;
+    for (const Divergence& one : divergences_.all) negative += one.speed < u ? one.multiplicity : 0;
+    return negative;
+  }
+
+  /// A conservative system whose K is definite at rest is stable until K is singular: no root needs
+  /// to be followed. Whether that answers what is asked.
+  bool ends_with_first_divergence() {
+    const std::vector<Divergence>& all = divergences_.all;
+    if (!traits_.conservative || !range_.until_unstable || divergences_.negative_at_rest > 0) {
+      return false;
+    }
+    if (all.empty()) return true;
+    if (all[0].multiplicity > 1) return false;
+    const SharedSample first = take(0.0);
+    rest_ = first->values;
+    rest_modes_ = ranked(*first);
+    sweep_.crossings.push_back(of(all[0], 1, 0));
+    return true;
+  }
+
+  /// A divergence as a crossing. Of a conservative system its mode is that whose frequency at rest
+  /// is nearest to what Rayleigh's quotient makes of the null vector.
+  AxisCrossing of(const Divergence& one, int change, Index mode) const {
+    if (traits_.conservative && one.pair.right.size() > 0) {
+      const Values squares = traits_.squared ? rest_ : rest_.square().eval();
+      Index nearest = 0;
+      (squares.real() + one.rest_square).abs().minCoeff(&nearest);
+      mode = rest_modes_[nearest];
+    }
+    return {one.speed, 0.0, change, mode, one.error, traits_.squared ? Pair{} : one.pair};
+  }
+
   /// The sample at a speed, but for roots that never leave zero, lest one that passes be taken for
   /// them; at rest zero is exact, and without damping the axis.
   SharedSample take(double u) {
@@ -110,10 +194,12 @@ class Search {
 
   /// Mode of each root at rest, by frequency.
   Roots ranked(const Sample& first) const {
-    if (!traits_.squared) return modes_at_rest(first.values, traits_);
+    if (!traits_.squared) {
+      return modes_of(first.values, spectrum_.quotients(0.0, first), traits_);
+    }
     Values roots(2 * first.size());
     roots << first.values.sqrt(), -first.values.sqrt();
-    Roots modes = modes_of_pairs(roots, 0.0);
+    Roots modes = modes_of(roots, -roots.square().real(), traits_);
     modes.resize(first.size());
     return modes;
   }
@@ -144,7 +230,47 @@ class Search {
         if (other == value || other == std::conj(value)) result[i] |= before[k];
       }
     }
+    if (traits_.conservative && !traits_.squared) keep_fastest(at, onto, result);
     return result;
+  }
+
+  /// Of a conservative system at most so many roots grow as Krein's index says: others are on the
+  /// axis, off which rounding moves high modes.
+  void keep_fastest(const Sample& at, const Roots& onto, Flags& growing) const {
+    const int most = most_unstable(at.u);
+    while (std::count(growing.begin(), growing.end(), 1) > most) {
+      Index slowest = -1;
+      const auto growth = [&](Index i) { return at.values[onto[i]].real(); };
+      for (Index i = 0; i < static_cast<Index>(growing.size()); ++i) {
+        if (growing[i] == 0) continue;
+        if (onto[i] < 0) return;
+        if (slowest < 0 || growth(i) < growth(slowest)) slowest = i;
+      }
+      if (slowest < 0) return;
+      growing[slowest] = 0;
+    }
+  }
+
+  /// States at the right end of a step of the left sample's roots. The one that is nearest to zero
+  /// behind a divergence has grown out of it if K says so, however slowly.
+  Flags states_after(const Step& step) const {
+    Flags after = states(*step.right, step.onto, unstable_);
+    const Divergence* const zero = passed(step);
+    const Index i = zero == nullptr || traits_.lossy() ? -1 : passing(step);
+    if (i >= 0 && zero->change() != 0) after[i] = zero->change() > 0;
+    return after;
+  }
+
+  /// The root of a step's left sample that lies nearest to zero at its right end, if that is real.
+  Index passing(const Step& step) const {
+    Index found = -1;
+    for (Index i = 0; i < step.left->size(); ++i) {
+      if (step.onto[i] < 0) continue;
+      const double size = magnitude(step.end(i));
+      if (size <= step.right->noise[step.onto[i]]) continue;  // it stays at zero
+      if (found < 0 || size < magnitude(step.end(found))) found = i;
+    }
+    return found >= 0 && step.end(found).imag() == 0.0 ? found : -1;
   }
 
   /// Number of unstable roots among the resolved of a sample.
@@ -160,46 +286,67 @@ class Search {
     return traits_.lossy() ? 2 : 1;
   }
 
-  /// Takes modes and states to the step's right sample; mode 0 for roots from outside. Returns how
-  /// many unstable roots more there are for what passed the real axis.
-  int move(const Step& step) {
+  /// Number of growing real roots of a pipe with a loss factor, which are those without it. A growing
+  /// pair next to one is the same motion and not counted beside it.
+  int static_count(const Sample& at) const {
+    if (!traits_.lossy()) return 0;
+    const Sample still = spectrum_.without_loss().sample(at.u, range_.count);
+    int count = 0;
+    for (Index i = 0; i < still.size(); ++i) {
+      const Complex value = still.values[i];
+      if (value.imag() != 0.0 || !(value.real() > still.noise[i])) continue;
+      const Complex twin = twin_of(value, at.values);
+      count += traits_.counts(twin) ? -1 : 1;
+    }
+    return count;
+  }
+
+  /// Takes modes and states to the step's right sample; mode 0 for roots from outside.
+  void move(const Step& step) {
+    const Flags after = states_after(step);
     const bool partly = range_.count < 2 * traits_.dof;
-    int passed = 0;
     const Index size = step.right->size();
     Roots modes(size, 0), every(size);
     Flags before(size, 0);
     for (Index i = 0; i < step.left->size(); ++i) {
       if (step.onto[i] < 0) continue;
       modes[step.onto[i]] = modes_[i];
-      before[step.onto[i]] = unstable_[i];
+      before[step.onto[i]] = after[i];
       sweep_.untracked |=
           partly && modes_[i] <= range_.tracked && traits_.counts(step.start(i)) && step.lost(i);
-      if (unstable_[i]) passed += weight(i, step.end(i)) - weight(i, step.start(i));
     }
     for (Index i = 0; i < size; ++i) every[i] = i;
     modes_ = std::move(modes);
     unstable_ = states(*step.right, every, before);
+    if (!traits_.lossy() && passed(step) != nullptr) {  // too slow to have a sign
+      const Index i = passing(step);
+      if (i >= 0) unstable_[step.onto[i]] = after[i];
+    }
     for (Index i = 0; partly && i < size; ++i) {
       sweep_.untracked |= unstable_[i] && traits_.counts(step.right->values[i]) &&
                           (modes_[i] == 0 || modes_[i] > range_.tracked);
     }
-    return passed;
+    static_count_ = scanned_.static_count;
   }
 
   /// Adds the crossings of a step; whether the search goes on.
   bool visit(const Step& step) {
     if (step.shortest()) scanned_ = scan(step);
     std::vector<AxisCrossing> found = crossings(step);
-    unstable_count_ += move(step);
+    move(step);
     if (sweep_.untracked) return false;
     int expected = unstable_count_;
     for (const AxisCrossing& crossing : found) expected += crossing.change;
-    const int unstable = count_unstable(*step.right), missed = unstable - expected;
-    if (missed % 2 != 0) {
-      // Three roots that pass zero as one (two free joints), which the matching cannot show.
-      Index least = 0;
-      step.right->values.abs().minCoeff(&least);
-      if (auto crossing = divergence(step, 0.5, missed, modes_[least])) found.push_back(*crossing);
+    const int unstable = count_unstable(*step.right) + static_count_, missed = unstable - expected;
+    Index least = 0;
+    step.right->values.abs().minCoeff(&least);
+    if (const Divergence* const zero = passed(step)) {
+      const int known = traits_.lossy() ? 0 : zero->change(), change = known == 0 ? missed : known;
+      const int most = zero->multiplicity + (traits_.lossy() ? 2 : 0);
+      const bool possible = std::abs(change) <= most && (change - most) % 2 == 0;
+      if (possible && change != 0) found.push_back(of(*zero, change, modes_[least]));
+    } else if (traits_.lossy() && step.shortest() && missed != 0 && missed % 2 == 0) {
+      found.push_back({step.right->u, 0.0, missed, modes_[least], step.length()});
     }
     while (!found.empty()) {
       const auto next = std::min_element(
@@ -227,7 +374,7 @@ class Search {
   Scan scan(const Step& step) const {
     const Sample &left = *step.left, &right = *step.right;
     Scan found;
-    found.after = states(right, step.onto, unstable_);
+    found.after = states_after(step);
     found.leaving.assign(left.size(), 0);
     int turned = 0;
     for (Index i = 0; i < left.size(); ++i) {
@@ -240,12 +387,11 @@ class Search {
       const bool stays =
           start == 0.0 || !traits_.lossy() || traits_.counts(start) == traits_.counts(end);
       if (stays && (start == 0.0 ? end : start).imag() < 0.0) continue;
-      // What passes both axes in one step might pass the imaginary one on either side.
-      if (!stays && found.after[i] != unstable_[i]) found.clear = false;
+      // A growing root that passes the real axis becomes one of the pipe's, or ceases to be one.
+      if (!stays && (found.after[i] || unstable_[i])) found.clear = false;
       if (modes_[i] > range_.certain && heavily_damped(start) && heavily_damped(end)) continue;
       found.roots.push_back(i);
       const bool real = start.imag() == 0.0 && end.imag() == 0.0;
-      turned += real && found.after[i] != unstable_[i];
       if (left.u == 0.0 && (traits_.squared || step.meets[i] < 0)) {
         const double lost = std::max(right.noise[j], left.slope_noise[i] * step.length());
         const bool on_axis =
@@ -253,16 +399,20 @@ class Search {
         found.leaving[i] = start == 0.0 ? has_sign(right, j) && found.after[i]
                                         : on_axis && step.slopes[i].real() * step.length() > lost;
       }
+      if (real && !found.leaving[i] && found.after[i] != unstable_[i]) ++turned;
       if (step.meets[i] >= 0) {
         found.clear = found.clear && is_clear_meeting(step, i);
-      } else if (!traits_.squared || real) {
+      } else if (!traits_.squared && !real) {
         scan_cubic(step, i, found);
-      } else if (start != 0.0 && (start.imag() == 0.0) != (end.imag() == 0.0)) {
+      } else if (!real && start != 0.0 && (start.imag() == 0.0) != (end.imag() == 0.0)) {
         found.clear = false;  // it met another
       }
     }
-    // Two nu that seem to pass zero in one step may have met below and parted above it.
-    if (traits_.squared && turned > 1 && left.u > 0.0) found.clear = false;
+    // Real roots pass zero at divergences alone.
+    const Divergence* const zero = passed(step);
+    found.static_count = static_count(right);
+    if (found.static_count != static_count_ && zero == nullptr) found.clear = false;
+    if (turned > (zero == nullptr ? 0 : zero->multiplicity)) found.clear = false;
     return found;
   }
 
@@ -359,7 +509,9 @@ class Search {
       scan.predicted.clear();
       for (const Index i : scan.roots) {
         const bool before = unstable_[i] || scan.leaving[i], after = scan.after[i];
-        if (before != after && step.meets[i] < 0) scan.predicted.push_back({i, 0.5, after});
+        const bool real = step.start(i).imag() == 0.0 && step.end(i).imag() == 0.0;
+        if (before == after || step.meets[i] >= 0 || real || traits_.squared) continue;
+        scan.predicted.push_back({i, 0.5, after});
       }
     }
     for (const Index i : scan.roots) {
@@ -376,13 +528,14 @@ class Search {
       const bool off_axis = (one.rising ? step.end(one.root) : step.start(one.root)).imag() != 0.0;
       std::optional<AxisCrossing> met;
       if (off_axis && traits_.conservative) met = meeting(step, one.root, one.rising ? 2 : -2);
-      AxisCrossing passed = met ? *met : polished(step, one);
+      AxisCrossing crossing = met ? *met : polished(step, one);
       // An undamped root may leave the axis at rest slower than u, as with a fluid drawn from rest.
-      if (step.left->u == 0.0 && !traits_.damped && !is_known(passed)) {
+      if (step.left->u == 0.0 && !traits_.damped && !is_known(crossing)) {
         const Complex value(0.0, std::abs(step.start(one.root).imag()));
-        passed = {0.0, value, passed.change, passed.mode, least_unstable_speed(step, one.root)};
+        crossing = {0.0, value, crossing.change, crossing.mode,
+                    least_unstable_speed(step, one.root)};
       }
-      if (met || traits_.counts(passed.pair.value)) found.push_back(std::move(passed));
+      if (met || traits_.counts(crossing.pair.value)) found.push_back(std::move(crossing));
     }
     for (const Index i : scan.roots) {
       const Index k = step.meets[i];
@@ -391,43 +544,15 @@ class Search {
       const bool twice = std::find(scan.roots.begin(), scan.roots.end(), k) != scan.roots.end();
       const bool couples = change == 0 && couple(step, i);
       if ((change == 0 && !couples) || scan.leaving[i] || (twice && i > k)) continue;
-      const bool odd = change % 2 != 0;  // one real root of the two passes zero
-      auto passed = odd ? divergence(step, 0.5, change, modes_[i]) : std::nullopt;
-      if (!odd && (traits_.squared || couples)) passed = meeting(step, i, change);
+      if (change % 2 != 0) continue;  // one real root of the two passes zero, at a divergence
+      const auto met = traits_.squared || couples ? meeting(step, i, change) : std::nullopt;
       const double middle = 0.5 * (step.left->u + step.right->u);
       const double imag = traits_.squared ? std::sqrt(step.start(i)).imag() : step.start(i).imag();
-      const Complex value(0.0, odd ? 0.0 : std::abs(imag));
-      found.push_back(passed ? *passed
-                             : AxisCrossing{middle, value, change, modes_[i], step.length()});
-    }
-    // Two real roots that pass zero at one speed are one root, found twice.
-    std::vector<double> still;
-    for (const AxisCrossing& crossing : found) {
-      if (crossing.value == 0.0 && crossing.speed > 0.0) still.push_back(crossing.speed);
-    }
-    std::sort(still.begin(), still.end());
-    for (std::size_t i = 1; i < still.size(); ++i) {
-      if (still[i] - still[i - 1] > 1e-11 * still[i]) continue;
-      throw refusal("two divergences near u = %.9g cannot be distinguished", still[i - 1]);
+      found.push_back(met ? *met
+                          : AxisCrossing{middle, {0.0, std::abs(imag)}, change, modes_[i],
+                                            step.length()});
     }
     return found;
-  }
-
-  /// Where det K(u) changes sign within the step, near its fraction t; none if it does not.
-  std::optional<AxisCrossing> divergence(const Step& step, double t, int change, Index mode) {
-    const double expected = step.left->u + t * step.length();
-    const double slack = 1e-9 * (1.0 + step.right->u) + 0.1 * step.length();
-    const double least = std::max(step.left->u - slack, 0.0), most = step.right->u + slack;
-    for (const double where : {t, 0.0, 1.0, 0.5}) {
-      const Pair near = spectrum_.null_pair(step.left->u + where * step.length(), {});
-      // Outwards from what is expected, so that of two zeros in a step each root finds its own.
-      auto found =
-          pipedyn::divergence(spectrum_, near, expected, least, most, 1e-5 * step.length() + 1e-12);
-      if (!found) continue;
-      if (traits_.squared) found->pair = {};
-      return AxisCrossing{found->speed, 0.0, change, mode, found->error, std::move(found->pair)};
-    }
-    return {};
   }
 
   /// The lowest speed, to a factor of 2, at which a root that is unstable at the end of a step from
@@ -442,16 +567,7 @@ class Search {
   /// A crossing to rounding, by Newton's method on the model itself.
   AxisCrossing polished(const Step& step, const Scan::Predicted& predicted) {
     const Index root = predicted.root, mode = modes_[root];
-    const bool real = traits_.squared || step.start(root).imag() == 0.0;
-    const int change = (real ? 1 : 2) * (predicted.rising ? 1 : -1);
-    if (real) {
-      if (auto found = divergence(step, predicted.at, change, mode)) return *found;
-    }
-    if (traits_.squared) {
-      const double u = bisected(step, root);
-      return {u, 0.0, change, mode,
-              u == step.left->u || u == step.right->u ? step.length() : 4e-16 * (1.0 + u)};
-    }
+    const int change = predicted.rising ? 2 : -2;
     const double at = step.left->u + predicted.at * step.length();
     const double slack = 1e-9 * (1.0 + at) + 0.1 * step.length();
     Pair guess{step.expected(root, at)};
@@ -476,7 +592,7 @@ class Search {
           "with %.1e",
           pair.value.real(), pair.value.imag(), u, pair.residual);
     }
-    const Complex value(0.0, real ? 0.0 : std::abs(pair.value.imag()));
+    const Complex value(0.0, std::abs(pair.value.imag()));
     return {u, value, change, mode, error_of(pair), std::move(pair)};
   }
 
@@ -540,9 +656,12 @@ class Search {
   const Range& range_;
   const std::function<void()>& report_;
   Sweep sweep_;
-  Roots modes_;     // of the left sample's roots, counted from rest, from 1; 0 for others
+  Divergences divergences_;
+  Values rest_;        // values of the sample at rest
+  Roots rest_modes_;   // and their modes
+  Roots modes_;        // of the left sample's roots, counted from rest, from 1; 0 for others
   Flags unstable_;  // the same, whether they are
-  int unstable_count_ = 0;
+  int unstable_count_ = 0, static_count_ = 0;
   Scan scanned_;  // of the step looked at last
 };
 

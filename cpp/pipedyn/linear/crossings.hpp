@@ -17,9 +17,13 @@
 // place. Real nu < 0 are roots on the axis; it is left where two of them meet and turn complex
 // (flutter; Beck's column) or one reaches zero (divergence).
 //
-// With a loss factor roots are tracked on either side of the real axis, and those above count for
-// two: a growing root that passes the real axis joins or leaves them there, without a crossing.
-// None passes at zero.
+// Real roots pass zero where K(u) is singular, which does not depend on velocities: these speeds are
+// known before any root is followed (`Spectrum::divergences`), and each is enclosed by samples of
+// its own. In every other step no real root changes its side.
+//
+// A loss factor acts on oscillation alone. Roots are tracked on either side of the real axis, and
+// those above count for two; growing real roots are those of the pipe without it. Where a growing
+// root passes the real axis, a pair appears or vanishes: a crossing of frequency 0.
 //
 // Of a conservative system two growing real roots may meet and become a growing pair, coupled-mode
 // flutter that passes no axis: it is listed among the crossings, with a change of 0.

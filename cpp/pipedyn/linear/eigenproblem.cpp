@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: MIT
 #include "pipedyn/linear/eigenproblem.hpp"
 
+#include <Eigen/Cholesky>
+#include <Eigen/Eigenvalues>
 #include <algorithm>
 #include <cstdio>
 #include <numeric>
@@ -34,6 +36,13 @@ constexpr int most_refinements = 6;
 
 /// Real parts of conservative systems below this share of |lambda| are rounding.
 constexpr double on_axis = 1e-10;
+
+/// Relative imaginary part of the square of a speed up to which two conjugate ones count as a double
+/// real one.
+constexpr double same_square = 2.0 * same_speed;
+
+/// y^H C x of null vectors below which it is rounding.
+constexpr double least_rate = 1e-9;
 
 /// Rounding of Re d lambda / du, in that of lambda: measured on 80 segments with a tip mass, at
 /// most 7 at u = 0.003 and less beyond, 0.1 at u = 3.
@@ -180,8 +189,15 @@ std::vector<Index> by_size(const Values& values) {
   return order;
 }
 
+int Divergence::change() const {
+  const double rate = pair.by_value.real(), slope = pair.slope.real();
+  if (multiplicity != 1 || !(std::abs(rate) > least_rate) || slope == 0.0) return 0;
+  return slope / rate < 0.0 ? 1 : -1;
+}
+
 Pair Pairs::pair(Index i) const {
-  return {values[i], right.col(i), left.col(i), residual[i], uncertain[i], slopes[i]};
+  return {values[i],    right.col(i), left.col(i), residual[i],
+          uncertain[i], slopes[i],    by_left[i]};
 }
 
 void Pairs::put(Index k, const Pairs& others, Index i) {
@@ -425,31 +441,128 @@ Pair Eigenproblem::refined(double u, const Pair& guess) {
   return pairs.pair(0);
 }
 
-Pair Eigenproblem::null_pair(double u, const Pair& near) {
+Reals Eigenproblem::quotients(double u, const Pairs& pairs) {
+  if (is_squared(u) || pairs.right.cols() == 0) return -pairs.values.square().real();
+  const auto [mass, velocity, stiffness] = at(u).multiply(pairs.right);
+  const auto form = [&](const ComplexTable& product) -> Reals {
+    return pairs.right.conjugate().cwiseProduct(product).colwise().sum().real().transpose().array();
+  };
+  return form(stiffness) / form(mass);
+}
+
+/// Null vectors of K(u), or those of its least singular value, by inverse iteration from others:
+/// value is y^H K x, slope y^H (dK/du) x, uncertain the rounding of the value, inertia y^H M x.
+Pair Eigenproblem::null_pair(double u, const Pair& near, double& inertia) {
   const DenseOperator& p = at(u);
   const Solver solve = p.factor(0.0);
   ++factorised_;
   Pair result{0.0, near.right};
-  if (result.right.size() == 0) {
-    result.right = Eigen::VectorXd::LinSpaced(traits.dof, 1.0, 0.5).cast<Complex>();
-  }
-  for (int step = 0; step < 3; ++step) {
+  const int steps = near.right.size() == 0 ? 3 : 1;
+  if (steps > 1) result.right = Eigen::VectorXd::LinSpaced(traits.dof, 1.0, 0.5).cast<Complex>();
+  for (int step = 0; step < steps; ++step) {
     result.left = solve(result.right, true);
     result.left /= result.left.norm();
     result.right = solve(result.left, false);
     result.right /= result.right.norm();
   }
-  result.residual = std::get<2>(p.multiply(result.right)).norm() / p.size;
+  const auto [mass, velocity, stiffness] = p.multiply(result.right);
+  result.value = result.left.dot(stiffness.col(0));
+  result.residual = stiffness.norm() / p.size;
   result.uncertain = (result.residual + eps) * p.size;
   result.slope = result.left.dot(p.by_speed(Values::Zero(1), result.right).col(0));
+  result.by_value = result.left.dot(velocity.col(0));
+  inertia = result.left.dot(mass.col(0)).real();
   return result;
 }
 
-/// 1 / (d^T K^-1 b) has the determinant's zeros, and no pole near by if d and b are close to the
-/// null vectors.
-double Eigenproblem::determinant(double u, const Pair& near) {
-  ++factorised_;
-  return 1.0 / near.right.dot(at(u).factor(0.0)(near.left, false).col(0)).real();
+/// The divergence next to a guess, by Newton's method with null vectors of each iterate (Rayleigh
+/// quotients from both sides); none within so far.
+std::optional<Divergence> Eigenproblem::divergence_near(double guess, double reach) {
+  Pair pair;
+  double u = guess, last = infinite, inertia = 0.0;
+  for (int step = 0; step < most_refinements; ++step) {
+    pair = null_pair(u, pair, inertia);
+    const double change = -(pair.value / pair.slope).real(), size = std::abs(change);
+    if (!(std::abs(u + change - guess) <= reach)) return {};
+    if (size <= 4e-16 * u || size >= last) break;
+    last = size;
+    u += change;
+  }
+  if (!pair.converged()) return {};
+  const double error = pair.uncertain / std::abs(pair.slope) + 4e-16 * (1.0 + u);
+  pair.value = 0.0;
+  const double rest_square = -0.5 * u * pair.slope.real() / inertia;  // K = 0 along x
+  return Divergence{u, error, std::move(pair), 1, rest_square};
+}
+
+Divergences Eigenproblem::divergences(double max_speed) {
+  const DenseOperator& one = at(1.0);
+  const Matrix flux = 0.5 * one.stiffness_rate(), still = one.stiffness() - flux;
+  const auto asymmetry = [](const Matrix& a) { return (a - a.transpose()).cwiseAbs().maxCoeff(); };
+  const bool symmetric = asymmetry(still) + asymmetry(flux) <= 1e-10 * one.size;
+  Divergences result;
+  factorised_ += 2;
+  if (symmetric) {
+    const Reals rest = Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd>(Eigen::MatrixXd(still),
+                                                                      Eigen::EigenvaluesOnly)
+                           .eigenvalues();
+    result.negative_at_rest = static_cast<int>((rest < -1e-12 * one.size).count());
+  }
+  if (flux.isZero(0.0)) return result;
+  const Values squares = singular_squares(one, still, flux, symmetric);
+  std::vector<Divergence> found;  // before they are polished
+  for (const Complex square : squares) {
+    const double u = std::sqrt(std::max(square.real(), 0.0));
+    if (!(u > 1e-6 && u <= max_speed) || std::abs(square.imag()) > same_square * square.real()) continue;
+    found.push_back({u, std::abs(square.imag()) / u});
+  }
+  const auto before = [](const Divergence& a, const Divergence& b) { return a.speed < b.speed; };
+  std::sort(found.begin(), found.end(), before);
+  for (std::size_t i = 0; i < found.size();) {
+    std::size_t next = i + 1;
+    const double u = found[i].speed, near = same_speed * (1.0 + u);
+    while (next < found.size() && found[next].speed - found[next - 1].speed < near) ++next;
+    double reach = 1e-3 * (1.0 + u);
+    if (i > 0) reach = std::min(reach, 0.4 * (u - found[i - 1].speed));
+    if (next < found.size()) reach = std::min(reach, 0.4 * (found[next].speed - u));
+    const int multiplicity = static_cast<int>(next - i);
+    const double spread = found[next - 1].speed - u;
+    auto polished = divergence_near(u, std::max(reach, near));
+    if (!polished && multiplicity > 1) polished = Divergence{u, near};
+    if (!polished) {
+      char text[100];
+      std::snprintf(text, sizeof text,
+                    "rounding hides whether the stiffness is singular near u = %.6g", u);
+      throw NotConverged(text);
+    }
+    polished->multiplicity = multiplicity;
+    polished->error += spread;
+    result.all.push_back(std::move(*polished));
+    i = next;
+  }
+  std::sort(result.all.begin(), result.all.end(), before);
+  return result;
+}
+
+/// Squares of the speeds at which K_0 + s A is singular, not all of them real.
+Values Eigenproblem::singular_squares(const DenseOperator& one, const Matrix& still,
+                                      const Matrix& flux, bool symmetric) const {
+  for (double s = 1.0; symmetric && s < 1e9; s *= 10.0) {  // where tension makes K definite
+    const Eigen::LLT<Eigen::MatrixXd> chol(Eigen::MatrixXd(still - s * flux));
+    if (chol.info() != Eigen::Success) continue;
+    const auto pivots = chol.matrixLLT().diagonal();
+    if (pivots.minCoeff() < 1e-6 * pivots.maxCoeff()) break;  // only semidefinite
+    Eigen::MatrixXd inner = chol.matrixL().solve(Eigen::MatrixXd(flux));
+    inner = chol.matrixL().solve(Eigen::MatrixXd(inner.transpose()));
+    const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> solver(inner, Eigen::EigenvaluesOnly);
+    return (-s - 1.0 / solver.eigenvalues().array()).cast<Complex>();
+  }
+  Matrix zero = Matrix::Zero(traits.dof, traits.dof);
+  for (const double shift : shifts) {
+    const Values mu = one.with(flux, zero, still).roots(shift, true);
+    if (mu.size() > 0) return shift * shift + 1.0 / mu;
+  }
+  throw NotConverged("the stiffness is singular at every flow speed");
 }
 
 }  // namespace pipedyn

@@ -41,8 +41,9 @@ class Eigenproblem : public Spectrum {
 
   Sample sample(double u, Index count) override;
   Pair refined(double u, const Pair& guess) override;
-  Pair null_pair(double u, const Pair& near) override;
-  double determinant(double u, const Pair& near) override;
+  Reals quotients(double u, const Pairs& pairs) override;
+  /// From one eigenvalue problem in s = u^2, as K = K_0 + s A.
+  Divergences divergences(double max_speed) override;
 
  protected:
   /// Whether lambda enters only as lambda^2 at a speed.
@@ -54,6 +55,10 @@ class Eigenproblem : public Spectrum {
   std::optional<Pairs> about(double u, double shift, Index count, bool left);
   void mend(double u, Pairs& pairs, bool left, bool high);
   Pair near(double u, const Pair& guess);
+  Pair null_pair(double u, const Pair& near, double& inertia);
+  std::optional<Divergence> divergence_near(double guess, double reach);
+  Values singular_squares(const DenseOperator& one, const Matrix& still, const Matrix& flux,
+                          bool symmetric) const;
   void improve(double u, Pairs& pairs, Reals& uncertain);
 
   const At at_;

@@ -72,6 +72,12 @@ class DenseOperator {
   Values roots(double shift, bool velocity_free) const {
     return std::get<0>(inverse(shift, velocity_free, 'N', 'N'));
   }
+  const Matrix& stiffness() const { return matrices_[2]; }
+  const Matrix& stiffness_rate() const { return matrices_[4]; }  // dK/du
+  /// lambda^2 M + lambda C + K of other real matrices, by the same routines.
+  DenseOperator with(Matrix mass, Matrix velocity, Matrix stiffness) const {
+    return {lapack_, {std::move(mass), std::move(velocity), std::move(stiffness)}, size};
+  }
   /// What rounding of its entries may hide, y^H P x in eps, of each pair: no residual shows it.
   Reals hidden(const Values& values, const ComplexTable& right, const ComplexTable& left) const;
 

@@ -14,6 +14,7 @@
 #include <cmath>
 #include <complex>
 #include <limits>
+#include <memory>
 #include <optional>
 #include <stdexcept>
 #include <utility>
@@ -29,6 +30,9 @@ using ComplexVector = Eigen::VectorXcd;
 using ComplexTable = Eigen::MatrixXcd;  // (dof, count), one vector a column
 
 inline constexpr double eps = std::numeric_limits<double>::epsilon();
+/// Relative distance of speeds at which K is singular that are not told apart: a double eigenvalue
+/// scatters by the square root of rounding.
+inline constexpr double same_speed = 1e-7;
 inline constexpr double infinite = std::numeric_limits<double>::infinity();
 
 /// |z| where its square neither over- nor underflows; std::abs, which cares, takes ten times as
@@ -50,6 +54,7 @@ struct Pair {
   double residual = infinite;           // |P x| / (|lambda^2 M x| + |lambda C x| + size |x|)
   double uncertain = infinite;          // how far residual and rounding may have moved lambda
   Complex slope = 0.0;                  // d lambda / du
+  Complex by_value = 0.0;               // y^H (dP/dlambda) x
 
   bool converged() const { return has_converged(value, residual); }
 };
@@ -60,6 +65,24 @@ struct Forms {
                                           // + K + a u^2 A
   Complex gravity, by_damping;            // dK / dgamma and dD / ddelta
   ComplexVector springs;                  // of a chain dP / dk_j without its damping, (n)
+};
+
+/// A speed at which the stiffness K(u) is singular: divergence, whatever the velocities.
+struct Divergence {
+  double speed, error;
+  Pair pair = {};        // null vectors; slope is d kappa / du of the eigenvalue of K that vanishes
+  int multiplicity = 1;  // how many eigenvalues of K vanish there, at speeds that are not told apart
+  double rest_square = 0.0;  // y^H K(0) x / y^H M x: the square of a frequency at rest
+
+  /// By how many the real growing roots grow, by d lambda / du = -(y^H K' x) / (y^H C x); 0 where
+  /// that does not say it, as of conservative pipes, whose roots at zero are double.
+  int change() const;
+};
+
+/// All of them up to a speed, ascending.
+struct Divergences {
+  int negative_at_rest = 0;  // eigenvalues < 0 of K at rest, where K is symmetric at every speed
+  std::vector<Divergence> all = {};
 };
 
 /// Several roots, of each what is known; tables have no columns, and arrays no entries, of what is
@@ -139,21 +162,33 @@ class Spectrum {
   /// The root next to a guess, of which value and, if known, right vector are used; with vectors.
   virtual Pair refined(double u, const Pair& guess) = 0;
 
-  /// Null vectors of K(u), or of the least singular value, from those near by if there are any;
-  /// value 0. `slope` is d kappa / du = y^H (dK/du) x of the eigenvalue of K that passes zero and
-  /// `uncertain` its rounding.
-  virtual Pair null_pair(double u, const Pair& near) = 0;
+  /// Rayleigh's quotients x^H K x / x^H M x of roots' vectors at a speed: at rest the square of the
+  /// frequency that a mode would have without damping, the same for both its roots where damping
+  /// leaves its shape. Those of undamped roots, which need no vectors, are -lambda^2.
+  virtual Reals quotients(double u, const Pairs& pairs) = 0;
 
-  /// A function of u that changes sign with det K(u), without a pole near the speed of `near`.
-  virtual double determinant(double u, const Pair& near) = 0;
+  /// Every speed in (0, max_speed] at which K is singular, from K alone, all at once: no root is
+  /// followed. Throws NotConverged where rounding hides whether there is one.
+  virtual Divergences divergences(double max_speed) = 0;
+
+  /// The problem whose real roots are the pipe's: a loss factor acts on oscillation alone, so with
+  /// one they are those of the pipe without it.
+  virtual Spectrum& without_loss() { return without_loss_ == nullptr ? *this : *without_loss_; }
+  void set_without_loss(std::shared_ptr<Spectrum> other) { without_loss_ = std::move(other); }
 
   /// Matrices factorised since the last call, an eigenvalue problem being one.
-  int factorisations() { return std::exchange(factorised_, 0); }
+  int factorisations() {
+    const int others = without_loss_ == nullptr ? 0 : without_loss_->factorisations();
+    return std::exchange(factorised_, 0) + others;
+  }
 
   const Traits traits;
 
  protected:
   int factorised_ = 0;
+
+ private:
+  std::shared_ptr<Spectrum> without_loss_;
 };
 
 }  // namespace pipedyn

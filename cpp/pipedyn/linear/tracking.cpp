@@ -402,7 +402,13 @@ void track(const Tracking& tracking, SharedSample first, const std::vector<doubl
   }
 }
 
-Roots modes_of_pairs(const Values& values, double delta) {
+Roots modes_of(const Values& values, const Reals& quotients, const Traits& traits) {
+  if (traits.lossy()) {
+    Roots modes;
+    Index above = 0, below = 0;
+    for (const Complex value : values) modes.push_back(traits.counts(value) ? ++above : ++below);
+    return modes;
+  }
   const Index size = values.size();
   struct Group {
     double square;
@@ -417,19 +423,10 @@ Roots modes_of_pairs(const Values& values, double delta) {
     const auto conjugate = std::find(values.begin(), values.end(), std::conj(values[i]));
     if (conjugate != values.end()) groups.back().members.push_back(conjugate - values.begin());
   }
-  const auto inverse = [&](Index i) { return values[i] == 0.0 ? 0.0 : 1.0 / values[i].real(); };
-  while (!real.empty()) {
-    const Index i = real.front();
-    real.erase(real.begin());
-    if (real.empty()) {
-      groups.push_back({std::norm(values[i]), {i}});
-      break;
-    }
-    const auto misfit = [&](Index k) { return std::abs(inverse(k) + delta + inverse(i)); };
-    const auto other = std::min_element(real.begin(), real.end(),
-                                        [&](Index a, Index b) { return misfit(a) < misfit(b); });
-    groups.push_back({(values[i] * values[*other]).real(), {i, *other}});
-    real.erase(other);
+  std::ranges::stable_sort(real, {}, [&](Index i) { return quotients[i]; });
+  for (std::size_t k = 0; k < real.size(); k += 2) {
+    const Index i = real[k], other = real[std::min(k + 1, real.size() - 1)];
+    groups.push_back({(values[i] * values[other]).real(), {i, other}});
   }
   Roots modes(size, 0);
   for (const Group& group : groups) {
@@ -439,14 +436,6 @@ Roots modes_of_pairs(const Values& values, double delta) {
     }
     for (const Index i : group.members) modes[i] = mode;
   }
-  return modes;
-}
-
-Roots modes_at_rest(const Values& values, const Traits& traits) {
-  if (!traits.lossy()) return modes_of_pairs(values, traits.delta);
-  Roots modes;
-  Index above = 0, below = 0;
-  for (const Complex value : values) modes.push_back(traits.counts(value) ? ++above : ++below);
   return modes;
 }
 
@@ -463,7 +452,7 @@ std::optional<RootLoci> root_loci(Spectrum& spectrum, const std::vector<double>&
   };
   const SharedSample first = take(speeds[0]);
   const Traits& traits = spectrum.traits;
-  const Roots modes = modes_at_rest(first->values, traits);
+  const Roots modes = modes_of(first->values, spectrum.quotients(first->u, *first), traits);
   Roots upper(count, -1), lower(count, -1);
   for (Index i = 0; i < first->size(); ++i) {
     const Index branch = modes[i] - 1;

@@ -84,12 +84,11 @@ Roots assignment(const std::vector<double>& cost, Index size);
 void track(const Tracking& tracking, SharedSample first, const std::vector<double>& speeds,
            Roots tracked);
 
-/// Mode of each root at rest, from 1, by the square of its undamped frequency. Conjugates share a
-/// mode; so do two real roots with 1/a + 1/b = -delta, which is exact for opposite roots of an
-/// undamped buckled pipe and for overdamped modes without gravity.
-Roots modes_of_pairs(const Values& values, double delta);
-/// The same of a model. With a loss factor the roots on each side of the real axis by |lambda|.
-Roots modes_at_rest(const Values& values, const Traits& traits);
+/// Mode of each root, from 1, by the product of the two roots that share it, at rest the square of
+/// the undamped frequency: conjugates, and of real roots neighbours by Rayleigh's quotient, the
+/// square of that frequency by their shapes. With a loss factor the roots on each side of the real
+/// axis by |lambda|.
+Roots modes_of(const Values& values, const Reals& quotients, const Traits& traits);
 
 /// Branches of eigenvalues at each of increasing speeds, (speeds, count) of each: a root, the other
 /// of its pair, and of both whether they passed the check of their residual and how far they may be

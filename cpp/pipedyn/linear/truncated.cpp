@@ -42,22 +42,19 @@ Sample Truncated::sample(double u, Index count) {
 
 Pair Truncated::refined(double u, const Pair& guess) { return fewer_->refined(u, guess); }
 
-Pair Truncated::null_pair(double u, const Pair& near) { return fewer_->null_pair(u, near); }
+Divergences Truncated::divergences(double max_speed) { return fewer_->divergences(max_speed); }
 
-double Truncated::determinant(double u, const Pair& near) { return fewer_->determinant(u, near); }
-
-std::optional<Sweep> Truncated::of_larger(Sweep sweep, double max_speed, Index resolved) {
+std::optional<Sweep> Truncated::of_larger(Sweep sweep, double end, Index resolved) {
   if (!alike_ || sweep.untracked || !sweep.failure.empty()) return {};
   int expected = sweep.unstable_at_rest;
-  double end = max_speed;
+  divergences_ = more_->without_loss().divergences((1.0 + near_by) * (1.0 + end));
   for (AxisCrossing& crossing : sweep.crossings) {
     const std::optional<AxisCrossing> there = of_larger(crossing);
     if (!there) return {};
     crossing = *there;
     expected += crossing.change;
-    end = crossing.change > 0 ? (1.0 + near_by) * crossing.speed : max_speed;
   }
-  const bool as_many = unstable(std::min(end, max_speed), resolved) == expected;
+  const bool as_many = unstable(end, resolved) == expected;
   count();
   if (!as_many) return {};
   return sweep;
@@ -69,11 +66,12 @@ std::optional<AxisCrossing> Truncated::of_larger(const AxisCrossing& crossing) {
   const double low = std::max(u - reach, 0.0), high = u + reach;
   AxisCrossing there = crossing;
   if (crossing.value == 0.0) {
-    auto found = divergence(*more_, more_->null_pair(u, {}), u, low, high, 1e-9 * reach);
-    if (!found) return {};
-    there.speed = found->speed;
-    there.error = found->error;
-    there.pair = std::move(found->pair);
+    const auto nearest = std::ranges::min_element(
+        divergences_.all, {}, [u](const Divergence& one) { return std::abs(one.speed - u); });
+    if (nearest == divergences_.all.end() || std::abs(nearest->speed - u) > reach) return {};
+    there.speed = nearest->speed;
+    there.error = nearest->error;
+    there.pair = nearest->pair;
     return there;
   }
   Pair guess{crossing.pair.value, ComplexVector::Zero(more_->traits.dof)};

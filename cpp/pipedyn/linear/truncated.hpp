@@ -34,13 +34,14 @@ class Truncated : public Spectrum {
 
   Sample sample(double u, Index count) override;
   Pair refined(double u, const Pair& guess) override;
-  Pair null_pair(double u, const Pair& near) override;
-  double determinant(double u, const Pair& near) override;
+  Reals quotients(double u, const Pairs& pairs) override { return fewer_->quotients(u, pairs); }
+  Spectrum& without_loss() override { return traits.lossy() ? fewer_->without_loss() : *this; }
+  Divergences divergences(double max_speed) override;
 
   /// The crossings of a search of this spectrum as the larger model has them; none where they may
   /// differ in number, and where that model has not as many unstable roots, of so many resolved
-  /// modes, at the last crossing or at the end of a search to max_speed.
-  std::optional<Sweep> of_larger(Sweep sweep, double max_speed, Index resolved);
+  /// modes, at the end of the search.
+  std::optional<Sweep> of_larger(Sweep sweep, double end, Index resolved);
 
  private:
   std::optional<AxisCrossing> of_larger(const AxisCrossing& crossing);
@@ -51,6 +52,7 @@ class Truncated : public Spectrum {
   std::vector<Index> shared_;
   Index resolved_;     // roots
   bool alike_ = true;  // whether all roots seen are on the same side in both
+  Divergences divergences_;  // of the larger model
 };
 
 }  // namespace pipedyn

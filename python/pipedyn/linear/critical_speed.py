@@ -41,6 +41,9 @@ LARGE_GRAVITY = 100.0
 speeds are 1.6 to 1.9 times those without weight here, and grow about like gamma^(1/3) beyond."""
 
 
+BESIDE = 1e-3
+"""How far behind the crossing that ends a search unstable roots are counted, relative to its speed."""
+
 BUCKLED = 64
 """Roots looked at for those of a long chain that grow without flow: it buckles in few modes."""
 
@@ -278,7 +281,6 @@ def losses(
         plan if isinstance(plan, Exception) else outcome_of(partial(_found, model.pipe, plan))
         for model, plan in zip(models, plans, strict=True)
     ]
-    _add_divergences(models, found, max_speed, until_unstable)
     return [
         one if isinstance(one, Exception) else _point(model, one, end)
         for model, one in zip(models, found, strict=True)
@@ -335,48 +337,6 @@ def _point(model: AnyModel, found: Found, known_to: float) -> Point:
         _max_speed=known_to,
     )
     return critical, all_found
-
-
-def _add_divergences(
-    models: Sequence[AnyModel],
-    found: list[Found | Exception],
-    max_speed: float,
-    until_unstable: bool,
-) -> None:
-    """Adds the divergences of pipes with hysteresis: those without it, as nothing oscillates."""
-    lossy = {
-        i: one
-        for i, (model, one) in enumerate(zip(models, found, strict=True))
-        if model.pipe.hysteresis and not isinstance(one, Exception) and one.size
-    }
-    ends = [
-        next((c.speed for c in one.value if c.destabilising and until_unstable), max_speed)
-        for one in lossy.values()
-    ]
-    if not any(ends):
-        return
-    still = [models[i].with_pipe(replace(models[i].pipe, hysteresis=0.0)) for i in lossy]
-    points = losses(still, max(ends))
-    for (i, one), end, model, point in zip(lossy.items(), ends, still, points, strict=True):
-        if isinstance(point, Exception):
-            found[i] = point
-            continue
-        divergences = [c for c in point[1] if c.kind == "divergence" and c.speed <= end]
-        every: list[Crossing] = []
-        oscillating, static = 0, _growing_at_rest(model, one.size)  # unstable roots of each kind
-        for c in sorted((*one.value, *divergences), key=attrgetter("speed")):
-            change = c.unstable_after - c.unstable_before
-            if c.kind == "flutter":
-                oscillating = c.unstable_before
-            before = oscillating + static
-            every.append(replace(c, unstable_before=before, unstable_after=before + change))
-            if c.kind == "flutter":
-                oscillating += change
-            else:
-                static += change
-            if until_unstable and change > 0:
-                break
-        found[i] = replace(one, value=tuple(every))
 
 
 def _growing_at_rest(model: AnyModel, size: int) -> int:
@@ -517,7 +477,10 @@ class _Search:
         assert self.swept is not None
         assert isinstance(self.larger.model, Galerkin)
         modes = resolved(self.larger.model)
-        swept = self.spectrum.of_larger(self.swept, self.max_speed, modes)
+        end, found = self.max_speed, self.swept.crossings
+        if self.until_unstable and found and found[-1].change > 0:
+            end = min(end, found[-1].speed * (1.0 + BESIDE))
+        swept = self.spectrum.of_larger(self.swept, end, modes)
         return None if swept is None else crossings_of(self.larger, swept)
 
 

@@ -94,7 +94,10 @@ class Eigenproblem:
         )
         # Of the stiffness at rest, elastic stiffness being 1.
         size = 1.0 + abs(self.pipe.gamma) + self.model.term_stiffness(self.pencil)
-        return self.pencil.spectrum(traits, size)
+        spectrum = self.pencil.spectrum(traits, size)
+        if self.pipe.hysteresis:
+            spectrum.set_without_loss(self.static.spectrum())
+        return spectrum
 
     @cached_property
     def static(self) -> Eigenproblem:
