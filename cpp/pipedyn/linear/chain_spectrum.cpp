@@ -31,8 +31,6 @@ constexpr double far_outside = 1.5;
 constexpr int most_near = 8;
 /// Samples whose roots are kept: steps are halved from the right, and go on from there.
 constexpr std::size_t most_known = 8;
-/// Least speed at which divergences are looked for: at rest the stiffness may be singular.
-constexpr double least_speed = 1e-5;
 /// Coarser chains on the way from the coarsest to a long one have so many times its segments: 5 and
 /// 80 take as long, measured from 1,000 to 100,000 segments.
 constexpr Index refinement = 20;

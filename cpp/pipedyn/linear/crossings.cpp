@@ -97,7 +97,7 @@ class Search {
  private:
   /// Speeds sampled at least: steps up to the longest, and one closely about each divergence, within
   /// which no other lies.
-  std::vector<double> samples(double longest) const {
+  std::vector<double> samples(double longest) {
     const std::vector<Divergence>& all = divergences_.all;
     const int steps = std::max(1, static_cast<int>(std::ceil(range_.max_speed / longest)));
     std::vector<double> speeds;
@@ -107,18 +107,19 @@ class Search {
       double reach = std::min(about_divergence * (1.0 + u), (u - before) / 3.0);
       if (i + 1 < all.size()) reach = std::min(reach, (all[i + 1].speed - u) / 3.0);
       std::erase_if(speeds, [=](double at) { return std::abs(at - u) <= reach; });
+      reaches_.push_back(reach);
       speeds.insert(speeds.end(), {u - reach, u + reach});
     }
     std::sort(speeds.begin(), speeds.end());
     return speeds;
   }
 
-  /// The divergence within a step, if there is one.
+  /// The divergence that may show within a step, if there is one: what grows out of zero is too slow
+  /// to have a sign at first, but has one when the samples about it end.
   const Divergence* passed(const Step& step) const {
-    for (const Divergence& one : divergences_.all) {
-      if (one.speed > step.left->u && one.speed <= step.right->u) return &one;
-    }
-    return nullptr;
+    if (next_ == divergences_.all.size()) return nullptr;
+    const Divergence& one = divergences_.all[next_];
+    return one.speed <= step.right->u ? &one : nullptr;
   }
 
   /// The most roots of a conservative system that can grow: Krein's index, the number of negative
@@ -345,6 +346,8 @@ class Search {
       const int most = zero->multiplicity + (traits_.lossy() ? 2 : 0);
       const bool possible = std::abs(change) <= most && (change - most) % 2 == 0;
       if (possible && change != 0) found.push_back(of(*zero, change, modes_[least]));
+      const bool over = step.right->u >= (zero->speed + reaches_[next_]) * (1.0 - 4.0 * eps);
+      if (change != 0 || over) ++next_;
     } else if (traits_.lossy() && step.shortest() && missed != 0 && missed % 2 == 0) {
       found.push_back({step.right->u, 0.0, missed, modes_[least], step.length()});
     }
@@ -657,6 +660,8 @@ class Search {
   const std::function<void()>& report_;
   Sweep sweep_;
   Divergences divergences_;
+  std::vector<double> reaches_;  // from each of them to the samples about it
+  std::size_t next_ = 0;         // the first of them that has not shown
   Values rest_;        // values of the sample at rest
   Roots rest_modes_;   // and their modes
   Roots modes_;        // of the left sample's roots, counted from rest, from 1; 0 for others

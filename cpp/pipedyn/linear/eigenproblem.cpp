@@ -3,6 +3,7 @@
 
 #include <Eigen/Cholesky>
 #include <Eigen/Eigenvalues>
+#include <Eigen/LU>
 #include <algorithm>
 #include <cstdio>
 #include <numeric>
@@ -40,6 +41,9 @@ constexpr double on_axis = 1e-10;
 /// Relative imaginary part of the square of a speed up to which two conjugate ones count as a double
 /// real one.
 constexpr double same_square = 2.0 * same_speed;
+
+/// |K x| of a unit vector up to which K does not hold it.
+constexpr double free_turn = 1e-11;
 
 /// y^H C x of null vectors below which it is rounding.
 constexpr double least_rate = 1e-9;
@@ -509,14 +513,19 @@ Divergences Eigenproblem::divergences(double max_speed) {
     result.negative_at_rest = static_cast<int>((rest < -1e-12 * one.size).count());
   }
   if (flux.isZero(0.0)) return result;
+  const auto before = [](const Divergence& a, const Divergence& b) { return a.speed < b.speed; };
+  const Matrix turn = symmetric ? Matrix() : rigid_turns(still, flux);
+  if (turn.cols() > 0) {
+    result.all = divergences_beside(turn, max_speed);
+    return result;
+  }
   const Values squares = singular_squares(one, still, flux, symmetric);
   std::vector<Divergence> found;  // before they are polished
   for (const Complex square : squares) {
     const double u = std::sqrt(std::max(square.real(), 0.0));
-    if (!(u > 1e-6 && u <= max_speed) || std::abs(square.imag()) > same_square * square.real()) continue;
-    found.push_back({u, std::abs(square.imag()) / u});
+    const bool is_real = std::abs(square.imag()) <= same_square * square.real();
+    if (is_real && u > least_speed && u <= max_speed) found.push_back({u, 0.0});
   }
-  const auto before = [](const Divergence& a, const Divergence& b) { return a.speed < b.speed; };
   std::sort(found.begin(), found.end(), before);
   for (std::size_t i = 0; i < found.size();) {
     std::size_t next = i + 1;
@@ -542,6 +551,59 @@ Divergences Eigenproblem::divergences(double max_speed) {
   }
   std::sort(result.all.begin(), result.all.end(), before);
   return result;
+}
+
+/// What K does not hold at any speed, (dof, k): a pipe on a hinge turns freely.
+Matrix Eigenproblem::rigid_turns(const Matrix& still, const Matrix& flux) const {
+  Eigen::FullPivLU<Eigen::MatrixXd> lu(Eigen::MatrixXd(still + shifts[0] * flux));
+  lu.setThreshold(free_turn);
+  if (lu.isInvertible()) return Matrix(traits.dof, 0);
+  const Matrix turns = lu.kernel().colwise().normalized();
+  const double size = (still * turns).norm() + (flux * turns).norm();
+  return size > free_turn ? Matrix(traits.dof, 0) : turns;
+}
+
+/// Divergences where K leaves turns r free: their roots are zero at every speed, and
+/// det P / lambda^k tends to the determinant of K with k of its columns replaced by C r. Known as
+/// well as two shifts agree.
+std::vector<Divergence> Eigenproblem::divergences_beside(const Matrix& turns, double max_speed) {
+  const DenseOperator& one = at(1.0);
+  Matrix flux = 0.5 * one.stiffness_rate(), still = one.stiffness() - flux;
+  Matrix velocity = Matrix::Zero(traits.dof, traits.dof);
+  const Matrix by_speed = one.velocity_rate() * turns, steady = one.velocity() * turns - by_speed;
+  Eigen::MatrixXd left = turns;
+  for (Index k = 0; k < turns.cols(); ++k) {  // columns that the turns move most, one for each
+    Index row = 0;
+    left.col(k).cwiseAbs().maxCoeff(&row);
+    for (Index j = k + 1; j < turns.cols(); ++j) {
+      left.col(j) -= left(row, j) / left(row, k) * left.col(k);
+    }
+    const bool is_resisted = by_speed.col(k).norm() + steady.col(k).norm() > free_turn;
+    velocity.col(row) = by_speed.col(k);
+    still.col(row) = is_resisted ? steady.col(k) : Vector(one.mass() * turns.col(k));
+    flux.col(row).setZero();
+  }
+  const DenseOperator problem = one.with(flux, velocity, still);
+  std::vector<Divergence> found;
+  Values others;
+  for (const double shift : shifts) {
+    const Values mu = problem.roots(shift, false);
+    if (mu.size() == 0) continue;
+    const Values speeds = shift + 1.0 / mu;
+    if (others.size() == 0) {
+      others = speeds;
+      continue;
+    }
+    for (const Complex speed : speeds) {
+      const bool is_real = std::abs(speed.imag()) <= same_speed * speed.real();
+      if (!is_real || !(speed.real() > least_speed && speed.real() <= max_speed)) continue;
+      const double error = (others - speed).abs().minCoeff() + 4e-16 * (1.0 + speed.real());
+      found.push_back({speed.real(), error});
+    }
+    break;
+  }
+  std::ranges::sort(found, {}, &Divergence::speed);
+  return found;
 }
 
 /// Squares of the speeds at which K_0 + s A is singular, not all of them real.

@@ -57,6 +57,8 @@ class Eigenproblem : public Spectrum {
   Pair near(double u, const Pair& guess);
   Pair null_pair(double u, const Pair& near, double& inertia);
   std::optional<Divergence> divergence_near(double guess, double reach);
+  Matrix rigid_turns(const Matrix& still, const Matrix& flux) const;
+  std::vector<Divergence> divergences_beside(const Matrix& turns, double max_speed);
   Values singular_squares(const DenseOperator& one, const Matrix& still, const Matrix& flux,
                           bool symmetric) const;
   void improve(double u, Pairs& pairs, Reals& uncertain);

@@ -72,6 +72,9 @@ class DenseOperator {
   Values roots(double shift, bool velocity_free) const {
     return std::get<0>(inverse(shift, velocity_free, 'N', 'N'));
   }
+  const Matrix& mass() const { return matrices_[0]; }
+  const Matrix& velocity() const { return matrices_[1]; }
+  const Matrix& velocity_rate() const { return matrices_[3]; }  // dC/du
   const Matrix& stiffness() const { return matrices_[2]; }
   const Matrix& stiffness_rate() const { return matrices_[4]; }  // dK/du
   /// lambda^2 M + lambda C + K of other real matrices, by the same routines.

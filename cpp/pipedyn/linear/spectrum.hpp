@@ -33,6 +33,8 @@ inline constexpr double eps = std::numeric_limits<double>::epsilon();
 /// Relative distance of speeds at which K is singular that are not told apart: a double eigenvalue
 /// scatters by the square root of rounding.
 inline constexpr double same_speed = 1e-7;
+/// Least speed at which K is asked to be singular: at rest it may be.
+inline constexpr double least_speed = 1e-5;
 inline constexpr double infinite = std::numeric_limits<double>::infinity();
 
 /// |z| where its square neither over- nor underflows; std::abs, which cares, takes ten times as
