@@ -124,7 +124,7 @@ def test_however_a_pipe_is_held_what_is_lost_is_the_share_of_kelvin_voigt_dampin
         assert np.abs(every - value).min() < 1e-6 * abs(value)
     if "jet_angle" not in how:
         for one in pp.crossings(model, 10.0):
-            if one.kind == "flutter":
+            if one.frequency:  # 0 where a growing pair appears on the real axis, or vanishes
                 same = plain.with_pipe(viscous_pipe(pipe, one.frequency))
                 values = pp.eigenvalues(same, one.speed)
                 assert np.abs(values - 1j * one.frequency).min() < 1e-8 * one.frequency

@@ -84,6 +84,7 @@ class Search {
       };
       track({[this](double u) { return take(u); },
              sure,
+             [this](const Step& step) { return encloses(step); },
              [this](const Step& step) { return visit(step); },
              {traits_.cluster(), 0.9, traits_.zero},
              longest},
@@ -97,7 +98,7 @@ class Search {
  private:
   /// Speeds sampled at least: steps up to the longest, and one closely about each divergence, within
   /// which no other lies.
-  std::vector<double> samples(double longest) {
+  std::vector<double> samples(double longest) const {
     const std::vector<Divergence>& all = divergences_.all;
     const int steps = std::max(1, static_cast<int>(std::ceil(range_.max_speed / longest)));
     std::vector<double> speeds;
@@ -107,19 +108,24 @@ class Search {
       double reach = std::min(about_divergence * (1.0 + u), (u - before) / 3.0);
       if (i + 1 < all.size()) reach = std::min(reach, (all[i + 1].speed - u) / 3.0);
       std::erase_if(speeds, [=](double at) { return std::abs(at - u) <= reach; });
-      reaches_.push_back(reach);
       speeds.insert(speeds.end(), {u - reach, u + reach});
     }
     std::sort(speeds.begin(), speeds.end());
     return speeds;
   }
 
-  /// The divergence that may show within a step, if there is one: what grows out of zero is too slow
-  /// to have a sign at first, but has one when the samples about it end.
+  /// The divergence within a step, if there is one.
   const Divergence* passed(const Step& step) const {
-    if (next_ == divergences_.all.size()) return nullptr;
-    const Divergence& one = divergences_.all[next_];
-    return one.speed <= step.right->u ? &one : nullptr;
+    for (const Divergence& one : divergences_.all) {
+      if (one.speed > step.left->u && one.speed <= step.right->u) return &one;
+    }
+    return nullptr;
+  }
+
+  /// Whether a step is that of the samples about a divergence: nearer to it, what passes zero has no
+  /// side, so that shorter steps would show less.
+  bool encloses(const Step& step) const {
+    return passed(step) != nullptr && step.length() <= 2.1 * about_divergence * (1.0 + step.right->u);
   }
 
   /// The most roots of a conservative system that can grow: Krein's index, the number of negative
@@ -332,7 +338,7 @@ class Search {
 
   /// Adds the crossings of a step; whether the search goes on.
   bool visit(const Step& step) {
-    if (step.shortest()) scanned_ = scan(step);
+    if (step.shortest() || encloses(step)) scanned_ = scan(step);
     std::vector<AxisCrossing> found = crossings(step);
     move(step);
     if (sweep_.untracked) return false;
@@ -346,8 +352,6 @@ class Search {
       const int most = zero->multiplicity + (traits_.lossy() ? 2 : 0);
       const bool possible = std::abs(change) <= most && (change - most) % 2 == 0;
       if (possible && change != 0) found.push_back(of(*zero, change, modes_[least]));
-      const bool over = step.right->u >= (zero->speed + reaches_[next_]) * (1.0 - 4.0 * eps);
-      if (change != 0 || over) ++next_;
     } else if (traits_.lossy() && step.shortest() && missed != 0 && missed % 2 == 0) {
       found.push_back({step.right->u, 0.0, missed, modes_[least], step.length()});
     }
@@ -376,6 +380,7 @@ class Search {
 
   Scan scan(const Step& step) const {
     const Sample &left = *step.left, &right = *step.right;
+    const Divergence* const zero = passed(step);
     Scan found;
     found.after = states_after(step);
     found.leaving.assign(left.size(), 0);
@@ -403,16 +408,17 @@ class Search {
                                         : on_axis && step.slopes[i].real() * step.length() > lost;
       }
       if (real && !found.leaving[i] && found.after[i] != unstable_[i]) ++turned;
+      const bool turns = (start.imag() == 0.0) != (end.imag() == 0.0);
+      if (turns && zero != nullptr) continue;  // a pair that meets at zero
       if (step.meets[i] >= 0) {
         found.clear = found.clear && is_clear_meeting(step, i);
       } else if (!traits_.squared && !real) {
         scan_cubic(step, i, found);
-      } else if (!real && start != 0.0 && (start.imag() == 0.0) != (end.imag() == 0.0)) {
+      } else if (!real && start != 0.0 && turns) {
         found.clear = false;  // it met another
       }
     }
     // Real roots pass zero at divergences alone.
-    const Divergence* const zero = passed(step);
     found.static_count = static_count(right);
     if (found.static_count != static_count_ && zero == nullptr) found.clear = false;
     if (turned > (zero == nullptr ? 0 : zero->multiplicity)) found.clear = false;
@@ -512,8 +518,10 @@ class Search {
       scan.predicted.clear();
       for (const Index i : scan.roots) {
         const bool before = unstable_[i] || scan.leaving[i], after = scan.after[i];
-        const bool real = step.start(i).imag() == 0.0 && step.end(i).imag() == 0.0;
-        if (before == after || step.meets[i] >= 0 || real || traits_.squared) continue;
+        const bool one_real = step.start(i).imag() == 0.0, other_real = step.end(i).imag() == 0.0;
+        const bool by_zero = one_real != other_real && passed(step) != nullptr;
+        if (before == after || step.meets[i] >= 0 || traits_.squared) continue;
+        if (by_zero || (one_real && other_real)) continue;
         scan.predicted.push_back({i, 0.5, after});
       }
     }
@@ -660,8 +668,6 @@ class Search {
   const std::function<void()>& report_;
   Sweep sweep_;
   Divergences divergences_;
-  std::vector<double> reaches_;  // from each of them to the samples about it
-  std::size_t next_ = 0;         // the first of them that has not shown
   Values rest_;        // values of the sample at rest
   Roots rest_modes_;   // and their modes
   Roots modes_;        // of the left sample's roots, counted from rest, from 1; 0 for others

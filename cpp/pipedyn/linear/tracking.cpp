@@ -385,7 +385,8 @@ void track(const Tracking& tracking, SharedSample first, const std::vector<doubl
         throw NotConverged(text);
       }
       match(step, last ? &*last : nullptr, tracked, tracking.cluster);
-      if (!step.shortest() && !(step.unambiguous && tracking.sure(step))) {
+      const bool halved = !step.shortest() && !tracking.whole(step);
+      if (halved && !(step.unambiguous && tracking.sure(step))) {
         ahead.push_back(tracking.take(middle));
         continue;
       }
@@ -515,7 +516,8 @@ std::optional<RootLoci> root_loci(Spectrum& spectrum, const std::vector<double>&
     return true;
   };
   const auto sure = [](const Step&) { return true; };
-  track({take, sure, visit, cluster, spectrum.longest_step()}, first,
+  const auto whole = [](const Step&) { return false; };
+  track({take, sure, whole, visit, cluster, spectrum.longest_step()}, first,
         {speeds.begin() + 1, speeds.end()}, tracked);
   report(done);
   if (!complete) return {};

@@ -68,6 +68,7 @@ struct Step {
 struct Tracking {
   std::function<SharedSample(double u)> take;
   std::function<bool(const Step&)> sure;   // whether the step need not be halved
+  std::function<bool(const Step&)> whole;  // whether it is taken as it is
   std::function<bool(const Step&)> visit;  // each step in turn; false ends the tracking
   Cluster cluster;
   double longest;  // step
