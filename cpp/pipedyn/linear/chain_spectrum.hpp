@@ -34,7 +34,7 @@ class ChainSpectrum : public Eigenproblem {
   void assess(double u, Pairs& pairs) override;
   void share(const Spectrum& other) override;
   std::optional<Forms> forms(const Pair& pair) const override;
-  Index standing() const override { return zeros_in_flow_; }
+  Index standing() override { return zeros_in_flow_; }
   Pair refined(double u, const Pair& guess) override;
   Reals quotients(double u, const Pairs& pairs) override;
   /// By a search that is certified: the determinant's zeros in a disc are counted by its

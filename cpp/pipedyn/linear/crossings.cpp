@@ -12,10 +12,6 @@ namespace {
 /// Relative error of a crossing's speed beyond which it is no result: three digits are wanted.
 constexpr double largest_error = 1e-3;
 
-/// Half the step about a divergence, in 1 + u: of the growing root that appears there, which is
-/// 1e-2 of a conservative system and 1e-4 of others, rounding leaves many digits.
-constexpr double about_divergence = 1e-4;
-
 /// A message in printf's format.
 template <class... Numbers>
 NotConverged refusal(const char* format, Numbers... numbers) {
@@ -105,7 +101,7 @@ class Search {
     for (int i = 1; i <= steps; ++i) speeds.push_back(i * (range_.max_speed / steps));
     for (std::size_t i = 0; i < all.size(); ++i) {
       const double u = all[i].speed, before = i > 0 ? all[i - 1].speed : 0.0;
-      double reach = std::min(about_divergence * (1.0 + u), (u - before) / 3.0);
+      double reach = std::min(about_divergence() * (1.0 + u), (u - before) / 3.0);
       if (i + 1 < all.size()) reach = std::min(reach, (all[i + 1].speed - u) / 3.0);
       std::erase_if(speeds, [=](double at) { return std::abs(at - u) <= reach; });
       speeds.insert(speeds.end(), {u - reach, u + reach});
@@ -122,10 +118,14 @@ class Search {
     return nullptr;
   }
 
-  /// Whether a step is that of the samples about a divergence: nearer to it, what passes zero has no
-  /// side, so that shorter steps would show less.
+  /// Half the step about a divergence, in 1 + u: what passes zero there is known to be on one side of
+  /// it from |lambda| = zero on.
+  double about_divergence() const { return std::max(0.99 * shortest_step, traits_.zero); }
+
+  /// Whether a step is that about a divergence: nearer to it, what passes zero has no side.
   bool encloses(const Step& step) const {
-    return passed(step) != nullptr && step.length() <= 2.1 * about_divergence * (1.0 + step.right->u);
+    return passed(step) != nullptr &&
+           step.length() <= 2.1 * about_divergence() * (1.0 + step.right->u);
   }
 
   /// The most roots of a conservative system that can grow: Krein's index, the number of negative
@@ -297,9 +297,10 @@ class Search {
   /// pair next to one is the same motion and not counted beside it.
   int static_count(const Sample& at) const {
     if (!traits_.lossy()) return 0;
-    const Sample still = spectrum_.without_loss().sample(at.u, range_.count);
+    Spectrum& without_loss = spectrum_.without_loss();
+    const Sample still = without_loss.sample(at.u, range_.count);
     int count = 0;
-    for (Index i = 0; i < still.size(); ++i) {
+    for (Index i = without_loss.standing(); i < still.size(); ++i) {
       const Complex value = still.values[i];
       if (value.imag() != 0.0 || !(value.real() > still.noise[i])) continue;
       const Complex twin = twin_of(value, at.values);

@@ -514,9 +514,8 @@ Divergences Eigenproblem::divergences(double max_speed) {
   }
   if (flux.isZero(0.0)) return result;
   const auto before = [](const Divergence& a, const Divergence& b) { return a.speed < b.speed; };
-  const Matrix turn = symmetric ? Matrix() : rigid_turns(still, flux);
-  if (turn.cols() > 0) {
-    result.all = divergences_beside(turn, max_speed);
+  if (free_turns().cols() > 0) {
+    result.all = divergences_beside(free_turns(), max_speed);
     return result;
   }
   const Values squares = singular_squares(one, still, flux, symmetric);
@@ -554,13 +553,17 @@ Divergences Eigenproblem::divergences(double max_speed) {
 }
 
 /// What K does not hold at any speed, (dof, k): a pipe on a hinge turns freely.
-Matrix Eigenproblem::rigid_turns(const Matrix& still, const Matrix& flux) const {
+const Matrix& Eigenproblem::free_turns() {
+  if (free_turns_) return *free_turns_;
+  const DenseOperator& one = at(1.0);
+  const Matrix flux = 0.5 * one.stiffness_rate(), still = one.stiffness() - flux;
   Eigen::FullPivLU<Eigen::MatrixXd> lu(Eigen::MatrixXd(still + shifts[0] * flux));
   lu.setThreshold(free_turn);
-  if (lu.isInvertible()) return Matrix(traits.dof, 0);
+  free_turns_ = Matrix(traits.dof, 0);
+  if (lu.isInvertible()) return *free_turns_;
   const Matrix turns = lu.kernel().colwise().normalized();
-  const double size = (still * turns).norm() + (flux * turns).norm();
-  return size > free_turn ? Matrix(traits.dof, 0) : turns;
+  if ((still * turns).norm() + (flux * turns).norm() <= free_turn) free_turns_ = turns;
+  return *free_turns_;
 }
 
 /// Divergences where K leaves turns r free: their roots are zero at every speed, and

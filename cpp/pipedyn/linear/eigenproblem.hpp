@@ -41,6 +41,7 @@ class Eigenproblem : public Spectrum {
 
   Sample sample(double u, Index count) override;
   Pair refined(double u, const Pair& guess) override;
+  Index standing() override { return free_turns().cols(); }
   Reals quotients(double u, const Pairs& pairs) override;
   /// From one eigenvalue problem in s = u^2, as K = K_0 + s A.
   Divergences divergences(double max_speed) override;
@@ -57,13 +58,14 @@ class Eigenproblem : public Spectrum {
   Pair near(double u, const Pair& guess);
   Pair null_pair(double u, const Pair& near, double& inertia);
   std::optional<Divergence> divergence_near(double guess, double reach);
-  Matrix rigid_turns(const Matrix& still, const Matrix& flux) const;
+  const Matrix& free_turns();
   std::vector<Divergence> divergences_beside(const Matrix& turns, double max_speed);
   Values singular_squares(const DenseOperator& one, const Matrix& still, const Matrix& flux,
                           bool symmetric) const;
   void improve(double u, Pairs& pairs, Reals& uncertain);
 
   const At at_;
+  std::optional<Matrix> free_turns_;  // once they are asked for
   std::shared_ptr<DenseOperator> latest_;
   double latest_speed_ = -1.0;
 };

@@ -159,7 +159,7 @@ class Spectrum {
   virtual double longest_step() const { return traits.delta > 0.0 ? 0.5 : 1.0; }
 
   /// How many roots are zero, exactly, at every speed.
-  virtual Index standing() const { return 0; }
+  virtual Index standing() { return 0; }
 
   /// The root next to a guess, of which value and, if known, right vector are used; with vectors.
   virtual Pair refined(double u, const Pair& guess) = 0;

@@ -65,10 +65,6 @@ Roots assignment(const std::vector<double>& cost, Index size) {
 
 namespace {
 
-/// Relative to 1 + u; below it the best match is taken as it is. Roots that meet, like the square
-/// root of the speed, are 1e-3 apart at this distance: four digits above their rounding of 1e-7.
-constexpr double shortest_step = 1e-6;
-
 /// Steps tried, beyond four times those of the sweep, before roots are given up as too close: the
 /// 36 pipes of 10 segments to u = 20 take up to 2.7 times those, and 40 meetings 19 halvings each.
 constexpr int most_steps = 800;
@@ -385,8 +381,8 @@ void track(const Tracking& tracking, SharedSample first, const std::vector<doubl
         throw NotConverged(text);
       }
       match(step, last ? &*last : nullptr, tracked, tracking.cluster);
-      const bool halved = !step.shortest() && !tracking.whole(step);
-      if (halved && !(step.unambiguous && tracking.sure(step))) {
+      const bool divisible = !step.shortest() && !tracking.whole(step);
+      if (divisible && !(step.unambiguous && tracking.sure(step))) {
         ahead.push_back(tracking.take(middle));
         continue;
       }

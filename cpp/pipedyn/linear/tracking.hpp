@@ -28,6 +28,10 @@ using Roots = std::vector<Index>;  // places of eigenvalues in their sample, or 
 using Flags = std::vector<char>;
 using SharedSample = std::shared_ptr<const Sample>;
 
+/// Relative to 1 + u; below it the best match is taken as it is. Roots that meet, like the square
+/// root of the speed, are 1e-3 apart at this distance: four digits above their rounding of 1e-7.
+inline constexpr double shortest_step = 1e-6;
+
 /// Roots that need not be distinguished: |1 + delta lambda| < radius, and |lambda| < zero.
 struct Cluster {
   Complex delta;
@@ -68,7 +72,7 @@ struct Step {
 struct Tracking {
   std::function<SharedSample(double u)> take;
   std::function<bool(const Step&)> sure;   // whether the step need not be halved
-  std::function<bool(const Step&)> whole;  // whether it is taken as it is
+  std::function<bool(const Step&)> whole;  // whether it is not to be
   std::function<bool(const Step&)> visit;  // each step in turn; false ends the tracking
   Cluster cluster;
   double longest;  // step

@@ -35,6 +35,7 @@ class Truncated : public Spectrum {
   Sample sample(double u, Index count) override;
   Pair refined(double u, const Pair& guess) override;
   Reals quotients(double u, const Pairs& pairs) override { return fewer_->quotients(u, pairs); }
+  Index standing() override { return fewer_->standing(); }
   Spectrum& without_loss() override { return traits.lossy() ? fewer_->without_loss() : *this; }
   Divergences divergences(double max_speed) override;
 
