@@ -352,7 +352,10 @@ IMAGINARY_NAN = np.array([0.0, complex(1.0, NAN), 0.0])
     [
         (lambda: pp.Pipe(1.2), "beta must lie in [0, 1), got 1.2"),
         (lambda: pp.Pipe(10**5000), "beta must lie in [0, 1), got <int>"),
-        (lambda: pp.Pipe(np.timedelta64(0)), "beta must be a real number, got np.timedelta64(0)"),
+        (
+            lambda: pp.Pipe(np.timedelta64(0)),
+            f"beta must be a real number, got {np.timedelta64(0)!r}",
+        ),
         (
             lambda: pp.Pipe.from_si(**SI | {"pipe_mass": 1e-30}),
             "beta from pipe_mass and fluid_mass must lie in [0, 1), got 1.0",

@@ -93,7 +93,7 @@ def test_every_recursion_gives_the_accelerations_of_the_one_shot_null_space(name
         basis = scipy.linalg.null_space(matrix, rcond=1e-9)
         assert basis.shape[1] == scene.dof
         whole = np.concatenate([basis.T @ mass, matrix])
-        expected = np.linalg.lstsq(whole, np.concatenate([basis.T @ force, wanted]))[0]
+        expected = np.linalg.lstsq(whole, np.concatenate([basis.T @ force, wanted]), rcond=0.0)[0]
         scale = np.abs(expected).max()
         for accelerations in (
             scene.rhs(0.0, y, u)[n:],

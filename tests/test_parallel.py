@@ -1,13 +1,62 @@
-"""One map over independent jobs: in order, failures kept, in any executor."""
+"""One map over independent jobs: in order, failures kept, in any executor, also in a dying one."""
 
-from concurrent.futures import Future, ProcessPoolExecutor, ThreadPoolExecutor
+import inspect
+import logging
+import multiprocessing
+import os
+import subprocess
+import sys
+from concurrent.futures import CancelledError, Future, ProcessPoolExecutor, ThreadPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
+from concurrent.futures.thread import BrokenThreadPool
+from dataclasses import replace
 from functools import partial
+from pathlib import Path
 
+import numpy as np
 import pytest
 
+import pipedyn as pp
+from pipedyn.util.counters import TookTooLong, limited
 from pipedyn.util.parallel import parallel
 
 JOBS = [partial(int, text) for text in ("3", "one", "5", "")]
+PIPE = pp.Pipe(0.2)
+TWO = pp.Chain(PIPE, 2)
+THREE = [pp.Chain(PIPE, n) for n in (1, 2, 3)]
+
+
+class Dying:
+    """An executor whose worker dies of the job after so many, really: it leaves its process."""
+
+    def __init__(self, executor, jobs):
+        self.executor, self.left = executor, jobs
+
+    def submit(self, job):
+        self.left -= 1
+        return self.executor.submit(os._exit, 1) if self.left == -1 else self.executor.submit(job)
+
+
+class Refusing:
+    """An executor that runs each job at once, but refuses the first of them."""
+
+    def __init__(self):
+        self.jobs = 0
+
+    def submit(self, job):
+        self.jobs += 1
+        if self.jobs == 1:
+            raise BrokenProcessPool("no worker could be started")
+        future = Future()
+        future.set_result(job())
+        return future
+
+
+def broken_pool():
+    """A pool of processes whose only worker is dead."""
+    pool = ProcessPoolExecutor(1)
+    assert isinstance(pool.submit(os._exit, 1).exception(), BrokenProcessPool)
+    return pool
 
 
 @pytest.mark.parametrize("pool", [None, ThreadPoolExecutor, ProcessPoolExecutor])
@@ -52,3 +101,317 @@ def test_progress_is_written_to_terminals_alone(capsys):
 def test_progress_is_counted_on_stderr(terminal):
     assert list(parallel(JOBS[:1], label="numbers", progress=True)) == [3]
     assert "numbers" in terminal.readouterr().err
+
+
+# --------------------------------------------------------------------- executors that do not answer
+
+
+def test_a_worker_that_dies_leaves_what_was_answered_before():
+    with ProcessPoolExecutor(1) as pool:
+        outcomes = list(parallel(JOBS, Dying(pool, 2)))
+    assert outcomes[0] == 3
+    assert [type(outcome) for outcome in outcomes[1:]] == [ValueError, *[BrokenProcessPool] * 2]
+
+
+def test_a_pool_that_is_broken_when_it_is_given_answers_with_the_reason():
+    with broken_pool() as pool:
+        outcomes = list(parallel(JOBS, pool))
+    assert [type(outcome) for outcome in outcomes] == [BrokenProcessPool] * 4
+    assert {"not usable anymore" in str(outcome) for outcome in outcomes} == {True}
+
+
+@pytest.mark.parametrize("pool", [ThreadPoolExecutor, ProcessPoolExecutor])
+def test_a_pool_that_was_shut_down_answers_with_the_reason(pool):
+    executor = pool(1)
+    executor.shutdown()
+    outcomes = list(parallel(JOBS, executor))
+    assert [type(outcome) for outcome in outcomes] == [RuntimeError] * 4
+    assert {"after shutdown" in str(outcome) for outcome in outcomes} == {True}
+
+
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnhandledThreadExceptionWarning")
+def test_threads_that_cannot_begin_answer_with_the_reason(caplog):
+    with ThreadPoolExecutor(1, initializer=int, initargs=("one",)) as pool:
+        outcomes = list(parallel(JOBS, pool))
+    assert [type(outcome) for outcome in outcomes] == [BrokenThreadPool] * 4
+
+
+def test_jobs_that_an_executor_cancels_say_so():
+    class CancelsTheSecond:
+        jobs = 0
+
+        def submit(self, job):
+            self.jobs += 1
+            future = Future()
+            if self.jobs == 2:
+                future.cancel()
+                future.set_running_or_notify_cancel()
+            else:
+                future.set_result(job())
+            return future
+
+    outcomes = list(parallel([JOBS[0]] * 3, CancelsTheSecond()))
+    assert outcomes[::2] == [3, 3]
+    assert isinstance(outcomes[1], CancelledError)
+    assert "cancelled the job" in str(outcomes[1])
+
+
+@pytest.mark.parametrize("given_by", ["submit", "result"])
+def test_an_interrupt_ends_a_sweep_and_cancels_what_has_not_begun(given_by):
+    """It is no failure of a job: from the executor or from a worker that it reaches, it goes on."""
+    submitted = []
+
+    class Interrupted:
+        def submit(self, job):
+            if given_by == "submit" and len(submitted) == 2:
+                raise KeyboardInterrupt
+            submitted.append(Future())
+            if given_by == "result" and len(submitted) == 1:
+                submitted[0].set_exception(KeyboardInterrupt())
+            return submitted[-1]
+
+    with pytest.raises(KeyboardInterrupt):
+        list(parallel(JOBS, Interrupted()))
+    cancelled = [future.cancelled() for future in submitted]
+    assert cancelled == ([True] * 2 if given_by == "submit" else [False, *[True] * 3])
+
+
+# ------------------------------------------------------------------------ every call with executor=
+
+
+def starts_by_end(found):
+    return found.ends.tolist()
+
+
+def motions_by_speed(found):
+    return [[(one.ending, one.period) for one in found.at(u)] for u in found.speeds]
+
+
+SWEEPS = {
+    "stability_curve": (
+        lambda executor: pp.stability_curve(
+            lambda beta: pp.Chain(pp.Pipe(beta), 4), [0.1, 0.2, 0.3, 0.4], executor=executor
+        ),
+        lambda found: found.speeds.tolist(),
+    ),
+    "criticality_curve": (
+        lambda executor: pp.criticality_curve(
+            lambda beta: pp.Chain(pp.Pipe(beta), 2), [0.1, 0.2, 0.3, 0.4], executor=executor
+        ),
+        lambda found: [None if one is None else one.lyapunov for one in found.onsets],
+    ),
+    "simulate_many": (
+        lambda executor: pp.simulate_many(
+            THREE, 4.0, 1.0, lambda s: 0.1 * s, samples=5, executor=executor
+        ),
+        lambda found: [one.q.tolist() for one in found.motions],
+    ),
+    "attractors": (
+        lambda executor: pp.attractors(
+            TWO, 4.0, 40, transient=20.0, duration=10.0, executor=executor
+        ),
+        starts_by_end,
+    ),
+    "bifurcation_diagram": (
+        lambda executor: pp.bifurcation_diagram(
+            TWO,
+            np.linspace(3.0, 5.0, 6),
+            brute_force=2,
+            transient=20.0,
+            duration=10.0,
+            executor=executor,
+        ),
+        motions_by_speed,
+    ),
+}
+"""Of every function that takes an executor a call, and the answers of its result, one by one."""
+
+
+def named(found):
+    """The answers that are missing, by the failures of a result."""
+    return sorted({failure.index for failure in found.failures} - {-1})
+
+
+def test_every_call_with_an_executor_is_tried():
+    functions = {name: getattr(pp, name) for name in pp.__all__}
+    taking = {
+        name
+        for name, one in functions.items()
+        if inspect.isfunction(one) and "executor" in inspect.signature(one).parameters
+    }
+    assert taking == set(SWEEPS)
+
+
+@pytest.mark.parametrize("name", SWEEPS)
+def test_a_sweep_keeps_what_was_answered_when_a_worker_dies_and_names_the_rest(name):
+    call, answers = SWEEPS[name]
+    with ProcessPoolExecutor(1) as pool:
+        found = call(Dying(pool, 2))
+    missing = named(found)
+    assert 0 < len(missing) < len(answers(found))
+    for i, (answer, alone) in enumerate(zip(answers(found), answers(call(None)), strict=True)):
+        assert (answer == alone) == (i not in missing), i
+    for failure in found.failures:
+        assert "process pool" in str(failure.error)
+
+
+@pytest.mark.parametrize("name", SWEEPS)
+def test_a_sweep_names_all_when_the_pool_is_broken_before(name):
+    call, answers = SWEEPS[name]
+    with broken_pool() as pool:
+        found = call(pool)
+    assert named(found) == list(range(len(answers(found))))
+    for failure in found.failures:
+        assert "process pool" in str(failure.error)
+
+
+def test_a_cluster_keeps_what_was_answered_when_its_worker_dies_or_when_it_is_closed():
+    import dask
+    from distributed import Client, LocalCluster  # a second, which other tests need not wait for
+
+    call, answers = SWEEPS["stability_curve"]
+    with (
+        dask.config.set({"distributed.scheduler.allowed-failures": 0}),  # no job is given again
+        LocalCluster(
+            n_workers=1,
+            threads_per_worker=1,
+            dashboard_address=":0",
+            silence_logs=logging.CRITICAL,
+        ) as cluster,
+        Client(cluster) as client,
+    ):
+        found = call(Dying(client, 2))
+    missing = named(found)
+    assert 2 in missing  # and maybe others that the worker held
+    for i, (answer, alone) in enumerate(zip(answers(found), answers(call(None)), strict=True)):
+        assert (answer == alone) == (i not in missing)
+    assert {type(failure.error).__name__ for failure in found.failures} == {"KilledWorker"}
+    closed = call(client)
+    assert named(closed) == [0, 1, 2, 3]
+    assert {"closed" in str(failure.error) for failure in closed.failures} == {True}
+
+
+def test_a_branch_of_cycles_whose_worker_dies_is_named_by_its_onset():
+    with ProcessPoolExecutor(1) as pool:
+        found = pp.bifurcation_diagram(TWO, [3.0, 3.7], executor=Dying(pool, 0))
+    onset = pp.critical_speed(TWO).speed
+    (failure,) = found.failures
+    assert (failure.index, failure.value) == (-1, pytest.approx(onset, rel=1e-9))
+    assert isinstance(failure.error, BrokenProcessPool)
+    assert len(found.equilibria) == 1
+
+
+def test_driven_motions_that_an_executor_refuses_are_not_taken_for_attractors():
+    """The first batch moves for the transient; one that did not must not be judged."""
+    call = partial(
+        *(pp.attractors, TWO, pp.Pulsation(3.0, 0.2, 4.0), 6),
+        transient=20.0,
+        duration=10.0,
+        exponents=False,
+    )
+    executor = Refusing()
+    found = call(executor=executor)
+    assert executor.jobs > 1
+    missing = named(found)
+    assert 0 < len(missing) < 6
+    whole = call()
+    for i in range(6):
+        assert (found.ends[i] == -2) == (i in missing)
+        if i not in missing:
+            assert found.basins[found.ends[i]].ending == whole.basins[whole.ends[i]].ending
+
+
+def deadly_speed(t):
+    """A flow speed, in another process its end."""
+    if multiprocessing.parent_process() is not None:
+        os._exit(1)
+    return 5.0
+
+
+def test_members_that_were_not_computed_have_no_samples_and_say_why(tmp_path):
+    with ProcessPoolExecutor(1) as pool:
+        found = pp.simulate_many(
+            THREE, [4.0, deadly_speed, 4.0], 1.0, lambda s: 0.1 * s, samples=5, executor=pool
+        )
+    alone = pp.simulate_many(THREE, 4.0, 1.0, lambda s: 0.1 * s, samples=5)
+    np.testing.assert_array_equal(found.motions[0].q, alone.motions[0].q)
+    assert [failure.index for failure in found.failures] == [1, 2]
+    for failure in found.failures:
+        motion = found.motions[failure.index]
+        assert motion.t.size == 0
+        assert motion.q.shape == (0, THREE[failure.index].dof)
+        assert motion.reached == "before its first sample"
+        assert failure.error.motion is motion
+        assert f"member {failure.index} was not computed: BrokenProcessPool" in str(failure.error)
+        assert isinstance(failure.error.__cause__, BrokenProcessPool)
+    assert found.columns()["member"].tolist() == [0] * 5
+    saved = replace(found, motions=found.motions[::2], failures=found.failures[1:])
+    saved.save(tmp_path / "some.npz")
+    same = pp.load(tmp_path / "some.npz")
+    assert str(same.failures[0].error) == str(found.failures[1].error)
+    assert same.motions[1].t.size == 0
+
+
+def test_a_law_that_raises_fails_its_members_and_keeps_the_others():
+    torn = []
+
+    def force(q, qdot):
+        if torn:
+            raise ZeroDivisionError("the spring is torn")
+        return -q
+
+    scene = pp.modular.chain(PIPE, 2).plus(pp.modular.Custom(joints=(1,), force=force))
+    torn.append(True)
+    found = pp.simulate_many([scene, TWO], 4.0, 0.5, lambda s: 0.1 * s, samples=5)
+    (failure,) = found.failures
+    assert failure.index == 0
+    assert isinstance(failure.error.__cause__, ZeroDivisionError)
+    assert "ZeroDivisionError: the spring is torn" in str(failure.error)
+    assert found.motions[1].t.size == 5
+
+
+def test_an_ensemble_that_takes_too_long_is_no_failure_of_its_members():
+    with limited(0.0), pytest.raises(TookTooLong):
+        pp.simulate_many(TWO, [4.0, 5.0], 100.0, lambda s: 0.1 * s, method="dop853")
+
+
+# ------------------------------------------------------------------- what a pool of processes takes
+
+
+@pytest.mark.parametrize("name", ["stability_curve", "criticality_curve", "simulate_many"])
+def test_lambdas_that_are_called_here_go_with_a_pool_of_processes(name):
+    """Those that make models and initial states; a process gets only what they made."""
+    call, answers = SWEEPS[name]
+    with ProcessPoolExecutor(1) as pool:
+        found = call(pool)
+    assert found.failures == ()
+    assert answers(found) == answers(call(None))
+
+
+def test_the_example_of_the_page_on_sweeps_runs(tmp_path):
+    page = Path(__file__).parents[1] / "notebooks" / "how-to" / "sweep-in-parallel.md"
+    code = page.read_text(encoding="utf-8").split("```python\n")[1].split("```")[0]
+    assert "lambda" in code
+    script = tmp_path / "sweep.py"
+    script.write_text(code.replace("200)", "8)"), encoding="utf-8")
+    source = os.pathsep.join([str(Path(pp.__file__).parents[1]), *filter(None, sys.path)])
+    done = subprocess.run(
+        [sys.executable, str(script)],
+        env=os.environ | {"PYTHONPATH": source},
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    assert (done.stdout, done.stderr) == ("()\n", "")
+
+
+def test_a_lambda_of_time_does_not_pickle_and_its_member_says_so():
+    speeds = [4.0, lambda t: 4.0 + 0.0 * t, 4.0]
+    start = lambda s: 0.1 * s  # noqa: E731
+    with ProcessPoolExecutor(1) as pool:
+        found = pp.simulate_many(THREE, speeds, 0.5, start, samples=5, executor=pool)
+    (failure,) = found.failures
+    assert failure.index == 1
+    assert "pickle" in str(failure.error)
+    with ThreadPoolExecutor(1) as pool:
+        assert pp.simulate_many(THREE, speeds, 0.5, start, executor=pool).failures == ()

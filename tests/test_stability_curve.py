@@ -122,7 +122,7 @@ def test_the_batches_of_a_curve_run_on_a_cluster():
     alone = pp.stability_curve(make_model, betas)
     with (
         LocalCluster(
-            n_workers=1, threads_per_worker=1, dashboard_address=None, silence_logs=logging.ERROR
+            n_workers=1, threads_per_worker=1, dashboard_address=":0", silence_logs=logging.ERROR
         ) as cluster,
         Client(cluster) as client,
     ):

@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from pipedyn.bifurcation import brute_force
 from pipedyn.bifurcation.brute_force import Attractor
-from pipedyn.bifurcation.capture import NOWHERE, STOPPED, Excitation, follow
+from pipedyn.bifurcation.capture import NOWHERE, STOPPED, Excitation, Labels, Region, follow
 from pipedyn.bifurcation.equilibria import LARGEST
 from pipedyn.bifurcation.motion_options import FIRST_LOOK, MotionOptions, initial_bends
 from pipedyn.bifurcation.on_attractor import Found, Recorder
@@ -153,7 +153,7 @@ class StartPlane(Result):
 
 
 class StartFailure(Result):
-    """A start whose motion stopped, or that has none.
+    """A start whose motion stopped or was not computed, or that has none.
 
     Attributes:
         index: of the start.
@@ -171,11 +171,11 @@ class Attractors(TableResult, units={"exponent": RATE}):
         u: flow speed, as given.
         basins: attractors with their shares, the largest first.
         unsettled: share of the starts whose motions still approached something at the end.
-        failed: share of the starts whose motions stopped.
+        failed: share of the starts whose motions stopped or were not computed.
         starts: states [q, q'], shape (N, 2 coordinates).
         ends: of each start which of the basins it lies in; -1 if unsettled, -2 if failed, shape
             (N,).
-        failures: the starts whose motions stopped, with the reasons.
+        failures: the starts whose motions stopped or were not computed, with the reasons.
         model: the model.
         plane: that was given, None for other starts.
         base: motion of the base, as given.
@@ -250,7 +250,8 @@ def attractors(
             explicit steps take 1e-4 if rtol is less.
         seed: of the random starts, and of the choice of the first batch.
         executor: a `concurrent.futures.Executor`, of which batches are the tasks, instead of the
-            threads of this process.
+            threads of this process. Motions that it does not answer, since a worker died or it is
+            broken or shut down, fail.
         progress: show progress on stderr.
 
     Returns:
@@ -416,26 +417,37 @@ class _Search:
         bent = np.abs(states[pilots, : self.model.moving] - self.model.resting()).max(axis=1)
         pilots, options = pilots[np.argsort(bent)], self.options
         if self.drive.period:  # all take the transient, in whole periods
-            labels, reached = follow(
-                *(self.model, self.drive, states[pilots], (), options.transient, options.rtol),
-                *(options.executor, options.shown),
-            )
-            states[pilots[labels == NOWHERE]] = reached[labels == NOWHERE]
+            labels = self.followed(pilots, states, [])
             options = replace(options, transient=0.0)
+            self.classify_stopped(pilots[labels == STOPPED], states)
+            pilots = pilots[labels == NOWHERE]
         approaching = self.classify(pilots, states, options)
         others = np.concatenate([others, approaching])
         attracting = [k for k, one in enumerate(self.found) if one.attracts]
-        labels, states[others] = follow(
-            *(self.model, self.drive, states[others], [self.found[k].region for k in attracting]),
-            *(self.options.transient, self.options.rtol),
-            *(self.options.executor, self.options.shown),
-        )
+        labels = self.followed(others, states, [self.found[k].region for k in attracting])
         self.ends[others] = np.array([*attracting, STOPPED, NOWHERE])[labels]
         self.classify(others[labels == NOWHERE], states, replace(self.options, transient=0.0))
-        for i in others[labels == STOPPED].tolist():
-            states[i] = self.model.start(*np.split(self.starts[i], 2))
-        self.classify(others[labels == STOPPED], states, self.options)  # for the reason
+        self.classify_stopped(others[labels == STOPPED], states)
         self.ends[list(self.errors)] = STOPPED
+
+    def followed(self, some: Starts, states: Array, regions: list[Region]) -> Labels:
+        """Which region motions from some of the states reach in the transient; moves the states."""
+        failed = dict[int, Exception]()
+        labels, states[some] = follow(
+            *(self.model, self.drive, states[some], regions),
+            *(self.options.transient, self.options.rtol),
+            *(self.options.executor, self.options.shown),
+            failed=failed,
+        )
+        self.errors |= {int(some[place]): error for place, error in failed.items()}
+        return labels
+
+    def classify_stopped(self, some: Starts, states: Array) -> None:
+        """Finds why motions stopped, from their starts on; of those without answer it is known."""
+        some = np.array([i for i in some.tolist() if i not in self.errors], dtype=int)
+        for i in some.tolist():
+            states[i] = self.model.start(*np.split(self.starts[i], 2))
+        self.classify(some, states, self.options)
 
     def classify(self, some: Starts, states: Array, options: MotionOptions) -> Starts:
         """Where motions from some of the states end. Those that approach something go on there."""

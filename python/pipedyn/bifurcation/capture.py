@@ -29,7 +29,7 @@ from pipedyn.linear.eigenproblem import Complex
 from pipedyn.models.base import Model
 from pipedyn.models.drive import Harmonic, Pulsation
 from pipedyn.motion.integrator import Observer, Outcome, Task, integrate
-from pipedyn.motion.simulate import BATCH, checked_task, in_batches
+from pipedyn.motion.simulate import BATCH, checked_task, outcomes_in_batches
 from pipedyn.util.check import Array
 from pipedyn.util.later import futures, scipy
 
@@ -469,6 +469,7 @@ def follow(
     executor: futures.Executor | None = None,
     shown: bool = False,
     nearer: float = NEARER,
+    failed: dict[int, Exception] | None = None,
 ) -> tuple[Labels, Array]:
     """Which region each motion reaches, and where it is then or at the end, (k, 2 moving).
 
@@ -482,6 +483,8 @@ def follow(
         executor: of `simulate_many`.
         shown: whether progress is.
         nearer: share of its first distance within a region at which a motion has reached it.
+        failed: takes, by the number of the motion, what kept it from being computed; its label is
+            STOPPED. Without it that is raised.
     """
     labels, ends = np.full(len(states), NOWHERE), states.copy()
     approaches = [Approach()] * len(states)
@@ -506,8 +509,13 @@ def follow(
         of_all = WatchedTask(**vars(first), regions=regions, nearer=nearer, phases=phases)
         tasks = [replace(of_all, start=ends[i], approach=approaches[i]) for i in going]
         together = max(min(MEMBERS, LARGEST_BATCH // (count * tasks[0].start.size)), BATCH)
-        answers = in_batches(tasks, watched, executor, shown, together)
+        answers = outcomes_in_batches(tasks, watched, executor, shown, together)
         for i, one in zip(going.tolist(), answers, strict=True):
+            if isinstance(one, Exception):
+                if failed is None:
+                    raise one
+                labels[i], failed[i] = STOPPED, one
+                continue
             rows, _, why = one.outcome
             labels[i] = STOPPED if why is not None else one.label
             ends[i], approaches[i] = rows[-1], one.approach

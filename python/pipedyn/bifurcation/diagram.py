@@ -170,7 +170,8 @@ def bifurcation_diagram(
             rtol is less.
         seed: of the initial states; the first is always a slight bend.
         executor: a `concurrent.futures.Executor`; its tasks are branches of cycles and batches of
-            motions.
+            motions. Those that it does not answer, since a worker died or it is broken or shut
+            down, fail.
         progress: show progress on stderr, and before that what `diagram_cost` answers.
 
     Returns:

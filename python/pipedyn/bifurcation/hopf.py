@@ -698,7 +698,8 @@ def criticality_curve(
         make_model: the model at a value of the parameter; called in this process, so a lambda will
             do. Of a map over two parameters it is a row.
         values: the parameter, shape (S,).
-        executor: a `concurrent.futures.Executor` that takes the points.
+        executor: a `concurrent.futures.Executor` that takes the points. Those that it does not
+            answer, since a worker died or it is broken or shut down, fail.
         progress: show progress on stderr.
 
     Returns:

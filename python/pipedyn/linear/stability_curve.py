@@ -165,7 +165,8 @@ def stability_curve(
         values: the parameter, shape (S,).
         max_speed: collect every crossing up to this speed; without it the search ends at the
             critical speed.
-        executor: a `concurrent.futures.Executor` that takes the points, in batches.
+        executor: a `concurrent.futures.Executor` that takes the points, in batches. Those that it
+            does not answer, since a worker died or it is broken or shut down, fail.
         progress: show progress on stderr.
 
     Returns:

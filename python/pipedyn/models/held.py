@@ -65,7 +65,8 @@ class Held:
             thrust: those of the flow by a u^2, shape (n,).
         """
         loads = np.stack([still, thrust], axis=1)
-        forces, *_ = np.linalg.lstsq(self.rows(theta), -loads)
+        # The rows are independent, so that no singular value is rounding: none is cut off.
+        forces, *_ = np.linalg.lstsq(self.rows(theta), -loads, rcond=0.0)
         by_still, by_thrust = (self.rows(theta + 0.5 * math.pi) @ forces).T
         stiffness, flux = chain.stiffness - np.diag(by_still), chain.flux - np.diag(by_thrust)
         return replace(chain, stiffness=stiffness, flux=flux)

@@ -51,6 +51,7 @@ from pipedyn.motion.integrator import (
 from pipedyn.motion.sampling import A_CYCLE, A_TURN, FEWEST, FINEST, INVISIBLE, MOST_NUMBERS, coarse
 from pipedyn.util import check
 from pipedyn.util.check import Array
+from pipedyn.util.counters import TookTooLong
 from pipedyn.util.later import futures
 from pipedyn.util.parallel import parallel
 from pipedyn.util.result import Result, TableResult, joined, states_over_time
@@ -92,6 +93,8 @@ class Trajectory:
     @property
     def tip_velocity(self) -> Array:
         """Velocity (x', y') of the free end at the times, in L / T, shape (S, 2)."""
+        if not self.t.size:
+            return np.empty((0, 2))
         return self.model.tip_velocities(self.q.T, self.qdot.T)
 
     def _unit(self, name: str) -> Unit | None:
@@ -101,7 +104,8 @@ class Trajectory:
         return of_results._unit(name)
 
     def _columns(self) -> dict[str, Any]:
-        return states_over_time(self.t, self.q, self.qdot, self.model.tips(self.q.T))
+        tips = self.model.tips(self.q.T) if self.t.size else np.empty((0, 2))
+        return states_over_time(self.t, self.q, self.qdot, tips)
 
 
 class Motion(Trajectory, TableResult):
@@ -114,7 +118,8 @@ class Motion(Trajectory, TableResult):
         energy: in EI / L, shape (S,), in the frame of the base.
         audit: largest |E(t) - E(0) - work of flow, joints, drag and base|, relative to the largest
             of |E| and the kinetic energy: 0 but for the integrator's errors. NaN of motions of a
-            diagram or an exponent that stopped, which were followed without the work.
+            diagram or an exponent that stopped, which were followed without the work, and of those
+            that were not computed.
         u: flow speed, or the function of time or the `Supply` that was given.
         flow_speed: the flow speed at the times, shape (S,).
         method: the integrator.
@@ -174,11 +179,12 @@ class MotionStopped(PipedynError):
 
 
 class MemberFailure(Result):
-    """A member whose motion stopped.
+    """A member whose motion stopped, or was not computed.
 
     Attributes:
         index: of the member.
-        error: why, with the motion up to there.
+        error: why, with the motion up to there; where the member was not computed, because its
+            worker died or a law of its model raised something, that is its `__cause__`.
     """
 
     index: int
@@ -189,8 +195,9 @@ class Ensemble(TableResult):
     """Motions of many members.
 
     Attributes:
-        motions: one a member, in order; of one that failed, up to where it stopped.
-        failures: the members that stopped early.
+        motions: one a member, in order; of one that failed, up to where it stopped, without any
+            samples if it was not computed.
+        failures: the members that stopped early or were not computed.
 
     Example:
         >>> chain = pp.Chain(pp.Pipe(0.2), n=5)
@@ -376,11 +383,14 @@ def simulate_many(
         method: as for `simulate`.
         most: right-hand sides that each member may take, as for `simulate`.
         executor: a `concurrent.futures.Executor`, of which batches are the tasks, instead of the
-            threads of this process.
+            threads of this process. Members that it does not answer, since a worker died or it is
+            broken or shut down, fail. A pool of processes takes no lambda for `speeds` or `base`,
+            as these are called there; `q0` is called here.
         progress: show progress on stderr.
 
     Returns:
-        Ensemble; a member that stops early is reported in `failures`, the others are kept.
+        Ensemble; a member that stops early or is not computed is reported in `failures`, the others
+        are kept.
 
     Example:
         >>> model = pp.Chain(pp.Pipe(0.2), 10)
@@ -427,24 +437,47 @@ def simulate_many(
         tasks.append(task)
     if sum(task.times.size * task.model.coordinates for task in tasks) > LARGEST_SAMPLES:
         raise ValueError(f"samples must ask for at most {LARGEST_SAMPLES} numbers in all members")
-    motions, failures = [], []
-    for i, (motion, why) in enumerate(in_batches(tasks, motions_of, executor, shown)):
+    motions, failures = list[Motion](), list[MemberFailure]()
+    answers = outcomes_in_batches(tasks, motions_of, executor, shown)
+    for i, answer in enumerate(answers):
+        if isinstance(answer, Exception):
+            motion = _without_samples(tasks[i])
+            message = f"member {i} was not computed: {type(answer).__name__}: {answer}"
+        else:
+            motion, why = answer
+            message = "" if why is None else f"member {i} stopped {motion.reached}: {why}"
         motions.append(motion)
-        if why is not None:
-            message = f"member {i} stopped {motion.reached}: {why}"
-            failures.append(MemberFailure(i, MotionStopped(message, motion)))
+        if message:
+            stopped = MotionStopped(message, motion)
+            stopped.__cause__ = answer if isinstance(answer, Exception) else None
+            failures.append(MemberFailure(i, stopped))
     return Ensemble(tuple(motions), tuple(failures))
 
 
 def in_batches(
     tasks: Sequence[OneTask],
     work: Callable[[Sequence[OneTask], bool, Observer], list[Answer]],
+    members: int = BATCH,
+) -> list[Answer]:
+    """What `work` makes of each task, as `outcomes_in_batches`; raises what a batch raised."""
+    found = list[Answer]()
+    for answer in outcomes_in_batches(tasks, work, members=members):
+        if isinstance(answer, Exception):
+            raise answer
+        found.append(answer)
+    return found
+
+
+def outcomes_in_batches(
+    tasks: Sequence[OneTask],
+    work: Callable[[Sequence[OneTask], bool, Observer], list[Answer]],
     executor: futures.Executor | None = None,
     shown: bool = False,
     members: int = BATCH,
-) -> list[Answer]:
+) -> list[Answer | Exception]:
     """What `work` makes of each task, in batches of one model, on threads where that helps.
 
+    Each task of a batch that failed, or that an executor left unanswered, has the exception.
     members: of a batch where the method takes several at once.
     """
     members_of: dict[tuple[object, ...], list[int]] = {}  # each model, what drives it, and how
@@ -463,15 +496,17 @@ def in_batches(
     own = executor is None and len(jobs) > 1 and all(map(runs_unlocked, tasks))
     if own:  # each counts for its caller
         jobs = [partial(copy_context().run, job) for job in jobs]
-    found: dict[int, Answer] = {}
+    found: dict[int, Answer | Exception] = {}
     with futures.ThreadPoolExecutor(os.cpu_count()) if own else nullcontext(executor) as pool:
         try:
             answers = parallel(jobs, pool, label="batches", progress=shown)
             for block, answer in zip(blocks, answers, strict=True):
-                if isinstance(answer, Exception):
-                    answer.add_note(f"in the motions of members {', '.join(map(str, block))}")
+                if isinstance(answer, TookTooLong):  # ends all that the caller computes
                     raise answer
-                found |= zip(block, answer, strict=True)
+                if isinstance(answer, Exception):
+                    found |= dict.fromkeys(block, answer)
+                else:
+                    found |= zip(block, answer, strict=True)
         except BaseException:
             observer.end = -math.inf  # for the threads of the pool
             if own and pool is not None:
@@ -606,6 +641,17 @@ def assembled(tasks: Sequence[Task], outcomes: Sequence[Outcome]) -> list[Motion
         motions.append(motion)
         start += len(own)
     return motions
+
+
+def _without_samples(task: Task) -> Motion:
+    """The motion of a task of which nothing was computed; its model is not asked for anything."""
+    none = np.zeros(0)
+    coordinates, ends = np.zeros((0, task.model.coordinates)), np.zeros((0, 2))
+    return Motion(
+        *(none, coordinates, coordinates, ends, none, math.nan, task.u, none, task.method, 0),
+        model=task.model,
+        base=task.base,
+    )
 
 
 def _speeds_of(task: Task, rows: Array) -> Array:

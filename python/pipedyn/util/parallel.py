@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from functools import partial
 from typing import TypeVar
 
 from pipedyn.util.later import futures
@@ -57,17 +58,41 @@ def parallel(
     label: str = "",
     progress: bool = False,
 ) -> Iterator[Answer | Exception]:
-    """What each job returned, or the exception that it raised, in the order of the jobs.
+    """What each job returned, or why there is no answer, in the order of the jobs.
 
-    A job that fails leaves the others. Without an executor each runs when its answer is taken; an
-    executor gets all at once, and those that have not begun are cancelled where the caller takes no
-    more answers.
+    A job that fails leaves the others: its exception stands in its place. So does that of an
+    executor which does not answer, because a worker died, or because the executor was broken or
+    shut down before the job was given or done. Without an executor each job runs when its answer is
+    taken; an executor gets all at once, and those that have not begun are cancelled where the
+    caller takes no more answers.
     """
-    submitted = [] if executor is None else [executor.submit(job) for job in jobs]
-    results: Iterable[Job[Answer]] = [future.result for future in submitted] if submitted else jobs
+    submitted: list[futures.Future[Answer]] = []
+    calls: Iterable[Job[Answer]] = jobs
     try:
-        for result in track(results, len(jobs), label, progress):
-            yield outcome_of(result)
+        if executor is not None:
+            submitted.extend(_submitted(executor, job) for job in jobs)
+            calls = [partial(_result, future) for future in submitted]
+        for call in track(calls, len(jobs), label, progress):
+            yield outcome_of(call)
     finally:
         for future in submitted:
             future.cancel()
+
+
+def _submitted(executor: futures.Executor, job: Job[Answer]) -> futures.Future[Answer]:
+    """The future of a job, one that has failed already where the executor refuses the job."""
+    try:
+        return executor.submit(job)
+    except Exception as error:
+        refused: futures.Future[Answer] = futures.Future()
+        refused.set_exception(error)
+        return refused
+
+
+def _result(future: futures.Future[Answer]) -> Answer:
+    """What a future's job returned. Raises what kept it from that, in words."""
+    try:
+        return future.result()
+    except futures.CancelledError as error:
+        error.args = error.args or ("the executor cancelled the job before it began",)
+        raise

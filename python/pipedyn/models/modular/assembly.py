@@ -417,7 +417,10 @@ class Assembly(Model):
         def correction(theta: Array) -> tuple[Array, float]:
             linear = SmallMotions(self.motion.form, theta)
             _, _, stiffness = linear.elastic_operators().at(u)
-            step = np.linalg.lstsq(stiffness, linear.unbalanced(u))[0]
+            # Along a direction whose stiffness is rounding of the largest no force tells how far to
+            # go: the step leaves it.
+            rounding = len(stiffness) * float(np.finfo(float).eps)
+            step = np.linalg.lstsq(stiffness, linear.unbalanced(u), rcond=rounding)[0]
             turn = np.cumsum(linear.joint_angles(step)[:, 0])
             return turn, float(np.abs(turn).max())
 

@@ -113,5 +113,6 @@ class SmallMotions:
         thrust, end = np.zeros_like(force), end + self.form.pipe.jet_angle
         thrust[-3:-1] = -np.sin(end), -np.cos(end)
         loads = self._elastic_loads(np.stack([force, thrust, push], axis=1))
-        multipliers, *_ = np.linalg.lstsq(self.rows, loads)
+        # The rows are independent, so that no singular value is rounding: none is cut off.
+        multipliers, *_ = np.linalg.lstsq(self.rows, loads, rcond=0.0)
         return -(self.held @ multipliers).T
