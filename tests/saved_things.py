@@ -489,11 +489,10 @@ def _add(value, where, found, met):
         found[where] = [repr(value.real), repr(value.imag)]
     elif isinstance(value, np.generic):
         _add(value.item(), where, found, met)
+    elif isinstance(value, np.ndarray):
+        found[where] = _of_array(value)
     elif id(value) not in met:
         met[id(value)] = value  # which keeps it in memory
-        if isinstance(value, np.ndarray):
-            found[where] = _of_array(value)
-            return
         found[f"{where}:"] = type(value).__name__
         for name, part in _parts(value):
             _add(part, f"{where}.{name}" if where else name, found, met)

@@ -31,6 +31,7 @@ from pipedyn.bifurcation.periodic_orbit import (
     stage_phases,
 )
 from pipedyn.bifurcation.vector_field import VectorField
+from pipedyn.util.archive import saved_as
 from pipedyn.util.check import Array
 from pipedyn.util.counters import factorised
 from pipedyn.util.newton import NewtonFailed
@@ -277,6 +278,7 @@ def interval_derivatives(motion: VectorField, orbit: PeriodicOrbit) -> Array:
 # ----------------------------------------------------------------------------- Newton's method
 
 
+@saved_as("OrbitControl")
 @dataclass(frozen=True)
 class OrbitControl(Control):
     """The same for orbits, which are costly: a tangent that turns by 37 degrees will do."""
@@ -288,6 +290,7 @@ class OrbitControl(Control):
     defect: float = math.inf  # the largest of an orbit
 
 
+@saved_as("OrbitProblem")
 class OrbitProblem(Continuation):
     """The collocation equations on one mesh, for continuation from near an orbit.
 
@@ -334,6 +337,9 @@ class OrbitProblem(Continuation):
     @classmethod
     def restored(cls, fields: dict[str, Any]) -> Self:
         """The equations of which a file kept this."""
+        motion, start = fields["motion"], fields["start"]
+        if (start.half, start.forced) != (motion.half, motion.forced):
+            raise ValueError("start must be an orbit of the motion")
         return cls(**fields)
 
     @property

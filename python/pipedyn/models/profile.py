@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike
 
 from pipedyn import _core
 from pipedyn.util import check
+from pipedyn.util.archive import saved_as
 from pipedyn.util.check import Array
 
 Along: TypeAlias = Callable[[Array], ArrayLike]
@@ -43,6 +44,7 @@ SHORTEST = 1e-4
 smooth."""
 
 
+@saved_as("ChebyshevSeries")
 @dataclass(frozen=True, repr=False)
 class _Series:
     """Chebyshev coefficients of a function on one stretch."""
@@ -54,6 +56,7 @@ class _Series:
         return f"<{ends[0]:.6g} to {ends[1]:.6g}>"
 
 
+@saved_as("Profile")
 @dataclass(frozen=True, repr=False, init=False)
 class Profile:
     """A number that varies along the pipe and may jump, such as its bending stiffness.
