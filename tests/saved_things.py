@@ -491,7 +491,7 @@ def _add(value, where, found, met):
         _add(value.item(), where, found, met)
     elif isinstance(value, np.ndarray):
         found[where] = _of_array(value)
-    elif id(value) not in met:
+    elif isinstance(value, tuple | list) or id(value) not in met:
         met[id(value)] = value  # which keeps it in memory
         found[f"{where}:"] = type(value).__name__
         for name, part in _parts(value):
@@ -583,7 +583,8 @@ def differences(one, other):
 
 
 def _near(where, one, other):
-    if isinstance(one, float) and (STATE in where or where.endswith("unbalanced")):
+    computed = STATE in where or where.endswith("unbalanced")
+    if computed and isinstance(one, float) and isinstance(other, float):
         return math.isclose(one, other, rel_tol=1e-9, abs_tol=1e-9)
     return one == other
 

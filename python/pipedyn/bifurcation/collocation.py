@@ -31,6 +31,7 @@ from pipedyn.bifurcation.periodic_orbit import (
     stage_phases,
 )
 from pipedyn.bifurcation.vector_field import VectorField
+from pipedyn.util import check
 from pipedyn.util.archive import saved_as
 from pipedyn.util.check import Array
 from pipedyn.util.counters import factorised
@@ -337,9 +338,10 @@ class OrbitProblem(Continuation):
     @classmethod
     def restored(cls, fields: dict[str, Any]) -> Self:
         """The equations of which a file kept this."""
-        motion, start = fields["motion"], fields["start"]
+        motion, start, unit = fields["motion"], fields["start"], fields["unit"]
         if (start.half, start.forced) != (motion.half, motion.forced):
             raise ValueError("start must be an orbit of the motion")
+        check.real("unit", unit, low=0.0, open_low=True)
         return cls(**fields)
 
     @property

@@ -24,7 +24,7 @@ LEAST_BETA = 1e-300
 """Derivatives by a smaller beta overflow: under weak damping they grow like 1 / beta."""
 
 
-@saved_as("Derivatives")
+@saved_as("Derivatives", shapes={"n": "springs"})
 class Derivatives(Result):
     """Derivatives of one quantity by the pipe's numbers and the springs.
 

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import fields, replace
@@ -105,6 +106,17 @@ class Operators(Result):
     centrifugal: float
     loss: Array | None = None
 
+    @classmethod
+    def restored(cls, fields: dict[str, Any]) -> Operators:
+        """The operators of which a file kept this, if the two factors are of a pipe."""
+        made = cls(**fields)
+        if abs(made.direction) != 1.0 or not 0.0 <= made.centrifugal < math.inf:
+            raise ValueError(
+                "direction must be 1 or -1 and centrifugal >= 0, got "
+                f"{made.direction:g} and {made.centrifugal:g}"
+            )
+        return made
+
     def at(self, u: float, u_dot: float = 0.0) -> tuple[Array, Array, NDArray[Any]]:
         """(M, C, K) at flow speed u >= 0 and its rate of change; with a loss K is complex.
 
@@ -123,7 +135,7 @@ class Operators(Result):
         return self.mass, velocity, stiffness if self.loss is None else stiffness + 1j * self.loss
 
 
-@saved_as("Power")
+@saved_as("Power", shapes={"k": "flow joints drag others base"})
 class Power(
     Result, units=dict.fromkeys(("flow", "joints", "drag", "others", "base", "total"), POWER)
 ):
@@ -275,20 +287,16 @@ class Model(OfPipe, ABC):
 
     def _check_pipe(self) -> None:
         if self._reference is not None:
-            self._coordinates(self._reference)
+            self._checked_reference(self._reference)
 
     def archived(self) -> dict[str, Any]:
         """What a file keeps of it, with the configuration that `about` chose."""
         return {**super().archived(), "reference": self._reference}
 
-    def _restored_about(self, reference: Any) -> Self:
-        """The model about the configuration that a file kept, where that is one as of `about`."""
-        if reference is None:
-            return self
-        other = self.about(reference)
-        if not np.array_equal(np.asarray(other._reference), reference):
-            raise ValueError(f"reference must have all coordinates, got {check.shown(reference)}")
-        return other
+    def _checked_reference(self, q: Any) -> Array:
+        """A configuration that `about` has kept, in all coordinates; else ValueError."""
+        rule: dict[str, Any] = {"low": -LARGEST_ANGLE, "high": LARGEST_ANGLE}
+        return check.array("reference", q, size=self.moving, **rule)
 
     @property
     @abstractmethod

@@ -39,6 +39,15 @@ SPRING_RULES = ("consistent", "midpoint", "rayleigh", "uniform", "frequency")
 FIRST_BEAM_EIGENVALUE = 1.8751040687119611664**4
 """Square of a cantilever's first angular frequency: root of cos(k) cosh(k) = -1, to the fourth."""
 
+ARRAYS = {
+    "lengths": "_lengths",
+    "masses": "_masses",
+    "centres": "_centers",
+    "drag_points": "_drag_points",
+    "gyration_radii": "_gyration_radii",
+}
+"""Numbers of each segment: arguments of the constructor, and where a chain keeps them."""
+
 NOT_HELD = np.zeros(0, dtype=np.intp)
 
 LARGEST_CHAIN = 1_000_000
@@ -206,12 +215,8 @@ class Chain(Model):
     def archived(self) -> dict[str, Any]:
         return {
             **super().archived(),
-            "lengths": self._lengths,
+            **{name: getattr(self, own) for name, own in ARRAYS.items()},
             "base": self._base,
-            "masses": self._masses,
-            "centres": self._centers,
-            "drag_points": self._drag_points,
-            "gyration_radii": self._gyration_radii,
             "rule": self._rule,
             "joints": self._joints,
             "approximates": self._approximates,
@@ -228,11 +233,16 @@ class Chain(Model):
         if kept.size not in (n, n + 1):
             raise ValueError(f"joints must have {n} or {n + 1} entries, got {kept.size}")
         made = cls(springs=kept[: n + fields["pipe"].end_directed], **fields)
+        for name, own in ARRAYS.items():  # chains of other pipes share them
+            if np.array_equal(given := fields.get(name), getattr(made, own)):
+                setattr(made, own, _frozen(np.asarray(given)))
         made._joints = kept
         made._rule = None if rule is None else check.choice("rule", rule, SPRING_RULES)
         made._approximates = check.flag("approximates", approximates)
+        if reference is not None:
+            made._reference = made._checked_reference(reference)
         made._check_pipe()
-        return made._restored_about(reference)
+        return made
 
     def _ends(self) -> Array:
         """Arc lengths where the segments begin and end, shape (n + 1,)."""
@@ -576,9 +586,15 @@ class Chain(Model):
         return found
 
     def _coordinates(self, q: ArrayLike) -> Array:
-        theta = super()._coordinates(q)
-        if self.supported is not None:
-            self._require_met("q must meet", self._off_axis(theta), MET, "closed(q)")
+        return self._require_held("q", super()._coordinates(q))
+
+    def _checked_reference(self, q: Any) -> Array:
+        return self._require_held("reference", super()._checked_reference(q))
+
+    def _require_held(self, name: str, theta: Array) -> Array:
+        """The angles, if they meet the supports."""
+        if self._held.size:
+            self._require_met(f"{name} must meet", self._off_axis(theta), MET, f"closed({name})")
         return theta
 
     def _off_axis(self, theta: Array) -> Array:

@@ -149,7 +149,9 @@ class Galerkin(Model):
         more, reference = fields.pop("more"), fields.pop("reference")
         made = cls(**fields)
         made._more = check.count("more", more, low=0, high=LARGEST_BASIS)
-        return made._restored_about(reference)
+        if reference is not None:
+            made._reference = made._checked_reference(reference)
+        return made
 
     def _check_pipe(self) -> None:
         # One function on each panel; where the pipe is held takes functions, and a root that turns

@@ -51,6 +51,15 @@ class _Series:
 
     coefficients: tuple[float, ...]
 
+    @classmethod
+    def restored(cls, fields: dict[str, Any]) -> _Series:
+        """The series of which a file kept this, if a function can have it."""
+        made = cls(**fields)
+        count = len(made.coefficients)
+        if not (1 <= count <= COUNTS[-1] and all(map(math.isfinite, made.coefficients))):
+            raise ValueError(f"coefficients must be 1 to {COUNTS[-1]} finite numbers, got {count}")
+        return made
+
     def __repr__(self) -> str:
         ends = np.polynomial.chebyshev.chebval([-1.0, 1.0], self.coefficients)
         return f"<{ends[0]:.6g} to {ends[1]:.6g}>"
@@ -130,6 +139,15 @@ class Profile:
             _refuse_many(name, len(found))
         object.__setattr__(self, "at", tuple(high for high, _ in found[:-1]))
         object.__setattr__(self, "values", tuple(value for _, value in found))
+
+    @classmethod
+    def restored(cls, fields: dict[str, Any]) -> Profile:
+        """The profile of which a file kept this, with its values in their range."""
+        made = cls(**fields)
+        low, high = made.bounds
+        if not SMALLEST * (1.0 - NEARLY) <= low <= high <= LARGEST * (1.0 + NEARLY):
+            raise ValueError(f"values must lie in [{SMALLEST:g}, {LARGEST:g}], got {low} to {high}")
+        return made
 
     def __repr__(self) -> str:
         at, values = (

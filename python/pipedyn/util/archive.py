@@ -22,14 +22,14 @@ import os
 import re
 import sys
 import zipfile
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping
 from pathlib import Path
 from typing import Any, NoReturn, TypeVar
 
 import numpy as np
 
 from pipedyn.util import check
-from pipedyn.util.fields import check_shapes, check_types
+from pipedyn.util.fields import check_shapes, check_signs, check_types
 from pipedyn.util.files import replacing
 
 FORMAT = 1
@@ -51,6 +51,9 @@ DESCRIPTION = re.compile(
     r"'shape': \(((?:\d+, )*(?:\d+,?)?)\), \} *\n"
 )
 """How `numpy.save` describes an array."""
+
+TOO_MUCH = f"its objects are made of more than {check.LONGEST} numbers"
+"""Why objects that share arrays, for each of which these are gone through, may be too many."""
 
 FORMER_NAMES = {
     "accuracy.choose.Tried": "Tried",
@@ -95,11 +98,12 @@ Kind = TypeVar("Kind", bound=type)
 
 @dataclasses.dataclass(frozen=True)
 class _Entry:
-    """What files know of a class: its name, its fields' former names and their shapes."""
+    """What files know of a class, see `saved_as`."""
 
     kind: type
     name: str
     former: Mapping[str, str]
+    added: Collection[str]
     shapes: Mapping[str, str]
 
 
@@ -111,6 +115,7 @@ def saved_as(
     name: str,
     *,
     former: Mapping[str, str] | None = None,
+    added: Collection[str] = (),
     shapes: Mapping[str, str] | None = None,
 ) -> Callable[[Kind], Kind]:
     """Gives a class its name in files, which stays when the class moves or is called otherwise.
@@ -122,13 +127,14 @@ def saved_as(
     Args:
         name: a word that no other class has; a new one needs the old one in `FORMER_NAMES`.
         former: of fields that were renamed, today's names by the former.
+        added: fields that older files do not have, which get their default; others must be there.
         shapes: of arrays and tuples in fields, as for `check_shapes`.
     """
 
     def registered(kind: Kind) -> Kind:
         if name in _BY_NAME or name in FORMER_NAMES:
             raise ValueError(f"name must be that of one class alone, got {name!r} once more")
-        _BY_NAME[name] = _BY_CLASS[kind] = _Entry(kind, name, former or {}, shapes or {})
+        _BY_NAME[name] = _BY_CLASS[kind] = _Entry(kind, name, former or {}, added, shapes or {})
         return kind
 
     return registered
@@ -176,6 +182,7 @@ class _Writer:
         self.objects: list[Any] = []
         self.arrays: dict[str, Any] = {}
         self._places: dict[int, int] = {}
+        self._work = 0
         self._kept: list[Any] = []  # so that no other object takes the place of one in memory
 
     def encoded(self, value: Any, where: str) -> Any:
@@ -228,16 +235,32 @@ class _Writer:
             elif name is None:
                 name, args = "PipedynError", (f"{type(value).__name__}: {value}",)
             return {"error": name, "args": self.encoded(args, f"{where}.args")}
-        if name is not None and hasattr(value, "archived"):
-            return {"parts": name, "fields": self._each(value.archived(), where)}
-        if name is not None and dataclasses.is_dataclass(value):
-            fields = {f.name: getattr(value, f.name) for f in dataclasses.fields(value) if f.init}
-            return {"class": name, "fields": self._each(fields, where)}
+        if name is not None:
+            kept = _fields(value)
+            self._work += _work(type(value), kept)
+            if self._work > check.LONGEST:
+                raise ValueError(f"{where} cannot be saved: {TOO_MUCH}")
+            fields = {field: self.encoded(one, f"{where}.{field}") for field, one in kept.items()}
+            return {"parts" if hasattr(value, "archived") else "class": name, "fields": fields}
         kind = "a Python function" if callable(value) else f"a {type(value).__name__}"
         raise ValueError(f"{where} cannot be saved: it is {kind}")
 
-    def _each(self, fields: dict[str, Any], where: str) -> dict[str, Any]:
-        return {name: self.encoded(one, f"{where}.{name}") for name, one in fields.items()}
+
+def _work(kind: type, fields: Mapping[str, Any]) -> int:
+    """How many numbers are gone through to make an object: none where it takes them as they are."""
+    if not hasattr(kind, "restored") and not hasattr(kind, "archived"):
+        return 0
+    held = [
+        part for one in fields.values() for part in (one, *getattr(one, "__dict__", {}).values())
+    ]
+    return sum(part.size for part in held if isinstance(part, np.ndarray))
+
+
+def _fields(value: Any) -> dict[str, Any]:
+    """What a file keeps of an object, by name."""
+    if hasattr(value, "archived"):
+        return dict(value.archived())
+    return {field.name: getattr(value, field.name) for field in dataclasses.fields(value)}
 
 
 class _Members:
@@ -272,27 +295,27 @@ class _Members:
             raise ValueError(f"{name} is longer than what it is compressed to can be")
         with self._archive.open(entry) as file:
             start = file.read(10)
-            if start[:8] != b"\x93NUMPY\x01\x00" or len(start) < 10:
-                raise ValueError(f"{name} is no array")
             text = file.read(int.from_bytes(start[8:], "little")).decode("latin-1")
             described = DESCRIPTION.fullmatch(text)
-            if described is None:
+            if start[:8] != b"\x93NUMPY\x01\x00" or described is None:
                 raise ValueError(f"{name} is described otherwise than `save` does")
             dtype = np.dtype(described[1])
-            shape = tuple(int(one) for one in described[3].split(",") if one.strip())
+            shape = tuple(int(size) for size in described[3].split(",") if size.strip())
             if math.prod(shape) > check.LONGEST:
                 raise ValueError(f"{name} has more than {check.LONGEST} entries")
-            if 10 + len(text) + math.prod(shape) * dtype.itemsize != entry.file_size:
+            length = math.prod(shape) * dtype.itemsize
+            if len(start) + len(text) + length != entry.file_size:
                 raise ValueError(f"{name} is not as long as its shape says")
-            raw = np.empty(math.prod(shape) * dtype.itemsize, np.uint8)
-            filled, left = 0, memoryview(raw)
-            while filled < raw.size and (count := file.readinto(left[filled : filled + 2**20])):
-                filled += count
-            if filled < raw.size or file.read(1):  # which also compares checksums
+            raw, filled = bytearray(length), 0
+            while filled < length and (part := file.read(min(2**20, length - filled))):
+                raw[filled : filled + len(part)] = part
+                filled += len(part)
+            if filled < length or file.read(1):  # which also compares checksums
                 raise ValueError(f"{name} is not as long as it says")
-        if dtype.kind == "b" and raw.max(initial=0) > 1:
+        if dtype.kind == "b" and raw.strip(b"\x00\x01"):
             raise ValueError(f"{name} has what is neither true nor false")
-        values = raw.view(dtype).reshape(shape, order="F" if described[2] == "True" else "C")
+        order: Any = "F" if described[2] == "True" else "C"
+        values = np.ndarray(shape, dtype, raw, order=order)
         return values.astype(dtype.newbyteorder("="), copy=False)
 
     def require_read(self) -> None:
@@ -306,6 +329,7 @@ class _Reader:
 
     def __init__(self, objects: Iterable[Any], arrays: Callable[[str], Any]) -> None:
         self._arrays = arrays
+        self._work = 0
         self._made: list[Any] = []
         for one in objects:
             self._made.append(self._object(one))
@@ -345,27 +369,40 @@ class _Reader:
             case [("array", str(name))]:
                 return self._arrays(name)
             case [("error", str(name)), ("args", args)]:
-                return self._error(name, self.decoded(args))
+                given = self.decoded(args)
+                if isinstance(given, tuple):
+                    return self._error(name, given)
             case [("class" | "parts", str(name)), ("fields", dict(fields))]:
                 entry = _entry(name, object)
                 values = {entry.former.get(k, k): self.decoded(v) for k, v in fields.items()}
-                return _made(entry, values)
+                self._work += _work(entry.kind, values)
+                if self._work > check.LONGEST:
+                    raise ValueError(TOO_MUCH)
+                if len(values) == len(fields):
+                    return _made(entry, values)
         raise ValueError(f"it has {check.shown(value)}, which `save` does not write")
 
-    def _error(self, name: str, args: Any) -> Exception:
+    def _error(self, name: str, args: tuple[Any, ...]) -> Exception:
         kind = getattr(builtins, name, None)
         if not (isinstance(kind, type) and issubclass(kind, Exception)):
             kind = _entry(name, Exception).kind
-            if inspect.isfunction(kind.__init__):
+            if "__init__" in vars(kind):
                 check_types(kind, inspect.signature(kind).bind(*args).arguments)
-        return kind(*args)
+        made = kind(*args)
+        if len(made.args) != len(args):
+            raise ValueError(f"{name} must have {len(made.args)} arguments, got {len(args)}")
+        return made
 
 
 def _made(entry: _Entry, values: dict[str, Any]) -> Any:
     """An object with these values of its fields, if these are what they can be."""
     check_types(entry.kind, values)
+    check_signs(entry.kind, values)
     make = getattr(entry.kind, "restored", None)
-    made = entry.kind(**values) if make is None else make(values)
+    made = entry.kind(**values) if make is None else make(dict(values))
+    lacking = [one for one in _fields(made) if one not in values and one not in entry.added]
+    if lacking:
+        raise ValueError(f"{lacking[0]} of {entry.name} is missing")
     check_shapes(entry.name, made, entry.shapes)
     return made
 
@@ -395,8 +432,11 @@ def save(thing: Any, path: str | os.PathLike[str]) -> None:
     with replacing(place) as beside:
         with beside.open("wb") as file:
             np.savez_compressed(file, header=np.array(json.dumps(header)), **writer.arrays)
-        with zipfile.ZipFile(beside) as archive:
-            _Members(archive, beside.stat().st_size)  # else it would not be loaded
+        try:
+            with zipfile.ZipFile(beside) as archive:
+                _Members(archive, beside.stat().st_size)
+        except ValueError as error:  # it would not be loaded
+            raise ValueError(f"{type(thing).__name__} cannot be saved: {error}") from None
 
 
 def load(path: str | os.PathLike[str]) -> Any:
@@ -436,6 +476,7 @@ def load(path: str | os.PathLike[str]) -> Any:
         raise
     except Exception as error:  # whatever it is, it is the file's fault
         said = str(error) or type(error).__name__
+        said += " is missing" if isinstance(error, KeyError) else ""
         raise ValueError(f"{place} cannot be loaded: {said}") from error
 
 

@@ -17,6 +17,18 @@ from pipedyn.util import check
 LARGEST_WHOLE = 2**63
 """Whole numbers in fields are smaller: 64 bits hold them."""
 
+NOT_NEGATIVE = frozenset(
+    (
+        *("u", "speed", "speeds", "max_speed", "mean", "critical_speed", "onset"),
+        *("frequency", "frequencies", "period", "amplitude", "amplitudes", "duration", "seconds"),
+        *("error", "errors", "multiplier_error", "amplitude_error", "lyapunov_error", "residual"),
+        *("size", "sizes", "dof", "count", "evaluations", "right_hand_sides", "factorisations"),
+        *("unstable", "unstable_before", "unstable_after", "start", "phases", "freedom"),
+        *("uncertainties", "chi_squared", "condition", "tolerance", "budget", "height", "width"),
+    )
+)
+"""Fields of results whose numbers are never below 0."""
+
 SIZES = ("coordinates", "dof", "moving")
 """Words in shapes that are sizes of the field `model`, where that has them."""
 
@@ -37,6 +49,21 @@ def check_types(kind: type, values: Mapping[str, Any]) -> None:
             raise TypeError(
                 f"{name} of {kind.__name__} must be {said}, got {check.shown(values[name])}"
             )
+
+
+def check_signs(kind: type, values: Mapping[str, Any]) -> None:
+    """Raises ValueError for a number below 0 that no result has; classes may check their own."""
+    if hasattr(kind, "__post_init__"):
+        return
+    for name, value in values.items():
+        if name.lstrip("_") in NOT_NEGATIVE and np.any(_numbers(value) < 0.0):
+            raise ValueError(f"{name} of {kind.__name__} must be >= 0, got {check.shown(value)}")
+
+
+def _numbers(value: Any) -> Any:
+    """Real numbers that can be compared, none where it is something else."""
+    array = isinstance(value, np.ndarray) and value.dtype.kind in "iuf"
+    return value if array or isinstance(value, int | float) else np.zeros(0)
 
 
 @cache
@@ -78,9 +105,9 @@ def _is_number(value: Any, kind: type) -> bool:
 
 
 def _holds(dtype: np.dtype[Any], scalar: Any) -> bool:
-    """Whether an array's numbers are of a type; whole ones may have any size."""
+    """Whether an array's entries are of a type; whole numbers may have any size."""
     if scalar is Any:
-        return True
+        return dtype.kind in "biufc"
     wanted = np.dtype(scalar)
     return dtype.kind == wanted.kind and (dtype.kind not in "fc" or dtype == wanted)
 
@@ -93,7 +120,8 @@ def check_shapes(name: str, thing: Any, shapes: Mapping[str, str]) -> None:
         thing: what has the fields.
         shapes: names of fields, or of fields' fields as "orbit.starts", with spaces between, by
             their shape: the sizes with spaces between, each a number or a word, which has one value
-            in all shapes. "2S" is twice it and "S+1" one more. Fields that are None may be.
+            in all shapes. "2S" is twice it and "S+1" one more. What is None or a number is passed
+            over.
     """
     model = getattr(thing, "model", None)
     known = {size: getattr(model, size) for size in SIZES if hasattr(model, size)}
@@ -103,7 +131,7 @@ def check_shapes(name: str, thing: Any, shapes: Mapping[str, str]) -> None:
             value = thing
             for part in field.split("."):
                 value = getattr(value, part, None)
-            if value is None:
+            if value is None or isinstance(value, int | float):
                 continue
             sizes = value.shape if isinstance(value, np.ndarray) else (len(value),)
             if len(sizes) != len(wanted) or not all(

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import secrets
 import shutil
@@ -28,11 +29,11 @@ def replacing(path: str | os.PathLike[str]) -> Iterator[Path]:
         yield place
         return
     if place.exists() and not os.access(place, os.W_OK):
-        raise PermissionError(13, os.strerror(13), str(place))
-    beside = place.with_name(f".{place.stem[:40]}-{secrets.token_hex(4)}{place.suffix}")
+        raise PermissionError(errno.EACCES, os.strerror(errno.EACCES), str(place))
+    beside = place.with_name(f".{place.stem[:40]}-{secrets.token_hex(4)}{Path(path).suffix}")
     try:
-        with beside.open("xb"):
-            yield beside
+        beside.open("xb").close()
+        yield beside
         with beside.open("r+b") as file:
             os.fsync(file.fileno())  # a full disk may show here first
         if place.exists():

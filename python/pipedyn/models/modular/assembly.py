@@ -144,7 +144,10 @@ class Assembly(Model):
     def restored(cls, fields: dict[str, Any]) -> Self:
         """The scene of these parts."""
         reference = fields.pop("reference")
-        return cls(**fields)._restored_about(reference)
+        made = cls(**fields)
+        if reference is not None:
+            made._reference = made._angles_of("reference", reference, sizes=(made.moving,))
+        return made
 
     def _check_pipe(self) -> None:
         """Raises ValueError where some direction that is left free has no inertia."""
