@@ -60,6 +60,22 @@ def test_what_others_left_beside_is_no_hindrance(tmp_path):
     assert len(list(tmp_path.iterdir())) == 2
 
 
+def test_a_folder_that_is_missing_is_named_as_it_was_given(tmp_path):
+    path = tmp_path / "none" / "table.csv"
+    with pytest.raises(FileNotFoundError) as refused:
+        pp.crossings(CHAIN, 9.0).to_csv(path)
+    assert str(refused.value).endswith(repr(os.path.realpath(path)))
+
+
+def test_a_protected_file_is_not_replaced(tmp_path, monkeypatch):
+    path = tmp_path / "some.npz"
+    pp.Pipe(0.2).save(path)
+    monkeypatch.setattr(os, "access", lambda path, mode: mode != os.W_OK)  # as root is told else
+    with pytest.raises(PermissionError, match=r"some\.npz"):
+        pp.Pipe(0.3).save(path)
+    assert pp.load(path) == pp.Pipe(0.2)
+
+
 @posix
 def test_permissions_and_links_stay(tmp_path):
     path, link = tmp_path / "some.npz", tmp_path / "link.npz"

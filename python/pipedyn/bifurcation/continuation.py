@@ -26,6 +26,7 @@ from typing import Any, Generic, Literal, TypeVar
 import numpy as np
 from numpy.linalg import LinAlgError
 
+from pipedyn.util import check
 from pipedyn.util.archive import saved_as
 from pipedyn.util.check import Array
 from pipedyn.util.counters import factorised
@@ -243,6 +244,13 @@ class Segment(Generic[Problem]):
     problem: Problem
     begin: Point
     end: Point
+
+    @classmethod
+    def restored(cls, fields: dict[str, Any]) -> Segment[Problem]:
+        """The segment of which a file kept this, if it is one of equations."""
+        if not isinstance(fields["problem"], Continuation):
+            raise TypeError(f"problem must be equations, got {check.shown(fields['problem'])}")
+        return cls(**fields)
 
     @property
     def length(self) -> float:

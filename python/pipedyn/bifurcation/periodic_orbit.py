@@ -122,7 +122,8 @@ class PeriodicOrbit:
         """The orbit of which a file kept this, if it is one."""
         made = cls(**fields)
         numbers = np.concatenate([made.edges, made.starts.ravel(), made.rates.ravel()])
-        if not (np.isfinite(numbers).all() and math.isfinite(made.u) and made.frequency > 0.0):
+        finite = np.isfinite(numbers).all() and math.isfinite(made.u)
+        if not (finite and 0.0 < made.frequency < math.inf):
             raise ValueError("an orbit must have finite numbers and a frequency > 0")
         if made.edges[0] != 0.0 or np.any(np.diff(made.edges) <= 0.0):
             raise ValueError("edges of an orbit must ascend from 0")

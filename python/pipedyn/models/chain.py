@@ -233,9 +233,10 @@ class Chain(Model):
         if kept.size not in (n, n + 1):
             raise ValueError(f"joints must have {n} or {n + 1} entries, got {kept.size}")
         made = cls(springs=kept[: n + fields["pipe"].end_directed], **fields)
-        for name, own in ARRAYS.items():  # chains of other pipes share them
-            if np.array_equal(given := fields.get(name), getattr(made, own)):
-                setattr(made, own, _frozen(np.asarray(given)))
+        for name, own in ARRAYS.items():
+            given = fields.get(name)
+            if isinstance(given, np.ndarray) and given.dtype == np.float64:
+                setattr(made, own, _frozen(given))  # which chains of other pipes share
         made._joints = kept
         made._rule = None if rule is None else check.choice("rule", rule, SPRING_RULES)
         made._approximates = check.flag("approximates", approximates)

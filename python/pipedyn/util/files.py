@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import errno
 import os
-import secrets
 import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -30,9 +29,13 @@ def replacing(path: str | os.PathLike[str]) -> Iterator[Path]:
         return
     if place.exists() and not os.access(place, os.W_OK):
         raise PermissionError(errno.EACCES, os.strerror(errno.EACCES), str(place))
-    beside = place.with_name(f".{place.stem[:40]}-{secrets.token_hex(4)}{Path(path).suffix}")
+    beside = place.with_name(f".{place.stem[:40]}-{os.urandom(4).hex()}{Path(path).suffix}")
     try:
         beside.open("xb").close()
+    except OSError as error:
+        error.filename = str(place)  # the name that the caller knows
+        raise
+    try:
         yield beside
         with beside.open("r+b") as file:
             os.fsync(file.fileno())  # a full disk may show here first
