@@ -381,6 +381,19 @@ def test_another_pipe_may_take_the_same_chain():
     assert chain.pipe == pp.Pipe(0.2)
 
 
+def test_another_pipe_must_be_one_that_the_chain_takes():
+    """Its fluid is a part of the segments' masses, and its supports hold them where they rest."""
+    light = pp.Chain(pp.Pipe(0.2), masses=[0.2, 0.8])
+    with pytest.raises(ValueError, match=r"masses must be at least beta = 0\.9 times the length"):
+        light.with_pipe(pp.Pipe(0.9))
+    standing = pp.Pipe(0.2, -30.0)
+    for model in (pp.Chain(standing, 4), pp.Galerkin(standing, 4)):
+        bent = model.about(pp.equilibria(model, 1.0).q[1])
+        assert bent.with_pipe(pp.Pipe(0.3, -31.0))._about_shown == bent._about_shown
+        with pytest.raises(ValueError, match="reference must"):
+            bent.with_pipe(pp.Pipe(0.2, -30.0, supports=(0.5,)))
+
+
 def test_the_core_refuses_an_array_of_another_size():
     core = pp.Chain(pp.Pipe(0.2), 10).core
     with pytest.raises(ValueError, match="one row a segment"):

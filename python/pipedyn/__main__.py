@@ -12,11 +12,12 @@ from __future__ import annotations
 import argparse
 import csv
 import os
+import signal
 import sys
 import tempfile
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import nullcontext
+from contextlib import contextmanager, suppress
 from functools import partial
 from pathlib import Path
 from typing import Any, NoReturn, TypeAlias
@@ -39,6 +40,7 @@ from pipedyn.paper.analysis import (
 from pipedyn.paper.pipe_options import add_pipe_options, taken_pipe
 from pipedyn.paper.report import BEFORE_MAPS, HEADER, SI_HEADER, Draw, map_figure, report, table
 from pipedyn.util import check
+from pipedyn.util.files import replacing
 
 PROGRAM = "pipedyn"
 
@@ -169,7 +171,8 @@ def written(case: Case, findings: Findings, savers: dict[str, Saver]) -> list[Pa
     for name, save in savers.items():
         path = case.output / name
         try:
-            save(path)
+            with replacing(path) as beside:
+                save(beside)
             paths.append(path)
         except OSError as error:
             findings.failures.append(f"{path}: {error.strerror or error}")
@@ -200,10 +203,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if case.progress:
         seconds = forecast(case, measured_pace(case.workers))
         low, high = (float(f"{share * seconds:.2g}") for share in (0.7, 1.6))
-        words = f"takes about {low:g} to {high:g} s as fast as this machine is now"
-        print(f"{PROGRAM}: {words}", file=sys.stderr, flush=True)
+        _say(f"takes about {low:g} to {high:g} s as fast as this machine is now")
     # Nine tenths of the time are spent in the core, which other threads need not wait for.
-    with ThreadPoolExecutor(case.workers) if case.workers else nullcontext() as executor:
+    with _threads(case.workers) as executor:
         stages = gather(case, executor)
         findings = next(stages)
         savers = _table_saver(case, findings)
@@ -212,14 +214,57 @@ def main(arguments: Sequence[str] | None = None) -> int:
         paths = written(case, findings, savers)
         next(stages)
     paths += written(case, findings, _figure_saver(case, findings, "stability-map", map_figure))
-    print(report(case, findings), flush=True)
-    print("\nWritten: " + ", ".join(map(str, paths)))
+    try:
+        print(report(case, findings))
+        print("\nWritten: " + ", ".join(map(str, paths)), flush=True)
+    except OSError as error:
+        findings.failures.insert(0, f"the report: {error.strerror or error}")
     if findings.failures:
         missing = f"{len(findings.failures)} not computed or written, the first:"
-        print(f"{PROGRAM}: {missing} {findings.failures[0]}", file=sys.stderr)
+        _say(f"{missing} {findings.failures[0]}")
         return 1
     return 0
 
 
+@contextmanager
+def _threads(count: int) -> Iterator[ThreadPoolExecutor | None]:
+    """So many threads, or none; an exception does not wait until they have ended their work."""
+    executor = ThreadPoolExecutor(count) if count else None
+    try:
+        yield executor
+    finally:
+        if executor is not None:
+            executor.shutdown(wait=sys.exception() is None, cancel_futures=True)
+
+
+def _say(line: str) -> None:
+    """A line on stderr, if that takes it."""
+    with suppress(OSError):
+        print(f"{PROGRAM}: {line}", file=sys.stderr, flush=True)
+
+
+def program() -> NoReturn:
+    """The command as a program of its own, which ends with its exit status.
+
+    Ctrl-C ends it at once, whatever its threads still do, with the status 130. Where its report
+    cannot be written, as nobody reads it any more, the status is 1.
+    """
+    try:
+        status: Any = main()
+    except SystemExit as stopped:  # --help, or bad arguments
+        status = stopped.code
+    except KeyboardInterrupt:
+        signal.signal(signal.SIGINT, signal.SIG_IGN)
+        _say("interrupted")
+        os._exit(128 + signal.SIGINT)
+    stdout: Any = sys.stdout  # None where there is none
+    try:
+        if stdout is not None:
+            stdout.flush()
+    except OSError:
+        os._exit(status or 1)  # Python would try once more, and complain
+    sys.exit(status)
+
+
 if __name__ == "__main__":
-    sys.exit(main())
+    program()

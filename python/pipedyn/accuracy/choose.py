@@ -33,6 +33,7 @@ from pipedyn.accuracy.trade import TradeRow, measured
 from pipedyn.models.base import Model, PipedynError, checked_pipe
 from pipedyn.models.pipe import Pipe
 from pipedyn.util import check
+from pipedyn.util.archive import saved_as
 from pipedyn.util.later import html
 from pipedyn.util.result import Result
 
@@ -55,6 +56,7 @@ GAIN = 0.7
 which it is spent: times of one answer scatter by as much."""
 
 
+@saved_as("Tried")
 class Tried(Result):
     """A family: what was measured last of it, if anything, and why it was not chosen."""
 
@@ -63,6 +65,7 @@ class Tried(Result):
     why: str
 
 
+@saved_as("Choice")
 class Choice(Result):
     """The model chosen.
 
@@ -151,6 +154,7 @@ class Choice(Result):
         return f"<b>{first}</b><br>" + "<br>".join(others)
 
 
+@saved_as("NoModel")
 class NoModel(PipedynError):
     """No model meets the demand.
 

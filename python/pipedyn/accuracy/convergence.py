@@ -18,6 +18,7 @@ from pipedyn.models.continuum import FUNCTIONS_A_JOINT
 from pipedyn.models.galerkin import Galerkin, basis_joints
 from pipedyn.models.pipe import Pipe
 from pipedyn.util import check
+from pipedyn.util.archive import saved_as
 from pipedyn.util.check import Array
 from pipedyn.util.result import Result
 
@@ -116,6 +117,7 @@ def checked_families(name: str, given: Any, default: Sequence[str]) -> tuple[Fam
 # ----------------------------------------------------------------------------- laws of their errors
 
 
+@saved_as("ConvergenceLaw", shapes={"k": "sizes"})
 class ConvergenceLaw(Result):
     """How the error of a family's critical speed falls as its models grow.
 

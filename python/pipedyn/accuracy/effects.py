@@ -31,6 +31,7 @@ from pipedyn.models.profile import Profile
 from pipedyn.models.supports import RootSpring
 from pipedyn.models.terms import Foundation, Spring
 from pipedyn.util import check
+from pipedyn.util.archive import saved_as
 from pipedyn.util.result import Result, TableResult
 from pipedyn.util.table import Table
 from pipedyn.util.units import RATE
@@ -61,6 +62,7 @@ PROFILES = {"varying stiffness": "stiffness", "varying mass": "mass"}
 """Effects that a uniform pipe has not, with its value at s = 0 all along: its name."""
 
 
+@saved_as("Effect")
 class Effect(Result):
     """One effect, and what its absence changes.
 
@@ -109,6 +111,7 @@ class Effect(Result):
         return (self.name, self.strength, self.without, size, growth, self.verdict)
 
 
+@saved_as("Relevance")
 class Relevance(TableResult, units={"growth": RATE}):
     """The size of each effect on one quantity of a pipe.
 

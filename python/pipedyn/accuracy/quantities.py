@@ -31,6 +31,7 @@ from pipedyn.models.galerkin import Galerkin
 from pipedyn.models.pipe import Pipe
 from pipedyn.motion.simulate import simulate
 from pipedyn.util import check
+from pipedyn.util.archive import saved_as
 from pipedyn.util.check import Array
 from pipedyn.util.counters import TookTooLong, clock, limited
 
@@ -125,6 +126,7 @@ class Quantity(ABC):
 # ------------------------------------------------------------------------------- linear questions
 
 
+@saved_as("CriticalSpeedOf")
 @dataclass(frozen=True)
 class CriticalSpeedOf(Quantity):
     """The critical speed u_c; infinitely wrong where flutter and divergence are mixed up."""
@@ -196,6 +198,7 @@ class _Roots(Quantity):
         return replace(found.value, error=max(found.error, LEAST_ERROR), source=source)
 
 
+@saved_as("Frequencies")
 @dataclass(frozen=True)
 class Frequencies(_Roots):
     """The eigenvalues of the lowest modes at one flow speed.
@@ -224,6 +227,7 @@ class Frequencies(_Roots):
         return answer
 
 
+@saved_as("RootLociOver")
 @dataclass(frozen=True)
 class RootLociOver(_Roots):
     """Branches of eigenvalues over increasing flow speeds (S,): the largest error on them."""
@@ -338,6 +342,7 @@ class _Integrated(Quantity):
         return replace(answers[-1], error=error, source=source, family=family.name)
 
 
+@saved_as("MotionOf")
 @dataclass(frozen=True)
 class MotionOf(_Integrated):
     """The free end over a time: its largest distance from the reference, in the largest excursion.
@@ -440,6 +445,7 @@ def _slope(model: Galerkin, q: Array, s: Array) -> Array:
     return np.asarray(model.core.basis(s, 1) @ q)
 
 
+@saved_as("LimitCycleAt")
 @dataclass(frozen=True)
 class LimitCycleAt(_Integrated):
     """Amplitude and frequency of the limit cycle: the larger relative error."""

@@ -11,6 +11,7 @@ from typing import Any
 
 from numpy.typing import NDArray
 
+from pipedyn.util.archive import saved_as
 from pipedyn.util.result import Result
 
 MARGIN = 10.0
@@ -21,6 +22,7 @@ LEAST_ERROR = 1e-14
 """Least error that a reference is given: rounding of an eigenvalue or of a quadrature."""
 
 
+@saved_as("Answer")
 class Answer(Result):
     """What a model answered, or of the continuous pipe: a reference.
 

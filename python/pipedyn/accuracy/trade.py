@@ -24,6 +24,7 @@ from pipedyn.accuracy.reference import MARGIN, Answer
 from pipedyn.models.base import NotConverged, checked_pipe
 from pipedyn.models.pipe import Pipe
 from pipedyn.util import check
+from pipedyn.util.archive import saved_as
 from pipedyn.util.counters import clock, counted, limited
 from pipedyn.util.parallel import track
 from pipedyn.util.result import Result, TableResult
@@ -40,6 +41,7 @@ DEFAULT = ("consistent", "midpoint", "uniform", "rayleigh", "consistent pair", "
 """Families that are measured where none are named."""
 
 
+@saved_as("TradeRow")
 class TradeRow(Result):
     """One model, or pair of models, measured.
 
@@ -85,6 +87,7 @@ class TradeRow(Result):
         )
 
 
+@saved_as("Trade")
 class Trade(TableResult):
     """Error against cost of models of one pipe for one quantity.
 

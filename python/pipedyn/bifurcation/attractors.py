@@ -33,6 +33,7 @@ from pipedyn.motion.simulate import (
     checked_model_in_motion,
 )
 from pipedyn.util import check
+from pipedyn.util.archive import saved_as
 from pipedyn.util.check import Array
 from pipedyn.util.later import futures
 from pipedyn.util.result import Result, TableResult
@@ -49,6 +50,7 @@ MOST_ATTRACTORS = 100
 """Beyond, attractors are not told apart from motions that have not settled."""
 
 
+@saved_as("Share")
 class Share(Result):
     """How many of all starts.
 
@@ -65,6 +67,7 @@ class Share(Result):
     error: float
 
 
+@saved_as("Basin", shapes={"F": "frequencies spectrum", "K n": "section"})
 class Basin(Result, units={"exponent": RATE, "spectrum": LENGTH}):
     """An attractor, and the starts that end on it.
 
@@ -109,6 +112,7 @@ class Basin(Result, units={"exponent": RATE, "spectrum": LENGTH}):
         return self.attractor.ending
 
 
+@saved_as("StartPlane", shapes={"X": "x", "Y": "y"})
 class StartPlane(Result):
     """Starts on a plane of two coordinates or rates, such as two initial angles.
 
@@ -152,6 +156,7 @@ class StartPlane(Result):
         return self.y.size, self.x.size
 
 
+@saved_as("StartFailure")
 class StartFailure(Result):
     """A start whose motion stopped or was not computed, or that has none.
 
@@ -164,6 +169,7 @@ class StartFailure(Result):
     error: Exception
 
 
+@saved_as("Attractors", shapes={"N 2coordinates": "starts", "N": "ends"})
 class Attractors(TableResult, units={"exponent": RATE}):
     """All that motions from many starts end on, at one flow speed.
 

@@ -43,6 +43,7 @@ from pipedyn.linear.sensitivity import Kind
 from pipedyn.models.continuum import AnyModel, Continuum, checked_model
 from pipedyn.models.pipe_numbers import PipeNumber, checked_number
 from pipedyn.util import check
+from pipedyn.util.archive import saved_as
 from pipedyn.util.check import Array
 from pipedyn.util.newton import NewtonFailed
 from pipedyn.util.result import Result
@@ -52,6 +53,14 @@ LARGEST_MODEL = 500
 """Degrees of freedom of a model: dense matrices are factorised at every point."""
 
 
+@saved_as(
+    "BoundaryCurve",
+    shapes={
+        "S": "x y frequency unstable change lyapunov criticality",
+        "S 2": "slopes",
+        "K 2": "organising",
+    },
+)
 class BoundaryCurve(Result):
     """A curve of flutter or of divergence, point by point along its arc length.
 
@@ -107,6 +116,7 @@ class BoundaryCurve(Result):
         return self.unstable[:, None] + np.stack([left, right], axis=1)
 
 
+@saved_as("Boundary")
 class Boundary(InPlane):
     """Curves on which eigenvalues lie on the imaginary axis, in a window of two numbers.
 

@@ -55,6 +55,7 @@ from pipedyn.linear.eigenproblem import Complex
 from pipedyn.linear.sensitivity import Crossing
 from pipedyn.models.base import Model, NotConverged, PipedynError
 from pipedyn.util import check
+from pipedyn.util.archive import saved_as
 from pipedyn.util.check import Array
 from pipedyn.util.newton import NewtonFailed
 from pipedyn.util.parallel import track
@@ -99,6 +100,7 @@ ones, since their number may grow without end (a cascade of period doublings).""
 Origin = Literal["hopf", "pitchfork", "period doubling", "motion"]
 
 
+@saved_as("CycleEvent")
 class CycleEvent(Result, units={"error": SPEED}):
     """Where the stability of a branch of cycles changes, or the branch turns or ends.
 
@@ -131,6 +133,10 @@ class CycleEvent(Result, units={"error": SPEED}):
         return self.kind == other.kind and apart <= near and equal
 
 
+@saved_as(
+    "CycleBranch",
+    shapes={"S": "speeds amplitudes highest frequencies stable", "S n": "multipliers"},
+)
 class CycleBranch(TableResult):
     """Cycles along a branch, which may turn in the flow speed, in order from where it begins.
 

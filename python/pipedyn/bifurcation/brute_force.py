@@ -45,6 +45,7 @@ from pipedyn.motion.simulate import (
     checked_task,
     in_batches,
 )
+from pipedyn.util.archive import saved_as
 from pipedyn.util.check import Array
 from pipedyn.util.counters import factorised
 from pipedyn.util.parallel import parallel
@@ -107,6 +108,7 @@ NEIGHBOUR = -1
 """Of a motion that begins beside a member of a batch and is none itself, for its number."""
 
 
+@saved_as("Attractor", shapes={"K": "turnings", "n": "end"})
 class Attractor(Result, units={"turnings": LENGTH, "period": None}):
     """Where one motion ends.
 

@@ -31,6 +31,8 @@ from pipedyn.bifurcation.periodic_orbit import (
     stage_phases,
 )
 from pipedyn.bifurcation.vector_field import VectorField
+from pipedyn.util import check
+from pipedyn.util.archive import saved_as
 from pipedyn.util.check import Array
 from pipedyn.util.counters import factorised
 from pipedyn.util.newton import NewtonFailed
@@ -277,6 +279,7 @@ def interval_derivatives(motion: VectorField, orbit: PeriodicOrbit) -> Array:
 # ----------------------------------------------------------------------------- Newton's method
 
 
+@saved_as("OrbitControl")
 @dataclass(frozen=True)
 class OrbitControl(Control):
     """The same for orbits, which are costly: a tangent that turns by 37 degrees will do."""
@@ -288,6 +291,7 @@ class OrbitControl(Control):
     defect: float = math.inf  # the largest of an orbit
 
 
+@saved_as("OrbitProblem")
 class OrbitProblem(Continuation):
     """The collocation equations on one mesh, for continuation from near an orbit.
 
@@ -334,6 +338,10 @@ class OrbitProblem(Continuation):
     @classmethod
     def restored(cls, fields: dict[str, Any]) -> Self:
         """The equations of which a file kept this."""
+        motion, start, unit = fields["motion"], fields["start"], fields["unit"]
+        if (start.half, start.forced) != (motion.half, motion.forced):
+            raise ValueError("start must be an orbit of the motion")
+        check.real("unit", unit, low=0.0, open_low=True)
         return cls(**fields)
 
     @property

@@ -26,6 +26,8 @@ from typing import Any, Generic, Literal, TypeVar
 import numpy as np
 from numpy.linalg import LinAlgError
 
+from pipedyn.util import check
+from pipedyn.util.archive import saved_as
 from pipedyn.util.check import Array
 from pipedyn.util.counters import factorised
 from pipedyn.util.later import scipy
@@ -60,6 +62,7 @@ class Control:
     longest_change: float = math.inf  # size beyond which a Newton step is shortened
 
 
+@saved_as("PointOnBranch", shapes={"n": "z tangent"})
 @dataclass(frozen=True)
 class Point:
     """A solution on a branch: unknowns and parameter with a tangent of unit length, (n + 1,)."""
@@ -233,6 +236,7 @@ class Continuation(ABC):
             start = segment.end
 
 
+@saved_as("StepAlongBranch", shapes={"n": "begin.z end.z problem.weights"})
 @dataclass(frozen=True)
 class Segment(Generic[Problem]):
     """What lies between two neighbouring points of a branch; any point there can be solved for."""
@@ -240,6 +244,13 @@ class Segment(Generic[Problem]):
     problem: Problem
     begin: Point
     end: Point
+
+    @classmethod
+    def restored(cls, fields: dict[str, Any]) -> Segment[Problem]:
+        """The segment of which a file kept this, if it is one of equations."""
+        if not isinstance(fields["problem"], Continuation):
+            raise TypeError(f"problem must be equations, got {check.shown(fields['problem'])}")
+        return cls(**fields)
 
     @property
     def length(self) -> float:

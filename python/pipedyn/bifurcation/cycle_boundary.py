@@ -29,10 +29,12 @@ from pipedyn.bifurcation.forced_response import ForcedBranch, ForcedEvent
 from pipedyn.bifurcation.in_plane import InPlane
 from pipedyn.models.base import Model, NotConverged
 from pipedyn.util import check
+from pipedyn.util.archive import saved_as
 from pipedyn.util.newton import NewtonFailed
 from pipedyn.util.threads import one_thread
 
 
+@saved_as("CycleBoundary")
 class CycleBoundary(InPlane):
     """Curves of events of cycles in a window of two numbers.
 

@@ -53,6 +53,7 @@ from pipedyn.models.base import Model, NotConverged, PipedynError
 from pipedyn.models.drive import LARGEST_SPEED, require_steady
 from pipedyn.motion.simulate import checked_model_in_motion, slight_bend
 from pipedyn.util import check
+from pipedyn.util.archive import saved_as
 from pipedyn.util.check import Array
 from pipedyn.util.counters import clock, counted
 from pipedyn.util.later import futures
@@ -75,6 +76,7 @@ MOST_FROM_MOTIONS = 12
 """Cycles, at most, that motions end on and that are followed from there: a second or more each."""
 
 
+@saved_as("BifurcationDiagram", shapes={"S": "speeds"})
 class BifurcationDiagram(TableResult):
     """What a pipe does over the flow speed.
 
@@ -220,6 +222,7 @@ def bifurcation_diagram(
     return BifurcationDiagram(at, branches, tuple(found.branches), motions, failures, model)
 
 
+@saved_as("DiagramCost")
 class DiagramCost(Result):
     """What a bifurcation diagram takes, as far as short pieces of its work foretell.
 

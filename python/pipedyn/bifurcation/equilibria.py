@@ -33,6 +33,7 @@ from pipedyn.models.base import Model, NotConverged, PipedynError
 from pipedyn.models.drive import LARGEST_SPEED, require_steady, steady_speed
 from pipedyn.motion.simulate import Start, checked_model_in_motion, modal_bend
 from pipedyn.util import check
+from pipedyn.util.archive import saved_as
 from pipedyn.util.check import Array
 from pipedyn.util.later import scipy
 from pipedyn.util.newton import NewtonFailed
@@ -74,6 +75,9 @@ LARGEST_BATCH = 1_000_000
 """Entries of the Jacobians of one batch by x; those by the state are four times as many, 32 MB."""
 
 
+@saved_as(
+    "Equilibria", shapes={"k coordinates": "q", "k": "stable growth residuals", "k 2": "tips"}
+)
 class Equilibria(TableResult, units={"growth": RATE}):
     """Equilibria at one flow speed, the straight one first, the others from the least bent on.
 
@@ -381,6 +385,7 @@ NEAR = 0.5
 more than rounded numbers of an equilibrium are off by, and less than the way to another."""
 
 
+@saved_as("BranchPoint", shapes={"n": "q", "2": "tip"})
 class BranchPoint(Result):
     """Where the stability of a branch changes or the branch turns.
 
@@ -401,6 +406,9 @@ class BranchPoint(Result):
     tip: Array
 
 
+@saved_as(
+    "EquilibriumBranch", shapes={"S": "speeds stable unstable", "S coordinates": "q", "S 2": "tips"}
+)
 class EquilibriumBranch(TableResult):
     """A branch of equilibria, point by point along its arc length.
 

@@ -22,6 +22,7 @@ from pipedyn.bifurcation.orbit_continuation import FINE, breaking_part, onward
 from pipedyn.bifurcation.periodic_orbit import PeriodicOrbit, resolved
 from pipedyn.bifurcation.vector_field import VectorField
 from pipedyn.linear.eigenproblem import Complex
+from pipedyn.util.archive import saved_as
 from pipedyn.util.check import Array
 from pipedyn.util.later import scipy
 from pipedyn.util.newton import NewtonFailed
@@ -40,6 +41,9 @@ NEAR_END, NEARBY = 0.01, 0.1
 which these are 0, and below which it is said to lead there if Newton's method fails on the way."""
 
 
+@saved_as(
+    "CycleCurve", shapes={"S": "x y frequency amplitude multiplier unstable opens onset orbits"}
+)
 class CycleCurve(Result):
     """An event of cycles, point by point along the curve.
 
@@ -82,6 +86,7 @@ class CycleCurve(Result):
         return len(self.x)
 
 
+@saved_as("CyclePoint")
 class CyclePoint(Result):
     """Where a curve of an event meets a second condition.
 

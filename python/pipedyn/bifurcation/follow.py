@@ -30,12 +30,14 @@ from pipedyn.bifurcation.continuation import (
 )
 from pipedyn.models.base import NotConverged
 from pipedyn.util import check
+from pipedyn.util.archive import saved_as
 from pipedyn.util.check import Array
 from pipedyn.util.later import scipy
 from pipedyn.util.newton import NewtonFailed
 from pipedyn.util.result import Result, TableResult, numbered
 
 
+@saved_as("MarkedPoint", shapes={"n": "x"})
 class MarkedPoint(Result):
     """A fold of a branch, or a zero of a test function on it.
 
@@ -50,6 +52,7 @@ class MarkedPoint(Result):
     p: float
 
 
+@saved_as("Branch", shapes={"S n": "x", "S": "p", "S n+1": "tangents"})
 class Branch(TableResult):
     """A branch of solutions, point by point along its arc length.
 

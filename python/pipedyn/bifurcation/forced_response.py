@@ -17,7 +17,7 @@ from functools import cache
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from pipedyn.bifurcation.collocation import OrbitProblem, residual, solved
 from pipedyn.bifurcation.continuation import folds, sign_changes
@@ -50,6 +50,7 @@ from pipedyn.models.base import Model, NotConverged
 from pipedyn.models.drive import ROWS, Harmonic, Pulsation, require_steady, steady_speed
 from pipedyn.motion.simulate import MotionStopped, Trajectory, checked_model_in_motion, simulate
 from pipedyn.util import check
+from pipedyn.util.archive import saved_as
 from pipedyn.util.check import Array
 from pipedyn.util.later import scipy
 from pipedyn.util.newton import NewtonFailed
@@ -80,6 +81,7 @@ HARMONICS = 8
 """Of Hill's equations, for the motions in which branches leave rest."""
 
 
+@saved_as("ForcedField")
 class ForcedField(VectorField):
     """f(y, u) at phases of an orbit, during whose period the forcing has `order` periods.
 
@@ -169,6 +171,15 @@ class ForcedField(VectorField):
 BranchKind = Literal["base", "subharmonic", "harmonic"]
 
 
+@saved_as(
+    "ForcedMotion",
+    shapes={
+        "2dof": "multipliers",
+        "S": "t",
+        "S coordinates": "q qdot",
+        "M 2moving": "orbit.starts",
+    },
+)
 class ForcedMotion(Trajectory, TableResult):
     """One period of a periodic motion under a periodic forcing.
 
@@ -212,6 +223,7 @@ class ForcedMotion(Trajectory, TableResult):
         return self.model.tips(self.q.T)
 
 
+@saved_as("ForcedEvent")
 class ForcedEvent(Result):
     """Where a branch changes.
 
@@ -228,6 +240,7 @@ class ForcedEvent(Result):
     amplitude: float
 
 
+@saved_as("ForcedBranch", shapes={"P": "frequency amplitude largest stable"})
 class ForcedBranch(TableResult):
     """Motions along one branch, in the order in which it was followed.
 
@@ -249,7 +262,7 @@ class ForcedBranch(TableResult):
     frequency: Array = field(repr=False)
     amplitude: Array = field(repr=False)
     largest: Array = field(repr=False)
-    stable: Any = field(repr=False)
+    stable: NDArray[np.bool_] = field(repr=False)
     events: tuple[ForcedEvent, ...]
     failure: NotConverged | None
     steps: tuple[Step, ...] = field(repr=False, compare=False)
@@ -282,6 +295,7 @@ class ForcedBranch(TableResult):
         }
 
 
+@saved_as("ForcedResponse")
 class ForcedResponse(TableResult):
     """Periodic motions over the frequency of the forcing.
 

@@ -62,6 +62,7 @@ from pipedyn.models.drive import Supply
 from pipedyn.models.pipe import Pipe
 from pipedyn.motion.simulate import checked_model_in_motion
 from pipedyn.util import check
+from pipedyn.util.archive import saved_as
 from pipedyn.util.check import Array
 from pipedyn.util.counters import factorised
 from pipedyn.util.later import futures, scipy
@@ -76,6 +77,7 @@ first displaces the pipe. Of 28 smooth pipes the coefficient's error is then 8e-
 step gains nothing."""
 
 
+@saved_as("NoHopf")
 class NoHopf(PipedynError):
     """A loss of stability from which no limit cycle emerges as in Hopf's theorem."""
 
@@ -202,6 +204,7 @@ def _extrapolated(values: list[complex], rounding: Array) -> tuple[complex, floa
 # ------------------------------------------------------------------------------- of the pipe
 
 
+@saved_as("HopfPoint", shapes={"n": "mode rest"})
 class HopfPoint(Result):
     """A pair of eigenvalues on the imaginary axis, from which small periodic orbits come."""
 
@@ -228,6 +231,7 @@ def _rest_at(motion: VectorField, crossing: Crossing | BranchPoint) -> Array:
     return motion.resting()
 
 
+@saved_as("Hopf", shapes={"2moving": "mode rest"})
 class Hopf(HopfPoint, units={"balance": LENGTH, "fold": SPEED}):
     """A flutter onset, and the limit cycle that emerges there.
 
@@ -607,6 +611,7 @@ def _tip_of(motion: VectorField, rest: Array, mode: Complex) -> complex:
 # ----------------------------------------------------------------------- against a parameter
 
 
+@saved_as("CriticalityCurve", shapes={"S": "values onsets"})
 class CriticalityCurve(TableResult, units={"folds": SPEED}):
     """Onsets of flutter against a parameter.
 

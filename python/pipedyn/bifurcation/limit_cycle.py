@@ -46,6 +46,7 @@ from pipedyn.motion.simulate import (
     state_of,
 )
 from pipedyn.util import check
+from pipedyn.util.archive import saved_as
 from pipedyn.util.check import Array
 from pipedyn.util.counters import factorised
 from pipedyn.util.later import scipy
@@ -97,6 +98,15 @@ KINDS = "a LimitCycle, a Hopf, a Motion, an angle theta(s), coordinates or a sta
 """What a start may be."""
 
 
+@saved_as(
+    "LimitCycle",
+    shapes={
+        "2dof": "multipliers",
+        "S": "t",
+        "S coordinates": "q qdot",
+        "M 2moving": "orbit.starts",
+    },
+)
 class LimitCycle(Trajectory, TableResult):
     """One period of a periodic motion.
 
@@ -159,6 +169,7 @@ class LimitCycle(Trajectory, TableResult):
         return nontrivial(self.multipliers)
 
 
+@saved_as("NoCycle")
 class NoCycle(PipedynError):
     """No limit cycle was found.
 

@@ -30,6 +30,7 @@ from pipedyn.bifurcation.hopf import NoHopf, onset_coefficients, static_cubic
 from pipedyn.linear.eigenproblem import Complex
 from pipedyn.linear.plane import Plane
 from pipedyn.models.base import NotConverged
+from pipedyn.util.archive import saved_as
 from pipedyn.util.check import Array
 from pipedyn.util.later import scipy
 from pipedyn.util.newton import NewtonFailed, newton
@@ -77,6 +78,7 @@ NEARBY = 0.1
 """Distance in shares of the window beyond which a solution is not the one that was looked for."""
 
 
+@saved_as("OrganisingPoint")
 class OrganisingPoint(Result):
     """Where two conditions meet, and with them what the pipe may do nearby.
 

@@ -30,6 +30,7 @@ from pipedyn.models.continuum import AnyModel, checked_model
 from pipedyn.models.drive import require_steady
 from pipedyn.models.pipe import Pipe
 from pipedyn.util import check
+from pipedyn.util.archive import saved_as
 from pipedyn.util.check import Array
 from pipedyn.util.newton import NewtonFailed
 from pipedyn.util.result import ResultSequence, TableResult, joined
@@ -43,6 +44,7 @@ TOLERANCE = 1e-7
 """Relative change of the edges from one of these to the next at which they count as converged."""
 
 
+@saved_as("ParametricRegion", shapes={"A": "amplitude", "A 2": "edges"})
 class ParametricRegion(
     TableResult,
     units={"amplitude": None, **dict.fromkeys(("edges", "lowest", "highest"), FREQUENCY)},
@@ -80,6 +82,7 @@ class ParametricRegion(
         return {"amplitude": self.amplitude, "lowest": low, "highest": high}
 
 
+@saved_as("ParametricRegions", shapes={"2": "frequencies"})
 class ParametricRegions(
     ResultSequence[ParametricRegion],
     units={"amplitude": None, "mean": SPEED, **dict.fromkeys(("lowest", "highest"), FREQUENCY)},

@@ -7,6 +7,7 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cache, cached_property
+from typing import Any
 
 import numpy as np
 from numpy.polynomial import legendre
@@ -14,6 +15,7 @@ from numpy.typing import NDArray
 
 from pipedyn import _core
 from pipedyn.bifurcation.vector_field import VectorField
+from pipedyn.util.archive import saved_as
 from pipedyn.util.check import Array
 
 STAGES = 8
@@ -86,6 +88,7 @@ RATES_BETWEEN = integrals(BETWEEN, 0)
 _INTEGRALS_BETWEEN = both_integrals(BETWEEN)
 
 
+@saved_as("Closing", shapes={"n n": "first last"})
 @dataclass(frozen=True)
 class Closing:
     """L and R, (n, n) each, of L y(0) + R y(span) = 0 for small changes y of an orbit's state.
@@ -98,6 +101,7 @@ class Closing:
     step: float  # relative, by which that was left
 
 
+@saved_as("PeriodicOrbit", shapes={"M+1": "edges", "M 2half": "starts", "M 8 half": "rates"})
 @dataclass(frozen=True)
 class PeriodicOrbit:
     """A periodic orbit, or one half of it if the other half is its mirror image.
@@ -112,6 +116,18 @@ class PeriodicOrbit:
     u: float
     forced: bool = False
     closing: Closing | None = field(default=None, repr=False, compare=False)  # if that is known
+
+    @classmethod
+    def restored(cls, fields: dict[str, Any]) -> PeriodicOrbit:
+        """The orbit of which a file kept this, if it is one."""
+        made = cls(**fields)
+        numbers = np.concatenate([made.edges, made.starts.ravel(), made.rates.ravel()])
+        finite = np.isfinite(numbers).all() and math.isfinite(made.u)
+        if not (finite and 0.0 < made.frequency < math.inf):
+            raise ValueError("an orbit must have finite numbers and a frequency > 0")
+        if made.edges[0] != 0.0 or np.any(np.diff(made.edges) <= 0.0):
+            raise ValueError("edges of an orbit must ascend from 0")
+        return made
 
     @property
     def span(self) -> float:

@@ -35,6 +35,7 @@ from pipedyn.models.continuum import (
 from pipedyn.models.drive import Pulsation
 from pipedyn.models.galerkin import basis_joints
 from pipedyn.util import check
+from pipedyn.util.archive import saved_as
 from pipedyn.util.check import Array
 from pipedyn.util.newton import NewtonFailed
 from pipedyn.util.result import TableResult
@@ -370,6 +371,7 @@ def pulsating_pipe(model: AnyModel, mean: float, size: int) -> PulsatingPipe:
 # ----------------------------------------------------------------------------------- multipliers
 
 
+@saved_as("FloquetMultipliers", shapes={"2dof": "multipliers"})
 class FloquetMultipliers(TableResult, units={"growth": RATE}):
     """What a period of a pulsating flow makes of small motions of the straight pipe.
 

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from typing import Any, Self
+from typing import Any
 
 import numpy as np
 
@@ -35,11 +35,6 @@ class VectorField:
     def archived(self) -> dict[str, Any]:
         """What a file keeps of it, by name."""
         return {"model": self.model}
-
-    @classmethod
-    def restored(cls, fields: dict[str, Any]) -> Self:
-        """The field of which a file kept this."""
-        return cls(**fields)
 
     def _count(self, states: int) -> None:
         self.evaluations += states

@@ -29,6 +29,7 @@ from pipedyn.models.continuum import (
 from pipedyn.models.galerkin import Galerkin, shared_functions
 from pipedyn.models.pipe import Pipe
 from pipedyn.util import check
+from pipedyn.util.archive import saved_as
 from pipedyn.util.counters import factorised
 from pipedyn.util.parallel import Job, outcome_of
 from pipedyn.util.threads import one_thread
@@ -48,6 +49,7 @@ BUCKLED = 64
 """Roots looked at for those of a long chain that grow without flow: it buckles in few modes."""
 
 
+@saved_as("NoCrossing")
 class NoCrossing(PipedynError):
     """The pipe does not lose stability up to the end of the search.
 
@@ -60,6 +62,7 @@ class NoCrossing(PipedynError):
         self.max_speed = max_speed
 
 
+@saved_as("CriticalSpeed")
 class CriticalSpeed(Crossing, units={"discretisation": SPEED}):
     """The lowest crossing that destabilises: its speed, frequency, kind and the rest of a crossing.
 

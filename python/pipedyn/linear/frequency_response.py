@@ -36,6 +36,7 @@ from pipedyn.models.continuum import (
 from pipedyn.models.drive import ROWS, steady_speed
 from pipedyn.models.terms import PointMass
 from pipedyn.util import check
+from pipedyn.util.archive import saved_as
 from pipedyn.util.check import Array
 from pipedyn.util.counters import factorised
 from pipedyn.util.later import scipy
@@ -68,6 +69,7 @@ RESIDUAL = 1e-10
 """Of the equations, relative to the load or the solution, where a basis has enough vectors."""
 
 
+@saved_as("Resonance")
 class Resonance(Result, units={"width": FREQUENCY}):
     """A peak of the response.
 
@@ -83,6 +85,7 @@ class Resonance(Result, units={"width": FREQUENCY}):
     width: float
 
 
+@saved_as("FrequencyResponse", shapes={"F": "frequencies response", "k": "poles"})
 class FrequencyResponse(TableResult):
     """Complex amplitude of a displacement per unit amplitude of what drives the pipe.
 

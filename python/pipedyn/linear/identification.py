@@ -33,6 +33,7 @@ from pipedyn.models.pipe_numbers import checked_number
 from pipedyn.models.supports import RootSpring
 from pipedyn.models.terms import converted
 from pipedyn.util import check
+from pipedyn.util.archive import saved_as
 from pipedyn.util.check import Array
 from pipedyn.util.later import scipy
 from pipedyn.util.result import TableResult
@@ -87,10 +88,12 @@ MODES = 20
 """The highest mode that may be measured."""
 
 
+@saved_as("NotIdentifiable")
 class NotIdentifiable(PipedynError):
     """Measurements that do not tell the unknowns."""
 
 
+@saved_as("Measurement")
 @dataclass(frozen=True)
 class Measurement:
     """One measured number.
@@ -135,6 +138,14 @@ class Measurement:
             object.__setattr__(self, name, one)
 
 
+@saved_as(
+    "Identification",
+    shapes={
+        "U": "unknowns values uncertainties",
+        "U U": "covariance correlation",
+        "M": "predicted residuals measurements",
+    },
+)
 class Identification(TableResult):
     """What measurements say of a pipe.
 

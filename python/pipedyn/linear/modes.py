@@ -26,6 +26,7 @@ from pipedyn.models.continuum import (
 from pipedyn.models.drive import LARGEST_SPEED, require_steady, steady_speed
 from pipedyn.models.pipe import Pipe
 from pipedyn.util import check
+from pipedyn.util.archive import saved_as
 from pipedyn.util.check import Array
 from pipedyn.util.counters import factorised
 from pipedyn.util.parallel import track
@@ -92,6 +93,7 @@ def eigenvalues(model: AnyModel, u: float, count: int | None = None) -> Complex:
     return found.eigenvalues
 
 
+@saved_as("ModeShape", shapes={"dof": "coordinates"})
 class ModeShape(Result):
     """Transverse displacement of one mode, complex; its largest magnitude is 1, there it is real.
 
@@ -121,6 +123,7 @@ class ModeShape(Result):
         return np.asarray(self.model.deflection(self.coordinates, s), dtype=np.complex128)
 
 
+@saved_as("Modes", shapes={"k": "eigenvalues shapes residuals converged"})
 class Modes(TableResult, units={"errors": RATE}):
     """Eigenvalues and modes at one flow speed.
 
@@ -306,6 +309,7 @@ def _modes(model: Model, u: float, count: int | None) -> Modes:
     return Modes(u, pairs.values, shapes, pairs.residuals, pairs.converged, model.dof)
 
 
+@saved_as("RootLoci", shapes={"S": "speeds", "S k": "eigenvalues partners converged errors"})
 class RootLoci(TableResult, units=dict.fromkeys(("error", "errors"), RATE)):
     """Eigenvalues as functions of the flow speed, each column one branch.
 

@@ -13,6 +13,7 @@ import numpy as np
 from pipedyn import _core
 from pipedyn.linear.eigenproblem import Eigenproblem
 from pipedyn.models.continuum import AnyModel
+from pipedyn.util.archive import saved_as
 from pipedyn.util.check import Array
 from pipedyn.util.result import Result, ResultSequence
 from pipedyn.util.units import FREQUENCY, SPEED, Unit
@@ -23,6 +24,7 @@ LEAST_BETA = 1e-300
 """Derivatives by a smaller beta overflow: under weak damping they grow like 1 / beta."""
 
 
+@saved_as("Derivatives", shapes={"n": "springs"})
 class Derivatives(Result):
     """Derivatives of one quantity by the pipe's numbers and the springs.
 
@@ -44,6 +46,7 @@ class Derivatives(Result):
     springs: Array | None = field(default=None, repr=False, compare=False)
 
 
+@saved_as("Sensitivity")
 class Sensitivity(Result):
     """How a crossing moves with the pipe's numbers.
 
@@ -67,6 +70,7 @@ class Sensitivity(Result):
         return dict.fromkeys((*names, "beta"), FREQUENCY)
 
 
+@saved_as("Crossing")
 class Crossing(Result, units={"error": SPEED}):
     """A crossing of the imaginary axis by an eigenvalue or a conjugate pair.
 
@@ -102,6 +106,7 @@ class Crossing(Result, units={"error": SPEED}):
         return self.unstable_after > self.unstable_before
 
 
+@saved_as("Crossings")
 class Crossings(ResultSequence[Crossing], units={"error": SPEED, "max_speed": SPEED}):
     """All crossings of a model up to a flow speed, in order of speed, as a tuple and as a table.
 

@@ -25,6 +25,7 @@ from pipedyn.linear.sensitivity import Crossing, of_each
 from pipedyn.models.continuum import AnyModel, checked_model
 from pipedyn.models.pipe import Pipe
 from pipedyn.util import check
+from pipedyn.util.archive import saved_as
 from pipedyn.util.check import Array
 from pipedyn.util.later import futures
 from pipedyn.util.parallel import outcome_of, parallel
@@ -40,6 +41,7 @@ BATCHES = 16
 """Of the points of a sweep that an executor takes, at least: enough to share among some workers."""
 
 
+@saved_as("Failure")
 class Failure(Result):
     """A point of a sweep that could not be computed.
 
@@ -54,6 +56,7 @@ class Failure(Result):
     error: Exception
 
 
+@saved_as("StabilityCurve", shapes={"S": "values critical crossings"})
 class StabilityCurve(TableResult, units=dict.fromkeys(("no_loss_up_to", "max_speed"), SPEED)):
     """Critical speed, and every crossing, against a parameter.
 

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import fields, replace
@@ -19,9 +20,10 @@ from pipedyn.models.pencil import DensePencil, Pencil
 from pipedyn.models.pipe import Pipe
 from pipedyn.models.profile import values_along
 from pipedyn.util import check
+from pipedyn.util.archive import Saved, saved_as
 from pipedyn.util.check import Array
 from pipedyn.util.power_iteration import largest_stretch
-from pipedyn.util.result import Result, Saved
+from pipedyn.util.result import Result
 from pipedyn.util.units import POWER
 
 DENSE_LIMIT = 4000
@@ -37,6 +39,7 @@ LARGEST_ANGLE = 1e6
 """Coordinates of a shape; sine and cosine of greater angles lose their digits."""
 
 
+@saved_as("PipedynError")
 class PipedynError(Exception):
     """What the package could not compute; every other error it raises is about an argument.
 
@@ -47,6 +50,7 @@ class PipedynError(Exception):
         return str(self.args[0]) if self.args else ""
 
 
+@saved_as("NotConverged")
 class NotConverged(PipedynError):
     """A result that did not meet its tolerance, with what was reached.
 
@@ -59,6 +63,9 @@ class NotConverged(PipedynError):
         self.result = result
 
 
+@saved_as(
+    "Operators", shapes={"n n": "mass gyroscopic end_flux damping stiffness flux unsteady loss"}
+)
 class Operators(Result):
     """Linear operators about a configuration at rest, each of shape (dof, dof).
 
@@ -99,6 +106,17 @@ class Operators(Result):
     centrifugal: float
     loss: Array | None = None
 
+    @classmethod
+    def restored(cls, fields: dict[str, Any]) -> Operators:
+        """The operators of which a file kept this, if the two factors are of a pipe."""
+        made = cls(**fields)
+        if abs(made.direction) != 1.0 or not 0.0 <= made.centrifugal < math.inf:
+            raise ValueError(
+                "direction must be 1 or -1 and centrifugal >= 0, got "
+                f"{made.direction:g} and {made.centrifugal:g}"
+            )
+        return made
+
     def at(self, u: float, u_dot: float = 0.0) -> tuple[Array, Array, NDArray[Any]]:
         """(M, C, K) at flow speed u >= 0 and its rate of change; with a loss K is complex.
 
@@ -117,6 +135,7 @@ class Operators(Result):
         return self.mass, velocity, stiffness if self.loss is None else stiffness + 1j * self.loss
 
 
+@saved_as("Power", shapes={"k": "flow joints drag others base"})
 class Power(
     Result, units=dict.fromkeys(("flow", "joints", "drag", "others", "base", "total"), POWER)
 ):
@@ -223,22 +242,16 @@ class OfPipe(Saved):
         return {name: value for name, value in self.__dict__.items() if name not in kept}
 
     def archived(self) -> dict[str, Any]:
-        """What a file keeps of it, by name."""
-        return self.__getstate__()
-
-    @classmethod
-    def restored(cls, fields: dict[str, Any]) -> Self:
-        """The model of which a file kept this."""
-        made = object.__new__(cls)
-        made.__dict__.update(fields)
-        return made
+        """What a file keeps of it, by the names of the constructor's arguments and others."""
+        return {"pipe": self._pipe}
 
     def with_pipe(self, pipe: Pipe) -> Self:
         """The same discretisation, if there is one, with its springs, of another pipe.
 
         Raises:
-            ValueError: for terms that the model does not take, as when it is made; for another
-                stiffness or mass along the pipe, which a discretisation follows.
+            ValueError: for a pipe that the model does not take, as when it is made; for another
+                stiffness or mass along the pipe, which a discretisation follows; for supports that
+                the configuration of `about` does not meet.
             TypeError: for what is no pipe.
         """
         for name in ("stiffness", "mass"):
@@ -249,13 +262,13 @@ class OfPipe(Saved):
         other = object.__new__(type(self))
         other.__dict__.update(self.__getstate__())
         OfPipe.__init__(other, pipe)
-        parts = attrgetter("terms", "root", "end", "supports")
+        parts = attrgetter("beta", "terms", "root", "end", "supports")
         if parts(pipe) != parts(self._pipe):
-            other._check_terms()
+            other._check_pipe()
         return other
 
-    def _check_terms(self) -> None:
-        """Raises ValueError where the model does not take the pipe's terms or supports."""
+    def _check_pipe(self) -> None:
+        """Raises ValueError where the model does not take the pipe."""
 
 
 class Model(OfPipe, ABC):
@@ -271,6 +284,19 @@ class Model(OfPipe, ABC):
     def __init__(self, pipe: Pipe) -> None:
         super().__init__(pipe)
         self._reference: Array | None = None  # chosen by `about`; else the straight pipe
+
+    def _check_pipe(self) -> None:
+        if self._reference is not None:
+            self._checked_reference(self._reference)
+
+    def archived(self) -> dict[str, Any]:
+        """What a file keeps of it, with the configuration that `about` chose."""
+        return {**super().archived(), "reference": self._reference}
+
+    def _checked_reference(self, q: Any) -> Array:
+        """A configuration that `about` has kept, in all coordinates; else ValueError."""
+        rule: dict[str, Any] = {"low": -LARGEST_ANGLE, "high": LARGEST_ANGLE}
+        return check.array("reference", q, size=self.moving, **rule)
 
     @property
     @abstractmethod

@@ -7,7 +7,7 @@ import math
 from collections.abc import Callable
 from dataclasses import replace
 from functools import cached_property
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -30,6 +30,7 @@ from pipedyn.models.pencil import ChainPencil, Pencil, real_columns
 from pipedyn.models.pipe import Pipe
 from pipedyn.models.profile import moments, reciprocal
 from pipedyn.util import check
+from pipedyn.util.archive import saved_as
 from pipedyn.util.check import Array
 from pipedyn.util.power_iteration import largest_stretch
 
@@ -37,6 +38,15 @@ SPRING_RULES = ("consistent", "midpoint", "rayleigh", "uniform", "frequency")
 
 FIRST_BEAM_EIGENVALUE = 1.8751040687119611664**4
 """Square of a cantilever's first angular frequency: root of cos(k) cosh(k) = -1, to the fourth."""
+
+ARRAYS = {
+    "lengths": "_lengths",
+    "masses": "_masses",
+    "centres": "_centers",
+    "drag_points": "_drag_points",
+    "gyration_radii": "_gyration_radii",
+}
+"""Numbers of each segment: arguments of the constructor, and where a chain keeps them."""
 
 NOT_HELD = np.zeros(0, dtype=np.intp)
 
@@ -47,6 +57,22 @@ SHORTEST_SEGMENT = 1e-7
 """Shorter segments, or a last one with less inertia, are lost in the rounding of the others."""
 
 
+@saved_as(
+    "Chain",
+    former={
+        "_pipe": "pipe",
+        "_reference": "reference",
+        "_lengths": "lengths",
+        "_base": "base",
+        "_masses": "masses",
+        "_centers": "centres",
+        "_drag_points": "drag_points",
+        "_gyration_radii": "gyration_radii",
+        "_rule": "rule",
+        "_joints": "joints",
+        "_approximates": "approximates",
+    },
+)
 class Chain(Model):
     """A chain of n rigid segments, the lumped-parameter model of a pipe.
 
@@ -167,13 +193,6 @@ class Chain(Model):
             )
         mass, center, radius = self._pipe_inertia()
         self._masses = _given("masses", masses, mass, high=1e6, open_low=True)
-        if masses is not None:
-            lacking = self._masses - self._pipe.beta * self._lengths
-            if lacking.min() < -1e-9 * self._masses.max():
-                raise ValueError(
-                    f"masses must be at least beta = {pipe.beta:g} times the length each, the "
-                    f"fluid's part, got {float(self._masses[lacking.argmin()])!r}"
-                )
         self._centers = _given("centres", centres, center, high=1.0)
         self._drag_points = _given("drag_points", drag_points, np.full(n, 0.5), high=1.0)
         self._gyration_radii = _given("gyration_radii", gyration_radii, radius, high=1e3)
@@ -190,8 +209,41 @@ class Chain(Model):
             )
         else:
             self._joints = _frozen(self._springs_by_rule(rule))
-        self._check_terms()
+        self._check_pipe()
         self._approximates = rule is not None and not own
+
+    def archived(self) -> dict[str, Any]:
+        return {
+            **super().archived(),
+            **{name: getattr(self, own) for name, own in ARRAYS.items()},
+            "base": self._base,
+            "rule": self._rule,
+            "joints": self._joints,
+            "approximates": self._approximates,
+        }
+
+    @classmethod
+    def restored(cls, fields: dict[str, Any]) -> Self:
+        """The chain of which a file kept this, checked as the constructor does."""
+        rule, joints, approximates, reference = (
+            fields.pop(name) for name in ("rule", "joints", "approximates", "reference")
+        )
+        n = np.size(fields["lengths"])
+        kept = check.array("joints", joints, low=0.0, longest=LARGEST_CHAIN + 1)
+        if kept.size not in (n, n + 1):
+            raise ValueError(f"joints must have {n} or {n + 1} entries, got {kept.size}")
+        made = cls(springs=kept[: n + fields["pipe"].end_directed], **fields)
+        for name, own in ARRAYS.items():
+            given = fields.get(name)
+            if isinstance(given, np.ndarray) and given.dtype == np.float64:
+                setattr(made, own, _frozen(given))  # which chains of other pipes share
+        made._joints = kept
+        made._rule = None if rule is None else check.choice("rule", rule, SPRING_RULES)
+        made._approximates = check.flag("approximates", approximates)
+        if reference is not None:
+            made._reference = made._checked_reference(reference)
+        made._check_pipe()
+        return made
 
     def _ends(self) -> Array:
         """Arc lengths where the segments begin and end, shape (n + 1,)."""
@@ -249,9 +301,15 @@ class Chain(Model):
         stretch = largest_stretch(lambda turns: soft * inertia(soft * turns), np.ones(n))
         return lowest * stretch * every
 
-    def _check_terms(self) -> None:
-        """Raises ValueError where the chain is not made for how its pipe is held."""
+    def _check_pipe(self) -> None:
+        """Raises ValueError where the chain is not made for its pipe, or how that is held."""
         pipe, n = self._pipe, self.coordinates
+        lacking = self._masses - pipe.beta * self._lengths
+        if lacking.min() < -1e-9 * self._masses.max():
+            raise ValueError(
+                f"masses must be at least beta = {pipe.beta:g} times the length each, the "
+                f"fluid's part, got {float(self._masses[lacking.argmin()])!r}"
+            )
         if pipe.cantilevered:
             return
         guided = pipe.end_directed
@@ -273,6 +331,7 @@ class Chain(Model):
             raise ValueError(
                 f"supports must leave something that moves: n must be at least {n + 1}, got {n}"
             )
+        super()._check_pipe()
 
     @cached_property
     def _held(self) -> NDArray[np.intp]:
@@ -528,9 +587,15 @@ class Chain(Model):
         return found
 
     def _coordinates(self, q: ArrayLike) -> Array:
-        theta = super()._coordinates(q)
-        if self.supported is not None:
-            self._require_met("q must meet", self._off_axis(theta), MET, "closed(q)")
+        return self._require_held("q", super()._coordinates(q))
+
+    def _checked_reference(self, q: Any) -> Array:
+        return self._require_held("reference", super()._checked_reference(q))
+
+    def _require_held(self, name: str, theta: Array) -> Array:
+        """The angles, if they meet the supports."""
+        if self._held.size:
+            self._require_met(f"{name} must meet", self._off_axis(theta), MET, f"closed({name})")
         return theta
 
     def _off_axis(self, theta: Array) -> Array:

@@ -16,6 +16,7 @@ from pipedyn.models.base import Model, NotConverged, OfPipe
 from pipedyn.models.galerkin import LARGEST_BASIS, Galerkin, basis_joints, enriched
 from pipedyn.models.pipe import Pipe
 from pipedyn.util import check
+from pipedyn.util.archive import saved_as
 
 Answer = TypeVar("Answer")
 
@@ -43,6 +44,7 @@ class Converged(Generic[Answer]):
     error: float
 
 
+@saved_as("Continuum", former={"_pipe": "pipe"})
 class Continuum(OfPipe):
     """The continuous pipe (the partial differential equation), for linear questions.
 

@@ -19,6 +19,7 @@ from numpy.typing import ArrayLike
 
 from pipedyn.models.pipe import Pipe
 from pipedyn.util import check
+from pipedyn.util.archive import saved_as
 from pipedyn.util.check import Array
 
 ROWS = 7
@@ -49,6 +50,7 @@ Base: TypeAlias = Callable[[float], Place] | tuple[Callable[[float], Place], ...
 """A function of time to the base's place (X, Y), or this, its first and its second derivative."""
 
 
+@saved_as("Pulsation")
 @dataclass(frozen=True)
 class Pulsation:
     """A flow speed that pulsates: u = mean (1 + amplitude cos(frequency t)).
@@ -116,6 +118,7 @@ class Pulsation:
         return -self.mean * self.amplitude * self.frequency * math.sin(self.frequency * t)
 
 
+@saved_as("Harmonic")
 @dataclass(frozen=True)
 class Harmonic:
     """A base that oscillates: amplitude cos(frequency t) along x or y, y downward.
@@ -189,6 +192,7 @@ class Harmonic:
         return self.along(-self.amplitude * self.frequency**2 * math.cos(self.frequency * t))
 
 
+@saved_as("Supply")
 @dataclass(frozen=True)
 class Supply:
     """A flow at constant head instead of constant speed.
@@ -407,6 +411,7 @@ def drive_of(y: ArrayLike, u_dot: ArrayLike | None, base: ArrayLike | None) -> A
     return drive
 
 
+@saved_as("DriveFailed")
 class DriveFailed(Exception):
     """A function of time that gives nothing to go on with, found in the course of a motion."""
 

@@ -9,7 +9,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from functools import cached_property, lru_cache
 from itertools import pairwise
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -30,6 +30,7 @@ from pipedyn.models.free_functions import FreeFunctions, orthonormal
 from pipedyn.models.held_across import HeldAcross
 from pipedyn.models.pipe import Pipe
 from pipedyn.util import check
+from pipedyn.util.archive import saved_as
 from pipedyn.util.check import Array
 from pipedyn.util.later import scipy
 
@@ -76,6 +77,16 @@ def basis_joints(pipe: Pipe) -> Array:
     return np.array(ends[1:-1])
 
 
+@saved_as(
+    "Galerkin",
+    former={
+        "_pipe": "pipe",
+        "_reference": "reference",
+        "_size": "m",
+        "_basis": "basis",
+        "_more": "more",
+    },
+)
 class Galerkin(Model):
     """A reduced model with m functions. Coordinates: their amplitudes q_i, shape (m,).
 
@@ -127,9 +138,22 @@ class Galerkin(Model):
         self._size = check.count("m", m, high=LARGEST_BASIS)
         self._basis = check.choice("basis", basis, BASES)
         self._more = 0
-        self._check_terms()
+        self._check_pipe()
 
-    def _check_terms(self) -> None:
+    def archived(self) -> dict[str, Any]:
+        return {**super().archived(), "m": self._size, "basis": self._basis, "more": self._more}
+
+    @classmethod
+    def restored(cls, fields: dict[str, Any]) -> Self:
+        """The model of which a file kept this, checked as the constructor does."""
+        more, reference = fields.pop("more"), fields.pop("reference")
+        made = cls(**fields)
+        made._more = check.count("more", more, low=0, high=LARGEST_BASIS)
+        if reference is not None:
+            made._reference = made._checked_reference(reference)
+        return made
+
+    def _check_pipe(self) -> None:
         # One function on each panel; where the pipe is held takes functions, and a root that turns
         # adds one.
         needs = self.panels - len(self._held)
@@ -141,6 +165,7 @@ class Galerkin(Model):
                 f"m must be at least {needs}, for one function on each of the {self.panels} panels "
                 f"between terms, supports and steps, got {self._size}"
             )
+        super()._check_pipe()
 
     @cached_property
     def core(self) -> _core.Galerkin:

@@ -35,7 +35,7 @@ from pipedyn.models.terms import (
     in_range,
 )
 from pipedyn.util import check
-from pipedyn.util.result import Saved
+from pipedyn.util.archive import Saved, saved_as
 
 Flow = Literal["ejecting", "aspirating"]
 FLOWS = ("ejecting", "aspirating")
@@ -53,6 +53,7 @@ RANGES: dict[str, dict[str, Any]] = {
 """What `check.real` asks of a pipe's numbers: far above any pipe's, far below overflow."""
 
 
+@saved_as("Scales")
 class Scales(NamedTuple):
     """SI value of one nondimensional unit.
 
@@ -83,6 +84,7 @@ def scales_at(beta: Any, scales: Scales) -> Scales:
     return scales if same else scales._replace(speed=float(speed))
 
 
+@saved_as("Pipe")
 @dataclass(frozen=True)
 class Pipe(Saved):
     """A pipe conveying fluid, a cantilever if not told, in units of L, mu_p + mu_f and EI.

@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike
 
 from pipedyn import _core
 from pipedyn.util import check
+from pipedyn.util.archive import saved_as
 from pipedyn.util.check import Array
 
 Along: TypeAlias = Callable[[Array], ArrayLike]
@@ -43,17 +44,28 @@ SHORTEST = 1e-4
 smooth."""
 
 
+@saved_as("ChebyshevSeries")
 @dataclass(frozen=True, repr=False)
 class _Series:
     """Chebyshev coefficients of a function on one stretch."""
 
     coefficients: tuple[float, ...]
 
+    @classmethod
+    def restored(cls, fields: dict[str, Any]) -> _Series:
+        """The series of which a file kept this, if a function can have it."""
+        made = cls(**fields)
+        count = len(made.coefficients)
+        if not (1 <= count <= COUNTS[-1] and all(map(math.isfinite, made.coefficients))):
+            raise ValueError(f"coefficients must be 1 to {COUNTS[-1]} finite numbers, got {count}")
+        return made
+
     def __repr__(self) -> str:
         ends = np.polynomial.chebyshev.chebval([-1.0, 1.0], self.coefficients)
         return f"<{ends[0]:.6g} to {ends[1]:.6g}>"
 
 
+@saved_as("Profile")
 @dataclass(frozen=True, repr=False, init=False)
 class Profile:
     """A number that varies along the pipe and may jump, such as its bending stiffness.
@@ -127,6 +139,16 @@ class Profile:
             _refuse_many(name, len(found))
         object.__setattr__(self, "at", tuple(high for high, _ in found[:-1]))
         object.__setattr__(self, "values", tuple(value for _, value in found))
+
+    @classmethod
+    def restored(cls, fields: dict[str, Any]) -> Profile:
+        """The profile of which a file kept this, with its values in their range."""
+        made = cls(**fields)
+        low, high = made.bounds
+        missed = 10.0 * NEARLY * high  # more than a series misses of its function
+        if not SMALLEST - missed <= low <= high <= LARGEST + missed:
+            raise ValueError(f"values must lie in [{SMALLEST:g}, {LARGEST:g}], got {low} to {high}")
+        return made
 
     def __repr__(self) -> str:
         at, values = (

@@ -13,6 +13,7 @@ import numpy as np
 
 from pipedyn.models.terms import SLACK, number
 from pipedyn.util import check
+from pipedyn.util.archive import saved_as
 
 End = Literal["free", "guided", "pinned", "clamped"]
 ROOTS = ("clamped", "pinned")
@@ -30,6 +31,7 @@ GOLDEN = 0.5 * (3.0 - math.sqrt(5.0))
 """Share of a span at which none of its lowest 20 modes has a node: sin(k pi GOLDEN) > 0.08."""
 
 
+@saved_as("RootSpring")
 @dataclass(frozen=True)
 class RootSpring:
     """A hinged root with a rotational spring: a clamp that gives.

@@ -15,6 +15,7 @@ from dataclasses import dataclass, field, fields, replace
 from typing import TYPE_CHECKING, Any, ClassVar, TypeVar
 
 from pipedyn.util import check
+from pipedyn.util.archive import saved_as
 
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance
@@ -97,6 +98,7 @@ class Term:
         return list(self.numbers.values())
 
 
+@saved_as("PointMass")
 @dataclass(frozen=True, repr=False)
 class PointMass(Term):
     """A mass without extent at one place of the pipe, with its weight.
@@ -123,6 +125,7 @@ class PointMass(Term):
     mass: float = number(1e6, mass=1, length=1)
 
 
+@saved_as("Spring")
 @dataclass(frozen=True, repr=False)
 class Spring(Term):
     """A spring between one place of the pipe and the axis of the straight pipe.
@@ -150,6 +153,7 @@ class Spring(Term):
     stiffness: float = number(1e9, mass=1, length=1, time=-2)
 
 
+@saved_as("Damper")
 @dataclass(frozen=True, repr=False)
 class Damper(Term):
     """A viscous damper between one place of the pipe and the ground, across the pipe.
@@ -177,6 +181,7 @@ class Damper(Term):
     coefficient: float = number(1e9, mass=1, length=1, time=-1)
 
 
+@saved_as("Foundation")
 @dataclass(frozen=True, repr=False)
 class Foundation(Term):
     """An elastic foundation all along the pipe, of springs independent of one another.
@@ -202,6 +207,7 @@ class Foundation(Term):
     stiffness: float = number(1e9, mass=1, time=-2)
 
 
+@saved_as("Viscosity")
 @dataclass(frozen=True, repr=False)
 class Viscosity(Term):
     """Linear viscous resistance all along the pipe of a fluid at rest around it.
@@ -228,6 +234,7 @@ class Viscosity(Term):
     sigma: float = number(1e9, mass=1, time=-1)
 
 
+@saved_as("AddedMass")
 @dataclass(frozen=True, repr=False)
 class AddedMass(Term):
     """Added mass of a dense fluid at rest around the pipe, for motions of any amplitude.
@@ -261,6 +268,7 @@ class AddedMass(Term):
     chi: float = number(1e6, mass=1)
 
 
+@saved_as("CubicSpring")
 @dataclass(frozen=True, repr=False)
 class CubicSpring(Term):
     """A hardening spring between one place of the pipe and the axis of the straight pipe.
@@ -288,6 +296,7 @@ class CubicSpring(Term):
     stiffness: float = number(1e12, mass=1, length=-1, time=-2)
 
 
+@saved_as("Stop")
 @dataclass(frozen=True, repr=False)
 class Stop(Term):
     """Two elastic stops beside one place of the pipe, a motion-limiting restraint.
@@ -326,6 +335,7 @@ class Stop(Term):
         return (-self.gap, self.gap)
 
 
+@saved_as("Tension")
 @dataclass(frozen=True, repr=False)
 class Tension(Term):
     """A dead load at the end along the straight pipe, which keeps its direction.
@@ -357,6 +367,7 @@ class Tension(Term):
         return 1.0
 
 
+@saved_as("Weight")
 @dataclass(frozen=True, repr=False)
 class Weight(Term):
     """A dead load at one place, along the straight pipe, without mass.
@@ -383,6 +394,7 @@ class Weight(Term):
     load: float = number(1e6, mass=1, length=2, time=-2, low=-1e6)
 
 
+@saved_as("Stretching")
 @dataclass(frozen=True, repr=False)
 class Stretching(Term):
     """What stretching the pipe between axially fixed ends takes: an axial spring at its end.

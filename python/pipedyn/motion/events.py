@@ -13,6 +13,7 @@ import numpy as np
 
 from pipedyn.models.base import Model
 from pipedyn.util import check
+from pipedyn.util.archive import saved_as
 from pipedyn.util.check import Array
 from pipedyn.util.later import scipy
 from pipedyn.util.result import Result, TableResult, states_over_time
@@ -51,6 +52,7 @@ class Event:
     terminal: bool | int = False
 
 
+@saved_as("Occurrences", shapes={"k": "t", "k n": "q qdot"})
 class Occurrences(TableResult):
     """When and where an event took place.
 
@@ -67,6 +69,7 @@ class Occurrences(TableResult):
         return states_over_time(self.t, self.q, self.qdot)
 
 
+@saved_as("DenseOutput", shapes={"k+1": "t", "k n 2moving": "coefficients"})
 class DenseOutput(Result):
     """The states of a motion at any time, by the polynomials of its integrator's steps.
 
@@ -80,6 +83,14 @@ class DenseOutput(Result):
     t: Array
     coefficients: Array = field(repr=False)
     model: Model
+
+    @classmethod
+    def restored(cls, fields: dict[str, Any]) -> DenseOutput:
+        """The output of which a file kept this, if its times ascend."""
+        made = cls(**fields)
+        if not np.all(np.diff(made.t) > 0.0):
+            raise ValueError("t of DenseOutput must ascend")
+        return made
 
     def __call__(self, t: Any) -> Array:
         """States [q, q'] at a time, shape (2 coordinates,), or at k, (2 coordinates, k).

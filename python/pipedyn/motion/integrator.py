@@ -19,6 +19,7 @@ from pipedyn.models.base import Model
 from pipedyn.models.constant_head import ConstantHead
 from pipedyn.models.drive import Base, Drive, DriveFailed, Speed
 from pipedyn.motion.events import Recorder
+from pipedyn.util.archive import saved_as
 from pipedyn.util.check import Array
 from pipedyn.util.counters import evaluated, factorised, in_time
 from pipedyn.util.later import scipy
@@ -77,6 +78,7 @@ CALL_AGAIN = 0.05
 """Seconds between two calls of a motion's callback."""
 
 
+@saved_as("Stopped")
 class Stopped(Exception):
     """Why an integration stopped early."""
 

@@ -33,6 +33,7 @@ from pipedyn.motion.simulate import (
     state_of,
 )
 from pipedyn.util import check
+from pipedyn.util.archive import saved_as
 from pipedyn.util.check import Array
 from pipedyn.util.counters import evaluated
 from pipedyn.util.later import scipy
@@ -51,6 +52,7 @@ MOST_INTERVALS = 10_000_000
 """Intervals, whose growth is stored: 80 MB."""
 
 
+@saved_as("LyapunovExponent", shapes={"S": "t history", "k": "blocks", "n": "end"})
 class LyapunovExponent(
     TableResult, units=dict.fromkeys(("value", "spread", "blocks", "history"), RATE)
 ):

@@ -50,6 +50,7 @@ from pipedyn.motion.integrator import (
 )
 from pipedyn.motion.sampling import A_CYCLE, A_TURN, FEWEST, FINEST, INVISIBLE, MOST_NUMBERS, coarse
 from pipedyn.util import check
+from pipedyn.util.archive import saved_as
 from pipedyn.util.check import Array
 from pipedyn.util.counters import TookTooLong
 from pipedyn.util.later import futures
@@ -108,6 +109,7 @@ class Trajectory:
         return states_over_time(self.t, self.q, self.qdot, tips)
 
 
+@saved_as("Motion", shapes={"S": "t energy flow_speed", "S coordinates": "q qdot", "S 2": "tip"})
 class Motion(Trajectory, TableResult):
     """One motion, sampled.
 
@@ -166,6 +168,7 @@ class Motion(Trajectory, TableResult):
         }
 
 
+@saved_as("MotionStopped")
 class MotionStopped(PipedynError):
     """An integration that could not go on.
 
@@ -178,6 +181,7 @@ class MotionStopped(PipedynError):
         self.motion = motion
 
 
+@saved_as("MemberFailure")
 class MemberFailure(Result):
     """A member whose motion stopped, or was not computed.
 
@@ -191,6 +195,7 @@ class MemberFailure(Result):
     error: MotionStopped
 
 
+@saved_as("Ensemble")
 class Ensemble(TableResult):
     """Motions of many members.
 

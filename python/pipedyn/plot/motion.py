@@ -36,6 +36,7 @@ from pipedyn.plot import common
 from pipedyn.plot.units import ACROSS, ALONG, TIME, TIP, TIP_RATE, Units, View, rate
 from pipedyn.util import check
 from pipedyn.util.check import Array
+from pipedyn.util.files import replacing
 from pipedyn.util.later import scipy
 
 Shown: TypeAlias = Motion | LimitCycle | Basin
@@ -313,18 +314,20 @@ class Film(FuncAnimation):
 
         Raises:
             ValueError, TypeError: for another ending, no folder, or .mp4 where ffmpeg is not found.
+            OSError: where it cannot be written; a file that was there stays as it was.
         """
         if args or "writer" in options:
             super().save(filename, *args, **options)
             return
         path = _checked_path(filename)
         kind = path.suffix.lower()
-        if kind == ".html":
-            player = self.to_jshtml()
-            path.write_text(f'<!DOCTYPE html><meta charset="utf-8">{player}', encoding="utf-8")
-            return
-        chosen: Any = FFMpegWriter if kind == ".mp4" else PillowWriter
-        super().save(path, writer=chosen(fps=self.fps), **options)
+        with replacing(path) as beside:
+            if kind == ".html":
+                page = f'<!DOCTYPE html><meta charset="utf-8">{self.to_jshtml()}'
+                beside.write_text(page, encoding="utf-8")
+                return
+            chosen: Any = FFMpegWriter if kind == ".mp4" else PillowWriter
+            super().save(beside, writer=chosen(fps=self.fps), **options)
 
     def to_jshtml(self, *args: Any, **options: Any) -> str:
         """A player for a page, with all frames."""

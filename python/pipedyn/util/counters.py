@@ -11,11 +11,14 @@ from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass
 
+from pipedyn.util.archive import saved_as
+
 clock: Callable[[], float] = time.perf_counter if os.name == "nt" else time.thread_time
 """Seconds of this thread's work, which others on the machine hardly move; Windows counts them in
 steps of 16 ms, and there it is the time that passes."""
 
 
+@saved_as("TookTooLong")
 class TookTooLong(Exception):
     """A computation that came to the end of its time; no failure of a search, which would go on."""
 

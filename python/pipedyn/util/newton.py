@@ -10,9 +10,12 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.linalg import LinAlgError
 
+from pipedyn.util.archive import saved_as
+
 State = TypeVar("State")
 
 
+@saved_as("NewtonFailed")
 class NewtonFailed(Exception):
     """Why Newton's method found no solution."""
 

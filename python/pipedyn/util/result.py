@@ -16,7 +16,8 @@ from typing import Any, ClassVar, Literal, TypeVar, dataclass_transform, overloa
 import numpy as np
 
 from pipedyn.util import check
-from pipedyn.util.archive import save
+from pipedyn.util.archive import Saved
+from pipedyn.util.files import replacing
 from pipedyn.util.table import Table
 from pipedyn.util.units import UNIT_OF, Unit
 
@@ -27,30 +28,6 @@ SHOWN, WIDTH, ROWS = 6, 100, 20
 
 NUMBERS = float, int, complex, np.ndarray
 """What may have an SI unit."""
-
-
-class Saved:
-    """What can be written to a file and loaded from it."""
-
-    def save(self, path: str | os.PathLike[str]) -> None:
-        """Writes it to a file, from which `load` makes it again.
-
-        Args:
-            path: of the file, ending in .npz; an existing one is replaced.
-
-        Example:
-            >>> pp.critical_speed(pp.Chain(pp.Pipe(0.2), 10)).save("critical.npz")
-            >>> round(pp.load("critical.npz").speed, 4)
-            5.4857
-
-        Raises:
-            ValueError: for what holds a Python function or an object of another package, of which
-                the message says where it is (`to_csv` writes the table of a result that is one);
-                for a path that does not end in .npz, or in a folder
-                that is not there.
-            OSError: where the file cannot be written.
-        """
-        save(self, path)
 
 
 @dataclass_transform(frozen_default=True, field_specifiers=(dataclasses.field,))
@@ -264,7 +241,7 @@ class TableResult(Result):
         """The table as comma-separated values, written to a file too where its path is given.
 
         Args:
-            path: of the file.
+            path: of the file; an existing one is replaced once the new one is whole.
             units: as for `columns`.
             pipe: also.
 
@@ -280,8 +257,8 @@ class TableResult(Result):
         writer.writerow(columns)
         writer.writerows(zip(*(values.tolist() for values in columns.values()), strict=True))
         if path is not None:
-            with open(path, "w", encoding="utf-8", newline="") as file:
-                file.write(text.getvalue())
+            with replacing(path) as beside:
+                beside.write_text(text.getvalue(), encoding="utf-8", newline="")
         return text.getvalue()
 
     def _table(self) -> Table:

@@ -45,6 +45,7 @@ from pipedyn.models.pencil import ChainPencil, Pencil, real_columns
 from pipedyn.models.pipe import Pipe
 from pipedyn.models.terms import Stretching, Term
 from pipedyn.util import check
+from pipedyn.util.archive import saved_as
 from pipedyn.util.check import Array
 from pipedyn.util.newton import NewtonFailed, newton
 
@@ -52,6 +53,7 @@ LARGEST_JACOBIAN, LARGEST_RECURSION = 1300, 400
 """Segments up to which (6 n, 6 n) is made, 0.5 GB, and the dense recursions take seconds."""
 
 
+@saved_as("Assembly")
 class Assembly(Model):
     """A scene from parts: a pipe of rigid segments with whatever else stands in it.
 
@@ -130,28 +132,24 @@ class Assembly(Model):
         self._customs = CustomForces(self._layout.customs, self._configuration(straight))
         for custom in self._customs.each:
             custom.validate(self._configuration(self._layout.rest)[custom.index])
-        self._check_terms()
+        self._check_pipe()
         self._reference = straight if self._misses(straight) <= MET else None
 
     def archived(self) -> dict[str, Any]:
         """What it is made from, and the configuration that `about` chose."""
         parts = {"modules": self.modules, "constraints": self.constraints}
-        return {
-            "pipe": self.pipe,
-            **parts,
-            "enforcement": self.enforcement,
-            "reference": self._reference,
-        }
+        return {**super().archived(), **parts, "enforcement": self.enforcement}
 
     @classmethod
     def restored(cls, fields: dict[str, Any]) -> Self:
         """The scene of these parts."""
         reference = fields.pop("reference")
         made = cls(**fields)
-        made._reference = reference
+        if reference is not None:
+            made._reference = made._angles_of("reference", reference, sizes=(made.moving,))
         return made
 
-    def _check_terms(self) -> None:
+    def _check_pipe(self) -> None:
         """Raises ValueError where some direction that is left free has no inertia."""
         rest = self._configuration(self._layout.rest)
         if not np.isfinite(self.core.redundant_rhs(0.0, np.append(rest, 0.0 * rest), 0.0)).all():

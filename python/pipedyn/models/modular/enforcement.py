@@ -30,6 +30,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from pipedyn.models.base import PipedynError
+from pipedyn.util.archive import saved_as
 from pipedyn.util.check import Array
 
 RANK = 1e-10
@@ -43,6 +44,7 @@ Enforce = Callable[[Array, Array, Sequence[Group]], Array]
 """Accelerations of M, shape (N, N), symmetric and positive semidefinite, f and the groups."""
 
 
+@saved_as("Mechanism")
 class Mechanism(PipedynError):
     """A scene that can move in some direction without inertia."""
 

@@ -18,6 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from pipedyn.models.chain import LARGEST_CHAIN
 from pipedyn.util import check
+from pipedyn.util.archive import saved_as
 from pipedyn.util.check import Array
 
 MOST_MASS = 1e6
@@ -67,6 +68,7 @@ class Constraint(Part):
     """A part that ties coordinates together."""
 
 
+@saved_as("Segment")
 @dataclass(frozen=True)
 class Segment(Module):
     """A rigid piece of the pipe; the scene's j-th segment lies between nodes j - 1 and j.
@@ -95,6 +97,7 @@ class Segment(Module):
             object.__setattr__(self, "gyration_radius", self.length / math.sqrt(12.0))
 
 
+@saved_as("TorsionalSpring")
 @dataclass(frozen=True)
 class TorsionalSpring(Module):
     """A spring that bends a joint: the moment -stiffness (phi_j - rest_angle) - damping phi_j'.
@@ -115,6 +118,7 @@ class TorsionalSpring(Module):
     rest_angle: float = 0.0
 
 
+@saved_as("InternalFlow")
 @dataclass(frozen=True)
 class InternalFlow(Module):
     """The fluid that moves through all segments and the free end; its numbers are the pipe's.
@@ -123,6 +127,7 @@ class InternalFlow(Module):
     """
 
 
+@saved_as("Drag")
 @dataclass(frozen=True)
 class Drag(Module):
     """Quadratic drag at the segments' drag points; its coefficient is the pipe's.
@@ -134,6 +139,7 @@ class Drag(Module):
 Function: TypeAlias = Callable[..., Any]
 
 
+@saved_as("Custom")
 @dataclass(frozen=True)
 class Custom(Module):
     """A module of the user's own, written in Python: slower than the others, with any forces.
@@ -235,6 +241,7 @@ class Custom(Module):
         return np.array([*(i for pair in pairs for i in pair), *angles], dtype=np.intp)
 
 
+@saved_as("Clamp")
 @dataclass(frozen=True)
 class Clamp(Constraint):
     """Segment 1 held at the fixed end: its direction is phi_1 from the axis.
@@ -248,6 +255,7 @@ class Clamp(Constraint):
     base: float = 0.0
 
 
+@saved_as("Joint")
 @dataclass(frozen=True)
 class Joint(Constraint):
     """Segment `segment` held to the one before, phi its angle from that one's direction.
@@ -261,6 +269,7 @@ class Joint(Constraint):
     segment: int
 
 
+@saved_as("Guide")
 @dataclass(frozen=True)
 class Guide(Constraint):
     """A node held on the axis, x = 0, free to slide along it.
@@ -272,6 +281,7 @@ class Guide(Constraint):
     node: int
 
 
+@saved_as("Pin")
 @dataclass(frozen=True)
 class Pin(Constraint):
     """A node held at one place, free to turn.

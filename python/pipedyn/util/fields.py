@@ -1,0 +1,152 @@
+# SPDX-License-Identifier: MIT
+"""Whether the values of fields have the types and shapes that their class states."""
+
+from __future__ import annotations
+
+import dataclasses
+import re
+import types
+from collections.abc import Callable, Mapping
+from functools import cache
+from typing import Any, Literal, Union, get_args, get_origin, get_type_hints
+
+import numpy as np
+
+from pipedyn.util import check
+
+LARGEST_WHOLE = 2**63
+"""Whole numbers in fields are smaller: 64 bits hold them."""
+
+NOT_NEGATIVE = frozenset(
+    (
+        *("u", "speed", "speeds", "max_speed", "mean", "critical_speed", "onset"),
+        *("frequency", "frequencies", "period", "amplitude", "amplitudes", "duration", "seconds"),
+        *("error", "errors", "multiplier_error", "amplitude_error", "lyapunov_error", "residual"),
+        *("size", "sizes", "dof", "count", "evaluations", "right_hand_sides", "factorisations"),
+        *("unstable", "unstable_before", "unstable_after", "start", "phases", "freedom"),
+        *("uncertainties", "chi_squared", "condition", "tolerance", "budget", "height", "width"),
+    )
+)
+"""Fields of results whose numbers are never below 0."""
+
+SIZES = ("coordinates", "dof", "moving")
+"""Words in shapes that are sizes of the field `model`, where that has them."""
+
+TERM = re.compile(r"(\d*)([A-Za-z]*)([+-]\d+)?")
+"""A size in a shape: a number, or a word, maybe times a number, maybe plus one."""
+
+
+def check_types(kind: type, values: Mapping[str, Any]) -> None:
+    """Raises TypeError for a value that is not what its field is annotated as.
+
+    Args:
+        kind: a class with fields, else its constructor's arguments count as these.
+        values: by the names of fields, some or all of them.
+    """
+    for name, hint in _hints(kind).items():
+        if name in values and not fits(values[name], hint):
+            said = hint.__name__ if isinstance(hint, type) else str(hint)
+            raise TypeError(
+                f"{name} of {kind.__name__} must be {said}, got {check.shown(values[name])}"
+            )
+
+
+def check_signs(kind: type, values: Mapping[str, Any]) -> None:
+    """Raises ValueError for a number below 0 that no result has; classes may check their own."""
+    if hasattr(kind, "__post_init__"):
+        return
+    for name, value in values.items():
+        if name.lstrip("_") in NOT_NEGATIVE and np.any(_numbers(value) < 0.0):
+            raise ValueError(f"{name} of {kind.__name__} must be >= 0, got {check.shown(value)}")
+
+
+def _numbers(value: Any) -> Any:
+    """Real numbers that can be compared, none where it is something else."""
+    array = isinstance(value, np.ndarray) and value.dtype.kind in "iuf"
+    return value if array or isinstance(value, int | float) else np.zeros(0)
+
+
+@cache
+def _hints(kind: Any) -> dict[str, Any]:
+    has_fields = dataclasses.is_dataclass(kind) or hasattr(kind, "_fields")
+    return get_type_hints(kind if has_fields else kind.__init__)
+
+
+def fits(value: Any, hint: Any) -> bool:
+    """Whether a value is of a type; true of annotations that a value cannot be held against."""
+    origin, parts = get_origin(hint), get_args(hint)
+    if origin in (Union, types.UnionType):
+        return any(fits(value, part) for part in parts)
+    if origin is Literal:
+        return value in parts
+    if origin is tuple:
+        if not isinstance(value, tuple):
+            return False
+        each = parts[:1] * len(value) if parts[1:] == (...,) else parts
+        return len(value) == len(each) and all(map(fits, value, each))
+    if origin is np.ndarray:
+        return isinstance(value, np.ndarray) and _holds(value.dtype, *get_args(parts[1]))
+    if origin is Callable:
+        return callable(value)
+    kind = origin or hint
+    if kind in (bool, int, float, complex):
+        return _is_number(value, kind)
+    said = isinstance(kind, type) and kind is not Any and not getattr(kind, "_is_protocol", False)
+    return isinstance(value, kind) if said else True
+
+
+def _is_number(value: Any, kind: type) -> bool:
+    """Whether it is a number of a kind; a whole one is a real one, too, and that a complex one."""
+    if isinstance(value, bool) or kind is bool:
+        return kind is bool and isinstance(value, bool)
+    if isinstance(value, int):
+        return abs(value) < LARGEST_WHOLE
+    return isinstance(value, kind) or (kind is complex and isinstance(value, float))
+
+
+def _holds(dtype: np.dtype[Any], scalar: Any) -> bool:
+    """Whether an array's entries are of a type; whole numbers may have any size."""
+    if scalar is Any:
+        return dtype.kind in "biufc"
+    wanted = np.dtype(scalar)
+    return dtype.kind == wanted.kind and (dtype.kind not in "fc" or dtype == wanted)
+
+
+def check_shapes(name: str, thing: Any, shapes: Mapping[str, str]) -> None:
+    """Raises ValueError where sizes of arrays or tuples do not fit one another.
+
+    Args:
+        name: what the message calls the thing.
+        thing: what has the fields.
+        shapes: names of fields, or of fields' fields as "orbit.starts", with spaces between, by
+            their shape: the sizes with spaces between, each a number or a word, which has one value
+            in all shapes. "2S" is twice it and "S+1" one more. What is None or a number is passed
+            over.
+    """
+    model = getattr(thing, "model", None)
+    known = {size: getattr(model, size) for size in SIZES if hasattr(model, size)}
+    for shape, names in shapes.items():
+        wanted = shape.split()
+        for field in names.split():
+            value = thing
+            for part in field.split("."):
+                value = getattr(value, part, None)
+            if value is None or isinstance(value, int | float):
+                continue
+            sizes = value.shape if isinstance(value, np.ndarray) else (len(value),)
+            if len(sizes) != len(wanted) or not all(
+                _is_term(size, term, known) for size, term in zip(sizes, wanted, strict=True)
+            ):
+                shown = f"({', '.join(wanted)})"
+                raise ValueError(f"{field} of {name} must have shape {shown}, got {sizes}")
+
+
+def _is_term(size: int, term: str, known: dict[str, int]) -> bool:
+    """Whether a size is a term's value; of a word that is not known yet it says the value."""
+    found = TERM.fullmatch(term)
+    assert found, term
+    times, word, more = found.groups()
+    if not word:
+        return size == int(times)
+    value, left = divmod(size - int(more or 0), int(times or 1))
+    return left == 0 and known.setdefault(word, value) == value

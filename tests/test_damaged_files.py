@@ -1,0 +1,397 @@
+# SPDX-License-Identifier: MIT
+"""Files that are damaged, or come from elsewhere, are refused in words and take no memory."""
+
+import io
+import json
+import tracemalloc
+import warnings
+import zipfile
+
+import numpy as np
+import pytest
+from damage import BYTES, DAMAGE, at, cases, nodes, outcome, read, written, zipped
+from saved_things import differences, facts, path_of
+
+import pipedyn as pp
+from pipedyn.util import archive
+
+
+@pytest.mark.parametrize("damage", DAMAGE, ids=lambda damage: damage.__name__)
+def test_damaged_files_load_or_are_refused(damage, tmp_path):
+    """Those whose bytes are damaged are refused, or are as good as before."""
+    refused = 0
+    for name, _, data in cases(50, 1, [damage]):
+        with warnings.catch_warnings(record=True) as said:
+            found = outcome(data, tmp_path / "damaged.npz")
+        assert said == []
+        if isinstance(found, Exception):
+            assert isinstance(found, ValueError | OSError), repr(found)
+            assert isinstance(found, OSError) or "damaged.npz cannot be loaded: " in str(found)
+            refused += 1
+        elif damage in BYTES:
+            assert differences(facts(found), facts(pp.load(path_of(name)))) == []
+    assert refused > 10
+
+
+def edited(name, tmp_path, edit):
+    """The path of a thing's file whose header and arrays a function has changed."""
+    header, arrays = read(path_of(name).read_bytes())
+    edit(header, arrays)
+    path = tmp_path / "edited.npz"
+    path.write_bytes(written(header, arrays))
+    return path
+
+
+def fields_of(header, kind):
+    """Those of the first object of a class."""
+    return next(
+        one["fields"] for one in header["objects"] if kind in (one.get("class"), one.get("parts"))
+    )
+
+
+def of(kind, /, **values):
+    """Gives fields of the first object of a class other values."""
+    return lambda header, arrays: fields_of(header, kind).update(values)
+
+
+def of_array(kind, field, change):
+    """Changes the array in a field of the first object of a class."""
+
+    def edit(header, arrays):
+        place = fields_of(header, kind)[field]["object"]
+        member = header["objects"][place]["array"]
+        arrays[member] = change(arrays[member])
+
+    return edit
+
+
+def without(kind, field):
+    return lambda header, arrays: fields_of(header, kind).pop(field)
+
+
+@pytest.mark.parametrize(
+    ("name", "edit", "said"),
+    [
+        (
+            "chain",
+            of_array("Chain", "_lengths", lambda a: np.full(4, 0.9)),
+            r"base \+ sum\(lengths\) must be 1, got 3.6",
+        ),
+        (
+            "chain",
+            of_array("Chain", "_lengths", lambda a: np.full(3, 0.9)),
+            r"base \+ sum\(lengths\) must be 1, got 2.7",
+        ),
+        ("chain", of_array("Chain", "_joints", lambda k: -k), r"joints must .* >= 0"),
+        ("chain", of_array("Chain", "_joints", lambda k: k[:2]), "joints must have 3 or 4 entries"),
+        ("chain", of_array("Chain", "_gyration_radii", lambda a: a * np.nan), "got nan at index 0"),
+        ("chain", of("Chain", _rule="steep"), "rule must be one of 'consistent'"),
+        ("chain", of("Chain", _base=0.5), r"base \+ sum\(lengths\) must be 1"),
+        ("chain", of("Chain", _approximates=1), "approximates must be True or False"),
+        ("chain", of("Chain", _reference={"tuple": [0.1]}), "reference must have 3 entries"),
+        ("chain", without("Chain", "_masses"), "masses of Chain is missing"),
+        ("chain", without("Chain", "_rule"), "'rule' is missing"),
+        ("chain", of("Chain", lengths=1), "which `save` does not write"),
+        (
+            "chain that is held",
+            of_array("Chain", "_lengths", lambda a: a + 0.01 * np.eye(5)[0] - 0.01 * np.eye(5)[4]),
+            "a segment must end",
+        ),
+        (
+            "chain that rests bent",
+            of_array("Chain", "_reference", lambda q: q + np.nan),
+            "reference must .* got nan at index 0",
+        ),
+        (
+            "chain of arrays",
+            of_array("Chain", "_masses", lambda m: 0.01 * m),
+            "masses must be at least beta = 0.2 times",
+        ),
+        ("beam functions", of("Galerkin", _size=-3), "m must be from 1 to 2000, got -3"),
+        ("beam functions", of("Galerkin", _size=3.0), "m of Galerkin must be int, got 3.0"),
+        ("beam functions", of("Galerkin", _size=True), "m of Galerkin must be int, got True"),
+        ("beam functions", of("Galerkin", _more=-1), "more must be from 0 to 2000, got -1"),
+        ("beam functions", of("Galerkin", _basis="sine"), "basis must be one of 'beam'"),
+        ("legendre functions", of("Galerkin", _size=1), "m must be at least 2"),
+        (
+            "beam functions that are held",
+            of("Galerkin", _reference={"tuple": [0.1, 0.2, 0.3, 0.4]}),
+            "reference must have 6 entries, got 4",
+        ),
+        ("continuum", of("Pipe", jet_angle=0.5), "no equilibrium with jet_angle"),
+        ("pipe", of("Pipe", beta=2.0), r"beta must lie in \[0, 1\), got 2.0"),
+        ("pipe", without("Pipe", "gamma"), "gamma of Pipe is missing"),
+        ("pipe with every term", of("Spring", stiffness=-1.0), "stiffness must be finite and >= 0"),
+        (
+            "pipe that varies",
+            of("models.profile._Series", coefficients={"tuple": [1.0, {"number": "nan"}]}),
+            "coefficients must be 1 to 128 finite numbers",
+        ),
+        (
+            "pipe that varies",
+            of("models.profile._Series", coefficients={"tuple": [-1.0, 0.5]}),
+            r"values must lie in \[1e-06, 1e\+06\], got -1.5 to",
+        ),
+        (
+            "pipe that varies",
+            of("models.profile._Series", coefficients={"tuple": []}),
+            "coefficients must be 1 to 128 finite numbers, got 0",
+        ),
+        ("scene", of("modular.Segment", length=0.9), r"lengths .* must .* 1|add up"),
+        ("scene", of("modular.Guide", node=7), "node"),
+        ("Operators", of("Operators", direction=3.0), "direction must be 1 or -1"),
+        (
+            "Operators",
+            of_array("Operators", "flux", lambda m: m[:1]),
+            r"shape \(n, n\), got \(1, 2\)",
+        ),
+        ("Motion", of("Motion", u=-4.0), "u of Motion must be >= 0"),
+        ("Motion", of("Motion", u="fast"), "u of Motion must be"),
+        ("Motion", of("Motion", evaluations=2.5), "evaluations of Motion must be int, got 2.5"),
+        ("Motion", of("Motion", events=None), "events of Motion must be tuple"),
+        (
+            "Motion",
+            of_array("Motion", "tip", lambda a: a.T),
+            r"tip of Motion must have shape \(S, 2\)",
+        ),
+        ("Motion", of_array("Motion", "t", lambda a: a[:-1]), "of Motion must have shape"),
+        (
+            "Motion",
+            of_array("Motion", "q", lambda a: a[:, :1]),
+            r"\(S, coordinates\), got \(5, 1\)",
+        ),
+        ("Motion", of_array("Motion", "q", lambda a: a.astype(np.float32)), "q of Motion must be"),
+        ("Motion", of_array("Motion", "q", lambda a: a.astype(int)), "q of Motion must be"),
+        (
+            "Motion",
+            of_array("Motion", "energy", lambda a: a.astype(str)),
+            "energy of Motion must be",
+        ),
+        (
+            "DenseOutput",
+            of_array("DenseOutput", "t", lambda a: a[::-1]),
+            "t of DenseOutput must ascend",
+        ),
+        ("CriticalSpeed", of("CriticalSpeed", kind="collapse"), "kind of CriticalSpeed must be"),
+        (
+            "CriticalSpeed",
+            of("CriticalSpeed", model={"object": 0}),
+            "model of CriticalSpeed must be",
+        ),
+        (
+            "CriticalSpeed",
+            of("CriticalSpeed", speed=10**400),
+            "speed of CriticalSpeed must be float",
+        ),
+        ("Failure", of("Failure", error="no"), "error of Failure must be Exception"),
+        (
+            "LimitCycle",
+            of_array("bifurcation.periodic_orbit.PeriodicOrbit", "edges", lambda a: a[::-1]),
+            "edges of an orbit must ascend from 0",
+        ),
+        (
+            "LimitCycle",
+            of_array("bifurcation.periodic_orbit.PeriodicOrbit", "rates", lambda a: a[:, :7]),
+            r"rates of PeriodicOrbit must have shape \(M, 8, half\)",
+        ),
+        (
+            "LimitCycle",
+            of("bifurcation.periodic_orbit.PeriodicOrbit", frequency=0.0),
+            "a frequency > 0",
+        ),
+        (
+            "ForcedResponse",
+            of("bifurcation.collocation.OrbitProblem", unit=0.0),
+            "unit must be finite and > 0",
+        ),
+    ],
+)
+def test_numbers_are_checked_as_by_constructors_and_against_their_types(name, edit, said, tmp_path):
+    with pytest.raises(ValueError, match=rf"edited\.npz cannot be loaded: .*({said})"):
+        pp.load(edited(name, tmp_path, edit))
+
+
+def test_arguments_of_exceptions_are_checked(tmp_path):
+    def edit(header, arrays):
+        error = next(one for one in header["objects"] if "error" in one)
+        error["args"] = {"tuple": ["it stopped", 3]}
+
+    with pytest.raises(ValueError, match="motion of MotionStopped must be Motion, got 3"):
+        pp.load(edited("MemberFailure", tmp_path, edit))
+
+
+@pytest.mark.parametrize("version", [1.0, True, "1", None, 0, -1, [1]])
+def test_a_format_is_a_whole_number(version, tmp_path):
+    with pytest.raises(ValueError, match="its format must be a whole number >= 1, got"):
+        pp.load(edited("pipe", tmp_path, lambda header, arrays: header.update(format=version)))
+
+
+@pytest.mark.parametrize(
+    "root", [5, None, "text", {"tuple": []}, {"object": 1}], ids=lambda root: str(root)
+)
+def test_what_is_no_result_model_or_pipe_is_refused(root, tmp_path):
+    def edit(header, arrays):
+        header["root"] = root
+        header["objects"].append({"error": "ValueError", "args": {"tuple": ["no"]}})
+
+    with pytest.raises(ValueError, match="it has no result, model or pipe, but"):
+        pp.load(edited("pipe", tmp_path, edit))
+
+
+# ------------------------------------------------------------------------- what takes no memory
+
+
+def peak_of_refusal(data, tmp_path, said):
+    """Bytes of memory that a file takes until it is refused."""
+    path = tmp_path / "large.npz"
+    path.write_bytes(data)
+    pp.Pipe(0.2).save(tmp_path / "small.npz")
+    pp.load(tmp_path / "small.npz")  # which imports and keeps what every loading does
+    tracemalloc.start()
+    try:
+        with pytest.raises(ValueError, match=rf"large\.npz cannot be loaded: .*{said}"):
+            pp.load(path)
+        return tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+
+
+def test_an_array_that_is_named_many_times_is_read_once(tmp_path):
+    """So a file of 6 kB took 4 GB."""
+    header, _ = read(path_of("pipe").read_bytes())
+    header["objects"] += [{"array": "array0"}] * 20_000
+    data = written(header, {"array0": np.zeros(25_000)})
+    assert len(data) < 10_000
+    assert peak_of_refusal(data, tmp_path, "no array 'array0', or more than once") < 10e6
+
+
+def test_models_that_share_large_arrays_are_made_so_many_times_and_no_more(tmp_path, monkeypatch):
+    """Each chain goes through its arrays, though a thousand of them take no more of a file."""
+    monkeypatch.setattr(archive.check, "LONGEST", 1_000_000)
+    n = 2000
+    header, _ = read(path_of("chain").read_bytes())
+    pipe, chain = (
+        next(one for one in header["objects"] if name in one.values()) for name in ("Pipe", "Chain")
+    )
+    values = {"_lengths": 1.0 / n, "_masses": 1.0 / n, "_centers": 0.5, "_drag_points": 0.5}
+    values |= {"_gyration_radii": 1e-3, "_joints": float(n)}
+    arrays = {f"array{k}": np.full(n, value) for k, value in enumerate(values.values())}
+    chain["fields"] |= {name: {"object": k} for k, name in enumerate(values)}
+    chain["fields"] |= {"_pipe": {"object": len(values)}}
+    chains = [chain] * 100
+    header["objects"] = [*({"array": name} for name in arrays), pipe, *chains]
+    header["root"] = {"object": len(header["objects"]) - 1}
+    path = tmp_path / "chains.npz"
+    path.write_bytes(written(header, arrays))
+    with pytest.raises(ValueError, match="its objects are made of more than 1000000000 numbers"):
+        pp.load(path)
+    header["objects"] = header["objects"][:-50]
+    header["root"] = {"object": len(header["objects"]) - 1}
+    path.write_bytes(written(header, arrays))
+    loaded = pp.load(path)
+    assert (loaded.coordinates, loaded.pipe) == (n, pp.load(path_of("chain")).pipe)
+
+
+def test_members_that_share_their_bytes_are_refused(tmp_path):
+    """The directory of an archive says 2,000 times where the same 200 kB are."""
+    plain = zipped([("header.npy", b""), ("array0.npy", bytes(200_000))])
+    end = plain.rindex(b"PK\x05\x06")
+    start = int.from_bytes(plain[end + 16 : end + 20], "little")
+    entry = plain[plain.rindex(b"PK\x01\x02") : end]
+    count = 2_000
+    entries = b"".join(
+        entry.replace(b"array0.npy", f"a{number:05}.npy".encode()) for number in range(count)
+    )
+    numbers = count.to_bytes(2, "little") * 2 + len(entries).to_bytes(4, "little")
+    data = plain[:start] + entries + plain[end : end + 8] + numbers + plain[end + 16 :]
+    assert zipfile.ZipFile(io.BytesIO(data)).namelist()[-1] == f"a{count - 1:05}.npy"
+    assert peak_of_refusal(data, tmp_path, "its members are longer than the file") < 50e6
+
+
+def described(shape, dtype="<f8", data=b""):
+    """A member that says it is such an array."""
+    text = f"{{'descr': '{dtype}', 'fortran_order': False, 'shape': {shape}, }}\n".encode()
+    return b"\x93NUMPY\x01\x00" + len(text).to_bytes(2, "little") + text + data
+
+
+@pytest.mark.parametrize(
+    ("shape", "dtype", "said"),
+    [
+        ("(1000000000000,)", "<f8", "array0 has more than 1000000000 entries"),
+        ("(9223372036854775807, 2, 3)", "<f8", "array0 has more than 1000000000 entries"),
+        ("(900000000,)", "<c16", "array0 is not as long as its shape says"),
+        ("(4294967296, 4294967296, 0, 7)", "<f8", "is not as long as its shape says"),
+        ("(-1,)", "<f8", "array0 is described otherwise than `save` does"),
+        ("(1,)", "|O", "array0 is described otherwise than `save` does"),
+        (
+            "(1,)",
+            "<U99999999999",
+            "not understood|array0 is not as long",
+        ),
+    ],
+)
+def test_shapes_are_judged_before_memory_is_taken(shape, dtype, said, tmp_path):
+    header, _ = read(path_of("pipe").read_bytes())
+    header["objects"].append({"array": "array0"})
+    members = [("array0.npy", described(shape, dtype, bytes(64)))]
+    with zipfile.ZipFile(io.BytesIO(written(header, {}))) as good:
+        members.append(("header.npy", good.read("header.npy")))
+    assert peak_of_refusal(zipped(members), tmp_path, said) < 2e6
+
+
+def test_what_a_member_says_of_its_size_is_judged_before_memory_is_taken(tmp_path):
+    """Neither the member nor the directory has a size that its bytes can have."""
+    header, _ = read(path_of("pipe").read_bytes())
+    header["objects"].append({"array": "array0"})
+    good = zipped([("array0.npy", described("(100,)", data=bytes(800)))])
+    data = bytearray(good)
+    with zipfile.ZipFile(io.BytesIO(written(header, {}))) as file:
+        text = file.read("header.npy")
+    huge = described("(100000000,)", data=bytes(800))
+    data = bytearray(zipped([("array0.npy", huge), ("header.npy", text)]))
+    said = len(huge).to_bytes(4, "little")
+    assert data.count(said) == 2
+    data = data.replace(said, (len(huge) - 800 + 800_000_000).to_bytes(4, "little"))
+    refusal = "array0 is longer than what it is compressed to can be"
+    assert peak_of_refusal(bytes(data), tmp_path, refusal) < 2e6
+
+
+def test_a_header_that_is_too_long_is_not_read(tmp_path):
+    """Of 16 million characters that take 60 kB."""
+    data = written("[" + "0," * 8_000_000 + "0]", {})
+    assert len(data) < 100_000
+    assert peak_of_refusal(data, tmp_path, "its header is longer than") < 2e6
+
+
+@pytest.mark.parametrize("deep", ["[" * 100_000, '{"tuple": [' * 900 + "]}" * 900])
+def test_what_is_nested_too_deeply_is_refused(deep, tmp_path):
+    header, _ = read(path_of("pipe").read_bytes())
+    text = json.dumps(header | {"root": 1}).replace('"root": 1', f'"root": {deep}')
+    path = tmp_path / "deep.npz"
+    path.write_bytes(written(text, {}))
+    with pytest.raises(ValueError, match=r"deep\.npz cannot be loaded: "):
+        pp.load(path)
+
+
+def test_what_is_nested_too_deeply_is_not_saved(tmp_path):
+    inner = ()
+    for _ in range(2000):
+        inner = (inner,)
+    with pytest.raises(ValueError, match="Failure cannot be saved: it is nested too deeply"):
+        pp.Failure(0, 1.0, ValueError(inner)).save(tmp_path / "deep.npz")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_every_value_of_a_header_may_be_missing_or_of_another_type(tmp_path):
+    """Of a small one: each of its nodes in turn."""
+    header, arrays = read(path_of("chain of arrays").read_bytes())
+    text = json.dumps(header)
+    for path in nodes(header):
+        for value in (None, [], "x"):
+            changed = json.loads(text)
+            if not path:
+                changed = value
+            else:
+                at(changed, path[:-1])[path[-1]] = value
+            found = outcome(written(changed, arrays), tmp_path / "changed.npz")
+            assert not isinstance(found, Exception) or isinstance(found, ValueError | OSError)

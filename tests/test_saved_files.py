@@ -1,0 +1,148 @@
+# SPDX-License-Identifier: MIT
+"""Files of 5e7fa04, one of every result and model, load ever after; names in them stay."""
+
+import dataclasses
+import inspect
+import json
+import subprocess
+import sys
+import typing
+
+import numpy as np
+import pytest
+from saved_things import FOLDER, THINGS, differences, facts, path_of, recorded
+
+import pipedyn as pp
+from pipedyn.util import archive
+from pipedyn.util.archive import FORMER_NAMES, Saved
+
+BASES = {
+    *("Saved", "Result", "TableResult", "ResultSequence", "InPlane", "OfPipe", "Model", "Term"),
+    *("Quantity", "Unit"),
+}
+"""Classes from which saved ones inherit, but of which no object is in a file, and an SI unit."""
+
+
+@pytest.mark.parametrize("name", THINGS)
+def test_files_of_before_load_and_know_what_they_knew(name):
+    assert differences(facts(pp.load(path_of(name))), recorded()[name]) == []
+
+
+def test_every_file_is_of_a_thing_that_is_listed():
+    listed = {path_of(name) for name in THINGS}
+    assert {path for path in FOLDER.iterdir() if path.suffix == ".npz"} == listed
+    assert recorded().keys() == THINGS.keys()
+    assert sum(path.stat().st_size for path in FOLDER.iterdir()) < 500_000
+
+
+def test_files_of_before_load_in_a_process_that_did_nothing_else():
+    """What makes them is there as soon as the package is imported."""
+    words = "import sys, pipedyn; [pipedyn.load(path) for path in sys.argv[1:]]; print('all')"
+    paths = [str(path_of(name)) for name in THINGS]
+    done = subprocess.run(
+        [sys.executable, "-c", words, *paths], capture_output=True, text=True, check=False
+    )
+    assert (done.stdout, done.stderr) == ("all\n", "")
+
+
+# ------------------------------------------------------------------------------------------ names
+
+
+def named():
+    """Classes of the package with a name in files."""
+    return {kind for kind in archive._BY_CLASS if kind.__module__.startswith("pipedyn.")}
+
+
+def heirs(kind):
+    for one in kind.__subclasses__():
+        if one.__module__.startswith("pipedyn."):
+            yield one
+            yield from heirs(one)
+
+
+def reached():
+    """Classes of the package that are saved, and those that annotations of their fields name."""
+    waiting, found = [*heirs(Saved), *heirs(pp.PipedynError)], set()
+    while waiting:
+        one = waiting.pop()
+        if isinstance(one, type) and one.__module__.startswith("pipedyn.") and one not in found:
+            found.add(one)
+            hints = typing.get_type_hints(one)
+            waiting += hints.values()
+        waiting += typing.get_args(one)
+    return found
+
+
+def test_every_class_that_can_be_in_a_file_has_a_name():
+    assert len(reached()) > 80
+    assert {kind.__name__ for kind in reached() - named()} <= BASES
+    assert all(inspect.isabstract(kind) or kind in named() for kind in heirs(pp.Model))
+    quantities = next(kind for kind in reached() if kind.__name__ == "Quantity")
+    assert {one for one in heirs(quantities) if dataclasses.is_dataclass(one)} <= named()
+    assert set(heirs(pp.Term)) <= named()
+
+
+def test_names_are_words_of_one_class_that_tell_no_module():
+    names = [entry.name for entry in archive._BY_CLASS.values()]
+    assert len(set(names)) == len(names)
+    assert all(name.isidentifier() for name in names)
+    assert not set(names) & FORMER_NAMES.keys()
+    assert set(FORMER_NAMES.values()) <= set(names)
+
+
+def names_in(path):
+    """Names of classes that a file has, as it has them."""
+
+    def within(value):
+        if isinstance(value, dict):
+            for key, one in value.items():
+                if key in ("class", "parts", "error", "named") and isinstance(one, str):
+                    yield one
+                yield from within(one)
+        elif isinstance(value, list):
+            for one in value:
+                yield from within(one)
+
+    with np.load(path) as file:
+        return set(within(json.loads(str(file["header"]))["objects"]))
+
+
+def test_the_files_of_before_have_every_class_by_its_name_of_then():
+    """Of `MotionOf` there is none: it holds functions, which no file can."""
+    met = set().union(*(names_in(path_of(name)) for name in THINGS))
+    known = {FORMER_NAMES.get(name, name) for name in met}
+    assert {archive._BY_CLASS[kind].name for kind in named()} - known == {"MotionOf"}
+    assert FORMER_NAMES.keys() - met == {"accuracy.quantities.MotionOf"}
+
+
+def test_new_files_have_todays_names_alone(tmp_path):
+    for name in THINGS:
+        thing = pp.load(path_of(name))
+        thing.save(tmp_path / "new.npz")
+        assert not names_in(tmp_path / "new.npz") & FORMER_NAMES.keys()
+        assert differences(facts(pp.load(tmp_path / "new.npz")), recorded()[name]) == []
+
+
+def test_a_class_moves_and_is_renamed_and_gets_a_field_and_its_files_load(tmp_path, monkeypatch):
+    for table in ("_BY_NAME", "_BY_CLASS", "FORMER_NAMES"):
+        monkeypatch.setattr(archive, table, dict(getattr(archive, table)))
+
+    @archive.saved_as("Reach")
+    @dataclasses.dataclass(frozen=True)
+    class Before(Saved):
+        reach: float
+
+    Before(0.5).save(tmp_path / "thing.npz")
+    del archive._BY_NAME["Reach"]
+    archive.FORMER_NAMES["Reach"] = "Extent"
+
+    @archive.saved_as("Extent", former={"reach": "extent"}, added=("count",))
+    @dataclasses.dataclass(frozen=True)
+    class After(Saved):
+        extent: float
+        count: int = 3
+
+    assert pp.load(tmp_path / "thing.npz") == After(0.5, 3)
+    for taken in ("Reach", "Extent"):
+        with pytest.raises(ValueError, match=f"name must be that of one class alone, got '{taken}"):
+            archive.saved_as(taken)(Before)
