@@ -140,6 +140,7 @@ void define_linear(py::module_& m) {
           "frequency", [](const AxisCrossing& crossing) { return std::abs(crossing.value.imag()); })
       .def_readonly("change", &AxisCrossing::change)
       .def_readonly("before", &AxisCrossing::before)
+      .def_readonly("gyroscopic", &AxisCrossing::gyroscopic)
       .def_readonly("mode", &AxisCrossing::mode)
       .def_readonly("error", &AxisCrossing::error)
       .def_readonly("forms", &AxisCrossing::forms)

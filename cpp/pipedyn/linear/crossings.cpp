@@ -367,6 +367,11 @@ class Search {
             next->speed);
       }
       next->before = unstable_count_;
+      const double beside = same_speed * (1.0 + next->speed);
+      next->gyroscopic =
+          traits_.conservative &&
+          ((next->before == 0 && most_unstable(next->speed - beside) > 0) ||
+           (next->before + next->change == 0 && most_unstable(next->speed + beside) > 0));
       sweep_.crossings.push_back(*next);
       unstable_count_ += next->change;
       if (range_.until_unstable && next->change > 0) return false;

@@ -48,6 +48,9 @@ struct AxisCrossing {
   Pair pair = {};  // without vectors where two branches meet on the axis or at u = 0+
   std::optional<Forms> forms = {};  // of its vectors, where both are known
   int before = 0;                   // number of unstable roots below it
+  // Whether on the side where no root grows K is indefinite: of a conservative system only gyroscopic
+  // forces hold it there, and any damping undoes that.
+  bool gyroscopic = false;
 };
 
 struct Sweep {

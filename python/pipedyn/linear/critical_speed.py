@@ -70,7 +70,10 @@ class CriticalSpeed(Crossing, units={"discretisation": SPEED}):
     damping is so strong that the modes at rest do not oscillate.
 
     Attributes:
-        stable_at_rest: False if the pipe is buckled without flow.
+        stable_at_rest: False if the pipe is buckled without flow, as a heavy standing one.
+        stable_from: the speed from which it is stable up to the critical one: 0 if it is so from
+            rest on, None if it is unstable right below the critical speed, too (or not known, as
+            in a file of an earlier version).
         size: degrees of freedom of the model solved.
         model: the model.
 
@@ -83,6 +86,7 @@ class CriticalSpeed(Crossing, units={"discretisation": SPEED}):
     """
 
     stable_at_rest: bool = field(kw_only=True)
+    stable_from: float | None = field(default=None, kw_only=True)
     size: int = field(kw_only=True)
     model: AnyModel = field(kw_only=True, repr=False, compare=False)
     _continuous: float | None = field(repr=False, default=None)
@@ -92,6 +96,15 @@ class CriticalSpeed(Crossing, units={"discretisation": SPEED}):
     def pipe(self) -> Pipe:
         """The pipe."""
         return self.model.pipe
+
+    def _shown(self) -> list[tuple[str, Any]]:
+        """First of all where the pipe is unstable below the speed, or stable by gyroscopic forces."""
+        warnings = ("stable_at_rest", "stable_from", "gyroscopic")
+        shown = dict(super()._shown())
+        if self.stable_at_rest and self.unstable_before == 0:
+            shown = {name: one for name, one in shown.items() if name not in warnings[:2]}
+        first = [(name, shown.pop(name)) for name in warnings if name in shown]
+        return [*first, *shown.items()]
 
     @cached_property
     def mode_shape(self) -> ModeShape:
@@ -334,12 +347,20 @@ def _point(model: AnyModel, found: Found, known_to: float) -> Point:
     critical = CriticalSpeed(
         **vars(first),
         stable_at_rest=all_found[0].unstable_before == 0,
+        stable_from=_stable_from(first, all_found),
         size=found.size,
         model=model,
         _continuous=first.error if isinstance(model, Continuum) else None,
         _max_speed=known_to,
     )
     return critical, all_found
+
+
+def _stable_from(critical: Crossing, found: Sequence[Crossing]) -> float | None:
+    """From which speed on no root is unstable up to a crossing, of all that are found."""
+    if critical.unstable_before:
+        return None
+    return max((c.speed for c in found if c.speed < critical.speed), default=0.0)
 
 
 def _growing_at_rest(model: AnyModel, size: int) -> int:
@@ -468,7 +489,8 @@ class _Search:
 
     def __call__(self) -> Found:
         assert self.swept is not None
-        found = crossings_of(self.problem, self.swept)
+        vouched = None if self.resolved is None else 2 * self.resolved
+        found = crossings_of(self.problem, self.swept, vouched)
         if self.swept.failure:
             raise NotConverged(self.swept.failure, found)
         return Converged(found, self.model.dof, 0.0)
@@ -484,7 +506,7 @@ class _Search:
         if self.until_unstable and found and found[-1].change > 0:
             end = min(end, found[-1].speed * (1.0 + BESIDE))
         swept = self.spectrum.of_larger(self.swept, end, modes)
-        return None if swept is None else crossings_of(self.larger, swept)
+        return None if swept is None else crossings_of(self.larger, swept, 2 * modes)
 
 
 def _swept(searches: Sequence[_Search]) -> None:

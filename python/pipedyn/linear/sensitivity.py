@@ -76,7 +76,9 @@ class Crossing(Result, units={"error": SPEED}):
 
     Of conservative pipes also where two growing real eigenvalues meet and become a growing pair,
     Paidoussis' coupled-mode flutter: a flutter of frequency 0 that leaves `unstable_after` as
-    `unstable_before`.
+    `unstable_before`. With hysteresis, which acts on oscillation alone, also where a growing
+    eigenvalue passes the real axis, so that a growing pair appears or vanishes: a flutter of
+    frequency 0. Beyond the first loss of stability a loss factor is no sound model of a material.
 
     Attributes:
         speed: u.
@@ -85,10 +87,16 @@ class Crossing(Result, units={"error": SPEED}):
         unstable_before, unstable_after: number of unstable roots on either side, a pair being two.
         error: of the speed, absolute: the eigenvalue solver's, and for `Continuum` the basis'.
         mode: which branch passes, counted from rest by frequency, from 1; of two that meet on the
-            axis (beta = 0) the higher.
+            axis (beta = 0) the higher. At a divergence of a conservative pipe that whose frequency
+            at rest Rayleigh's quotient of the buckled shape meets best.
         sensitivity: derivatives of speed and frequency; None at u = 0, at beta = 0 without
             damping, at the divergence of a chain with a free joint, and about a bent pipe, whose
             shape moves too.
+        gyroscopic: whether on the side where no root is unstable only gyroscopic forces keep the
+            pipe from diverging: it has no damping, its stiffness is indefinite there, and any
+            damping makes it unstable (Kelvin, Tait and Chetaev).
+        vouched: of `Continuum`, how many roots, from the lowest, are counted: those that its basis
+            resolves. None of other models, of which all are.
     """
 
     speed: float
@@ -99,6 +107,8 @@ class Crossing(Result, units={"error": SPEED}):
     error: float
     mode: int
     sensitivity: Sensitivity | None = field(default=None, repr=False)
+    gyroscopic: bool = False
+    vouched: int | None = field(default=None, repr=False)
 
     @property
     def destabilising(self) -> bool:
@@ -155,8 +165,10 @@ def of_each(results: Iterable[Any], name: str) -> Array:
     return np.array([math.nan if value is None else value for value in found])
 
 
-def crossings_of(problem: Eigenproblem, swept: _core.Sweep) -> tuple[Crossing, ...]:
-    """The crossings of a sweep, with counts and sensitivities."""
+def crossings_of(
+    problem: Eigenproblem, swept: _core.Sweep, vouched: int | None = None
+) -> tuple[Crossing, ...]:
+    """The crossings of a sweep, with counts, of so many roots, and sensitivities."""
     return tuple(
         Crossing(
             speed=crossing.speed,
@@ -167,6 +179,8 @@ def crossings_of(problem: Eigenproblem, swept: _core.Sweep) -> tuple[Crossing, .
             error=crossing.error,
             mode=crossing.mode,
             sensitivity=_sensitivity(problem, crossing),
+            gyroscopic=crossing.gyroscopic,
+            vouched=vouched,
         )
         for crossing in swept.crossings
     )

@@ -1,0 +1,158 @@
+# SPDX-License-Identifier: MIT
+"""Divergence is found from the stiffness alone, and what gyroscopic forces and damping make of it."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.linalg import eigvals
+
+import pipedyn as pp
+
+PI = np.pi
+MODELS = [pp.Continuum, lambda p: pp.Galerkin(p, 16, "legendre"), lambda p: pp.Chain(p, 160)]
+NAMES = ["continuous", "legendre", "chain"]
+
+
+def pinned(beta, **more):
+    return pp.Pipe(beta, root="pinned", end="pinned", **more)
+
+
+def on_soil(n, k):
+    """Speed at which a pinned pipe on a foundation buckles in n half waves."""
+    return n * PI * np.sqrt(1.0 + k / (n * PI) ** 4)
+
+
+@pytest.mark.parametrize("make", MODELS, ids=NAMES)
+@pytest.mark.parametrize(("beta", "k"), [(0.1, 375.0), (0.6, 350.0), (0.3, 1000.0), (0.9, 40.0)])
+def test_a_pinned_pipe_on_a_foundation_buckles_at_the_first_of_its_half_waves(make, beta, k):
+    found = pp.critical_speed(make(pinned(beta, terms=(pp.Foundation(k),))))
+    first = min((1, 2, 3, 4), key=lambda n: on_soil(n, k))
+    assert (found.kind, found.mode) == ("divergence", first)
+    # Of a chain discretisation is the distance; it is of second order in the segment's length.
+    error = found.error if not isinstance(found.model, pp.Chain) else 2.5e-3
+    assert found.speed == pytest.approx(on_soil(first, k), abs=error + 1e-9)
+
+
+@pytest.mark.parametrize("k", [0.0, 250.0, 500.0, 750.0, 800.0, 1300.0, 2000.0])
+def test_no_range_between_two_divergences_is_missed_however_short(k):
+    """K of own beam elements, cubic, clamped at both ends: its eigenproblem in u^2."""
+    n = 80
+    h = 1.0 / n
+    bend = np.array(
+        [[12, 6 * h, -12, 6 * h], [6 * h, 4 * h**2, -6 * h, 2 * h**2]]
+        + [[-12, -6 * h, 12, -6 * h], [6 * h, 2 * h**2, -6 * h, 4 * h**2]]
+    ) / h**3
+    turn = np.array(
+        [[36, 3 * h, -36, 3 * h], [3 * h, 4 * h**2, -3 * h, -(h**2)]]
+        + [[-36, -3 * h, 36, -3 * h], [3 * h, -(h**2), -3 * h, 4 * h**2]]
+    ) / (30 * h)
+    rest = np.array(
+        [[156, 22 * h, 54, -13 * h], [22 * h, 4 * h**2, 13 * h, -3 * h**2]]
+        + [[54, 13 * h, 156, -22 * h], [-13 * h, -3 * h**2, -22 * h, 4 * h**2]]
+    ) * (h / 420)
+    still, flux = np.zeros((2, 2 * n + 2, 2 * n + 2))
+    for i in range(0, 2 * n, 2):
+        still[i : i + 4, i : i + 4] += bend + k * rest
+        flux[i : i + 4, i : i + 4] += turn
+    free = slice(2, -2)
+    squares = np.sort(eigvals(still[free, free], flux[free, free]).real)
+    speeds = np.sqrt(squares[squares < 144.0])
+    pipe = pp.Pipe(0.3, end="clamped", terms=(pp.Foundation(k),))
+    found = [c for c in pp.crossings(pp.Continuum(pipe), 12.0) if c.kind == "divergence"]
+    np.testing.assert_allclose([c.speed for c in found], speeds, rtol=1e-6)
+    assert pp.critical_speed(pp.Continuum(pipe)).speed == found[0].speed
+
+
+def test_the_first_divergence_is_found_where_the_stiffness_is_positive_again_soon():
+    pipe = pp.Pipe(0.27208501319, end="clamped", terms=(pp.Spring(0.5, 196.428504675),))
+    found = pp.critical_speed(pp.Continuum(pipe))
+    assert found.kind == "divergence"
+    assert found.speed == pytest.approx(8.8634, abs=5e-5)
+
+
+@pytest.mark.parametrize(("spans", "m"), [(20, 100), (30, 120), (50, 200)])
+def test_equal_spans_buckle_as_one_pipe_of_as_many_half_waves(spans, m):
+    pipe = pinned(0.3, supports=tuple(i / spans for i in range(1, spans)))
+    found = pp.critical_speed(pp.Galerkin(pipe, m, "legendre"), 200.0)
+    assert found.kind == "divergence"
+    assert found.speed == pytest.approx(spans * PI, rel=1e-5)
+    with pytest.raises(pp.NoCrossing):
+        pp.critical_speed(pp.Galerkin(pipe, m, "legendre"), 0.99 * spans * PI)
+
+
+def test_gyroscopic_forces_alone_hold_a_pipe_whose_stiffness_is_indefinite():
+    """Any damping undoes that (Kelvin, Tait and Chetaev)."""
+    pipe = pp.Pipe(0.3, end="clamped", terms=(pp.Foundation(800.0),))
+    found = pp.crossings(pp.Continuum(pipe), 12.0)
+    assert [(c.kind, c.unstable_after, c.gyroscopic) for c in found] == [
+        ("divergence", 1, False),
+        ("divergence", 0, True),
+        ("flutter", 2, True),
+    ]
+    assert "gyroscopic=True" in repr(found[1])
+    damped = pp.Pipe(0.3, end="clamped", damping=1e-5, terms=(pp.Foundation(800.0),))
+    between = 0.5 * (found[1].speed + found[2].speed)
+    after = [c.unstable_after for c in pp.crossings(pp.Continuum(damped), between)]
+    assert after[-1] == 2
+    assert not any(c.gyroscopic for c in pp.crossings(pp.Continuum(damped), between))
+
+
+def test_a_pipe_unstable_at_rest_is_told_so_first():
+    found = pp.critical_speed(pp.Continuum(pp.Pipe(0.1, -10.0)))
+    first = repr(found).split("speed=")[0]
+    assert "stable_at_rest=False" in first
+    assert "stable_from=1.797" in first
+    growth = [
+        pp.eigenvalues(pp.Continuum(pp.Pipe(0.1, -10.0)), found.stable_from + d, 4).real.max()
+        for d in (-1e-4, 1e-4)
+    ]
+    assert growth[0] > 0.0 > growth[1]
+    assert "stable_at_rest" not in repr(pp.critical_speed(pp.Continuum(pp.Pipe(0.2))))
+
+
+@pytest.mark.parametrize("make", MODELS[:2], ids=NAMES[:2])
+def test_low_modes_that_a_fluid_overdamps_are_looked_at(make):
+    """The dense eigenvalues of the model's own matrices, in numpy."""
+    pipe = pp.Pipe(0.4, flow="aspirating", damping=1e-3, terms=(pp.Viscosity(30.0),))
+    found = pp.critical_speed(make(pipe))
+    assert found.speed == pytest.approx(4.7725, abs=5e-5)
+    model = pp.Galerkin(pipe, 16, "legendre")
+
+    def growth(u):
+        mass, damping, stiffness = model.operators().at(u)
+        solved = np.linalg.solve(mass, np.hstack([stiffness, damping]))
+        eye = np.eye(model.dof)
+        values = np.linalg.eigvals(np.block([[0.0 * eye, eye], [-solved]]))
+        return values.real.max()
+
+    assert growth(found.speed - 1e-3) < 0.0 < growth(found.speed + 1e-3)
+    scan = np.linspace(0.05, found.speed - 1e-3, 40)
+    assert all(growth(u) < 0.0 for u in scan)
+
+
+def test_static_and_oscillating_roots_with_hysteresis_are_counted_together():
+    guided = pp.Chain(pp.Pipe(0.2, hysteresis=0.05, end="guided"), 40)
+    assert pp.critical_speed(guided).speed == pytest.approx(3.140785, abs=1e-6)
+    fluid = pp.Pipe(5e-4, hysteresis=0.1, root="pinned", terms=(pp.Viscosity(0.8),))
+    counts = [
+        (c.unstable_before, c.unstable_after)
+        for c in pp.crossings(pp.Galerkin(fluid, 24, "legendre"), 10.0)
+    ]
+    assert counts[0][0] == 0
+    assert min(min(pair) for pair in counts) >= 0
+    standing = pp.Pipe(1.1e-3, -20.0, hysteresis=0.1)
+    found = pp.crossings(pp.Continuum(standing), 7.0)
+    # Where the static root comes back the pair is there that it is with hysteresis.
+    assert [(c.kind, c.unstable_before, c.unstable_after) for c in found] == [("divergence", 1, 2)]
+    assert found[0].speed == pytest.approx(3.0477, abs=5e-5)
+    values = pp.eigenvalues(pp.Continuum(standing), 4.0, 4)
+    assert np.abs(values - (3.406 + 6.400j)).min() < 1e-3
+
+
+def test_every_mode_of_a_weakly_damped_aspirating_pipe_is_counted():
+    pipe = pp.Pipe(0.946029, 23.0036, flow="aspirating", alpha=0.0, damping=1.20532e-6)
+    found = pp.crossings(pp.Continuum(pipe), 20.0)
+    assert len(found) == 29
+    assert found[-1].unstable_after == 58
+    assert found[-1].vouched >= 58
