@@ -148,6 +148,8 @@ def test_static_and_oscillating_roots_with_hysteresis_are_counted_together():
     assert found[0].speed == pytest.approx(3.0477, abs=5e-5)
     values = pp.eigenvalues(pp.Continuum(standing), 4.0, 4)
     assert np.abs(values - (3.406 + 6.400j)).min() < 1e-3
+    values = pp.eigenvalues(pp.Continuum(standing), 2.9, 4)  # 1.49 + 0.36i is its real root again
+    assert [(v.real > 0, v.imag == 0) for v in values if v.real > 0] == [(True, True)]
 
 
 def test_every_mode_of_a_weakly_damped_aspirating_pipe_is_counted():

@@ -139,7 +139,12 @@ def _taken(pairs: _core.Pairs, which: NDArray[np.intp]) -> _core.Pairs:
 
 def _joined(lossy: _core.Pairs, grows: _core.Pairs, count: int) -> _core.Pairs:
     """Roots above the real axis with their conjugates, and growing ones on it, the lowest first."""
-    above = _taken(lossy, np.flatnonzero(~(lossy.values.imag <= 0.0)))  # with those not found
+    oscillates = ~(lossy.values.imag <= 0.0)  # with those not found
+    growing = np.flatnonzero(lossy.values.real > 0.0)
+    for value in grows.values if growing.size else ():
+        # Of the growing roots the nearest is what a loss factor makes of it: the same motion.
+        oscillates[growing[np.abs(lossy.values[growing] - value).argmin()]] = False
+    above = _taken(lossy, np.flatnonzero(oscillates))
     values = np.concatenate([above.values, above.values.conj(), grows.values])
     places = np.lexsort((-values.imag, values.real, np.abs(values)))[:count]
     right, left = (
