@@ -178,7 +178,7 @@ def reshaped(data, chance):
             shapes = [values.ravel(), values[None], values.T, values[..., None], values[..., :-1]]
             shapes += [values[:0], values[1:], np.zeros(0), np.zeros((0, 3)), np.zeros(())]
             arrays[name] = chance.choice(shapes)
-        elif drawn < 0.6:
+        elif drawn < 0.6 and values.dtype.kind != "U":
             arrays[name] = values.astype(chance.choice(DTYPES))
         elif values.size and values.dtype.kind in "fc":
             values = values.copy()

@@ -71,7 +71,7 @@ def methods_with_arguments(label, cls):
                 public = not name.startswith("_") and name not in CALLED_WITH_CHECKED
                 arguments = inspect.signature(method).parameters if callable(method) else ()
                 if public and isinstance(method, FunctionType) and len(arguments) > 1:
-                    of_results = base.__module__ == "pipedyn.util.result"
+                    of_results = base.__module__.startswith("pipedyn.util.")
                     yield f"{base.__name__ if of_results else label}.{name}"
 
 

@@ -54,10 +54,13 @@ class _Series:
     @classmethod
     def restored(cls, fields: dict[str, Any]) -> _Series:
         """The series of which a file kept this, if a function can have it."""
-        made = cls(**fields)
-        count = len(made.coefficients)
-        if not (1 <= count <= COUNTS[-1] and all(map(math.isfinite, made.coefficients))):
-            raise ValueError(f"coefficients must be 1 to {COUNTS[-1]} finite numbers, got {count}")
+        made, most = cls(**fields), 2.0 * LARGEST  # as a mean of values times twice a cosine
+        few = 1 <= len(made.coefficients) <= COUNTS[-1]
+        if not (few and all(abs(one) <= most for one in made.coefficients)):
+            raise ValueError(
+                f"coefficients must be 1 to {COUNTS[-1]} numbers in [{-most:g}, {most:g}], got "
+                f"{check.shown(made.coefficients)}"
+            )
         return made
 
     def __repr__(self) -> str:
