@@ -27,8 +27,7 @@ from campaign_reference import (
     Unsure,
     all_changes,
     divergences,
-    flutter_at,
-    meeting_at,
+    in_other,
 )
 from numpy.polynomial import Legendre, legendre
 from scipy import linalg
@@ -180,8 +179,7 @@ def continuum_changes(numbers: dict[str, Any], end: float) -> Answer:
             near = [c for c in static if abs(c.speed - one.speed) < 1e-4 * one.speed]
             better = min(near, key=lambda c: abs(c.speed - one.speed), default=None)
         else:
-            at = meeting_at if fine.is_lossless else flutter_at
-            better = at(fine, one.speed, one.frequency)
+            better = in_other(fine, one)
         if better is None or abs(better.speed - one.speed) > 1e-4 * one.speed:
             raise Unsure(f"the change at {one.speed:.6g} is none of larger elements")
         moved = abs(better.speed - one.speed)

@@ -29,7 +29,7 @@ Array = np.ndarray[Any, Any]
 LARGEST_BIALTERNATE = 6
 """Degrees of freedom up to which the bialternate product is formed: a pencil of 132 rows."""
 
-LARGEST_SAMPLED = 44
+LARGEST_SAMPLED = 60
 """Degrees of freedom up to which all roots are sampled; beyond, those of the lowest modes, and the
 whole model says where exactly the changes are, and counts."""
 
@@ -84,6 +84,11 @@ class Roots:
             return np.zeros(self.sign.size, dtype=bool)
         return np.abs(self.value.real) <= self.error
 
+    @property
+    def faint(self) -> Array:
+        """Roots of which rounding spoils even how they move; whether they cross is not asked."""
+        return np.abs(self.value.real) <= 30.0 * self.error
+
     def unstable(self) -> tuple[int, int]:
         """How many grow, at least and at most."""
         weight = np.where(self.value.imag == 0.0, 1, 2)
@@ -131,16 +136,17 @@ class System:
         m, c, k = self.at(u)
         return value * value * m + value * c + k
 
-    @property
-    def is_lossless(self) -> bool:
-        """Whether nothing dissipates and no force follows the pipe, so that roots come in fours."""
-        if self.loss is not None or self.damping.any():
-            return False
-        size = float(np.abs(self.gyro).max() + np.abs(self.mass).max())
-        follows = float(np.abs(self.end).max()) > 1e-11 * size
-        return not follows and _differ(self.thrust, 1.0) < 1e-11
+    @cached_property
+    def is_closed(self) -> bool:
+        """Whether no energy passes an end: then the pipe is stable where K is positive definite."""
+        return not self.end.any() and np.array_equal(self.thrust, self.thrust.T)
 
-    @property
+    @cached_property
+    def is_lossless(self) -> bool:
+        """Whether nothing dissipates, either: then roots come in fours."""
+        return self.is_closed and self.loss is None and not self.damping.any()
+
+    @cached_property
     def is_circulatory(self) -> bool:
         """Whether roots come as +-sqrt of the eigenvalues of -M^-1 K."""
         return self.loss is None and not self.damping.any() and not self.flow.any()
@@ -154,7 +160,10 @@ class System:
         shifted = self.still + max(0.0, 1.0 - least) * np.eye(self.size)
         modes = linalg.eigh(self.mass, shifted)[1][:, ::-1][:, :count]
         every = (self.mass, self.gyro, self.end, self.damping, self.still, self.thrust, self.loss)
-        return System(*(None if one is None else modes.T @ one @ modes for one in every))
+        made = [None if one is None else modes.T @ one @ modes for one in every]
+        if self.is_closed:
+            made[5] = 0.5 * (made[5] + made[5].T)
+        return System(*made)
 
     def roots(self, u: float) -> Roots:
         """All roots at a speed, kept."""
@@ -173,11 +182,6 @@ class System:
             real = int(np.sum(still.value[still.value.imag == 0.0].real > 0.0))
             least, most = least + real, most + real
         return least, most
-
-
-def _differ(matrix: Array, sign: float) -> float:
-    size = float(np.abs(matrix).max())
-    return float(np.abs(matrix - sign * matrix.T).max()) / size if size else 0.0
 
 
 def _roots(system: System, u: float) -> Roots:
@@ -222,19 +226,19 @@ def _roots(system: System, u: float) -> Roots:
         lost = system.damping + u * system.end
         a, g, d = (np.sum(conj * (one @ x), axis=0) for one in (m, system.gyro, lost))
         follows = np.sum(conj * (skew @ x), axis=0).imag * u * u
-        ax = np.abs(x)
-        rounding = u * u * (np.abs(system.thrust) @ ax) + value.imag * (np.abs(lost) @ ax)
-        rounding = 4.0 * EPSILON * np.sum(ax * rounding, axis=0)
         if system.loss is not None:
             follows = follows + np.sum(conj * (system.loss @ x), axis=0).real
         w = value.imag
         below = 2.0 * a.real * w + u * g.imag
         rho = -(d.real * w + follows) / below
+        rounding = u * w * np.abs(system.end).max() + u * u * np.abs(skew).max()
+        rounding = 4.0 * EPSILON * (EPSILON * rounding + w * np.abs(system.damping).max())
         # Vectors are known the less, the closer their roots lie in the problem solved.
         mu = inverse[kept]
         gaps = np.abs(inverse - mu[:, None])
         gaps[gaps == 0.0] = np.inf
-        turned = 4.0 * EPSILON * np.abs(inverse).max() / gaps.min(axis=1)
+        skewness = 1.0 / np.abs(np.sum(left.conj() * right, axis=0))[kept]
+        turned = 4.0 * EPSILON * np.linalg.norm(step, 2) * skewness / gaps.min(axis=1)
         moved = w * (np.linalg.norm(lost @ x, axis=0) + turned * np.abs(lost).max())
         moved += u * u * (np.linalg.norm(skew @ x, axis=0) + turned * np.abs(skew).max())
         if system.loss is not None:
@@ -247,7 +251,7 @@ def _roots(system: System, u: float) -> Roots:
     if system.is_circulatory:
         # lambda^2 is real but for rounding where the pair is on the axis
         square = value**2
-        sign = np.where((np.abs(square.imag) <= 1e-13 * np.abs(square)) & (square.real < 0.0), 1, 0)
+        sign = np.where((np.abs(square.imag) <= 1e-8 * np.abs(square)) & (square.real < 0.0), 1, 0)
     elif system.is_lossless:
         # x^H P x = 0 is a quadratic in omega, with real roots where lambda is on the axis; their
         # distance is the derivative by omega, the sign of the energy.
@@ -271,9 +275,8 @@ def divergences(system: System, end: float) -> list[Change]:
     if not thrust.any():
         return []
     # K0 + s K2 with s = s0 + t: (K(s0)^-1 K2) x = -x / t.
-    symmetric = _differ(thrust, 1.0) < 1e-11 and _differ(still, 1.0) < 1e-11
     found: list[float] = []
-    for shift in (-1.0, -100.0, -1e4, -1e6) if symmetric else ():
+    for shift in (-1.0, -100.0, -1e4, -1e6) if system.is_closed else ():
         try:
             values = linalg.eigh(thrust, still + shift * thrust, eigvals_only=True)
         except linalg.LinAlgError:
@@ -336,7 +339,7 @@ def flutter_at(system: System, u: float, frequency: float) -> Change | None:
             return None
         du = -ratio.real / slope.real
         frequency, u = frequency + ratio.imag + slope.imag * du, u + du
-        if not (abs(u - start[0]) < 0.1 * start[0] and frequency > 0.0):
+        if not (abs(u - start[0]) < 0.1 * start[0] and frequency > 1e-3 * start[1]):
             return None
         if abs(du) <= 1e-13 * u:
             break
@@ -478,18 +481,17 @@ def _across(a: Roots, b: Roots) -> list[tuple[float, float]] | None:
         pairs = {(i, to_b[i]) for i in np.flatnonzero(np.isin(above_a, near_a))}
         pairs |= {(to_a[j], j) for j in np.flatnonzero(np.isin(above_b, near_b))}
         for i, j in sorted(pairs):
-            least = apart[i, j]
+            least, p, q = apart[i, j], above_a[i], above_b[j]
+            if a.faint[p] and b.faint[q]:
+                continue
             if to_b[i] != j or to_a[j] != i or not least < np.inf:
                 return None
             others = np.concatenate([np.delete(apart[i], j), np.delete(apart[:, j], i), [np.inf]])
             if others.min() < 3.0 * least:
                 return None
-            p, q = above_a[i], above_b[j]
             value, missed = _cubic(
                 *(a.value[p].real, b.value[q].real, a.slope[p].real, b.slope[q].real, h)
             )
-            if a.unknown[p] and b.unknown[q]:
-                continue
             missed += a.error[p] + b.error[q]
             if np.all(np.abs(value) > missed) and (np.all(value > 0.0) or np.all(value < 0.0)):
                 continue
@@ -538,6 +540,8 @@ def sampled_flutter(system: System, stops: list[float]) -> list[Change]:
     kept_on_axis = system.is_lossless or system.is_circulatory
     steps = []
     for low, high in zip(stops[:-1], stops[1:], strict=True):
+        if high - low <= 4.0 * NARROW * high:
+            continue
         count = max(1, math.ceil((high - low) / max(0.25, stops[-1] / 40.0)))
         edges = np.linspace(low, high, count + 1).tolist()
         # At a divergence itself nothing can be counted.
@@ -615,10 +619,12 @@ def all_changes(system: System, end: float) -> Answer:
     """Every change up to a speed, with counts; raises `Unsure`."""
     whole = system
     if system.size > LARGEST_SAMPLED:
-        system = system.lowest(min(LARGEST_SAMPLED, 16 + math.ceil(1.5 * end)))
-    static = divergences(whole, end)
+        system = system.lowest(min(system.size, max(LARGEST_SAMPLED, 12 + math.ceil(1.1 * end))))
+    static, own = divergences(whole, end), [one.speed for one in divergences(system, end)]
     start = first_speed(system)
-    stops = sorted({start, *(one.speed for one in divergences(system, end) if one.speed > start), end})
+    if system.is_closed and linalg.eigvalsh(system.still, subset_by_index=[0, 0])[0] > 0.0:
+        start = own[0] if own else end
+    stops = sorted({start, *(u for u in own if u > start), end})
     if system.size <= LARGEST_BIALTERNATE and whole.loss is None and not (
         system.is_lossless or system.is_circulatory
     ):
@@ -626,18 +632,23 @@ def all_changes(system: System, end: float) -> Answer:
     else:
         flutter = sampled_flutter(system, stops)
     if whole is not system:
-        exact = (_in_whole(whole, one) for one in flutter)
-        flutter = [one for one in exact if one.speed <= end]
-    return _counted(whole, static, flutter, start, end)
+        exact = [in_other(whole, one) for one in flutter]
+        if None in exact:
+            raise Unsure(f"changes of {system.size} modes are none of all: {flutter}")
+        flutter = [one for one in exact if one is not None and one.speed <= end]
+    return _counted(whole, static, flutter, first_speed(system), end)
 
 
-def _in_whole(whole: System, change: Change) -> Change:
-    """The change next to one of some modes."""
-    meets = whole.is_lossless
-    found = (meeting_at if meets else flutter_at)(whole, change.speed, change.frequency)
-    if found is None:
-        raise Unsure(f"the crossing of some modes at {change.speed:.6g} is none of all")
-    return found
+def in_other(system: System, change: Change) -> Change | None:
+    """The flutter of another system, of more functions, next to that of one."""
+    if not system.is_circulatory:
+        at = meeting_at if system.is_lossless else flutter_at
+        return at(system, change.speed, change.frequency)
+    for share in (1e-9, 1e-7, 1e-5, 1e-4):
+        low, high = ((1.0 + side * share) * change.speed for side in (-1.0, 1.0))
+        if system.unstable(low) != system.unstable(high):
+            return _meeting(system, low, high)
+    return None
 
 
 def _counted(
@@ -664,16 +675,27 @@ def _counted(
     return Answer(tuple(changes), tuple(counts))
 
 
-def system_of(model: Any) -> System:
-    """The matrices of a model of the package, in its elastic coordinates."""
+def of_rank(matrix: Array, rank: int) -> Array:
+    """The matrix of this rank next to another."""
+    left, size, right = np.linalg.svd(matrix)
+    return (left[:, :rank] * size[:rank]) @ right[:rank]
+
+
+def system_of(model: Any, closed: bool, resisted: bool) -> System:
+    """The matrices of a model of the package, in its elastic coordinates.
+
+    closed, resisted: whether no energy passes an end, and whether anything dissipates.
+    """
     ops, pipe, loss = model.elastic_operators(), model.pipe, None
     if pipe.hysteresis:  # damping is proportional to what the material loses
         more = model.with_pipe(replace(pipe, damping=pipe.damping + 1.0)).elastic_operators()
         loss = pipe.hysteresis * (more.damping - ops.damping)
-    thrust = ops.centrifugal * ops.flux
     gyro, end = ops.direction * ops.gyroscopic, ops.direction * ops.end_flux
     mass, damping, still = (0.5 * (of + of.T) for of in (ops.mass, ops.damping, ops.stiffness))
-    system = System(mass, 0.5 * (gyro - gyro.T), 0.5 * (end + end.T), damping, still, thrust, loss)
-    if system.is_lossless:
-        return replace(system, end=0.0 * end, thrust=0.5 * (thrust + thrust.T), samples={})
-    return system
+    gyro, end, thrust = 0.5 * (gyro - gyro.T), 0.5 * (end + end.T), ops.centrifugal * ops.flux
+    if closed:  # but for rounding
+        end, thrust = 0.0 * end, 0.5 * (thrust + thrust.T)
+    else:  # of rank one, and in its skew part two, but for rounding
+        skew = 0.5 * (thrust - thrust.T)
+        end, thrust = of_rank(end, 1), thrust - skew + of_rank(skew, 2)
+    return System(mass, gyro, end, damping if resisted else 0.0 * damping, still, thrust, loss)
