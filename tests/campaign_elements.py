@@ -4,7 +4,8 @@
 With w the displacement and v any that the supports allow, virtual work is
 
     int EI (1 + delta d/dt + i mu) w'' v'' + T w' v' + (k + sigma d/dt) w v + (m + chi) w_tt v ds
-    + alpha u^2 (w'(1) v(1) - int w' v' ds) + s sqrt(beta) u (c w_t(1) v(1) + int w_t' v - w_t v' ds)
+    + alpha u^2 (w'(1) v(1) - int w' v' ds)
+    + s sqrt(beta) u (c w_t(1) v(1) + int w_t' v - w_t v' ds)
     + what springs, dampers and masses at places do,
 
 T the weight, dead loads and tension beyond a place, c the share of the free end's velocity that
@@ -38,7 +39,10 @@ Array = np.ndarray[Any, Any]
 def _shapes(degree: int, h: float, x: Array) -> list[Array]:
     """Shape functions of one element at x in [-1, 1], their slopes and curvatures, each (x, n)."""
     t = 0.5 * (x + 1.0)
-    cubics = [np.array(c, dtype=float) for c in ([1, 0, -3, 2], [0, h, -2 * h, h], [0, 0, 3, -2], [0, 0, -h, h])]
+    cubics = [
+        np.array(c, dtype=float)
+        for c in ([1, 0, -3, 2], [0, h, -2 * h, h], [0, 0, 3, -2], [0, 0, -h, h])
+    ]
     tables = []
     for order in range(3):
         columns = []
@@ -48,7 +52,9 @@ def _shapes(degree: int, h: float, x: Array) -> list[Array]:
         for k in range(2, degree - 1):
             one = Legendre.basis(k)
             whole = one.integ(2 - order, lbnd=-1) if order < 2 else one
-            columns.append(whole(x) * math.sqrt(k + 0.5) * (0.5 * h) ** (2 - order) * math.sqrt(2.0 / h))
+            columns.append(
+                whole(x) * math.sqrt(k + 0.5) * (0.5 * h) ** (2 - order) * math.sqrt(2.0 / h)
+            )
         tables.append(np.stack(columns, axis=1))
     return tables
 
@@ -62,7 +68,7 @@ def _along(profile: Any, s: Array) -> Array:
 
 
 def elements(numbers: dict[str, Any], wave: float, more: int) -> System:
-    """The matrices; elements resolve waves up to a wave number, `more` is added to their degrees."""
+    """The matrices, of elements that resolve waves up to a wave number; `more` adds to degrees."""
     terms = numbers.get("terms", ())
     supports = numbers.get("supports", ())
     steps = [s for name in ("stiffness", "mass") if name in numbers for s in numbers[name][0]]
@@ -70,20 +76,29 @@ def elements(numbers: dict[str, Any], wave: float, more: int) -> System:
     places = [of["at"] for law, of in terms if law in acting]
     ends = np.array(sorted({0.0, 1.0, *supports, *steps, *places}))
     lengths = np.diff(ends)
-    degrees = [5 + more + math.ceil(0.75 * wave * h + 8.0 * min(1.0, 0.25 * wave * h)) for h in lengths]
+    degrees = [
+        5 + more + math.ceil(0.75 * wave * h + 8.0 * min(1.0, 0.25 * wave * h)) for h in lengths
+    ]
     first = np.cumsum([2 * ends.size, *(d - 3 for d in degrees)])
     size = int(first[-1])
     beta, gamma = numbers["beta"], numbers.get("gamma", 0.0)
-    named = {name: sum(v for law, of in terms if law == name for v in of.values())
-             for name in ("Foundation", "Viscosity", "AddedMass", "Tension")}
-    pulls = [(of["at"], gamma * of["mass"] if law == "PointMass" else of["load"])
-             for law, of in terms if law in ("PointMass", "Weight")]
+    named = {
+        name: sum(v for law, of in terms if law == name for v in of.values())
+        for name in ("Foundation", "Viscosity", "AddedMass", "Tension")
+    }
+    pulls = [
+        (of["at"], gamma * of["mass"] if law == "PointMass" else of["load"])
+        for law, of in terms
+        if law in ("PointMass", "Weight")
+    ]
     mass, gyro, bending, tension, plain, slopes = np.zeros((6, size, size))
 
     # Weight of the pipe beyond each element's end.
     nodes = [legendre.leggauss(d + 6) for d in degrees]
-    weights = [0.5 * h * np.sum(w * _along(numbers.get("mass"), a + 0.5 * h * (x + 1.0)))
-               for a, h, (x, w) in zip(ends[:-1], lengths, nodes, strict=True)]
+    weights = [
+        0.5 * h * np.sum(w * _along(numbers.get("mass"), a + 0.5 * h * (x + 1.0)))
+        for a, h, (x, w) in zip(ends[:-1], lengths, nodes, strict=True)
+    ]
     beyond = np.cumsum([*weights, 0.0][::-1])[::-1][1:]
     for k, (a, h, (x, w)) in enumerate(zip(ends[:-1], lengths, nodes, strict=True)):
         s, w = a + 0.5 * h * (x + 1.0), 0.5 * h * w
@@ -117,7 +132,11 @@ def elements(numbers: dict[str, Any], wave: float, more: int) -> System:
     root = numbers.get("root", "clamped")
     if not isinstance(root, str):
         still[1, 1] += root
-    fixed = {0, *([1] if root == "clamped" else []), *(2 * int(np.searchsorted(ends, s)) for s in supports)}
+    fixed = {
+        0,
+        *([1] if root == "clamped" else []),
+        *(2 * int(np.searchsorted(ends, s)) for s in supports),
+    }
     held = numbers.get("end", "free")
     fixed |= {tip} if held in ("pinned", "clamped") else set()
     fixed |= {tip + 1} if held in ("guided", "clamped") else set()
@@ -125,7 +144,15 @@ def elements(numbers: dict[str, Any], wave: float, more: int) -> System:
     flow = direction * math.sqrt(beta)
     loss = numbers.get("hysteresis", 0.0)
     thrust = numbers.get("alpha", 1.0) * (follower - slopes)
-    every = (mass, flow * gyro, flow * end, damping, still, thrust, loss * bending if loss else None)
+    every = (
+        mass,
+        flow * gyro,
+        flow * end,
+        damping,
+        still,
+        thrust,
+        loss * bending if loss else None,
+    )
     elastic = (bending + plain)[np.ix_(free, free)]
     lower = linalg.cholesky(elastic, lower=True)
 
@@ -154,13 +181,13 @@ def wave_number(numbers: dict[str, Any], end: float) -> float:
         soft = min(0.9 * min(map(sum, numbers["stiffness"][1])), 1.0)
     wave = 1.3 * end / math.sqrt(soft) + 8.0
     if numbers.get("flow") == "aspirating":
+        loss = numbers.get("hysteresis", 0.0)
         fed = 4.0 * math.sqrt(numbers["beta"]) * end * numbers.get("inflow_share", 1.0)
-        rates = [numbers.get("hysteresis", 0.0) / fed] if fed else []
-        rates += [math.sqrt(numbers.get("damping", 0.0) / fed)] if fed else []
-        if fed and not max(rates):
-            return wave
         if fed:
-            wave = max(wave, 1.2 * math.sqrt(1.0 / max(rates)) + 8.0)
+            wave = max(
+                wave,
+                1.2 / math.sqrt(max(loss / fed, math.sqrt(numbers["damping"] / fed), 1e-6)) + 8.0,
+            )
     return wave
 
 

@@ -5,20 +5,21 @@ P = lambda^2 M + lambda (u G + D) + K0 + u^2 K2, and i L besides where a materia
 hysteresis. Three programs, by what the matrices are:
 
 - Divergence: det(K0 + u^2 K2) = 0 is an eigenproblem in u^2.
-- Flutter of up to `LARGEST_BIALTERNATE` functions with damping: all u at which two roots add up to
-  zero, from one eigenproblem in u (the bialternate product, Guckenheimer, Myers and Sturmfels 1997).
+- Flutter of a few functions with damping: all u at which two roots add up to zero, from one
+  eigenproblem in u (the bialternate product; Guckenheimer, Myers and Sturmfels 1997).
 - Else samples of all roots with their derivatives, close enough that cubics through two samples
-  say what each root near the axis does between; without dissipation the order of the frequencies
-  and of the signs of their energies (Krein) tells which pairs can meet.
+  say what each root near the axis does between. Without dissipation the order of the frequencies
+  on the axis and of the signs of their energies (Krein) tells which pairs can meet.
 
-Counts of unstable roots between all changes are then taken from all roots there.
+The number of unstable roots between all changes is then taken from all roots there.
 """
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field, replace
-from functools import cache, cached_property
+from functools import cached_property
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -31,10 +32,12 @@ LARGEST_BIALTERNATE = 6
 
 LARGEST_SAMPLED = 60
 """Degrees of freedom up to which all roots are sampled; beyond, those of the lowest modes, and the
-whole model says where exactly the changes are, and counts."""
+whole system says where exactly the changes are, and counts."""
 
 NARROW = 1e-7
 """Ranges of unstable speeds below this share of the speed are not looked for."""
+
+MOST_SAMPLES = 4000
 
 EPSILON = float(np.finfo(float).eps)
 
@@ -67,41 +70,44 @@ class Answer:
 class Roots:
     """Roots with Im lambda >= 0 at one speed, their derivatives by it, and rounding errors.
 
-    Of a conservative system `sign` is that of the energy of those on the axis, 0 of those off it.
+    on_axis: of a system of which roots stay on the axis, the sign of the energy of those that are
+    there, and 0 of the others; None of other systems.
     """
 
     speed: float
     value: Array
     slope: Array
     error: Array
-    sign: Array
-    lossless: bool
+    on_axis: Array | None
 
-    @property
-    def unknown(self) -> Array:
-        """Which roots are so close to the axis that rounding hides the side."""
-        if self.lossless:
-            return np.zeros(self.sign.size, dtype=bool)
-        return np.abs(self.value.real) <= self.error
-
-    @property
-    def faint(self) -> Array:
-        """Roots of which rounding spoils even how they move; whether they cross is not asked."""
-        return np.abs(self.value.real) <= 30.0 * self.error
+    def faint(self, share: float = 1.0) -> Array:
+        """Which roots are so close to the axis that rounding hides their side."""
+        if self.on_axis is not None:
+            return np.zeros(self.value.size, dtype=bool)
+        return np.abs(self.value.real) <= share * self.error
 
     def unstable(self) -> tuple[int, int]:
         """How many grow, at least and at most."""
-        weight = np.where(self.value.imag == 0.0, 1, 2)
-        grows = (self.value.real > 0.0) & (self.sign == 0)
-        least = int(np.sum(weight[grows & ~self.unknown]))
-        return least, least + int(np.sum(weight[self.unknown]))
+        weight, faint = np.where(self.value.imag == 0.0, 1, 2), self.faint()
+        grows = (self.value.real > 0.0) & ~faint
+        if self.on_axis is not None:
+            grows &= self.on_axis == 0
+        least = int(np.sum(weight[grows]))
+        return least, least + int(np.sum(weight[faint]))
+
+    def near(self, step: float) -> Array:
+        """Which roots off the axis may reach it within a step of the speed."""
+        near = ~(np.abs(self.value.real) > 2.0 * step * np.abs(self.slope) + self.error)
+        near &= self.value.imag > 0.0
+        return near if self.on_axis is None else near & (self.on_axis == 0)
 
 
 @dataclass(frozen=True, eq=False)
 class System:
-    """The matrices, real and of one size; `loss` is None without hysteresis.
+    """The matrices, real and of one size; `loss`, L, is None without hysteresis.
 
-    G = gyro + end, the first skew; all but these and `thrust`, K2, are symmetric.
+    G = gyro + end, the first skew. M, end, D, K0 and L are symmetric, `thrust`, K2, where no energy
+    passes an end.
     """
 
     mass: Array
@@ -122,20 +128,6 @@ class System:
         """G."""
         return self.gyro + self.end
 
-    def stiffness(self, u: float) -> Array:
-        """K without the loss."""
-        return self.still + u * u * self.thrust
-
-    def at(self, u: float) -> tuple[Array, Array, Array]:
-        """M, C and K."""
-        k = self.stiffness(u)
-        return self.mass, u * self.flow + self.damping, k if self.loss is None else k + 1j * self.loss
-
-    def dynamic(self, value: complex, u: float) -> Array:
-        """P(lambda, u)."""
-        m, c, k = self.at(u)
-        return value * value * m + value * c + k
-
     @cached_property
     def is_closed(self) -> bool:
         """Whether no energy passes an end: then the pipe is stable where K is positive definite."""
@@ -151,19 +143,19 @@ class System:
         """Whether roots come as +-sqrt of the eigenvalues of -M^-1 K."""
         return self.loss is None and not self.damping.any() and not self.flow.any()
 
-    def without_loss(self) -> System:
-        return replace(self, loss=None, samples={})
+    @property
+    def stays_on_axis(self) -> bool:
+        """Whether roots stay on the axis until two meet."""
+        return self.is_lossless or self.is_circulatory
 
-    def lowest(self, count: int) -> System:
-        """The same in its `count` lowest modes at rest."""
-        least = float(linalg.eigvalsh(self.still, subset_by_index=[0, 0])[0])
-        shifted = self.still + max(0.0, 1.0 - least) * np.eye(self.size)
-        modes = linalg.eigh(self.mass, shifted)[1][:, ::-1][:, :count]
-        every = (self.mass, self.gyro, self.end, self.damping, self.still, self.thrust, self.loss)
-        made = [None if one is None else modes.T @ one @ modes for one in every]
-        if self.is_closed:
-            made[5] = 0.5 * (made[5] + made[5].T)
-        return System(*made)
+    def at(self, u: float) -> tuple[Array, Array, Array]:
+        """M, C and K."""
+        k = self.still + u * u * self.thrust
+        return (
+            self.mass,
+            u * self.flow + self.damping,
+            k if self.loss is None else k + 1j * self.loss,
+        )
 
     def roots(self, u: float) -> Roots:
         """All roots at a speed, kept."""
@@ -171,99 +163,120 @@ class System:
             self.samples[u] = _roots(self, u)
         return self.samples[u]
 
+    def without_loss(self) -> System:
+        return replace(self, loss=None, samples={})
+
     def unstable(self, u: float) -> tuple[int, int]:
         """Number of unstable roots, at least and at most.
 
-        With a loss, of pairs that oscillate, and of the real ones without it.
+        With a loss that of pairs that oscillate, and of the real roots without it.
         """
         least, most = self.roots(u).unstable()
-        if self.loss is not None:
-            still = self.without_loss().roots(u)
-            real = int(np.sum(still.value[still.value.imag == 0.0].real > 0.0))
-            least, most = least + real, most + real
-        return least, most
+        if self.loss is None:
+            return least, most
+        still = self.without_loss().roots(u).value
+        real = int(np.sum((still.imag == 0.0) & (still.real > 0.0)))
+        return least + real, most + real
+
+    def lowest(self, count: int) -> System:
+        """The same in its `count` lowest modes at rest."""
+        least = float(linalg.eigvalsh(self.still, subset_by_index=[0, 0])[0])
+        shifted = self.still + max(0.0, 1.0 - least) * np.eye(self.size)
+        modes = linalg.eigh(self.mass, shifted)[1][:, ::-1][:, :count]
+        return projected(self, modes)
+
+
+def projected(system: System, basis: Array) -> System:
+    """The system in other coordinates or fewer; symmetric and skew parts stay so."""
+
+    def of(matrix: Array | None, sign: float = 1.0) -> Array | None:
+        if matrix is None:
+            return None
+        made = basis.T @ matrix @ basis
+        return 0.5 * (made + sign * made.T) if sign else made
+
+    signs = {"gyro": -1.0, "thrust": 1.0 if system.is_closed else 0.0}
+    names = ("mass", "gyro", "end", "damping", "still", "thrust", "loss")
+    return System(*(of(getattr(system, name), signs.get(name, 1.0)) for name in names))
 
 
 def _roots(system: System, u: float) -> Roots:
-    """By the companion matrix of the problem in 1 / (lambda - shift), and a Rayleigh quotient."""
+    """By the companion matrix of the problem in mu = 1 / (lambda - shift), and Rayleigh's quotient.
+
+    Low roots then keep their digits beside high ones.
+    """
     m, c, k = system.at(u)
-    n, shift = len(m), 2.9 + 0.7 * u
-    moved = c + 2.0 * shift * m
+    n, shift, lossy = len(m), 2.9 + 0.7 * u, system.loss is not None
     factors = linalg.lu_factor(shift * shift * m + shift * c + k)
     step = np.zeros((2 * n, 2 * n), dtype=factors[0].dtype)
-    step[:n] = -linalg.lu_solve(factors, np.hstack([moved, m]))
+    step[:n] = -linalg.lu_solve(factors, np.hstack([c + 2.0 * shift * m, m]))
     step[n:, :n] = np.eye(n)
-    inverse, left, right = linalg.eig(step, left=True)
-    x, y = right[n:], linalg.lu_solve(factors, left[:n].conj(), trans=1)
+    mu, left, right = linalg.eig(step, left=True)
     with np.errstate(all="ignore"):
-        x, y = x / np.linalg.norm(x, axis=0), y / np.linalg.norm(y, axis=0)
-        value = shift + 1.0 / inverse
+        # Vectors are known the less, the closer their roots lie and the less normal the problem.
+        gaps = np.abs(mu - mu[:, None]) + np.where(np.eye(2 * n), np.inf, 0.0)
+        turned = np.abs(np.sum(left.conj() * right, axis=0)) * gaps.min(axis=1)
+        turned = 4.0 * EPSILON * np.linalg.norm(step, 2) / turned
+        x, y = right[n:], linalg.lu_solve(factors, left[:n].conj(), trans=1)
+        x, y, value = x / np.linalg.norm(x, axis=0), y / np.linalg.norm(y, axis=0), shift + 1.0 / mu
         kept = np.isfinite(value) & np.isfinite(x).all(axis=0) & np.isfinite(y).all(axis=0)
-    # With a loss only roots above the axis are roots, without they are conjugate to those below.
-    low = 0.0 if system.loss is None else 1e-13 * np.abs(value)
-    kept &= value.imag > low if system.loss is not None else value.imag >= low
-    value, x, y = value[kept], x[:, kept], y[:, kept]
-
-    def form(*parts: tuple[Array, Array]) -> Array:
-        return sum(factor * np.sum(y * (matrix @ x), axis=0) for factor, matrix in parts)
-
-    for _ in range(2):
-        by_value = form((2.0 * value, m), (np.ones_like(value), c))
-        off = form((value**2, m), (value, c), (np.ones_like(value), k))
-        with np.errstate(all="ignore"):
-            move = off / by_value
-        good = np.abs(move) < 1e-3 * np.abs(value)
-        real = value.imag == 0.0
-        value = np.where(good, np.where(real & (system.loss is None), (value - move).real, value - move), value)
-    with np.errstate(all="ignore"):
-        slope = -form((value, system.flow), (np.full_like(value, 2.0 * u), system.thrust)) / by_value
-        size = np.abs(value)
-        terms = size**2 * (np.abs(m) @ np.abs(x)) + size * (np.abs(c) @ np.abs(x)) + np.abs(k) @ np.abs(x)
+        # With a loss only roots above the axis are roots; else those below are conjugate to them.
+        kept &= value.imag > 1e-13 * np.abs(value) if lossy else value.imag >= 0.0
+        value, x, y, turned = value[kept], x[:, kept], y[:, kept], turned[kept]
+        products = [np.sum(y * (one @ x), axis=0) for one in (m, c, k, system.flow, system.thrust)]
+        ym, yc, yk, by_flow, by_thrust = products
+        for _ in range(2):
+            move = (value * (value * ym + yc) + yk) / (2.0 * value * ym + yc)
+            move = np.where((value.imag == 0.0) & (not lossy), move.real, move)
+            value = value - np.where(np.abs(move) < 1e-3 * np.abs(value), move, 0.0)
+        by_value = 2.0 * value * ym + yc
+        slope = -(value * by_flow + 2.0 * u * by_thrust) / by_value
+        size, ax = np.abs(value), np.abs(x)
+        terms = size * (size * (np.abs(m) @ ax) + np.abs(c) @ ax) + np.abs(k) @ ax
         error = 8.0 * EPSILON * np.sum(np.abs(y) * terms, axis=0) / np.abs(by_value)
-        # The imaginary part of x^H P x = 0 gives the real part of a root from what dissipates and
-        # follows alone, not as a small difference of what is large.
-        skew, conj = 0.5 * (system.thrust - system.thrust.T), x.conj()
-        lost = system.damping + u * system.end
-        a, g, d = (np.sum(conj * (one @ x), axis=0) for one in (m, system.gyro, lost))
-        follows = np.sum(conj * (skew @ x), axis=0).imag * u * u
-        if system.loss is not None:
-            follows = follows + np.sum(conj * (system.loss @ x), axis=0).real
-        w = value.imag
-        below = 2.0 * a.real * w + u * g.imag
-        rho = -(d.real * w + follows) / below
-        rounding = u * w * np.abs(system.end).max() + u * u * np.abs(skew).max()
-        rounding = 4.0 * EPSILON * (EPSILON * rounding + w * np.abs(system.damping).max())
-        # Vectors are known the less, the closer their roots lie in the problem solved.
-        mu = inverse[kept]
-        gaps = np.abs(inverse - mu[:, None])
-        gaps[gaps == 0.0] = np.inf
-        skewness = 1.0 / np.abs(np.sum(left.conj() * right, axis=0))[kept]
-        turned = 4.0 * EPSILON * np.linalg.norm(step, 2) * skewness / gaps.min(axis=1)
-        moved = w * (np.linalg.norm(lost @ x, axis=0) + turned * np.abs(lost).max())
-        moved += u * u * (np.linalg.norm(skew @ x, axis=0) + turned * np.abs(skew).max())
-        if system.loss is not None:
-            moved += np.linalg.norm(system.loss @ x, axis=0) + turned * np.abs(system.loss).max()
-        of_rho = (2.0 * turned * moved + rounding) / np.abs(below)
-        better = (w > 0.0) & (of_rho < error) & (np.abs(rho - value.real) < 10.0 * error + of_rho)
-        value = np.where(better, rho + 1j * w, value)
-        error = np.where(better, of_rho, error)
-    sign = np.zeros(value.size, dtype=int)
-    if system.is_circulatory:
-        # lambda^2 is real but for rounding where the pair is on the axis
+        rho, of_rho = _growth(system, u, value.imag, x, turned)
+        better = (value.imag > 0.0) & (of_rho < error)
+        better &= np.abs(rho - value.real) < 10.0 * error + of_rho
+    value, error = np.where(better, rho + 1j * value.imag, value), np.where(better, of_rho, error)
+    on_axis = None
+    if system.is_circulatory:  # lambda^2 is real but for rounding
         square = value**2
-        sign = np.where((np.abs(square.imag) <= 1e-8 * np.abs(square)) & (square.real < 0.0), 1, 0)
+        near = np.abs(square.imag) <= 1e-8 * np.abs(square)
+        on_axis = np.where(near & (square.real < 0.0), 1, 0)
     elif system.is_lossless:
-        # x^H P x = 0 is a quadratic in omega, with real roots where lambda is on the axis; their
-        # distance is the derivative by omega, the sign of the energy.
-        a, b, e = (np.sum(x.conj() * (one @ x), axis=0) for one in (m, 1j * c, k))
-        a, b, e = a.real, b.real, e.real
-        apart = b * b + 4.0 * a * e
-        at = np.sign(2.0 * a * value.imag - b)
-        sign = np.where(apart > -1e-12 * (b * b + 4.0 * np.abs(a * e)), at, 0).astype(int)
-        sign[(value.imag == 0.0)] = 0
+        # x^H P x = 0 is a quadratic in omega, with real solutions where lambda is on the axis;
+        # the derivative by omega has the sign of the energy.
+        a, b, e = (np.sum(x.conj() * (one @ x), axis=0).real for one in (m, 1j * c, k))
+        on = b * b + 4.0 * a * e > -1e-12 * (b * b + 4.0 * np.abs(a * e))
+        on_axis = np.where(on & (value.imag > 0.0), np.sign(2.0 * a * value.imag - b), 0).astype(
+            int
+        )
     order = np.argsort(value.imag, kind="stable")
-    lossless = system.is_lossless or system.is_circulatory
-    return Roots(u, value[order], slope[order], error[order], sign[order], lossless)
+    signs = None if on_axis is None else on_axis[order]
+    return Roots(u, value[order], slope[order], error[order], signs)
+
+
+def _growth(system: System, u: float, w: Array, x: Array, turned: Array) -> tuple[Array, Array]:
+    """Real parts of roots with imaginary parts w, and their errors.
+
+    From the imaginary part of x^H P x = 0: of what dissipates and follows alone, not as a small
+    difference of what is large.
+    """
+    lost, skew = system.damping + u * system.end, 0.5 * (system.thrust - system.thrust.T)
+    a, g, d, f = (
+        np.sum(x.conj() * (one @ x), axis=0) for one in (system.mass, system.gyro, lost, skew)
+    )
+    fed, below = d.real * w + u * u * f.imag, 2.0 * a.real * w + u * g.imag
+    parts = [(w, lost), (u * u, skew)]
+    if system.loss is not None:
+        fed = fed + np.sum(x.conj() * (system.loss @ x), axis=0).real
+        parts.append((1.0, system.loss))
+    # A turned vector, and rounding of the damping matrix; others have no more than their ranks.
+    error = 4.0 * EPSILON * w * np.abs(system.damping).max()
+    for factor, one in parts:
+        moved = np.linalg.norm(one @ x, axis=0) + turned * np.abs(one).max()
+        error = error + 2.0 * turned * factor * moved
+    return -fed / below, error / np.abs(below)
 
 
 # ------------------------------------------------------------------------------------ divergence
@@ -274,107 +287,88 @@ def divergences(system: System, end: float) -> list[Change]:
     still, thrust = system.still, system.thrust
     if not thrust.any():
         return []
-    # K0 + s K2 with s = s0 + t: (K(s0)^-1 K2) x = -x / t.
-    found: list[float] = []
-    for shift in (-1.0, -100.0, -1e4, -1e6) if system.is_closed else ():
-        try:
-            values = linalg.eigh(thrust, still + shift * thrust, eigvals_only=True)
-        except linalg.LinAlgError:
-            continue
-        with np.errstate(divide="ignore"):
-            found = (shift - 1.0 / values).tolist()
-        break
-    else:
-        shift = -0.937
-        values = linalg.eigvals(linalg.solve(still + shift * thrust, thrust))
-        near = values[(values != 0.0) & (np.abs(values.imag) <= 1e-7 * np.abs(values))]
-        with np.errstate(divide="ignore"):
-            found = (shift - 1.0 / near).real.tolist()
-    result = []
-    for square in found:
-        if not 0.0 < square < 1.02 * end * end:
-            continue
-        u = math.sqrt(square)
+    squares = np.zeros(0)
+    with np.errstate(divide="ignore"):
+        # K0 + s K2 with s = s0 + t: K(s0)^-1 K2 x = -x / t.
+        for shift in (-1.0, -100.0, -1e4, -1e6) if system.is_closed else ():
+            try:
+                squares = shift - 1.0 / linalg.eigh(thrust, still + shift * thrust)[0]
+                break
+            except linalg.LinAlgError:  # K(s0) is not positive definite
+                continue
+        else:
+            shift = -0.937
+            values = linalg.eigvals(linalg.solve(still + shift * thrust, thrust))
+            near = values[(values != 0.0) & (np.abs(values.imag) <= 1e-7 * np.abs(values))]
+            squares = (shift - 1.0 / near).real
+    found = []
+    for u in np.sqrt(squares[(squares > 0.0) & (squares < 1.02 * end * end)]).tolist():
         error = math.inf
         for _ in range(3):  # Newton's method with the vectors of the singular value nearest 0
-            left, size, right = np.linalg.svd(system.stiffness(u))
-            x, y = right[-1], left[:, -1]
-            slope = 2.0 * u * float(y @ thrust @ x)
-            terms = np.abs(y) @ (np.abs(still) + u * u * np.abs(thrust)) @ np.abs(x)
-            error = 4.0 * EPSILON * float(terms) / abs(slope) if slope else math.inf
-            if not abs(size[-1]) < 1e-3 * abs(slope) * u:
+            left, sizes, right = np.linalg.svd(still + u * u * thrust)
+            slope = 2.0 * u * float(left[:, -1] @ thrust @ right[-1])
+            terms = np.abs(left[:, -1]) @ (np.abs(still) + u * u * np.abs(thrust))
+            error = 4.0 * EPSILON * float(terms @ np.abs(right[-1])) / max(abs(slope), 1e-300)
+            if not sizes[-1] < 1e-3 * abs(slope) * u:
                 break
-            u -= float(size[-1]) / slope
+            u -= float(sizes[-1]) / slope
         if 0.0 < u <= end:
-            result.append(Change(u, 0.0, min(error, 1e-6 * u)))
-    return sorted(result, key=lambda one: one.speed)
+            found.append(Change(u, 0.0, min(error, 1e-6 * u)))
+    return sorted(found, key=lambda one: one.speed)
 
 
 # --------------------------------------------------------------------------------------- flutter
 
 
 def flutter_at(system: System, u: float, frequency: float) -> Change | None:
-    """The crossing next to a guess, by Newton's method for y^H P(i omega, u) x = 0."""
-    if not frequency > 0.0:
-        return None
-    rng = np.random.default_rng(system.size)
-    x, y = rng.standard_normal((2, system.size)) + 0j
-    start, error = (u, frequency), math.inf
-    for step in range(12):
+    """The crossing next to a guess, by Newton's method with vectors of inverse iteration."""
+    x, y = np.random.default_rng(system.size).standard_normal((2, system.size)) + 0j
+    start, du = (u, frequency), math.inf
+    for _ in range(12):
+        m, c, k = system.at(u)
         value = 1j * frequency
-        factors = linalg.lu_factor(system.dynamic(value, u), check_finite=False)
-        if not np.all(np.diag(factors[0])):
-            u *= 1.0 + 1e-15
-            continue
-        for _ in range(3 if step < 2 else 2):
+        dynamic = value * value * m + value * c + k
+        factors = linalg.lu_factor(dynamic + 1e-300 * np.eye(system.size))
+        for _ in range(3):
             x, y = linalg.lu_solve(factors, x), linalg.lu_solve(factors, y, trans=2)
             x, y = x / np.linalg.norm(x), y / np.linalg.norm(y)
-        m, c, k = system.at(u)
-        off = y.conj() @ (system.dynamic(value, u) @ x)
-        by_u = y.conj() @ (value * system.flow @ x + 2.0 * u * system.thrust @ x)
         by_value = y.conj() @ (2.0 * value * m @ x + c @ x)
-        ratio = -off / by_value  # change of lambda; the root must come to the axis
-        slope = -by_u / by_value
-        if slope.real == 0.0 or not np.isfinite(ratio + slope):
+        off = -(y.conj() @ dynamic @ x) / by_value
+        slope = -(y.conj() @ (value * system.flow @ x + 2.0 * u * system.thrust @ x)) / by_value
+        if slope.real == 0.0 or not np.isfinite(off + slope):
             return None
-        du = -ratio.real / slope.real
-        frequency, u = frequency + ratio.imag + slope.imag * du, u + du
+        du = float(-off.real / slope.real)
+        u, frequency = u + du, frequency + float(off.imag + slope.imag * du)
         if not (abs(u - start[0]) < 0.1 * start[0] and frequency > 1e-3 * start[1]):
             return None
         if abs(du) <= 1e-13 * u:
             break
-    terms = frequency**2 * np.abs(m) @ np.abs(x) + frequency * np.abs(c) @ np.abs(x)
-    terms = np.abs(y) @ (terms + np.abs(k) @ np.abs(x))
-    error = 8.0 * EPSILON * float(terms) / abs(by_value * slope.real)
-    return Change(float(u), float(frequency), float(error + abs(du)))
+    terms = frequency * (frequency * np.abs(m) + np.abs(c)) + np.abs(k)
+    rounding = 8.0 * EPSILON * float(np.abs(y) @ terms @ np.abs(x))
+    return Change(u, frequency, rounding / abs(by_value * slope.real) + abs(du))
 
 
 def meeting_at(system: System, u: float, frequency: float) -> Change | None:
     """Where two roots of a lossless system meet on the axis, next to a guess.
 
-    There the Hermitian K + i omega C - omega^2 M has an eigenvalue theta that is 0, and so is its
+    There the Hermitian K + i omega C - omega^2 M has an eigenvalue that is 0, and so is its
     derivative by omega: Newton's method for both, with derivatives by perturbation.
     """
     start = u
     for _ in range(20):
         m, c, k = system.at(u)
         theta, vectors = linalg.eigh(k + 1j * frequency * c - frequency**2 * m)
-        of = int(np.argmin(np.abs(theta)))
-        v, value = vectors[:, of], theta[of]
-        by = vectors.conj().T @ (1j * (c @ v) - 2.0 * frequency * (m @ v))
-        by_u = vectors.conj().T @ (1j * frequency * (system.gyro @ v) + 2.0 * u * (system.thrust @ v))
-        with np.errstate(divide="ignore"):
-            others = 1.0 / (value - theta)
-        others[of] = 0.0
-        twice = 2.0 * float(np.sum(np.abs(by) ** 2 * others)) - 2.0 * float((v.conj() @ m @ v).real)
+        i = int(np.argmin(np.abs(theta)))
+        v, adjoint = vectors[:, i], vectors.conj().T
+        by = adjoint @ (1j * (c @ v) - 2.0 * frequency * (m @ v))
+        by_u = adjoint @ (1j * frequency * (system.gyro @ v) + 2.0 * u * (system.thrust @ v))
+        others = np.array([1.0 / (theta[i] - t) if j != i else 0.0 for j, t in enumerate(theta)])
+        twice = 2.0 * float(np.sum(np.abs(by) ** 2 * others) - (v.conj() @ m @ v).real)
         mixed = 2.0 * float(np.sum((by.conj() * by_u).real * others))
         mixed += float((1j * (v.conj() @ system.gyro @ v)).real)
-        jacobian = np.array([[by[of].real, by_u[of].real], [twice, mixed]])
-        try:
-            step = np.linalg.solve(jacobian, [value, by[of].real])
-        except np.linalg.LinAlgError:
-            return None
-        frequency, u = frequency - float(step[0]), u - float(step[1])
+        jacobian = np.array([[by[i].real, by_u[i].real], [twice, mixed]])
+        step = np.linalg.lstsq(jacobian, [theta[i], by[i].real])[0].tolist()
+        frequency, u = frequency - step[0], u - step[1]
         if not (abs(u - start) < 0.1 * start and frequency > 0.0):
             return None
         if abs(step[1]) < 1e-12 * u:
@@ -382,261 +376,16 @@ def meeting_at(system: System, u: float, frequency: float) -> Change | None:
     return None
 
 
-@cache
-def _pairs(n: int) -> tuple[Array, Array]:
-    return np.triu_indices(n, 1)
-
-
-def _bialternate(a: Array) -> Array:
-    """2 A (x) I: its eigenvalues are the sums of two eigenvalues of A."""
-    p, q = _pairs(len(a))
-    one = np.eye(len(a))
-
-    def minor(row: Array, col: Array, other: Array, rest: Array) -> Array:
-        return a[row[:, None], col] * one[other[:, None], rest]
-
-    return minor(p, p, q, q) - minor(p, q, q, p) + minor(q, q, p, p) - minor(q, p, p, q)
-
-
-def bialternate_flutter(system: System, end: float) -> list[Change]:
-    """All speeds in (0, end] at which two roots are i omega and -i omega."""
-    n = system.size
-    parts = []
-    lower = linalg.cholesky(system.mass, lower=True)
-
-    def scaled(matrix: Array) -> Array:
-        half = linalg.solve_triangular(lower, matrix, lower=True)
-        return linalg.solve_triangular(lower, half.T, lower=True).T
-
-    for k, c in ((system.still, system.damping), (0.0 * lower, system.flow), (system.thrust, 0.0 * lower)):
-        a = np.zeros((2 * n, 2 * n))
-        a[n:, :n], a[n:, n:] = -scaled(k), -scaled(c)
-        if not parts:
-            a[:n, n:] = np.eye(n)
-        parts.append(_bialternate(a))
-    # (B0 + u B1 + u^2 B2) z = 0, in 1 / (u - shift).
-    shift = -0.731 * end
-    b0 = parts[0] + shift * parts[1] + shift**2 * parts[2]
-    b1 = parts[1] + 2.0 * shift * parts[2]
-    factors, rows = linalg.lu_factor(b0), len(b0)
-    step = np.zeros((2 * rows, 2 * rows))
-    step[:rows] = -linalg.lu_solve(factors, np.hstack([b1, parts[2]]))
-    step[rows:, :rows] = np.eye(rows)
-    values = linalg.eigvals(step)
-    speeds = shift + 1.0 / values[np.abs(values) > 0.5 / (end - shift)]
-    near = (np.abs(speeds.imag) <= 1e-6 * np.abs(speeds)) & (speeds.real > 0.0)
-    found: list[Change] = []
-    for u in speeds[near & (speeds.real <= 1.001 * end)].real:
-        roots = system.roots(float(u))
-        on = np.flatnonzero((roots.value.imag > 0.0) & (np.abs(roots.value.real) < 1e-4 * (1.0 + np.abs(roots.value))))
-        for i in on:
-            one = flutter_at(system, float(u), float(roots.value[i].imag))
-            if one and one.speed <= end and not any(_same(one, other) for other in found):
-                found.append(one)
-    return found
-
-
-def _same(a: Change, b: Change) -> bool:
-    return (
-        abs(a.speed - b.speed) <= 1e-10 * a.speed + a.error + b.error
-        and abs(a.frequency - b.frequency) <= 1e-6 * (1.0 + a.frequency)
-    )
-
-
-# --------------------------------------------------------------------------------------- samples
-
-SHARES = np.linspace(0.0, 1.0, 17)
-
-
-def _cubic(a: float, b: float, slope_a: float, slope_b: float, h: float) -> tuple[Array, float]:
-    """Values of Hermite's cubic at `SHARES`, and by how much the trapezoid rule misses b - a."""
-    t = SHARES
-    value = (1 + 2 * t) * (1 - t) ** 2 * a + t * t * (3 - 2 * t) * b
-    value += h * (t * (1 - t) ** 2 * slope_a - t * t * (1 - t) * slope_b)
-    return value, abs(b - a - 0.5 * h * (slope_a + slope_b))
-
-
-def _near(roots: Roots, h: float) -> Array:
-    """Roots that may reach the axis within a step."""
-    reach = 2.0 * h * np.abs(roots.slope) + roots.error
-    return (roots.value.imag > 0.0) & (roots.sign == 0) & ~(np.abs(roots.value.real) > reach)
-
-
-def _across(a: Roots, b: Roots) -> list[tuple[float, float]] | None:
-    """Guesses of speed and frequency of all crossings between two samples; None if not known."""
-    h = b.speed - a.speed
-    near_a, near_b = np.flatnonzero(_near(a, h)), np.flatnonzero(_near(b, h))
-    above_a, above_b = (np.flatnonzero(one.value.imag > 0.0) for one in (a, b))
-    guesses: list[tuple[float, float]] = []
-    if near_a.size + near_b.size == 0:
-        pass
-    elif above_a.size == 0 or above_b.size == 0:
-        return None
-    else:
-        ahead = a.value[above_a] + 0.5 * h * a.slope[above_a]
-        behind = b.value[above_b] - 0.5 * h * b.slope[above_b]
-        apart = np.abs(ahead[:, None] - behind)
-        apart[~np.isfinite(apart)] = np.inf
-        to_b, to_a = apart.argmin(axis=1), apart.argmin(axis=0)
-        pairs = {(i, to_b[i]) for i in np.flatnonzero(np.isin(above_a, near_a))}
-        pairs |= {(to_a[j], j) for j in np.flatnonzero(np.isin(above_b, near_b))}
-        for i, j in sorted(pairs):
-            least, p, q = apart[i, j], above_a[i], above_b[j]
-            if a.faint[p] and b.faint[q]:
-                continue
-            if to_b[i] != j or to_a[j] != i or not least < np.inf:
-                return None
-            others = np.concatenate([np.delete(apart[i], j), np.delete(apart[:, j], i), [np.inf]])
-            if others.min() < 3.0 * least:
-                return None
-            value, missed = _cubic(
-                *(a.value[p].real, b.value[q].real, a.slope[p].real, b.slope[q].real, h)
-            )
-            missed += a.error[p] + b.error[q]
-            if np.all(np.abs(value) > missed) and (np.all(value > 0.0) or np.all(value < 0.0)):
-                continue
-            rises = np.diff(value) * np.sign(value[-1] - value[0])
-            unclear = np.flatnonzero(np.abs(value) <= missed)
-            low = max(0, unclear.min() - 1) if unclear.size else 0
-            high = unclear.max() + 1 if unclear.size else rises.size
-            signs = np.sign(value[np.abs(value) > missed])
-            if not (value[0] * value[-1] < 0.0 and min(abs(value[0]), abs(value[-1])) > missed):
-                return None
-            if np.sum(np.diff(signs) != 0) != 1 or not np.all(rises[low:high] > 0.0):
-                return None
-            if missed > 0.2 * (np.abs(value[-1] - value[0])):
-                return None
-            share = float(np.interp(0.0, value[:: int(np.sign(value[-1]))], SHARES[:: int(np.sign(value[-1]))]))
-            frequency = (1.0 - share) * a.value[p].imag + share * b.value[q].imag
-            guesses.append((a.speed + share * h, float(frequency)))
-    return guesses
-
-
-def _parts_kept(a: Roots, b: Roots, every: bool) -> bool:
-    """Whether the roots on the axis keep their order and cannot meet between two samples.
-
-    every: whether any neighbours can meet, as those of a circulatory system, or only two whose
-    energies have opposite signs.
-    """
-    h = b.speed - a.speed
-    on_a, on_b = (np.flatnonzero((one.sign != 0) & (one.value.imag > 0.0)) for one in (a, b))
-    if on_a.size != on_b.size or np.any(a.sign[on_a] != b.sign[on_b]):
-        return False
-    for k in range(on_a.size - 1):
-        i, j = on_a[k : k + 2], on_b[k : k + 2]
-        if not every and a.sign[i[0]] == a.sign[i[1]]:
-            continue
-        gaps = [float(np.diff(one)[0]) for one in (a.value[i].imag, b.value[j].imag)]
-        slopes = [float(np.diff(one)[0]) for one in (a.slope[i].imag, b.slope[j].imag)]
-        value, missed = _cubic(*gaps, *slopes, h)
-        if not np.all(value > missed):
-            return False
-    return True
-
-
-def sampled_flutter(system: System, stops: list[float]) -> list[Change]:
-    """All flutter between stops, among them all divergences, from samples as close as needed."""
-    found: list[Change] = []
-    kept_on_axis = system.is_lossless or system.is_circulatory
-    steps = []
-    for low, high in zip(stops[:-1], stops[1:], strict=True):
-        if high - low <= 4.0 * NARROW * high:
-            continue
-        count = max(1, math.ceil((high - low) / max(0.25, stops[-1] / 40.0)))
-        edges = np.linspace(low, high, count + 1).tolist()
-        # At a divergence itself nothing can be counted.
-        edges[0], edges[-1] = edges[0] * (1.0 + NARROW), edges[-1] * (1.0 - NARROW)
-        steps += list(zip(edges[:-1], edges[1:], strict=True))
-    work = 0
-    while steps:
-        low, high = steps.pop()
-        a, b = system.roots(low), system.roots(high)
-        work += 1
-        if work > 4000:
-            raise Unsure("too many samples")
-        narrow = high - low <= NARROW * high
-        if kept_on_axis:
-            if system.unstable(low) == system.unstable(high) or narrow:
-                near = any(_near(one, high - low).any() for one in (a, b))
-                if narrow or (not near and _parts_kept(a, b, system.is_circulatory)):
-                    if system.unstable(low) != system.unstable(high):
-                        found.append(_meeting(system, low, high))
-                    continue
-        else:
-            guesses = _across(a, b)
-            if guesses is not None or narrow:
-                changes = [flutter_at(system, *guess) for guess in guesses or ()]
-                slack = 0.01 * (high - low)
-                if all(c is not None and low - slack <= c.speed <= high + slack for c in changes):
-                    found += [c for c in changes if c is not None]
-                    if narrow and guesses is None and system.unstable(low) != system.unstable(high):
-                        found += _any_flutter(system, low, high)
-                    continue
-                if narrow:
-                    raise Unsure(f"no crossing between u = {low!r} and {high!r}")
-        middle = 0.5 * (low + high)
-        steps += [(low, middle), (middle, high)]
-    return found
-
-
-def _any_flutter(system: System, low: float, high: float) -> list[Change]:
-    """A crossing in a step too short to divide."""
-    roots = system.roots(low)
-    above = np.flatnonzero(roots.value.imag > 0.0)
-    nearest = above[np.argmin(np.abs(roots.value[above].real))]
-    return [Change(0.5 * (low + high), float(roots.value[nearest].imag), high - low)]
-
-
 def _meeting(system: System, low: float, high: float) -> Change:
-    """Where two roots meet on the axis, by halving."""
+    """Where two roots meet on the axis, by halving a step in which the count changes."""
     before = system.unstable(low)
     while high - low > 1e-12 * high:
         middle = 0.5 * (low + high)
-        if not low < middle < high:
-            break
-        if system.unstable(middle) == before:
-            low = middle
-        else:
-            high = middle
-    grown = system.roots(high if system.unstable(high) > before else low)
-    off = np.flatnonzero((grown.sign == 0) & (grown.value.real > 0.0) & (grown.value.imag > 0.0))
-    nearest = off[np.argmin(grown.value[off].real)] if off.size else None
-    frequency = 0.0 if nearest is None else float(grown.value[nearest].imag)
+        low, high = (middle, high) if system.unstable(middle) == before else (low, middle)
+    roots = system.roots(max((low, high), key=system.unstable))
+    off = roots.value[(roots.on_axis == 0) & (roots.value.real > 0.0) & (roots.value.imag > 0.0)]
+    frequency = float(off[np.argmin(off.real)].imag) if off.size else 0.0
     return Change(high, frequency, 1e-11 * high)
-
-
-# -------------------------------------------------------------------------------------- together
-
-
-def first_speed(system: System) -> float:
-    """Where the search begins: at rest, or if roots are on the axis there just beyond it."""
-    if system.is_lossless or system.is_circulatory:
-        return 0.0
-    return 0.0 if system.damping.any() or system.loss is not None else 0.01
-
-
-def all_changes(system: System, end: float) -> Answer:
-    """Every change up to a speed, with counts; raises `Unsure`."""
-    whole = system
-    if system.size > LARGEST_SAMPLED:
-        system = system.lowest(min(system.size, max(LARGEST_SAMPLED, 12 + math.ceil(1.1 * end))))
-    static, own = divergences(whole, end), [one.speed for one in divergences(system, end)]
-    start = first_speed(system)
-    if system.is_closed and linalg.eigvalsh(system.still, subset_by_index=[0, 0])[0] > 0.0:
-        start = own[0] if own else end
-    stops = sorted({start, *(u for u in own if u > start), end})
-    if system.size <= LARGEST_BIALTERNATE and whole.loss is None and not (
-        system.is_lossless or system.is_circulatory
-    ):
-        flutter = bialternate_flutter(system, end)
-    else:
-        flutter = sampled_flutter(system, stops)
-    if whole is not system:
-        exact = [in_other(whole, one) for one in flutter]
-        if None in exact:
-            raise Unsure(f"changes of {system.size} modes are none of all: {flutter}")
-        flutter = [one for one in exact if one is not None and one.speed <= end]
-    return _counted(whole, static, flutter, first_speed(system), end)
 
 
 def in_other(system: System, change: Change) -> Change | None:
@@ -651,14 +400,223 @@ def in_other(system: System, change: Change) -> Change | None:
     return None
 
 
-def _counted(
-    system: System, static: list[Change], flutter: list[Change], start: float, end: float
-) -> Answer:
+def _bialternate(a: Array) -> Array:
+    """2 A (x) I: its eigenvalues are the sums of two eigenvalues of A."""
+    p, q = np.triu_indices(len(a), 1)
+    one = np.eye(len(a))
+
+    def minor(row: Array, column: Array, other: Array, rest: Array) -> Array:
+        return a[row[:, None], column] * one[other[:, None], rest]
+
+    return minor(p, p, q, q) - minor(p, q, q, p) + minor(q, q, p, p) - minor(q, p, p, q)
+
+
+def bialternate_flutter(system: System, end: float) -> list[Change]:
+    """All speeds in (0, end] at which two roots are i omega and -i omega."""
+    n = system.size
+    half = linalg.solve_triangular(linalg.cholesky(system.mass, lower=True), np.eye(n), lower=True)
+    zero, parts = np.zeros((n, n)), []
+    for c, k in ((system.damping, system.still), (system.flow, zero), (zero, system.thrust)):
+        a = np.block([[zero, zero], [-half @ k @ half.T, -half @ c @ half.T]])
+        a[:n, n:] = zero if parts else np.eye(n)
+        parts.append(_bialternate(a))
+    # (B0 + u B1 + u^2 B2) z = 0, in 1 / (u - shift).
+    shift, rows = -0.731 * end, len(parts[0])
+    factors = linalg.lu_factor(parts[0] + shift * parts[1] + shift**2 * parts[2])
+    step = np.zeros((2 * rows, 2 * rows))
+    step[:rows] = -linalg.lu_solve(
+        factors, np.hstack([parts[1] + 2.0 * shift * parts[2], parts[2]])
+    )
+    step[rows:, :rows] = np.eye(rows)
+    values = linalg.eigvals(step)
+    speeds = shift + 1.0 / values[np.abs(values) > 0.5 / (end - shift)]
+    near = (np.abs(speeds.imag) <= 1e-6 * np.abs(speeds)) & (speeds.real > 0.0)
+    found: list[Change] = []
+    for u in speeds.real[near & (speeds.real <= 1.001 * end)].tolist():
+        value = system.roots(u).value
+        on = (value.imag > 0.0) & (np.abs(value.real) < 1e-4 * (1.0 + np.abs(value)))
+        for frequency in value.imag[on].tolist():
+            one = flutter_at(system, u, frequency)
+            if one and one.speed <= end and not any(_same(one, other) for other in found):
+                found.append(one)
+    return found
+
+
+def _same(a: Change, b: Change) -> bool:
+    slack = 1e-10 * a.speed + a.error + b.error
+    near = abs(a.frequency - b.frequency) <= 1e-6 * (1.0 + a.frequency)
+    return near and abs(a.speed - b.speed) <= slack
+
+
+# --------------------------------------------------------------------------------------- samples
+
+SHARES = np.linspace(0.0, 1.0, 17)
+
+
+def _cubic(ends: tuple[float, float], slopes: tuple[float, float], h: float) -> tuple[Array, float]:
+    """Values of Hermite's cubic at `SHARES`, and how far the trapezoid rule misses, its bound."""
+    t, (a, b), (at_a, at_b) = SHARES, ends, slopes
+    value = (1 + 2 * t) * (1 - t) ** 2 * a + t * t * (3 - 2 * t) * b
+    value += h * (t * (1 - t) ** 2 * at_a - t * t * (1 - t) * at_b)
+    return value, abs(b - a - 0.5 * h * (at_a + at_b))
+
+
+def _crossing_share(a: Roots, p: int, b: Roots, q: int) -> float | None:
+    """Share of a step at which a root crosses the axis, NaN if it does not; None if not known."""
+    ends = float(a.value[p].real), float(b.value[q].real)
+    if a.faint(4.0)[p] and b.faint(4.0)[q]:
+        return ends[0] / (ends[0] - ends[1]) if ends[0] * ends[1] < 0.0 else math.nan
+    slopes = float(a.slope[p].real), float(b.slope[q].real)
+    value, missed = _cubic(ends, slopes, b.speed - a.speed)
+    missed += a.error[p] + b.error[q]
+    clear = np.abs(value) > missed
+    turns = np.count_nonzero(np.diff(np.sign(value[clear])))
+    if clear.all() and turns == 0:
+        return math.nan
+    if turns != 1 or not (clear[0] and clear[-1]) or missed > 0.2 * abs(ends[1] - ends[0]):
+        return None
+    unclear = np.flatnonzero(~clear)
+    low, high = (max(unclear.min() - 1, 0), unclear.max() + 1) if unclear.size else (0, SHARES.size)
+    sign = math.copysign(1.0, ends[1])
+    if np.any(sign * np.diff(value)[low:high] <= 0.0):
+        return None
+    return float(np.interp(0.0, sign * value, SHARES))
+
+
+def _across(a: Roots, b: Roots) -> list[tuple[float, float]] | None:
+    """Guesses of speed and frequency of all crossings between two samples; None if not known."""
+    h, guesses = b.speed - a.speed, []
+    above_a, above_b = (np.flatnonzero(one.value.imag > 0.0) for one in (a, b))
+    near_a, near_b = a.near(h)[above_a], b.near(h)[above_b]
+    if not (near_a.any() or near_b.any()):
+        return []
+    if not (above_a.size and above_b.size):
+        return None
+    # Roots belong together if half a step along each of their tangents leads to one place.
+    ahead, behind = a.value[above_a] + 0.5 * h * a.slope[above_a], b.value[above_b]
+    apart = np.abs(ahead[:, None] - (behind - 0.5 * h * b.slope[above_b]))
+    apart[~np.isfinite(apart)] = np.inf
+    to_b, to_a = apart.argmin(axis=1), apart.argmin(axis=0)
+    pairs = {(i, to_b[i]) for i in np.flatnonzero(near_a)}
+    pairs |= {(to_a[j], j) for j in np.flatnonzero(near_b)}
+    for i, j in sorted(pairs):
+        p, q = above_a[i], above_b[j]
+        if not (a.faint(4.0)[p] and b.faint(4.0)[q]):
+            others = np.concatenate([np.delete(apart[i], j), np.delete(apart[:, j], i), [np.inf]])
+            if to_b[i] != j or to_a[j] != i or not others.min() > 3.0 * apart[i, j]:
+                return None
+        share = _crossing_share(a, p, b, q)
+        if share is None:
+            return None
+        if share == share:
+            frequency = (1.0 - share) * a.value[p].imag + share * b.value[q].imag
+            guesses.append((a.speed + share * h, float(frequency)))
+    return guesses
+
+
+def _none_meets(a: Roots, b: Roots, any_pair: bool) -> bool:
+    """Whether no roots meet on the axis, and none comes back, between two samples.
+
+    any_pair: whether any neighbours can meet, as those of a circulatory system, or only two whose
+    energies have opposite signs.
+    """
+    h = b.speed - a.speed
+    if a.unstable() != b.unstable() or a.near(h).any() or b.near(h).any():
+        return False
+    on_a, on_b = np.flatnonzero(a.on_axis), np.flatnonzero(b.on_axis)
+    if not np.array_equal(a.on_axis[on_a], b.on_axis[on_b]):
+        return False
+    for i, j in zip(pairwise(on_a), pairwise(on_b), strict=True):
+        if any_pair or a.on_axis[i[0]] != a.on_axis[i[1]]:
+            both = ((a, list(i)), (b, list(j)))
+            gaps, slopes = (
+                tuple(float(np.diff(getattr(of, name)[at].imag)[0]) for of, at in both)
+                for name in ("value", "slope")
+            )
+            value, missed = _cubic(gaps, slopes, h)
+            if not np.all(value > missed):
+                return False
+    return True
+
+
+def sampled_flutter(system: System, stops: list[float]) -> list[Change]:
+    """All flutter between stops, among them all divergences, from samples as close as needed."""
+    found: list[Change] = []
+    steps: list[tuple[float, float]] = []
+    for low, high in pairwise(stops):
+        # At a divergence itself nothing can be counted.
+        low, high = low * (1.0 + NARROW), high * (1.0 - NARROW)
+        if high - low > 2.0 * NARROW * high:
+            count = max(1, math.ceil((high - low) / max(0.25, stops[-1] / 40.0)))
+            steps += pairwise(np.linspace(low, high, count + 1).tolist())
+    work = 0
+    while steps:
+        low, high = steps.pop()
+        work += 1
+        if work > MOST_SAMPLES:
+            raise Unsure("too many samples")
+        a, b, narrow = system.roots(low), system.roots(high), high - low <= NARROW * high
+        if system.stays_on_axis:
+            if narrow and a.unstable() != b.unstable():
+                found.append(_meeting(system, low, high))
+            if narrow or _none_meets(a, b, system.is_circulatory):
+                continue
+        else:
+            guesses = _across(a, b)
+            if narrow and guesses is None:
+                guesses = []
+                if a.unstable() != b.unstable():
+                    value = a.value[a.value.imag > 0.0]
+                    frequency = float(value[np.argmin(np.abs(value.real))].imag)
+                    found.append(
+                        flutter_at(system, high, frequency) or Change(high, frequency, high - low)
+                    )
+            changes = [flutter_at(system, *guess) for guess in guesses or ()]
+            slack = 0.01 * (high - low)
+            sure = all(c and low - slack <= c.speed <= high + slack for c in changes)
+            if guesses is not None and sure:
+                found += [c for c in changes if c]
+                continue
+            if narrow:
+                raise Unsure(f"no crossing between u = {low!r} and {high!r}")
+        steps += [(low, 0.5 * (low + high)), (0.5 * (low + high), high)]
+    return found
+
+
+# -------------------------------------------------------------------------------------- together
+
+
+def all_changes(system: System, end: float, modes: float = 0.0) -> Answer:
+    """Every change up to a speed, with counts; raises `Unsure`.
+
+    modes: how many of a large system may matter, if more than the flow reaches.
+    """
+    whole, most = system, max(LARGEST_SAMPLED, 12 + math.ceil(max(1.1 * end, modes)))
+    if system.size > most:
+        system = system.lowest(most)
+    # Roots on the axis at rest leave it with a power of the speed.
+    at_rest = system.stays_on_axis or system.damping.any() or system.loss is not None
+    first = start = 0.0 if at_rest else 0.01
+    own = [one.speed for one in divergences(system, end)]
+    if system.is_closed and linalg.eigvalsh(system.still, subset_by_index=[0, 0])[0] > 0.0:
+        start = own[0] if own else end
+    if system.size > LARGEST_BIALTERNATE or system.loss is not None or system.stays_on_axis:
+        flutter = sampled_flutter(system, sorted({start, end, *(u for u in own if u > start)}))
+    else:
+        flutter = bialternate_flutter(system, end)
+    if whole is not system:
+        exact = [in_other(whole, one) for one in flutter]
+        if None in exact:
+            raise Unsure(f"changes of {system.size} modes are none of all: {flutter}")
+        flutter = [one for one in exact if one and one.speed <= end]
+    return counted(whole, [*divergences(whole, end), *flutter], first, end)
+
+
+def counted(system: System, changes: list[Change], start: float, end: float) -> Answer:
     """The changes in order with the number of unstable roots between them."""
-    changes = sorted([*static, *flutter], key=lambda one: one.speed)
-    edges = [start, *(one.speed for one in changes), end]
+    changes = sorted(changes, key=lambda one: one.speed)
     counts: list[tuple[int, int]] = []
-    for low, high in zip(edges[:-1], edges[1:], strict=True):
+    for low, high in pairwise([start, *(one.speed for one in changes), end]):
         if high - low <= 1e-9 * high and counts:
             counts.append(counts[-1])  # too short to be looked at: as if nothing changed yet
             continue
@@ -666,10 +624,10 @@ def _counted(
         if system.loss is not None and low:  # far beyond a loss of stability it means little
             middle = min(middle, low * (1.0 + 5e-4))
         counts.append(system.unstable(middle))
-    for i, one in enumerate(changes):  # a pair changes the count by two, four roots by four
-        (least, most), (before, at_most) = counts[i + 1], counts[i]
+    for one, before, after in zip(changes, counts[:-1], counts[1:], strict=True):
+        # A pair changes the count by two, four roots by four.
         together = sum(abs(one.speed - c.speed) <= 2e-9 * one.speed for c in changes)
-        step = max(least - at_most, before - most)
+        step = max(after[0] - before[1], before[0] - after[1])
         if system.loss is None and step > together * (4 if system.is_lossless else 2):
             raise Unsure(f"counts {counts} do not fit changes {changes}")
     return Answer(tuple(changes), tuple(counts))
@@ -690,12 +648,11 @@ def system_of(model: Any, closed: bool, resisted: bool) -> System:
     if pipe.hysteresis:  # damping is proportional to what the material loses
         more = model.with_pipe(replace(pipe, damping=pipe.damping + 1.0)).elastic_operators()
         loss = pipe.hysteresis * (more.damping - ops.damping)
-    gyro, end = ops.direction * ops.gyroscopic, ops.direction * ops.end_flux
-    mass, damping, still = (0.5 * (of + of.T) for of in (ops.mass, ops.damping, ops.stiffness))
-    gyro, end, thrust = 0.5 * (gyro - gyro.T), 0.5 * (end + end.T), ops.centrifugal * ops.flux
-    if closed:  # but for rounding
-        end, thrust = 0.0 * end, 0.5 * (thrust + thrust.T)
-    else:  # of rank one, and in its skew part two, but for rounding
-        skew = 0.5 * (thrust - thrust.T)
-        end, thrust = of_rank(end, 1), thrust - skew + of_rank(skew, 2)
-    return System(mass, gyro, end, damping if resisted else 0.0 * damping, still, thrust, loss)
+    gyro, end, thrust = ops.gyroscopic, of_rank(ops.end_flux, 1), ops.centrifugal * ops.flux
+    damping = ops.damping if resisted else 0.0 * ops.damping
+    skew = 0.5 * (thrust - thrust.T)
+    # The force that follows the end has rank two, and what flows through it one, but for rounding.
+    end, thrust = (0.0 * end, thrust - skew) if closed else (end, thrust - skew + of_rank(skew, 2))
+    sign, straight = ops.direction, np.eye(len(thrust))
+    made = System(ops.mass, sign * gyro, sign * end, damping, ops.stiffness, thrust, loss)
+    return projected(made, straight)
