@@ -298,7 +298,7 @@ def some_end(rng: Random, numbers: Numbers) -> float:
     """How far to search: to about twice the first loss."""
     spans = len(numbers.get("supports", ())) + 1
     if spans > 1:
-        return spans * rng.uniform(2.5, 5.0 if spans < 10 else 3.6 if spans < 30 else 3.2)
+        return spans * rng.uniform(2.5, 5.0 if spans < 10 else 3.6 if spans < 30 else 3.25)
     foundation = sum(
         of.get("stiffness", 0.0) for law, of in numbers.get("terms", ()) if law == "Foundation"
     )

@@ -483,8 +483,11 @@ def _crossing_share(a: Roots, p: int, b: Roots, q: int) -> float | None:
     return float(np.interp(0.0, sign * value, SHARES))
 
 
-def _across(a: Roots, b: Roots) -> list[tuple[float, float]] | None:
-    """Guesses of speed and frequency of all crossings between two samples; None if not known."""
+def _across(a: Roots, b: Roots) -> list[tuple[float, float, bool]] | None:
+    """Guesses of speed and frequency of all crossings between two samples; None if not known.
+
+    And whether there must be one, as rounding does not hide the sides of the root.
+    """
     h, guesses = b.speed - a.speed, []
     above_a, above_b = (np.flatnonzero(one.value.imag > 0.0) for one in (a, b))
     near_a, near_b = a.near(h)[above_a], b.near(h)[above_b]
@@ -501,7 +504,8 @@ def _across(a: Roots, b: Roots) -> list[tuple[float, float]] | None:
     pairs |= {(to_a[j], j) for j in np.flatnonzero(near_b)}
     for i, j in sorted(pairs):
         p, q = above_a[i], above_b[j]
-        if not (a.faint(4.0)[p] and b.faint(4.0)[q]):
+        sure = not (a.faint(4.0)[p] and b.faint(4.0)[q])
+        if sure:
             others = np.concatenate([np.delete(apart[i], j), np.delete(apart[:, j], i), [np.inf]])
             if to_b[i] != j or to_a[j] != i or not others.min() > 3.0 * apart[i, j]:
                 return None
@@ -510,7 +514,7 @@ def _across(a: Roots, b: Roots) -> list[tuple[float, float]] | None:
             return None
         if share == share:
             frequency = (1.0 - share) * a.value[p].imag + share * b.value[q].imag
-            guesses.append((a.speed + share * h, float(frequency)))
+            guesses.append((a.speed + share * h, float(frequency), sure))
     return guesses
 
 
@@ -571,11 +575,16 @@ def sampled_flutter(system: System, stops: list[float]) -> list[Change]:
                     found.append(
                         flutter_at(system, high, frequency) or Change(high, frequency, high - low)
                     )
-            changes = [flutter_at(system, *guess) for guess in guesses or ()]
-            slack = 0.01 * (high - low)
-            sure = all(c and low - slack <= c.speed <= high + slack for c in changes)
-            if guesses is not None and sure:
-                found += [c for c in changes if c]
+            slack, missed = 0.01 * (high - low), guesses is None
+            crossed = []
+            for speed, frequency, sure in guesses or ():
+                one = flutter_at(system, speed, frequency)
+                if one and low - slack <= one.speed <= high + slack:
+                    crossed.append(one)
+                else:
+                    missed |= sure
+            if not missed:
+                found += crossed
                 continue
             if narrow:
                 raise Unsure(f"no crossing between u = {low!r} and {high!r}")
