@@ -72,6 +72,15 @@ class Truth:
     def is_lossy(self) -> bool:
         return self.system.loss is not None
 
+    @property
+    def is_ill_defined(self) -> bool:
+        """Whether the pipe has hysteresis and is unstable at rest.
+
+        A growing real root of the pipe without it may then be a growing pair of the pipe with it:
+        whether any root grows is known, but not how many.
+        """
+        return self.is_lossy and self.at_rest > 0
+
 
 def truth(case: Case, model: Any) -> Truth:
     """Raises `Unsure`."""
@@ -111,7 +120,9 @@ def judged(case: Case) -> Outcome:
     outcome.seconds, start = time.process_time() - start, time.process_time()
     try:
         true = truth(case, model)
-        answers = [critical, values, None if true.is_lossy else found]
+        answers = [values]
+        answers += [] if true.is_ill_defined else [critical]
+        answers += [] if true.is_lossy else [found]
         refusals = [one for one in answers if isinstance(one, pp.PipedynError)]
         refusals = [one for one in refusals if not isinstance(one, pp.NoCrossing)]
         if refusals:
@@ -134,9 +145,16 @@ def faults(true: Truth, found: Any, critical: Any, u: float, values: Any) -> Ite
     if not isinstance(found, Exception):
         yield from faults_of_ranges(true, found)
         grown = next((c for c in found if c.destabilising), None)
-        if (grown is None) != isinstance(critical, Exception):
+        none = isinstance(critical, pp.NoCrossing)
+        if (grown is None) != none and not (
+            true.is_ill_defined and isinstance(critical, Exception)
+        ):
             yield f"crossings and critical_speed differ: {grown}, {critical}"
-        elif grown and abs(grown.speed - critical.speed) > grown.error + critical.error:
+        elif (
+            grown
+            and not isinstance(critical, Exception)
+            and abs(grown.speed - critical.speed) > grown.error + critical.error
+        ):
             yield f"crossings say {grown.speed:.12g}, critical_speed {critical.speed:.12g}"
     if values is not None:
         yield from faults_of_values(true, u, values)
@@ -144,6 +162,14 @@ def faults(true: Truth, found: Any, critical: Any, u: float, values: Any) -> Ite
 
 def faults_of_loss(true: Truth, critical: Any) -> Iterator[str]:
     """Of the critical speed, its kind, and what is said of the pipe at rest."""
+    if true.is_ill_defined:
+        if not isinstance(critical, Exception):
+            slack = max(critical.error, 1e-9 * critical.speed)
+            if all(abs(c.speed - critical.speed) > slack + c.error for c in true.answer.changes):
+                yield f"critical speed {critical.speed:.9g} where nothing changes"
+            if critical.stable_at_rest:
+                yield f"stable at rest, true {true.at_rest} unstable roots"
+        return
     if isinstance(critical, Exception) or true.loss is None:
         if not isinstance(critical, Exception):
             yield f"critical speed {critical.speed:.9g}, there is none"
@@ -166,20 +192,15 @@ def faults_of_ranges(true: Truth, found: Any) -> Iterator[str]:
     """Of the number of unstable roots as a function of the speed, and of kinds where it changes.
 
     With hysteresis up to the first loss and just behind it: beyond, growing real roots and growing
-    pairs may be the same motion; of a pipe unstable at rest, that they become more.
+    pairs may be the same motion. Of a pipe that is unstable at rest only whether there are any.
     """
     changes, counts, stop = true.answer.changes, true.answer.counts, true.case.end
     before = found[0].unstable_before if len(found) else true.at_rest
     if before != true.at_rest:
         yield f"{before} unstable roots at rest, true {true.at_rest}"
-    if true.is_lossy and true.loss:
+    if true.is_lossy and true.loss and not true.is_ill_defined:
         later = (c.speed for c in changes if c.speed > true.loss * (1.0 + 1e-9))
         stop = min(1.001 * true.loss, (1.0 - 1e-6) * next(later, stop))
-    if true.is_lossy and true.at_rest:
-        more = [c.unstable_after for c in found if true.loss is not None and c.speed >= true.loss]
-        if more and more[0] <= true.at_rest:
-            yield f"{more[0]} unstable roots beyond {true.loss:.9g}, true more than {true.at_rest}"
-        return
     own, told = [0.0, *(c.speed for c in changes)], []
     for c in found:  # within its error of a true one a speed counts as that
         distance = [(abs(c.speed - x.speed), x) for x in changes]
@@ -189,7 +210,8 @@ def faults_of_ranges(true: Truth, found: Any) -> Iterator[str]:
     for low, high in pairwise(sorted({0.0, *own, *at, stop})):
         least, most = counts[sum(x <= low for x in own) - 1]
         said = [before, *(c.unstable_after for speed, c in told if speed <= low)][-1]
-        if least <= said <= most or high > stop:
+        same = least <= said <= most or (true.is_ill_defined and bool(said) == bool(least))
+        if same or high > stop:
             continue
         # A range that only one of both has may be narrow; one change at two speeds is wrong.
         moved = (low in own) != (high in own) and (low in at) != (high in at) and low > 0.0

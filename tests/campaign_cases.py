@@ -75,7 +75,10 @@ def some_beta(rng: Random) -> float:
 
 
 def some_gravity(rng: Random, share: float = 0.5) -> float:
-    return rounded(rng.uniform(-7.0, 40.0)) if rng.random() < share else 0.0
+    """Of hanging pipes mostly; some stand, and some of these buckle without flow."""
+    if rng.random() > share:
+        return 0.0
+    return rounded(rng.uniform(-25.0, -5.0) if rng.random() < 0.15 else rng.uniform(-7.0, 40.0))
 
 
 def some_damping(rng: Random, share: float = 0.5) -> float:
@@ -98,8 +101,8 @@ def cantilevered(rng: Random, _: int) -> Numbers:
     }
     if rng.random() < 0.3:
         made["alpha"] = rounded(rng.uniform(0.0, 2.5))
-    if rng.random() < 0.05:
-        made["beta"] = 0.0
+    if rng.random() < 0.08:  # hardly any gyroscopic force or damping, or none
+        made["beta"], made["damping"] = rng.choice([0.0, power(rng, -12, -8)]), 0.0
     return made
 
 
@@ -147,11 +150,14 @@ def on_foundation(rng: Random, size: int) -> Numbers:
 
 
 def overdamped(rng: Random, size: int) -> Numbers:
-    made = rng.choice([cantilevered, held, aspirating])(rng, size)
+    made = rng.choice([cantilevered, held, aspirating, aspirating])(rng, size)
     if rng.random() < 0.3:
         made["damping"] = power(rng, -1.5, 1)
     if rng.random() < 0.7 or not made.get("damping"):
-        made["terms"] = [("Viscosity", {"sigma": power(rng, 0.5, 3)})]
+        fed = made.get("flow") == "aspirating"  # such a pipe loses stability in spite of the less
+        made["terms"] = [
+            ("Viscosity", {"sigma": power(rng, 0.3, 1.8) if fed else power(rng, 0.5, 3)})
+        ]
     if rng.random() < 0.3:
         made["terms"] = [
             *made.get("terms", []),
@@ -217,7 +223,7 @@ def with_terms(rng: Random, size: int) -> Numbers:
     made = rng.choice([cantilevered, cantilevered, held, held_damped, aspirating])(rng, size)
     wide = rng.choice([1.0, 1.0, 1.0, 2.0, 4.0])
     laws: dict[str, Callable[[], Numbers]] = {
-        "PointMass": lambda: {"at": some_place(rng), "mass": power(rng, -1 - wide, 0.5 * wide)},
+        "PointMass": lambda: {"at": some_place(rng), "mass": power(rng, -1 - wide, wide)},
         "Spring": lambda: {"at": some_place(rng), "stiffness": power(rng, 1 - wide, 1.5 + wide)},
         "Damper": lambda: {"at": some_place(rng), "coefficient": power(rng, -wide, wide)},
         "Foundation": lambda: {"stiffness": power(rng, 1 - wide, 1.5 + wide)},
@@ -255,13 +261,18 @@ CLASSES: dict[str, Callable[[Random, int], Numbers]] = {
 
 def energy_paths(numbers: Numbers) -> tuple[bool, bool]:
     """Whether no energy passes an end of the pipe, and whether anything dissipates."""
-    closed = numbers.get("end", "free") in ("pinned", "clamped")
-    still = {1.0, *numbers.get("supports", ())} if closed else set(numbers.get("supports", ()))
+    end = numbers.get("end", "free")
+    held = end in ("pinned", "clamped")
+    carried = numbers["beta"] * numbers.get("inflow_share", 1.0) > 0.0
+    follows = numbers.get("alpha", 1.0) > 0.0 and end != "guided"
+    still = {*numbers.get("supports", ()), *([1.0] if held else [])}
     damps = [
         law == "Viscosity" or (law == "Damper" and of["at"] not in still)
         for law, of in numbers.get("terms", ())
     ]
-    return closed, any((numbers.get("damping", 0.0), numbers.get("hysteresis", 0.0), *damps))
+    return held or not (carried or follows), any(
+        (numbers.get("damping", 0.0), numbers.get("hysteresis", 0.0), *damps)
+    )
 
 
 def some_size(rng: Random, band: int) -> int:

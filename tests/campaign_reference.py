@@ -328,7 +328,8 @@ def flutter_at(system: System, u: float, frequency: float) -> Change | None:
         m, c, k = system.at(u)
         value = 1j * frequency
         dynamic = value * value * m + value * c + k
-        factors = linalg.lu_factor(dynamic + 1e-300 * np.eye(system.size))
+        off_zero = EPSILON * np.abs(dynamic).max() * np.eye(system.size)  # where it is singular
+        factors = linalg.lu_factor(dynamic + off_zero)
         for _ in range(3):
             x, y = linalg.lu_solve(factors, x), linalg.lu_solve(factors, y, trans=2)
             x, y = x / np.linalg.norm(x), y / np.linalg.norm(y)
@@ -630,7 +631,8 @@ def counted(system: System, changes: list[Change], start: float, end: float) -> 
             counts.append(counts[-1])  # too short to be looked at: as if nothing changed yet
             continue
         middle = 0.5 * (low + high) if low else min(0.5 * high, 0.01)
-        if system.loss is not None and low:  # far beyond a loss of stability it means little
+        if system.loss is not None and low and not counts[0][0]:
+            # Far beyond a loss of stability a growing pair and a real root may be one motion.
             middle = min(middle, low * (1.0 + 5e-4))
         counts.append(system.unstable(middle))
     for one, before, after in zip(changes, counts[:-1], counts[1:], strict=True):
