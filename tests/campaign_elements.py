@@ -21,6 +21,7 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
+from campaign_cases import Numbers, energy_paths
 from campaign_reference import (
     Answer,
     Change,
@@ -29,8 +30,9 @@ from campaign_reference import (
     all_changes,
     divergences,
     in_other,
+    projected,
 )
-from numpy.polynomial import Legendre, legendre
+from numpy.polynomial import Legendre, legendre, polynomial
 from scipy import linalg
 
 Array = np.ndarray[Any, Any]
@@ -38,23 +40,14 @@ Array = np.ndarray[Any, Any]
 
 def _shapes(degree: int, h: float, x: Array) -> list[Array]:
     """Shape functions of one element at x in [-1, 1], their slopes and curvatures, each (x, n)."""
-    t = 0.5 * (x + 1.0)
-    cubics = [
-        np.array(c, dtype=float)
-        for c in ([1, 0, -3, 2], [0, h, -2 * h, h], [0, 0, 3, -2], [0, 0, -h, h])
-    ]
-    tables = []
+    t, tables = 0.5 * (x + 1.0), []
+    cubics = ((1, 0, -3, 2), (0, h, -2 * h, h), (0, 0, 3, -2), (0, 0, -h, h))
     for order in range(3):
-        columns = []
-        for c in cubics:
-            d = np.polynomial.polynomial.polyder(c, order) if order else c
-            columns.append(np.polynomial.polynomial.polyval(t, d) / h**order)
+        columns = [polynomial.polyval(t, polynomial.polyder(c, order)) / h**order for c in cubics]
         for k in range(2, degree - 1):
             one = Legendre.basis(k)
-            whole = one.integ(2 - order, lbnd=-1) if order < 2 else one
-            columns.append(
-                whole(x) * math.sqrt(k + 0.5) * (0.5 * h) ** (2 - order) * math.sqrt(2.0 / h)
-            )
+            one = one.integ(2 - order, lbnd=-1) if order < 2 else one
+            columns.append(one(x) * math.sqrt((2 * k + 1) / h) * (0.5 * h) ** (2 - order))
         tables.append(np.stack(columns, axis=1))
     return tables
 
@@ -64,114 +57,77 @@ def _along(profile: Any, s: Array) -> Array:
     if profile is None:
         return np.ones_like(s)
     at, series = profile
-    return np.polynomial.polynomial.polyval(s, series[int(np.searchsorted(at, s.mean()))])
+    return polynomial.polyval(s, series[int(np.searchsorted(at, s.mean()))])
 
 
-def elements(numbers: dict[str, Any], wave: float, more: int) -> System:
+def elements(numbers: Numbers, wave: float, more: int) -> System:
     """The matrices, of elements that resolve waves up to a wave number; `more` adds to degrees."""
-    terms = numbers.get("terms", ())
-    supports = numbers.get("supports", ())
-    steps = [s for name in ("stiffness", "mass") if name in numbers for s in numbers[name][0]]
-    acting = ("PointMass", "Spring", "Damper", "Weight")
-    places = [of["at"] for law, of in terms if law in acting]
-    ends = np.array(sorted({0.0, 1.0, *supports, *steps, *places}))
+    terms, supports = numbers.get("terms", ()), numbers.get("supports", ())
+    stiffness, heaviness = numbers.get("stiffness"), numbers.get("mass")
+    gamma, delta = numbers.get("gamma", 0.0), numbers.get("damping", 0.0)
+    acting = [(law, of) for law, of in terms if law in ("PointMass", "Spring", "Damper", "Weight")]
+    steps = [s for one in (stiffness, heaviness) if one for s in one[0]]
+    ends = np.array(sorted({0.0, 1.0, *supports, *steps, *(of["at"] for _, of in acting)}))
     lengths = np.diff(ends)
-    degrees = [
-        5 + more + math.ceil(0.75 * wave * h + 8.0 * min(1.0, 0.25 * wave * h)) for h in lengths
-    ]
+    degrees = [5 + more + math.ceil(0.75 * wave * h + min(8.0, 2.0 * wave * h)) for h in lengths]
     first = np.cumsum([2 * ends.size, *(d - 3 for d in degrees)])
-    size = int(first[-1])
-    beta, gamma = numbers["beta"], numbers.get("gamma", 0.0)
-    named = {
-        name: sum(v for law, of in terms if law == name for v in of.values())
-        for name in ("Foundation", "Viscosity", "AddedMass", "Tension")
-    }
-    pulls = [
-        (of["at"], gamma * of["mass"] if law == "PointMass" else of["load"])
-        for law, of in terms
-        if law in ("PointMass", "Weight")
-    ]
-    mass, gyro, bending, tension, plain, slopes = np.zeros((6, size, size))
+    size, tip = int(first[-1]), 2 * ends.size - 2
 
-    # Weight of the pipe beyond each element's end.
-    nodes = [legendre.leggauss(d + 6) for d in degrees]
-    weights = [
-        0.5 * h * np.sum(w * _along(numbers.get("mass"), a + 0.5 * h * (x + 1.0)))
-        for a, h, (x, w) in zip(ends[:-1], lengths, nodes, strict=True)
-    ]
-    beyond = np.cumsum([*weights, 0.0][::-1])[::-1][1:]
-    for k, (a, h, (x, w)) in enumerate(zip(ends[:-1], lengths, nodes, strict=True)):
+    def along(law: str) -> float:
+        return sum(value for name, of in terms if name == law for value in of.values())
+
+    mass, gyro, bending, tension, plain, slopes, end, follower = np.zeros((8, size, size))
+    beyond = 0.0  # mass of the pipe beyond an element
+    for k in reversed(range(lengths.size)):
+        a, h, (x, w) = ends[k], lengths[k], legendre.leggauss(degrees[k] + 6)
         s, w = a + 0.5 * h * (x + 1.0), 0.5 * h * w
-        where = [2 * k, 2 * k + 1, 2 * k + 2, 2 * k + 3, *range(first[k], first[k + 1])]
-        value, slope, bend = _shapes(degrees[k], h, x)
-        heavy = _along(numbers.get("mass"), s)
+        where = [*range(2 * k, 2 * k + 4), *range(first[k], first[k + 1])]
+        at, (value, slope, bend) = np.ix_(where, where), _shapes(degrees[k], h, x)
         # Mass between a place and the element's end, by the same rule on what is left of it.
         left = a + h - s
         inner = s[:, None] + 0.5 * left[:, None] * (x + 1.0)
-        part = _along(numbers.get("mass"), inner.ravel()).reshape(inner.shape)
-        load = gamma * (beyond[k] + 0.5 * left * (part @ (w / (0.5 * h))))
-        load += named["Tension"] + sum(pull for at, pull in pulls if at > a + 0.5 * h)
-        at = np.ix_(where, where)
+        part = _along(heaviness, inner.ravel()).reshape(inner.shape) @ w * left / h
+        load = gamma * (beyond + part) + along("Tension")
+        for law, of in acting:
+            if of["at"] > s[0]:
+                load += {"PointMass": gamma * of.get("mass", 0.0), "Weight": of.get("load")}.get(
+                    law, 0.0
+                )
+        heavy = _along(heaviness, s)
+        beyond += float(w @ heavy)
         mass[at] += value.T * (w * heavy) @ value
         plain[at] += value.T * w @ value
         gyro[at] += value.T * w @ slope - slope.T * w @ value
         slopes[at] += slope.T * w @ slope
         tension[at] += slope.T * (w * load) @ slope
-        bending[at] += bend.T * (w * _along(numbers.get("stiffness"), s)) @ bend
-    tip, direction = 2 * ends.size - 2, -1.0 if numbers.get("flow") == "aspirating" else 1.0
-    end, follower = np.zeros((2, size, size))
+        bending[at] += bend.T * (w * _along(stiffness, s)) @ bend
     end[tip, tip], follower[tip, tip + 1] = numbers.get("inflow_share", 1.0), 1.0
-    damping = numbers.get("damping", 0.0) * bending + named["Viscosity"] * plain
-    mass += named["AddedMass"] * plain
-    still = bending + tension + named["Foundation"] * plain
-    for law, of in terms:
-        if law in ("PointMass", "Spring", "Damper"):
-            i = 2 * int(np.searchsorted(ends, of["at"]))
-            into = {"PointMass": mass, "Spring": still, "Damper": damping}[law]
-            into[i, i] += next(v for name, v in of.items() if name != "at")
-    root = numbers.get("root", "clamped")
-    if not isinstance(root, str):
-        still[1, 1] += root
-    fixed = {
-        0,
-        *([1] if root == "clamped" else []),
-        *(2 * int(np.searchsorted(ends, s)) for s in supports),
-    }
-    held = numbers.get("end", "free")
+    damping = delta * bending + along("Viscosity") * plain
+    mass += along("AddedMass") * plain
+    still = bending + tension + along("Foundation") * plain
+    for law, of in acting:
+        if law != "Weight":
+            i, (_, number) = 2 * int(np.searchsorted(ends, of["at"])), of.values()
+            {"PointMass": mass, "Spring": still, "Damper": damping}[law][i, i] += number
+    root, held = numbers.get("root", "clamped"), numbers.get("end", "free")
+    still[1, 1] += root if isinstance(root, float) else 0.0
+    fixed = {0, *(2 * int(np.searchsorted(ends, s)) for s in supports)}
+    fixed |= {1} if root == "clamped" else set()
     fixed |= {tip} if held in ("pinned", "clamped") else set()
     fixed |= {tip + 1} if held in ("guided", "clamped") else set()
-    free = [i for i in range(size) if i not in fixed]
-    flow = direction * math.sqrt(beta)
-    loss = numbers.get("hysteresis", 0.0)
-    thrust = numbers.get("alpha", 1.0) * (follower - slopes)
-    every = (
-        mass,
-        flow * gyro,
-        flow * end,
-        damping,
-        still,
-        thrust,
-        loss * bending if loss else None,
-    )
-    elastic = (bending + plain)[np.ix_(free, free)]
-    lower = linalg.cholesky(elastic, lower=True)
-
-    def scaled(matrix: Array | None) -> Array | None:
-        if matrix is None:
-            return None
-        half = linalg.solve_triangular(lower, matrix[np.ix_(free, free)], lower=True)
-        return linalg.solve_triangular(lower, half.T, lower=True).T
-
-    made = [scaled(matrix) for matrix in every]
-    for i in (0, 2, 3, 4):
-        made[i] = 0.5 * (made[i] + made[i].T)
-    made[1] = 0.5 * (made[1] - made[1].T)
-    if held in ("pinned", "clamped"):
-        made[5] = 0.5 * (made[5] + made[5].T)
-    return System(*made)
+    free = np.array([i for i in range(size) if i not in fixed])
+    flow = math.sqrt(numbers["beta"]) * (-1.0 if numbers.get("flow") == "aspirating" else 1.0)
+    thrust, loss = numbers.get("alpha", 1.0) * (follower - slopes), numbers.get("hysteresis", 0.0)
+    if energy_paths(numbers)[0]:
+        end, thrust = 0.0 * end, 0.5 * (thrust + thrust.T)
+    made = (mass, flow * gyro, flow * end, damping, still, thrust, loss * bending)
+    lower = linalg.cholesky((bending + plain)[np.ix_(free, free)], lower=True)
+    system = System(*(one[np.ix_(free, free)] for one in made[: 7 if loss else 6]))
+    # In these coordinates bending has about the stiffness 1.
+    return projected(system, linalg.solve_triangular(lower, np.eye(free.size), lower=True).T)
 
 
-def wave_number(numbers: dict[str, Any], end: float) -> float:
+def wave_number(numbers: Numbers, end: float) -> float:
     """Of the shortest waves that may matter: those the flow reaches, and those that it feeds.
 
     An aspirating pipe is fed at 2 sqrt(beta) u in every mode, and damping must take that.
@@ -181,17 +137,13 @@ def wave_number(numbers: dict[str, Any], end: float) -> float:
         soft = min(0.9 * min(map(sum, numbers["stiffness"][1])), 1.0)
     wave = 1.3 * end / math.sqrt(soft) + 8.0
     if numbers.get("flow") == "aspirating":
-        loss = numbers.get("hysteresis", 0.0)
         fed = 4.0 * math.sqrt(numbers["beta"]) * end * numbers.get("inflow_share", 1.0)
-        if fed:
-            wave = max(
-                wave,
-                1.2 / math.sqrt(max(loss / fed, math.sqrt(numbers["damping"] / fed), 1e-6)) + 8.0,
-            )
+        lost = numbers.get("hysteresis", 0.0), math.sqrt(fed * numbers["damping"])
+        wave = max(wave, 8.0 + 1.2 * math.sqrt(fed / max(*lost, 1e-6 * fed, 1e-300)))
     return wave
 
 
-def continuum_changes(numbers: dict[str, Any], end: float) -> Answer:
+def continuum_changes(numbers: Numbers, end: float) -> Answer:
     """Every change of the continuous pipe, from elements of one degree and the next but three.
 
     The errors are what the changes move between the two. Raises `Unsure` where they differ in kind.
