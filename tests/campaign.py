@@ -25,6 +25,7 @@ import time
 from collections import Counter
 from collections.abc import Iterator
 from concurrent.futures import ProcessPoolExecutor
+from contextlib import nullcontext
 from dataclasses import dataclass
 from functools import partial
 from itertools import pairwise
@@ -288,20 +289,18 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--failures", type=Path, help="file to write failing cases to")
     given = parser.parse_args(arguments)
     names = [given.name] if given.name else [*CLASSES]
-    outcomes, lines, start = [], [], time.time()
+    outcomes, start = [], time.time()
     ask = partial(safely, given.seed, names)
     indices = range(given.first, given.first + given.pipes)
-    with ProcessPoolExecutor(given.jobs) as pool:
+    written = given.failures.open("w") if given.failures else nullcontext(sys.stdout)
+    with ProcessPoolExecutor(given.jobs) as pool, written as file:
         asked = pool.map(ask, indices, chunksize=4) if given.jobs > 1 else map(ask, indices)
         for index, one in zip(indices, asked, strict=True):
             outcomes.append(one)
             if one.verdict != "right":
                 why = f"{index} {one.case.name}: {one.verdict}: {one.reason}"
-                lines.append(f"pp.crossings({one.case.text}, {one.case.end!r})  # {why}")
-                if given.failures is None:
-                    print(lines[-1], flush=True)
-    if given.failures:
-        given.failures.write_text("".join(f"{line}\n" for line in lines))
+                line = f"pp.crossings({one.case.text}, {one.case.end!r})  # {why}"
+                print(line, file=file, flush=True)
     print(table(outcomes))
     print(f"{time.time() - start:.0f} s")
     each = [(len(some), verdicts) for _, some, verdicts in rows_of(outcomes)]

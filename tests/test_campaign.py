@@ -86,6 +86,21 @@ def test_pipes_that_were_answered_wrongly_are_right(numbers, end, model):
     assert (outcome.verdict, outcome.reason) == ("right", "")
 
 
+@pytest.mark.parametrize(
+    ("spans", "model", "end"),
+    [
+        (20, "pp.Galerkin({}, 100, 'legendre')", 64.0),
+        (30, "pp.Galerkin({}, 120, 'legendre')", 95.0),
+        (50, "pp.Galerkin({}, 200, 'legendre')", 100.0),
+        (30, "pp.Chain({}, 60)", 95.0),
+        (100, "pp.Chain({}, 200)", 285.0),
+    ],
+)
+def test_pipes_on_many_equal_spans_are_right(spans, model, end):
+    outcome = campaign.judged(Case("spans", equal_spans(spans, beta=0.3), model, end))
+    assert (outcome.verdict, outcome.reason) == ("right", "")
+
+
 @pytest.mark.parametrize("spans", [1, 3, 12])
 def test_elements_know_hinged_pipes_on_equal_spans(spans):
     numbers = equal_spans(spans, beta=0.3)
