@@ -1,0 +1,176 @@
+# SPDX-License-Identifier: MIT
+"""Random pipes against independent programs in short, and these programs against what is known."""
+
+import math
+from dataclasses import replace
+
+import campaign
+import campaign_elements
+import campaign_reference
+import numpy as np
+import pytest
+from campaign_cases import CLASSES, Case, drawn
+from independent import beck_speed, determinant_crossing
+
+import pipedyn as pp
+
+SHORT = range(10, 110)
+"""Cases of seed 0: ten of each class, none of more than 40 degrees of freedom."""
+
+VISCOUS = {
+    "beta": 0.4,
+    "flow": "aspirating",
+    "damping": 1e-3,
+    "terms": [("Viscosity", {"sigma": 30.0})],
+}
+
+KNOWN = [
+    ({"beta": 0.3, "end": "clamped", "terms": [("Foundation", {"stiffness": 800.0})]}, 11.0),
+    ({"beta": 0.3, "end": "clamped", "terms": [("Foundation", {"stiffness": 750.0})]}, 10.0),
+    (
+        {
+            "beta": 0.1,
+            "root": "pinned",
+            "end": "pinned",
+            "terms": [("Foundation", {"stiffness": 375.0})],
+        },
+        9.0,
+    ),
+    (
+        {
+            "beta": 0.27208501319,
+            "end": "clamped",
+            "terms": [("Spring", {"at": 0.5, "stiffness": 196.428504675})],
+        },
+        10.0,
+    ),
+    (VISCOUS, 10.0),
+    ({"beta": 1.1e-3, "gamma": -20.0, "hysteresis": 0.1}, 7.0),
+    ({"beta": 0.2, "hysteresis": 0.05, "end": "guided"}, 10.0),
+    (
+        {
+            "beta": 0.946029,
+            "gamma": 23.0036,
+            "flow": "aspirating",
+            "alpha": 0.0,
+            "damping": 1.20532e-6,
+        },
+        20.0,
+    ),
+]
+"""Pipes of which crossings were missed, and the ends of the searches."""
+
+
+def equal_spans(spans, **numbers):
+    """A hinged pipe on so many equal spans."""
+    places = [k / spans for k in range(1, spans)]
+    return {"root": "pinned", "end": "pinned", "supports": places, **numbers}
+
+
+@pytest.mark.parametrize("name", CLASSES)
+def test_random_pipes_lose_stability_where_independent_programs_say(name):
+    names = [*CLASSES]
+    cases = [drawn(0, i, names) for i in SHORT if names[i % len(names)] == name]
+    outcomes = [campaign.judged(case) for case in cases]
+    wrong = [(one.case.text, one.reason) for one in outcomes if one.verdict != "right"]
+    assert len(outcomes) == 10
+    assert wrong == []
+
+
+@pytest.mark.parametrize(
+    "model", ["pp.Continuum({})", "pp.Galerkin({}, 12, 'legendre')", "pp.Chain({}, 20)"]
+)
+@pytest.mark.parametrize(("numbers", "end"), KNOWN)
+def test_pipes_that_were_answered_wrongly_are_right(numbers, end, model):
+    outcome = campaign.judged(Case("known", numbers, model, end))
+    assert (outcome.verdict, outcome.reason) == ("right", "")
+
+
+@pytest.mark.parametrize(
+    ("spans", "model", "end"),
+    [
+        (20, "pp.Galerkin({}, 100, 'legendre')", 64.0),
+        (30, "pp.Galerkin({}, 120, 'legendre')", 95.0),
+        (50, "pp.Galerkin({}, 200, 'legendre')", 100.0),
+        (30, "pp.Chain({}, 60)", 95.0),
+        (100, "pp.Chain({}, 200)", 285.0),
+    ],
+)
+def test_pipes_on_many_equal_spans_are_right(spans, model, end):
+    outcome = campaign.judged(Case("spans", equal_spans(spans, beta=0.3), model, end))
+    assert (outcome.verdict, outcome.reason) == ("right", "")
+
+
+@pytest.mark.parametrize("spans", [1, 3, 12])
+def test_elements_know_hinged_pipes_on_equal_spans(spans):
+    numbers = equal_spans(spans, beta=0.3)
+    end = 1.01 * spans * math.pi
+    answer = campaign_elements.continuum_changes(numbers, end)
+    assert answer.changes[0].speed == pytest.approx(spans * math.pi, rel=1e-10)
+    assert answer.counts[0] == (0, 0)
+    system = campaign_elements.elements(numbers, 10.0 * spans, 0)
+    rest = np.sort(system.roots(0.0).value.imag)[:spans]
+    assert rest[0] == pytest.approx((math.pi * spans) ** 2, rel=1e-9)
+    assert np.all(rest < 22.3733 * spans**2)
+
+
+def test_elements_find_flutter_where_exponentials_and_beck_do():
+    found = campaign_elements.continuum_changes({"beta": 0.2}, 8.0).changes[0]
+    speed, frequency = determinant_crossing(0.2, found.speed, found.frequency)
+    assert found.speed == pytest.approx(speed, rel=1e-10)
+    assert found.frequency == pytest.approx(frequency, rel=1e-9)
+    (without_fluid,) = campaign_elements.continuum_changes({"beta": 0.0}, 5.0).changes
+    assert without_fluid.speed == pytest.approx(beck_speed(), rel=1e-9)
+
+
+def test_samples_and_the_bialternate_product_find_the_same_flutter():
+    compared = 0
+    for index in range(200):
+        case = drawn(4, index, ["cantilevered", "overdamped", "aspirating", "with terms"])
+        model = eval(case.text, {"pp": pp})
+        if isinstance(model, pp.Continuum) or model.dof > 5:
+            continue
+        system = campaign_reference.system_of(model, *campaign.energy_paths(case.numbers))
+        if system.stays_on_axis:
+            continue
+        static = [one.speed for one in campaign_reference.divergences(system, case.end)]
+        one = campaign_reference.bialternate_flutter(system, case.end)
+        start = 0.0 if system.damping.any() else 0.01
+        other = campaign_reference.sampled_flutter(system, sorted({start, *static, case.end}))
+        speeds = [sorted(c.speed for c in found if c.speed > 0.01) for found in (one, other)]
+        assert speeds[0] == pytest.approx(speeds[1], rel=1e-8)
+        compared += len(speeds[0])
+    assert compared > 20
+
+
+@pytest.fixture
+def flutters():
+    """A case that loses stability three times, its truth, and what the package says of it."""
+    case = Case("known", {"beta": 0.295}, "pp.Galerkin({}, 8, 'legendre')", 9.0)
+    model = eval(case.text, {"pp": pp})
+    true = campaign.truth(case, model)
+    found, critical = pp.crossings(model, case.end), pp.critical_speed(model, case.end)
+    assert [*campaign.faults(true, found, critical, 1.0, None)] == []
+    return true, list(found), critical
+
+
+def test_the_campaign_sees_a_range_that_is_missed(flutters):
+    true, found, critical = flutters
+    assert len(found) == 3
+    assert [*campaign.faults(true, [found[0]], critical, 1.0, None)]
+
+
+def test_the_campaign_sees_a_speed_beyond_its_error(flutters):
+    true, found, critical = flutters
+    off = replace(critical, speed=critical.speed * (1.0 + 3e-9))
+    assert [*campaign.faults(true, found, off, 1.0, None)]
+    moved = [found[0], replace(found[1], speed=found[1].speed + 1e-7), found[2]]
+    assert [*campaign.faults(true, moved, critical, 1.0, None)]
+
+
+def test_the_campaign_sees_a_wrong_kind_and_a_wrong_count(flutters):
+    true, found, critical = flutters
+    assert [*campaign.faults(true, found, replace(critical, kind="divergence"), 1.0, None)]
+    counted = [*found[:2], replace(found[2], unstable_after=1)]
+    assert [*campaign.faults(true, counted, critical, 1.0, None)]
+    assert [*campaign.faults(true, found, critical, 1.0, np.array([1.0 + 2.0j]))]
