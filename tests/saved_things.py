@@ -574,10 +574,13 @@ def recorded():
 
 
 def differences(one, other):
-    """Where facts differ by more than rounding of what models compute."""
+    """Where facts differ from others by more than rounding of what models compute.
+
+    What the others do not have is a field that came later.
+    """
     return [
         (where, one.get(where), other.get(where))
-        for where in sorted(one.keys() | other.keys())
+        for where in sorted(other)
         if not _near(where, one.get(where), other.get(where))
     ]
 

@@ -92,7 +92,7 @@ def test_a_hanging_chain_of_few_segments_diverges_where_the_pipe_only_flutters()
     assert two.kind == "divergence"
     assert two.speed < 0.7 * exact.speed
     retreat = [divergence(n) for n in (2, 4, 8, 16)]
-    assert retreat[0] == two.speed
+    assert retreat[0] == pytest.approx(two.speed, abs=2.0 * two.error)
     assert (np.diff(retreat) > 2.0).all()
     assert retreat[-1] > 2.0 * exact.speed
     for n in (8, 16):

@@ -62,7 +62,7 @@ class NoCrossing(PipedynError):
         self.max_speed = max_speed
 
 
-@saved_as("CriticalSpeed")
+@saved_as("CriticalSpeed", added=("stable_from", "gyroscopic", "vouched"))
 class CriticalSpeed(Crossing, units={"discretisation": SPEED}):
     """The lowest crossing that destabilises: its speed, frequency, kind and the rest of a crossing.
 

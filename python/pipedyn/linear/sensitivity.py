@@ -70,7 +70,7 @@ class Sensitivity(Result):
         return dict.fromkeys((*names, "beta"), FREQUENCY)
 
 
-@saved_as("Crossing")
+@saved_as("Crossing", added=("gyroscopic", "vouched"))
 class Crossing(Result, units={"error": SPEED}):
     """A crossing of the imaginary axis by an eigenvalue or a conjugate pair.
 
