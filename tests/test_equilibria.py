@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_bvp
 from scipy.optimize import brentq, fsolve, root
+from scipy.special import ellipe, ellipj, ellipk
 
 import pipedyn as pp
 
@@ -353,3 +354,177 @@ def test_a_hose_on_a_hinge_hangs_or_stands_and_whole_turns_count_once(make):
     found = pp.equilibria(model, 2.0)
     assert found.tips == pytest.approx(np.array([[0.0, 1.0], [0.0, -1.0]]), abs=1e-9)
     assert found.stable.tolist() == [True, False]
+
+
+# ----------------------------------------------------- which of a reduced model's are the pipe's
+
+
+def pinned(*terms):
+    return pp.Pipe(0.2, root="pinned", end="pinned", damping=5e-3, terms=terms)
+
+
+def half_waves(axial, u):
+    """Moduli k of a pinned pipe's elastica, of 1, 2 .. half waves; 2 asin(k) is its largest angle.
+
+    The pinned ends take no moment and lie on the axis, so the force F along it is the same all
+    along the pipe, theta'' = F sin(theta), and n half waves of this pendulum take (2 n K)^2 = -F.
+    F is what holds the end along the axis, axial(y), less the thrust of the jet, u^2 cos(theta(1)),
+    where y = 2 E / K - 1.
+    """
+    found = []
+    for n in range(1, 20):
+
+        def left(k, n=n):
+            whole = ellipk(k**2)
+            y = 2.0 * ellipe(k**2) / whole - 1.0
+            return (2.0 * n * whole) ** 2 + axial(y) - u**2 * (1.0 - 2.0 * k**2)
+
+        if left(1e-9) < 0.0:
+            found.append(brentq(left, 1e-9, 1.0 - 1e-9, xtol=1e-14))
+    return found
+
+
+@pytest.mark.parametrize("basis", ["beam", "legendre"])
+@pytest.mark.parametrize("m", [4, 8])
+@pytest.mark.parametrize(
+    ("stiffness", "u", "few"), [(1000.0, 3.2416, 3), (300.0, 7.0, 5), (20.0, 5.0, 3)]
+)
+def test_an_axially_fixed_pipe_rests_straight_or_in_half_waves_and_no_coil_is_counted(
+    stiffness, u, few, m, basis
+):
+    """All below a quarter turn, of which one half wave is stable; see `Stretching`."""
+    model = pp.Galerkin(pinned(pp.Stretching(stiffness)), m, basis)
+    found = pp.equilibria(model, u)
+    turns = [2.0 * math.asin(k) for k in half_waves(lambda y: stiffness * (1.0 - y), u)]
+    assert max(turns) < 0.5 * math.pi
+    assert len(found) == 1 + 2 * len(turns) == few
+    sizes = np.sort(np.abs(model.deflection(found.q.T, 0.0, 1)))
+    exact = np.sort([0.0, *turns, *turns])
+    np.testing.assert_allclose(sizes, exact, rtol=0.12 if m == 4 else 5e-3, atol=1e-12)
+    assert found.stable.sum() == 2
+    stable = np.abs(model.deflection(found.q[found.stable].T, 0.0, 1))
+    np.testing.assert_allclose(stable, max(turns), rtol=0.12)
+    assert found.resolved.all()
+    assert found.valid.all()
+    others = found.discarded
+    assert others is None or not (others.resolved & others.valid).any()
+
+
+def test_a_coil_that_larger_bases_keep_is_resolved_but_not_valid():
+    """A loop in the middle: the pendulum of `half_waves` swings about pi, and y = 1 - 2 E / K."""
+    stiffness, u = 60.0, 3.2416
+
+    def left(k):
+        whole = ellipk(k**2)
+        pulled = stiffness * 2.0 * ellipe(k**2) / whole + u**2 * (1.0 - 2.0 * k**2)
+        return 4.0 * whole**2 - pulled
+
+    k = brentq(left, 1e-9, 1.0 - 1e-12, xtol=1e-15)
+
+    def coil(s):
+        sn, *_ = ellipj(ellipk(k**2) * (2.0 * s - 1.0), k**2)
+        return math.pi + 2.0 * np.arcsin(k * sn)
+
+    model = pp.Galerkin(pinned(pp.Stretching(stiffness)), 20, "legendre")
+    found = pp.equilibria(model, u, starts=[coil])
+    assert len(found) == 3
+    others = found.discarded
+    s = np.linspace(0.0, 1.0, 101)
+    away = np.abs(model.deflection(others.q.T, s, 1).T - coil(s)).max(axis=1)
+    one = int(np.argmin(away))
+    assert away[one] < 1e-4
+    assert others.resolved[one]
+    assert not others.valid[one]
+    assert others.tips[one, 1] < 0.5  # that of the middle, far back
+
+
+def free_ends(gamma, u):
+    """Angles of the free end of all clamped elastica up to five turns.
+
+    Shot from the end, where theta is given and theta' is 0, for theta = 0 at the root.
+    """
+    s = np.linspace(1.0, 0.0, 1001)
+
+    def rates(s, y, end):
+        theta, curvature = y
+        bending = u**2 * np.sin(end - theta) + gamma * (1.0 - s) * np.sin(theta)
+        return np.stack([curvature, bending])
+
+    def root_angle(end):
+        y = np.stack([end, 0.0 * end])
+        for a, b in pairwise(s):
+            h = b - a
+            one = rates(a, y, end)
+            two = rates(a + h / 2, y + h / 2 * one, end)
+            three = rates(a + h / 2, y + h / 2 * two, end)
+            y = y + h / 6 * (one + 2 * two + 2 * three + rates(b, y + h * three, end))
+        return y[0]
+
+    ends = np.linspace(1e-3, 10.0 * math.pi, 6001)
+    roots = root_angle(ends)
+    return [
+        brentq(lambda end: root_angle(np.array([end]))[0], *ends[i : i + 2], xtol=1e-10)
+        for i in np.flatnonzero(roots[:-1] * roots[1:] < 0.0)
+    ]
+
+
+@pytest.mark.parametrize(
+    ("gamma", "u", "m", "basis"),
+    [
+        (-100.0, 3.0, 6, "beam"),
+        (-140.0, 4.0, 8, "legendre"),
+        (-140.0, 4.0, 3, "legendre"),
+        (-174.0, 1.2, 2, "beam"),
+        (-116.4, 8.7, 4, "legendre"),
+        (-60.0, 4.0, 4, "beam"),
+    ],
+)
+def test_rests_of_a_heavy_cantilever_that_count_are_elastica(gamma, u, m, basis):
+    """Each lies near one of all elastica, and each elastica near a rest that is resolved."""
+    model = pp.Galerkin(pp.Pipe(0.2, gamma, damping=0.01), m, basis)
+    found = pp.equilibria(model, u)
+    exact = free_ends(gamma, u)
+    counted = model.deflection(found.q.T, 1.0, 1)[1::2]
+    apart = np.abs(np.abs(counted)[:, None] - np.reshape(exact, (1, -1)))
+    near = apart.argmin(axis=1) if exact else np.zeros(0, int)
+    assert sorted(set(near)) == sorted(near)
+    assert (apart.min(axis=1, initial=np.inf) < 0.5).all()
+    if m > 4:
+        assert len(found) == 1 + 2 * len(exact)
+        assert apart.min(axis=1).max() < 0.02
+
+
+@pytest.mark.parametrize("m", [4, 8])
+@pytest.mark.parametrize(("load", "u"), [(21.354, 0.059), (30.0, 1.0), (48.7, 3.146)])
+def test_a_pinned_pipe_under_a_dead_load_is_found_buckled_and_upside_down(load, u, m):
+    """Others have both ends at one place, where the force that holds the end across turns F."""
+    model = pp.Galerkin(pinned(pp.Tension(-load)), m)
+    found = pp.equilibria(model, u)
+    turns = [2.0 * math.asin(k) for k in half_waves(lambda y: -load, u)]
+    ends = np.array([model.shape(q, 1.0)[1] for q in found.q])
+    sizes = np.abs(model.deflection(found.q.T, 0.0, 1))[np.abs(ends) > 1e-3]
+    exact = np.sort([0.0, *turns, *turns, math.pi])
+    np.testing.assert_allclose(np.sort(sizes), exact, atol=0.2 if m == 4 else 0.01)
+
+
+def test_chains_are_their_own_models():
+    """Each solution of a chain is a rest of a chain; but no law holds beyond its range."""
+    found = pp.equilibria(pp.Chain(pp.Pipe(0.2, -60.0), 3), 2.0)
+    assert found.discarded is None
+    assert found.resolved.all()
+    fixed = pp.equilibria(pp.Chain(pinned(pp.Stretching(1000.0)), 8), 3.2416)
+    assert (len(fixed), fixed.stable.sum()) == (3, 2)
+    assert fixed.discarded.resolved.all()
+    assert not fixed.discarded.valid.any()
+    assert f"discarded={len(fixed.discarded)})" in repr(fixed)
+
+
+def test_a_model_that_resolves_no_rest_says_so_with_what_it_has():
+    """Two functions hold the pipe at rest where flutter has begun."""
+    model = pp.Galerkin(pp.Pipe(0.2, jet_angle=0.5, damping=1e-3), 1)
+    with pytest.raises(pp.NotConverged, match="not resolved by 1 degree") as error:
+        pp.equilibria(model, 9.0)
+    found = error.value.result
+    assert len(found) == 0
+    assert len(found.discarded) >= 1
+    assert not found.discarded.resolved.any()

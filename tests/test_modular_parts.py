@@ -538,7 +538,7 @@ def test_what_is_no_part_is_refused(make: Callable[[], Any], message: str) -> No
         (lambda m: m.about(np.zeros(4)), "q must have shape (3,) or (9,)"),
         (lambda m: m.shape(np.zeros(4), [0.5]), "q must have shape (3,) or (9,)"),
         (lambda m: m.shape(np.zeros(3), [1.5]), "s must lie in"),
-        (lambda m: m.deflection(np.zeros(4), [0.5]), "q must have shape (3, ...), got (4,)"),
+        (lambda m: m.deflection(np.zeros(4), [0.5]), "q must have shape (3, ...) or (9, ...), got"),
         (lambda m: m.tips(np.zeros((4, 1))), "q must have shape (9, ...), got (4, 1)"),
         (lambda m: m.equilibrium(np.zeros(4)), "start must have shape (3,) or (9,), got (4,)"),
         (lambda m: m.equilibrium(np.zeros(3), -1.0), "u must lie in"),

@@ -9,7 +9,7 @@ past folds, with what changes along them.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import field
 from functools import cache, cached_property
@@ -29,14 +29,14 @@ from pipedyn.bifurcation.continuation import (
 )
 from pipedyn.bifurcation.vector_field import VectorField
 from pipedyn.linear.eigenproblem import Complex
-from pipedyn.models.base import Model, NotConverged, PipedynError
+from pipedyn.models.base import Model, NotConverged, Operators, PipedynError
 from pipedyn.models.drive import LARGEST_SPEED, require_steady, steady_speed
 from pipedyn.motion.simulate import Start, checked_model_in_motion, modal_bend
 from pipedyn.util import check
 from pipedyn.util.archive import saved_as
 from pipedyn.util.check import Array
 from pipedyn.util.later import scipy
-from pipedyn.util.newton import NewtonFailed
+from pipedyn.util.newton import NewtonFailed, newton
 from pipedyn.util.result import Result, TableResult, numbered
 from pipedyn.util.threads import one_thread
 from pipedyn.util.units import RATE
@@ -63,6 +63,10 @@ They led to all equilibria with no coordinate beyond 4 rad that scipy's hybrid m
 pipes with 2 to 20 degrees of freedom under a weight up to 180; of those beyond they missed 16,
 and they led to 88 that it did not find."""
 
+BUCKLED = (0.5, 1.5, 3.0)
+"""Largest angles, in rad, of starts in the shapes in which a pipe buckles. With these starts, and
+that upside down, 2 of 84 elastica of 15 pinned pipes under a dead load are missed; 40 without."""
+
 MOST_WOUND = 30
 """Degrees of freedom up to which all starts are taken: of five chains with 31 to 60 segments under
 a weight up to 180 they found no more than the first look."""
@@ -70,6 +74,13 @@ a weight up to 180 they found no more than the first look."""
 LEAST_SHARE, SOLVED, ITERATIONS = 0.01, 1e-8, 40
 """Of the search: the share of Newton's step at which a way ends, the step that is the last, as the
 error is then its square, and how many steps at most."""
+
+NEAR = 0.5
+"""Root mean square of angles, in rad, within which a start or a larger basis leads to the same
+equilibrium: far more than rounded numbers of one are off by, and less than the way to another."""
+
+ALONG = np.linspace(0.0, 1.0, 201)
+"""Arc lengths at which shapes are compared."""
 
 LARGEST_BATCH = 1_000_000
 """Entries of the Jacobians of one batch by x; those by the state are four times as many, 32 MB."""
@@ -81,14 +92,22 @@ LARGEST_BATCH = 1_000_000
 class Equilibria(TableResult, units={"growth": RATE}):
     """Equilibria at one flow speed, the straight one first, the others from the least bent on.
 
+    Those that `equilibria` answers with are resolved and valid; the others are in `discarded`.
+
     Attributes:
         q: coordinates, shape (k, coordinates).
         stable: whether no eigenvalue of the linearisation has a positive real part, shape (k,).
         growth: largest real part of an eigenvalue, in 1 / T, shape (k,).
         tips: position (x, y) of the free end in L, shape (k, 2).
         residuals: largest force left, in units of 1 + |gamma| + a u^2, shape (k,).
+        resolved: whether two larger bases of a reduced model have it too, as `equilibria` says,
+            shape (k,); where not, it is an artefact of the discretisation. True of chains and
+            scenes.
+        valid: whether the laws of all terms hold at its angles, shape (k,): `Stretching` does up to
+            a quarter turn.
         u: flow speed.
         model: the model.
+        discarded: solutions of the model's equations that are not both, None where there are none.
 
     Example:
         >>> found = pp.equilibria(pp.Chain(pp.Pipe(0.2, -20.0), 2), 1.0)
@@ -101,11 +120,20 @@ class Equilibria(TableResult, units={"growth": RATE}):
     growth: Array
     tips: Array
     residuals: Array = field(repr=False)
+    resolved: NDArray[np.bool_] = field(repr=False)
+    valid: NDArray[np.bool_] = field(repr=False)
     u: float
     model: Model
+    discarded: Equilibria | None = None
 
     def __len__(self) -> int:
         return len(self.stable)
+
+    def _shown(self) -> list[tuple[str, Any]]:
+        shown = dict(super()._shown())
+        if self.discarded is not None:
+            shown["discarded"] = len(self.discarded)
+        return list(shown.items())
 
     def _columns(self) -> dict[str, Any]:
         return {
@@ -113,6 +141,8 @@ class Equilibria(TableResult, units={"growth": RATE}):
             "tip_y": self.tips[:, 1],
             "growth_rate": self.growth,
             "stable": self.stable,
+            "resolved": self.resolved,
+            "valid": self.valid,
             **numbered("q", self.q),
         }
 
@@ -121,8 +151,15 @@ def equilibria(model: Model, u: float, starts: Sequence[Start] = ()) -> Equilibr
     """Equilibria at a flow speed, stable or not, mirror images included.
 
     The search takes Newton's method from bent starts: half a radian to one and a half turns, in all
-    mixtures of the first three or four modes of bending. No method finds all for certain; `starts`
-    adds others.
+    mixtures of the first three or four modes of bending, and in the shapes in which the straight
+    pipe buckles at that speed. No method finds all for certain; `starts` adds others.
+
+    The equations of a few functions have solutions that are none of the pipe's. So each equilibrium
+    of a reduced model is asked of two larger bases, of half as many functions again and half as
+    many as these again, at least four: it is kept where Newton's method contracts from it, each
+    step at most half the one before, to an equilibrium that lies nearer to it than to any other
+    that was found, within half a radian as the root mean square along the pipe, and is stable
+    if it is. Shapes that every basis has, as the straight one, are kept whatever their stability.
 
     Args:
         model: chain, reduced model or scene, up to 500 degrees of freedom.
@@ -130,7 +167,8 @@ def equilibria(model: Model, u: float, starts: Sequence[Start] = ()) -> Equilibr
         starts: further starts, coordinates each or angles theta(s), as for `simulate`.
 
     Returns:
-        Equilibria. Those of an undamped pipe without flow are stable where they oscillate.
+        Equilibria: those kept, and beside them what was discarded. Those of an undamped pipe
+        without flow are stable where they oscillate.
 
     Example:
         >>> found = pp.equilibria(pp.Chain(pp.Pipe(0.2, -20.0), 2), 1.0)  # bent by its weight
@@ -138,7 +176,8 @@ def equilibria(model: Model, u: float, starts: Sequence[Start] = ()) -> Equilibr
         (3, [False, True, True])
 
     Raises:
-        NotConverged: if not a single one is found.
+        NotConverged: if not a single one is found, or all are discarded: then its `result` has
+            these.
         ValueError, TypeError: for bad arguments.
     """
     model = checked_model_in_motion(model, largest=LARGEST, purpose="equilibria")
@@ -164,18 +203,41 @@ def equilibria(model: Model, u: float, starts: Sequence[Start] = ()) -> Equilibr
             return round(statics.rms(x - statics.resting), 6), -float(tip)
 
         found.sort(key=place)  # a mirror image next to its original, to the right first
-        values = [statics.eigenvalues(x, u) for x in found]
-        residuals = np.array([statics.unbalanced(x, u) for x in found])
-    q = statics.recorded(np.array(found))
-    return Equilibria(
-        q=q,
-        stable=np.array([not (one.real > rounding(one)).any() for one in values]),
-        growth=np.array([float(one.real.max()) for one in values]),
-        tips=model.tips(q.T),
-        residuals=residuals,
-        u=u,
-        model=model,
-    )
+        xs = np.array(found)
+        values = [statics.eigenvalues(x, u) for x in xs]
+        residuals = np.array([statics.unbalanced(x, u) for x in xs])
+        stable = np.array([is_stable(one) for one in values])
+        resolved = _resolved(statics, u, xs, stable)
+    highest = min((term.largest_angle for term in model.pipe.terms), default=math.inf)
+    valid = np.array([model.largest_angle(x) <= highest for x in xs])
+    q = statics.recorded(xs)
+    growth, tips = np.array([float(one.real.max()) for one in values]), model.tips(q.T)
+
+    def those(rows: NDArray[np.bool_], discarded: Equilibria | None = None) -> Equilibria:
+        return Equilibria(
+            q=q[rows],
+            stable=stable[rows],
+            growth=growth[rows],
+            tips=tips[rows],
+            residuals=residuals[rows],
+            resolved=resolved[rows],
+            valid=valid[rows],
+            u=u,
+            model=model,
+            discarded=discarded,
+        )
+
+    kept = resolved & valid
+    answer = those(kept, None if kept.all() else those(~kept))
+    if not kept.any():
+        raise NotConverged(
+            f"none of the {check.counted(len(xs), 'solution')} found at u = {u:g} is an "
+            f"equilibrium of the pipe: {np.count_nonzero(~resolved)} are not resolved by "
+            f"{model.dof} degrees of freedom, {np.count_nonzero(~valid)} lie where a term is not "
+            "valid",
+            answer,
+        )
+    return answer
 
 
 # --------------------------------------------------------------------------------- forces at rest
@@ -235,16 +297,76 @@ class Statics:
         problem = DenseProblem(self.equations, self.size, 1.0, control)
         return problem.fixed(np.append(x, u), u)[:-1]
 
+    def balanced(self, x: Array, u: float, **rules: Any) -> Array:
+        """The equilibrium to which Newton's method leads from x; `rules` are those of `newton`.
+
+        Forces are balanced here, whose derivative is the stiffness. Accelerations, which batches
+        balance, are less linear: the inverse of the mass changes with the configuration. Steps are
+        measured by their angles.
+
+        Raises:
+            NewtonFailed: if it leads to none.
+        """
+        if self.unbalanced(x, u) <= BALANCED:
+            return x
+        slopes = self.angles(np.eye(self.size)).T
+
+        def correction(x: Array) -> tuple[Array, float]:
+            force, free, of = self._forces(x, u)
+            stiffness = of.stiffness + of.centrifugal * u**2 * of.flux
+            step = free @ np.linalg.solve(stiffness, force)
+            return step, rms_along(slopes @ step)
+
+        def moved(x: Array, step: Array, share: float) -> Array:
+            there = self.model.projected(x + share * step, np.zeros_like(x))[0]
+            if not np.isfinite(there).all():
+                raise NewtonFailed("constraints cannot be met")
+            return there
+
+        found = newton(x, correction, moved, tolerance=SOLVED, stagnation=100.0 * SOLVED, **rules)
+        if self.unbalanced(found, u) > BALANCED:
+            raise NewtonFailed("forces are left")
+        return found
+
+    def buckled(self, u: float) -> Iterator[Array]:
+        """Starts at which the pipe is bent as it buckles, where rest is unstable to static loads.
+
+        And upside down, if its root is a hinge.
+        """
+        if self._turn is not None:
+            yield self.resting + 0.5 * self._turn
+        _, free, of = self._forces(self.resting, u)
+        stiffness = of.stiffness + of.centrifugal * u**2 * of.flux
+        values, vectors = np.linalg.eig(np.linalg.solve(of.mass, stiffness))
+        static = (values.real < 0.0) & (np.abs(values.imag) <= 1e-9 * np.abs(values).max())
+        for shape in (free @ vectors[:, static].real).T:
+            most = float(np.abs(self.angles(shape[None])).max())
+            for size in BUCKLED:
+                bent = self.resting + size / most * shape
+                yield self.model.projected(bent, np.zeros_like(bent))[0]
+
+    def angle(self, x: Array) -> Callable[[Array], Array]:
+        """The angle theta(s) of a configuration."""
+        return lambda s: np.asarray(self.model.deflection(x, s, 1))
+
+    def angles(self, xs: Array) -> Array:
+        """Angles of the pipe at the arc lengths `ALONG`, (k, points), of rows x."""
+        return np.asarray(self.model.deflection(xs.T, ALONG, 1)).T
+
     def unbalanced(self, x: Array, u: float) -> float:
         """Largest force left, in units of 1 + |gamma| + a u^2; infinite where guides are missed."""
         pipe = self.model.pipe
         size = 1.0 + abs(pipe.gamma) + pipe.alpha * u**2
         try:
-            turning, free = self.accelerations(x[None], u)[0], self.model.free_directions(x)
-            force = self.model.operators(x).mass @ (free.T @ turning)
+            force, _, _ = self._forces(x, u)
         except ValueError:  # x misses a guide or pin
             return math.inf
         return float(np.abs(force).max()) / size
+
+    def _forces(self, x: Array, u: float) -> tuple[Array, Array, Operators]:
+        """Forces left in the directions that constraints leave, these, and operators in them."""
+        free, of = self.model.free_directions(x), self.model.operators(x)
+        return of.mass @ (free.T @ self.accelerations(x[None], u)[0]), free, of
 
     def eigenvalues(self, x: Array, u: float) -> Complex:
         """Of small motions about an equilibrium, shape (2 dof,)."""
@@ -315,12 +437,61 @@ def rounding(eigenvalues: Complex) -> float:
     return 1e-10 + min(4.0 * float(np.finfo(float).eps) * largest**2, 1e-6)
 
 
+def is_stable(eigenvalues: Complex) -> bool:
+    """Whether none has a positive real part beyond rounding."""
+    return not (eigenvalues.real > rounding(eigenvalues)).any()
+
+
+def rms_along(angles: Array) -> Any:
+    """Root mean square along the pipe of angles at `ALONG`, (..., points)."""
+    return np.sqrt(np.mean(angles**2, axis=-1))
+
+
+def _contracted(statics: Statics, x: Array, u: float) -> Array:
+    """The equilibrium to which Newton's method contracts: each step is at most half the last.
+
+    That from the first step on there is a single one near by is the theorem of Newton and
+    Mysovskikh.
+
+    Source: Deuflhard (2004), Newton methods for nonlinear problems, sec. 2.1.
+    """
+    return statics.balanced(x, u, patience=1)
+
+
+def _resolved(
+    statics: Statics, u: float, xs: Array, stable: NDArray[np.bool_]
+) -> NDArray[np.bool_]:
+    """Which of the equilibria that were found, (k, moving), two larger bases have, see above."""
+    larger = statics.model.refined()
+    largest = larger and larger.refined()
+    if larger is None or largest is None:
+        return np.ones(len(xs), dtype=bool)
+    bases = Statics(larger), Statics(largest)
+    angles, odd = statics.angles(xs), statics.motion.is_odd(u)
+    kept = np.zeros(len(xs), dtype=bool)
+    for i, x in enumerate(xs):
+        if odd and i > 0 and np.abs(x + xs[i - 1]).max() <= DISTINCT:  # the mirror image
+            kept[i] = kept[i - 1]
+            continue
+        with suppress(NewtonFailed, PipedynError, ValueError):
+            here, y = statics, x
+            for basis in bases:
+                here, y = basis, _contracted(basis, basis.from_start("q0", here.angle(y)), u)
+            apart = rms_along(angles - here.angles(y[None]))
+            if apart[i] <= min(NEAR, apart.min()):
+                kept[i] = apart[i] <= DISTINCT or is_stable(here.eigenvalues(y, u)) == stable[i]
+    return kept
+
+
 def _solutions(statics: Statics, u: float, own: list[Array]) -> Iterator[Array]:
-    """What may be equilibria at a speed: the straight pipe, then what starts lead to.
+    """What may be equilibria at a speed: the straight pipe, buckled ones, what starts lead to.
 
     Few starts show whether a hanging pipe has bent ones at all; then more look for all of them.
     """
     yield statics.resting
+    for start in statics.buckled(u):
+        with suppress(NewtonFailed):
+            yield statics.balanced(start, u, longest=0.3, iterations=40)
     odd = statics.motion.is_odd(u)
     found = _balanced(statics, u, own + _bends(statics, 3, SIZES[::2], odd), 0.2)
     yield from found
@@ -379,10 +550,6 @@ Change = Literal["fold", "pitchfork", "branch point", "hopf"]
 
 MOST_POINTS = 4000
 """Points of one branch: at the usual step those of 200 rad, three times as far as `FAR`."""
-
-NEAR = 0.5
-"""Root mean square of the coordinates, in rad, within which a start leads to an equilibrium: far
-more than rounded numbers of an equilibrium are off by, and less than the way to another."""
 
 
 @saved_as("BranchPoint", shapes={"n": "q", "2": "tip"})
@@ -471,8 +638,8 @@ def equilibrium_branch(
         model: chain, reduced model or scene, up to 500 degrees of freedom; a point costs
             eigenvalues of a dense matrix, O(dof^3).
         q0: near the equilibrium, coordinates or an angle theta(s), as for `simulate`; Newton's
-            method goes on from there, to at most half a radian away, as the root mean square over
-            the coordinates.
+            method goes on from there, to at most half a radian away, as the root mean square along
+            the pipe.
         u0: its flow speed, within `speeds`.
         speeds: (lowest, highest) flow speed of the branch.
         step: longest step along the branch, in [1e-4, 1]: in rad, as the root mean square over
@@ -511,7 +678,7 @@ def equilibrium_branch(
                 raise NewtonFailed("forces are left")
         except NewtonFailed as error:
             raise NotConverged(f"no equilibrium was found near q0 at u = {u0:g}") from error
-        away = statics.rms(x - start)
+        away = float(rms_along(statics.angles((x - start)[None]))[0])
         if away > NEAR:
             raise NotConverged(
                 f"no equilibrium was found near q0 at u = {u0:g}: Newton's method leads to one "

@@ -8,6 +8,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import fields, replace
 from functools import cached_property
+from numbers import Real
 from operator import attrgetter
 from typing import Any, Self
 
@@ -326,6 +327,13 @@ class Model(OfPipe, ABC):
     def _stiffness_beside(pencil: Pencil) -> float:
         start = np.cos(np.arange(1.0, pencil.dof + 1.0))[:, None]
         return largest_stretch(lambda x: pencil.stiffness(x) - pencil.elastic(x), start, 4)
+
+    def refined(self) -> Model | None:
+        """The same discretisation of the pipe with half as many functions again, at least four.
+
+        None of a chain and a scene, whose segments are bodies in their own right.
+        """
+        return None
 
     @property
     def linear_cost(self) -> bool:
@@ -718,13 +726,15 @@ class Model(OfPipe, ABC):
         """
         return Power(*self.equations.power(y, u, drive=self._drive(y, u_dot, base)))
 
-    @abstractmethod
     def shape(self, q: ArrayLike, s: ArrayLike) -> Array:
-        """Centreline, inextensible at any amplitude: x transverse and y downward, shape (k, 2).
+        """Centreline, inextensible at any amplitude: x transverse and y downward.
 
         Args:
             q: coordinates, shape (coordinates,).
-            s: arc lengths from the clamp in L, each in [0, 1], shape (k,).
+            s: arc lengths from the clamp in L, each in [0, 1], shape (p,), or one, a number.
+
+        Returns:
+            Shape (p, 2), or (2,) for one arc length.
 
         Example:
             >>> chain = pp.Chain(pp.Pipe(0.2), n=2)
@@ -733,23 +743,55 @@ class Model(OfPipe, ABC):
                    [0. , 0.5],
                    [0.5, 0.5]])
         """
+        at, asked = arc_lengths(s)
+        return self._centreline(q, at).reshape((*asked, 2))
 
     @abstractmethod
+    def _centreline(self, q: ArrayLike, s: Array) -> Array:
+        """What `shape` answers for arc lengths (p,), shape (p, 2)."""
+
     def deflection(self, q: ArrayLike, s: ArrayLike, derivative: int = 0) -> NDArray[Any]:
-        """Transverse displacement for small q at arc lengths s, shape (p,) or (p, k).
+        """Transverse displacement to first order in q, from where the model is linearised.
 
         Args:
-            q: coordinates, real or complex, shape (dof,) or (dof, k).
-            s: arc lengths from the clamp in L, each in [0, 1], shape (p,).
+            q: displacement, real or complex, in the degrees of freedom of `operators`, shape (dof,)
+                or (dof, k), or in the coordinates of a configuration, shape (coordinates,) or
+                (coordinates, k), as those that `equilibria` and `simulate` give; of a scene also
+                in the angles of its segments.
+            s: arc lengths from the clamp in L, each in [0, 1], shape (p,), or one, a number.
             derivative: 0, or 1 for the angle by which the pipe turns there, the slope of a straight
                 one; of a chain that of its segments in their middles, and between these in
                 proportion to the compliance passed, that is linear if the pipe is uniform.
+
+        Returns:
+            Shape (p,) or (p, k); for one arc length () or (k,).
 
         Example:
             >>> chain = pp.Chain(pp.Pipe(0.2), n=2)
             >>> chain.deflection([0.1, 0.2], [0.5, 1.0]).round(6)
             array([0.05, 0.15])
         """
+        at, asked = arc_lengths(s)
+        order = check.count("derivative", derivative, low=0, high=1)
+        given = self._columns("q", q, self.dof, self.moving, self.coordinates)
+        if given.ndim > 2:
+            rule = f"({len(given)},) or ({len(given)}, k)"
+            raise ValueError(f"q must have shape {rule}, got {given.shape}")
+        columns = given.reshape(len(given), -1)
+        if columns.shape[1] * at.size > LARGEST_RESULT:
+            raise ValueError(
+                f"q and s must ask for at most {LARGEST_RESULT} numbers, got {columns.shape[1]} "
+                f"columns of q at {at.size} points"
+            )
+        return self._deflected(self._moved(columns), at, order).reshape((*asked, *given.shape[1:]))
+
+    @abstractmethod
+    def _deflected(self, p: NDArray[Any], s: Array, derivative: int) -> NDArray[Any]:
+        """What `deflection` answers for changes of p, (moving, k), and arc lengths (p,)."""
+
+    def _moved(self, columns: NDArray[Any]) -> NDArray[Any]:
+        """Changes of p, (moving, k), by columns in any of the coordinates `deflection` takes."""
+        return columns
 
     def tips(self, q: ArrayLike) -> Array:
         """Positions (x, y) of the free end, (k, 2), for k configurations, (coordinates, k).
@@ -848,16 +890,17 @@ class Model(OfPipe, ABC):
     def _coordinates(self, q: ArrayLike) -> Array:
         return check.array("q", q, size=self.coordinates, low=-LARGEST_ANGLE, high=LARGEST_ANGLE)
 
-    def _columns(self, name: str, given: ArrayLike, size: int | None = None) -> NDArray[Any]:
-        """Numbers of one or several columns, shape (size, ...), dof by default; real or complex."""
-        size = self.dof if size is None else size
+    def _columns(self, name: str, given: ArrayLike, *sizes: int) -> NDArray[Any]:
+        """Numbers of one or several columns, real or complex, each of one of some sizes or dof."""
+        sizes = tuple(dict.fromkeys(sizes or (self.dof,)))
         columns = check.numbers(
             *(name, given, "an array of real or complex numbers"),
             kinds="iufc",
             longest=LARGEST_RESULT,
         )
-        if columns.ndim == 0 or columns.shape[0] != size or columns.size == 0:
-            raise ValueError(f"{name} must have shape ({size}, ...), got {columns.shape}")
+        if columns.ndim == 0 or columns.shape[0] not in sizes or columns.size == 0:
+            listed = " or ".join(f"({size}, ...)" for size in sizes)
+            raise ValueError(f"{name} must have shape {listed}, got {columns.shape}")
         check.entries(name, columns, np.isfinite(columns), "be finite")
         return columns
 
@@ -870,24 +913,12 @@ class Model(OfPipe, ABC):
             raise TypeError(f"{name} must be real, got complex numbers")
         return columns
 
-    def _displaced(self, q: ArrayLike, points: int) -> NDArray[Any]:
-        """Coordinates to be displaced at so many points, shape (dof,) or (dof, k)."""
-        columns = self._columns("q", q)
-        if columns.ndim > 2:
-            rule = f"({self.dof},) or ({self.dof}, k)"
-            raise ValueError(f"q must have shape {rule}, got {columns.shape}")
-        wide = columns.size // self.dof
-        if wide * points > LARGEST_RESULT:
-            raise ValueError(
-                f"q and s must ask for at most {LARGEST_RESULT} numbers, got {wide} columns of q "
-                f"at {points} points"
-            )
-        return columns
 
-
-def arc_lengths(s: ArrayLike) -> Array:
-    """Points on the pipe, 0 <= s <= 1, shape (k,)."""
-    return check.array("s", s, low=0.0, high=1.0)
+def arc_lengths(s: ArrayLike) -> tuple[Array, tuple[int, ...]]:
+    """Points on the pipe, 0 <= s <= 1, (p,), and the shape of s: (p,), or () of a number."""
+    one = isinstance(s, Real) or (isinstance(s, np.ndarray) and s.ndim == 0)
+    at = check.array("s", [s] if one else s, low=0.0, high=1.0)
+    return at, () if one else at.shape
 
 
 def stored(name: str, doc: str) -> Any:

@@ -18,7 +18,6 @@ from pipedyn.models.base import (
     Model,
     NotConverged,
     Operators,
-    arc_lengths,
     core_pipe,
     operators_from,
     projected,
@@ -613,11 +612,10 @@ class Chain(Model):
             f"{abs(off[worst]):.1e}; {how} does"
         )
 
-    def shape(self, q: ArrayLike, s: ArrayLike) -> Array:
+    def _centreline(self, q: ArrayLike, s: Array) -> Array:
         angles = super()._coordinates(q)  # supports need not be met
-        at = arc_lengths(s)
-        line = along(self._lengths * np.exp(1j * angles), self._base, self._lengths, at)
-        return np.stack([line.imag, line.real + np.minimum(at, self._base)], axis=-1)
+        line = along(self._lengths * np.exp(1j * angles), self._base, self._lengths, s)
+        return np.stack([line.imag, line.real + np.minimum(s, self._base)], axis=-1)
 
     def _tips(self, q: NDArray[Any]) -> NDArray[Any]:
         lengths = self._lengths_to_tip
@@ -658,16 +656,16 @@ class Chain(Model):
         ends = self._base + np.cumsum(self._lengths)
         return self._angles(angle, ends - 0.5 * self._lengths)
 
-    def deflection(self, q: ArrayLike, s: ArrayLike, derivative: int = 0) -> NDArray[Any]:
-        at, order = arc_lengths(s), check.count("derivative", derivative, low=0, high=1)
-        theta = given = self._displaced(q, at.size)
-        if self.supported is not None:
-            theta = real_columns(self._free.spread, given.reshape(self.dof, -1))
-            theta = theta.reshape(-1, *given.shape[1:])
-        if order:
-            return turned(theta, self._ends(), float(self.springs[0]), self._pipe, at)
+    def _moved(self, columns: NDArray[Any]) -> NDArray[Any]:
+        if len(columns) == self.coordinates:
+            return columns
+        return real_columns(self._free.spread, columns)
+
+    def _deflected(self, p: NDArray[Any], s: Array, derivative: int) -> NDArray[Any]:
+        if derivative:
+            return turned(p, self._ends(), float(self.springs[0]), self._pipe, s)
         across = self._lengths * np.cos(self.resting())
-        return along((across * theta.T).T, self._base, self._lengths, at)
+        return along((across * p.T).T, self._base, self._lengths, s)
 
 
 def along(steps: NDArray[Any], base: float, lengths: Array, s: Array) -> NDArray[Any]:

@@ -218,6 +218,10 @@ class Galerkin(Model):
         # Legendre's highest third is not the pipe's and heavily damped.
         return max(1, (2 * self.resolution) // 3) if self._basis == "legendre" else self.dof
 
+    def refined(self) -> Galerkin:
+        more = max(4, self.panels, self._size // 2)
+        return enriched(Galerkin(self._pipe, self._size + more, self._basis), self._more + 1)
+
     @cached_property
     def _joints(self) -> Array:
         """Inner ends of the basis' panels; the beam modes have none."""
@@ -242,21 +246,29 @@ class Galerkin(Model):
         return (ends[:-1, None] + lengths * nodes).ravel(), (lengths * weights).ravel()
 
     def functions(self, s: ArrayLike, derivative: int = 0) -> Array:
-        """The functions w_i, their slopes or curvatures, shape (k, m).
+        """The functions w_i, their slopes or curvatures.
 
         Args:
-            s: arc lengths in L, each in [0, 1], shape (k,).
+            s: arc lengths in L, each in [0, 1], shape (p,), or one, a number.
             derivative: 0, 1 or 2.
+
+        Returns:
+            Shape (p, m), or (m,) for one arc length.
         """
         order = check.count("derivative", derivative, low=0, high=2)
-        at = arc_lengths(s)
-        if at.size * self._size > LARGEST_TABLE:
+        at, asked = arc_lengths(s)
+        found = self._basis_at(at, order)
+        found = found if self._free.spread is None else found @ self._free.spread
+        return found.reshape((*asked, self._size))
+
+    def _basis_at(self, s: Array, derivative: int) -> Array:
+        """The core's functions or derivatives at arc lengths (p,), shape (p, coordinates)."""
+        if s.size * self.coordinates > LARGEST_TABLE:
             raise ValueError(
-                f"s must have at most {LARGEST_TABLE // self._size} entries for {self._size} "
-                f"functions, got {at.size}"
+                f"s must have at most {LARGEST_TABLE // self.coordinates} entries for "
+                f"{self.coordinates} functions, got {s.size}"
             )
-        found = self.core.basis(at, order)
-        return found if self._free.spread is None else found @ self._free.spread
+        return np.asarray(self.core.basis(s, derivative))
 
     @cached_property
     def _free(self) -> FreeFunctions:
@@ -386,14 +398,14 @@ class Galerkin(Model):
             return np.tensordot(scale, columns, axes=1)
         return (scale * columns.T).T
 
-    def shape(self, q: ArrayLike, s: ArrayLike) -> Array:
+    def _centreline(self, q: ArrayLike, s: Array) -> Array:
         amplitudes = self._coordinates(q)
 
         def tangents(slopes: Array) -> Array:
             angles = slopes @ amplitudes
             return np.stack([np.sin(angles), np.cos(angles)], axis=-1)
 
-        return self._integrated(tangents, amplitudes, arc_lengths(s))
+        return self._integrated(tangents, amplitudes, s)
 
     def _integrated(
         self, integrand: Callable[[Array], NDArray[Any]], amplitudes: Array, at: Array
@@ -466,17 +478,17 @@ class Galerkin(Model):
         nodes, fit = self._fit
         return np.asarray(fit @ self._angles(angle, nodes))
 
-    def deflection(self, q: ArrayLike, s: ArrayLike, derivative: int = 0) -> NDArray[Any]:
-        at, order = arc_lengths(s), check.count("derivative", derivative, low=0, high=1)
-        columns, rest = self._displaced(q, at.size), self._reference
-        if rest is None or order == 1:
-            return self.functions(at, order) @ columns
-        flat = columns.reshape(self.dof, -1)
-        flat = flat if self._small[0] is None else self._small[0] @ flat
-        moved = self._integrated(
-            lambda slopes: np.cos(slopes @ rest)[:, None] * (slopes @ flat), rest, at
+    def _moved(self, columns: NDArray[Any]) -> NDArray[Any]:
+        by = self._small[0]
+        return columns if by is None or len(columns) == self.coordinates else by @ columns
+
+    def _deflected(self, p: NDArray[Any], s: Array, derivative: int) -> NDArray[Any]:
+        rest = self._reference
+        if rest is None or derivative == 1:
+            return np.asarray(self._basis_at(s, derivative) @ p)
+        return self._integrated(
+            lambda slopes: np.cos(slopes @ rest)[:, None] * (slopes @ p), rest, s
         )
-        return moved.reshape(at.size, *columns.shape[1:])
 
 
 def enriched(model: Galerkin, more: int) -> Galerkin:

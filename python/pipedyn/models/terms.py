@@ -89,6 +89,11 @@ class Term:
         return ()
 
     @property
+    def largest_angle(self) -> float:
+        """Angle between the pipe and its straight axis, in rad, up to which the law holds."""
+        return math.inf
+
+    @property
     def numbers(self) -> dict[str, float]:
         """Its numbers by name, without the place."""
         return {item.name: getattr(self, item.name) for item in fields(self) if item.name != "at"}
@@ -405,6 +410,11 @@ class Stretching(Term):
     stiffness / 2 times the integral of w'^2. Small motions do not feel it. It needs an end that is
     pinned or clamped. Where the base moves, both ends do so with it.
 
+    The law is valid for moderate rotations. In a half sine wave that turns by 0.5 rad its tension
+    is seven eighths of that of a pipe that stretches, at 1 rad half of it. Beyond a quarter turn
+    the pipe would run back along the axis, and no stretching explains 1 - y: the coils that rest
+    there are no pipe's, and `equilibria` discards them.
+
     Attributes:
         stiffness: of the pipe in tension, E A L^2 / (E I) >= 0, in EI / L^3.
 
@@ -427,6 +437,11 @@ class Stretching(Term):
     def place(self) -> float:
         """Arc length where it acts, in L: the end."""
         return 1.0
+
+    @property
+    def largest_angle(self) -> float:
+        """A quarter turn, in rad."""
+        return 0.5 * math.pi
 
     def law_numbers(self, damping: float) -> list[float]:
         """Stiffness and damping of the spring."""

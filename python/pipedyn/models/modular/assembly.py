@@ -19,7 +19,6 @@ from pipedyn.models.base import (
     Model,
     NotConverged,
     Operators,
-    arc_lengths,
     checked_pipe,
     stored,
 )
@@ -615,14 +614,13 @@ class Assembly(Model):
 
     # ---------------------------------------------------------------------------------- geometry
 
-    def shape(self, q: ArrayLike, s: ArrayLike) -> Array:
-        rows = self._rows("q", q, (self.moving, self.coordinates))
-        at, base = arc_lengths(s), self._layout.base
+    def _centreline(self, q: ArrayLike, s: Array) -> Array:
+        rows, base = self._rows("q", q, (self.moving, self.coordinates)), self._layout.base
         # Redundant coordinates may miss constraints: their nodes are joined as given.
         places = self._configuration(rows) if rows.size == self.moving else rows
         steps = np.diff(self._layout.nodes(places), axis=0)
-        line = along(steps, base, self._layout.lengths, at)
-        line[:, 1] += np.minimum(at, base)
+        line = along(steps, base, self._layout.lengths, s)
+        line[:, 1] += np.minimum(s, base)
         return line
 
     def _tips(self, q: NDArray[Any]) -> NDArray[Any]:
@@ -647,19 +645,20 @@ class Assembly(Model):
         ends = self._layout.ends
         return self._angles(angle, 0.5 * (ends[:-1] + ends[1:]))
 
-    def deflection(self, q: ArrayLike, s: ArrayLike, derivative: int = 0) -> NDArray[Any]:
-        at, order = arc_lengths(s), check.count("derivative", derivative, low=0, high=1)
-        linear, layout = self.linear, self._layout
-        given = self._displaced(q, at.size)
-        theta = real_columns(linear.basis.spread, given.reshape(self.dof, -1))
-        if order:
-            moved = turned(
-                theta, np.minimum(layout.ends, 1.0), float(layout.springs[0]), self._pipe, at
-            )
-        else:
-            across = layout.lengths * np.cos(linear.theta)
-            moved = along(across[:, None] * theta, layout.base, layout.lengths, at)
-        return moved.reshape(at.size, *given.shape[1:])
+    def _moved(self, columns: NDArray[Any]) -> NDArray[Any]:
+        if len(columns) == self.coordinates:
+            return np.cumsum(columns[2::3], axis=0)
+        if len(columns) == self.moving:
+            return columns
+        return real_columns(self.linear.basis.spread, columns)
+
+    def _deflected(self, p: NDArray[Any], s: Array, derivative: int) -> NDArray[Any]:
+        layout = self._layout
+        if derivative:
+            ends = np.minimum(layout.ends, 1.0)
+            return turned(p, ends, float(layout.springs[0]), self._pipe, s)
+        across = layout.lengths * np.cos(self.reference)
+        return along(across[:, None] * p, layout.base, layout.lengths, s)
 
     # ----------------------------------------------------------------------------------- arguments
 
