@@ -30,11 +30,7 @@ struct Layout {
   Count used = 0;
 
   Layout() = default;
-  explicit Layout(Count numbers) : scratch(pipedyn::scratch(numbers)) {
-#ifdef __SANITIZE_ADDRESS__
-    __asan_unpoison_memory_region(scratch, static_cast<std::size_t>(numbers) * sizeof(double));
-#endif
-  }
+  explicit Layout(Count numbers) : scratch(pipedyn::scratch(numbers)) {}
 
   double* take(Count numbers) {
     if (numbers == 0) return nullptr;
