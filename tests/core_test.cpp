@@ -26,6 +26,7 @@
 #include "pipedyn/linear/tracking.hpp"
 #include "pipedyn/modular/systems.hpp"
 #include "pipedyn/motion/radau_coefficients.hpp"
+#include "pipedyn/terms/laws.hpp"
 #include "pipedyn/util/threads.hpp"
 #include "pipedyn/vector/levels.hpp"
 
@@ -1074,6 +1075,17 @@ struct Wild {
     return y;
   }
   double speed() { return one_of({0.0, 3.0, 1e4, 1e100}); }
+  /// Terms of any laws, some of them without strength or at one place.
+  pipedyn::Terms terms(Index count) {
+    pipedyn::Terms made;
+    for (Index i = 0; i < count; ++i) {
+      const auto law = static_cast<std::size_t>(dice.between(0.0, std::size(Laws::names)));
+      const double at = one_of({1e-300, 0.6, 1.0, dice.between(0.01, 0.99)});
+      const double first = one_of({0.0, 1e-300, 1.0, 1e6}), second = one_of({0.0, 1.0, 1e6});
+      made.push_back(pipedyn::make_term(Laws::names[law], at, {first, second}));
+    }
+    return made;
+  }
 };
 
 constexpr double within_sense = 1e7;  // of states and speeds whose rates are numbers
@@ -1114,9 +1126,12 @@ void check_wild_motion(const Model& model, Wild& wild) {
 void check_wild_chain(Wild& wild) {
   const Index n = wild.size({1, 2, 3, 8, 33});
   scene = "any chain of " + std::to_string(n);
-  const Pipe pipe = wild.pipe();
-  const Chain chain(pipe, wild.segments(n));
+  Pipe pipe = wild.pipe();
+  const Segments segments = wild.segments(n);
+  const Chain chain(pipe, segments);
   check_wild_motion(chain, wild);
+  pipe.terms = wild.terms(wild.size({1, 4, 15}));
+  check_wild_motion(Chain(pipe, segments), wild);
   const Matrix x = wild.dice.matrix(n, wild.size({0, 1, 5}));
   check(chain.joint_times(x, {1.0, 1.0, 1.0, 1.0, 1.0}).allFinite(), "products are finite");
   const Vector scale = wild.dice.vector(n, 1e-3, 1e3);
@@ -1139,6 +1154,9 @@ void check_wild_reduced(Wild& wild) {
                 pipedyn::make_term("spring", 1.0, {wild.one_of({0.0, 1e9})})};
   const Galerkin with_terms(pipe, basis);
   check_wild_motion(with_terms, wild);
+  Pipe loaded = pipe;
+  loaded.terms = wild.terms(wild.size({1, 4, 15}));
+  check_wild_motion(Galerkin(loaded, basis), wild);
   const Vector q = wild.dice.vector(m, -1.0, 1.0);
   check(positive_definite(with_terms.operators(q).mass), "mass is positive definite");
   check(with_terms.operators().stiffness.allFinite(), "stiffness is finite");

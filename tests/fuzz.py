@@ -31,6 +31,7 @@ import matplotlib
 matplotlib.use("agg")
 
 import numpy as np
+from loaded import LAWS, MAKERS, Maker, deviations, extremes, states
 from matplotlib.figure import Figure
 
 import pipedyn as pp
@@ -596,11 +597,14 @@ def _pipes() -> Iterator[Target]:
         {"velocity": rows, "areas": array(3, (0.1, 1.0), (0.0, -1.0)), "section": optional(size)},
         called={"areas": "areas|velocity"},
     )
-    for law in pp.Term.__subclasses__():
+    for law in LAWS:
         kinds = {item.name: real((0.1, 1.0), -1.0, -1e300) for item in dataclasses.fields(law)}
         kinds |= {"load": real((-1.0, 1.0))} if "load" in kinds else {}
-        place = {"at": real((0.01, 0.99), -0.1, 0.0)} if "at" in kinds else {}
-        yield Target(law.__name__, law, kinds | place)
+        kinds |= {"at": real((0.01, 0.99), -0.1, 0.0)} if "at" in kinds else {}
+        for name, kind in kinds.items():
+            ends = one_of(*(getattr(term, name) for term in extremes(law)))
+            kinds[name] = Kind(any_of(kind.good, ends), kind.bad)
+        yield Target(law.__name__, law, kinds)
 
 
 def _chains() -> Iterator[Target]:
@@ -734,6 +738,48 @@ def _models() -> Iterator[Target]:
     for model in (CHAIN, SPANNED, LOST):
         given = {"u": U, "u_dot": real((-9.0, 9.0), -1e300)}
         yield Target("Operators.at", model.operators().at, given)
+
+
+def any_loaded(maker: Maker) -> Values:
+    """Models of a pipe with one term or many, whose numbers are ordinary, the least or the largest.
+
+    Some terms are so at one place, and many between any two.
+    """
+    laws = [law for law in LAWS if maker.takes(law)]
+
+    def drawn(dice: Random) -> pp.Model:
+        terms = []
+        for _ in range(dice.choice((1, 2, 5, 15))):
+            term = dice.choice(extremes(dice.choice(laws)))
+            for item in dataclasses.fields(term):
+                if dice.random() < 0.5:
+                    term = dataclasses.replace(term, **{item.name: dice.uniform(0.01, 0.99)})
+            terms.append(term)
+        return maker(*terms)
+
+    return drawn
+
+
+def _same_in_batches(model: pp.Model, seed: int) -> list[float]:
+    """Numbers where a batch of states is answered as each is alone; where it is not NaN."""
+    shares = deviations(model, states(model, seed))
+    return [share if share < 1e-6 else NAN for share in shares.values()]
+
+
+def _moved(model: pp.Model) -> Any:
+    """As much of a short motion as so many evaluations reach."""
+    try:
+        return pp.simulate(model, 3.0, 1e-3, lambda s: 1e-3 * s, samples=3, most=200)
+    except pp.MotionStopped as stopped:
+        return stopped.motion
+
+
+def _loaded() -> Iterator[Target]:
+    for name, maker in MAKERS.items():
+        model = Kind(any_loaded(maker), None)
+        seed = Kind(lambda dice: dice.randrange(1000), None)
+        yield Target(f"states[{name}]", _same_in_batches, {"model": model, "seed": seed})
+        yield Target(f"motion[{name}]", _moved, {"model": model})
 
 
 def _no_complex(draw: Values) -> Values:
@@ -1565,7 +1611,7 @@ def _pictures() -> Iterator[Target]:
         },
         "colour_bar": {
             "label": words,
-            "ax": Kind(one_of(AXES), any_of(NONE, *NOTHINGS, one_of([AX], np.ones(2), AXES[:0]))),
+            "ax": Kind(one_of(AXES), any_of(*NOTHINGS, one_of([AX], np.ones(2), AXES[:0]))),
         },
         "style": {},
         "time_history": {"motions": several, "ax": ax},
@@ -1632,6 +1678,7 @@ TARGETS: tuple[Target, ...] = tuple(
         _pipes,
         _chains,
         _models,
+        _loaded,
         _scenes,
         _questions,
         _comparisons,

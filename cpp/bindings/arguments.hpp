@@ -9,10 +9,12 @@
 #include <pybind11/pybind11.h>
 #include <pybind11/typing.h>
 
+#include <algorithm>
 #include <cmath>
 #include <functional>
 #include <optional>
 #include <string>
+#include <vector>
 
 #include "parts.hpp"
 #include "pipedyn/chain/motion.hpp"
@@ -214,6 +216,40 @@ inline Numbers jacobians_of(py::ssize_t rows, py::ssize_t results, py::ssize_t c
   return made;
 }
 
+/// Raises NotResolved: `what` cannot be computed of those members of a batch of states, or of one.
+[[noreturn]] inline void refuse(const char* what, const std::vector<py::ssize_t>& members,
+                                const py::object& states, const std::string& why) {
+  const py::object error = py::module_::import("pipedyn.models.base").attr("NotResolved");
+  py::list indices;
+  for (const py::ssize_t member : members) indices.append(member);
+  PyErr_SetObject(error.ptr(), error.attr("of_states")(what, indices, states, why).ptr());
+  throw py::error_already_set();
+}
+
+/// Raises NotResolved unless all that was made of states (rows, k) is finite, in columns (results,
+/// k) or, where of_member, one member after the other.
+template <class Model>
+void require_answer(const char* what, const Model& of, py::ssize_t rows, const py::object& y,
+                    const Numbers& made, bool of_member) {
+  const double* const data = made.data();
+  if (motion_kernel().finite(data, made.size())) return;
+  const States states("y", y, rows);
+  const py::ssize_t k = states.members, each = made.size() / k;
+  std::vector<py::ssize_t> members;
+  for (py::ssize_t j = 0; j < k; ++j) {
+    bool finite = true;
+    for (py::ssize_t i = 0; i < each; ++i) {
+      finite = finite && std::isfinite(data[of_member ? j * each + i : i * k + j]);
+    }
+    if (!finite) members.push_back(j);
+  }
+  std::string why;
+  if constexpr (requires { of.unresolved(states.values.data(), k); }) {
+    why = of.unresolved(states.values.data() + members.front(), k);
+  }
+  refuse(what, members, states.one ? py::object(py::none()) : py::int_(k), why);
+}
+
 /// Rates of each member, their derivatives by the speed and by the state (members, 2 + rows, rows).
 template <class Model>
 void linearise(const Model& model, const Batch& batch, double* out) {
@@ -248,12 +284,14 @@ void linearise(const Model& model, const Batch& batch, double* out) {
   }
 }
 
-/// Energy of each member. rows, cost: as for `results_of`.
+/// Energy of each member. rows, cost: as for `results_of`; refuses: as for the rates.
 template <class Model>
 NumberOrArray energy_of(const Model& model, py::ssize_t rows, py::ssize_t cost, const py::object& y,
-                        const py::object& drive) {
+                        const py::object& drive, bool refuses) {
   const auto work = [&](const Batch& batch, double* out) { model.energy(batch, out); };
-  return row_of(results_of(rows, 1, cost, y, py::float_(0.0), drive, work), 0);
+  const Numbers made = results_of(rows, 1, cost, y, py::float_(0.0), drive, work);
+  if (refuses) require_answer("energy", model, rows, y, made, false);
+  return row_of(made, 0);
 }
 
 /// (flow, joints, drag, others, base)
@@ -262,65 +300,89 @@ using Parts =
 
 template <class Model>
 Parts power_of(const Model& model, py::ssize_t rows, py::ssize_t cost, const py::object& y,
-               const py::object& u, const py::object& drive) {
+               const py::object& u, const py::object& drive, bool refuses) {
   const auto work = [&](const Batch& batch, double* out) { model.power(batch, out); };
   const Numbers parts = results_of(rows, 5, cost, y, u, drive, work);
+  if (refuses) require_answer("power", model, rows, y, parts, false);
   return py::make_tuple(row_of(parts, 0), row_of(parts, 1), row_of(parts, 2), row_of(parts, 3),
                         row_of(parts, 4));
 }
 
 /// The equations of motion of states [p, p'] with 2 dof rows. work_of: of a state, in that of a
-/// chain's segment.
+/// chain's segment. What the model does not resolve raises NotResolved where `refuses`, else it is
+/// NaN, as integrators and searches take it.
 template <class Model, py::ssize_t (*work_of)(const Model&)>
 void define_equations(py::class_<Model>& model) {
   using namespace py::literals;
   using py::object;
   // Rates of states that have so many rows besides [p, p'].
-  const auto rates = [](auto work, py::ssize_t more) {
-    return [work, more](const Model& of, const object&, const object& y, const object& u,
-                        const object& drive) {
-      const py::ssize_t rows = 2 * of.dof() + more;
-      const py::ssize_t cost = work_of(of);
-      const auto part = [&](const Batch& batch, double* out) { work(of, batch, out); };
-      return results_of(rows, rows, cost, y, u, drive, [&](const Batch& batch, double* out) {
-        in_parts(batch, rows, rows, false, cost, part, out);
-      });
-    };
+  const auto rates = [](const Model& of, const object& y, const object& u, const object& drive,
+                        py::ssize_t more, auto work) {
+    const py::ssize_t rows = 2 * of.dof() + more, cost = work_of(of);
+    const auto part = [&](const Batch& batch, double* out) { work(of, batch, out); };
+    return results_of(rows, rows, cost, y, u, drive, [&](const Batch& batch, double* out) {
+      in_parts(batch, rows, rows, false, cost, part, out);
+    });
   };
   // Derivatives of these, after so many rows.
-  const auto slopes = [](auto work, py::ssize_t more) {
-    return [work, more](const Model& of, const object&, const object& y, const object& u,
-                        const object& drive) {
-      const py::ssize_t rows = 2 * of.dof(), results = rows + more, cost = work_of(of);
-      const auto part = [&](const Batch& batch, double* out) { work(of, batch, out); };
-      return jacobians_of(rows, results, cost, y, u, drive, [&](const Batch& batch, double* out) {
-        in_parts(batch, rows, results * rows, true, rows * cost, part, out);
-      });
-    };
+  const auto slopes = [](const Model& of, const object& y, const object& u, const object& drive,
+                         py::ssize_t more, auto work) {
+    const py::ssize_t rows = 2 * of.dof(), results = rows + more, cost = work_of(of);
+    const auto part = [&](const Batch& batch, double* out) { work(of, batch, out); };
+    return jacobians_of(rows, results, cost, y, u, drive, [&](const Batch& batch, double* out) {
+      in_parts(batch, rows, results * rows, true, rows * cost, part, out);
+    });
   };
-  const auto drive = "drive"_a = py::none();
-  model.def("rhs", rates(std::mem_fn(&Model::rhs), 0), "t"_a, "y"_a, "u"_a, drive)
-      .def("rhs_and_power", rates(std::mem_fn(&Model::rhs_and_power), 1), "t"_a, "y"_a, "u"_a,
-           drive)
-      .def("jacobian", slopes(std::mem_fn(&Model::jacobian), 0), "t"_a, "y"_a, "u"_a, drive)
-      .def("linearised", slopes(linearise<Model>, 2), "t"_a, "y"_a, "u"_a, drive)
+  const auto drive = "drive"_a = py::none(), refuses = "refuses"_a = true;
+  model
+      .def(
+          "rhs",
+          [rates](const Model& of, const object&, const object& y, const object& u,
+                  const object& driven, bool refused) {
+            Numbers made = rates(of, y, u, driven, 0, std::mem_fn(&Model::rhs));
+            if (refused) require_answer("rhs", of, 2 * of.dof(), y, made, false);
+            return made;
+          },
+          "t"_a, "y"_a, "u"_a, drive, refuses)
+      .def(
+          "rhs_and_power",
+          [rates](const Model& of, const object&, const object& y, const object& u,
+                  const object& driven) {
+            return rates(of, y, u, driven, 1, std::mem_fn(&Model::rhs_and_power));
+          },
+          "t"_a, "y"_a, "u"_a, drive)
+      .def(
+          "jacobian",
+          [slopes](const Model& of, const object&, const object& y, const object& u,
+                   const object& driven, bool refused) {
+            Numbers made = slopes(of, y, u, driven, 0, std::mem_fn(&Model::jacobian));
+            if (refused) require_answer("jacobian", of, 2 * of.dof(), y, made, true);
+            return made;
+          },
+          "t"_a, "y"_a, "u"_a, drive, refuses)
+      .def(
+          "linearised",
+          [slopes](const Model& of, const object&, const object& y, const object& u,
+                   const object& driven) { return slopes(of, y, u, driven, 2, linearise<Model>); },
+          "t"_a, "y"_a, "u"_a, drive)
       .def(
           "energy",
-          [](const Model& of, const object& y, const object& drive) {
-            return energy_of(of, 2 * of.dof(), work_of(of), y, drive);
+          [](const Model& of, const object& y, const object& driven, bool refused) {
+            return energy_of(of, 2 * of.dof(), work_of(of), y, driven, refused);
           },
-          "y"_a, drive)
+          "y"_a, drive, refuses)
       .def(
           "power",
-          [](const Model& of, const object& y, const object& u, const object& drive) {
-            return power_of(of, 2 * of.dof(), work_of(of), y, u, drive);
+          [](const Model& of, const object& y, const object& u, const object& driven,
+             bool refused) {
+            return power_of(of, 2 * of.dof(), work_of(of), y, u, driven, refused);
           },
-          "y"_a, "u"_a, drive)
+          "y"_a, "u"_a, drive, refuses)
       .def(
           "axial",
-          [](const Model& of, const object& y, const object& drive) {
+          [](const Model& of, const object& y, const object& driven) {
             return results_of(3 * of.dof(), 2 + 4 * of.dof(), work_of(of), y, py::float_(0.0),
-                              drive,
+                              driven,
                               [&](const Batch& batch, double* out) { of.axial(batch, out); });
           },
           "y"_a, drive);

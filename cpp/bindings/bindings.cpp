@@ -144,7 +144,15 @@ PYBIND11_MODULE(_core, m, py::mod_gil_not_used()) {
            }),
            "pipe"_a, "legendre"_a, "size"_a, "joints"_a = pipedyn::Vector(), "more"_a = 0,
            "least_nodes"_a = 0)
-      .def("operators", &Galerkin::operators, "q"_a = pipedyn::Vector(), Unlocked())
+      .def(
+          "operators",
+          [](const Galerkin& model, const pipedyn::Vector& q) {
+            const std::string why = q.size() == model.dof() ? model.unresolved(q.data(), 1) : "";
+            if (!why.empty()) pipedyn::refuse("operators", {0}, py::none(), why);
+            const py::gil_scoped_release unlocked;
+            return model.operators(q);
+          },
+          "q"_a = pipedyn::Vector())
       .def("nodes", &Galerkin::nodes, "q"_a, Unlocked())
       .def(
           "tips",

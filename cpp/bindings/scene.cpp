@@ -19,21 +19,30 @@ py::ssize_t work_of(const Scene& scene) {
   return scene.dof() * static_cast<py::ssize_t>(2 + 3 * scene.compliance().size());
 }
 
-/// Work on a batch of the states y, (rows,) or (rows, k), and of as many further moments and
-/// drives, or none.
+/// Further moments on the segments of states, as many of these as of the states; or none.
+struct Moments {
+  std::optional<States> given;
+
+  Moments(const Scene& scene, const py::object& moments) {
+    if (!moments.is_none()) given.emplace("moments", moments, scene.dof());
+  }
+  void add_to(Batch& batch) const {
+    if (!given) return;
+    if (batch.members != given->members) {
+      throw std::invalid_argument("moments must have as many columns as y, got " +
+                                  std::to_string(given->members));
+    }
+    batch.moments = given->values.data();
+  }
+};
+
+/// Work on a batch of the states y, (rows,) or (rows, k), with further moments and drives.
 template <class Work>
 Numbers scene_rates(const Scene& scene, py::ssize_t rows, const py::object& y, const py::object& u,
                     const py::object& moments, const py::object& drive, const Work& work) {
-  std::optional<States> further;
-  if (!moments.is_none()) further.emplace("moments", moments, scene.dof());
+  const Moments further(scene, moments);
   return results_of(rows, rows, work_of(scene), y, u, drive, [&](Batch batch, double* out) {
-    if (further) {
-      if (batch.members != further->members) {
-        throw std::invalid_argument("moments must have as many columns as y, got " +
-                                    std::to_string(further->members));
-      }
-      batch.moments = further->values.data();
-    }
+    further.add_to(batch);
     work(batch, out);
   });
 }
@@ -75,10 +84,9 @@ Numbers from_angles(const Scene& scene, const py::object& theta, const py::objec
 Numbers derivative(const Scene& scene, const py::object& y, const py::object& u,
                    const py::object& moments, const Matrix& by_state, bool returns,
                    const py::object& drive) {
-  std::optional<States> further;
-  if (!moments.is_none()) further.emplace("moments", moments, scene.dof());
+  const Moments further(scene, moments);
   const auto work = [&](Batch batch, double* out) {
-    if (further) batch.moments = further->values.data();
+    further.add_to(batch);
     scene.derivative(batch, returns ? Scene::return_rate : 0.0, by_state, out);
   };
   return jacobians_of(2 * scene.dof(), 2 * scene.dof(), work_of(scene), y, u, drive, work);
@@ -124,13 +132,16 @@ void define_scene(py::module_& m) {
       .def(
           "redundant_rhs",
           [](const Scene& scene, const py::object&, const py::object& y, const py::object& u,
-             const py::object& moments, const py::object& drive) {
+             const py::object& moments, const py::object& drive, bool refuses) {
             const auto work = [&](const Batch& states, double* out) {
               scene.redundant_rhs(states, out);
             };
-            return scene_rates(scene, 2 * scene.coordinates(), y, u, moments, drive, work);
+            const py::ssize_t rows = 2 * scene.coordinates();
+            Numbers made = scene_rates(scene, rows, y, u, moments, drive, work);
+            if (refuses) require_answer("rhs", scene, rows, y, made, false);
+            return made;
           },
-          "t"_a, "y"_a, "u"_a, "moments"_a = py::none(), "drive"_a = py::none())
+          "t"_a, "y"_a, "u"_a, "moments"_a = py::none(), "drive"_a = py::none(), "refuses"_a = true)
       .def(
           "rhs_and_power",
           [](const Scene& scene, const py::object&, const py::object& y, const py::object& u,
@@ -143,17 +154,19 @@ void define_scene(py::module_& m) {
           "t"_a, "y"_a, "u"_a, "moments"_a, "drive"_a = py::none())
       .def(
           "redundant_energy",
-          [](const Scene& scene, const py::object& y, const py::object& drive) {
-            return energy_of(Redundant{scene}, 2 * scene.coordinates(), work_of(scene), y, drive);
+          [](const Scene& scene, const py::object& y, const py::object& drive, bool refuses) {
+            return energy_of(Redundant{scene}, 2 * scene.coordinates(), work_of(scene), y, drive,
+                             refuses);
           },
-          "y"_a, "drive"_a = py::none())
+          "y"_a, "drive"_a = py::none(), "refuses"_a = true)
       .def(
           "redundant_power",
-          [](const Scene& scene, const py::object& y, const py::object& u,
-             const py::object& drive) {
-            return power_of(Redundant{scene}, 2 * scene.coordinates(), work_of(scene), y, u, drive);
+          [](const Scene& scene, const py::object& y, const py::object& u, const py::object& drive,
+             bool refuses) {
+            return power_of(Redundant{scene}, 2 * scene.coordinates(), work_of(scene), y, u, drive,
+                            refuses);
           },
-          "y"_a, "u"_a, "drive"_a = py::none());
+          "y"_a, "u"_a, "drive"_a = py::none(), "refuses"_a = true);
 }
 
 }  // namespace pipedyn

@@ -66,7 +66,14 @@ from pipedyn.linear.modes import Modes, ModeShape, RootLoci, eigenvalues, modes,
 from pipedyn.linear.sensitivity import Crossing, Crossings, Derivatives, Sensitivity
 from pipedyn.linear.stability_curve import Failure, StabilityCurve, stability_curve
 from pipedyn.models import modular
-from pipedyn.models.base import Model, NotConverged, Operators, PipedynError, Power
+from pipedyn.models.base import (
+    Model,
+    NotConverged,
+    NotResolved,
+    Operators,
+    PipedynError,
+    Power,
+)
 from pipedyn.models.chain import Chain
 from pipedyn.models.continuum import Continuum
 from pipedyn.models.drive import Harmonic, Pulsation, Supply
@@ -161,6 +168,7 @@ __all__ = [
     "NoModel",
     "NotConverged",
     "NotIdentifiable",
+    "NotResolved",
     "Occurrences",
     "Operators",
     "OrganisingPoint",

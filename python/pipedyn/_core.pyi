@@ -120,11 +120,16 @@ class Chain:
         self, y: typing.Any, drive: typing.Any = None
     ) -> numpy.typing.NDArray[numpy.float64]: ...
     def energy(
-        self, y: typing.Any, drive: typing.Any = None
+        self, y: typing.Any, drive: typing.Any = None, refuses: bool = True
     ) -> float | numpy.typing.NDArray[numpy.float64]: ...
     def guided(self, held: collections.abc.Sequence[bool]) -> Chain: ...
     def jacobian(
-        self, t: typing.Any, y: typing.Any, u: typing.Any, drive: typing.Any = None
+        self,
+        t: typing.Any,
+        y: typing.Any,
+        u: typing.Any,
+        drive: typing.Any = None,
+        refuses: bool = True,
     ) -> numpy.typing.NDArray[numpy.float64]: ...
     def joint_operators(
         self, scale: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"]
@@ -152,7 +157,7 @@ class Chain:
     ) -> Operators: ...
     def places(self) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"]: ...
     def power(
-        self, y: typing.Any, u: typing.Any, drive: typing.Any = None
+        self, y: typing.Any, u: typing.Any, drive: typing.Any = None, refuses: bool = True
     ) -> tuple[
         float | numpy.typing.NDArray[numpy.float64],
         float | numpy.typing.NDArray[numpy.float64],
@@ -161,7 +166,12 @@ class Chain:
         float | numpy.typing.NDArray[numpy.float64],
     ]: ...
     def rhs(
-        self, t: typing.Any, y: typing.Any, u: typing.Any, drive: typing.Any = None
+        self,
+        t: typing.Any,
+        y: typing.Any,
+        u: typing.Any,
+        drive: typing.Any = None,
+        refuses: bool = True,
     ) -> numpy.typing.NDArray[numpy.float64]: ...
     def rhs_and_power(
         self, t: typing.Any, y: typing.Any, u: typing.Any, drive: typing.Any = None
@@ -192,12 +202,17 @@ class Galerkin:
         self,
     ) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, 1]"]: ...
     def energy(
-        self, y: typing.Any, drive: typing.Any = None
+        self, y: typing.Any, drive: typing.Any = None, refuses: bool = True
     ) -> float | numpy.typing.NDArray[numpy.float64]: ...
     def functions_by_panel(self) -> list[list[int]]: ...
     def held(self, y: typing.Any) -> numpy.typing.NDArray[numpy.float64]: ...
     def jacobian(
-        self, t: typing.Any, y: typing.Any, u: typing.Any, drive: typing.Any = None
+        self,
+        t: typing.Any,
+        y: typing.Any,
+        u: typing.Any,
+        drive: typing.Any = None,
+        refuses: bool = True,
     ) -> numpy.typing.NDArray[numpy.float64]: ...
     def linearised(
         self, t: typing.Any, y: typing.Any, u: typing.Any, drive: typing.Any = None
@@ -210,7 +225,7 @@ class Galerkin:
         self, q: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"] = ...
     ) -> Operators: ...
     def power(
-        self, y: typing.Any, u: typing.Any, drive: typing.Any = None
+        self, y: typing.Any, u: typing.Any, drive: typing.Any = None, refuses: bool = True
     ) -> tuple[
         float | numpy.typing.NDArray[numpy.float64],
         float | numpy.typing.NDArray[numpy.float64],
@@ -219,7 +234,12 @@ class Galerkin:
         float | numpy.typing.NDArray[numpy.float64],
     ]: ...
     def rhs(
-        self, t: typing.Any, y: typing.Any, u: typing.Any, drive: typing.Any = None
+        self,
+        t: typing.Any,
+        y: typing.Any,
+        u: typing.Any,
+        drive: typing.Any = None,
+        refuses: bool = True,
     ) -> numpy.typing.NDArray[numpy.float64]: ...
     def rhs_and_power(
         self, t: typing.Any, y: typing.Any, u: typing.Any, drive: typing.Any = None
@@ -490,19 +510,24 @@ class Scene:
         drive: typing.Any = None,
     ) -> numpy.typing.NDArray[numpy.float64]: ...
     def energy(
-        self, y: typing.Any, drive: typing.Any = None
+        self, y: typing.Any, drive: typing.Any = None, refuses: bool = True
     ) -> float | numpy.typing.NDArray[numpy.float64]: ...
     def from_angles(
         self, theta: typing.Any, omega: typing.Any
     ) -> numpy.typing.NDArray[numpy.float64]: ...
     def jacobian(
-        self, t: typing.Any, y: typing.Any, u: typing.Any, drive: typing.Any = None
+        self,
+        t: typing.Any,
+        y: typing.Any,
+        u: typing.Any,
+        drive: typing.Any = None,
+        refuses: bool = True,
     ) -> numpy.typing.NDArray[numpy.float64]: ...
     def linearised(
         self, t: typing.Any, y: typing.Any, u: typing.Any, drive: typing.Any = None
     ) -> numpy.typing.NDArray[numpy.float64]: ...
     def power(
-        self, y: typing.Any, u: typing.Any, drive: typing.Any = None
+        self, y: typing.Any, u: typing.Any, drive: typing.Any = None, refuses: bool = True
     ) -> tuple[
         float | numpy.typing.NDArray[numpy.float64],
         float | numpy.typing.NDArray[numpy.float64],
@@ -520,10 +545,10 @@ class Scene:
         typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, 1]"],
     ]: ...
     def redundant_energy(
-        self, y: typing.Any, drive: typing.Any = None
+        self, y: typing.Any, drive: typing.Any = None, refuses: bool = True
     ) -> float | numpy.typing.NDArray[numpy.float64]: ...
     def redundant_power(
-        self, y: typing.Any, u: typing.Any, drive: typing.Any = None
+        self, y: typing.Any, u: typing.Any, drive: typing.Any = None, refuses: bool = True
     ) -> tuple[
         float | numpy.typing.NDArray[numpy.float64],
         float | numpy.typing.NDArray[numpy.float64],
@@ -538,9 +563,15 @@ class Scene:
         u: typing.Any,
         moments: typing.Any = None,
         drive: typing.Any = None,
+        refuses: bool = True,
     ) -> numpy.typing.NDArray[numpy.float64]: ...
     def rhs(
-        self, t: typing.Any, y: typing.Any, u: typing.Any, drive: typing.Any = None
+        self,
+        t: typing.Any,
+        y: typing.Any,
+        u: typing.Any,
+        drive: typing.Any = None,
+        refuses: bool = True,
     ) -> numpy.typing.NDArray[numpy.float64]: ...
     @typing.overload
     def rhs_and_power(

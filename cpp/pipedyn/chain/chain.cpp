@@ -353,13 +353,13 @@ void Chain::add_normal_mass(const Vector& sine, const Vector& cosine, Matrix& ma
 void Chain::add_loads(const Vector& sine, const Vector& cosine, Operators& ops) const {
   const std::vector<LoadMoments> sums = loads_at(motion(), sine, cosine);
   const auto normal = [&](Index k) { return Plane{cosine[k], -sine[k]}; };
-  Slopes beyond;  // of all loads beyond segment i
+  Slopes<double> beyond;  // of all loads beyond segment i
   Plane load{0.0, 0.0};
   for (Index i = dof() - 1; i >= 0; --i) {
     const auto& [loads, slopes, any] = sums[static_cast<std::size_t>(i)];
     const double l = link(i).length;
     const Plane across = normal(i), along{sine[i], cosine[i]};
-    Slopes arm = slopes[1], own = slopes[2];  // with the arms from the joint of segment i
+    Slopes<double> arm = slopes[1], own = slopes[2];  // with the arms from the joint of segment i
     add(arm, l, beyond);
     add(own, l * l, beyond);
     const Plane turned = plus(times(arm.by_position, across), plane(slopes[0].by_angle));

@@ -163,38 +163,40 @@ struct Linearised {
   const MotionModel& model;
   const double *rates, *slopes;  // the second of further moments
   double u, push;                // the second: sqrt(beta) U'
-  double *sine, *cosine;         // of each segment's angle
+  Sweep<double> sweep;
+  double *sine, *cosine;  // of each segment's angle
   Kept* kept;
-  LoadMoments* loads;
+  LoadMoments* loads;  // where there are any
 
-  /// Numbers that it keeps.
-  static Count size(Count n) {
-    constexpr Count kept_numbers =
-        static_cast<Count>((sizeof(Kept) + sizeof(LoadMoments)) / sizeof(double));
-    return Sweep<double>::size(n) + 2 * whole_packs(n) + kept_numbers * n;
-  }
+  Linearised(const MotionModel& of, const Batch& one, Layout& layout)
+      : model(of),
+        rates(one.y + of.size),
+        slopes(one.slopes),
+        u(one.u[0]),
+        push(0.0),
+        sweep(of.size, layout),
+        sine(layout.take(whole_packs(of.size))),
+        cosine(layout.take(whole_packs(of.size))),
+        kept(layout.take<Kept>(of.size)),
+        loads(layout.take<LoadMoments>(loaded() ? of.size : 0)) {}
 
-  Linearised(const MotionModel& of, const Batch& one, double* scratch)
-      : model(of), rates(one.y + of.size), slopes(one.slopes), u(one.u[0]) {
+  /// Computes what the arrays hold.
+  void linearise(const Batch& one) {
     const Count n = model.size;
-    sine = scratch + Sweep<double>::size(n);
-    cosine = sine + whole_packs(n);
-    kept = reinterpret_cast<Kept*>(cosine + whole_packs(n));
-    loads = reinterpret_cast<LoadMoments*>(kept + n);
-    const Sweep<double> sweep(n, scratch);
     const Members<double> member{one, 0, 1};
     const Driven<double> driven = member.drive();
     push = model.coriolis * driven.rate;
     accelerations_of<true>(model, member, sweep, nullptr, false, kept);
-    for (Count j = 0; j < whole_packs(n); ++j) scratch[j] = j < n ? one.y[j] : 0.0;
-    sincos(scratch, n, sine, cosine);
+    double* const angles = sweep.array(sweep.turn);
+    for (Count j = 0; j < n; ++j) angles[j] = one.y[j];
+    sincos(angles, n, sine, cosine);
     if (loaded()) load_moments(model, sine, cosine, rates, driven, loads);
   }
   bool loaded() const { return model.load_count > 0; }
   Frame frame(Count k) const { return Frame(sine[k], cosine[k]); }
   /// Change of the loads' moment on a segment by the velocity of its joint, or by its position.
   Plane moment_by_velocity(Count k) const {
-    const Slopes(&of)[3] = loads[k].slopes;
+    const Slopes<double>(&of)[3] = loads[k].slopes;
     return plus(transposed_times(of[1].by_velocity, frame(k).n), plane(of[0].couple_by_velocity));
   }
   Plane moment_by_position(Count k) const {
@@ -222,21 +224,13 @@ struct Columns {
   double *ax, *ay;                  // change of the node's acceleration
   double *vx, *vy;                  // V
   double *jump_x, *jump_y;          // jump
-  Plane *answer, *position_answer;  // q of each segment
+  Plane *answer, *position_answer;  // q of each segment, where forces answer its motion
 
-  static Count size(Count n) { return 20 * n; }
-
-  Columns(Count n, double* scratch) {
-    bx = scratch;
-    by = bx + 2 * n;
-    ax = by + 2 * n;
-    ay = ax + 2 * n;
-    vx = ay + 2 * n;
-    vy = vx + 2 * n;
-    jump_x = vy + 2 * n;
-    jump_y = jump_x + 2 * n;
-    answer = reinterpret_cast<Plane*>(jump_y + 2 * n);
-    position_answer = answer + n;
+  Columns(const MotionModel& model, Layout& layout) {
+    double** const all[] = {&bx, &by, &ax, &ay, &vx, &vy, &jump_x, &jump_y};
+    for (double** const of : all) *of = layout.take(2 * model.size);
+    answer = layout.take<Plane>(model.resists() ? model.size : 0);
+    position_answer = layout.take<Plane>(model.load_count > 0 ? model.size : 0);
   }
 };
 
@@ -345,9 +339,14 @@ void columns_outward(const Linearised& about, const Columns& columns, double* ou
 
 void jacobian(const MotionModel& model, const Batch& one, double* out) {
   const Count n = model.size;
-  double* const scratch = pipedyn::scratch(Linearised::size(n) + Columns::size(n));
-  const Linearised about(model, one, scratch);
-  const Columns columns(n, scratch + Linearised::size(n));
+  struct Scratch {
+    Linearised about;
+    Columns columns;
+  };
+  auto [about, columns] = laid_out([&](Layout& layout) {
+    return Scratch{Linearised(model, one, layout), Columns(model, layout)};
+  });
+  about.linearise(one);
   std::memset(out, 0, static_cast<std::size_t>(4 * n * n) * sizeof(double));
   for (Count j = 0; j < n; ++j) out[j * 2 * n + n + j] = 1.0;
   columns_inward(about, columns, out);

@@ -4,7 +4,7 @@
 // PIPEDYN_WIDTH set.
 #include "pipedyn/chain/impedance.hpp"
 
-#include "pipedyn/vector/pack.hpp"
+#include "pipedyn/vector/layout.hpp"
 
 namespace {
 
@@ -285,13 +285,17 @@ struct Turned {
   Lanes right, left;
 };
 
-void pairs(const ImpedanceModel& model, const ImpedancePoints& points, const ImpedancePairs& out,
-           double* scratch) {
+void pairs(const ImpedanceModel& model, const ImpedancePoints& points, const ImpedancePairs& out) {
   const Count n = model.size;
   Count start = 0;  // the first segment that moves
   while (model.segments[start].held) ++start;
-  Segment* const segments = reinterpret_cast<Segment*>(scratch);
-  Turned* const turned_by = reinterpret_cast<Turned*>(segments + n);
+  struct Scratch {
+    Segment* segments;
+    Turned* turned_by;
+  };
+  const auto [segments, turned_by] = laid_out([&](Layout& layout) {
+    return Scratch{layout.take<Segment>(n), layout.take<Turned>(out.loaded ? n : 0)};
+  });
   for (Count first = 0; first < points.count; first += width) {
     const Problem problem(model, taken(points, first), points.u);
     Impedance at = end_impedance(model, problem);
@@ -347,7 +351,7 @@ void pairs(const ImpedanceModel& model, const ImpedancePoints& points, const Imp
       }
       const auto& [at, share] = segments[j];
       const Turned loaded = out.loaded ? turned_by[j] : Turned{};
-      const Motion x_before = x, y_before = y;
+      const Lanes angle_before = x.angle, dual_before = y.angle;
       const Step step(l, at, own);
       const Lanes rest_of_p = own.elastic + own.moment + at.d;
       if (segment.held) {
@@ -382,8 +386,8 @@ void pairs(const ImpedanceModel& model, const ImpedancePoints& points, const Imp
         value += dual_row * row;
         rest += size_of(dual_row) * size_of(row);
       };
-      add(y_before.angle, joint_moment - elastic);
-      add(dual_moment, x.angle - x_before.angle - x.turn);
+      add(dual_before, joint_moment - elastic);
+      add(dual_moment, x.angle - angle_before - x.turn);
       add(Lanes{} - dual_force, x.end - x.joint - l * x.angle);
       if (j > start) {
         add(y.joint, own.force * x.joint + own.turned * x.angle + problem.thrust * x.turn + force -
@@ -396,9 +400,9 @@ void pairs(const ImpedanceModel& model, const ImpedancePoints& points, const Imp
           terms.elastic * size_of(y.turn) * turns +
           dual_angles * (terms.moment * angles + terms.across * joints) +
           dual_joints * (terms.force * joints + terms.turned * angles + problem.thrust * turns);
-      sums += size_of(dual_moment) * (turns + angles + size_of(x_before.angle)) +
+      sums += size_of(dual_moment) * (turns + angles + size_of(angle_before)) +
               size_of(dual_force) * (size_of(x.end) + joints + l * angles) +
-              size_of(elastic) * (dual_angles + size_of(y_before.angle)) +
+              size_of(elastic) * (dual_angles + size_of(dual_before)) +
               size_of(force) * (dual_joints + size_of(y.end));
       force_before = force;
       if (out.right != nullptr) put(out.right + 2 * j * points.count, points, first, x.turn);

@@ -92,10 +92,8 @@ struct ImpedanceKernel {
   /// d log det P / dlambda - sum_k 1 / (lambda - lambda_k), real and imaginary parts of count
   /// values; roots k at lambda itself add nothing.
   void (*log_derivative)(const ImpedanceModel&, const ImpedancePoints&, double* out);
-  /// Vectors of roots, or of values near them; scratch: 14 n width numbers on a vector's boundary,
-  /// 10 n width where nothing is loaded.
-  void (*pairs)(const ImpedanceModel&, const ImpedancePoints&, const ImpedancePairs&,
-                double* scratch);
+  /// Vectors of roots, or of values near them. Uses the thread's scratch (vector/scratch.hpp).
+  void (*pairs)(const ImpedanceModel&, const ImpedancePoints&, const ImpedancePairs&);
 };
 
 extern const ImpedanceKernel impedance_baseline, impedance_avx2, impedance_avx512;

@@ -30,7 +30,7 @@ namespace {
 
 /// Calls body(law, place, station) for each place with a load, of angles and rates that were read.
 template <class Real, class Body>
-void for_each_load(const MotionModel& model, const Sweep<Real>& sweep, const Driven<Real>& driven,
+void for_each_load(const MotionModel& model, Sweep<Real> sweep, const Driven<Real>& driven,
                    const Body& body) {
   if (model.load_count == 0) return;
   Walk<Real> walk(model, driven);
@@ -41,13 +41,13 @@ void for_each_load(const MotionModel& model, const Sweep<Real>& sweep, const Dri
 }
 
 template <class Real>
-void energy_of(const MotionModel& model, const Members<Real>& members, const Sweep<Real> sweep,
+void energy_of(const MotionModel& model, const Members<Real>& members, Sweep<Real> sweep,
                double* out) {
   const Count n = model.size;
   Real twice{};
   if (model.gravity != 0.0) {  // 1 - cos theta = 2 sin^2 (theta / 2)
     for (Count j = 0; j < n; ++j) sweep.set(sweep.turn, j, 0.5 * members.row(j));
-    sincos(sweep.turn, n * lanes<Real>, sweep.sine, sweep.cosine);
+    sweep.take_sines(n);
     for (Count j = 0; j < n; ++j) {
       const Real s = sweep.at(sweep.sine, j);
       twice += 4.0 * model.links[j].weight * (s * s);
@@ -75,7 +75,7 @@ void energy_of(const MotionModel& model, const Members<Real>& members, const Swe
 }
 
 template <class Real>
-void power_of(const MotionModel& model, const Members<Real>& members, const Sweep<Real> sweep,
+void power_of(const MotionModel& model, const Members<Real>& members, Sweep<Real> sweep,
               double* out) {
   const Count n = model.size;
   read_state(members, n, sweep);
@@ -115,11 +115,11 @@ void power_of(const MotionModel& model, const Members<Real>& members, const Swee
 /// whose derivatives are l_j (n_j . A_j - (w_j' t_j + w_j^2 n_j) . D_j) by the angle of segment j,
 /// -l_j w_j (2 t_j . D_j + l_j) by its rate, and l_j n_j . D_j by its acceleration.
 template <class Real>
-void axial_of(const MotionModel& model, const Members<Real>& members, const Sweep<Real> sweep,
+void axial_of(const MotionModel& model, const Members<Real>& members, Sweep<Real> sweep,
               double* out) {
   const Count n = model.size;
   for (Count j = 0; j < n; ++j) sweep.set(sweep.turn, j, members.row(j));
-  sincos(sweep.turn, n * lanes<Real>, sweep.sine, sweep.cosine);
+  sweep.take_sines(n);
   const Driven<Real> driven = members.drive();
   Real ax = driven.ax, ay = driven.ay, along = model.base * ay, depth = all<Real>(model.base);
   for (Count j = 0; j < n; ++j) {
@@ -178,27 +178,22 @@ void axial(const MotionModel& model, const Batch& batch, double* out) {
 }
 
 bool all_finite(const double* x, Count count) {
-  Pack sum{};
-  Count i = 0;
-  for (; i + width <= count; i += width) sum += 0.0 * load<Pack>(x + i);
-  double each[width], rest = 0.0;
-  store(each, sum);
-  for (const double lane : each) rest += lane;
-  for (; i < count; ++i) rest += 0.0 * x[i];
-  return rest == 0.0;
-}
-
-/// Calls body(first, packs) for `size` numbers in whole packs, some together: their sums need not
-/// wait for each other. The last overlap their neighbours; of less than a pack one number a time.
-template <class Body>
-void for_each_pack(Count size, const Body& body) {
-  constexpr Count four = 4 * width;
-  Count first = 0;
-  for (; first + four <= size; first += four) body.template operator()<Pack, 4>(first);
-  for (; first < size && size >= width; first += width) {
-    body.template operator()<Pack, 1>(first + width <= size ? first : size - width);
-  }
-  for (; first < size; ++first) body.template operator()<double, 1>(first);
+  Pack sums[4] = {};
+  double sum = 0.0;
+  for_each_pack(count, [&]<class Real, Count packs>(Count first) {
+    for (Count p = 0; p < packs; ++p) {
+      const Real none = 0.0 * load<Real>(x + first + p * lanes<Real>);  // or NaN
+      if constexpr (lanes<Real> == lanes<Pack>) {
+        sums[p] += none;
+      } else {
+        sum += none;
+      }
+    }
+  });
+  double each[width];
+  store(each, Pack((sums[0] + sums[1]) + (sums[2] + sums[3])));
+  for (const double lane : each) sum += lane;
+  return sum == 0.0;
 }
 
 void combine(const double* weights, const double* const* k, Count terms, const double* y,

@@ -219,26 +219,31 @@ void solve_shifted(const MotionModel& model, double u, const ShiftedFactors<size
   }
 }
 
+/// What body.operator()<size>() is for the motion that factors carry.
+template <class Body>
+auto with_carried(const MotionModel& model, const Body& body) {
+  return model.resists() ? body.template operator()<6>() : body.template operator()<2>();
+}
+
 /// Calls body(factors, pass) with the factors of all shifts, as many at a time as a vector holds.
 template <class Body>
 void for_each_pass(const MotionModel& model, double* array, const Body& body) {
-  for (Count pass = 0; pass < shift_passes; ++pass) {
-    if (model.resists()) {
-      body(ShiftedFactors<6>(array, model.size, pass), pass);
-    } else {
-      body(ShiftedFactors<2>(array, model.size, pass), pass);
+  with_carried(model, [&]<Count size>() {
+    for (Count pass = 0; pass < shift_passes; ++pass) {
+      body(ShiftedFactors<size>(array, model.size, pass), pass);
     }
-  }
+  });
 }
 
 Count shifted_numbers(const MotionModel& model) {
-  return model.resists() ? ShiftedFactors<6>::numbers(model.size)
-                         : ShiftedFactors<2>::numbers(model.size);
+  return with_carried(model,
+                      [&]<Count size>() { return ShiftedFactors<size>::numbers(model.size); });
 }
 
 void factorise_shifted(const MotionModel& model, const Batch& one, const double* mu,
                        double* array) {
-  const Linearised about(model, one, pipedyn::scratch(Linearised::size(model.size)));
+  auto about = laid_out([&](Layout& layout) { return Linearised(model, one, layout); });
+  about.linearise(one);
   for_each_pass(model, array, [&](const auto& factors, Count pass) {
     *factors.mu = read_shifted(mu, 0, pass);
     factorise_shifted(about, factors);
@@ -246,7 +251,8 @@ void factorise_shifted(const MotionModel& model, const Batch& one, const double*
 }
 
 void solve_shifted(const MotionModel& model, double u, double* array, double* x) {
-  double* const alone = pipedyn::scratch(2 * shift_count * model.size);
+  double* const alone =
+      laid_out([&](Layout& layout) { return layout.take(2 * shift_count * model.size); });
   for_each_pass(model, array, [&](const auto& factors, Count pass) {
     solve_shifted(model, u, factors, pass, alone, x);
   });

@@ -41,8 +41,10 @@ struct Driven {
   /// row(k): row k of a batch's drive, which it has.
   template <class Row>
   static Driven of(const pipedyn::Batch& batch, const Row& row) {
-    if (batch.drive == nullptr) return {};
-    return {row(0), row(1), row(2), row(3), row(4), row(5), row(6)};
+    const bool driven = batch.drive != nullptr;
+    // One by one: all zeros at once were written by eights of bytes and read by packs.
+    const auto entry = [&](Count k) { return driven ? row(k) : Real{}; };
+    return {entry(0), entry(1), entry(2), entry(3), entry(4), entry(5), entry(6)};
   }
 };
 
@@ -98,11 +100,11 @@ struct Walk {
 /// Sums over the places of one segment, with powers 0, 1, 2 of the arm.
 struct LoadMoments {
   double load[2][2];  // by power: x, y
-  Slopes slopes[3];
+  Slopes<double> slopes[3];
   bool any;  // whether there is a place
 };
 
-inline void add(Slopes& sum, double weight, const Slopes& more) {
+inline void add(Slopes<double>& sum, double weight, const Slopes<double>& more) {
   for (int i = 0; i < 2; ++i) {
     for (int k = 0; k < 2; ++k) {
       sum.by_position[i][k] += weight * more.by_position[i][k];
@@ -127,7 +129,7 @@ inline void load_moments(const MotionModel& model, const double* sine, const dou
     walk.cosine = cosine[j];
     const auto visit = [&](const auto& law, const SegmentTerm& place, const Station<double>& at) {
       const Load<double> load = law.load(at);
-      const Slopes slopes = law.slopes(at);
+      const Slopes<double> slopes = law.slopes(at);
       double weight = place.weight;
       sum.any = true;
       for (int power = 0; power < 3; ++power) {

@@ -41,8 +41,7 @@
 
 #include "pipedyn/chain/motion.hpp"
 #include "pipedyn/chain/stations.hpp"
-#include "pipedyn/vector/pack.hpp"
-#include "pipedyn/vector/scratch.hpp"
+#include "pipedyn/vector/layout.hpp"
 
 namespace {
 
@@ -83,27 +82,28 @@ struct Members {
   }
 };
 
-/// Scratch of the sweeps, one Real a segment in each; two serve twice.
+/// Scratch of the sweeps: arrays of one Real a segment, some of which serve twice. In two numbers,
+/// which functions are given in registers.
 template <class Real>
 struct Sweep {
-  double *turn, *rate, *sine, *cosine, *drag, *free, *along, *moment;
+  static constexpr Count turn = 0, rate = 1, sine = 2, cosine = 3, drag = 4, free = 5, along = 6,
+                         moment = 7, arrays = 8;
+  double* first;
+  Count stride;
 
-  Sweep(Count n, double* scratch) {
-    const Count stride = whole_packs(n * lanes<Real>);
-    turn = scratch;
-    rate = turn + stride;
-    sine = rate + stride;
-    cosine = sine + stride;
-    drag = cosine + stride;
-    free = drag + stride;
-    along = free + stride;
-    moment = along + stride;
-    for (Count i = n * lanes<Real>; i < stride; ++i) turn[i] = 0.0;
+  Sweep(Count n, Layout& layout) : stride(whole_packs(n * lanes<Real>)) {
+    first = layout.take(arrays * stride);
+    if (first == nullptr) return;
+    for (Count i = n * lanes<Real>; i < stride; ++i) first[i] = 0.0;  // angles that fill a pack up
   }
-  static Count size(Count n) { return 8 * whole_packs(n * lanes<Real>); }
 
-  static Real at(const double* array, Count j) { return load<Real>(array + j * lanes<Real>); }
-  static void set(double* array, Count j, const Real& x) { store(array + j * lanes<Real>, x); }
+  double* array(Count which) const { return first + which * stride; }
+  Real at(Count which, Count j) const { return load<Real>(array(which) + j * lanes<Real>); }
+  void set(Count which, Count j, const Real& x) const { store(array(which) + j * lanes<Real>, x); }
+  /// Sine and cosine of the n turns.
+  void take_sines(Count n) const {
+    sincos(array(turn), n * lanes<Real>, array(sine), array(cosine));
+  }
 };
 
 /// Calls body(members, sweep) for a member alone or for every block of members; the last one
@@ -111,13 +111,17 @@ struct Sweep {
 template <class Body>
 void for_each_block(const MotionModel& model, const Batch& batch, const Body& body) {
   const Count members = batch.members, n = model.size;
-  double* const scratch = pipedyn::scratch(Sweep<Pack>::size(n));
-  if (members == 1) body(Members<double>{batch, 0, 1}, Sweep<double>(n, scratch));
-  for (Count first = 0; members > 1 && first < members; first += width) {
+  if (members == 1) {
+    body(Members<double>{batch, 0, 1},
+         laid_out([n](Layout& layout) { return Sweep<double>(n, layout); }));
+    return;
+  }
+  const auto sweep = laid_out([n](Layout& layout) { return Sweep<Pack>(n, layout); });
+  for (Count first = 0; first < members; first += width) {
     const Count whole = first + width <= members ? first : members - width;
     const Members<Pack> block{batch, members < width ? 0 : whole,
                               members < width ? members : width};
-    body(block, Sweep<Pack>(n, scratch));
+    body(block, sweep);
   }
 }
 
@@ -151,7 +155,7 @@ struct Thrust {
 };
 
 template <class Real>
-void read_state(const Members<Real>& members, Count n, const Sweep<Real>& sweep) {
+void read_state(const Members<Real>& members, Count n, Sweep<Real> sweep) {
   Real before{};
   for (Count j = 0; j < n; ++j) {
     const Real angle = members.row(j);
@@ -159,14 +163,14 @@ void read_state(const Members<Real>& members, Count n, const Sweep<Real>& sweep)
     sweep.set(sweep.rate, j, members.row(n + j));
     before = angle;
   }
-  sincos(sweep.turn, n * lanes<Real>, sweep.sine, sweep.cosine);
+  sweep.take_sines(n);
 }
 
 /// Calls body(j, vt, vn, w) with the velocity of the clamped side of each segment in its frame, the
 /// clamp's to begin with, which the last two arguments have; returns that of the free end in these.
 template <class Real, class Body>
-void for_each_velocity(const MotionModel& model, const Sweep<Real>& sweep, const Body& body,
-                       Real& vt, Real& vn) {
+void for_each_velocity(const MotionModel& model, Sweep<Real> sweep, const Body& body, Real& vt,
+                       Real& vn) {
   for (Count j = 0; j < model.size; ++j) {
     const Real s = sweep.at(sweep.sine, j), c = sweep.at(sweep.cosine, j);
     const Real w = sweep.at(sweep.rate, j);
@@ -188,8 +192,7 @@ struct LoadPower {
 /// See `add_loads`. drives: whether the batch's drive does.
 template <bool drives, class Real>
 PIPEDYN_NOINLINE LoadPower<Real> add_all_loads(const MotionModel& model,
-                                               const Members<Real>& members,
-                                               const Sweep<Real>& sweep) {
+                                               const Members<Real>& members, Sweep<Real> sweep) {
   LoadPower<Real> power;
   const double* const moments = members.batch.moments;
   const Driven<Real> driven = members.drive();
@@ -250,7 +253,7 @@ PIPEDYN_NOINLINE LoadPower<Real> add_all_loads(const MotionModel& model,
 /// the signs of resistance.
 template <class Real>
 LoadPower<Real> add_loads(const MotionModel& model, const Members<Real>& members,
-                          const Sweep<Real>& sweep) {
+                          Sweep<Real> sweep) {
   return members.batch.drive != nullptr ? add_all_loads<true>(model, members, sweep)
                                         : add_all_loads<false>(model, members, sweep);
 }

@@ -21,8 +21,8 @@ struct Axial : Block<Real> {
 
   using Base::Base;
 
-  void lay_out(Layout& layout) {
-    Base::lay_out(layout);
+  void take(Layout& layout) {
+    Base::take(layout);
     turning = layout.take(grid.stride * lanes<Real>);
     for (double*& of : weighed) of = layout.take(points * lanes<Real>);
   }

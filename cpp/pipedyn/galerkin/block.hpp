@@ -11,24 +11,20 @@
 #include "pipedyn/galerkin/kernel.hpp"
 #include "pipedyn/galerkin/signed_weights.hpp"
 #include "pipedyn/terms/laws.hpp"
-#include "pipedyn/vector/pack.hpp"
-#include "pipedyn/vector/scratch.hpp"
+#include "pipedyn/vector/layout.hpp"
 
 namespace {
 
 using pipedyn::Batch, pipedyn::Drive, pipedyn::MotionEffects, pipedyn::PanelTerm;
 
-/// Hands out the thread's scratch; without any it only counts.
-struct Layout {
-  double* scratch = nullptr;
-  Count used = 0;
-
-  double* take(Count numbers) {
-    double* const start = scratch == nullptr ? nullptr : scratch + used;
-    used += (numbers + 7) / 8 * 8;
-    return start;
+/// Whether a law that acts on the pipe has a couple.
+inline bool any_couples(const MotionEffects& effects) {
+  bool any = false;
+  for (Count k = 0; k < effects.load_count; ++k) {
+    Laws::with(effects.loads[k].term, [&]<class Law>(const Law&) { any = any || Law::couples; });
   }
-};
+  return any;
+}
 
 /// Members side by side, as many as a Real holds, with what is computed of them.
 template <class Real>
@@ -46,7 +42,7 @@ struct Block {
   const Count holds = effects.held_count;
   const bool drags = effects.drag != 0.0, loads = effects.load_count > 0 || holds > 0;
   const bool resists = drags || loads || effects.entry != 0.0;
-  const bool across_alone = effects.normal_mass != 0.0;
+  const bool across_alone = effects.normal_mass != 0.0, couples = any_couples(effects);
 
   // The columns that are integrated: derivatives of the position by the orthonormal coordinates, x
   // then y, of several members without any that are 0; acceleration at q'' = 0; velocity, where
@@ -69,7 +65,7 @@ struct Block {
   Block(const GridTables& tables, const MotionEffects& present) : grid(tables), effects(present) {}
 
   /// Places the arrays, rows of so many columns at least.
-  void lay_out(Layout& layout, Count columns = 0) {
+  void take(Layout& layout, Count columns = 0) {
     const auto take = [&](Count reals) { return layout.take(reals * lanes<Real>); };
     const Count most = columns > bias + 6 ? columns : bias + 6;
     const Count rows = points * row_length(most) / lanes<Real> + 1;
@@ -85,7 +81,7 @@ struct Block {
     weighted = take(points);
     load_x = take(points);
     load_y = take(points);
-    couple = take(across_alone ? points : 0);
+    couple = take(couples ? points : 0);
     rest = take(3 * nodes);
     response = take(holds * m);
     products = take(holds * holds);
@@ -261,7 +257,7 @@ struct Block {
       }
       set(load_x, p, x);
       set(load_y, p, y_load);
-      if (across_alone) set(couple, p, Real{});
+      if (couples) set(couple, p, Real{});
     }
     if (flows) {  // the follower force
       const Count end = points - 1;
@@ -277,11 +273,11 @@ struct Block {
       }
     }
     for_each_station(batch, row, bias + 2,
-                     [&](const auto& law, const auto& station, Count p, double w) {
+                     [&]<class Law>(const Law& law, const auto& station, Count p, double w) {
                        const auto load = law.load(station);
                        add(load_x, p, Real(w * load.x));
                        add(load_y, p, Real(w * load.y));
-                       if (law.couples) add(couple, p, Real(w * load.couple));
+                       if constexpr (Law::couples) add(couple, p, Real(w * load.couple));
                      });
     gather(row);
     elastic(batch.y);
@@ -299,7 +295,7 @@ struct Block {
           sum[k] += fx * load<Pack>(x + k * width) + fy * load<Pack>(y_row + k * width);
         }
       }
-      if (across_alone) {
+      if (couples) {
         for (Count p = 0; p < points; ++p) {
           const Real turning = at<Real>(couple, p);
           for (Count k = 0; k < tile; ++k) {

@@ -4,6 +4,7 @@
 #include <Eigen/Cholesky>
 #include <algorithm>
 #include <cmath>
+#include <cstdio>
 #include <limits>
 #include <numeric>
 #include <stdexcept>
@@ -223,6 +224,26 @@ Operators Galerkin::operators(const Vector& q) const {
 Index Galerkin::nodes(const Vector& q) const {
   require_amplitudes(q.size(), dof());
   return grids()[grids().choose(q.data(), 1)].tables.nodes;
+}
+
+std::string Galerkin::unresolved(const double* q, Index stride) const {
+  Vector shape(dof());
+  for (Index i = 0; i < shape.size(); ++i) shape[i] = q[i * stride];
+  const double size = shape.cwiseAbs().maxCoeff();
+  if (size > 0.0) shape /= size;
+  const double most = grids().resolved(shape.data());
+  if (size <= most) return "";
+  double largest = 0.0;
+  const Matrix slopes = basis_.evaluate(Vector::LinSpaced(401, 0.0, 1.0), 1);
+  for (Index p = 0; p < slopes.rows(); ++p) {
+    largest = std::max(largest, std::abs(slopes.row(p).dot(shape)));
+  }
+  char text[200];
+  std::snprintf(text, sizeof text,
+                "it bends the pipe by %.3g rad, and %td quadrature nodes on a panel, the most that "
+                "are taken, resolve this shape up to %.3g rad",
+                size * largest, grids().most_nodes(), most * largest);
+  return text;
 }
 
 void Galerkin::rhs(const Batch& batch, double* rates) const {

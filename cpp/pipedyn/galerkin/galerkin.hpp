@@ -66,6 +66,7 @@
 
 #include <memory>
 #include <mutex>
+#include <string>
 
 #include "pipedyn/galerkin/grid.hpp"
 
@@ -96,6 +97,10 @@ class Galerkin {
   /// Quadrature nodes on each panel that a configuration is given. Throws std::invalid_argument
   /// unless q has m entries.
   Index nodes(const Vector& q) const;
+
+  /// Why amplitudes with the given stride are not resolved by the largest grid, and how far it
+  /// resolves a pipe of this shape; empty where they are.
+  std::string unresolved(const double* q, Index stride) const;
 
   /// How many supports hold the pipe across, x = 0, the end's among them.
   Index supports() const {

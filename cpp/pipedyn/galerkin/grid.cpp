@@ -27,6 +27,9 @@ struct Demand {
 constexpr Demand smooth{25.0, 2.5, 7, 11.5}, with_drag{33.0, 3.5, 31, 0.0};
 /// Logarithm of ten: no error measured was a tenth of what was demanded.
 constexpr double certain = 2.3;
+/// Places on the pipe that are no further apart are one: panels between them would be lost in the
+/// rounding of their ends.
+constexpr double same_place = 1e-14;
 const Demand& demanded(bool drag) { return drag ? with_drag : smooth; }
 
 Index whole_points(Index count) { return whole(count, GridTables::multiple); }
@@ -112,25 +115,31 @@ Orthonormal::Orthonormal(Index m)
 
 Panels::Panels(const Basis& basis, const Pipe& pipe) : pipe_mass(pipe.mass) {
   std::vector<double> places(basis.ends().begin(), basis.ends().end());
-  const auto add_places = [&](const std::vector<double>& more) {
-    places.insert(places.end(), more.begin(), more.end());
-  };
-  add_places(pipe.supports);
-  add_places(pipe.stiffness.ends());
-  add_places(pipe.mass.ends());
-  for (const Term& term : pipe.terms) {
-    Laws::with(term, [&]<class Law>(const Law&) {
-      if (!Law::along) places.push_back(term.at);
-    });
-  }
+  places.insert(places.end(), pipe.supports.begin(), pipe.supports.end());
   std::sort(places.begin(), places.end());
   places.erase(std::unique(places.begin(), places.end()), places.end());
+  const auto nearest = [&](double at) {
+    const auto after = std::lower_bound(places.begin(), places.end(), at);
+    if (after == places.begin()) return after;
+    return after == places.end() || at - after[-1] < *after - at ? after - 1 : after;
+  };
+  const auto add_place = [&](double at) {
+    if (std::abs(*nearest(at) - at) < same_place) return;
+    places.insert(std::upper_bound(places.begin(), places.end(), at), at);
+  };
+  for (const double end : pipe.stiffness.ends()) add_place(end);
+  for (const double end : pipe.mass.ends()) add_place(end);
+  for (const Term& term : pipe.terms) {
+    Laws::with(term, [&]<class Law>(const Law&) {
+      if (!Law::along) add_place(term.at);
+    });
+  }
   ends = Eigen::Map<const Vector>(places.data(), static_cast<Index>(places.size()));
   mass = Vector::Zero(ends.size() - 1);
   for (const Term& term : pipe.terms) {
-    const auto place = std::lower_bound(places.begin(), places.end(), term.at);
-    const Index panel = static_cast<Index>(place - places.begin()) - 1;
+    const Index panel = static_cast<Index>(nearest(term.at) - places.begin()) - 1;
     Laws::with(term, [&]<class Law>(const Law& law) {
+      if (!Law::along && panel < 0) return;  // what acts at the root moves nothing
       (Law::along ? mass_per_length : mass[panel]) += law.mass();
       normal_mass += law.normal_mass();
       if (Law::loads) loads.push_back({term, Law::along ? -1 : panel});
@@ -306,9 +315,7 @@ Grids::Grids(Basis basis, const Pipe& pipe, Index least_nodes)
 
 bool Grids::Slot::resolves(const double* q, Index stride, double more) const {
   const auto passes = [&](const NodeTest& test) {
-    double cost = 0.0;
-    for (Index i = 0; i < test.cost.size(); ++i) cost += std::abs(q[i * stride]) * test.cost[i];
-    return cost <= test.budget + more;
+    return test.cost_of(q, stride) <= test.budget + more;
   };
   return std::all_of(tests.begin(), tests.end(), [&](const std::vector<NodeTest>& of_panel) {
     return std::any_of(of_panel.begin(), of_panel.end(), passes);
@@ -332,6 +339,20 @@ Index Grids::choose(const double* q, Index stride, Index guess, double error) co
 
 bool Grids::resolves(Index number, const double* q, Index stride) const {
   return number + 1 < count() || slots_.back().resolves(q, stride);
+}
+
+double Grids::resolved(const double* q) const {
+  double least = std::numeric_limits<double>::infinity();
+  for (const std::vector<NodeTest>& of_panel : slots_.back().tests) {
+    double most = 0.0;
+    for (const NodeTest& test : of_panel) {
+      const double cost = test.cost_of(q, 1);
+      most =
+          std::max(most, cost > 0.0 ? test.budget / cost : std::numeric_limits<double>::infinity());
+    }
+    least = std::min(least, most);
+  }
+  return least;
 }
 
 const Grid& Grids::operator[](Index number) const {

@@ -14,6 +14,7 @@
 // A mass per length that is a polynomial takes half its degree more.
 #pragma once
 
+#include <cmath>
 #include <deque>
 #include <memory>
 #include <mutex>
@@ -35,6 +36,12 @@ inline Index whole(Index count, Index multiple) {
 struct NodeTest {
   double budget;
   Vector cost;  // (m,)
+
+  double cost_of(const double* q, Index stride) const {
+    double sum = 0.0;
+    for (Index i = 0; i < cost.size(); ++i) sum += std::abs(q[i * stride]) * cost[i];
+    return sum;
+  }
 };
 
 /// Functions orthonormal with the straight pipe's mass: in them a mass matrix is solved without
@@ -109,6 +116,11 @@ class Grids {
 
   /// Whether the grid chosen for q has the nodes that q takes; the largest may not.
   bool resolves(Index number, const double* q, Index stride) const;
+
+  /// Factor up to which the largest grid has the nodes that multiples of q take.
+  double resolved(const double* q) const;
+  /// Nodes on a panel of the largest grid.
+  Index most_nodes() const { return slots_.back().nodes; }
 
   /// O(Q^3 + N m) at the first call for this number, then free.
   const Grid& operator[](Index number) const;

@@ -12,10 +12,7 @@ namespace {
 template <class Of>
 Of placed(const GridTables& grid, const MotionEffects& effects) {
   Of block(grid, effects);
-  Layout counted;
-  block.lay_out(counted);
-  Layout layout{pipedyn::scratch(counted.used)};
-  block.lay_out(layout);
+  laid_out([&](Layout& layout) { block.take(layout); });
   return block;
 }
 

@@ -8,32 +8,6 @@
 
 namespace {
 
-/// Slopes of a law, in each lane of one member.
-template <class Real>
-struct SlopesOf {
-  Real by_position[2][2], by_velocity[2][2], by_angle[2], by_rate[2];
-  Real couple_by_velocity[2], couple_by_angle;
-};
-
-template <class Real, class Law>
-SlopesOf<Real> slopes_of(const Law& law, const Station<Real>& at) {
-  constexpr Count members = lanes<Real>, places = sizeof(Station<double>) / sizeof(double),
-                  entries = sizeof(Slopes) / sizeof(double);
-  double stations[places][members], all_slopes[entries][members];
-  static_assert(sizeof stations == sizeof at && sizeof all_slopes == sizeof(SlopesOf<Real>));
-  std::memcpy(stations, &at, sizeof at);
-  for (Count b = 0; b < members; ++b) {
-    double station[places], slopes[entries];
-    for (Count k = 0; k < places; ++k) station[k] = stations[k][b];
-    const Slopes found = law.slopes(same_bits<Station<double>>(station));
-    std::memcpy(slopes, &found, sizeof found);
-    for (Count k = 0; k < entries; ++k) all_slopes[k][b] = slopes[k];
-  }
-  SlopesOf<Real> result;
-  std::memcpy(&result, all_slopes, sizeof result);
-  return result;
-}
-
 /// Sum of what a vector holds of one member.
 template <class Real>
 Real sum_of(const Pack& x) {
@@ -49,6 +23,7 @@ template <class Real>
 struct Linearisation : Block<Real> {
   using Base = Block<Real>;
   using Base::alone, Base::step, Base::grid, Base::effects, Base::m, Base::padded, Base::points;
+  using Base::couples;
   using Base::drags, Base::each, Base::loads, Base::resists, Base::across_alone, Base::bias;
   using Base::holds, Base::response, Base::reaction;
   using Base::load_x, Base::load_y, Base::mass_stride, Base::product_of;
@@ -74,8 +49,8 @@ struct Linearisation : Block<Real> {
 
   using Base::Base;
 
-  void lay_out(Layout& layout) {
-    Base::lay_out(layout, last);
+  void take(Layout& layout) {
+    Base::take(layout, last);
     const auto take = [&](Count reals) { return layout.take(reals * lanes<Real>); };
     own = take(mass_stride());
     acceleration = take(m);
@@ -168,7 +143,7 @@ struct Linearisation : Block<Real> {
         batch, row, bias + 2, [&](const auto& law, const auto& station, Count p, double w) {
           double* const x = moments + p * row;
           double* const y = x + each * lanes<Real>;
-          const SlopesOf<Real> slopes = slopes_of(law, station);
+          const Slopes<Real> slopes = law.slopes(station);
           const double share = -w / unit(p);
           const double* const turning = grid.orthonormal + p * padded;
           for (Count i = 0; i < each; ++i) {
@@ -207,7 +182,7 @@ struct Linearisation : Block<Real> {
     if (loads) {
       for (Count k = 0; k < points * stride; ++k) set(by_angle, k, Real{});
     }
-    if (across_alone) {
+    if (couples) {
       for (Count k = 0; k < points * stride; ++k) set(by_rate, k, Real{});
     }
     set_loads(row);
@@ -270,7 +245,7 @@ struct Linearisation : Block<Real> {
         store(to, angle);
         Pack rate = beyond_t * (2.0 * w) - normal * flow;
         double* const rate_to = by_rate + (p * stride + i) * lanes<Real>;
-        if (across_alone) rate += load<Pack>(rate_to);
+        if (couples) rate += load<Pack>(rate_to);
         store(rate_to, rate);
       }
     }
@@ -410,7 +385,7 @@ struct Linearisation : Block<Real> {
       const Real across = (grid.weight[p] * effects.coriolis) * at<Real>(omega, p);
       set(load_x, p, Real(-across * at<Real>(cosine, p)));
       set(load_y, p, Real(across * at<Real>(sine, p)));
-      if (across_alone) set(Base::couple, p, Real{});
+      if (couples) set(Base::couple, p, Real{});
     }
     const Real along = (2.0 * effects.thrust[0]) * u, across = (2.0 * effects.thrust[1]) * u;
     const Real s = at<Real>(sine, end), c = at<Real>(cosine, end);

@@ -9,7 +9,6 @@
 
 #include "pipedyn/linear/axis_roots.hpp"
 #include "pipedyn/vector/levels.hpp"
-#include "pipedyn/vector/scratch.hpp"
 
 namespace pipedyn {
 
@@ -102,8 +101,7 @@ Pairs solved(const Chain& chain, const Complement& complement, const Vector& sca
                                                                turned + 2 * n * count;
   kernel.impedance->pairs(chain.impedance(), {u, count, parts.data(), parts.data() + count},
                           {part(0), part(2), part(4), own ? part(6) : nullptr, part(8), part(9),
-                           part(10), turned, vectors ? dual_turned : nullptr, loaded},
-                          scratch((loaded ? 14 : 10) * chain.dof() * kernel.width));
+                           part(10), turned, vectors ? dual_turned : nullptr, loaded});
   Pairs found{values,        ComplexTable(n, count), ComplexTable(n, count),
               Reals(count),  Reals(count),           Values(count),
               Values(count), Values(count),          Values(count)};

@@ -12,8 +12,7 @@
 #pragma once
 
 #include "pipedyn/chain/motion.hpp"
-#include "pipedyn/vector/pack.hpp"
-#include "pipedyn/vector/scratch.hpp"
+#include "pipedyn/vector/layout.hpp"
 
 namespace {
 
@@ -171,7 +170,7 @@ bool eliminate_stages(const Intervals& of, Count first, Count last, double** row
                       double* ends) {
   const Count n = 2 * of.half, size = of.stages * of.half, more = n + 3;
   const Count stride = whole_packs(size + more) + width;
-  double* const matrix = pipedyn::scratch(size * stride);
+  double* const matrix = laid_out([&](Layout& layout) { return layout.take(size * stride); });
   for (Count i = 0; i < size * stride; ++i) matrix[i] = 0.0;
   for (Count m = first; m < last; ++m) {
     for (Count r = 0; r < size; ++r) rows[r] = matrix + r * stride;
@@ -195,11 +194,16 @@ Count carry_maps(const double* maps, Count count, Count n, Count columns, double
       double largest = 0.0;
       for (Count i = 0; i < n; ++i) {
         double* const row = to + i * columns;
-        for (Count j = 0; j < columns; ++j) row[j] = 0.0;
-        for (Count k = 0; k < n; ++k) {
-          const double factor = map[i * columns + k];
-          for (Count j = 0; j < columns; ++j) row[j] += factor * from[k * columns + j];
-        }
+        for_each_pack(columns, [&]<class Real, Count packs>(Count first) {
+          Real sum[packs] = {};
+          for (Count k = 0; k < n; ++k) {
+            const double factor = map[i * columns + k];
+            const double* const column = from + k * columns + first;
+            for (Count p = 0; p < packs; ++p)
+              sum[p] += factor * load<Real>(column + p * lanes<Real>);
+          }
+          for (Count p = 0; p < packs; ++p) store(row + first + p * lanes<Real>, sum[p]);
+        });
         for (Count j = 0; j < n; ++j) {
           const double entry = std::fabs(row[j]);
           if (!(entry <= largest)) largest = entry;

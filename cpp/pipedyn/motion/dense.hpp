@@ -7,7 +7,6 @@
 // Local to each translation unit, like vector/pack.hpp.
 #pragma once
 
-#include "pipedyn/vector/scratch.hpp"
 #include "pipedyn/vector/shifts.hpp"
 
 namespace {

@@ -18,10 +18,12 @@ struct Row {
 
   static Row at(const double* from) {
     Row row;
-    std::memcpy(&row, from, sizeof row);
+    for (Count k = 0; k < packs; ++k) row.of[k] = load<Pack>(from + k * width);
     return row;
   }
-  void to(double* out) const { std::memcpy(out, this, sizeof *this); }
+  void to(double* out) const {
+    for (Count k = 0; k < packs; ++k) store(out + k * width, of[k]);
+  }
   void add(double factor, const Row& other) {
     for (Count k = 0; k < packs; ++k) of[k] += factor * other.of[k];
   }

@@ -28,11 +28,12 @@ struct AddedMass : NoLaw {
     return {swing * (forward * at.cosine + normal * at.sine),
             swing * (normal * at.cosine - forward * at.sine), -chi * (normal * forward)};
   }
-  Slopes slopes(const Station<double>& at) const {
-    const double s = at.sine, k = at.cosine, normal = k * at.vx - s * at.vy;
-    const double forward = s * at.vx + k * at.vy, swing = chi * at.omega;
-    const double twice = 2.0 * s * k, apart = k * k - s * s;
-    const double x = chi * (forward * k + normal * s), y = chi * (normal * k - forward * s);
+  template <class Real>
+  Slopes<Real> slopes(const Station<Real>& at) const {
+    const Real s = at.sine, k = at.cosine, normal = k * at.vx - s * at.vy;
+    const Real forward = s * at.vx + k * at.vy, swing = chi * at.omega;
+    const Real twice = 2.0 * s * k, apart = k * k - s * s;
+    const Real x = chi * (forward * k + normal * s), y = chi * (normal * k - forward * s);
     return {.by_velocity = {{swing * twice, swing * apart}, {swing * apart, -swing * twice}},
             .by_angle = {2.0 * swing * (normal * k - forward * s),
                          -2.0 * swing * (normal * s + forward * k)},

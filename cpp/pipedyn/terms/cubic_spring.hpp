@@ -19,8 +19,9 @@ struct CubicSpring : NoLaw {
   Load<Real> load(const Station<Real>& at) const {
     return {-k * (at.x * at.x * at.x), Real{}};
   }
-  Slopes slopes(const Station<double>& at) const {
-    return {.by_position = {{-3.0 * k * at.x * at.x, 0.0}, {0.0, 0.0}}};
+  template <class Real>
+  Slopes<Real> slopes(const Station<Real>& at) const {
+    return {.by_position = {{-3.0 * k * at.x * at.x, Real{}}, {Real{}, Real{}}}};
   }
   template <class Real>
   Real energy(const Station<Real>& at) const {

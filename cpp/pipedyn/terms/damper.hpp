@@ -19,7 +19,10 @@ struct Damper : NoLaw {
   Load<Real> load(const Station<Real>& at) const {
     return {-c * at.vx, Real{}};
   }
-  Slopes slopes(const Station<double>&) const { return {.by_velocity = {{-c, 0.0}, {0.0, 0.0}}}; }
+  template <class Real>
+  Slopes<Real> slopes(const Station<Real>&) const {
+    return {.by_velocity = {{all<Real>(-c), Real{}}, {Real{}, Real{}}}};
+  }
   template <class Real>
   Real power(const Station<Real>& at) const {
     return -c * (at.vx * at.vx);

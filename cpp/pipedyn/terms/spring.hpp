@@ -19,7 +19,10 @@ struct Spring : NoLaw {
   Load<Real> load(const Station<Real>& at) const {
     return {-k * at.x, Real{}};
   }
-  Slopes slopes(const Station<double>&) const { return {.by_position = {{-k, 0.0}, {0.0, 0.0}}}; }
+  template <class Real>
+  Slopes<Real> slopes(const Station<Real>&) const {
+    return {.by_position = {{all<Real>(-k), Real{}}, {Real{}, Real{}}}};
+  }
   template <class Real>
   Real energy(const Station<Real>& at) const {
     return 0.5 * k * (at.x * at.x);

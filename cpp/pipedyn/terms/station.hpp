@@ -13,6 +13,8 @@
 // include it.
 #pragma once
 
+#include "pipedyn/vector/pack.hpp"
+
 namespace {
 
 /// A place of the moving pipe. Real is a number or a pack of them.
@@ -31,13 +33,14 @@ struct Load {
 };
 
 /// Derivatives of a load; rows are its components.
+template <class Real>
 struct Slopes {
-  double by_position[2][2] = {};  // by x, by y
-  double by_velocity[2][2] = {};  // by vx, by vy
-  double by_angle[2] = {};        // by theta, position and velocity held
-  double by_rate[2] = {};         // by theta', velocity held
-  double couple_by_velocity[2] = {};
-  double couple_by_angle = 0.0;
+  Real by_position[2][2] = {};  // by x, by y
+  Real by_velocity[2][2] = {};  // by vx, by vy
+  Real by_angle[2] = {};        // by theta, position and velocity held
+  Real by_rate[2] = {};         // by theta', velocity held
+  Real couple_by_velocity[2] = {};
+  Real couple_by_angle{};
 };
 
 /// A law without effect; each law redefines those of these functions in which it has one.
@@ -57,7 +60,10 @@ struct NoLaw {
   Load<Real> load(const Station<Real>&) const {
     return {Real{}, Real{}};
   }
-  Slopes slopes(const Station<double>&) const { return {}; }
+  template <class Real>
+  Slopes<Real> slopes(const Station<Real>&) const {
+    return {};
+  }
   /// Potential of the load, 0 on the straight pipe.
   template <class Real>
   Real energy(const Station<Real>&) const {
@@ -72,13 +78,9 @@ struct NoLaw {
 
 /// A station about a place with a velocity.
 template <class Real>
-Station<Real> about(Station<Real> at, const Real& x, const Real& y, const Real& vx,
+Station<Real> about(const Station<Real>& at, const Real& x, const Real& y, const Real& vx,
                     const Real& vy) {
-  at.x -= x;
-  at.y -= y;
-  at.vx -= vx;
-  at.vy -= vy;
-  return at;
+  return {at.x - x, at.y - y, at.sine, at.cosine, at.vx - vx, at.vy - vy, at.omega};
 }
 
 /// What a law's load adds to the energy, beside its power, as the base moves with the velocity (vx,

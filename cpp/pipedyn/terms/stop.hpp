@@ -7,7 +7,6 @@
 
 #include "pipedyn/terms/station.hpp"
 #include "pipedyn/terms/term.hpp"
-#include "pipedyn/vector/pack.hpp"
 
 namespace {
 
@@ -27,9 +26,10 @@ struct Stop : NoLaw {
   Load<Real> load(const Station<Real>& at) const {
     return {(0.5 * k) * (twice_beyond(Real(-at.x), gap) - twice_beyond(at.x, gap)), Real{}};
   }
-  Slopes slopes(const Station<double>& at) const {
-    const double slope = std::fabs(at.x) > gap ? -k : 0.0;
-    return {.by_position = {{slope, 0.0}, {0.0, 0.0}}};
+  template <class Real>
+  Slopes<Real> slopes(const Station<Real>& at) const {
+    const Real none{}, slope = absolute(at.x) > all<Real>(gap) ? all<Real>(-k) : none;
+    return {.by_position = {{slope, none}, {none, none}}};
   }
   template <class Real>
   Real energy(const Station<Real>& at) const {

@@ -21,8 +21,11 @@ struct Stretching : NoLaw {
   Load<Real> load(const Station<Real>& at) const {
     return {Real{}, k * (1.0 - at.y) - c * at.vy};
   }
-  Slopes slopes(const Station<double>&) const {
-    return {.by_position = {{0.0, 0.0}, {0.0, -k}}, .by_velocity = {{0.0, 0.0}, {0.0, -c}}};
+  template <class Real>
+  Slopes<Real> slopes(const Station<Real>&) const {
+    const Real none{};
+    return {.by_position = {{none, none}, {none, all<Real>(-k)}},
+            .by_velocity = {{none, none}, {none, all<Real>(-c)}}};
   }
   template <class Real>
   Real energy(const Station<Real>& at) const {

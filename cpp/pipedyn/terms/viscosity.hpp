@@ -25,9 +25,10 @@ struct Viscosity : NoLaw {
     const Real force = -c * normal(at);
     return {force * at.cosine, -(force * at.sine)};
   }
-  Slopes slopes(const Station<double>& at) const {
-    const double s = at.sine, k = at.cosine;
-    const double across = c * normal(at), forward = c * (s * at.vx + k * at.vy);
+  template <class Real>
+  Slopes<Real> slopes(const Station<Real>& at) const {
+    const Real s = at.sine, k = at.cosine;
+    const Real across = c * normal(at), forward = c * (s * at.vx + k * at.vy);
     return {.by_velocity = {{-c * k * k, c * k * s}, {c * k * s, -c * s * s}},
             .by_angle = {across * s + forward * k, across * k - forward * s}};
   }

@@ -7,6 +7,10 @@
 
 #include "pipedyn/vector/scratch.hpp"
 
+#ifdef __SANITIZE_ADDRESS__
+#include <sanitizer/asan_interface.h>
+#endif
+
 namespace pipedyn {
 
 namespace {
@@ -67,6 +71,12 @@ double* scratch(std::ptrdiff_t count) {
   thread_local std::vector<Line> kept(1);
   const std::size_t needed = static_cast<std::size_t>(count + 7) / 8;
   if (kept.size() < needed) kept = std::vector<Line>(needed);
+#ifdef __SANITIZE_ADDRESS__  // sees what goes beyond these numbers, however many there were before
+  const std::size_t used = static_cast<std::size_t>(count) * sizeof(double);
+  char* const start = reinterpret_cast<char*>(kept.data());
+  __asan_unpoison_memory_region(start, used);
+  __asan_poison_memory_region(start + used, kept.size() * sizeof(Line) - used);
+#endif
   return kept.data()->numbers;
 }
 

@@ -55,7 +55,9 @@ def checked_names(branch: CycleBranch | ForcedBranch, x: Any, y: Any) -> tuple[s
             raise TypeError(f"{name} must be a name, got {check.shown(value)}")
     own = "u" if isinstance(branch, CycleBranch) else "frequency"
     if (x == own) == (y == own):
-        raise ValueError(f"x or y must be {own!r}, and the other not, got {x!r} and {y!r}")
+        raise ValueError(
+            f"x or y must be {own!r}, and the other not, got {check.shown(x)} and {check.shown(y)}"
+        )
     return x, y
 
 

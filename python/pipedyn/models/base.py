@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import fields, replace
 from functools import cached_property
 from numbers import Real
@@ -36,6 +36,9 @@ LARGEST_RESULT = 1_000_000_000
 COMPLEX_STEP = 1e-30
 """A complex step has no difference that cancels; its square is lost next to any number."""
 
+LARGEST_DISPLACEMENT = 1e100
+"""Coordinates of small displacements; their sums stay finite."""
+
 LARGEST_ANGLE = 1e6
 """Coordinates of a shape; sine and cosine of greater angles lose their digits."""
 
@@ -62,6 +65,57 @@ class NotConverged(PipedynError):
     def __init__(self, message: str, result: Any = None) -> None:
         super().__init__(message, result)
         self.result = result
+
+
+@saved_as("NotResolved")
+class NotResolved(PipedynError):
+    """A model has no answer for a state that its quadrature or double precision does not resolve.
+
+    Within an integration or a search such a state is a step that is not taken.
+
+    Attributes:
+        members: indices of these states in a batch, ascending; (0,) of a single state.
+
+    Example:
+        >>> coiled = [100.0, 0.0, 0.0, 0.0]
+        >>> pp.Galerkin(pp.Pipe(0.2), m=2).rhs(0.0, coiled, 4.0)  # doctest: +ELLIPSIS
+        Traceback (most recent call last):
+        ...
+        pipedyn.models.base.NotResolved: rhs cannot be computed of this state because it bends ...
+    """
+
+    def __init__(self, message: str, members: tuple[int, ...] = (0,)) -> None:
+        super().__init__(message, members)
+        self.members = members
+
+    @classmethod
+    def of_states(
+        cls, what: str, members: Sequence[int], states: int | None, why: str = ""
+    ) -> Self:
+        """The exception that `what` cannot be computed of some of so many states, or of one."""
+        which = "this state"
+        if states is not None:
+            listed = ", ".join(map(str, members[:5])) + (", ..." if len(members) > 5 else "")
+            which = f"states {listed} ({len(members)} of {states}), the first"
+        why = why or "its numbers leave double precision, or its mass matrix is singular there"
+        return cls(f"{what} cannot be computed of {which} because {why}", tuple(members))
+
+
+def resolved(what: str, answer: Callable[[], Any], batch: bool = False) -> Any:
+    """What a function computes of a state or, along the last axis, of a batch, if it is finite.
+
+    Raises:
+        NotResolved: if it is not.
+    """
+    with np.errstate(all="ignore"):
+        found = answer()
+    finite = np.isfinite(found)
+    if finite.all():
+        return found
+    if not batch:
+        raise NotResolved.of_states(what, (0,), None)
+    every = finite.reshape(-1, finite.shape[-1]).all(axis=0)
+    raise NotResolved.of_states(what, np.flatnonzero(~every).tolist(), every.size)
 
 
 @saved_as(
@@ -546,6 +600,11 @@ class Model(OfPipe, ABC):
         Returns:
             dy/dt = [q', q''], of the shape of y.
 
+        Raises:
+            NotResolved: at a state that is beyond what the model or double precision resolves; says
+                how far it does, and which of k states these are. Within `simulate` such a state is
+                a step that is not taken.
+
         Example:
             >>> chain = pp.Chain(pp.Pipe(0.2), n=2)
             >>> chain.rhs(0.0, [0.1, 0.1, 0.0, 0.0], 4.0).round(3)
@@ -596,6 +655,7 @@ class Model(OfPipe, ABC):
                    [ 68.57,  13.71,   9.2 ,  -6.13]])
 
         Raises:
+            NotResolved: as for `rhs`.
             ValueError: also for more than 4000 segments of a chain.
         """
         if u_dot is None and base is None:
@@ -663,12 +723,13 @@ class Model(OfPipe, ABC):
     ) -> Array:
         """Rates of [p, p'] or, with the work W done on them, of [p, p', W]; (rows,) or (rows, k).
 
-        drive: what drives them, see `pipedyn.models.drive`, (ROWS,) or (ROWS, k).
+        NaN where the model resolves none. drive: what drives them, see `pipedyn.models.drive`,
+        (ROWS,) or (ROWS, k).
         """
         if len(y) > 2 * self.moving:
             return np.asarray(self.motion.rhs_and_power(t, y, u, drive))
         if self.motion is self.core:  # which advances these, and needs no work for it
-            return np.asarray(self.core.rhs(t, y, u, drive))
+            return np.asarray(self.core.rhs(t, y, u, drive, refuses=False))
         work = np.zeros((1, *y.shape[1:]))
         rates: Array = self.motion.rhs_and_power(t, np.concatenate([y, work]), u, drive)
         return rates[:-1]
@@ -676,7 +737,7 @@ class Model(OfPipe, ABC):
     def motion_jacobian(self, y: Array, u: float | Array, drive: Array | None = None) -> Array:
         """Derivative of the rates of [p, p'], (2 moving, 2 moving); (k, ...) of k columns."""
         self._check_dense()
-        return self.motion.jacobian(0.0, y, u, drive)
+        return self.motion.jacobian(0.0, y, u, drive, refuses=False)
 
     def motion_linearised(self, y: Array, u: float | Array, drive: Array | None = None) -> Array:
         """Rates of [p, p'] of k columns, their derivatives by the speed and by [p, p'].
@@ -697,7 +758,7 @@ class Model(OfPipe, ABC):
 
         A number for a state y, shape (2 coordinates,), or shape (k,) for k, (2 coordinates, k). It
         is counted in the frame of the base, but for what springs on the ground store. base: as for
-        `rhs`.
+        `rhs`, and as there raises NotResolved.
 
         Example:
             >>> chain = pp.Chain(pp.Pipe(0.2), n=2)
@@ -717,7 +778,7 @@ class Model(OfPipe, ABC):
         """What feeds and drains the energy, in EI / (L T): its total is dE/dt along the motion.
 
         By what does the work, each a number or shape (k,); states y as for `energy`, flow speed u,
-        u_dot and base as for `rhs`.
+        u_dot and base as for `rhs`, and as there raises NotResolved.
 
         Example:
             >>> chain = pp.Chain(pp.Pipe(0.2), n=2)
@@ -804,7 +865,8 @@ class Model(OfPipe, ABC):
             array([[0.   , 1.   ],
                    [0.1  , 0.995]])
         """
-        return self._tips(self._configurations("q", q))
+        columns = self._configurations("q", q)
+        return resolved("tips", lambda: self._tips(columns).T, batch=True).T
 
     def tip_velocities(self, q: ArrayLike, qdot: ArrayLike) -> Array:
         """Velocities (x', y') of what `tips` gives, in L / T, exact, (k, 2), for k states.
@@ -814,10 +876,12 @@ class Model(OfPipe, ABC):
         columns, rates = self._configurations("q", q), self._configurations("qdot", qdot)
         if columns.shape != rates.shape:
             raise ValueError(f"qdot must have the shape of q, {columns.shape}, got {rates.shape}")
-        return self._tip_velocities(columns, rates)
+        moving = resolved("tip_velocities", lambda: self._tip_velocities(columns, rates).T, True)
+        return moving.T
 
     def _tip_velocities(self, q: Array, qdot: Array) -> Array:
-        return self._tips(q + 1j * COMPLEX_STEP * qdot).imag / COMPLEX_STEP
+        step = COMPLEX_STEP / max(1.0, float(np.abs(qdot).max(initial=0.0)))
+        return self._tips(q + 1j * step * qdot).imag / step
 
     @abstractmethod
     def _tips(self, q: NDArray[Any]) -> NDArray[Any]:
@@ -902,6 +966,10 @@ class Model(OfPipe, ABC):
             listed = " or ".join(f"({size}, ...)" for size in sizes)
             raise ValueError(f"{name} must have shape {listed}, got {columns.shape}")
         check.entries(name, columns, np.isfinite(columns), "be finite")
+        with np.errstate(over="ignore"):  # of numbers that are wider than a double
+            largest = np.maximum(np.abs(columns.real), np.abs(columns.imag)).astype(np.float64)
+        rule = f"be at most {LARGEST_DISPLACEMENT:g} in size"
+        check.entries(name, columns, largest <= LARGEST_DISPLACEMENT, rule)
         return columns
 
     def _configurations(self, name: str, given: ArrayLike) -> Array:

@@ -545,7 +545,7 @@ class Chain(Model):
     ) -> Array:
         if len(y) > 2 * self.moving:
             return super().motion_rates(y, u, drive, t)
-        return np.asarray(self.motion.rhs(t, y, u, drive))
+        return np.asarray(self.motion.rhs(t, y, u, drive, refuses=False))
 
     def projected(self, p: Array, rates: Array) -> tuple[Array, Array]:
         if self.supported is None:

@@ -102,8 +102,9 @@ class Galerkin(Model):
     miss is below 1e-10 of the result (1e-6 with drag, whose integrand has kinks), for angles up to
     pi in any of the functions. Configurations beyond that are given the largest number of
     nodes, some 16 m + 96, beyond 250 functions fewer. With terms all this holds for each panel
-    between their places. Rates are NaN where the mass matrix is singular to rounding, or where q
-    coils the pipe more often (some 100 turns of 8 functions) than the quadrature resolves.
+    between their places. Where q coils the pipe more often than the quadrature resolves (some 100
+    turns of 8 functions), or the mass matrix is singular to rounding, `rhs` and all else that is
+    asked of a state raise `NotResolved`, which says how far the quadrature goes.
 
     Args:
         pipe: the pipe.

@@ -10,6 +10,7 @@ from __future__ import annotations
 import numpy as np
 
 from pipedyn import _core
+from pipedyn.models.base import resolved
 from pipedyn.util.check import Array
 
 ROUNDING = 1e-13
@@ -65,8 +66,11 @@ class HeldAcross:
         return np.asarray(np.einsum("kbi,kbc,ck->ik", eased, inverse, missed))
 
     def allowed(self, q: Array) -> Array:
-        """Orthonormal changes of coordinates that the supports leave, (size, size - supports)."""
-        _, by = self.held(q[:, None])
+        """Orthonormal changes of coordinates that the supports leave, (size, size - supports).
+
+        Raises NotResolved where q coils the pipe more often than the core resolves.
+        """
+        by = resolved("operators", lambda: self.held(q[:, None])[1])
         vectors, _ = np.linalg.qr(by[0].T, mode="complete")
         return np.asarray(vectors[:, len(by[0]) :])
 

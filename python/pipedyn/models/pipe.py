@@ -327,6 +327,10 @@ class Pipe(Saved):
             "drag": (drag, f"drag_coefficient, {outside}, length and the masses"),
             "damping": (damping_time / time, f"damping_time, {every}"),
         }
+        checked = {
+            name: check.real(f"{name} from {causes}", value, **RANGES[name])
+            for name, (value, causes) in numbers.items()
+        }
         given = [converted(one, units, operator.truediv) for one in checked_terms(terms, length)]
         borne = gravity * length**3 * displaced / stiffness  # by the fluid, of the pipe's mass
         given += [
@@ -349,10 +353,7 @@ class Pipe(Saved):
         if isinstance(root, RootSpring):
             root = checked_root(converted(root, units, operator.truediv), source)
         return cls(
-            **{
-                name: check.real(f"{name} from {causes}", value, **RANGES[name])
-                for name, (value, causes) in numbers.items()
-            },
+            **checked,
             flow=flow,
             alpha=1.0 if alpha is None else alpha,
             hysteresis=hysteresis,

@@ -619,9 +619,10 @@ def assembled(tasks: Sequence[Task], outcomes: Sequence[Outcome]) -> list[Motion
     states = np.ascontiguousarray(np.concatenate([q, qdot], axis=1).T)
     moves = [_base_of(task, len(rows)) for task, (rows, _, _) in zip(tasks, outcomes, strict=True)]
     base = None if moves[0] is None else np.concatenate(moves, axis=2)
-    energy = np.asarray(model.energy(states, base=base))
+    drive = model._drive(states, None, base)
+    energy = np.asarray(model.motion.energy(states, drive, refuses=False))
     states[model.coordinates :] = 0.0  # the same at rest
-    kinetic = energy - np.asarray(model.energy(states, base=base))
+    kinetic = energy - np.asarray(model.motion.energy(states, drive, refuses=False))
     supplied = rows[:, 2 * size] if rows.shape[1] > 2 * size else np.full(len(rows), math.nan)
     motions, start = [], 0
     for task, (own, evaluations, _) in zip(tasks, outcomes, strict=True):

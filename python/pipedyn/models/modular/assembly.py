@@ -20,6 +20,7 @@ from pipedyn.models.base import (
     NotConverged,
     Operators,
     checked_pipe,
+    resolved,
     stored,
 )
 from pipedyn.models.chain import LARGEST_CHAIN, Chain, along, elastic_scale, turned
@@ -151,7 +152,8 @@ class Assembly(Model):
     def _check_pipe(self) -> None:
         """Raises ValueError where some direction that is left free has no inertia."""
         rest = self._configuration(self._layout.rest)
-        if not np.isfinite(self.core.redundant_rhs(0.0, np.append(rest, 0.0 * rest), 0.0)).all():
+        still = self.core.redundant_rhs(0.0, np.append(rest, 0.0 * rest), 0.0, refuses=False)
+        if not np.isfinite(still).all():
             raise ValueError(
                 f"phi_{self._layout.size} moves without inertia: give its segment a gyration "
                 "radius, or the pipe a point mass there"
@@ -552,7 +554,8 @@ class Assembly(Model):
         u = check.real("u", u, low=0.0, high=1e100)
         self._check_size(LARGEST_RECURSION)
         state = check.array("y", y, size=2 * self.coordinates)
-        return self.equations.enforced(ENFORCEMENTS[name], state, u)
+        ask = self.equations.enforced
+        return resolved("accelerations", lambda: ask(ENFORCEMENTS[name], state, u))
 
     def require_base(self) -> None:
         super().require_base()
@@ -580,10 +583,11 @@ class Assembly(Model):
         state = check.doubles("y", y, "an array of real numbers")
         if state.shape != (2 * size,):
             raise ValueError(f"y must have shape ({2 * size},), got {state.shape}")
-        self.core.redundant_power(state, u)  # checks both
+        self.core.redundant_power(state, u, refuses=False)  # checks both
         angles = np.cumsum(state.reshape(-1, 3)[:, 2].reshape(2, -1), axis=1).ravel()
         drive = self._drive(state, u_dot, base)
-        by_angles = self.equations.accelerations_by_state(angles, float(np.asarray(u)), drive)
+        ask = self.equations.accelerations_by_state
+        by_angles = resolved("jacobian", lambda: ask(angles, float(np.asarray(u)), drive))
         # An angle is the sum of its joint's and those before, which no other coordinate changes.
         by_joints = np.cumsum(by_angles.reshape(size, 2, -1)[:, :, ::-1], axis=2)[:, :, ::-1]
         whole = np.eye(2 * size, k=size)

@@ -9,11 +9,13 @@ them. All but custom modules' functions is compiled (cpp/pipedyn/modular/scene.h
 
 from __future__ import annotations
 
+import functools
 import math
 from typing import Any
 
 import numpy as np
 
+from pipedyn.models.base import resolved
 from pipedyn.models.held import Held
 from pipedyn.models.modular.enforcement import Enforce, Group
 from pipedyn.models.modular.layout import coordinates_by_angles, nodes_by_angles
@@ -38,15 +40,26 @@ class SceneMotion:
 
     # --------------------------------------------------------------------- redundant coordinates
 
-    def rhs(self, t: float, y: Any, u: Any, drive: Array | None = None) -> Array:
-        """Rates of redundant states [q, q'], shape (6 n,) or (6 n, k), with what drives them."""
+    def rhs(
+        self, t: float, y: Any, u: Any, drive: Array | None = None, refuses: bool = True
+    ) -> Array:
+        """Rates of redundant states [q, q'], shape (6 n,) or (6 n, k), with what drives them.
+
+        What is not finite raises NotResolved if `refuses`.
+        """
         if self.is_compiled:
-            return self.core.redundant_rhs(t, y, u, drive=drive)
+            return self.core.redundant_rhs(t, y, u, drive=drive, refuses=refuses)
+        if not refuses:
+            return self._rates(t, y, u, drive)
+        return resolved("rhs", lambda: self._rates(t, y, u, drive), np.ndim(y) == 2)
+
+    def _rates(self, t: float, y: Any, u: Any, drive: Array | None) -> Array:
         size = self.core.coordinates
         y = check.doubles("y", y, "an array of real numbers")
-        self.core.redundant_power(y, u, drive)  # checks all
+        self.core.redundant_power(y, u, drive, refuses=False)  # checks all
         if self.enforce is None:
-            return self.core.redundant_rhs(t, y, u, self._moments(*self._places(y)), drive)
+            moments = self._moments(*self._places(y))
+            return self.core.redundant_rhs(t, y, u, moments, drive, refuses=False)
         rates = np.concatenate([y[size:], np.empty_like(y[:size])])
         speeds = np.broadcast_to(np.asarray(u, dtype=np.float64), y.shape[1:])
         for j in np.ndindex(y.shape[1:]):
@@ -80,16 +93,20 @@ class SceneMotion:
         theta, forces = np.cumsum(q[2::3], axis=0), self.customs.force(q, rates)
         return self.layout.moments(theta, forces.reshape(len(forces), -1)).reshape(theta.shape)
 
-    def energy(self, y: Any, drive: Array | None = None) -> float | Array:
-        """Energy of redundant states [q, q'], a number or shape (k,)."""
-        energy = self.core.redundant_energy(y, drive)
-        return energy + self.customs.energy(self._places(y)[0]) if self.customs else energy
+    def energy(self, y: Any, drive: Array | None = None, refuses: bool = True) -> float | Array:
+        """Energy of redundant states [q, q'], a number or shape (k,); refuses: as for `rhs`."""
+        energy = self.core.redundant_energy(y, drive, refuses)
+        if not self.customs:
+            return energy
+        own = functools.partial(self.customs.energy, self._places(y)[0])
+        return energy + (resolved("energy", own, np.ndim(y) == 2) if refuses else own())
 
     def power(self, y: Any, u: Any, drive: Array | None = None) -> tuple[float | Array, ...]:
         """Power of flow, joints, drag, of terms and custom modules besides, and of the base."""
         flow, joints, drag, others, base = self.core.redundant_power(y, u, drive)
         if self.customs:
-            others = others + self.customs.work(*self._places(y))
+            own = functools.partial(self.customs.work, *self._places(y))
+            others = others + resolved("power", own, np.ndim(y) == 2)
         return flow, joints, drag, others, base
 
     # ------------------------------------------------------------------------------------- angles
@@ -104,8 +121,8 @@ class SceneMotion:
         moments = self._moments(q, moving)
         rates = self.core.rhs_and_power(t, y, u, moments, drive)
         if self.enforce is not None:  # beside how states return to guides and pins
-            other = self.rhs(t, state, u, drive) - self.core.redundant_rhs(
-                t, state, u, moments, drive
+            other = self._rates(t, state, u, drive) - self.core.redundant_rhs(
+                t, state, u, moments, drive, refuses=False
             )
             rates[n : 2 * n] += np.cumsum(other[size + 2 :: 3], axis=0)
         rates[2 * n] += self.customs.work(q, moving)
@@ -143,7 +160,7 @@ class SceneMotion:
         """Derivative of q'' in `rhs` by [theta, theta'], shape (3 n, 2 n)."""
         lengths, n = self.layout.lengths, self.layout.size
         theta, omega = np.split(y, 2)
-        rates = self.rhs(0.0, self.core.from_angles(theta, omega), u, drive)
+        rates = self.rhs(0.0, self.core.from_angles(theta, omega), u, drive, refuses=False)
         turning = np.cumsum(rates[3 * n + 2 :: 3])
         across, inward = theta + 0.5 * math.pi, theta + math.pi
         drift = np.hstack(
