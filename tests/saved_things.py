@@ -425,6 +425,7 @@ ERRORS = {
     "NoModel": lambda: failed(
         lambda: pp.choose(PLAIN, "critical_speed", tolerance=1e-9, among="rayleigh")
     ),
+    "NotResolved": lambda: pp.NotResolved("rhs cannot be computed of this state", (0,)),
     "NotConverged": lambda: pp.NotConverged("not yet", pp.critical_speed(SMALL)),
     "NotIdentifiable": lambda: failed(
         lambda: pp.identify(

@@ -40,21 +40,33 @@ def test_no_range_between_two_divergences_is_missed_however_short(k):
     n = 80
     h = 1.0 / n
     bend = np.array(
-        [[12, 6 * h, -12, 6 * h], [6 * h, 4 * h**2, -6 * h, 2 * h**2]]
-        + [[-12, -6 * h, 12, -6 * h], [6 * h, 2 * h**2, -6 * h, 4 * h**2]]
-    ) / h**3
+        [
+            [12, 6 * h, -12, 6 * h],
+            [6 * h, 4 * h**2, -6 * h, 2 * h**2],
+            [-12, -6 * h, 12, -6 * h],
+            [6 * h, 2 * h**2, -6 * h, 4 * h**2],
+        ]
+    )
     turn = np.array(
-        [[36, 3 * h, -36, 3 * h], [3 * h, 4 * h**2, -3 * h, -(h**2)]]
-        + [[-36, -3 * h, 36, -3 * h], [3 * h, -(h**2), -3 * h, 4 * h**2]]
-    ) / (30 * h)
+        [
+            [36, 3 * h, -36, 3 * h],
+            [3 * h, 4 * h**2, -3 * h, -(h**2)],
+            [-36, -3 * h, 36, -3 * h],
+            [3 * h, -(h**2), -3 * h, 4 * h**2],
+        ]
+    )
     rest = np.array(
-        [[156, 22 * h, 54, -13 * h], [22 * h, 4 * h**2, 13 * h, -3 * h**2]]
-        + [[54, 13 * h, 156, -22 * h], [-13 * h, -3 * h**2, -22 * h, 4 * h**2]]
-    ) * (h / 420)
+        [
+            [156, 22 * h, 54, -13 * h],
+            [22 * h, 4 * h**2, 13 * h, -3 * h**2],
+            [54, 13 * h, 156, -22 * h],
+            [-13 * h, -3 * h**2, -22 * h, 4 * h**2],
+        ]
+    )
     still, flux = np.zeros((2, 2 * n + 2, 2 * n + 2))
     for i in range(0, 2 * n, 2):
-        still[i : i + 4, i : i + 4] += bend + k * rest
-        flux[i : i + 4, i : i + 4] += turn
+        still[i : i + 4, i : i + 4] += bend / h**3 + k * h / 420.0 * rest
+        flux[i : i + 4, i : i + 4] += turn / (30.0 * h)
     free = slice(2, -2)
     squares = np.sort(eigvals(still[free, free], flux[free, free]).real)
     speeds = np.sqrt(squares[squares < 144.0])

@@ -151,7 +151,6 @@ void define_linear(py::module_& m) {
         return crossing.pair;
       });
   py::class_<Sweep>(m, "Sweep")
-      .def_readonly("unstable_at_rest", &Sweep::unstable_at_rest)
       .def_readonly("crossings", &Sweep::crossings)
       .def_readonly("failure", &Sweep::failure)
       .def_readonly("untracked", &Sweep::untracked);

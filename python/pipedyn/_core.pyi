@@ -319,6 +319,8 @@ class AxisCrossing:
     @property
     def frequency(self) -> float: ...
     @property
+    def gyroscopic(self) -> bool: ...
+    @property
     def mode(self) -> int: ...
     @property
     def pair(self) -> Pair | None: ...
@@ -369,6 +371,7 @@ class Spectrum:
         factorised: typing.Any,
         row_done: typing.Any = None,
     ) -> RootLoci | None: ...
+    def set_without_loss(self, other: Spectrum) -> None: ...
 
 class DenseOperator:
     def __init__(
@@ -445,7 +448,7 @@ class Truncated(Spectrum):
     def of_larger(
         self,
         sweep: Sweep,
-        max_speed: typing.SupportsFloat | typing.SupportsIndex,
+        end: typing.SupportsFloat | typing.SupportsIndex,
         resolved: typing.SupportsInt | typing.SupportsIndex,
     ) -> Sweep | None: ...
 

@@ -40,10 +40,10 @@ Complex twin_of(Complex still, const Values& values) {
 /// What a step shows: one root of each conjugate pair; those that meet another on the real axis are
 /// not followed by their cubics.
 struct Scan {
-  Roots roots;        // looked at
-  Flags leaving;      // of the left sample's, which leave the axis at rest to the right
-  Flags after;        // the same, which are unstable at the right end
-  bool clear = true;  // whether the step shows all
+  Roots roots;           // looked at
+  Flags leaving;         // of the left sample's, which leave the axis at rest to the right
+  Flags after;           // the same, which are unstable at the right end
+  bool clear = true;     // whether the step shows all
   int static_count = 0;  // see `Search::static_count`, of the right sample
   struct Predicted {
     Index root;
@@ -92,8 +92,8 @@ class Search {
   }
 
  private:
-  /// Speeds sampled at least: steps up to the longest, and one closely about each divergence, within
-  /// which no other lies.
+  /// Speeds sampled at least: steps up to the longest, and one closely about each divergence,
+  /// within which no other lies.
   std::vector<double> samples(double longest) const {
     const std::vector<Divergence>& all = divergences_.all;
     const int steps = std::max(1, static_cast<int>(std::ceil(range_.max_speed / longest)));
@@ -118,8 +118,8 @@ class Search {
     return nullptr;
   }
 
-  /// Half the step about a divergence, in 1 + u: what passes zero there is known to be on one side of
-  /// it from |lambda| = zero on.
+  /// Half the step about a divergence, in 1 + u: what passes zero there is known to be on one side
+  /// of it from |lambda| = zero on.
   double about_divergence() const { return std::max(0.99 * shortest_step, traits_.zero); }
 
   /// Whether a step is that about a divergence: nearer to it, what passes zero has no side.
@@ -293,8 +293,8 @@ class Search {
     return traits_.lossy() ? 2 : 1;
   }
 
-  /// Number of growing real roots of a pipe with a loss factor, which are those without it. A growing
-  /// pair next to one is the same motion and not counted beside it.
+  /// Number of growing real roots of a pipe with a loss factor, which are those without it. A
+  /// growing pair next to one is the same motion and not counted beside it.
   int static_count(const Sample& at) const {
     if (!traits_.lossy()) return 0;
     Spectrum& without_loss = spectrum_.without_loss();
@@ -565,9 +565,9 @@ class Search {
       const auto met = traits_.squared || couples ? meeting(step, i, change) : std::nullopt;
       const double middle = 0.5 * (step.left->u + step.right->u);
       const double imag = traits_.squared ? std::sqrt(step.start(i)).imag() : step.start(i).imag();
-      found.push_back(met ? *met
-                          : AxisCrossing{middle, {0.0, std::abs(imag)}, change, modes_[i],
-                                            step.length()});
+      found.push_back(
+          met ? *met
+              : AxisCrossing{middle, {0.0, std::abs(imag)}, change, modes_[i], step.length()});
     }
     return found;
   }
@@ -674,10 +674,10 @@ class Search {
   const std::function<void()>& report_;
   Sweep sweep_;
   Divergences divergences_;
-  Values rest_;        // values of the sample at rest
-  Roots rest_modes_;   // and their modes
-  Roots modes_;        // of the left sample's roots, counted from rest, from 1; 0 for others
-  Flags unstable_;  // the same, whether they are
+  Values rest_;       // values of the sample at rest
+  Roots rest_modes_;  // and their modes
+  Roots modes_;       // of the left sample's roots, counted from rest, from 1; 0 for others
+  Flags unstable_;    // the same, whether they are
   int unstable_count_ = 0, static_count_ = 0;
   Scan scanned_;  // of the step looked at last
 };

@@ -17,9 +17,9 @@
 // place. Real nu < 0 are roots on the axis; it is left where two of them meet and turn complex
 // (flutter; Beck's column) or one reaches zero (divergence).
 //
-// Real roots pass zero where K(u) is singular, which does not depend on velocities: these speeds are
-// known before any root is followed (`Spectrum::divergences`), and each is enclosed by samples of
-// its own. In every other step no real root changes its side.
+// Real roots pass zero where K(u) is singular, which does not depend on velocities: these speeds
+// are known before any root is followed (`Spectrum::divergences`), and each is enclosed by samples
+// of its own. In every other step no real root changes its side.
 //
 // A loss factor acts on oscillation alone. Roots are tracked on either side of the real axis, and
 // those above count for two; growing real roots are those of the pipe without it. Where a growing
@@ -48,8 +48,8 @@ struct AxisCrossing {
   Pair pair = {};  // without vectors where two branches meet on the axis or at u = 0+
   std::optional<Forms> forms = {};  // of its vectors, where both are known
   int before = 0;                   // number of unstable roots below it
-  // Whether on the side where no root grows K is indefinite: of a conservative system only gyroscopic
-  // forces hold it there, and any damping undoes that.
+  // Whether on the side where no root grows K is indefinite: of a conservative system only
+  // gyroscopic forces hold it there, and any damping undoes that.
   bool gyroscopic = false;
 };
 

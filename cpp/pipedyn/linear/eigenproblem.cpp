@@ -38,8 +38,8 @@ constexpr int most_refinements = 6;
 /// Real parts of conservative systems below this share of |lambda| are rounding.
 constexpr double on_axis = 1e-10;
 
-/// Relative imaginary part of the square of a speed up to which two conjugate ones count as a double
-/// real one.
+/// Relative imaginary part of the square of a speed up to which two conjugate ones count as a
+/// double real one.
 constexpr double same_square = 2.0 * same_speed;
 
 /// |K x| of a unit vector up to which K does not hold it.
@@ -200,8 +200,7 @@ int Divergence::change() const {
 }
 
 Pair Pairs::pair(Index i) const {
-  return {values[i],    right.col(i), left.col(i), residual[i],
-          uncertain[i], slopes[i],    by_left[i]};
+  return {values[i], right.col(i), left.col(i), residual[i], uncertain[i], slopes[i], by_left[i]};
 }
 
 void Pairs::put(Index k, const Pairs& others, Index i) {

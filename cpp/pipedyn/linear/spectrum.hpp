@@ -72,8 +72,9 @@ struct Forms {
 /// A speed at which the stiffness K(u) is singular: divergence, whatever the velocities.
 struct Divergence {
   double speed, error;
-  Pair pair = {};        // null vectors; slope is d kappa / du of the eigenvalue of K that vanishes
-  int multiplicity = 1;  // how many eigenvalues of K vanish there, at speeds that are not told apart
+  Pair pair = {};  // null vectors; slope is d kappa / du of the eigenvalue of K that vanishes
+  int multiplicity =
+      1;  // how many eigenvalues of K vanish there, at speeds that are not told apart
   double rest_square = 0.0;  // y^H K(0) x / y^H M x: the square of a frequency at rest
 
   /// By how many the real growing roots grow, by d lambda / du = -(y^H K' x) / (y^H C x); 0 where

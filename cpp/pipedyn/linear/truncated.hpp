@@ -51,8 +51,8 @@ class Truncated : public Spectrum {
 
   std::shared_ptr<Eigenproblem> fewer_, more_;
   std::vector<Index> shared_;
-  Index resolved_;     // roots
-  bool alike_ = true;  // whether all roots seen are on the same side in both
+  Index resolved_;           // roots
+  bool alike_ = true;        // whether all roots seen are on the same side in both
   Divergences divergences_;  // of the larger model
 };
 
