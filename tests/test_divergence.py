@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Divergence is found from the stiffness alone, and what gyroscopic forces and damping make of it."""
+"""Divergence, from the stiffness alone, and what gyroscopic forces and damping make of it."""
 
 from __future__ import annotations
 

@@ -8,7 +8,6 @@ from collections.abc import Sequence
 from dataclasses import field, replace
 from functools import cached_property, lru_cache, partial
 from itertools import pairwise
-from operator import attrgetter
 from typing import Any, TypeAlias, TypeVar
 
 import numpy as np
@@ -43,7 +42,7 @@ speeds are 1.6 to 1.9 times those without weight here, and grow about like gamma
 
 
 BESIDE = 1e-3
-"""How far behind the crossing that ends a search unstable roots are counted, relative to its speed."""
+"""Relative distance behind the crossing that ends a search at which unstable roots are counted."""
 
 BUCKLED = 64
 """Roots looked at for those of a long chain that grow without flow: it buckles in few modes."""
@@ -98,7 +97,7 @@ class CriticalSpeed(Crossing, units={"discretisation": SPEED}):
         return self.model.pipe
 
     def _shown(self) -> list[tuple[str, Any]]:
-        """First of all where the pipe is unstable below the speed, or stable by gyroscopic forces."""
+        """First where the pipe is unstable below the speed, or stable by gyroscopic forces alone."""
         warnings = ("stable_at_rest", "stable_from", "gyroscopic")
         shown = dict(super()._shown())
         if self.stable_at_rest and self.unstable_before == 0:
