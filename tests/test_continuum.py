@@ -16,6 +16,7 @@ from independent import (
     determinant_eigenvalue,
     distances,
 )
+from scipy.optimize import brentq
 
 import pipedyn as pp
 from pipedyn import _core
@@ -351,3 +352,18 @@ def test_a_foundation_leaves_becks_load_as_it_is(stiffness):
     assert found.speed == pytest.approx(4.47782912, abs=6e-9)
     plain = pp.critical_speed(pp.Continuum(pp.Pipe(0.0))).frequency
     assert found.frequency**2 == pytest.approx(plain**2 + stiffness, rel=1e-6)
+
+
+@pytest.mark.parametrize("count", [8, 20])
+def test_roots_below_those_that_damping_clusters_are_answered_where_more_are_asked_for(count):
+    """On a hinge at rest omega = x^2 with tan x = tanh x, and each mode is damped by itself."""
+    delta = 0.0168
+    pipe = pp.Continuum(pp.Pipe(0.085, damping=delta, root="pinned"))
+    found = pp.eigenvalues(pipe, 0.0, count)
+    ends = (3.5, 4.0), (6.9, 7.2)
+    squares = [brentq(lambda x: np.tan(x) - np.tanh(x), *each) ** 4 for each in ends]
+    expected = [root for square in squares for root in np.roots([1.0, delta * square, square])]
+    assert np.abs(found[:2]).max() < 1e-6  # it turns freely
+    np.testing.assert_allclose(np.sort_complex(found[2:]), np.sort_complex(expected), rtol=1e-8)
+    with pytest.raises(pp.NotConverged, match="accumulate"):
+        pp.modes(pp.Continuum(pp.Pipe(0.085, damping=10.0)), 0.0, 2)

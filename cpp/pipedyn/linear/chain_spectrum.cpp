@@ -18,6 +18,8 @@ namespace {
 constexpr double entry_rounding = 8.0 * eps;
 /// Residual of T beyond which vectors are tried another way: most have 1e-16.
 constexpr double small_residual = 1e-14;
+/// Relative error of a speed at which a root crosses beyond which its growth is found otherwise.
+constexpr double faint_growth = 1e-6;
 /// |lambda| up to which joint angles hold vectors: they lose eps |lambda|^2, which is 2e-13 here.
 constexpr double slow = 30.0;
 /// Least points on the upper half of a circle that counts roots inside. One outside by a factor f
@@ -413,7 +415,12 @@ Pair ChainSpectrum::refined(double u, const Pair& guess) {
     value[0] -= change;
     if (std::abs(change) <= 1e-8 * std::abs(value[0])) break;  // twice the digits are left now
   }
-  return polished(u, {{value[0], false}}, true).pair(0);
+  Pairs found = polished(u, {{value[0], false}}, true);
+  // Where the flow works hardly on a mode, as on one whose tip a mass holds, its energy balance knows
+  // the growth better: O(n^2), so only there.
+  const bool hidden = found.uncertain[0] > faint_growth * u * std::abs(found.slopes[0].real());
+  if (hidden && chain_.dof() <= dense_limit) improve(u, found, found.uncertain);
+  return found.pair(0);
 }
 
 namespace {

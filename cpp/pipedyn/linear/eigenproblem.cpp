@@ -23,9 +23,6 @@ constexpr double tolerance = 1e-10;
 /// segments with damping 1e-3 (1e-5, 0.99 before) and of 200 Legendre functions (4e-5) pass.
 constexpr double largest_residual = 1e-4;
 
-/// Rounding of Re lambda up to which it is left as it is: what grows slower doubles in 1e8 T.
-constexpr double slow_growth = 1e-8;
-
 /// Error of a growth rate, in differences of those that its two vectors give. Measured on 228 high
 /// modes of 120 Legendre functions, 200 beam functions and 200 segments, against roots to 19
 /// digits: with this factor the error holds for 212. The others, where both vectors err by the
@@ -362,14 +359,14 @@ void Eigenproblem::assess(double u, Pairs& pairs) {
   }
 }
 
-/// Re lambda by its energy balance where rounding hides a slow growth, as in high modes without
-/// damping, and at rest where damping is all there is.
+/// Re lambda by its energy balance where rounding hides a slow growth: of high modes without damping,
+/// of modes on which the flow hardly works, and at rest, where damping is all there is.
 void Eigenproblem::improve(double u, Pairs& pairs, Reals& uncertain) {
   std::vector<Index> hidden;
   for (Index i = 0; i < pairs.values.size(); ++i) {
     const Complex value = pairs.values[i];
     if (value.imag() == 0.0 || !(std::abs(value.real()) < 1e3 * uncertain[i])) continue;
-    if (!is_good(pairs, i, true) || (u > 0.0 && !(uncertain[i] > slow_growth))) continue;
+    if (!is_good(pairs, i, true)) continue;
     // Near a double root vectors are worse than values: there y^H P' x is far below x^H P' x.
     if (std::abs(pairs.by_left[i]) > 0.1 * std::abs(pairs.by_right[i])) hidden.push_back(i);
   }

@@ -51,6 +51,8 @@ class Eigenproblem : public Spectrum {
   bool is_squared(double u) const { return traits.squared || (traits.free_at_rest && u == 0.0); }
   /// How far rounding may have moved the roots of a sample.
   virtual Reals rounding(const Pairs& pairs) const;
+  /// Re lambda and its uncertainty by the energy balance, where rounding hides it.
+  void improve(double u, Pairs& pairs, Reals& uncertain);
 
  private:
   std::optional<Pairs> about(double u, double shift, Index count, bool left);
@@ -62,7 +64,6 @@ class Eigenproblem : public Spectrum {
   std::vector<Divergence> divergences_beside(const Matrix& turns, double max_speed);
   Values singular_squares(const DenseOperator& one, const Matrix& still, const Matrix& flux,
                           bool symmetric) const;
-  void improve(double u, Pairs& pairs, Reals& uncertain);
 
   const At at_;
   std::optional<Matrix> free_turns_;  // once they are asked for

@@ -97,7 +97,7 @@ class CriticalSpeed(Crossing, units={"discretisation": SPEED}):
         return self.model.pipe
 
     def _shown(self) -> list[tuple[str, Any]]:
-        """First where the pipe is unstable below the speed, or stable by gyroscopic forces alone."""
+        """First where it is unstable below the speed, or stable by gyroscopic forces alone."""
         warnings = ("stable_at_rest", "stable_from", "gyroscopic")
         shown = dict(super()._shown())
         if self.stable_at_rest and self.unstable_before == 0:

@@ -46,6 +46,10 @@ of 640 and 816 functions differ by 3e-9, which is rounding, so that more do not 
 eigenvalues take dense problems of 816 rows, a second each."""
 
 
+CLUSTER = 1e-6
+"""Relative distance from |lambda| = 1 / damping within which a root is one that accumulates."""
+
+
 def eigenvalues(model: AnyModel, u: float, count: int | None = None) -> Complex:
     """Eigenvalues lambda of the straight pipe at flow speed u; motion ~ exp(lambda tau).
 
@@ -59,7 +63,8 @@ def eigenvalues(model: AnyModel, u: float, count: int | None = None) -> Complex:
         Complex array (count,), sorted by |lambda|; conjugates are neighbours, the upper
         first (an odd count may cut the last pair). With hysteresis it has the pairs that oscillate
         and the real roots that grow, see `Pipe.hysteresis`; of strong damping these may be fewer
-        than 2 dof in all.
+        than 2 dof in all. Of a damped `Continuum` they are those with |lambda| < 1 / damping, so
+        that there may be fewer than asked for: at -1 / damping its eigenvalues accumulate.
 
     Example:
         >>> found = pp.eigenvalues(pp.Continuum(pp.Pipe(0.2)), 4.0, count=4)
@@ -196,7 +201,8 @@ def modes(model: AnyModel, u: float, count: int | None = None) -> Modes:
         count: how many, from the lowest |lambda|, as for `eigenvalues`.
 
     Returns:
-        Modes, in the order of `eigenvalues`; one that fails its residual check has converged False.
+        Modes, in the order of `eigenvalues` and as many; one that fails its residual check has
+        converged False.
 
     Example:
         >>> found = pp.modes(pp.Chain(pp.Pipe(0.2), 10), 4.0, count=2)
@@ -204,20 +210,45 @@ def modes(model: AnyModel, u: float, count: int | None = None) -> Modes:
         (array([-4.8+4.01j, -4.8-4.01j]), 2)
 
     Raises:
-        NotConverged: if the continuous pipe's eigenvalues do not converge as the basis grows.
+        NotConverged: if the continuous pipe's eigenvalues do not converge as the basis grows, or
+            all lie beyond 1 / damping.
         ValueError, TypeError: for bad arguments.
     """
     u, count = _checked_question(model, u, count)
     found = answered(
         model,
         (u,),
-        lambda one: _modes(one, u, count),
+        lambda one: _below_cluster(_modes(one, u, count), model),
         _moved_beyond_rounding,
         smallest=max(16, count or 0),
     )
-    if isinstance(model, Continuum):
-        return replace(found.value, size=found.size, discretisation=found.error)
-    return found.value
+    if not isinstance(model, Continuum):
+        return found.value
+    if not found.value.eigenvalues.size:
+        raise NotConverged(
+            f"no eigenvalue lies below |lambda| = 1 / damping = {1.0 / model.pipe.damping:.6g}, "
+            "where those of the continuous pipe accumulate",
+            found.value,
+        )
+    return replace(found.value, size=found.size, discretisation=found.error)
+
+
+def _below_cluster(found: Modes, model: AnyModel) -> Modes:
+    """Of the continuous pipe's modes those with |lambda| below that at which damping clusters them.
+
+    Infinitely many overdamped roots tend to -1 / delta, so that none is the next one there.
+    """
+    delta = model.pipe.damping / abs(1.0 + 1j * model.pipe.hysteresis)
+    if not isinstance(model, Continuum) or not delta:
+        return found
+    below = np.flatnonzero(np.abs(found.eigenvalues) * delta < 1.0 - CLUSTER)
+    return replace(
+        found,
+        eigenvalues=found.eigenvalues[below],
+        shapes=tuple(found.shapes[i] for i in below),
+        residuals=found.residuals[below],
+        converged=found.converged[below],
+    )
 
 
 def _moved_beyond_rounding(before: Modes, after: Modes) -> float:
