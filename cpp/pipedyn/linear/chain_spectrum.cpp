@@ -416,8 +416,8 @@ Pair ChainSpectrum::refined(double u, const Pair& guess) {
     if (std::abs(change) <= 1e-8 * std::abs(value[0])) break;  // twice the digits are left now
   }
   Pairs found = polished(u, {{value[0], false}}, true);
-  // Where the flow works hardly on a mode, as on one whose tip a mass holds, its energy balance knows
-  // the growth better: O(n^2), so only there.
+  // Where the flow works hardly on a mode, as on one whose tip a mass holds, its energy balance
+  // knows the growth better: O(n^2), so only there.
   const bool hidden = found.uncertain[0] > faint_growth * u * std::abs(found.slopes[0].real());
   if (hidden && chain_.dof() <= dense_limit) improve(u, found, found.uncertain);
   return found.pair(0);

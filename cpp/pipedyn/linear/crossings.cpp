@@ -390,6 +390,7 @@ class Search {
     Scan found;
     found.after = states_after(step);
     found.leaving.assign(left.size(), 0);
+    if (traits_.conservative && most_unstable(right.u) == 0) return found;  // nothing can grow
     int turned = 0;
     for (Index i = 0; i < left.size(); ++i) {
       const Index j = step.onto[i];
@@ -462,7 +463,8 @@ class Search {
     const double turns = c * c - 3.0 * slope * d;
     const double far = c + std::copysign(std::sqrt(std::max(turns, 0.0)), c);
     for (const double t : {-slope / far, -far / (3.0 * d)}) {
-      if (!(turns > 0.0 && t > 0.0 && t < 1.0)) continue;
+      // Roots of a conservative system leave the axis where two of them meet, which tracking shows.
+      if (!(turns > 0.0 && t > 0.0 && t < 1.0) || traits_.conservative) continue;
       const double extremum = cubic(t);
       if (std::abs(extremum) <= band + noise && band > noise) found.clear = false;
       if (std::abs(extremum) > noise) points.push_back({t, extremum > 0.0});

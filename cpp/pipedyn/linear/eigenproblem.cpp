@@ -359,8 +359,8 @@ void Eigenproblem::assess(double u, Pairs& pairs) {
   }
 }
 
-/// Re lambda by its energy balance where rounding hides a slow growth: of high modes without damping,
-/// of modes on which the flow hardly works, and at rest, where damping is all there is.
+/// Re lambda by its energy balance where rounding hides a slow growth: of high modes without
+/// damping, of modes on which the flow hardly works, and at rest, where damping is all there is.
 void Eigenproblem::improve(double u, Pairs& pairs, Reals& uncertain) {
   std::vector<Index> hidden;
   for (Index i = 0; i < pairs.values.size(); ++i) {

@@ -87,7 +87,9 @@ LARGEST_BATCH = 1_000_000
 
 
 @saved_as(
-    "Equilibria", shapes={"k coordinates": "q", "k": "stable growth residuals", "k 2": "tips"}
+    "Equilibria",
+    added=("resolved", "valid", "discarded"),
+    shapes={"k coordinates": "q", "k": "stable growth residuals", "k 2": "tips"},
 )
 class Equilibria(TableResult, units={"growth": RATE}):
     """Equilibria at one flow speed, the straight one first, the others from the least bent on.
@@ -104,7 +106,7 @@ class Equilibria(TableResult, units={"growth": RATE}):
             shape (k,); where not, it is an artefact of the discretisation. True of chains and
             scenes.
         valid: whether the laws of all terms hold at its angles, shape (k,): `Stretching` does up to
-            a quarter turn.
+            a quarter turn. Both are None in files of versions that did not ask.
         u: flow speed.
         model: the model.
         discarded: solutions of the model's equations that are not both, None where there are none.
@@ -120,10 +122,10 @@ class Equilibria(TableResult, units={"growth": RATE}):
     growth: Array
     tips: Array
     residuals: Array = field(repr=False)
-    resolved: NDArray[np.bool_] = field(repr=False)
-    valid: NDArray[np.bool_] = field(repr=False)
     u: float
     model: Model
+    resolved: NDArray[np.bool_] | None = field(default=None, repr=False)
+    valid: NDArray[np.bool_] | None = field(default=None, repr=False)
     discarded: Equilibria | None = None
 
     def __len__(self) -> int:
@@ -136,13 +138,13 @@ class Equilibria(TableResult, units={"growth": RATE}):
         return list(shown.items())
 
     def _columns(self) -> dict[str, Any]:
+        asked = {"resolved": self.resolved, "valid": self.valid}
         return {
             "tip_x": self.tips[:, 0],
             "tip_y": self.tips[:, 1],
             "growth_rate": self.growth,
             "stable": self.stable,
-            "resolved": self.resolved,
-            "valid": self.valid,
+            **{name: one for name, one in asked.items() if one is not None},
             **numbered("q", self.q),
         }
 
