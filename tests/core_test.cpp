@@ -1272,8 +1272,10 @@ class Branches : public pipedyn::Spectrum {
     const Index branch = static_cast<Index>(std::lround((guess.value.imag() - 5.0) / 2.0));
     return {{real(branch, u), frequency_of(branch)}, {}, {}, 0.0, 1e-15, slope(branch, u)};
   }
-  pipedyn::Pair null_pair(double, const pipedyn::Pair& near) override { return near; }
-  double determinant(double, const pipedyn::Pair&) override { return 1.0; }
+  pipedyn::Reals quotients(double, const pipedyn::Pairs& pairs) override {
+    return pairs.values.abs2();
+  }
+  pipedyn::Divergences divergences(double) override { return {}; }
 
  private:
   static double frequency_of(Index branch) { return 5.0 + 2.0 * static_cast<double>(branch); }

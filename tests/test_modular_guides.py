@@ -103,10 +103,13 @@ def test_crossings_are_those_of_the_matrices(
 
 @pytest.mark.parametrize("name", ["ejecting", "terms", "damper", "idle damper"])
 @pytest.mark.parametrize(("n", "nodes"), [(4, (2, 3)), (4, (2, 4, 3)), (5, (3, 4)), (12, (10, 11))])
+@pytest.mark.parametrize("by", ["recursion", "matrices"])
 def test_a_span_that_neighbouring_guides_clamp_diverges(
-    name: str, n: int, nodes: tuple[int, ...]
+    name: str, n: int, nodes: tuple[int, ...], by: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Nothing beyond moves with it, and nothing takes its energy: zero is a double root."""
+    if by == "matrices":
+        monkeypatch.setattr(md.Assembly, "as_chain", None)
     pipe = PIPES.get(name, pp.Pipe(0.3, terms=[pp.Damper(at=1.0, coefficient=0.5)]))
     scene = guided(pipe, n, (*nodes, n) if name == "idle damper" and n not in nodes else nodes)
     critical = pp.critical_speed(scene, 11.0)

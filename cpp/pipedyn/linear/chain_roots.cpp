@@ -95,8 +95,15 @@ Pencil matrices(const Chain& chain, const Complement& complement, const Lapack& 
   if (complement.dof() < complement.size()) {
     for (Matrix& of : made) {
       if (of.size() == 0) continue;
+      // What the reflections' rounding leaves of a part that constraints take away whole, as of a
+      // damper at a guide, is none of it, nor is it where the matrix is symmetric or skew.
+      const double lost = 4.0 * eps * of.cwiseAbs().maxCoeff();
       const Matrix columns = complement.gathered(of).transpose();
       of = complement.gathered(columns).transpose();
+      const Matrix turned = of.transpose(), symmetric = 0.5 * (of + turned);
+      const Matrix skew = 0.5 * (of - turned);
+      const auto kept = [lost](double entry) { return std::abs(entry) <= lost ? 0.0 : entry; };
+      of = symmetric.unaryExpr(kept) + skew.unaryExpr(kept);
     }
   }
   return {lapack, std::move(made), chain.pipe().centrifugal, size};

@@ -76,8 +76,16 @@ class SmallMotions:
         form, layout, theta, n = self.form, self.layout, self.theta, self.theta.size
         chain, angles = form.unsprung.operators(theta), np.cumsum(joints, axis=0)
 
+        sizes = np.linalg.norm(angles, axis=0)
+
         def of_angles(matrix: Array) -> Array:
-            return angles.T @ matrix @ angles
+            made = angles.T @ matrix @ angles
+            # What rounding leaves of a part that constraints take away whole, as of a damper at a
+            # guide, is none of it, nor is it where the matrix is symmetric or skew.
+            lost = 4.0 * np.finfo(float).eps * np.abs(matrix).max() * np.outer(sizes, sizes)
+            parts = 0.5 * (made + made.T), 0.5 * (made - made.T)
+            symmetric, skew = (np.where(np.abs(part) <= lost, 0.0, part) for part in parts)
+            return symmetric + skew
 
         def of_joints(values: Array) -> Array:
             every = np.vstack([joints, -angles[-1:]])[: values.size]
