@@ -218,28 +218,29 @@ def modes(model: AnyModel, u: float, count: int | None = None) -> Modes:
     found = answered(
         model,
         (u,),
-        lambda one: _below_cluster(_modes(one, u, count), model),
-        _moved_beyond_rounding,
+        lambda one: _modes(one, u, count),
+        partial(_moved_below_cluster, model.pipe),
         smallest=max(16, count or 0),
     )
     if not isinstance(model, Continuum):
         return found.value
-    if not found.value.eigenvalues.size:
+    answer = _below_cluster(found.value, model.pipe)
+    if not answer.eigenvalues.size:
         raise NotConverged(
             f"no eigenvalue lies below |lambda| = 1 / damping = {1.0 / model.pipe.damping:.6g}, "
             "where those of the continuous pipe accumulate",
-            found.value,
+            answer,
         )
-    return replace(found.value, size=found.size, discretisation=found.error)
+    return replace(answer, size=found.size, discretisation=found.error)
 
 
-def _below_cluster(found: Modes, model: AnyModel) -> Modes:
+def _below_cluster(found: Modes, pipe: Pipe) -> Modes:
     """Of the continuous pipe's modes those with |lambda| below that at which damping clusters them.
 
     Infinitely many overdamped roots tend to -1 / delta, so that none is the next one there.
     """
-    delta = model.pipe.damping / abs(1.0 + 1j * model.pipe.hysteresis)
-    if not isinstance(model, Continuum) or not delta:
+    delta = pipe.damping / abs(1.0 + 1j * pipe.hysteresis)
+    if not delta:
         return found
     below = np.flatnonzero(np.abs(found.eigenvalues) * delta < 1.0 - CLUSTER)
     return replace(
@@ -249,6 +250,14 @@ def _below_cluster(found: Modes, model: AnyModel) -> Modes:
         residuals=found.residuals[below],
         converged=found.converged[below],
     )
+
+
+def _moved_below_cluster(pipe: Pipe, before: Modes, after: Modes) -> float:
+    """What those below the cluster move by; the lowest of all where both bases have none there."""
+    below = _below_cluster(before, pipe), _below_cluster(after, pipe)
+    if any(one.eigenvalues.size for one in below):
+        return _moved_beyond_rounding(*below)
+    return relative(before.eigenvalues[:1], after.eigenvalues[:1])
 
 
 def _moved_beyond_rounding(before: Modes, after: Modes) -> float:
