@@ -412,7 +412,7 @@ void pairs(const ImpedanceModel& model, const ImpedancePoints& points, const Imp
       pressed += Lanes{} - y.end * x.angle;
       entries += std::fabs(problem.thrust) * (size_of(y.end) * size_of(x.angle));
     }
-    if (problem.entry != 0.0) {
+    if (model.entry != 0.0) {
       const double share = -model.entry / model.coriolis;
       const Lanes end = share * x.end;
       rates.flow += y.end * end;

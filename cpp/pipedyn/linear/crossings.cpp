@@ -237,47 +237,48 @@ class Search {
         if (other == value || other == std::conj(value)) result[i] |= before[k];
       }
     }
-    if (traits_.conservative && !traits_.squared) keep_fastest(at, onto, result);
+    if (traits_.conservative && !traits_.squared) keep_surest(at, onto, result);
     return result;
   }
 
   /// Of a conservative system at most so many roots grow as Krein's index says: others are on the
-  /// axis, off which rounding moves high modes.
-  void keep_fastest(const Sample& at, const Roots& onto, Flags& growing) const {
+  /// axis, off which rounding moves high modes, farther than some low ones grow.
+  void keep_surest(const Sample& at, const Roots& onto, Flags& growing) const {
     const int most = most_unstable(at.u);
     while (std::count(growing.begin(), growing.end(), 1) > most) {
-      Index slowest = -1;
-      const auto growth = [&](Index i) { return at.values[onto[i]].real(); };
+      Index least = -1;
+      const auto sureness = [&](Index i) { return at.values[onto[i]].real() / at.noise[onto[i]]; };
       for (Index i = 0; i < static_cast<Index>(growing.size()); ++i) {
         if (growing[i] == 0) continue;
         if (onto[i] < 0) return;
-        if (slowest < 0 || growth(i) < growth(slowest)) slowest = i;
+        if (least < 0 || sureness(i) < sureness(least)) least = i;
       }
-      if (slowest < 0) return;
-      growing[slowest] = 0;
+      if (least < 0) return;
+      growing[least] = 0;
     }
   }
 
-  /// States at the right end of a step of the left sample's roots. The one that is nearest to zero
-  /// behind a divergence has grown out of it if K says so, however slowly.
+  /// States at the right end of a step of the left sample's roots. What passes zero at a divergence
+  /// shows in the sign of a real root, or is the slowest that has no sign, and then as K says.
   Flags states_after(const Step& step) const {
     Flags after = states(*step.right, step.onto, unstable_);
     const Divergence* const zero = passed(step);
-    const Index i = zero == nullptr || traits_.lossy() ? -1 : passing(step);
-    if (i >= 0 && zero->change() != 0) after[i] = zero->change() > 0;
-    return after;
-  }
-
-  /// The root of a step's left sample that lies nearest to zero at its right end, if that is real.
-  Index passing(const Step& step) const {
-    Index found = -1;
+    if (zero == nullptr || traits_.lossy() || zero->change() == 0) return after;
+    const bool grows = zero->change() > 0;
+    Index slowest = -1;
     for (Index i = 0; i < step.left->size(); ++i) {
-      if (step.onto[i] < 0) continue;
+      const Index j = step.onto[i];
+      if (j < 0 || step.end(i).imag() != 0.0) continue;
+      if (has_sign(*step.right, j)) {
+        if (after[i] != unstable_[i] && (after[i] != 0) == grows) return after;
+        continue;
+      }
       const double size = magnitude(step.end(i));
-      if (size <= step.right->noise[step.onto[i]]) continue;  // it stays at zero
-      if (found < 0 || size < magnitude(step.end(found))) found = i;
+      if (size <= step.right->noise[j]) continue;  // it stays at zero
+      if (slowest < 0 || size < magnitude(step.end(slowest))) slowest = i;
     }
-    return found >= 0 && step.end(found).imag() == 0.0 ? found : -1;
+    if (slowest >= 0) after[slowest] = grows;
+    return after;
   }
 
   /// Number of unstable roots among the resolved of a sample.
@@ -326,10 +327,6 @@ class Search {
     for (Index i = 0; i < size; ++i) every[i] = i;
     modes_ = std::move(modes);
     unstable_ = states(*step.right, every, before);
-    if (!traits_.lossy() && passed(step) != nullptr) {  // too slow to have a sign
-      const Index i = passing(step);
-      if (i >= 0) unstable_[step.onto[i]] = after[i];
-    }
     for (Index i = 0; partly && i < size; ++i) {
       sweep_.untracked |= unstable_[i] && traits_.counts(step.right->values[i]) &&
                           (modes_[i] == 0 || modes_[i] > range_.tracked);
