@@ -571,10 +571,22 @@ Divergence ChainSpectrum::divergence_at(double u) const {
     Pairs found = solved(chain_, complement_, scale_, u, Values::Zero(1), true, false, false);
     // Beyond a clamp of two guides nothing moves with what starts at the first.
     if (!(found.residual[0] <= small_residual)) found = at(u, Values::Zero(1), true);
-    found.uncertain *= found.by_left.abs();
-    found.slopes *= -found.by_left;
     pair = found.pair(0);
-    rest_square = -0.5 * u * pair.slope.real() / forms(pair)->mass.real();  // K = 0 along x
+    pair.uncertain *= std::abs(pair.by_value);
+    // Where the part beyond a joint is singular by itself, as half of a guided pipe is, rounding
+    // scales the parts of a vector apart: so it is the mean of those closely beside.
+    const double apart = 1e-6 * (1.0 + u);
+    const Pairs below = at(u - apart, Values::Zero(1), true);
+    const Pairs above = at(u + apart, Values::Zero(1), true);
+    const auto mean = [](const ComplexTable& a, const ComplexTable& b) -> ComplexVector {
+      return (a.col(0) + std::copysign(1.0, a.col(0).dot(b.col(0)).real()) * b.col(0)).normalized();
+    };
+    pair.right = mean(below.right, above.right);
+    pair.left = mean(below.left, above.left);
+    const Forms of = *forms(pair);
+    pair.by_value = u * of.velocity + of.damping;
+    pair.slope = 2.0 * chain_.impedance().thrust * u * of.flux;
+    rest_square = -0.5 * u * pair.slope.real() / of.mass.real();  // K = 0 along x
   }
   const double rate = std::abs(pair.slope);
   const double error = (rate > 0.0 ? pair.uncertain / rate : infinite) + 4e-16 * (1.0 + u);
