@@ -92,21 +92,17 @@ Pencil matrices(const Chain& chain, const Complement& complement, const Lapack& 
     const Matrix columns = scale.asDiagonal();
     made[5] = loss * (columns * chain.joint_times(columns, {.by_damping = 1.0}));
   }
-  if (complement.dof() < complement.size()) {
-    for (Matrix& of : made) {
+  std::array<double, 6> lost{};
+  if (const Index held = complement.size() - complement.dof(); held > 0) {
+    for (std::size_t k = 0; k < made.size(); ++k) {
+      Matrix& of = made[k];
       if (of.size() == 0) continue;
-      // What the reflections' rounding leaves of a part that constraints take away whole, as of a
-      // damper at a guide, is none of it, nor is it where the matrix is symmetric or skew.
-      const double lost = 4.0 * eps * of.cwiseAbs().maxCoeff();
+      lost[k] = 4.0 * eps * static_cast<double>(held) * of.norm();
       const Matrix columns = complement.gathered(of).transpose();
       of = complement.gathered(columns).transpose();
-      const Matrix turned = of.transpose(), symmetric = 0.5 * (of + turned);
-      const Matrix skew = 0.5 * (of - turned);
-      const auto kept = [lost](double entry) { return std::abs(entry) <= lost ? 0.0 : entry; };
-      of = symmetric.unaryExpr(kept) + skew.unaryExpr(kept);
     }
   }
-  return {lapack, std::move(made), chain.pipe().centrifugal, size};
+  return {lapack, std::move(made), chain.pipe().centrifugal, size, lost};
 }
 
 Approximations dense_roots(const Chain& chain, const Complement& complement, const Lapack& lapack,

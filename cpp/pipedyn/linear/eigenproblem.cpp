@@ -149,10 +149,12 @@ std::pair<Reals, Reals> growth(const DenseOperator& p, const Pairs& pairs) {
       const double rate = -(by_velocity.sum().real() + by_place.sum().imag()) / balance;
       if (vectors == &pairs.left) {
         errors[i] += vector_error * std::abs(rates[i] - rate);
-      } else {  // rounding of two sums of dof terms
+      } else {  // rounding of two sums of dof terms, and of the matrices
         const double size = by_velocity.cwiseAbs().sum() + by_place.cwiseAbs().sum();
         rates[i] = rate;
-        errors[i] = 2.0 * static_cast<double>(p.dof + 2) * eps * size / std::abs(balance);
+        const double sums = 2.0 * static_cast<double>(p.dof + 2) * eps * size;
+        const double matrices = std::abs(omega) * p.velocity_lost + p.stiffness_lost;
+        errors[i] = (sums + matrices) / std::abs(balance);
       }
     }
   }

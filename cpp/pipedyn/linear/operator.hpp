@@ -54,9 +54,13 @@ class DenseOperator {
   /// M, C and K, the derivatives of C and K by u, and L or none; each (dof, dof).
   using Matrices = std::array<Matrix, 6>;
 
-  DenseOperator(const Lapack& lapack, Matrices matrices, double stiffness_size)
+  /// As for the attributes.
+  DenseOperator(const Lapack& lapack, Matrices matrices, double stiffness_size,
+                double of_velocity = 0.0, double of_stiffness = 0.0)
       : dof(matrices[0].rows()),
         size(stiffness_size),
+        velocity_lost(of_velocity),
+        stiffness_lost(of_stiffness),
         lapack_(lapack),
         matrices_(std::move(matrices)) {}
 
@@ -92,6 +96,8 @@ class DenseOperator {
 
   const Index dof;
   const double size;  // of K, the elastic stiffness being 1
+  // By what rounding C and K may be off, in norm; 0 where it is that of their entries.
+  const double velocity_lost, stiffness_lost;
 
  private:
   /// With those vectors of which 'V' is given, as LAPACK is asked for them.
@@ -114,8 +120,9 @@ class DenseOperator {
 struct Pencil {
   Lapack lapack;
   DenseOperator::Matrices matrices;
-  double centrifugal;  // a
-  double size;         // of K at rest
+  double centrifugal;               // a
+  double size;                      // of K at rest
+  std::array<double, 6> lost = {};  // by what rounding each matrix may be off, in norm
 
   std::shared_ptr<DenseOperator> operator()(double u) const;
 };
