@@ -544,13 +544,8 @@ class Search {
       const bool off_axis = (one.rising ? step.end(one.root) : step.start(one.root)).imag() != 0.0;
       std::optional<AxisCrossing> met;
       if (off_axis && traits_.conservative) met = meeting(step, one.root, one.rising ? 2 : -2);
-      AxisCrossing crossing = met ? *met : polished(step, one);
-      // An undamped root may leave the axis at rest slower than u, as with a fluid drawn from rest.
-      if (step.left->u == 0.0 && !traits_.damped && !is_known(crossing)) {
-        const Complex value(0.0, std::abs(step.start(one.root).imag()));
-        crossing = {0.0, value, crossing.change, crossing.mode,
-                    least_unstable_speed(step, one.root)};
-      }
+      const bool at_rest = step.left->u == 0.0 && !traits_.damped;
+      AxisCrossing crossing = met ? *met : at_rest ? beyond_rest(step, one) : polished(step, one);
       if (met || traits_.counts(crossing.pair.value)) found.push_back(std::move(crossing));
     }
     for (const Index i : scan.roots) {
@@ -571,12 +566,26 @@ class Search {
     return found;
   }
 
-  /// The lowest speed, to a factor of 2, at which a root that is unstable at the end of a step from
-  /// rest is so beyond rounding.
-  double least_unstable_speed(const Step& step, Index root) {
+  /// A crossing in the step from rest of a root that lies on the axis there as nothing damps it, by
+  /// the speed that is halved until the root is on the other side. Where rounding hides the side
+  /// before, as with a fluid drawn from rest, it leaves the axis at rest, known to a factor of 2.
+  AxisCrossing beyond_rest(const Step& step, const Scan::Predicted& predicted) {
+    const Index root = predicted.root;
+    const int change = predicted.rising ? 2 : -2;
+    const auto there = [&](double u) { return spectrum_.refined(u, Pair{step.expected(root, u)}); };
     for (double u = step.right->u;; u *= 0.5) {
-      const Pair lower = spectrum_.refined(0.5 * u, Pair{step.expected(root, 0.5 * u)});
-      if (!(lower.value.real() > lower.uncertain)) return u;
+      const Pair lower = there(0.5 * u);
+      const double side = predicted.rising ? lower.value.real() : -lower.value.real();
+      if (side > lower.uncertain) continue;
+      if (!(side < -lower.uncertain)) {
+        const Complex value(0.0, std::abs(step.start(root).imag()));
+        return {0.0, value, change, modes_[root], u};
+      }
+      const Function real_part = [&](double at) { return there(at).value.real(); };
+      const double at = zero_between(real_part, 0.5 * u, u, 4e-16 * (1.0 + u));
+      Pair pair = there(at);
+      const Complex value(0.0, std::abs(pair.value.imag()));
+      return {at, value, change, modes_[root], error_of(pair), std::move(pair)};
     }
   }
 

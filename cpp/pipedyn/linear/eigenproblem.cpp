@@ -126,6 +126,18 @@ Pair refine(const DenseOperator& p, const Pair& guess, int& steps) {
   return last;
 }
 
+/// The parts of C and K that work: the symmetric one of C and the skew one of K, and how large the
+/// entries are of which rounding leaves them.
+struct Working {
+  DenseOperator parts, sizes;
+
+  Working(const DenseOperator& p, const Matrix& velocity, const Matrix& stiffness)
+      : parts(p.with(p.mass(), 0.5 * (velocity + velocity.transpose()),
+                     0.5 * (stiffness - stiffness.transpose()))),
+        sizes(p.with(p.mass(), (parts.velocity().array() == 0.0).select(0.0, velocity.cwiseAbs()),
+                     (parts.stiffness().array() == 0.0).select(0.0, stiffness.cwiseAbs()))) {}
+};
+
 /// Growth Re lambda of oscillating pairs by their energy balance, and how far rounding may move it.
 /// With lambda = sigma + i omega the imaginary part of x^H P x = 0 is
 ///
@@ -136,25 +148,35 @@ Pair refine(const DenseOperator& p, const Pair& guess, int& steps) {
 /// disagree, vectors are not exact.
 std::pair<Reals, Reals> growth(const DenseOperator& p, const Pairs& pairs) {
   const Index count = pairs.values.size();
+  const Working of(p, p.velocity(), p.stiffness());
   Reals rates(count), errors(count);
   for (const ComplexTable* const vectors : {&pairs.right, &pairs.left}) {
     const auto [mass, velocity, stiffness] = p.multiply(*vectors);
+    const auto [same, resisting, circulatory] = of.parts.multiply(*vectors);
+    const ComplexTable lengths = vectors->cwiseAbs().cast<Complex>();
+    const auto [none, velocity_sizes, stiffness_sizes] = of.sizes.multiply(lengths);
     for (Index i = 0; i < count; ++i) {
       const double omega = pairs.values[i].imag();
       const ComplexVector x = vectors->col(i).conjugate();
-      const ComplexVector by_velocity = omega * x.cwiseProduct(velocity.col(i));
-      const ComplexVector by_place = x.cwiseProduct(stiffness.col(i));
+      const ComplexVector by_velocity = omega * x.cwiseProduct(resisting.col(i));
+      const ComplexVector by_place =
+          x.cwiseProduct(p.is_lossy() ? stiffness.col(i) : circulatory.col(i));
       const double kinetic = x.cwiseProduct(mass.col(i)).sum().real();
-      const double balance = 2.0 * omega * kinetic + by_velocity.sum().imag() / omega;
+      const double balance = 2.0 * omega * kinetic + x.cwiseProduct(velocity.col(i)).sum().imag();
       const double rate = -(by_velocity.sum().real() + by_place.sum().imag()) / balance;
       if (vectors == &pairs.left) {
         errors[i] += vector_error * std::abs(rates[i] - rate);
       } else {  // rounding of two sums of dof terms, and of the matrices
-        const double size = by_velocity.cwiseAbs().sum() + by_place.cwiseAbs().sum();
-        rates[i] = rate;
-        const double sums = 2.0 * static_cast<double>(p.dof + 2) * eps * size;
+        const double sums = by_velocity.cwiseAbs().sum() + by_place.cwiseAbs().sum();
+        const double entries =
+            lengths.col(i)
+                .cwiseProduct(omega * velocity_sizes.col(i) + stiffness_sizes.col(i))
+                .cwiseAbs()
+                .sum();
         const double matrices = std::abs(omega) * p.velocity_lost + p.stiffness_lost;
-        errors[i] = (sums + matrices) / std::abs(balance);
+        rates[i] = rate;
+        errors[i] = (2.0 * eps * (static_cast<double>(p.dof + 2) * sums + entries) + matrices) /
+                    std::abs(balance);
       }
     }
   }
@@ -393,6 +415,24 @@ Reals Eigenproblem::rounding(const Pairs& pairs) const {
       .max(pairs.uncertain.min(1e-7 * (1.0 + size)));
 }
 
+/// Without damping modes at rest are real, and Re d lambda / du is what the ends do on a mode,
+/// -x^T C' x / (2 x^T M x): vectors from two sides differ by rounding, which C' may hide it behind.
+void Eigenproblem::leave_axis(Pairs& pairs) {
+  const DenseOperator& p = at(0.0);
+  const Working of(p, p.velocity_rate(), p.stiffness());
+  if (of.parts.stiffness().norm() > 1e-12 * p.size) return;
+  const auto [mass, resisting, none] = of.parts.multiply(pairs.right);
+  for (Index i = 0; i < pairs.size(); ++i) {
+    if (pairs.values[i].imag() == 0.0) continue;
+    const ComplexVector x = pairs.right.col(i).conjugate();
+    const ComplexVector work = x.cwiseProduct(resisting.col(i));
+    const double kinetic = 2.0 * x.cwiseProduct(mass.col(i)).sum().real();
+    pairs.slopes[i].real(-work.sum().real() / kinetic);
+    pairs.slope_noise[i] =
+        2.0 * static_cast<double>(p.dof + 2) * eps * work.cwiseAbs().sum() / kinetic;
+  }
+}
+
 Sample Eigenproblem::sample(double u, Index count) {
   Pairs pairs = lowest(u, count, true, false);
   if (!pairs.values.isFinite().all()) {
@@ -418,10 +458,11 @@ Sample Eigenproblem::sample(double u, Index count) {
   if (!traits.conservative && !traits.squared) {
     const Reals before = pairs.noise;
     improve(u, pairs, pairs.noise);
-    for (Index i = 0; i < size.size(); ++i) {
-      const double noise = pairs.noise[i];
-      if (noise < before[i] || u == 0.0) pairs.slope_noise[i] = slope_rounding * noise;
+    for (Index i = 0; i < size.size(); ++i) {  // slopes are not better known for that
+      const bool hidden = pairs.noise[i] < before[i] || u == 0.0;
+      if (hidden) pairs.slope_noise[i] = slope_rounding * before[i];
     }
+    if (u == 0.0 && !traits.damped && pairs.right.size() > 0) leave_axis(pairs);
   }
   return {std::move(pairs), u};
 }

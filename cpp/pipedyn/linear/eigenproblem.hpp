@@ -57,6 +57,7 @@ class Eigenproblem : public Spectrum {
  private:
   std::optional<Pairs> about(double u, double shift, Index count, bool left);
   void mend(double u, Pairs& pairs, bool left, bool high);
+  void leave_axis(Pairs& pairs);
   Pair near(double u, const Pair& guess);
   Pair null_pair(double u, const Pair& near, double& inertia);
   std::optional<Divergence> divergence_near(double guess, double reach);

@@ -76,6 +76,7 @@ class DenseOperator {
   Values roots(double shift, bool velocity_free) const {
     return std::get<0>(inverse(shift, velocity_free, 'N', 'N'));
   }
+  bool is_lossy() const { return matrices_[5].size() > 0; }
   const Matrix& mass() const { return matrices_[0]; }
   const Matrix& velocity() const { return matrices_[1]; }
   const Matrix& velocity_rate() const { return matrices_[3]; }  // dC/du
@@ -107,7 +108,6 @@ class DenseOperator {
   }
   template <class Number>
   Inverse inverse_of(double shift, bool velocity_free, char left, char right) const;
-  bool is_lossy() const { return matrices_[5].size() > 0; }
   Eigen::MatrixXd times(const Matrix& factor, const Eigen::MatrixXd& x) const;
   ComplexTable times(int matrix, const ComplexTable& x) const;
 
