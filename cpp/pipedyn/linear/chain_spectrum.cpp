@@ -419,7 +419,11 @@ Pair ChainSpectrum::refined(double u, const Pair& guess) {
   // Where the flow works hardly on a mode, as on one whose tip a mass holds, its energy balance
   // knows the growth better: O(n^2), so only there.
   const bool hidden = found.uncertain[0] > faint_growth * u * std::abs(found.slopes[0].real());
-  if (hidden && chain_.dof() <= dense_limit) improve(u, found, found.uncertain);
+  if (hidden && chain_.dof() <= dense_limit) {
+    const Forms of = *forms(found.pair(0));
+    found.by_left[0] = 2.0 * found.values[0] * of.mass + u * of.velocity + of.damping;
+    improve(u, found, found.uncertain);
+  }
   return found.pair(0);
 }
 
