@@ -14,8 +14,8 @@ constexpr int most_iterations = 12;
 }  // namespace
 
 double zero_between(const Function& f, double low, double high, double tolerance) {
-  double a = low, b = high, fa = f(a), fb = f(b), share = 0.5;
-  while (true) {
+  double a = low, b = high, fa = f(a), fb = f(b), share = 0.5, before = infinite;
+  for (int evaluations = 1;; ++evaluations) {
     const double x = a + share * (b - a), fx = f(x);
     double c = b, fc = fb;  // the point that leaves
     if ((fx > 0.0) == (fa > 0.0)) {
@@ -32,6 +32,10 @@ double zero_between(const Function& f, double low, double high, double tolerance
       share = fa / (fb - fa) * fc / (fb - fc) + (c - a) / (b - a) * fa / (fc - fa) * fb / (fc - fb);
     }
     share = std::clamp(share, least, 1.0 - least);
+    // Noise about one end keeps the curve's zero there, however far the other is.
+    if (evaluations % 4 != 0) continue;
+    if (std::abs(b - a) > 0.5 * before) share = 0.5;
+    before = std::abs(b - a);
   }
 }
 

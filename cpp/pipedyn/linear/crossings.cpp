@@ -101,7 +101,7 @@ class Search {
     for (int i = 1; i <= steps; ++i) speeds.push_back(i * (range_.max_speed / steps));
     for (std::size_t i = 0; i < all.size(); ++i) {
       const double u = all[i].speed, before = i > 0 ? all[i - 1].speed : 0.0;
-      double reach = std::min(about_divergence() * (1.0 + u), (u - before) / 3.0);
+      double reach = std::min(about(all[i]), (u - before) / 3.0);
       if (i + 1 < all.size()) reach = std::min(reach, (all[i + 1].speed - u) / 3.0);
       std::erase_if(speeds, [=](double at) { return std::abs(at - u) <= reach; });
       speeds.insert(speeds.end(), {u - reach, u + reach});
@@ -118,14 +118,18 @@ class Search {
     return nullptr;
   }
 
-  /// Half the step about a divergence, in 1 + u: what passes zero there is known to be on one side
-  /// of it from |lambda| = zero on.
-  double about_divergence() const { return std::max(0.99 * shortest_step, traits_.zero); }
+  /// Half the step about a divergence: what passes zero there has a side at its ends.
+  double about(const Divergence& one) const {
+    const double most = std::max(0.99 * shortest_step, traits_.zero);
+    const double least = std::max(1e-9, 10.0 * one.error / (1.0 + one.speed));
+    const double wanted = one.distance(2.0 * traits_.zero) / (1.0 + one.speed);
+    return std::clamp(wanted, least, std::max(most, least)) * (1.0 + one.speed);
+  }
 
   /// Whether a step is that about a divergence: nearer to it, what passes zero has no side.
   bool encloses(const Step& step) const {
-    return passed(step) != nullptr &&
-           step.length() <= 2.1 * about_divergence() * (1.0 + step.right->u);
+    const Divergence* const one = passed(step);
+    return one != nullptr && step.length() <= 2.1 * about(*one);
   }
 
   /// The most roots of a conservative system that can grow: Krein's index, the number of negative
@@ -159,7 +163,7 @@ class Search {
     if (traits_.conservative && one.pair.right.size() > 0) {
       const Values squares = traits_.squared ? rest_ : rest_.square().eval();
       Index nearest = 0;
-      (squares.real() + one.rest_square).abs().minCoeff(&nearest);
+      (squares.real() + one.rest_square()).abs().minCoeff(&nearest);
       mode = rest_modes_[nearest];
     }
     return {one.speed, 0.0, change, mode, one.error, traits_.squared ? Pair{} : one.pair};
@@ -237,24 +241,24 @@ class Search {
         if (other == value || other == std::conj(value)) result[i] |= before[k];
       }
     }
-    if (traits_.conservative && !traits_.squared) keep_surest(at, onto, result);
+    if (traits_.conservative && !traits_.squared) keep_fastest(at, onto, result);
     return result;
   }
 
   /// Of a conservative system at most so many roots grow as Krein's index says: others are on the
-  /// axis, off which rounding moves high modes, farther than some low ones grow.
-  void keep_surest(const Sample& at, const Roots& onto, Flags& growing) const {
+  /// axis, off which rounding moves high modes.
+  void keep_fastest(const Sample& at, const Roots& onto, Flags& growing) const {
     const int most = most_unstable(at.u);
     while (std::count(growing.begin(), growing.end(), 1) > most) {
-      Index least = -1;
-      const auto sureness = [&](Index i) { return at.values[onto[i]].real() / at.noise[onto[i]]; };
+      Index slowest = -1;
+      const auto growth = [&](Index i) { return at.values[onto[i]].real(); };
       for (Index i = 0; i < static_cast<Index>(growing.size()); ++i) {
         if (growing[i] == 0) continue;
         if (onto[i] < 0) return;
-        if (least < 0 || sureness(i) < sureness(least)) least = i;
+        if (slowest < 0 || growth(i) < growth(slowest)) slowest = i;
       }
-      if (least < 0) return;
-      growing[least] = 0;
+      if (slowest < 0) return;
+      growing[slowest] = 0;
     }
   }
 

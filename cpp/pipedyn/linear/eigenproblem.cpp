@@ -183,6 +183,14 @@ std::pair<Reals, Reals> growth(const DenseOperator& p, const Pairs& pairs) {
   return {rates, errors};
 }
 
+/// Whether a conservative system's root off the axis has one across it, as all have but those that
+/// rounding moves off it.
+bool is_mirrored(const Values& values, Index i) {
+  const Complex mirrored = -std::conj(values[i]);
+  const double reach = std::norm(values[i].real());
+  return (values - mirrored).abs2().minCoeff() < reach;
+}
+
 }  // namespace
 
 bool has_converged(Complex value, double residual) {
@@ -218,6 +226,12 @@ int Divergence::change() const {
   const double rate = pair.by_value.real(), slope = pair.slope.real();
   if (multiplicity != 1 || !(std::abs(rate) > least_rate) || slope == 0.0) return 0;
   return slope / rate < 0.0 ? 1 : -1;
+}
+
+double Divergence::distance(double size) const {
+  const double slope = std::abs(pair.slope.real());  // inertia lambda^2 + rate lambda + slope du
+  if (pair.right.size() == 0 || slope == 0.0 || multiplicity > 1) return infinite;
+  return (std::abs(inertia) * size + std::abs(pair.by_value.real())) * size / slope;
 }
 
 Pair Pairs::pair(Index i) const {
@@ -447,7 +461,8 @@ Sample Eigenproblem::sample(double u, Index count) {
   for (Index i = 0; i < size.size(); ++i) {
     if (!is_finite(pairs.slopes[i])) pairs.slopes[i] = 0.0;
     if (!traits.conservative || traits.squared || pairs.values[i].imag() == 0.0) continue;
-    if (std::abs(pairs.values[i].real()) > pairs.noise[i] + on_axis * size[i]) continue;
+    const double off = std::abs(pairs.values[i].real());
+    if (off > pairs.noise[i] + on_axis * size[i] && is_mirrored(pairs.values, i)) continue;
     // What is on the axis is there exactly, and moves along it.
     pairs.values[i].real(0.0);
     pairs.slopes[i].real(0.0);
@@ -534,8 +549,7 @@ std::optional<Divergence> Eigenproblem::divergence_near(double guess, double rea
   if (!pair.converged()) return {};
   const double error = pair.uncertain / std::abs(pair.slope) + 4e-16 * (1.0 + u);
   pair.value = 0.0;
-  const double rest_square = -0.5 * u * pair.slope.real() / inertia;  // K = 0 along x
-  return Divergence{u, error, std::move(pair), 1, rest_square};
+  return Divergence{u, error, std::move(pair), 1, inertia};
 }
 
 Divergences Eigenproblem::divergences(double max_speed) {

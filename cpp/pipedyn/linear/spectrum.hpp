@@ -75,11 +75,16 @@ struct Divergence {
   Pair pair = {};  // null vectors; slope is d kappa / du of the eigenvalue of K that vanishes
   int multiplicity =
       1;  // how many eigenvalues of K vanish there, at speeds that are not told apart
-  double rest_square = 0.0;  // y^H K(0) x / y^H M x: the square of a frequency at rest
+  double inertia = 0.0;  // y^H M x
 
   /// By how many the real growing roots grow, by d lambda / du = -(y^H K' x) / (y^H C x); 0 where
   /// that does not say it, as of conservative pipes, whose roots at zero are double.
   int change() const;
+  /// y^H K(0) x / y^H M x, the square of a frequency at rest, as K(speed) x = 0.
+  double rest_square() const { return -0.5 * speed * pair.slope.real() / inertia; }
+  /// How far from it, at least, the root that passes zero is as far from that as `size`; infinite
+  /// where no vectors are known.
+  double distance(double size) const;
 };
 
 /// All of them up to a speed, ascending.

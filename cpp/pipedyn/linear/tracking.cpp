@@ -284,7 +284,19 @@ void match(Step& step, const Step* last, const Roots& tracked, const Cluster& cl
     const bool passing = signature[i] != 0 && signature[i] == signature[k];
     return passing || (zero[i] && zero[k]) || (clustered[i] && clustered[k]);
   };
+  // Two of opposite signatures leave the axis where they meet, and have met where either has taken
+  // the other's or its place: then they may have come back to it, too.
+  const auto opposite = [&](Index i, Index k) {
+    return signature[i] * signature[k] < 0 && step.start(i).imag() * step.start(k).imag() > 0.0;
+  };
+  const auto have_met = [&](Index i, Index k) {
+    if (!opposite(i, k)) return false;
+    const double before = (step.start(i) - step.start(k)).imag();
+    const double after = (step.end(i) - step.end(k)).imag();
+    return std::abs(signature[i]) == 2 || before * after < 0.0;
+  };
   const auto is_near = [&](Index i, Index k) {
+    if (have_met(i, k)) return true;
     const double room = extent[i] + extent[k];
     if (std::norm(left.values[i] - left.values[k]) > room * room) return false;
     if (is_exempt(i, k)) return false;

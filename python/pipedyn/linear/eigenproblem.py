@@ -39,12 +39,20 @@ class Eigenproblem:
     def __init__(self, pencil: Pencil) -> None:
         self.pencil = pencil
         self.model, self.pipe, self.dof = pencil.model, pencil.pipe, pencil.dof
-        self.is_damped, self.is_long = pencil.is_damped, pencil.is_long
+        self.is_long = pencil.is_long
 
     @property
     def rows(self) -> int:
         """Rows of the largest matrix that a solve hands to LAPACK; recursion has none."""
         return 1 if self.is_long else 2 * self.dof
+
+    @cached_property
+    def is_damped(self) -> bool:
+        """Whether anything but the flow takes energy: a damper at a support does not."""
+        if not self.pencil.is_damped or self.pipe.damping or self.pipe.hysteresis:
+            return self.pencil.is_damped
+        x = np.cos(np.arange(1.0, self.dof + 1.0))[:, None]
+        return abs((x.T @ self.pencil.damping(x))[0, 0]) > self.pencil.lost_power
 
     @cached_property
     def is_conservative(self) -> bool:

@@ -47,10 +47,12 @@ class Pencil:
         gravity: with dK/dgamma; K is linear in gamma.
         is_long: whether a few roots are found faster than all, in O(dof).
         end_moves: whether what flows through an end of the pipe does work for sure.
+        lost_power: x^T D x of an x of the order of 1 up to which it is rounding.
     """
 
     is_long = True
     end_moves = False
+    lost_power = 1e-25  # of displacements that are rounding, squared
     mass: Product
     velocity: Product
     damping: Product
@@ -165,6 +167,13 @@ class ChainPencil(Pencil):
         self.is_long = self.dof > LONGEST_DENSE
         self.end_moves = held is None and model.pipe.beta * model.pipe.inflow_share > 0.0
         self.scale, self.springs = model.elastic_scale, model.springs
+
+    @property
+    def lost_power(self) -> float:  # type: ignore[override]
+        """Of what holds against all damping where guides hold nothing."""
+        free = self.scale[:, None] * np.cos(np.arange(1.0, self.scale.size + 1.0))[:, None]
+        loads = self.scale[:, None] * self.core.joint_times(free, rate=1.0)
+        return 1e-12 * float(np.abs(loads).max(initial=0.0)) if self.held is not None else 0.0
 
     def spectrum(self, traits: _core.Traits, size: float) -> _core.Eigenproblem:
         return _core.ChainSpectrum(traits, self.core, self.complement, self.scale, size)
