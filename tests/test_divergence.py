@@ -3,6 +3,9 @@
 
 from __future__ import annotations
 
+import dataclasses
+import math
+
 import numpy as np
 import pytest
 from scipy.linalg import eigvals
@@ -170,3 +173,47 @@ def test_every_mode_of_a_weakly_damped_aspirating_pipe_is_counted():
     assert len(found) == 29
     assert found[-1].unstable_after == 58
     assert found[-1].vouched >= 58
+
+
+@pytest.mark.parametrize(
+    "model",
+    [
+        lambda pipe: pp.Chain(pipe, 10),
+        lambda pipe: pp.Chain(pipe, 20),
+        lambda pipe: pp.Chain(pipe, 40),
+        lambda pipe: pp.Galerkin(pipe, 10),
+        lambda pipe: pp.Galerkin(pipe, 16, "legendre"),
+        pp.Continuum,
+    ],
+)
+def test_a_heavy_tip_mass_lets_the_critical_speed_fall_by_its_square_root(model):
+    """u sqrt(M) is a power series in 1 / M, of which masses that hide nothing give two terms."""
+    found = [
+        pp.critical_speed(model(pp.Pipe(0.2, terms=[pp.PointMass(at=1.0, mass=mass)])))
+        for mass in (1e2, 1e3, 1e4)
+    ]
+    light, medium, heavy = (
+        one.speed * math.sqrt(mass) for one, mass in zip(found, (1e2, 1e3, 1e4), strict=True)
+    )
+    assert heavy == pytest.approx(medium + (medium - light) * 0.1, rel=1e-5)
+    assert found[2].error < 1e-3 * found[2].speed
+    assert {one.kind for one in found} == {"flutter"}
+
+
+def test_a_damper_that_a_support_holds_leaves_a_conservative_pipe_as_it_is():
+    plain = pp.Chain(pp.Pipe(0.86, root=pp.RootSpring(6.0), end="pinned"), 6)
+    damper = pp.Damper(at=1.0, coefficient=9.8)
+    held = plain.with_pipe(dataclasses.replace(plain.pipe, terms=(damper,)))
+    mine, theirs = (pp.crossings(one, 7.6) for one in (held, plain))
+    assert [c.kind for c in mine] == ["divergence", "divergence", "flutter"]
+    assert [(c.kind, c.speed) for c in mine] == [
+        (c.kind, pytest.approx(c.speed, rel=1e-12)) for c in theirs
+    ]
+
+
+def test_roots_at_rest_move_as_an_open_inlet_moves_them():
+    """Where all of the fluid's momentum is drawn in across, growth is of third order in u."""
+    chain = pp.Chain(pp.Pipe(0.04, 24.5, flow="aspirating", inflow_share=0.0), 7)
+    growth = [np.max(pp.eigenvalues(chain, u, 2).real) for u in (0.1, 0.2)]
+    assert growth[1] / growth[0] == pytest.approx(8.0, rel=0.02)
+    assert [c.mode for c in pp.crossings(chain, 5.0)] == [1]

@@ -249,12 +249,15 @@ void define_linear(py::module_& m) {
       .def_readonly("loss", &Traits::loss);
   py::class_<Eigenproblem, Spectrum, std::shared_ptr<Eigenproblem>>(m, "Eigenproblem")
       .def(py::init([](const Traits& traits, std::array<Matrix, 5> of, double centrifugal,
-                       double size, Matrix loss) {
+                       double size, Matrix loss, double rounding) {
              auto matrices = with_loss(std::move(of), std::move(loss));
+             std::array<double, 6> lost{};
+             for (std::size_t k = 0; k < lost.size(); ++k) lost[k] = rounding * matrices[k].norm();
              return std::make_shared<Eigenproblem>(
-                 traits, Pencil{scipy_lapack(), std::move(matrices), centrifugal, size});
+                 traits, Pencil{scipy_lapack(), std::move(matrices), centrifugal, size, lost});
            }),
-           "traits"_a, "matrices"_a, "centrifugal"_a, "size"_a, "loss"_a = Matrix())
+           "traits"_a, "matrices"_a, "centrifugal"_a, "size"_a, "loss"_a = Matrix(),
+           "rounding"_a = 0.0)
       .def("lowest", &Eigenproblem::lowest, "u"_a, "count"_a, "left"_a, "high"_a, Unlocked())
       .def("by_recursion", &Eigenproblem::by_recursion, "u"_a, "count"_a, "vectors"_a, Unlocked())
       .def("assess", &Eigenproblem::assess, "u"_a, "pairs"_a, Unlocked());

@@ -132,7 +132,7 @@ Pairs solved(const Chain& chain, const Complement& complement, const Vector& sca
     found.residual[i] = known(rest / size);
     found.uncertain[i] = known((rest + rounding) / std::abs(by_lambda));
     found.slopes[i] = -number(4) / both / by_lambda;
-    found.by_left[i] = magnitude(values[i]) <= slow ? by_lambda : 0.0;
+    found.by_left[i] = u == 0.0 || magnitude(values[i]) <= slow ? by_lambda : 0.0;
     found.by_right[i] = own ? number(6) / (length * length) : 0.0;
     found.corrections[i] = std::abs(value) > rounding ? -value / by_lambda : 0.0;
   }

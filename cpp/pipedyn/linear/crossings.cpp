@@ -122,7 +122,8 @@ class Search {
   double about(const Divergence& one) const {
     const double most = std::max(0.99 * shortest_step, traits_.zero);
     const double least = std::max(1e-9, 10.0 * one.error / (1.0 + one.speed));
-    const double wanted = one.distance(2.0 * traits_.zero) / (1.0 + one.speed);
+    const double size = traits_.squared ? std::sqrt(2.0 * traits_.zero) : 2.0 * traits_.zero;
+    const double wanted = one.distance(size) / (1.0 + one.speed);
     return std::clamp(wanted, least, std::max(most, least)) * (1.0 + one.speed);
   }
 

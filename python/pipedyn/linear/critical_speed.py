@@ -149,8 +149,11 @@ def _continuous_speed(pipe: Pipe, max_speed: float) -> CriticalSpeed:
 def crossings(model: AnyModel, max_speed: float) -> Crossings:
     """Every crossing of the imaginary axis by an eigenvalue up to a flow speed.
 
-    None is missed between samples: see `cpp/pipedyn/linear/crossings.hpp`. A pipe that is unstable
-    from the smallest flow on has crossings at speed 0, one for each mode that leaves the axis there
+    Divergence is where the stiffness is singular, which is solved for all at once; flutter is found
+    by following eigenvalues in steps that are halved until the crossings found account for the
+    unstable roots. Two crossings closer than about a millionth of their speed may be missed
+    together. See `cpp/pipedyn/linear/crossings.hpp`. `tests/campaign.py` compares with independent
+    programs. A pipe that is unstable from the smallest flow on has crossings at speed 0, one for each mode that leaves the axis there
     (for `Continuum`, those of its basis).
 
     Args:

@@ -368,6 +368,11 @@ class Model(OfPipe, ABC):
         """What p is, in words: models of one kind can go on from each other's states."""
         return f"angles of {self.moving} segments"
 
+    @property
+    def matrix_rounding(self) -> float:
+        """By what rounding may move each matrix, of its norm; 0 where it is that of its entries."""
+        return 0.0
+
     def term_stiffness(self, pencil: Pencil) -> float:
         """Norm of what K has besides the elastic part; 0 of a uniform pipe without terms.
 

@@ -140,7 +140,8 @@ class DensePencil(Pencil):
         loss = np.zeros((0, 0))
         if traits.loss:
             loss = traits.loss * self.by_damping(np.eye(self.dof))
-        return _core.Eigenproblem(traits, self.matrices, self.centrifugal, size, loss)
+        rounding = self.model.matrix_rounding
+        return _core.Eigenproblem(traits, self.matrices, self.centrifugal, size, loss, rounding)
 
 
 class ChainPencil(Pencil):

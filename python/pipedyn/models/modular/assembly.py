@@ -213,6 +213,10 @@ class Assembly(Model):
         """False: what the parts tend to is the user's."""
         return False
 
+    @property
+    def matrix_rounding(self) -> float:
+        return 8.0 * np.finfo(float).eps * len(self._layout.independent)
+
     def term_stiffness(self, pencil: Pencil) -> float:
         return float(np.linalg.norm(self._elastic.stiffness - np.eye(self.dof), 2))
 
