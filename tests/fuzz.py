@@ -43,7 +43,7 @@ from pipedyn.util.counters import TookTooLong
 
 NAN, INF = math.nan, math.inf
 
-LONGEST = 5.0
+LONGEST = 20.0
 """Seconds of one core that a case may take."""
 
 HUNG = 300
