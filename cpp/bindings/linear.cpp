@@ -229,8 +229,9 @@ void define_linear(py::module_& m) {
 
   py::class_<DenseOperator>(m, "DenseOperator")
       .def(py::init([](std::array<Matrix, 5> of, double size, Matrix loss) {
-             return std::make_unique<DenseOperator>(
-                 scipy_lapack(), with_loss(std::move(of), std::move(loss)), size);
+             return std::make_unique<DenseOperator>(scipy_lapack(),
+                                                    with_loss(std::move(of), std::move(loss)), size,
+                                                    DenseOperator::Lost{});
            }),
            "matrices"_a, "size"_a, "loss"_a = Matrix())
       .def(
@@ -254,7 +255,8 @@ void define_linear(py::module_& m) {
              std::array<double, 6> lost{};
              for (std::size_t k = 0; k < lost.size(); ++k) lost[k] = rounding * matrices[k].norm();
              return std::make_shared<Eigenproblem>(
-                 traits, Pencil{scipy_lapack(), std::move(matrices), centrifugal, size, lost});
+                 traits, Pencil{scipy_lapack(), std::move(matrices), centrifugal, size, lost,
+                                static_cast<double>(traits.dof + 2) * eps});
            }),
            "traits"_a, "matrices"_a, "centrifugal"_a, "size"_a, "loss"_a = Matrix(),
            "rounding"_a = 0.0)

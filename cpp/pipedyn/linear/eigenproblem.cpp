@@ -173,10 +173,10 @@ std::pair<Reals, Reals> growth(const DenseOperator& p, const Pairs& pairs) {
                 .cwiseProduct(omega * velocity_sizes.col(i) + stiffness_sizes.col(i))
                 .cwiseAbs()
                 .sum();
-        const double matrices = std::abs(omega) * p.velocity_lost + p.stiffness_lost;
+        const double matrices = std::abs(omega) * p.lost.velocity + p.lost.stiffness;
         rates[i] = rate;
-        errors[i] = (2.0 * eps * (static_cast<double>(p.dof + 2) * sums + entries) + matrices) /
-                    std::abs(balance);
+        const double added = static_cast<double>(p.dof + 2) * eps * sums;
+        errors[i] = (2.0 * (added + p.lost.entries * entries) + matrices) / std::abs(balance);
       }
     }
   }
@@ -436,14 +436,17 @@ void Eigenproblem::leave_axis(Pairs& pairs) {
   const Working of(p, p.velocity_rate(), p.stiffness());
   if (of.parts.stiffness().norm() > 1e-12 * p.size) return;
   const auto [mass, resisting, none] = of.parts.multiply(pairs.right);
+  const ComplexTable lengths = pairs.right.cwiseAbs().cast<Complex>();
+  const auto [masses, sizes, nothing] = of.sizes.multiply(lengths);
   for (Index i = 0; i < pairs.size(); ++i) {
     if (pairs.values[i].imag() == 0.0) continue;
     const ComplexVector x = pairs.right.col(i).conjugate();
     const ComplexVector work = x.cwiseProduct(resisting.col(i));
     const double kinetic = 2.0 * x.cwiseProduct(mass.col(i)).sum().real();
     pairs.slopes[i].real(-work.sum().real() / kinetic);
-    pairs.slope_noise[i] =
-        2.0 * static_cast<double>(p.dof + 2) * eps * work.cwiseAbs().sum() / kinetic;
+    const double entries = lengths.col(i).cwiseProduct(sizes.col(i)).cwiseAbs().sum();
+    const double added = static_cast<double>(p.dof + 2) * eps * work.cwiseAbs().sum();
+    pairs.slope_noise[i] = 2.0 * (added + p.lost.entries * entries) / kinetic;
   }
 }
 

@@ -162,8 +162,9 @@ std::shared_ptr<DenseOperator> Pencil::operator()(double u) const {
   const double thrust = centrifugal * u * u;
   DenseOperator::Matrices there{mass,     u * velocity + damping,       stiffness + thrust * flux,
                                 velocity, 2.0 * centrifugal * u * flux, loss};
-  return std::make_shared<DenseOperator>(lapack, std::move(there), size + thrust,
-                                         u * lost[1] + lost[2], lost[3] + thrust * lost[4]);
+  const DenseOperator::Lost by_rounding{u * lost[1] + lost[2], lost[3] + thrust * lost[4],
+                                        entries_lost};
+  return std::make_shared<DenseOperator>(lapack, std::move(there), size + thrust, by_rounding);
 }
 
 template <class Number>

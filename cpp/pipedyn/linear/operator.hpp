@@ -54,13 +54,15 @@ class DenseOperator {
   /// M, C and K, the derivatives of C and K by u, and L or none; each (dof, dof).
   using Matrices = std::array<Matrix, 6>;
 
-  /// As for the attributes.
-  DenseOperator(const Lapack& lapack, Matrices matrices, double stiffness_size,
-                double of_velocity = 0.0, double of_stiffness = 0.0)
+  /// By what rounding matrices may be off: C and K in norm, and all in shares of their entries.
+  struct Lost {
+    double velocity = 0.0, stiffness = 0.0, entries = eps;
+  };
+
+  DenseOperator(const Lapack& lapack, Matrices matrices, double stiffness_size, Lost by_rounding)
       : dof(matrices[0].rows()),
         size(stiffness_size),
-        velocity_lost(of_velocity),
-        stiffness_lost(of_stiffness),
+        lost(by_rounding),
         lapack_(lapack),
         matrices_(std::move(matrices)) {}
 
@@ -84,7 +86,7 @@ class DenseOperator {
   const Matrix& stiffness_rate() const { return matrices_[4]; }  // dK/du
   /// lambda^2 M + lambda C + K of other real matrices, by the same routines.
   DenseOperator with(Matrix mass, Matrix velocity, Matrix stiffness) const {
-    return {lapack_, {std::move(mass), std::move(velocity), std::move(stiffness)}, size};
+    return {lapack_, {std::move(mass), std::move(velocity), std::move(stiffness)}, size, lost};
   }
   /// What rounding of its entries may hide, y^H P x in eps, of each pair: no residual shows it.
   Reals hidden(const Values& values, const ComplexTable& right, const ComplexTable& left) const;
@@ -97,8 +99,7 @@ class DenseOperator {
 
   const Index dof;
   const double size;  // of K, the elastic stiffness being 1
-  // By what rounding C and K may be off, in norm; 0 where it is that of their entries.
-  const double velocity_lost, stiffness_lost;
+  const Lost lost;
 
  private:
   /// With those vectors of which 'V' is given, as LAPACK is asked for them.
@@ -123,6 +124,7 @@ struct Pencil {
   double centrifugal;               // a
   double size;                      // of K at rest
   std::array<double, 6> lost = {};  // by what rounding each matrix may be off, in norm
+  double entries_lost = eps;        // and in shares of its entries
 
   std::shared_ptr<DenseOperator> operator()(double u) const;
 };
