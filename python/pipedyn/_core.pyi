@@ -421,6 +421,7 @@ class Eigenproblem(Spectrum):
         centrifugal: typing.SupportsFloat | typing.SupportsIndex,
         size: typing.SupportsFloat | typing.SupportsIndex,
         loss: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, n]"] = ...,
+        rounding: typing.SupportsFloat | typing.SupportsIndex = 0.0,
     ) -> None: ...
     def assess(self, u: typing.SupportsFloat | typing.SupportsIndex, pairs: Pairs) -> None: ...
     def by_recursion(

@@ -66,8 +66,8 @@ Roots assignment(const std::vector<double>& cost, Index size) {
 namespace {
 
 /// Steps tried, beyond four times those of the sweep, before roots are given up as too close: the
-/// 36 pipes of 10 segments to u = 20 take up to 2.7 times those, and 40 meetings 19 halvings each.
-constexpr int most_steps = 800;
+/// 36 pipes of 10 segments to u = 20 take up to 2.7 times those, and 80 meetings 19 halvings each.
+constexpr int most_steps = 1600;
 
 /// Curves are told apart where they are so many times the sum of their errors apart: of 1,500
 /// random pipes the crossings' modes differ from those of steps of 0.05 in 27, and by the first of
