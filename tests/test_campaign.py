@@ -22,8 +22,8 @@ BEFORE = [197, 541, 586, 603, 908, 1572, 2737, 2798, 2833, 3323, 3703, 4013, 405
 
 Rounding of high modes beside a slow growth (197), no growth at rest of an open inlet (586), two
 divergences close together (603, 2798, 2833, 3323), a left vector through a joint beyond which the
-pipe is singular by itself (908, 1572), rounding of constraints (2737), roots that leave the axis and
-come back within a step (3703), a damper at a support (4359).
+pipe is singular by itself (908, 1572), rounding of constraints (2737), roots that leave the axis
+and come back within a step (3703), a damper at a support (4359).
 """
 
 VISCOUS = {

@@ -153,8 +153,8 @@ def crossings(model: AnyModel, max_speed: float) -> Crossings:
     by following eigenvalues in steps that are halved until the crossings found account for the
     unstable roots. Two crossings closer than about a millionth of their speed may be missed
     together. See `cpp/pipedyn/linear/crossings.hpp`. `tests/campaign.py` compares with independent
-    programs. A pipe that is unstable from the smallest flow on has crossings at speed 0, one for each mode that leaves the axis there
-    (for `Continuum`, those of its basis).
+    programs. A pipe that is unstable from the smallest flow on has crossings at speed 0, one for
+    each mode that leaves the axis there (for `Continuum`, those of its basis).
 
     Args:
         model: chain, reduced model or `Continuum`, up to 2,000 degrees of freedom.
