@@ -17,7 +17,7 @@ import mpmath
 import numpy as np
 import scipy
 from independent import dense_jacobian, dense_rates
-from measuring import check, cost_of, ended, machine
+from measuring import check, cost_of, ended, machine, timed
 
 import pipedyn as pp
 from pipedyn import _core
@@ -295,6 +295,65 @@ def linearity() -> None:
     print()
 
 
+def questions() -> list[tuple[str, Callable[[], object], Callable[[object], np.ndarray], float]]:
+    """What each kernel is asked for: a call, the numbers of its answer, and how far these may be
+    from those of another level, relative to the largest.
+
+    Motions are compared at the tolerance that they are integrated with.
+    """
+    chain, long_chain = pp.Chain(PIPE, 20), pp.Chain(pp.Pipe(0.2), 400)
+    one, many = state(20), state(20, MEMBERS)
+    reduced = pp.Galerkin(REDUCED_DRAG, 8)
+    bent = reduced_state(reduced, np.random.default_rng(8))
+    start, longer = np.linspace(0.0, 0.02, 20), np.linspace(0.0, 0.02, 100)
+    plain, damped = pp.Chain(pp.Pipe(0.2), 20), pp.Chain(pp.Pipe(0.2, damping=0.01), 100)
+    pulsating = pp.Pulsation(4.0, 0.1, 10.0)
+
+    def moved(model: pp.Model, u: object, end: float, y0: np.ndarray, method: str = "auto"):
+        return lambda: pp.simulate(
+            model, u, end, y0, rtol=1e-6, atol=1e-8, samples=61, method=method
+        )
+
+    def angles(motion: pp.Motion) -> np.ndarray:
+        return motion.y
+
+    same, values, speed = np.asarray, np.abs, lambda found: np.array([found.speed])
+    return [
+        ("rhs", lambda: chain.rhs(0.0, one, SPEED), same, 1e-12),
+        (f"rhs, {MEMBERS} states", lambda: chain.rhs(0.0, many, SPEED), same, 1e-12),
+        ("jacobian", lambda: chain.jacobian(0.0, one, SPEED), same, 1e-12),
+        (f"energy, {MEMBERS} states", lambda: chain.energy(many), same, 1e-12),
+        (f"power, {MEMBERS} states", lambda: chain.power(many, SPEED).total, same, 1e-12),
+        ("reduced rhs", lambda: reduced.rhs(0.0, bent, SPEED), same, 1e-10),
+        ("reduced jacobian", lambda: reduced.jacobian(0.0, bent, SPEED), same, 1e-10),
+        ("explicit motion", moved(plain, SPEED, 6.0, start, "dop853"), angles, 1e-4),
+        ("implicit motion", moved(plain, SPEED, 60.0, start), angles, 1e-4),
+        ("implicit motion, damped, n = 100", moved(damped, SPEED, 5.0, longer), angles, 1e-4),
+        ("reduced motion", moved(reduced, SPEED, 5.0, bent[:8] * 0.01), angles, 1e-4),
+        ("pulsating motion", moved(plain, pulsating, 6.0, start), angles, 1e-4),
+        ("eigenvalues, n = 400", lambda: pp.eigenvalues(long_chain, SPEED, 10), values, 1e-10),
+        ("critical speed, n = 400", lambda: pp.critical_speed(long_chain), speed, 1e-10),
+    ]
+
+
+def kernels() -> None:
+    levels = _core.vector_levels()
+    print("each kernel at every level, ms, and the largest distance from the first level's answer")
+    print(f"| question | {' | '.join(levels)} | apart |")
+    print("|---|" + "---|" * (len(levels) + 1))
+    for what, call, numbers, limit in questions():
+        answers, costs = [], []
+        for level in levels:
+            _core.set_vector_level(level)
+            answer, cost = timed(call)
+            answers.append(numbers(answer))
+            costs.append(f"{1e3 * cost:.3g}")
+        distance = max(worst(one, answers[0]) for one in answers)
+        check(distance, limit, f"{what} at other levels")
+        print(f"| {what} | {' | '.join(costs)} | {distance:.0e} |")
+    print()
+
+
 def plain_monodromy(
     model: pp.Model, u: float, cycle: pp.LimitCycle, rtol: float
 ) -> tuple[np.ndarray, np.ndarray]:
@@ -370,6 +429,7 @@ def main() -> int:
     print(machine() + "\n")
     right_hand_sides()
     reduced_models()
+    kernels()
     linearity()
     cycles()
     return ended()

@@ -55,6 +55,16 @@ def check(error: float, limit: float, what: str) -> None:
         failures.append(f"{what}: error {error:.1e} is not within {limit:.0e}")
 
 
+def processor() -> str:
+    """Its name; on Linux the kernel's."""
+    try:
+        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
+    except OSError:
+        lines = []
+    named = (line.partition(":")[2].strip() for line in lines if line.startswith("model name"))
+    return next(named, platform.processor() or "unknown processor")
+
+
 def machine() -> str:
     command = ["git", "-C", str(Path(__file__).parent), "describe", "--always", "--dirty"]
     try:
@@ -63,7 +73,7 @@ def machine() -> str:
         commit = "unknown"
     return (
         f"pipedyn {pp.__version__} (commit {commit}), Python {platform.python_version()}, "
-        f"numpy {np.__version__}, {platform.system()} {platform.machine()}"
+        f"numpy {np.__version__}, {platform.system()} {platform.machine()}, {processor()}"
     )
 
 
