@@ -305,12 +305,19 @@ class Search {
     if (!traits_.lossy()) return 0;
     Spectrum& without_loss = spectrum_.without_loss();
     const Sample still = without_loss.sample(at.u, range_.count);
-    int count = 0;
+    std::vector<Complex> growing;
     for (Index i = without_loss.standing(); i < still.size(); ++i) {
       const Complex value = still.values[i];
-      if (value.imag() != 0.0 || !(value.real() > still.noise[i])) continue;
+      if (value.imag() == 0.0 && value.real() > still.noise[i]) growing.push_back(value);
+    }
+    int count = 0;
+    for (const Complex value : growing) {
       const Complex twin = twin_of(value, at.values);
-      count += traits_.counts(twin) ? -1 : 1;
+      const auto nearer = [=](Complex one) {
+        return std::abs(one - twin) < std::abs(value - twin);
+      };
+      const bool is_others = std::ranges::any_of(growing, nearer);
+      count += traits_.counts(twin) && !is_others ? -1 : 1;
     }
     return count;
   }
