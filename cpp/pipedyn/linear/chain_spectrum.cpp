@@ -394,7 +394,7 @@ Reals ChainSpectrum::rounding(const Pairs& pairs) const {
 }
 
 Reals ChainSpectrum::quotients(double u, const Pairs& pairs) {
-  if (is_squared(u) || pairs.right.cols() == 0) return Eigenproblem::quotients(u, pairs);
+  if (is_squared(u) || pairs.right.size() == 0) return Eigenproblem::quotients(u, pairs);
   const Index count = pairs.size();
   Matrix parts(traits.dof, 2 * count);
   parts << pairs.right.real(), pairs.right.imag();

@@ -503,7 +503,7 @@ Pair Eigenproblem::refined(double u, const Pair& guess) {
 }
 
 Reals Eigenproblem::quotients(double u, const Pairs& pairs) {
-  if (is_squared(u) || pairs.right.cols() == 0) return -pairs.values.square().real();
+  if (is_squared(u) || pairs.right.size() == 0) return -pairs.values.square().real();
   const auto [mass, velocity, stiffness] = at(u).multiply(pairs.right);
   const auto form = [&](const ComplexTable& product) -> Reals {
     return pairs.right.conjugate().cwiseProduct(product).colwise().sum().real().transpose().array();
