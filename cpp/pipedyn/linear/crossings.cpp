@@ -20,9 +20,7 @@ NotConverged refusal(const char* format, Numbers... numbers) {
   return NotConverged(text);
 }
 
-bool is_known(const AxisCrossing& crossing) {
-  return crossing.error <= largest_error * crossing.speed + 1e-12;
-}
+bool is_known(double speed, double error) { return error <= largest_error * speed + 1e-12; }
 
 /// The root that a growing real root without loss factor becomes with it: of those that grow the
 /// nearest.
@@ -369,7 +367,10 @@ class Search {
       const auto next = std::min_element(
           found.begin(), found.end(),
           [](const AxisCrossing& a, const AxisCrossing& b) { return a.speed < b.speed; });
-      if ((next->speed > 0.0 || traits_.damped) && !is_known(*next)) {
+      if (!traits_.damped && next->error >= next->speed) {  // not told from rest
+        next->error += std::exchange(next->speed, 0.0);
+      }
+      if ((next->speed > 0.0 || traits_.damped) && !is_known(next->speed, next->error)) {
         throw refusal(
             "a crossing near u = %.6g is not known to three digits: rounding hides the "
             "eigenvalue's real part",
@@ -449,9 +450,14 @@ class Search {
     double slope = step.start_slope(i).real() * h, end_slope = step.end_slope(i).real() * h;
     double noise = std::max(left.noise[i], right.noise[j]);
     if (step.start(i) == 0.0) noise = infinite;
-    // Slopes within their rounding say nothing, at any length: the line through both ends does.
-    const bool hidden = std::abs(step.start_slope(i).real()) < left.slope_noise[i] ||
-                        std::abs(step.end_slope(i).real()) < right.slope_noise[j];
+    // Slopes within their rounding say nothing, at any length, unless rounding is small beside what
+    // happens within the step: the line through both ends does.
+    const double small = 1e-3 * std::max(std::abs(a), std::abs(b)) / h;
+    const auto is_hidden = [=](Complex rate, double rounded) {
+      return std::abs(rate.real()) < rounded && rounded > small;
+    };
+    const bool hidden = is_hidden(step.start_slope(i), left.slope_noise[i]) ||
+                        is_hidden(step.end_slope(i), right.slope_noise[j]);
     if (hidden) slope = end_slope = b - a;
     const double c = 3.0 * (b - a) - 2.0 * slope - end_slope, d = 2.0 * (a - b) + slope + end_slope;
     const auto cubic = [=](double t) { return a + t * (slope + t * (c + t * d)); };
@@ -616,7 +622,8 @@ class Search {
       const double tolerance = 1e-6 * (1.0 + std::abs(pair.value));
       const double off = std::abs(pair.value - step.expected(root, u));
       return (pair.slope.real() > 0.0) != predicted.rising ||
-             off > 4.0 * step.error[root] + tolerance || std::abs(pair.value.real()) > tolerance;
+             off > 4.0 * step.error[root] + tolerance || std::abs(pair.value.real()) > tolerance ||
+             !is_known(u, error_of(pair));
     };
     if (astray()) {
       u = bisected(step, root);
