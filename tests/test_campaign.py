@@ -18,14 +18,15 @@ SHORT = range(10, 110)
 """Cases of seed 0: ten of each class, none of more than 40 degrees of freedom."""
 
 BEFORE = [197, 541, 586, 603, 908, 1572, 2737, 2798, 2833, 3233, 3275, 3323, 3703, 4013, 4053]
-BEFORE += [4359, 5625, 6387, 686, 1604, 1936, 4286]
+BEFORE += [4359, 5625, 6387, 686, 1604, 1936, 4286, 8646, 8681, 8985, 9283]
 """Cases of seed 0 that searches before have got wrong or refused.
 
 Rounding of high modes beside a slow growth (197, 6387), no growth at rest of an open inlet (586),
 two divergences close together (603, 2798, 2833, 3323), one growing pair for two growing real roots
 (3275, 5625), a left vector through a joint beyond which the pipe is singular by itself (908, 1572),
 rounding of constraints (2737), roots that leave the axis and come back within a step (3703), a
-damper at a support (4359), growth from rest by the cube of the speed (686, 1604, 1936, 4286).
+damper at a support (4359), growth from rest by the cube of the speed (686, 1604, 1936, 4286, 8646),
+two roots that meet right behind a divergence (8681, 9283), growth that ceases to oscillate (8985).
 """
 
 VISCOUS = {
@@ -92,6 +93,17 @@ def test_random_pipes_lose_stability_where_independent_programs_say(name):
 def test_random_pipes_that_were_answered_wrongly_are_right(number):
     outcome = campaign.judged(drawn(0, number, [*CLASSES]))
     assert (outcome.verdict, outcome.reason) == ("right", "")
+
+
+def test_with_hysteresis_a_growing_motion_that_ceases_to_oscillate_is_told():
+    pipe = pp.Pipe(4.59e-3, -19.48, damping=3.2e-5, flow="aspirating", alpha=1.0, hysteresis=0.3)
+    with pytest.raises(pp.NotConverged, match=r"near u = 7\.58.* up to where it loses") as refused:
+        pp.crossings(pp.Continuum(pipe), 10.9)
+    (first,) = refused.value.result
+    assert (first.kind, first.unstable_after) == ("divergence", 2)
+    without = pp.crossings(pp.Continuum(replace(pipe, hysteresis=0.0)), 10.9)
+    (static,) = (c for c in without if c.kind == "divergence" and c.unstable_after > 0)
+    assert static.speed == pytest.approx(first.speed, rel=1e-12)
 
 
 @pytest.mark.parametrize(

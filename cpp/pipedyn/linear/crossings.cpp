@@ -361,6 +361,12 @@ class Search {
       const bool possible = std::abs(change) <= most && (change - most) % 2 == 0;
       if (possible && change != 0) found.push_back(of(*zero, change, modes_[least]));
     } else if (traits_.lossy() && step.shortest() && missed != 0 && missed % 2 == 0) {
+      if (missed < 0) {
+        throw refusal(
+            "a growing motion ceases to oscillate near u = %g, where a loss factor says nothing "
+            "of it: a pipe with hysteresis is known up to where it loses stability",
+            step.right->u);
+      }
       found.push_back({step.right->u, 0.0, missed, modes_[least], step.length()});
     }
     while (!found.empty()) {
@@ -643,7 +649,7 @@ class Search {
   /// Where two roots meet on the axis and leave it, or come back to it: two pairs of a conservative
   /// system, or two nu. There the square of their difference is real, smooth in u and passes zero.
   std::optional<AxisCrossing> meeting(const Step& step, Index root, int change) {
-    const Index other = step.meets[root];
+    const Index met = step.meets[root], other = met < 0 ? step.reflected(root, change > 0) : met;
     Complex centre;
     const Function square = [&](double u) {
       const double t = (u - step.left->u) / step.length();
@@ -658,16 +664,17 @@ class Search {
       return ((one - two) * (one - two)).real();
     };
     const double low = step.left->u, high = step.right->u;
-    if (square(low) * square(high) > 0.0) return {};
+    const double before = square(low), after = square(high);
+    if (before * after > 0.0) return {};
     const double tolerance = 4e-16 * (1.0 + high);
     const double u = zero_between(square, low, high, tolerance), spread = 1e-3 * step.length();
     const double slope = std::abs(square(u + spread) - square(u - spread)) / (2.0 * spread);
-    square(u);
+    const double left = std::abs(square(u));
+    if (left > 1e-3 * std::max(std::abs(before), std::abs(after))) return {};  // other roots there
     // Rounding of the roots enters through the slope of the squared difference.
     const double lost = 1e-14 * std::norm(centre);
     const double error = (slope > 0.0 ? lost / slope : step.length()) + tolerance;
-    const Index twin = other < 0 ? step.reflected(root, change > 0) : other;
-    const Index mode = twin < 0 ? modes_[root] : std::max(modes_[root], modes_[twin]);
+    const Index mode = other < 0 ? modes_[root] : std::max(modes_[root], modes_[other]);
     const double frequency =
         traits_.squared ? std::sqrt(std::max(-centre.real(), 0.0)) : std::abs(centre.imag());
     return AxisCrossing{u, {0.0, frequency}, change, mode, error};
