@@ -15,6 +15,7 @@
 #include "pipedyn/linear/chain_spectrum.hpp"
 #include "pipedyn/linear/crossings.hpp"
 #include "pipedyn/linear/eigenproblem.hpp"
+#include "pipedyn/linear/neutral.hpp"
 #include "pipedyn/linear/tracking.hpp"
 #include "pipedyn/linear/truncated.hpp"
 
@@ -190,6 +191,11 @@ void define_linear(py::module_& m) {
       .def("set_without_loss", &Spectrum::set_without_loss, "other"_a)
       .def("factorisations", &Spectrum::factorisations);
 
+  m.attr("SHIFT") = shifts[0];
+  m.def(
+      "rounding",
+      [](const Values& values, double shift) { return rounding_about(values, shift, false); },
+      "values"_a, "shift"_a);
   m.def(
       "assignment",
       [](const Numbers& costs) {

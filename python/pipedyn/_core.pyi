@@ -27,6 +27,7 @@ __all__: list[str] = [
     "Profile",
     "Range",
     "RootLoci",
+    "SHIFT",
     "Scene",
     "Spectrum",
     "Supply",
@@ -39,6 +40,7 @@ __all__: list[str] = [
     "dense_limit",
     "eliminated",
     "orbit_states",
+    "rounding",
     "set_vector_level",
     "sincos",
     "vector_level",
@@ -700,6 +702,10 @@ def orbit_states(
     twice: typing.Annotated[numpy.typing.ArrayLike, numpy.float64],
     phases: typing.Annotated[numpy.typing.ArrayLike, numpy.float64],
 ) -> numpy.typing.NDArray[numpy.float64]: ...
+def rounding(
+    values: typing.Annotated[numpy.typing.ArrayLike, numpy.complex128, "[m, 1]"],
+    shift: typing.SupportsFloat | typing.SupportsIndex,
+) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, 1]"]: ...
 def set_vector_level(name: str) -> None: ...
 def sincos(
     x: typing.Annotated[numpy.typing.ArrayLike, numpy.float64],
@@ -707,4 +713,5 @@ def sincos(
 def vector_level() -> str: ...
 def vector_levels() -> list[str]: ...
 
+SHIFT: float = 0.97
 dense_limit: int = 2000

@@ -373,7 +373,7 @@ class Search {
       const auto next = std::min_element(
           found.begin(), found.end(),
           [](const AxisCrossing& a, const AxisCrossing& b) { return a.speed < b.speed; });
-      if (!traits_.damped && next->error >= next->speed) {  // not told from rest
+      if (!is_known(next->speed, next->error) && is_at_rest(*next)) {
         next->error += std::exchange(next->speed, 0.0);
       }
       if ((next->speed > 0.0 || traits_.damped) && !is_known(next->speed, next->error)) {
@@ -611,6 +611,16 @@ class Search {
       const Complex value(0.0, std::abs(pair.value.imag()));
       return {at, value, change, modes_[root], error_of(pair), std::move(pair)};
     }
+  }
+
+  /// Whether a crossing of a pipe that nothing damps at rest is one from there, as growth by the
+  /// cube of the speed is, which rounding hides on the way.
+  bool is_at_rest(const AxisCrossing& crossing) {
+    if (traits_.damped || crossing.value == 0.0) return false;
+    const Pair lower = spectrum_.refined(0.5 * crossing.speed, Pair{crossing.value});
+    const double real = lower.value.real();
+    return crossing.error >= crossing.speed ||
+           (crossing.change > 0 ? real : -real) >= -lower.uncertain;
   }
 
   /// A crossing to rounding, by Newton's method on the model itself.

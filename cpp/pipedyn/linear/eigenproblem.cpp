@@ -9,6 +9,8 @@
 #include <numeric>
 #include <tuple>
 
+#include "pipedyn/linear/neutral.hpp"
+
 namespace pipedyn {
 
 namespace {
@@ -418,15 +420,10 @@ void Eigenproblem::improve(double u, Pairs& pairs, Reals& uncertain) {
   }
 }
 
-/// That of mu, taken to lambda, and residuals; roots that meet scatter by its square root.
+/// With residuals; roots that meet scatter by the square root of rounding.
 Reals Eigenproblem::rounding(const Pairs& pairs) const {
-  const Reals size = pairs.values.abs();
-  double nearest = infinite;
-  for (const Complex value : pairs.values) {
-    nearest = std::min(nearest, std::max(std::abs(value - shifts[0]), 1e-3));
-  }
-  return (1e-14 * size + 40.0 * eps / nearest * size.square())
-      .max(pairs.uncertain.min(1e-7 * (1.0 + size)));
+  const Reals residuals = pairs.uncertain.min(1e-7 * (1.0 + pairs.values.abs()));
+  return rounding_about(pairs.values, shifts[0], true).max(residuals);
 }
 
 /// Without damping modes at rest are real, and Re d lambda / du is what the ends do on a mode,

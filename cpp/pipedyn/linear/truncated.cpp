@@ -4,6 +4,8 @@
 #include <algorithm>
 #include <cmath>
 
+#include "pipedyn/linear/neutral.hpp"
+
 namespace pipedyn {
 
 namespace {
@@ -94,12 +96,12 @@ int Truncated::unstable(double u, Index resolved) {
   Values values = more_->at(u).roots(shifts[0], false);
   ++factorised_;
   for (Complex& value : values) value = shifts[0] + 1.0 / value;
+  const Reals rounding = rounding_about(values, shifts[0], true);
   int number = 0;
   const std::vector<Index> order = by_size(values);
   for (Index i = 0; i < std::min<Index>(2 * resolved, values.size()); ++i) {
     const Complex value = values[order[i]];
-    const bool grows = value.real() > 1e-14 * std::abs(value) + 40.0 * eps * std::norm(value);
-    if (grows && traits.counts(value)) number += traits.lossy() ? 2 : 1;
+    if (value.real() > rounding[order[i]] && traits.counts(value)) number += traits.lossy() ? 2 : 1;
   }
   return number;
 }

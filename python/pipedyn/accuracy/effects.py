@@ -22,6 +22,7 @@ from pipedyn.accuracy.reference import MARGIN, Answer
 from pipedyn.bifurcation.limit_cycle import NoCycle
 from pipedyn.linear.critical_speed import NoCrossing
 from pipedyn.linear.modes import CONTINUUM_SPEED, modes
+from pipedyn.linear.neutral import growth
 from pipedyn.models.base import PipedynError, checked_pipe
 from pipedyn.models.continuum import LARGEST, Continuum
 from pipedyn.models.drive import Pulsation, Supply
@@ -38,9 +39,6 @@ from pipedyn.util.units import RATE
 
 LIMIT_BETA = 1e-9
 """beta that stands for the limit beta -> 0, from which the critical speed differs by 1.1 beta."""
-
-ROUNDING = 1e-10
-"""Share of the largest |lambda| below which real parts count as 0: what residuals may be."""
 
 NUMBERS = {
     "gravity": ("gamma", "gamma"),
@@ -382,9 +380,7 @@ def _described(quantity: Quantity, pipe: Pipe, answer: Answer) -> tuple[str, str
     if quantity.name == "frequencies":
         above = ", ".join(f"{value.imag:.4g}" for value in values if value.imag > 0.0)
         return f"omega = {above}" if above else "no oscillation", ""
-    growth = float(values.real.max())
-    rounded = abs(growth) <= ROUNDING * float(np.abs(values).max())
-    return f"growth up to {0.0 if rounded else growth:.4g}", ""
+    return f"growth up to {growth(values).max():.4g}", ""
 
 
 def _speed(u: float, pipe: Pipe) -> str:
@@ -417,8 +413,7 @@ def _growth(pipe: Pipe, u: float) -> float:
 
     def least_damped(rom: Galerkin) -> float:
         values = modes(rom, u).eigenvalues
-        growth = float(values.real[np.abs(values) <= largest].max(initial=-math.inf))
-        return growth if abs(growth) > ROUNDING * largest else 0.0
+        return float(growth(values)[np.abs(values) <= largest].max(initial=-math.inf))
 
     first = min(max(16, 2 * half_waves), LARGEST)
     try:

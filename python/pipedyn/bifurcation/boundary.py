@@ -335,6 +335,8 @@ def _bounded(
             if last is None:
                 continue
             curve = last
+            if plane is not coarse:  # in which fewer modes count
+                of_curve = counted(plane, curve)
             values = np.full((len(curve.points), 2), np.nan)
             if criticality:
                 for k in np.flatnonzero(of_curve == 0):

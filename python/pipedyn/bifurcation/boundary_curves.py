@@ -25,6 +25,8 @@ from pipedyn.bifurcation.axis_problems import (
 )
 from pipedyn.bifurcation.continuation import Control, Point, Segment, path
 from pipedyn.linear.critical_speed import losses, resolved
+from pipedyn.linear.eigenproblem import eigenproblem
+from pipedyn.linear.neutral import grows
 from pipedyn.linear.plane import ON_EDGE, Plane, Window
 from pipedyn.models.base import NotConverged
 from pipedyn.models.continuum import FUNCTIONS_A_JOINT, LARGEST, AnyModel, Continuum
@@ -211,7 +213,7 @@ def first_plane(model: AnyModel, window: Window, speed: float | None) -> Plane:
 
 def basis_plane(model: Galerkin, window: Window, speed: float | None) -> Plane:
     """Of a basis of the continuous pipe, whose own modes count."""
-    return Plane(model, window, speed, resolved(model))
+    return Plane(model, window, speed, resolved(eigenproblem(model)))
 
 
 def line_starts(plane: Plane, only_stability: bool = False) -> tuple[list[CurveStart], list[str]]:
@@ -294,7 +296,7 @@ def climbed(plane: Plane, z: Array, root: complex, only_stability: bool) -> Curv
         if not values.size:
             raise NewtonFailed("no root is left")
         k = int(np.argmin(np.abs(values - guess)))
-        return values[k], slopes[:, k], bool((np.delete(values, k).real > 0.0).any())
+        return values[k], slopes[:, k], bool(np.delete(grows(values), k).any())
 
     try:
         root, slopes, others = near(z, root)

@@ -29,6 +29,7 @@ from pipedyn.bifurcation.continuation import (
 )
 from pipedyn.bifurcation.vector_field import VectorField
 from pipedyn.linear.eigenproblem import Complex
+from pipedyn.linear.neutral import beyond_rounding, eigenvalues_of, grows
 from pipedyn.models.base import Model, NotConverged, Operators, PipedynError
 from pipedyn.models.drive import LARGEST_SPEED, require_steady, steady_speed
 from pipedyn.motion.simulate import Start, checked_model_in_motion, modal_bend
@@ -257,7 +258,7 @@ class Statics:
         self.size = model.moving
         self.motion = VectorField(model)
         self.resting = np.array(model.resting(), dtype=np.float64)
-        self._about: tuple[Array, Array] | None = None  # operators about the last configuration
+        self._about: tuple[Array, Operators] | None = None  # operators about the last configuration
         # Forces are affine in the square of the speed: balanced at two, they are so at any.
         self.always_rests = max(model.unbalanced(0.0), model.unbalanced(1.0)) <= BALANCED
 
@@ -373,26 +374,14 @@ class Statics:
     def eigenvalues(self, x: Array, u: float) -> Complex:
         """Of small motions about an equilibrium, shape (2 dof,)."""
         if self._about is None or not np.array_equal(self._about[0], x):
-            self._about = x, self._normalised(x)
-        still, by_square, damping, by_speed = self._about[1]
-        n = len(still)
-        turning = np.zeros((2 * n, 2 * n))
-        turning[:n, n:] = np.eye(n)
-        turning[n:, :n] = -still - u**2 * by_square
-        turning[n:, n:] = -damping - u * by_speed
-        return np.linalg.eigvals(turning).astype(complex)
-
-    def _normalised(self, x: Array) -> Array:
-        """Stiffness, and by u^2; damping, and by u; about a configuration, its mass made 1."""
-        of = self.model.operators(x)
-        half = np.linalg.inv(np.linalg.cholesky(of.mass))
-        flow = of.direction * (of.gyroscopic + of.end_flux)
-        return half @ np.stack([of.stiffness, of.centrifugal * of.flux, of.damping, flow]) @ half.T
+            self._about = x, self.model.operators(x)
+        of = self._about[1]
+        velocity = of.damping + u * of.direction * (of.gyroscopic + of.end_flux)
+        return eigenvalues_of(of.mass, velocity, of.stiffness + of.centrifugal * u**2 * of.flux)
 
     def growth(self, x: Array, u: float) -> Array:
         """Real parts of the eigenvalues beyond rounding, the largest first."""
-        found = self.eigenvalues(x, u)
-        return np.sort(found.real - rounding(found))[::-1]
+        return np.sort(beyond_rounding(self.eigenvalues(x, u)))[::-1]
 
     def recorded(self, xs: Array) -> Array:
         """Coordinates that users see, (k, coordinates), of (k, moving)."""
@@ -433,15 +422,9 @@ class Statics:
         return not self.resting.any() and self.rms(x) < 1e-9
 
 
-def rounding(eigenvalues: Complex) -> float:
-    """Real part up to which an eigenvalue counts as neutral."""
-    largest = float(np.abs(eigenvalues).max())
-    return 1e-10 + min(4.0 * float(np.finfo(float).eps) * largest**2, 1e-6)
-
-
 def is_stable(eigenvalues: Complex) -> bool:
     """Whether none has a positive real part beyond rounding."""
-    return not (eigenvalues.real > rounding(eigenvalues)).any()
+    return not grows(eigenvalues).any()
 
 
 def rms_along(angles: Array) -> Any:
@@ -814,7 +797,7 @@ class _Way:
             found = statics.eigenvalues(point.x, abs(point.p))
             oscillating = found[np.abs(found.imag) > 1e-6]
             if oscillating.size:
-                crossing = np.argmin(np.abs(oscillating.real - rounding(found)))
+                crossing = np.argmin(np.abs(oscillating.real))
                 frequency = float(abs(oscillating[crossing].imag))
         speed = abs(point.p)
         if kind == "pitchfork":  # rounding in the count reaches further than in the roots of det K

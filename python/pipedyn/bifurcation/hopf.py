@@ -54,6 +54,7 @@ from pipedyn.bifurcation.equilibria import BranchPoint, Statics
 from pipedyn.bifurcation.vector_field import VectorField
 from pipedyn.linear.critical_speed import first_loss
 from pipedyn.linear.eigenproblem import Complex
+from pipedyn.linear.neutral import grows
 from pipedyn.linear.sensitivity import Crossing, of_each
 from pipedyn.linear.stability_curve import Failure, first_known, scales_of_each, swept
 from pipedyn.models.base import Model, NotConverged, PipedynError
@@ -292,9 +293,10 @@ class Hopf(HopfPoint, units={"balance": LENGTH, "fold": SPEED}):
         """Number of eigenvalues with positive real part at the onset, other than the pair."""
         if isinstance(self.crossing, Crossing):
             return min(self.crossing.unstable_before, self.crossing.unstable_after)
-        values = np.linalg.eigvals(VectorField(self.model).jacobian(self.rest, self.speed))
+        place = np.split(self.rest, 2)[0]
+        values = Statics(self.model).eigenvalues(place, self.speed)
         pair = np.minimum(*(np.abs(values - sign * 1j * self.frequency) for sign in (1.0, -1.0)))
-        return int(np.count_nonzero(values[np.argsort(pair)[2:]].real > 0.0))
+        return int(np.count_nonzero(grows(values)[np.argsort(pair)[2:]]))
 
     @property
     def balance(self) -> float:

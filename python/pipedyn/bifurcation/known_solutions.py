@@ -13,10 +13,11 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from pipedyn.bifurcation.capture import COARSE, FINE, Region
+from pipedyn.bifurcation.equilibria import Statics
 from pipedyn.bifurcation.floquet_coordinates import floquet_coordinates
 from pipedyn.bifurcation.periodic_orbit import PeriodicOrbit
 from pipedyn.bifurcation.vector_field import VectorField
-from pipedyn.linear.eigenproblem import Complex
+from pipedyn.linear.neutral import decays
 from pipedyn.util.check import Array
 from pipedyn.util.counters import factorised
 from pipedyn.util.newton import NewtonFailed, newton
@@ -91,7 +92,7 @@ def at_rest(
 ) -> list[KnownSolution]:
     """Equilibria near positions p at a speed, each once, with their stability."""
     found: list[KnownSolution] = []
-    half = motion.half
+    half, statics = motion.half, Statics(motion.model)
 
     def correction(p: Array) -> tuple[Array, float]:
         y = np.append(p, np.zeros(half))
@@ -111,9 +112,8 @@ def at_rest(
             continue
         factorised()
         slopes = motion.jacobian(rest, u)
-        values: Complex = np.linalg.eigvals(slopes).astype(np.complex128)
-        # A margin, as weak damping and rounding of eigenvalues are not told apart.
-        stable = float(values.real.max()) < -1e-9 * (1.0 + float(np.abs(values).max()))
+        values = statics.eigenvalues(p, u)
+        stable = bool(decays(values).all())
         region = Region.about_rest(p, values)
         if stable:
             region = replace(region, basin=_basin(motion, rest, slopes, u))

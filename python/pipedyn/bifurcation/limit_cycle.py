@@ -20,6 +20,7 @@ import numpy as np
 
 from pipedyn.bifurcation.brute_force import LONGEST_PERIOD
 from pipedyn.bifurcation.collocation import residual, solved
+from pipedyn.bifurcation.equilibria import Statics
 from pipedyn.bifurcation.floquet import TOLERANCE, nontrivial, orbit_multipliers
 from pipedyn.bifurcation.hopf import Hopf, hopf, hopf_point
 from pipedyn.bifurcation.orbit_continuation import COARSE, breaking_part, continued, solved_anew
@@ -32,6 +33,7 @@ from pipedyn.bifurcation.periodic_orbit import (
 from pipedyn.bifurcation.vector_field import VectorField
 from pipedyn.linear.critical_speed import crossings
 from pipedyn.linear.eigenproblem import Complex
+from pipedyn.linear.neutral import grows
 from pipedyn.models.base import Model, NotConverged, PipedynError
 from pipedyn.models.drive import steady_speed
 from pipedyn.motion.simulate import (
@@ -48,7 +50,6 @@ from pipedyn.motion.simulate import (
 from pipedyn.util import check
 from pipedyn.util.archive import saved_as
 from pipedyn.util.check import Array
-from pipedyn.util.counters import factorised
 from pipedyn.util.later import scipy
 from pipedyn.util.newton import NewtonFailed
 from pipedyn.util.result import TableResult
@@ -265,9 +266,8 @@ def _without_start(motion: VectorField, u: float) -> tuple[PeriodicOrbit, str]:
     try:
         model.require_equilibrium(u)
         onsets = [c for c in crossings(model, 1.5 * u) if c.kind == "flutter" and c.speed > 0.0]
-        factorised()
-        values = np.linalg.eigvals(motion.jacobian(motion.resting(), u))
-        unstable = values.real.max() > 1e-9 * (1.0 + np.abs(values).max())
+        statics = Statics(model)
+        unstable = bool(grows(statics.eigenvalues(statics.resting, u)).any())
     except (NotConverged, ValueError):
         onsets, unstable = [], True
     for crossing in sorted(onsets, key=lambda c: abs(c.speed - u))[:4]:

@@ -28,6 +28,7 @@ from pipedyn.bifurcation.boundary_curves import CurveStart, Traced
 from pipedyn.bifurcation.continuation import Control, Segment, sign_changes
 from pipedyn.bifurcation.hopf import NoHopf, onset_coefficients, static_cubic
 from pipedyn.linear.eigenproblem import Complex
+from pipedyn.linear.neutral import beyond_rounding, grows
 from pipedyn.linear.plane import Plane
 from pipedyn.models.base import NotConverged
 from pipedyn.util.archive import saved_as
@@ -44,9 +45,6 @@ PointKind = Literal[
     "double divergence",
     "degenerate pitchfork",
 ]
-
-NEUTRAL = 1e-8
-"""Real part up to which an eigenvalue is neutral, relative to 1 plus its size."""
 
 BRACKET = 1e-7
 """Share of a step to which a change of the number of unstable roots is narrowed down, before
@@ -105,17 +103,22 @@ class OrganisingPoint(Result):
     unstable: int
 
 
-def other_roots(plane: Plane, problem: AxisProblem, z: Array) -> Complex:
-    """The eigenvalues at a point of a curve but those on the axis, the largest real part first."""
+def other_roots(plane: Plane, problem: AxisProblem, z: Array) -> tuple[Complex, Array]:
+    """The eigenvalues at a point of a curve but those on the axis, and their growth.
+
+    Those that grow most come first; growth is what rounding leaves of the real part.
+    """
     found = plane.eigenvalues(problem.place(z))
+    growth = beyond_rounding(found)
     omega = problem.frequency(z)
     # Zero is a double root where lambda and -lambda are both roots.
     pair = problem.kind == "flutter" or plane.conservative_at(problem.place(z))
     for value in (1j * omega, -1j * omega) if pair else (0j,):
         k = int(np.argmin(np.abs(found - value)))
         if abs(found[k] - value) <= OWN * (1.0 + omega):  # else of a mode that does not count
-            found = np.delete(found, k)
-    return found[np.argsort(-(found.real - NEUTRAL * (1.0 + np.abs(found))), kind="stable")]
+            found, growth = np.delete(found, k), np.delete(growth, k)
+    order = np.argsort(-growth, kind="stable")
+    return found[order], growth[order]
 
 
 def counted(plane: Plane, curve: Traced) -> NDArray[np.int_]:
@@ -133,18 +136,20 @@ def others_unstable(plane: Plane, problem: AxisProblem, z: Array) -> int:
     """Number of unstable roots beside those on the axis at a point of a curve."""
     if isinstance(problem, CoupledModeProblem):
         found, root = plane.eigenvalues(problem.place(z)), problem.root(z)
+        growing = grows(found)
         for value in (root, root, -root, -root):
-            found = np.delete(found, np.argmin(np.abs(found - value)))
-        return _unstable(found) + (2 if z[0] < 0.0 else 0)
+            k = np.argmin(np.abs(found - value))
+            found, growing = np.delete(found, k), np.delete(growing, k)
+        return int(np.count_nonzero(growing)) + (2 if z[0] < 0.0 else 0)
     if problem.kind == "divergence":
         static = plane.static_stiffnesses(problem.place(z))
         if static is not None:
             return int(np.count_nonzero(np.delete(static, np.argmin(np.abs(static))) < 0.0))
-    return _unstable(other_roots(plane, problem, z))
+    return _unstable(other_roots(plane, problem, z)[1])
 
 
-def _unstable(roots: Complex) -> int:
-    return int(np.count_nonzero(roots.real > NEUTRAL * (1.0 + np.abs(roots))))
+def _unstable(growth: Array) -> int:
+    return int(np.count_nonzero(growth > 0.0))
 
 
 @dataclass(frozen=True)
@@ -277,23 +282,21 @@ def _on_segment(plane: Plane, segment: Segment[AxisProblem]) -> Iterator[tuple[f
     problem = segment.problem
 
     @cache
-    def roots(s: float) -> Complex:
+    def roots(s: float) -> tuple[Complex, Array]:
         return other_roots(plane, problem, segment.at(s).z)
 
     def growth(s: float) -> Array:
         if plane.conservative:
             return -_beside(plane, problem, segment.at(s).z)
-        found = roots(s)
-        result: Array = found.real - NEUTRAL * (1.0 + np.abs(found))
-        return result
+        return roots(s)[1]
 
     length = segment.length
     for before, beyond in sign_changes(growth, 0.0, length, BRACKET * length):
         z = segment.at(beyond).z
         if plane.conservative_near(z[[-1, -2]], AT_EDGE) and not plane.conservative:
             continue
-        found = roots(beyond)
-        least = min(_unstable(roots(before)), _unstable(found))
+        found, grown = roots(beyond)
+        least = min(_unstable(roots(before)[1]), _unstable(grown))
         # A symmetric K that two passing eigenvalues make singular lacks two ranks.
         if plane.conservative or (problem.kind == "divergence" and _lacks_two_ranks(plane, z)):
             yield beyond, DoublePoint((0.0, 0.0), z[-2:], least, modes=2)

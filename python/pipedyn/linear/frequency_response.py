@@ -23,6 +23,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from pipedyn.linear.eigenproblem import Complex
 from pipedyn.linear.modes import largest_speed, modes
+from pipedyn.linear.neutral import grows, growth
 from pipedyn.models.base import DENSE_LIMIT, Model, NotConverged
 from pipedyn.models.continuum import (
     SMALLEST,
@@ -55,9 +56,6 @@ HIGHEST = 1e5
 
 MODES = 4
 """Lowest resonances that are covered where no range is given."""
-
-NEUTRAL = 1e-9
-"""|Re lambda| / |lambda| up to which a pole counts as undamped: its response is infinite."""
 
 CLOSEST = 1e-9
 """Distance of two frequencies, relative to the highest, at which no more are put between them."""
@@ -507,7 +505,7 @@ def _poles(model: AnyModel, u: float, high: float) -> tuple[Complex, Model, bool
                 break
             one = model.frozen(2 * one.dof)
         count *= 2
-    stable = bool((values.real <= NEUTRAL * np.maximum(np.abs(values), 1.0)).all())
+    stable = not grows(values).any()
     return values[values.imag >= 0.0], one, stable
 
 
@@ -546,7 +544,7 @@ def _chosen(response: _Response, poles: Complex, low: float, high: float, most: 
 
 def _undamped(poles: Complex) -> Array:
     """Frequencies of the modes without damping."""
-    return poles.imag[np.abs(poles.real) <= NEUTRAL * np.abs(poles)]
+    return poles.imag[growth(poles) == 0.0]
 
 
 def _moved(at: Array, poles: Complex, before: Complex, after: Complex) -> float:

@@ -23,6 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipedyn.linear.eigenproblem import Complex
+from pipedyn.linear.neutral import SHIFT, companion, eigenvalues_of, grows, shifted
 from pipedyn.models.base import Model, Operators
 from pipedyn.models.chain import Chain
 from pipedyn.models.galerkin import Galerkin
@@ -42,10 +43,6 @@ STEP = 0.01
 
 ON_EDGE = 1e-9
 """Share of the window next to an edge that is rounding."""
-
-SHIFT = 0.7390851332151607
-"""The eigenvalues nearest to this are computed best; it is no eigenvalue of any pipe but by
-chance."""
 
 SAMPLES, SHORTEST = 16, 1.0 / 1024.0
 """Steps of a line across the window on which eigenvalues are followed, and the shortest to which
@@ -305,10 +302,10 @@ class Plane:
         With hysteresis those above the real axis with their conjugates, and growing real roots.
         """
         mass, damping, stiffness = self.at(at)
-        found = _quadratic(mass, damping, stiffness)
+        found = eigenvalues_of(mass, damping, stiffness)
         if self.lossy:
             above = found[found.imag > 1e-9]
-            still = _quadratic(mass, damping, stiffness.real)
+            still = eigenvalues_of(mass, damping, stiffness.real)
             grows = still[(np.abs(still.imag) < 1e-9) & (still.real > 0.0)]
             found = np.concatenate([above, above.conj(), grows])
         return found[np.argsort(np.abs(found))][: 2 * self.modes]
@@ -318,8 +315,7 @@ class Plane:
         static = self.static_stiffnesses(at)
         if static is not None:
             return int(np.count_nonzero(static < -1e-8))
-        found = self.eigenvalues(at)
-        return int(np.count_nonzero(found.real > 1e-8 * (1.0 + np.abs(found))))
+        return int(np.count_nonzero(grows(self.eigenvalues(at))))
 
     def static_stiffnesses(self, at: Array) -> Array | None:
         """Eigenvalues of K where forces by velocity vanish and K is symmetric; None elsewhere.
@@ -336,7 +332,7 @@ class Plane:
     def meeting(self, at: Array) -> float:
         """About -lambda^2 of the two roots that are nearest to each other at (x, y)."""
         mass, damping, stiffness = self.at(at)
-        values = _quadratic(mass, damping, stiffness)
+        values = eigenvalues_of(mass, damping, stiffness)
         values = values[np.argsort(np.abs(values))][: 2 * self.modes]
         values = values[
             (values.imag > 1e-6) | ((np.abs(values.imag) < 1e-6) & (values.real > 1e-6))
@@ -449,11 +445,11 @@ class Plane:
         Slopes are derivatives by shares of the window along x and y, shape (2, k).
         """
         (m, c, k), *changes = self.matrices(at)
-        inverse, vectors = np.linalg.eig(_companion(m, c, k))
+        inverse, vectors = np.linalg.eig(companion(m, c, k))
         n = self.dof
         # Left eigenvectors of the companion are rows of its eigenvectors' inverse, and times the
         # inverse of P(SHIFT) those of P(lambda).
-        rows = np.linalg.inv(vectors)[:, :n] @ np.linalg.inv(_shifted(m, c, k))
+        rows = np.linalg.inv(vectors)[:, :n] @ np.linalg.inv(shifted(m, c, k))
         with np.errstate(divide="ignore", invalid="ignore"):
             values = SHIFT + 1.0 / inverse.astype(complex)
         sizes = np.where(np.isfinite(values), np.abs(values), np.inf)
@@ -531,28 +527,3 @@ def _passed(a: Sample, b: Sample) -> tuple[list[Root], bool]:
 def _differ_little(one: NDArray[Any], other: NDArray[Any]) -> bool:
     """Whether two matrices are the same but for rounding."""
     return float(np.abs(one - other).max()) <= SYMMETRIC * float(np.abs(one).max())
-
-
-def _shifted(mass: Array, damping: Array, stiffness: NDArray[Any]) -> NDArray[Any]:
-    """P(SHIFT)."""
-    result: NDArray[Any] = stiffness + SHIFT * damping + SHIFT**2 * mass
-    return result
-
-
-def _companion(mass: Array, damping: Array, stiffness: NDArray[Any]) -> NDArray[Any]:
-    """The matrix with eigenvalues 1 / (lambda - SHIFT) and vectors (x, (lambda - SHIFT) x)."""
-    n = len(mass)
-    factorised()
-    right = np.hstack([damping + 2.0 * SHIFT * mass, mass])
-    solved = -np.linalg.solve(_shifted(mass, damping, stiffness), right)
-    companion = np.zeros((2 * n, 2 * n), dtype=solved.dtype)
-    companion[:n], companion[n:, :n] = solved, np.eye(n)
-    return companion
-
-
-def _quadratic(mass: Array, damping: Array, stiffness: NDArray[Any]) -> Complex:
-    """Eigenvalues of lambda^2 M + lambda C + K."""
-    inverse = np.linalg.eigvals(_companion(mass, damping, stiffness)).astype(complex)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        found = SHIFT + 1.0 / inverse
-    return np.asarray(found[np.isfinite(found)], dtype=complex)

@@ -116,7 +116,7 @@ class Crossing(Result, units={"error": SPEED}):
         return self.unstable_after > self.unstable_before
 
 
-@saved_as("Crossings")
+@saved_as("Crossings", added=("unstable_at_rest",))
 class Crossings(ResultSequence[Crossing], units={"error": SPEED, "max_speed": SPEED}):
     """All crossings of a model up to a flow speed, in order of speed, as a tuple and as a table.
 
@@ -124,6 +124,8 @@ class Crossings(ResultSequence[Crossing], units={"error": SPEED, "max_speed": SP
         crossings: those found.
         max_speed: where the search ended.
         model: the model.
+        unstable_at_rest: number of roots that grow without flow, as of a pipe that buckles under
+            its weight; None in a file of an earlier version.
 
     Example:
         >>> found = pp.crossings(pp.Continuum(pp.Pipe(0.295)), 9.0)
@@ -136,6 +138,7 @@ class Crossings(ResultSequence[Crossing], units={"error": SPEED, "max_speed": SP
     crossings: tuple[Crossing, ...] = field(repr=False)
     max_speed: float
     model: AnyModel
+    unstable_at_rest: int | None = None
 
     @property
     def speeds(self) -> Array:
@@ -152,7 +155,10 @@ class Crossings(ResultSequence[Crossing], units={"error": SPEED, "max_speed": SP
 
     def _shown(self) -> list[tuple[str, Any]]:
         kinds = tuple(one.kind for one in self.crossings)
-        return [("speeds", self.speeds), ("kinds", kinds), *super()._shown()]
+        shown = dict(super()._shown())
+        at_rest = shown.pop("unstable_at_rest", None)
+        first = [("unstable_at_rest", at_rest)] if at_rest else []
+        return [*first, ("speeds", self.speeds), ("kinds", kinds), *shown.items()]
 
     def _columns(self) -> dict[str, Any]:
         names = "speed", "frequency", "kind", "mode", "unstable_before", "unstable_after", "error"

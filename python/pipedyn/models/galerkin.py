@@ -503,6 +503,11 @@ def enriched(model: Galerkin, more: int) -> Galerkin:
     return made
 
 
+def last_functions(model: Galerkin) -> list[int]:
+    """Where a model has the last two Legendre functions of each panel."""
+    return [place for panel in model._free.groups[1:] for place in panel[-2:]]
+
+
 def shared_functions(model: Galerkin, larger: Galerkin) -> list[int]:
     """Where a larger model has the Legendre functions of another with as many panels."""
     places = [0] * model.dof

@@ -36,7 +36,7 @@ from pipedyn.plot.common import (
 from pipedyn.plot.cycle_boundary import cycle_boundary
 from pipedyn.plot.exploration import Exploration
 from pipedyn.plot.forced import forced_response, frequency_response, parametric_regions
-from pipedyn.plot.linear import NEUTRAL, dot_stride, frequencies, mode_shapes, root_loci
+from pipedyn.plot.linear import dot_stride, frequencies, mode_shapes, root_loci
 from pipedyn.plot.motion import animate, phase_portrait, snapshots, time_history
 from pipedyn.plot.sliders import explore
 from pipedyn.plot.stability_map import boundary, stability_map
@@ -50,7 +50,6 @@ __all__ = [
     "FREQUENCY_LABEL",
     "GREEN",
     "IMAGINARY_LABEL",
-    "NEUTRAL",
     "ORANGE",
     "PURPLE",
     "REAL_LABEL",

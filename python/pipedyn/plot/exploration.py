@@ -25,6 +25,7 @@ from pipedyn.linear.critical_speed import (
     stable_speeds,
 )
 from pipedyn.linear.modes import ModeShape, RootLoci, modes, root_loci
+from pipedyn.linear.neutral import growth
 from pipedyn.linear.sensitivity import Crossing
 from pipedyn.linear.stability_curve import StabilityCurve, stability_curve
 from pipedyn.models.chain import Chain
@@ -323,10 +324,15 @@ class Exploration:
         return self.modes[int(np.argmax(same))]
 
     @property
+    def _growth(self) -> float:
+        """Of the least stable mode, 0 where it is rounding."""
+        values = np.array([one.eigenvalue for one in self.modes], dtype=np.complex128)
+        return float(growth(values).max(initial=-math.inf)) if values.size else 0.0
+
+    @property
     def unstable(self) -> bool:
         """Whether a mode grows, by more than rounding."""
-        value = 0j if self.least_stable is None else self.least_stable.eigenvalue
-        return value.real > ROUNDING * (1.0 + abs(value))
+        return self._growth > 0.0
 
     @cached_property
     def film(self) -> Film:
@@ -340,7 +346,7 @@ class Exploration:
         s = np.union1d(np.linspace(0.0, 1.0, 21), self.model.stations)
         shape = self.least_stable
         value = 0j if shape is None else shape.eigenvalue
-        grows = value.real if abs(value.real) > ROUNDING * (1.0 + abs(value)) else 0.0
+        grows = self._growth
         if value.imag:
             duration, seconds = CYCLES * 2.0 * math.pi / value.imag, CYCLES * CYCLE_SECONDS
         else:

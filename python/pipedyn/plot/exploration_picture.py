@@ -25,6 +25,7 @@ from matplotlib.patches import Rectangle
 from matplotlib.transforms import Bbox
 from PIL import Image
 
+from pipedyn.linear.neutral import grows
 from pipedyn.models.pipe import scales_at
 from pipedyn.plot import common, units
 from pipedyn.plot.exploration import CYCLES, rounded_up
@@ -176,10 +177,10 @@ class ExplorationPicture:
         if shown.get("modes") is not of.modes:
             shown["modes"] = of.modes
             values = np.array([mode.eigenvalue for mode in of.modes], dtype=np.complex128)
-            grows = values.real > 1e-9 * (1.0 + np.abs(values))
+            growing = grows(values)
             values *= rate
-            self.roots.set_data(values.real[~grows], values.imag[~grows])
-            self.growing_roots.set_data(values.real[grows], values.imag[grows])
+            self.roots.set_data(values.real[~growing], values.imag[~growing])
+            self.growing_roots.set_data(values.real[growing], values.imag[growing])
             self._film()
         if shown.get("curve") is not of.curve or shown.get("speed") != one:
             shown["curve"], shown["speed"] = of.curve, one

@@ -13,6 +13,7 @@ from matplotlib.colors import Normalize, SymLogNorm
 from numpy.typing import NDArray
 
 from pipedyn.linear.modes import Modes, RootLoci
+from pipedyn.linear.neutral import growth
 from pipedyn.plot import common
 from pipedyn.plot.units import (
     ARC,
@@ -26,10 +27,6 @@ from pipedyn.plot.units import (
 )
 from pipedyn.util import check
 from pipedyn.util.check import Array
-
-NEUTRAL = 1e-9
-"""Real parts up to this are rounding of undamped motion: the lowest roots, up to 1e4, are right to
-1e-13 of their size."""
 
 DOT: dict[str, Any] = {"color": "black", "marker": "o", "markersize": 2.2, "linestyle": "none"}
 DOT |= {"markeredgewidth": 0.0, "zorder": 3.0}
@@ -71,12 +68,12 @@ def root_loci(
     end = float(loci.speeds[-1])
     if highest is not None:
         end = check.real("highest", highest, low=0.0, open_low=True)
-    branches = view.one(GROWTH) * branches_of(loci)
+    rate = view.one(GROWTH)
+    branches = rate * branches_of(loci)
     norm = Normalize(0.0, view.one(SPEED) * (end or 1.0))
     speeds = view.one(SPEED) * loci.speeds[:, None]
     _coloured(ax, branches.real, branches.imag, speeds, "viridis", norm)
-    rate = view.one(GROWTH)
-    _onsets(ax, branches.real, branches, rate * NEUTRAL)
+    _onsets(ax, growth(branches / rate), branches)
     if benchmark is not None:
         exact = rate * branches_of(benchmark)[:: dot_stride(benchmark)]
         ax.plot(exact.real, exact.imag, **DOT)
@@ -120,9 +117,9 @@ def frequencies(
     rate, end = view.one(GROWTH), view.one(GROWTH) * max(largest, 2.0)
     norm = SymLogNorm(rate, vmin=-end, vmax=end)
     speeds, height = view.one(SPEED) * loci.speeds[:, None], view.one(ROOT_FREQUENCY)
-    heights, growth = height * branches.imag, rate * branches.real
-    _coloured(ax, speeds, heights, growth, "RdBu_r", norm, outlined=rate * NEUTRAL)
-    _onsets(ax, growth, speeds + 1j * heights, rate * NEUTRAL)
+    heights, real = height * branches.imag, growth(branches)
+    _coloured(ax, speeds, heights, rate * real, "RdBu_r", norm, outlined=0.0)
+    _onsets(ax, real, speeds + 1j * heights)
     if benchmark is not None:
         stride = dot_stride(benchmark)
         places = view.one(SPEED) * benchmark.speeds[::stride]
@@ -169,9 +166,9 @@ def _coloured(
     ax.add_collection(outlines, autolim=False)
 
 
-def _onsets(ax: Axes, real: Array, places: NDArray[np.complex128], neutral: float) -> None:
+def _onsets(ax: Axes, real: Array, places: NDArray[np.complex128]) -> None:
     """Diamonds where real parts become positive, by linear interpolation along the branches."""
-    i, j = np.nonzero((real[:-1] <= neutral) & (real[1:] > neutral))
+    i, j = np.nonzero((real[:-1] <= 0.0) & (real[1:] > 0.0))
     part = real[i, j] / (real[i, j] - real[i + 1, j])
     onsets = places[i, j] + part * (places[i + 1, j] - places[i, j])
     ax.plot(onsets.real, onsets.imag, **ONSET)

@@ -1,0 +1,107 @@
+# SPDX-License-Identifier: MIT
+"""All questions about the linear pipe say the same of the same pipe, of each kind that there is."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import pipedyn as pp
+from pipedyn.linear.neutral import grows
+
+PIPES = {
+    "cantilevered": (pp.Pipe(0.3, 10.0, damping=1e-3), 12.0),
+    "standing, unstable at rest": (pp.Pipe(0.1, -10.0, damping=2e-3), 5.0),
+    "standing high": (pp.Pipe(0.3, -60.0, damping=5e-3), 9.0),
+    "buckled by the flow": (pp.Pipe(0.2, root="pinned", end="pinned", damping=2e-3), 7.0),
+    "on a foundation": (
+        pp.Pipe(0.3, end="clamped", damping=1e-3, terms=(pp.Foundation(800.0),)),
+        11.0,
+    ),
+    "on two supports": (
+        pp.Pipe(0.3, root="pinned", end="pinned", supports=(1 / 3, 2 / 3), damping=1e-4),
+        20.0,
+    ),
+    "guided with hysteresis": (pp.Pipe(0.2, hysteresis=0.05, end="guided"), 3.5),
+    "cantilevered with hysteresis": (pp.Pipe(0.2, hysteresis=0.05), 7.0),
+    "standing with hysteresis": (pp.Pipe(0.2, -5.0, hysteresis=0.02), 6.0),
+    "aspirating, overdamped": (
+        pp.Pipe(0.4, flow="aspirating", damping=1e-3, terms=(pp.Viscosity(30.0),)),
+        6.0,
+    ),
+    "aspirating": (pp.Pipe(0.4, flow="aspirating", alpha=0.8, damping=1e-3), 2.0),
+}
+
+MODELS = [
+    pytest.param(lambda pipe: pp.Galerkin(pipe, 14, "legendre"), id="legendre"),
+    pytest.param(lambda pipe: pp.Chain(pipe, 21), id="chain"),
+    pytest.param(pp.Continuum, id="continuum"),
+]
+
+
+def ranges(found, end):
+    """Ends of the ranges of speed between crossings and the number of unstable roots in each."""
+    bounds = [0.0, *(c.speed for c in found), end]
+    counts = [found.unstable_at_rest, *(c.unstable_after for c in found)]
+    for low, high, count in zip(bounds[:-1], bounds[1:], counts, strict=True):
+        if high - low > 1e-3:
+            yield low, high, count
+
+
+@pytest.mark.parametrize("make", MODELS)
+@pytest.mark.parametrize("name", PIPES)
+def test_speeds_and_numbers_of_unstable_roots_are_the_same(name, make):
+    pipe, end = PIPES[name]
+    model = make(pipe)
+    found = pp.crossings(model, end)
+    loss = next((c for c in found if c.destabilising), None)
+    counted = list(ranges(found, end))
+    if pipe.hysteresis and loss is not None:  # beyond, growth is not known for sure
+        counted = [one for one in counted if one[1] <= loss.speed]
+    if loss is None:
+        said = "unstable at rest, where 2 roots grow" if found.unstable_at_rest else "no loss"
+        with pytest.raises(pp.NoCrossing, match=said):
+            pp.critical_speed(model, end)
+    else:
+        critical = pp.critical_speed(model, end)
+        assert critical.speed == pytest.approx(loss.speed, abs=loss.error + critical.error)
+        assert (critical.kind, critical.mode) == (loss.kind, loss.mode)
+        assert critical.stable_at_rest == (found[0].unstable_before == 0)
+        assert critical.stable_from == max(
+            (low for low, high, count in counted if count == 0 and high == loss.speed), default=None
+        )
+        curve = pp.stability_curve(lambda beta: make(replace(pipe, beta=beta)), [pipe.beta])
+        assert curve.speeds == pytest.approx([critical.speed], abs=2.0 * critical.error)
+    for low, high, count in counted:
+        values = pp.eigenvalues(model, 0.5 * (low + high), 14)
+        assert grows(values).sum() == count
+    if isinstance(model, pp.Continuum) or pipe.hysteresis:
+        return  # equilibria are asked of neither
+    for low, high, count in counted:
+        rest = pp.equilibria(model, 0.5 * (low + high))
+        straight = int(np.argmin(np.abs(rest.q).max(axis=1)))
+        assert np.abs(rest.q[straight]).max() < 1e-9
+        assert rest.stable[straight] == (count == 0)
+
+
+@pytest.mark.parametrize("make", MODELS)
+@pytest.mark.parametrize("name", PIPES)
+def test_boundaries_pass_where_the_crossings_are(name, make):
+    pipe, end = PIPES[name]
+    model = make(pipe)
+    found = pp.crossings(model, end)
+    near = (0.9 * pipe.beta, 1.1 * pipe.beta)
+    bounds = pp.boundary(model, "beta", "u", {"beta": near, "u": (0.0, end)}, criticality=False)
+    assert bounds.failures == ()
+    passed = []
+    for curve in bounds.curves:
+        for k in np.flatnonzero(np.diff(np.sign(curve.x - pipe.beta))):
+            share = (pipe.beta - curve.x[k]) / (curve.x[k + 1] - curve.x[k])
+            passed.append(curve.y[k] + share * (curve.y[k + 1] - curve.y[k]))
+    loss = next((c for c in found if c.destabilising), None)
+    last = loss.speed if pipe.hysteresis and loss else end
+    speeds = sorted(speed for speed in passed if speed <= last * 1.001)
+    assert speeds == pytest.approx([c.speed for c in found if c.speed <= last], rel=1e-3)
+    for low, high, count in ranges(found, end):
+        if high <= last:
+            assert bounds.unstable(pipe.beta, 0.5 * (low + high)) == count
