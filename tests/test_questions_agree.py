@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.special import jv
 
 import pipedyn as pp
 from pipedyn.linear.neutral import grows
@@ -105,3 +106,14 @@ def test_boundaries_pass_where_the_crossings_are(name, make):
     for low, high, count in ranges(found, end):
         if high <= last:
             assert bounds.unstable(pipe.beta, 0.5 * (low + high)) == count
+
+
+@pytest.mark.parametrize("gamma", [-60.0, -200.0, -2e4])
+@pytest.mark.parametrize("make", [pp.Continuum, lambda pipe: pp.Chain(pipe, 200)])
+def test_a_standing_pipe_is_told_in_how_many_modes_it_buckles_by_its_weight(gamma, make):
+    """Greenhill: those with J_{-1/3}(2/3 sqrt(gamma_k)) = 0 and gamma_k < -gamma."""
+    x = np.linspace(1e-3, 2.0 / 3.0 * np.sqrt(-gamma), 20_001)
+    modes = np.count_nonzero(np.diff(np.sign(jv(-1.0 / 3.0, x))))
+    found = pp.crossings(make(pp.Pipe(0.3, gamma, damping=1e-3)), 0.5)
+    assert found.unstable_at_rest == modes
+    assert repr(found).startswith(f"Crossings(unstable_at_rest={modes}, ")

@@ -20,7 +20,7 @@ from pipedyn.accuracy.quantities import (
 )
 from pipedyn.accuracy.reference import MARGIN, Answer
 from pipedyn.bifurcation.limit_cycle import NoCycle
-from pipedyn.linear.critical_speed import NoCrossing
+from pipedyn.linear.critical_speed import NoCrossing, largest_tension
 from pipedyn.linear.modes import CONTINUUM_SPEED, modes
 from pipedyn.linear.neutral import growth
 from pipedyn.models.base import PipedynError, checked_pipe
@@ -398,11 +398,9 @@ def _growth(pipe: Pipe, u: float) -> float:
     """
     if pipe.thrust_across:
         return math.nan
-    numbers = [term.numbers for term in pipe.terms]
     soft, stiff = (1.0, 1.0) if pipe.stiffness is None else pipe.stiffness.bounds
-    light, heavy = (1.0, 1.0) if pipe.mass is None else pipe.mass.bounds
-    weight = pipe.gamma * (heavy + sum(one.get("mass", 0.0) for one in numbers))
-    weight += sum(one.get("load", 0.0) for one in numbers)
+    light = 1.0 if pipe.mass is None else pipe.mass.bounds[0]
+    weight = largest_tension(pipe)
     springs = (Spring, Foundation)
     stiffness = sum(term.stiffness for term in pipe.terms if isinstance(term, springs))
     thrust = (max(pipe.alpha, 1.0) * u**2 + max(-weight, 0.0)) / soft

@@ -50,9 +50,6 @@ LAST = {"ejecting": 1e-2, "aspirating": 1e-6}
 continuous pipe's. Of an aspirating pipe all modes may lose stability at nearly one speed, and any
 error of a high one makes it the first."""
 
-BUCKLED = 64
-"""Roots looked at for those of a long chain that grow without flow: it buckles in few modes."""
-
 
 @saved_as("NoCrossing")
 class NoCrossing(PipedynError):
@@ -175,8 +172,9 @@ def crossings(model: AnyModel, max_speed: float) -> Crossings:
         [(7.2605, True), (7.8516, False), (8.1892, True)]
 
     Raises:
-        NotConverged: if the crossings found do not account for the unstable roots, or those of the
-            continuous pipe do not converge as the basis grows.
+        NotConverged: if the crossings found do not account for the unstable roots, those of the
+            continuous pipe do not converge as the basis grows, or a motion that grows ceases to
+            oscillate, where hysteresis has no meaning. Its `result` has the crossings before.
         ValueError, TypeError: for bad arguments.
     """
     checked_model(model)
@@ -202,7 +200,7 @@ def critical_speed(model: AnyModel, max_speed: float = 100.0) -> CriticalSpeed:
         ('flutter', 2, 5.591404, 13.7147)
 
     Raises:
-        NoCrossing: if there is none up to max_speed.
+        NoCrossing: if there is none up to max_speed; the message says so if roots grow at rest.
         NotConverged: as for `crossings`.
         ValueError, TypeError: for bad arguments.
     """
@@ -396,7 +394,9 @@ def unstable_at_rest(model: AnyModel) -> int:
 
     def growing(one: Model) -> int:
         problem = eigenproblem(one)
-        values = problem.lowest(0.0, BUCKLED if problem.is_long else 2 * problem.dof).values
+        every = 2 * problem.dof
+        asked = min(2 * _modes_within(0.0, model.pipe), every) if problem.is_long else every
+        values = problem.lowest(0.0, asked).values
         return int(np.sum((values.imag == 0.0) & (values.real > problem.zero_tolerance)))
 
     if isinstance(still, Continuum):
@@ -577,8 +577,21 @@ def _softest(pipe: Pipe) -> float:
 
 
 def _modes_within(max_speed: float, pipe: Pipe) -> int:
-    """How many modes the flow can reach: those of wave number k up to pi u, and twelve more."""
-    return 12 + math.ceil(max_speed / _softest(pipe))
+    """How many modes the flow or the weight can reach, and twelve more.
+
+    They press with u^2 and with the weight: those of wave number k up to pi u have no stiffness
+    against that, and as many are taken.
+    """
+    pressure = max_speed**2 + max(-largest_tension(pipe), 0.0)
+    return 12 + math.ceil(math.sqrt(pressure) / _softest(pipe))
+
+
+def largest_tension(pipe: Pipe) -> float:
+    """Force along the pipe that its weight and loads make at the root, in EI / L^2."""
+    numbers = [term.numbers for term in pipe.terms]
+    heaviest = 1.0 if pipe.mass is None else pipe.mass.bounds[1]
+    weight = pipe.gamma * (heaviest + sum(one.get("mass", 0.0) for one in numbers))
+    return float(weight + sum(one.get("load", 0.0) for one in numbers))
 
 
 def _some_are_cheaper(tracked: int, max_speed: float, dof: int) -> bool:
