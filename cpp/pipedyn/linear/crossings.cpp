@@ -374,7 +374,7 @@ class Search {
           found.begin(), found.end(),
           [](const AxisCrossing& a, const AxisCrossing& b) { return a.speed < b.speed; });
       if (!is_known(next->speed, next->error) && is_at_rest(*next)) {
-        next->error += std::exchange(next->speed, 0.0);
+        *next = {0.0, next->value, next->change, next->mode, next->speed + next->error};
       }
       if ((next->speed > 0.0 || traits_.damped) && !is_known(next->speed, next->error)) {
         throw refusal(
