@@ -23,9 +23,7 @@ MODELS = [
 
 def matrices(model, u):
     """M, C and K."""
-    of = model.elastic_operators()
-    velocity = of.damping + u * of.direction * (of.gyroscopic + of.end_flux)
-    return of.mass, velocity, of.stiffness + of.centrifugal * u**2 * of.flux
+    return model.elastic_operators().at(u)
 
 
 def by_many_digits(mass, velocity, stiffness):

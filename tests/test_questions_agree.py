@@ -49,13 +49,18 @@ def ranges(found, end):
             yield low, high, count
 
 
-@pytest.mark.parametrize("make", MODELS)
-@pytest.mark.parametrize("name", PIPES)
-def test_speeds_and_numbers_of_unstable_roots_are_the_same(name, make):
+def searched(name, make):
+    """A pipe, its model, the end of the search, the crossings, and the one that destabilises."""
     pipe, end = PIPES[name]
     model = make(pipe)
     found = pp.crossings(model, end)
-    loss = next((c for c in found if c.destabilising), None)
+    return pipe, model, end, found, next((c for c in found if c.destabilising), None)
+
+
+@pytest.mark.parametrize("make", MODELS)
+@pytest.mark.parametrize("name", PIPES)
+def test_speeds_and_numbers_of_unstable_roots_are_the_same(name, make):
+    pipe, model, end, found, loss = searched(name, make)
     counted = list(ranges(found, end))
     if pipe.hysteresis and loss is not None:  # beyond, growth is not known for sure
         counted = [one for one in counted if one[1] <= loss.speed]
@@ -88,9 +93,7 @@ def test_speeds_and_numbers_of_unstable_roots_are_the_same(name, make):
 @pytest.mark.parametrize("make", MODELS)
 @pytest.mark.parametrize("name", PIPES)
 def test_boundaries_pass_where_the_crossings_are(name, make):
-    pipe, end = PIPES[name]
-    model = make(pipe)
-    found = pp.crossings(model, end)
+    pipe, model, end, found, loss = searched(name, make)
     near = (0.9 * pipe.beta, 1.1 * pipe.beta)
     bounds = pp.boundary(model, "beta", "u", {"beta": near, "u": (0.0, end)}, criticality=False)
     assert bounds.failures == ()
@@ -99,7 +102,6 @@ def test_boundaries_pass_where_the_crossings_are(name, make):
         for k in np.flatnonzero(np.diff(np.sign(curve.x - pipe.beta))):
             share = (pipe.beta - curve.x[k]) / (curve.x[k + 1] - curve.x[k])
             passed.append(curve.y[k] + share * (curve.y[k + 1] - curve.y[k]))
-    loss = next((c for c in found if c.destabilising), None)
     last = loss.speed if pipe.hysteresis and loss else end
     speeds = sorted(speed for speed in passed if speed <= last * 1.001)
     assert speeds == pytest.approx([c.speed for c in found if c.speed <= last], rel=1e-3)

@@ -193,9 +193,8 @@ void define_linear(py::module_& m) {
 
   m.attr("SHIFT") = shifts[0];
   m.def(
-      "rounding",
-      [](const Values& values, double shift) { return rounding_about(values, shift, false); },
-      "values"_a, "shift"_a);
+      "rounding", [](const Values& values) { return rounding_about(values, shifts[0], false); },
+      "values"_a);
   m.def(
       "assignment",
       [](const Numbers& costs) {

@@ -456,8 +456,8 @@ class Search {
     double slope = step.start_slope(i).real() * h, end_slope = step.end_slope(i).real() * h;
     double noise = std::max(left.noise[i], right.noise[j]);
     if (step.start(i) == 0.0) noise = infinite;
-    // Slopes within their rounding say nothing, at any length, unless rounding is small beside what
-    // happens within the step: the line through both ends does.
+    // A slope within its rounding says nothing unless that is small beside what happens within the
+    // step: then the line through both ends is taken, however short the step is.
     const double small = 1e-3 * std::max(std::abs(a), std::abs(b)) / h;
     const auto is_hidden = [=](Complex rate, double rounded) {
       return std::abs(rate.real()) < rounded && rounded > small;
@@ -613,14 +613,15 @@ class Search {
     }
   }
 
-  /// Whether a crossing of a pipe that nothing damps at rest is one from there, as growth by the
-  /// cube of the speed is, which rounding hides on the way.
+  /// Whether a root of an undamped pipe, which is on the axis at rest, has left it there: at half
+  /// the speed of the crossing it is not on the other side for sure. Where growth begins by the
+  /// cube of the speed, rounding hides it up to a crossing that is none.
   bool is_at_rest(const AxisCrossing& crossing) {
     if (traits_.damped || crossing.value == 0.0) return false;
+    if (crossing.error >= crossing.speed) return true;
     const Pair lower = spectrum_.refined(0.5 * crossing.speed, Pair{crossing.value});
     const double real = lower.value.real();
-    return crossing.error >= crossing.speed ||
-           (crossing.change > 0 ? real : -real) >= -lower.uncertain;
+    return (crossing.change > 0 ? real : -real) >= -lower.uncertain;
   }
 
   /// A crossing to rounding, by Newton's method on the model itself.
@@ -680,7 +681,7 @@ class Search {
     const double u = zero_between(square, low, high, tolerance), spread = 1e-3 * step.length();
     const double slope = std::abs(square(u + spread) - square(u - spread)) / (2.0 * spread);
     const double left = std::abs(square(u));
-    if (left > 1e-3 * std::max(std::abs(before), std::abs(after))) return {};  // other roots there
+    if (left > 1e-3 * std::max(std::abs(before), std::abs(after))) return {};  // it jumps
     // Rounding of the roots enters through the slope of the squared difference.
     const double lost = 1e-14 * std::norm(centre);
     const double error = (slope > 0.0 ? lost / slope : step.length()) + tolerance;

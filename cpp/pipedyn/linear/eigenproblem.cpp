@@ -420,7 +420,8 @@ void Eigenproblem::improve(double u, Pairs& pairs, Reals& uncertain) {
   }
 }
 
-/// With residuals; roots that meet scatter by the square root of rounding.
+/// Rounding of the matrix or what the residual tells, the larger; the latter up to the square root
+/// of rounding, by which roots that meet scatter.
 Reals Eigenproblem::rounding(const Pairs& pairs) const {
   const Reals residuals = pairs.uncertain.min(1e-7 * (1.0 + pairs.values.abs()));
   return rounding_about(pairs.values, shifts[0], true).max(residuals);

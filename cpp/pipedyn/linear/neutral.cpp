@@ -8,12 +8,11 @@ namespace pipedyn {
 
 namespace {
 
-/// Rounding of the norm of a matrix, by which it may be off, and what it comes to where no residual
-/// tells how far eigenvectors are from orthogonal: measured along equilibria of chains and reduced
-/// models, 110 next to divergence.
+/// Share of its norm by which a matrix may be off, and the share where no residual tells what
+/// eigenvectors that are far from orthogonal make of that: next to divergence 110 eps was measured.
 constexpr double of_norm = 40.0 * eps, of_any_norm = 1000.0 * eps;
 
-/// Of what is done with an eigenvalue mu afterwards, relative to lambda.
+/// Rounding of shift + 1 / mu, relative to lambda.
 constexpr double of_value = 1e-14;
 
 /// |lambda| up to which two roots may be one double zero.

@@ -15,9 +15,9 @@
 
 namespace pipedyn {
 
-/// How far rounding may have moved each of the eigenvalues of one matrix. Small ones differ by
-/// cancellation, and two of them may be a double zero: where `assessed`, residuals say that better,
-/// and it is left to them.
+/// How far rounding may have moved each of the eigenvalues of one matrix. Where residuals are known
+/// (`assessed`), they tell better what cancellation leaves of small eigenvalues and that two of
+/// these are a double zero, and both are left out.
 Reals rounding_about(const Values& values, double shift, bool assessed);
 
 }  // namespace pipedyn

@@ -316,7 +316,7 @@ class Statics:
 
         def correction(x: Array) -> tuple[Array, float]:
             force, free, of = self._forces(x, u)
-            stiffness = of.stiffness + of.centrifugal * u**2 * of.flux
+            _, _, stiffness = of.at(u)
             step = free @ np.linalg.solve(stiffness, force)
             return step, rms_along(slopes @ step)
 
@@ -339,8 +339,8 @@ class Statics:
         if self._turn is not None:
             yield self.resting + 0.5 * self._turn
         _, free, of = self._forces(self.resting, u)
-        stiffness = of.stiffness + of.centrifugal * u**2 * of.flux
-        values, vectors = np.linalg.eig(np.linalg.solve(of.mass, stiffness))
+        mass, _, stiffness = of.at(u)
+        values, vectors = np.linalg.eig(np.linalg.solve(mass, stiffness))
         static = (values.real < 0.0) & (np.abs(values.imag) <= 1e-9 * np.abs(values).max())
         for shape in (free @ vectors[:, static].real).T:
             most = float(np.abs(self.angles(shape[None])).max())
@@ -375,9 +375,7 @@ class Statics:
         """Of small motions about an equilibrium, shape (2 dof,)."""
         if self._about is None or not np.array_equal(self._about[0], x):
             self._about = x, self.model.operators(x)
-        of = self._about[1]
-        velocity = of.damping + u * of.direction * (of.gyroscopic + of.end_flux)
-        return eigenvalues_of(of.mass, velocity, of.stiffness + of.centrifugal * u**2 * of.flux)
+        return eigenvalues_of(*self._about[1].at(u))
 
     def growth(self, x: Array, u: float) -> Array:
         """Real parts of the eigenvalues beyond rounding, the largest first."""

@@ -28,7 +28,7 @@ from pipedyn.bifurcation.boundary_curves import CurveStart, Traced
 from pipedyn.bifurcation.continuation import Control, Segment, sign_changes
 from pipedyn.bifurcation.hopf import NoHopf, onset_coefficients, static_cubic
 from pipedyn.linear.eigenproblem import Complex
-from pipedyn.linear.neutral import beyond_rounding, grows
+from pipedyn.linear.neutral import beyond_rounding
 from pipedyn.linear.plane import Plane
 from pipedyn.models.base import NotConverged
 from pipedyn.util.archive import saved_as
@@ -136,11 +136,11 @@ def others_unstable(plane: Plane, problem: AxisProblem, z: Array) -> int:
     """Number of unstable roots beside those on the axis at a point of a curve."""
     if isinstance(problem, CoupledModeProblem):
         found, root = plane.eigenvalues(problem.place(z)), problem.root(z)
-        growing = grows(found)
+        growth = beyond_rounding(found)
         for value in (root, root, -root, -root):
             k = np.argmin(np.abs(found - value))
-            found, growing = np.delete(found, k), np.delete(growing, k)
-        return int(np.count_nonzero(growing)) + (2 if z[0] < 0.0 else 0)
+            found, growth = np.delete(found, k), np.delete(growth, k)
+        return _unstable(growth) + (2 if z[0] < 0.0 else 0)
     if problem.kind == "divergence":
         static = plane.static_stiffnesses(problem.place(z))
         if static is not None:

@@ -180,8 +180,7 @@ def crossings(model: AnyModel, max_speed: float) -> Crossings:
     checked_model(model)
     end = checked_end(max_speed, model)
     _, found = raised(losses([model], end))
-    at_rest = found[0].unstable_before if found else unstable_at_rest(model)
-    return Crossings(found, end, model, at_rest)
+    return Crossings(found, end, model, unstable_at_rest(model, found))
 
 
 def critical_speed(model: AnyModel, max_speed: float = 100.0) -> CriticalSpeed:
@@ -219,8 +218,7 @@ def stable_speeds(
         found: all its crossings up to there, in order of speed.
         end: of the search.
     """
-    at_rest = found[0].unstable_before if found else unstable_at_rest(model)
-    counts = [at_rest, *(one.unstable_after for one in found)]
+    counts = [unstable_at_rest(model, found), *(one.unstable_after for one in found)]
     bounds = pairwise([0.0, *(one.speed for one in found), end])
     ranges: list[tuple[float, float]] = []
     for (low, high), count in zip(bounds, counts, strict=True):
@@ -249,12 +247,12 @@ def first_loss(model: AnyModel, max_speed: float = 100.0) -> Loss:
 
 def first_losses(models: Sequence[AnyModel], max_speed: float = 100.0) -> list[Loss | Exception]:
     """The same of many models, or what was raised; searched together, see `losses`."""
-    found: list[Loss | Exception] = [NoCrossing("", max_speed)] * len(models)
-    unknown = list(range(len(models)))
+    found: dict[int, Loss | Exception] = {}
     # A low critical speed needs no large basis and few modes of a long chain, so where that is
     # cheaper the search first ends sooner: without weight pipes flutter below 12 if beta < 0.68,
     # below 20 at any beta, and gamma = 1000 takes the speed to 20 .. 80.
     for end in [*(end for end in (12.0, 20.0, 30.0, 60.0) if end < max_speed), max_speed]:
+        unknown = (i for i in range(len(models)) if i not in found)
         at = [i for i in unknown if end == max_speed or _is_cheaper_up_to(end, models[i])]
         if not at:
             continue
@@ -264,12 +262,10 @@ def first_losses(models: Sequence[AnyModel], max_speed: float = 100.0) -> list[L
                 found[i] = point
             elif point[0] is not None:
                 found[i] = point[0], point[1]
-            else:
-                continue
-            unknown.remove(i)
-    for i in unknown:
-        found[i] = outcome_of(partial(_never_lost, models[i], max_speed))
-    return found
+    return [
+        found[i] if i in found else outcome_of(partial(_never_lost, model, max_speed))
+        for i, model in enumerate(models)
+    ]
 
 
 def _never_lost(model: AnyModel, max_speed: float) -> NoCrossing:
@@ -384,20 +380,25 @@ def _stable_from(critical: Crossing, found: Sequence[Crossing]) -> float | None:
     return max((c.speed for c in found if c.speed < critical.speed), default=0.0)
 
 
-def unstable_at_rest(model: AnyModel) -> int:
+def unstable_at_rest(model: AnyModel, found: Sequence[Crossing] = ()) -> int:
     """Number of roots that grow without flow: those with which the pipe buckles by itself.
+
+    Args:
+        model: the model.
+        found: its crossings from rest on, if any are known; the first of them tells.
 
     Raises:
         NotConverged: of a continuous pipe that buckles in more modes than bases show.
     """
+    if found:
+        return found[0].unstable_before
     still = model.with_pipe(replace(model.pipe, damping=0.0))  # roots cluster at -1 / delta
 
     def growing(one: Model) -> int:
         problem = eigenproblem(one)
         every = 2 * problem.dof
         asked = min(2 * _modes_within(0.0, model.pipe), every) if problem.is_long else every
-        values = problem.lowest(0.0, asked).values
-        return int(np.sum((values.imag == 0.0) & (values.real > problem.zero_tolerance)))
+        return int(np.sum(problem.grows_statically(problem.lowest(0.0, asked).values)))
 
     if isinstance(still, Continuum):
         return still.converge(growing, lambda a, b: float(abs(a - b))).value
@@ -442,7 +443,7 @@ def resolved(problem: Eigenproblem) -> int:
     _, modes = np.linalg.eigh(-pencil.matrices[0])  # whose elastic stiffness is 1: the lowest first
     last = np.sum(modes[last_functions(model)] ** 2, axis=0)
     good = last <= LAST[model.pipe.flow]
-    count = int(np.argmin(good)) if not good.all() else good.size
+    count = int(np.argmin([*good, False]))
     # Where damping is so strong that the last of these do not oscillate, those beyond are
     # overdamped too, and nothing sets them apart by their roots: then all are looked at.
     return count if model.pipe.damping * (math.pi * count) ** 2 <= 2.0 else model.dof
@@ -577,17 +578,17 @@ def _softest(pipe: Pipe) -> float:
 
 
 def _modes_within(max_speed: float, pipe: Pipe) -> int:
-    """How many modes the flow or the weight can reach, and twelve more.
+    """How many modes of a pipe flow and weight can make unstable, at most, and twelve more.
 
-    They press with u^2 and with the weight: those of wave number k up to pi u have no stiffness
-    against that, and as many are taken.
+    Under a thrust T = u^2 + weight a mode of wave number k up to sqrt(T) has no stiffness, which
+    sqrt(T) / pi modes have. Three times as many are taken.
     """
     pressure = max_speed**2 + max(-largest_tension(pipe), 0.0)
     return 12 + math.ceil(math.sqrt(pressure) / _softest(pipe))
 
 
 def largest_tension(pipe: Pipe) -> float:
-    """Force along the pipe that its weight and loads make at the root, in EI / L^2."""
+    """Force along the pipe at its root by weight and loads, in EI / L^2; compression is < 0."""
     numbers = [term.numbers for term in pipe.terms]
     heaviest = 1.0 if pipe.mass is None else pipe.mass.bounds[1]
     weight = pipe.gamma * (heaviest + sum(one.get("mass", 0.0) for one in numbers))

@@ -84,6 +84,10 @@ class Eigenproblem:
         least = 1e-4 if (self.model.elastic_share == 0.0).any() else 1e-6
         return least / max(1.0, self.pipe.damping)
 
+    def grows_statically(self, values: Complex) -> NDArray[np.bool_]:
+        """Which eigenvalues are real and positive: of motions that grow without oscillating."""
+        return (values.imag == 0.0) & (values.real > self.zero_tolerance)
+
     def velocity_free(self, u: float) -> bool:
         """Whether P holds lambda only as lambda^2: no damping, and no flow or no fluid mass."""
         return not self.is_damped and (u == 0.0 or self.pipe.beta == 0.0)
@@ -123,8 +127,8 @@ class Eigenproblem:
                     asked = min(found.values.size + count, most)
                     found = spectrum.lowest(u, asked, left, high=True)
                 still = self.static.lowest(u, min(count, most), left)
-                grows = (still.values.imag == 0.0) & (still.values.real > self.zero_tolerance)
-                found = _joined(found, _taken(still, np.flatnonzero(grows)), count)
+                grows = np.flatnonzero(self.grows_statically(still.values))
+                found = _joined(found, _taken(still, grows), count)
         factorised(spectrum.factorisations())
         return found
 

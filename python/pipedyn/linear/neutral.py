@@ -14,10 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipedyn import _core
+from pipedyn.linear.eigenproblem import Complex
 from pipedyn.util.check import Array
 from pipedyn.util.counters import factorised
-
-Complex = NDArray[np.complex128]
 
 SHIFT: float = _core.SHIFT
 """Eigenvalues are computed about this, here and in the core; it is one of no pipe but by chance."""
@@ -48,29 +47,31 @@ def eigenvalues_of(mass: Array, damping: Array, stiffness: NDArray[Any]) -> Comp
     return np.asarray(found[np.isfinite(found)], dtype=complex)
 
 
-def beyond_rounding(values: Complex) -> Array:
-    """Real parts of eigenvalues less what rounding may add to them: > 0 of those that grow.
+def rounding(values: Complex) -> Array:
+    """How far rounding may have moved each eigenvalue.
 
     Args:
         values: the eigenvalues of one matrix about `SHIFT`, (k,), or a row for each, (rows, k).
     """
     rows = np.atleast_2d(values).astype(np.complex128)
-    rounding = np.array([_core.rounding(row, SHIFT) for row in rows]).reshape(values.shape)
-    return np.asarray(values.real - rounding)
+    return np.array([_core.rounding(row) for row in rows]).reshape(np.shape(values))
+
+
+def beyond_rounding(values: Complex) -> Array:
+    """Real parts of eigenvalues less `rounding`, with its argument: > 0 of those that grow."""
+    return np.asarray(values.real - rounding(values))
 
 
 def grows(values: Complex) -> NDArray[np.bool_]:
-    """Which eigenvalues have a real part above 0 by more than rounding; values as above."""
-    return beyond_rounding(values) > 0.0
+    """Which eigenvalues have a real part above 0 by more than `rounding`, with its argument."""
+    return values.real > rounding(values)
 
 
 def decays(values: Complex) -> NDArray[np.bool_]:
-    """Which have one below 0 by more than rounding."""
-    values = np.asarray(values)
-    return values.real < beyond_rounding(values) - values.real
+    """Which eigenvalues have a real part below 0 by more than `rounding`, with its argument."""
+    return values.real < -rounding(values)
 
 
 def growth(values: Complex) -> Array:
-    """Their real parts, 0 of those on the axis."""
-    off = grows(values) | decays(values)
-    return np.where(off | np.isnan(values), values.real, 0.0)
+    """Real parts of eigenvalues, 0 of those on the axis, with the argument of `rounding`."""
+    return np.where(np.abs(values.real) <= rounding(values), 0.0, values.real)

@@ -306,8 +306,8 @@ class Plane:
         if self.lossy:
             above = found[found.imag > 1e-9]
             still = eigenvalues_of(mass, damping, stiffness.real)
-            grows = still[(np.abs(still.imag) < 1e-9) & (still.real > 0.0)]
-            found = np.concatenate([above, above.conj(), grows])
+            static = still[(np.abs(still.imag) < 1e-9) & (still.real > 0.0)]
+            found = np.concatenate([above, above.conj(), static])
         return found[np.argsort(np.abs(found))][: 2 * self.modes]
 
     def unstable(self, at: Array) -> int:
