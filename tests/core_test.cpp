@@ -19,7 +19,7 @@
 #include "pipedyn/chain/chain.hpp"
 #include "pipedyn/galerkin/galerkin.hpp"
 #include "pipedyn/galerkin/quadrature.hpp"
-#include "pipedyn/linear/chain_roots.hpp"
+#include "pipedyn/linear/determinant_roots.hpp"
 #include "pipedyn/linear/complement.hpp"
 #include "pipedyn/linear/crossings.hpp"
 #include "pipedyn/linear/eigenproblem.hpp"

@@ -12,7 +12,9 @@
 #include <chrono>
 
 #include "arguments.hpp"
-#include "pipedyn/linear/chain_spectrum.hpp"
+#include "pipedyn/galerkin/galerkin.hpp"
+#include "pipedyn/galerkin/panel_pencil.hpp"
+#include "pipedyn/linear/structured.hpp"
 #include "pipedyn/linear/crossings.hpp"
 #include "pipedyn/linear/eigenproblem.hpp"
 #include "pipedyn/linear/neutral.hpp"
@@ -53,6 +55,12 @@ const Lapack& scipy_lapack() {
 DenseOperator::Matrices with_loss(std::array<Matrix, 5> others, Matrix loss) {
   auto& [a, b, c, d, e] = others;
   return {std::move(a), std::move(b), std::move(c), std::move(d), std::move(e), std::move(loss)};
+}
+
+/// What Python keeps alive.
+template <class Kept>
+std::shared_ptr<const Kept> kept_elsewhere(const Kept& one) {
+  return {std::shared_ptr<const Kept>(), &one};
 }
 
 /// Tells Python every so often what was done, so that it counts and can stop it: by a signal, or by
@@ -232,6 +240,30 @@ void define_linear(py::module_& m) {
       },
       "spectra"_a, "ranges"_a, "factorised"_a);
 
+  py::class_<PanelPencil>(m, "PanelPencil")
+      .def(py::init([](const Galerkin& model) {
+             return std::make_unique<PanelPencil>(model.pipe(), model.basis());
+           }),
+           "model"_a)
+      .def_static(
+          "fits",
+          [](const Galerkin& model) { return PanelPencil::fits(model.pipe(), model.basis()); },
+          "model"_a)
+      .def_property_readonly("size", &PanelPencil::size)
+      .def(
+          "times",
+          [](const PanelPencil& pencil, const Matrix& x, double mass, double velocity,
+             double damping, double stiffness, double flux, double gravity, double elastic) {
+            return pencil.times(x, {mass, velocity, damping, stiffness, flux, gravity, elastic});
+          },
+          "x"_a, "mass"_a = 0.0, "velocity"_a = 0.0, "damping"_a = 0.0, "stiffness"_a = 0.0,
+          "flux"_a = 0.0, "gravity"_a = 0.0, "elastic"_a = 0.0, Unlocked())
+      .def("held", &PanelPencil::held)
+      .def(
+          "on_panels",
+          [](const PanelPencil& pencil, const Matrix& q) { return pencil.basis().on_panels(q); },
+          "q"_a);
+
   py::class_<DenseOperator>(m, "DenseOperator")
       .def(py::init([](std::array<Matrix, 5> of, double size, Matrix loss) {
              return std::make_unique<DenseOperator>(scipy_lapack(),
@@ -279,15 +311,24 @@ void define_linear(py::module_& m) {
       .def(py::init<Matrix>(), "columns"_a)
       .def("spread", &Complement::spread, "z"_a)
       .def("gathered", py::overload_cast<Matrix>(&Complement::gathered, py::const_), "x"_a);
-  py::class_<ChainSpectrum, Eigenproblem, std::shared_ptr<ChainSpectrum>>(m, "ChainSpectrum")
+  // Chain, complement and pencil are kept by the spectrum as long as it lives.
+  py::class_<Structured, Eigenproblem, std::shared_ptr<Structured>>(m, "Structured")
       .def(py::init([](const Traits& traits, const Chain& chain, const Complement& complement,
                        const Vector& scale, double size) {
-             return std::make_shared<ChainSpectrum>(traits, chain, complement, scipy_lapack(),
-                                                    scale, size);
+             const auto of = std::make_shared<const ChainDeterminant>(
+                 kept_elsewhere(chain), kept_elsewhere(complement), scipy_lapack(), scale);
+             return std::make_shared<Structured>(traits, of, size);
            }),
            "traits"_a, "chain"_a, "complement"_a, "scale"_a, "size"_a, py::keep_alive<1, 3>(),
            py::keep_alive<1, 4>())
-      .def("log_derivatives", &ChainSpectrum::log_derivatives, "u"_a, "values"_a);
+      .def(py::init([](const Traits& traits, const PanelPencil& pencil, Matrix spread,
+                       Matrix gathered, double size) {
+             const auto of = std::make_shared<const PanelDeterminant>(
+                 kept_elsewhere(pencil), scipy_lapack(), std::move(spread), std::move(gathered));
+             return std::make_shared<Structured>(traits, of, size);
+           }),
+           "traits"_a, "pencil"_a, "spread"_a, "gathered"_a, "size"_a, py::keep_alive<1, 3>())
+      .def("log_derivatives", &Structured::log_derivatives, "u"_a, "values"_a);
 }
 
 }  // namespace pipedyn

@@ -4,37 +4,16 @@
 // PIPEDYN_WIDTH set.
 #include "pipedyn/chain/impedance.hpp"
 
+#include "pipedyn/vector/lanes.hpp"
 #include "pipedyn/vector/layout.hpp"
 
 namespace {
 
 using pipedyn::ImpedanceModel;
-using pipedyn::ImpedancePairs;
 using pipedyn::ImpedanceParts;
-using pipedyn::ImpedancePoints;
 using pipedyn::ImpedanceSegment;
-
-/// A pack of complex numbers.
-struct Lanes {
-  Pack re{}, im{};
-};
-
-inline Lanes operator+(const Lanes& a, const Lanes& b) { return {a.re + b.re, a.im + b.im}; }
-inline Lanes operator-(const Lanes& a, const Lanes& b) { return {a.re - b.re, a.im - b.im}; }
-inline Lanes operator*(const Lanes& a, const Lanes& b) {
-  return {a.re * b.re - a.im * b.im, a.re * b.im + a.im * b.re};
-}
-inline Lanes operator*(double a, const Lanes& b) { return {a * b.re, a * b.im}; }
-inline void operator+=(Lanes& a, const Lanes& b) { a = a + b; }
-inline Lanes conjugate(const Lanes& a) { return {a.re, -a.im}; }
-inline Lanes inverse(const Lanes& a) {
-  const Pack share = 1.0 / (a.re * a.re + a.im * a.im);
-  return {a.re * share, -a.im * share};
-}
-/// |Re| + |Im|, at least |a| and at most 1.5 times that.
-inline Pack size_of(const Lanes& a) { return absolute(a.re) + absolute(a.im); }
-
-inline Lanes operator+(const Lanes& a, double b) { return {a.re + b, a.im}; }
+using pipedyn::PairsAsked;
+using pipedyn::Points;
 
 /// lambda and what comes of it, or the sizes of these.
 template <class Number>
@@ -155,49 +134,13 @@ inline Impedance before_held(double l, const Impedance& beyond, const Coefficien
   return found;
 }
 
-Lanes taken(const ImpedancePoints& points, Count first) {
-  double re[width], im[width];
-  for (Count i = 0; i < width; ++i) {  // the last stands in for what is missing
-    const Count from = first + i < points.count ? first + i : points.count - 1;
-    re[i] = points.real[from];
-    im[i] = points.imag[from];
-  }
-  return {load<Pack>(re), load<Pack>(im)};
-}
-
-void put(double* out, const ImpedancePoints& points, Count first, const Pack& x) {
-  double each[width];
-  store(each, x);
-  for (Count i = 0; i < width && first + i < points.count; ++i) out[first + i] = each[i];
-}
-void put(double* out, const ImpedancePoints& points, Count first, const Lanes& x) {
-  put(out, points, first, x.re);
-  put(out + points.count, points, first, x.im);
-}
-
-/// |a|^2, or 1 where a is 0.
-inline Pack distance(const Lanes& a) {
-  const Pack square = a.re * a.re + a.im * a.im;
-  return square > 0.0 ? square : all<Pack>(1.0);
-}
-
-void log_derivative(const ImpedanceModel& model, const ImpedancePoints& points, double* out) {
+void log_derivative(const ImpedanceModel& model, const Points& points, double* out) {
   for (Count first = 0; first < points.count; first += width) {
     const Lanes lambda = taken(points, first);
     const Problem problem(model, lambda, points.u);
     Impedance at = end_impedance(model, problem), by;  // and its derivative by lambda
     by.a.re = all<Pack>(-problem.entry);
-    Lanes sum;
-    for (Count k = 0; k < points.roots; k += 2) {  // one division for two
-      const Count next = k + 1 < points.roots ? k + 1 : k;
-      const Lanes one{lambda.re - points.root_real[k], lambda.im - points.root_imag[k]};
-      const Lanes two{lambda.re - points.root_real[next], lambda.im - points.root_imag[next]};
-      const Pack square = distance(one), other = distance(two);
-      const Pack share = 1.0 / (square * other);
-      const Pack first_share = other * share, next_share = next == k ? Pack{} : square * share;
-      sum.re -= one.re * first_share + two.re * next_share;
-      sum.im += one.im * first_share + two.im * next_share;
-    }
+    Lanes sum = -1.0 * poles(points, lambda);
     Coefficients<Lanes> own, change;
     for (Count j = model.size - 1; j >= 0; --j) {
       const ImpedanceSegment& segment = model.segments[j];
@@ -285,7 +228,7 @@ struct Turned {
   Lanes right, left;
 };
 
-void pairs(const ImpedanceModel& model, const ImpedancePoints& points, const ImpedancePairs& out) {
+void pairs(const ImpedanceModel& model, const Points& points, const PairsAsked& out) {
   const Count n = model.size;
   Count start = 0;  // the first segment that moves
   while (model.segments[start].held) ++start;

@@ -27,6 +27,8 @@
 
 #include <cstddef>
 
+#include "pipedyn/vector/points.hpp"
+
 namespace pipedyn {
 
 /// What multiplies lambda^0, lambda^1 and lambda^2.
@@ -63,37 +65,12 @@ struct ImpedanceModel {
   bool guided;          // whether the end keeps its direction
 };
 
-/// Values of lambda at one speed u, and roots known; count and roots entries in each array.
-struct ImpedancePoints {
-  double u;
-  std::ptrdiff_t count;
-  const double *real, *imag;
-  std::ptrdiff_t roots = 0;
-  const double *root_real = nullptr, *root_imag = nullptr;
-};
-
-/// What is known of roots; real and imaginary parts of count values, one after the other.
-struct ImpedancePairs {
-  double* by_lambda;  // Y^T (dT/dlambda) X
-  double* value;      // Y^T T X
-  double* by_u;       // Y^T (dT/du) X
-  double* by_right;   // X^H (dT/dlambda) X, or none
-  double* rest;       // |Y|^T |T X|, and
-  double* entries;    // the sum of the absolute values of what Y^T T X sums in phi, theta and w
-  double* sums;       // what rounding of theta and w, one each, may add to it; count numbers each
-  double *right, *left;  // phi and psi, (n, 2, count), or none
-  /// Whether a moment of the size of its terms loads each joint, as in inverse iteration. Without,
-  /// vectors start at the clamp, where the last pivot is 0: that fails for modes with far larger
-  /// amplitudes elsewhere, which the loads may drown if segments differ by orders of magnitude.
-  bool loaded;
-};
-
 struct ImpedanceKernel {
   /// d log det P / dlambda - sum_k 1 / (lambda - lambda_k), real and imaginary parts of count
   /// values; roots k at lambda itself add nothing.
-  void (*log_derivative)(const ImpedanceModel&, const ImpedancePoints&, double* out);
+  void (*log_derivative)(const ImpedanceModel&, const Points&, double* out);
   /// Vectors of roots, or of values near them. Uses the thread's scratch (vector/scratch.hpp).
-  void (*pairs)(const ImpedanceModel&, const ImpedancePoints&, const ImpedancePairs&);
+  void (*pairs)(const ImpedanceModel&, const Points&, const PairsAsked&);
 };
 
 extern const ImpedanceKernel impedance_baseline, impedance_avx2, impedance_avx512;

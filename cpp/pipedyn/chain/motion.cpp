@@ -20,6 +20,7 @@
 #include "pipedyn/chain/impedance.hpp"
 #include "pipedyn/chain/shifted.hpp"
 #include "pipedyn/chain/sweeps.hpp"
+#include "pipedyn/galerkin/elimination.hpp"
 #include "pipedyn/galerkin/kernel.hpp"
 #include "pipedyn/motion/collocation.hpp"
 #include "pipedyn/motion/dense.hpp"
@@ -280,6 +281,7 @@ const MotionKernel PIPEDYN_NAMED(motion) = {
     .sincos = ::sincos_of,
     .galerkin = &PIPEDYN_NAMED(galerkin),
     .impedance = &PIPEDYN_NAMED(impedance),
+    .elimination = &PIPEDYN_NAMED(elimination),
 };
 
 }  // namespace pipedyn

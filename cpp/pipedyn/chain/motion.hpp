@@ -103,6 +103,7 @@ struct Intervals {
 
 struct GalerkinKernel;
 struct ImpedanceKernel;
+struct EliminationKernel;
 
 /// The functions of one vector level. They use the thread's scratch (vector/scratch.hpp).
 struct MotionKernel {
@@ -166,6 +167,7 @@ struct MotionKernel {
 
   const GalerkinKernel* galerkin;    // the reduced model's
   const ImpedanceKernel* impedance;  // linear chains'
+  const EliminationKernel* elimination;  // linear reduced models'
 };
 
 extern const MotionKernel motion_baseline, motion_avx2, motion_avx512;

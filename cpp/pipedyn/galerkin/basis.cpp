@@ -89,6 +89,34 @@ std::vector<std::vector<Index>> Basis::by_panel() const {
   return places;
 }
 
+Matrix Basis::on_panels(const Matrix& q) const {
+  const Index first = turns_ ? 1 : 0, count = size_ + dropped() - ahead();
+  Matrix by_number(count, q.cols()), found = Matrix::Zero(first + count, q.cols());
+  by_number.topRows(dropped()).setZero();
+  by_number.bottomRows(size_ - ahead()) = q.bottomRows(size_ - ahead());
+  if (ahead() > 0) found.row(0) = q.row(0) / std::sqrt(std::max(root_, 1.0));
+  if (directed_) by_number.row(0).setZero();
+  const Index panels = ends_.size() - 1;
+  const Vector turning = (ends_.tail(panels) - ends_.head(panels)).cwiseSqrt();
+  Vector normal = turning;
+  std::vector<Index> constant;
+  Index next = first;
+  for (const std::vector<Index>& numbers : numbers_) {
+    if (numbers[0] == 0) normal[static_cast<Index>(constant.size())] += 1.0;
+    constant.push_back(next);
+    for (const Index number : numbers) found.row(next++) = by_number.row(number);
+  }
+  if (!directed_) return found;
+  const Matrix own = found(constant, Eigen::all);
+  found(constant, Eigen::all) -= (2.0 / normal.squaredNorm() * normal) * (normal.transpose() * own);
+  if (turns_) {
+    const Eigen::RowVectorXd share = q.row(0) / std::sqrt(1.0 + root_);
+    found.row(0) = -share;
+    found(constant, Eigen::all) += turning * share;
+  }
+  return found;
+}
+
 Matrix Basis::evaluate_panels(const Vector& s, int derivative) const {
   Matrix out(s.size(), size_ + dropped());
   const auto power = [&](int n) -> Vector {  // s^n / n!, or its derivative

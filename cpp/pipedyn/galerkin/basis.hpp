@@ -51,6 +51,10 @@ class Basis {
   /// The functions on each panel, by degree, those of a smaller basis on the same panels first; of
   /// degree 0 only combinations may be functions, whose first may be none (-1).
   std::vector<std::vector<Index>> by_panel() const;
+  /// Of the slope at a root that turns and of the amplitudes of Legendre curvatures, panel by panel
+  /// and by degree, the part that functions with amplitudes q (m, r) have: (1 or 0 + functions on
+  /// panels, r).
+  Matrix on_panels(const Matrix& q) const;
   /// Whether they are orthonormal with the straight pipe's mass.
   bool orthonormal() const { return family_ == Family::beam && !held_across_; }
   /// Number of functions on the panel that has most.

@@ -82,6 +82,7 @@ class Galerkin {
   Galerkin(const Pipe& pipe, Basis basis, Index least_nodes = 0);
 
   Index dof() const { return basis_.size(); }
+  const Pipe& pipe() const { return pipe_; }
   const Basis& basis() const { return basis_; }
   /// The integrals k_ij (m, m) where the stiffness varies along the pipe, else empty: see Basis.
   Matrix elastic() const { return Panels(basis_, pipe_).elastic; }

@@ -28,6 +28,7 @@ from pipedyn.models.base import (
 )
 from pipedyn.models.free_functions import FreeFunctions, orthonormal
 from pipedyn.models.held_across import HeldAcross
+from pipedyn.models.pencil import PanelPencil, Pencil
 from pipedyn.models.pipe import Pipe
 from pipedyn.util import check
 from pipedyn.util.archive import saved_as
@@ -274,6 +275,12 @@ class Galerkin(Model):
     @cached_property
     def _free(self) -> FreeFunctions:
         return FreeFunctions(self.core, self._held, self._basis == "beam")
+
+    def pencil(self) -> Pencil:
+        straight = self._reference is None and not self._pipe.thrust_across
+        if self._basis == "legendre" and straight and _core.PanelPencil.fits(self.core):
+            return PanelPencil(self)
+        return super().pencil()
 
     @property
     def elastic_scale(self) -> Array:

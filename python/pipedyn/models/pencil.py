@@ -22,6 +22,8 @@ from pipedyn import _core
 if TYPE_CHECKING:
     from pipedyn.models.base import Model
     from pipedyn.models.chain import Chain
+    from pipedyn.models.galerkin import Galerkin
+    from pipedyn.util.check import Array
     from pipedyn.models.pipe import Pipe
 
 Vectors = NDArray[Any]
@@ -177,7 +179,7 @@ class ChainPencil(Pencil):
         return 1e-12 * float(np.abs(loads).max(initial=0.0)) if self.held is not None else 0.0
 
     def spectrum(self, traits: _core.Traits, size: float) -> _core.Eigenproblem:
-        return _core.ChainSpectrum(traits, self.core, self.complement, self.scale, size)
+        return _core.Structured(traits, self.core, self.complement, self.scale, size)
 
     def with_pipe(self, pipe: Pipe) -> ChainPencil:
         return ChainPencil(self.chain.with_pipe(pipe), self.held, self.complement)
@@ -224,6 +226,69 @@ class ChainPencil(Pencil):
         def product(z: Vectors) -> Vectors:
             rows = self.core.joint_times(scale * self.complement.spread(z), **part)
             return self.complement.gathered(scale * rows)
+
+        return real_columns(product, x)
+
+
+class PanelPencil(Pencil):
+    """A straight reduced model in Legendre curvatures, which the core eliminates panel by panel."""
+
+    def __init__(self, model: Galerkin) -> None:
+        super().__init__(model)
+        self.core = _core.PanelPencil(model.core)
+        self.end_moves = model.pipe.cantilevered and model.pipe.beta * model.pipe.inflow_share > 0.0
+
+    @cached_property
+    def spread(self) -> Array:
+        """Slope at the root and curvatures by elastic coordinates, (core's, dof)."""
+        spread, scale = self.model._small
+        by = scale if spread is None else spread * scale if scale.ndim == 1 else spread @ scale
+        return self.core.on_panels(np.diag(by) if by.ndim == 1 else by)
+
+    @cached_property
+    def gathered(self) -> Array:
+        """Elastic coordinates by slope at the root and curvatures, (dof, core's)."""
+        if (self.model.elastic_share < 1.0).any():
+            return np.linalg.pinv(self.spread)
+        return np.ascontiguousarray(self._elastic(self.spread).T)
+
+    def _elastic(self, x: Array) -> Array:
+        """Elastic loads of slope at the root and curvatures, with the root's spring."""
+        loads = self.core.times(x, elastic=1.0)
+        if 0.0 < self.pipe.root_stiffness < math.inf:
+            loads[0] += self.pipe.root_stiffness * x[0]
+        return loads
+
+    def spectrum(self, traits: _core.Traits, size: float) -> _core.Eigenproblem:
+        return _core.Structured(traits, self.core, self.spread, self.gathered, size)
+
+    def with_pipe(self, pipe: Pipe) -> PanelPencil:
+        return PanelPencil(self.model.with_pipe(pipe))
+
+    def mass(self, x: Vectors) -> Vectors:
+        return self._times(x, mass=1.0)
+
+    def velocity(self, x: Vectors) -> Vectors:
+        return self._times(x, velocity=1.0)
+
+    def damping(self, x: Vectors) -> Vectors:
+        return self._times(x, damping=1.0)
+
+    def stiffness(self, x: Vectors) -> Vectors:
+        return self._times(x, stiffness=1.0)
+
+    def flux(self, x: Vectors) -> Vectors:
+        return self._times(x, flux=1.0)
+
+    def gravity(self, x: Vectors) -> Vectors:
+        return self._times(x, gravity=1.0)
+
+    def by_damping(self, x: Vectors) -> Vectors:
+        return self._times(x, elastic=1.0)
+
+    def _times(self, x: Vectors, **part: float) -> Vectors:
+        def product(z: Vectors) -> Vectors:
+            return self.spread.T @ self.core.times(self.spread @ z, **part)
 
         return real_columns(product, x)
 

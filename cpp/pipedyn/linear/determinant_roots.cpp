@@ -1,11 +1,9 @@
 // SPDX-License-Identifier: MIT
-#include "pipedyn/linear/chain_roots.hpp"
+#include "pipedyn/linear/determinant_roots.hpp"
 
 #include <algorithm>
 #include <numbers>
 #include <tuple>
-
-#include "pipedyn/vector/levels.hpp"
 
 namespace pipedyn {
 
@@ -36,34 +34,15 @@ constexpr Index circle_points = 16;
 
 }  // namespace
 
-Reals parts_of(const Values& values) {
-  Reals parts(2 * values.size());
-  for (Index i = 0; i < values.size(); ++i) {
-    parts[i] = values[i].real();
-    parts[values.size() + i] = values[i].imag();
-  }
-  return parts;
-}
-
-Values log_derivatives(const Chain& chain, double u, const Values& at,
+Values log_derivatives(const Determinant& of, double u, const Values& at,
                        const Approximations& roots) {
-  const Index count = at.size(), poles = roots_in(roots);
-  const Reals parts = parts_of(at);
-  Reals out(2 * count), real(poles), imag(poles);
+  Values known(roots_in(roots));
   Index k = 0;
   for (const Approximation& one : roots) {
-    for (const double sign : {1.0, -1.0}) {
-      if (sign < 0.0 && one.alone) continue;
-      real[k] = one.value.real();
-      imag[k++] = sign * one.value.imag();
-    }
+    known[k++] = one.value;
+    if (!one.alone) known[k++] = std::conj(one.value);
   }
-  const ImpedancePoints points{u,     count,       parts.data(), parts.data() + count,
-                               poles, real.data(), imag.data()};
-  motion_kernel().impedance->log_derivative(chain.impedance(), points, out.data());
-  Values result(count);
-  for (Index i = 0; i < count; ++i) result[i] = {out[i], out[count + i]};
-  return result;
+  return of.log_derivatives(u, at, known);
 }
 
 Index roots_in(const Approximations& all) {
@@ -81,39 +60,14 @@ void sort_by_size(Approximations& all) {
   all = std::move(sorted);
 }
 
-Pencil matrices(const Chain& chain, const Complement& complement, const Lapack& lapack,
-                const Vector& scale, double size) {
-  Operators ops = chain.joint_operators(scale);
-  const double sign = chain.pipe().direction();
-  DenseOperator::Matrices made{std::move(ops.mass), sign * (ops.gyroscopic + ops.end_flux),
-                               std::move(ops.damping), std::move(ops.stiffness),
-                               std::move(ops.flux)};
-  if (const double loss = chain.pipe().hysteresis; loss > 0.0) {
-    const Matrix columns = scale.asDiagonal();
-    made[5] = loss * (columns * chain.joint_times(columns, {.by_damping = 1.0}));
-  }
-  std::array<double, 6> lost{};
-  if (const Index held = complement.size() - complement.dof(); held > 0) {
-    for (std::size_t k = 0; k < made.size(); ++k) {
-      Matrix& of = made[k];
-      if (of.size() == 0) continue;
-      lost[k] = 4.0 * eps * static_cast<double>(held) * of.norm();
-      const Matrix columns = complement.gathered(of).transpose();
-      of = complement.gathered(columns).transpose();
-    }
-  }
-  return {lapack, std::move(made), chain.pipe().centrifugal, size, lost};
-}
-
-Approximations dense_roots(const Chain& chain, const Complement& complement, const Lapack& lapack,
-                           const Vector& scale, double u, bool squared) {
-  const auto p = matrices(chain, complement, lapack, scale, 1.0)(u);
+Approximations dense_roots(const Determinant& of, double u, bool squared) {
+  const auto p = of.matrices(1.0)(u);
   Approximations roots;
   for (const double shift : shifts) {
     for (const Complex mu : p->roots(shift, squared)) {
       if (mu == 0.0) continue;
       Complex root = squared ? std::sqrt(shift * shift + 1.0 / mu) : shift + 1.0 / mu;
-      if (chain.pipe().hysteresis > 0.0) {
+      if (of.has_loss()) {
         roots.push_back({root, true});
         continue;
       }
@@ -127,10 +81,10 @@ Approximations dense_roots(const Chain& chain, const Complement& complement, con
   return roots;
 }
 
-Index roots_at_zero(const Chain& chain, double u) {
-  if (chain.springs().minCoeff() > 0.0) return 0;
+Index roots_at_zero(const Determinant& of, double u) {
+  if (!of.turns_freely()) return 0;
   const Values at = Values::Constant(1, beside_zero);
-  return std::lround((at * log_derivatives(chain, u, at))[0].real());
+  return std::lround((at * log_derivatives(of, u, at))[0].real());
 }
 
 void put_zeros(Approximations& roots, Index count) {
@@ -143,7 +97,7 @@ void put_zeros(Approximations& roots, Index count) {
   roots = std::move(result);
 }
 
-void add_stiff(const Chain& chain, Index dof, double u, Approximations& roots) {
+void add_stiff(const Determinant& of, Index dof, double u, Approximations& roots) {
   std::erase_if(roots,
                 [](const Approximation& one) { return !(std::abs(one.value) < largest_start); });
   const Index known = roots_in(roots), stiff = 2 * dof - known;
@@ -153,7 +107,7 @@ void add_stiff(const Chain& chain, Index dof, double u, Approximations& roots) {
   for (int halving = 0; halving < 30 && stiff > 0; ++halving) {
     const Reals middle = 0.5 * (low + high);
     const Values at = std::polar(1.0, ray) * middle.exp().cast<Complex>();
-    const Reals below = (at * log_derivatives(chain, u, at)).real();
+    const Reals below = (at * log_derivatives(of, u, at)).real();
     low = (below < wanted).select(middle, low);
     high = (below < wanted).select(high, middle);
   }
@@ -287,7 +241,7 @@ Approximations without_symmetry(const Approximations& starts) {
   return roots;
 }
 
-bool correct(const Chain& chain, double u, Approximations& roots, int most) {
+bool correct(const Determinant& of, double u, Approximations& roots, int most) {
   std::vector<std::size_t> active;
   for (std::size_t k = 0; k < roots.size(); ++k) {
     if (!roots[k].settled) active.push_back(k);
@@ -297,7 +251,7 @@ bool correct(const Chain& chain, double u, Approximations& roots, int most) {
   for (int step = 0; step < most && !active.empty(); ++step) {
     Values at(active.size());
     for (std::size_t i = 0; i < active.size(); ++i) at[i] = roots[active[i]].value;
-    const Values found = log_derivatives(chain, u, at, roots);
+    const Values found = log_derivatives(of, u, at, roots);
     std::vector<std::size_t> moving;
     for (std::size_t i = 0; i < active.size(); ++i) {
       const std::size_t k = active[i];
@@ -323,7 +277,7 @@ bool correct(const Chain& chain, double u, Approximations& roots, int most) {
   return active.empty();
 }
 
-bool has_all(const Chain& chain, double u, const Approximations& roots) {
+bool has_all(const Determinant& of, double u, const Approximations& roots) {
   double least = infinite, most = 0.0;
   for (const Approximation& one : roots) {
     const double size = std::max(magnitude(one.value), 1e-3);
@@ -335,11 +289,11 @@ bool has_all(const Chain& chain, double u, const Approximations& roots) {
   const Values points =
       std::polar(1.0, ray) *
       Reals::LinSpaced(count, std::log(least), std::log(most)).exp().cast<Complex>();
-  return (points * log_derivatives(chain, u, points, roots)).abs2().maxCoeff() <
+  return (points * log_derivatives(of, u, points, roots)).abs2().maxCoeff() <
          nothing_missing * nothing_missing;
 }
 
-void separate(const Chain& chain, double u, bool squared, Approximations& roots) {
+void separate(const Determinant& of, double u, bool squared, Approximations& roots) {
   std::vector<std::size_t> order;
   for (std::size_t i = 0; i < roots.size(); ++i) {
     if (!roots[i].alone) order.push_back(i);
@@ -362,7 +316,7 @@ void separate(const Chain& chain, double u, bool squared, Approximations& roots)
         const double turn = 2.0 * std::numbers::pi * (static_cast<double>(k) + 0.5) / circle_points;
         arms[k] = std::polar(circle_radius * std::abs(centre), turn);
       }
-      const Values found = arms * log_derivatives(chain, u, centre + arms, rest);
+      const Values found = arms * log_derivatives(of, u, centre + arms, rest);
       if (!(std::abs(found.mean() - 2.0) < 1e-3)) continue;
       const Complex sum = (arms * found).mean(), squares = (arms.square() * found).mean();
       Complex middle = centre + 0.5 * sum, square = 2.0 * squares - sum * sum;

@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: MIT
 //
-// Roots of a straight chain, free or held by guides, by the recursion of chain/impedance.hpp, O(n)
-// for one of them.
+// Roots of a determinant that is eliminated along the pipe (determinant.hpp), O(dof) for one of
+// them.
 //
-// Starts are LAPACK's roots of the chain, or for few of a long one those of a coarser chain; beside
+// Starts are LAPACK's roots, or for few of a long chain or a large basis those of a coarser one; beside
 // speeds whose roots are known, cubics through these. All are corrected at once by the
 // method of Ehrlich and Aberth, Newton's on what the others leave of the determinant,
 //   1 / (d log det P / dlambda - sum_k 1 / (lambda - lambda_k)),
@@ -16,16 +16,14 @@
 
 #include <optional>
 
-#include "pipedyn/linear/chain_roots.hpp"
+#include "pipedyn/linear/determinant_roots.hpp"
 
 namespace pipedyn {
 
-class ChainSpectrum : public Eigenproblem {
+class Structured : public Eigenproblem {
  public:
-  /// Chain and complement must outlive it. complement: what guides leave of the elastic
-  /// coordinates; scale: joint angles of these, (n); size: of K at rest in them.
-  ChainSpectrum(const Traits& traits, const Chain& chain, const Complement& complement,
-                const Lapack& lapack, Vector scale, double size);
+  /// stiffness_size: of K at rest, in elastic coordinates.
+  Structured(const Traits& traits, std::shared_ptr<const Determinant> of, double stiffness_size);
 
   Pairs lowest(double u, Index count, bool left, bool high) override;
   std::optional<Pairs> by_recursion(double u, Index count, bool vectors) override;
@@ -45,10 +43,7 @@ class ChainSpectrum : public Eigenproblem {
   Reals rounding(const Pairs& pairs) const override;
 
  private:
-  const Chain& chain_;
-  const Complement& complement_;
-  const Lapack lapack_;
-  const Vector scale_;
+  const std::shared_ptr<const Determinant> of_;
   const Index zeros_at_rest_, zeros_in_flow_;
 
   struct Known {

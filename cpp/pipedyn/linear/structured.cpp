@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-#include "pipedyn/linear/chain_spectrum.hpp"
+#include "pipedyn/linear/structured.hpp"
 
 #include <algorithm>
 #include <limits>
@@ -8,20 +8,15 @@
 #include <tuple>
 
 #include "pipedyn/linear/axis_roots.hpp"
-#include "pipedyn/vector/levels.hpp"
 
 namespace pipedyn {
 
 namespace {
 
-/// Relative rounding of an entry of T, with room for what the products with it add.
-constexpr double entry_rounding = 8.0 * eps;
 /// Residual of T beyond which vectors are tried another way: most have 1e-16.
 constexpr double small_residual = 1e-14;
 /// Relative error of a speed at which a root crosses beyond which its growth is found otherwise.
 constexpr double faint_growth = 1e-6;
-/// |lambda| up to which joint angles hold vectors: they lose eps |lambda|^2, which is 2e-13 here.
-constexpr double slow = 30.0;
 /// Least points on the upper half of a circle that counts roots inside. One outside by a factor f
 /// adds f^-16; with twice as many points f^-32, which is 1e-3 for a quarter.
 constexpr Index arc_points = 8;
@@ -87,76 +82,18 @@ std::optional<Pairs> with_conjugates(const Pairs& found, const Approximations& r
   return result;
 }
 
-/// What the kernel says of roots, with unit vectors or without; own: whether by_right is wanted.
-Pairs solved(const Chain& chain, const Complement& complement, const Vector& scale, double u,
-             const Values& values, bool vectors, bool own, bool loaded) {
-  const Index n = vectors ? chain.dof() : 0, count = values.size();
-  const MotionKernel& kernel = motion_kernel();
-  Reals parts = parts_of(values);
-  for (Index i = 0; i < count; ++i) {
-    if (values[i] == 0.0) parts[i] = beside_zero;
-  }
-  Eigen::ArrayXXd out(count, 11);
-  std::vector<double> turns(4 * n * count);
-  const auto part = [&](Index k) { return out.col(k).data(); };
-  double *const turned = vectors ? turns.data() : nullptr, *const dual_turned =
-                                                               turned + 2 * n * count;
-  kernel.impedance->pairs(chain.impedance(), {u, count, parts.data(), parts.data() + count},
-                          {part(0), part(2), part(4), own ? part(6) : nullptr, part(8), part(9),
-                           part(10), turned, vectors ? dual_turned : nullptr, loaded});
-  Pairs found{values,        ComplexTable(n, count), ComplexTable(n, count),
-              Reals(count),  Reals(count),           Values(count),
-              Values(count), Values(count),          Values(count)};
-  for (Index i = 0; i < count; ++i) {
-    for (Index j = 0; j < n; ++j) {
-      const double *const x = turned + 2 * j * count + i, *const y =
-                                                              dual_turned + 2 * j * count + i;
-      found.right(j, i) = Complex(x[0], x[count]) / scale[j];
-      found.left(j, i) = Complex(y[0], -y[count]) / scale[j];
-    }
-  }
-  found.right = vectors ? complement.gathered(found.right) : found.right;
-  found.left = vectors ? complement.gathered(found.left) : found.left;
-  for (Index i = 0; i < count; ++i) {
-    const double length = vectors ? found.right.col(i).norm() : 1.0;
-    const double dual = vectors ? found.left.col(i).norm() : 1.0, both = length * dual;
-    found.right.col(i) /= length;
-    found.left.col(i) /= dual;
-    const auto number = [&](Index k) { return Complex(out(i, k), out(i, k + 1)); };
-    const auto known = [](double x) { return std::isfinite(x) ? x : infinite; };
-    // Exactly 0 where two roots are zero: null_pair takes back what is divided by it.
-    const Complex by_lambda = number(0) == 0.0 ? beside_zero : number(0) / both;
-    const Complex value = number(2) / both;
-    const double rest = out(i, 8) / both, size = (out(i, 9) + out(i, 10)) / both;
-    const double rounding = (entry_rounding * out(i, 9) + eps * out(i, 10)) / both;
-    found.residual[i] = known(rest / size);
-    found.uncertain[i] = known((rest + rounding) / std::abs(by_lambda));
-    found.slopes[i] = -number(4) / both / by_lambda;
-    found.by_left[i] = u == 0.0 || magnitude(values[i]) <= slow ? by_lambda : 0.0;
-    found.by_right[i] = own ? number(6) / (length * length) : 0.0;
-    found.corrections[i] = std::abs(value) > rounding ? -value / by_lambda : 0.0;
-  }
-  return found;
-}
-
 }  // namespace
 
-ChainSpectrum::ChainSpectrum(const Traits& traits, const Chain& chain, const Complement& complement,
-                             const Lapack& lapack, Vector scale, double size)
-    : Eigenproblem(traits,
-                   [=, &chain, &complement](double u) {
-                     return matrices(chain, complement, lapack, scale, size)(u);
-                   }),
-      chain_(chain),
-      complement_(complement),
-      lapack_(lapack),
-      scale_(std::move(scale)),
-      zeros_at_rest_(pipedyn::roots_at_zero(chain, 0.0)),
-      zeros_in_flow_(pipedyn::roots_at_zero(chain, shifts[0])) {}
+Structured::Structured(const Traits& traits, std::shared_ptr<const Determinant> of,
+                       double stiffness_size)
+    : Eigenproblem(traits, [of, stiffness_size](double u) { return of->matrices(stiffness_size)(u); }),
+      of_(std::move(of)),
+      zeros_at_rest_(pipedyn::roots_at_zero(*of_, 0.0)),
+      zeros_in_flow_(pipedyn::roots_at_zero(*of_, shifts[0])) {}
 
-Pairs ChainSpectrum::at(double u, const Values& values, bool vectors) const {
+Pairs Structured::at(double u, const Values& values, bool vectors) const {
   const bool own = vectors || traits.conservative;  // else nothing reads it
-  Pairs found = solved(chain_, complement_, scale_, u, values, vectors, own, false);
+  Pairs found = of_->pairs(u, values, vectors, own, false);
   // A pivot may be 0 at a root: then so far beside it, by which vectors are off as well.
   for (const double aside : {0.0, 1e-12}) {
     std::vector<Index> poor;
@@ -170,7 +107,7 @@ Pairs ChainSpectrum::at(double u, const Values& values, bool vectors) const {
     for (std::size_t k = 0; k < poor.size(); ++k) {
       again[k] = values[poor[k]] + aside * (1.0 + std::abs(values[poor[k]]));
     }
-    const Pairs other = solved(chain_, complement_, scale_, u, again, vectors, own, true);
+    const Pairs other = of_->pairs(u, again, vectors, own, true);
     for (std::size_t k = 0; k < poor.size(); ++k) {
       const Index i = poor[k];
       if (values[i] == 0.0 || other.residual[k] < found.residual[i]) found.put(i, other, k);
@@ -181,7 +118,7 @@ Pairs ChainSpectrum::at(double u, const Values& values, bool vectors) const {
 }
 
 /// Roots with vectors, as good as these make them.
-Pairs ChainSpectrum::polished(double u, const Approximations& roots, bool vectors) const {
+Pairs Structured::polished(double u, const Approximations& roots, bool vectors) const {
   Values values(roots.size());
   for (std::size_t i = 0; i < roots.size(); ++i) values[i] = roots[i].value;
   Pairs found = at(u, values, vectors);
@@ -212,7 +149,7 @@ Pairs ChainSpectrum::polished(double u, const Approximations& roots, bool vector
 
 /// Whether roots beyond the least are the next ones: the circle, of which the upper half shows what
 /// the lower does if roots are paired, passes where the gap is widest.
-bool ChainSpectrum::has_all_within(double u, const Approximations& roots, std::size_t least) const {
+bool Structured::has_all_within(double u, const Approximations& roots, std::size_t least) const {
   double widest = 1.0, radius = 0.0;
   for (std::size_t k = least; k < roots.size(); ++k) {
     const double inner = std::abs(roots[k - 1].value), outer = std::abs(roots[k].value);
@@ -226,14 +163,14 @@ bool ChainSpectrum::has_all_within(double u, const Approximations& roots, std::s
   for (Index i = 0; i < count; ++i) {
     points[i] = std::polar(radius, std::numbers::pi * (i + 0.5) / static_cast<double>(half));
   }
-  const Values rest = points * pipedyn::log_derivatives(chain_, u, points, roots);
+  const Values rest = points * pipedyn::log_derivatives(*of_, u, points, roots);
   return widest > 1.05 && std::abs(rest.real().mean()) < 0.05;
 }
 
-std::optional<Pairs> ChainSpectrum::from(Approximations roots, double u, Index count, bool vectors,
+std::optional<Pairs> Structured::from(Approximations roots, double u, Index count, bool vectors,
                                          int most) {
-  if (!correct(chain_, u, roots, most)) return std::nullopt;
-  separate(chain_, u, is_squared(u), roots);
+  if (!correct(*of_, u, roots, most)) return std::nullopt;
+  separate(*of_, u, is_squared(u), roots);
   sort_by_size(roots);
   std::size_t next = 0;
   Approximations lowest;
@@ -241,7 +178,7 @@ std::optional<Pairs> ChainSpectrum::from(Approximations roots, double u, Index c
   while (next < roots.size() && roots_in(lowest) < count) lowest.push_back(roots[next++]);
   if (roots_in(lowest) < count) return std::nullopt;
   const bool all = roots_in(roots) >= 2 * traits.dof;
-  if (!(all ? has_all(chain_, u, roots) : has_all_within(u, roots, next))) return std::nullopt;
+  if (!(all ? has_all(*of_, u, roots) : has_all_within(u, roots, next))) return std::nullopt;
   // With those of equal |lambda| as the last, which rounding may have sorted otherwise.
   const double size = magnitude(lowest.back().value) * (1.0 + 1e-6);
   while (next < roots.size() && magnitude(roots[next].value) <= size)
@@ -262,22 +199,21 @@ std::optional<Pairs> ChainSpectrum::from(Approximations roots, double u, Index c
   return found;
 }
 
-void ChainSpectrum::share(const Spectrum& other) {
-  const auto* const chain = dynamic_cast<const ChainSpectrum*>(&other);
-  if (chain == nullptr || is_squared(0.0) != chain->is_squared(0.0)) return;
-  if (chain_.is_same_at_rest(chain->chain_) && scale_ == chain->scale_)
-    starts_at_rest_ = chain->starts_at_rest_;
+void Structured::share(const Spectrum& other) {
+  const auto* const one = dynamic_cast<const Structured*>(&other);
+  if (one == nullptr || is_squared(0.0) != one->is_squared(0.0)) return;
+  if (of_->is_same_at_rest(*one->of_)) starts_at_rest_ = one->starts_at_rest_;
 }
 
-Approximations ChainSpectrum::dense_starts(double u) {
+Approximations Structured::dense_starts(double u) {
   if (u == 0.0 && !starts_at_rest_.empty()) return starts_at_rest_;
-  const Approximations found = dense_roots(chain_, complement_, lapack_, scale_, u, is_squared(u));
+  const Approximations found = dense_roots(*of_, u, is_squared(u));
   if (u == 0.0) starts_at_rest_ = found;
   return found;
 }
 
-std::optional<Pairs> ChainSpectrum::by_recursion(double u, Index count, bool vectors) {
-  const Index n = chain_.dof(), zeros = roots_at_zero(u);
+std::optional<Pairs> Structured::by_recursion(double u, Index count, bool vectors) {
+  const Index n = of_->size(), zeros = roots_at_zero(u);
   const auto near = std::min_element(
       known_.begin(), known_.end(),
       [u](const Known& a, const Known& b) { return std::abs(u - a.u) < std::abs(u - b.u); });
@@ -291,25 +227,20 @@ std::optional<Pairs> ChainSpectrum::by_recursion(double u, Index count, bool vec
       if (found) return found;
     }
   }
-  const Index spans = n - traits.dof;  // with four segments each their lowest modes are known
-  for (Index segments = std::max<Index>(10, count + 4) + 4 * spans;; segments *= 3) {
-    const bool own = 2 * segments > n;
-    if ((own ? n : segments) > dense_limit) return std::nullopt;
+  for (Index size = of_->enough_for(count);; size *= 3) {
+    const bool own = 2 * size > n;
+    if ((own ? n : size) > dense_limit) return std::nullopt;
     Approximations starts;
     if (own) {
       starts = dense_starts(u);
       put_zeros(starts, zeros);
-      add_stiff(chain_, traits.dof, u, starts);
+      add_stiff(*of_, traits.dof, u, starts);
     } else {
-      const Chain coarse = chain_.coarser(segments);
-      const Vector& k = coarse.springs();
-      const Vector scale = k.cwiseMax(1e-3 * k.mean() + 1e-300).cwiseSqrt().cwiseInverse();
-      const Complement complement(coarse.held_rows(scale));
-      starts = dense_roots(coarse, complement, lapack_, scale, u, is_squared(u));
-      while (roots_in(starts) > count + 6 + 2 * spans) starts.pop_back();
+      starts = dense_roots(*of_->coarser(size), u, is_squared(u));
+      while (roots_in(starts) > count + 6 + 2 * of_->held()) starts.pop_back();
       put_zeros(starts, zeros);
-      for (Index finer = refinement * segments; refinement * finer < 2 * n; finer *= refinement) {
-        correct(chain_.coarser(finer), u, starts);
+      for (Index finer = refinement * size; refinement * finer < 2 * n; finer *= refinement) {
+        correct(*of_->coarser(finer), u, starts);
       }
     }
     for (const bool moved : {false, true}) {
@@ -321,7 +252,7 @@ std::optional<Pairs> ChainSpectrum::by_recursion(double u, Index count, bool vec
   }
 }
 
-Pairs ChainSpectrum::lowest(double u, Index count, bool left, bool high) {
+Pairs Structured::lowest(double u, Index count, bool left, bool high) {
   const auto good = [](const Pairs& pairs) {
     Index sum = 0;
     for (Index i = 0; i < pairs.values.size(); ++i) {
@@ -334,20 +265,20 @@ Pairs ChainSpectrum::lowest(double u, Index count, bool left, bool high) {
   std::optional<Pairs> found = by_recursion(u, count, high || traits.damped);
   // At rest nothing grows without damping; elsewhere these roots are as good as any balance.
   if (found && !traits.damped) found->by_left.setZero();
-  if (found && (good(*found) == count || chain_.dof() > dense_limit)) return *found;
-  if (chain_.dof() > dense_limit) throw NotConverged("eigenvalues are too close to be told apart");
+  if (found && (good(*found) == count || traits.dof > dense_limit)) return *found;
+  if (traits.dof > dense_limit) throw NotConverged("eigenvalues are too close to be told apart");
   Pairs dense = Eigenproblem::lowest(u, count, left, high);
   return found && good(*found) >= good(dense) ? *found : dense;
 }
 
-Values ChainSpectrum::log_derivatives(double u, const Values& values) const {
-  return pipedyn::log_derivatives(chain_, u, values);
+Values Structured::log_derivatives(double u, const Values& values) const {
+  return pipedyn::log_derivatives(*of_, u, values);
 }
 
-void ChainSpectrum::assess(double u, Pairs& pairs) {
+void Structured::assess(double u, Pairs& pairs) {
   if (pairs.uncertain.size() > 0) return;
   const Index count = pairs.values.size();
-  if (chain_.dof() <= dense_limit) {
+  if (traits.dof <= dense_limit) {
     Eigenproblem::assess(u, pairs);
     if (pairs.left.cols() == 0) return;
   } else {  // what recursions do not tell is unknown
@@ -364,50 +295,19 @@ void ChainSpectrum::assess(double u, Pairs& pairs) {
   }
 }
 
-std::optional<Forms> ChainSpectrum::forms(const Pair& pair) const {
-  Matrix parts(traits.dof, 4);
-  parts << pair.right.real(), pair.right.imag(), pair.left.real(), pair.left.imag();
-  const Matrix angles = scale_.asDiagonal() * complement_.spread(parts);
-  const Matrix x = angles.leftCols(2);
-  const auto times = [](const auto& dual, const auto& columns) {  // conj(a + i b) (c + i d)
-    const auto a = dual.col(2).array(), b = dual.col(3).array();
-    const auto c = columns.col(0).array(), d = columns.col(1).array();
-    ComplexVector products(dual.rows());
-    products.real() = (a * c + b * d).matrix();
-    products.imag() = (a * d - b * c).matrix();
-    return products;
-  };
-  const auto form = [&](const LinearPart& part) {
-    return times(angles, chain_.joint_times(x, part)).sum();
-  };
-  return Forms{.mass = form({.square = 1.0}),
-               .velocity = form({.velocity = 1.0}),
-               .damping = form({.rate = 1.0}),
-               .flux = form({.flux = 1.0}),
-               .gravity = form({.gravity = 1.0}),
-               .by_damping = form({.by_damping = 1.0}),
-               .springs = times(angles, x)};
-}
+std::optional<Forms> Structured::forms(const Pair& pair) const { return of_->forms(pair); }
 
-Reals ChainSpectrum::rounding(const Pairs& pairs) const {
+Reals Structured::rounding(const Pairs& pairs) const {
   return pairs.uncertain.min(1e-7 * (1.0 + pairs.values.abs2().sqrt()));
 }
 
-Reals ChainSpectrum::quotients(double u, const Pairs& pairs) {
+Reals Structured::quotients(double u, const Pairs& pairs) {
   if (is_squared(u) || pairs.right.size() == 0) return Eigenproblem::quotients(u, pairs);
-  const Index count = pairs.size();
-  Matrix parts(traits.dof, 2 * count);
-  parts << pairs.right.real(), pairs.right.imag();
-  const Matrix angles = scale_.asDiagonal() * complement_.spread(parts);
-  const auto form = [&](const LinearPart& part) -> Reals {
-    const Vector sums = angles.cwiseProduct(chain_.joint_times(angles, part)).colwise().sum();
-    return (sums.head(count) + sums.tail(count)).array();
-  };
-  const double thrust = chain_.impedance().thrust * u * u;
-  return form({.still = 1.0, .flux = thrust}) / form({.square = 1.0});
+  const auto [stiffness, mass] = of_->energies(u, pairs.right);
+  return stiffness / mass;
 }
 
-Pair ChainSpectrum::refined(double u, const Pair& guess) {
+Pair Structured::refined(double u, const Pair& guess) {
   Values value = Values::Constant(1, guess.value);
   for (int step = 0; step < 8; ++step) {
     const Complex change = 1.0 / log_derivatives(u, value)[0];
@@ -419,7 +319,7 @@ Pair ChainSpectrum::refined(double u, const Pair& guess) {
   // Where the flow works hardly on a mode, as on one whose tip a mass holds, its energy balance
   // knows the growth better: O(n^2), so only there.
   const bool hidden = found.uncertain[0] > faint_growth * u * std::abs(found.slopes[0].real());
-  if (hidden && chain_.dof() <= dense_limit) {
+  if (hidden && traits.dof <= dense_limit) {
     const Forms of = *forms(found.pair(0));
     found.by_left[0] = 2.0 * found.values[0] * of.mass + u * of.velocity + of.damping;
     improve(u, found, found.uncertain);
@@ -429,71 +329,16 @@ Pair ChainSpectrum::refined(double u, const Pair& guess) {
 
 namespace {
 
-/// A number with its derivative by the flow speed.
-struct Dual {
-  Complex value, slope = 0.0;
-
-  friend Dual operator+(Dual a, Dual b) { return {a.value + b.value, a.slope + b.slope}; }
-  friend Dual operator-(Dual a, Dual b) { return {a.value - b.value, a.slope - b.slope}; }
-  friend Dual operator*(Dual a, Dual b) {
-    return {a.value * b.value, a.slope * b.value + a.value * b.slope};
-  }
-  friend Dual operator/(Dual a, Dual b) {
-    const Complex ratio = a.value / b.value;
-    return {ratio, (a.slope - ratio * b.slope) / b.value};
-  }
-};
-
-/// The pivots of P(0, u), whose product is its determinant, at a real or complex speed, given to
-/// `visit` one by one: the recursion of chain/impedance.hpp at lambda = `beside_zero`.
-template <class Number, class Visit>
-void static_pivots(const ImpedanceModel& model, Number u, const Visit& visit) {
-  const auto number = [](double value) { return Number{value}; };
-  const auto still = [&](const ImpedanceParts& of) {
-    return number(of.still + beside_zero * (of.rate + beside_zero * of.square));
-  };
-  const Number thrust = number(model.thrust) * u * u;
-  const Number coriolis = number(model.coriolis * beside_zero) * u;
-  Number a = number(-model.entry * beside_zero) * u;
-  Number b = model.guided ? number(0.0) - thrust : number(0.0), c = number(0.0), d = number(0.0);
-  for (Index j = model.size - 1; j >= 0; --j) {
-    const ImpedanceSegment& at = model.segments[j];
-    const Number l = number(at.length), k = still(at.joint), g = l * a + b;
-    if (at.held) {
-      const Number moment = still(at.moment) + l * l * coriolis;
-      const Number force =
-          still(at.across) + still(at.turned) + number(2.0) * l * coriolis + thrust;
-      a = ((k + d + moment) / l - force) / l + still(at.force);
-      b = k / l - thrust;
-      c = k / l;
-      d = k;
-      continue;
-    }
-    const Number r = still(at.moment) + l * l * coriolis + d + l * (c + g);
-    const Number w = still(at.across) + c + l * a, p = k + r;
-    const Number h = g + still(at.turned) + number(2.0) * l * coriolis;
-    visit(p);
-    const Number inverse = number(1.0) / p;
-    a = a + still(at.force) - (h + thrust) * w * inverse;
-    b = (h * k - thrust * r) * inverse;
-    c = w * k * inverse;
-    d = r * k * inverse;
-  }
-}
-
 /// How many zeros of the determinant lie in the disc about the real interval from low to high: the
 /// mean of (u - centre) d log det / du on its circle, of which the upper half shows all; none where
 /// one lies too near the circle.
-std::optional<int> zeros_within(const ImpedanceModel& model, double low, double high) {
+std::optional<int> zeros_within(const Determinant& of, double low, double high) {
   const double centre = 0.5 * (low + high), radius = 0.5 * (high - low);
   for (int points = arc_points; points <= 16 * arc_points; points *= 2) {
     double sum = 0.0;
     for (int i = 0; i < points; ++i) {
       const Complex arm = std::polar(radius, std::numbers::pi * (i + 0.5) / points);
-      Complex slope = 0.0;
-      static_pivots(model, Dual{centre + arm, 1.0},
-                    [&](const Dual& pivot) { slope += pivot.slope / pivot.value; });
-      sum += (arm * slope).real();
+      sum += (arm * of.still_slope(centre + arm)).real();
     }
     const double number = sum / points;
     if (std::abs(number - std::round(number)) < 1e-3) return static_cast<int>(std::lround(number));
@@ -505,20 +350,15 @@ std::optional<int> zeros_within(const ImpedanceModel& model, double low, double 
 
 /// The determinant of K(u), divided by that at rest and by the power of lambda that the roots at
 /// zero give.
-double ChainSpectrum::determinant(double u) const {
-  const auto logarithm = [&](double speed, double& sign) {
-    double sum = -static_cast<double>(roots_at_zero(speed)) * std::log(beside_zero);
-    static_pivots(chain_.impedance(), speed, [&](double pivot) {
-      if (pivot < 0.0) sign = -sign;
-      sum += std::log(std::abs(pivot));
-    });
-    return sum;
+double Structured::determinant(double u) const {
+  const auto zeros = [&](double speed) {
+    return static_cast<double>(roots_at_zero(speed)) * std::log(beside_zero);
   };
-  double sign = 1.0;
-  const double at_rest = logarithm(0.0, sign), unit = std::isfinite(at_rest) ? at_rest : 0.0;
+  const double at_rest = of_->still(0.0).second - zeros(0.0);
+  const double unit = std::isfinite(at_rest) ? at_rest : 0.0;
   for (int tries = 0;; ++tries) {
-    sign = 1.0;
-    const double size = logarithm(u, sign) - unit;
+    const auto [sign, logarithm] = of_->still(u);
+    const double size = logarithm - zeros(u) - unit;
     if (!std::isnan(size) || tries == 3) return sign * std::exp(size);
     u += eps * (1.0 + u);  // a pivot is 0, but not at the next speed
   }
@@ -526,10 +366,10 @@ double ChainSpectrum::determinant(double u) const {
 
 /// Adds the divergences between two speeds: discs about the interval that have none are left, one
 /// with a single zero is searched by the sign of the determinant, and others are halved.
-void ChainSpectrum::add_divergences(double low, double high, std::vector<Divergence>& found) const {
+void Structured::add_divergences(double low, double high, std::vector<Divergence>& found) const {
   const double length = high - low, middle = 0.5 * (low + high);
   const bool changes = determinant(low) * determinant(high) <= 0.0;
-  const std::optional<int> number = zeros_within(chain_.impedance(), low, high);
+  const std::optional<int> number = zeros_within(*of_, low, high);
   if (number == 0 && !changes) return;
   const bool shortest = length < same_speed * (1.0 + high);
   if (changes && (number == 1 || shortest)) {
@@ -543,14 +383,13 @@ void ChainSpectrum::add_divergences(double low, double high, std::vector<Diverge
   }
 }
 
-Divergences ChainSpectrum::divergences(double max_speed) {
+Divergences Structured::divergences(double max_speed) {
   Divergences result;
   if (traits.conservative) {
-    static_pivots(chain_.impedance(), 0.0,
-                  [&](double pivot) { result.negative_at_rest += pivot < 0.0; });
+    result.negative_at_rest = of_->negative_at_rest().value_or(0);
   }
   ++factorised_;
-  if (chain_.impedance().thrust != 0.0) {
+  if (of_->thrust() != 0.0) {
     add_divergences(least_speed, 1.0001 * max_speed, result.all);
     std::erase_if(result.all, [=](const Divergence& one) { return one.speed > max_speed; });
   }
@@ -558,7 +397,7 @@ Divergences ChainSpectrum::divergences(double max_speed) {
 }
 
 /// Null vectors of K at a speed where it is singular, with the error of that.
-Divergence ChainSpectrum::divergence_at(double u) const {
+Divergence Structured::divergence_at(double u) const {
   Pair pair{0.0};
   double inertia = 0.0;
   if (roots_at_zero(u) > 0) {
@@ -572,7 +411,7 @@ Divergence ChainSpectrum::divergence_at(double u) const {
       pair.uncertain = std::max(pair.uncertain, std::abs(determinant(u + k * near)));
     }
   } else {
-    Pairs found = solved(chain_, complement_, scale_, u, Values::Zero(1), true, false, false);
+    Pairs found = of_->pairs(u, Values::Zero(1), true, false, false);
     // Beyond a clamp of two guides nothing moves with what starts at the first.
     if (!(found.residual[0] <= small_residual)) found = at(u, Values::Zero(1), true);
     pair = found.pair(0);
@@ -589,7 +428,7 @@ Divergence ChainSpectrum::divergence_at(double u) const {
     pair.left = mean(below.left, above.left);
     const Forms of = *forms(pair);
     pair.by_value = u * of.velocity + of.damping;
-    pair.slope = 2.0 * chain_.impedance().thrust * u * of.flux;
+    pair.slope = 2.0 * of_->thrust() * u * of.flux;
     inertia = of.mass.real();
   }
   const double rate = std::abs(pair.slope);

@@ -1,13 +1,12 @@
 // SPDX-License-Identifier: MIT
 //
-// Roots of a straight chain's determinant: starts, their simultaneous corrections, and what counts
-// them. See chain_spectrum.hpp.
+// Roots of a determinant: starts, their simultaneous corrections, and what counts them. See
+// structured.hpp.
 #pragma once
 
 #include <vector>
 
-#include "pipedyn/chain/chain.hpp"
-#include "pipedyn/linear/complement.hpp"
+#include "pipedyn/linear/determinant.hpp"
 #include "pipedyn/linear/eigenproblem.hpp"
 
 namespace pipedyn {
@@ -18,11 +17,6 @@ inline constexpr double ray = 0.3;
 /// Of starts: six to ten do; roots in the cluster at -1 / delta, of which LAPACK finds only where
 /// it lies, took up to 150.
 inline constexpr int most_corrections = 300;
-/// lambda at which roots at zero are counted and solved for: there a joint that nothing holds gives
-/// a pivot of the order of lambda or lambda^2, with all its digits, and no other root is as small,
-/// as rounding moves each by far more.
-inline constexpr double beside_zero = 1e-30;
-
 /// A root with its conjugate, or (`alone`) one of which no conjugate is implied.
 struct Approximation {
   Complex value;
@@ -36,11 +30,8 @@ struct Approximation {
 using Approximations = std::vector<Approximation>;
 
 /// d log det P / dlambda - sum_k 1 / (lambda - lambda_k), but for roots k at lambda itself.
-Values log_derivatives(const Chain& chain, double u, const Values& at,
+Values log_derivatives(const Determinant& of, double u, const Values& at,
                        const Approximations& roots = {});
-
-/// Real parts, then imaginary ones.
-Reals parts_of(const Values& values);
 
 /// Number of roots, with the conjugates that are implied.
 Index roots_in(const Approximations& all);
@@ -48,23 +39,18 @@ Index roots_in(const Approximations& all);
 /// As `by_size` does.
 void sort_by_size(Approximations& all);
 
-/// P of a chain in what guides leave of the joint angles divided by scale; size: of K at rest.
-Pencil matrices(const Chain& chain, const Complement& complement, const Lapack& lapack,
-                const Vector& scale, double size);
-
-/// LAPACK's roots of a chain at one speed; where roots come in conjugate pairs, the upper of each.
-Approximations dense_roots(const Chain& chain, const Complement& complement, const Lapack& lapack,
-                           const Vector& scale, double u, bool squared);
+/// LAPACK's roots at one speed; where roots come in conjugate pairs, the upper of each.
+Approximations dense_roots(const Determinant& of, double u, bool squared);
 
 /// Number of roots that are zero: near zero det P is lambda to that power.
-Index roots_at_zero(const Chain& chain, double u);
+Index roots_at_zero(const Determinant& of, double u);
 
 /// Puts so many zeros in place of the least of sorted roots.
 void put_zeros(Approximations& roots, Index count);
 
 /// Adds starts of the stiff roots, where roots are counted: of those below |lambda| = r there are
 /// about Re(lambda d log det P / dlambda).
-void add_stiff(const Chain& chain, Index dof, double u, Approximations& roots);
+void add_stiff(const Determinant& of, Index dof, double u, Approximations& roots);
 
 /// Makes one root with its conjugate of two conjugates that were found each by itself; for roots
 /// that come in conjugate pairs.
@@ -81,15 +67,15 @@ Approximations expected(const Approximations& roots, double further, Complex del
 Approximations without_symmetry(const Approximations& starts);
 
 /// Ehrlich's and Aberth's corrections of all roots until each is as good as rounding lets it.
-bool correct(const Chain& chain, double u, Approximations& roots, int most = most_corrections);
+bool correct(const Determinant& of, double u, Approximations& roots, int most = most_corrections);
 
 /// Whether no root is missing, and none in place of another: of all roots what is left of the
 /// log-derivative vanishes, here at points between the least |lambda| and the greatest.
-bool has_all(const Chain& chain, double u, const Approximations& roots);
+bool has_all(const Determinant& of, double u, const Approximations& roots);
 
 /// Two oscillating roots about to meet, each of which scatters by the square root of rounding, from
 /// their sum and that of their squares, which do not: moments of d log det P / dlambda on a circle
 /// about both.
-void separate(const Chain& chain, double u, bool squared, Approximations& roots);
+void separate(const Determinant& of, double u, bool squared, Approximations& roots);
 
 }  // namespace pipedyn

@@ -1,0 +1,86 @@
+// SPDX-License-Identifier: MIT
+//
+// The straight pipe's linear problem in Legendre curvatures, panel by panel: what the elimination
+// (elimination.hpp) takes, and products with each part of it, in O(m).
+//
+// On a panel shapes, slopes and curvatures of the functions are short series of orthonormal
+// Legendre polynomials p_i, in which a factor f(s) of an integrand, such as the mass per length, is
+// the banded matrix f(X) of X = x, the Jacobi matrix of p_i: exact where f is a polynomial.
+// (Golub and Welsch 1969, Math. Comp. 23, for X.)
+#pragma once
+
+#include <vector>
+
+#include "pipedyn/galerkin/basis.hpp"
+#include "pipedyn/galerkin/elimination.hpp"
+#include "pipedyn/pipe.hpp"
+
+namespace pipedyn {
+
+/// How much of each part of
+///   lambda^2 M + lambda (u V + D) + K + a u^2 A
+/// is asked for; gravity: dK / dgamma, elastic: the stiffness that damping takes.
+struct PencilShares {
+  double mass = 0.0, velocity = 0.0, damping = 0.0, stiffness = 0.0, flux = 0.0, gravity = 0.0,
+         elastic = 0.0;
+};
+
+class PanelPencil {
+ public:
+  /// Whether the pipe's loads and steps lie where panels end, and what varies along it does so
+  /// slowly enough that matrices stay banded.
+  static bool fits(const Pipe& pipe, const Basis& basis);
+
+  /// Throws std::invalid_argument unless it fits.
+  PanelPencil(const Pipe& pipe, const Basis& basis);
+
+  /// Coordinates: theta at a root that turns, then amplitudes of curvatures, panel by panel.
+  Index size() const { return size_; }
+  Index panels() const { return static_cast<Index>(panels_.size()); }
+  /// How many displacements and slopes are held.
+  Index conditions() const;
+  const Pipe& pipe() const { return pipe_; }
+  const Basis& basis() const { return basis_; }
+  /// That of so many functions on the same panels.
+  PanelPencil coarser(Index size) const;
+
+  /// What the elimination takes, at a speed, for lambda; it must not outlive what holds it.
+  struct At {
+    std::vector<PencilEntry> entries;
+    std::vector<EliminationPanel> panels;
+    EliminationModel model;
+  };
+  At at(double u) const;
+  /// The same for the speed squared, s: K + s A.
+  At still() const;
+
+  /// Rows of so much of each part with columns x, (size, r); where the pipe is held the columns
+  /// must meet that.
+  Matrix times(const Matrix& x, const PencilShares& of) const;
+  /// Displacements at the ends of panels where it is held across, and the slope at an end that
+  /// keeps its direction, by the coordinates: (conditions, size).
+  Matrix held() const;
+
+ private:
+  enum Part { mass, velocity, flux, gravity, elastic, rest, resistance, parts };
+  struct Panel {
+    double length;
+    Index size;  // functions with the two rigid ones
+    std::vector<double> bands[parts];  // (size, 2 band + 1) each
+    double station[parts][2][2];
+    bool held, directed;
+  };
+
+  Pipe pipe_;
+  Basis basis_;
+  Index size_, band_;
+  bool turns_;
+  std::vector<Panel> panels_;
+
+  template <class Entry>
+  At made(const Entry& entry) const;
+  /// Displacement and slope at each panel's end, as it turns at the root: what `times` begins with.
+  double share_of(const PencilShares& of, int part) const;
+};
+
+}  // namespace pipedyn

@@ -1,0 +1,396 @@
+// SPDX-License-Identifier: MIT
+#include "pipedyn/linear/determinant.hpp"
+
+#include <cmath>
+#include <numbers>
+
+#include "pipedyn/vector/levels.hpp"
+
+namespace pipedyn {
+
+namespace {
+
+/// Relative rounding of an entry of P, with room for what the products with it add.
+constexpr double entry_rounding = 8.0 * eps;
+/// |lambda| up to which elastic coordinates hold vectors: they lose eps |lambda|^2, 2e-13 here.
+constexpr double slow = 30.0;
+
+/// Real parts, then imaginary ones.
+Reals parts_of(const Values& values) {
+  Reals parts(2 * values.size());
+  parts << values.real(), values.imag();
+  return parts;
+}
+
+/// The values, with `beside_zero` in place of 0.
+Reals parts_beside_zero(const Values& values) {
+  Reals parts = parts_of(values);
+  for (Index i = 0; i < values.size(); ++i) {
+    if (values[i] == 0.0) parts[i] = beside_zero;
+  }
+  return parts;
+}
+
+template <class Evaluate>
+Values log_derivatives_by(const Evaluate& evaluate, double u, const Values& at,
+                          const Values& known) {
+  const Index count = at.size();
+  const Reals parts = parts_of(at), roots = parts_of(known);
+  Reals out(2 * count);
+  evaluate(Points{u, count, parts.data(), parts.data() + count, known.size(), roots.data(),
+                  roots.data() + known.size()},
+           out.data());
+  Values result(count);
+  result.real() = out.head(count);
+  result.imag() = out.tail(count);
+  return result;
+}
+
+/// Of roots and vectors in n coordinates what `evaluate` says. elastic: takes vectors to elastic
+/// coordinates, right ones or left.
+template <class Evaluate, class Elastic>
+Pairs pairs_by(const Evaluate& evaluate, const Elastic& elastic, double u, const Values& values,
+               Index n, bool vectors, bool own, bool loaded) {
+  const Index count = values.size();
+  n = vectors ? n : 0;
+  const Reals parts = parts_beside_zero(values);
+  Eigen::ArrayXXd out(count, 11);
+  std::vector<double> columns(4 * n * count);
+  const auto part = [&](Index k) { return out.col(k).data(); };
+  double *const right = vectors ? columns.data() : nullptr, *const left = right + 2 * n * count;
+  evaluate(Points{u, count, parts.data(), parts.data() + count},
+           PairsAsked{part(0), part(2), part(4), own ? part(6) : nullptr, part(8), part(9),
+                      part(10), right, vectors ? left : nullptr, loaded});
+  Pairs found{values,       ComplexTable(n, count), ComplexTable(n, count), Reals(count),
+              Reals(count), Values(count),          Values(count),          Values(count),
+              Values(count)};
+  for (Index i = 0; i < count; ++i) {
+    for (Index j = 0; j < n; ++j) {
+      const double *const x = right + 2 * j * count + i, *const y = left + 2 * j * count + i;
+      found.right(j, i) = Complex(x[0], x[count]);
+      found.left(j, i) = Complex(y[0], -y[count]);
+    }
+  }
+  if (vectors) {
+    found.right = elastic(found.right);
+    found.left = elastic(found.left);
+  }
+  for (Index i = 0; i < count; ++i) {
+    const double length = vectors ? found.right.col(i).norm() : 1.0;
+    const double dual = vectors ? found.left.col(i).norm() : 1.0, both = length * dual;
+    found.right.col(i) /= length;
+    found.left.col(i) /= dual;
+    const auto number = [&](Index k) { return Complex(out(i, k), out(i, k + 1)); };
+    const auto known = [](double x) { return std::isfinite(x) ? x : infinite; };
+    // Exactly 0 where two roots are zero: divergence_at takes back what is divided by it.
+    const Complex by_lambda = number(0) == 0.0 ? beside_zero : number(0) / both;
+    const Complex value = number(2) / both;
+    const double rest = out(i, 8) / both, size = (out(i, 9) + out(i, 10)) / both;
+    const double rounding = (entry_rounding * out(i, 9) + eps * out(i, 10)) / both;
+    found.residual[i] = known(rest / size);
+    found.uncertain[i] = known((rest + rounding) / std::abs(by_lambda));
+    found.slopes[i] = -number(4) / both / by_lambda;
+    found.by_left[i] = u == 0.0 || magnitude(values[i]) <= slow ? by_lambda : 0.0;
+    found.by_right[i] = own ? number(6) / (length * length) : 0.0;
+    found.corrections[i] = std::abs(value) > rounding ? -value / by_lambda : 0.0;
+  }
+  return found;
+}
+
+/// Real and imaginary parts of a pair's vectors, right and left: (n, 4).
+Matrix parts_of(const Pair& pair) {
+  Matrix parts(pair.right.size(), 4);
+  parts << pair.right.real(), pair.right.imag(), pair.left.real(), pair.left.imag();
+  return parts;
+}
+
+/// conj(y_j) z_j of what `parts_of` gives, y, and of real and imaginary parts z (n, 2).
+ComplexVector conjugate_products(const Matrix& parts, const Matrix& z) {
+  const auto a = parts.col(2).array(), b = parts.col(3).array();
+  const auto c = z.col(0).array(), d = z.col(1).array();
+  ComplexVector products(parts.rows());
+  products.real() = (a * c + b * d).matrix();
+  products.imag() = (a * d - b * c).matrix();
+  return products;
+}
+
+/// x^H A x of complex columns by a real product with their real and imaginary parts.
+template <class Times>
+Reals energy(const Matrix& parts, const Times& times) {
+  const Index count = parts.cols() / 2;
+  const Vector sums = parts.cwiseProduct(times(parts)).colwise().sum();
+  return (sums.head(count) + sums.tail(count)).array();
+}
+
+Matrix real_parts(const ComplexTable& x) {
+  Matrix parts(x.rows(), 2 * x.cols());
+  parts << x.real(), x.imag();
+  return parts;
+}
+
+}  // namespace
+
+// ---------------------------------------------------------------------------------------- chains
+
+namespace {
+
+/// A number with its derivative by the flow speed.
+struct Dual {
+  Complex value, slope = 0.0;
+
+  friend Dual operator+(Dual a, Dual b) { return {a.value + b.value, a.slope + b.slope}; }
+  friend Dual operator-(Dual a, Dual b) { return {a.value - b.value, a.slope - b.slope}; }
+  friend Dual operator*(Dual a, Dual b) {
+    return {a.value * b.value, a.slope * b.value + a.value * b.slope};
+  }
+  friend Dual operator/(Dual a, Dual b) {
+    const Complex ratio = a.value / b.value;
+    return {ratio, (a.slope - ratio * b.slope) / b.value};
+  }
+};
+
+/// The pivots of P(0, u), whose product is its determinant, at a real or complex speed, given to
+/// `visit` one by one: the recursion of chain/impedance.hpp at lambda = `beside_zero`.
+template <class Number, class Visit>
+void still_pivots(const ImpedanceModel& model, Number u, const Visit& visit) {
+  const auto number = [](double value) { return Number{value}; };
+  const auto still = [&](const ImpedanceParts& of) {
+    return number(of.still + beside_zero * (of.rate + beside_zero * of.square));
+  };
+  const Number thrust = number(model.thrust) * u * u;
+  const Number coriolis = number(model.coriolis * beside_zero) * u;
+  Number a = number(-model.entry * beside_zero) * u;
+  Number b = model.guided ? number(0.0) - thrust : number(0.0), c = number(0.0), d = number(0.0);
+  for (Index j = model.size - 1; j >= 0; --j) {
+    const ImpedanceSegment& at = model.segments[j];
+    const Number l = number(at.length), k = still(at.joint), g = l * a + b;
+    if (at.held) {
+      const Number moment = still(at.moment) + l * l * coriolis;
+      const Number force =
+          still(at.across) + still(at.turned) + number(2.0) * l * coriolis + thrust;
+      a = ((k + d + moment) / l - force) / l + still(at.force);
+      b = k / l - thrust;
+      c = k / l;
+      d = k;
+      continue;
+    }
+    const Number r = still(at.moment) + l * l * coriolis + d + l * (c + g);
+    const Number w = still(at.across) + c + l * a, p = k + r;
+    const Number h = g + still(at.turned) + number(2.0) * l * coriolis;
+    visit(p);
+    const Number inverse = number(1.0) / p;
+    a = a + still(at.force) - (h + thrust) * w * inverse;
+    b = (h * k - thrust * r) * inverse;
+    c = w * k * inverse;
+    d = r * k * inverse;
+  }
+}
+}  // namespace
+
+Index ChainDeterminant::enough_for(Index roots) const {
+  // With four segments each the lowest modes of spans are known.
+  return std::max<Index>(10, roots + 4) + 4 * held();
+}
+
+std::unique_ptr<Determinant> ChainDeterminant::coarser(Index size) const {
+  auto coarse = std::make_shared<const Chain>(chain_->coarser(size));
+  const Vector& k = coarse->springs();
+  const Vector scale = k.cwiseMax(1e-3 * k.mean() + 1e-300).cwiseSqrt().cwiseInverse();
+  auto complement = std::make_shared<const Complement>(coarse->held_rows(scale));
+  return std::make_unique<ChainDeterminant>(std::move(coarse), std::move(complement), lapack,
+                                            scale);
+}
+
+Values ChainDeterminant::log_derivatives(double u, const Values& at, const Values& known) const {
+  return log_derivatives_by(
+      [&](const Points& points, double* out) {
+        motion_kernel().impedance->log_derivative(chain_->impedance(), points, out);
+      },
+      u, at, known);
+}
+
+Pairs ChainDeterminant::pairs(double u, const Values& values, bool vectors, bool own,
+                              bool loaded) const {
+  return pairs_by(
+      [&](const Points& points, const PairsAsked& asked) {
+        motion_kernel().impedance->pairs(chain_->impedance(), points, asked);
+      },
+      [&](const ComplexTable& angles) -> ComplexTable {
+        return complement_->gathered(ComplexTable(scale_.cwiseInverse().asDiagonal() * angles));
+      },
+      u, values, chain_->dof(), vectors, own, loaded);
+}
+
+Pencil ChainDeterminant::matrices(double stiffness_size) const {
+  Operators ops = chain_->joint_operators(scale_);
+  const double sign = chain_->pipe().direction();
+  DenseOperator::Matrices made{std::move(ops.mass), sign * (ops.gyroscopic + ops.end_flux),
+                               std::move(ops.damping), std::move(ops.stiffness),
+                               std::move(ops.flux)};
+  if (has_loss()) {
+    const Matrix columns = scale_.asDiagonal();
+    made[5] = chain_->pipe().hysteresis *
+              (columns * chain_->joint_times(columns, {.by_damping = 1.0}));
+  }
+  std::array<double, 6> lost{};
+  for (std::size_t k = 0; held() > 0 && k < made.size(); ++k) {
+    Matrix& of = made[k];
+    if (of.size() == 0) continue;
+    lost[k] = 4.0 * eps * static_cast<double>(held()) * of.norm();
+    const Matrix columns = complement_->gathered(of).transpose();
+    of = complement_->gathered(columns).transpose();
+  }
+  return {lapack, std::move(made), chain_->pipe().centrifugal, stiffness_size, lost};
+}
+
+bool ChainDeterminant::is_same_at_rest(const Determinant& other) const {
+  const auto* const chain = dynamic_cast<const ChainDeterminant*>(&other);
+  return chain != nullptr && chain_->is_same_at_rest(*chain->chain_) && scale_ == chain->scale_;
+}
+
+Forms ChainDeterminant::forms(const Pair& pair) const {
+  const Matrix all = angles(parts_of(pair)), x = all.leftCols(2);
+  const auto form = [&](const LinearPart& part) {
+    return conjugate_products(all, chain_->joint_times(x, part)).sum();
+  };
+  return Forms{.mass = form({.square = 1.0}),
+               .velocity = form({.velocity = 1.0}),
+               .damping = form({.rate = 1.0}),
+               .flux = form({.flux = 1.0}),
+               .gravity = form({.gravity = 1.0}),
+               .by_damping = form({.by_damping = 1.0}),
+               .springs = conjugate_products(all, x)};
+}
+
+std::pair<Reals, Reals> ChainDeterminant::energies(double u, const ComplexTable& x) const {
+  const Matrix all = angles(real_parts(x));
+  const auto of = [&](const LinearPart& part) {
+    return energy(all, [&](const Matrix& z) { return chain_->joint_times(z, part); });
+  };
+  return {of({.still = 1.0, .flux = thrust() * u * u}), of({.square = 1.0})};
+}
+
+Complex ChainDeterminant::still_slope(Complex u) const {
+  Complex slope = 0.0;
+  still_pivots(chain_->impedance(), Dual{u, 1.0},
+               [&](const Dual& pivot) { slope += pivot.slope / pivot.value; });
+  return slope;
+}
+
+std::pair<double, double> ChainDeterminant::still(double u) const {
+  double sign = 1.0, logarithm = 0.0;
+  still_pivots(chain_->impedance(), u, [&](double pivot) {
+    if (pivot < 0.0) sign = -sign;
+    logarithm += std::log(std::abs(pivot));
+  });
+  return {sign, logarithm};
+}
+
+std::optional<int> ChainDeterminant::negative_at_rest() const {
+  int count = 0;
+  still_pivots(chain_->impedance(), 0.0, [&](double pivot) { count += pivot < 0.0; });
+  return count;
+}
+
+// ---------------------------------------------------------------------------------------- panels
+
+Index PanelDeterminant::enough_for(Index roots) const {
+  // Two thirds of the functions show modes, two for each joint aside.
+  return std::max<Index>(12, (3 * roots) / 4 + 6) + 2 * pencil_->panels();
+}
+
+std::unique_ptr<Determinant> PanelDeterminant::coarser(Index size) const {
+  auto coarse = std::make_shared<const PanelPencil>(pencil_->coarser(size));
+  const Complement free(coarse->held().transpose());
+  const Index dof = free.dof();
+  const Matrix spread = free.spread(Matrix::Identity(dof, dof));
+  return std::make_unique<PanelDeterminant>(std::move(coarse), lapack, spread,
+                                            spread.transpose());
+}
+
+const PanelPencil::At& PanelDeterminant::at(double u) const {
+  if (u != latest_speed_) {
+    latest_ = pencil_->at(u);
+    latest_speed_ = u;
+  }
+  return latest_;
+}
+
+Values PanelDeterminant::log_derivatives(double u, const Values& at, const Values& known) const {
+  return log_derivatives_by(
+      [&](const Points& points, double* out) {
+        motion_kernel().elimination->log_derivative(this->at(u).model, points, out, nullptr);
+      },
+      u, at, known);
+}
+
+Pairs PanelDeterminant::pairs(double u, const Values& values, bool vectors, bool own,
+                              bool loaded) const {
+  return pairs_by(
+      [&](const Points& points, const PairsAsked& asked) {
+        motion_kernel().elimination->pairs(at(u).model, points, asked);
+      },
+      [&](const ComplexTable& x) -> ComplexTable {
+        ComplexTable found(gathered_.rows(), x.cols());
+        found.real() = gathered_ * x.real();
+        found.imag() = gathered_ * x.imag();
+        return found;
+      },
+      u, values, size(), vectors, own, loaded);
+}
+
+Pencil PanelDeterminant::matrices(double stiffness_size) const {
+  const auto part = [&](const PencilShares& of) -> Matrix {
+    return spread_.transpose() * pencil_->times(spread_, of);
+  };
+  DenseOperator::Matrices made{part({.mass = 1.0}), part({.velocity = 1.0}),
+                               part({.damping = 1.0}), part({.stiffness = 1.0}),
+                               part({.flux = 1.0})};
+  if (has_loss()) made[5] = pencil_->pipe().hysteresis * part({.elastic = 1.0});
+  std::array<double, 6> lost{};
+  for (std::size_t k = 0; held() > 0 && k < made.size(); ++k) {
+    lost[k] = 4.0 * eps * static_cast<double>(held()) * made[k].norm();
+  }
+  return {lapack, std::move(made), thrust(), stiffness_size, lost,
+          static_cast<double>(spread_.cols() + 2) * eps};
+}
+
+Forms PanelDeterminant::forms(const Pair& pair) const {
+  const Matrix all = spread_ * parts_of(pair), x = all.leftCols(2);
+  const auto form = [&](const PencilShares& of) {
+    return conjugate_products(all, pencil_->times(x, of)).sum();
+  };
+  return Forms{.mass = form({.mass = 1.0}),
+               .velocity = form({.velocity = 1.0}),
+               .damping = form({.damping = 1.0}),
+               .flux = form({.flux = 1.0}),
+               .gravity = form({.gravity = 1.0}),
+               .by_damping = form({.elastic = 1.0}),
+               .springs = ComplexVector()};
+}
+
+std::pair<Reals, Reals> PanelDeterminant::energies(double u, const ComplexTable& x) const {
+  const Matrix all = spread_ * real_parts(x);
+  const auto of = [&](const PencilShares& part) {
+    return energy(all, [&](const Matrix& z) { return pencil_->times(z, part); });
+  };
+  return {of({.stiffness = 1.0, .flux = thrust() * u * u}), of({.mass = 1.0})};
+}
+
+Complex PanelDeterminant::still_slope(Complex u) const {
+  const PanelPencil::At still = pencil_->still();
+  const Complex square = u * u;
+  const double real = square.real(), imag = square.imag();
+  double out[2];
+  motion_kernel().elimination->log_derivative(still.model, {0.0, 1, &real, &imag}, out, nullptr);
+  return 2.0 * u * Complex(out[0], out[1]);
+}
+
+std::pair<double, double> PanelDeterminant::still(double u) const {
+  const double lambda = turns_freely() ? beside_zero : 0.0, zero = 0.0;
+  double out[2], signs[2];
+  motion_kernel().elimination->log_derivative(at(u).model, {u, 1, &lambda, &zero}, out, signs);
+  return {signs[0], signs[1]};
+}
+
+}  // namespace pipedyn

@@ -1,0 +1,139 @@
+// SPDX-License-Identifier: MIT
+//
+// What a search by roots of a determinant asks of a model whose P(lambda, u) is eliminated along
+// the pipe, in O(dof) for each lambda: a chain's (chain/impedance.hpp) and that of a reduced model
+// in Legendre curvatures (galerkin/elimination.hpp).
+#pragma once
+
+#include <functional>
+#include <memory>
+#include <optional>
+
+#include "pipedyn/chain/chain.hpp"
+#include "pipedyn/galerkin/panel_pencil.hpp"
+#include "pipedyn/linear/complement.hpp"
+#include "pipedyn/linear/operator.hpp"
+
+namespace pipedyn {
+
+/// lambda at which roots at zero are counted and solved for: there a joint that nothing holds gives
+/// a pivot of the order of lambda or lambda^2, with all its digits, and no other root is as small,
+/// as rounding moves each by far more.
+inline constexpr double beside_zero = 1e-30;
+
+class Determinant {
+ public:
+  explicit Determinant(const Lapack& known) : lapack(known) {}
+  virtual ~Determinant() = default;
+
+  /// Segments, or functions: `coarser` has fewer of them.
+  virtual Index size() const = 0;
+  /// Of these what holds the pipe takes away.
+  virtual Index held() const = 0;
+  /// Functions or segments that show so many roots.
+  virtual Index enough_for(Index roots) const = 0;
+  virtual std::unique_ptr<Determinant> coarser(Index size) const = 0;
+
+  /// d log det P / dlambda - sum_k 1 / (lambda - lambda_k), but for roots k at lambda itself.
+  virtual Values log_derivatives(double u, const Values& at, const Values& known) const = 0;
+  /// What vectors of roots say of them, and unit vectors if they are asked for. own: whether
+  /// by_right is; loaded: see `PairsAsked`.
+  virtual Pairs pairs(double u, const Values& values, bool vectors, bool own,
+                      bool loaded) const = 0;
+  /// The matrices in elastic coordinates. stiffness_size: of K at rest.
+  virtual Pencil matrices(double stiffness_size) const = 0;
+  virtual bool has_loss() const = 0;
+  /// Whether roots may be zero because nothing holds a joint or the root.
+  virtual bool turns_freely() const = 0;
+  /// Whether at rest it is the same as another, to the bit.
+  virtual bool is_same_at_rest(const Determinant& other) const = 0;
+
+  virtual Forms forms(const Pair& pair) const = 0;
+  /// x^H A x of vectors (dof, r) with A = K(u) and with A = M.
+  virtual std::pair<Reals, Reals> energies(double u, const ComplexTable& x) const = 0;
+
+  /// a, the factor of u^2 in K(u).
+  virtual double thrust() const = 0;
+  /// The derivative by the speed of the logarithm of det K(u), at a complex one.
+  virtual Complex still_slope(Complex u) const = 0;
+  /// Sign of det P(beside_zero, u) and the logarithm of its size.
+  virtual std::pair<double, double> still(double u) const = 0;
+  /// Negative eigenvalues of K at rest, where K is symmetric; none where elimination does not tell.
+  virtual std::optional<int> negative_at_rest() const = 0;
+
+  const Lapack lapack;
+};
+
+class ChainDeterminant : public Determinant {
+ public:
+  /// complement: what guides leave of the elastic coordinates; scale: joint angles of these, (n).
+  ChainDeterminant(std::shared_ptr<const Chain> chain, std::shared_ptr<const Complement> complement,
+                   const Lapack& known, Vector scale)
+      : Determinant(known),
+        chain_(std::move(chain)),
+        complement_(std::move(complement)),
+        scale_(std::move(scale)) {}
+
+  Index size() const override { return chain_->dof(); }
+  Index held() const override { return chain_->dof() - complement_->dof(); }
+  Index enough_for(Index roots) const override;
+  std::unique_ptr<Determinant> coarser(Index size) const override;
+  Values log_derivatives(double u, const Values& at, const Values& known) const override;
+  Pairs pairs(double u, const Values& values, bool vectors, bool own, bool loaded) const override;
+  Pencil matrices(double stiffness_size) const override;
+  bool has_loss() const override { return chain_->pipe().hysteresis > 0.0; }
+  bool turns_freely() const override { return chain_->springs().minCoeff() <= 0.0; }
+  bool is_same_at_rest(const Determinant& other) const override;
+  Forms forms(const Pair& pair) const override;
+  std::pair<Reals, Reals> energies(double u, const ComplexTable& x) const override;
+  double thrust() const override { return chain_->impedance().thrust; }
+  Complex still_slope(Complex u) const override;
+  std::pair<double, double> still(double u) const override;
+  std::optional<int> negative_at_rest() const override;
+
+ private:
+  /// Joint angles of vectors in elastic coordinates.
+  Matrix angles(const Matrix& x) const { return scale_.asDiagonal() * complement_->spread(x); }
+
+  std::shared_ptr<const Chain> chain_;
+  std::shared_ptr<const Complement> complement_;
+  Vector scale_;
+};
+
+class PanelDeterminant : public Determinant {
+ public:
+  /// spread: the pencil's coordinates of a model's elastic ones, (size, dof); gathered: back.
+  PanelDeterminant(std::shared_ptr<const PanelPencil> pencil, const Lapack& known, Matrix spread,
+                   Matrix gathered)
+      : Determinant(known),
+        pencil_(std::move(pencil)),
+        spread_(std::move(spread)),
+        gathered_(std::move(gathered)) {}
+
+  Index size() const override { return pencil_->size(); }
+  Index held() const override { return pencil_->conditions(); }
+  Index enough_for(Index roots) const override;
+  std::unique_ptr<Determinant> coarser(Index size) const override;
+  Values log_derivatives(double u, const Values& at, const Values& known) const override;
+  Pairs pairs(double u, const Values& values, bool vectors, bool own, bool loaded) const override;
+  Pencil matrices(double stiffness_size) const override;
+  bool has_loss() const override { return pencil_->pipe().hysteresis > 0.0; }
+  bool turns_freely() const override { return pencil_->pipe().root == 0.0; }
+  bool is_same_at_rest(const Determinant&) const override { return false; }
+  Forms forms(const Pair& pair) const override;
+  std::pair<Reals, Reals> energies(double u, const ComplexTable& x) const override;
+  double thrust() const override { return pencil_->pipe().centrifugal; }
+  Complex still_slope(Complex u) const override;
+  std::pair<double, double> still(double u) const override;
+  std::optional<int> negative_at_rest() const override { return {}; }
+
+ private:
+  const PanelPencil::At& at(double u) const;
+
+  std::shared_ptr<const PanelPencil> pencil_;
+  Matrix spread_, gathered_;
+  mutable double latest_speed_ = -1.0;
+  mutable PanelPencil::At latest_;
+};
+
+}  // namespace pipedyn

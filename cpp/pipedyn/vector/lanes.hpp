@@ -1,0 +1,100 @@
+// SPDX-License-Identifier: MIT
+//
+// Complex numbers, one in each lane of a pack, and such numbers with a derivative: values of lambda
+// that are looked at side by side.
+//
+// Local to each translation unit, like pack.hpp.
+#pragma once
+
+#include "pipedyn/vector/points.hpp"
+#include "pipedyn/vector/pack.hpp"
+
+namespace {
+
+/// A pack of complex numbers.
+struct Lanes {
+  Pack re{}, im{};
+};
+
+inline Lanes operator+(const Lanes& a, const Lanes& b) { return {a.re + b.re, a.im + b.im}; }
+inline Lanes operator-(const Lanes& a, const Lanes& b) { return {a.re - b.re, a.im - b.im}; }
+inline Lanes operator*(const Lanes& a, const Lanes& b) {
+  return {a.re * b.re - a.im * b.im, a.re * b.im + a.im * b.re};
+}
+inline Lanes operator*(double a, const Lanes& b) { return {a * b.re, a * b.im}; }
+inline Lanes operator+(const Lanes& a, double b) { return {a.re + b, a.im}; }
+inline void operator+=(Lanes& a, const Lanes& b) { a = a + b; }
+inline Lanes conjugate(const Lanes& a) { return {a.re, -a.im}; }
+inline Lanes inverse(const Lanes& a) {
+  const Pack share = 1.0 / (a.re * a.re + a.im * a.im);
+  return {a.re * share, -a.im * share};
+}
+/// |Re| + |Im|, at least |a| and at most 1.5 times that.
+inline Pack size_of(const Lanes& a) { return absolute(a.re) + absolute(a.im); }
+
+/// A pack of complex numbers with their derivatives.
+struct DualLanes {
+  Lanes value{}, slope{};
+};
+
+inline DualLanes operator+(const DualLanes& a, const DualLanes& b) {
+  return {a.value + b.value, a.slope + b.slope};
+}
+inline DualLanes operator-(const DualLanes& a, const DualLanes& b) {
+  return {a.value - b.value, a.slope - b.slope};
+}
+inline DualLanes operator*(const DualLanes& a, const DualLanes& b) {
+  return {a.value * b.value, a.slope * b.value + a.value * b.slope};
+}
+inline DualLanes operator*(double a, const DualLanes& b) { return {a * b.value, a * b.slope}; }
+inline DualLanes operator+(const DualLanes& a, double b) { return {a.value + b, a.slope}; }
+inline DualLanes inverse(const DualLanes& a) {
+  const Lanes share = inverse(a.value);
+  return {share, -1.0 * (share * (share * a.slope))};
+}
+inline Pack size_of(const DualLanes& a) { return size_of(a.value); }
+
+/// The values of so many points from one on; the last stands in for what is missing.
+inline Lanes taken(const pipedyn::Points& points, Count first) {
+  double re[width], im[width];
+  for (Count i = 0; i < width; ++i) {
+    const Count from = first + i < points.count ? first + i : points.count - 1;
+    re[i] = points.real[from];
+    im[i] = points.imag[from];
+  }
+  return {load<Pack>(re), load<Pack>(im)};
+}
+
+inline void put(double* out, const pipedyn::Points& points, Count first, const Pack& x) {
+  double each[width];
+  store(each, x);
+  for (Count i = 0; i < width && first + i < points.count; ++i) out[first + i] = each[i];
+}
+inline void put(double* out, const pipedyn::Points& points, Count first, const Lanes& x) {
+  put(out, points, first, x.re);
+  put(out + points.count, points, first, x.im);
+}
+
+/// |a|^2, or 1 where a is 0.
+inline Pack distance(const Lanes& a) {
+  const Pack square = a.re * a.re + a.im * a.im;
+  return square > 0.0 ? square : all<Pack>(1.0);
+}
+
+/// The sum of 1 / (lambda - lambda_k) over the known roots; those at lambda itself add nothing.
+inline Lanes poles(const pipedyn::Points& points, const Lanes& lambda) {
+  Lanes sum;
+  for (Count k = 0; k < points.roots; k += 2) {  // one division for two
+    const Count next = k + 1 < points.roots ? k + 1 : k;
+    const Lanes one{lambda.re - points.root_real[k], lambda.im - points.root_imag[k]};
+    const Lanes two{lambda.re - points.root_real[next], lambda.im - points.root_imag[next]};
+    const Pack square = distance(one), other = distance(two);
+    const Pack share = 1.0 / (square * other);
+    const Pack first_share = other * share, next_share = next == k ? Pack{} : square * share;
+    sum.re += one.re * first_share + two.re * next_share;
+    sum.im -= one.im * first_share + two.im * next_share;
+  }
+  return sum;
+}
+
+}  // namespace
