@@ -300,12 +300,6 @@ void define_linear(py::module_& m) {
       .def("lowest", &Eigenproblem::lowest, "u"_a, "count"_a, "left"_a, "high"_a, Unlocked())
       .def("by_recursion", &Eigenproblem::by_recursion, "u"_a, "count"_a, "vectors"_a, Unlocked())
       .def("assess", &Eigenproblem::assess, "u"_a, "pairs"_a, Unlocked());
-  py::class_<Truncated, Spectrum, std::shared_ptr<Truncated>>(m, "Truncated")
-      .def(py::init<std::shared_ptr<Eigenproblem>, std::shared_ptr<Eigenproblem>,
-                    std::vector<Index>, Index>(),
-           "fewer"_a, "more"_a, "shared"_a, "resolved"_a)
-      .def("of_larger", py::overload_cast<Sweep, double, Index>(&Truncated::of_larger), "sweep"_a,
-           "end"_a, "resolved"_a, Unlocked());
   py::class_<Complement>(m, "Complement")
       .def_property_readonly("dof", &Complement::dof)
       .def(py::init<Matrix>(), "columns"_a)
@@ -328,7 +322,15 @@ void define_linear(py::module_& m) {
              return std::make_shared<Structured>(traits, of, size);
            }),
            "traits"_a, "pencil"_a, "spread"_a, "gathered"_a, "size"_a, py::keep_alive<1, 3>())
-      .def("log_derivatives", &Structured::log_derivatives, "u"_a, "values"_a);
+      .def(
+          "log_derivatives",
+          [](const Structured& of, double u, const Values& at) { return of.log_derivatives(u, at); },
+          "u"_a, "values"_a);
+  py::class_<Truncated, Spectrum, std::shared_ptr<Truncated>>(m, "Truncated")
+      .def(py::init<std::shared_ptr<Structured>, std::shared_ptr<Structured>, Index>(), "fewer"_a,
+           "more"_a, "resolved"_a)
+      .def("of_larger", py::overload_cast<Sweep, double, Index>(&Truncated::of_larger), "sweep"_a,
+           "end"_a, "resolved"_a, Unlocked());
 }
 
 }  // namespace pipedyn

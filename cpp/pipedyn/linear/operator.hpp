@@ -91,12 +91,6 @@ class DenseOperator {
   /// What rounding of its entries may hide, y^H P x in eps, of each pair: no residual shows it.
   Reals hidden(const Values& values, const ComplexTable& right, const ComplexTable& left) const;
 
-  /// How far the roots of the model with some of the functions, given with their vectors and
-  /// y^H P' x, are from this one's, by the Schur complement to first order:
-  ///     y^H P_12 P_22^-1 P_21 x / y^H P' x.
-  /// shared: where this model has those functions.
-  Values missed(const Pairs& of_fewer, const std::vector<Index>& shared) const;
-
   const Index dof;
   const double size;  // of K, the elastic stiffness being 1
   const Lost lost;

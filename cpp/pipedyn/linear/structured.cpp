@@ -271,8 +271,13 @@ Pairs Structured::lowest(double u, Index count, bool left, bool high) {
   return found && good(*found) >= good(dense) ? *found : dense;
 }
 
-Values Structured::log_derivatives(double u, const Values& values) const {
-  return pipedyn::log_derivatives(*of_, u, values);
+void Structured::assume(double u, const Values& roots) {
+  Approximations starts;
+  for (const Complex value : roots) {
+    const bool alone = traits.lossy() || value.imag() == 0.0;
+    if (value.imag() >= 0.0 || alone) starts.push_back({value, alone, value == 0.0});
+  }
+  known_.push_back({u, std::move(starts)});
 }
 
 void Structured::assess(double u, Pairs& pairs) {

@@ -27,8 +27,12 @@ class Structured : public Eigenproblem {
 
   Pairs lowest(double u, Index count, bool left, bool high) override;
   std::optional<Pairs> by_recursion(double u, Index count, bool vectors) override;
-  /// d log det P / dlambda.
-  Values log_derivatives(double u, const Values& values) const;
+  /// d log det P / dlambda - sum_k 1 / (lambda - lambda_k), but for known roots k at lambda itself.
+  Values log_derivatives(double u, const Values& at, const Values& known = {}) const {
+    return of_->log_derivatives(u, at, known);
+  }
+  /// Takes roots of a model that is nearly the same as starts at a speed.
+  void assume(double u, const Values& roots);
   void assess(double u, Pairs& pairs) override;
   void share(const Spectrum& other) override;
   std::optional<Forms> forms(const Pair& pair) const override;

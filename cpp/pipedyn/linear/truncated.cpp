@@ -4,8 +4,6 @@
 #include <algorithm>
 #include <cmath>
 
-#include "pipedyn/linear/neutral.hpp"
-
 namespace pipedyn {
 
 namespace {
@@ -21,9 +19,7 @@ constexpr double near_by = 1e-3;
 Sample Truncated::sample(double u, Index count) {
   Sample at = fewer_->sample(u, count);
   const Index looked_at = std::min(resolved_, at.size());
-  std::vector<Index> lowest(looked_at);
-  for (Index i = 0; i < looked_at; ++i) lowest[i] = i;
-  const Values missed = more_->at(u).missed(at.take(lowest), shared_);
+  const Values missed = -more_->log_derivatives(u, at.values.head(looked_at), at.values).inverse();
   for (Index i = 0; i < looked_at; ++i) {
     const Complex value = at.values[i];
     if (!traits.counts(value)) continue;
@@ -49,9 +45,8 @@ Divergences Truncated::divergences(double max_speed) { return fewer_->divergence
 std::optional<Sweep> Truncated::of_larger(Sweep sweep, double end, Index resolved) {
   if (!alike_ || sweep.untracked || !sweep.failure.empty()) return {};
   int expected = sweep.unstable_at_rest;
-  divergences_ = more_->without_loss().divergences((1.0 + near_by) * (1.0 + end));
   for (AxisCrossing& crossing : sweep.crossings) {
-    const std::optional<AxisCrossing> there = of_larger(crossing);
+    const std::optional<AxisCrossing> there = of_larger(crossing, end);
     if (!there) return {};
     crossing = *there;
     expected += crossing.change;
@@ -62,25 +57,26 @@ std::optional<Sweep> Truncated::of_larger(Sweep sweep, double end, Index resolve
   return sweep;
 }
 
-std::optional<AxisCrossing> Truncated::of_larger(const AxisCrossing& crossing) {
+std::optional<AxisCrossing> Truncated::of_larger(const AxisCrossing& crossing, double end) {
   if (crossing.pair.right.size() == 0) return {};
   const double u = crossing.speed, reach = near_by * (1.0 + u);
   const double low = std::max(u - reach, 0.0), high = u + reach;
   AxisCrossing there = crossing;
   if (crossing.value == 0.0) {
+    if (!divergences_) {
+      divergences_ = more_->without_loss().divergences((1.0 + near_by) * (1.0 + end));
+    }
+    const std::vector<Divergence>& all = divergences_->all;
     const auto nearest = std::ranges::min_element(
-        divergences_.all, {}, [u](const Divergence& one) { return std::abs(one.speed - u); });
-    if (nearest == divergences_.all.end() || std::abs(nearest->speed - u) > reach) return {};
+        all, {}, [u](const Divergence& one) { return std::abs(one.speed - u); });
+    if (nearest == all.end() || std::abs(nearest->speed - u) > reach) return {};
     there.speed = nearest->speed;
     there.error = nearest->error;
     there.pair = nearest->pair;
     return there;
   }
-  Pair guess{crossing.pair.value, ComplexVector::Zero(more_->traits.dof)};
-  for (std::size_t k = 0; k < shared_.size(); ++k) {
-    guess.right[shared_[k]] = crossing.pair.right[static_cast<Index>(k)];
-  }
-  std::tie(there.speed, there.pair) = newton(*more_, u, std::move(guess), low, high);
+  std::tie(there.speed, there.pair) = newton(*more_, u, Pair{crossing.pair.value}, low, high);
+  there.forms = {};
   there.error = error_of(there.pair);
   const double off = std::abs(there.pair.value.imag() - crossing.pair.value.imag());
   const bool good = there.pair.converged() && off <= near_by * (1.0 + std::abs(crossing.value)) &&
@@ -93,15 +89,13 @@ std::optional<AxisCrossing> Truncated::of_larger(const AxisCrossing& crossing) {
 
 /// Of the lowest roots those that rounding does not hide.
 int Truncated::unstable(double u, Index resolved) {
-  Values values = more_->at(u).roots(shifts[0], false);
-  ++factorised_;
-  for (Complex& value : values) value = shifts[0] + 1.0 / value;
-  const Reals rounding = rounding_about(values, shifts[0], true);
+  const Index count = 2 * resolved;
+  more_->assume(u, fewer_->sample(u, count).values);
+  const Sample at = more_->sample(u, count);
   int number = 0;
-  const std::vector<Index> order = by_size(values);
-  for (Index i = 0; i < std::min<Index>(2 * resolved, values.size()); ++i) {
-    const Complex value = values[order[i]];
-    if (value.real() > rounding[order[i]] && traits.counts(value)) number += traits.lossy() ? 2 : 1;
+  for (Index i = more_->standing(); i < at.size(); ++i) {
+    const bool grows = at.values[i].real() > at.noise[i];
+    if (grows && traits.counts(at.values[i])) number += traits.lossy() ? 2 : 1;
   }
   return number;
 }

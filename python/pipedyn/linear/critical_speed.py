@@ -25,8 +25,8 @@ from pipedyn.models.continuum import (
     checked_model,
     converged_ahead,
 )
-from pipedyn.models.galerkin import Galerkin, last_functions, shared_functions
-from pipedyn.models.pencil import DensePencil
+from pipedyn.models.galerkin import Galerkin, last_functions
+from pipedyn.models.pencil import PanelPencil
 from pipedyn.models.pipe import Pipe
 from pipedyn.util import check
 from pipedyn.util.archive import saved_as
@@ -439,8 +439,8 @@ def resolved(problem: Eigenproblem) -> int:
     """
     model, pencil = problem.model, problem.pencil
     assert isinstance(model, Galerkin)
-    assert isinstance(pencil, DensePencil)
-    _, modes = np.linalg.eigh(-pencil.matrices[0])  # whose elastic stiffness is 1: the lowest first
+    mass = pencil.mass(np.eye(problem.dof))
+    _, modes = np.linalg.eigh(-mass)  # whose elastic stiffness is 1: the lowest first
     last = np.sum(modes[last_functions(model)] ** 2, axis=0)
     good = last <= LAST[model.pipe.flow]
     count = int(np.argmin([*good, False]))
@@ -486,16 +486,10 @@ class _Search:
         self.larger = None
         # Where roots stay on the imaginary axis, no distance to it is known.
         on_axis = self.problem.is_conservative or self.problem.velocity_free(1.0)
-        # Of a pipe whose stiffness varies and that is held elsewhere, elastic coordinates of one
-        # basis are not among those of the next.
-        nested = model.pipe.cantilevered or model.pipe.stiffness is None
-        if isinstance(model, Galerkin) and larger is not None and not on_axis and nested:
+        if larger is not None and not on_axis and isinstance(self.problem.pencil, PanelPencil):
             self.larger = eigenproblem(larger)
             self.spectrum = _core.Truncated(
-                self.problem.spectrum(),
-                self.larger.spectrum(),
-                shared_functions(model, larger),
-                self._looked_at,
+                self.problem.spectrum(), self.larger.spectrum(), self._looked_at
             )
         if not self.problem.is_long:
             return

@@ -513,12 +513,3 @@ def enriched(model: Galerkin, more: int) -> Galerkin:
 def last_functions(model: Galerkin) -> list[int]:
     """Where a model has the last two Legendre functions of each panel."""
     return [place for panel in model._free.groups[1:] for place in panel[-2:]]
-
-
-def shared_functions(model: Galerkin, larger: Galerkin) -> list[int]:
-    """Where a larger model has the Legendre functions of another with as many panels."""
-    places = [0] * model.dof
-    for own, others in zip(model._free.groups, larger._free.groups, strict=True):
-        for k, other in zip(own, others, strict=False):
-            places[k] = other
-    return places
