@@ -14,6 +14,7 @@
 #include "arguments.hpp"
 #include "pipedyn/galerkin/galerkin.hpp"
 #include "pipedyn/galerkin/panel_pencil.hpp"
+#include "pipedyn/vector/levels.hpp"
 #include "pipedyn/linear/structured.hpp"
 #include "pipedyn/linear/crossings.hpp"
 #include "pipedyn/linear/eigenproblem.hpp"
@@ -259,6 +260,29 @@ void define_linear(py::module_& m) {
           "x"_a, "mass"_a = 0.0, "velocity"_a = 0.0, "damping"_a = 0.0, "stiffness"_a = 0.0,
           "flux"_a = 0.0, "gravity"_a = 0.0, "elastic"_a = 0.0, Unlocked())
       .def("held", &PanelPencil::held)
+      .def("time", [](const PanelPencil& pencil, double u, const Values& at, int n) {
+        Reals re = at.real(), im = at.imag(), out(2 * at.size());
+        const auto of = pencil.at(u);
+        const auto start = std::chrono::steady_clock::now();
+        for (int i = 0; i < n; ++i) {
+        motion_kernel().elimination->log_derivative(of.model, {u, at.size(), re.data(), im.data()},
+                                                    out.data(), nullptr);
+        }
+        return std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count() / n;
+      })
+      .def("time_pairs", [](const PanelPencil& pencil, double u, const Values& at, int k) {
+        const auto of = pencil.at(u);
+        const Index n = at.size();
+        Reals re = at.real(), im = at.imag();
+        Eigen::ArrayXXd out(n, 11);
+        const auto part = [&](Index k) { return out.col(k).data(); };
+        const auto start = std::chrono::steady_clock::now();
+        for (int i = 0; i < k; ++i) {
+        motion_kernel().elimination->pairs(of.model, {u, n, re.data(), im.data()},
+           {part(0), part(2), part(4), nullptr, part(8), part(9), part(10), nullptr, nullptr, false});
+        }
+        return std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count() / k;
+      })
       .def(
           "on_panels",
           [](const PanelPencil& pencil, const Matrix& q) { return pencil.basis().on_panels(q); },

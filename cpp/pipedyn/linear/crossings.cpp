@@ -81,7 +81,8 @@ class Search {
              [this](const Step& step) { return encloses(step); },
              [this](const Step& step) { return visit(step); },
              {traits_.cluster(), 0.9, traits_.zero},
-             longest},
+             longest,
+             [this](double u, const Sample& from) { return spectrum_.near(u, from); }},
             first, speeds, every);
     } catch (const NotConverged& error) {
       sweep_.failure = error.what();
@@ -410,7 +411,7 @@ class Search {
     int turned = 0;
     for (Index i = 0; i < left.size(); ++i) {
       const Index j = step.onto[i];
-      if (modes_[i] < 1 || modes_[i] > range_.resolved || j < 0) continue;
+      if (modes_[i] < 1 || modes_[i] > range_.resolved || j < 0 || step.aside[i]) continue;
       const Complex start = step.start(i), end = step.end(i);
       const auto heavily_damped = [this](Complex value) {
         return !traits_.squared && value.real() < -heavy_damping * magnitude(value);

@@ -270,11 +270,13 @@ std::pair<Reals, Reals> ChainDeterminant::energies(double u, const ComplexTable&
   return {of({.still = 1.0, .flux = thrust() * u * u}), of({.square = 1.0})};
 }
 
-Complex ChainDeterminant::still_slope(Complex u) const {
-  Complex slope = 0.0;
-  still_pivots(chain_->impedance(), Dual{u, 1.0},
-               [&](const Dual& pivot) { slope += pivot.slope / pivot.value; });
-  return slope;
+Values ChainDeterminant::still_slopes(const Values& u) const {
+  Values slopes = Values::Zero(u.size());
+  for (Index i = 0; i < u.size(); ++i) {
+    still_pivots(chain_->impedance(), Dual{u[i], 1.0},
+                 [&](const Dual& pivot) { slopes[i] += pivot.slope / pivot.value; });
+  }
+  return slopes;
 }
 
 std::pair<double, double> ChainDeterminant::still(double u) const {
@@ -377,13 +379,14 @@ std::pair<Reals, Reals> PanelDeterminant::energies(double u, const ComplexTable&
   return {of({.stiffness = 1.0, .flux = thrust() * u * u}), of({.mass = 1.0})};
 }
 
-Complex PanelDeterminant::still_slope(Complex u) const {
-  const PanelPencil::At still = pencil_->still();
-  const Complex square = u * u;
-  const double real = square.real(), imag = square.imag();
-  double out[2];
-  motion_kernel().elimination->log_derivative(still.model, {0.0, 1, &real, &imag}, out, nullptr);
-  return 2.0 * u * Complex(out[0], out[1]);
+Values PanelDeterminant::still_slopes(const Values& u) const {
+  if (!still_) still_ = pencil_->still();
+  return 2.0 * u *
+         log_derivatives_by(
+             [&](const Points& points, double* out) {
+               motion_kernel().elimination->log_derivative(still_->model, points, out, nullptr);
+             },
+             0.0, u.square(), {});
 }
 
 std::pair<double, double> PanelDeterminant::still(double u) const {

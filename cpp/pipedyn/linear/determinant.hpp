@@ -54,8 +54,8 @@ class Determinant {
 
   /// a, the factor of u^2 in K(u).
   virtual double thrust() const = 0;
-  /// The derivative by the speed of the logarithm of det K(u), at a complex one.
-  virtual Complex still_slope(Complex u) const = 0;
+  /// The derivative by the speed of the logarithm of det K(u), at complex ones.
+  virtual Values still_slopes(const Values& u) const = 0;
   /// Sign of det P(beside_zero, u) and the logarithm of its size.
   virtual std::pair<double, double> still(double u) const = 0;
   /// Negative eigenvalues of K at rest, where K is symmetric; none where elimination does not tell.
@@ -87,7 +87,7 @@ class ChainDeterminant : public Determinant {
   Forms forms(const Pair& pair) const override;
   std::pair<Reals, Reals> energies(double u, const ComplexTable& x) const override;
   double thrust() const override { return chain_->impedance().thrust; }
-  Complex still_slope(Complex u) const override;
+  Values still_slopes(const Values& u) const override;
   std::pair<double, double> still(double u) const override;
   std::optional<int> negative_at_rest() const override;
 
@@ -123,7 +123,7 @@ class PanelDeterminant : public Determinant {
   Forms forms(const Pair& pair) const override;
   std::pair<Reals, Reals> energies(double u, const ComplexTable& x) const override;
   double thrust() const override { return pencil_->pipe().centrifugal; }
-  Complex still_slope(Complex u) const override;
+  Values still_slopes(const Values& u) const override;
   std::pair<double, double> still(double u) const override;
   std::optional<int> negative_at_rest() const override { return {}; }
 
@@ -134,6 +134,7 @@ class PanelDeterminant : public Determinant {
   Matrix spread_, gathered_;
   mutable double latest_speed_ = -1.0;
   mutable PanelPencil::At latest_;
+  mutable std::optional<PanelPencil::At> still_;  // once it is asked for
 };
 
 }  // namespace pipedyn

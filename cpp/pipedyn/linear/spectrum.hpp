@@ -167,6 +167,10 @@ class Spectrum {
   /// How many roots are zero, exactly, at every speed.
   virtual Index standing() { return 0; }
 
+  /// The roots at a speed that continue those of a sample, conjugates together, without vectors;
+  /// none where they are not found, or not faster than all.
+  virtual std::optional<Sample> near(double, const Sample&) { return {}; }
+
   /// The root next to a guess, of which value and, if known, right vector are used; with vectors.
   virtual Pair refined(double u, const Pair& guess) = 0;
 

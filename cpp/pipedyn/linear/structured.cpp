@@ -312,6 +312,40 @@ Reals Structured::quotients(double u, const Pairs& pairs) {
   return stiffness / mass;
 }
 
+std::optional<Sample> Structured::near(double u, const Sample& from) {
+  const bool paired = !traits.lossy();
+  Approximations last;
+  for (Index i = 0; i < from.size(); ++i) {
+    const Complex value = from.values[i];
+    if (paired && value.imag() < 0.0) continue;
+    last.push_back({value, !paired || value.imag() == 0.0, value == 0.0, from.slopes[i]});
+  }
+  const Approximations starts = expected(last, u - from.u, traits.cluster(), paired);
+  ++factorised_;
+  for (const bool moved : {false, true}) {
+    Approximations roots = moved ? without_symmetry(starts) : starts;
+    if (!correct(*of_, u, roots, moved ? 2 * most_near : most_near)) continue;
+    auto found = with_conjugates(polished(u, roots, false), roots, from.size(), paired);
+    if (!found || found->size() != from.size()) continue;
+    bool good = true;
+    for (Index i = 0; i < found->size(); ++i) {
+      good = good && has_converged(found->values[i], found->residual[i]);
+      for (Index k = 0; k < i; ++k) {
+        const double apart = magnitude(found->values[i] - found->values[k]);
+        good = good && apart > found->uncertain[i] + found->uncertain[k];
+      }
+    }
+    if (!good) continue;
+    for (Complex& slope : found->slopes) {
+      if (!std::isfinite(std::norm(slope))) slope = 0.0;
+    }
+    found->noise = rounding(*found);
+    found->slope_noise = found->signatures = Reals::Zero(found->size());
+    return Sample{std::move(*found), u};
+  }
+  return {};
+}
+
 Pair Structured::refined(double u, const Pair& guess) {
   Values value = Values::Constant(1, guess.value);
   for (int step = 0; step < 8; ++step) {
@@ -339,13 +373,12 @@ namespace {
 /// one lies too near the circle.
 std::optional<int> zeros_within(const Determinant& of, double low, double high) {
   const double centre = 0.5 * (low + high), radius = 0.5 * (high - low);
-  for (int points = arc_points; points <= 16 * arc_points; points *= 2) {
-    double sum = 0.0;
-    for (int i = 0; i < points; ++i) {
-      const Complex arm = std::polar(radius, std::numbers::pi * (i + 0.5) / points);
-      sum += (arm * of.still_slope(centre + arm)).real();
+  for (Index points = arc_points; points <= 16 * arc_points; points *= 2) {
+    Values arms(points);
+    for (Index i = 0; i < points; ++i) {
+      arms[i] = std::polar(radius, std::numbers::pi * (i + 0.5) / static_cast<double>(points));
     }
-    const double number = sum / points;
+    const double number = (arms * of.still_slopes(centre + arms)).real().mean();
     if (std::abs(number - std::round(number)) < 1e-3) return static_cast<int>(std::lround(number));
   }
   return {};

@@ -37,6 +37,7 @@ class Structured : public Eigenproblem {
   void share(const Spectrum& other) override;
   std::optional<Forms> forms(const Pair& pair) const override;
   Index standing() override { return zeros_in_flow_; }
+  std::optional<Sample> near(double u, const Sample& from) override;
   Pair refined(double u, const Pair& guess) override;
   Reals quotients(double u, const Pairs& pairs) override;
   /// By a search that is certified: the determinant's zeros in a disc are counted by its

@@ -228,6 +228,7 @@ void match(Step& step, const Step* last, const Roots& tracked, const Cluster& cl
   const double h = step.length();
   step.onto = matched(left, right, h);
   step.meets.assign(size, -1);
+  step.aside.assign(size, 0);
   step.error.assign(size, infinite);
   step.real_error.assign(size, 0.0);
   step.slopes = left.slopes;
@@ -340,10 +341,106 @@ void match(Step& step, const Step* last, const Roots& tracked, const Cluster& cl
     step.meets[k] = i;
     order(step, i, k);
   }
-  step.unambiguous = std::all_of(near.begin(), near.end(), [&](const auto& pair) {
-    const auto [i, k] = pair;
-    return step.meets[i] >= 0 || step.meets[k] >= 0 || !(is_tracked[i] || is_tracked[k]);
-  });
+  for (const auto& [i, k] : near) {
+    if (step.meets[i] < 0 && step.meets[k] < 0) step.close.emplace_back(i, k);
+  }
+  step.unambiguous = step.close.empty();
+}
+
+/// Halvings of a step for a few of its roots.
+constexpr int most_halvings = 12;
+
+/// Whether a root's curve in a step, or those of two that meet, stay left of the imaginary axis.
+bool stays_left(const Step& step, Index i) {
+  const Complex a = step.start(i), c = step.end(i);
+  if (const Index k = step.meets[i]; k >= 0) {
+    const Complex b = step.start(k), d = step.end(k);
+    const double reach = std::max(std::abs((a - b).real()), std::abs((c - d).real()));
+    return 0.5 * std::max((a + b).real(), (c + d).real()) + reach < 0.0;
+  }
+  const double third = step.length() / 3.0;  // a cubic is no further than its control points
+  const double most = std::max({a.real(), (a + third * step.start_slope(i)).real(), c.real(),
+                                (c - third * step.end_slope(i)).real()});
+  return most + errors_apart * step.error[i] < 0.0;
+}
+
+/// Where all roots of one sample go in another that has as many, with samples between if they are
+/// needed; none where that does not show it, or one may not stay left of the imaginary axis.
+std::optional<Roots> followed(const Tracking& tracking, const SharedSample& from,
+                              const SharedSample& to, int halvings) {
+  Step step{from, to};
+  Roots every(from->size());
+  std::iota(every.begin(), every.end(), 0);
+  match(step, nullptr, every, tracking.cluster);
+  const auto left = [&](Index i) { return stays_left(step, i); };
+  if (step.unambiguous && std::all_of(every.begin(), every.end(), left)) return step.onto;
+  if (halvings == 0) return {};
+  std::optional<Sample> found = tracking.near(0.5 * (from->u + to->u), *from);
+  if (!found) return {};
+  const auto between = std::make_shared<const Sample>(std::move(*found));
+  const auto first = followed(tracking, from, between, halvings - 1);
+  if (!first) return {};
+  const auto second = followed(tracking, between, to, halvings - 1);
+  if (!second) return {};
+  Roots onto = *first;
+  for (Index& i : onto) i = (*second)[i];
+  return onto;
+}
+
+/// Follows close roots by themselves, in groups; whether that tells all of them apart.
+bool tell_apart(const Tracking& tracking, Step& step) {
+  const Sample &left = *step.left, &right = *step.right;
+  const Roots twins = conjugates(left), others = conjugates(right);
+  Roots group(left.size());  // the first root of each root's group
+  std::iota(group.begin(), group.end(), 0);
+  const auto first_of = [&](Index i) {
+    while (group[i] != i) i = group[i];
+    return i;
+  };
+  const auto join = [&](Index i, Index k) {
+    const auto [low, high] = std::minmax(first_of(i), first_of(k));
+    group[high] = low;
+  };
+  std::set<Index> members;
+  const std::function<void(Index)> add = [&](Index i) {  // with all that it is one motion with
+    if (!members.insert(i).second) return;
+    for (Index k = 0; k < left.size(); ++k) {
+      const bool together = k == twins[i] || k == step.meets[i] ||
+                            (step.onto[k] >= 0 && step.onto[k] == others[step.onto[i]]);
+      if (!together) continue;
+      add(k);
+      join(i, k);
+    }
+  };
+  for (const auto& [i, k] : step.close) {
+    add(i);
+    add(k);
+    join(i, k);
+  }
+  for (const Index i : members) {
+    const bool is_left = left.values[i].real() < 0.0 && step.end(i).real() < 0.0;
+    if (!is_left || left.signatures[i] != 0.0) return false;
+  }
+  for (const Index first : members) {
+    if (group[first] != first) continue;
+    Roots places, ends;
+    for (const Index i : members) {
+      if (first_of(i) != first) continue;
+      places.push_back(i);
+      ends.push_back(step.onto[i]);
+    }
+    std::sort(ends.begin(), ends.end());  // conjugates are neighbours, as in a sample
+    const auto from = std::make_shared<const Sample>(Sample{left.take(places), left.u});
+    const auto to = std::make_shared<const Sample>(Sample{right.take(ends), right.u});
+    const auto onto = followed(tracking, from, to, most_halvings);
+    if (!onto) return false;
+    for (std::size_t k = 0; k < places.size(); ++k) {
+      step.onto[places[k]] = ends[(*onto)[k]];
+      step.aside[places[k]] = 1;
+      step.meets[places[k]] = -1;
+    }
+  }
+  return true;
 }
 
 }  // namespace
@@ -394,6 +491,9 @@ void track(const Tracking& tracking, SharedSample first, const std::vector<doubl
       }
       match(step, last ? &*last : nullptr, tracked, tracking.cluster);
       const bool divisible = !step.shortest() && !tracking.whole(step);
+      if (divisible && !step.unambiguous && !step.close.empty() && tracking.near) {
+        step.unambiguous = tell_apart(tracking, step);
+      }
       if (divisible && !(step.unambiguous && tracking.sure(step))) {
         ahead.push_back(tracking.take(middle));
         continue;
@@ -525,7 +625,8 @@ std::optional<RootLoci> root_loci(Spectrum& spectrum, const std::vector<double>&
   };
   const auto sure = [](const Step&) { return true; };
   const auto whole = [](const Step&) { return false; };
-  track({take, sure, whole, visit, cluster, spectrum.longest_step()}, first,
+  const auto near = [&](double u, const Sample& from) { return spectrum.near(u, from); };
+  track({take, sure, whole, visit, cluster, spectrum.longest_step(), near}, first,
         {speeds.begin() + 1, speeds.end()}, tracked);
   report(done);
   if (!complete) return {};

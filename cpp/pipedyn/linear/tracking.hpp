@@ -13,6 +13,9 @@
 // that meets on the real axis has no slope there, but its sum and product run smoothly through the
 // meeting, and are compared instead: where roots turn real or complex, a step is matched only if
 // they do. O(r^2) for r eigenvalues, O(r^3) where their order changes much.
+//
+// Where curves are close that stay left of the imaginary axis, and the model finds some roots
+// without all others, these alone are followed through halves of the step.
 #pragma once
 
 #include <functional>
@@ -48,6 +51,8 @@ struct Step {
   std::vector<double> real_error = {};  // how far its real part, by the step before; 0 without one
   Roots meets = {};          // the root that it meets on the real axis within the step, or -1
   Values slopes = {};        // the left sample's; of roots that leave zero at rest, estimated
+  std::vector<std::pair<Index, Index>> close = {};  // roots whose curves cannot be told apart
+  Flags aside = {};  // of roots that were followed by themselves, left of the imaginary axis
   bool unambiguous = false;  // for the roots tracked
 
   double length() const { return right->u - left->u; }
@@ -76,6 +81,8 @@ struct Tracking {
   std::function<bool(const Step&)> visit;  // each step in turn; false ends the tracking
   Cluster cluster;
   double longest;  // step
+  /// Where the roots of a sample go at another speed; none where that is not found. May be empty.
+  std::function<std::optional<Sample>(double u, const Sample& from)> near = {};
 };
 
 /// Column of each row so that the sum of their costs, (size, size) by rows, is least (the Hungarian

@@ -413,7 +413,7 @@ def _converging(model: Continuum, max_speed: float, until_unstable: bool) -> Job
     ) -> tuple[tuple[Crossing, ...] | None, tuple[Crossing, ...] | None]:
         search = _Search(one, max_speed, until_unstable, True, larger)
         assert search.resolved is not None
-        if search.resolved < max_speed / (math.pi * _softest(model.pipe)) + 2.0:
+        if search.resolved < _modes_reached(max_speed, model.pipe):
             return None, None  # the flow reaches modes that are not the continuous pipe's
         _swept([search])
         return search().value, search.of_larger()
@@ -479,11 +479,13 @@ class _Search:
         model.require_equilibrium(0.0, max_speed)
         self.model, self.problem = model, eigenproblem(model)
         self.max_speed, self.until_unstable = max_speed, until_unstable
-        self.resolved = resolved(self.problem) if continuous else None
+        self.resolved = self.shown = resolved(self.problem) if continuous else None
         self.swept: _core.Sweep | None = None
         self.spectrum: _core.Spectrum = self.problem.spectrum()
         self.tracked, self.count = self.problem.dof, 2 * self.problem.dof
         self.larger = None
+        if self.resolved is not None and isinstance(self.problem.pencil, PanelPencil):
+            self._track_reached(self.resolved)
         # Where roots stay on the imaginary axis, no distance to it is known.
         on_axis = self.problem.is_conservative or self.problem.velocity_free(1.0)
         if larger is not None and not on_axis and isinstance(self.problem.pencil, PanelPencil):
@@ -491,7 +493,7 @@ class _Search:
             self.spectrum = _core.Truncated(
                 self.problem.spectrum(), self.larger.spectrum(), self._looked_at
             )
-        if not self.problem.is_long:
+        if not self.problem.is_long or continuous:
             return
         self._track(_modes_within(max_speed, model.pipe))
         # Those before the cluster at -1 / delta, which a search for a few roots does not pass, may
@@ -501,6 +503,13 @@ class _Search:
         before = math.floor(math.sqrt(0.9 / delta) / math.pi) - 4 if delta else self.tracked
         if max_speed / math.pi + 1.0 <= before < self.tracked:
             self._track(before, beyond=1)
+
+    def _track_reached(self, resolved: int) -> None:
+        """Of a continuous pipe, tracks a few more modes than the flow reaches, if these oscillate."""
+        modes = min(resolved, math.ceil(_modes_reached(self.max_speed, self.model.pipe)) + 4)
+        if self.model.pipe.damping * (math.pi * (modes + 4)) ** 2 <= 0.9:
+            self.resolved = self.tracked = modes
+            self.count = min(2 * (modes + 4), self.count)
 
     def _track(self, modes: int, beyond: int = 8) -> None:
         """Sets how many modes are tracked, and of how many the roots are computed."""
@@ -544,13 +553,12 @@ class _Search:
         if self.larger is None or not isinstance(self.spectrum, _core.Truncated):
             return None
         assert self.swept is not None
-        assert isinstance(self.larger.model, Galerkin)
-        modes = resolved(self.larger)
         end, found = self.max_speed, self.swept.crossings
         if self.until_unstable and found and found[-1].change > 0:
             end = min(end, found[-1].speed * (1.0 + BESIDE))
-        swept = self.spectrum.of_larger(self.swept, end, modes)
-        return None if swept is None else crossings_of(self.larger, swept, 2 * modes)
+        assert self.shown is not None
+        swept = self.spectrum.of_larger(self.swept, end, self.shown)
+        return None if swept is None else crossings_of(self.larger, swept, 2 * self.shown)
 
 
 def _swept(searches: Sequence[_Search]) -> None:
@@ -569,6 +577,11 @@ def _swept(searches: Sequence[_Search]) -> None:
 def _softest(pipe: Pipe) -> float:
     """Share of the flow speed at which waves are as short where the pipe is softest."""
     return 1.0 if pipe.stiffness is None else math.sqrt(min(1.0, pipe.stiffness.bounds[0]))
+
+
+def _modes_reached(max_speed: float, pipe: Pipe) -> float:
+    """How many modes have wave numbers that are no larger than the flow speed, and two more."""
+    return max_speed / (math.pi * _softest(pipe)) + 2.0
 
 
 def _modes_within(max_speed: float, pipe: Pipe) -> int:
