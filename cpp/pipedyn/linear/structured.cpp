@@ -17,16 +17,17 @@ namespace {
 constexpr double small_residual = 1e-14;
 /// Relative error of a speed at which a root crosses beyond which its growth is found otherwise.
 constexpr double faint_growth = 1e-6;
-/// Least points on the upper half of a circle that counts roots inside. One outside by a factor f
-/// adds f^-16; with twice as many points f^-32, which is 1e-3 for a quarter.
-constexpr Index arc_points = 8;
-/// Factor beyond which the least are enough: what is not known lies beyond the last root known.
-constexpr double far_outside = 1.5;
+/// Points on the upper half of a circle that counts roots inside, at least and at most. A root
+/// outside by a factor f that is not known adds f^(-2 points): at most `outside`, if it lies no
+/// nearer than the last that is known.
+constexpr double arc_points = 8.0, most_arc_points = 128.0, outside = 1e-2;
 /// Roots at one speed are starts at another if so few corrections do, twice as many of starts that
 /// are moved off the real axis.
 constexpr int most_near = 8;
 /// Samples whose roots are kept: steps are halved from the right, and go on from there.
 constexpr std::size_t most_known = 8;
+/// How often roots that are found to be missing are added.
+constexpr int most_missing = 3;
 /// Coarser chains on the way from the coarsest to a long one have so many times its segments: 5 and
 /// 80 take as long, measured from 1,000 to 100,000 segments.
 constexpr Index refinement = 20;
@@ -147,9 +148,13 @@ Pairs Structured::polished(double u, const Approximations& roots, bool vectors) 
   return found;
 }
 
-/// Whether roots beyond the least are the next ones: the circle, of which the upper half shows what
-/// the lower does if roots are paired, passes where the gap is widest.
-bool Structured::has_all_within(double u, const Approximations& roots, std::size_t least) const {
+/// Roots that are missing among those given within a circle about the least of them, none of them if
+/// these are all; nothing where that does not show. The circle, of which the upper half shows what
+/// the lower does if roots are paired, passes where the gap is widest. About it the mean of
+/// lambda^(k+1) times what known roots leave of the log-derivative is the sum of the missing ones'
+/// k-th powers.
+std::optional<Approximations> Structured::missing_within(double u, const Approximations& roots,
+                                                         std::size_t least) const {
   double widest = 1.0, radius = 0.0;
   for (std::size_t k = least; k < roots.size(); ++k) {
     const double inner = std::abs(roots[k - 1].value), outer = std::abs(roots[k].value);
@@ -157,40 +162,69 @@ bool Structured::has_all_within(double u, const Approximations& roots, std::size
     widest = outer / inner;
     radius = std::sqrt(inner * outer);
   }
-  const bool is_far = magnitude(roots.back().value) > far_outside * radius;
-  const Index half = is_far ? arc_points : 2 * arc_points, count = traits.lossy() ? 2 * half : half;
+  if (!(widest > 1.05)) return {};
+  const double apart = std::log(magnitude(roots.back().value) / radius);
+  const bool paired = !traits.lossy();
+  const Index half = static_cast<Index>(
+      std::clamp(std::ceil(-0.5 * std::log(outside) / apart), arc_points, most_arc_points));
+  const Index count = paired ? half : 2 * half;
   Values points(count);
   for (Index i = 0; i < count; ++i) {
     points[i] = std::polar(radius, std::numbers::pi * (i + 0.5) / static_cast<double>(half));
   }
   const Values rest = points * pipedyn::log_derivatives(*of_, u, points, roots);
-  return widest > 1.05 && std::abs(rest.real().mean()) < 0.05;
+  const auto sum = [&](const Values& powers) {
+    const Complex mean = powers.mean();
+    return paired ? Complex(mean.real()) : mean;
+  };
+  const double number = sum(rest).real();
+  const long missing = std::lround(number);
+  if (!(std::abs(number - static_cast<double>(missing)) < 0.05)) return {};
+  if (missing == 0) return Approximations{};
+  const Complex first = sum(points * rest);
+  if (missing == 1) return Approximations{{first, true}};
+  if (missing != 2) return {};
+  const Complex middle = 0.5 * first, square = 0.5 * sum(points.square() * rest) - middle * middle;
+  const Complex off = std::sqrt(square);
+  if (paired && square.real() < 0.0) return Approximations{{middle + off}};
+  return Approximations{{middle + off, true}, {middle - off, true}};
 }
 
 std::optional<Pairs> Structured::from(Approximations roots, double u, Index count, bool vectors,
-                                         int most) {
-  if (!correct(*of_, u, roots, most)) return std::nullopt;
-  separate(*of_, u, is_squared(u), roots);
-  sort_by_size(roots);
+                                      int most) {
   std::size_t next = 0;
-  Approximations lowest;
-  lowest.reserve(roots.size());
-  while (next < roots.size() && roots_in(lowest) < count) lowest.push_back(roots[next++]);
-  if (roots_in(lowest) < count) return std::nullopt;
-  const bool all = roots_in(roots) >= 2 * traits.dof;
-  if (!(all ? has_all(*of_, u, roots) : has_all_within(u, roots, next))) return std::nullopt;
+  for (int tries = 0;; ++tries) {
+    if (!correct(*of_, u, roots, most)) return std::nullopt;
+    separate(*of_, u, is_squared(u), roots);
+    sort_by_size(roots);
+    next = 0;
+    for (Index number = 0; number < count; ++next) {
+      if (next == roots.size()) return std::nullopt;
+      number += roots[next].alone ? 1 : 2;
+    }
+    if (roots_in(roots) >= 2 * traits.dof) {
+      if (!has_all(*of_, u, roots)) return std::nullopt;
+      break;
+    }
+    const std::optional<Approximations> missing = missing_within(u, roots, next);
+    if (!missing || (tries == most_missing && !missing->empty())) return std::nullopt;
+    if (missing->empty()) break;
+    for (Approximation& one : roots) one.settled = one.settled || one.value == 0.0;
+    roots.insert(roots.end(), missing->begin(), missing->end());
+  }
   // With those of equal |lambda| as the last, which rounding may have sorted otherwise.
-  const double size = magnitude(lowest.back().value) * (1.0 + 1e-6);
-  while (next < roots.size() && magnitude(roots[next].value) <= size)
-    lowest.push_back(roots[next++]);
-  const Pairs known = polished(u, lowest, vectors);
-  auto found = with_conjugates(known, lowest, count, !traits.lossy());
+  const double size = magnitude(roots[next - 1].value) * (1.0 + 1e-6);
+  while (next < roots.size() && magnitude(roots[next].value) <= size) ++next;
+  const Pairs known = polished(u, roots, vectors);
+  std::vector<Index> which(next);
+  std::iota(which.begin(), which.end(), 0);
+  const Approximations lowest(roots.begin(), roots.begin() + static_cast<std::ptrdiff_t>(next));
+  auto found = with_conjugates(known.take(which), lowest, count, !traits.lossy());
   if (found) {
-    for (std::size_t i = 0; i < lowest.size(); ++i) {
+    for (std::size_t i = 0; i < roots.size(); ++i) {
       const Complex slope = known.slopes[i];
       roots[i].slope = roots[i].value == 0.0 || !std::isfinite(std::norm(slope)) ? 0.0 : slope;
     }
-    for (std::size_t i = lowest.size(); i < roots.size(); ++i) roots[i].slope = 0.0;
     if (!traits.lossy()) join_conjugates(roots);
     for (Approximation& one : roots) one.settled = one.value == 0.0;
     if (known_.size() == most_known) known_.erase(known_.begin());
@@ -214,6 +248,8 @@ Approximations Structured::dense_starts(double u) {
 
 std::optional<Pairs> Structured::by_recursion(double u, Index count, bool vectors) {
   const Index n = of_->size(), zeros = roots_at_zero(u);
+  const bool every = count >= 2 * traits.dof;
+  const Index beyond = 6 + 2 * of_->held();  // roots more than are asked for
   const auto near = std::min_element(
       known_.begin(), known_.end(),
       [u](const Known& a, const Known& b) { return std::abs(u - a.u) < std::abs(u - b.u); });
@@ -233,12 +269,16 @@ std::optional<Pairs> Structured::by_recursion(double u, Index count, bool vector
     Approximations starts;
     if (own) {
       starts = dense_starts(u);
-      put_zeros(starts, zeros);
-      add_stiff(*of_, traits.dof, u, starts);
     } else {
       starts = dense_roots(*of_->coarser(size), u, is_squared(u));
-      while (roots_in(starts) > count + 6 + 2 * of_->held()) starts.pop_back();
-      put_zeros(starts, zeros);
+    }
+    if (!every) {
+      while (roots_in(starts) > count + beyond) starts.pop_back();
+    }
+    put_zeros(starts, zeros);
+    if (own && every) {
+      add_stiff(*of_, traits.dof, u, starts);
+    } else if (!own) {
       for (Index finer = refinement * size; refinement * finer < 2 * n; finer *= refinement) {
         correct(*of_->coarser(finer), u, starts);
       }
@@ -373,7 +413,7 @@ namespace {
 /// one lies too near the circle.
 std::optional<int> zeros_within(const Determinant& of, double low, double high) {
   const double centre = 0.5 * (low + high), radius = 0.5 * (high - low);
-  for (Index points = arc_points; points <= 16 * arc_points; points *= 2) {
+  for (Index points = 8; points <= 128; points *= 2) {
     Values arms(points);
     for (Index i = 0; i < points; ++i) {
       arms[i] = std::polar(radius, std::numbers::pi * (i + 0.5) / static_cast<double>(points));

@@ -67,7 +67,8 @@ class Structured : public Eigenproblem {
   double determinant(double u) const;
   void add_divergences(double low, double high, std::vector<Divergence>& found) const;
   Divergence divergence_at(double u) const;
-  bool has_all_within(double u, const Approximations& roots, std::size_t least) const;
+  std::optional<Approximations> missing_within(double u, const Approximations& roots,
+                                               std::size_t least) const;
 };
 
 }  // namespace pipedyn

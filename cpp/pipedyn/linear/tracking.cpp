@@ -398,7 +398,7 @@ bool tell_apart(const Tracking& tracking, Step& step) {
     return i;
   };
   const auto join = [&](Index i, Index k) {
-    const auto [low, high] = std::minmax(first_of(i), first_of(k));
+    const auto [low, high] = std::minmax({first_of(i), first_of(k)});
     group[high] = low;
   };
   std::set<Index> members;

@@ -89,9 +89,9 @@ std::optional<AxisCrossing> Truncated::of_larger(const AxisCrossing& crossing, d
 
 /// Of the lowest roots those that rounding does not hide.
 int Truncated::unstable(double u, Index resolved) {
-  constexpr Index beyond = 4;  // by which a next one is known
+  constexpr Index beyond = 8;  // roots by which a next one is known
   const Index count = 2 * resolved;
-  more_->assume(u, fewer_->sample(u, count + 2 * beyond).values);
+  more_->assume(u, fewer_->sample(u, count + beyond).values);
   const Sample at = more_->sample(u, count);
   int number = 0;
   for (Index i = more_->standing(); i < at.size(); ++i) {

@@ -479,7 +479,7 @@ class _Search:
         model.require_equilibrium(0.0, max_speed)
         self.model, self.problem = model, eigenproblem(model)
         self.max_speed, self.until_unstable = max_speed, until_unstable
-        self.resolved = self.shown = resolved(self.problem) if continuous else None
+        self.resolved = resolved(self.problem) if continuous else None
         self.swept: _core.Sweep | None = None
         self.spectrum: _core.Spectrum = self.problem.spectrum()
         self.tracked, self.count = self.problem.dof, 2 * self.problem.dof
@@ -556,9 +556,9 @@ class _Search:
         end, found = self.max_speed, self.swept.crossings
         if self.until_unstable and found and found[-1].change > 0:
             end = min(end, found[-1].speed * (1.0 + BESIDE))
-        assert self.shown is not None
-        swept = self.spectrum.of_larger(self.swept, end, self.shown)
-        return None if swept is None else crossings_of(self.larger, swept, 2 * self.shown)
+        assert self.resolved is not None
+        swept = self.spectrum.of_larger(self.swept, end, self.resolved)
+        return None if swept is None else crossings_of(self.larger, swept, 2 * self.resolved)
 
 
 def _swept(searches: Sequence[_Search]) -> None:
