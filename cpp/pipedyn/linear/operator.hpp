@@ -83,6 +83,7 @@ class DenseOperator {
   const Matrix& velocity() const { return matrices_[1]; }
   const Matrix& velocity_rate() const { return matrices_[3]; }  // dC/du
   const Matrix& stiffness() const { return matrices_[2]; }
+  const Matrix& loss() const { return matrices_[5]; }
   const Matrix& stiffness_rate() const { return matrices_[4]; }  // dK/du
   /// lambda^2 M + lambda C + K of other real matrices, by the same routines.
   DenseOperator with(Matrix mass, Matrix velocity, Matrix stiffness) const {

@@ -179,7 +179,7 @@ std::optional<Approximations> Structured::missing_within(double u, const Approxi
   };
   const double number = sum(rest).real();
   const long missing = std::lround(number);
-  if (!(std::abs(number - static_cast<double>(missing)) < 0.05)) return {};
+  if (!(std::abs(number - static_cast<double>(missing)) < (missing == 0 ? 0.05 : 0.2))) return {};
   if (missing == 0) return Approximations{};
   const Complex first = sum(points * rest);
   if (missing == 1) return Approximations{{first, true}};
@@ -241,7 +241,8 @@ void Structured::share(const Spectrum& other) {
 
 Approximations Structured::dense_starts(double u) {
   if (u == 0.0 && !starts_at_rest_.empty()) return starts_at_rest_;
-  const Approximations found = dense_roots(*of_, u, is_squared(u));
+  const Approximations found =
+      u == 0.0 ? modal_roots(*of_, traits.loss) : dense_roots(*of_, u, is_squared(u));
   if (u == 0.0) starts_at_rest_ = found;
   return found;
 }
@@ -270,7 +271,8 @@ std::optional<Pairs> Structured::by_recursion(double u, Index count, bool vector
     if (own) {
       starts = dense_starts(u);
     } else {
-      starts = dense_roots(*of_->coarser(size), u, is_squared(u));
+      const auto coarse = of_->coarser(size);
+      starts = u == 0.0 ? modal_roots(*coarse, traits.loss) : dense_roots(*coarse, u, is_squared(u));
     }
     if (!every) {
       while (roots_in(starts) > count + beyond) starts.pop_back();
