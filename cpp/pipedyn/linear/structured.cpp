@@ -150,19 +150,20 @@ Pairs Structured::polished(double u, const Approximations& roots, bool vectors) 
 
 /// Roots that are missing among those given within a circle about the least of them, none of them if
 /// these are all; nothing where that does not show. The circle, of which the upper half shows what
-/// the lower does if roots are paired, passes where the gap is widest. About it the mean of
+/// the lower does if roots are paired, passes through the first wide gap. About it the mean of
 /// lambda^(k+1) times what known roots leave of the log-derivative is the sum of the missing ones'
 /// k-th powers.
 std::optional<Approximations> Structured::missing_within(double u, const Approximations& roots,
                                                          std::size_t least) const {
+  const auto size = [&](std::size_t k) { return magnitude(roots[k].value); };
   double widest = 1.0, radius = 0.0;
   for (std::size_t k = least; k < roots.size(); ++k) {
-    const double inner = std::abs(roots[k - 1].value), outer = std::abs(roots[k].value);
-    if (!(outer > widest * inner)) continue;
-    widest = outer / inner;
-    radius = std::sqrt(inner * outer);
+    widest = std::max(widest, size(k) / size(k - 1));
   }
   if (!(widest > 1.05)) return {};
+  for (std::size_t k = least; radius == 0.0; ++k) {
+    if (size(k) / size(k - 1) > 0.5 * (1.0 + widest)) radius = std::sqrt(size(k) * size(k - 1));
+  }
   const double apart = std::log(magnitude(roots.back().value) / radius);
   const bool paired = !traits.lossy();
   const Index half = static_cast<Index>(
@@ -194,7 +195,7 @@ std::optional<Pairs> Structured::from(Approximations roots, double u, Index coun
                                       int most) {
   std::size_t next = 0;
   for (int tries = 0;; ++tries) {
-    if (!correct(*of_, u, roots, most)) return std::nullopt;
+    if (!correct(*of_, u, roots, tries == 0 ? most : most_corrections)) return std::nullopt;
     separate(*of_, u, is_squared(u), roots);
     sort_by_size(roots);
     next = 0;
