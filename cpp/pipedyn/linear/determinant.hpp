@@ -43,6 +43,9 @@ class Determinant {
   /// The matrices in elastic coordinates. stiffness_size: of K at rest.
   virtual Pencil matrices(double stiffness_size) const = 0;
   virtual bool has_loss() const = 0;
+  /// Whether elimination pivots, so that vectors are as good where a part of the pipe is singular
+  /// by itself.
+  virtual bool is_pivoted() const = 0;
   /// Whether roots may be zero because nothing holds a joint or the root.
   virtual bool turns_freely() const = 0;
   /// Whether at rest it is the same as another, to the bit.
@@ -81,6 +84,7 @@ class ChainDeterminant : public Determinant {
   Values log_derivatives(double u, const Values& at, const Values& known) const override;
   Pairs pairs(double u, const Values& values, bool vectors, bool own, bool loaded) const override;
   Pencil matrices(double stiffness_size) const override;
+  bool is_pivoted() const override { return false; }
   bool has_loss() const override { return chain_->pipe().hysteresis > 0.0; }
   bool turns_freely() const override { return chain_->springs().minCoeff() <= 0.0; }
   bool is_same_at_rest(const Determinant& other) const override;
@@ -117,6 +121,7 @@ class PanelDeterminant : public Determinant {
   Values log_derivatives(double u, const Values& at, const Values& known) const override;
   Pairs pairs(double u, const Values& values, bool vectors, bool own, bool loaded) const override;
   Pencil matrices(double stiffness_size) const override;
+  bool is_pivoted() const override { return true; }
   bool has_loss() const override { return pencil_->pipe().hysteresis > 0.0; }
   bool turns_freely() const override { return pencil_->pipe().root == 0.0; }
   bool is_same_at_rest(const Determinant&) const override { return false; }

@@ -497,16 +497,18 @@ Divergence Structured::divergence_at(double u) const {
     if (!(found.residual[0] <= small_residual)) found = at(u, Values::Zero(1), true);
     pair = found.pair(0);
     pair.uncertain *= std::abs(pair.by_value);
-    // Where the part beyond a joint is singular by itself, as half of a guided pipe is, rounding
-    // scales the parts of a vector apart: so it is the mean of those closely beside.
-    const double apart = 1e-6 * (1.0 + u);
-    const Pairs below = at(u - apart, Values::Zero(1), true);
-    const Pairs above = at(u + apart, Values::Zero(1), true);
-    const auto mean = [](const ComplexTable& a, const ComplexTable& b) -> ComplexVector {
-      return (a.col(0) + std::copysign(1.0, a.col(0).dot(b.col(0)).real()) * b.col(0)).normalized();
-    };
-    pair.right = mean(below.right, above.right);
-    pair.left = mean(below.left, above.left);
+    if (!of_->is_pivoted()) {
+      // Where the part beyond a joint is singular by itself, as half of a guided pipe is, rounding
+      // scales the parts of a vector apart: so it is the mean of those closely beside.
+      const double apart = 1e-6 * (1.0 + u);
+      const Pairs below = at(u - apart, Values::Zero(1), true);
+      const Pairs above = at(u + apart, Values::Zero(1), true);
+      const auto mean = [](const ComplexTable& a, const ComplexTable& b) -> ComplexVector {
+        return (a.col(0) + std::copysign(1.0, a.col(0).dot(b.col(0)).real()) * b.col(0)).normalized();
+      };
+      pair.right = mean(below.right, above.right);
+      pair.left = mean(below.left, above.left);
+    }
     const Forms of = *forms(pair);
     pair.by_value = u * of.velocity + of.damping;
     pair.slope = 2.0 * of_->thrust() * u * of.flux;

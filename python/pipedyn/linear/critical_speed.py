@@ -505,9 +505,13 @@ class _Search:
             self._track(before, beyond=1)
 
     def _track_reached(self, resolved: int) -> None:
-        """Of a continuous pipe, tracks a few more modes than the flow reaches, if these oscillate."""
-        modes = min(resolved, math.ceil(_modes_reached(self.max_speed, self.model.pipe)) + 4)
-        if self.model.pipe.damping * (math.pi * (modes + 4)) ** 2 <= 0.9:
+        """Of a continuous pipe, tracks a few more modes than the flow reaches, if these oscillate.
+
+        Of an aspirating pipe any mode may lose stability.
+        """
+        pipe = self.model.pipe
+        modes = min(resolved, math.ceil(_modes_reached(self.max_speed, pipe)) + 4)
+        if pipe.flow == "ejecting" and pipe.damping * (math.pi * (modes + 4)) ** 2 <= 0.9:
             self.resolved = self.tracked = modes
             self.count = min(2 * (modes + 4), self.count)
 
