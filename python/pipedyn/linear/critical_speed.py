@@ -561,8 +561,10 @@ class _Search:
         if self.until_unstable and found and found[-1].change > 0:
             end = min(end, found[-1].speed * (1.0 + BESIDE))
         assert self.resolved is not None
-        swept = self.spectrum.of_larger(self.swept, end, self.resolved)
-        return None if swept is None else crossings_of(self.larger, swept, 2 * self.resolved)
+        # Where all that are resolved are tracked, the larger model resolves more.
+        modes = self.resolved if self.count < 2 * self.problem.dof else resolved(self.larger)
+        swept = self.spectrum.of_larger(self.swept, end, modes)
+        return None if swept is None else crossings_of(self.larger, swept, 2 * modes)
 
 
 def _swept(searches: Sequence[_Search]) -> None:
