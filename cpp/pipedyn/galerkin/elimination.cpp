@@ -73,10 +73,10 @@ inline Bits equal(const Pack& a, double b) {
 #endif
 }
 
-/// a, or something small where it is 0.
+/// a, or something small, of which the square is a number, where it is 0.
 inline Lanes not_zero(Lanes a) {
   const Pack size = size_of(a);
-  a.re = size > 0.0 ? a.re : all<Pack>(1e-300);
+  a.re = size > 0.0 ? a.re : all<Pack>(1e-150);
   return a;
 }
 
