@@ -21,7 +21,7 @@ from scipy.optimize import brentq
 import pipedyn as pp
 from pipedyn import _core
 from pipedyn.linear.eigenproblem import eigenproblem
-from pipedyn.models.galerkin import enriched, shared_functions
+from pipedyn.models.galerkin import enriched
 
 
 @cache
@@ -300,8 +300,7 @@ def searched(model, max_speed, larger=None):
     spectrum, resolved = problem.spectrum(), (3 * model.dof) // 5
     if larger is not None:
         others = eigenproblem(larger).spectrum()
-        shared = shared_functions(model, larger)
-        spectrum = _core.Truncated(spectrum, others, shared, resolved)
+        spectrum = _core.Truncated(spectrum, others, resolved)
     size = model.dof
     asked = _core.Range(max_speed, 1.0, 2 * size, size, resolved, model.resolved_modes, False)
     (sweep,) = _core.crossings([spectrum], [asked], lambda _: None)

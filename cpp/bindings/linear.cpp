@@ -14,11 +14,10 @@
 #include "arguments.hpp"
 #include "pipedyn/galerkin/galerkin.hpp"
 #include "pipedyn/galerkin/panel_pencil.hpp"
-#include "pipedyn/vector/levels.hpp"
-#include "pipedyn/linear/structured.hpp"
 #include "pipedyn/linear/crossings.hpp"
 #include "pipedyn/linear/eigenproblem.hpp"
 #include "pipedyn/linear/neutral.hpp"
+#include "pipedyn/linear/structured.hpp"
 #include "pipedyn/linear/tracking.hpp"
 #include "pipedyn/linear/truncated.hpp"
 
@@ -241,7 +240,7 @@ void define_linear(py::module_& m) {
       },
       "spectra"_a, "ranges"_a, "factorised"_a);
 
-  py::class_<PanelPencil>(m, "PanelPencil")
+  py::class_<PanelPencil, std::shared_ptr<PanelPencil>>(m, "PanelPencil")
       .def(py::init([](const Galerkin& model) {
              return std::make_unique<PanelPencil>(model.pipe(), model.basis());
            }),
@@ -260,29 +259,6 @@ void define_linear(py::module_& m) {
           "x"_a, "mass"_a = 0.0, "velocity"_a = 0.0, "damping"_a = 0.0, "stiffness"_a = 0.0,
           "flux"_a = 0.0, "gravity"_a = 0.0, "elastic"_a = 0.0, Unlocked())
       .def("held", &PanelPencil::held)
-      .def("time", [](const PanelPencil& pencil, double u, const Values& at, int n) {
-        Reals re = at.real(), im = at.imag(), out(2 * at.size());
-        const auto of = pencil.at(u);
-        const auto start = std::chrono::steady_clock::now();
-        for (int i = 0; i < n; ++i) {
-        motion_kernel().elimination->log_derivative(of.model, {u, at.size(), re.data(), im.data()},
-                                                    out.data(), nullptr);
-        }
-        return std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count() / n;
-      })
-      .def("time_pairs", [](const PanelPencil& pencil, double u, const Values& at, int k) {
-        const auto of = pencil.at(u);
-        const Index n = at.size();
-        Reals re = at.real(), im = at.imag();
-        Eigen::ArrayXXd out(n, 11);
-        const auto part = [&](Index k) { return out.col(k).data(); };
-        const auto start = std::chrono::steady_clock::now();
-        for (int i = 0; i < k; ++i) {
-        motion_kernel().elimination->pairs(of.model, {u, n, re.data(), im.data()},
-           {part(0), part(2), part(4), nullptr, part(8), part(9), part(10), nullptr, nullptr, false});
-        }
-        return std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count() / k;
-      })
       .def(
           "on_panels",
           [](const PanelPencil& pencil, const Matrix& q) { return pencil.basis().on_panels(q); },
@@ -329,7 +305,7 @@ void define_linear(py::module_& m) {
       .def(py::init<Matrix>(), "columns"_a)
       .def("spread", &Complement::spread, "z"_a)
       .def("gathered", py::overload_cast<Matrix>(&Complement::gathered, py::const_), "x"_a);
-  // Chain, complement and pencil are kept by the spectrum as long as it lives.
+  // Chain and complement are kept by the spectrum as long as it lives.
   py::class_<Structured, Eigenproblem, std::shared_ptr<Structured>>(m, "Structured")
       .def(py::init([](const Traits& traits, const Chain& chain, const Complement& complement,
                        const Vector& scale, double size) {
@@ -339,16 +315,18 @@ void define_linear(py::module_& m) {
            }),
            "traits"_a, "chain"_a, "complement"_a, "scale"_a, "size"_a, py::keep_alive<1, 3>(),
            py::keep_alive<1, 4>())
-      .def(py::init([](const Traits& traits, const PanelPencil& pencil, Matrix spread,
+      .def(py::init([](const Traits& traits, std::shared_ptr<PanelPencil> pencil, Matrix spread,
                        Matrix gathered, double size) {
              const auto of = std::make_shared<const PanelDeterminant>(
-                 kept_elsewhere(pencil), scipy_lapack(), std::move(spread), std::move(gathered));
+                 std::move(pencil), scipy_lapack(), std::move(spread), std::move(gathered));
              return std::make_shared<Structured>(traits, of, size);
            }),
-           "traits"_a, "pencil"_a, "spread"_a, "gathered"_a, "size"_a, py::keep_alive<1, 3>())
+           "traits"_a, "pencil"_a, "spread"_a, "gathered"_a, "size"_a)
       .def(
           "log_derivatives",
-          [](const Structured& of, double u, const Values& at) { return of.log_derivatives(u, at); },
+          [](const Structured& of, double u, const Values& at) {
+            return of.log_derivatives(u, at);
+          },
           "u"_a, "values"_a);
   py::class_<Truncated, Spectrum, std::shared_ptr<Truncated>>(m, "Truncated")
       .def(py::init<std::shared_ptr<Structured>, std::shared_ptr<Structured>, Index>(), "fewer"_a,

@@ -179,8 +179,8 @@ struct Elimination {
   template <bool transposed>
   Number at(const EliminationPanel& panel, Count i, Count j) const {
     const Count row = transposed ? j : i, column = transposed ? i : j;
-    return entry<Number>(
-        panel.entries[row * (2 * model.band + 1) + column - row + model.band], lambda);
+    return entry<Number>(panel.entries[row * (2 * model.band + 1) + column - row + model.band],
+                         lambda);
   }
 
   /// Beyond the free end nothing resists.
@@ -363,14 +363,14 @@ void log_derivative(const EliminationModel& model, const Points& points, double*
     DualLanes *window, *table;
   };
   const auto [window, table] = laid_out([&](Layout& layout) {
-    return Scratch{
-        layout.take<DualLanes>((model.band + 2) * (2 * model.band + 1)),
-        layout.take<DualLanes>(table_rows(model.band) * table_columns(model.band))};
+    return Scratch{layout.take<DualLanes>((model.band + 2) * (2 * model.band + 1)),
+                   layout.take<DualLanes>(table_rows(model.band) * table_columns(model.band))};
   });
   for (Count first = 0; first < points.count; first += width) {
     Product product;
     Elimination<DualLanes> elimination{
-        model, taken(points, first), {{}, signs != nullptr ? &product : nullptr}, window, table, {}};
+        model, taken(points, first), {{}, signs != nullptr ? &product : nullptr}, window, table,
+        {}};
     elimination.start();
     const auto keep = [](Count, const DualLanes*) {};
     for (Count p = model.count - 1; p >= 0; --p) {
@@ -530,8 +530,7 @@ void pairs(const EliminationModel& model, const Points& points, const PairsAsked
     made.left = layout.take<Lanes>(numbers);
     return made;
   });
-  Lanes *windows = scratch.windows, *tables = scratch.tables, *x = scratch.right,
-        *y = scratch.left;
+  Lanes *windows = scratch.windows, *tables = scratch.tables, *x = scratch.right, *y = scratch.left;
   for (Count p = 0; p < model.count; ++p) {
     const Count size = model.panels[p].size;
     scratch.of.pivots[p] = {windows, tables};
@@ -550,8 +549,10 @@ void pairs(const EliminationModel& model, const Points& points, const PairsAsked
     Forms sum;
     Count coordinate = 0;
     const auto coordinates = [&](const Lanes& right, const Lanes& left, double scale) {
-      if (out.right != nullptr) put(out.right + 2 * coordinate * points.count, points, first, scale * right);
-      if (out.left != nullptr) put(out.left + 2 * coordinate * points.count, points, first, scale * left);
+      if (out.right != nullptr)
+        put(out.right + 2 * coordinate * points.count, points, first, scale * right);
+      if (out.left != nullptr)
+        put(out.left + 2 * coordinate * points.count, points, first, scale * left);
       ++coordinate;
     };
     if (model.turns) {
@@ -593,8 +594,8 @@ void pairs(const EliminationModel& model, const Points& points, const PairsAsked
         if (own) sum.by_right += weight * (conjugate(right.amplitudes[i]) * rate);
         if (i < moving) {
           rest += end_shape[i] * right.force + end_slope[i] * right.moment;
-          entries += std::fabs(end_shape[i]) * size_of(right.force) +
-                     end_slope[i] * size_of(right.moment);
+          entries +=
+              std::fabs(end_shape[i]) * size_of(right.force) + end_slope[i] * size_of(right.moment);
         }
         // The first two give what the panel resists by at its start, which the next row takes.
         if (i < 2) {
@@ -625,15 +626,15 @@ void pairs(const EliminationModel& model, const Points& points, const PairsAsked
         for (Count c = 0; c < 2; ++c) {
           const PencilEntry& of = panel.station[i][c];
           sum.add(of, weight, lambda, dual[i], end[c], own, end[i]);
-          sum.entries += weight * (size_of(entry<Lanes>(of, lambda)) *
-                                   (size_of(dual[i]) * size_of(end[c])));
+          sum.entries +=
+              weight * (size_of(entry<Lanes>(of, lambda)) * (size_of(dual[i]) * size_of(end[c])));
         }
       }
       const Lanes* const forces[2] = {&right.force, &right.moment};
       const Lanes* const others[2] = {&left.force, &left.moment};
       for (Count c = 0; c < 2; ++c) {
-        sum.sums += weight * (size_of(*others[c]) * end_sizes[c] +
-                              size_of(*forces[c]) * dual_sizes[c]);
+        sum.sums +=
+            weight * (size_of(*others[c]) * end_sizes[c] + size_of(*forces[c]) * dual_sizes[c]);
       }
       if (p + 1 < model.count) continue;
       // At the end nothing but what acts there resists, or what holds it.

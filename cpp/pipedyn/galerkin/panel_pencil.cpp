@@ -301,8 +301,8 @@ Index PanelPencil::conditions() const {
 PanelPencil PanelPencil::coarser(Index size) const {
   const Vector& ends = basis_.ends();
   const Index least = ends.size() + 1;
-  return {pipe_, Basis(Family::legendre, std::max(size, least),
-                       ends.segment(1, ends.size() - 2), 0, pipe_)};
+  return {pipe_, Basis(Family::legendre, std::max(size, least), ends.segment(1, ends.size() - 2), 0,
+                       pipe_)};
 }
 
 template <class Entry>
@@ -327,7 +327,7 @@ PanelPencil::At PanelPencil::made(const Entry& entry) const {
     found.panels.push_back(made);
     next += own;
   }
-  found.model = {found.panels.data(), static_cast<Index>(panels_.size()), band_, size_, turns_,
+  found.model = {found.panels.data(),      static_cast<Index>(panels_.size()), band_, size_, turns_,
                  turns_ ? pipe_.root : 0.0};
   return found;
 }
@@ -346,8 +346,12 @@ PanelPencil::At PanelPencil::at(double u) const {
 
 PanelPencil::At PanelPencil::still() const {
   return made([&](const auto& of) -> PencilEntry {
-    return {of(elastic) + pipe_.gamma * of(gravity) + of(rest), 0.0,
-            pipe_.centrifugal * of(flux), 0.0, 0.0, 0.0};
+    return {of(elastic) + pipe_.gamma * of(gravity) + of(rest),
+            0.0,
+            pipe_.centrifugal * of(flux),
+            0.0,
+            0.0,
+            0.0};
   });
 }
 

@@ -65,7 +65,7 @@ class PanelPencil {
   enum Part { mass, velocity, flux, gravity, elastic, rest, resistance, parts };
   struct Panel {
     double length;
-    Index size;  // functions with the two rigid ones
+    Index size;                        // functions with the two rigid ones
     std::vector<double> bands[parts];  // (size, 2 band + 1) each
     double station[parts][2][2];
     bool held, directed;

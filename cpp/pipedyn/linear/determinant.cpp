@@ -61,9 +61,9 @@ Pairs pairs_by(const Evaluate& evaluate, const Elastic& elastic, double u, const
   evaluate(Points{u, count, parts.data(), parts.data() + count},
            PairsAsked{part(0), part(2), part(4), own ? part(6) : nullptr, part(8), part(9),
                       part(10), right, vectors ? left : nullptr, loaded});
-  Pairs found{values,       ComplexTable(n, count), ComplexTable(n, count), Reals(count),
-              Reals(count), Values(count),          Values(count),          Values(count),
-              Values(count)};
+  Pairs found{values,        ComplexTable(n, count), ComplexTable(n, count),
+              Reals(count),  Reals(count),           Values(count),
+              Values(count), Values(count),          Values(count)};
   for (Index i = 0; i < count; ++i) {
     for (Index j = 0; j < n; ++j) {
       const double *const x = right + 2 * j * count + i, *const y = left + 2 * j * count + i;
@@ -229,8 +229,8 @@ Pencil ChainDeterminant::matrices(double stiffness_size) const {
                                std::move(ops.flux)};
   if (has_loss()) {
     const Matrix columns = scale_.asDiagonal();
-    made[5] = chain_->pipe().hysteresis *
-              (columns * chain_->joint_times(columns, {.by_damping = 1.0}));
+    made[5] =
+        chain_->pipe().hysteresis * (columns * chain_->joint_times(columns, {.by_damping = 1.0}));
   }
   std::array<double, 6> lost{};
   for (std::size_t k = 0; held() > 0 && k < made.size(); ++k) {
@@ -306,8 +306,7 @@ std::unique_ptr<Determinant> PanelDeterminant::coarser(Index size) const {
   const Complement free(coarse->held().transpose());
   const Index dof = free.dof();
   const Matrix spread = free.spread(Matrix::Identity(dof, dof));
-  return std::make_unique<PanelDeterminant>(std::move(coarse), lapack, spread,
-                                            spread.transpose());
+  return std::make_unique<PanelDeterminant>(std::move(coarse), lapack, spread, spread.transpose());
 }
 
 const PanelPencil::At& PanelDeterminant::at(double u) const {
@@ -345,16 +344,16 @@ Pencil PanelDeterminant::matrices(double stiffness_size) const {
   const auto part = [&](const PencilShares& of) -> Matrix {
     return spread_.transpose() * pencil_->times(spread_, of);
   };
-  DenseOperator::Matrices made{part({.mass = 1.0}), part({.velocity = 1.0}),
-                               part({.damping = 1.0}), part({.stiffness = 1.0}),
-                               part({.flux = 1.0})};
+  DenseOperator::Matrices made{part({.mass = 1.0}), part({.velocity = 1.0}), part({.damping = 1.0}),
+                               part({.stiffness = 1.0}), part({.flux = 1.0})};
   if (has_loss()) made[5] = pencil_->pipe().hysteresis * part({.elastic = 1.0});
   std::array<double, 6> lost{};
   for (std::size_t k = 0; held() > 0 && k < made.size(); ++k) {
     lost[k] = 4.0 * eps * static_cast<double>(held()) * made[k].norm();
   }
-  return {lapack, std::move(made), thrust(), stiffness_size, lost,
-          static_cast<double>(spread_.cols() + 2) * eps};
+  return {lapack,   std::move(made),
+          thrust(), stiffness_size,
+          lost,     static_cast<double>(spread_.cols() + 2) * eps};
 }
 
 Forms PanelDeterminant::forms(const Pair& pair) const {

@@ -87,7 +87,8 @@ std::optional<Pairs> with_conjugates(const Pairs& found, const Approximations& r
 
 Structured::Structured(const Traits& traits, std::shared_ptr<const Determinant> of,
                        double stiffness_size)
-    : Eigenproblem(traits, [of, stiffness_size](double u) { return of->matrices(stiffness_size)(u); }),
+    : Eigenproblem(traits,
+                   [of, stiffness_size](double u) { return of->matrices(stiffness_size)(u); }),
       of_(std::move(of)),
       zeros_at_rest_(pipedyn::roots_at_zero(*of_, 0.0)),
       zeros_in_flow_(pipedyn::roots_at_zero(*of_, shifts[0])) {}
@@ -148,9 +149,9 @@ Pairs Structured::polished(double u, const Approximations& roots, bool vectors) 
   return found;
 }
 
-/// Roots that are missing among those given within a circle about the least of them, none of them if
-/// these are all; nothing where that does not show. The circle, of which the upper half shows what
-/// the lower does if roots are paired, passes through the first wide gap. About it the mean of
+/// Roots that are missing among those given within a circle about the least of them, none of them
+/// if these are all; nothing where that does not show. The circle, of which the upper half shows
+/// what the lower does if roots are paired, passes through the first wide gap. About it the mean of
 /// lambda^(k+1) times what known roots leave of the log-derivative is the sum of the missing ones'
 /// k-th powers.
 std::optional<Approximations> Structured::missing_within(double u, const Approximations& roots,
@@ -273,7 +274,8 @@ std::optional<Pairs> Structured::by_recursion(double u, Index count, bool vector
       starts = dense_starts(u);
     } else {
       const auto coarse = of_->coarser(size);
-      starts = u == 0.0 ? modal_roots(*coarse, traits.loss) : dense_roots(*coarse, u, is_squared(u));
+      starts =
+          u == 0.0 ? modal_roots(*coarse, traits.loss) : dense_roots(*coarse, u, is_squared(u));
     }
     if (!every) {
       while (roots_in(starts) > count + beyond) starts.pop_back();
@@ -504,7 +506,8 @@ Divergence Structured::divergence_at(double u) const {
       const Pairs below = at(u - apart, Values::Zero(1), true);
       const Pairs above = at(u + apart, Values::Zero(1), true);
       const auto mean = [](const ComplexTable& a, const ComplexTable& b) -> ComplexVector {
-        return (a.col(0) + std::copysign(1.0, a.col(0).dot(b.col(0)).real()) * b.col(0)).normalized();
+        return (a.col(0) + std::copysign(1.0, a.col(0).dot(b.col(0)).real()) * b.col(0))
+            .normalized();
       };
       pair.right = mean(below.right, above.right);
       pair.left = mean(below.left, above.left);

@@ -3,8 +3,8 @@
 // Roots of a determinant that is eliminated along the pipe (determinant.hpp), O(dof) for one of
 // them.
 //
-// Starts are LAPACK's roots, or for few of a long chain or a large basis those of a coarser one; beside
-// speeds whose roots are known, cubics through these. All are corrected at once by the
+// Starts are LAPACK's roots, or for few of a long chain or a large basis those of a coarser one;
+// beside speeds whose roots are known, cubics through these. All are corrected at once by the
 // method of Ehrlich and Aberth, Newton's on what the others leave of the determinant,
 //   1 / (d log det P / dlambda - sum_k 1 / (lambda - lambda_k)),
 // so that no two end on one root. That none is missing is checked by the same expression without

@@ -49,8 +49,8 @@ struct Step {
   Roots onto = {};                      // which root of the right sample continues it
   std::vector<double> error = {};       // how far its curve may be off
   std::vector<double> real_error = {};  // how far its real part, by the step before; 0 without one
-  Roots meets = {};          // the root that it meets on the real axis within the step, or -1
-  Values slopes = {};        // the left sample's; of roots that leave zero at rest, estimated
+  Roots meets = {};    // the root that it meets on the real axis within the step, or -1
+  Values slopes = {};  // the left sample's; of roots that leave zero at rest, estimated
   std::vector<std::pair<Index, Index>> close = {};  // roots whose curves cannot be told apart
   Flags aside = {};  // of roots that were followed by themselves, left of the imaginary axis
   bool unambiguous = false;  // for the roots tracked

@@ -6,10 +6,10 @@
 //
 //     d = -1 / (d log det P' / dlambda - sum_k 1 / (lambda - lambda_k)).
 //
-// Where Re d is small against Re lambda of every root looked at, at every sample, the larger model's
-// roots are on the same side of the axis, and between samples the search counts d as rounding. So
-// crossings of the one are those of the other, which Newton's method finds from them: no search of
-// the larger model is needed.
+// Where Re d is small against Re lambda of every root looked at, at every sample, the larger
+// model's roots are on the same side of the axis, and between samples the search counts d as
+// rounding. So crossings of the one are those of the other, which Newton's method finds from them:
+// no search of the larger model is needed.
 #pragma once
 
 #include <memory>
@@ -50,8 +50,8 @@ class Truncated : public Spectrum {
   void count() { factorised_ += fewer_->factorisations() + more_->factorisations(); }
 
   std::shared_ptr<Structured> fewer_, more_;
-  Index resolved_;     // roots
-  bool alike_ = true;  // whether all roots seen are on the same side in both
+  Index resolved_;                          // roots
+  bool alike_ = true;                       // whether all roots seen are on the same side in both
   std::optional<Divergences> divergences_;  // of the larger model, once they are asked for
 };
 

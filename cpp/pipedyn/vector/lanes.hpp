@@ -6,8 +6,8 @@
 // Local to each translation unit, like pack.hpp.
 #pragma once
 
-#include "pipedyn/vector/points.hpp"
 #include "pipedyn/vector/pack.hpp"
+#include "pipedyn/vector/points.hpp"
 
 namespace {
 

@@ -76,7 +76,7 @@ def eigenvalues(model: AnyModel, u: float, count: int | None = None) -> Complex:
             of which `converged` says which.
         ValueError, TypeError: for bad arguments.
 
-    Source: of chains, recursion along them, see `cpp/pipedyn/linear/chain_spectrum.hpp`; of others
+    Source: of chains, recursion along them, see `cpp/pipedyn/linear/structured.hpp`; of others
     the inverse problem, see `cpp/pipedyn/linear/operator.hpp`.
     """
     u, count = _checked_question(model, u, count)
