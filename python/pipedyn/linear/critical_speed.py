@@ -490,9 +490,10 @@ class _Search:
         on_axis = self.problem.is_conservative or self.problem.velocity_free(1.0)
         if larger is not None and not on_axis and isinstance(self.problem.pencil, PanelPencil):
             self.larger = eigenproblem(larger)
-            self.spectrum = _core.Truncated(
-                self.problem.spectrum(), self.larger.spectrum(), self._looked_at
-            )
+            fewer, more = self.problem.spectrum(), self.larger.spectrum()
+            assert isinstance(fewer, _core.Structured)
+            assert isinstance(more, _core.Structured)
+            self.spectrum = _core.Truncated(fewer, more, self._looked_at)
         if not self.problem.is_long or continuous:
             return
         self._track(_modes_within(max_speed, model.pipe))

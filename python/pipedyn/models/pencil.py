@@ -23,8 +23,8 @@ if TYPE_CHECKING:
     from pipedyn.models.base import Model
     from pipedyn.models.chain import Chain
     from pipedyn.models.galerkin import Galerkin
-    from pipedyn.util.check import Array
     from pipedyn.models.pipe import Pipe
+    from pipedyn.util.check import Array
 
 Vectors = NDArray[Any]
 
@@ -235,13 +235,14 @@ class PanelPencil(Pencil):
 
     def __init__(self, model: Galerkin) -> None:
         super().__init__(model)
+        self.panels = model
         self.core = _core.PanelPencil(model.core)
         self.end_moves = model.pipe.cantilevered and model.pipe.beta * model.pipe.inflow_share > 0.0
 
     @cached_property
     def spread(self) -> Array:
         """Slope at the root and curvatures by elastic coordinates, (core's, dof)."""
-        spread, scale = self.model._small
+        spread, scale = self.panels._small
         by = scale if spread is None else spread * scale if scale.ndim == 1 else spread @ scale
         return self.core.on_panels(np.diag(by) if by.ndim == 1 else by)
 
@@ -249,7 +250,7 @@ class PanelPencil(Pencil):
     def gathered(self) -> Array:
         """Elastic coordinates by slope at the root and curvatures, (dof, core's)."""
         if (self.model.elastic_share < 1.0).any():
-            return np.linalg.pinv(self.spread)
+            return np.asarray(np.linalg.pinv(self.spread), dtype=np.float64)
         return np.ascontiguousarray(self._elastic(self.spread).T)
 
     def _elastic(self, x: Array) -> Array:
@@ -263,7 +264,7 @@ class PanelPencil(Pencil):
         return _core.Structured(traits, self.core, self.spread, self.gathered, size)
 
     def with_pipe(self, pipe: Pipe) -> PanelPencil:
-        return PanelPencil(self.model.with_pipe(pipe))
+        return PanelPencil(self.panels.with_pipe(pipe))
 
     def mass(self, x: Vectors) -> Vectors:
         return self._times(x, mass=1.0)
