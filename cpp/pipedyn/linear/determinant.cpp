@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #include "pipedyn/linear/determinant.hpp"
 
+#include <Eigen/Eigenvalues>
 #include <cmath>
 #include <numbers>
 
@@ -288,7 +289,7 @@ std::pair<double, double> ChainDeterminant::still(double u) const {
   return {sign, logarithm};
 }
 
-std::optional<int> ChainDeterminant::negative_at_rest() const {
+int ChainDeterminant::negative_at_rest() const {
   int count = 0;
   still_pivots(chain_->impedance(), 0.0, [&](double pivot) { count += pivot < 0.0; });
   return count;
@@ -386,6 +387,14 @@ Values PanelDeterminant::still_slopes(const Values& u) const {
                motion_kernel().elimination->log_derivative(still_->model, points, out, nullptr);
              },
              0.0, u.square(), {});
+}
+
+int PanelDeterminant::negative_at_rest() const {
+  const Eigen::MatrixXd stiffness =
+      spread_.transpose() * pencil_->times(spread_, {.stiffness = 1.0});
+  const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> solver(stiffness, Eigen::EigenvaluesOnly);
+  const double least = 1e-12 * (1.0 + solver.eigenvalues().cwiseAbs().maxCoeff());
+  return static_cast<int>((solver.eigenvalues().array() < -least).count());
 }
 
 std::pair<double, double> PanelDeterminant::still(double u) const {

@@ -61,8 +61,8 @@ class Determinant {
   virtual Values still_slopes(const Values& u) const = 0;
   /// Sign of det P(beside_zero, u) and the logarithm of its size.
   virtual std::pair<double, double> still(double u) const = 0;
-  /// Negative eigenvalues of K at rest, where K is symmetric; none where elimination does not tell.
-  virtual std::optional<int> negative_at_rest() const = 0;
+  /// Number of negative eigenvalues of K at rest, where K is symmetric.
+  virtual int negative_at_rest() const = 0;
 
   const Lapack lapack;
 };
@@ -93,7 +93,7 @@ class ChainDeterminant : public Determinant {
   double thrust() const override { return chain_->impedance().thrust; }
   Values still_slopes(const Values& u) const override;
   std::pair<double, double> still(double u) const override;
-  std::optional<int> negative_at_rest() const override;
+  int negative_at_rest() const override;
 
  private:
   /// Joint angles of vectors in elastic coordinates.
@@ -130,7 +130,7 @@ class PanelDeterminant : public Determinant {
   double thrust() const override { return pencil_->pipe().centrifugal; }
   Values still_slopes(const Values& u) const override;
   std::pair<double, double> still(double u) const override;
-  std::optional<int> negative_at_rest() const override { return {}; }
+  int negative_at_rest() const override;
 
  private:
   const PanelPencil::At& at(double u) const;

@@ -469,7 +469,7 @@ void Structured::add_divergences(double low, double high, std::vector<Divergence
 Divergences Structured::divergences(double max_speed) {
   Divergences result;
   if (traits.conservative) {
-    result.negative_at_rest = of_->negative_at_rest().value_or(0);
+    result.negative_at_rest = of_->negative_at_rest();
   }
   ++factorised_;
   if (of_->thrust() != 0.0) {
