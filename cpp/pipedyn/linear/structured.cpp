@@ -26,6 +26,9 @@ constexpr double arc_points = 8.0, most_arc_points = 128.0, outside = 1e-2;
 constexpr int most_near = 8;
 /// Samples whose roots are kept: steps are halved from the right, and go on from there.
 constexpr std::size_t most_known = 8;
+/// Ratio of neighbouring roots' sizes beyond which a gap is as good as any; next to zero roots it
+/// is infinite.
+constexpr double widest_needed = 10.0;
 /// How often roots that are found to be missing are added.
 constexpr int most_missing = 3;
 /// Coarser chains on the way from the coarsest to a long one have so many times its segments: 5 and
@@ -159,11 +162,12 @@ std::optional<Approximations> Structured::missing_within(double u, const Approxi
   const auto size = [&](std::size_t k) { return magnitude(roots[k].value); };
   double widest = 1.0, radius = 0.0;
   for (std::size_t k = least; k < roots.size(); ++k) {
-    widest = std::max(widest, size(k) / size(k - 1));
+    widest = std::max(widest, std::min(size(k) / size(k - 1), widest_needed));
   }
   if (!(widest > 1.05)) return {};
-  for (std::size_t k = least; radius == 0.0; ++k) {
-    if (size(k) / size(k - 1) > 0.5 * (1.0 + widest)) radius = std::sqrt(size(k) * size(k - 1));
+  for (std::size_t k = least; radius == 0.0 && k < roots.size(); ++k) {
+    if (!(size(k) / size(k - 1) > 0.5 * (1.0 + widest))) continue;
+    radius = size(k - 1) > 0.0 ? std::sqrt(size(k) * size(k - 1)) : 0.5 * size(k);
   }
   const double apart = std::log(magnitude(roots.back().value) / radius);
   const bool paired = !traits.lossy();
