@@ -471,6 +471,8 @@ void Structured::add_divergences(double low, double high, std::vector<Divergence
 }
 
 Divergences Structured::divergences(double max_speed) {
+  // Of panels what K leaves free has no pivot of the order of lambda at a complex speed.
+  if (zeros_in_flow_ > 0 && of_->is_pivoted()) return Eigenproblem::divergences(max_speed);
   Divergences result;
   if (traits.conservative) {
     result.negative_at_rest = of_->negative_at_rest();
