@@ -249,16 +249,14 @@ void define_linear(py::module_& m) {
           "fits",
           [](const Galerkin& model) { return PanelPencil::fits(model.pipe(), model.basis()); },
           "model"_a)
-      .def_property_readonly("size", &PanelPencil::size)
       .def(
           "times",
-          [](const PanelPencil& pencil, const Matrix& x, double mass, double velocity,
-             double damping, double stiffness, double flux, double gravity, double elastic) {
-            return pencil.times(x, {mass, velocity, damping, stiffness, flux, gravity, elastic});
+          [](const PanelPencil& pencil, const Matrix& x, double still, double rate, double square,
+             double velocity, double flux, double gravity, double by_damping) {
+            return pencil.times(x, {still, rate, square, velocity, flux, gravity, by_damping});
           },
-          "x"_a, "mass"_a = 0.0, "velocity"_a = 0.0, "damping"_a = 0.0, "stiffness"_a = 0.0,
-          "flux"_a = 0.0, "gravity"_a = 0.0, "elastic"_a = 0.0, Unlocked())
-      .def("held", &PanelPencil::held)
+          "x"_a, "still"_a = 0.0, "rate"_a = 0.0, "square"_a = 0.0, "velocity"_a = 0.0,
+          "flux"_a = 0.0, "gravity"_a = 0.0, "by_damping"_a = 0.0, Unlocked())
       .def(
           "on_panels",
           [](const PanelPencil& pencil, const Matrix& q) { return pencil.basis().on_panels(q); },

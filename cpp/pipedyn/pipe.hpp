@@ -73,4 +73,12 @@ struct Operators {
         unsteady(Matrix::Zero(dof, dof)) {}
 };
 
+/// What multiplies the parts of the straight pipe's linear problem: stiffness, damping and inertia,
+/// s (gyroscopic + end_flux) and flux of `Operators`, the derivatives of the stiffness by gamma and
+/// of the damping by delta, and, of chains alone, s unsteady.
+struct LinearPart {
+  double still = 0.0, rate = 0.0, square = 0.0, velocity = 0.0, flux = 0.0, gravity = 0.0;
+  double by_damping = 0.0, unsteady = 0.0;
+};
+
 }  // namespace pipedyn

@@ -380,23 +380,20 @@ class PanelPencil:
     @staticmethod
     def fits(model: Galerkin) -> bool: ...
     def __init__(self, model: Galerkin) -> None: ...
-    def held(self) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"]: ...
     def on_panels(
         self, q: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, n]"]
     ) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"]: ...
     def times(
         self,
         x: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, n]"],
-        mass: typing.SupportsFloat | typing.SupportsIndex = 0.0,
+        still: typing.SupportsFloat | typing.SupportsIndex = 0.0,
+        rate: typing.SupportsFloat | typing.SupportsIndex = 0.0,
+        square: typing.SupportsFloat | typing.SupportsIndex = 0.0,
         velocity: typing.SupportsFloat | typing.SupportsIndex = 0.0,
-        damping: typing.SupportsFloat | typing.SupportsIndex = 0.0,
-        stiffness: typing.SupportsFloat | typing.SupportsIndex = 0.0,
         flux: typing.SupportsFloat | typing.SupportsIndex = 0.0,
         gravity: typing.SupportsFloat | typing.SupportsIndex = 0.0,
-        elastic: typing.SupportsFloat | typing.SupportsIndex = 0.0,
+        by_damping: typing.SupportsFloat | typing.SupportsIndex = 0.0,
     ) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"]: ...
-    @property
-    def size(self) -> int: ...
 
 class DenseOperator:
     def __init__(

@@ -80,14 +80,6 @@ struct Segments {
   Vector mass{};         // of each, in the pipe's; where empty its length
 };
 
-/// What multiplies the parts of P: stiffness, damping and inertia, s (gyroscopic + end_flux) and
-/// flux of `Operators`, the derivatives of the stiffness by gamma and of the damping by delta, and
-/// s unsteady.
-struct LinearPart {
-  double still = 0.0, rate = 0.0, square = 0.0, velocity = 0.0, flux = 0.0, gravity = 0.0;
-  double by_damping = 0.0, unsteady = 0.0;
-};
-
 /// Immutable; one chain may serve many threads.
 class Chain {
  public:

@@ -103,7 +103,7 @@ struct Product {
 };
 
 /// What the derivative of the logarithm sums, and the product.
-struct Determinant {
+struct PivotSums {
   Lanes slope;
   Product* product = nullptr;
 
@@ -128,7 +128,7 @@ struct Rows {
   Number* operator[](Count r) const { return at + r * stride; }
 
   /// Puts the row with the largest entry of a column first, of rows first to last - 1.
-  void choose(Count first, Count last, Count column, Count columns, Determinant& found) const {
+  void choose(Count first, Count last, Count column, Count columns, PivotSums& found) const {
     Pack largest = size_of((*this)[first][column]), place = all<Pack>(static_cast<double>(first));
     for (Count r = first + 1; r < last; ++r) {
       const Pack size = size_of((*this)[r][column]);
@@ -171,7 +171,7 @@ template <class Number>
 struct Elimination {
   const EliminationModel& model;
   Lanes lambda;
-  Determinant found;
+  PivotSums found;
   Number *window, *table;  // scratch
   Number carried[2][4];    // the equations at a joint, in units of the panel before it
 
@@ -490,7 +490,7 @@ void null_vector(const EliminationModel& model, const Lanes& lambda, const Vecto
 }
 
 /// Sums over all panels and stations of what two vectors give.
-struct Forms {
+struct PairSums {
   Lanes value, by_lambda, by_u, by_right;
   Pack rest{}, entries{}, sums{};
 
@@ -546,7 +546,7 @@ void pairs(const EliminationModel& model, const Points& points, const PairsAsked
     const Lanes lambda = taken(points, first);
     null_vector<false>(model, lambda, scratch.of, scratch.of.right);
     null_vector<true>(model, lambda, scratch.of, scratch.of.left);
-    Forms sum;
+    PairSums sum;
     Count coordinate = 0;
     const auto coordinates = [&](const Lanes& right, const Lanes& left, double scale) {
       if (out.right != nullptr)

@@ -355,26 +355,26 @@ PanelPencil::At PanelPencil::still() const {
   });
 }
 
-double PanelPencil::share_of(const PencilShares& of, int part) const {
+double PanelPencil::share_of(const LinearPart& of, int part) const {
   switch (part) {
     case mass:
-      return of.mass;
+      return of.square;
     case velocity:
       return of.velocity;
     case flux:
       return of.flux;
     case gravity:
-      return of.gravity + of.stiffness * pipe_.gamma;
+      return of.gravity + of.still * pipe_.gamma;
     case elastic:
-      return of.elastic + of.stiffness + of.damping * pipe_.damping;
+      return of.by_damping + of.still + of.rate * pipe_.damping;
     case rest:
-      return of.stiffness;
+      return of.still;
     default:
-      return of.damping;
+      return of.rate;
   }
 }
 
-Matrix PanelPencil::times(const Matrix& x, const PencilShares& of) const {
+Matrix PanelPencil::times(const Matrix& x, const LinearPart& of) const {
   using Row = Eigen::RowVectorXd;
   const Index columns = x.cols(), wide = 2 * band_ + 1;
   Matrix out = Matrix::Zero(x.rows(), columns);
@@ -435,7 +435,7 @@ Matrix PanelPencil::times(const Matrix& x, const PencilShares& of) const {
     force += own.row(0) / (h * h);
   }
   if (turns_) {
-    out.row(0) = moment + (of.stiffness * pipe_.root) * x.row(0);
+    out.row(0) = moment + (of.still * pipe_.root) * x.row(0);
   }
   return out;
 }

@@ -17,14 +17,6 @@
 
 namespace pipedyn {
 
-/// How much of each part of
-///   lambda^2 M + lambda (u V + D) + K + a u^2 A
-/// is asked for; gravity: dK / dgamma, elastic: the stiffness that damping takes.
-struct PencilShares {
-  double mass = 0.0, velocity = 0.0, damping = 0.0, stiffness = 0.0, flux = 0.0, gravity = 0.0,
-         elastic = 0.0;
-};
-
 class PanelPencil {
  public:
   /// Whether the pipe's loads and steps lie where panels end, and what varies along it does so
@@ -54,9 +46,9 @@ class PanelPencil {
   /// The same for the speed squared, s: K + s A.
   At still() const;
 
-  /// Rows of so much of each part with columns x, (size, r); where the pipe is held the columns
-  /// must meet that.
-  Matrix times(const Matrix& x, const PencilShares& of) const;
+  /// Product of so much of each part with columns x, (size, r), in O(size) a column; where the pipe
+  /// is held the columns must meet that.
+  Matrix times(const Matrix& x, const LinearPart& of) const;
   /// Displacements at the ends of panels where it is held across, and the slope at an end that
   /// keeps its direction, by the coordinates: (conditions, size).
   Matrix held() const;
@@ -79,8 +71,8 @@ class PanelPencil {
 
   template <class Entry>
   At made(const Entry& entry) const;
-  /// Displacement and slope at each panel's end, as it turns at the root: what `times` begins with.
-  double share_of(const PencilShares& of, int part) const;
+  /// By what factor the tables of a part enter the product that `times` is asked for.
+  double share_of(const LinearPart& of, int part) const;
 };
 
 }  // namespace pipedyn

@@ -98,38 +98,49 @@ Pairs pairs_by(const Evaluate& evaluate, const Elastic& elastic, double u, const
   return found;
 }
 
-/// Real and imaginary parts of a pair's vectors, right and left: (n, 4).
-Matrix parts_of(const Pair& pair) {
-  Matrix parts(pair.right.size(), 4);
-  parts << pair.right.real(), pair.right.imag(), pair.left.real(), pair.left.imag();
-  return parts;
-}
-
-/// conj(y_j) z_j of what `parts_of` gives, y, and of real and imaginary parts z (n, 2).
-ComplexVector conjugate_products(const Matrix& parts, const Matrix& z) {
-  const auto a = parts.col(2).array(), b = parts.col(3).array();
-  const auto c = z.col(0).array(), d = z.col(1).array();
-  ComplexVector products(parts.rows());
-  products.real() = (a * c + b * d).matrix();
-  products.imag() = (a * d - b * c).matrix();
-  return products;
-}
-
-/// x^H A x of complex columns by a real product with their real and imaginary parts.
-template <class Times>
-Reals energy(const Matrix& parts, const Times& times) {
-  const Index count = parts.cols() / 2;
-  const Vector sums = parts.cwiseProduct(times(parts)).colwise().sum();
-  return (sums.head(count) + sums.tail(count)).array();
-}
-
-Matrix real_parts(const ComplexTable& x) {
+/// Real parts of columns, then imaginary ones.
+Matrix parts_of(const ComplexTable& x) {
   Matrix parts(x.rows(), 2 * x.cols());
   parts << x.real(), x.imag();
   return parts;
 }
 
+/// conj(y_j) z_j of one complex column each, given by its parts (n, 2).
+ComplexVector conjugate_products(const Matrix& y, const Matrix& z) {
+  const auto a = y.col(0).array(), b = y.col(1).array();
+  const auto c = z.col(0).array(), d = z.col(1).array();
+  ComplexVector products(y.rows());
+  products.real() = (a * c + b * d).matrix();
+  products.imag() = (a * d - b * c).matrix();
+  return products;
+}
+
 }  // namespace
+
+Forms Determinant::forms(const Pair& pair) const {
+  const Matrix x = spread(parts_of(ComplexTable(pair.right)));
+  const Matrix y = spread(parts_of(ComplexTable(pair.left)));
+  const auto form = [&](const LinearPart& part) {
+    return conjugate_products(y, times(x, part)).sum();
+  };
+  return Forms{.mass = form({.square = 1.0}),
+               .velocity = form({.velocity = 1.0}),
+               .damping = form({.rate = 1.0}),
+               .flux = form({.flux = 1.0}),
+               .gravity = form({.gravity = 1.0}),
+               .by_damping = form({.by_damping = 1.0}),
+               .springs = has_joints() ? conjugate_products(y, x) : ComplexVector()};
+}
+
+std::pair<Reals, Reals> Determinant::energies(double u, const ComplexTable& x) const {
+  const Matrix parts = spread(parts_of(x));
+  const Index count = x.cols();
+  const auto energy = [&](const LinearPart& part) -> Reals {
+    const Vector sums = parts.cwiseProduct(times(parts, part)).colwise().sum();
+    return (sums.head(count) + sums.tail(count)).array();
+  };
+  return {energy({.still = 1.0, .flux = thrust() * u * u}), energy({.square = 1.0})};
+}
 
 // ---------------------------------------------------------------------------------------- chains
 
@@ -249,28 +260,6 @@ bool ChainDeterminant::is_same_at_rest(const Determinant& other) const {
   return chain != nullptr && chain_->is_same_at_rest(*chain->chain_) && scale_ == chain->scale_;
 }
 
-Forms ChainDeterminant::forms(const Pair& pair) const {
-  const Matrix all = angles(parts_of(pair)), x = all.leftCols(2);
-  const auto form = [&](const LinearPart& part) {
-    return conjugate_products(all, chain_->joint_times(x, part)).sum();
-  };
-  return Forms{.mass = form({.square = 1.0}),
-               .velocity = form({.velocity = 1.0}),
-               .damping = form({.rate = 1.0}),
-               .flux = form({.flux = 1.0}),
-               .gravity = form({.gravity = 1.0}),
-               .by_damping = form({.by_damping = 1.0}),
-               .springs = conjugate_products(all, x)};
-}
-
-std::pair<Reals, Reals> ChainDeterminant::energies(double u, const ComplexTable& x) const {
-  const Matrix all = angles(real_parts(x));
-  const auto of = [&](const LinearPart& part) {
-    return energy(all, [&](const Matrix& z) { return chain_->joint_times(z, part); });
-  };
-  return {of({.still = 1.0, .flux = thrust() * u * u}), of({.square = 1.0})};
-}
-
 Values ChainDeterminant::still_slopes(const Values& u) const {
   Values slopes = Values::Zero(u.size());
   for (Index i = 0; i < u.size(); ++i) {
@@ -342,12 +331,12 @@ Pairs PanelDeterminant::pairs(double u, const Values& values, bool vectors, bool
 }
 
 Pencil PanelDeterminant::matrices(double stiffness_size) const {
-  const auto part = [&](const PencilShares& of) -> Matrix {
-    return spread_.transpose() * pencil_->times(spread_, of);
+  const auto part = [&](const LinearPart& of) -> Matrix {
+    return spread_.transpose() * times(spread_, of);
   };
-  DenseOperator::Matrices made{part({.mass = 1.0}), part({.velocity = 1.0}), part({.damping = 1.0}),
-                               part({.stiffness = 1.0}), part({.flux = 1.0})};
-  if (has_loss()) made[5] = pencil_->pipe().hysteresis * part({.elastic = 1.0});
+  DenseOperator::Matrices made{part({.square = 1.0}), part({.velocity = 1.0}), part({.rate = 1.0}),
+                               part({.still = 1.0}), part({.flux = 1.0})};
+  if (has_loss()) made[5] = pencil_->pipe().hysteresis * part({.by_damping = 1.0});
   std::array<double, 6> lost{};
   for (std::size_t k = 0; held() > 0 && k < made.size(); ++k) {
     lost[k] = 4.0 * eps * static_cast<double>(held()) * made[k].norm();
@@ -355,28 +344,6 @@ Pencil PanelDeterminant::matrices(double stiffness_size) const {
   return {lapack,   std::move(made),
           thrust(), stiffness_size,
           lost,     static_cast<double>(spread_.cols() + 2) * eps};
-}
-
-Forms PanelDeterminant::forms(const Pair& pair) const {
-  const Matrix all = spread_ * parts_of(pair), x = all.leftCols(2);
-  const auto form = [&](const PencilShares& of) {
-    return conjugate_products(all, pencil_->times(x, of)).sum();
-  };
-  return Forms{.mass = form({.mass = 1.0}),
-               .velocity = form({.velocity = 1.0}),
-               .damping = form({.damping = 1.0}),
-               .flux = form({.flux = 1.0}),
-               .gravity = form({.gravity = 1.0}),
-               .by_damping = form({.elastic = 1.0}),
-               .springs = ComplexVector()};
-}
-
-std::pair<Reals, Reals> PanelDeterminant::energies(double u, const ComplexTable& x) const {
-  const Matrix all = spread_ * real_parts(x);
-  const auto of = [&](const PencilShares& part) {
-    return energy(all, [&](const Matrix& z) { return pencil_->times(z, part); });
-  };
-  return {of({.stiffness = 1.0, .flux = thrust() * u * u}), of({.mass = 1.0})};
 }
 
 Values PanelDeterminant::still_slopes(const Values& u) const {
@@ -390,8 +357,7 @@ Values PanelDeterminant::still_slopes(const Values& u) const {
 }
 
 int PanelDeterminant::negative_at_rest() const {
-  const Eigen::MatrixXd stiffness =
-      spread_.transpose() * pencil_->times(spread_, {.stiffness = 1.0});
+  const Eigen::MatrixXd stiffness = spread_.transpose() * times(spread_, {.still = 1.0});
   const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> solver(stiffness, Eigen::EigenvaluesOnly);
   const double least = 1e-12 * (1.0 + solver.eigenvalues().cwiseAbs().maxCoeff());
   return static_cast<int>((solver.eigenvalues().array() < -least).count());

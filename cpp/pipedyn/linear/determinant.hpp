@@ -5,9 +5,9 @@
 // in Legendre curvatures (galerkin/elimination.hpp).
 #pragma once
 
-#include <functional>
 #include <memory>
 #include <optional>
+#include <utility>
 
 #include "pipedyn/chain/chain.hpp"
 #include "pipedyn/galerkin/panel_pencil.hpp"
@@ -51,9 +51,10 @@ class Determinant {
   /// Whether at rest it is the same as another, to the bit.
   virtual bool is_same_at_rest(const Determinant& other) const = 0;
 
-  virtual Forms forms(const Pair& pair) const = 0;
+  /// y^H A x of a pair's vectors for the parts A.
+  Forms forms(const Pair& pair) const;
   /// x^H A x of vectors (dof, r) with A = K(u) and with A = M.
-  virtual std::pair<Reals, Reals> energies(double u, const ComplexTable& x) const = 0;
+  std::pair<Reals, Reals> energies(double u, const ComplexTable& x) const;
 
   /// a, the factor of u^2 in K(u).
   virtual double thrust() const = 0;
@@ -65,6 +66,13 @@ class Determinant {
   virtual int negative_at_rest() const = 0;
 
   const Lapack lapack;
+
+ protected:
+  /// Vectors in elastic coordinates, (dof, r), in those of which `times` knows products.
+  virtual Matrix spread(const Matrix& x) const = 0;
+  virtual Matrix times(const Matrix& x, const LinearPart& part) const = 0;
+  /// Whether the coordinates of `times` are joint angles, each with a spring of its own.
+  virtual bool has_joints() const = 0;
 };
 
 class ChainDeterminant : public Determinant {
@@ -88,17 +96,21 @@ class ChainDeterminant : public Determinant {
   bool has_loss() const override { return chain_->pipe().hysteresis > 0.0; }
   bool turns_freely() const override { return chain_->springs().minCoeff() <= 0.0; }
   bool is_same_at_rest(const Determinant& other) const override;
-  Forms forms(const Pair& pair) const override;
-  std::pair<Reals, Reals> energies(double u, const ComplexTable& x) const override;
   double thrust() const override { return chain_->impedance().thrust; }
   Values still_slopes(const Values& u) const override;
   std::pair<double, double> still(double u) const override;
   int negative_at_rest() const override;
 
- private:
-  /// Joint angles of vectors in elastic coordinates.
-  Matrix angles(const Matrix& x) const { return scale_.asDiagonal() * complement_->spread(x); }
+ protected:
+  Matrix spread(const Matrix& x) const override {
+    return scale_.asDiagonal() * complement_->spread(x);
+  }
+  Matrix times(const Matrix& x, const LinearPart& part) const override {
+    return chain_->joint_times(x, part);
+  }
+  bool has_joints() const override { return true; }
 
+ private:
   std::shared_ptr<const Chain> chain_;
   std::shared_ptr<const Complement> complement_;
   Vector scale_;
@@ -125,12 +137,17 @@ class PanelDeterminant : public Determinant {
   bool has_loss() const override { return pencil_->pipe().hysteresis > 0.0; }
   bool turns_freely() const override { return pencil_->pipe().root == 0.0; }
   bool is_same_at_rest(const Determinant&) const override { return false; }
-  Forms forms(const Pair& pair) const override;
-  std::pair<Reals, Reals> energies(double u, const ComplexTable& x) const override;
   double thrust() const override { return pencil_->pipe().centrifugal; }
   Values still_slopes(const Values& u) const override;
   std::pair<double, double> still(double u) const override;
   int negative_at_rest() const override;
+
+ protected:
+  Matrix spread(const Matrix& x) const override { return spread_ * x; }
+  Matrix times(const Matrix& x, const LinearPart& part) const override {
+    return pencil_->times(x, part);
+  }
+  bool has_joints() const override { return false; }
 
  private:
   const PanelPencil::At& at(double u) const;

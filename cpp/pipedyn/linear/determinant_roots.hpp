@@ -17,6 +17,7 @@ inline constexpr double ray = 0.3;
 /// Of starts: six to ten do; roots in the cluster at -1 / delta, of which LAPACK finds only where
 /// it lies, took up to 150.
 inline constexpr int most_corrections = 300;
+
 /// A root with its conjugate, or (`alone`) one of which no conjugate is implied.
 struct Approximation {
   Complex value;

@@ -108,6 +108,7 @@ Pairs Structured::at(double u, const Values& values, bool vectors) const {
       if (!good) poor.push_back(i);
     }
     if (poor.empty()) break;
+    if (aside == 0.0 && of_->is_pivoted()) continue;  // its vectors are loaded in any case
     Values again(poor.size());
     for (std::size_t k = 0; k < poor.size(); ++k) {
       again[k] = values[poor[k]] + aside * (1.0 + std::abs(values[poor[k]]));
@@ -247,10 +248,13 @@ void Structured::share(const Spectrum& other) {
 
 Approximations Structured::dense_starts(double u) {
   if (u == 0.0 && !starts_at_rest_.empty()) return starts_at_rest_;
-  const Approximations found =
-      u == 0.0 ? modal_roots(*of_, traits.loss) : dense_roots(*of_, u, is_squared(u));
+  const Approximations found = starts_of(*of_, u);
   if (u == 0.0) starts_at_rest_ = found;
   return found;
+}
+
+Approximations Structured::starts_of(const Determinant& of, double u) const {
+  return u == 0.0 ? modal_roots(of, traits.loss) : dense_roots(of, u, is_squared(u));
 }
 
 std::optional<Pairs> Structured::by_recursion(double u, Index count, bool vectors) {
@@ -277,9 +281,7 @@ std::optional<Pairs> Structured::by_recursion(double u, Index count, bool vector
     if (own) {
       starts = dense_starts(u);
     } else {
-      const auto coarse = of_->coarser(size);
-      starts =
-          u == 0.0 ? modal_roots(*coarse, traits.loss) : dense_roots(*coarse, u, is_squared(u));
+      starts = starts_of(*of_->coarser(size), u);
     }
     if (!every) {
       while (roots_in(starts) > count + beyond) starts.pop_back();
@@ -474,9 +476,7 @@ Divergences Structured::divergences(double max_speed) {
   // Of panels what K leaves free has no pivot of the order of lambda at a complex speed.
   if (zeros_in_flow_ > 0 && of_->is_pivoted()) return Eigenproblem::divergences(max_speed);
   Divergences result;
-  if (traits.conservative) {
-    result.negative_at_rest = of_->negative_at_rest();
-  }
+  if (traits.conservative) result.negative_at_rest = of_->negative_at_rest();
   ++factorised_;
   if (of_->thrust() != 0.0) {
     add_divergences(least_speed, 1.0001 * max_speed, result.all);

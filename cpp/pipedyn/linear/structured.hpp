@@ -11,7 +11,7 @@
 // the root itself: it vanishes if all roots are there, and its mean over a circle, times lambda,
 // is the number of those missing inside. Roots that are zero by structure, where nothing holds a
 // joint, are counted by the power of lambda in the determinant and are exact. What fails a check is
-// solved by matrices, up to 2,000 segments.
+// solved by matrices, up to 2,000 degrees of freedom.
 #pragma once
 
 #include <optional>
@@ -64,6 +64,8 @@ class Structured : public Eigenproblem {
   Pairs polished(double u, const Approximations& roots, bool vectors) const;
   Index roots_at_zero(double u) const { return u == 0.0 ? zeros_at_rest_ : zeros_in_flow_; }
   Approximations dense_starts(double u);
+  /// Roots by matrices of this determinant or a coarser one.
+  Approximations starts_of(const Determinant& of, double u) const;
   double determinant(double u) const;
   void add_divergences(double low, double high, std::vector<Divergence>& found) const;
   Divergence divergence_at(double u) const;

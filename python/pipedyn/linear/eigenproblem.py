@@ -2,7 +2,8 @@
 """P(lambda, u) x = 0 of any model, for the core, which solves it: see `cpp/pipedyn/linear`.
 
 The products come from `model.pencil()`; all is done in elastic coordinates, where the elastic
-stiffness is the identity. Chains are solved by recursion along them, others by their matrices.
+stiffness is the identity. Chains and straight models in Legendre curvatures are solved by
+elimination along the pipe, others by their matrices.
 
 With hysteresis EI is EI (1 + i mu) for roots above the real axis, of which the core has all, and
 conjugate for those below. On the axis nothing oscillates, and nothing is lost: a growing real root

@@ -76,8 +76,9 @@ def eigenvalues(model: AnyModel, u: float, count: int | None = None) -> Complex:
             of which `converged` says which.
         ValueError, TypeError: for bad arguments.
 
-    Source: of chains, recursion along them, see `cpp/pipedyn/linear/structured.hpp`; of others
-    the inverse problem, see `cpp/pipedyn/linear/operator.hpp`.
+    Source: of chains and of straight models in Legendre curvatures, elimination along the pipe, see
+    `cpp/pipedyn/linear/structured.hpp`; of others the inverse problem, see
+    `cpp/pipedyn/linear/operator.hpp`.
     """
     u, count = _checked_question(model, u, count)
     if isinstance(model, Model) and model.linear_cost and not model.pipe.hysteresis:

@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: MIT
 """P(lambda) = lambda^2 M + lambda C + K of each model: what multiplies with it.
 
-All is in a model's elastic coordinates, where the elastic stiffness is the identity. Chains
-multiply in O(n), all else by dense matrices. A loss factor mu adds i mu dD/ddelta to K where
-Im lambda > 0, which the core knows and no product below has.
+All is in a model's elastic coordinates, where the elastic stiffness is the identity. Chains and
+straight models in Legendre curvatures multiply segment by segment or panel by panel, all else by
+dense matrices. A loss factor mu adds i mu dD/ddelta to K where Im lambda > 0, which the core knows
+and no product below has.
 """
 
 from __future__ import annotations
@@ -146,7 +147,38 @@ class DensePencil(Pencil):
         return _core.Eigenproblem(traits, self.matrices, self.centrifugal, size, loss, rounding)
 
 
-class ChainPencil(Pencil):
+class PartsPencil(Pencil):
+    """A model of which the core knows products with each part of P."""
+
+    # Methods: kept as partial functions of this they would leave it to the garbage collector.
+
+    def mass(self, x: Vectors) -> Vectors:
+        return self._times(x, square=1.0)
+
+    def velocity(self, x: Vectors) -> Vectors:
+        return self._times(x, velocity=1.0)
+
+    def damping(self, x: Vectors) -> Vectors:
+        return self._times(x, rate=1.0)
+
+    def stiffness(self, x: Vectors) -> Vectors:
+        return self._times(x, still=1.0)
+
+    def flux(self, x: Vectors) -> Vectors:
+        return self._times(x, flux=1.0)
+
+    def gravity(self, x: Vectors) -> Vectors:
+        return self._times(x, gravity=1.0)
+
+    def by_damping(self, x: Vectors) -> Vectors:
+        return self._times(x, by_damping=1.0)
+
+    def _times(self, x: Vectors, **part: float) -> Vectors:
+        """Product with so much of each of the core's parts, by their names there."""
+        raise NotImplementedError
+
+
+class ChainPencil(PartsPencil):
     """A chain, which multiplies in O(n); the core solves it by recursion.
 
     Guides hold the ends of some segments (`held`, a bool each); `complement` is what they leave of
@@ -188,29 +220,6 @@ class ChainPencil(Pencil):
         result: Vectors = super().elastic(real_columns(self.complement.spread, x))
         return real_columns(self.complement.gathered, result)
 
-    # Methods: kept as partial functions of this they would leave it to the garbage collector.
-
-    def mass(self, x: Vectors) -> Vectors:
-        return self._times(x, square=1.0)
-
-    def velocity(self, x: Vectors) -> Vectors:
-        return self._times(x, velocity=1.0)
-
-    def damping(self, x: Vectors) -> Vectors:
-        return self._times(x, rate=1.0)
-
-    def stiffness(self, x: Vectors) -> Vectors:
-        return self._times(x, still=1.0)
-
-    def flux(self, x: Vectors) -> Vectors:
-        return self._times(x, flux=1.0)
-
-    def gravity(self, x: Vectors) -> Vectors:
-        return self._times(x, gravity=1.0)
-
-    def by_damping(self, x: Vectors) -> Vectors:
-        return self._times(x, by_damping=1.0)
-
     def by_springs(self, value: complex) -> Any:
         every, root, spring = super().by_springs(value), self.pipe.root_stiffness, self.springs[0]
         if root == math.inf:
@@ -230,19 +239,19 @@ class ChainPencil(Pencil):
         return real_columns(product, x)
 
 
-class PanelPencil(Pencil):
+class PanelPencil(PartsPencil):
     """A straight reduced model in Legendre curvatures, which the core eliminates panel by panel."""
 
     def __init__(self, model: Galerkin) -> None:
         super().__init__(model)
-        self.panels = model
+        self.reduced = model
         self.core = _core.PanelPencil(model.core)
         self.end_moves = model.pipe.cantilevered and model.pipe.beta * model.pipe.inflow_share > 0.0
 
     @cached_property
     def spread(self) -> Array:
         """Slope at the root and curvatures by elastic coordinates, (core's, dof)."""
-        spread, scale = self.panels._small
+        spread, scale = self.reduced._small
         by = scale if spread is None else spread * scale if scale.ndim == 1 else spread @ scale
         return self.core.on_panels(np.diag(by) if by.ndim == 1 else by)
 
@@ -255,7 +264,7 @@ class PanelPencil(Pencil):
 
     def _elastic(self, x: Array) -> Array:
         """Elastic loads of slope at the root and curvatures, with the root's spring."""
-        loads = self.core.times(x, elastic=1.0)
+        loads = self.core.times(x, by_damping=1.0)
         if 0.0 < self.pipe.root_stiffness < math.inf:
             loads[0] += self.pipe.root_stiffness * x[0]
         return loads
@@ -264,28 +273,7 @@ class PanelPencil(Pencil):
         return _core.Structured(traits, self.core, self.spread, self.gathered, size)
 
     def with_pipe(self, pipe: Pipe) -> PanelPencil:
-        return PanelPencil(self.panels.with_pipe(pipe))
-
-    def mass(self, x: Vectors) -> Vectors:
-        return self._times(x, mass=1.0)
-
-    def velocity(self, x: Vectors) -> Vectors:
-        return self._times(x, velocity=1.0)
-
-    def damping(self, x: Vectors) -> Vectors:
-        return self._times(x, damping=1.0)
-
-    def stiffness(self, x: Vectors) -> Vectors:
-        return self._times(x, stiffness=1.0)
-
-    def flux(self, x: Vectors) -> Vectors:
-        return self._times(x, flux=1.0)
-
-    def gravity(self, x: Vectors) -> Vectors:
-        return self._times(x, gravity=1.0)
-
-    def by_damping(self, x: Vectors) -> Vectors:
-        return self._times(x, elastic=1.0)
+        return PanelPencil(self.reduced.with_pipe(pipe))
 
     def _times(self, x: Vectors, **part: float) -> Vectors:
         def product(z: Vectors) -> Vectors:
