@@ -161,7 +161,7 @@ def _joined(lossy: _core.Pairs, grows: _core.Pairs, count: int) -> _core.Pairs:
     values = np.concatenate([above.values, above.values.conj(), grows.values])
     places = np.lexsort((-values.imag, values.real, np.abs(values)))[:count]
     right, left = (
-        np.hstack([a, a.conj(), b]) if a.size else a
+        np.hstack([a, a.conj(), b]) if len(a) and len(b) else np.zeros((0, 0), dtype=np.complex128)
         for a, b in ((above.right, grows.right), (above.left, grows.left))
     )
     residuals = np.concatenate([above.residuals, above.residuals, grows.residuals])
