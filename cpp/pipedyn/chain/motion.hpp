@@ -165,8 +165,8 @@ struct MotionKernel {
   bool (*finite)(const double* x, std::ptrdiff_t count);
   void (*sincos)(const double* x, std::ptrdiff_t count, double* sine, double* cosine);
 
-  const GalerkinKernel* galerkin;    // the reduced model's
-  const ImpedanceKernel* impedance;  // linear chains'
+  const GalerkinKernel* galerkin;        // the reduced model's
+  const ImpedanceKernel* impedance;      // linear chains'
   const EliminationKernel* elimination;  // linear reduced models'
 };
 

@@ -159,21 +159,37 @@ inline Count windowed(Count size, Count band) {
 }
 /// Rows and columns of that table, at most.
 inline Count table_rows(Count band) { return band + moving + 2; }
-inline Count table_columns(Count band) { return band + 2 + border; }
+inline Count table_columns(Count band) { return band + 2 + border + 1; }
+/// Columns of a row of the window: entries and a load.
+inline Count window_columns(Count band) { return 2 * band + 2; }
 
-/// The rows of the pivots of a panel: of the window (windowed, 2 band + 1), then of the table.
+/// The rows of the pivots of a panel: of the window (windowed, 2 band + 2), then of the table.
 struct Pivots {
   Lanes *window, *table;
+};
+
+/// Loads on the equations, irregular to excite every motion.
+struct LoadSequence {
+  double weight = 0.5;
+
+  double next() {
+    weight += weight < 1.0 ? 0.382 : -0.618;
+    return weight;
+  }
 };
 
 /// Of one lambda a lane.
 template <class Number>
 struct Elimination {
+  /// Columns of loads: vectors need one, derivatives none.
+  static constexpr Count loads = std::is_same_v<Number, Lanes> ? 1 : 0;
+
   const EliminationModel& model;
   Lanes lambda;
   PivotSums found;
-  Number *window, *table;  // scratch
-  Number carried[2][4];    // the equations at a joint, in units of the panel before it
+  Number *window, *table;        // scratch
+  Number carried[2][4 + loads];  // the equations at a joint, in units of the panel before it
+  LoadSequence load = {};
 
   /// Entry of P of functions i and j of a panel; transposed: of P^T.
   template <bool transposed>
@@ -214,26 +230,28 @@ struct Elimination {
   /// w or theta is 0, and Q or M any.
   template <class Keep>
   void hold(Count place, const Keep& keep) {
-    const Rows<Number> rows{carried[0], 4};
-    Number ordered[2][4];  // the force first
+    constexpr Count columns = 4 + loads;
+    Number ordered[2][columns];  // the force first
     const Count force = 2 + place;
     for (Count r = 0; r < 2; ++r) {
-      for (Count c = 0, next = 1; c < 4; ++c) ordered[r][c == force ? 0 : next++] = carried[r][c];
+      for (Count c = 0, next = 1; c < columns; ++c) {
+        ordered[r][c == force ? 0 : next++] = carried[r][c];
+      }
     }
-    const Rows<Number> sorted{ordered[0], 4};
-    sorted.choose(0, 2, 0, 4, found);
+    const Rows<Number> sorted{ordered[0], columns};
+    sorted.choose(0, 2, 0, columns, found);
     const Number share = inverse(ordered[0][0]), factor = ordered[1][0] * share;
     found.add(ordered[0][0], share);
     keep(place, ordered[0]);
-    for (Count c = 0, next = 1; c < 4; ++c) {
-      rows[0][c] = Number{};
-      rows[1][c] = Number{};
+    for (Count c = 0, next = 1; c < columns; ++c) {
+      carried[0][c] = Number{};
+      carried[1][c] = Number{};
       if (c == force) continue;
-      rows[0][c] = ordered[1][next] - factor * ordered[0][next];
+      carried[0][c] = ordered[1][next] - factor * ordered[0][next];
       ++next;
     }
-    rows[0][place] = Number{};
-    rows[1][place] = number(1.0, Number{});
+    carried[0][place] = Number{};
+    carried[1][place] = number(1.0, Number{});
     scale(0);
   }
 
@@ -256,32 +274,34 @@ struct Elimination {
   /// Eliminates a panel. kept: where its pivots' rows go, or none.
   template <bool transposed>
   void pass(const EliminationPanel& panel, const Pivots* kept) {
-    const Count band = model.band, wide = 2 * band + 1, size = panel.size;
+    const Count band = model.band, wide = 2 * band + 1, size = panel.size, whole = wide + loads;
     const Count many = windowed(size, band);
-    const Rows<Number> rows{window, wide};
+    const Rows<Number> rows{window, whole};
     const auto fill = [&](Count slot, Count row, Count first) {  // columns from the first down
       for (Count c = 0; c < wide; ++c) {
         const Count column = first - c;
         const bool inside = column >= 0 && column >= row - band && column <= row + band;
         rows[slot][c] = inside ? at<transposed>(panel, row, column) : Number{};
       }
+      for (Count c = wide; c < whole; ++c) rows[slot][c] = number(load.next(), Number{});
     };
     Count top = size - 1, filled = 0;
     if (many > 0) {
       for (Count r = 0; r <= band; ++r) fill(r, top - r, top);
       for (Count step = 0;; --top) {
-        rows.choose(0, band + 1, 0, wide, found);
+        rows.choose(0, band + 1, 0, whole, found);
         const Number* const pivot = rows[0];
         const Number share = inverse(pivot[0]);
         found.add(pivot[0], share);
-        keep_row(kept == nullptr ? nullptr : kept->window + step * wide, pivot, wide);
+        keep_row(kept == nullptr ? nullptr : kept->window + step * whole, pivot, whole);
         // In place of the row before, a column further.
         Number* const own = rows[band + 1];
-        for (Count c = 0; c < wide; ++c) own[c] = pivot[c];
+        for (Count c = 0; c < whole; ++c) own[c] = pivot[c];
         for (Count r = 1; r <= band; ++r) {
           const Number factor = rows[r][0] * share;
           for (Count c = 1; c < wide; ++c) rows[r - 1][c - 1] = rows[r][c] - factor * own[c];
           rows[r - 1][wide - 1] = Number{};
+          for (Count c = wide; c < whole; ++c) rows[r - 1][c] = rows[r][c] - factor * own[c];
         }
         if (++step == many) break;
         fill(band, top - 1 - band, top - 1);
@@ -289,7 +309,8 @@ struct Elimination {
       --top;
       filled = band;
     }
-    const Count curvatures = top - 1, columns = curvatures + border, count = curvatures + 4;
+    const Count curvatures = top - 1, loaded = curvatures + border, count = curvatures + 4;
+    const Count columns = loaded + loads;
     const Rows<Number> all_rows{table, columns};
     const auto place = [&](Count column) {
       return column >= 2 ? top - column : curvatures + start_shape + column;
@@ -299,6 +320,7 @@ struct Elimination {
       for (Count c = 0; c < columns; ++c) row[c] = Number{};
       if (r < filled) {
         for (Count c = 0; c < wide && c <= top; ++c) row[place(top - c)] = rows[r][c];
+        for (Count c = 0; c < loads; ++c) row[loaded + c] = rows[r][wide + c];
       } else if (r <= top) {
         const Count own = top - r;
         const Count low = own > band ? own - band : 0, high = own + band < top ? own + band : top;
@@ -308,6 +330,7 @@ struct Elimination {
           row[curvatures + end_moment] = number(end_slope[own], Number{});
         }
         if (own < 2) row[curvatures + start_force + own] = number(-1.0, Number{});
+        for (Count c = 0; c < loads; ++c) row[loaded + c] = number(load.next(), Number{});
       } else {
         const Number* const by = carried[r - top - 1];
         for (Count c = 0; c < moving && c <= top; ++c) {
@@ -315,6 +338,7 @@ struct Elimination {
         }
         row[curvatures + end_force] = by[2];
         row[curvatures + end_moment] = by[3];
+        for (Count c = 0; c < loads; ++c) row[loaded + c] = by[4 + c];
       }
     }
     for (Count c = 0; c < curvatures + 2; ++c) {
@@ -330,7 +354,8 @@ struct Elimination {
       }
     }
     for (Count r = 0; r < 2; ++r) {
-      for (Count c = 0; c < 4; ++c) carried[r][c] = all_rows[count - 2 + r][columns - 4 + c];
+      const Number* const rest = all_rows[count - 2 + r] + curvatures + start_shape;
+      for (Count c = 0; c < 4 + loads; ++c) carried[r][c] = rest[c];
       scale(r);
     }
   }
@@ -341,17 +366,19 @@ struct Elimination {
 
   /// At the root, where w is 0, and theta or M + k theta: leaves two equations in Q and the other,
   /// triangular.
-  void end(Number (&last)[2][2]) {
+  void end(Number (&last)[2][2 + loads]) {
     const double spring = model.turns ? model.root * model.panels[0].length : 0.0;
     for (Count r = 0; r < 2; ++r) {
       last[r][0] = carried[r][2];
       last[r][1] = model.turns ? carried[r][1] - spring * carried[r][3] : carried[r][3];
+      for (Count c = 0; c < loads; ++c) last[r][2 + c] = carried[r][4 + c];
     }
-    const Rows<Number> rows{last[0], 2};
-    rows.choose(0, 2, 0, 2, found);
+    const Rows<Number> rows{last[0], 2 + loads};
+    rows.choose(0, 2, 0, 2 + loads, found);
     const Number share = inverse(last[0][0]);
     found.add(last[0][0], share);
-    last[1][1] = last[1][1] - (last[1][0] * share) * last[0][1];
+    for (Count c = 1; c < 2 + loads; ++c)
+      last[1][c] = last[1][c] - (last[1][0] * share) * last[0][c];
     const Number next = inverse(last[1][1]);
     found.add(last[1][1], next);
   }
@@ -363,7 +390,7 @@ void log_derivative(const EliminationModel& model, const Points& points, double*
     DualLanes *window, *table;
   };
   const auto [window, table] = laid_out([&](Layout& layout) {
-    return Scratch{layout.take<DualLanes>((model.band + 2) * (2 * model.band + 1)),
+    return Scratch{layout.take<DualLanes>((model.band + 2) * window_columns(model.band)),
                    layout.take<DualLanes>(table_rows(model.band) * table_columns(model.band))};
   });
   for (Count first = 0; first < points.count; first += width) {
@@ -394,20 +421,10 @@ struct PanelMotion {
   Lanes force, moment;
 };
 
-/// Loads on the equations, irregular to excite every motion.
-struct LoadSequence {
-  double weight = 0.5;
-
-  double next() {
-    weight += weight < 1.0 ? 0.382 : -0.618;
-    return weight;
-  }
-};
-
 struct VectorScratch {
   Lanes *window, *table;
   Pivots* pivots;
-  Lanes (*holds)[2][4];
+  Lanes (*holds)[2][5];
   PanelMotion *right, *left;
 };
 
@@ -420,20 +437,18 @@ void null_vector(const EliminationModel& model, const Lanes& lambda, const Vecto
   for (Count p = model.count - 1; p >= 0; --p) {
     const double beyond = model.panels[p + 1 < model.count ? p + 1 : p].length;
     const auto keep = [&](Count place, const Lanes* row) {
-      for (Count c = 0; c < 4; ++c) scratch.holds[p][place][c] = row[c];
+      for (Count c = 0; c < 5; ++c) scratch.holds[p][place][c] = row[c];
     };
     elimination.template join<transposed>(model.panels[p], beyond, keep);
     elimination.template pass<transposed>(model.panels[p], &scratch.pivots[p]);
   }
-  Lanes last[2][2];
+  Lanes last[2][3];
   elimination.end(last);
-  LoadSequence load;
-  const auto loaded = [&] { return number(load.next(), Lanes{}); };
-  const Lanes second = loaded() * inverse(not_zero(last[1][1]));
+  const Lanes second = last[1][2] * inverse(not_zero(last[1][1]));
   // Scaled so that all that follows is finite.
   const Lanes size{1.0 / (1.0 + size_of(second)), Pack{}};
   Lanes start[4];  // w, theta, Q and M at the panel's start
-  start[2] = (loaded() * size - last[0][1] * (second * size)) * inverse(not_zero(last[0][0]));
+  start[2] = (last[0][2] - last[0][1] * second) * size * inverse(not_zero(last[0][0]));
   start[0] = Lanes{};
   start[1] = model.turns ? second * size : Lanes{};
   start[3] = model.turns ? (-model.root * model.panels[0].length) * start[1] : second * size;
@@ -442,7 +457,7 @@ void null_vector(const EliminationModel& model, const Lanes& lambda, const Vecto
     PanelMotion& motion = motions[p];
     Lanes* const x = motion.amplitudes;
     const Count band = model.band, wide = 2 * band + 1, many = windowed(panel.size, band);
-    const Count curvatures = panel.size - many - 2, columns = curvatures + border;
+    const Count curvatures = panel.size - many - 2, loaded = curvatures + border;
     x[0] = start[0];
     x[1] = start[1];
     const auto place_of = [&](Count c) -> Lanes& {  // of a column before the start's
@@ -450,16 +465,16 @@ void null_vector(const EliminationModel& model, const Lanes& lambda, const Vecto
       return c == curvatures + end_force ? motion.force : motion.moment;
     };
     for (Count c = curvatures + 1; c >= 0; --c) {
-      const Lanes* const row = scratch.pivots[p].table + c * columns;
-      Lanes sum = loaded() * size;
+      const Lanes* const row = scratch.pivots[p].table + c * (loaded + 1);
+      Lanes sum = row[loaded] * size;
       for (Count k = c + 1; k < curvatures + 2; ++k) sum = sum - row[k] * place_of(k);
-      for (Count k = 0; k < 4; ++k) sum = sum - row[columns - 4 + k] * start[k];
+      for (Count k = 0; k < 4; ++k) sum = sum - row[curvatures + start_shape + k] * start[k];
       place_of(c) = sum * inverse(not_zero(row[c]));
     }
     for (Count step = many - 1; step >= 0; --step) {
-      const Lanes* const row = scratch.pivots[p].window + step * wide;
+      const Lanes* const row = scratch.pivots[p].window + step * (wide + 1);
       const Count own = panel.size - 1 - step;
-      Lanes sum = loaded() * size;
+      Lanes sum = row[wide] * size;
       for (Count c = 1; c < wide && c <= own; ++c) sum = sum - row[c] * x[own - c];
       x[own] = sum * inverse(not_zero(row[0]));
     }
@@ -474,7 +489,7 @@ void null_vector(const EliminationModel& model, const Lanes& lambda, const Vecto
       end[0] = Lanes{};
       const Lanes* const row = scratch.holds[p][0];
       const Lanes sum = row[2] * end[1] + row[3] * motion.moment;
-      forces[0] = (loaded() * size - sum) * inverse(not_zero(row[0]));
+      forces[0] = (row[4] * size - sum) * inverse(not_zero(row[0]));
     }
     for (Count k = 0; k < 2; ++k) {
       for (Count c = 0; c < 2; ++c) {
@@ -509,7 +524,7 @@ void pairs(const EliminationModel& model, const Points& points, const PairsAsked
   Count numbers = 0, in_windows = 0;
   for (Count p = 0; p < model.count; ++p) {
     numbers += model.panels[p].size;
-    in_windows += windowed(model.panels[p].size, band) * wide;
+    in_windows += windowed(model.panels[p].size, band) * window_columns(band);
   }
   const Count in_tables = model.count * table_rows(band) * table_columns(band);
   struct Storage {
@@ -518,10 +533,10 @@ void pairs(const EliminationModel& model, const Points& points, const PairsAsked
   };
   const Storage scratch = laid_out([&](Layout& layout) {
     Storage made{};
-    made.of.window = layout.take<Lanes>((band + 2) * wide);
+    made.of.window = layout.take<Lanes>((band + 2) * window_columns(band));
     made.of.table = layout.take<Lanes>(table_rows(band) * table_columns(band));
     made.of.pivots = layout.take<Pivots>(model.count);
-    made.of.holds = reinterpret_cast<Lanes(*)[2][4]>(layout.take<Lanes>(8 * model.count));
+    made.of.holds = reinterpret_cast<Lanes(*)[2][5]>(layout.take<Lanes>(10 * model.count));
     made.of.right = layout.take<PanelMotion>(model.count);
     made.of.left = layout.take<PanelMotion>(model.count);
     made.windows = layout.take<Lanes>(in_windows);
@@ -536,7 +551,7 @@ void pairs(const EliminationModel& model, const Points& points, const PairsAsked
     scratch.of.pivots[p] = {windows, tables};
     scratch.of.right[p] = {x, {}, {}};
     scratch.of.left[p] = {y, {}, {}};
-    windows += windowed(size, band) * wide;
+    windows += windowed(size, band) * window_columns(band);
     tables += table_rows(band) * table_columns(band);
     x += size;
     y += size;

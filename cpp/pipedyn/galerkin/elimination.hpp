@@ -16,9 +16,11 @@
 // and beyond. The product of the pivots is det P but for a constant. Where the pipe is held, w or
 // theta is 0 and Q or M any.
 //
-// A null vector is what the pivots' rows give from the root on, with loads of the order of 1 in
-// each, as a first step of inverse iteration (Golub and Van Loan 2013, sec. 7.6). That of P^T is
-// the other.
+// A null vector is the first step of inverse iteration (Golub and Van Loan 2013, sec. 7.6): what
+// irregular loads of the order of 1, one on each function, move. They are eliminated as one more
+// column; were they put on the pivots' rows instead, a mode that is large far from the root alone,
+// as that of the last of many spans, would hardly be among what they excite. That of P^T is the
+// other.
 #pragma once
 
 #include <cstddef>
