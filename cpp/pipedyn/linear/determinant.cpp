@@ -341,9 +341,10 @@ Pencil PanelDeterminant::matrices(double stiffness_size) const {
   for (std::size_t k = 0; held() > 0 && k < made.size(); ++k) {
     lost[k] = 4.0 * eps * static_cast<double>(held()) * made[k].norm();
   }
-  return {lapack,   std::move(made),
-          thrust(), stiffness_size,
-          lost,     static_cast<double>(spread_.cols() + 2) * eps};
+  // Entries are sums over the coordinates that a column of `spread` has.
+  const Index summed = (spread_.array() != 0.0).colwise().count().maxCoeff();
+  const double entries_lost = static_cast<double>(summed) * eps;
+  return {lapack, std::move(made), thrust(), stiffness_size, lost, entries_lost};
 }
 
 Values PanelDeterminant::still_slopes(const Values& u) const {

@@ -41,6 +41,9 @@ constexpr double on_axis = 1e-10;
 /// double real one.
 constexpr double same_square = 2.0 * same_speed;
 
+/// Relative difference of |lambda|^2 up to which roots are as large.
+constexpr double same_size = 1e-11;
+
 /// |K x| of a unit vector up to which K does not hold it.
 constexpr double free_turn = 1e-11;
 
@@ -210,17 +213,22 @@ constexpr Reals Pairs::* reals[] = {&Pairs::residual, &Pairs::uncertain, &Pairs:
 }  // namespace
 
 std::vector<Index> by_size(const Values& values) {
-  std::vector<std::tuple<double, double, double, Index>> places;
-  places.reserve(values.size());
-  for (Index i = 0; i < values.size(); ++i) {
-    const Complex value = values[i];
-    places.push_back(is_finite(value) ? std::tuple(std::norm(value), value.real(), -value.imag(), i)
-                                      : std::tuple(infinite, 0.0, 0.0, i));
+  const Reals sizes = values.abs2();
+  std::vector<Index> order(values.size());
+  std::iota(order.begin(), order.end(), 0);
+  const auto size = [&](Index i) { return is_finite(values[i]) ? sizes[i] : infinite; };
+  std::ranges::stable_sort(order, {}, size);
+  // Of one size but for rounding: opposite real roots, and conjugate ones.
+  for (auto first = order.begin(); first != order.end();) {
+    const auto last = std::find_if(first, order.end(), [&](Index i) {
+      return size(i) > (1.0 + same_size) * size(*first) || size(i) == infinite;
+    });
+    const auto place = [&](Index i) {
+      return std::tuple(values[i].real(), -std::abs(values[i].imag()), values[i].imag() < 0.0);
+    };
+    std::ranges::stable_sort(first, last, {}, place);
+    first = last == first ? first + 1 : last;
   }
-  std::sort(places.begin(), places.end());
-  std::vector<Index> order;
-  order.reserve(values.size());
-  for (const auto& place : places) order.push_back(std::get<3>(place));
   return order;
 }
 

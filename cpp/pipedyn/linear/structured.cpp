@@ -16,7 +16,7 @@ namespace {
 /// Residual of T beyond which vectors are tried another way: most have 1e-16.
 constexpr double small_residual = 1e-14;
 /// Relative error of a speed at which a root crosses beyond which its growth is found otherwise.
-constexpr double faint_growth = 1e-6;
+constexpr double faint_growth = 1e-8;
 /// Points on the upper half of a circle that counts roots inside, at least and at most. A root
 /// outside by a factor f that is not known adds f^(-2 points): at most `outside`, if it lies no
 /// nearer than the last that is known.

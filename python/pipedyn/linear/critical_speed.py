@@ -506,15 +506,27 @@ class _Search:
             self._track(before, beyond=1)
 
     def _track_reached(self, resolved: int) -> None:
-        """Of a continuous pipe, tracks a few more modes than the flow reaches, if these oscillate.
+        """Of a continuous pipe, tracks few more modes than the flow reaches, where that is safe.
 
-        Of an aspirating pipe any mode may lose stability.
+        They must oscillate, and modes beyond must be damped by what leaves the free end about as
+        much as any: what a mass holds there, or fluid that is drawn in, lets every mode grow. Of a
+        pipe held across its end only modes that lose their stiffness do.
         """
         pipe = self.model.pipe
         modes = min(resolved, math.ceil(_modes_reached(self.max_speed, pipe)) + 4)
-        if pipe.flow == "ejecting" and pipe.damping * (math.pi * (modes + 4)) ** 2 <= 0.9:
+        if pipe.damping * (math.pi * (modes + 4)) ** 2 <= 0.9 and (
+            pipe.end_held or self._damped_beyond(modes, resolved)
+        ):
             self.resolved = self.tracked = modes
             self.count = min(2 * (modes + 4), self.count)
+
+    def _damped_beyond(self, modes: int, resolved: int) -> bool:
+        """Whether slow flow damps each mode beyond some a third as much as any mode, or more."""
+        at_rest = self.spectrum.by_recursion(0.0, 2 * resolved, False)
+        if at_rest is None:
+            return False
+        damping = -at_rest.slopes.real[at_rest.values.imag > 0.0]
+        return bool(np.all(damping[modes:] > damping.max(initial=0.0) / 3.0))
 
     def _track(self, modes: int, beyond: int = 8) -> None:
         """Sets how many modes are tracked, and of how many the roots are computed."""
