@@ -59,8 +59,10 @@ class Search {
   Sweep run() {
     const double longest = spectrum_.longest_step() * range_.scale;
     try {
-      divergences_ = spectrum_.without_loss().divergences(range_.max_speed);
-      if (ends_with_first_divergence()) return std::move(sweep_);
+      const bool lowest = traits_.conservative && range_.until_unstable;
+      divergences_ = spectrum_.without_loss().divergences(range_.max_speed, lowest);
+      if (lowest && ends_with_first_divergence()) return std::move(sweep_);
+      if (lowest) divergences_ = spectrum_.without_loss().divergences(range_.max_speed, false);
       const std::vector<double> speeds = samples(longest);
       const SharedSample first = take(0.0);
       Roots every(first->size());
@@ -145,9 +147,7 @@ class Search {
   /// to be followed. Whether that answers what is asked.
   bool ends_with_first_divergence() {
     const std::vector<Divergence>& all = divergences_.all;
-    if (!traits_.conservative || !range_.until_unstable || divergences_.negative_at_rest > 0) {
-      return false;
-    }
+    if (divergences_.negative_at_rest > 0) return false;
     if (all.empty()) return true;
     if (all[0].multiplicity > 1) return false;
     const SharedSample first = take(0.0);

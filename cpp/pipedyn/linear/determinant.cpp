@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #include "pipedyn/linear/determinant.hpp"
 
+#include <Eigen/Cholesky>
 #include <Eigen/Eigenvalues>
 #include <cmath>
 #include <numbers>
@@ -147,8 +148,9 @@ std::pair<Reals, Reals> Determinant::energies(double u, const ComplexTable& x) c
 namespace {
 
 /// A number with its derivative by the flow speed.
+template <class Part>
 struct Dual {
-  Complex value, slope = 0.0;
+  Part value, slope = 0.0;
 
   friend Dual operator+(Dual a, Dual b) { return {a.value + b.value, a.slope + b.slope}; }
   friend Dual operator-(Dual a, Dual b) { return {a.value - b.value, a.slope - b.slope}; }
@@ -156,7 +158,7 @@ struct Dual {
     return {a.value * b.value, a.slope * b.value + a.value * b.slope};
   }
   friend Dual operator/(Dual a, Dual b) {
-    const Complex ratio = a.value / b.value;
+    const Part ratio = a.value / b.value;
     return {ratio, (a.slope - ratio * b.slope) / b.value};
   }
 };
@@ -263,19 +265,22 @@ bool ChainDeterminant::is_same_at_rest(const Determinant& other) const {
 Values ChainDeterminant::still_slopes(const Values& u) const {
   Values slopes = Values::Zero(u.size());
   for (Index i = 0; i < u.size(); ++i) {
-    still_pivots(chain_->impedance(), Dual{u[i], 1.0},
-                 [&](const Dual& pivot) { slopes[i] += pivot.slope / pivot.value; });
+    still_pivots(chain_->impedance(), Dual<Complex>{u[i], 1.0},
+                 [&](const auto& pivot) { slopes[i] += pivot.slope / pivot.value; });
   }
   return slopes;
 }
 
-std::pair<double, double> ChainDeterminant::still(double u) const {
-  double sign = 1.0, logarithm = 0.0;
-  still_pivots(chain_->impedance(), u, [&](double pivot) {
-    if (pivot < 0.0) sign = -sign;
-    logarithm += std::log(std::abs(pivot));
-  });
-  return {sign, logarithm};
+Stills ChainDeterminant::still(const Reals& u) const {
+  Stills found{Reals::Ones(u.size()), Reals::Zero(u.size()), Reals::Zero(u.size())};
+  for (Index i = 0; i < u.size(); ++i) {
+    still_pivots(chain_->impedance(), Dual<double>{u[i], 1.0}, [&](const auto& pivot) {
+      if (pivot.value < 0.0) found.sign[i] = -found.sign[i];
+      found.logarithm[i] += std::log(std::abs(pivot.value));
+      found.slope[i] += pivot.slope / pivot.value;
+    });
+  }
+  return found;
 }
 
 int ChainDeterminant::negative_at_rest() const {
@@ -347,28 +352,35 @@ Pencil PanelDeterminant::matrices(double stiffness_size) const {
   return {lapack, std::move(made), thrust(), stiffness_size, lost, entries_lost};
 }
 
-Values PanelDeterminant::still_slopes(const Values& u) const {
+const EliminationModel& PanelDeterminant::stiffness() const {
   if (!still_) still_ = pencil_->still();
+  return still_->model;
+}
+
+Values PanelDeterminant::still_slopes(const Values& u) const {
   return 2.0 * u *
          log_derivatives_by(
              [&](const Points& points, double* out) {
-               motion_kernel().elimination->log_derivative(still_->model, points, out, nullptr);
+               motion_kernel().elimination->log_derivative(stiffness(), points, out, nullptr);
              },
              0.0, u.square(), {});
 }
 
+Stills PanelDeterminant::still(const Reals& u) const {
+  const Index count = u.size();
+  const Reals squares = u.square(), none = Reals::Zero(count);
+  Reals slopes(2 * count), signs(2 * count);
+  motion_kernel().elimination->log_derivative(
+      stiffness(), {0.0, count, squares.data(), none.data()}, slopes.data(), signs.data());
+  return {signs.head(count), signs.tail(count), 2.0 * u * slopes.head(count)};
+}
+
 int PanelDeterminant::negative_at_rest() const {
   const Eigen::MatrixXd stiffness = spread_.transpose() * times(spread_, {.still = 1.0});
+  if (Eigen::LLT<Eigen::MatrixXd>(stiffness).info() == Eigen::Success) return 0;
   const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> solver(stiffness, Eigen::EigenvaluesOnly);
   const double least = 1e-12 * (1.0 + solver.eigenvalues().cwiseAbs().maxCoeff());
   return static_cast<int>((solver.eigenvalues().array() < -least).count());
-}
-
-std::pair<double, double> PanelDeterminant::still(double u) const {
-  const double lambda = turns_freely() ? beside_zero : 0.0, zero = 0.0;
-  double out[2], signs[2];
-  motion_kernel().elimination->log_derivative(at(u).model, {u, 1, &lambda, &zero}, out, signs);
-  return {signs[0], signs[1]};
 }
 
 }  // namespace pipedyn

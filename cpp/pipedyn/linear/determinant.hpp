@@ -21,6 +21,12 @@ namespace pipedyn {
 /// as rounding moves each by far more.
 inline constexpr double beside_zero = 1e-30;
 
+/// A real determinant at each of some speeds: its sign, the logarithm of its size and the
+/// derivative of that by the speed.
+struct Stills {
+  Reals sign, logarithm, slope;
+};
+
 class Determinant {
  public:
   explicit Determinant(const Lapack& known) : lapack(known) {}
@@ -60,8 +66,8 @@ class Determinant {
   virtual double thrust() const = 0;
   /// The derivative by the speed of the logarithm of det K(u), at complex ones.
   virtual Values still_slopes(const Values& u) const = 0;
-  /// Sign of det P(beside_zero, u) and the logarithm of its size.
-  virtual std::pair<double, double> still(double u) const = 0;
+  /// det K(u), or where joints turn freely det P(beside_zero, u).
+  virtual Stills still(const Reals& u) const = 0;
   /// Number of negative eigenvalues of K at rest, where K is symmetric.
   virtual int negative_at_rest() const = 0;
 
@@ -98,7 +104,7 @@ class ChainDeterminant : public Determinant {
   bool is_same_at_rest(const Determinant& other) const override;
   double thrust() const override { return chain_->impedance().thrust; }
   Values still_slopes(const Values& u) const override;
-  std::pair<double, double> still(double u) const override;
+  Stills still(const Reals& u) const override;
   int negative_at_rest() const override;
 
  protected:
@@ -139,7 +145,7 @@ class PanelDeterminant : public Determinant {
   bool is_same_at_rest(const Determinant&) const override { return false; }
   double thrust() const override { return pencil_->pipe().centrifugal; }
   Values still_slopes(const Values& u) const override;
-  std::pair<double, double> still(double u) const override;
+  Stills still(const Reals& u) const override;
   int negative_at_rest() const override;
 
  protected:
@@ -151,6 +157,8 @@ class PanelDeterminant : public Determinant {
 
  private:
   const PanelPencil::At& at(double u) const;
+  /// K + s A, of which s is the square of the speed.
+  const EliminationModel& stiffness() const;
 
   std::shared_ptr<const PanelPencil> pencil_;
   Matrix spread_, gathered_;

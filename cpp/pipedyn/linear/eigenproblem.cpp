@@ -561,7 +561,7 @@ std::optional<Divergence> Eigenproblem::divergence_near(double guess, double rea
   return Divergence{u, error, std::move(pair), 1, inertia};
 }
 
-Divergences Eigenproblem::divergences(double max_speed) {
+Divergences Eigenproblem::divergences(double max_speed, bool) {
   const DenseOperator& one = at(1.0);
   const Matrix flux = 0.5 * one.stiffness_rate(), still = one.stiffness() - flux;
   const auto asymmetry = [](const Matrix& a) { return (a - a.transpose()).cwiseAbs().maxCoeff(); };

@@ -44,7 +44,7 @@ class Eigenproblem : public Spectrum {
   Index standing() override { return free_turns().cols(); }
   Reals quotients(double u, const Pairs& pairs) override;
   /// From one eigenvalue problem in s = u^2, as K = K_0 + s A.
-  Divergences divergences(double max_speed) override;
+  Divergences divergences(double max_speed, bool first) override;
 
  protected:
   /// Whether lambda enters only as lambda^2 at a speed.

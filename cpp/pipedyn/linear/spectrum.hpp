@@ -180,8 +180,9 @@ class Spectrum {
   virtual Reals quotients(double u, const Pairs& pairs) = 0;
 
   /// Every speed in (0, max_speed] at which K is singular, from K alone, all at once: no root is
-  /// followed. Throws NotConverged where rounding hides whether there is one.
-  virtual Divergences divergences(double max_speed) = 0;
+  /// followed. first: whether those beyond the lowest may be left out. Throws NotConverged where
+  /// rounding hides whether there is one.
+  virtual Divergences divergences(double max_speed, bool first) = 0;
 
   /// The problem whose real roots are the pipe's: a loss factor acts on oscillation alone, so with
   /// one they are those of the pipe without it.

@@ -437,50 +437,94 @@ std::optional<int> zeros_within(const Determinant& of, double low, double high) 
 
 }  // namespace
 
-/// The determinant of K(u), divided by that at rest and by the power of lambda that the roots at
-/// zero give.
-double Structured::determinant(double u) const {
-  const auto zeros = [&](double speed) {
-    return static_cast<double>(roots_at_zero(speed)) * std::log(beside_zero);
-  };
-  const double at_rest = of_->still(0.0).second - zeros(0.0);
-  const double unit = std::isfinite(at_rest) ? at_rest : 0.0;
+/// det K at some speeds, or closely beside one at which a pivot is 0.
+Stills Structured::still(Reals u) const {
   for (int tries = 0;; ++tries) {
-    const auto [sign, logarithm] = of_->still(u);
-    const double size = logarithm - zeros(u) - unit;
-    if (!std::isnan(size) || tries == 3) return sign * std::exp(size);
-    u += eps * (1.0 + u);  // a pivot is 0, but not at the next speed
+    Stills found = of_->still(u);
+    const auto lost = found.logarithm.isNaN();
+    if (tries == 3 || !lost.any()) return found;
+    u += lost.cast<double>() * (eps * (1.0 + u));
   }
 }
 
-/// Adds the divergences between two speeds: discs about the interval that have none are left, one
-/// with a single zero is searched by the sign of the determinant, and others are halved.
-void Structured::add_divergences(double low, double high, std::vector<Divergence>& found) const {
+/// det K, divided by that at rest and by the power of lambda that the roots at zero give.
+double Structured::determinant(double u) const {
+  const auto size = [&](double speed, const Stills& of) {
+    return of.logarithm[0] - static_cast<double>(roots_at_zero(speed)) * std::log(beside_zero);
+  };
+  const double at_rest = size(0.0, of_->still(Reals::Zero(1)));
+  const Stills there = still(Reals::Constant(1, u));
+  return there.sign[0] * std::exp(size(u, there) - (std::isfinite(at_rest) ? at_rest : 0.0));
+}
+
+/// Adds ranges that hold divergences: discs about a range that have none are left, one with a
+/// single zero is known by the sign of det K at its ends, and others are halved.
+void Structured::isolate(const Bracket& range, bool first, std::vector<Bracket>& found) const {
+  const auto& [low, high, before, after, none] = range;
   const double length = high - low, middle = 0.5 * (low + high);
-  const bool changes = determinant(low) * determinant(high) <= 0.0;
+  const bool changes = !(before * after > 0.0), shortest = length < same_speed * (1.0 + high);
   const std::optional<int> number = zeros_within(*of_, low, high);
   if (number == 0 && !changes) return;
-  const bool shortest = length < same_speed * (1.0 + high);
   if (changes && (number == 1 || shortest)) {
-    const Function sign = [this](double u) { return determinant(u); };
-    found.push_back(divergence_at(zero_between(sign, low, high, 4e-16 * (1.0 + high))));
+    found.push_back({low, high, before, after, 1});
   } else if (shortest) {
-    if (number.value_or(0) > 1) found.push_back({middle, length, {}, *number});
+    if (number.value_or(0) > 1) found.push_back({low, high, before, after, *number});
   } else {
-    add_divergences(low, middle, found);
-    add_divergences(middle, high, found);
+    const double between = still(Reals::Constant(1, middle)).sign[0];
+    isolate({low, middle, before, between}, first, found);
+    if (!first || found.empty()) isolate({middle, high, between, after}, first, found);
   }
 }
 
-Divergences Structured::divergences(double max_speed) {
+/// The zeros of det K in ranges with one each, all at once: Newton's method kept in the range.
+Reals Structured::zeros_in(const std::vector<Bracket>& ranges) const {
+  const Index count = static_cast<Index>(ranges.size());
+  Reals low(count), high(count), sign(count), step = Reals::Constant(count, infinite);
+  for (Index i = 0; i < count; ++i) {
+    low[i] = ranges[i].low;
+    high[i] = ranges[i].high;
+    sign[i] = ranges[i].before;
+  }
+  Reals u = 0.5 * (low + high);
+  const auto moves = [&] { return step.abs() > 4e-16 * (1.0 + u); };
+  for (int steps = 1; steps < 100 && moves().any(); ++steps) {
+    const Stills at = still(u);
+    for (Index i = 0; i < count; ++i) {
+      (at.sign[i] * sign[i] > 0.0 ? low : high)[i] = u[i];
+      double next = u[i] - 1.0 / at.slope[i];
+      const bool inside = next >= low[i] && next <= high[i];
+      if (!inside || steps % 8 == 0) next = 0.5 * (low[i] + high[i]);
+      if (std::isfinite(at.slope[i]))
+        step[i] = next - u[i];
+      else
+        step[i] = 0.0;  // there it is 0
+      u[i] += step[i];
+    }
+  }
+  return u;
+}
+
+Divergences Structured::divergences(double max_speed, bool first) {
   // Of panels what K leaves free has no pivot of the order of lambda at a complex speed.
-  if (zeros_in_flow_ > 0 && of_->is_pivoted()) return Eigenproblem::divergences(max_speed);
+  if (zeros_in_flow_ > 0 && of_->is_pivoted()) return Eigenproblem::divergences(max_speed, first);
   Divergences result;
   if (traits.conservative) result.negative_at_rest = of_->negative_at_rest();
   ++factorised_;
-  if (of_->thrust() != 0.0) {
-    add_divergences(least_speed, 1.0001 * max_speed, result.all);
-    std::erase_if(result.all, [=](const Divergence& one) { return one.speed > max_speed; });
+  if (of_->thrust() == 0.0) return result;
+  const Reals ends{{least_speed, 1.0001 * max_speed}};
+  const Reals signs = still(ends).sign;
+  std::vector<Bracket> ranges, single;
+  isolate({ends[0], ends[1], signs[0], signs[1]}, first, ranges);
+  std::ranges::copy_if(ranges, std::back_inserter(single),
+                       [](const Bracket& one) { return one.zeros == 1; });
+  const Reals zeros = zeros_in(single);
+  Index next = 0;
+  for (const Bracket& one : ranges) {
+    const double middle = 0.5 * (one.low + one.high);
+    const double u = one.zeros == 1 ? zeros[next++] : middle;
+    if (u > max_speed) continue;
+    result.all.push_back(one.zeros == 1 ? divergence_at(u)
+                                        : Divergence{u, one.high - one.low, {}, one.zeros});
   }
   return result;
 }

@@ -42,7 +42,7 @@ class Structured : public Eigenproblem {
   Reals quotients(double u, const Pairs& pairs) override;
   /// By a search that is certified: the determinant's zeros in a disc are counted by its
   /// log-derivative on the circle, O(n) a point.
-  Divergences divergences(double max_speed) override;
+  Divergences divergences(double max_speed, bool first) override;
 
  protected:
   Reals rounding(const Pairs& pairs) const override;
@@ -66,8 +66,15 @@ class Structured : public Eigenproblem {
   Approximations dense_starts(double u);
   /// Roots by matrices of this determinant or a coarser one.
   Approximations starts_of(const Determinant& of, double u) const;
+  /// A range of speeds with the sign of det K at its ends, and how many zeros it has.
+  struct Bracket {
+    double low, high, before, after;
+    int zeros = 0;
+  };
+  Stills still(Reals u) const;
   double determinant(double u) const;
-  void add_divergences(double low, double high, std::vector<Divergence>& found) const;
+  void isolate(const Bracket& range, bool first, std::vector<Bracket>& found) const;
+  Reals zeros_in(const std::vector<Bracket>& ranges) const;
   Divergence divergence_at(double u) const;
   std::optional<Approximations> missing_within(double u, const Approximations& roots,
                                                std::size_t least) const;

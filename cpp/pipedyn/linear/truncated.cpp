@@ -40,8 +40,6 @@ Sample Truncated::sample(double u, Index count) {
 
 Pair Truncated::refined(double u, const Pair& guess) { return fewer_->refined(u, guess); }
 
-Divergences Truncated::divergences(double max_speed) { return fewer_->divergences(max_speed); }
-
 std::optional<Sweep> Truncated::of_larger(Sweep sweep, double end, Index resolved) {
   if (!alike_ || sweep.untracked || !sweep.failure.empty()) return {};
   int expected = sweep.unstable_at_rest;
@@ -64,7 +62,7 @@ std::optional<AxisCrossing> Truncated::of_larger(const AxisCrossing& crossing, d
   AxisCrossing there = crossing;
   if (crossing.value == 0.0) {
     if (!divergences_) {
-      divergences_ = more_->without_loss().divergences((1.0 + near_by) * (1.0 + end));
+      divergences_ = more_->without_loss().divergences((1.0 + near_by) * (1.0 + end), false);
     }
     const std::vector<Divergence>& all = divergences_->all;
     const auto nearest = std::ranges::min_element(
@@ -73,10 +71,11 @@ std::optional<AxisCrossing> Truncated::of_larger(const AxisCrossing& crossing, d
     there.speed = nearest->speed;
     there.error = nearest->error;
     there.pair = nearest->pair;
+    there.forms = more_->forms(there.pair);
     return there;
   }
   std::tie(there.speed, there.pair) = newton(*more_, u, Pair{crossing.pair.value}, low, high);
-  there.forms = {};
+  there.forms = more_->forms(there.pair);
   there.error = error_of(there.pair);
   const double off = std::abs(there.pair.value.imag() - crossing.pair.value.imag());
   const bool good = there.pair.converged() && off <= near_by * (1.0 + std::abs(crossing.value)) &&

@@ -37,7 +37,10 @@ class Truncated : public Spectrum {
   Reals quotients(double u, const Pairs& pairs) override { return fewer_->quotients(u, pairs); }
   Index standing() override { return fewer_->standing(); }
   Spectrum& without_loss() override { return traits.lossy() ? fewer_->without_loss() : *this; }
-  Divergences divergences(double max_speed) override;
+  Divergences divergences(double max_speed, bool first) override {
+    return fewer_->divergences(max_speed, first);
+  }
+  std::optional<Forms> forms(const Pair& pair) const override { return fewer_->forms(pair); }
 
   /// The crossings of a search of this spectrum as the larger model has them; none where they may
   /// differ in number, and where that model has not as many unstable roots, of so many resolved
