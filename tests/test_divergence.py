@@ -76,7 +76,8 @@ def test_no_range_between_two_divergences_is_missed_however_short(k):
     pipe = pp.Pipe(0.3, end="clamped", terms=(pp.Foundation(k),))
     found = [c for c in pp.crossings(pp.Continuum(pipe), 12.0) if c.kind == "divergence"]
     np.testing.assert_allclose([c.speed for c in found], speeds, rtol=1e-6)
-    assert pp.critical_speed(pp.Continuum(pipe)).speed == found[0].speed
+    first = pp.critical_speed(pp.Continuum(pipe))
+    assert abs(first.speed - found[0].speed) <= first.error + found[0].error
 
 
 def test_the_first_divergence_is_found_where_the_stiffness_is_positive_again_soon():

@@ -57,14 +57,14 @@ class Search {
       : spectrum_(spectrum), traits_(spectrum.traits), range_(range), report_(report) {}
 
   Sweep run() {
-    const double longest = spectrum_.longest_step() * range_.scale;
     try {
       const bool lowest = traits_.conservative && range_.until_unstable;
       divergences_ = spectrum_.without_loss().divergences(range_.max_speed, lowest);
       if (lowest && ends_with_first_divergence()) return std::move(sweep_);
       if (lowest) divergences_ = spectrum_.without_loss().divergences(range_.max_speed, false);
-      const std::vector<double> speeds = samples(longest);
       const SharedSample first = take(0.0);
+      const double longest = spectrum_.longest_step(first->values) * range_.scale;
+      const std::vector<double> speeds = samples(longest);
       Roots every(first->size());
       for (Index i = 0; i < first->size(); ++i) every[i] = i;
       modes_ = ranked(*first);

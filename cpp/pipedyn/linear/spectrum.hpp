@@ -161,8 +161,12 @@ class Spectrum {
   /// Steps in u above this are halved unseen, of a pipe without weight. Measured on 52 undamped
   /// pipes of 20 functions up to u = 20: 72 eigenproblems and refinements a sweep; 98 with steps of
   /// 0.5, and 64 and 62 with 1.5 and 2, which are ambiguous and halved anyway. Near -1 / delta,
-  /// where roots of many modes meet, shorter steps are needed to tell which is which.
-  virtual double longest_step() const { return traits.delta > 0.0 ? 0.5 : 1.0; }
+  /// where roots of many modes meet, shorter steps are needed to tell which is which: where the
+  /// fastest root followed is so far from there, no root comes near.
+  double longest_step(const Values& at_rest) const {
+    const Index last = at_rest.size() - 1;
+    return last >= 0 && traits.delta * magnitude(at_rest[last]) > 0.5 ? 0.5 : 1.0;
+  }
 
   /// How many roots are zero, exactly, at every speed.
   virtual Index standing() { return 0; }

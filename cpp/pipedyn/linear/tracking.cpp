@@ -626,7 +626,7 @@ std::optional<RootLoci> root_loci(Spectrum& spectrum, const std::vector<double>&
   const auto sure = [](const Step&) { return true; };
   const auto whole = [](const Step&) { return false; };
   const auto near = [&](double u, const Sample& from) { return spectrum.near(u, from); };
-  track({take, sure, whole, visit, cluster, spectrum.longest_step(), near}, first,
+  track({take, sure, whole, visit, cluster, spectrum.longest_step(first->values), near}, first,
         {speeds.begin() + 1, speeds.end()}, tracked);
   report(done);
   if (!complete) return {};
