@@ -42,6 +42,7 @@ Lapack found_lapack() {
   set("scipy.linalg.cython_lapack", "zgetrs", lapack.zgetrs);
   set("scipy.linalg.cython_lapack", "dgeev", lapack.dgeev);
   set("scipy.linalg.cython_lapack", "zgeev", lapack.zgeev);
+  set("scipy.linalg.cython_lapack", "dsyevd", lapack.dsyevd);
   return lapack;
 }
 
@@ -297,6 +298,13 @@ void define_linear(py::module_& m) {
            "rounding"_a = 0.0)
       .def("lowest", &Eigenproblem::lowest, "u"_a, "count"_a, "left"_a, "high"_a, Unlocked())
       .def("by_recursion", &Eigenproblem::by_recursion, "u"_a, "count"_a, "vectors"_a, Unlocked())
+      .def(
+          "modes_at_rest",
+          [](Eigenproblem& of) -> std::optional<Matrix> {
+            const std::optional<Modes>& modes = of.modes_at_rest();
+            return modes ? std::optional<Matrix>(modes->vectors) : std::nullopt;
+          },
+          Unlocked())
       .def("assess", &Eigenproblem::assess, "u"_a, "pairs"_a, Unlocked());
   py::class_<Complement>(m, "Complement")
       .def_property_readonly("dof", &Complement::dof)

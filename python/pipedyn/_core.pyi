@@ -459,6 +459,9 @@ class Eigenproblem(Spectrum):
         left: bool,
         high: bool,
     ) -> Pairs: ...
+    def modes_at_rest(
+        self,
+    ) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"] | None: ...
 
 class Complement:
     def __init__(

@@ -1,8 +1,6 @@
 // SPDX-License-Identifier: MIT
 #include "pipedyn/linear/determinant_roots.hpp"
 
-#include <Eigen/Cholesky>
-#include <Eigen/Eigenvalues>
 #include <algorithm>
 #include <numbers>
 #include <tuple>
@@ -83,34 +81,14 @@ Approximations dense_roots(const Determinant& of, double u, bool squared) {
   return roots;
 }
 
-Approximations modal_roots(const Determinant& of, double loss) {
-  const auto p = of.matrices(1.0)(0.0);
-  using Table = Eigen::MatrixXd;
-  const Table mass = p->mass(), stiffness = p->stiffness();
-  // In K + s M, definite for a large s, high modes are not lost in the rounding of those of M.
-  double shift = 0.0;
-  Eigen::LLT<Table> factor(stiffness);
-  const auto is_definite = [&] {
-    const auto pivots = factor.matrixLLT().diagonal();
-    return factor.info() == Eigen::Success && pivots.minCoeff() > 1e-7 * pivots.maxCoeff();
-  };
-  for (shift = 1.0; !is_definite() && shift < 1e12; shift *= 10.0) {
-    factor.compute(stiffness + shift * mass);
-  }
-  if (!is_definite()) return dense_roots(of, 0.0, false);
-  shift = shift == 1.0 ? 0.0 : 0.1 * shift;
-  Table inner = factor.matrixL().solve(mass);
-  inner = factor.matrixL().solve(inner.transpose().eval());
-  const Eigen::SelfAdjointEigenSolver<Table> solver(inner);
-  const Table modes = factor.matrixU().solve(solver.eigenvectors());
-  const Table damped = p->velocity() * modes, lost = p->loss() * modes;
+Approximations modal_roots(const DenseOperator& p, const Modes& modes, double loss) {
+  const Eigen::MatrixXd damped = p.velocity() * modes.vectors, lost = p.loss() * modes.vectors;
   Approximations roots;
-  for (Index i = modes.cols() - 1; i >= 0; --i) {
-    const double share = solver.eigenvalues()[i];  // x^T M x where x^T (K + s M) x = 1
-    if (!(share > 0.0)) break;
-    const double square = 1.0 / share - shift, rate = modes.col(i).dot(damped.col(i)) / share;
+  for (Index i = 0; i < modes.squares.size(); ++i) {
+    const double square = modes.squares[i], share = modes.masses[i];
+    const double rate = modes.vectors.col(i).dot(damped.col(i)) / share;
     if (loss > 0.0) {
-      const Complex whole(square, modes.col(i).dot(lost.col(i)) / share);
+      const Complex whole(square, modes.vectors.col(i).dot(lost.col(i)) / share);
       const Complex apart = std::sqrt(0.25 * rate * rate - whole);
       roots.push_back({-0.5 * rate + apart, true});
       roots.push_back({-0.5 * rate - apart, true});

@@ -46,7 +46,7 @@ Approximations dense_roots(const Determinant& of, double u, bool squared);
 /// Roots at rest, as near as modes that damping does not couple have them: from eigenvectors x of
 /// K x = omega^2 M x, with loss factor mu, lambda^2 + lambda x^T D x + omega^2 + i mu x^T K_el x =
 /// 0.
-Approximations modal_roots(const Determinant& of, double loss);
+Approximations modal_roots(const DenseOperator& at_rest, const Modes& modes, double loss);
 
 /// Number of roots that are zero: near zero det P is lambda to that power.
 Index roots_at_zero(const Determinant& of, double u);

@@ -561,6 +561,11 @@ std::optional<Divergence> Eigenproblem::divergence_near(double guess, double rea
   return Divergence{u, error, std::move(pair), 1, inertia};
 }
 
+const std::optional<Modes>& Eigenproblem::modes_at_rest() {
+  if (!modes_at_rest_) modes_at_rest_ = at(0.0).undamped_modes();
+  return *modes_at_rest_;
+}
+
 Divergences Eigenproblem::divergences(double max_speed, bool) {
   const DenseOperator& one = at(1.0);
   const Matrix flux = 0.5 * one.stiffness_rate(), still = one.stiffness() - flux;

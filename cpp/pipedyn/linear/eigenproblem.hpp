@@ -36,6 +36,9 @@ class Eigenproblem : public Spectrum {
   /// another, or where some may be missing.
   virtual std::optional<Pairs> by_recursion(double, Index, bool) { return {}; }
 
+  /// The modes that the pipe has at rest without damping, see `DenseOperator::undamped_modes`.
+  const std::optional<Modes>& modes_at_rest();
+
   /// Finds what is not known of pairs: the residual, and with left vectors all else.
   virtual void assess(double u, Pairs& pairs);
 
@@ -47,6 +50,7 @@ class Eigenproblem : public Spectrum {
   Divergences divergences(double max_speed, bool first) override;
 
  protected:
+  bool knows_modes() const { return modes_at_rest_.has_value(); }
   /// Whether lambda enters only as lambda^2 at a speed.
   bool is_squared(double u) const { return traits.squared || (traits.free_at_rest && u == 0.0); }
   /// How far rounding may have moved the roots of a sample.
@@ -67,7 +71,8 @@ class Eigenproblem : public Spectrum {
                           bool symmetric) const;
 
   const At at_;
-  std::optional<Matrix> free_turns_;  // once they are asked for
+  std::optional<Matrix> free_turns_;                   // once they are asked for
+  std::optional<std::optional<Modes>> modes_at_rest_;  // the same
   std::shared_ptr<DenseOperator> latest_;
   double latest_speed_ = -1.0;
 };

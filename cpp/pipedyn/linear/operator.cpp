@@ -164,4 +164,34 @@ Inverse DenseOperator::inverse_of(double shift, bool velocity_free, char left, c
 template Inverse DenseOperator::inverse_of<double>(double, bool, char, char) const;
 template Inverse DenseOperator::inverse_of<Complex>(double, bool, char, char) const;
 
+std::optional<Modes> DenseOperator::undamped_modes() const {
+  using Table = Eigen::MatrixXd;
+  // In K + s M, definite for a large s, high modes are not lost in the rounding of those of M.
+  const Table still = stiffness(), weight = mass();
+  double shift = 0.0;
+  Eigen::LLT<Table> factor(still);
+  const auto is_definite = [&] {
+    const auto pivots = factor.matrixLLT().diagonal();
+    return factor.info() == Eigen::Success && pivots.minCoeff() > 1e-7 * pivots.maxCoeff();
+  };
+  while (!is_definite() && shift < 1e12) {
+    shift = shift == 0.0 ? 1.0 : 10.0 * shift;
+    factor.compute(still + shift * weight);
+  }
+  if (!is_definite()) return {};
+  Table inner = factor.matrixL().solve(weight);
+  inner = factor.matrixL().solve(inner.transpose().eval());
+  int n = static_cast<int>(dof), info = 0, size = 1 + 6 * n + 2 * n * n, integers = 3 + 5 * n;
+  Reals shares(n), work(size);
+  std::vector<int> whole(integers);
+  lapack_.dsyevd(const_cast<char*>("V"), const_cast<char*>("L"), &n, inner.data(), &n,
+                 shares.data(), work.data(), &size, whole.data(), &integers, &info);
+  if (info != 0) return {};
+  // x^T M x where x^T (K + s M) x = 1, the largest first; those that rounding makes any are left.
+  const Index count = (shares > 0.0).count();
+  const Table last = inner.rightCols(count).rowwise().reverse();
+  const Reals masses = shares.tail(count).reverse();
+  return Modes{factor.matrixU().solve(last), masses.inverse() - shift, masses};
+}
+
 }  // namespace pipedyn

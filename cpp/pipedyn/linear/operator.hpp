@@ -31,6 +31,14 @@ struct Lapack {
   void (*zgeev)(char* left, char* right, int* n, Complex* a, int* lda, Complex* w, Complex* vl,
                 int* ldvl, Complex* vr, int* ldvr, Complex* work, int* size, double* more,
                 int* info);
+  void (*dsyevd)(char* vectors, char* triangle, int* n, double* a, int* lda, double* w,
+                 double* work, int* size, int* integers, int* integers_size, int* info);
+};
+
+/// Undamped modes, by rising square of their frequency; vectors (dof, count).
+struct Modes {
+  Eigen::MatrixXd vectors;
+  Reals squares, masses;  // omega^2, and x^T M x of each
 };
 
 /// M x, C x and K x.
@@ -78,6 +86,8 @@ class DenseOperator {
   Values roots(double shift, bool velocity_free) const {
     return std::get<0>(inverse(shift, velocity_free, 'N', 'N'));
   }
+  /// Modes of M and K, of a symmetric K; none where no K + s M is definite.
+  std::optional<Modes> undamped_modes() const;
   bool is_lossy() const { return matrices_[5].size() > 0; }
   const Matrix& mass() const { return matrices_[0]; }
   const Matrix& velocity() const { return matrices_[1]; }

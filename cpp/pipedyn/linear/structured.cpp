@@ -91,7 +91,10 @@ std::optional<Pairs> with_conjugates(const Pairs& found, const Approximations& r
 Structured::Structured(const Traits& traits, std::shared_ptr<const Determinant> of,
                        double stiffness_size)
     : Eigenproblem(traits,
-                   [of, stiffness_size](double u) { return of->matrices(stiffness_size)(u); }),
+                   [of, stiffness_size, pencil = std::optional<Pencil>()](double u) mutable {
+                     if (!pencil) pencil = of->matrices(stiffness_size);
+                     return (*pencil)(u);
+                   }),
       of_(std::move(of)),
       zeros_at_rest_(pipedyn::roots_at_zero(*of_, 0.0)),
       zeros_in_flow_(pipedyn::roots_at_zero(*of_, shifts[0])) {}
@@ -248,13 +251,18 @@ void Structured::share(const Spectrum& other) {
 
 Approximations Structured::dense_starts(double u) {
   if (u == 0.0 && !starts_at_rest_.empty()) return starts_at_rest_;
-  const Approximations found = starts_of(*of_, u);
-  if (u == 0.0) starts_at_rest_ = found;
-  return found;
+  if (u != 0.0 || !modes_at_rest()) return dense_roots(*of_, u, is_squared(u));
+  starts_at_rest_ = modal_roots(Eigenproblem::at(0.0), *modes_at_rest(), traits.loss);
+  return starts_at_rest_;
 }
 
 Approximations Structured::starts_of(const Determinant& of, double u) const {
-  return u == 0.0 ? modal_roots(of, traits.loss) : dense_roots(of, u, is_squared(u));
+  if (u == 0.0) {
+    const auto p = of.matrices(1.0)(0.0);
+    const std::optional<Modes> modes = p->undamped_modes();
+    if (modes) return modal_roots(*p, *modes, traits.loss);
+  }
+  return dense_roots(of, u, is_squared(u));
 }
 
 std::optional<Pairs> Structured::by_recursion(double u, Index count, bool vectors) {
@@ -275,7 +283,7 @@ std::optional<Pairs> Structured::by_recursion(double u, Index count, bool vector
     }
   }
   for (Index size = of_->enough_for(count);; size *= 3) {
-    const bool own = 2 * size > n;
+    const bool own = 2 * size > n || (u == 0.0 && knows_modes());
     if ((own ? n : size) > dense_limit) return std::nullopt;
     Approximations starts;
     if (own) {

@@ -23,12 +23,14 @@ Sample Truncated::sample(double u, Index count) {
   for (Index i = 0; i < looked_at; ++i) {
     const Complex value = at.values[i];
     if (!traits.counts(value)) continue;
-    const double real = std::abs(value.real()), lost = std::abs(missed[i].real());
+    // A pivot is 0 at a root alone: there nothing is missed.
+    const Complex shift = std::isnan(std::norm(missed[i])) ? 0.0 : missed[i];
+    const double real = std::abs(value.real()), lost = std::abs(shift.real());
     // Far from the axis are roots of the lowest modes, of which little is missed, of those that
     // damping holds near -1 / delta whatever their shape, and of the highest, not the pipe's.
     if (value.real() < -heavy_damping * std::abs(value)) continue;
     if (u == 0.0 && !traits.damped && real <= at.noise[i]) continue;  // on the axis in both
-    if (std::abs(missed[i]) <= largest_shift * std::abs(value) && lost <= largest_share * real) {
+    if (std::abs(shift) <= largest_shift * std::abs(value) && lost <= largest_share * real) {
       at.noise[i] += 2.0 * lost;
     } else {
       alike_ = false;

@@ -213,7 +213,7 @@ def first_plane(model: AnyModel, window: Window, speed: float | None) -> Plane:
 
 def basis_plane(model: Galerkin, window: Window, speed: float | None) -> Plane:
     """Of a basis of the continuous pipe, whose own modes count."""
-    return Plane(model, window, speed, resolved(eigenproblem(model)))
+    return Plane(model, window, speed, resolved(model, eigenproblem(model).spectrum()))
 
 
 def line_starts(plane: Plane, only_stability: bool = False) -> tuple[list[CurveStart], list[str]]:

@@ -13,7 +13,7 @@ from typing import Any, TypeAlias, TypeVar
 import numpy as np
 
 from pipedyn import _core
-from pipedyn.linear.eigenproblem import Eigenproblem, eigenproblem
+from pipedyn.linear.eigenproblem import eigenproblem
 from pipedyn.linear.modes import LARGEST_FULL, ModeShape, largest_speed, neutral_shape
 from pipedyn.linear.sensitivity import Crossing, Crossings, crossings_of
 from pipedyn.linear.weak_damping import extrapolated, is_weakly_damped, strengthened
@@ -30,6 +30,7 @@ from pipedyn.models.pencil import PanelPencil
 from pipedyn.models.pipe import Pipe
 from pipedyn.util import check
 from pipedyn.util.archive import saved_as
+from pipedyn.util.check import Array
 from pipedyn.util.counters import factorised
 from pipedyn.util.parallel import Job, outcome_of
 from pipedyn.util.threads import one_thread
@@ -273,12 +274,11 @@ def first_losses(models: Sequence[AnyModel], max_speed: float = 100.0) -> list[L
 def _first_ends(pipe: Pipe, max_speed: float) -> list[float]:
     """Speeds at which a search for the critical speed up to one first ends.
 
-    Measured, uniform pipes with a free end flutter below 12 if beta < 0.68 and below 20 at any beta.
+    Measured, uniform cantilevers flutter below 12 if beta < 0.68, and below 20 at any beta.
     Spans held at both ends buckle between pi and 2 pi.
     """
-    ends = 12.0, 24.0, 48.0
-    if pipe.supports or pipe.end_held:
-        ends = 5.0, 8.0, *ends
+    held = pipe.supports or pipe.end_held
+    ends = [5.0, 8.0, 12.0, 24.0, 48.0] if held else [12.0, 24.0, 48.0]
     unit = 1.2 ** round(math.log(_speed_unit(pipe), 1.2))  # so that neighbours have the same
     return [end * unit for end in ends if end * unit < max_speed]
 
@@ -443,21 +443,25 @@ def _converging(model: Continuum, max_speed: float, until_unstable: bool) -> Job
     return job
 
 
-def resolved(problem: Eigenproblem) -> int:
+def resolved(model: Model, spectrum: _core.Eigenproblem) -> int:
     """How many modes of a Legendre model, from the lowest on, are the continuous pipe's.
 
     Those that bend little by the last functions of each panel: what a polynomial series misses of a
     mode falls off as its last coefficients do. Compared with larger bases, on plain pipes and on up
     to ten uneven spans: modes counted of an ejecting pipe are within 1e-3 of their frequency.
 
+    Args:
+        model: the model.
+        spectrum: its spectrum. Where that knows no modes at rest, all count.
+
     Source: Boyd (2001), Chebyshev and Fourier spectral methods, ch. 2.
     """
-    model, pencil = problem.model, problem.pencil
     assert isinstance(model, Galerkin)
-    mass = pencil.mass(np.eye(problem.dof))
-    _, modes = np.linalg.eigh(-mass)  # whose elastic stiffness is 1: the lowest first
-    last = np.sum(modes[last_functions(model)] ** 2, axis=0)
-    good = last <= LAST[model.pipe.flow]
+    modes = spectrum.modes_at_rest()
+    if modes is None:
+        return model.dof
+    squares = modes**2  # elastic energies of each function
+    good = squares[last_functions(model)].sum(axis=0) <= LAST[model.pipe.flow] * squares.sum(axis=0)
     count = int(np.argmin([*good, False]))
     # Where damping is so strong that the last of these do not oscillate, those beyond are
     # overdamped too, and nothing sets them apart by their roots: then all are looked at.
@@ -494,21 +498,22 @@ class _Search:
         model.require_equilibrium(0.0, max_speed)
         self.model, self.problem = model, eigenproblem(model)
         self.max_speed, self.until_unstable = max_speed, until_unstable
-        self.resolved = resolved(self.problem) if continuous else None
         self.swept: _core.Sweep | None = None
-        self.spectrum: _core.Spectrum = self.problem.spectrum()
+        spectrum = self.problem.spectrum()
+        self.spectrum: _core.Spectrum = spectrum
+        self.resolved = resolved(model, spectrum) if continuous else None
         self.tracked, self.count = self.problem.dof, 2 * self.problem.dof
         self.larger = None
         if self.resolved is not None and isinstance(self.problem.pencil, PanelPencil):
-            self._track_reached(self.resolved)
+            self._track_reached(self.resolved, spectrum.modes_at_rest())
         # Where roots stay on the imaginary axis, no distance to it is known.
         on_axis = self.problem.is_conservative or self.problem.velocity_free(1.0)
         if larger is not None and not on_axis and isinstance(self.problem.pencil, PanelPencil):
             self.larger = eigenproblem(larger)
-            fewer, more = self.problem.spectrum(), self.larger.spectrum()
-            assert isinstance(fewer, _core.Structured)
+            more = self.larger.spectrum()
+            assert isinstance(spectrum, _core.Structured)
             assert isinstance(more, _core.Structured)
-            self.spectrum = _core.Truncated(fewer, more, self._looked_at)
+            self.spectrum = _core.Truncated(spectrum, more, self._looked_at)
         if not self.problem.is_long or continuous:
             return
         self._track(_modes_within(max_speed, model.pipe))
@@ -520,7 +525,7 @@ class _Search:
         if max_speed / math.pi + 1.0 <= before < self.tracked:
             self._track(before, beyond=1)
 
-    def _track_reached(self, resolved: int) -> None:
+    def _track_reached(self, resolved: int, modes: Array | None) -> None:
         """Of a continuous pipe, tracks few more modes than the flow reaches, where that is safe.
 
         They must oscillate, and modes beyond must be damped by what leaves the free end about as
@@ -528,20 +533,23 @@ class _Search:
         pipe held across its end only modes that lose their stiffness do.
         """
         pipe = self.model.pipe
-        modes = min(resolved, math.ceil(_modes_reached(self.max_speed, pipe)) + 4)
-        if pipe.damping * (math.pi * (modes + 4)) ** 2 <= 0.9 and (
-            pipe.end_held or self._damped_beyond(modes, resolved)
-        ):
-            self.resolved = self.tracked = modes
-            self.count = min(2 * (modes + 4), self.count)
+        reached = min(resolved, math.ceil(_modes_reached(self.max_speed, pipe)) + 4)
+        oscillate = pipe.damping * (math.pi * (reached + 4)) ** 2 <= 0.9
+        damped = pipe.end_held
+        if oscillate and not damped and modes is not None:
+            damped = self._damped_beyond(reached, modes[:, :resolved])
+        if oscillate and damped:
+            self.resolved = self.tracked = reached
+            self.count = min(2 * (reached + 4), self.count)
 
-    def _damped_beyond(self, modes: int, resolved: int) -> bool:
+    def _damped_beyond(self, reached: int, modes: Array) -> bool:
         """Whether slow flow damps each mode beyond some a third as much as any mode, or more."""
-        at_rest = self.spectrum.by_recursion(0.0, 2 * resolved, False)
-        if at_rest is None:
-            return False
-        damping = -at_rest.slopes.real[at_rest.values.imag > 0.0]
-        return bool(np.all(damping[modes:] > damping.max(initial=0.0) / 3.0))
+        pencil = self.problem.pencil
+        damping, mass = (
+            np.sum(modes * product(modes), axis=0) for product in (pencil.velocity, pencil.mass)
+        )
+        rates = damping / mass
+        return bool(np.all(rates[reached:] > rates.max(initial=0.0) / 3.0))
 
     def _track(self, modes: int, beyond: int = 8) -> None:
         """Sets how many modes are tracked, and of how many the roots are computed."""
@@ -587,7 +595,9 @@ class _Search:
             end = min(end, found[-1].speed * (1.0 + BESIDE))
         assert self.resolved is not None
         # Where all that are resolved are tracked, the larger model resolves more.
-        modes = self.resolved if self.count < 2 * self.problem.dof else resolved(self.larger)
+        modes = self.resolved
+        if self.count == 2 * self.problem.dof:
+            modes = resolved(self.larger.model, self.larger.spectrum())
         swept = self.spectrum.of_larger(self.swept, end, modes)
         return None if swept is None else crossings_of(self.larger, swept, 2 * modes)
 
