@@ -522,8 +522,8 @@ class _Search:
         # tracked.
         delta = model.pipe.damping
         before = math.floor(math.sqrt(0.9 / delta) / math.pi) - 4 if delta else self.tracked
-        if max_speed / math.pi + 1.0 <= before < self.tracked:
-            self._track(before, beyond=1)
+        if max_speed / math.pi + 1.0 <= before < self.count // 2:
+            self._track(min(before, self.tracked), beyond=1)
 
     def _track_reached(self, resolved: int, modes: Array | None) -> None:
         """Of a continuous pipe, tracks few more modes than the flow reaches, where that is safe.
