@@ -321,10 +321,10 @@ void define_linear(py::module_& m) {
            }),
            "traits"_a, "chain"_a, "complement"_a, "scale"_a, "size"_a, py::keep_alive<1, 3>(),
            py::keep_alive<1, 4>())
-      .def(py::init([](const Traits& traits, std::shared_ptr<PanelPencil> pencil, Matrix spread,
-                       Matrix gathered, double size) {
+      .def(py::init([](const Traits& traits, std::shared_ptr<PanelPencil> pencil,
+                       const Matrix& spread, const Matrix& gathered, double size) {
              const auto of = std::make_shared<const PanelDeterminant>(
-                 std::move(pencil), scipy_lapack(), std::move(spread), std::move(gathered));
+                 std::move(pencil), scipy_lapack(), spread, gathered);
              return std::make_shared<Structured>(traits, of, size);
            }),
            "traits"_a, "pencil"_a, "spread"_a, "gathered"_a, "size"_a)

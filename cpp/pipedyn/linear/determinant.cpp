@@ -3,6 +3,7 @@
 
 #include <Eigen/Cholesky>
 #include <Eigen/Eigenvalues>
+#include <algorithm>
 #include <cmath>
 #include <numbers>
 
@@ -292,8 +293,8 @@ int ChainDeterminant::negative_at_rest() const {
 // ---------------------------------------------------------------------------------------- panels
 
 Index PanelDeterminant::enough_for(Index roots) const {
-  // Two thirds of the functions show modes, two for each joint aside.
-  return std::max<Index>(12, (3 * roots) / 4 + 6) + 2 * pencil_->panels();
+  // Two thirds of the functions show modes, four for each joint aside.
+  return std::max<Index>(12, (3 * roots) / 4 + 6) + 4 * pencil_->panels();
 }
 
 std::unique_ptr<Determinant> PanelDeterminant::coarser(Index size) const {
@@ -337,7 +338,7 @@ Pairs PanelDeterminant::pairs(double u, const Values& values, bool vectors, bool
 
 Pencil PanelDeterminant::matrices(double stiffness_size) const {
   const auto part = [&](const LinearPart& of) -> Matrix {
-    return spread_.transpose() * times(spread_, of);
+    return spread_.transpose() * times(Matrix(spread_), of);
   };
   DenseOperator::Matrices made{part({.square = 1.0}), part({.velocity = 1.0}), part({.rate = 1.0}),
                                part({.still = 1.0}), part({.flux = 1.0})};
@@ -347,9 +348,10 @@ Pencil PanelDeterminant::matrices(double stiffness_size) const {
     lost[k] = 4.0 * eps * static_cast<double>(held()) * made[k].norm();
   }
   // Entries are sums over the coordinates that a column of `spread` has.
-  const Index summed = (spread_.array() != 0.0).colwise().count().maxCoeff();
-  const double entries_lost = static_cast<double>(summed) * eps;
-  return {lapack, std::move(made), thrust(), stiffness_size, lost, entries_lost};
+  std::vector<Index> entries(spread_.cols(), 0);
+  for (Index k = 0; k < spread_.nonZeros(); ++k) ++entries[spread_.innerIndexPtr()[k]];
+  const double summed = static_cast<double>(*std::ranges::max_element(entries));
+  return {lapack, std::move(made), thrust(), stiffness_size, lost, summed * eps};
 }
 
 const EliminationModel& PanelDeterminant::stiffness() const {
@@ -376,7 +378,7 @@ Stills PanelDeterminant::still(const Reals& u) const {
 }
 
 int PanelDeterminant::negative_at_rest() const {
-  const Eigen::MatrixXd stiffness = spread_.transpose() * times(spread_, {.still = 1.0});
+  const Eigen::MatrixXd stiffness = spread_.transpose() * times(Matrix(spread_), {.still = 1.0});
   if (Eigen::LLT<Eigen::MatrixXd>(stiffness).info() == Eigen::Success) return 0;
   const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> solver(stiffness, Eigen::EigenvaluesOnly);
   const double least = 1e-12 * (1.0 + solver.eigenvalues().cwiseAbs().maxCoeff());

@@ -5,6 +5,7 @@
 // in Legendre curvatures (galerkin/elimination.hpp).
 #pragma once
 
+#include <Eigen/SparseCore>
 #include <memory>
 #include <optional>
 #include <utility>
@@ -125,12 +126,12 @@ class ChainDeterminant : public Determinant {
 class PanelDeterminant : public Determinant {
  public:
   /// spread: the pencil's coordinates of a model's elastic ones, (size, dof); gathered: back.
-  PanelDeterminant(std::shared_ptr<const PanelPencil> pencil, const Lapack& known, Matrix spread,
-                   Matrix gathered)
+  PanelDeterminant(std::shared_ptr<const PanelPencil> pencil, const Lapack& known,
+                   const Matrix& spread, const Matrix& gathered)
       : Determinant(known),
         pencil_(std::move(pencil)),
-        spread_(std::move(spread)),
-        gathered_(std::move(gathered)) {}
+        spread_(spread.sparseView()),
+        gathered_(gathered.sparseView()) {}
 
   Index size() const override { return pencil_->size(); }
   Index held() const override { return pencil_->conditions(); }
@@ -161,7 +162,7 @@ class PanelDeterminant : public Determinant {
   const EliminationModel& stiffness() const;
 
   std::shared_ptr<const PanelPencil> pencil_;
-  Matrix spread_, gathered_;
+  Eigen::SparseMatrix<double, Eigen::RowMajor> spread_, gathered_;  // most columns have one entry
   mutable double latest_speed_ = -1.0;
   mutable PanelPencil::At latest_;
   mutable std::optional<PanelPencil::At> still_;  // once it is asked for

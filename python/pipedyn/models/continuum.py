@@ -27,8 +27,9 @@ at u = 5 and to 3e-10 at u = 9 with gamma = 10; 240, dense problems of 480 rows,
 TOLERANCE = 1e-10
 """Relative distance at which two answers count as one, where no other is asked for."""
 
-FUNCTIONS_A_JOINT = 4
-"""By which both are larger for each joint between panels: a panel needs as many, see basis.hpp."""
+FUNCTIONS_A_JOINT, MOST_A_JOINT = 4, 8
+"""By which the smallest and the largest are larger for each joint between panels: a panel needs
+four, see basis.hpp, and fifty equal spans ten for modes that differ by less than 1e-10."""
 
 
 @dataclass(frozen=True)
@@ -141,14 +142,14 @@ def converged_ahead(
     largest = check.count("largest", largest, high=LARGEST_BASIS)
     inner = basis_joints(model.pipe).size
     size = smallest = min(smallest + FUNCTIONS_A_JOINT * inner, LARGEST_BASIS - 8)
-    largest = min(largest + FUNCTIONS_A_JOINT * inner, LARGEST_BASIS)
+    largest = min(largest + MOST_A_JOINT * inner, LARGEST_BASIS)
     last = max(largest, smallest + 8)
     asked, more = model.frozen(size), 0
     answers: list[tuple[Answer, int]] = []
     while True:
         larger, more = None, more + 1  # so that every panel has more functions than before
         if size < last:
-            step = max(8, inner + 1, size // 4)
+            step = max(8, 2 * (inner + 1), size // 4)
             # The last step is no shorter than the others.
             size = last if last - (size + step) < step else size + step
             larger = enriched(model.frozen(size), more)
