@@ -48,6 +48,8 @@ class Eigenproblem : public Spectrum {
   Reals quotients(double u, const Pairs& pairs) override;
   /// From one eigenvalue problem in s = u^2, as K = K_0 + s A.
   Divergences divergences(double max_speed, bool first) override;
+  /// The divergence within so much of a speed, if there is one alone.
+  virtual std::optional<Divergence> divergence_near(double guess, double reach);
 
  protected:
   bool knows_modes() const { return modes_at_rest_.has_value(); }
@@ -64,7 +66,6 @@ class Eigenproblem : public Spectrum {
   void leave_axis(Pairs& pairs);
   Pair near(double u, const Pair& guess);
   Pair null_pair(double u, const Pair& near, double& inertia);
-  std::optional<Divergence> divergence_near(double guess, double reach);
   const Matrix& free_turns();
   std::vector<Divergence> divergences_beside(const Matrix& turns, double max_speed);
   Values singular_squares(const DenseOperator& one, const Matrix& still, const Matrix& flux,

@@ -31,6 +31,9 @@ constexpr std::size_t most_known = 8;
 constexpr double widest_needed = 10.0;
 /// How often roots that are found to be missing are added.
 constexpr int most_missing = 3;
+/// Parts of a range with more than one divergence. Halves have zeros next to their circles, which
+/// take more points than the parts that hold none (measured, spans: twice as many as eight).
+constexpr Index division = 8;
 /// Coarser chains on the way from the coarsest to a long one have so many times its segments: 5 and
 /// 80 take as long, measured from 1,000 to 100,000 segments.
 constexpr Index refinement = 20;
@@ -466,10 +469,10 @@ double Structured::determinant(double u) const {
 }
 
 /// Adds ranges that hold divergences: discs about a range that have none are left, one with a
-/// single zero is known by the sign of det K at its ends, and others are halved.
+/// single zero is known by the sign of det K at its ends, and others are divided.
 void Structured::isolate(const Bracket& range, bool first, std::vector<Bracket>& found) const {
   const auto& [low, high, before, after, none] = range;
-  const double length = high - low, middle = 0.5 * (low + high);
+  const double length = high - low;
   const bool changes = !(before * after > 0.0), shortest = length < same_speed * (1.0 + high);
   const std::optional<int> number = zeros_within(*of_, low, high);
   if (number == 0 && !changes) return;
@@ -478,9 +481,14 @@ void Structured::isolate(const Bracket& range, bool first, std::vector<Bracket>&
   } else if (shortest) {
     if (number.value_or(0) > 1) found.push_back({low, high, before, after, *number});
   } else {
-    const double between = still(Reals::Constant(1, middle)).sign[0];
-    isolate({low, middle, before, between}, first, found);
-    if (!first || found.empty()) isolate({middle, high, between, after}, first, found);
+    Reals ends = Reals::LinSpaced(division + 1, low, high);
+    const Reals signs = still(ends.segment(1, division - 1)).sign;
+    const auto sign = [&](Index i) {
+      return i == 0 ? before : i == division ? after : signs[i - 1];
+    };
+    for (Index i = 0; i < division && !(first && !found.empty()); ++i) {
+      isolate({ends[i], ends[i + 1], sign(i), sign(i + 1)}, first, found);
+    }
   }
 }
 
@@ -535,6 +543,14 @@ Divergences Structured::divergences(double max_speed, bool first) {
                                         : Divergence{u, one.high - one.low, {}, one.zeros});
   }
   return result;
+}
+
+std::optional<Divergence> Structured::divergence_near(double guess, double reach) {
+  if (zeros_in_flow_ > 0 && of_->is_pivoted()) return Eigenproblem::divergence_near(guess, reach);
+  const Reals ends{{std::max(guess - reach, least_speed), guess + reach}};
+  const Reals signs = still(ends).sign;
+  if (signs[0] * signs[1] > 0.0) return {};
+  return divergence_at(zeros_in({{ends[0], ends[1], signs[0], signs[1]}})[0]);
 }
 
 /// Null vectors of K at a speed where it is singular, with the error of that.

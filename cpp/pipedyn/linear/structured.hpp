@@ -43,6 +43,7 @@ class Structured : public Eigenproblem {
   /// By a search that is certified: the determinant's zeros in a disc are counted by its
   /// log-derivative on the circle, O(n) a point.
   Divergences divergences(double max_speed, bool first) override;
+  std::optional<Divergence> divergence_near(double guess, double reach) override;
 
  protected:
   Reals rounding(const Pairs& pairs) const override;

@@ -46,7 +46,7 @@ std::optional<Sweep> Truncated::of_larger(Sweep sweep, double end, Index resolve
   if (!alike_ || sweep.untracked || !sweep.failure.empty()) return {};
   int expected = sweep.unstable_at_rest;
   for (AxisCrossing& crossing : sweep.crossings) {
-    const std::optional<AxisCrossing> there = of_larger(crossing, end);
+    const std::optional<AxisCrossing> there = of_larger(crossing);
     if (!there) return {};
     crossing = *there;
     expected += crossing.change;
@@ -57,19 +57,15 @@ std::optional<Sweep> Truncated::of_larger(Sweep sweep, double end, Index resolve
   return sweep;
 }
 
-std::optional<AxisCrossing> Truncated::of_larger(const AxisCrossing& crossing, double end) {
+std::optional<AxisCrossing> Truncated::of_larger(const AxisCrossing& crossing) {
   if (crossing.pair.right.size() == 0) return {};
   const double u = crossing.speed, reach = near_by * (1.0 + u);
   const double low = std::max(u - reach, 0.0), high = u + reach;
   AxisCrossing there = crossing;
   if (crossing.value == 0.0) {
-    if (!divergences_) {
-      divergences_ = more_->without_loss().divergences((1.0 + near_by) * (1.0 + end), false);
-    }
-    const std::vector<Divergence>& all = divergences_->all;
-    const auto nearest = std::ranges::min_element(
-        all, {}, [u](const Divergence& one) { return std::abs(one.speed - u); });
-    if (nearest == all.end() || std::abs(nearest->speed - u) > reach) return {};
+    auto& still = static_cast<Eigenproblem&>(more_->without_loss());
+    const std::optional<Divergence> nearest = still.divergence_near(u, reach);
+    if (!nearest) return {};
     there.speed = nearest->speed;
     there.error = nearest->error;
     there.pair = nearest->pair;

@@ -48,14 +48,13 @@ class Truncated : public Spectrum {
   std::optional<Sweep> of_larger(Sweep sweep, double end, Index resolved);
 
  private:
-  std::optional<AxisCrossing> of_larger(const AxisCrossing& crossing, double end);
+  std::optional<AxisCrossing> of_larger(const AxisCrossing& crossing);
   int unstable(double u, Index resolved);
   void count() { factorised_ += fewer_->factorisations() + more_->factorisations(); }
 
   std::shared_ptr<Structured> fewer_, more_;
   Index resolved_;                          // roots
   bool alike_ = true;                       // whether all roots seen are on the same side in both
-  std::optional<Divergences> divergences_;  // of the larger model, once they are asked for
 };
 
 }  // namespace pipedyn
