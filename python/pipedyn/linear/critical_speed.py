@@ -504,6 +504,7 @@ class _Search:
         self.resolved = resolved(model, spectrum) if continuous else None
         self.tracked, self.count = self.problem.dof, 2 * self.problem.dof
         self.larger = None
+        self.all_resolved = True  # whether all resolved modes are looked at
         if self.resolved is not None and isinstance(self.problem.pencil, PanelPencil):
             self._track_reached(self.resolved, spectrum.modes_at_rest())
         # Where roots stay on the imaginary axis, no distance to it is known.
@@ -529,27 +530,30 @@ class _Search:
         """Of a continuous pipe, tracks few more modes than the flow reaches, where that is safe.
 
         They must oscillate, and modes beyond must be damped by what leaves the free end about as
-        much as any: what a mass holds there, or fluid that is drawn in, lets every mode grow. Of a
-        pipe held across its end only modes that lose their stiffness do.
+        much as any: what a mass holds there lets every mode grow, of which all resolved are then
+        tracked, and fluid drawn in modes that are not. Of a pipe held across its end only modes
+        that lose their stiffness grow.
         """
         pipe = self.model.pipe
-        reached = min(resolved, math.ceil(_modes_reached(self.max_speed, pipe)) + 4)
-        oscillate = pipe.damping * (math.pi * (reached + 4)) ** 2 <= 0.9
-        damped = pipe.end_held
-        if oscillate and not damped and modes is not None:
-            damped = self._damped_beyond(reached, modes[:, :resolved])
-        if oscillate and damped:
-            self.resolved = self.tracked = reached
-            self.count = min(2 * (reached + 4), self.count)
+        tracked = min(resolved, math.ceil(_modes_reached(self.max_speed, pipe)) + 4)
+        damped = modes is not None and self._damped_beyond(tracked, modes[:, :resolved])
+        few = pipe.end_held or damped
+        if not few:
+            tracked = resolved
+        oscillate = pipe.damping * (math.pi * (tracked + 4)) ** 2 <= 0.9
+        if oscillate and (pipe.end_held or pipe.flow == "ejecting"):
+            self.resolved = self.tracked = tracked
+            self.count = min(2 * (tracked + 4), self.count)
+            self.all_resolved = not few
 
-    def _damped_beyond(self, reached: int, modes: Array) -> bool:
+    def _damped_beyond(self, some: int, modes: Array) -> bool:
         """Whether slow flow damps each mode beyond some a third as much as any mode, or more."""
         pencil = self.problem.pencil
         damping, mass = (
             np.sum(modes * product(modes), axis=0) for product in (pencil.velocity, pencil.mass)
         )
         rates = damping / mass
-        return bool(np.all(rates[reached:] > rates.max(initial=0.0) / 3.0))
+        return bool(np.all(rates[some:] > rates.max(initial=0.0) / 3.0))
 
     def _track(self, modes: int, beyond: int = 8) -> None:
         """Sets how many modes are tracked, and of how many the roots are computed."""
@@ -596,7 +600,7 @@ class _Search:
         assert self.resolved is not None
         # Where all that are resolved are tracked, the larger model resolves more.
         modes = self.resolved
-        if self.count == 2 * self.problem.dof:
+        if self.all_resolved:
             modes = resolved(self.larger.model, self.larger.spectrum())
         swept = self.spectrum.of_larger(self.swept, end, modes)
         return None if swept is None else crossings_of(self.larger, swept, 2 * modes)
