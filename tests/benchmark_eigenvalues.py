@@ -6,10 +6,13 @@ Run with `.venv/bin/python tests/benchmark_eigenvalues.py`; pytest does not coll
 
 from __future__ import annotations
 
+import math
 import sys
 import time
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+from typing import Any, Self
 
 import mpmath
 import numpy as np
@@ -18,6 +21,7 @@ from measuring import check, ended, machine, timed
 from scipy.optimize import brentq
 
 import pipedyn as pp
+from pipedyn import _core
 from pipedyn.linear.eigenproblem import eigenproblem
 
 BETA, SPEED, COUNT = 0.2, 6.0, 8
@@ -301,6 +305,103 @@ def critical_speeds() -> None:
             check(abs(error), 1e-9, "critical speed of the continuous pipe")
 
 
+class InCore:
+    """Processor time in the compiled core's searches, while it is entered."""
+
+    CALLS = (
+        (_core, "crossings"),
+        (_core.Truncated, "of_larger"),
+        (_core.Eigenproblem, "modes_at_rest"),
+        (_core.Eigenproblem, "lowest"),
+    )
+
+    def __enter__(self) -> Self:
+        self.seconds = 0.0
+        self._own = [getattr(place, name) for place, name in self.CALLS]
+        for (place, name), call in zip(self.CALLS, self._own, strict=True):
+            setattr(place, name, self._timed(call))
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        for (place, name), call in zip(self.CALLS, self._own, strict=True):
+            setattr(place, name, call)
+
+    def _timed(self, call: Callable[..., Any]) -> Callable[..., Any]:
+        def timed_call(*arguments: Any, **named: Any) -> Any:
+            start = time.process_time()
+            try:
+                return call(*arguments, **named)
+            finally:
+                self.seconds += time.process_time() - start
+
+        return timed_call
+
+
+def even(count: int) -> tuple[float, ...]:
+    """Places of so many supports that leave equal spans."""
+    return tuple(np.arange(1, count + 1) / (count + 1))
+
+
+def pipeline() -> pp.Pipe:
+    """200 m of a 30-inch pipe with a wall of half an inch, full of water, on soil of 5 MN/m2."""
+    outer, inner, length = 0.762, 0.762 - 2 * 0.0127, 200.0
+    bending = 2.07e11 * np.pi / 64.0 * (outer**4 - inner**4)
+    steel, water = 7850.0 * (outer**2 - inner**2), 1000.0 * inner**2
+    soil = pp.Foundation(5e6 * length**4 / bending)
+    return pp.Pipe(water / (water + steel), root="pinned", end="pinned", terms=(soil,))
+
+
+def continuous_pipes() -> None:
+    """Searches of the continuous pipe and others that long took long, with the error they state."""
+    tip = pp.PointMass(1.0, 0.3), pp.Spring(1.0, 19.07)
+    viscous = pp.Pipe(0.3, flow="aspirating", damping=1e-4, terms=(pp.Viscosity(30.0),))
+    continuum, spans = pp.Continuum, pp.Pipe(0.3, supports=even(49))
+    window = {"beta": (0.05, 0.95), "u": (0.0, 20.0)}
+    rows: dict[str, Callable[[], Any]] = {
+        "gamma = 998, damping 1.4e-4": lambda: pp.critical_speed(
+            continuum(pp.Pipe(0.225, 998.0, damping=1.4e-4))
+        ),
+        "beta = 0.95, gamma = 200": lambda: pp.critical_speed(continuum(pp.Pipe(0.95, 200.0))),
+        "nine supports": lambda: pp.critical_speed(continuum(pp.Pipe(0.3, supports=even(9)))),
+        "nine supports, pinned end": lambda: pp.critical_speed(
+            continuum(pp.Pipe(0.3, end="pinned", supports=even(9)))
+        ),
+        "fifty spans": lambda: pp.critical_speed(
+            continuum(replace(spans, end="pinned")), max_speed=400.0
+        ),
+        "fifty spans, 60 eigenvalues": lambda: pp.eigenvalues(
+            continuum(replace(spans, end="pinned")), 0.0, count=60
+        ),
+        "pipeline on soil": lambda: pp.critical_speed(continuum(pipeline())),
+        "pipeline on soil, to u = 300": lambda: pp.critical_speed(continuum(pipeline()), 300.0),
+        "tip mass and spring, crossings to u = 9": lambda: pp.crossings(
+            continuum(pp.Pipe(0.115, terms=tip)), 9.0
+        ),
+        "chain of 400, aspirating, viscous": lambda: pp.critical_speed(pp.Chain(viscous, 400)),
+        "stability_curve, 50 beta": lambda: pp.stability_curve(
+            lambda beta: continuum(pp.Pipe(beta)), np.linspace(0.05, 0.95, 50)
+        ),
+        "boundary in beta and u": lambda: pp.boundary(continuum(PIPE), "beta", "u", window),
+    }
+    print("\n| continuous pipe | answer | stated relative error | time (ms) | in the core |")
+    print("|---|---|---|---|---|")
+    for name, ask in rows.items():
+        ask()
+        with InCore() as core:
+            start = time.process_time()
+            found = ask()
+            cost = time.process_time() - start
+        answer, error = "", math.nan
+        if isinstance(found, pp.CriticalSpeed):
+            answer, error = f"u = {found.speed:.6f}", found.error / found.speed
+        elif isinstance(found, pp.Crossings):
+            answer = f"{len(found)} crossings"
+            error = max(one.error / one.speed for one in found)
+        stated = "" if math.isnan(error) else f"{error:.0e}"
+        print(f"| {name} | {answer} | {stated} | {1e3 * cost:.1f} | {1e3 * core.seconds:.1f} |")
+        check(0.0 if math.isnan(error) else error, 1e-8, name)
+
+
 def beside_threads() -> None:
     """Serial and with two threads in turn, so that other work on the machine meets both."""
     print("\nstability curve over beta, gamma = 10: best of three, s")
@@ -334,6 +435,7 @@ def main() -> int:
     searches()
     hopf_points()
     critical_speeds()
+    continuous_pipes()
     beside_threads()
     return ended()
 

@@ -2,403 +2,747 @@
 """
 C++ core of pipedyn: operators, motion, eigenpairs of chains, reduced models, scenes.
 """
+
 from __future__ import annotations
 import collections.abc
 import numpy
 import numpy.typing
 import typing
-__all__: list[str] = ['AxisCrossing', 'Chain', 'Complement', 'DenseOperator', 'Eigenproblem', 'Forms', 'Galerkin', 'Integrator', 'Member', 'Operators', 'Pair', 'Pairs', 'PanelPencil', 'Pipe', 'Profile', 'Range', 'RootLoci', 'SHIFT', 'Scene', 'Spectrum', 'Structured', 'Supply', 'Sweep', 'Traits', 'Truncated', 'assignment', 'carried', 'crossings', 'dense_limit', 'eliminated', 'orbit_states', 'rounding', 'set_vector_level', 'sincos', 'vector_level', 'vector_levels']
+
+__all__: list[str] = [
+    "AxisCrossing",
+    "Chain",
+    "Complement",
+    "DenseOperator",
+    "Eigenproblem",
+    "Forms",
+    "Galerkin",
+    "Integrator",
+    "Member",
+    "Operators",
+    "Pair",
+    "Pairs",
+    "PanelPencil",
+    "Pipe",
+    "Profile",
+    "Range",
+    "RootLoci",
+    "SHIFT",
+    "Scene",
+    "Spectrum",
+    "Structured",
+    "Supply",
+    "Sweep",
+    "Traits",
+    "Truncated",
+    "assignment",
+    "carried",
+    "crossings",
+    "dense_limit",
+    "eliminated",
+    "orbit_states",
+    "rounding",
+    "set_vector_level",
+    "sincos",
+    "vector_level",
+    "vector_levels",
+]
+
 class Profile:
-    def __call__(self, s: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"]) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, 1]"]:
-        ...
+    def __call__(
+        self, s: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"]
+    ) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, 1]"]: ...
     @typing.overload
-    def __init__(self) -> None:
-        ...
+    def __init__(self) -> None: ...
     @typing.overload
-    def __init__(self, ends: collections.abc.Sequence[typing.SupportsFloat | typing.SupportsIndex], series: collections.abc.Sequence[collections.abc.Sequence[typing.SupportsFloat | typing.SupportsIndex]]) -> None:
-        ...
+    def __init__(
+        self,
+        ends: collections.abc.Sequence[typing.SupportsFloat | typing.SupportsIndex],
+        series: collections.abc.Sequence[
+            collections.abc.Sequence[typing.SupportsFloat | typing.SupportsIndex]
+        ],
+    ) -> None: ...
+
 class Pipe:
-    def __init__(self, beta: typing.SupportsFloat | typing.SupportsIndex, gamma: typing.SupportsFloat | typing.SupportsIndex, centrifugal: typing.SupportsFloat | typing.SupportsIndex, drag: typing.SupportsFloat | typing.SupportsIndex, damping: typing.SupportsFloat | typing.SupportsIndex, aspirating: bool, terms: collections.abc.Sequence[tuple[str, typing.SupportsFloat | typing.SupportsIndex, collections.abc.Sequence[typing.SupportsFloat | typing.SupportsIndex]]] = [], root: typing.SupportsFloat | typing.SupportsIndex = ..., end: str = 'free', supports: collections.abc.Sequence[typing.SupportsFloat | typing.SupportsIndex] = [], inflow_share: typing.SupportsFloat | typing.SupportsIndex = 1.0, jet_angle: typing.SupportsFloat | typing.SupportsIndex = 0.0, stiffness: Profile = ..., mass: Profile = ..., hysteresis: typing.SupportsFloat | typing.SupportsIndex = 0.0) -> None:
-        ...
+    def __init__(
+        self,
+        beta: typing.SupportsFloat | typing.SupportsIndex,
+        gamma: typing.SupportsFloat | typing.SupportsIndex,
+        centrifugal: typing.SupportsFloat | typing.SupportsIndex,
+        drag: typing.SupportsFloat | typing.SupportsIndex,
+        damping: typing.SupportsFloat | typing.SupportsIndex,
+        aspirating: bool,
+        terms: collections.abc.Sequence[
+            tuple[
+                str,
+                typing.SupportsFloat | typing.SupportsIndex,
+                collections.abc.Sequence[typing.SupportsFloat | typing.SupportsIndex],
+            ]
+        ] = [],
+        root: typing.SupportsFloat | typing.SupportsIndex = ...,
+        end: str = "free",
+        supports: collections.abc.Sequence[typing.SupportsFloat | typing.SupportsIndex] = [],
+        inflow_share: typing.SupportsFloat | typing.SupportsIndex = 1.0,
+        jet_angle: typing.SupportsFloat | typing.SupportsIndex = 0.0,
+        stiffness: Profile = ...,
+        mass: Profile = ...,
+        hysteresis: typing.SupportsFloat | typing.SupportsIndex = 0.0,
+    ) -> None: ...
     @property
-    def resisted(self) -> bool:
-        ...
+    def resisted(self) -> bool: ...
+
 class Operators:
     @property
-    def damping(self) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"]:
-        ...
+    def damping(self) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"]: ...
     @property
-    def end_flux(self) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"]:
-        ...
+    def end_flux(self) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"]: ...
     @property
-    def flux(self) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"]:
-        ...
+    def flux(self) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"]: ...
     @property
-    def gyroscopic(self) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"]:
-        ...
+    def gyroscopic(self) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"]: ...
     @property
-    def mass(self) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"]:
-        ...
+    def mass(self) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"]: ...
     @property
-    def stiffness(self) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"]:
-        ...
+    def stiffness(self) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"]: ...
     @property
-    def unsteady(self) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"]:
-        ...
+    def unsteady(self) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"]: ...
+
 class Chain:
-    def __init__(self, pipe: Pipe, length: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"], center: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"], gyration_radius: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"], spring: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"], drag_point: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"], base: typing.SupportsFloat | typing.SupportsIndex, mass: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"] = ...) -> None:
-        ...
-    def axial(self, y: typing.Any, drive: typing.Any = None) -> numpy.typing.NDArray[numpy.float64]:
-        ...
-    def energy(self, y: typing.Any, drive: typing.Any = None, refuses: bool = True) -> float | numpy.typing.NDArray[numpy.float64]:
-        ...
-    def guided(self, held: collections.abc.Sequence[bool]) -> Chain:
-        ...
-    def jacobian(self, t: typing.Any, y: typing.Any, u: typing.Any, drive: typing.Any = None, refuses: bool = True) -> numpy.typing.NDArray[numpy.float64]:
-        ...
-    def joint_operators(self, scale: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"]) -> Operators:
-        ...
-    def joint_times(self, x: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, n]"], still: typing.SupportsFloat | typing.SupportsIndex = 0.0, rate: typing.SupportsFloat | typing.SupportsIndex = 0.0, square: typing.SupportsFloat | typing.SupportsIndex = 0.0, velocity: typing.SupportsFloat | typing.SupportsIndex = 0.0, flux: typing.SupportsFloat | typing.SupportsIndex = 0.0, gravity: typing.SupportsFloat | typing.SupportsIndex = 0.0, by_damping: typing.SupportsFloat | typing.SupportsIndex = 0.0, unsteady: typing.SupportsFloat | typing.SupportsIndex = 0.0) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"]:
-        ...
-    def linearised(self, t: typing.Any, y: typing.Any, u: typing.Any, drive: typing.Any = None) -> numpy.typing.NDArray[numpy.float64]:
-        ...
-    def loads(self, stations: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, n]"]) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"]:
-        ...
-    def operators(self, angles: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"] = ...) -> Operators:
-        ...
-    def places(self) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"]:
-        ...
-    def power(self, y: typing.Any, u: typing.Any, drive: typing.Any = None, refuses: bool = True) -> tuple[float | numpy.typing.NDArray[numpy.float64], float | numpy.typing.NDArray[numpy.float64], float | numpy.typing.NDArray[numpy.float64], float | numpy.typing.NDArray[numpy.float64], float | numpy.typing.NDArray[numpy.float64]]:
-        ...
-    def rhs(self, t: typing.Any, y: typing.Any, u: typing.Any, drive: typing.Any = None, refuses: bool = True) -> numpy.typing.NDArray[numpy.float64]:
-        ...
-    def rhs_and_power(self, t: typing.Any, y: typing.Any, u: typing.Any, drive: typing.Any = None) -> numpy.typing.NDArray[numpy.float64]:
-        ...
+    def __init__(
+        self,
+        pipe: Pipe,
+        length: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"],
+        center: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"],
+        gyration_radius: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"],
+        spring: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"],
+        drag_point: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"],
+        base: typing.SupportsFloat | typing.SupportsIndex,
+        mass: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"] = ...,
+    ) -> None: ...
+    def axial(
+        self, y: typing.Any, drive: typing.Any = None
+    ) -> numpy.typing.NDArray[numpy.float64]: ...
+    def energy(
+        self, y: typing.Any, drive: typing.Any = None, refuses: bool = True
+    ) -> float | numpy.typing.NDArray[numpy.float64]: ...
+    def guided(self, held: collections.abc.Sequence[bool]) -> Chain: ...
+    def jacobian(
+        self,
+        t: typing.Any,
+        y: typing.Any,
+        u: typing.Any,
+        drive: typing.Any = None,
+        refuses: bool = True,
+    ) -> numpy.typing.NDArray[numpy.float64]: ...
+    def joint_operators(
+        self, scale: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"]
+    ) -> Operators: ...
+    def joint_times(
+        self,
+        x: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, n]"],
+        still: typing.SupportsFloat | typing.SupportsIndex = 0.0,
+        rate: typing.SupportsFloat | typing.SupportsIndex = 0.0,
+        square: typing.SupportsFloat | typing.SupportsIndex = 0.0,
+        velocity: typing.SupportsFloat | typing.SupportsIndex = 0.0,
+        flux: typing.SupportsFloat | typing.SupportsIndex = 0.0,
+        gravity: typing.SupportsFloat | typing.SupportsIndex = 0.0,
+        by_damping: typing.SupportsFloat | typing.SupportsIndex = 0.0,
+        unsteady: typing.SupportsFloat | typing.SupportsIndex = 0.0,
+    ) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"]: ...
+    def linearised(
+        self, t: typing.Any, y: typing.Any, u: typing.Any, drive: typing.Any = None
+    ) -> numpy.typing.NDArray[numpy.float64]: ...
+    def loads(
+        self, stations: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, n]"]
+    ) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"]: ...
+    def operators(
+        self, angles: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"] = ...
+    ) -> Operators: ...
+    def places(self) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"]: ...
+    def power(
+        self, y: typing.Any, u: typing.Any, drive: typing.Any = None, refuses: bool = True
+    ) -> tuple[
+        float | numpy.typing.NDArray[numpy.float64],
+        float | numpy.typing.NDArray[numpy.float64],
+        float | numpy.typing.NDArray[numpy.float64],
+        float | numpy.typing.NDArray[numpy.float64],
+        float | numpy.typing.NDArray[numpy.float64],
+    ]: ...
+    def rhs(
+        self,
+        t: typing.Any,
+        y: typing.Any,
+        u: typing.Any,
+        drive: typing.Any = None,
+        refuses: bool = True,
+    ) -> numpy.typing.NDArray[numpy.float64]: ...
+    def rhs_and_power(
+        self, t: typing.Any, y: typing.Any, u: typing.Any, drive: typing.Any = None
+    ) -> numpy.typing.NDArray[numpy.float64]: ...
     @property
-    def joints(self) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"]:
-        ...
+    def joints(self) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"]: ...
+
 class Galerkin:
-    def __init__(self, pipe: Pipe, legendre: bool, size: typing.SupportsInt | typing.SupportsIndex, joints: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"] = ..., more: typing.SupportsInt | typing.SupportsIndex = 0, least_nodes: typing.SupportsInt | typing.SupportsIndex = 0) -> None:
-        ...
-    def axial(self, y: typing.Any, drive: typing.Any = None) -> numpy.typing.NDArray[numpy.float64]:
-        ...
-    def basis(self, s: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"], derivative: typing.SupportsInt | typing.SupportsIndex) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"]:
-        ...
-    def elastic(self) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"]:
-        ...
-    def elastic_stiffness(self) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, 1]"]:
-        ...
-    def energy(self, y: typing.Any, drive: typing.Any = None, refuses: bool = True) -> float | numpy.typing.NDArray[numpy.float64]:
-        ...
-    def functions_by_panel(self) -> list[list[int]]:
-        ...
-    def held(self, y: typing.Any) -> numpy.typing.NDArray[numpy.float64]:
-        ...
-    def jacobian(self, t: typing.Any, y: typing.Any, u: typing.Any, drive: typing.Any = None, refuses: bool = True) -> numpy.typing.NDArray[numpy.float64]:
-        ...
-    def linearised(self, t: typing.Any, y: typing.Any, u: typing.Any, drive: typing.Any = None) -> numpy.typing.NDArray[numpy.float64]:
-        ...
-    def most_on_a_panel(self) -> int:
-        ...
-    def nodes(self, q: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"]) -> int:
-        ...
-    def operators(self, q: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"] = ...) -> Operators:
-        ...
-    def power(self, y: typing.Any, u: typing.Any, drive: typing.Any = None, refuses: bool = True) -> tuple[float | numpy.typing.NDArray[numpy.float64], float | numpy.typing.NDArray[numpy.float64], float | numpy.typing.NDArray[numpy.float64], float | numpy.typing.NDArray[numpy.float64], float | numpy.typing.NDArray[numpy.float64]]:
-        ...
-    def rhs(self, t: typing.Any, y: typing.Any, u: typing.Any, drive: typing.Any = None, refuses: bool = True) -> numpy.typing.NDArray[numpy.float64]:
-        ...
-    def rhs_and_power(self, t: typing.Any, y: typing.Any, u: typing.Any, drive: typing.Any = None) -> numpy.typing.NDArray[numpy.float64]:
-        ...
-    def tips(self, y: typing.Any) -> numpy.typing.NDArray[numpy.float64]:
-        ...
+    def __init__(
+        self,
+        pipe: Pipe,
+        legendre: bool,
+        size: typing.SupportsInt | typing.SupportsIndex,
+        joints: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"] = ...,
+        more: typing.SupportsInt | typing.SupportsIndex = 0,
+        least_nodes: typing.SupportsInt | typing.SupportsIndex = 0,
+    ) -> None: ...
+    def axial(
+        self, y: typing.Any, drive: typing.Any = None
+    ) -> numpy.typing.NDArray[numpy.float64]: ...
+    def basis(
+        self,
+        s: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"],
+        derivative: typing.SupportsInt | typing.SupportsIndex,
+    ) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"]: ...
+    def elastic(self) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"]: ...
+    def elastic_stiffness(
+        self,
+    ) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, 1]"]: ...
+    def energy(
+        self, y: typing.Any, drive: typing.Any = None, refuses: bool = True
+    ) -> float | numpy.typing.NDArray[numpy.float64]: ...
+    def functions_by_panel(self) -> list[list[int]]: ...
+    def held(self, y: typing.Any) -> numpy.typing.NDArray[numpy.float64]: ...
+    def jacobian(
+        self,
+        t: typing.Any,
+        y: typing.Any,
+        u: typing.Any,
+        drive: typing.Any = None,
+        refuses: bool = True,
+    ) -> numpy.typing.NDArray[numpy.float64]: ...
+    def linearised(
+        self, t: typing.Any, y: typing.Any, u: typing.Any, drive: typing.Any = None
+    ) -> numpy.typing.NDArray[numpy.float64]: ...
+    def most_on_a_panel(self) -> int: ...
+    def nodes(
+        self, q: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"]
+    ) -> int: ...
+    def operators(
+        self, q: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"] = ...
+    ) -> Operators: ...
+    def power(
+        self, y: typing.Any, u: typing.Any, drive: typing.Any = None, refuses: bool = True
+    ) -> tuple[
+        float | numpy.typing.NDArray[numpy.float64],
+        float | numpy.typing.NDArray[numpy.float64],
+        float | numpy.typing.NDArray[numpy.float64],
+        float | numpy.typing.NDArray[numpy.float64],
+        float | numpy.typing.NDArray[numpy.float64],
+    ]: ...
+    def rhs(
+        self,
+        t: typing.Any,
+        y: typing.Any,
+        u: typing.Any,
+        drive: typing.Any = None,
+        refuses: bool = True,
+    ) -> numpy.typing.NDArray[numpy.float64]: ...
+    def rhs_and_power(
+        self, t: typing.Any, y: typing.Any, u: typing.Any, drive: typing.Any = None
+    ) -> numpy.typing.NDArray[numpy.float64]: ...
+    def tips(self, y: typing.Any) -> numpy.typing.NDArray[numpy.float64]: ...
     @property
-    def supports(self) -> int:
-        ...
+    def supports(self) -> int: ...
+
 class Pair:
     @property
-    def left(self) -> typing.Annotated[numpy.typing.NDArray[numpy.complex128], "[m, n]"]:
-        ...
+    def left(self) -> typing.Annotated[numpy.typing.NDArray[numpy.complex128], "[m, n]"]: ...
     @property
-    def right(self) -> typing.Annotated[numpy.typing.NDArray[numpy.complex128], "[m, n]"]:
-        ...
+    def right(self) -> typing.Annotated[numpy.typing.NDArray[numpy.complex128], "[m, n]"]: ...
     @property
-    def slope(self) -> complex:
-        ...
+    def slope(self) -> complex: ...
     @property
-    def value(self) -> complex:
-        ...
+    def value(self) -> complex: ...
+
 class Pairs:
-    def __init__(self, values: typing.Annotated[numpy.typing.ArrayLike, numpy.complex128, "[m, 1]"], right: typing.Annotated[numpy.typing.ArrayLike, numpy.complex128, "[m, n]"], left: typing.Annotated[numpy.typing.ArrayLike, numpy.complex128, "[m, n]"] = ..., residuals: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"] = ...) -> None:
-        ...
+    def __init__(
+        self,
+        values: typing.Annotated[numpy.typing.ArrayLike, numpy.complex128, "[m, 1]"],
+        right: typing.Annotated[numpy.typing.ArrayLike, numpy.complex128, "[m, n]"],
+        left: typing.Annotated[numpy.typing.ArrayLike, numpy.complex128, "[m, n]"] = ...,
+        residuals: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"] = ...,
+    ) -> None: ...
     @property
-    def converged(self) -> typing.Annotated[numpy.typing.NDArray[numpy.bool], "[m, 1]"]:
-        ...
+    def converged(self) -> typing.Annotated[numpy.typing.NDArray[numpy.bool], "[m, 1]"]: ...
     @property
-    def left(self) -> typing.Annotated[numpy.typing.NDArray[numpy.complex128], "[m, n]"]:
-        ...
+    def left(self) -> typing.Annotated[numpy.typing.NDArray[numpy.complex128], "[m, n]"]: ...
     @property
-    def residuals(self) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, 1]"]:
-        ...
+    def residuals(self) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, 1]"]: ...
     @property
-    def right(self) -> typing.Annotated[numpy.typing.NDArray[numpy.complex128], "[m, n]"]:
-        ...
+    def right(self) -> typing.Annotated[numpy.typing.NDArray[numpy.complex128], "[m, n]"]: ...
     @property
-    def slopes(self) -> typing.Annotated[numpy.typing.NDArray[numpy.complex128], "[m, 1]"]:
-        ...
+    def slopes(self) -> typing.Annotated[numpy.typing.NDArray[numpy.complex128], "[m, 1]"]: ...
     @property
-    def uncertain(self) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, 1]"]:
-        ...
+    def uncertain(self) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, 1]"]: ...
     @property
-    def values(self) -> typing.Annotated[numpy.typing.NDArray[numpy.complex128], "[m, 1]"]:
-        ...
+    def values(self) -> typing.Annotated[numpy.typing.NDArray[numpy.complex128], "[m, 1]"]: ...
+
 class Forms:
-    def __init__(self, mass: complex | typing.SupportsComplex | typing.SupportsFloat | typing.SupportsIndex, velocity: complex | typing.SupportsComplex | typing.SupportsFloat | typing.SupportsIndex, damping: complex | typing.SupportsComplex | typing.SupportsFloat | typing.SupportsIndex, flux: complex | typing.SupportsComplex | typing.SupportsFloat | typing.SupportsIndex, gravity: complex | typing.SupportsComplex | typing.SupportsFloat | typing.SupportsIndex, by_damping: complex | typing.SupportsComplex | typing.SupportsFloat | typing.SupportsIndex, springs: typing.Annotated[numpy.typing.ArrayLike, numpy.complex128, "[m, 1]"] = ...) -> None:
-        ...
+    def __init__(
+        self,
+        mass: complex | typing.SupportsComplex | typing.SupportsFloat | typing.SupportsIndex,
+        velocity: complex | typing.SupportsComplex | typing.SupportsFloat | typing.SupportsIndex,
+        damping: complex | typing.SupportsComplex | typing.SupportsFloat | typing.SupportsIndex,
+        flux: complex | typing.SupportsComplex | typing.SupportsFloat | typing.SupportsIndex,
+        gravity: complex | typing.SupportsComplex | typing.SupportsFloat | typing.SupportsIndex,
+        by_damping: complex | typing.SupportsComplex | typing.SupportsFloat | typing.SupportsIndex,
+        springs: typing.Annotated[numpy.typing.ArrayLike, numpy.complex128, "[m, 1]"] = ...,
+    ) -> None: ...
     @property
-    def by_damping(self) -> complex:
-        ...
+    def by_damping(self) -> complex: ...
     @property
-    def damping(self) -> complex:
-        ...
+    def damping(self) -> complex: ...
     @property
-    def flux(self) -> complex:
-        ...
+    def flux(self) -> complex: ...
     @property
-    def gravity(self) -> complex:
-        ...
+    def gravity(self) -> complex: ...
     @property
-    def mass(self) -> complex:
-        ...
+    def mass(self) -> complex: ...
     @property
-    def springs(self) -> typing.Annotated[numpy.typing.NDArray[numpy.complex128], "[m, 1]"]:
-        ...
+    def springs(self) -> typing.Annotated[numpy.typing.NDArray[numpy.complex128], "[m, 1]"]: ...
     @property
-    def velocity(self) -> complex:
-        ...
+    def velocity(self) -> complex: ...
+
 class AxisCrossing:
     @property
-    def before(self) -> int:
-        ...
+    def before(self) -> int: ...
     @property
-    def change(self) -> int:
-        ...
+    def change(self) -> int: ...
     @property
-    def error(self) -> float:
-        ...
+    def error(self) -> float: ...
     @property
-    def forms(self) -> Forms | None:
-        ...
+    def forms(self) -> Forms | None: ...
     @property
-    def frequency(self) -> float:
-        ...
+    def frequency(self) -> float: ...
     @property
-    def gyroscopic(self) -> bool:
-        ...
+    def gyroscopic(self) -> bool: ...
     @property
-    def mode(self) -> int:
-        ...
+    def mode(self) -> int: ...
     @property
-    def pair(self) -> Pair | None:
-        ...
+    def pair(self) -> Pair | None: ...
     @property
-    def slope(self) -> complex:
-        ...
+    def slope(self) -> complex: ...
     @property
-    def speed(self) -> float:
-        ...
+    def speed(self) -> float: ...
     @property
-    def value(self) -> complex:
-        ...
+    def value(self) -> complex: ...
+
 class Sweep:
     @property
-    def crossings(self) -> list[AxisCrossing]:
-        ...
+    def crossings(self) -> list[AxisCrossing]: ...
     @property
-    def failure(self) -> str:
-        ...
+    def failure(self) -> str: ...
     @property
-    def untracked(self) -> bool:
-        ...
+    def untracked(self) -> bool: ...
+
 class RootLoci:
     @property
-    def converged(self) -> typing.Annotated[numpy.typing.NDArray[numpy.bool], "[m, n]"]:
-        ...
+    def converged(self) -> typing.Annotated[numpy.typing.NDArray[numpy.bool], "[m, n]"]: ...
     @property
-    def errors(self) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"]:
-        ...
+    def errors(self) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"]: ...
     @property
-    def partners(self) -> typing.Annotated[numpy.typing.NDArray[numpy.complex128], "[m, n]"]:
-        ...
+    def partners(self) -> typing.Annotated[numpy.typing.NDArray[numpy.complex128], "[m, n]"]: ...
     @property
-    def values(self) -> typing.Annotated[numpy.typing.NDArray[numpy.complex128], "[m, n]"]:
-        ...
+    def values(self) -> typing.Annotated[numpy.typing.NDArray[numpy.complex128], "[m, n]"]: ...
+
 class Range:
-    def __init__(self, max_speed: typing.SupportsFloat | typing.SupportsIndex, scale: typing.SupportsFloat | typing.SupportsIndex, count: typing.SupportsInt | typing.SupportsIndex, tracked: typing.SupportsInt | typing.SupportsIndex, resolved: typing.SupportsInt | typing.SupportsIndex, certain: typing.SupportsInt | typing.SupportsIndex, until_unstable: bool) -> None:
-        ...
+    def __init__(
+        self,
+        max_speed: typing.SupportsFloat | typing.SupportsIndex,
+        scale: typing.SupportsFloat | typing.SupportsIndex,
+        count: typing.SupportsInt | typing.SupportsIndex,
+        tracked: typing.SupportsInt | typing.SupportsIndex,
+        resolved: typing.SupportsInt | typing.SupportsIndex,
+        certain: typing.SupportsInt | typing.SupportsIndex,
+        until_unstable: bool,
+    ) -> None: ...
+
 class Spectrum:
-    def factorisations(self) -> int:
-        ...
-    def root_loci(self, speeds: collections.abc.Sequence[typing.SupportsFloat | typing.SupportsIndex], count: typing.SupportsInt | typing.SupportsIndex, taken: typing.SupportsInt | typing.SupportsIndex, factorised: typing.Any, row_done: typing.Any = None) -> RootLoci | None:
-        ...
-    def set_without_loss(self, other: Spectrum) -> None:
-        ...
+    def factorisations(self) -> int: ...
+    def root_loci(
+        self,
+        speeds: collections.abc.Sequence[typing.SupportsFloat | typing.SupportsIndex],
+        count: typing.SupportsInt | typing.SupportsIndex,
+        taken: typing.SupportsInt | typing.SupportsIndex,
+        factorised: typing.Any,
+        row_done: typing.Any = None,
+    ) -> RootLoci | None: ...
+    def set_without_loss(self, other: Spectrum) -> None: ...
+
 class PanelPencil:
     @staticmethod
-    def fits(model: Galerkin) -> bool:
-        ...
-    def __init__(self, model: Galerkin) -> None:
-        ...
-    def on_panels(self, q: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, n]"]) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"]:
-        ...
-    def times(self, x: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, n]"], still: typing.SupportsFloat | typing.SupportsIndex = 0.0, rate: typing.SupportsFloat | typing.SupportsIndex = 0.0, square: typing.SupportsFloat | typing.SupportsIndex = 0.0, velocity: typing.SupportsFloat | typing.SupportsIndex = 0.0, flux: typing.SupportsFloat | typing.SupportsIndex = 0.0, gravity: typing.SupportsFloat | typing.SupportsIndex = 0.0, by_damping: typing.SupportsFloat | typing.SupportsIndex = 0.0) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"]:
-        ...
+    def fits(model: Galerkin) -> bool: ...
+    def __init__(self, model: Galerkin) -> None: ...
+    def on_panels(
+        self, q: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, n]"]
+    ) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"]: ...
+    def times(
+        self,
+        x: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, n]"],
+        still: typing.SupportsFloat | typing.SupportsIndex = 0.0,
+        rate: typing.SupportsFloat | typing.SupportsIndex = 0.0,
+        square: typing.SupportsFloat | typing.SupportsIndex = 0.0,
+        velocity: typing.SupportsFloat | typing.SupportsIndex = 0.0,
+        flux: typing.SupportsFloat | typing.SupportsIndex = 0.0,
+        gravity: typing.SupportsFloat | typing.SupportsIndex = 0.0,
+        by_damping: typing.SupportsFloat | typing.SupportsIndex = 0.0,
+    ) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"]: ...
+
 class DenseOperator:
-    def __init__(self, matrices: typing.Annotated[collections.abc.Sequence[typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, n]"]], "FixedSize(5)"], size: typing.SupportsFloat | typing.SupportsIndex, loss: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, n]"] = ...) -> None:
-        ...
-    def inverse(self, shift: typing.SupportsFloat | typing.SupportsIndex, velocity_free: bool, left: bool) -> tuple[typing.Annotated[numpy.typing.NDArray[numpy.complex128], "[m, 1]"], typing.Annotated[numpy.typing.NDArray[numpy.complex128], "[m, n]"], typing.Annotated[numpy.typing.NDArray[numpy.complex128], "[m, n]"]]:
-        ...
+    def __init__(
+        self,
+        matrices: typing.Annotated[
+            collections.abc.Sequence[
+                typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, n]"]
+            ],
+            "FixedSize(5)",
+        ],
+        size: typing.SupportsFloat | typing.SupportsIndex,
+        loss: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, n]"] = ...,
+    ) -> None: ...
+    def inverse(
+        self, shift: typing.SupportsFloat | typing.SupportsIndex, velocity_free: bool, left: bool
+    ) -> tuple[
+        typing.Annotated[numpy.typing.NDArray[numpy.complex128], "[m, 1]"],
+        typing.Annotated[numpy.typing.NDArray[numpy.complex128], "[m, n]"],
+        typing.Annotated[numpy.typing.NDArray[numpy.complex128], "[m, n]"],
+    ]: ...
+
 class Traits:
-    def __init__(self, dof: typing.SupportsInt | typing.SupportsIndex, delta: typing.SupportsFloat | typing.SupportsIndex, zero: typing.SupportsFloat | typing.SupportsIndex, damped: bool, conservative: bool, squared: bool, free_at_rest: bool, loss: typing.SupportsFloat | typing.SupportsIndex) -> None:
-        ...
+    def __init__(
+        self,
+        dof: typing.SupportsInt | typing.SupportsIndex,
+        delta: typing.SupportsFloat | typing.SupportsIndex,
+        zero: typing.SupportsFloat | typing.SupportsIndex,
+        damped: bool,
+        conservative: bool,
+        squared: bool,
+        free_at_rest: bool,
+        loss: typing.SupportsFloat | typing.SupportsIndex,
+    ) -> None: ...
     @property
-    def loss(self) -> float:
-        ...
+    def loss(self) -> float: ...
+
 class Eigenproblem(Spectrum):
-    def __init__(self, traits: Traits, matrices: typing.Annotated[collections.abc.Sequence[typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, n]"]], "FixedSize(5)"], centrifugal: typing.SupportsFloat | typing.SupportsIndex, size: typing.SupportsFloat | typing.SupportsIndex, loss: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, n]"] = ..., rounding: typing.SupportsFloat | typing.SupportsIndex = 0.0) -> None:
-        ...
-    def assess(self, u: typing.SupportsFloat | typing.SupportsIndex, pairs: Pairs) -> None:
-        ...
-    def by_recursion(self, u: typing.SupportsFloat | typing.SupportsIndex, count: typing.SupportsInt | typing.SupportsIndex, vectors: bool) -> Pairs | None:
-        ...
-    def lowest(self, u: typing.SupportsFloat | typing.SupportsIndex, count: typing.SupportsInt | typing.SupportsIndex, left: bool, high: bool) -> Pairs:
-        ...
-    def modes_at_rest(self) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"] | None:
-        ...
+    def __init__(
+        self,
+        traits: Traits,
+        matrices: typing.Annotated[
+            collections.abc.Sequence[
+                typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, n]"]
+            ],
+            "FixedSize(5)",
+        ],
+        centrifugal: typing.SupportsFloat | typing.SupportsIndex,
+        size: typing.SupportsFloat | typing.SupportsIndex,
+        loss: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, n]"] = ...,
+        rounding: typing.SupportsFloat | typing.SupportsIndex = 0.0,
+    ) -> None: ...
+    def assess(self, u: typing.SupportsFloat | typing.SupportsIndex, pairs: Pairs) -> None: ...
+    def by_recursion(
+        self,
+        u: typing.SupportsFloat | typing.SupportsIndex,
+        count: typing.SupportsInt | typing.SupportsIndex,
+        vectors: bool,
+    ) -> Pairs | None: ...
+    def lowest(
+        self,
+        u: typing.SupportsFloat | typing.SupportsIndex,
+        count: typing.SupportsInt | typing.SupportsIndex,
+        left: bool,
+        high: bool,
+    ) -> Pairs: ...
+    def modes_at_rest(
+        self,
+    ) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"] | None: ...
+
 class Complement:
-    def __init__(self, columns: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, n]"]) -> None:
-        ...
-    def gathered(self, x: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, n]"]) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"]:
-        ...
-    def spread(self, z: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, n]"]) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"]:
-        ...
+    def __init__(
+        self, columns: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, n]"]
+    ) -> None: ...
+    def gathered(
+        self, x: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, n]"]
+    ) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"]: ...
+    def spread(
+        self, z: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, n]"]
+    ) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"]: ...
     @property
-    def dof(self) -> int:
-        ...
+    def dof(self) -> int: ...
+
 class Structured(Eigenproblem):
     @typing.overload
-    def __init__(self, traits: Traits, chain: Chain, complement: Complement, scale: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"], size: typing.SupportsFloat | typing.SupportsIndex) -> None:
-        ...
+    def __init__(
+        self,
+        traits: Traits,
+        chain: Chain,
+        complement: Complement,
+        scale: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"],
+        size: typing.SupportsFloat | typing.SupportsIndex,
+    ) -> None: ...
     @typing.overload
-    def __init__(self, traits: Traits, pencil: PanelPencil, spread: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, n]"], gathered: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, n]"], size: typing.SupportsFloat | typing.SupportsIndex) -> None:
-        ...
-    def log_derivatives(self, u: typing.SupportsFloat | typing.SupportsIndex, values: typing.Annotated[numpy.typing.ArrayLike, numpy.complex128, "[m, 1]"]) -> typing.Annotated[numpy.typing.NDArray[numpy.complex128], "[m, 1]"]:
-        ...
+    def __init__(
+        self,
+        traits: Traits,
+        pencil: PanelPencil,
+        spread: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, n]"],
+        gathered: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, n]"],
+        size: typing.SupportsFloat | typing.SupportsIndex,
+    ) -> None: ...
+    def log_derivatives(
+        self,
+        u: typing.SupportsFloat | typing.SupportsIndex,
+        values: typing.Annotated[numpy.typing.ArrayLike, numpy.complex128, "[m, 1]"],
+    ) -> typing.Annotated[numpy.typing.NDArray[numpy.complex128], "[m, 1]"]: ...
+
 class Truncated(Spectrum):
-    def __init__(self, fewer: Structured, more: Structured, resolved: typing.SupportsInt | typing.SupportsIndex) -> None:
-        ...
-    def of_larger(self, sweep: Sweep, end: typing.SupportsFloat | typing.SupportsIndex, resolved: typing.SupportsInt | typing.SupportsIndex) -> Sweep | None:
-        ...
+    def __init__(
+        self,
+        fewer: Structured,
+        more: Structured,
+        resolved: typing.SupportsInt | typing.SupportsIndex,
+    ) -> None: ...
+    def of_larger(
+        self,
+        sweep: Sweep,
+        end: typing.SupportsFloat | typing.SupportsIndex,
+        resolved: typing.SupportsInt | typing.SupportsIndex,
+    ) -> Sweep | None: ...
+
 class Scene:
     met: typing.ClassVar[float] = 1e-13
     return_rate: typing.ClassVar[float] = 60.0
-    def __init__(self, pipe: Pipe, length: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"], center: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"], gyration_radius: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"], spring: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"], damping: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"], rest_moment: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"], drag_point: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"], base: typing.SupportsFloat | typing.SupportsIndex, inertia: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, n]"], held: collections.abc.Sequence[typing.SupportsInt | typing.SupportsIndex], value: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"], mass: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"] = ...) -> None:
-        ...
-    def axial(self, y: typing.Any, drive: typing.Any = None) -> numpy.typing.NDArray[numpy.float64]:
-        ...
-    def bodies(self) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"]:
-        ...
-    def derivative(self, y: typing.Any, u: typing.Any, moments: typing.Any = None, by_state: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, n]"] = ..., returns: bool = True, drive: typing.Any = None) -> numpy.typing.NDArray[numpy.float64]:
-        ...
-    def energy(self, y: typing.Any, drive: typing.Any = None, refuses: bool = True) -> float | numpy.typing.NDArray[numpy.float64]:
-        ...
-    def from_angles(self, theta: typing.Any, omega: typing.Any) -> numpy.typing.NDArray[numpy.float64]:
-        ...
-    def jacobian(self, t: typing.Any, y: typing.Any, u: typing.Any, drive: typing.Any = None, refuses: bool = True) -> numpy.typing.NDArray[numpy.float64]:
-        ...
-    def linearised(self, t: typing.Any, y: typing.Any, u: typing.Any, drive: typing.Any = None) -> numpy.typing.NDArray[numpy.float64]:
-        ...
-    def power(self, y: typing.Any, u: typing.Any, drive: typing.Any = None, refuses: bool = True) -> tuple[float | numpy.typing.NDArray[numpy.float64], float | numpy.typing.NDArray[numpy.float64], float | numpy.typing.NDArray[numpy.float64], float | numpy.typing.NDArray[numpy.float64], float | numpy.typing.NDArray[numpy.float64]]:
-        ...
-    def project(self, theta: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, n]"], omega: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, n]"]) -> tuple[typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"], typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"], typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, 1]"]]:
-        ...
-    def redundant_energy(self, y: typing.Any, drive: typing.Any = None, refuses: bool = True) -> float | numpy.typing.NDArray[numpy.float64]:
-        ...
-    def redundant_power(self, y: typing.Any, u: typing.Any, drive: typing.Any = None, refuses: bool = True) -> tuple[float | numpy.typing.NDArray[numpy.float64], float | numpy.typing.NDArray[numpy.float64], float | numpy.typing.NDArray[numpy.float64], float | numpy.typing.NDArray[numpy.float64], float | numpy.typing.NDArray[numpy.float64]]:
-        ...
-    def redundant_rhs(self, t: typing.Any, y: typing.Any, u: typing.Any, moments: typing.Any = None, drive: typing.Any = None, refuses: bool = True) -> numpy.typing.NDArray[numpy.float64]:
-        ...
-    def rhs(self, t: typing.Any, y: typing.Any, u: typing.Any, drive: typing.Any = None, refuses: bool = True) -> numpy.typing.NDArray[numpy.float64]:
-        ...
+    def __init__(
+        self,
+        pipe: Pipe,
+        length: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"],
+        center: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"],
+        gyration_radius: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"],
+        spring: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"],
+        damping: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"],
+        rest_moment: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"],
+        drag_point: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"],
+        base: typing.SupportsFloat | typing.SupportsIndex,
+        inertia: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, n]"],
+        held: collections.abc.Sequence[typing.SupportsInt | typing.SupportsIndex],
+        value: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"],
+        mass: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"] = ...,
+    ) -> None: ...
+    def axial(
+        self, y: typing.Any, drive: typing.Any = None
+    ) -> numpy.typing.NDArray[numpy.float64]: ...
+    def bodies(self) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"]: ...
+    def derivative(
+        self,
+        y: typing.Any,
+        u: typing.Any,
+        moments: typing.Any = None,
+        by_state: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, n]"] = ...,
+        returns: bool = True,
+        drive: typing.Any = None,
+    ) -> numpy.typing.NDArray[numpy.float64]: ...
+    def energy(
+        self, y: typing.Any, drive: typing.Any = None, refuses: bool = True
+    ) -> float | numpy.typing.NDArray[numpy.float64]: ...
+    def from_angles(
+        self, theta: typing.Any, omega: typing.Any
+    ) -> numpy.typing.NDArray[numpy.float64]: ...
+    def jacobian(
+        self,
+        t: typing.Any,
+        y: typing.Any,
+        u: typing.Any,
+        drive: typing.Any = None,
+        refuses: bool = True,
+    ) -> numpy.typing.NDArray[numpy.float64]: ...
+    def linearised(
+        self, t: typing.Any, y: typing.Any, u: typing.Any, drive: typing.Any = None
+    ) -> numpy.typing.NDArray[numpy.float64]: ...
+    def power(
+        self, y: typing.Any, u: typing.Any, drive: typing.Any = None, refuses: bool = True
+    ) -> tuple[
+        float | numpy.typing.NDArray[numpy.float64],
+        float | numpy.typing.NDArray[numpy.float64],
+        float | numpy.typing.NDArray[numpy.float64],
+        float | numpy.typing.NDArray[numpy.float64],
+        float | numpy.typing.NDArray[numpy.float64],
+    ]: ...
+    def project(
+        self,
+        theta: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, n]"],
+        omega: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, n]"],
+    ) -> tuple[
+        typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"],
+        typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"],
+        typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, 1]"],
+    ]: ...
+    def redundant_energy(
+        self, y: typing.Any, drive: typing.Any = None, refuses: bool = True
+    ) -> float | numpy.typing.NDArray[numpy.float64]: ...
+    def redundant_power(
+        self, y: typing.Any, u: typing.Any, drive: typing.Any = None, refuses: bool = True
+    ) -> tuple[
+        float | numpy.typing.NDArray[numpy.float64],
+        float | numpy.typing.NDArray[numpy.float64],
+        float | numpy.typing.NDArray[numpy.float64],
+        float | numpy.typing.NDArray[numpy.float64],
+        float | numpy.typing.NDArray[numpy.float64],
+    ]: ...
+    def redundant_rhs(
+        self,
+        t: typing.Any,
+        y: typing.Any,
+        u: typing.Any,
+        moments: typing.Any = None,
+        drive: typing.Any = None,
+        refuses: bool = True,
+    ) -> numpy.typing.NDArray[numpy.float64]: ...
+    def rhs(
+        self,
+        t: typing.Any,
+        y: typing.Any,
+        u: typing.Any,
+        drive: typing.Any = None,
+        refuses: bool = True,
+    ) -> numpy.typing.NDArray[numpy.float64]: ...
     @typing.overload
-    def rhs_and_power(self, t: typing.Any, y: typing.Any, u: typing.Any, drive: typing.Any = None) -> numpy.typing.NDArray[numpy.float64]:
-        ...
+    def rhs_and_power(
+        self, t: typing.Any, y: typing.Any, u: typing.Any, drive: typing.Any = None
+    ) -> numpy.typing.NDArray[numpy.float64]: ...
     @typing.overload
-    def rhs_and_power(self, t: typing.Any, y: typing.Any, u: typing.Any, moments: typing.Any, drive: typing.Any = None) -> numpy.typing.NDArray[numpy.float64]:
-        ...
-    def solve(self, theta: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, n]"], moments: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, n]"]) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"]:
-        ...
+    def rhs_and_power(
+        self,
+        t: typing.Any,
+        y: typing.Any,
+        u: typing.Any,
+        moments: typing.Any,
+        drive: typing.Any = None,
+    ) -> numpy.typing.NDArray[numpy.float64]: ...
+    def solve(
+        self,
+        theta: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, n]"],
+        moments: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, n]"],
+    ) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"]: ...
     @property
-    def chain(self) -> Chain:
-        ...
+    def chain(self) -> Chain: ...
     @property
-    def compliance(self) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, 1]"]:
-        ...
+    def compliance(self) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, 1]"]: ...
     @property
-    def coordinates(self) -> int:
-        ...
+    def coordinates(self) -> int: ...
     @property
-    def weights(self) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"]:
-        ...
+    def weights(self) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"]: ...
+
 class Member:
     @property
-    def evaluations(self) -> int:
-        ...
+    def evaluations(self) -> int: ...
     @property
-    def progress(self) -> str:
-        ...
+    def progress(self) -> str: ...
     @property
-    def samples(self) -> int:
-        ...
+    def samples(self) -> int: ...
     @property
-    def time(self) -> float:
-        ...
+    def time(self) -> float: ...
+
 class Supply:
-    def __init__(self, core: typing.Any, head: typing.SupportsFloat | typing.SupportsIndex, friction: typing.SupportsFloat | typing.SupportsIndex, weight: typing.SupportsFloat | typing.SupportsIndex, root_of_beta: typing.SupportsFloat | typing.SupportsIndex, direction: typing.SupportsFloat | typing.SupportsIndex) -> None:
-        ...
-    def rates(self, of: typing.Any, t: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"], y: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, n]"], base: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, n]"] = ...) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"]:
-        ...
+    def __init__(
+        self,
+        core: typing.Any,
+        head: typing.SupportsFloat | typing.SupportsIndex,
+        friction: typing.SupportsFloat | typing.SupportsIndex,
+        weight: typing.SupportsFloat | typing.SupportsIndex,
+        root_of_beta: typing.SupportsFloat | typing.SupportsIndex,
+        direction: typing.SupportsFloat | typing.SupportsIndex,
+    ) -> None: ...
+    def rates(
+        self,
+        of: typing.Any,
+        t: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"],
+        y: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, n]"],
+        base: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, n]"] = ...,
+    ) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"]: ...
+
 class Integrator:
-    def __init__(self, of: typing.Any, u: typing.Any, start: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, n]"], t0: typing.SupportsFloat | typing.SupportsIndex, rtol: typing.Annotated[numpy.typing.ArrayLike, numpy.float64], atol: typing.Annotated[numpy.typing.ArrayLike, numpy.float64], most: typing.SupportsFloat | typing.SupportsIndex, max_step: typing.SupportsFloat | typing.SupportsIndex = ..., jacobian: typing.Any = None, supply: Supply | None = None) -> None:
-        ...
-    def advance(self, times: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"], out: numpy.typing.NDArray[numpy.float64], evaluations: typing.SupportsInt | typing.SupportsIndex, follow: bool = False) -> tuple[bool, list[float], list[typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"]]]:
-        ...
-    def state(self, member: typing.SupportsInt | typing.SupportsIndex) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, 1]"]:
-        ...
-    def stop(self, member: typing.SupportsInt | typing.SupportsIndex) -> None:
-        ...
+    def __init__(
+        self,
+        of: typing.Any,
+        u: typing.Any,
+        start: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, n]"],
+        t0: typing.SupportsFloat | typing.SupportsIndex,
+        rtol: typing.Annotated[numpy.typing.ArrayLike, numpy.float64],
+        atol: typing.Annotated[numpy.typing.ArrayLike, numpy.float64],
+        most: typing.SupportsFloat | typing.SupportsIndex,
+        max_step: typing.SupportsFloat | typing.SupportsIndex = ...,
+        jacobian: typing.Any = None,
+        supply: Supply | None = None,
+    ) -> None: ...
+    def advance(
+        self,
+        times: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"],
+        out: numpy.typing.NDArray[numpy.float64],
+        evaluations: typing.SupportsInt | typing.SupportsIndex,
+        follow: bool = False,
+    ) -> tuple[
+        bool, list[float], list[typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"]]
+    ]: ...
+    def state(
+        self, member: typing.SupportsInt | typing.SupportsIndex
+    ) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, 1]"]: ...
+    def stop(self, member: typing.SupportsInt | typing.SupportsIndex) -> None: ...
     @property
-    def members(self) -> list[Member]:
-        ...
-def assignment(costs: typing.Annotated[numpy.typing.ArrayLike, numpy.float64]) -> typing.Annotated[numpy.typing.NDArray[numpy.int64], "[m, 1]"]:
-    ...
-def carried(maps: typing.Annotated[numpy.typing.ArrayLike, numpy.float64], most: typing.SupportsFloat | typing.SupportsIndex) -> tuple[numpy.typing.NDArray[numpy.float64], list[int]]:
-    ...
-def crossings(spectra: collections.abc.Sequence[Spectrum], ranges: collections.abc.Sequence[Range], factorised: typing.Any) -> list[Sweep]:
-    ...
-def eliminated(durations: typing.Annotated[numpy.typing.ArrayLike, numpy.float64], starts: typing.Annotated[numpy.typing.ArrayLike, numpy.float64], rates: typing.Annotated[numpy.typing.ArrayLike, numpy.float64], linearised: typing.Annotated[numpy.typing.ArrayLike, numpy.float64], by_frequency: typing.Annotated[numpy.typing.ArrayLike, numpy.float64] | None, speed_varies: bool, frequency: typing.SupportsFloat | typing.SupportsIndex, weights: tuple[typing.Annotated[numpy.typing.ArrayLike, numpy.float64], typing.Annotated[numpy.typing.ArrayLike, numpy.float64], typing.Annotated[numpy.typing.ArrayLike, numpy.float64]], mirror: typing.SupportsFloat | typing.SupportsIndex = 1.0, units: typing.Annotated[numpy.typing.ArrayLike, numpy.float64] | None = None) -> tuple[numpy.typing.NDArray[numpy.float64], numpy.typing.NDArray[numpy.float64]]:
-    ...
-def orbit_states(edges: typing.Annotated[numpy.typing.ArrayLike, numpy.float64], starts: typing.Annotated[numpy.typing.ArrayLike, numpy.float64], rates: typing.Annotated[numpy.typing.ArrayLike, numpy.float64], frequency: typing.SupportsFloat | typing.SupportsIndex, mirror: typing.SupportsFloat | typing.SupportsIndex, once: typing.Annotated[numpy.typing.ArrayLike, numpy.float64], twice: typing.Annotated[numpy.typing.ArrayLike, numpy.float64], phases: typing.Annotated[numpy.typing.ArrayLike, numpy.float64]) -> numpy.typing.NDArray[numpy.float64]:
-    ...
-def rounding(values: typing.Annotated[numpy.typing.ArrayLike, numpy.complex128, "[m, 1]"]) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, 1]"]:
-    ...
-def set_vector_level(name: str) -> None:
-    ...
-def sincos(x: typing.Annotated[numpy.typing.ArrayLike, numpy.float64]) -> tuple[numpy.typing.NDArray[numpy.float64], numpy.typing.NDArray[numpy.float64]]:
-    ...
-def vector_level() -> str:
-    ...
-def vector_levels() -> list[str]:
-    ...
+    def members(self) -> list[Member]: ...
+
+def assignment(
+    costs: typing.Annotated[numpy.typing.ArrayLike, numpy.float64],
+) -> typing.Annotated[numpy.typing.NDArray[numpy.int64], "[m, 1]"]: ...
+def carried(
+    maps: typing.Annotated[numpy.typing.ArrayLike, numpy.float64],
+    most: typing.SupportsFloat | typing.SupportsIndex,
+) -> tuple[numpy.typing.NDArray[numpy.float64], list[int]]: ...
+def crossings(
+    spectra: collections.abc.Sequence[Spectrum],
+    ranges: collections.abc.Sequence[Range],
+    factorised: typing.Any,
+) -> list[Sweep]: ...
+def eliminated(
+    durations: typing.Annotated[numpy.typing.ArrayLike, numpy.float64],
+    starts: typing.Annotated[numpy.typing.ArrayLike, numpy.float64],
+    rates: typing.Annotated[numpy.typing.ArrayLike, numpy.float64],
+    linearised: typing.Annotated[numpy.typing.ArrayLike, numpy.float64],
+    by_frequency: typing.Annotated[numpy.typing.ArrayLike, numpy.float64] | None,
+    speed_varies: bool,
+    frequency: typing.SupportsFloat | typing.SupportsIndex,
+    weights: tuple[
+        typing.Annotated[numpy.typing.ArrayLike, numpy.float64],
+        typing.Annotated[numpy.typing.ArrayLike, numpy.float64],
+        typing.Annotated[numpy.typing.ArrayLike, numpy.float64],
+    ],
+    mirror: typing.SupportsFloat | typing.SupportsIndex = 1.0,
+    units: typing.Annotated[numpy.typing.ArrayLike, numpy.float64] | None = None,
+) -> tuple[numpy.typing.NDArray[numpy.float64], numpy.typing.NDArray[numpy.float64]]: ...
+def orbit_states(
+    edges: typing.Annotated[numpy.typing.ArrayLike, numpy.float64],
+    starts: typing.Annotated[numpy.typing.ArrayLike, numpy.float64],
+    rates: typing.Annotated[numpy.typing.ArrayLike, numpy.float64],
+    frequency: typing.SupportsFloat | typing.SupportsIndex,
+    mirror: typing.SupportsFloat | typing.SupportsIndex,
+    once: typing.Annotated[numpy.typing.ArrayLike, numpy.float64],
+    twice: typing.Annotated[numpy.typing.ArrayLike, numpy.float64],
+    phases: typing.Annotated[numpy.typing.ArrayLike, numpy.float64],
+) -> numpy.typing.NDArray[numpy.float64]: ...
+def rounding(
+    values: typing.Annotated[numpy.typing.ArrayLike, numpy.complex128, "[m, 1]"],
+) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, 1]"]: ...
+def set_vector_level(name: str) -> None: ...
+def sincos(
+    x: typing.Annotated[numpy.typing.ArrayLike, numpy.float64],
+) -> tuple[numpy.typing.NDArray[numpy.float64], numpy.typing.NDArray[numpy.float64]]: ...
+def vector_level() -> str: ...
+def vector_levels() -> list[str]: ...
+
 SHIFT: float = 0.97
 dense_limit: int = 2000

@@ -20,7 +20,11 @@ constexpr double faint_growth = 1e-8;
 /// Points on the upper half of a circle that counts roots inside, at least and at most. A root
 /// outside by a factor f that is not known adds f^(-2 points): at most `outside`, if it lies no
 /// nearer than the last that is known.
-constexpr double arc_points = 8.0, most_arc_points = 128.0, outside = 1e-2;
+constexpr Index least_arc_points = 8, most_arc_points = 128;
+constexpr double outside = 1e-2;
+/// Least ratio of neighbouring roots' sizes through which a circle may pass: what is known of them
+/// is taken off, so that they may be near.
+constexpr double least_gap = 1.002;
 /// Roots at one speed are starts at another if so few corrections do, twice as many of starts that
 /// are moved off the real axis.
 constexpr int most_near = 8;
@@ -171,28 +175,30 @@ std::optional<Approximations> Structured::missing_within(double u, const Approxi
   for (std::size_t k = least; k < roots.size(); ++k) {
     widest = std::max(widest, std::min(size(k) / size(k - 1), widest_needed));
   }
-  if (!(widest > 1.05)) return {};
+  if (!(widest > least_gap)) return {};
   for (std::size_t k = least; radius == 0.0 && k < roots.size(); ++k) {
     if (!(size(k) / size(k - 1) > 0.5 * (1.0 + widest))) continue;
     radius = size(k - 1) > 0.0 ? std::sqrt(size(k) * size(k - 1)) : 0.5 * size(k);
   }
   const double apart = std::log(magnitude(roots.back().value) / radius);
   const bool paired = !traits.lossy();
-  const Index half = static_cast<Index>(
-      std::clamp(std::ceil(-0.5 * std::log(outside) / apart), arc_points, most_arc_points));
-  const Index count = paired ? half : 2 * half;
-  Values points(count);
-  for (Index i = 0; i < count; ++i) {
-    points[i] = std::polar(radius, std::numbers::pi * (i + 0.5) / static_cast<double>(half));
-  }
-  const Values rest = points * pipedyn::log_derivatives(*of_, u, points, roots);
   const auto sum = [&](const Values& powers) {
     const Complex mean = powers.mean();
     return paired ? Complex(mean.real()) : mean;
   };
-  const double number = sum(rest).real();
-  const long missing = std::lround(number);
-  if (!(std::abs(number - static_cast<double>(missing)) < (missing == 0 ? 0.05 : 0.2))) return {};
+  Values points, rest;
+  long missing = -1;
+  auto half = static_cast<Index>(std::ceil(-0.5 * std::log(outside) / apart));
+  for (half = std::clamp(half, least_arc_points, most_arc_points); missing < 0; half *= 2) {
+    if (half > most_arc_points) return {};
+    points.resize(paired ? half : 2 * half);
+    for (Index i = 0; i < points.size(); ++i) {
+      points[i] = std::polar(radius, std::numbers::pi * (i + 0.5) / static_cast<double>(half));
+    }
+    rest = points * pipedyn::log_derivatives(*of_, u, points, roots);
+    const double number = sum(rest).real(), nearest = std::round(number);
+    if (std::abs(number - nearest) < (nearest == 0.0 ? 0.05 : 0.2)) missing = std::lround(nearest);
+  }
   if (missing == 0) return Approximations{};
   const Complex first = sum(points * rest);
   if (missing == 1) return Approximations{{first, true}};

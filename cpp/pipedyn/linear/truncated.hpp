@@ -53,8 +53,8 @@ class Truncated : public Spectrum {
   void count() { factorised_ += fewer_->factorisations() + more_->factorisations(); }
 
   std::shared_ptr<Structured> fewer_, more_;
-  Index resolved_;                          // roots
-  bool alike_ = true;                       // whether all roots seen are on the same side in both
+  Index resolved_;     // roots
+  bool alike_ = true;  // whether all roots seen are on the same side in both
 };
 
 }  // namespace pipedyn

@@ -1,0 +1,150 @@
+# SPDX-License-Identifier: MIT
+"""Reduced models eliminated panel by panel: tables, determinants and vectors, beside matrices.
+
+The matrices come from quadrature on a grid, which shares nothing with the banded tables.
+"""
+
+import math
+
+import numpy as np
+import pytest
+from scipy.optimize import brentq
+
+import pipedyn as pp
+from pipedyn import _core
+from pipedyn.linear.critical_speed import _Search
+from pipedyn.linear.eigenproblem import eigenproblem
+from pipedyn.models.galerkin import last_functions
+from pipedyn.models.pencil import PanelPencil
+
+SPANS = tuple(np.arange(1, 10) / 10.0)
+STATIONS = (pp.PointMass(0.3, 0.4), pp.Spring(0.65, 30.0), pp.Damper(1.0, 0.2))
+PIPES = {
+    "plain": pp.Pipe(0.3),
+    "heavy and damped": pp.Pipe(0.6, 40.0, damping=2e-3),
+    "standing": pp.Pipe(0.2, -5.0),
+    "hysteretic": pp.Pipe(0.4, 3.0, hysteresis=0.05),
+    "aspirating": pp.Pipe(0.3, 2.0, flow="aspirating", inflow_share=0.4),
+    "with terms": pp.Pipe(0.5, 10.0, damping=1e-3, terms=STATIONS),
+    "distributed": pp.Pipe(0.3, terms=(pp.Foundation(80.0), pp.Viscosity(2.0), pp.Tension(5.0))),
+    "spans": pp.Pipe(0.3, 4.0, supports=SPANS),
+    "pinned spans": pp.Pipe(0.3, root="pinned", end="pinned", supports=(0.2, 0.55)),
+    "on a spring": pp.Pipe(0.2, root=pp.RootSpring(2.0), end="guided", supports=(0.4,)),
+}
+
+
+def matrices(model, u):
+    """M, C and K at a speed in elastic coordinates, of the grid, with a loss factor's part of K."""
+    ops, pipe = model.elastic_operators(), model.pipe
+    velocity = pipe.direction * (ops.gyroscopic + ops.end_flux)
+    stiffness = ops.stiffness + pipe.alpha * u**2 * ops.flux
+    if pipe.hysteresis:
+        stiffness = stiffness + 1j * pipe.hysteresis * np.diag(model.elastic_share)
+    return ops.mass, u * velocity + ops.damping, stiffness
+
+
+def log_derivative(model, u, value):
+    """d log det P / dlambda = tr(P^-1 dP/dlambda) of the grid's matrices."""
+    mass, velocity, stiffness = matrices(model, u)
+    p = value**2 * mass + value * velocity + stiffness
+    return np.trace(np.linalg.solve(p, 2.0 * value * mass + velocity))
+
+
+@pytest.mark.parametrize("pipe", PIPES.values(), ids=PIPES)
+def test_tables_of_panels_multiply_as_the_grid_s_matrices(pipe):
+    model = pp.Continuum(pipe).frozen(30 + 4 * len(pipe.supports))
+    pencil = model.pencil()
+    assert isinstance(pencil, PanelPencil)
+    ops, every = model.elastic_operators(), np.eye(model.dof)
+    velocity = pipe.direction * (ops.gyroscopic + ops.end_flux)
+    expected = ops.mass, velocity, ops.damping, ops.stiffness, ops.flux
+    products = pencil.mass, pencil.velocity, pencil.damping, pencil.stiffness, pencil.flux
+    for product, matrix in zip(products, expected, strict=True):
+        size = np.abs(matrix).max() + 1.0
+        np.testing.assert_allclose(product(every), matrix, rtol=0.0, atol=2e-13 * size)
+
+
+@pytest.mark.parametrize("pipe", PIPES.values(), ids=PIPES)
+def test_determinant_by_panels_is_that_of_the_grid_s_matrices(pipe):
+    model = pp.Continuum(pipe).frozen(24 + 4 * len(pipe.supports))
+    spectrum = eigenproblem(model).spectrum()
+    dice = np.random.default_rng(8)
+    for u in (0.0, 2.0, 9.0):
+        values = dice.uniform(-60.0, 60.0, 9) + 1j * dice.uniform(1.0, 400.0, 9)
+        found = spectrum.log_derivatives(u, values)
+        expected = [log_derivative(model, u, value) for value in values]
+        np.testing.assert_allclose(found, expected, rtol=1e-9)
+
+
+def test_determinant_of_200_functions_neither_overflows_nor_loses_digits():
+    model = pp.Continuum(pp.Pipe(0.5, 10.0)).frozen(200)
+    spectrum = eigenproblem(model).spectrum()
+    values = 10.0 ** np.linspace(-3.0, 8.0, 23) * np.exp(1.9j)
+    found = spectrum.log_derivatives(6.0, values)
+    # Far beyond all roots, of which there are 400, det P is like lambda^400; the mass matrix, all
+    # that is left there, has the condition number 1e18.
+    far = np.array([1e60 + 1e60j])
+    assert far * spectrum.log_derivatives(6.0, far) == pytest.approx(400.0, rel=1e-4)
+    expected = [log_derivative(model, 6.0, value) for value in values]
+    np.testing.assert_allclose(found, expected, rtol=1e-7)
+
+
+@pytest.mark.parametrize("pipe", [PIPES["plain"], PIPES["with terms"]], ids=["plain", "terms"])
+def test_determinant_is_as_good_where_the_first_pivot_is_zero(pipe):
+    """The entry of P that elimination begins with vanishes: only by other rows does it go on."""
+    model = pp.Continuum(pipe).frozen(26)
+    spectrum, last, u = eigenproblem(model).spectrum(), last_functions(model)[-1], 5.0
+    mass, velocity, stiffness = (matrix[last, last] for matrix in matrices(model, u))
+    for value in np.roots([mass, velocity, stiffness]):
+        found = spectrum.log_derivatives(u, np.array([value]))
+        np.testing.assert_allclose(found, log_derivative(model, u, value), rtol=1e-9)
+
+
+@pytest.mark.parametrize("pipe", [PIPES["spans"], pp.Pipe(0.3, supports=SPANS)], ids=["heavy", ""])
+def test_vectors_hold_of_modes_that_move_the_last_span_alone(pipe):
+    """Its own mode, 1e-5 as large at the root, is what loads there hardly excite."""
+    model = pp.Continuum(pipe).frozen(90)
+    for u in (0.0, 5.0):
+        pairs = eigenproblem(model).spectrum().by_recursion(u, 28, True)
+        assert pairs is not None
+        assert pairs.converged.all()
+        mass, velocity, stiffness = matrices(model, u)
+        for value, x in zip(pairs.values, pairs.right.T, strict=True):
+            parts = value**2 * (mass @ x), value * (velocity @ x), stiffness @ x
+            assert np.linalg.norm(sum(parts)) < 1e-11 * sum(map(np.linalg.norm, parts))
+
+
+def test_fifty_equal_spans_have_the_roots_of_the_three_moments_equation():
+    """Moments sin(j phi) at supports, phi = p pi / n: coth k - cot k = (csch k - csc k) cos phi."""
+    n = 50
+
+    def wave_number(phi):
+        def sum_of_slopes(k):
+            moved = math.sin(k) / math.tanh(k) - math.cos(k)
+            return moved - (math.sin(k) / math.sinh(k) - 1.0) * math.cos(phi)
+
+        return brentq(sum_of_slopes, math.pi, 4.8, xtol=1e-15)
+
+    numbers = [math.pi, *(wave_number(p * math.pi / n) for p in range(n - 1, 0, -1))]
+    pipe = pp.Pipe(0.3, root="pinned", end="pinned", supports=np.arange(1, n) / n)
+    found = pp.eigenvalues(pp.Continuum(pipe), 0.0, count=60)
+    np.testing.assert_allclose(found.real, 0.0, atol=1e-6)
+    np.testing.assert_allclose(found.imag[::2], (n * np.array(numbers[:30])) ** 2, rtol=1e-9)
+
+
+def test_roots_asked_of_a_long_damped_chain_end_before_its_cluster():
+    pipe = pp.Pipe(0.3, flow="aspirating", damping=1e-4, terms=(pp.Viscosity(30.0),))
+    search = _Search(pp.Chain(pipe, 400), 12.0, True)
+    found = search.spectrum.by_recursion(1.0, search.count, False)
+    assert found is not None
+    assert np.abs(found.values).max() < 1.0 / pipe.damping
+
+
+def test_modes_are_left_out_only_where_flow_damps_all_of_them():
+    """A tip mass lets each mode grow in turn: then all that are resolved are tracked."""
+    pipes = {9: pp.Pipe(0.3), 18: pp.Pipe(0.3, terms=(pp.PointMass(1.0, 0.5),))}
+    for least, pipe in pipes.items():
+        model = pp.Continuum(pipe).frozen(40)
+        search = _Search(model, 9.0, True, True)
+        assert isinstance(search.spectrum, _core.Structured)
+        assert search.tracked == least if least < 10 else search.tracked >= least
