@@ -29,7 +29,7 @@ TOLERANCE = 1e-10
 
 FUNCTIONS_A_JOINT, MOST_A_JOINT = 4, 8
 """By which the smallest and the largest are larger for each joint between panels: a panel needs
-four, see basis.hpp, and fifty equal spans ten for modes that differ by less than 1e-10."""
+four, see basis.hpp, and ten were needed for the lowest modes of fifty equal spans to 1e-10."""
 
 
 @dataclass(frozen=True)
@@ -106,8 +106,9 @@ class Continuum(OfPipe):
             distance: relative distance between two answers; infinite where they differ in kind.
             tolerance: distance between the last two answers at which they count as one, > 0.
             smallest: first size, from 1 to 1992.
-            largest: last size, up to 2000, or one step above the first. Terms inside the pipe, and
-                steps of its stiffness or mass, add four to either for each joint that they make.
+            largest: last size, up to 2000, or one step above the first. Supports and terms inside
+                the pipe, and steps of its stiffness or mass, add four to the first and eight to
+                the last for each joint that they make.
 
         Raises:
             NotConverged: if it has not converged at the last size; carries the last answer.
