@@ -279,6 +279,8 @@ def _first_ends(pipe: Pipe, max_speed: float) -> list[float]:
     """
     held = pipe.supports or pipe.end_held
     ends = [5.0, 8.0, 12.0, 24.0, 48.0] if held else [12.0, 24.0, 48.0]
+    if not held and pipe.flow == "ejecting" and pipe.beta > 0.68:
+        ends = ends[1:]
     unit = 1.2 ** round(math.log(_speed_unit(pipe), 1.2))  # so that neighbours have the same
     return [end * unit for end in ends if end * unit < max_speed]
 
