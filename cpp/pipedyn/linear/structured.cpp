@@ -426,12 +426,44 @@ Pair Structured::refined(double u, const Pair& guess) {
   // Where the flow works hardly on a mode, as on one whose tip a mass holds, its energy balance
   // knows the growth better: O(n^2), so only there.
   const bool hidden = found.uncertain[0] > faint_growth * u * std::abs(found.slopes[0].real());
-  if (hidden && traits.dof <= dense_limit) {
-    const Forms of = *forms(found.pair(0));
-    found.by_left[0] = 2.0 * found.values[0] * of.mass + u * of.velocity + of.damping;
-    improve(u, found, found.uncertain);
-  }
+  if (hidden && traits.dof <= dense_limit) balance(u, found);
   return found.pair(0);
+}
+
+/// Growth by the energy balance of vectors, where that knows it better than the determinant.
+void Structured::balance(double u, Pairs& pairs) {
+  for (Index i = 0; i < pairs.size(); ++i) {
+    const Forms of = *forms(pairs.pair(i));
+    pairs.by_left[i] = 2.0 * pairs.values[i] * of.mass + u * of.velocity + of.damping;
+  }
+  improve(u, pairs, pairs.uncertain);
+}
+
+Sample Structured::sample(double u, Index count) {
+  Sample found = Eigenproblem::sample(u, count);
+  const bool known = traits.conservative || traits.squared || (u == 0.0 && !traits.damped);
+  // A chain's recursion has no difference of nearly equal numbers, so that no balance is better.
+  if (known || !of_->is_pivoted() || traits.dof > dense_limit) return found;
+  std::vector<Index> hidden;
+  for (Index i = 0; i < found.size(); ++i) {
+    const Complex value = found.values[i];
+    const bool own = value.imag() > 0.0 || (value.imag() < 0.0 && traits.lossy());
+    if (own && std::abs(value.real()) <= found.noise[i]) hidden.push_back(i);
+  }
+  if (hidden.empty()) return found;
+  Pairs better = at(u, found.values(hidden), true);
+  balance(u, better);
+  for (std::size_t k = 0; k < hidden.size(); ++k) {
+    const Complex value = found.values[hidden[k]];
+    if (!(better.uncertain[k] < found.noise[hidden[k]])) continue;
+    for (Index i = 0; i < found.size(); ++i) {
+      const bool twin = found.values[i] == std::conj(value) && !traits.lossy();
+      if (i != hidden[k] && !twin) continue;
+      found.values[i].real(better.values[k].real());
+      found.noise[i] = better.uncertain[k];
+    }
+  }
+  return found;
 }
 
 namespace {

@@ -27,6 +27,7 @@ class Structured : public Eigenproblem {
 
   Pairs lowest(double u, Index count, bool left, bool high) override;
   std::optional<Pairs> by_recursion(double u, Index count, bool vectors) override;
+  Sample sample(double u, Index count) override;
   /// d log det P / dlambda - sum_k 1 / (lambda - lambda_k), but for known roots k at lambda itself.
   Values log_derivatives(double u, const Values& at, const Values& known = {}) const {
     return of_->log_derivatives(u, at, known);
@@ -65,6 +66,7 @@ class Structured : public Eigenproblem {
   Pairs polished(double u, const Approximations& roots, bool vectors) const;
   Index roots_at_zero(double u) const { return u == 0.0 ? zeros_at_rest_ : zeros_in_flow_; }
   Approximations dense_starts(double u);
+  void balance(double u, Pairs& pairs);
   /// Roots by matrices of this determinant or a coarser one.
   Approximations starts_of(const Determinant& of, double u) const;
   /// A range of speeds with the sign of det K at its ends, and how many zeros it has.
