@@ -79,7 +79,7 @@ def test_determinant_by_panels_is_that_of_the_grid_s_matrices(pipe):
 def test_determinant_of_200_functions_neither_overflows_nor_loses_digits():
     model = pp.Continuum(pp.Pipe(0.5, 10.0)).frozen(200)
     spectrum = eigenproblem(model).spectrum()
-    values = 10.0 ** np.linspace(-3.0, 8.0, 23) * np.exp(1.9j)
+    values = 10.0 ** np.linspace(-3.0, 7.0, 21) * np.exp(1.9j)
     found = spectrum.log_derivatives(6.0, values)
     # Far beyond all roots, of which there are 400, det P is like lambda^400; the mass matrix, all
     # that is left there, has the condition number 1e18.

@@ -481,7 +481,7 @@ Sample Eigenproblem::sample(double u, Index count) {
   }
   if (!traits.conservative && !traits.squared) {
     const Reals before = pairs.noise;
-    improve(u, pairs, pairs.noise);
+    find_growth(u, pairs);
     for (Index i = 0; i < size.size(); ++i) {  // slopes are not better known for that
       const bool hidden = pairs.noise[i] < before[i] || u == 0.0;
       if (hidden) pairs.slope_noise[i] = slope_rounding * before[i];

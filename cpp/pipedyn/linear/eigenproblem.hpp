@@ -59,6 +59,8 @@ class Eigenproblem : public Spectrum {
   virtual Reals rounding(const Pairs& pairs) const;
   /// Re lambda and its uncertainty by the energy balance, where rounding hides it.
   void improve(double u, Pairs& pairs, Reals& uncertain);
+  /// The same of a sample's roots.
+  virtual void find_growth(double u, Pairs& pairs) { improve(u, pairs, pairs.noise); }
 
  private:
   std::optional<Pairs> about(double u, double shift, Index count, bool left);

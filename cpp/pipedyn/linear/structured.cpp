@@ -439,18 +439,18 @@ void Structured::balance(double u, Pairs& pairs) {
   improve(u, pairs, pairs.uncertain);
 }
 
-Sample Structured::sample(double u, Index count) {
-  Sample found = Eigenproblem::sample(u, count);
-  const bool known = traits.conservative || traits.squared || (u == 0.0 && !traits.damped);
+void Structured::find_growth(double u, Pairs& found) {
+  Eigenproblem::find_growth(u, found);
   // A chain's recursion has no difference of nearly equal numbers, so that no balance is better.
-  if (known || !of_->is_pivoted() || traits.dof > dense_limit) return found;
+  const bool on_axis = u == 0.0 && !traits.damped;
+  if (on_axis || !of_->is_pivoted() || traits.dof > dense_limit) return;
   std::vector<Index> hidden;
   for (Index i = 0; i < found.size(); ++i) {
     const Complex value = found.values[i];
     const bool own = value.imag() > 0.0 || (value.imag() < 0.0 && traits.lossy());
     if (own && std::abs(value.real()) <= found.noise[i]) hidden.push_back(i);
   }
-  if (hidden.empty()) return found;
+  if (hidden.empty()) return;
   Pairs better = at(u, found.values(hidden), true);
   balance(u, better);
   for (std::size_t k = 0; k < hidden.size(); ++k) {
@@ -463,7 +463,6 @@ Sample Structured::sample(double u, Index count) {
       found.noise[i] = better.uncertain[k];
     }
   }
-  return found;
 }
 
 namespace {

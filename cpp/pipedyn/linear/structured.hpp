@@ -27,7 +27,6 @@ class Structured : public Eigenproblem {
 
   Pairs lowest(double u, Index count, bool left, bool high) override;
   std::optional<Pairs> by_recursion(double u, Index count, bool vectors) override;
-  Sample sample(double u, Index count) override;
   /// d log det P / dlambda - sum_k 1 / (lambda - lambda_k), but for known roots k at lambda itself.
   Values log_derivatives(double u, const Values& at, const Values& known = {}) const {
     return of_->log_derivatives(u, at, known);
@@ -48,6 +47,7 @@ class Structured : public Eigenproblem {
 
  protected:
   Reals rounding(const Pairs& pairs) const override;
+  void find_growth(double u, Pairs& pairs) override;
 
  private:
   const std::shared_ptr<const Determinant> of_;
