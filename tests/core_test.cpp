@@ -1275,7 +1275,7 @@ class Branches : public pipedyn::Spectrum {
   pipedyn::Reals quotients(double, const pipedyn::Pairs& pairs) override {
     return pairs.values.abs2();
   }
-  pipedyn::Divergences divergences(double) override { return {}; }
+  pipedyn::Divergences divergences(double, bool) override { return {}; }
 
  private:
   static double frequency_of(Index branch) { return 5.0 + 2.0 * static_cast<double>(branch); }
@@ -1434,6 +1434,7 @@ pipedyn::Lapack broken_lapack() {
             columns(vectors, *n, *n) = found.pseudoEigenvectors();
           },
       .zgeev = nullptr,
+      .dsyevd = nullptr,
   };
 }
 

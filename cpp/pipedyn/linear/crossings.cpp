@@ -56,12 +56,15 @@ class Search {
   Search(Spectrum& spectrum, const Range& range, const std::function<void()>& report)
       : spectrum_(spectrum), traits_(spectrum.traits), range_(range), report_(report) {}
 
-  Sweep run() {
+  /// first_alone: whether, of several divergences, the search ends behind the first; none if it
+  /// would have to go on there.
+  std::optional<Sweep> run(bool first_alone) {
     try {
-      const bool lowest = traits_.conservative && range_.until_unstable;
-      divergences_ = spectrum_.without_loss().divergences(range_.max_speed, lowest);
-      if (lowest && ends_with_first_divergence()) return std::move(sweep_);
-      if (lowest) divergences_ = spectrum_.without_loss().divergences(range_.max_speed, false);
+      divergences_ = spectrum_.without_loss().divergences(range_.max_speed, first_alone);
+      if (traits_.conservative && range_.until_unstable) {
+        if (ends_with_first_divergence()) return std::move(sweep_);
+        if (!divergences_.complete) return {};
+      }
       const SharedSample first = take(0.0);
       const double longest = spectrum_.longest_step(first->values) * range_.scale;
       const std::vector<double> speeds = samples(longest);
@@ -89,6 +92,9 @@ class Search {
     } catch (const NotConverged& error) {
       sweep_.failure = error.what();
     }
+    const std::vector<AxisCrossing>& found = sweep_.crossings;
+    const bool ended = sweep_.untracked || (!found.empty() && found.back().change > 0);
+    if (!divergences_.complete && !ended) return {};
     return std::move(sweep_);
   }
 
@@ -108,6 +114,10 @@ class Search {
       speeds.insert(speeds.end(), {u - reach, u + reach});
     }
     std::sort(speeds.begin(), speeds.end());
+    // Beyond the first divergence there may be others that are not known.
+    if (!divergences_.complete) {
+      std::erase_if(speeds, [&](double at) { return at >= 0.5 * (all[0].speed + all[1].speed); });
+    }
     return speeds;
   }
 
@@ -731,7 +741,9 @@ class Search {
 }  // namespace
 
 Sweep crossings(Spectrum& spectrum, const Range& range, const std::function<void()>& report) {
-  Sweep found = Search(spectrum, range, report).run();
+  std::optional<Sweep> ended;
+  if (range.until_unstable) ended = Search(spectrum, range, report).run(true);
+  Sweep found = ended ? *std::move(ended) : *Search(spectrum, range, report).run(false);
   for (AxisCrossing& crossing : found.crossings) {
     if (crossing.pair.right.size() > 0) crossing.forms = spectrum.forms(crossing.pair);
   }

@@ -91,6 +91,7 @@ struct Divergence {
 struct Divergences {
   int negative_at_rest = 0;  // eigenvalues < 0 of K at rest, where K is symmetric at every speed
   std::vector<Divergence> all = {};
+  bool complete = true;  // whether there are no others up to where was asked
 };
 
 /// Several roots, of each what is known; tables have no columns, and arrays no entries, of what is
@@ -184,8 +185,8 @@ class Spectrum {
   virtual Reals quotients(double u, const Pairs& pairs) = 0;
 
   /// Every speed in (0, max_speed] at which K is singular, from K alone, all at once: no root is
-  /// followed. first: whether those beyond the lowest may be left out. Throws NotConverged where
-  /// rounding hides whether there is one.
+  /// followed. first: whether those beyond the lowest two may be left out. Throws NotConverged
+  /// where rounding hides whether there is one.
   virtual Divergences divergences(double max_speed, bool first) = 0;
 
   /// The problem whose real roots are the pipe's: a loss factor acts on oscillation alone, so with

@@ -523,7 +523,7 @@ void Structured::isolate(const Bracket& range, bool first, std::vector<Bracket>&
     const auto sign = [&](Index i) {
       return i == 0 ? before : i == division ? after : signs[i - 1];
     };
-    for (Index i = 0; i < division && !(first && !found.empty()); ++i) {
+    for (Index i = 0; i < division && !(first && found.size() > 1); ++i) {
       isolate({ends[i], ends[i + 1], sign(i), sign(i + 1)}, first, found);
     }
   }
@@ -544,14 +544,11 @@ Reals Structured::zeros_in(const std::vector<Bracket>& ranges) const {
     const Stills at = still(u);
     for (Index i = 0; i < count; ++i) {
       (at.sign[i] * sign[i] > 0.0 ? low : high)[i] = u[i];
-      double next = u[i] - 1.0 / at.slope[i];
-      const bool inside = next >= low[i] && next <= high[i];
-      if (!inside || steps % 8 == 0) next = 0.5 * (low[i] + high[i]);
-      if (std::isfinite(at.slope[i]))
-        step[i] = next - u[i];
-      else
-        step[i] = 0.0;  // there it is 0
-      u[i] += step[i];
+      const bool is_slow = steps % 8 == 0 && std::abs(step[i]) > 1e-6 * (1.0 + u[i]);
+      double next = std::isfinite(at.slope[i]) ? u[i] - 1.0 / at.slope[i] : u[i];  // there it is 0
+      if (!(next >= low[i] && next <= high[i]) || is_slow) next = 0.5 * (low[i] + high[i]);
+      step[i] = next - u[i];
+      u[i] = next;
     }
   }
   return u;
@@ -571,6 +568,7 @@ Divergences Structured::divergences(double max_speed, bool first) {
   std::ranges::copy_if(ranges, std::back_inserter(single),
                        [](const Bracket& one) { return one.zeros == 1; });
   const Reals zeros = zeros_in(single);
+  result.complete = !first || ranges.size() < 2;
   Index next = 0;
   for (const Bracket& one : ranges) {
     const double middle = 0.5 * (one.low + one.high);
