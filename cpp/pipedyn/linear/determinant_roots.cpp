@@ -82,7 +82,9 @@ Approximations dense_roots(const Determinant& of, double u, bool squared) {
 }
 
 Approximations modal_roots(const DenseOperator& p, const Modes& modes, double loss) {
-  const Eigen::MatrixXd damped = p.velocity() * modes.vectors, lost = p.loss() * modes.vectors;
+  const Eigen::MatrixXd damped = p.velocity() * modes.vectors;
+  Eigen::MatrixXd lost;
+  if (loss > 0.0) lost = p.loss() * modes.vectors;
   Approximations roots;
   for (Index i = 0; i < modes.squares.size(); ++i) {
     const double square = modes.squares[i], share = modes.masses[i];
