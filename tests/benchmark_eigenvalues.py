@@ -352,7 +352,7 @@ def pipeline() -> pp.Pipe:
 
 
 def continuous_pipes() -> None:
-    """Searches of the continuous pipe and others that long took long, with the error they state."""
+    """Searches of the continuous pipe and others that once took long, with the error they state."""
     tip = pp.PointMass(1.0, 0.3), pp.Spring(1.0, 19.07)
     viscous = pp.Pipe(0.3, flow="aspirating", damping=1e-4, terms=(pp.Viscosity(30.0),))
     continuum, spans = pp.Continuum, pp.Pipe(0.3, supports=even(49))

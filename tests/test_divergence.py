@@ -218,3 +218,13 @@ def test_roots_at_rest_move_as_an_open_inlet_moves_them():
     growth = [np.max(pp.eigenvalues(chain, u, 2).real) for u in (0.1, 0.2)]
     assert growth[1] / growth[0] == pytest.approx(8.0, rel=0.02)
     assert [c.mode for c in pp.crossings(chain, 5.0)] == [1]
+
+
+def test_a_search_may_end_between_its_first_two_divergences():
+    """Just short of the second, which is looked for a little beyond the end."""
+    model = pp.Continuum(pp.Pipe(0.3, supports=np.arange(1, 10) / 10.0))
+    first, second = [c for c in pp.crossings(model, 36.0) if c.kind == "divergence"][:2]
+    for end in (second.speed * (1.0 - 5e-5), second.speed * (1.0 + 5e-5)):
+        assert pp.critical_speed(model, end).speed == pytest.approx(first.speed, rel=1e-12)
+    with pytest.raises(pp.NoCrossing):
+        pp.critical_speed(model, first.speed * (1.0 - 5e-5))

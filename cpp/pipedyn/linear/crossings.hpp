@@ -67,7 +67,7 @@ inline constexpr double heavy_damping = 0.3;
 /// `tracked` modes are computed and tracked, of which the lowest `resolved` at rest are looked at.
 struct Range {
   double max_speed;
-  double scale;         // of flow speeds, 1 without weight
+  double scale;         // of flow speeds, 1 of a light pipe of one span
   Index count;          // roots computed, 2 dof where all modes are tracked
   Index tracked;        // modes
   Index resolved;       // modes

@@ -518,7 +518,7 @@ void Structured::isolate(const Bracket& range, bool first, std::vector<Bracket>&
   } else if (shortest) {
     if (number.value_or(0) > 1) found.push_back({low, high, before, after, *number});
   } else {
-    Reals ends = Reals::LinSpaced(division + 1, low, high);
+    const Reals ends = Reals::LinSpaced(division + 1, low, high);
     const Reals signs = still(ends.segment(1, division - 1)).sign;
     const auto sign = [&](Index i) {
       return i == 0 ? before : i == division ? after : signs[i - 1];
@@ -568,7 +568,6 @@ Divergences Structured::divergences(double max_speed, bool first) {
   std::ranges::copy_if(ranges, std::back_inserter(single),
                        [](const Bracket& one) { return one.zeros == 1; });
   const Reals zeros = zeros_in(single);
-  result.complete = !first || ranges.size() < 2;
   Index next = 0;
   for (const Bracket& one : ranges) {
     const double middle = 0.5 * (one.low + one.high);
@@ -577,6 +576,7 @@ Divergences Structured::divergences(double max_speed, bool first) {
     result.all.push_back(one.zeros == 1 ? divergence_at(u)
                                         : Divergence{u, one.high - one.low, {}, one.zeros});
   }
+  result.complete = !first || result.all.size() < 2;  // beyond the end none is asked for
   return result;
 }
 
