@@ -14,6 +14,7 @@ using pipedyn::EliminationPanel;
 using pipedyn::PairsAsked;
 using pipedyn::PencilEntry;
 using pipedyn::Points;
+using pipedyn::widest;
 
 /// Displacement of a panel's end by the amplitude of its second curvature, -sqrt(3) / 6.
 constexpr double bent = -0.28867513459481287;
@@ -119,35 +120,54 @@ struct PivotSums {
   }
 };
 
-/// Rows of a table, of which some are eliminated from the first column on.
+/// x - a b, each part a chain of fused operations.
+inline Lanes less_product(const Lanes& x, const Lanes& a, const Lanes& b) {
+  return {x.re - a.re * b.re + a.im * b.im, x.im - a.re * b.im - a.im * b.re};
+}
+inline DualLanes less_product(const DualLanes& x, const DualLanes& a, const DualLanes& b) {
+  return {less_product(x.value, a.value, b.value),
+          less_product(less_product(x.slope, a.slope, b.value), a.value, b.slope)};
+}
+
+/// How many times larger another entry must be to be the pivot instead: then growth is bounded as
+/// with the largest, and fewer rows are exchanged (Duff, Erisman and Reid 1986, ch. 5).
+constexpr double threshold = 4.0;
+
+/// Exchanges two numbers in the lanes of a mask.
+template <class Number>
+void exchange(const Bits& mask, Number& a, Number& b) {
+  const Number before = a;
+  a = chosen(mask, b, before);
+  b = chosen(mask, before, b);
+}
+
+/// Rows of which some are eliminated from a column on.
 template <class Number>
 struct Rows {
-  Number* at;
-  Count stride;
+  Number* const* at;
+  Number* load = nullptr;  // of each row one number more, or none
 
-  Number* operator[](Count r) const { return at + r * stride; }
+  Number* operator[](Count r) const { return at[r]; }
 
-  /// Puts the row with the largest entry of a column first, of rows first to last - 1.
-  void choose(Count first, Count last, Count column, Count columns, PivotSums& found) const {
-    Pack largest = size_of((*this)[first][column]), place = all<Pack>(static_cast<double>(first));
+  /// Puts a row with a large enough entry of a column first, of rows first to last - 1; whether any
+  /// moves.
+  bool choose(Count first, Count last, Count column, Count columns, PivotSums& found) const {
+    Pack largest = threshold * size_of(at[first][column]);
+    Pack place = all<Pack>(static_cast<double>(first));
     for (Count r = first + 1; r < last; ++r) {
-      const Pack size = size_of((*this)[r][column]);
+      const Pack size = size_of(at[r][column]);
       place = size > largest ? all<Pack>(static_cast<double>(r)) : place;
       largest = size > largest ? size : largest;
     }
-    if (!any(~equal(place, static_cast<double>(first)))) return;
-    Number* const top = (*this)[first];
+    if (!any(~equal(place, static_cast<double>(first)))) return false;
     for (Count r = first + 1; r < last; ++r) {
       const Bits mask = equal(place, static_cast<double>(r));
       if (!any(mask)) continue;
-      Number* const row = (*this)[r];
-      for (Count c = column; c < columns; ++c) {
-        const Number upper = top[c];
-        top[c] = chosen(mask, row[c], upper);
-        row[c] = chosen(mask, upper, row[c]);
-      }
+      for (Count c = column; c < columns; ++c) exchange(mask, at[first][c], at[r][c]);
+      if (load != nullptr) exchange(mask, load[first], load[r]);
       found.turn(mask);
     }
+    return true;
   }
 };
 
@@ -160,8 +180,10 @@ inline Count windowed(Count size, Count band) {
 /// Rows and columns of that table, at most.
 inline Count table_rows(Count band) { return band + moving + 2; }
 inline Count table_columns(Count band) { return band + 2 + border + 1; }
-/// Columns of a row of the window: entries and a load.
-inline Count window_columns(Count band) { return 2 * band + 2; }
+/// Columns of a row of the window: its own, and those that rows exchanged with it have beyond.
+inline Count window_columns(Count band) { return 3 * band + 1; }
+/// Numbers of a pivot's row of the window that are kept: entries and a load.
+inline Count kept_columns(Count band) { return 2 * band + 2; }
 
 /// The rows of the pivots of a panel: of the window (windowed, 2 band + 2), then of the table.
 struct Pivots {
@@ -238,7 +260,8 @@ struct Elimination {
         ordered[r][c == force ? 0 : next++] = carried[r][c];
       }
     }
-    const Rows<Number> sorted{ordered[0], columns};
+    Number* const both[2] = {ordered[0], ordered[1]};
+    const Rows<Number> sorted{both};
     sorted.choose(0, 2, 0, columns, found);
     const Number share = inverse(ordered[0][0]), factor = ordered[1][0] * share;
     found.add(ordered[0][0], share);
@@ -274,44 +297,62 @@ struct Elimination {
   /// Eliminates a panel. kept: where its pivots' rows go, or none.
   template <bool transposed>
   void pass(const EliminationPanel& panel, const Pivots* kept) {
-    const Count band = model.band, wide = 2 * band + 1, size = panel.size, whole = wide + loads;
-    const Count many = windowed(size, band);
-    const Rows<Number> rows{window, whole};
-    const auto fill = [&](Count slot, Count row, Count first) {  // columns from the first down
-      for (Count c = 0; c < wide; ++c) {
-        const Count column = first - c;
-        const bool inside = column >= 0 && column >= row - band && column <= row + band;
-        rows[slot][c] = inside ? at<transposed>(panel, row, column) : Number{};
-      }
-      for (Count c = wide; c < whole; ++c) rows[slot][c] = number(load.next(), Number{});
+    const Count band = model.band, wide = 2 * band + 1, size = panel.size;
+    const Count many = windowed(size, band), stride = window_columns(band);
+    // Row i of P begins with column i + band, and is taken from the column of the pivot on.
+    Number *begins[widest + 1], *rows[widest + 1], charges[loads * widest + 1];
+    const auto fill = [&](Count place, Count i) {
+      Number* const to = begins[place];
+      const Count high = i + band < size ? i + band : size - 1, low = i > band ? i - band : 0;
+      for (Count j = high; j >= low; --j) to[i + band - j] = at<transposed>(panel, i, j);
+      for (Count c = i + band - low + 1; c < stride; ++c) to[c] = Number{};
+      if constexpr (loads > 0) charges[place] = number(load.next(), Number{});
+    };
+    const auto take_from_pivot = [&] {
+      for (Count r = 0; r <= band; ++r) rows[r] = begins[r] + band - r;
     };
     Count top = size - 1, filled = 0;
     if (many > 0) {
-      for (Count r = 0; r <= band; ++r) fill(r, top - r, top);
+      for (Count r = 0; r <= band; ++r) {
+        begins[r] = window + r * stride;
+        fill(r, top - r);
+      }
+      Count lowest = size;  // column of those rows that were exchanged
+      const Rows<Number> candidates{rows, loads > 0 ? charges : nullptr};
       for (Count step = 0;; --top) {
-        rows.choose(0, band + 1, 0, whole, found);
+        take_from_pivot();
+        if (candidates.choose(0, band + 1, 0, wide, found)) lowest = top - 2 * band;
+        const Count last = top - lowest > band ? top - lowest : band;
         const Number* const pivot = rows[0];
         const Number share = inverse(pivot[0]);
         found.add(pivot[0], share);
-        keep_row(kept == nullptr ? nullptr : kept->window + step * whole, pivot, whole);
-        // In place of the row before, a column further.
-        Number* const own = rows[band + 1];
-        for (Count c = 0; c < whole; ++c) own[c] = pivot[c];
         for (Count r = 1; r <= band; ++r) {
           const Number factor = rows[r][0] * share;
-          for (Count c = 1; c < wide; ++c) rows[r - 1][c - 1] = rows[r][c] - factor * own[c];
-          rows[r - 1][wide - 1] = Number{};
-          for (Count c = wide; c < whole; ++c) rows[r - 1][c] = rows[r][c] - factor * own[c];
+          for (Count c = 1; c <= last; ++c) rows[r][c] = less_product(rows[r][c], factor, pivot[c]);
+          if constexpr (loads > 0) charges[r] = less_product(charges[r], factor, charges[0]);
+        }
+        Lanes* const to = kept == nullptr ? nullptr : kept->window + step * kept_columns(band);
+        keep_row(to, pivot, wide);
+        keep_row(to == nullptr ? to : to + wide, charges, loads);
+        Number* const free = begins[0];
+        for (Count r = 0; r < band; ++r) {
+          begins[r] = begins[r + 1];
+          if constexpr (loads > 0) charges[r] = charges[r + 1];
         }
         if (++step == many) break;
-        fill(band, top - 1 - band, top - 1);
+        begins[band] = free;
+        fill(band, top - 1 - band);
       }
       --top;
       filled = band;
+      begins[band] = begins[0];  // not read
+      take_from_pivot();
     }
     const Count curvatures = top - 1, loaded = curvatures + border, count = curvatures + 4;
     const Count columns = loaded + loads;
-    const Rows<Number> all_rows{table, columns};
+    Number* table_rows[widest + moving + 2];
+    for (Count r = 0; r < count; ++r) table_rows[r] = table + r * columns;
+    const Rows<Number> all_rows{table_rows};
     const auto place = [&](Count column) {
       return column >= 2 ? top - column : curvatures + start_shape + column;
     };
@@ -320,7 +361,7 @@ struct Elimination {
       for (Count c = 0; c < columns; ++c) row[c] = Number{};
       if (r < filled) {
         for (Count c = 0; c < wide && c <= top; ++c) row[place(top - c)] = rows[r][c];
-        for (Count c = 0; c < loads; ++c) row[loaded + c] = rows[r][wide + c];
+        for (Count c = 0; c < loads; ++c) row[loaded] = charges[r];
       } else if (r <= top) {
         const Count own = top - r;
         const Count low = own > band ? own - band : 0, high = own + band < top ? own + band : top;
@@ -342,15 +383,17 @@ struct Elimination {
       }
     }
     for (Count c = 0; c < curvatures + 2; ++c) {
-      all_rows.choose(c, count, c, columns, found);
+      // What is carried acts on the functions that move the end, the last.
+      const Count last = c + moving <= top && c + band < top ? c + band + 1 : count;
+      all_rows.choose(c, last, c, columns, found);
       const Number* const pivot = all_rows[c];
       const Number share = inverse(pivot[c]);
       found.add(pivot[c], share);
       keep_row(kept == nullptr ? nullptr : kept->table + c * columns, pivot, columns);
-      for (Count r = c + 1; r < count; ++r) {
+      for (Count r = c + 1; r < last; ++r) {
         Number* const row = all_rows[r];
         const Number factor = row[c] * share;
-        for (Count k = c + 1; k < columns; ++k) row[k] = row[k] - factor * pivot[k];
+        for (Count k = c + 1; k < columns; ++k) row[k] = less_product(row[k], factor, pivot[k]);
       }
     }
     for (Count r = 0; r < 2; ++r) {
@@ -373,7 +416,8 @@ struct Elimination {
       last[r][1] = model.turns ? carried[r][1] - spring * carried[r][3] : carried[r][3];
       for (Count c = 0; c < loads; ++c) last[r][2 + c] = carried[r][4 + c];
     }
-    const Rows<Number> rows{last[0], 2 + loads};
+    Number* const both[2] = {last[0], last[1]};
+    const Rows<Number> rows{both};
     rows.choose(0, 2, 0, 2 + loads, found);
     const Number share = inverse(last[0][0]);
     found.add(last[0][0], share);
@@ -390,7 +434,7 @@ void log_derivative(const EliminationModel& model, const Points& points, double*
     DualLanes *window, *table;
   };
   const auto [window, table] = laid_out([&](Layout& layout) {
-    return Scratch{layout.take<DualLanes>((model.band + 2) * window_columns(model.band)),
+    return Scratch{layout.take<DualLanes>((model.band + 1) * window_columns(model.band)),
                    layout.take<DualLanes>(table_rows(model.band) * table_columns(model.band))};
   });
   for (Count first = 0; first < points.count; first += width) {
@@ -472,7 +516,7 @@ void null_vector(const EliminationModel& model, const Lanes& lambda, const Vecto
       place_of(c) = sum * inverse(not_zero(row[c]));
     }
     for (Count step = many - 1; step >= 0; --step) {
-      const Lanes* const row = scratch.pivots[p].window + step * (wide + 1);
+      const Lanes* const row = scratch.pivots[p].window + step * kept_columns(band);
       const Count own = panel.size - 1 - step;
       Lanes sum = row[wide] * size;
       for (Count c = 1; c < wide && c <= own; ++c) sum = sum - row[c] * x[own - c];
@@ -524,7 +568,7 @@ void pairs(const EliminationModel& model, const Points& points, const PairsAsked
   Count numbers = 0, in_windows = 0;
   for (Count p = 0; p < model.count; ++p) {
     numbers += model.panels[p].size;
-    in_windows += windowed(model.panels[p].size, band) * window_columns(band);
+    in_windows += windowed(model.panels[p].size, band) * kept_columns(band);
   }
   const Count in_tables = model.count * table_rows(band) * table_columns(band);
   struct Storage {
@@ -533,7 +577,7 @@ void pairs(const EliminationModel& model, const Points& points, const PairsAsked
   };
   const Storage scratch = laid_out([&](Layout& layout) {
     Storage made{};
-    made.of.window = layout.take<Lanes>((band + 2) * window_columns(band));
+    made.of.window = layout.take<Lanes>((band + 1) * window_columns(band));
     made.of.table = layout.take<Lanes>(table_rows(band) * table_columns(band));
     made.of.pivots = layout.take<Pivots>(model.count);
     made.of.holds = reinterpret_cast<Lanes(*)[2][5]>(layout.take<Lanes>(10 * model.count));
@@ -551,7 +595,7 @@ void pairs(const EliminationModel& model, const Points& points, const PairsAsked
     scratch.of.pivots[p] = {windows, tables};
     scratch.of.right[p] = {x, {}, {}};
     scratch.of.left[p] = {y, {}, {}};
-    windows += windowed(size, band) * window_columns(band);
+    windows += windowed(size, band) * kept_columns(band);
     tables += table_rows(band) * table_columns(band);
     x += size;
     y += size;

@@ -10,7 +10,7 @@
 // its own, but two equations
 //   r_w w + r_theta theta + r_Q Q + r_M M = 0.
 // With these and its own equations a panel's functions are eliminated, those of highest degree
-// first, with partial pivoting, and two equations are left at its start:
+// first, with threshold pivoting, and two equations are left at its start:
 //   (P z)_i + w_i Q + theta_i M = 0 of each function, Q_a and M_a being what the panel resists by.
 // Of the first two functions w_i and theta_i are those of a rigid motion; they are 0 of degree 2
 // and beyond. The product of the pivots is det P but for a constant. Where the pipe is held, w or
@@ -28,6 +28,9 @@
 #include "pipedyn/vector/points.hpp"
 
 namespace pipedyn {
+
+/// Half-bandwidth up to which the elimination is worth its cost: of a plain pipe it is 4.
+inline constexpr std::ptrdiff_t widest = 24;
 
 /// An entry of P at a speed: what multiplies lambda^0, with an imaginary part, lambda and lambda^2,
 /// and its derivative by the speed.

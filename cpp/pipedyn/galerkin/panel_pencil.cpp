@@ -13,9 +13,6 @@ namespace pipedyn {
 
 namespace {
 
-/// Half-bandwidth up to which the elimination is worth its cost: of a plain pipe it is 4.
-constexpr Index widest = 24;
-
 /// A polynomial on a panel, by its coefficients of the orthonormal p_i in (s - a) / h.
 using Polynomial = std::vector<double>;
 

@@ -28,6 +28,8 @@ constexpr double least_gap = 1.002;
 /// Roots at one speed are starts at another if so few corrections do, twice as many of starts that
 /// are moved off the real axis.
 constexpr int most_near = 8;
+/// The same of another model's, of which a few are far from this one's: those take their time.
+constexpr int most_assumed = 40;
 /// Samples whose roots are kept: steps are halved from the right, and go on from there.
 constexpr std::size_t most_known = 8;
 /// Ratio of neighbouring roots' sizes beyond which a gap is as good as any; next to zero roots it
@@ -247,7 +249,7 @@ std::optional<Pairs> Structured::from(Approximations roots, double u, Index coun
     if (!traits.lossy()) join_conjugates(roots);
     for (Approximation& one : roots) one.settled = one.value == 0.0;
     if (known_.size() == most_known) known_.erase(known_.begin());
-    known_.push_back({u, std::move(roots)});
+    known_.push_back({u, std::move(roots), most_near});
   }
   return found;
 }
@@ -287,7 +289,7 @@ std::optional<Pairs> Structured::by_recursion(double u, Index count, bool vector
         expected(near->roots, u - near->u, traits.cluster(), !traits.lossy());
     for (const bool moved : {false, true}) {
       auto found = from(moved ? without_symmetry(starts) : starts, u, count, vectors,
-                        moved ? 2 * most_near : most_near);
+                        moved ? 2 * near->most : near->most);
       if (found) return found;
     }
   }
@@ -345,7 +347,7 @@ void Structured::assume(double u, const Values& roots) {
     const bool alone = traits.lossy() || value.imag() == 0.0;
     if (value.imag() >= 0.0 || alone) starts.push_back({value, alone, value == 0.0});
   }
-  known_.push_back({u, std::move(starts)});
+  known_.push_back({u, std::move(starts), most_assumed});
 }
 
 void Structured::assess(double u, Pairs& pairs) {

@@ -56,6 +56,7 @@ class Structured : public Eigenproblem {
   struct Known {
     double u;
     Approximations roots;
+    int most;  // corrections that make them roots at another speed
   };
   std::vector<Known> known_;       // of the last samples
   Approximations starts_at_rest_;  // once known

@@ -18,20 +18,26 @@ constexpr double near_by = 1e-3;
 
 Sample Truncated::sample(double u, Index count) {
   Sample at = fewer_->sample(u, count);
-  const Index looked_at = std::min(resolved_, at.size());
-  const Values missed = -more_->log_derivatives(u, at.values.head(looked_at), at.values).inverse();
-  for (Index i = 0; i < looked_at; ++i) {
+  // Far from the axis are roots of the lowest modes, of which little is missed, of those that
+  // damping holds near -1 / delta whatever their shape, and of the highest, not the pipe's.
+  const auto is_far = [](Complex value) { return value.real() < -heavy_damping * std::abs(value); };
+  std::vector<Index> asked;  // of conjugates the upper, which the lower follows
+  for (Index i = 0; i < std::min(resolved_, at.size()); ++i) {
     const Complex value = at.values[i];
-    if (!traits.counts(value)) continue;
+    const bool is_lower = value.imag() < 0.0;
+    if (!is_lower && !is_far(value) && traits.counts(value)) asked.push_back(i);
+  }
+  const Values missed = -more_->log_derivatives(u, at.values(asked), at.values).inverse();
+  for (std::size_t k = 0; k < asked.size(); ++k) {
+    const Index i = asked[k];
+    const Complex value = at.values[i];
     // A pivot is 0 at a root alone: there nothing is missed.
-    const Complex shift = std::isnan(std::norm(missed[i])) ? 0.0 : missed[i];
+    const Complex shift = std::isnan(std::norm(missed[k])) ? 0.0 : missed[k];
     const double real = std::abs(value.real()), lost = std::abs(shift.real());
-    // Far from the axis are roots of the lowest modes, of which little is missed, of those that
-    // damping holds near -1 / delta whatever their shape, and of the highest, not the pipe's.
-    if (value.real() < -heavy_damping * std::abs(value)) continue;
     if (u == 0.0 && !traits.damped && real <= at.noise[i]) continue;  // on the axis in both
     if (std::abs(shift) <= largest_shift * std::abs(value) && lost <= largest_share * real) {
-      at.noise[i] += 2.0 * lost;
+      const bool paired = value.imag() > 0.0 && !traits.lossy() && i + 1 < at.size();
+      at.noise.segment(i, paired ? 2 : 1) += 2.0 * lost;
     } else {
       alike_ = false;
     }

@@ -13,7 +13,7 @@ from typing import Any, TypeAlias, TypeVar
 import numpy as np
 
 from pipedyn import _core
-from pipedyn.linear.eigenproblem import eigenproblem
+from pipedyn.linear.eigenproblem import Eigenproblem, eigenproblem
 from pipedyn.linear.modes import LARGEST_FULL, ModeShape, largest_speed, neutral_shape
 from pipedyn.linear.sensitivity import Crossing, Crossings, crossings_of
 from pipedyn.linear.weak_damping import extrapolated, is_weakly_damped, strengthened
@@ -436,7 +436,7 @@ def _converging(model: Continuum, max_speed: float, until_unstable: bool) -> Job
         return search().value, search.of_larger()
 
     def job() -> Found:
-        smallest = max(16, math.ceil(0.8 * max_speed) + 8)
+        smallest = max(16, math.ceil(0.75 * max_speed) + 6)
         found = converged_ahead(model, crossed, _difference, smallest=smallest)
         assert found.value is not None
         moved = (replace(c, error=2.0 * c.error + found.error * c.speed) for c in found.value)
@@ -505,17 +505,18 @@ class _Search:
         self.spectrum: _core.Spectrum = spectrum
         self.resolved = resolved(model, spectrum) if continuous else None
         self.tracked, self.count = self.problem.dof, 2 * self.problem.dof
-        self.larger = None
+        self.larger: tuple[Eigenproblem, _core.Structured] | None = None
         self.all_resolved = True  # whether all resolved modes are looked at
         if self.resolved is not None and isinstance(self.problem.pencil, PanelPencil):
             self._track_reached(self.resolved, spectrum.modes_at_rest())
         # Where roots stay on the imaginary axis, no distance to it is known.
         on_axis = self.problem.is_conservative or self.problem.velocity_free(1.0)
         if larger is not None and not on_axis and isinstance(self.problem.pencil, PanelPencil):
-            self.larger = eigenproblem(larger)
-            more = self.larger.spectrum()
+            problem = eigenproblem(larger)
+            more = problem.spectrum()
             assert isinstance(spectrum, _core.Structured)
             assert isinstance(more, _core.Structured)
+            self.larger = problem, more
             self.spectrum = _core.Truncated(spectrum, more, self._looked_at)
         if not self.problem.is_long or continuous:
             return
@@ -537,7 +538,7 @@ class _Search:
         that lose their stiffness grow.
         """
         pipe = self.model.pipe
-        tracked = min(resolved, math.ceil(_modes_reached(self.max_speed, pipe)) + 4)
+        tracked = min(resolved, math.ceil(_modes_reached(self.max_speed, pipe)) + 2)
         damped = modes is not None and self._damped_beyond(tracked, modes[:, :resolved])
         few = pipe.end_held or damped
         if not few:
@@ -600,12 +601,11 @@ class _Search:
         if self.until_unstable and found and found[-1].change > 0:
             end = min(end, found[-1].speed * (1.0 + BESIDE))
         assert self.resolved is not None
+        problem, spectrum = self.larger
         # Where all that are resolved are tracked, the larger model resolves more.
-        modes = self.resolved
-        if self.all_resolved:
-            modes = resolved(self.larger.model, self.larger.spectrum())
+        modes = resolved(problem.model, spectrum) if self.all_resolved else self.resolved
         swept = self.spectrum.of_larger(self.swept, end, modes)
-        return None if swept is None else crossings_of(self.larger, swept, 2 * modes)
+        return None if swept is None else crossings_of(problem, swept, 2 * modes)
 
 
 def _swept(searches: Sequence[_Search]) -> None:
