@@ -26,20 +26,33 @@ constexpr Count moving = 4;
 enum Border : Count { end_force, end_moment, start_shape, start_slope, start_force, start_moment };
 constexpr Count border = 6;
 
+/// What entries of P take of lambda.
+struct EntryPowers {
+  Lanes one, two;
+
+  explicit EntryPowers(const Lanes& lambda) : one(lambda), two(lambda * lambda) {}
+};
+
 template <class Number>
-Number entry(const PencilEntry& of, const Lanes& lambda);
+Number entry(const PencilEntry& of, const EntryPowers& lambda);
 
 template <>
-inline Lanes entry<Lanes>(const PencilEntry& of, const Lanes& lambda) {
-  const Lanes rate = of.square * lambda + of.rate;
-  Lanes value = lambda * rate + of.still;
-  value.im += of.loss;
-  return value;
+inline Lanes entry<Lanes>(const PencilEntry& of, const EntryPowers& lambda) {
+  return {of.still + of.rate * lambda.one.re + of.square * lambda.two.re,
+          of.loss + of.rate * lambda.one.im + of.square * lambda.two.im};
+}
+
+/// Its derivatives by lambda and by the speed.
+inline Lanes entry_by_lambda(const PencilEntry& of, const EntryPowers& lambda) {
+  return (2.0 * of.square) * lambda.one + of.rate;
+}
+inline Lanes entry_by_speed(const PencilEntry& of, const EntryPowers& lambda) {
+  return of.rate_by_speed * lambda.one + of.still_by_speed;
 }
 
 template <>
-inline DualLanes entry<DualLanes>(const PencilEntry& of, const Lanes& lambda) {
-  return {entry<Lanes>(of, lambda), (2.0 * of.square) * lambda + of.rate};
+inline DualLanes entry<DualLanes>(const PencilEntry& of, const EntryPowers& lambda) {
+  return {entry<Lanes>(of, lambda), entry_by_lambda(of, lambda)};
 }
 
 inline Lanes number(double x, Lanes) { return {all<Pack>(x), Pack{}}; }
@@ -145,7 +158,7 @@ void exchange(const Bits& mask, Number& a, Number& b) {
 template <class Number>
 struct Rows {
   Number* const* at;
-  Number* load = nullptr;  // of each row one number more, or none
+  Number* const* loads = nullptr;  // of each row one number more, or none
 
   Number* operator[](Count r) const { return at[r]; }
 
@@ -164,7 +177,7 @@ struct Rows {
       const Bits mask = equal(place, static_cast<double>(r));
       if (!any(mask)) continue;
       for (Count c = column; c < columns; ++c) exchange(mask, at[first][c], at[r][c]);
-      if (load != nullptr) exchange(mask, load[first], load[r]);
+      if (loads != nullptr) exchange(mask, *loads[first], *loads[r]);
       found.turn(mask);
     }
     return true;
@@ -207,7 +220,7 @@ struct Elimination {
   static constexpr Count loads = std::is_same_v<Number, Lanes> ? 1 : 0;
 
   const EliminationModel& model;
-  Lanes lambda;
+  EntryPowers lambda;
   PivotSums found;
   Number *window, *table;        // scratch
   Number carried[2][4 + loads];  // the equations at a joint, in units of the panel before it
@@ -300,21 +313,24 @@ struct Elimination {
     const Count band = model.band, wide = 2 * band + 1, size = panel.size;
     const Count many = windowed(size, band), stride = window_columns(band);
     // Row i of P begins with column i + band, and is taken from the column of the pivot on.
-    Number *begins[widest + 1], *rows[widest + 1], charges[loads * widest + 1];
+    Number *begins[widest + 1], *rows[widest + 1], *charges[widest + 1];
     const auto fill = [&](Count place, Count i) {
       Number* const to = begins[place];
       const Count high = i + band < size ? i + band : size - 1, low = i > band ? i - band : 0;
       for (Count j = high; j >= low; --j) to[i + band - j] = at<transposed>(panel, i, j);
       for (Count c = i + band - low + 1; c < stride; ++c) to[c] = Number{};
-      if constexpr (loads > 0) charges[place] = number(load.next(), Number{});
+      for (Count c = 0; c < loads; ++c) to[stride + c] = number(load.next(), Number{});
     };
     const auto take_from_pivot = [&] {
-      for (Count r = 0; r <= band; ++r) rows[r] = begins[r] + band - r;
+      for (Count r = 0; r <= band; ++r) {
+        rows[r] = begins[r] + band - r;
+        charges[r] = begins[r] + stride;
+      }
     };
     Count top = size - 1, filled = 0;
     if (many > 0) {
       for (Count r = 0; r <= band; ++r) {
-        begins[r] = window + r * stride;
+        begins[r] = window + r * (stride + loads);
         fill(r, top - r);
       }
       Count lowest = size;  // column of those rows that were exchanged
@@ -329,16 +345,15 @@ struct Elimination {
         for (Count r = 1; r <= band; ++r) {
           const Number factor = rows[r][0] * share;
           for (Count c = 1; c <= last; ++c) rows[r][c] = less_product(rows[r][c], factor, pivot[c]);
-          if constexpr (loads > 0) charges[r] = less_product(charges[r], factor, charges[0]);
+          for (Count c = 0; c < loads; ++c) {
+            charges[r][c] = less_product(charges[r][c], factor, charges[0][c]);
+          }
         }
         Lanes* const to = kept == nullptr ? nullptr : kept->window + step * kept_columns(band);
         keep_row(to, pivot, wide);
-        keep_row(to == nullptr ? to : to + wide, charges, loads);
+        keep_row(to == nullptr ? to : to + wide, charges[0], loads);
         Number* const free = begins[0];
-        for (Count r = 0; r < band; ++r) {
-          begins[r] = begins[r + 1];
-          if constexpr (loads > 0) charges[r] = charges[r + 1];
-        }
+        for (Count r = 0; r < band; ++r) begins[r] = begins[r + 1];
         if (++step == many) break;
         begins[band] = free;
         fill(band, top - 1 - band);
@@ -361,7 +376,7 @@ struct Elimination {
       for (Count c = 0; c < columns; ++c) row[c] = Number{};
       if (r < filled) {
         for (Count c = 0; c < wide && c <= top; ++c) row[place(top - c)] = rows[r][c];
-        for (Count c = 0; c < loads; ++c) row[loaded] = charges[r];
+        for (Count c = 0; c < loads; ++c) row[loaded + c] = charges[r][c];
       } else if (r <= top) {
         const Count own = top - r;
         const Count low = own > band ? own - band : 0, high = own + band < top ? own + band : top;
@@ -440,7 +455,7 @@ void log_derivative(const EliminationModel& model, const Points& points, double*
   for (Count first = 0; first < points.count; first += width) {
     Product product;
     Elimination<DualLanes> elimination{
-        model, taken(points, first), {{}, signs != nullptr ? &product : nullptr}, window, table,
+        model, EntryPowers(taken(points, first)), {{}, signs != nullptr ? &product : nullptr}, window, table,
         {}};
     elimination.start();
     const auto keep = [](Count, const DualLanes*) {};
@@ -451,7 +466,7 @@ void log_derivative(const EliminationModel& model, const Points& points, double*
     }
     DualLanes last[2][2];
     elimination.end(last);
-    const Lanes others = poles(points, elimination.lambda);
+    const Lanes others = poles(points, elimination.lambda.one);
     put(out, points, first, elimination.found.slope - others);
     if (signs == nullptr) continue;
     put(signs, points, first, product.phase.re);
@@ -474,7 +489,7 @@ struct VectorScratch {
 
 /// The null vector of P, or of P^T.
 template <bool transposed>
-void null_vector(const EliminationModel& model, const Lanes& lambda, const VectorScratch& scratch,
+void null_vector(const EliminationModel& model, const EntryPowers& lambda, const VectorScratch& scratch,
                  PanelMotion* motions) {
   Elimination<Lanes> elimination{model, lambda, {}, scratch.window, scratch.table, {}};
   elimination.start();
@@ -553,12 +568,12 @@ struct PairSums {
   Lanes value, by_lambda, by_u, by_right;
   Pack rest{}, entries{}, sums{};
 
-  void add(const PencilEntry& of, double weight, const Lanes& lambda, const Lanes& y,
+  void add(const PencilEntry& of, double weight, const EntryPowers& lambda, const Lanes& y,
            const Lanes& x, bool own, const Lanes& dual) {
     const Lanes both = weight * (y * x);
-    const Lanes rate = (2.0 * of.square) * lambda + of.rate;
+    const Lanes rate = entry_by_lambda(of, lambda);
     by_lambda += rate * both;
-    by_u += (of.rate_by_speed * lambda + of.still_by_speed) * both;
+    by_u += entry_by_speed(of, lambda) * both;
     if (own) by_right += rate * (weight * (conjugate(dual) * x));
   }
 };
@@ -577,7 +592,7 @@ void pairs(const EliminationModel& model, const Points& points, const PairsAsked
   };
   const Storage scratch = laid_out([&](Layout& layout) {
     Storage made{};
-    made.of.window = layout.take<Lanes>((band + 1) * window_columns(band));
+    made.of.window = layout.take<Lanes>((band + 1) * (window_columns(band) + 1));
     made.of.table = layout.take<Lanes>(table_rows(band) * table_columns(band));
     made.of.pivots = layout.take<Pivots>(model.count);
     made.of.holds = reinterpret_cast<Lanes(*)[2][5]>(layout.take<Lanes>(10 * model.count));
@@ -602,7 +617,7 @@ void pairs(const EliminationModel& model, const Points& points, const PairsAsked
   }
   const bool own = out.by_right != nullptr;
   for (Count first = 0; first < points.count; first += width) {
-    const Lanes lambda = taken(points, first);
+    const EntryPowers lambda(taken(points, first));
     null_vector<false>(model, lambda, scratch.of, scratch.of.right);
     null_vector<true>(model, lambda, scratch.of, scratch.of.left);
     PairSums sum;
@@ -643,8 +658,8 @@ void pairs(const EliminationModel& model, const Points& points, const PairsAsked
           const Lanes& z = right.amplitudes[j];
           const Lanes of = entry<Lanes>(row[j], lambda);
           rest += of * z;
-          rate += ((2.0 * row[j].square) * lambda + row[j].rate) * z;
-          by_u += (row[j].rate_by_speed * lambda + row[j].still_by_speed) * z;
+          rate += entry_by_lambda(row[j], lambda) * z;
+          by_u += entry_by_speed(row[j], lambda) * z;
           entries += size_of(of) * size_of(z);
         }
         const Lanes& other = left.amplitudes[i];

@@ -49,9 +49,12 @@ std::pair<double, Pair> newton(Spectrum& spectrum, double u, Pair guess, double 
     u = std::max(u + change, 0.0);
     guess = std::move(pair);
     guess.value += guess.slope * change;
-    // Converged, or steps that do not shrink any more: what is left is rounding.
-    const bool within = size * std::abs(guess.slope.real()) <= 0.1 * guess.uncertain;
-    last = within || size <= 4e-16 * u || size >= last ? 0.0 : size;
+    // Converged, or steps that do not shrink any more: what is left is rounding. The next would be
+    // shorter than this one by what that was than the last, or more.
+    const double next = last == infinite ? size : size * std::min(size / last, 1.0);
+    const double rate = std::abs(guess.slope.real());
+    const bool within = next * rate <= 0.1 * guess.uncertain || next <= 4e-16 * u;
+    last = within || size >= last ? 0.0 : size;
   }
 }
 

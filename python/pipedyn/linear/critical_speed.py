@@ -274,14 +274,21 @@ def first_losses(models: Sequence[AnyModel], max_speed: float = 100.0) -> list[L
 def _first_ends(pipe: Pipe, max_speed: float) -> list[float]:
     """Speeds at which a search for the critical speed up to one first ends.
 
-    Measured, uniform cantilevers flutter below 12 if beta < 0.68, and below 20 at any beta.
-    Spans held at both ends buckle between pi and 2 pi.
+    Measured at beta 0.02 to 0.99 and gamma up to 3000, uniform cantilevers flutter below the first
+    end: of light ones 12 below beta = 0.68, 16 up to 0.9 and 18.5 beyond, and weight counts the
+    sooner the more of the mass is fluid. Spans held at both ends buckle between pi and 2 pi.
     """
-    held = pipe.supports or pipe.end_held
-    ends = [5.0, 8.0, 12.0, 24.0, 48.0] if held else [12.0, 24.0, 48.0]
-    if not held and pipe.flow == "ejecting" and pipe.beta > 0.68:
-        ends = ends[1:]
-    unit = 1.2 ** round(math.log(_speed_unit(pipe), 1.2))  # so that neighbours have the same
+    gravity = LARGE_GRAVITY
+    if pipe.supports or pipe.end_held:
+        ends = [5.0, 8.0, 12.0, 24.0, 48.0]
+    elif pipe.flow == "ejecting":
+        first = 12.0 if pipe.beta < 0.68 else 16.0 if pipe.beta <= 0.9 else 18.5
+        ends = [first, 2.0 * first, 4.0 * first]
+        gravity *= max(1.0 - pipe.beta, 0.01)
+    else:
+        ends = [12.0, 24.0, 48.0]
+    # So that neighbours have the same.
+    unit = 1.1 ** math.ceil(math.log(_speed_unit(pipe, gravity), 1.1) - 1e-9)
     return [end * unit for end in ends if end * unit < max_speed]
 
 
@@ -433,10 +440,11 @@ def _converging(model: Continuum, max_speed: float, until_unstable: bool) -> Job
         if search.resolved < _modes_reached(max_speed, model.pipe):
             return None, None  # the flow reaches modes that are not the continuous pipe's
         _swept([search])
-        return search().value, search.of_larger()
+        ahead = search.of_larger()
+        return search(sensitive=ahead is None).value, ahead
 
     def job() -> Found:
-        smallest = max(16, math.ceil(0.75 * max_speed) + 6)
+        smallest = max(16, math.ceil(0.7 * max_speed) + 8)
         found = converged_ahead(model, crossed, _difference, smallest=smallest)
         assert found.value is not None
         moved = (replace(c, error=2.0 * c.error + found.error * c.speed) for c in found.value)
@@ -539,8 +547,13 @@ class _Search:
         """
         pipe = self.model.pipe
         tracked = min(resolved, math.ceil(_modes_reached(self.max_speed, pipe)) + 2)
-        damped = modes is not None and self._damped_beyond(tracked, modes[:, :resolved])
-        few = pipe.end_held or damped
+        # Slow flow damps each mode of a uniform cantilever alike.
+        uniform = not (pipe.terms or pipe.supports or pipe.stiffness or pipe.mass)
+        few = (
+            pipe.end_held
+            or uniform
+            or (modes is not None and self._damped_beyond(tracked, modes[:, :resolved]))
+        )
         if not few:
             tracked = resolved
         oscillate = pipe.damping * (math.pi * (tracked + 4)) ** 2 <= 0.9
@@ -584,10 +597,10 @@ class _Search:
             until_unstable=self.until_unstable,
         )
 
-    def __call__(self) -> Found:
+    def __call__(self, sensitive: bool = True) -> Found:
         assert self.swept is not None
         vouched = None if self.resolved is None else 2 * self.resolved
-        found = crossings_of(self.problem, self.swept, vouched)
+        found = crossings_of(self.problem, self.swept, vouched, sensitive)
         if self.swept.failure:
             raise NotConverged(self.swept.failure, found)
         return Converged(found, self.model.dof, 0.0)
@@ -621,7 +634,7 @@ def _swept(searches: Sequence[_Search]) -> None:
             one.widen()
 
 
-def _speed_unit(pipe: Pipe) -> float:
+def _speed_unit(pipe: Pipe, large_gravity: float = LARGE_GRAVITY) -> float:
     """By how much flow speeds that matter are above those of a light uniform pipe of one span.
 
     Near the free end of a heavy hanging pipe, where its weight no longer stretches it, lengths are
@@ -629,7 +642,7 @@ def _speed_unit(pipe: Pipe) -> float:
     """
     places = 0.0, *pipe.supports, 1.0
     longest = max(high - low for low, high in pairwise(places))
-    return math.cbrt(1.0 + max(pipe.gamma, 0.0) / LARGE_GRAVITY) * _softest(pipe) / longest
+    return math.cbrt(1.0 + max(pipe.gamma, 0.0) / large_gravity) * _softest(pipe) / longest
 
 
 def _softest(pipe: Pipe) -> float:

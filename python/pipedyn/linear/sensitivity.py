@@ -172,9 +172,9 @@ def of_each(results: Iterable[Any], name: str) -> Array:
 
 
 def crossings_of(
-    problem: Eigenproblem, swept: _core.Sweep, vouched: int | None = None
+    problem: Eigenproblem, swept: _core.Sweep, vouched: int | None = None, sensitive: bool = True
 ) -> tuple[Crossing, ...]:
-    """The crossings of a sweep, with counts, of so many roots, and sensitivities."""
+    """The crossings of a sweep, with counts, of so many roots, and sensitivities if wanted."""
     return tuple(
         Crossing(
             speed=crossing.speed,
@@ -184,7 +184,7 @@ def crossings_of(
             unstable_after=crossing.before + crossing.change,
             error=crossing.error,
             mode=crossing.mode,
-            sensitivity=_sensitivity(problem, crossing),
+            sensitivity=_sensitivity(problem, crossing) if sensitive else None,
             gyroscopic=crossing.gyroscopic,
             vouched=vouched,
         )
