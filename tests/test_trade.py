@@ -284,7 +284,7 @@ def test_an_eigenvalue_problem_is_a_factorisation_and_itself():
 
 def test_the_table_says_what_the_rows_do(critical):
     text, page = str(critical), critical._repr_html_()
-    assert "reference: Continuum, 26 Legendre functions" in text
+    assert "reference: Continuum, 25 Legendre functions" in text
     assert text.count("\n") == len(critical.rows) + 2
     assert page.count("<tr>") == len(critical.rows) + 1
     rows = list(csv.DictReader(io.StringIO(critical.to_csv())))

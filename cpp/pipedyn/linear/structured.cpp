@@ -30,6 +30,10 @@ constexpr double least_gap = 1.002;
 constexpr int most_near = 8;
 /// The same of another model's, of which a few are far from this one's: those take their time.
 constexpr int most_assumed = 40;
+/// Size of a dense start up to which that costs less than roots on the way from known ones, and how
+/// often the way is halved.
+constexpr Index cheap_start = 100;
+constexpr int most_on_the_way = 3;
 /// Samples whose roots are kept: steps are halved from the right, and go on from there.
 constexpr std::size_t most_known = 8;
 /// Ratio of neighbouring roots' sizes beyond which a gap is as good as any; next to zero roots it
@@ -276,24 +280,32 @@ Approximations Structured::starts_of(const Determinant& of, double u) const {
   return dense_roots(of, u, is_squared(u));
 }
 
-std::optional<Pairs> Structured::by_recursion(double u, Index count, bool vectors) {
-  const Index n = of_->size(), zeros = roots_at_zero(u);
-  const bool every = count >= 2 * traits.dof;
-  const Index beyond = 6 + 2 * of_->held();  // roots more than are asked for
+std::optional<Pairs> Structured::from_known(double u, Index count, bool vectors, int halvings) {
   const auto near = std::min_element(
       known_.begin(), known_.end(),
       [u](const Known& a, const Known& b) { return std::abs(u - a.u) < std::abs(u - b.u); });
   const auto is_zero = [](const Approximation& one) { return one.settled; };
-  if (near != known_.end() && std::ranges::count_if(near->roots, is_zero) == zeros) {
-    const Approximations starts =
-        expected(near->roots, u - near->u, traits.cluster(), !traits.lossy());
-    for (const bool moved : {false, true}) {
-      auto found = from(moved ? without_symmetry(starts) : starts, u, count, vectors,
-                        moved ? 2 * near->most : near->most);
-      if (found) return found;
-    }
+  if (near == known_.end() || roots_in(near->roots) < count) return {};
+  if (std::ranges::count_if(near->roots, is_zero) != roots_at_zero(u)) return {};
+  const double middle = 0.5 * (near->u + u);
+  const Approximations starts =
+      expected(near->roots, u - near->u, traits.cluster(), !traits.lossy());
+  for (const bool moved : {false, true}) {
+    auto found = from(moved ? without_symmetry(starts) : starts, u, count, vectors,
+                      moved ? 2 * near->most : near->most);
+    if (found) return found;
   }
-  for (Index size = of_->enough_for(count);; size *= 3) {
+  if (halvings == 0 || near->u == u || !from_known(middle, count, false, halvings - 1)) return {};
+  return from_known(u, count, vectors, halvings - 1);
+}
+
+std::optional<Pairs> Structured::by_recursion(double u, Index count, bool vectors) {
+  const Index n = of_->size(), zeros = roots_at_zero(u), coarsest = of_->enough_for(count);
+  const bool every = count >= 2 * traits.dof;
+  const Index beyond = 6 + 2 * of_->held();  // roots more than are asked for
+  const int halvings = std::min(coarsest, n) > cheap_start ? most_on_the_way : 0;
+  if (auto found = from_known(u, count, vectors, halvings)) return found;
+  for (Index size = coarsest;; size *= 3) {
     const bool own = 2 * size > n || (u == 0.0 && knows_modes());
     if ((own ? n : size) > dense_limit) return std::nullopt;
     Approximations starts;

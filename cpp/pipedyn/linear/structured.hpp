@@ -27,6 +27,9 @@ class Structured : public Eigenproblem {
 
   Pairs lowest(double u, Index count, bool left, bool high) override;
   std::optional<Pairs> by_recursion(double u, Index count, bool vectors) override;
+  /// As `by_recursion`, from the known roots nearest by or, of so many halvings of the way to them,
+  /// from those found so at its middle.
+  std::optional<Pairs> from_known(double u, Index count, bool vectors, int halvings);
   /// d log det P / dlambda - sum_k 1 / (lambda - lambda_k), but for known roots k at lambda itself.
   Values log_derivatives(double u, const Values& at, const Values& known = {}) const {
     return of_->log_derivatives(u, at, known);

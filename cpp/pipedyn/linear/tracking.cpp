@@ -69,6 +69,10 @@ namespace {
 /// 36 pipes of 10 segments to u = 20 take up to 2.7 times those, and 80 meetings 19 halvings each.
 constexpr int most_steps = 1600;
 
+/// How many times as long as the last a step is tried, after one that was too long: from near by
+/// roots are found soon, and from far away by matrices.
+constexpr double step_growth = 4.0;
+
 /// Curves are told apart where they are so many times the sum of their errors apart: of 1,500
 /// random pipes the crossings' modes differ from those of steps of 0.05 in 27, and by the first of
 /// the two errors alone in 26; in 29 with twice.
@@ -474,15 +478,17 @@ void track(const Tracking& tracking, SharedSample first, const std::vector<doubl
   if (!speeds.empty()) trials += std::ceil(4.0 * (speeds[0] - first->u) / tracking.longest);
   SharedSample left = std::move(first);
   std::optional<Step> last;
+  double most = tracking.longest;  // that may be tried
+  std::vector<SharedSample> ahead;
   for (const double speed : speeds) {
-    std::vector<SharedSample> ahead{tracking.take(speed)};
-    while (!ahead.empty()) {
+    while (left->u < speed) {
+      if (ahead.empty()) {
+        double next = speed;
+        while (next - left->u > most * (1.0 + 1e-12)) next = 0.5 * (left->u + next);
+        ahead.push_back(tracking.take(next));
+      }
       Step step{left, ahead.back()};
       const double middle = 0.5 * (left->u + step.right->u);
-      if (step.length() > tracking.longest * (1.0 + 1e-12)) {
-        ahead.push_back(tracking.take(middle));
-        continue;
-      }
       if (--trials < 0.0) {
         char text[80];
         std::snprintf(text, sizeof text, "eigenvalues near u = %.6g are too close to be tracked",
@@ -495,9 +501,11 @@ void track(const Tracking& tracking, SharedSample first, const std::vector<doubl
         step.unambiguous = tell_apart(tracking, step);
       }
       if (divisible && !(step.unambiguous && tracking.sure(step))) {
+        most = std::min(most, 0.5 * step.length());
         ahead.push_back(tracking.take(middle));
         continue;
       }
+      most = std::clamp(step_growth * step.length(), most, tracking.longest);
       if (!tracking.visit(step)) return;
       Roots there;
       for (const Index i : tracked) {

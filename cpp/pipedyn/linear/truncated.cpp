@@ -94,7 +94,8 @@ std::optional<AxisCrossing> Truncated::of_larger(const AxisCrossing& crossing) {
 int Truncated::unstable(double u, Index resolved) {
   constexpr Index beyond = 8;  // roots by which a next one is known
   const Index count = 2 * resolved;
-  more_->assume(u, fewer_->sample(u, count + beyond).values);
+  const std::optional<Pairs> known = fewer_->from_known(u, count + beyond, false, 0);
+  if (known) more_->assume(u, known->values);
   const Sample at = more_->sample(u, count);
   int number = 0;
   for (Index i = more_->standing(); i < at.size(); ++i) {
