@@ -81,4 +81,17 @@ struct LinearPart {
   double by_damping = 0.0, unsteady = 0.0;
 };
 
+/// What decides whether motions x grow: x^H M x, Im x^H C x, Re x^H C x and Im x^H K x of each, and
+/// how far rounding may move omega Re x^H C x + Im x^H K x of its frequency omega.
+struct Works {
+  Eigen::ArrayXd mass, gyroscopic, resisted, circulated, lost;
+
+  explicit Works(Index count)
+      : mass(Eigen::ArrayXd::Zero(count)),
+        gyroscopic(mass),
+        resisted(mass),
+        circulated(mass),
+        lost(mass) {}
+};
+
 }  // namespace pipedyn

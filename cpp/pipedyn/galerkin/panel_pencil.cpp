@@ -167,6 +167,10 @@ void add_integrals(const std::vector<Series>& left, const Polynomial& f,
   }
 }
 
+constexpr double eps = std::numeric_limits<double>::epsilon();
+
+using Reals = Eigen::ArrayXd;
+
 /// Panels' ends are the basis' own numbers, and so are terms' places.
 bool is_end(const Vector& ends, double s) { return (ends.array() == s).any(); }
 
@@ -371,52 +375,46 @@ double PanelPencil::share_of(const LinearPart& of, int part) const {
   }
 }
 
+template <class Visit>
+void PanelPencil::along(const Matrix& x, double sign, const Visit& visit) const {
+  using Row = Eigen::RowVectorXd;
+  Row w = Row::Zero(x.cols()), theta = turns_ ? Row(x.row(0)) : w;
+  Index first = turns_ ? 1 : 0;
+  for (const Panel& panel : panels_) {
+    const double h = panel.length;
+    Matrix z(panel.size, x.cols()), place(2, x.cols());
+    z.row(0) = w / h;
+    z.row(1) = theta;
+    z.bottomRows(panel.size - 2) = std::sqrt(h) * x.middleRows(first, panel.size - 2);
+    place.row(0) = z.row(0) + z.row(1) + 0.5 * z.row(2);
+    if (panel.size > 3) place.row(0) += sign * std::sqrt(3.0) / 6.0 * z.row(3);
+    place.row(1) = z.row(1) + z.row(2);
+    visit(panel, z, place);
+    w = h * place.row(0);
+    theta = place.row(1);
+    first += panel.size - 2;
+  }
+}
+
 Matrix PanelPencil::times(const Matrix& x, const LinearPart& of) const {
   using Row = Eigen::RowVectorXd;
-  const Index columns = x.cols(), wide = 2 * band_ + 1;
+  const Index columns = x.cols();
   Matrix out = Matrix::Zero(x.rows(), columns);
   std::vector<Matrix> rows;  // of each panel's functions, in its units
   std::vector<Matrix> at_ends;
   double shares[parts];
   for (int part = 0; part < parts; ++part) shares[part] = share_of(of, part);
-  Row w = Row::Zero(columns), theta = turns_ ? Row(x.row(0)) : w;
-  Index first = turns_ ? 1 : 0;
-  for (const Panel& panel : panels_) {
-    const double h = panel.length, root = std::sqrt(h);
-    Matrix z(panel.size, columns), forces = Matrix::Zero(panel.size, columns);
-    z.row(0) = w / h;
-    z.row(1) = theta;
-    z.bottomRows(panel.size - 2) = root * x.middleRows(first, panel.size - 2);
+  along(x, -1.0, [&](const Panel& panel, const Matrix& z, const Matrix& place) {
+    Matrix forces = Matrix::Zero(panel.size, columns), loads = Matrix::Zero(2, columns);
     for (int part = 0; part < parts; ++part) {
       if (shares[part] == 0.0) continue;
-      for (Index i = 0; i < panel.size; ++i) {
-        const Index low = std::max<Index>(0, i - band_);
-        const Index high = std::min(panel.size - 1, i + band_);
-        for (Index j = low; j <= high; ++j) {
-          const double entry =
-              panel.bands[part][static_cast<std::size_t>(i * wide + j - i + band_)];
-          if (entry != 0.0) forces.row(i) += shares[part] * entry * z.row(j);
-        }
-      }
-    }
-    Row end = z.row(0) + z.row(1) + 0.5 * z.row(2);
-    if (panel.size > 3) end -= std::sqrt(3.0) / 6.0 * z.row(3);
-    theta = z.row(1) + z.row(2);
-    Matrix place(2, columns);
-    place << end, theta;
-    Matrix loads = Matrix::Zero(2, columns);
-    for (int part = 0; part < parts; ++part) {
-      for (Index i = 0; i < 2; ++i) {
-        for (Index j = 0; j < 2; ++j) {
-          loads.row(i) += shares[part] * panel.station[part][i][j] * place.row(j);
-        }
-      }
+      add_product(panel, part, shares[part], z, forces);
+      loads += shares[part] * station(panel, part) * place;
     }
     rows.push_back(std::move(forces));
     at_ends.push_back(std::move(loads));
-    w = h * end;
-    first += panel.size - 2;
-  }
+  });
+  Index first = out.rows();
   Row force = Row::Zero(columns), moment = force;
   for (std::size_t p = panels_.size(); p-- > 0;) {
     const Panel& panel = panels_[p];
@@ -435,6 +433,78 @@ Matrix PanelPencil::times(const Matrix& x, const LinearPart& of) const {
     out.row(0) = moment + (of.still * pipe_.root) * x.row(0);
   }
   return out;
+}
+
+void PanelPencil::add_product(const Panel& panel, int part, double share, const Matrix& z,
+                              Matrix& to) const {
+  const Index wide = 2 * band_ + 1;
+  for (Index i = 0; i < panel.size; ++i) {
+    const Index low = std::max<Index>(0, i - band_), high = std::min(panel.size - 1, i + band_);
+    for (Index j = low; j <= high; ++j) {
+      const double entry = panel.bands[part][static_cast<std::size_t>(i * wide + j - i + band_)];
+      if (entry != 0.0) to.row(i) += share * entry * z.row(j);
+    }
+  }
+}
+
+Works PanelPencil::works(double u, const Reals& frequencies, const Matrix& x) const {
+  const Index count = x.cols() / 2;
+  const auto both = [&](const Eigen::RowVectorXd& columns) -> Reals {
+    return (columns.head(count) + columns.tail(count)).transpose().array();
+  };
+  const auto inner = [](const Matrix& a, const Matrix& b) -> Eigen::RowVectorXd {
+    return a.cwiseProduct(b).colwise().sum();
+  };
+  // Im sum conj(a_i) b_i
+  const auto skew = [&](const Matrix& a, const Matrix& b) -> Reals {
+    const Matrix left = a.leftCols(count).cwiseProduct(b.rightCols(count));
+    const Matrix right = a.rightCols(count).cwiseProduct(b.leftCols(count));
+    return (left - right).colwise().sum().transpose().array();
+  };
+  const auto size = [&](const Eigen::RowVectorXd& row) -> Reals {
+    return (row.head(count).array().square() + row.tail(count).array().square()).sqrt();
+  };
+  std::vector<Matrix> bounds;  // sizes of the terms of each end's place and slope
+  along(x.cwiseAbs(), 1.0,
+        [&](const Panel&, const Matrix&, const Matrix& place) { bounds.push_back(place); });
+  const double flow = pipe_.direction() * pipe_.sqrt_beta() - pipe_.entry();
+  const double thrust = pipe_.centrifugal * u * u * std::cos(pipe_.jet_angle);
+  const double lost_term = 4.0 * eps * std::sqrt(static_cast<double>(size_));
+  const Reals omega = frequencies.abs();
+  Works sum(count);
+  std::size_t p = 0;
+  along(x, -1.0, [&](const Panel& panel, const Matrix& z, const Matrix& place) {
+    const auto product = [&](int part) {
+      Matrix found = Matrix::Zero(panel.size, x.cols());
+      add_product(panel, part, 1.0, z, found);
+      return found;
+    };
+    const double share = 1.0 / panel.length;
+    const Matrix& bound = bounds[p];
+    sum.mass += share * both(inner(z, product(mass)) + inner(place, station(panel, mass) * place));
+    sum.gyroscopic += share * u * skew(z, product(velocity));
+    const Reals strained = share * both(inner(z, product(elastic)));
+    const Reals resisted = share * both(inner(z, product(resistance)) +
+                                        inner(place, station(panel, resistance) * place));
+    sum.resisted += pipe_.damping * strained + resisted;
+    sum.circulated += pipe_.hysteresis * strained;
+    sum.lost += lost_term * (omega * (pipe_.damping * strained + resisted.abs()) +
+                             pipe_.hysteresis * strained);
+    // What follows the slope is the skew part of a station's stiffness.
+    const bool last = ++p == panels_.size();
+    const double following = panel.station[Part::rest][0][1] - panel.station[Part::rest][1][0];
+    const double h = panel.length, skewed = following + (last ? thrust * h * h : 0.0);
+    const double moved = last ? u * flow * h * h * h : 0.0;
+    const Reals w = size(place.row(0)), theta = size(place.row(1));
+    const Reals lost_w = lost_term * size(bound.row(0)), lost_theta = lost_term * size(bound.row(1));
+    if (panel.held) return;
+    sum.resisted += share * moved * w.square();
+    sum.lost += share * std::abs(moved) * omega * (2.0 * w + lost_w) * lost_w;
+    if (panel.directed) return;
+    sum.circulated += share * skewed * skew(place.row(0), place.row(1));
+    sum.lost += share * std::abs(skewed) * ((theta + lost_theta) * lost_w + w * lost_theta);
+  });
+  return sum;
 }
 
 Matrix PanelPencil::held() const {

@@ -49,6 +49,10 @@ class PanelPencil {
   /// Product of so much of each part with columns x, (size, r), in O(size) a column; where the pipe
   /// is held the columns must meet that.
   Matrix times(const Matrix& x, const LinearPart& of) const;
+  /// The work done on motions x of some frequencies, their real parts and then the imaginary ones,
+  /// (size, 2 r). Flow and loads that follow work at ends of panels alone: there nothing is left of
+  /// a difference.
+  Works works(double u, const Eigen::ArrayXd& frequencies, const Matrix& x) const;
   /// Displacements at the ends of panels where it is held across, and the slope at an end that
   /// keeps its direction, by the coordinates: (conditions, size).
   Matrix held() const;
@@ -71,6 +75,16 @@ class PanelPencil {
 
   template <class Entry>
   At made(const Entry& entry) const;
+  /// Gives `visit` each panel with the amplitudes of its functions and place and slope of its end,
+  /// all in its units. sign: -1, or 1 for bounds of the end by sizes of x.
+  template <class Visit>
+  void along(const Matrix& x, double sign, const Visit& visit) const;
+  /// Adds so much of a part's product with amplitudes of a panel's functions.
+  void add_product(const Panel& panel, int part, double share, const Matrix& z, Matrix& to) const;
+  static Eigen::Matrix2d station(const Panel& panel, int part) {
+    const auto& of = panel.station[part];
+    return Eigen::Matrix2d{{of[0][0], of[0][1]}, {of[1][0], of[1][1]}};
+  }
   /// By what factor the tables of a part enter the product that `times` is asked for.
   double share_of(const LinearPart& of, int part) const;
 };

@@ -354,6 +354,11 @@ Pencil PanelDeterminant::matrices(double stiffness_size) const {
   return {lapack, std::move(made), thrust(), stiffness_size, lost, summed * eps};
 }
 
+std::optional<Works> PanelDeterminant::works(double u, const Reals& frequencies,
+                                             const ComplexTable& vectors) const {
+  return pencil_->works(u, frequencies, spread(parts_of(vectors)));
+}
+
 const EliminationModel& PanelDeterminant::stiffness() const {
   if (!still_) still_ = pencil_->still();
   return still_->model;

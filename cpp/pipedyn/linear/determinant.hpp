@@ -60,6 +60,8 @@ class Determinant {
 
   /// y^H A x of a pair's vectors for the parts A.
   Forms forms(const Pair& pair) const;
+  /// The work on vectors (dof, r) of some frequencies, if it is known without differences.
+  virtual std::optional<Works> works(double, const Reals&, const ComplexTable&) const { return {}; }
   /// x^H A x of vectors (dof, r) with A = K(u) and with A = M.
   std::pair<Reals, Reals> energies(double u, const ComplexTable& x) const;
 
@@ -148,6 +150,8 @@ class PanelDeterminant : public Determinant {
   Values still_slopes(const Values& u) const override;
   Stills still(const Reals& u) const override;
   int negative_at_rest() const override;
+  std::optional<Works> works(double u, const Reals& frequencies,
+                             const ComplexTable& vectors) const override;
 
  protected:
   Matrix spread(const Matrix& x) const override { return spread_ * x; }

@@ -143,51 +143,6 @@ struct Working {
                      (parts.stiffness().array() == 0.0).select(0.0, stiffness.cwiseAbs()))) {}
 };
 
-/// Growth Re lambda of oscillating pairs by their energy balance, and how far rounding may move it.
-/// With lambda = sigma + i omega the imaginary part of x^H P x = 0 is
-///
-///     sigma (2 omega x^H M x + Im x^H C x) = -omega Re x^H C x - Im x^H K x.
-///
-/// On the right only damping and what the ends do is left, so that rounding is small against it,
-/// while that of lambda is eps |lambda|^2. The left vector obeys the same balance; where the two
-/// disagree, vectors are not exact.
-std::pair<Reals, Reals> growth(const DenseOperator& p, const Pairs& pairs) {
-  const Index count = pairs.values.size();
-  const Working of(p, p.velocity(), p.stiffness());
-  Reals rates(count), errors(count);
-  for (const ComplexTable* const vectors : {&pairs.right, &pairs.left}) {
-    const auto [mass, velocity, stiffness] = p.multiply(*vectors);
-    const auto [same, resisting, circulatory] = of.parts.multiply(*vectors);
-    const ComplexTable lengths = vectors->cwiseAbs().cast<Complex>();
-    const auto [none, velocity_sizes, stiffness_sizes] = of.sizes.multiply(lengths);
-    for (Index i = 0; i < count; ++i) {
-      const double omega = pairs.values[i].imag();
-      const ComplexVector x = vectors->col(i).conjugate();
-      const ComplexVector by_velocity = omega * x.cwiseProduct(resisting.col(i));
-      const ComplexVector by_place =
-          x.cwiseProduct(p.is_lossy() ? stiffness.col(i) : circulatory.col(i));
-      const double kinetic = x.cwiseProduct(mass.col(i)).sum().real();
-      const double balance = 2.0 * omega * kinetic + x.cwiseProduct(velocity.col(i)).sum().imag();
-      const double rate = -(by_velocity.sum().real() + by_place.sum().imag()) / balance;
-      if (vectors == &pairs.left) {
-        errors[i] += vector_error * std::abs(rates[i] - rate);
-      } else {  // rounding of two sums of dof terms, and of the matrices
-        const double sums = by_velocity.cwiseAbs().sum() + by_place.cwiseAbs().sum();
-        const double entries =
-            lengths.col(i)
-                .cwiseProduct(omega * velocity_sizes.col(i) + stiffness_sizes.col(i))
-                .cwiseAbs()
-                .sum();
-        const double matrices = std::abs(omega) * p.lost.velocity + p.lost.stiffness;
-        rates[i] = rate;
-        const double added = static_cast<double>(p.dof + 2) * eps * sums;
-        errors[i] = (2.0 * (added + p.lost.entries * entries) + matrices) / std::abs(balance);
-      }
-    }
-  }
-  return {rates, errors};
-}
-
 /// Whether a conservative system's root off the axis has one across it, as all have but those that
 /// rounding moves off it.
 bool is_mirrored(const Values& values, Index i) {
@@ -407,8 +362,48 @@ void Eigenproblem::assess(double u, Pairs& pairs) {
   }
 }
 
+Works Eigenproblem::works(double u, const Reals& frequencies, const ComplexTable& vectors) {
+  const DenseOperator& p = at(u);
+  const Working of(p, p.velocity(), p.stiffness());
+  const auto [mass, velocity, stiffness] = p.multiply(vectors);
+  const auto [same, resisting, circulatory] = of.parts.multiply(vectors);
+  const ComplexTable lengths = vectors.cwiseAbs().cast<Complex>();
+  const auto [none, velocity_sizes, stiffness_sizes] = of.sizes.multiply(lengths);
+  Works found(vectors.cols());
+  for (Index i = 0; i < vectors.cols(); ++i) {
+    const double omega = std::abs(frequencies[i]);
+    const ComplexVector x = vectors.col(i).conjugate();
+    const ComplexVector by_velocity = x.cwiseProduct(resisting.col(i));
+    const ComplexVector by_place =
+        x.cwiseProduct(p.is_lossy() ? stiffness.col(i) : circulatory.col(i));
+    found.mass[i] = x.cwiseProduct(mass.col(i)).sum().real();
+    found.gyroscopic[i] = x.cwiseProduct(velocity.col(i)).sum().imag();
+    found.resisted[i] = by_velocity.sum().real();
+    found.circulated[i] = by_place.sum().imag();
+    // Rounding of two sums of dof terms, and of the matrices.
+    const double sums = omega * by_velocity.cwiseAbs().sum() + by_place.cwiseAbs().sum();
+    const double entries =
+        lengths.col(i)
+            .cwiseProduct(omega * velocity_sizes.col(i) + stiffness_sizes.col(i))
+            .cwiseAbs()
+            .sum();
+    const double matrices = omega * p.lost.velocity + p.lost.stiffness;
+    const double added = static_cast<double>(p.dof + 2) * eps * sums;
+    found.lost[i] = 2.0 * (added + p.lost.entries * entries) + matrices;
+  }
+  return found;
+}
+
 /// Re lambda by its energy balance where rounding hides a slow growth: of high modes without
 /// damping, of modes on which the flow hardly works, and at rest, where damping is all there is.
+///
+/// With lambda = sigma + i omega the imaginary part of x^H P x = 0 is
+///
+///     sigma (2 omega x^H M x + Im x^H C x) = -omega Re x^H C x - Im x^H K x.
+///
+/// On the right only damping and what the ends do is left, so that rounding is small against it,
+/// while that of lambda is eps |lambda|^2. The left vector obeys the same balance; where the two
+/// disagree, vectors are not exact.
 void Eigenproblem::improve(double u, Pairs& pairs, Reals& uncertain) {
   std::vector<Index> hidden;
   for (Index i = 0; i < pairs.values.size(); ++i) {
@@ -419,7 +414,18 @@ void Eigenproblem::improve(double u, Pairs& pairs, Reals& uncertain) {
     if (std::abs(pairs.by_left[i]) > 0.1 * std::abs(pairs.by_right[i])) hidden.push_back(i);
   }
   if (hidden.empty()) return;
-  const auto [rates, errors] = growth(at(u), pairs.take(hidden));
+  const Pairs some = pairs.take(hidden);
+  const Reals omega = some.values.imag();
+  const Works right = works(u, omega, some.right), left = works(u, omega, some.left);
+  const auto balance = [&](const Works& of) -> Reals {
+    return 2.0 * omega * of.mass + of.gyroscopic;
+  };
+  const auto rate = [&](const Works& of) -> Reals {
+    return -(omega * of.resisted + of.circulated) / balance(of);
+  };
+  const Reals rates = rate(right);
+  const Reals errors =
+      right.lost / balance(right).abs() + vector_error * (rates - rate(left)).abs();
   for (std::size_t k = 0; k < hidden.size(); ++k) {
     const Index i = hidden[k];
     if (!(errors[k] < uncertain[i])) continue;

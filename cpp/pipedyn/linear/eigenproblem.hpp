@@ -57,6 +57,8 @@ class Eigenproblem : public Spectrum {
   bool is_squared(double u) const { return traits.squared || (traits.free_at_rest && u == 0.0); }
   /// How far rounding may have moved the roots of a sample.
   virtual Reals rounding(const Pairs& pairs) const;
+  /// The work on vectors of some frequencies.
+  virtual Works works(double u, const Reals& frequencies, const ComplexTable& vectors);
   /// Re lambda and its uncertainty by the energy balance, where rounding hides it.
   void improve(double u, Pairs& pairs, Reals& uncertain);
   /// The same of a sample's roots.

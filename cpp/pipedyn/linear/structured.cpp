@@ -388,6 +388,11 @@ Reals Structured::rounding(const Pairs& pairs) const {
   return pairs.uncertain.min(1e-7 * (1.0 + pairs.values.abs2().sqrt()));
 }
 
+Works Structured::works(double u, const Reals& frequencies, const ComplexTable& vectors) {
+  const std::optional<Works> known = of_->works(u, frequencies, vectors);
+  return known ? *known : Eigenproblem::works(u, frequencies, vectors);
+}
+
 Reals Structured::quotients(double u, const Pairs& pairs) {
   if (is_squared(u) || pairs.right.size() == 0) return Eigenproblem::quotients(u, pairs);
   const auto [stiffness, mass] = of_->energies(u, pairs.right);

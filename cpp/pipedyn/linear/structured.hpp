@@ -50,6 +50,7 @@ class Structured : public Eigenproblem {
 
  protected:
   Reals rounding(const Pairs& pairs) const override;
+  Works works(double u, const Reals& frequencies, const ComplexTable& vectors) override;
   void find_growth(double u, Pairs& pairs) override;
 
  private:
