@@ -134,6 +134,26 @@ Forms Determinant::forms(const Pair& pair) const {
                .springs = has_joints() ? conjugate_products(y, x) : ComplexVector()};
 }
 
+Values Determinant::by_lambda(double u, const Pairs& pairs) const {
+  const Matrix x = spread(parts_of(pairs.right)), y = spread(parts_of(pairs.left));
+  const Index count = pairs.size();
+  const auto form = [&](const LinearPart& part) {
+    const Matrix z = times(x, part);
+    const auto inner = [&](Index of_y, Index of_z) -> Reals {
+      return y.middleCols(of_y, count)
+          .cwiseProduct(z.middleCols(of_z, count))
+          .colwise()
+          .sum()
+          .transpose();
+    };
+    Values found(count);
+    found.real() = inner(0, 0) + inner(count, count);
+    found.imag() = inner(0, count) - inner(count, 0);
+    return found;
+  };
+  return 2.0 * pairs.values * form({.square = 1.0}) + form({.rate = 1.0, .velocity = u});
+}
+
 std::pair<Reals, Reals> Determinant::energies(double u, const ComplexTable& x) const {
   const Matrix parts = spread(parts_of(x));
   const Index count = x.cols();

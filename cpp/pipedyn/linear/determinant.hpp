@@ -60,6 +60,8 @@ class Determinant {
 
   /// y^H A x of a pair's vectors for the parts A.
   Forms forms(const Pair& pair) const;
+  /// y^H (dP/dlambda) x of pairs' vectors.
+  Values by_lambda(double u, const Pairs& pairs) const;
   /// The work on vectors (dof, r) of some frequencies, if it is known without differences.
   virtual std::optional<Works> works(double, const Reals&, const ComplexTable&) const { return {}; }
   /// x^H A x of vectors (dof, r) with A = K(u) and with A = M.

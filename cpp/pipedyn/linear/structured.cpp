@@ -451,10 +451,7 @@ Pair Structured::refined(double u, const Pair& guess) {
 
 /// Growth by the energy balance of vectors, where that knows it better than the determinant.
 void Structured::balance(double u, Pairs& pairs) {
-  for (Index i = 0; i < pairs.size(); ++i) {
-    const Forms of = *forms(pairs.pair(i));
-    pairs.by_left[i] = 2.0 * pairs.values[i] * of.mass + u * of.velocity + of.damping;
-  }
+  pairs.by_left = of_->by_lambda(u, pairs);
   improve(u, pairs, pairs.uncertain);
 }
 

@@ -439,7 +439,10 @@ def _converging(model: Continuum, max_speed: float, until_unstable: bool) -> Job
         assert search.resolved is not None
         if search.resolved < _modes_reached(max_speed, model.pipe):
             return None, None  # the flow reaches modes that are not the continuous pipe's
-        _swept([search])
+        _swept([search], final=larger is None or not search.all_resolved)
+        assert search.swept is not None
+        if search.swept.untracked:
+            return None, None  # and so does what loses stability
         ahead = search.of_larger()
         return search(sensitive=ahead is None).value, ahead
 
@@ -621,15 +624,18 @@ class _Search:
         return None if swept is None else crossings_of(problem, swept, 2 * modes)
 
 
-def _swept(searches: Sequence[_Search]) -> None:
-    """Runs searches in one call of the core, and again those that have to track more modes."""
+def _swept(searches: Sequence[_Search], final: bool = True) -> None:
+    """Runs searches in one call of the core, and again those that have to track more modes.
+
+    final: whether these are, or else left as they are.
+    """
     while searches:
         with one_thread(max(one.problem.rows for one in searches)):
             spectra = [one.spectrum for one in searches]
             found = _core.crossings(spectra, [one.range() for one in searches], factorised)
         for one, swept in zip(searches, found, strict=True):
             one.swept = swept
-        searches = [one for one, swept in zip(searches, found, strict=True) if swept.untracked]
+        searches = [one for one in searches if final and one.swept and one.swept.untracked]
         for one in searches:
             one.widen()
 

@@ -20,9 +20,10 @@ from pipedyn.util.archive import saved_as
 
 Answer = TypeVar("Answer")
 
-SMALLEST, LARGEST = 16, 240
+SMALLEST, LARGEST = 16, 400
 """Sizes between which the basis grows: measured, 16 functions hold the four lowest modes to 2e-12
-at u = 5 and to 3e-10 at u = 9 with gamma = 10; 240, dense problems of 480 rows, limit the time."""
+at u = 5 and to 3e-10 at u = 9 with gamma = 10; 300 hold the 113 modes that cross the axis below
+u = 20 where a heavy mass all but pins the free end."""
 
 TOLERANCE = 1e-10
 """Relative distance at which two answers count as one, where no other is asked for."""
@@ -136,7 +137,8 @@ def converged_ahead(
     """As `Continuum.converge`, of a question that may answer for the model of the next size, too.
 
     It is asked of a model and the next larger one, None after the last, and answers for both or
-    with None for the larger, which is then asked itself.
+    with None for the larger, which is then asked itself. Where it answers None for the smaller the
+    basis grows the faster.
     """
     tolerance = check.real("tolerance", tolerance, low=0.0, open_low=True)
     smallest = check.count("smallest", smallest, high=LARGEST_BASIS - 8)
@@ -147,13 +149,16 @@ def converged_ahead(
     last = max(largest, smallest + 8)
     asked, more = model.frozen(size), 0
     answers: list[tuple[Answer, int]] = []
+
+    def following(share: int) -> int:
+        """The next size, larger by a share, or the last; no step is shorter than others."""
+        step = max(8, 2 * (inner + 1), size // share)
+        return last if last - (size + step) < step else size + step
+
     while True:
-        larger, more = None, more + 1  # so that every panel has more functions than before
-        if size < last:
-            step = max(8, 2 * (inner + 1), size // 4)
-            # The last step is no shorter than the others.
-            size = last if last - (size + step) < step else size + step
-            larger = enriched(model.frozen(size), more)
+        more += 1  # so that every panel has more functions than before
+        next_size = following(4)
+        larger = None if size == last else enriched(model.frozen(next_size), more)
         answer, ahead = question(asked, larger)
         answers.append((answer, asked.dof))
         if larger is not None and ahead is not None:
@@ -170,6 +175,10 @@ def converged_ahead(
                 answer,
             )
         asked, answers = larger, [(answer, asked.dof)]
+        if answer is None and following(2) > next_size:
+            next_size = following(2)
+            asked = enriched(model.frozen(next_size), more)
+        size = next_size
 
 
 def checked_model(model: Any) -> AnyModel:
