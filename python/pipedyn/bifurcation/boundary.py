@@ -336,7 +336,7 @@ def _bounded(
                 continue
             curve = last
             if plane is not coarse:  # in which fewer modes count
-                of_curve = counted(plane, curve)
+                of_curve = counted(plane, curve, of_curve)
             values = np.full((len(curve.points), 2), np.nan)
             if criticality:
                 for k in np.flatnonzero(of_curve == 0):

@@ -121,9 +121,26 @@ def other_roots(plane: Plane, problem: AxisProblem, z: Array) -> tuple[Complex, 
     return found[order], growth[order]
 
 
-def counted(plane: Plane, curve: Traced) -> NDArray[np.int_]:
-    """Number of unstable roots beside those on the axis at each point of a curve."""
-    counts = [others_unstable(plane, curve.problem, point.z) for point in curve.points]
+def counted(
+    plane: Plane, curve: Traced, expected: NDArray[np.int_] | None = None
+) -> NDArray[np.int_]:
+    """Number of unstable roots beside those on the axis at each point of a curve.
+
+    Of numbers that are expected, those of a smaller basis, the first, middle and last of each that
+    goes on are looked at, and all of them where these are others.
+    """
+
+    def number(k: int) -> int:
+        return others_unstable(plane, curve.problem, curve.points[k].z)
+
+    if expected is None:
+        counts = [number(k) for k in range(len(curve.points))]
+    else:
+        counts = []
+        for run in np.split(np.arange(expected.size), np.flatnonzero(np.diff(expected)) + 1):
+            some = {k: number(k) for k in (run[0], run[run.size // 2], run[-1])}
+            same = all(found == expected[run[0]] for found in some.values())
+            counts += [int(expected[k]) if same else number(k) for k in run]
     if curve.problem.kind == "flutter" and not plane.conservative:
         # All roots lie on the axis at an end without damping and flow: as many as right before.
         for end, before in ((0, 1), (-1, -2)):
