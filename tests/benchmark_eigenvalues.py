@@ -353,7 +353,7 @@ def pipeline() -> pp.Pipe:
 
 def continuous_pipes() -> None:
     """Searches of the continuous pipe and others that once took long, with the error they state."""
-    tip = pp.PointMass(1.0, 0.3), pp.Spring(1.0, 19.07)
+    tip = pp.PointMass(1.0, 0.897), pp.Spring(1.0, 19.07)
     viscous = pp.Pipe(0.3, flow="aspirating", damping=1e-4, terms=(pp.Viscosity(30.0),))
     continuum, spans = pp.Continuum, pp.Pipe(0.3, supports=even(49))
     window = {"beta": (0.05, 0.95), "u": (0.0, 20.0)}
@@ -374,8 +374,8 @@ def continuous_pipes() -> None:
         ),
         "pipeline on soil": lambda: pp.critical_speed(continuum(pipeline())),
         "pipeline on soil, to u = 300": lambda: pp.critical_speed(continuum(pipeline()), 300.0),
-        "tip mass and spring, crossings to u = 9": lambda: pp.crossings(
-            continuum(pp.Pipe(0.115, terms=tip)), 9.0
+        "tip mass and spring, crossings to u = 20": lambda: pp.crossings(
+            continuum(pp.Pipe(0.994375, 169.518, terms=tip)), 20.0
         ),
         "chain of 400, aspirating, viscous": lambda: pp.critical_speed(pp.Chain(viscous, 400)),
         "stability_curve, 50 beta": lambda: pp.stability_curve(

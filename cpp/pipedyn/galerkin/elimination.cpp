@@ -454,9 +454,12 @@ void log_derivative(const EliminationModel& model, const Points& points, double*
   });
   for (Count first = 0; first < points.count; first += width) {
     Product product;
-    Elimination<DualLanes> elimination{
-        model, EntryPowers(taken(points, first)), {{}, signs != nullptr ? &product : nullptr}, window, table,
-        {}};
+    Elimination<DualLanes> elimination{model,
+                                       EntryPowers(taken(points, first)),
+                                       {{}, signs != nullptr ? &product : nullptr},
+                                       window,
+                                       table,
+                                       {}};
     elimination.start();
     const auto keep = [](Count, const DualLanes*) {};
     for (Count p = model.count - 1; p >= 0; --p) {
@@ -489,8 +492,8 @@ struct VectorScratch {
 
 /// The null vector of P, or of P^T.
 template <bool transposed>
-void null_vector(const EliminationModel& model, const EntryPowers& lambda, const VectorScratch& scratch,
-                 PanelMotion* motions) {
+void null_vector(const EliminationModel& model, const EntryPowers& lambda,
+                 const VectorScratch& scratch, PanelMotion* motions) {
   Elimination<Lanes> elimination{model, lambda, {}, scratch.window, scratch.table, {}};
   elimination.start();
   for (Count p = model.count - 1; p >= 0; --p) {

@@ -488,15 +488,16 @@ Works PanelPencil::works(double u, const Reals& frequencies, const Matrix& x) co
                                         inner(place, station(panel, resistance) * place));
     sum.resisted += pipe_.damping * strained + resisted;
     sum.circulated += pipe_.hysteresis * strained;
-    sum.lost += lost_term * (omega * (pipe_.damping * strained + resisted.abs()) +
-                             pipe_.hysteresis * strained);
+    sum.lost += lost_term *
+                (omega * (pipe_.damping * strained + resisted.abs()) + pipe_.hysteresis * strained);
     // What follows the slope is the skew part of a station's stiffness.
     const bool last = ++p == panels_.size();
     const double following = panel.station[Part::rest][0][1] - panel.station[Part::rest][1][0];
     const double h = panel.length, skewed = following + (last ? thrust * h * h : 0.0);
     const double moved = last ? u * flow * h * h * h : 0.0;
     const Reals w = size(place.row(0)), theta = size(place.row(1));
-    const Reals lost_w = lost_term * size(bound.row(0)), lost_theta = lost_term * size(bound.row(1));
+    const Reals lost_w = lost_term * size(bound.row(0)),
+                lost_theta = lost_term * size(bound.row(1));
     if (panel.held) return;
     sum.resisted += share * moved * w.square();
     sum.lost += share * std::abs(moved) * omega * (2.0 * w + lost_w) * lost_w;

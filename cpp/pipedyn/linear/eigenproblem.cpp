@@ -382,11 +382,10 @@ Works Eigenproblem::works(double u, const Reals& frequencies, const ComplexTable
     found.circulated[i] = by_place.sum().imag();
     // Rounding of two sums of dof terms, and of the matrices.
     const double sums = omega * by_velocity.cwiseAbs().sum() + by_place.cwiseAbs().sum();
-    const double entries =
-        lengths.col(i)
-            .cwiseProduct(omega * velocity_sizes.col(i) + stiffness_sizes.col(i))
-            .cwiseAbs()
-            .sum();
+    const double entries = lengths.col(i)
+                               .cwiseProduct(omega * velocity_sizes.col(i) + stiffness_sizes.col(i))
+                               .cwiseAbs()
+                               .sum();
     const double matrices = omega * p.lost.velocity + p.lost.stiffness;
     const double added = static_cast<double>(p.dof + 2) * eps * sums;
     found.lost[i] = 2.0 * (added + p.lost.entries * entries) + matrices;

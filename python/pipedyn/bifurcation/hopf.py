@@ -111,8 +111,8 @@ def normal_form(
 
     `jacobians` gives df/dy of states, shape (N, k), as (k, N, N); omega need be known to some 1e-6.
     q is divided by `scale` of it, a linear function; its `reach` is what measures the steps of
-    differences. `rates`, if given, is f of states, shape (N, k), which does where f is odd about the
-    equilibrium.
+    differences. `rates`, if given, is f of states, shape (N, k): where f is odd about the
+    equilibrium it does in place of Jacobians.
 
     Raises:
         ValueError: if there is no such eigenvalue.
@@ -121,8 +121,8 @@ def normal_form(
     """
     a = jacobians(rest[:, None])[0]
     q, p = vectors(a, frequency, scale)
-    steps = FIRST_STEP / reach(q) / 2.0 ** np.arange(LEVELS)
-    if rates is not None and _is_odd(rates, rest, steps[0] * q.real):
+    steps = np.ldexp(FIRST_STEP / reach(q), -np.arange(LEVELS))
+    if rates is not None and _is_odd(rates, rest, steps[0] * (q.real + q.imag)):
         totals = _third_derivatives(rates, rest, a @ q, q, steps)
     else:
         totals = _cubic_terms(jacobians, rest, a, q, frequency, steps)
@@ -148,8 +148,11 @@ def _is_odd(rates: Callable[[Array], Array], rest: Array, x: Array) -> bool:
 def _third_derivatives(
     rates: Callable[[Array], Array], rest: Array, linear: Complex, q: Complex, steps: Array
 ) -> Iterable[Complex]:
-    """C(q, q, q*) where f is odd, to O(h^2) of each step h: what f has of e^(i phase) at
-    h Re(q e^(i phase)) is h A q / 2 + h^3 C(q, q, q*) / 16, by six phases of which three suffice."""
+    """C(q, q, q*) where f is odd, to O(h^2) of each step h.
+
+    At h Re(q e^(i phase)) the part of f that goes with e^(i phase) is h A q / 2 + h^3 C / 16. Six
+    phases leave it but for the fifth harmonic, and of these three are the others' opposites.
+    """
     turn = np.exp(1j * np.pi * np.arange(3) / 3.0)
     moves = np.einsum("h,dk->dhk", steps, np.outer(q, turn).real)
     states = (rest[:, None] + moves.reshape(rest.size, -1)).copy()

@@ -288,7 +288,7 @@ def _first_ends(pipe: Pipe, max_speed: float) -> list[float]:
     else:
         ends = [12.0, 24.0, 48.0]
     # So that neighbours have the same.
-    unit = 1.1 ** math.ceil(math.log(_speed_unit(pipe, gravity), 1.1) - 1e-9)
+    unit = 1.1 ** math.ceil(math.log(_speed_scale(pipe, gravity), 1.1) - 1e-9)
     return [end * unit for end in ends if end * unit < max_speed]
 
 
@@ -541,7 +541,7 @@ class _Search:
             self._track(min(before, self.tracked), beyond=1)
 
     def _track_reached(self, resolved: int, modes: Array | None) -> None:
-        """Of a continuous pipe, tracks few more modes than the flow reaches, where that is safe.
+        """Tracks few more modes of a continuous pipe than the flow reaches, where that is safe.
 
         They must oscillate, and modes beyond must be damped by what leaves the free end about as
         much as any: what a mass holds there lets every mode grow, of which all resolved are then
@@ -592,7 +592,7 @@ class _Search:
         """What the core is asked for."""
         return _core.Range(
             max_speed=self.max_speed,
-            scale=_speed_unit(self.model.pipe),
+            scale=_speed_scale(self.model.pipe),
             count=self.count,
             tracked=self.tracked,
             resolved=self._looked_at,
@@ -640,8 +640,8 @@ def _swept(searches: Sequence[_Search], final: bool = True) -> None:
             one.widen()
 
 
-def _speed_unit(pipe: Pipe, large_gravity: float = LARGE_GRAVITY) -> float:
-    """By how much flow speeds that matter are above those of a light uniform pipe of one span.
+def _speed_scale(pipe: Pipe, large_gravity: float = LARGE_GRAVITY) -> float:
+    """Flow speed that counts as 1 does of a light uniform pipe of one span.
 
     Near the free end of a heavy hanging pipe, where its weight no longer stretches it, lengths are
     in gamma^(-1/3) and flow speeds in gamma^(1/3).
