@@ -83,7 +83,7 @@ def test_the_projection_formula_meets_the_planar_one(omega, a, b):
 
 @pytest.mark.parametrize("even", [0.0, 0.3])
 def test_rates_give_the_cubic_where_they_are_odd_and_jacobians_elsewhere(even):
-    """x' = -w v + x^3 + even x^2, v' = w x + x^2 v + v^5: 8 a = 6 + 2, and what x^2 adds is Re 0."""
+    """Of x^3 and x^2 v Re c_1 is 4 (6 + 2) / 16, to which x^2 adds nothing."""
     omega, asked = 1.5, []
 
     def rates(y):

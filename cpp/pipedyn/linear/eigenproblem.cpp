@@ -433,11 +433,20 @@ void Eigenproblem::improve(double u, Pairs& pairs, Reals& uncertain) {
   }
 }
 
-/// Rounding of the matrix or what the residual tells, the larger; the latter up to the square root
-/// of rounding, by which roots that meet scatter.
+/// Rounding of the matrix or what the residual tells, the larger.
 Reals Eigenproblem::rounding(const Pairs& pairs) const {
-  const Reals residuals = pairs.uncertain.min(1e-7 * (1.0 + pairs.values.abs()));
-  return rounding_about(pairs.values, shifts[0], true).max(residuals);
+  return rounding_about(pairs.values, shifts[0], true).max(told_by_residuals(pairs));
+}
+
+/// What residuals tell of roots, up to the square root of rounding, by which those that meet
+/// scatter; of what is no root to the check of its residual, all.
+Reals Eigenproblem::told_by_residuals(const Pairs& pairs) {
+  Reals told = pairs.uncertain;
+  for (Index i = 0; i < pairs.size(); ++i) {
+    if (!has_converged(pairs.values[i], pairs.residual[i])) continue;
+    told[i] = std::min(told[i], 1e-7 * (1.0 + magnitude(pairs.values[i])));
+  }
+  return told;
 }
 
 /// Without damping modes at rest are real, and Re d lambda / du is what the ends do on a mode,

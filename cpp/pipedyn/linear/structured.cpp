@@ -384,9 +384,7 @@ void Structured::assess(double u, Pairs& pairs) {
 
 std::optional<Forms> Structured::forms(const Pair& pair) const { return of_->forms(pair); }
 
-Reals Structured::rounding(const Pairs& pairs) const {
-  return pairs.uncertain.min(1e-7 * (1.0 + pairs.values.abs2().sqrt()));
-}
+Reals Structured::rounding(const Pairs& pairs) const { return told_by_residuals(pairs); }
 
 Works Structured::works(double u, const Reals& frequencies, const ComplexTable& vectors) {
   const std::optional<Works> known = of_->works(u, frequencies, vectors);

@@ -72,6 +72,8 @@ constexpr int most_steps = 1600;
 /// How many times as long as the last a step is tried, after one that was too long: from near by
 /// roots are found soon, and from far away by matrices.
 constexpr double step_growth = 4.0;
+/// Share of the longest step that is tried at least: the shortest are matched as they are.
+constexpr double least_share = 1.0 / 16.0;
 
 /// Curves are told apart where they are so many times the sum of their errors apart: of 1,500
 /// random pipes the crossings' modes differ from those of steps of 0.05 in 27, and by the first of
@@ -501,7 +503,7 @@ void track(const Tracking& tracking, SharedSample first, const std::vector<doubl
         step.unambiguous = tell_apart(tracking, step);
       }
       if (divisible && !(step.unambiguous && tracking.sure(step))) {
-        most = std::min(most, 0.5 * step.length());
+        most = std::max(std::min(most, 0.5 * step.length()), least_share * tracking.longest);
         ahead.push_back(tracking.take(middle));
         continue;
       }
