@@ -9,6 +9,7 @@ import math
 import numpy as np
 import pytest
 from scipy.linalg import eigvals
+from scipy.optimize import brentq
 
 import pipedyn as pp
 
@@ -228,3 +229,43 @@ def test_a_search_may_end_between_its_first_two_divergences():
         assert pp.critical_speed(model, end).speed == pytest.approx(first.speed, rel=1e-12)
     with pytest.raises(pp.NoCrossing):
         pp.critical_speed(model, first.speed * (1.0 - 5e-5))
+
+
+def clamped_loads(limit):
+    """Wave numbers up to a limit at which a pipe clamped at both ends buckles, in order."""
+    even = [2.0 * math.pi * k for k in range(1, math.ceil(limit))]
+    odd = [
+        2.0
+        * brentq(
+            lambda x: math.sin(x) - x * math.cos(x), k * math.pi + 1e-9, (k + 0.5 - 1e-12) * math.pi
+        )
+        for k in range(1, math.ceil(limit))
+    ]
+    return [load for load in sorted(even + odd) if load <= limit]
+
+
+@pytest.mark.parametrize(("alpha", "end"), [(1.0, 20.0), (5.0, 18.0), (25.0, 10.0), (100.0, 5.0)])
+def test_a_strong_thrust_reaches_as_many_modes_as_eulers_loads_say(alpha, end):
+    found = pp.crossings(pp.Continuum(pp.Pipe(0.2, alpha=alpha, end="clamped")), end)
+    speeds = [one.speed for one in found if one.kind == "divergence"]
+    expected = np.array(clamped_loads(end * math.sqrt(alpha))) / math.sqrt(alpha)
+    np.testing.assert_allclose(speeds, expected, rtol=1e-10)
+
+
+def test_a_compressed_pipe_buckles_at_rest_in_as_many_modes_as_eulers_loads_say():
+    pipe = pp.Pipe(0.3, end="clamped", terms=[pp.Tension(-5000.0)])
+    found = pp.crossings(pp.Continuum(pipe), 6.0)
+    loads = len(clamped_loads(math.sqrt(5000.0)))
+    assert found.unstable_at_rest == loads == 21
+    speeds = [one.speed for one in found if one.kind == "divergence"]
+    expected = [math.sqrt(one**2 - 5000.0) for one in clamped_loads(math.sqrt(5036.0))[loads:]]
+    np.testing.assert_allclose(speeds, expected, rtol=1e-8)
+
+
+def test_a_strong_thrust_makes_all_modes_flutter_that_a_large_basis_shows():
+    """A nozzle's jet acts as flow that is faster by the root of its coefficient."""
+    pipe = pp.Pipe(0.3, alpha=25.0)
+    found = pp.crossings(pp.Continuum(pipe), 12.0)
+    alone = pp.crossings(pp.Galerkin(pipe, 80, "legendre"), 12.0)
+    assert len(found) == 9
+    np.testing.assert_allclose([c.speed for c in found], [c.speed for c in alone], rtol=1e-9)

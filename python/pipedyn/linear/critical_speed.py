@@ -447,7 +447,7 @@ def _converging(model: Continuum, max_speed: float, until_unstable: bool) -> Job
         return search(sensitive=ahead is None).value, ahead
 
     def job() -> Found:
-        smallest = max(16, math.ceil(0.7 * max_speed) + 8)
+        smallest = max(16, math.ceil(0.7 * _wave_number(max_speed, model.pipe)) + 8)
         found = converged_ahead(model, crossed, _difference, smallest=smallest)
         assert found.value is not None
         moved = (replace(c, error=2.0 * c.error + found.error * c.speed) for c in found.value)
@@ -648,7 +648,8 @@ def _speed_scale(pipe: Pipe, large_gravity: float = LARGE_GRAVITY) -> float:
     """
     places = 0.0, *pipe.supports, 1.0
     longest = max(high - low for low, high in pairwise(places))
-    return math.cbrt(1.0 + max(pipe.gamma, 0.0) / large_gravity) * _softest(pipe) / longest
+    of_weight = math.cbrt(1.0 + max(pipe.gamma, 0.0) / large_gravity)
+    return of_weight * _softest(pipe) / (longest * math.sqrt(max(pipe.alpha, 1.0)))
 
 
 def _softest(pipe: Pipe) -> float:
@@ -656,27 +657,41 @@ def _softest(pipe: Pipe) -> float:
     return 1.0 if pipe.stiffness is None else math.sqrt(min(1.0, pipe.stiffness.bounds[0]))
 
 
+def _wave_number(max_speed: float, pipe: Pipe) -> float:
+    """Wave number up to which motions have no stiffness left by the flow and what compresses.
+
+    At most, as what pulls at the same place is not counted; and what the flow does by its velocity
+    reaches as far as its own speed.
+    """
+    loads = [-one.get("load", 0.0) for one in (term.numbers for term in pipe.terms)]
+    compression = max(-_weight(pipe), 0.0) + sum(max(load, 0.0) for load in loads)
+    return math.sqrt(max(pipe.alpha, 1.0) * max_speed**2 + compression)
+
+
 def _modes_reached(max_speed: float, pipe: Pipe) -> float:
-    """How many modes have wave numbers that are no larger than the flow speed, and two more."""
-    return max_speed / (math.pi * _softest(pipe)) + 2.0
+    """How many modes have wave numbers at which flow and loads leave no stiffness, and two more."""
+    return _wave_number(max_speed, pipe) / (math.pi * _softest(pipe)) + 2.0
 
 
 def _modes_within(max_speed: float, pipe: Pipe) -> int:
     """How many modes of a pipe flow and weight can make unstable, at most, and twelve more.
 
-    Under a thrust T = u^2 + weight a mode of wave number k up to sqrt(T) has no stiffness, which
-    sqrt(T) / pi modes have. Three times as many are taken.
+    A mode up to the wave number k at which they leave no stiffness is one, k / pi of them. Three
+    times as many are taken.
     """
-    pressure = max_speed**2 + max(-largest_tension(pipe), 0.0)
-    return 12 + math.ceil(math.sqrt(pressure) / _softest(pipe))
+    return 12 + math.ceil(_wave_number(max_speed, pipe) / _softest(pipe))
+
+
+def _weight(pipe: Pipe) -> float:
+    """Weight of the pipe and of masses on it, in EI / L^2, at most."""
+    masses = [term.numbers.get("mass", 0.0) for term in pipe.terms]
+    heaviest = 1.0 if pipe.mass is None else pipe.mass.bounds[1]
+    return float(pipe.gamma * (heaviest + sum(masses)))
 
 
 def largest_tension(pipe: Pipe) -> float:
     """Force along the pipe at its root by weight and loads, in EI / L^2; compression is < 0."""
-    numbers = [term.numbers for term in pipe.terms]
-    heaviest = 1.0 if pipe.mass is None else pipe.mass.bounds[1]
-    weight = pipe.gamma * (heaviest + sum(one.get("mass", 0.0) for one in numbers))
-    return float(weight + sum(one.get("load", 0.0) for one in numbers))
+    return _weight(pipe) + sum(float(term.numbers.get("load", 0.0)) for term in pipe.terms)
 
 
 def _some_are_cheaper(tracked: int, max_speed: float, dof: int) -> bool:
