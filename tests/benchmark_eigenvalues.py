@@ -16,7 +16,7 @@ from typing import Any, Self
 
 import mpmath
 import numpy as np
-from independent import chain_newton_step
+from independent import chain_newton_step, determinant_crossing
 from measuring import check, ended, machine, timed
 from scipy.optimize import brentq
 
@@ -77,37 +77,6 @@ def refined(chain: pp.Chain, value: complex) -> complex:
             here = determinant(guess)
             guess -= here * step / (determinant(guess + step) - here)
         return complex(guess)
-
-
-def exact_critical_speed(beta: float, near: tuple[str, str]) -> float:
-    """Root of the determinant of the four exponentials, in 30 digits, from speed and frequency."""
-
-    def boundary(u: mpmath.mpf, omega: mpmath.mpf) -> mpmath.mpc:
-        roots = mpmath.polyroots(
-            [1, 0, -(u**2), -2 * mpmath.sqrt(mpmath.mpf(beta)) * u * omega, -(omega**2)],
-            maxsteps=200,
-            extraprec=200,
-        )
-        rows = [
-            [1 for _ in roots],
-            list(roots),
-            [a**2 * mpmath.expj(a) for a in roots],
-            [a**3 * mpmath.expj(a) for a in roots],
-        ]
-        spread = mpmath.mpf(1)
-        for i in range(4):
-            for j in range(i):
-                spread *= roots[i] - roots[j]
-        return mpmath.det(mpmath.matrix(rows)) / spread
-
-    with mpmath.workdps(30):
-
-        def parts(u: mpmath.mpf, omega: mpmath.mpf) -> list[mpmath.mpf]:
-            value = boundary(u, omega)
-            return [value.real, value.imag]
-
-        solution = mpmath.findroot(parts, tuple(mpmath.mpf(number) for number in near))
-        return float(solution[0])
 
 
 def plain_critical_speed(n: int) -> float:
@@ -276,8 +245,8 @@ def hopf_points() -> None:
 
 
 def critical_speeds() -> None:
-    exact = exact_critical_speed(BETA, ("5.5914", "13.7147"))
-    fastest = exact_critical_speed(FASTEST, ("18.2896", "74.5179"))
+    exact = determinant_crossing(BETA, "5.5914", "13.7147", 30)[0]
+    fastest = determinant_crossing(FASTEST, "18.2896", "74.5179", 30)[0]
     print(f"critical speed, beta = {BETA}, gamma = 0: {exact:.9f} by the exact determinant,")
     print(f"beta = {FASTEST}: {fastest:.9f}")
     print("| model | critical speed | relative error | time (ms) |")

@@ -270,13 +270,25 @@ def dense_jacobian(chain, y, u):
     return np.stack(columns, axis=1)
 
 
-def determinant(value, u, beta, *, centrifugal=1.0, direction=1.0, damping=0.0, inflow_share=1.0):
+def determinant(
+    value,
+    u,
+    beta,
+    *,
+    centrifugal=1.0,
+    direction=1.0,
+    damping=0.0,
+    inflow_share=1.0,
+    mass=0.0,
+    spring=0.0,
+):
     """Determinant of the four exponentials of the continuous pipe without gravity, in mpmath.
 
     With w = exp(a s + lambda tau), (1 + delta lambda) a^4 + c u^2 a^2 + 2 sqrt(beta) s u lambda a
     + lambda^2 = 0; rows: w and w' at the clamp, w'' and the force across the free end, which is
-    (1 + delta lambda) w''' + (1 - share) sqrt(beta) s u lambda w. Divided by the Vandermonde
-    determinant, so that it does not vanish where two exponents meet.
+    (1 + delta lambda) w''' + (1 - share) sqrt(beta) s u lambda w - (mass lambda^2 + spring) w with
+    a mass and a spring there. Divided by the Vandermonde determinant, so that it does not vanish
+    where two exponents meet.
     """
     value, u, beta = mpmath.mpmathify(value), mpmath.mpmathify(u), mpmath.mpmathify(beta)
     thrust = mpmath.mpmathify(centrifugal) * u**2
@@ -284,6 +296,7 @@ def determinant(value, u, beta, *, centrifugal=1.0, direction=1.0, damping=0.0, 
     elastic = 1 + damping * value
     polynomial = [elastic, 0, thrust, coriolis, value**2]
     entering = (1 - mpmath.mpmathify(inflow_share)) * coriolis / (2 * elastic)
+    entering -= (mpmath.mpmathify(mass) * value**2 + mpmath.mpmathify(spring)) / elastic
     a = mpmath.polyroots(polynomial, maxsteps=200, extraprec=60)
     largest = max(x.real for x in a)
     rows = [

@@ -6,9 +6,9 @@ The matrices come from quadrature on a grid, which shares nothing with the bande
 
 import math
 
-import mpmath
 import numpy as np
 import pytest
+from independent import determinant_crossing
 from scipy.optimize import brentq
 
 import pipedyn as pp
@@ -173,29 +173,6 @@ def test_roots_far_from_known_ones_are_those_of_matrices():
     assert np.abs(far.values).max() < (1.0 + 1e-6) * np.sort(np.abs(expected))[89]
 
 
-def flutter_by_exponentials(beta, mass, spring, near):
-    """Speed and frequency at which a light cantilever with a tip mass and a spring there flutters.
-
-    From the determinant of its four exponentials in 40 digits: at the end the bending moment is 0,
-    and the shear force is what the mass and the spring take.
-    """
-
-    def boundary(u, omega):
-        waves = [1, 0, -(u**2), -2 * mpmath.sqrt(beta) * u * omega, -(omega**2)]
-        roots = mpmath.polyroots(waves, maxsteps=300, extraprec=300)
-        tip = spring - mass * omega**2
-        rows = [[1, a, a**2 * mpmath.expj(a), (-1j * a**3 - tip) * mpmath.expj(a)] for a in roots]
-        apart = mpmath.fprod(roots[i] - roots[j] for i in range(4) for j in range(i))
-        largest = max(abs(row[3]) for row in rows)
-        value = mpmath.det(mpmath.matrix(rows)) / apart / largest
-        return [value.real, value.imag]
-
-    with mpmath.workdps(40):
-        beta, mass, spring = map(mpmath.mpf, (beta, mass, spring))
-        found = mpmath.findroot(boundary, tuple(map(mpmath.mpf, near)), tol=1e-50, verify=False)
-        return float(found[0]), float(found[1])
-
-
 def test_all_modes_that_a_tip_mass_lets_grow_cross_where_exponentials_say():
     """The mass all but pins the end, and flow works hardly on high modes: each crosses in turn."""
     mass, spring = 0.897, 19.07
@@ -204,8 +181,9 @@ def test_all_modes_that_a_tip_mass_lets_grow_cross_where_exponentials_say():
     growing = [one for one in found if one.destabilising]
     assert [one.mode for one in growing[1:]] == [*range(3, 15)]
     for one in growing:
-        near = one.speed, one.frequency
-        speed, frequency = flutter_by_exponentials(pipe.beta, mass, spring, near)
+        speed, frequency = determinant_crossing(
+            pipe.beta, one.speed, one.frequency, 40, mass=mass, spring=spring
+        )
         assert abs(one.speed - speed) <= one.error < 1e-6 * speed
         assert abs(one.frequency - frequency) < 1e-9 * frequency
 

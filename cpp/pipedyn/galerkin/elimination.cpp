@@ -333,7 +333,7 @@ struct Elimination {
         begins[r] = window + r * (stride + loads);
         fill(r, top - r);
       }
-      Count lowest = size;  // column of those rows that were exchanged
+      Count lowest = size;  // column that rows exchanged so far may reach
       const Rows<Number> candidates{rows, loads > 0 ? charges : nullptr};
       for (Count step = 0;; --top) {
         take_from_pivot();
@@ -354,13 +354,12 @@ struct Elimination {
         keep_row(to == nullptr ? to : to + wide, charges[0], loads);
         Number* const free = begins[0];
         for (Count r = 0; r < band; ++r) begins[r] = begins[r + 1];
-        if (++step == many) break;
         begins[band] = free;
+        if (++step == many) break;
         fill(band, top - 1 - band);
       }
       --top;
       filled = band;
-      begins[band] = begins[0];  // not read
       take_from_pivot();
     }
     const Count curvatures = top - 1, loaded = curvatures + border, count = curvatures + 4;

@@ -57,6 +57,7 @@ class Eigenproblem : public Spectrum {
   bool is_squared(double u) const { return traits.squared || (traits.free_at_rest && u == 0.0); }
   /// How far rounding may have moved the roots of a sample.
   virtual Reals rounding(const Pairs& pairs) const;
+  /// How far residuals say that roots may be off, but for what those that meet scatter by.
   static Reals told_by_residuals(const Pairs& pairs);
   /// The work on vectors of some frequencies.
   virtual Works works(double u, const Reals& frequencies, const ComplexTable& vectors);

@@ -126,8 +126,8 @@ def counted(
 ) -> NDArray[np.int_]:
     """Number of unstable roots beside those on the axis at each point of a curve.
 
-    Of numbers that are expected, those of a smaller basis, the first, middle and last of each that
-    goes on are looked at, and all of them where these are others.
+    Where the numbers in a smaller basis are given as `expected`, each run of points with the same
+    number is checked at its first, middle and last point, and at all points if one of them differs.
     """
 
     def number(k: int) -> int:

@@ -627,7 +627,7 @@ class _Search:
 def _swept(searches: Sequence[_Search], final: bool = True) -> None:
     """Runs searches in one call of the core, and again those that have to track more modes.
 
-    final: whether these are, or else left as they are.
+    Where `final` is False, the latter are not run again: their `swept` says `untracked`.
     """
     while searches:
         with one_thread(max(one.problem.rows for one in searches)):
@@ -676,7 +676,7 @@ def _modes_reached(max_speed: float, pipe: Pipe) -> float:
 def _modes_within(max_speed: float, pipe: Pipe) -> int:
     """How many modes of a pipe flow and weight can make unstable, at most, and twelve more.
 
-    A mode up to the wave number k at which they leave no stiffness is one, k / pi of them. Three
+    Modes up to the wave number k at which no stiffness is left can be: k / pi modes, of which three
     times as many are taken.
     """
     return 12 + math.ceil(_wave_number(max_speed, pipe) / _softest(pipe))
