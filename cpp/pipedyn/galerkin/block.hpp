@@ -59,7 +59,7 @@ struct Block {
   double *response, *products, *reaction;
 
   static Count row_length(Count columns) { return whole_packs(columns * lanes<Real>); }
-  /// Of a row of the mass matrix: single rows are written by whole packs.
+  /// Of a row of the mass matrix, and of the forces: single rows are written by whole packs.
   Count mass_stride() const { return alone ? whole_packs(padded) : padded; }
 
   Block(const GridTables& tables, const MotionEffects& present) : grid(tables), effects(present) {}
@@ -76,7 +76,7 @@ struct Block {
     integrands = take(rows);
     moments = take(rows);
     mass = take(padded * mass_stride());
-    force = take(padded);
+    force = take(mass_stride());
     velocity = take(points);
     weighted = take(points);
     load_x = take(points);
