@@ -61,9 +61,13 @@ Matrix slope_series(const Basis& basis, double low, double high) {
   return coefficient;
 }
 
-/// drag: integrals end at inner points.
-std::vector<NodeTest> node_tests(const Matrix& series, Index nodes, bool drag) {
-  const Demand& demand = demanded(drag);
+/// What slopes with these series are bounded by on the ellipse cosh(eta) of the complex plane.
+struct Ellipse {
+  double eta, log_growth;
+  Vector sums;  // 2 sum_k sinh(k eta) c_ik, (m,)
+};
+
+std::vector<Ellipse> ellipses_of(const Matrix& series) {
   const auto sum = [&series](double (*factor)(double), double eta) {  // over factor(k eta) c_ik
     Vector sums = Vector::Zero(series.cols());
     for (Index k = 0; k < series.rows(); ++k) {
@@ -73,7 +77,7 @@ std::vector<NodeTest> node_tests(const Matrix& series, Index nodes, bool drag) {
     return sums;
   };
   const Vector total = sum(std::cosh, 0.0);
-  std::vector<NodeTest> tests;
+  std::vector<Ellipse> ellipses;
   for (double eta = std::min(0.05, 2.0 / static_cast<double>(series.cols())); eta < 3.0;
        eta *= 1.5) {
     const Vector grown = sum(std::cosh, eta);
@@ -81,9 +85,19 @@ std::vector<NodeTest> node_tests(const Matrix& series, Index nodes, bool drag) {
     for (Index i = 0; i < total.size(); ++i) {
       if (total[i] > 0.0) growth = std::max(growth, grown[i] / total[i]);
     }
-    const double budget = 2.0 * static_cast<double>(nodes) * eta - demand.log_tolerance -
-                          demand.growths * std::log(growth);
-    if (budget + demand.most_more > 0.0) tests.push_back({budget, 2.0 * sum(std::sinh, eta)});
+    ellipses.push_back({eta, std::log(growth), 2.0 * sum(std::sinh, eta)});
+  }
+  return ellipses;
+}
+
+/// drag: integrals end at inner points.
+std::vector<NodeTest> node_tests(const std::vector<Ellipse>& ellipses, Index nodes, bool drag) {
+  const Demand& demand = demanded(drag);
+  std::vector<NodeTest> tests;
+  for (const Ellipse& one : ellipses) {
+    const double budget = 2.0 * static_cast<double>(nodes) * one.eta - demand.log_tolerance -
+                          demand.growths * one.log_growth;
+    if (budget + demand.most_more > 0.0) tests.push_back({budget, one.sums});
   }
   return tests;
 }
@@ -288,9 +302,10 @@ Grids::Grids(Basis basis, const Pipe& pipe, Index least_nodes)
       drag_(pipe.drag != 0.0) {
   const Index m = basis_.size(), count = panels_.count();
   const Index more = (pipe.mass.degree(1e-12) + 1) / 2;
-  std::vector<Matrix> series;
+  std::vector<std::vector<Ellipse>> ellipses;
   for (Index panel = 0; panel < count; ++panel) {
-    series.push_back(slope_series(basis_, panels_.ends[panel], panels_.ends[panel + 1]));
+    ellipses.push_back(
+        ellipses_of(slope_series(basis_, panels_.ends[panel], panels_.ends[panel + 1])));
   }
   const Index most = std::max<Index>(4095, 4 * m) / count;  // of 0.1 GB
   const Index largest = std::max(std::min<Index>(64 * m + 96, most), least_nodes);
@@ -300,7 +315,7 @@ Grids::Grids(Basis basis, const Pipe& pipe, Index least_nodes)
        points = whole_points(points + std::max<Index>(4, points / 12))) {
     const bool last = points - 1 >= largest;
     std::vector<std::vector<NodeTest>> tests;
-    for (const Matrix& one : series) {
+    for (const std::vector<Ellipse>& one : ellipses) {
       tests.push_back(node_tests(one, points - 1 - more, drag_));
       if (tests.back().empty() && last) tests.back().push_back({0.0, Vector::Zero(m)});
     }
