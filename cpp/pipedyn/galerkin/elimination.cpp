@@ -154,6 +154,11 @@ void exchange(const Bits& mask, Number& a, Number& b) {
   b = chosen(mask, before, b);
 }
 
+/// Whether a choice of the row to come first exchanges any.
+inline bool moves(const Pack& place, Count first) {
+  return any(~equal(place, static_cast<double>(first)));
+}
+
 /// Rows of which some are eliminated from a column on.
 template <class Number>
 struct Rows {
@@ -162,9 +167,9 @@ struct Rows {
 
   Number* operator[](Count r) const { return at[r]; }
 
-  /// Puts a row with a large enough entry of a column first, of rows first to last - 1; whether any
-  /// moves.
-  bool choose(Count first, Count last, Count column, Count columns, PivotSums& found) const {
+  /// Puts a row with a large enough entry of a column first, of rows first to last - 1; which it
+  /// was, in each lane.
+  Pack choose(Count first, Count last, Count column, Count columns, PivotSums& found) const {
     Pack largest = threshold * size_of(at[first][column]);
     Pack place = all<Pack>(static_cast<double>(first));
     for (Count r = first + 1; r < last; ++r) {
@@ -172,7 +177,7 @@ struct Rows {
       place = size > largest ? all<Pack>(static_cast<double>(r)) : place;
       largest = size > largest ? size : largest;
     }
-    if (!any(~equal(place, static_cast<double>(first)))) return false;
+    if (!moves(place, first)) return place;
     for (Count r = first + 1; r < last; ++r) {
       const Bits mask = equal(place, static_cast<double>(r));
       if (!any(mask)) continue;
@@ -180,9 +185,17 @@ struct Rows {
       if (loads != nullptr) exchange(mask, *loads[first], *loads[r]);
       found.turn(mask);
     }
-    return true;
+    return place;
   }
 };
+
+/// Puts back what was exchanged by a choice of the row to come first.
+inline void put_back(const Pack& place, Lanes* rows, Count first, Count last) {
+  if (!moves(place, first)) return;
+  for (Count r = first + 1; r < last; ++r) {
+    exchange(equal(place, static_cast<double>(r)), rows[first], rows[r]);
+  }
+}
 
 /// How many functions of a panel are eliminated in a moving window of rows, before the others and
 /// what is carried are in one table.
@@ -195,12 +208,57 @@ inline Count table_rows(Count band) { return band + moving + 2; }
 inline Count table_columns(Count band) { return band + 2 + border + 1; }
 /// Columns of a row of the window: its own, and those that rows exchanged with it have beyond.
 inline Count window_columns(Count band) { return 3 * band + 1; }
-/// Numbers of a pivot's row of the window that are kept: entries and a load.
-inline Count kept_columns(Count band) { return 2 * band + 2; }
+/// What is kept of a pivot, one after the other: so many entries of its row with a load, by what it
+/// is multiplied and taken from each row below, which row came first, and the pivot's number in the
+/// solution of the transposed equations.
+struct KeptPivot {
+  Lanes* row;
+  Count columns, rows;
 
-/// The rows of the pivots of a panel: of the window (windowed, 2 band + 2), then of the table.
-struct Pivots {
-  Lanes *window, *table;
+  void keep(const Lanes* pivot, const Lanes& load, const Pack& place, const Lanes* by,
+            Count below) const {
+    for (Count c = 0; c < columns; ++c) row[c] = pivot[c];
+    row[columns] = load;
+    for (Count r = 0; r < below; ++r) row[columns + 1 + r] = by[r];
+    row[columns + 1 + rows].re = place;
+  }
+  const Lanes& load() const { return row[columns]; }
+  Lanes* factors() const { return row + columns + 1; }
+  Pack& place() const { return row[columns + 1 + rows].re; }
+  Lanes& left() const { return row[columns + 2 + rows]; }
+  static Count numbers(Count columns, Count rows) { return columns + rows + 3; }
+};
+
+/// Of the elimination of one of two equations.
+struct KeptJoint {
+  Lanes row[5], factor, left;
+  Pack place, share;  // by which the other is multiplied thereafter
+};
+
+/// Of the elimination of a panel: of its windowed functions, of the table, of what held the two
+/// equations at its end, these then by displacement and slope, and by what those left at its start
+/// are multiplied.
+struct KeptPanel {
+  Lanes *windows, *tables;
+  Count band, curvatures;
+  KeptJoint holds[2];
+  Lanes ends[2][2];
+  Pack shares[2];
+
+  KeptPivot window(Count step) const {
+    const Count columns = 2 * band + 1;
+    return {windows + step * KeptPivot::numbers(columns, band), columns, band};
+  }
+  KeptPivot table(Count step) const {
+    const Count columns = curvatures + border, rows = curvatures + 4;
+    return {tables + step * KeptPivot::numbers(columns, rows), columns, rows};
+  }
+  static Count window_numbers(Count size, Count band) {
+    return windowed(size, band) * KeptPivot::numbers(2 * band + 1, band);
+  }
+  static Count table_numbers(Count band) {
+    return table_rows(band) * KeptPivot::numbers(table_columns(band) - 1, table_rows(band));
+  }
 };
 
 /// Loads on the equations, irregular to excite every motion.
@@ -212,6 +270,27 @@ struct LoadSequence {
     return weight;
   }
 };
+
+/// Numbers that multiply displacement, slope, force and moment beyond a panel's end, such as an
+/// equation's, into those of the panel: past what acts there, in its units.
+template <class Number>
+void into_panel(const EliminationPanel& panel, double length_beyond, const EntryPowers& lambda,
+                Number* row) {
+  const double ratio = panel.length / length_beyond;
+  row[0] = ratio * row[0];
+  row[2] = (1.0 / (ratio * ratio)) * row[2];
+  row[3] = (1.0 / ratio) * row[3];
+  for (Count c = 0; c < 2; ++c) {
+    for (Count k = 0; k < 2; ++k) {
+      row[c] = row[c] - row[2 + k] * entry<Number>(panel.station[k][c], lambda);
+    }
+  }
+}
+
+/// Length of the panel beyond the end of another; its own of the last.
+inline double length_beyond(const EliminationModel& model, Count p) {
+  return model.panels[p + 1 < model.count ? p + 1 : p].length;
+}
 
 /// Of one lambda a lane.
 template <class Number>
@@ -226,12 +305,9 @@ struct Elimination {
   Number carried[2][4 + loads];  // the equations at a joint, in units of the panel before it
   LoadSequence load = {};
 
-  /// Entry of P of functions i and j of a panel; transposed: of P^T.
-  template <bool transposed>
+  /// Entry of P of functions i and j of a panel.
   Number at(const EliminationPanel& panel, Count i, Count j) const {
-    const Count row = transposed ? j : i, column = transposed ? i : j;
-    return entry<Number>(panel.entries[row * (2 * model.band + 1) + column - row + model.band],
-                         lambda);
+    return entry<Number>(panel.entries[i * (2 * model.band + 1) + j - i + model.band], lambda);
   }
 
   /// Beyond the free end nothing resists.
@@ -242,29 +318,16 @@ struct Elimination {
     carried[0][2] = carried[1][3] = number(1.0, Number{});
   }
 
-  /// Into the units of the panel that ends there, past what acts there and holds it. keep: takes
-  /// the row of a pivot, by place 0 or 1, before the equations change.
-  template <bool transposed, class Keep>
-  void join(const EliminationPanel& panel, double length_beyond, const Keep& keep) {
-    const double ratio = panel.length / length_beyond;
-    for (auto& row : carried) {
-      row[0] = ratio * row[0];
-      row[2] = (1.0 / (ratio * ratio)) * row[2];
-      row[3] = (1.0 / ratio) * row[3];
-      for (Count c = 0; c < 2; ++c) {
-        for (Count k = 0; k < 2; ++k) {
-          const PencilEntry& of = transposed ? panel.station[c][k] : panel.station[k][c];
-          row[c] = row[c] - row[2 + k] * entry<Number>(of, lambda);
-        }
-      }
-    }
-    if (panel.held) hold(0, keep);
-    if (panel.directed) hold(1, keep);
+  /// Into the units of the panel that ends there, past what acts there and holds it. kept: where
+  /// what is kept goes, or none.
+  void join(const EliminationPanel& panel, double length_beyond, KeptPanel* kept) {
+    for (auto& row : carried) into_panel(panel, length_beyond, lambda, row);
+    if (panel.held) hold(0, kept);
+    if (panel.directed) hold(1, kept);
   }
 
   /// w or theta is 0, and Q or M any.
-  template <class Keep>
-  void hold(Count place, const Keep& keep) {
+  void hold(Count place, KeptPanel* kept) {
     constexpr Count columns = 4 + loads;
     Number ordered[2][columns];  // the force first
     const Count force = 2 + place;
@@ -275,10 +338,9 @@ struct Elimination {
     }
     Number* const both[2] = {ordered[0], ordered[1]};
     const Rows<Number> sorted{both};
-    sorted.choose(0, 2, 0, columns, found);
+    const Pack first = sorted.choose(0, 2, 0, columns, found);
     const Number share = inverse(ordered[0][0]), factor = ordered[1][0] * share;
     found.add(ordered[0][0], share);
-    keep(place, ordered[0]);
     for (Count c = 0, next = 1; c < columns; ++c) {
       carried[0][c] = Number{};
       carried[1][c] = Number{};
@@ -288,11 +350,18 @@ struct Elimination {
     }
     carried[0][place] = Number{};
     carried[1][place] = number(1.0, Number{});
-    scale(0);
+    const Pack scaled = scale(0);
+    if constexpr (loads > 0) {
+      KeptJoint& to = kept->holds[place];
+      for (Count c = 0; c < columns; ++c) to.row[c] = ordered[0][c];
+      to.factor = factor;
+      to.place = first;
+      to.share = scaled;
+    }
   }
 
-  /// Makes the largest entry of an equation 1.
-  void scale(Count r) {
+  /// Makes the largest entry of an equation 1; by what it is multiplied.
+  Pack scale(Count r) {
     Pack largest = size_of(carried[r][0]);
     for (Count c = 1; c < 4; ++c) {
       const Pack size = size_of(carried[r][c]);
@@ -302,22 +371,23 @@ struct Elimination {
     const Lanes share{1.0 / largest, Pack{}};
     for (Number& one : carried[r]) one = one * constant(share);
     if (found.product != nullptr) found.product->multiply({largest, Pack{}});
+    return share.re;
   }
   static Lanes constant_of(const Lanes& x, Lanes) { return x; }
   static DualLanes constant_of(const Lanes& x, DualLanes) { return {x, {}}; }
   static Number constant(const Lanes& x) { return constant_of(x, Number{}); }
 
-  /// Eliminates a panel. kept: where its pivots' rows go, or none.
-  template <bool transposed>
-  void pass(const EliminationPanel& panel, const Pivots* kept) {
+  /// Eliminates a panel. kept: where what is kept goes, or none.
+  void pass(const EliminationPanel& panel, KeptPanel* kept) {
     const Count band = model.band, wide = 2 * band + 1, size = panel.size;
     const Count many = windowed(size, band), stride = window_columns(band);
     // Row i of P begins with column i + band, and is taken from the column of the pivot on.
     Number *begins[widest + 1], *rows[widest + 1], *charges[widest + 1];
+    Number factors[widest + moving + 1];
     const auto fill = [&](Count place, Count i) {
       Number* const to = begins[place];
       const Count high = i + band < size ? i + band : size - 1, low = i > band ? i - band : 0;
-      for (Count j = high; j >= low; --j) to[i + band - j] = at<transposed>(panel, i, j);
+      for (Count j = high; j >= low; --j) to[i + band - j] = at(panel, i, j);
       for (Count c = i + band - low + 1; c < stride; ++c) to[c] = Number{};
       for (Count c = 0; c < loads; ++c) to[stride + c] = number(load.next(), Number{});
     };
@@ -337,21 +407,22 @@ struct Elimination {
       const Rows<Number> candidates{rows, loads > 0 ? charges : nullptr};
       for (Count step = 0;; --top) {
         take_from_pivot();
-        if (candidates.choose(0, band + 1, 0, wide, found)) lowest = top - 2 * band;
+        const Pack first = candidates.choose(0, band + 1, 0, wide, found);
+        if (moves(first, 0)) lowest = top - 2 * band;
         const Count last = top - lowest > band ? top - lowest : band;
         const Number* const pivot = rows[0];
         const Number share = inverse(pivot[0]);
         found.add(pivot[0], share);
         for (Count r = 1; r <= band; ++r) {
-          const Number factor = rows[r][0] * share;
+          const Number factor = factors[r - 1] = rows[r][0] * share;
           for (Count c = 1; c <= last; ++c) rows[r][c] = less_product(rows[r][c], factor, pivot[c]);
           for (Count c = 0; c < loads; ++c) {
             charges[r][c] = less_product(charges[r][c], factor, charges[0][c]);
           }
         }
-        Lanes* const to = kept == nullptr ? nullptr : kept->window + step * kept_columns(band);
-        keep_row(to, pivot, wide);
-        keep_row(to == nullptr ? to : to + wide, charges[0], loads);
+        if constexpr (loads > 0) {
+          kept->window(step).keep(pivot, charges[0][0], first, factors, band);
+        }
         Number* const free = begins[0];
         for (Count r = 0; r < band; ++r) begins[r] = begins[r + 1];
         begins[band] = free;
@@ -364,6 +435,12 @@ struct Elimination {
     }
     const Count curvatures = top - 1, loaded = curvatures + border, count = curvatures + 4;
     const Count columns = loaded + loads;
+    if constexpr (loads > 0) {
+      kept->curvatures = curvatures;
+      for (Count r = 0; r < 2; ++r) {
+        for (Count c = 0; c < 2; ++c) kept->ends[r][c] = carried[r][c];
+      }
+    }
     Number* table_rows[widest + moving + 2];
     for (Count r = 0; r < count; ++r) table_rows[r] = table + r * columns;
     const Rows<Number> all_rows{table_rows};
@@ -379,7 +456,7 @@ struct Elimination {
       } else if (r <= top) {
         const Count own = top - r;
         const Count low = own > band ? own - band : 0, high = own + band < top ? own + band : top;
-        for (Count c = low; c <= high; ++c) row[place(c)] = at<transposed>(panel, own, c);
+        for (Count c = low; c <= high; ++c) row[place(c)] = at(panel, own, c);
         if (own < moving) {
           row[curvatures + end_force] = number(end_shape[own], Number{});
           row[curvatures + end_moment] = number(end_slope[own], Number{});
@@ -399,31 +476,30 @@ struct Elimination {
     for (Count c = 0; c < curvatures + 2; ++c) {
       // What is carried acts on the functions that move the end, the last.
       const Count last = c + moving <= top && c + band < top ? c + band + 1 : count;
-      all_rows.choose(c, last, c, columns, found);
+      const Pack first = all_rows.choose(c, last, c, columns, found);
       const Number* const pivot = all_rows[c];
       const Number share = inverse(pivot[c]);
       found.add(pivot[c], share);
-      keep_row(kept == nullptr ? nullptr : kept->table + c * columns, pivot, columns);
       for (Count r = c + 1; r < last; ++r) {
         Number* const row = all_rows[r];
-        const Number factor = row[c] * share;
+        const Number factor = factors[r - c - 1] = row[c] * share;
         for (Count k = c + 1; k < columns; ++k) row[k] = less_product(row[k], factor, pivot[k]);
+      }
+      if constexpr (loads > 0) {
+        kept->table(c).keep(pivot, pivot[loaded], first, factors, last - c - 1);
       }
     }
     for (Count r = 0; r < 2; ++r) {
       const Number* const rest = all_rows[count - 2 + r] + curvatures + start_shape;
       for (Count c = 0; c < 4 + loads; ++c) carried[r][c] = rest[c];
-      scale(r);
+      const Pack share = scale(r);
+      if constexpr (loads > 0) kept->shares[r] = share;
     }
   }
-  static void keep_row(Lanes* to, const Lanes* row, Count columns) {
-    for (Count c = 0; to != nullptr && c < columns; ++c) to[c] = row[c];
-  }
-  static void keep_row(Lanes*, const DualLanes*, Count) {}
 
   /// At the root, where w is 0, and theta or M + k theta: leaves two equations in Q and the other,
   /// triangular.
-  void end(Number (&last)[2][2 + loads]) {
+  void end(Number (&last)[2][2 + loads], KeptJoint* kept) {
     const double spring = model.turns ? model.root * model.panels[0].length : 0.0;
     for (Count r = 0; r < 2; ++r) {
       last[r][0] = carried[r][2];
@@ -432,11 +508,14 @@ struct Elimination {
     }
     Number* const both[2] = {last[0], last[1]};
     const Rows<Number> rows{both};
-    rows.choose(0, 2, 0, 2 + loads, found);
-    const Number share = inverse(last[0][0]);
+    const Pack first = rows.choose(0, 2, 0, 2 + loads, found);
+    const Number share = inverse(last[0][0]), factor = last[1][0] * share;
     found.add(last[0][0], share);
-    for (Count c = 1; c < 2 + loads; ++c)
-      last[1][c] = last[1][c] - (last[1][0] * share) * last[0][c];
+    for (Count c = 1; c < 2 + loads; ++c) last[1][c] = last[1][c] - factor * last[0][c];
+    if constexpr (loads > 0) {
+      kept->factor = factor;
+      kept->place = first;
+    }
     const Number next = inverse(last[1][1]);
     found.add(last[1][1], next);
   }
@@ -460,14 +539,12 @@ void log_derivative(const EliminationModel& model, const Points& points, double*
                                        table,
                                        {}};
     elimination.start();
-    const auto keep = [](Count, const DualLanes*) {};
     for (Count p = model.count - 1; p >= 0; --p) {
-      const double beyond = model.panels[p + 1 < model.count ? p + 1 : p].length;
-      elimination.join<false>(model.panels[p], beyond, keep);
-      elimination.pass<false>(model.panels[p], nullptr);
+      elimination.join(model.panels[p], length_beyond(model, p), nullptr);
+      elimination.pass(model.panels[p], nullptr);
     }
     DualLanes last[2][2];
-    elimination.end(last);
+    elimination.end(last, nullptr);
     const Lanes others = poles(points, elimination.lambda.one);
     put(out, points, first, elimination.found.slope - others);
     if (signs == nullptr) continue;
@@ -483,28 +560,22 @@ struct PanelMotion {
 };
 
 struct VectorScratch {
-  Lanes *window, *table;
-  Pivots* pivots;
-  Lanes (*holds)[2][5];
+  Lanes *window, *table, *columns;  // columns: of a panel's functions and border, or more
+  KeptPanel* kept;
   PanelMotion *right, *left;
 };
 
-/// The null vector of P, or of P^T.
-template <bool transposed>
-void null_vector(const EliminationModel& model, const EntryPowers& lambda,
-                 const VectorScratch& scratch, PanelMotion* motions) {
-  Elimination<Lanes> elimination{model, lambda, {}, scratch.window, scratch.table, {}};
-  elimination.start();
-  for (Count p = model.count - 1; p >= 0; --p) {
-    const double beyond = model.panels[p + 1 < model.count ? p + 1 : p].length;
-    const auto keep = [&](Count place, const Lanes* row) {
-      for (Count c = 0; c < 5; ++c) scratch.holds[p][place][c] = row[c];
-    };
-    elimination.template join<transposed>(model.panels[p], beyond, keep);
-    elimination.template pass<transposed>(model.panels[p], &scratch.pivots[p]);
-  }
+/// What the two equations at the root leave: triangular, with a load.
+struct Root {
   Lanes last[2][3];
-  elimination.end(last);
+  KeptJoint kept;
+};
+
+/// Solves U z = L^-1 loads, as P = L U but for exchanges, for the right null vector.
+void solve_right(const EliminationModel& model, const EntryPowers& lambda, const Root& root,
+                 const VectorScratch& scratch) {
+  PanelMotion* const motions = scratch.right;
+  const auto& last = root.last;
   const Lanes second = last[1][2] * inverse(not_zero(last[1][1]));
   // Scaled so that all that follows is finite.
   const Lanes size{1.0 / (1.0 + size_of(second)), Pack{}};
@@ -517,8 +588,9 @@ void null_vector(const EliminationModel& model, const EntryPowers& lambda,
     const EliminationPanel& panel = model.panels[p];
     PanelMotion& motion = motions[p];
     Lanes* const x = motion.amplitudes;
+    const KeptPanel& kept = scratch.kept[p];
     const Count band = model.band, wide = 2 * band + 1, many = windowed(panel.size, band);
-    const Count curvatures = panel.size - many - 2, loaded = curvatures + border;
+    const Count curvatures = kept.curvatures;
     x[0] = start[0];
     x[1] = start[1];
     const auto place_of = [&](Count c) -> Lanes& {  // of a column before the start's
@@ -526,16 +598,18 @@ void null_vector(const EliminationModel& model, const EntryPowers& lambda,
       return c == curvatures + end_force ? motion.force : motion.moment;
     };
     for (Count c = curvatures + 1; c >= 0; --c) {
-      const Lanes* const row = scratch.pivots[p].table + c * (loaded + 1);
-      Lanes sum = row[loaded] * size;
+      const KeptPivot pivot = kept.table(c);
+      const Lanes* const row = pivot.row;
+      Lanes sum = pivot.load() * size;
       for (Count k = c + 1; k < curvatures + 2; ++k) sum = sum - row[k] * place_of(k);
       for (Count k = 0; k < 4; ++k) sum = sum - row[curvatures + start_shape + k] * start[k];
       place_of(c) = sum * inverse(not_zero(row[c]));
     }
     for (Count step = many - 1; step >= 0; --step) {
-      const Lanes* const row = scratch.pivots[p].window + step * kept_columns(band);
+      const KeptPivot pivot = kept.window(step);
+      const Lanes* const row = pivot.row;
       const Count own = panel.size - 1 - step;
-      Lanes sum = row[wide] * size;
+      Lanes sum = pivot.load() * size;
       for (Count c = 1; c < wide && c <= own; ++c) sum = sum - row[c] * x[own - c];
       x[own] = sum * inverse(not_zero(row[0]));
     }
@@ -548,14 +622,13 @@ void null_vector(const EliminationModel& model, const EntryPowers& lambda,
     }
     if (panel.held) {  // there the panel's force is what holds it, too
       end[0] = Lanes{};
-      const Lanes* const row = scratch.holds[p][0];
+      const Lanes* const row = kept.holds[0].row;
       const Lanes sum = row[2] * end[1] + row[3] * motion.moment;
       forces[0] = (row[4] * size - sum) * inverse(not_zero(row[0]));
     }
     for (Count k = 0; k < 2; ++k) {
       for (Count c = 0; c < 2; ++c) {
-        const PencilEntry& of = transposed ? panel.station[c][k] : panel.station[k][c];
-        forces[k] = forces[k] - entry<Lanes>(of, lambda) * end[c];
+        forces[k] = forces[k] - entry<Lanes>(panel.station[k][c], lambda) * end[c];
       }
     }
     start[0] = ratio * end[0];
@@ -563,6 +636,144 @@ void null_vector(const EliminationModel& model, const EntryPowers& lambda,
     start[2] = (1.0 / (ratio * ratio)) * forces[0];
     start[3] = (1.0 / ratio) * forces[1];
   }
+}
+
+/// Solves U^T s = loads, one of each function's column, in the order of the pivots; a number by
+/// which all is to be multiplied, so that what follows is finite.
+Pack solve_transposed(const EliminationModel& model, const EntryPowers& lambda, Root& root,
+                      const VectorScratch& scratch) {
+  LoadSequence load;
+  Lanes start[4] = {};  // what is left to the columns of w, theta, Q and M
+  Lanes* const rest = scratch.columns;
+  for (Count p = model.count - 1; p >= 0; --p) {
+    const EliminationPanel& panel = model.panels[p];
+    KeptPanel& kept = scratch.kept[p];
+    const Count band = model.band, wide = 2 * band + 1, many = windowed(panel.size, band);
+    into_panel(panel, length_beyond(model, p), lambda, start);
+    for (Count place = 0; place < 2; ++place) {
+      if (!(place == 0 ? panel.held : panel.directed)) continue;
+      KeptJoint& joint = kept.holds[place];
+      const Count force = 2 + place;
+      joint.left = start[force] * inverse(not_zero(joint.row[0]));
+      for (Count c = 0, next = 1; c < 4; ++c) {
+        if (c != force) start[c] = start[c] - joint.row[next++] * joint.left;
+      }
+      start[place] = start[force] = Lanes{};
+    }
+    // Columns as those of the window, of falling degree, and then as those of the table.
+    const Count curvatures = kept.curvatures, first = many, border_first = many + curvatures;
+    const auto place_of = [&](Count function) {
+      return function >= 2 ? panel.size - 1 - function : border_first + start_shape + function;
+    };
+    for (Count k = panel.size - 1; k >= 0; --k) {
+      Lanes& of = rest[place_of(k)];
+      of = {all<Pack>(load.next()), Pack{}};
+      if (k < moving) of = of + end_shape[k] * start[0] + end_slope[k] * start[1];
+    }
+    for (Count k = 0; k < 2; ++k) {
+      rest[border_first + end_force + k] = start[2 + k];
+      rest[border_first + start_force + k] = Lanes{};
+    }
+    for (Count step = 0; step < many; ++step) {
+      const KeptPivot pivot = kept.window(step);
+      const Count own = panel.size - 1 - step;
+      const Lanes left = pivot.left() = rest[step] * inverse(not_zero(pivot.row[0]));
+      for (Count c = 1; c < wide && c <= own; ++c) {
+        Lanes& of = rest[place_of(own - c)];
+        of = less_product(of, pivot.row[c], left);
+      }
+    }
+    for (Count c = 0; c < curvatures + 2; ++c) {
+      const KeptPivot pivot = kept.table(c);
+      const Lanes left = pivot.left() = rest[first + c] * inverse(not_zero(pivot.row[c]));
+      for (Count k = c + 1; k < pivot.columns; ++k) {
+        rest[first + k] = less_product(rest[first + k], pivot.row[k], left);
+      }
+    }
+    for (Count k = 0; k < 4; ++k) start[k] = rest[border_first + start_shape + k];
+  }
+  const double spring = model.turns ? model.root * model.panels[0].length : 0.0;
+  const Lanes other = model.turns ? start[1] - spring * start[3] : start[3];
+  root.kept.row[0] = start[2] * inverse(not_zero(root.last[0][0]));
+  root.kept.row[1] =
+      (other - root.last[0][1] * root.kept.row[0]) * inverse(not_zero(root.last[1][1]));
+  return 1.0 / (1.0 + size_of(root.kept.row[1]));
+}
+
+/// Solves L^T y = s for the left null vector, from the root on: what each equation is multiplied
+/// by.
+void solve_left(const EliminationModel& model, const EntryPowers& lambda, Root& root,
+                const VectorScratch& scratch) {
+  const Lanes size{solve_transposed(model, lambda, root, scratch), Pack{}};
+  Lanes both[2];  // of the two equations that are carried
+  both[1] = root.kept.row[1] * size;
+  both[0] = root.kept.row[0] * size - root.kept.factor * both[1];
+  put_back(root.kept.place, both, 0, 2);
+  for (Count p = 0; p < model.count; ++p) {
+    const EliminationPanel& panel = model.panels[p];
+    const KeptPanel& kept = scratch.kept[p];
+    PanelMotion& motion = scratch.left[p];
+    const Count band = model.band, many = windowed(panel.size, band);
+    const Count curvatures = kept.curvatures, count = curvatures + 4, top = curvatures + 1;
+    Lanes* const rows = scratch.columns;
+    const auto set = [&](Count function, const Lanes& y) {
+      motion.amplitudes[function] = panel.length * y;
+    };
+    for (Count r = 0; r < 2; ++r) rows[count - 2 + r] = Lanes{kept.shares[r], Pack{}} * both[r];
+    for (Count c = curvatures + 1; c >= 0; --c) {
+      const KeptPivot pivot = kept.table(c);
+      const Count last = c + moving <= top && c + band < top ? c + band + 1 : count;
+      rows[c] = pivot.left() * size;
+      for (Count r = c + 1; r < last; ++r) {
+        rows[c] = less_product(rows[c], pivot.factors()[r - c - 1], rows[r]);
+      }
+      put_back(pivot.place(), rows, c, last);
+    }
+    for (Count r = 0; r < 2; ++r) both[r] = rows[count - 2 + r];
+    const Count filled = many > 0 ? band : 0;
+    for (Count r = filled; r <= top; ++r) set(top - r, rows[r]);
+    for (Count step = many - 1; step >= 0; --step) {
+      const KeptPivot pivot = kept.window(step);
+      const Count own = panel.size - 1 - step;
+      for (Count r = band; r > 0; --r) rows[r] = rows[r - 1];
+      rows[0] = pivot.left() * size;
+      for (Count r = 1; r <= band; ++r) {
+        rows[0] = less_product(rows[0], pivot.factors()[r - 1], rows[r]);
+      }
+      put_back(pivot.place(), rows, 0, band + 1);
+      set(own - band, rows[band]);
+    }
+    for (Count r = 0; many > 0 && r < band; ++r) set(panel.size - 1 - r, rows[r]);
+    motion.force = motion.moment = Lanes{};
+    for (Count r = 0; r < 2; ++r) {
+      motion.force += panel.length * (both[r] * kept.ends[r][0]);
+      motion.moment += panel.length * (both[r] * kept.ends[r][1]);
+    }
+    for (Count place = 1; place >= 0; --place) {
+      if (!(place == 0 ? panel.held : panel.directed)) continue;
+      const KeptJoint& joint = kept.holds[place];
+      both[1] = Lanes{joint.share, Pack{}} * both[0];
+      both[0] = joint.left * size - joint.factor * both[1];
+      put_back(joint.place, both, 0, 2);
+    }
+  }
+  if (!model.turns) scratch.left[0].amplitudes[1] = Lanes{};
+  scratch.left[0].amplitudes[0] = Lanes{};
+}
+
+/// The null vectors of P and of P^T.
+void null_vectors(const EliminationModel& model, const EntryPowers& lambda,
+                  const VectorScratch& scratch) {
+  Elimination<Lanes> elimination{model, lambda, {}, scratch.window, scratch.table, {}};
+  elimination.start();
+  for (Count p = model.count - 1; p >= 0; --p) {
+    elimination.join(model.panels[p], length_beyond(model, p), &scratch.kept[p]);
+    elimination.pass(model.panels[p], &scratch.kept[p]);
+  }
+  Root root;
+  elimination.end(root.last, &root.kept);
+  solve_right(model, lambda, root, scratch);
+  solve_left(model, lambda, root, scratch);
 }
 
 /// Sums over all panels and stations of what two vectors give.
@@ -582,12 +793,14 @@ struct PairSums {
 
 void pairs(const EliminationModel& model, const Points& points, const PairsAsked& out) {
   const Count band = model.band, wide = 2 * band + 1;
-  Count numbers = 0, in_windows = 0;
+  Count numbers = 0, in_windows = 0, largest = 0;
   for (Count p = 0; p < model.count; ++p) {
-    numbers += model.panels[p].size;
-    in_windows += windowed(model.panels[p].size, band) * kept_columns(band);
+    const Count size = model.panels[p].size;
+    numbers += size;
+    in_windows += KeptPanel::window_numbers(size, band);
+    largest = size > largest ? size : largest;
   }
-  const Count in_tables = model.count * table_rows(band) * table_columns(band);
+  const Count in_tables = model.count * KeptPanel::table_numbers(band);
   struct Storage {
     VectorScratch of;
     Lanes *windows, *tables, *right, *left;
@@ -596,8 +809,8 @@ void pairs(const EliminationModel& model, const Points& points, const PairsAsked
     Storage made{};
     made.of.window = layout.take<Lanes>((band + 1) * (window_columns(band) + 1));
     made.of.table = layout.take<Lanes>(table_rows(band) * table_columns(band));
-    made.of.pivots = layout.take<Pivots>(model.count);
-    made.of.holds = reinterpret_cast<Lanes(*)[2][5]>(layout.take<Lanes>(10 * model.count));
+    made.of.columns = layout.take<Lanes>(largest + border + table_rows(band));
+    made.of.kept = layout.take<KeptPanel>(model.count);
     made.of.right = layout.take<PanelMotion>(model.count);
     made.of.left = layout.take<PanelMotion>(model.count);
     made.windows = layout.take<Lanes>(in_windows);
@@ -609,19 +822,18 @@ void pairs(const EliminationModel& model, const Points& points, const PairsAsked
   Lanes *windows = scratch.windows, *tables = scratch.tables, *x = scratch.right, *y = scratch.left;
   for (Count p = 0; p < model.count; ++p) {
     const Count size = model.panels[p].size;
-    scratch.of.pivots[p] = {windows, tables};
+    scratch.of.kept[p] = {windows, tables, band, 0, {}, {}, {}};
     scratch.of.right[p] = {x, {}, {}};
     scratch.of.left[p] = {y, {}, {}};
-    windows += windowed(size, band) * kept_columns(band);
-    tables += table_rows(band) * table_columns(band);
+    windows += KeptPanel::window_numbers(size, band);
+    tables += KeptPanel::table_numbers(band);
     x += size;
     y += size;
   }
   const bool own = out.by_right != nullptr;
   for (Count first = 0; first < points.count; first += width) {
     const EntryPowers lambda(taken(points, first));
-    null_vector<false>(model, lambda, scratch.of, scratch.of.right);
-    null_vector<true>(model, lambda, scratch.of, scratch.of.left);
+    null_vectors(model, lambda, scratch.of);
     PairSums sum;
     Count coordinate = 0;
     const auto coordinates = [&](const Lanes& right, const Lanes& left, double scale) {

@@ -128,9 +128,9 @@ class AxisProblem(DenseProblem):
         bordered = np.zeros((n + 1, n + 1), dtype=matrix.dtype)
         bordered[:n, :n] = matrix
         bordered[:n, n], bordered[n, :n] = self._borders
-        last = np.zeros(n + 1)
+        last = np.zeros((n + 1, 1))
         last[n] = 1.0
-        v, w = np.linalg.solve(bordered, last), np.linalg.solve(bordered.T, last)
+        v, w = np.linalg.solve(np.stack([bordered, bordered.T]), last)[..., 0]
         if max(np.linalg.norm(v[:n]), np.linalg.norm(w[:n])) > LONGEST_NULL_VECTOR:
             self._borders = _largest_real(w[:n]), _largest_real(v[:n])
         return v[n], v[:n], w[:n]
