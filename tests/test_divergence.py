@@ -197,7 +197,9 @@ def test_a_heavy_tip_mass_lets_the_critical_speed_fall_by_its_square_root(model)
     light, medium, heavy = (
         one.speed * math.sqrt(mass) for one, mass in zip(found, (1e2, 1e3, 1e4), strict=True)
     )
-    assert heavy == pytest.approx(medium + (medium - light) * 0.1, rel=1e-5)
+    rounding = 100.0 * found[2].error  # of modes at rest, by a machine's linear algebra
+    assert rounding <= 1e-4
+    assert heavy == pytest.approx(medium + (medium - light) * 0.1, abs=1e-5 * heavy + rounding)
     assert found[2].error < 1e-3 * found[2].speed
     assert {one.kind for one in found} == {"flutter"}
 

@@ -28,9 +28,10 @@ constexpr Count border = 6;
 
 /// What entries of P take of lambda.
 struct EntryPowers {
-  Lanes one, two;
+  Lanes one, two, twice;  // lambda, its square and 2 lambda
 
-  explicit EntryPowers(const Lanes& lambda) : one(lambda), two(lambda * lambda) {}
+  explicit EntryPowers(const Lanes& lambda)
+      : one(lambda), two(lambda * lambda), twice(2.0 * lambda) {}
 };
 
 template <class Number>
@@ -44,7 +45,7 @@ inline Lanes entry<Lanes>(const PencilEntry& of, const EntryPowers& lambda) {
 
 /// Its derivatives by lambda and by the speed.
 inline Lanes entry_by_lambda(const PencilEntry& of, const EntryPowers& lambda) {
-  return (2.0 * of.square) * lambda.one + of.rate;
+  return of.square * lambda.twice + of.rate;
 }
 inline Lanes entry_by_speed(const PencilEntry& of, const EntryPowers& lambda) {
   return of.rate_by_speed * lambda.one + of.still_by_speed;
@@ -144,7 +145,7 @@ inline DualLanes less_product(const DualLanes& x, const DualLanes& a, const Dual
 
 /// How many times larger another entry must be to be the pivot instead: then growth is bounded as
 /// with the largest, and fewer rows are exchanged (Duff, Erisman and Reid 1986, ch. 5).
-constexpr double threshold = 4.0;
+constexpr double threshold = 10.0;
 
 /// Exchanges two numbers in the lanes of a mask.
 template <class Number>
@@ -167,9 +168,9 @@ struct Rows {
 
   Number* operator[](Count r) const { return at[r]; }
 
-  /// Puts a row with a large enough entry of a column first, of rows first to last - 1; which it
-  /// was, in each lane.
-  Pack choose(Count first, Count last, Count column, Count columns, PivotSums& found) const {
+  /// Which of rows first to last - 1 has a large enough entry of a column to come first, in each
+  /// lane.
+  Pack choice(Count first, Count last, Count column) const {
     Pack largest = threshold * size_of(at[first][column]);
     Pack place = all<Pack>(static_cast<double>(first));
     for (Count r = first + 1; r < last; ++r) {
@@ -177,7 +178,12 @@ struct Rows {
       place = size > largest ? all<Pack>(static_cast<double>(r)) : place;
       largest = size > largest ? size : largest;
     }
-    if (!moves(place, first)) return place;
+    return place;
+  }
+
+  /// Puts it there.
+  void exchange_rows(const Pack& place, Count first, Count last, Count column, Count columns,
+                     PivotSums& found) const {
     for (Count r = first + 1; r < last; ++r) {
       const Bits mask = equal(place, static_cast<double>(r));
       if (!any(mask)) continue;
@@ -185,6 +191,12 @@ struct Rows {
       if (loads != nullptr) exchange(mask, *loads[first], *loads[r]);
       found.turn(mask);
     }
+  }
+
+  /// Both.
+  Pack choose(Count first, Count last, Count column, Count columns, PivotSums& found) const {
+    const Pack place = choice(first, last, column);
+    if (moves(place, first)) exchange_rows(place, first, last, column, columns, found);
     return place;
   }
 };
@@ -209,22 +221,28 @@ inline Count table_columns(Count band) { return band + 2 + border + 1; }
 /// Columns of a row of the window: its own, and those that rows exchanged with it have beyond.
 inline Count window_columns(Count band) { return 3 * band + 1; }
 /// What is kept of a pivot, one after the other: so many entries of its row with a load, by what it
-/// is multiplied and taken from each row below, which row came first, and the pivot's number in the
-/// solution of the transposed equations.
+/// is multiplied and taken from each row below, which row came first with its last entry, and the
+/// pivot's number in the solution of the transposed equations.
 struct KeptPivot {
   Lanes* row;
   Count columns, rows;
 
-  void keep(const Lanes* pivot, const Lanes& load, const Pack& place, const Lanes* by,
+  /// Takes the row up to an entry, beyond which it is 0.
+  void keep(const Lanes* pivot, Count last, const Lanes& load, const Pack& place, const Lanes* by,
             Count below) const {
-    for (Count c = 0; c < columns; ++c) row[c] = pivot[c];
+    for (Count c = 0; c <= last; ++c) row[c] = pivot[c];
     row[columns] = load;
     for (Count r = 0; r < below; ++r) row[columns + 1 + r] = by[r];
-    row[columns + 1 + rows].re = place;
+    row[columns + 1 + rows] = {place, all<Pack>(static_cast<double>(last))};
   }
   const Lanes& load() const { return row[columns]; }
   Lanes* factors() const { return row + columns + 1; }
-  Pack& place() const { return row[columns + 1 + rows].re; }
+  const Pack& place() const { return row[columns + 1 + rows].re; }
+  Count last() const {
+    double number;
+    std::memcpy(&number, &row[columns + 1 + rows].im, sizeof number);
+    return static_cast<Count>(number);
+  }
   Lanes& left() const { return row[columns + 2 + rows]; }
   static Count numbers(Count columns, Count rows) { return columns + rows + 3; }
 };
@@ -388,7 +406,6 @@ struct Elimination {
       Number* const to = begins[place];
       const Count high = i + band < size ? i + band : size - 1, low = i > band ? i - band : 0;
       for (Count j = high; j >= low; --j) to[i + band - j] = at(panel, i, j);
-      for (Count c = i + band - low + 1; c < stride; ++c) to[c] = Number{};
       for (Count c = 0; c < loads; ++c) to[stride + c] = number(load.next(), Number{});
     };
     const auto take_from_pivot = [&] {
@@ -398,17 +415,27 @@ struct Elimination {
       }
     };
     Count top = size - 1, filled = 0;
+    Count lowest = size;               // column that rows exchanged so far may reach
+    const auto reach = [&](Count r) {  // the last entry of a row that is known, others being 0
+      const Count own = r + band < top ? r + band : top, before = top - lowest;
+      return own > before ? own : before;
+    };
     if (many > 0) {
       for (Count r = 0; r <= band; ++r) {
         begins[r] = window + r * (stride + loads);
         fill(r, top - r);
       }
-      Count lowest = size;  // column that rows exchanged so far may reach
       const Rows<Number> candidates{rows, loads > 0 ? charges : nullptr};
       for (Count step = 0;; --top) {
         take_from_pivot();
-        const Pack first = candidates.choose(0, band + 1, 0, wide, found);
-        if (moves(first, 0)) lowest = top - 2 * band;
+        const Pack first = candidates.choice(0, band + 1, 0);
+        if (moves(first, 0)) {
+          for (Count r = 0; r <= band; ++r) {  // what no row has reached so far
+            for (Count c = reach(r) + 1; c < wide; ++c) rows[r][c] = Number{};
+          }
+          candidates.exchange_rows(first, 0, band + 1, 0, wide, found);
+          lowest = top - 2 * band;
+        }
         const Count last = top - lowest > band ? top - lowest : band;
         const Number* const pivot = rows[0];
         const Number share = inverse(pivot[0]);
@@ -421,7 +448,7 @@ struct Elimination {
           }
         }
         if constexpr (loads > 0) {
-          kept->window(step).keep(pivot, charges[0][0], first, factors, band);
+          kept->window(step).keep(pivot, last, charges[0][0], first, factors, band);
         }
         Number* const free = begins[0];
         for (Count r = 0; r < band; ++r) begins[r] = begins[r + 1];
@@ -451,7 +478,7 @@ struct Elimination {
       Number* const row = all_rows[r];
       for (Count c = 0; c < columns; ++c) row[c] = Number{};
       if (r < filled) {
-        for (Count c = 0; c < wide && c <= top; ++c) row[place(top - c)] = rows[r][c];
+        for (Count c = 0; c <= reach(r) && c <= top; ++c) row[place(top - c)] = rows[r][c];
         for (Count c = 0; c < loads; ++c) row[loaded + c] = charges[r][c];
       } else if (r <= top) {
         const Count own = top - r;
@@ -486,7 +513,7 @@ struct Elimination {
         for (Count k = c + 1; k < columns; ++k) row[k] = less_product(row[k], factor, pivot[k]);
       }
       if constexpr (loads > 0) {
-        kept->table(c).keep(pivot, pivot[loaded], first, factors, last - c - 1);
+        kept->table(c).keep(pivot, loaded - 1, pivot[loaded], first, factors, last - c - 1);
       }
     }
     for (Count r = 0; r < 2; ++r) {
@@ -589,7 +616,7 @@ void solve_right(const EliminationModel& model, const EntryPowers& lambda, const
     PanelMotion& motion = motions[p];
     Lanes* const x = motion.amplitudes;
     const KeptPanel& kept = scratch.kept[p];
-    const Count band = model.band, wide = 2 * band + 1, many = windowed(panel.size, band);
+    const Count band = model.band, many = windowed(panel.size, band);
     const Count curvatures = kept.curvatures;
     x[0] = start[0];
     x[1] = start[1];
@@ -601,8 +628,10 @@ void solve_right(const EliminationModel& model, const EntryPowers& lambda, const
       const KeptPivot pivot = kept.table(c);
       const Lanes* const row = pivot.row;
       Lanes sum = pivot.load() * size;
-      for (Count k = c + 1; k < curvatures + 2; ++k) sum = sum - row[k] * place_of(k);
-      for (Count k = 0; k < 4; ++k) sum = sum - row[curvatures + start_shape + k] * start[k];
+      for (Count k = c + 1; k < curvatures + 2; ++k) sum = less_product(sum, row[k], place_of(k));
+      for (Count k = 0; k < 4; ++k) {
+        sum = less_product(sum, row[curvatures + start_shape + k], start[k]);
+      }
       place_of(c) = sum * inverse(not_zero(row[c]));
     }
     for (Count step = many - 1; step >= 0; --step) {
@@ -610,7 +639,8 @@ void solve_right(const EliminationModel& model, const EntryPowers& lambda, const
       const Lanes* const row = pivot.row;
       const Count own = panel.size - 1 - step;
       Lanes sum = pivot.load() * size;
-      for (Count c = 1; c < wide && c <= own; ++c) sum = sum - row[c] * x[own - c];
+      const Count end = pivot.last();
+      for (Count c = 1; c <= end && c <= own; ++c) sum = less_product(sum, row[c], x[own - c]);
       x[own] = sum * inverse(not_zero(row[0]));
     }
     if (p + 1 == model.count) break;
@@ -648,7 +678,7 @@ Pack solve_transposed(const EliminationModel& model, const EntryPowers& lambda, 
   for (Count p = model.count - 1; p >= 0; --p) {
     const EliminationPanel& panel = model.panels[p];
     KeptPanel& kept = scratch.kept[p];
-    const Count band = model.band, wide = 2 * band + 1, many = windowed(panel.size, band);
+    const Count band = model.band, many = windowed(panel.size, band);
     into_panel(panel, length_beyond(model, p), lambda, start);
     for (Count place = 0; place < 2; ++place) {
       if (!(place == 0 ? panel.held : panel.directed)) continue;
@@ -678,7 +708,8 @@ Pack solve_transposed(const EliminationModel& model, const EntryPowers& lambda, 
       const KeptPivot pivot = kept.window(step);
       const Count own = panel.size - 1 - step;
       const Lanes left = pivot.left() = rest[step] * inverse(not_zero(pivot.row[0]));
-      for (Count c = 1; c < wide && c <= own; ++c) {
+      const Count end = pivot.last();
+      for (Count c = 1; c <= end && c <= own; ++c) {
         Lanes& of = rest[place_of(own - c)];
         of = less_product(of, pivot.row[c], left);
       }

@@ -254,26 +254,32 @@ Approximations expected(const Approximations& roots, double further, Complex del
   return result;
 }
 
-Approximations without_symmetry(const Approximations& starts) {
-  Approximations roots;
-  for (const Approximation& start : starts) {
-    const auto [value, alone, settled] = std::tie(start.value, start.alone, start.settled);
-    const double shift = 1e-3 * static_cast<double>(roots.size() % 7 + 1);
-    if (settled || (!alone && std::abs(value.imag()) >= near_axis * magnitude(value))) {
-      roots.push_back(start);
+namespace {
+
+/// Moves approximations near the real axis off their symmetry about it: a root that is corrected
+/// together with its conjugate never turns into two real ones, nor a real one into a complex.
+/// which: of these, from their starts; then those that stand for them.
+void break_symmetry(const Approximations& starts, Approximations& roots,
+                    std::vector<std::size_t>& which) {
+  for (std::size_t i = 0, count = which.size(); i < count; ++i) {
+    const Approximation& start = starts[which[i]];
+    const auto [value, alone] = std::tie(start.value, start.alone);
+    if (!alone && std::abs(value.imag()) >= near_axis * magnitude(value)) {
+      roots[which[i]] = start;
       continue;
     }
-    roots.push_back({value * Complex(1.0 + shift, 3.0 * shift), true});
-    if (!alone) roots.push_back({std::conj(value) * Complex(1.0 - shift, 2.0 * shift), true});
+    const double shift = 1e-3 * static_cast<double>(i % 7 + 1);
+    roots[which[i]] = {value * Complex(1.0 + shift, 3.0 * shift), true};
+    if (alone) continue;
+    which.push_back(roots.size());
+    roots.push_back({std::conj(value) * Complex(1.0 - shift, 2.0 * shift), true});
   }
-  return roots;
 }
 
-bool correct(const Determinant& of, double u, Approximations& roots, int most) {
-  std::vector<std::size_t> active;
-  for (std::size_t k = 0; k < roots.size(); ++k) {
-    if (!roots[k].settled) active.push_back(k);
-  }
+/// Corrects those that are active, which then are those that are not as good as rounding lets them.
+/// Whether corrections are finite.
+bool correct_active(const Determinant& of, double u, Approximations& roots,
+                    std::vector<std::size_t>& active, int most) {
   std::vector<double> last(roots.size(), infinite);  // corrections, relative
   std::vector<bool> shifted(roots.size(), false);
   for (int step = 0; step < most && !active.empty(); ++step) {
@@ -302,7 +308,22 @@ bool correct(const Determinant& of, double u, Approximations& roots, int most) {
     }
     active = std::move(moving);
   }
-  return active.empty();
+  return true;
+}
+
+}  // namespace
+
+bool correct(const Determinant& of, double u, Approximations& roots, int most) {
+  const Approximations starts = roots;
+  std::vector<std::size_t> active;
+  for (std::size_t k = 0; k < roots.size(); ++k) {
+    if (!roots[k].settled) active.push_back(k);
+  }
+  const std::vector<std::size_t> every = active;
+  if (!correct_active(of, u, roots, active, most)) active = every;
+  if (active.empty()) return true;
+  break_symmetry(starts, roots, active);
+  return correct_active(of, u, roots, active, 2 * most) && active.empty();
 }
 
 bool has_all(const Determinant& of, double u, const Approximations& roots) {

@@ -68,11 +68,9 @@ void join_conjugates(Approximations& roots);
 /// where roots come in conjugate pairs.
 Approximations expected(const Approximations& roots, double further, Complex delta, bool paired);
 
-/// Starts near the real axis moved off their symmetry about it: a root that is corrected together
-/// with its conjugate never turns into two real ones, nor a real one into a complex.
-Approximations without_symmetry(const Approximations& starts);
-
-/// Ehrlich's and Aberth's corrections of all roots until each is as good as rounding lets it.
+/// Ehrlich's and Aberth's corrections of all roots until each is as good as rounding lets it. Those
+/// that are not after so many begin again beside the real axis, about which they may have been held
+/// by symmetry, with twice as many. Whether all are then.
 bool correct(const Determinant& of, double u, Approximations& roots, int most = most_corrections);
 
 /// Whether no root is missing, and none in place of another: of all roots what is left of the

@@ -290,11 +290,7 @@ std::optional<Pairs> Structured::from_known(double u, Index count, bool vectors,
   const double middle = 0.5 * (near->u + u);
   const Approximations starts =
       expected(near->roots, u - near->u, traits.cluster(), !traits.lossy());
-  for (const bool moved : {false, true}) {
-    auto found = from(moved ? without_symmetry(starts) : starts, u, count, vectors,
-                      moved ? 2 * near->most : near->most);
-    if (found) return found;
-  }
+  if (auto found = from(starts, u, count, vectors, near->most)) return found;
   if (halvings == 0 || near->u == u || !from_known(middle, count, false, halvings - 1)) return {};
   return from_known(u, count, vectors, halvings - 1);
 }
@@ -325,11 +321,7 @@ std::optional<Pairs> Structured::by_recursion(double u, Index count, bool vector
         correct(*of_->coarser(finer), u, starts);
       }
     }
-    for (const bool moved : {false, true}) {
-      auto found =
-          from(moved ? without_symmetry(starts) : starts, u, count, vectors, most_corrections);
-      if (found) return found;
-    }
+    if (auto found = from(starts, u, count, vectors, most_corrections)) return found;
     if (own) return std::nullopt;
   }
 }
@@ -405,30 +397,24 @@ std::optional<Sample> Structured::near(double u, const Sample& from) {
     if (paired && value.imag() < 0.0) continue;
     last.push_back({value, !paired || value.imag() == 0.0, value == 0.0, from.slopes[i]});
   }
-  const Approximations starts = expected(last, u - from.u, traits.cluster(), paired);
+  Approximations roots = expected(last, u - from.u, traits.cluster(), paired);
   ++factorised_;
-  for (const bool moved : {false, true}) {
-    Approximations roots = moved ? without_symmetry(starts) : starts;
-    if (!correct(*of_, u, roots, moved ? 2 * most_near : most_near)) continue;
-    auto found = with_conjugates(polished(u, roots, false), roots, from.size(), paired);
-    if (!found || found->size() != from.size()) continue;
-    bool good = true;
-    for (Index i = 0; i < found->size(); ++i) {
-      good = good && has_converged(found->values[i], found->residual[i]);
-      for (Index k = 0; k < i; ++k) {
-        const double apart = magnitude(found->values[i] - found->values[k]);
-        good = good && apart > found->uncertain[i] + found->uncertain[k];
-      }
+  if (!correct(*of_, u, roots, most_near)) return {};
+  auto found = with_conjugates(polished(u, roots, false), roots, from.size(), paired);
+  if (!found || found->size() != from.size()) return {};
+  for (Index i = 0; i < found->size(); ++i) {
+    if (!has_converged(found->values[i], found->residual[i])) return {};
+    for (Index k = 0; k < i; ++k) {
+      const double apart = magnitude(found->values[i] - found->values[k]);
+      if (!(apart > found->uncertain[i] + found->uncertain[k])) return {};
     }
-    if (!good) continue;
-    for (Complex& slope : found->slopes) {
-      if (!std::isfinite(std::norm(slope))) slope = 0.0;
-    }
-    found->noise = rounding(*found);
-    found->slope_noise = found->signatures = Reals::Zero(found->size());
-    return Sample{std::move(*found), u};
   }
-  return {};
+  for (Complex& slope : found->slopes) {
+    if (!std::isfinite(std::norm(slope))) slope = 0.0;
+  }
+  found->noise = rounding(*found);
+  found->slope_noise = found->signatures = Reals::Zero(found->size());
+  return Sample{std::move(*found), u};
 }
 
 Pair Structured::refined(double u, const Pair& guess) {

@@ -225,16 +225,15 @@ class Continuation(ABC):
         A step ends where an entry of z passes one of the marks, pairs of its index and a value.
         """
         marked = tuple(marks)
-        ahead: Callable[[float], Array] | None = None
         while True:
-            segment, step = self.next(start, step, ahead)
+            segment, step = self.next(start, step)
             z, end = start.z, segment.end.z
             passed = [(i, v) for i, v in marked if (v - z[i]) * (end[i] - v) > 0.0]
             if passed:
                 cut = min((segment.where(v, i) for i, v in passed), key=segment.reach)
                 segment = replace(segment, end=self.point(cut, start.tangent))
             yield segment
-            start, ahead = segment.end, segment.ahead
+            start = segment.end
 
 
 @saved_as("StepAlongBranch", shapes={"n": "begin.z end.z problem.weights"})
