@@ -22,9 +22,8 @@ constexpr double bent = -0.28867513459481287;
 constexpr double end_shape[4] = {1.0, 1.0, 0.5, bent}, end_slope[4] = {0.0, 1.0, 1.0, 0.0};
 /// Functions whose end moves.
 constexpr Count moving = 4;
-/// Places of a panel's border, counted from its Q: M and, of its start, w, theta, Q and M.
-enum Border : Count { end_force, end_moment, start_shape, start_slope, start_force, start_moment };
-constexpr Count border = 6;
+/// What a panel's functions leave in equations: w, theta, Q and M at its start.
+constexpr Count border = 4;
 
 /// What entries of P take of lambda.
 struct EntryPowers {
@@ -209,15 +208,38 @@ inline void put_back(const Pack& place, Lanes* rows, Count first, Count last) {
   }
 }
 
+/// Whether anything acts at a station.
+inline bool acts_on(const PencilEntry (&station)[2][2]) {
+  for (const auto& row : station) {
+    for (const PencilEntry& of : row) {
+      if (of.still != 0.0 || of.loss != 0.0 || of.rate != 0.0 || of.square != 0.0) return true;
+    }
+  }
+  return false;
+}
+
+/// Number of unknown forces at a panel's end, with equations of their own: none where it is free.
+inline Count forces_at_end(const EliminationModel& model, Count p) {
+  const EliminationPanel& panel = model.panels[p];
+  const bool free = p + 1 == model.count && !panel.held && !panel.directed;
+  return free && !acts_on(panel.station) ? 0 : 2;
+}
 /// How many functions of a panel are eliminated in a moving window of rows, before the others and
 /// what is carried are in one table.
-inline Count windowed(Count size, Count band) {
-  const Count most = size - band - moving;
+inline Count windowed(Count size, Count band, Count forces) {
+  const Count most = size - band - (forces > 0 ? moving : 2);
   return most > 0 ? most : 0;
 }
 /// Rows and columns of that table, at most.
 inline Count table_rows(Count band) { return band + moving + 2; }
-inline Count table_columns(Count band) { return band + 2 + border + 1; }
+inline Count table_columns(Count band) { return band + 4 + border + 1; }
+/// Beyond the last row of the table with an entry in a column. What is carried acts on the
+/// functions that move the end, the last.
+inline Count rows_below(Count column, Count band, Count curvatures, Count forces) {
+  const Count top = curvatures + 1, count = top + 1 + forces;
+  const bool carried = forces > 0 && column + moving > top;
+  return carried || column + band >= top ? count : column + band + 1;
+}
 /// Columns of a row of the window: its own, and those that rows exchanged with it have beyond.
 inline Count window_columns(Count band) { return 3 * band + 1; }
 /// What is kept of a pivot, one after the other: so many entries of its row with a load, by what it
@@ -258,7 +280,7 @@ struct KeptJoint {
 /// are multiplied.
 struct KeptPanel {
   Lanes *windows, *tables;
-  Count band, curvatures;
+  Count band, forces, curvatures;
   KeptJoint holds[2];
   Lanes ends[2][2];
   Pack shares[2];
@@ -268,11 +290,11 @@ struct KeptPanel {
     return {windows + step * KeptPivot::numbers(columns, band), columns, band};
   }
   KeptPivot table(Count step) const {
-    const Count columns = curvatures + border, rows = curvatures + 4;
+    const Count columns = curvatures + forces + border, rows = curvatures + forces + 2;
     return {tables + step * KeptPivot::numbers(columns, rows), columns, rows};
   }
-  static Count window_numbers(Count size, Count band) {
-    return windowed(size, band) * KeptPivot::numbers(2 * band + 1, band);
+  static Count window_numbers(Count size, Count band, Count forces) {
+    return windowed(size, band, forces) * KeptPivot::numbers(2 * band + 1, band);
   }
   static Count table_numbers(Count band) {
     return table_rows(band) * KeptPivot::numbers(table_columns(band) - 1, table_rows(band));
@@ -338,8 +360,9 @@ struct Elimination {
 
   /// Into the units of the panel that ends there, past what acts there and holds it. kept: where
   /// what is kept goes, or none.
-  void join(const EliminationPanel& panel, double length_beyond, KeptPanel* kept) {
-    for (auto& row : carried) into_panel(panel, length_beyond, lambda, row);
+  void join(Count p, KeptPanel* kept) {
+    const EliminationPanel& panel = model.panels[p];
+    for (auto& row : carried) into_panel(panel, length_beyond(model, p), lambda, row);
     if (panel.held) hold(0, kept);
     if (panel.directed) hold(1, kept);
   }
@@ -396,9 +419,12 @@ struct Elimination {
   static Number constant(const Lanes& x) { return constant_of(x, Number{}); }
 
   /// Eliminates a panel. kept: where what is kept goes, or none.
-  void pass(const EliminationPanel& panel, KeptPanel* kept) {
+  void pass(Count p, KeptPanel* kept) {
+    const EliminationPanel& panel = model.panels[p];
+    const Count forces = forces_at_end(model, p);
+    if (forces > 0) join(p, kept);
     const Count band = model.band, wide = 2 * band + 1, size = panel.size;
-    const Count many = windowed(size, band), stride = window_columns(band);
+    const Count many = windowed(size, band, forces), stride = window_columns(band);
     // Row i of P begins with column i + band, and is taken from the column of the pivot on.
     Number *begins[widest + 1], *rows[widest + 1], *charges[widest + 1];
     Number factors[widest + moving + 1];
@@ -460,9 +486,10 @@ struct Elimination {
       filled = band;
       take_from_pivot();
     }
-    const Count curvatures = top - 1, loaded = curvatures + border, count = curvatures + 4;
-    const Count columns = loaded + loads;
+    const Count curvatures = top - 1, pivots = curvatures + forces, count = pivots + 2;
+    const Count loaded = pivots + border, columns = loaded + loads;
     if constexpr (loads > 0) {
+      kept->forces = forces;
       kept->curvatures = curvatures;
       for (Count r = 0; r < 2; ++r) {
         for (Count c = 0; c < 2; ++c) kept->ends[r][c] = carried[r][c];
@@ -471,9 +498,7 @@ struct Elimination {
     Number* table_rows[widest + moving + 2];
     for (Count r = 0; r < count; ++r) table_rows[r] = table + r * columns;
     const Rows<Number> all_rows{table_rows};
-    const auto place = [&](Count column) {
-      return column >= 2 ? top - column : curvatures + start_shape + column;
-    };
+    const auto place = [&](Count column) { return column >= 2 ? top - column : pivots + column; };
     for (Count r = 0; r < count; ++r) {
       Number* const row = all_rows[r];
       for (Count c = 0; c < columns; ++c) row[c] = Number{};
@@ -484,25 +509,24 @@ struct Elimination {
         const Count own = top - r;
         const Count low = own > band ? own - band : 0, high = own + band < top ? own + band : top;
         for (Count c = low; c <= high; ++c) row[place(c)] = at(panel, own, c);
-        if (own < moving) {
-          row[curvatures + end_force] = number(end_shape[own], Number{});
-          row[curvatures + end_moment] = number(end_slope[own], Number{});
+        if (own < moving && forces > 0) {
+          row[curvatures] = number(end_shape[own], Number{});
+          row[curvatures + 1] = number(end_slope[own], Number{});
         }
-        if (own < 2) row[curvatures + start_force + own] = number(-1.0, Number{});
+        if (own < 2) row[pivots + 2 + own] = number(-1.0, Number{});
         for (Count c = 0; c < loads; ++c) row[loaded + c] = number(load.next(), Number{});
       } else {
         const Number* const by = carried[r - top - 1];
         for (Count c = 0; c < moving && c <= top; ++c) {
           row[place(c)] = end_shape[c] * by[0] + end_slope[c] * by[1];
         }
-        row[curvatures + end_force] = by[2];
-        row[curvatures + end_moment] = by[3];
+        row[curvatures] = by[2];
+        row[curvatures + 1] = by[3];
         for (Count c = 0; c < loads; ++c) row[loaded + c] = by[4 + c];
       }
     }
-    for (Count c = 0; c < curvatures + 2; ++c) {
-      // What is carried acts on the functions that move the end, the last.
-      const Count last = c + moving <= top && c + band < top ? c + band + 1 : count;
+    for (Count c = 0; c < pivots; ++c) {
+      const Count last = rows_below(c, band, curvatures, forces);
       const Pack first = all_rows.choose(c, last, c, columns, found);
       const Number* const pivot = all_rows[c];
       const Number share = inverse(pivot[c]);
@@ -517,7 +541,7 @@ struct Elimination {
       }
     }
     for (Count r = 0; r < 2; ++r) {
-      const Number* const rest = all_rows[count - 2 + r] + curvatures + start_shape;
+      const Number* const rest = all_rows[pivots + r] + pivots;
       for (Count c = 0; c < 4 + loads; ++c) carried[r][c] = rest[c];
       const Pack share = scale(r);
       if constexpr (loads > 0) kept->shares[r] = share;
@@ -566,10 +590,7 @@ void log_derivative(const EliminationModel& model, const Points& points, double*
                                        table,
                                        {}};
     elimination.start();
-    for (Count p = model.count - 1; p >= 0; --p) {
-      elimination.join(model.panels[p], length_beyond(model, p), nullptr);
-      elimination.pass(model.panels[p], nullptr);
-    }
+    for (Count p = model.count - 1; p >= 0; --p) elimination.pass(p, nullptr);
     DualLanes last[2][2];
     elimination.end(last, nullptr);
     const Lanes others = poles(points, elimination.lambda.one);
@@ -616,22 +637,20 @@ void solve_right(const EliminationModel& model, const EntryPowers& lambda, const
     PanelMotion& motion = motions[p];
     Lanes* const x = motion.amplitudes;
     const KeptPanel& kept = scratch.kept[p];
-    const Count band = model.band, many = windowed(panel.size, band);
-    const Count curvatures = kept.curvatures;
+    const Count many = windowed(panel.size, model.band, kept.forces);
+    const Count curvatures = kept.curvatures, pivots = curvatures + kept.forces;
     x[0] = start[0];
     x[1] = start[1];
     const auto place_of = [&](Count c) -> Lanes& {  // of a column before the start's
       if (c < curvatures) return x[curvatures + 1 - c];
-      return c == curvatures + end_force ? motion.force : motion.moment;
+      return c == curvatures ? motion.force : motion.moment;
     };
-    for (Count c = curvatures + 1; c >= 0; --c) {
+    for (Count c = pivots - 1; c >= 0; --c) {
       const KeptPivot pivot = kept.table(c);
       const Lanes* const row = pivot.row;
       Lanes sum = pivot.load() * size;
-      for (Count k = c + 1; k < curvatures + 2; ++k) sum = less_product(sum, row[k], place_of(k));
-      for (Count k = 0; k < 4; ++k) {
-        sum = less_product(sum, row[curvatures + start_shape + k], start[k]);
-      }
+      for (Count k = c + 1; k < pivots; ++k) sum = less_product(sum, row[k], place_of(k));
+      for (Count k = 0; k < border; ++k) sum = less_product(sum, row[pivots + k], start[k]);
       place_of(c) = sum * inverse(not_zero(row[c]));
     }
     for (Count step = many - 1; step >= 0; --step) {
@@ -643,6 +662,7 @@ void solve_right(const EliminationModel& model, const EntryPowers& lambda, const
       for (Count c = 1; c <= end && c <= own; ++c) sum = less_product(sum, row[c], x[own - c]);
       x[own] = sum * inverse(not_zero(row[0]));
     }
+    if (kept.forces == 0) motion.force = motion.moment = Lanes{};
     if (p + 1 == model.count) break;
     const double ratio = panel.length / model.panels[p + 1].length;
     Lanes end[2], forces[2] = {motion.force, motion.moment};
@@ -678,7 +698,7 @@ Pack solve_transposed(const EliminationModel& model, const EntryPowers& lambda, 
   for (Count p = model.count - 1; p >= 0; --p) {
     const EliminationPanel& panel = model.panels[p];
     KeptPanel& kept = scratch.kept[p];
-    const Count band = model.band, many = windowed(panel.size, band);
+    const Count many = windowed(panel.size, model.band, kept.forces);
     into_panel(panel, length_beyond(model, p), lambda, start);
     for (Count place = 0; place < 2; ++place) {
       if (!(place == 0 ? panel.held : panel.directed)) continue;
@@ -691,37 +711,36 @@ Pack solve_transposed(const EliminationModel& model, const EntryPowers& lambda, 
       start[place] = start[force] = Lanes{};
     }
     // Columns as those of the window, of falling degree, and then as those of the table.
-    const Count curvatures = kept.curvatures, first = many, border_first = many + curvatures;
-    const auto place_of = [&](Count function) {
-      return function >= 2 ? panel.size - 1 - function : border_first + start_shape + function;
+    const Count pivots = kept.curvatures + kept.forces;
+    Lanes *const in_table = rest + many, *const at_start = in_table + pivots;
+    const auto column_of = [&](Count function) {
+      return function >= 2 ? rest + (panel.size - 1 - function) : at_start + function;
     };
     for (Count k = panel.size - 1; k >= 0; --k) {
-      Lanes& of = rest[place_of(k)];
+      Lanes& of = *column_of(k);
       of = {all<Pack>(load.next()), Pack{}};
       if (k < moving) of = of + end_shape[k] * start[0] + end_slope[k] * start[1];
     }
-    for (Count k = 0; k < 2; ++k) {
-      rest[border_first + end_force + k] = start[2 + k];
-      rest[border_first + start_force + k] = Lanes{};
-    }
+    for (Count k = 0; k < kept.forces; ++k) in_table[kept.curvatures + k] = start[2 + k];
+    at_start[2] = at_start[3] = Lanes{};
     for (Count step = 0; step < many; ++step) {
       const KeptPivot pivot = kept.window(step);
       const Count own = panel.size - 1 - step;
       const Lanes left = pivot.left() = rest[step] * inverse(not_zero(pivot.row[0]));
       const Count end = pivot.last();
       for (Count c = 1; c <= end && c <= own; ++c) {
-        Lanes& of = rest[place_of(own - c)];
+        Lanes& of = *column_of(own - c);
         of = less_product(of, pivot.row[c], left);
       }
     }
-    for (Count c = 0; c < curvatures + 2; ++c) {
+    for (Count c = 0; c < pivots; ++c) {
       const KeptPivot pivot = kept.table(c);
-      const Lanes left = pivot.left() = rest[first + c] * inverse(not_zero(pivot.row[c]));
+      const Lanes left = pivot.left() = in_table[c] * inverse(not_zero(pivot.row[c]));
       for (Count k = c + 1; k < pivot.columns; ++k) {
-        rest[first + k] = less_product(rest[first + k], pivot.row[k], left);
+        in_table[k] = less_product(in_table[k], pivot.row[k], left);
       }
     }
-    for (Count k = 0; k < 4; ++k) start[k] = rest[border_first + start_shape + k];
+    for (Count k = 0; k < border; ++k) start[k] = at_start[k];
   }
   const double spring = model.turns ? model.root * model.panels[0].length : 0.0;
   const Lanes other = model.turns ? start[1] - spring * start[3] : start[3];
@@ -744,23 +763,24 @@ void solve_left(const EliminationModel& model, const EntryPowers& lambda, Root& 
     const EliminationPanel& panel = model.panels[p];
     const KeptPanel& kept = scratch.kept[p];
     PanelMotion& motion = scratch.left[p];
-    const Count band = model.band, many = windowed(panel.size, band);
-    const Count curvatures = kept.curvatures, count = curvatures + 4, top = curvatures + 1;
+    const Count band = model.band, many = windowed(panel.size, band, kept.forces);
+    const Count curvatures = kept.curvatures, top = curvatures + 1;
+    const Count pivots = curvatures + kept.forces;
     Lanes* const rows = scratch.columns;
     const auto set = [&](Count function, const Lanes& y) {
       motion.amplitudes[function] = panel.length * y;
     };
-    for (Count r = 0; r < 2; ++r) rows[count - 2 + r] = Lanes{kept.shares[r], Pack{}} * both[r];
-    for (Count c = curvatures + 1; c >= 0; --c) {
+    for (Count r = 0; r < 2; ++r) rows[pivots + r] = Lanes{kept.shares[r], Pack{}} * both[r];
+    for (Count c = pivots - 1; c >= 0; --c) {
       const KeptPivot pivot = kept.table(c);
-      const Count last = c + moving <= top && c + band < top ? c + band + 1 : count;
+      const Count last = rows_below(c, band, curvatures, kept.forces);
       rows[c] = pivot.left() * size;
       for (Count r = c + 1; r < last; ++r) {
         rows[c] = less_product(rows[c], pivot.factors()[r - c - 1], rows[r]);
       }
       put_back(pivot.place(), rows, c, last);
     }
-    for (Count r = 0; r < 2; ++r) both[r] = rows[count - 2 + r];
+    for (Count r = 0; r < 2; ++r) both[r] = rows[pivots + r];
     const Count filled = many > 0 ? band : 0;
     for (Count r = filled; r <= top; ++r) set(top - r, rows[r]);
     for (Count step = many - 1; step >= 0; --step) {
@@ -776,6 +796,7 @@ void solve_left(const EliminationModel& model, const EntryPowers& lambda, Root& 
     }
     for (Count r = 0; many > 0 && r < band; ++r) set(panel.size - 1 - r, rows[r]);
     motion.force = motion.moment = Lanes{};
+    if (kept.forces == 0) break;
     for (Count r = 0; r < 2; ++r) {
       motion.force += panel.length * (both[r] * kept.ends[r][0]);
       motion.moment += panel.length * (both[r] * kept.ends[r][1]);
@@ -797,10 +818,7 @@ void null_vectors(const EliminationModel& model, const EntryPowers& lambda,
                   const VectorScratch& scratch) {
   Elimination<Lanes> elimination{model, lambda, {}, scratch.window, scratch.table, {}};
   elimination.start();
-  for (Count p = model.count - 1; p >= 0; --p) {
-    elimination.join(model.panels[p], length_beyond(model, p), &scratch.kept[p]);
-    elimination.pass(model.panels[p], &scratch.kept[p]);
-  }
+  for (Count p = model.count - 1; p >= 0; --p) elimination.pass(p, &scratch.kept[p]);
   Root root;
   elimination.end(root.last, &root.kept);
   solve_right(model, lambda, root, scratch);
@@ -828,7 +846,7 @@ void pairs(const EliminationModel& model, const Points& points, const PairsAsked
   for (Count p = 0; p < model.count; ++p) {
     const Count size = model.panels[p].size;
     numbers += size;
-    in_windows += KeptPanel::window_numbers(size, band);
+    in_windows += KeptPanel::window_numbers(size, band, forces_at_end(model, p));
     largest = size > largest ? size : largest;
   }
   const Count in_tables = model.count * KeptPanel::table_numbers(band);
@@ -840,7 +858,7 @@ void pairs(const EliminationModel& model, const Points& points, const PairsAsked
     Storage made{};
     made.of.window = layout.take<Lanes>((band + 1) * (window_columns(band) + 1));
     made.of.table = layout.take<Lanes>(table_rows(band) * table_columns(band));
-    made.of.columns = layout.take<Lanes>(largest + border + table_rows(band));
+    made.of.columns = layout.take<Lanes>(largest + 2 + border + table_rows(band));
     made.of.kept = layout.take<KeptPanel>(model.count);
     made.of.right = layout.take<PanelMotion>(model.count);
     made.of.left = layout.take<PanelMotion>(model.count);
@@ -853,10 +871,10 @@ void pairs(const EliminationModel& model, const Points& points, const PairsAsked
   Lanes *windows = scratch.windows, *tables = scratch.tables, *x = scratch.right, *y = scratch.left;
   for (Count p = 0; p < model.count; ++p) {
     const Count size = model.panels[p].size;
-    scratch.of.kept[p] = {windows, tables, band, 0, {}, {}, {}};
+    scratch.of.kept[p] = {windows, tables, band, 0, 0, {}, {}, {}};
     scratch.of.right[p] = {x, {}, {}};
     scratch.of.left[p] = {y, {}, {}};
-    windows += KeptPanel::window_numbers(size, band);
+    windows += KeptPanel::window_numbers(size, band, forces_at_end(model, p));
     tables += KeptPanel::table_numbers(band);
     x += size;
     y += size;
