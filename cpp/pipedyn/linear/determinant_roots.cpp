@@ -258,16 +258,13 @@ namespace {
 
 /// Moves approximations near the real axis off their symmetry about it: a root that is corrected
 /// together with its conjugate never turns into two real ones, nor a real one into a complex.
-/// which: of these, from their starts; then those that stand for them.
+/// which: of these, from their starts; then those that stand for them. Others go on as they are.
 void break_symmetry(const Approximations& starts, Approximations& roots,
                     std::vector<std::size_t>& which) {
   for (std::size_t i = 0, count = which.size(); i < count; ++i) {
     const Approximation& start = starts[which[i]];
     const auto [value, alone] = std::tie(start.value, start.alone);
-    if (!alone && std::abs(value.imag()) >= near_axis * magnitude(value)) {
-      roots[which[i]] = start;
-      continue;
-    }
+    if (!alone && std::abs(value.imag()) >= near_axis * magnitude(value)) continue;
     const double shift = 1e-3 * static_cast<double>(i % 7 + 1);
     roots[which[i]] = {value * Complex(1.0 + shift, 3.0 * shift), true};
     if (alone) continue;

@@ -69,8 +69,8 @@ void join_conjugates(Approximations& roots);
 Approximations expected(const Approximations& roots, double further, Complex delta, bool paired);
 
 /// Ehrlich's and Aberth's corrections of all roots until each is as good as rounding lets it. Those
-/// that are not after so many begin again beside the real axis, about which they may have been held
-/// by symmetry, with twice as many. Whether all are then.
+/// that are not after so many have twice as many more, for which they begin again beside the real
+/// axis if they are near it, as symmetry may have held them. Whether all are then.
 bool correct(const Determinant& of, double u, Approximations& roots, int most = most_corrections);
 
 /// Whether no root is missing, and none in place of another: of all roots what is left of the
