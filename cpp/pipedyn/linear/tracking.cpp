@@ -275,6 +275,12 @@ void match(Step& step, const Step* last, const Roots& tracked, const Cluster& cl
     clustered[i] = cluster.holds(a) && cluster.holds(b);
     const double before = left.signatures[i], after = right.signatures[step.onto[i]];
     signature[i] = before != 0.0 && after != 0.0 ? static_cast<int>(3.0 * before + after) : 0;
+    // What took another's place has met it, though both curves turn back before they touch.
+    if (before * after < 0.0) extent[i] = infinite;
+    if (before * after > 0.0) {  // as far as tangents lead, see have_met
+      const double steepest = std::max(std::abs(step.start_slope(i)), std::abs(step.end_slope(i)));
+      extent[i] = std::max(extent[i], h * steepest);
+    }
   }
   Roots twins = conjugates(left);
   for (const Index i : known) {  // only what does the same in the other half plane
@@ -292,7 +298,8 @@ void match(Step& step, const Step* last, const Roots& tracked, const Cluster& cl
     return passing || (zero[i] && zero[k]) || (clustered[i] && clustered[k]);
   };
   // Two of opposite signatures leave the axis where they meet, and have met where either has taken
-  // the other's or its place: then they may have come back to it, too.
+  // the other's or its place: then they may have come back to it, too. So they may where each is
+  // where it was, but by their tangents they would have met within the step, on and back.
   const auto opposite = [&](Index i, Index k) {
     return signature[i] * signature[k] < 0 && step.start(i).imag() * step.start(k).imag() > 0.0;
   };
@@ -300,7 +307,10 @@ void match(Step& step, const Step* last, const Roots& tracked, const Cluster& cl
     if (!opposite(i, k)) return false;
     const double before = (step.start(i) - step.start(k)).imag();
     const double after = (step.end(i) - step.end(k)).imag();
-    return std::abs(signature[i]) == 2 || before * after < 0.0;
+    const double closing = (step.start_slope(k) - step.start_slope(i)).imag() / before;
+    const double opening = (step.end_slope(i) - step.end_slope(k)).imag() / after;
+    return std::abs(signature[i]) == 2 || before * after < 0.0 ||
+           std::min(closing, opening) * h > 1.0;
   };
   const auto is_near = [&](Index i, Index k) {
     if (have_met(i, k)) return true;
