@@ -13,14 +13,15 @@
 // first, with threshold pivoting, and two equations are left at its start:
 //   (P z)_i + w_i Q + theta_i M = 0 of each function, Q_a and M_a being what the panel resists by.
 // Of the first two functions w_i and theta_i are those of a rigid motion; they are 0 of degree 2
-// and beyond. The product of the pivots is det P but for a constant. Where the pipe is held, w or
-// theta is 0 and Q or M any.
+// and beyond. Beyond a free end nothing is carried. The product of the pivots is det P but for a
+// constant. Where the pipe is held, w or theta is 0 and Q or M any.
 //
 // A null vector is the first step of inverse iteration (Golub and Van Loan 2013, sec. 7.6): what
 // irregular loads of the order of 1, one on each function, move. They are eliminated as one more
 // column; were they put on the pivots' rows instead, a mode that is large far from the root alone,
 // as that of the last of many spans, would hardly be among what they excite. That of P^T is the
-// other.
+// first step with irregular loads on the functions, by the same factors: P = L U but for exchanges
+// of rows, so that U^T is solved from the tip to the root and L^T back.
 #pragma once
 
 #include <cstddef>
