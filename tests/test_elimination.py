@@ -101,6 +101,21 @@ def test_determinant_is_as_good_where_the_first_pivot_is_zero(pipe):
         np.testing.assert_allclose(found, log_derivative(model, u, value), rtol=1e-9)
 
 
+@pytest.mark.parametrize("pipe", PIPES.values(), ids=PIPES)
+def test_both_null_vectors_are_those_of_the_grid_s_matrices(pipe):
+    model = pp.Continuum(pipe).frozen(36 + 4 * len(pipe.supports))
+    for u in (0.0, 2.0, 9.0):
+        pairs = eigenproblem(model).spectrum().by_recursion(u, 12, True)
+        assert pairs is not None
+        mass, velocity, stiffness = matrices(model, u)
+        for value, x, y in zip(pairs.values, pairs.right.T, pairs.left.T, strict=True):
+            whole = value**2 * mass + value * velocity + stiffness
+            for vector, p in ((x, whole), (y, whole.conj().T)):
+                sizes = (abs(value) ** 2 * mass, abs(value) * velocity, stiffness)
+                size = sum(np.linalg.norm(one @ vector) for one in sizes)
+                assert np.linalg.norm(p @ vector) < 1e-11 * size
+
+
 @pytest.mark.parametrize("pipe", [PIPES["spans"], pp.Pipe(0.3, supports=SPANS)], ids=["heavy", ""])
 def test_vectors_hold_of_modes_that_move_the_last_span_alone(pipe):
     """Its own mode, 1e-5 as large at the root, is what loads there hardly excite."""

@@ -142,9 +142,11 @@ inline DualLanes less_product(const DualLanes& x, const DualLanes& a, const Dual
           less_product(less_product(x.slope, a.slope, b.value), a.value, b.slope)};
 }
 
-/// How many times larger another entry must be to be the pivot instead: then growth is bounded as
-/// with the largest, and fewer rows are exchanged (Duff, Erisman and Reid 1986, ch. 5).
-constexpr double threshold = 10.0;
+/// How many times larger another entry must be to be the pivot instead, in the window of a panel:
+/// growth is bounded as with the largest, and fewer rows are exchanged (Duff, Erisman and Reid
+/// 1986, ch. 5). Where panels join the largest is taken: else three panels lose four digits of
+/// vectors.
+constexpr double window_threshold = 10.0;
 
 /// Exchanges two numbers in the lanes of a mask.
 template <class Number>
@@ -169,7 +171,7 @@ struct Rows {
 
   /// Which of rows first to last - 1 has a large enough entry of a column to come first, in each
   /// lane.
-  Pack choice(Count first, Count last, Count column) const {
+  Pack choice(Count first, Count last, Count column, double threshold = 1.0) const {
     Pack largest = threshold * size_of(at[first][column]);
     Pack place = all<Pack>(static_cast<double>(first));
     for (Count r = first + 1; r < last; ++r) {
@@ -454,7 +456,7 @@ struct Elimination {
       const Rows<Number> candidates{rows, loads > 0 ? charges : nullptr};
       for (Count step = 0;; --top) {
         take_from_pivot();
-        const Pack first = candidates.choice(0, band + 1, 0);
+        const Pack first = candidates.choice(0, band + 1, 0, window_threshold);
         if (moves(first, 0)) {
           for (Count r = 0; r <= band; ++r) {  // what no row has reached so far
             for (Count c = reach(r) + 1; c < wide; ++c) rows[r][c] = Number{};
