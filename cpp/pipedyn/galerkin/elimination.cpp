@@ -182,7 +182,7 @@ struct Rows {
     return place;
   }
 
-  /// Puts it there.
+  /// Exchanges the first row with the one chosen to come first, in each lane.
   void exchange_rows(const Pack& place, Count first, Count last, Count column, Count columns,
                      PivotSums& found) const {
     for (Count r = first + 1; r < last; ++r) {
@@ -194,7 +194,7 @@ struct Rows {
     }
   }
 
-  /// Both.
+  /// Chooses the row with the largest entry of a column and puts it first.
   Pack choose(Count first, Count last, Count column, Count columns, PivotSums& found) const {
     const Pack place = choice(first, last, column);
     if (moves(place, first)) exchange_rows(place, first, last, column, columns, found);

@@ -61,10 +61,11 @@ Matrix slope_series(const Basis& basis, double low, double high) {
   return coefficient;
 }
 
-/// What slopes with these series are bounded by on the ellipse cosh(eta) of the complex plane.
+/// What bounds slopes with given Chebyshev series on Bernstein's ellipse, with the semi-axes
+/// cosh(eta) and sinh(eta) about the interval.
 struct Ellipse {
-  double eta, log_growth;
-  Vector sums;  // 2 sum_k sinh(k eta) c_ik, (m,)
+  double eta, log_growth;  // of the slope that grows most from the interval to the ellipse
+  Vector sums;             // 2 sum_k sinh(k eta) c_ik, (m,)
 };
 
 std::vector<Ellipse> ellipses_of(const Matrix& series) {

@@ -25,8 +25,8 @@ constexpr double outside = 1e-2;
 /// Least ratio of neighbouring roots' sizes through which a circle may pass: what is known of them
 /// is taken off, so that they may be near.
 constexpr double least_gap = 1.002;
-/// Roots at one speed are starts at another if so few corrections do, twice as many of starts that
-/// are moved off the real axis.
+/// Roots at one speed are starts at another if so few corrections do, and twice as many more of
+/// those that are not good then, see `correct`.
 constexpr int most_near = 8;
 /// The same of another model's, of which a few are far from this one's: those take their time.
 constexpr int most_assumed = 40;

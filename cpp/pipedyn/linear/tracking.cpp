@@ -298,8 +298,9 @@ void match(Step& step, const Step* last, const Roots& tracked, const Cluster& cl
     return passing || (zero[i] && zero[k]) || (clustered[i] && clustered[k]);
   };
   // Two of opposite signatures leave the axis where they meet, and have met where either has taken
-  // the other's or its place: then they may have come back to it, too. So they may where each is
-  // where it was, but by their tangents they would have met within the step, on and back.
+  // the other's or its place: then they may have come back to it, too. They may also have met where
+  // each keeps its place, if the tangents at the start lead them together within the step, and
+  // those at the end, followed back.
   const auto opposite = [&](Index i, Index k) {
     return signature[i] * signature[k] < 0 && step.start(i).imag() * step.start(k).imag() > 0.0;
   };
