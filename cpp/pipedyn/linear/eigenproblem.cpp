@@ -172,7 +172,11 @@ std::vector<Index> by_size(const Values& values) {
   std::vector<Index> order(values.size());
   std::iota(order.begin(), order.end(), 0);
   const auto size = [&](Index i) { return is_finite(values[i]) ? sizes[i] : infinite; };
-  std::ranges::stable_sort(order, {}, size);
+  const auto sort = [](auto first, auto last, const auto& place) {  // mostly they are sorted
+    if (std::ranges::is_sorted(first, last, {}, place)) return;
+    std::ranges::stable_sort(first, last, {}, place);
+  };
+  sort(order.begin(), order.end(), size);
   // Of one size but for rounding: opposite real roots, and conjugate ones.
   for (auto first = order.begin(); first != order.end();) {
     const auto last = std::find_if(first, order.end(), [&](Index i) {
@@ -181,7 +185,7 @@ std::vector<Index> by_size(const Values& values) {
     const auto place = [&](Index i) {
       return std::tuple(values[i].real(), -std::abs(values[i].imag()), values[i].imag() < 0.0);
     };
-    std::ranges::stable_sort(first, last, {}, place);
+    sort(first, last, place);
     first = last == first ? first + 1 : last;
   }
   return order;

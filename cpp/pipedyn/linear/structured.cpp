@@ -55,6 +55,8 @@ std::optional<Pairs> with_conjugates(const Pairs& found, const Approximations& r
   std::vector<Complex> values;
   std::vector<Index> from;
   std::vector<bool> used(roots.size(), false), mirrored;
+  values.reserve(2 * found.size());
+  from.reserve(2 * found.size());
   for (Index i = 0; i < found.size(); ++i) {
     const Complex value = found.values[i];
     if (used[i]) continue;

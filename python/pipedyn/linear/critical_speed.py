@@ -38,6 +38,10 @@ from pipedyn.util.units import SPEED
 
 Answer = TypeVar("Answer")
 
+LONG = 4
+"""Degrees of freedom of a long model for each mode that is tracked and unit of flow speed: of such
+some modes are computed faster than all."""
+
 LARGE_GRAVITY = 100.0
 """gamma beyond which weight sets the scale of flow speeds: measured at beta 0.05 to 0.8, critical
 speeds are 1.6 to 1.9 times those without weight here, and grow about like gamma^(1/3) beyond."""
@@ -251,7 +255,7 @@ def first_losses(models: Sequence[AnyModel], max_speed: float = 100.0) -> list[L
     found: dict[int, Loss | Exception] = {}
     # A low critical speed needs no large basis and few modes of a long chain, so where that is
     # cheaper the search first ends sooner.
-    ends = [[*_first_ends(model.pipe, max_speed), max_speed] for model in models]
+    ends = [[*_first_ends(model, max_speed), max_speed] for model in models]
     for stage in range(max(len(each) for each in ends)):
         of_end: dict[float, list[int]] = {}
         for i, each in enumerate(ends):
@@ -271,14 +275,16 @@ def first_losses(models: Sequence[AnyModel], max_speed: float = 100.0) -> list[L
     ]
 
 
-def _first_ends(pipe: Pipe, max_speed: float) -> list[float]:
+def _first_ends(model: AnyModel, max_speed: float) -> list[float]:
     """Speeds at which a search for the critical speed up to one first ends.
 
     Measured at beta 0.02 to 0.99 and gamma up to 3000, uniform cantilevers flutter below the first
     end: of light ones 12 below beta = 0.68, 16 up to 0.9 and 18.5 beyond, and weight counts the
     sooner the more of the mass is fluid. Spans held at both ends buckle between pi and 2 pi.
     """
-    gravity = LARGE_GRAVITY
+    pipe, gravity = model.pipe, LARGE_GRAVITY
+    if isinstance(model, Model):
+        max_speed = min(max_speed, model.dof / LONG)
     if pipe.supports or pipe.end_held:
         ends = [5.0, 8.0, 12.0, 24.0, 48.0]
     elif pipe.flow == "ejecting":
@@ -696,7 +702,7 @@ def largest_tension(pipe: Pipe) -> float:
 
 def _some_are_cheaper(tracked: int, max_speed: float, dof: int) -> bool:
     """Whether some modes of a long chain are computed faster than all."""
-    return tracked <= dof // 4 and max_speed <= dof / 4
+    return tracked <= dof // LONG and max_speed <= dof / LONG
 
 
 def _difference(a: tuple[Crossing, ...] | None, b: tuple[Crossing, ...] | None) -> float:
