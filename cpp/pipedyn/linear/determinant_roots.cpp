@@ -60,14 +60,13 @@ void sort_by_size(Approximations& all) {
   all = std::move(sorted);
 }
 
-Approximations dense_roots(const Determinant& of, double u, bool squared) {
-  const auto p = of.matrices(1.0)(u);
+Approximations dense_roots(const DenseOperator& p, bool squared) {
   Approximations roots;
   for (const double shift : shifts) {
-    for (const Complex mu : p->roots(shift, squared)) {
+    for (const Complex mu : p.roots(shift, squared)) {
       if (mu == 0.0) continue;
       Complex root = squared ? std::sqrt(shift * shift + 1.0 / mu) : shift + 1.0 / mu;
-      if (of.has_loss()) {
+      if (p.is_lossy()) {
         roots.push_back({root, true});
         continue;
       }

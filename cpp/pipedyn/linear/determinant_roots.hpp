@@ -40,8 +40,8 @@ Index roots_in(const Approximations& all);
 /// As `by_size` does.
 void sort_by_size(Approximations& all);
 
-/// LAPACK's roots at one speed; where roots come in conjugate pairs, the upper of each.
-Approximations dense_roots(const Determinant& of, double u, bool squared);
+/// LAPACK's roots; where roots come in conjugate pairs, the upper of each.
+Approximations dense_roots(const DenseOperator& p, bool squared);
 
 /// Roots at rest, as near as modes that damping does not couple have them: from eigenvectors x of
 /// K x = omega^2 M x, with loss factor mu, lambda^2 + lambda x^T D x + omega^2 + i mu x^T K_el x =

@@ -24,15 +24,26 @@ ComplexTable complex_vectors(const Eigen::MatrixXd& vectors, const Reals& imag, 
 
 }  // namespace
 
-Eigen::MatrixXd DenseOperator::times(const Matrix& factor, const Eigen::MatrixXd& x) const {
+Eigen::MatrixXd DenseOperator::times(const Eigen::Ref<const Matrix>& factor,
+                                     const Eigen::MatrixXd& x) const {
   // The factor, row by row, is its transpose column by column.
-  int n = static_cast<int>(dof), columns = static_cast<int>(x.cols());
+  int n = static_cast<int>(dof), rows = static_cast<int>(factor.rows()),
+      columns = static_cast<int>(x.cols());
   double one = 1.0, zero = 0.0;
   char plain = 'N', transposed = 'T';
-  Eigen::MatrixXd result(dof, x.cols());
-  lapack_.dgemm(&transposed, &plain, &n, &columns, &n, &one, const_cast<double*>(factor.data()), &n,
-                const_cast<double*>(x.data()), &n, &zero, result.data(), &n);
+  Eigen::MatrixXd result(rows, columns);
+  lapack_.dgemm(&transposed, &plain, &rows, &columns, &n, &one, const_cast<double*>(factor.data()),
+                &n, const_cast<double*>(x.data()), &n, &zero, result.data(), &rows);
   return result;
+}
+
+DenseOperator DenseOperator::within(const Eigen::MatrixXd& basis) const {
+  const Eigen::Map<const Matrix> transposed(basis.data(), basis.cols(), dof);
+  Matrices of_basis;
+  for (std::size_t k = 0; k < matrices_.size(); ++k) {
+    if (matrices_[k].size() > 0) of_basis[k] = times(transposed, times(matrices_[k], basis));
+  }
+  return {lapack_, std::move(of_basis), size, lost};
 }
 
 ComplexTable DenseOperator::times(int matrix, const ComplexTable& x) const {

@@ -99,6 +99,8 @@ class DenseOperator {
   DenseOperator with(Matrix mass, Matrix velocity, Matrix stiffness) const {
     return {lapack_, {std::move(mass), std::move(velocity), std::move(stiffness)}, size, lost};
   }
+  /// Of motions that are sums of a basis' columns alone.
+  DenseOperator within(const Eigen::MatrixXd& basis) const;
   /// What rounding of its entries may hide, y^H P x in eps, of each pair: no residual shows it.
   Reals hidden(const Values& values, const ComplexTable& right, const ComplexTable& left) const;
 
@@ -114,7 +116,7 @@ class DenseOperator {
   }
   template <class Number>
   Inverse inverse_of(double shift, bool velocity_free, char left, char right) const;
-  Eigen::MatrixXd times(const Matrix& factor, const Eigen::MatrixXd& x) const;
+  Eigen::MatrixXd times(const Eigen::Ref<const Matrix>& factor, const Eigen::MatrixXd& x) const;
   ComplexTable times(int matrix, const ComplexTable& x) const;
 
   const Lapack lapack_;

@@ -34,6 +34,8 @@ constexpr int most_assumed = 40;
 /// often the way is halved.
 constexpr Index cheap_start = 100;
 constexpr int most_on_the_way = 3;
+/// Modes at rest more than roots in flow are begun with, each a sum of such modes.
+constexpr Index modes_beyond = 12;
 /// Samples whose roots are kept: steps are halved from the right, and go on from there.
 constexpr std::size_t most_known = 8;
 /// Ratio of neighbouring roots' sizes beyond which a gap is as good as any; next to zero roots it
@@ -266,11 +268,15 @@ void Structured::share(const Spectrum& other) {
   if (of_->is_same_at_rest(*one->of_)) starts_at_rest_ = one->starts_at_rest_;
 }
 
-Approximations Structured::dense_starts(double u) {
+Approximations Structured::dense_starts(double u, Index wanted) {
   if (u == 0.0 && !starts_at_rest_.empty()) return starts_at_rest_;
-  if (u != 0.0 || !modes_at_rest()) return dense_roots(*of_, u, is_squared(u));
-  starts_at_rest_ = modal_roots(Eigenproblem::at(0.0), *modes_at_rest(), traits.loss);
-  return starts_at_rest_;
+  const DenseOperator& p = Eigenproblem::at(u);
+  const Index some = wanted / 2 + modes_beyond;
+  const bool few = knows_modes() && 4 * some < 3 * traits.dof;  // which takes half the time
+  if (!(few || u == 0.0) || !modes_at_rest()) return dense_roots(p, is_squared(u));
+  const Modes& modes = *modes_at_rest();
+  if (u != 0.0) return dense_roots(p.within(modes.vectors.leftCols(some)), is_squared(u));
+  return starts_at_rest_ = modal_roots(p, modes, traits.loss);
 }
 
 Approximations Structured::starts_of(const Determinant& of, double u) const {
@@ -279,7 +285,7 @@ Approximations Structured::starts_of(const Determinant& of, double u) const {
     const std::optional<Modes> modes = p->undamped_modes();
     if (modes) return modal_roots(*p, *modes, traits.loss);
   }
-  return dense_roots(of, u, is_squared(u));
+  return dense_roots(*of.matrices(1.0)(u), is_squared(u));
 }
 
 std::optional<Pairs> Structured::from_known(double u, Index count, bool vectors, int halvings) {
@@ -300,7 +306,7 @@ std::optional<Pairs> Structured::from_known(double u, Index count, bool vectors,
 std::optional<Pairs> Structured::by_recursion(double u, Index count, bool vectors) {
   const Index n = of_->size(), zeros = roots_at_zero(u), coarsest = of_->enough_for(count);
   const bool every = count >= 2 * traits.dof;
-  const Index beyond = 6 + 2 * of_->held();  // roots more than are asked for
+  const Index wanted = count + 6 + 2 * of_->held();  // roots beyond those asked for show a gap
   const int halvings = std::min(coarsest, n) > cheap_start ? most_on_the_way : 0;
   if (auto found = from_known(u, count, vectors, halvings)) return found;
   for (Index size = coarsest;; size *= 3) {
@@ -308,12 +314,12 @@ std::optional<Pairs> Structured::by_recursion(double u, Index count, bool vector
     if ((own ? n : size) > dense_limit) return std::nullopt;
     Approximations starts;
     if (own) {
-      starts = dense_starts(u);
+      starts = dense_starts(u, wanted);
     } else {
       starts = starts_of(*of_->coarser(size), u);
     }
     if (!every) {
-      while (roots_in(starts) > count + beyond) starts.pop_back();
+      while (roots_in(starts) > wanted) starts.pop_back();
     }
     put_zeros(starts, zeros);
     if (own && every) {

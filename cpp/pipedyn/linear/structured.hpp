@@ -70,7 +70,7 @@ class Structured : public Eigenproblem {
   Pairs at(double u, const Values& values, bool vectors) const;
   Pairs polished(double u, const Approximations& roots, bool vectors) const;
   Index roots_at_zero(double u) const { return u == 0.0 ? zeros_at_rest_ : zeros_in_flow_; }
-  Approximations dense_starts(double u);
+  Approximations dense_starts(double u, Index wanted);
   void balance(double u, Pairs& pairs);
   /// Roots by matrices of this determinant or a coarser one.
   Approximations starts_of(const Determinant& of, double u) const;

@@ -202,11 +202,11 @@ def vectors(
     shift = 1j * frequency * (1.0 + 1e-12) + 1e-11 * frequency
     factorised()
     factors = scipy.linalg.lu_factor(scaled - shift * np.eye(len(a)))
+    solve = partial(scipy.linalg.lu_solve, factors, check_finite=False)
     start = np.cos(np.arange(len(a))) + 1.5j
     right, left = start, start.conj()
     for _ in range(4):
-        right = scipy.linalg.lu_solve(factors, right)
-        left = scipy.linalg.lu_solve(factors, left, trans=2)
+        right, left = solve(right), solve(left, trans=2)
         right, left = right / np.linalg.norm(right), left / np.linalg.norm(left)
     value = complex(right.conj() @ (scaled @ right))
     if abs(value - 1j * frequency) > 1e-5 * frequency:
