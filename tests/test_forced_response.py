@@ -107,8 +107,55 @@ def test_branches_lead_from_edge_to_edge_of_a_parametric_region():
     (region,) = pp.parametric_regions(model, 6.0, 0.2, (28.0, 32.0))
     assert branch.kind == "subharmonic"
     assert branch.frequency[0] == pytest.approx(region.edges[0, 0], rel=1e-6)
-    assert branch.frequency[-1] == pytest.approx(region.edges[0, 1], rel=1e-3)
+    assert branch.frequency[-1] == pytest.approx(region.edges[0, 1], rel=1e-6)
     assert branch.stable[1:-1].all()
+
+
+RESTING = [
+    (pp.Galerkin(PULSATING, 4), (6.0, 0.3), (24.0, 40.0), "subharmonic", 38.27192),
+    (pp.Chain(pp.Pipe(0.242, 30.0, damping=2.7e-3), 4), (7.0, 0.26), (22.0, 40.0), "harmonic", 0.0),
+    (pp.Chain(pp.Pipe(0.577, damping=2.8e-3), 3), (5.7, 0.2), (15.0, 27.0), "subharmonic", 0.0),
+]
+
+
+@pytest.mark.parametrize(("model", "flow", "range_", "kind", "known"), RESTING)
+def test_branches_that_come_back_to_rest_lose_no_motion(model, flow, range_, kind, known):
+    """The edge is where a multiplier that is integrated for the straight pipe passes 1 or -1.
+
+    The number is of a separate program. Near an edge amplitudes grow like the square root of the
+    distance from it.
+    """
+
+    def growing(frequency):
+        way = 1.0 if kind == "harmonic" else -1.0
+        multipliers = pp.floquet(model, pp.Pulsation(*flow, frequency)).multipliers
+        real = multipliers[np.abs(multipliers.imag) < 1e-9].real
+        return np.count_nonzero(way * real > 1.0)
+
+    found = pp.forced_response(model, pp.Pulsation(*flow, range_[0]), frequencies=range_)
+    (branch,) = (one for one in found.branches if one.kind == kind)
+    (*_, before, end), ends = branch.frequency, branch.amplitude[-2:]
+    assert 0.0 < ends[0] < 0.011
+    assert ends[1] == 0.0
+    assert abs(growing(end * (1.0 - 1e-5)) - growing(end * (1.0 + 1e-5))) == 1
+    if known:
+        assert end == pytest.approx(known, rel=1e-6)
+    for share in (0.1, 0.5, 0.9, 0.99):
+        (motion,) = branch.at(before + share * (end - before))
+        assert motion.amplitude == pytest.approx(ends[0] * math.sqrt(1.0 - share), rel=2e-2)
+    places = branch.frequency[-3:-1].tolist()
+    assert len(branch.at(np.mean(places))) == 1
+
+
+def test_a_small_motion_near_the_end_of_a_branch_is_what_simulations_end_on():
+    model, flow = RESTING[0][0], pp.Pulsation(6.0, 0.3, 38.25)
+    (motion,) = pp.forced_response(model, flow, frequencies=(24.0, 40.0)).at(38.25)
+    assert motion.amplitude == pytest.approx(0.0515, rel=5e-3)
+    assert motion.stable
+    start = 1.3 * motion.q[0], 1.3 * motion.qdot[0]
+    settled = pp.simulate(model, flow, 400.0 * motion.period, *start, samples=2)
+    last = pp.simulate(model, flow, motion.period, settled.q[-1], settled.qdot[-1], samples=65)
+    assert 0.5 * np.ptp(last.tip[:, 0]) == pytest.approx(motion.amplitude, rel=1e-2)
 
 
 def test_forced_motions_of_chains_converge_with_second_order():

@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pipedyn.bifurcation.collocation import OrbitProblem, residual, solved
-from pipedyn.bifurcation.continuation import folds, sign_changes
+from pipedyn.bifurcation.continuation import Segment, folds, sign_changes
 from pipedyn.bifurcation.floquet import UNIT, EventKind, crossing_event, orbit_multipliers
 from pipedyn.bifurcation.limit_cycle import Known, amplitude_of, refined_until
 from pipedyn.bifurcation.orbit_continuation import (
@@ -414,11 +414,12 @@ def forced_response(
             *(model, speed, forcing, low, high), lambda: branches[-1].failure is None
         )
     with one_thread(2 * model.moving):
-        for kind, motion, begin, window in starts:
-            first = begin.orbit.frequency * motion.order
-            if begin.orbit.size == 0.0 and any(_ends_at(one, first) for one in branches):
+        for begin in starts:
+            orbit = begin.start.orbit
+            first = orbit.frequency * begin.motion.order
+            if orbit.size == 0.0 and any(_ends_at(one, first) for one in branches):
                 continue  # from the other edge it was followed to here
-            branches.append(_branch(kind, motion, begin, window, shown))
+            branches.append(_branch(begin, shown))
     return ForcedResponse(
         branches=tuple(branches),
         forcing=forcing,
@@ -447,7 +448,23 @@ def _checked_forcing(u: Any, base: Any) -> Pulsation | Harmonic:
 
 # ------------------------------------------------------------------------------ where it begins
 
-Begin = tuple[BranchKind, ForcedField, BranchStart, tuple[float, float]]
+
+@dataclass(frozen=True)
+class Begin:
+    """Where a branch of forced motions begins, and where it ends.
+
+    Attributes:
+        kind, motion: of the branch.
+        start: the motion that it leaves, with its first step.
+        window: range of forcing frequencies within which it is followed.
+        rests: forcing frequencies at which branches of this kind meet rest, rising, shape (E,).
+    """
+
+    kind: BranchKind
+    motion: ForcedField
+    start: BranchStart
+    window: tuple[float, float]
+    rests: Array = field(default_factory=lambda: np.empty(0))
 
 
 def _from_base(
@@ -467,7 +484,7 @@ def _from_base(
             failed.append(f"at a frequency of {frequency:g} {reason}")
             continue
         begun = True
-        yield "base", motion, BranchStart(orbit, 0.2 * FINE.longest * tangent), (low, high)
+        yield Begin("base", motion, BranchStart(orbit, 0.2 * FINE.longest * tangent), (low, high))
         if whole():
             return
     if not begun:
@@ -564,12 +581,13 @@ def _from_rest(
     hill = Hill(pipe, HARMONICS)
     kinds: tuple[tuple[BranchKind, int], ...] = (("subharmonic", 2), ("harmonic", 1))
     for kind, order in kinds:
+        rests = hill.edges(0.5 if kind == "subharmonic" else 0.0, forcing.amplitude)
         for region in regions(hill, np.array([forcing.amplitude]), low, high, (kind,)):
             ends = region.edges[0][np.isfinite(region.edges[0])]
             window = 0.9 * min(low, ends.min()), 1.1 * max(high, ends.max())
             for edge in ends.tolist():
                 motion = ForcedField(model, replace(forcing, frequency=edge), order)
-                yield kind, motion, _leaving_rest(motion, hill, edge, mean), window
+                yield Begin(kind, motion, _leaving_rest(motion, hill, edge, mean), window, rests)
 
 
 def _leaving_rest(motion: ForcedField, hill: Hill, edge: float, mean: float) -> BranchStart:
@@ -627,35 +645,32 @@ def _point(motion: ForcedField, orbit: PeriodicOrbit) -> _Point:
     return _Point(motion.order * orbit.frequency, amplitude, largest, stable)
 
 
-def _branch(
-    kind: BranchKind,
-    motion: ForcedField,
-    begin: BranchStart,
-    window: tuple[float, float],
-    shown: bool,
-) -> ForcedBranch:
+def _branch(begin: Begin, shown: bool) -> ForcedBranch:
     """What a start leads to, until the frequency leaves its window or the motion ends in rest."""
+    kind, motion, (low, high) = begin.kind, begin.motion, begin.window
     points, events, steps = list[_Point](), list[ForcedEvent](), list[Step]()
     lost: NotConverged | None = None
     if kind == "base":
-        points.append(_point(motion, begin.orbit))
+        points.append(_point(motion, begin.start.orbit))
     else:
-        points.append(_Point(motion.order * begin.orbit.frequency, 0.0))
+        points.append(_Point(motion.order * begin.start.orbit.frequency, 0.0))
     try:
-        for step in track(followed(motion, begin, FINE), None, "forced response", shown):
-            end = orbit_at(step, step.length)
+        for step in track(followed(motion, begin.start, FINE), None, "forced response", shown):
             before, after = (breaking_part(orbit_at(step, s), "hopf") for s in (0.0, step.length))
-            if kind != "base" and steps and np.sum(before * after) < 0.0:  # through rest
-                share = np.linalg.norm(before) / np.linalg.norm(before - after)
-                here = step.begin.p + float(share) * (step.end.p - step.begin.p)
-                points.append(_Point(motion.order * here, 0.0))
-                break
+            comes_to_rest = kind != "base" and len(steps) > 0 and np.sum(before * after) < 0.0
+            if comes_to_rest:
+                step, last = _into_rest(step, points[-1].amplitude, begin.rests / motion.order)
             found = _events(motion, step) if steps or kind == "base" else []
             points += [_Point(event.frequency, event.amplitude) for event in found]
             events += found
             steps.append(step)
+            end = orbit_at(step, step.length)
             points.append(_point(motion, end))
-            if not window[0] <= motion.order * end.frequency <= window[1]:
+            if comes_to_rest:
+                steps.append(last)
+                points.append(_Point(motion.order * last.end.p, 0.0))
+                break
+            if not low <= motion.order * end.frequency <= high:
                 break
             if len(steps) == MOST_STEPS:
                 raise NewtonFailed(f"it takes more than {MOST_STEPS} steps")
@@ -681,6 +696,43 @@ def _branch(
         steps=tuple(steps),
         motion=motion,
     )
+
+
+def _into_rest(step: Step, amplitude: float, rests: Array) -> tuple[Step, Step]:
+    """The part of a step up to a small motion, and from there to rest.
+
+    In rest two branches meet, which no corrector tells apart: it is taken from where rest itself
+    neither grows nor decays.
+
+    Args:
+        step: on which motions pass through rest, so that their opposites lie beyond it.
+        amplitude: of the free end where it begins.
+        rests: frequencies of orbits at which branches meet rest.
+
+    Raises:
+        NewtonFailed: if the step passes through rest far from these.
+    """
+    first = breaking_part(orbit_at(step, 0.0), "hopf")
+
+    def share(s: float) -> float:
+        """Of the motion at the beginning, by the cubic through what is known of the step."""
+        part = breaking_part(step.problem.orbit(step.guess(s)), "hopf")
+        return float(np.sum(first * part) / np.sum(first * first))
+
+    through = scipy.optimize.brentq(share, 0.0, step.length)
+    least = min(SMALL / amplitude, 0.5)
+    small = step.at(scipy.optimize.brentq(lambda s: share(s) - least, 0.0, through))
+    through = scipy.optimize.brentq(share, step.reach(small.z), step.length)
+    z, beside = step.guess(through), 1e-3 * step.length
+    frequency = float(rests[np.argmin(np.abs(rests - z[-1]))]) if rests.size else math.inf
+    if not abs(frequency - z[-1]) < 1e-3 * z[-1]:
+        raise NewtonFailed(f"it passes through rest near {z[-1]:.6g}, where no motion leaves rest")
+    onward = step.guess(through + beside) - step.guess(through - beside)
+    if onward[-1] * small.tangent[-1] < 0.0:  # as where the opposite of a motion is one, too
+        onward[-1] = 0.0
+    z[:-2], z[-1] = 0.0, frequency
+    problem = step.problem.about(small.z)
+    return replace(step, end=small), Segment(problem, small, problem.starting(z, onward))
 
 
 def _events(motion: ForcedField, step: Step) -> list[ForcedEvent]:
@@ -726,7 +778,7 @@ def _events(motion: ForcedField, step: Step) -> list[ForcedEvent]:
 def _ends_at(branch: ForcedBranch, frequency: float) -> bool:
     """Whether a branch ended in rest at an edge."""
     at_rest = branch.amplitude[-1] == 0.0
-    return bool(at_rest and abs(branch.frequency[-1] / frequency - 1.0) < 0.01)
+    return bool(at_rest and abs(branch.frequency[-1] / frequency - 1.0) < 1e-6)
 
 
 def _described(
