@@ -127,6 +127,18 @@ def test_a_cycle_that_appears_and_vanishes_is_one_branch():
     assert (branch.amplitudes < 0.1).all()
 
 
+def test_no_cycle_is_lost_where_a_branch_comes_back_to_rest():
+    """Their amplitudes are like the square root of the distance in speed."""
+    model = pp.Galerkin(pp.Pipe(0.295), 7, "legendre")
+    end = [c.speed for c in pp.crossings(model, 8.0)][-1]
+    before = np.array([1e-2, 1e-3, 1e-4, 1e-5])
+    found = pp.bifurcation_diagram(model, end - before)
+    amplitudes = np.array([found.cycles[0].at(u)[0].amplitude for u in end - before])
+    assert found.failures == ()
+    law = amplitudes / np.sqrt(before)
+    np.testing.assert_allclose(law, law[-1], rtol=4e-3)
+
+
 def test_with_drag_amplitudes_follow_their_law():
     model = pp.Chain(pp.Pipe(0.2, drag=1.0), 3)
     onset = pp.hopf(model)

@@ -40,12 +40,13 @@ from pipedyn.bifurcation.limit_cycle import (
 from pipedyn.bifurcation.orbit_continuation import (
     FINE,
     BranchStart,
+    Meeting,
     Step,
     both_ways,
-    breaking_part,
     followed,
     from_branch_point,
     from_hopf,
+    meeting,
     orbit_at,
 )
 from pipedyn.bifurcation.periodic_orbit import PeriodicOrbit
@@ -376,8 +377,9 @@ class _Follower:
                 first = next(steps)
                 self._take(self._at_speeds(first, self._leaving(first)))
             for step in steps:
-                if self._vanishes(step):
-                    return
+                met = self._met(step)
+                if met is not None:
+                    step = met[1].whole
                 here = orbit_at(step, step.length)
                 frequencies.append(here.frequency)
                 passed.append(here.u)
@@ -395,6 +397,12 @@ class _Follower:
                         )
                 else:
                     last, beyond = None, beyond + 1
+                if met is not None:
+                    kind, meets = met
+                    if last is not None:
+                        self._take(self._at_speeds(meets.last, meets.last))
+                    self._ends(kind, replace(here, u=meets.last.end.p), meets.error)
+                    return
                 slow = frequencies[-1] < 0.5 * max(self.fastest, *frequencies)
                 if slow and _steepness(passed, frequencies) < VERTICAL:
                     self._ends("infinite period", here, abs(passed[-1] - passed[-2]))
@@ -448,33 +456,18 @@ class _Follower:
             reached: LimitCycle | None = error.result
             return reached
 
-    def _vanishes(self, step: Step) -> bool:
-        """Whether the branch meets within a step an equilibrium, or cycles of more symmetry."""
-        begin, end = orbit_at(step, 0.0), orbit_at(step, step.length)
+    def _met(self, step: Step) -> tuple[EventKind, Meeting] | None:
+        """Where the branch meets an equilibrium within a step, or cycles of more symmetry."""
+        begin = orbit_at(step, 0.0)
         kinds: list[EventKind] = ["hopf"] if begin.symmetric else ["hopf", "period doubling"]
         if not begin.symmetric and self.motion.is_odd(begin.u):
             kinds.append("pitchfork")
+        onsets = np.array([onset for onset in self.options.onsets if onset != self.onset])
         for kind in kinds:
-            here, there = (breaking_part(orbit, kind) for orbit in (begin, end))
-            if float(np.sum(here * there)) >= 0.0:
-                continue
-            before, after = float(np.linalg.norm(here)), float(np.linalg.norm(there))
-            # The speed changes with the square of what vanishes.
-            meeting = step.length * before / (before + after)
-            near, last = (orbit_at(step, share * meeting) for share in (0.6, 0.85))
-            left, size = (float(np.sum(breaking_part(one, kind) ** 2)) for one in (near, last))
-            rough, u = (
-                last.u + size * (last.u - other.u) / (square - size)
-                for other, square in ((begin, before**2), (near, left))
-            )
-            error = abs(u - rough) + 1e-9
-            if kind == "hopf":
-                others = [onset for onset in self.options.onsets if onset != self.onset]
-                onset = min(others, key=lambda onset: abs(onset - u), default=math.inf)
-                u, error = (onset, 1e-6) if abs(onset - u) < 0.01 * u else (u, error)
-            self._ends(kind, replace(last, u=u), error)
-            return True
-        return False
+            known = onsets if kind == "hopf" else np.empty(0)
+            if (met := meeting(step, kind, known, 0.01)) is not None:
+                return kind, met
+        return None
 
     def _noted(self, step: Step, last: LimitCycle | None) -> LimitCycle:
         """Keeps what lies on a step and its events; the cycle at its end.

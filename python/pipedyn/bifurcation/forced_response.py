@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pipedyn.bifurcation.collocation import OrbitProblem, residual, solved
-from pipedyn.bifurcation.continuation import Segment, folds, sign_changes
+from pipedyn.bifurcation.continuation import folds, sign_changes
 from pipedyn.bifurcation.floquet import UNIT, EventKind, crossing_event, orbit_multipliers
 from pipedyn.bifurcation.limit_cycle import Known, amplitude_of, refined_until
 from pipedyn.bifurcation.orbit_continuation import (
@@ -28,8 +28,8 @@ from pipedyn.bifurcation.orbit_continuation import (
     SMALL,
     BranchStart,
     Step,
-    breaking_part,
     followed,
+    meeting,
     orbit_at,
 )
 from pipedyn.bifurcation.parametric_search import regions
@@ -656,19 +656,25 @@ def _branch(begin: Begin, shown: bool) -> ForcedBranch:
         points.append(_Point(motion.order * begin.start.orbit.frequency, 0.0))
     try:
         for step in track(followed(motion, begin.start, FINE), None, "forced response", shown):
-            before, after = (breaking_part(orbit_at(step, s), "hopf") for s in (0.0, step.length))
-            comes_to_rest = kind != "base" and len(steps) > 0 and np.sum(before * after) < 0.0
-            if comes_to_rest:
-                step, last = _into_rest(step, points[-1].amplitude, begin.rests / motion.order)
+            met = None
+            if kind != "base" and steps:  # what leaves rest may come back to it
+                met = meeting(step, "hopf", begin.rests / motion.order, 1e-3)
+            if met is not None:
+                if not met.known:
+                    raise NewtonFailed(
+                        f"it passes through rest near {motion.order * met.last.end.p:.6g}, where "
+                        "no motion leaves rest"
+                    )
+                step = met.whole
             found = _events(motion, step) if steps or kind == "base" else []
             points += [_Point(event.frequency, event.amplitude) for event in found]
             events += found
             steps.append(step)
             end = orbit_at(step, step.length)
             points.append(_point(motion, end))
-            if comes_to_rest:
-                steps.append(last)
-                points.append(_Point(motion.order * last.end.p, 0.0))
+            if met is not None:
+                steps.append(met.last)
+                points.append(_Point(motion.order * met.last.end.p, 0.0))
                 break
             if not low <= motion.order * end.frequency <= high:
                 break
@@ -696,43 +702,6 @@ def _branch(begin: Begin, shown: bool) -> ForcedBranch:
         steps=tuple(steps),
         motion=motion,
     )
-
-
-def _into_rest(step: Step, amplitude: float, rests: Array) -> tuple[Step, Step]:
-    """The part of a step up to a small motion, and from there to rest.
-
-    In rest two branches meet, which no corrector tells apart: it is taken from where rest itself
-    neither grows nor decays.
-
-    Args:
-        step: on which motions pass through rest, so that their opposites lie beyond it.
-        amplitude: of the free end where it begins.
-        rests: frequencies of orbits at which branches meet rest.
-
-    Raises:
-        NewtonFailed: if the step passes through rest far from these.
-    """
-    first = breaking_part(orbit_at(step, 0.0), "hopf")
-
-    def share(s: float) -> float:
-        """Of the motion at the beginning, by the cubic through what is known of the step."""
-        part = breaking_part(step.problem.orbit(step.guess(s)), "hopf")
-        return float(np.sum(first * part) / np.sum(first * first))
-
-    through = scipy.optimize.brentq(share, 0.0, step.length)
-    least = min(SMALL / amplitude, 0.5)
-    small = step.at(scipy.optimize.brentq(lambda s: share(s) - least, 0.0, through))
-    through = scipy.optimize.brentq(share, step.reach(small.z), step.length)
-    z, beside = step.guess(through), 1e-3 * step.length
-    frequency = float(rests[np.argmin(np.abs(rests - z[-1]))]) if rests.size else math.inf
-    if not abs(frequency - z[-1]) < 1e-3 * z[-1]:
-        raise NewtonFailed(f"it passes through rest near {z[-1]:.6g}, where no motion leaves rest")
-    onward = step.guess(through + beside) - step.guess(through - beside)
-    if onward[-1] * small.tangent[-1] < 0.0:  # as where the opposite of a motion is one, too
-        onward[-1] = 0.0
-    z[:-2], z[-1] = 0.0, frequency
-    problem = step.problem.about(small.z)
-    return replace(step, end=small), Segment(problem, small, problem.starting(z, onward))
 
 
 def _events(motion: ForcedField, step: Step) -> list[ForcedEvent]:

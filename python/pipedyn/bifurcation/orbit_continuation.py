@@ -31,6 +31,7 @@ from pipedyn.bifurcation.periodic_orbit import (
 )
 from pipedyn.bifurcation.vector_field import VectorField
 from pipedyn.util.check import Array
+from pipedyn.util.later import scipy
 from pipedyn.util.newton import NewtonFailed
 
 SMALL, SMALLEST, LARGEST = 0.01, 1e-4, 0.3
@@ -157,6 +158,76 @@ def breaking_part(orbit: PeriodicOrbit, kind: str) -> Array:
     if kind == "hopf":
         return p if orbit.symmetric else p - p.mean(axis=0)
     return 0.5 * (p + later if kind == "pitchfork" else p - later)
+
+
+@dataclass(frozen=True)
+class Meeting:
+    """Where a branch of orbits meets what it leaves elsewhere: an equilibrium, or other orbits.
+
+    Two solutions meet there, which no corrector tells apart: it is not solved for.
+
+    Attributes:
+        whole: the step up to an orbit nearby.
+        last: from there to the meeting.
+        error: of the parameter at the meeting.
+        known: whether the parameter is one of those at which branches are known to begin.
+    """
+
+    whole: Step
+    last: Step
+    error: float
+    known: bool
+
+
+def meeting(step: Step, kind: str, beginnings: Array, within: float) -> Meeting | None:
+    """The meeting on a step, if the part of the orbits that vanishes there changes its sign.
+
+    By symmetry the parameter changes with the square of what vanishes.
+
+    Args:
+        step: whose orbits beyond the meeting are the opposites of those before.
+        kind: of what is met, see `breaking_part`.
+        beginnings: parameters at which branches are known to leave it, shape (k,), of which one is
+            taken if the extrapolated one is that near.
+        within: how near that is, relative.
+    """
+
+    def part(z: Array) -> Array:
+        return breaking_part(step.problem.orbit(z), kind)
+
+    first = part(step.begin.z)
+    if not np.sum(first * part(step.end.z)) < 0.0:
+        return None
+
+    def left(s: float) -> float:
+        """Share of what vanishes that is left, by the cubic through what is known of the step."""
+        return float(np.sum(first * part(step.guess(s))) / np.sum(first * first))
+
+    def with_left(share: float) -> Point:
+        through = scipy.optimize.brentq(left, 0.0, step.length)
+        return step.at(scipy.optimize.brentq(lambda s: left(s) - share, 0.0, through))
+
+    points = step.begin, with_left(0.4), with_left(0.1)
+    small = points[2]
+    squares = [float(np.sum(part(one.z) ** 2)) for one in points]
+    rough, p = (
+        small.p + squares[2] * (small.p - one.p) / (square - squares[2])
+        for one, square in zip(points[:2], squares[:2], strict=True)
+    )
+    error, known = abs(p - rough) + 1e-9, False
+    if beginnings.size:
+        nearest = float(beginnings[np.argmin(np.abs(beginnings - p))])
+        if abs(nearest - p) <= within * p:
+            p, error, known = nearest, 1e-6, True
+    through = scipy.optimize.brentq(left, step.reach(small.z), step.length)
+    z, beside = step.guess(through), 1e-3 * step.length
+    onward = step.guess(through + beside) - step.guess(through - beside)
+    if onward[-1] * small.tangent[-1] < 0.0:  # as where the opposite of an orbit is one, too
+        onward[-1] = 0.0
+    z[-1] = p
+    problem = step.problem.about(small.z)
+    last = Segment(problem, small, problem.starting(z, onward))
+    return Meeting(replace(step, end=small), last, error, known)
 
 
 # -------------------------------------------------------------------------------- following it
