@@ -3,7 +3,7 @@
 
 import math
 import re
-from itertools import pairwise, product
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -294,26 +294,72 @@ def test_bad_arguments_are_refused_by_name(call, kind, message):
         call()
 
 
-@pytest.mark.parametrize(("gamma", "u"), [(-72.4, 9.0), (-85.3, 1.0), (20.0, 6.0)])
-def test_no_equilibrium_within_half_a_turn_is_missed(gamma, u):
-    """Of two segments, against Newton's method from a grid of starts."""
-    model = pp.Chain(pp.Pipe(0.2, gamma, damping=0.01), 2)
-    found = pp.equilibria(model, u).q
-    within = []
-    for start in product(np.linspace(-3.0, 3.0, 9), repeat=2):
-        x = np.array(start)
-        for _ in range(30):
-            y = np.concatenate([x, np.zeros(2)])
-            step = np.linalg.solve(model.jacobian(0.0, y, u)[2:, :2], model.rhs(0.0, y, u)[2:])
-            x = x - step
-            if not 1e-13 < np.abs(step).max() < 20.0:
-                break
-        left = model.rhs(0.0, np.concatenate([x, np.zeros(2)]), u) if np.abs(x).max() < 4.0 else [1]
-        if np.abs(left).max() < 1e-9 and not any(np.abs(x - y).max() < 1e-6 for y in within):
-            within.append(x)
-    assert len(within) > (gamma < 0.0)
-    for x in within:
-        assert np.abs(found - x).max(axis=1).min() < 1e-6
+def by_recursion(model, u, far=60.0):
+    """All equilibria of a chain with angles up to `far`: from its last angle the others follow.
+
+    The moment at a joint is that of the weight and of the jet beyond it, and turns the segment
+    before: rest is where the first turns against a root that does not. Roots are bracketed.
+    """
+    n, k, pipe = model.dof, model.springs, model.pipe
+
+    def angles(last):
+        found, moment = [last], 0.0 * last
+        for j in range(n, 0, -1):
+            weight = pipe.gamma / n**2 * (n - j + 0.5) * np.sin(found[0])
+            moment = moment + weight + pipe.alpha * u**2 / n * np.sin(last - found[0])
+            found.insert(0, found[0] + moment / k[j - 1])
+        return found
+
+    at = np.linspace(-far, far, 300_000)
+    root = angles(at)[0]
+    low, high = at[:-1], at[1:]
+    passed = np.sign(root[:-1]) != np.sign(root[1:])
+    low, high = low[passed], high[passed]
+    before = np.sign(angles(low)[0])
+    for _ in range(50):
+        middle = 0.5 * (low + high)
+        same = np.sign(angles(middle)[0]) == before
+        low, high = np.where(same, middle, low), np.where(same, high, middle)
+    every = np.array(angles(0.5 * (low + high))[1:]).T
+    return every[np.abs(every).max(axis=1) <= far]
+
+
+@pytest.mark.parametrize(
+    ("n", "gamma", "u", "count"),
+    [
+        (2, 40.0, 14.0, 19),
+        (2, -72.4, 9.0, None),
+        (2, -42.6, 10.06, 9),
+        (1, 56.6, 11.81, 9),
+        (3, 70.9, 12.24, None),
+        (4, 28.6, 14.51, None),
+        (4, -57.8, 11.37, None),
+    ],
+)
+def test_all_equilibria_of_few_segments_are_found(n, gamma, u, count):
+    model = pp.Chain(pp.Pipe(0.2, gamma, damping=0.005), n)
+    found, every = pp.equilibria(model, u), by_recursion(model, u)
+    assert found.complete, found.search
+    assert "add up as they must" in found.search
+    assert len(found) == len(every)
+    assert count in (None, len(found))
+    for x in every:
+        assert np.abs(found.q - x).max(axis=1).min() < 1e-6
+
+
+def test_a_search_that_is_not_counted_says_how_it_looked():
+    hanging = pp.equilibria(pp.Chain(pp.Pipe(0.2, 10.0), 5), 3.0)
+    assert hanging.complete is False
+    assert "up to 9 rad in mixtures of 3 modes" in hanging.search
+    assert "in more than 4 degrees of freedom are not counted" in hanging.search
+    held = pp.equilibria(pp.Chain(pp.Pipe(0.2, end="pinned", root="pinned"), 3), 3.5)
+    assert held.complete is False
+    assert "of pipes that are held" in held.search
+
+
+def test_whole_turns_about_a_hinge_count_once_and_signs_add_up_to_none():
+    found = pp.equilibria(pp.Chain(pp.Pipe(0.2, 20.0, root="pinned"), 3), 1.0)
+    assert (len(found), found.complete) == (2, True)
 
 
 @pytest.mark.parametrize(
@@ -516,7 +562,7 @@ def test_chains_are_their_own_models():
     assert (len(fixed), fixed.stable.sum()) == (3, 2)
     assert fixed.discarded.resolved.all()
     assert not fixed.discarded.valid.any()
-    assert f"discarded={len(fixed.discarded)})" in repr(fixed)
+    assert f"discarded={len(fixed.discarded)}," in repr(fixed)
 
 
 def test_a_model_that_resolves_no_rest_says_so_with_what_it_has():

@@ -72,6 +72,17 @@ MOST_WOUND = 30
 """Degrees of freedom up to which all starts are taken: of five chains with 31 to 60 segments under
 a weight up to 180 they found no more than the first look."""
 
+COUNTED = 4
+"""Degrees of freedom up to which equilibria are counted by the signs of their determinants."""
+
+FIRST_SIZE, FIRST_STARTS, MOST_STARTS = 4.0, 4, 2**16
+"""Largest angle of the first starts of a search that counts, in rad; their number, to the power of
+the degrees of freedom and at least 256; and at most so many in all, which take some seconds."""
+
+BESIDE, RADIUS = 40, 2.0
+"""Starts beside each equilibrium that is known, and the largest angle between, in rad. In 27 chains
+of four segments they led to all of up to 55 equilibria, 80,000 starts anywhere to all but four."""
+
 LEAST_SHARE, SOLVED, ITERATIONS = 0.01, 1e-8, 40
 """Of the search: the share of Newton's step at which a way ends, the step that is the last, as the
 error is then its square, and how many steps at most."""
@@ -89,7 +100,7 @@ LARGEST_BATCH = 1_000_000
 
 @saved_as(
     "Equilibria",
-    added=("resolved", "valid", "discarded"),
+    added=("resolved", "valid", "discarded", "complete", "search"),
     shapes={"k coordinates": "q", "k": "stable growth residuals", "k 2": "tips"},
 )
 class Equilibria(TableResult, units={"growth": RATE}):
@@ -111,6 +122,9 @@ class Equilibria(TableResult, units={"growth": RATE}):
         u: flow speed.
         model: the model.
         discarded: solutions of the model's equations that are not both, None where there are none.
+        complete: whether all solutions with angles up to `FAR` = 60 rad are known, as `equilibria`
+            says; None in files of versions that did not ask.
+        search: how they were looked for, and why that is complete or not.
 
     Example:
         >>> found = pp.equilibria(pp.Chain(pp.Pipe(0.2, -20.0), 2), 1.0)
@@ -128,6 +142,8 @@ class Equilibria(TableResult, units={"growth": RATE}):
     resolved: NDArray[np.bool_] | None = field(default=None, repr=False)
     valid: NDArray[np.bool_] | None = field(default=None, repr=False)
     discarded: Equilibria | None = None
+    complete: bool | None = None
+    search: str = field(default="", repr=False)
 
     def __len__(self) -> int:
         return len(self.stable)
@@ -153,9 +169,18 @@ class Equilibria(TableResult, units={"growth": RATE}):
 def equilibria(model: Model, u: float, starts: Sequence[Start] = ()) -> Equilibria:
     """Equilibria at a flow speed, stable or not, mirror images included.
 
-    The search takes Newton's method from bent starts: half a radian to one and a half turns, in all
-    mixtures of the first three or four modes of bending, and in the shapes in which the straight
-    pipe buckles at that speed. No method finds all for certain; `starts` adds others.
+    Of a pipe with a free end and up to four degrees of freedom all are looked for. Newton's method
+    takes starts spread evenly over mixtures of the modes of bending, up to angles beyond the
+    largest that is found, and others beside each equilibrium that is known, until neither these
+    nor as many starts again as before lead to more, and the equilibria are as many as the degree of
+    the equations asks for. Elastic forces grow without bound and all others do not, so the signs of
+    det K over all equilibria add up to 1; for a pipe on a hinge that nothing resists, of which
+    whole turns count once, to 0.
+
+    Else starts are bent by half a radian to one and a half turns, in all mixtures of the first
+    three or four modes, and in the shapes in which the straight pipe buckles at that speed. That
+    may miss some, above all of pipes that are held, which wind up in many ways: `complete` is
+    False. `starts` adds others.
 
     The equations of a few functions have solutions that are none of the pipe's. So each equilibrium
     of a reduced model is asked of two larger bases, of half as many functions again and half as
@@ -190,14 +215,9 @@ def equilibria(model: Model, u: float, starts: Sequence[Start] = ()) -> Equilibr
         raise TypeError(f"starts must be a sequence of starts, got {check.shown(starts)}")
     own = [statics.from_start(f"starts[{i}]", start) for i, start in enumerate(starts)]
     with one_thread(model.dof):
-        found: list[Array] = []
-        for x in _solutions(statics, u, own):
-            size = float(np.abs(x).max())
-            for image in map(statics.unwound, (x, -x)):
-                new = all(np.abs(image - one).max() >= DISTINCT * (1.0 + size) for one in found)
-                with suppress(ValueError, PipedynError):
-                    if new and size <= FAR and statics.unbalanced(image, u) <= BALANCED:
-                        found.append(image + 0.0)
+        solutions = _Solutions(statics, u)
+        solutions.look(own)
+        found = solutions.found
         if not found:
             raise NotConverged(f"no equilibrium was found at u = {u:g}")
 
@@ -228,6 +248,8 @@ def equilibria(model: Model, u: float, starts: Sequence[Start] = ()) -> Equilibr
             u=u,
             model=model,
             discarded=discarded,
+            complete=solutions.complete,
+            search=solutions.search,
         )
 
     kept = resolved & valid
@@ -466,20 +488,118 @@ def _resolved(
     return kept
 
 
-def _solutions(statics: Statics, u: float, own: list[Array]) -> Iterator[Array]:
-    """What may be equilibria at a speed: the straight pipe, buckled ones, what starts lead to.
+class _Solutions:
+    """Solutions of the equations at a flow speed, and how they were looked for.
 
-    Few starts show whether a hanging pipe has bent ones at all; then more look for all of them.
+    Attributes:
+        found: those with angles up to `FAR`, each once, with mirror images.
+        complete: whether these are all.
+        search: why, in words.
     """
-    yield statics.resting
-    for start in statics.buckled(u):
-        with suppress(NewtonFailed):
-            yield statics.balanced(start, u, longest=0.3, iterations=40)
-    odd = statics.motion.is_odd(u)
-    found = _balanced(statics, u, own + _bends(statics, 3, SIZES[::2], odd), 0.2)
-    yield from found
-    if statics.size <= MOST_WOUND and (len(found) > 1 or statics.model.pipe.gamma < 0.0):
-        yield from _balanced(statics, u, _bends(statics, 4, SIZES, odd), 0.5)
+
+    def __init__(self, statics: Statics, u: float) -> None:
+        self.statics, self.u = statics, u
+        self.found: list[Array] = []
+        self.complete, self.search = False, ""
+
+    def look(self, own: list[Array]) -> None:
+        """Looks for solutions, from a user's own starts and others."""
+        statics, u = self.statics, self.u
+        self.add([statics.resting])
+        for start in statics.buckled(u):
+            with suppress(NewtonFailed):
+                self.add([statics.balanced(start, u, longest=0.3, iterations=40)])
+        model = statics.model
+        held = model.moving != model.dof
+        if model.dof <= COUNTED and not held:
+            self.add(_balanced(statics, u, own, 0.5))
+            self.count()
+            return
+        odd = statics.motion.is_odd(u)
+        # Few starts show whether a hanging pipe has bent ones at all; then more look for all.
+        starts, modes = _bends(statics, 3, SIZES[::2], odd), 3
+        found = _balanced(statics, u, own + starts, 0.2)
+        self.add(found)
+        if statics.size <= MOST_WOUND and (len(found) > 1 or model.pipe.gamma < 0.0):
+            starts, modes = _bends(statics, 4, SIZES, odd), 4
+            self.add(_balanced(statics, u, starts, 0.5))
+        why = "of pipes that are held" if held else f"in more than {COUNTED} degrees of freedom"
+        self.search = (
+            f"{len(own + starts)} starts bent by up to {SIZES[-1]:g} rad in mixtures of {modes} "
+            f"modes; solutions {why} are not counted"
+        )
+
+    def add(self, xs: Sequence[Array] | Array) -> int:
+        """Takes in what may be solutions; how many of them are new."""
+        before = len(self.found)
+        for x in xs:
+            size = float(np.abs(x).max())
+            for image in map(self.statics.unwound, (x, -x)):
+                far = DISTINCT * (1.0 + size)
+                new = all(np.abs(image - one).max() >= far for one in self.found)
+                with suppress(ValueError, PipedynError):
+                    if new and size <= FAR and self.statics.unbalanced(image, self.u) <= BALANCED:
+                        self.found.append(image + 0.0)
+        return len(self.found) - before
+
+    def count(self) -> None:
+        """Looks for all solutions in few degrees of freedom."""
+        statics, model = self.statics, self.statics.model
+        basis = _modal_basis(statics)
+        first = max(FIRST_STARTS**model.dof, 256)
+        anywhere = scipy.stats.qmc.Halton(model.dof + 1, seed=0)
+        beside = np.random.default_rng(0)
+        size, here, every, settled = FIRST_SIZE, 0, 0, False
+        while not settled and every < MOST_STARTS:
+            many = max(first, here)
+            draws = anywhere.random(many)
+            # High modes are stiff: the largest angle falls with their number, by various powers.
+            parts = size * (2.0 * draws[:, :-1] - 1.0) * _shares(basis, 0.5 + 0.5 * draws[:, -1:])
+            straight = statics.resting
+            new = self.add(_balanced(statics, self.u, list(straight + parts @ basis), 0.5))
+            near = new
+            while near and every < MOST_STARTS:
+                around = np.repeat(self.found, BESIDE, axis=0)
+                parts = RADIUS * beside.uniform(-1.0, 1.0, (len(around), model.dof))
+                starts = list(around + (parts * _shares(basis, 0.75)) @ basis)
+                near = self.add(_balanced(statics, self.u, starts, 0.5))
+                every += len(around)
+            here, every = here + many, every + many
+            largest = max((float(np.abs(x).max()) for x in self.found), default=0.0)
+            if largest > 0.5 * size and size < FAR:
+                size, here = min(2.0 * size, FAR), 0
+            else:
+                settled = not new and here > first and self.missing() == 0
+        self.complete, taken = settled, f"{every:,} starts bent by up to {size:g} rad"
+        if settled:
+            self.search = f"{taken}; the signs of det K add up as they must"
+        elif self.missing() is None:
+            self.search = f"{starts}; held pipes are not counted, nor where det K is 0"
+        elif self.missing():
+            self.search = f"{taken}; the signs of det K do not add up as they must"
+        else:
+            self.search = f"{taken}, of which the last led to others"
+
+    def missing(self) -> int | None:
+        """By how much the signs of det K do not add up; None where one is 0."""
+        statics = self.statics
+        slopes = statics.jacobian(np.array(self.found), self.u)
+        signs, logs = np.linalg.slogdet(-slopes)
+        if not np.isfinite(logs).all():
+            return None
+        return (1 if statics._turn is None else 0) - round(float(signs.sum()))
+
+
+def _modal_basis(statics: Statics) -> Array:
+    """Configurations bent by 1 rad in each of the first modes, (dof, moving)."""
+    modes = np.eye(statics.model.dof)
+    straight = statics.from_start("q0", modal_bend(np.zeros(len(modes))))
+    return np.array([statics.from_start("q0", modal_bend(one)) - straight for one in modes])
+
+
+def _shares(basis: Array, power: float | Array) -> Array:
+    """Of the largest angle in each mode, (1, dof) or (k, dof)."""
+    return np.arange(1.0, 2.0 * len(basis), 2.0)[None] ** -power
 
 
 def _bends(statics: Statics, modes: int, sizes: Sequence[float], odd: bool) -> list[Array]:
@@ -501,6 +621,8 @@ def _balanced(statics: Statics, u: float, starts: list[Array], longest: float) -
     the residual; where it then is too short, the way ends.
     """
     found = np.zeros((0, statics.size))
+    if not starts:
+        return found
     for x in np.array_split(starts, math.ceil(len(starts) * statics.size**2 / LARGEST_BATCH)):
         step, share = np.zeros_like(x), np.ones(len(x))
         size, least = np.full((2, len(x)), math.inf)
