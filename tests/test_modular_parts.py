@@ -342,6 +342,23 @@ def test_another_pipe_reaches_every_part() -> None:
     np.testing.assert_allclose(pp.eigenvalues(changed, 3.0), pp.eigenvalues(fresh, 3.0))
 
 
+def test_what_nothing_balances_is_no_equilibrium() -> None:
+    """The inclined jet turns the second segment, which hangs on a joint without a spring.
+
+    About that joint its moment is u^2 sin(.5) l, whatever the angle, unless weight resists it.
+    """
+
+    def scene(gamma: float) -> md.Assembly:
+        parts = [md.Segment(0.5), md.Segment(0.5), md.TorsionalSpring(1, 2.0), md.InternalFlow()]
+        return md.Assembly(pp.Pipe(0.2, gamma, jet_angle=0.5), parts, [md.Clamp(), md.Joint(2)])
+
+    with pytest.raises(pp.NotConverged, match="is left in a direction in which nothing resists"):
+        scene(0.0).equilibrium([0.0, 0.0], 3.0)
+    q = scene(40.0).equilibrium([0.0, 0.0], 3.0)
+    moment = 9.0 * math.sin(0.5) * 0.5 + 40.0 * 0.5**2 / 2.0 * math.sin(q[2] + q[5])
+    assert moment == pytest.approx(0.0, abs=1e-7)
+
+
 def test_a_point_mass_weighs_and_a_rest_angle_bends() -> None:
     heavy = md.chain(pp.Pipe(0.2, 10.0), 3).plus(pp.PointMass(1.0, 0.5))
     turned = heavy.state([0.5, 0.5, 0.5])

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from pipedyn.bifurcation.brute_force import Failed
 from pipedyn.bifurcation.continuation import folds, sign_changes
-from pipedyn.bifurcation.equilibria import BALANCED, BranchPoint, EquilibriumBranch
+from pipedyn.bifurcation.equilibria import BranchPoint, EquilibriumBranch
 from pipedyn.bifurcation.floquet import (
     EventKind,
     crossing_event,
@@ -54,7 +54,7 @@ from pipedyn.bifurcation.vector_field import VectorField
 from pipedyn.linear.critical_speed import crossings
 from pipedyn.linear.eigenproblem import Complex
 from pipedyn.linear.sensitivity import Crossing
-from pipedyn.models.base import Model, NotConverged, PipedynError
+from pipedyn.models.base import BALANCED, Model, NotConverged, PipedynError
 from pipedyn.util import check
 from pipedyn.util.archive import saved_as
 from pipedyn.util.check import Array

@@ -30,7 +30,7 @@ from pipedyn.bifurcation.continuation import (
 from pipedyn.bifurcation.vector_field import VectorField
 from pipedyn.linear.eigenproblem import Complex
 from pipedyn.linear.neutral import beyond_rounding, eigenvalues_of, grows
-from pipedyn.models.base import Model, NotConverged, Operators, PipedynError
+from pipedyn.models.base import BALANCED, Model, NotConverged, Operators, PipedynError
 from pipedyn.models.drive import LARGEST_SPEED, require_steady, steady_speed
 from pipedyn.motion.simulate import Start, checked_model_in_motion, modal_bend
 from pipedyn.util import check
@@ -41,10 +41,6 @@ from pipedyn.util.newton import NewtonFailed, newton
 from pipedyn.util.result import Result, TableResult, numbered
 from pipedyn.util.threads import one_thread
 from pipedyn.util.units import RATE
-
-BALANCED = 1e-8
-"""Force that may be left at an equilibrium, in units of 1 + |gamma| + a u^2: in 11 searches of five
-models Newton's method left 6e-16 at most."""
 
 LARGEST = 500
 """Degrees of freedom up to which equilibria are searched: a search in a chain of 100 takes 0.4 s,
@@ -320,7 +316,10 @@ class Statics:
         # start: at 0.1 a bent pipe in a guide became straight. 100 lead to hundreds of rad.
         control = Control(longest=math.inf, longest_change=0.05, iterations=100)
         problem = DenseProblem(self.equations, self.size, 1.0, control)
-        return problem.fixed(np.append(x, u), u)[:-1]
+        found = problem.fixed(np.append(x, u), u)[:-1]
+        if self.unbalanced(found, u) > BALANCED:
+            raise NewtonFailed("forces are left")
+        return found
 
     def balanced(self, x: Array, u: float, **rules: Any) -> Array:
         """The equilibrium to which Newton's method leads from x; `rules` are those of `newton`.
@@ -779,8 +778,6 @@ def equilibrium_branch(
     with one_thread(model.dof):
         try:
             x = statics.solved(start, u0)
-            if statics.unbalanced(x, u0) > BALANCED:
-                raise NewtonFailed("forces are left")
         except NewtonFailed as error:
             raise NotConverged(f"no equilibrium was found near q0 at u = {u0:g}") from error
         away = float(rms_along(statics.angles((x - start)[None]))[0])

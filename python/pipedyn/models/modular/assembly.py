@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from pipedyn import _core
 from pipedyn.models.base import (
+    BALANCED,
     LARGEST_ANGLE,
     LARGEST_RESULT,
     Model,
@@ -439,7 +440,15 @@ class Assembly(Model):
             )
         except NewtonFailed as reason:
             raise NotConverged(f"no equilibrium was found at u = {u:g} near start") from reason
-        return self._configuration(found)
+        configuration = self._configuration(found)
+        left = self._left(SmallMotions(self.motion.form, found), u)
+        if left > BALANCED:
+            raise NotConverged(
+                f"no equilibrium was found at u = {u:g} near start: a force of {left:.2g} times "
+                "1 + |gamma| + a u^2 is left in a direction in which nothing resists it",
+                configuration,
+            )
+        return configuration
 
     # ------------------------------------------------------------------------------ linear motion
 
@@ -465,8 +474,12 @@ class Assembly(Model):
         return self._reference
 
     def unbalanced(self, u: float) -> float:
+        return self._left(self.linear, u)
+
+    def _left(self, linear: SmallMotions, u: float) -> float:
+        """Largest force that nothing balances, relative to 1 + |gamma| + a u^2."""
         size = 1.0 + abs(self._pipe.gamma) + self._pipe.alpha * u**2
-        return float(np.abs(self.linear.unbalanced(u)).max()) / size
+        return float(np.abs(linear.unbalanced(u)).max(initial=0.0)) / size
 
     def operators(self, q: ArrayLike | None = None) -> Operators:
         """As for `Model.operators`, about a configuration at rest.
