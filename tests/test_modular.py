@@ -320,6 +320,22 @@ def test_small_motions_obey_the_operators(name: str) -> None:
     assert found.size == 2 * scene.dof
 
 
+@pytest.mark.parametrize(
+    "model",
+    [
+        pp.Chain(pp.Pipe(0.2, end="pinned", supports=(0.5,)), 4),
+        pp.Galerkin(pp.Pipe(0.2, end="pinned"), 4),
+        pp.Galerkin(pp.Pipe(0.2), 3),
+        SCENES["guided"](),
+    ],
+)
+def test_what_is_recorded_tells_what_is_integrated(model: pp.Galerkin) -> None:
+    random = np.random.default_rng(3)
+    p, rates = model.projected(*random.uniform(-0.2, 0.2, (2, model.moving, 5)))
+    states = model.integrated(*model.recorded(p.T, rates.T))
+    np.testing.assert_allclose(states, np.concatenate([p, rates]).T, atol=1e-10)
+
+
 def test_the_arch_is_stable_and_keeps_its_shape_in_the_flow() -> None:
     """A pinned inextensible arch: thrust is taken up by its length, Coriolis forces do no work."""
     for n in (8, 16):

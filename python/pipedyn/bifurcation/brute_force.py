@@ -389,7 +389,7 @@ class _Batch:
         q, qdot, x, velocity = self.tip_of(rows)
         for k, i in enumerate(going):
             part, last = slice(k * samples.size, (k + 1) * samples.size), (k + 1) * samples.size - 1
-            runs[i].state = np.asarray(self.model.start(q[last], qdot[last]))
+            runs[i].state = self.model.integrated(q[last, None], qdot[last, None])[0]
             runs[i].resized(float(np.ptp(x[part])), float(np.abs(velocity[part]).max()))
             rtol = max(self.options.rtol, tasks[i].rtol)
             records[i] = _record(samples, x[part], velocity[part], rtol)

@@ -550,7 +550,7 @@ def _settled(motion: ForcedField, u: float, symmetric: bool) -> PeriodicOrbit:
             raise NewtonFailed(f"a motion from rest stops: {stopped}") from None
         motion.evaluations += going.evaluations
         q0, qdot0 = going.q[-1], going.qdot[-1]
-        p = np.array([model.start(*pair) for pair in zip(going.q, going.qdot, strict=True)])
+        p = model.integrated(going.q, going.qdot)
         size = float(np.ptp(p[:, : motion.half], axis=0).max())
         if np.abs(p[-1] - p[0])[: motion.half].max() > REPEATS * size:
             continue

@@ -419,10 +419,7 @@ def _last_period(motion: VectorField, u: float, going: Motion) -> PeriodicOrbit:
     up = np.flatnonzero((across[:-1] < 0.0) & (across[1:] >= 0.0))
     if up.size < 2:
         raise lost
-    p = np.concatenate([going.q, going.qdot], axis=1)
-    if p.shape[1] != motion.size:
-        start = going.model.start
-        p = np.array([start(*pair) for pair in zip(going.q, going.qdot, strict=True)])
+    p = going.model.integrated(going.q, going.qdot)
     # With constraints f gives another rate of p than p'.
     rates = np.concatenate([p[:, half:], motion(np.ascontiguousarray(p.T), u)[half:].T], axis=1)
     spline = scipy.interpolate.CubicHermiteSpline(t, p, rates)

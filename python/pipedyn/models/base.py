@@ -700,6 +700,10 @@ class Model(OfPipe, ABC):
         """Coordinates and rates, (S, coordinates) each, of what is integrated, (S, moving)."""
         return p, pdot
 
+    def integrated(self, q: Array, qdot: Array) -> Array:
+        """States [p, p'], (S, 2 moving), of `recorded` coordinates and rates, (S, coordinates)."""
+        return np.concatenate([q, qdot], axis=1)
+
     def resting(self) -> Array:
         """Where p is at rest, shape (moving,)."""
         return np.zeros(self.moving) if self._reference is None else self._reference

@@ -621,6 +621,9 @@ class Assembly(Model):
         y = self.motion.states(p.T, pdot.T)
         return y[: self.coordinates].T, y[self.coordinates :].T
 
+    def integrated(self, q: Array, qdot: Array) -> Array:
+        return np.concatenate([np.cumsum(one[:, 2::3], axis=1) for one in (q, qdot)], axis=1)
+
     def projected(self, p: Array, rates: Array) -> tuple[Array, Array]:
         return self.motion.held.projected(p, rates)
 
