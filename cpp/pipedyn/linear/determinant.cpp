@@ -100,8 +100,8 @@ Pairs pairs_by(const Evaluate& evaluate, const Elastic& elastic, double u, const
   return found;
 }
 
-/// Real parts of columns, then imaginary ones.
-Matrix parts_of(const ComplexTable& x) {
+/// Columns of real parts, then columns of imaginary ones.
+Matrix real_columns(const ComplexTable& x) {
   Matrix parts(x.rows(), 2 * x.cols());
   parts << x.real(), x.imag();
   return parts;
@@ -120,8 +120,8 @@ ComplexVector conjugate_products(const Matrix& y, const Matrix& z) {
 }  // namespace
 
 Forms Determinant::forms(const Pair& pair) const {
-  const Matrix x = spread(parts_of(ComplexTable(pair.right)));
-  const Matrix y = spread(parts_of(ComplexTable(pair.left)));
+  const Matrix x = spread(real_columns(ComplexTable(pair.right)));
+  const Matrix y = spread(real_columns(ComplexTable(pair.left)));
   const auto form = [&](const LinearPart& part) {
     return conjugate_products(y, times(x, part)).sum();
   };
@@ -135,7 +135,7 @@ Forms Determinant::forms(const Pair& pair) const {
 }
 
 Values Determinant::by_lambda(double u, const Pairs& pairs) const {
-  const Matrix x = spread(parts_of(pairs.right)), y = spread(parts_of(pairs.left));
+  const Matrix x = spread(real_columns(pairs.right)), y = spread(real_columns(pairs.left));
   const Index count = pairs.size();
   const auto form = [&](const LinearPart& part) {
     const Matrix z = times(x, part);
@@ -155,7 +155,7 @@ Values Determinant::by_lambda(double u, const Pairs& pairs) const {
 }
 
 std::pair<Reals, Reals> Determinant::energies(double u, const ComplexTable& x) const {
-  const Matrix parts = spread(parts_of(x));
+  const Matrix parts = spread(real_columns(x));
   const Index count = x.cols();
   const auto energy = [&](const LinearPart& part) -> Reals {
     const Vector sums = parts.cwiseProduct(times(parts, part)).colwise().sum();
@@ -376,7 +376,7 @@ Pencil PanelDeterminant::matrices(double stiffness_size) const {
 
 std::optional<Works> PanelDeterminant::works(double u, const Reals& frequencies,
                                              const ComplexTable& vectors) const {
-  return pencil_->works(u, frequencies, spread(parts_of(vectors)));
+  return pencil_->works(u, frequencies, spread(real_columns(vectors)));
 }
 
 const EliminationModel& PanelDeterminant::stiffness() const {

@@ -173,11 +173,10 @@ Pairs Structured::polished(double u, const Approximations& roots, bool vectors) 
   return found;
 }
 
-/// Roots that are missing among those given within a circle about the least of them, none of them
-/// if these are all; nothing where that does not show. The circle, of which the upper half shows
-/// what the lower does if roots are paired, passes through the first wide gap. About it the mean of
-/// lambda^(k+1) times what known roots leave of the log-derivative is the sum of the missing ones'
-/// k-th powers.
+/// Roots within a circle about zero that are missing among those given: empty if none are, nullopt
+/// if that is unknown. The circle passes through the first wide gap beyond the least roots, as many
+/// as asked for; if roots are paired its upper half shows all. About it the mean of lambda^(k+1)
+/// times what known roots leave of the log-derivative is the sum of the missing ones' k-th powers.
 std::optional<Approximations> Structured::missing_within(double u, const Approximations& roots,
                                                          std::size_t least) const {
   const auto size = [&](std::size_t k) { return magnitude(roots[k].value); };
@@ -475,6 +474,10 @@ void Structured::find_growth(double u, Pairs& found) {
 
 namespace {
 
+/// How near to a whole number a mean of log-derivatives is where it counts: it converges like the
+/// power of the number of points, and chance is that near to one once in 500.
+constexpr double near_whole = 1e-3;
+
 /// How many zeros of the determinant lie in the disc about the real interval from low to high: the
 /// mean of (u - centre) d log det / du on its circle, of which the upper half shows all; none where
 /// one lies too near the circle.
@@ -486,7 +489,9 @@ std::optional<int> zeros_within(const Determinant& of, double low, double high) 
       arms[i] = std::polar(radius, std::numbers::pi * (i + 0.5) / static_cast<double>(points));
     }
     const double number = (arms * of.still_slopes(centre + arms)).real().mean();
-    if (std::abs(number - std::round(number)) < 1e-3) return static_cast<int>(std::lround(number));
+    if (std::abs(number - std::round(number)) < near_whole) {
+      return static_cast<int>(std::lround(number));
+    }
   }
   return {};
 }

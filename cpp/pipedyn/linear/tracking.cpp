@@ -465,8 +465,10 @@ bool tell_apart(const Tracking& tracking, Step& step) {
 bool Step::shortest() const { return length() <= 2.0 * shortest_step * (1.0 + right->u); }
 
 bool Step::lost(Index root) const {
-  const Complex from = start(root);
-  return shortest() && std::abs(end(root) - from) > jump * (1.0 + std::abs(from));
+  const Complex from = start(root), to = end(root);
+  // Roots that meet go like the square root of the way left: by up to twice what slopes say.
+  const double rate = std::max(std::abs(start_slope(root)), std::abs(end_slope(root)));
+  return shortest() && std::abs(to - from) > jump * (1.0 + std::abs(from)) + 2.0 * length() * rate;
 }
 
 Index Step::reflected(Index root, bool at_end) const {

@@ -437,13 +437,14 @@ def unstable_at_rest(model: AnyModel, found: Sequence[Crossing] = ()) -> int:
 
 def _converging(model: Continuum, max_speed: float, until_unstable: bool) -> Job[Found]:
     """The search of a continuous pipe, in a basis grown until the crossings converge."""
+    pipe = model.pipe
 
     def crossed(
         one: Galerkin, larger: Galerkin | None
     ) -> tuple[tuple[Crossing, ...] | None, tuple[Crossing, ...] | None]:
         search = _Search(one, max_speed, until_unstable, True, larger)
         assert search.resolved is not None
-        if search.resolved < _modes_reached(max_speed, model.pipe):
+        if search.resolved < _modes_reached(max_speed, pipe):
             return None, None  # the flow reaches modes that are not the continuous pipe's
         _swept([search], final=larger is None or not search.all_resolved)
         assert search.swept is not None
@@ -453,7 +454,11 @@ def _converging(model: Continuum, max_speed: float, until_unstable: bool) -> Job
         return search(sensitive=ahead is None).value, ahead
 
     def job() -> Found:
-        smallest = max(16, math.ceil(0.7 * _wave_number(max_speed, model.pipe)) + 8)
+        # Fluid drawn in feeds all modes alike: where nothing but terms damps them, a high one that
+        # these miss grows first, however slow the flow.
+        missed = pipe.flow == "aspirating" and not pipe.damping and model.resisted
+        smallest = 60 if missed else 16
+        smallest = max(smallest, math.ceil(0.7 * _wave_number(max_speed, pipe)) + 8)
         found = converged_ahead(model, crossed, _difference, smallest=smallest)
         assert found.value is not None
         moved = (replace(c, error=2.0 * c.error + found.error * c.speed) for c in found.value)
@@ -549,10 +554,10 @@ class _Search:
     def _track_reached(self, resolved: int, modes: Array | None) -> None:
         """Tracks few more modes of a continuous pipe than the flow reaches, where that is safe.
 
-        They must oscillate, and modes beyond must be damped by what leaves the free end about as
-        much as any: what a mass holds there lets every mode grow, of which all resolved are then
-        tracked, and fluid drawn in modes that are not. Of a pipe held across its end only modes
-        that lose their stiffness grow.
+        They must oscillate, and what leaves the free end must damp modes beyond about as much as
+        any. A mass at the end lets every mode grow, and so does fluid that is drawn in: then all
+        modes that are resolved are tracked. Of a pipe held across its end only modes that lose
+        their stiffness grow.
         """
         pipe = self.model.pipe
         tracked = min(resolved, math.ceil(_modes_reached(self.max_speed, pipe)) + 2)

@@ -44,7 +44,10 @@ class Eigenproblem:
 
     @property
     def rows(self) -> int:
-        """Rows of the largest matrix that a solve hands to LAPACK; recursion has none."""
+        """Rows by which threads are chosen: those of the companion matrix, one of a recursion.
+
+        A recursion gains nothing by threads, and seldom falls back on matrices.
+        """
         return 1 if self.is_long else 2 * self.dof
 
     @cached_property
