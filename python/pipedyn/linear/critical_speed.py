@@ -542,7 +542,13 @@ class _Search:
             self.spectrum = _core.Truncated(spectrum, more, self._looked_at)
         if not self.problem.is_long or continuous:
             return
-        self._track(_modes_within(max_speed, model.pipe))
+        some = _modes_within(max_speed, model.pipe)
+        # The highest modes of a reduced model are none of the pipe's, and may be fed most.
+        panels = isinstance(self.problem.pencil, PanelPencil)
+        reduced = panels and _some_are_cheaper(some, max_speed, model.dof)
+        if reduced and not self._are_enough(some, spectrum.modes_at_rest()):
+            return
+        self._track(some)
         # Those before the cluster at -1 / delta, which a search for a few roots does not pass, may
         # be enough: modes with (delta omega)^2 < 0.9, four fewer as the search looks beyond those
         # tracked.
@@ -554,20 +560,12 @@ class _Search:
     def _track_reached(self, resolved: int, modes: Array | None) -> None:
         """Tracks few more modes of a continuous pipe than the flow reaches, where that is safe.
 
-        They must oscillate, and what leaves the free end must damp modes beyond about as much as
-        any. A mass at the end lets every mode grow, and so does fluid that is drawn in: then all
-        modes that are resolved are tracked. Of a pipe held across its end only modes that lose
-        their stiffness grow.
+        They must oscillate, and modes beyond must not grow first, see `_are_enough`: else all that
+        are resolved are tracked.
         """
         pipe = self.model.pipe
         tracked = min(resolved, math.ceil(_modes_reached(self.max_speed, pipe)) + 2)
-        # Slow flow damps each mode of a uniform cantilever alike.
-        uniform = not (pipe.terms or pipe.supports or pipe.stiffness or pipe.mass)
-        few = (
-            pipe.end_held
-            or uniform
-            or (modes is not None and self._damped_beyond(tracked, modes[:, :resolved]))
-        )
+        few = self._are_enough(tracked, None if modes is None else modes[:, :resolved])
         if not few:
             tracked = resolved
         oscillate = pipe.damping * (math.pi * (tracked + 4)) ** 2 <= 0.9
@@ -576,9 +574,20 @@ class _Search:
             self.count = min(2 * (tracked + 4), self.count)
             self.all_resolved = not few
 
-    def _damped_beyond(self, some: int, modes: Array) -> bool:
-        """Whether slow flow damps each mode beyond some a third as much as any mode, or more."""
-        pencil = self.problem.pencil
+    def _are_enough(self, some: int, modes: Array | None) -> bool:
+        """Whether no mode beyond some, of modes at rest, grows before these do.
+
+        Of a pipe held across its end only modes that lose their stiffness grow. Else what leaves
+        the free end must damp modes beyond about as much as any: a third as much, or more. A mass
+        there lets every mode grow, and so does fluid that is drawn in.
+        """
+        pipe, pencil = self.model.pipe, self.problem.pencil
+        if pipe.end_held or pipe.flow != "ejecting":
+            return pipe.end_held
+        if not (pipe.terms or pipe.supports or pipe.stiffness or pipe.mass):
+            return True  # slow flow damps each mode of a uniform cantilever alike
+        if modes is None:
+            return False
         damping, mass = (
             np.sum(modes * product(modes), axis=0) for product in (pencil.velocity, pencil.mass)
         )
