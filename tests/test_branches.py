@@ -127,6 +127,31 @@ def test_a_cycle_that_appears_and_vanishes_is_one_branch():
     assert (branch.amplitudes < 0.1).all()
 
 
+def test_a_branch_goes_on_where_its_cycles_begin_to_touch_a_stop():
+    stop = pp.Stop(1.0, gap=0.05, stiffness=200.0)
+    model = pp.Chain(pp.Pipe(0.2, 10.0, damping=0.005, terms=(stop,)), 2)
+    speeds = [4.491, 4.4935, 4.51]
+    found = pp.bifurcation_diagram(model, speeds)
+    (branch, *_) = found.cycles
+    grazing = next(event for event in branch.events if event.kind == "grazing")
+    assert grazing.amplitude == pytest.approx(stop.gap, rel=1e-3)
+    free = pp.Chain(pp.Pipe(0.2, 10.0, damping=0.005), 2)
+    before = pp.limit_cycle(free, grazing.speed - 3.0 * grazing.error)
+    assert before.amplitude < stop.gap < pp.limit_cycle(free, grazing.speed + 0.01).amplitude
+    assert pp.limit_cycle(free, speeds[0]).amplitude == pytest.approx(
+        branch.at(speeds[0])[0].amplitude, rel=1e-6
+    )
+    (touching,) = branch.at(speeds[1])
+    assert touching.stable
+    start = touching.q[0], 1.01 * touching.qdot[0]
+    going = pp.simulate(model, speeds[1], 300.0 * touching.period, *start, samples=2)
+    last = pp.simulate(model, speeds[1], touching.period, going.q[-1], going.qdot[-1], samples=201)
+    assert 0.5 * np.ptp(last.tip[:, 0]) == pytest.approx(touching.amplitude, rel=1e-4)
+    (unstable,) = branch.at(speeds[2])
+    assert unstable.symmetric
+    assert not unstable.stable
+
+
 def test_no_cycle_is_lost_where_a_branch_comes_back_to_rest():
     """Their amplitudes are like the square root of the distance in speed."""
     model = pp.Galerkin(pp.Pipe(0.295), 7, "legendre")

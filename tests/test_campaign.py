@@ -119,6 +119,33 @@ def test_pipes_that_were_answered_wrongly_are_right(numbers, end, model):
     assert (outcome.verdict, outcome.reason) == ("right", "")
 
 
+@pytest.mark.parametrize("supports", [(0.939, 0.9402), (0.5, 0.939, 0.9402), (0.52, 0.939, 0.945)])
+def test_a_pipe_with_two_supports_near_its_free_end_is_searched_in_few_steps(supports):
+    """Its real roots go so fast past a divergence that they seemed lost: it was without end."""
+    case = Case("known", {"beta": 0.631, "supports": [*supports]}, "pp.Continuum({})", 20.0)
+    outcome = campaign.judged(case)
+    assert (outcome.verdict, outcome.reason) == ("right", "")
+
+
+def test_modes_that_terms_miss_count_however_slow_the_flow():
+    """Fluid drawn in feeds all modes, and a damper none that has a node where it is."""
+    pipe = pp.Pipe(0.5, flow="aspirating", terms=(pp.Damper(0.98, 0.007),))
+    first = pp.critical_speed(pp.Continuum(pipe), 5.0)
+    assert pp.critical_speed(pp.Continuum(pipe), 1e-3).speed == pytest.approx(first.speed, rel=1e-6)
+    assert (pp.eigenvalues(pp.Galerkin(pipe, 60, "legendre"), 1e-3).real > 1e-6).any()
+
+
+@pytest.mark.parametrize("m", [40, 90])
+def test_high_modes_of_a_reduced_model_count_where_the_flow_feeds_them(m):
+    terms = (pp.Viscosity(5.88918), pp.Damper(0.5, 2.10575))
+    pipe = pp.Pipe(0.0023111, flow="aspirating", alpha=0.0, terms=terms)
+    model = pp.Galerkin(pipe, m, "legendre")
+    for u in (1.5, 3.0):
+        growing = np.count_nonzero(pp.eigenvalues(model, u).real > 0.1)
+        found = pp.crossings(model, u).crossings
+        assert found[-1].unstable_after == growing > 0
+
+
 @pytest.mark.parametrize(
     ("spans", "model", "end"),
     [

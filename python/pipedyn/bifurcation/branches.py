@@ -42,14 +42,16 @@ from pipedyn.bifurcation.orbit_continuation import (
     BranchStart,
     Meeting,
     Step,
+    beside_kink,
     both_ways,
     followed,
     from_branch_point,
     from_hopf,
     meeting,
+    one_way,
     orbit_at,
 )
-from pipedyn.bifurcation.periodic_orbit import PeriodicOrbit
+from pipedyn.bifurcation.periodic_orbit import PeriodicOrbit, distances_from_kinks
 from pipedyn.bifurcation.vector_field import VectorField
 from pipedyn.linear.critical_speed import crossings
 from pipedyn.linear.eigenproblem import Complex
@@ -94,6 +96,10 @@ steps out there in a row; and mesh intervals beyond which an orbit is too costly
 branches of seven pipes, they came back six times from up to 1.22 times as far, after 10 steps and
 with 21 intervals at most, and once from 2.3 times as far, after 32 steps."""
 
+PAST, GRAZING, MOST_GRAZES = 3e-4, 1e-2, 8
+"""How far beyond a grazed stop a branch goes on, relative to the speed; how near to the stop its
+cycles come before, relative to their size; and how often a branch may graze."""
+
 GENERATIONS = 2
 """Generations followed of cycles that leave cycles: all of the first, then those that leave stable
 ones, since their number may grow without end (a cascade of period doublings)."""
@@ -108,13 +114,14 @@ class CycleEvent(Result, units={"error": SPEED}):
     Attributes:
         kind: "fold" (the branch turns back), "pitchfork" (a cycle that is its own mirror image
             meets two that are not), "period doubling" (it meets one of twice its period: a
-            multiplier passes -1), "torus" (a pair passes the unit circle), "hopf" (its
-            amplitude falls to 0), "infinite period" (the frequency falls towards 0, as where a
-            cycle meets an equilibrium) or "end" (it was not followed further).
+            multiplier passes -1), "torus" (a pair passes the unit circle), "grazing" (it begins or
+            ceases to touch a stop), "hopf" (its amplitude falls to 0), "infinite period" (the
+            frequency falls towards 0, as where a cycle meets an equilibrium) or "end" (it was not
+            followed further).
         speed: u.
         error: half the interval of speeds that is known to hold it.
         multiplier: the one that passes, where it does, on the unit circle: 1 at a fold and a
-            pitchfork, as where the branch begins or ends, -1 at a doubling.
+            pitchfork, as where the branch begins or ends or grazes, -1 at a doubling.
         amplitude: of the cycle.
     """
 
@@ -354,6 +361,7 @@ class _Follower:
         self.closed = False
         self.repeats = False  # goes on as a branch that is known
         self.again: float | None = None  # speed of a cycle that was passed before
+        self.grazed = False  # whether the next step begins beyond where a stop is grazed
 
     def run(self) -> None:
         """Follows the branch until it ends, is far from the speeds or its steps run out.
@@ -365,10 +373,7 @@ class _Follower:
         lowest = min(float(speeds[speeds > 0.0][0]), here.u) / BEYOND
         highest = max(float(speeds[-1]), here.u) * BEYOND
         try:
-            steps = track(
-                *(followed(self.motion, self.start, FINE), None),
-                *(f"cycles {self.how}", self.options.shown),
-            )
+            steps = self._steps()
             if self.begin is None:
                 last = self._finished(here)
                 if last is not None:
@@ -377,6 +382,8 @@ class _Follower:
                 first = next(steps)
                 self._take(self._at_speeds(first, self._leaving(first)))
             for step in steps:
+                if self.grazed:  # this step does not begin where the last one ended
+                    last, self.grazed = None, False
                 met = self._met(step)
                 if met is not None:
                     step = met[1].whole
@@ -429,6 +436,58 @@ class _Follower:
                 return
             self._ends("end", here)
             self._fails(here, str(reason))
+
+    def _steps(self) -> Iterator[Step]:
+        """Steps along the branch, past places where its cycles begin or cease to touch a stop."""
+        start = self.start
+        for _ in range(MOST_GRAZES + 1):
+            steps = track(
+                *(followed(self.motion, start, FINE), None),
+                *(f"cycles {self.how}", self.options.shown),
+            )
+            last: Step | None = None
+            try:
+                for last in steps:
+                    yield last
+            except NewtonFailed:
+                beyond = None if last is None else self._past_grazing(last)
+                if beyond is None:
+                    raise
+                start = beyond
+        raise NewtonFailed(f"its cycles graze stops more than {MOST_GRAZES} times")
+
+    def _past_grazing(self, last: Step) -> BranchStart | None:
+        """A start beyond the end of a step, if the cycle there touches a stop, or all but does.
+
+        There the branch turns within a distance in which no mesh between both sides is resolved:
+        the cycle on the other side is solved for at a speed nearby, on a mesh that ends at the
+        stop.
+        """
+        here = orbit_at(last, last.length)
+        away = distances_from_kinks(self.motion, here)
+        nearest = int(np.argmin(np.abs(away))) if away.size else 0
+        if not away.size or abs(away[nearest]) > GRAZING * here.size:
+            return None
+        touches, way = away[nearest] > 0.0, math.copysign(1.0, last.slopes[1])
+        for share in (way * PAST, -way * PAST):
+            u = here.u * (1.0 + share)
+            try:
+                orbit = beside_kink(self.motion, here, u, -1.0 if touches else 1.0)
+            except NewtonFailed:
+                continue
+            there = distances_from_kinks(self.motion, orbit)[nearest]
+            if (there > 0.0) == touches or abs(orbit.size / here.size - 1.0) > 0.05:
+                continue
+            middle = replace(here, u=0.5 * (here.u + u))
+            self._ends("grazing", middle, 0.5 * abs(u - here.u))
+            self.end, self.grazed = None, True
+            passed = self.options.speeds
+            for speed in passed[(passed - here.u) * (passed - u) < 0.0].tolist():
+                reason = f"no cycle at u = {speed:g}: it grazes a stop there"
+                self.failed.append((speed, NoCycle(reason, speed)))
+            (start,) = one_way(self.motion, orbit, (share,))
+            return start
+        return None
 
     def _fails(self, here: PeriodicOrbit, reason: str) -> None:
         """Takes note of a failure beyond an orbit."""

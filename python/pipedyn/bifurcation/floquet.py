@@ -60,7 +60,7 @@ UNIT = 1e-6
 """By how much multipliers may exceed 1 on a stable cycle: as far as the trivial one may be off."""
 
 EventKind = Literal[
-    "fold", "pitchfork", "period doubling", "torus", "hopf", "infinite period", "end"
+    "fold", "pitchfork", "period doubling", "torus", "grazing", "hopf", "infinite period", "end"
 ]
 
 

@@ -9,7 +9,7 @@ orbit. The mesh is refined and coarsened on the way. Whatever solves for an orbi
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from itertools import islice
@@ -26,6 +26,7 @@ from pipedyn.bifurcation.periodic_orbit import (
     PeriodicOrbit,
     coarsest_mesh,
     divided,
+    refined,
     resolved,
     stage_phases,
 )
@@ -122,10 +123,40 @@ def from_branch_point(motion: VectorField, orbit: PeriodicOrbit) -> BranchStart:
 def both_ways(motion: VectorField, orbit: PeriodicOrbit) -> list[BranchStart]:
     """From any orbit towards falling and towards growing speed."""
     orbit = solved_anew(motion, orbit, orbit.u, orbit.symmetric, FINE)
+    return one_way(motion, orbit, (-1.0, 1.0))
+
+
+def one_way(motion: VectorField, orbit: PeriodicOrbit, ways: Sequence[float]) -> list[BranchStart]:
+    """From an orbit on its own mesh, towards growing speed for each way > 0, else falling speed."""
     z = orbit.packed()
     growing = np.append(np.zeros(z.size - 1), 1.0)
     tangent = OrbitProblem(motion, orbit, FINE).point(z, growing).tangent
-    return [BranchStart(orbit, sign * 0.2 * FINE.longest * tangent) for sign in (-1.0, 1.0)]
+    return [BranchStart(orbit, math.copysign(0.2 * FINE.longest, way) * tangent) for way in ways]
+
+
+def beside_kink(motion: VectorField, orbit: PeriodicOrbit, u: float, way: float) -> PeriodicOrbit:
+    """The orbit at a speed that goes farther than another one, or less far where way is < 0.
+
+    It is looked for from larger and larger changes of the size, on meshes that end where forces
+    begin; raises NewtonFailed if none leads to an orbit.
+    """
+    reason, mean = NewtonFailed(""), np.zeros((2 * orbit.half, 1))
+    if not orbit.symmetric:
+        mean = orbit.states(PROBES).mean(axis=1, keepdims=True)
+    for share in (1e-3, 3e-3, 1e-2):
+
+        def states(phase: Array, factor: float = 1.0 + way * share) -> Array:
+            return np.asarray(mean + factor * (orbit.states(phase) - mean))
+
+        guess = resolved(motion, states, orbit.frequency, u, orbit.symmetric, FINE.defect)
+        try:
+            for _ in range(4):
+                once = np.ones(len(guess.starts), dtype=np.int_)
+                guess = solved(motion, refined(motion, guess, once, at_kinks=True), FINE.tolerance)
+            return guess
+        except NewtonFailed as failure:
+            reason = failure
+    raise reason
 
 
 def _first_step(motion: VectorField, start: BranchStart, how: OrbitControl) -> Step:

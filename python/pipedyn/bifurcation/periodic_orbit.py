@@ -318,6 +318,20 @@ def _joined(edges: Array, kinks: Array) -> Array:
     return np.sort(np.concatenate([edges[[0, -1]], edges[1:-1][apart > least], kinks]))
 
 
+def distances_from_kinks(motion: VectorField, orbit: PeriodicOrbit) -> Array:
+    """How far an orbit goes beyond each place where a force begins, < 0 where it does not, (k,).
+
+    Of places that lie within its range it is the smaller of both ways, so that 0 is where the orbit
+    begins to touch, from either side.
+    """
+    _, y = orbit.sampled(KINK_SAMPLES)
+    y = np.concatenate([y, -y], axis=1) if orbit.symmetric else y
+    signed = motion.model.kinks(*np.split(y, 2))
+    if not len(signed):
+        return np.empty(0)
+    return np.asarray(np.minimum(signed.max(axis=1), -signed.min(axis=1)))
+
+
 def _kinks(motion: VectorField, orbit: PeriodicOrbit) -> Array:
     """Phases at which derivatives of the forces jump, shape (k,), rising.
 

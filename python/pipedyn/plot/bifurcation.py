@@ -31,6 +31,7 @@ MARKS: dict[str, dict[str, Any]] = {
     "hopf": {"marker": "o", "color": common.ORANGE},
     "period doubling": {"marker": "^", "color": common.PURPLE},
     "torus": {"marker": "h", "color": common.PURPLE},
+    "grazing": {"marker": "v", "color": common.VERMILION},
     "infinite period": {"marker": "*", "color": common.SKY, "markersize": 8.0},
     "end": {"marker": "P", "color": common.BLUE},
 }
