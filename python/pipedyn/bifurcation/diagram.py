@@ -33,8 +33,8 @@ from pipedyn.bifurcation.brute_force import (
 from pipedyn.bifurcation.equilibria import (
     LARGEST,
     EquilibriumBranch,
-    equilibria,
     equilibrium_branch,
+    searched,
 )
 from pipedyn.bifurcation.hopf import HopfPoint
 from pipedyn.bifurcation.known_solutions import KnownSolution, at_rest, kept_apart
@@ -390,7 +390,7 @@ def equilibrium_branches(
     stable = set[float]()
     for u in track(seeds(speeds), len(seeds(speeds)), "equilibria", shown):
         try:
-            found = equilibria(model, u)
+            found = searched(model, u, (), counted=False)
         except PipedynError as error:
             failed.append((u, error))
             continue

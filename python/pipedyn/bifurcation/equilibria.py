@@ -204,6 +204,15 @@ def equilibria(model: Model, u: float, starts: Sequence[Start] = ()) -> Equilibr
             these.
         ValueError, TypeError: for bad arguments.
     """
+    return searched(model, u, starts, counted=True)
+
+
+def searched(model: Model, u: float, starts: Sequence[Start], counted: bool) -> Equilibria:
+    """The answer of `equilibria`, or what starts bent by up to one and a half turns lead to alone.
+
+    The latter is for diagrams: a soft pipe in a fast flow has dozens of equilibria wound up by many
+    turns, which no motion reaches.
+    """
     model = checked_model_in_motion(model, largest=LARGEST, purpose="equilibria")
     statics = Statics(model)
     u = steady_speed("u", u)
@@ -212,7 +221,7 @@ def equilibria(model: Model, u: float, starts: Sequence[Start] = ()) -> Equilibr
     own = [statics.from_start(f"starts[{i}]", start) for i, start in enumerate(starts)]
     with one_thread(model.dof):
         solutions = _Solutions(statics, u)
-        solutions.look(own)
+        solutions.look(own, counted)
         found = solutions.found
         if not found:
             raise NotConverged(f"no equilibrium was found at u = {u:g}")
@@ -501,8 +510,8 @@ class _Solutions:
         self.found: list[Array] = []
         self.complete, self.search = False, ""
 
-    def look(self, own: list[Array]) -> None:
-        """Looks for solutions, from a user's own starts and others."""
+    def look(self, own: list[Array], counted: bool) -> None:
+        """Looks for solutions, from a user's own starts and others; counts them where it can."""
         statics, u = self.statics, self.u
         self.add([statics.resting])
         for start in statics.buckled(u):
@@ -510,7 +519,7 @@ class _Solutions:
                 self.add([statics.balanced(start, u, longest=0.3, iterations=40)])
         model = statics.model
         held = model.moving != model.dof
-        if model.dof <= COUNTED and not held:
+        if counted and model.dof <= COUNTED and not held:
             self.add(_balanced(statics, u, own, 0.5))
             self.count()
             return
@@ -573,7 +582,7 @@ class _Solutions:
         if settled:
             self.search = f"{taken}; the signs of det K add up as they must"
         elif self.missing() is None:
-            self.search = f"{starts}; held pipes are not counted, nor where det K is 0"
+            self.search = f"{taken}; where det K is 0 none are counted"
         elif self.missing():
             self.search = f"{taken}; the signs of det K do not add up as they must"
         else:

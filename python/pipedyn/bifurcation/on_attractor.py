@@ -17,7 +17,7 @@ from pipedyn.bifurcation.capture import (
     Region,
     attracting,
 )
-from pipedyn.bifurcation.equilibria import Statics, equilibria
+from pipedyn.bifurcation.equilibria import Statics, searched
 from pipedyn.bifurcation.motion_options import SAMPLES_A_TIME, MotionOptions
 from pipedyn.models.base import Model, NotConverged
 from pipedyn.motion.simulate import Motion, simulate
@@ -127,7 +127,7 @@ class Recorder:
         if not isinstance(u := self.drive.u, float) or self.drive.period:
             return
         try:
-            known = equilibria(self.model, u)
+            known = searched(self.model, u, (), counted=False)
         except NotConverged:
             return
         for q in known.q[known.stable]:
