@@ -9,6 +9,7 @@ import pytest
 
 import pipedyn as pp
 from pipedyn.motion.lyapunov import exponents_together, largest_exponent
+from pipedyn.util.counters import counted
 
 CHAIN = pp.Chain(pp.Pipe(0.2), 3)
 
@@ -79,6 +80,19 @@ def test_three_segments_are_chaotic_far_beyond_onset_by_either_route():
     assert second.chaotic
     assert abs(first.value - second.value) < 4.0 * math.hypot(first.spread, second.spread)
     assert 3.0 < first.value < 5.5
+
+
+def test_a_pair_about_a_bent_pipe_at_rest_takes_steps_as_long_as_its_motion():
+    """Its rates are rounding: tolerances below that would make steps a thousand times as short."""
+    model = pp.Chain(pp.Pipe(0.2, -20.0, damping=0.005), 4)
+    rest = pp.equilibria(model, 1.0)
+    stable = np.flatnonzero(rest.stable)[0]
+    with counted() as work:
+        found = pp.lyapunov_exponent(
+            model, 1.0, rest.q[stable], duration=20.0, transient=10.0, method="pair"
+        )
+    assert found.value == pytest.approx(rest.growth[stable], abs=2.0 * found.spread)
+    assert 0 < work.right_hand_sides < 100_000
 
 
 def test_both_routes_agree_along_the_same_motion():
