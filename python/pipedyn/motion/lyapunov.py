@@ -49,8 +49,8 @@ DISTANCE = 1e-7
 which their motion differs from the linear one, is lost in rounding."""
 
 ROUNDING = 1e-12
-"""Smallest error that is asked of a pair's steps, relative to the state: rounding hides smaller ones.
-Both motions have nearly the same error, so that their distance errs by far less."""
+"""Smallest error that is asked of a pair's steps, relative to the state: rounding hides less. Both
+motions have nearly the same error, so that their distance errs by far less."""
 
 MOST_INTERVALS = 10_000_000
 """Intervals, whose growth is stored: 80 MB."""
