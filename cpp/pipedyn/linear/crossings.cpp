@@ -689,13 +689,42 @@ class Search {
     const double before = square(low), after = square(high);
     if (before * after > 0.0) return {};
     const double tolerance = 4e-16 * (1.0 + high);
-    const double u = zero_between(square, low, high, tolerance), spread = 1e-3 * step.length();
-    const double slope = std::abs(square(u + spread) - square(u - spread)) / (2.0 * spread);
+    double u = zero_between(square, low, high, tolerance);
     const double left = std::abs(square(u));
     if (left > 1e-3 * std::max(std::abs(before), std::abs(after))) return {};  // it jumps
-    // Rounding of the roots enters through the slope of the squared difference.
-    const double lost = 1e-14 * std::norm(centre);
-    const double error = (slope > 0.0 ? lost / slope : step.length()) + tolerance;
+    // Next to the meeting roots are known to the square root of their rounding: polynomials through
+    // places beside it tell where it is, and two degrees how well.
+    double error = step.length() + tolerance;
+    const double reach = std::min({0.005 * step.length(), u - low, high - u});
+    if (reach > 1e3 * tolerance) {
+      const Eigen::Array<double, 6, 1> beside{-1.0, -0.75, -0.5, 0.5, 0.75, 1.0};
+      Eigen::Matrix<double, 6, 6> powers;
+      Eigen::Matrix<double, 6, 1> squares;
+      for (Index k = 0; k < 6; ++k) {
+        squares[k] = square(u + reach * beside[k]);
+        powers.col(k) = beside.pow(static_cast<double>(k));
+      }
+      const auto zero = [&](Index degree) {
+        const Eigen::VectorXd c = powers.leftCols(degree + 1).colPivHouseholderQr().solve(squares);
+        double x = 0.0;
+        for (int times = 0; times < 8; ++times) {
+          double value = 0.0, rate = 0.0;
+          for (Index k = degree; k >= 0; --k) {
+            rate = rate * x + value;
+            value = value * x + c[k];
+          }
+          x -= value / rate;
+        }
+        return std::pair(x, std::abs(c[1]) / reach);
+      };
+      const auto [x, slope] = zero(5);
+      const double rough = zero(3).first;
+      if (std::abs(x) < 0.5) {
+        u += reach * x;
+        // Rounding of the roots enters through the slope of the squared difference.
+        error = reach * std::abs(x - rough) + 1e-14 * std::norm(centre) / slope + tolerance;
+      }
+    }
     const Index mode = other < 0 ? modes_[root] : std::max(modes_[root], modes_[other]);
     const double frequency =
         traits_.squared ? std::sqrt(std::max(-centre.real(), 0.0)) : std::abs(centre.imag());
