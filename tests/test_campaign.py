@@ -19,7 +19,7 @@ SHORT = range(10, 110)
 
 BEFORE = [197, 541, 586, 603, 908, 1572, 2737, 2798, 2833, 3233, 3275, 3323, 3703, 4013, 4053]
 BEFORE += [4359, 5625, 6387, 686, 976, 1604, 1936, 4286, 8646, 8681, 8985, 9283]
-BEFORE += [253, 703, 1332, 1618, 2569, 573, 2323, 403]
+BEFORE += [253, 703, 1332, 1618, 2569, 573, 2323, 403, 1223]
 """Cases of seed 0 that searches before have got wrong or refused.
 
 Rounding of high modes beside a slow growth (197, 6387), no growth at rest of an open inlet (586),
@@ -30,7 +30,8 @@ damper at a support (4359), growth from rest by the cube of the speed (686, 976,
 8646), two roots that meet right behind a divergence (8681, 9283), growth that ceases to oscillate
 (8985), overdamped modes of the continuous pipe beyond those that oscillate (253, 703, 1332, 1618,
 2569), high modes that are lost beside a divergence and seemed to grow (573), steps right behind a
-divergence that were so short that they were matched unseen (2323).
+divergence that were so short that they were matched unseen (2323), a meeting of growing real roots
+that was looked for where both are known to the square root of rounding (1223).
 """
 
 VISCOUS = {
@@ -125,6 +126,16 @@ def test_a_pipe_with_two_supports_near_its_free_end_is_searched_in_few_steps(sup
     case = Case("known", {"beta": 0.631, "supports": [*supports]}, "pp.Continuum({})", 20.0)
     outcome = campaign.judged(case)
     assert (outcome.verdict, outcome.reason) == ("right", "")
+
+
+def test_where_growing_real_roots_meet_every_basis_says_the_same():
+    pipe = pp.Pipe(0.05, root="pinned", end="pinned", terms=(pp.Foundation(15401.5),))
+    found = [pp.crossings(pp.Galerkin(pipe, m, "legendre"), 24.0).crossings for m in (40, 61, 90)]
+    meetings = [[c for c in one if c.unstable_before == c.unstable_after] for one in found]
+    assert len(meetings[0]) == 2
+    for same in zip(*meetings, strict=True):
+        speeds = [c.speed for c in same]
+        assert np.ptp(speeds) <= 2.0 * max(c.error for c in same) < 1e-10
 
 
 def test_modes_that_terms_miss_count_however_slow_the_flow():
