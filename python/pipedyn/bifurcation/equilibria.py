@@ -75,7 +75,7 @@ FIRST_SIZE, FIRST_STARTS, MOST_STARTS = 4.0, 4, 2**16
 """Largest angle of the first starts of a search that counts, in rad; their number, to the power of
 the degrees of freedom and at least 256; and at most so many in all, which take some seconds."""
 
-BESIDE, RADIUS = 40, 2.0
+NEIGHBOURS, RADIUS = 40, 2.0
 """Starts beside each equilibrium that is known, and the largest angle between, in rad. In 27 chains
 of four segments they led to all of up to 55 equilibria, 80,000 starts anywhere to all but four."""
 
@@ -567,7 +567,7 @@ class _Solutions:
             new = self.add(_balanced(statics, self.u, list(straight + parts @ basis), 0.5))
             near = new
             while near and every < MOST_STARTS:
-                around = np.repeat(self.found, BESIDE, axis=0)
+                around = np.repeat(self.found, NEIGHBOURS, axis=0)
                 parts = RADIUS * beside.uniform(-1.0, 1.0, (len(around), model.dof))
                 starts = list(around + (parts * _shares(basis, 0.75)) @ basis)
                 near = self.add(_balanced(statics, self.u, starts, 0.5))
@@ -589,7 +589,7 @@ class _Solutions:
             self.search = f"{taken}, of which the last led to others"
 
     def missing(self) -> int | None:
-        """By how much the signs of det K do not add up; None where one is 0."""
+        """The sum that the signs of det K must have less the one that they have; None where one is 0."""
         statics = self.statics
         slopes = statics.jacobian(np.array(self.found), self.u)
         signs, logs = np.linalg.slogdet(-slopes)
@@ -606,7 +606,7 @@ def _modal_basis(statics: Statics) -> Array:
 
 
 def _shares(basis: Array, power: float | Array) -> Array:
-    """Of the largest angle in each mode, (1, dof) or (k, dof)."""
+    """Largest angle in each mode as a share of that in the first, (1, dof) or (k, dof)."""
     return np.arange(1.0, 2.0 * len(basis), 2.0)[None] ** -power
 
 

@@ -127,7 +127,7 @@ def both_ways(motion: VectorField, orbit: PeriodicOrbit) -> list[BranchStart]:
 
 
 def one_way(motion: VectorField, orbit: PeriodicOrbit, ways: Sequence[float]) -> list[BranchStart]:
-    """From an orbit on its own mesh, towards growing speed for each way > 0, else falling speed."""
+    """Starts from an orbit on its own mesh: to growing speed for each way > 0, else falling."""
     z = orbit.packed()
     growing = np.append(np.zeros(z.size - 1), 1.0)
     tangent = OrbitProblem(motion, orbit, FINE).point(z, growing).tangent

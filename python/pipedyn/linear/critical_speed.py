@@ -38,7 +38,7 @@ from pipedyn.util.units import SPEED
 
 Answer = TypeVar("Answer")
 
-LONG = 4
+LONG_MODEL = 4
 """Degrees of freedom of a long model for each mode that is tracked and unit of flow speed: of such
 some modes are computed faster than all."""
 
@@ -284,7 +284,7 @@ def _first_ends(model: AnyModel, max_speed: float) -> list[float]:
     """
     pipe, gravity = model.pipe, LARGE_GRAVITY
     if isinstance(model, Model):
-        max_speed = min(max_speed, model.dof / LONG)
+        max_speed = min(max_speed, model.dof / LONG_MODEL)
     if pipe.supports or pipe.end_held:
         ends = [5.0, 8.0, 12.0, 24.0, 48.0]
     elif pipe.flow == "ejecting":
@@ -716,7 +716,7 @@ def largest_tension(pipe: Pipe) -> float:
 
 def _some_are_cheaper(tracked: int, max_speed: float, dof: int) -> bool:
     """Whether some modes of a long chain are computed faster than all."""
-    return tracked <= dof // LONG and max_speed <= dof / LONG
+    return tracked <= dof // LONG_MODEL and max_speed <= dof / LONG_MODEL
 
 
 def _difference(a: tuple[Crossing, ...] | None, b: tuple[Crossing, ...] | None) -> float:

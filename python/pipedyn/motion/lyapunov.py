@@ -48,7 +48,7 @@ DISTANCE = 1e-7
 """Of a pair of neighbours, in the norm of the state, where each interval begins. Its square, by
 which their motion differs from the linear one, is lost in rounding."""
 
-ROUNDING = 1e-12
+LEAST_ERROR = 1e-12
 """Smallest error that is asked of a pair's steps, relative to the state: rounding hides less. Both
 motions have nearly the same error, so that their distance errs by far less."""
 
@@ -213,7 +213,7 @@ def largest_exponent(
     for i in track(range(growth.size), growth.size, "exponent", shown):
         whole = np.concatenate([state, length * direction + (state if pair else 0.0)])
         # Rates of a bent pipe at rest are rounding, which no step makes smaller.
-        least = ROUNDING * float(np.abs(state).max()) if pair else 0.0
+        least = LEAST_ERROR * float(np.abs(state).max()) if pair else 0.0
         try:
             found, calls = state_after(
                 *(slopes, whole, step, rtol, max(atol, least)), slopes_by_state if stiff else None
