@@ -589,7 +589,7 @@ class _Solutions:
             self.search = f"{taken}, of which the last led to others"
 
     def missing(self) -> int | None:
-        """The sum that the signs of det K must have less the one that they have; None where one is 0."""
+        """What the signs of det K must add up to, less what they do; None where one is 0."""
         statics = self.statics
         slopes = statics.jacobian(np.array(self.found), self.u)
         signs, logs = np.linalg.slogdet(-slopes)
