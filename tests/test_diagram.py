@@ -133,19 +133,19 @@ def test_diagram_pickles(diagram):
 
 
 def test_points_that_fail_are_marked_and_the_others_kept(monkeypatch):
-    real_equilibria, real_many = module.equilibria, brute_force.in_batches
+    real_equilibria, real_many = module.searched, brute_force.in_batches
 
-    def none_at_rest(model, u):
+    def none_at_rest(model, u, starts, counted):
         if u == 0.5:
             raise pp.NotConverged("none here")
-        return real_equilibria(model, u)
+        return real_equilibria(model, u, starts, counted)
 
     def one_stops(tasks, work, members):
         done = real_many(tasks, work, members=members)
         done[3] = replace(done[3], outcome=(*done[3].outcome[:2], "it stopped"))
         return done
 
-    monkeypatch.setattr(module, "equilibria", none_at_rest)
+    monkeypatch.setattr(module, "searched", none_at_rest)
     monkeypatch.setattr(brute_force, "in_batches", one_stops)
     found = pp.bifurcation_diagram(
         TWO, [0.5, 2.0, 5.0], cycles=0, brute_force=2, transient=3.0, duration=2.0

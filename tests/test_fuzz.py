@@ -24,6 +24,7 @@ CALLED_WITH_CHECKED = {
         "motion_jacobian",
         "motion_linearised",
         "motion_rates",
+        "integrated",
         "recorded",
         "require_equilibrium",
         "start",

@@ -700,8 +700,10 @@ class Search {
       const Eigen::Array<double, 6, 1> beside{-1.0, -0.75, -0.5, 0.5, 0.75, 1.0};
       Eigen::Matrix<double, 6, 6> powers;
       Eigen::Matrix<double, 6, 1> squares;
+      Eigen::Matrix<Complex, 6, 1> centres;
       for (Index k = 0; k < 6; ++k) {
         squares[k] = square(u + reach * beside[k]);
+        centres[k] = centre;
         powers.col(k) = beside.pow(static_cast<double>(k));
       }
       const auto zero = [&](Index degree) {
@@ -721,6 +723,9 @@ class Search {
       const double rough = zero(3).first;
       if (std::abs(x) < 0.5) {
         u += reach * x;
+        const Eigen::Matrix<Complex, 6, 1> c = powers.cast<Complex>().partialPivLu().solve(centres);
+        centre = 0.0;
+        for (Index k = 5; k >= 0; --k) centre = centre * x + c[k];
         // Rounding of the roots enters through the slope of the squared difference.
         error = reach * std::abs(x - rough) + 1e-14 * std::norm(centre) / slope + tolerance;
       }

@@ -71,9 +71,10 @@ a weight up to 180 they found no more than the first look."""
 COUNTED = 4
 """Degrees of freedom up to which equilibria are counted by the signs of their determinants."""
 
-FIRST_SIZE, FIRST_STARTS, MOST_STARTS = 4.0, 4, 2**16
+FIRST_SIZE, FIRST_STARTS, MOST_STARTS, MOST_FOUND = 4.0, 4, 2**16, 256
 """Largest angle of the first starts of a search that counts, in rad; their number, to the power of
-the degrees of freedom and at least 256; and at most so many in all, which take some seconds."""
+the degrees of freedom and at least 256; at most so many in all, which take some seconds; and at
+most so many equilibria, as a pipe that is soft beside its weight and its jet has thousands."""
 
 NEIGHBOURS, RADIUS = 40, 2.0
 """Starts beside each equilibrium that is known, and the largest angle between, in rad. In 27 chains
@@ -558,7 +559,7 @@ class _Solutions:
         anywhere = scipy.stats.qmc.Halton(model.dof + 1, seed=0)
         beside = np.random.default_rng(0)
         size, here, every, settled = FIRST_SIZE, 0, 0, False
-        while not settled and every < MOST_STARTS:
+        while not settled and every < MOST_STARTS and len(self.found) < MOST_FOUND:
             many = max(first, here)
             draws = anywhere.random(many)
             # High modes are stiff: the largest angle falls with their number, by various powers.
@@ -566,7 +567,7 @@ class _Solutions:
             straight = statics.resting
             new = self.add(_balanced(statics, self.u, list(straight + parts @ basis), 0.5))
             near = new
-            while near and every < MOST_STARTS:
+            while near and every < MOST_STARTS and len(self.found) < MOST_FOUND:
                 around = np.repeat(self.found, NEIGHBOURS, axis=0)
                 parts = RADIUS * beside.uniform(-1.0, 1.0, (len(around), model.dof))
                 starts = list(around + (parts * _shares(basis, 0.75)) @ basis)
@@ -579,7 +580,9 @@ class _Solutions:
             else:
                 settled = not new and here > first and self.missing() == 0
         self.complete, taken = settled, f"{every:,} starts bent by up to {size:g} rad"
-        if settled:
+        if len(self.found) >= MOST_FOUND:
+            self.search = f"{taken}, where there are more than {MOST_FOUND} solutions"
+        elif settled:
             self.search = f"{taken}; the signs of det K add up as they must"
         elif self.missing() is None:
             self.search = f"{taken}; where det K is 0 none are counted"
