@@ -706,34 +706,37 @@ class Search {
         centres[k] = centre;
         powers.col(k) = beside.pow(static_cast<double>(k));
       }
-      const auto zero = [&](Index degree) {
-        const Eigen::VectorXd c = powers.leftCols(degree + 1).colPivHouseholderQr().solve(squares);
-        double x = 0.0;
-        for (int times = 0; times < 8; ++times) {
-          double value = 0.0, rate = 0.0;
-          for (Index k = degree; k >= 0; --k) {
-            rate = rate * x + value;
-            value = value * x + c[k];
-          }
-          x -= value / rate;
-        }
-        return std::pair(x, std::abs(c[1]) / reach);
-      };
-      const auto [x, slope] = zero(5);
-      const double rough = zero(3).first;
+      const Eigen::VectorXd all = powers.colPivHouseholderQr().solve(squares);
+      const Eigen::VectorXd few = powers.leftCols(4).colPivHouseholderQr().solve(squares);
+      const double x = zero_near_0(all), slope = std::abs(all[1]) / reach;
       if (std::abs(x) < 0.5) {
         u += reach * x;
         const Eigen::Matrix<Complex, 6, 1> c = powers.cast<Complex>().partialPivLu().solve(centres);
         centre = 0.0;
         for (Index k = 5; k >= 0; --k) centre = centre * x + c[k];
         // Rounding of the roots enters through the slope of the squared difference.
-        error = reach * std::abs(x - rough) + 1e-14 * std::norm(centre) / slope + tolerance;
+        const double lost = 1e-14 * std::norm(centre) / slope;
+        error = reach * std::abs(x - zero_near_0(few)) + lost + tolerance;
       }
     }
     const Index mode = other < 0 ? modes_[root] : std::max(modes_[root], modes_[other]);
     const double frequency =
         traits_.squared ? std::sqrt(std::max(-centre.real(), 0.0)) : std::abs(centre.imag());
     return AxisCrossing{u, {0.0, frequency}, change, mode, error};
+  }
+
+  /// The zero of a polynomial with these coefficients, from the constant on, by Newton's method.
+  static double zero_near_0(const Eigen::VectorXd& coefficients) {
+    double x = 0.0;
+    for (int times = 0; times < 8; ++times) {
+      double value = 0.0, rate = 0.0;
+      for (Index k = coefficients.size() - 1; k >= 0; --k) {
+        rate = rate * x + value;
+        value = value * x + coefficients[k];
+      }
+      x -= value / rate;
+    }
+    return x;
   }
 
   /// The two roots of a sample nearest to a value.

@@ -99,7 +99,7 @@ class DenseOperator {
   DenseOperator with(Matrix mass, Matrix velocity, Matrix stiffness) const {
     return {lapack_, {std::move(mass), std::move(velocity), std::move(stiffness)}, size, lost};
   }
-  /// Of motions that are sums of a basis' columns alone.
+  /// The matrices B^T M B, B^T C B and so on of motions that are sums of the columns of a basis B.
   DenseOperator within(const Eigen::MatrixXd& basis) const;
   /// What rounding of its entries may hide, y^H P x in eps, of each pair: no residual shows it.
   Reals hidden(const Values& values, const ComplexTable& right, const ComplexTable& left) const;

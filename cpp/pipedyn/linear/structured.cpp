@@ -34,7 +34,8 @@ constexpr int most_assumed = 40;
 /// often the way is halved.
 constexpr Index cheap_start = 100;
 constexpr int most_on_the_way = 3;
-/// Modes at rest more than roots in flow are begun with, each a sum of such modes.
+/// Dense starts in flow are sums of modes at rest, so many more than half the roots that are
+/// wanted.
 constexpr Index modes_beyond = 12;
 /// Samples whose roots are kept: steps are halved from the right, and go on from there.
 constexpr std::size_t most_known = 8;
@@ -272,10 +273,13 @@ Approximations Structured::dense_starts(double u, Index wanted) {
   const DenseOperator& p = Eigenproblem::at(u);
   const Index some = wanted / 2 + modes_beyond;
   const bool few = knows_modes() && 4 * some < 3 * traits.dof;  // which takes half the time
-  if (!(few || u == 0.0) || !modes_at_rest()) return dense_roots(p, is_squared(u));
+  const bool modal = (few || u == 0.0) && modes_at_rest().has_value();
+  if (!modal) return dense_roots(p, is_squared(u));
   const Modes& modes = *modes_at_rest();
-  if (u != 0.0) return dense_roots(p.within(modes.vectors.leftCols(some)), is_squared(u));
-  return starts_at_rest_ = modal_roots(p, modes, traits.loss);
+  if (u == 0.0) return starts_at_rest_ = modal_roots(p, modes, traits.loss);
+  // Those that rounding makes any are left out of the modes: there may be fewer.
+  const Index count = std::min<Index>(some, modes.vectors.cols());
+  return dense_roots(p.within(modes.vectors.leftCols(count)), is_squared(u));
 }
 
 Approximations Structured::starts_of(const Determinant& of, double u) const {

@@ -47,8 +47,8 @@ from pipedyn.bifurcation.orbit_continuation import (
     followed,
     from_branch_point,
     from_hopf,
+    from_orbit,
     meeting,
-    one_way,
     orbit_at,
 )
 from pipedyn.bifurcation.periodic_orbit import PeriodicOrbit, distances_from_kinks
@@ -479,13 +479,13 @@ class _Follower:
             if (there > 0.0) == touches or abs(orbit.size / here.size - 1.0) > 0.05:
                 continue
             middle = replace(here, u=0.5 * (here.u + u))
-            self._ends("grazing", middle, 0.5 * abs(u - here.u))
-            self.end, self.grazed = None, True
+            self._note("grazing", middle, 0.5 * abs(u - here.u))
+            self.grazed = True
             passed = self.options.speeds
             for speed in passed[(passed - here.u) * (passed - u) < 0.0].tolist():
                 reason = f"no cycle at u = {speed:g}: it grazes a stop there"
                 self.failed.append((speed, NoCycle(reason, speed)))
-            (start,) = one_way(self.motion, orbit, (share,))
+            (start,) = from_orbit(self.motion, orbit, (share,))
             return start
         return None
 
@@ -499,9 +499,13 @@ class _Follower:
 
     def _ends(self, kind: EventKind, orbit: PeriodicOrbit, error: float = 0.0) -> None:
         """Takes note of the orbit at which the branch ends, or ("end") is not followed further."""
+        self._note(kind, orbit, error)
+        self.end = self.events[-1] if kind != "end" else None
+
+    def _note(self, kind: EventKind, orbit: PeriodicOrbit, error: float) -> None:
+        """Keeps an event at an orbit at which no multiplier passes the unit circle."""
         size = 0.0 if kind == "hopf" else amplitude_of(self.motion, orbit)[0]
         self.events.append(CycleEvent(kind, orbit.u, error, 1.0 + 0j, size))
-        self.end = self.events[-1] if kind != "end" else None
 
     def _finished(self, orbit: PeriodicOrbit) -> LimitCycle | None:
         """The cycle of the orbit at one of the speeds given; None where there is none.

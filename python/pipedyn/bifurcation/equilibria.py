@@ -526,15 +526,17 @@ class _Solutions:
             return
         odd = statics.motion.is_odd(u)
         # Few starts show whether a hanging pipe has bent ones at all; then more look for all.
-        starts, modes = _bends(statics, 3, SIZES[::2], odd), 3
-        found = _balanced(statics, u, own + starts, 0.2)
+        starts, modes = own + _bends(statics, 3, SIZES[::2], odd), 3
+        found = _balanced(statics, u, starts, 0.2)
         self.add(found)
+        taken = len(starts)
         if statics.size <= MOST_WOUND and (len(found) > 1 or model.pipe.gamma < 0.0):
             starts, modes = _bends(statics, 4, SIZES, odd), 4
             self.add(_balanced(statics, u, starts, 0.5))
+            taken += len(starts)
         why = "of pipes that are held" if held else f"in more than {COUNTED} degrees of freedom"
         self.search = (
-            f"{len(own + starts)} starts bent by up to {SIZES[-1]:g} rad in mixtures of {modes} "
+            f"{taken} starts bent by up to {SIZES[-1]:g} rad in mixtures of {modes} "
             f"modes; solutions {why} are not counted"
         )
 
@@ -558,20 +560,23 @@ class _Solutions:
         first = max(FIRST_STARTS**model.dof, 256)
         anywhere = scipy.stats.qmc.Halton(model.dof + 1, seed=0)
         beside = np.random.default_rng(0)
+
+        def led_to(starts: Array) -> int:
+            """How many new solutions starts in the rows lead to."""
+            return self.add(_balanced(statics, self.u, list(starts), 0.5))
+
         size, here, every, settled = FIRST_SIZE, 0, 0, False
         while not settled and every < MOST_STARTS and len(self.found) < MOST_FOUND:
             many = max(first, here)
             draws = anywhere.random(many)
             # High modes are stiff: the largest angle falls with their number, by various powers.
             parts = size * (2.0 * draws[:, :-1] - 1.0) * _shares(basis, 0.5 + 0.5 * draws[:, -1:])
-            straight = statics.resting
-            new = self.add(_balanced(statics, self.u, list(straight + parts @ basis), 0.5))
+            new = led_to(statics.resting + parts @ basis)
             near = new
             while near and every < MOST_STARTS and len(self.found) < MOST_FOUND:
                 around = np.repeat(self.found, NEIGHBOURS, axis=0)
                 parts = RADIUS * beside.uniform(-1.0, 1.0, (len(around), model.dof))
-                starts = list(around + (parts * _shares(basis, 0.75)) @ basis)
-                near = self.add(_balanced(statics, self.u, starts, 0.5))
+                near = led_to(around + (parts * _shares(basis, 0.75)) @ basis)
                 every += len(around)
             here, every = here + many, every + many
             largest = max((float(np.abs(x).max()) for x in self.found), default=0.0)
@@ -581,7 +586,7 @@ class _Solutions:
                 settled = not new and here > first and self.missing() == 0
         self.complete, taken = settled, f"{every:,} starts bent by up to {size:g} rad"
         if len(self.found) >= MOST_FOUND:
-            self.search = f"{taken}, where there are more than {MOST_FOUND} solutions"
+            self.search = f"{taken}, where there are at least {MOST_FOUND} solutions"
         elif settled:
             self.search = f"{taken}; the signs of det K add up as they must"
         elif self.missing() is None:

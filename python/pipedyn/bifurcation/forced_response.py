@@ -19,7 +19,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pipedyn.bifurcation.collocation import OrbitProblem, residual, solved
+from pipedyn.bifurcation.collocation import residual, solved
 from pipedyn.bifurcation.continuation import folds, sign_changes
 from pipedyn.bifurcation.floquet import UNIT, EventKind, crossing_event, orbit_multipliers
 from pipedyn.bifurcation.limit_cycle import Known, amplitude_of, refined_until
@@ -29,6 +29,7 @@ from pipedyn.bifurcation.orbit_continuation import (
     BranchStart,
     Step,
     followed,
+    from_orbit,
     meeting,
     orbit_at,
 )
@@ -477,14 +478,12 @@ def _from_base(
         try:
             orbit = _first_motion(motion, u)
             motion.reach = min(1.0, REACH * amplitude_of(motion, orbit)[0])
-            z = orbit.packed()
-            onward = np.append(np.zeros(z.size - 1), way)
-            tangent = OrbitProblem(motion, orbit, FINE).point(z, onward).tangent
+            (start,) = from_orbit(motion, orbit, (way,))
         except NewtonFailed as reason:
             failed.append(f"at a frequency of {frequency:g} {reason}")
             continue
         begun = True
-        yield Begin("base", motion, BranchStart(orbit, 0.2 * FINE.longest * tangent), (low, high))
+        yield Begin("base", motion, start, (low, high))
         if whole():
             return
     if not begun:

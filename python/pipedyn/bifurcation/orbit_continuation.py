@@ -123,11 +123,13 @@ def from_branch_point(motion: VectorField, orbit: PeriodicOrbit) -> BranchStart:
 def both_ways(motion: VectorField, orbit: PeriodicOrbit) -> list[BranchStart]:
     """From any orbit towards falling and towards growing speed."""
     orbit = solved_anew(motion, orbit, orbit.u, orbit.symmetric, FINE)
-    return one_way(motion, orbit, (-1.0, 1.0))
+    return from_orbit(motion, orbit, (-1.0, 1.0))
 
 
-def one_way(motion: VectorField, orbit: PeriodicOrbit, ways: Sequence[float]) -> list[BranchStart]:
-    """Starts from an orbit on its own mesh: to growing speed for each way > 0, else falling."""
+def from_orbit(
+    motion: VectorField, orbit: PeriodicOrbit, ways: Sequence[float]
+) -> list[BranchStart]:
+    """Starts from an orbit on its own mesh: its parameter grows for each way > 0, else it falls."""
     z = orbit.packed()
     growing = np.append(np.zeros(z.size - 1), 1.0)
     tangent = OrbitProblem(motion, orbit, FINE).point(z, growing).tangent
@@ -137,8 +139,8 @@ def one_way(motion: VectorField, orbit: PeriodicOrbit, ways: Sequence[float]) ->
 def beside_kink(motion: VectorField, orbit: PeriodicOrbit, u: float, way: float) -> PeriodicOrbit:
     """The orbit at a speed that goes farther than another one, or less far where way is < 0.
 
-    It is looked for from larger and larger changes of the size, on meshes that end where forces
-    begin; raises NewtonFailed if none leads to an orbit.
+    It is looked for from larger and larger changes of the size, on meshes with a point wherever a
+    force begins; raises NewtonFailed if none leads to an orbit.
     """
     reason, mean = NewtonFailed(""), np.zeros((2 * orbit.half, 1))
     if not orbit.symmetric:

@@ -39,8 +39,8 @@ from pipedyn.util.units import SPEED
 Answer = TypeVar("Answer")
 
 LONG_MODEL = 4
-"""Degrees of freedom of a long model for each mode that is tracked and unit of flow speed: of such
-some modes are computed faster than all."""
+"""A model is long if it has at least so many degrees of freedom for each mode that is tracked, and
+for each unit of flow speed: some of its modes are computed faster than all."""
 
 LARGE_GRAVITY = 100.0
 """gamma beyond which weight sets the scale of flow speeds: measured at beta 0.05 to 0.8, critical
@@ -283,7 +283,7 @@ def _first_ends(model: AnyModel, max_speed: float) -> list[float]:
     sooner the more of the mass is fluid. Spans held at both ends buckle between pi and 2 pi.
     """
     pipe, gravity = model.pipe, LARGE_GRAVITY
-    if isinstance(model, Model):
+    if isinstance(model, Model):  # beyond, all modes are tracked however soon the search ends
         max_speed = min(max_speed, model.dof / LONG_MODEL)
     if pipe.supports or pipe.end_held:
         ends = [5.0, 8.0, 12.0, 24.0, 48.0]
