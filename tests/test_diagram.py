@@ -10,16 +10,26 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import scipy.stats
+from pytest import approx
 
 import pipedyn as pp
-from pipedyn.bifurcation import brute_force, capture
 from pipedyn.bifurcation import diagram as module
-from pipedyn.bifurcation.brute_force import ending_of, turning_points
+from pipedyn.bifurcation import motion_ends as engine
+from pipedyn.bifurcation import regions
+from pipedyn.bifurcation.motion_ends import Case, motion_ends, spread_alike
 from pipedyn.bifurcation.motion_options import MotionOptions, initial_bends
+from pipedyn.bifurcation.records import Stretch, trend_of, turning_points
+from pipedyn.bifurcation.regions import Excitation
 from pipedyn.util.counters import counted
 
 TWO = pp.Chain(pp.Pipe(0.2, -20.0), 2)
 SPEEDS = np.array([0.5, 1.0, 2.0, 3.0, 3.5, 5.0])
+
+
+def motions(model, speeds, starts, options):
+    """Ends of motions from starts at speeds where nothing is known."""
+    ends, _ = motion_ends(model, [Case(model, Excitation(u)) for u in speeds], starts, options)
+    return [end for answers in ends for _, end in answers]
 
 
 @pytest.fixture(scope="module")
@@ -48,8 +58,8 @@ def test_motions_end_on_stable_equilibria_where_there_are_some(diagram):
         attractors = diagram.at(u)
         assert [one.start for one in attractors] == [0, 1, 2, 3]
         for one in attractors:
-            assert one.ending in ("rest", "settling")
-            assert np.abs(stable - one.turnings[-1]).min() < 1e-2
+            assert one.ending == "rest"
+            assert np.abs(stable - one.turnings[-1]).min() < 1e-6
 
 
 def test_motions_end_on_a_cycle_beyond_the_fold(diagram):
@@ -133,7 +143,7 @@ def test_diagram_pickles(diagram):
 
 
 def test_points_that_fail_are_marked_and_the_others_kept(monkeypatch):
-    real_equilibria, real_many = module.searched, brute_force.in_batches
+    real_equilibria, real_many = module.searched, engine.in_batches
 
     def none_at_rest(model, u, starts, counted):
         if u == 0.5:
@@ -142,11 +152,12 @@ def test_points_that_fail_are_marked_and_the_others_kept(monkeypatch):
 
     def one_stops(tasks, work, members):
         done = real_many(tasks, work, members=members)
-        done[3] = replace(done[3], outcome=(*done[3].outcome[:2], "it stopped"))
+        if len(tasks) == 6:  # all of them
+            done[3] = replace(done[3], outcome=(*done[3].outcome[:2], "it stopped"))
         return done
 
     monkeypatch.setattr(module, "searched", none_at_rest)
-    monkeypatch.setattr(brute_force, "in_batches", one_stops)
+    monkeypatch.setattr(engine, "in_batches", one_stops)
     found = pp.bifurcation_diagram(
         TWO, [0.5, 2.0, 5.0], cycles=0, brute_force=2, transient=3.0, duration=2.0
     )
@@ -155,8 +166,8 @@ def test_points_that_fail_are_marked_and_the_others_kept(monkeypatch):
     assert len(found.equilibria) == 3
 
 
-def test_irregular_motions_are_asked_for_their_exponent():
-    # Conservative at rest: two frequencies without a common period.
+def test_two_frequencies_without_a_common_period_are_quasi_periodic():
+    # Nothing takes energy from a pipe whose fluid rests: small motions are sums of two modes.
     found = pp.bifurcation_diagram(
         pp.Chain(pp.Pipe(0.2, 5.0), 2),
         [0.0, 0.1],
@@ -164,29 +175,28 @@ def test_irregular_motions_are_asked_for_their_exponent():
         brute_force=2,
         transient=0.0,
         duration=10.0,
-        exponents=True,
     )
-    irregular = [one for one in found.at(0.0) if one.ending == "irregular"]
-    assert irregular
-    for one in irregular:
-        assert abs(one.exponent.value) < 0.5
+    for one in found.at(0.0):
+        assert one.name == "quasi-periodic"
+        assert abs(one.exponent.value) < 3.0 * one.exponent.spread
+    assert [one.name for one in found.at(0.1)] == ["rest", "rest"]
 
 
 def test_irregular_motions_are_named_and_those_that_are_spread_alike_share_an_exponent():
     model = pp.Chain(pp.Pipe(0.3), 3)
-    found = pp.bifurcation_diagram(model, [6.0, 8.5], cycles=0, brute_force=3, duration=20.0)
+    asked = {"cycles": 0, "brute_force": 3, "duration": 20.0}
+    found = pp.bifurcation_diagram(model, [6.0, 8.5], **asked)
     assert [one.name for one in found.at(6.0)] == 3 * ["periodic, 1 maximum"]
     first, *others = found.at(8.5)
-    assert first.ending == "irregular"
+    assert first.ending == "chaotic"
     assert first.exponent.chaotic
     assert first.name == f"chaotic, exponent {first.exponent.value:.2g}"
     assert any(one.exponent is first.exponent for one in others)
-    torus = replace(first, exponent=replace(first.exponent, value=0.0))
-    assert torus.name == "quasi-periodic"
-    assert replace(first, exponent=None).name == "irregular"
-    half = replace(first, turnings=0.5 * first.turnings)
-    assert brute_force._alike([0, 1, 2], [first, first, half]) == [[0, 1], [2]]
-    assert brute_force._alike([0, 1], [first, replace(first, speed=8.6)]) == [[0], [1]]
+    unnamed = pp.bifurcation_diagram(model, [6.0, 8.5], **asked, exponents=False).at(8.5)
+    assert {one.name for one in unnamed} == {"irregular"}
+    assert {one.exponent for one in unnamed} == {None}
+    assert spread_alike(first.turnings[:60], first.turnings[60:])
+    assert not spread_alike(first.turnings, 0.5 * first.turnings)
 
 
 def test_settled_motions_end_early_where_they_would_have_ended(monkeypatch):
@@ -195,10 +205,10 @@ def test_settled_motions_end_early_where_they_would_have_ended(monkeypatch):
     options = MotionOptions(100.0, 40.0, 1e-6, False)
     starts = initial_bends(model, 2, 0)
     answers, costs = [], []
-    for first_look in (brute_force.FIRST_LOOK, 200.0):
-        monkeypatch.setattr(brute_force, "FIRST_LOOK", first_look)
+    for first_look in (engine.FIRST_LOOK, 200.0):
+        monkeypatch.setattr(engine, "FIRST_LOOK", first_look)
         with counted() as work:
-            answers.append(brute_force.attractors(model, speeds, starts, options, []))
+            answers.append(motions(model, speeds, starts, options))
         costs.append(work.right_hand_sides)
     assert costs[0] < 0.25 * costs[1]
     for early, late in zip(*answers, strict=True):
@@ -217,18 +227,18 @@ def test_settled_motions_end_early_where_they_would_have_ended(monkeypatch):
 )
 def test_motions_that_go_on_as_one_end_where_each_alone_does(model, u, ending, monkeypatch):
     options, starts = MotionOptions(60.0, 20.0, 1e-6, False), initial_bends(model, 3, 0)
-    answers, costs, joined, joining = [], [], [0], brute_force._Batch.joining
+    answers, costs, joined, joining = [], [], [0], engine._Engine.joining
 
     def counting(batch, irregular):
         found = joining(batch, irregular)
         joined[0] += len(found)
         return found
 
-    monkeypatch.setattr(brute_force._Batch, "joining", counting)
+    monkeypatch.setattr(engine._Engine, "joining", counting)
     for share in (0.25, math.inf):
-        monkeypatch.setattr(brute_force, "JOINED", share)
+        monkeypatch.setattr(engine, "JOINED", share)
         with counted() as work:
-            answers.append(brute_force.attractors(model, np.array([u]), starts, options, []))
+            answers.append(motions(model, [u], starts, options))
         costs.append(work.right_hand_sides)
         assert joined[0] > 0
     for one, alone in zip(*answers, strict=True):
@@ -249,18 +259,18 @@ def test_explicit_steps_follow_the_same_motion_where_they_cost_less(monkeypatch)
 
     def watched(tasks, *others):
         method.extend(task.method for task in tasks)
-        return capture.watched(tasks, *others)
+        return regions.watched(tasks, *others)
 
-    monkeypatch.setattr(brute_force, "watched", watched)
-    monkeypatch.setattr(brute_force, "TRANSIENT", 0.0)
+    monkeypatch.setattr(engine, "watched", watched)
+    monkeypatch.setattr(engine, "TRANSIENT", 0.0)
     for least, foreseen, used in (
         (math.inf, 0, {"radau"}),
         (0.0, 0, {"radau", "dop853"}),
         (math.inf, 100, {"dop853"}),  # by the eigenvalues at rest
     ):
-        monkeypatch.setattr(brute_force, "EXPLICIT", least)
-        monkeypatch.setattr(brute_force, "LARGEST_DENSE", foreseen)
-        found = brute_force.attractors(model, speeds, starts, options, [])
+        monkeypatch.setattr(engine, "EXPLICIT", least)
+        monkeypatch.setattr(engine, "LARGEST_DENSE", foreseen)
+        found = motions(model, speeds, starts, options)
         ends.append(np.array([one.end for one in found]))
         assert set(method) == used
         method.clear()
@@ -271,35 +281,44 @@ def test_a_motion_that_rests_where_nothing_stays_goes_on():
     # Upright and too heavy: 1e-12 beside the straight pipe a motion rests for a while.
     start = np.full(2, 1e-12)
     options = MotionOptions(40.0, 10.0, 1e-6, False)
-    (one,) = brute_force.attractors(TWO, np.array([1.0]), [start], options, [])
+    (one,) = motions(TWO, [1.0], [start], options)
     stable = pp.equilibria(TWO, 1.0)
     assert np.abs(stable.tips[stable.stable, 0] - one.turnings[-1]).min() < 1e-2
 
 
-def record(signal, end=8.0):
-    t = np.linspace(0.0, end, 1001)
-    x = signal(t)
-    turnings, error = turning_points(t, x, signal(t + 1e-20j).imag / 1e-20)
-    return brute_force._Record(x, turnings, error, *ending_of(x, turnings, error))
+def stretch(signals, end):
+    """A record of which the states are given functions of time and their rates."""
+    t = np.linspace(0.0, end, 100 * round(end) + 1)
+    p = np.stack([signal(t) for signal in signals], axis=1)
+    rates = np.stack([signal(t + 1e-20j).imag / 1e-20 for signal in signals], axis=1)
+    return Stretch.of(t, np.concatenate([p, rates], axis=1), p[:, 0], rates[:, 0], 1e-6)
 
 
-@pytest.mark.parametrize(
-    ("change", "attracts"),
-    [
-        (lambda t: 0.02 * np.exp(-0.5 * t), True),
-        (lambda t: 0.02 * np.exp(-3.0 * t), True),
-        (lambda t: 0.02 * np.exp(-0.1 * t), False),  # too slowly to be seen
-        (lambda t: 0.02 + 0.0 * t, False),  # as on a torus
-        (lambda t: 1e-4 * np.exp(0.5 * t), False),
-        (lambda t: 0.02 * np.exp(-2.0 * t) + 1e-4 * np.exp(0.5 * t), False),  # a saddle
-        (lambda t: 0.0 * t, False),  # nothing has moved
-    ],
-)
-def test_a_cycle_attracts_what_starts_beside_it_and_comes_nearer(change, attracts):
-    own = record(lambda t: 0.2 * np.cos(9.0 * t))
-    neighbour = record(lambda t: 0.2 * (1.0 + change(t)) * np.cos(9.0 * t))
-    assert own.seems_settled()
-    assert own.attracts(neighbour) == attracts
+TORUS = [
+    lambda t: np.cos(9.0 * t) + 0.4 * np.cos(9.0 * 2.0**0.5 * t),
+    lambda t: np.sin(9.0 * t + 0.3 * np.cos(9.0 * 2.0**0.5 * t)),
+]
+
+
+def test_averages_converge_on_a_torus_and_not_where_motion_is_chaotic():
+    assert stretch(TORUS, 100.0).averages_converge()
+    drifting = [lambda t, one=one: one(t) * (1.0 + 0.1 * np.exp(-0.02 * t)) for one in TORUS]
+    assert not stretch(drifting, 100.0).averages_converge()  # it still comes nearer to a torus
+    random = np.random.default_rng(0)
+    for _ in range(5):  # the phase of the second frequency is a random walk
+        walk = np.cumsum(random.normal(0.0, 0.05, 10_001))
+        t = np.linspace(0.0, 100.0, walk.size)
+        x = np.cos(9.0 * t) + 0.4 * np.cos(9.0 * 2.0**0.5 * t + walk)
+        states = np.stack([x, np.gradient(x, t)], axis=1)
+        assert not Stretch.of(t, states, x, states[:, 1], 1e-6).averages_converge()
+
+
+@pytest.mark.parametrize("times", [1, 21])
+def test_a_period_is_found_however_many_maxima_it_holds(times):
+    signals = [lambda t: np.cos(9.0 * t) + 0.2 * np.cos(9.0 / times * t), lambda t: np.sin(9.0 * t)]
+    found = stretch(signals, 60.0)
+    assert found.repeats(0.0) == approx(times * 2.0 * np.pi / 9.0, rel=1e-4)
+    assert stretch(TORUS, 60.0).repeats(0.0) == 0.0
 
 
 def test_starts_of_guided_scenes_meet_the_guide():
@@ -335,7 +354,7 @@ def test_kinds_of_motion_after_the_transient_are_distinguished(signal, expected)
     t = np.linspace(0.0, 20.0, 8001)
     x = signal(t)
     turnings, error = turning_points(t, x, signal(t + 1e-20j).imag / 1e-20)
-    assert ending_of(x, turnings, error) == expected
+    assert trend_of(x, turnings, error) == expected
 
 
 @pytest.mark.parametrize("model", [pp.Chain(pp.Pipe(0.2), 3), pp.Galerkin(pp.Pipe(0.2), 3)])
@@ -345,10 +364,10 @@ def test_what_is_recorded_keeps_to_rtol_however_rough_the_way(model, monkeypatch
     cycles = [pp.limit_cycle(model, u, rtol=1e-8) for u in speeds]
     options = MotionOptions(100.0, 20.0, 1e-6, False)
     starts, work = initial_bends(model, 2, 0), list[int]()
-    for roughly in (brute_force.TRANSIENT, 0.0):
-        monkeypatch.setattr(brute_force, "TRANSIENT", roughly)
+    for roughly in (engine.TRANSIENT, 0.0):
+        monkeypatch.setattr(engine, "TRANSIENT", roughly)
         with counted() as counts:
-            found = brute_force.attractors(model, speeds, starts, options, [])
+            found = motions(model, speeds, starts, options)
         work.append(counts.right_hand_sides)
         assert [one.name for one in found] == ["periodic, 1 maximum"] * 4
         for one in found:
@@ -363,7 +382,7 @@ def test_a_drift_that_no_period_shows_is_not_taken_for_a_cycle():
         size = 0.02 * (1.0 + drift * np.exp(-1e-3 * t))
         turnings, _ = turning_points(t, size * np.sin(9.0 * t), 9.0 * size * np.cos(9.0 * t))
         assert np.abs(np.diff(np.abs(turnings[1:-1]))).max() < 1e-6
-        assert ending_of(size * np.sin(9.0 * t), turnings, 1e-6) == expected
+        assert trend_of(size * np.sin(9.0 * t), turnings, 1e-6) == expected
 
 
 @pytest.mark.parametrize(

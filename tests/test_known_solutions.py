@@ -5,14 +5,15 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from pytest import approx
 
 import pipedyn as pp
-from pipedyn.bifurcation import brute_force, capture
-from pipedyn.bifurcation import diagram as module
+from pipedyn.bifurcation import regions
 from pipedyn.bifurcation.branches import _steepness
-from pipedyn.bifurcation.capture import FALLEN, NOWHERE, TRIED_NEARER, Approach, WatchedTask
-from pipedyn.bifurcation.known_solutions import KnownSolution, at_rest, kept_apart
+from pipedyn.bifurcation.motion_ends import Case, motion_ends
 from pipedyn.bifurcation.motion_options import MotionOptions, initial_bends
+from pipedyn.bifurcation.regions import FALLEN, NOWHERE, Approach, Excitation, WatchedTask
+from pipedyn.bifurcation.solutions import at_rest, cycle as solution, kept_apart
 from pipedyn.bifurcation.vector_field import VectorField
 from pipedyn.motion.simulate import checked_task
 from pipedyn.util.counters import counted
@@ -25,7 +26,8 @@ ASIDE = np.sqrt(3.0) * np.array([0.0, 0.0, 1.0, 0.0, 0.0, 0.0])  # root mean squ
 
 def at_distances(stable, orbit, sign=1.0):
     """A cycle to which distances alone tell whether motions come nearer."""
-    known = KnownSolution.cycle(VectorField(MODEL), stable, orbit, sign)
+    known = solution(MODEL, Excitation(SPEED), orbit, stable, 1e-6)
+    known = known if sign > 0.0 else known.mirrored(False)
     return replace(known, region=replace(known.region, floquet=None))
 
 
@@ -34,19 +36,17 @@ def cycle():
     return at_distances(True, pp.limit_cycle(MODEL, SPEED).orbit)
 
 
-def ends_on(solutions, distances):
-    """Which of the solutions a motion ends on that is so far beside the first in each period."""
-    first = solutions[0]
-    y = first.sign * first.orbit.states(np.tile(PHASES, len(distances))).T
+def ends_on(solutions, orbit, distances, sign=1.0):
+    """Which of the solutions a motion ends on that is so far beside an orbit in each period."""
+    y = sign * orbit.states(np.tile(PHASES, len(distances))).T
     states = y + np.repeat(distances, BLOCK)[:, None] * ASIDE
-    stable = [one for one in solutions if one.stable]
+    stable = [one for one in solutions if one.attracts]
     task = WatchedTask(
         **vars(checked_task(MODEL, SPEED, 1.0, np.zeros(3), None)),
         regions=[one.region for one in stable],
-        nearer=TRIED_NEARER,
         phases=np.zeros((BLOCK, 0)),
     )
-    watch = capture._Watch([task])
+    watch = regions._Watch([task])
     watch.ended(states[None], np.array([len(states)]))
     [label] = watch.labels
     return NOWHERE if label == NOWHERE else solutions.index(stable[label])
@@ -54,12 +54,12 @@ def ends_on(solutions, distances):
 
 def test_distances_are_across_a_cycle_and_not_along_it(cycle):
     region, orbit = cycle.region, cycle.orbit
-    assert region.distances(orbit.states(PHASES + 0.3).T) == pytest.approx(0.0, abs=3e-5)
+    assert region.distances(orbit.states(PHASES + 0.3).T) == approx(0.0, abs=3e-5)
     dense = orbit.states(np.linspace(0.0, 2.0 * np.pi, 20_001))
     states = orbit.states(PHASES) + 0.02 * ASIDE[:, None]
     units = np.repeat([1.0, orbit.frequency], 3)[:, None] * np.sqrt(3.0)
     least = [np.linalg.norm((dense - y[:, None]) / units, axis=0).min() for y in states.T]
-    assert region.distances(states.T) == pytest.approx(np.array(least), abs=3e-5)
+    assert region.distances(states.T) == approx(np.array(least), abs=3e-5)
 
 
 @pytest.mark.parametrize(
@@ -73,62 +73,64 @@ def test_distances_are_across_a_cycle_and_not_along_it(cycle):
     ],
 )
 def test_motions_end_on_what_they_come_near_to(cycle, distances, ends):
-    assert (ends_on([cycle], distances) == 0) == ends
-    mirrored = at_distances(True, cycle.orbit, -1.0)
-    still = at_rest(VectorField(MODEL), [np.zeros(3)], SPEED)
-    assert not still[0].stable
-    assert (ends_on([mirrored, *still], distances) == 0) == ends
+    orbit = cycle.orbit
+    assert (ends_on([cycle], orbit, distances) == 0) == ends
+    mirrored = at_distances(True, orbit, -1.0)
+    still = at_rest(MODEL, [np.zeros(3)], SPEED, 0.1)
+    assert not still[0].attracts
+    assert (ends_on([mirrored, *still], orbit, distances, -1.0) == 0) == ends
 
 
 def test_an_unstable_cycle_next_to_a_stable_one_leaves_it_open_where_motions_end(cycle):
     near = at_distances(False, pp.limit_cycle(MODEL, 1.001 * SPEED).orbit)
     distances = np.geomspace(0.03, 0.001, 8)
-    assert ends_on([cycle], distances) == 0
-    assert ends_on(kept_apart([cycle, near]), distances) == NOWHERE
+    assert ends_on([cycle], cycle.orbit, distances) == 0
+    assert ends_on(kept_apart([cycle, near]), cycle.orbit, distances) == NOWHERE
 
 
 def test_equilibria_and_their_stability_are_those_of_a_pipe_that_leans():
     model = pp.Chain(pp.Pipe(0.2, -20.0), 2)
     known = pp.equilibria(model, 1.0)
-    found = at_rest(VectorField(model), known.q + 0.01, 1.0)
-    assert [one.stable for one in found] == known.stable.tolist()
+    found = at_rest(model, known.q + 0.01, 1.0, 0.1)
+    assert [one.attracts for one in found] == known.stable.tolist()
     for one, q in zip(found, known.q, strict=True):
-        assert one.region.points[0, :2] == pytest.approx(q, abs=1e-8)
-    assert at_rest(VectorField(model), [known.q[0] + 1.0], 1.0) == []
+        assert one.region.points[0, :2] == approx(q, abs=1e-8)
+    assert at_rest(model, [known.q[0] + 1.0], 1.0, 0.1) == []
+
+
+def motions(model, speeds, starts, options, solutions=None):
+    """Ends of motions from starts at speeds, where some solutions may be known."""
+    known = solutions or {}
+    cases = [Case(model, Excitation(u), known.get(u, ())) for u in speeds]
+    ends, _ = motion_ends(model, cases, starts, options)
+    return [end for answers in ends for _, end in answers]
 
 
 def test_motions_end_where_they_would_have_ended_and_cost_less():
-    speeds = np.array([4.0, 4.8, 5.6])
-    found = pp.bifurcation_diagram(MODEL, speeds)
-    known = module._known_solutions(MODEL, speeds, found.equilibria, list(found.cycles))
-    assert [[one.stable for one in known[u]] for u in speeds] == [[True]] + 2 * [[False, True]]
-    options = MotionOptions(100.0, 40.0, 1e-6, False)
-    starts = initial_bends(MODEL, 3, 0)
+    speeds, options = [4.0, 4.8, 5.6], MotionOptions(100.0, 40.0, 1e-6, False)
+    starts, known = initial_bends(MODEL, 3, 0), {4.0: at_rest(MODEL, [np.zeros(3)], 4.0, 0.1)}
+    for u in speeds[1:]:
+        orbit = pp.limit_cycle(MODEL, u).orbit
+        known[u] = [solution(MODEL, Excitation(u), orbit, True, 1e-6)]
     answers, costs = [], []
     for solutions in ({}, known):
         with counted() as work:
-            answers.append(brute_force.attractors(MODEL, speeds, starts, options, [], solutions))
+            answers.append(motions(MODEL, speeds, starts, options, solutions))
         costs.append(work.right_hand_sides)
     assert costs[1] < 0.6 * costs[0]
     for long, short in zip(*answers, strict=True):
         assert (short.ending, short.period) == (long.ending, long.period)
         for end in (np.min, np.max):
-            assert end(short.turnings) == pytest.approx(end(long.turnings), abs=2e-5)
+            assert end(short.turnings) == approx(end(long.turnings), abs=2e-5)
 
 
 def test_the_largest_of_a_dozen_peaks_is_the_amplitude():
-    model = pp.Chain(pp.Pipe(0.2, 20.0, drag=0.5), 2)
-    (one,) = brute_force.attractors(
-        model,
-        np.array([11.3846]),
-        initial_bends(model, 1, 0),
-        MotionOptions(60.0, 20.0, 1e-6, False),
-        [],
-    )
-    cycle = pp.limit_cycle(model, 11.3846, one.end)
+    model, u = pp.Chain(pp.Pipe(0.2, 20.0, drag=0.5), 2), 11.3846
+    (one,) = motions(model, [u], initial_bends(model, 1, 0), MotionOptions(60.0, 20.0, 1e-6, False))
+    cycle = pp.limit_cycle(model, u, one.end)
     phases = np.linspace(0.0, 2.0 * np.pi, 20_001)
     across = VectorField(model).tip(cycle.orbit.states(phases))
-    assert cycle.amplitude == pytest.approx(0.5 * np.ptp(across), rel=1e-6)
+    assert cycle.amplitude == approx(0.5 * np.ptp(across), rel=1e-6)
     assert one.period > 10
 
 
@@ -153,8 +155,8 @@ SUBCRITICAL = pp.Chain(pp.Pipe(0.7), 3)
 )
 def test_motions_from_the_basin_of_rest_come_to_rest(model, u):
     """And on the way what measures the distance never exceeds its value at the start."""
-    [rest] = at_rest(VectorField(model), [model.resting()], u)
-    assert rest.stable
+    [rest] = at_rest(model, [model.resting()], u, 0.1)
+    assert rest.attracts
     rows, random = rest.region.basin, np.random.default_rng(1)
     slow = np.linalg.eigvals(model.motion_jacobian(rest.region.points[0], u)).real.max()
     for _ in range(3):
@@ -171,7 +173,7 @@ def test_an_unstable_cycle_lies_outside_the_basin_of_the_rest_within():
     u = onset.speed * (1.0 - 1e-4)
     cycle = pp.limit_cycle(SUBCRITICAL, u, onset)
     assert not cycle.stable
-    [rest] = at_rest(VectorField(SUBCRITICAL), [np.zeros(3)], u)
+    [rest] = at_rest(SUBCRITICAL, [np.zeros(3)], u, 0.1)
     on = cycle.orbit.states(PHASES).T
     assert not rest.region.attracts(on).any()
     assert rest.region.attracts(0.05 * on).all()
@@ -195,11 +197,12 @@ TIP_MASS = pp.Galerkin(pp.Pipe(0.2, 10.0, terms=[pp.PointMass(1.0, 0.2)]), 6)
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 def test_floquet_coordinates_of_motions_beside_a_cycle_decay_by_its_multipliers(model, u, sign):
     cycle, motion = pp.limit_cycle(model, u), VectorField(model)
-    region = KnownSolution.cycle(motion, True, cycle.orbit, sign).region
+    known = solution(model, Excitation(u), cycle.orbit, True, 1e-6)
+    region = (known if sign > 0.0 else known.mirrored(False)).region
     found, period = region.floquet, 2.0 * np.pi / cycle.frequency
     sizes = np.sort(np.exp(-found.decay * period))[::-1]
     kept = np.abs(cycle.multipliers)[1 : 1 + sizes.size]  # the first is the trivial one
-    assert sizes == pytest.approx(kept, rel=1e-3, abs=1e-4)
+    assert sizes == approx(kept, rel=1e-3, abs=1e-4)
     assert np.abs(found(sign * cycle.orbit.states(PHASES + 0.01).T)).max() < 1e-5
     random = np.random.default_rng(2)
     away = random.normal(size=motion.size)

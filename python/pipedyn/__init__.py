@@ -18,7 +18,6 @@ from pipedyn.bifurcation.attractors import (
 )
 from pipedyn.bifurcation.boundary import Boundary, BoundaryCurve, boundary
 from pipedyn.bifurcation.branches import CycleBranch, CycleEvent
-from pipedyn.bifurcation.brute_force import Attractor
 from pipedyn.bifurcation.cycle_boundary import CycleBoundary, cycle_boundary
 from pipedyn.bifurcation.diagram import (
     BifurcationDiagram,
@@ -50,6 +49,7 @@ from pipedyn.bifurcation.parametric_regions import (
     parametric_regions,
 )
 from pipedyn.bifurcation.pulsating import FloquetMultipliers, floquet
+from pipedyn.bifurcation.solutions import Attractor
 from pipedyn.linear.critical_speed import CriticalSpeed, NoCrossing, critical_speed, crossings
 from pipedyn.linear.frequency_response import (
     FrequencyResponse,

@@ -1,29 +1,35 @@
 # SPDX-License-Identifier: MIT
 """The attractors at one flow speed and their basins: where motions from many starts end.
 
-A few of the starts are followed as far as `brute_force` needs to tell where they end. So are all
-others that do not reach what these, or stable equilibria, show: most of them do, and end there.
+A few of the starts are followed first. Most of the others soon reach what these, or stable
+equilibria, have shown, and end there.
 """
 
 from __future__ import annotations
 
 import math
+import re
+from collections.abc import Callable
 from dataclasses import field, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pipedyn.bifurcation import brute_force
-from pipedyn.bifurcation.brute_force import Attractor
-from pipedyn.bifurcation.capture import NOWHERE, STOPPED, Excitation, Labels, Region, follow
-from pipedyn.bifurcation.equilibria import LARGEST
-from pipedyn.bifurcation.motion_options import FIRST_LOOK, MotionOptions, initial_bends
-from pipedyn.bifurcation.on_attractor import Found, Recorder
-from pipedyn.bifurcation.vector_field import VectorField
-from pipedyn.models.base import Model, PipedynError
+from pipedyn.bifurcation.equilibria import LARGEST, searched
+from pipedyn.bifurcation.motion_ends import Answer, Case, motion_ends
+from pipedyn.bifurcation.motion_options import (
+    FIRST_LOOK,
+    SAMPLES_A_TIME,
+    MotionOptions,
+    initial_bends,
+)
+from pipedyn.bifurcation.records import turning_points
+from pipedyn.bifurcation.regions import NOWHERE, STOPPED, Excitation
+from pipedyn.bifurcation.solutions import Attractor, Solution, at_rest
+from pipedyn.models.base import Model, NotConverged, PipedynError
 from pipedyn.models.drive import LARGEST_SPEED, Harmonic, Pulsation, Supply
-from pipedyn.motion.lyapunov import lyapunov_exponent
 from pipedyn.motion.simulate import (
     BATCH,
     LARGEST_ENSEMBLE,
@@ -31,23 +37,34 @@ from pipedyn.motion.simulate import (
     Motion,
     MotionStopped,
     checked_model_in_motion,
+    simulate,
 )
 from pipedyn.util import check
 from pipedyn.util.archive import saved_as
 from pipedyn.util.check import Array
 from pipedyn.util.later import futures
+from pipedyn.util.parallel import parallel
 from pipedyn.util.result import Result, TableResult
 from pipedyn.util.units import LENGTH, RATE
 
-Starts = NDArray[np.int_]
-"""Numbers of some of the starts."""
-
-PILOTS = BATCH
+PILOTS, TOGETHER = BATCH, 256
 """Starts that are followed first, one batch: what attracts a tenth of all starts is missed once in
-30 times, and then found by the others."""
+30 times, and then found by the others, of which so many are followed together."""
 
-MOST_ATTRACTORS = 100
-"""Beyond, attractors are not told apart from motions that have not settled."""
+PERIODS, SAMPLES = 16, 256
+"""Periods of a cycle that are recorded for its basin, and samples between two of its maxima."""
+
+DRIVE_PERIODS = 48
+"""Periods of what drives a motion that are recorded, rounded down to whole ones of the motion."""
+
+IRREGULAR = 5.0
+"""Time recorded of an irregular motion, in durations: some hundred points of its section."""
+
+MOST_SAMPLES = 2**16
+"""Samples of a motion that is recorded."""
+
+TOLERANCE = 1e-9
+"""Relative tolerance of the motions that are recorded."""
 
 
 @saved_as("Share")
@@ -74,15 +91,16 @@ class Basin(Result, units={"exponent": RATE, "spectrum": LENGTH}):
     Attributes:
         attractor: where one of these ends; its exponent is measured if it is irregular.
         share: of the starts that end on it.
-        attracts: whether motions from beside it in all of sixteen directions drawn at random come
-            nearer. Where not, the starts lie on what an unstable equilibrium or cycle attracts, as
-            the straight pipe at rest does, or it attracts so slowly that none comes nearer in the
-            transient. Of irregular ones not known: False.
+        attracts: whether eigenvalues or Floquet multipliers say that it attracts what is near. Where
+            these are not known, as of more than 100 degrees of freedom and of driven pipes at rest,
+            whether motions from beside it in sixteen directions drawn at random come nearer. Where
+            it does not, the starts lie on what an unstable equilibrium or cycle attracts, as the
+            straight pipe at rest does. Of irregular ones not known: False.
         period: in T; 0 at rest, NaN where irregular.
         amplitude: half the peak-to-peak transverse motion of the free end, in L.
         exponent: largest Lyapunov exponent in 1 / T: of rest the largest real part of an eigenvalue
             and of a cycle 0, as its phase is neutral; measured where irregular, NaN if not asked
-            for, and where the flow pulsates or the base oscillates.
+            for. Of rest and cycles where the flow pulsates or the base oscillates NaN.
         mirror_image: which of the basins is its mirror image, itself where it is symmetric; -1
             where the pipe has no mirror symmetry or no start ends there.
         frequencies: angular, in 1 / T, shape (F,); empty at rest.
@@ -108,7 +126,7 @@ class Basin(Result, units={"exponent": RATE, "spectrum": LENGTH}):
 
     @property
     def ending(self) -> str:
-        """One of "rest", "periodic" and "irregular", as of `Attractor`."""
+        """As of `Attractor`: "rest", "periodic", "quasi-periodic", "chaotic" or "irregular"."""
         return self.attractor.ending
 
 
@@ -169,14 +187,18 @@ class StartFailure(Result):
     error: Exception
 
 
-@saved_as("Attractors", shapes={"N 2coordinates": "starts", "N": "ends"})
+@saved_as(
+    "Attractors",
+    added=("unsettled_motions",),
+    shapes={"N 2coordinates": "starts", "N": "ends"},
+)
 class Attractors(TableResult, units={"exponent": RATE}):
     """All that motions from many starts end on, at one flow speed.
 
     Attributes:
         u: flow speed, as given.
         basins: attractors with their shares, the largest first.
-        unsettled: share of the starts whose motions still approached something at the end.
+        unsettled: share of the starts of which it could not be told where their motions end.
         failed: share of the starts whose motions stopped or were not computed.
         starts: states [q, q'], shape (N, 2 coordinates).
         ends: of each start which of the basins it lies in; -1 if unsettled, -2 if failed, shape
@@ -185,6 +207,7 @@ class Attractors(TableResult, units={"exponent": RATE}):
         model: the model.
         plane: that was given, None for other starts.
         base: motion of the base, as given.
+        unsettled_motions: these motions, each with the `reason`, as many as `unsettled` counts.
 
     Example:
         >>> found = pp.attractors(pp.Chain(pp.Pipe(0.2), 2), 4.0, 8)
@@ -202,6 +225,7 @@ class Attractors(TableResult, units={"exponent": RATE}):
     model: Model
     plane: StartPlane | None = field(default=None, repr=False)
     base: Harmonic | None = None
+    unsettled_motions: tuple[Attractor, ...] = field(default=(), repr=False)
 
     def __len__(self) -> int:
         return len(self.basins)
@@ -231,10 +255,13 @@ def attractors(
 ) -> Attractors:
     """All attractors that motions from many starts end on, with the share of starts of each.
 
-    A motion ends as soon as it has reached a known attractor: it is near, and comes nearer, and
-    motions from beside that attractor were tried in all directions. Known are stable equilibria and
-    on what a first batch of starts ends. All others are integrated for the transient and a time
-    that is recorded, and told by the turning points of the free end, as of `bifurcation_diagram`. A
+    A motion ends as soon as it has reached a known attractor: it is near, and comes nearer as linear
+    theory says. Known are stable equilibria and, from then on, whatever a motion has led to: a cycle
+    is solved for where one comes back to an earlier state, and attracts if its Floquet multipliers
+    say so. What neither rests nor repeats after the transient is followed on as long as it comes
+    nearer to something. Else it is "chaotic" where its largest Lyapunov exponent is above 0 by more
+    than three times its spread, and "quasi-periodic" where that is not so and averages over its
+    record converge as they do on a torus only. What cannot be told is unsettled, with the reason. A
     motion and its mirror image, x to -x, end on two attractors, unless these are the same.
 
     Where the flow pulsates or the base oscillates, motions begin with a period of that, and states
@@ -250,8 +277,10 @@ def attractors(
             `StartPlane`.
         base: motion of the base, of the frequency of a pulsating flow; None at rest.
         transient: time in T after which a motion that has reached nothing known is recorded.
-        duration: time over which it is.
-        exponents: whether the largest Lyapunov exponent of irregular motions is computed.
+        duration: time over which it is; what comes nearer to something is followed for up to eight
+            times as long as both.
+        exponents: whether the largest Lyapunov exponent of irregular motions is computed. Without
+            it they are "irregular".
         rtol: relative tolerance of the motions. Where those of the first batch are on their way,
             explicit steps take 1e-4 if rtol is less.
         seed: of the random starts, and of the choice of the first batch.
@@ -287,9 +316,32 @@ def attractors(
     plane = starts if isinstance(starts, StartPlane) else None
     _require_moving_end(model)
     given = _given_starts(model, starts, options.seed)
-    search = _Search(model, drive, given, options)
-    search.run(np.random.default_rng(options.seed).permutation(len(given)))
-    return search.answer(plane)
+    ends, unsettled, failed, case = _ends(model, drive, given, options)
+    shares = [_share(ends, k) for k in range(len(case.solutions))]
+    order = np.argsort([-share.count for share in shares], kind="stable").tolist()
+    order = [k for k in order if shares[k].count]
+    some = [case.solutions[k] for k in order]
+    basins = []
+    for k, one in zip(order, some, strict=True):
+        images = (j for j, other in enumerate(some) if one.is_mirror_image(other, drive.shifts))
+        image = next(images, -1) if case.odd else -1
+        start = int(np.argmax(ends == k))
+        basins.append(_basin(model, drive, options, one, shares[k], start, image))
+    places = np.append(np.zeros(len(shares), dtype=int), [STOPPED, NOWHERE])
+    places[order] = np.arange(len(order))
+    return Attractors(
+        u=drive.u,
+        base=drive.base,
+        basins=tuple(basins),
+        unsettled=_share(ends, NOWHERE),
+        failed=_share(ends, STOPPED),
+        starts=given,
+        ends=places[ends],
+        failures=tuple(StartFailure(i, error) for i, error in sorted(failed.items())),
+        model=model,
+        plane=plane,
+        unsettled_motions=tuple(unsettled),
+    )
 
 
 def _checked_drive(model: Model, u: Any, base: Any) -> Excitation:
@@ -383,190 +435,186 @@ def _require_moving_end(model: Model) -> None:
 # --------------------------------------------------------------------------------------- the search
 
 
-class _Search:
-    """The attractors found so far, and where each start ends."""
+def _ends(
+    model: Model, drive: Excitation, starts: Array, options: MotionOptions
+) -> tuple[NDArray[np.int_], list[Attractor], dict[int, Exception], Case]:
+    """Where motions from states [q, q'] end.
 
-    def __init__(
-        self,
-        model: Model,
-        drive: Excitation,
-        starts: Array,
-        options: MotionOptions,
-    ) -> None:
-        self.model, self.drive, self.options = model, drive, options
-        self.mean = drive.u if isinstance(drive.u, float) else drive.u.mean
-        self.starts = starts
-        self.recorder = Recorder(model, drive, options)
-        self.found: list[Found] = []
-        self.ends = np.full(len(starts), NOWHERE)
-        self.errors: dict[int, Exception] = {}
-        self.odd = VectorField(model).is_odd(self.mean)
-        if drive.shifts and isinstance(drive.u, Pulsation):
-            self.odd = False  # half a period later the flow is another
+    Returns:
+        The numbers of solutions of a case, (N,); the motions that are unsettled; why others stopped
+        or were not computed, by their starts; and the case.
+    """
+    states, errors, unsettled = dict[int, Array](), dict[int, Exception](), list[Attractor]()
+    for i, start in enumerate(starts):
+        try:
+            states[i] = np.asarray(model.start(*np.split(start, 2))).reshape(2, -1)
+        except PipedynError as error:
+            errors[i] = error
+        except ValueError as error:
+            rule = str(error).replace("qdot0", "q0").replace("q0", "starts", 1)
+            raise ValueError(f"{rule} (start {i})") from error
+    order = np.random.default_rng(options.seed).permutation(len(starts)).tolist()
+    order = [i for i in order if i in states]
+    case = Case(model, drive, _stable_equilibria(model, drive))
+    alone = replace(options, executor=None, shown=False)
+    ends = np.full(len(starts), STOPPED)
 
-    def run(self, order: Starts) -> None:
-        """Finds where the starts end, the first in order before the others."""
-        states = np.full((len(self.starts), 2 * self.model.moving), math.nan)
-        for i, start in enumerate(self.starts):
-            try:
-                states[i] = self.model.start(*np.split(start, 2))
-            except PipedynError as error:
-                self.errors[i] = error
-            except ValueError as error:
-                rule = str(error).replace("qdot0", "q0").replace("q0", "starts", 1)
-                raise ValueError(f"{rule} (start {i})") from error
-        for one in self.recorder.stable_equilibria():
-            self.learn(one)
-        meant = np.array([i for i in order if i not in self.errors], dtype=int)
-        pilots, others = meant[:PILOTS], meant[PILOTS:]
-        # The last of a batch is where neighbours of all go: it must not be at rest.
-        bent = np.abs(states[pilots, : self.model.moving] - self.model.resting()).max(axis=1)
-        pilots, options = pilots[np.argsort(bent)], self.options
-        if self.drive.period:  # all take the transient, in whole periods
-            labels = self.followed(pilots, states, [])
-            options = replace(options, transient=0.0)
-            self.classify_stopped(pilots[labels == STOPPED], states)
-            pilots = pilots[labels == NOWHERE]
-        approaching = self.classify(pilots, states, options)
-        others = np.concatenate([others, approaching])
-        attracting = [k for k, one in enumerate(self.found) if one.attracts]
-        labels = self.followed(others, states, [self.found[k].region for k in attracting])
-        self.ends[others] = np.array([*attracting, STOPPED, NOWHERE])[labels]
-        self.classify(others[labels == NOWHERE], states, replace(self.options, transient=0.0))
-        self.classify_stopped(others[labels == STOPPED], states)
-        self.ends[list(self.errors)] = STOPPED
+    def followed(some: list[int]) -> Callable[[], tuple[list[list[Answer]], list[Case]]]:
+        copy = Case(model, drive, case.solutions)
+        return partial(motion_ends, model, [copy], [states[i] for i in some], alone)
 
-    def followed(self, some: Starts, states: Array, regions: list[Region]) -> Labels:
-        """Which region motions from some of the states reach in the transient; moves the states."""
-        failed = dict[int, Exception]()
-        labels, states[some] = follow(
-            *(self.model, self.drive, states[some], regions),
-            *(self.options.transient, self.options.rtol),
-            *(self.options.executor, self.options.shown),
-            failed=failed,
-        )
-        self.errors |= {int(some[place]): error for place, error in failed.items()}
-        return labels
-
-    def classify_stopped(self, some: Starts, states: Array) -> None:
-        """Finds why motions stopped, from their starts on; of those without answer it is known."""
-        some = np.array([i for i in some.tolist() if i not in self.errors], dtype=int)
-        for i in some.tolist():
-            states[i] = self.model.start(*np.split(self.starts[i], 2))
-        self.classify(some, states, self.options)
-
-    def classify(self, some: Starts, states: Array, options: MotionOptions) -> Starts:
-        """Where motions from some of the states end. Those that approach something go on there."""
-        if not some.size:
-            return some
-        starts, failed = [states[i].reshape(2, -1) for i in some], list[brute_force.Failed]()
-        at = np.array([self.mean])
-        asked = replace(options, exponents=False)  # but of those that differ, later
-        answers = brute_force.attractors(self.model, at, starts, asked, failed)
-        errors = iter(failed)
-        for i, one in zip(some.tolist(), answers, strict=True):
-            if one.ending == "failed":
-                self.ends[i], (_, error) = STOPPED, next(errors)
-                if isinstance(error, MotionStopped):  # of which start, by its number here
-                    report = str(error).replace(f"start {one.start} ", f"start {i} ", 1)
-                    error = MotionStopped(report, error.motion)
-                self.errors[i] = error
+    for begin, end, size in ((0, PILOTS, PILOTS), (PILOTS, len(order), TOGETHER)):
+        some = order[begin:end]
+        parts = [some[i : i + size] for i in range(0, len(some), size)]
+        known, executor = len(case.solutions), options.executor if begin else None
+        jobs = [followed(part) for part in parts]
+        every = parallel(jobs, executor, label="attractors", progress=options.shown)
+        for part, answer in zip(parts, every, strict=True):
+            if isinstance(answer, Exception):
+                errors |= dict.fromkeys(part, answer)
                 continue
-            states[i] = one.end
-            self.ends[i] = NOWHERE if one.ending == "settling" else self.number(one)
-        return some[self.ends[some] == NOWHERE]
+            [answers], [found] = answer
+            new = [case.learn(one) for one in found.solutions[known:]]
+            numbers = [*range(known), *new, STOPPED, NOWHERE]
+            for i, (number, one) in zip(part, answers, strict=True):
+                ends[i] = numbers[number]
+                if isinstance(one, Exception):
+                    errors[i] = one
+                elif number == NOWHERE:
+                    unsettled.append(replace(one, start=i))
+    unsettled.sort(key=lambda one: one.start)
+    return ends, unsettled, {i: _of_start(error, i) for i, error in errors.items()}, case
 
-    def number(self, one: Attractor) -> int:
-        """Which attractor a motion ends on, a new one if it is none of those found."""
-        held = self.holding(one)
-        if held != NOWHERE or len(self.found) >= MOST_ATTRACTORS:
-            return held
-        return self.learn(self.recorder.found(one))
 
-    def holding(self, one: Attractor) -> int:
-        """Which of those found a motion ended on."""
-        held = (k for k, known in enumerate(self.found) if known.holds(one))
-        return next(held, NOWHERE)
+def _of_start(error: Exception, i: int) -> Exception:
+    """The error of a motion with the number of its start."""
+    if not isinstance(error, MotionStopped):
+        return error
+    return MotionStopped(re.sub(r"start \d+ ", f"start {i} ", str(error), count=1), error.motion)
 
-    def learn(self, one: Found) -> int:
-        """Takes another attractor, and its mirror image where there is one."""
-        images, shifts = [one], self.drive.shifts
-        if (
-            self.odd
-            and one.attractor.ending != "irregular"
-            and not one.is_mirror_image(one, shifts)
-        ):
-            images.append(one.mirrored(shifts))
-        for new in images:
-            if self.holding(new.attractor) != NOWHERE:
-                continue
-            for k, known in enumerate(self.found):
-                apart = known.region.apart(new.region)
-                self.found[k], new = known.kept_apart(apart), new.kept_apart(apart)
-            self.found.append(new)
-        return self.holding(one.attractor)
 
-    def share(self, end: int) -> Share:
-        """Of the starts that end there."""
-        n, count = len(self.starts), int(np.count_nonzero(self.ends == end))
-        value = count / n
-        error = math.sqrt(value * (1.0 - value) / n + 0.25 / n**2) / (1.0 + 1.0 / n)
-        return Share(count, value, error)
+def _stable_equilibria(model: Model, drive: Excitation) -> list[Solution]:
+    """Equilibria that attract, as far as they are found; none where motions are driven."""
+    if drive.period:
+        return []
+    try:
+        known = searched(model, drive.mean, (), counted=False)
+    except NotConverged:
+        return []
+    guesses = [np.split(np.asarray(model.start(q, None)), 2)[0] for q in known.q[known.stable]]
+    return [one for one in at_rest(model, guesses, drive.mean, 0.1) if one.attracts]
 
-    def answer(self, plane: StartPlane | None) -> Attractors:
-        """What was found."""
-        shares, shifts = [self.share(k) for k in range(len(self.found))], self.drive.shifts
-        order = [
-            k for k in np.argsort([-s.count for s in shares], kind="stable") if shares[k].count
-        ]
-        some = [self.found[k] for k in order]
-        basins: list[Basin] = []
-        for k, one in zip(order, some, strict=True):
-            record = self.recorder.record(one.attractor)
-            attractor = replace(one.attractor, start=int(np.argmax(self.ends == k)))
-            images = (j for j, other in enumerate(some) if one.is_mirror_image(other, shifts))
-            image = next(images, -1) if self.odd else -1
-            exponent, steady = one.growth, not self.drive.period
-            if one.attractor.ending == "periodic" and steady:
-                exponent = 0.0
-            if attractor.ending == "irregular" and self.options.exponents and steady:
-                if 0 <= image < len(basins):  # its exponent is the same
-                    measured = basins[image].attractor.exponent
-                    assert measured is not None
-                    measured = replace(measured, end=-measured.end)
-                else:
-                    measured = lyapunov_exponent(
-                        *(self.model, self.mean, attractor.end),
-                        duration=2.0 * self.options.duration,
-                        transient=5.0,
-                    )
-                attractor, exponent = replace(attractor, exponent=measured), measured.value
-            basins.append(
-                Basin(
-                    attractor=attractor,
-                    share=shares[k],
-                    attracts=one.attracts,
-                    period=record.period,
-                    amplitude=record.amplitude,
-                    exponent=exponent,
-                    mirror_image=image,
-                    frequencies=record.frequencies,
-                    spectrum=record.spectrum,
-                    section=record.section,
-                    motion=record.motion,
-                )
-            )
-        places = np.append(np.zeros(len(self.found), dtype=int), [STOPPED, NOWHERE])
-        places[order] = np.arange(len(order))
-        return Attractors(
-            u=self.drive.u,
-            base=self.drive.base,
-            basins=tuple(basins),
-            unsettled=self.share(NOWHERE),
-            failed=self.share(STOPPED),
-            starts=self.starts,
-            ends=places[self.ends],
-            failures=tuple(StartFailure(i, self.errors[i]) for i in sorted(self.errors)),
-            model=self.model,
-            plane=plane,
-        )
+
+def _share(ends: NDArray[np.int_], end: int) -> Share:
+    """The share of the starts that end there."""
+    n, count = len(ends), int(np.count_nonzero(ends == end))
+    value = count / n
+    error = math.sqrt(value * (1.0 - value) / n + 0.25 / n**2) / (1.0 + 1.0 / n)
+    return Share(count, value, error)
+
+
+# --------------------------------------------------------------------------------- what moves there
+
+
+def _basin(
+    model: Model,
+    drive: Excitation,
+    options: MotionOptions,
+    one: Solution,
+    share: Share,
+    start: int,
+    image: int,
+) -> Basin:
+    """A solution with the motion on it and what that tells."""
+    end, period = one.attractor, one.period
+    ending, repeats, none = end.ending, not math.isnan(period), np.zeros(0)
+    duration, samples = drive.whole(IRREGULAR * options.duration), 0
+    if ending == "rest":
+        duration, samples = 1.0, 101
+    elif repeats and drive.period:
+        order = round(period / drive.period)
+        duration = max(DRIVE_PERIODS // order, 1) * period
+        samples = round(duration / drive.period) * SAMPLES // 2 + 1
+    elif repeats:
+        duration, samples = PERIODS * period, PERIODS * SAMPLES * end.period + 1
+    samples = min(samples or math.ceil(duration * SAMPLES_A_TIME) + 1, MOST_SAMPLES + 1)
+    q, qdot = (part[0] for part in model.recorded(*(y[None] for y in np.split(end.end, 2))))
+    motion = simulate(
+        *(model, drive.u, duration, q, qdot),
+        samples=samples,
+        base=drive.base,
+        rtol=TOLERANCE,
+        dense=True,
+    )
+    section, frequencies, spectrum = np.empty((0, 2 * q.size)), none, none
+    if ending != "rest":
+        section = _begins(motion, drive.period) if drive.period else _maxima(motion)
+        frequencies, spectrum = _lines(motion.t[:-1], motion.tip[:-1, 0], whole=repeats)
+        # Lines between the harmonics are 0 but for errors.
+        every = slice(0, None, round(duration / period) if repeats else 1)
+        frequencies, spectrum = frequencies[every], spectrum[every]
+    exponent = one.growth
+    if ending == "periodic" and not drive.period:
+        exponent = 0.0
+    elif end.exponent is not None:
+        exponent = end.exponent.value
+    return Basin(
+        attractor=replace(end, start=start),
+        share=share,
+        attracts=one.attracts,
+        period=0.0 if ending == "rest" else period,
+        amplitude=0.0 if ending == "rest" else _amplitude(motion),
+        exponent=exponent,
+        mirror_image=image,
+        frequencies=frequencies,
+        spectrum=spectrum,
+        section=section,
+        motion=motion,
+    )
+
+
+def _begins(motion: Motion, drive: float) -> Array:
+    """States [q, q'] when periods of the drive begin, (K, 2 coordinates)."""
+    assert motion.dense is not None
+    count = math.floor(motion.t[-1] / drive + 1e-6)
+    return np.ascontiguousarray(motion.dense(drive * np.arange(count)).T)
+
+
+def _amplitude(motion: Motion) -> float:
+    """Half the peak-to-peak of the free end."""
+    x, rate = motion.tip[:, 0], motion.tip_velocity[:, 0]
+    turnings, _ = turning_points(motion.t, x, rate)
+    return 0.5 * float(np.ptp(turnings)) if turnings.size else 0.0
+
+
+def _maxima(motion: Motion) -> Array:
+    """States [q, q'] where the free end is at a maximum of its position across, (K, 2 q)."""
+    dense, model, half = motion.dense, motion.model, motion.model.coordinates
+    assert dense is not None
+
+    def velocity(t: Array) -> Array:
+        states = dense(t)
+        return np.asarray(model.tip_velocities(states[:half], states[half:])[:, 0])
+
+    end = float(dense.t[-1])
+    t = np.linspace(0.0, end, math.ceil(end * SAMPLES_A_TIME) + 1)
+    values = velocity(t)
+    falls = np.flatnonzero((values[:-1] > 0.0) & (values[1:] <= 0.0))
+    if not falls.size:
+        return np.empty((0, 2 * half))
+    low, high = t[falls], t[falls + 1]
+    for _ in range(50):  # bisection, to rounding
+        middle = 0.5 * (low + high)
+        above = velocity(middle) > 0.0
+        low, high = np.where(above, middle, low), np.where(above, high, middle)
+    return np.ascontiguousarray(dense(high).T)
+
+
+def _lines(t: Array, x: Array, *, whole: bool) -> tuple[Array, Array]:
+    """Angular frequencies and amplitudes of evenly spaced samples of x.
+
+    Of a whole number of periods, or else through Hann's window.
+    """
+    window = np.ones(x.size) if whole else np.hanning(x.size + 1)[:-1]
+    found = np.asarray(np.abs(np.fft.rfft((x - x.mean()) * window)) * 2.0 / window.sum())
+    return np.asarray(2.0 * math.pi * np.fft.rfftfreq(x.size, float(t[1] - t[0]))), found

@@ -18,7 +18,6 @@ from typing import Any, Literal, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from pipedyn.bifurcation.brute_force import Failed
 from pipedyn.bifurcation.continuation import folds, sign_changes
 from pipedyn.bifurcation.equilibria import BranchPoint, EquilibriumBranch
 from pipedyn.bifurcation.floquet import (
@@ -37,6 +36,7 @@ from pipedyn.bifurcation.limit_cycle import (
     finished,
     on_branch,
 )
+from pipedyn.bifurcation.motion_ends import Failed
 from pipedyn.bifurcation.orbit_continuation import (
     FINE,
     BranchStart,
@@ -95,6 +95,10 @@ BEYOND, MOST_BEYOND, INTERVALS_BEYOND = 1.25, 40, 100
 steps out there in a row; and mesh intervals beyond which an orbit is too costly there. Measured on
 branches of seven pipes, they came back six times from up to 1.22 times as far, after 10 steps and
 with 21 intervals at most, and once from 2.3 times as far, after 32 steps."""
+
+NARROW = 0.02
+"""Share of the smallest difference between the speeds given within which a branch that winds, as
+one that comes near to a homoclinic orbit does, is followed no further."""
 
 PAST, GRAZING, MOST_GRAZES = 3e-4, 1e-2, 8
 """How far beyond a grazed stop a branch goes on, relative to the speed; how near to the stop its
@@ -208,6 +212,11 @@ class BranchOptions:
     shown: bool = False  # whether steps are counted on stderr
     known: tuple[CycleBranch, ...] = ()  # which one that meets them repeats from there on
 
+    @property
+    def finest(self) -> float:
+        """Smallest difference of two of the speeds."""
+        return float(np.diff(self.speeds).min())
+
     def holds(self, u: float) -> bool:
         """Whether a speed lies within those given."""
         low, high = float(self.speeds[0]), float(self.speeds[-1])
@@ -222,6 +231,10 @@ class Traced:
     branch: CycleBranch | None  # what of it lies within the speeds given, if anything does
     begin: CycleEvent | None  # wherever that is; None where the branch goes on
     end: CycleEvent | None
+
+    def spans(self, speeds: float) -> bool:
+        """Whether its cycles lie over so wide a range of speeds."""
+        return self.branch is not None and bool(np.ptp(self.branch.speeds) >= speeds)
 
     def is_reverse(self, other: Traced) -> bool:
         """Whether it leads from where the other ends to where that begins."""
@@ -286,6 +299,8 @@ def traced(
                 ways = ways[-1:]
                 break
         found.append(_joined(ways))
+        if not found[-1].spans(options.finest):
+            return
         fastest = max([fastest, *(cycle.frequency for way in ways for cycle in way.cycles)])
         for event, orbit, stable in [fork for way in ways for fork in way.forks]:
             ends = (end for other in found for end in (other.begin, other.end))
@@ -422,6 +437,11 @@ class _Follower:
                     raise NewtonFailed(f"its multipliers are known to {error:.1e} only")
                 if self.closed or self.repeats or not lowest < here.u < highest:
                     return
+                if len(passed) > MOST_BEYOND and self._winds(passed[-MOST_BEYOND:]):
+                    raise NewtonFailed(
+                        f"for {MOST_BEYOND} steps its speed has stayed within {NARROW:g} of the "
+                        "smallest difference between the speeds given"
+                    )
                 if len(frequencies) == self.options.most:
                     raise NewtonFailed("its steps ran out; cycles= allows more")
                 if beyond == MOST_BEYOND:
@@ -436,6 +456,13 @@ class _Follower:
                 return
             self._ends("end", here)
             self._fails(here, str(reason))
+
+    def _winds(self, passed: list[float]) -> bool:
+        """Whether a branch stays at about one speed, between those given."""
+        low, high = min(passed), max(passed)
+        given = self.options.speeds
+        between = not ((given >= low) & (given <= high)).any()
+        return between and high - low < NARROW * self.options.finest
 
     def _steps(self) -> Iterator[Step]:
         """Steps along the branch, past places where its cycles begin or cease to touch a stop."""
@@ -592,17 +619,16 @@ class _Follower:
             if not low < high:
                 continue
             for before, beyond in sign_changes(passing, low, high, 3e-5 * length):
-                a, b = cycle(before), cycle(beyond)
+                a, b = step.at(before), cycle(beyond)
                 roots = orbit_multipliers(self.motion, b.orbit)[1] if b.symmetric else b.multipliers
                 kind, multiplier = crossing_event(roots, b.symmetric)
                 if kind == "fold":
                     continue
-                speed, error = 0.5 * (a.u + b.u), 0.5 * abs(a.u - b.u)
-                event = CycleEvent(
-                    kind, speed, error, multiplier, 0.5 * (a.amplitude + b.amplitude)
-                )
+                speed, error = 0.5 * (a.p + b.u), 0.5 * abs(a.p - b.u)
+                event = CycleEvent(kind, speed, error, multiplier, b.amplitude)
                 if kind != "torus" and self.options.holds(speed):
-                    self.forks.append((event, b.orbit, a.stable or b.stable))
+                    stable = b.stable or not (passing(before) > 0.0).any()
+                    self.forks.append((event, b.orbit, stable))
                 yield beyond, b, event
 
     def _at_speeds(self, step: Step, part: Step) -> Iterator[Found]:

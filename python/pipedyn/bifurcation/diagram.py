@@ -23,13 +23,6 @@ from pipedyn.bifurcation.branches import (
     same_cycle,
     traced,
 )
-from pipedyn.bifurcation.brute_force import (
-    RECURRENCE,
-    Attractor,
-    Failed,
-    attractors,
-    with_exponents,
-)
 from pipedyn.bifurcation.equilibria import (
     LARGEST,
     EquilibriumBranch,
@@ -37,16 +30,24 @@ from pipedyn.bifurcation.equilibria import (
     searched,
 )
 from pipedyn.bifurcation.hopf import HopfPoint
-from pipedyn.bifurcation.known_solutions import KnownSolution, at_rest, kept_apart
 from pipedyn.bifurcation.limit_cycle import (
-    LARGEST_CYCLE,
     NoCycle,
     amplitude_of,
+    as_symmetric,
     cycle_from,
     limit_cycle,
 )
+from pipedyn.bifurcation.motion_ends import Case, Failed, exponent_of, motion_ends
 from pipedyn.bifurcation.motion_options import MotionOptions, initial_bends
 from pipedyn.bifurcation.periodic_orbit import PeriodicOrbit
+from pipedyn.bifurcation.regions import Excitation
+from pipedyn.bifurcation.solutions import (
+    LARGEST_CYCLE,
+    Attractor,
+    at_rest,
+    cycle,
+    kept_apart,
+)
 from pipedyn.bifurcation.vector_field import VectorField
 from pipedyn.linear.stability_curve import Failure
 from pipedyn.models.base import Model, NotConverged, PipedynError
@@ -205,10 +206,10 @@ def bifurcation_diagram(
         found.from_onsets(branches, executor, shown and not steps_shown)
     motions: tuple[Attractor, ...] = ()
     for some in _sparse_first(at) if asked.starts else ():
-        known = _known_solutions(model, some, branches, found.branches)
-        ended = attractors(model, some, asked.starts, asked.options, failed, known)
+        cases = _cases(model, some, branches, found.branches)
+        ended, cases = motions_at(model, cases, asked.starts, asked.options, failed)
         if asked.steps:
-            found.from_motions(ended)
+            found.from_motions(cases)
         motions = (*motions, *ended)
     motions = tuple(sorted(motions, key=lambda one: (one.speed, one.start)))
     if asked.steps:
@@ -326,17 +327,18 @@ def _cost(asked: _Asked, branches: tuple[EquilibriumBranch, ...], seconds: float
         some = np.linspace(0.0, speeds - 1.0, min(speeds, 6 if speeds > 30 else 3)).astype(int)
         starts = asked.starts[: 2 if len(asked.starts) > 7 else 1]
         alone = replace(asked.options, executor=None, shown=False, exponents=False)
-        known = _known_solutions(asked.model, asked.speeds[some], branches, [])
+        cases = _cases(asked.model, asked.speeds[some], branches, [])
         with counted() as work:
-            ended = attractors(asked.model, asked.speeds[some], starts, alone, [], known)
+            ended, cases = motions_at(asked.model, cases, starts, alone, [])
         share = speeds * len(asked.starts) / (some.size * len(starts))
         motions = share * work.right_hand_sides
         seconds += share * (clock() - begun)
         if asked.options.exponents:  # one at a speed
             begun = clock()
-            first = [one for one in ended if one.start == 0]
+            first = [one for one in ended if one.start == 0 and one.ending == "irregular"]
             with counted() as work:
-                with_exponents(asked.model, first, alone, [])
+                for one in first:
+                    exponent_of(asked.model, Excitation(one.speed), one.end, alone)
             motions += speeds / some.size * work.right_hand_sides
             seconds += speeds / some.size * (clock() - begun)
     return DiagramCost(cycles, motions, seconds)
@@ -420,36 +422,45 @@ def _sparse_first(speeds: Array) -> list[Array]:
     return [speeds[first], speeds[~first]]
 
 
-def _known_solutions(
+def _cases(
     model: Model,
     speeds: Array,
     equilibria: tuple[EquilibriumBranch, ...],
     cycles: list[CycleBranch],
-) -> dict[float, list[KnownSolution]]:
+) -> list[Case]:
     """At each speed the equilibria and the cycles on branches."""
-    motion = VectorField(model)
-    found = dict[float, list[KnownSolution]]()
-    if motion.constrained:
-        return found
-    with one_thread(motion.size):
+    cases = list[Case]()
+    with one_thread(model.dof):
         for u in speeds.tolist():
-            guesses = (_start_of(model, q) for b in equilibria for q in _passing(b, u))
-            solutions = at_rest(motion, guesses, u)
+            q = np.concatenate([_passing(branch, u) for branch in equilibria])
+            guesses = model.integrated(q, np.zeros_like(q))[:, : model.moving]
+            drive, found = Excitation(u), at_rest(model, guesses, u, 0.1)
             for branch in cycles:
-                signs = (1.0, -1.0) if branch.mirrored else (1.0,)
-                solutions += [
-                    KnownSolution.cycle(motion, cycle.stable, cycle.orbit, sign)
-                    for cycle in branch.at(u)
-                    for sign in signs
-                ]
-            found[u] = kept_apart(solutions)
-    return found
+                for one in branch.at(u):
+                    found.append(cycle(model, drive, one.orbit, one.stable, 1e-6))
+                    found += [found[-1].mirrored(False)] if branch.mirrored else []
+            cases.append(Case(model, drive, kept_apart(found)))
+    return cases
 
 
-def _start_of(model: Model, q: Array) -> Array:
-    """Positions p of coordinates at rest."""
-    p, _ = np.split(np.asarray(model.start(q, None)), 2)
-    return np.asarray(p)
+def motions_at(
+    model: Model,
+    cases: list[Case],
+    starts: list[Array],
+    options: MotionOptions,
+    failed: list[Failed],
+) -> tuple[tuple[Attractor, ...], list[Case]]:
+    """Where motions from each start end at each speed, and what is known there then."""
+    ends, cases = motion_ends(model, cases, starts, options, "brute force")
+    found = list[Attractor]()
+    for case, answers in zip(cases, ends, strict=True):
+        u = case.drive.mean
+        for k, (_, end) in enumerate(answers):
+            if isinstance(end, Exception):
+                failed.append((u, end))
+                end = Attractor(u, k, "failed", 0, np.zeros(0), np.zeros(0))
+            found.append(end)
+    return tuple(found), cases
 
 
 def _passing(branch: EquilibriumBranch, u: float) -> Array:
@@ -514,12 +525,15 @@ class _Cycles:
         ends = (one.end for one in self.found)
         return any(end.kind == "hopf" and end.speed == point.speed for end in ends if end)
 
-    def through(self, u: float, state: Array) -> None:
-        """Through the cycle that a motion from a state, or from coordinates at rest, ends on."""
+    def through(self, u: float, begin: PeriodicOrbit | Array) -> None:
+        """Through a cycle, or that which a motion from coordinates at rest ends on."""
         motion = VectorField(self.model)
         try:
             with one_thread(motion.size):
-                orbit, _ = cycle_from(motion, u, state)
+                if isinstance(begin, PeriodicOrbit):
+                    orbit = as_symmetric(motion, begin)
+                else:
+                    orbit, _ = cycle_from(motion, u, begin)
                 amplitude, _ = amplitude_of(motion, orbit)
             known = (cycle for branch in self.branches for cycle in branch.at(u))
             if not any(same_cycle(cycle, orbit.frequency, amplitude) for cycle in known):
@@ -530,19 +544,18 @@ class _Cycles:
         except PipedynError as error:
             self.failed.append((u, error))
 
-    def from_motions(self, motions: tuple[Attractor, ...]) -> None:
-        """Through cycles on which motions end and that lie on no branch."""
+    def from_motions(self, cases: list[Case]) -> None:
+        """Through cycles that motions led to and that lie on no branch."""
         followed = 0
-        for one in motions:
-            if one.ending != "periodic" or one.speed == 0.0:
-                continue
-            half = 0.5 * float(np.ptp(one.turnings))
-            known = [c for branch in self.branches for c in branch.at(one.speed)]
-            if any(abs(c.amplitude / half - 1.0) < RECURRENCE for c in known):
-                continue
-            if followed == MOST_FROM_MOTIONS:
-                many = f"motions end on more than {MOST_FROM_MOTIONS} cycles that lie on no branch"
-                self.failed.append((one.speed, NotConverged(many)))
-                return
-            followed += 1
-            self.through(one.speed, one.end)
+        for case in cases:
+            u = case.drive.mean
+            for orbit in (one.orbit for one in case.solutions if one.attracts):
+                if orbit is None or u == 0.0:
+                    continue
+                known = len(self.found)
+                if followed == MOST_FROM_MOTIONS:
+                    many = f"motions end on more than {followed} cycles that lie on no branch"
+                    self.failed.append((u, NotConverged(many)))
+                    return
+                self.through(u, orbit)
+                followed += len(self.found) > known

@@ -12,11 +12,11 @@ import numpy as np
 
 from pipedyn.bifurcation.branches import CycleBranch, CycleEvent
 from pipedyn.bifurcation.event_problem import Family, Followed
-from pipedyn.bifurcation.forced_response import ForcedBranch, ForcedEvent, ForcedField
+from pipedyn.bifurcation.forced_response import ForcedBranch, ForcedEvent
 from pipedyn.bifurcation.limit_cycle import amplitude_of
 from pipedyn.bifurcation.orbit_continuation import FINE, orbit_at
 from pipedyn.bifurcation.periodic_orbit import PeriodicOrbit, resolved
-from pipedyn.bifurcation.vector_field import VectorField
+from pipedyn.bifurcation.vector_field import ForcedField, VectorField
 from pipedyn.linear.modes import largest_speed
 from pipedyn.models.base import Model
 from pipedyn.models.drive import Pulsation

@@ -9,7 +9,7 @@ constant rate, without the swing that distances show between the axes of an elli
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -64,6 +64,10 @@ class FloquetCoordinates:
     def _tree(self) -> scipy.spatial.cKDTree:
         return scipy.spatial.cKDTree(self.points * self.units)
 
+    def mirrored(self) -> FloquetCoordinates:
+        """Those about the mirror image of the cycle."""
+        return replace(self, points=-self.points, rates=-self.rates)
+
     def __call__(self, states: Array) -> Complex:
         """The coordinates of states, (N, 2 moving), each (N, k)."""
         _, near = self._tree.query(states * self.units)
@@ -77,9 +81,9 @@ class FloquetCoordinates:
 
 
 def floquet_coordinates(
-    motion: VectorField, orbit: PeriodicOrbit, units: Array, sign: float = 1.0
+    motion: VectorField, orbit: PeriodicOrbit, units: Array
 ) -> FloquetCoordinates | None:
-    """Those about a stable orbit, or its mirror image; None where they are not to be had.
+    """Those about a stable orbit; None where they are not to be had.
 
     That is where fast modes take a finer mesh than twice the orbit's, or two vectors meet.
 
@@ -87,7 +91,6 @@ def floquet_coordinates(
         motion: its vector field.
         orbit: the orbit.
         units: see `FloquetCoordinates`; eigenvectors have length 1 in them.
-        sign: -1 for the mirror image.
     """
     parts = parts_for(motion, orbit, ACCURACY)
     if parts.sum() > 2 * parts.size:
@@ -130,7 +133,7 @@ def floquet_coordinates(
     if orbit.symmetric:
         points, rates = np.concatenate([points, -points]), np.concatenate([rates, -rates], axis=1)
     decay = -np.log(moduli[kept]) * orbit.frequency / orbit.span
-    return FloquetCoordinates(sign * points, sign * rates, rows, decay, units)
+    return FloquetCoordinates(points, rates, rows, decay, units)
 
 
 def _maps_to(motion: VectorField, orbit: PeriodicOrbit, places: Array) -> tuple[Array, Array]:

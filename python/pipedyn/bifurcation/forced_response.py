@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator
-from copy import copy
 from dataclasses import dataclass, field, replace
 from functools import cache
 from typing import Any, Literal
@@ -42,13 +41,13 @@ from pipedyn.bifurcation.periodic_orbit import (
     stage_phases,
 )
 from pipedyn.bifurcation.pulsating import Hill, PulsatingPipe, require_motion
-from pipedyn.bifurcation.vector_field import VectorField
+from pipedyn.bifurcation.vector_field import ForcedField
 from pipedyn.linear.eigenproblem import Complex
 from pipedyn.linear.frequency_response import base_solution, checked_range
 from pipedyn.linear.modes import largest_speed
 from pipedyn.linear.stability_curve import Failure
 from pipedyn.models.base import Model, NotConverged
-from pipedyn.models.drive import ROWS, Harmonic, Pulsation, require_steady, steady_speed
+from pipedyn.models.drive import Harmonic, Pulsation, require_steady, steady_speed
 from pipedyn.motion.simulate import MotionStopped, Trajectory, checked_model_in_motion, simulate
 from pipedyn.util import check
 from pipedyn.util.archive import saved_as
@@ -80,91 +79,6 @@ REPEATS = 0.02
 
 HARMONICS = 8
 """Of Hill's equations, for the motions in which branches leave rest."""
-
-
-@saved_as("ForcedField")
-class ForcedField(VectorField):
-    """f(y, u) at phases of an orbit, during whose period the forcing has `order` periods.
-
-    In a pulsating flow u is its mean.
-    """
-
-    forced = True
-
-    def __init__(self, model: Model, forcing: Pulsation | Harmonic, order: int) -> None:
-        super().__init__(model)
-        self.forcing, self.order = forcing, order
-        self._root: ForcedField = self
-        self._phases, self._frequency = np.zeros(1), forcing.frequency
-
-    def archived(self) -> dict[str, Any]:
-        """What a file keeps of it, by name."""
-        return {**super().archived(), "forcing": self.forcing, "order": self.order}
-
-    def along(self, phases: Array, frequency: float) -> ForcedField:
-        """The same of states at phases of an orbit with a frequency, one each."""
-        other = copy(self)
-        other._phases, other._frequency = self.order * phases, self.order * frequency
-        return other
-
-    def _count(self, states: int) -> None:
-        if self._root is self:
-            super()._count(states)
-        else:
-            self._root._count(states)
-
-    def speed(self, orbit: PeriodicOrbit) -> float | Pulsation:
-        """The flow's along an orbit."""
-        if isinstance(self.forcing, Pulsation):
-            return replace(self.forcing, frequency=self.order * orbit.frequency)
-        return float(orbit.u)
-
-    def _driven(self, u: float) -> tuple[float | Array, Array]:
-        """Flow speeds and what else drives the states."""
-        of, phases, w = self.forcing, self._phases, self._frequency
-        drive = np.zeros((ROWS, phases.size))
-        if isinstance(of, Pulsation):
-            drive[0] = -u * of.amplitude * w * np.sin(phases)
-            return u * (1.0 + of.amplitude * np.cos(phases)), drive
-        row = 1 if of.direction == "x" else 2
-        drive[row] = of.amplitude * np.cos(phases)
-        drive[row + 2] = -of.amplitude * w * np.sin(phases)
-        drive[row + 4] = -of.amplitude * w**2 * np.cos(phases)
-        return u, drive
-
-    def __call__(self, y: Array, u: float | Array) -> Array:
-        """Rates of the states in the columns at the phases."""
-        self._count(y.shape[1])
-        speeds, drive = self._driven(float(u))
-        return self.model.motion_rates(np.ascontiguousarray(y), speeds, drive)
-
-    def jacobians(self, y: Array, u: float) -> Array:
-        """df/dy of the states in the columns at the phases, (k, 2 moving, 2 moving)."""
-        self._count(y.shape[1])
-        speeds, drive = self._driven(u)
-        return self.model.motion_jacobian(np.ascontiguousarray(y), speeds, drive)
-
-    def linearised(self, y: Array, u: float) -> Array:
-        """f, df/du at fixed pulsation and df/dy, (k, 2 + 2 moving, 2 moving)."""
-        self._count(2 * y.shape[1])
-        speeds, drive = self._driven(u)
-        return self.model.motion_linearised(np.ascontiguousarray(y), speeds, drive)
-
-    def by_frequency(self, y: Array, u: float) -> Array:
-        """df/dw, w of the orbit: exact, as f is of second degree in it."""
-        ahead, behind, h = copy(self), copy(self), 0.5 * self._frequency
-        ahead._frequency, behind._frequency = self._frequency + h, self._frequency - h
-        return self.order * (ahead(y, u) - behind(y, u)) / (2.0 * h)
-
-    def is_odd(self, u: float) -> bool:
-        """Whether the mirror image of a motion, half an orbit later, is a motion too."""
-        if self.resting().any():
-            return False
-        y = self.some_states()
-        phases, w = np.array([0.3, 1.1, 2.5]), self.forcing.frequency / self.order
-        ahead = self.along(phases, w)(y, u)
-        behind = self.along(phases + math.pi, w)(-y, u)
-        return bool(np.abs(ahead + behind).max() <= 1e-9 * np.abs(ahead).max())
 
 
 # -------------------------------------------------------------------------------------- results
@@ -770,7 +684,7 @@ def _described(
         t=t,
         q=np.ascontiguousarray(q),
         qdot=np.ascontiguousarray(qdot),
-        u=motion.speed(orbit),
+        u=motion.flow(orbit.u, orbit.frequency),
         error=error,
         residual=residual(motion, orbit),
         model=motion.model,

@@ -18,7 +18,6 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
-from pipedyn.bifurcation.brute_force import LONGEST_PERIOD
 from pipedyn.bifurcation.collocation import residual, solved
 from pipedyn.bifurcation.equilibria import Statics
 from pipedyn.bifurcation.floquet import TOLERANCE, nontrivial, orbit_multipliers
@@ -30,6 +29,7 @@ from pipedyn.bifurcation.periodic_orbit import (
     refined,
     resolved,
 )
+from pipedyn.bifurcation.solutions import LARGEST_CYCLE
 from pipedyn.bifurcation.vector_field import VectorField
 from pipedyn.linear.critical_speed import crossings
 from pipedyn.linear.eigenproblem import Complex
@@ -54,10 +54,6 @@ from pipedyn.util.later import scipy
 from pipedyn.util.newton import NewtonFailed
 from pipedyn.util.result import TableResult
 from pipedyn.util.threads import one_thread
-
-LARGEST_CYCLE = 100
-"""Degrees of freedom. An undamped chain of 20 takes 0.06 s, of 40 0.4, of 100 seven, half of it for
-the multipliers."""
 
 SEARCH, SEARCH_FACTOR = 300_000, 6
 """Right-hand sides after which a search by simulation ends, some 0.6 s of a chain of 4 segments. Up
@@ -255,7 +251,7 @@ def cycle_from(motion: VectorField, u: float, start: Any) -> tuple[PeriodicOrbit
             symmetric = orbit.symmetric and motion.is_odd(u)
             return solved_anew(motion, orbit, u, symmetric, COARSE), "from a cycle"
         orbit = solved(motion, _last_period(motion, u, start), COARSE.tolerance)
-        return _as_symmetric(motion, orbit), "from a motion"
+        return as_symmetric(motion, orbit), "from a motion"
     except NewtonFailed as reason:
         raise NoCycle(f"no limit cycle at u = {u:g} from that start: {reason}", u) from None
 
@@ -387,16 +383,16 @@ def _simulated(motion: VectorField, u: float, start: Array, limit: int = SEARCH)
             if away < 0.01 * found.size and not known:
                 multipliers, _, _ = orbit_multipliers(motion, found)
                 if (np.abs(multipliers) <= 1.0 + 1e-3).all():
-                    return _as_symmetric(motion, found)
+                    return as_symmetric(motion, found)
                 passed = found
         except NewtonFailed as failure:
             reason, stretch = str(failure), min(2.0 * stretch, 32.0)  # two of the longest periods
     if passed is not None:
-        return _as_symmetric(motion, passed)
+        return as_symmetric(motion, passed)
     raise NoCycle(f"{none}: {reason}", u)
 
 
-def _as_symmetric(motion: VectorField, orbit: PeriodicOrbit) -> PeriodicOrbit:
+def as_symmetric(motion: VectorField, orbit: PeriodicOrbit) -> PeriodicOrbit:
     """As one half and its mirror image, if the orbit of a motion is so.
 
     Else rounding of its asymmetry would pass for a pitchfork where the branch is followed.
@@ -427,7 +423,7 @@ def _last_period(motion: VectorField, u: float, going: Motion) -> PeriodicOrbit:
     states = spline(times)
     scale = np.ptp(p[late], axis=0)
     scale = np.maximum(scale, 1e-3 * scale.max())
-    back = np.abs((states[:-1] - states[-1]) / scale).max(axis=1)[::-1][:LONGEST_PERIOD]
+    back = np.abs((states[:-1] - states[-1]) / scale).max(axis=1)[::-1]
     turns = int(np.flatnonzero(back <= max(2.0 * float(back.min()), 0.01))[0])
     if back[turns] > 0.1:
         raise lost

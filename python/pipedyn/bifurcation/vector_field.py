@@ -3,11 +3,16 @@
 
 from __future__ import annotations
 
+import math
+from copy import copy
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from pipedyn.models.base import Model
+from pipedyn.models.drive import ROWS, Harmonic, Pulsation
+from pipedyn.util.archive import saved_as
 from pipedyn.util.check import Array
 from pipedyn.util.counters import evaluated
 
@@ -111,3 +116,98 @@ class VectorField:
         """Transverse position of the free end of the states in the columns, shape (k,)."""
         q, _ = self.model.recorded(y[: self.half].T, y[self.half :].T)
         return self.model.tips(q.T)[:, 0]
+
+
+@saved_as("ForcedField")
+class ForcedField(VectorField):
+    """f(y, u) at phases of an orbit, during whose period the forcing has `order` periods.
+
+    The forcing is a pulsating flow, of which u is the mean, or an oscillating base; or both, at one
+    frequency, and then the base is given beside the flow.
+    """
+
+    forced = True
+
+    def __init__(
+        self,
+        model: Model,
+        forcing: Pulsation | Harmonic,
+        order: int,
+        base: Harmonic | None = None,
+    ) -> None:
+        super().__init__(model)
+        self.forcing, self.order = forcing, order
+        self.base = forcing if isinstance(forcing, Harmonic) else base
+        self._root: ForcedField = self
+        self._phases, self._frequency = np.zeros(1), forcing.frequency
+
+    def archived(self) -> dict[str, Any]:
+        """What a file keeps of it, by name."""
+        beside = {"base": self.base} if self.base not in (None, self.forcing) else {}
+        return {**super().archived(), "forcing": self.forcing, "order": self.order, **beside}
+
+    def along(self, phases: Array, frequency: float) -> ForcedField:
+        """The same of states at phases of an orbit with a frequency, one each."""
+        other = copy(self)
+        other._phases, other._frequency = self.order * phases, self.order * frequency
+        return other
+
+    def _count(self, states: int) -> None:
+        if self._root is self:
+            super()._count(states)
+        else:
+            self._root._count(states)
+
+    def flow(self, u: float, frequency: float) -> float | Pulsation:
+        """The flow speed, u or its mean, along an orbit of a frequency."""
+        if isinstance(self.forcing, Pulsation):
+            return replace(self.forcing, frequency=self.order * frequency)
+        return float(u)
+
+    def _driven(self, u: float) -> tuple[Array, Array]:
+        """Flow speeds and what else drives the states."""
+        flow, base, phases, w = self.forcing, self.base, self._phases, self._frequency
+        drive, speeds = np.zeros((ROWS, phases.size)), np.full(phases.size, u)
+        if isinstance(flow, Pulsation):
+            drive[0] = -u * flow.amplitude * w * np.sin(phases)
+            speeds = u * (1.0 + flow.amplitude * np.cos(phases))
+        if base is not None:
+            row = 1 if base.direction == "x" else 2
+            drive[row] = base.amplitude * np.cos(phases)
+            drive[row + 2] = -base.amplitude * w * np.sin(phases)
+            drive[row + 4] = -base.amplitude * w**2 * np.cos(phases)
+        return speeds, drive
+
+    def __call__(self, y: Array, u: float | Array) -> Array:
+        """Rates of the states in the columns at the phases."""
+        self._count(y.shape[1])
+        speeds, drive = self._driven(float(u))
+        return self.model.motion_rates(np.ascontiguousarray(y), speeds, drive)
+
+    def jacobians(self, y: Array, u: float) -> Array:
+        """df/dy of the states in the columns at the phases, (k, 2 moving, 2 moving)."""
+        self._count(y.shape[1])
+        speeds, drive = self._driven(u)
+        return self.model.motion_jacobian(np.ascontiguousarray(y), speeds, drive)
+
+    def linearised(self, y: Array, u: float) -> Array:
+        """f, df/du at fixed pulsation and df/dy, (k, 2 + 2 moving, 2 moving)."""
+        self._count(2 * y.shape[1])
+        speeds, drive = self._driven(u)
+        return self.model.motion_linearised(np.ascontiguousarray(y), speeds, drive)
+
+    def by_frequency(self, y: Array, u: float) -> Array:
+        """df/dw, w of the orbit: exact, as f is of second degree in it."""
+        ahead, behind, h = copy(self), copy(self), 0.5 * self._frequency
+        ahead._frequency, behind._frequency = self._frequency + h, self._frequency - h
+        return self.order * (ahead(y, u) - behind(y, u)) / (2.0 * h)
+
+    def is_odd(self, u: float) -> bool:
+        """Whether the mirror image of a motion, half an orbit later, is a motion too."""
+        if self.resting().any():
+            return False
+        y = self.some_states()
+        phases, w = np.array([0.3, 1.1, 2.5]), self.forcing.frequency / self.order
+        ahead = self.along(phases, w)(y, u)
+        behind = self.along(phases + math.pi, w)(-y, u)
+        return bool(np.abs(ahead + behind).max() <= 1e-9 * np.abs(ahead).max())

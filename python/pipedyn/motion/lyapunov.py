@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from pipedyn.models.base import Model, NotConverged
-from pipedyn.models.drive import steady_speed
+from pipedyn.models.drive import Base, Pulsation, steady_speed
 from pipedyn.models.pipe import Pipe
 from pipedyn.motion.integrator import Stopped, decays_fast, integrate, state_after
 from pipedyn.motion.simulate import (
@@ -262,21 +262,26 @@ asked several times on the way."""
 
 def exponents_together(
     model: Model,
-    speeds: Sequence[float],
+    speeds: Sequence[float | Pulsation],
     states: Sequence[Array],
     duration: float,
     transient: float,
     blocks: int = 10,
     interval: float = 0.5,
+    base: Base | None = None,
+    driven: bool = False,
 ) -> list[LyapunovExponent | MotionStopped]:
     """The largest exponents of motions that go on from states [p, p'], as one ensemble.
+
+    Where the flow pulsates or the base moves, all by the same, motions begin with a period of that,
+    of which the interval is a multiple; the duration is rounded up to whole intervals.
 
     Of each two neighbours are integrated, by the core where it has the model. A motion whose
     exponent is beyond doubt above 0 in the later half of the time so far ends there, before the
     duration does, and that half is what its exponent is taken over.
     """
     each = max(math.ceil(duration / blocks / interval), 1)
-    step = duration / blocks / each
+    step = interval if driven else duration / blocks / each
     before = math.ceil(transient / step)
     size = states[0].size
     direction = np.cos(np.arange(size) + 0.5)  # in no direction of the system's own
@@ -287,6 +292,7 @@ def exponents_together(
         times=[step],
         rtol=1e-3 * APART,
         atol=1e-3 * APART,
+        base=base,
         members=2 * len(states),
     )
     here = np.array(states)

@@ -4,13 +4,11 @@
 The distance of a state from an attractor is that from the curve through many states on it, rates
 being multiplied by a time of the attractor's own. A motion has reached it when its largest distance
 over a period is within a radius and later, without having left that, much smaller. What passes a
-saddle or follows an unstable cycle beside the attractor does not come nearer. What is so near to
-attract in all directions is tried with motions from beside each attractor, as far away as that;
-where nothing is tried, the motion is a trial of its own and has to come as much nearer as those.
-About an equilibrium there may be a basin in which linear decay is known to win: what is in it comes
-to rest. About a cycle there may be Floquet coordinates, each of which has to fall at least half as
-fast as linear theory says, by a quarter in square: what nonlinear forces change grows with a higher
-power of the distance, so that it goes on so.
+saddle or follows an unstable cycle beside the attractor does not come nearer. About an equilibrium
+there may be a basin in which linear decay is known to win: what is in it comes to rest. About a
+cycle there may be Floquet coordinates, each of which has to fall at least half as fast as linear
+theory says, by a quarter in square: what nonlinear forces change grows with a higher power of the
+distance, so that it goes on so.
 """
 
 from __future__ import annotations
@@ -25,13 +23,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipedyn.bifurcation.floquet_coordinates import FloquetCoordinates
+from pipedyn.bifurcation.vector_field import ForcedField, VectorField
 from pipedyn.linear.eigenproblem import Complex
 from pipedyn.models.base import Model
 from pipedyn.models.drive import Harmonic, Pulsation
 from pipedyn.motion.integrator import Observer, Outcome, Task, integrate
-from pipedyn.motion.simulate import BATCH, checked_task, outcomes_in_batches
 from pipedyn.util.check import Array
-from pipedyn.util.later import futures, scipy
+from pipedyn.util.later import scipy
 
 Labels = NDArray[np.int_]
 """Of each motion the number of a region, or NOWHERE or STOPPED."""
@@ -41,7 +39,7 @@ NOWHERE, STOPPED = -1, -2
 FLOOR = 1e-4
 """Distance within which a state counts as on an attractor."""
 
-COARSE, FINE = 256, 2**14
+COARSE_CURVE, FINE_CURVE = 256, 2**14
 """Steps along the curve of a cycle, at least and at most: doubled until chords miss it by less than
 a quarter of `FLOOR`."""
 
@@ -56,26 +54,25 @@ LOOK, SLOWER = 200, 4
 a full batch take a fifth as long as the motions between them, measured with two segments. With
 fewer members they are so much rarer, at most."""
 
-FIRST_STAGE = 8.0
-"""Time after which those that go on are gathered into full batches; then after as much again."""
+MEMBERS = 128
+"""Of a batch, for whom one look does."""
 
-MEMBERS, LARGEST_BATCH = 128, 2**22
-"""Of a batch, for whom one look does, and the numbers in its samples, 32 MB."""
-
-NEARER = 0.5
-"""Share of the largest distance in the first period within a region that shows that a motion comes
-nearer."""
+NEARER = 0.05
+"""Share of the largest distance in the first period within a region at which a motion has reached
+the attractor: so much nearer comes nothing that leaves again."""
 
 FALLEN, ACTING = 0.75, 0.01
 """Share of its square that a Floquet coordinate has kept at most when a motion is said to come
 nearer, and of the sum of all squares below which one may do what it likes: others drive it."""
 
-WIDEST, HALVINGS = 0.05, 5
-"""Radius of a region that is tried first, root mean square in rad, and how often it is halved."""
+WIDEST = 0.05
+"""Radius of a region, root mean square in rad, where nothing else that is known is near."""
 
-TRIALS, TRIED_NEARER = 16, 0.05
-"""Motions from beside an attractor, in directions drawn at random, that show that it attracts, and
-how much nearer they must come."""
+TRIALS = 16
+"""Motions from beside an attractor, in directions drawn at random, that show that it attracts."""
+
+SLOWEST = 2.0
+"""Period of what does not oscillate at rest, at most."""
 
 COMPARED, APART = 256, 0.25
 """States of another attractor from which the distance of two is taken; and the share of the way
@@ -102,6 +99,23 @@ class Excitation:
         """After which it repeats; 0 where all is steady."""
         driving = self.base or self.u
         return 0.0 if isinstance(driving, float) else 2.0 * math.pi / driving.frequency
+
+    @property
+    def mean(self) -> float:
+        """The flow speed, or its mean."""
+        return self.u.mean if isinstance(self.u, Pulsation) else self.u
+
+    def field(self, model: Model, order: int = 1) -> VectorField:
+        """The vector field of a model, if it is driven for orbits of so many of its periods."""
+        if isinstance(self.u, Pulsation):
+            return ForcedField(model, self.u, order, self.base)
+        return ForcedField(model, self.base, order) if self.base else VectorField(model)
+
+    def is_odd(self, model: Model) -> bool:
+        """Whether the mirror image of every motion is one, half a period later if it shifts."""
+        if self.shifts and isinstance(self.u, Pulsation):  # which is another by then
+            return False
+        return VectorField(model).is_odd(self.mean)
 
     @property
     def shifts(self) -> bool:
@@ -157,7 +171,7 @@ class Region:
         omega = omega or float(np.abs(values[values.imag != 0.0]).min())
         unit = 1.0 / max(omega, 1e-3)
         points = np.append(place, np.zeros_like(place))[None]
-        return Region(points, unit, min(2.0 * math.pi * unit, 0.25 * FIRST_STAGE))
+        return Region(points, unit, min(2.0 * math.pi * unit, SLOWEST))
 
     @cached_property
     def _steps(self) -> Array:
@@ -171,18 +185,22 @@ class Region:
 
     @staticmethod
     def about_cycle(
-        states: Callable[[Array], Array], frequency: float, mesh: Array = WHOLE, finest: int = FINE
+        states: Callable[[Array], Array],
+        unit: float,
+        period: float,
+        mesh: Array = WHOLE,
+        finest: int = FINE_CURVE,
     ) -> Region:
         """About a cycle with states, (k, 2 moving), at phases from 0 to 2 pi, (k,).
 
         mesh: phases between which the same number of steps lie.
         finest: steps at most.
         """
-        unit, count = 1.0 / frequency, COARSE
+        count = COARSE_CURVE
         while True:
             places = np.linspace(0.0, mesh.size - 1.0, count + 1)
             points = states(np.interp(places, np.arange(mesh.size), mesh))
-            region = Region(points, unit, 2.0 * math.pi * unit, curve=True)
+            region = Region(points, unit, period, curve=True)
             # Second differences across the curve are eight times what the chord of a step misses.
             along, bend = region._steps[1:] + region._steps[:-1], np.diff(region._steps, axis=0)
             share = np.sum(bend * along, axis=1) / np.maximum(np.sum(along**2, axis=1), 1e-300)
@@ -278,7 +296,8 @@ class Region:
         signs = -np.ones(self.points.shape[1])
         if not shifts:
             signs[2 * self.half :] = 1.0
-        return replace(self, points=signs * self.points)
+        floquet = self.floquet and self.floquet.mirrored()
+        return replace(self, points=signs * self.points, floquet=floquet)
 
     def beside(self, model: Model, seed: int = 0) -> Array:
         """States nearly as far away as the radius, in directions drawn at random, (k, 2 moving)."""
@@ -333,19 +352,15 @@ class WatchedTask(Task):
 
     Attributes:
         regions: that it may reach.
-        nearer: share of its first distance within a region at which it has reached that.
         every: of its samples one in so many is judged.
         phases: of those in a block, `Excitation.phases`.
         approach: how it has come nearer to one before.
-        kept: whether all samples are answered, or only the last.
     """
 
     regions: Sequence[Region] = ()
-    nearer: float = NEARER
     every: int = 1
     phases: Array = field(default_factory=lambda: np.zeros((1, 0)))
     approach: Approach = field(default_factory=Approach)
-    kept: bool = False
 
 
 @dataclass(frozen=True)
@@ -428,7 +443,7 @@ class _Watch(Observer):
             ):
                 approach, near = before[place], FLOOR
                 if approach.region == k:
-                    near = max(near, task.nearer * approach.first)
+                    near = max(near, NEARER * approach.first)
                 else:
                     approach = Approach(k, distance)
                 reached = distance <= near
@@ -446,8 +461,6 @@ def watched(tasks: Sequence[WatchedTask], shown: bool, observer: Observer) -> li
     """What comes of each motion of a batch, as for `in_batches`."""
     watch = _Watch(tasks)
     outcomes: list[Outcome] = integrate(tasks, shown, watch if watch.groups else observer)
-    if not tasks[0].kept:
-        outcomes = [(rows[-1:].copy(), calls, why) for rows, calls, why in outcomes]
     states = zip(outcomes, watch.labels.tolist(), watch.approaches, strict=True)
     return [Watched(*state) for state in states]
 
@@ -457,81 +470,3 @@ def judged_step(regions: Sequence[Region], most: float) -> tuple[float, float]:
     periods = [region.period for region in regions] or [most]
     longest = max(periods)
     return min(max(min(periods) / SAMPLES, longest / LONGEST_BLOCK), most), longest
-
-
-def follow(
-    model: Model,
-    drive: Excitation,
-    states: Array,
-    regions: Sequence[Region],
-    duration: float,
-    rtol: float,
-    executor: futures.Executor | None = None,
-    shown: bool = False,
-    nearer: float = NEARER,
-    failed: dict[int, Exception] | None = None,
-) -> tuple[Labels, Array]:
-    """Which region each motion reaches, and where it is then or at the end, (k, 2 moving).
-
-    Args:
-        model: the model.
-        drive: what drives it.
-        states: where motions start, (k, 2 moving).
-        regions: that are known.
-        duration: of the motions at most, after which they have reached NOWHERE.
-        rtol: their tolerance.
-        executor: of `simulate_many`.
-        shown: whether progress is.
-        nearer: share of its first distance within a region at which a motion has reached it.
-        failed: takes, by the number of the motion, what kept it from being computed; its label is
-            STOPPED. Without it that is raised.
-    """
-    labels, ends = np.full(len(states), NOWHERE), states.copy()
-    approaches = [Approach()] * len(states)
-    step, longest = judged_step(regions, duration)
-    if drive.period:
-        step, longest = drive.period / PHASES, max([r.period for r in regions] or [drive.period])
-    block = math.ceil(longest / step - 1e-6)
-    phases = drive.phases(step * np.arange(1.0, block + 1.0))
-    elapsed, stage = 0.0, FIRST_STAGE
-    while elapsed < duration - 1e-9 * step and (labels == NOWHERE).any():
-        going = np.flatnonzero(labels == NOWHERE)
-        count = block * max(round(min(stage, duration - elapsed) / (step * block)), 1)
-        times = step * np.arange(1.0, count + 1.0)
-        p, rates = np.split(ends[going[0]], 2)
-        first = checked_task(
-            *(model, drive.u, float(times[-1]), p, rates),
-            times=times,
-            rtol=rtol,
-            base=drive.base,
-            members=len(states),
-        )
-        of_all = WatchedTask(**vars(first), regions=regions, nearer=nearer, phases=phases)
-        tasks = [replace(of_all, start=ends[i], approach=approaches[i]) for i in going]
-        together = max(min(MEMBERS, LARGEST_BATCH // (count * tasks[0].start.size)), BATCH)
-        answers = outcomes_in_batches(tasks, watched, executor, shown, together)
-        for i, one in zip(going.tolist(), answers, strict=True):
-            if isinstance(one, Exception):
-                if failed is None:
-                    raise one
-                labels[i], failed[i] = STOPPED, one
-                continue
-            rows, _, why = one.outcome
-            labels[i] = STOPPED if why is not None else one.label
-            ends[i], approaches[i] = rows[-1], one.approach
-        elapsed += float(times[-1])
-        stage = elapsed
-    return labels, ends
-
-
-def attracting(
-    model: Model, drive: Excitation, region: Region, duration: float, rtol: float
-) -> Region | None:
-    """The region with a radius from which all trials come nearer; None if there is none."""
-    for halved in range(HALVINGS + 1):
-        tried = replace(region, radius=region.radius * 0.5**halved)
-        beside = tried.beside(model)
-        labels, _ = follow(model, drive, beside, [tried], duration, rtol, nearer=TRIED_NEARER)
-        if (labels == 0).all():
-            return tried
-    return None
