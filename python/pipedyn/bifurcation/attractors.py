@@ -91,11 +91,11 @@ class Basin(Result, units={"exponent": RATE, "spectrum": LENGTH}):
     Attributes:
         attractor: where one of these ends; its exponent is measured if it is irregular.
         share: of the starts that end on it.
-        attracts: whether eigenvalues or Floquet multipliers say that it attracts what is near. Where
-            these are not known, as of more than 100 degrees of freedom and of driven pipes at rest,
-            whether motions from beside it in sixteen directions drawn at random come nearer. Where
-            it does not, the starts lie on what an unstable equilibrium or cycle attracts, as the
-            straight pipe at rest does. Of irregular ones not known: False.
+        attracts: whether eigenvalues or Floquet multipliers say that it attracts what is near.
+            Where these are not known, as of more than 100 degrees of freedom and of driven pipes at
+            rest, whether motions from beside it in sixteen directions drawn at random come nearer.
+            Where it does not, the starts lie on what an unstable equilibrium or cycle attracts, as
+            the straight pipe at rest does. Of irregular ones not known: False.
         period: in T; 0 at rest, NaN where irregular.
         amplitude: half the peak-to-peak transverse motion of the free end, in L.
         exponent: largest Lyapunov exponent in 1 / T: of rest the largest real part of an eigenvalue
@@ -255,14 +255,15 @@ def attractors(
 ) -> Attractors:
     """All attractors that motions from many starts end on, with the share of starts of each.
 
-    A motion ends as soon as it has reached a known attractor: it is near, and comes nearer as linear
-    theory says. Known are stable equilibria and, from then on, whatever a motion has led to: a cycle
-    is solved for where one comes back to an earlier state, and attracts if its Floquet multipliers
-    say so. What neither rests nor repeats after the transient is followed on as long as it comes
-    nearer to something. Else it is "chaotic" where its largest Lyapunov exponent is above 0 by more
-    than three times its spread, and "quasi-periodic" where that is not so and averages over its
-    record converge as they do on a torus only. What cannot be told is unsettled, with the reason. A
-    motion and its mirror image, x to -x, end on two attractors, unless these are the same.
+    A motion ends as soon as it has reached a known attractor: it is near, and comes nearer as
+    linear theory says. Known are stable equilibria and, from then on, whatever a motion has led to:
+    a cycle is solved for where one comes back to an earlier state, and attracts if its Floquet
+    multipliers say so. What neither rests nor repeats after the transient is followed on as long as
+    it comes nearer to something. Else it is "chaotic" where its largest Lyapunov exponent is above
+    0 by more than three times its spread, and "quasi-periodic" where that is not so and averages
+    over its record converge as they do on a torus only. What cannot be told is unsettled, with the
+    reason. A motion and its mirror image, x to -x, end on two attractors, unless these are the
+    same.
 
     Where the flow pulsates or the base oscillates, motions begin with a period of that, and states
     are compared at the same phase of it.

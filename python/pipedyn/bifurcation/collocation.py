@@ -415,13 +415,24 @@ def _unit_of(motion: VectorField, orbit: PeriodicOrbit) -> float:
 
 
 def solved(
-    motion: VectorField, orbit: PeriodicOrbit, tolerance: float, closing: bool = False
+    motion: VectorField,
+    orbit: PeriodicOrbit,
+    tolerance: float,
+    closing: bool = False,
+    iterations: int = OrbitControl.iterations,
 ) -> PeriodicOrbit:
     """The periodic orbit near another at its speed, on its mesh; NewtonFailed if none is found.
 
     closing: whether it has what leads to its multipliers.
+    iterations: steps of Newton's method after which none is found.
     """
-    control = OrbitControl(math.inf, tolerance=tolerance, stagnation=1e3 * tolerance, patience=None)
+    control = OrbitControl(
+        longest=math.inf,
+        tolerance=tolerance,
+        stagnation=1e3 * tolerance,
+        iterations=iterations,
+        patience=None,
+    )
     problem = OrbitProblem(motion, orbit, control, unit=1.0, speed_varies=False)
     z = orbit.packed()
     z, kept = problem.fixed_and_kept(z, float(z[-1]))

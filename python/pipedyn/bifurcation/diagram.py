@@ -37,7 +37,7 @@ from pipedyn.bifurcation.limit_cycle import (
     cycle_from,
     limit_cycle,
 )
-from pipedyn.bifurcation.motion_ends import Case, Failed, exponent_of, motion_ends
+from pipedyn.bifurcation.motion_ends import Case, Failed, exponents_of, motion_ends
 from pipedyn.bifurcation.motion_options import MotionOptions, initial_bends
 from pipedyn.bifurcation.periodic_orbit import PeriodicOrbit
 from pipedyn.bifurcation.regions import Excitation
@@ -336,9 +336,9 @@ def _cost(asked: _Asked, branches: tuple[EquilibriumBranch, ...], seconds: float
         if asked.options.exponents:  # one at a speed
             begun = clock()
             first = [one for one in ended if one.start == 0 and one.ending == "irregular"]
+            states = [(Excitation(one.speed), one.end) for one in first]
             with counted() as work:
-                for one in first:
-                    exponent_of(asked.model, Excitation(one.speed), one.end, alone)
+                exponents_of(asked.model, states, asked.options)
             motions += speeds / some.size * work.right_hand_sides
             seconds += speeds / some.size * (clock() - begun)
     return DiagramCost(cycles, motions, seconds)

@@ -36,6 +36,7 @@ from pipedyn.bifurcation.regions import (
 )
 from pipedyn.bifurcation.solutions import (
     Attractor,
+    Ending,
     Solution,
     by_record,
     cycle,
@@ -240,6 +241,10 @@ class _Run:
     rate_size: float = LEAST_SIZE  # and of its rates
     under_way: bool = True  # whether the tolerance may be TRANSIENT
     roughly: bool = False  # whether it was in the last record
+
+    def comes_nearer(self, one: Stretch) -> bool:
+        """Whether it does to something known, or to rest or a cycle as its last stretch shows."""
+        return self.is_near or one.trend in ("rest", "settling")
 
     @property
     def is_near(self) -> bool:
@@ -497,17 +502,17 @@ class _Engine:
             self.elapsed, before = self.elapsed + before + duration, 0.0
             seen = [(run, one) for run, one in zip(runs, stretches, strict=True) if one is not None]
             over, runs = self.elapsed >= last, []
+            left: list[tuple[_Run, Stretch]] = []
             for same in _by_case(seen):
                 new = self.explain([pair for pair in same if not pair[0].is_near], FAR_BACK)
-                left: list[tuple[_Run, Stretch]] = []
                 for run, one in same:
                     if self.is_on_known(run, one, over):
                         continue
-                    if (new or run.is_near or one.trend in ("rest", "settling")) and not over:
+                    if (new or run.comes_nearer(one)) and not over:
                         runs.append(run)
                     else:
                         left.append((run, one))
-                runs += self.named(left, over)
+            runs += self.named(left, over)
 
     def is_on_known(self, run: _Run, one: Stretch, over: bool) -> bool:
         """Whether a motion ends at rest or on a cycle, as its record shows.
@@ -556,9 +561,10 @@ class _Engine:
         return one
 
     def named(self, left: list[tuple[_Run, Stretch]], over: bool) -> list[_Run]:
-        """Names motions of a case that neither rest nor repeat; answers those that go on instead.
+        """Names motions that neither rest nor repeat; answers those that go on instead.
 
-        Of those whose turning points are spread alike one is recorded for longer and tried for all.
+        Of those of a case whose turning points are spread alike one is recorded for longer and
+        tried for all.
         """
         groups: list[list[tuple[_Run, Stretch]]] = []
         for run, one in left:
@@ -569,73 +575,106 @@ class _Engine:
             same = (
                 group
                 for group in groups
-                if not run.alone and spread_alike(group[0][1].turnings, one.turnings)
+                if group[0][0].case is run.case
+                and not run.alone
+                and spread_alike(group[0][1].turnings, one.turnings)
             )
             if (group := next(same, None)) is None:
                 groups.append([(run, one)])
             else:
                 group.append((run, one))
-        on = list[_Run]()
-        for group in groups:
-            (leader, _), drive = group[0], group[0][0].case.drive
-            others = [run for run, _ in group[1:]]
-            longer = drive.whole(RECORDED * self.options.duration)
-            [one] = self.advance([leader], 0.0, longer)
-            self.elapsed += longer
-            new = one is not None and self.explain([(leader, one)], FAR_BACK)
+        on, told = list[_Run](), list[tuple[list[_Run], Stretch]]()
+        for group, one in zip(groups, self.recorded([group[0] for group in groups]), strict=True):
+            leader, *others = (run for run, _ in group)
+            longer = one is not None and one is not group[0][1]
+            new = longer and self.explain([(leader, one)], FAR_BACK)
             if one is None or self.is_on_known(leader, one, over):
                 for run in others:
                     run.alone = True
                 on += others
-            elif (new or leader.is_near or one.trend in ("rest", "settling")) and not over:
+            elif (new or leader.comes_nearer(one)) and not over:
                 on += [leader, *others]
+            elif leader.comes_nearer(one):
+                why = f"it still comes nearer to rest or a cycle after t = {self.elapsed:g}"
+                self.name([leader, *others], one, "unsettled", reason=why)
             else:
-                self.name(leader, one, others)
+                told.append(([leader, *others], one))
+        states = [(runs[0].case.drive, runs[0].state) for runs, _ in told]
+        for (runs, one), exponent in zip(
+            told, exponents_of(self.model, states, self.options), strict=True
+        ):
+            self.name(runs, one, *_named_by(exponent, one))
         return on
 
-    def name(self, leader: _Run, one: Stretch, others: list[_Run]) -> None:
-        """Names a motion that does not repeat, and others that are spread alike, by its record."""
-        case, drive = leader.case, leader.case.drive
-        ending, exponent, reason = "unsettled", None, ""
-        end = Attractor(drive.mean, leader.start, "irregular", 0, one.turnings, leader.state)
-        if leader.is_near:
-            reason = f"it still comes nearer to something known after t = {self.elapsed:g}"
-        elif one.trend != "irregular":
-            reason = f"its turning points still converge after t = {self.elapsed:g}"
-        elif self.options.exponents:
-            exponent = exponent_of(self.model, drive, leader.state, self.options)
-            if isinstance(exponent, Exception):
-                reason, exponent = f"its exponent is not known: {exponent}", None
-            elif exponent.chaotic:
-                ending = "chaotic"
-            elif one.averages_converge():
-                ending = "quasi-periodic"
-            else:
-                reason = (
-                    f"its largest Lyapunov exponent, {exponent.value:.2g}, is not above 0 by three "
-                    f"times its spread, {exponent.spread:.2g}, and averages over its record "
-                    "converge no faster than those of chaotic motion"
-                )
-        else:
-            ending = "irregular"
-        end = replace(end, ending=ending, exponent=exponent, reason=reason)
+    def recorded(self, leaders: list[tuple[_Run, Stretch]]) -> list[Stretch | None]:
+        """Longer records of motions, if their exponents are asked for."""
+        if not self.options.exponents or not leaders:
+            return [one for _, one in leaders]
+        longer = leaders[0][0].case.drive.whole(RECORDED * self.options.duration)
+        found = self.advance([run for run, _ in leaders], 0.0, longer)
+        self.elapsed += longer
+        return found
+
+    def name(
+        self,
+        runs: list[_Run],
+        one: Stretch,
+        ending: Ending,
+        exponent: LyapunovExponent | None = None,
+        reason: str = "",
+    ) -> None:
+        """Names a motion that does not repeat, by its record, and others that are spread alike."""
+        leader, drive = runs[0], runs[0].case.drive
+        end = Attractor(
+            *(drive.mean, leader.start, ending, 0, one.turnings, leader.state, exponent, reason)
+        )
         number = NOWHERE
         if ending != "unsettled":
-            number = case.learn(irregular(self.model, drive, end, one))
-        for run in (leader, *others):
+            number = leader.case.learn(irregular(self.model, drive, end, one))
+        for run in runs:
             self.answers[run.member] = number, replace(end, start=run.start)
 
 
-def exponent_of(
-    model: Model, drive: Excitation, state: Array, options: MotionOptions
-) -> LyapunovExponent | MotionStopped:
-    """The largest exponent of the motion that goes on from [p, p'] when a drive's period begins."""
-    [found] = exponents_together(
-        *(model, [drive.u], [state], 2.0 * options.duration, 10.0),
-        interval=drive.whole(0.5),
-        base=drive.base,
-        driven=bool(drive.period),
+def _named_by(
+    exponent: LyapunovExponent | MotionStopped | None, one: Stretch
+) -> tuple[Ending, LyapunovExponent | None, str]:
+    """The name of a motion that does not repeat, its exponent, and why it is unsettled if it is."""
+    if exponent is None:
+        return "irregular", None, ""
+    if isinstance(exponent, MotionStopped):
+        return "unsettled", None, f"its largest Lyapunov exponent is not known: {exponent}"
+    if exponent.chaotic:
+        return "chaotic", exponent, ""
+    if one.averages_converge():
+        return "quasi-periodic", exponent, ""
+    reason = (
+        f"its largest Lyapunov exponent, {exponent.value:.2g}, is not above 0 by three times its "
+        f"spread, {exponent.spread:.2g}, and averages over its record converge no faster than "
+        "those of chaotic motion"
     )
+    return "unsettled", exponent, reason
+
+
+def exponents_of(
+    model: Model, states: Sequence[tuple[Excitation, Array]], options: MotionOptions
+) -> list[LyapunovExponent | MotionStopped] | list[None]:
+    """The largest exponents, if asked for, of motions that go on from states [p, p'].
+
+    Those that are driven are all driven alike, and begin with a period of that.
+    """
+    if not options.exponents or not states:
+        return [None] * len(states)
+    drive, _ = states[0]
+    found = list[LyapunovExponent | MotionStopped]()
+    for i in range(0, len(states), BATCH // 2):
+        some = states[i : i + BATCH // 2]
+        found += exponents_together(
+            *(model, [one.u for one, _ in some], [state for _, state in some]),
+            *(2.0 * options.duration, 10.0),
+            interval=drive.whole(0.5),
+            base=drive.base,
+            driven=bool(drive.period),
+        )
     return found
 
 

@@ -43,6 +43,10 @@ mesh."""
 SAME = 3e-3
 """Distance up to which two motions are on the same attractor: either is known to 1e-3."""
 
+ITERATIONS = 5
+"""Steps of Newton's method from a motion's last period after which no cycle is near: it took one to three
+to those of seven pipes."""
+
 STILL = 1e-5
 """Extent of an orbit, in rad or in coordinates of a reduced model, below which it is at rest."""
 
@@ -367,7 +371,7 @@ def solved_cycle(
     if model.dof > LARGEST_CYCLE:
         raise NewtonFailed(f"no cycle is solved for with more than {LARGEST_CYCLE} freedoms")
     motion, guess = last_period(model, drive, stretch, farthest)
-    orbit = solved(motion, guess, COARSE.tolerance)
+    orbit = solved(motion, guess, COARSE.tolerance, iterations=ITERATIONS)
     if orbit.size < STILL:
         raise NewtonFailed("the motion comes to rest")
     motion, orbit = _run_through_once(model, drive, motion, orbit, maxima(stretch.turnings).size)
