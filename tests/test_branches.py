@@ -266,7 +266,8 @@ def test_on_a_branch_multipliers_are_known_to_1e_4_also_at_a_fold(returning):
 def test_a_motion_leaves_an_unstable_cycle_unless_the_search_ends_before(returning, monkeypatch):
     unstable = next(cycle for cycle in returning.cycles[0].at(6.3) if not cycle.stable)
     assert pp.limit_cycle(SUBCRITICAL, 6.3, unstable.y[:, 0]).stable
-    monkeypatch.setattr("pipedyn.bifurcation.limit_cycle.SEARCH_FACTOR", 1 / 15)
+    monkeypatch.setattr("pipedyn.bifurcation.limit_cycle.SEARCHED", 2.0)
+    monkeypatch.setattr("pipedyn.bifurcation.limit_cycle.RECORDED", 4.0)
     found = pp.limit_cycle(SUBCRITICAL, 6.3, unstable.y[:, 0])
     assert not found.stable
     assert found.amplitude == pytest.approx(unstable.amplitude, rel=1e-6)
@@ -379,8 +380,7 @@ def test_where_no_onset_leads_to_cycles_a_motion_finds_one():
     assert cycle.amplitude == pytest.approx(pp.limit_cycle(model, 0.3).amplitude, rel=1e-5)
 
 
-def test_where_motions_wind_up_without_end_no_cycle_is_said_to_be_found(monkeypatch):
-    monkeypatch.setattr("pipedyn.bifurcation.limit_cycle.SEARCH_FACTOR", 1)
+def test_where_motions_wind_up_without_end_no_cycle_is_said_to_be_found():
     model = pp.Chain(pp.Pipe(0.3, flow="aspirating"), 2)
     found = pp.bifurcation_diagram(model, [1.0, 2.0])
     assert found.cycles == ()

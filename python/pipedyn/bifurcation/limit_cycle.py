@@ -22,14 +22,17 @@ from pipedyn.bifurcation.collocation import residual, solved
 from pipedyn.bifurcation.equilibria import Statics
 from pipedyn.bifurcation.floquet import TOLERANCE, nontrivial, orbit_multipliers
 from pipedyn.bifurcation.hopf import Hopf, hopf, hopf_point
+from pipedyn.bifurcation.motion_ends import FAR_BACK, Case, motion_ends
+from pipedyn.bifurcation.motion_options import MotionOptions
 from pipedyn.bifurcation.orbit_continuation import COARSE, breaking_part, continued, solved_anew
 from pipedyn.bifurcation.periodic_orbit import (
     STAGES,
     PeriodicOrbit,
     refined,
-    resolved,
 )
-from pipedyn.bifurcation.solutions import LARGEST_CYCLE
+from pipedyn.bifurcation.records import Stretch
+from pipedyn.bifurcation.regions import Excitation
+from pipedyn.bifurcation.solutions import LARGEST_CYCLE, last_period
 from pipedyn.bifurcation.vector_field import VectorField
 from pipedyn.linear.critical_speed import crossings
 from pipedyn.linear.eigenproblem import Complex
@@ -38,27 +41,28 @@ from pipedyn.models.base import Model, NotConverged, PipedynError
 from pipedyn.models.drive import steady_speed
 from pipedyn.motion.simulate import (
     Motion,
-    MotionStopped,
     Start,
     Trajectory,
     check_coordinates,
     checked_model_in_motion,
-    simulate,
     slight_bend,
     state_of,
 )
 from pipedyn.util import check
 from pipedyn.util.archive import saved_as
 from pipedyn.util.check import Array
-from pipedyn.util.later import scipy
+from pipedyn.util.counters import counted
 from pipedyn.util.newton import NewtonFailed
 from pipedyn.util.result import TableResult
 from pipedyn.util.threads import one_thread
 
-SEARCH, SEARCH_FACTOR = 300_000, 6
-"""Right-hand sides after which a search by simulation ends, some 0.6 s of a chain of 4 segments. Up
-to 6 degrees of freedom, where they are cheap, it may take more by this factor: near a fold of
-cycles a motion takes long to converge."""
+SEARCHED, RECORDED = 60.0, 20.0
+"""Time in T of a motion that looks for a cycle, and of its record after that; one that comes nearer
+to something is followed for longer."""
+
+SEARCH = 100_000
+"""Right-hand sides of that from one look to the next, beyond which it is given up: those that wind
+up without end turn ever faster."""
 
 MOST_INTERVALS = 2000
 """Intervals of a mesh: beyond, one Newton step of a chain of 20 segments takes some seconds."""
@@ -250,8 +254,11 @@ def cycle_from(motion: VectorField, u: float, start: Any) -> tuple[PeriodicOrbit
             orbit = start.orbit
             symmetric = orbit.symmetric and motion.is_odd(u)
             return solved_anew(motion, orbit, u, symmetric, COARSE), "from a cycle"
-        orbit = solved(motion, _last_period(motion, u, start), COARSE.tolerance)
-        return as_symmetric(motion, orbit), "from a motion"
+        states = motion.model.integrated(start.q, start.qdot)
+        x, velocity = start.tip[:, 0], start.tip_velocity[:, 0]
+        stretch = Stretch.of(start.t, states, x, velocity, 1e-6)
+        _, guess = last_period(motion.model, Excitation(u), stretch, FAR_BACK)
+        return as_symmetric(motion, solved(motion, guess, COARSE.tolerance)), "from a motion"
     except NewtonFailed as reason:
         raise NoCycle(f"no limit cycle at u = {u:g} from that start: {reason}", u) from None
 
@@ -299,7 +306,7 @@ def _without_start(motion: VectorField, u: float) -> tuple[PeriodicOrbit, str]:
 
     def simulated() -> PeriodicOrbit:
         bent = state_of(model, "start", slight_bend, KINDS)
-        return _simulated(motion, u, bent, 2 * SEARCH if alone else SEARCH)
+        return _simulated(motion, u, bent, 2.0 if alone else 1.0)
 
     ways: dict[str, Callable[[], PeriodicOrbit]] = {"simulation": simulated}
     if alone:
@@ -352,44 +359,26 @@ def _from_damped_pipe(motion: VectorField, u: float) -> PeriodicOrbit:
 # ------------------------------------------------------------------------------ from a motion
 
 
-def _simulated(motion: VectorField, u: float, start: Array, limit: int = SEARCH) -> PeriodicOrbit:
-    """The cycle on which the motion from a state [p, p'] ends."""
+def _simulated(motion: VectorField, u: float, start: Array, patience: float = 1.0) -> PeriodicOrbit:
+    """The cycle on which the motion from a state [p, p'] ends, or one that it has passed.
+
+    patience: by which the time is multiplied after which a motion comes nearer to nothing.
+    """
     model, none = motion.model, f"no limit cycle at u = {u:g} by simulation"
-    states = np.stack([start, motion.resting()])
-    (q0, q_rest), (qdot0, _) = model.recorded(states[:, : motion.half], states[:, motion.half :])
-    evaluations, time, passed, reason = 0, 0.0, None, "the motion does not converge"
-    limit *= SEARCH_FACTOR if model.dof <= 6 else 1
-    stretch = 4.0  # of time, after which the motion is looked at
-    while evaluations < limit:
-        try:
-            samples = math.ceil(250 * stretch) + 1
-            going = simulate(model, u, stretch, q0, qdot0, rtol=1e-6, samples=samples, most=limit)
-        except MotionStopped as stopped:
-            raise NoCycle(f"{none}: after a time of {time:g}, {stopped}", u) from None
-        time += stretch
-        evaluations += going.evaluations
-        motion.evaluations += going.evaluations
-        q0, qdot0 = going.q[-1], going.qdot[-1]
-        before, moves = (float(np.ptp(q, axis=0).max()) for q in np.array_split(going.q, 2))
-        if moves < 1e-4 and moves <= 1.01 * before:
-            where = "rest" if np.abs(q0 - q_rest).max() < 1e-2 else "a bent pipe at rest"
-            raise NoCycle(f"{none}: it ends in {where}", u)
-        try:
-            guess = _last_period(motion, u, going)
-            found = solved(motion, guess, COARSE.tolerance)
-            # An orbit far from the motion may be any; by one that repels a motion only passes.
-            away = float(np.abs(found.starts - guess.starts)[:, : motion.half].max())
-            known = passed is not None and abs(found.frequency / passed.frequency - 1.0) < 1e-6
-            if away < 0.01 * found.size and not known:
-                multipliers, _, _ = orbit_multipliers(motion, found)
-                if (np.abs(multipliers) <= 1.0 + 1e-3).all():
-                    return as_symmetric(motion, found)
-                passed = found
-        except NewtonFailed as failure:
-            reason, stretch = str(failure), min(2.0 * stretch, 32.0)  # two of the longest periods
-    if passed is not None:
-        return as_symmetric(motion, passed)
-    raise NoCycle(f"{none}: {reason}", u)
+    options = MotionOptions(patience * SEARCHED, RECORDED, exponents=False, most=SEARCH)
+    with counted() as work:
+        cases = [Case(model, Excitation(u))]
+        [[(number, end)]], [case] = motion_ends(model, cases, [start.reshape(2, -1)], options)
+    motion.evaluations += work.right_hand_sides
+    if isinstance(end, Exception):
+        raise NoCycle(f"{none}: {end}", u) from None
+    orbits = [one.orbit for one in (*case.solutions, *case.solutions[number:][:1]) if one.orbit]
+    if end.ending == "rest":
+        away = np.abs(end.end - motion.resting()).max()
+        raise NoCycle(f"{none}: it ends in {'rest' if away < 1e-2 else 'a bent pipe at rest'}", u)
+    if not orbits:
+        raise NoCycle(f"{none}: the motion does not come back to an earlier state", u)
+    return as_symmetric(motion, orbits[-1])
 
 
 def as_symmetric(motion: VectorField, orbit: PeriodicOrbit) -> PeriodicOrbit:
@@ -402,39 +391,6 @@ def as_symmetric(motion: VectorField, orbit: PeriodicOrbit) -> PeriodicOrbit:
     if np.abs(breaking_part(orbit, "pitchfork")).max() > 1e-6 * orbit.size:
         return orbit
     return solved_anew(motion, orbit, orbit.u, True, COARSE)
-
-
-def _last_period(motion: VectorField, u: float, going: Motion) -> PeriodicOrbit:
-    """The last period of a motion; NewtonFailed unless it comes back to a tenth of its size."""
-    t, tip, half = going.t, going.tip[:, 0], motion.half
-    lost = NewtonFailed("the motion does not come back to an earlier state")
-    if t.size < 16:
-        raise lost
-    late = slice(t.size // 2, None)
-    across = tip - 0.5 * (tip[late].max() + tip[late].min())
-    up = np.flatnonzero((across[:-1] < 0.0) & (across[1:] >= 0.0))
-    if up.size < 2:
-        raise lost
-    p = going.model.integrated(going.q, going.qdot)
-    # With constraints f gives another rate of p than p'.
-    rates = np.concatenate([p[:, half:], motion(np.ascontiguousarray(p.T), u)[half:].T], axis=1)
-    spline = scipy.interpolate.CubicHermiteSpline(t, p, rates)
-    times = t[up] - across[up] * (t[up + 1] - t[up]) / (across[up + 1] - across[up])
-    states = spline(times)
-    scale = np.ptp(p[late], axis=0)
-    scale = np.maximum(scale, 1e-3 * scale.max())
-    back = np.abs((states[:-1] - states[-1]) / scale).max(axis=1)[::-1]
-    turns = int(np.flatnonzero(back <= max(2.0 * float(back.min()), 0.01))[0])
-    if back[turns] > 0.1:
-        raise lost
-    begin = times[-2 - turns]
-    period = float(times[-1] - begin)
-    omega = 2.0 * math.pi / period
-
-    def through(phase: Array) -> Array:
-        return np.ascontiguousarray(spline(begin + phase / omega).T)
-
-    return resolved(motion, through, omega, u, False, COARSE.defect)
 
 
 # -------------------------------------------------------------- what it is, and how well known

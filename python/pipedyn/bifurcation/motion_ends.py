@@ -101,9 +101,9 @@ JOINED = 0.25
 are irregular and their turning points were spread alike at two looks one after the other. Where
 that one does not stay irregular, the others go on from where they were."""
 
-BACK, FAR_BACK = 0.02, 0.1
+BACK, FAR_BACK = 0.005, 0.1
 """Distance to an earlier state, relative to the motion's size, from which a cycle is solved for: on
-the way, where chaotic motions come back to a tenth all the time, and at last."""
+the way, where chaotic motions come back to a fiftieth all the time, and at last."""
 
 FOLLOWED = 8.0
 """Times as long as transient and record for which a motion is followed that comes nearer to
@@ -304,6 +304,7 @@ class _Engine:
             rtol=self.tolerance,
             base=drive.base,
             members=len(runs),
+            most=self.options.most,
         )
         of_all = WatchedTask(**vars(first))
         judged = {id(run.case): run.case for run in runs}

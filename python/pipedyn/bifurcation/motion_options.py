@@ -12,6 +12,7 @@ import numpy as np
 
 from pipedyn.models.base import Model, PipedynError
 from pipedyn.models.drive import Base, Speed
+from pipedyn.motion.integrator import MOST_CALLS
 from pipedyn.motion.simulate import LARGEST_SAMPLES, modal_bend, slight_bend
 from pipedyn.util import check
 from pipedyn.util.check import Array
@@ -38,6 +39,7 @@ class MotionOptions:
     shown: bool = False  # whether progress is
     flow: Speed | None = None  # one that pulsates, in place of the speeds
     base: Base | None = None  # its motion
+    most: float = MOST_CALLS  # right-hand sides of one motion from one look to the next
 
     @staticmethod
     def checked(

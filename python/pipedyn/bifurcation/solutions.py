@@ -20,7 +20,7 @@ from pipedyn.bifurcation.collocation import solved
 from pipedyn.bifurcation.equilibria import Statics
 from pipedyn.bifurcation.floquet import nontrivial, orbit_multipliers
 from pipedyn.bifurcation.floquet_coordinates import floquet_coordinates
-from pipedyn.bifurcation.orbit_continuation import COARSE, FINE, solved_anew
+from pipedyn.bifurcation.orbit_continuation import COARSE, FINE
 from pipedyn.bifurcation.periodic_orbit import PeriodicOrbit, interpolated, refined, resolved
 from pipedyn.bifurcation.records import Stretch, maxima
 from pipedyn.bifurcation.regions import COARSE_CURVE, FINE_CURVE, PHASES, Excitation, Region
@@ -44,8 +44,8 @@ SAME = 3e-3
 """Distance up to which two motions are on the same attractor: either is known to 1e-3."""
 
 ITERATIONS = 5
-"""Steps of Newton's method from a motion's last period after which no cycle is near: it took one to three
-to those of seven pipes."""
+"""Steps of Newton's method from a motion's last period after which no cycle is near: it took one to
+three to those of seven pipes."""
 
 STILL = 1e-5
 """Extent of an orbit, in rad or in coordinates of a reduced model, below which it is at rest."""
@@ -156,8 +156,11 @@ class Solution:
         end = -one.end
         if shifts:  # when a period begins
             end = region.points[np.argmax(region.points[:, -2]), : end.size].copy()
-        image = replace(one, end=end, turnings=-one.turnings)
-        return replace(self, attractor=image, region=region, orbit=None)
+        image, orbit = replace(one, end=end, turnings=-one.turnings), self.orbit
+        if orbit is not None:
+            orbit = replace(orbit, starts=-orbit.starts, rates=-orbit.rates, closing=None)
+        orbit = None if shifts else orbit
+        return replace(self, attractor=image, region=region, orbit=orbit)
 
     def kept_apart(self, distance: float) -> Solution:
         """Itself with a region that leaves out something else that is known so far away."""
@@ -375,7 +378,8 @@ def solved_cycle(
     if orbit.size < STILL:
         raise NewtonFailed("the motion comes to rest")
     motion, orbit = _run_through_once(model, drive, motion, orbit, maxima(stretch.turnings).size)
-    orbit = solved_anew(motion, orbit, drive.mean, False, FINE)
+    orbit = resolved(motion, orbit.states, orbit.frequency, drive.mean, False, FINE.defect)
+    orbit = solved(motion, orbit, FINE.tolerance, iterations=ITERATIONS)
     if model.pipe.has_kinks and model.kinks_known:  # multipliers need a mesh that ends at these
         twice = np.full(len(orbit.starts), 2)
         orbit = solved(motion, refined(motion, orbit, twice, at_kinks=True), FINE.tolerance)
