@@ -112,6 +112,9 @@ something all the time: what e times nearer comes in each of these is 3e-4 as fa
 RECORDED = 5.0
 """Time over which what is irregular is recorded, in durations: some hundred cycles or more."""
 
+TORUS = 1e-8
+"""Relative tolerance of these records at most, whose averages may converge to that."""
+
 HALVINGS = 5
 """How often a region is halved in which trials do not all come nearer."""
 
@@ -284,10 +287,12 @@ class _Engine:
             span, fastest = np.abs(np.split(run.state, 2)).max(axis=1).tolist()
             run.resized(span, max(fastest, frequency * span))
 
-    def advance(self, runs: list[_Run], before: float, recorded: float) -> list[Stretch | None]:
+    def advance(
+        self, runs: list[_Run], before: float, recorded: float, finest: float = 1.0
+    ) -> list[Stretch | None]:
         """Goes on for some time and then a time that is recorded; None of one that has ended.
 
-        Where motions are driven both are whole periods of the drive.
+        Where motions are driven both are whole periods of the drive. finest: largest tolerance.
         """
         if not runs:
             return []
@@ -301,7 +306,7 @@ class _Engine:
         first = checked_task(
             *(self.model, drive.u, before + recorded, p, rates),
             times=samples,
-            rtol=self.tolerance,
+            rtol=min(self.tolerance, finest),
             base=drive.base,
             members=len(runs),
             most=self.options.most,
@@ -601,10 +606,49 @@ class _Engine:
             else:
                 told.append(([leader, *others], one))
         states = [(runs[0].case.drive, runs[0].state) for runs, _ in told]
-        for (runs, one), exponent in zip(
-            told, exponents_of(self.model, states, self.options), strict=True
-        ):
-            self.name(runs, one, *_named_by(exponent, one))
+        exponents = exponents_of(self.model, states, self.options)
+        doubtful: list[tuple[list[_Run], LyapunovExponent]] = []
+        for (runs, one), exponent in zip(told, exponents, strict=True):
+            if exponent is None:
+                self.name(runs, one, "irregular")
+            elif isinstance(exponent, MotionStopped):
+                why = f"its largest Lyapunov exponent is not known: {exponent}"
+                self.name(runs, one, "unsettled", reason=why)
+            elif exponent.chaotic:
+                self.name(runs, one, "chaotic", exponent)
+            elif one.averages_converge():
+                self.name(runs, one, "quasi-periodic", exponent)
+            else:
+                doubtful.append((runs, exponent))
+        return on + self.recorded_on(doubtful)
+
+    def recorded_on(self, doubtful: list[tuple[list[_Run], LyapunovExponent]]) -> list[_Run]:
+        """Names motions by longer and longer records; answers those that end meanwhile."""
+        on, time = list[_Run](), RECORDED * self.options.duration
+        for longest in (False, True):
+            time, again = 2.0 * time, doubtful
+            drive = again[0][0][0].case.drive if again else None
+            leaders, doubtful = [runs[0] for runs, _ in again], []
+            span = drive.whole(time) if drive else time
+            for (runs, exponent), one in zip(
+                again, self.advance(leaders, 0.0, span, TORUS), strict=True
+            ):
+                if one is None:
+                    on += runs[1:]
+                    for run in runs:
+                        run.alone = True
+                elif one.averages_converge():
+                    self.name(runs, one, "quasi-periodic", exponent)
+                elif longest:
+                    why = (
+                        f"its largest Lyapunov exponent, {exponent.value:.2g}, is not above 0 by "
+                        f"three times its spread, {exponent.spread:.2g}, and averages over a time "
+                        f"of {span:g} converge no faster than those of chaotic motion"
+                    )
+                    self.name(runs, one, "unsettled", exponent, why)
+                else:
+                    doubtful.append((runs, exponent))
+            self.elapsed += span if again else 0.0
         return on
 
     def recorded(self, leaders: list[tuple[_Run, Stretch]]) -> list[Stretch | None]:
@@ -612,7 +656,7 @@ class _Engine:
         if not self.options.exponents or not leaders:
             return [one for _, one in leaders]
         longer = leaders[0][0].case.drive.whole(RECORDED * self.options.duration)
-        found = self.advance([run for run, _ in leaders], 0.0, longer)
+        found = self.advance([run for run, _ in leaders], 0.0, longer, TORUS)
         self.elapsed += longer
         return found
 
@@ -634,26 +678,6 @@ class _Engine:
             number = leader.case.learn(irregular(self.model, drive, end, one))
         for run in runs:
             self.answers[run.member] = number, replace(end, start=run.start)
-
-
-def _named_by(
-    exponent: LyapunovExponent | MotionStopped | None, one: Stretch
-) -> tuple[Ending, LyapunovExponent | None, str]:
-    """The name of a motion that does not repeat, its exponent, and why it is unsettled if it is."""
-    if exponent is None:
-        return "irregular", None, ""
-    if isinstance(exponent, MotionStopped):
-        return "unsettled", None, f"its largest Lyapunov exponent is not known: {exponent}"
-    if exponent.chaotic:
-        return "chaotic", exponent, ""
-    if one.averages_converge():
-        return "quasi-periodic", exponent, ""
-    reason = (
-        f"its largest Lyapunov exponent, {exponent.value:.2g}, is not above 0 by three times its "
-        f"spread, {exponent.spread:.2g}, and averages over its record converge no faster than "
-        "those of chaotic motion"
-    )
-    return "unsettled", exponent, reason
 
 
 def exponents_of(

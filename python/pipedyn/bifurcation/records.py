@@ -24,6 +24,10 @@ RECURRENCE = 1e-3
 """By how much maxima that still converge may differ from those a period before, relative to the
 range: beyond, a record is too short to show that they do."""
 
+GROWN = 1.5
+"""Factor by which a change over two periods may exceed that over one where both are errors: of a
+motion that drifts it is 2."""
+
 FASTER, CONVERGED = 0.1, 1e-3
 """Share of their differences that weighted averages over twice the time may keep if they converge
 faster than any power of it, as on a torus only: chaotic ones keep about 0.7. And what is left of
@@ -42,6 +46,7 @@ class Stretch:
         x: transverse positions of the tip, shape (S,).
         turnings: values of x where its velocity changes sign, in order, shape (K,).
         error: by how much two of these may err together.
+        rtol: relative tolerance to which the motion was integrated.
         trend: "rest", "periodic" (maxima repeat to the error, or converge geometrically to such),
             "settling" (it still approaches rest or a cycle) or "irregular".
         maxima: of x in a period, 0 unless "periodic".
@@ -52,6 +57,7 @@ class Stretch:
     x: Array
     turnings: Array
     error: float
+    rtol: float
     trend: Trend
     maxima: int
 
@@ -61,7 +67,7 @@ class Stretch:
         turnings, error = turning_points(t, x, velocity)
         # Errors of an integrator's steps add up over the ten or more that a period takes.
         error += 10.0 * rtol * float(np.ptp(x))
-        return Stretch(t, states, x, turnings, error, *trend_of(x, turnings, error))
+        return Stretch(t, states, x, turnings, error, rtol, *trend_of(x, turnings, error))
 
     def seems_settled(self) -> bool:
         """Whether it is at rest in the end, or three periods show no change that could be seen."""
@@ -95,13 +101,20 @@ class Stretch:
     def repeats(self, drive: float) -> float:
         """The period after which the motion repeats, as three of them show; 0 if none does.
 
-        drive: period of what drives the motion, 0 where all is steady.
+        What two periods change may not be more than what one does: near a resonance a motion on a
+        torus drifts by as little from one to the next, but on and on.
+
+        Args:
+            drive: period of what drives the motion, 0 where all is steady.
         """
         times, passed = self._passages(drive)
-        for turns in range(1, (times.size - 1) // 2 + 1):
-            if np.abs(passed[turns:] - passed[:-turns]).max() < RECURRENCE:
-                last = times.size - 1
-                return float(times[last] - times[last % turns]) / (last // turns)
+        for turns in range(1, (times.size - 1) // 3 + 1):
+            once = float(np.abs(passed[turns:] - passed[:-turns]).max())
+            if once < RECURRENCE:
+                twice = float(np.abs(passed[2 * turns :] - passed[: -2 * turns]).max())
+                if twice < max(GROWN * once, 30.0 * self.rtol):
+                    last = times.size - 1
+                    return float(times[last] - times[last % turns]) / (last // turns)
         return 0.0
 
     def _passages(self, drive: float) -> tuple[Array, Array]:
@@ -117,10 +130,14 @@ class Stretch:
         else:
             late = self.x[self.x.size // 2 :]
             across = self.x - 0.5 * (late.max() + late.min())
-            at = np.flatnonzero((across[:-1] < 0.0) & (across[1:] >= 0.0))
-            share = -across[at] / (across[at + 1] - across[at])
+            at = 1 + np.flatnonzero((across[1:-2] < 0.0) & (across[2:-1] >= 0.0))
+            nodes = at[:, None] + np.arange(-1, 3)
+            rise = across[at + 1] - across[at]
+            share = -across[at] / rise
+            for _ in range(4):  # the root of the cubic through four samples
+                share -= np.sum(_lagrange(share) * across[nodes], axis=1) / rise
             times = self.t[at] + share * (self.t[at + 1] - self.t[at])
-            states = self.states[at] + share[:, None] * (self.states[at + 1] - self.states[at])
+            states = np.einsum("kn,kns->ks", _lagrange(share), self.states[nodes])
         scale = np.ptp(self.states[self.t.size // 2 :], axis=0).reshape(2, -1)
         scale = np.maximum(scale, 1e-3 * scale.max(axis=1, keepdims=True)).ravel()
         return (times, states / scale) if scale.all() else (times[:0], states[:0])
@@ -153,6 +170,12 @@ class Stretch:
 
         twice, once = apart(4), apart(2)
         return once <= CONVERGED and once <= FASTER * twice
+
+
+def _lagrange(share: Array) -> Array:
+    """Weights of evenly spaced samples 1 before to 2 beyond, at shares of the way, (k, 4)."""
+    a, b, c, d = share + 1.0, share, share - 1.0, share - 2.0
+    return np.stack([-b * c * d / 6.0, a * c * d / 2.0, -a * b * d / 2.0, a * b * c / 6.0], axis=1)
 
 
 def turning_points(t: Array, x: Array, velocity: Array) -> tuple[Array, float]:
