@@ -112,6 +112,10 @@ something all the time: what e times nearer comes in each of these is 3e-4 as fa
 RECORDED = 5.0
 """Time over which what is irregular is recorded, in durations: some hundred cycles or more."""
 
+LONGER = 1.0, 2.0, 4.0
+"""Times as long as usual that an exponent is measured, one after the other, until it or averages
+over a record as much longer tell what the motion is."""
+
 TORUS = 1e-8
 """Relative tolerance of these records at most, whose averages may converge to that."""
 
@@ -189,9 +193,9 @@ class Case:
         """Numbers of the solutions that motions may reach."""
         return [k for k, one in enumerate(self.solutions) if one.attracts]
 
-    def holding(self, one: Attractor) -> int:
-        """On which of the solutions a motion ended, or NOWHERE."""
-        held = (k for k, known in enumerate(self.solutions) if known.holds(one))
+    def holding(self, one: Attractor, period: float) -> int:
+        """On which of the solutions a motion with a period ended, or NOWHERE."""
+        held = (k for k, known in enumerate(self.solutions) if known.holds(one, period))
         return next(held, NOWHERE)
 
     def holding_irregular(self, state: Array) -> int:
@@ -208,13 +212,13 @@ class Case:
         if self.odd and not one.is_mirror_image(one, shifts):
             images.append(one.mirrored(shifts))
         for new in images:
-            if self.holding(new.attractor) != NOWHERE:
+            if self.holding(new.attractor, new.period) != NOWHERE:
                 continue
             for k, known in enumerate(self.solutions):
                 apart = known.region.apart(new.region)
                 self.solutions[k], new = known.kept_apart(apart), new.kept_apart(apart)
             self.solutions.append(new)
-        return self.holding(one.attractor)
+        return self.holding(one.attractor, one.period)
 
 
 def spread_alike(a: Array, b: Array) -> bool:
@@ -527,14 +531,15 @@ class _Engine:
         equilibrium, however near, has time to leave it.
         """
         case, drive = run.case, run.case.drive
-        rests, period = one.trend == "rest", one.repeats(drive.period)
+        rests = one.trend == "rest"
+        period = 0.0 if rests else one.repeats(drive.period)
         if not rests and not period:
             return False
         count, turnings = max(one.maxima, 1), one.turnings
         here = Attractor(drive.mean, -1, "periodic", count, turnings, run.state)
         if rests:
             here = replace(here, ending="rest", period=0, turnings=one.x[-1:].copy())
-        number = case.holding(here)
+        number = case.holding(here, period)
         if number == NOWHERE:
             seen = by_record(self.model, drive, here, one, period)
             number = case.learn(self.attracted(case, seen))
@@ -605,9 +610,23 @@ class _Engine:
                 self.name([leader, *others], one, "unsettled", reason=why)
             else:
                 told.append(([leader, *others], one))
+        for times in LONGER:
+            told = self.named_by_exponents(told, times, on)
+        return on
+
+    def named_by_exponents(
+        self, told: list[tuple[list[_Run], Stretch]], times: float, on: list[_Run]
+    ) -> list[tuple[list[_Run], Stretch]]:
+        """Names motions by their exponents and records; answers those that take longer ones.
+
+        Args:
+            told: motions that are spread alike, and the record of the first of them.
+            times: as long as usual the exponent is measured.
+            on: takes motions that go on by themselves, as the first has ended meanwhile.
+        """
         states = [(runs[0].case.drive, runs[0].state) for runs, _ in told]
-        exponents = exponents_of(self.model, states, self.options)
-        doubtful: list[tuple[list[_Run], LyapunovExponent]] = []
+        duration, doubtful = times * self.options.duration, list[tuple[list[_Run], Stretch]]()
+        exponents = exponents_of(self.model, states, replace(self.options, duration=duration))
         for (runs, one), exponent in zip(told, exponents, strict=True):
             if exponent is None:
                 self.name(runs, one, "irregular")
@@ -618,38 +637,29 @@ class _Engine:
                 self.name(runs, one, "chaotic", exponent)
             elif one.averages_converge():
                 self.name(runs, one, "quasi-periodic", exponent)
+            elif times < LONGER[-1]:
+                doubtful.append((runs, one))
             else:
-                doubtful.append((runs, exponent))
-        return on + self.recorded_on(doubtful)
-
-    def recorded_on(self, doubtful: list[tuple[list[_Run], LyapunovExponent]]) -> list[_Run]:
-        """Names motions by longer and longer records; answers those that end meanwhile."""
-        on, time = list[_Run](), RECORDED * self.options.duration
-        for longest in (False, True):
-            time, again = 2.0 * time, doubtful
-            drive = again[0][0][0].case.drive if again else None
-            leaders, doubtful = [runs[0] for runs, _ in again], []
-            span = drive.whole(time) if drive else time
-            for (runs, exponent), one in zip(
-                again, self.advance(leaders, 0.0, span, TORUS), strict=True
-            ):
-                if one is None:
-                    on += runs[1:]
-                    for run in runs:
-                        run.alone = True
-                elif one.averages_converge():
-                    self.name(runs, one, "quasi-periodic", exponent)
-                elif longest:
-                    why = (
-                        f"its largest Lyapunov exponent, {exponent.value:.2g}, is not above 0 by "
-                        f"three times its spread, {exponent.spread:.2g}, and averages over a time "
-                        f"of {span:g} converge no faster than those of chaotic motion"
-                    )
-                    self.name(runs, one, "unsettled", exponent, why)
-                else:
-                    doubtful.append((runs, exponent))
-            self.elapsed += span if again else 0.0
-        return on
+                why = (
+                    f"its largest Lyapunov exponent, {exponent.value:.2g}, is not above 0 by three "
+                    f"times its spread, {exponent.spread:.2g}, and averages over a time of "
+                    f"{one.t[-1]:g} converge no faster than those of chaotic motion"
+                )
+                self.name(runs, one, "unsettled", exponent, why)
+        if not doubtful:
+            return []
+        longer = doubtful[0][0][0].case.drive.whole(2.0 * float(doubtful[0][1].t[-1]))
+        stretches = self.advance([runs[0] for runs, _ in doubtful], 0.0, longer, TORUS)
+        self.elapsed += longer
+        again: list[tuple[list[_Run], Stretch]] = []
+        for (runs, _), stretch in zip(doubtful, stretches, strict=True):
+            if stretch is not None:
+                again.append((runs, stretch))
+                continue
+            for run in runs[1:]:
+                run.alone = True
+            on += runs[1:]
+        return again
 
     def recorded(self, leaders: list[tuple[_Run, Stretch]]) -> list[Stretch | None]:
         """Longer records of motions, if their exponents are asked for."""

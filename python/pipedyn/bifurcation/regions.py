@@ -288,8 +288,12 @@ class Region:
         return float(self.distances(points, most).min())
 
     def kept_apart(self, distance: float) -> Region:
-        """The same, if something else that is known is so far away."""
-        return replace(self, radius=min(self.radius, APART * distance))
+        """The same, if something else that is known is so far away.
+
+        A cycle may cross or touch another in the space of states: what is left then is as far as
+        a state counts as on it, ten times over.
+        """
+        return replace(self, radius=max(min(self.radius, APART * distance), 10.0 * FLOOR))
 
     def mirrored(self, shifts: bool = False) -> Region:
         """That of the mirror image, which is half a period later if the drive shifts."""

@@ -135,9 +135,9 @@ class Solution:
             return self.region.radius
         return min(self.region.radius, SAME)
 
-    def holds(self, one: Attractor) -> bool:
-        """Whether a motion ended on it."""
-        if one.ending != self.attractor.ending:
+    def holds(self, one: Attractor, period: float) -> bool:
+        """Whether a motion with a period, NaN of irregular ones, ended on it."""
+        if one.ending != self.attractor.ending or abs(period - self.period) > 0.01 * self.period:
             return False
         return bool(np.isfinite(self.region.distances(one.end[None], self.near))[0])
 
