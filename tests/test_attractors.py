@@ -5,6 +5,7 @@ from functools import cache
 
 import numpy as np
 import pytest
+import scipy.integrate
 from pytest import approx
 
 import pipedyn as pp
@@ -308,3 +309,96 @@ def test_a_pump_excites_a_motion_of_twice_its_period_where_multipliers_are_beyon
         assert 0.5 * np.ptp(late) == pytest.approx(basin.amplitude, rel=1e-3)
     else:
         assert basin.ending == "rest"
+
+
+LEANING = pp.Chain(pp.Pipe(0.3, 10.0, jet_angle=0.4, damping=0.005), 3)
+
+
+def ends_by_another_integrator(model, u, q, until):
+    """Half the range of the free end at last, and the states then, by LSODA on `Model.rhs`."""
+    start = np.concatenate([q, np.zeros_like(q)])
+    found = scipy.integrate.solve_ivp(
+        *(lambda t, y: model.rhs(t, y, u), (0.0, until), start),
+        method="LSODA",
+        rtol=1e-8,
+        atol=1e-10,
+        t_eval=np.linspace(until - 15.0, until, 4001),
+    )
+    across = model.tips(found.y[: q.size])[:, 0]
+    return 0.5 * np.ptp(across)
+
+
+@pytest.mark.parametrize(
+    ("model", "u", "count", "expected"),
+    [
+        # A period of 21 maxima; none shorter repeats.
+        (pp.Chain(pp.Pipe(0.5, 40.0, damping=0.01), 2), 9.0, 8, {(21, 6.5538)}),
+        # The largest multiplier of the second is 0.8996: transients last for some 200 T.
+        (LEANING, 7.0, 16, {(2, 1.13303), (9, 3.52762)}),
+        # Just beyond a period doubling, where the cycle that was left is near.
+        (LEANING, 6.9652, 12, {(2, 1.14040), (6, 2.41071)}),
+    ],
+)
+def test_motions_that_come_to_a_cycle_late_or_of_many_maxima_are_periodic(
+    model, u, count, expected
+):
+    found = pp.attractors(model, u, count)
+    assert found.unsettled.count == 0
+    told = {(one.attractor.period, round(one.period, 5)) for one in found.basins}
+    for (maxima, period), (known, length) in zip(sorted(told), sorted(expected), strict=True):
+        assert (maxima, period) == (known, approx(length, abs=1e-4))
+    for basin in found.basins:
+        assert (basin.ending, basin.attracts) == ("periodic", True)
+        cycle = pp.limit_cycle(model, u, basin.motion)
+        assert cycle.stable
+        assert cycle.period == approx(basin.period, rel=1e-6)
+    for i in (0, 1):
+        basin = found.basins[found.ends[i]]
+        q = found.starts[i, : model.coordinates]
+        assert ends_by_another_integrator(model, u, q, 400.0) == approx(basin.amplitude, rel=1e-3)
+
+
+def test_a_torus_near_a_resonance_is_quasi_periodic():
+    """Every 44.26 T it comes back to 3e-4 of its size, and drifts on by as much."""
+    weight = pp.PointMass(0.477532986911, 0.0551827581442)
+    pipe = pp.Pipe(0.454425609, damping=0.002, jet_angle=0.179560964181, terms=(weight,))
+    model, u = pp.Chain(pipe, 4), 9.399742365358085
+    (basin,) = pp.attractors(model, u, 3).basins
+    assert (basin.ending, basin.share.value) == ("quasi-periodic", 1.0)
+    assert abs(basin.exponent) < 3.0 * basin.attractor.exponent.spread
+    # About an unstable cycle, one multiplier of which has left the unit circle as one of a pair.
+    motion = pp.simulate(model, u, 500.0, basin.motion.q[-1], basin.motion.qdot[-1], samples=50_001)
+    states = motion.y.T[motion.t > 100.0]
+    for time in (44.26, 2 * 44.26, 4 * 44.26):
+        step = round(time / 0.01)
+        apart = np.abs((states[step:] - states[:-step]) / np.ptp(states, axis=0)).max()
+        assert apart > 1e-4  # at none of these does it repeat
+
+
+def test_weak_chaos_is_told_by_longer_exponents():
+    found = pp.attractors(LEANING, 6.97, 6)
+    assert {basin.ending for basin in found.basins} == {"periodic", "chaotic"}
+    (chaos,) = (basin for basin in found.basins if basin.ending == "chaotic")
+    exponent = chaos.attractor.exponent
+    assert exponent.value > 3.0 * exponent.spread
+    longer = pp.lyapunov_exponent(LEANING, 6.97, chaos.motion, duration=400.0, transient=20.0)
+    assert longer.value == approx(exponent.value, abs=3.0 * (longer.spread + exponent.spread))
+
+
+def test_driven_motions_are_named_by_the_same_rules():
+    model = pp.Chain(pp.Pipe(0.2, damping=0.01), 2)
+    u = 1.05 * pp.critical_speed(model).speed
+    (torus,) = pp.attractors(model, u, 3, base=pp.Harmonic(0.002, 3.3)).basins
+    assert (torus.ending, torus.share.count) == ("quasi-periodic", 3)
+    assert abs(torus.exponent) < 3.0 * torus.attractor.exponent.spread
+
+
+def test_nothing_in_a_diagram_contradicts_what_motions_end_on():
+    speeds = [6.95, 7.0]
+    found = pp.bifurcation_diagram(LEANING, speeds, brute_force=8)
+    for one in found.motions:
+        assert one.ending in ("periodic", "chaotic", "rest")
+        if one.ending == "periodic":
+            cycles = [c for branch in found.cycles for c in branch.at(one.speed) if c.stable]
+            apart = [abs(2.0 * c.amplitude / np.ptp(one.turnings) - 1.0) for c in cycles]
+            assert min(apart) < 1e-4

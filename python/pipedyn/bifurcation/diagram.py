@@ -432,7 +432,8 @@ def _cases(
     cases = list[Case]()
     with one_thread(model.dof):
         for u in speeds.tolist():
-            q = np.concatenate([_passing(branch, u) for branch in equilibria])
+            passing = [_passing(branch, u) for branch in equilibria]
+            q = np.concatenate([np.empty((0, model.coordinates)), *passing])
             guesses = model.integrated(q, np.zeros_like(q))[:, : model.moving]
             drive, found = Excitation(u), at_rest(model, guesses, u, 0.1)
             for branch in cycles:

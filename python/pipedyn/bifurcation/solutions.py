@@ -136,8 +136,16 @@ class Solution:
         return min(self.region.radius, SAME)
 
     def holds(self, one: Attractor, period: float) -> bool:
-        """Whether a motion with a period, NaN of irregular ones, ended on it."""
-        if one.ending != self.attractor.ending or abs(period - self.period) > 0.01 * self.period:
+        """Whether a motion that was seen to repeat after a time ended on it.
+
+        Beside a cycle that attracts a motion may repeat to the accuracy of its record after two
+        periods before it does after one; beside one that does not, it is on a cycle that has left
+        that at a period doubling.
+        """
+        if one.ending != self.attractor.ending:
+            return False
+        times = max(round(period / self.period), 1) if self.attracts and self.period else 1
+        if abs(period - times * self.period) > 0.01 * period:
             return False
         return bool(np.isfinite(self.region.distances(one.end[None], self.near))[0])
 
