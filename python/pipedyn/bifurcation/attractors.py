@@ -47,7 +47,7 @@ from pipedyn.util.parallel import parallel
 from pipedyn.util.result import Result, TableResult
 from pipedyn.util.units import LENGTH, RATE
 
-PILOTS, TOGETHER = BATCH, 256
+PILOTS, TOGETHER = BATCH, 128
 """Starts that are followed first, one batch: what attracts a tenth of all starts is missed once in
 30 times, and then found by the others, of which so many are followed together."""
 
@@ -467,9 +467,8 @@ def _ends(
     for begin, end, size in ((0, PILOTS, PILOTS), (PILOTS, len(order), TOGETHER)):
         some = order[begin:end]
         parts = [some[i : i + size] for i in range(0, len(some), size)]
-        known, executor = len(case.solutions), options.executor if begin else None
-        jobs = [followed(part) for part in parts]
-        every = parallel(jobs, executor, label="attractors", progress=options.shown)
+        known, jobs = len(case.solutions), [followed(part) for part in parts]
+        every = parallel(jobs, options.executor, label="attractors", progress=options.shown)
         for part, answer in zip(parts, every, strict=True):
             if isinstance(answer, Exception):
                 errors |= dict.fromkeys(part, answer)
