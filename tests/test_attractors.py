@@ -6,7 +6,6 @@ from functools import cache
 import numpy as np
 import pytest
 import scipy.integrate
-from pytest import approx
 
 import pipedyn as pp
 
@@ -196,7 +195,11 @@ def test_what_comes_to_rest_slowly_is_followed_until_it_does():
     # Growth -0.1 at rest: after transient and record motions are a fifth as large.
     found = pp.attractors(pp.Chain(pp.Pipe(0.05), 2), 3.1, 3, transient=10.0, duration=5.0)
     (rest,) = found.basins
-    assert (rest.ending, rest.share.count, rest.exponent) == ("rest", 3, approx(-0.1017, abs=1e-4))
+    assert (rest.ending, rest.share.count, rest.exponent) == (
+        "rest",
+        3,
+        pytest.approx(-0.1017, abs=1e-4),
+    )
 
 
 def test_what_cannot_be_told_is_unsettled_with_the_reason():
@@ -346,16 +349,18 @@ def test_motions_that_come_to_a_cycle_late_or_of_many_maxima_are_periodic(
     assert found.unsettled.count == 0
     told = {(one.attractor.period, round(one.period, 5)) for one in found.basins}
     for (maxima, period), (known, length) in zip(sorted(told), sorted(expected), strict=True):
-        assert (maxima, period) == (known, approx(length, abs=1e-4))
+        assert (maxima, period) == (known, pytest.approx(length, abs=1e-4))
     for basin in found.basins:
         assert (basin.ending, basin.attracts) == ("periodic", True)
         cycle = pp.limit_cycle(model, u, basin.motion)
         assert cycle.stable
-        assert cycle.period == approx(basin.period, rel=1e-6)
+        assert cycle.period == pytest.approx(basin.period, rel=1e-6)
     for i in (0, 1):
         basin = found.basins[found.ends[i]]
         q = found.starts[i, : model.coordinates]
-        assert ends_by_another_integrator(model, u, q, 400.0) == approx(basin.amplitude, rel=1e-3)
+        assert ends_by_another_integrator(model, u, q, 400.0) == pytest.approx(
+            basin.amplitude, rel=1e-3
+        )
 
 
 def test_a_torus_near_a_resonance_is_quasi_periodic():
@@ -382,7 +387,9 @@ def test_weak_chaos_is_told_by_longer_exponents():
     exponent = chaos.attractor.exponent
     assert exponent.value > 3.0 * exponent.spread
     longer = pp.lyapunov_exponent(LEANING, 6.97, chaos.motion, duration=400.0, transient=20.0)
-    assert longer.value == approx(exponent.value, abs=3.0 * (longer.spread + exponent.spread))
+    assert longer.value == pytest.approx(
+        exponent.value, abs=3.0 * (longer.spread + exponent.spread)
+    )
 
 
 def test_driven_motions_are_named_by_the_same_rules():

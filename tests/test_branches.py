@@ -388,6 +388,22 @@ def test_where_motions_wind_up_without_end_no_cycle_is_said_to_be_found():
     assert all(isinstance(f.error, pp.NoCycle) for f in found.failures)
 
 
+JET = pp.Chain(pp.Pipe(0.3, 10.0, jet_angle=0.4, damping=0.005), 3)
+
+
+def test_what_is_narrower_than_the_speeds_show_is_left_out_and_named():
+    """The third generation at 6.96823, and folds without end near a homoclinic orbit at 8.68."""
+    found = pp.bifurcation_diagram(JET, [6.0, 7.0, 8.0, 9.0])
+    onsets = np.array([b.onset for b in found.cycles if b.origin == "period doubling"])
+    assert np.abs(onsets - 6.96487).min() < 1e-4
+    assert np.abs(onsets - 6.96823).min() > 1e-3
+    (winding,) = (b for b in found.cycles if abs(b.onset - 8.674173) < 1e-4)
+    assert len(winding) < 80
+    assert winding.events[-1].kind == "end"
+    (failure,) = (f for f in found.failures if "it has wound within" in str(f.error))
+    assert failure.value == pytest.approx(8.6785, abs=1e-3)
+
+
 # --------------------------------------------------------------------------- recognising changes
 
 

@@ -10,7 +10,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import scipy.stats
-from pytest import approx
 
 import pipedyn as pp
 from pipedyn.bifurcation import diagram as module
@@ -328,7 +327,7 @@ def test_averages_converge_on_a_torus_and_not_where_motion_is_chaotic():
 def test_a_period_is_found_however_many_maxima_it_holds(times):
     signals = [lambda t: np.cos(9.0 * t) + 0.2 * np.cos(9.0 / times * t), lambda t: np.sin(9.0 * t)]
     found = stretch(signals, 60.0)
-    assert found.repeats(0.0) == approx(times * 2.0 * np.pi / 9.0, rel=1e-4)
+    assert found.repeats(0.0) == pytest.approx(times * 2.0 * np.pi / 9.0, rel=1e-4)
     assert stretch(TORUS, 60.0).repeats(0.0) == 0.0
 
 

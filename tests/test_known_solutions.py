@@ -5,7 +5,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from pytest import approx
 
 import pipedyn as pp
 from pipedyn.bifurcation import regions
@@ -13,7 +12,8 @@ from pipedyn.bifurcation.branches import _steepness
 from pipedyn.bifurcation.motion_ends import Case, motion_ends
 from pipedyn.bifurcation.motion_options import MotionOptions, initial_bends
 from pipedyn.bifurcation.regions import FALLEN, NOWHERE, Approach, Excitation, WatchedTask
-from pipedyn.bifurcation.solutions import at_rest, cycle as solution, kept_apart
+from pipedyn.bifurcation.solutions import at_rest, kept_apart
+from pipedyn.bifurcation.solutions import cycle as solution
 from pipedyn.bifurcation.vector_field import VectorField
 from pipedyn.motion.simulate import checked_task
 from pipedyn.util.counters import counted
@@ -54,12 +54,12 @@ def ends_on(solutions, orbit, distances, sign=1.0):
 
 def test_distances_are_across_a_cycle_and_not_along_it(cycle):
     region, orbit = cycle.region, cycle.orbit
-    assert region.distances(orbit.states(PHASES + 0.3).T) == approx(0.0, abs=3e-5)
+    assert region.distances(orbit.states(PHASES + 0.3).T) == pytest.approx(0.0, abs=3e-5)
     dense = orbit.states(np.linspace(0.0, 2.0 * np.pi, 20_001))
     states = orbit.states(PHASES) + 0.02 * ASIDE[:, None]
     units = np.repeat([1.0, orbit.frequency], 3)[:, None] * np.sqrt(3.0)
     least = [np.linalg.norm((dense - y[:, None]) / units, axis=0).min() for y in states.T]
-    assert region.distances(states.T) == approx(np.array(least), abs=3e-5)
+    assert region.distances(states.T) == pytest.approx(np.array(least), abs=3e-5)
 
 
 @pytest.mark.parametrize(
@@ -94,7 +94,7 @@ def test_equilibria_and_their_stability_are_those_of_a_pipe_that_leans():
     found = at_rest(model, known.q + 0.01, 1.0, 0.1)
     assert [one.attracts for one in found] == known.stable.tolist()
     for one, q in zip(found, known.q, strict=True):
-        assert one.region.points[0, :2] == approx(q, abs=1e-8)
+        assert one.region.points[0, :2] == pytest.approx(q, abs=1e-8)
     assert at_rest(model, [known.q[0] + 1.0], 1.0, 0.1) == []
 
 
@@ -121,7 +121,7 @@ def test_motions_end_where_they_would_have_ended_and_cost_less():
     for long, short in zip(*answers, strict=True):
         assert (short.ending, short.period) == (long.ending, long.period)
         for end in (np.min, np.max):
-            assert end(short.turnings) == approx(end(long.turnings), abs=2e-5)
+            assert end(short.turnings) == pytest.approx(end(long.turnings), abs=2e-5)
 
 
 def test_the_largest_of_a_dozen_peaks_is_the_amplitude():
@@ -130,7 +130,7 @@ def test_the_largest_of_a_dozen_peaks_is_the_amplitude():
     cycle = pp.limit_cycle(model, u, one.end)
     phases = np.linspace(0.0, 2.0 * np.pi, 200_001)
     across = VectorField(model).tip(cycle.orbit.states(phases))
-    assert cycle.amplitude == approx(0.5 * np.ptp(across), rel=1e-6)
+    assert cycle.amplitude == pytest.approx(0.5 * np.ptp(across), rel=1e-6)
     assert one.period > 10
 
 
@@ -202,7 +202,7 @@ def test_floquet_coordinates_of_motions_beside_a_cycle_decay_by_its_multipliers(
     found, period = region.floquet, 2.0 * np.pi / cycle.frequency
     sizes = np.sort(np.exp(-found.decay * period))[::-1]
     kept = np.abs(cycle.multipliers)[1 : 1 + sizes.size]  # the first is the trivial one
-    assert sizes == approx(kept, rel=1e-3, abs=1e-4)
+    assert sizes == pytest.approx(kept, rel=1e-3, abs=1e-4)
     assert np.abs(found(sign * cycle.orbit.states(PHASES + 0.01).T)).max() < 1e-5
     random = np.random.default_rng(2)
     away = random.normal(size=motion.size)

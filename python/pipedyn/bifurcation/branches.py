@@ -96,9 +96,11 @@ steps out there in a row; and mesh intervals beyond which an orbit is too costly
 branches of seven pipes, they came back six times from up to 1.22 times as far, after 10 steps and
 with 21 intervals at most, and once from 2.3 times as far, after 32 steps."""
 
-NARROW = 0.02
-"""Share of the smallest difference between the speeds given within which a branch that winds, as
-one that comes near to a homoclinic orbit does, is followed no further."""
+RESOLVED, NARROW, WINDING = 0.05, 0.05, 24
+"""Share of the range of speeds, or less if they are closer together, over which a branch has to go
+so that those that leave it are followed; the share of that within which a branch that winds, as one
+that comes near to a homoclinic orbit does, is followed no further, and after how many steps. What
+is narrower is asked for by speeds that are closer together."""
 
 PAST, GRAZING, MOST_GRAZES = 3e-4, 1e-2, 8
 """How far beyond a grazed stop a branch goes on, relative to the speed; how near to the stop its
@@ -214,8 +216,8 @@ class BranchOptions:
 
     @property
     def finest(self) -> float:
-        """Smallest difference of two of the speeds."""
-        return float(np.diff(self.speeds).min())
+        """The least gap of the speeds, or a share of their range: what is narrower is left out."""
+        return float(min(np.diff(self.speeds).min(), RESOLVED * np.ptp(self.speeds)))
 
     def holds(self, u: float) -> bool:
         """Whether a speed lies within those given."""
@@ -437,11 +439,15 @@ class _Follower:
                     raise NewtonFailed(f"its multipliers are known to {error:.1e} only")
                 if self.closed or self.repeats or not lowest < here.u < highest:
                     return
-                if len(passed) > MOST_BEYOND and self._winds(passed[-MOST_BEYOND:]):
-                    raise NewtonFailed(
-                        f"for {MOST_BEYOND} steps its speed has stayed within {NARROW:g} of the "
-                        "smallest difference between the speeds given"
+                if len(passed) > WINDING and self._winds(passed[-WINDING:]):
+                    width = max(passed[-WINDING:]) - min(passed[-WINDING:])
+                    self._ends("end", here)
+                    self._fails(
+                        here,
+                        f"for {WINDING} steps it has wound within {width:.1e} of the speed: speeds "
+                        "closer together show more",
                     )
+                    return
                 if len(frequencies) == self.options.most:
                     raise NewtonFailed("its steps ran out; cycles= allows more")
                 if beyond == MOST_BEYOND:

@@ -149,11 +149,12 @@ def bifurcation_diagram(
     Equilibria are followed by arc length, past folds, and so are the cycles from each onset of
     flutter of straight and bent pipes, up to 1.5 times the highest speed given. Cycles are followed
     up to a quarter beyond both the speeds and the onset, since they may come back. So are, for two
-    generations, cycles that leave them at pitchforks and period doublings within the speeds; what
-    leaves at a torus is no cycle. Motions are integrated at the speeds given. Where one ends
-    on a cycle that no onset leads to, that is followed both ways. Without `brute_force` motions
-    look for one at the first, the middle and the last speed, if no cycle and no stable equilibrium
-    is known there.
+    generations, cycles that leave them at pitchforks and period doublings within the speeds, if the
+    branch that they leave goes over a twentieth of the range of speeds, or over the least gap
+    between these where that is smaller; what leaves at a torus is no cycle. Motions are integrated
+    at the speeds given. Where one ends on a cycle that no onset leads to, that is followed both
+    ways. Without `brute_force` motions look for one at the first, the middle and the last speed, if
+    no cycle and no stable equilibrium is known there.
 
     Args:
         model: chain, reduced model or scene, up to 500 degrees of freedom.
@@ -162,12 +163,13 @@ def bifurcation_diagram(
             than 100 degrees of freedom have to be given 0.
         brute_force: number of initial states for each speed; 0 for none.
         transient: time in T that is left out before motions are recorded. A motion that has reached
-            a known equilibrium or cycle, or that rests or repeats and that a motion from beside it
-            approaches, ends earlier. Irregular ones at one speed whose turning points are spread
-            alike go on as one after a quarter of this time, as long as that stays irregular.
-        duration: time over which they are then recorded, at most.
+            a known equilibrium or cycle ends earlier; known is also what another has led to, see
+            `attractors`. Irregular ones at one speed whose turning points are spread alike go on as
+            one after a quarter of this time, as long as that stays irregular.
+        duration: time over which they are then recorded; those that come nearer to something are
+            followed for up to eight times as long as both.
         exponents: whether the largest Lyapunov exponent of irregular motions is computed, by which
-            chaos and quasi-periodic motion are told apart.
+            chaos and quasi-periodic motion are told apart; without it they are "irregular".
         rtol: relative tolerance of cycles at the speeds given, and of the steps of motions that are
             recorded, relative to the motion's size. On the way there explicit steps take 1e-4 where
             rtol is less.

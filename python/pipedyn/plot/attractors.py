@@ -255,7 +255,7 @@ def films(
     made = {f"cycle {k}": animate(one, **how) for k, one in enumerate(cycles)}
     ends = (one for one in diagram.motions if np.isclose(one.speed, speed, rtol=1e-12))
     for one in ends:
-        if one.ending == "irregular":
+        if one.ending not in ("rest", "periodic", "failed"):
             q, qdot = np.split(one.end, 2)
             motion = simulate(diagram.model, speed, FILMED, q, qdot)
             made[f"motion from start {one.start}"] = animate(motion, span=(0.0, FILMED), **how)
@@ -282,11 +282,10 @@ def _kind(basin: Basin, view: View) -> str:
         return f"cycle, period {basin.period * view.one(TIME):.4g}{unit}"
     exponent = basin.attractor.exponent
     if exponent is None:
-        return "irregular"
-    word = "chaotic" if exponent.chaotic else "irregular"
+        return basin.ending
     value, spread = (view.one(GROWTH) * of for of in (exponent.value, exponent.spread))
     unit = " 1/s" if view.si else ""
-    return f"{word}, exponent {value:.2g} $\\pm$ {spread:.1g}{unit}"
+    return f"{basin.ending}, exponent {value:.2g} $\\pm$ {spread:.1g}{unit}"
 
 
 def _name(found: Attractors, k: int, view: View) -> str:
