@@ -40,18 +40,17 @@ from pipedyn.bifurcation.motion_ends import Failed
 from pipedyn.bifurcation.orbit_continuation import (
     FINE,
     BranchStart,
+    Grazing,
     Meeting,
     Step,
-    beside_kink,
     both_ways,
-    followed,
+    followed_past_grazing,
     from_branch_point,
     from_hopf,
-    from_orbit,
     meeting,
     orbit_at,
 )
-from pipedyn.bifurcation.periodic_orbit import PeriodicOrbit, distances_from_kinks
+from pipedyn.bifurcation.periodic_orbit import PeriodicOrbit
 from pipedyn.bifurcation.vector_field import VectorField
 from pipedyn.linear.critical_speed import crossings
 from pipedyn.linear.eigenproblem import Complex
@@ -101,10 +100,6 @@ RESOLVED, NARROW, WINDING = 0.05, 0.05, 24
 so that those that leave it are followed; the share of that within which a branch that winds, as one
 that comes near to a homoclinic orbit does, is followed no further, and after how many steps. What
 is narrower is asked for by speeds that are closer together."""
-
-PAST, GRAZING, MOST_GRAZES = 3e-4, 1e-2, 8
-"""How far beyond a grazed stop a branch goes on, relative to the speed; how near to the stop its
-cycles come before, relative to their size; and how often a branch may graze."""
 
 GENERATIONS = 2
 """Generations followed of cycles that leave cycles: all of the first, then those that leave stable
@@ -472,55 +467,16 @@ class _Follower:
 
     def _steps(self) -> Iterator[Step]:
         """Steps along the branch, past places where its cycles begin or cease to touch a stop."""
-        start = self.start
-        for _ in range(MOST_GRAZES + 1):
-            steps = track(
-                *(followed(self.motion, start, FINE), None),
-                *(f"cycles {self.how}", self.options.shown),
-            )
-            last: Step | None = None
-            try:
-                for last in steps:
-                    yield last
-            except NewtonFailed:
-                beyond = None if last is None else self._past_grazing(last)
-                if beyond is None:
-                    raise
-                start = beyond
-        raise NewtonFailed(f"its cycles graze stops more than {MOST_GRAZES} times")
+        steps = followed_past_grazing(self.motion, self.start, FINE, self._grazes)
+        return track(steps, None, f"cycles {self.how}", self.options.shown)
 
-    def _past_grazing(self, last: Step) -> BranchStart | None:
-        """A start beyond the end of a step, if the cycle there touches a stop, or all but does.
-
-        There the branch turns within a distance in which no mesh between both sides is resolved:
-        the cycle on the other side is solved for at a speed nearby, on a mesh that ends at the
-        stop.
-        """
-        here = orbit_at(last, last.length)
-        away = distances_from_kinks(self.motion, here)
-        nearest = int(np.argmin(np.abs(away))) if away.size else 0
-        if not away.size or abs(away[nearest]) > GRAZING * here.size:
-            return None
-        touches, way = away[nearest] > 0.0, math.copysign(1.0, last.slopes[1])
-        for share in (way * PAST, -way * PAST):
-            u = here.u * (1.0 + share)
-            try:
-                orbit = beside_kink(self.motion, here, u, -1.0 if touches else 1.0)
-            except NewtonFailed:
-                continue
-            there = distances_from_kinks(self.motion, orbit)[nearest]
-            if (there > 0.0) == touches or abs(orbit.size / here.size - 1.0) > 0.05:
-                continue
-            middle = replace(here, u=0.5 * (here.u + u))
-            self._note("grazing", middle, 0.5 * abs(u - here.u))
-            self.grazed = True
-            passed = self.options.speeds
-            for speed in passed[(passed - here.u) * (passed - u) < 0.0].tolist():
-                reason = f"no cycle at u = {speed:g}: it grazes a stop there"
-                self.failed.append((speed, NoCycle(reason, speed)))
-            (start,) = from_orbit(self.motion, orbit, (share,))
-            return start
-        return None
+    def _grazes(self, grazing: Grazing) -> None:
+        """Notes where its cycles begin or cease to touch a stop."""
+        self._note("grazing", grazing.middle, grazing.error)
+        self.grazed = True
+        speeds = self.options.speeds
+        for u in speeds[np.abs(speeds - grazing.middle.u) < grazing.error].tolist():
+            self.failed.append((u, NoCycle(f"no cycle at u = {u:g}: it grazes a stop there", u)))
 
     def _fails(self, here: PeriodicOrbit, reason: str) -> None:
         """Takes note of a failure beyond an orbit."""

@@ -26,8 +26,9 @@ from pipedyn.bifurcation.orbit_continuation import (
     FINE,
     SMALL,
     BranchStart,
+    Grazing,
     Step,
-    followed,
+    followed_past_grazing,
     from_orbit,
     meeting,
     orbit_at,
@@ -144,8 +145,9 @@ class ForcedEvent(Result):
 
     Attributes:
         kind: "fold", where the frequency turns back; "pitchfork", "period doubling" or "torus",
-            where a multiplier passes the unit circle; or "end", where the branch left its range,
-            came to rest or was lost, as its `failure` says.
+            where a multiplier passes the unit circle; "grazing", where the motion begins or ceases
+            to touch a stop; or "end", where the branch left its range, came to rest or was lost, as
+            its `failure` says.
         frequency: angular, of the forcing.
         amplitude: of the free end, in L.
     """
@@ -567,8 +569,14 @@ def _branch(begin: Begin, shown: bool) -> ForcedBranch:
         points.append(_point(motion, begin.start.orbit))
     else:
         points.append(_Point(motion.order * begin.start.orbit.frequency, 0.0))
+
+    def grazes(grazing: Grazing) -> None:
+        amplitude, _ = amplitude_of(motion, grazing.middle)
+        events.append(ForcedEvent("grazing", motion.order * grazing.middle.frequency, amplitude))
+
     try:
-        for step in track(followed(motion, begin.start, FINE), None, "forced response", shown):
+        followed = followed_past_grazing(motion, begin.start, FINE, grazes)
+        for step in track(followed, None, "forced response", shown):
             met = None
             if kind != "base" and steps:  # what leaves rest may come back to it
                 met = meeting(step, "hopf", begin.rests / motion.order, 1e-3)

@@ -60,9 +60,10 @@ SEARCHED, RECORDED = 60.0, 20.0
 """Time in T of a motion that looks for a cycle, and of its record after that; one that comes nearer
 to something is followed for longer."""
 
-SEARCH = 100_000
-"""Right-hand sides of that from one look to the next, beyond which it is given up: those that wind
-up without end turn ever faster."""
+SEARCH, SEARCH_FACTOR = 600_000, 3
+"""Right-hand sides of that from one look to the next, beyond which it is given up, and how many
+times as many are allowed up to 6 degrees of freedom, where they are cheap. Motions that wind up
+without end turn ever faster."""
 
 MOST_INTERVALS = 2000
 """Intervals of a mesh: beyond, one Newton step of a chain of 20 segments takes some seconds."""
@@ -365,7 +366,8 @@ def _simulated(motion: VectorField, u: float, start: Array, patience: float = 1.
     patience: by which the time is multiplied after which a motion comes nearer to nothing.
     """
     model, none = motion.model, f"no limit cycle at u = {u:g} by simulation"
-    options = MotionOptions(patience * SEARCHED, RECORDED, exponents=False, most=SEARCH)
+    most = SEARCH * (SEARCH_FACTOR if model.dof <= 6 else 1)
+    options = MotionOptions(patience * SEARCHED, RECORDED, exponents=False, most=most)
     with counted() as work:
         cases = [Case(model, Excitation(u))]
         [[(number, end)]], [case] = motion_ends(model, cases, [start.reshape(2, -1)], options)

@@ -25,6 +25,7 @@ from pipedyn.bifurcation.periodic_orbit import (
     PROBES,
     PeriodicOrbit,
     coarsest_mesh,
+    distances_from_kinks,
     divided,
     refined,
     resolved,
@@ -54,6 +55,10 @@ and 5e-5."""
 COARSE = OrbitControl(0.3, tolerance=3e-4, stagnation=1e-2, defect=1e-3)
 """Where a cycle is looked for: near enough for Newton's method on the finer meshes that follow. A
 step of the tolerance leaves its square, some 1e-7."""
+
+PAST, GRAZING, MOST_GRAZES = 3e-4, 1e-2, 8
+"""How far beyond a grazed stop a branch goes on, relative to its parameter; how near to the stop
+its orbits come before, relative to their size; and how often a branch may graze."""
 
 Step = Segment[OrbitProblem]
 """A step along a branch of orbits."""
@@ -136,8 +141,59 @@ def from_orbit(
     return [BranchStart(orbit, math.copysign(0.2 * FINE.longest, way) * tangent) for way in ways]
 
 
-def beside_kink(motion: VectorField, orbit: PeriodicOrbit, u: float, way: float) -> PeriodicOrbit:
-    """The orbit at a speed that goes farther than another one, or less far where way is < 0.
+@dataclass(frozen=True)
+class Grazing:
+    """Where orbits begin or cease to touch a stop, and how their branch goes on beyond.
+
+    Attributes:
+        start: of the branch on the other side.
+        middle: the last orbit before, with its parameter half-way to that of the first beyond.
+        error: of that parameter.
+    """
+
+    start: BranchStart
+    middle: PeriodicOrbit
+    error: float
+
+
+def _with_parameter(orbit: PeriodicOrbit, p: float) -> PeriodicOrbit:
+    """An orbit with another value of its branch's parameter: its frequency if it is forced."""
+    return replace(orbit, frequency=p) if orbit.forced else replace(orbit, u=p)
+
+
+def past_grazing(motion: VectorField, last: Step) -> Grazing | None:
+    """What is beyond the end of a step, if the orbit there touches a stop, or all but does.
+
+    There the branch turns within a distance in which no mesh between both sides is resolved: the
+    orbit on the other side is solved for at a parameter nearby, on a mesh that ends at the stop.
+
+    Raises:
+        NewtonFailed: if there is a stop, and no orbit is found beyond.
+    """
+    here = orbit_at(last, last.length)
+    away = distances_from_kinks(motion, here)
+    nearest = int(np.argmin(np.abs(away))) if away.size else 0
+    if not away.size or abs(away[nearest]) > GRAZING * here.size:
+        return None
+    # The step may have gone a little beyond: the side that it came from is left.
+    touches = distances_from_kinks(motion, orbit_at(last, 0.0))[nearest] > 0.0
+    p, way = last.end.p, math.copysign(1.0, last.slopes[1])
+    for share in (way * PAST, -way * PAST):
+        beyond = _with_parameter(here, p * (1.0 + share))
+        try:
+            orbit = beside_kink(motion, beyond, -1.0 if touches else 1.0)
+        except NewtonFailed:
+            continue
+        there = distances_from_kinks(motion, orbit)[nearest]
+        if (there > 0.0) != touches and abs(orbit.size / here.size - 1.0) <= 0.05:
+            (start,) = from_orbit(motion, orbit, (share,))
+            middle = _with_parameter(here, p * (1.0 + 0.5 * share))
+            return Grazing(start, middle, 0.5 * abs(share) * p)
+    raise NewtonFailed("it grazes a stop there, and no orbit was found beyond")
+
+
+def beside_kink(motion: VectorField, orbit: PeriodicOrbit, way: float) -> PeriodicOrbit:
+    """The orbit at the parameter of another one that goes farther, or less far where way is < 0.
 
     It is looked for from larger and larger changes of the size, on meshes with a point wherever a
     force begins; raises NewtonFailed if none leads to an orbit.
@@ -150,7 +206,7 @@ def beside_kink(motion: VectorField, orbit: PeriodicOrbit, u: float, way: float)
         def states(phase: Array, factor: float = 1.0 + way * share) -> Array:
             return np.asarray(mean + factor * (orbit.states(phase) - mean))
 
-        guess = resolved(motion, states, orbit.frequency, u, orbit.symmetric, FINE.defect)
+        guess = resolved(motion, states, orbit.frequency, orbit.u, orbit.symmetric, FINE.defect)
         try:
             for _ in range(4):
                 once = np.ones(len(guess.starts), dtype=np.int_)
@@ -274,6 +330,27 @@ def followed(motion: VectorField, start: BranchStart, how: OrbitControl) -> Iter
     step = _first_step(motion, start, how)
     yield step
     yield from onward(step.problem, step.end, 1.5 * min(0.2 * how.longest, step.length))
+
+
+def followed_past_grazing(
+    motion: VectorField, start: BranchStart, how: OrbitControl, note: Callable[[Grazing], None]
+) -> Iterator[Step]:
+    """Steps along a branch of orbits, past places where these begin or cease to touch a stop.
+
+    note: takes each of these places, before the first step beyond it.
+    """
+    for _ in range(MOST_GRAZES + 1):
+        last: Step | None = None
+        try:
+            for last in followed(motion, start, how):
+                yield last
+        except NewtonFailed:
+            grazing = None if last is None else past_grazing(motion, last)
+            if grazing is None:
+                raise
+            note(grazing)
+            start = grazing.start
+    raise NewtonFailed(f"its orbits graze stops more than {MOST_GRAZES} times")
 
 
 def onward(problem: Problem, point: Point, length: float) -> Iterator[Segment[Problem]]:

@@ -324,9 +324,10 @@ def distances_from_kinks(motion: VectorField, orbit: PeriodicOrbit) -> Array:
     Of places that lie within its range it is the smaller of both ways, so that 0 is where the orbit
     begins to touch, from either side.
     """
-    _, y = orbit.sampled(KINK_SAMPLES)
-    y = np.concatenate([y, -y], axis=1) if orbit.symmetric else y
-    signed = motion.model.kinks(*np.split(y, 2))
+    phase, y = orbit.sampled(KINK_SAMPLES)
+    if orbit.symmetric:
+        phase, y = np.append(phase, orbit.span + phase), np.concatenate([y, -y], axis=1)
+    signed = motion.along(phase, orbit.frequency).kinks(y)
     if not len(signed):
         return np.empty(0)
     return np.asarray(np.minimum(signed.max(axis=1), -signed.min(axis=1)))
@@ -339,7 +340,7 @@ def _kinks(motion: VectorField, orbit: PeriodicOrbit) -> Array:
     method: secants, for which an end that stays counts half.
     """
     phase, y = orbit.sampled(KINK_SAMPLES)
-    signed = motion.model.kinks(*np.split(y, 2))
+    signed = motion.along(phase, orbit.frequency).kinks(y)
     positive = signed > 0.0
     which, before = np.nonzero(positive[:, 1:] != positive[:, :-1])
     low, high = phase[before], phase[before + 1]
@@ -349,7 +350,7 @@ def _kinks(motion: VectorField, orbit: PeriodicOrbit) -> Array:
         last, high = high, (low * above - high * below) / (above - below)
         if np.abs(high - last).max(initial=0.0) <= KINK_ERROR:
             break
-        found = motion.model.kinks(*np.split(orbit.states(high), 2))[which, every]
+        found = motion.along(high, orbit.frequency).kinks(orbit.states(high))[which, every]
         crossed = (found > 0.0) != (above > 0.0)
         low, below = np.where(crossed, last, low), np.where(crossed, above, 0.5 * below)
         above = found

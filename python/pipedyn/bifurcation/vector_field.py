@@ -87,6 +87,10 @@ class VectorField:
             total += weight / h * (ahead - self.jacobian(y - k * h * moved, u - k * h))
         return total
 
+    def kinks(self, y: Array) -> Array:
+        """What changes sign where derivatives of f jump, (how many, k), of (2 moving, k) states."""
+        return self.model.kinks(*np.split(y, 2))
+
     def by_frequency(self, y: Array, u: float) -> Array:
         """df/dw of the states in the columns, w the frequency of an orbit: of a forced motion."""
         return np.zeros_like(y)
@@ -195,6 +199,11 @@ class ForcedField(VectorField):
         self._count(2 * y.shape[1])
         speeds, drive = self._driven(u)
         return self.model.motion_linearised(np.ascontiguousarray(y), speeds, drive)
+
+    def kinks(self, y: Array) -> Array:
+        """What changes sign where derivatives of f jump, of states at the phases."""
+        _, drive = self._driven(0.0)
+        return self.model.kinks(*np.split(y, 2), drive)
 
     def by_frequency(self, y: Array, u: float) -> Array:
         """df/dw, w of the orbit: exact, as f is of second degree in it."""

@@ -905,16 +905,18 @@ class Model(OfPipe, ABC):
         """Whether `kinks` has all; not of drag that acts at many points, each with little of it."""
         return self.pipe.drag == 0.0
 
-    def kinks(self, p: Array, pdot: Array) -> Array:
+    def kinks(self, p: Array, pdot: Array, drive: Array | None = None) -> Array:
         """What changes sign where derivatives of forces jump, (how many, k), of (moving, k) states.
 
-        How far the places of terms are from where they meet stops.
+        How far the places of terms are from where they meet stops. drive: rows of what drives the
+        states, (ROWS, k), where the base moves.
         """
         met = [(term.place or 0.0, x) for term in self.pipe.terms for x in term.kinks]
         if not met:
             return np.empty((0, p.shape[1]))
         places, where = np.array(met).T
-        return self._across(p, places) - where[:, None]
+        moved = 0.0 if drive is None else drive[1]
+        return self._across(p, places) + moved - where[:, None]
 
     def _across(self, p: Array, s: Array) -> Array:
         """Transverse displacements at points on the pipe, (points, k), of (moving, k) angles."""

@@ -634,14 +634,16 @@ class Chain(Model):
     def kinks_known(self) -> bool:
         return True
 
-    def kinks(self, p: Array, pdot: Array) -> Array:
+    def kinks(self, p: Array, pdot: Array, drive: Array | None = None) -> Array:
         """Besides, the velocities across the segments of the points at which drag acts."""
-        of_terms = super().kinks(p, pdot)
+        of_terms = super().kinks(p, pdot, drive)
         if self.pipe.drag == 0.0:
             return of_terms
         tangents = np.exp(1j * p)
         steps = self._lengths[:, None] * pdot * tangents
         joints = np.cumsum(steps, axis=0) - steps  # velocities where the segments begin
+        if drive is not None:
+            joints += drive[3] - 1j * drive[4]
         reach = (self._drag_points * self._lengths)[:, None]
         return np.concatenate([of_terms, (joints * tangents.conj()).real + reach * pdot])
 
