@@ -581,12 +581,12 @@ class _Follower:
             if not low < high:
                 continue
             for before, beyond in sign_changes(passing, low, high, 3e-5 * length):
-                a, b = step.at(before), cycle(beyond)
+                b, at = cycle(beyond), step.at(before).p
                 roots = orbit_multipliers(self.motion, b.orbit)[1] if b.symmetric else b.multipliers
                 kind, multiplier = crossing_event(roots, b.symmetric)
                 if kind == "fold":
                     continue
-                speed, error = 0.5 * (a.p + b.u), 0.5 * abs(a.p - b.u)
+                speed, error = 0.5 * (at + b.u), 0.5 * abs(at - b.u)
                 event = CycleEvent(kind, speed, error, multiplier, b.amplitude)
                 if kind != "torus" and self.options.holds(speed):
                     stable = b.stable or not (passing(before) > 0.0).any()

@@ -595,21 +595,23 @@ class _Engine:
             else:
                 group.append((run, one))
         on, told = list[_Run](), list[tuple[list[_Run], Stretch]]()
-        for group, one in zip(groups, self.recorded([group[0] for group in groups]), strict=True):
-            leader, *others = (run for run, _ in group)
-            longer = one is not None and one is not group[0][1]
-            new = longer and self.explain([(leader, one)], FAR_BACK)
-            if one is None or self.is_on_known(leader, one, over):
-                for run in others:
+        longer = self.recorded([group[0] for group in groups])
+        for group, record in zip(groups, longer, strict=True):
+            runs = [run for run, _ in group]
+            leader, new = runs[0], False
+            if record is not None and record is not group[0][1]:
+                new = self.explain([(leader, record)], FAR_BACK)
+            if record is None or self.is_on_known(leader, record, over):
+                for run in runs[1:]:
                     run.alone = True
-                on += others
-            elif (new or leader.comes_nearer(one)) and not over:
-                on += [leader, *others]
-            elif leader.comes_nearer(one):
+                on += runs[1:]
+            elif (new or leader.comes_nearer(record)) and not over:
+                on += runs
+            elif leader.comes_nearer(record):
                 why = f"it still comes nearer to rest or a cycle after t = {self.elapsed:g}"
-                self.name([leader, *others], one, "unsettled", reason=why)
+                self.name(runs, record, "unsettled", reason=why)
             else:
-                told.append(([leader, *others], one))
+                told.append((runs, record))
         for times in LONGER:
             told = self.named_by_exponents(told, times, on)
         return on

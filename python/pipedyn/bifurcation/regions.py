@@ -20,7 +20,7 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from pipedyn.bifurcation.floquet_coordinates import FloquetCoordinates
 from pipedyn.bifurcation.vector_field import ForcedField, VectorField
@@ -126,11 +126,11 @@ class Excitation:
         """The time, rounded up to whole periods."""
         return math.ceil(time / self.period - 1e-9) * self.period if self.period else time
 
-    def phases(self, t: Array) -> Array:
+    def phases(self, t: ArrayLike) -> Array:
         """Two columns that tell the phases at times apart, (k, 2); none where all is steady."""
+        phase = 2.0 * math.pi * np.asarray(t, dtype=np.float64) / (self.period or 1.0)
         if not self.period:
-            return np.empty((len(t), 0))
-        phase = 2.0 * math.pi * np.asarray(t) / self.period
+            return np.empty((phase.size, 0))
         return np.stack([np.cos(phase), np.sin(phase)], axis=1)
 
 

@@ -273,7 +273,8 @@ def cycle(
     end = Attractor(drive.mean, -1, "periodic", count, turnings, states[-1].copy())
     unit, turn = period / (2.0 * math.pi * count), Statics(model)._turn
     if drive.period:
-        times = drive.period / PHASES * np.arange(round(period / drive.period) * PHASES)
+        count = round(period / drive.period) * PHASES
+        times = np.linspace(0.0, period, count, endpoint=False)
         points = orbit.states(orbit.frequency * times).T
         points = np.concatenate([points, drive.phases(times)], axis=1)
         region = Region(points, unit, period, turn=turn, driven=True)

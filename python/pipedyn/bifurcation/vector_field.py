@@ -202,8 +202,8 @@ class ForcedField(VectorField):
 
     def kinks(self, y: Array) -> Array:
         """What changes sign where derivatives of f jump, of states at the phases."""
-        _, drive = self._driven(0.0)
-        return self.model.kinks(*np.split(y, 2), drive)
+        (p, rates), (_, drive) = np.split(y, 2), self._driven(0.0)
+        return self.model.kinks(p, rates, drive)
 
     def by_frequency(self, y: Array, u: float) -> Array:
         """df/dw, w of the orbit: exact, as f is of second degree in it."""
