@@ -368,6 +368,7 @@ def _simulated(motion: VectorField, u: float, start: Array, patience: float = 1.
     model, none = motion.model, f"no limit cycle at u = {u:g} by simulation"
     most = SEARCH * (SEARCH_FACTOR if model.dof <= 6 else 1)
     options = MotionOptions(patience * SEARCHED, RECORDED, exponents=False, most=most)
+    options = replace(options, back=FAR_BACK)  # where right-hand sides are dear that is soon
     with counted() as work:
         cases = [Case(model, Excitation(u))]
         [[(number, end)]], [case] = motion_ends(model, cases, [start.reshape(2, -1)], options)

@@ -101,9 +101,9 @@ JOINED = 0.25
 are irregular and their turning points were spread alike at two looks one after the other. Where
 that one does not stay irregular, the others go on from where they were."""
 
-BACK, FAR_BACK = 0.005, 0.1
-"""Distance to an earlier state, relative to the motion's size, from which a cycle is solved for: on
-the way, where chaotic motions come back to a fiftieth all the time, and at last."""
+FAR_BACK = 0.1
+"""Distance to an earlier state, relative to the motion's size, from which a cycle is solved for
+where a motion has taken the transient; on the way `MotionOptions.back` is."""
 
 FOLLOWED = 8.0
 """Times as long as transient and record for which a motion is followed that comes nearer to
@@ -423,7 +423,7 @@ class _Engine:
         # Others will soon have reached what they come nearer to.
         unknown = [(run, one) for run, one in seen if not run.is_near]
         for same in _by_case(unknown):
-            self.explain(same, BACK)
+            self.explain(same, self.options.back)
         joined = self.joining([(run, one) for run, one in unknown if one.trend == "irregular"])
         return [run for run in self.going(runs) if run not in joined]
 
@@ -435,28 +435,26 @@ class _Engine:
         before = len(case.attracting)
         for run, one in some:
             if one.trend == "rest" and not case.drive.period:
-                case.learn(self.resting(case, run.state))
-        tries = [(one.recurrence(case.drive.period)[0], one) for _, one in some]
-        tries = [(far, one) for far, one in tries if far <= back and one.trend != "rest"]
-        if tries and (self.elapsed >= case.next_try or back > BACK):
-            _, nearest = min(tries, key=lambda pair: pair[0])
+                place, u = np.split(run.state, 2)[0], case.drive.mean
+                with suppress(NewtonFailed):  # as where a slow motion passes what is none
+                    case.learn(equilibrium(self.statics, self.statics.solved(place, u), u))
+        tries = [(one.recurrence(case.drive.period)[0], run, one) for run, one in some]
+        tries = [(far, run, one) for far, run, one in tries if far <= back and one.trend != "rest"]
+        if tries and (self.elapsed >= case.next_try or back == FAR_BACK):
+            _, run, one = min(tries, key=lambda of: of[0])
             try:
-                orbit, stable = solved_cycle(self.model, case.drive, nearest, back)
+                orbit, stable = solved_cycle(self.model, case.drive, one, back)
             except NewtonFailed:
                 stable = False
             else:
-                rtol = self.options.rtol
-                case.learn(cycle(self.model, case.drive, orbit, stable, rtol))
+                found = cycle(self.model, case.drive, orbit, stable, self.options.rtol)
+                number = case.learn(found)
+                known = case.solutions[number]
+                if stable and np.isfinite(known.region.distances(run.state[None], known.near)):
+                    self.ends(run, number)
             if not stable:
                 case.next_try = 2.0 * self.elapsed
         return len(case.attracting) > before
-
-    def resting(self, case: Case, state: Array) -> Solution:
-        """The equilibrium at which a motion rests."""
-        place, u = np.split(state, 2)[0], case.drive.mean
-        with suppress(NewtonFailed):  # in contact with a stop, for which Newton is not made
-            place = self.statics.solved(place, u)
-        return equilibrium(self.statics, place, u)
 
     def joining(self, irregular: list[tuple[_Run, Stretch]]) -> list[_Run]:
         """Which irregular motions go on as another one of their case."""
@@ -516,7 +514,7 @@ class _Engine:
             for same in _by_case(seen):
                 new = self.explain([pair for pair in same if not pair[0].is_near], FAR_BACK)
                 for run, one in same:
-                    if self.is_on_known(run, one, over):
+                    if run.member in self.answers or self.is_on_known(run, one, over):
                         continue
                     if (new or run.comes_nearer(one)) and not over:
                         runs.append(run)
@@ -601,7 +599,8 @@ class _Engine:
             leader, new = runs[0], False
             if record is not None and record is not group[0][1]:
                 new = self.explain([(leader, record)], FAR_BACK)
-            if record is None or self.is_on_known(leader, record, over):
+            gone = leader.member in self.answers
+            if record is None or gone or self.is_on_known(leader, record, over):
                 for run in runs[1:]:
                     run.alone = True
                 on += runs[1:]

@@ -26,6 +26,11 @@ SAMPLES_A_TIME = 100
 """Samples in a unit of time: cubics through them give a maximum of flutter to 1e-6."""
 
 
+BACK = 0.005
+"""Distance to an earlier state, relative to a motion's size, from which a cycle is solved for while
+the motion is on its way: chaotic ones come back to a fiftieth all the time."""
+
+
 @dataclass(frozen=True)
 class MotionOptions:
     """How motions are computed, and whether the exponents of irregular ones are."""
@@ -39,6 +44,7 @@ class MotionOptions:
     shown: bool = False  # whether progress is
     flow: Speed | None = None  # one that pulsates, in place of the speeds
     base: Base | None = None  # its motion
+    back: float = BACK  # distance to an earlier state, on the way
     most: float = MOST_CALLS  # right-hand sides of one motion from one look to the next
 
     @staticmethod
