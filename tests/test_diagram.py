@@ -198,6 +198,20 @@ def test_irregular_motions_are_named_and_those_that_are_spread_alike_share_an_ex
     assert not spread_alike(first.turnings, 0.5 * first.turnings)
 
 
+def test_what_no_start_ends_on_is_found_from_a_branch_nearby():
+    """Beside a pipe that leans on its stops a cycle attracts one in twenty starts or fewer."""
+    stop = pp.Stop(at=0.893467140913, gap=0.0435158016257, stiffness=979.179198682)
+    pipe = pp.Pipe(0.212504863262, -10.0, damping=0.002, terms=(stop,))
+    model, u = pp.Chain(pipe, 2), 3.067254
+    found = pp.bifurcation_diagram(model, [2.6, u], brute_force=3)
+    *others, one = sorted(found.at(u), key=lambda end: -end.start)
+    assert [end.name for end in others] == 3 * ["rest"]
+    assert (one.start, one.ending) == (-1, "periodic")
+    motion = pp.simulate(model, u, 200.0, *np.split(1.01 * one.end, 2), samples=20_001)
+    late = motion.tip[motion.t > 190.0, 0]
+    assert np.ptp(late) == pytest.approx(np.ptp(one.turnings), rel=1e-3)
+
+
 def test_settled_motions_end_early_where_they_would_have_ended(monkeypatch):
     model = pp.Galerkin(pp.Pipe(0.2), 4)
     speeds = np.array([4.0, 6.5, 8.0])

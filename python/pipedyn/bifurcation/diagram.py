@@ -31,6 +31,7 @@ from pipedyn.bifurcation.equilibria import (
 )
 from pipedyn.bifurcation.hopf import HopfPoint
 from pipedyn.bifurcation.limit_cycle import (
+    LimitCycle,
     NoCycle,
     amplitude_of,
     as_symmetric,
@@ -73,6 +74,10 @@ SPARSE = 4
 """Speeds for each one at which motions are integrated first: cycles that these lead to are followed
 to the others, where motions then end sooner. A choice: other numbers were not measured."""
 
+NEAR_BRANCH = 0.1
+"""Relative difference of speeds up to which motions begin on the cycle of a branch that is nearest,
+if it does not attract: what is born where a branch becomes unstable attracts few other starts."""
+
 MOST_FROM_MOTIONS = 12
 """Cycles, at most, that motions end on and that are followed from there: a second or more each."""
 
@@ -87,7 +92,8 @@ class BifurcationDiagram(TableResult):
             included.
         cycles: branches of cycles within these speeds, those from onsets of flutter first, each
             followed by those that leave it; of two that are mirror images one.
-        motions: where motions from a batch of starts end; empty where they were not wanted.
+        motions: where motions from a batch of starts end; empty where they were not wanted. The
+            start -1 has one that began on a cycle nearby and ends where none of the others does.
         failures: points that failed, with what they raised, by speed; `value` is the flow speed and
             `index` its place among `speeds`, -1 where a branch failed at none of these.
         model: the model.
@@ -442,7 +448,8 @@ def _cases(
                 for one in branch.at(u):
                     found.append(cycle(model, drive, one.orbit, one.stable, 1e-6))
                     found += [found[-1].mirrored(False)] if branch.mirrored else []
-            cases.append(Case(model, drive, kept_apart(found)))
+            near = (one for branch in cycles for one in branch.beside(u, NEAR_BRANCH))
+            cases.append(Case(model, drive, kept_apart(found), [_off(model, one) for one in near]))
     return cases
 
 
@@ -453,17 +460,31 @@ def motions_at(
     options: MotionOptions,
     failed: list[Failed],
 ) -> tuple[tuple[Attractor, ...], list[Case]]:
-    """Where motions from each start end at each speed, and what is known there then."""
+    """Where motions from each start end at each speed, and what is known there then.
+
+    Of those from cycles of branches nearby, with the start -1, only what no other ends on.
+    """
     ends, cases = motion_ends(model, cases, starts, options, "brute force")
     found = list[Attractor]()
     for case, answers in zip(cases, ends, strict=True):
-        u = case.drive.mean
-        for k, (_, end) in enumerate(answers):
+        u, known = case.drive.mean, {number for number, _ in answers[: len(starts)]}
+        for k, (number, end) in enumerate(answers):
+            if k >= len(starts):
+                if number >= 0 and number not in known and case.solutions[number].settles:
+                    known.add(number)
+                    found.append(replace(case.solutions[number].attractor, start=-1))
+                continue
             if isinstance(end, Exception):
                 failed.append((u, end))
                 end = Attractor(u, k, "failed", 0, np.zeros(0), np.zeros(0))
             found.append(end)
     return tuple(found), cases
+
+
+def _off(model: Model, one: LimitCycle) -> Array:
+    """P and p' in rows, (2, moving), of a start a hundredth off a cycle, as it may be unstable."""
+    p, rates = np.split(np.asarray(model.start(one.q[0], one.qdot[0])), 2)
+    return np.stack(model.projected(1.01 * p, rates))
 
 
 def _passing(branch: EquilibriumBranch, u: float) -> Array:

@@ -137,7 +137,7 @@ def motion_ends(
     Args:
         model: the model.
         cases: flows, and what is known there.
-        starts: coordinates at rest, or p and p' in rows, (2, moving).
+        starts: coordinates at rest, or p and p' in rows, (2, moving). Those of a case alone follow.
         options: how motions are computed.
         label: of what is counted on stderr.
     """
@@ -153,7 +153,7 @@ def motion_ends(
     known: list[Case] = []
     for part, answer in zip(parts, answers, strict=True):
         if isinstance(answer, Exception):
-            found += [[(STOPPED, answer)] * len(starts) for _ in part]
+            found += [[(STOPPED, answer)] * (len(starts) + len(case.starts)) for case in part]
             known += part
         else:
             found += answer[0]
@@ -170,19 +170,26 @@ def _ends_of(
         runs = [
             _Run((j, k), case, k, _state(model, start))
             for j, case in enumerate(cases)
-            for k, start in enumerate(starts)
+            for k, start in enumerate([*starts, *case.starts])
         ]
         engine.begin(runs)
         engine.finish(runs)
-    ends = [[engine.answers[j, k] for k in range(len(starts))] for j in range(len(cases))]
+    counts = [len(starts) + len(case.starts) for case in cases]
+    ends = [[engine.answers[j, k] for k in range(count)] for j, count in enumerate(counts)]
     return ends, cases
 
 
 class Case:
-    """A flow, and the solutions that are known there."""
+    """A flow, the solutions that are known there, and starts of its own: p and p' in rows."""
 
-    def __init__(self, model: Model, drive: Excitation, solutions: Sequence[Solution] = ()) -> None:
-        self.drive = drive
+    def __init__(
+        self,
+        model: Model,
+        drive: Excitation,
+        solutions: Sequence[Solution] = (),
+        starts: Sequence[Array] = (),
+    ) -> None:
+        self.drive, self.starts = drive, starts
         self.odd = drive.is_odd(model)
         self.solutions = list(solutions)
         self.next_try = 0.0

@@ -72,7 +72,7 @@ class Attractor(Result, units={"turnings": LENGTH, "period": None}):
 
     Attributes:
         speed: u.
-        start: which of the initial states, counted from 0.
+        start: which of the initial states, counted from 0; -1 of another.
         ending: "rest"; "periodic", of motions that reach a cycle; "quasi-periodic", where the
             largest Lyapunov exponent is not above 0 beyond its spread and averages over the record
             converge as they do on a torus only; "chaotic", where the exponent is above 0 by more
@@ -127,6 +127,12 @@ class Solution:
     period: float = 0.0
     growth: float = math.nan
     orbit: PeriodicOrbit | None = field(default=None, repr=False)
+
+    @property
+    def settles(self) -> bool:
+        """Whether motions from elsewhere end on it: not where multipliers say that it repels."""
+        repels = not self.attracts and (self.orbit is not None or self.period == 0.0)
+        return not repels
 
     @property
     def near(self) -> float:
