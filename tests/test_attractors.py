@@ -405,7 +405,7 @@ def test_nothing_in_a_diagram_contradicts_what_motions_end_on():
     found = pp.bifurcation_diagram(LEANING, speeds, brute_force=8)
     for one in found.motions:
         assert one.ending in ("periodic", "chaotic", "rest")
-        if one.ending == "periodic":
+        if one.ending == "periodic" and one.start >= 0:
             cycles = [c for branch in found.cycles for c in branch.at(one.speed) if c.stable]
             apart = [abs(2.0 * c.amplitude / np.ptp(one.turnings) - 1.0) for c in cycles]
             assert min(apart) < 1e-4

@@ -75,8 +75,8 @@ SPARSE = 4
 to the others, where motions then end sooner. A choice: other numbers were not measured."""
 
 NEAR_BRANCH = 0.1
-"""Relative difference of speeds up to which motions begin on the cycle of a branch that is nearest,
-if it does not attract: what is born where a branch becomes unstable attracts few other starts."""
+"""Relative difference of speeds up to which motions begin beside the nearest cycle of a branch that
+has none at a speed: what is born where a branch ends or is lost attracts few other starts."""
 
 MOST_FROM_MOTIONS = 12
 """Cycles, at most, that motions end on and that are followed from there: a second or more each."""
@@ -468,6 +468,7 @@ def motions_at(
     found = list[Attractor]()
     for case, answers in zip(cases, ends, strict=True):
         u, known = case.drive.mean, {number for number, _ in answers[: len(starts)]}
+        case.reached = sorted(known)
         for k, (number, end) in enumerate(answers):
             if k >= len(starts):
                 if number >= 0 and number not in known and case.solutions[number].settles:
@@ -573,8 +574,9 @@ class _Cycles:
         followed = 0
         for case in cases:
             u = case.drive.mean
-            for orbit in (one.orbit for one in case.solutions if one.attracts):
-                if orbit is None or u == 0.0:
+            for one in (case.solutions[number] for number in case.reached if number >= 0):
+                orbit = one.orbit if one.attracts and u > 0.0 else None
+                if orbit is None:
                     continue
                 known = len(self.found)
                 if followed == MOST_FROM_MOTIONS:

@@ -192,6 +192,8 @@ class Case:
         self.drive, self.starts = drive, starts
         self.odd = drive.is_odd(model)
         self.solutions = list(solutions)
+        self.reached: list[int] = []
+        """Numbers of the solutions that motions from the starts of all cases end on."""
         self.next_try = 0.0
         """Time from which a cycle may be solved for again."""
 
