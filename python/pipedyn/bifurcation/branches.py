@@ -188,11 +188,6 @@ class CycleBranch(TableResult):
         u = check.real("u", u, low=0.0)
         return tuple(cycle for cycle in self.cycles if math.isclose(cycle.u, u, rel_tol=1e-12))
 
-    def beside(self, u: float, share: float) -> tuple[LimitCycle, ...]:
-        """The cycle nearest to a speed, at most a share of that away, where it has none at that."""
-        one = min(self.cycles, key=lambda cycle: abs(cycle.u - u))
-        return (one,) if 0.0 < abs(one.u - u) <= share * u else ()
-
     def _columns(self) -> dict[str, Any]:
         return {
             "speed": self.speeds,

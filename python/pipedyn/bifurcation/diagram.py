@@ -448,7 +448,8 @@ def _cases(
                 for one in branch.at(u):
                     found.append(cycle(model, drive, one.orbit, one.stable, 1e-6))
                     found += [found[-1].mirrored(False)] if branch.mirrored else []
-            near = (one for branch in cycles for one in branch.beside(u, NEAR_BRANCH))
+            nearest = (min(b.cycles, key=lambda one: abs(one.u - u)) for b in cycles)
+            near = (one for one in nearest if 0.0 < abs(one.u - u) <= NEAR_BRANCH * u)
             cases.append(Case(model, drive, kept_apart(found), [_off(model, one) for one in near]))
     return cases
 
