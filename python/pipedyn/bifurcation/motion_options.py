@@ -11,7 +11,6 @@ from typing import Any
 import numpy as np
 
 from pipedyn.models.base import Model, PipedynError
-from pipedyn.models.drive import Base, Speed
 from pipedyn.motion.integrator import MOST_CALLS
 from pipedyn.motion.simulate import LARGEST_SAMPLES, modal_bend, slight_bend
 from pipedyn.util import check
@@ -24,7 +23,6 @@ after as much again or half the time so far. Of 3, 4, 5, 6 and 8 the cheapest, m
 
 SAMPLES_A_TIME = 100
 """Samples in a unit of time: cubics through them give a maximum of flutter to 1e-6."""
-
 
 BACK = 0.005
 """Distance to an earlier state, relative to a motion's size, from which a cycle is solved for while
@@ -42,8 +40,6 @@ class MotionOptions:
     seed: int = 0  # of random starts
     executor: futures.Executor | None = None  # of batches
     shown: bool = False  # whether progress is
-    flow: Speed | None = None  # one that pulsates, in place of the speeds
-    base: Base | None = None  # its motion
     back: float = BACK  # distance to an earlier state, on the way
     most: float = MOST_CALLS  # right-hand sides of one motion from one look to the next
 
