@@ -49,10 +49,11 @@ void for_each_place(const Terms& terms, const Vector& length, double base, const
 }
 
 /// The moments of each segment's loads at rest.
-std::vector<LoadMoments> loads_at(const MotionModel& model, const Vector& sine,
-                                  const Vector& cosine) {
-  std::vector<LoadMoments> sums(static_cast<std::size_t>(model.size));
-  load_moments(model, sine.data(), cosine.data(), nullptr, {}, sums.data());
+std::vector<LoadMoments<double>> loads_at(const MotionModel& model, const Vector& sine,
+                                          const Vector& cosine) {
+  std::vector<LoadMoments<double>> sums(static_cast<std::size_t>(model.size));
+  load_moments(
+      model, sine.data(), cosine.data(), [](Index) { return 0.0; }, Driven<double>{}, sums.data());
   return sums;
 }
 
@@ -136,7 +137,7 @@ Chain::Chain(const Pipe& pipe, Segments segments) : pipe_(pipe), segments_(std::
 
 void Chain::linearise() {
   const Index n = dof();
-  std::vector<LoadMoments> sums;
+  std::vector<LoadMoments<double>> sums;
   if (!loads_.empty()) sums = loads_at(motion(), Vector::Zero(n), Vector::Ones(n));
   double tension = 0.0;  // of loads along the pipe beyond
   impedances_.resize(static_cast<std::size_t>(n));
@@ -334,9 +335,9 @@ void Chain::add_normal_mass(const Vector& sine, const Vector& cosine, Matrix& ma
   double beyond[2][2] = {};  // sum of m n n^T of the segments beyond
   for (Index i = dof() - 1; i >= 0; --i) {
     const Link& link = this->link(i);
-    const Plane across{cosine[i], -sine[i]}, own = scaled(link.added, across);
-    const Plane moved = plus(scaled(link.length, times(beyond, across)),  // by its rate
-                             scaled(0.5 * link.length, own));
+    const Plane<double> across{cosine[i], -sine[i]}, own = scaled(link.added, across);
+    const Plane<double> moved = plus(scaled(link.length, times(beyond, across)),  // by its rate
+                                     scaled(0.5 * link.length, own));
     for (Index k = 0; k < i; ++k) {
       const double both = this->link(k).length * dot({cosine[k], -sine[k]}, moved);
       mass(k, i) += both;
@@ -351,21 +352,21 @@ void Chain::add_normal_mass(const Vector& sine, const Vector& cosine, Matrix& ma
 }
 
 void Chain::add_loads(const Vector& sine, const Vector& cosine, Operators& ops) const {
-  const std::vector<LoadMoments> sums = loads_at(motion(), sine, cosine);
-  const auto normal = [&](Index k) { return Plane{cosine[k], -sine[k]}; };
+  const std::vector<LoadMoments<double>> sums = loads_at(motion(), sine, cosine);
+  const auto normal = [&](Index k) { return Plane<double>{cosine[k], -sine[k]}; };
   Slopes<double> beyond;  // of all loads beyond segment i
-  Plane load{0.0, 0.0};
+  Plane<double> load{0.0, 0.0};
   for (Index i = dof() - 1; i >= 0; --i) {
     const auto& [loads, slopes, any] = sums[static_cast<std::size_t>(i)];
     const double l = link(i).length;
-    const Plane across = normal(i), along{sine[i], cosine[i]};
+    const Plane<double> across = normal(i), along{sine[i], cosine[i]};
     Slopes<double> arm = slopes[1], own = slopes[2];  // with the arms from the joint of segment i
     add(arm, l, beyond);
     add(own, l * l, beyond);
-    const Plane turned = plus(times(arm.by_position, across), plane(slopes[0].by_angle));
-    const Plane moved = times(arm.by_velocity, across);
+    const Plane<double> turned = plus(times(arm.by_position, across), plane(slopes[0].by_angle));
+    const Plane<double> moved = times(arm.by_velocity, across);
     for (Index k = 0; k < i; ++k) {
-      const Plane other = scaled(link(k).length, normal(k));
+      const Plane<double> other = scaled(link(k).length, normal(k));
       ops.stiffness(k, i) -= dot(other, turned);
       ops.stiffness(i, k) -= dot(across, times(arm.by_position, other));
       ops.damping(k, i) -= dot(other, moved);
@@ -535,21 +536,7 @@ void Chain::axial(const Batch& batch, double* out) const {
 }
 
 void Chain::jacobian(const Batch& batch, double* out) const {
-  const Index rows = 2 * dof(), members = batch.members;
-  const auto column = [members](const double* of, Index size, Index k) -> Vector {
-    if (of == nullptr) return Vector();
-    return Eigen::Map<const Matrix>(of, size, members).col(k);
-  };
-  const auto or_none = [](const Vector& of) { return of.size() > 0 ? of.data() : nullptr; };
-  for (Index k = 0; k < members; ++k) {
-    const Vector y = column(batch.y, rows, k), moments = column(batch.moments, dof(), k);
-    const Vector slopes = column(batch.slopes, dof(), k);
-    const Vector drive = column(batch.drive, Drive::rows, k);
-    const Batch one{
-        y.data(),      batch.u + k * batch.u_step, 1, 0, or_none(moments), or_none(slopes),
-        or_none(drive)};
-    motion_kernel().jacobian(motion(), one, out + k * rows * rows);
-  }
+  motion_kernel().jacobian(motion(), batch, out);
 }
 
 Index Chain::factor_numbers() const { return motion_kernel().factor_numbers(motion()); }

@@ -156,7 +156,7 @@ void axial_of(const MotionModel& model, const Members<Real>& members, Sweep<Real
 template <bool with_power>
 void rhs(const MotionModel& model, const Batch& batch, double* rates) {
   for_each_block(model, batch, [&](const auto& members, const auto& sweep) {
-    accelerations_of<false>(model, members, sweep, rates, with_power, nullptr);
+    accelerations_of<false>(model, members, sweep, rates, with_power);
   });
 }
 

@@ -113,7 +113,7 @@ struct MotionKernel {
   std::ptrdiff_t width;
   Function rhs;            // dy/dtau (2 n, members)
   Function rhs_and_power;  // and the sum of the power (2 n + 1, members)
-  Function jacobian;       // d(dy/dtau)/dy (2 n, 2 n) of one state, row-major
+  Function jacobian;       // d(dy/dtau)/dy (members, 2 n, 2 n), each row-major
   Function energy;         // of each member
   Function power;          // of flow, joints, drag, the pipe's terms and the base, (5, members)
   /// Of [q, q', q''] (3 n, members): int t . r'' along the pipe and the depth y(1) of its end about

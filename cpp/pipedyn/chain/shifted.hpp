@@ -31,13 +31,13 @@ namespace {
 /// What the solves read of a segment. size: of m, 2 or with velocities and positions 6.
 template <Count size>
 struct ShiftedSegment {
-  double l, lever, spring, inertia;            // lever: m chi
-  Plane normal, jump, velocity, force;         // the last three by its angle
-  double moment;                               // by its angle
-  Complex step[size];                          // g
-  Complex force_by[2][size], moment_by[size];  // Z and K of node j
-  Complex push[2];                             // force at its clamped side by x2_j
-  Complex by[size], inverse, joint, follow;    // X, 1 / D, c, c / D
+  double l, lever, spring, inertia;             // lever: m chi
+  Plane<double> normal, jump, velocity, force;  // the last three by its angle
+  double moment;                                // by its angle
+  Complex step[size];                           // g
+  Complex force_by[2][size], moment_by[size];   // Z and K of node j
+  Complex push[2];                              // force at its clamped side by x2_j
+  Complex by[size], inverse, joint, follow;     // X, 1 / D, c, c / D
 
   /// What b alone adds to m across the segment: rest has angle b1 / mu and acceleration -b2.
   void passed(const Complex& angle, const Complex& rate, Complex (&e)[size]) const {
@@ -85,18 +85,19 @@ struct ShiftedFactors {
 };
 
 /// Derivative of the follower force by the angle of the last segment, with the normal n.
-inline Plane turned_thrust(const MotionModel& model, double u, const Plane& n) {
+inline Plane<double> turned_thrust(const MotionModel& model, double u, const Plane<double>& n) {
   if (model.guided) return {0.0, 0.0};
-  return plus(scaled(model.thrust[0] * u * u, n), scaled(model.thrust[1] * u * u, {n.y, -n.x}));
+  const Plane<double> along{n.y, -n.x};
+  return plus(scaled(model.thrust[0] * u * u, n), scaled(model.thrust[1] * u * u, along));
 }
 
 template <Count size>
-void factorise_shifted(const Linearised& about, const ShiftedFactors<size>& out) {
+void factorise_shifted(const Linearised<double>& about, const ShiftedFactors<size>& out) {
   const MotionModel& model = about.model;
   const Count n = model.size;
   const Complex mu = *out.mu, inverse_mu = inverse(mu), zero = 0.0 * mu;
   *out.inverse = inverse_mu;
-  const Plane end = turned_thrust(model, about.u, about.frame(n - 1).n);
+  const Plane<double> end = turned_thrust(model, about.u, about.frame(n - 1).n);
   Complex force[2][size], moment[size], at_rate[2], moment_at_rate = zero;  // Z, K, z, s
   for (Count i = 0; i < size; ++i) force[0][i] = force[1][i] = moment[i] = zero;
   if constexpr (size == 6) {
@@ -107,8 +108,8 @@ void factorise_shifted(const Linearised& about, const ShiftedFactors<size>& out)
   moment_at_rate = zero - (model.end_spring * inverse_mu + model.end_damping);
   for (Count j = n - 1; j >= 0; --j) {
     const pipedyn::Link& link = model.links[j];
-    const Frame frame = about.frame(j);
-    const Source angle = about.source(j, true), rate = about.source(j, false);
+    const Frame<double> frame = about.frame(j);
+    const Source<double> angle = about.source(j, true), rate = about.source(j, false);
     ShiftedSegment<size>& here = out.segments[j];
     here.l = link.length;
     here.lever = link.first_moment / link.length;
@@ -119,14 +120,14 @@ void factorise_shifted(const Linearised& about, const ShiftedFactors<size>& out)
     here.velocity = frame.plane(angle.v_t, angle.v_n);
     here.force = frame.plane(angle.force_t, angle.force_n);
     here.moment = angle.moment;
-    const Plane arm = scaled(link.length, frame.n);
-    const Plane jump = frame.plane(rate.jump_t, rate.jump_n),
-                push = frame.plane(rate.force_t, rate.force_n);
+    const Plane<double> arm = scaled(link.length, frame.n);
+    const Plane<double> jump = frame.plane(rate.jump_t, rate.jump_n),
+                        push = frame.plane(rate.force_t, rate.force_n);
     Complex(&g)[size] = here.step;
     g[0] = arm.x * mu + here.jump.x * inverse_mu + jump.x;
     g[1] = arm.y * mu + here.jump.y * inverse_mu + jump.y;
     if constexpr (size == 6) {
-      const Plane velocity = frame.plane(rate.v_t, rate.v_n);
+      const Plane<double> velocity = frame.plane(rate.v_t, rate.v_n);
       g[2] = here.velocity.x * inverse_mu + velocity.x;
       g[3] = here.velocity.y * inverse_mu + velocity.y;
       g[4] = arm.x * inverse_mu;
@@ -141,17 +142,17 @@ void factorise_shifted(const Linearised& about, const ShiftedFactors<size>& out)
     here.inverse = ::inverse(here.joint + rest);
     here.follow = here.joint * here.inverse;
 
-    const Plane added = scaled(link.added, frame.n);  // across alone
+    const Plane<double> added = scaled(link.added, frame.n);  // across alone
     double force_own[2][size] = {{link.mass + added.x * frame.n.x, added.x * frame.n.y},
                                  {added.y * frame.n.x, link.mass + added.y * frame.n.y}};
     double moment_own[size] = {here.lever * arm.x, here.lever * arm.y};
     if constexpr (size == 6) {
       const double drag = about.drag_slope(j), n[2] = {frame.n.x, frame.n.y};
       const bool loaded = about.loaded();
-      const LoadMoments none{}, &loads = loaded ? about.loads[j] : none;
-      const Plane zero_moment{0.0, 0.0};
-      const Plane by_velocity = loaded ? about.moment_by_velocity(j) : zero_moment;
-      const Plane by_position = loaded ? about.moment_by_position(j) : zero_moment;
+      const LoadMoments<double> none{}, &loads = loaded ? about.loads[j] : none;
+      const Plane<double> zero_moment{0.0, 0.0};
+      const Plane<double> by_velocity = loaded ? about.moment_by_velocity(j) : zero_moment;
+      const Plane<double> by_position = loaded ? about.moment_by_position(j) : zero_moment;
       for (int i = 0; i < 2; ++i) {
         for (int k = 0; k < 2; ++k) {
           force_own[i][2 + k] = drag * n[i] * n[k] - loads.slopes[0].by_velocity[i][k];
@@ -188,7 +189,7 @@ void solve_shifted(const MotionModel& model, double u, const ShiftedFactors<size
   const Count n = model.size;
   const Complex inverse_mu = *factors.inverse, zero = 0.0 * inverse_mu;
   Complex e[size], angle = inverse_mu * read_shifted(x, n - 1, pass);
-  const Plane end = turned_thrust(model, u, factors.segments[n - 1].normal);
+  const Plane<double> end = turned_thrust(model, u, factors.segments[n - 1].normal);
   Complex fx = end.x * angle, fy = end.y * angle, moment = (-model.end_spring) * angle;
   for (Count j = n - 1; j >= 0; --j) {
     const ShiftedSegment<size>& here = factors.segments[j];
@@ -242,8 +243,9 @@ Count shifted_numbers(const MotionModel& model) {
 
 void factorise_shifted(const MotionModel& model, const Batch& one, const double* mu,
                        double* array) {
-  auto about = laid_out([&](Layout& layout) { return Linearised(model, one, layout); });
-  about.linearise(one);
+  auto about =
+      laid_out([&](Layout& layout) { return Linearised<double>(model, {one, 0, 1}, layout); });
+  about.linearise();
   for_each_pass(model, array, [&](const auto& factors, Count pass) {
     *factors.mu = read_shifted(mu, 0, pass);
     factorise_shifted(about, factors);

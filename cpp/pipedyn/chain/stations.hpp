@@ -16,20 +16,35 @@ namespace {
 
 using pipedyn::MotionModel, pipedyn::SegmentTerm;
 
+template <class Real>
 struct Plane {
-  double x, y;
+  Real x, y;
 };
 
-inline double dot(const Plane& a, const Plane& b) { return a.x * b.x + a.y * b.y; }
-inline Plane plus(const Plane& a, const Plane& b) { return {a.x + b.x, a.y + b.y}; }
-inline Plane scaled(double factor, const Plane& a) { return {factor * a.x, factor * a.y}; }
-inline Plane plane(const double (&entries)[2]) { return {entries[0], entries[1]}; }
+template <class Real>
+inline Real dot(const Plane<Real>& a, const Plane<Real>& b) {
+  return a.x * b.x + a.y * b.y;
+}
+template <class Real>
+inline Plane<Real> plus(const Plane<Real>& a, const Plane<Real>& b) {
+  return {a.x + b.x, a.y + b.y};
+}
+template <class Real>
+inline Plane<Real> scaled(double factor, const Plane<Real>& a) {
+  return {factor * a.x, factor * a.y};
+}
+template <class Real>
+inline Plane<Real> plane(const Real (&entries)[2]) {
+  return {entries[0], entries[1]};
+}
 
 /// A matrix, by rows, times a vector, and its transpose times one.
-inline Plane times(const double (&rows)[2][2], const Plane& v) {
+template <class Real>
+inline Plane<Real> times(const Real (&rows)[2][2], const Plane<Real>& v) {
   return {rows[0][0] * v.x + rows[0][1] * v.y, rows[1][0] * v.x + rows[1][1] * v.y};
 }
-inline Plane transposed_times(const double (&rows)[2][2], const Plane& v) {
+template <class Real>
+inline Plane<Real> transposed_times(const Real (&rows)[2][2], const Plane<Real>& v) {
   return {rows[0][0] * v.x + rows[1][0] * v.y, rows[0][1] * v.x + rows[1][1] * v.y};
 }
 
@@ -98,13 +113,15 @@ struct Walk {
 };
 
 /// Sums over the places of one segment, with powers 0, 1, 2 of the arm.
+template <class Real>
 struct LoadMoments {
-  double load[2][2];  // by power: x, y
-  Slopes<double> slopes[3];
+  Real load[2][2];  // by power: x, y
+  Slopes<Real> slopes[3];
   bool any;  // whether there is a place
 };
 
-inline void add(Slopes<double>& sum, double weight, const Slopes<double>& more) {
+template <class Real>
+inline void add(Slopes<Real>& sum, double weight, const Slopes<Real>& more) {
   for (int i = 0; i < 2; ++i) {
     for (int k = 0; k < 2; ++k) {
       sum.by_position[i][k] += weight * more.by_position[i][k];
@@ -117,31 +134,32 @@ inline void add(Slopes<double>& sum, double weight, const Slopes<double>& more) 
   sum.couple_by_angle += weight * more.couple_by_angle;
 }
 
-/// The moments of each segment of a chain in a state, given by sines, cosines and rates (or null,
-/// at rest).
+/// The moments of each segment of a chain in a state, given by sines and cosines of its angles, one
+/// Real a segment, and by rate(j).
+template <class Real, class Rate>
 inline void load_moments(const MotionModel& model, const double* sine, const double* cosine,
-                         const double* rates, const Driven<double>& driven, LoadMoments* out) {
-  Walk<double> walk(model, driven);
+                         const Rate& rate, const Driven<Real>& driven, LoadMoments<Real>* out) {
+  Walk<Real> walk(model, driven);
   for (Count j = 0; j < model.size; ++j) {
-    LoadMoments& sum = out[j];
+    LoadMoments<Real>& sum = out[j];
     sum = {};
-    walk.sine = sine[j];
-    walk.cosine = cosine[j];
-    const auto visit = [&](const auto& law, const SegmentTerm& place, const Station<double>& at) {
-      const Load<double> load = law.load(at);
-      const Slopes<double> slopes = law.slopes(at);
+    walk.sine = load<Real>(sine + j * lanes<Real>);
+    walk.cosine = load<Real>(cosine + j * lanes<Real>);
+    const auto visit = [&](const auto& law, const SegmentTerm& place, const Station<Real>& at) {
+      const Load<Real> force = law.load(at);
+      const Slopes<Real> slopes = law.slopes(at);
       double weight = place.weight;
       sum.any = true;
       for (int power = 0; power < 3; ++power) {
         add(sum.slopes[power], weight, slopes);
         if (power < 2) {
-          sum.load[power][0] += weight * load.x;
-          sum.load[power][1] += weight * load.y;
+          sum.load[power][0] += weight * force.x;
+          sum.load[power][1] += weight * force.y;
         }
         weight *= place.arm;
       }
     };
-    walk.pass(j, model.links[j].length, rates != nullptr ? rates[j] : 0.0, visit);
+    walk.pass(j, model.links[j].length, rate(j), visit);
   }
 }
 

@@ -106,28 +106,33 @@ struct Sweep {
   }
 };
 
-/// Calls body(members, sweep) for a member alone or for every block of members; the last one
-/// overlaps its neighbour to be whole.
+/// Calls body(members) for every block of members; the last one overlaps its neighbour to be whole.
+template <class Body>
+void for_each_members(const Batch& batch, const Body& body) {
+  const Count members = batch.members;
+  for (Count first = 0; first < members; first += width) {
+    const Count whole = first + width <= members ? first : members - width;
+    body(Members<Pack>{batch, members < width ? 0 : whole, members < width ? members : width});
+  }
+}
+
+/// Calls body(members, sweep) for a member alone or for every block of members.
 template <class Body>
 void for_each_block(const MotionModel& model, const Batch& batch, const Body& body) {
-  const Count members = batch.members, n = model.size;
-  if (members == 1) {
+  const Count n = model.size;
+  if (batch.members == 1) {
     body(Members<double>{batch, 0, 1},
          laid_out([n](Layout& layout) { return Sweep<double>(n, layout); }));
     return;
   }
   const auto sweep = laid_out([n](Layout& layout) { return Sweep<Pack>(n, layout); });
-  for (Count first = 0; first < members; first += width) {
-    const Count whole = first + width <= members ? first : members - width;
-    const Members<Pack> block{batch, members < width ? 0 : whole,
-                              members < width ? members : width};
-    body(block, sweep);
-  }
+  for_each_members(batch, [&](const Members<Pack>& block) { body(block, sweep); });
 }
 
 /// What the derivative needs of the sweeps: A_j and b_j . t_j, a_{j-1} and the velocities.
+template <class Real>
 struct Kept {
-  double tt, tn, nn, inverse, bt, at, an, vt, v, acceleration;
+  Real tt, tn, nn, inverse, bt, at, an, vt, v, acceleration;
 };
 
 /// Force of the flow on the end, along and across the last segment, with the signs of resistance.
@@ -267,7 +272,8 @@ enum class Outer { nothing, drag, loads };
 /// others each would have fewer registers.
 template <class Real, Outer outer, bool keep>
 PIPEDYN_NOINLINE void accelerations(const MotionModel& model, const Members<Real>& members,
-                                    Sweep<Real> sweep, double* rates, bool with_power, Kept* kept) {
+                                    Sweep<Real> sweep, double* rates, bool with_power,
+                                    Kept<Real>* kept) {
   const Count n = model.size;
   read_state(members, n, sweep);
 
@@ -345,7 +351,7 @@ PIPEDYN_NOINLINE void accelerations(const MotionModel& model, const Members<Real
     const Real b = bn - centripetal * tn;
     const Real g = tau * inverse - (l * inverse) * b;
     if constexpr (keep) {
-      Kept& here = kept[j];
+      Kept<Real>& here = kept[j];
       here.tt = tt;
       here.tn = tn;
       here.nn = nn;
@@ -385,7 +391,7 @@ PIPEDYN_NOINLINE void accelerations(const MotionModel& model, const Members<Real
     const Real et = sweep.at(sweep.turn, j), g = sweep.at(sweep.free, j);
     const Real acceleration = g - et * along - sweep.at(sweep.drag, j) * across;
     if constexpr (keep) {
-      Kept& here = kept[j];
+      Kept<Real>& here = kept[j];
       here.at = along;
       here.an = across;
       here.acceleration = acceleration;
@@ -404,7 +410,7 @@ PIPEDYN_NOINLINE void accelerations(const MotionModel& model, const Members<Real
     an = (exchange * c - lever * s) * an + (l * g - beside * at);
     at = along - l * (w * w);
   }
-  if (with_power) {
+  if (!keep && with_power) {
     const Real along = end_along - parts.base_along, across = end_across - parts.base_across;
     const Real own = (model.entry - model.coriolis) * u;
     power += (own * along + entry * parts.base_along - thrust.along) * along;
@@ -415,7 +421,7 @@ PIPEDYN_NOINLINE void accelerations(const MotionModel& model, const Members<Real
 
 template <bool keep, class Real>
 void accelerations_of(const MotionModel& model, const Members<Real>& members, Sweep<Real> sweep,
-                      double* rates, bool with_power, Kept* kept) {
+                      double* rates, bool with_power, Kept<Real>* kept = nullptr) {
   const Batch& batch = members.batch;
   if (model.load_count > 0 || model.bent || batch.moments != nullptr || batch.drive != nullptr) {
     accelerations<Real, Outer::loads, keep>(model, members, sweep, rates, with_power, kept);
