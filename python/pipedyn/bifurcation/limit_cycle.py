@@ -572,7 +572,7 @@ def on_branch(
             return plain
     with suppress(NewtonFailed):  # where neighbours diverge fast a finer mesh is needed
         finer = refined(motion, orbit, np.full(len(orbit.starts), 2), at_kinks=True)
-        better = of(solved(motion, finer, 1e-9))
+        better = of(solved(motion, finer, 1e-9, iterations=8))
         if plain is None or better.multiplier_error < plain.multiplier_error:
             return better
     return of(orbit) if plain is None else plain

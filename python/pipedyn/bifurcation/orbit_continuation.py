@@ -60,6 +60,10 @@ PAST, GRAZING, MOST_GRAZES = 3e-4, 1e-2, 8
 """How far beyond a grazed stop a branch goes on, relative to its parameter; how near to the stop
 its orbits come before, relative to their size; and how often a branch may graze."""
 
+ROUNDING = 1e-9
+"""Share of an orbit's size below which the part of it that breaks a symmetry is rounding: Newton's
+method leaves steps of 1e-8 at most, of which their square is left."""
+
 Step = Segment[OrbitProblem]
 """A step along a branch of orbits."""
 
@@ -279,13 +283,19 @@ def meeting(step: Step, kind: str, beginnings: Array, within: float) -> Meeting 
         beginnings: parameters at which branches are known to leave it, shape (k,), of which one is
             taken if the extrapolated one is that near.
         within: how near that is, relative.
+
+    Raises:
+        NewtonFailed: if the step ends on orbits of the other branch, without the part that breaks
+            their symmetry, of which rounding is left.
     """
 
     def part(z: Array) -> Array:
         return breaking_part(step.problem.orbit(z), kind)
 
-    first = part(step.begin.z)
-    if not np.sum(first * part(step.end.z)) < 0.0:
+    first, end = part(step.begin.z), part(step.end.z)
+    if float(np.abs(end).max()) < ROUNDING * step.problem.orbit(step.end.z).size:
+        raise NewtonFailed("a step went over to orbits of more symmetry")
+    if not np.sum(first * end) < 0.0:
         return None
 
     def left(s: float) -> float:
@@ -402,18 +412,22 @@ def onward(problem: Problem, point: Point, length: float) -> Iterator[Segment[Pr
 
 
 def _on_mesh(problem: Problem, tangent: Array, edges: Array) -> tuple[Problem, Array]:
-    """The problem about its start on another mesh, and the tangent there."""
-    z = problem.origin
-    # Any direction near the tangent is good enough to find it by.
-    here, moved = (problem.about(x, edges) for x in (z, z + 1e-4 * tangent))
-    found = here.at(here.starting(here.origin, moved.origin - here.origin), 0.0)
-    return here.about(found.z), found.tangent
+    """The problem about its start on another mesh, and about the tangent there.
+
+    Neither is solved for: the next step corrects both, and its guess is as near either way.
+    """
+    z, beside = problem.origin, 1e-4
+    here, moved = (problem.about(x, edges) for x in (z, z + beside * tangent))
+    return here, (moved.origin - here.origin) / beside
 
 
 def _on_mesh_to(
     problem: Problem, tangent: Array, there: Array, length: float, edges: Array
 ) -> tuple[tuple[Problem, Array], Callable[[float], Array]]:
-    """The same, and the parabola from there to what lies ahead on the mesh before, by length."""
+    """The problem on another mesh, and the parabola that leads to a guess for the next point.
+
+    there: the guess at an arc length on the mesh before.
+    """
     there = problem.about(there, edges).origin
     finer, tangent = _on_mesh(problem, tangent, edges)
     z, slope = finer.origin, tangent
