@@ -267,7 +267,7 @@ def test_a_motion_leaves_an_unstable_cycle_unless_the_search_ends_before(returni
     unstable = next(cycle for cycle in returning.cycles[0].at(6.3) if not cycle.stable)
     assert pp.limit_cycle(SUBCRITICAL, 6.3, unstable.y[:, 0]).stable
     monkeypatch.setattr("pipedyn.bifurcation.limit_cycle.SEARCHED", 2.0)
-    monkeypatch.setattr("pipedyn.bifurcation.limit_cycle.RECORDED", 4.0)
+    monkeypatch.setattr("pipedyn.bifurcation.limit_cycle.SEEN", 4.0)
     found = pp.limit_cycle(SUBCRITICAL, 6.3, unstable.y[:, 0])
     assert not found.stable
     assert found.amplitude == pytest.approx(unstable.amplitude, rel=1e-6)

@@ -12,8 +12,8 @@ from pipedyn.bifurcation.branches import _steepness
 from pipedyn.bifurcation.motion_ends import Case, motion_ends
 from pipedyn.bifurcation.motion_options import MotionOptions, initial_bends
 from pipedyn.bifurcation.regions import FALLEN, NOWHERE, Approach, Excitation, WatchedTask
-from pipedyn.bifurcation.solutions import at_rest, kept_apart
 from pipedyn.bifurcation.solutions import cycle as solution
+from pipedyn.bifurcation.solutions import equilibria_near, kept_apart
 from pipedyn.bifurcation.vector_field import VectorField
 from pipedyn.motion.simulate import checked_task
 from pipedyn.util.counters import counted
@@ -26,7 +26,7 @@ ASIDE = np.sqrt(3.0) * np.array([0.0, 0.0, 1.0, 0.0, 0.0, 0.0])  # root mean squ
 
 def at_distances(stable, orbit, sign=1.0):
     """A cycle to which distances alone tell whether motions come nearer."""
-    known = solution(MODEL, Excitation(SPEED), orbit, stable, 1e-6)
+    known = solution(MODEL, Excitation(SPEED), orbit, stable)
     known = known if sign > 0.0 else known.mirrored(False)
     return replace(known, region=replace(known.region, floquet=None))
 
@@ -76,7 +76,7 @@ def test_motions_end_on_what_they_come_near_to(cycle, distances, ends):
     orbit = cycle.orbit
     assert (ends_on([cycle], orbit, distances) == 0) == ends
     mirrored = at_distances(True, orbit, -1.0)
-    still = at_rest(MODEL, [np.zeros(3)], SPEED, 0.1)
+    still = equilibria_near(MODEL, [np.zeros(3)], SPEED)
     assert not still[0].attracts
     assert (ends_on([mirrored, *still], orbit, distances, -1.0) == 0) == ends
 
@@ -91,11 +91,11 @@ def test_an_unstable_cycle_next_to_a_stable_one_leaves_it_open_where_motions_end
 def test_equilibria_and_their_stability_are_those_of_a_pipe_that_leans():
     model = pp.Chain(pp.Pipe(0.2, -20.0), 2)
     known = pp.equilibria(model, 1.0)
-    found = at_rest(model, known.q + 0.01, 1.0, 0.1)
+    found = equilibria_near(model, known.q + 0.01, 1.0)
     assert [one.attracts for one in found] == known.stable.tolist()
     for one, q in zip(found, known.q, strict=True):
         assert one.region.points[0, :2] == pytest.approx(q, abs=1e-8)
-    assert at_rest(model, [known.q[0] + 1.0], 1.0, 0.1) == []
+    assert equilibria_near(model, [known.q[0] + 1.0], 1.0) == []
 
 
 def motions(model, speeds, starts, options, solutions=None):
@@ -108,10 +108,10 @@ def motions(model, speeds, starts, options, solutions=None):
 
 def test_motions_end_where_they_would_have_ended_and_cost_less():
     speeds, options = [4.0, 4.8, 5.6], MotionOptions(100.0, 40.0, 1e-6, False)
-    starts, known = initial_bends(MODEL, 3, 0), {4.0: at_rest(MODEL, [np.zeros(3)], 4.0, 0.1)}
+    starts, known = initial_bends(MODEL, 3, 0), {4.0: equilibria_near(MODEL, [np.zeros(3)], 4.0)}
     for u in speeds[1:]:
         orbit = pp.limit_cycle(MODEL, u).orbit
-        known[u] = [solution(MODEL, Excitation(u), orbit, True, 1e-6)]
+        known[u] = [solution(MODEL, Excitation(u), orbit, True)]
     answers, costs = [], []
     for solutions in ({}, known):
         with counted() as work:
@@ -155,7 +155,7 @@ SUBCRITICAL = pp.Chain(pp.Pipe(0.7), 3)
 )
 def test_motions_from_the_basin_of_rest_come_to_rest(model, u):
     """And on the way what measures the distance never exceeds its value at the start."""
-    [rest] = at_rest(model, [model.resting()], u, 0.1)
+    [rest] = equilibria_near(model, [model.resting()], u)
     assert rest.attracts
     rows, random = rest.region.basin, np.random.default_rng(1)
     slow = np.linalg.eigvals(model.motion_jacobian(rest.region.points[0], u)).real.max()
@@ -173,7 +173,7 @@ def test_an_unstable_cycle_lies_outside_the_basin_of_the_rest_within():
     u = onset.speed * (1.0 - 1e-4)
     cycle = pp.limit_cycle(SUBCRITICAL, u, onset)
     assert not cycle.stable
-    [rest] = at_rest(SUBCRITICAL, [np.zeros(3)], u, 0.1)
+    [rest] = equilibria_near(SUBCRITICAL, [np.zeros(3)], u)
     on = cycle.orbit.states(PHASES).T
     assert not rest.region.attracts(on).any()
     assert rest.region.attracts(0.05 * on).all()
@@ -197,7 +197,7 @@ TIP_MASS = pp.Galerkin(pp.Pipe(0.2, 10.0, terms=[pp.PointMass(1.0, 0.2)]), 6)
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 def test_floquet_coordinates_of_motions_beside_a_cycle_decay_by_its_multipliers(model, u, sign):
     cycle, motion = pp.limit_cycle(model, u), VectorField(model)
-    known = solution(model, Excitation(u), cycle.orbit, True, 1e-6)
+    known = solution(model, Excitation(u), cycle.orbit, True)
     region = (known if sign > 0.0 else known.mirrored(False)).region
     found, period = region.floquet, 2.0 * np.pi / cycle.frequency
     sizes = np.sort(np.exp(-found.decay * period))[::-1]

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pipedyn.bifurcation.equilibria import LARGEST, searched
-from pipedyn.bifurcation.motion_ends import Answer, Case, motion_ends
+from pipedyn.bifurcation.motion_ends import RECORDED, Answer, Case, motion_ends
 from pipedyn.bifurcation.motion_options import (
     FIRST_LOOK,
     SAMPLES_A_TIME,
@@ -27,7 +27,7 @@ from pipedyn.bifurcation.motion_options import (
 )
 from pipedyn.bifurcation.records import turning_points
 from pipedyn.bifurcation.regions import NOWHERE, STOPPED, Excitation
-from pipedyn.bifurcation.solutions import Attractor, Solution, at_rest
+from pipedyn.bifurcation.solutions import Attractor, Solution, equilibria_near
 from pipedyn.models.base import Model, NotConverged, PipedynError
 from pipedyn.models.drive import LARGEST_SPEED, Harmonic, Pulsation, Supply
 from pipedyn.motion.simulate import (
@@ -56,9 +56,6 @@ PERIODS, SAMPLES = 16, 256
 
 DRIVE_PERIODS = 48
 """Periods of what drives a motion that are recorded, rounded down to whole ones of the motion."""
-
-IRREGULAR = 5.0
-"""Time recorded of an irregular motion, in durations: some hundred points of its section."""
 
 MOST_SAMPLES = 2**16
 """Samples of a motion that is recorded."""
@@ -310,8 +307,6 @@ def attractors(
         options,
         transient=drive.whole(options.transient),
         duration=drive.whole(options.duration),
-        flow=drive.u,
-        base=drive.base,
     )
     options.require_room(model)
     plane = starts if isinstance(starts, StartPlane) else None
@@ -502,7 +497,7 @@ def _stable_equilibria(model: Model, drive: Excitation) -> list[Solution]:
     except NotConverged:
         return []
     guesses = [np.split(np.asarray(model.start(q, None)), 2)[0] for q in known.q[known.stable]]
-    return [one for one in at_rest(model, guesses, drive.mean, 0.1) if one.attracts]
+    return [one for one in equilibria_near(model, guesses, drive.mean) if one.attracts]
 
 
 def _share(ends: NDArray[np.int_], end: int) -> Share:
@@ -528,7 +523,7 @@ def _basin(
     """A solution with the motion on it and what that tells."""
     end, period = one.attractor, one.period
     ending, repeats, none = end.ending, not math.isnan(period), np.zeros(0)
-    duration, samples = drive.whole(IRREGULAR * options.duration), 0
+    duration, samples = drive.whole(RECORDED * options.duration), 0
     if ending == "rest":
         duration, samples = 1.0, 101
     elif repeats and drive.period:

@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from pipedyn.bifurcation.continuation import folds, sign_changes
 from pipedyn.bifurcation.equilibria import BranchPoint, EquilibriumBranch
 from pipedyn.bifurcation.floquet import (
+    LARGEST_ERROR,
     EventKind,
     crossing_event,
     growth,
@@ -72,10 +73,6 @@ orbits on a coarse mesh (`orbit_continuation.COARSE`) are off by 4e-6 at most.""
 NEAR_FOLD = 0.02
 """Share of a step around a fold in which its multiplier is too near to the trivial one: measured at
 five folds, both are 1e-5 from 1 at the fold, here the one 9e-4 to 0.1, the other 3e-5 at most."""
-
-LARGEST_ERROR = 1e-3
-"""Error of the multipliers beyond which a cycle on a branch is left out: near five folds it was
-measured 6e-5 at most."""
 
 UNSURE = 4
 """Steps from the first such cycle on after which a branch ends: they show whether its period grows

@@ -45,8 +45,8 @@ from pipedyn.bifurcation.regions import Excitation
 from pipedyn.bifurcation.solutions import (
     LARGEST_CYCLE,
     Attractor,
-    at_rest,
     cycle,
+    equilibria_near,
     kept_apart,
 )
 from pipedyn.bifurcation.vector_field import VectorField
@@ -92,8 +92,9 @@ class BifurcationDiagram(TableResult):
             included.
         cycles: branches of cycles within these speeds, those from onsets of flutter first, each
             followed by those that leave it; of two that are mirror images one.
-        motions: where motions from a batch of starts end; empty where they were not wanted. The
-            start -1 has one that began on a cycle nearby and ends where none of the others does.
+        motions: where motions from a batch of starts end; empty where they were not wanted. An
+            attractor with the start -1 was reached by none of these, but by a motion that began
+            beside a cycle at a neighbouring speed.
         failures: points that failed, with what they raised, by speed; `value` is the flow speed and
             `index` its place among `speeds`, -1 where a branch failed at none of these.
         model: the model.
@@ -443,10 +444,10 @@ def _cases(
             passing = [_passing(branch, u) for branch in equilibria]
             q = np.concatenate([np.empty((0, model.coordinates)), *passing])
             guesses = model.integrated(q, np.zeros_like(q))[:, : model.moving]
-            drive, found = Excitation(u), at_rest(model, guesses, u, 0.1)
+            drive, found = Excitation(u), equilibria_near(model, guesses, u)
             for branch in cycles:
                 for one in branch.at(u):
-                    found.append(cycle(model, drive, one.orbit, one.stable, 1e-6))
+                    found.append(cycle(model, drive, one.orbit, one.stable))
                     found += [found[-1].mirrored(False)] if branch.mirrored else []
             nearest = (min(b.cycles, key=lambda one: abs(one.u - u)) for b in cycles)
             near = (one for one in nearest if 0.0 < abs(one.u - u) <= NEAR_BRANCH * u)
@@ -468,8 +469,7 @@ def motions_at(
     ends, cases = motion_ends(model, cases, starts, options, "brute force")
     found = list[Attractor]()
     for case, answers in zip(cases, ends, strict=True):
-        u, known = case.drive.mean, {number for number, _ in answers[: len(starts)]}
-        case.reached = sorted(known)
+        u, known = case.drive.mean, set(case.reached)
         for k, (number, end) in enumerate(answers):
             if k >= len(starts):
                 if number >= 0 and number not in known and case.solutions[number].settles:

@@ -367,8 +367,8 @@ class Statics:
 
         And upside down, if its root is a hinge.
         """
-        if self._turn is not None:
-            yield self.resting + 0.5 * self._turn
+        if self.whole_turn is not None:
+            yield self.resting + 0.5 * self.whole_turn
         _, free, of = self._forces(self.resting, u)
         mass, _, stiffness = of.at(u)
         values, vectors = np.linalg.eig(np.linalg.solve(mass, stiffness))
@@ -425,7 +425,7 @@ class Statics:
             raise type(error)(str(error).replace("q0", name, 1)) from error
 
     @cached_property
-    def _turn(self) -> Array | None:
+    def whole_turn(self) -> Array | None:
         """A whole turn about the root, if it is a hinge; None where something there resists it."""
         if self.model.pipe.root != "pinned":
             return None
@@ -436,7 +436,7 @@ class Statics:
 
     def unwound(self, x: Array) -> Array:
         """The same configuration without whole turns about a hinge at the root."""
-        turn = self._turn
+        turn = self.whole_turn
         if turn is None:
             return x
         # A mean angle of pi, either way, becomes -pi.
@@ -603,7 +603,7 @@ class _Solutions:
         signs, logs = np.linalg.slogdet(-slopes)
         if not np.isfinite(logs).all():
             return None
-        return (1 if statics._turn is None else 0) - round(float(signs.sum()))
+        return (1 if statics.whole_turn is None else 0) - round(float(signs.sum()))
 
 
 def _modal_basis(statics: Statics) -> Array:

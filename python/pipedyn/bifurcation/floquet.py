@@ -59,6 +59,10 @@ an amplitude of 0.28 L, and by less at smaller ones."""
 UNIT = 1e-6
 """By how much multipliers may exceed 1 on a stable cycle: as far as the trivial one may be off."""
 
+LARGEST_ERROR = 1e-3
+"""Error of the multipliers beyond which a cycle on a branch, or that of a motion, is left out: near
+five folds it was measured 6e-5 at most."""
+
 EventKind = Literal[
     "fold", "pitchfork", "period doubling", "torus", "grazing", "hopf", "infinite period", "end"
 ]

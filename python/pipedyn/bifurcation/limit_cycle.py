@@ -31,7 +31,7 @@ from pipedyn.bifurcation.periodic_orbit import (
     refined,
 )
 from pipedyn.bifurcation.records import Stretch
-from pipedyn.bifurcation.regions import Excitation
+from pipedyn.bifurcation.regions import NOWHERE, Excitation
 from pipedyn.bifurcation.solutions import LARGEST_CYCLE, last_period
 from pipedyn.bifurcation.vector_field import VectorField
 from pipedyn.linear.critical_speed import crossings
@@ -56,7 +56,7 @@ from pipedyn.util.newton import NewtonFailed
 from pipedyn.util.result import TableResult
 from pipedyn.util.threads import one_thread
 
-SEARCHED, RECORDED = 60.0, 20.0
+SEARCHED, SEEN = 60.0, 20.0
 """Time in T of a motion that looks for a cycle, and of its record after that; one that comes nearer
 to something is followed for longer."""
 
@@ -367,15 +367,18 @@ def _simulated(motion: VectorField, u: float, start: Array, patience: float = 1.
     """
     model, none = motion.model, f"no limit cycle at u = {u:g} by simulation"
     most = SEARCH * (SEARCH_FACTOR if model.dof <= 6 else 1)
-    options = MotionOptions(patience * SEARCHED, RECORDED, exponents=False, most=most)
-    options = replace(options, back=FAR_BACK)  # where right-hand sides are dear that is soon
+    back = FAR_BACK  # where right-hand sides are dear a cycle is solved for early
+    options = MotionOptions(patience * SEARCHED, SEEN, exponents=False, most=most, back=back)
     with counted() as work:
         cases = [Case(model, Excitation(u))]
         [[(number, end)]], [case] = motion_ends(model, cases, [start.reshape(2, -1)], options)
     motion.evaluations += work.right_hand_sides
     if isinstance(end, Exception):
         raise NoCycle(f"{none}: {end}", u) from None
-    orbits = [one.orbit for one in (*case.solutions, *case.solutions[number:][:1]) if one.orbit]
+    solutions = list(case.solutions)
+    if number != NOWHERE:
+        solutions.append(case.solutions[number])  # on which the motion ends, for the last
+    orbits = [one.orbit for one in solutions if one.orbit is not None]
     if end.ending == "rest":
         away = np.abs(end.end - motion.resting()).max()
         raise NoCycle(f"{none}: it ends in {'rest' if away < 1e-2 else 'a bent pipe at rest'}", u)
@@ -385,9 +388,9 @@ def _simulated(motion: VectorField, u: float, start: Array, patience: float = 1.
 
 
 def as_symmetric(motion: VectorField, orbit: PeriodicOrbit) -> PeriodicOrbit:
-    """As one half and its mirror image, if the orbit of a motion is so.
+    """The orbit with its mirror symmetry imposed, if it has one up to rounding, else as it is.
 
-    Else rounding of its asymmetry would pass for a pitchfork where the branch is followed.
+    What rounding leaves of asymmetry would be taken for a pitchfork where the branch is followed.
     """
     if not motion.is_odd(orbit.u):
         return orbit

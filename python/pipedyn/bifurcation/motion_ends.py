@@ -174,8 +174,10 @@ def _ends_of(
         ]
         engine.begin(runs)
         engine.finish(runs)
-    counts = [len(starts) + len(case.starts) for case in cases]
-    ends = [[engine.answers[j, k] for k in range(count)] for j, count in enumerate(counts)]
+    ends = list[list[Answer]]()
+    for j, case in enumerate(cases):
+        ends.append([engine.answers[j, k] for k in range(len(starts) + len(case.starts))])
+        case.reached = sorted({number for number, _ in ends[-1][: len(starts)]})
     return ends, cases
 
 
@@ -203,12 +205,17 @@ class Case:
         return [k for k, one in enumerate(self.solutions) if one.attracts]
 
     def holding(self, one: Attractor, period: float) -> int:
-        """On which of the solutions a motion with a period ended, or NOWHERE."""
+        """Number of the solution on which a motion has ended, NOWHERE if it is not known.
+
+        Args:
+            one: the end of the motion.
+            period: time after which it was seen to repeat, 0 at rest.
+        """
         held = (k for k, known in enumerate(self.solutions) if known.holds(one, period))
         return next(held, NOWHERE)
 
     def holding_irregular(self, state: Array) -> int:
-        """Among the states of which of the irregular solutions a state is, or NOWHERE."""
+        """Number of the irregular solution near whose states a state lies, or NOWHERE."""
         for k, known in enumerate(self.solutions):
             if math.isnan(known.period) and np.isfinite(known.region.distances(state[None]))[0]:
                 return k
@@ -231,7 +238,10 @@ class Case:
 
 
 def spread_alike(a: Array, b: Array) -> bool:
-    """Unless a Kolmogorov-Smirnov test tells two sets of values apart with 99 % certainty."""
+    """Whether two sets of values may have one distribution.
+
+    A Kolmogorov-Smirnov test decides at 99 %; sets of less than two values may not.
+    """
     if min(a.size, b.size) < 2:
         return False
     a, b = np.sort(a), np.sort(b)
@@ -259,7 +269,10 @@ class _Run:
     roughly: bool = False  # whether it was in the last record
 
     def comes_nearer(self, one: Stretch) -> bool:
-        """Whether it does to something known, or to rest or a cycle as its last stretch shows."""
+        """Whether the motion comes nearer to a known solution, to rest or to a cycle.
+
+        one: its last stretch, of which the trend tells the latter two.
+        """
         return self.is_near or one.trend in ("rest", "settling")
 
     @property
@@ -274,7 +287,7 @@ class _Run:
 
 
 def size_of(span: float) -> float:
-    """Of a motion, or its rates, that range so far: a power of SHARE, rounded down."""
+    """A power of SHARE at most as large as the range of a motion, or of its rates."""
     steps = math.floor(math.log(max(span, LEAST_SIZE)) / math.log(SHARE) + 1e-9)
     return float(SHARE**steps)
 
@@ -417,7 +430,7 @@ class _Engine:
         self.answers[run.member] = number, replace(end, start=run.start)
 
     def going(self, runs: list[_Run]) -> list[_Run]:
-        """Those that have not ended."""
+        """The motions that have not ended yet."""
         return [run for run in runs if run.member not in self.answers]
 
     # ----------------------------------------------------------------- what a stretch leads to
@@ -432,16 +445,21 @@ class _Engine:
         # Others will soon have reached what they come nearer to.
         unknown = [(run, one) for run, one in seen if not run.is_near]
         for same in _by_case(unknown):
-            self.explain(same, self.options.back)
+            self.explain(same)
         joined = self.joining([(run, one) for run, one in unknown if one.trend == "irregular"])
         return [run for run in self.going(runs) if run not in joined]
 
-    def explain(self, some: list[tuple[_Run, Stretch]], back: float) -> bool:
-        """Solves for what motions of a case show; answers whether an attracting solution is new."""
+    def explain(self, some: list[tuple[_Run, Stretch]]) -> bool:
+        """Solves for what motions of a case show; answers whether an attracting solution is new.
+
+        On the way a cycle is solved for where a motion has come very near to an earlier state, and
+        after one that does not attract not again before the time is twice as long; when motions
+        have taken the transient, from farther away, and always.
+        """
         if not some:
             return False
-        case = some[0][0].case
-        before = len(case.attracting)
+        case, late = some[0][0].case, self.elapsed > self.options.transient
+        before, back = len(case.attracting), FAR_BACK if late else self.options.back
         for run, one in some:
             if one.trend == "rest" and not case.drive.period:
                 place, u = np.split(run.state, 2)[0], case.drive.mean
@@ -449,14 +467,14 @@ class _Engine:
                     case.learn(equilibrium(self.statics, self.statics.solved(place, u), u))
         tries = [(one.recurrence(case.drive.period)[0], run, one) for run, one in some]
         tries = [(far, run, one) for far, run, one in tries if far <= back and one.trend != "rest"]
-        if tries and (self.elapsed >= case.next_try or back == FAR_BACK):
+        if tries and (late or self.elapsed >= case.next_try):
             _, run, one = min(tries, key=lambda of: of[0])
             try:
                 orbit, stable = solved_cycle(self.model, case.drive, one, back)
             except NewtonFailed:
                 stable = False
             else:
-                found = cycle(self.model, case.drive, orbit, stable, self.options.rtol)
+                found = cycle(self.model, case.drive, orbit, stable)
                 number = case.learn(found)
                 known = case.solutions[number]
                 if stable and np.isfinite(known.region.distances(run.state[None], known.near)):
@@ -502,8 +520,7 @@ class _Engine:
             if isinstance(end, Attractor) and end.ending not in ("rest", "periodic"):
                 self.answers[run.member] = number, replace(end, start=run.start)
             else:
-                run.alone = True
-                again.append((run, since))
+                again += [(one, since) for one in _parted([run])]
         for since in sorted({since for _, since in again}):
             self.elapsed = since
             self.finish([run for run, at in again if at == since])
@@ -521,7 +538,7 @@ class _Engine:
             over, runs = self.elapsed >= last, []
             left: list[tuple[_Run, Stretch]] = []
             for same in _by_case(seen):
-                new = self.explain([pair for pair in same if not pair[0].is_near], FAR_BACK)
+                new = self.explain([pair for pair in same if not pair[0].is_near])
                 for run, one in same:
                     if run.member in self.answers or self.is_on_known(run, one, over):
                         continue
@@ -607,12 +624,10 @@ class _Engine:
             runs = [run for run, _ in group]
             leader, new = runs[0], False
             if record is not None and record is not group[0][1]:
-                new = self.explain([(leader, record)], FAR_BACK)
+                new = self.explain([(leader, record)])
             gone = leader.member in self.answers
             if record is None or gone or self.is_on_known(leader, record, over):
-                for run in runs[1:]:
-                    run.alone = True
-                on += runs[1:]
+                on += _parted(runs[1:])
             elif (new or leader.comes_nearer(record)) and not over:
                 on += runs
             elif leader.comes_nearer(record):
@@ -645,16 +660,21 @@ class _Engine:
                 self.name(runs, one, "unsettled", reason=why)
             elif exponent.chaotic:
                 self.name(runs, one, "chaotic", exponent)
-            elif one.averages_converge():
+            elif exponent.value <= exponent.spread and one.averages_converge():
                 self.name(runs, one, "quasi-periodic", exponent)
             elif times < LONGER[-1]:
                 doubtful.append((runs, one))
             else:
                 why = (
                     f"its largest Lyapunov exponent, {exponent.value:.2g}, is not above 0 by three "
-                    f"times its spread, {exponent.spread:.2g}, and averages over a time of "
-                    f"{one.t[-1]:g} converge no faster than those of chaotic motion"
+                    f"times its spread, {exponent.spread:.2g}, but by more than that"
                 )
+                if exponent.value <= exponent.spread:
+                    why = (
+                        f"its largest Lyapunov exponent, {exponent.value:.2g}, is 0 within its "
+                        f"spread, {exponent.spread:.2g}, but averages over a time of "
+                        f"{one.t[-1]:g} converge no faster than those of chaotic motion"
+                    )
                 self.name(runs, one, "unsettled", exponent, why)
         if not doubtful:
             return []
@@ -666,9 +686,7 @@ class _Engine:
             if stretch is not None:
                 again.append((runs, stretch))
                 continue
-            for run in runs[1:]:
-                run.alone = True
-            on += runs[1:]
+            on += _parted(runs[1:])
         return again
 
     def recorded(self, leaders: list[tuple[_Run, Stretch]]) -> list[Stretch | None]:
@@ -721,6 +739,13 @@ def exponents_of(
             driven=bool(drive.period),
         )
     return found
+
+
+def _parted(runs: list[_Run]) -> list[_Run]:
+    """Motions that went on as another one, and go on by themselves from now on."""
+    for run in runs:
+        run.alone = True
+    return runs
 
 
 def _by_case(some: list[tuple[_Run, Stretch]]) -> list[list[tuple[_Run, Stretch]]]:

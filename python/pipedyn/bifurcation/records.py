@@ -28,7 +28,7 @@ GROWN = 1.5
 """Factor by which a change over two periods may exceed that over one where both are errors: of a
 motion that drifts it is 2."""
 
-FASTER, CONVERGED = 0.1, 1e-3
+FASTER, CONVERGED = 0.1, 1e-4
 """Share of their differences that weighted averages over twice the time may keep if they converge
 faster than any power of it, as on a torus only: chaotic ones keep about 0.7. And what is left of
 them then, relative to the spread of what is averaged."""
@@ -63,7 +63,15 @@ class Stretch:
 
     @staticmethod
     def of(t: Array, states: Array, x: Array, velocity: Array, rtol: float) -> Stretch:
-        """Of samples of a motion that was integrated to a relative tolerance."""
+        """The stretch of a motion, with its turning points and trend.
+
+        Args:
+            t: times of samples, (S,).
+            states: [p, p'] there, (S, 2 moving).
+            x: transverse position of the tip there, (S,).
+            velocity: of the tip in x, (S,).
+            rtol: relative tolerance to which the motion was integrated.
+        """
         turnings, error = turning_points(t, x, velocity)
         # Errors of an integrator's steps add up over the ten or more that a period takes.
         error += 10.0 * rtol * float(np.ptp(x))
@@ -160,13 +168,13 @@ class Stretch:
         observed = observed / observed.std(axis=0)
 
         def apart(parts: int) -> float:
-            """Largest difference between averages over consecutive parts of equal length."""
+            """Largest difference between averages over parts of equal length."""
             size = len(observed) // parts
             share = (np.arange(size) + 0.5) / size
             weight = np.exp(-1.0 / (share * (1.0 - share)))
             weight /= weight.sum()
             means = [weight @ observed[k * size : (k + 1) * size] for k in range(parts)]
-            return max(float(np.abs(b - a).max()) for a, b in pairwise(means))
+            return float(np.ptp(means, axis=0).max())
 
         twice, once = apart(4), apart(2)
         return once <= CONVERGED and once <= FASTER * twice

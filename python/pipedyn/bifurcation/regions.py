@@ -31,9 +31,6 @@ from pipedyn.motion.integrator import Observer, Outcome, Task, integrate
 from pipedyn.util.check import Array
 from pipedyn.util.later import scipy
 
-Labels = NDArray[np.int_]
-"""Of each motion the number of a region, or NOWHERE or STOPPED."""
-
 NOWHERE, STOPPED = -1, -2
 
 FLOOR = 1e-4
@@ -288,10 +285,10 @@ class Region:
         return float(self.distances(points, most).min())
 
     def kept_apart(self, distance: float) -> Region:
-        """The same, if something else that is known is so far away.
+        """The region, made so small that it leaves out a solution at a distance.
 
-        A cycle may cross or touch another in the space of states: what is left then is as far as
-        a state counts as on it, ten times over.
+        It reaches the share APART of the way there at most. As a cycle may cross or touch another
+        in the space of states, ten times FLOOR is always left.
         """
         return replace(self, radius=max(min(self.radius, APART * distance), 10.0 * FLOOR))
 

@@ -11,18 +11,17 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
-from functools import partial
 from typing import Literal
 
 import numpy as np
 
 from pipedyn.bifurcation.collocation import solved
 from pipedyn.bifurcation.equilibria import Statics
-from pipedyn.bifurcation.floquet import nontrivial, orbit_multipliers
+from pipedyn.bifurcation.floquet import LARGEST_ERROR, nontrivial, orbit_multipliers
 from pipedyn.bifurcation.floquet_coordinates import floquet_coordinates
 from pipedyn.bifurcation.orbit_continuation import COARSE, FINE
 from pipedyn.bifurcation.periodic_orbit import PeriodicOrbit, interpolated, refined, resolved
-from pipedyn.bifurcation.records import Stretch, maxima
+from pipedyn.bifurcation.records import Stretch, maxima, turning_points
 from pipedyn.bifurcation.regions import COARSE_CURVE, FINE_CURVE, PHASES, Excitation, Region
 from pipedyn.bifurcation.vector_field import ForcedField, VectorField
 from pipedyn.linear.neutral import decays
@@ -47,16 +46,15 @@ ITERATIONS = 5
 """Steps of Newton's method from a motion's last period after which no cycle is near: it took one to
 three to those of seven pipes."""
 
+FARTHEST = 0.1
+"""How far an equilibrium may be from where it is looked for, in rad or in a coordinate."""
+
 STILL = 1e-5
 """Extent of an orbit, in rad or in coordinates of a reduced model, below which it is at rest."""
 
 LARGEST_CYCLE = 100
 """Degrees of freedom of a cycle that is solved for. An undamped chain of 20 takes 0.06 s, of 40
 0.4, of 100 seven, half of it for the multipliers."""
-
-LARGEST_ERROR = 1e-3
-"""Error of multipliers beyond which a cycle is left out: near five folds it was measured 6e-5 at
-most."""
 
 MIXED, NARROWER = 256, 20
 """Mixtures of modes that are tried about rest, and amplitudes: from 0.5 rad down to 6e-4."""
@@ -72,7 +70,9 @@ class Attractor(Result, units={"turnings": LENGTH, "period": None}):
 
     Attributes:
         speed: u.
-        start: which of the initial states, counted from 0; -1 of another.
+        start: number of the start of the motion, counted from 0. It is -1 for an attractor of a
+            bifurcation diagram on which no motion from the starts ended, but one that began beside
+            a cycle at a neighbouring speed.
         ending: "rest"; "periodic", of motions that reach a cycle; "quasi-periodic", where the
             largest Lyapunov exponent is not above 0 beyond its spread and averages over the record
             converge as they do on a torus only; "chaotic", where the exponent is above 0 by more
@@ -165,7 +165,10 @@ class Solution:
         return bool(np.mean(within) > 0.9)
 
     def mirrored(self, shifts: bool) -> Solution:
-        """Its image in the axis."""
+        """The solution's mirror image in the axis of the pipe, which is a solution as well.
+
+        shifts: whether what drives the motion becomes its own mirror image half a period later.
+        """
         one, region = self.attractor, self.region.mirrored(shifts)
         end = -one.end
         if shifts:  # when a period begins
@@ -195,24 +198,17 @@ def kept_apart(solutions: Sequence[Solution]) -> list[Solution]:
 # ----------------------------------------------------------------------------------------- rest
 
 
-def at_rest(model: Model, guesses: Iterable[Array], u: float, farthest: float) -> list[Solution]:
-    """Equilibria near positions p at a speed, each once.
-
-    Args:
-        model: the model.
-        guesses: positions p, (moving,) each.
-        u: flow speed.
-        farthest: how far an equilibrium may be from its guess, in any coordinate.
-    """
+def equilibria_near(model: Model, places: Iterable[Array], u: float) -> list[Solution]:
+    """Equilibria within `FARTHEST` of positions p, (moving,) each, at a flow speed, each once."""
     found: list[Solution] = []
     statics = Statics(model)
-    for guess in guesses:
+    for place in places:
         try:
-            p = statics.solved(guess, u)
+            p = statics.solved(place, u)
         except NewtonFailed:
             continue
         known = (np.abs(one.region.points[0, : p.size] - p).max() for one in found)
-        if np.abs(p - guess).max() <= farthest and min(known, default=math.inf) >= 1e-5:
+        if np.abs(p - place).max() <= FARTHEST and min(known, default=math.inf) >= 1e-5:
             found.append(equilibrium(statics, p, u))
     return found
 
@@ -221,7 +217,7 @@ def equilibrium(statics: Statics, p: Array, u: float) -> Solution:
     """The solution of an equilibrium at p."""
     values = statics.eigenvalues(p, u)
     stable, rest = bool(decays(values).all()), np.append(p, np.zeros_like(p))
-    region = replace(Region.about_rest(p, values), turn=statics._turn)
+    region = replace(Region.about_rest(p, values), turn=statics.whole_turn)
     motion = statics.motion
     if stable and not motion.constrained:
         factorised()
@@ -262,28 +258,40 @@ def _basin(motion: VectorField, rest: Array, slopes: Array, u: float) -> Array |
 # --------------------------------------------------------------------------------------- cycles
 
 
-def cycle(
-    model: Model, drive: Excitation, orbit: PeriodicOrbit, stable: bool, rtol: float
-) -> Solution:
-    """The solution of an orbit, during which a drive has a whole number of periods.
+def around(
+    model: Model, drive: Excitation, t: Array, states: Array, unit: float, period: float
+) -> Region:
+    """The region around states [p, p'] of a motion, which are not taken for points of a curve.
 
-    rtol: relative tolerance to which the orbit is known.
+    Args:
+        model: the model.
+        drive: what drives the motion.
+        t: time of each state since the beginning of a period of the drive, (k,).
+        states: if the motion is driven at PHASES times in each period, (k, 2 moving).
+        unit: time by which rates are multiplied.
+        period: of the motion.
     """
+    points = np.concatenate([states, drive.phases(t)], axis=1)
+    driven, turn = bool(drive.period), Statics(model).whole_turn
+    return Region(points, unit, period, turn=turn, driven=driven)
+
+
+def cycle(model: Model, drive: Excitation, orbit: PeriodicOrbit, stable: bool) -> Solution:
+    """The solution of an orbit, during which a drive has a whole number of periods."""
     field, period = drive.field(model), 2.0 * math.pi / orbit.frequency
     t = np.linspace(0.0, PERIODS * period, PERIODS * SAMPLES * len(orbit.starts) + 1)
     states = orbit.states(orbit.frequency * t).T
     q, qdot = model.recorded(*np.split(states, 2, axis=1))
     x, velocity = model.tips(q.T)[:, 0], model.tip_velocities(q.T, qdot.T)[:, 0]
-    turnings = Stretch.of(t, states, x, velocity, rtol).turnings
+    turnings, _ = turning_points(t, x, velocity)
     count = max(round((maxima(turnings).size + 1) / PERIODS), 1)
     end = Attractor(drive.mean, -1, "periodic", count, turnings, states[-1].copy())
-    unit, turn = period / (2.0 * math.pi * count), Statics(model)._turn
+    unit = period / (2.0 * math.pi * count)
     if drive.period:
         count = round(period / drive.period) * PHASES
         times = np.linspace(0.0, period, count, endpoint=False)
-        points = orbit.states(orbit.frequency * times).T
-        points = np.concatenate([points, drive.phases(times)], axis=1)
-        region = Region(points, unit, period, turn=turn, driven=True)
+        states = orbit.states(orbit.frequency * times).T
+        region = around(model, drive, times, states, unit, period)
         return Solution(end, region, stable, period, orbit=orbit)
     mesh = orbit.edges
     if orbit.symmetric:
@@ -291,7 +299,7 @@ def cycle(
     # Of what is unstable nothing but its distance from others is asked for.
     finest = FINE_CURVE if stable else COARSE_CURVE
     region = Region.about_cycle(lambda phase: orbit.states(phase).T, unit, period, mesh, finest)
-    region = replace(region, turn=turn)
+    region = replace(region, turn=Statics(model).whole_turn)
     if stable and not field.constrained:
         region = replace(region, floquet=floquet_coordinates(field, orbit, region.units))
     return Solution(end, region, stable, period, orbit=orbit)
@@ -304,43 +312,37 @@ def by_record(
 
     period: after which the motion repeats; 0 at rest.
     """
-    turn, half = Statics(model)._turn, stretch.states.shape[1] // 2
-    unit = (period or drive.period) / (2.0 * math.pi * max(end.period, 1))
+    statics, last = Statics(model), float(stretch.t[-1])
+    span = period or drive.period  # driven motions rest over each period of the drive
+    unit = span / (2.0 * math.pi * max(end.period, 1))
     if drive.period:
         step = drive.period / PHASES
-        times = step * np.arange(round((period or drive.period) / step))
-        begin = float(stretch.t[-1]) - (period or drive.period)
-        at = np.searchsorted(stretch.t, begin + times - 1e-9)
-        points = np.concatenate([stretch.states[at], drive.phases(times)], axis=1)
-        region = Region(points, unit, period or drive.period, turn=turn, driven=True)
+        times = np.asarray(step * np.arange(round(span / step)), dtype=np.float64)
+        at = np.searchsorted(stretch.t, last - span + times - 1e-9)
+        region = around(model, drive, times, stretch.states[at], unit, span)
     elif not period:
-        values = Statics(model).eigenvalues(end.end[:half], drive.mean)
-        region = replace(Region.about_rest(end.end[:half], values), turn=turn)
+        place = end.end[: stretch.states.shape[1] // 2]
+        region = Region.about_rest(place, statics.eigenvalues(place, drive.mean))
     else:
         curve = scipy.interpolate.CubicSpline(stretch.t, stretch.states)
-        first = float(stretch.t[-1]) - period
 
         def states(phase: Array) -> Array:
-            return np.asarray(curve(first + 0.5 / math.pi * period * phase))
+            return np.asarray(curve(last - period + 0.5 / math.pi * period * phase))
 
-        region = replace(Region.about_cycle(states, unit, period), turn=turn)
-    return Solution(end, region, False, period)
+        region = Region.about_cycle(states, unit, period)
+    return Solution(end, replace(region, turn=statics.whole_turn), False, period)
 
 
 def irregular(model: Model, drive: Excitation, end: Attractor, stretch: Stretch) -> Solution:
     """The solution of a motion that does not repeat, by its record."""
     count = max(maxima(stretch.turnings).size, 1)
     unit = float(stretch.t[-1]) / (2.0 * math.pi * count)
-    states = stretch.states
-    if drive.period:
-        every = round(drive.period / PHASES / float(stretch.t[1] - stretch.t[0]))
-        times = stretch.t[::every]
-        states = np.concatenate([states[::every], drive.phases(times)], axis=1)
-    driven = bool(drive.period)
-    region = Region(states, unit, 2.0 * math.pi * unit, turn=Statics(model)._turn, driven=driven)
+    every = round(drive.period / PHASES / float(stretch.t[1] - stretch.t[0])) or 1
+    times, states = stretch.t[::every], stretch.states[::every]
+    region = around(model, drive, times, states, unit, 2.0 * math.pi * unit)
     half = len(states) // 2
-    first = replace(region, points=states[:half])
-    apart = float(first.distances(states[half:], math.inf).max())
+    first = replace(region, points=region.points[:half])
+    apart = float(first.distances(region.points[half:], math.inf).max())
     region = replace(region, radius=max(2.0 * apart, SAME))
     return Solution(end, region, False, math.nan)
 
@@ -411,18 +413,21 @@ def _run_through_once(
     """An orbit that is run through several times, at most so many, as one that is so once."""
     phases = np.linspace(0.0, 2.0 * math.pi, 17)
     order = motion.order if isinstance(motion, ForcedField) else 0
-    for times in range(order or most, 1, -1):
+
+    def is_run_through(times: int) -> bool:
+        if order % times:
+            return False
         apart = orbit.states(phases + 2.0 * math.pi / times) - orbit.states(phases)
-        if (order % times if order else 0) or np.abs(apart).max() > 1e-3 * np.ptp(orbit.starts):
-            continue
-        if order:
-            motion = drive.field(model, order // times)
-        edges = np.linspace(0.0, 2.0 * math.pi, len(orbit.starts) + 1)
-        first, frequency = partial(_shared, orbit, 1.0 / times), times * orbit.frequency
-        return motion, interpolated(motion, first, edges, frequency, orbit.u)
-    return motion, orbit
+        return bool(np.abs(apart).max() <= 1e-3 * np.ptp(orbit.starts))
 
+    times = next(filter(is_run_through, range(order or most, 1, -1)), 1)
+    if times == 1:
+        return motion, orbit
+    if order:
+        motion = drive.field(model, order // times)
 
-def _shared(orbit: PeriodicOrbit, share: float, phases: Array) -> Array:
-    """States of an orbit at a share of phases."""
-    return orbit.states(share * phases)
+    def once(phase: Array) -> Array:
+        return orbit.states(phase / times)
+
+    edges = np.linspace(0.0, 2.0 * math.pi, len(orbit.starts) + 1)
+    return motion, interpolated(motion, once, edges, times * orbit.frequency, orbit.u)
