@@ -20,10 +20,10 @@ import numpy as np
 import pipedyn as pp
 from pipedyn import modular
 from pipedyn.accuracy.convergence import convergence_law
-from pipedyn.bifurcation.hopf import hopf_point
-from pipedyn.bifurcation.vector_field import VectorField
+from pipedyn.equilibrium.hopf import hopf_point
 from pipedyn.models.drive import DriveFailed
 from pipedyn.motion.integrator import Stopped
+from pipedyn.motion.vector_field import VectorField
 from pipedyn.util.counters import TookTooLong
 from pipedyn.util.newton import NewtonFailed
 

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 import pipedyn as pp
-from pipedyn.bifurcation import boundary_curves, organising
-from pipedyn.bifurcation.boundary import checked_window
-from pipedyn.bifurcation.boundary_curves import Tracer, line_starts
-from pipedyn.bifurcation.hopf import static_cubic
+from pipedyn.curves import boundary_curves, organising
+from pipedyn.curves.boundary import checked_window
+from pipedyn.curves.boundary_curves import Tracer, line_starts
+from pipedyn.equilibrium.hopf import static_cubic
 from pipedyn.linear.plane import Plane, Scale, Window
 
 BUCKLING = pp.Pipe(0.2, damping=0.005)

@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 
 import pipedyn as pp
-from pipedyn.bifurcation import branches as module
-from pipedyn.bifurcation.continuation import folds
-from pipedyn.bifurcation.floquet import crossing_event, growth, nontrivial
+from pipedyn.continuation.arclength import folds
+from pipedyn.cycles import branches as module
+from pipedyn.orbits.floquet import crossing_event, growth, nontrivial
 
 THREE = pp.Chain(pp.Pipe(0.2), 3)
 SUBCRITICAL = pp.Chain(pp.Pipe(0.7), 3)
@@ -266,8 +266,8 @@ def test_on_a_branch_multipliers_are_known_to_1e_4_also_at_a_fold(returning):
 def test_a_motion_leaves_an_unstable_cycle_unless_the_search_ends_before(returning, monkeypatch):
     unstable = next(cycle for cycle in returning.cycles[0].at(6.3) if not cycle.stable)
     assert pp.limit_cycle(SUBCRITICAL, 6.3, unstable.y[:, 0]).stable
-    monkeypatch.setattr("pipedyn.bifurcation.limit_cycle.SEARCHED", 2.0)
-    monkeypatch.setattr("pipedyn.bifurcation.limit_cycle.SEEN", 4.0)
+    monkeypatch.setattr("pipedyn.cycles.limit_cycle.SEARCHED", 2.0)
+    monkeypatch.setattr("pipedyn.cycles.limit_cycle.SEEN", 4.0)
     found = pp.limit_cycle(SUBCRITICAL, 6.3, unstable.y[:, 0])
     assert not found.stable
     assert found.amplitude == pytest.approx(unstable.amplitude, rel=1e-6)

@@ -7,8 +7,9 @@ import scipy.integrate
 
 import pipedyn as pp
 from pipedyn import _core
-from pipedyn.bifurcation.collocation import WEIGHTS, collocation_maps
-from pipedyn.bifurcation.periodic_orbit import (
+from pipedyn.motion.vector_field import VectorField
+from pipedyn.orbits.collocation import WEIGHTS, collocation_maps
+from pipedyn.orbits.periodic_orbit import (
     NODES,
     ONCE,
     TWICE,
@@ -16,7 +17,6 @@ from pipedyn.bifurcation.periodic_orbit import (
     interpolated,
     stage_phases,
 )
-from pipedyn.bifurcation.vector_field import VectorField
 
 MODEL, SPEED = pp.Chain(pp.Pipe(0.2, 5.0, damping=0.01), 3), 6.0
 

@@ -7,15 +7,15 @@ import numpy as np
 import pytest
 
 import pipedyn as pp
-from pipedyn.bifurcation.continuation import (
+from pipedyn.continuation.arclength import (
     Control,
     DenseProblem,
     folds,
     sign_changes,
 )
-from pipedyn.bifurcation.equilibria import _Way
-from pipedyn.bifurcation.orbit_continuation import FINE, followed, from_hopf, orbit_at
-from pipedyn.bifurcation.vector_field import VectorField
+from pipedyn.equilibrium.equilibria import _Way
+from pipedyn.motion.vector_field import VectorField
+from pipedyn.orbits.orbit_continuation import FINE, followed, from_hopf, orbit_at
 from pipedyn.util.newton import NewtonFailed
 
 

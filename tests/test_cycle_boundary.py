@@ -16,11 +16,11 @@ from matplotlib.figure import Figure
 
 import pipedyn as pp
 from pipedyn import plot
-from pipedyn.bifurcation import event_curve
-from pipedyn.bifurcation.event_onset import Onset
-from pipedyn.bifurcation.event_plane import EventPlane
-from pipedyn.bifurcation.event_problem import Family
-from pipedyn.bifurcation.vector_field import VectorField
+from pipedyn.curves import event_curve
+from pipedyn.curves.event_onset import Onset
+from pipedyn.curves.event_plane import EventPlane
+from pipedyn.curves.event_problem import Family
+from pipedyn.motion.vector_field import VectorField
 
 BETA = 0.05
 

@@ -200,7 +200,7 @@ def test_the_error_stated_bounds_what_refinement_changes(model, u):
 
 
 def test_a_tolerance_out_of_reach_is_not_claimed(monkeypatch):
-    monkeypatch.setattr("pipedyn.bifurcation.limit_cycle.MOST_INTERVALS", 20)
+    monkeypatch.setattr("pipedyn.cycles.limit_cycle.MOST_INTERVALS", 20)
     with pytest.raises(pp.NotConverged, match="known on one mesh only: that takes more") as caught:
         pp.limit_cycle(pp.Chain(pp.Pipe(0.2, drag=1.0), 3), 6.0, rtol=1e-9)
     kept = caught.value.result
@@ -209,9 +209,9 @@ def test_a_tolerance_out_of_reach_is_not_claimed(monkeypatch):
 
 
 def test_multipliers_that_do_not_converge_are_not_claimed(monkeypatch):
-    monkeypatch.setattr("pipedyn.bifurcation.floquet.TURN", 40.0)
-    monkeypatch.setattr("pipedyn.bifurcation.floquet.MOST_HALVINGS", 1)
-    monkeypatch.setattr("pipedyn.bifurcation.limit_cycle.CHECKS", 1)
+    monkeypatch.setattr("pipedyn.orbits.floquet.TURN", 40.0)
+    monkeypatch.setattr("pipedyn.orbits.floquet.MOST_HALVINGS", 1)
+    monkeypatch.setattr("pipedyn.cycles.limit_cycle.CHECKS", 1)
     with pytest.raises(pp.NotConverged, match="Floquet multipliers") as caught:
         pp.limit_cycle(pp.Chain(PIPE, 16), 6.0)
     assert caught.value.result.multiplier_error > 1e-6
@@ -219,7 +219,7 @@ def test_multipliers_that_do_not_converge_are_not_claimed(monkeypatch):
 
 def test_a_trivial_multiplier_is_judged_by_how_near_the_next_one_is(monkeypatch):
     """Right past the onset the two are 5e-4 apart; here both are known to some 1e-6 alone."""
-    from pipedyn.bifurcation import floquet
+    from pipedyn.orbits import floquet
 
     exact, rng = floquet._eigenvalues, np.random.default_rng(0)
     model = pp.modular.chain(pp.Pipe(0.1, drag=2.0), n=3)
@@ -238,8 +238,8 @@ def test_a_trivial_multiplier_is_judged_by_how_near_the_next_one_is(monkeypatch)
     assert cycle.stable
     assert cycle.amplitude == pytest.approx(onset.amplitude(u), rel=1e-2)
     # By itself that error is refused.
-    monkeypatch.setattr("pipedyn.bifurcation.limit_cycle.CHECKS", 1)
-    monkeypatch.setattr("pipedyn.bifurcation.limit_cycle.SHARE_OF_NEXT", 0.0)
+    monkeypatch.setattr("pipedyn.cycles.limit_cycle.CHECKS", 1)
+    monkeypatch.setattr("pipedyn.cycles.limit_cycle.SHARE_OF_NEXT", 0.0)
     with pytest.raises(pp.NotConverged, match="one of which should be 1"):
         pp.limit_cycle(model, u, cycle)
 
@@ -281,9 +281,7 @@ def test_every_start_leads_to_the_same_cycle():
 
 
 def test_a_whole_period_gives_what_half_of_one_does(known, monkeypatch):
-    monkeypatch.setattr(
-        "pipedyn.bifurcation.vector_field.VectorField.is_odd", lambda motion, u: False
-    )
+    monkeypatch.setattr("pipedyn.motion.vector_field.VectorField.is_odd", lambda motion, u: False)
     whole = pp.limit_cycle(ROM, 6.0)
     assert known.symmetric
     assert not whole.symmetric
@@ -508,7 +506,7 @@ def test_a_pipe_that_cannot_be_bent_has_no_cycle_that_a_search_finds(monkeypatch
     def held(s):
         raise pp.NotConverged("no angles close to those given meet the guides")
 
-    monkeypatch.setattr("pipedyn.bifurcation.limit_cycle.slight_bend", held)
+    monkeypatch.setattr("pipedyn.cycles.limit_cycle.slight_bend", held)
     with pytest.raises(pp.NoCycle, match="meet the guides"):
         pp.limit_cycle(pp.Chain(pp.Pipe(0.2, flow="aspirating", drag=0.5), 2), 3.0)
 
@@ -574,7 +572,7 @@ def test_multipliers_that_overflow_are_refused(monkeypatch, pivot):
         right[0, 0] = pivot
         return np.eye(maps.shape[1]), right
 
-    monkeypatch.setattr("pipedyn.bifurcation.floquet.through", singular)
+    monkeypatch.setattr("pipedyn.orbits.floquet.through", singular)
     with pytest.raises(pp.NotConverged, match="fails its check: its Floquet multipliers overflow"):
         pp.limit_cycle(pp.Chain(pp.Pipe(0.2), 4), 6.5)
 

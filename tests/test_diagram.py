@@ -12,13 +12,13 @@ import pytest
 import scipy.stats
 
 import pipedyn as pp
-from pipedyn.bifurcation import diagram as module
-from pipedyn.bifurcation import motion_ends as engine
-from pipedyn.bifurcation import regions
-from pipedyn.bifurcation.motion_ends import Case, motion_ends, spread_alike
-from pipedyn.bifurcation.motion_options import MotionOptions, initial_bends
-from pipedyn.bifurcation.records import Stretch, trend_of, turning_points
-from pipedyn.bifurcation.regions import Excitation
+from pipedyn import diagram as module
+from pipedyn.attraction import motion_ends as engine
+from pipedyn.attraction import regions
+from pipedyn.attraction.motion_ends import Case, motion_ends, spread_alike
+from pipedyn.attraction.motion_options import MotionOptions, initial_bends
+from pipedyn.attraction.records import Stretch, trend_of, turning_points
+from pipedyn.attraction.regions import Excitation
 from pipedyn.util.counters import counted
 
 TWO = pp.Chain(pp.Pipe(0.2, -20.0), 2)

@@ -9,12 +9,12 @@ import scipy
 
 import pipedyn as pp
 from pipedyn import _core
-from pipedyn.bifurcation import collocation, magnus, periodic_orbit
-from pipedyn.bifurcation.collocation import solved
-from pipedyn.bifurcation.floquet import orbit_multipliers, quick_multipliers
-from pipedyn.bifurcation.limit_cycle import amplitude_of
-from pipedyn.bifurcation.periodic_orbit import NODES, interpolated
-from pipedyn.bifurcation.vector_field import VectorField
+from pipedyn.cycles.limit_cycle import amplitude_of
+from pipedyn.motion.vector_field import VectorField
+from pipedyn.orbits import collocation, magnus, periodic_orbit
+from pipedyn.orbits.collocation import solved
+from pipedyn.orbits.floquet import orbit_multipliers, quick_multipliers
+from pipedyn.orbits.periodic_orbit import NODES, interpolated
 
 
 def mathieu(a, q, intervals=16):
@@ -115,7 +115,7 @@ def test_both_ways_to_the_multipliers_agree(monkeypatch):
     cycle = pp.limit_cycle(model, 6.0)
     motion = VectorField(model)
     by_series, _, error = orbit_multipliers(motion, cycle.orbit)
-    monkeypatch.setattr("pipedyn.bifurcation.floquet._between_kinks", lambda motion, orbit: None)
+    monkeypatch.setattr("pipedyn.orbits.floquet._between_kinks", lambda motion, orbit: None)
     by_collocation, _, other = orbit_multipliers(motion, cycle.orbit)
     assert other < 1e-9 < error < 1e-7
     assert by_series == pytest.approx(by_collocation, abs=error)
@@ -137,7 +137,7 @@ def test_half_and_twice_as_fine_meshes_agree_on_a_damped_pipe(monkeypatch):
     model, u = pp.Chain(pp.Pipe(0.2, damping=1e-3), 8), 6.0
     motion, orbit = VectorField(model), pp.limit_cycle(model, u).orbit
     found, _, error = orbit_multipliers(motion, orbit)
-    monkeypatch.setattr("pipedyn.bifurcation.floquet._by_pairs", lambda motion, orbit: None)
+    monkeypatch.setattr("pipedyn.orbits.floquet._by_pairs", lambda motion, orbit: None)
     finer, _, _ = orbit_multipliers(motion, orbit)
     assert error < 1e-8
     assert found == pytest.approx(finer, abs=error)

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import pipedyn as pp
-from pipedyn.bifurcation.follow import Control, DenseProblem, follow
+from pipedyn.continuation.own_equations import Control, DenseProblem, follow
 
 
 def cubic(x, p):

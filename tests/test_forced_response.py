@@ -14,7 +14,7 @@ import pytest
 import scipy.optimize
 
 import pipedyn as pp
-from pipedyn.bifurcation import forced_response
+from pipedyn.forced import forced_response
 from pipedyn.util.newton import NewtonFailed
 
 SHAKEN = pp.Pipe(0.2, damping=0.002)

@@ -10,7 +10,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 import pipedyn as pp
-from pipedyn.bifurcation.hopf import NormalForm, normal_form
+from pipedyn.equilibrium.hopf import NormalForm, normal_form
 
 PIPE = pp.Pipe(0.2)
 ASPIRATING = pp.Pipe(0.2, flow="aspirating", damping=0.01)
@@ -434,7 +434,7 @@ def test_where_there_is_no_flutter_there_is_no_hopf_point():
 
 def test_a_pair_that_only_touches_the_axis_is_no_hopf_point(monkeypatch):
     monkeypatch.setattr(
-        "pipedyn.bifurcation.vector_field.VectorField.jacobian_by_speed",
+        "pipedyn.motion.vector_field.VectorField.jacobian_by_speed",
         lambda motion, y, u, moved: np.zeros((8, 8)),
     )
     with pytest.raises(pp.NoHopf, match="touches the axis"):
@@ -448,7 +448,7 @@ def test_a_coefficient_that_is_lost_in_its_error_is_not_given(monkeypatch):
         form = normal_form(*args, **kwargs)
         return NormalForm(form.frequency, form.right, form.left, 1e-9 + 1j, 1e-8)
 
-    monkeypatch.setattr(sys.modules["pipedyn.bifurcation.hopf"], "normal_form", blurred)
+    monkeypatch.setattr(sys.modules["pipedyn.equilibrium.hopf"], "normal_form", blurred)
     with pytest.raises(pp.NotConverged, match="0 within its error"):
         pp.hopf(model)
 

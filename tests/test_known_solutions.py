@@ -7,15 +7,15 @@ import numpy as np
 import pytest
 
 import pipedyn as pp
-from pipedyn.bifurcation import regions
-from pipedyn.bifurcation.branches import _steepness
-from pipedyn.bifurcation.motion_ends import Case, motion_ends
-from pipedyn.bifurcation.motion_options import MotionOptions, initial_bends
-from pipedyn.bifurcation.regions import FALLEN, NOWHERE, Approach, Excitation, WatchedTask
-from pipedyn.bifurcation.solutions import cycle as solution
-from pipedyn.bifurcation.solutions import equilibria_near, kept_apart
-from pipedyn.bifurcation.vector_field import VectorField
+from pipedyn.attraction import regions
+from pipedyn.attraction.motion_ends import Case, motion_ends
+from pipedyn.attraction.motion_options import MotionOptions, initial_bends
+from pipedyn.attraction.regions import FALLEN, NOWHERE, Approach, Excitation, WatchedTask
+from pipedyn.attraction.solutions import cycle as solution
+from pipedyn.attraction.solutions import equilibria_near, kept_apart
+from pipedyn.cycles.branches import _steepness
 from pipedyn.motion.simulate import checked_task
+from pipedyn.motion.vector_field import VectorField
 from pipedyn.util.counters import counted
 
 MODEL, SPEED = pp.Chain(pp.Pipe(0.2), 3), 5.0

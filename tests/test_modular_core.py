@@ -12,7 +12,7 @@ import scipy.linalg
 import pipedyn as pp
 from pipedyn import _core
 from pipedyn import modular as md
-from pipedyn.models.modular.layout import coordinates_by_angles
+from pipedyn.modular.layout import coordinates_by_angles
 
 PIPE = pp.Pipe(0.3, 4.0, drag=1.5, damping=0.01)
 ASPIRATING = pp.Pipe(0.3, 4.0, "aspirating", 0.7, drag=1.5, damping=0.01)

@@ -13,8 +13,8 @@ import pytest
 from scipy.integrate import solve_ivp
 
 import pipedyn as pp
-from pipedyn.bifurcation.parametric_search import regions
-from pipedyn.bifurcation.pulsating import Hill, PulsatingPipe
+from pipedyn.forced.parametric_search import regions
+from pipedyn.forced.pulsating import Hill, PulsatingPipe
 
 PIPE = pp.Pipe(0.2, gamma=10.0)
 

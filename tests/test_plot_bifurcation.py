@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 
 import pipedyn as pp
 from pipedyn import plot
-from pipedyn.bifurcation.branches import CycleEvent
+from pipedyn.cycles.branches import CycleEvent
 from pipedyn.plot.bifurcation import A_STEP, smooth
 
 TWO = pp.Chain(pp.Pipe(0.2, -20.0), 2)

@@ -185,7 +185,7 @@ def test_the_audit_falls_with_the_tolerance(name):
 def test_a_scene_whose_nodes_nothing_holds_moves_as_a_chain_does_without_matrices(monkeypatch):
     pipe = pp.Pipe(0.3, 2.0, drag=1.0, damping=0.01)
     scene, chain = md.chain(pipe, 40).plus(*TERMS), pp.Chain(replace(pipe, terms=TERMS), 40)
-    monkeypatch.delattr("pipedyn.models.modular.motion.SceneMotion.jacobian")
+    monkeypatch.delattr("pipedyn.modular.motion.SceneMotion.jacobian")
     options = {"samples": 6, "rtol": 1e-9, "method": "radau"}
     found, other = (pp.simulate(model, 4.0, 0.3, bent, **options) for model in (scene, chain))
     assert found.evaluations == other.evaluations

@@ -8,8 +8,8 @@ import pytest
 
 import pipedyn as pp
 from pipedyn import _core
-from pipedyn.bifurcation.periodic_orbit import NODES
 from pipedyn.models.drive import ROWS
+from pipedyn.orbits.periodic_orbit import NODES
 
 PIPE = pp.Pipe(0.2, 10.0, drag=0.5, terms=[pp.PointMass(1.0, 0.2)])
 ASPIRATING = pp.Pipe(0.4, 5.0, "aspirating", inflow_share=0.5, terms=[pp.AddedMass(0.3)])

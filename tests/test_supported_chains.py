@@ -15,7 +15,7 @@ import scipy.special
 
 import pipedyn as pp
 from pipedyn import modular as md
-from pipedyn.bifurcation.equilibria import Statics
+from pipedyn.equilibrium.equilibria import Statics
 
 Array = np.ndarray
 

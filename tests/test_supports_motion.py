@@ -9,7 +9,7 @@ from scipy.optimize import brentq
 from scipy.special import ellipk
 
 import pipedyn as pp
-from pipedyn.bifurcation.equilibria import Statics
+from pipedyn.equilibrium.equilibria import Statics
 
 HELD = (
     {"root": "pinned", "end": "pinned"},

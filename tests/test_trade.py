@@ -25,7 +25,7 @@ from pipedyn.accuracy.quantities import (
     RootLociOver,
 )
 from pipedyn.accuracy.trade import measured
-from pipedyn.bifurcation.periodic_orbit import STAGES
+from pipedyn.orbits.periodic_orbit import STAGES
 from pipedyn.util.counters import TookTooLong, counted, limited
 
 PIPE = pp.Pipe(0.2)

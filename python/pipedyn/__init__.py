@@ -4,11 +4,11 @@
 from importlib import import_module as _import_module
 from types import ModuleType as _ModuleType
 
+from pipedyn import continuation, modular
 from pipedyn.accuracy.choose import Choice, NoModel, choose
 from pipedyn.accuracy.effects import Effect, Relevance, relevant
 from pipedyn.accuracy.trade import Trade, TradeRow, trade
-from pipedyn.bifurcation import follow as continuation
-from pipedyn.bifurcation.attractors import (
+from pipedyn.attraction.attractors import (
     Attractors,
     Basin,
     Share,
@@ -16,40 +16,40 @@ from pipedyn.bifurcation.attractors import (
     StartPlane,
     attractors,
 )
-from pipedyn.bifurcation.boundary import Boundary, BoundaryCurve, boundary
-from pipedyn.bifurcation.branches import CycleBranch, CycleEvent
-from pipedyn.bifurcation.cycle_boundary import CycleBoundary, cycle_boundary
-from pipedyn.bifurcation.diagram import (
+from pipedyn.attraction.solutions import Attractor
+from pipedyn.curves.boundary import Boundary, BoundaryCurve, boundary
+from pipedyn.curves.cycle_boundary import CycleBoundary, cycle_boundary
+from pipedyn.curves.event_curve import CycleCurve, CyclePoint
+from pipedyn.curves.organising import OrganisingPoint
+from pipedyn.cycles.branches import CycleBranch, CycleEvent
+from pipedyn.cycles.limit_cycle import LimitCycle, NoCycle, limit_cycle
+from pipedyn.diagram import (
     BifurcationDiagram,
     DiagramCost,
     bifurcation_diagram,
     diagram_cost,
 )
-from pipedyn.bifurcation.equilibria import (
+from pipedyn.equilibrium.equilibria import (
     BranchPoint,
     Equilibria,
     EquilibriumBranch,
     equilibria,
     equilibrium_branch,
 )
-from pipedyn.bifurcation.event_curve import CycleCurve, CyclePoint
-from pipedyn.bifurcation.forced_response import (
+from pipedyn.equilibrium.hopf import CriticalityCurve, Hopf, NoHopf, criticality_curve, hopf
+from pipedyn.forced.forced_response import (
     ForcedBranch,
     ForcedEvent,
     ForcedMotion,
     ForcedResponse,
     forced_response,
 )
-from pipedyn.bifurcation.hopf import CriticalityCurve, Hopf, NoHopf, criticality_curve, hopf
-from pipedyn.bifurcation.limit_cycle import LimitCycle, NoCycle, limit_cycle
-from pipedyn.bifurcation.organising import OrganisingPoint
-from pipedyn.bifurcation.parametric_regions import (
+from pipedyn.forced.parametric_regions import (
     ParametricRegion,
     ParametricRegions,
     parametric_regions,
 )
-from pipedyn.bifurcation.pulsating import FloquetMultipliers, floquet
-from pipedyn.bifurcation.solutions import Attractor
+from pipedyn.forced.pulsating import FloquetMultipliers, floquet
 from pipedyn.linear.critical_speed import CriticalSpeed, NoCrossing, critical_speed, crossings
 from pipedyn.linear.frequency_response import (
     FrequencyResponse,
@@ -65,7 +65,6 @@ from pipedyn.linear.identification import (
 from pipedyn.linear.modes import Modes, ModeShape, RootLoci, eigenvalues, modes, root_loci
 from pipedyn.linear.sensitivity import Crossing, Crossings, Derivatives, Sensitivity
 from pipedyn.linear.stability_curve import Failure, StabilityCurve, stability_curve
-from pipedyn.models import modular
 from pipedyn.models.base import (
     Model,
     NotConverged,

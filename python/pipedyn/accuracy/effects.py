@@ -19,7 +19,7 @@ from pipedyn.accuracy.quantities import (
     conditions_of,
 )
 from pipedyn.accuracy.reference import MARGIN, Answer
-from pipedyn.bifurcation.limit_cycle import NoCycle
+from pipedyn.cycles.limit_cycle import NoCycle
 from pipedyn.linear.critical_speed import NoCrossing, largest_tension
 from pipedyn.linear.modes import CONTINUUM_SPEED, modes
 from pipedyn.linear.neutral import growth

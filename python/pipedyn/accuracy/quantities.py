@@ -21,8 +21,8 @@ from numpy.typing import ArrayLike, NDArray
 from pipedyn import _core
 from pipedyn.accuracy.convergence import FAMILIES
 from pipedyn.accuracy.reference import LEAST_ERROR, Answer
-from pipedyn.bifurcation.limit_cycle import limit_cycle
-from pipedyn.bifurcation.solutions import LARGEST_CYCLE
+from pipedyn.attraction.solutions import LARGEST_CYCLE
+from pipedyn.cycles.limit_cycle import limit_cycle
 from pipedyn.linear.critical_speed import CriticalSpeed, checked_end, critical_speed
 from pipedyn.linear.modes import CONTINUUM_SPEED, eigenvalues, modes, root_loci
 from pipedyn.models.base import Model, NotConverged, PipedynError

@@ -26,7 +26,7 @@ from pipedyn.linear.critical_speed import critical_speed
 from pipedyn.models.base import Model, PipedynError
 from pipedyn.models.constant_head import ConstantHead
 from pipedyn.models.drive import LARGEST_SPEED, Base, Drive, DriveFailed, Speed, Supply
-from pipedyn.models.modular.assembly import Assembly
+from pipedyn.modular.assembly import Assembly
 from pipedyn.motion.events import (
     DenseOutput,
     Event,

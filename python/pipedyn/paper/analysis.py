@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from pipedyn.bifurcation.boundary import Boundary, boundary
+from pipedyn.curves.boundary import Boundary, boundary
 from pipedyn.linear.critical_speed import (
     CriticalSpeed,
     NoCrossing,

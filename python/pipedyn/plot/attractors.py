@@ -11,8 +11,8 @@ from matplotlib.axes import Axes
 from matplotlib.colors import BoundaryNorm, ListedColormap
 from matplotlib.patches import Patch
 
-from pipedyn.bifurcation.attractors import Attractors, Basin
-from pipedyn.bifurcation.diagram import BifurcationDiagram
+from pipedyn.attraction.attractors import Attractors, Basin
+from pipedyn.diagram import BifurcationDiagram
 from pipedyn.motion.simulate import simulate
 from pipedyn.plot import common
 from pipedyn.plot.motion import Film, animate

@@ -12,11 +12,11 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.patches import Circle
 
-from pipedyn.bifurcation.branches import CycleBranch
-from pipedyn.bifurcation.diagram import BifurcationDiagram
-from pipedyn.bifurcation.equilibria import EquilibriumBranch
-from pipedyn.bifurcation.floquet import UNIT, nontrivial
-from pipedyn.bifurcation.limit_cycle import LimitCycle
+from pipedyn.cycles.branches import CycleBranch
+from pipedyn.cycles.limit_cycle import LimitCycle
+from pipedyn.diagram import BifurcationDiagram
+from pipedyn.equilibrium.equilibria import EquilibriumBranch
+from pipedyn.orbits.floquet import UNIT, nontrivial
 from pipedyn.plot import common
 from pipedyn.plot.motion import finer, path_of
 from pipedyn.plot.units import SPEED, TIP, TIP_RATE, Quantity, Units, View

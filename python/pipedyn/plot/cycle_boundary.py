@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 
-from pipedyn.bifurcation.boundary import Boundary
-from pipedyn.bifurcation.cycle_boundary import CycleBoundary
-from pipedyn.bifurcation.event_curve import CycleCurve
+from pipedyn.curves.boundary import Boundary
+from pipedyn.curves.cycle_boundary import CycleBoundary
+from pipedyn.curves.event_curve import CycleCurve
 from pipedyn.plot import common
 from pipedyn.plot.bifurcation import STABILITY_STYLES
 from pipedyn.plot.stability_map import parts_of_stability

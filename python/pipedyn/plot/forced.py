@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 
-from pipedyn.bifurcation.forced_response import ForcedResponse
-from pipedyn.bifurcation.parametric_regions import ParametricRegion, ParametricRegions
+from pipedyn.forced.forced_response import ForcedResponse
+from pipedyn.forced.parametric_regions import ParametricRegion, ParametricRegions
 from pipedyn.linear.frequency_response import FrequencyResponse
 from pipedyn.plot import common
 from pipedyn.plot.bifurcation import A_STEP, smooth

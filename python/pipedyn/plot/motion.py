@@ -27,8 +27,8 @@ from matplotlib.figure import Figure
 from matplotlib.patches import FancyArrowPatch, Rectangle
 from numpy.typing import ArrayLike
 
-from pipedyn.bifurcation.attractors import Basin
-from pipedyn.bifurcation.limit_cycle import LimitCycle
+from pipedyn.attraction.attractors import Basin
+from pipedyn.cycles.limit_cycle import LimitCycle
 from pipedyn.models.pipe import Pipe
 from pipedyn.motion.sampling import INVISIBLE, ROUNDING, coarse
 from pipedyn.motion.simulate import Ensemble, Motion

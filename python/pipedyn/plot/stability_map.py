@@ -15,7 +15,7 @@ from matplotlib.markers import TICKUP
 from matplotlib.patheffects import withTickedStroke
 from numpy.typing import NDArray
 
-from pipedyn.bifurcation.boundary import Boundary, BoundaryCurve
+from pipedyn.curves.boundary import Boundary, BoundaryCurve
 from pipedyn.linear.critical_speed import CriticalSpeed
 from pipedyn.linear.stability_curve import StabilityCurve
 from pipedyn.models.pipe import Pipe

@@ -1,0 +1,615 @@
+# SPDX-License-Identifier: MIT
+"""The attractors at one flow speed and their basins: where motions from many starts end.
+
+A few of the starts are followed first. Most of the others soon reach what these, or stable
+equilibria, have shown, and end there.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Callable
+from dataclasses import field, replace
+from functools import partial
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from pipedyn.attraction.motion_ends import RECORDED, Answer, Case, motion_ends
+from pipedyn.attraction.motion_options import (
+    FIRST_LOOK,
+    SAMPLES_A_TIME,
+    MotionOptions,
+    initial_bends,
+)
+from pipedyn.attraction.records import turning_points
+from pipedyn.attraction.regions import NOWHERE, STOPPED, Excitation
+from pipedyn.attraction.solutions import Attractor, Solution, equilibria_near
+from pipedyn.equilibrium.equilibria import LARGEST, searched
+from pipedyn.models.base import Model, NotConverged, PipedynError
+from pipedyn.models.drive import LARGEST_SPEED, Harmonic, Pulsation, Supply
+from pipedyn.motion.simulate import (
+    BATCH,
+    LARGEST_ENSEMBLE,
+    LARGEST_SAMPLES,
+    Motion,
+    MotionStopped,
+    checked_model_in_motion,
+    simulate,
+)
+from pipedyn.util import check
+from pipedyn.util.archive import saved_as
+from pipedyn.util.check import Array
+from pipedyn.util.later import futures
+from pipedyn.util.parallel import parallel
+from pipedyn.util.result import Result, TableResult
+from pipedyn.util.units import LENGTH, RATE
+
+PILOTS, TOGETHER = BATCH, 128
+"""Starts that are followed first, one batch: what attracts a tenth of all starts is missed once in
+30 times, and then found by the others, of which so many are followed together."""
+
+PERIODS, SAMPLES = 16, 256
+"""Periods of a cycle that are recorded for its basin, and samples between two of its maxima."""
+
+DRIVE_PERIODS = 48
+"""Periods of what drives a motion that are recorded, rounded down to whole ones of the motion."""
+
+MOST_SAMPLES = 2**16
+"""Samples of a motion that is recorded."""
+
+TOLERANCE = 1e-9
+"""Relative tolerance of the motions that are recorded."""
+
+
+@saved_as("Share")
+class Share(Result):
+    """How many of all starts.
+
+    Attributes:
+        count: number of starts.
+        value: the same as a share of all.
+        error: its standard error where the starts are drawn at random, independently; half the
+            width of Wilson's interval, which is above 0 also where all starts or none count. For
+            a plane or starts of one's own it is a measure of how few they are.
+    """
+
+    count: int
+    value: float
+    error: float
+
+
+@saved_as("Basin", shapes={"F": "frequencies spectrum", "K n": "section"})
+class Basin(Result, units={"exponent": RATE, "spectrum": LENGTH}):
+    """An attractor, and the starts that end on it.
+
+    Attributes:
+        attractor: where one of these ends; its exponent is measured if it is irregular.
+        share: of the starts that end on it.
+        attracts: whether eigenvalues or Floquet multipliers say that it attracts what is near.
+            Where these are not known, as of more than 100 degrees of freedom and of driven pipes at
+            rest, whether motions from beside it in sixteen directions drawn at random come nearer.
+            Where it does not, the starts lie on what an unstable equilibrium or cycle attracts, as
+            the straight pipe at rest does. Of irregular ones not known: False.
+        period: in T; 0 at rest, NaN where irregular.
+        amplitude: half the peak-to-peak transverse motion of the free end, in L.
+        exponent: largest Lyapunov exponent in 1 / T: of rest the largest real part of an eigenvalue
+            and of a cycle 0, as its phase is neutral; measured where irregular, NaN if not asked
+            for. Of rest and cycles where the flow pulsates or the base oscillates NaN.
+        mirror_image: which of the basins is its mirror image, itself where it is symmetric; -1
+            where the pipe has no mirror symmetry or no start ends there.
+        frequencies: angular, in 1 / T, shape (F,); empty at rest.
+        spectrum: amplitude of the free end's transverse motion by frequency, in L, shape (F,): of a
+            cycle, those of its harmonics; where irregular, through Hann's window.
+        section: Poincare section: states [q, q'] on it where the free end is at a maximum of its
+            transverse position, in order, shape (K, 2 coordinates); empty at rest. Where the flow
+            pulsates or the base oscillates, the stroboscopic one: when a period of that begins.
+        motion: on it, as it was recorded: of a cycle 16 periods, if driven 48 of the drive's.
+    """
+
+    attractor: Attractor
+    share: Share
+    attracts: bool
+    period: float
+    amplitude: float
+    exponent: float
+    mirror_image: int
+    frequencies: Array = field(repr=False)
+    spectrum: Array = field(repr=False)
+    section: Array = field(repr=False)
+    motion: Motion = field(repr=False)
+
+    @property
+    def ending(self) -> str:
+        """As of `Attractor`: "rest", "periodic", "quasi-periodic", "chaotic" or "irregular"."""
+        return self.attractor.ending
+
+
+@saved_as("StartPlane", shapes={"X": "x", "Y": "y"})
+class StartPlane(Result):
+    """Starts on a plane of two coordinates or rates, such as two initial angles.
+
+    Attributes:
+        x: values of the first, increasing, shape (X,).
+        y: values of the second, increasing, shape (Y,).
+        indices: which entries of the state [q, q'] they are, counted from 0.
+        state: [q, q'] elsewhere, shape (2 coordinates,), or coordinates at rest; the pipe at rest
+            where not given.
+
+    Example:
+        >>> angles = np.linspace(-1.0, 1.0, 5)
+        >>> plane = pp.StartPlane(angles, angles)
+        >>> plane.shape
+        (5, 5)
+    """
+
+    x: Array
+    y: Array
+    indices: tuple[int, int] = (0, 1)
+    state: Array | None = None
+
+    def __post_init__(self) -> None:
+        for name in ("x", "y"):
+            values = check.array(name, getattr(self, name), longest=LARGEST_ENSEMBLE)
+            if not values.size or np.any(np.diff(values) <= 0.0):
+                raise ValueError(f"{name} must hold values, strictly increasing")
+            object.__setattr__(self, name, values)
+        if not isinstance(self.indices, tuple | list) or len(self.indices) != 2:
+            raise TypeError(f"indices must be two numbers, got {check.shown(self.indices)}")
+        pair = tuple(check.count("indices", one, low=0) for one in self.indices)
+        if pair[0] == pair[1]:
+            raise ValueError(f"indices must be two different ones, got {pair}")
+        object.__setattr__(self, "indices", pair)
+        if self.state is not None:
+            object.__setattr__(self, "state", check.array("state", self.state))
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """(Y, X): starts go along x first."""
+        return self.y.size, self.x.size
+
+
+@saved_as("StartFailure")
+class StartFailure(Result):
+    """A start whose motion stopped or was not computed, or that has none.
+
+    Attributes:
+        index: of the start.
+        error: why.
+    """
+
+    index: int
+    error: Exception
+
+
+@saved_as(
+    "Attractors",
+    added=("unsettled_motions",),
+    shapes={"N 2coordinates": "starts", "N": "ends"},
+)
+class Attractors(TableResult, units={"exponent": RATE}):
+    """All that motions from many starts end on, at one flow speed.
+
+    Attributes:
+        u: flow speed, as given.
+        basins: attractors with their shares, the largest first.
+        unsettled: share of the starts of which it could not be told where their motions end.
+        failed: share of the starts whose motions stopped or were not computed.
+        starts: states [q, q'], shape (N, 2 coordinates).
+        ends: of each start which of the basins it lies in; -1 if unsettled, -2 if failed, shape
+            (N,).
+        failures: the starts whose motions stopped or were not computed, with the reasons.
+        model: the model.
+        plane: that was given, None for other starts.
+        base: motion of the base, as given.
+        unsettled_motions: these motions, each with the `reason`, as many as `unsettled` counts.
+
+    Example:
+        >>> found = pp.attractors(pp.Chain(pp.Pipe(0.2), 2), 4.0, 8)
+        >>> [(basin.ending, basin.share.count) for basin in found.basins]
+        [('periodic', 8)]
+    """
+
+    u: float | Pulsation
+    basins: tuple[Basin, ...]
+    unsettled: Share
+    failed: Share
+    starts: Array = field(repr=False)
+    ends: NDArray[np.int_] = field(repr=False)
+    failures: tuple[StartFailure, ...]
+    model: Model
+    plane: StartPlane | None = field(default=None, repr=False)
+    base: Harmonic | None = None
+    unsettled_motions: tuple[Attractor, ...] = field(default=(), repr=False)
+
+    def __len__(self) -> int:
+        return len(self.basins)
+
+    def _columns(self) -> dict[str, Any]:
+        names = "ending", "period", "amplitude", "exponent", "attracts", "mirror_image"
+        shares = {
+            "share": [one.share.value for one in self.basins],
+            "share_error": [one.share.error for one in self.basins],
+        }
+        return shares | {name: [getattr(one, name) for one in self.basins] for name in names}
+
+
+def attractors(
+    model: Model,
+    u: float | Pulsation,
+    starts: int | ArrayLike | StartPlane = 200,
+    *,
+    base: Harmonic | None = None,
+    transient: float = 60.0,
+    duration: float = 40.0,
+    exponents: bool = True,
+    rtol: float = 1e-6,
+    seed: int = 0,
+    executor: futures.Executor | None = None,
+    progress: bool = False,
+) -> Attractors:
+    """All attractors that motions from many starts end on, with the share of starts of each.
+
+    A motion ends as soon as it has reached a known attractor: it is near, and comes nearer as
+    linear theory says. Known are stable equilibria and, from then on, whatever a motion has led to:
+    a cycle is solved for where one comes back to an earlier state, and attracts if its Floquet
+    multipliers say so. What neither rests nor repeats after the transient is followed on as long as
+    it comes nearer to something. Else it is "chaotic" where its largest Lyapunov exponent is above
+    0 by more than three times its spread, and "quasi-periodic" where that is not so and averages
+    over its record converge as they do on a torus only. What cannot be told is unsettled, with the
+    reason. A motion and its mirror image, x to -x, end on two attractors, unless these are the
+    same.
+
+    Where the flow pulsates or the base oscillates, motions begin with a period of that, and states
+    are compared at the same phase of it.
+
+    Args:
+        model: chain, reduced model or scene, up to 500 degrees of freedom. Its free end must move.
+        u: flow speed >= 0, in sqrt(EI / mu_f) / L, or a `Pulsation`.
+        starts: a number of starts at rest, drawn at random: the angle theta(s) is the sum of sin((k
+            - 1/2) pi s), k = 1, 2, 3, times a_k, uniform in [-2, 2], [-1, 1] and [-1/2, 1/2] rad,
+            all times 10^-a, a uniform in [0, 1.5]; shares are of this distribution. Or states
+            [q, q'], shape (N, 2 coordinates), or coordinates at rest, (N, coordinates); or a
+            `StartPlane`.
+        base: motion of the base, of the frequency of a pulsating flow; None at rest.
+        transient: time in T after which a motion that has reached nothing known is recorded.
+        duration: time over which it is; what comes nearer to something is followed for up to eight
+            times as long as both.
+        exponents: whether the largest Lyapunov exponent of irregular motions is computed. Without
+            it they are "irregular".
+        rtol: relative tolerance of the motions. Where those of the first batch are on their way,
+            explicit steps take 1e-4 if rtol is less.
+        seed: of the random starts, and of the choice of the first batch.
+        executor: a `concurrent.futures.Executor`, of which batches are the tasks, instead of the
+            threads of this process. Motions that it does not answer, since a worker died or it is
+            broken or shut down, fail.
+        progress: show progress on stderr.
+
+    Returns:
+        Attractors; a start whose motion fails is reported and leaves the others.
+
+    Raises:
+        ValueError, TypeError: for bad arguments.
+
+    Example:
+        >>> chain = pp.Chain(pp.Pipe(0.2), 2)
+        >>> found = pp.attractors(chain, 4.0, 10)
+        >>> found.basins[0].ending, found.basins[0].share.value
+        ('periodic', 1.0)
+    """
+    model = checked_model_in_motion(model, largest=LARGEST, purpose="attractors")
+    drive = _checked_drive(model, u, base)
+    check.real("transient", transient, low=FIRST_LOOK, high=1e6)
+    options = MotionOptions.checked(transient, duration, rtol, exponents, seed, executor, progress)
+    options = replace(
+        options,
+        transient=drive.whole(options.transient),
+        duration=drive.whole(options.duration),
+    )
+    options.require_room(model)
+    plane = starts if isinstance(starts, StartPlane) else None
+    _require_moving_end(model)
+    given = _given_starts(model, starts, options.seed)
+    ends, unsettled, failed, case = _ends(model, drive, given, options)
+    shares = [_share(ends, k) for k in range(len(case.solutions))]
+    order = np.argsort([-share.count for share in shares], kind="stable").tolist()
+    order = [k for k in order if shares[k].count]
+    some = [case.solutions[k] for k in order]
+    basins = []
+    for k, one in zip(order, some, strict=True):
+        images = (j for j, other in enumerate(some) if one.is_mirror_image(other, drive.shifts))
+        image = next(images, -1) if case.odd else -1
+        start = int(np.argmax(ends == k))
+        basins.append(_basin(model, drive, options, one, shares[k], start, image))
+    places = np.append(np.zeros(len(shares), dtype=int), [STOPPED, NOWHERE])
+    places[order] = np.arange(len(order))
+    return Attractors(
+        u=drive.u,
+        base=drive.base,
+        basins=tuple(basins),
+        unsettled=_share(ends, NOWHERE),
+        failed=_share(ends, STOPPED),
+        starts=given,
+        ends=places[ends],
+        failures=tuple(StartFailure(i, error) for i, error in sorted(failed.items())),
+        model=model,
+        plane=plane,
+        unsettled_motions=tuple(unsettled),
+    )
+
+
+def _checked_drive(model: Model, u: Any, base: Any) -> Excitation:
+    """The arguments `u` and `base`, if motions end on something."""
+    if isinstance(u, Supply) or (callable(u) and not isinstance(u, Pulsation)):
+        rule = "u must be a flow speed or a Pulsation"
+        raise TypeError(
+            f"{rule}, as attractors need a steady flow or a period, got {check.shown(u)}"
+        )
+    if not (base is None or isinstance(base, Harmonic)):
+        raise TypeError(
+            f"base must be a Harmonic, which has a period, or None, got {check.shown(base)}"
+        )
+    if base is not None:
+        model.require_base()
+    if isinstance(u, Pulsation):
+        if base is not None and base.frequency != u.frequency:
+            raise ValueError(
+                f"base must have the frequency of u, {u.frequency:g}, so that both repeat, got "
+                f"{base.frequency:g}"
+            )
+        return Excitation(u, base)
+    u = check.real("u", u, low=0.0, high=LARGEST_SPEED)
+    if u == 0.0 and not (model.pipe.damping or model.resisted):
+        raise ValueError(
+            "u must be > 0 for a pipe without damping and drag, got 0: nothing takes energy from "
+            "its motions, so that they end nowhere"
+        )
+    return Excitation(u, base)
+
+
+def _given_starts(model: Model, starts: Any, seed: int) -> Array:
+    """The argument as states [q, q'], (N, 2 coordinates)."""
+    size = model.coordinates
+    if isinstance(starts, StartPlane):
+        return _plane_states(starts, model)
+    kinds = "a whole number, an array of states or a StartPlane"
+    given = check.numbers("starts", starts, kinds, longest=LARGEST_SAMPLES)
+    if given.ndim == 0:
+        count = check.count("starts", starts, high=LARGEST_ENSEMBLE)
+        made = np.array(initial_bends(model, count + 1, seed)[1:])
+    elif given.ndim != 2 or given.shape[1] not in (size, 2 * size):
+        raise ValueError(
+            f"starts must have the shape (N, {2 * size}) of states [q, q'] or (N, {size}) of "
+            f"coordinates at rest, got {given.shape}"
+        )
+    elif not 0 < len(given) <= LARGEST_ENSEMBLE:
+        raise ValueError(f"starts must be 1 to {LARGEST_ENSEMBLE}, got {len(given)}")
+    else:
+        made = check.array("starts", given.ravel(), longest=LARGEST_SAMPLES).reshape(given.shape)
+    return np.concatenate([made, np.zeros((len(made), 2 * size - made.shape[1]))], axis=1)
+
+
+def _plane_states(plane: StartPlane, model: Model) -> Array:
+    """The states [q, q'] of a plane, (Y X, 2 coordinates)."""
+    size = 2 * model.coordinates
+    if max(plane.indices) >= size:
+        raise ValueError(
+            f"starts must have indices in [0, {size - 1}], as a state [q, q'] of the model has "
+            f"{size} entries, got {plane.indices}"
+        )
+    if plane.x.size * plane.y.size > LARGEST_ENSEMBLE:
+        raise ValueError(f"starts must be 1 to {LARGEST_ENSEMBLE}, got {plane.shape}")
+    rest, _ = model.recorded(model.resting()[None], np.zeros((1, model.moving)))
+    given = rest[0] if plane.state is None else plane.state
+    if given.size not in (size, size // 2):
+        raise ValueError(
+            f"starts must have a state of {size // 2} or {size} entries, got {given.size}"
+        )
+    made = np.zeros((*plane.shape, size))
+    made[..., : given.size] = given
+    made[..., plane.indices[0]] = plane.x
+    made[..., plane.indices[1]] = plane.y[:, None]
+    return made.reshape(-1, size)
+
+
+def _require_moving_end(model: Model) -> None:
+    """Motions are told by their free end: a held one tells nothing."""
+    resting = model.resting()
+    bent = np.column_stack([resting, resting[:, None] + 0.1 * model.free_directions(resting)])
+    p, rates = model.projected(bent, np.zeros_like(bent))
+    q, _ = model.recorded(p.T, rates.T)
+    places = model.tips(q.T)[:, 0]
+    if np.abs(places - places[0]).max() < 1e-6:
+        raise ValueError(
+            "model must have an end that moves across: attractors are told by its transverse "
+            f"motion, and the end of {model!r} is held"
+        )
+
+
+# --------------------------------------------------------------------------------------- the search
+
+
+def _ends(
+    model: Model, drive: Excitation, starts: Array, options: MotionOptions
+) -> tuple[NDArray[np.int_], list[Attractor], dict[int, Exception], Case]:
+    """Where motions from states [q, q'] end.
+
+    Returns:
+        The numbers of solutions of a case, (N,); the motions that are unsettled; why others stopped
+        or were not computed, by their starts; and the case.
+    """
+    states, errors, unsettled = dict[int, Array](), dict[int, Exception](), list[Attractor]()
+    for i, start in enumerate(starts):
+        try:
+            states[i] = np.asarray(model.start(*np.split(start, 2))).reshape(2, -1)
+        except PipedynError as error:
+            errors[i] = error
+        except ValueError as error:
+            rule = str(error).replace("qdot0", "q0").replace("q0", "starts", 1)
+            raise ValueError(f"{rule} (start {i})") from error
+    order = np.random.default_rng(options.seed).permutation(len(starts)).tolist()
+    order = [i for i in order if i in states]
+    case = Case(model, drive, _stable_equilibria(model, drive))
+    alone = replace(options, executor=None, shown=False)
+    ends = np.full(len(starts), STOPPED)
+
+    def followed(some: list[int]) -> Callable[[], tuple[list[list[Answer]], list[Case]]]:
+        copy = Case(model, drive, case.solutions)
+        return partial(motion_ends, model, [copy], [states[i] for i in some], alone)
+
+    for begin, end, size in ((0, PILOTS, PILOTS), (PILOTS, len(order), TOGETHER)):
+        some = order[begin:end]
+        parts = [some[i : i + size] for i in range(0, len(some), size)]
+        known, jobs = len(case.solutions), [followed(part) for part in parts]
+        every = parallel(jobs, options.executor, label="attractors", progress=options.shown)
+        for part, answer in zip(parts, every, strict=True):
+            if isinstance(answer, Exception):
+                errors |= dict.fromkeys(part, answer)
+                continue
+            [answers], [found] = answer
+            new = [case.learn(one) for one in found.solutions[known:]]
+            numbers = [*range(known), *new, STOPPED, NOWHERE]
+            for i, (number, one) in zip(part, answers, strict=True):
+                ends[i] = numbers[number]
+                if isinstance(one, Exception):
+                    errors[i] = one
+                elif number == NOWHERE:
+                    unsettled.append(replace(one, start=i))
+    unsettled.sort(key=lambda one: one.start)
+    return ends, unsettled, {i: _of_start(error, i) for i, error in errors.items()}, case
+
+
+def _of_start(error: Exception, i: int) -> Exception:
+    """The error of a motion with the number of its start."""
+    if not isinstance(error, MotionStopped):
+        return error
+    return MotionStopped(re.sub(r"start \d+ ", f"start {i} ", str(error), count=1), error.motion)
+
+
+def _stable_equilibria(model: Model, drive: Excitation) -> list[Solution]:
+    """Equilibria that attract, as far as they are found; none where motions are driven."""
+    if drive.period:
+        return []
+    try:
+        known = searched(model, drive.mean, (), counted=False)
+    except NotConverged:
+        return []
+    guesses = [np.split(np.asarray(model.start(q, None)), 2)[0] for q in known.q[known.stable]]
+    return [one for one in equilibria_near(model, guesses, drive.mean) if one.attracts]
+
+
+def _share(ends: NDArray[np.int_], end: int) -> Share:
+    """The share of the starts that end there."""
+    n, count = len(ends), int(np.count_nonzero(ends == end))
+    value = count / n
+    error = math.sqrt(value * (1.0 - value) / n + 0.25 / n**2) / (1.0 + 1.0 / n)
+    return Share(count, value, error)
+
+
+# --------------------------------------------------------------------------------- what moves there
+
+
+def _basin(
+    model: Model,
+    drive: Excitation,
+    options: MotionOptions,
+    one: Solution,
+    share: Share,
+    start: int,
+    image: int,
+) -> Basin:
+    """A solution with the motion on it and what that tells."""
+    end, period = one.attractor, one.period
+    ending, repeats, none = end.ending, not math.isnan(period), np.zeros(0)
+    duration, samples = drive.whole(RECORDED * options.duration), 0
+    if ending == "rest":
+        duration, samples = 1.0, 101
+    elif repeats and drive.period:
+        order = round(period / drive.period)
+        duration = max(DRIVE_PERIODS // order, 1) * period
+        samples = round(duration / drive.period) * SAMPLES // 2 + 1
+    elif repeats:
+        duration, samples = PERIODS * period, PERIODS * SAMPLES * end.period + 1
+    samples = min(samples or math.ceil(duration * SAMPLES_A_TIME) + 1, MOST_SAMPLES + 1)
+    q, qdot = (part[0] for part in model.recorded(*(y[None] for y in np.split(end.end, 2))))
+    motion = simulate(
+        *(model, drive.u, duration, q, qdot),
+        samples=samples,
+        base=drive.base,
+        rtol=TOLERANCE,
+        dense=True,
+    )
+    section, frequencies, spectrum = np.empty((0, 2 * q.size)), none, none
+    if ending != "rest":
+        section = _begins(motion, drive.period) if drive.period else _maxima(motion)
+        frequencies, spectrum = _lines(motion.t[:-1], motion.tip[:-1, 0], whole=repeats)
+        # Lines between the harmonics are 0 but for errors.
+        every = slice(0, None, round(duration / period) if repeats else 1)
+        frequencies, spectrum = frequencies[every], spectrum[every]
+    exponent = one.growth
+    if ending == "periodic" and not drive.period:
+        exponent = 0.0
+    elif end.exponent is not None:
+        exponent = end.exponent.value
+    return Basin(
+        attractor=replace(end, start=start),
+        share=share,
+        attracts=one.attracts,
+        period=0.0 if ending == "rest" else period,
+        amplitude=0.0 if ending == "rest" else _amplitude(motion),
+        exponent=exponent,
+        mirror_image=image,
+        frequencies=frequencies,
+        spectrum=spectrum,
+        section=section,
+        motion=motion,
+    )
+
+
+def _begins(motion: Motion, drive: float) -> Array:
+    """States [q, q'] when periods of the drive begin, (K, 2 coordinates)."""
+    assert motion.dense is not None
+    count = math.floor(motion.t[-1] / drive + 1e-6)
+    return np.ascontiguousarray(motion.dense(drive * np.arange(count)).T)
+
+
+def _amplitude(motion: Motion) -> float:
+    """Half the peak-to-peak of the free end."""
+    x, rate = motion.tip[:, 0], motion.tip_velocity[:, 0]
+    turnings, _ = turning_points(motion.t, x, rate)
+    return 0.5 * float(np.ptp(turnings)) if turnings.size else 0.0
+
+
+def _maxima(motion: Motion) -> Array:
+    """States [q, q'] where the free end is at a maximum of its position across, (K, 2 q)."""
+    dense, model, half = motion.dense, motion.model, motion.model.coordinates
+    assert dense is not None
+
+    def velocity(t: Array) -> Array:
+        states = dense(t)
+        return np.asarray(model.tip_velocities(states[:half], states[half:])[:, 0])
+
+    end = float(dense.t[-1])
+    t = np.linspace(0.0, end, math.ceil(end * SAMPLES_A_TIME) + 1)
+    values = velocity(t)
+    falls = np.flatnonzero((values[:-1] > 0.0) & (values[1:] <= 0.0))
+    if not falls.size:
+        return np.empty((0, 2 * half))
+    low, high = t[falls], t[falls + 1]
+    for _ in range(50):  # bisection, to rounding
+        middle = 0.5 * (low + high)
+        above = velocity(middle) > 0.0
+        low, high = np.where(above, middle, low), np.where(above, high, middle)
+    return np.ascontiguousarray(dense(high).T)
+
+
+def _lines(t: Array, x: Array, *, whole: bool) -> tuple[Array, Array]:
+    """Angular frequencies and amplitudes of evenly spaced samples of x.
+
+    Of a whole number of periods, or else through Hann's window.
+    """
+    window = np.ones(x.size) if whole else np.hanning(x.size + 1)[:-1]
+    found = np.asarray(np.abs(np.fft.rfft((x - x.mean()) * window)) * 2.0 / window.sum())
+    return np.asarray(2.0 * math.pi * np.fft.rfftfreq(x.size, float(t[1] - t[0]))), found

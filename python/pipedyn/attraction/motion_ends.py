@@ -1,0 +1,761 @@
+# SPDX-License-Identifier: MIT
+"""Where motions end: from many starts, at one flow or several, to attractors that are shown.
+
+Motions go on in batches and are looked at after ever longer stretches. One that has reached a
+solution that is known ends. One that comes to rest, or back to an earlier state, shows where to
+look for an equilibrium or a cycle: that is solved for, and if its eigenvalues or multipliers say
+that it attracts, it is known from then on. What neither rests nor repeats after the transient is
+followed on as long as it comes nearer to something; else it is chaotic with a positive exponent,
+quasi-periodic where averages converge as on a torus only, or unsettled, with the reason. Irregular
+motions at one flow that cannot be told apart go on as one.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from contextlib import suppress
+from dataclasses import dataclass, field, replace
+from functools import cached_property, partial
+from typing import Any
+
+import numpy as np
+
+from pipedyn.attraction.motion_options import FIRST_LOOK, MotionOptions
+from pipedyn.attraction.records import Stretch
+from pipedyn.attraction.regions import (
+    NOWHERE,
+    PHASES,
+    STOPPED,
+    Approach,
+    Excitation,
+    WatchedTask,
+    judged_step,
+    watched,
+)
+from pipedyn.attraction.solutions import (
+    Attractor,
+    Ending,
+    Solution,
+    by_record,
+    cycle,
+    equilibrium,
+    irregular,
+    solved_cycle,
+)
+from pipedyn.equilibrium.equilibria import Statics
+from pipedyn.models.base import Model
+from pipedyn.models.chain import Chain
+from pipedyn.models.galerkin import Galerkin
+from pipedyn.motion.integrator import Outcome, Task, decays_fast, fastest_rates
+from pipedyn.motion.lyapunov import LyapunovExponent, exponents_together
+from pipedyn.motion.simulate import (
+    BATCH,
+    LARGEST_SAMPLES,
+    MotionStopped,
+    assembled,
+    checked_task,
+    in_batches,
+)
+from pipedyn.util.check import Array
+from pipedyn.util.counters import factorised
+from pipedyn.util.newton import NewtonFailed
+from pipedyn.util.parallel import parallel
+from pipedyn.util.threads import one_thread
+
+Failed = tuple[float, Exception]
+"""A flow speed and what was raised there."""
+
+Answer = tuple[int, Attractor | Exception]
+"""Where a motion ended: the number of a solution of its case, NOWHERE or STOPPED, and as what."""
+
+ACROSS_KINKS = 0.1
+"""Share of rtol that motions take where drag, stops or a scene's modules may have kinks. Turnings
+are compared to 10 rtol of the range; over ten periods of 36 cycles, from just above the onset to
+1.5 times its speed, motions missed 0.06 of that at most without drag, but 0.6 of it once; with
+drag all of it at rtol, and a tenth of it, once 0.6, at rtol / 10."""
+
+SHARE, LEAST_SIZE = 4.0, 1.0 / 64.0
+"""Factor between the sizes of motions that are told apart, and the least. Steps of a motion err by
+rtol of its size where a coordinate is smaller than that: at rtol of each coordinate the small ones
+of fast modes, which nobody sees, ask for 1.5 times as many right-hand sides, measured with six
+functions, and the tip then errs by 1e-9 after some time and not by 1e-7."""
+
+TRANSIENT = 1e-4
+"""Tolerance of explicit steps while a motion is on its way, if larger than rtol: the tip errs by
+1e-5 after some time at it, less than motions differ that go to the same attractor, and right-hand
+sides are half as many. What seems settled goes on at rtol, as does what is recorded."""
+
+EXPLICIT = 4.0
+"""Right-hand sides of implicit steps in the time 1 / |lambda| of the fastest mode beyond which
+explicit ones in batches cost less: motions then excite fast modes, which implicit ones would leap.
+Measured with six functions: at 5.6 explicit ones cost half as much while a motion is on its way,
+and 1.1 times as much at rtol."""
+
+LARGEST_DENSE = 100
+"""Degrees of freedom up to which it is told beforehand, from the eigenvalues at rest, that fast
+modes do not decay by a factor e until the first look: then steps are explicit from the start."""
+
+JOINED = 0.25
+"""Share of the transient after which motions from several starts at one flow go on as one, if they
+are irregular and their turning points were spread alike at two looks one after the other. Where
+that one does not stay irregular, the others go on from where they were."""
+
+FAR_BACK = 0.1
+"""Distance to an earlier state, relative to the motion's size, from which a cycle is solved for
+where a motion has taken the transient; on the way `MotionOptions.back` is."""
+
+FOLLOWED = 8.0
+"""Times as long as transient and record for which a motion is followed that comes nearer to
+something all the time: what e times nearer comes in each of these is 3e-4 as far away by then."""
+
+RECORDED = 5.0
+"""Time over which what is irregular is recorded, in durations: some hundred cycles or more."""
+
+LONGER = 1.0, 2.0, 4.0
+"""Times as long as usual that an exponent is measured, one after the other, until it or averages
+over a record as much longer tell what the motion is."""
+
+TORUS = 1e-8
+"""Relative tolerance of these records at most, whose averages may converge to that."""
+
+HALVINGS = 5
+"""How often a region is halved in which trials do not all come nearer."""
+
+
+def motion_ends(
+    model: Model,
+    cases: Sequence[Case],
+    starts: Sequence[Array],
+    options: MotionOptions,
+    label: str = "",
+) -> tuple[list[list[Answer]], list[Case]]:
+    """Where motions end, from each start in each case, and the cases with what was found.
+
+    Motions of a case are computed together, those of several in one batch.
+
+    Args:
+        model: the model.
+        cases: flows, and what is known there.
+        starts: coordinates at rest, or p and p' in rows, (2, moving). Those of a case alone follow.
+        options: how motions are computed.
+        label: of what is counted on stderr.
+    """
+    most = max(LARGEST_SAMPLES // (options.samples * model.coordinates), len(starts))
+    if options.executor is not None:  # else batches are filled up and spread over threads
+        most = max(min(BATCH, most), len(starts))
+    count = math.ceil(len(cases) / (most // len(starts)))
+    parts = [[cases[i] for i in part] for part in np.array_split(np.arange(len(cases)), count)]
+    sent = replace(options, executor=None)
+    jobs = [partial(_ends_of, model, part, starts, sent) for part in parts]
+    answers = parallel(jobs, options.executor, label=label, progress=options.shown)
+    found: list[list[Answer]] = []
+    known: list[Case] = []
+    for part, answer in zip(parts, answers, strict=True):
+        if isinstance(answer, Exception):
+            found += [[(STOPPED, answer)] * (len(starts) + len(case.starts)) for case in part]
+            known += part
+        else:
+            found += answer[0]
+            known += answer[1]
+    return found, known
+
+
+def _ends_of(
+    model: Model, cases: list[Case], starts: Sequence[Array], options: MotionOptions
+) -> tuple[list[list[Answer]], list[Case]]:
+    """The ends of motions of one batch, by case."""
+    engine = _Engine(model, options)
+    with one_thread(model.dof):
+        runs = [
+            _Run((j, k), case, k, _state(model, start))
+            for j, case in enumerate(cases)
+            for k, start in enumerate([*starts, *case.starts])
+        ]
+        engine.begin(runs)
+        engine.finish(runs)
+    ends = list[list[Answer]]()
+    for j, case in enumerate(cases):
+        ends.append([engine.answers[j, k] for k in range(len(starts) + len(case.starts))])
+        case.reached = sorted({number for number, _ in ends[-1][: len(starts)]})
+    return ends, cases
+
+
+class Case:
+    """A flow, the solutions that are known there, and starts of its own: p and p' in rows."""
+
+    def __init__(
+        self,
+        model: Model,
+        drive: Excitation,
+        solutions: Sequence[Solution] = (),
+        starts: Sequence[Array] = (),
+    ) -> None:
+        self.drive, self.starts = drive, starts
+        self.odd = drive.is_odd(model)
+        self.solutions = list(solutions)
+        self.reached: list[int] = []
+        """Numbers of the solutions that motions from the starts of all cases end on."""
+        self.next_try = 0.0
+        """Time from which a cycle may be solved for again."""
+
+    @property
+    def attracting(self) -> list[int]:
+        """Numbers of the solutions that motions may reach."""
+        return [k for k, one in enumerate(self.solutions) if one.attracts]
+
+    def holding(self, one: Attractor, period: float) -> int:
+        """Number of the solution on which a motion has ended, NOWHERE if it is not known.
+
+        Args:
+            one: the end of the motion.
+            period: time after which it was seen to repeat, 0 at rest.
+        """
+        held = (k for k, known in enumerate(self.solutions) if known.holds(one, period))
+        return next(held, NOWHERE)
+
+    def holding_irregular(self, state: Array) -> int:
+        """Number of the irregular solution near whose states a state lies, or NOWHERE."""
+        for k, known in enumerate(self.solutions):
+            if math.isnan(known.period) and np.isfinite(known.region.distances(state[None]))[0]:
+                return k
+        return NOWHERE
+
+    def learn(self, one: Solution) -> int:
+        """Takes another solution, and its mirror image where there is one; answers its number."""
+        shifts = self.drive.shifts
+        images = [one]
+        if self.odd and not one.is_mirror_image(one, shifts):
+            images.append(one.mirrored(shifts))
+        for new in images:
+            if self.holding(new.attractor, new.period) != NOWHERE:
+                continue
+            for k, known in enumerate(self.solutions):
+                apart = known.region.apart(new.region)
+                self.solutions[k], new = known.kept_apart(apart), new.kept_apart(apart)
+            self.solutions.append(new)
+        return self.holding(one.attractor, one.period)
+
+
+def spread_alike(a: Array, b: Array) -> bool:
+    """Whether two sets of values may have one distribution.
+
+    A Kolmogorov-Smirnov test decides at 99 %; sets of less than two values may not.
+    """
+    if min(a.size, b.size) < 2:
+        return False
+    a, b = np.sort(a), np.sort(b)
+    both = np.concatenate([a, b])
+    shares = (np.searchsorted(x, both, side="right") / x.size for x in (a, b))
+    apart = float(np.abs(next(shares) - next(shares)).max())
+    return apart < 1.63 * math.sqrt(1.0 / a.size + 1.0 / b.size)
+
+
+@dataclass(eq=False)
+class _Run:
+    """A motion that goes on from a state."""
+
+    member: tuple[int, int]  # numbers of its case and its start
+    case: Case
+    start: int
+    state: Array  # [p, p']
+    approach: Approach = field(default_factory=Approach)  # to a known solution
+    like: _Run | None = None  # whose turning points were spread alike at the last look
+    alone: bool = False  # whether it does not join another
+    explicit: bool = False  # whether explicit steps cost less
+    size: float = LEAST_SIZE  # of the motion, a power of SHARE
+    rate_size: float = LEAST_SIZE  # and of its rates
+    under_way: bool = True  # whether the tolerance may be TRANSIENT
+    roughly: bool = False  # whether it was in the last record
+
+    def comes_nearer(self, one: Stretch) -> bool:
+        """Whether the motion comes nearer to a known solution, to rest or to a cycle.
+
+        one: its last stretch, of which the trend tells the latter two.
+        """
+        return self.is_near or one.trend in ("rest", "settling")
+
+    @property
+    def is_near(self) -> bool:
+        """Whether it was in the region of something known at the end of its last stretch."""
+        return self.approach.region != NOWHERE
+
+    def resized(self, span: float, fastest: float) -> None:
+        """Takes note of how far its tip or its coordinates range, and how fast they move."""
+        self.size = min(size_of(span), 1.0)
+        self.rate_size = max(size_of(fastest), self.size)
+
+
+def size_of(span: float) -> float:
+    """A power of SHARE at most as large as the range of a motion, or of its rates."""
+    steps = math.floor(math.log(max(span, LEAST_SIZE)) / math.log(SHARE) + 1e-9)
+    return float(SHARE**steps)
+
+
+class _Engine:
+    """The motions of one batch, and where those ended that have."""
+
+    def __init__(self, model: Model, options: MotionOptions) -> None:
+        self.model, self.options, self.elapsed = model, options, 0.0
+        self.joined: list[tuple[_Run, _Run, float]] = []  # one, another, and since when
+        self.answers: dict[tuple[int, int], Answer] = {}
+        self.statics = Statics(model)
+        smooth = isinstance(model, (Chain, Galerkin)) and not model.pipe.has_kinks
+        self.tolerance = options.rtol * (1.0 if smooth else ACROSS_KINKS)
+
+    # ----------------------------------------------------------------------------- integration
+
+    def begin(self, runs: list[_Run]) -> None:
+        """Chooses the steps of motions at their start."""
+        modes = {id(run.case): self.modes(run.case.drive) for run in runs}
+        for run in runs:
+            run.explicit, frequency = modes[id(run.case)]
+            span, fastest = np.abs(np.split(run.state, 2)).max(axis=1).tolist()
+            run.resized(span, max(fastest, frequency * span))
+
+    def advance(
+        self, runs: list[_Run], before: float, recorded: float, finest: float = 1.0
+    ) -> list[Stretch | None]:
+        """Goes on for some time and then a time that is recorded; None of one that has ended.
+
+        Where motions are driven both are whole periods of the drive. finest: largest tolerance.
+        """
+        if not runs:
+            return []
+        drive = runs[0].case.drive
+        count = self.options.samples_of(recorded)
+        if drive.period:  # states are compared at PHASES times in each period
+            whole = PHASES * round(recorded / drive.period)
+            count = whole * max(math.ceil((count - 1) / whole), 1) + 1
+        samples = before + np.linspace(0.0, recorded, count)
+        p, rates = np.split(runs[0].state, 2)
+        first = checked_task(
+            *(self.model, drive.u, before + recorded, p, rates),
+            times=samples,
+            rtol=min(self.tolerance, finest),
+            base=drive.base,
+            members=len(runs),
+            most=self.options.most,
+        )
+        of_all = WatchedTask(**vars(first))
+        judged = {id(run.case): run.case for run in runs}
+        rules = {key: self.judged(case, recorded, count) for key, case in judged.items()}
+        tasks = list[WatchedTask]()
+        for run in runs:
+            method = "dop853" if run.explicit else first.method
+            run.roughly = run.under_way and method == "dop853" and first.rtol < TRANSIENT
+            rtol = TRANSIENT if run.roughly else first.rtol
+            task = replace(
+                of_all,
+                u=first.u if first.drive else run.case.drive.mean,
+                start=run.state,
+                **rules[id(run.case)],
+                approach=run.approach,
+                method=method,
+                rtol=rtol,
+                atol=rtol * np.repeat([run.size, run.rate_size], run.state.size // 2),
+            )
+            tasks.append(task)
+        # A thread takes some; the members of a chain's batch cost less the more they are.
+        members = BATCH if self.model.linear_cost else BATCH // 2
+        found = in_batches(tasks, watched, members=members)
+        for run, task, one in zip(runs, tasks, found, strict=True):
+            run.approach = one.approach
+            rate = one.outcome[1] / (before + recorded)
+            run.explicit |= task.method == "radau" and rate > self.dearest
+            if one.outcome[2] is not None:
+                self.answers[run.member] = STOPPED, self.stopped(run, task, one.outcome)
+            elif one.label != NOWHERE:
+                self.ends(run, run.case.attracting[one.label])
+        stretches = list[Stretch | None]([None] * len(runs))
+        going = [i for i, run in enumerate(runs) if run.member not in self.answers]
+        if not going:
+            return stretches
+        rows = np.concatenate([found[i].outcome[0][1:] for i in going])
+        q, qdot = self.model.recorded(*np.split(rows, 2, axis=1))
+        x, velocity = self.model.tips(q.T)[:, 0], self.model.tip_velocities(q.T, qdot.T)[:, 0]
+        for k, i in enumerate(going):
+            part, last = slice(k * count, (k + 1) * count), (k + 1) * count - 1
+            runs[i].state = self.model.integrated(q[last, None], qdot[last, None])[0]
+            runs[i].resized(float(np.ptp(x[part])), float(np.abs(velocity[part]).max()))
+            rtol = max(self.options.rtol, tasks[i].rtol)
+            times = samples - before
+            stretches[i] = Stretch.of(times, rows[part], x[part], velocity[part], rtol)
+        return stretches
+
+    def judged(self, case: Case, recorded: float, count: int) -> dict[str, Any]:
+        """Fields of a task by which it is told whether a motion has reached what is known."""
+        regions = tuple(case.solutions[k].region for k in case.attracting)
+        if not regions:
+            return {}
+        sample, period = recorded / (count - 1), case.drive.period
+        step, longest = judged_step(regions, recorded)
+        if period:
+            step, longest = period / PHASES, max(region.period for region in regions)
+        every = max(round(step / sample), 1)
+        block = np.arange(math.ceil(longest / (every * sample) - 1e-6))
+        return {"regions": regions, "every": every, "phases": case.drive.phases(step * block)}
+
+    @cached_property
+    def dearest(self) -> float:
+        """Right-hand sides of implicit steps in a unit of time beyond which explicit ones serve."""
+        if decays_fast(self.model):
+            return math.inf
+        fastest, _ = fastest_rates(self.model)
+        return EXPLICIT * fastest
+
+    def modes(self, drive: Excitation) -> tuple[bool, float]:
+        """Whether the fastest mode at rest hardly decays until the first look, and |lambda| of one.
+
+        That is the mode that grows most or decays least.
+        """
+        if drive.period or self.model.moving > LARGEST_DENSE:
+            return False, 0.0
+        rest = np.concatenate([self.model.resting(), np.zeros(self.model.moving)])
+        factorised()
+        values = np.linalg.eigvals(self.model.motion_jacobian(rest, drive.mean))
+        fastest, last = values[np.abs(values).argmax()], values[values.real.argmax()]
+        return bool(fastest.real > -1.0 / FIRST_LOOK), float(abs(last))
+
+    def stopped(self, run: _Run, task: Task, outcome: Outcome) -> MotionStopped:
+        """The error of a motion, by its start and the time since."""
+        [motion] = assembled([task], [outcome])
+        reached = self.elapsed + float(motion.t[-1] if motion.t.size else 0.0)
+        report = f"the motion from start {run.start} stopped after t = {reached:g}: {outcome[2]}"
+        return MotionStopped(report, motion)
+
+    def ends(self, run: _Run, number: int) -> None:
+        """Notes that a motion ends on a solution of its case."""
+        end = run.case.solutions[number].attractor
+        self.answers[run.member] = number, replace(end, start=run.start)
+
+    def going(self, runs: list[_Run]) -> list[_Run]:
+        """The motions that have not ended yet."""
+        return [run for run in runs if run.member not in self.answers]
+
+    # ----------------------------------------------------------------- what a stretch leads to
+
+    def look(self, runs: list[_Run], stretch: float) -> list[_Run]:
+        """Goes on for a stretch; returns the motions that have neither ended nor joined another."""
+        stretches = self.advance(runs, 0.0, stretch)
+        self.elapsed += stretch
+        seen = [(run, one) for run, one in zip(runs, stretches, strict=True) if one is not None]
+        for run, one in seen:
+            run.under_way &= not one.seems_settled()
+        # Others will soon have reached what they come nearer to.
+        unknown = [(run, one) for run, one in seen if not run.is_near]
+        for same in _by_case(unknown):
+            self.explain(same)
+        joined = self.joining([(run, one) for run, one in unknown if one.trend == "irregular"])
+        return [run for run in self.going(runs) if run not in joined]
+
+    def explain(self, some: list[tuple[_Run, Stretch]]) -> bool:
+        """Solves for what motions of a case show; answers whether an attracting solution is new.
+
+        On the way a cycle is solved for where a motion has come very near to an earlier state, and
+        after one that does not attract not again before the time is twice as long; when motions
+        have taken the transient, from farther away, and always.
+        """
+        if not some:
+            return False
+        case, late = some[0][0].case, self.elapsed > self.options.transient
+        before, back = len(case.attracting), FAR_BACK if late else self.options.back
+        for run, one in some:
+            if one.trend == "rest" and not case.drive.period:
+                place, u = np.split(run.state, 2)[0], case.drive.mean
+                with suppress(NewtonFailed):  # as where a slow motion passes what is none
+                    case.learn(equilibrium(self.statics, self.statics.solved(place, u), u))
+        tries = [(one.recurrence(case.drive.period)[0], run, one) for run, one in some]
+        tries = [(far, run, one) for far, run, one in tries if far <= back and one.trend != "rest"]
+        if tries and (late or self.elapsed >= case.next_try):
+            _, run, one = min(tries, key=lambda of: of[0])
+            try:
+                orbit, stable = solved_cycle(self.model, case.drive, one, back)
+            except NewtonFailed:
+                stable = False
+            else:
+                found = cycle(self.model, case.drive, orbit, stable)
+                number = case.learn(found)
+                known = case.solutions[number]
+                if stable and np.isfinite(known.region.distances(run.state[None], known.near)):
+                    self.ends(run, number)
+            if not stable:
+                case.next_try = 2.0 * self.elapsed
+        return len(case.attracting) > before
+
+    def joining(self, irregular: list[tuple[_Run, Stretch]]) -> list[_Run]:
+        """Which irregular motions go on as another one of their case."""
+        first: list[tuple[_Run, Stretch]] = []  # with which the others are compared
+        joined: list[_Run] = []
+        for run, one in irregular:
+            same = (
+                leader
+                for leader, other in first
+                if leader.case is run.case and spread_alike(other.turnings, one.turnings)
+            )
+            before, run.like = run.like, None if run.alone else next(same, None)
+            if run.like is None:
+                first.append((run, one))
+            elif run.like is before and self.elapsed >= JOINED * self.options.transient:
+                joined.append(run)
+                self.joined.append((run, run.like, self.elapsed))
+        return joined
+
+    def finish(self, runs: list[_Run]) -> None:
+        """Follows motions to where they end."""
+        options, drive = self.options, runs[0].case.drive
+        stretch, longest = FIRST_LOOK, max(FIRST_LOOK, 0.5 * options.duration)
+        if self.elapsed:
+            stretch = min(max(FIRST_LOOK, 0.5 * self.elapsed), longest)
+        while runs and self.elapsed + drive.whole(stretch) <= options.transient:
+            runs = self.look(runs, drive.whole(stretch))
+            stretch = min(max(stretch, 0.5 * self.elapsed), longest)
+        for run in runs:
+            run.under_way = False
+        self.after_transient(runs)
+        joined, self.joined = self.joined, []
+        again: list[tuple[_Run, float]] = []
+        for run, other, since in joined:
+            number, end = self.answers[other.member]
+            if isinstance(end, Attractor) and end.ending not in ("rest", "periodic"):
+                self.answers[run.member] = number, replace(end, start=run.start)
+            else:
+                again += [(one, since) for one in _parted([run])]
+        for since in sorted({since for _, since in again}):
+            self.elapsed = since
+            self.finish([run for run, at in again if at == since])
+
+    # ----------------------------------------------------------------------- after the transient
+
+    def after_transient(self, runs: list[_Run]) -> None:
+        """Records motions, and follows on those that come nearer to something."""
+        before, duration = self.options.transient - self.elapsed, self.options.duration
+        last = FOLLOWED * (self.options.transient + duration)
+        while runs:
+            stretches = self.advance(runs, before, duration)
+            self.elapsed, before = self.elapsed + before + duration, 0.0
+            seen = [(run, one) for run, one in zip(runs, stretches, strict=True) if one is not None]
+            over, runs = self.elapsed >= last, []
+            left: list[tuple[_Run, Stretch]] = []
+            for same in _by_case(seen):
+                new = self.explain([pair for pair in same if not pair[0].is_near])
+                for run, one in same:
+                    if run.member in self.answers or self.is_on_known(run, one, over):
+                        continue
+                    if (new or run.comes_nearer(one)) and not over:
+                        runs.append(run)
+                    else:
+                        left.append((run, one))
+            runs += self.named(left, over)
+
+    def is_on_known(self, run: _Run, one: Stretch, over: bool) -> bool:
+        """Whether a motion ends at rest or on a cycle, as its record shows.
+
+        Either may be unstable, or a cycle that cannot be solved for. What is beside an unstable
+        equilibrium, however near, has time to leave it.
+        """
+        case, drive = run.case, run.case.drive
+        rests = one.trend == "rest"
+        period = 0.0 if rests else one.repeats(drive.period)
+        if not rests and not period:
+            return False
+        count, turnings = max(one.maxima, 1), one.turnings
+        here = Attractor(drive.mean, -1, "periodic", count, turnings, run.state)
+        if rests:
+            here = replace(here, ending="rest", period=0, turnings=one.x[-1:].copy())
+        number = case.holding(here, period)
+        if number == NOWHERE:
+            seen = by_record(self.model, drive, here, one, period)
+            number = case.learn(self.attracted(case, seen))
+        known = case.solutions[number]
+        left = float(np.abs(run.state - known.attractor.end).max())
+        if rests and not known.attracts and left > 0.0 and not over:
+            return False
+        self.ends(run, number)
+        return True
+
+    def attracted(self, case: Case, one: Solution) -> Solution:
+        """A solution with what it attracts, as motions show that begin beside it in all directions.
+
+        That is for what is known of neither by eigenvalues nor by multipliers.
+        """
+        for halved in range(HALVINGS + 1):
+            region = replace(one.region, radius=one.region.radius * 0.5**halved)
+            tried = replace(one, region=region, attracts=True)
+            trial, engine = Case(self.model, case.drive, [tried]), _Engine(self.model, self.options)
+            beside = region.beside(self.model)
+            runs = [_Run((0, k), trial, k, state) for k, state in enumerate(beside)]
+            engine.begin(runs)
+            stretch = case.drive.whole(max(FIRST_LOOK, 0.25 * self.options.transient))
+            while runs and engine.elapsed < self.options.transient:
+                engine.advance(runs, 0.0, stretch)
+                engine.elapsed += stretch
+                runs = engine.going(runs)
+            if not runs and all(number == 0 for number, _ in engine.answers.values()):
+                return tried
+        return one
+
+    def named(self, left: list[tuple[_Run, Stretch]], over: bool) -> list[_Run]:
+        """Names motions that neither rest nor repeat; answers those that go on instead.
+
+        Of those of a case whose turning points are spread alike one is recorded for longer and
+        tried for all.
+        """
+        groups: list[list[tuple[_Run, Stretch]]] = []
+        for run, one in left:
+            number = run.case.holding_irregular(run.state)
+            if number != NOWHERE:
+                self.ends(run, number)
+                continue
+            same = (
+                group
+                for group in groups
+                if group[0][0].case is run.case
+                and not run.alone
+                and spread_alike(group[0][1].turnings, one.turnings)
+            )
+            if (group := next(same, None)) is None:
+                groups.append([(run, one)])
+            else:
+                group.append((run, one))
+        on, told = list[_Run](), list[tuple[list[_Run], Stretch]]()
+        longer = self.recorded([group[0] for group in groups])
+        for group, record in zip(groups, longer, strict=True):
+            runs = [run for run, _ in group]
+            leader, new = runs[0], False
+            if record is not None and record is not group[0][1]:
+                new = self.explain([(leader, record)])
+            gone = leader.member in self.answers
+            if record is None or gone or self.is_on_known(leader, record, over):
+                on += _parted(runs[1:])
+            elif (new or leader.comes_nearer(record)) and not over:
+                on += runs
+            elif leader.comes_nearer(record):
+                why = f"it still comes nearer to rest or a cycle after t = {self.elapsed:g}"
+                self.name(runs, record, "unsettled", reason=why)
+            else:
+                told.append((runs, record))
+        for times in LONGER:
+            told = self.named_by_exponents(told, times, on)
+        return on
+
+    def named_by_exponents(
+        self, told: list[tuple[list[_Run], Stretch]], times: float, on: list[_Run]
+    ) -> list[tuple[list[_Run], Stretch]]:
+        """Names motions by their exponents and records; answers those that take longer ones.
+
+        Args:
+            told: motions that are spread alike, and the record of the first of them.
+            times: as long as usual the exponent is measured.
+            on: takes motions that go on by themselves, as the first has ended meanwhile.
+        """
+        states = [(runs[0].case.drive, runs[0].state) for runs, _ in told]
+        duration, doubtful = times * self.options.duration, list[tuple[list[_Run], Stretch]]()
+        exponents = exponents_of(self.model, states, replace(self.options, duration=duration))
+        for (runs, one), exponent in zip(told, exponents, strict=True):
+            if exponent is None:
+                self.name(runs, one, "irregular")
+            elif isinstance(exponent, MotionStopped):
+                why = f"its largest Lyapunov exponent is not known: {exponent}"
+                self.name(runs, one, "unsettled", reason=why)
+            elif exponent.chaotic:
+                self.name(runs, one, "chaotic", exponent)
+            elif exponent.value <= exponent.spread and one.averages_converge():
+                self.name(runs, one, "quasi-periodic", exponent)
+            elif times < LONGER[-1]:
+                doubtful.append((runs, one))
+            else:
+                why = (
+                    f"its largest Lyapunov exponent, {exponent.value:.2g}, is not above 0 by three "
+                    f"times its spread, {exponent.spread:.2g}, but by more than that"
+                )
+                if exponent.value <= exponent.spread:
+                    why = (
+                        f"its largest Lyapunov exponent, {exponent.value:.2g}, is 0 within its "
+                        f"spread, {exponent.spread:.2g}, but averages over a time of "
+                        f"{one.t[-1]:g} converge no faster than those of chaotic motion"
+                    )
+                self.name(runs, one, "unsettled", exponent, why)
+        if not doubtful:
+            return []
+        longer = doubtful[0][0][0].case.drive.whole(2.0 * float(doubtful[0][1].t[-1]))
+        stretches = self.advance([runs[0] for runs, _ in doubtful], 0.0, longer, TORUS)
+        self.elapsed += longer
+        again: list[tuple[list[_Run], Stretch]] = []
+        for (runs, _), stretch in zip(doubtful, stretches, strict=True):
+            if stretch is not None:
+                again.append((runs, stretch))
+                continue
+            on += _parted(runs[1:])
+        return again
+
+    def recorded(self, leaders: list[tuple[_Run, Stretch]]) -> list[Stretch | None]:
+        """Longer records of motions, if their exponents are asked for."""
+        if not self.options.exponents or not leaders:
+            return [one for _, one in leaders]
+        longer = leaders[0][0].case.drive.whole(RECORDED * self.options.duration)
+        found = self.advance([run for run, _ in leaders], 0.0, longer, TORUS)
+        self.elapsed += longer
+        return found
+
+    def name(
+        self,
+        runs: list[_Run],
+        one: Stretch,
+        ending: Ending,
+        exponent: LyapunovExponent | None = None,
+        reason: str = "",
+    ) -> None:
+        """Names a motion that does not repeat, by its record, and others that are spread alike."""
+        leader, drive = runs[0], runs[0].case.drive
+        end = Attractor(
+            *(drive.mean, leader.start, ending, 0, one.turnings, leader.state, exponent, reason)
+        )
+        number = NOWHERE
+        if ending != "unsettled":
+            number = leader.case.learn(irregular(self.model, drive, end, one))
+        for run in runs:
+            self.answers[run.member] = number, replace(end, start=run.start)
+
+
+def exponents_of(
+    model: Model, states: Sequence[tuple[Excitation, Array]], options: MotionOptions
+) -> list[LyapunovExponent | MotionStopped] | list[None]:
+    """The largest exponents, if asked for, of motions that go on from states [p, p'].
+
+    Those that are driven are all driven alike, and begin with a period of that.
+    """
+    if not options.exponents or not states:
+        return [None] * len(states)
+    drive, _ = states[0]
+    found = list[LyapunovExponent | MotionStopped]()
+    for i in range(0, len(states), BATCH // 2):
+        some = states[i : i + BATCH // 2]
+        found += exponents_together(
+            *(model, [one.u for one, _ in some], [state for _, state in some]),
+            *(2.0 * options.duration, 10.0),
+            interval=drive.whole(0.5),
+            base=drive.base,
+            driven=bool(drive.period),
+        )
+    return found
+
+
+def _parted(runs: list[_Run]) -> list[_Run]:
+    """Motions that went on as another one, and go on by themselves from now on."""
+    for run in runs:
+        run.alone = True
+    return runs
+
+
+def _by_case(some: list[tuple[_Run, Stretch]]) -> list[list[tuple[_Run, Stretch]]]:
+    """Motions of each case together."""
+    groups: dict[int, list[tuple[_Run, Stretch]]] = {}
+    for run, one in some:
+        groups.setdefault(id(run.case), []).append((run, one))
+    return list(groups.values())
+
+
+def _state(model: Model, start: Array) -> Array:
+    """[p, p'] of coordinates at rest, (coordinates,), or of p and p' in rows, (2, moving)."""
+    return start.ravel() if start.ndim == 2 else np.asarray(model.start(start, None))

@@ -1,0 +1,473 @@
+# SPDX-License-Identifier: MIT
+"""When a motion has reached a known attractor: it is near, and comes nearer.
+
+The distance of a state from an attractor is that from the curve through many states on it, rates
+being multiplied by a time of the attractor's own. A motion has reached it when its largest distance
+over a period is within a radius and later, without having left that, much smaller. What passes a
+saddle or follows an unstable cycle beside the attractor does not come nearer. About an equilibrium
+there may be a basin in which linear decay is known to win: what is in it comes to rest. About a
+cycle there may be Floquet coordinates, each of which has to fall at least half as fast as linear
+theory says, by a quarter in square: what nonlinear forces change grows with a higher power of the
+distance, so that it goes on so.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from pipedyn.linear.eigenproblem import Complex
+from pipedyn.models.base import Model
+from pipedyn.models.drive import Harmonic, Pulsation
+from pipedyn.motion.integrator import Observer, Outcome, Task, integrate
+from pipedyn.motion.vector_field import ForcedField, VectorField
+from pipedyn.orbits.floquet_coordinates import FloquetCoordinates
+from pipedyn.util.check import Array
+from pipedyn.util.later import scipy
+
+NOWHERE, STOPPED = -1, -2
+
+FLOOR = 1e-4
+"""Distance within which a state counts as on an attractor."""
+
+COARSE_CURVE, FINE_CURVE = 256, 2**14
+"""Steps along the curve of a cycle, at least and at most: doubled until chords miss it by less than
+a quarter of `FLOOR`."""
+
+SAMPLES, LONGEST_BLOCK = 6, 200
+"""Samples in the shortest period of a region, and at most in a block, which spans the longest."""
+
+PHASES = 12
+"""Of a period of the drive, at which states are compared."""
+
+LOOK, SLOWER = 200, 4
+"""Right-hand sides of a member between two looks, a sixth of the time of some ten periods: looks at
+a full batch take a fifth as long as the motions between them, measured with two segments. With
+fewer members they are so much rarer, at most."""
+
+MEMBERS = 128
+"""Of a batch, for whom one look does."""
+
+NEARER = 0.05
+"""Share of the largest distance in the first period within a region at which a motion has reached
+the attractor: so much nearer comes nothing that leaves again."""
+
+FALLEN, ACTING = 0.75, 0.01
+"""Share of its square that a Floquet coordinate has kept at most when a motion is said to come
+nearer, and of the sum of all squares below which one may do what it likes: others drive it."""
+
+WIDEST = 0.05
+"""Radius of a region, root mean square in rad, where nothing else that is known is near."""
+
+TRIALS = 16
+"""Motions from beside an attractor, in directions drawn at random, that show that it attracts."""
+
+SLOWEST = 2.0
+"""Period of what does not oscillate at rest, at most."""
+
+COMPARED, APART = 256, 0.25
+"""States of another attractor from which the distance of two is taken; and the share of the way
+to anything else that is known that a region reaches at most."""
+
+WHOLE: Array = np.array([0.0, 2.0 * math.pi])
+"""Phases of a cycle."""
+
+
+@dataclass(frozen=True)
+class Excitation:
+    """What drives the motions: the flow and, in some, the base, from time 0 on.
+
+    Attributes:
+        u: flow speed, steady or pulsating.
+        base: the base's motion, None at rest.
+    """
+
+    u: float | Pulsation
+    base: Harmonic | None = None
+
+    @property
+    def period(self) -> float:
+        """After which it repeats; 0 where all is steady."""
+        driving = self.base or self.u
+        return 0.0 if isinstance(driving, float) else 2.0 * math.pi / driving.frequency
+
+    @property
+    def mean(self) -> float:
+        """The flow speed, or its mean."""
+        return self.u.mean if isinstance(self.u, Pulsation) else self.u
+
+    def field(self, model: Model, order: int = 1) -> VectorField:
+        """The vector field of a model, if it is driven for orbits of so many of its periods."""
+        if isinstance(self.u, Pulsation):
+            return ForcedField(model, self.u, order, self.base)
+        return ForcedField(model, self.base, order) if self.base else VectorField(model)
+
+    def is_odd(self, model: Model) -> bool:
+        """Whether the mirror image of every motion is one, half a period later if it shifts."""
+        if self.shifts and isinstance(self.u, Pulsation):  # which is another by then
+            return False
+        return VectorField(model).is_odd(self.mean)
+
+    @property
+    def shifts(self) -> bool:
+        """Whether it takes half a period until the mirror image of all that drives acts."""
+        return self.base is not None and self.base.direction == "x"
+
+    def whole(self, time: float) -> float:
+        """The time, rounded up to whole periods."""
+        return math.ceil(time / self.period - 1e-9) * self.period if self.period else time
+
+    def phases(self, t: ArrayLike) -> Array:
+        """Two columns that tell the phases at times apart, (k, 2); none where all is steady."""
+        phase = 2.0 * math.pi * np.asarray(t, dtype=np.float64) / (self.period or 1.0)
+        if not self.period:
+            return np.empty((phase.size, 0))
+        return np.stack([np.cos(phase), np.sin(phase)], axis=1)
+
+
+@dataclass(frozen=True, eq=False)
+class Region:
+    """States around an attractor from which motions come nearer to it.
+
+    Attributes:
+        points: states [p, p'] on it, dense along it, (M, 2 moving). Where motions are driven, those
+            at PHASES times in each period of the drive, with `Excitation.phases`, so that states at
+            other phases are far away.
+        unit: time by which rates are multiplied, one over its angular frequency.
+        period: of motions on it or, at rest, about it.
+        radius: of the region, root mean square of p.
+        turn: a whole turn about a hinge at the root, (moving,), after which all is as before.
+        driven: whether points have phases.
+        curve: whether the points follow one another on a curve.
+        basin: of rest, rows whose products with how far a state is away have a sum of squares below
+            1 where motions come to rest, as far as samples tell, (k, 2 moving); None where that is
+            not known.
+        floquet: coordinates about a stable cycle, None where they are not known.
+    """
+
+    points: Array
+    unit: float
+    period: float
+    radius: float = WIDEST
+    turn: Array | None = None
+    driven: bool = False
+    curve: bool = False
+    basin: Array | None = None
+    floquet: FloquetCoordinates | None = None
+
+    @staticmethod
+    def about_rest(place: Array, values: Complex) -> Region:
+        """About an equilibrium at p, with the eigenvalues there."""
+        omega = float(np.abs(values).min()) if not values.imag.any() else 0.0
+        omega = omega or float(np.abs(values[values.imag != 0.0]).min())
+        unit = 1.0 / max(omega, 1e-3)
+        points = np.append(place, np.zeros_like(place))[None]
+        return Region(points, unit, min(2.0 * math.pi * unit, SLOWEST))
+
+    @cached_property
+    def _steps(self) -> Array:
+        return np.diff(self._scaled(self.points), axis=0)
+
+    @cached_property
+    def _ways(self) -> tuple[Array, Array]:
+        """From each point to the next, and to the one before."""
+        none = np.zeros((1, self.points.shape[1]))
+        return np.concatenate([self._steps, none]), np.concatenate([none, -self._steps])
+
+    @staticmethod
+    def about_cycle(
+        states: Callable[[Array], Array],
+        unit: float,
+        period: float,
+        mesh: Array = WHOLE,
+        finest: int = FINE_CURVE,
+    ) -> Region:
+        """About a cycle with states, (k, 2 moving), at phases from 0 to 2 pi, (k,).
+
+        mesh: phases between which the same number of steps lie.
+        finest: steps at most.
+        """
+        count = COARSE_CURVE
+        while True:
+            places = np.linspace(0.0, mesh.size - 1.0, count + 1)
+            points = states(np.interp(places, np.arange(mesh.size), mesh))
+            region = Region(points, unit, period, curve=True)
+            # Second differences across the curve are eight times what the chord of a step misses.
+            along, bend = region._steps[1:] + region._steps[:-1], np.diff(region._steps, axis=0)
+            share = np.sum(bend * along, axis=1) / np.maximum(np.sum(along**2, axis=1), 1e-300)
+            missed = np.linalg.norm(bend - share[:, None] * along, axis=1).max() / 8.0
+            if missed < 0.25 * FLOOR or count >= finest:
+                return region
+            count *= 2
+
+    @cached_property
+    def _reach(self) -> float:
+        """How far a state on the curve may be from the points."""
+        if not self.curve:
+            return 0.0
+        return 0.5 * float(np.linalg.norm(self._steps, axis=1).max(initial=0.0))
+
+    @cached_property
+    def _tree(self) -> scipy.spatial.cKDTree:
+        return scipy.spatial.cKDTree(self._scaled(self._unwound(self.points)))
+
+    @property
+    def half(self) -> int:
+        """Number of entries of p."""
+        return self.points.shape[1] // 2 - self.driven
+
+    @cached_property
+    def units(self) -> Array:
+        """By which states are multiplied for their distances."""
+        units = np.repeat([1.0, self.unit], self.half) / math.sqrt(self.half)
+        return np.append(units, np.ones(2 * self.driven))
+
+    def _scaled(self, states: Array) -> Array:
+        return states * self.units
+
+    def _unwound(self, states: Array) -> Array:
+        if self.turn is None:
+            return states
+        states, half = states.copy(), self.half
+        turns = np.floor(states[:, :half] @ self.turn / float(self.turn @ self.turn) + 0.5)
+        states[:, :half] -= turns[:, None] * self.turn
+        return states
+
+    def distances(self, states: Array, most: float | None = None) -> Array:
+        """Of states, infinite beyond the most, which is the radius if not given.
+
+        States are (k, 2 moving), if driven with phases, or else those when a period begins.
+        """
+        most = self.radius if most is None else most
+        if states.shape[1] < self.points.shape[1]:
+            states = np.concatenate([states, np.tile([1.0, 0.0], (len(states), 1))], axis=1)
+        near = self._unwound(states)
+        found = self._nearest(near, most)
+        if self.turn is not None:
+            turn = np.zeros(near.shape[1])
+            turn[: self.half] = self.turn
+            for other in (near + turn, near - turn):
+                found = np.minimum(found, self._nearest(other, most))
+        return found
+
+    def _nearest(self, states: Array, most: float) -> Array:
+        """Distances from the points or the curve through them, infinite beyond the most."""
+        scaled = self._scaled(states)
+        found, places = self._tree.query(scaled, distance_upper_bound=most + self._reach)
+        near = np.flatnonzero(np.isfinite(found))
+        if self.curve and near.size:
+            away = scaled[near] - self._tree.data[places[near]]
+            for ways in self._ways:
+                way = ways[places[near]]
+                ahead = np.sum(away * way, axis=1) / np.maximum(np.sum(way**2, axis=1), 1e-300)
+                missed = away - np.clip(ahead, 0.0, 1.0)[:, None] * way
+                found[near] = np.minimum(found[near], np.linalg.norm(missed, axis=1))
+            found[found > most] = math.inf
+        return np.asarray(found)
+
+    def attracts(self, states: Array) -> NDArray[np.bool_]:
+        """Which of states, (k, 2 moving), lie in the basin."""
+        if self.basin is None:
+            return np.zeros(len(states), dtype=bool)
+        away = self._unwound(states) - self.points[0]
+        return np.asarray(np.sum((away @ self.basin.T) ** 2, axis=1) < 1.0)
+
+    def apart(self, other: Region) -> float:
+        """Smallest distance from another, infinite if they are far apart."""
+        most = 4.0 * max(self.radius, other.radius)
+        points = other.points[:: max(len(other.points) // COMPARED, 1)]
+        return float(self.distances(points, most).min())
+
+    def kept_apart(self, distance: float) -> Region:
+        """The region, made so small that it leaves out a solution at a distance.
+
+        It reaches the share APART of the way there at most. As a cycle may cross or touch another
+        in the space of states, ten times FLOOR is always left.
+        """
+        return replace(self, radius=max(min(self.radius, APART * distance), 10.0 * FLOOR))
+
+    def mirrored(self, shifts: bool = False) -> Region:
+        """That of the mirror image, which is half a period later if the drive shifts."""
+        signs = -np.ones(self.points.shape[1])
+        if not shifts:
+            signs[2 * self.half :] = 1.0
+        floquet = self.floquet and self.floquet.mirrored()
+        return replace(self, points=signs * self.points, floquet=floquet)
+
+    def beside(self, model: Model, seed: int = 0) -> Array:
+        """States nearly as far away as the radius, in directions drawn at random, (k, 2 moving)."""
+        random = np.random.default_rng(seed)
+        half, at = self.half, np.arange(len(self.points))
+        if self.driven:  # when a period begins
+            at = np.flatnonzero(self.points[:, -2] > 1.0 - 1e-9)
+        on = self.points[random.choice(at, TRIALS), : 2 * half]
+        away = random.normal(size=on.shape)
+        away[:, half:] /= self.unit
+        sizes = np.linalg.norm(away * np.repeat([1.0, self.unit], half), axis=1)
+        away *= 0.9 * self.radius * math.sqrt(half) / sizes[:, None]
+        moved = np.concatenate(model.projected((on + away)[:, :half].T, (on + away)[:, half:].T)).T
+        met = np.isfinite(moved.sum(axis=1, keepdims=True))
+        return np.where(met, moved, on)
+
+
+@dataclass(frozen=True, eq=False)
+class Approach:
+    """How a motion has come nearer to what a region is about.
+
+    Attributes:
+        region: in which it was before, or NOWHERE.
+        first: its largest distance in its first period there.
+        squares: of its Floquet coordinates when they were last compared, the mean over a period.
+        since: time since then.
+    """
+
+    region: int = NOWHERE
+    first: float = math.inf
+    squares: Array | None = None
+    since: float = 0.0
+
+    def later(self, time: float, squares: Array, decay: Array) -> tuple[Approach, bool]:
+        """The same after a time, and whether Floquet coordinates have fallen as they must.
+
+        They are compared when at half its rate the slowest would have fallen so much.
+        """
+        if self.squares is None:
+            return replace(self, squares=squares, since=0.0), False
+        slowest = decay[self.squares >= ACTING * self.squares.sum()].min()
+        if (since := self.since + time) * slowest < -math.log(FALLEN):
+            return replace(self, since=since), False
+        acting = squares >= ACTING * squares.sum()
+        fallen = (squares <= FALLEN * self.squares)[acting].all()
+        return replace(self, squares=squares, since=0.0), bool(fallen)
+
+
+@dataclass(frozen=True)
+class WatchedTask(Task):
+    """A motion that ends where it has reached a region.
+
+    Attributes:
+        regions: that it may reach.
+        every: of its samples one in so many is judged.
+        phases: of those in a block, `Excitation.phases`.
+        approach: how it has come nearer to one before.
+    """
+
+    regions: Sequence[Region] = ()
+    every: int = 1
+    phases: Array = field(default_factory=lambda: np.zeros((1, 0)))
+    approach: Approach = field(default_factory=Approach)
+
+
+@dataclass(frozen=True)
+class Watched:
+    """What came of it: which region it has reached, and how it has come nearer to one."""
+
+    outcome: Outcome
+    label: int
+    approach: Approach
+
+
+class _Watch(Observer):
+    """Ends the motions of a batch that have reached a region. Judged are blocks of samples."""
+
+    def __init__(self, tasks: Sequence[WatchedTask]) -> None:
+        super().__init__()
+        self.stretch = LOOK * min(max(MEMBERS // len(tasks), 1), SLOWER)
+        self.tasks, self.rows = tasks, 2 * tasks[0].model.moving
+        self.labels = np.full(len(tasks), NOWHERE)
+        self.judged = np.zeros(len(tasks), dtype=int)  # blocks
+        self.approaches = [task.approach for task in tasks]  # up to the last block
+        members_of: dict[int, list[int]] = {}  # each list of regions
+        for member, task in enumerate(tasks):
+            if task.regions:
+                members_of.setdefault(id(task.regions), []).append(member)
+        self.groups = [np.array(some) for some in members_of.values()]
+
+    def ended(self, states: Array, samples: Array) -> list[int]:
+        """As of `Observer`."""
+        found: list[int] = []
+        for members in self.groups:
+            task = self.tasks[members[0]]
+            span = np.arange(len(task.phases)) * task.every
+            size = span.size * task.every
+            while True:
+                whole = samples[members] > self.judged[members] * size + span[-1]
+                ready = members[whole & (self.labels[members] == NOWHERE)]
+                if not ready.size:
+                    break
+                places = self.judged[ready, None] * size + span
+                found += self._judge(task, ready, states[ready[:, None], places, : self.rows])
+                self.judged[ready] += 1
+        return found
+
+    def _judge(self, task: WatchedTask, members: Any, blocks: Array) -> list[int]:
+        """Which of some members, with a task like this, have reached a region.
+
+        blocks: of samples of each, (k, samples, rows).
+        """
+        regions = task.regions
+        if task.phases.size:
+            phases = np.broadcast_to(task.phases, (len(blocks), *task.phases.shape))
+            blocks = np.concatenate([blocks, phases], axis=2)
+        found: list[int] = []
+        for k, region in enumerate(regions):
+            reached = members[region.attracts(blocks[:, -1])]
+            self.labels[reached] = k
+            found += reached.tolist()
+        last = np.stack([region.distances(blocks[:, -1]) for region in regions])
+        nearest, before = last.argmin(axis=0), [self.approaches[member] for member in members]
+        for member in members:
+            self.approaches[member] = Approach()
+        if np.isinf(last).all():
+            return found
+        for k, region in enumerate(regions):
+            some = np.flatnonzero((nearest == k) & np.isfinite(last[k]))
+            if not some.size:
+                continue
+            rows = blocks[some]
+            largest = region.distances(rows.reshape(-1, rows.shape[2])).reshape(rows.shape[:2])
+            largest = largest.max(axis=1)
+            some, largest = some[np.isfinite(largest)], largest[np.isfinite(largest)]
+            floquet = region.floquet if some.size else None
+            if floquet is not None:
+                time = (task.times[1] - task.times[0]) * blocks.shape[1] * task.every
+                squares = np.abs(floquet(blocks[some].reshape(-1, blocks.shape[2]))) ** 2
+                squares = squares.reshape(some.size, blocks.shape[1], -1).mean(axis=1)
+            for i, (place, distance) in enumerate(
+                zip(some.tolist(), largest.tolist(), strict=True)
+            ):
+                approach, near = before[place], FLOOR
+                if approach.region == k:
+                    near = max(near, NEARER * approach.first)
+                else:
+                    approach = Approach(k, distance)
+                reached = distance <= near
+                if floquet is not None:
+                    approach, fallen = approach.later(time, squares[i], floquet.decay)
+                    reached |= fallen
+                self.approaches[members[place]] = approach
+                if reached:
+                    self.labels[members[place]] = k
+                    found.append(int(members[place]))
+        return found
+
+
+def watched(tasks: Sequence[WatchedTask], shown: bool, observer: Observer) -> list[Watched]:
+    """What comes of each motion of a batch, as for `in_batches`."""
+    watch = _Watch(tasks)
+    outcomes: list[Outcome] = integrate(tasks, shown, watch if watch.groups else observer)
+    states = zip(outcomes, watch.labels.tolist(), watch.approaches, strict=True)
+    return [Watched(*state) for state in states]
+
+
+def judged_step(regions: Sequence[Region], most: float) -> tuple[float, float]:
+    """Time between two samples that are judged, and between two blocks."""
+    periods = [region.period for region in regions] or [most]
+    longest = max(periods)
+    return min(max(min(periods) / SAMPLES, longest / LONGEST_BLOCK), most), longest

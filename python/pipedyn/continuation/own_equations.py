@@ -1,0 +1,434 @@
+# SPDX-License-Identifier: MIT
+"""Continuation of a user's own equations: a branch with its folds and the zeros of test functions.
+
+The engine is that of every branch in the package (`arclength.path`).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import suppress
+from dataclasses import field
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from pipedyn.continuation.arclength import (
+    Continuation,
+    Control,
+    DenseProblem,
+    End,
+    Point,
+    Segment,
+    folds,
+    path,
+    reason_of,
+)
+from pipedyn.models.base import NotConverged
+from pipedyn.util import check
+from pipedyn.util.archive import saved_as
+from pipedyn.util.check import Array
+from pipedyn.util.later import scipy
+from pipedyn.util.newton import NewtonFailed
+from pipedyn.util.result import Result, TableResult, numbered
+
+
+@saved_as("MarkedPoint", shapes={"n": "x"})
+class MarkedPoint(Result):
+    """A fold of a branch, or a zero of a test function on it.
+
+    Attributes:
+        kind: "fold" (the parameter turns back) or the name of the test function.
+        x: unknowns, shape (n,).
+        p: parameter.
+    """
+
+    kind: str
+    x: Array
+    p: float
+
+
+@saved_as("Branch", shapes={"S n": "x", "S": "p", "S n+1": "tangents"})
+class Branch(TableResult):
+    """A branch of solutions, point by point along its arc length.
+
+    Attributes:
+        x: unknowns, shape (S, n).
+        p: parameter, shape (S,).
+        tangents: directions (x, p) of the branch, shape (S, n + 1).
+        points: folds and zeros of test functions, in order along the branch.
+        ends: why it ends at its first and last point: "range" (of the parameter, or a limit of x),
+            "closed", "points" (their number ran out) or "not converged" (no next point was found).
+        failures: why it was not followed beyond an end of the last two kinds, with what an
+            exception of the user's functions says, and which folds and zeros of tests are not
+            known, in sentences.
+    """
+
+    x: Array = field(repr=False)
+    p: Array = field(repr=False)
+    tangents: Array = field(repr=False)
+    points: tuple[MarkedPoint, ...]
+    ends: tuple[End, End]
+    failures: tuple[str, ...]
+
+    def __len__(self) -> int:
+        return len(self.p)
+
+    @property
+    def folds(self) -> tuple[MarkedPoint, ...]:
+        """Where the parameter turns back."""
+        return tuple(point for point in self.points if point.kind == "fold")
+
+    def _columns(self) -> dict[str, Any]:
+        return {"p": self.p, **numbered("x", self.x)}
+
+
+def follow(
+    problem: Continuation | Callable[[Array, float], ArrayLike],
+    x0: ArrayLike,
+    p0: float,
+    interval: tuple[float, float],
+    *,
+    derivative: Callable[[Array, float], ArrayLike] | None = None,
+    tests: Mapping[str, Callable[[Array, float], float]] | None = None,
+    limits: Mapping[int, tuple[float, float]] | None = None,
+    step: float = 0.05,
+    scale: float = 1.0,
+    points: int = 1000,
+) -> Branch:
+    """The branch of solutions of G(x, p) = 0 through a given one, past folds.
+
+    This is the engine of `equilibrium_branch`, `boundary` and the branches of cycles, for equations
+    of the user's own.
+
+    Args:
+        problem: the equations G, a function of x, shape (n,), and p that gives n numbers; or a
+            `Continuation`, which brings its own way to solve them and control of steps.
+        x0: near a solution at p0, from which Newton's method goes on, shape (n,). It may be a fold.
+        p0: its parameter, within the interval.
+        interval: (lowest, highest) parameter.
+        derivative: of x and p gives [G_x, G_p], shape (n, n + 1), held against central differences
+            at x0; these serve where it is not given.
+        tests: functions of x and p by name, whose zeros along the branch are solved for where they
+            change sign; those at its ends count, too.
+        limits: (lowest, highest) value of entries of x by index, at which the branch ends, too.
+        step: longest step along the branch, in units of the scale and of the interval's length.
+        scale: change of x, as the root mean square of its entries, that counts like the interval;
+            `failures` says if it is more than 100 times larger or smaller than x.
+        points: most points either way, from 1 to 100,000.
+
+    Returns:
+        Branch, from the end that lies in the direction of falling p at x0; from a fold in that in
+        which the entry of x that changes most falls. An exception that a function of the user's
+        raises on the way ends it there: what was found is kept, and `failures` names the cause.
+        At x0 itself it passes through.
+
+    Example:
+        >>> import numpy as np
+        >>> def circle(x, p):
+        ...     return x**2 + p**2 - 1.0
+        >>> branch = pp.continuation.follow(circle, [1.0], 0.0, (-2.0, 2.0))
+        >>> branch.ends, [round(point.p, 9) for point in branch.folds]
+        (('closed', 'closed'), [1.0, -1.0])
+
+    Raises:
+        NotConverged: if no solution is found near x0, or it is none that can be followed from.
+        ValueError, TypeError: for bad arguments, equations that do not give n numbers, and a
+            derivative that is not theirs.
+
+    Source: Keller (1977).
+    """
+    low, high = map(float, check.array("interval", interval, size=2))
+    if not high > low:
+        raise ValueError(f"interval must be (lowest, highest), got ({low:g}, {high:g})")
+    p0 = check.real("p0", p0, low=low, high=high)
+    x = check.array("x0", x0)
+    step = check.real("step", step, low=1e-6, high=1.0)
+    scale = check.real("scale", scale, low=0.0, open_low=True)
+    most = check.count("points", points, high=100_000)
+    given = {} if tests is None else tests
+    if not isinstance(given, Mapping) or not all(map(callable, given.values())):
+        raise TypeError(f"tests must map names to functions, got {check.shown(tests)}")
+    bounds = [(-1, low, high), *_checked_limits(limits, x)]
+    if derivative is not None and not callable(derivative):
+        raise TypeError(f"derivative must be a function, got {check.shown(derivative)}")
+    if isinstance(problem, Continuation):
+        solver = problem
+    elif callable(problem):
+        equations = _UserEquations(problem, derivative, x, p0, scale, (low, high))
+        control = Control(longest=step * scale)
+        solver = DenseProblem(equations, x.size, (high - low) / scale, control)
+    else:
+        raise TypeError(
+            f"problem must be a function of x and p, or a Continuation, got {check.shown(problem)}"
+        )
+    marks = [_Test(name, test, x, p0) for name, test in given.items()]
+    try:
+        start = _start(solver, np.append(x, p0), high - low)
+    except NewtonFailed as error:
+        hints = [] if solver is problem else _proportion(x[None], scale)
+        reason = "; ".join([reason_of(error), *hints])
+        raise NotConverged(
+            f"no solution to follow was found near x0 at p = {p0:g}: {reason}"
+        ) from error
+    longest = 0.2 * solver.control.longest
+    solutions, ends, reasons = path(solver, start, bounds, longest, most, Exception)
+    every = np.array([point.z for point in solutions])
+    failures = [
+        f"the branch was not followed beyond {_place(solutions[k].z)}: {reason}"
+        for k, reason in ((0, reasons[0]), (-1, reasons[1]))
+        if reason
+    ]
+    if solver is not problem:
+        failures += _proportion(every[:, :-1], scale)
+    marked: list[MarkedPoint] = []
+    for i, (a, b) in enumerate(pairwise(solutions)):
+        segment = Segment(solver, a, b)
+        at: list[tuple[float, str]] = []
+        try:
+            at += [(s, "fold") for s in folds(segment, 1e-10)]
+        except Exception as error:  # whatever the user's functions raise
+            failures.append(
+                f"a fold between {_place(a.z)} and {_place(b.z)} is not known: {reason_of(error)}"
+            )
+        for test in marks:
+            # Ends may miss a zero by rounding; the first point of a closed branch is its last.
+            near = i == 0 and ends[0] != "closed", i == len(solutions) - 2
+            at += [(s, test.name) for s in test.zeros(segment, near)]
+        for s, kind in sorted(at):
+            z = segment.at(s).z
+            marked.append(MarkedPoint(kind, z[:-1].copy(), float(z[-1])))
+    failures += [test.failure for test in marks if test.failure]
+    tangents = np.array([point.tangent for point in solutions])
+    return Branch(
+        every[:, :-1], every[:, -1], tangents, tuple(marked), ends, failures=tuple(failures)
+    )
+
+
+ON_FOLD = 1e-4
+"""Share of the interval by which the parameter of a start on a fold may be off: there Newton's
+method at p0 fails, and the nearest point of the branch is taken."""
+
+
+def _start(solver: Continuation, z: Array, width: float) -> Point:
+    """The solution at the parameter of z, or beside a fold that nearest to z, with its tangent."""
+    index = z.size - 1
+    growing = np.append(np.zeros(index), 1.0)
+    try:
+        return solver.point(solver.fixed(z, float(z[-1])), growing)
+    except NewtonFailed as error:
+        reason = error
+    try:
+        # A fold has one null direction, which any row that it is not orthogonal to shows.
+        generic = np.cos(1.0 + np.arange(z.size)) / np.sqrt(solver.weights)
+        found = solver.at(solver.point(z, generic), 0.0)
+    except NewtonFailed:
+        raise reason from None
+    if (
+        abs(found.p - float(z[-1])) > ON_FOLD * width
+        or solver.length(found.z - z) > solver.control.longest
+    ):
+        raise reason
+    most = int(np.argmax(np.abs(found.tangent[:-1])))
+    return Point(found.z, math.copysign(1.0, found.tangent[most]) * found.tangent)
+
+
+PROPORTION = 100.0
+"""Factor between the size of x and the scale beyond which that is told: steps are as many times too
+short, or so long that they pass over folds."""
+
+
+def _proportion(xs: Array, scale: float) -> list[str]:
+    """What to say of a scale that is out of proportion to x, shape (S, n)."""
+    size = float(np.sqrt(np.mean(np.abs(xs).max(axis=0) ** 2)))
+    if size == 0.0 or 1.0 / PROPORTION <= size / scale <= PROPORTION:
+        return []
+    effect = "folds may be passed over" if size < scale else "steps are short"
+    return [f"scale is out of proportion: it is {scale:g}, and x is about {size:.1g}: {effect}"]
+
+
+def _place(z: Array) -> str:
+    x = np.array2string(z[:-1], precision=6, threshold=4, edgeitems=2, separator=", ")
+    return f"p = {z[-1]:.6g}, x = {' '.join(x.split())}"
+
+
+def _checked_limits(limits: Any, x: Array) -> Iterator[tuple[int, float, float]]:
+    if limits is None:
+        return
+    if not isinstance(limits, Mapping):
+        raise TypeError(f"limits must map indices to (lowest, highest), got {check.shown(limits)}")
+    for key, ends in limits.items():
+        index = check.count("an index of limits", key, low=0, high=x.size - 1)
+        least, largest = map(float, check.array(f"limits[{index}]", ends, size=2))
+        if not least <= x[index] <= largest:
+            raise ValueError(
+                f"limits[{index}] must hold x0[{index}] = {x[index]:g}, "
+                f"got ({least:g}, {largest:g})"
+            )
+        yield index, least, largest
+
+
+Function = Callable[[Array, float], ArrayLike]
+
+
+def _given(name: str, function: Function, x: Array, p: float, shape: tuple[int, ...]) -> Array:
+    """What a function of the user's gives; its exceptions pass."""
+    with np.errstate(all="ignore"):  # numbers that are not finite are refused here, by name
+        came = function(x.copy(), p)
+    found = check.doubles(name, came, "a function that gives numbers")
+    if found.shape != shape:
+        what = f"an array of shape {shape}" if shape else "a number"
+        raise TypeError(f"{name} must give {what}, got {found.shape}")
+    return found
+
+
+class _UserEquations:
+    """G with its derivative, given or by central differences.
+
+    Args:
+        equations: G.
+        derivative: [G_x, G_p], or None.
+        x, p: where they are called first.
+        scale: change of x that counts like the interval of p.
+        interval: of p.
+
+    Raises:
+        ValueError, TypeError: for what is no such function, and a derivative that is not that of G.
+    """
+
+    def __init__(
+        self,
+        equations: Function,
+        derivative: Function | None,
+        x: Array,
+        p: float,
+        scale: float,
+        interval: tuple[float, float],
+    ) -> None:
+        self.equations, self.derivative, self.size = equations, derivative, x.size
+        self.interval = interval
+        self.units = np.append(np.full(x.size, scale), interval[1] - interval[0])
+        _given("problem", equations, x, p, (self.size,))
+        if derivative is not None:
+            came = _given("derivative", derivative, x, p, (self.size, self.size + 1))
+            self._compare(came, x, p)
+
+    def __call__(self, x: Array, p: float) -> tuple[Array, Array]:
+        residual = self._at("problem", self.equations, x, p, (self.size,))
+        if self.derivative is not None:
+            shape = (self.size, self.size + 1)
+            return residual, self._at("derivative", self.derivative, x, p, shape)
+        z = np.append(x, p)
+        return residual, np.column_stack([self._difference(z, i) for i in range(z.size)])
+
+    def _at(
+        self, name: str, function: Function, x: Array, p: float, shape: tuple[int, ...]
+    ) -> Array:
+        """What a function gives; NewtonFailed says why there is none."""
+        try:
+            found = _given(name, function, x, p, shape)
+        except NewtonFailed:
+            raise
+        except Exception as error:  # whatever the user's function raises
+            raised = (
+                "" if str(error).startswith(name) else f"{name} raised {type(error).__name__}: "
+            )
+            raise NewtonFailed(f"{raised}{error}, at {_place(np.append(x, p))}") from error
+        if not np.isfinite(found).all():
+            wrong = found[~np.isfinite(found)][0]
+            raise NewtonFailed(f"{name} gives {wrong:g} at {_place(np.append(x, p))}")
+        return found
+
+    def _difference(self, z: Array, i: int, times: float = 1.0) -> Array:
+        """The derivative of G by an entry of z, by central differences over so many steps."""
+        # The cube root of rounding: the error of either kind is its square, 4e-11.
+        unit = float(self.units[i])
+        h = 6e-6 * times * unit * max(1.0, abs(z[i]) / unit) ** (1.0 / 3.0)
+
+        def value(steps: float) -> Array:
+            moved = z.copy()
+            moved[i] += steps * h
+            return self._at("problem", self.equations, moved[:-1], float(moved[-1]), (self.size,))
+
+        sides = (1.0, -1.0)  # at the limits of the interval there may be nothing beyond
+        inward = [
+            side
+            for side, limit in zip(sides, self.interval, strict=True)
+            if i == self.size and not 2.0 * h < side * (z[i] - limit)
+        ]
+        try:
+            return (value(1.0) - value(-1.0)) / (2.0 * h)
+        except NewtonFailed:
+            if not inward:
+                raise
+        side = inward[0]
+        return (4.0 * value(side) - 3.0 * value(0.0) - value(2.0 * side)) / (2.0 * side * h)
+
+    def _compare(self, came: Array, x: Array, p: float) -> None:
+        """Refuses a derivative from which differences are away by more than their own error."""
+        z = np.append(x, p)
+        near, far = np.full((2, *came.shape), np.nan)
+        for i in range(z.size):
+            with suppress(NewtonFailed):
+                near[:, i], far[:, i] = self._difference(z, i), self._difference(z, i, 10.0)
+        sizes = np.nan_to_num(np.abs(near)) * self.units
+        rounding = 1e-6 * sizes.max(axis=1, keepdims=True) / self.units
+        allowed = 1e-3 * np.abs(near) + 10.0 * np.abs(near - far) + rounding
+        wrong = np.argwhere(np.abs(came - near) > allowed)
+        if wrong.size:
+            i, j = wrong[0].tolist()
+            by = f"x[{j}]" if j < self.size else "p"
+            raise ValueError(
+                f"derivative must be that of problem: of G[{i}] by {by} at x0 and p0 it gives "
+                f"{came[i, j]:.6g}, and differences of problem {near[i, j]:.6g}"
+            )
+
+
+class _Test:
+    """A test function of the user's with its name, called first at a start.
+
+    Raises:
+        TypeError: for what gives no number.
+    """
+
+    def __init__(
+        self, name: Any, test: Callable[[Array, float], float], x: Array, p: float
+    ) -> None:
+        self.name, self.test, self.failure = str(name), test, ""
+        self._value(x, p)
+
+    def _value(self, x: Array, p: float) -> float:
+        return float(_given(f"tests[{self.name!r}]", self.test, x, p, ()).item())
+
+    def zeros(self, segment: Segment[Continuation], near: tuple[bool, bool]) -> list[float]:
+        """Arc lengths at which it is 0 on a segment: where it changes sign, or at the last point.
+
+        At those of the ends that are asked for it counts as 0 if it is up to rounding. Where it
+        gives no number that is the failure.
+        """
+
+        def value(s: float) -> float:
+            point = segment.at(s)
+            found = self._value(point.x, point.p)
+            if not math.isfinite(found):
+                raise NewtonFailed(f"it gives {found:g} at {_place(point.z)}")
+            return found
+
+        length = segment.length
+        try:
+            first, last = value(0.0), value(length)
+            if first * last < 0.0:
+                return [float(scipy.optimize.brentq(value, 0.0, length, xtol=1e-13 * length))]
+        except Exception as error:  # whatever the user's function raises
+            self.failure = self.failure or (
+                f"zeros of tests[{self.name!r}] are not known from "
+                f"{_place(segment.begin.z)} to {_place(segment.end.z)}, or further on: "
+                f"{reason_of(error)}"
+            )
+            return []
+        rounding = 1e-13 * max(abs(first), abs(last))
+        found = [length] if last == 0.0 or (near[1] and abs(last) < rounding) else []
+        return [0.0, *found] if near[0] and abs(first) <= rounding and last != first else found

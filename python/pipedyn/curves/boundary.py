@@ -1,0 +1,460 @@
+# SPDX-License-Identifier: MIT
+"""Boundaries of stability of the straight pipe in the plane of two of its numbers.
+
+Curves of flutter and of divergence start where the window's edges, and lines across it, meet them,
+and are followed by arc length past folds (`continuation.path`) until they leave the window or
+close. A curve of the continuous pipe is solved again in larger bases until its points stay.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import field
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipedyn.continuation.arclength import Control, Point
+from pipedyn.curves.boundary_curves import (
+    Traced,
+    Tracer,
+    basis_plane,
+    converged,
+    first_plane,
+    line_starts,
+)
+from pipedyn.curves.in_plane import InPlane
+from pipedyn.curves.organising import (
+    DoublePoint,
+    OrganisingPoint,
+    changes_of_criticality,
+    coefficients,
+    counted,
+    double_points,
+    others_unstable,
+    separated,
+)
+from pipedyn.equilibrium.axis_problems import AxisProblem, CoupledModeProblem
+from pipedyn.linear.modes import largest_speed
+from pipedyn.linear.plane import Plane, Window
+from pipedyn.linear.sensitivity import Kind
+from pipedyn.models.continuum import AnyModel, Continuum, checked_model
+from pipedyn.models.pipe_numbers import PipeNumber, checked_number
+from pipedyn.util import check
+from pipedyn.util.archive import saved_as
+from pipedyn.util.check import Array
+from pipedyn.util.newton import NewtonFailed
+from pipedyn.util.result import Result
+from pipedyn.util.threads import one_thread
+
+LARGEST_MODEL = 500
+"""Degrees of freedom of a model: dense matrices are factorised at every point."""
+
+
+@saved_as(
+    "BoundaryCurve",
+    shapes={
+        "S": "x y frequency unstable change lyapunov criticality",
+        "S 2": "slopes",
+        "K 2": "organising",
+    },
+)
+class BoundaryCurve(Result):
+    """A curve of flutter or of divergence, point by point along its arc length.
+
+    Attributes:
+        kind: "flutter" (a pair passes the imaginary axis; of undamped pipes whose ends do no work
+            two pairs meet on it and leave it, coupled-mode flutter) or "divergence" (a real root
+            passes 0).
+        x, y: the two numbers, shape (S,).
+        frequency: angular, in 1 / T, shape (S,); 0 of divergence, and where two growing real roots
+            meet and become a growing pair, which `crossings` counts as coupled-mode flutter, too.
+        unstable: number of unstable roots beside those on the axis, shape (S,): where it is 0 the
+            curve bounds the region in which the pipe is stable. At an end "Bogdanov-Takens" as
+            right before it, as `change`: at that point itself zero is a double root.
+        change: number of unstable roots on its left less that on its right, shape (S,): 2 or -2,
+            of divergence 1 or -1, which changes at a Bogdanov-Takens point, and 0 where real roots
+            meet.
+        lyapunov: first Lyapunov coefficient of flutter, as of `Hopf`; of divergence the coefficient
+            c of z' = sigma z + c z^3, z being the largest angle, shape (S,). NaN where other roots
+            are unstable, or it was not asked for.
+        criticality: "supercritical", where what emerges attracts, "subcritical", or "" where it is
+            not known, shape (S,). With drag that decides, see `Hopf`.
+        error: of `Continuum` the largest distance of points, some of them along the curve, from
+            those in the basis before, relative to their numbers or 1; 0 of other models.
+        ends: why it ends at its first and last point: "range" (it leaves the window), "closed",
+            "Bogdanov-Takens" (its frequency falls to 0), "points" or "not converged".
+        slopes: direction (dx, dy) by arc length of unit length in shares of the window, shape
+            (S, 2).
+        organising: organising points on it: `Boundary.points[i]` lies between its points k and
+            k + 1, rows (k, i). Where `unstable`, `change` or `criticality` differ at these, they
+            change there. At most one between two points.
+    """
+
+    kind: Kind
+    x: Array = field(repr=False)
+    y: Array = field(repr=False)
+    frequency: Array = field(repr=False)
+    unstable: NDArray[np.int_] = field(repr=False)
+    change: NDArray[np.int_] = field(repr=False)
+    lyapunov: Array = field(repr=False)
+    criticality: NDArray[np.str_] = field(repr=False)
+    error: float = field(repr=False)
+    ends: tuple[str, str]
+    slopes: Array = field(repr=False)
+    organising: NDArray[np.int_] = field(repr=False)
+
+    def __len__(self) -> int:
+        return len(self.x)
+
+    @property
+    def sides(self) -> NDArray[np.int_]:
+        """Number of unstable roots on its left and on its right, shape (S, 2)."""
+        left, right = np.maximum(self.change, 0), np.maximum(-self.change, 0)
+        return self.unstable[:, None] + np.stack([left, right], axis=1)
+
+
+@saved_as("Boundary")
+class Boundary(InPlane):
+    """Curves on which eigenvalues lie on the imaginary axis, in a window of two numbers.
+
+    Attributes:
+        names: of x and y.
+        ranges: of x and y, ((low, high), (low, high)).
+        curves: flutter first.
+        points: organising points on curves, at which no more roots are unstable first.
+        u: flow speed where it is neither; None where it is.
+        model: the model.
+        size: degrees of freedom of the model solved.
+        failures: what was not followed to its end, or does not agree, in sentences.
+    """
+
+    _along = ("frequency", "unstable", "criticality")
+
+    names: tuple[str, str]
+    ranges: tuple[tuple[float, float], tuple[float, float]]
+    curves: tuple[BoundaryCurve, ...]
+    points: tuple[OrganisingPoint, ...]
+    u: float | None
+    model: AnyModel
+    size: int
+    failures: tuple[str, ...]
+
+    def unstable(self, x: float, y: float) -> int:
+        """Number of unstable roots at a point of the window, by its eigenvalues.
+
+        Example:
+            >>> window = {"gamma": (-20.0, 0.0), "u": (0.0, 5.0)}
+            >>> model = pp.Chain(pp.Pipe(0.2, damping=0.01), 2)
+            >>> found = pp.boundary(model, "gamma", "u", window, criticality=False)
+            >>> found.unstable(-5.0, 1.0), found.unstable(-20.0, 1.0)
+            (0, 1)
+
+        Raises:
+            ValueError, TypeError: for a point outside the window.
+        """
+        (left, right), (low, high) = self.ranges
+        at = np.array(
+            [check.real("x", x, low=left, high=right), check.real("y", y, low=low, high=high)]
+        )
+        plane = self._plane
+        with one_thread(2 * plane.dof):
+            return plane.unstable(at)
+
+    @cached_property
+    def _plane(self) -> Plane:
+        of = checked_window(self.model, self.names, dict(zip(self.names, self.ranges, strict=True)))
+        model = self.model
+        if isinstance(model, Continuum):
+            return basis_plane(model.frozen(self.size), of, self.u)
+        return Plane(model, of, self.u)
+
+
+def boundary(
+    model: AnyModel,
+    x: str,
+    y: str,
+    ranges: Mapping[str, tuple[float, float]],
+    *,
+    u: float | None = None,
+    criticality: bool = True,
+    only_stability: bool = False,
+) -> Boundary:
+    """Boundaries of stability in the plane of two of a pipe's numbers, with organising points.
+
+    Curves of flutter and divergence are found where they meet the window's edges and lines across
+    it, and followed past folds. That what leaves the window enters it is checked at its edges, so
+    that no curve which meets them is lost in silence. A closed curve of flutter meets none of them:
+    where a pair comes near to the axis on a line, and turns back, its real part is followed uphill
+    from there until the pair passes or goes no farther. A closed curve so small that all lines pass
+    it by, and to which none of these ways leads, is missed; no search by samples can tell. Look in
+    a smaller window where one is expected.
+
+    Args:
+        model: chain, reduced model, scene of up to 500 degrees of freedom, or `Continuum`, whose
+            points are solved in larger bases until they move by less than 1e-9.
+        x: a number of the pipe: "u", "beta", "gamma", "alpha", "damping", "hysteresis",
+            "inflow_share" (aspirating), "root.stiffness" of a `RootSpring`, or a term's number as
+            "PointMass.mass", of several such terms "terms[0].mass". Its value in the model's pipe
+            does not count.
+        y: another.
+        ranges: (low, high) of both, by name.
+        u: the flow speed, if it is neither.
+        criticality: whether to compute on which side motions emerge, and where this changes, which
+            takes longest.
+        only_stability: whether curves on which other roots are unstable are left out; then counts
+            at the edges are not compared.
+
+    Returns:
+        Boundary.
+
+    Example:
+        >>> pipe = pp.Pipe(0.2, damping=0.005)
+        >>> window = {"gamma": (-60.0, 0.0), "u": (0.0, 4.0)}
+        >>> found = pp.boundary(pp.Galerkin(pipe, 2, "beam"), "gamma", "u", window)
+        >>> point = next(p for p in found.points if p.kind == "Hopf-pitchfork")
+        >>> round(point.x, 4), round(point.y, 4)
+        (-46.0015, 2.2458)
+
+    Raises:
+        NotConverged: if curves of the continuous pipe do not converge as the basis grows.
+        ValueError: for a number that the pipe does not have, that small motions do not know, or
+            outside its range; for a bent pipe.
+        TypeError: for what is no model, word or number.
+
+    Source: Govaerts (2000), Numerical methods for bifurcations of dynamical equilibria; of the
+    organising points Kuznetsov, Elements of Applied Bifurcation Theory, ch. 8. Criticality of
+    flutter as for `hopf`.
+    """
+    checked_model(model)
+    if not isinstance(model, Continuum):
+        if model.dof > LARGEST_MODEL:
+            raise ValueError(
+                f"model must have at most {LARGEST_MODEL} degrees of freedom, got {model.dof}"
+            )
+        if model.pipe.jet_angle or model.resting().any():
+            raise ValueError(
+                "model must rest straight: boundaries are those of the straight pipe, got "
+                f"{model!r}"
+            )
+    window = checked_window(model, (x, y), ranges)
+    asked = check.flag("criticality", criticality)
+    only = check.flag("only_stability", only_stability)
+    by_speed = None in window.numbers
+    if by_speed and u is not None:
+        raise ValueError(f"u must not be given where it is x or y, got {check.shown(u)}")
+    if not by_speed:
+        if u is None:
+            raise ValueError(f'u must be given where neither x nor y is "u", got {x!r} and {y!r}')
+        u = check.real("u", u, low=0.0, high=largest_speed(model))
+    return _bounded(model, window, u, asked, only, (x, y))
+
+
+def checked_window(model: AnyModel, names: tuple[Any, Any], ranges: Any) -> Window:
+    """The two numbers, and the ranges in which they are looked at."""
+    numbers: list[PipeNumber | None] = []
+    for argument, name in zip(("x", "y"), names, strict=True):
+        own = isinstance(name, str) and name == "u"
+        numbers.append(None if own else checked_number(argument, name, model.pipe))
+    places = [None if one is None else (one.term, one.attribute) for one in numbers]
+    if places[0] == places[1]:
+        raise ValueError(f"x and y must be two numbers, got {names[0]!r} and {names[1]!r}")
+    rules: list[dict[str, Any]] = []
+    for name, number in zip(names, numbers, strict=True):
+        rule = {"low": 0.0, "high": largest_speed(model)} if number is None else dict(number.rule)
+        if name == "root.stiffness":
+            rule["open_low"] = True
+        rules.append(rule)
+    bounds = check.window(names, ranges, (rules[0], rules[1]))
+    if "beta" in names and bounds[names.index("beta")][0] == 0.0:
+        raise ValueError(
+            "ranges['beta'] must lie in (0, 1), got 0: curves are followed by derivatives, and the "
+            "Coriolis force, which grows with the root of beta, has none at 0"
+        )
+    low_, high_ = np.array(bounds).T
+    return Window((numbers[0], numbers[1]), low_, high_ - low_)
+
+
+def _bounded(
+    model: AnyModel,
+    window: Window,
+    u: float | None,
+    criticality: bool,
+    only_stability: bool,
+    names: tuple[str, str],
+) -> Boundary:
+    with one_thread(2 * getattr(model, "dof", 64)):
+        coarse = first_plane(model, window, u)
+        by_speed = coarse.speed_index is not None
+        starts, failures = line_starts(coarse, only_stability)
+        middle = window.place(np.full(2, 0.5))
+        if coarse.conservative and not by_speed and coarse.static_stiffnesses(middle) is None:
+            failures.append(
+                "coupled-mode flutter, where two pairs of an undamped pipe meet on the axis, was "
+                "not looked for: it is found along the flow speed, which is held here; see "
+                "`crossings`"
+            )
+
+        def wanted(problem: AxisProblem, z: Array) -> bool:
+            return not only_stability or others_unstable(coarse, problem, z) == 0
+
+        tracer = Tracer(coarse, starts, wanted)
+        counts: list[NDArray[np.int_]] = []
+        found: list[DoublePoint] = []
+        on: list[list[tuple[int, int]]] = []  # of each curve, steps and numbers of points in them
+        while starts:
+            new, starts = tracer.trace(starts), []
+            for curve in new:
+                of_curve, places = counted(coarse, curve), list[tuple[int, float, int]]()
+                for place in double_points(coarse, curve, of_curve):
+                    if isinstance(place, str):
+                        failures.append(place)
+                        continue
+                    where, one = place
+                    i = next((i for i, other in enumerate(found) if _same(one, other)), len(found))
+                    if where is not None:
+                        places.append((*where, i))
+                    if i == len(found):
+                        found.append(one)
+                        starts += one.starts()
+                of_curve, steps = separated(coarse, curve, of_curve, places)
+                counts.append(of_curve)
+                on.append(steps)
+        failures += tracer.failures()
+        plane, traced = coarse, list[Traced | None](tracer.curves)
+        points: list[OrganisingPoint | None]
+        if isinstance(model, Continuum):
+            plane, traced = converged(model, coarse, tracer.curves)
+            points = [*_solved_again(found, plane, tracer.control, failures)]
+        else:
+            points = [one.point(plane) for one in found]
+        parts = []
+        for last, of_curve, steps in zip(traced, counts, on, strict=True):
+            if last is None:
+                continue
+            curve = last
+            if plane is not coarse:  # in which fewer modes count
+                of_curve = counted(plane, curve, of_curve)
+            values = np.full((len(curve.points), 2), np.nan)
+            if criticality:
+                for k in np.flatnonzero(of_curve == 0):
+                    values[k] = coefficients(coarse, curve.problem, curve.points[k].z)
+                for change in changes_of_criticality(coarse, curve, of_curve, values[:, 1]):
+                    if isinstance(change, str):
+                        failures.append(change)
+                    else:
+                        steps.append((change[0], len(points)))
+                        points.append(change[1])
+            parts.append((curve, of_curve, values, steps))
+    known = [(i, one) for i, one in enumerate(points) if one is not None]
+    known.sort(key=lambda of: (of[1].unstable, of[1].kind, of[1].x))
+    numbers = {i: number for number, (i, _) in enumerate(known)}
+    curves = [_finished(*part, numbers) for part in parts]
+    low, high = window.low, window.low + window.size
+    if not (coarse.conservative or only_stability or any(tracer.failures())):
+        failures += _disagreements(curves, coarse)
+    return Boundary(
+        names=names,
+        ranges=((float(low[0]), float(high[0])), (float(low[1]), float(high[1]))),
+        curves=tuple(sorted(curves, key=lambda c: (c.kind != "flutter", -len(c)))),
+        points=tuple(one for _, one in known),
+        u=u,
+        model=model,
+        size=plane.dof,
+        failures=tuple(failures),
+    )
+
+
+def _solved_again(
+    found: list[DoublePoint], plane: Plane, control: Control, failures: list[str]
+) -> Iterator[OrganisingPoint | None]:
+    """The points in a larger basis; those that it does not have are None, and failures."""
+    for one in found:
+        try:
+            yield one.solved(plane, control).point(plane)
+        except NewtonFailed as error:
+            yield None
+            point = one.point(plane)
+            failures.append(
+                f"a point of kind {point.kind} near ({point.x:.6g}, {point.y:.6g}) was found in a "
+                f"small basis only, and is left out: {error}"
+            )
+
+
+def _same(one: DoublePoint, other: DoublePoint) -> bool:
+    near = np.allclose(one.roots, other.roots, rtol=1e-6, atol=1e-6)
+    return near and float(np.abs(one.at - other.at).max()) < 1e-6
+
+
+def _disagreements(curves: list[BoundaryCurve], plane: Plane) -> Iterator[str]:
+    """Where unstable roots that leave the window do not enter it: round its edges once.
+
+    Next to an end at which all roots lie on the axis they are not compared.
+    """
+    window = plane.window
+    ends = []
+    for curve in curves:
+        for k, end in ((0, curve.ends[0]), (-1, curve.ends[1])):
+            if end != "range":
+                continue
+            at = np.array([curve.x[k], curve.y[k]])
+            x, y = (at - window.low) / window.size
+            # Counter-clockwise from the lower left corner: place, and direction.
+            places = {y: (x, (1, 0)), 1.0 - x: (1.0 + y, (0, 1))}
+            places |= {1.0 - y: (3.0 - x, (-1, 0)), x: (4.0 - y, (0, -1))}
+            place, (right, up) = places[min(places, key=abs)]
+            leftwards = curve.slopes[k] @ [up, -right] > 0.0
+            ahead, behind = curve.sides[k].tolist()
+            before, after = (behind, ahead) if leftwards else (ahead, behind)
+            ends.append((place, before, after, at))
+    ends.sort(key=lambda end: end[0])
+    for one, other in zip(ends, ends[1:] + ends[:1], strict=True):
+        if one[2] != other[1] and not any(plane.conservative_at(end[3]) for end in (one, other)):
+            yield (
+                f"on the window's edge between ({one[3][0]:.6g}, {one[3][1]:.6g}) and "
+                f"({other[3][0]:.6g}, {other[3][1]:.6g}), where curves end, a curve is missing: "
+                f"{one[2]} roots are unstable next to the first and {other[1]} next to the second"
+            )
+
+
+def _points_of_change(curve: Traced) -> list[Point]:
+    """Points that say on which side roots are unstable: of flutter one, which holds for all."""
+    if curve.problem.kind == "divergence" or isinstance(curve.problem, CoupledModeProblem):
+        return curve.points
+    # Away from ends at which its frequency is 0.
+    return [curve.points[len(curve.points) // 2]]
+
+
+def _finished(
+    curve: Traced,
+    counts: NDArray[np.int_],
+    values: Array,
+    steps: list[tuple[int, int]],
+    numbers: dict[int, int],
+) -> BoundaryCurve:
+    """For users; the points in steps have other numbers there."""
+    problem, points = curve.problem, curve.points
+    places = curve.places()
+    slopes = np.array([point.tangent[[-1, -2]] for point in points])
+    words = np.array(["", "supercritical", "subcritical"])
+    leading = values[:, 1]
+    changes = np.array([problem.change(point) for point in _points_of_change(curve)])
+    changes = np.resize(changes, len(points))
+    organising = [(step, numbers[i]) for step, i in sorted(steps) if i in numbers]
+    which = np.where(np.isnan(leading), 0, np.where(leading < 0.0, 1, 2))
+    return BoundaryCurve(
+        kind=problem.kind,
+        x=places[:, 0],
+        y=places[:, 1],
+        frequency=np.array([problem.frequency(point.z) for point in points]),
+        unstable=counts,
+        change=changes,
+        lyapunov=values[:, 0],
+        criticality=words[which],
+        error=curve.error,
+        ends=curve.ends,
+        slopes=slopes / np.linalg.norm(slopes, axis=1, keepdims=True),
+        organising=np.array(organising, dtype=int).reshape(-1, 2),
+    )

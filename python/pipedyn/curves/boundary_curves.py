@@ -1,0 +1,433 @@
+# SPDX-License-Identifier: MIT
+"""Curves of flutter and divergence in a window of two numbers: where they begin, and followed.
+
+They start where lines across the window, its edges among them, meet them: along the flow speed
+from the search for crossings, along other numbers from eigenvalues that are followed. A curve of
+the continuous pipe is solved again in larger bases until its points stay.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipedyn.continuation.arclength import Control, Point, Segment, path
+from pipedyn.equilibrium.axis_problems import (
+    AxisProblem,
+    CoupledModeProblem,
+    DivergenceProblem,
+    FlutterProblem,
+)
+from pipedyn.linear.critical_speed import losses, resolved
+from pipedyn.linear.eigenproblem import eigenproblem
+from pipedyn.linear.neutral import grows
+from pipedyn.linear.plane import ON_EDGE, Plane, Window
+from pipedyn.models.base import NotConverged
+from pipedyn.models.continuum import FUNCTIONS_A_JOINT, LARGEST, AnyModel, Continuum
+from pipedyn.models.galerkin import Galerkin, basis_joints, enriched
+from pipedyn.util.check import Array
+from pipedyn.util.newton import NewtonFailed
+
+LONGEST, TURN = 0.04, 0.18
+"""Longest step, as a share of the window's sides, and angle between neighbouring tangents, rad:
+cubics through the points with their tangents have no corners that a page shows."""
+
+MOST_POINTS = 1500
+"""Of a curve, either way: at the longest step forty times across the window."""
+
+LINES_OF_SPEED, LINES = 7, 3
+"""Lines across the window, its edges with them, on which curves are looked for: of those along the
+flow speed and of others, which take ten times as long."""
+
+FIRST_CLIMB, LAST_CLIMB, MOST_CLIMBS = 0.04, 1e-3, 10
+"""Radius of the first step uphill to a closed curve, the shortest step, in shares of the window,
+and the most of them: those that reach a curve take two to eight."""
+
+AGREED = 2e-10
+"""Distance of a point of the continuous pipe from that of the basis before, relative to its
+numbers or 1, at which it counts as converged: convergence is exponential, so that the next is
+nearer than that."""
+
+ROUNDED = 1e-6
+"""The same where larger bases do not make it smaller: rounding, of pairs of high frequency that
+hardly move. At omega 900 with a growth of 1e-3 it is 1e-8."""
+
+SAME = 1e-7
+"""Distance in shares of the window below which two solutions are one."""
+
+
+@dataclass(frozen=True)
+class CurveStart:
+    """Near a point on a curve, or a solution.
+
+    Attributes:
+        z: ([frequency,] y, x), y and x as shares of the window. Of a conservative plane the first
+            is the frequency's square, negative of real roots.
+        kept: the entry of z that keeps its value where the others are solved for; None where z is
+            a solution.
+    """
+
+    z: Array
+    kept: int | None = None
+
+
+@dataclass
+class Traced:
+    """A curve with what solves for more points of it."""
+
+    problem: AxisProblem
+    points: list[Point]
+    ends: tuple[str, str]
+    error: float = 0.0
+
+    def segments(self) -> Iterator[Segment[AxisProblem]]:
+        """What lies between neighbouring points."""
+        for a, b in pairwise(self.points):
+            self.problem.renew()
+            yield Segment(self.problem, a, b)
+
+    def sample(self) -> Traced:
+        """A few of its points, the first and last among them."""
+        which = np.unique(
+            np.linspace(0, len(self.points) - 1, 3 + len(self.points) // 8, dtype=int)
+        )
+        return replace(self, points=[self.points[k] for k in which])
+
+    def places(self) -> Array:
+        """(x, y) of each point, shape (S, 2)."""
+        return np.array([self.problem.place(point.z) for point in self.points])
+
+    def holds(self, z: Array) -> bool:
+        """Whether a solution lies on the curve."""
+        away = np.array([self.problem.length(point.z - z) for point in self.points])
+        k = int(np.argmin(away))
+        if away[k] > LONGEST:
+            return False
+        self.problem.renew()
+        for a, b in pairwise(self.points[max(0, k - 1) : k + 2]):
+            segment = Segment(self.problem, a, b)
+            s, length = segment.reach(z), segment.length
+            if -0.01 * length <= s <= 1.01 * length:
+                with suppress(NewtonFailed):
+                    found = self.problem.at(a, s, segment.guess(s))
+                    if self.problem.length(found.z - z) <= 100.0 * SAME:
+                        return True
+        return bool(away[k] <= 100.0 * SAME)
+
+
+class Tracer:
+    """Follows curves on one plane, each once.
+
+    Args:
+        plane: the matrices.
+        starts: near points on curves, from which it finds the unit of frequencies.
+        wanted: of a problem and a solution z, whether its curve is to be followed.
+    """
+
+    def __init__(
+        self,
+        plane: Plane,
+        starts: list[CurveStart],
+        wanted: Callable[[AxisProblem, Array], bool] = lambda problem, z: True,
+    ) -> None:
+        self.plane, self.wanted = plane, wanted
+        self.unit = max([1.0, *(abs(float(one.z[0])) for one in starts if one.z.size == 3)])
+        # Derivatives are exact: a step that short leaves an error of its square.
+        self.control = Control(LONGEST, shortest=1e-6, turn=TURN, tolerance=SAME)
+        self.curves: list[Traced] = []
+
+    def trace(self, starts: list[CurveStart]) -> list[Traced]:
+        """The curves through points near those given, but those that are known."""
+        before = len(self.curves)
+        for start in starts:
+            # As of a guess: a curve that is missed shows where counts are compared.
+            with suppress(NewtonFailed):
+                self._trace(start.z, start.kept)
+        return self.curves[before:]
+
+    def _trace(self, start: Array, kept: int | None) -> None:
+        problem: AxisProblem
+        if start.size == 3:
+            meeting = self.plane.conservative
+            of = CoupledModeProblem if meeting else FlutterProblem
+            problem = of(self.plane, self.control, self.unit)
+            z = start / [self.unit, 1.0, 1.0]
+        else:
+            problem, z = DivergenceProblem(self.plane, self.control), start
+        if kept is not None:
+            z = problem.fixed(z, float(z[kept]), kept)
+        inside = bool((z[-2:] >= -ON_EDGE).all() and (z[-2:] <= 1.0 + ON_EDGE).all())
+        inside &= z.size == 2 or meeting or z[0] >= -ON_EDGE
+        known = (one for one in self.curves if one.problem.kind == problem.kind)
+        if z.size == 3 and not meeting and self.plane.conservative_near(z[[-1, -2]], ON_EDGE):
+            return  # all roots lie on the axis, on no curve of their own
+        if not inside or any(one.holds(z) for one in known) or not self.wanted(problem, z):
+            return
+        z[-2:] = self.plane.window.on_edges(z[-2:])
+        limits = [(-1, 0.0, 1.0), (-2, 0.0, 1.0)]
+        if z.size == 3 and not meeting:
+            limits.append((0, 0.0, math.inf))
+        points, ends, _ = path(problem, problem.starting_at(z), limits, 0.3 * LONGEST, MOST_POINTS)
+        if len(points) == 1:
+            return  # it touches the window in a corner
+        points = [_on_edges(problem, point) for point in points]
+        first, last = (
+            "Bogdanov-Takens" if end == "range" and limits[2:] and point.z[0] <= 0.0 else end
+            for end, point in zip(ends, (points[0], points[-1]), strict=True)
+        )
+        self.curves.append(Traced(problem, points, (first, last)))
+
+    def failures(self) -> Iterator[str]:
+        """Which curves were not followed to their ends, in sentences."""
+        for curve in self.curves:
+            for end, point in zip(curve.ends, (curve.points[0], curve.points[-1]), strict=True):
+                if end in ("points", "not converged"):
+                    x, y = curve.problem.place(point.z)
+                    reason = "too many points" if end == "points" else "no next point was found"
+                    if self.plane.conservative_near(point.z[[-1, -2]], 2.0 * LONGEST):
+                        reason = "without damping and flow, as beyond, all roots lie on the axis"
+                    yield (
+                        f"a curve of {curve.problem.kind} was not followed beyond "
+                        f"({x:.6g}, {y:.6g}): {reason}"
+                    )
+
+
+def first_plane(model: AnyModel, window: Window, speed: float | None) -> Plane:
+    """What is looked at first: of the continuous pipe a basis for its highest speed."""
+    if not isinstance(model, Continuum):
+        return Plane(model, window, speed)
+    fastest = speed or 0.0
+    for number, low, size in zip(window.numbers, window.low, window.size, strict=True):
+        if number is None:
+            fastest = float(low + size)
+    joints = basis_joints(model.pipe).size
+    size = max(16, math.ceil(0.8 * fastest) + 4) + FUNCTIONS_A_JOINT * joints
+    return basis_plane(model.frozen(size), window, speed)
+
+
+def basis_plane(model: Galerkin, window: Window, speed: float | None) -> Plane:
+    """Of a basis of the continuous pipe, whose own modes count."""
+    return Plane(model, window, speed, resolved(model, eigenproblem(model).spectrum()))
+
+
+def line_starts(plane: Plane, only_stability: bool = False) -> tuple[list[CurveStart], list[str]]:
+    """Near points on curves where lines across the window meet them, and what failed.
+
+    And near curves that a pair reaches from where it comes near to the axis on a line, of which the
+    flow speed has three; with only_stability from points where no other pair is unstable.
+    """
+    window = plane.window
+    found: list[CurveStart] = []
+    failures: list[str] = []
+    extremes: list[tuple[int, Array, float, complex]] = []
+
+    def add(along: int, at: Array, share: float, frequency: float) -> None:
+        x, y = ((at if i != along else window.place(np.full(2, share)))[i] for i in (0, 1))
+        x, y = (np.array([x, y]) - window.low) / window.size
+        z = np.array([frequency, y, x] if frequency else [y, x])
+        found.append(CurveStart(z, -2 if along == 0 else -1))
+
+    for along in (1, 0):
+        by_speed = plane.speed_index == along
+        number = LINES_OF_SPEED if by_speed else LINES
+        places = [np.full(2, value) for value in plane.lines(1 - along, number)]
+
+        def share_of(value: float, along: int = along) -> float:
+            return float((value - window.low[along]) / window.size[along])
+
+        for at in places:
+            for value in plane.static_roots(at, along):
+                add(along, at, share_of(value), 0.0)
+        if plane.conservative and not by_speed:
+            continue
+        if by_speed:
+            end = float(window.low[along] + window.size[along])
+            answers = losses([plane.model_at(at) for at in places], end)
+            for at, answer in zip(places, answers, strict=True):
+                if isinstance(answer, Exception):
+                    failures.append(f"crossings at {at[1 - along]:.6g}: {answer}")
+                    continue
+                for crossing in answer[1]:
+                    if plane.conservative:
+                        if crossing.kind == "flutter":
+                            there = at.copy()
+                            there[along] = crossing.speed
+                            add(along, at, share_of(crossing.speed), plane.meeting(there))
+                        continue
+                    if crossing.speed >= max(window.low[along], 1e-9) and crossing.frequency:
+                        add(along, at, share_of(crossing.speed), crossing.frequency)
+            if plane.conservative:
+                continue
+            for at in places[:: LINES_OF_SPEED // 2]:
+                extremes += [(along, at, *one) for one in plane.extremes(at, along)]
+        else:
+            for at in places:
+                if plane.speed_at(at) > 0.0:  # else nothing but damping acts
+                    passing, others = plane.sections(at, along)
+                    extremes += [(along, at, *one) for one in others]
+                    for share, root in passing:
+                        add(along, at, share, root.imag)
+    for along, at, share, root in extremes:
+        z = (at - window.low) / window.size
+        z[along] = share
+        start = climbed(plane, z, root, only_stability)
+        if start is not None:
+            found.append(start)
+    return found, failures
+
+
+def climbed(plane: Plane, z: Array, root: complex, only_stability: bool) -> CurveStart | None:
+    """Near a curve of flutter that a pair reaches as its real part goes uphill to 0, or downhill.
+
+    From shares z of the window, where it has an extreme on a line: inside a closed curve that no
+    line meets there is one in the plane, to which this leads if nothing else lies between. Steps
+    are those of a quasi-Newton method (symmetric rank one) within a radius, for which derivatives
+    of eigenvalues are exact. None where it ends at an extreme beside the axis.
+    """
+
+    def near(z: Array, guess: complex) -> tuple[complex, NDArray[np.complex128], bool]:
+        values, slopes = plane.pairs(plane.window.place(z))
+        if not values.size:
+            raise NewtonFailed("no root is left")
+        k = int(np.argmin(np.abs(values - guess)))
+        return values[k], slopes[:, k], bool(np.delete(grows(values), k).any())
+
+    try:
+        root, slopes, others = near(z, root)
+        uphill = -np.sign(root.real)
+        if only_stability and others:
+            return None
+        bend, radius = np.zeros((2, 2)), FIRST_CLIMB
+        for _ in range(MOST_CLIMBS):
+            gradient = uphill * slopes.real
+            step = (z + _within(bend, gradient, radius)).clip(0.0, 1.0) - z
+            length = float(np.linalg.norm(step))
+            if length < LAST_CLIMB:
+                return None
+            if plane.conservative_near(z + step, FIRST_CLIMB):
+                return None  # all pairs reach the axis on that edge
+            there, slopes_there, others = near(z + step, root + complex(slopes @ step))
+            gained = uphill * (there.real - root.real)
+            if there.real * root.real <= 0.0:
+                share = root.real / (root.real - there.real)
+                x, y = z + share * step
+                kept = -2 if abs(gradient[0]) > abs(gradient[1]) else -1
+                return CurveStart(np.array([(root + share * (there - root)).imag, y, x]), kept)
+            expected = float(gradient @ step + 0.5 * step @ bend @ step)
+            turned = uphill * slopes_there.real - gradient - bend @ step
+            if abs(turned @ step) > 1e-8 * np.linalg.norm(turned) * length:
+                bend += np.outer(turned, turned) / (turned @ step)
+            if gained > 0.1 * expected:
+                z, root, slopes = z + step, there, slopes_there
+                radius *= 2.0 if gained > 0.7 * expected else 1.0
+            else:
+                radius = 0.4 * length
+    except NewtonFailed:
+        pass
+    return None
+
+
+def _within(bend: Array, gradient: Array, radius: float) -> Array:
+    """The step to the largest value of a quadratic within a radius, about."""
+    values, vectors = np.linalg.eigh(bend)
+    along = vectors.T @ gradient
+    shift = max(float(values.max()), 0.0) + 1e-9 * (1.0 + float(np.abs(values).max()))
+    while True:
+        step: Array = along / (shift - values)
+        length = float(np.linalg.norm(step))
+        if length <= 1.2 * radius:
+            return vectors @ step
+        # The length is about inverse to the shift beyond the largest value.
+        shift += (length / radius - 1.0) * (shift - float(values.max()))
+
+
+def converged(
+    model: Continuum, plane: Plane, curves: list[Traced]
+) -> tuple[Plane, list[Traced | None]]:
+    """Curves of the continuous pipe in a basis that is large enough for all.
+
+    Some points of each say which: it grows until they do not move, or by rounding alone. A curve
+    that larger bases do not have is None.
+
+    Raises:
+        NotConverged: if points of a curve still move in the largest basis.
+    """
+    inner = basis_joints(model.pipe).size
+    some: list[Traced | None] = [curve.sample() for curve in curves]
+    moves = [math.inf] * len(curves)
+    more = 0
+    while True:
+        size, more = plane.dof, more + 1
+        size += max(8, inner + 1, size // 4)
+        plane = basis_plane(enriched(model.frozen(size), more), plane.window, plane.speed)
+        going = False
+        for i, one in enumerate(some):
+            if one is None:
+                continue
+            try:
+                moved = _moved(one, plane)
+            except NewtonFailed:
+                some[i] = None if more > 1 else one
+                going |= more == 1
+                continue
+            before, moves[i], some[i] = moves[i], _distance(one, moved), moved
+            going |= not (moves[i] <= AGREED or 0.3 * before <= moves[i] <= ROUNDED)
+        if not going:
+            break
+        if size >= LARGEST + FUNCTIONS_A_JOINT * inner:
+            raise NotConverged(
+                f"curves of the continuous pipe do not converge: a point still moves by "
+                f"{max(moves):.1e}"
+            )
+    every: list[Traced | None] = []
+    for curve, one, error in zip(curves, some, moves, strict=True):
+        every.append(None)
+        if one is not None:
+            with suppress(NewtonFailed):
+                every[-1] = replace(_moved(curve, plane), error=error)
+    return plane, every
+
+
+def _distance(one: Traced, other: Traced) -> float:
+    """Largest distance of points of two curves, relative to their numbers or 1."""
+    a, b = one.places(), other.places()
+    return float((np.abs(a - b) / np.maximum(1.0, np.abs(a))).max())
+
+
+def _moved(curve: Traced, plane: Plane) -> Traced:
+    """A curve with its points solved for with other matrices."""
+    problem = curve.problem.on_other(plane)
+    last = len(curve.points) - 1
+    points: list[Point] = []
+    for k, point in enumerate(curve.points):
+        end = {0: curve.ends[0], last: curve.ends[1]}.get(k)
+        if end == "closed" and k == last:
+            points.append(points[0])
+            continue
+        edge = _edge(point.z) if end in ("range", "Bogdanov-Takens") else None
+        if edge is None:
+            points.append(problem.at(point, 0.0))
+        else:
+            z = problem.fixed(point.z, float(point.z[edge]), edge)
+            points.append(_on_edges(problem, problem.point(z, point.tangent)))
+    return Traced(problem, points, curve.ends)
+
+
+def _on_edges(problem: AxisProblem, point: Point) -> Point:
+    """A point whose shares are exactly 0 or 1 where it is on an edge but for rounding."""
+    within = problem.plane.window.on_edges(point.z[-2:])
+    return replace(point, z=np.append(point.z[:-2], within))
+
+
+def _edge(z: Array) -> int | None:
+    """Which entry of z lies on the window's edge, or is a frequency of 0."""
+    for index in (-1, -2):
+        if z[index] in (0.0, 1.0):
+            return index
+    return 0 if z.size == 3 and z[0] == 0.0 else None

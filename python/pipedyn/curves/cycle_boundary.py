@@ -1,0 +1,192 @@
+# SPDX-License-Identifier: MIT
+"""Folds, pitchforks, period doublings and tori of cycles in the plane of two numbers.
+
+An event that a branch of cycles or of forced motions has is solved for (`EventProblem`) and
+followed both ways by the continuation that branches themselves are. On the way points are named at
+which two conditions meet: cusps; where the cycle's amplitude falls to 0 on the curve of onsets, and
+folds therefore end (Bautin); where other multipliers pass the unit circle; resonances.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import field
+from typing import cast
+
+from pipedyn.curves.boundary import Boundary
+from pipedyn.curves.event_curve import CycleCurve, CyclePoint, EventFollower
+from pipedyn.curves.event_onset import Onset
+from pipedyn.curves.event_plane import (
+    checked_events,
+    checked_names,
+    orbit_at_event,
+    plane_of,
+)
+from pipedyn.curves.event_problem import Followed
+from pipedyn.curves.in_plane import InPlane
+from pipedyn.cycles.branches import CycleBranch, CycleEvent
+from pipedyn.forced.forced_response import ForcedBranch, ForcedEvent
+from pipedyn.models.base import Model, NotConverged
+from pipedyn.util import check
+from pipedyn.util.archive import saved_as
+from pipedyn.util.newton import NewtonFailed
+from pipedyn.util.threads import one_thread
+
+
+@saved_as("CycleBoundary")
+class CycleBoundary(InPlane):
+    """Curves of events of cycles in a window of two numbers.
+
+    Attributes:
+        names: of x and y.
+        ranges: of x and y, ((low, high), (low, high)).
+        curves: one for each event that lies on no other's.
+        points: named points on them.
+        onsets: curves on which the straight pipe becomes unstable, as of `boundary` with
+            `only_stability`, also at speeds beyond the range; None where motions are forced or it
+            was not found.
+        model: the model.
+        failures: what was not followed to its end, in sentences.
+        evaluations: right-hand sides and Jacobians.
+    """
+
+    _along = ("frequency", "amplitude", "unstable")
+
+    names: tuple[str, str]
+    ranges: tuple[tuple[float, float], tuple[float, float]]
+    curves: tuple[CycleCurve, ...]
+    points: tuple[CyclePoint, ...]
+    onsets: Boundary | None = field(repr=False)
+    model: Model
+    failures: tuple[str, ...]
+    evaluations: int
+
+
+def cycle_boundary(
+    branch: CycleBranch | ForcedBranch,
+    events: CycleEvent | ForcedEvent | Sequence[CycleEvent | ForcedEvent],
+    x: str,
+    y: str,
+    ranges: Mapping[str, tuple[float, float]],
+    *,
+    progress: bool = False,
+) -> CycleBoundary:
+    """Folds, pitchforks, period doublings and tori of cycles followed in two numbers.
+
+    Args:
+        branch: of cycles, of `bifurcation_diagram`; or of forced motions, of `forced_response`.
+        events: of the branch, one or several, of kind "fold", "pitchfork", "period doubling" or
+            "torus". A pitchfork breaks the mirror symmetry of cycles; it may be given with either
+            of the branches that meet there.
+        x: name of a number. Of cycles x or y is "u", the flow speed; of forced motions one of them
+            is "frequency", that of the forcing. The other is a number of the pipe, such as "beta"
+            and "drag", or of a term, such as "terms[0].mass" or, if there is but one,
+            "PointMass.mass"; of forced motions also "amplitude", of the base's motion or of the
+            pulsation relative to its mean, or "u".
+        y: name of the other.
+        ranges: (low, high) of both, by name, in which the events lie.
+        progress: show progress on stderr.
+
+    Returns:
+        CycleBoundary; a curve that cannot be followed further keeps what it has, and `failures`
+        says where and why.
+
+    Raises:
+        NotConverged: if no event given is found again.
+        ValueError, TypeError: for bad arguments.
+
+    Example:
+        >>> import pipedyn as pp
+        >>> diagram = pp.bifurcation_diagram(pp.Chain(pp.Pipe(0.05), 2), [3.0, 3.2, 3.4])
+        >>> branch = diagram.cycles[0]
+        >>> fold = next(e for e in branch.events if e.kind == "fold")
+        >>> found = pp.cycle_boundary(branch, fold, "beta", "u", {"beta": (0.01, 0.2), "u": (2, 5)})
+        >>> [point.kind for point in found.points], found.curves[0].ends
+        (['Bautin'], ('range', 'Bautin'))
+
+    Source: Doedel, Govaerts and Kuznetsov (2003), Computation of periodic solution bifurcations in
+    ODEs using bordered systems; Kuznetsov, Elements of Applied Bifurcation Theory, ch. 9, for what
+    is met on the way.
+    """
+    if not isinstance(branch, CycleBranch | ForcedBranch):
+        raise TypeError(
+            f"branch must be a CycleBranch or a ForcedBranch, got {check.shown(branch)}"
+        )
+    given = checked_events(branch, events)
+    names = checked_names(branch, x, y)
+    shown = check.flag("progress", progress)
+    plane = plane_of(branch, names, ranges)
+    window = plane.ranges
+    starts = []
+    for event in given:
+        begin = orbit_at_event(branch, event, plane.family.at(plane.value))
+        own = begin.frequency * plane.order if plane.forced else begin.u
+        for name, value, (low, high) in zip(
+            names, plane.places(plane.value, own), window, strict=True
+        ):
+            if not low <= value <= high:
+                raise ValueError(
+                    f"ranges must hold the event: {name} is {value:.6g} there, and its range is "
+                    f"{(low, high)}"
+                )
+        place = 1 if plane.own_first else 0
+        for end in window[place] if begin.symmetric else ():
+            if not plane.family.at(end).is_odd(begin.u):
+                raise ValueError(
+                    f"{'xy'[place]} must leave the pipe the mirror symmetry that the cycle has, "
+                    f"got {names[place]!r}"
+                )
+        starts.append(begin)
+    curves, points, failures = list[CycleCurve](), list[CyclePoint](), list[str]()
+    with one_thread(2 * plane.model.moving):
+        onset = None
+        if isinstance(branch, CycleBranch):
+            by_flutter = branch.origin == "hopf"
+            fastest = max(1.5 * begin.u for begin in starts)
+            onset = Onset(plane, branch.onset if by_flutter else math.nan, fastest)
+            failures += onset.failures
+        for event, begin in zip(given, starts, strict=True):
+            follower = EventFollower(plane, cast(Followed, event.kind), shown, onset)
+            try:
+                start = follower.start(begin)
+                if any(follower.lies_on(curve, start) for curve in curves):
+                    continue
+                curves.append(follower.run(start))
+            except NewtonFailed as reason:
+                at = event.frequency if isinstance(event, ForcedEvent) else event.speed
+                failures.append(f"the {event.kind} at {at:.6g} is not found again: {reason}")
+                continue
+            points += follower.points
+            failures += follower.failures
+    if not curves:
+        raise NotConverged("; ".join(failures))
+    return CycleBoundary(
+        names=names,
+        ranges=window,
+        curves=tuple(curves),
+        points=tuple(_distinct(points, window)),
+        onsets=onset.found if onset is not None else None,
+        model=plane.model,
+        failures=tuple(failures),
+        evaluations=plane.evaluations(),
+    )
+
+
+def _distinct(
+    points: list[CyclePoint], ranges: tuple[tuple[float, float], tuple[float, float]]
+) -> list[CyclePoint]:
+    """Points without those that two curves have in common, where each has found them."""
+    widths = [1e-3 * (high - low) for low, high in ranges]
+    kept = list[CyclePoint]()
+    for new in points:
+        near = (
+            abs(new.x - old.x) < widths[0]
+            and abs(new.y - old.y) < widths[1]
+            and abs(new.frequency / old.frequency - 1.0) < 0.01
+            for old in kept
+            if old.kind == new.kind
+        )
+        if not any(near):
+            kept.append(new)
+    return kept

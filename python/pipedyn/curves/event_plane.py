@@ -1,0 +1,200 @@
+# SPDX-License-Identifier: MIT
+"""The plane of two numbers in which an event of cycles is followed: names, ranges, motions."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any, get_args
+
+import numpy as np
+
+from pipedyn.curves.event_problem import Family, Followed
+from pipedyn.cycles.branches import CycleBranch, CycleEvent
+from pipedyn.cycles.limit_cycle import amplitude_of
+from pipedyn.forced.forced_response import ForcedBranch, ForcedEvent
+from pipedyn.linear.modes import largest_speed
+from pipedyn.models.base import Model
+from pipedyn.models.drive import Pulsation
+from pipedyn.models.pipe_numbers import PipeNumber, checked_number
+from pipedyn.motion.vector_field import ForcedField, VectorField
+from pipedyn.orbits.orbit_continuation import FINE, orbit_at
+from pipedyn.orbits.periodic_orbit import PeriodicOrbit, resolved
+from pipedyn.util import check
+from pipedyn.util.check import Array
+
+EVENTS: tuple[Followed, ...] = get_args(Followed)
+
+FORCINGS = "amplitude", "u"
+"""Numbers of a forced motion that are none of its pipe."""
+
+
+def checked_events(
+    branch: CycleBranch | ForcedBranch, events: Any
+) -> list[CycleEvent | ForcedEvent]:
+    """The events of a branch that are followed."""
+    kind = CycleEvent if isinstance(branch, CycleBranch) else ForcedEvent
+    given = [events] if isinstance(events, CycleEvent | ForcedEvent) else events
+    if not isinstance(given, Sequence) or isinstance(given, str) or not given:
+        raise TypeError(f"events must be one or more events, got {check.shown(events)}")
+    for event in given:
+        if not isinstance(event, kind):
+            raise TypeError(f"events must be {kind.__name__}s, got {check.shown(event)}")
+        if event.kind not in EVENTS:
+            raise ValueError(f"events must be of kind {', '.join(EVENTS)}, got {event.kind!r}")
+        if event not in branch.events:
+            raise ValueError(f"events must be the branch's, got {check.shown(event)}")
+    return list(given)
+
+
+def checked_names(branch: CycleBranch | ForcedBranch, x: Any, y: Any) -> tuple[str, str]:
+    """The names, one of which is that of what varies along the branch."""
+    for name, value in (("x", x), ("y", y)):
+        if not isinstance(value, str):
+            raise TypeError(f"{name} must be a name, got {check.shown(value)}")
+    own = "u" if isinstance(branch, CycleBranch) else "frequency"
+    if (x == own) == (y == own):
+        raise ValueError(
+            f"x or y must be {own!r}, and the other not, got {check.shown(x)} and {check.shown(y)}"
+        )
+    return x, y
+
+
+@dataclass(frozen=True)
+class EventPlane:
+    """The two numbers, and the motions that they distinguish."""
+
+    family: Family
+    names: tuple[str, str]
+    model: Model
+    value: float  # of the second number, on the branch
+    own_first: bool  # whether x is what varies along branches
+    ranges: tuple[tuple[float, float], tuple[float, float]]
+    forced: bool
+    order: int  # periods of the forcing in one of the motion
+    motions: list[VectorField]
+
+    def places(self, second: float, own: float) -> tuple[float, float]:
+        """(x, y)."""
+        return (own, second) if self.own_first else (second, own)
+
+    def evaluations(self) -> int:
+        """Right-hand sides and Jacobians so far."""
+        return sum(motion.evaluations for motion in self.motions)
+
+
+def plane_of(branch: CycleBranch | ForcedBranch, names: tuple[str, str], given: Any) -> EventPlane:
+    """That of a branch, of ranges as they are given.
+
+    Raises:
+        ValueError, TypeError: for a number that there is not, and for bad ranges.
+    """
+    own = "u" if isinstance(branch, CycleBranch) else "frequency"
+    place = 1 if names[0] == own else 0
+    name = names[place]
+    forced = isinstance(branch, ForcedBranch)
+    model = branch.motion.model if isinstance(branch, ForcedBranch) else branch.cycles[0].model
+    order = branch.motion.order if isinstance(branch, ForcedBranch) else 1
+    motions = list[VectorField]()
+    others: tuple[str, ...] = (own, *FORCINGS) if forced else (own,)
+    number: PipeNumber | None = None
+    if not forced or name not in FORCINGS:
+        number = checked_number("xy"[place], name, model.pipe, True, others)
+    rule: dict[str, Any] = {"low": 0.0, "high": largest_speed(model)}
+    if name == "amplitude":
+        rule = {"low": 0.0}
+    elif number is not None:
+        rule = dict(number.rule)
+    varies: dict[str, Any] = {"low": 0.0, "open_low": forced}
+    if not forced:
+        varies["high"] = largest_speed(model)
+    ranges = check.window(names, given, (rule, varies) if place == 0 else (varies, rule))
+    low, high = ranges[place]
+
+    def model_at(value: float) -> Model:
+        return model if number is None else model.with_pipe(number.changed(model.pipe, value))
+
+    def forced_at(value: float) -> VectorField:
+        assert isinstance(branch, ForcedBranch)
+        forcing = branch.motion.forcing
+        if name == "amplitude":
+            return ForcedField(model, replace(forcing, amplitude=value), order)
+        return ForcedField(model_at(value), forcing, order)
+
+    def make(value: float) -> VectorField:
+        if forced:
+            motions.append(forced_at(value))
+        else:
+            motions.append(VectorField(model_at(value)))
+        return motions[-1]
+
+    if number is not None:
+        value = number.of(model.pipe)
+    else:
+        assert isinstance(branch, ForcedBranch)
+        forcing = branch.motion.forcing
+        value = forcing.amplitude
+        if name == "u":
+            still = branch.steps[0].problem.start.u
+            value = forcing.mean if isinstance(forcing, Pulsation) else still
+    for end in (low, high):
+        try:
+            make(end)
+        except ValueError as error:
+            raise ValueError(f"ranges[{name!r}] must be a range of pipes: {error}") from None
+    family = Family(make, high - low, is_speed=forced and name == "u")
+    return EventPlane(family, names, model, value, place == 1, ranges, forced, order, motions)
+
+
+def orbit_at_event(
+    branch: CycleBranch | ForcedBranch, event: Any, motion: VectorField
+) -> PeriodicOrbit:
+    """Near the orbit at an event, from the known one that is nearest.
+
+    Where the branch begins or ends at a symmetry-breaking pitchfork or a period doubling, that is
+    the orbit that is its own mirror image, or the one of half the period.
+    """
+    orbit = _nearest(branch, event)
+    begins = ends = False
+    if isinstance(event, CycleEvent) and isinstance(branch, CycleBranch):
+        begins = event.kind == branch.origin and event.speed == branch.onset
+        ends = event.multiplier == 1.0  # that of a doubling passed on the way is -1
+
+    def mean(sign: float, turns: int, symmetric: bool) -> PeriodicOrbit:
+        """The mean of the orbit and of what it is half its period later, with a sign."""
+
+        def states(phase: Array) -> Array:
+            early, late = (np.mod(phase / turns + s, 2.0 * math.pi) for s in (0.0, math.pi))
+            return 0.5 * (orbit.states(early) + sign * orbit.states(late))
+
+        u = orbit.u if orbit.forced else event.speed
+        return resolved(motion, states, turns * orbit.frequency, u, symmetric, FINE.defect)
+
+    if event.kind == "pitchfork" and not orbit.symmetric:
+        return mean(-1.0, 1, True)
+    if event.kind == "period doubling" and (begins or ends):
+        return mean(1.0, 2, False)
+    return orbit
+
+
+def _nearest(branch: CycleBranch | ForcedBranch, event: Any) -> PeriodicOrbit:
+    """The known orbit that is nearest to an event."""
+    if isinstance(branch, CycleBranch):
+        apart = np.abs(branch.speeds / event.speed - 1.0)
+        apart += np.abs(branch.amplitudes / event.amplitude - 1.0)
+        return branch.cycles[int(np.argmin(apart))].orbit
+    motion, distance = branch.motion, math.inf
+    nearest = branch.steps[0], 0.0
+    for step in branch.steps:
+        low, high = sorted((step.begin.p, step.end.p))
+        margin = 0.5 * (high - low) + 1e-3 * high
+        if not low - margin <= event.frequency / motion.order <= high + margin:
+            continue
+        for s in np.linspace(0.0, step.length, 17).tolist():
+            orbit = step.problem.orbit(step.guess(s))
+            away = abs(motion.order * orbit.frequency / event.frequency - 1.0)
+            away += abs(amplitude_of(motion, orbit)[0] / event.amplitude - 1.0)
+            if away < distance:
+                nearest, distance = (step, s), away
+    return orbit_at(*nearest)

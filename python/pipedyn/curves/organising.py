@@ -1,0 +1,453 @@
+# SPDX-License-Identifier: MIT
+"""What changes along a curve of flutter or divergence: other roots, criticality.
+
+Where the number of other unstable roots changes, another one lies on the axis; what a step along
+the curve is narrowed down to is the start of Newton's method for both conditions together. Where
+the cubic coefficient changes its sign its root along the curve is solved for.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from functools import cache
+from itertools import pairwise
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipedyn.continuation.arclength import Control, Segment, sign_changes
+from pipedyn.curves.boundary_curves import CurveStart, Traced
+from pipedyn.equilibrium.axis_problems import (
+    AxisProblem,
+    CoupledModeProblem,
+    DivergenceProblem,
+    FlutterProblem,
+)
+from pipedyn.equilibrium.hopf import NoHopf, onset_coefficients, static_cubic
+from pipedyn.linear.eigenproblem import Complex
+from pipedyn.linear.neutral import beyond_rounding
+from pipedyn.linear.plane import Plane
+from pipedyn.models.base import NotConverged
+from pipedyn.util.archive import saved_as
+from pipedyn.util.check import Array
+from pipedyn.util.later import scipy
+from pipedyn.util.newton import NewtonFailed, newton
+from pipedyn.util.result import Result
+
+PointKind = Literal[
+    "Bautin",
+    "Hopf-pitchfork",
+    "double Hopf",
+    "Bogdanov-Takens",
+    "double divergence",
+    "degenerate pitchfork",
+]
+
+BRACKET = 1e-7
+"""Share of a step to which a change of the number of unstable roots is narrowed down, before
+Newton's method solves for it."""
+
+ROUNDING = 1e-6
+"""Step of Newton's method that does not get shorter at which rounding is reached: of a pair of high
+frequency that hardly moves, omega 258 and growth within 1e-4, it leaves 1e-7."""
+
+OWN = 1e-3
+"""Distance up to which an eigenvalue is that of the curve, relative to 1 plus its frequency."""
+
+STATIC = 1e-4
+"""Imaginary part up to which a root on the axis is 0: of a double 0 it scatters by the square root
+of rounding, 3e-6 was met."""
+
+AT_EDGE = 1e-4
+"""Share of the window up to which a point next to an edge on which nothing damps is no organising
+point: all roots near the axis pass it on that edge."""
+
+SECOND_RANK = 1e-4
+"""Second singular value of K, of elastic stiffness 1, up to which it may lack two ranks; Newton's
+method tells."""
+
+CROSSED = 1e-9
+"""Stiffness that is none, of the two modes of a double divergence."""
+
+NEARBY = 0.1
+"""Distance in shares of the window beyond which a solution is not the one that was looked for."""
+
+
+@saved_as("OrganisingPoint")
+class OrganisingPoint(Result):
+    """Where two conditions meet, and with them what the pipe may do nearby.
+
+    Points on the axis twice are solved for to 1e-9 or so; where the criticality changes they are as
+    good as the differences that give it: measured, to 1e-6 of the window.
+
+    Attributes:
+        kind: "Bautin" (the criticality of flutter changes, l1 = 0), "Hopf-pitchfork" (flutter and
+            divergence at once), "double Hopf" (two pairs on the axis), "Bogdanov-Takens" (the
+            frequency of flutter falls to 0 on a divergence: zero is a double root with one mode),
+            "double divergence" (two curves of divergence cross, as where buckling modes exchange:
+            zero is a double root with two modes, and no flutter begins there) or "degenerate
+            pitchfork" (the criticality of divergence changes; mirror symmetry leaves no cusp but
+            this).
+        x, y: the two numbers.
+        frequencies: of the pairs on the axis, the lowest first.
+        unstable: number of unstable roots beside those on the axis.
+    """
+
+    kind: PointKind
+    x: float
+    y: float
+    frequencies: tuple[float, ...]
+    unstable: int
+
+
+def other_roots(plane: Plane, problem: AxisProblem, z: Array) -> tuple[Complex, Array]:
+    """The eigenvalues at a point of a curve but those on the axis, and their growth.
+
+    Those that grow most come first; growth is what rounding leaves of the real part.
+    """
+    found = plane.eigenvalues(problem.place(z))
+    growth = beyond_rounding(found)
+    omega = problem.frequency(z)
+    # Zero is a double root where lambda and -lambda are both roots.
+    pair = problem.kind == "flutter" or plane.conservative_at(problem.place(z))
+    for value in (1j * omega, -1j * omega) if pair else (0j,):
+        k = int(np.argmin(np.abs(found - value)))
+        if abs(found[k] - value) <= OWN * (1.0 + omega):  # else of a mode that does not count
+            found, growth = np.delete(found, k), np.delete(growth, k)
+    order = np.argsort(-growth, kind="stable")
+    return found[order], growth[order]
+
+
+def counted(
+    plane: Plane, curve: Traced, expected: NDArray[np.int_] | None = None
+) -> NDArray[np.int_]:
+    """Number of unstable roots beside those on the axis at each point of a curve.
+
+    Where the numbers in a smaller basis are given as `expected`, each run of points with the same
+    number is checked at its first, middle and last point, and at all points if one of them differs.
+    """
+
+    def number(k: int) -> int:
+        return others_unstable(plane, curve.problem, curve.points[k].z)
+
+    if expected is None:
+        counts = [number(k) for k in range(len(curve.points))]
+    else:
+        counts = []
+        for run in np.split(np.arange(expected.size), np.flatnonzero(np.diff(expected)) + 1):
+            some = {k: number(k) for k in (run[0], run[run.size // 2], run[-1])}
+            same = all(found == expected[run[0]] for found in some.values())
+            counts += [int(expected[k]) if same else number(k) for k in run]
+    if curve.problem.kind == "flutter" and not plane.conservative:
+        # All roots lie on the axis at an end without damping and flow: as many as right before.
+        for end, before in ((0, 1), (-1, -2)):
+            if plane.conservative_at(curve.problem.place(curve.points[end].z)):
+                counts[end] = counts[before]
+    return np.array(counts)
+
+
+def others_unstable(plane: Plane, problem: AxisProblem, z: Array) -> int:
+    """Number of unstable roots beside those on the axis at a point of a curve."""
+    if isinstance(problem, CoupledModeProblem):
+        found, root = plane.eigenvalues(problem.place(z)), problem.root(z)
+        growth = beyond_rounding(found)
+        for value in (root, root, -root, -root):
+            k = np.argmin(np.abs(found - value))
+            found, growth = np.delete(found, k), np.delete(growth, k)
+        return _unstable(growth) + (2 if z[0] < 0.0 else 0)
+    if problem.kind == "divergence":
+        static = plane.static_stiffnesses(problem.place(z))
+        if static is not None:
+            return int(np.count_nonzero(np.delete(static, np.argmin(np.abs(static))) < 0.0))
+    return _unstable(other_roots(plane, problem, z)[1])
+
+
+def _unstable(growth: Array) -> int:
+    return int(np.count_nonzero(growth > 0.0))
+
+
+@dataclass(frozen=True)
+class DoublePoint:
+    """Two roots on the axis at once: frequencies in rising order, 0 of a real root that is 0."""
+
+    roots: tuple[float, float]
+    at: Array  # (y, x) as shares of the window
+    unstable: int
+    modes: int = 1  # of roots that are both 0: two where K lacks two ranks
+
+    def starts(self) -> Iterator[CurveStart]:
+        """The curves on which it lies; those that cross in a double divergence are known."""
+        if self.modes == 2:
+            return
+        if not any(self.roots):
+            yield CurveStart(np.array([0.0, *self.at]))
+        for omega in set(self.roots):
+            yield CurveStart(np.array([omega, *self.at] if omega else self.at))
+
+    def solved(self, plane: Plane, control: Control) -> DoublePoint:
+        """The point nearby at which both conditions hold."""
+        low, high = self.roots
+        if self.modes == 2:
+            z = _two_modes(plane, self.at)
+            roots = 0.0, 0.0
+        elif not high:
+            flutter = FlutterProblem(plane, control, 1.0)
+            z = flutter.fixed(np.array([0.0, *self.at]), 0.0, 0)
+            roots = 0.0, 0.0
+        else:
+            first = (
+                FlutterProblem(plane, control, low) if low else DivergenceProblem(plane, control)
+            )
+            start = [1.0, 1.0, *self.at] if low else [1.0, *self.at]
+            z = _newton([FlutterProblem(plane, control, high), first], np.array(start))
+            roots = (low * float(z[1]) if low else 0.0), high * float(z[0])
+        if np.abs(z[-2:] - self.at).max() > NEARBY:
+            raise NewtonFailed("Newton's method left the neighbourhood of its start")
+        return replace(self, roots=(min(roots), max(roots)), at=z[-2:])
+
+    def point(self, plane: Plane) -> OrganisingPoint:
+        """For users."""
+        x, y = plane.window.place(self.at[::-1])
+        low, high = self.roots
+        kind: PointKind = "double Hopf" if low else "Hopf-pitchfork" if high else "Bogdanov-Takens"
+        if self.modes == 2:
+            kind = "double divergence"
+        frequencies = tuple(root for root in self.roots if root)
+        return OrganisingPoint(kind, float(x), float(y), frequencies, self.unstable)
+
+
+def double_points(
+    plane: Plane, curve: Traced, counts: NDArray[np.int_]
+) -> Iterator[tuple[tuple[int, float] | None, DoublePoint] | str]:
+    """Where another root lies on the axis along a curve; a sentence where it was not solved for.
+
+    Each comes with the step in which it lies and its arc length from the step's begin; None at an
+    end of the curve.
+    """
+    for k, end in ((0, curve.ends[0]), (-1, curve.ends[1])):
+        if end == "Bogdanov-Takens":
+            z = curve.points[k].z
+            others = others_unstable(plane, curve.problem, z)
+            yield None, DoublePoint((0.0, 0.0), z[-2:], others)
+    if plane.conservative:
+        if curve.problem.kind != "divergence":
+            return  # its pairs lie on the axis everywhere
+        # Roots may become stable by gyroscopic forces; K tells where another one passes 0.
+        stiffness = [_beside(plane, curve.problem, point.z) for point in curve.points]
+        counts = np.array([np.count_nonzero(one < 0.0) for one in stiffness])
+    for k, (segment, (before, after)) in enumerate(
+        zip(curve.segments(), pairwise(counts), strict=True)
+    ):
+        if before == after:
+            continue
+        try:
+            for s, guess in _on_segment(plane, segment):
+                one = guess.solved(plane, curve.problem.control)
+                if one.modes == 2 or not plane.conservative_near(one.at[::-1], AT_EDGE):
+                    yield (k, s), one
+        except NewtonFailed as error:
+            x, y = curve.problem.place(segment.begin.z)
+            yield (
+                f"on the curve of {curve.problem.kind} beyond ({x:.6g}, {y:.6g}) the number of "
+                f"other unstable roots changes from {before} to {after}; the organising point "
+                f"between was not solved for: {error}"
+            )
+
+
+def separated(
+    plane: Plane, curve: Traced, counts: NDArray[np.int_], places: list[tuple[int, float, int]]
+) -> tuple[NDArray[np.int_], list[tuple[int, int]]]:
+    """Adds points to a curve so that each step holds one double point at most.
+
+    Args:
+        plane: the matrices.
+        curve: gets the points.
+        counts: number of unstable roots beside those on the axis at its points.
+        places: of each double point the step, the arc length in it, and its number.
+
+    Returns:
+        The counts with those at the new points, and the steps and numbers of the double points.
+    """
+    places.sort()
+    steps = [step for step, *_ in places]
+    for i in range(len(places) - 1, 0, -1):
+        (before, left, _), (step, right, _) = places[i - 1 : i + 1]
+        if before != step:
+            continue
+        with suppress(NewtonFailed):
+            curve.problem.renew()
+            segment = Segment(curve.problem, *curve.points[step : step + 2])
+            point = segment.at(0.5 * (left + right))
+            curve.points.insert(step + 1, point)
+            count = others_unstable(plane, curve.problem, point.z)
+            counts = np.insert(counts, step + 1, count)
+            steps[i:] = [one + 1 for one in steps[i:]]
+    return counts, [(step, number) for step, (*_, number) in zip(steps, places, strict=True)]
+
+
+def _beside(plane: Plane, problem: AxisProblem, z: Array) -> Array:
+    """Eigenvalues of the symmetric part of K at a point of divergence but that which is 0."""
+    stiffness = plane.at(problem.place(z))[2].real
+    values = np.linalg.eigvalsh(0.5 * (stiffness + stiffness.T))
+    return np.delete(values, np.argmin(np.abs(values)))
+
+
+def _on_segment(plane: Plane, segment: Segment[AxisProblem]) -> Iterator[tuple[float, DoublePoint]]:
+    problem = segment.problem
+
+    @cache
+    def roots(s: float) -> tuple[Complex, Array]:
+        return other_roots(plane, problem, segment.at(s).z)
+
+    def growth(s: float) -> Array:
+        if plane.conservative:
+            return -_beside(plane, problem, segment.at(s).z)
+        return roots(s)[1]
+
+    length = segment.length
+    for before, beyond in sign_changes(growth, 0.0, length, BRACKET * length):
+        z = segment.at(beyond).z
+        if plane.conservative_near(z[[-1, -2]], AT_EDGE) and not plane.conservative:
+            continue
+        found, grown = roots(beyond)
+        least = min(_unstable(roots(before)[1]), _unstable(grown))
+        # A symmetric K that two passing eigenvalues make singular lacks two ranks.
+        if plane.conservative or (problem.kind == "divergence" and _lacks_two_ranks(plane, z)):
+            yield beyond, DoublePoint((0.0, 0.0), z[-2:], least, modes=2)
+            continue
+        passing = abs(float(found[np.argmin(np.abs(growth(beyond)))].imag))
+        pair = sorted((passing if passing > STATIC else 0.0, problem.frequency(z)))
+        yield beyond, DoublePoint((pair[0], pair[1]), z[-2:], least)
+
+
+def _lacks_two_ranks(plane: Plane, z: Array) -> bool:
+    """Whether two modes have no stiffness at a point of divergence."""
+    sizes = np.linalg.svd(plane.at(plane.window.place(z[[-1, -2]]))[2].real, compute_uv=False)
+    return bool(sizes.size > 1 and sizes[-2] <= SECOND_RANK)
+
+
+def _two_modes(plane: Plane, at: Array) -> Array:
+    """(y, x) where K lacks two ranks: with two borders each way the block G of four is 0.
+
+    [K B; C^T 0] [V; G] = [0; 1], and by any number p of the matrices G_p = -W^T K_p V. These are
+    four equations in two unknowns, which have a solution where a symmetry, or modes that two
+    stiffnesses share, makes curves cross: Newton's steps are those of least squares.
+    """
+    left, _, right = np.linalg.svd(plane.at(plane.window.place(at[::-1]))[2].real)
+    n = len(left)
+    last = np.zeros((n + 2, 2))
+    last[n:] = np.eye(2)
+    block = np.zeros((2, 2))
+
+    def correction(here: Array) -> tuple[Array, float]:
+        nonlocal block
+        (_, _, stiffness), *changes = plane.matrices(plane.window.place(here[::-1]))
+        bordered = np.zeros((n + 2, n + 2))
+        bordered[:n, :n] = stiffness.real
+        bordered[:n, n:], bordered[n:, :n] = left[:, -2:], right[-2:]
+        v, w = np.linalg.solve(bordered, last), np.linalg.solve(bordered.T, last)[:n]
+        block = np.asarray(v[n:], dtype=np.float64)
+        by_x, by_y = (
+            -size * (w.T @ one[2].real @ v[:n]).ravel()
+            for size, one in zip(plane.window.size, changes, strict=True)
+        )
+        step = np.linalg.lstsq(np.column_stack([by_y, by_x]), -block.ravel(), rcond=None)[0]
+        return step, float(np.abs(step).max())
+
+    found = newton(at, correction, tolerance=1e-13, stagnation=1e-10)
+    if np.abs(block).max() > CROSSED:
+        raise NewtonFailed("curves of divergence come close, but do not cross")
+    return found
+
+
+def _newton(pair: list[AxisProblem], z: Array) -> Array:
+    """Both problems' equations, the first with z[0], of flutter the other with z[1], and (y, x)."""
+    columns = [[0, -2, -1], [1, -2, -1] if z.size == 4 else [-2, -1]]
+
+    def correction(here: Array) -> tuple[Array, float]:
+        rows, residuals = [], []
+        for problem, own in zip(pair, columns, strict=True):
+            part = here[own]
+            residual, derivative = problem.equations(part[:-1], float(part[-1]))
+            block = np.zeros((residual.size, here.size))
+            block[:, own] = derivative
+            rows.append(block)
+            residuals.append(residual)
+        matrix, right = np.concatenate(rows), -np.concatenate(residuals)
+        step = np.asarray(np.linalg.solve(matrix, right), dtype=np.float64)
+        return step, float(np.abs(step).max())
+
+    def check(here: Array) -> None:
+        for problem, own in zip(pair, columns, strict=True):
+            problem.check(here[own])
+
+    return newton(z, correction, tolerance=1e-13, stagnation=ROUNDING, check=check)
+
+
+# ------------------------------------------------------------------------------------ criticality
+
+
+def coefficients(plane: Plane, problem: AxisProblem, z: Array) -> tuple[float, float]:
+    """The cubic coefficient at a point of a curve, and what decides the criticality.
+
+    The latter is negative where what emerges attracts; NaN both where they are not known.
+    """
+    at, omega = problem.place(z), problem.frequency(z)
+    if isinstance(problem, CoupledModeProblem) or (problem.kind == "flutter" and omega < 1e-4):
+        return np.nan, np.nan
+    model, u = plane.model_at(at), plane.speed_at(at)
+    pipe = model.pipe
+    if pipe.hysteresis:  # the same at this frequency
+        damping = pipe.equivalent_damping(omega) if omega else pipe.damping
+        model = model.with_pipe(replace(pipe, hysteresis=0.0, damping=damping))
+    with suppress(NotConverged, NoHopf, ValueError, np.linalg.LinAlgError):
+        if problem.kind == "divergence":
+            cubic = static_cubic(model, u)
+            return cubic, cubic
+        form, drag = onset_coefficients(model, u, omega)
+        return form.lyapunov, drag.real if drag else form.lyapunov
+    return np.nan, np.nan
+
+
+def changes_of_criticality(
+    plane: Plane, curve: Traced, counts: NDArray[np.int_], leading: Array
+) -> Iterator[tuple[int, OrganisingPoint] | str]:
+    """Where the criticality changes along a curve, at points where no other root is unstable.
+
+    Each comes with the step in which it lies. A sentence where it is not solved for.
+
+    `plane` is of the model that says it, which may have a smaller basis than the curve: differences
+    lose digits in a larger one.
+    """
+    for k, segment in enumerate(curve.segments()):
+        if counts[k] or counts[k + 1] or not leading[k] * leading[k + 1] < 0.0:
+            continue
+        problem, length = segment.problem, segment.length
+
+        def value(s: float, segment: Segment[AxisProblem] = segment) -> float:
+            found = coefficients(plane, segment.problem, segment.at(s).z)[1]
+            if np.isnan(found):
+                raise NewtonFailed("the criticality is not known all along the step")
+            return found
+
+        kind: PointKind = "Bautin" if problem.kind == "flutter" else "degenerate pitchfork"
+        try:
+            z = segment.at(scipy.optimize.brentq(value, 0.0, length, xtol=1e-11 * length)).z
+            left = value(segment.reach(z))
+        except (NewtonFailed, ValueError) as error:
+            x, y = problem.place(segment.begin.z)
+            yield (
+                f"a point of kind {kind} near ({x:.6g}, {y:.6g}), where the criticality changes, "
+                f"was not solved for: {error}"
+            )
+            continue
+        if abs(left) > 1e-3 * max(abs(leading[k]), abs(leading[k + 1])):
+            continue  # it passes through infinity, as where two pairs meet
+        if plane.conservative_near(z[[-1, -2]], AT_EDGE):
+            continue
+        x, y = problem.place(z)
+        omega = problem.frequency(z)
+        yield k, OrganisingPoint(kind, float(x), float(y), (omega,) if omega else (), 0)

@@ -1,0 +1,663 @@
+# SPDX-License-Identifier: MIT
+"""Branches of cycles over the flow speed: from where they begin, past folds, with their events.
+
+A branch is followed by arc length (`orbit_continuation.followed`), within the speeds with Floquet
+multipliers at every point. Folds are where the tangent turns back; where the number of multipliers
+outside the unit circle changes, the step is narrowed down to the event, and the multiplier that
+passes names it. Cycles that leave a branch at pitchforks and period doublings are followed in turn.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cache, partial
+from typing import Any, Literal, cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipedyn.attraction.motion_ends import Failed
+from pipedyn.continuation.arclength import folds, sign_changes
+from pipedyn.cycles.limit_cycle import (
+    ON_BRANCH,
+    LimitCycle,
+    NoCycle,
+    amplitude_of,
+    finished,
+    on_branch,
+)
+from pipedyn.equilibrium.equilibria import BranchPoint, EquilibriumBranch
+from pipedyn.equilibrium.hopf import HopfPoint, hopf_point
+from pipedyn.linear.critical_speed import crossings
+from pipedyn.linear.eigenproblem import Complex
+from pipedyn.linear.sensitivity import Crossing
+from pipedyn.models.base import BALANCED, Model, NotConverged, PipedynError
+from pipedyn.motion.vector_field import VectorField
+from pipedyn.orbits.floquet import (
+    LARGEST_ERROR,
+    EventKind,
+    crossing_event,
+    growth,
+    orbit_multipliers,
+    quick_multipliers,
+)
+from pipedyn.orbits.orbit_continuation import (
+    FINE,
+    BranchStart,
+    Grazing,
+    Meeting,
+    Step,
+    both_ways,
+    followed_past_grazing,
+    from_branch_point,
+    from_hopf,
+    meeting,
+    orbit_at,
+)
+from pipedyn.orbits.periodic_orbit import PeriodicOrbit
+from pipedyn.util import check
+from pipedyn.util.archive import saved_as
+from pipedyn.util.check import Array
+from pipedyn.util.newton import NewtonFailed
+from pipedyn.util.parallel import track
+from pipedyn.util.result import Result, TableResult
+from pipedyn.util.threads import one_thread
+from pipedyn.util.units import SPEED
+
+SAME = 1e-4
+"""Relative difference below which two cycles, or the speeds of two events, are the same: measured,
+orbits on a coarse mesh (`orbit_continuation.COARSE`) are off by 4e-6 at most."""
+
+NEAR_FOLD = 0.02
+"""Share of a step around a fold in which its multiplier is too near to the trivial one: measured at
+five folds, both are 1e-5 from 1 at the fold, here the one 9e-4 to 0.1, the other 3e-5 at most."""
+
+UNSURE = 4
+"""Steps from the first such cycle on after which a branch ends: they show whether its period grows
+without end, as it does where multipliers are too far apart to be known."""
+
+VERTICAL, STEEP = 3e-5, 1e-3
+"""Relative change of the speed while the frequency falls by a factor e, over three steps. Below the
+first, at less than half the largest frequency, a branch ends there with an infinite period: the
+speed comes to a limit exponentially. Below the second a branch does that cannot be followed."""
+
+SAMPLES = 65
+"""States kept of each cycle: measured, cubics through them miss five cycles by 1.5e-6 at most."""
+
+BEYOND, MOST_BEYOND, INTERVALS_BEYOND = 1.25, 40, 100
+"""Factor by which a branch may leave both the speeds and its beginning, since it may come back;
+steps out there in a row; and mesh intervals beyond which an orbit is too costly there. Measured on
+branches of seven pipes, they came back six times from up to 1.22 times as far, after 10 steps and
+with 21 intervals at most, and once from 2.3 times as far, after 32 steps."""
+
+RESOLVED, NARROW, WINDING = 0.05, 0.05, 24
+"""Share of the range of speeds, or less if they are closer together, over which a branch has to go
+so that those that leave it are followed; the share of that within which a branch that winds, as one
+that comes near to a homoclinic orbit does, is followed no further, and after how many steps. What
+is narrower is asked for by speeds that are closer together."""
+
+GENERATIONS = 2
+"""Generations followed of cycles that leave cycles: all of the first, then those that leave stable
+ones, since their number may grow without end (a cascade of period doublings)."""
+
+Origin = Literal["hopf", "pitchfork", "period doubling", "motion"]
+
+
+@saved_as("CycleEvent")
+class CycleEvent(Result, units={"error": SPEED}):
+    """Where the stability of a branch of cycles changes, or the branch turns or ends.
+
+    Attributes:
+        kind: "fold" (the branch turns back), "pitchfork" (a cycle that is its own mirror image
+            meets two that are not), "period doubling" (it meets one of twice its period: a
+            multiplier passes -1), "torus" (a pair passes the unit circle), "grazing" (it begins or
+            ceases to touch a stop), "hopf" (its amplitude falls to 0), "infinite period" (the
+            frequency falls towards 0, as where a cycle meets an equilibrium) or "end" (it was not
+            followed further).
+        speed: u.
+        error: half the interval of speeds that is known to hold it.
+        multiplier: the one that passes, where it does, on the unit circle: 1 at a fold and a
+            pitchfork, as where the branch begins or ends or grazes, -1 at a doubling.
+        amplitude: of the cycle.
+    """
+
+    kind: EventKind
+    speed: float
+    error: float
+    multiplier: complex
+    amplitude: float
+
+    def same(self, other: CycleEvent) -> bool:
+        """Whether two branches meet in one event; raises TypeError for what is no event."""
+        if not isinstance(other, CycleEvent):
+            raise TypeError(f"other must be a CycleEvent, got {check.shown(other)}")
+        apart = abs(self.speed - other.speed)
+        near = SAME * self.speed + 3.0 * (self.error + other.error)
+        equal = abs(self.amplitude - other.amplitude) <= 0.1 * self.amplitude
+        return self.kind == other.kind and apart <= near and equal
+
+
+@saved_as(
+    "CycleBranch",
+    shapes={"S": "speeds amplitudes highest frequencies stable", "S n": "multipliers"},
+)
+class CycleBranch(TableResult):
+    """Cycles along a branch, which may turn in the flow speed, in order from where it begins.
+
+    Attributes:
+        speeds: u, shape (S,).
+        amplitudes: half the peak-to-peak transverse motion of the free end in L, shape (S,).
+        highest: largest transverse position of the free end in L, shape (S,); the smallest lies two
+            amplitudes below.
+        frequencies: angular, in 1 / T, shape (S,).
+        stable: shape (S,).
+        multipliers: Floquet multipliers, the largest first, the trivial one among them, shape
+            (S, n).
+        events: in order along the branch.
+        cycles: the cycles themselves; those at the speeds given meet the tolerance of
+            `limit_cycle` or are listed as failures, those between some 1e-5.
+        mirrored: whether the mirror images of its cycles are other cycles; they are not listed.
+        origin: where it begins: "hopf" (at an equilibrium), "pitchfork" or "period doubling" (of a
+            branch of cycles), or "motion": a motion ended on it, from where it was followed both
+            ways, and it is listed from its end on the side of lower speeds.
+        onset: flow speed at which it begins, NaN if that is unknown.
+    """
+
+    speeds: Array
+    amplitudes: Array
+    highest: Array = field(repr=False)
+    frequencies: Array
+    stable: NDArray[np.bool_] = field(repr=False)
+    multipliers: Complex = field(repr=False)
+    events: tuple[CycleEvent, ...]
+    cycles: tuple[LimitCycle, ...] = field(repr=False)
+    mirrored: bool = False
+    origin: Origin = "hopf"
+    onset: float = math.nan
+
+    def __len__(self) -> int:
+        return len(self.speeds)
+
+    def at(self, u: float) -> tuple[LimitCycle, ...]:
+        """The cycles at one of the speeds given, in order along the branch."""
+        u = check.real("u", u, low=0.0)
+        return tuple(cycle for cycle in self.cycles if math.isclose(cycle.u, u, rel_tol=1e-12))
+
+    def _columns(self) -> dict[str, Any]:
+        return {
+            "speed": self.speeds,
+            "amplitude": self.amplitudes,
+            "highest": self.highest,
+            "frequency": self.frequencies,
+            "stable": self.stable,
+        }
+
+
+@dataclass(frozen=True)
+class BranchOptions:
+    """How branches are followed."""
+
+    speeds: Array  # at which cycles are solved for, increasing
+    rtol: float  # of the cycles there
+    most: int  # steps along one branch
+    onsets: tuple[float, ...] = ()  # of flutter, at any of which a branch may end
+    shown: bool = False  # whether steps are counted on stderr
+    known: tuple[CycleBranch, ...] = ()  # which one that meets them repeats from there on
+
+    @property
+    def finest(self) -> float:
+        """The least gap of the speeds, or a share of their range: what is narrower is left out."""
+        return float(min(np.diff(self.speeds).min(), RESOLVED * np.ptp(self.speeds)))
+
+    def holds(self, u: float) -> bool:
+        """Whether a speed lies within those given."""
+        low, high = float(self.speeds[0]), float(self.speeds[-1])
+        near = 1e-9 * (1.0 + high)
+        return low - near <= u <= high + near
+
+
+@dataclass(frozen=True)
+class Traced:
+    """A branch that was followed."""
+
+    branch: CycleBranch | None  # what of it lies within the speeds given, if anything does
+    begin: CycleEvent | None  # wherever that is; None where the branch goes on
+    end: CycleEvent | None
+
+    def spans(self, speeds: float) -> bool:
+        """Whether its cycles lie over so wide a range of speeds."""
+        return self.branch is not None and bool(np.ptp(self.branch.speeds) >= speeds)
+
+    def is_reverse(self, other: Traced) -> bool:
+        """Whether it leads from where the other ends to where that begins."""
+        pairs = ((self.end, other.begin), (self.begin, other.end))
+        return all(a is not None and b is not None and a.same(b) for a, b in pairs)
+
+    def repeats(self, others: Sequence[CycleBranch], speeds: Array) -> bool:
+        """Whether all its cycles at the speeds given lie on other branches."""
+        cycles = () if self.branch is None else self.branch.cycles
+        there = [is_on_any(others, cycle) for cycle in cycles if cycle.u in speeds]
+        return bool(there) and all(there)
+
+
+def hopf_points(
+    model: Model, branches: tuple[EquilibriumBranch, ...], highest: float, failed: list[Failed]
+) -> list[HopfPoint]:
+    """Hopf points of equilibria up to a speed, of mirror images one.
+
+    Where the straight pipe is an equilibrium all its onsets count, on branches followed or not.
+    """
+    motion = VectorField(model)
+    points: list[Crossing | BranchPoint] = []
+    if model.unbalanced(highest) <= BALANCED:
+        try:
+            points += [c for c in crossings(model, highest) if c.kind == "flutter"]
+        except PipedynError as error:
+            failed.append((highest, error))
+    points += [p for b in branches if not b.straight for p in b.points if p.kind == "hopf"]
+    found: list[HopfPoint] = []
+    for new in points:
+        same = (np.isclose((p.speed, p.frequency), (new.speed, new.frequency), 1e-6) for p in found)
+        if new.speed > 0.0 and not any(map(np.all, same)):
+            try:
+                found.append(hopf_point(motion, new))
+            except (PipedynError, ValueError) as error:
+                failed.append((new.speed, error))
+    return found
+
+
+def traced(
+    model: Model, begin: HopfPoint | PeriodicOrbit, options: BranchOptions
+) -> tuple[list[Traced], list[Failed]]:
+    """The branch of cycles from an onset, or both ways through a cycle, and those that leave it.
+
+    The second list holds the speeds that failed. Models have up to 100 degrees of freedom.
+    """
+    motion = VectorField(model)
+    found: list[Traced] = []
+    failed: list[Failed] = []
+
+    def trace(
+        starts: list[BranchStart], begin: CycleEvent | None, generations: int, fastest: float = 0.0
+    ) -> None:
+        """One way from an event or both ways from a cycle, and branches that leave there."""
+        ways: list[_Follower] = []
+        siblings = (one.branch for one in found if one.branch is not None)
+        its = replace(options, known=(*options.known, *siblings))
+        for start in starts:
+            ways.append(_Follower(motion, start, begin, its, failed, fastest))
+            ways[-1].run()
+            if ways[-1].closed:
+                ways = ways[-1:]
+                break
+        found.append(_joined(ways))
+        if not found[-1].spans(options.finest):
+            return
+        fastest = max([fastest, *(cycle.frequency for way in ways for cycle in way.cycles)])
+        for event, orbit, stable in [fork for way in ways for fork in way.forks]:
+            ends = (end for other in found for end in (other.begin, other.end))
+            if any(end is not None and event.same(end) for end in ends):
+                continue
+            if generations == GENERATIONS or (stable and generations > 0):
+                start = from_branch_point(motion, orbit)
+                trace([start], event, generations - 1, fastest)
+
+    with one_thread(motion.size):
+        if isinstance(begin, PeriodicOrbit):
+            trace(both_ways(motion, begin), None, GENERATIONS)
+        else:
+            onset = CycleEvent("hopf", begin.speed, 1e-6, 1.0 + 0j, 0.0)
+            trace([from_hopf(motion, begin)], onset, GENERATIONS)
+        return found, failed
+
+
+def _joined(ways: list[_Follower]) -> Traced:
+    """What was followed one way, or both ways from the same cycle."""
+    way = ways[-1]
+    cycles, events, begin = way.cycles, way.events, way.begin
+    if len(ways) == 2:
+        cycles = ways[0].cycles[:0:-1] + cycles
+        events = ways[0].events[::-1] + events
+        begin = ways[0].end
+    cycles = [cycle for cycle in cycles if way.options.holds(cycle.u)]
+    if not cycles:
+        return Traced(None, begin, way.end)
+    branch = CycleBranch(
+        speeds=np.array([cycle.u for cycle in cycles]),
+        amplitudes=np.array([cycle.amplitude for cycle in cycles]),
+        highest=np.array([float(cycle.tip[0, 0]) for cycle in cycles]),
+        frequencies=np.array([cycle.frequency for cycle in cycles]),
+        stable=np.array([cycle.stable for cycle in cycles]),
+        multipliers=np.array([cycle.multipliers for cycle in cycles]),
+        events=tuple(event for event in events if way.options.holds(event.speed)),
+        cycles=tuple(cycles),
+        mirrored=not cycles[0].symmetric and way.motion.is_odd(cycles[0].u),
+        origin=cast(Origin, way.begin.kind) if way.begin is not None else "motion",
+        onset=way.onset,
+    )
+    return Traced(branch, begin, way.end)
+
+
+Found = tuple[float, LimitCycle, CycleEvent | None]
+"""What lies on a step: arc length from its beginning, cycle, and what happens there."""
+
+
+class _Follower:
+    """A branch in the making, one way from a start, and from an event if it begins at one."""
+
+    def __init__(
+        self,
+        motion: VectorField,
+        start: BranchStart,
+        begin: CycleEvent | None,
+        options: BranchOptions,
+        failed: list[Failed],
+        fastest: float = 0.0,
+    ) -> None:
+        self.motion, self.start, self.begin, self.options = motion, start, begin, options
+        self.failed, self.fastest = failed, fastest
+        self.onset, self.events = math.nan, list[CycleEvent]()
+        self.how = f"followed from a motion at u = {start.orbit.u:.6g}"
+        if begin is not None:
+            self.onset, self.events = begin.speed, [begin]
+            where = "onset" if begin.kind == "hopf" else begin.kind
+            self.how = f"followed from the {where} at u = {begin.speed:.6g}"
+        self.cycles: list[LimitCycle] = []
+        self.forks: list[tuple[CycleEvent, PeriodicOrbit, bool]] = []
+        self.end: CycleEvent | None = None
+        self.closed = False
+        self.repeats = False  # goes on as a branch that is known
+        self.again: float | None = None  # speed of a cycle that was passed before
+        self.grazed = False  # whether the next step begins beyond where a stop is grazed
+
+    def run(self) -> None:
+        """Follows the branch until it ends, is far from the speeds or its steps run out.
+
+        Beyond the speeds given multipliers are not computed.
+        """
+        here, beyond, unsure, last = self.start.orbit, 0, 0, None
+        speeds, passed, frequencies = self.options.speeds, list[float](), list[float]()
+        lowest = min(float(speeds[speeds > 0.0][0]), here.u) / BEYOND
+        highest = max(float(speeds[-1]), here.u) * BEYOND
+        try:
+            steps = self._steps()
+            if self.begin is None:
+                last = self._finished(here)
+                if last is not None:
+                    self._take([(0.0, last, None)])
+            else:  # up to its first orbit
+                first = next(steps)
+                self._take(self._at_speeds(first, self._leaving(first)))
+            for step in steps:
+                if self.grazed:  # this step does not begin where the last one ended
+                    last, self.grazed = None, False
+                met = self._met(step)
+                if met is not None:
+                    step = met[1].whole
+                here = orbit_at(step, step.length)
+                frequencies.append(here.frequency)
+                passed.append(here.u)
+                low, high = sorted((step.begin.p, here.u))
+                if unsure:
+                    unsure += 1
+                elif low <= speeds[-1] and high >= speeds[0]:
+                    last, beyond = self._noted(step, last), 0
+                    unsure = int(last.multiplier_error > LARGEST_ERROR)
+                    if self.again is not None:
+                        self._forget_repeated()
+                        raise NewtonFailed(
+                            f"it leads back to the cycle at u = {self.again:g}, so that a step "
+                            "went over to another branch, which is closed"
+                        )
+                else:
+                    last, beyond = None, beyond + 1
+                if met is not None:
+                    kind, meets = met
+                    if last is not None:
+                        self._take(self._at_speeds(meets.last, meets.last))
+                    self._ends(kind, replace(here, u=meets.last.end.p), meets.error)
+                    return
+                slow = frequencies[-1] < 0.5 * max(self.fastest, *frequencies)
+                if slow and _steepness(passed, frequencies) < VERTICAL:
+                    self._ends("infinite period", here, abs(passed[-1] - passed[-2]))
+                    if not self.cycles and last is not None:
+                        error = last.multiplier_error
+                        self._fails(here, f"its multipliers are known to {error:.1e} only")
+                    return
+                if unsure == UNSURE and last is not None:
+                    error = last.multiplier_error
+                    raise NewtonFailed(f"its multipliers are known to {error:.1e} only")
+                if self.closed or self.repeats or not lowest < here.u < highest:
+                    return
+                if len(passed) > WINDING and self._winds(passed[-WINDING:]):
+                    width = max(passed[-WINDING:]) - min(passed[-WINDING:])
+                    self._ends("end", here)
+                    self._fails(
+                        here,
+                        f"for {WINDING} steps it has wound within {width:.1e} of the speed: speeds "
+                        "closer together show more",
+                    )
+                    return
+                if len(frequencies) == self.options.most:
+                    raise NewtonFailed("its steps ran out; cycles= allows more")
+                if beyond == MOST_BEYOND:
+                    raise NewtonFailed(f"after {beyond} steps it has not come back")
+                if last is None and here.edges.size > INTERVALS_BEYOND:
+                    raise NewtonFailed(f"beyond the speeds it takes {here.edges.size} intervals")
+        except NewtonFailed as reason:
+            falling = len(frequencies) > 3 and frequencies[-1] < frequencies[-3]
+            slow = falling and frequencies[-1] < 0.5 * max(frequencies)
+            if slow or _steepness(passed, frequencies) < STEEP:
+                self._ends("infinite period", here)
+                return
+            self._ends("end", here)
+            self._fails(here, str(reason))
+
+    def _winds(self, passed: list[float]) -> bool:
+        """Whether a branch stays at about one speed, between those given."""
+        low, high = min(passed), max(passed)
+        given = self.options.speeds
+        between = not ((given >= low) & (given <= high)).any()
+        return between and high - low < NARROW * self.options.finest
+
+    def _steps(self) -> Iterator[Step]:
+        """Steps along the branch, past places where its cycles begin or cease to touch a stop."""
+        steps = followed_past_grazing(self.motion, self.start, FINE, self._grazes)
+        return track(steps, None, f"cycles {self.how}", self.options.shown)
+
+    def _grazes(self, grazing: Grazing) -> None:
+        """Notes where its cycles begin or cease to touch a stop."""
+        self._note("grazing", grazing.middle, grazing.error)
+        self.grazed = True
+        speeds = self.options.speeds
+        for u in speeds[np.abs(speeds - grazing.middle.u) < grazing.error].tolist():
+            self.failed.append((u, NoCycle(f"no cycle at u = {u:g}: it grazes a stop there", u)))
+
+    def _fails(self, here: PeriodicOrbit, reason: str) -> None:
+        """Takes note of a failure beyond an orbit."""
+        where = f"u = {here.u:g}"
+        if not self.options.holds(here.u):
+            where += ", outside the speeds given, from where they might come back"
+        report = f"the cycles {self.how} were not followed beyond {where}: {reason}"
+        self.failed.append((here.u, NotConverged(report)))
+
+    def _ends(self, kind: EventKind, orbit: PeriodicOrbit, error: float = 0.0) -> None:
+        """Takes note of the orbit at which the branch ends, or ("end") is not followed further."""
+        self._note(kind, orbit, error)
+        self.end = self.events[-1] if kind != "end" else None
+
+    def _note(self, kind: EventKind, orbit: PeriodicOrbit, error: float) -> None:
+        """Keeps an event at an orbit at which no multiplier passes the unit circle."""
+        size = 0.0 if kind == "hopf" else amplitude_of(self.motion, orbit)[0]
+        self.events.append(CycleEvent(kind, orbit.u, error, 1.0 + 0j, size))
+
+    def _finished(self, orbit: PeriodicOrbit) -> LimitCycle | None:
+        """The cycle of the orbit at one of the speeds given; None where there is none.
+
+        What fails to meet the tolerance is a failure, and kept for what it is.
+        """
+        try:
+            return finished(self.motion, orbit, self.options.rtol, SAMPLES, self.how, at_once=True)
+        except NotConverged as error:
+            self.failed.append((orbit.u, error))
+            reached: LimitCycle | None = error.result
+            return reached
+
+    def _met(self, step: Step) -> tuple[EventKind, Meeting] | None:
+        """Where the branch meets an equilibrium within a step, or cycles of more symmetry."""
+        begin = orbit_at(step, 0.0)
+        kinds: list[EventKind] = ["hopf"] if begin.symmetric else ["hopf", "period doubling"]
+        if not begin.symmetric and self.motion.is_odd(begin.u):
+            kinds.append("pitchfork")
+        onsets = np.array([onset for onset in self.options.onsets if onset != self.onset])
+        for kind in kinds:
+            known = onsets if kind == "hopf" else np.empty(0)
+            if (met := meeting(step, kind, known, 0.01)) is not None:
+                return kind, met
+        return None
+
+    def _noted(self, step: Step, last: LimitCycle | None) -> LimitCycle:
+        """Keeps what lies on a step and its events; the cycle at its end.
+
+        `last` is the cycle at its beginning, if that is known and kept.
+        """
+        orbit = cache(partial(orbit_at, step))
+
+        @cache
+        def cycle(s: float) -> LimitCycle:
+            if s == 0.0 and last is not None:
+                return last
+            return on_branch(self.motion, orbit(s), FINE.defect, SAMPLES, self.how)
+
+        @cache
+        def passing(s: float) -> Array:
+            quick = quick_multipliers(self.motion, orbit(s), ON_BRANCH)
+            return growth(cycle(s).multipliers if quick is None else quick)
+
+        length = step.length
+        found: list[Found] = [] if last is not None else [(0.0, cycle(0.0), None)]
+        found.append((length, cycle(length), None))
+        if max(cycle(s).multiplier_error for s in (0.0, length)) <= LARGEST_ERROR:
+            turns = folds(step, 1e-5)  # the speed of a fold is known to the square of that
+            found += self._events(step, turns, cycle, passing)
+            for part in step.parts(turns):
+                found += self._at_speeds(step, part)
+        known = self.options.known
+        if repeated := [s for s, one, _ in found if is_on_any(known, one)]:
+            self.repeats = True
+            found = [one for one in found if one[0] < min(repeated)]
+        self._take(found)
+        return cycle(length)
+
+    def _take(self, found: Iterable[Found]) -> None:
+        """Keeps events on a step, and cycles known well enough, in order along the branch."""
+        for _, cycle, event in sorted(found, key=lambda place: place[0]):
+            if cycle.multiplier_error <= LARGEST_ERROR:
+                self.cycles.append(cycle)
+            if event is not None:
+                self.events.append(event)
+
+    def _events(
+        self,
+        step: Step,
+        turns: list[float],
+        cycle: Callable[[float], LimitCycle],
+        passing: Callable[[float], Array],
+    ) -> Iterator[Found]:
+        """Folds, at known lengths, and where multipliers cross the unit circle between them."""
+        length = step.length
+        for s in turns:
+            a = cycle(s)
+            error = max(abs(step.at(s + 1e-3 * length).p - a.u), 1e-9)
+            yield s, a, CycleEvent("fold", a.u, error, 1.0 + 0j, a.amplitude)
+        near = NEAR_FOLD * length
+        ends = [0.0, *(s + side for s in turns for side in (-near, near)), length]
+        for low, high in zip(ends[::2], ends[1::2], strict=True):
+            if not low < high:
+                continue
+            for before, beyond in sign_changes(passing, low, high, 3e-5 * length):
+                b, at = cycle(beyond), step.at(before).p
+                roots = orbit_multipliers(self.motion, b.orbit)[1] if b.symmetric else b.multipliers
+                kind, multiplier = crossing_event(roots, b.symmetric)
+                if kind == "fold":
+                    continue
+                speed, error = 0.5 * (at + b.u), 0.5 * abs(at - b.u)
+                event = CycleEvent(kind, speed, error, multiplier, b.amplitude)
+                if kind != "torus" and self.options.holds(speed):
+                    stable = b.stable or not (passing(before) > 0.0).any()
+                    self.forks.append((event, b.orbit, stable))
+                yield beyond, b, event
+
+    def _at_speeds(self, step: Step, part: Step) -> Iterator[Found]:
+        """The cycles at the speeds given on a part of a step, but for its beginning."""
+        low, high = sorted((part.begin.p, part.end.p))
+        speeds = self.options.speeds
+        for u in speeds[(speeds >= low) & (speeds <= high) & (speeds != part.begin.p)].tolist():
+            try:
+                z, kept = part.where_and_kept(u)
+            except NewtonFailed as reason:
+                self.failed.append((u, NoCycle(f"no cycle at u = {u:g}: {reason}", u)))
+                continue
+            cycle = self._finished(replace(step.problem.orbit(z), closing=kept))
+            if cycle is not None:
+                yield step.reach(z), cycle, None
+                self.closed = self.closed or self._is_first(cycle)
+                if not self.closed and self._is_passed(cycle):
+                    self.again = u
+
+    def _leaving(self, first: Step) -> Step:
+        """The first step, as the speed changes with the square of what grows on it."""
+        if self.motion.model.pipe.has_kinks:  # with drag it changes linearly
+            return first
+        return replace(first, begin=first.problem.starting(first.begin.z, self.start.towards))
+
+    def _is_first(self, cycle: LimitCycle) -> bool:
+        """Whether a cycle is that from which the branch set out: the branch is then closed."""
+        first = self.start.orbit
+        if self.begin is not None or cycle.u != first.u or len(self.cycles) < 4:
+            return False
+        return same_cycle(cycle, first.frequency, amplitude_of(self.motion, first)[0])
+
+    def _is_passed(self, cycle: LimitCycle) -> bool:
+        """Whether a cycle is one that was passed before, but not right before."""
+        return any(
+            one.u == cycle.u and same_cycle(cycle, one.frequency, one.amplitude)
+            for one in self.cycles[:-4]
+        )
+
+    def _forget_repeated(self) -> None:
+        """Leaves out events that were met a second time."""
+        every = self.events
+        self.events = [
+            event for i, event in enumerate(every) if not any(map(event.same, every[:i]))
+        ]
+
+
+def _steepness(speeds: list[float], frequencies: list[float]) -> float:
+    """Relative change of the speed for a factor e by which the frequency falls, over three steps.
+
+    It is infinite where the frequency does not fall all the time, or in fewer steps.
+    """
+    if len(speeds) < 4:
+        return math.inf
+    falls = -np.diff(np.log(frequencies[-4:]))
+    if not (falls > 0.0).all():
+        return math.inf
+    return float(np.abs(np.diff(speeds[-4:])).sum() / (speeds[-1] * falls.sum()))
+
+
+def is_on_any(branches: Sequence[CycleBranch], cycle: LimitCycle) -> bool:
+    """Whether one of the branches has a cycle at its speed."""
+    return any(
+        one.symmetric == cycle.symmetric and same_cycle(one, cycle.frequency, cycle.amplitude)
+        for branch in branches
+        for one in branch.at(cycle.u)
+    )
+
+
+def same_cycle(cycle: LimitCycle, frequency: float, amplitude: float) -> bool:
+    """Whether a cycle has a frequency and an amplitude."""
+    apart = max(abs(cycle.frequency / frequency - 1.0), abs(cycle.amplitude / amplitude - 1.0))
+    return apart < SAME

@@ -1,0 +1,621 @@
+# SPDX-License-Identifier: MIT
+"""Limit cycles, stable or not, as periodic boundary-value problems.
+
+A cycle is found on a coarse mesh, from a Hopf point, a motion or another cycle. It is refined until
+amplitude and frequency converge and the trivial multiplier is 1. Mesh intervals are short where the
+motion asks for it; modes that decay far faster than the cycle turns need no shorter ones, as
+Radau's method is L-stable.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import dataclass, field, replace
+from functools import partial
+from typing import Any, TypeAlias
+
+import numpy as np
+
+from pipedyn.attraction.motion_ends import FAR_BACK, Case, motion_ends
+from pipedyn.attraction.motion_options import MotionOptions
+from pipedyn.attraction.records import Stretch
+from pipedyn.attraction.regions import NOWHERE, Excitation
+from pipedyn.attraction.solutions import LARGEST_CYCLE, last_period
+from pipedyn.equilibrium.equilibria import Statics
+from pipedyn.equilibrium.hopf import Hopf, hopf, hopf_point
+from pipedyn.linear.critical_speed import crossings
+from pipedyn.linear.eigenproblem import Complex
+from pipedyn.linear.neutral import grows
+from pipedyn.models.base import Model, NotConverged, PipedynError
+from pipedyn.models.drive import steady_speed
+from pipedyn.motion.simulate import (
+    Motion,
+    Start,
+    Trajectory,
+    check_coordinates,
+    checked_model_in_motion,
+    slight_bend,
+    state_of,
+)
+from pipedyn.motion.vector_field import VectorField
+from pipedyn.orbits.collocation import residual, solved
+from pipedyn.orbits.floquet import TOLERANCE, nontrivial, orbit_multipliers
+from pipedyn.orbits.orbit_continuation import COARSE, breaking_part, continued, solved_anew
+from pipedyn.orbits.periodic_orbit import (
+    STAGES,
+    PeriodicOrbit,
+    refined,
+)
+from pipedyn.util import check
+from pipedyn.util.archive import saved_as
+from pipedyn.util.check import Array
+from pipedyn.util.counters import counted
+from pipedyn.util.newton import NewtonFailed
+from pipedyn.util.result import TableResult
+from pipedyn.util.threads import one_thread
+
+SEARCHED, SEEN = 60.0, 20.0
+"""Time in T of a motion that looks for a cycle, and of its record after that; one that comes nearer
+to something is followed for longer."""
+
+SEARCH, SEARCH_FACTOR = 600_000, 3
+"""Right-hand sides of that from one look to the next, beyond which it is given up, and how many
+times as many are allowed up to 6 degrees of freedom, where they are cheap. Motions that wind up
+without end turn ever faster."""
+
+MOST_INTERVALS = 2000
+"""Intervals of a mesh: beyond, one Newton step of a chain of 20 segments takes some seconds."""
+
+ROUNDING = 1e-11
+"""Defects below may be rounding, and are lessened by halving intervals only."""
+
+SMOOTH = 0.1
+"""Share of the tolerance that the last halving of all intervals with a large defect may change
+where forces are smooth: what is left is smaller by some 2^-15."""
+
+SAMPLES_A_STAGE = 2
+"""Samples for each stage of an orbit, from which its farthest displacements are narrowed down."""
+
+CHECKS = 3
+"""Meshes on which the multipliers are asked for, each for a hundredth of the defect of the last: by
+the third that is 1e-7 of rtol, where rounding is all that is left."""
+
+ON_BRANCH = 1e-5
+"""Error of multipliers that is looked for on a branch, whose orbits under drag allow no less."""
+
+QUARTIC = np.linalg.inv(np.vander(np.arange(-2.0, 3.0)))
+"""Coefficients, the highest first, of the polynomial through values at -2 .. 2."""
+
+TRIVIAL, SHARE_OF_NEXT = 1e-6, 0.01
+"""How far the trivial multiplier may be from 1: the tolerance to which users ask for cycles or, if
+that is more, this share of the distance from 1 of the next multiplier. What moves the one moves the
+other about as far, and up to a hundredth the next one's side of 1 is certain."""
+
+CycleStart: TypeAlias = "LimitCycle | Hopf | Motion | Start | None"
+"""Where the search for a cycle begins."""
+
+KINDS = "a LimitCycle, a Hopf, a Motion, an angle theta(s), coordinates or a state [q, q']"
+"""What a start may be."""
+
+
+@saved_as(
+    "LimitCycle",
+    shapes={
+        "2dof": "multipliers",
+        "S": "t",
+        "S coordinates": "q qdot",
+        "M 2moving": "orbit.starts",
+    },
+)
+class LimitCycle(Trajectory, TableResult):
+    """One period of a periodic motion.
+
+    Attributes:
+        amplitude: half the peak-to-peak transverse motion of the free end, in L.
+        frequency: angular, in 1 / T.
+        period: in T.
+        multipliers: Floquet multipliers, complex, shape (2 dof,), the largest modulus first; the
+            trivial one, 1, among them.
+        stable: whether all others are smaller than 1 in modulus.
+        t: times from 0, where the free end is farthest to positive x, to the period, shape (S,).
+        q, qdot: coordinates and rates, shape (S, coordinates).
+        u: flow speed.
+        model: the model.
+        error: of amplitude and frequency, relative, estimated by refinement: what the last
+            halving of mesh intervals changed.
+        multiplier_error: distance of the trivial multiplier from 1, or what shorter intervals
+            change in the worst, relative if above 1, or rounding, whichever is most.
+        residual: largest |dy/dt - f(y)| half-way between the stages at which the equations were
+            solved, relative to the largest |f|, of the accelerations.
+        symmetric: whether the second half of the period was taken as the mirror image of the first.
+        phases: number of states solved for.
+        evaluations: right-hand sides and Jacobians.
+        method: how it was found.
+        orbit: the solution of the collocation equations, from which other searches set out.
+
+    Example:
+        >>> cycle = pp.limit_cycle(pp.Chain(pp.Pipe(0.2), 4), 6.0)
+        >>> round(cycle.amplitude, 4), round(cycle.period, 4), cycle.stable
+        (0.4422, 0.4866, True)
+    """
+
+    amplitude: float
+    frequency: float
+    period: float
+    multipliers: Complex = field(repr=False)
+    stable: bool
+    t: Array = field(repr=False)
+    q: Array = field(repr=False)
+    qdot: Array = field(repr=False)
+    u: float
+    model: Model
+    error: float
+    multiplier_error: float
+    residual: float
+    symmetric: bool
+    phases: int
+    evaluations: int
+    method: str
+    orbit: PeriodicOrbit = field(repr=False, compare=False)
+
+    @property
+    def tip(self) -> Array:
+        """Position (x, y) of the free end, shape (S, 2)."""
+        return self.model.tips(self.q.T)
+
+    @property
+    def others(self) -> Complex:
+        """Multipliers without the trivial one, shape (2 dof - 1,)."""
+        return nontrivial(self.multipliers)
+
+
+@saved_as("NoCycle")
+class NoCycle(PipedynError):
+    """No limit cycle was found.
+
+    Attributes:
+        u: flow speed.
+    """
+
+    def __init__(self, message: str, u: float) -> None:
+        super().__init__(message, u)
+        self.u = u
+
+
+def limit_cycle(
+    model: Model,
+    u: float,
+    start: CycleStart = None,
+    *,
+    rtol: float = 1e-6,
+    samples: int = 257,
+) -> LimitCycle:
+    """A periodic motion at a constant flow speed, stable or unstable, with its Floquet multipliers.
+
+    Args:
+        model: chain, reduced model or scene, up to 100 degrees of freedom.
+        u: flow speed > 0, in sqrt(EI / mu_f) / L.
+        start: where to begin: a `LimitCycle` in the model's coordinates (at another speed, or of
+            another pipe); a `Hopf` of the model, whose cycle is followed to u; a `Motion` that ends
+            near the cycle; or what a simulation sets out from, as for `lyapunov_exponent`: an angle
+            theta(s) or coordinates (at rest), or a state [q, q'], shape (2 coordinates,). Where not
+            given, the cycles of the model's flutter onsets are followed to u, the nearest onset
+            first; where that leads nowhere and rest is unstable, a simulation from a slight bend;
+            and of pipes with drag that are unstable without an onset, the cycle of a damped pipe,
+            whose damping is left out. What is found so may be unstable, as `stable` says: then a
+            `Motion` or a state leads to what motions end on.
+        rtol: relative tolerance of amplitude and frequency, in [1e-10, 1e-2].
+        samples: number of states that are given, from the start of the period to its end.
+
+    Returns:
+        LimitCycle.
+
+    Example:
+        >>> cycle = pp.limit_cycle(pp.Galerkin(pp.Pipe(0.2), 8, "legendre"), 6.0)
+        >>> round(cycle.amplitude, 4), round(cycle.frequency, 3), cycle.stable
+        (0.2766, 13.792, True)
+
+    Raises:
+        NoCycle: if rest is stable and no cycle comes from an onset, or the search ends
+            at rest, in motion without a period, or with no motion at all; the message says which,
+            and at which speed the cycle of an onset turns back.
+        NotConverged: if a cycle was found, but not to the tolerance; `result` holds it.
+        ValueError, TypeError: for bad arguments.
+
+    Source: Doedel, Keller and Kernevez (1991), Numerical analysis and control of bifurcation
+    problems (II), for periodic orbits by collocation.
+    """
+    model = checked_model_in_motion(model, largest=LARGEST_CYCLE, purpose="limit_cycle")
+    u = steady_speed("u", u, open_low=True)
+    rtol = check.real("rtol", rtol, low=1e-10, high=1e-2)
+    samples = check.count("samples", samples, low=9, high=100_000)
+    motion = VectorField(model)
+    with one_thread(motion.size):
+        orbit, how = cycle_from(motion, u, start)
+        return finished(motion, orbit, rtol, samples, how)
+
+
+# ----------------------------------------------------------------------------- where it begins
+
+
+def cycle_from(motion: VectorField, u: float, start: Any) -> tuple[PeriodicOrbit, str]:
+    """A cycle on a coarse mesh, and how it was found."""
+    if start is None:
+        return _without_start(motion, u)
+    if not isinstance(start, LimitCycle | Hopf | Motion):
+        return _simulated(motion, u, state_of(motion.model, "start", start, KINDS)), "simulation"
+    try:
+        if isinstance(start, Hopf):
+            _check_own(motion, start)
+            return continued(motion, start, u), _followed(start)
+        check_coordinates(motion.model, "start", start)
+        if isinstance(start, LimitCycle):
+            orbit = start.orbit
+            symmetric = orbit.symmetric and motion.is_odd(u)
+            return solved_anew(motion, orbit, u, symmetric, COARSE), "from a cycle"
+        states = motion.model.integrated(start.q, start.qdot)
+        x, velocity = start.tip[:, 0], start.tip_velocity[:, 0]
+        stretch = Stretch.of(start.t, states, x, velocity, 1e-6)
+        _, guess = last_period(motion.model, Excitation(u), stretch, FAR_BACK)
+        return as_symmetric(motion, solved(motion, guess, COARSE.tolerance)), "from a motion"
+    except NewtonFailed as reason:
+        raise NoCycle(f"no limit cycle at u = {u:g} from that start: {reason}", u) from None
+
+
+def _without_start(motion: VectorField, u: float) -> tuple[PeriodicOrbit, str]:
+    """From the onsets of flutter, the nearest first, then by simulation."""
+    model, reasons = motion.model, list[str]()
+    try:
+        model.require_equilibrium(u)
+        onsets = [c for c in crossings(model, 1.5 * u) if c.kind == "flutter" and c.speed > 0.0]
+        statics = Statics(model)
+        unstable = bool(grows(statics.eigenvalues(statics.resting, u)).any())
+    except (NotConverged, ValueError):
+        onsets, unstable = [], True
+    for crossing in sorted(onsets, key=lambda c: abs(c.speed - u))[:4]:
+        try:
+            onset = hopf(model, crossing)
+        except (PipedynError, ValueError):  # pairs that meet lie off the axis by sqrt(eps)
+            continue
+        reached = onset.amplitude_law * (u - onset.speed) > 0.0 or onset.fold is not None
+        if reached or onset.criticality == "subcritical":
+            try:
+                return continued(motion, onset, u), _followed(onset)
+            except NewtonFailed as reason:
+                reasons.append(str(reason))
+    pipe = model.pipe
+    if not unstable:
+        first = min((c.speed for c in onsets if c.destabilising), default=math.nan)
+        where = f": flutter sets in at u = {first:.6g}" if first > u else ""
+        why = f" ({'; '.join(reasons)})" if reasons else ""
+        raise NoCycle(
+            f"the pipe rests stably at u = {u:g}{where}, and no cycle comes from an onset{why}; "
+            "one far from rest may be found with start=",
+            u,
+        )
+    if pipe.beta == pipe.damping == pipe.drag == 0.0 and not model.resisted:
+        raise NoCycle(
+            f"at u = {u:g} no force depends on velocities, so that volumes in state space are "
+            "conserved: no cycle attracts, and none comes from an onset",
+            u,
+        )
+    # All modes of a pipe under drag alone grow, about as fast: motions come late to a cycle that
+    # attracts. A chain's are cheap, others' cost more than to follow a damped pipe's cycle.
+    alone = not onsets and pipe.drag > 0.0 and pipe.damping == 0.0
+
+    def simulated() -> PeriodicOrbit:
+        bent = state_of(model, "start", slight_bend, KINDS)
+        return _simulated(motion, u, bent, 2.0 if alone else 1.0)
+
+    ways: dict[str, Callable[[], PeriodicOrbit]] = {"simulation": simulated}
+    if alone:
+        damped = {"followed from a damped pipe's": partial(_from_damped_pipe, motion, u)}
+        ways = ways | damped if model.linear_cost else damped | ways
+    failed = list[str]()
+    for how, search in ways.items():
+        try:
+            return search(), how
+        except (NewtonFailed, PipedynError) as reason:
+            failed.append(str(reason))
+    raise NoCycle("; ".join(dict.fromkeys([*failed, *reasons])), u)
+
+
+def _followed(onset: Hopf) -> str:
+    """How a cycle was found that comes from an onset."""
+    return f"followed from the onset at u = {onset.speed:.6g}"
+
+
+def _check_own(motion: VectorField, onset: Hopf) -> None:
+    """Refuses an onset of another model."""
+    own = onset.model.coordinate_kind == motion.model.coordinate_kind
+    with suppress(PipedynError, ValueError):
+        if own:
+            hopf_point(motion, onset.crossing)
+            return
+    raise ValueError(f"start must be an onset of the model, got one of {onset.model!r}")
+
+
+def _from_damped_pipe(motion: VectorField, u: float) -> PeriodicOrbit:
+    """From the cycle of the same pipe with some damping, which is then left out.
+
+    An aspirating pipe without damping has no onset: it is unstable from u = 0 on.
+    """
+    pipe = motion.model.pipe
+    # The flow feeds the first mode with 2 sqrt(beta) u and damping takes omega^2 / 2 = 6 times its
+    # number, so that flutter sets in at some 0.15 u. Of eleven pipes nine then converge without the
+    # damping; with an eighth of it branches are long, and five do.
+    damping = 0.05 * math.sqrt(pipe.beta) * u
+    damped = VectorField(motion.model.with_pipe(replace(pipe, damping=damping)))
+    try:
+        onset = hopf(damped.model)
+    except (PipedynError, ValueError) as reason:
+        raise NewtonFailed(f"with damping of {damping:.2g} no onset is found") from reason
+    orbit = continued(damped, onset, u)
+    motion.evaluations += damped.evaluations
+    return solved(motion, orbit, COARSE.tolerance)
+
+
+# ------------------------------------------------------------------------------ from a motion
+
+
+def _simulated(motion: VectorField, u: float, start: Array, patience: float = 1.0) -> PeriodicOrbit:
+    """The cycle on which the motion from a state [p, p'] ends, or one that it has passed.
+
+    patience: by which the time is multiplied after which a motion comes nearer to nothing.
+    """
+    model, none = motion.model, f"no limit cycle at u = {u:g} by simulation"
+    most = SEARCH * (SEARCH_FACTOR if model.dof <= 6 else 1)
+    back = FAR_BACK  # where right-hand sides are dear a cycle is solved for early
+    options = MotionOptions(patience * SEARCHED, SEEN, exponents=False, most=most, back=back)
+    with counted() as work:
+        cases = [Case(model, Excitation(u))]
+        [[(number, end)]], [case] = motion_ends(model, cases, [start.reshape(2, -1)], options)
+    motion.evaluations += work.right_hand_sides
+    if isinstance(end, Exception):
+        raise NoCycle(f"{none}: {end}", u) from None
+    solutions = list(case.solutions)
+    if number != NOWHERE:
+        solutions.append(case.solutions[number])  # on which the motion ends, for the last
+    orbits = [one.orbit for one in solutions if one.orbit is not None]
+    if end.ending == "rest":
+        away = np.abs(end.end - motion.resting()).max()
+        raise NoCycle(f"{none}: it ends in {'rest' if away < 1e-2 else 'a bent pipe at rest'}", u)
+    if not orbits:
+        raise NoCycle(f"{none}: the motion does not come back to an earlier state", u)
+    return as_symmetric(motion, orbits[-1])
+
+
+def as_symmetric(motion: VectorField, orbit: PeriodicOrbit) -> PeriodicOrbit:
+    """The orbit with its mirror symmetry imposed, if it has one up to rounding, else as it is.
+
+    What rounding leaves of asymmetry would be taken for a pitchfork where the branch is followed.
+    """
+    if not motion.is_odd(orbit.u):
+        return orbit
+    if np.abs(breaking_part(orbit, "pitchfork")).max() > 1e-6 * orbit.size:
+        return orbit
+    return solved_anew(motion, orbit, orbit.u, True, COARSE)
+
+
+# -------------------------------------------------------------- what it is, and how well known
+
+
+def finished(
+    motion: VectorField,
+    orbit: PeriodicOrbit,
+    rtol: float,
+    samples: int,
+    how: str,
+    at_once: bool = False,
+) -> LimitCycle:
+    """The cycle, refined until its amplitude and frequency converge and its multipliers are right.
+
+    Args:
+        motion: the vector field.
+        orbit: near it.
+        rtol: tolerance of amplitude and frequency.
+        samples: number of states that are given.
+        how: it was found.
+        at_once: whether one refinement is enough where forces are smooth and it changes little, be
+            the defects that are left what they may: half as many intervals or fewer.
+
+    Raises:
+        NotConverged: if the tolerance is out of reach; `result` holds what was reached.
+    """
+    # Defects with which the first answer mostly meets rtol: the mesh follows kinks of forces.
+    largest = rtol * (1e-1 if motion.model.pipe.has_kinks else 1e-3)
+    tolerance = min(1e-7, 1e-2 * rtol)
+    for _ in range(CHECKS):
+        enough = SMOOTH * rtol if at_once and not motion.model.pipe.has_kinks else 0.0
+        known, error, reason = refined_until(motion, orbit, largest, rtol, tolerance, enough)
+        orbit = known.orbit
+        try:
+            result = described(motion, known, error, samples, how)
+        except NewtonFailed as failure:
+            raise NotConverged(f"the cycle at u = {orbit.u:g} fails its check: {failure}") from None
+        if error > rtol:
+            known_to = "on one mesh" if error == math.inf else f"to {error:.1e}"
+            raise NotConverged(
+                f"the cycle at u = {orbit.u:g} is known {known_to} only: {reason}", result
+            )
+        # A change of the equations by eps moves a multiplier by eps / d if another lies d away.
+        apart = float(np.abs(result.others - 1.0).min(initial=1.0))
+        allowed = max(TRIVIAL, min(SHARE_OF_NEXT * apart, TRIVIAL / apart))
+        if result.multiplier_error <= max(rtol, allowed):
+            return result
+        largest *= 0.01  # the multipliers need a finer mesh
+    raise NotConverged(
+        f"the cycle at u = {orbit.u:g} fails its check: its Floquet multipliers, one of which "
+        f"should be 1, are known to {result.multiplier_error:.1e} only",
+        result,
+    )
+
+
+@dataclass(frozen=True)
+class Known:
+    """An orbit with its `amplitude_of`, and what it was refined from."""
+
+    orbit: PeriodicOrbit
+    peak: tuple[float, float]
+    coarser: PeriodicOrbit | None = None
+
+
+def refined_until(
+    motion: VectorField,
+    orbit: PeriodicOrbit,
+    largest: float,
+    rtol: float,
+    tolerance: float,
+    enough: float = 0.0,
+) -> tuple[Known, float, str]:
+    """The orbit on a finer mesh, what the last refinement changed, and why it went no further.
+
+    Refined are the intervals with a large defect, and all of them where there is none, until what
+    is left of the defects is rounding: halving the intervals lessens that to a half at best, but to
+    an eighth what it resolves, even at the kinks of forces. A change up to `enough` is the last.
+    """
+    # With kinks two answers may agree by chance: an error falls by the fourth power of h at most.
+    known, error, worst = Known(orbit, amplitude_of(motion, orbit)), math.inf, math.inf
+    smooth = not motion.model.pipe.has_kinks
+    last = 0.0 if smooth else math.inf
+    most = 2  # parts of an interval
+    while True:
+        orbit = known.orbit
+        defects = orbit.defects()
+        coarse, coarsest, worst = defects > largest, worst, float(defects.max())
+        if error <= enough:
+            return known, error, ""
+        if error <= 0.5 * rtol and (not coarse.any() or worst > 0.25 * coarsest):
+            return known, error, ""
+        if not coarse.any():
+            coarse[:] = True
+        # In p parts an interval has about the p^-7 of its defect, or more where forces have kinks.
+        wanted = max(0.5 * largest, ROUNDING)
+        parts = np.ceil((defects / wanted) ** (1.0 / 7.0)).astype(int)
+        parts = np.where(coarse, np.clip(parts, 2, most), 1)
+        if parts.sum() > MOST_INTERVALS:
+            return known, error, f"that takes more than {MOST_INTERVALS} mesh intervals"
+        try:
+            guess = refined(motion, orbit, parts, at_kinks=True)
+            finer = solved(motion, guess, tolerance, closing=enough > 0.0)
+        except NewtonFailed as failure:
+            return known, error, str(failure)
+        before, known = known, Known(finer, amplitude_of(motion, finer), orbit)
+        measured = known.peak[0] / before.peak[0]
+        change = max(abs(measured - 1.0), abs(finer.frequency / orbit.frequency - 1.0))
+        change = max(change, 1e-13)  # answers of ever finer meshes differ by some 3e-14
+        error, last = max(change, last / 16.0), change
+        most = 4 if smooth else 2
+
+
+def amplitude_of(motion: VectorField, orbit: PeriodicOrbit) -> tuple[float, float]:
+    """Half the free end's peak-to-peak motion, and the phase of its greatest displacement."""
+    # As close as the mesh asks for: a period may hold a dozen peaks.
+    phases, y = orbit.sampled(SAMPLES_A_STAGE * STAGES)
+    phases, across = phases[:-1], motion.tip(y)[:-1]
+    if orbit.symmetric:
+        phases = np.append(phases, orbit.span + phases)
+        across = np.concatenate([across, -across])
+    greatest, where = _peak(motion, orbit, phases, across, 1.0)
+    if orbit.symmetric:
+        return greatest, where
+    least, _ = _peak(motion, orbit, phases, across, -1.0)
+    return 0.5 * (greatest + least), where
+
+
+def _peak(
+    motion: VectorField, orbit: PeriodicOrbit, phases: Array, across: Array, sign: float
+) -> tuple[float, float]:
+    """The free end's greatest displacement to one side and its phase, from samples all round."""
+    heights = sign * across
+    # Between samples it may go farther by a hundredth of its range, and at several peaks.
+    most = float(heights.max())
+    high = heights >= most - 0.02 * (most - float(heights.min()))
+    around = np.concatenate([heights[-1:], heights, heights[:1]])
+    peaks = high & (heights >= around[:-2]) & (heights >= around[2:])
+    # Then so close that the polynomial through five samples is the motion.
+    gaps = np.diff(
+        np.concatenate([phases[-1:] - 2.0 * math.pi, phases, phases[:1] + 2.0 * math.pi])
+    )
+    apart = 0.0625 * np.maximum(gaps[:-1], gaps[1:])[peaks]
+    near = phases[peaks][:, None] + apart[:, None] * np.arange(-18.0, 19.0)
+    finer = sign * motion.tip(orbit.states(near.ravel())).reshape(near.shape)
+    i, j = divmod(int(np.argmax(finer[:, 2:-2])), finer.shape[1] - 4)
+    a, b, c, d, e = (QUARTIC @ finer[i, j : j + 5]).tolist()
+    x = -0.5 * d / c if c < 0.0 else 0.0
+    for _ in range(4):  # Newton's method from the top of a parabola
+        bend = (12.0 * a * x + 6.0 * b) * x + 2.0 * c
+        if not (bend < 0.0 and abs(x) <= 1.0):
+            x = 0.0
+            break
+        x -= (((4.0 * a * x + 3.0 * b) * x + 2.0 * c) * x + d) / bend
+    x = x if abs(x) <= 1.0 else 0.0
+    height = (((a * x + b) * x + c) * x + d) * x + e
+    return float(height), float(near[i, j + 2] + apart[i] * x)
+
+
+def on_branch(
+    motion: VectorField, orbit: PeriodicOrbit, error: float, samples: int, how: str
+) -> LimitCycle:
+    """The cycle of an orbit on a branch: its error is given, its multipliers are checked.
+
+    Where forces have kinks, multipliers need a mesh that ends at these.
+    """
+    plain: LimitCycle | None = None
+
+    def of(orbit: PeriodicOrbit) -> LimitCycle:
+        known = Known(orbit, amplitude_of(motion, orbit))
+        return described(motion, known, error, samples, how, ON_BRANCH)
+
+    if not (motion.model.pipe.has_kinks and motion.model.kinks_known):
+        plain = of(orbit)
+        if plain.multiplier_error <= 1e-4:  # a tenth of what ends a branch
+            return plain
+    with suppress(NewtonFailed):  # where neighbours diverge fast a finer mesh is needed
+        finer = refined(motion, orbit, np.full(len(orbit.starts), 2), at_kinks=True)
+        better = of(solved(motion, finer, 1e-9, iterations=8))
+        if plain is None or better.multiplier_error < plain.multiplier_error:
+            return better
+    return of(orbit) if plain is None else plain
+
+
+def described(
+    motion: VectorField,
+    known: Known,
+    error: float,
+    samples: int,
+    how: str,
+    tolerance: float = TOLERANCE,
+) -> LimitCycle:
+    """The cycle of an orbit on its mesh; raises `NewtonFailed` as `orbit_multipliers` does."""
+    orbit, (amplitude, first) = known.orbit, known.peak
+    period = 2.0 * math.pi / orbit.frequency
+    t = np.linspace(0.0, period, samples)
+    y = orbit.states(first + orbit.frequency * t)
+    q, qdot = motion.model.recorded(y[: motion.half].T.copy(), y[motion.half :].T.copy())
+    multipliers, _, change = orbit_multipliers(motion, orbit, tolerance, known.coarser)
+    # Rounding of eigenvalues of matrices of so many rows leaves about as much.
+    change = max(change, multipliers.size * float(np.finfo(float).eps))
+    others = np.abs(nontrivial(multipliers))
+    return LimitCycle(
+        amplitude=amplitude,
+        frequency=orbit.frequency,
+        period=period,
+        multipliers=multipliers,
+        stable=bool(others.max(initial=0.0) < 1.0),
+        t=t,
+        q=np.ascontiguousarray(q),
+        qdot=np.ascontiguousarray(qdot),
+        u=orbit.u,
+        model=motion.model,
+        error=error,
+        multiplier_error=max(float(np.abs(multipliers - 1.0).min()), change),
+        residual=residual(motion, orbit),
+        symmetric=orbit.symmetric,
+        phases=orbit.rates.shape[0] * orbit.rates.shape[1],
+        evaluations=motion.evaluations,
+        method=f"collocation, {how}",
+        orbit=orbit,
+    )

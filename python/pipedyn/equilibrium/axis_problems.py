@@ -1,0 +1,318 @@
+# SPDX-License-Identifier: MIT
+"""The equations of points in a plane of two numbers at which an eigenvalue lies on the axis.
+
+With two real borders b and c, P(i omega; x, y) v + b g = 0 and c^T v = 1 define one number g, which
+vanishes where P is singular and else nowhere near. By any number p of the matrices
+
+    g_p = -w^T P_p v,      w^T P + h c^T = 0,  w^T b = 1,
+
+exactly. Flutter is Re g = Im g / omega = 0: without hysteresis Re g is even in omega and Im g odd,
+so that these equations are smooth where the frequency falls to 0 (Bogdanov-Takens), and no other.
+Divergence is g = 0 at omega = 0. Borders are the real parts of v and w of a point before.
+
+Source: Govaerts (2000), Numerical methods for bifurcations of dynamical equilibria, ch. 3 and 4.
+"""
+
+from __future__ import annotations
+
+import cmath
+import math
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipedyn.continuation.arclength import Control, DenseProblem, Point
+from pipedyn.linear.plane import Matrices, Plane
+from pipedyn.linear.sensitivity import Kind
+from pipedyn.util.check import Array
+from pipedyn.util.counters import factorised
+from pipedyn.util.newton import NewtonFailed
+
+LEAST = 1e-5
+"""Share of the unit of frequency below which Im g / omega is its limit, which differs by the square
+of the share; its derivatives are those at this share."""
+
+LEAST_SQUARE = 1e-6
+"""Square of a root nearer to 0 than which a double one is extrapolated to, linearly."""
+
+FAR = 20.0
+"""Windows, or units of the frequency, within which Newton's method stays."""
+
+LONGEST_NULL_VECTOR = 3.0
+"""Length of v or w, 1 over the cosine of its angle to the border, beyond which borders are renewed:
+next to a curve real borders leave at most the square root of 2."""
+
+Borders = tuple[Array, Array]
+
+
+class AxisProblem(DenseProblem):
+    """Unknowns ([omega,] y) and parameter x, in units of the frequency and of the window.
+
+    Args:
+        plane: the matrices.
+        control: how steps are taken.
+        size: number of unknowns.
+    """
+
+    kind: Kind
+    unit = 0.0
+
+    def __init__(self, plane: Plane, control: Control, size: int) -> None:
+        # The window is as long as it is high; a frequency counts as one of them.
+        super().__init__(self._equations, size, math.sqrt(size), control)
+        self.plane = plane
+        self._borders: Borders | None = None
+
+    def place(self, z: Array) -> Array:
+        """(x, y)."""
+        return self.plane.window.place(z[[-1, -2]])
+
+    def frequency(self, z: Array) -> float:
+        """Of the pair on the axis; 0 of a divergence."""
+        return float(z[0] * self.unit) if z.size == 3 else 0.0
+
+    def check(self, z: Array) -> None:
+        """Raises NewtonFailed far from the window, or where there are no matrices."""
+        if not (np.abs(z) < FAR).all():
+            raise NewtonFailed("Newton's method left the window")
+        if not self.plane.defined(self.place(z)):
+            raise NewtonFailed("a number left its range")
+
+    def on_other(self, plane: Plane) -> AxisProblem:
+        """The same of other matrices, as of a larger basis."""
+        raise NotImplementedError
+
+    def _equations(self, x: Array, p: float) -> tuple[Array, Array]:
+        raise NotImplementedError
+
+    def change(self, point: Point) -> int:
+        """Number of unstable roots on the left of a curve less that on its right."""
+        z, omega = point.z, self.frequency(point.z)
+        (mass, damping, stiffness), by_x, by_y = self.plane.matrices(self.place(z))
+        whole = stiffness + 1j * omega * damping - omega**2 * mass
+        _, v, w = self._bordered(whole if omega else stiffness.real)
+
+        def slope(index: int, one: Matrices) -> complex:
+            changed = one[2] @ v + 1j * omega * (one[1] @ v) - omega**2 * (one[0] @ v)
+            return complex(-self.plane.window.size[index] * (w @ changed))
+
+        right, up = point.tangent[[-1, -2]]
+        leftwards = right * slope(1, by_y) - up * slope(0, by_x)
+        down = complex(w @ (damping @ v) + 2j * omega * (w @ (mass @ v)))
+        sizes = float(np.linalg.norm(w) * np.linalg.norm(damping) * np.linalg.norm(v))
+        if not omega and abs(down) <= 1e-9 * sizes:
+            # Zero is a double root: squares pass it, at a rate with half of g's second derivative.
+            down = complex(w @ (mass @ v)) + gyroscopic_mass(stiffness.real, damping, v, w)
+        return (2 if self.kind == "flutter" else 1) * (1 if (leftwards / down).real > 0.0 else -1)
+
+    def starting_at(self, z: Array) -> Point:
+        """A solution with its tangent, on either side."""
+        _, derivative = self._equations(z[:-1], float(z[-1]))
+        tangent = np.linalg.svd(derivative)[2][-1]
+        return Point(z, tangent / self.length(tangent))
+
+    def renew(self) -> None:
+        """Forgets the borders, as before a point that is not near the last one."""
+        self._borders = None
+
+    def _bordered(self, matrix: NDArray[Any]) -> tuple[complex, NDArray[Any], NDArray[Any]]:
+        """G, v and w; keeps borders for what comes next."""
+        n = len(matrix)
+        if not np.isfinite(matrix).all():
+            raise ValueError("matrices are not finite")
+        factorised()
+        if self._borders is None:
+            left, _, right = np.linalg.svd(matrix)
+            self._borders = _largest_real(left[:, -1]), _largest_real(right[-1])
+        bordered = np.zeros((n + 1, n + 1), dtype=matrix.dtype)
+        bordered[:n, :n] = matrix
+        bordered[:n, n], bordered[n, :n] = self._borders
+        last = np.zeros((n + 1, 1))
+        last[n] = 1.0
+        v, w = np.linalg.solve(np.stack([bordered, bordered.T]), last)[..., 0]
+        if max(np.linalg.norm(v[:n]), np.linalg.norm(w[:n])) > LONGEST_NULL_VECTOR:
+            self._borders = _largest_real(w[:n]), _largest_real(v[:n])
+        return v[n], v[:n], w[:n]
+
+
+def gyroscopic_mass(stiffness: Array, damping: Array, v: NDArray[Any], w: NDArray[Any]) -> float:
+    """What gyroscopic forces add to the mass w @ M @ v of a mode v, w without stiffness."""
+    n = len(stiffness)
+    bordered = np.zeros((n + 1, n + 1))
+    bordered[:n, :n], bordered[:n, n], bordered[n, :n] = stiffness, w, v
+    turned = np.linalg.solve(bordered, np.append(-(damping @ v), 0.0))[:n]
+    turned_left = np.linalg.solve(bordered.T, np.append(-(w @ damping), 0.0))[:n]
+    return 0.5 * float(turned_left @ damping @ v + w @ damping @ turned)
+
+
+def _largest_real(v: NDArray[Any]) -> Array:
+    """The real part of a vector, turned so that it is longest; of unit length."""
+    if np.iscomplexobj(v):
+        v = (v * np.exp(-0.5j * np.angle(np.sum(v * v)))).real
+    unit: Array = v / np.linalg.norm(v)
+    return unit
+
+
+class FlutterProblem(AxisProblem):
+    """A pair on the axis: z = (omega / unit, y, x), y and x as shares of the window."""
+
+    kind: Kind = "flutter"
+
+    def __init__(self, plane: Plane, control: Control, unit: float) -> None:
+        super().__init__(plane, control, 2)
+        self.unit = unit
+
+    def on_other(self, plane: Plane) -> FlutterProblem:
+        """With other matrices."""
+        return FlutterProblem(plane, self.control, self.unit)
+
+    def _equations(self, x: Array, p: float) -> tuple[Array, Array]:
+        share = max(float(x[0]), LEAST)
+        omega = self.unit * share
+        matrices, by_x, by_y = self.plane.matrices(self.place(np.append(x, p)))
+        (m, c, k) = matrices
+        g, v, w = self._bordered(k + 1j * omega * c - omega**2 * m)
+
+        def along(change: NDArray[Any]) -> complex:
+            return complex(-(w @ change))
+
+        by_size = self.plane.window.size
+        slopes = [
+            self.unit * along(1j * (c @ v) - 2.0 * omega * (m @ v)),
+            *(
+                size * along(one[2] @ v + 1j * omega * (one[1] @ v) - omega**2 * (one[0] @ v))
+                for size, one in ((by_size[1], by_y), (by_size[0], by_x))
+            ),
+        ]
+        derivative = np.array(
+            [[slope.real for slope in slopes], [slope.imag / share for slope in slopes]]
+        )
+        derivative[1, 0] -= g.imag / share**2
+        if x[0] >= LEAST:
+            return np.array([g.real, g.imag / share]), derivative
+        g, v, w = self._bordered(k.real)
+        return np.array([g.real, -self.unit * float((w @ (c @ v)).real)]), derivative
+
+
+class DivergenceProblem(AxisProblem):
+    """A real eigenvalue 0: z = (y, x) as shares of the window."""
+
+    kind: Kind = "divergence"
+
+    def __init__(self, plane: Plane, control: Control) -> None:
+        super().__init__(plane, control, 1)
+
+    def on_other(self, plane: Plane) -> DivergenceProblem:
+        """With other matrices."""
+        return DivergenceProblem(plane, self.control)
+
+    def _equations(self, x: Array, p: float) -> tuple[Array, Array]:
+        matrices, by_x, by_y = self.plane.matrices(self.place(np.append(x, p)))
+        g, v, w = self._bordered(matrices[2].real)
+        sizes = self.plane.window.size
+        slopes = [
+            -size * float(w @ (one[2].real @ v))
+            for size, one in zip(sizes, (by_x, by_y), strict=True)
+        ]
+        return np.array([g.real]), np.array([slopes[::-1]])
+
+
+class CoupledModeProblem(AxisProblem):
+    """Two pairs of a conservative pipe meet: z = (s / unit, y, x), s = -lambda^2 a double root.
+
+    P(lambda)^T = P(-lambda), so that with one border b for both sides g is a real function of s:
+    g = 0 and dg/ds = 0. Where s > 0 the pairs meet on the axis and leave it, with frequency
+    sqrt(s); where s < 0 two growing real roots meet and become a growing pair.
+    """
+
+    kind: Kind = "flutter"
+
+    def __init__(self, plane: Plane, control: Control, unit: float) -> None:
+        super().__init__(plane, control, 2)
+        self.unit = unit
+
+    def on_other(self, plane: Plane) -> CoupledModeProblem:
+        """With other matrices."""
+        return CoupledModeProblem(plane, self.control, self.unit)
+
+    def frequency(self, z: Array) -> float:
+        """Of the pairs that meet on the axis; 0 of real roots."""
+        return math.sqrt(max(float(z[0]) * self.unit, 0.0))
+
+    def root(self, z: Array) -> complex:
+        """The double root above the real axis, or the growing one."""
+        return cmath.sqrt(-float(z[0]) * self.unit)
+
+    def change(self, point: Point) -> int:
+        """Of real roots 0: as many are unstable before they meet as after."""
+        if point.z[0] <= 0.0:
+            return 0
+        _, derivative = self._equations(point.z[:-1], point.p)
+        right, up = point.tangent[[-1, -2]]
+        leftwards = right * derivative[0, 1] - up * derivative[0, 2]
+        # Two s near a double one are real where g and its second derivative differ in sign.
+        return 2 if leftwards * derivative[1, 0] > 0.0 else -2
+
+    def _equations(self, x: Array, p: float) -> tuple[Array, Array]:
+        s = self.unit * float(x[0])
+        moved = math.copysign(max(abs(s), LEAST_SQUARE), s)
+        root = cmath.sqrt(-moved)
+        (m, c, k), by_x, by_y = self.plane.matrices(self.place(np.append(x, p)))
+        whole = k.real + root * c + root**2 * m
+        if moved < 0.0:
+            whole = whole.real
+        factors, v, w, g = self._one_border(whole)
+        n = len(k)
+        by_root = c + 2.0 * root * m
+
+        def parts(one: Matrices, size: float) -> tuple[NDArray[Any], NDArray[Any]]:
+            return (
+                size * (one[2].real + root * one[1] + root**2 * one[0]),
+                size * (one[1] + 2.0 * root * one[0]),
+            )
+
+        sizes = self.plane.window.size
+        changes = [(by_root, 2.0 * m), parts(by_y, sizes[1]), parts(by_x, sizes[0])]
+        first, second = [], []
+        zero = np.zeros(1)
+        for by, mixed in changes:
+            first.append(-(w @ by @ v))
+            v_by = np.linalg.solve(factors, np.append(-(by @ v), zero))[:n]
+            w_by = np.linalg.solve(factors.T, np.append(-(w @ by), zero))[:n]
+            second.append(-(w_by @ by_root @ v + w @ mixed @ v + w @ by_root @ v_by))
+        # ds = -2 lambda dlambda.
+        slope = -first[0] / (2.0 * root)
+        bend = (second[0] / (2.0 * root) - first[0] / (2.0 * root**2)) / (2.0 * root)
+        off = s - moved
+        residual = np.array([g + off * slope, slope + off * bend])
+        derivative = np.array(
+            [
+                [self.unit * slope, *first[1:]],
+                [self.unit * bend, *(-one / (2.0 * root) for one in second[1:])],
+            ]
+        )
+        scale = np.array([1.0, self.unit])
+        return (scale * residual).real, (scale[:, None] * derivative).real
+
+    def _one_border(
+        self, matrix: NDArray[Any]
+    ) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any], complex]:
+        """The bordered matrix, v, w and g, with the same border on both sides."""
+        if self._borders is None:
+            left, _, right = np.linalg.svd(matrix)
+            self._borders = (_common(left[:, -1], right[-1]),) * 2
+        border = self._borders[0]
+        g, v, w = self._bordered(matrix)
+        n = len(matrix)
+        bordered = np.zeros((n + 1, n + 1), dtype=matrix.dtype)
+        bordered[:n, :n], bordered[:n, n], bordered[n, :n] = matrix, border, border
+        if self._borders[0] is not border:  # renewed for what comes next
+            self._borders = (_common(*self._borders),) * 2
+        return bordered, v, w, g
+
+
+def _common(one: NDArray[Any], other: NDArray[Any]) -> Array:
+    """A border that leans on both of two vectors."""
+    a, b = _largest_real(one), _largest_real(other)
+    return _largest_real(a + (b if a @ b >= 0.0 else -b))

@@ -1,0 +1,940 @@
+# SPDX-License-Identifier: MIT
+"""Configurations at which a pipe rests in the flow: all at one speed, and branches over the speed.
+
+At rest the flow acts with a u^2 and with nothing else, so forces are affine in u^2 at any
+configuration. Their derivative is exact: the operators' stiffness and flux. Branches are followed
+past folds, with what changes along them.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import suppress
+from dataclasses import field
+from functools import cache, cached_property
+from itertools import product
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipedyn.continuation.arclength import (
+    Control,
+    DenseProblem,
+    Point,
+    Segment,
+    folds,
+    sign_changes,
+)
+from pipedyn.linear.eigenproblem import Complex
+from pipedyn.linear.neutral import beyond_rounding, eigenvalues_of, grows
+from pipedyn.models.base import BALANCED, Model, NotConverged, Operators, PipedynError
+from pipedyn.models.drive import LARGEST_SPEED, require_steady, steady_speed
+from pipedyn.motion.simulate import Start, checked_model_in_motion, modal_bend
+from pipedyn.motion.vector_field import VectorField
+from pipedyn.util import check
+from pipedyn.util.archive import saved_as
+from pipedyn.util.check import Array
+from pipedyn.util.later import scipy
+from pipedyn.util.newton import NewtonFailed, newton
+from pipedyn.util.result import Result, TableResult, numbered
+from pipedyn.util.threads import one_thread
+from pipedyn.util.units import RATE
+
+LARGEST = 500
+"""Degrees of freedom up to which equilibria are searched: a search in a chain of 100 takes 0.4 s,
+of 250 one, of 500 six, as factorisations are dense."""
+
+DISTINCT = 1e-6
+"""Change of coordinates, relative to 1 plus the largest, from which two equilibria differ. In 11
+searches of five models solutions for one equilibrium differed by 7e-16 at most, and two equilibria
+by 0.1 at least."""
+
+FAR = 60.0
+"""Coordinate beyond which a branch is not followed: ten turns."""
+
+SIZES = (0.5, 1.0, 1.5, 2.2, 3.0, 4.0, 5.0, 7.0, 9.0)
+"""Angles, in rad, of the bends from which equilibria are searched, every second for a first look.
+They led to all equilibria with no coordinate beyond 4 rad that scipy's hybrid method found for 96
+pipes with 2 to 20 degrees of freedom under a weight up to 180; of those beyond they missed 16,
+and they led to 88 that it did not find."""
+
+BUCKLED = (0.5, 1.5, 3.0)
+"""Largest angles, in rad, of starts in the shapes in which a pipe buckles. With these starts, and
+that upside down, 2 of 84 elastica of 15 pinned pipes under a dead load are missed; 40 without."""
+
+MOST_WOUND = 30
+"""Degrees of freedom up to which all starts are taken: of five chains with 31 to 60 segments under
+a weight up to 180 they found no more than the first look."""
+
+COUNTED = 4
+"""Degrees of freedom up to which equilibria are counted by the signs of their determinants."""
+
+FIRST_SIZE, FIRST_STARTS, MOST_STARTS, MOST_FOUND = 4.0, 4, 2**16, 256
+"""Largest angle of the first starts of a search that counts, in rad; their number, to the power of
+the degrees of freedom and at least 256; at most so many in all, which take some seconds; and at
+most so many equilibria, as a pipe that is soft beside its weight and its jet has thousands."""
+
+NEIGHBOURS, RADIUS = 40, 2.0
+"""Starts beside each equilibrium that is known, and the largest angle between, in rad. In 27 chains
+of four segments they led to all of up to 55 equilibria, 80,000 starts anywhere to all but four."""
+
+LEAST_SHARE, SOLVED, ITERATIONS = 0.01, 1e-8, 40
+"""Of the search: the share of Newton's step at which a way ends, the step that is the last, as the
+error is then its square, and how many steps at most."""
+
+NEAR = 0.5
+"""Root mean square of angles, in rad, within which a start or a larger basis leads to the same
+equilibrium: far more than rounded numbers of one are off by, and less than the way to another."""
+
+ALONG = np.linspace(0.0, 1.0, 201)
+"""Arc lengths at which shapes are compared."""
+
+LARGEST_BATCH = 1_000_000
+"""Entries of the Jacobians of one batch by x; those by the state are four times as many, 32 MB."""
+
+
+@saved_as(
+    "Equilibria",
+    added=("resolved", "valid", "discarded", "complete", "search"),
+    shapes={"k coordinates": "q", "k": "stable growth residuals", "k 2": "tips"},
+)
+class Equilibria(TableResult, units={"growth": RATE}):
+    """Equilibria at one flow speed, the straight one first, the others from the least bent on.
+
+    Those that `equilibria` answers with are resolved and valid; the others are in `discarded`.
+
+    Attributes:
+        q: coordinates, shape (k, coordinates).
+        stable: whether no eigenvalue of the linearisation has a positive real part, shape (k,).
+        growth: largest real part of an eigenvalue, in 1 / T, shape (k,).
+        tips: position (x, y) of the free end in L, shape (k, 2).
+        residuals: largest force left, in units of 1 + |gamma| + a u^2, shape (k,).
+        resolved: whether two larger bases of a reduced model have it too, as `equilibria` says,
+            shape (k,); where not, it is an artefact of the discretisation. True of chains and
+            scenes.
+        valid: whether the laws of all terms hold at its angles, shape (k,): `Stretching` does up to
+            a quarter turn. Both are None in files of versions that did not ask.
+        u: flow speed.
+        model: the model.
+        discarded: solutions of the model's equations that are not both, None where there are none.
+        complete: whether all solutions with angles up to `FAR` = 60 rad are known, as `equilibria`
+            says; None in files of versions that did not ask.
+        search: how they were looked for, and why that is complete or not.
+
+    Example:
+        >>> found = pp.equilibria(pp.Chain(pp.Pipe(0.2, -20.0), 2), 1.0)
+        >>> found.stable.tolist(), found.tips[:, 0].round(3)
+        ([False, True, True], array([ 0.   ,  0.715, -0.715]))
+    """
+
+    q: Array = field(repr=False)
+    stable: NDArray[np.bool_]
+    growth: Array
+    tips: Array
+    residuals: Array = field(repr=False)
+    u: float
+    model: Model
+    resolved: NDArray[np.bool_] | None = field(default=None, repr=False)
+    valid: NDArray[np.bool_] | None = field(default=None, repr=False)
+    discarded: Equilibria | None = None
+    complete: bool | None = None
+    search: str = field(default="", repr=False)
+
+    def __len__(self) -> int:
+        return len(self.stable)
+
+    def _shown(self) -> list[tuple[str, Any]]:
+        shown = dict(super()._shown())
+        if self.discarded is not None:
+            shown["discarded"] = len(self.discarded)
+        return list(shown.items())
+
+    def _columns(self) -> dict[str, Any]:
+        asked = {"resolved": self.resolved, "valid": self.valid}
+        return {
+            "tip_x": self.tips[:, 0],
+            "tip_y": self.tips[:, 1],
+            "growth_rate": self.growth,
+            "stable": self.stable,
+            **{name: one for name, one in asked.items() if one is not None},
+            **numbered("q", self.q),
+        }
+
+
+def equilibria(model: Model, u: float, starts: Sequence[Start] = ()) -> Equilibria:
+    """Equilibria at a flow speed, stable or not, mirror images included.
+
+    Of a pipe with a free end and up to four degrees of freedom all are looked for. Newton's method
+    takes starts spread evenly over mixtures of the modes of bending, up to angles beyond the
+    largest that is found, and others beside each equilibrium that is known, until neither these
+    nor as many starts again as before lead to more, and the equilibria are as many as the degree of
+    the equations asks for. Elastic forces grow without bound and all others do not, so the signs of
+    det K over all equilibria add up to 1; for a pipe on a hinge that nothing resists, of which
+    whole turns count once, to 0.
+
+    Else starts are bent by half a radian to one and a half turns, in all mixtures of the first
+    three or four modes, and in the shapes in which the straight pipe buckles at that speed. That
+    may miss some, above all of pipes that are held, which wind up in many ways: `complete` is
+    False. `starts` adds others.
+
+    The equations of a few functions have solutions that are none of the pipe's. So each equilibrium
+    of a reduced model is asked of two larger bases, of half as many functions again and half as
+    many as these again, at least four: it is kept where Newton's method contracts from it, each
+    step at most half the one before, to an equilibrium that lies nearer to it than to any other
+    that was found, within half a radian as the root mean square along the pipe, and is stable
+    if it is. Shapes that every basis has, as the straight one, are kept whatever their stability.
+
+    Args:
+        model: chain, reduced model or scene, up to 500 degrees of freedom.
+        u: flow speed >= 0, in sqrt(EI / mu_f) / L.
+        starts: further starts, coordinates each or angles theta(s), as for `simulate`.
+
+    Returns:
+        Equilibria: those kept, and beside them what was discarded. Those of an undamped pipe
+        without flow are stable where they oscillate.
+
+    Example:
+        >>> found = pp.equilibria(pp.Chain(pp.Pipe(0.2, -20.0), 2), 1.0)  # bent by its weight
+        >>> len(found.q), found.stable.tolist()
+        (3, [False, True, True])
+
+    Raises:
+        NotConverged: if not a single one is found, or all are discarded: then its `result` has
+            these.
+        ValueError, TypeError: for bad arguments.
+    """
+    return searched(model, u, starts, counted=True)
+
+
+def searched(model: Model, u: float, starts: Sequence[Start], counted: bool) -> Equilibria:
+    """The answer of `equilibria`, or what starts bent by up to one and a half turns lead to alone.
+
+    The latter is for diagrams: a soft pipe in a fast flow has dozens of equilibria wound up by many
+    turns, which no motion reaches.
+    """
+    model = checked_model_in_motion(model, largest=LARGEST, purpose="equilibria")
+    statics = Statics(model)
+    u = steady_speed("u", u)
+    if isinstance(starts, str) or not isinstance(starts, Sequence):
+        raise TypeError(f"starts must be a sequence of starts, got {check.shown(starts)}")
+    own = [statics.from_start(f"starts[{i}]", start) for i, start in enumerate(starts)]
+    with one_thread(model.dof):
+        solutions = _Solutions(statics, u)
+        solutions.look(own, counted)
+        found = solutions.found
+        if not found:
+            raise NotConverged(f"no equilibrium was found at u = {u:g}")
+
+        def place(x: Array) -> tuple[float, float]:
+            tip = model.tips(statics.recorded(x[None]).T)[0, 0]
+            return round(statics.rms(x - statics.resting), 6), -float(tip)
+
+        found.sort(key=place)  # a mirror image next to its original, to the right first
+        xs = np.array(found)
+        values = [statics.eigenvalues(x, u) for x in xs]
+        residuals = np.array([statics.unbalanced(x, u) for x in xs])
+        stable = np.array([is_stable(one) for one in values])
+        resolved = _resolved(statics, u, xs, stable)
+    highest = min((term.largest_angle for term in model.pipe.terms), default=math.inf)
+    valid = np.array([model.largest_angle(x) <= highest for x in xs])
+    q = statics.recorded(xs)
+    growth, tips = np.array([float(one.real.max()) for one in values]), model.tips(q.T)
+
+    def those(rows: NDArray[np.bool_], discarded: Equilibria | None = None) -> Equilibria:
+        return Equilibria(
+            q=q[rows],
+            stable=stable[rows],
+            growth=growth[rows],
+            tips=tips[rows],
+            residuals=residuals[rows],
+            resolved=resolved[rows],
+            valid=valid[rows],
+            u=u,
+            model=model,
+            discarded=discarded,
+            complete=solutions.complete,
+            search=solutions.search,
+        )
+
+    kept = resolved & valid
+    answer = those(kept, None if kept.all() else those(~kept))
+    if not kept.any():
+        raise NotConverged(
+            f"none of the {check.counted(len(xs), 'solution')} found at u = {u:g} is an "
+            f"equilibrium of the pipe: {np.count_nonzero(~resolved)} are not resolved by "
+            f"{model.dof} degrees of freedom, {np.count_nonzero(~valid)} lie where a term is not "
+            "valid",
+            answer,
+        )
+    return answer
+
+
+# --------------------------------------------------------------------------------- forces at rest
+
+
+class Statics:
+    """Accelerations from rest and their derivatives, in the coordinates that integrators advance.
+
+    Along what guides and pins forbid they lead back to these: all are zero only at an equilibrium
+    that meets them.
+    """
+
+    def __init__(self, model: Model) -> None:
+        self.model = model
+        self.size = model.moving
+        self.motion = VectorField(model)
+        self.resting = np.array(model.resting(), dtype=np.float64)
+        self._about: tuple[Array, Operators] | None = None  # operators about the last configuration
+        # Forces are affine in the square of the speed: balanced at two, they are so at any.
+        self.always_rests = max(model.unbalanced(0.0), model.unbalanced(1.0)) <= BALANCED
+
+    def accelerations(self, xs: Array, u: float | Array) -> Array:
+        """Of rows x at rest, (k, moving), at one speed or k; NaN if too sharply bent."""
+        return self.motion(np.concatenate([xs.T, np.zeros_like(xs.T)]), u)[self.size :].T
+
+    def jacobian(self, x: Array, p: float) -> Array:
+        """Their derivative by x, (moving, moving); (k, ...) of k rows x."""
+        whole = self.model.motion_jacobian(np.concatenate([x.T, np.zeros_like(x.T)]), abs(p))
+        return whole[..., self.size :, : self.size]
+
+    def steps(self, xs: Array, residuals: Array, u: float) -> Array:
+        """Newton's steps from the rows of xs, (k, moving); not finite where there is none."""
+        derivative = self.jacobian(xs, u)
+        try:
+            found = np.linalg.solve(derivative, -residuals[:, :, None])
+        except np.linalg.LinAlgError:  # where all goes on beside the singular matrices
+            shifted = derivative + 1e-12 * np.eye(self.size)
+            found = np.linalg.solve(shifted, -residuals[:, :, None])
+        return np.asarray(found[:, :, 0])
+
+    def equations(self, x: Array, p: float) -> tuple[Array, Array]:
+        """Accelerations, affine in the square of the speed, with derivatives by x and the speed."""
+        still, at_one = self.accelerations(np.stack([x, x]), np.array([0.0, 1.0]))
+        by_square = at_one - still
+        derivative = np.column_stack([self.jacobian(x, p), 2.0 * p * by_square])
+        return still + p**2 * by_square, derivative
+
+    def at_rest(self, x: Array, p: float) -> tuple[Array, Array]:
+        """X = rest, as equations: the straight pipe's, regular also where other branches leave."""
+        return x - self.resting, np.eye(self.size, self.size + 1)
+
+    def solved(self, x: Array, u: float) -> Array:
+        """The equilibrium near a configuration; raises `NewtonFailed` if none is found."""
+        # Steps are shortened to 0.05 of 1 rad plus the size of x, so that they lead to one near the
+        # start: at 0.1 a bent pipe in a guide became straight. 100 lead to hundreds of rad.
+        control = Control(longest=math.inf, longest_change=0.05, iterations=100)
+        problem = DenseProblem(self.equations, self.size, 1.0, control)
+        found = problem.fixed(np.append(x, u), u)[:-1]
+        if self.unbalanced(found, u) > BALANCED:
+            raise NewtonFailed("forces are left")
+        return found
+
+    def balanced(self, x: Array, u: float, **rules: Any) -> Array:
+        """The equilibrium to which Newton's method leads from x; `rules` are those of `newton`.
+
+        Forces are balanced here, whose derivative is the stiffness. Accelerations, which batches
+        balance, are less linear: the inverse of the mass changes with the configuration. Steps are
+        measured by their angles.
+
+        Raises:
+            NewtonFailed: if it leads to none.
+        """
+        if self.unbalanced(x, u) <= BALANCED:
+            return x
+        slopes = self.angles(np.eye(self.size)).T
+
+        def correction(x: Array) -> tuple[Array, float]:
+            force, free, of = self._forces(x, u)
+            _, _, stiffness = of.at(u)
+            step = free @ np.linalg.solve(stiffness, force)
+            return step, rms_along(slopes @ step)
+
+        def moved(x: Array, step: Array, share: float) -> Array:
+            there = self.model.projected(x + share * step, np.zeros_like(x))[0]
+            if not np.isfinite(there).all():
+                raise NewtonFailed("constraints cannot be met")
+            return there
+
+        found = newton(x, correction, moved, tolerance=SOLVED, stagnation=100.0 * SOLVED, **rules)
+        if self.unbalanced(found, u) > BALANCED:
+            raise NewtonFailed("forces are left")
+        return found
+
+    def buckled(self, u: float) -> Iterator[Array]:
+        """Starts at which the pipe is bent as it buckles, where rest is unstable to static loads.
+
+        And upside down, if its root is a hinge.
+        """
+        if self.whole_turn is not None:
+            yield self.resting + 0.5 * self.whole_turn
+        _, free, of = self._forces(self.resting, u)
+        mass, _, stiffness = of.at(u)
+        values, vectors = np.linalg.eig(np.linalg.solve(mass, stiffness))
+        static = (values.real < 0.0) & (np.abs(values.imag) <= 1e-9 * np.abs(values).max())
+        for shape in (free @ vectors[:, static].real).T:
+            most = float(np.abs(self.angles(shape[None])).max())
+            for size in BUCKLED:
+                bent = self.resting + size / most * shape
+                yield self.model.projected(bent, np.zeros_like(bent))[0]
+
+    def angle(self, x: Array) -> Callable[[Array], Array]:
+        """The angle theta(s) of a configuration."""
+        return lambda s: np.asarray(self.model.deflection(x, s, 1))
+
+    def angles(self, xs: Array) -> Array:
+        """Angles of the pipe at the arc lengths `ALONG`, (k, points), of rows x."""
+        return np.asarray(self.model.deflection(xs.T, ALONG, 1)).T
+
+    def unbalanced(self, x: Array, u: float) -> float:
+        """Largest force left, in units of 1 + |gamma| + a u^2; infinite where guides are missed."""
+        pipe = self.model.pipe
+        size = 1.0 + abs(pipe.gamma) + pipe.alpha * u**2
+        try:
+            force, _, _ = self._forces(x, u)
+        except ValueError:  # x misses a guide or pin
+            return math.inf
+        return float(np.abs(force).max()) / size
+
+    def _forces(self, x: Array, u: float) -> tuple[Array, Array, Operators]:
+        """Forces left in the directions that constraints leave, these, and operators in them."""
+        free, of = self.model.free_directions(x), self.model.operators(x)
+        return of.mass @ (free.T @ self.accelerations(x[None], u)[0]), free, of
+
+    def eigenvalues(self, x: Array, u: float) -> Complex:
+        """Of small motions about an equilibrium, shape (2 dof,)."""
+        if self._about is None or not np.array_equal(self._about[0], x):
+            self._about = x, self.model.operators(x)
+        return eigenvalues_of(*self._about[1].at(u))
+
+    def growth(self, x: Array, u: float) -> Array:
+        """Real parts of the eigenvalues beyond rounding, the largest first."""
+        return np.sort(beyond_rounding(self.eigenvalues(x, u)))[::-1]
+
+    def recorded(self, xs: Array) -> Array:
+        """Coordinates that users see, (k, coordinates), of (k, moving)."""
+        return self.model.recorded(xs, np.zeros_like(xs))[0]
+
+    def from_start(self, name: str, start: Any) -> Array:
+        """The argument as [x], from coordinates or an angle theta(s)."""
+        given = self.model.bent(start) if callable(start) else start
+        try:
+            return np.array(self.model.start(given, None)[: self.size])
+        except (ValueError, TypeError) as error:
+            raise type(error)(str(error).replace("q0", name, 1)) from error
+
+    @cached_property
+    def whole_turn(self) -> Array | None:
+        """A whole turn about the root, if it is a hinge; None where something there resists it."""
+        if self.model.pipe.root != "pinned":
+            return None
+        turn = self.model.sampled(lambda s: np.full_like(s, 2.0 * math.pi))
+        both = self.recorded(np.stack([self.resting, self.resting + turn]))
+        energies = self.model.energy(np.concatenate([both, np.zeros_like(both)], axis=1).T)
+        return turn if np.ptp(energies) <= 1e-9 * (1.0 + abs(self.model.pipe.gamma)) else None
+
+    def unwound(self, x: Array) -> Array:
+        """The same configuration without whole turns about a hinge at the root."""
+        turn = self.whole_turn
+        if turn is None:
+            return x
+        # A mean angle of pi, either way, becomes -pi.
+        return x - turn * math.floor(float(x @ turn) / float(turn @ turn) + 0.5 + 1e-9)
+
+    def rms(self, x: Array) -> float:
+        """Size of a difference of configurations."""
+        return float(np.linalg.norm(x)) / math.sqrt(self.size)
+
+    def straight(self, x: Array) -> bool:
+        """Whether a configuration is that of the straight pipe, its own mirror image."""
+        return not self.resting.any() and self.rms(x) < 1e-9
+
+
+def is_stable(eigenvalues: Complex) -> bool:
+    """Whether none has a positive real part beyond rounding."""
+    return not grows(eigenvalues).any()
+
+
+def rms_along(angles: Array) -> Any:
+    """Root mean square along the pipe of angles at `ALONG`, (..., points)."""
+    return np.sqrt(np.mean(angles**2, axis=-1))
+
+
+def _contracted(statics: Statics, x: Array, u: float) -> Array:
+    """The equilibrium to which Newton's method contracts: each step is at most half the last.
+
+    That from the first step on there is a single one near by is the theorem of Newton and
+    Mysovskikh.
+
+    Source: Deuflhard (2004), Newton methods for nonlinear problems, sec. 2.1.
+    """
+    return statics.balanced(x, u, patience=1)
+
+
+def _resolved(
+    statics: Statics, u: float, xs: Array, stable: NDArray[np.bool_]
+) -> NDArray[np.bool_]:
+    """Which of the equilibria that were found, (k, moving), two larger bases have, see above."""
+    larger = statics.model.refined()
+    largest = larger and larger.refined()
+    if larger is None or largest is None:
+        return np.ones(len(xs), dtype=bool)
+    bases = Statics(larger), Statics(largest)
+    angles, odd = statics.angles(xs), statics.motion.is_odd(u)
+    kept = np.zeros(len(xs), dtype=bool)
+    for i, x in enumerate(xs):
+        if odd and i > 0 and np.abs(x + xs[i - 1]).max() <= DISTINCT:  # the mirror image
+            kept[i] = kept[i - 1]
+            continue
+        with suppress(NewtonFailed, PipedynError, ValueError):
+            here, y = statics, x
+            for basis in bases:
+                here, y = basis, _contracted(basis, basis.from_start("q0", here.angle(y)), u)
+            apart = rms_along(angles - here.angles(y[None]))
+            if apart[i] <= min(NEAR, apart.min()):
+                kept[i] = apart[i] <= DISTINCT or is_stable(here.eigenvalues(y, u)) == stable[i]
+    return kept
+
+
+class _Solutions:
+    """Solutions of the equations at a flow speed, and how they were looked for.
+
+    Attributes:
+        found: those with angles up to `FAR`, each once, with mirror images.
+        complete: whether these are all.
+        search: why, in words.
+    """
+
+    def __init__(self, statics: Statics, u: float) -> None:
+        self.statics, self.u = statics, u
+        self.found: list[Array] = []
+        self.complete, self.search = False, ""
+
+    def look(self, own: list[Array], counted: bool) -> None:
+        """Looks for solutions, from a user's own starts and others; counts them where it can."""
+        statics, u = self.statics, self.u
+        self.add([statics.resting])
+        for start in statics.buckled(u):
+            with suppress(NewtonFailed):
+                self.add([statics.balanced(start, u, longest=0.3, iterations=40)])
+        model = statics.model
+        held = model.moving != model.dof
+        if counted and model.dof <= COUNTED and not held:
+            self.add(_balanced(statics, u, own, 0.5))
+            self.count()
+            return
+        odd = statics.motion.is_odd(u)
+        # Few starts show whether a hanging pipe has bent ones at all; then more look for all.
+        starts, modes = own + _bends(statics, 3, SIZES[::2], odd), 3
+        found = _balanced(statics, u, starts, 0.2)
+        self.add(found)
+        taken = len(starts)
+        if statics.size <= MOST_WOUND and (len(found) > 1 or model.pipe.gamma < 0.0):
+            starts, modes = _bends(statics, 4, SIZES, odd), 4
+            self.add(_balanced(statics, u, starts, 0.5))
+            taken += len(starts)
+        why = "of pipes that are held" if held else f"in more than {COUNTED} degrees of freedom"
+        self.search = (
+            f"{taken} starts bent by up to {SIZES[-1]:g} rad in mixtures of {modes} "
+            f"modes; solutions {why} are not counted"
+        )
+
+    def add(self, xs: Sequence[Array] | Array) -> int:
+        """Takes in what may be solutions; how many of them are new."""
+        before = len(self.found)
+        for x in xs:
+            size = float(np.abs(x).max())
+            for image in map(self.statics.unwound, (x, -x)):
+                far = DISTINCT * (1.0 + size)
+                new = all(np.abs(image - one).max() >= far for one in self.found)
+                with suppress(ValueError, PipedynError):
+                    if new and size <= FAR and self.statics.unbalanced(image, self.u) <= BALANCED:
+                        self.found.append(image + 0.0)
+        return len(self.found) - before
+
+    def count(self) -> None:
+        """Looks for all solutions in few degrees of freedom."""
+        statics, model = self.statics, self.statics.model
+        basis = _modal_basis(statics)
+        first = max(FIRST_STARTS**model.dof, 256)
+        anywhere = scipy.stats.qmc.Halton(model.dof + 1, seed=0)
+        beside = np.random.default_rng(0)
+
+        def led_to(starts: Array) -> int:
+            """How many new solutions starts in the rows lead to."""
+            return self.add(_balanced(statics, self.u, list(starts), 0.5))
+
+        size, here, every, settled = FIRST_SIZE, 0, 0, False
+        while not settled and every < MOST_STARTS and len(self.found) < MOST_FOUND:
+            many = max(first, here)
+            draws = anywhere.random(many)
+            # High modes are stiff: the largest angle falls with their number, by various powers.
+            parts = size * (2.0 * draws[:, :-1] - 1.0) * _shares(basis, 0.5 + 0.5 * draws[:, -1:])
+            new = led_to(statics.resting + parts @ basis)
+            near = new
+            while near and every < MOST_STARTS and len(self.found) < MOST_FOUND:
+                around = np.repeat(self.found, NEIGHBOURS, axis=0)
+                parts = RADIUS * beside.uniform(-1.0, 1.0, (len(around), model.dof))
+                near = led_to(around + (parts * _shares(basis, 0.75)) @ basis)
+                every += len(around)
+            here, every = here + many, every + many
+            largest = max((float(np.abs(x).max()) for x in self.found), default=0.0)
+            if largest > 0.5 * size and size < FAR:
+                size, here = min(2.0 * size, FAR), 0
+            else:
+                settled = not new and here > first and self.missing() == 0
+        self.complete, taken = settled, f"{every:,} starts bent by up to {size:g} rad"
+        if len(self.found) >= MOST_FOUND:
+            self.search = f"{taken}, where there are at least {MOST_FOUND} solutions"
+        elif settled:
+            self.search = f"{taken}; the signs of det K add up as they must"
+        elif self.missing() is None:
+            self.search = f"{taken}; where det K is 0 none are counted"
+        elif self.missing():
+            self.search = f"{taken}; the signs of det K do not add up as they must"
+        else:
+            self.search = f"{taken}, of which the last led to others"
+
+    def missing(self) -> int | None:
+        """What the signs of det K must add up to, less what they do; None where one is 0."""
+        statics = self.statics
+        slopes = statics.jacobian(np.array(self.found), self.u)
+        signs, logs = np.linalg.slogdet(-slopes)
+        if not np.isfinite(logs).all():
+            return None
+        return (1 if statics.whole_turn is None else 0) - round(float(signs.sum()))
+
+
+def _modal_basis(statics: Statics) -> Array:
+    """Configurations bent by 1 rad in each of the first modes, (dof, moving)."""
+    modes = np.eye(statics.model.dof)
+    straight = statics.from_start("q0", modal_bend(np.zeros(len(modes))))
+    return np.array([statics.from_start("q0", modal_bend(one)) - straight for one in modes])
+
+
+def _shares(basis: Array, power: float | Array) -> Array:
+    """Largest angle in each mode as a share of that in the first, (1, dof) or (k, dof)."""
+    return np.arange(1.0, 2.0 * len(basis), 2.0)[None] ** -power
+
+
+def _bends(statics: Statics, modes: int, sizes: Sequence[float], odd: bool) -> list[Array]:
+    """Starts. Where motions are odd, of a bend and its mirror image one leads to both's."""
+    none = (0,) * modes
+    every = product((-1, 0, 1), repeat=modes)
+    mixtures = [np.array(p) for p in every if p > none or (p < none and not odd)]
+    starts: list[Array] = []
+    for parts in (size * mixture for size in sizes for mixture in mixtures):
+        with suppress(PipedynError):  # guides and pins that such a bend cannot meet
+            starts.append(statics.from_start("q0", modal_bend(parts)))
+    return starts
+
+
+def _balanced(statics: Statics, u: float, starts: list[Array], longest: float) -> Array:
+    """Where Newton's method leads from starts, in batches, shape (k, moving), each mostly once.
+
+    A step is at most so long, relative to 1 rad plus the size of x, and quartered until it lowers
+    the residual; where it then is too short, the way ends.
+    """
+    found = np.zeros((0, statics.size))
+    if not starts:
+        return found
+    for x in np.array_split(starts, math.ceil(len(starts) * statics.size**2 / LARGEST_BATCH)):
+        step, share = np.zeros_like(x), np.ones(len(x))
+        size, least = np.full((2, len(x)), math.inf)
+        for _ in range(ITERATIONS):
+            moved = x + share[:, None] * step
+            residual = statics.accelerations(moved, u)
+            left = np.linalg.norm(residual, axis=1)
+            lower = left <= (1.0 - 0.1 * share) * least
+            share[~lower] *= 0.25
+            x[lower], least[lower] = moved[lower], left[lower]
+            if lower.any():
+                step[lower] = statics.steps(x[lower], residual[lower], u)
+                size = np.maximum(np.linalg.norm(step, axis=1), 1e-300)
+                most = longest * (math.sqrt(statics.size) + np.linalg.norm(x, axis=1))
+                share[lower] = np.minimum(1.0, most / size)[lower]
+            solved = lower & (size <= SOLVED)
+            found = np.concatenate([found, (x + step)[solved]])
+            going = ~solved & (share > LEAST_SHARE) & (np.abs(x).max(axis=1) <= FAR)
+            x, step, share, size, least = (a[going] for a in (x, step, share, size, least))
+            if not len(x):
+                break
+    _, first = np.unique(found.round(7), axis=0, return_index=True)
+    return np.asarray(found[first])
+
+
+# --------------------------------------------------------------------- branches over the flow speed
+
+
+Change = Literal["fold", "pitchfork", "branch point", "hopf"]
+
+MOST_POINTS = 4000
+"""Points of one branch: at the usual step those of 200 rad, three times as far as `FAR`."""
+
+
+@saved_as("BranchPoint", shapes={"n": "q", "2": "tip"})
+class BranchPoint(Result):
+    """Where the stability of a branch changes or the branch turns.
+
+    Attributes:
+        kind: "fold", "pitchfork" (branches leave the straight pipe as mirror images, which is how
+            it diverges), "branch point" (another real eigenvalue passes 0) or "hopf" (flutter: a
+            pair passes the axis).
+        speed: u.
+        frequency: angular, in 1 / T; 0 unless "hopf".
+        q: the configuration, shape (coordinates,).
+        tip: position (x, y) of the free end.
+    """
+
+    kind: Change
+    speed: float
+    frequency: float
+    q: Array = field(repr=False)
+    tip: Array
+
+
+@saved_as(
+    "EquilibriumBranch", shapes={"S": "speeds stable unstable", "S coordinates": "q", "S 2": "tips"}
+)
+class EquilibriumBranch(TableResult):
+    """A branch of equilibria, point by point along its arc length.
+
+    Attributes:
+        speeds: u, shape (S,).
+        q: coordinates, shape (S, coordinates).
+        stable: shape (S,).
+        unstable: number of eigenvalues with positive real part, shape (S,).
+        tips: position (x, y) of the free end in L, shape (S, 2).
+        points: where it turns or stability changes, in order along the branch.
+        ends: why it ends, at its first and its last point: "range" of speeds, "pitchfork" (it joins
+            its mirror image on the straight pipe), "closed", "far" (a coordinate beyond 60 rad),
+            "points" (their number ran out) or "not converged" (no next point was found).
+        model: the model.
+    """
+
+    speeds: Array
+    q: Array = field(repr=False)
+    stable: NDArray[np.bool_] = field(repr=False)
+    unstable: NDArray[np.int_] = field(repr=False)
+    tips: Array = field(repr=False)
+    points: tuple[BranchPoint, ...]
+    ends: tuple[str, str]
+    model: Model
+
+    def __len__(self) -> int:
+        return len(self.speeds)
+
+    @property
+    def folds(self) -> tuple[BranchPoint, ...]:
+        """Where it turns back in the flow speed."""
+        return tuple(point for point in self.points if point.kind == "fold")
+
+    @property
+    def straight(self) -> bool:
+        """Whether its configuration, that of the straight pipe, is the same at every speed."""
+        return not float(np.ptp(self.q, axis=0).max()) > 0.0
+
+    def _columns(self) -> dict[str, Any]:
+        return {
+            "speed": self.speeds,
+            "tip_x": self.tips[:, 0],
+            "tip_y": self.tips[:, 1],
+            "stable": self.stable,
+            "unstable": self.unstable,
+            **numbered("q", self.q),
+        }
+
+
+def equilibrium_branch(
+    model: Model,
+    q0: Start,
+    u0: float,
+    speeds: tuple[float, float],
+    step: float = 0.05,
+) -> EquilibriumBranch:
+    """The branch of equilibria through a given one, followed in the flow speed past folds.
+
+    Args:
+        model: chain, reduced model or scene, up to 500 degrees of freedom; a point costs
+            eigenvalues of a dense matrix, O(dof^3).
+        q0: near the equilibrium, coordinates or an angle theta(s), as for `simulate`; Newton's
+            method goes on from there, to at most half a radian away, as the root mean square along
+            the pipe.
+        u0: its flow speed, within `speeds`.
+        speeds: (lowest, highest) flow speed of the branch.
+        step: longest step along the branch, in [1e-4, 1]: in rad, as the root mean square over
+            the coordinates, and in tenths of the range of speeds.
+
+    Returns:
+        EquilibriumBranch, from the end that lies in the direction of falling speed at q0.
+
+    Example:
+        >>> model = pp.Chain(pp.Pipe(0.2, -20.0), 2)
+        >>> leaning = pp.equilibria(model, 1.0)
+        >>> branch = pp.equilibrium_branch(model, leaning.q[1], 1.0, (0.0, 4.0))
+        >>> branch.q.shape[1], float(branch.speeds.max()) <= 4.0
+        (2, True)
+
+    Raises:
+        NotConverged: if there is no equilibrium near q0, or none could be followed.
+        ValueError, TypeError: for bad arguments.
+
+    Source: Keller (1977) for the continuation.
+    """
+    model = checked_model_in_motion(model, largest=LARGEST, purpose="equilibria")
+    statics = Statics(model)
+    require_steady("speeds", speeds)
+    low, high = map(float, check.array("speeds", speeds, size=2, low=0.0, high=LARGEST_SPEED))
+    if not high - low >= 1e-9 * (1.0 + high):
+        raise ValueError(f"speeds must be (lowest, highest), got ({low:g}, {high:g})")
+    require_steady("u0", u0)
+    u0 = check.real("u0", u0, low=low, high=high)
+    step = check.real("step", step, low=1e-4, high=1.0)
+    start = statics.from_start("q0", q0)
+    with one_thread(model.dof):
+        try:
+            x = statics.solved(start, u0)
+        except NewtonFailed as error:
+            raise NotConverged(f"no equilibrium was found near q0 at u = {u0:g}") from error
+        away = float(rms_along(statics.angles((x - start)[None]))[0])
+        if away > NEAR:
+            raise NotConverged(
+                f"no equilibrium was found near q0 at u = {u0:g}: Newton's method leads to one "
+                f"that lies {away:.3g} rad away, more than {NEAR:g}"
+            )
+        equations = statics.equations
+        if statics.always_rests and statics.rms(x - statics.resting) < 1e-9:
+            x, equations = statics.resting, statics.at_rest
+        branch = DenseProblem(equations, statics.size, 0.1 * (high - low), Control(longest=step))
+        try:
+            down = branch.point(np.append(x, u0), np.append(np.zeros_like(x), -1.0))
+        except NewtonFailed as error:
+            raise NotConverged(f"the equilibrium at u = {u0:g} is a branch point") from error
+        up = Point(down.z, -down.tangent)
+        back, ahead = (_Way(statics, branch, point, (low, high)) for point in (down, up))
+        end = back.run()
+        ends = end, "closed" if end == "closed" else ahead.run()
+    points, growth = back.points[:0:-1] + ahead.points, back.growth[:0:-1] + ahead.growth
+    q = statics.recorded(np.array([point.x for point in points]))
+    unstable = np.array([np.count_nonzero(one > 0.0) for one in growth])
+    return EquilibriumBranch(
+        speeds=np.array([point.p for point in points]),
+        q=q,
+        stable=unstable == 0,
+        unstable=unstable,
+        tips=model.tips(q.T),
+        points=tuple(back.changes[::-1] + ahead.changes),
+        ends=ends,
+        model=model,
+    )
+
+
+class _Way:
+    """A branch from one of its points on, one way.
+
+    It has points at the lowest and highest speed and wherever it passes that of its beginning.
+    """
+
+    def __init__(
+        self, statics: Statics, branch: DenseProblem, start: Point, ends: tuple[float, float]
+    ) -> None:
+        self.statics, self.branch = statics, branch
+        self.marks = ends[0], start.p, ends[1]
+        self.longest = branch.control.longest
+        self.points, self.growth = [start], [statics.growth(start.x, abs(start.p))]
+        self.changes: list[BranchPoint] = []
+
+    def run(self) -> str:
+        """Follows the branch, and says why it ends."""
+        low, first, high = self.marks
+        a = self.points[0]
+        steps = self.branch.segments(a, 0.2 * self.longest, [(-1, p) for p in self.marks])
+        while len(self.points) < MOST_POINTS // 2:
+            if (a.p <= low and a.tangent[-1] < 0.0) or (a.p >= high and a.tangent[-1] > 0.0):
+                return "range"
+            try:
+                segment = next(steps)
+                joined = self._record(segment)
+            except NewtonFailed:
+                return "not converged"
+            if joined:
+                return "pitchfork"
+            a = b = segment.end
+            if float(np.abs(b.x).max()) > FAR:
+                return "far"
+            if b.p == first and float(np.abs(b.x - self.points[0].x).max()) < DISTINCT:
+                return "closed"
+        return "points"
+
+    def _record(self, segment: Segment[DenseProblem]) -> bool:
+        """Keeps the end of a segment and what changes on it; whether it ends on the straight pipe.
+
+        Undamped, an eigenvalue is the square root of the distance to a fold, so that by rounding
+        the count of the unstable changes next to the fold: both are one change, listed once.
+        """
+        statics, a, b, ds = self.statics, segment.begin, segment.end, segment.length
+        sizes = statics.rms(a.x), statics.rms(b.x)
+        meeting, turns, until = None, list[float](), ds
+        # A pitchfork leads onto its mirror image, or Newton's method there to the straight pipe.
+        landed = statics.straight(b.x)
+        across = landed or float(a.x @ b.x) < 0.0
+        across = across and not (statics.resting.any() or statics.straight(a.x))
+        if across and max(sizes) <= 2.0 * self.longest:
+            meeting = self._pitchfork(a.p)
+        if meeting is None:
+            turns = folds(segment, 1e-12)
+        else:
+            until = 0.0 if landed else 0.98 * ds * sizes[0] / sum(sizes)
+
+        @cache
+        def growth(s: float) -> Array:
+            if s == 0.0:
+                return self.growth[-1]
+            point = segment.at(s)
+            return statics.growth(point.x, abs(point.p))
+
+        marked: list[tuple[float, Change]] = [(turn, "fold") for turn in turns]
+        for before, beyond in sign_changes(growth, 0.0, until, 1e-10 * (1.0 + until)):
+            if np.count_nonzero((growth(beyond) > 0.0) != (growth(before) > 0.0)) % 2 == 0:
+                marked.append((beyond, "hopf"))
+            elif all(abs(beyond - turn) > 1e-3 * ds for turn in turns):
+                is_straight = statics.straight(segment.at(beyond).x)
+                marked.append((beyond, "pitchfork" if is_straight else "branch point"))
+        self.changes += [self._point(kind, segment.at(s)) for s, kind in sorted(marked)]
+        self.growth.append(growth(until))
+        if meeting is not None:
+            b = Point(np.append(statics.resting, meeting), a.tangent)
+            self.changes.append(self._point("pitchfork", b))
+        self.points.append(b)
+        return meeting is not None
+
+    def _pitchfork(self, u: float) -> float | None:
+        """Speed of the pitchfork of the straight pipe nearest to a speed, if one is near.
+
+        Accelerations there are affine in the square of the speed.
+        """
+        rest, jacobian = self.statics.resting, self.statics.jacobian
+        if not self.statics.always_rests:
+            return None
+        slope = jacobian(rest, 1.0) - jacobian(rest, 0.0)
+        squares = scipy.linalg.eigvals(jacobian(rest, 0.0), -slope)  # infinite without flux
+        real = (squares.real > 0.0) & (np.abs(squares.imag) <= 1e-9 * np.abs(squares))
+        found = np.sqrt(squares.real[real])
+        near = found[np.abs(found - u) < 0.02 * (1.0 + u)]
+        return min(near.tolist(), key=lambda p: abs(p - u), default=None)
+
+    def _point(self, kind: Change, point: Point) -> BranchPoint:
+        statics = self.statics
+        frequency = 0.0
+        if kind == "hopf":
+            found = statics.eigenvalues(point.x, abs(point.p))
+            oscillating = found[np.abs(found.imag) > 1e-6]
+            if oscillating.size:
+                crossing = np.argmin(np.abs(oscillating.real))
+                frequency = float(abs(oscillating[crossing].imag))
+        speed = abs(point.p)
+        if kind == "pitchfork":  # rounding in the count reaches further than in the roots of det K
+            speed = self._pitchfork(speed) or speed
+        q = statics.recorded(point.x[None])[0]
+        return BranchPoint(kind, speed, frequency, q, statics.model.tips(q[:, None])[0])

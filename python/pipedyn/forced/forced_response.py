@@ -1,0 +1,703 @@
+# SPDX-License-Identifier: MIT
+"""Periodic motions of finite amplitude of a pipe whose base oscillates or whose flow pulsates.
+
+They are found by the collocation that limit cycles are, with the period given and no condition on
+the phase, and followed in the frequency past folds. What a moving base does begins with the linear
+response. In a pulsating flow rest is a motion, too; others branch off it on the edges of parametric
+regions, with the period of the flow (harmonic) or twice that (subharmonic).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field, replace
+from functools import cache
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from pipedyn.continuation.arclength import folds, sign_changes
+from pipedyn.cycles.limit_cycle import Known, amplitude_of, refined_until
+from pipedyn.forced.parametric_search import regions
+from pipedyn.forced.pulsating import Hill, PulsatingPipe, require_motion
+from pipedyn.linear.eigenproblem import Complex
+from pipedyn.linear.frequency_response import base_solution, checked_range
+from pipedyn.linear.modes import largest_speed
+from pipedyn.linear.stability_curve import Failure
+from pipedyn.models.base import Model, NotConverged
+from pipedyn.models.drive import Harmonic, Pulsation, require_steady, steady_speed
+from pipedyn.motion.simulate import MotionStopped, Trajectory, checked_model_in_motion, simulate
+from pipedyn.motion.vector_field import ForcedField
+from pipedyn.orbits.collocation import residual, solved
+from pipedyn.orbits.floquet import UNIT, EventKind, crossing_event, orbit_multipliers
+from pipedyn.orbits.orbit_continuation import (
+    FINE,
+    SMALL,
+    BranchStart,
+    Grazing,
+    Step,
+    followed_past_grazing,
+    from_orbit,
+    meeting,
+    orbit_at,
+)
+from pipedyn.orbits.periodic_orbit import (
+    PeriodicOrbit,
+    coarsest_mesh,
+    divided,
+    resolved,
+    stage_phases,
+)
+from pipedyn.util import check
+from pipedyn.util.archive import saved_as
+from pipedyn.util.check import Array
+from pipedyn.util.later import scipy
+from pipedyn.util.newton import NewtonFailed
+from pipedyn.util.parallel import track
+from pipedyn.util.result import Result, TableResult, joined
+from pipedyn.util.threads import one_thread
+
+LARGEST = 60
+"""Degrees of freedom: a motion takes some 0.1 s for 20 of them, and a branch has some 50."""
+
+MOST_STEPS = 400
+"""Steps along a branch, the longest of which are 0.15 in amplitude or in the frequency's share."""
+
+UNKNOWN = 1e-3
+"""Of multipliers whose error is not known, as they hardly converge: what is taken for it."""
+
+SETTLING = (10, 20, 40, 80)
+"""Periods of a motion from rest, after each of which it is looked at: 1 s of a chain of 4."""
+
+REACH = 10.0
+"""What a step is measured by, in amplitudes of the motion that a moving base begins with, but 1 L
+at most: resonances that a stop or a fixed end bends over may be small."""
+
+REPEATS = 0.02
+"""Share of its swing to which a motion has come back when Newton's method takes over."""
+
+HARMONICS = 8
+"""Of Hill's equations, for the motions in which branches leave rest."""
+
+
+# -------------------------------------------------------------------------------------- results
+
+BranchKind = Literal["base", "subharmonic", "harmonic"]
+
+
+@saved_as(
+    "ForcedMotion",
+    shapes={
+        "2dof": "multipliers",
+        "S": "t",
+        "S coordinates": "q qdot",
+        "M 2moving": "orbit.starts",
+    },
+)
+class ForcedMotion(Trajectory, TableResult):
+    """One period of a periodic motion under a periodic forcing.
+
+    Attributes:
+        amplitude: half the peak-to-peak transverse motion of the free end relative to the base,
+            in L.
+        frequency: angular, of the forcing, in 1 / T.
+        period: of the motion, in T: one of the forcing, or two if it is subharmonic.
+        multipliers: Floquet multipliers over this period, complex, shape (2 dof,), the largest
+            modulus first.
+        stable: whether none exceeds 1 in modulus by more than 1e-6 or three times what it is known
+            to. Of a pipe that nothing damps they have the modulus 1: motions nearby then neither
+            grow nor decay.
+        t: times from a crest of the forcing to the period, shape (S,).
+        q, qdot: coordinates and rates, shape (S, coordinates).
+        u: flow speed, or the pulsation.
+        error: of the amplitude, relative, estimated by refinement.
+        residual: largest |dy/dt - f(y)| half-way between the stages at which the equations were
+            solved, relative to the largest |f|, of the accelerations.
+        model: the model.
+        orbit: the solution of the collocation equations.
+    """
+
+    amplitude: float
+    frequency: float
+    period: float
+    multipliers: Complex = field(repr=False)
+    stable: bool
+    t: Array = field(repr=False)
+    q: Array = field(repr=False)
+    qdot: Array = field(repr=False)
+    u: float | Pulsation
+    error: float
+    residual: float
+    model: Model = field(repr=False)
+    orbit: PeriodicOrbit = field(repr=False, compare=False)
+
+    @property
+    def tip(self) -> Array:
+        """Position (x, y) of the free end relative to the base, shape (S, 2)."""
+        return self.model.tips(self.q.T)
+
+
+@saved_as("ForcedEvent")
+class ForcedEvent(Result):
+    """Where a branch changes.
+
+    Attributes:
+        kind: "fold", where the frequency turns back; "pitchfork", "period doubling" or "torus",
+            where a multiplier passes the unit circle; "grazing", where the motion begins or ceases
+            to touch a stop; or "end", where the branch left its range, came to rest or was lost, as
+            its `failure` says.
+        frequency: angular, of the forcing.
+        amplitude: of the free end, in L.
+    """
+
+    kind: EventKind
+    frequency: float
+    amplitude: float
+
+
+@saved_as("ForcedBranch", shapes={"P": "frequency amplitude largest stable"})
+class ForcedBranch(TableResult):
+    """Motions along one branch, in the order in which it was followed.
+
+    Its events are among them.
+
+    Attributes:
+        kind: "base"; or what leaves rest in a pulsating flow, "subharmonic" or "harmonic".
+        frequency: angular, of the forcing, shape (P,).
+        amplitude: half the peak-to-peak transverse motion of the free end relative to the base, in
+            L, shape (P,).
+        largest: modulus of the largest multiplier, shape (P,); 1 at events and in rest.
+        stable: whether that is at most 1 but for what it is known to, as of a `ForcedMotion`, and
+            False at events, shape (P,).
+        events: in the order in which they are met.
+        failure: where the branch was lost, and why; None where it left its range or came to rest.
+    """
+
+    kind: BranchKind
+    frequency: Array = field(repr=False)
+    amplitude: Array = field(repr=False)
+    largest: Array = field(repr=False)
+    stable: NDArray[np.bool_] = field(repr=False)
+    events: tuple[ForcedEvent, ...]
+    failure: NotConverged | None
+    steps: tuple[Step, ...] = field(repr=False, compare=False)
+    motion: ForcedField = field(repr=False, compare=False)
+
+    def at(self, frequency: float, rtol: float = 1e-6, samples: int = 257) -> list[ForcedMotion]:
+        """The motions at a frequency of the forcing, to a relative tolerance of the amplitude."""
+        omega = check.real("frequency", frequency, low=0.0, open_low=True) / self.motion.order
+        found = list[ForcedMotion]()
+        with one_thread(self.motion.size):
+            for step in self.steps:
+                for part in step.parts(folds(step, 1e-4) if np.prod(step.slopes) < 0.0 else []):
+                    if (part.begin.p - omega) * (part.end.p - omega) <= 0.0 != part.end.p - omega:
+                        try:
+                            orbit = step.problem.orbit(part.where(omega))
+                        except NewtonFailed as reason:
+                            raise NotConverged(
+                                f"no motion was found at a frequency of {frequency:g} though the "
+                                f"{self.kind} branch passes it: {reason}"
+                            ) from None
+                        found.append(_described(self.motion, orbit, rtol, samples))
+        return found
+
+    def _columns(self) -> dict[str, Any]:
+        return {
+            "frequency": self.frequency,
+            "amplitude": self.amplitude,
+            "largest": self.largest,
+            "stable": self.stable,
+        }
+
+
+@saved_as("ForcedResponse")
+class ForcedResponse(TableResult):
+    """Periodic motions over the frequency of the forcing.
+
+    Attributes:
+        branches: each followed from one end. Where that of a moving base was lost on its way from
+            the lowest frequency there is another from the highest.
+        forcing: amplitude and direction of the base's motion, or mean and amplitude of the flow's.
+        u: flow speed, in a pulsating flow its mean.
+        model: the model.
+        evaluations: right-hand sides and Jacobians.
+    """
+
+    branches: tuple[ForcedBranch, ...]
+    forcing: Pulsation | Harmonic
+    u: float
+    model: Model
+    evaluations: int
+
+    @property
+    def failures(self) -> tuple[Failure, ...]:
+        """Branches that were lost: their place, the frequency there, and why."""
+        return tuple(
+            Failure(i, float(branch.frequency[-1]), branch.failure)
+            for i, branch in enumerate(self.branches)
+            if branch.failure is not None
+        )
+
+    def at(self, frequency: float, rtol: float = 1e-6, samples: int = 257) -> list[ForcedMotion]:
+        """The motions at a frequency of the forcing, the largest first.
+
+        Where `failures` has any, there may be more of them.
+
+        Args:
+            frequency: angular, in 1 / T, within the range that branches were followed in.
+            rtol: relative tolerance of the amplitude, in [1e-10, 1e-2].
+            samples: number of states given, from the start of the period to its end.
+
+        Raises:
+            NotConverged: if a motion does not meet the tolerance, or there is none and a branch was
+                lost.
+            ValueError, TypeError: for bad arguments.
+        """
+        rtol = check.real("rtol", rtol, low=1e-10, high=1e-2)
+        samples = check.count("samples", samples, low=9, high=100_000)
+        found = [one for branch in self.branches for one in branch.at(frequency, rtol, samples)]
+        if not found and self.failures:
+            why = "; ".join(str(failure.error) for failure in self.failures)
+            raise NotConverged(f"no motion is known at a frequency of {frequency:g}: {why}")
+        return sorted(found, key=lambda one: -one.amplitude)
+
+    def _columns(self) -> dict[str, Any]:
+        tables = [one._columns() for one in self.branches]
+        kinds = [one.kind for one in self.branches]
+        return joined(tables, branch=range(len(kinds)), kind=kinds)
+
+
+def forced_response(
+    model: Model,
+    u: float | Pulsation,
+    *,
+    base: Harmonic | None = None,
+    frequencies: ArrayLike | None = None,
+    progress: bool = False,
+) -> ForcedResponse:
+    """Periodic motions of finite amplitude over the frequency of the forcing, stable or not.
+
+    Args:
+        model: chain, reduced model or scene, up to 60 degrees of freedom.
+        u: flow speed >= 0; or a `Pulsation`, whose mean and amplitude stay while its frequency
+            varies. Its motions branch off rest on the edges of parametric regions, and the pipe
+            must be stable at the mean speed.
+        base: transverse motion of the base, whose amplitude stays while its frequency varies.
+            Needed unless the flow pulsates, and not taken if it does.
+        frequencies: range (low, high) of the forcing's angular frequency, low > 0, or more in
+            increasing order, from the first to the last; where not given, near the frequency of
+            base or pulsation.
+        progress: show progress on stderr.
+
+    Returns:
+        ForcedResponse; `at(frequency)` gives the motions at one frequency, with their error. A
+        branch that is lost is named in `failures`, what was found of it is kept.
+
+    Example:
+        >>> model = pp.Galerkin(pp.Pipe(0.2, damping=0.002), 4)
+        >>> shaken = pp.Harmonic(0.02, frequency=13.5, direction="x")
+        >>> found = pp.forced_response(model, 5.0, base=shaken, frequencies=(13.0, 14.0))
+        >>> len(found.branches)
+        1
+
+    Raises:
+        NotConverged: if no motion of a moving base is found at either end of the range, neither
+            from the linear response nor by motions from rest that are left to settle.
+        ValueError, TypeError: for bad arguments.
+
+    Source: Doedel, Keller and Kernevez (1991), as for `limit_cycle`; Nayfeh and Mook (1979),
+    Nonlinear oscillations, for what is to be expected.
+    """
+    model = checked_model_in_motion(model, largest=LARGEST, purpose="forced_response")
+    forcing = _checked_forcing(u, base)
+    mean = forcing.mean if isinstance(forcing, Pulsation) else u
+    speed = steady_speed("u", mean, high=largest_speed(model))
+    if frequencies is None:
+        low, high = 0.99 * forcing.frequency, 1.01 * forcing.frequency
+    else:
+        low, high = checked_range("frequencies", frequencies)
+        if low == 0.0:
+            raise ValueError(f"frequencies must have low > 0, got {check.shown(frequencies)}")
+    shown = check.flag("progress", progress)
+    branches = list[ForcedBranch]()
+    model.require_equilibrium(speed)
+    if isinstance(forcing, Pulsation):
+        require_motion(model)
+        starts = _from_rest(model, speed, forcing, low, high)
+    else:
+        starts = _from_base(
+            *(model, speed, forcing, low, high), lambda: branches[-1].failure is None
+        )
+    with one_thread(2 * model.moving):
+        for begin in starts:
+            orbit = begin.start.orbit
+            first = orbit.frequency * begin.motion.order
+            if orbit.size == 0.0 and any(_ends_at(one, first) for one in branches):
+                continue  # from the other edge it was followed to here
+            branches.append(_branch(begin, shown))
+    return ForcedResponse(
+        branches=tuple(branches),
+        forcing=forcing,
+        u=speed,
+        model=model,
+        evaluations=sum(one.motion.evaluations for one in branches),
+    )
+
+
+def _checked_forcing(u: Any, base: Any) -> Pulsation | Harmonic:
+    if isinstance(u, Pulsation):
+        if base is not None:
+            raise ValueError("base must not be given where the flow pulsates")
+        if u.amplitude == 0.0 or abs(u.amplitude) == 1.0:
+            raise ValueError(f"u.amplitude must be between 0 and 1, got {u.amplitude!r}")
+        return replace(u, amplitude=abs(u.amplitude))
+    require_steady("u", u)
+    if not isinstance(base, Harmonic):
+        raise TypeError(f"base must be a Harmonic or u a Pulsation, got {check.shown(base)}")
+    if base.direction != "x":
+        raise ValueError("base must move along x: along y rest stays a motion, got direction='y'")
+    if base.amplitude == 0.0:
+        raise ValueError("base must move, got an amplitude of 0")
+    return base
+
+
+# ------------------------------------------------------------------------------ where it begins
+
+
+@dataclass(frozen=True)
+class Begin:
+    """Where a branch of forced motions begins, and where it ends.
+
+    Attributes:
+        kind, motion: of the branch.
+        start: the motion that it leaves, with its first step.
+        window: range of forcing frequencies within which it is followed.
+        rests: forcing frequencies at which branches of this kind meet rest, rising, shape (E,).
+    """
+
+    kind: BranchKind
+    motion: ForcedField
+    start: BranchStart
+    window: tuple[float, float]
+    rests: Array = field(default_factory=lambda: np.empty(0))
+
+
+def _from_base(
+    model: Model, u: float, forcing: Harmonic, low: float, high: float, whole: Callable[[], bool]
+) -> Iterator[Begin]:
+    """From a motion at the lowest frequency; from one at the highest unless that led all along."""
+    failed, begun = list[str](), False
+    for frequency, way in ((low, 1.0), (high, -1.0)):
+        motion = ForcedField(model, replace(forcing, frequency=frequency), 1)
+        try:
+            orbit = _first_motion(motion, u)
+            motion.reach = min(1.0, REACH * amplitude_of(motion, orbit)[0])
+            (start,) = from_orbit(motion, orbit, (way,))
+        except NewtonFailed as reason:
+            failed.append(f"at a frequency of {frequency:g} {reason}")
+            continue
+        begun = True
+        yield Begin("base", motion, start, (low, high))
+        if whole():
+            return
+    if not begun:
+        raise NotConverged(
+            f"no periodic motion was found to begin with: {'; '.join(failed)}. Give other "
+            "frequencies, that begin or end far from resonances, or a smaller amplitude of base; "
+            "simulate shows whether motions repeat at all"
+        )
+
+
+def _first_motion(motion: ForcedField, u: float) -> PeriodicOrbit:
+    """From the linear response, at once or with growing amplitude, or where a motion ends."""
+    whole, model, w = motion.forcing, motion.model, motion.forcing.frequency
+    assert isinstance(whole, Harmonic)
+    answer = model.by_coordinates() @ base_solution(model, u, w)
+    rest = np.append(motion.resting()[: model.moving], np.zeros(model.moving))
+    symmetric = motion.is_odd(u)
+
+    def linear(share: float) -> PeriodicOrbit:
+        mode = share * whole.amplitude * np.concatenate([answer, 1j * w * answer])
+
+        def states(phase: Array) -> Array:
+            return np.asarray(rest[:, None] + (mode[:, None] * np.exp(1j * phase)).real)
+
+        return resolved(motion, states, w, u, symmetric, FINE.defect)
+
+    def at_once() -> PeriodicOrbit:
+        return solved(motion, linear(1.0), FINE.tolerance)
+
+    def growing() -> PeriodicOrbit:
+        shares = np.geomspace(0.02, 1.0, 10).tolist()
+        try:
+            orbit = linear(shares[0])
+            for share in shares:
+                motion.forcing = replace(whole, amplitude=share * whole.amplitude)
+                orbit = solved(motion, orbit, FINE.tolerance)
+        finally:
+            motion.forcing = whole
+        return orbit
+
+    reason = NewtonFailed("")
+    for find in (at_once, growing, lambda: _settled(motion, u, symmetric)):
+        try:
+            return find()
+        except NewtonFailed as failure:
+            reason = failure
+    raise reason
+
+
+def _settled(motion: ForcedField, u: float, symmetric: bool) -> PeriodicOrbit:
+    """The motion that one from rest ends in."""
+    model, w = motion.model, motion.forcing.frequency
+    period, reason = 2.0 * math.pi / w, "it does not repeat with the period of the base"
+    p = motion.resting()
+    (q0,), (qdot0,) = model.recorded(p[None, : motion.half], p[None, motion.half :])
+    for periods in SETTLING:
+        times = period * np.linspace(periods - 1.0, periods, 513)
+        try:
+            duration, base = periods * period, motion.forcing
+            assert isinstance(base, Harmonic)
+            going = simulate(model, u, duration, q0, qdot0, times=times, base=base, rtol=1e-7)
+        except MotionStopped as stopped:
+            raise NewtonFailed(f"a motion from rest stops: {stopped}") from None
+        motion.evaluations += going.evaluations
+        q0, qdot0 = going.q[-1], going.qdot[-1]
+        p = model.integrated(going.q, going.qdot)
+        size = float(np.ptp(p[:, : motion.half], axis=0).max())
+        if np.abs(p[-1] - p[0])[: motion.half].max() > REPEATS * size:
+            continue
+        spline = scipy.interpolate.CubicSpline(2.0 * math.pi * np.linspace(0.0, 1.0, 513), p)
+        odd = symmetric and float(np.abs(p[256:] + p[:257]).max()) <= REPEATS * np.abs(p).max()
+
+        def states(phase: Array, through: Any = spline) -> Array:
+            return np.ascontiguousarray(through(phase).T)
+
+        try:
+            guess = resolved(motion, states, w, u, odd, FINE.defect)
+            found = solved(motion, guess, FINE.tolerance)
+        except NewtonFailed as failure:
+            reason = f"it repeats, but {failure}"
+            continue
+        if np.abs(found.starts - guess.starts)[:, : motion.half].max() <= 0.1 * size:
+            return found
+        reason = "it repeats, but Newton's method leads elsewhere"
+    raise NewtonFailed(f"a motion from rest was followed for {sum(SETTLING)} periods: {reason}")
+
+
+def _from_rest(
+    model: Model, mean: float, forcing: Pulsation, low: float, high: float
+) -> Iterator[Begin]:
+    """From rest, on the edges of parametric regions."""
+    pipe = PulsatingPipe.of(model.elastic_operators(), mean)
+    pipe.require_stable(high)
+    hill = Hill(pipe, HARMONICS)
+    kinds: tuple[tuple[BranchKind, int], ...] = (("subharmonic", 2), ("harmonic", 1))
+    for kind, order in kinds:
+        rests = hill.edges(0.5 if kind == "subharmonic" else 0.0, forcing.amplitude)
+        for region in regions(hill, np.array([forcing.amplitude]), low, high, (kind,)):
+            ends = region.edges[0][np.isfinite(region.edges[0])]
+            window = 0.9 * min(low, ends.min()), 1.1 * max(high, ends.max())
+            for edge in ends.tolist():
+                motion = ForcedField(model, replace(forcing, frequency=edge), order)
+                yield Begin(kind, motion, _leaving_rest(motion, hill, edge, mean), window, rests)
+
+
+def _leaving_rest(motion: ForcedField, hill: Hill, edge: float, mean: float) -> BranchStart:
+    """In the motion that neither grows nor decays on an edge."""
+    model, order, n = motion.model, motion.order, hill.pipe.size
+    share = 0.5 if order == 2 else 0.0
+    count = 2 * hill.many + (order == 1)
+    amplitude = motion.forcing.amplitude
+    h = hill.matrix(edge, share * edge, amplitude, count)
+    parts = np.linalg.svd(h)[2][-1].conj().reshape(count, n)
+    # A real motion has conjugate parts for opposite harmonics.
+    options = [factor * parts for factor in (1.0, 1j)]
+    parts = max((x + x[::-1].conj() for x in options), key=lambda x: float(np.abs(x).max()))
+    turns = (np.arange(count) - hill.many + share) * order
+    spread = model.by_coordinates() @ np.asarray(model.from_elastic(parts.T))
+    w = edge / order
+
+    def moved(phases: Array, power: int) -> Array:
+        """Positions, or their derivatives by time, (k, moving)."""
+        factors = (1j * turns * w) ** power * np.exp(1j * phases[..., None] * turns)
+        return np.asarray((factors @ spread.T).real)
+
+    coarse = coarsest_mesh(motion.is_odd(mean))
+    edges = divided(coarse, np.full(coarse.size - 1, 3))
+    starts = np.concatenate([moved(edges[:-1], 0), moved(edges[:-1], 1)], axis=1)
+    rates = moved(stage_phases(edges), 2)
+    states = moved(np.linspace(0.0, 2.0 * math.pi, 65), 0)
+    tip = motion.tip(1e-6 * np.concatenate([states, states], axis=1).T) * 1e6
+    base = PeriodicOrbit(edges, 0.0 * starts, 0.0 * rates, w, mean, True)
+    towards = np.concatenate([starts.ravel(), rates.ravel(), [0.0, 0.0]])
+    scale = SMALL / max(0.5 * float(np.ptp(tip)), 1e-300)
+    return BranchStart(base, scale * towards, (0.98 * w, 1.02 * w))
+
+
+# -------------------------------------------------------------------------------- following it
+
+
+@dataclass(frozen=True)
+class _Point:
+    frequency: float
+    amplitude: float
+    largest: float = 1.0
+    stable: bool = False
+
+
+def unit_of(error: float) -> float:
+    """By how much the modulus of a multiplier on the unit circle may be off, of their error."""
+    return max(UNIT, min(3.0 * error, UNKNOWN))
+
+
+def _point(motion: ForcedField, orbit: PeriodicOrbit) -> _Point:
+    multipliers, _, error = orbit_multipliers(motion, orbit)
+    amplitude, largest = amplitude_of(motion, orbit)[0], float(np.abs(multipliers).max())
+    stable = largest <= 1.0 + unit_of(error)
+    return _Point(motion.order * orbit.frequency, amplitude, largest, stable)
+
+
+def _branch(begin: Begin, shown: bool) -> ForcedBranch:
+    """What a start leads to, until the frequency leaves its window or the motion ends in rest."""
+    kind, motion, (low, high) = begin.kind, begin.motion, begin.window
+    points, events, steps = list[_Point](), list[ForcedEvent](), list[Step]()
+    lost: NotConverged | None = None
+    if kind == "base":
+        points.append(_point(motion, begin.start.orbit))
+    else:
+        points.append(_Point(motion.order * begin.start.orbit.frequency, 0.0))
+
+    def grazes(grazing: Grazing) -> None:
+        amplitude, _ = amplitude_of(motion, grazing.middle)
+        events.append(ForcedEvent("grazing", motion.order * grazing.middle.frequency, amplitude))
+
+    try:
+        followed = followed_past_grazing(motion, begin.start, FINE, grazes)
+        for step in track(followed, None, "forced response", shown):
+            met = None
+            if kind != "base" and steps:  # what leaves rest may come back to it
+                met = meeting(step, "hopf", begin.rests / motion.order, 1e-3)
+            if met is not None:
+                if not met.known:
+                    raise NewtonFailed(
+                        f"it passes through rest near {motion.order * met.last.end.p:.6g}, where "
+                        "no motion leaves rest"
+                    )
+                step = met.whole
+            found = _events(motion, step) if steps or kind == "base" else []
+            points += [_Point(event.frequency, event.amplitude) for event in found]
+            events += found
+            steps.append(step)
+            end = orbit_at(step, step.length)
+            points.append(_point(motion, end))
+            if met is not None:
+                steps.append(met.last)
+                points.append(_Point(motion.order * met.last.end.p, 0.0))
+                break
+            if not low <= motion.order * end.frequency <= high:
+                break
+            if len(steps) == MOST_STEPS:
+                raise NewtonFailed(f"it takes more than {MOST_STEPS} steps")
+    except NewtonFailed as reason:
+        last = points[-1]
+        lost = NotConverged(
+            f"the {kind} branch was lost at a frequency of {last.frequency:.6g}, amplitude "
+            f"{last.amplitude:.4g}: {reason}"
+        )
+    events.append(ForcedEvent("end", points[-1].frequency, points[-1].amplitude))
+    frequency, amplitude, largest, stable = (
+        np.array([getattr(point, name) for point in points])
+        for name in ("frequency", "amplitude", "largest", "stable")
+    )
+    return ForcedBranch(
+        kind=kind,
+        frequency=frequency,
+        amplitude=amplitude,
+        largest=largest,
+        stable=stable,
+        events=tuple(events),
+        failure=lost,
+        steps=tuple(steps),
+        motion=motion,
+    )
+
+
+def _events(motion: ForcedField, step: Step) -> list[ForcedEvent]:
+    """Folds on a step and what multipliers do that pass the unit circle, along it."""
+    found = list[tuple[float, EventKind]]()
+    turns = folds(step, 1e-4)
+    found += [(s, "fold") for s in turns]
+
+    @cache
+    def multipliers(s: float) -> tuple[Array, Complex, float]:
+        """Logarithms of their moduli, falling, with their roots, and how far 1 is known."""
+        values, roots, error = orbit_multipliers(motion, orbit_at(step, s))
+        order = np.argsort(-np.abs(values), kind="stable")
+        return np.log(np.maximum(np.abs(values[order]), 1e-300)), roots[order], unit_of(error)
+
+    around = max(multipliers(s)[2] for s in (0.0, step.length))
+
+    def growth(s: float) -> Array:
+        return multipliers(s)[0] - around
+
+    for low, high in sign_changes(growth, 0.0, step.length, 1e-3 * step.length):
+        if any(low - 0.02 * step.length < s < high + 0.02 * step.length for s in turns):
+            continue
+        # The one that passes is the least of those outside: without damping others are on the
+        # circle, and what leaves it little by little, as the amplitude grows, meets none.
+        outside = max(low, high, key=lambda s: np.count_nonzero(growth(s) > 0.0))
+        passing = np.count_nonzero(growth(outside) > 0.0) - 1
+        neutral = any(abs(multipliers(s)[0][passing]) <= around for s in (0.0, step.length))
+        if neutral and growth(outside)[passing] < around:
+            continue
+        root, symmetric = multipliers(outside)[1][passing], orbit_at(step, outside).symmetric
+        kind, _ = crossing_event([root], symmetric, trivial=False)
+        if kind != "fold":
+            found.append((high, kind))
+    made = list[ForcedEvent]()
+    for s, kind in sorted(found):
+        orbit = orbit_at(step, s)
+        amplitude = amplitude_of(motion, orbit)[0]
+        made.append(ForcedEvent(kind, motion.order * orbit.frequency, amplitude))
+    return made
+
+
+def _ends_at(branch: ForcedBranch, frequency: float) -> bool:
+    """Whether a branch ended in rest at an edge."""
+    at_rest = branch.amplitude[-1] == 0.0
+    return bool(at_rest and abs(branch.frequency[-1] / frequency - 1.0) < 1e-6)
+
+
+def _described(
+    motion: ForcedField, orbit: PeriodicOrbit, rtol: float, samples: int
+) -> ForcedMotion:
+    """A motion refined until its amplitude converges."""
+    known: Known
+    known, error, reason = refined_until(motion, orbit, 1e-3 * rtol, rtol, min(1e-7, 1e-2 * rtol))
+    orbit = known.orbit
+    multipliers, _, unsure = orbit_multipliers(motion, orbit)
+    period = 2.0 * math.pi / orbit.frequency
+    t = np.linspace(0.0, period, samples)
+    y = orbit.states(orbit.frequency * t)
+    q, qdot = motion.model.recorded(y[: motion.half].T.copy(), y[motion.half :].T.copy())
+    found = ForcedMotion(
+        amplitude=known.peak[0],
+        frequency=motion.order * orbit.frequency,
+        period=period,
+        multipliers=multipliers,
+        stable=bool(np.abs(multipliers).max() <= 1.0 + unit_of(unsure)),
+        t=t,
+        q=np.ascontiguousarray(q),
+        qdot=np.ascontiguousarray(qdot),
+        u=motion.flow(orbit.u, orbit.frequency),
+        error=error,
+        residual=residual(motion, orbit),
+        model=motion.model,
+        orbit=orbit,
+    )
+    if error > rtol:
+        raise NotConverged(f"the motion is known to {error:.1e} only: {reason}", found)
+    return found

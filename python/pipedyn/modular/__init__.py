@@ -1,0 +1,38 @@
+# SPDX-License-Identifier: MIT
+"""The modular route: scenes put together from parts, each with its own inertia and forces."""
+
+from pipedyn.models.terms import PointMass
+from pipedyn.modular.assembly import Assembly
+from pipedyn.modular.enforcement import Mechanism
+from pipedyn.modular.parts import (
+    Clamp,
+    Constraint,
+    Custom,
+    Drag,
+    Guide,
+    InternalFlow,
+    Joint,
+    Module,
+    Pin,
+    Segment,
+    TorsionalSpring,
+)
+from pipedyn.modular.plain_chain import chain
+
+__all__ = [
+    "Assembly",
+    "Clamp",
+    "Constraint",
+    "Custom",
+    "Drag",
+    "Guide",
+    "InternalFlow",
+    "Joint",
+    "Mechanism",
+    "Module",
+    "Pin",
+    "PointMass",
+    "Segment",
+    "TorsionalSpring",
+    "chain",
+]

@@ -1,0 +1,763 @@
+# SPDX-License-Identifier: MIT
+"""Scenes from parts: modules in redundant coordinates, tied together by constraints."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import replace
+from functools import cached_property
+from operator import attrgetter
+from typing import Any, Self
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from pipedyn import _core
+from pipedyn.models.base import (
+    BALANCED,
+    LARGEST_ANGLE,
+    LARGEST_RESULT,
+    Model,
+    NotConverged,
+    Operators,
+    checked_pipe,
+    resolved,
+    stored,
+)
+from pipedyn.models.chain import LARGEST_CHAIN, Chain, along, elastic_scale, turned
+from pipedyn.models.held import MET, SAME
+from pipedyn.models.pencil import ChainPencil, Pencil, real_columns
+from pipedyn.models.pipe import Pipe
+from pipedyn.models.terms import Stretching, Term
+from pipedyn.modular.custom import CustomForces
+from pipedyn.modular.enforcement import ENFORCEMENTS, projection
+from pipedyn.modular.layout import CONSTRAINTS, MODULES, Layout
+from pipedyn.modular.linearisation import SmallMotions
+from pipedyn.modular.motion import SceneMotion
+from pipedyn.modular.parts import (
+    Constraint,
+    Drag,
+    InternalFlow,
+    Module,
+    Part,
+    Segment,
+    TorsionalSpring,
+    described,
+)
+from pipedyn.modular.redundant import RedundantForm
+from pipedyn.util import check
+from pipedyn.util.archive import saved_as
+from pipedyn.util.check import Array
+from pipedyn.util.newton import NewtonFailed, newton
+
+LARGEST_JACOBIAN, LARGEST_RECURSION = 1300, 400
+"""Segments up to which (6 n, 6 n) is made, 0.5 GB, and the dense recursions take seconds."""
+
+
+@saved_as("Assembly")
+class Assembly(Model):
+    """A scene from parts: a pipe of rigid segments with whatever else stands in it.
+
+    Every part writes its inertia, forces or constraints in redundant coordinates and knows of no
+    other. What acts at a place of the pipe, or per length, is a term of the pipe; its place may lie
+    anywhere along a segment. So does what holds the pipe belong to it: a root's spring lies in
+    series with joint 1, supports hold the nodes at their places as a `Guide` does, and a guided or
+    clamped end needs a `TorsionalSpring` of joint n + 1, between it and the last segment.
+
+    States live in the redundant coordinates q = (x_1, y_1, phi_1, x_2, ...), shape (3 n,): x_j
+    transverse and y_j downward is where node j, the end of segment j, stands from the clamp, phi_j
+    the angle of joint j. `rhs`, `energy` and `power` read the angles of the joints and their rates,
+    from which all else follows where clamp and joints are met; guides and pins need not be met
+    exactly. Accelerations keep all constraints, take O(n), and are NaN where a direction has lost
+    its inertia.
+
+    Operators live in the degrees of freedom that the constraints leave: the angles of the segments,
+    theta_j = phi_1 + .. + phi_j, or, where guides and pins tie them, coordinates along an
+    orthonormal basis of what these leave. Methods that take a configuration take the angles, shape
+    (n,), or redundant coordinates, shape (3 n,), that meet the constraints. Linear questions cost
+    O(n^3), but of a scene that is a `Chain` with terms, free or held by guides, about the straight
+    pipe what they cost of that.
+
+    Immutable; `plus` makes another.
+
+    Args:
+        pipe: the pipe; all of flow, gravity, drag and Kelvin-Voigt damping take its numbers.
+        modules: parts with inertia or forces, the segments in their order from the clamp; terms
+            among them are added to those of the pipe.
+        constraints: one group each, in any order: `Clamp` and for each further segment its `Joint`,
+            and what else holds the pipe. Redundant ones are accepted.
+        enforcement: "orthonormal" (accelerations as by a basis built group by group, found in O(n)
+            along the chain) or "udwadia-kalaba" (dense, to compare); both give the same motion.
+
+    Example:
+        >>> scene = pp.modular.chain(pp.Pipe(0.2), 4)
+        >>> scene
+        Assembly(Pipe(beta=0.2), n=4, 4 springs, InternalFlow(), Drag())
+        >>> round(pp.critical_speed(scene).speed, 4)
+        4.9493
+
+    Raises:
+        ValueError: for parts that do not fit one another: nodes or segments that are not there,
+            lengths that do not add up to 1, constraints that contradict one another or leave
+            nothing that moves, a span that is taut, a direction without inertia.
+        TypeError: for what is no pipe, module or constraint.
+
+    Source: Orsino and Di Giulio, eqs. (1)-(11); Orsino (2017) for the recursion.
+    """
+
+    def __init__(
+        self,
+        pipe: Pipe,
+        modules: Iterable[Module | Term],
+        constraints: Iterable[Constraint],
+        enforcement: str = "orthonormal",
+    ) -> None:
+        given = _parts("modules", modules, (Module, Term))
+        terms = tuple(part for part in given if isinstance(part, Term))
+        super().__init__(pipe)
+        if terms:
+            self._pipe = replace(pipe, terms=(*pipe.terms, *terms))
+        self._enforcement = check.choice("enforcement", enforcement, ENFORCEMENTS)
+        self._layout = Layout(
+            [part for part in given if isinstance(part, Module)],
+            _parts("constraints", constraints, (Constraint,)),
+            self._pipe,
+        )
+        light = [j for j, s in enumerate(self._layout.segments, start=1) if s.mass is None]
+        if self._pipe.mass is not None and light:
+            raise ValueError(
+                "modules must say the mass of each Segment where the pipe's varies along it, as "
+                f"modular.chain does, got none of segment {light[0]}"
+            )
+        straight = np.zeros(self.moving)
+        self._customs = CustomForces(self._layout.customs, self._configuration(straight))
+        for custom in self._customs.each:
+            custom.validate(self._configuration(self._layout.rest)[custom.index])
+        self._check_pipe()
+        self._reference = straight if self._misses(straight) <= MET else None
+
+    def archived(self) -> dict[str, Any]:
+        """What it is made from, and the configuration that `about` chose."""
+        parts = {"modules": self.modules, "constraints": self.constraints}
+        return {**super().archived(), **parts, "enforcement": self.enforcement}
+
+    @classmethod
+    def restored(cls, fields: dict[str, Any]) -> Self:
+        """The scene of these parts."""
+        reference = fields.pop("reference")
+        made = cls(**fields)
+        if reference is not None:
+            made._reference = made._angles_of("reference", reference, sizes=(made.moving,))
+        return made
+
+    def _check_pipe(self) -> None:
+        """Raises ValueError where some direction that is left free has no inertia."""
+        rest = self._configuration(self._layout.rest)
+        still = self.core.redundant_rhs(0.0, np.append(rest, 0.0 * rest), 0.0, refuses=False)
+        if not np.isfinite(still).all():
+            raise ValueError(
+                f"phi_{self._layout.size} moves without inertia: give its segment a gyration "
+                "radius, or the pipe a point mass there"
+            )
+
+    @cached_property
+    def core(self) -> _core.Scene:
+        """The compiled scene."""
+        return self._layout.compiled(self._pipe)
+
+    @cached_property
+    def motion(self) -> SceneMotion:
+        """The equations of motion in the angles of the segments, as integrators take them."""
+        dense = None if self._enforcement == "orthonormal" else ENFORCEMENTS[self._enforcement]
+        pipe = self._layout.acting(self._pipe)
+        return SceneMotion(RedundantForm(pipe, self._layout, self.core, self._customs), dense)
+
+    @property
+    def motion_core(self) -> Any:
+        return self.motion.core
+
+    @property
+    def compiled(self) -> Any:
+        motion = self.motion
+        if not motion.is_compiled:
+            return None  # where nothing holds nodes it is a chain
+        return motion.core if motion.core.compliance.size else motion.core.chain
+
+    def __repr__(self) -> str:
+        layout = self._layout
+        plain = [p for p in self.modules if _is_plain_spring(p)]
+        parts = [f"n={layout.size}", f"{len(plain)} springs"]
+        if layout.base:
+            parts.append(f"base={layout.base:g}")
+        others = [p for p in self.modules if not (isinstance(p, Segment) or _is_plain_spring(p))]
+        parts += [described(part) for part in (*others, *layout.guides_and_pins)]
+        if self._enforcement != "orthonormal":
+            parts.append(repr(self._enforcement))
+        return f"Assembly({self._pipe!r}, {', '.join(parts)}{self._about_shown})"
+
+    modules = stored("_layout.modules", "The parts with inertia or forces, a tuple.")
+    constraints = stored("_layout.constraints", "The constraints, in the order of enforcement.")
+    enforcement = stored("_enforcement", "How accelerations are found.")
+    moving = stored("_layout.size", "Number of angles that an integrator advances, n.")
+
+    @property
+    def dof(self) -> int:
+        return self._layout.size - len(self._layout.independent)
+
+    @property
+    def coordinates(self) -> int:
+        """Number of redundant coordinates, 3 n."""
+        return 3 * self._layout.size
+
+    @property
+    def approximates_pipe(self) -> bool:
+        """False: what the parts tend to is the user's."""
+        return False
+
+    @property
+    def matrix_rounding(self) -> float:
+        return 8.0 * np.finfo(float).eps * len(self._layout.independent)
+
+    def term_stiffness(self, pencil: Pencil) -> float:
+        return float(np.linalg.norm(self._elastic.stiffness - np.eye(self.dof), 2))
+
+    @cached_property
+    def resisted(self) -> bool:
+        still = np.split(self.state(self.resting()), 2)
+        own_damping = self._layout.joint_damping(replace(self._pipe, damping=0.0)).any()
+        _, by_rate = self._customs.derivatives(*still)
+        return bool(super().resisted or own_damping or by_rate.count_nonzero())
+
+    @property
+    def elastic_share(self) -> Array:
+        springs = self.core.chain.joints[: self.moving, 0]
+        return springs * elastic_scale(springs) ** 2
+
+    @property
+    def stations(self) -> Array:
+        """Arc lengths of the nodes."""
+        return np.minimum(self._layout.ends[1:], 1.0)
+
+    def plus(self, *parts: Part | Term) -> Assembly:
+        """Another scene, with further modules, constraints and terms of the pipe.
+
+        What `about` chose stays where the configuration meets the constraints, old and new.
+
+        Example:
+            >>> scene = pp.modular.chain(pp.Pipe(0.2), 4)
+            >>> held = scene.plus(pp.modular.Guide(2), pp.PointMass(at=1.0, mass=0.1))
+            >>> round(pp.critical_speed(scene).speed, 4), round(pp.critical_speed(held).speed, 4)
+            (4.9493, 5.2274)
+
+        Raises:
+            TypeError: for what is none of these.
+            ValueError: as for `Assembly`.
+        """
+        for part in parts:
+            if not isinstance(part, Module | Constraint | Term):
+                raise TypeError(
+                    f"parts must be modules, constraints or terms, got {check.shown(part)}"
+                )
+        constraints = tuple(part for part in parts if isinstance(part, Constraint))
+        others = tuple(part for part in parts if isinstance(part, Module | Term))
+        return self._remade(self._pipe, others, constraints)
+
+    def _remade(
+        self,
+        pipe: Pipe,
+        modules: tuple[Module | Term, ...] = (),
+        constraints: tuple[Constraint, ...] = (),
+    ) -> Assembly:
+        """Another scene of a pipe, with further parts; a spring goes with the end that it holds."""
+        own = [m for m in self.modules if pipe.end_directed or not _holds_end(m, self.moving)]
+        more = Assembly(
+            pipe,
+            (*own, *modules),
+            (*self._layout.given, *constraints),
+            self._enforcement,
+        )
+        chosen = self._reference
+        if chosen is not None and chosen.size == more.moving and more._misses(chosen) <= MET:
+            more._reference = chosen
+        return more
+
+    def with_pipe(self, pipe: Pipe) -> Assembly:
+        parts = attrgetter("root", "end", "supports")
+        same = parts(checked_pipe(pipe)) == parts(self._pipe)
+        return super().with_pipe(pipe) if same else self._remade(pipe)
+
+    @cached_property
+    def as_chain(self) -> Chain | None:
+        """The chain that the scene is but for its guides, if it is one about the straight pipe."""
+        layout = self._layout
+        plain = layout.has_flow and all(
+            isinstance(part, Segment | InternalFlow | Drag) or _is_plain_spring(part)
+            for part in self.modules
+        )
+        # Compliance is 0 but of what has inertia besides the segments.
+        straight = self._reference is not None and not self._reference.any()
+        if not plain or not straight or self.core.compliance.any():
+            return None
+        free = replace(  # small motions do not stretch it
+            self._pipe,
+            supports=(),
+            end="guided" if layout.guided else "free",
+            terms=tuple(term for term in self._pipe.terms if not isinstance(term, Stretching)),
+        )
+        try:
+            return Chain(
+                free,
+                springs=layout.springs,
+                lengths=layout.lengths,
+                centres=layout.centres,
+                gyration_radii=layout.gyration_radii,
+                base=layout.base,
+                masses=layout.masses,
+            )
+        except ValueError:  # its last segment has no inertia but that of a term
+            return None
+
+    def pencil(self) -> Pencil:
+        """P(lambda) as for `Model.pencil`: of a scene that is a chain the chain's."""
+        plain, layout = self.as_chain, self._layout
+        if plain is None:
+            return super().pencil()
+        if not layout.independent.size:
+            return plain.pencil()
+        held = np.zeros(self.moving, dtype=np.bool_)
+        held[layout.held[layout.independent] // 3] = True  # on the straight pipe all are x_j
+        return ChainPencil(plain, held, self.linear.elastic)
+
+    # ------------------------------------------------------------------------------------ states
+
+    def state(self, angles: ArrayLike, rates: ArrayLike | None = None) -> Array:
+        """The redundant state y = [q, q'], from the angles of the segments.
+
+        Args:
+            angles: theta_j from the axis, rad, shape (n,).
+            rates: theta_j', rad / T, shape (n,); at rest where not given.
+
+        Returns:
+            Shape (6 n,).
+
+        Raises:
+            ValueError: for other shapes, or a guide or pin that is missed by more than 1e-9; see
+                `closed`.
+            TypeError: for what is no array of real numbers.
+        """
+        theta = self._angles_of("angles", angles, sizes=(self.moving,))
+        omega = self._rates_of("rates", rates, theta, sizes=(self.moving,))
+        return self.core.from_angles(theta, omega)
+
+    def _configuration(self, theta: Array) -> Array:
+        """Redundant coordinates of angles, shape (3 n,)."""
+        return self.core.from_angles(theta, np.zeros_like(theta))[: self.coordinates]
+
+    def _misses(self, theta: Array) -> float:
+        """How far a configuration is from meeting the constraints."""
+        missed = self._configuration(theta)[self._layout.held] - self._layout.held_values
+        return float(np.abs(missed).max(initial=0.0))
+
+    def angles(self, y: ArrayLike) -> Array:
+        """Angles of the segments from redundant coordinates or states.
+
+        Args:
+            y: q or [q, q'], shape (3 n, ...) or (6 n, ...).
+
+        Returns:
+            theta_j, rad, shape (n, ...).
+
+        Raises:
+            ValueError, TypeError: for another shape, or not of finite numbers.
+        """
+        size = self.coordinates
+        raw = check.numbers("y", y, "an array of real numbers", longest=LARGEST_RESULT)
+        given = self._columns("y", raw, 2 * size if raw.shape[:1] == (2 * size,) else size)
+        return np.cumsum(given[2:size:3], axis=0)
+
+    def closed(self, angles: ArrayLike) -> Array:
+        """Angles close to those given at which guides and pins are met.
+
+        Args:
+            angles: theta_j, rad, shape (n,).
+
+        Returns:
+            Shape (n,).
+
+        Raises:
+            NotConverged: if none are found near these.
+            ValueError, TypeError: for another shape, or not of finite numbers.
+        """
+        given = check.array(
+            "angles", angles, size=self.moving, low=-LARGEST_ANGLE, high=LARGEST_ANGLE
+        )
+        theta, missed = self._layout.closed(self.core, given)
+        if missed > SAME:
+            raise NotConverged(
+                f"no angles close to those given meet {self._layout.described_holds()}", theta
+            )
+        return theta
+
+    def equilibrium(self, start: ArrayLike, u: float = 0.0) -> Array:
+        """A configuration at which all forces balance, stable or not, by Newton's method.
+
+        Args:
+            start: where to begin, angles (n,) or redundant coordinates (3 n,); guides and pins need
+                not be met.
+            u: flow speed >= 0, in sqrt(EI / mu_f) / L.
+
+        Returns:
+            Redundant coordinates, shape (3 n,).
+
+        Raises:
+            NotConverged: if none is found near start.
+            ValueError, TypeError: for bad arguments.
+        """
+        u = check.real("u", u, low=0.0, high=1e4)
+        given = self._rows("start", start, (self.moving, self.coordinates))
+        if given.size == self.coordinates:
+            given = np.cumsum(given[2::3])
+
+        def correction(theta: Array) -> tuple[Array, float]:
+            linear = SmallMotions(self.motion.form, theta)
+            _, _, stiffness = linear.elastic_operators().at(u)
+            # Along a direction whose stiffness is rounding of the largest no force tells how far to
+            # go: the step leaves it.
+            rounding = len(stiffness) * float(np.finfo(float).eps)
+            step = np.linalg.lstsq(stiffness, linear.unbalanced(u), rcond=rounding)[0]
+            turn = np.cumsum(linear.joint_angles(step)[:, 0])
+            return turn, float(np.abs(turn).max())
+
+        try:
+            found = newton(
+                self.closed(given),
+                correction,
+                lambda theta, turn, share: self.closed(theta + share * turn),
+                tolerance=1e-13,
+                stagnation=1e-9,
+                longest=0.3,
+                iterations=100,
+            )
+        except NewtonFailed as reason:
+            raise NotConverged(f"no equilibrium was found at u = {u:g} near start") from reason
+        configuration = self._configuration(found)
+        left = self._left(SmallMotions(self.motion.form, found), u)
+        if left > BALANCED:
+            raise NotConverged(
+                f"no equilibrium was found at u = {u:g} near start: a force of {left:.2g} times "
+                "1 + |gamma| + a u^2 is left in a direction in which nothing resists it",
+                configuration,
+            )
+        return configuration
+
+    # ------------------------------------------------------------------------------ linear motion
+
+    @cached_property
+    def linear(self) -> SmallMotions:
+        """Small motions about the configuration of `about`, else the straight pipe."""
+        if self.as_chain is None:
+            self._check_dense()
+        return SmallMotions(self.motion.form, self.reference)
+
+    @property
+    def reference(self) -> Array:
+        """Angles about which linear questions are asked, shape (n,).
+
+        Raises:
+            ValueError: where the straight pipe misses a constraint and `about` chose nothing.
+        """
+        if self._reference is None:
+            raise ValueError(
+                f"the straight pipe misses {self._layout.described_holds()}: choose a "
+                "configuration with about(q), for example about(equilibrium(...))"
+            )
+        return self._reference
+
+    def unbalanced(self, u: float) -> float:
+        return self._left(self.linear, u)
+
+    def _left(self, linear: SmallMotions, u: float) -> float:
+        """Largest force that nothing balances, relative to 1 + |gamma| + a u^2."""
+        size = 1.0 + abs(self._pipe.gamma) + self._pipe.alpha * u**2
+        return float(np.abs(linear.unbalanced(u)).max(initial=0.0)) / size
+
+    def operators(self, q: ArrayLike | None = None) -> Operators:
+        """As for `Model.operators`, about a configuration at rest.
+
+        Where no guide or pin is there they are those of the angles of the segments; else their
+        columns are those of `basis`. stiffness contains the forces of all modules but the flow's
+        and what the constraint forces add to it on a bent pipe, flux the flow's with its share of
+        them.
+
+        Args:
+            q: the configuration; that of `about`, else the straight pipe, where not given.
+
+        Raises:
+            ValueError: for what misses a constraint or has another shape, or more than 4000 degrees
+                of freedom.
+            TypeError: for what is no array of real numbers.
+        """
+        return self._with_loss(lambda scene: scene._linear_at(q).operators())
+
+    def basis(self, q: ArrayLike | None = None) -> Array:
+        """Angles of the segments by the degrees of freedom of `operators`, shape (n, dof).
+
+        The identity without guides and pins; else its columns are orthonormal.
+
+        Args, Raises: as for `operators`.
+        """
+        return self._linear_at(q).basis.spread(np.eye(self.dof))
+
+    def free_directions(self, p: Array) -> Array:
+        return self.basis(p)
+
+    def _linear_at(self, q: ArrayLike | None) -> SmallMotions:
+        """Small motions about q, or the reference, if dense operators can be made."""
+        self._check_dense()
+        if q is None:
+            return self.linear
+        return SmallMotions(self.motion.form, self._angles_of("q", q))
+
+    def elastic_operators(self) -> Operators:
+        """The same operators in elastic coordinates, see `pipedyn.modular.linearisation`."""
+        return self._elastic
+
+    @cached_property
+    def _elastic(self) -> Operators:
+        return self.linear.elastic_operators()
+
+    def from_elastic(self, z: ArrayLike) -> NDArray[Any]:
+        columns, linear = self._columns("z", z), self.linear
+        joints = linear.joint_angles(columns.reshape(self.dof, -1))
+        angles = real_columns(linear.basis.gathered, np.cumsum(joints, axis=0))
+        return angles.reshape(columns.shape)
+
+    # -------------------------------------------------------------------------- nonlinear motion
+
+    def projection(self, q: ArrayLike | None = None) -> Array:
+        """C_R of the recursion at a configuration: what the constraints leave, group by group.
+
+        Args:
+            q: a configuration; that of `about` where not given, else the straight pipe or, where
+                that misses a constraint, one that does not.
+
+        Returns:
+            Shape (3 n, dof), with orthonormal columns.
+
+        Raises:
+            ValueError, TypeError: for what is no such configuration.
+        """
+        self._check_size(LARGEST_RECURSION)
+        theta = self.resting() if q is None else self._angles_of("q", q)
+        still = self.core.from_angles(theta, np.zeros_like(theta))
+        return projection(self.motion.groups(still), self.coordinates)[0]
+
+    def accelerations(self, y: ArrayLike, u: float, enforcement: str) -> Array:
+        """Accelerations q'' by one of the dense recursions, to compare with `rhs`; O(n^3).
+
+        Args:
+            y: state [q, q'], shape (6 n,).
+            u: flow speed >= 0.
+            enforcement: "orthonormal" or "udwadia-kalaba".
+
+        Returns:
+            Shape (3 n,).
+
+        Raises:
+            Mechanism: if a direction has no inertia there.
+            ValueError, TypeError: for bad arguments.
+        """
+        name = check.choice("enforcement", enforcement, ENFORCEMENTS)
+        u = check.real("u", u, low=0.0, high=1e100)
+        self._check_size(LARGEST_RECURSION)
+        state = check.array("y", y, size=2 * self.coordinates)
+        ask = self.equations.enforced
+        return resolved("accelerations", lambda: ask(ENFORCEMENTS[name], state, u))
+
+    def require_base(self) -> None:
+        super().require_base()
+        if self._customs:
+            raise ValueError(
+                "base must be at rest in a scene with custom modules: whether these stand on the "
+                "base or on the ground is not known"
+            )
+
+    def jacobian(
+        self,
+        t: float,
+        y: ArrayLike,
+        u: float | ArrayLike,
+        *,
+        u_dot: float | ArrayLike | None = None,
+        base: ArrayLike | None = None,
+    ) -> Array:
+        """As for `Model.jacobian` of one state, (6 n, 6 n), of at most 1300 segments, in O(n^2).
+
+        Accelerations change with the angles of the joints and their rates alone, see the class.
+        """
+        self._check_size(LARGEST_JACOBIAN)
+        size = self.coordinates
+        state = check.doubles("y", y, "an array of real numbers")
+        if state.shape != (2 * size,):
+            raise ValueError(f"y must have shape ({2 * size},), got {state.shape}")
+        self.core.redundant_power(state, u, refuses=False)  # checks both
+        angles = np.cumsum(state.reshape(-1, 3)[:, 2].reshape(2, -1), axis=1).ravel()
+        drive = self._drive(state, u_dot, base)
+        ask = self.equations.accelerations_by_state
+        by_angles = resolved("jacobian", lambda: ask(angles, float(np.asarray(u)), drive))
+        # An angle is the sum of its joint's and those before, which no other coordinate changes.
+        by_joints = np.cumsum(by_angles.reshape(size, 2, -1)[:, :, ::-1], axis=2)[:, :, ::-1]
+        whole = np.eye(2 * size, k=size)
+        whole[size:, 2::3] = by_joints.reshape(size, -1)
+        return whole
+
+    # ------------------------------------------------------------------------- what is integrated
+
+    def start(self, q0: ArrayLike, qdot0: ArrayLike | None) -> Array:
+        theta = self._angles_of("q0", q0)
+        return np.concatenate([theta, self._rates_of("qdot0", qdot0, theta)])
+
+    def recorded(self, p: Array, pdot: Array) -> tuple[Array, Array]:
+        y = self.motion.states(p.T, pdot.T)
+        return y[: self.coordinates].T, y[self.coordinates :].T
+
+    def integrated(self, q: Array, qdot: Array) -> Array:
+        return np.concatenate([np.cumsum(one[:, 2::3], axis=1) for one in (q, qdot)], axis=1)
+
+    def projected(self, p: Array, rates: Array) -> tuple[Array, Array]:
+        return self.motion.held.projected(p, rates)
+
+    def free_states(self, y: Array) -> Array:
+        return self.motion.held.free_states(y)
+
+    def resting(self) -> Array:
+        return self._layout.rest if self._reference is None else self._reference
+
+    def motion_jacobian(self, y: Array, u: float | Array, drive: Array | None = None) -> Array:
+        return self.motion.jacobian(y, u, drive=drive)
+
+    # ---------------------------------------------------------------------------------- geometry
+
+    def _centreline(self, q: ArrayLike, s: Array) -> Array:
+        rows, base = self._rows("q", q, (self.moving, self.coordinates)), self._layout.base
+        # Redundant coordinates may miss constraints: their nodes are joined as given.
+        places = self._configuration(rows) if rows.size == self.moving else rows
+        steps = np.diff(self._layout.nodes(places), axis=0)
+        line = along(steps, base, self._layout.lengths, s)
+        line[:, 1] += np.minimum(s, base)
+        return line
+
+    def _tips(self, q: NDArray[Any]) -> NDArray[Any]:
+        if self._pipe.watched == 1.0:
+            return np.array(q[-3:-1].T)
+        ends = self._layout.ends
+        k = int(np.searchsorted(ends, self._pipe.watched)) - 1
+        share = (self._pipe.watched - ends[k]) / (ends[k + 1] - ends[k])
+        left = q[3 * k - 3 : 3 * k - 1] if k else np.array([[0.0], [ends[0]]])
+        return np.array(((1.0 - share) * left + share * q[3 * k : 3 * k + 2]).T)
+
+    def bent(self, angle: Callable[[Array], ArrayLike]) -> Array:
+        """As for `Model.bent`, of theta(s) at the segments' middles or close to it.
+
+        Raises:
+            NotConverged: if no angles close to these meet guides and pins.
+            ValueError, TypeError: as for `Model.bent`.
+        """
+        return self._configuration(self.closed(self.sampled(angle)))
+
+    def sampled(self, angle: Callable[[Array], ArrayLike]) -> Array:
+        ends = self._layout.ends
+        return self._angles(angle, 0.5 * (ends[:-1] + ends[1:]))
+
+    def _moved(self, columns: NDArray[Any]) -> NDArray[Any]:
+        if len(columns) == self.coordinates:
+            return np.cumsum(columns[2::3], axis=0)
+        if len(columns) == self.moving:
+            return columns
+        return real_columns(self.linear.basis.spread, columns)
+
+    def _deflected(self, p: NDArray[Any], s: Array, derivative: int) -> NDArray[Any]:
+        layout = self._layout
+        if derivative:
+            ends = np.minimum(layout.ends, 1.0)
+            return turned(p, ends, float(layout.springs[0]), self._pipe, s)
+        across = layout.lengths * np.cos(self.reference)
+        return along(across[:, None] * p, layout.base, layout.lengths, s)
+
+    # ----------------------------------------------------------------------------------- arguments
+
+    def _check_size(self, most: int) -> None:
+        if self.moving > most:
+            raise ValueError(f"dense results need at most {most} segments, got {self.moving}")
+
+    @staticmethod
+    def _rows(
+        name: str, given: ArrayLike, sizes: tuple[int, ...], high: float = LARGEST_ANGLE
+    ) -> Array:
+        rows = check.array(name, given, low=-high, high=high)
+        if rows.size not in sizes:
+            listed = " or ".join(f"({size},)" for size in sizes)
+            raise ValueError(f"{name} must have shape {listed}, got {rows.shape}")
+        return rows
+
+    def _coordinates(self, q: ArrayLike) -> Array:
+        return self._angles_of("q", q)
+
+    def _angles_of(self, name: str, given: ArrayLike, sizes: tuple[int, ...] = ()) -> Array:
+        """Angles of the segments from angles or redundant coordinates that meet the constraints."""
+        rows = self._rows(name, given, sizes or (self.moving, self.coordinates))
+        theta = rows if rows.size == self.moving else np.cumsum(rows[2::3])
+        q = rows if rows.size == self.coordinates else self._configuration(theta)
+        residual, _, _ = self.motion.form.constraints(q, np.zeros_like(q))
+        self._require_met(f"{name} must meet", residual, MET)
+        return np.array(theta)
+
+    def _rates_of(
+        self, name: str, given: ArrayLike | None, theta: Array, sizes: tuple[int, ...] = ()
+    ) -> Array:
+        """Rates of the angles, from those or redundant rates that keep the constraints."""
+        if given is None:
+            return np.zeros(self.moving)
+        rows = self._rows(name, given, sizes or (self.moving, self.coordinates), 1e6)
+        omega = rows if rows.size == self.moving else np.cumsum(rows[2::3])
+        q, qdot = np.split(self.core.from_angles(theta, omega), 2)
+        given_rates = rows if rows.size == self.coordinates else qdot
+        _, drift, _ = self.motion.form.constraints(q, given_rates)
+        self._require_met(f"{name} must keep", drift, MET * (1.0 + float(np.abs(omega).max())))
+        return np.array(omega)
+
+    def _require_met(self, rule: str, residual: Array, most: float) -> None:
+        """Raises ValueError, with the constraint that a residual is of, if one is too large."""
+        worst = int(np.argmax(np.abs(residual)))
+        if not abs(residual[worst]) <= most:
+            raise ValueError(
+                f"{rule} {self._layout.described_row(worst)}, got a deviation of "
+                f"{abs(residual[worst]):.1e}; closed(angles) gives angles that meet all"
+            )
+
+
+def _holds_end(part: Module, segments: int) -> bool:
+    return isinstance(part, TorsionalSpring) and part.joint > segments
+
+
+def _is_plain_spring(part: Module) -> bool:
+    """Whether it is a joint's spring with the pipe's damping, straight at rest."""
+    return isinstance(part, TorsionalSpring) and part.damping is None and part.rest_angle == 0.0
+
+
+def _parts(name: str, given: Any, kinds: tuple[type[Any], ...]) -> tuple[Any, ...]:
+    if isinstance(given, str | bytes) or not np.iterable(given):
+        raise TypeError(f"{name} must be parts in a sequence, got {check.shown(given)}")
+    parts = tuple(given)
+    for part in parts:
+        if not isinstance(part, kinds):
+            listed = " and ".join(f"{kind.__name__.lower()}s" for kind in kinds)
+            raise TypeError(f"{name} must hold {listed} only, got {check.shown(part)}")
+        if not isinstance(part, Term) and type(part) not in CONSTRAINTS + MODULES:
+            raise TypeError(
+                f"{name} must hold this package's parts, got {check.shown(part)}; write a module "
+                "of your own as a Custom"
+            )
+    if len(parts) > 10 * LARGEST_CHAIN:
+        raise ValueError(f"{name} must be at most {10 * LARGEST_CHAIN}, got {len(parts)}")
+    return parts

@@ -1,0 +1,222 @@
+# SPDX-License-Identifier: MIT
+"""Forces, energies and derivatives of a user's own modules, in redundant coordinates."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable, Sequence
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipedyn.models.base import COMPLEX_STEP
+from pipedyn.modular.parts import Custom, Function
+from pipedyn.util.check import Array
+from pipedyn.util.later import scipy
+
+STRIDE = 1e-3
+"""Step of the differences of a complex-step gradient: of order 4, they err by some 1e-12."""
+
+TRIAL_STEP, AGREEMENT = 1e-5, 1e-4
+"""Step of the differences that check derivatives, and how closely these must agree.
+
+The differences err by some 1e-10; a wrong derivative seldom agrees to four digits.
+"""
+
+TRIAL_SIZES = (1e-3, -0.03, 0.03, -0.3, 0.3, -1.0, 1.0)
+"""Displacements at which functions are checked, in L and rad: both sides of a wall show there."""
+
+
+class CustomForce:
+    """One module of the user's own, as functions of the k coordinates that it touches.
+
+    Args:
+        module: its description.
+    """
+
+    def __init__(self, module: Custom) -> None:
+        self.module = module
+        self.index = module.index
+
+    def energy(self, q: Array) -> float:
+        """Potential energy."""
+        return 0.0 if self.module.energy is None else float(self._call("energy", (), q))
+
+    def force(self, q: Array, qdot: Array) -> Array:
+        """Generalized force, shape (k,)."""
+        if self.module.force is None:
+            return -self._gradient(q)
+        return self._call("force", q.shape, q, qdot)
+
+    def work(self, q: Array, qdot: Array) -> float:
+        """Power of the force beyond what its energy loses."""
+        if self.module.force is None:
+            return 0.0
+        return float((self.force(q, qdot) + self._gradient(q)) @ qdot)
+
+    def by_q(self, q: Array, qdot: Array) -> Array:
+        """Derivative of the force by the coordinates, shape (k, k)."""
+        if self.module.force_by_q is not None:
+            return np.array(self._call("force_by_q", (q.size, q.size), q, qdot))
+        if self.module.force is None:
+            return -_differences(self._gradient, q, STRIDE * (1.0 + np.abs(q)))
+        return self._complex_step("force", q.shape, lambda z: (z, qdot), q)
+
+    def by_qdot(self, q: Array, qdot: Array) -> Array:
+        """Derivative of the force by the rates, shape (k, k)."""
+        if self.module.force is None:
+            return np.zeros((q.size, q.size))
+        if self.module.force_by_qdot is not None:
+            return np.array(self._call("force_by_qdot", (q.size, q.size), q, qdot))
+        return self._complex_step("force", q.shape, lambda z: (q, z), qdot)
+
+    def _gradient(self, q: Array) -> Array:
+        if self.module.energy is None:
+            return np.zeros(q.size)
+        return self._complex_step("energy", (), lambda z: (z,), q)
+
+    def _complex_step(
+        self, name: str, shape: tuple[int, ...], arguments: Function, at: Array
+    ) -> Array:
+        """Derivative by complex step, shape (*shape, k)."""
+        columns = []
+        for i in range(at.size):
+            moved = at.astype(np.complex128)
+            moved[i] += 1j * COMPLEX_STEP
+            columns.append(self._call(name, shape, *arguments(moved), kind="c").imag)
+        return np.stack(columns, axis=-1) / COMPLEX_STEP
+
+    def _call(
+        self, name: str, shape: tuple[int, ...], *arguments: NDArray[Any], kind: str = "f"
+    ) -> Any:
+        whose = f"{name} of {self.module.name}"
+        function: Function = getattr(self.module, name)
+        try:
+            answer = np.asarray(function(*arguments))
+        except (TypeError, ValueError, AttributeError, np.exceptions.ComplexWarning) as error:
+            if kind == "f":
+                raise
+            raise ValueError(
+                f"{whose} must accept complex arrays where its derivative is not given: {error}"
+            ) from error
+        if answer.shape != shape:
+            raise ValueError(f"{whose} must return shape {shape}, got {answer.shape}")
+        if answer.dtype.kind not in "iufc"[: 3 + (kind == "c")]:
+            raise TypeError(f"{whose} must return real numbers, got {answer.dtype}")
+        return answer.astype(np.complex128 if kind == "c" else np.float64)
+
+    def validate(self, q: Array) -> None:
+        """Calls every function near q and compares derivatives with differences.
+
+        Raises ValueError or TypeError for what returns another shape, or no finite numbers, or
+        derivatives that are not those of the function.
+        """
+        rates = 0.1 * np.sin(1.0 + self.index)
+        with warnings.catch_warnings():
+            warnings.simplefilter("error", np.exceptions.ComplexWarning)  # an imaginary part lost
+            for size in TRIAL_SIZES:
+                self._validate_at(
+                    q + size * np.cos(1.0 + self.index), rates, size == TRIAL_SIZES[0]
+                )
+
+    def _validate_at(self, q: Array, rates: Array, must_be_finite: bool) -> None:
+        energy, force = self.energy(q), self.force(q, rates)
+        if not (np.isfinite(force).all() and np.isfinite(energy)):
+            if must_be_finite:
+                raise ValueError(f"{self.module.name} must give finite forces and energies")
+            return  # a place that it is not made for
+        name, by = self.module.name, "must be the force's derivative"
+        if self.module.energy is not None:
+            rule = f"energy of {name} must have its gradient by complex step"
+            self._compare(rule, self._gradient(q), self.energy, q, energy)
+        largest = float(np.abs(force).max())
+        rule = f"force_by_q of {name} {by}"
+        self._compare(rule, self.by_q(q, rates), lambda z: self.force(z, rates), q, largest)
+        rule = f"force_by_qdot of {name} {by}"
+        self._compare(rule, self.by_qdot(q, rates), lambda z: self.force(q, z), rates, largest)
+
+    def _compare(self, rule: str, given: Array, function: Function, at: Array, size: float) -> None:
+        """Raises ValueError unless the derivative given is the function's."""
+        measured = _differences(function, at, np.full(at.size, TRIAL_STEP))
+        if not np.isfinite(measured).all():
+            return
+        size = abs(size) + float(np.abs(measured).max(initial=0.0))
+        if not np.abs(given - measured).max(initial=0.0) <= AGREEMENT * size + 1e-8:
+            raise ValueError(
+                f"{rule}, by differences "
+                f"{np.array2string(measured, precision=4)}, got "
+                f"{np.array2string(given, precision=4)} (functions that are not analytic, such as "
+                "abs, have no complex step)"
+            )
+
+
+def _differences(function: Function, at: Array, steps: Array) -> Array:
+    """Derivative by differences of order 4."""
+    columns = []
+    for step in np.diag(steps):
+        near = function(at + step) - function(at - step)
+        far = function(at + 2.0 * step) - function(at - 2.0 * step)
+        columns.append((8.0 * near - far) / (12.0 * step.sum()))
+    return np.stack(columns, axis=-1)
+
+
+class CustomForces:
+    """All modules of the user's own in a scene, at one state or at k.
+
+    Args:
+        modules: their descriptions.
+        straight: redundant coordinates of the straight pipe, where their energy counts as 0.
+    """
+
+    def __init__(self, modules: Sequence[Custom], straight: Array) -> None:
+        self.each = tuple(CustomForce(module) for module in modules)
+        self._straight = straight
+
+    def __bool__(self) -> bool:
+        return bool(self.each)
+
+    def force(self, q: Array, qdot: Array) -> Array:
+        """Generalized forces, shape (3 n,) or (3 n, k), at states of that shape."""
+        total = np.zeros(q.shape)
+        for column, place, rates in zip(*map(_columns, (total, q, qdot)), strict=True):
+            for custom in self.each:
+                column[custom.index] += custom.force(place[custom.index], rates[custom.index])
+        return total
+
+    def derivatives(self, q: Array, qdot: Array) -> tuple[Any, Any]:
+        """Derivatives of the forces at one state by q and q', sparse, (3 n, 3 n) each."""
+        found: list[Any] = [scipy.sparse.csr_array((q.size, q.size)) for _ in range(2)]
+        for custom in self.each:
+            at = custom.index
+            places = (at.repeat(at.size), np.tile(at, at.size))
+            for k, derivative in enumerate((custom.by_q, custom.by_qdot)):
+                entries = derivative(q[at], qdot[at]).ravel(), places
+                found[k] = found[k] + scipy.sparse.coo_array(entries, shape=found[k].shape).tocsr()
+        return found[0], found[1]
+
+    def energy(self, q: Array) -> float | Array:
+        """Potential energy, a number or shape (k,)."""
+        return self._summed(CustomForce.energy, q) - self._straight_energy
+
+    @cached_property
+    def _straight_energy(self) -> Any:
+        return self._summed(CustomForce.energy, self._straight)
+
+    def work(self, q: Array, qdot: Array) -> float | Array:
+        """Power of the forces beyond what their energy loses, a number or shape (k,)."""
+        return self._summed(CustomForce.work, q, qdot)
+
+    def _summed(self, function: Callable[..., float], *states: Array) -> Any:
+        """Sum of a function over the modules, a number or shape (k,)."""
+        sums = [
+            sum(function(custom, *(row[custom.index] for row in rows)) for custom in self.each)
+            for rows in zip(*map(_columns, states), strict=True)
+        ]
+        return float(sums[0]) if states[0].ndim == 1 else np.array(sums)
+
+
+def _columns(states: Array) -> Array:
+    """Views of the columns of (3 n,) or (3 n, k), as rows."""
+    return np.atleast_2d(states.T)

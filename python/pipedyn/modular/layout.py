@@ -1,0 +1,357 @@
+# SPDX-License-Identifier: MIT
+"""How the parts of a scene fit one another: what is checked once, when a scene is made."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
+from typing import Any, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipedyn import _core
+from pipedyn.models.base import core_pipe
+from pipedyn.models.held import SAME, closest, held_ends
+from pipedyn.models.pipe import Pipe
+from pipedyn.modular.parts import (
+    Clamp,
+    Constraint,
+    Custom,
+    Drag,
+    Guide,
+    InternalFlow,
+    Joint,
+    Module,
+    Part,
+    Pin,
+    Segment,
+    TorsionalSpring,
+    described,
+)
+from pipedyn.util.check import Array
+from pipedyn.util.later import scipy
+
+CONSTRAINTS = (Clamp, Joint, Guide, Pin)
+"""Constraints that there are."""
+
+MODULES = (Segment, TorsionalSpring, InternalFlow, Drag, Custom)
+"""Modules that there are."""
+
+DEPENDENT = 1e-9
+"""Guides and pins that depend on the others to this, well above rounding, are redundant."""
+
+TAUT = 1e-5
+"""Guides and pins that depend on one another to this, but only on a straight span, hold it taut.
+
+Newton's method meets them to 1e-12, which leaves angles of some 1e-6 on a span without slack.
+"""
+
+P = TypeVar("P", bound=Part)
+
+
+class Layout:
+    """Modules and constraints in the order of their places, and a configuration that fits them all.
+
+    What holds the pipe besides (its root's spring, its supports and its end) comes from the pipe.
+
+    Args:
+        modules, constraints: the parts.
+        pipe: the pipe.
+
+    Raises:
+        ValueError: if they do not fit one another or how the pipe is held.
+    """
+
+    def __init__(
+        self, modules: Sequence[Module], constraints: Sequence[Constraint], pipe: Pipe
+    ) -> None:
+        self.modules, self.constraints = tuple(modules), tuple(constraints)
+        self.given, self.guided = self.constraints, pipe.end_directed
+        """Constraints without those of the pipe's supports, and whether joint n + 1 is there."""
+        self.segments = segments = _of(modules, Segment)
+        self.customs = _of(modules, Custom)
+        self.size = len(segments)
+        if self.size == 0:
+            raise ValueError("modules must hold at least one Segment, got none")
+        self._check_places()
+        self.base = self._checked_base()
+        self.lengths = np.array([segment.length for segment in segments])
+        total = self.base + math.fsum(self.lengths)
+        if abs(total - 1.0) > 1e-9:
+            raise ValueError(f"the base and the segments' lengths must add up to 1, got {total!r}")
+        self.ends = self.base + np.concatenate([[0.0], np.cumsum(self.lengths)])
+        self.constraints += self._supports(pipe)
+        self.centres = np.array([segment.centre for segment in segments])
+        self.gyration_radii = np.array([segment.gyration_radius for segment in segments])
+        self.drag_points = np.array([segment.drag_point for segment in segments])
+        self.masses = np.array([s.length if s.mass is None else s.mass for s in segments])
+        self.springs, self.rest_moments = np.zeros(self.size + self.guided), np.zeros(self.size)
+        """Of each joint, without a root's spring, and moments k_j psi_j of those bent at rest."""
+        for spring in _of(modules, TorsionalSpring):
+            self.springs[spring.joint - 1] += spring.stiffness
+            if spring.joint <= self.size:
+                self.rest_moments[spring.joint - 1] += spring.stiffness * spring.rest_angle
+            elif spring.rest_angle != 0.0:
+                raise ValueError(f"{described(spring)}: rest_angle of a guided end must be 0")
+        for array in (self.lengths, self.ends, self.springs):
+            array.flags.writeable = False
+        self.has_flow = bool(_of(modules, InternalFlow))
+        self.has_drag = bool(_of(modules, Drag))
+        self.inertia = self._found_inertia()
+        holding = self._found_holding()
+        self.held, self.holding = np.array(list(holding), dtype=np.intp), list(holding.values())
+        """Redundant coordinates that guides and pins hold, shape (c,), and by which each."""
+        self.held_values = np.array([dict(_holds(part))[k] for k, part in holding.items()])
+        self.unit_loads = np.zeros((3 * self.size, self.held.size))
+        self.unit_loads[self.held, np.arange(self.held.size)] = 1.0
+        self.rest = self._found_rest()
+        self.independent = self._independent(self.rest, DEPENDENT)
+        self._refuse_taut()
+        if self.independent.size == self.size:
+            raise ValueError(
+                f"{self.described_holds()} must leave something that moves, got nothing"
+            )
+        self.group_rows = self._found_group_rows()
+
+    # -------------------------------------------------------------------------------- what is where
+
+    def _check_places(self) -> None:
+        n = self.size
+        for part in (*self.modules, *self.constraints):
+            for name in ("node", "joint", "segment", "nodes", "joints"):
+                given, most = getattr(part, name, ()), n + (self.guided and name == "joint")
+                beyond = [p for p in (given if isinstance(given, tuple) else (given,)) if p > most]
+                if beyond:
+                    raise ValueError(
+                        f"{described(part)}: {name} must be at most {most}, the number of "
+                        f"{'joints' if most > n else 'segments'}, got {beyond[0]}"
+                    )
+        if self.guided and n + 1 not in {
+            spring.joint for spring in _of(self.modules, TorsionalSpring)
+        }:
+            raise ValueError(
+                f"modules must hold a TorsionalSpring(joint={n + 1}), between segment {n} and the "
+                "end that keeps its direction"
+            )
+        for kind in (InternalFlow, Drag):
+            count = len(_of(self.modules, kind))
+            if count > 1:
+                raise ValueError(f"modules must hold at most one {kind.__name__}, got {count}")
+        if not _of(self.constraints, Clamp):
+            raise ValueError(
+                "constraints must hold a Clamp: without it phi_1 moves without inertia"
+            )
+        held = {joint.segment for joint in _of(self.constraints, Joint)}
+        loose = [j for j in range(2, n + 1) if j not in held]
+        if loose:
+            j = loose[0]
+            raise ValueError(
+                f"constraints must hold Joint(segment={j}): without it phi_{j} moves without "
+                "inertia"
+            )
+
+    def _checked_base(self) -> float:
+        bases = [clamp.base for clamp in _of(self.constraints, Clamp)]
+        if max(bases) - min(bases) > SAME:
+            raise ValueError(
+                "constraints contradict one another: "
+                + " and ".join(described(clamp) for clamp in _of(self.constraints, Clamp))
+            )
+        return bases[0]
+
+    def _supports(self, pipe: Pipe) -> tuple[Constraint, ...]:
+        """The guides that hold the pipe at its supports and at its end."""
+        if self.base > 0.0 and pipe.root != "clamped":
+            raise ValueError(
+                f"base of Clamp must be 0 unless the root is clamped, got {self.base:g} with "
+                f"{pipe!r}"
+            )
+        return tuple(Guide(node) for node in (held_ends(pipe, self.ends[1:]) + 1).tolist())
+
+    def _found_holding(self) -> dict[int, Constraint]:
+        """The redundant coordinates that are held, each with the first guide or pin that does."""
+        found: dict[int, tuple[float, Constraint]] = {}
+        for part in self.constraints:
+            for coordinate, value in _holds(part):
+                other, first = found.setdefault(coordinate, (value, part))
+                if abs(other - value) > SAME:
+                    raise ValueError(
+                        f"constraints contradict one another: {described(first)} and "
+                        f"{described(part)}"
+                    )
+        return {coordinate: part for coordinate, (_, part) in found.items()}
+
+    def _found_group_rows(self) -> list[list[int]]:
+        """Which rows of `RedundantForm.constraints` each constraint is, in the order given."""
+        place = {int(coordinate): i for i, coordinate in enumerate(self.held)}
+        rows: list[list[int]] = []
+        for part in self.constraints:
+            joint = 2 * getattr(part, "segment", 1) - 2
+            held = [2 * self.size + place[coordinate] for coordinate, _ in _holds(part)]
+            rows.append(held or [joint, joint + 1])
+        return rows
+
+    def described_row(self, row: int) -> str:
+        """The constraint that a row of `RedundantForm.constraints` is of, in a message."""
+        groups = zip(self.constraints, self.group_rows, strict=True)
+        return next(described(part) for part, rows in groups if row in rows)
+
+    @property
+    def guides_and_pins(self) -> list[Constraint]:
+        """Those that hold something, each once."""
+        return list(dict.fromkeys(self.holding))
+
+    def described_holds(self) -> str:
+        """The guides and pins in a message."""
+        return ", ".join(described(part) for part in self.guides_and_pins)
+
+    def _found_inertia(self) -> Array:
+        """Rows W of all custom modules' mass W^T W, shape (m, 3 n)."""
+        rows = [custom._inertia_rows(3 * self.size) for custom in self.customs]
+        return np.concatenate([np.zeros((0, 3 * self.size)), *rows])
+
+    # ------------------------------------------------------------------------------- configurations
+
+    def nodes(self, columns: Array, order: int = 0) -> Array:
+        """Places of all nodes from 0 on, shape (n + 1, 2, ...), of coordinates (3 n, ...).
+
+        Or of their rates, order 1.
+        """
+        found = np.zeros((self.size + 1, 2, *columns.shape[1:]))
+        found[0, 1] = 0.0 if order else self.base
+        found[1:] = columns.reshape(self.size, 3, *columns.shape[1:])[:, :2]
+        return found
+
+    def moments(self, theta: Array, forces: Array) -> Array:
+        """Moments on the segments, shape (n, r), of forces on the coordinates, shape (3 n, r).
+
+        The angles have the shape (n,), or (n, r): one a column.
+        """
+        columns = theta.reshape(self.size, -1)
+        across, along = (self.lengths[:, None] * of(columns) for of in (np.cos, np.sin))
+        beyond_x, beyond_y = (np.cumsum(forces[k::3][::-1], axis=0)[::-1] for k in (0, 1))
+        moments: Array = across * beyond_x - along * beyond_y + forces[2::3]
+        moments[:-1] -= forces[5::3]
+        return moments
+
+    def rows(self, theta: Array) -> Array:
+        """Derivative of the coordinates that are held by the angles, shape (n, c)."""
+        return self.moments(theta, self.unit_loads)
+
+    def independent_rows(self, theta: Array) -> Array:
+        """Those that depend on none of the others, shape (n, independent)."""
+        return self.rows(theta)[:, self.independent]
+
+    def closed(self, core: _core.Scene, theta: Array) -> tuple[Array, float]:
+        """Angles close to those given that meet guides and pins, and how far they still miss.
+
+        Where Newton's method fails, between segments in line with a pin, it starts again from
+        between there and a configuration that is known.
+        """
+        shares = (0.0, 0.25, 0.5, 0.75, 1.0)
+        return closest(core, (theta + share * (self.rest - theta) for share in shares))
+
+    def _found_rest(self) -> Array:
+        """Angles that meet all constraints: the straight pipe where it does."""
+        straight = np.zeros(self.size)
+        if not self.holding:
+            return straight
+        s = 0.5 * (self.ends[:-1] + self.ends[1:])
+        first, second, third = (np.sin(math.pi * k * s) for k in (1, 2, 3))
+        two_turns = 0.7 * second + 0.2 * first
+        core = self.compiled(Pipe(0.0, end="guided" if self.guided else "free"))
+        best, least = closest(
+            core, (straight, two_turns, -two_turns, first, -first, 1.5 * second + third)
+        )
+        if least <= SAME:
+            return best
+        missed = np.abs(core.from_angles(best, straight)[self.held] - self.held_values)
+        worst = {part for part, by in zip(self.holding, missed, strict=True) if by > 0.01 * least}
+        named = " and ".join(described(part) for part in self.constraints if part in worst)
+        raise ValueError(
+            f"constraints contradict the pipe's length or one another: {named} cannot be met, "
+            f"the closest found misses by {least:.2g}"
+        )
+
+    def _independent(self, theta: Array, tolerance: float) -> NDArray[np.intp]:
+        """Which held coordinates depend on none of the others at some angles, by pivoting."""
+        if not self.holding:
+            return np.zeros(0, dtype=np.intp)
+        columns = self.rows(theta) / self.lengths[:, None] ** 0.5
+        _, r, order = scipy.linalg.qr(columns, mode="economic", pivoting=True)
+        size = np.abs(np.diag(r))
+        rank = int(np.sum(size > tolerance * max(float(size[0]), 1e-300)))
+        return np.sort(order[:rank]).astype(np.intp)
+
+    def _refuse_taut(self) -> None:
+        """A span that is pulled straight has no neighbours: constraints lose their rank there."""
+        if not self.holding:
+            return
+        bent = self.rest + 0.3 * np.cos(1.0 + 1.7 * np.arange(self.size))
+        here = self._independent(self.rest, TAUT)
+        if here.size < self._independent(bent, TAUT).size:
+            lost = [part for i, part in enumerate(self.holding) if i not in here]
+            named = " and ".join(dict.fromkeys(map(described, lost)))
+            raise ValueError(f"{named} must leave some slack, got a span that is taut")
+
+    # ------------------------------------------------------------------------------------- the core
+
+    def acting(self, pipe: Pipe) -> Pipe:
+        """The pipe without the effects that no module brings: flow without force, no drag."""
+        flow: dict[str, Any] = {} if self.has_flow else {"beta": 0.0, "alpha": 0.0}
+        return replace(pipe, **flow, drag=pipe.drag if self.has_drag else 0.0)
+
+    def joint_damping(self, pipe: Pipe) -> Array:
+        """c_j of each joint without a root's spring."""
+        damping = np.zeros(self.springs.size)
+        for s in _of(self.modules, TorsionalSpring):
+            damping[s.joint - 1] += pipe.damping * s.stiffness if s.damping is None else s.damping
+        return damping
+
+    def compiled(self, pipe: Pipe, sprung: bool = True) -> _core.Scene:
+        """The scene as the core takes it, on a pipe, with or without what acts at the joints."""
+        return _core.Scene(
+            pipe=core_pipe(self.acting(pipe)),
+            length=self.lengths,
+            center=self.centres,
+            gyration_radius=self.gyration_radii,
+            spring=sprung * self.springs,
+            damping=sprung * self.joint_damping(pipe),
+            rest_moment=self.rest_moments,
+            drag_point=self.drag_points,
+            base=self.base,
+            mass=self.masses,
+            inertia=self.inertia,
+            held=self.held.tolist(),
+            value=self.held_values,
+        )
+
+
+def nodes_by_angles(steps: Array, theta: Array) -> Array:
+    """Derivative of the coordinates of nodes, sums of steps, by their angles, shape (3 n, n)."""
+    derivative = np.zeros((3 * theta.size, theta.size))
+    derivative[0::3] = np.tri(theta.size) * (steps * np.cos(theta))
+    derivative[1::3] = -np.tri(theta.size) * (steps * np.sin(theta))
+    return derivative
+
+
+def coordinates_by_angles(lengths: Array, theta: Array) -> Array:
+    """Derivative of the redundant coordinates by the angles of the segments, shape (3 n, n)."""
+    derivative = nodes_by_angles(lengths, theta)
+    derivative[2::3] = np.eye(theta.size) - np.eye(theta.size, k=-1)
+    return derivative
+
+
+def _of(parts: Iterable[Part], kind: type[P]) -> list[P]:
+    return [part for part in parts if isinstance(part, kind)]
+
+
+def _holds(part: Constraint) -> list[tuple[int, float]]:
+    """The redundant coordinates that a guide or pin holds, each with its value."""
+    if isinstance(part, Guide):
+        return [(3 * part.node - 3, 0.0)]
+    return (
+        [(3 * part.node - 3, part.x), (3 * part.node - 2, part.y)] if isinstance(part, Pin) else []
+    )

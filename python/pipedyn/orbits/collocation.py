@@ -1,0 +1,448 @@
+# SPDX-License-Identifier: MIT
+"""Periodic orbits as solutions of collocation equations: a Radau IIA method on a mesh.
+
+The stages are eliminated interval by interval, which leaves y(k+1) = T(k) y(k) + g(k). Products of
+the T carry a state through runs of intervals that lose no digits; between runs orthogonal
+transformations eliminate the states in pairs down to L y(0) + R y(end) = c (Wright 1992), so that
+large multipliers cost none either. The cost is linear in the number of intervals.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import Any, Self
+
+import numpy as np
+
+from pipedyn import _core
+from pipedyn.continuation.arclength import Continuation, Control, Solver
+from pipedyn.motion.vector_field import VectorField
+from pipedyn.orbits.periodic_orbit import (
+    BETWEEN,
+    NODES,
+    ONCE,
+    PROBES,
+    RATES_BETWEEN,
+    STAGES,
+    TWICE,
+    Closing,
+    PeriodicOrbit,
+    interpolated,
+    stage_phases,
+)
+from pipedyn.util import check
+from pipedyn.util.archive import saved_as
+from pipedyn.util.check import Array
+from pipedyn.util.counters import factorised
+from pipedyn.util.newton import NewtonFailed
+
+LOSS = 1e5
+"""Largest entry of a product of intervals' maps: their rounding is 1e-11 then."""
+
+WEIGHTS = NODES, ONCE, TWICE
+"""Of the method, as the core takes them."""
+
+# -------------------------------------------------------------------------------- one interval
+
+
+def _condensed(
+    motion: VectorField, orbit: PeriodicOrbit, speed_varies: bool
+) -> tuple[Array, Array, Array]:
+    """Derivatives of each interval's stages and of the state at its end, and units of the state.
+
+    By the state at its beginning, a share of the residual, the frequency and the speed: of the
+    stages' rates, shape (M, s moving, 2 moving + 3), and of the state, (M, 2 moving, 2 moving + 3).
+    The second are in the units of the state, shape (2 moving,); to its residual belongs what the
+    state misses of the next interval's. Those by the speed are 0 where it does not vary.
+    """
+    half, u = motion.half, orbit.u
+    motion = _along_stages(motion, orbit)
+    y = orbit.stage_columns()
+    by_frequency = motion.by_frequency(y, u)[half:] if motion.forced else None
+    linearised = motion.linearised(y, u)
+    units = _units(linearised[0, 2:])
+    factorised(len(orbit.starts))
+    by_rates, ends = _core.eliminated(
+        *(orbit.durations, orbit.starts, orbit.rates, linearised, by_frequency, speed_varies),
+        orbit.frequency,
+        WEIGHTS,
+        orbit.mirror,
+        units,
+    )
+    return by_rates, ends, units
+
+
+# -------------------------------------------------------------------------------- all intervals
+
+
+def carried(maps: Array) -> tuple[Array, list[int]]:
+    """What the maps of intervals, one after the other, make of the state where their run begins.
+
+    Of x -> T x + r of each interval, [T | r] (M, n, n + k), the products [P | R] up to its end, as
+    many, from the beginning of its run, and the first interval of each run. A run ends where so
+    much grows that digits would be lost.
+    """
+    return _core.carried(maps, LOSS)
+
+
+def _collapsed(whole: Array, begins: list[int]) -> tuple[Array, Array, Array, list[list[Array]]]:
+    """L, R and C of L x(begin) + R x(end) = C over all intervals, from their `carried` maps.
+
+    For each doubling of the runs also triangles T, L, R and C of the states x between, in
+    T x = C - L x(begin) - R x(end).
+    """
+    n, between = whole.shape[1], list[list[Array]]()
+    if len(begins) == 1:
+        return -whole[-1, :, :n], np.eye(n), whole[-1, :, n:], between
+    relations = whole[[*(k - 1 for k in begins[1:]), -1]]
+    eye = np.zeros_like(relations[:, :, :n]) + np.eye(n)
+    relations = np.concatenate([-relations[:, :, :n], eye, relations[:, :, n:]], axis=2)
+    while len(relations) > 1:
+        even = 2 * (len(relations) // 2)
+        a, b = relations[0:even:2], relations[1:even:2]
+        factorised(even // 2)
+        middle = np.concatenate([a[:, :, n : 2 * n], b[:, :, :n]], axis=1)
+        q, triangles = np.linalg.qr(middle, mode="complete")
+        of_a, of_b = (q[:, part].transpose(0, 2, 1) for part in (slice(n), slice(n, None)))
+        first, last = of_a @ a[:, :, :n], of_b @ b[:, :, n : 2 * n]
+        known = of_a @ a[:, :, 2 * n :] + of_b @ b[:, :, 2 * n :]
+        turned = np.concatenate([first, last, known], axis=2)[:, n:]
+        between.append([part[:, :n] for part in (triangles, first, last, known)])
+        relations = np.concatenate([turned, relations[even:]])
+    return relations[0, :, :n], relations[0, :, n : 2 * n], relations[0, :, 2 * n :], between
+
+
+def through(maps: Array) -> tuple[Array, Array]:
+    """L and R of L x(0) + R x(span) = 0 for states that intervals map on, (M, n, n); (n, n) each.
+
+    R is the identity where no digits are lost.
+    """
+    first, last, _, _ = _collapsed(*carried(maps))
+    return first, last
+
+
+class Linearised:
+    """The collocation equations about an orbit, with all but its first state eliminated.
+
+    Args:
+        phase: row and value of the condition row @ unknowns = value that fixes the phase, or of a
+            forced motion the speed.
+        speed_varies: whether the speed is an unknown.
+    """
+
+    def __init__(
+        self,
+        motion: VectorField,
+        orbit: PeriodicOrbit,
+        phase: tuple[Array, float],
+        speed_varies: bool = False,
+    ) -> None:
+        self.orbit, self._phase = orbit, phase
+        n, mirror = motion.size, orbit.mirror
+        self._rates, ends, self._units = _condensed(motion, orbit, speed_varies)
+        if orbit.forced:  # what varies is the last
+            for part in (self._rates, ends):
+                part[..., [n + 1, n + 2]] = part[..., [n + 2, n + 1]]
+        self._carried, begins = carried(ends)
+        self._first, self._last, self._right, self._between = _collapsed(self._carried, begins)
+        lengths = np.diff([*begins, len(ends)])
+        self._runs = np.repeat(np.arange(lengths.size), lengths) if lengths.size > 1 else None
+        self._matrix = np.zeros((n + 2, n + 2))
+        self._matrix[:n, :n] = self._first + mirror * self._last
+        self._matrix[:n, n:] = -self._right[:, 1:]
+        if orbit.forced:
+            self._matrix[n, n] = 1.0
+        else:
+            across = motion(orbit.starts[:1].T, orbit.u)[:, 0] * self._units
+            self._matrix[n, :n] = across / math.sqrt(across @ across)
+
+    def __call__(self, row: Array, gap: float, share: float) -> Array:
+        """See `continuation.Solver`; shape and order are those of `packed`.
+
+        The conditions on the phase and on row @ change hold on all unknowns, so three solutions
+        that meet simpler ones on (y(0), omega, u) are combined.
+        """
+        phase, value = self._phase
+        shift = share * (value - float(phase @ self.orbit.packed()))
+        n = self._units.size
+        matrix, right = self._matrix.copy(), np.zeros((n + 2, 3))
+        last = matrix[n + 1]
+        last[:n], last[n:] = row[:n] * self._units, row[-2:]
+        length = math.sqrt(last @ last)
+        last /= length
+        right[:n, 0] = self._right[:, 0] * share
+        right[n, 1], right[n + 1, 2] = 1.0, 1.0 / length
+        factorised()
+        known = np.linalg.solve(matrix, right)
+        acting = np.concatenate([[[share, 0.0, 0.0]], known[n:]])
+        ends = np.stack([known[:n], self.orbit.mirror * known[:n]])
+        found = self._restored(ends, acting)
+        (r0, a, b), (r1, c, d) = (phase @ found).tolist(), (row @ found).tolist()
+        r0, r1, determinant = shift - r0, gap - r1, a * d - b * c
+        if determinant == 0.0:
+            raise np.linalg.LinAlgError("Singular matrix")
+        shares = [1.0, (d * r0 - b * r1) / determinant, (a * r1 - c * r0) / determinant]
+        return np.asarray(found @ shares)
+
+    @property
+    def closing(self) -> tuple[Array, Array]:
+        """L and R, (n, n) each, of L y(0) + R y(span) = 0 for what obeys the linearised equations.
+
+        They hold at one frequency and one speed, in units of the state.
+        """
+        return self._first, self._last
+
+    def neutral(self) -> Array:
+        """The change at one speed that comes nearest to dy(span) = -mirror * dy(0).
+
+        It meets this exactly where an orbit loses its symmetry or doubles its period.
+        """
+        opposite = self._first - self.orbit.mirror * self._last
+        y = np.linalg.svd(opposite)[2][-1]
+        ends = np.stack([y, -self.orbit.mirror * y])
+        return self._restored(ends[..., None], np.zeros((3, 1)))[:, 0]
+
+    def _restored(self, ends: Array, factors: Array) -> Array:
+        """All unknowns, from states at both ends, (2, n, k), and factors of what acts, (3, k).
+
+        What acts is the residual, a change of the frequency and one of the speed.
+        """
+        for triangles, first, last, right in reversed(self._between):
+            pairs = len(triangles)
+            known = right @ factors - (first @ ends[:pairs] + last @ ends[1 : pairs + 1])
+            more = np.empty((len(ends) + pairs, *ends.shape[1:]))
+            more[0 : 2 * pairs + 1 : 2] = ends[: pairs + 1]
+            more[1 : 2 * pairs : 2] = np.linalg.solve(triangles, known)
+            more[2 * pairs + 1 :] = ends[pairs + 1 :]
+            ends = more
+        count, n, columns = len(self._carried), self._units.size, factors.shape[1]
+        if self._runs is None:  # all intervals from the first state
+            given = np.concatenate([ends[0], factors])
+            later = self._carried.reshape(-1, len(given)) @ given
+            later = later.reshape(count, n, columns)
+        else:
+            acting = np.broadcast_to(factors, (count, *factors.shape))
+            later = self._carried @ np.concatenate([ends[self._runs], acting], axis=1)
+        given = np.empty((count, n + 3, columns))
+        given[0, :n], given[1:, :n], given[:, n:] = ends[0], later[:-1], factors
+        given[:, :n] *= self._units[:, None]
+        rates = self._rates @ given
+        return np.concatenate(
+            [given[:, :n].reshape(-1, columns), rates.reshape(-1, columns), factors[1:]]
+        )
+
+
+def state_units(motion: VectorField, orbit: PeriodicOrbit) -> Array:
+    """Units of the state in which positions and rates of its fastest mode are equally large."""
+    first = motion.along(orbit.edges[:1], orbit.frequency)
+    return _units(first.jacobian(orbit.starts[0], orbit.u))
+
+
+def _units(jacobian: Array) -> Array:
+    """The same from the derivatives of the rates of one state."""
+    half = len(jacobian) // 2
+    units = np.ones(2 * half)
+    units[half:] = math.sqrt(max(float(np.abs(jacobian[half:, :half]).max()), 1.0))
+    return units
+
+
+def stage_derivatives(motion: VectorField, orbit: PeriodicOrbit) -> Array:
+    """Derivatives of the accelerations at the stages, shape (M, s, moving, 2 moving)."""
+    motion = _along_stages(motion, orbit)
+    rows = motion.jacobians(orbit.stage_columns(), orbit.u)[:, motion.half :]
+    return rows.reshape(*orbit.rates.shape, motion.size)
+
+
+def _along_stages(motion: VectorField, orbit: PeriodicOrbit) -> VectorField:
+    """The vector field of states at the stages."""
+    if not motion.forced:
+        return motion
+    return motion.along(stage_phases(orbit.edges).ravel(), orbit.frequency)
+
+
+def collocation_maps(motion: VectorField, orbit: PeriodicOrbit) -> tuple[Array, Array]:
+    """What changes of a state become over each interval, (M, n, n), in units of the state, (n,)."""
+    _, ends, units = _condensed(motion, orbit, False)
+    return ends[:, :, : motion.size], units
+
+
+def interval_derivatives(motion: VectorField, orbit: PeriodicOrbit) -> Array:
+    """Of the accelerations at the stages by the state where an interval begins.
+
+    Shape (M, s, moving, 2 moving); orbits on which the collocation equations still hold.
+    """
+    by_rates, _, _ = _condensed(motion, orbit, False)
+    return by_rates[..., : motion.size].reshape(*orbit.rates.shape, motion.size)
+
+
+# ----------------------------------------------------------------------------- Newton's method
+
+
+@saved_as("OrbitControl")
+@dataclass(frozen=True)
+class OrbitControl(Control):
+    """The same for orbits, which are costly: a tangent that turns by 37 degrees will do."""
+
+    shortest: float = 1e-4
+    turn: float = math.acos(0.8)
+    patience: int | None = 3  # a good start takes 2 to 4 iterations
+    longest_change: float = 0.5
+    defect: float = math.inf  # the largest of an orbit
+
+
+@saved_as("OrbitProblem")
+class OrbitProblem(Continuation):
+    """The collocation equations on one mesh, for continuation from near an orbit.
+
+    Lengths are measured in L of the free end, or in the `reach` of a vector field, and relative in
+    frequency and speed; `unit` is the root mean square of the positions p for each such length of
+    the free end's amplitude, on the orbit unless it is given. Where the speed does not vary, only
+    `fixed` is solved.
+    """
+
+    def __init__(
+        self,
+        motion: VectorField,
+        start: PeriodicOrbit,
+        control: Control,
+        unit: float | None = None,
+        speed_varies: bool = True,
+    ) -> None:
+        super().__init__(np.zeros(start.starts.size + start.rates.size + 2), control)
+        self.motion, self.start = motion, start
+        self._speed_varies = speed_varies and not motion.forced
+        self.unit = _unit_of(motion, start) if unit is None else unit
+        self._last: tuple[Array, PeriodicOrbit] | None = None
+        by_state = self.weights[: start.starts.size].reshape(start.starts.shape)
+        by_state[:, : motion.half] = np.diff(start.edges)[:, None] / (start.span * self.unit**2)
+        self.weights[-2:] = start.frequency**-2, start.u**-2 if start.u > 0.0 else 1.0
+        if start.forced:
+            self.weights[-2:] = self.weights[:-3:-1]
+            row = np.zeros_like(self.weights)
+            row[-2] = 1.0
+            self._phase = row, start.u
+            return
+        # The least change: none of it along the motion, which is a mere shift of the phase.
+        row = np.zeros_like(self.weights)
+        rates = motion(np.ascontiguousarray(start.starts.T), start.u).T
+        row[: rates.size] = self.weights[: rates.size] * rates.ravel()
+        self._phase = row, float(row @ start.packed())
+
+    def archived(self) -> dict[str, Any]:
+        """What a file keeps of it, by name."""
+        varies = {"speed_varies": self._speed_varies}
+        parts = {"motion": self.motion, "start": self.start, "control": self.control}
+        return {**parts, "unit": self.unit, **varies}
+
+    @classmethod
+    def restored(cls, fields: dict[str, Any]) -> Self:
+        """The equations of which a file kept this."""
+        motion, start, unit = fields["motion"], fields["start"], fields["unit"]
+        if (start.half, start.forced) != (motion.half, motion.forced):
+            raise ValueError("start must be an orbit of the motion")
+        check.real("unit", unit, low=0.0, open_low=True)
+        return cls(**fields)
+
+    @property
+    def origin(self) -> Array:
+        """Unknowns of the start."""
+        return self.start.packed()
+
+    def about(self, z: Array, edges: Array | None = None) -> Self:
+        """The same equations from near other unknowns, on another mesh if its edges are given."""
+        return type(self)(self.motion, self.remeshed(z, edges), self.control, self.unit)
+
+    def remeshed(self, z: Array, edges: Array | None) -> PeriodicOrbit:
+        """The orbit of unknowns, on another mesh if its edges are given."""
+        orbit = self.orbit(z)
+        if edges is None:
+            return orbit
+        return interpolated(self.motion, orbit.states, edges, orbit.frequency, orbit.u)
+
+    def orbit(self, z: Array) -> PeriodicOrbit:
+        """The orbit of unknowns."""
+        return self.start.unpacked(z)
+
+    def _at(self, z: Array) -> PeriodicOrbit:
+        """The same, asked for repeatedly of one iterate of Newton's method."""
+        if self._last is None or self._last[0] is not z:
+            self._last = z, self.orbit(z)
+        return self._last[1]
+
+    def linearised(self, z: Array) -> Solver:
+        """The equations about unknowns."""
+        return self.about_orbit(self._at(z))
+
+    def kept(self, equations: Solver, step: float) -> Closing | None:
+        """What leads to the multipliers of the orbit."""
+        # Those of kinked forces change with every iterate, those of constraints need more.
+        if self.motion.model.pipe.has_kinks or self.motion.constrained:
+            return None
+        return Closing(*equations.closing, step) if isinstance(equations, Linearised) else None
+
+    def about_orbit(self, orbit: PeriodicOrbit) -> Linearised:
+        """The equations of an orbit, about it."""
+        return Linearised(self.motion, orbit, self._phase, self._speed_varies)
+
+    def relative(self, z: Array, step: Array) -> float:
+        """Size of a step relative to the orbit's own size, its frequency and its speed."""
+        orbit = self._at(z)
+        moved = step[: orbit.starts.size].reshape(orbit.starts.shape)[:, : orbit.half]
+        size = float(np.abs(moved).max()) / orbit.size
+        last = (orbit.u, orbit.frequency) if orbit.forced else (orbit.frequency, orbit.u)
+        pairs = zip(step[-2:].tolist(), last, strict=True)
+        return max(size, *(abs(change) / (abs(value) or 1.0) for change, value in pairs))
+
+    def check(self, z: Array) -> None:
+        """Raises NewtonFailed for what is no orbit near the start: an equilibrium, or far away."""
+        orbit = self._at(z)
+        size, turn = orbit.size / self.start.size, orbit.frequency / self.start.frequency
+        if size < 0.03:
+            raise NewtonFailed("Newton's method takes the amplitude below 3 % of its start's")
+        if size > 30.0 or not 0.1 < turn < 10.0 or orbit.u < 0.0:
+            raise NewtonFailed("Newton's method left the neighbourhood of its start")
+
+
+def _unit_of(motion: VectorField, orbit: PeriodicOrbit) -> float:
+    """The unit of `OrbitProblem` on an orbit."""
+    states = orbit.states(PROBES)
+    positions, across = states[: motion.half], motion.tip(states)
+    centred = positions - positions.mean(axis=1, keepdims=True)
+    size = math.sqrt(float(np.mean(np.sum(centred**2, axis=0))))
+    # A free end may be held.
+    return motion.reach * size / max(0.5 * float(np.ptp(across)), 0.01 * size)
+
+
+def solved(
+    motion: VectorField,
+    orbit: PeriodicOrbit,
+    tolerance: float,
+    closing: bool = False,
+    iterations: int = OrbitControl.iterations,
+) -> PeriodicOrbit:
+    """The periodic orbit near another at its speed, on its mesh; NewtonFailed if none is found.
+
+    closing: whether it has what leads to its multipliers.
+    iterations: steps of Newton's method after which none is found.
+    """
+    control = OrbitControl(
+        longest=math.inf,
+        tolerance=tolerance,
+        stagnation=1e3 * tolerance,
+        iterations=iterations,
+        patience=None,
+    )
+    problem = OrbitProblem(motion, orbit, control, unit=1.0, speed_varies=False)
+    z = orbit.packed()
+    z, kept = problem.fixed_and_kept(z, float(z[-1]))
+    return replace(problem.orbit(z), closing=kept if closing else None)
+
+
+def residual(motion: VectorField, orbit: PeriodicOrbit) -> float:
+    """Largest |dy/dt - f(y)| half-way between the stages, of the accelerations, relative."""
+    phase = orbit.edges[:-1, None] + np.diff(orbit.edges)[:, None] * BETWEEN
+    motion = motion.along(phase.ravel(), orbit.frequency)
+    true = motion(orbit.states_between(), orbit.u)[motion.half :].reshape(motion.half, -1, STAGES)
+    given = (RATES_BETWEEN @ orbit.rates).transpose(2, 0, 1)
+    return float(np.abs(given - true).max() / np.abs(true).max())

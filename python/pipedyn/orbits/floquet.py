@@ -1,0 +1,369 @@
+# SPDX-License-Identifier: MIT
+"""Floquet multipliers of a periodic orbit, and what happens where they pass the unit circle.
+
+The variational equation along the orbit is solved by Magnus' series. Where that does not reach the
+tolerance, or forces have kinks at phases that are not known, it is solved by the orbit's own
+collocation, on a mesh fine enough for all fast modes that do not decay at once; also where the
+orbit's mesh is so anyway. Either gives the maps of intervals and, from shorter ones, an error. The
+multipliers mu are those of the pencil L + mu R that the maps lead to, so that multipliers of a
+million cost no digits of the trivial one.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from pipedyn import _core
+from pipedyn.linear.eigenproblem import Complex
+from pipedyn.motion.vector_field import VectorField
+from pipedyn.orbits.collocation import (
+    collocation_maps,
+    stage_derivatives,
+    state_units,
+    through,
+)
+from pipedyn.orbits.magnus import interval_maps
+from pipedyn.orbits.periodic_orbit import Closing, PeriodicOrbit, interpolated, refined
+from pipedyn.util.check import Array
+from pipedyn.util.counters import factorised
+from pipedyn.util.later import scipy
+from pipedyn.util.newton import NewtonFailed
+
+TOLERANCE, MOST_HALVINGS, MOST = 1e-7, 4, 4000
+"""Error of a multiplier, relative if above 1: a tenth of what the trivial one may be off. Halvings
+of mesh intervals to get there: one mostly does. Mesh intervals: 2 GB for 100 segments."""
+
+TURN = 4.0
+"""Largest |lambda| h of an interval, for modes that persist, up to which multipliers are known to
+TOLERANCE: the error is 3e-8, at half 5e-13, as its sixteenth power."""
+
+SENSITIVITY = 1e4
+"""By how much more multipliers change than the orbit, relative. Measured in 970 of Newton's steps
+on branches of a chain and a reduced model: 60 in the mean, this in 99 of 100, and more by far only
+where two multipliers meet."""
+
+FINER = 2.0
+"""How many times as many intervals the collocation may take before Magnus' series is tried: there
+both cost about the same."""
+
+PARTS = 12.0
+"""Parts into which Magnus' series first divides half a period, for each cube root of the fastest
+mode's turns in it. With twice as many, multipliers of chains and reduced models err by some 1e-6 at
+an amplitude of 0.28 L, and by less at smaller ones."""
+
+UNIT = 1e-6
+"""By how much multipliers may exceed 1 on a stable cycle: as far as the trivial one may be off."""
+
+LARGEST_ERROR = 1e-3
+"""Error of the multipliers beyond which a cycle on a branch, or that of a motion, is left out: near
+five folds it was measured 6e-5 at most."""
+
+EventKind = Literal[
+    "fold", "pitchfork", "period doubling", "torus", "grazing", "hopf", "infinite period", "end"
+]
+
+
+def orbit_multipliers(
+    motion: VectorField,
+    orbit: PeriodicOrbit,
+    tolerance: float = TOLERANCE,
+    coarser: PeriodicOrbit | None = None,
+) -> tuple[Complex, Complex, float]:
+    """Floquet multipliers, the largest modulus first, their roots and the error of the worst.
+
+    Finer meshes are tried until the error is at most the tolerance, which may remain out of reach.
+    `coarser` is the orbit on the mesh from which its own was refined, if that is known: where the
+    equations that were solved for both are, no others are needed.
+
+    Of an orbit with a mirror the roots are the eigenvalues over half a period, reflected. The
+    multipliers, shape (2 dof,), are their squares: the trivial one is 1 either way, and a
+    perturbation that breaks the mirror symmetry and neither grows nor decays has the root -1.
+    Without a mirror the roots are the multipliers.
+
+    Raises:
+        NewtonFailed: if they overflow.
+    """
+    turns, error = _turns(motion, orbit), math.inf
+    roots: Complex = np.empty(0, dtype=np.complex128)
+    # The series is for modes that the collocation resolves on a far finer mesh only. Kinks at
+    # phases that are not known take the error that halving shows.
+    parts = _parts(turns, tolerance)
+    if parts.sum() > FINER * parts.size and (smooth := _between_kinks(motion, orbit)):
+        roots, error = _by_magnus(motion, smooth, turns.sum(), tolerance)
+    if not error <= tolerance:
+        others, other = _by_collocation(motion, orbit, parts, tolerance, coarser)
+        if not other > error:
+            roots, error = others, other
+    values: Complex = roots**2 if orbit.symmetric else roots
+    # Rounded, as the moduli of a pair differ by rounding.
+    sizes = np.log(np.maximum(np.abs(values), 1e-300)).round(11)
+    order = np.lexsort((-values.imag, -sizes))
+    return values[order].astype(np.complex128), roots[order], error
+
+
+def quick_multipliers(
+    motion: VectorField, orbit: PeriodicOrbit, tolerance: float
+) -> Complex | None:
+    """The multipliers by the equations that were solved for the orbit, without their error.
+
+    None where these are not known, or would not give them to the tolerance.
+    """
+    closing = _closing(orbit, tolerance)
+    if closing is None or _turns(motion, orbit).max() > _longest(tolerance):
+        return None
+    roots = orbit.mirror * _eigenvalues_of(closing.first, closing.last)
+    return roots**2 if orbit.symmetric else roots
+
+
+def _closing(orbit: PeriodicOrbit, tolerance: float) -> Closing | None:
+    """What was solved for the orbit, where it gives its multipliers to a tolerance."""
+    known = orbit.closing
+    return known if known is not None and SENSITIVITY * known.step <= tolerance else None
+
+
+def parts_for(motion: VectorField, orbit: PeriodicOrbit, tolerance: float) -> NDArray[np.int_]:
+    """Parts of each interval, (M,), with which multipliers are known to a tolerance."""
+    return _parts(_turns(motion, orbit), tolerance)
+
+
+def _parts(turns: Array, tolerance: float) -> NDArray[np.int_]:
+    """The same from the turns of each interval."""
+    return np.ceil(np.maximum(turns / _longest(tolerance), 1.0)).astype(int)
+
+
+def _longest(tolerance: float) -> float:
+    """Largest |lambda| h of an interval with which multipliers are known to a tolerance."""
+    return TURN * (tolerance / TOLERANCE) ** 0.0625
+
+
+def _between_kinks(motion: VectorField, orbit: PeriodicOrbit) -> PeriodicOrbit | None:
+    """The same on intervals on which its derivatives are smooth; None where they are not known."""
+    if not motion.model.pipe.has_kinks:
+        return orbit
+    if not motion.model.kinks_known:
+        return None
+    return refined(motion, orbit, np.ones(len(orbit.starts), dtype=int), at_kinks=True)
+
+
+def _by_magnus(
+    motion: VectorField, orbit: PeriodicOrbit, turns: float, tolerance: float
+) -> tuple[Complex, float]:
+    """Roots of the multipliers and the error of the worst, by Magnus' series."""
+    units = state_units(motion, orbit)
+    rounds = orbit.span / math.pi
+    number = PARTS * rounds * (turns / rounds) ** (1.0 / 3.0)
+    parts = np.ceil(number * np.diff(orbit.edges) / orbit.span).astype(int)
+    return by_series(
+        *(stage_derivatives(motion, orbit), orbit.durations, units, parts),
+        lambda maps: _eigenvalues(motion, orbit, maps, units),
+        2 if orbit.symmetric else 1,
+        tolerance,
+    )
+
+
+def by_series(
+    rows: Array,
+    durations: Array,
+    units: Array,
+    parts: NDArray[np.int_],
+    eigenvalues: Callable[[Array], Complex] | None = None,
+    power: int = 1,
+    tolerance: float = TOLERANCE,
+) -> tuple[Complex, float]:
+    """Roots of the multipliers and the error of the worst, from derivatives along a period.
+
+    An interval's map errs by the fourth power of the length of its parts, so that what two lengths
+    differ by gives a better map: the error is how far this moves the multipliers.
+
+    Args:
+        rows: as for `interval_maps`.
+        durations: also.
+        units: also.
+        parts: also; those to begin with.
+        eigenvalues: the roots from the maps, raises `NewtonFailed` where they overflow; of the maps
+            alone where not given.
+        power: of the roots that the multipliers are.
+        tolerance: of the multipliers.
+    """
+    eigenvalues = eigenvalues or eigenvalues_through
+    given = rows, durations, units
+    maps, error, more = interval_maps(*given, parts), math.inf, 2.0
+    roots: Complex = np.empty(0, dtype=np.complex128)
+    while error > tolerance and more * parts.sum() <= MOST:
+        fewer, coarser = parts, maps
+        parts = np.ceil(more * fewer).astype(int)
+        maps = interval_maps(*given, parts)
+        left = 1.0 / ((parts / fewer) ** 4 - 1.0)
+        try:
+            plain = eigenvalues(maps)
+            roots = eigenvalues(maps + left[:, None, None] * (maps - coarser))
+        except NewtonFailed:  # parts may be too long for the fastest modes
+            return roots, math.inf
+        last, error = error, _moved(plain**power, roots**power)
+        if error > 0.5 * last:  # two that meet at 1, as at a Hopf point, have half the digits
+            break
+        more = min(max((2.0 * error / tolerance) ** 0.25, 1.5), 2.0)
+    return roots, error
+
+
+def _by_collocation(
+    motion: VectorField,
+    orbit: PeriodicOrbit,
+    parts: NDArray[np.int_],
+    tolerance: float,
+    coarser: PeriodicOrbit | None,
+) -> tuple[Complex, float]:
+    """The same by the collocation that the orbit itself solves, each interval in so many parts.
+
+    It is done on meshes half and twice as fine as well.
+    Halving leaves 2^-15 of the error where f is smooth, and 2^-3 across kinks at phases that are
+    not known; of both some more is allowed for.
+    """
+    left = 1e-3 if motion.model.kinks_known else 0.25
+    if (parts > 1).any() and 2 * parts.sum() <= MOST:
+        orbit = refined(motion, orbit, parts, at_kinks=True)
+    used = _closing(orbit, tolerance)
+    least = SENSITIVITY * used.step if used is not None else 0.0
+    roots, error = _roots(motion, orbit, tolerance), math.inf
+    power = 2 if orbit.symmetric else 1
+    smooth = not motion.model.pipe.has_kinks
+    if coarser is not None and _closing(coarser, tolerance / left) is not None and smooth:
+        coarse = _roots(motion, coarser, tolerance / left)
+        error = max(left * _moved(coarse**power, roots**power), least)
+    elif smooth and (pairs := _by_pairs(motion, orbit)):
+        error = max(0.1 * _moved(_roots(motion, pairs) ** power, roots**power), least)
+    for _ in range(MOST_HALVINGS):
+        if error <= tolerance or 2 * len(orbit.starts) > MOST:
+            break
+        orbit = refined(motion, orbit, np.full(len(orbit.starts), 2))
+        before, roots = roots, _roots(motion, orbit)
+        last, error = error, left * _moved(before**power, roots**power)
+        if error > 0.5 * last:
+            break
+    return roots, error
+
+
+def _roots(motion: VectorField, orbit: PeriodicOrbit, tolerance: float = 0.0) -> Complex:
+    """The roots of the multipliers by the collocation on the orbit's own mesh.
+
+    Where what was solved for it gives them to a tolerance, by that.
+    """
+    if (closing := _closing(orbit, tolerance)) is not None:
+        return np.asarray(orbit.mirror * _eigenvalues_of(closing.first, closing.last))
+    return _eigenvalues(motion, orbit, *collocation_maps(motion, orbit))
+
+
+def _by_pairs(motion: VectorField, orbit: PeriodicOrbit) -> PeriodicOrbit | None:
+    """The same on intervals of two each, at last of three; None where neighbours differ by half.
+
+    To join neighbours one of which is 1.8 times as long makes 1,000 times the error, and 30 times
+    at the least where the orbit between its stages is what errs.
+    """
+    steps = np.log(np.diff(orbit.edges))
+    if steps.size < 4 or np.abs(np.diff(steps)).max() > math.log(1.8):
+        return None
+    edges = np.append(orbit.edges[:-2:2], orbit.span)
+    return interpolated(motion, orbit.states, edges, orbit.frequency, orbit.u)
+
+
+def _moved(before: Complex, after: Complex) -> float:
+    """How far the worst of the multipliers moves, relative where above 1."""
+    moved = np.abs(before[:, None] - after) / np.maximum(np.abs(after), 1.0)
+    return float(moved[np.arange(len(moved)), _core.assignment(moved)].max())
+
+
+def _eigenvalues(motion: VectorField, orbit: PeriodicOrbit, maps: Array, units: Array) -> Complex:
+    """The roots of the multipliers from the maps of intervals, in units of the state."""
+    allowed: Array | None = None
+    if motion.constrained:
+        allowed = motion.model.free_states(orbit.starts[0]) / units[:, None]
+    return np.asarray(orbit.mirror * eigenvalues_through(maps, allowed))
+
+
+def eigenvalues_through(maps: Array, allowed: Array | None = None) -> Complex:
+    """Eigenvalues of the product of intervals' maps, (M, n, n), of states along allowed columns.
+
+    Raises:
+        NewtonFailed: if they overflow.
+    """
+    with np.errstate(over="raise", invalid="raise"):
+        try:
+            left, right = through(maps)
+        except (FloatingPointError, ValueError, np.linalg.LinAlgError) as error:
+            raise NewtonFailed("its Floquet multipliers overflow") from error
+    return _eigenvalues_of(left, right, allowed)
+
+
+def _eigenvalues_of(left: Array, right: Array, allowed: Array | None = None) -> Complex:
+    """The mu of L y + mu R y = 0, of y along allowed columns; raises `NewtonFailed` likewise."""
+    factorised()
+    with np.errstate(over="raise", invalid="raise"):
+        try:
+            if allowed is not None:
+                allowed, _ = np.linalg.qr(allowed)
+                left = allowed.T @ np.linalg.solve(right, left @ allowed)
+                right = np.eye(len(left))
+            if np.array_equal(right, np.eye(len(right))):
+                values = np.asarray(np.linalg.eigvals(-left), dtype=np.complex128)
+            else:
+                values = np.asarray(scipy.linalg.eigvals(left, -right), dtype=np.complex128)
+            if not (np.abs(values) < 1e150).all():  # its square is finite
+                raise FloatingPointError
+        except (FloatingPointError, ValueError, np.linalg.LinAlgError) as error:
+            raise NewtonFailed("its Floquet multipliers overflow") from error
+    return values
+
+
+def _turns(motion: VectorField, orbit: PeriodicOrbit) -> Array:
+    """|lambda| h of the fastest mode that persists, for each interval, shape (M,).
+
+    One that decays by more than exp(-25) over the span ends below 1e-11 of its size.
+    """
+    every = len(orbit.starts) // 2
+    some = np.ascontiguousarray(orbit.starts[::every].T)
+    motion = motion.along(orbit.edges[:-1:every], orbit.frequency)
+    factorised(some.shape[1])
+    rates = np.linalg.eigvals(motion.jacobians(some, orbit.u))
+    persist = rates.real > -25.0 * orbit.frequency / orbit.span
+    return np.asarray(orbit.durations * np.abs(rates[persist]).max(initial=0.0))
+
+
+# ----------------------------------------------------------------- what passes the unit circle
+
+
+def nontrivial(multipliers: ArrayLike) -> Complex:
+    """All multipliers but the one nearest to 1."""
+    given = np.asarray(multipliers, dtype=np.complex128)
+    return np.delete(given, int(np.argmin(np.abs(given - 1.0))))
+
+
+def growth(multipliers: ArrayLike) -> Array:
+    """Logarithms of the moduli of all but the trivial one, relative to 1 + UNIT, falling."""
+    sizes = np.sort(np.abs(nontrivial(multipliers)))[::-1]
+    return np.asarray(np.log(np.maximum(sizes, 1e-300) / (1.0 + UNIT)))
+
+
+def crossing_event(
+    roots: ArrayLike, mirrored: bool, trivial: bool = True
+) -> tuple[EventKind, complex]:
+    """What a multiplier that passes the unit circle does, and that multiplier.
+
+    One that passes 1 makes a fold. With a mirror symmetry of the cycle the multipliers are squares
+    of their `roots`, the eigenvalues of the map over half a period and the reflection, which
+    distinguish a pitchfork from a fold. Without one the roots are the multipliers themselves.
+    Of a forced motion none of them is trivial.
+    """
+    others = nontrivial(roots) if trivial else np.asarray(roots, dtype=np.complex128)
+    nearest = complex(others[int(np.argmin(np.abs(np.abs(others) - 1.0)))])
+    kind: EventKind = "torus"
+    if abs(nearest.imag) < 1e-3 * abs(nearest):  # two that meet split by sqrt(error)
+        flipped: EventKind = "pitchfork" if mirrored else "period doubling"
+        kind = "fold" if nearest.real > 0.0 else flipped
+        nearest = complex(math.copysign(1.0, nearest.real))
+    nearest /= abs(nearest)
+    return kind, nearest**2 if mirrored else nearest

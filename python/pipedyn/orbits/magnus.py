@@ -1,0 +1,132 @@
+# SPDX-License-Identifier: MIT
+"""What small changes of a state become along an orbit, by Magnus' series of fourth order.
+
+Over a part of length h about its middle,
+
+    y' = J(t) y,   y(h) = exp(b0 - [b0, b1]) y(0),   b0 = int J dt,   b1 = int (t - h / 2) J dt / h,
+
+with an error of h^5 for each part. The exponential is exact where J does not change, so parts may
+be as long as many turns of a fast mode, which methods for differential equations must resolve. J is
+taken from the stages of a collocation's intervals, as the polynomial through them.
+
+Source: Blanes, Casas, Oteo and Ros (2009), The Magnus expansion and some of its applications.
+"""
+
+from __future__ import annotations
+
+import math
+from functools import cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipedyn.orbits.periodic_orbit import STAGES, both_integrals
+from pipedyn.util.check import Array
+from pipedyn.util.counters import in_time
+
+CACHED = 14_000
+"""Numbers in a stack of matrices: nine stacks of as many fit into 1 MB of cache."""
+
+DEGREE, LARGEST = 16, 0.78
+"""Degree of Taylor's polynomial, and the norm up to which it gives exp to rounding, as
+0.78^17 / 17! = 4e-17 (Al-Mohy and Higham 2010, theta_16)."""
+
+_TAYLOR = np.array([1.0 / math.factorial(k) for k in range(DEGREE + 1)])
+
+_SUMS = np.zeros((4, 4))
+"""Of A, A^2, A^3 and A^4 in the four sums of a polynomial in A^4, which also have a constant."""
+_SUMS[:, :3] = _TAYLOR[1:].reshape(4, 4)[:, :3]
+_SUMS[3, 3] = _TAYLOR[DEGREE]
+
+
+@cache
+def _moments(parts: int) -> tuple[Array, Array]:
+    """Weights of the stages in b0 and b1 of each part of an interval of length 1, (parts, s)."""
+    once, twice = both_integrals(np.linspace(0.0, 1.0, parts + 1))
+    # By parts, int (t - middle) p dt is what the integral of p has at the ends, less its own.
+    first = 0.5 * (once[1:] + once[:-1]) - parts * np.diff(twice, axis=0)
+    return np.diff(once, axis=0), first
+
+
+@np.errstate(over="ignore", invalid="ignore")
+def interval_maps(rows: Array, durations: Array, units: Array, parts: NDArray[np.int_]) -> Array:
+    """The maps of changes of a state [p, p'] over intervals, in units of the state, (M, n, n).
+
+    Args:
+        rows: derivatives of p'' by the state at the stages of each interval, (M, s, n / 2, n).
+        durations: of the intervals, (M,).
+        units: of the state, those of p all 1, those of p' all alike, (n,).
+        parts: into how many each interval is divided, (M,).
+    """
+    half, size = rows.shape[2:]
+    maps = np.empty((len(rows), size, size))
+    for count in np.unique(parts).tolist():
+        piece = max(1, CACHED // (count * size**2))
+        same = np.flatnonzero(parts == count)
+        for some in np.split(same, range(piece, same.size, piece)):
+            in_time()
+            weights = np.stack(_moments(count)).reshape(2 * count, STAGES)
+            scaled = rows[some].reshape(some.size, STAGES, -1) * durations[some, None, None]
+            both = (weights @ scaled).reshape(some.size, 2, count, half, size)
+            both *= units / units[half:, None]
+            step = durations[some, None, None, None] / count * units[-1]
+            factors = exponentials(_exponents(both[:, 0], both[:, 1], step))
+            whole = factors[:, 0]
+            for k in range(1, count):
+                whole = factors[:, k] @ whole
+            maps[some] = whole
+    return maps
+
+
+def _exponents(b0: Array, b1: Array, step: Array) -> Array:
+    """b0 - [b0, b1] from lower halves, (..., n / 2, n): of p b0 has step p', b1 nothing."""
+    half, size = b0.shape[-2:]
+    made = np.empty((*b0.shape[:-2], size, size))
+    top, bottom = made[..., :half, :], made[..., half:, :]
+    np.multiply(-step, b1, out=top)
+    np.einsum("...ii->...i", top[..., half:])[...] += step[..., 0]
+    np.subtract(b0, b0[..., half:] @ b1, out=bottom)
+    bottom += b1[..., half:] @ b0
+    bottom[..., half:] += step * b1[..., :half]
+    return made
+
+
+def exponentials(exponents: Array) -> Array:
+    """Exponentials of a stack of matrices, (..., n, n), by Taylor's polynomial and squarings.
+
+    Where they overflow they are infinite or NaN.
+    """
+    size = exponents.shape[-1]
+    stack = exponents.reshape(-1, size, size)
+    made = np.empty_like(stack)
+    piece = max(1, CACHED // size**2)
+    numbers = np.empty(9 * min(piece, len(stack)) * size**2)
+    for begin in range(0, len(stack), piece):
+        some = stack[begin : begin + piece]
+        scratch = numbers[: 9 * some.size].reshape(9, *some.shape)
+        made[begin : begin + piece] = _exponentials(some, scratch)
+    return made.reshape(exponents.shape)
+
+
+def _exponentials(exponents: Array, scratch: Array) -> Array:
+    """The same of a few, in scratch, (9, k, n, n)."""
+    powers, sums, other = scratch[:4], scratch[4:8], scratch[8]
+    powers[0] = exponents
+    np.matmul(powers[0], powers[0], out=powers[1])
+    np.matmul(powers[1], powers[:2], out=powers[2:])
+    sizes = np.abs(powers[2:]).sum(axis=-2).reshape(2, -1).max(axis=1) ** [1.0 / 3.0, 0.25]
+    if not np.isfinite(sizes).all():
+        return np.full_like(exponents, math.nan)
+    halvings = max(0, math.ceil(math.log2(max(*sizes, 1e-300) / LARGEST)))
+    shrunk = 0.5 ** (halvings * np.arange(1.0, 5.0))
+    np.matmul(_SUMS * shrunk, powers.reshape(4, -1), out=sums.reshape(4, -1))
+    np.einsum("k...ii->...ik", sums)[...] += _TAYLOR[:DEGREE:4]
+    powers[3] *= shrunk[3]
+    made = sums[3]
+    for rest in sums[2::-1]:
+        np.matmul(made, powers[3], out=other)
+        np.add(other, rest, out=made)
+    for _ in range(halvings):
+        np.matmul(made, made, out=other)
+        made, other = other, made
+    return made

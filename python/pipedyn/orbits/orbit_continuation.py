@@ -1,0 +1,471 @@
+# SPDX-License-Identifier: MIT
+"""Continuation of periodic orbits in the flow speed, past folds.
+
+A branch begins at a Hopf point, where an orbit loses its symmetry or doubles its period, or at any
+orbit. The mesh is refined and coarsened on the way. Whatever solves for an orbit raises
+`NewtonFailed` where there is none.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, field, replace
+from itertools import islice
+from typing import TypeVar, cast
+
+import numpy as np
+
+from pipedyn.continuation.arclength import Point, Segment, folds
+from pipedyn.equilibrium.hopf import Hopf, HopfPoint
+from pipedyn.motion.vector_field import VectorField
+from pipedyn.orbits.collocation import OrbitControl, OrbitProblem, solved
+from pipedyn.orbits.periodic_orbit import (
+    COARSEST,
+    PROBES,
+    PeriodicOrbit,
+    coarsest_mesh,
+    distances_from_kinks,
+    divided,
+    refined,
+    resolved,
+    stage_phases,
+)
+from pipedyn.util.check import Array
+from pipedyn.util.later import scipy
+from pipedyn.util.newton import NewtonFailed
+
+SMALL, SMALLEST, LARGEST = 0.01, 1e-4, 0.3
+"""Length in L of the free end of a branch's first step, the least that is tried, and the largest on
+the way to a speed: the normal form holds at the first to a per cent or better, at the last to a
+tenth, and rounding is far below the least."""
+
+MOST_INTERVALS = 250
+"""Mesh intervals of an orbit on a branch: 2,000 stages, with which orbits take seconds each."""
+
+MOST_EVALUATIONS = 100_000
+"""Right-hand sides and Jacobians after which no more steps are taken on the way to a speed: they
+alone take 1 s of a chain of 20 segments, half a minute of one of 100."""
+
+FINE = OrbitControl(0.15, tolerance=1e-8, stagnation=1e-5, defect=1e-4, patience=2)
+"""For diagrams: amplitudes are then good to 1e-9 and multipliers to 1e-8, under drag to some 2e-5
+and 5e-5."""
+
+COARSE = OrbitControl(0.3, tolerance=3e-4, stagnation=1e-2, defect=1e-3)
+"""Where a cycle is looked for: near enough for Newton's method on the finer meshes that follow. A
+step of the tolerance leaves its square, some 1e-7."""
+
+PAST, GRAZING, MOST_GRAZES = 3e-4, 1e-2, 8
+"""How far beyond a grazed stop a branch goes on, relative to its parameter; how near to the stop
+its orbits come before, relative to their size; and how often a branch may graze."""
+
+ROUNDING = 1e-9
+"""Share of an orbit's size below which the part of it that breaks a symmetry is rounding: Newton's
+method leaves steps of 1e-8 at most, of which their square is left."""
+
+Step = Segment[OrbitProblem]
+"""A step along a branch of orbits."""
+
+
+def orbit_at(step: Step, s: float) -> PeriodicOrbit:
+    """The orbit at an arc length from the beginning of a step."""
+    point = step.at(s)
+    return replace(step.problem.orbit(point.z), closing=point.kept)
+
+
+def solved_anew(
+    motion: VectorField, orbit: PeriodicOrbit, u: float, symmetric: bool, how: OrbitControl
+) -> PeriodicOrbit:
+    """The periodic orbit near another at a speed, on as coarse a mesh as resolves it."""
+    guess = resolved(motion, orbit.states, orbit.frequency, u, symmetric, how.defect)
+    return solved(motion, guess, how.tolerance)
+
+
+# ---------------------------------------------------------------------------- where it begins
+
+
+@dataclass(frozen=True)
+class BranchStart:
+    """Where a branch begins."""
+
+    orbit: PeriodicOrbit  # what it leaves, at rest or periodic
+    towards: Array = field(repr=False)  # direction and length of the first step
+    speeds: tuple[float, float] = (0.0, math.inf)  # between which that ends
+
+
+def from_hopf(
+    motion: VectorField, point: HopfPoint, amplitude: float = SMALL, u: float | None = None
+) -> BranchStart:
+    """With a first step to an amplitude of the free end.
+
+    It ends at a speed within 1e-3, relative, of the Hopf point's, or up to half as far again as
+    another speed u.
+    """
+    edges = coarsest_mesh(not point.rest.any() and motion.is_odd(point.speed))
+    turn = np.exp(1j * stage_phases(edges))[..., None]
+    starts = (point.mode * np.exp(1j * edges[:-1])[:, None]).real
+    # Those of the mode and not of the forces, which at large amplitudes are far from them.
+    rates = (1j * point.frequency * point.mode[motion.half :] * turn).real
+    still = point.rest + np.zeros_like(starts), np.zeros_like(rates)
+    base = PeriodicOrbit(edges, *still, point.frequency, point.speed)
+    mode = np.concatenate([starts.ravel(), rates.ravel(), [0.0, 0.0]])
+    ends = [0.999 * point.speed, 1.001 * point.speed]
+    if u is not None:
+        ends.append(point.speed + 1.5 * (u - point.speed))
+    return BranchStart(base, amplitude * mode, (min(ends), max(ends)))
+
+
+def from_branch_point(motion: VectorField, orbit: PeriodicOrbit) -> BranchStart:
+    """From an orbit that loses its symmetry or, having none, doubles its period.
+
+    It is left in its neutral direction.
+    """
+    equations = OrbitProblem(motion, orbit, FINE).about_orbit(orbit)
+    # After the first half the perturbation is the opposite of what the orbit itself does.
+    direction = orbit.unpacked(equations.neutral()).doubled(-1.0).packed()
+    base = orbit.doubled()
+    length = OrbitProblem(motion, base, FINE).length(direction)
+    return BranchStart(base, SMALL / length * direction)
+
+
+def both_ways(motion: VectorField, orbit: PeriodicOrbit) -> list[BranchStart]:
+    """From any orbit towards falling and towards growing speed."""
+    orbit = solved_anew(motion, orbit, orbit.u, orbit.symmetric, FINE)
+    return from_orbit(motion, orbit, (-1.0, 1.0))
+
+
+def from_orbit(
+    motion: VectorField, orbit: PeriodicOrbit, ways: Sequence[float]
+) -> list[BranchStart]:
+    """Starts from an orbit on its own mesh: its parameter grows for each way > 0, else it falls."""
+    z = orbit.packed()
+    growing = np.append(np.zeros(z.size - 1), 1.0)
+    tangent = OrbitProblem(motion, orbit, FINE).point(z, growing).tangent
+    return [BranchStart(orbit, math.copysign(0.2 * FINE.longest, way) * tangent) for way in ways]
+
+
+@dataclass(frozen=True)
+class Grazing:
+    """Where orbits begin or cease to touch a stop, and how their branch goes on beyond.
+
+    Attributes:
+        start: of the branch on the other side.
+        middle: the last orbit before, with its parameter half-way to that of the first beyond.
+        error: of that parameter.
+    """
+
+    start: BranchStart
+    middle: PeriodicOrbit
+    error: float
+
+
+def _with_parameter(orbit: PeriodicOrbit, p: float) -> PeriodicOrbit:
+    """An orbit with another value of its branch's parameter: its frequency if it is forced."""
+    return replace(orbit, frequency=p) if orbit.forced else replace(orbit, u=p)
+
+
+def past_grazing(motion: VectorField, last: Step) -> Grazing | None:
+    """What is beyond the end of a step, if the orbit there touches a stop, or all but does.
+
+    There the branch turns within a distance in which no mesh between both sides is resolved: the
+    orbit on the other side is solved for at a parameter nearby, on a mesh that ends at the stop.
+
+    Raises:
+        NewtonFailed: if there is a stop, and no orbit is found beyond.
+    """
+    here = orbit_at(last, last.length)
+    away = distances_from_kinks(motion, here)
+    nearest = int(np.argmin(np.abs(away))) if away.size else 0
+    if not away.size or abs(away[nearest]) > GRAZING * here.size:
+        return None
+    # The step may have gone a little beyond: the side that it came from is left.
+    touches = distances_from_kinks(motion, orbit_at(last, 0.0))[nearest] > 0.0
+    p, way = last.end.p, math.copysign(1.0, last.slopes[1])
+    for share in (way * PAST, -way * PAST):
+        beyond = _with_parameter(here, p * (1.0 + share))
+        try:
+            orbit = beside_kink(motion, beyond, -1.0 if touches else 1.0)
+        except NewtonFailed:
+            continue
+        there = distances_from_kinks(motion, orbit)[nearest]
+        if (there > 0.0) != touches and abs(orbit.size / here.size - 1.0) <= 0.05:
+            (start,) = from_orbit(motion, orbit, (share,))
+            middle = _with_parameter(here, p * (1.0 + 0.5 * share))
+            return Grazing(start, middle, 0.5 * abs(share) * p)
+    raise NewtonFailed("it grazes a stop there, and no orbit was found beyond")
+
+
+def beside_kink(motion: VectorField, orbit: PeriodicOrbit, way: float) -> PeriodicOrbit:
+    """The orbit at the parameter of another one that goes farther, or less far where way is < 0.
+
+    It is looked for from larger and larger changes of the size, on meshes with a point wherever a
+    force begins; raises NewtonFailed if none leads to an orbit.
+    """
+    reason, mean = NewtonFailed(""), np.zeros((2 * orbit.half, 1))
+    if not orbit.symmetric:
+        mean = orbit.states(PROBES).mean(axis=1, keepdims=True)
+    for share in (1e-3, 3e-3, 1e-2):
+
+        def states(phase: Array, factor: float = 1.0 + way * share) -> Array:
+            return np.asarray(mean + factor * (orbit.states(phase) - mean))
+
+        guess = resolved(motion, states, orbit.frequency, orbit.u, orbit.symmetric, FINE.defect)
+        try:
+            for _ in range(4):
+                once = np.ones(len(guess.starts), dtype=np.int_)
+                guess = solved(motion, refined(motion, guess, once, at_kinks=True), FINE.tolerance)
+            return guess
+        except NewtonFailed as failure:
+            reason = failure
+    raise reason
+
+
+def _first_step(motion: VectorField, start: BranchStart, how: OrbitControl) -> Step:
+    """The first step of a branch, a shorter one if it leads to no orbit, or not to such a one."""
+    begin, towards = start.orbit.packed(), start.towards
+    low, high = start.speeds
+    while True:
+        # So small a start lets the orbits on the way be anything from 0.15 % to 150 % of the first.
+        problem = OrbitProblem(motion, start.orbit.unpacked(begin + 0.05 * towards), how)
+        length = problem.length(towards)
+        try:
+            end = problem.at(problem.starting(begin, towards), length)
+            is_resolved = (problem.orbit(end.z).defects() <= COARSE.defect).all()
+            if (low <= end.p <= high and is_resolved) or length <= SMALLEST:
+                return Segment(problem, problem.starting(begin, end.z - begin), end)
+        except NewtonFailed:
+            if length <= SMALLEST:
+                raise
+        towards = 0.3 * towards
+
+
+def breaking_part(orbit: PeriodicOrbit, kind: str) -> Array:
+    """The part of an orbit that vanishes where it meets what it leaves, at `PROBES`, (k, moving).
+
+    That is an equilibrium ("hopf"), its own mirror image ("pitchfork") or an orbit of half the
+    period ("period doubling").
+    """
+    p = orbit.states(PROBES)[: orbit.half].T
+    later = np.roll(p, -PROBES.size // 2, axis=0)
+    if kind == "hopf":
+        return p if orbit.symmetric else p - p.mean(axis=0)
+    return 0.5 * (p + later if kind == "pitchfork" else p - later)
+
+
+@dataclass(frozen=True)
+class Meeting:
+    """Where a branch of orbits meets what it leaves elsewhere: an equilibrium, or other orbits.
+
+    Two solutions meet there, which no corrector tells apart: it is not solved for.
+
+    Attributes:
+        whole: the step up to an orbit nearby.
+        last: from there to the meeting.
+        error: of the parameter at the meeting.
+        known: whether the parameter is one of those at which branches are known to begin.
+    """
+
+    whole: Step
+    last: Step
+    error: float
+    known: bool
+
+
+def meeting(step: Step, kind: str, beginnings: Array, within: float) -> Meeting | None:
+    """The meeting on a step, if the part of the orbits that vanishes there changes its sign.
+
+    By symmetry the parameter changes with the square of what vanishes.
+
+    Args:
+        step: whose orbits beyond the meeting are the opposites of those before.
+        kind: of what is met, see `breaking_part`.
+        beginnings: parameters at which branches are known to leave it, shape (k,), of which one is
+            taken if the extrapolated one is that near.
+        within: how near that is, relative.
+
+    Raises:
+        NewtonFailed: if the step ends on orbits of the other branch, without the part that breaks
+            their symmetry, of which rounding is left.
+    """
+
+    def part(z: Array) -> Array:
+        return breaking_part(step.problem.orbit(z), kind)
+
+    first, end = part(step.begin.z), part(step.end.z)
+    if float(np.abs(end).max()) < ROUNDING * step.problem.orbit(step.end.z).size:
+        raise NewtonFailed("a step went over to orbits of more symmetry")
+    if not np.sum(first * end) < 0.0:
+        return None
+
+    def left(s: float) -> float:
+        """Share of what vanishes that is left, by the cubic through what is known of the step."""
+        return float(np.sum(first * part(step.guess(s))) / np.sum(first * first))
+
+    def with_left(share: float) -> Point:
+        through = scipy.optimize.brentq(left, 0.0, step.length)
+        return step.at(scipy.optimize.brentq(lambda s: left(s) - share, 0.0, through))
+
+    points = step.begin, with_left(0.4), with_left(0.1)
+    small = points[2]
+    squares = [float(np.sum(part(one.z) ** 2)) for one in points]
+    rough, p = (
+        small.p + squares[2] * (small.p - one.p) / (square - squares[2])
+        for one, square in zip(points[:2], squares[:2], strict=True)
+    )
+    error, known = abs(p - rough) + 1e-9, False
+    if beginnings.size:
+        nearest = float(beginnings[np.argmin(np.abs(beginnings - p))])
+        if abs(nearest - p) <= within * p:
+            p, error, known = nearest, 1e-6, True
+    through = scipy.optimize.brentq(left, step.reach(small.z), step.length)
+    z, beside = step.guess(through), 1e-3 * step.length
+    onward = step.guess(through + beside) - step.guess(through - beside)
+    if onward[-1] * small.tangent[-1] < 0.0:  # as where the opposite of an orbit is one, too
+        onward[-1] = 0.0
+    z[-1] = p
+    problem = step.problem.about(small.z)
+    last = Segment(problem, small, problem.starting(z, onward))
+    return Meeting(replace(step, end=small), last, error, known)
+
+
+# -------------------------------------------------------------------------------- following it
+
+
+Problem = TypeVar("Problem", bound=OrbitProblem)
+
+
+def followed(motion: VectorField, start: BranchStart, how: OrbitControl) -> Iterator[Step]:
+    """Steps along a branch of orbits, past folds, without end."""
+    step = _first_step(motion, start, how)
+    yield step
+    yield from onward(step.problem, step.end, 1.5 * min(0.2 * how.longest, step.length))
+
+
+def followed_past_grazing(
+    motion: VectorField, start: BranchStart, how: OrbitControl, note: Callable[[Grazing], None]
+) -> Iterator[Step]:
+    """Steps along a branch of orbits, past places where these begin or cease to touch a stop.
+
+    note: takes each of these places, before the first step beyond it.
+    """
+    for _ in range(MOST_GRAZES + 1):
+        last: Step | None = None
+        try:
+            for last in followed(motion, start, how):
+                yield last
+        except NewtonFailed:
+            grazing = None if last is None else past_grazing(motion, last)
+            if grazing is None:
+                raise
+            note(grazing)
+            start = grazing.start
+    raise NewtonFailed(f"its orbits graze stops more than {MOST_GRAZES} times")
+
+
+def onward(problem: Problem, point: Point, length: float) -> Iterator[Segment[Problem]]:
+    """Steps from a solution on, the first of a length at most, without end.
+
+    The mesh follows: `defect` of the problem's control is the largest that is let pass.
+    """
+    defect, tangent = cast(OrbitControl, problem.control).defect, point.tangent
+    problem, ahead = problem.about(point.z), cast("Callable[[float], Array] | None", None)
+    while True:
+        here = problem.start
+        # An interval twice as long has some 2^8 times the defect. A change of the mesh costs as
+        # much as a step.
+        if np.count_nonzero(here.defects() <= 1e-3 * defect) > 2 * COARSEST:
+            edges = resolved(
+                *(problem.motion, here.states, here.frequency, here.u, here.symmetric), defect
+            ).edges
+            if edges.size < 0.75 * here.edges.size:
+                (problem, tangent), ahead = _on_mesh(problem, tangent, edges), None
+        tried = False
+        while True:
+            if ahead is not None:  # where it leads to shows what mesh the step takes
+                there = ahead(length)
+                guess = problem.orbit(there)
+                coarse = (guess.defects() > defect) & (guess.u >= 0.0)
+                edges = divided(problem.start.edges, 1 + coarse)
+                if coarse.any() and edges.size <= MOST_INTERVALS:
+                    (problem, tangent), ahead = _on_mesh_to(problem, tangent, there, length, edges)
+            begin = problem.starting(problem.origin, tangent)
+            step, following = problem.next(begin, length, ahead)
+            defects = problem.orbit(step.end.z).defects()
+            if defects.max() <= defect:
+                break
+            before = problem.start.edges
+            edges = divided(before, 1 + (defects > defect))
+            if edges.size > MOST_INTERVALS:  # some of them may be needed no more
+                end = problem.orbit(step.end.z)
+                edges = resolved(
+                    *(problem.motion, end.states, end.frequency, end.u, end.symmetric), 0.1 * defect
+                ).edges
+                if tried or edges.size > min(MOST_INTERVALS, 0.75 * before.size):
+                    raise NewtonFailed(f"more than {MOST_INTERVALS} mesh intervals are needed")
+                tried = True
+            length = step.length
+            (problem, tangent), ahead = _on_mesh_to(problem, tangent, step.end.z, length, edges)
+        yield step
+        problem, tangent = problem.about(step.end.z), step.end.tangent
+        length, ahead = following, step.ahead
+
+
+def _on_mesh(problem: Problem, tangent: Array, edges: Array) -> tuple[Problem, Array]:
+    """The problem about its start on another mesh, and about the tangent there.
+
+    Neither is solved for: the next step corrects both, and its guess is as near either way.
+    """
+    z, beside = problem.origin, 1e-4
+    here, moved = (problem.about(x, edges) for x in (z, z + beside * tangent))
+    return here, (moved.origin - here.origin) / beside
+
+
+def _on_mesh_to(
+    problem: Problem, tangent: Array, there: Array, length: float, edges: Array
+) -> tuple[tuple[Problem, Array], Callable[[float], Array]]:
+    """The problem on another mesh, and the parabola that leads to a guess for the next point.
+
+    there: the guess at an arc length on the mesh before.
+    """
+    there = problem.about(there, edges).origin
+    finer, tangent = _on_mesh(problem, tangent, edges)
+    z, slope = finer.origin, tangent
+    bend = ((there - z) / length - slope) / length
+    return (finer, tangent), lambda s: z + s * (slope + s * bend)
+
+
+def continued(motion: VectorField, point: Hopf, u: float) -> PeriodicOrbit:
+    """The orbit at a speed to which those of a Hopf point lead; NewtonFailed says why if none."""
+    begun, stopped, here = motion.evaluations, "it takes too many steps", point.speed
+    turns = list[float]()
+    amplitude = SMALL
+    with suppress(ValueError):  # one step may do, up to what the amplitude equation holds for
+        amplitude = min(1.05 * point.amplitude(u) or SMALL, LARGEST)
+    try:
+        # Sixty of the longest steps change the amplitude by up to 18 L.
+        for step in islice(followed(motion, from_hopf(motion, point, amplitude, u), COARSE), 60):
+            first, last = step.slopes
+            turned = first * last < 0.0 and first * (u - here) > 0.0  # on its way, or just beyond
+            parts = step.parts(folds(step, 1e-3) if turned else [])
+            turns += [part.begin.p for part in parts[1:]]
+            for part in parts:
+                if (part.begin.p - u) * (part.end.p - u) <= 0.0:
+                    return step.problem.orbit(part.where(u))
+            here = step.end.p
+            before, after = (breaking_part(orbit_at(step, s), "hopf") for s in (0.0, step.length))
+            if np.sum(before * after) < 0.0:
+                stopped = f"its amplitude falls to 0 near u = {here:.6g}"
+                break
+            if not 0.5 * min(u, point.speed) < here < 1.5 * max(u, point.speed):
+                stopped = f"it leads to u = {here:.6g}"
+                break
+            if motion.evaluations > begun + MOST_EVALUATIONS:
+                break
+    except NewtonFailed as reason:
+        stopped = f"it could not be followed beyond u = {here:.6g}: {reason}"
+    report = f"does not reach u = {u:g}: {stopped}"
+    turn = min(turns, key=lambda turn: abs(turn - u), default=None)
+    if turn is not None and (turn < point.speed) == (u < point.speed):
+        report = f"reaches {'down' if u < turn else 'up'} to u = {turn:.6g} only"
+    raise NewtonFailed(f"the cycle of the Hopf point at u = {point.speed:.6g} {report}")

@@ -1,0 +1,357 @@
+# SPDX-License-Identifier: MIT
+"""Periodic orbits as piecewise polynomials on a mesh, and meshes that suit them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from functools import cache, cached_property
+from typing import Any
+
+import numpy as np
+from numpy.polynomial import legendre
+from numpy.typing import NDArray
+
+from pipedyn import _core
+from pipedyn.motion.vector_field import VectorField
+from pipedyn.util.archive import saved_as
+from pipedyn.util.check import Array
+
+STAGES = 8
+"""Stages of the Radau IIA method, which has order 2 STAGES - 1 = 15. Cycles of two pipes take 2.5
+times as long to 1e-6 with 6 stages, and 1.1 times as long with 10."""
+
+COARSEST = 4
+"""Intervals in half a period of the coarsest mesh: 32 stages resolve some 10 odd harmonics."""
+
+PROBES: Array = np.linspace(0.0, 2.0 * math.pi, 65)[:-1]
+"""Phases at which orbits are compared: enough for the harmonics that matter for a sign."""
+
+BEFORE = 1e-10
+"""Phase by which an interval ends before a kink, so that its last stage, at its end, has the slopes
+of the forces before. What the next interval misses is this times their jump, below rounding; kinks
+are found to some 1e-14."""
+
+KINK_SAMPLES = 8
+"""Of an interval, between which kinks are looked for: two that lie closer are no more than a short
+stretch of other slopes."""
+
+MOST_SECANTS, KINK_ERROR = 30, 1e-12
+"""To find kinks, five or six of which mostly do, and the change of phase that is the last: the next
+would be far smaller."""
+
+_X: Array = np.sort(legendre.legroots([0.0] * (STAGES - 1) + [-1.0, 1.0]).real)
+_X[-1] = 1.0
+NODES: Array = 0.5 * (_X + 1.0)
+"""Places of the stages in an interval, shape (s,)."""
+
+TO_LEGENDRE = np.linalg.inv(legendre.legvander(_X, STAGES - 1))
+"""Legendre coefficients from values at the stages, shape (s, s)."""
+
+_INTEGRATED = [0.5**k * legendre.legint(TO_LEGENDRE, k, lbnd=-1.0) for k in (0, 1, 2)]
+
+
+def integrals(at: Array, times: int) -> Array:
+    """Values, or integrals from 0 once or twice, of the polynomial through stages, shape (k, s)."""
+    basis = legendre.legvander(2.0 * at - 1.0, STAGES - 1 + times)
+    return basis @ _INTEGRATED[times]
+
+
+def both_integrals(at: Array) -> tuple[Array, Array]:
+    """Integrals from 0 once and twice, (k, s) each."""
+    basis = legendre.legvander(2.0 * at - 1.0, STAGES + 1)
+    return basis[:, :-1] @ _INTEGRATED[1], basis @ _INTEGRATED[2]
+
+
+@cache
+def _equal_parts(parts: int) -> tuple[Array, Array, Array]:
+    """Beginnings of equal parts of an interval of length 1, (k,), and `both_integrals` to them."""
+    begins = np.linspace(0.0, 1.0, parts + 1)[:-1]
+    return begins, *both_integrals(begins)
+
+
+ONCE = integrals(NODES, 1)
+"""Integrals from 0 to each stage, shape (s, s)."""
+
+TWICE: Array = ONCE @ ONCE
+"""Integrals of these, shape (s, s)."""
+
+
+BETWEEN: Array = 0.5 * (np.append(0.0, NODES[:-1]) + NODES)
+"""Places half-way between the stages, the first of them between the beginning and the first stage,
+shape (s,)."""
+
+RATES_BETWEEN = integrals(BETWEEN, 0)
+"""Values there of the polynomial through values at the stages, shape (s, s)."""
+
+_INTEGRALS_BETWEEN = both_integrals(BETWEEN)
+
+
+@saved_as("Closing", shapes={"n n": "first last"})
+@dataclass(frozen=True)
+class Closing:
+    """L and R, (n, n) each, of L y(0) + R y(span) = 0 for small changes y of an orbit's state.
+
+    They are in units of the state, and about the last iterate of Newton's method.
+    """
+
+    first: Array
+    last: Array
+    step: float  # relative, by which that was left
+
+
+@saved_as("PeriodicOrbit", shapes={"M+1": "edges", "M 2half": "starts", "M 8 half": "rates"})
+@dataclass(frozen=True)
+class PeriodicOrbit:
+    """A periodic orbit, or one half of it if the other half is its mirror image.
+
+    Of a forced motion the frequency is what varies at a given speed u, else the speed is.
+    """
+
+    edges: Array = field(repr=False)  # phases at which intervals end, from 0 on, shape (M + 1,)
+    starts: Array = field(repr=False)  # states where they begin, shape (M, 2 moving)
+    rates: Array = field(repr=False)  # accelerations at the stages, shape (M, s, moving)
+    frequency: float
+    u: float
+    forced: bool = False
+    closing: Closing | None = field(default=None, repr=False, compare=False)  # if that is known
+
+    @classmethod
+    def restored(cls, fields: dict[str, Any]) -> PeriodicOrbit:
+        """The orbit of which a file kept this, if it is one."""
+        made = cls(**fields)
+        numbers = np.concatenate([made.edges, made.starts.ravel(), made.rates.ravel()])
+        finite = np.isfinite(numbers).all() and math.isfinite(made.u)
+        if not (finite and 0.0 < made.frequency < math.inf):
+            raise ValueError("an orbit must have finite numbers and a frequency > 0")
+        if made.edges[0] != 0.0 or np.any(np.diff(made.edges) <= 0.0):
+            raise ValueError("edges of an orbit must ascend from 0")
+        return made
+
+    @property
+    def span(self) -> float:
+        """Phase covered: pi or 2 pi."""
+        return float(self.edges[-1])
+
+    @property
+    def symmetric(self) -> bool:
+        """Whether it is one half."""
+        return self.span < 4.0
+
+    @property
+    def mirror(self) -> float:
+        """-1 where the state after the span is the mirror image of the first, else 1."""
+        return -1.0 if self.symmetric else 1.0
+
+    @property
+    def half(self) -> int:
+        """Number of positions in a state."""
+        return int(self.starts.shape[1]) // 2
+
+    @cached_property
+    def size(self) -> float:
+        """Largest extent of a coordinate."""
+        p = self.starts[:, : self.half]
+        return float((2.0 * np.abs(p) if self.symmetric else np.ptp(p, axis=0)).max())
+
+    @cached_property
+    def durations(self) -> Array:
+        """Times that the intervals take, shape (M,)."""
+        return (self.edges[1:] - self.edges[:-1]) / self.frequency
+
+    def stages(self) -> Array:
+        """States at the stages, shape (M, s, 2 moving)."""
+        return self._at_nodes(NODES, ONCE, TWICE).transpose(1, 2, 0)
+
+    def stage_columns(self) -> Array:
+        """The same, in columns, shape (2 moving, M s)."""
+        return self._at_nodes(NODES, ONCE, TWICE).reshape(2 * self.half, -1)
+
+    def states_between(self) -> Array:
+        """States at `BETWEEN` in all intervals, in columns, shape (2 moving, M s)."""
+        return self._at_nodes(BETWEEN, *_INTEGRALS_BETWEEN).reshape(2 * self.half, -1)
+
+    def ends(self) -> Array:
+        """States where intervals end, shape (M, 2 moving)."""
+        return self._at_nodes(NODES[-1:], ONCE[-1:], TWICE[-1:])[..., 0].T
+
+    def _at_nodes(self, nodes: Array, once: Array, twice: Array) -> Array:
+        """States at places in all intervals, shape (2 moving, M, k)."""
+        h, half, k = self.durations[:, None], self.half, nodes.size
+        rates = self.rates.transpose(2, 0, 1).reshape(-1, STAGES)
+        sums = (rates @ np.concatenate([twice, once]).T).reshape(half, -1, 2 * k)
+        start = self.starts.T[..., None]
+        y = np.empty((2 * half, len(self.starts), k))
+        y[:half] = start[:half] + h * (nodes * start[half:] + h * sums[..., :k])
+        y[half:] = start[half:] + h * sums[..., k:]
+        return y
+
+    def states(self, phase: Array) -> Array:
+        """[p, p'] at phases, shape (2 moving, k)."""
+        return _core.orbit_states(
+            *(self.edges, self.starts, self.rates, self.frequency, self.mirror),
+            *(_INTEGRATED[1], _INTEGRATED[2], phase),
+        )
+
+    def sampled(self, parts: int) -> tuple[Array, Array]:
+        """Phases at the ends of equal parts of the intervals, (M parts + 1,), and states there.
+
+        These are [p, p'], shape (2 moving, M parts + 1).
+        """
+        phase = divided(self.edges, np.full(len(self.starts), parts))
+        y = self._at_nodes(*_equal_parts(parts)).reshape(2 * self.half, -1)
+        return phase, np.concatenate([y, self.mirror * self.starts[:1].T], axis=1)
+
+    def defects(self) -> Array:
+        """Share of the largest velocity that an interval's last two polynomials add, shape (M,)."""
+        rates = self.rates.transpose(0, 2, 1).reshape(-1, STAGES)
+        last = np.abs(rates @ TO_LEGENDRE[-2:].T).sum(axis=1).reshape(-1, self.half)
+        velocity = np.abs(self.starts[:, self.half :]).max()
+        return self.durations * last.max(axis=1) / velocity
+
+    def packed(self) -> Array:
+        """Unknowns: states, rates, frequency and speed, shape (M (2 + s) moving + 2,).
+
+        What varies is the last.
+        """
+        last = [self.u, self.frequency] if self.forced else [self.frequency, self.u]
+        return np.concatenate([self.starts.ravel(), self.rates.ravel(), last])
+
+    def unpacked(self, z: Array) -> PeriodicOrbit:
+        """The orbit of these unknowns on this mesh."""
+        starts, rates = z[: self.starts.size], z[self.starts.size : -2]
+        frequency, u = z[:-3:-1] if self.forced else z[-2:]
+        return PeriodicOrbit(
+            self.edges,
+            starts.reshape(self.starts.shape),
+            rates.reshape(self.rates.shape),
+            float(frequency),
+            float(u),
+            self.forced,
+        )
+
+    def doubled(self, sign: float = 1.0) -> PeriodicOrbit:
+        """A symmetric orbit as a whole one, a whole one run through twice, then with that sign."""
+        edges, again = np.append(self.edges, self.span + self.edges[1:]), sign * self.mirror
+        share = 1.0 if self.symmetric else 0.5
+        return PeriodicOrbit(
+            share * edges,
+            np.concatenate([self.starts, again * self.starts]),
+            np.concatenate([self.rates, again * self.rates]),
+            share * self.frequency,
+            self.u,
+        )
+
+
+# --------------------------------------------------------------------------------------- meshes
+
+
+def coarsest_mesh(symmetric: bool) -> Array:
+    """Edges of the coarsest mesh over half a period or a whole one."""
+    spans = 1 if symmetric else 2
+    return np.linspace(0.0, spans * math.pi, spans * COARSEST + 1)
+
+
+def stage_phases(edges: Array) -> Array:
+    """Phases of the stages, shape (M, s)."""
+    return edges[:-1, None] + (edges[1:] - edges[:-1])[:, None] * NODES
+
+
+def interpolated(
+    motion: VectorField,
+    states: Callable[[Array], Array],
+    edges: Array,
+    frequency: float,
+    u: float,
+) -> PeriodicOrbit:
+    """An orbit through states [p, p'], a function of phases (k,) to (2 moving, k), on a mesh."""
+    phases = stage_phases(edges).ravel()
+    rates = motion.along(phases, frequency)(states(phases), u)[motion.half :]
+    rates = np.ascontiguousarray(rates.T).reshape(edges.size - 1, STAGES, motion.half)
+    return PeriodicOrbit(edges, states(edges[:-1]).T.copy(), rates, frequency, u, motion.forced)
+
+
+def resolved(
+    motion: VectorField,
+    states: Callable[[Array], Array],
+    frequency: float,
+    u: float,
+    symmetric: bool,
+    tolerance: float,
+) -> PeriodicOrbit:
+    """An orbit through states, on as coarse a mesh as leaves no larger defect than a tolerance."""
+    orbit = interpolated(motion, states, coarsest_mesh(symmetric), frequency, u)
+    for _ in range(12):  # by then an interval is 4,000 times shorter
+        coarse = orbit.defects() > tolerance
+        if not coarse.any():
+            break
+        orbit = interpolated(motion, states, divided(orbit.edges, 1 + coarse), frequency, u)
+    return orbit
+
+
+def refined(
+    motion: VectorField, orbit: PeriodicOrbit, parts: NDArray[np.int_], at_kinks: bool = False
+) -> PeriodicOrbit:
+    """The same orbit with each interval in so many parts, shape (M,).
+
+    With `at_kinks` intervals end also where derivatives of the forces jump.
+    """
+    edges = divided(orbit.edges, parts)
+    if at_kinks:
+        edges = _joined(edges, _kinks(motion, orbit))
+    return interpolated(motion, orbit.states, edges, orbit.frequency, orbit.u)
+
+
+def divided(edges: Array, parts: NDArray[np.int_]) -> Array:
+    """Edges of a mesh each interval of which is divided into so many."""
+    staying = np.append(0, np.cumsum(parts))  # which edges of the finer mesh are those given
+    return np.interp(np.arange(staying[-1] + 1), staying, edges)
+
+
+def _joined(edges: Array, kinks: Array) -> Array:
+    """Edges with others, which take the place of those that they all but coincide with."""
+    least = 1e-4 * edges[-1]  # a shorter interval costs as much and resolves nothing
+    kinks = kinks[(kinks > least) & (kinks < edges[-1] - least)]
+    kinks = kinks[np.diff(kinks, prepend=-math.inf) > least]
+    apart = np.abs(edges[1:-1, None] - kinks).min(axis=1, initial=math.inf)
+    return np.sort(np.concatenate([edges[[0, -1]], edges[1:-1][apart > least], kinks]))
+
+
+def distances_from_kinks(motion: VectorField, orbit: PeriodicOrbit) -> Array:
+    """How far an orbit goes beyond each place where a force begins, < 0 where it does not, (k,).
+
+    Of places that lie within its range it is the smaller of both ways, so that 0 is where the orbit
+    begins to touch, from either side.
+    """
+    phase, y = orbit.sampled(KINK_SAMPLES)
+    if orbit.symmetric:
+        phase, y = np.append(phase, orbit.span + phase), np.concatenate([y, -y], axis=1)
+    signed = motion.along(phase, orbit.frequency).kinks(y)
+    if not len(signed):
+        return np.empty(0)
+    return np.asarray(np.minimum(signed.max(axis=1), -signed.min(axis=1)))
+
+
+def _kinks(motion: VectorField, orbit: PeriodicOrbit) -> Array:
+    """Phases at which derivatives of the forces jump, shape (k,), rising.
+
+    What changes sign there is sampled, and zeros between samples are narrowed down by the Illinois
+    method: secants, for which an end that stays counts half.
+    """
+    phase, y = orbit.sampled(KINK_SAMPLES)
+    signed = motion.along(phase, orbit.frequency).kinks(y)
+    positive = signed > 0.0
+    which, before = np.nonzero(positive[:, 1:] != positive[:, :-1])
+    low, high = phase[before], phase[before + 1]
+    below, above = signed[which, before], signed[which, before + 1]
+    every = np.arange(which.size)
+    for _ in range(MOST_SECANTS):
+        last, high = high, (low * above - high * below) / (above - below)
+        if np.abs(high - last).max(initial=0.0) <= KINK_ERROR:
+            break
+        found = motion.along(high, orbit.frequency).kinks(orbit.states(high))[which, every]
+        crossed = (found > 0.0) != (above > 0.0)
+        low, below = np.where(crossed, last, low), np.where(crossed, above, 0.5 * below)
+        above = found
+    return np.sort(high) - BEFORE
