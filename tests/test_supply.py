@@ -9,7 +9,7 @@ import pytest
 from numpy.polynomial import Chebyshev
 
 import pipedyn as pp
-from pipedyn.models.constant_head import ConstantHead
+from pipedyn.motion.constant_head import ConstantHead
 
 PIPE = pp.Pipe(0.3, 2.0)
 LOADED = dataclasses.replace(

@@ -219,7 +219,7 @@ inline Numbers jacobians_of(py::ssize_t rows, py::ssize_t results, py::ssize_t c
 /// Raises NotResolved: `what` cannot be computed of those members of a batch of states, or of one.
 [[noreturn]] inline void refuse(const char* what, const std::vector<py::ssize_t>& members,
                                 const py::object& states, const std::string& why) {
-  const py::object error = py::module_::import("pipedyn.models.base").attr("NotResolved");
+  const py::object error = py::module_::import("pipedyn.util.errors").attr("NotResolved");
   py::list indices;
   for (const py::ssize_t member : members) indices.append(member);
   PyErr_SetObject(error.ptr(), error.attr("of_states")(what, indices, states, why).ptr());

@@ -104,7 +104,7 @@ void define_linear(py::module_& m) {
     try {
       if (thrown) std::rethrow_exception(thrown);
     } catch (const NotConverged& error) {
-      py::set_error(py::module_::import("pipedyn.models.base").attr("NotConverged"), error.what());
+      py::set_error(py::module_::import("pipedyn.util.errors").attr("NotConverged"), error.what());
     }
   });
   m.attr("dense_limit") = dense_limit;

@@ -65,21 +65,15 @@ from pipedyn.linear.identification import (
 from pipedyn.linear.modes import Modes, ModeShape, RootLoci, eigenvalues, modes, root_loci
 from pipedyn.linear.sensitivity import Crossing, Crossings, Derivatives, Sensitivity
 from pipedyn.linear.stability_curve import Failure, StabilityCurve, stability_curve
-from pipedyn.models.base import (
-    Model,
-    NotConverged,
-    NotResolved,
-    Operators,
-    PipedynError,
-    Power,
-)
+from pipedyn.models.base import Model, Operators, Power
 from pipedyn.models.chain import Chain
 from pipedyn.models.continuum import Continuum
 from pipedyn.models.drive import Harmonic, Pulsation, Supply
 from pipedyn.models.end_coefficient import end_coefficient
 from pipedyn.models.galerkin import Galerkin
-from pipedyn.models.pipe import Pipe, Scales
+from pipedyn.models.pipe import Pipe
 from pipedyn.models.profile import Profile
+from pipedyn.models.scales import Scales
 from pipedyn.models.supports import RootSpring
 from pipedyn.models.terms import (
     AddedMass,
@@ -106,6 +100,7 @@ from pipedyn.motion.simulate import (
     simulate_many,
 )
 from pipedyn.util.archive import load
+from pipedyn.util.errors import NotConverged, NotResolved, PipedynError
 
 __version__ = "0.2.0"
 

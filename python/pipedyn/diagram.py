@@ -49,7 +49,7 @@ from pipedyn.equilibrium.equilibria import (
 )
 from pipedyn.equilibrium.hopf import HopfPoint
 from pipedyn.linear.stability_curve import Failure
-from pipedyn.models.base import Model, NotConverged, PipedynError
+from pipedyn.models.base import Model
 from pipedyn.models.drive import LARGEST_SPEED, require_steady
 from pipedyn.motion.simulate import checked_model_in_motion, slight_bend
 from pipedyn.motion.vector_field import VectorField
@@ -58,6 +58,7 @@ from pipedyn.util import check
 from pipedyn.util.archive import saved_as
 from pipedyn.util.check import Array
 from pipedyn.util.counters import clock, counted
+from pipedyn.util.errors import NotConverged, PipedynError
 from pipedyn.util.later import futures
 from pipedyn.util.newton import NewtonFailed
 from pipedyn.util.parallel import parallel, track, watched

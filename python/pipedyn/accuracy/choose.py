@@ -30,10 +30,11 @@ from pipedyn.accuracy.convergence import FAMILIES, Family, checked_families, fit
 from pipedyn.accuracy.quantities import LONGEST_REFERENCE, RTOL, Quantity, checked_quantity
 from pipedyn.accuracy.reference import MARGIN, Answer
 from pipedyn.accuracy.trade import TradeRow, measured
-from pipedyn.models.base import Model, PipedynError, checked_pipe
+from pipedyn.models.base import Model, checked_pipe
 from pipedyn.models.pipe import Pipe
 from pipedyn.util import check
 from pipedyn.util.archive import saved_as
+from pipedyn.util.errors import PipedynError
 from pipedyn.util.later import html
 from pipedyn.util.result import Result
 

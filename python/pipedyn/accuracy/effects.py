@@ -23,7 +23,7 @@ from pipedyn.cycles.limit_cycle import NoCycle
 from pipedyn.linear.critical_speed import NoCrossing, largest_tension
 from pipedyn.linear.modes import CONTINUUM_SPEED, modes
 from pipedyn.linear.neutral import growth
-from pipedyn.models.base import PipedynError, checked_pipe
+from pipedyn.models.base import checked_pipe
 from pipedyn.models.continuum import LARGEST, Continuum
 from pipedyn.models.drive import Pulsation, Supply
 from pipedyn.models.galerkin import Galerkin
@@ -33,6 +33,7 @@ from pipedyn.models.supports import RootSpring
 from pipedyn.models.terms import Foundation, Spring
 from pipedyn.util import check
 from pipedyn.util.archive import saved_as
+from pipedyn.util.errors import PipedynError
 from pipedyn.util.result import Result, TableResult
 from pipedyn.util.table import Table
 from pipedyn.util.units import RATE

@@ -25,7 +25,7 @@ from pipedyn.attraction.solutions import LARGEST_CYCLE
 from pipedyn.cycles.limit_cycle import limit_cycle
 from pipedyn.linear.critical_speed import CriticalSpeed, checked_end, critical_speed
 from pipedyn.linear.modes import CONTINUUM_SPEED, eigenvalues, modes, root_loci
-from pipedyn.models.base import Model, NotConverged, PipedynError
+from pipedyn.models.base import Model
 from pipedyn.models.continuum import AnyModel, Continuum
 from pipedyn.models.drive import Base, Pulsation, Supply
 from pipedyn.models.galerkin import Galerkin
@@ -35,6 +35,7 @@ from pipedyn.util import check
 from pipedyn.util.archive import saved_as
 from pipedyn.util.check import Array
 from pipedyn.util.counters import TookTooLong, clock, limited
+from pipedyn.util.errors import NotConverged, PipedynError
 
 LEGENDRE = FAMILIES["legendre"]
 

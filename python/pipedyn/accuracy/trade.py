@@ -21,11 +21,12 @@ from pipedyn.accuracy.convergence import (
 )
 from pipedyn.accuracy.quantities import Quantity, checked_quantity
 from pipedyn.accuracy.reference import MARGIN, Answer
-from pipedyn.models.base import NotConverged, checked_pipe
+from pipedyn.models.base import checked_pipe
 from pipedyn.models.pipe import Pipe
 from pipedyn.util import check
 from pipedyn.util.archive import saved_as
 from pipedyn.util.counters import clock, counted, limited
+from pipedyn.util.errors import NotConverged
 from pipedyn.util.parallel import track
 from pipedyn.util.result import Result, TableResult
 from pipedyn.util.table import Table

@@ -28,7 +28,7 @@ from pipedyn.attraction.records import turning_points
 from pipedyn.attraction.regions import NOWHERE, STOPPED, Excitation
 from pipedyn.attraction.solutions import Attractor, Solution, equilibria_near
 from pipedyn.equilibrium.equilibria import LARGEST, searched
-from pipedyn.models.base import Model, NotConverged, PipedynError
+from pipedyn.models.base import Model
 from pipedyn.models.drive import LARGEST_SPEED, Harmonic, Pulsation, Supply
 from pipedyn.motion.simulate import (
     BATCH,
@@ -42,6 +42,7 @@ from pipedyn.motion.simulate import (
 from pipedyn.util import check
 from pipedyn.util.archive import saved_as
 from pipedyn.util.check import Array
+from pipedyn.util.errors import NotConverged, PipedynError
 from pipedyn.util.later import futures
 from pipedyn.util.parallel import parallel
 from pipedyn.util.result import Result, TableResult

@@ -10,11 +10,12 @@ from typing import Any
 
 import numpy as np
 
-from pipedyn.models.base import Model, PipedynError
+from pipedyn.models.base import Model
 from pipedyn.motion.integrator import MOST_CALLS
 from pipedyn.motion.simulate import LARGEST_SAMPLES, modal_bend, slight_bend
 from pipedyn.util import check
 from pipedyn.util.check import Array
+from pipedyn.util.errors import PipedynError
 from pipedyn.util.later import futures
 
 FIRST_LOOK = 4.0

@@ -27,10 +27,10 @@ from pipedyn.continuation.arclength import (
     path,
     reason_of,
 )
-from pipedyn.models.base import NotConverged
 from pipedyn.util import check
 from pipedyn.util.archive import saved_as
 from pipedyn.util.check import Array
+from pipedyn.util.errors import NotConverged
 from pipedyn.util.later import scipy
 from pipedyn.util.newton import NewtonFailed
 from pipedyn.util.result import Result, TableResult, numbered

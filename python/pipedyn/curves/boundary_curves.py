@@ -28,10 +28,10 @@ from pipedyn.linear.critical_speed import losses, resolved
 from pipedyn.linear.eigenproblem import eigenproblem
 from pipedyn.linear.neutral import grows
 from pipedyn.linear.plane import ON_EDGE, Plane, Window
-from pipedyn.models.base import NotConverged
 from pipedyn.models.continuum import FUNCTIONS_A_JOINT, LARGEST, AnyModel, Continuum
 from pipedyn.models.galerkin import Galerkin, basis_joints, enriched
 from pipedyn.util.check import Array
+from pipedyn.util.errors import NotConverged
 from pipedyn.util.newton import NewtonFailed
 
 LONGEST, TURN = 0.04, 0.18

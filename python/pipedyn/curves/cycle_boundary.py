@@ -27,9 +27,10 @@ from pipedyn.curves.event_problem import Followed
 from pipedyn.curves.in_plane import InPlane
 from pipedyn.cycles.branches import CycleBranch, CycleEvent
 from pipedyn.forced.forced_response import ForcedBranch, ForcedEvent
-from pipedyn.models.base import Model, NotConverged
+from pipedyn.models.base import Model
 from pipedyn.util import check
 from pipedyn.util.archive import saved_as
+from pipedyn.util.errors import NotConverged
 from pipedyn.util.newton import NewtonFailed
 from pipedyn.util.threads import one_thread
 

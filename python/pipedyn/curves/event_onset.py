@@ -14,9 +14,9 @@ from pipedyn.curves.event_plane import EventPlane
 from pipedyn.equilibrium.axis_problems import AxisProblem, DivergenceProblem, FlutterProblem
 from pipedyn.linear.critical_speed import critical_speed
 from pipedyn.linear.modes import largest_speed
-from pipedyn.models.base import PipedynError
 from pipedyn.models.pipe_numbers import checked_number
 from pipedyn.util.check import Array
+from pipedyn.util.errors import PipedynError
 from pipedyn.util.later import scipy
 from pipedyn.util.newton import NewtonFailed
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 
 from typing import Any, ClassVar
 
-from pipedyn.models.pipe import scales_at
 from pipedyn.models.pipe_numbers import unit_of_number
+from pipedyn.models.scales import scales_at
 from pipedyn.util.result import Result, TableResult, joined
 from pipedyn.util.units import Unit
 

@@ -30,9 +30,9 @@ from pipedyn.equilibrium.hopf import NoHopf, onset_coefficients, static_cubic
 from pipedyn.linear.eigenproblem import Complex
 from pipedyn.linear.neutral import beyond_rounding
 from pipedyn.linear.plane import Plane
-from pipedyn.models.base import NotConverged
 from pipedyn.util.archive import saved_as
 from pipedyn.util.check import Array
+from pipedyn.util.errors import NotConverged
 from pipedyn.util.later import scipy
 from pipedyn.util.newton import NewtonFailed, newton
 from pipedyn.util.result import Result

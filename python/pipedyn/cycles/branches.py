@@ -33,7 +33,7 @@ from pipedyn.equilibrium.hopf import HopfPoint, hopf_point
 from pipedyn.linear.critical_speed import crossings
 from pipedyn.linear.eigenproblem import Complex
 from pipedyn.linear.sensitivity import Crossing
-from pipedyn.models.base import BALANCED, Model, NotConverged, PipedynError
+from pipedyn.models.base import BALANCED, Model
 from pipedyn.motion.vector_field import VectorField
 from pipedyn.orbits.floquet import (
     LARGEST_ERROR,
@@ -60,6 +60,7 @@ from pipedyn.orbits.periodic_orbit import PeriodicOrbit
 from pipedyn.util import check
 from pipedyn.util.archive import saved_as
 from pipedyn.util.check import Array
+from pipedyn.util.errors import NotConverged, PipedynError
 from pipedyn.util.newton import NewtonFailed
 from pipedyn.util.parallel import track
 from pipedyn.util.result import Result, TableResult

@@ -28,7 +28,7 @@ from pipedyn.equilibrium.hopf import Hopf, hopf, hopf_point
 from pipedyn.linear.critical_speed import crossings
 from pipedyn.linear.eigenproblem import Complex
 from pipedyn.linear.neutral import grows
-from pipedyn.models.base import Model, NotConverged, PipedynError
+from pipedyn.models.base import Model
 from pipedyn.models.drive import steady_speed
 from pipedyn.motion.simulate import (
     Motion,
@@ -52,6 +52,7 @@ from pipedyn.util import check
 from pipedyn.util.archive import saved_as
 from pipedyn.util.check import Array
 from pipedyn.util.counters import counted
+from pipedyn.util.errors import NotConverged, PipedynError
 from pipedyn.util.newton import NewtonFailed
 from pipedyn.util.result import TableResult
 from pipedyn.util.threads import one_thread

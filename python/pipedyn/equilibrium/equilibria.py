@@ -29,13 +29,14 @@ from pipedyn.continuation.arclength import (
 )
 from pipedyn.linear.eigenproblem import Complex
 from pipedyn.linear.neutral import beyond_rounding, eigenvalues_of, grows
-from pipedyn.models.base import BALANCED, Model, NotConverged, Operators, PipedynError
+from pipedyn.models.base import BALANCED, Model, Operators
 from pipedyn.models.drive import LARGEST_SPEED, require_steady, steady_speed
 from pipedyn.motion.simulate import Start, checked_model_in_motion, modal_bend
 from pipedyn.motion.vector_field import VectorField
 from pipedyn.util import check
 from pipedyn.util.archive import saved_as
 from pipedyn.util.check import Array
+from pipedyn.util.errors import NotConverged, PipedynError
 from pipedyn.util.later import scipy
 from pipedyn.util.newton import NewtonFailed, newton
 from pipedyn.util.result import Result, TableResult, numbered

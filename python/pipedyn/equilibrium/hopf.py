@@ -56,16 +56,17 @@ from pipedyn.linear.eigenproblem import Complex
 from pipedyn.linear.neutral import grows
 from pipedyn.linear.sensitivity import Crossing, of_each
 from pipedyn.linear.stability_curve import Failure, first_known, scales_of_each, swept
-from pipedyn.models.base import Model, NotConverged, PipedynError
-from pipedyn.models.constant_head import ConstantHead
+from pipedyn.models.base import Model
 from pipedyn.models.drive import Supply
 from pipedyn.models.pipe import Pipe
+from pipedyn.motion.constant_head import ConstantHead
 from pipedyn.motion.simulate import checked_model_in_motion
 from pipedyn.motion.vector_field import VectorField
 from pipedyn.util import check
 from pipedyn.util.archive import saved_as
 from pipedyn.util.check import Array
 from pipedyn.util.counters import factorised
+from pipedyn.util.errors import NotConverged, PipedynError
 from pipedyn.util.later import futures, scipy
 from pipedyn.util.parallel import outcome_of
 from pipedyn.util.result import Result, TableResult

@@ -25,13 +25,14 @@ from pipedyn.forced.parametric_edge import (
 from pipedyn.forced.parametric_search import Region, again, apart, regions
 from pipedyn.forced.pulsating import Hill, pulsating_pipe, require_motion
 from pipedyn.linear.frequency_response import checked_range
-from pipedyn.models.base import Model, NotConverged
+from pipedyn.models.base import Model
 from pipedyn.models.continuum import AnyModel, checked_model
 from pipedyn.models.drive import require_steady
 from pipedyn.models.pipe import Pipe
 from pipedyn.util import check
 from pipedyn.util.archive import saved_as
 from pipedyn.util.check import Array
+from pipedyn.util.errors import NotConverged
 from pipedyn.util.newton import NewtonFailed
 from pipedyn.util.result import ResultSequence, TableResult, joined
 from pipedyn.util.threads import one_thread

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from pipedyn.linear.eigenproblem import Complex, eigenproblem
 from pipedyn.linear.modes import largest_speed
-from pipedyn.models.base import Model, NotConverged, Operators
+from pipedyn.models.base import Model, Operators
 from pipedyn.models.continuum import (
     FUNCTIONS_A_JOINT,
     AnyModel,
@@ -37,6 +37,7 @@ from pipedyn.orbits.periodic_orbit import NODES
 from pipedyn.util import check
 from pipedyn.util.archive import saved_as
 from pipedyn.util.check import Array
+from pipedyn.util.errors import NotConverged
 from pipedyn.util.newton import NewtonFailed
 from pipedyn.util.result import TableResult
 from pipedyn.util.threads import one_thread

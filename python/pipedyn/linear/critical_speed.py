@@ -17,7 +17,7 @@ from pipedyn.linear.eigenproblem import Eigenproblem, eigenproblem
 from pipedyn.linear.modes import LARGEST_FULL, ModeShape, largest_speed, neutral_shape
 from pipedyn.linear.sensitivity import Crossing, Crossings, crossings_of
 from pipedyn.linear.weak_damping import extrapolated, is_weakly_damped, strengthened
-from pipedyn.models.base import Model, NotConverged, PipedynError
+from pipedyn.models.base import Model
 from pipedyn.models.continuum import (
     AnyModel,
     Continuum,
@@ -32,6 +32,7 @@ from pipedyn.util import check
 from pipedyn.util.archive import saved_as
 from pipedyn.util.check import Array
 from pipedyn.util.counters import factorised
+from pipedyn.util.errors import NotConverged, PipedynError
 from pipedyn.util.parallel import Job, outcome_of
 from pipedyn.util.threads import one_thread
 from pipedyn.util.units import SPEED

@@ -16,6 +16,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 from functools import cached_property
+from typing import cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,7 +40,8 @@ class Eigenproblem:
 
     def __init__(self, pencil: Pencil) -> None:
         self.pencil = pencil
-        self.model, self.pipe, self.dof = pencil.model, pencil.pipe, pencil.dof
+        self.model = cast(Model, pencil.model)
+        self.pipe, self.dof = pencil.pipe, pencil.dof
         self.is_long = pencil.is_long
 
     @property

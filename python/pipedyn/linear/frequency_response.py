@@ -24,7 +24,7 @@ from numpy.typing import ArrayLike, NDArray
 from pipedyn.linear.eigenproblem import Complex
 from pipedyn.linear.modes import largest_speed, modes
 from pipedyn.linear.neutral import grows, growth
-from pipedyn.models.base import DENSE_LIMIT, Model, NotConverged
+from pipedyn.models.base import DENSE_LIMIT, Model
 from pipedyn.models.continuum import (
     SMALLEST,
     AnyModel,
@@ -40,6 +40,7 @@ from pipedyn.util import check
 from pipedyn.util.archive import saved_as
 from pipedyn.util.check import Array
 from pipedyn.util.counters import factorised
+from pipedyn.util.errors import NotConverged
 from pipedyn.util.later import scipy
 from pipedyn.util.result import Result, TableResult
 from pipedyn.util.threads import one_thread

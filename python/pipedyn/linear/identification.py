@@ -25,16 +25,18 @@ import numpy as np
 
 from pipedyn.linear.critical_speed import CriticalSpeed, critical_speed
 from pipedyn.linear.modes import root_loci
-from pipedyn.models.base import NotConverged, Operators, PipedynError, checked_pipe
+from pipedyn.models.base import Operators, checked_pipe
 from pipedyn.models.continuum import Continuum
 from pipedyn.models.galerkin import Galerkin
-from pipedyn.models.pipe import Pipe, Scales
+from pipedyn.models.pipe import Pipe
 from pipedyn.models.pipe_numbers import checked_number
+from pipedyn.models.scales import Scales
 from pipedyn.models.supports import RootSpring
 from pipedyn.models.terms import converted
 from pipedyn.util import check
 from pipedyn.util.archive import saved_as
 from pipedyn.util.check import Array
+from pipedyn.util.errors import NotConverged, PipedynError
 from pipedyn.util.later import scipy
 from pipedyn.util.result import TableResult
 from pipedyn.util.threads import one_thread

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from pipedyn import _core
 from pipedyn.linear.eigenproblem import Complex, eigenproblem
-from pipedyn.models.base import DENSE_LIMIT, Model, NotConverged
+from pipedyn.models.base import DENSE_LIMIT, Model
 from pipedyn.models.continuum import (
     TOLERANCE,
     AnyModel,
@@ -29,6 +29,7 @@ from pipedyn.util import check
 from pipedyn.util.archive import saved_as
 from pipedyn.util.check import Array
 from pipedyn.util.counters import factorised
+from pipedyn.util.errors import NotConverged
 from pipedyn.util.parallel import track
 from pipedyn.util.result import Result, TableResult
 from pipedyn.util.threads import one_thread

@@ -19,8 +19,8 @@ from dataclasses import replace
 import numpy as np
 
 from pipedyn.linear.sensitivity import Crossing, Derivatives, Sensitivity
-from pipedyn.models.base import NotConverged
 from pipedyn.models.pipe import Pipe
+from pipedyn.util.errors import NotConverged
 
 STRONG = 1e-4
 """sqrt(beta) or delta of the least size solved: rounding then moves speeds by 1e-10 to 1e-8."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import fields, replace
 from functools import cached_property
 from numbers import Real
@@ -23,6 +23,7 @@ from pipedyn.models.profile import values_along
 from pipedyn.util import check
 from pipedyn.util.archive import Saved, saved_as
 from pipedyn.util.check import Array
+from pipedyn.util.errors import resolved
 from pipedyn.util.power_iteration import largest_stretch
 from pipedyn.util.result import Result
 from pipedyn.util.units import POWER
@@ -45,81 +46,6 @@ LARGEST_DISPLACEMENT = 1e100
 
 LARGEST_ANGLE = 1e6
 """Coordinates of a shape; sine and cosine of greater angles lose their digits."""
-
-
-@saved_as("PipedynError")
-class PipedynError(Exception):
-    """What the package could not compute; every other error it raises is about an argument.
-
-    The first argument is the message, the others are data for the caller.
-    """
-
-    def __str__(self) -> str:
-        return str(self.args[0]) if self.args else ""
-
-
-@saved_as("NotConverged")
-class NotConverged(PipedynError):
-    """A result that did not meet its tolerance, with what was reached.
-
-    Attributes:
-        result: the result as far as it got, or None.
-    """
-
-    def __init__(self, message: str, result: Any = None) -> None:
-        super().__init__(message, result)
-        self.result = result
-
-
-@saved_as("NotResolved")
-class NotResolved(PipedynError):
-    """A model has no answer for a state that its quadrature or double precision does not resolve.
-
-    Within an integration or a search such a state is a step that is not taken.
-
-    Attributes:
-        members: indices of these states in a batch, ascending; (0,) of a single state.
-
-    Example:
-        >>> coiled = [100.0, 0.0, 0.0, 0.0]
-        >>> pp.Galerkin(pp.Pipe(0.2), m=2).rhs(0.0, coiled, 4.0)  # doctest: +ELLIPSIS
-        Traceback (most recent call last):
-        ...
-        pipedyn.models.base.NotResolved: rhs cannot be computed of this state because it bends ...
-    """
-
-    def __init__(self, message: str, members: tuple[int, ...] = (0,)) -> None:
-        super().__init__(message, members)
-        self.members = members
-
-    @classmethod
-    def of_states(
-        cls, what: str, members: Sequence[int], states: int | None, why: str = ""
-    ) -> Self:
-        """The exception that `what` cannot be computed of some of so many states, or of one."""
-        which = "this state"
-        if states is not None:
-            listed = ", ".join(map(str, members[:5])) + (", ..." if len(members) > 5 else "")
-            which = f"states {listed} ({len(members)} of {states}), the first"
-        why = why or "its numbers leave double precision, or its mass matrix is singular there"
-        return cls(f"{what} cannot be computed of {which} because {why}", tuple(members))
-
-
-def resolved(what: str, answer: Callable[[], Any], batch: bool = False) -> Any:
-    """What a function computes of a state or, along the last axis, of a batch, if it is finite.
-
-    Raises:
-        NotResolved: if it is not.
-    """
-    with np.errstate(all="ignore"):
-        found = answer()
-    finite = np.isfinite(found)
-    if finite.all():
-        return found
-    if not batch:
-        raise NotResolved.of_states(what, (0,), None)
-    every = finite.reshape(-1, finite.shape[-1]).all(axis=0)
-    raise NotResolved.of_states(what, np.flatnonzero(~every).tolist(), every.size)
 
 
 @saved_as(

@@ -16,21 +16,21 @@ from pipedyn import _core
 from pipedyn.models.base import (
     LARGEST_ANGLE,
     Model,
-    NotConverged,
     Operators,
     core_pipe,
     operators_from,
     projected,
     stored,
 )
+from pipedyn.models.chain_supports import MET, SAME, ChainSupports, closest, held_ends
 from pipedyn.models.galerkin import Galerkin, basis_joints
-from pipedyn.models.held import MET, SAME, Held, closest, held_ends
 from pipedyn.models.pencil import ChainPencil, Pencil, real_columns
 from pipedyn.models.pipe import Pipe
 from pipedyn.models.profile import moments, reciprocal
 from pipedyn.util import check
 from pipedyn.util.archive import saved_as
 from pipedyn.util.check import Array
+from pipedyn.util.errors import NotConverged
 from pipedyn.util.power_iteration import largest_stretch
 
 SPRING_RULES = ("consistent", "midpoint", "rayleigh", "uniform", "frequency")
@@ -384,9 +384,9 @@ class Chain(Model):
         )
 
     @cached_property
-    def supported(self) -> Held | None:
+    def supported(self) -> ChainSupports | None:
         """What supports hold, or None if they hold no node."""
-        return Held(self.motion, self._rows) if self._held.size else None
+        return ChainSupports(self.motion, self._rows) if self._held.size else None
 
     def _rows(self, theta: Array) -> Array:
         """Derivative of x of the nodes that are held by the angles, shape (n, c)."""

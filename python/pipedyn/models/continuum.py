@@ -12,11 +12,12 @@ from typing import Any, Generic, TypeAlias, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from pipedyn.models.base import Model, NotConverged, OfPipe
+from pipedyn.models.base import Model, OfPipe
 from pipedyn.models.galerkin import LARGEST_BASIS, Galerkin, basis_joints, enriched
 from pipedyn.models.pipe import Pipe
 from pipedyn.util import check
 from pipedyn.util.archive import saved_as
+from pipedyn.util.errors import NotConverged
 
 Answer = TypeVar("Answer")
 

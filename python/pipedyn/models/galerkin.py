@@ -18,7 +18,6 @@ from pipedyn import _core
 from pipedyn.models.base import (
     LARGEST_ANGLE,
     Model,
-    NotConverged,
     Operators,
     arc_lengths,
     core_pipe,
@@ -26,13 +25,13 @@ from pipedyn.models.base import (
     projected,
     stored,
 )
-from pipedyn.models.free_functions import FreeFunctions, orthonormal
-from pipedyn.models.held_across import HeldAcross
 from pipedyn.models.pencil import PanelPencil, Pencil
 from pipedyn.models.pipe import Pipe
+from pipedyn.models.reduced_supports import FreeFunctions, ReducedSupports, orthonormal
 from pipedyn.util import check
 from pipedyn.util.archive import saved_as
 from pipedyn.util.check import Array
+from pipedyn.util.errors import NotConverged
 from pipedyn.util.later import scipy
 
 BASES = ("beam", "legendre")
@@ -285,7 +284,7 @@ class Galerkin(Model):
     @property
     def elastic_scale(self) -> Array:
         """Amplitudes of one elastic coordinate: q_i, shape (m,), or of varying stiffness (m, m)."""
-        return self._small[1]
+        return self.small_motions[1]
 
     @property
     def elastic_share(self) -> Array:
@@ -301,7 +300,7 @@ class Galerkin(Model):
         return free.scale[:, None] * by, share
 
     @cached_property
-    def _small(self) -> tuple[Array | None, Array]:
+    def small_motions(self) -> tuple[Array | None, Array]:
         """The core's functions by the model's coordinates, and these by elastic ones.
 
         Of a pipe held across about what `about` chose its supports allow other directions than
@@ -316,7 +315,7 @@ class Galerkin(Model):
         return by, np.linalg.inv(np.linalg.cholesky(by.T @ elastic @ by)).T
 
     def operators(self, q: ArrayLike | None = None) -> Operators:
-        found, by = super().operators(q), self._small[0]
+        found, by = super().operators(q), self.small_motions[0]
         if by is None:
             return found
         if q is not None:
@@ -324,7 +323,7 @@ class Galerkin(Model):
         return self._held_across(found, by, q is None and self._reference is None)
 
     def elastic_operators(self) -> Operators:
-        (spread, scale), rest = self._small, self._reference
+        (spread, scale), rest = self.small_motions, self._reference
         found = self.core.operators() if rest is None else self.motion.operators(rest)
         if spread is not None:
             by = spread * scale if scale.ndim == 1 else spread @ scale
@@ -344,14 +343,14 @@ class Galerkin(Model):
         return replace(found, gyroscopic=gyroscopic, flux=flux, end_flux=end_flux)
 
     @cached_property
-    def _supports(self) -> HeldAcross:
-        return HeldAcross(self.core)
+    def _supports(self) -> ReducedSupports:
+        return ReducedSupports(self.core)
 
     def free_directions(self, p: Array) -> Array:
         return self._supports.allowed(p) if self._held else super().free_directions(p)
 
     def by_coordinates(self) -> Array:
-        spread = self._small[0]
+        spread = self.small_motions[0]
         return np.eye(self.dof) if spread is None else spread
 
     def free_states(self, y: Array) -> Array:
@@ -487,7 +486,7 @@ class Galerkin(Model):
         return np.asarray(fit @ self._angles(angle, nodes))
 
     def _moved(self, columns: NDArray[Any]) -> NDArray[Any]:
-        by = self._small[0]
+        by = self.small_motions[0]
         return columns if by is None or len(columns) == self.coordinates else by @ columns
 
     def _deflected(self, p: NDArray[Any], s: Array, derivative: int) -> NDArray[Any]:

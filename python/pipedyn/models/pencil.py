@@ -13,19 +13,14 @@ import math
 from collections.abc import Callable
 from dataclasses import replace
 from functools import cached_property, partial
-from typing import TYPE_CHECKING, Any
+from typing import Any, Protocol, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pipedyn import _core
-
-if TYPE_CHECKING:
-    from pipedyn.models.base import Model
-    from pipedyn.models.chain import Chain
-    from pipedyn.models.galerkin import Galerkin
-    from pipedyn.models.pipe import Pipe
-    from pipedyn.util.check import Array
+from pipedyn.models.pipe import Pipe
+from pipedyn.util.check import Array
 
 Vectors = NDArray[Any]
 
@@ -34,6 +29,52 @@ Product = Callable[[Vectors], Vectors]
 
 LONGEST_DENSE = 64
 """Chains up to this size are dense: measured, both ways take equal time near there."""
+
+
+class LinearModel(Protocol):
+    """What a pencil asks of its model; see `base.Model`."""
+
+    @property
+    def pipe(self) -> Pipe: ...
+
+    @property
+    def dof(self) -> int: ...
+
+    @property
+    def resisted(self) -> bool: ...
+
+    @property
+    def elastic_share(self) -> Array: ...
+
+    @property
+    def matrix_rounding(self) -> float: ...
+
+    def elastic_operators(self) -> Any: ...
+
+    def with_pipe(self, pipe: Pipe) -> Self: ...
+
+
+class ChainModel(LinearModel, Protocol):
+    """What its pencil asks of a chain; see `chain.Chain`."""
+
+    @property
+    def core(self) -> _core.Chain: ...
+
+    @property
+    def elastic_scale(self) -> Array: ...
+
+    @property
+    def springs(self) -> Array: ...
+
+
+class ReducedModel(LinearModel, Protocol):
+    """What its pencil asks of a straight reduced model; see `galerkin.Galerkin`."""
+
+    @property
+    def core(self) -> _core.Galerkin: ...
+
+    @property
+    def small_motions(self) -> tuple[Array | None, Array]: ...
 
 
 class Pencil:
@@ -63,7 +104,7 @@ class Pencil:
     flux: Product
     gravity: Product
 
-    def __init__(self, model: Model) -> None:
+    def __init__(self, model: LinearModel) -> None:
         self.model = model
         self.pipe = model.pipe
         self.dof = model.dof
@@ -112,7 +153,7 @@ class DensePencil(Pencil):
 
     is_long = False
 
-    def __init__(self, model: Model) -> None:
+    def __init__(self, model: LinearModel) -> None:
         super().__init__(model)
         ops = model.elastic_operators()
         velocity = self.direction * (ops.gyroscopic + ops.end_flux)
@@ -187,7 +228,7 @@ class ChainPencil(PartsPencil):
 
     def __init__(
         self,
-        model: Chain,
+        model: ChainModel,
         held: NDArray[np.bool_] | None = None,
         complement: _core.Complement | None = None,
     ) -> None:
@@ -242,7 +283,7 @@ class ChainPencil(PartsPencil):
 class PanelPencil(PartsPencil):
     """A straight reduced model in Legendre curvatures, which the core eliminates panel by panel."""
 
-    def __init__(self, model: Galerkin) -> None:
+    def __init__(self, model: ReducedModel) -> None:
         super().__init__(model)
         self.reduced = model
         self.core = _core.PanelPencil(model.core)
@@ -251,7 +292,7 @@ class PanelPencil(PartsPencil):
     @cached_property
     def spread(self) -> Array:
         """Slope at the root and curvatures by elastic coordinates, (core's, dof)."""
-        spread, scale = self.reduced._small
+        spread, scale = self.reduced.small_motions
         by = scale if spread is None else spread * scale if scale.ndim == 1 else spread @ scale
         return self.core.on_panels(np.diag(by) if by.ndim == 1 else by)
 

@@ -8,12 +8,13 @@ import operator
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, fields
 from functools import partial
-from typing import Any, Literal, NamedTuple
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from pipedyn.models.profile import Along, Profile, checked_profile, mixed
+from pipedyn.models.scales import Scales, scales_at
 from pipedyn.models.supports import (
     ENDS,
     End,
@@ -51,37 +52,6 @@ RANGES: dict[str, dict[str, Any]] = {
     "jet_angle": {"low": -math.pi, "high": math.pi},
 }
 """What `check.real` asks of a pipe's numbers: far above any pipe's, far below overflow."""
-
-
-@saved_as("Scales")
-class Scales(NamedTuple):
-    """SI value of one nondimensional unit.
-
-    Example:
-        >>> pp.Pipe.from_si(
-        ...     length=2.0, bending_stiffness=4.0, pipe_mass=0.75, fluid_mass=0.25
-        ... ).scales
-        Scales(length=2.0, mass=1.0, time=2.0, speed=2.0)
-    """
-
-    length: float
-    """L, m"""
-    mass: float
-    """mu_p + mu_f, kg/m"""
-    time: float
-    """L^2 sqrt((mu_p + mu_f) / EI), s"""
-    speed: float
-    """sqrt(EI / mu_f) / L, m/s"""
-
-
-def scales_at(beta: Any, scales: Scales) -> Scales:
-    """Those of another mass ratio, or of several, at the same length, EI and mu_p + mu_f."""
-    with np.errstate(divide="ignore"):
-        speed = scales.length / scales.time / np.sqrt(beta)
-    if np.ndim(beta):
-        return scales._replace(speed=speed)
-    same = beta == 0.0 or math.isclose(speed, scales.speed, rel_tol=1e-9)
-    return scales if same else scales._replace(speed=float(speed))
 
 
 @saved_as("Pipe")

@@ -11,7 +11,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from pipedyn.models.terms import SLACK, number
+from pipedyn.models.scales import SLACK, number
 from pipedyn.util import check
 from pipedyn.util.archive import saved_as
 

@@ -14,35 +14,16 @@ from collections.abc import Callable
 from dataclasses import dataclass, field, fields, replace
 from typing import TYPE_CHECKING, Any, ClassVar, TypeVar
 
+from pipedyn.models.scales import SLACK, Scales, number
 from pipedyn.util import check
 from pipedyn.util.archive import saved_as
 
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance
 
-    from pipedyn.models.pipe import Scales
-
-SLACK = 1e-9
-"""Share of the length by which a place may lie beyond the free end, far above rounding of sums of
-lengths: as much as a chain's lengths may miss 1."""
-
 MOST_TERMS = 400
 """A reduced model has a panel between each two places: with four functions each, 400 of these take
 1,600 of the 2,000 functions that a basis may have."""
-
-
-def number(
-    high: float,
-    *,
-    mass: int = 0,
-    length: int = 0,
-    time: int = 0,
-    low: float = 0.0,
-    open_low: bool = False,
-) -> Any:
-    """A field of a term: its range, and the powers of the units in its SI value, see `Scales`."""
-    rule = {"low": low, "high": high, "open_low": open_low}
-    return field(metadata={"range": rule, "powers": (mass, length, time)})
 
 
 def place() -> Any:

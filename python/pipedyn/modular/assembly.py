@@ -18,14 +18,12 @@ from pipedyn.models.base import (
     LARGEST_ANGLE,
     LARGEST_RESULT,
     Model,
-    NotConverged,
     Operators,
     checked_pipe,
-    resolved,
     stored,
 )
 from pipedyn.models.chain import LARGEST_CHAIN, Chain, along, elastic_scale, turned
-from pipedyn.models.held import MET, SAME
+from pipedyn.models.chain_supports import MET, SAME
 from pipedyn.models.pencil import ChainPencil, Pencil, real_columns
 from pipedyn.models.pipe import Pipe
 from pipedyn.models.terms import Stretching, Term
@@ -48,6 +46,7 @@ from pipedyn.modular.redundant import RedundantForm
 from pipedyn.util import check
 from pipedyn.util.archive import saved_as
 from pipedyn.util.check import Array
+from pipedyn.util.errors import NotConverged, resolved
 from pipedyn.util.newton import NewtonFailed, newton
 
 LARGEST_JACOBIAN, LARGEST_RECURSION = 1300, 400

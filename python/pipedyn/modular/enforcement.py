@@ -29,9 +29,9 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from pipedyn.models.base import PipedynError
 from pipedyn.util.archive import saved_as
 from pipedyn.util.check import Array
+from pipedyn.util.errors import PipedynError
 
 RANK = 1e-10
 """Singular values of a group below this share of its rows' size are redundant: rounding leaves

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from pipedyn import _core
 from pipedyn.models.base import core_pipe
-from pipedyn.models.held import SAME, closest, held_ends
+from pipedyn.models.chain_supports import SAME, closest, held_ends
 from pipedyn.models.pipe import Pipe
 from pipedyn.modular.parts import (
     Clamp,

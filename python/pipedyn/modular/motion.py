@@ -15,13 +15,13 @@ from typing import Any
 
 import numpy as np
 
-from pipedyn.models.base import resolved
-from pipedyn.models.held import Held
+from pipedyn.models.chain_supports import ChainSupports
 from pipedyn.modular.enforcement import Enforce, Group
 from pipedyn.modular.layout import coordinates_by_angles, nodes_by_angles
 from pipedyn.modular.redundant import RedundantForm
 from pipedyn.util import check
 from pipedyn.util.check import Array
+from pipedyn.util.errors import resolved
 
 
 class SceneMotion:
@@ -36,7 +36,7 @@ class SceneMotion:
         self.form, self.enforce = form, enforce
         self.core, self.layout, self.customs = form.core, form.layout, form.customs
         self.is_compiled = not form.customs and enforce is None
-        self.held = Held(form.core, form.layout.independent_rows)
+        self.held = ChainSupports(form.core, form.layout.independent_rows)
 
     # --------------------------------------------------------------------- redundant coordinates
 

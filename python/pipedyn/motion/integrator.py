@@ -16,8 +16,8 @@ from numpy.typing import ArrayLike
 
 from pipedyn import _core
 from pipedyn.models.base import Model
-from pipedyn.models.constant_head import ConstantHead
 from pipedyn.models.drive import Base, Drive, DriveFailed, Speed
+from pipedyn.motion.constant_head import ConstantHead
 from pipedyn.motion.events import Recorder
 from pipedyn.util.archive import saved_as
 from pipedyn.util.check import Array

@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from pipedyn.models.base import Model, NotConverged
+from pipedyn.models.base import Model
 from pipedyn.models.drive import Base, Pulsation, steady_speed
 from pipedyn.models.pipe import Pipe
 from pipedyn.motion.integrator import Stopped, decays_fast, integrate, state_after
@@ -36,6 +36,7 @@ from pipedyn.util import check
 from pipedyn.util.archive import saved_as
 from pipedyn.util.check import Array
 from pipedyn.util.counters import evaluated
+from pipedyn.util.errors import NotConverged
 from pipedyn.util.later import scipy
 from pipedyn.util.parallel import track
 from pipedyn.util.result import TableResult

@@ -23,10 +23,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from pipedyn.linear.critical_speed import critical_speed
-from pipedyn.models.base import Model, PipedynError
-from pipedyn.models.constant_head import ConstantHead
+from pipedyn.models.base import Model
 from pipedyn.models.drive import LARGEST_SPEED, Base, Drive, DriveFailed, Speed, Supply
 from pipedyn.modular.assembly import Assembly
+from pipedyn.motion.constant_head import ConstantHead
 from pipedyn.motion.events import (
     DenseOutput,
     Event,
@@ -53,6 +53,7 @@ from pipedyn.util import check
 from pipedyn.util.archive import saved_as
 from pipedyn.util.check import Array
 from pipedyn.util.counters import TookTooLong
+from pipedyn.util.errors import PipedynError
 from pipedyn.util.later import futures
 from pipedyn.util.parallel import parallel
 from pipedyn.util.result import Result, TableResult, joined, states_over_time

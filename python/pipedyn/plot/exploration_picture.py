@@ -26,7 +26,7 @@ from matplotlib.transforms import Bbox
 from PIL import Image
 
 from pipedyn.linear.neutral import grows
-from pipedyn.models.pipe import scales_at
+from pipedyn.models.scales import scales_at
 from pipedyn.plot import common, units
 from pipedyn.plot.exploration import CYCLES, rounded_up
 from pipedyn.plot.linear import branches_of, pieces

@@ -8,11 +8,11 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
-from pipedyn.models.base import PipedynError
 from pipedyn.models.pipe import Pipe
 from pipedyn.plot import common
 from pipedyn.plot.exploration import Exploration, Slider
 from pipedyn.plot.units import Units
+from pipedyn.util.errors import PipedynError
 
 LABELS = {
     "u": "flow speed u",

@@ -12,8 +12,9 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from pipedyn.models.drive import Supply
-from pipedyn.models.pipe import Pipe, Scales, scales_at
+from pipedyn.models.pipe import Pipe
 from pipedyn.models.pipe_numbers import unit_of_number
+from pipedyn.models.scales import Scales, scales_at
 from pipedyn.plot import common
 from pipedyn.util import check
 from pipedyn.util import units as si

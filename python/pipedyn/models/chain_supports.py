@@ -25,7 +25,7 @@ SAME = 1e-12
 """Places that differ by less are one, and guides and pins are met: rounding leaves some 1e-15."""
 
 
-class Held:
+class ChainSupports:
     """Coordinates of nodes that are held, and states that keep to them.
 
     Args:
