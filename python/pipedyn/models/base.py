@@ -159,7 +159,7 @@ def operators_from(core: _core.Operators, pipe: Pipe, scale: Array | None = None
 
 
 def projected(operators: Operators, basis: Array) -> Operators:
-    """Those in coordinates z of which the others are basis z, shape (dof, r)."""
+    """Operators in coordinates z, where the given ones are for basis z, shape (dof, r)."""
     matrices: dict[str, Any] = {
         name: basis.T @ of @ basis
         for name, of in vars(operators).items()
@@ -231,7 +231,7 @@ class OfPipe(Saved):
         return {"pipe": self._pipe}
 
     def with_pipe(self, pipe: Pipe) -> Self:
-        """The same discretisation, if there is one, with its springs, of another pipe.
+        """A model of another pipe with this discretisation, if there is one, and its springs.
 
         Raises:
             ValueError: for a pipe that the model does not take, as when it is made; for another
@@ -300,7 +300,7 @@ class Model(OfPipe, ABC):
 
     @property
     def matrix_rounding(self) -> float:
-        """By what rounding may move each matrix, of its norm; 0 where it is that of its entries."""
+        """Share of its norm by which rounding may move a matrix; 0 if by that of its entries."""
         return 0.0
 
     def term_stiffness(self, pencil: Pencil) -> float:
@@ -318,7 +318,7 @@ class Model(OfPipe, ABC):
         return largest_stretch(lambda x: pencil.stiffness(x) - pencil.elastic(x), start, 4)
 
     def refined(self) -> Model | None:
-        """The same discretisation of the pipe with half as many functions again, at least four.
+        """A model of the pipe with half as many functions again, at least four more.
 
         None of a chain and a scene, whose segments are bodies in their own right.
         """
@@ -345,7 +345,7 @@ class Model(OfPipe, ABC):
         return np.linspace(0.0, 1.0, max(201, 8 * min(self.dof, 500) + 1))
 
     def about(self, q: ArrayLike) -> Self:
-        """The same model, whose linear questions are asked about another configuration at rest.
+        """A copy of the model whose linear questions are about another configuration at rest.
 
         `eigenvalues`, `modes`, `root_loci`, `crossings` and `critical_speed` take it; they refuse
         it at flow speeds at which the configuration is no equilibrium. So of a pipe that rests bent
@@ -445,7 +445,7 @@ class Model(OfPipe, ABC):
 
     @cached_property
     def equations(self) -> Any:
-        """The same of a pipe that has equations of motion.
+        """The compiled equations of motion, where the pipe has some.
 
         Raises:
             ValueError: with hysteresis, which is known of oscillations alone.
@@ -498,7 +498,7 @@ class Model(OfPipe, ABC):
 
     @abstractmethod
     def elastic_operators(self) -> Operators:
-        """The same operators in elastic coordinates z."""
+        """Linear operators about rest in elastic coordinates z."""
 
     @abstractmethod
     def from_elastic(self, z: ArrayLike) -> NDArray[Any]:

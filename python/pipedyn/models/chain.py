@@ -272,7 +272,7 @@ class Chain(Model):
         return np.append(harmonic, harmonic[-1])[: self.coordinates + 1]
 
     def _springs_by_rule(self, rule: str) -> Array:
-        """Of all joints, that of a guided end included, with a clamped root, shape (n + 1,)."""
+        """Springs of all joints with a clamped root, a guided end's too, shape (n + 1,)."""
         n, every = self.coordinates, self._relative_stiffness(rule)
         if rule == "consistent":
             beside = np.concatenate([[2.0 * self._base], self._lengths, [0.0]])
@@ -490,7 +490,7 @@ class Chain(Model):
 
     @cached_property
     def _elastic_free(self) -> _core.Complement:
-        """The same of the elastic coordinates."""
+        """What supports leave of the elastic coordinates, where the model is linearised."""
         rows = np.cumsum(self._rows(self.resting())[::-1], axis=0)[::-1]
         return _core.Complement(self.elastic_scale[:, None] * rows)
 
@@ -498,7 +498,7 @@ class Chain(Model):
         return free.spread(np.eye(self.dof))
 
     def operators(self, q: ArrayLike | None = None) -> Operators:
-        """As for `Model.operators`; where supports hold nodes, along `basis`.
+        """Linear operators about a configuration at rest; where supports hold nodes, along `basis`.
 
         Args:
             q: angles at rest that meet the supports, shape (n,); those of `about`, else the
@@ -623,7 +623,7 @@ class Chain(Model):
 
     @cached_property
     def _lengths_to_tip(self) -> Array:
-        """Of the segments up to the place that `tips` gives, shape (n,)."""
+        """Lengths of the segments as far as the place whose motion `tips` gives, shape (n,)."""
         place = self.pipe.watched
         if place == 1.0:
             return self._lengths

@@ -19,7 +19,7 @@ from pipedyn.util import check
 from pipedyn.util.archive import saved_as
 from pipedyn.util.errors import NotConverged
 
-Answer = TypeVar("Answer")
+Reply = TypeVar("Reply")
 
 SMALLEST, LARGEST = 16, 400
 """Sizes between which the basis grows: measured, 16 functions hold the four lowest modes to 2e-12
@@ -35,14 +35,14 @@ four, see basis.hpp, and ten were needed for the lowest modes of fifty equal spa
 
 
 @dataclass(frozen=True)
-class Converged(Generic[Answer]):
+class Converged(Generic[Reply]):
     """An answer that converged: its value at the larger of the last two sizes.
 
     Its error is the relative change from the size before, a bound where convergence is exponential;
     0 of a model of one size.
     """
 
-    value: Answer
+    value: Reply
     size: int
     error: float
 
@@ -95,12 +95,12 @@ class Continuum(OfPipe):
 
     def converge(
         self,
-        question: Callable[[Galerkin], Answer],
-        distance: Callable[[Answer, Answer], float],
+        question: Callable[[Galerkin], Reply],
+        distance: Callable[[Reply, Reply], float],
         tolerance: float = TOLERANCE,
         smallest: int = SMALLEST,
         largest: int = LARGEST,
-    ) -> Converged[Answer]:
+    ) -> Converged[Reply]:
         """The answer to a question, from a basis grown until it converges.
 
         Args:
@@ -129,17 +129,17 @@ AnyModel: TypeAlias = Model | Continuum
 
 def converged_ahead(
     model: Continuum,
-    question: Callable[[Galerkin, Galerkin | None], tuple[Answer, Answer | None]],
-    distance: Callable[[Answer, Answer], float],
+    question: Callable[[Galerkin, Galerkin | None], tuple[Reply, Reply | None]],
+    distance: Callable[[Reply, Reply], float],
     tolerance: float = TOLERANCE,
     smallest: int = SMALLEST,
     largest: int = LARGEST,
-) -> Converged[Answer]:
-    """As `Continuum.converge`, of a question that may answer for the model of the next size, too.
+) -> Converged[Reply]:
+    """Asks a question of reduced models of growing size until two answers agree.
 
-    It is asked of a model and the next larger one, None after the last, and answers for both or
-    with None for the larger, which is then asked itself. Where it answers None for the smaller the
-    basis grows the faster.
+    `Continuum.converge` says what the arguments are, but the question is asked of a model and the
+    next larger one, None after the last. It answers for both, or with None for the larger, which is
+    then asked itself. Where it answers None for the smaller the basis grows the faster.
     """
     tolerance = check.real("tolerance", tolerance, low=0.0, open_low=True)
     smallest = check.count("smallest", smallest, high=LARGEST_BASIS - 8)
@@ -149,7 +149,7 @@ def converged_ahead(
     largest = min(largest + MOST_A_JOINT * inner, LARGEST_BASIS)
     last = max(largest, smallest + 8)
     asked, more = model.frozen(size), 0
-    answers: list[tuple[Answer, int]] = []
+    answers: list[tuple[Reply, int]] = []
 
     def following(share: int) -> int:
         """The next size, larger by a share, or the last; no step is shorter than others."""
@@ -193,10 +193,10 @@ def checked_model(model: Any) -> AnyModel:
 def answered(
     model: AnyModel,
     speeds: tuple[float, ...],
-    question: Callable[[Any], Answer],
-    distance: Callable[[Answer, Answer], float],
+    question: Callable[[Any], Reply],
+    distance: Callable[[Reply, Reply], float],
     **growth: Any,
-) -> Converged[Answer]:
+) -> Converged[Reply]:
     """A question about flow speeds, asked of any model; the rest as for `Continuum.converge`.
 
     Raises:

@@ -92,7 +92,7 @@ class Pulsation:
 
     @classmethod
     def from_si(cls, pipe: Pipe, *, mean: float, amplitude: float, frequency: float) -> Pulsation:
-        """Of a pipe made with `Pipe.from_si`: mean in m/s, frequency in rad/s.
+        """The pulsation of a pipe made with `Pipe.from_si`: mean in m/s, frequency in rad/s.
 
         Example:
             >>> numbers = {"bending_stiffness": 4.0, "pipe_mass": 0.75, "fluid_mass": 0.25}
@@ -106,7 +106,7 @@ class Pulsation:
 
     @property
     def period(self) -> float:
-        """In T."""
+        """Period of the pulsation, in T."""
         return 2.0 * math.pi / self.frequency
 
     def __call__(self, t: float) -> float:
@@ -158,7 +158,7 @@ class Harmonic:
     def from_si(
         cls, pipe: Pipe, *, amplitude: float, frequency: float, direction: str = "x"
     ) -> Harmonic:
-        """Of a pipe made with `Pipe.from_si`: amplitude in m, frequency in rad/s.
+        """The motion of a pipe's base: amplitude in m, frequency in rad/s.
 
         Example:
             >>> numbers = {"bending_stiffness": 4.0, "pipe_mass": 0.75, "fluid_mass": 0.25}
@@ -172,7 +172,7 @@ class Harmonic:
 
     @property
     def period(self) -> float:
-        """In T."""
+        """Period of the motion, in T."""
         return 2.0 * math.pi / self.frequency
 
     def along(self, value: float) -> Place:
@@ -279,7 +279,7 @@ class Supply:
         weight: float | None = None,
         start: float | None = None,
     ) -> Supply:
-        """Of a pipe made with `Pipe.from_si`.
+        """The supply of a pipe made with `Pipe.from_si`.
 
         Args:
             pipe: the pipe.
@@ -310,7 +310,7 @@ class Supply:
 
     def _hanging(self, pipe: Pipe) -> float:
         """What the straight pipe's fluid adds to the head."""
-        return _checked(pipe).direction * self.weight_in(pipe)
+        return _checked_pipe(pipe).direction * self.weight_in(pipe)
 
     def weight_in(self, pipe: Pipe) -> float:
         """Weight of the fluid, in EI / L^2."""
@@ -365,7 +365,7 @@ def require_steady(name: str, given: Any) -> None:
             )
 
 
-def _checked(pipe: Any) -> Pipe:
+def _checked_pipe(pipe: Any) -> Pipe:
     if not isinstance(pipe, Pipe):
         raise TypeError(f"pipe must be a Pipe, got {check.shown(pipe)}")
     return pipe
@@ -373,7 +373,7 @@ def _checked(pipe: Any) -> Pipe:
 
 def with_scales(pipe: Any) -> Pipe:
     """The argument, if it is a pipe made with `Pipe.from_si`."""
-    if _checked(pipe).scales is None:
+    if _checked_pipe(pipe).scales is None:
         raise ValueError(f"pipe must be made with Pipe.from_si, got {pipe!r}")
     return pipe
 

@@ -14,7 +14,7 @@ from pipedyn.util import check
 from pipedyn.util.check import Array
 from pipedyn.util.later import scipy
 
-TOLERANCE = 1e-12
+QUADRATURE = 1e-12
 """Relative error asked of both integrals; rounding in 23,000 terms leaves 1e-13."""
 
 
@@ -131,7 +131,12 @@ def _means_of_function(velocity: Callable[[float], Any], radius: float) -> tuple
         return np.array([2.0 * x * value, 2.0 * x * value**2])
 
     # A jump takes 50 panels more, a profile like (1 - r)^-0.4 takes 840, noise would never end.
-    settings: dict[str, Any] = {"epsabs": 0.0, "epsrel": TOLERANCE, "norm": "max", "limit": 8000}
+    settings: dict[str, Any] = {
+        "epsabs": 0.0,
+        "epsrel": QUADRATURE,
+        "norm": "max",
+        "limit": 8000,
+    }
     means, error = scipy.integrate.quad_vec(ring, 0.0, 1.0, points=edges[1:-1], **settings)
     mean, square = map(float, means)
     if not _vanishes(mean, square):
@@ -155,4 +160,4 @@ def _peak(velocity: Array) -> float:
 
 def _vanishes(mean: float, square: float) -> bool:
     """Whether the mean velocity is rounding of its root mean square, or NaN."""
-    return not mean**2 > TOLERANCE**2 * square
+    return not mean**2 > QUADRATURE**2 * square

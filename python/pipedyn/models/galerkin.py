@@ -499,7 +499,7 @@ class Galerkin(Model):
 
 
 def enriched(model: Galerkin, more: int) -> Galerkin:
-    """The same number of functions, with so many more of them on short panels.
+    """A model with as many functions, of which so many more are on short panels.
 
     Two models of growing size and growing `more` differ on every panel of the basis but those
     shorter than 0.003, so that the distance of their answers bounds what short panels miss, too.

@@ -113,11 +113,11 @@ class Pencil:
         self.centrifugal = self.pipe.alpha
 
     def spectrum(self, traits: _core.Traits, size: float) -> _core.Eigenproblem:
-        """Its eigenvalues as the core finds them. size: of K at rest."""
+        """The eigenvalues as the core finds them; size: the norm of K at rest."""
         raise NotImplementedError
 
     def with_pipe(self, pipe: Pipe) -> Pencil:
-        """That of the same model of another pipe."""
+        """The pencil of the model with another pipe."""
         raise NotImplementedError
 
     def elastic(self, x: Vectors) -> Vectors:
@@ -144,7 +144,7 @@ class Pencil:
 
 
 def _step(value: float) -> float:
-    """Of a number of the pipe, by which it stays in its range."""
+    """Step by which a number of the pipe stays in its range."""
     return 1.0 if value < 1.0 else -1.0
 
 
@@ -164,7 +164,7 @@ class DensePencil(Pencil):
 
     @cached_property
     def _moved(self) -> DensePencil:
-        """Of other gravity and damping, in which K and D are linear."""
+        """The pencil at another gravity and damping, in which K and D are linear."""
         more = self.pipe.damping + _step(self.pipe.damping)
         heavier = self.pipe.gamma + _step(self.pipe.gamma)
         return self.with_pipe(replace(self.pipe, gamma=heavier, damping=more))
@@ -246,7 +246,7 @@ class ChainPencil(PartsPencil):
 
     @property
     def lost_power(self) -> float:  # type: ignore[override]
-        """Of what holds against all damping where guides hold nothing."""
+        """Power below which a motion of a guided chain is not damped; 0 without guides."""
         free = self.scale[:, None] * np.cos(np.arange(1.0, self.scale.size + 1.0))[:, None]
         loads = self.scale[:, None] * self.core.joint_times(free, rate=1.0)
         return 1e-12 * float(np.abs(loads).max(initial=0.0)) if self.held is not None else 0.0

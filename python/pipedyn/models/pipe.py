@@ -451,7 +451,7 @@ class Pipe(Saved):
             >>> pp.Pipe.from_si(length=2.0, **numbers).speed_si(3.0)
             6.0
         """
-        return _converted("u", u, np.multiply, self._units("speed").speed)
+        return _times_scale("u", u, np.multiply, self._units("speed").speed)
 
     def speed(self, V: ArrayLike) -> Any:
         """Nondimensional flow speed u from V in m/s; a number or an array.
@@ -461,7 +461,7 @@ class Pipe(Saved):
             >>> pp.Pipe.from_si(length=2.0, **numbers).speed(6.0)
             3.0
         """
-        return _converted("V", V, np.divide, self._units("speed").speed)
+        return _times_scale("V", V, np.divide, self._units("speed").speed)
 
     def time_si(self, tau: ArrayLike) -> Any:
         """Time in s from the nondimensional tau; a number or an array.
@@ -471,7 +471,7 @@ class Pipe(Saved):
             >>> pp.Pipe.from_si(length=2.0, **numbers).time_si(1.5)
             3.0
         """
-        return _converted("tau", tau, np.multiply, self._units("time").time)
+        return _times_scale("tau", tau, np.multiply, self._units("time").time)
 
     def time(self, t: ArrayLike) -> Any:
         """Nondimensional time tau from t in s; a number or an array.
@@ -481,7 +481,7 @@ class Pipe(Saved):
             >>> pp.Pipe.from_si(length=2.0, **numbers).time(3.0)
             1.5
         """
-        return _converted("t", t, np.divide, self._units("time").time)
+        return _times_scale("t", t, np.divide, self._units("time").time)
 
     def frequency_si(self, omega: ArrayLike) -> Any:
         """Angular frequency in rad/s from the nondimensional omega; a number or an array.
@@ -493,7 +493,7 @@ class Pipe(Saved):
             >>> pp.Pipe.from_si(length=2.0, **numbers).frequency_si(14.0)
             7.0
         """
-        return _converted("omega", omega, np.divide, self._units("time").time)
+        return _times_scale("omega", omega, np.divide, self._units("time").time)
 
     def frequency(self, omega_si: ArrayLike) -> Any:
         """Nondimensional angular frequency from rad/s (2 pi times Hz); a number or an array.
@@ -503,7 +503,7 @@ class Pipe(Saved):
             >>> pp.Pipe.from_si(length=2.0, **numbers).frequency(7.0)
             14.0
         """
-        return _converted("omega_si", omega_si, np.multiply, self._units("time").time)
+        return _times_scale("omega_si", omega_si, np.multiply, self._units("time").time)
 
     def length_si(self, s: ArrayLike) -> Any:
         """Length in m from a fraction of the pipe's; a number or an array.
@@ -513,7 +513,7 @@ class Pipe(Saved):
             >>> pp.Pipe.from_si(length=2.0, **numbers).length_si(0.5)
             1.0
         """
-        return _converted("s", s, np.multiply, self._units("length").length)
+        return _times_scale("s", s, np.multiply, self._units("length").length)
 
     def length(self, x: ArrayLike) -> Any:
         """Length as a fraction of the pipe's from m; a number or an array.
@@ -523,7 +523,7 @@ class Pipe(Saved):
             >>> pp.Pipe.from_si(length=2.0, **numbers).length(1.0)
             0.5
         """
-        return _converted("x", x, np.divide, self._units("length").length)
+        return _times_scale("x", x, np.divide, self._units("length").length)
 
 
 def _checked_scales(scales: Any) -> Scales:
@@ -550,7 +550,7 @@ CHECKS: dict[str, Callable[[Any], Any]] = {
 DEFAULTS = {item.name: item.default for item in fields(Pipe)}
 
 
-def _converted(name: str, value: ArrayLike, by: np.ufunc, scale: float) -> Any:
+def _times_scale(name: str, value: ArrayLike, by: np.ufunc, scale: float) -> Any:
     numbers = check.numbers(name, value, "a number or an array of numbers", longest=10_000_000)
     if not np.isfinite(numbers).all():
         raise ValueError(f"{name} must be finite, got {check.shown(value)}")

@@ -39,7 +39,7 @@ class PipeNumber:
     rule: dict[str, Any]  # what `check.real` asks of it
 
     def of(self, pipe: Pipe) -> float:
-        """Its value."""
+        """The value that the number has of a pipe."""
         holder: Any = pipe if self.term is None else pipe.terms[self.term]
         if self.name == "root.stiffness":
             holder = pipe.root

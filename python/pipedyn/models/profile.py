@@ -20,7 +20,7 @@ from pipedyn.util.check import Array
 Along: TypeAlias = Callable[[Array], ArrayLike]
 """A function of arc lengths in L, (p,) to (p,)."""
 
-SMALLEST, LARGEST = 1e-6, 1e6
+LOWEST, HIGHEST = 1e-6, 1e6
 """Range of a profile's values, far beyond that of any pipe's."""
 
 RESOLVED = 3e-14
@@ -54,7 +54,7 @@ class _Series:
     @classmethod
     def restored(cls, fields: dict[str, Any]) -> _Series:
         """The series of which a file kept this, if a function can have it."""
-        made, most = cls(**fields), 2.0 * LARGEST  # as a mean of values times twice a cosine
+        made, most = cls(**fields), 2.0 * HIGHEST  # as a mean of values times twice a cosine
         few = 1 <= len(made.coefficients) <= COUNTS[-1]
         if not (few and all(abs(one) <= most for one in made.coefficients)):
             raise ValueError(
@@ -137,7 +137,7 @@ class Profile:
             elif callable(value):
                 found += _fitted(_Function(name, value), low, high)
             else:
-                one = check.real(f"{name}[{k}]", value, low=SMALLEST, high=LARGEST)
+                one = check.real(f"{name}[{k}]", value, low=LOWEST, high=HIGHEST)
                 found.append((high, one))
             _refuse_many(name, len(found))
         object.__setattr__(self, "at", tuple(high for high, _ in found[:-1]))
@@ -149,8 +149,8 @@ class Profile:
         made = cls(**fields)
         low, high = made.bounds
         missed = 10.0 * NEARLY * high  # more than a series misses of its function
-        if not SMALLEST - missed <= low <= high <= LARGEST + missed:
-            raise ValueError(f"values must lie in [{SMALLEST:g}, {LARGEST:g}], got {low} to {high}")
+        if not LOWEST - missed <= low <= high <= HIGHEST + missed:
+            raise ValueError(f"values must lie in [{LOWEST:g}, {HIGHEST:g}], got {low} to {high}")
         return made
 
     def __repr__(self) -> str:
@@ -162,7 +162,7 @@ class Profile:
         return f"Profile(at=({at}), values=({values}))"
 
     def __call__(self, s: ArrayLike) -> Array:
-        """Its values at arc lengths s in [0, 1], shape (p,); at a jump that beyond."""
+        """Values at arc lengths s in [0, 1], shape (p,); at a jump the value beyond."""
         return self.core(check.array("s", s, low=0.0, high=1.0, longest=100_000_000))
 
     @property
@@ -203,9 +203,9 @@ def mixed(profile: Profile, share: float) -> Profile:
 
 
 def moments(profile: Profile, ends: Array) -> Array:
-    """Its integrals between ascending ends (n + 1,), shape (3, n).
+    """Integrals of a profile between ascending ends (n + 1,), shape (3, n).
 
-    Times the powers 0, 1, 2 of the distance from the first end of each.
+    The integrand is multiplied by the powers 0, 1, 2 of the distance from the first end of each.
     """
     cuts = np.union1d(ends, [s for s in profile.at if ends[0] < s < ends[-1]])
     # Gauss: exact for the series times the square.
@@ -231,7 +231,7 @@ class _Function:
 
     def __call__(self, s: Array) -> Array:
         given = np.array(s)
-        rule: dict[str, Any] = {"low": SMALLEST, "high": LARGEST, "longest": s.size}
+        rule: dict[str, Any] = {"low": LOWEST, "high": HIGHEST, "longest": s.size}
         return check.array(
             f"{self.name}(s)", values_along(self.name, self.function, given), size=s.size, **rule
         )

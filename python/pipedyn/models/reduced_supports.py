@@ -18,10 +18,10 @@ from pipedyn.util.check import Array
 from pipedyn.util.errors import resolved
 from pipedyn.util.later import scipy
 
-ROUNDING = 1e-13
+SUPPORT_MISSED = 1e-13
 """x at a support, in L, that counts as 0: a hundred times rounding."""
 
-ITERATIONS = 30
+MOST_PROJECTIONS = 30
 """Newton's method takes four or five where supports are missed by 0.1."""
 
 
@@ -51,12 +51,12 @@ class ReducedSupports:
         """Coordinates and rates that meet the supports, close to those given; NaN without any."""
         columns, turning = (of.reshape(self.size, -1).copy() for of in (q, rates))
         missed, by = self.held(columns)
-        for _ in range(ITERATIONS):
-            if not np.nanmax(np.abs(missed), initial=0.0) > 0.1 * ROUNDING:
+        for _ in range(MOST_PROJECTIONS):
+            if not np.nanmax(np.abs(missed), initial=0.0) > 0.1 * SUPPORT_MISSED:
                 break
             columns -= self._step(by, missed)
             missed, by = self.held(columns)
-        off = ~(np.abs(missed) <= ROUNDING).all(axis=0)
+        off = ~(np.abs(missed) <= SUPPORT_MISSED).all(axis=0)
         by[off] = np.nan
         turning -= self._step(by, np.einsum("kbi,ik->bk", by, turning))
         columns[:, off] = turning[:, off] = np.nan
@@ -80,7 +80,10 @@ class ReducedSupports:
         return np.asarray(vectors[:, len(by[0]) :])
 
     def free_states(self, y: Array) -> Array:
-        """The same of states [q, q'], (2 size, 2 (size - supports))."""
+        """Changes of states [q, q'] that the supports leave, (2 size, 2 (size - supports)).
+
+        They are orthonormal; the state keeps meeting the supports and their rates along them.
+        """
         q, rates = np.split(y, 2)
         # The derivative of the rates of x by q is that of the derivatives of x along the motion:
         # central differences of sixth order.

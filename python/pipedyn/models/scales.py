@@ -38,7 +38,7 @@ class Scales(NamedTuple):
 
 
 def scales_at(beta: Any, scales: Scales) -> Scales:
-    """Those of another mass ratio, or of several, at the same length, EI and mu_p + mu_f."""
+    """Scales at another mass ratio, or several, of a pipe with as much length, EI and mass."""
     with np.errstate(divide="ignore"):
         speed = scales.length / scales.time / np.sqrt(beta)
     if np.ndim(beta):

@@ -76,7 +76,7 @@ class Term:
 
     @property
     def numbers(self) -> dict[str, float]:
-        """Its numbers by name, without the place."""
+        """The numbers of the term by name, without its place."""
         return {item.name: getattr(self, item.name) for item in fields(self) if item.name != "at"}
 
     def law_numbers(self, damping: float) -> list[float]:
