@@ -20,7 +20,7 @@ from pipedyn.util.check import Array
 Along: TypeAlias = Callable[[Array], ArrayLike]
 """A function of arc lengths in L, (p,) to (p,)."""
 
-LOWEST, HIGHEST = 1e-6, 1e6
+LEAST_RATIO, LARGEST_RATIO = 1e-6, 1e6
 """Range of a profile's values, far beyond that of any pipe's."""
 
 RESOLVED = 3e-14
@@ -54,7 +54,7 @@ class _Series:
     @classmethod
     def restored(cls, fields: dict[str, Any]) -> _Series:
         """The series of which a file kept this, if a function can have it."""
-        made, most = cls(**fields), 2.0 * HIGHEST  # as a mean of values times twice a cosine
+        made, most = cls(**fields), 2.0 * LARGEST_RATIO  # as a mean of values times twice a cosine
         few = 1 <= len(made.coefficients) <= COUNTS[-1]
         if not (few and all(abs(one) <= most for one in made.coefficients)):
             raise ValueError(
@@ -137,7 +137,7 @@ class Profile:
             elif callable(value):
                 found += _fitted(_Function(name, value), low, high)
             else:
-                one = check.real(f"{name}[{k}]", value, low=LOWEST, high=HIGHEST)
+                one = check.real(f"{name}[{k}]", value, low=LEAST_RATIO, high=LARGEST_RATIO)
                 found.append((high, one))
             _refuse_many(name, len(found))
         object.__setattr__(self, "at", tuple(high for high, _ in found[:-1]))
@@ -149,8 +149,10 @@ class Profile:
         made = cls(**fields)
         low, high = made.bounds
         missed = 10.0 * NEARLY * high  # more than a series misses of its function
-        if not LOWEST - missed <= low <= high <= HIGHEST + missed:
-            raise ValueError(f"values must lie in [{LOWEST:g}, {HIGHEST:g}], got {low} to {high}")
+        if not LEAST_RATIO - missed <= low <= high <= LARGEST_RATIO + missed:
+            raise ValueError(
+                f"values must lie in [{LEAST_RATIO:g}, {LARGEST_RATIO:g}], got {low} to {high}"
+            )
         return made
 
     def __repr__(self) -> str:
@@ -231,7 +233,7 @@ class _Function:
 
     def __call__(self, s: Array) -> Array:
         given = np.array(s)
-        rule: dict[str, Any] = {"low": LOWEST, "high": HIGHEST, "longest": s.size}
+        rule: dict[str, Any] = {"low": LEAST_RATIO, "high": LARGEST_RATIO, "longest": s.size}
         return check.array(
             f"{self.name}(s)", values_along(self.name, self.function, given), size=s.size, **rule
         )
