@@ -27,7 +27,7 @@ from pipedyn.models.base import checked_pipe
 from pipedyn.models.continuum import LARGEST, Continuum
 from pipedyn.models.drive import Pulsation, Supply
 from pipedyn.models.galerkin import Galerkin
-from pipedyn.models.pipe import Pipe
+from pipedyn.models.pipe import OWN_NUMBERS, Pipe
 from pipedyn.models.profile import Profile
 from pipedyn.models.supports import RootSpring
 from pipedyn.models.terms import Foundation, Spring
@@ -41,18 +41,18 @@ from pipedyn.util.units import RATE
 LIMIT_BETA = 1e-9
 """beta that stands for the limit beta -> 0, from which the critical speed differs by 1.1 beta."""
 
-NUMBERS = {
-    "gravity": ("gamma", "gamma"),
-    "drag": ("drag", "kappa"),
-    "damping": ("damping", "delta"),
-    "hysteresis": ("hysteresis", "mu"),
-    "Coriolis": ("beta", "beta"),
-    "end coefficient": ("alpha", "alpha"),
-    "centrifugal": ("alpha", "alpha"),
-    "inflow": ("inflow_share", "c"),
-    "jet angle": ("jet_angle", "psi"),
+EFFECTS = {
+    "gravity": "gamma",
+    "drag": "drag",
+    "damping": "damping",
+    "hysteresis": "hysteresis",
+    "Coriolis": "beta",
+    "end coefficient": "alpha",
+    "centrifugal": "alpha",
+    "inflow": "inflow_share",
+    "jet angle": "jet_angle",
 }
-"""Effects that a number of the pipe switches off: its name and how it prints."""
+"""Names of the numbers of the pipe by the effects that they switch off."""
 
 ABSENT = {"end coefficient": 1.0, "inflow": 1.0, "jet angle": 0.0}
 """What its number is where the pipe has no such effect; these are listed where it has."""
@@ -289,10 +289,10 @@ def relevant(
 def _strengths(pipe: Pipe) -> dict[str, str]:
     """Effects by name, with the number that each comes from; empty where the pipe has it not."""
     strengths = {}
-    for name, (number, symbol) in NUMBERS.items():
-        value = float(getattr(pipe, number))
+    for name, number in EFFECTS.items():
+        value, letter = float(getattr(pipe, number)), OWN_NUMBERS[number].letter
         if value != ABSENT.get(name):
-            strengths[name] = f"{symbol} = {value:.6g}" if value or name in ABSENT else ""
+            strengths[name] = f"{letter} = {value:.6g}" if value or name in ABSENT else ""
     parts = [strengths[name] for name in ("Coriolis", "centrifugal") if strengths[name]]
     strengths["flow"] = ", ".join(parts)
     if isinstance(pipe.root, RootSpring):
@@ -331,7 +331,7 @@ def _droppable(names: Collection[str]) -> tuple[str, ...]:
 def _without(pipe: Pipe, names: Collection[str]) -> Pipe:
     """The pipe with some of its effects switched off."""
     gone: dict[str, Any] = {
-        number: ABSENT.get(name, 0.0) for name, (number, _) in NUMBERS.items() if name in names
+        number: ABSENT.get(name, 0.0) for name, number in EFFECTS.items() if name in names
     }
     if "flow" in names:
         gone |= {"beta": 0.0, "alpha": 0.0}

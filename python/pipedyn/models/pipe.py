@@ -37,21 +37,68 @@ from pipedyn.models.terms import (
 )
 from pipedyn.util import check
 from pipedyn.util.archive import Saved, saved_as
+from pipedyn.util.units import TIME, Unit
 
 Flow = Literal["ejecting", "aspirating"]
 FLOWS = ("ejecting", "aspirating")
 
-RANGES: dict[str, dict[str, Any]] = {
-    "beta": {"low": 0.0, "high": 1.0, "open_high": True},
-    "gamma": {"low": -1e6, "high": 1e6},
-    "alpha": {"low": 0.0, "high": 1e6},
-    "drag": {"low": 0.0, "high": 1e9},
-    "damping": {"low": 0.0, "high": 1e6},
-    "hysteresis": {"low": 0.0, "high": 1e3},
-    "inflow_share": {"low": 0.0, "high": 1.0},
-    "jet_angle": {"low": -math.pi, "high": math.pi},
+
+@dataclass(frozen=True)
+class OwnNumber:
+    """A number of the pipe itself, for all that treats numbers alike.
+
+    Attributes:
+        word: what it is called in a label.
+        symbol: its symbol in TeX, a Greek letter by its name.
+        rule: range that `check.real` asks of it: far above any pipe's, far below overflow.
+        slider: range of a slider, wider where the pipe's own number lies outside; None where only a
+            number that is not at its default gets one.
+        flow: the flow that alone has it; empty where every pipe does.
+        not_small: why small motions about the straight pipe do not know it; empty where they do.
+        not_large: why motions in time do not; empty where they do.
+        unit: in SI; None where it has none.
+    """
+
+    word: str
+    symbol: str
+    rule: dict[str, Any]
+    slider: tuple[float, float] | None = None
+    flow: str = ""
+    not_small: str = ""
+    not_large: str = ""
+    unit: Unit | None = None
+
+    @property
+    def letter(self) -> str:
+        """The symbol in words, a Greek letter by its name."""
+        return self.symbol.removeprefix("\\")
+
+
+OWN_NUMBERS = {
+    "beta": OwnNumber(
+        "mass ratio", r"\beta", {"low": 0.0, "high": 1.0, "open_high": True}, (0.02, 0.95)
+    ),
+    "gamma": OwnNumber("gravity", r"\gamma", {"low": -1e6, "high": 1e6}, (-20.0, 60.0)),
+    "alpha": OwnNumber("end coefficient", r"\alpha", {"low": 0.0, "high": 1e6}, (0.0, 2.0)),
+    "drag": OwnNumber(
+        *("drag", r"\kappa", {"low": 0.0, "high": 1e9}),
+        not_small="drag has no part in small motions",
+    ),
+    "damping": OwnNumber("damping", r"\delta", {"low": 0.0, "high": 1e6}, (0.0, 0.05), unit=TIME),
+    "hysteresis": OwnNumber(
+        *("loss factor", r"\mu", {"low": 0.0, "high": 1e3}, (0.0, 0.2)),
+        not_large="a pipe with hysteresis has no equation of motion in time",
+    ),
+    "inflow_share": OwnNumber(
+        "inflow share", "c", {"low": 0.0, "high": 1.0}, (0.0, 1.0), flow="aspirating"
+    ),
+    "jet_angle": OwnNumber(
+        *("jet angle", r"\psi", {"low": -math.pi, "high": math.pi}),
+        flow="ejecting",
+        not_small="the straight pipe is no equilibrium of an inclined jet",
+    ),
 }
-"""What `check.real` asks of a pipe's numbers: far above any pipe's, far below overflow."""
+"""The numbers of a pipe by their names as arguments."""
 
 
 @saved_as("Pipe")
@@ -275,7 +322,9 @@ class Pipe(Saved):
                     f"nozzle_ratio must be that of an ejecting pipe, whose jet it contracts, "
                     f"got flow={check.shown(flow)}"
                 )
-            alpha = check.real("nozzle_ratio", nozzle_ratio, open_low=True, **RANGES["alpha"])
+            alpha = check.real(
+                "nozzle_ratio", nozzle_ratio, open_low=True, **OWN_NUMBERS["alpha"].rule
+            )
         mass = pipe_mass + fluid_mass
         time = length**2 * math.sqrt(mass / stiffness)
         units = Scales(length, mass, time, math.sqrt(stiffness / fluid_mass) / length)
@@ -298,7 +347,7 @@ class Pipe(Saved):
             "damping": (damping_time / time, f"damping_time, {every}"),
         }
         checked = {
-            name: check.real(f"{name} from {causes}", value, **RANGES[name])
+            name: check.real(f"{name} from {causes}", value, **OWN_NUMBERS[name].rule)
             for name, (value, causes) in numbers.items()
         }
         given = [converted(one, units, operator.truediv) for one in checked_terms(terms, length)]
@@ -536,7 +585,7 @@ def _checked_scales(scales: Any) -> Scales:
 
 CHECKS: dict[str, Callable[[Any], Any]] = {
     "flow": partial(check.choice, "flow", options=FLOWS),
-    **{name: partial(check.real, name, **rule) for name, rule in RANGES.items()},
+    **{name: partial(check.real, name, **one.rule) for name, one in OWN_NUMBERS.items()},
     "terms": lambda terms: in_range(checked_terms(terms)),
     "root": checked_root,
     "end": partial(check.choice, "end", options=ENDS),

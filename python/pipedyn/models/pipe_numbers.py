@@ -10,20 +10,11 @@ from __future__ import annotations
 from dataclasses import dataclass, fields, replace
 from typing import Any
 
-from pipedyn.models.pipe import RANGES, Pipe
+from pipedyn.models.pipe import OWN_NUMBERS, Pipe
 from pipedyn.models.supports import RootSpring
 from pipedyn.models.terms import Term
 from pipedyn.util import check
-from pipedyn.util.units import SPEED, TIME, Unit
-
-WITHOUT_EFFECT = {
-    "drag": "drag has no part in small motions",
-    "jet_angle": "the straight pipe is no equilibrium of an inclined jet",
-}
-"""Numbers of a pipe that its small motions do not know, and why."""
-
-WITHOUT_MOTION = {"hysteresis": "a pipe with hysteresis has no equation of motion in time"}
-"""The same for motions of finite amplitude."""
+from pipedyn.util.units import SPEED, Unit
 
 LARGE_MOTIONS = ("cubic_spring", "stop", "stretching")
 """Terms that small motions do not feel."""
@@ -63,12 +54,10 @@ def pipe_numbers(pipe: Pipe, motions: bool = False) -> dict[str, PipeNumber]:
     A term's is "terms[0].mass", and "PointMass.mass" where the pipe has one such term.
     """
     found = {
-        name: PipeNumber(name, name, None, rule)
-        for name, rule in RANGES.items()
-        if name not in (WITHOUT_MOTION if motions else WITHOUT_EFFECT)
+        name: PipeNumber(name, name, None, one.rule)
+        for name, one in OWN_NUMBERS.items()
+        if one.flow in ("", pipe.flow) and not (one.not_large if motions else one.not_small)
     }
-    if pipe.flow == "ejecting":
-        del found["inflow_share"]
     if isinstance(pipe.root, RootSpring):
         rule = fields(RootSpring)[0].metadata["range"]
         found["root.stiffness"] = PipeNumber("root.stiffness", "stiffness", None, rule)
@@ -89,8 +78,10 @@ def pipe_numbers(pipe: Pipe, motions: bool = False) -> dict[str, PipeNumber]:
 
 def unit_of_number(name: str, pipe: Pipe) -> Unit | None:
     """The SI unit of a number of a pipe, or of u; None where it has none."""
-    if name in ("u", "damping"):
-        return SPEED if name == "u" else TIME
+    if name == "u":
+        return SPEED
+    if name in OWN_NUMBERS:
+        return OWN_NUMBERS[name].unit
     number = pipe_numbers(pipe, motions=True).get(name)
     holder: Any = pipe.root if name == "root.stiffness" else None
     if number is not None and number.term is not None:
@@ -126,14 +117,15 @@ def checked_number(
         TypeError: for what is no word.
     """
     every = pipe_numbers(pipe, motions)
-    if motions and isinstance(name, str) and name in WITHOUT_MOTION:
+    own = OWN_NUMBERS.get(name) if isinstance(name, str) else None
+    if motions and own is not None and own.not_large:
         raise ValueError(
             f"{argument} must be a number with which the pipe can be set in motion, got {name!r}: "
-            f"{WITHOUT_MOTION[name]}"
+            f"{own.not_large}"
         )
-    if not motions and isinstance(name, str) and name in WITHOUT_EFFECT:
+    if not motions and own is not None and own.not_small:
         raise ValueError(
             f"{argument} must have a part in small motions about the straight pipe, got "
-            f"{name!r}: {WITHOUT_EFFECT[name]}"
+            f"{name!r}: {own.not_small}"
         )
     return every[check.choice(argument, name, (*others, *every))]

@@ -29,7 +29,7 @@ from pipedyn.linear.neutral import growth
 from pipedyn.linear.sensitivity import Crossing
 from pipedyn.linear.stability_curve import StabilityCurve, stability_curve
 from pipedyn.models.chain import Chain
-from pipedyn.models.pipe import Pipe
+from pipedyn.models.pipe import OWN_NUMBERS, Pipe
 from pipedyn.models.pipe_numbers import PipeNumber, checked_number, pipe_numbers
 from pipedyn.plot import common
 from pipedyn.plot.units import Units, View
@@ -54,16 +54,6 @@ LOCI_SPEEDS = 61
 
 ROUNDING = 1e-9
 """Real parts that differ by less, relative to the eigenvalue, are the same."""
-
-RANGES: dict[str, tuple[float, float]] = {
-    "beta": (0.02, 0.95),
-    "gamma": (-20.0, 60.0),
-    "alpha": (0.0, 2.0),
-    "damping": (0.0, 0.05),
-    "hysteresis": (0.0, 0.2),
-    "inflow_share": (0.0, 1.0),
-}
-"""Of sliders, if nothing else is asked for; wider where the pipe's own number lies outside."""
 
 ALWAYS = ("beta", "gamma", "damping")
 """Numbers of the pipe that have a slider in any case, after the flow speed."""
@@ -264,7 +254,8 @@ class Exploration:
         if name == "segments":
             return Slider(name, self._fewest_segments(), MOST_SEGMENTS)
         rule = self._numbers[name].rule
-        low, high = RANGES.get(name, (0.0, 0.0 if value else 1.0))
+        usual = OWN_NUMBERS[name].slider if name in OWN_NUMBERS else None
+        low, high = usual or (0.0, 0.0 if value else 1.0)
         if value > high:
             high = rounded_up(2.0 * value)
         elif value < low:

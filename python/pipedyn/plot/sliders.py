@@ -8,21 +8,20 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
-from pipedyn.models.pipe import Pipe
+from pipedyn.models.pipe import OWN_NUMBERS, Pipe
 from pipedyn.plot import common
 from pipedyn.plot.exploration import Exploration, Slider
 from pipedyn.plot.units import Units
 from pipedyn.util.errors import PipedynError
 
+GREEK = dict(zip(["alpha", "beta", "gamma", "delta", "kappa", "mu", "psi"], "αβγδκμψ", strict=True))
+
 LABELS = {
     "u": "flow speed u",
-    "beta": "mass ratio β",
-    "gamma": "gravity γ",
-    "damping": "damping δ",
-    "alpha": "end coefficient α",
-    "hysteresis": "loss factor μ",
-    "inflow_share": "inflow share c",
     "root.stiffness": "root stiffness",
+    **{
+        name: f"{one.word} {GREEK.get(one.letter, one.letter)}" for name, one in OWN_NUMBERS.items()
+    },
 }
 
 SAME_PLACE = "1 / 1 / 2 / 2"

@@ -12,7 +12,7 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from pipedyn.models.drive import Supply
-from pipedyn.models.pipe import Pipe
+from pipedyn.models.pipe import OWN_NUMBERS, Pipe
 from pipedyn.models.pipe_numbers import unit_of_number
 from pipedyn.models.scales import Scales, scales_at
 from pipedyn.plot import common
@@ -70,13 +70,9 @@ PER_MOMENT = "1/N", lambda scales: scales.time**2 / (scales.mass * scales.length
 
 OF_A_NUMBER = {
     "u": SPEED,
+    **{name: Quantity(f"{one.word} ${one.symbol}$") for name, one in OWN_NUMBERS.items()},
     "beta": Quantity(common.BETA_LABEL),
-    "gamma": Quantity(r"gravity $\gamma$"),
-    "alpha": Quantity(r"end coefficient $\alpha$"),
     "damping": Quantity(r"damping $\delta$", "damping time (s)", si.TIME.scale),
-    "hysteresis": Quantity(r"loss factor $\mu$"),
-    "drag": Quantity(r"drag $\kappa$"),
-    "inflow_share": Quantity("inflow share $c$"),
     "frequency": Quantity("frequency of the forcing", FREQUENCY.si_label, FREQUENCY.unit),
     "amplitude": Quantity("amplitude of the forcing"),
 }
