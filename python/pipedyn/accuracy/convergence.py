@@ -15,7 +15,7 @@ from pipedyn.linear.critical_speed import CriticalSpeed
 from pipedyn.models.base import Model
 from pipedyn.models.chain import Chain
 from pipedyn.models.continuum import FUNCTIONS_A_JOINT
-from pipedyn.models.galerkin import Galerkin, basis_joints
+from pipedyn.models.galerkin import BASES, Galerkin, basis_joints
 from pipedyn.models.pipe import Pipe
 from pipedyn.util import check
 from pipedyn.util.archive import saved_as
@@ -51,7 +51,9 @@ class Family:
     def make(self, pipe: Pipe, size: int) -> Model:
         """One model of a pipe."""
         word = self.name.removesuffix(" pair")
-        return Chain(pipe, size, springs=word) if word in RULES else Galerkin(pipe, size, word)
+        if word in RULES:
+            return Chain(pipe, size, springs=word)
+        return Galerkin(pipe, size, check.choice("basis", word, BASES))
 
     def models(self, pipe: Pipe, size: int) -> tuple[Model, ...]:
         """One model, or two, the second of twice the size."""

@@ -4,10 +4,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import cached_property
-from typing import Any, Self
+from typing import Any, Literal, Self, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -33,7 +33,8 @@ from pipedyn.util.check import Array
 from pipedyn.util.errors import NotConverged
 from pipedyn.util.power_iteration import largest_stretch
 
-SPRING_RULES = ("consistent", "midpoint", "rayleigh", "uniform", "frequency")
+SpringRule = Literal["consistent", "midpoint", "rayleigh", "uniform", "frequency"]
+SPRING_RULES: tuple[SpringRule, ...] = get_args(SpringRule)
 
 FIRST_BEAM_EIGENVALUE = 1.8751040687119611664**4
 """Square of a cantilever's first angular frequency: root of cos(k) cosh(k) = -1, to the fourth."""
@@ -145,7 +146,7 @@ class Chain(Model):
         pipe: Pipe,
         n: int | None = None,
         *,
-        springs: str | ArrayLike = "consistent",
+        springs: SpringRule | ArrayLike = "consistent",
         lengths: ArrayLike | None = None,
         centres: ArrayLike | None = None,
         gyration_radii: ArrayLike | None = None,
@@ -737,7 +738,7 @@ def _segment_count(n: int | None, guided: bool, **arrays: Any) -> int:
     raise ValueError("n or lengths must be given")
 
 
-def _cells(n: int, base: float, supports: tuple[float, ...]) -> Array:
+def _cells(n: int, base: float, supports: Sequence[float]) -> Array:
     """Lengths of n segments beyond the base, equal in each span between supports, and nearly so."""
     if not supports:
         return np.full(n, (1.0 - base) / n)

@@ -12,7 +12,7 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, TypeAlias
+from typing import Any, Literal, TypeAlias, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -25,7 +25,8 @@ from pipedyn.util.check import Array
 ROWS = 7
 """What drives a state: u', then position, velocity and acceleration of the base, x and y each."""
 
-DIRECTIONS = ("x", "y")
+Direction = Literal["x", "y"]
+DIRECTIONS: tuple[Direction, ...] = get_args(Direction)
 
 LARGEST_SPEED = 1e4
 """Flow speeds beyond are refused: the thrust u^2 is then 1e8 times the elastic stiffness, and
@@ -143,7 +144,7 @@ class Harmonic:
 
     amplitude: float
     frequency: float
-    direction: str = "x"
+    direction: Direction = "x"
 
     def __post_init__(self) -> None:
         checked = {
@@ -156,7 +157,7 @@ class Harmonic:
 
     @classmethod
     def from_si(
-        cls, pipe: Pipe, *, amplitude: float, frequency: float, direction: str = "x"
+        cls, pipe: Pipe, *, amplitude: float, frequency: float, direction: Direction = "x"
     ) -> Harmonic:
         """The motion of a pipe's base: amplitude in m, frequency in rad/s.
 

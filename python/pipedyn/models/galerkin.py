@@ -9,7 +9,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from functools import cached_property, lru_cache
 from itertools import pairwise
-from typing import Any, Self
+from typing import Any, Literal, Self, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -34,7 +34,8 @@ from pipedyn.util.check import Array
 from pipedyn.util.errors import NotConverged
 from pipedyn.util.later import scipy
 
-BASES = ("beam", "legendre")
+Basis = Literal["beam", "legendre"]
+BASES: tuple[Basis, ...] = get_args(Basis)
 LARGEST_BASIS = 2000
 """Functions: each matrix takes 32 MB, and all eigenvalues minutes."""
 
@@ -134,7 +135,7 @@ class Galerkin(Model):
     forces are those of Orsino and Di Giulio, eqs. (1)-(9), for segments without length.
     """
 
-    def __init__(self, pipe: Pipe, m: int, basis: str = "beam") -> None:
+    def __init__(self, pipe: Pipe, m: int, basis: Basis = "beam") -> None:
         super().__init__(pipe)
         self._size = check.count("m", m, high=LARGEST_BASIS)
         self._basis = check.choice("basis", basis, BASES)
@@ -232,7 +233,7 @@ class Galerkin(Model):
     def _held(self) -> tuple[float, ...]:
         """Arc lengths at which the pipe is held across."""
         pipe = self._pipe
-        return (*pipe.supports, 1.0) if pipe.end_held else pipe.supports
+        return (*pipe.supports, *((1.0,) if pipe.end_held else ()))
 
     @cached_property
     def _ends(self) -> Array:

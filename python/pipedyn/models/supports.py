@@ -118,7 +118,7 @@ def root_stiffness(root: Root) -> float:
     return math.inf if root == "clamped" else 0.0
 
 
-def along_longest_span(supports: tuple[float, ...]) -> float:
+def along_longest_span(supports: Sequence[float]) -> float:
     """Arc length of a place on the longest span of a pipe held at its end, see `Pipe.watched`."""
     ends = [0.0, *supports, 1.0]
     spans = [right - left for left, right in pairwise(ends)]

@@ -29,7 +29,7 @@ from pipedyn.linear.stability_curve import StabilityCurve, stability_curve
 from pipedyn.models.base import Model
 from pipedyn.models.chain import SPRING_RULES, Chain
 from pipedyn.models.continuum import Continuum
-from pipedyn.models.galerkin import BASES, Galerkin
+from pipedyn.models.galerkin import BASES, Basis, Galerkin
 from pipedyn.models.pipe import Pipe
 from pipedyn.util.later import futures
 from pipedyn.util.parallel import Job, outcome_of, parallel
@@ -78,7 +78,7 @@ class Case:
     springs: list[str]
     chain_sizes: list[int]
     reduced_sizes: list[int]
-    basis: str
+    basis: Basis
     highest: float | None
     speeds: int
     output: Path

@@ -10,7 +10,7 @@ import sys
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from itertools import islice
 from numbers import Integral, Real
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +18,8 @@ from numpy.typing import NDArray
 from pipedyn.util.later import difflib
 
 Array = NDArray[np.float64]
+
+Word = TypeVar("Word", bound=str)
 
 NOT_NUMBERS = (bool, np.bool_, np.timedelta64)
 """What Python or numpy registers as a number, but counts nothing."""
@@ -107,11 +109,11 @@ def executor(name: str, value: Any) -> None:
         raise TypeError(f"{name} must be a concurrent.futures.Executor, got {shown(value)}")
 
 
-def choice(name: str, value: Any, options: Collection[str]) -> str:
+def choice(name: str, value: Any, options: Collection[Word]) -> Word:
     """One of a few words."""
     is_word = isinstance(value, str)
     if is_word and value in options:
-        return str(value)
+        return next(option for option in options if option == value)
     listed = ", ".join(repr(option) for option in options)
     if not is_word:
         raise TypeError(f"{name} must be one of {listed}, got {shown(value)}")
