@@ -9,6 +9,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from scipy.integrate import solve_ivp
 
 import pipedyn as pp
 from pipedyn.continuation.arclength import folds
@@ -150,6 +151,25 @@ def test_a_branch_goes_on_where_its_cycles_begin_to_touch_a_stop():
     (unstable,) = branch.at(speeds[2])
     assert unstable.symmetric
     assert not unstable.stable
+
+
+def test_a_branch_goes_on_where_its_cycles_touch_a_stop_once_more():
+    """At 5.0738, where a smaller maximum of the displacement comes to the stop."""
+    stop = pp.Stop(1.0, gap=0.05, stiffness=200.0)
+    model = pp.Chain(pp.Pipe(0.2, 10.0, damping=0.005, terms=(stop,)), 2)
+    u = 5.08
+    branch = pp.bifurcation_diagram(model, [4.49, u]).cycles[0]
+    grazing = [event.speed for event in branch.events if event.kind == "grazing"]
+    assert grazing == pytest.approx([4.492, 5.0738], abs=1e-4)
+    cycles = branch.at(u)
+    assert len(cycles) == 3
+    for cycle in cycles:
+        start = np.concatenate([cycle.q[0], cycle.qdot[0]])
+        accurate = {"method": "DOP853", "rtol": 1e-10, "atol": 1e-12}
+        step = {"max_step": cycle.period / 500.0}
+        period = (0.0, cycle.period)
+        found = solve_ivp(lambda t, y: model.rhs(t, y, u), period, start, **accurate, **step)
+        np.testing.assert_allclose(found.y[:, -1], start, atol=1e-6)
 
 
 def test_no_cycle_is_lost_where_a_branch_comes_back_to_rest():

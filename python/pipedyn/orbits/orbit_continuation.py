@@ -12,7 +12,7 @@ import math
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
-from itertools import islice
+from itertools import islice, product
 from typing import TypeVar, cast
 
 import numpy as np
@@ -26,11 +26,11 @@ from pipedyn.orbits.periodic_orbit import (
     PROBES,
     PeriodicOrbit,
     coarsest_mesh,
-    distances_from_kinks,
     divided,
     refined,
     resolved,
     stage_phases,
+    stop_contacts,
 )
 from pipedyn.util.check import Array
 from pipedyn.util.later import scipy
@@ -56,9 +56,10 @@ COARSE = OrbitControl(0.3, tolerance=3e-4, stagnation=1e-2, defect=1e-3)
 """Where a cycle is looked for: near enough for Newton's method on the finer meshes that follow. A
 step of the tolerance leaves its square, some 1e-7."""
 
-PAST, GRAZING, MOST_GRAZES = 3e-4, 1e-2, 8
+PAST, GRAZING, MOST_CONTACTS, MOST_GRAZES = 3e-4, 1e-2, 3, 8
 """How far beyond a grazed stop a branch goes on, relative to its parameter; how near to the stop
-its orbits come before, relative to their size; and how often a branch may graze."""
+its orbits come before, relative to their size; how many of the places where they do are tried; and
+how often a branch may graze."""
 
 ROUNDING = 1e-9
 """Share of an orbit's size below which the part of it that breaks a symmetry is rounding: Newton's
@@ -175,21 +176,23 @@ def past_grazing(motion: VectorField, last: Step) -> Grazing | None:
         NewtonFailed: if there is a stop, and no orbit is found beyond.
     """
     here = orbit_at(last, last.length)
-    away = distances_from_kinks(motion, here)
-    nearest = int(np.argmin(np.abs(away))) if away.size else 0
-    if not away.size or abs(away[nearest]) > GRAZING * here.size:
+    contacts, before = (stop_contacts(motion, one) for one in (here, orbit_at(last, 0.0)))
+    near = np.flatnonzero(np.abs(contacts.beyond) <= GRAZING * here.size)
+    if not near.size:
         return None
-    # The step may have gone a little beyond: the side that it came from is left.
-    touches = distances_from_kinks(motion, orbit_at(last, 0.0))[nearest] > 0.0
     p, way = last.end.p, math.copysign(1.0, last.slopes[1])
-    for share in (way * PAST, -way * PAST):
+    nearest_first = near[np.argsort(np.abs(contacts.beyond[near]))]
+    for extremum, share in product(nearest_first[:MOST_CONTACTS], (way * PAST, -way * PAST)):
+        # The step may have gone a little beyond: the side that it came from is left.
+        crosses = (contacts.beyond[extremum] > 0.0) == (contacts.crossings == before.crossings)
+        larger = bool(contacts.outward[extremum]) != crosses
         beyond = _with_parameter(here, p * (1.0 + share))
         try:
-            orbit = beside_kink(motion, beyond, -1.0 if touches else 1.0)
+            orbit = beside_kink(motion, beyond, 1.0 if larger else -1.0)
         except NewtonFailed:
             continue
-        there = distances_from_kinks(motion, orbit)[nearest]
-        if (there > 0.0) != touches and abs(orbit.size / here.size - 1.0) <= 0.05:
+        passed = stop_contacts(motion, orbit).crossings != before.crossings
+        if passed and abs(orbit.size / here.size - 1.0) <= 0.05:
             (start,) = from_orbit(motion, orbit, (share,))
             middle = _with_parameter(here, p * (1.0 + 0.5 * share))
             return Grazing(start, middle, 0.5 * abs(share) * p)

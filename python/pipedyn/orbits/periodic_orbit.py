@@ -318,19 +318,40 @@ def _joined(edges: Array, kinks: Array) -> Array:
     return np.sort(np.concatenate([edges[[0, -1]], edges[1:-1][apart > least], kinks]))
 
 
-def distances_from_kinks(motion: VectorField, orbit: PeriodicOrbit) -> Array:
-    """How far an orbit goes beyond each place where a force begins, < 0 where it does not, (k,).
+@dataclass(frozen=True)
+class StopContacts:
+    """How an orbit passes the places where forces begin, such as stops.
 
-    Of places that lie within its range it is the smaller of both ways, so that 0 is where the orbit
-    begins to touch, from either side.
+    Each extremum of the distance from such a place, along the orbit, is beyond the place, so that
+    the orbit crosses it on both sides of the extremum, or it is not.
+
+    Attributes:
+        beyond: how far each extremum is beyond the place, < 0 where it is not, (k,).
+        outward: whether it is moved farther beyond where the orbit grows about its mean, (k,).
+        crossings: how often the orbit crosses the places in all.
     """
+
+    beyond: Array
+    outward: NDArray[np.bool_]
+    crossings: int
+
+
+def stop_contacts(motion: VectorField, orbit: PeriodicOrbit) -> StopContacts:
+    """How an orbit passes the places where forces begin, from samples along it."""
     phase, y = orbit.sampled(KINK_SAMPLES)
+    phase, y = phase[:-1], y[:, :-1]  # the last is the first again, or its mirror image
     if orbit.symmetric:
         phase, y = np.append(phase, orbit.span + phase), np.concatenate([y, -y], axis=1)
     signed = motion.along(phase, orbit.frequency).kinks(y)
-    if not len(signed):
-        return np.empty(0)
-    return np.asarray(np.minimum(signed.max(axis=1), -signed.min(axis=1)))
+    before, after = np.roll(signed, 1, axis=1), np.roll(signed, -1, axis=1)
+    highest, lowest = (signed >= before) & (signed > after), (signed <= before) & (signed < after)
+    above = signed > signed.mean(axis=1, keepdims=True)
+    extreme = highest | lowest
+    return StopContacts(
+        beyond=np.where(highest, signed, -signed)[extreme],
+        outward=(highest == above)[extreme],
+        crossings=int(np.count_nonzero((signed > 0.0) != (after > 0.0))),
+    )
 
 
 def _kinks(motion: VectorField, orbit: PeriodicOrbit) -> Array:
