@@ -28,7 +28,7 @@ GROWN = 1.5
 """Factor by which a change over two periods may exceed that over one where both are errors: of a
 motion that drifts it is 2."""
 
-FASTER, CONVERGED = 0.1, 1e-4
+FASTER, CONVERGED = 0.15, 1e-3
 """Share of their differences that weighted averages over twice the time may keep if they converge
 faster than any power of it, as on a torus only: chaotic ones keep about 0.7. And what is left of
 them then, relative to the spread of what is averaged."""
