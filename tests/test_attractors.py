@@ -409,3 +409,36 @@ def test_nothing_in_a_diagram_contradicts_what_motions_end_on():
             cycles = [c for branch in found.cycles for c in branch.at(one.speed) if c.stable]
             apart = [abs(2.0 * c.amplitude / np.ptp(one.turnings) - 1.0) for c in cycles]
             assert min(apart) < 1e-4
+
+
+def test_a_motion_that_comes_nearer_ever_more_slowly_is_unsettled():
+    """The speed is 1e-5 below a period doubling: a multiplier is -0.99994."""
+    pipe = pp.Pipe(0.313591587301, gamma=-10.0, jet_angle=-0.478597799288)
+    model, u = pp.Chain(pipe, 3), 5.113592052618494
+    found = pp.attractors(model, u, 2, seed=11)
+    assert found.basins == ()
+    reasons = [one.reason for one in found.unsettled_motions]
+    assert len(reasons) == 2
+    assert all("it still comes nearer to rest or a cycle" in one for one in reasons)
+    cycle = pp.limit_cycle(model, u)
+    assert cycle.stable
+    assert np.abs(cycle.others).max() == pytest.approx(0.99994, abs=1e-5)
+    # A motion that goes round twice leads to the cycle that is run through once.
+    end = np.split(found.unsettled_motions[0].end, 2)
+    motion = pp.simulate(model, u, 10.0, *end, samples=2001)
+    again = pp.limit_cycle(model, u, motion)
+    assert again.period == pytest.approx(cycle.period, rel=1e-6)
+
+
+def test_motions_that_wind_up_without_end_fail_for_that_reason():
+    pipe = pp.Pipe(0.4, gamma=60.0, flow="aspirating", damping=0.001)
+    model = pp.Chain(pipe, 1)
+    with pytest.raises(pp.MotionStopped, match="its coordinates grow beyond 1e\\+06") as stopped:
+        pp.simulate(model, 7.7, 40.0, [0.3])
+    motion = stopped.value.motion
+    assert motion.t.size > 10
+    assert np.abs(motion.q).max() <= 1e6
+    found = pp.attractors(model, 7.7, 3)
+    assert found.basins == ()
+    assert all("grow beyond 1e+06" in str(one.error) for one in found.failures)
+    assert len(found.failures) == 3

@@ -227,13 +227,18 @@ def test_exponents_of_several_motions_together_are_those_of_each_alone():
 
 
 def test_an_exponent_beyond_doubt_needs_no_more_time():
+    """Rounding decides which motion a chaotic one is: of five, one may take long."""
     model = pp.Chain(pp.Pipe(0.3), 3)
-    motion = pp.simulate(model, 8.9, 20.0, lambda s: 0.1 * s)
-    chaos = np.concatenate([motion.q[-1], motion.qdot[-1]])
+    motion = pp.simulate(model, 8.9, 100.0, lambda s: 0.1 * s, samples=6)
+    chaos = list(np.concatenate([motion.q, motion.qdot], axis=1)[1:])
     cycle = pp.limit_cycle(model, 6.0)
-    early, never = exponents_together(model, [8.9, 6.0], [chaos, cycle.y[:, 0]], 150.0, 10.0)
-    assert early.chaotic
-    assert early.duration < 100.0
+    speeds, states = [8.9] * 5 + [6.0], [*chaos, cycle.y[:, 0]]
+    *found, never = exponents_together(model, speeds, states, 150.0, 10.0)
+    assert all(one.chaotic for one in found)
+    early = [one for one in found if one.duration < 100.0]
+    assert len(early) >= 4
     assert never.duration == pytest.approx(150.0)
-    alone = pp.lyapunov_exponent(model, 8.9, chaos, duration=60.0, transient=5.0, rtol=1e-6)
-    assert early.value == pytest.approx(alone.value, abs=3.0 * np.hypot(alone.spread, early.spread))
+    alone = pp.lyapunov_exponent(model, 8.9, chaos[0], duration=60.0, transient=5.0, rtol=1e-6)
+    for one in early:
+        allowed = 3.0 * np.hypot(alone.spread, one.spread)
+        assert one.value == pytest.approx(alone.value, abs=allowed)

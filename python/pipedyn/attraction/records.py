@@ -110,19 +110,24 @@ class Stretch:
         """The period after which the motion repeats, as three of them show; 0 if none does.
 
         What two periods change may not be more than what one does: near a resonance a motion on a
-        torus drifts by as little from one to the next, but on and on.
+        torus drifts by as little from one to the next, but on and on, and so does one that comes
+        nearer to a cycle slowly. Several of such periods are none either.
 
         Args:
             drive: period of what drives the motion, 0 where all is steady.
         """
         times, passed = self._passages(drive)
+        drifting = list[int]()
         for turns in range(1, (times.size - 1) // 3 + 1):
+            if any(turns % some == 0 for some in drifting):
+                continue
             once = float(np.abs(passed[turns:] - passed[:-turns]).max())
             if once < RECURRENCE:
                 twice = float(np.abs(passed[2 * turns :] - passed[: -2 * turns]).max())
                 if twice < max(GROWN * once, 30.0 * self.rtol):
                     last = times.size - 1
                     return float(times[last] - times[last % turns]) / (last // turns)
+                drifting.append(turns)
         return 0.0
 
     def _passages(self, drive: float) -> tuple[Array, Array]:

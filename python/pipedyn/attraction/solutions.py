@@ -52,6 +52,11 @@ FARTHEST = 0.1
 STILL = 1e-5
 """Extent of an orbit, in rad or in coordinates of a reduced model, below which it is at rest."""
 
+ROUGHLY, CLOSELY = 1e-3, 1e-6
+"""Shares of its range up to which rounds of an orbit are the same, on its first mesh and when it is
+known: near a period doubling motions go twice round for long, and what is solved for from them may
+be the cycle that is run through once."""
+
 LARGEST_CYCLE = 100
 """Degrees of freedom of a cycle that is solved for. An undamped chain of 20 takes 0.06 s, of 40
 0.4, of 100 seven, half of it for the multipliers."""
@@ -394,9 +399,12 @@ def solved_cycle(
     orbit = solved(motion, guess, COARSE.tolerance, iterations=ITERATIONS)
     if orbit.size < STILL:
         raise NewtonFailed("the motion comes to rest")
-    motion, orbit = _run_through_once(model, drive, motion, orbit, maxima(stretch.turnings).size)
-    orbit = resolved(motion, orbit.states, orbit.frequency, drive.mean, False, FINE.defect)
-    orbit = solved(motion, orbit, FINE.tolerance, iterations=ITERATIONS)
+    for within in (ROUGHLY, CLOSELY):
+        motion, once = run_through_once(model, drive, motion, orbit, within)
+        if once is orbit and within == CLOSELY:
+            break
+        orbit = resolved(motion, once.states, once.frequency, drive.mean, False, FINE.defect)
+        orbit = solved(motion, orbit, FINE.tolerance, iterations=ITERATIONS)
     if model.pipe.has_kinks and model.kinks_known:  # multipliers need a mesh that ends at these
         twice = np.full(len(orbit.starts), 2)
         orbit = solved(motion, refined(motion, orbit, twice, at_kinks=True), FINE.tolerance)
@@ -407,18 +415,28 @@ def solved_cycle(
     return orbit, float(np.abs(others).max(initial=0.0)) < 1.0 - error
 
 
-def _run_through_once(
-    model: Model, drive: Excitation, motion: VectorField, orbit: PeriodicOrbit, most: int
+def run_through_once(
+    model: Model, drive: Excitation, motion: VectorField, orbit: PeriodicOrbit, within: float
 ) -> tuple[VectorField, PeriodicOrbit]:
-    """An orbit that is run through several times, at most so many, as one that is so once."""
+    """An orbit that is run through several times as one that is so once, with its vector field.
+
+    Args:
+        model: the model.
+        drive: what drives it.
+        motion: the vector field of the orbit.
+        orbit: not solved for anew.
+        within: share of its range up to which states of several rounds count as the same.
+    """
     phases = np.linspace(0.0, 2.0 * math.pi, 17)
     order = motion.order if isinstance(motion, ForcedField) else 0
+    across = motion.tip(orbit.states(np.linspace(0.0, 2.0 * math.pi, 8 * len(orbit.starts) + 1)))
+    most = int(np.count_nonzero((across[1:-1] >= across[:-2]) & (across[1:-1] > across[2:]))) + 1
 
     def is_run_through(times: int) -> bool:
         if order % times:
             return False
         apart = orbit.states(phases + 2.0 * math.pi / times) - orbit.states(phases)
-        return bool(np.abs(apart).max() <= 1e-3 * np.ptp(orbit.starts))
+        return bool(np.abs(apart).max() <= within * np.ptp(orbit.starts))
 
     times = next(filter(is_run_through, range(order or most, 1, -1)), 1)
     if times == 1:

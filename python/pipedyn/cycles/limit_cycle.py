@@ -22,7 +22,13 @@ from pipedyn.attraction.motion_ends import FAR_BACK, Case, motion_ends
 from pipedyn.attraction.motion_options import MotionOptions
 from pipedyn.attraction.records import Stretch
 from pipedyn.attraction.regions import NOWHERE, Excitation
-from pipedyn.attraction.solutions import LARGEST_CYCLE, last_period
+from pipedyn.attraction.solutions import (
+    CLOSELY,
+    LARGEST_CYCLE,
+    ROUGHLY,
+    last_period,
+    run_through_once,
+)
 from pipedyn.equilibrium.equilibria import Statics
 from pipedyn.equilibrium.hopf import Hopf, hopf, hopf_point
 from pipedyn.linear.critical_speed import crossings
@@ -235,7 +241,9 @@ def limit_cycle(
     motion = VectorField(model)
     with one_thread(motion.size):
         orbit, how = cycle_from(motion, u, start)
-        return finished(motion, orbit, rtol, samples, how)
+        found = finished(motion, orbit, rtol, samples, how)
+        _, once = run_through_once(model, Excitation(u), motion, found.orbit, CLOSELY)
+        return found if once is found.orbit else finished(motion, once, rtol, samples, how)
 
 
 # ----------------------------------------------------------------------------- where it begins
@@ -260,7 +268,9 @@ def cycle_from(motion: VectorField, u: float, start: Any) -> tuple[PeriodicOrbit
         x, velocity = start.tip[:, 0], start.tip_velocity[:, 0]
         stretch = Stretch.of(start.t, states, x, velocity, 1e-6)
         _, guess = last_period(motion.model, Excitation(u), stretch, FAR_BACK)
-        return as_symmetric(motion, solved(motion, guess, COARSE.tolerance)), "from a motion"
+        orbit = solved(motion, guess, COARSE.tolerance)
+        _, orbit = run_through_once(motion.model, Excitation(u), motion, orbit, ROUGHLY)
+        return as_symmetric(motion, orbit), "from a motion"
     except NewtonFailed as reason:
         raise NoCycle(f"no limit cycle at u = {u:g} from that start: {reason}", u) from None
 

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from pipedyn import _core
-from pipedyn.models.base import Model
+from pipedyn.models.base import LARGEST_ANGLE, Model
 from pipedyn.models.drive import Base, Drive, DriveFailed, Speed
 from pipedyn.motion.constant_head import ConstantHead
 from pipedyn.motion.events import Recorder
@@ -266,8 +266,24 @@ class Observer:
 
 def integrate(tasks: Sequence[Task], shown: bool, observer: Observer) -> list[Outcome]:
     """What comes of each task; several have one model, one method of the core and no observer."""
-    if tasks[0].method in CORE:
-        return _in_core(tasks, shown, observer)
+    of_task = _in_core if tasks[0].method in CORE else _of_one
+    found = of_task(tasks, shown, observer)
+    return [_while_resolved(task, one) for task, one in zip(tasks, found, strict=True)]
+
+
+def _while_resolved(task: Task, outcome: Outcome) -> Outcome:
+    """An outcome without the states beyond `LARGEST_ANGLE`, and why it has none."""
+    rows, evaluations, why = outcome
+    size = task.model.moving
+    beyond = np.abs(rows[1:, :size]).max(axis=1, initial=0.0) > LARGEST_ANGLE
+    if not beyond.any():
+        return outcome
+    first = int(np.argmax(beyond))
+    return rows[: first + 1], evaluations, f"its coordinates grow beyond {LARGEST_ANGLE:g}"
+
+
+def _of_one(tasks: Sequence[Task], shown: bool, observer: Observer) -> list[Outcome]:
+    """What comes of one task by another method than the core's."""
     [task] = tasks
     monitor = Monitor(task)
     samples = track(_by_scipy(task, monitor), task.times.size, "motion", shown)
