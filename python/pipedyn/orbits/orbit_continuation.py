@@ -56,7 +56,7 @@ COARSE = OrbitControl(0.3, tolerance=3e-4, stagnation=1e-2, defect=1e-3)
 """Where a cycle is looked for: near enough for Newton's method on the finer meshes that follow. A
 step of the tolerance leaves its square, some 1e-7."""
 
-PAST, GRAZING, MOST_CONTACTS, MOST_GRAZES = 3e-4, 1e-2, 3, 8
+PAST, GRAZING, MOST_CONTACTS, MOST_GRAZES = 3e-4, 3e-2, 3, 8
 """How far beyond a grazed stop a branch goes on, relative to its parameter; how near to the stop
 its orbits come before, relative to their size; how many of the places where they do are tried; and
 how often a branch may graze."""
