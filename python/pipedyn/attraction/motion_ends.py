@@ -119,6 +119,10 @@ over a record as much longer tell what the motion is."""
 TORUS = 1e-8
 """Relative tolerance of these records at most, whose averages may converge to that."""
 
+WOUND = 1e3
+"""Coordinates, in rad or of a reduced model, beyond which a motion winds up: it turns ever faster
+and asks for ever more steps until numbers overflow."""
+
 HALVINGS = 5
 """How often a region is halved in which trials do not all come nearer."""
 
@@ -337,7 +341,7 @@ class _Engine:
             members=len(runs),
             most=self.options.most,
         )
-        of_all = WatchedTask(**vars(first))
+        of_all = WatchedTask(**{**vars(first), "farthest": WOUND})
         judged = {id(run.case): run.case for run in runs}
         rules = {key: self.judged(case, recorded, count) for key, case in judged.items()}
         tasks = list[WatchedTask]()
@@ -515,8 +519,9 @@ class _Engine:
         self.after_transient(runs)
         joined, self.joined = self.joined, []
         again: list[tuple[_Run, float]] = []
-        for run, other, since in joined:
-            number, end = self.answers[other.member]
+        # The last first: what one joined may have joined another later, and go on by itself.
+        for run, other, since in reversed(joined):
+            number, end = self.answers.get(other.member, (NOWHERE, None))
             if isinstance(end, Attractor) and end.ending not in ("rest", "periodic"):
                 self.answers[run.member] = number, replace(end, start=run.start)
             else:

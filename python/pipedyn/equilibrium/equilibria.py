@@ -599,12 +599,14 @@ class _Solutions:
 
     def missing(self) -> int | None:
         """What the signs of det K must add up to, less what they do; None where one is 0."""
-        statics = self.statics
+        statics, expected = self.statics, 1 if self.statics.whole_turn is None else 0
+        if not self.found:
+            return expected
         slopes = statics.jacobian(np.array(self.found), self.u)
         signs, logs = np.linalg.slogdet(-slopes)
         if not np.isfinite(logs).all():
             return None
-        return (1 if statics.whole_turn is None else 0) - round(float(signs.sum()))
+        return expected - round(float(signs.sum()))
 
 
 def _modal_basis(statics: Statics) -> Array:

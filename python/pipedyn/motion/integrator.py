@@ -107,6 +107,7 @@ class Task:
     base: Base | None = None  # as it was given
     constant_head: ConstantHead | None = None  # at constant head; then u follows W in a state
     finer: int = 1  # one sample of so many is kept where that shows the motion
+    farthest: float = LARGEST_ANGLE  # a motion whose coordinates grow beyond it ends
 
     def flow(self, t: float) -> tuple[Any, ...]:
         """The flow speed at a time and, if anything drives the motion, this, shape (ROWS,).
@@ -272,14 +273,18 @@ def integrate(tasks: Sequence[Task], shown: bool, observer: Observer) -> list[Ou
 
 
 def _while_resolved(task: Task, outcome: Outcome) -> Outcome:
-    """An outcome without the states beyond `LARGEST_ANGLE`, and why it has none."""
-    rows, evaluations, why = outcome
+    """An outcome without states whose coordinates are too large, and why it has none."""
+    rows, evaluations, _ = outcome
     size = task.model.moving
-    beyond = np.abs(rows[1:, :size]).max(axis=1, initial=0.0) > LARGEST_ANGLE
+    beyond = np.abs(rows[1:, :size]).max(axis=1, initial=0.0) > task.farthest
     if not beyond.any():
         return outcome
-    first = int(np.argmax(beyond))
-    return rows[: first + 1], evaluations, f"its coordinates grow beyond {LARGEST_ANGLE:g}"
+    return rows[: int(np.argmax(beyond)) + 1], evaluations, _wound_up(task)
+
+
+def _wound_up(task: Task) -> str:
+    """Why a motion stopped whose coordinates grow beyond what its task allows."""
+    return f"its coordinates grow beyond {task.farthest:g}"
 
 
 def _of_one(tasks: Sequence[Task], shown: bool, observer: Observer) -> list[Outcome]:
@@ -344,6 +349,11 @@ def _in_core(tasks: Sequence[Task], shown: bool, observer: Observer) -> list[Out
                 left.add(j)
             going = [j for j, member in enumerate(now) if member.progress == "going"]
             going = [j for j in going if j not in left]
+            for j in going:
+                if np.abs(motion.state(j)[: model.moving]).max() > first.farthest:
+                    whys[j] = _wound_up(first)
+                    motion.stop(j)
+            going = [j for j in going if whys[j] is None]
             if going:
                 slowest = min(going, key=lambda j: now[j].time)
                 at, monitor = now[slowest].time, monitors[slowest]

@@ -305,9 +305,14 @@ def meeting(step: Step, kind: str, beginnings: Array, within: float) -> Meeting 
         """Share of what vanishes that is left, by the cubic through what is known of the step."""
         return float(np.sum(first * part(step.guess(s))) / np.sum(first * first))
 
+    def where(share: float, low: float, high: float) -> float:
+        """Arc length at which a share is left."""
+        if not (left(low) > share) or not (left(high) < share):
+            raise NewtonFailed("it comes near to orbits of more symmetry, and the step is too long")
+        return float(scipy.optimize.brentq(lambda s: left(s) - share, low, high))
+
     def with_left(share: float) -> Point:
-        through = scipy.optimize.brentq(left, 0.0, step.length)
-        return step.at(scipy.optimize.brentq(lambda s: left(s) - share, 0.0, through))
+        return step.at(where(share, 0.0, where(0.0, 0.0, step.length)))
 
     points = step.begin, with_left(0.4), with_left(0.1)
     small = points[2]
@@ -321,7 +326,7 @@ def meeting(step: Step, kind: str, beginnings: Array, within: float) -> Meeting 
         nearest = float(beginnings[np.argmin(np.abs(beginnings - p))])
         if abs(nearest - p) <= within * p:
             p, error, known = nearest, 1e-6, True
-    through = scipy.optimize.brentq(left, step.reach(small.z), step.length)
+    through = where(0.0, step.reach(small.z), step.length)
     z, beside = step.guess(through), 1e-3 * step.length
     onward = step.guess(through + beside) - step.guess(through - beside)
     if onward[-1] * small.tangent[-1] < 0.0:  # as where the opposite of an orbit is one, too
