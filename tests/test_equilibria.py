@@ -574,3 +574,26 @@ def test_a_model_that_resolves_no_rest_says_so_with_what_it_has():
     assert len(found) == 0
     assert len(found.discarded) >= 1
     assert not found.discarded.resolved.any()
+
+
+def test_equilibria_that_are_wound_up_far_beyond_the_others_are_found():
+    """Pairs with determinants of opposite signs, which no count of signs shows to be missing."""
+    pipe = pp.Pipe(0.2, 40.0)
+    u = 8.612060983640706
+    found = pp.equilibria(pp.Chain(pipe, 2), u)
+    assert found.complete
+    a, b = found.q.T
+    # Moments about both joints by hand: springs of 4 and 2, gravity, the thrust of the jet.
+    end = 2.0 * (b - a) + 5.0 * np.sin(b)
+    root = 4.0 * a - 2.0 * (b - a) + 15.0 * np.sin(a) + 0.5 * u**2 * np.sin(b - a)
+    np.testing.assert_allclose([end, root], 0.0, atol=1e-8)
+    far = [[10.0814, 8.9593], [10.5141, 8.4617]]
+    for expected in (far[0], far[1], np.negative(far[0]), np.negative(far[1])):
+        assert np.abs(found.q - expected).max(axis=1).min() < 1e-3
+    assert len(found) == 7
+
+
+def test_a_jet_without_equilibria_that_are_found_says_so_or_finds_one():
+    """Of 300 jets, twenty had none among the first starts, and a message about a shape."""
+    found = pp.equilibria(pp.Chain(pp.Pipe(0.09, jet_angle=0.3), 2), 12.5)
+    assert len(found) >= 1

@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
-from dataclasses import field
+from dataclasses import field, replace
 from functools import cache, cached_property
 from itertools import product
 from typing import Any, Literal
@@ -71,6 +71,9 @@ a weight up to 180 they found no more than the first look."""
 
 COUNTED = 4
 """Degrees of freedom up to which equilibria are counted by the signs of their determinants."""
+
+DRAWN = 200
+"""Configurations from which it is told how large the forces are that springs balance."""
 
 FIRST_SIZE, FIRST_STARTS, MOST_STARTS, MOST_FOUND = 4.0, 4, 2**16, 256
 """Largest angle of the first starts of a search that counts, in rad; their number, to the power of
@@ -567,19 +570,21 @@ class _Solutions:
             return self.add(_balanced(statics, self.u, list(starts), 0.5))
 
         size, here, every, settled = FIRST_SIZE, 0, 0, False
+        reach = _reach(statics, self.u)
         while not settled and every < MOST_STARTS and len(self.found) < MOST_FOUND:
             many = max(first, here)
             draws = anywhere.random(many)
             # High modes are stiff: the largest angle falls with their number, by various powers.
             parts = size * (2.0 * draws[:, :-1] - 1.0) * _shares(basis, 0.5 + 0.5 * draws[:, -1:])
-            new = led_to(statics.resting + parts @ basis)
+            balanced = (2.0 * draws[:, :-1] - 1.0) @ reach
+            new = led_to(statics.resting + np.concatenate([parts @ basis, balanced]))
             near = new
             while near and every < MOST_STARTS and len(self.found) < MOST_FOUND:
                 around = np.repeat(self.found, NEIGHBOURS, axis=0)
                 parts = RADIUS * beside.uniform(-1.0, 1.0, (len(around), model.dof))
                 near = led_to(around + (parts * _shares(basis, 0.75)) @ basis)
                 every += len(around)
-            here, every = here + many, every + many
+            here, every = here + many, every + 2 * many
             largest = max((float(np.abs(x).max()) for x in self.found), default=0.0)
             if largest > 0.5 * size and size < FAR:
                 size, here = min(2.0 * size, FAR), 0
@@ -607,6 +612,29 @@ class _Solutions:
         if not np.isfinite(logs).all():
             return None
         return expected - round(float(signs.sum()))
+
+
+def _reach(statics: Statics, u: float) -> Array:
+    """Rows e_j of which every equilibrium is a sum s_j e_j with |s_j| <= 1, (dof, moving).
+
+    At an equilibrium the elastic forces K x balance the others. These, of gravity, flow and terms,
+    are bounded, as they depend on the directions of the pipe and not on how often it is wound up:
+    each is taken to be at most a fifth larger than in configurations drawn at random. Rows end at
+    `FAR`, as where no spring resists.
+    """
+    model, size = statics.model, statics.size
+    plain = model.with_pipe(replace(model.pipe, gamma=0.0, terms=(), jet_angle=0.0))
+    elastic = plain.operators().stiffness
+    places = np.random.default_rng(0).uniform(-FAR, FAR, (DRAWN, size))
+    forces = np.zeros((0, size))
+    for place in places:
+        with suppress(ValueError, PipedynError):  # as where a reduced model coils
+            mass = model.operators(place).mass
+            force = mass @ statics.accelerations(place[None], u)[0] + elastic @ place
+            forces = np.append(forces, force[None], axis=0)
+    most = 1.2 * np.abs(forces).max(axis=0, initial=0.0)
+    rows = most[:, None] * np.linalg.pinv(elastic)
+    return np.asarray(np.clip(rows, -FAR, FAR))
 
 
 def _modal_basis(statics: Statics) -> Array:
