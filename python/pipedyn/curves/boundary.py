@@ -18,10 +18,10 @@ from numpy.typing import NDArray
 
 from pipedyn.continuation.arclength import Control, Point
 from pipedyn.curves.boundary_curves import (
-    Traced,
+    TracedCurve,
     Tracer,
     basis_plane,
-    converged,
+    converged_curves,
     first_plane,
     line_starts,
 )
@@ -31,10 +31,10 @@ from pipedyn.curves.organising import (
     OrganisingPoint,
     changes_of_criticality,
     coefficients,
-    counted,
     double_points,
     others_unstable,
     separated,
+    unstable_counts,
 )
 from pipedyn.equilibrium.axis_problems import AxisProblem, CoupledModeProblem
 from pipedyn.linear.modes import largest_speed
@@ -307,13 +307,13 @@ def _bounded(
         while starts:
             new, starts = tracer.trace(starts), []
             for curve in new:
-                of_curve, places = counted(coarse, curve), list[tuple[int, float, int]]()
+                of_curve, places = unstable_counts(coarse, curve), list[tuple[int, float, int]]()
                 for place in double_points(coarse, curve, of_curve):
                     if isinstance(place, str):
                         failures.append(place)
                         continue
                     where, one = place
-                    i = next((i for i, other in enumerate(found) if _same(one, other)), len(found))
+                    i = next((i for i, other in enumerate(found) if _equal(one, other)), len(found))
                     if where is not None:
                         places.append((*where, i))
                     if i == len(found):
@@ -323,10 +323,10 @@ def _bounded(
                 counts.append(of_curve)
                 on.append(steps)
         failures += tracer.failures()
-        plane, traced = coarse, list[Traced | None](tracer.curves)
+        plane, traced = coarse, list[TracedCurve | None](tracer.curves)
         points: list[OrganisingPoint | None]
         if isinstance(model, Continuum):
-            plane, traced = converged(model, coarse, tracer.curves)
+            plane, traced = converged_curves(model, coarse, tracer.curves)
             points = [*_solved_again(found, plane, tracer.control, failures)]
         else:
             points = [one.point(plane) for one in found]
@@ -336,7 +336,7 @@ def _bounded(
                 continue
             curve = last
             if plane is not coarse:  # in which fewer modes count
-                of_curve = counted(plane, curve, of_curve)
+                of_curve = unstable_counts(plane, curve, of_curve)
             values = np.full((len(curve.points), 2), np.nan)
             if criticality:
                 for k in np.flatnonzero(of_curve == 0):
@@ -351,7 +351,7 @@ def _bounded(
     known = [(i, one) for i, one in enumerate(points) if one is not None]
     known.sort(key=lambda of: (of[1].unstable, of[1].kind, of[1].x))
     numbers = {i: number for number, (i, _) in enumerate(known)}
-    curves = [_finished(*part, numbers) for part in parts]
+    curves = [_boundary_curve(*part, numbers) for part in parts]
     low, high = window.low, window.low + window.size
     if not (coarse.conservative or only_stability or any(tracer.failures())):
         failures += _disagreements(curves, coarse)
@@ -383,7 +383,7 @@ def _solved_again(
             )
 
 
-def _same(one: DoublePoint, other: DoublePoint) -> bool:
+def _equal(one: DoublePoint, other: DoublePoint) -> bool:
     near = np.allclose(one.roots, other.roots, rtol=1e-6, atol=1e-6)
     return near and float(np.abs(one.at - other.at).max()) < 1e-6
 
@@ -419,7 +419,7 @@ def _disagreements(curves: list[BoundaryCurve], plane: Plane) -> Iterator[str]:
             )
 
 
-def _points_of_change(curve: Traced) -> list[Point]:
+def _points_of_change(curve: TracedCurve) -> list[Point]:
     """Points that say on which side roots are unstable: of flutter one, which holds for all."""
     if curve.problem.kind == "divergence" or isinstance(curve.problem, CoupledModeProblem):
         return curve.points
@@ -427,8 +427,8 @@ def _points_of_change(curve: Traced) -> list[Point]:
     return [curve.points[len(curve.points) // 2]]
 
 
-def _finished(
-    curve: Traced,
+def _boundary_curve(
+    curve: TracedCurve,
     counts: NDArray[np.int_],
     values: Array,
     steps: list[tuple[int, int]],

@@ -34,11 +34,11 @@ from pipedyn.models.galerkin import Galerkin, basis_joints, enriched
 from pipedyn.util.check import Array
 from pipedyn.util.newton import NewtonFailed
 
-LONGEST, TURN = 0.04, 0.18
+LONGEST_STEP, LARGEST_TURN = 0.04, 0.18
 """Longest step, as a share of the window's sides, and angle between neighbouring tangents, rad:
 cubics through the points with their tangents have no corners that a page shows."""
 
-MOST_POINTS = 1500
+MOST_BOUNDARY_POINTS = 1500
 """Of a curve, either way: at the longest step forty times across the window."""
 
 LINES_OF_SPEED, LINES = 7, 3
@@ -58,7 +58,7 @@ ROUNDED = 1e-6
 """The same where larger bases do not make it smaller: rounding, of pairs of high frequency that
 hardly move. At omega 900 with a growth of 1e-3 it is 1e-8."""
 
-SAME = 1e-7
+SAME_POINT = 1e-7
 """Distance in shares of the window below which two solutions are one."""
 
 
@@ -78,7 +78,7 @@ class CurveStart:
 
 
 @dataclass
-class Traced:
+class TracedCurve:
     """A curve with what solves for more points of it."""
 
     problem: AxisProblem
@@ -92,7 +92,7 @@ class Traced:
             self.problem.renew()
             yield Segment(self.problem, a, b)
 
-    def sample(self) -> Traced:
+    def sample(self) -> TracedCurve:
         """A few of its points, the first and last among them."""
         which = np.unique(
             np.linspace(0, len(self.points) - 1, 3 + len(self.points) // 8, dtype=int)
@@ -107,7 +107,7 @@ class Traced:
         """Whether a solution lies on the curve."""
         away = np.array([self.problem.length(point.z - z) for point in self.points])
         k = int(np.argmin(away))
-        if away[k] > LONGEST:
+        if away[k] > LONGEST_STEP:
             return False
         self.problem.renew()
         for a, b in pairwise(self.points[max(0, k - 1) : k + 2]):
@@ -116,9 +116,9 @@ class Traced:
             if -0.01 * length <= s <= 1.01 * length:
                 with suppress(NewtonFailed):
                     found = self.problem.at(a, s, segment.guess(s))
-                    if self.problem.length(found.z - z) <= 100.0 * SAME:
+                    if self.problem.length(found.z - z) <= 100.0 * SAME_POINT:
                         return True
-        return bool(away[k] <= 100.0 * SAME)
+        return bool(away[k] <= 100.0 * SAME_POINT)
 
 
 class Tracer:
@@ -139,10 +139,10 @@ class Tracer:
         self.plane, self.wanted = plane, wanted
         self.unit = max([1.0, *(abs(float(one.z[0])) for one in starts if one.z.size == 3)])
         # Derivatives are exact: a step that short leaves an error of its square.
-        self.control = Control(LONGEST, shortest=1e-6, turn=TURN, tolerance=SAME)
-        self.curves: list[Traced] = []
+        self.control = Control(LONGEST_STEP, shortest=1e-6, turn=LARGEST_TURN, tolerance=SAME_POINT)
+        self.curves: list[TracedCurve] = []
 
-    def trace(self, starts: list[CurveStart]) -> list[Traced]:
+    def trace(self, starts: list[CurveStart]) -> list[TracedCurve]:
         """The curves through points near those given, but those that are known."""
         before = len(self.curves)
         for start in starts:
@@ -170,10 +170,10 @@ class Tracer:
         if not inside or any(one.holds(z) for one in known) or not self.wanted(problem, z):
             return
         z[-2:] = self.plane.window.on_edges(z[-2:])
-        limits = [(-1, 0.0, 1.0), (-2, 0.0, 1.0)]
+        begin, limits = problem.starting_at(z), [(-1, 0.0, 1.0), (-2, 0.0, 1.0)]
         if z.size == 3 and not meeting:
             limits.append((0, 0.0, math.inf))
-        points, ends, _ = path(problem, problem.starting_at(z), limits, 0.3 * LONGEST, MOST_POINTS)
+        points, ends, _ = path(problem, begin, limits, 0.3 * LONGEST_STEP, MOST_BOUNDARY_POINTS)
         if len(points) == 1:
             return  # it touches the window in a corner
         points = [_on_edges(problem, point) for point in points]
@@ -181,7 +181,7 @@ class Tracer:
             "Bogdanov-Takens" if end == "range" and limits[2:] and point.z[0] <= 0.0 else end
             for end, point in zip(ends, (points[0], points[-1]), strict=True)
         )
-        self.curves.append(Traced(problem, points, (first, last)))
+        self.curves.append(TracedCurve(problem, points, (first, last)))
 
     def failures(self) -> Iterator[str]:
         """Which curves were not followed to their ends, in sentences."""
@@ -190,7 +190,7 @@ class Tracer:
                 if end in ("points", "not converged"):
                     x, y = curve.problem.place(point.z)
                     reason = "too many points" if end == "points" else "no next point was found"
-                    if self.plane.conservative_near(point.z[[-1, -2]], 2.0 * LONGEST):
+                    if self.plane.conservative_near(point.z[[-1, -2]], 2.0 * LONGEST_STEP):
                         reason = "without damping and flow, as beyond, all roots lie on the axis"
                     yield (
                         f"a curve of {curve.problem.kind} was not followed beyond "
@@ -347,9 +347,9 @@ def _within(bend: Array, gradient: Array, radius: float) -> Array:
         shift += (length / radius - 1.0) * (shift - float(values.max()))
 
 
-def converged(
-    model: Continuum, plane: Plane, curves: list[Traced]
-) -> tuple[Plane, list[Traced | None]]:
+def converged_curves(
+    model: Continuum, plane: Plane, curves: list[TracedCurve]
+) -> tuple[Plane, list[TracedCurve | None]]:
     """Curves of the continuous pipe in a basis that is large enough for all.
 
     Some points of each say which: it grows until they do not move, or by rounding alone. A curve
@@ -359,7 +359,7 @@ def converged(
         NotConverged: if points of a curve still move in the largest basis.
     """
     inner = basis_joints(model.pipe).size
-    some: list[Traced | None] = [curve.sample() for curve in curves]
+    some: list[TracedCurve | None] = [curve.sample() for curve in curves]
     moves = [math.inf] * len(curves)
     more = 0
     while True:
@@ -371,7 +371,7 @@ def converged(
             if one is None:
                 continue
             try:
-                moved = _moved(one, plane)
+                moved = _solved_on(one, plane)
             except NewtonFailed:
                 some[i] = None if more > 1 else one
                 going |= more == 1
@@ -385,22 +385,22 @@ def converged(
                 f"curves of the continuous pipe do not converge: a point still moves by "
                 f"{max(moves):.1e}"
             )
-    every: list[Traced | None] = []
+    every: list[TracedCurve | None] = []
     for curve, one, error in zip(curves, some, moves, strict=True):
         every.append(None)
         if one is not None:
             with suppress(NewtonFailed):
-                every[-1] = replace(_moved(curve, plane), error=error)
+                every[-1] = replace(_solved_on(curve, plane), error=error)
     return plane, every
 
 
-def _distance(one: Traced, other: Traced) -> float:
+def _distance(one: TracedCurve, other: TracedCurve) -> float:
     """Largest distance of points of two curves, relative to their numbers or 1."""
     a, b = one.places(), other.places()
     return float((np.abs(a - b) / np.maximum(1.0, np.abs(a))).max())
 
 
-def _moved(curve: Traced, plane: Plane) -> Traced:
+def _solved_on(curve: TracedCurve, plane: Plane) -> TracedCurve:
     """A curve with its points solved for with other matrices."""
     problem = curve.problem.on_other(plane)
     last = len(curve.points) - 1
@@ -416,7 +416,7 @@ def _moved(curve: Traced, plane: Plane) -> Traced:
         else:
             z = problem.fixed(point.z, float(point.z[edge]), edge)
             points.append(_on_edges(problem, problem.point(z, point.tangent)))
-    return Traced(problem, points, curve.ends)
+    return TracedCurve(problem, points, curve.ends)
 
 
 def _on_edges(problem: AxisProblem, point: Point) -> Point:

@@ -18,7 +18,7 @@ from pipedyn.curves.boundary import Boundary
 from pipedyn.curves.event_curve import CycleCurve, CyclePoint, EventFollower
 from pipedyn.curves.event_onset import Onset
 from pipedyn.curves.event_plane import (
-    checked_events,
+    checked_branch_events,
     checked_names,
     orbit_at_event,
     plane_of,
@@ -113,7 +113,7 @@ def cycle_boundary(
         raise TypeError(
             f"branch must be a CycleBranch or a ForcedBranch, got {check.shown(branch)}"
         )
-    given = checked_events(branch, events)
+    given = checked_branch_events(branch, events)
     names = checked_names(branch, x, y)
     shown = check.flag("progress", progress)
     plane = plane_of(branch, names, ranges)

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from functools import cache
 from itertools import islice
@@ -29,14 +29,14 @@ from pipedyn.util.newton import NewtonFailed
 from pipedyn.util.parallel import track
 from pipedyn.util.result import Result
 
-LONGEST = 0.08
+LONGEST_EVENT_STEP = 0.08
 """Longest step: a share of the second number's range, of the frequency or of the speed, or a change
 of the free end's amplitude in L. Cubics through the points have no corners that a page shows."""
 
-MOST_STEPS = 300
+MOST_EVENT_STEPS = 300
 """Of a curve, either way: at the longest step twenty-four times across the window."""
 
-NEAR_END, NEARBY = 0.01, 0.1
+NEAR_END, LEADING_TO_END = 0.01, 0.1
 """Amplitude in L, or sine of a torus's angle, below which a curve has all but reached the point at
 which these are 0, and below which it is said to lead there if Newton's method fails on the way."""
 
@@ -112,11 +112,11 @@ class CyclePoint(Result):
     amplitude: float
 
 
-Step = Segment[EventProblem]
+EventStep = Segment[EventProblem]
 
 
 @dataclass(frozen=True)
-class _Place:
+class _Cycle:
     """A point of a curve."""
 
     z: Array = field(repr=False)
@@ -130,7 +130,7 @@ class _Place:
     unstable: int  # number of these multipliers outside the unit circle
 
 
-def _growth(rest: Complex) -> Array:
+def _log_moduli(rest: Complex) -> Array:
     """Logarithms of moduli relative to 1 + UNIT, falling."""
     return np.sort(np.log(np.maximum(np.abs(rest), 1e-300) / (1.0 + UNIT)))[::-1]
 
@@ -143,7 +143,7 @@ class EventFollower:
     ) -> None:
         self.plane, self.kind, self.shown, self.onset = plane, kind, shown, onset
         self.points, self.failures = list[CyclePoint](), list[str]()
-        self.how = replace(FINE, longest=LONGEST, tolerance=1e-6, stagnation=1e-5)
+        self.how = replace(FINE, longest=LONGEST_EVENT_STEP, tolerance=1e-6, stagnation=1e-5)
 
     def start(self, orbit: PeriodicOrbit) -> tuple[EventProblem, Point]:
         """The event near an orbit, at the number that its branch has."""
@@ -151,10 +151,10 @@ class EventFollower:
         orbit = resolved(
             *(motion, orbit.states, orbit.frequency, orbit.u, orbit.symmetric), self.how.defect
         )
-        tail = [value]
+        extra = [value]
         if self.kind == "torus":
-            tail.insert(0, event_angle(orbit_multipliers(motion, orbit)[1]))
-        problem = EventProblem(self.plane.family, self.kind, orbit, np.array(tail), self.how)
+            extra.insert(0, event_angle(orbit_multipliers(motion, orbit)[1]))
+        problem = EventProblem(self.plane.family, self.kind, orbit, np.array(extra), self.how)
         z = problem.fixed(problem.origin, value)
         found = problem.orbit(z)
         if abs(found.frequency / orbit.frequency - 1.0) > 0.02:
@@ -186,7 +186,7 @@ class EventFollower:
         """Both ways from the event."""
         problem, point = start
         ahead, last = self._one_way(problem, point)
-        back, first = list[_Place](), last
+        back, first = list[_Cycle](), last
         if last != "closed":
             back, first = self._one_way(problem, Point(point.z, -point.tangent))
         places = back[:0:-1] + ahead
@@ -219,12 +219,12 @@ class EventFollower:
             orbits=tuple(place.orbit for place in places),
         )
 
-    def _multiplier(self, place: _Place) -> complex:
+    def _multiplier(self, place: _Cycle) -> complex:
         root = complex(np.exp(1j * place.z[-2]))
         value = root**2 if place.orbit.symmetric else root
         return complex(value.real, abs(value.imag))
 
-    def place(self, problem: EventProblem, point: Point) -> _Place:
+    def place(self, problem: EventProblem, point: Point) -> _Cycle:
         """What is known of a point."""
         orbit, second = problem.orbit(point.z), float(point.z[-1])
         motion = self.plane.family.at(second)
@@ -235,8 +235,8 @@ class EventFollower:
         vanishing = {
             name: float(np.linalg.norm(odd)) for name, odd in self._odd(problem, point.z).items()
         }
-        unstable = int(np.count_nonzero(_growth(rest) > 0.0))
-        return _Place(point.z, second, own, orbit, amplitude, rest, opens, vanishing, unstable)
+        unstable = int(np.count_nonzero(_log_moduli(rest) > 0.0))
+        return _Cycle(point.z, second, own, orbit, amplitude, rest, opens, vanishing, unstable)
 
     def _rest(self, motion: VectorField, orbit: PeriodicOrbit, z: Array) -> Complex:
         """Multipliers, or of a cycle with a mirror their roots, without those of the event."""
@@ -251,13 +251,13 @@ class EventFollower:
 
     # ------------------------------------------------------------------------------- one way
 
-    def _one_way(self, problem: EventProblem, point: Point) -> tuple[list[_Place], str]:
+    def _one_way(self, problem: EventProblem, point: Point) -> tuple[list[_Cycle], str]:
         """From a point until the curve leaves the window, ends or cannot be followed."""
         begin = self.place(problem, point)
         places = [begin]
         steps = onward(problem, point, 0.25 * self.how.longest)
         try:
-            for step in track(islice(steps, MOST_STEPS), None, self.kind, self.shown):
+            for step in track(islice(steps, MOST_EVENT_STEPS), None, self.kind, self.shown):
                 problem = step.problem
                 ended = self._ending(step)
                 if ended is not None:
@@ -276,16 +276,16 @@ class EventFollower:
                 if (ended := self._near_end(places, NEAR_END)) is not None:
                     return self._ended(places, ended)
         except NewtonFailed as reason:
-            if (ended := self._near_end(places, NEARBY)) is not None:
+            if (ended := self._near_end(places, LEADING_TO_END)) is not None:
                 return self._ended(places, ended)
             if (last := self._at_edge(problem, places[-1])) is not None:
                 return ([*places, last] if last is not places[-1] else places), "range"
             self._failed(places[-1], str(reason))
             return places, "not converged"
-        self._failed(places[-1], f"it takes more than {MOST_STEPS} steps")
+        self._failed(places[-1], f"it takes more than {MOST_EVENT_STEPS} steps")
         return places, "points"
 
-    def _at_edge(self, problem: EventProblem, place: _Place) -> _Place | None:
+    def _at_edge(self, problem: EventProblem, place: _Cycle) -> _Cycle | None:
         """The point on an edge beyond which there are no pipes, if the last one is beside it."""
         second = self.plane.ranges[1 if self.plane.own_first else 0]
         edge = min(second, key=lambda value: abs(value - place.second))
@@ -300,27 +300,27 @@ class EventFollower:
         except NewtonFailed:
             return None
 
-    def _ended(self, places: list[_Place], end: tuple[_Place, str]) -> tuple[list[_Place], str]:
+    def _ended(self, places: list[_Cycle], end: tuple[_Cycle, str]) -> tuple[list[_Cycle], str]:
         """Places with the named point at which the curve ends."""
         self.points.append(self._named(end[1], end[0]))
         return [*places, end[0]], end[1]
 
-    def _failed(self, place: _Place, reason: str) -> None:
+    def _failed(self, place: _Cycle, reason: str) -> None:
         x, y = self.plane.places(place.second, place.own)
         self.failures.append(
             f"the {self.kind} was not followed beyond ({x:.6g}, {y:.6g}): {reason}"
         )
 
-    def _own_of(self, step: Step, z: Array) -> float:
+    def _own_of(self, step: EventStep, z: Array) -> float:
         orbit = step.problem.orbit(z)
         return orbit.frequency * self.plane.order if self.plane.forced else orbit.u
 
-    def _cut(self, step: Step) -> Point | None:
+    def _cut(self, step: EventStep) -> Point | None:
         """The point at which a step leaves the window, None where it does not."""
         first, last = self.plane.ranges
         second, own = (last, first) if self.plane.own_first else (first, last)
         places, cuts = {-1: (1.0, second)}, list[Array]()
-        places[-1 - step.problem.tail.size] = float(self.plane.order), own
+        places[-1 - step.problem.extra.size] = float(self.plane.order), own
         for index, (factor, (low, high)) in places.items():
             begin, end = (factor * float(p.z[index]) for p in (step.begin, step.end))
             if low <= end <= high:
@@ -334,7 +334,7 @@ class EventFollower:
         z = min(cuts, key=step.reach)
         return step.problem.point(z, step.begin.tangent)
 
-    def _closing(self, step: Step, begin: _Place) -> _Place | None:
+    def _closing(self, step: EventStep, begin: _Cycle) -> _Cycle | None:
         """The first point again, if a step passes it."""
         low, high = sorted((step.begin.p, step.end.p))
         if not low <= begin.second <= high:
@@ -372,7 +372,7 @@ class EventFollower:
                 kinds["pitchfork"] = "degenerate pitchfork"
         return {name: breaking_part(orbit, kind) for kind, name in kinds.items()}
 
-    def _ending(self, step: Step) -> tuple[_Place, str] | None:
+    def _ending(self, step: EventStep) -> tuple[_Cycle, str] | None:
         """Where a step passes the point at which the curve ends, and its kind."""
         problem = step.problem
         begin, end = (self._odd(problem, point.z) for point in (step.begin, step.end))
@@ -386,7 +386,7 @@ class EventFollower:
             return self._limit([self.place(problem, point) for point in near], name), name
         return None
 
-    def _limit(self, places: list[_Place], name: str) -> _Place:
+    def _limit(self, places: list[_Cycle], name: str) -> _Cycle:
         """Where what falls to 0 at three places is 0: the numbers change with its square.
 
         Those of a fold change with drag with the amplitude itself.
@@ -405,7 +405,7 @@ class EventFollower:
         amplitude = 0.0 if name in ("Bautin", "Hopf") else last.amplitude
         return replace(last, second=second, own=own, orbit=orbit, amplitude=amplitude)
 
-    def _near_end(self, places: list[_Place], within: float) -> tuple[_Place, str] | None:
+    def _near_end(self, places: list[_Cycle], within: float) -> tuple[_Cycle, str] | None:
         """The end to which the last three places lead, if what falls to 0 is that small."""
         if len(places) < 3:
             return None
@@ -417,7 +417,7 @@ class EventFollower:
                 return self._limit(places[-3:], name), name
         return None
 
-    def _passed(self, step: Step, before: _Place, after: _Place) -> Iterator[_Place]:
+    def _passed(self, step: EventStep, before: _Cycle, after: _Cycle) -> Iterator[_Cycle]:
         """The places of named points that a step passes."""
         found = list[tuple[float, str]]()
         if self.kind == "fold" and before.opens * after.opens < 0:
@@ -436,11 +436,11 @@ class EventFollower:
             opens = 0 if name == "cusp" else place.opens
             yield replace(place, opens=opens, unstable=min(before.unstable, after.unstable))
 
-    def _named(self, name: str, place: _Place) -> CyclePoint:
+    def _named(self, name: str, place: _Cycle) -> CyclePoint:
         x, y = self.plane.places(place.second, place.own)
         return CyclePoint(name, x, y, place.orbit.frequency * self.plane.order, place.amplitude)
 
-    def _cusps(self, step: Step) -> Iterator[float]:
+    def _cusps(self, step: EventStep) -> Iterator[float]:
         """Arc lengths at which both numbers turn back at once."""
 
         def turning(s: float) -> Array:
@@ -450,7 +450,7 @@ class EventFollower:
             for low, high in sign_changes(turning, 0.0, step.length, 1e-4 * step.length):
                 yield 0.5 * (low + high)
 
-    def _resonances(self, step: Step, angle: float) -> Iterator[float]:
+    def _resonances(self, step: EventStep, angle: float) -> Iterator[float]:
         """Arc lengths at which the angle of a torus passes a value or its opposite."""
 
         def cosine(s: float) -> float:
@@ -459,7 +459,7 @@ class EventFollower:
         if cosine(0.0) * cosine(step.length) < 0.0:
             yield float(scipy.optimize.brentq(cosine, 0.0, step.length, xtol=1e-8 * step.length))
 
-    def _others(self, step: Step, before: _Place, after: _Place) -> Iterable[tuple[float, str]]:
+    def _others(self, step: EventStep, begin: _Cycle, end: _Cycle) -> Iterator[tuple[float, str]]:
         """Where other multipliers pass the unit circle, and what happens then."""
 
         @cache
@@ -468,10 +468,10 @@ class EventFollower:
             orbit = step.problem.orbit(point.z)
             return self._rest(self.plane.family.at(point.p), orbit, point.z)
 
-        mirrored = after.orbit.symmetric
-        known = {0.0: before.rest, step.length: after.rest}
+        mirrored = end.orbit.symmetric
+        known = {0.0: begin.rest, step.length: end.rest}
         for low, high in sign_changes(
-            lambda s: _growth(known[s] if s in known else rest(s)),
+            lambda s: _log_moduli(known[s] if s in known else rest(s)),
             *(0.0, step.length, 1e-4 * step.length),
         ):
             values = rest(high)

@@ -24,7 +24,7 @@ FROM_0 = 1e-3
 """Share of a range at which the boundary begins if the range begins at 0 and the number, as beta,
 has no derivative there."""
 
-SAME = 1e-4
+SAME_ONSET = 1e-4
 """Relative distance up to which a boundary passes the onset of a branch: cubics through its points
 are far nearer, and two onsets farther apart."""
 
@@ -71,14 +71,14 @@ class Onset:
         lowest = math.inf
         for curve in self.found.curves:
             s, at = _splines(curve, self.found)
-            bounds = _turns(s, at[self._second])
-            for here in _solved(at[self._second], self._share(plane.value), s[0], s[-1]):
+            bounds = _monotone_parts(s, at[self._second])
+            for here in _places_of_value(at[self._second], self._share(plane.value), s[0], s[-1]):
                 speed = self._speed(at, here)
                 k = min(int(np.searchsorted(s, here, "right")) - 1, len(curve) - 2)
                 if math.isnan(begin):
                     wanted = speed < lowest and curve.unstable[k : k + 2].min() == 0
                 else:
-                    wanted = curve.kind == "flutter" and abs(speed / begin - 1.0) < SAME
+                    wanted = curve.kind == "flutter" and abs(speed / begin - 1.0) < SAME_ONSET
                 if wanted:
                     lowest, self._curve = speed, curve
                     i = min(int(np.searchsorted(bounds, here, "right")), bounds.size - 1)
@@ -113,7 +113,7 @@ class Onset:
         speeds = np.full(values.size, math.nan)
         for i, value in enumerate(values.tolist()):
             share = self._share(value)
-            for here in _solved(at[self._second], share, left, right)[:1]:
+            for here in _places_of_value(at[self._second], share, left, right)[:1]:
                 z = np.array([at[1](here), at[0](here)])
                 if curve.kind == "flutter":
                     z = np.append(np.interp(here, s, curve.frequency) / unit, z)
@@ -136,14 +136,14 @@ def _splines(curve: BoundaryCurve, found: Boundary) -> tuple[Array, list[Any]]:
     return s, [make(s, at[:, i], curve.slopes[:, i]) for i in (0, 1)]
 
 
-def _solved(spline: Any, value: float, left: float, right: float) -> list[float]:
+def _places_of_value(spline: Any, value: float, left: float, right: float) -> list[float]:
     """Where a cubic spline has a value between two places, at which rounding may hide it."""
     found = np.atleast_1d(spline.solve(value, extrapolate=False))
     inside = [float(s) for s in found if left <= s <= right]
     return inside or [s for s in (left, right) if abs(spline(s) - value) < 1e-9]
 
 
-def _turns(s: Array, second: Any) -> Array:
+def _monotone_parts(s: Array, second: Any) -> Array:
     """Lengths between which the second number grows or falls along a curve."""
     turns = np.atleast_1d(second.derivative().roots(extrapolate=False))
     return np.unique(np.concatenate([s[:1], s[-1:], turns[np.isfinite(turns)]]))

@@ -30,7 +30,7 @@ FORCINGS = "amplitude", "u"
 """Numbers of a forced motion that are none of its pipe."""
 
 
-def checked_events(
+def checked_branch_events(
     branch: CycleBranch | ForcedBranch, events: Any
 ) -> list[CycleEvent | ForcedEvent]:
     """The events of a branch that are followed."""
@@ -155,7 +155,7 @@ def orbit_at_event(
     Where the branch begins or ends at a symmetry-breaking pitchfork or a period doubling, that is
     the orbit that is its own mirror image, or the one of half the period.
     """
-    orbit = _nearest(branch, event)
+    orbit = _nearest_orbit(branch, event)
     begins = ends = False
     if isinstance(event, CycleEvent) and isinstance(branch, CycleBranch):
         begins = event.kind == branch.origin and event.speed == branch.onset
@@ -178,7 +178,7 @@ def orbit_at_event(
     return orbit
 
 
-def _nearest(branch: CycleBranch | ForcedBranch, event: Any) -> PeriodicOrbit:
+def _nearest_orbit(branch: CycleBranch | ForcedBranch, event: Any) -> PeriodicOrbit:
     """The known orbit that is nearest to an event."""
     if isinstance(branch, CycleBranch):
         apart = np.abs(branch.speeds / event.speed - 1.0)

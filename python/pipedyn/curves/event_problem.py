@@ -41,7 +41,7 @@ from pipedyn.util.newton import NewtonFailed
 Followed = Literal["fold", "pitchfork", "period doubling", "torus"]
 """Events that are followed in two parameters."""
 
-SHORT, LONG, SMALL = 1e-6, 1e-4, 0.05
+SHORT, LONG, SMALL_CYCLE = 1e-6, 1e-4, 0.05
 """Changes, relative to the orbit's size or the parameter's range, over which conditions are
 differentiated: the factor, about, by which each step of Newton's method is shorter than the last.
 Conditions are known to 1e-12 or so. Beside a Hopf point that of a fold changes with the square of
@@ -72,16 +72,16 @@ class EventProblem(OrbitProblem):
         family: Family,
         kind: Followed,
         start: PeriodicOrbit,
-        tail: Array,
+        extra: Array,
         control: Control,
         unit: float | None = None,
     ) -> None:
         try:
-            motion = family.at(float(tail[-1]))
+            motion = family.at(float(extra[-1]))
         except ValueError as error:
             raise NewtonFailed(str(error)) from None
         super().__init__(motion, start, control, unit)
-        self.family, self.kind, self.tail = family, kind, tail
+        self.family, self.kind, self.extra = family, kind, extra
         self._of_orbit = slice(self.weights.size)
         if not start.forced:
             # Of the same phase are all multiples of the start, so that a curve may pass through an
@@ -90,19 +90,19 @@ class EventProblem(OrbitProblem):
             still, swing = self._swing(start)
             row = row - (row @ swing) / size**2 * self.weights * swing
             self._phase = row, float(row @ still)
-        ends = [family.width**-2] if tail.size == 1 else [1.0, family.width**-2]
+        ends = [family.width**-2] if extra.size == 1 else [1.0, family.width**-2]
         self.weights = np.append(self.weights, ends)
 
     @property
     def origin(self) -> Array:
         """Unknowns of the start."""
-        return np.append(self.start.packed(), self.tail)
+        return np.append(self.start.packed(), self.extra)
 
     def about(self, z: Array, edges: Array | None = None) -> Self:
         """The same equations from near other unknowns, on another mesh if its edges are given."""
-        tail = z[self.weights.size - self.tail.size :]
+        extra = z[self.weights.size - self.extra.size :]
         orbit = self.remeshed(z, edges)
-        return type(self)(self.family, self.kind, orbit, tail, self.control, self.unit)
+        return type(self)(self.family, self.kind, orbit, extra, self.control, self.unit)
 
     def orbit(self, z: Array) -> PeriodicOrbit:
         """The orbit of unknowns."""
@@ -111,7 +111,7 @@ class EventProblem(OrbitProblem):
 
     def relative(self, z: Array, step: Array) -> float:
         """Size of a step relative to the orbit, the angle's range and the parameter's."""
-        rest = step[self.weights.size - self.tail.size :].copy()
+        rest = step[self.weights.size - self.extra.size :].copy()
         rest[-1] /= self.family.width
         of_orbit = super().relative(z, step[self._of_orbit])
         return max(of_orbit, float(np.abs(rest).max()))
@@ -216,7 +216,7 @@ class EventProblem(OrbitProblem):
         """Length of the change of an orbit over which conditions are differentiated."""
         size, more = self._size(orbit), 1.0
         if self.kind == "fold":
-            more = min(max((SMALL / size) ** 2, 1.0), LONG / SHORT)
+            more = min(max((SMALL_CYCLE / size) ** 2, 1.0), LONG / SHORT)
         return SHORT * more * size
 
     def _shifted(self, orbit: PeriodicOrbit, change: Array, more: float) -> PeriodicOrbit:

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipedyn.continuation.arclength import Control, Segment, sign_changes
-from pipedyn.curves.boundary_curves import CurveStart, Traced
+from pipedyn.curves.boundary_curves import CurveStart, TracedCurve
 from pipedyn.equilibrium.axis_problems import (
     AxisProblem,
     CoupledModeProblem,
@@ -50,7 +50,7 @@ BRACKET = 1e-7
 """Share of a step to which a change of the number of unstable roots is narrowed down, before
 Newton's method solves for it."""
 
-ROUNDING = 1e-6
+ROUNDING_STEP = 1e-6
 """Step of Newton's method that does not get shorter at which rounding is reached: of a pair of high
 frequency that hardly moves, omega 258 and growth within 1e-4, it leaves 1e-7."""
 
@@ -121,8 +121,8 @@ def other_roots(plane: Plane, problem: AxisProblem, z: Array) -> tuple[Complex, 
     return found[order], growth[order]
 
 
-def counted(
-    plane: Plane, curve: Traced, expected: NDArray[np.int_] | None = None
+def unstable_counts(
+    plane: Plane, curve: TracedCurve, expected: NDArray[np.int_] | None = None
 ) -> NDArray[np.int_]:
     """Number of unstable roots beside those on the axis at each point of a curve.
 
@@ -202,7 +202,7 @@ class DoublePoint:
                 FlutterProblem(plane, control, low) if low else DivergenceProblem(plane, control)
             )
             start = [1.0, 1.0, *self.at] if low else [1.0, *self.at]
-            z = _newton([FlutterProblem(plane, control, high), first], np.array(start))
+            z = _both_conditions([FlutterProblem(plane, control, high), first], np.array(start))
             roots = (low * float(z[1]) if low else 0.0), high * float(z[0])
         if np.abs(z[-2:] - self.at).max() > NEARBY:
             raise NewtonFailed("Newton's method left the neighbourhood of its start")
@@ -220,7 +220,7 @@ class DoublePoint:
 
 
 def double_points(
-    plane: Plane, curve: Traced, counts: NDArray[np.int_]
+    plane: Plane, curve: TracedCurve, counts: NDArray[np.int_]
 ) -> Iterator[tuple[tuple[int, float] | None, DoublePoint] | str]:
     """Where another root lies on the axis along a curve; a sentence where it was not solved for.
 
@@ -258,7 +258,7 @@ def double_points(
 
 
 def separated(
-    plane: Plane, curve: Traced, counts: NDArray[np.int_], places: list[tuple[int, float, int]]
+    plane: Plane, curve: TracedCurve, counts: NDArray[np.int_], places: list[tuple[int, float, int]]
 ) -> tuple[NDArray[np.int_], list[tuple[int, int]]]:
     """Adds points to a curve so that each step holds one double point at most.
 
@@ -363,7 +363,7 @@ def _two_modes(plane: Plane, at: Array) -> Array:
     return found
 
 
-def _newton(pair: list[AxisProblem], z: Array) -> Array:
+def _both_conditions(pair: list[AxisProblem], z: Array) -> Array:
     """Both problems' equations, the first with z[0], of flutter the other with z[1], and (y, x)."""
     columns = [[0, -2, -1], [1, -2, -1] if z.size == 4 else [-2, -1]]
 
@@ -384,7 +384,7 @@ def _newton(pair: list[AxisProblem], z: Array) -> Array:
         for problem, own in zip(pair, columns, strict=True):
             problem.check(here[own])
 
-    return newton(z, correction, tolerance=1e-13, stagnation=ROUNDING, check=check)
+    return newton(z, correction, tolerance=1e-13, stagnation=ROUNDING_STEP, check=check)
 
 
 # ------------------------------------------------------------------------------------ criticality
@@ -413,7 +413,7 @@ def coefficients(plane: Plane, problem: AxisProblem, z: Array) -> tuple[float, f
 
 
 def changes_of_criticality(
-    plane: Plane, curve: Traced, counts: NDArray[np.int_], leading: Array
+    plane: Plane, curve: TracedCurve, counts: NDArray[np.int_], leading: Array
 ) -> Iterator[tuple[int, OrganisingPoint] | str]:
     """Where the criticality changes along a curve, at points where no other root is unstable.
 

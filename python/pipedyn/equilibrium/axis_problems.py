@@ -36,7 +36,7 @@ of the share; its derivatives are those at this share."""
 LEAST_SQUARE = 1e-6
 """Square of a root nearer to 0 than which a double one is extrapolated to, linearly."""
 
-FAR = 20.0
+NEWTON_LIMIT = 20.0
 """Windows, or units of the frequency, within which Newton's method stays."""
 
 LONGEST_NULL_VECTOR = 3.0
@@ -74,7 +74,7 @@ class AxisProblem(DenseProblem):
 
     def check(self, z: Array) -> None:
         """Raises NewtonFailed far from the window, or where there are no matrices."""
-        if not (np.abs(z) < FAR).all():
+        if not (np.abs(z) < NEWTON_LIMIT).all():
             raise NewtonFailed("Newton's method left the window")
         if not self.plane.defined(self.place(z)):
             raise NewtonFailed("a number left its range")

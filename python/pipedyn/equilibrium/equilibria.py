@@ -42,7 +42,7 @@ from pipedyn.util.result import Result, TableResult, numbered
 from pipedyn.util.threads import one_thread
 from pipedyn.util.units import RATE
 
-LARGEST = 500
+EQUILIBRIA_DOF = 500
 """Degrees of freedom up to which equilibria are searched: a search in a chain of 100 takes 0.4 s,
 of 250 one, of 500 six, as factorisations are dense."""
 
@@ -51,10 +51,10 @@ DISTINCT = 1e-6
 searches of five models solutions for one equilibrium differed by 7e-16 at most, and two equilibria
 by 0.1 at least."""
 
-FAR = 60.0
+TEN_TURNS = 60.0
 """Coordinate beyond which a branch is not followed: ten turns."""
 
-SIZES = (0.5, 1.0, 1.5, 2.2, 3.0, 4.0, 5.0, 7.0, 9.0)
+BEND_ANGLES = (0.5, 1.0, 1.5, 2.2, 3.0, 4.0, 5.0, 7.0, 9.0)
 """Angles, in rad, of the bends from which equilibria are searched, every second for a first look.
 They led to all equilibria with no coordinate beyond 4 rad that scipy's hybrid method found for 96
 pipes with 2 to 20 degrees of freedom under a weight up to 180; of those beyond they missed 16,
@@ -68,7 +68,7 @@ MOST_WOUND = 30
 """Degrees of freedom up to which all starts are taken: of five chains with 31 to 60 segments under
 a weight up to 180 they found no more than the first look."""
 
-COUNTED = 4
+COUNTED_DOF = 4
 """Degrees of freedom up to which equilibria are counted by the signs of their determinants."""
 
 FIRST_SIZE, FIRST_STARTS, MOST_STARTS, MOST_FOUND = 4.0, 4, 2**16, 256
@@ -80,7 +80,7 @@ NEIGHBOURS, RADIUS = 40, 2.0
 """Starts beside each equilibrium that is known, and the largest angle between, in rad. In 27 chains
 of four segments they led to all of up to 55 equilibria, 80,000 starts anywhere to all but four."""
 
-LEAST_SHARE, SOLVED, ITERATIONS = 0.01, 1e-8, 40
+LEAST_SHARE, SOLVED, MOST_SEARCH_STEPS = 0.01, 1e-8, 40
 """Of the search: the share of Newton's step at which a way ends, the step that is the last, as the
 error is then its square, and how many steps at most."""
 
@@ -91,7 +91,7 @@ equilibrium: far more than rounded numbers of one are off by, and less than the 
 ALONG = np.linspace(0.0, 1.0, 201)
 """Arc lengths at which shapes are compared."""
 
-LARGEST_BATCH = 1_000_000
+BATCH_ENTRIES = 1_000_000
 """Entries of the Jacobians of one batch by x; those by the state are four times as many, 32 MB."""
 
 
@@ -119,8 +119,8 @@ class Equilibria(TableResult, units={"growth": RATE}):
         u: flow speed.
         model: the model.
         discarded: solutions of the model's equations that are not both, None where there are none.
-        complete: whether all solutions with angles up to `FAR` = 60 rad are known, as `equilibria`
-            says; None in files of versions that did not ask.
+        complete: whether all solutions with angles up to 60 rad are known, as `equilibria` says;
+            None in files of versions that did not ask.
         search: how they were looked for, and why that is complete or not.
 
     Example:
@@ -214,7 +214,7 @@ def searched(model: Model, u: float, starts: Sequence[Start], counted: bool) -> 
     The latter is for diagrams: a soft pipe in a fast flow has dozens of equilibria wound up by many
     turns, which no motion reaches.
     """
-    model = checked_model_in_motion(model, largest=LARGEST, purpose="equilibria")
+    model = checked_model_in_motion(model, largest=EQUILIBRIA_DOF, purpose="equilibria")
     statics = Statics(model)
     u = steady_speed("u", u)
     if isinstance(starts, str) or not isinstance(starts, Sequence):
@@ -236,7 +236,7 @@ def searched(model: Model, u: float, starts: Sequence[Start], counted: bool) -> 
         values = [statics.eigenvalues(x, u) for x in xs]
         residuals = np.array([statics.unbalanced(x, u) for x in xs])
         stable = np.array([is_stable(one) for one in values])
-        resolved = _resolved(statics, u, xs, stable)
+        resolved = _in_larger_bases(statics, u, xs, stable)
     highest = min((term.largest_angle for term in model.pipe.terms), default=math.inf)
     valid = np.array([model.largest_angle(x) <= highest for x in xs])
     q = statics.recorded(xs)
@@ -472,7 +472,7 @@ def _contracted(statics: Statics, x: Array, u: float) -> Array:
     return statics.balanced(x, u, patience=1)
 
 
-def _resolved(
+def _in_larger_bases(
     statics: Statics, u: float, xs: Array, stable: NDArray[np.bool_]
 ) -> NDArray[np.bool_]:
     """Which of the equilibria that were found, (k, moving), two larger bases have, see above."""
@@ -501,7 +501,7 @@ class _Solutions:
     """Solutions of the equations at a flow speed, and how they were looked for.
 
     Attributes:
-        found: those with angles up to `FAR`, each once, with mirror images.
+        found: those with angles up to `TEN_TURNS`, each once, with mirror images.
         complete: whether these are all.
         search: why, in words.
     """
@@ -520,23 +520,23 @@ class _Solutions:
                 self.add([statics.balanced(start, u, longest=0.3, iterations=40)])
         model = statics.model
         held = model.moving != model.dof
-        if counted and model.dof <= COUNTED and not held:
+        if counted and model.dof <= COUNTED_DOF and not held:
             self.add(_balanced(statics, u, own, 0.5))
             self.count()
             return
         odd = statics.motion.is_odd(u)
         # Few starts show whether a hanging pipe has bent ones at all; then more look for all.
-        starts, modes = own + _bends(statics, 3, SIZES[::2], odd), 3
+        starts, modes = own + _bends(statics, 3, BEND_ANGLES[::2], odd), 3
         found = _balanced(statics, u, starts, 0.2)
         self.add(found)
         taken = len(starts)
         if statics.size <= MOST_WOUND and (len(found) > 1 or model.pipe.gamma < 0.0):
-            starts, modes = _bends(statics, 4, SIZES, odd), 4
+            starts, modes = _bends(statics, 4, BEND_ANGLES, odd), 4
             self.add(_balanced(statics, u, starts, 0.5))
             taken += len(starts)
-        why = "of pipes that are held" if held else f"in more than {COUNTED} degrees of freedom"
+        why = "of pipes that are held" if held else f"in more than {COUNTED_DOF} degrees of freedom"
         self.search = (
-            f"{taken} starts bent by up to {SIZES[-1]:g} rad in mixtures of {modes} "
+            f"{taken} starts bent by up to {BEND_ANGLES[-1]:g} rad in mixtures of {modes} "
             f"modes; solutions {why} are not counted"
         )
 
@@ -545,11 +545,11 @@ class _Solutions:
         before = len(self.found)
         for x in xs:
             size = float(np.abs(x).max())
-            for image in map(self.statics.unwound, (x, -x)):
+            for image in map(self.statics.unwound, (x, -x) if size <= TEN_TURNS else ()):
                 far = DISTINCT * (1.0 + size)
                 new = all(np.abs(image - one).max() >= far for one in self.found)
                 with suppress(ValueError, PipedynError):
-                    if new and size <= FAR and self.statics.unbalanced(image, self.u) <= BALANCED:
+                    if new and self.statics.unbalanced(image, self.u) <= BALANCED:
                         self.found.append(image + 0.0)
         return len(self.found) - before
 
@@ -580,8 +580,8 @@ class _Solutions:
                 every += len(around)
             here, every = here + many, every + many
             largest = max((float(np.abs(x).max()) for x in self.found), default=0.0)
-            if largest > 0.5 * size and size < FAR:
-                size, here = min(2.0 * size, FAR), 0
+            if largest > 0.5 * size and size < TEN_TURNS:
+                size, here = min(2.0 * size, TEN_TURNS), 0
             else:
                 settled = not new and here > first and self.missing() == 0
         self.complete, taken = settled, f"{every:,} starts bent by up to {size:g} rad"
@@ -639,10 +639,10 @@ def _balanced(statics: Statics, u: float, starts: list[Array], longest: float) -
     found = np.zeros((0, statics.size))
     if not starts:
         return found
-    for x in np.array_split(starts, math.ceil(len(starts) * statics.size**2 / LARGEST_BATCH)):
+    for x in np.array_split(starts, math.ceil(len(starts) * statics.size**2 / BATCH_ENTRIES)):
         step, share = np.zeros_like(x), np.ones(len(x))
         size, least = np.full((2, len(x)), math.inf)
-        for _ in range(ITERATIONS):
+        for _ in range(MOST_SEARCH_STEPS):
             moved = x + share[:, None] * step
             residual = statics.accelerations(moved, u)
             left = np.linalg.norm(residual, axis=1)
@@ -656,7 +656,7 @@ def _balanced(statics: Statics, u: float, starts: list[Array], longest: float) -
                 share[lower] = np.minimum(1.0, most / size)[lower]
             solved = lower & (size <= SOLVED)
             found = np.concatenate([found, (x + step)[solved]])
-            going = ~solved & (share > LEAST_SHARE) & (np.abs(x).max(axis=1) <= FAR)
+            going = ~solved & (share > LEAST_SHARE) & (np.abs(x).max(axis=1) <= TEN_TURNS)
             x, step, share, size, least = (a[going] for a in (x, step, share, size, least))
             if not len(x):
                 break
@@ -670,7 +670,7 @@ def _balanced(statics: Statics, u: float, starts: list[Array], longest: float) -
 Change = Literal["fold", "pitchfork", "branch point", "hopf"]
 
 MOST_POINTS = 4000
-"""Points of one branch: at the usual step those of 200 rad, three times as far as `FAR`."""
+"""Points of one branch: at the usual step those of 200 rad, three times as far as `TEN_TURNS`."""
 
 
 @saved_as("BranchPoint", shapes={"n": "q", "2": "tip"})
@@ -782,7 +782,7 @@ def equilibrium_branch(
 
     Source: Keller (1977) for the continuation.
     """
-    model = checked_model_in_motion(model, largest=LARGEST, purpose="equilibria")
+    model = checked_model_in_motion(model, largest=EQUILIBRIA_DOF, purpose="equilibria")
     statics = Statics(model)
     require_steady("speeds", speeds)
     low, high = map(float, check.array("speeds", speeds, size=2, low=0.0, high=LARGEST_SPEED))
@@ -861,7 +861,7 @@ class _Way:
             if joined:
                 return "pitchfork"
             a = b = segment.end
-            if float(np.abs(b.x).max()) > FAR:
+            if float(np.abs(b.x).max()) > TEN_TURNS:
                 return "far"
             if b.p == first and float(np.abs(b.x - self.points[0].x).max()) < DISTINCT:
                 return "closed"

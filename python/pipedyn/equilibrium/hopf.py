@@ -129,7 +129,7 @@ def normal_form(
     values = [complex(0.5 * (p.conj() @ total)) for total in totals]
     terms = float(np.abs(p) @ np.abs(a) @ np.abs(q))
     rounding = np.finfo(float).eps * terms / steps**2
-    value, error = _extrapolated(values, rounding)
+    value, error = _neville_limit(values, rounding)
     # A force that is not smooth leaves some per cent.
     if not error <= 1e-3 * abs(value) + rounding[-1]:
         raise NotConverged(
@@ -225,7 +225,7 @@ def vectors(
     return right, left / np.conj(left.conj() @ right)
 
 
-def _extrapolated(values: list[complex], rounding: Array) -> tuple[complex, float]:
+def _neville_limit(values: list[complex], rounding: Array) -> tuple[complex, float]:
     """Limit of values whose error is a series in h^2, h halved each time, by Neville's scheme.
 
     The least estimate of the scheme may be small by chance: the values' own rounding is added.
@@ -594,7 +594,7 @@ def static_cubic(model: Model, u: float) -> float:
     terms = float(np.abs(weight) @ np.abs(a) @ np.abs(shape))
     size = float(np.abs(weight) @ np.abs(second[0]) @ np.abs(shape))
     rounding = np.finfo(float).eps * terms / steps**2
-    value, error = _extrapolated([complex(one) for one in values], rounding)
+    value, error = _neville_limit([complex(one) for one in values], rounding)
     if not error <= 1e-3 * size:
         raise NotConverged(
             f"the third derivatives at the divergence at u = {u:g} do not converge: "

@@ -33,16 +33,16 @@ without damping, whose multipliers lie on the circle but for rounding."""
 GAUSS = np.array([-0.5, 0.5]) / math.sqrt(3.0)
 """Places of two nodes of Gauss-Legendre quadrature about the middle of an interval of length 1."""
 
-PARTS = 48
+PERIOD_PARTS = 48
 """Parts of a period: they misplace regions by some 1e-5, which the roots do not depend on."""
 
-TURN = 0.15
+PHASE_STEP = 0.15
 """Largest change of a multiplier's phase from one frequency to the next, rad."""
 
-NEAR = 0.6
+LARGEST_GAP = 0.6
 """Distance of two phases beyond which they do not pass each other from one to the next."""
 
-FINEST = 1e-8
+CLOSEST_FREQUENCIES = 1e-8
 """Relative distance of frequencies at which the approach of a meeting of two phases ends."""
 
 
@@ -76,7 +76,7 @@ class Multipliers:
         return abs(float(np.angle(best))) / (2.0 * math.pi) * self.frequency
 
 
-End = tuple[Multipliers, Multipliers]
+GrowthEnd = tuple[Multipliers, Multipliers]
 """Next to the end of an interval of frequencies, outside and inside of it."""
 
 
@@ -136,7 +136,7 @@ class FewModes:
         if hill.is_hermitian:
             form = np.kron([[0.0, 1.0], [-1.0, 0.0]], pipe.mass)
             self._form = basis.T @ form @ basis
-        phases = 2.0 * math.pi * (np.arange(PARTS) + 0.5 + GAUSS[:, None]) / PARTS
+        phases = 2.0 * math.pi * (np.arange(PERIOD_PARTS) + 0.5 + GAUSS[:, None]) / PERIOD_PARTS
         speed = pipe.mean * (1.0 + amplitude * np.cos(phases))
         rate = -pipe.mean * amplitude * np.sin(phases)
         self._still = np.tensordot(speed[..., None] ** np.arange(3), self._parts[:3], 1)
@@ -145,7 +145,7 @@ class FewModes:
     def at(self, frequency: float) -> Multipliers:
         """Multipliers at a frequency of the flow."""
         rates = self._still + frequency * self._moving
-        first, second = (2.0 * math.pi / (frequency * PARTS)) * rates
+        first, second = (2.0 * math.pi / (frequency * PERIOD_PARTS)) * rates
         turned = second @ first - first @ second
         factors = exponentials(0.5 * (first + second) + math.sqrt(3.0) / 12.0 * turned)
         while len(factors) > 1:
@@ -176,12 +176,12 @@ class FewModes:
     def unstable(self, low: float, high: float) -> list[Growth]:
         """Intervals of frequencies in which multipliers off the real axis are larger than 1."""
         turns = 2.0 * math.pi * self.fastest * (1.0 / low - 1.0 / high)
-        every = np.linspace(1.0 / high, 1.0 / low, math.ceil(turns / TURN) + 8)
+        every = np.linspace(1.0 / high, 1.0 / low, math.ceil(turns / PHASE_STEP) + 8)
         seen = [self.at(w) for w in (1.0 / every[::-1]).tolist()]
         seen = _sorted(seen + [one for a, b in pairwise(seen) for one in self._between(a, b)])
         seen = _sorted(seen + [one for a, b in pairwise(seen) for one in self._apart(a, b)])
-        found = list[tuple[End, End]]()
-        begin: End | None = None
+        found = list[tuple[GrowthEnd, GrowthEnd]]()
+        begin: GrowthEnd | None = None
         for a, b in pairwise(seen):
             if not a.growing and b.growing:
                 begin = self._end(a, b)
@@ -190,7 +190,7 @@ class FewModes:
                 begin = None
         if begin:
             found.append((begin, (seen[-1], seen[-1])))
-        whole = list[tuple[End, End]]()
+        whole = list[tuple[GrowthEnd, GrowthEnd]]()
         for lower, upper in found:
             if whole and _axis(whole[-1][1]) and _axis(lower):
                 ends = whole[-1][1][0].frequency, lower[0].frequency
@@ -198,9 +198,9 @@ class FewModes:
                     lower = whole.pop()[0]  # between, both are on the real axis
             whole.append((lower, upper))
         back = seen[::-1]
-        return [_growth(self._beyond(a, back), self._beyond(b, seen)) for a, b in whole]
+        return [_growth_interval(self._beyond(a, back), self._beyond(b, seen)) for a, b in whole]
 
-    def _beyond(self, end: End, seen: list[Multipliers]) -> tuple[End, int]:
+    def _beyond(self, end: GrowthEnd, seen: list[Multipliers]) -> tuple[GrowthEnd, int]:
         """The end of an interval of growth that goes on with multipliers on the real axis."""
         axis = _axis(end)
         if not axis:
@@ -224,7 +224,7 @@ class FewModes:
                 outside = middle
         return (outside, inside), axis
 
-    def _end(self, outside: Multipliers, inside: Multipliers) -> End:
+    def _end(self, outside: Multipliers, inside: Multipliers) -> GrowthEnd:
         """Frequencies near the end of an interval of growth, from both sides."""
         for _ in range(12):
             middle = self.at(0.5 * (outside.frequency + inside.frequency))
@@ -238,7 +238,7 @@ class FewModes:
         """Where motions grow between two frequencies at which none does."""
         if a.growing or b.growing:
             return
-        onto = _matched(a, b)
+        onto = _same_multipliers(a, b)
         for i, j in combinations(np.flatnonzero(onto >= 0).tolist(), 2):
             if self._form is not None and a.signs[i] == a.signs[j]:
                 continue
@@ -246,7 +246,7 @@ class FewModes:
             if a.values[i] == a.values[j].conj() or a.values[i].imag + a.values[j].imag < 0.0:
                 continue
             gaps = _gap(a, i, j), _gap(b, int(onto[i]), int(onto[j]))
-            if gaps[0] * gaps[1] < 0.0 and max(map(abs, gaps)) < NEAR:
+            if gaps[0] * gaps[1] < 0.0 and max(map(abs, gaps)) < LARGEST_GAP:
                 yield from self._meeting(a, b, (i, j))
 
     def _apart(self, a: Multipliers, b: Multipliers) -> list[Multipliers]:
@@ -259,7 +259,7 @@ class FewModes:
         self, a: Multipliers, b: Multipliers, pair: tuple[int, int]
     ) -> Iterator[Multipliers]:
         """Where two multipliers pass each other, if they grow there."""
-        onto = _matched(a, b)
+        onto = _same_multipliers(a, b)
         other = int(onto[pair[0]]), int(onto[pair[1]])
         for _ in range(30):
             gaps = _gap(a, *pair), _gap(b, *other)
@@ -269,9 +269,9 @@ class FewModes:
             if middle.growing:
                 yield from (a, middle, b)
                 return
-            if width < FINEST * b.frequency:
+            if width < CLOSEST_FREQUENCIES * b.frequency:
                 return
-            onto = _matched(a, middle)
+            onto = _same_multipliers(a, middle)
             here = int(onto[pair[0]]), int(onto[pair[1]])
             if min(here) < 0:
                 return
@@ -286,7 +286,7 @@ def _sorted(seen: list[Multipliers]) -> list[Multipliers]:
     return [one for _, one in sorted({one.frequency: one for one in seen}.items())]
 
 
-def _axis(end: End) -> int:
+def _axis(end: GrowthEnd) -> int:
     """Side of the real axis on which the largest multiplier ends there, 0 on the unit circle."""
     outside, inside = end
     best = inside.values[int(np.argmax(np.abs(inside.values)))]
@@ -294,7 +294,7 @@ def _axis(end: End) -> int:
     return outside.real if on_axis and outside is not inside and best.real * outside.real > 0 else 0
 
 
-def _growth(low: tuple[End, int], high: tuple[End, int]) -> Growth:
+def _growth_interval(low: tuple[GrowthEnd, int], high: tuple[GrowthEnd, int]) -> Growth:
     (below, first), (above, last) = low, high
     return Growth(
         outside=(below[0].frequency, above[0].frequency),
@@ -310,7 +310,7 @@ def _gap(one: Multipliers, i: int, j: int) -> float:
     return float(np.angle(one.values[i] * one.values[j].conj()))
 
 
-def _matched(a: Multipliers, b: Multipliers) -> NDArray[np.int_]:
+def _same_multipliers(a: Multipliers, b: Multipliers) -> NDArray[np.int_]:
     """For each at a frequency which it is at another, by eigenvectors; -1 where it is none."""
     onto = np.full(a.values.size, -1)
     if not a.values.size or not b.values.size:

@@ -59,7 +59,7 @@ from pipedyn.util.parallel import track
 from pipedyn.util.result import Result, TableResult, joined
 from pipedyn.util.threads import one_thread
 
-LARGEST = 60
+FORCED_DOF = 60
 """Degrees of freedom: a motion takes some 0.1 s for 20 of them, and a branch has some 50."""
 
 MOST_STEPS = 400
@@ -200,7 +200,7 @@ class ForcedBranch(TableResult):
                                 f"no motion was found at a frequency of {frequency:g} though the "
                                 f"{self.kind} branch passes it: {reason}"
                             ) from None
-                        found.append(_described(self.motion, orbit, rtol, samples))
+                        found.append(_refined_motion(self.motion, orbit, rtol, samples))
         return found
 
     def _columns(self) -> dict[str, Any]:
@@ -310,7 +310,7 @@ def forced_response(
     Source: Doedel, Keller and Kernevez (1991), as for `limit_cycle`; Nayfeh and Mook (1979),
     Nonlinear oscillations, for what is to be expected.
     """
-    model = checked_model_in_motion(model, largest=LARGEST, purpose="forced_response")
+    model = checked_model_in_motion(model, largest=FORCED_DOF, purpose="forced_response")
     forcing = _checked_forcing(u, base)
     mean = forcing.mean if isinstance(forcing, Pulsation) else u
     speed = steady_speed("u", mean, high=largest_speed(model))
@@ -541,34 +541,34 @@ def _leaving_rest(motion: ForcedField, hill: Hill, edge: float, mean: float) -> 
 
 
 @dataclass(frozen=True)
-class _Point:
+class _ForcedPoint:
     frequency: float
     amplitude: float
     largest: float = 1.0
     stable: bool = False
 
 
-def unit_of(error: float) -> float:
+def circle_margin(error: float) -> float:
     """By how much the modulus of a multiplier on the unit circle may be off, of their error."""
     return max(UNIT, min(3.0 * error, UNKNOWN))
 
 
-def _point(motion: ForcedField, orbit: PeriodicOrbit) -> _Point:
+def _point_of_orbit(motion: ForcedField, orbit: PeriodicOrbit) -> _ForcedPoint:
     multipliers, _, error = orbit_multipliers(motion, orbit)
     amplitude, largest = amplitude_of(motion, orbit)[0], float(np.abs(multipliers).max())
-    stable = largest <= 1.0 + unit_of(error)
-    return _Point(motion.order * orbit.frequency, amplitude, largest, stable)
+    stable = largest <= 1.0 + circle_margin(error)
+    return _ForcedPoint(motion.order * orbit.frequency, amplitude, largest, stable)
 
 
 def _branch(begin: Begin, shown: bool) -> ForcedBranch:
     """What a start leads to, until the frequency leaves its window or the motion ends in rest."""
     kind, motion, (low, high) = begin.kind, begin.motion, begin.window
-    points, events, steps = list[_Point](), list[ForcedEvent](), list[Step]()
+    points, events, steps = list[_ForcedPoint](), list[ForcedEvent](), list[Step]()
     lost: NotConverged | None = None
     if kind == "base":
-        points.append(_point(motion, begin.start.orbit))
+        points.append(_point_of_orbit(motion, begin.start.orbit))
     else:
-        points.append(_Point(motion.order * begin.start.orbit.frequency, 0.0))
+        points.append(_ForcedPoint(motion.order * begin.start.orbit.frequency, 0.0))
 
     def grazes(grazing: Grazing) -> None:
         amplitude, _ = amplitude_of(motion, grazing.middle)
@@ -588,14 +588,14 @@ def _branch(begin: Begin, shown: bool) -> ForcedBranch:
                     )
                 step = met.whole
             found = _events(motion, step) if steps or kind == "base" else []
-            points += [_Point(event.frequency, event.amplitude) for event in found]
+            points += [_ForcedPoint(event.frequency, event.amplitude) for event in found]
             events += found
             steps.append(step)
             end = orbit_at(step, step.length)
-            points.append(_point(motion, end))
+            points.append(_point_of_orbit(motion, end))
             if met is not None:
                 steps.append(met.last)
-                points.append(_Point(motion.order * met.last.end.p, 0.0))
+                points.append(_ForcedPoint(motion.order * met.last.end.p, 0.0))
                 break
             if not low <= motion.order * end.frequency <= high:
                 break
@@ -636,7 +636,7 @@ def _events(motion: ForcedField, step: Step) -> list[ForcedEvent]:
         """Logarithms of their moduli, falling, with their roots, and how far 1 is known."""
         values, roots, error = orbit_multipliers(motion, orbit_at(step, s))
         order = np.argsort(-np.abs(values), kind="stable")
-        return np.log(np.maximum(np.abs(values[order]), 1e-300)), roots[order], unit_of(error)
+        return np.log(np.maximum(np.abs(values[order]), 1e-300)), roots[order], circle_margin(error)
 
     around = max(multipliers(s)[2] for s in (0.0, step.length))
 
@@ -671,7 +671,7 @@ def _ends_at(branch: ForcedBranch, frequency: float) -> bool:
     return bool(at_rest and abs(branch.frequency[-1] / frequency - 1.0) < 1e-6)
 
 
-def _described(
+def _refined_motion(
     motion: ForcedField, orbit: PeriodicOrbit, rtol: float, samples: int
 ) -> ForcedMotion:
     """A motion refined until its amplitude converges."""
@@ -688,7 +688,7 @@ def _described(
         frequency=motion.order * orbit.frequency,
         period=period,
         multipliers=multipliers,
-        stable=bool(np.abs(multipliers).max() <= 1.0 + unit_of(unsure)),
+        stable=bool(np.abs(multipliers).max() <= 1.0 + circle_margin(unsure)),
         t=t,
         q=np.ascontiguousarray(q),
         qdot=np.ascontiguousarray(qdot),

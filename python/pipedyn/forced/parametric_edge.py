@@ -86,7 +86,7 @@ class Bordered:
         return np.asarray(found - self.w.conj().T @ (h @ self.q))
 
 
-def mixed(a: Complex, b: Complex) -> complex:
+def det_derivative(a: Complex, b: Complex) -> complex:
     """Derivative of det a, 2 x 2, in the direction of b: twice det a if this is a."""
     return complex(a[0, 0] * b[1, 1] + a[1, 1] * b[0, 0] - a[0, 1] * b[1, 0] - a[1, 0] * b[0, 1])
 
@@ -141,13 +141,13 @@ class Edge(Continuation):
         """f, its derivatives by unknowns, (n + 1,), and second ones by some and all of them."""
         at = self._bordered(z)
         first = [at.changed(self._by(z, i)) for i in range(z.size)]
-        by = np.array([mixed(at.g, one.g) for one in first])
+        by = np.array([det_derivative(at.g, one.g) for one in first])
         second = np.empty((len(rows), z.size), dtype=np.complex128)
         for k, i in enumerate(rows):
             for j in range(z.size):
                 both = at.second(first[i], first[j], self._by(z, i, j))
-                second[k, j] = mixed(first[i].g, first[j].g) + mixed(at.g, both)
-        return 0.5 * mixed(at.g, at.g), by, second
+                second[k, j] = det_derivative(first[i].g, first[j].g) + det_derivative(at.g, both)
+        return 0.5 * det_derivative(at.g, at.g), by, second
 
     def residual(self, z: Array) -> tuple[Array, Array]:
         """What vanishes on the edge, shape (n,), and its derivative, (n, n + 1)."""

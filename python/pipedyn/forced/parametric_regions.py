@@ -22,7 +22,7 @@ from pipedyn.forced.parametric_edge import (
     THINNEST,
     RegionKind,
 )
-from pipedyn.forced.parametric_search import Region, again, apart, regions
+from pipedyn.forced.parametric_search import RegionEdges, again, apart, regions
 from pipedyn.forced.pulsating import Hill, pulsating_pipe, require_motion
 from pipedyn.linear.frequency_response import checked_range
 from pipedyn.models.base import Model, NotConverged
@@ -37,10 +37,10 @@ from pipedyn.util.result import ResultSequence, TableResult, joined
 from pipedyn.util.threads import one_thread
 from pipedyn.util.units import FREQUENCY, SPEED
 
-SIZES = (12, 16, 22, 30, 40)
+TRUNCATIONS = (12, 16, 22, 30, 40)
 """Functions or modes, one after the other, until edges converge."""
 
-TOLERANCE = 1e-7
+EDGE_TOLERANCE = 1e-7
 """Relative change of the edges from one of these to the next at which they count as converged."""
 
 
@@ -177,8 +177,8 @@ def _converged(
     # A flow that pulsates by 0.6 needs ten more than the frequencies alone: with fewer its growing
     # motions are not there at all, however often they are looked for.
     many = math.ceil(window[1] / window[0]) + 4 + math.ceil(12.0 * mu[-1])
-    last: list[Region] | None = None
-    for size in SIZES:
+    last: list[RegionEdges] | None = None
+    for size in TRUNCATIONS:
         pipe = pulsating_pipe(model, mean, size)
         with one_thread(pipe.size):
             if last is None:
@@ -194,7 +194,7 @@ def _converged(
                         f"harmonics: {reason}"
                     ) from None
         error = math.inf if last is None else max(map(apart, last, found), default=0.0)
-        if error <= TOLERANCE:
+        if error <= EDGE_TOLERANCE:
             for one in found:
                 one.edges[np.diff(one.edges)[:, 0] < 0.3 * THINNEST * one.edges[:, 1]] = math.nan
             return tuple(

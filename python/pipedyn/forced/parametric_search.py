@@ -31,14 +31,14 @@ SHARP = 2e-3
 """Length of a step below which the least amplitude is looked for at once: a thin region's edges
 turn there within much less."""
 
-LEAST = 1e-6
+LEAST_AMPLITUDE = 1e-6
 """Share of the largest amplitude below which a least amplitude counts as 0."""
 
-SAMPLES = 5
+SAMPLED = 5
 """Amplitudes at which regions are looked for; each edge found is followed to the others."""
 
 
-class Region:
+class RegionEdges:
     """A region, or what is known of it from one edge.
 
     Attributes:
@@ -63,14 +63,14 @@ class Region:
         low, high = self.edges[index] * [1.0 - 1e-6, 1.0 + 1e-6]
         return bool(low <= frequency <= high)
 
-    def join(self, other: Region) -> None:
+    def join(self, other: RegionEdges) -> None:
         """Takes in another edge of the same region."""
         for index, side in np.argwhere(np.isfinite(other.edges)).tolist():
             self.add(index, *(float(x[index, side]) for x in (other.edges, other.nus)))
         if not other.bottom[0] >= self.bottom[0] and np.isfinite(other.bottom[0]):
             self.bottom = other.bottom
 
-    def within(self, other: Region) -> bool:
+    def within(self, other: RegionEdges) -> bool:
         """Whether both are one region: by its least amplitude, or as far as this one is known."""
         if self.kind != other.kind:
             return False
@@ -91,7 +91,7 @@ class Region:
 
 
 @dataclass(frozen=True)
-class Search:
+class RegionSearch:
     """What regions are looked for in.
 
     Attributes:
@@ -121,8 +121,9 @@ class Search:
     def along(self, edge: Edge, z: Array, way: float) -> Iterator[Segment[Edge]]:
         """Steps from an edge, first to higher or lower amplitudes.
 
-        They end below 0.1 or, of damped pipes, `LEAST` of the largest amplitude, beyond that, and
-        where the edge leads far outside the range of frequencies.
+        The steps end below the amplitude of `lowest`, above the largest amplitude, where the edge
+        leads far outside the range of frequencies, and where a combination edge reaches the real
+        axis.
         """
         largest = float(self.amplitudes[-1])
         if way > 0.0 and z[-1] == largest:
@@ -138,7 +139,7 @@ class Search:
 
     def lowest(self, edge: Edge) -> float:
         """Amplitude below which an edge leads to amplitude 0."""
-        share = 0.1 if self.hill.is_hermitian or self.hill.is_real else LEAST
+        share = 0.1 if self.hill.is_hermitian or self.hill.is_real else LEAST_AMPLITUDE
         return share * float(self.amplitudes[-1])
 
     def is_near(self, frequency: float) -> bool:
@@ -155,13 +156,13 @@ class Search:
 
     def followed(
         self, kind: RegionKind, start: tuple[float, float, float], outward: int = 0
-    ) -> tuple[Region, list[list[float]]]:
+    ) -> tuple[RegionEdges, list[list[float]]]:
         """From the edge at a frequency, nu and amplitude, and its w at each amplitude asked for.
 
         Raises:
             NewtonFailed: if no edge is there.
         """
-        edge, found = self.edge(kind, start[0]), Region(kind, self.amplitudes.size)
+        edge, found = self.edge(kind, start[0]), RegionEdges(kind, self.amplitudes.size)
         points: list[list[float]] = [[] for _ in self.amplitudes]
 
         def add(index: int, z: Array) -> None:
@@ -211,14 +212,14 @@ class Search:
             with suppress(NewtonFailed):
                 add(index, edge.fixed(guess, float(self.amplitudes[index])))
 
-    def meeting(self, start: tuple[float, float, float]) -> Region:
+    def meeting(self, start: tuple[float, float, float]) -> RegionEdges:
         """The combination region about a frequency, nu and amplitude, of a pipe without damping.
 
         Raises:
             NewtonFailed: if none is there.
         """
         edge = self.edge("combination", start[0], True)
-        found = Region("combination", self.amplitudes.size)
+        found = RegionEdges("combination", self.amplitudes.size)
         z = edge.near(*start)
         for way in (-1.0, 1.0):
             for step in self.along(edge, z, way):
@@ -229,7 +230,7 @@ class Search:
                     found.bottom = edge.place(edge.fixed(step.end.z, 0.0))
         return found
 
-    def put(self, found: Region, index: int, centre: Edge, z: Array) -> None:
+    def put(self, found: RegionEdges, index: int, centre: Edge, z: Array) -> None:
         """Takes in both edges about a centre, if the region is not too thin there."""
         ends = []
         for guess in centre.ends(z):
@@ -245,11 +246,11 @@ class Search:
     def samples(self) -> list[int]:
         """Amplitudes at which regions are looked for, the largest first."""
         count = self.amplitudes.size
-        return np.unique(np.linspace(0, count - 1, min(count, SAMPLES)).astype(int))[::-1].tolist()
+        return np.unique(np.linspace(0, count - 1, min(count, SAMPLED)).astype(int))[::-1].tolist()
 
-    def combinations(self) -> list[Region]:
+    def combinations(self) -> list[RegionEdges]:
         """Combination regions."""
-        found = list[Region]()
+        found = list[RegionEdges]()
         for index in self.samples():
             amplitude = float(self.amplitudes[index])
             few = FewModes(self.hill, amplitude, self.low, self.high)
@@ -262,9 +263,9 @@ class Search:
                     continue
                 with suppress(NewtonFailed):
                     found.append(self._combination(growth, amplitude))
-        return _joined(found)
+        return _merged(found)
 
-    def _combination(self, growth: Growth, amplitude: float) -> Region:
+    def _combination(self, growth: Growth, amplitude: float) -> RegionEdges:
         """The region of an interval in which motions grow at an amplitude.
 
         One that ends with a multiplier at 1 or -1 does so at this amplitude, maybe at no other.
@@ -274,7 +275,7 @@ class Search:
             with suppress(NewtonFailed):
                 middle, nu = 0.5 * sum(growth.inside), 0.5 * sum(growth.nus)
                 return self.meeting((middle, nu, amplitude))
-        found = Region("combination", self.amplitudes.size)
+        found = RegionEdges("combination", self.amplitudes.size)
         index = int(np.searchsorted(self.amplitudes, amplitude))
         for side, (w, axis) in enumerate(zip(growth.inside, growth.axis, strict=True)):
             if not growth.bounded[side]:
@@ -289,7 +290,7 @@ class Search:
                 part, _ = self.followed("combination", (w, growth.nus[side], amplitude), way)
             except NewtonFailed:
                 ends = growth.outside[side] * (1.0 + 1e-3 * way), 0.5 * sum(growth.inside)
-                part = Region("combination", self.amplitudes.size)
+                part = RegionEdges("combination", self.amplitudes.size)
                 part.add(index, *self.bisected(amplitude, *ends))
             if circle:
                 found.join(part)
@@ -320,9 +321,9 @@ class Search:
                 outside = middle
         return inside, abs(float(np.angle(largest(inside)))) / (2.0 * math.pi) * inside
 
-    def on_axis(self, kind: RegionKind, share: float) -> list[Region]:
+    def on_axis(self, kind: RegionKind, share: float) -> list[RegionEdges]:
         """Subharmonic or harmonic regions: multipliers beyond 1 or -1 on the real axis."""
-        curves = list[tuple[Region, list[list[float]]]]()
+        curves = list[tuple[RegionEdges, list[list[float]]]]()
         roots: list[Array] = [np.empty(0) for _ in self.amplitudes]
         for index in self.samples():
             amplitude = float(self.amplitudes[index])
@@ -349,7 +350,7 @@ class Search:
                     if any(low * (1.0 - 1e-6) <= x <= high * (1.0 + 1e-6) for x in points[index]):
                         region.add(index, low, share * low)
                         region.add(index, high, share * high)
-        return _joined([region for region, _ in curves])
+        return _merged([region for region, _ in curves])
 
     def _unstable(
         self, share: float, amplitude: float, roots: Array, first: int, last: int
@@ -388,9 +389,9 @@ class Search:
         return found
 
 
-def _joined(parts: list[Region]) -> list[Region]:
+def _merged(parts: list[RegionEdges]) -> list[RegionEdges]:
     """Regions from what is known of them."""
-    found = list[Region]()
+    found = list[RegionEdges]()
     for part in parts:
         same = [one for one in found if part.within(one) or one.within(part)]
         for one in same[:1]:
@@ -405,9 +406,9 @@ def regions(
     low: float,
     high: float,
     kinds: Collection[str] = tuple(SHARES),
-) -> list[Region]:
+) -> list[RegionEdges]:
     """All regions that touch a range of frequencies, by rising frequency."""
-    search, found = Search(hill, amplitudes, low, high), list[Region]()
+    search, found = RegionSearch(hill, amplitudes, low, high), list[RegionEdges]()
     for kind, share in SHARES.items():
         if kind in kinds:
             found += search.combinations() if share is None else search.on_axis(kind, share)
@@ -415,26 +416,26 @@ def regions(
     return sorted(touching, key=lambda one: float(np.nanmin([one.bottom[1], *one.edges.flat])))
 
 
-def again(hill: Hill, region: Region, amplitudes: Array, low: float) -> Region:
+def again(hill: Hill, old: RegionEdges, amplitudes: Array, low: float) -> RegionEdges:
     """The same region by other equations; raises `NewtonFailed` where it has no such edge."""
-    search, found = Search(hill, amplitudes, low, low), Region(region.kind, amplitudes.size)
-    meets = region.kind == "combination" and (hill.is_hermitian or hill.is_real)
+    search, found = RegionSearch(hill, amplitudes, low, low), RegionEdges(old.kind, amplitudes.size)
+    meets = old.kind == "combination" and (hill.is_hermitian or hill.is_real)
     for index, amplitude in enumerate(amplitudes.tolist()):
-        ends = region.edges[index]
+        ends = old.edges[index]
         if not np.isfinite(ends).all():
             continue
-        turns = region.nus[index] / ends
+        turns = old.nus[index] / ends
         on_axis = (turns == 0.0) | (turns == 0.5)
         if meets and not on_axis.any():
             with suppress(NewtonFailed):
-                middle, nu = ends.mean(), region.nus[index].mean()
-                centre = search.edge(region.kind, middle, True)
+                middle, nu = ends.mean(), old.nus[index].mean()
+                centre = search.edge(old.kind, middle, True)
                 search.put(found, index, centre, centre.started(middle, nu, amplitude))
                 continue
         for side, way in enumerate((-1.0, 1.0)):
-            frequency, nu = float(ends[side]), float(region.nus[index, side])
+            frequency, nu = float(ends[side]), float(old.nus[index, side])
             shift = 3e-4 if ends[1] - ends[0] < 1e-3 * frequency else 0.0
-            kind = ("subharmonic" if nu > 0.0 else "harmonic") if on_axis[side] else region.kind
+            kind = ("subharmonic" if nu > 0.0 else "harmonic") if on_axis[side] else old.kind
             edge = search.edge(kind, frequency)
             try:
                 z = edge.place(edge.started(frequency * (1.0 + way * shift), nu, amplitude))
@@ -447,20 +448,20 @@ def again(hill: Hill, region: Region, amplitudes: Array, low: float) -> Region:
                 between = frequency * (1.0 + 1e-3 * way), float(ends.mean())
                 place = search.bisected(amplitude, *between)
                 found.edges[index, side], found.nus[index, side] = place
-    found.bottom = region.bottom.copy()
-    amplitude, frequency, nu = region.bottom.tolist()
+    found.bottom = old.bottom.copy()
+    amplitude, frequency, nu = old.bottom.tolist()
     if amplitude == 0.0 and meets:
-        centre = search.edge(region.kind, frequency, True)
+        centre = search.edge(old.kind, frequency, True)
         found.bottom = centre.place(centre.started(frequency, nu, 0.0))
     elif amplitude == 0.0:
-        found.bottom[1] = hill.pipe.resonance(region.kind, frequency)
+        found.bottom[1] = hill.pipe.resonance(old.kind, frequency)
     elif amplitude > 0.0:
-        edge = search.edge(region.kind, frequency)
+        edge = search.edge(old.kind, frequency)
         found.bottom = edge.bottom(edge.unknowns(frequency, nu, amplitude))
     return found
 
 
-def apart(one: Region, other: Region) -> float:
+def apart(one: RegionEdges, other: RegionEdges) -> float:
     """Largest change of an edge and of the least amplitude, relative."""
     pairs = [(one.edges, other.edges), (one.bottom[:1], other.bottom[:1])]
     moved = [np.abs(a - b) / np.maximum(np.abs(b), 1e-3) for a, b in pairs]

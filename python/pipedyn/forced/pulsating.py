@@ -42,16 +42,16 @@ from pipedyn.util.result import TableResult
 from pipedyn.util.threads import one_thread
 from pipedyn.util.units import RATE
 
-LARGEST = 100
+FLOQUET_DOF = 100
 """Degrees of freedom: matrices of 200 rows, and a second or two."""
 
 EXTRA = 3
 """Harmonics beyond those: edges converge by a factor of ten or more with each."""
 
-HARMONICS = 20
+RESONANCE_ORDERS = 20
 """Orders up to which resonances are counted."""
 
-SMALL = 30
+LARGEST_UNREDUCED = 30
 """Degrees of freedom up to which all are kept: Hill's equations have some ten times as many."""
 
 
@@ -140,7 +140,7 @@ class PulsatingPipe:
             of = np.concatenate([omega[i] + omega[j], omega[j] - omega[i]])
         else:
             of = 2.0 * omega
-        order = np.arange(1.0, 2.0 * HARMONICS)
+        order = np.arange(1.0, 2.0 * RESONANCE_ORDERS)
         if kind != "combination":
             order = order[::2] if kind == "subharmonic" else order[1::2]
         every = (of[:, None] / order).ravel()
@@ -356,7 +356,7 @@ def pulsating_pipe(model: AnyModel, mean: float, size: int) -> PulsatingPipe:
         one = model.frozen(size + FUNCTIONS_A_JOINT * basis_joints(model.pipe).size)
         return PulsatingPipe.of(one.elastic_operators(), mean)
     whole = PulsatingPipe.of(model.elastic_operators(), mean)
-    if whole.size <= SMALL:
+    if whole.size <= LARGEST_UNREDUCED:
         return whole
     spectrum, vectors = eigenproblem(model).spectrum(), list[Array]()
     for speed in mean * np.array([1.0, 0.7, 1.3]):
@@ -426,9 +426,9 @@ def floquet(model: AnyModel, pulsation: Pulsation) -> FloquetMultipliers:
         raise TypeError(f"pulsation must be a Pulsation, got {check.shown(pulsation)}")
     require_motion(model)
     check.real("pulsation.mean", pulsation.mean, low=0.0, high=largest_speed(model))
-    if isinstance(model, Model) and model.dof > LARGEST:
+    if isinstance(model, Model) and model.dof > FLOQUET_DOF:
         raise ValueError(
-            f"model must have at most {LARGEST} degrees of freedom for floquet, got {model.dof}"
+            f"model must have at most {FLOQUET_DOF} degrees of freedom for floquet, got {model.dof}"
         )
 
     def question(one: Model) -> tuple[Complex, float]:
