@@ -43,8 +43,8 @@ from pipedyn.util.threads import one_thread
 from pipedyn.util.units import RATE
 
 EQUILIBRIA_DOF = 500
-"""Most degrees of freedom in which equilibria are searched. A search in a chain of 100 segments takes
-0.4 s, in one of 250 it takes 1 s and in one of 500 it takes 6 s, as factorisations are dense."""
+"""Most degrees of freedom in which equilibria are searched. A search in a chain takes 0.4 s with
+100 segments, 1 s with 250 and 6 s with 500, as factorisations are dense."""
 
 DISTINCT = 1e-6
 """Largest difference of a coordinate, relative to 1 plus the largest coordinate, up to which two
@@ -61,8 +61,8 @@ equilibria with no coordinate beyond 4 rad that scipy's hybrid method found. Of 
 larger coordinates they missed 16, and they led to 88 equilibria that it did not find."""
 
 BUCKLED = (0.5, 1.5, 3.0)
-"""Largest angles, in rad, of starts in the shapes in which a pipe buckles. With these starts and one
-that is upside down, the search misses 2 of 84 elastica of 15 pinned pipes under a dead load;
+"""Largest angles, in rad, of starts in the shapes in which a pipe buckles. With these starts and
+one upside down, the search misses 2 of 84 elastica of 15 pinned pipes under a dead load;
 without them it misses 40."""
 
 MOST_WOUND = 30
@@ -98,7 +98,7 @@ ALONG = np.linspace(0.0, 1.0, 201)
 
 BATCH_ENTRIES = 1_000_000
 """Most entries of the Jacobians by x of one batch of starts. The Jacobians by the whole state, of
-which these are part of, have four times as many and take 32 MB."""
+which these are part, have four times as many and take 32 MB."""
 
 
 @saved_as(
@@ -308,7 +308,7 @@ class Statics:
         return self.motion(np.concatenate([xs.T, np.zeros_like(xs.T)]), u)[self.size :].T
 
     def jacobian(self, x: Array, p: float) -> Array:
-        """Derivative of the accelerations by x, (moving, moving), or one such matrix for each row."""
+        """Derivative of the accelerations by x, (moving, moving), or one for each row of x."""
         whole = self.model.motion_jacobian(np.concatenate([x.T, np.zeros_like(x.T)]), abs(p))
         return whole[..., self.size :, : self.size]
 
