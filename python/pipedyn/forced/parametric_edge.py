@@ -86,7 +86,8 @@ class Bordered:
         """Second derivative of G by two numbers.
 
         Args:
-            one, other: products with the first derivatives of H by these numbers.
+            one: products with the first derivative of H by one of them.
+            other: products with that by the other.
             h: second derivative of H by them.
         """
         last = np.zeros((2, 2))
