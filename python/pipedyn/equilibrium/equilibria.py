@@ -461,7 +461,7 @@ class Statics:
         return turn if np.ptp(energies) <= 1e-9 * (1.0 + abs(self.model.pipe.gamma)) else None
 
     def unwound(self, x: Array) -> Array:
-        """The same configuration without whole turns about a hinge at the root."""
+        """The configuration x without whole turns about a hinge at the root."""
         turn = self.whole_turn
         if turn is None:
             return x

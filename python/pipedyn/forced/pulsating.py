@@ -376,7 +376,8 @@ def pulsating_pipe(model: AnyModel, mean: float, size: int) -> PulsatingPipe:
 
     A model with more than 30 degrees of freedom is projected on 2 `size` directions, which are
     those in which its lowest modes at three speeds are largest. The continuous pipe is replaced by
-    a reduced model with `size` functions, and more for joints."""
+    a reduced model with `size` functions, and more for joints.
+    """
     if isinstance(model, Continuum):
         one = model.frozen(size + FUNCTIONS_A_JOINT * basis_joints(model.pipe).size)
         return PulsatingPipe.of(one.elastic_operators(), mean)
