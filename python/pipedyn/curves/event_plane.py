@@ -157,8 +157,8 @@ def plane_of(branch: CycleBranch | ForcedBranch, names: tuple[str, str], given: 
         forcing = branch.motion.forcing
         value = forcing.amplitude
         if name == "u":
-            still = branch.steps[0].problem.start.u
-            value = forcing.mean if isinstance(forcing, Pulsation) else still
+            constant = branch.steps[0].problem.start.u
+            value = forcing.mean if isinstance(forcing, Pulsation) else constant
     for end in (low, high):
         try:
             make(end)

@@ -103,9 +103,9 @@ class EventProblem(OrbitProblem):
             # curve may pass through an amplitude of 0. This needs a correction, as sums over a mesh
             # do not make velocities exactly orthogonal to positions.
             row, size = self._phase[0], self._size(start)
-            still, swing = self._swing(start)
+            mean, swing = self._swing(start)
             row = row - (row @ swing) / size**2 * self.weights * swing
-            self._phase = row, float(row @ still)
+            self._phase = row, float(row @ mean)
         ends = [family.width**-2] if extra.size == 1 else [1.0, family.width**-2]
         self.weights = np.append(self.weights, ends)
 
@@ -222,13 +222,13 @@ class EventProblem(OrbitProblem):
 
         The mean is 0 if the orbit is its own mirror image.
         """
-        still, swing = np.zeros((2, self.weights[self._of_orbit].size))
+        mean, swing = np.zeros((2, self.weights[self._of_orbit].size))
         states = orbit.starts.size
         if not orbit.symmetric:
             share = np.diff(orbit.edges) / orbit.span
-            still[:states] = np.tile(share @ orbit.starts, len(orbit.starts))
-        swing[:states] = orbit.starts.ravel() - still[:states]
-        return still, swing
+            mean[:states] = np.tile(share @ orbit.starts, len(orbit.starts))
+        swing[:states] = orbit.starts.ravel() - mean[:states]
+        return mean, swing
 
     def _size(self, orbit: PeriodicOrbit) -> float:
         """Length of an orbit's deviation from its mean, which falls to 0 with its amplitude."""

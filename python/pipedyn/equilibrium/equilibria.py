@@ -327,10 +327,10 @@ class Statics:
 
         They are evaluated as affine in the square of the speed.
         """
-        still, at_one = self.accelerations(np.stack([x, x]), np.array([0.0, 1.0]))
-        by_square = at_one - still
+        at_zero, at_one = self.accelerations(np.stack([x, x]), np.array([0.0, 1.0]))
+        by_square = at_one - at_zero
         derivative = np.column_stack([self.jacobian(x, p), 2.0 * p * by_square])
-        return still + p**2 * by_square, derivative
+        return at_zero + p**2 * by_square, derivative
 
     def at_rest(self, x: Array, p: float) -> tuple[Array, Array]:
         """The straight pipe's equations x = rest, regular also where other branches leave it."""

@@ -143,12 +143,12 @@ class FewModes:
         phases = 2.0 * math.pi * (np.arange(PERIOD_PARTS) + 0.5 + GAUSS[:, None]) / PERIOD_PARTS
         speed = pipe.mean * (1.0 + amplitude * np.cos(phases))
         rate = -pipe.mean * amplitude * np.sin(phases)
-        self._still = np.tensordot(speed[..., None] ** np.arange(3), self._parts[:3], 1)
-        self._moving = rate[..., None, None] * self._parts[3]
+        self._steady = np.tensordot(speed[..., None] ** np.arange(3), self._parts[:3], 1)
+        self._unsteady = rate[..., None, None] * self._parts[3]
 
     def at(self, frequency: float) -> Multipliers:
         """Multipliers at a frequency of the flow, by Magnus' series to fourth order."""
-        rates = self._still + frequency * self._moving
+        rates = self._steady + frequency * self._unsteady
         first, second = (2.0 * math.pi / (frequency * PERIOD_PARTS)) * rates
         turned = second @ first - first @ second
         factors = exponentials(0.5 * (first + second) + math.sqrt(3.0) / 12.0 * turned)

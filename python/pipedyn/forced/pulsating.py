@@ -115,11 +115,11 @@ class PulsatingPipe:
         n = self.size
         made = np.zeros((4, 2 * n, 2 * n))
         made[0, :n, n:] = np.eye(n)
-        still, square, rate, damping, velocity = self._forces
+        stiffness, flux, unsteady, damping, velocity = self._forces
         half = 0.5 * velocity
         made[1, :n, :n] = made[1, n:, n:] = half
         made[0, n:, n:] = damping
-        made[:, n:, :n] = still, damping @ half, square + half @ half, rate - half
+        made[:, n:, :n] = stiffness, damping @ half, flux + half @ half, unsteady - half
         return made
 
     def require_stable(self, highest: float) -> None:
@@ -251,9 +251,9 @@ class Hill:
         at = np.arange(count)
         omega = (nu + frequency * (at - self.many))[:, None, None]
         blocks = np.zeros((count, n, count, n), dtype=np.complex128)
-        mean = pipe.stiffness + u**2 * (1.0 + 0.5 * amplitude**2) * pipe.flux
-        rate = pipe.damping + u * pipe.velocity
-        blocks[at, :, at] = mean + 1j * omega * rate - omega**2 * pipe.mass
+        stiffness = pipe.stiffness + u**2 * (1.0 + 0.5 * amplitude**2) * pipe.flux
+        damping = pipe.damping + u * pipe.velocity
+        blocks[at, :, at] = stiffness + 1j * omega * damping - omega**2 * pipe.mass
         swing = 0.5 * u * amplitude
         for way in (1, -1):  # from the harmonic before and from that behind
             to = at[1:] if way == 1 else at[:-1]
@@ -299,12 +299,12 @@ class Hill:
     def edges(self, share: float, amplitude: float) -> Array:
         """All frequencies of motions with nu = share * frequency, rising, as eigenvalues of H."""
         of = self.polynomial(share)
-        still, slope, ahead = of(0.0, amplitude), of.by((0,), 0.0, amplitude), of(1.0, amplitude)
-        size = len(still)
+        zero, slope, one = of(0.0, amplitude), of.by((0,), 0.0, amplitude), of(1.0, amplitude)
+        size = len(zero)
         # The eigenvalues are 1 / w: the coefficient of w^2 may be singular, as a harmonic of
         # frequency 0 adds nothing to it.
         try:
-            upper = -np.linalg.solve(still, np.hstack([slope, ahead - slope - still]))
+            upper = -np.linalg.solve(zero, np.hstack([slope, one - slope - zero]))
         except np.linalg.LinAlgError:
             return np.empty(0)
         values = np.linalg.eigvals(np.vstack([upper, np.eye(size, 2 * size)]))
