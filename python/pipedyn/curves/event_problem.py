@@ -79,7 +79,8 @@ class EventProblem(OrbitProblem):
         start: an orbit near the event.
         extra: the unknowns beside the orbit, at the start: x, or theta and x.
         control: how steps along the curve are taken.
-        unit: unit of length, as in `OrbitProblem`.
+        unit: root mean square of the positions for each L of the free end's amplitude, as in
+            `OrbitProblem`; that of the start where it is not given.
     """
 
     def __init__(
