@@ -320,8 +320,8 @@ class Hopf(HopfPoint, units={"balance": LENGTH, "fold": SPEED}):
         model: the model.
         mode: eigenvector q, complex, of the integrated state [p, p'], shape (2 moving,).
         rest: the equilibrium, an integrated state, shape (2 moving,).
-        friction: of the supply at constant head, where u is the flow speed in the straight pipe;
-            None at constant speed.
+        friction: friction of the supply at constant head, where u is the flow speed in the straight
+            pipe; None at constant speed.
 
     Example:
         >>> found = pp.hopf(pp.Chain(pp.Pipe(0.2), 4))
@@ -439,7 +439,7 @@ def hopf(
 
     Args:
         model: chain, reduced model or scene, up to 500 degrees of freedom.
-        crossing: a flutter of `crossings(model, ...)`, or a point of kind "hopf" on a branch of
+        crossing: a flutter from `crossings(model, ...)`, or a point of kind "hopf" on a branch of
             bent equilibria, of `equilibrium_branch(model, ...)`; the critical speed where not
             given.
         friction: friction of a straight pipe that is fed at constant head, as in `Supply`; where it
