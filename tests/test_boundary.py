@@ -359,8 +359,8 @@ def test_bent_equilibria_lie_where_the_cubic_coefficient_says():
 
 def test_counts_change_along_a_curve_at_the_organising_points_that_lie_on_it(monkeypatch):
     """Steps are so long that two lie in one. u^2 = k^2 pi^2 + s / (k^2 pi^2) is mode k's load."""
-    monkeypatch.setattr(boundary_curves, "LONGEST", 0.4)
-    monkeypatch.setattr(boundary_curves, "TURN", 0.9)
+    monkeypatch.setattr(boundary_curves, "LONGEST_STEP", 0.4)
+    monkeypatch.setattr(boundary_curves, "LARGEST_TURN", 0.9)
     foundation = pp.Foundation(10.0)
     pipe = pp.Pipe(0.6, damping=0.005, root="pinned", end="pinned", terms=(foundation,))
     window = {"Foundation.stiffness": (0.0, 2500.0), "u": (0.1, 14.0)}

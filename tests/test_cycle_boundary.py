@@ -130,7 +130,7 @@ def test_multipliers_on_the_unit_circle(three, kind, monkeypatch):
 
     Other multipliers are as large as 1,000, and all are known relative to the largest.
     """
-    monkeypatch.setattr(event_curve, "LONGEST", 0.5)
+    monkeypatch.setattr(event_curve, "LONGEST_EVENT_STEP", 0.5)
     branch, event = next(
         (b, e) for b in three.cycles for e in b.events if e.kind == kind and e.speed != b.onset
     )
@@ -162,7 +162,7 @@ def test_multipliers_on_the_unit_circle(three, kind, monkeypatch):
 
 def test_a_pitchfork_is_followed_from_either_branch_that_meets_there(three, monkeypatch):
     """Also from that of cycles without mirror symmetry, which it is the beginning of."""
-    monkeypatch.setattr(event_curve, "LONGEST", 0.5)
+    monkeypatch.setattr(event_curve, "LONGEST_EVENT_STEP", 0.5)
     ranges = {"beta": (0.295, 0.305), "u": (6.0, 9.0)}
     found = []
     for branch in three.cycles[:2]:
@@ -178,7 +178,7 @@ def test_a_pitchfork_is_followed_from_either_branch_that_meets_there(three, monk
 
 
 def test_a_period_doubling_is_followed_from_the_cycles_of_twice_the_period(three, monkeypatch):
-    monkeypatch.setattr(event_curve, "LONGEST", 0.5)
+    monkeypatch.setattr(event_curve, "LONGEST_EVENT_STEP", 0.5)
     branch = three.cycles[1]
     (event,) = (one for one in branch.events if one.kind == "period doubling")
     near = min(branch.cycles, key=lambda cycle: abs(cycle.u - event.speed))
@@ -193,7 +193,7 @@ def test_a_period_doubling_is_followed_from_the_cycles_of_twice_the_period(three
 
 def test_folds_of_forced_motions_over_the_amplitude_of_the_forcing(monkeypatch):
     """Both folds of a resonance that bends over lie on one curve, which ends in a cusp below."""
-    monkeypatch.setattr(event_curve, "LONGEST", 0.2)
+    monkeypatch.setattr(event_curve, "LONGEST_EVENT_STEP", 0.2)
     model = pp.Galerkin(pp.Pipe(0.2, damping=0.002), 3, "legendre")
 
     def response(amplitude, low, high):
@@ -217,7 +217,7 @@ def test_folds_of_forced_motions_over_the_amplitude_of_the_forcing(monkeypatch):
 
 
 def test_a_curve_that_cannot_be_followed_says_where_and_keeps_what_it_has(monkeypatch, subcritical):
-    monkeypatch.setattr(event_curve, "MOST_STEPS", 2)
+    monkeypatch.setattr(event_curve, "MOST_EVENT_STEPS", 2)
     (fold,) = folds(subcritical)
     found = pp.cycle_boundary(
         subcritical, fold, "u", "beta", {"u": (2.0, 5.0), "beta": (0.02, 0.2)}
@@ -313,7 +313,7 @@ def test_folds_of_four_segments_and_of_the_long_hanging_pipe(
     model, speeds, end, speeds_there, monkeypatch
 ):
     """At the other end of the range they are those of the branch there; rest is stable above."""
-    monkeypatch.setattr(event_curve, "LONGEST", 0.5)
+    monkeypatch.setattr(event_curve, "LONGEST_EVENT_STEP", 0.5)
     begin = model.pipe.beta
     other = model.with_pipe(replace(model.pipe, beta=end))
     branch, there = (

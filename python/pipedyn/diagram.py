@@ -42,7 +42,7 @@ from pipedyn.cycles.limit_cycle import (
     limit_cycle,
 )
 from pipedyn.equilibrium.equilibria import (
-    LARGEST,
+    EQUILIBRIA_DOF,
     EquilibriumBranch,
     equilibrium_branch,
     searched,
@@ -305,7 +305,7 @@ class _Asked:
 def _asked(
     model: Model, speeds: ArrayLike, cycles: int, brute_force: int, options: MotionOptions
 ) -> _Asked:
-    model = checked_model_in_motion(model, largest=LARGEST, purpose="bifurcation_diagram")
+    model = checked_model_in_motion(model, largest=EQUILIBRIA_DOF, purpose="bifurcation_diagram")
     require_steady("speeds", speeds)
     at = check.array("speeds", speeds, low=0.0, high=LARGEST_SPEED, longest=100_000)
     if at.size < 2 or np.any(np.diff(at) <= 0.0):

@@ -27,7 +27,7 @@ from pipedyn.attraction.motion_options import (
 from pipedyn.attraction.records import turning_points
 from pipedyn.attraction.regions import NOWHERE, STOPPED, Excitation
 from pipedyn.attraction.solutions import Attractor, Solution, equilibria_near
-from pipedyn.equilibrium.equilibria import LARGEST, searched
+from pipedyn.equilibrium.equilibria import EQUILIBRIA_DOF, searched
 from pipedyn.models.base import Model
 from pipedyn.models.drive import LARGEST_SPEED, Harmonic, Pulsation, Supply
 from pipedyn.motion.simulate import (
@@ -300,7 +300,7 @@ def attractors(
         >>> found.basins[0].ending, found.basins[0].share.value
         ('periodic', 1.0)
     """
-    model = checked_model_in_motion(model, largest=LARGEST, purpose="attractors")
+    model = checked_model_in_motion(model, largest=EQUILIBRIA_DOF, purpose="attractors")
     drive = _checked_drive(model, u, base)
     check.real("transient", transient, low=FIRST_LOOK, high=1e6)
     options = MotionOptions.checked(transient, duration, rtol, exponents, seed, executor, progress)

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: MIT
 """Boundaries of stability of the straight pipe in the plane of two of its numbers.
 
-Curves of flutter and of divergence start where the window's edges, and lines across it, meet them,
+Curves of flutter and of divergence are found where they meet the window's edges or lines across it,
 and are followed by arc length past folds (`continuation.path`) until they leave the window or
-close. A curve of the continuous pipe is solved again in larger bases until its points stay.
+close. A curve of the continuous pipe is solved for again in larger bases until its points converge.
 """
 
 from __future__ import annotations
@@ -18,10 +18,10 @@ from numpy.typing import NDArray
 
 from pipedyn.continuation.arclength import Control, Point
 from pipedyn.curves.boundary_curves import (
-    Traced,
+    TracedCurve,
     Tracer,
     basis_plane,
-    converged,
+    converged_curves,
     first_plane,
     line_starts,
 )
@@ -31,10 +31,10 @@ from pipedyn.curves.organising import (
     OrganisingPoint,
     changes_of_criticality,
     coefficients,
-    counted,
     double_points,
     others_unstable,
     separated,
+    unstable_counts,
 )
 from pipedyn.equilibrium.axis_problems import AxisProblem, CoupledModeProblem
 from pipedyn.linear.modes import largest_speed
@@ -50,7 +50,7 @@ from pipedyn.util.result import Result
 from pipedyn.util.threads import one_thread
 
 LARGEST_MODEL = 500
-"""Degrees of freedom of a model: dense matrices are factorised at every point."""
+"""Most degrees of freedom of a model, as dense matrices are factorised at every point."""
 
 
 @saved_as(
@@ -65,32 +65,35 @@ class BoundaryCurve(Result):
     """A curve of flutter or of divergence, point by point along its arc length.
 
     Attributes:
-        kind: "flutter" (a pair passes the imaginary axis; of undamped pipes whose ends do no work
-            two pairs meet on it and leave it, coupled-mode flutter) or "divergence" (a real root
-            passes 0).
-        x, y: the two numbers, shape (S,).
-        frequency: angular, in 1 / T, shape (S,); 0 of divergence, and where two growing real roots
-            meet and become a growing pair, which `crossings` counts as coupled-mode flutter, too.
-        unstable: number of unstable roots beside those on the axis, shape (S,): where it is 0 the
-            curve bounds the region in which the pipe is stable. At an end "Bogdanov-Takens" as
-            right before it, as `change`: at that point itself zero is a double root.
-        change: number of unstable roots on its left less that on its right, shape (S,): 2 or -2,
-            of divergence 1 or -1, which changes at a Bogdanov-Takens point, and 0 where real roots
-            meet.
-        lyapunov: first Lyapunov coefficient of flutter, as of `Hopf`; of divergence the coefficient
-            c of z' = sigma z + c z^3, z being the largest angle, shape (S,). NaN where other roots
-            are unstable, or it was not asked for.
-        criticality: "supercritical", where what emerges attracts, "subcritical", or "" where it is
-            not known, shape (S,). With drag that decides, see `Hopf`.
-        error: of `Continuum` the largest distance of points, some of them along the curve, from
-            those in the basis before, relative to their numbers or 1; 0 of other models.
-        ends: why it ends at its first and last point: "range" (it leaves the window), "closed",
-            "Bogdanov-Takens" (its frequency falls to 0), "points" or "not converged".
-        slopes: direction (dx, dy) by arc length of unit length in shares of the window, shape
+        kind: "flutter" (a pair of roots passes the imaginary axis; in undamped pipes whose ends do
+            no work, two pairs meet on it and leave it, which is coupled-mode flutter) or
+            "divergence" (a real root passes 0).
+        x, y: values of the two numbers, shape (S,).
+        frequency: angular frequency of the pair, in 1 / T, shape (S,). It is 0 for divergence, and
+            where two growing real roots meet and become a growing pair, which `crossings` counts as
+            coupled-mode flutter, too.
+        unstable: number of unstable roots other than those on the axis, shape (S,): where it is 0
+            the curve bounds the region in which the pipe is stable. At an end "Bogdanov-Takens",
+            where zero is a double root, `unstable` and `change` are those right before it.
+        change: number of unstable roots on the left of the curve minus that on its right, shape
+            (S,): 2 or -2 for flutter; 1 or -1 for divergence, which changes at a Bogdanov-Takens
+            point; and 0 where real roots meet.
+        lyapunov: first Lyapunov coefficient of flutter, as in `Hopf`; for divergence the
+            coefficient c of z' = sigma z + c z^3, z being the largest angle; shape (S,). NaN where
+            other roots are unstable, or where it was not asked for.
+        criticality: "supercritical" where the motion or shape that emerges attracts, "subcritical"
+            where it repels, or "" where that is not known, shape (S,). With drag, the drag decides,
+            as `Hopf` says.
+        error: largest distance of some points along the curve from those in the basis before,
+            relative to their numbers or 1, for `Continuum`; 0 for other models.
+        ends: why the curve ends at its first and last point: "range" (it leaves the window),
+            "closed", "Bogdanov-Takens" (its frequency falls to 0), "points" (it has too many) or
+            "not converged" (no next point was found).
+        slopes: direction (dx, dy) along the curve, of unit length in shares of the window, shape
             (S, 2).
-        organising: organising points on it: `Boundary.points[i]` lies between its points k and
-            k + 1, rows (k, i). Where `unstable`, `change` or `criticality` differ at these, they
-            change there. At most one between two points.
+        organising: organising points on the curve, as rows (k, i): `Boundary.points[i]` lies
+            between the curve's points k and k + 1. Where `unstable`, `change` or `criticality`
+            differ at these points, they change there. There is at most one between two points.
     """
 
     kind: Kind
@@ -111,7 +114,7 @@ class BoundaryCurve(Result):
 
     @property
     def sides(self) -> NDArray[np.int_]:
-        """Number of unstable roots on its left and on its right, shape (S, 2)."""
+        """Number of unstable roots on the left and on the right of the curve, shape (S, 2)."""
         left, right = np.maximum(self.change, 0), np.maximum(-self.change, 0)
         return self.unstable[:, None] + np.stack([left, right], axis=1)
 
@@ -121,14 +124,15 @@ class Boundary(InPlane):
     """Curves on which eigenvalues lie on the imaginary axis, in a window of two numbers.
 
     Attributes:
-        names: of x and y.
-        ranges: of x and y, ((low, high), (low, high)).
-        curves: flutter first.
-        points: organising points on curves, at which no more roots are unstable first.
-        u: flow speed where it is neither; None where it is.
+        names: names of x and y.
+        ranges: ranges of x and y, ((low, high), (low, high)).
+        curves: the curves, those of flutter first.
+        points: organising points on curves; those at which no other roots are unstable come first.
+        u: flow speed where it is neither x nor y; None where it is one of them.
         model: the model.
-        size: degrees of freedom of the model solved.
-        failures: what was not followed to its end, or does not agree, in sentences.
+        size: degrees of freedom of the model that was solved.
+        failures: which curves were not followed to their ends, and which counts of unstable roots
+            do not agree, in sentences.
     """
 
     _along = ("frequency", "unstable", "criticality")
@@ -185,27 +189,28 @@ def boundary(
     """Boundaries of stability in the plane of two of a pipe's numbers, with organising points.
 
     Curves of flutter and divergence are found where they meet the window's edges and lines across
-    it, and followed past folds. That what leaves the window enters it is checked at its edges, so
-    that no curve which meets them is lost in silence. A closed curve of flutter meets none of them:
-    where a pair comes near to the axis on a line, and turns back, its real part is followed uphill
-    from there until the pair passes or goes no farther. A closed curve so small that all lines pass
-    it by, and to which none of these ways leads, is missed; no search by samples can tell. Look in
-    a smaller window where one is expected.
+    it, and are followed past folds. Numbers of unstable roots are compared between the ends of
+    curves round the window's edges, so that no curve which meets the edges is lost in silence. A
+    closed curve of flutter may meet no line: where a pair comes near to the axis on a line and
+    turns back, its real part is followed uphill from there until the pair passes the axis or comes
+    no nearer. A closed curve is missed if it is so small that it lies between all lines and no
+    uphill path leads to it; no search by samples can exclude that. Look in a smaller window where
+    such a curve is expected.
 
     Args:
         model: chain, reduced model, scene of up to 500 degrees of freedom, or `Continuum`, whose
             points are solved in larger bases until they move by less than 1e-9.
-        x: a number of the pipe: "u", "beta", "gamma", "alpha", "damping", "hysteresis",
-            "inflow_share" (aspirating), "root.stiffness" of a `RootSpring`, or a term's number as
-            "PointMass.mass", of several such terms "terms[0].mass". Its value in the model's pipe
-            does not count.
-        y: another.
-        ranges: (low, high) of both, by name.
-        u: the flow speed, if it is neither.
+        x: name of a number of the pipe: "u", "beta", "gamma", "alpha", "damping", "hysteresis",
+            "inflow_share" (aspirating), "root.stiffness" of a `RootSpring`, or a number of a term
+            such as "PointMass.mass" or, if there are several such terms, "terms[0].mass". Its value
+            in the model's pipe does not count.
+        y: name of another number.
+        ranges: (low, high) of both numbers, by name.
+        u: the flow speed, if it is neither x nor y.
         criticality: whether to compute on which side motions emerge, and where this changes, which
-            takes longest.
-        only_stability: whether curves on which other roots are unstable are left out; then counts
-            at the edges are not compared.
+            takes most of the time.
+        only_stability: whether to leave out curves on which other roots are unstable; then numbers
+            of unstable roots at the edges are not compared.
 
     Returns:
         Boundary.
@@ -220,9 +225,9 @@ def boundary(
 
     Raises:
         NotConverged: if curves of the continuous pipe do not converge as the basis grows.
-        ValueError: for a number that the pipe does not have, that small motions do not know, or
-            outside its range; for a bent pipe.
-        TypeError: for what is no model, word or number.
+        ValueError: for a number that the pipe does not have or that has no part in small motions,
+            or a range outside the allowed one; for a bent pipe.
+        TypeError: for arguments of other types than a model, a name or a number.
 
     Source: Govaerts (2000), Numerical methods for bifurcations of dynamical equilibria; of the
     organising points Kuznetsov, Elements of Applied Bifurcation Theory, ch. 8. Criticality of
@@ -253,7 +258,7 @@ def boundary(
 
 
 def checked_window(model: AnyModel, names: tuple[Any, Any], ranges: Any) -> Window:
-    """The two numbers, and the ranges in which they are looked at."""
+    """The window of two numbers in these ranges; raises ValueError or TypeError where it is bad."""
     numbers: list[PipeNumber | None] = []
     for argument, name in zip(("x", "y"), names, strict=True):
         own = isinstance(name, str) and name == "u"
@@ -303,17 +308,17 @@ def _bounded(
         tracer = Tracer(coarse, starts, wanted)
         counts: list[NDArray[np.int_]] = []
         found: list[DoublePoint] = []
-        on: list[list[tuple[int, int]]] = []  # of each curve, steps and numbers of points in them
+        on: list[list[tuple[int, int]]] = []  # for each curve, steps and numbers of points in them
         while starts:
             new, starts = tracer.trace(starts), []
             for curve in new:
-                of_curve, places = counted(coarse, curve), list[tuple[int, float, int]]()
+                of_curve, places = unstable_counts(coarse, curve), list[tuple[int, float, int]]()
                 for place in double_points(coarse, curve, of_curve):
                     if isinstance(place, str):
                         failures.append(place)
                         continue
                     where, one = place
-                    i = next((i for i, other in enumerate(found) if _same(one, other)), len(found))
+                    i = next((i for i, other in enumerate(found) if _equal(one, other)), len(found))
                     if where is not None:
                         places.append((*where, i))
                     if i == len(found):
@@ -323,10 +328,10 @@ def _bounded(
                 counts.append(of_curve)
                 on.append(steps)
         failures += tracer.failures()
-        plane, traced = coarse, list[Traced | None](tracer.curves)
+        plane, traced = coarse, list[TracedCurve | None](tracer.curves)
         points: list[OrganisingPoint | None]
         if isinstance(model, Continuum):
-            plane, traced = converged(model, coarse, tracer.curves)
+            plane, traced = converged_curves(model, coarse, tracer.curves)
             points = [*_solved_again(found, plane, tracer.control, failures)]
         else:
             points = [one.point(plane) for one in found]
@@ -335,8 +340,8 @@ def _bounded(
             if last is None:
                 continue
             curve = last
-            if plane is not coarse:  # in which fewer modes count
-                of_curve = counted(plane, curve, of_curve)
+            if plane is not coarse:  # the counts so far are for fewer modes
+                of_curve = unstable_counts(plane, curve, of_curve)
             values = np.full((len(curve.points), 2), np.nan)
             if criticality:
                 for k in np.flatnonzero(of_curve == 0):
@@ -351,7 +356,7 @@ def _bounded(
     known = [(i, one) for i, one in enumerate(points) if one is not None]
     known.sort(key=lambda of: (of[1].unstable, of[1].kind, of[1].x))
     numbers = {i: number for number, (i, _) in enumerate(known)}
-    curves = [_finished(*part, numbers) for part in parts]
+    curves = [_boundary_curve(*part, numbers) for part in parts]
     low, high = window.low, window.low + window.size
     if not (coarse.conservative or only_stability or any(tracer.failures())):
         failures += _disagreements(curves, coarse)
@@ -370,7 +375,7 @@ def _bounded(
 def _solved_again(
     found: list[DoublePoint], plane: Plane, control: Control, failures: list[str]
 ) -> Iterator[OrganisingPoint | None]:
-    """The points in a larger basis; those that it does not have are None, and failures."""
+    """Organising points in a larger basis; None, and a failure, for a point that it lacks."""
     for one in found:
         try:
             yield one.solved(plane, control).point(plane)
@@ -383,15 +388,17 @@ def _solved_again(
             )
 
 
-def _same(one: DoublePoint, other: DoublePoint) -> bool:
+def _equal(one: DoublePoint, other: DoublePoint) -> bool:
+    """Whether two double points are one, by their frequencies and places."""
     near = np.allclose(one.roots, other.roots, rtol=1e-6, atol=1e-6)
     return near and float(np.abs(one.at - other.at).max()) < 1e-6
 
 
 def _disagreements(curves: list[BoundaryCurve], plane: Plane) -> Iterator[str]:
-    """Where unstable roots that leave the window do not enter it: round its edges once.
+    """Sentences about neighbouring ends of curves on the window's edges that do not agree.
 
-    Next to an end at which all roots lie on the axis they are not compared.
+    Going round the edges once, the number of unstable roots after one end must be that before the
+    next. Numbers are not compared next to an end at which all roots lie on the axis.
     """
     window = plane.window
     ends = []
@@ -401,7 +408,8 @@ def _disagreements(curves: list[BoundaryCurve], plane: Plane) -> Iterator[str]:
                 continue
             at = np.array([curve.x[k], curve.y[k]])
             x, y = (at - window.low) / window.size
-            # Counter-clockwise from the lower left corner: place, and direction.
+            # Places are counted counter-clockwise from the lower left corner, with the direction in
+            # which the edge is walked there.
             places = {y: (x, (1, 0)), 1.0 - x: (1.0 + y, (0, 1))}
             places |= {1.0 - y: (3.0 - x, (-1, 0)), x: (4.0 - y, (0, -1))}
             place, (right, up) = places[min(places, key=abs)]
@@ -419,22 +427,29 @@ def _disagreements(curves: list[BoundaryCurve], plane: Plane) -> Iterator[str]:
             )
 
 
-def _points_of_change(curve: Traced) -> list[Point]:
-    """Points that say on which side roots are unstable: of flutter one, which holds for all."""
+def _points_of_change(curve: TracedCurve) -> list[Point]:
+    """Points at which it is computed on which side of the curve roots are unstable.
+
+    On a curve of flutter one point is enough, as the side is the same all along the curve.
+    """
     if curve.problem.kind == "divergence" or isinstance(curve.problem, CoupledModeProblem):
         return curve.points
-    # Away from ends at which its frequency is 0.
+    # It is taken away from the ends, at which the frequency may be 0.
     return [curve.points[len(curve.points) // 2]]
 
 
-def _finished(
-    curve: Traced,
+def _boundary_curve(
+    curve: TracedCurve,
     counts: NDArray[np.int_],
     values: Array,
     steps: list[tuple[int, int]],
     numbers: dict[int, int],
 ) -> BoundaryCurve:
-    """For users; the points in steps have other numbers there."""
+    """A traced curve as a result for users.
+
+    `steps` holds, for each organising point, the step in which it lies and its number among all
+    points found; `numbers` maps these numbers to those in `Boundary.points`.
+    """
     problem, points = curve.problem, curve.points
     places = curve.places()
     slopes = np.array([point.tangent[[-1, -2]] for point in points])

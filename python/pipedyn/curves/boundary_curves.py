@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: MIT
-"""Curves of flutter and divergence in a window of two numbers: where they begin, and followed.
+"""Curves of flutter and divergence in a window of two numbers: how they are found and followed.
 
-They start where lines across the window, its edges among them, meet them: along the flow speed
-from the search for crossings, along other numbers from eigenvalues that are followed. A curve of
-the continuous pipe is solved again in larger bases until its points stay.
+They are found where lines across the window, its edges among them, meet them. On lines along the
+flow speed these places come from the search for crossings, on lines along other numbers from
+eigenvalues that are followed. A curve of the continuous pipe is solved for again in larger bases
+until its points converge.
 """
 
 from __future__ import annotations
@@ -34,43 +35,43 @@ from pipedyn.util.check import Array
 from pipedyn.util.errors import NotConverged
 from pipedyn.util.newton import NewtonFailed
 
-LONGEST, TURN = 0.04, 0.18
-"""Longest step, as a share of the window's sides, and angle between neighbouring tangents, rad:
-cubics through the points with their tangents have no corners that a page shows."""
+LONGEST_STEP, LARGEST_TURN = 0.04, 0.18
+"""Longest step, as a share of the window's sides, and largest angle, in rad, between neighbouring
+tangents: cubics through the points with their tangents then have no visible corners."""
 
-MOST_POINTS = 1500
-"""Of a curve, either way: at the longest step forty times across the window."""
+MOST_BOUNDARY_POINTS = 1500
+"""Most points of a curve, either way: at the longest step they go forty times across the window."""
 
 LINES_OF_SPEED, LINES = 7, 3
-"""Lines across the window, its edges with them, on which curves are looked for: of those along the
-flow speed and of others, which take ten times as long."""
+"""Numbers of lines across the window, its edges among them, on which curves are looked for: lines
+along the flow speed, and lines along another number, which take ten times as long."""
 
 FIRST_CLIMB, LAST_CLIMB, MOST_CLIMBS = 0.04, 1e-3, 10
-"""Radius of the first step uphill to a closed curve, the shortest step, in shares of the window,
-and the most of them: those that reach a curve take two to eight."""
+"""Radius of the first step uphill to a closed curve, length of the shortest step, both in shares of
+the window, and largest number of steps: paths that reach a curve take two to eight."""
 
 AGREED = 2e-10
-"""Distance of a point of the continuous pipe from that of the basis before, relative to its
-numbers or 1, at which it counts as converged: convergence is exponential, so that the next is
-nearer than that."""
+"""Distance of a point of the continuous pipe from that in the basis before, relative to its numbers
+or 1, at which it counts as converged: convergence is exponential, so that the error is smaller."""
 
 ROUNDED = 1e-6
-"""The same where larger bases do not make it smaller: rounding, of pairs of high frequency that
-hardly move. At omega 900 with a growth of 1e-3 it is 1e-8."""
+"""Distance of a point from that in the basis before at which it counts as converged if larger bases
+do not make it smaller. It is due to rounding then, in pairs of high frequency whose growth hardly
+changes: at omega 900 with a growth of 1e-3 it is 1e-8."""
 
-SAME = 1e-7
-"""Distance in shares of the window below which two solutions are one."""
+SAME_POINT = 1e-7
+"""Distance, in shares of the window, below which two solutions are one."""
 
 
 @dataclass(frozen=True)
 class CurveStart:
-    """Near a point on a curve, or a solution.
+    """Start of a curve: unknowns near a point on it, or a solution.
 
     Attributes:
-        z: ([frequency,] y, x), y and x as shares of the window. Of a conservative plane the first
-            is the frequency's square, negative of real roots.
-        kept: the entry of z that keeps its value where the others are solved for; None where z is
-            a solution.
+        z: ([frequency,] y, x), y and x as shares of the window. In a conservative plane the square
+            of the frequency, which is negative for real roots, replaces the frequency.
+        kept: index of the entry of z that keeps its value while the others are solved for; None
+            where z is a solution.
     """
 
     z: Array
@@ -78,8 +79,15 @@ class CurveStart:
 
 
 @dataclass
-class Traced:
-    """A curve with what solves for more points of it."""
+class TracedCurve:
+    """A curve point by point, with the equations that its points solve.
+
+    Attributes:
+        problem: the equations.
+        points: the points in order.
+        ends: why the curve ends at its first and last point, as in `BoundaryCurve`.
+        error: error of the points, as in `BoundaryCurve`.
+    """
 
     problem: AxisProblem
     points: list[Point]
@@ -87,13 +95,13 @@ class Traced:
     error: float = 0.0
 
     def segments(self) -> Iterator[Segment[AxisProblem]]:
-        """What lies between neighbouring points."""
+        """Segments of the curve between neighbouring points."""
         for a, b in pairwise(self.points):
             self.problem.renew()
             yield Segment(self.problem, a, b)
 
-    def sample(self) -> Traced:
-        """A few of its points, the first and last among them."""
+    def sample(self) -> TracedCurve:
+        """The curve with a few of its points only, the first and last among them."""
         which = np.unique(
             np.linspace(0, len(self.points) - 1, 3 + len(self.points) // 8, dtype=int)
         )
@@ -107,7 +115,7 @@ class Traced:
         """Whether a solution lies on the curve."""
         away = np.array([self.problem.length(point.z - z) for point in self.points])
         k = int(np.argmin(away))
-        if away[k] > LONGEST:
+        if away[k] > LONGEST_STEP:
             return False
         self.problem.renew()
         for a, b in pairwise(self.points[max(0, k - 1) : k + 2]):
@@ -116,18 +124,18 @@ class Traced:
             if -0.01 * length <= s <= 1.01 * length:
                 with suppress(NewtonFailed):
                     found = self.problem.at(a, s, segment.guess(s))
-                    if self.problem.length(found.z - z) <= 100.0 * SAME:
+                    if self.problem.length(found.z - z) <= 100.0 * SAME_POINT:
                         return True
-        return bool(away[k] <= 100.0 * SAME)
+        return bool(away[k] <= 100.0 * SAME_POINT)
 
 
 class Tracer:
-    """Follows curves on one plane, each once.
+    """Follows curves in one plane, each once.
 
     Args:
-        plane: the matrices.
-        starts: near points on curves, from which it finds the unit of frequencies.
-        wanted: of a problem and a solution z, whether its curve is to be followed.
+        plane: gives the matrices at each point of the window.
+        starts: starts of curves, the largest frequency of which is the unit of frequencies.
+        wanted: whether the curve through a solution z of a problem is to be followed.
     """
 
     def __init__(
@@ -138,15 +146,17 @@ class Tracer:
     ) -> None:
         self.plane, self.wanted = plane, wanted
         self.unit = max([1.0, *(abs(float(one.z[0])) for one in starts if one.z.size == 3)])
-        # Derivatives are exact: a step that short leaves an error of its square.
-        self.control = Control(LONGEST, shortest=1e-6, turn=TURN, tolerance=SAME)
-        self.curves: list[Traced] = []
+        # Derivatives are exact: after a step of Newton's method as short as the tolerance the error
+        # is of the order of its square.
+        self.control = Control(LONGEST_STEP, shortest=1e-6, turn=LARGEST_TURN, tolerance=SAME_POINT)
+        self.curves: list[TracedCurve] = []
 
-    def trace(self, starts: list[CurveStart]) -> list[Traced]:
-        """The curves through points near those given, but those that are known."""
+    def trace(self, starts: list[CurveStart]) -> list[TracedCurve]:
+        """Curves from these starts, without curves that are already known."""
         before = len(self.curves)
         for start in starts:
-            # As of a guess: a curve that is missed shows where counts are compared.
+            # A start may lead nowhere, as it is a guess: a curve that is missed shows where numbers
+            # of unstable roots are compared.
             with suppress(NewtonFailed):
                 self._trace(start.z, start.kept)
         return self.curves[before:]
@@ -170,10 +180,10 @@ class Tracer:
         if not inside or any(one.holds(z) for one in known) or not self.wanted(problem, z):
             return
         z[-2:] = self.plane.window.on_edges(z[-2:])
-        limits = [(-1, 0.0, 1.0), (-2, 0.0, 1.0)]
+        begin, limits = problem.starting_at(z), [(-1, 0.0, 1.0), (-2, 0.0, 1.0)]
         if z.size == 3 and not meeting:
             limits.append((0, 0.0, math.inf))
-        points, ends, _ = path(problem, problem.starting_at(z), limits, 0.3 * LONGEST, MOST_POINTS)
+        points, ends, _ = path(problem, begin, limits, 0.3 * LONGEST_STEP, MOST_BOUNDARY_POINTS)
         if len(points) == 1:
             return  # it touches the window in a corner
         points = [_on_edges(problem, point) for point in points]
@@ -181,7 +191,7 @@ class Tracer:
             "Bogdanov-Takens" if end == "range" and limits[2:] and point.z[0] <= 0.0 else end
             for end, point in zip(ends, (points[0], points[-1]), strict=True)
         )
-        self.curves.append(Traced(problem, points, (first, last)))
+        self.curves.append(TracedCurve(problem, points, (first, last)))
 
     def failures(self) -> Iterator[str]:
         """Which curves were not followed to their ends, in sentences."""
@@ -190,7 +200,7 @@ class Tracer:
                 if end in ("points", "not converged"):
                     x, y = curve.problem.place(point.z)
                     reason = "too many points" if end == "points" else "no next point was found"
-                    if self.plane.conservative_near(point.z[[-1, -2]], 2.0 * LONGEST):
+                    if self.plane.conservative_near(point.z[[-1, -2]], 2.0 * LONGEST_STEP):
                         reason = "without damping and flow, as beyond, all roots lie on the axis"
                     yield (
                         f"a curve of {curve.problem.kind} was not followed beyond "
@@ -199,7 +209,10 @@ class Tracer:
 
 
 def first_plane(model: AnyModel, window: Window, speed: float | None) -> Plane:
-    """What is looked at first: of the continuous pipe a basis for its highest speed."""
+    """The plane in which curves are found first.
+
+    The continuous pipe is replaced by a basis that is large enough for the window's highest speed.
+    """
     if not isinstance(model, Continuum):
         return Plane(model, window, speed)
     fastest = speed or 0.0
@@ -212,15 +225,16 @@ def first_plane(model: AnyModel, window: Window, speed: float | None) -> Plane:
 
 
 def basis_plane(model: Galerkin, window: Window, speed: float | None) -> Plane:
-    """Of a basis of the continuous pipe, whose own modes count."""
+    """The plane of a reduced model for the continuous pipe, of which only resolved modes count."""
     return Plane(model, window, speed, resolved(model, eigenproblem(model).spectrum()))
 
 
 def line_starts(plane: Plane, only_stability: bool = False) -> tuple[list[CurveStart], list[str]]:
-    """Near points on curves where lines across the window meet them, and what failed.
+    """Starts of curves, found on lines across the window, and sentences about what failed.
 
-    And near curves that a pair reaches from where it comes near to the axis on a line, of which the
-    flow speed has three; with only_stability from points where no other pair is unstable.
+    Most lie where a line meets a curve. Others lie on curves that a pair reaches uphill from where
+    it comes near to the axis on a line; of the lines along the flow speed three are used for these.
+    With `only_stability` paths uphill begin only where no other pair is unstable.
     """
     window = plane.window
     found: list[CurveStart] = []
@@ -268,7 +282,7 @@ def line_starts(plane: Plane, only_stability: bool = False) -> tuple[list[CurveS
                 extremes += [(along, at, *one) for one in plane.extremes(at, along)]
         else:
             for at in places:
-                if plane.speed_at(at) > 0.0:  # else nothing but damping acts
+                if plane.speed_at(at) > 0.0:  # without flow only damping moves roots off the axis
                     passing, others = plane.sections(at, along)
                     extremes += [(along, at, *one) for one in others]
                     for share, root in passing:
@@ -283,12 +297,13 @@ def line_starts(plane: Plane, only_stability: bool = False) -> tuple[list[CurveS
 
 
 def climbed(plane: Plane, z: Array, root: complex, only_stability: bool) -> CurveStart | None:
-    """Near a curve of flutter that a pair reaches as its real part goes uphill to 0, or downhill.
+    """Start on a curve of flutter that is reached by following a pair's real part towards 0.
 
-    From shares z of the window, where it has an extreme on a line: inside a closed curve that no
-    line meets there is one in the plane, to which this leads if nothing else lies between. Steps
-    are those of a quasi-Newton method (symmetric rank one) within a radius, for which derivatives
-    of eigenvalues are exact. None where it ends at an extreme beside the axis.
+    The path begins at shares z = (x, y) of the window, where the real part of `root` has an extreme
+    on a line. Inside a closed curve that no line meets, the real part has an extreme in the plane
+    with the opposite sign, to which the path leads if nothing else lies between. Steps are those of
+    a quasi-Newton method (symmetric rank one) within a trust radius, with exact derivatives of
+    eigenvalues. The answer is None where the path ends at an extreme beside the axis.
     """
 
     def near(z: Array, guess: complex) -> tuple[complex, NDArray[np.complex128], bool]:
@@ -311,7 +326,7 @@ def climbed(plane: Plane, z: Array, root: complex, only_stability: bool) -> Curv
             if length < LAST_CLIMB:
                 return None
             if plane.conservative_near(z + step, FIRST_CLIMB):
-                return None  # all pairs reach the axis on that edge
+                return None  # on that edge all pairs lie on the axis
             there, slopes_there, others = near(z + step, root + complex(slopes @ step))
             gained = uphill * (there.real - root.real)
             if there.real * root.real <= 0.0:
@@ -334,7 +349,10 @@ def climbed(plane: Plane, z: Array, root: complex, only_stability: bool) -> Curv
 
 
 def _within(bend: Array, gradient: Array, radius: float) -> Array:
-    """The step to the largest value of a quadratic within a radius, about."""
+    """The step to about the largest value of a quadratic function within a radius.
+
+    The function has the second derivatives `bend`, (2, 2), and the first derivatives `gradient`.
+    """
     values, vectors = np.linalg.eigh(bend)
     along = vectors.T @ gradient
     shift = max(float(values.max()), 0.0) + 1e-9 * (1.0 + float(np.abs(values).max()))
@@ -343,23 +361,24 @@ def _within(bend: Array, gradient: Array, radius: float) -> Array:
         length = float(np.linalg.norm(step))
         if length <= 1.2 * radius:
             return vectors @ step
-        # The length is about inverse to the shift beyond the largest value.
+        # The length of the step is about inverse to the distance of the shift from the largest
+        # eigenvalue.
         shift += (length / radius - 1.0) * (shift - float(values.max()))
 
 
-def converged(
-    model: Continuum, plane: Plane, curves: list[Traced]
-) -> tuple[Plane, list[Traced | None]]:
-    """Curves of the continuous pipe in a basis that is large enough for all.
+def converged_curves(
+    model: Continuum, plane: Plane, curves: list[TracedCurve]
+) -> tuple[Plane, list[TracedCurve | None]]:
+    """Curves of the continuous pipe in a basis that is large enough for all of them.
 
-    Some points of each say which: it grows until they do not move, or by rounding alone. A curve
-    that larger bases do not have is None.
+    The basis grows until some points of each curve do not move any more, or by rounding alone. A
+    curve that larger bases do not have is None.
 
     Raises:
         NotConverged: if points of a curve still move in the largest basis.
     """
     inner = basis_joints(model.pipe).size
-    some: list[Traced | None] = [curve.sample() for curve in curves]
+    some: list[TracedCurve | None] = [curve.sample() for curve in curves]
     moves = [math.inf] * len(curves)
     more = 0
     while True:
@@ -371,7 +390,7 @@ def converged(
             if one is None:
                 continue
             try:
-                moved = _moved(one, plane)
+                moved = _solved_on(one, plane)
             except NewtonFailed:
                 some[i] = None if more > 1 else one
                 going |= more == 1
@@ -385,23 +404,23 @@ def converged(
                 f"curves of the continuous pipe do not converge: a point still moves by "
                 f"{max(moves):.1e}"
             )
-    every: list[Traced | None] = []
+    every: list[TracedCurve | None] = []
     for curve, one, error in zip(curves, some, moves, strict=True):
         every.append(None)
         if one is not None:
             with suppress(NewtonFailed):
-                every[-1] = replace(_moved(curve, plane), error=error)
+                every[-1] = replace(_solved_on(curve, plane), error=error)
     return plane, every
 
 
-def _distance(one: Traced, other: Traced) -> float:
+def _distance(one: TracedCurve, other: TracedCurve) -> float:
     """Largest distance of points of two curves, relative to their numbers or 1."""
     a, b = one.places(), other.places()
     return float((np.abs(a - b) / np.maximum(1.0, np.abs(a))).max())
 
 
-def _moved(curve: Traced, plane: Plane) -> Traced:
-    """A curve with its points solved for with other matrices."""
+def _solved_on(curve: TracedCurve, plane: Plane) -> TracedCurve:
+    """The curve with its points solved for in another plane, such as that of a larger basis."""
     problem = curve.problem.on_other(plane)
     last = len(curve.points) - 1
     points: list[Point] = []
@@ -416,17 +435,17 @@ def _moved(curve: Traced, plane: Plane) -> Traced:
         else:
             z = problem.fixed(point.z, float(point.z[edge]), edge)
             points.append(_on_edges(problem, problem.point(z, point.tangent)))
-    return Traced(problem, points, curve.ends)
+    return TracedCurve(problem, points, curve.ends)
 
 
 def _on_edges(problem: AxisProblem, point: Point) -> Point:
-    """A point whose shares are exactly 0 or 1 where it is on an edge but for rounding."""
+    """The point with shares of exactly 0 or 1 where it lies on an edge but for rounding."""
     within = problem.plane.window.on_edges(point.z[-2:])
     return replace(point, z=np.append(point.z[:-2], within))
 
 
 def _edge(z: Array) -> int | None:
-    """Which entry of z lies on the window's edge, or is a frequency of 0."""
+    """Index of the entry of z that lies on the window's edge or is a frequency of 0, or None."""
     for index in (-1, -2):
         if z[index] in (0.0, 1.0):
             return index

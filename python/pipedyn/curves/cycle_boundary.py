@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: MIT
 """Folds, pitchforks, period doublings and tori of cycles in the plane of two numbers.
 
-An event that a branch of cycles or of forced motions has is solved for (`EventProblem`) and
-followed both ways by the continuation that branches themselves are. On the way points are named at
-which two conditions meet: cusps; where the cycle's amplitude falls to 0 on the curve of onsets, and
-folds therefore end (Bautin); where other multipliers pass the unit circle; resonances.
+An event on a branch of cycles or of forced motions is solved for (`EventProblem`) and followed both
+ways by the same continuation as the branches themselves. On the way points are named at which two
+conditions meet: cusps; points at which the cycle's amplitude falls to 0 on the curve of onsets, and
+folds therefore end (Bautin); points at which other multipliers pass the unit circle; resonances.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from pipedyn.curves.boundary import Boundary
 from pipedyn.curves.event_curve import CycleCurve, CyclePoint, EventFollower
 from pipedyn.curves.event_onset import Onset
 from pipedyn.curves.event_plane import (
-    checked_events,
+    checked_branch_events,
     checked_names,
     orbit_at_event,
     plane_of,
@@ -40,16 +40,16 @@ class CycleBoundary(InPlane):
     """Curves of events of cycles in a window of two numbers.
 
     Attributes:
-        names: of x and y.
-        ranges: of x and y, ((low, high), (low, high)).
-        curves: one for each event that lies on no other's.
-        points: named points on them.
-        onsets: curves on which the straight pipe becomes unstable, as of `boundary` with
-            `only_stability`, also at speeds beyond the range; None where motions are forced or it
-            was not found.
+        names: names of x and y.
+        ranges: ranges of x and y, ((low, high), (low, high)).
+        curves: one curve for each event that lies on no curve of another event.
+        points: named points on the curves.
+        onsets: curves on which the straight pipe becomes unstable, as `boundary` gives them with
+            `only_stability`, also at speeds beyond the range; None where motions are forced or
+            these curves were not found.
         model: the model.
-        failures: what was not followed to its end, in sentences.
-        evaluations: right-hand sides and Jacobians.
+        failures: which curves were not followed to their ends, in sentences.
+        evaluations: number of right-hand sides and Jacobians.
     """
 
     _along = ("frequency", "amplitude", "unstable")
@@ -76,17 +76,18 @@ def cycle_boundary(
     """Folds, pitchforks, period doublings and tori of cycles followed in two numbers.
 
     Args:
-        branch: of cycles, of `bifurcation_diagram`; or of forced motions, of `forced_response`.
-        events: of the branch, one or several, of kind "fold", "pitchfork", "period doubling" or
-            "torus". A pitchfork breaks the mirror symmetry of cycles; it may be given with either
-            of the branches that meet there.
-        x: name of a number. Of cycles x or y is "u", the flow speed; of forced motions one of them
-            is "frequency", that of the forcing. The other is a number of the pipe, such as "beta"
-            and "drag", or of a term, such as "terms[0].mass" or, if there is but one,
-            "PointMass.mass"; of forced motions also "amplitude", of the base's motion or of the
-            pulsation relative to its mean, or "u".
-        y: name of the other.
-        ranges: (low, high) of both, by name, in which the events lie.
+        branch: branch of cycles from `bifurcation_diagram`, or of forced motions from
+            `forced_response`.
+        events: one or several events of the branch, of kind "fold", "pitchfork", "period doubling"
+            or "torus". A pitchfork breaks the mirror symmetry of cycles; it may be given with
+            either of the branches that meet there.
+        x: name of a number. For cycles, x or y must be "u", the flow speed; for forced motions, one
+            of them must be "frequency", that of the forcing. The other is a number of the pipe,
+            such as "beta" and "drag", or of a term, such as "terms[0].mass" or, if there is only
+            one such term, "PointMass.mass". For forced motions it may also be "u", or "amplitude":
+            that of the base's motion, or of the pulsation relative to its mean.
+        y: name of the other number.
+        ranges: (low, high) of both numbers, by name, in which the events lie.
         progress: show progress on stderr.
 
     Returns:
@@ -107,14 +108,14 @@ def cycle_boundary(
         (['Bautin'], ('range', 'Bautin'))
 
     Source: Doedel, Govaerts and Kuznetsov (2003), Computation of periodic solution bifurcations in
-    ODEs using bordered systems; Kuznetsov, Elements of Applied Bifurcation Theory, ch. 9, for what
-    is met on the way.
+    ODEs using bordered systems; Kuznetsov, Elements of Applied Bifurcation Theory, ch. 9, for the
+    named points on the curves.
     """
     if not isinstance(branch, CycleBranch | ForcedBranch):
         raise TypeError(
             f"branch must be a CycleBranch or a ForcedBranch, got {check.shown(branch)}"
         )
-    given = checked_events(branch, events)
+    given = checked_branch_events(branch, events)
     names = checked_names(branch, x, y)
     shown = check.flag("progress", progress)
     plane = plane_of(branch, names, ranges)
@@ -177,7 +178,7 @@ def cycle_boundary(
 def _distinct(
     points: list[CyclePoint], ranges: tuple[tuple[float, float], tuple[float, float]]
 ) -> list[CyclePoint]:
-    """Points without those that two curves have in common, where each has found them."""
+    """Named points, each once where two curves have it in common and both have found it."""
     widths = [1e-3 * (high - low) for low, high in ranges]
     kept = list[CyclePoint]()
     for new in points:

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: MIT
-"""One event of cycles followed in two numbers, both ways, with the named points on its curve."""
+"""Curve of one event of cycles in the plane of two numbers, with the named points on it."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from functools import cache
 from itertools import islice
@@ -29,16 +29,17 @@ from pipedyn.util.newton import NewtonFailed
 from pipedyn.util.parallel import track
 from pipedyn.util.result import Result
 
-LONGEST = 0.08
+LONGEST_EVENT_STEP = 0.08
 """Longest step: a share of the second number's range, of the frequency or of the speed, or a change
-of the free end's amplitude in L. Cubics through the points have no corners that a page shows."""
+of the free end's amplitude in L. Cubics through the points then have no visible corners."""
 
-MOST_STEPS = 300
-"""Of a curve, either way: at the longest step twenty-four times across the window."""
+MOST_EVENT_STEPS = 300
+"""Most steps of a curve, either way: the longest go twenty-four times across the window."""
 
-NEAR_END, NEARBY = 0.01, 0.1
-"""Amplitude in L, or sine of a torus's angle, below which a curve has all but reached the point at
-which these are 0, and below which it is said to lead there if Newton's method fails on the way."""
+NEAR_END, LEADING_TO_END = 0.01, 0.1
+"""Amplitude in L, or sine of a torus's angle, below which a curve is taken to have reached the
+point at which it is 0, and below which it is taken to lead there if Newton's method fails on the
+way."""
 
 
 @saved_as(
@@ -50,24 +51,26 @@ class CycleCurve(Result):
     Attributes:
         kind: "fold", "pitchfork" (which breaks the mirror symmetry of cycles), "period doubling" or
             "torus".
-        x, y: the two numbers, shape (S,).
-        frequency: of the cycle, angular, in 1 / T, shape (S,); of a forced motion that of the
-            forcing.
+        x, y: values of the two numbers, shape (S,).
+        frequency: angular frequency of the cycle, in 1 / T, shape (S,); for a forced motion that of
+            the forcing.
         amplitude: half the peak-to-peak transverse motion of the free end in L, shape (S,).
-        multiplier: on the unit circle, shape (S,): 1, -1 at a period doubling; of a torus that of
-            the pair with the positive imaginary part.
+        multiplier: multiplier on the unit circle that makes the event, shape (S,): 1, or -1 at a
+            period doubling; for a torus, that of the pair with the positive imaginary part.
         unstable: number of other multipliers outside the unit circle, shape (S,): where it is 0
             a stable cycle meets the curve.
-        opens: at a fold 1 where its two cycles exist at flow speeds (frequencies of the forcing)
-            above, -1 where below; 0 at others, shape (S,).
-        onset: flow speed at which the flutter of the straight pipe sets in from which the branch of
-            cycles comes, shape (S,), followed from the branch's own beginning as the other number
-            changes; of a branch that does not begin at flutter the lowest speed at which the pipe
-            becomes unstable, followed likewise. NaN beyond the fold at which that curve turns back
-            over the other number, if it bounds the stable region nowhere, and of forced motions.
-        ends: why it ends at its first and last point: "range" (it leaves the window), "closed",
-            a kind of `CyclePoint`, "points" or "not converged".
-        orbits: the solutions of the collocation equations.
+        opens: at a fold, 1 where its two cycles exist at flow speeds (or frequencies of the
+            forcing) above it, and -1 where they exist below; 0 at other events, shape (S,).
+        onset: flow speed of the flutter of the straight pipe from which the branch of cycles comes,
+            shape (S,), followed from the beginning of the branch as the other number changes. If
+            the branch does not begin at flutter, it is the lowest speed at which the pipe becomes
+            unstable, followed likewise. It is NaN for forced motions, beyond the fold at which that
+            curve turns back over the other number, and if the curve bounds the stable region
+            nowhere.
+        ends: why the curve ends at its first and last point: "range" (it leaves the window),
+            "closed", a kind of `CyclePoint`, "points" (it has too many) or "not converged" (no next
+            point was found).
+        orbits: solutions of the collocation equations, one for each point.
     """
 
     kind: Followed
@@ -88,21 +91,22 @@ class CycleCurve(Result):
 
 @saved_as("CyclePoint")
 class CyclePoint(Result):
-    """Where a curve of an event meets a second condition.
+    """Point of an event's curve at which a second condition holds.
 
-    Multipliers are those over a period, of a cycle that is its own mirror image those over half a
-    period and the reflection.
+    Multipliers are those over a period; for a cycle that is its own mirror image, they are those
+    over half a period followed by the reflection.
 
     Attributes:
         kind: "cusp" (two curves of folds meet); "Bautin" (a curve of folds ends where the
-            criticality of flutter changes: the amplitude falls to 0); "Hopf" (the same with drag,
-            or of another curve that ends at an onset); "degenerate pitchfork",
-            "degenerate period doubling" (the same, where folds meet these curves); "1:1 resonance"
-            and "1:2 resonance" (two multipliers 1, two -1: curves of tori end), "1:3 resonance",
-            "1:4 resonance"; or the names of the two events that happen at once, as "fold-torus".
-        x, y: the two numbers.
-        frequency: of the cycle.
-        amplitude: of the cycle; 0 at an onset.
+            criticality of flutter changes: the amplitude falls to 0); "Hopf" (the amplitude falls
+            to 0 at an onset, on a curve of folds with drag or on a curve of other events);
+            "degenerate pitchfork", "degenerate period doubling" (a curve of folds ends where it
+            meets curves of these events); "1:1 resonance" and "1:2 resonance" (two multipliers are
+            1 or two are -1: curves of tori end); "1:3 resonance", "1:4 resonance"; or the names of
+            two events that happen at once, such as "fold-torus".
+        x, y: values of the two numbers.
+        frequency: angular frequency of the cycle, for a forced motion that of the forcing.
+        amplitude: amplitude of the cycle, in L; 0 at an onset.
     """
 
     kind: str
@@ -112,49 +116,72 @@ class CyclePoint(Result):
     amplitude: float
 
 
-Step = Segment[EventProblem]
+EventStep = Segment[EventProblem]
 
 
 @dataclass(frozen=True)
-class _Place:
-    """A point of a curve."""
+class _Cycle:
+    """A cycle at the event, as a point of its curve.
+
+    Attributes:
+        z: unknowns of the `EventProblem`.
+        second: value of the second parameter.
+        own: value of the branch parameter: the flow speed or the frequency of the forcing.
+        orbit: the cycle.
+        amplitude: its amplitude, in L.
+        rest: multipliers, or their roots, without those of the event.
+        opens: as in `CycleCurve`.
+        vanishing: sizes of what falls to 0 where the curve may end, by the name of that point.
+        unstable: number of the multipliers in `rest` that are outside the unit circle.
+    """
 
     z: Array = field(repr=False)
     second: float
     own: float
     orbit: PeriodicOrbit
     amplitude: float
-    rest: Complex  # multipliers, or their roots, beside those of the event
+    rest: Complex
     opens: int
-    vanishing: dict[str, float]  # size of what falls to 0 where the curve may end, by its name
-    unstable: int  # number of these multipliers outside the unit circle
+    vanishing: dict[str, float]
+    unstable: int
 
 
-def _growth(rest: Complex) -> Array:
-    """Logarithms of moduli relative to 1 + UNIT, falling."""
+def _log_moduli(rest: Complex) -> Array:
+    """Logarithms of multipliers' moduli relative to 1 + `UNIT`, in falling order."""
     return np.sort(np.log(np.maximum(np.abs(rest), 1e-300) / (1.0 + UNIT)))[::-1]
 
 
 class EventFollower:
-    """A curve in the making."""
+    """Follows the curve of one event.
+
+    Args:
+        plane: the plane of two numbers.
+        kind: kind of the event.
+        shown: whether progress is shown.
+        onset: onset of the branch of cycles, None for forced motions.
+    """
 
     def __init__(
         self, plane: EventPlane, kind: Followed, shown: bool, onset: Onset | None = None
     ) -> None:
         self.plane, self.kind, self.shown, self.onset = plane, kind, shown, onset
         self.points, self.failures = list[CyclePoint](), list[str]()
-        self.how = replace(FINE, longest=LONGEST, tolerance=1e-6, stagnation=1e-5)
+        self.how = replace(FINE, longest=LONGEST_EVENT_STEP, tolerance=1e-6, stagnation=1e-5)
 
     def start(self, orbit: PeriodicOrbit) -> tuple[EventProblem, Point]:
-        """The event near an orbit, at the number that its branch has."""
+        """The event near an orbit, at the second parameter's value on the branch.
+
+        Raises:
+            NewtonFailed: if it is not found.
+        """
         motion, value = self.plane.family.at(self.plane.value), self.plane.value
         orbit = resolved(
             *(motion, orbit.states, orbit.frequency, orbit.u, orbit.symmetric), self.how.defect
         )
-        tail = [value]
+        extra = [value]
         if self.kind == "torus":
-            tail.insert(0, event_angle(orbit_multipliers(motion, orbit)[1]))
-        problem = EventProblem(self.plane.family, self.kind, orbit, np.array(tail), self.how)
+            extra.insert(0, event_angle(orbit_multipliers(motion, orbit)[1]))
+        problem = EventProblem(self.plane.family, self.kind, orbit, np.array(extra), self.how)
         z = problem.fixed(problem.origin, value)
         found = problem.orbit(z)
         if abs(found.frequency / orbit.frequency - 1.0) > 0.02:
@@ -164,7 +191,7 @@ class EventFollower:
         return problem, problem.point(z, growing)
 
     def lies_on(self, curve: CycleCurve, start: tuple[EventProblem, Point]) -> bool:
-        """Whether a curve passes an event."""
+        """Whether a known curve passes the event."""
         if curve.kind != self.kind:
             return False
         problem, point = start
@@ -183,10 +210,10 @@ class EventFollower:
         return False
 
     def run(self, start: tuple[EventProblem, Point]) -> CycleCurve:
-        """Both ways from the event."""
+        """The curve, followed both ways from the event."""
         problem, point = start
         ahead, last = self._one_way(problem, point)
-        back, first = list[_Place](), last
+        back, first = list[_Cycle](), last
         if last != "closed":
             back, first = self._one_way(problem, Point(point.z, -point.tangent))
         places = back[:0:-1] + ahead
@@ -219,13 +246,13 @@ class EventFollower:
             orbits=tuple(place.orbit for place in places),
         )
 
-    def _multiplier(self, place: _Place) -> complex:
+    def _multiplier(self, place: _Cycle) -> complex:
         root = complex(np.exp(1j * place.z[-2]))
         value = root**2 if place.orbit.symmetric else root
         return complex(value.real, abs(value.imag))
 
-    def place(self, problem: EventProblem, point: Point) -> _Place:
-        """What is known of a point."""
+    def place(self, problem: EventProblem, point: Point) -> _Cycle:
+        """The point of the curve with all that is computed there."""
         orbit, second = problem.orbit(point.z), float(point.z[-1])
         motion = self.plane.family.at(second)
         own = orbit.frequency * self.plane.order if self.plane.forced else orbit.u
@@ -235,11 +262,14 @@ class EventFollower:
         vanishing = {
             name: float(np.linalg.norm(odd)) for name, odd in self._odd(problem, point.z).items()
         }
-        unstable = int(np.count_nonzero(_growth(rest) > 0.0))
-        return _Place(point.z, second, own, orbit, amplitude, rest, opens, vanishing, unstable)
+        unstable = int(np.count_nonzero(_log_moduli(rest) > 0.0))
+        return _Cycle(point.z, second, own, orbit, amplitude, rest, opens, vanishing, unstable)
 
     def _rest(self, motion: VectorField, orbit: PeriodicOrbit, z: Array) -> Complex:
-        """Multipliers, or of a cycle with a mirror their roots, without those of the event."""
+        """Multipliers without those of the event.
+
+        For a cycle that is its own mirror image they are their roots over half a period.
+        """
         _, roots, _ = orbit_multipliers(motion, orbit)
         rest = roots if self.plane.forced else nontrivial(roots)
         gone: dict[str, list[complex]] = {"fold": [1.0], "torus": []}
@@ -251,13 +281,13 @@ class EventFollower:
 
     # ------------------------------------------------------------------------------- one way
 
-    def _one_way(self, problem: EventProblem, point: Point) -> tuple[list[_Place], str]:
-        """From a point until the curve leaves the window, ends or cannot be followed."""
+    def _one_way(self, problem: EventProblem, point: Point) -> tuple[list[_Cycle], str]:
+        """Points of the curve from one on, until it leaves the window, ends or is lost; and why."""
         begin = self.place(problem, point)
         places = [begin]
         steps = onward(problem, point, 0.25 * self.how.longest)
         try:
-            for step in track(islice(steps, MOST_STEPS), None, self.kind, self.shown):
+            for step in track(islice(steps, MOST_EVENT_STEPS), None, self.kind, self.shown):
                 problem = step.problem
                 ended = self._ending(step)
                 if ended is not None:
@@ -276,17 +306,20 @@ class EventFollower:
                 if (ended := self._near_end(places, NEAR_END)) is not None:
                     return self._ended(places, ended)
         except NewtonFailed as reason:
-            if (ended := self._near_end(places, NEARBY)) is not None:
+            if (ended := self._near_end(places, LEADING_TO_END)) is not None:
                 return self._ended(places, ended)
             if (last := self._at_edge(problem, places[-1])) is not None:
                 return ([*places, last] if last is not places[-1] else places), "range"
             self._failed(places[-1], str(reason))
             return places, "not converged"
-        self._failed(places[-1], f"it takes more than {MOST_STEPS} steps")
+        self._failed(places[-1], f"it takes more than {MOST_EVENT_STEPS} steps")
         return places, "points"
 
-    def _at_edge(self, problem: EventProblem, place: _Place) -> _Place | None:
-        """The point on an edge beyond which there are no pipes, if the last one is beside it."""
+    def _at_edge(self, problem: EventProblem, place: _Cycle) -> _Cycle | None:
+        """The curve's point on an edge of the window that is near to the last point, if any.
+
+        Beyond an edge there may be no pipes, so that no step can pass it.
+        """
         second = self.plane.ranges[1 if self.plane.own_first else 0]
         edge = min(second, key=lambda value: abs(value - place.second))
         if abs(edge - place.second) > 0.01 * self.plane.family.width:
@@ -300,27 +333,27 @@ class EventFollower:
         except NewtonFailed:
             return None
 
-    def _ended(self, places: list[_Place], end: tuple[_Place, str]) -> tuple[list[_Place], str]:
-        """Places with the named point at which the curve ends."""
+    def _ended(self, places: list[_Cycle], end: tuple[_Cycle, str]) -> tuple[list[_Cycle], str]:
+        """The points with the named point at which the curve ends, and its kind."""
         self.points.append(self._named(end[1], end[0]))
         return [*places, end[0]], end[1]
 
-    def _failed(self, place: _Place, reason: str) -> None:
+    def _failed(self, place: _Cycle, reason: str) -> None:
         x, y = self.plane.places(place.second, place.own)
         self.failures.append(
             f"the {self.kind} was not followed beyond ({x:.6g}, {y:.6g}): {reason}"
         )
 
-    def _own_of(self, step: Step, z: Array) -> float:
+    def _own_of(self, step: EventStep, z: Array) -> float:
         orbit = step.problem.orbit(z)
         return orbit.frequency * self.plane.order if self.plane.forced else orbit.u
 
-    def _cut(self, step: Step) -> Point | None:
+    def _cut(self, step: EventStep) -> Point | None:
         """The point at which a step leaves the window, None where it does not."""
         first, last = self.plane.ranges
         second, own = (last, first) if self.plane.own_first else (first, last)
         places, cuts = {-1: (1.0, second)}, list[Array]()
-        places[-1 - step.problem.tail.size] = float(self.plane.order), own
+        places[-1 - step.problem.extra.size] = float(self.plane.order), own
         for index, (factor, (low, high)) in places.items():
             begin, end = (factor * float(p.z[index]) for p in (step.begin, step.end))
             if low <= end <= high:
@@ -334,8 +367,8 @@ class EventFollower:
         z = min(cuts, key=step.reach)
         return step.problem.point(z, step.begin.tangent)
 
-    def _closing(self, step: Step, begin: _Place) -> _Place | None:
-        """The first point again, if a step passes it."""
+    def _closing(self, step: EventStep, begin: _Cycle) -> _Cycle | None:
+        """The first point of the curve as it is met again, if a step passes it; else None."""
         low, high = sorted((step.begin.p, step.end.p))
         if not low <= begin.second <= high:
             return None
@@ -354,9 +387,10 @@ class EventFollower:
     # --------------------------------------------------------------------------- named points
 
     def _odd(self, problem: EventProblem, z: Array) -> dict[str, Array]:
-        """What is odd in the distance from a point at which the curve ends, by the point's name.
+        """Quantities that change sign where the curve ends, by the name of that point.
 
-        That is the amplitude, what breaks a symmetry, the sine of the angle of a torus.
+        Each is odd in the distance from that point: the cycle itself, which falls to 0, the part of
+        it that breaks a symmetry, or the sine of the angle of a torus.
         """
         if self.kind == "torus":
             angle = float(z[-2])
@@ -372,8 +406,8 @@ class EventFollower:
                 kinds["pitchfork"] = "degenerate pitchfork"
         return {name: breaking_part(orbit, kind) for kind, name in kinds.items()}
 
-    def _ending(self, step: Step) -> tuple[_Place, str] | None:
-        """Where a step passes the point at which the curve ends, and its kind."""
+    def _ending(self, step: EventStep) -> tuple[_Cycle, str] | None:
+        """The point at which the curve ends, and its kind, if a step passes it; else None."""
         problem = step.problem
         begin, end = (self._odd(problem, point.z) for point in (step.begin, step.end))
         for name in begin.keys() & end.keys():
@@ -386,10 +420,11 @@ class EventFollower:
             return self._limit([self.place(problem, point) for point in near], name), name
         return None
 
-    def _limit(self, places: list[_Place], name: str) -> _Place:
-        """Where what falls to 0 at three places is 0: the numbers change with its square.
+    def _limit(self, places: list[_Cycle], name: str) -> _Cycle:
+        """The point at which a quantity is 0 that falls towards 0 at three points.
 
-        Those of a fold change with drag with the amplitude itself.
+        The two numbers are extrapolated in the square of this quantity; at the end of a fold's
+        curve with drag in the amplitude itself.
         """
         power = 1 if name == "Hopf" else 2
         sizes = np.array([place.vanishing[name] for place in places]) ** power
@@ -398,15 +433,19 @@ class EventFollower:
             for values in ([p.second for p in places], [p.own for p in places])
         )
         last = places[-1]
-        # Beside an edge beyond which there are no pipes it may lie beyond.
+        # An extrapolated point may lie beyond an edge of the window beyond which there are no
+        # pipes.
         low, high = self.plane.ranges[1 if self.plane.own_first else 0]
         second = min(max(second, low), high)
         orbit = last.orbit if self.plane.forced else replace(last.orbit, u=own)
         amplitude = 0.0 if name in ("Bautin", "Hopf") else last.amplitude
         return replace(last, second=second, own=own, orbit=orbit, amplitude=amplitude)
 
-    def _near_end(self, places: list[_Place], within: float) -> tuple[_Place, str] | None:
-        """The end to which the last three places lead, if what falls to 0 is that small."""
+    def _near_end(self, places: list[_Cycle], within: float) -> tuple[_Cycle, str] | None:
+        """The named end to which the last three points lead, if the quantity that falls is small.
+
+        It must be smaller than `within`.
+        """
         if len(places) < 3:
             return None
         for name, size in places[-1].vanishing.items():
@@ -417,8 +456,8 @@ class EventFollower:
                 return self._limit(places[-3:], name), name
         return None
 
-    def _passed(self, step: Step, before: _Place, after: _Place) -> Iterator[_Place]:
-        """The places of named points that a step passes."""
+    def _passed(self, step: EventStep, before: _Cycle, after: _Cycle) -> Iterator[_Cycle]:
+        """Points of the curve at the named points that a step passes, which are kept as well."""
         found = list[tuple[float, str]]()
         if self.kind == "fold" and before.opens * after.opens < 0:
             found += [(s, "cusp") for s in self._cusps(step)]
@@ -436,12 +475,12 @@ class EventFollower:
             opens = 0 if name == "cusp" else place.opens
             yield replace(place, opens=opens, unstable=min(before.unstable, after.unstable))
 
-    def _named(self, name: str, place: _Place) -> CyclePoint:
+    def _named(self, name: str, place: _Cycle) -> CyclePoint:
         x, y = self.plane.places(place.second, place.own)
         return CyclePoint(name, x, y, place.orbit.frequency * self.plane.order, place.amplitude)
 
-    def _cusps(self, step: Step) -> Iterator[float]:
-        """Arc lengths at which both numbers turn back at once."""
+    def _cusps(self, step: EventStep) -> Iterator[float]:
+        """Arc lengths on a step at which the second parameter turns back, as both do at a cusp."""
 
         def turning(s: float) -> Array:
             return np.array([step.at(s).tangent[-1]])
@@ -450,8 +489,8 @@ class EventFollower:
             for low, high in sign_changes(turning, 0.0, step.length, 1e-4 * step.length):
                 yield 0.5 * (low + high)
 
-    def _resonances(self, step: Step, angle: float) -> Iterator[float]:
-        """Arc lengths at which the angle of a torus passes a value or its opposite."""
+    def _resonances(self, step: EventStep, angle: float) -> Iterator[float]:
+        """Arc lengths on a step at which the angle of a torus passes a value or its opposite."""
 
         def cosine(s: float) -> float:
             return math.cos(step.at(s).z[-2]) - math.cos(angle)
@@ -459,8 +498,8 @@ class EventFollower:
         if cosine(0.0) * cosine(step.length) < 0.0:
             yield float(scipy.optimize.brentq(cosine, 0.0, step.length, xtol=1e-8 * step.length))
 
-    def _others(self, step: Step, before: _Place, after: _Place) -> Iterable[tuple[float, str]]:
-        """Where other multipliers pass the unit circle, and what happens then."""
+    def _others(self, step: EventStep, begin: _Cycle, end: _Cycle) -> Iterator[tuple[float, str]]:
+        """Arc lengths at which other multipliers pass the unit circle, with names of the points."""
 
         @cache
         def rest(s: float) -> Complex:
@@ -468,15 +507,15 @@ class EventFollower:
             orbit = step.problem.orbit(point.z)
             return self._rest(self.plane.family.at(point.p), orbit, point.z)
 
-        mirrored = after.orbit.symmetric
-        known = {0.0: before.rest, step.length: after.rest}
+        mirrored = end.orbit.symmetric
+        known = {0.0: begin.rest, step.length: end.rest}
         for low, high in sign_changes(
-            lambda s: _growth(known[s] if s in known else rest(s)),
+            lambda s: _log_moduli(known[s] if s in known else rest(s)),
             *(0.0, step.length, 1e-4 * step.length),
         ):
             values = rest(high)
             kind, _ = crossing_event(values, mirrored, trivial=False)
-            # Three multipliers that meet split by the cube root of their error.
+            # Where three multipliers meet, errors move them by the cube root of their size.
             nearest = complex(values[int(np.argmin(np.abs(np.log(np.abs(values)))))])
             own = -1.0 if self.kind in ("pitchfork", "period doubling") else 1.0
             if self.kind != "torus" and abs(nearest - own) < 0.1:

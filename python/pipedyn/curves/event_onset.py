@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Where the flutter sets in from which cycles come, over the second number of their event."""
+"""Onset of the flutter from which a branch of cycles comes, over the second number of its event."""
 
 from __future__ import annotations
 
@@ -21,20 +21,20 @@ from pipedyn.util.later import scipy
 from pipedyn.util.newton import NewtonFailed
 
 FROM_0 = 1e-3
-"""Share of a range at which the boundary begins if the range begins at 0 and the number, as beta,
-has no derivative there."""
+"""Share of the upper end of a number's range at which its boundary begins if the range begins at 0
+and matrices have no derivative by the number there, as by beta."""
 
-SAME = 1e-4
-"""Relative distance up to which a boundary passes the onset of a branch: cubics through its points
-are far nearer, and two onsets farther apart."""
+SAME_ONSET = 1e-4
+"""Relative distance of a boundary from the onset of a branch up to which it is taken to pass it:
+cubics through the boundary's points are far nearer, and two onsets are farther apart."""
 
 
 class Onset:
-    """The bounds of the straight pipe's stability, and on them the onset of a branch of cycles.
+    """Boundary of the straight pipe's stability, and the onset of a branch of cycles on it.
 
     Args:
-        plane: of cycles, not of forced motions.
-        begin: flow speed at which the branch begins with flutter; NaN if it does not.
+        plane: plane of an event of cycles, not of forced motions.
+        begin: flow speed at which the branch begins at flutter; NaN if it does not.
         fastest: flow speed up to which onsets are of interest.
     """
 
@@ -59,7 +59,7 @@ class Onset:
         plane = self.plane
         try:
             checked_number("x", name, plane.model.pipe)
-        except ValueError:  # small motions do not know it
+        except ValueError:  # the number has no part in small motions
             ends = [critical_speed(plane.family.at(end).model) for end in ranges[name]]
             if not math.isclose(ends[0].speed, ends[1].speed, rel_tol=1e-9):
                 raise
@@ -71,14 +71,14 @@ class Onset:
         lowest = math.inf
         for curve in self.found.curves:
             s, at = _splines(curve, self.found)
-            bounds = _turns(s, at[self._second])
-            for here in _solved(at[self._second], self._share(plane.value), s[0], s[-1]):
+            bounds = _monotone_parts(s, at[self._second])
+            for here in _places_of_value(at[self._second], self._share(plane.value), s[0], s[-1]):
                 speed = self._speed(at, here)
                 k = min(int(np.searchsorted(s, here, "right")) - 1, len(curve) - 2)
                 if math.isnan(begin):
                     wanted = speed < lowest and curve.unstable[k : k + 2].min() == 0
                 else:
-                    wanted = curve.kind == "flutter" and abs(speed / begin - 1.0) < SAME
+                    wanted = curve.kind == "flutter" and abs(speed / begin - 1.0) < SAME_ONSET
                 if wanted:
                     lowest, self._curve = speed, curve
                     i = min(int(np.searchsorted(bounds, here, "right")), bounds.size - 1)
@@ -86,7 +86,7 @@ class Onset:
 
     @property
     def _second(self) -> int:
-        """Place of the second number."""
+        """Index of the second number, 0 where it is x and 1 where it is y."""
         return 1 if self.plane.own_first else 0
 
     def _share(self, value: float) -> float:
@@ -100,7 +100,7 @@ class Onset:
         return low + (high - low) * float(at[1 - self._second](s))
 
     def along(self, values: Array) -> Array:
-        """Onset at values of the second number, NaN where there is none."""
+        """Flow speed of the onset at values of the second number, (k,); NaN where there is none."""
         if self._curve is None or self.found is None:
             return np.full(values.size, self._flat)
         curve, found = self._curve, self.found
@@ -113,7 +113,7 @@ class Onset:
         speeds = np.full(values.size, math.nan)
         for i, value in enumerate(values.tolist()):
             share = self._share(value)
-            for here in _solved(at[self._second], share, left, right)[:1]:
+            for here in _places_of_value(at[self._second], share, left, right)[:1]:
                 z = np.array([at[1](here), at[0](here)])
                 if curve.kind == "flutter":
                     z = np.append(np.interp(here, s, curve.frequency) / unit, z)
@@ -127,7 +127,10 @@ class Onset:
 
 
 def _splines(curve: BoundaryCurve, found: Boundary) -> tuple[Array, list[Any]]:
-    """Length along a curve at its points, and cubics of it for x and y in shares of the window."""
+    """Lengths along a curve at its points, and cubic splines of x and y over this length.
+
+    Lengths, x and y are in shares of the window.
+    """
     low, high = np.array(found.ranges).T
     at = (np.column_stack([curve.x, curve.y]) - low) / (high - low)
     steps = np.linalg.norm(np.diff(at, axis=0), axis=1)
@@ -136,15 +139,19 @@ def _splines(curve: BoundaryCurve, found: Boundary) -> tuple[Array, list[Any]]:
     return s, [make(s, at[:, i], curve.slopes[:, i]) for i in (0, 1)]
 
 
-def _solved(spline: Any, value: float, left: float, right: float) -> list[float]:
-    """Where a cubic spline has a value between two places, at which rounding may hide it."""
+def _places_of_value(spline: Any, value: float, left: float, right: float) -> list[float]:
+    """Arguments from `left` to `right` at which a cubic spline has a value.
+
+    If there is none between them, each of these two counts at which the spline has the value but
+    for rounding.
+    """
     found = np.atleast_1d(spline.solve(value, extrapolate=False))
     inside = [float(s) for s in found if left <= s <= right]
     return inside or [s for s in (left, right) if abs(spline(s) - value) < 1e-9]
 
 
-def _turns(s: Array, second: Any) -> Array:
-    """Lengths between which the second number grows or falls along a curve."""
+def _monotone_parts(s: Array, second: Any) -> Array:
+    """Lengths along a curve, between each two of which the second number grows or falls only."""
     turns = np.atleast_1d(second.derivative().roots(extrapolate=False))
     return np.unique(np.concatenate([s[:1], s[-1:], turns[np.isfinite(turns)]]))
 
@@ -156,7 +163,7 @@ def _level(
     speed: float,
     frequency: float,
 ) -> Boundary:
-    """The bound over a number without a part in small motions: a critical speed at all values."""
+    """The boundary over a number that has no part in small motions: one critical speed for all."""
     ends, twice, passing = np.array(ranges[name]), np.ones(2), 2 if frequency else 1
     at, along = [ends, speed * twice], np.array([[1.0, 0.0], [1.0, 0.0]])
     if plane.own_first:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""The plane of two numbers in which an event of cycles is followed: names, ranges, motions."""
+"""The plane of two numbers in which an event of cycles is followed: names, ranges and motions."""
 
 from __future__ import annotations
 
@@ -25,15 +25,20 @@ from pipedyn.util import check
 from pipedyn.util.check import Array
 
 EVENTS: tuple[Followed, ...] = get_args(Followed)
+"""Kinds of events that are followed, in the order in which they are named together."""
 
 FORCINGS = "amplitude", "u"
-"""Numbers of a forced motion that are none of its pipe."""
+"""Numbers of a forced motion other than its frequency that are not numbers of the pipe."""
 
 
-def checked_events(
+def checked_branch_events(
     branch: CycleBranch | ForcedBranch, events: Any
 ) -> list[CycleEvent | ForcedEvent]:
-    """The events of a branch that are followed."""
+    """The events of a branch that a user gave, as a list.
+
+    Raises:
+        ValueError, TypeError: for what is no event of this branch, or of no kind that is followed.
+    """
     kind = CycleEvent if isinstance(branch, CycleBranch) else ForcedEvent
     given = [events] if isinstance(events, CycleEvent | ForcedEvent) else events
     if not isinstance(given, Sequence) or isinstance(given, str) or not given:
@@ -49,7 +54,11 @@ def checked_events(
 
 
 def checked_names(branch: CycleBranch | ForcedBranch, x: Any, y: Any) -> tuple[str, str]:
-    """The names, one of which is that of what varies along the branch."""
+    """The names of x and y, one of which must be that of the branch parameter.
+
+    Raises:
+        ValueError, TypeError: if they are not.
+    """
     for name, value in (("x", x), ("y", y)):
         if not isinstance(value, str):
             raise TypeError(f"{name} must be a name, got {check.shown(value)}")
@@ -63,32 +72,44 @@ def checked_names(branch: CycleBranch | ForcedBranch, x: Any, y: Any) -> tuple[s
 
 @dataclass(frozen=True)
 class EventPlane:
-    """The two numbers, and the motions that they distinguish."""
+    """The plane of the branch parameter and a second number, with the motions in it.
+
+    Attributes:
+        family: motions over the second number.
+        names: names of x and y.
+        model: the model of the branch.
+        value: the second number's value on the branch.
+        own_first: whether x is the branch parameter.
+        ranges: ranges of x and y.
+        forced: whether motions are forced; the branch parameter is the frequency then, else u.
+        order: number of periods of the forcing in one of the motion, 1 for cycles.
+        motions: all equations of motion made so far.
+    """
 
     family: Family
     names: tuple[str, str]
     model: Model
-    value: float  # of the second number, on the branch
-    own_first: bool  # whether x is what varies along branches
+    value: float
+    own_first: bool
     ranges: tuple[tuple[float, float], tuple[float, float]]
     forced: bool
-    order: int  # periods of the forcing in one of the motion
+    order: int
     motions: list[VectorField]
 
     def places(self, second: float, own: float) -> tuple[float, float]:
-        """(x, y)."""
+        """Values (x, y) at values of the second number and of the branch parameter."""
         return (own, second) if self.own_first else (second, own)
 
     def evaluations(self) -> int:
-        """Right-hand sides and Jacobians so far."""
+        """Number of right-hand sides and Jacobians computed so far."""
         return sum(motion.evaluations for motion in self.motions)
 
 
 def plane_of(branch: CycleBranch | ForcedBranch, names: tuple[str, str], given: Any) -> EventPlane:
-    """That of a branch, of ranges as they are given.
+    """The plane of a branch, for names of x and y and for ranges as a user gave them.
 
     Raises:
-        ValueError, TypeError: for a number that there is not, and for bad ranges.
+        ValueError, TypeError: for a name that stands for no number, and for bad ranges.
     """
     own = "u" if isinstance(branch, CycleBranch) else "frequency"
     place = 1 if names[0] == own else 0
@@ -136,8 +157,8 @@ def plane_of(branch: CycleBranch | ForcedBranch, names: tuple[str, str], given: 
         forcing = branch.motion.forcing
         value = forcing.amplitude
         if name == "u":
-            still = branch.steps[0].problem.start.u
-            value = forcing.mean if isinstance(forcing, Pulsation) else still
+            constant = branch.steps[0].problem.start.u
+            value = forcing.mean if isinstance(forcing, Pulsation) else constant
     for end in (low, high):
         try:
             make(end)
@@ -150,19 +171,19 @@ def plane_of(branch: CycleBranch | ForcedBranch, names: tuple[str, str], given: 
 def orbit_at_event(
     branch: CycleBranch | ForcedBranch, event: Any, motion: VectorField
 ) -> PeriodicOrbit:
-    """Near the orbit at an event, from the known one that is nearest.
+    """An orbit near that at an event, from the nearest known orbit of the branch.
 
-    Where the branch begins or ends at a symmetry-breaking pitchfork or a period doubling, that is
-    the orbit that is its own mirror image, or the one of half the period.
+    Where the branch begins or ends at a symmetry-breaking pitchfork, it is made its own mirror
+    image; where the branch begins or ends at a period doubling, it gets half the period.
     """
-    orbit = _nearest(branch, event)
+    orbit = _nearest_orbit(branch, event)
     begins = ends = False
     if isinstance(event, CycleEvent) and isinstance(branch, CycleBranch):
         begins = event.kind == branch.origin and event.speed == branch.onset
-        ends = event.multiplier == 1.0  # that of a doubling passed on the way is -1
+        ends = event.multiplier == 1.0  # it is -1 at a doubling that the branch passes
 
     def mean(sign: float, turns: int, symmetric: bool) -> PeriodicOrbit:
-        """The mean of the orbit and of what it is half its period later, with a sign."""
+        """The mean of the orbit and, with a sign, of itself half a period later."""
 
         def states(phase: Array) -> Array:
             early, late = (np.mod(phase / turns + s, 2.0 * math.pi) for s in (0.0, math.pi))
@@ -178,7 +199,7 @@ def orbit_at_event(
     return orbit
 
 
-def _nearest(branch: CycleBranch | ForcedBranch, event: Any) -> PeriodicOrbit:
+def _nearest_orbit(branch: CycleBranch | ForcedBranch, event: Any) -> PeriodicOrbit:
     """The known orbit that is nearest to an event."""
     if isinstance(branch, CycleBranch):
         apart = np.abs(branch.speeds / event.speed - 1.0)

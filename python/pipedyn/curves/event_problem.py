@@ -2,21 +2,22 @@
 """Equations of a periodic orbit at an event, for continuation in two parameters.
 
 The collocation equations G(z) = 0 of an orbit z = (states, rates, omega, u) leave one degree of
-freedom: a branch with the unit tangent t. A second parameter x adds one, and the event takes one:
+freedom: a branch with the unit tangent t. A second parameter x adds another one, and the event adds
+a condition:
 
     fold              the component of t along u is 0;
-    root rho          a smallest singular value of A = L + rho R is 0, with L y(0) + R y(span) = 0
-                      for what obeys the linearised equations: a perturbation comes back after the
-                      span multiplied by rho;
-    torus             the same with rho = e^(i theta), theta unknown: real and imaginary part.
+    root rho          the smallest singular value of A = L + rho R is 0, where L y(0) + R y(span) =
+                      0 holds for solutions y of the linearised equations: after the span a
+                      perturbation is multiplied by rho;
+    torus             as for a root rho = e^(i theta) with theta unknown, in two real equations.
 
 Each is a minimally extended system (Govaerts 2000, Numerical methods for bifurcations of dynamical
 equilibria, sec. 4 and 7; for cycles Doedel, Govaerts and Kuznetsov 2003): with the left and right
 singular vectors w and v of A about a point, w* A v is the scalar of the system that they border,
-and its derivative w* dA v. As t, v and w follow from the linear equations that Newton's method on
-the orbit solves anyway, so does the rest: the solutions of [G_z; <t, .>] for -G, for t and for
--G_x are what an orbit may change by, and the condition is differentiated along these alone, by
-differences of the condition itself. It needs no second derivatives of the forces.
+and w* dA v is its derivative. The vectors t, v and w follow from the linear equations that Newton's
+method on the orbit solves anyway. So do the changes that an orbit may undergo, which are the
+solutions of [G_z; <t, .>] for -G, for t and for -G_x: the condition is differentiated along these
+alone, by differences of the condition itself. It needs no second derivatives of the forces.
 """
 
 from __future__ import annotations
@@ -41,20 +42,23 @@ from pipedyn.util.newton import NewtonFailed
 Followed = Literal["fold", "pitchfork", "period doubling", "torus"]
 """Events that are followed in two parameters."""
 
-SHORT, LONG, SMALL = 1e-6, 1e-4, 0.05
-"""Changes, relative to the orbit's size or the parameter's range, over which conditions are
-differentiated: the factor, about, by which each step of Newton's method is shorter than the last.
-Conditions are known to 1e-12 or so. Beside a Hopf point that of a fold changes with the square of
-the amplitude, and below the last, in L, rounding asks for a change that grows up to the second."""
+SHORT, LONG, SMALL_CYCLE = 1e-6, 1e-4, 0.05
+"""Changes over which conditions are differentiated, relative to the orbit's size or the parameter's
+range: this is about the factor by which each step of Newton's method is shorter than the last.
+Conditions have an error of some 1e-12. Beside a Hopf point the condition of a fold changes with the
+square of the amplitude; below the third number, an amplitude in L, rounding therefore demands a
+change that grows from the first number up to the second."""
 
 
 class Family:
-    """Motions that a second parameter distinguishes.
+    """Equations of motion over a second parameter.
 
     Args:
-        make: the motion at a value of the parameter; raises ValueError where there is none.
-        width: of the parameter's range: a change by it is as long as one of the free end by L.
-        is_speed: whether the parameter is the flow speed, of a forced motion.
+        make: makes the equations at a value of the parameter; raises ValueError where there are
+            none.
+        width: width of the parameter's range. A change of the parameter by it is as long as a
+            change of the free end's position by L.
+        is_speed: whether the parameter is the flow speed of a forced motion.
     """
 
     def __init__(
@@ -65,59 +69,72 @@ class Family:
 
 
 class EventProblem(OrbitProblem):
-    """A periodic orbit at an event: z = (orbit, theta of a torus, x), x the second parameter."""
+    """Equations of a periodic orbit at an event.
+
+    The unknowns are z = (orbit, theta of a torus, x), where x is the second parameter.
+
+    Args:
+        family: equations of motion over x.
+        kind: kind of the event.
+        start: an orbit near the event.
+        extra: the unknowns beside the orbit, at the start: x, or theta and x.
+        control: how steps along the curve are taken.
+        unit: root mean square of the positions for each L of the free end's amplitude, as in
+            `OrbitProblem`; that of the start where it is not given.
+    """
 
     def __init__(
         self,
         family: Family,
         kind: Followed,
         start: PeriodicOrbit,
-        tail: Array,
+        extra: Array,
         control: Control,
         unit: float | None = None,
     ) -> None:
         try:
-            motion = family.at(float(tail[-1]))
+            motion = family.at(float(extra[-1]))
         except ValueError as error:
             raise NewtonFailed(str(error)) from None
         super().__init__(motion, start, control, unit)
-        self.family, self.kind, self.tail = family, kind, tail
+        self.family, self.kind, self.extra = family, kind, extra
         self._of_orbit = slice(self.weights.size)
         if not start.forced:
-            # Of the same phase are all multiples of the start, so that a curve may pass through an
-            # amplitude of 0. Sums over a mesh keep velocities from being orthogonal to positions.
+            # All multiples of the start about its mean meet the condition on the phase, so that a
+            # curve may pass through an amplitude of 0. This needs a correction, as sums over a mesh
+            # do not make velocities exactly orthogonal to positions.
             row, size = self._phase[0], self._size(start)
-            still, swing = self._swing(start)
+            mean, swing = self._swing(start)
             row = row - (row @ swing) / size**2 * self.weights * swing
-            self._phase = row, float(row @ still)
-        ends = [family.width**-2] if tail.size == 1 else [1.0, family.width**-2]
+            self._phase = row, float(row @ mean)
+        ends = [family.width**-2] if extra.size == 1 else [1.0, family.width**-2]
         self.weights = np.append(self.weights, ends)
 
     @property
     def origin(self) -> Array:
-        """Unknowns of the start."""
-        return np.append(self.start.packed(), self.tail)
+        """Unknowns z at the start."""
+        return np.append(self.start.packed(), self.extra)
 
     def about(self, z: Array, edges: Array | None = None) -> Self:
-        """The same equations from near other unknowns, on another mesh if its edges are given."""
-        tail = z[self.weights.size - self.tail.size :]
+        """These equations with a start at unknowns z, on another mesh if its edges are given."""
+        extra = z[self.weights.size - self.extra.size :]
         orbit = self.remeshed(z, edges)
-        return type(self)(self.family, self.kind, orbit, tail, self.control, self.unit)
+        return type(self)(self.family, self.kind, orbit, extra, self.control, self.unit)
 
     def orbit(self, z: Array) -> PeriodicOrbit:
-        """The orbit of unknowns."""
+        """The orbit at unknowns z."""
         orbit = self.start.unpacked(z[self._of_orbit])
         return replace(orbit, u=float(z[-1])) if self.family.is_speed else orbit
 
     def relative(self, z: Array, step: Array) -> float:
-        """Size of a step relative to the orbit, the angle's range and the parameter's."""
-        rest = step[self.weights.size - self.tail.size :].copy()
+        """Size of a step relative to the orbit, 1 rad and the parameter's range."""
+        rest = step[self.weights.size - self.extra.size :].copy()
         rest[-1] /= self.family.width
         of_orbit = super().relative(z, step[self._of_orbit])
         return max(of_orbit, float(np.abs(rest).max()))
 
     def check(self, z: Array) -> None:
-        """Raises NewtonFailed for what is no orbit near the start, or no pipe."""
+        """Raises NewtonFailed at unknowns that are no orbit near the start, or without a motion."""
         super().check(z)
         try:
             self.family.at(float(z[-1]))
@@ -127,7 +144,7 @@ class EventProblem(OrbitProblem):
     # ------------------------------------------------------------------- the extended equations
 
     def linearised(self, z: Array) -> Solver:
-        """The equations about unknowns, with the event's condition."""
+        """Solver of the equations with the event's condition, linearised about unknowns z."""
         orbit, x, width = self.orbit(z), float(z[-1]), self.family.width
         angle = float(z[-2]) if self.kind == "torus" else None
         count = self.weights[self._of_orbit].size
@@ -174,7 +191,10 @@ class EventProblem(OrbitProblem):
         return solved
 
     def opens(self, z: Array) -> int:
-        """1 where the cycles about a fold exist above its speed (or frequency), -1 where below."""
+        """Side of a fold on which its cycles exist.
+
+        It is 1 where they exist at speeds (or frequencies) above the fold's and -1 where below.
+        """
         orbit, x = self.orbit(z), float(z[-1])
         equations = self._equations(orbit, x)
         tangent, row = self._tangent(equations, orbit)
@@ -185,9 +205,9 @@ class EventProblem(OrbitProblem):
         return 1 if change > 0.0 else -1
 
     def _tangent(self, equations: Linearised, orbit: PeriodicOrbit) -> tuple[Array, Array]:
-        """The branch's own tangent of unit length, at one value of the parameter, and its row."""
+        """Unit tangent of the branch at a fixed second parameter, and its row of inner products."""
         weights = self.weights[self._of_orbit]
-        # A branch of cycles changes in size, in frequency or in speed.
+        # The tangent is not orthogonal to this: a branch changes in size, in frequency or in speed.
         generic = orbit.packed() / self._size(orbit)
         generic[-2:] = 0.3 * orbit.packed()[-2], 0.2 * orbit.packed()[-1]
         tangent = equations(weights * generic, self.length_of_orbit(generic), 0.0)
@@ -195,37 +215,40 @@ class EventProblem(OrbitProblem):
         return tangent, weights * tangent
 
     def length_of_orbit(self, change: Array) -> float:
-        """Length of a change of the orbit alone."""
+        """Length of a change of the orbit, without the other unknowns."""
         return math.sqrt(float((self.weights[self._of_orbit] * change) @ change))
 
     def _swing(self, orbit: PeriodicOrbit) -> tuple[Array, Array]:
-        """The mean state, 0 if the orbit has a mirror, and what the orbit adds to it."""
-        still, swing = np.zeros((2, self.weights[self._of_orbit].size))
+        """The mean state of an orbit and its deviation from it, each with the orbit's unknowns.
+
+        The mean is 0 if the orbit is its own mirror image.
+        """
+        mean, swing = np.zeros((2, self.weights[self._of_orbit].size))
         states = orbit.starts.size
         if not orbit.symmetric:
             share = np.diff(orbit.edges) / orbit.span
-            still[:states] = np.tile(share @ orbit.starts, len(orbit.starts))
-        swing[:states] = orbit.starts.ravel() - still[:states]
-        return still, swing
+            mean[:states] = np.tile(share @ orbit.starts, len(orbit.starts))
+        swing[:states] = orbit.starts.ravel() - mean[:states]
+        return mean, swing
 
     def _size(self, orbit: PeriodicOrbit) -> float:
-        """Length of an orbit's positions about their mean, as small as its amplitude."""
+        """Length of an orbit's deviation from its mean, which falls to 0 with its amplitude."""
         return max(self.length_of_orbit(self._swing(orbit)[1]), 1e-300)
 
     def _difference(self, orbit: PeriodicOrbit) -> float:
-        """Length of the change of an orbit over which conditions are differentiated."""
+        """Length of the change of an orbit over which the condition is differentiated."""
         size, more = self._size(orbit), 1.0
         if self.kind == "fold":
-            more = min(max((SMALL / size) ** 2, 1.0), LONG / SHORT)
+            more = min(max((SMALL_CYCLE / size) ** 2, 1.0), LONG / SHORT)
         return SHORT * more * size
 
     def _shifted(self, orbit: PeriodicOrbit, change: Array, more: float) -> PeriodicOrbit:
-        """The orbit with its unknowns and the parameter changed."""
+        """The orbit after a change of its unknowns and, by `more`, of the second parameter."""
         moved = orbit.unpacked(orbit.packed() + change)
         return replace(moved, u=orbit.u + more) if self.family.is_speed else moved
 
     def _equations(self, orbit: PeriodicOrbit, x: float) -> Linearised:
-        """The collocation equations about an orbit at a value of the parameter."""
+        """The collocation equations, linearised about an orbit, at a second parameter x."""
         phase = (self._phase[0], orbit.u) if orbit.forced else self._phase
         motion = self.family.at(x)
         return Linearised(motion, orbit, phase, not motion.forced)
@@ -238,13 +261,17 @@ class EventProblem(OrbitProblem):
         angle: float | None,
         turn: complex = 1.0,
     ) -> Callable[[Linearised, PeriodicOrbit], Array]:
-        """The condition near an orbit, 0 at the event, shape (1,) or of a torus (2,)."""
+        """The event's condition as a function of equations and an orbit near this one.
+
+        It vanishes at the event and has the shape (1,), or (2,) for a torus. `turn` = 1j gives its
+        derivative by the angle of a torus.
+        """
         if self.kind == "fold":
             scale, size = float(orbit.packed()[-1]), float(np.sum(orbit.rates**2))
 
             def slope(near: Linearised, other: PeriodicOrbit) -> Array:
-                # Cycles of any amplitude towards 0, at a Hopf point, have slopes as small: the
-                # quotient is 0 at folds alone.
+                # Towards a Hopf point the slope falls to 0 with the amplitude: divided by the
+                # amplitude it is 0 at folds alone.
                 small = float(np.sum(other.rates * orbit.rates)) / size
                 return np.array([near(row, 1.0, 0.0)[-1] / (scale * small)])
 
@@ -266,7 +293,7 @@ class EventProblem(OrbitProblem):
 
 
 def event_angle(roots: Complex) -> float:
-    """Angle of the pair of roots that is nearest to the unit circle, in (0, pi)."""
+    """Angle of the pair of multipliers' roots that is nearest to the unit circle, in (0, pi)."""
     pairs = roots[roots.imag > 1e-3 * np.abs(roots)]
     if pairs.size == 0:
         raise NewtonFailed("no pair of multipliers lies near the unit circle")

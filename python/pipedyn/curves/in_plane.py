@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""What results with curves in the plane of two numbers of a pipe have in common."""
+"""Common base of results with curves in the plane of two numbers of a pipe."""
 
 from __future__ import annotations
 
@@ -12,9 +12,12 @@ from pipedyn.util.units import Unit
 
 
 class InPlane(TableResult):
-    """Curves with x and y, the two numbers that are named; a table of all their points."""
+    """Curves in the plane of two numbers x and y, with a table of all their points.
 
-    _along: ClassVar[tuple[str, ...]] = ()  # what a curve has at each point, beside its place
+    A subclass has `names` of x and y, `curves` and a `model`.
+    """
+
+    _along: ClassVar[tuple[str, ...]] = ()  # columns beside x and y
 
     def _unit(self, name: str) -> Unit | None:
         own: Any = self
@@ -27,7 +30,10 @@ class InPlane(TableResult):
         return {"x": first, "y": second}
 
     def _scales_within(self, one: Result, scales: Any) -> Any:
-        """The flow speed's depends on beta, if that is one of the two numbers."""
+        """Scales of a part of the result, such as a curve, at its values of beta.
+
+        The scale of the flow speed depends on beta, which may be one of the two numbers.
+        """
         own: Any = self
         if "beta" not in own.names or not hasattr(one, "x"):
             return super()._scales_within(one, scales)

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: MIT
-"""What changes along a curve of flutter or divergence: other roots, criticality.
+"""Changes along a curve of flutter or divergence: numbers of other unstable roots, criticality.
 
-Where the number of other unstable roots changes, another one lies on the axis; what a step along
-the curve is narrowed down to is the start of Newton's method for both conditions together. Where
-the cubic coefficient changes its sign its root along the curve is solved for.
+Where the number of other unstable roots changes, another root lies on the axis. The step in which
+this happens is narrowed down, and Newton's method then solves for both conditions together. Where
+the coefficient that decides the criticality changes its sign, its root along the curve is found.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipedyn.continuation.arclength import Control, Segment, sign_changes
-from pipedyn.curves.boundary_curves import CurveStart, Traced
+from pipedyn.curves.boundary_curves import CurveStart, TracedCurve
 from pipedyn.equilibrium.axis_problems import (
     AxisProblem,
     CoupledModeProblem,
@@ -50,38 +50,40 @@ BRACKET = 1e-7
 """Share of a step to which a change of the number of unstable roots is narrowed down, before
 Newton's method solves for it."""
 
-ROUNDING = 1e-6
-"""Step of Newton's method that does not get shorter at which rounding is reached: of a pair of high
-frequency that hardly moves, omega 258 and growth within 1e-4, it leaves 1e-7."""
+ROUNDING_STEP = 1e-6
+"""Length up to which a step of Newton's method that does not get shorter is taken for rounding. For
+a pair of high frequency whose growth hardly changes (omega 258 and growth within 1e-4) rounding
+leaves steps of 1e-7."""
 
 OWN = 1e-3
-"""Distance up to which an eigenvalue is that of the curve, relative to 1 plus its frequency."""
+"""Distance of an eigenvalue from that on the curve up to which both are one, relative to 1 plus the
+frequency."""
 
 STATIC = 1e-4
-"""Imaginary part up to which a root on the axis is 0: of a double 0 it scatters by the square root
-of rounding, 3e-6 was met."""
+"""Imaginary part up to which a root on the axis counts as 0. A double root 0 scatters by the square
+root of rounding, of which 3e-6 was met."""
 
 AT_EDGE = 1e-4
-"""Share of the window up to which a point next to an edge on which nothing damps is no organising
-point: all roots near the axis pass it on that edge."""
+"""Distance, as a share of the window, from an edge without damping within which no point counts as
+an organising point: on that edge all roots lie on the axis."""
 
 SECOND_RANK = 1e-4
-"""Second singular value of K, of elastic stiffness 1, up to which it may lack two ranks; Newton's
-method tells."""
+"""Second smallest singular value of K, whose elastic stiffnesses are 1, up to which K may lack two
+ranks; Newton's method then decides."""
 
 CROSSED = 1e-9
-"""Stiffness that is none, of the two modes of a double divergence."""
+"""Stiffness up to which the two modes of a double divergence count as having none."""
 
 NEARBY = 0.1
-"""Distance in shares of the window beyond which a solution is not the one that was looked for."""
+"""Distance, in shares of the window, beyond which a solution is not the one looked for."""
 
 
 @saved_as("OrganisingPoint")
 class OrganisingPoint(Result):
-    """Where two conditions meet, and with them what the pipe may do nearby.
+    """Point of the plane at which two conditions hold, which organises the motions nearby.
 
-    Points on the axis twice are solved for to 1e-9 or so; where the criticality changes they are as
-    good as the differences that give it: measured, to 1e-6 of the window.
+    Points with two roots on the axis are solved for to about 1e-9. Points at which the criticality
+    changes are as precise as the differences that give it: by measurement, to 1e-6 of the window.
 
     Attributes:
         kind: "Bautin" (the criticality of flutter changes, l1 = 0), "Hopf-pitchfork" (flutter and
@@ -91,9 +93,9 @@ class OrganisingPoint(Result):
             zero is a double root with two modes, and no flutter begins there) or "degenerate
             pitchfork" (the criticality of divergence changes; mirror symmetry leaves no cusp but
             this).
-        x, y: the two numbers.
-        frequencies: of the pairs on the axis, the lowest first.
-        unstable: number of unstable roots beside those on the axis.
+        x, y: values of the two numbers.
+        frequencies: angular frequencies of the pairs on the axis, the lowest first.
+        unstable: number of unstable roots other than those on the axis.
     """
 
     kind: PointKind
@@ -104,9 +106,9 @@ class OrganisingPoint(Result):
 
 
 def other_roots(plane: Plane, problem: AxisProblem, z: Array) -> tuple[Complex, Array]:
-    """The eigenvalues at a point of a curve but those on the axis, and their growth.
+    """Eigenvalues at a point of a curve except those on the axis, and their growth, (k,) each.
 
-    Those that grow most come first; growth is what rounding leaves of the real part.
+    Growth is the real part minus its rounding; eigenvalues that grow most come first.
     """
     found = plane.eigenvalues(problem.place(z))
     growth = beyond_rounding(found)
@@ -115,16 +117,16 @@ def other_roots(plane: Plane, problem: AxisProblem, z: Array) -> tuple[Complex, 
     pair = problem.kind == "flutter" or plane.conservative_at(problem.place(z))
     for value in (1j * omega, -1j * omega) if pair else (0j,):
         k = int(np.argmin(np.abs(found - value)))
-        if abs(found[k] - value) <= OWN * (1.0 + omega):  # else of a mode that does not count
+        if abs(found[k] - value) <= OWN * (1.0 + omega):  # else its mode does not count
             found, growth = np.delete(found, k), np.delete(growth, k)
     order = np.argsort(-growth, kind="stable")
     return found[order], growth[order]
 
 
-def counted(
-    plane: Plane, curve: Traced, expected: NDArray[np.int_] | None = None
+def unstable_counts(
+    plane: Plane, curve: TracedCurve, expected: NDArray[np.int_] | None = None
 ) -> NDArray[np.int_]:
-    """Number of unstable roots beside those on the axis at each point of a curve.
+    """Number of unstable roots other than those on the axis at each point of a curve, (S,).
 
     Where the numbers in a smaller basis are given as `expected`, each run of points with the same
     number is checked at its first, middle and last point, and at all points if one of them differs.
@@ -142,7 +144,8 @@ def counted(
             same = all(found == expected[run[0]] for found in some.values())
             counts += [int(expected[k]) if same else number(k) for k in run]
     if curve.problem.kind == "flutter" and not plane.conservative:
-        # All roots lie on the axis at an end without damping and flow: as many as right before.
+        # At an end without damping and flow all roots lie on the axis: the number is that right
+        # before it.
         for end, before in ((0, 1), (-1, -2)):
             if plane.conservative_at(curve.problem.place(curve.points[end].z)):
                 counts[end] = counts[before]
@@ -150,7 +153,7 @@ def counted(
 
 
 def others_unstable(plane: Plane, problem: AxisProblem, z: Array) -> int:
-    """Number of unstable roots beside those on the axis at a point of a curve."""
+    """Number of unstable roots other than those on the axis at a point of a curve."""
     if isinstance(problem, CoupledModeProblem):
         found, root = plane.eigenvalues(problem.place(z)), problem.root(z)
         growth = beyond_rounding(found)
@@ -171,15 +174,25 @@ def _unstable(growth: Array) -> int:
 
 @dataclass(frozen=True)
 class DoublePoint:
-    """Two roots on the axis at once: frequencies in rising order, 0 of a real root that is 0."""
+    """Point at which two roots lie on the axis at once.
+
+    Attributes:
+        roots: their angular frequencies, rising; 0 for a real root.
+        at: the point (y, x), as shares of the window.
+        unstable: number of other roots that are unstable.
+        modes: number of modes to which two roots 0 belong: 2 where K lacks two ranks, else 1.
+    """
 
     roots: tuple[float, float]
-    at: Array  # (y, x) as shares of the window
+    at: Array
     unstable: int
-    modes: int = 1  # of roots that are both 0: two where K lacks two ranks
+    modes: int = 1
 
     def starts(self) -> Iterator[CurveStart]:
-        """The curves on which it lies; those that cross in a double divergence are known."""
+        """Starts of the curves on which the point lies.
+
+        There are none at a double divergence, as the curves that cross there are known.
+        """
         if self.modes == 2:
             return
         if not any(self.roots):
@@ -188,7 +201,11 @@ class DoublePoint:
             yield CurveStart(np.array([omega, *self.at] if omega else self.at))
 
     def solved(self, plane: Plane, control: Control) -> DoublePoint:
-        """The point nearby at which both conditions hold."""
+        """The point nearby at which both conditions hold exactly.
+
+        Raises:
+            NewtonFailed: if there is none.
+        """
         low, high = self.roots
         if self.modes == 2:
             z = _two_modes(plane, self.at)
@@ -202,14 +219,14 @@ class DoublePoint:
                 FlutterProblem(plane, control, low) if low else DivergenceProblem(plane, control)
             )
             start = [1.0, 1.0, *self.at] if low else [1.0, *self.at]
-            z = _newton([FlutterProblem(plane, control, high), first], np.array(start))
+            z = _both_conditions([FlutterProblem(plane, control, high), first], np.array(start))
             roots = (low * float(z[1]) if low else 0.0), high * float(z[0])
         if np.abs(z[-2:] - self.at).max() > NEARBY:
             raise NewtonFailed("Newton's method left the neighbourhood of its start")
         return replace(self, roots=(min(roots), max(roots)), at=z[-2:])
 
     def point(self, plane: Plane) -> OrganisingPoint:
-        """For users."""
+        """The point as a result for users."""
         x, y = plane.window.place(self.at[::-1])
         low, high = self.roots
         kind: PointKind = "double Hopf" if low else "Hopf-pitchfork" if high else "Bogdanov-Takens"
@@ -220,12 +237,13 @@ class DoublePoint:
 
 
 def double_points(
-    plane: Plane, curve: Traced, counts: NDArray[np.int_]
+    plane: Plane, curve: TracedCurve, counts: NDArray[np.int_]
 ) -> Iterator[tuple[tuple[int, float] | None, DoublePoint] | str]:
-    """Where another root lies on the axis along a curve; a sentence where it was not solved for.
+    """Points along a curve at which another root lies on the axis.
 
-    Each comes with the step in which it lies and its arc length from the step's begin; None at an
-    end of the curve.
+    Each point comes after the index of the step in which it lies and its arc length from the
+    beginning of the step, or None if it is an end of the curve. A point that was not solved for is
+    a sentence instead.
     """
     for k, end in ((0, curve.ends[0]), (-1, curve.ends[1])):
         if end == "Bogdanov-Takens":
@@ -234,8 +252,8 @@ def double_points(
             yield None, DoublePoint((0.0, 0.0), z[-2:], others)
     if plane.conservative:
         if curve.problem.kind != "divergence":
-            return  # its pairs lie on the axis everywhere
-        # Roots may become stable by gyroscopic forces; K tells where another one passes 0.
+            return  # pairs of a conservative pipe lie on the axis all along the curve
+        # Gyroscopic forces may stabilise roots; the eigenvalues of K tell where another passes 0.
         stiffness = [_beside(plane, curve.problem, point.z) for point in curve.points]
         counts = np.array([np.count_nonzero(one < 0.0) for one in stiffness])
     for k, (segment, (before, after)) in enumerate(
@@ -258,15 +276,15 @@ def double_points(
 
 
 def separated(
-    plane: Plane, curve: Traced, counts: NDArray[np.int_], places: list[tuple[int, float, int]]
+    plane: Plane, curve: TracedCurve, counts: NDArray[np.int_], places: list[tuple[int, float, int]]
 ) -> tuple[NDArray[np.int_], list[tuple[int, int]]]:
     """Adds points to a curve so that each step holds one double point at most.
 
     Args:
-        plane: the matrices.
-        curve: gets the points.
-        counts: number of unstable roots beside those on the axis at its points.
-        places: of each double point the step, the arc length in it, and its number.
+        plane: gives the matrices at each point of the window.
+        curve: the curve, to which points are added.
+        counts: number of unstable roots other than those on the axis, at each of its points.
+        places: for each double point the step, the arc length in it, and the point's number.
 
     Returns:
         The counts with those at the new points, and the steps and numbers of the double points.
@@ -289,13 +307,14 @@ def separated(
 
 
 def _beside(plane: Plane, problem: AxisProblem, z: Array) -> Array:
-    """Eigenvalues of the symmetric part of K at a point of divergence but that which is 0."""
+    """Eigenvalues of the symmetric part of K at a point of divergence, without that which is 0."""
     stiffness = plane.at(problem.place(z))[2].real
     values = np.linalg.eigvalsh(0.5 * (stiffness + stiffness.T))
     return np.delete(values, np.argmin(np.abs(values)))
 
 
 def _on_segment(plane: Plane, segment: Segment[AxisProblem]) -> Iterator[tuple[float, DoublePoint]]:
+    """Arc lengths on a segment near which another root is on the axis, with approximate points."""
     problem = segment.problem
 
     @cache
@@ -314,7 +333,7 @@ def _on_segment(plane: Plane, segment: Segment[AxisProblem]) -> Iterator[tuple[f
             continue
         found, grown = roots(beyond)
         least = min(_unstable(roots(before)[1]), _unstable(grown))
-        # A symmetric K that two passing eigenvalues make singular lacks two ranks.
+        # Where two eigenvalues of a symmetric K pass 0 at once, it lacks two ranks.
         if plane.conservative or (problem.kind == "divergence" and _lacks_two_ranks(plane, z)):
             yield beyond, DoublePoint((0.0, 0.0), z[-2:], least, modes=2)
             continue
@@ -324,17 +343,21 @@ def _on_segment(plane: Plane, segment: Segment[AxisProblem]) -> Iterator[tuple[f
 
 
 def _lacks_two_ranks(plane: Plane, z: Array) -> bool:
-    """Whether two modes have no stiffness at a point of divergence."""
+    """Whether two modes seem to have no stiffness at a point of divergence."""
     sizes = np.linalg.svd(plane.at(plane.window.place(z[[-1, -2]]))[2].real, compute_uv=False)
     return bool(sizes.size > 1 and sizes[-2] <= SECOND_RANK)
 
 
 def _two_modes(plane: Plane, at: Array) -> Array:
-    """(y, x) where K lacks two ranks: with two borders each way the block G of four is 0.
+    """The point (y, x), in shares of the window, at which K lacks two ranks.
 
-    [K B; C^T 0] [V; G] = [0; 1], and by any number p of the matrices G_p = -W^T K_p V. These are
-    four equations in two unknowns, which have a solution where a symmetry, or modes that two
-    stiffnesses share, makes curves cross: Newton's steps are those of least squares.
+    With two borders on each side, [K B; C^T 0] [V; G] = [0; 1] defines a block G of four entries,
+    which are 0 there. By any number p of the matrices, G_p = -W^T K_p V. These are four equations
+    in two unknowns. They have a solution where curves cross because of a symmetry, or because two
+    modes belong to separate stiffnesses: Newton's steps solve them by least squares.
+
+    Raises:
+        NewtonFailed: if there is no such point nearby.
     """
     left, _, right = np.linalg.svd(plane.at(plane.window.place(at[::-1]))[2].real)
     n = len(left)
@@ -363,8 +386,12 @@ def _two_modes(plane: Plane, at: Array) -> Array:
     return found
 
 
-def _newton(pair: list[AxisProblem], z: Array) -> Array:
-    """Both problems' equations, the first with z[0], of flutter the other with z[1], and (y, x)."""
+def _both_conditions(pair: list[AxisProblem], z: Array) -> Array:
+    """Solution of two problems' equations at one point of the window, by Newton's method.
+
+    The unknowns z are the first problem's frequency, the second's if it is one of flutter, and
+    (y, x).
+    """
     columns = [[0, -2, -1], [1, -2, -1] if z.size == 4 else [-2, -1]]
 
     def correction(here: Array) -> tuple[Array, float]:
@@ -384,7 +411,7 @@ def _newton(pair: list[AxisProblem], z: Array) -> Array:
         for problem, own in zip(pair, columns, strict=True):
             problem.check(here[own])
 
-    return newton(z, correction, tolerance=1e-13, stagnation=ROUNDING, check=check)
+    return newton(z, correction, tolerance=1e-13, stagnation=ROUNDING_STEP, check=check)
 
 
 # ------------------------------------------------------------------------------------ criticality
@@ -393,14 +420,15 @@ def _newton(pair: list[AxisProblem], z: Array) -> Array:
 def coefficients(plane: Plane, problem: AxisProblem, z: Array) -> tuple[float, float]:
     """The cubic coefficient at a point of a curve, and what decides the criticality.
 
-    The latter is negative where what emerges attracts; NaN both where they are not known.
+    The second number is the mean of drag, if there is any, else the cubic coefficient. It is
+    negative where the motion or shape that emerges attracts. Both are NaN where they are not known.
     """
     at, omega = problem.place(z), problem.frequency(z)
     if isinstance(problem, CoupledModeProblem) or (problem.kind == "flutter" and omega < 1e-4):
         return np.nan, np.nan
     model, u = plane.model_at(at), plane.speed_at(at)
     pipe = model.pipe
-    if pipe.hysteresis:  # the same at this frequency
+    if pipe.hysteresis:  # viscous damping that is equivalent to it at this frequency replaces it
         damping = pipe.equivalent_damping(omega) if omega else pipe.damping
         model = model.with_pipe(replace(pipe, hysteresis=0.0, damping=damping))
     with suppress(NotConverged, NoHopf, ValueError, np.linalg.LinAlgError):
@@ -413,14 +441,15 @@ def coefficients(plane: Plane, problem: AxisProblem, z: Array) -> tuple[float, f
 
 
 def changes_of_criticality(
-    plane: Plane, curve: Traced, counts: NDArray[np.int_], leading: Array
+    plane: Plane, curve: TracedCurve, counts: NDArray[np.int_], leading: Array
 ) -> Iterator[tuple[int, OrganisingPoint] | str]:
-    """Where the criticality changes along a curve, at points where no other root is unstable.
+    """Points along a curve at which the criticality changes and no other root is unstable.
 
-    Each comes with the step in which it lies. A sentence where it is not solved for.
+    Each point comes after the index of the step in which it lies. A point that was not solved for
+    is a sentence instead.
 
-    `plane` is of the model that says it, which may have a smaller basis than the curve: differences
-    lose digits in a larger one.
+    The criticality is computed with `plane`, whose basis may be smaller than that of the curve, as
+    differences lose digits in a larger one.
     """
     for k, segment in enumerate(curve.segments()):
         if counts[k] or counts[k + 1] or not leading[k] * leading[k + 1] < 0.0:
@@ -445,7 +474,7 @@ def changes_of_criticality(
             )
             continue
         if abs(left) > 1e-3 * max(abs(leading[k]), abs(leading[k + 1])):
-            continue  # it passes through infinity, as where two pairs meet
+            continue  # the coefficient passes through infinity, as it does where two pairs meet
         if plane.conservative_near(z[[-1, -2]], AT_EDGE):
             continue
         x, y = problem.place(z)

@@ -1,14 +1,16 @@
 # SPDX-License-Identifier: MIT
 """The equations of points in a plane of two numbers at which an eigenvalue lies on the axis.
 
-With two real borders b and c, P(i omega; x, y) v + b g = 0 and c^T v = 1 define one number g, which
-vanishes where P is singular and else nowhere near. By any number p of the matrices
+P(lambda; x, y) = K + lambda C + lambda^2 M is the pencil of small motions, x and y are two numbers
+of the pipe. With two real borders b and c, P(i omega; x, y) v + b g = 0 and c^T v = 1 define one
+number g, which vanishes where P is singular and nowhere else nearby. By any number p of the
+matrices
 
     g_p = -w^T P_p v,      w^T P + h c^T = 0,  w^T b = 1,
 
 exactly. Flutter is Re g = Im g / omega = 0: without hysteresis Re g is even in omega and Im g odd,
-so that these equations are smooth where the frequency falls to 0 (Bogdanov-Takens), and no other.
-Divergence is g = 0 at omega = 0. Borders are the real parts of v and w of a point before.
+so that these equations stay smooth where the frequency falls to 0 (Bogdanov-Takens). Divergence is
+g = 0 at omega = 0. The borders are the real parts of v and w at an earlier point of the curve.
 
 Source: Govaerts (2000), Numerical methods for bifurcations of dynamical equilibria, ch. 3 and 4.
 """
@@ -30,28 +32,33 @@ from pipedyn.util.counters import factorised
 from pipedyn.util.newton import NewtonFailed
 
 LEAST = 1e-5
-"""Share of the unit of frequency below which Im g / omega is its limit, which differs by the square
-of the share; its derivatives are those at this share."""
+"""Share of the unit of frequency below which Im g / omega is replaced by its limit at omega = 0,
+from which it differs by the square of the share. Derivatives are then taken at this share."""
 
 LEAST_SQUARE = 1e-6
-"""Square of a root nearer to 0 than which a double one is extrapolated to, linearly."""
+"""Square of a double root below which the equations are evaluated at this value instead, and
+extrapolated linearly from there: they divide by the root, which falls to 0."""
 
-FAR = 20.0
-"""Windows, or units of the frequency, within which Newton's method stays."""
+NEWTON_LIMIT = 20.0
+"""Largest unknown that Newton's method may reach, in sizes of the window or units of frequency."""
 
 LONGEST_NULL_VECTOR = 3.0
-"""Length of v or w, 1 over the cosine of its angle to the border, beyond which borders are renewed:
-next to a curve real borders leave at most the square root of 2."""
+"""Length of v or w, 1 over the cosine of its angle to the border, beyond which borders are renewed.
+Next to a curve a renewed real border makes this length at most the square root of 2."""
 
 Borders = tuple[Array, Array]
+"""The left border b and the right border c, real vectors of unit length, shape (n,) each."""
 
 
 class AxisProblem(DenseProblem):
-    """Unknowns ([omega,] y) and parameter x, in units of the frequency and of the window.
+    """Equations of points (x, y) at which an eigenvalue lies on the imaginary axis.
+
+    The unknowns are ([omega,] y) and the continuation parameter is x; omega is in units of
+    frequency, and x and y are shares of the window.
 
     Args:
-        plane: the matrices.
-        control: how steps are taken.
+        plane: gives the matrices at each point of the window.
+        control: how steps along a curve are taken.
         size: number of unknowns.
     """
 
@@ -59,35 +66,36 @@ class AxisProblem(DenseProblem):
     unit = 0.0
 
     def __init__(self, plane: Plane, control: Control, size: int) -> None:
-        # The window is as long as it is high; a frequency counts as one of them.
+        # Lengths are those in the window scaled to a square, and a unit of frequency is as long as
+        # one of its sides.
         super().__init__(self._equations, size, math.sqrt(size), control)
         self.plane = plane
         self._borders: Borders | None = None
 
     def place(self, z: Array) -> Array:
-        """(x, y)."""
+        """Values (x, y) of the two numbers at unknowns z."""
         return self.plane.window.place(z[[-1, -2]])
 
     def frequency(self, z: Array) -> float:
-        """Of the pair on the axis; 0 of a divergence."""
+        """Angular frequency of the pair on the axis, in 1 / T; 0 at a divergence."""
         return float(z[0] * self.unit) if z.size == 3 else 0.0
 
     def check(self, z: Array) -> None:
-        """Raises NewtonFailed far from the window, or where there are no matrices."""
-        if not (np.abs(z) < FAR).all():
+        """Raises NewtonFailed far from the window, and where the plane has no matrices."""
+        if not (np.abs(z) < NEWTON_LIMIT).all():
             raise NewtonFailed("Newton's method left the window")
         if not self.plane.defined(self.place(z)):
             raise NewtonFailed("a number left its range")
 
     def on_other(self, plane: Plane) -> AxisProblem:
-        """The same of other matrices, as of a larger basis."""
+        """These equations with the matrices of another plane, such as those of a larger basis."""
         raise NotImplementedError
 
     def _equations(self, x: Array, p: float) -> tuple[Array, Array]:
         raise NotImplementedError
 
     def change(self, point: Point) -> int:
-        """Number of unstable roots on the left of a curve less that on its right."""
+        """Number of unstable roots on the left of the curve minus that on its right."""
         z, omega = point.z, self.frequency(point.z)
         (mass, damping, stiffness), by_x, by_y = self.plane.matrices(self.place(z))
         whole = stiffness + 1j * omega * damping - omega**2 * mass
@@ -102,22 +110,26 @@ class AxisProblem(DenseProblem):
         down = complex(w @ (damping @ v) + 2j * omega * (w @ (mass @ v)))
         sizes = float(np.linalg.norm(w) * np.linalg.norm(damping) * np.linalg.norm(v))
         if not omega and abs(down) <= 1e-9 * sizes:
-            # Zero is a double root: squares pass it, at a rate with half of g's second derivative.
+            # Zero is a double root. Then lambda^2 passes 0 instead of lambda, at a rate with half
+            # of the second derivative of g by lambda.
             down = complex(w @ (mass @ v)) + gyroscopic_mass(stiffness.real, damping, v, w)
         return (2 if self.kind == "flutter" else 1) * (1 if (leftwards / down).real > 0.0 else -1)
 
     def starting_at(self, z: Array) -> Point:
-        """A solution with its tangent, on either side."""
+        """The solution z as a point of the curve; its unit tangent points either way."""
         _, derivative = self._equations(z[:-1], float(z[-1]))
         tangent = np.linalg.svd(derivative)[2][-1]
         return Point(z, tangent / self.length(tangent))
 
     def renew(self) -> None:
-        """Forgets the borders, as before a point that is not near the last one."""
+        """Forgets the borders, which is needed before a point that is not near the last one."""
         self._borders = None
 
     def _bordered(self, matrix: NDArray[Any]) -> tuple[complex, NDArray[Any], NDArray[Any]]:
-        """G, v and w; keeps borders for what comes next."""
+        """The number g with the vectors v and w, shape (n,), of a matrix of shape (n, n).
+
+        Borders that have become too oblique are renewed for the next call.
+        """
         n = len(matrix)
         if not np.isfinite(matrix).all():
             raise ValueError("matrices are not finite")
@@ -137,7 +149,10 @@ class AxisProblem(DenseProblem):
 
 
 def gyroscopic_mass(stiffness: Array, damping: Array, v: NDArray[Any], w: NDArray[Any]) -> float:
-    """What gyroscopic forces add to the mass w @ M @ v of a mode v, w without stiffness."""
+    """What gyroscopic forces add to the mass w @ M @ v of a mode that has no stiffness.
+
+    The mode's right and left null vectors of the stiffness are v and w, shape (n,).
+    """
     n = len(stiffness)
     bordered = np.zeros((n + 1, n + 1))
     bordered[:n, :n], bordered[:n, n], bordered[n, :n] = stiffness, w, v
@@ -147,7 +162,7 @@ def gyroscopic_mass(stiffness: Array, damping: Array, v: NDArray[Any], w: NDArra
 
 
 def _largest_real(v: NDArray[Any]) -> Array:
-    """The real part of a vector, turned so that it is longest; of unit length."""
+    """The real part of a vector at the phase at which it is longest, scaled to unit length."""
     if np.iscomplexobj(v):
         v = (v * np.exp(-0.5j * np.angle(np.sum(v * v)))).real
     unit: Array = v / np.linalg.norm(v)
@@ -155,7 +170,7 @@ def _largest_real(v: NDArray[Any]) -> Array:
 
 
 class FlutterProblem(AxisProblem):
-    """A pair on the axis: z = (omega / unit, y, x), y and x as shares of the window."""
+    """Flutter, a pair on the axis: z = (omega / unit, y, x), y and x as shares of the window."""
 
     kind: Kind = "flutter"
 
@@ -164,7 +179,7 @@ class FlutterProblem(AxisProblem):
         self.unit = unit
 
     def on_other(self, plane: Plane) -> FlutterProblem:
-        """With other matrices."""
+        """These equations with the matrices of another plane."""
         return FlutterProblem(plane, self.control, self.unit)
 
     def _equations(self, x: Array, p: float) -> tuple[Array, Array]:
@@ -196,7 +211,7 @@ class FlutterProblem(AxisProblem):
 
 
 class DivergenceProblem(AxisProblem):
-    """A real eigenvalue 0: z = (y, x) as shares of the window."""
+    """Divergence, a real eigenvalue 0: z = (y, x) as shares of the window."""
 
     kind: Kind = "divergence"
 
@@ -204,7 +219,7 @@ class DivergenceProblem(AxisProblem):
         super().__init__(plane, control, 1)
 
     def on_other(self, plane: Plane) -> DivergenceProblem:
-        """With other matrices."""
+        """These equations with the matrices of another plane."""
         return DivergenceProblem(plane, self.control)
 
     def _equations(self, x: Array, p: float) -> tuple[Array, Array]:
@@ -219,11 +234,12 @@ class DivergenceProblem(AxisProblem):
 
 
 class CoupledModeProblem(AxisProblem):
-    """Two pairs of a conservative pipe meet: z = (s / unit, y, x), s = -lambda^2 a double root.
+    """Coupled-mode flutter of a conservative pipe, where two pairs of eigenvalues meet.
 
-    P(lambda)^T = P(-lambda), so that with one border b for both sides g is a real function of s:
-    g = 0 and dg/ds = 0. Where s > 0 the pairs meet on the axis and leave it, with frequency
-    sqrt(s); where s < 0 two growing real roots meet and become a growing pair.
+    The unknowns are z = (s / unit, y, x), where s = -lambda^2 is a double root. As
+    P(lambda)^T = P(-lambda), g is a real function of s if both sides have the same border b, and
+    the equations are g = 0 and dg/ds = 0. Where s > 0 the pairs meet on the axis at the frequency
+    sqrt(s) and leave it; where s < 0 two growing real roots meet and become a growing pair.
     """
 
     kind: Kind = "flutter"
@@ -233,25 +249,29 @@ class CoupledModeProblem(AxisProblem):
         self.unit = unit
 
     def on_other(self, plane: Plane) -> CoupledModeProblem:
-        """With other matrices."""
+        """These equations with the matrices of another plane."""
         return CoupledModeProblem(plane, self.control, self.unit)
 
     def frequency(self, z: Array) -> float:
-        """Of the pairs that meet on the axis; 0 of real roots."""
+        """Angular frequency of the pairs that meet on the axis; 0 where real roots meet."""
         return math.sqrt(max(float(z[0]) * self.unit, 0.0))
 
     def root(self, z: Array) -> complex:
-        """The double root above the real axis, or the growing one."""
+        """The double root: that above the real axis or, if it is real, the growing one."""
         return cmath.sqrt(-float(z[0]) * self.unit)
 
     def change(self, point: Point) -> int:
-        """Of real roots 0: as many are unstable before they meet as after."""
+        """Number of unstable roots on the left of the curve minus that on its right.
+
+        It is 0 where real roots meet: as many are unstable before they meet as after.
+        """
         if point.z[0] <= 0.0:
             return 0
         _, derivative = self._equations(point.z[:-1], point.p)
         right, up = point.tangent[[-1, -2]]
         leftwards = right * derivative[0, 1] - up * derivative[0, 2]
-        # Two s near a double one are real where g and its second derivative differ in sign.
+        # The two roots s near a double one are real where g and its second derivative by s differ
+        # in sign.
         return 2 if leftwards * derivative[1, 0] > 0.0 else -2
 
     def _equations(self, x: Array, p: float) -> tuple[Array, Array]:
@@ -281,7 +301,7 @@ class CoupledModeProblem(AxisProblem):
             v_by = np.linalg.solve(factors, np.append(-(by @ v), zero))[:n]
             w_by = np.linalg.solve(factors.T, np.append(-(w @ by), zero))[:n]
             second.append(-(w_by @ by_root @ v + w @ mixed @ v + w @ by_root @ v_by))
-        # ds = -2 lambda dlambda.
+        # Derivatives by lambda become those by s with ds = -2 lambda dlambda.
         slope = -first[0] / (2.0 * root)
         bend = (second[0] / (2.0 * root) - first[0] / (2.0 * root**2)) / (2.0 * root)
         off = s - moved
@@ -298,7 +318,7 @@ class CoupledModeProblem(AxisProblem):
     def _one_border(
         self, matrix: NDArray[Any]
     ) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any], complex]:
-        """The bordered matrix, v, w and g, with the same border on both sides."""
+        """The bordered matrix, with the same border on both sides, and its v, w and g."""
         if self._borders is None:
             left, _, right = np.linalg.svd(matrix)
             self._borders = (_common(left[:, -1], right[-1]),) * 2
@@ -307,12 +327,12 @@ class CoupledModeProblem(AxisProblem):
         n = len(matrix)
         bordered = np.zeros((n + 1, n + 1), dtype=matrix.dtype)
         bordered[:n, :n], bordered[:n, n], bordered[n, :n] = matrix, border, border
-        if self._borders[0] is not border:  # renewed for what comes next
+        if self._borders[0] is not border:  # `_bordered` renewed the borders for the next call
             self._borders = (_common(*self._borders),) * 2
         return bordered, v, w, g
 
 
 def _common(one: NDArray[Any], other: NDArray[Any]) -> Array:
-    """A border that leans on both of two vectors."""
+    """A border in a direction between those of two vectors, as their normalised sum."""
     a, b = _largest_real(one), _largest_real(other)
     return _largest_real(a + (b if a @ b >= 0.0 else -b))

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: MIT
 """Configurations at which a pipe rests in the flow: all at one speed, and branches over the speed.
 
-At rest the flow acts with a u^2 and with nothing else, so forces are affine in u^2 at any
-configuration. Their derivative is exact: the operators' stiffness and flux. Branches are followed
-past folds, with what changes along them.
+The flow acts on a pipe at rest only through a u^2, a being the end coefficient, so that forces are
+affine in u^2 at any configuration. Their derivatives are exact: the operators' stiffness and flux.
+Branches are followed past folds, and changes of stability along them are recorded.
 """
 
 from __future__ import annotations
@@ -43,60 +43,66 @@ from pipedyn.util.result import Result, TableResult, numbered
 from pipedyn.util.threads import one_thread
 from pipedyn.util.units import RATE
 
-LARGEST = 500
-"""Degrees of freedom up to which equilibria are searched: a search in a chain of 100 takes 0.4 s,
-of 250 one, of 500 six, as factorisations are dense."""
+EQUILIBRIA_DOF = 500
+"""Most degrees of freedom in which equilibria are searched. A search in a chain takes 0.4 s with
+100 segments, 1 s with 250 and 6 s with 500, as factorisations are dense."""
 
 DISTINCT = 1e-6
-"""Change of coordinates, relative to 1 plus the largest, from which two equilibria differ. In 11
-searches of five models solutions for one equilibrium differed by 7e-16 at most, and two equilibria
-by 0.1 at least."""
+"""Largest difference of a coordinate, relative to 1 plus the largest coordinate, up to which two
+solutions are one equilibrium. In 11 searches of five models solutions for one equilibrium differed
+by 7e-16 at most, and different equilibria by 0.1 at least."""
 
-FAR = 60.0
-"""Coordinate beyond which a branch is not followed: ten turns."""
+TEN_TURNS = 60.0
+"""Largest coordinate, about ten turns in rad, up to which equilibria are searched and followed."""
 
-SIZES = (0.5, 1.0, 1.5, 2.2, 3.0, 4.0, 5.0, 7.0, 9.0)
-"""Angles, in rad, of the bends from which equilibria are searched, every second for a first look.
-They led to all equilibria with no coordinate beyond 4 rad that scipy's hybrid method found for 96
-pipes with 2 to 20 degrees of freedom under a weight up to 180; of those beyond they missed 16,
-and they led to 88 that it did not find."""
+BEND_ANGLES = (0.5, 1.0, 1.5, 2.2, 3.0, 4.0, 5.0, 7.0, 9.0)
+"""Angles, in rad, of the bends from which equilibria are searched; a first look takes every second.
+For 96 pipes with 2 to 20 degrees of freedom under a weight up to 180, these starts led to all
+equilibria with no coordinate beyond 4 rad that scipy's hybrid method found. Of its equilibria with
+larger coordinates they missed 16, and they led to 88 equilibria that it did not find."""
 
 BUCKLED = (0.5, 1.5, 3.0)
-"""Largest angles, in rad, of starts in the shapes in which a pipe buckles. With these starts, and
-that upside down, 2 of 84 elastica of 15 pinned pipes under a dead load are missed; 40 without."""
+"""Largest angles, in rad, of starts in the shapes in which a pipe buckles. With these starts and
+one upside down, the search misses 2 of 84 elastica of 15 pinned pipes under a dead load;
+without them it misses 40."""
 
 MOST_WOUND = 30
-"""Degrees of freedom up to which all starts are taken: of five chains with 31 to 60 segments under
-a weight up to 180 they found no more than the first look."""
+"""Most degrees of freedom for which all starts are taken. In five chains of 31 to 60 segments under
+a weight up to 180, all starts led to no more equilibria than the first look."""
 
-COUNTED = 4
-"""Degrees of freedom up to which equilibria are counted by the signs of their determinants."""
+COUNTED_DOF = 4
+"""Most degrees of freedom in which equilibria are counted by the signs of their determinants."""
 
 DRAWN = 200
 """Configurations from which it is told how large the forces are that springs balance."""
 
 FIRST_SIZE, FIRST_STARTS, MOST_STARTS, MOST_FOUND = 4.0, 4, 2**16, 256
-"""Largest angle of the first starts of a search that counts, in rad; their number, to the power of
-the degrees of freedom and at least 256; at most so many in all, which take some seconds; and at
-most so many equilibria, as a pipe that is soft beside its weight and its jet has thousands."""
+"""Limits of a search that counts equilibria: the largest angle of its first starts, in rad; their
+number, to the power of the degrees of freedom and at least 256; the number of starts after which it
+ends, which take some seconds; and the number of equilibria at which it ends, as a pipe that is soft
+beside its weight and its jet has thousands."""
 
 NEIGHBOURS, RADIUS = 40, 2.0
-"""Starts beside each equilibrium that is known, and the largest angle between, in rad. In 27 chains
-of four segments they led to all of up to 55 equilibria, 80,000 starts anywhere to all but four."""
+"""Number of starts beside each equilibrium that is known, and their largest angle from it, in rad.
+In 27 chains of four segments these starts led to all of up to 55 equilibria; 80,000 starts spread
+evenly led to all but four."""
 
-LEAST_SHARE, SOLVED, ITERATIONS = 0.01, 1e-8, 40
-"""Of the search: the share of Newton's step at which a way ends, the step that is the last, as the
-error is then its square, and how many steps at most."""
+LEAST_SHARE, SOLVED, MOST_SEARCH_STEPS = 0.01, 1e-8, 40
+"""Limits of Newton's method from each start: the share of its step below which it gives up; the
+length of a step after which the error, of the order of its square, is small enough; and the largest
+number of steps."""
 
 NEAR = 0.5
-"""Root mean square of angles, in rad, within which a start or a larger basis leads to the same
-equilibrium: far more than rounded numbers of one are off by, and less than the way to another."""
+"""Root mean square of the angle, in rad, within which a start or a larger basis is taken to lead to
+the same equilibrium. It is far more than the rounding of a given configuration, and less than the
+distance between two equilibria."""
 
 ALONG = np.linspace(0.0, 1.0, 201)
-"""Arc lengths at which shapes are compared."""
+"""Arc lengths s, in lengths of the pipe, at which shapes are compared."""
 
-LARGEST_BATCH = 1_000_000
-"""Entries of the Jacobians of one batch by x; those by the state are four times as many, 32 MB."""
+BATCH_ENTRIES = 1_000_000
+"""Most entries of the Jacobians by x of one batch of starts. The Jacobians by the whole state, of
+which these are part, have four times as many and take 32 MB."""
 
 
 @saved_as(
@@ -105,9 +111,9 @@ LARGEST_BATCH = 1_000_000
     shapes={"k coordinates": "q", "k": "stable growth residuals", "k 2": "tips"},
 )
 class Equilibria(TableResult, units={"growth": RATE}):
-    """Equilibria at one flow speed, the straight one first, the others from the least bent on.
+    """Equilibria at one flow speed, in the order of how far they are bent, the straight one first.
 
-    Those that `equilibria` answers with are resolved and valid; the others are in `discarded`.
+    The equilibria that `equilibria` returns are resolved and valid; it puts others in `discarded`.
 
     Attributes:
         q: coordinates, shape (k, coordinates).
@@ -115,17 +121,19 @@ class Equilibria(TableResult, units={"growth": RATE}):
         growth: largest real part of an eigenvalue, in 1 / T, shape (k,).
         tips: position (x, y) of the free end in L, shape (k, 2).
         residuals: largest force left, in units of 1 + |gamma| + a u^2, shape (k,).
-        resolved: whether two larger bases of a reduced model have it too, as `equilibria` says,
-            shape (k,); where not, it is an artefact of the discretisation. True of chains and
-            scenes.
-        valid: whether the laws of all terms hold at its angles, shape (k,): `Stretching` does up to
-            a quarter turn. Both are None in files of versions that did not ask.
+        resolved: whether two larger bases of the reduced model have the equilibrium too, by the
+            test that `equilibria` describes, shape (k,); where not, it is an artefact of the
+            discretisation. Always True for chains and scenes.
+        valid: whether the laws of all terms hold at its angles, shape (k,): that of `Stretching`
+            does up to a quarter turn. `resolved` and `valid` are None in files of versions that did
+            not ask.
         u: flow speed.
         model: the model.
-        discarded: solutions of the model's equations that are not both, None where there are none.
-        complete: whether all solutions with angles up to `FAR` = 60 rad are known, as `equilibria`
-            says; None in files of versions that did not ask.
-        search: how they were looked for, and why that is complete or not.
+        discarded: solutions of the model's equations that are not resolved or not valid; None where
+            there are none.
+        complete: whether all solutions with angles up to 60 rad are known, by the count that
+            `equilibria` describes; None in files of versions that did not ask.
+        search: how equilibria were looked for, and why that is complete or not.
 
     Example:
         >>> found = pp.equilibria(pp.Chain(pp.Pipe(0.2, -20.0), 2), 1.0)
@@ -170,34 +178,35 @@ class Equilibria(TableResult, units={"growth": RATE}):
 def equilibria(model: Model, u: float, starts: Sequence[Start] = ()) -> Equilibria:
     """Equilibria at a flow speed, stable or not, mirror images included.
 
-    Of a pipe with a free end and up to four degrees of freedom all are looked for. Newton's method
-    takes starts spread evenly over mixtures of the modes of bending, up to angles beyond the
-    largest that is found, and others beside each equilibrium that is known, until neither these
-    nor as many starts again as before lead to more, and the equilibria are as many as the degree of
-    the equations asks for. Elastic forces grow without bound and all others do not, so the signs of
-    det K over all equilibria add up to 1; for a pipe on a hinge that nothing resists, of which
-    whole turns count once, to 0.
+    All equilibria of a pipe with a free end and up to four degrees of freedom are looked for.
+    Newton's method starts from mixtures of the modes of bending, spread evenly up to angles beyond
+    the largest that is found, and from starts beside each equilibrium that is known. The search
+    ends when neither these nor as many starts again as before lead to more equilibria, and the
+    equilibria are as many as the degree of the equations demands: elastic forces grow without bound
+    and all others do not, so the signs of det K over all equilibria add up to 1. For a pipe on a
+    hinge that nothing resists, whole turns about it count once and the signs add up to 0.
 
-    Else starts are bent by half a radian to one and a half turns, in all mixtures of the first
-    three or four modes, and in the shapes in which the straight pipe buckles at that speed. That
-    may miss some, above all of pipes that are held, which wind up in many ways: `complete` is
-    False. `starts` adds others.
+    In other pipes starts are bent by half a radian to one and a half turns, in all mixtures of the
+    first three or four modes, and in the shapes in which the straight pipe buckles at that speed.
+    That may miss some equilibria, above all of pipes that are held, which wind up in many ways:
+    `complete` is False. Further starts may be given as `starts`.
 
-    The equations of a few functions have solutions that are none of the pipe's. So each equilibrium
-    of a reduced model is asked of two larger bases, of half as many functions again and half as
-    many as these again, at least four: it is kept where Newton's method contracts from it, each
-    step at most half the one before, to an equilibrium that lies nearer to it than to any other
-    that was found, within half a radian as the root mean square along the pipe, and is stable
-    if it is. Shapes that every basis has, as the straight one, are kept whatever their stability.
+    The equations of a reduced model with few functions have solutions that the pipe does not have.
+    So each equilibrium of a reduced model is looked for in two larger bases: one with half as many
+    functions again, and one with half as many as that again, each at least four more. It is kept if
+    Newton's method, started from it there, contracts, each step at most half the one before, to an
+    equilibrium that lies nearer to it than to any other that was found, within half a radian as
+    the root mean square along the pipe, and that is stable if it is. Shapes that every basis has,
+    such as the straight one, are kept whatever their stability.
 
     Args:
         model: chain, reduced model or scene, up to 500 degrees of freedom.
         u: flow speed >= 0, in sqrt(EI / mu_f) / L.
-        starts: further starts, coordinates each or angles theta(s), as for `simulate`.
+        starts: further starts, each given by coordinates or by angles theta(s), as for `simulate`.
 
     Returns:
-        Equilibria: those kept, and beside them what was discarded. Those of an undamped pipe
-        without flow are stable where they oscillate.
+        Equilibria that are kept, with others as its `discarded`. Equilibria of an undamped pipe
+        without flow count as stable where small motions about them oscillate.
 
     Example:
         >>> found = pp.equilibria(pp.Chain(pp.Pipe(0.2, -20.0), 2), 1.0)  # bent by its weight
@@ -205,20 +214,21 @@ def equilibria(model: Model, u: float, starts: Sequence[Start] = ()) -> Equilibr
         (3, [False, True, True])
 
     Raises:
-        NotConverged: if not a single one is found, or all are discarded: then its `result` has
-            these.
+        NotConverged: if no equilibrium is found, or if all are discarded; then the exception's
+            `result` has those.
         ValueError, TypeError: for bad arguments.
     """
     return searched(model, u, starts, counted=True)
 
 
 def searched(model: Model, u: float, starts: Sequence[Start], counted: bool) -> Equilibria:
-    """The answer of `equilibria`, or what starts bent by up to one and a half turns lead to alone.
+    """The answer of `equilibria`, whose search may leave out the count of all equilibria.
 
-    The latter is for diagrams: a soft pipe in a fast flow has dozens of equilibria wound up by many
-    turns, which no motion reaches.
+    Without `counted`, starts are bent by up to one and a half turns only. That is for diagrams: a
+    soft pipe in a fast flow has dozens of equilibria wound up by many turns, which no motion
+    reaches.
     """
-    model = checked_model_in_motion(model, largest=LARGEST, purpose="equilibria")
+    model = checked_model_in_motion(model, largest=EQUILIBRIA_DOF, purpose="equilibria")
     statics = Statics(model)
     u = steady_speed("u", u)
     if isinstance(starts, str) or not isinstance(starts, Sequence):
@@ -235,12 +245,12 @@ def searched(model: Model, u: float, starts: Sequence[Start], counted: bool) -> 
             tip = model.tips(statics.recorded(x[None]).T)[0, 0]
             return round(statics.rms(x - statics.resting), 6), -float(tip)
 
-        found.sort(key=place)  # a mirror image next to its original, to the right first
+        found.sort(key=place)  # mirror images are neighbours, that with its tip to the right first
         xs = np.array(found)
         values = [statics.eigenvalues(x, u) for x in xs]
         residuals = np.array([statics.unbalanced(x, u) for x in xs])
         stable = np.array([is_stable(one) for one in values])
-        resolved = _resolved(statics, u, xs, stable)
+        resolved = _in_larger_bases(statics, u, xs, stable)
     highest = min((term.largest_angle for term in model.pipe.terms), default=math.inf)
     valid = np.array([model.largest_angle(x) <= highest for x in xs])
     q = statics.recorded(xs)
@@ -279,10 +289,10 @@ def searched(model: Model, u: float, starts: Sequence[Start], counted: bool) -> 
 
 
 class Statics:
-    """Accelerations from rest and their derivatives, in the coordinates that integrators advance.
+    """Accelerations of a pipe at rest and their derivatives, in the integrated coordinates.
 
-    Along what guides and pins forbid they lead back to these: all are zero only at an equilibrium
-    that meets them.
+    In directions that guides and pins forbid, accelerations lead back to where these are met: all
+    are zero only at an equilibrium that meets the constraints.
     """
 
     def __init__(self, model: Model) -> None:
@@ -291,43 +301,50 @@ class Statics:
         self.motion = VectorField(model)
         self.resting = np.array(model.resting(), dtype=np.float64)
         self._about: tuple[Array, Operators] | None = None  # operators about the last configuration
-        # Forces are affine in the square of the speed: balanced at two, they are so at any.
+        # Forces are affine in the square of the speed: if balanced at two, they are so at all.
         self.always_rests = max(model.unbalanced(0.0), model.unbalanced(1.0)) <= BALANCED
 
     def accelerations(self, xs: Array, u: float | Array) -> Array:
-        """Of rows x at rest, (k, moving), at one speed or k; NaN if too sharply bent."""
+        """Accelerations from rest at configurations xs, (k, moving), at one speed or k speeds.
+
+        They are NaN where the pipe is bent too sharply.
+        """
         return self.motion(np.concatenate([xs.T, np.zeros_like(xs.T)]), u)[self.size :].T
 
     def jacobian(self, x: Array, p: float) -> Array:
-        """Their derivative by x, (moving, moving); (k, ...) of k rows x."""
+        """Derivative of the accelerations by x, (moving, moving), or one for each row of x."""
         whole = self.model.motion_jacobian(np.concatenate([x.T, np.zeros_like(x.T)]), abs(p))
         return whole[..., self.size :, : self.size]
 
     def steps(self, xs: Array, residuals: Array, u: float) -> Array:
-        """Newton's steps from the rows of xs, (k, moving); not finite where there is none."""
+        """Newton's steps from the rows of xs, (k, moving); not finite where there is no step."""
         derivative = self.jacobian(xs, u)
         try:
             found = np.linalg.solve(derivative, -residuals[:, :, None])
-        except np.linalg.LinAlgError:  # where all goes on beside the singular matrices
+        except np.linalg.LinAlgError:  # a shift lets the other rows go on beside singular ones
             shifted = derivative + 1e-12 * np.eye(self.size)
             found = np.linalg.solve(shifted, -residuals[:, :, None])
         return np.asarray(found[:, :, 0])
 
     def equations(self, x: Array, p: float) -> tuple[Array, Array]:
-        """Accelerations, affine in the square of the speed, with derivatives by x and the speed."""
-        still, at_one = self.accelerations(np.stack([x, x]), np.array([0.0, 1.0]))
-        by_square = at_one - still
+        """Accelerations, (moving,), with derivatives by x and the speed p, (moving, moving + 1).
+
+        They are evaluated as affine in the square of the speed.
+        """
+        at_zero, at_one = self.accelerations(np.stack([x, x]), np.array([0.0, 1.0]))
+        by_square = at_one - at_zero
         derivative = np.column_stack([self.jacobian(x, p), 2.0 * p * by_square])
-        return still + p**2 * by_square, derivative
+        return at_zero + p**2 * by_square, derivative
 
     def at_rest(self, x: Array, p: float) -> tuple[Array, Array]:
-        """X = rest, as equations: the straight pipe's, regular also where other branches leave."""
+        """The straight pipe's equations x = rest, regular also where other branches leave it."""
         return x - self.resting, np.eye(self.size, self.size + 1)
 
     def solved(self, x: Array, u: float) -> Array:
         """The equilibrium near a configuration; raises `NewtonFailed` if none is found."""
-        # Steps are shortened to 0.05 of 1 rad plus the size of x, so that they lead to one near the
-        # start: at 0.1 a bent pipe in a guide became straight. 100 lead to hundreds of rad.
+        # Steps are limited to 0.05 of 1 rad plus the size of x, so that they lead to an equilibrium
+        # near the start: at 0.1 a bent pipe in a guide became straight. 100 of them can reach
+        # hundreds of rad.
         control = Control(longest=math.inf, longest_change=0.05, iterations=100)
         problem = DenseProblem(self.equations, self.size, 1.0, control)
         found = problem.fixed(np.append(x, u), u)[:-1]
@@ -338,12 +355,12 @@ class Statics:
     def balanced(self, x: Array, u: float, **rules: Any) -> Array:
         """The equilibrium to which Newton's method leads from x; `rules` are those of `newton`.
 
-        Forces are balanced here, whose derivative is the stiffness. Accelerations, which batches
-        balance, are less linear: the inverse of the mass changes with the configuration. Steps are
-        measured by their angles.
+        Newton's method balances forces here, whose derivative is the stiffness. The accelerations
+        that `_balanced` makes vanish for many starts at once are less linear, as the inverse of the
+        mass changes with the configuration. Steps are measured by their angles.
 
         Raises:
-            NewtonFailed: if it leads to none.
+            NewtonFailed: if it leads to no equilibrium.
         """
         if self.unbalanced(x, u) <= BALANCED:
             return x
@@ -367,9 +384,9 @@ class Statics:
         return found
 
     def buckled(self, u: float) -> Iterator[Array]:
-        """Starts at which the pipe is bent as it buckles, where rest is unstable to static loads.
+        """Starts in the shapes in which the pipe buckles, where rest is statically unstable.
 
-        And upside down, if its root is a hinge.
+        If its root is a hinge, the pipe at rest turned upside down is another start.
         """
         if self.whole_turn is not None:
             yield self.resting + 0.5 * self.whole_turn
@@ -388,11 +405,14 @@ class Statics:
         return lambda s: np.asarray(self.model.deflection(x, s, 1))
 
     def angles(self, xs: Array) -> Array:
-        """Angles of the pipe at the arc lengths `ALONG`, (k, points), of rows x."""
+        """Angles of the pipe at the arc lengths `ALONG`, (k, points), for rows xs, (k, moving)."""
         return np.asarray(self.model.deflection(xs.T, ALONG, 1)).T
 
     def unbalanced(self, x: Array, u: float) -> float:
-        """Largest force left, in units of 1 + |gamma| + a u^2; infinite where guides are missed."""
+        """Largest force that is not balanced at x, in units of 1 + |gamma| + a u^2.
+
+        It is infinite where x does not meet the constraints.
+        """
         pipe = self.model.pipe
         size = 1.0 + abs(pipe.gamma) + pipe.alpha * u**2
         try:
@@ -402,26 +422,32 @@ class Statics:
         return float(np.abs(force).max()) / size
 
     def _forces(self, x: Array, u: float) -> tuple[Array, Array, Operators]:
-        """Forces left in the directions that constraints leave, these, and operators in them."""
+        """Unbalanced forces in the directions that constraints leave free, with these directions.
+
+        Third come the operators about x, which act in these directions.
+        """
         free, of = self.model.free_directions(x), self.model.operators(x)
         return of.mass @ (free.T @ self.accelerations(x[None], u)[0]), free, of
 
     def eigenvalues(self, x: Array, u: float) -> Complex:
-        """Of small motions about an equilibrium, shape (2 dof,)."""
+        """Eigenvalues of small motions about an equilibrium, shape (2 dof,)."""
         if self._about is None or not np.array_equal(self._about[0], x):
             self._about = x, self.model.operators(x)
         return eigenvalues_of(*self._about[1].at(u))
 
     def growth(self, x: Array, u: float) -> Array:
-        """Real parts of the eigenvalues beyond rounding, the largest first."""
+        """Real parts of the eigenvalues minus their rounding, (2 dof,), the largest first."""
         return np.sort(beyond_rounding(self.eigenvalues(x, u)))[::-1]
 
     def recorded(self, xs: Array) -> Array:
-        """Coordinates that users see, (k, coordinates), of (k, moving)."""
+        """Coordinates that users see, (k, coordinates), for integrated ones, (k, moving)."""
         return self.model.recorded(xs, np.zeros_like(xs))[0]
 
     def from_start(self, name: str, start: Any) -> Array:
-        """The argument as [x], from coordinates or an angle theta(s)."""
+        """The integrated coordinates x, (moving,), of a start given as an argument called `name`.
+
+        The start consists of coordinates or is an angle theta(s).
+        """
         given = self.model.bent(start) if callable(start) else start
         try:
             return np.array(self.model.start(given, None)[: self.size])
@@ -430,7 +456,7 @@ class Statics:
 
     @cached_property
     def whole_turn(self) -> Array | None:
-        """A whole turn about the root, if it is a hinge; None where something there resists it."""
+        """Change of x by a whole turn about a hinge at the root; None if something resists it."""
         if self.model.pipe.root != "pinned":
             return None
         turn = self.model.sampled(lambda s: np.full_like(s, 2.0 * math.pi))
@@ -439,47 +465,47 @@ class Statics:
         return turn if np.ptp(energies) <= 1e-9 * (1.0 + abs(self.model.pipe.gamma)) else None
 
     def unwound(self, x: Array) -> Array:
-        """The same configuration without whole turns about a hinge at the root."""
+        """The configuration x without whole turns about a hinge at the root."""
         turn = self.whole_turn
         if turn is None:
             return x
-        # A mean angle of pi, either way, becomes -pi.
+        # A mean angle of pi or -pi, which rounding may not tell apart, becomes -pi.
         return x - turn * math.floor(float(x @ turn) / float(turn @ turn) + 0.5 + 1e-9)
 
     def rms(self, x: Array) -> float:
-        """Size of a difference of configurations."""
+        """Root mean square of a difference of configurations over the coordinates."""
         return float(np.linalg.norm(x)) / math.sqrt(self.size)
 
     def straight(self, x: Array) -> bool:
-        """Whether a configuration is that of the straight pipe, its own mirror image."""
+        """Whether a configuration is the straight pipe's, which is its own mirror image."""
         return not self.resting.any() and self.rms(x) < 1e-9
 
 
 def is_stable(eigenvalues: Complex) -> bool:
-    """Whether none has a positive real part beyond rounding."""
+    """Whether no eigenvalue has a positive real part beyond its rounding."""
     return not grows(eigenvalues).any()
 
 
 def rms_along(angles: Array) -> Any:
-    """Root mean square along the pipe of angles at `ALONG`, (..., points)."""
+    """Root mean square along the pipe of angles at the arc lengths `ALONG`, (..., points)."""
     return np.sqrt(np.mean(angles**2, axis=-1))
 
 
 def _contracted(statics: Statics, x: Array, u: float) -> Array:
-    """The equilibrium to which Newton's method contracts: each step is at most half the last.
+    """The equilibrium to which Newton's method contracts from x, each step at most half the last.
 
-    That from the first step on there is a single one near by is the theorem of Newton and
-    Mysovskikh.
+    Where steps contract from the first on, there is a single equilibrium nearby, by the theorem of
+    Newton and Mysovskikh.
 
     Source: Deuflhard (2004), Newton methods for nonlinear problems, sec. 2.1.
     """
     return statics.balanced(x, u, patience=1)
 
 
-def _resolved(
+def _in_larger_bases(
     statics: Statics, u: float, xs: Array, stable: NDArray[np.bool_]
 ) -> NDArray[np.bool_]:
-    """Which of the equilibria that were found, (k, moving), two larger bases have, see above."""
+    """Which equilibria, (k, moving), two larger bases have too, by the test of `equilibria`."""
     larger = statics.model.refined()
     largest = larger and larger.refined()
     if larger is None or largest is None:
@@ -502,12 +528,12 @@ def _resolved(
 
 
 class _Solutions:
-    """Solutions of the equations at a flow speed, and how they were looked for.
+    """Search for the solutions of the equations at one flow speed.
 
     Attributes:
-        found: those with angles up to `FAR`, each once, with mirror images.
-        complete: whether these are all.
-        search: why, in words.
+        found: solutions with coordinates up to `TEN_TURNS`, each once, with their mirror images.
+        complete: whether there are no others.
+        search: how they were looked for, and why that is complete or not, in words.
     """
 
     def __init__(self, statics: Statics, u: float) -> None:
@@ -516,7 +542,10 @@ class _Solutions:
         self.complete, self.search = False, ""
 
     def look(self, own: list[Array], counted: bool) -> None:
-        """Looks for solutions, from a user's own starts and others; counts them where it can."""
+        """Looks for solutions, from a user's own starts and from others.
+
+        With `counted`, a search in few degrees of freedom goes on until all solutions are known.
+        """
         statics, u = self.statics, self.u
         self.add([statics.resting])
         for start in statics.buckled(u):
@@ -524,41 +553,42 @@ class _Solutions:
                 self.add([statics.balanced(start, u, longest=0.3, iterations=40)])
         model = statics.model
         held = model.moving != model.dof
-        if counted and model.dof <= COUNTED and not held:
+        if counted and model.dof <= COUNTED_DOF and not held:
             self.add(_balanced(statics, u, own, 0.5))
             self.count()
             return
         odd = statics.motion.is_odd(u)
-        # Few starts show whether a hanging pipe has bent ones at all; then more look for all.
-        starts, modes = own + _bends(statics, 3, SIZES[::2], odd), 3
+        # A few starts show whether a hanging pipe has bent equilibria at all; only then are all
+        # starts taken.
+        starts, modes = own + _bends(statics, 3, BEND_ANGLES[::2], odd), 3
         found = _balanced(statics, u, starts, 0.2)
         self.add(found)
         taken = len(starts)
         if statics.size <= MOST_WOUND and (len(found) > 1 or model.pipe.gamma < 0.0):
-            starts, modes = _bends(statics, 4, SIZES, odd), 4
+            starts, modes = _bends(statics, 4, BEND_ANGLES, odd), 4
             self.add(_balanced(statics, u, starts, 0.5))
             taken += len(starts)
-        why = "of pipes that are held" if held else f"in more than {COUNTED} degrees of freedom"
+        why = "of pipes that are held" if held else f"in more than {COUNTED_DOF} degrees of freedom"
         self.search = (
-            f"{taken} starts bent by up to {SIZES[-1]:g} rad in mixtures of {modes} "
+            f"{taken} starts bent by up to {BEND_ANGLES[-1]:g} rad in mixtures of {modes} "
             f"modes; solutions {why} are not counted"
         )
 
     def add(self, xs: Sequence[Array] | Array) -> int:
-        """Takes in what may be solutions; how many of them are new."""
+        """Keeps those of the rows xs that are solutions and new, and returns their number."""
         before = len(self.found)
         for x in xs:
             size = float(np.abs(x).max())
-            for image in map(self.statics.unwound, (x, -x)):
+            for image in map(self.statics.unwound, (x, -x) if size <= TEN_TURNS else ()):
                 far = DISTINCT * (1.0 + size)
                 new = all(np.abs(image - one).max() >= far for one in self.found)
                 with suppress(ValueError, PipedynError):
-                    if new and size <= FAR and self.statics.unbalanced(image, self.u) <= BALANCED:
+                    if new and self.statics.unbalanced(image, self.u) <= BALANCED:
                         self.found.append(image + 0.0)
         return len(self.found) - before
 
     def count(self) -> None:
-        """Looks for all solutions in few degrees of freedom."""
+        """Looks for all solutions of a model with few degrees of freedom, and counts them."""
         statics, model = self.statics, self.statics.model
         basis = _modal_basis(statics)
         first = max(FIRST_STARTS**model.dof, 256)
@@ -566,7 +596,7 @@ class _Solutions:
         beside = np.random.default_rng(0)
 
         def led_to(starts: Array) -> int:
-            """How many new solutions starts in the rows lead to."""
+            """Number of new solutions to which Newton's method leads from the rows of `starts`."""
             return self.add(_balanced(statics, self.u, list(starts), 0.5))
 
         size, here, every, settled = FIRST_SIZE, 0, 0, False
@@ -574,7 +604,8 @@ class _Solutions:
         while not settled and every < MOST_STARTS and len(self.found) < MOST_FOUND:
             many = max(first, here)
             draws = anywhere.random(many)
-            # High modes are stiff: the largest angle falls with their number, by various powers.
+            # High modes are stiff, so their largest angle falls with their number, by a power that
+            # is drawn as well.
             parts = size * (2.0 * draws[:, :-1] - 1.0) * _shares(basis, 0.5 + 0.5 * draws[:, -1:])
             balanced = (2.0 * draws[:, :-1] - 1.0) @ reach
             new = led_to(statics.resting + np.concatenate([parts @ basis, balanced]))
@@ -586,8 +617,8 @@ class _Solutions:
                 every += len(around)
             here, every = here + many, every + 2 * many
             largest = max((float(np.abs(x).max()) for x in self.found), default=0.0)
-            if largest > 0.5 * size and size < FAR:
-                size, here = min(2.0 * size, FAR), 0
+            if largest > 0.5 * size and size < TEN_TURNS:
+                size, here = min(2.0 * size, TEN_TURNS), 0
             else:
                 settled = not new and here > first and self.missing() == 0
         self.complete, taken = settled, f"{every:,} starts bent by up to {size:g} rad"
@@ -603,7 +634,7 @@ class _Solutions:
             self.search = f"{taken}, of which the last led to others"
 
     def missing(self) -> int | None:
-        """What the signs of det K must add up to, less what they do; None where one is 0."""
+        """The required sum of the signs of det K minus their sum; None where a determinant is 0."""
         statics, expected = self.statics, 1 if self.statics.whole_turn is None else 0
         if not self.found:
             return expected
@@ -620,12 +651,12 @@ def _reach(statics: Statics, u: float) -> Array:
     At an equilibrium the elastic forces K x balance the others. These, of gravity, flow and terms,
     are bounded, as they depend on the directions of the pipe and not on how often it is wound up:
     each is taken to be at most a fifth larger than in configurations drawn at random. Rows end at
-    `FAR`, as where no spring resists.
+    `TEN_TURNS`, as where no spring resists.
     """
     model, size = statics.model, statics.size
     plain = model.with_pipe(replace(model.pipe, gamma=0.0, terms=(), jet_angle=0.0))
     elastic = plain.operators().stiffness
-    places = np.random.default_rng(0).uniform(-FAR, FAR, (DRAWN, size))
+    places = np.random.default_rng(0).uniform(-TEN_TURNS, TEN_TURNS, (DRAWN, size))
     forces = np.zeros((0, size))
     for place in places:
         with suppress(ValueError, PipedynError):  # as where a reduced model coils
@@ -634,46 +665,51 @@ def _reach(statics: Statics, u: float) -> Array:
             forces = np.append(forces, force[None], axis=0)
     most = 1.2 * np.abs(forces).max(axis=0, initial=0.0)
     rows = most[:, None] * np.linalg.pinv(elastic)
-    return np.asarray(np.clip(rows, -FAR, FAR))
+    return np.asarray(np.clip(rows, -TEN_TURNS, TEN_TURNS))
 
 
 def _modal_basis(statics: Statics) -> Array:
-    """Configurations bent by 1 rad in each of the first modes, (dof, moving)."""
+    """Changes of x that bend the pipe by 1 rad in each of its first modes, (dof, moving)."""
     modes = np.eye(statics.model.dof)
     straight = statics.from_start("q0", modal_bend(np.zeros(len(modes))))
     return np.array([statics.from_start("q0", modal_bend(one)) - straight for one in modes])
 
 
 def _shares(basis: Array, power: float | Array) -> Array:
-    """Largest angle in each mode as a share of that in the first, (1, dof) or (k, dof)."""
+    """Largest angle in each mode as a share of that in the first mode, (1, dof) or (k, dof)."""
     return np.arange(1.0, 2.0 * len(basis), 2.0)[None] ** -power
 
 
 def _bends(statics: Statics, modes: int, sizes: Sequence[float], odd: bool) -> list[Array]:
-    """Starts. Where motions are odd, of a bend and its mirror image one leads to both's."""
+    """Starts that are bent in all mixtures of the first modes, with the largest angles `sizes`.
+
+    Where motions are odd, one of a bend and its mirror image is enough, as it leads to a solution
+    whose mirror image is the other's.
+    """
     none = (0,) * modes
     every = product((-1, 0, 1), repeat=modes)
     mixtures = [np.array(p) for p in every if p > none or (p < none and not odd)]
     starts: list[Array] = []
     for parts in (size * mixture for size in sizes for mixture in mixtures):
-        with suppress(PipedynError):  # guides and pins that such a bend cannot meet
+        with suppress(PipedynError):  # guides and pins may be such that no such bend meets them
             starts.append(statics.from_start("q0", modal_bend(parts)))
     return starts
 
 
 def _balanced(statics: Statics, u: float, starts: list[Array], longest: float) -> Array:
-    """Where Newton's method leads from starts, in batches, shape (k, moving), each mostly once.
+    """Solutions to which Newton's method leads from many starts, computed in batches, (k, moving).
 
-    A step is at most so long, relative to 1 rad plus the size of x, and quartered until it lowers
-    the residual; where it then is too short, the way ends.
+    Most solutions are listed once. A step is at most `longest` relative to 1 rad plus the size of
+    x, and is quartered until it lowers the residual; a start whose step then is too short is given
+    up.
     """
     found = np.zeros((0, statics.size))
     if not starts:
         return found
-    for x in np.array_split(starts, math.ceil(len(starts) * statics.size**2 / LARGEST_BATCH)):
+    for x in np.array_split(starts, math.ceil(len(starts) * statics.size**2 / BATCH_ENTRIES)):
         step, share = np.zeros_like(x), np.ones(len(x))
         size, least = np.full((2, len(x)), math.inf)
-        for _ in range(ITERATIONS):
+        for _ in range(MOST_SEARCH_STEPS):
             moved = x + share[:, None] * step
             residual = statics.accelerations(moved, u)
             left = np.linalg.norm(residual, axis=1)
@@ -687,7 +723,7 @@ def _balanced(statics: Statics, u: float, starts: list[Array], longest: float) -
                 share[lower] = np.minimum(1.0, most / size)[lower]
             solved = lower & (size <= SOLVED)
             found = np.concatenate([found, (x + step)[solved]])
-            going = ~solved & (share > LEAST_SHARE) & (np.abs(x).max(axis=1) <= FAR)
+            going = ~solved & (share > LEAST_SHARE) & (np.abs(x).max(axis=1) <= TEN_TURNS)
             x, step, share, size, least = (a[going] for a in (x, step, share, size, least))
             if not len(x):
                 break
@@ -701,19 +737,19 @@ def _balanced(statics: Statics, u: float, starts: list[Array], longest: float) -
 Change = Literal["fold", "pitchfork", "branch point", "hopf"]
 
 MOST_POINTS = 4000
-"""Points of one branch: at the usual step those of 200 rad, three times as far as `FAR`."""
+"""Most points of one branch: at the default step they reach 200 rad, three times `TEN_TURNS`."""
 
 
 @saved_as("BranchPoint", shapes={"n": "q", "2": "tip"})
 class BranchPoint(Result):
-    """Where the stability of a branch changes or the branch turns.
+    """Point of a branch of equilibria at which its stability changes or it turns back.
 
     Attributes:
         kind: "fold", "pitchfork" (branches leave the straight pipe as mirror images, which is how
             it diverges), "branch point" (another real eigenvalue passes 0) or "hopf" (flutter: a
             pair passes the axis).
-        speed: u.
-        frequency: angular, in 1 / T; 0 unless "hopf".
+        speed: flow speed u.
+        frequency: angular frequency of the pair, in 1 / T; 0 unless "hopf".
         q: the configuration, shape (coordinates,).
         tip: position (x, y) of the free end.
     """
@@ -732,15 +768,15 @@ class EquilibriumBranch(TableResult):
     """A branch of equilibria, point by point along its arc length.
 
     Attributes:
-        speeds: u, shape (S,).
+        speeds: flow speed u, shape (S,).
         q: coordinates, shape (S, coordinates).
-        stable: shape (S,).
+        stable: whether the equilibrium is stable, shape (S,).
         unstable: number of eigenvalues with positive real part, shape (S,).
         tips: position (x, y) of the free end in L, shape (S, 2).
-        points: where it turns or stability changes, in order along the branch.
-        ends: why it ends, at its first and its last point: "range" of speeds, "pitchfork" (it joins
-            its mirror image on the straight pipe), "closed", "far" (a coordinate beyond 60 rad),
-            "points" (their number ran out) or "not converged" (no next point was found).
+        points: where the branch turns or its stability changes, in order along the branch.
+        ends: why the branch ends, at its first and its last point: "range" (of speeds), "pitchfork"
+            (it joins its mirror image on the straight pipe), "closed", "far" (a coordinate beyond
+            60 rad), "points" (it has too many) or "not converged" (no next point was found).
         model: the model.
     """
 
@@ -758,12 +794,12 @@ class EquilibriumBranch(TableResult):
 
     @property
     def folds(self) -> tuple[BranchPoint, ...]:
-        """Where it turns back in the flow speed."""
+        """Points at which the branch turns back in the flow speed."""
         return tuple(point for point in self.points if point.kind == "fold")
 
     @property
     def straight(self) -> bool:
-        """Whether its configuration, that of the straight pipe, is the same at every speed."""
+        """Whether the configuration, that of the straight pipe, is the same at every speed."""
         return not float(np.ptp(self.q, axis=0).max()) > 0.0
 
     def _columns(self) -> dict[str, Any]:
@@ -787,18 +823,18 @@ def equilibrium_branch(
     """The branch of equilibria through a given one, followed in the flow speed past folds.
 
     Args:
-        model: chain, reduced model or scene, up to 500 degrees of freedom; a point costs
+        model: chain, reduced model or scene, up to 500 degrees of freedom; each point costs the
             eigenvalues of a dense matrix, O(dof^3).
-        q0: near the equilibrium, coordinates or an angle theta(s), as for `simulate`; Newton's
-            method goes on from there, to at most half a radian away, as the root mean square along
-            the pipe.
-        u0: its flow speed, within `speeds`.
+        q0: configuration near the equilibrium, as coordinates or an angle theta(s), as for
+            `simulate`. Newton's method starts there, and leads at most half a radian away, as the
+            root mean square along the pipe.
+        u0: flow speed of the equilibrium, within `speeds`.
         speeds: (lowest, highest) flow speed of the branch.
         step: longest step along the branch, in [1e-4, 1]: in rad, as the root mean square over
             the coordinates, and in tenths of the range of speeds.
 
     Returns:
-        EquilibriumBranch, from the end that lies in the direction of falling speed at q0.
+        EquilibriumBranch, whose first end is that to which it leads from q0 with falling speed.
 
     Example:
         >>> model = pp.Chain(pp.Pipe(0.2, -20.0), 2)
@@ -808,12 +844,12 @@ def equilibrium_branch(
         (2, True)
 
     Raises:
-        NotConverged: if there is no equilibrium near q0, or none could be followed.
+        NotConverged: if there is no equilibrium near q0, or it is a branch point.
         ValueError, TypeError: for bad arguments.
 
     Source: Keller (1977) for the continuation.
     """
-    model = checked_model_in_motion(model, largest=LARGEST, purpose="equilibria")
+    model = checked_model_in_motion(model, largest=EQUILIBRIA_DOF, purpose="equilibria")
     statics = Statics(model)
     require_steady("speeds", speeds)
     low, high = map(float, check.array("speeds", speeds, size=2, low=0.0, high=LARGEST_SPEED))
@@ -862,9 +898,10 @@ def equilibrium_branch(
 
 
 class _Way:
-    """A branch from one of its points on, one way.
+    """A branch of equilibria followed one way from one of its points.
 
-    It has points at the lowest and highest speed and wherever it passes that of its beginning.
+    It gets points at the lowest and highest speed, and wherever it passes the speed at which it
+    began.
     """
 
     def __init__(
@@ -892,22 +929,24 @@ class _Way:
             if joined:
                 return "pitchfork"
             a = b = segment.end
-            if float(np.abs(b.x).max()) > FAR:
+            if float(np.abs(b.x).max()) > TEN_TURNS:
                 return "far"
             if b.p == first and float(np.abs(b.x - self.points[0].x).max()) < DISTINCT:
                 return "closed"
         return "points"
 
     def _record(self, segment: Segment[DenseProblem]) -> bool:
-        """Keeps the end of a segment and what changes on it; whether it ends on the straight pipe.
+        """Records the end of a segment and the changes on it.
 
-        Undamped, an eigenvalue is the square root of the distance to a fold, so that by rounding
-        the count of the unstable changes next to the fold: both are one change, listed once.
+        Returns whether the branch ends there on the straight pipe. In an undamped pipe an
+        eigenvalue is like the square root of the distance to a fold, so that by rounding the number
+        of unstable eigenvalues changes next to the fold: both are one change, listed once.
         """
         statics, a, b, ds = self.statics, segment.begin, segment.end, segment.length
         sizes = statics.rms(a.x), statics.rms(b.x)
         meeting, turns, until = None, list[float](), ds
-        # A pitchfork leads onto its mirror image, or Newton's method there to the straight pipe.
+        # At a pitchfork the next point lies on the branch's mirror image, or Newton's method leads
+        # to the straight pipe.
         landed = statics.straight(b.x)
         across = landed or float(a.x @ b.x) < 0.0
         across = across and not (statics.resting.any() or statics.straight(a.x))
@@ -941,9 +980,9 @@ class _Way:
         return meeting is not None
 
     def _pitchfork(self, u: float) -> float | None:
-        """Speed of the pitchfork of the straight pipe nearest to a speed, if one is near.
+        """Speed of the pitchfork of the straight pipe nearest to u, or None if none is near.
 
-        Accelerations there are affine in the square of the speed.
+        It is an eigenvalue, as the Jacobian at rest is affine in the square of the speed.
         """
         rest, jacobian = self.statics.resting, self.statics.jacobian
         if not self.statics.always_rests:
@@ -965,7 +1004,7 @@ class _Way:
                 crossing = np.argmin(np.abs(oscillating.real))
                 frequency = float(abs(oscillating[crossing].imag))
         speed = abs(point.p)
-        if kind == "pitchfork":  # rounding in the count reaches further than in the roots of det K
+        if kind == "pitchfork":  # the roots of det K are more precise than the change of the count
             speed = self._pitchfork(speed) or speed
         q = statics.recorded(point.x[None])[0]
         return BranchPoint(kind, speed, frequency, q, statics.model.tips(q[:, None])[0])

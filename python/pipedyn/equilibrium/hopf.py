@@ -1,41 +1,43 @@
 # SPDX-License-Identifier: MIT
 """Onset of flutter beyond linear theory: on which side cycles emerge, and how fast they grow.
 
-On the centre manifold of a pair i omega with right and left eigenvectors q and p, <p, q> = 1,
+On the centre manifold of a pair of eigenvalues +- i omega, whose right and left eigenvectors are q
+and p with <p, q> = 1,
 
     z' = i omega z + c_1 z |z|^2 + ...,   y = rest + 2 Re(z q) + ...,
 
     2 c_1 = <p, C(q, q, q*) - 2 B(q, A^-1 B(q, q*)) + B(q*, (2 i omega - A)^-1 B(q, q))>
 
-with A, B and C the first three derivatives of the rate (Kuznetsov, Elements of Applied Bifurcation
-Theory, eq. (5.39) of the third edition): l_1 = Re c_1 / omega. B and C act along two real
-directions only, so they follow from the Jacobian on these two lines, by central differences whose
-steps are halved and extrapolated.
+where A, B and C are the first three derivatives of f in y' = f(y) at rest, and the first Lyapunov
+coefficient is l_1 = Re c_1 / omega (Kuznetsov, Elements of Applied Bifurcation Theory, eq. (5.39)
+of the third edition). B and C act along two real directions only, so they follow from the Jacobian
+on these two lines, by central differences whose steps are halved and extrapolated.
 
-A force N without a third derivative at rest, odd and of second degree along each ray,
-N(r y) = r^2 N(y), adds to first order in r, at y = rest + r Re(q exp(i phi)),
+Let N be a force without a third derivative at rest that is odd and of second degree along each ray,
+N(r y) = r^2 N(y). To first order in r it adds, at y = rest + r Re(q exp(i phi)), the coefficient
 
     d = mean over phi of 2 <p, N(Re(q e^(i phi)))> e^(-i phi).
 
-This serves any system. Without drag l_1 decides: with q scaled to unit displacement of the free
-end, its amplitude is 2 |z|, so that amplitude^2 / (u - u_c) -> -4 growth / (omega_c l_1).
+These formulas hold for any system. Without drag l_1 decides: if q is scaled to unit displacement of
+the free end, whose amplitude then is 2 |z|, amplitude^2 / (u - u_c) -> -4 growth / (omega_c l_1).
 
-Quadratic drag has no third derivative at rest, but acts at second degree. The free end moves like
-Re Z with the amplitude equation
+Quadratic drag is such a force N: it has no third derivative at rest and acts at second degree. The
+free end moves like Re Z with the amplitude equation
 
     Z' = (i omega_c + lambda_u (u - u_c)) Z + d |Z| Z + c_1 / 4 |Z|^2 Z + ...,
 
-c_1 being that of the other forces. With drag amplitude / (u - u_c) -> -growth / Re(d): strictly the
-drag alone decides the onset, but only below the amplitude 4 |Re d / Re c_1|, at which the two terms
-balance. Terms that are left out are of the size d^2 |Z|^2 Z and d (u - u_c) |Z| Z: the equation is
-that of weak drag, and of any drag where the amplitude is small.
+in which c_1 is the coefficient of all other forces. With drag amplitude / (u - u_c) -> -growth /
+Re(d). Strictly the drag alone decides the onset, but only below the amplitude 4 |Re d / Re c_1|, at
+which the two terms balance. Neglected terms are of the size d^2 |Z|^2 Z and d (u - u_c) |Z| Z: the
+equation holds for weak drag, and for any drag where the amplitude is small.
 
-At constant head the flow speed is one more state (`Supply`). About the straight pipe its small
-changes and the pipe's do not act on each other, so that the pair stays as it is; but a moving pipe
-changes the speed at second degree, and this the coefficient c_1, by its two terms with B.
+At constant head the flow speed is one more state (`Supply`). To first order about the straight
+pipe, the speed and the pipe do not act on each other, so that the pair stays as it is. But a moving
+pipe changes the speed at second degree, which changes the coefficient c_1 by its two terms with B.
 
-It is the left eigenvector that weighs the drag, not the velocity: drag bends the mode as well,
-which changes what the flow feeds, so that it may even drive the flutter, Re(d) > 0.
+The mean of the drag is weighted by the left eigenvector, not by the velocity: drag changes the
+shape of the mode as well, and thereby the energy that the flow feeds, so that it may even drive the
+flutter, Re(d) > 0.
 """
 
 from __future__ import annotations
@@ -74,19 +76,19 @@ from pipedyn.util.threads import one_thread
 from pipedyn.util.units import LENGTH, SPEED
 
 LEVELS, FIRST_STEP = 6, 0.2
-"""Steps of the differences, each half of the one before, and the largest angle, rad, by which the
-first displaces the pipe. Of 28 smooth pipes the coefficient's error is then 8e-8 at most; a seventh
-step gains nothing."""
+"""Number of steps of the differences, each half of the last, and the largest angle, in rad, by
+which the first step displaces the pipe. The error of the coefficient is then 8e-8 at most in 28
+smooth pipes; a seventh step gains nothing."""
 
 
 @saved_as("NoHopf")
 class NoHopf(PipedynError):
-    """A loss of stability from which no limit cycle emerges as in Hopf's theorem."""
+    """Raised where no limit cycle emerges from a loss of stability as in Hopf's theorem."""
 
 
 @dataclass(frozen=True)
 class NormalForm:
-    """What decides a Hopf point: z' = i omega z + c_1 z |z|^2."""
+    """Normal form z' = i omega z + c_1 z |z|^2 of a Hopf point."""
 
     frequency: float  # omega
     right: Complex = field(repr=False)  # q, shape (N,)
@@ -110,14 +112,15 @@ def normal_form(
 ) -> NormalForm:
     """Cubic normal form at an equilibrium, shape (N,), of any smooth system y' = f(y).
 
-    `jacobians` gives df/dy of states, shape (N, k), as (k, N, N); omega need be known to some 1e-6.
-    q is divided by `scale` of it, a linear function; its `reach` is what measures the steps of
-    differences. `rates`, if given, is f of states, shape (N, k): where f is odd about the
-    equilibrium it does in place of Jacobians.
+    `jacobians` gives df/dy at states, shape (N, k), as an array (k, N, N); `frequency` is omega, to
+    a relative accuracy of some 1e-6. The eigenvector q is divided by scale(q), a linear function.
+    Steps of differences are measured by `reach` of the displacement, such as its largest angle.
+    `rates`, if given, is f at states, shape (N, k): where f is odd about the equilibrium it is used
+    in place of Jacobians.
 
     Raises:
-        ValueError: if there is no such eigenvalue.
-        NoHopf: if it is a double one, or scale(q) is 0.
+        ValueError: if i omega is no eigenvalue.
+        NoHopf: if it is a double eigenvalue, or scale(q) is 0.
         NotConverged: if the differences do not converge.
     """
     a = jacobians(rest[:, None])[0]
@@ -130,8 +133,8 @@ def normal_form(
     values = [complex(0.5 * (p.conj() @ total)) for total in totals]
     terms = float(np.abs(p) @ np.abs(a) @ np.abs(q))
     rounding = np.finfo(float).eps * terms / steps**2
-    value, error = _extrapolated(values, rounding)
-    # A force that is not smooth leaves some per cent.
+    value, error = _neville_limit(values, rounding)
+    # Where a force is not smooth, the error is some per cent.
     if not error <= 1e-3 * abs(value) + rounding[-1]:
         raise NotConverged(
             "the third derivatives at the onset do not converge as the steps of their differences "
@@ -141,7 +144,7 @@ def normal_form(
 
 
 def _is_odd(rates: Callable[[Array], Array], rest: Array, x: Array) -> bool:
-    """Whether f(rest - x) = -f(rest + x) but for rounding, as about a straight pipe."""
+    """Whether f(rest - x) = -f(rest + x) within rounding, as it is about a straight pipe."""
     ahead, behind = rates(np.stack([rest + x, rest - x], axis=1)).T
     return float(np.abs(ahead + behind).max()) <= 1e-14 * float(np.abs(ahead - behind).max())
 
@@ -149,10 +152,11 @@ def _is_odd(rates: Callable[[Array], Array], rest: Array, x: Array) -> bool:
 def _third_derivatives(
     rates: Callable[[Array], Array], rest: Array, linear: Complex, q: Complex, steps: Array
 ) -> Iterable[Complex]:
-    """C(q, q, q*) where f is odd, to O(h^2) of each step h.
+    """C(q, q, q*) of an odd f, computed with each step h to an error of O(h^2).
 
-    At h Re(q e^(i phase)) the part of f that goes with e^(i phase) is h A q / 2 + h^3 C / 16. Six
-    phases leave it but for the fifth harmonic, and of these three are the others' opposites.
+    At rest + h Re(q e^(i phase)) the Fourier coefficient of f for e^(i phase) is
+    h A q / 2 + h^3 C / 16. A mean over six phases yields it, up to the fifth harmonic; f is odd, so
+    that three of these phases suffice.
     """
     turn = np.exp(1j * np.pi * np.arange(3) / 3.0)
     moves = np.einsum("h,dk->dhk", steps, np.outer(q, turn).real)
@@ -170,7 +174,7 @@ def _cubic_terms(
     frequency: float,
     steps: Array,
 ) -> Iterable[Complex]:
-    """What the cubic coefficient projects, to O(h^2) of each step h, by Kuznetsov's formula."""
+    """Vector whose projection on p is 2 c_1 in Kuznetsov's formula, for each step h to O(h^2)."""
     signs = np.array([1.0, -1.0])
     moves = np.einsum("h,s,dn->nhsd", steps, signs, [q.real, q.imag])
     states = (rest[:, None] + moves.reshape(rest.size, -1)).copy()
@@ -192,11 +196,15 @@ def _cubic_terms(
 def vectors(
     a: Array, frequency: float, scale: Callable[[Complex], complex]
 ) -> tuple[Complex, Complex]:
-    """Right and left eigenvector q and p of i omega, scale(q) = <p, q> = 1, by inverse iteration.
+    """Right and left eigenvector q and p of i omega, by inverse iteration.
 
-    Raises as `normal_form` does.
+    They are scaled so that scale(q) = <p, q> = 1.
+
+    Raises:
+        ValueError: if i omega is no eigenvalue.
+        NoHopf: if it is a double eigenvalue, or scale(q) is 0.
     """
-    # Rates in units of the frequency: in this mode they are as large as coordinates.
+    # With rates in units of the frequency, rates in this mode are as large as coordinates.
     unit = np.ones(len(a))
     unit[len(a) // 2 :] = frequency
     scaled = a * unit / unit[:, None]
@@ -215,7 +223,7 @@ def vectors(
             f"crossing must be one of the model's: no eigenvalue lies at {frequency:g} i, "
             f"the nearest at {value:g}"
         )
-    # Where two pairs meet, p and q are orthogonal up to the square root of rounding.
+    # Where two pairs meet, p and q are orthogonal but for the square root of rounding.
     if abs(complex(left.conj() @ right)) < 3e-5:
         raise NoHopf("two pairs meet on the axis at the onset")
     right, left = unit * right, left / unit
@@ -226,10 +234,11 @@ def vectors(
     return right, left / np.conj(left.conj() @ right)
 
 
-def _extrapolated(values: list[complex], rounding: Array) -> tuple[complex, float]:
-    """Limit of values whose error is a series in h^2, h halved each time, by Neville's scheme.
+def _neville_limit(values: list[complex], rounding: Array) -> tuple[complex, float]:
+    """Limit of values whose error is a series in h^2, by Neville's scheme, and its error.
 
-    The least estimate of the scheme may be small by chance: the values' own rounding is added.
+    The step h is halved from one value to the next. As the least error estimate of the scheme may
+    be small by chance, the rounding of the values is added to each.
     """
     best, error, row = values[-1], math.inf, np.array(values)
     for order in range(1, len(values)):
@@ -242,12 +251,12 @@ def _extrapolated(values: list[complex], rounding: Array) -> tuple[complex, floa
     return best, error
 
 
-# ------------------------------------------------------------------------------- of the pipe
+# --------------------------------------------------------------------------------- for the pipe
 
 
 @saved_as("HopfPoint", shapes={"n": "mode rest"})
 class HopfPoint(Result):
-    """A pair of eigenvalues on the imaginary axis, from which small periodic orbits come."""
+    """A pair of eigenvalues on the imaginary axis, at which small periodic orbits emerge."""
 
     speed: float
     frequency: float
@@ -256,7 +265,11 @@ class HopfPoint(Result):
 
 
 def hopf_point(motion: VectorField, crossing: Crossing | BranchPoint) -> HopfPoint:
-    """That of a flutter, of the straight pipe or a bent one; raises as `vectors` does."""
+    """Hopf point of a flutter of the straight pipe or a bent one.
+
+    Raises:
+        ValueError, NoHopf: as `vectors` does.
+    """
     u, rest = crossing.speed, _rest_at(motion, crossing)
     jacobian = motion.jacobian(rest, u)
     mode, _ = vectors(jacobian, crossing.frequency, lambda q: _tip_of(motion, rest, q))
@@ -264,7 +277,11 @@ def hopf_point(motion: VectorField, crossing: Crossing | BranchPoint) -> HopfPoi
 
 
 def _rest_at(motion: VectorField, crossing: Crossing | BranchPoint) -> Array:
-    """The equilibrium that flutters, an integrated state; raises ValueError if there is none."""
+    """The equilibrium that flutters, an integrated state, shape (2 moving,).
+
+    Raises:
+        ValueError: if the pipe is not in equilibrium there.
+    """
     if isinstance(crossing, BranchPoint):
         start = Statics(motion.model).from_start("crossing", crossing.q)
         return np.concatenate([start, np.zeros(motion.half)])
@@ -282,30 +299,30 @@ class Hopf(HopfPoint, units={"balance": LENGTH, "fold": SPEED}):
     Attributes:
         speed: u_c.
         frequency: omega_c, in 1 / T.
-        growth: d Re(lambda) / du.
-        detuning: d Im(lambda) / du.
-        quadratic: of the drag, complex, in 1 / (L T); 0 without.
-        cubic: of all other forces, complex, in 1 / (L^2 T).
-        lyapunov: first Lyapunov coefficient, of q scaled to unit displacement of the free end; with
-            drag that of the pipe without its drag.
-        lyapunov_error: absolute, of the differences.
+        growth: d Re(lambda) / du of the pair.
+        detuning: d Im(lambda) / du of the pair.
+        quadratic: complex coefficient of the drag, in 1 / (L T); 0 without drag.
+        cubic: complex coefficient of all other forces, in 1 / (L^2 T).
+        lyapunov: first Lyapunov coefficient, with q scaled to unit displacement of the free end; it
+            leaves out the drag.
+        lyapunov_error: its absolute error, which comes from differences.
         amplitude_law: limit of amplitude^2 / (u - u_c), with drag of amplitude / (u - u_c);
             negative where the cycle exists below u_c. Where the leading coefficient passes 0 along
             a parameter (a Bautin point) it grows without bound, and holds at ever smaller
             amplitudes only.
-        amplitude_error: of amplitude_law, absolute, from that of the differences.
+        amplitude_error: absolute error of amplitude_law, which comes from differences.
         frequency_law: limit of (omega - omega_c) / (u - u_c) along the cycles.
-        exponent: the cycle grows like |u - u_c| to this power, 1/2, with drag 1.
+        exponent: power of |u - u_c| with which the amplitude grows: 1/2, with drag 1.
         criticality: "supercritical" if the cycle attracts motions in the critical mode, and so
             exists where that mode grows; "subcritical" if it repels. With drag this holds at
             amplitudes far below `balance`; for those beyond see `fold`. Where other modes grow at
             the onset, `other_unstable`, no cycle that emerges there is stable.
-        crossing: that of the pair.
+        crossing: the crossing of the pair, as it was given or found.
         model: the model.
-        mode: q, complex, of the integrated state [p, p'], shape (2 moving,).
+        mode: eigenvector q, complex, of the integrated state [p, p'], shape (2 moving,).
         rest: the equilibrium, an integrated state, shape (2 moving,).
-        friction: of the supply at constant head, where u is the flow speed in the straight pipe;
-            None at constant speed.
+        friction: friction of the supply at constant head, where u is the flow speed in the straight
+            pipe; None at constant speed.
 
     Example:
         >>> found = pp.hopf(pp.Chain(pp.Pipe(0.2), 4))
@@ -340,20 +357,21 @@ class Hopf(HopfPoint, units={"balance": LENGTH, "fold": SPEED}):
 
     @property
     def balance(self) -> float:
-        """Amplitude at which drag and the cubic terms are equal, far below which drag decides.
+        """Amplitude, in L, at which drag and the cubic terms are equal; 0 without drag.
 
-        In L, 0 without drag.
+        Far below it the drag decides.
         """
         quadratic, cubic = abs(self.quadratic.real), abs(self.cubic.real)
         return quadratic / cubic if cubic > 0.0 else math.inf
 
     @property
     def fold(self) -> float | None:
-        """Speed at which the amplitude equation's cycles turn back; None where they do not.
+        """Speed at which cycles of the amplitude equation turn back; None where they do not.
 
-        They do where drag and cubic terms pull to different sides, at half the amplitude of
-        `balance`. Of two segments (beta 0.05 and 0.02) its distance from the onset is right to 1 %
-        at an amplitude of 0.02 and to 12 % at 0.05; from 0.085 on the cycles do not turn there.
+        They turn where drag and cubic terms have opposite signs, at half the amplitude of
+        `balance`. For two segments (beta 0.05 and 0.02) the distance of this speed from the onset
+        is right to 1 % at an amplitude of 0.02 and to 12 % at 0.05; the cycles of the pipe do not
+        turn back at this speed if that amplitude is 0.085 or more.
         """
         quadratic, cubic = self.quadratic.real, self.cubic.real
         if quadratic * cubic >= 0.0:
@@ -361,10 +379,11 @@ class Hopf(HopfPoint, units={"balance": LENGTH, "fold": SPEED}):
         return self.speed + 0.25 * quadratic**2 / (cubic * self.growth)
 
     def amplitude(self, u: float) -> float:
-        """Amplitude of the free end by the amplitude equation at a speed; of two, the smaller.
+        """Amplitude of the free end by the amplitude equation at a speed, in L.
 
-        With three segments at beta 0.2 and drag up to 1 it is right to 4 % at amplitudes up to 0.1;
-        with four at beta 0.8, near l_1 = 19, to 3 % up to 0.03.
+        Where there are two cycles, it is that of the smaller. With three segments at beta 0.2 and
+        drag up to 1 it is right to 4 % at amplitudes up to 0.1; with four segments at beta 0.8,
+        where l_1 is near 19, it is right to 3 % up to 0.03.
 
         Example:
             >>> found = pp.hopf(pp.Chain(pp.Pipe(0.2), 4))
@@ -375,7 +394,7 @@ class Hopf(HopfPoint, units={"balance": LENGTH, "fold": SPEED}):
             0.0509
 
         Raises:
-            ValueError: if it has no cycle there.
+            ValueError: if the amplitude equation has no cycle at that speed.
         """
         u = check.real("u", u, low=0.0)
         quadratic, cubic = self.quadratic.real, self.cubic.real
@@ -404,7 +423,7 @@ class Hopf(HopfPoint, units={"balance": LENGTH, "fold": SPEED}):
             -0.00783
 
         Raises:
-            ValueError: if there is none.
+            ValueError: if the amplitude equation has no cycle at that speed.
         """
         size = self.amplitude(u)
         turned = self.quadratic.imag * size + self.cubic.imag * size**2
@@ -421,11 +440,12 @@ def hopf(
 
     Args:
         model: chain, reduced model or scene, up to 500 degrees of freedom.
-        crossing: a flutter of `crossings(model, ...)`, or a point of kind "hopf" on a branch of
+        crossing: a flutter from `crossings(model, ...)`, or a point of kind "hopf" on a branch of
             bent equilibria, of `equilibrium_branch(model, ...)`; the critical speed where not
             given.
-        friction: of a straight pipe fed at constant head, as of `Supply`; at constant speed where
-            not given. The onset is the same, and u the speed in the straight pipe.
+        friction: friction of a straight pipe that is fed at constant head, as in `Supply`; where it
+            is not given, the speed is constant. The onset is the same, with u the speed in the
+            straight pipe.
 
     Returns:
         Hopf.
@@ -447,7 +467,7 @@ def hopf(
 
     Source: Kuznetsov's projection formula, see `normal_form`.
     """
-    # With more, dense eigenvectors lose the digits that differences need.
+    # With more degrees of freedom dense eigenvectors lose the digits that differences need.
     model = checked_model_in_motion(model, largest=500, purpose="hopf")
     own = crossing is None
     if crossing is None:
@@ -491,7 +511,7 @@ def hopf(
         try:
             form = _pipe_form(motion, rest, crossing.frequency, jacobians, state)
         except ValueError as error:
-            if own:  # two that meet scatter by sqrt(eps)
+            if own:  # where two pairs meet, eigenvalues scatter by the square root of rounding
                 raise NoHopf(f"no simple pair lies on the axis at u = {u:g}") from error
             raise
         slope = _slope(motion, rest, u, form)
@@ -539,7 +559,10 @@ def _pipe_form(
     state: Array,
     rates: Callable[[Array], Array] | None = None,
 ) -> NormalForm:
-    """`normal_form` of a pipe, q with unit displacement of the free end, without other states."""
+    """Normal form of a pipe, with q scaled to unit displacement of the free end.
+
+    The eigenvectors hold the states of the pipe only, without the flow speed at constant head.
+    """
     form = normal_form(
         jacobians,
         state,
@@ -555,7 +578,8 @@ def _pipe_form(
 def onset_coefficients(model: Model, u: float, frequency: float) -> tuple[NormalForm, complex]:
     """Normal form without drag, and the mean of drag, of a flutter of the straight pipe.
 
-    Raises as `normal_form`.
+    Raises:
+        ValueError, NoHopf, NotConverged: as `normal_form` does.
     """
     motion = VectorField(model)
     smooth, rest = with_drag(model, 0.0) if model.pipe.drag else motion, motion.resting()
@@ -568,8 +592,8 @@ def onset_coefficients(model: Model, u: float, frequency: float) -> tuple[Normal
 def static_cubic(model: Model, u: float) -> float:
     """Coefficient c of z' = sigma z + c z^3 at a divergence of the straight pipe, in 1 / T.
 
-    z is the largest angle of the shape that buckles; c is negative where the bent equilibria
-    attract. Of a pipe that nothing damps it is that of z'' in place of z'.
+    The amplitude z is the largest angle of the shape that buckles, in rad; c is negative where the
+    bent equilibria attract. For a pipe that nothing damps, z'' stands in place of z'.
 
     Raises:
         NotConverged: if differences do not converge.
@@ -595,7 +619,7 @@ def static_cubic(model: Model, u: float) -> float:
     terms = float(np.abs(weight) @ np.abs(a) @ np.abs(shape))
     size = float(np.abs(weight) @ np.abs(second[0]) @ np.abs(shape))
     rounding = np.finfo(float).eps * terms / steps**2
-    value, error = _extrapolated([complex(one) for one in values], rounding)
+    value, error = _neville_limit([complex(one) for one in values], rounding)
     if not error <= 1e-3 * size:
         raise NotConverged(
             f"the third derivatives at the divergence at u = {u:g} do not converge: "
@@ -605,12 +629,15 @@ def static_cubic(model: Model, u: float) -> float:
 
 
 def with_drag(model: Model, drag: float) -> VectorField:
-    """The motion of a model with another drag."""
+    """Equations of motion of a model whose drag is replaced by another."""
     return VectorField(model.with_pipe(replace(model.pipe, drag=drag)))
 
 
 def _slope(motion: VectorField, rest: Array, u: float, form: NormalForm) -> complex:
-    """D lambda / du of the pair, the equilibrium moving with the speed where it does."""
+    """Derivative of the pair's eigenvalue by the speed.
+
+    It includes what the equilibrium's own change with the speed contributes.
+    """
     force = motion.by_speed(rest[:, None], u)[:, 0]
     moved = np.zeros_like(rest)
     if np.abs(force).max() > 1e-10 * (1.0 + u):
@@ -622,23 +649,23 @@ def _slope(motion: VectorField, rest: Array, u: float, form: NormalForm) -> comp
 def _mean_drag(
     model: Model, smooth: VectorField, rest: Array, u: float, form: NormalForm
 ) -> tuple[complex, float]:
-    """Mean of drag over one turn of the mode, d of the module's head, and its error.
+    """Mean of drag over one period of the mode, d of this module's docstring, and its error.
 
-    It is 0 without drag, or where the mode moves without.
+    It is 0 without drag, and where drag does not act on the mode.
     """
-    # Less acts only at amplitudes that are 0 to any accuracy, and its law overflows.
+    # A smaller drag decides only at amplitudes that are 0 to any accuracy, and its law overflows.
     if model.pipe.drag < 1e-100:
         return 0j, 0.0
-    # At a small amplitude r terms of higher degree are r^2 of the mean, and with a coefficient of
-    # 1 / r drag is as large as the linear forces, whose rounding it would be lost in.
+    # At a small amplitude r, terms of higher degree are r^2 of the mean. The drag is multiplied by
+    # 1 / r: then it is as large as the linear forces, in whose rounding it would be lost otherwise.
     r = 1e-6 / model.largest_angle(form.right[: smooth.half])
     strong = with_drag(model, 1.0 / r)
-    turn = np.exp(1j * np.linspace(0.0, 2.0 * np.pi, 8192, endpoint=False))  # kinks ask for many
+    turn = np.exp(1j * np.linspace(0.0, 2.0 * np.pi, 8192, endpoint=False))  # kinks need many
     line = np.outer(form.right.real, turn.real) - np.outer(form.right.imag, turn.imag)
     y = np.ascontiguousarray(rest[:, None] + r * line)
     means = 2.0 * (form.left.conj() @ (strong(y, u) - smooth(y, u))) * turn.conj() / r
     value = complex(np.mean(means))
-    # What kinks leave of a mean over a quarter of the phases, and rounding.
+    # The error is the difference from a mean over a quarter of the phases, plus rounding.
     error = abs(complex(np.mean(means[::4])) - value) + 1e-9 * abs(value)
     if abs(value) <= 1e-12 * form.frequency:
         value = 0j
@@ -646,7 +673,10 @@ def _mean_drag(
 
 
 def _tip_of(motion: VectorField, rest: Array, mode: Complex) -> complex:
-    """Transverse displacement of the free end to first order: its velocity if p' is the mode."""
+    """Transverse displacement of the free end in a mode, to first order.
+
+    It is computed as the velocity of the free end for rates p' that are the mode's coordinates.
+    """
     half, model = motion.half, motion.model
     parts = np.stack([mode.real, mode.imag])[:, :half]
     q, rates = model.recorded(np.stack([rest[:half]] * 2), parts)
@@ -661,10 +691,10 @@ class CriticalityCurve(TableResult, units={"folds": SPEED}):
     """Onsets of flutter against a parameter.
 
     Attributes:
-        values: the parameter, shape (S,).
-        onsets: Hopf at each value, None where the point failed.
-        failures: the points that failed, with what they raised: `NoHopf` where stability is lost
-            otherwise, `NoCrossing` where it is not lost.
+        values: values of the parameter, shape (S,).
+        onsets: the Hopf at each value, None where the point failed.
+        failures: points that failed, with what they raised: `NoHopf` where stability is not lost by
+            flutter, `NoCrossing` where it is not lost.
         pipes: the pipe at each value, None where there is no model.
     """
 
@@ -685,25 +715,25 @@ class CriticalityCurve(TableResult, units={"folds": SPEED}):
 
     @property
     def subcritical(self) -> NDArray[np.bool_]:
-        """Where the cycle that emerges repels, so that flutter is large at once, shape (S,)."""
+        """Whether the cycle that emerges repels, so that flutter is large at once, shape (S,)."""
         kinds = [getattr(one, "criticality", None) for one in self.onsets]
         return np.array([kind == "subcritical" for kind in kinds])
 
     @property
     def folds(self) -> Array:
-        """Speeds of `Hopf.fold`, shape (S,), NaN for none.
+        """Speeds of `Hopf.fold`, shape (S,), NaN where there is none.
 
-        With drag an onset may be supercritical, but its cycles turn back at this speed, beyond
-        which flutter is large at once. Under weak drag that is hardly above the onset.
+        With drag an onset may be supercritical and yet its cycles turn back at this speed, beyond
+        which flutter is large at once. Under weak drag this speed is hardly above the onset.
         """
         return of_each(self.onsets, "fold")
 
     @property
     def changes(self) -> Array:
-        """Neighbouring values between which onsets change side, shape (C, 2).
+        """Neighbouring values between which the criticality of the onset changes, shape (C, 2).
 
-        Either the leading coefficient passes 0 there (a Bautin point), which `laws` that grow
-        without bound show, or the onset passes to another mode.
+        Either the leading coefficient passes 0 there (a Bautin point), near which `laws` grow
+        without bound, or the onset passes to another mode.
         """
         known, side = ~np.isnan(self.speeds), self.subcritical
         at = np.flatnonzero(known[:-1] & known[1:] & (side[:-1] != side[1:]))
@@ -728,7 +758,7 @@ class CriticalityCurve(TableResult, units={"folds": SPEED}):
         return first_known(self.pipes) or super()._pipe()
 
     def _scales(self) -> Any:
-        """Of each point, whose pipe may be another."""
+        """Scales of each point, as each may have another pipe."""
         return scales_of_each(self.pipes, self.onsets)
 
 
@@ -745,10 +775,10 @@ def criticality_curve(
     """Whether flutter at the critical speed is supercritical, against any parameter.
 
     Args:
-        make_model: the model at a value of the parameter; called in this process, so a lambda will
-            do. Of a map over two parameters it is a row.
-        values: the parameter, shape (S,).
-        executor: a `concurrent.futures.Executor` that takes the points. Those that it does not
+        make_model: makes the model at a value of the parameter; it is called in this process, so a
+            lambda will do. A map over two parameters consists of one such curve for each row.
+        values: values of the parameter, shape (S,).
+        executor: a `concurrent.futures.Executor` that computes the points. Points that it does not
             answer, since a worker died or it is broken or shut down, fail.
         progress: show progress on stderr.
 

@@ -2,10 +2,10 @@
 """Where a pulsating flow makes two modes of the straight pipe grow together, at one amplitude.
 
 Two multipliers can leave the unit circle away from 1 and -1 only where they meet. So the phases of
-a few modes' multipliers are followed over the frequency, and wherever two of them pass each other
-the frequency at which they do is approached until a motion grows there, or it is known that none
-does in more than the thinnest region. Of a conservative pipe only multipliers of opposite Krein
-signature can leave the circle.
+the multipliers of a few modes are followed over the frequency. Wherever two phases pass each other,
+the frequency at which they do is approached until a motion grows there, or until it is known that
+motions grow at most in a region too thin to count. In a conservative pipe only multipliers of
+opposite Krein signature can leave the circle.
 
 Source: Yakubovich and Starzhinskii (1975), Linear differential equations with periodic
 coefficients, for the signature.
@@ -27,36 +27,38 @@ from pipedyn.orbits.magnus import exponentials
 from pipedyn.util.check import Array
 
 GROWS, GROWS_SHARP = 1e-5, 1e-7
-"""By how much a multiplier is larger than 1 where a motion grows: of damped pipes, and of those
-without damping, whose multipliers lie on the circle but for rounding."""
+"""Excess of a multiplier's modulus over 1 beyond which its motion counts as growing, in damped
+pipes and in pipes without damping, whose multipliers lie on the circle but for rounding."""
 
 GAUSS = np.array([-0.5, 0.5]) / math.sqrt(3.0)
-"""Places of two nodes of Gauss-Legendre quadrature about the middle of an interval of length 1."""
+"""Two nodes of Gauss-Legendre quadrature, from the middle of an interval of length 1, (2,)."""
 
-PARTS = 48
-"""Parts of a period: they misplace regions by some 1e-5, which the roots do not depend on."""
+PERIOD_PARTS = 48
+"""Intervals of a period in the integration of the multipliers. They misplace regions by some 1e-5,
+on which the edges, roots of Hill's determinant, do not depend."""
 
-TURN = 0.15
-"""Largest change of a multiplier's phase from one frequency to the next, rad."""
+PHASE_STEP = 0.15
+"""Largest change of a multiplier's phase from one frequency to the next, in rad."""
 
-NEAR = 0.6
-"""Distance of two phases beyond which they do not pass each other from one to the next."""
+LARGEST_GAP = 0.6
+"""Largest distance of two phases, in rad, at which they may pass each other before the next
+frequency."""
 
-FINEST = 1e-8
-"""Relative distance of frequencies at which the approach of a meeting of two phases ends."""
+CLOSEST_FREQUENCIES = 1e-8
+"""Relative distance of two frequencies at which the approach to a meeting of two phases ends."""
 
 
 @dataclass(frozen=True)
 class Multipliers:
-    """Those off the real axis, at a frequency of the flow.
+    """Floquet multipliers off the real axis at a frequency of the flow.
 
     Attributes:
-        frequency: of the flow.
-        values: shape (m,).
-        right, left: eigenvectors, (n, m) and (m, n), with left @ right = 1.
-        signs: Krein signatures of those of a conservative pipe, otherwise 0, (m,).
-        growing: how many are larger than 1.
-        real: of the largest on the real axis, its sign if that grows, otherwise 0.
+        frequency: frequency of the flow.
+        values: the multipliers, shape (m,).
+        right, left: their eigenvectors, (n, m) and (m, n), with left @ right = 1.
+        signs: their Krein signatures in a conservative pipe, otherwise 0, shape (m,).
+        growing: number of them with a modulus larger than 1.
+        real: sign of the largest multiplier on the real axis if its motion grows, otherwise 0.
     """
 
     frequency: float
@@ -69,27 +71,29 @@ class Multipliers:
 
     @property
     def nu(self) -> float:
-        """Frequency of the motion with the largest one."""
+        """Frequency nu of the motion with the largest multiplier, at most half of the flow's."""
         if not self.values.size:
             return 0.0
         best = self.values[int(np.argmax(np.abs(self.values)))]
         return abs(float(np.angle(best))) / (2.0 * math.pi) * self.frequency
 
 
-End = tuple[Multipliers, Multipliers]
-"""Next to the end of an interval of frequencies, outside and inside of it."""
+GrowthEnd = tuple[Multipliers, Multipliers]
+"""Multipliers next to an end of an interval of frequencies, outside and inside of it."""
 
 
 @dataclass(frozen=True)
 class Growth:
-    """An interval of frequencies in which motions grow, of few modes.
+    """An interval of frequencies in which motions of a few modes grow.
+
+    Every attribute has two entries, for the interval's lower and upper end.
 
     Attributes:
-        outside, inside: frequencies next to its lower and upper end.
-        nus: of the motions that grow inside.
-        axis: 0 where two multipliers meet on the unit circle there, 1 or -1 where it is one on the
-            real axis that passes this.
-        bounded: whether it ends there, or the search does.
+        outside, inside: frequencies next to the end, on either side of it.
+        nus: frequencies nu of the growing motions next to the end.
+        axis: 0 where two multipliers meet on the unit circle at the end, 1 or -1 where a multiplier
+            on the real axis passes this value there.
+        bounded: whether the interval ends there; if not, the range of the search does.
     """
 
     outside: tuple[float, float]
@@ -100,15 +104,15 @@ class Growth:
 
 
 class FewModes:
-    """The lowest modes of a pulsating pipe, at one amplitude: multipliers at many frequencies.
+    """Multipliers of the lowest modes of a pulsating pipe at one amplitude and many frequencies.
 
-    The equations y' = A y of states are projected on the eigenvectors of their mean, from the left
-    and from the right, so that the modes are coupled by what changes in time only.
+    The equations y' = A(t) y of states are projected on the left and right eigenvectors of the mean
+    of A, so that only the part of A that changes in time couples the modes.
 
     Args:
-        hill: the equations.
-        amplitude: of the pulsation.
-        low, high: range of frequencies.
+        hill: Hill's equations of the pipe.
+        amplitude: amplitude of the pulsation relative to the mean speed.
+        low, high: range of frequencies of the pulsation.
     """
 
     def __init__(self, hill: Hill, amplitude: float, low: float, high: float) -> None:
@@ -123,10 +127,10 @@ class FewModes:
         count = int(np.count_nonzero((values.imag > 0.0) & (np.abs(values) < highest)))
         kept = order[: min(max(count + 3, 6), 10, turning)]
         left = np.linalg.inv(right)[kept].T
-        # Motions of modes beyond Hill's harmonics are not looked for.
+        # Motions of modes whose frequencies lie beyond Hill's harmonics are not looked for.
         self._seen = values.imag[kept] <= reach
         self.fastest = float(values.imag[kept][self._seen].max(initial=0.0))
-        # Of a pair x + i y with x' = Re, y' = Im of what the mode's amplitude does.
+        # The complex amplitude of each mode is written as two real coordinates.
         right, left = right[:, kept], 2.0 * left
         basis = np.concatenate([right.real, right.imag], axis=1)
         rows = np.concatenate([left.real, -left.imag], axis=1)
@@ -136,16 +140,16 @@ class FewModes:
         if hill.is_hermitian:
             form = np.kron([[0.0, 1.0], [-1.0, 0.0]], pipe.mass)
             self._form = basis.T @ form @ basis
-        phases = 2.0 * math.pi * (np.arange(PARTS) + 0.5 + GAUSS[:, None]) / PARTS
+        phases = 2.0 * math.pi * (np.arange(PERIOD_PARTS) + 0.5 + GAUSS[:, None]) / PERIOD_PARTS
         speed = pipe.mean * (1.0 + amplitude * np.cos(phases))
         rate = -pipe.mean * amplitude * np.sin(phases)
-        self._still = np.tensordot(speed[..., None] ** np.arange(3), self._parts[:3], 1)
-        self._moving = rate[..., None, None] * self._parts[3]
+        self._steady = np.tensordot(speed[..., None] ** np.arange(3), self._parts[:3], 1)
+        self._unsteady = rate[..., None, None] * self._parts[3]
 
     def at(self, frequency: float) -> Multipliers:
-        """Multipliers at a frequency of the flow."""
-        rates = self._still + frequency * self._moving
-        first, second = (2.0 * math.pi / (frequency * PARTS)) * rates
+        """Multipliers at a frequency of the flow, by Magnus' series to fourth order."""
+        rates = self._steady + frequency * self._unsteady
+        first, second = (2.0 * math.pi / (frequency * PERIOD_PARTS)) * rates
         turned = second @ first - first @ second
         factors = exponentials(0.5 * (first + second) + math.sqrt(3.0) / 12.0 * turned)
         while len(factors) > 1:
@@ -176,12 +180,12 @@ class FewModes:
     def unstable(self, low: float, high: float) -> list[Growth]:
         """Intervals of frequencies in which multipliers off the real axis are larger than 1."""
         turns = 2.0 * math.pi * self.fastest * (1.0 / low - 1.0 / high)
-        every = np.linspace(1.0 / high, 1.0 / low, math.ceil(turns / TURN) + 8)
+        every = np.linspace(1.0 / high, 1.0 / low, math.ceil(turns / PHASE_STEP) + 8)
         seen = [self.at(w) for w in (1.0 / every[::-1]).tolist()]
         seen = _sorted(seen + [one for a, b in pairwise(seen) for one in self._between(a, b)])
         seen = _sorted(seen + [one for a, b in pairwise(seen) for one in self._apart(a, b)])
-        found = list[tuple[End, End]]()
-        begin: End | None = None
+        found = list[tuple[GrowthEnd, GrowthEnd]]()
+        begin: GrowthEnd | None = None
         for a, b in pairwise(seen):
             if not a.growing and b.growing:
                 begin = self._end(a, b)
@@ -190,18 +194,21 @@ class FewModes:
                 begin = None
         if begin:
             found.append((begin, (seen[-1], seen[-1])))
-        whole = list[tuple[End, End]]()
+        whole = list[tuple[GrowthEnd, GrowthEnd]]()
         for lower, upper in found:
             if whole and _axis(whole[-1][1]) and _axis(lower):
                 ends = whole[-1][1][0].frequency, lower[0].frequency
                 if all(one.real for one in seen if ends[0] <= one.frequency <= ends[1]):
-                    lower = whole.pop()[0]  # between, both are on the real axis
+                    lower = whole.pop()[0]  # between them, two multipliers are on the real axis
             whole.append((lower, upper))
         back = seen[::-1]
-        return [_growth(self._beyond(a, back), self._beyond(b, seen)) for a, b in whole]
+        return [_growth_interval(self._beyond(a, back), self._beyond(b, seen)) for a, b in whole]
 
-    def _beyond(self, end: End, seen: list[Multipliers]) -> tuple[End, int]:
-        """The end of an interval of growth that goes on with multipliers on the real axis."""
+    def _beyond(self, end: GrowthEnd, seen: list[Multipliers]) -> tuple[GrowthEnd, int]:
+        """The end of an interval of growth if growth goes on with a multiplier on the real axis.
+
+        Second comes the sign of that multiplier, or 0, with the end unchanged, if there is none.
+        """
         axis = _axis(end)
         if not axis:
             return end, 0
@@ -224,8 +231,8 @@ class FewModes:
                 outside = middle
         return (outside, inside), axis
 
-    def _end(self, outside: Multipliers, inside: Multipliers) -> End:
-        """Frequencies near the end of an interval of growth, from both sides."""
+    def _end(self, outside: Multipliers, inside: Multipliers) -> GrowthEnd:
+        """Multipliers next to the end of an interval of growth, narrowed down by bisection."""
         for _ in range(12):
             middle = self.at(0.5 * (outside.frequency + inside.frequency))
             if middle.growing:
@@ -235,22 +242,26 @@ class FewModes:
         return outside, inside
 
     def _between(self, a: Multipliers, b: Multipliers) -> Iterator[Multipliers]:
-        """Where motions grow between two frequencies at which none does."""
+        """Multipliers where motions grow between two frequencies at which no motion grows."""
         if a.growing or b.growing:
             return
-        onto = _matched(a, b)
+        onto = _same_multipliers(a, b)
         for i, j in combinations(np.flatnonzero(onto >= 0).tolist(), 2):
             if self._form is not None and a.signs[i] == a.signs[j]:
                 continue
-            # Nor of a conjugate pair, nor one whose conjugates are met as well.
+            # A conjugate pair meets on the real axis, and of two meetings that are conjugate one is
+            # enough.
             if a.values[i] == a.values[j].conj() or a.values[i].imag + a.values[j].imag < 0.0:
                 continue
             gaps = _gap(a, i, j), _gap(b, int(onto[i]), int(onto[j]))
-            if gaps[0] * gaps[1] < 0.0 and max(map(abs, gaps)) < NEAR:
+            if gaps[0] * gaps[1] < 0.0 and max(map(abs, gaps)) < LARGEST_GAP:
                 yield from self._meeting(a, b, (i, j))
 
     def _apart(self, a: Multipliers, b: Multipliers) -> list[Multipliers]:
-        """Between two frequencies at which other motions grow, as there may be none between."""
+        """Multipliers at frequencies between two at which different motions grow.
+
+        There may be frequencies between them at which no motion grows.
+        """
         if not (a.growing and b.growing) or abs(a.nu / a.frequency - b.nu / b.frequency) < 0.01:
             return []
         return [self.at(w) for w in np.linspace(a.frequency, b.frequency, 6)[1:-1].tolist()]
@@ -258,8 +269,8 @@ class FewModes:
     def _meeting(
         self, a: Multipliers, b: Multipliers, pair: tuple[int, int]
     ) -> Iterator[Multipliers]:
-        """Where two multipliers pass each other, if they grow there."""
-        onto = _matched(a, b)
+        """Multipliers about the frequency at which two pass each other, if motions grow there."""
+        onto = _same_multipliers(a, b)
         other = int(onto[pair[0]]), int(onto[pair[1]])
         for _ in range(30):
             gaps = _gap(a, *pair), _gap(b, *other)
@@ -269,9 +280,9 @@ class FewModes:
             if middle.growing:
                 yield from (a, middle, b)
                 return
-            if width < FINEST * b.frequency:
+            if width < CLOSEST_FREQUENCIES * b.frequency:
                 return
-            onto = _matched(a, middle)
+            onto = _same_multipliers(a, middle)
             here = int(onto[pair[0]]), int(onto[pair[1]])
             if min(here) < 0:
                 return
@@ -282,19 +293,20 @@ class FewModes:
 
 
 def _sorted(seen: list[Multipliers]) -> list[Multipliers]:
-    """By rising frequency, each once."""
+    """Multipliers by rising frequency of the flow, with each frequency once."""
     return [one for _, one in sorted({one.frequency: one for one in seen}.items())]
 
 
-def _axis(end: End) -> int:
-    """Side of the real axis on which the largest multiplier ends there, 0 on the unit circle."""
+def _axis(end: GrowthEnd) -> int:
+    """Sign of the real multiplier with which an interval of growth goes on; 0 if it ends."""
     outside, inside = end
     best = inside.values[int(np.argmax(np.abs(inside.values)))]
     on_axis = abs(best) - 1.0 > abs(best.imag)
     return outside.real if on_axis and outside is not inside and best.real * outside.real > 0 else 0
 
 
-def _growth(low: tuple[End, int], high: tuple[End, int]) -> Growth:
+def _growth_interval(low: tuple[GrowthEnd, int], high: tuple[GrowthEnd, int]) -> Growth:
+    """The interval between two ends, each with the sign that `_beyond` gives."""
     (below, first), (above, last) = low, high
     return Growth(
         outside=(below[0].frequency, above[0].frequency),
@@ -306,12 +318,12 @@ def _growth(low: tuple[End, int], high: tuple[End, int]) -> Growth:
 
 
 def _gap(one: Multipliers, i: int, j: int) -> float:
-    """By how much the phase of one is ahead of that of another, in (-pi, pi]."""
+    """Phase of multiplier i less that of multiplier j, in (-pi, pi]."""
     return float(np.angle(one.values[i] * one.values[j].conj()))
 
 
-def _matched(a: Multipliers, b: Multipliers) -> NDArray[np.int_]:
-    """For each at a frequency which it is at another, by eigenvectors; -1 where it is none."""
+def _same_multipliers(a: Multipliers, b: Multipliers) -> NDArray[np.int_]:
+    """Index in b of each multiplier of a, matched by eigenvectors, (m,); -1 where none matches."""
     onto = np.full(a.values.size, -1)
     if not a.values.size or not b.values.size:
         return onto

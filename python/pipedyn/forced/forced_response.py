@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: MIT
 """Periodic motions of finite amplitude of a pipe whose base oscillates or whose flow pulsates.
 
-They are found by the collocation that limit cycles are, with the period given and no condition on
-the phase, and followed in the frequency past folds. What a moving base does begins with the linear
-response. In a pulsating flow rest is a motion, too; others branch off it on the edges of parametric
-regions, with the period of the flow (harmonic) or twice that (subharmonic).
+They are found by collocation, as limit cycles are, but with the period given and no condition on
+the phase, and are followed in the frequency past folds. With a moving base, a branch begins near
+the linear response. In a pulsating flow rest is a motion, too; other motions branch off it on the
+edges of parametric regions, with the period of the flow (harmonic) or twice that (subharmonic).
 """
 
 from __future__ import annotations
@@ -60,27 +60,30 @@ from pipedyn.util.parallel import track
 from pipedyn.util.result import Result, TableResult, joined
 from pipedyn.util.threads import one_thread
 
-LARGEST = 60
-"""Degrees of freedom: a motion takes some 0.1 s for 20 of them, and a branch has some 50."""
+FORCED_DOF = 60
+"""Most degrees of freedom: with 20 of them a motion takes some 0.1 s, and a branch has some 50."""
 
 MOST_STEPS = 400
-"""Steps along a branch, the longest of which are 0.15 in amplitude or in the frequency's share."""
+"""Most steps along a branch. The longest are 0.15 in amplitude or in the relative frequency."""
 
 UNKNOWN = 1e-3
-"""Of multipliers whose error is not known, as they hardly converge: what is taken for it."""
+"""Largest error of multipliers that is allowed for when a modulus is compared with 1. Multipliers
+that hardly converge have a larger estimate, or none."""
 
 SETTLING = (10, 20, 40, 80)
-"""Periods of a motion from rest, after each of which it is looked at: 1 s of a chain of 4."""
+"""Numbers of periods, one after the other, after which it is checked whether a motion from rest
+repeats. All of them take 1 s for a chain of four segments."""
 
 REACH = 10.0
-"""What a step is measured by, in amplitudes of the motion that a moving base begins with, but 1 L
-at most: resonances that a stop or a fixed end bends over may be small."""
+"""Amplitude by which steps are measured, as a multiple of that of the first motion of a moving
+base. It is 1 L at most, as resonances that a stop or a fixed end bends over may be small."""
 
 REPEATS = 0.02
-"""Share of its swing to which a motion has come back when Newton's method takes over."""
+"""Difference of a state after one period, as a share of the motion's range, at which Newton's
+method takes over."""
 
 HARMONICS = 8
-"""Of Hill's equations, for the motions in which branches leave rest."""
+"""Number of harmonics in Hill's equations for the motions in which branches leave rest."""
 
 
 # -------------------------------------------------------------------------------------- results
@@ -103,17 +106,17 @@ class ForcedMotion(Trajectory, TableResult):
     Attributes:
         amplitude: half the peak-to-peak transverse motion of the free end relative to the base,
             in L.
-        frequency: angular, of the forcing, in 1 / T.
-        period: of the motion, in T: one of the forcing, or two if it is subharmonic.
+        frequency: angular frequency of the forcing, in 1 / T.
+        period: period of the motion, in T: one of the forcing, or two if it is subharmonic.
         multipliers: Floquet multipliers over this period, complex, shape (2 dof,), the largest
             modulus first.
-        stable: whether none exceeds 1 in modulus by more than 1e-6 or three times what it is known
-            to. Of a pipe that nothing damps they have the modulus 1: motions nearby then neither
-            grow nor decay.
+        stable: whether no multiplier's modulus exceeds 1 by more than 1e-6 or three times its
+            error. For a pipe that nothing damps they have the modulus 1: motions nearby then
+            neither grow nor decay.
         t: times from a crest of the forcing to the period, shape (S,).
         q, qdot: coordinates and rates, shape (S, coordinates).
         u: flow speed, or the pulsation.
-        error: of the amplitude, relative, estimated by refinement.
+        error: relative error of the amplitude, estimated by refinement.
         residual: largest |dy/dt - f(y)| half-way between the stages at which the equations were
             solved, relative to the largest |f|, of the accelerations.
         model: the model.
@@ -142,15 +145,15 @@ class ForcedMotion(Trajectory, TableResult):
 
 @saved_as("ForcedEvent")
 class ForcedEvent(Result):
-    """Where a branch changes.
+    """Event at which a branch of forced motions changes.
 
     Attributes:
         kind: "fold", where the frequency turns back; "pitchfork", "period doubling" or "torus",
             where a multiplier passes the unit circle; "grazing", where the motion begins or ceases
             to touch a stop; or "end", where the branch left its range, came to rest or was lost, as
-            its `failure` says.
-        frequency: angular, of the forcing.
-        amplitude: of the free end, in L.
+            the branch's `failure` says.
+        frequency: angular frequency of the forcing, in 1 / T.
+        amplitude: amplitude of the free end, in L.
     """
 
     kind: EventKind
@@ -160,19 +163,18 @@ class ForcedEvent(Result):
 
 @saved_as("ForcedBranch", shapes={"P": "frequency amplitude largest stable"})
 class ForcedBranch(TableResult):
-    """Motions along one branch, in the order in which it was followed.
-
-    Its events are among them.
+    """Motions along one branch, in the order in which it was followed, with those at its events.
 
     Attributes:
-        kind: "base"; or what leaves rest in a pulsating flow, "subharmonic" or "harmonic".
-        frequency: angular, of the forcing, shape (P,).
+        kind: "base" with a moving base; "subharmonic" or "harmonic" for a branch that leaves rest
+            in a pulsating flow.
+        frequency: angular frequency of the forcing, in 1 / T, shape (P,).
         amplitude: half the peak-to-peak transverse motion of the free end relative to the base, in
             L, shape (P,).
         largest: modulus of the largest multiplier, shape (P,); 1 at events and in rest.
-        stable: whether that is at most 1 but for what it is known to, as of a `ForcedMotion`, and
+        stable: whether that modulus is at most 1 within its error, as for a `ForcedMotion`, and
             False at events, shape (P,).
-        events: in the order in which they are met.
+        events: events, in the order in which the branch meets them.
         failure: where the branch was lost, and why; None where it left its range or came to rest.
     """
 
@@ -187,7 +189,11 @@ class ForcedBranch(TableResult):
     motion: ForcedField = field(repr=False, compare=False)
 
     def at(self, frequency: float, rtol: float = 1e-6, samples: int = 257) -> list[ForcedMotion]:
-        """The motions at a frequency of the forcing, to a relative tolerance of the amplitude."""
+        """Motions of the branch at a frequency of the forcing.
+
+        Their amplitudes are computed to the relative tolerance `rtol`, their states at `samples`
+        times.
+        """
         omega = check.real("frequency", frequency, low=0.0, open_low=True) / self.motion.order
         found = list[ForcedMotion]()
         with one_thread(self.motion.size):
@@ -201,7 +207,7 @@ class ForcedBranch(TableResult):
                                 f"no motion was found at a frequency of {frequency:g} though the "
                                 f"{self.kind} branch passes it: {reason}"
                             ) from None
-                        found.append(_described(self.motion, orbit, rtol, samples))
+                        found.append(_refined_motion(self.motion, orbit, rtol, samples))
         return found
 
     def _columns(self) -> dict[str, Any]:
@@ -218,8 +224,8 @@ class ForcedResponse(TableResult):
     """Periodic motions over the frequency of the forcing.
 
     Attributes:
-        branches: each followed from one end. Where that of a moving base was lost on its way from
-            the lowest frequency there is another from the highest.
+        branches: branches, each followed from one end. Where the branch of a moving base was lost
+            on its way from the lowest frequency, there is another from the highest.
         forcing: amplitude and direction of the base's motion, or mean and amplitude of the flow's.
         u: flow speed, in a pulsating flow its mean.
         model: the model.
@@ -234,7 +240,7 @@ class ForcedResponse(TableResult):
 
     @property
     def failures(self) -> tuple[Failure, ...]:
-        """Branches that were lost: their place, the frequency there, and why."""
+        """Branches that were lost: their index, the frequency at which they were lost, and why."""
         return tuple(
             Failure(i, float(branch.frequency[-1]), branch.failure)
             for i, branch in enumerate(self.branches)
@@ -242,14 +248,14 @@ class ForcedResponse(TableResult):
         )
 
     def at(self, frequency: float, rtol: float = 1e-6, samples: int = 257) -> list[ForcedMotion]:
-        """The motions at a frequency of the forcing, the largest first.
+        """Motions at a frequency of the forcing, the largest first.
 
-        Where `failures` has any, there may be more of them.
+        Where `failures` has any, there may be more motions.
 
         Args:
-            frequency: angular, in 1 / T, within the range that branches were followed in.
+            frequency: angular frequency, in 1 / T, within the range in which branches are followed.
             rtol: relative tolerance of the amplitude, in [1e-10, 1e-2].
-            samples: number of states given, from the start of the period to its end.
+            samples: number of states of each motion, from the start of the period to its end.
 
         Raises:
             NotConverged: if a motion does not meet the tolerance, or there is none and a branch was
@@ -283,18 +289,18 @@ def forced_response(
     Args:
         model: chain, reduced model or scene, up to 60 degrees of freedom.
         u: flow speed >= 0; or a `Pulsation`, whose mean and amplitude stay while its frequency
-            varies. Its motions branch off rest on the edges of parametric regions, and the pipe
+            varies. Then motions branch off rest on the edges of parametric regions, and the pipe
             must be stable at the mean speed.
-        base: transverse motion of the base, whose amplitude stays while its frequency varies.
-            Needed unless the flow pulsates, and not taken if it does.
-        frequencies: range (low, high) of the forcing's angular frequency, low > 0, or more in
-            increasing order, from the first to the last; where not given, near the frequency of
-            base or pulsation.
+        base: transverse motion of the base, whose amplitude stays while its frequency varies. It
+            must be given unless the flow pulsates, and must not be given if it does.
+        frequencies: range (low, high) of the forcing's angular frequency, low > 0, or several
+            frequencies in increasing order, of which the first and last are the range; where not
+            given, it is 1 % about the frequency of base or pulsation.
         progress: show progress on stderr.
 
     Returns:
         ForcedResponse; `at(frequency)` gives the motions at one frequency, with their error. A
-        branch that is lost is named in `failures`, what was found of it is kept.
+        branch that is lost is named in `failures`, and the part of it that was found is kept.
 
     Example:
         >>> model = pp.Galerkin(pp.Pipe(0.2, damping=0.002), 4)
@@ -311,7 +317,7 @@ def forced_response(
     Source: Doedel, Keller and Kernevez (1991), as for `limit_cycle`; Nayfeh and Mook (1979),
     Nonlinear oscillations, for what is to be expected.
     """
-    model = checked_model_in_motion(model, largest=LARGEST, purpose="forced_response")
+    model = checked_model_in_motion(model, largest=FORCED_DOF, purpose="forced_response")
     forcing = _checked_forcing(u, base)
     mean = forcing.mean if isinstance(forcing, Pulsation) else u
     speed = steady_speed("u", mean, high=largest_speed(model))
@@ -336,7 +342,7 @@ def forced_response(
             orbit = begin.start.orbit
             first = orbit.frequency * begin.motion.order
             if orbit.size == 0.0 and any(_ends_at(one, first) for one in branches):
-                continue  # from the other edge it was followed to here
+                continue  # the branch was followed to here from the region's other edge
             branches.append(_branch(begin, shown))
     return ForcedResponse(
         branches=tuple(branches),
@@ -348,6 +354,7 @@ def forced_response(
 
 
 def _checked_forcing(u: Any, base: Any) -> Pulsation | Harmonic:
+    """The forcing that u and base stand for; raises ValueError or TypeError where they are bad."""
     if isinstance(u, Pulsation):
         if base is not None:
             raise ValueError("base must not be given where the flow pulsates")
@@ -372,9 +379,10 @@ class Begin:
     """Where a branch of forced motions begins, and where it ends.
 
     Attributes:
-        kind, motion: of the branch.
-        start: the motion that it leaves, with its first step.
-        window: range of forcing frequencies within which it is followed.
+        kind: kind of the branch.
+        motion: equations of motion along the branch.
+        start: the motion at which the branch begins, with its first step.
+        window: range of forcing frequencies within which the branch is followed.
         rests: forcing frequencies at which branches of this kind meet rest, rising, shape (E,).
     """
 
@@ -388,7 +396,13 @@ class Begin:
 def _from_base(
     model: Model, u: float, forcing: Harmonic, low: float, high: float, whole: Callable[[], bool]
 ) -> Iterator[Begin]:
-    """From a motion at the lowest frequency; from one at the highest unless that led all along."""
+    """Where branches of a moving base begin: at the lowest frequency, and maybe at the highest.
+
+    The second is needed unless the first branch was followed through the `whole` range.
+
+    Raises:
+        NotConverged: if no motion is found at either.
+    """
     failed, begun = list[str](), False
     for frequency, way in ((low, 1.0), (high, -1.0)):
         motion = ForcedField(model, replace(forcing, frequency=frequency), 1)
@@ -412,7 +426,14 @@ def _from_base(
 
 
 def _first_motion(motion: ForcedField, u: float) -> PeriodicOrbit:
-    """From the linear response, at once or with growing amplitude, or where a motion ends."""
+    """A periodic motion at the frequency of a moving base.
+
+    Newton's method starts from the linear response; where that fails, from the linear response to a
+    small amplitude of the base, which then grows; and at last from where a motion from rest ends.
+
+    Raises:
+        NewtonFailed: if none of these leads to a motion.
+    """
     whole, model, w = motion.forcing, motion.model, motion.forcing.frequency
     assert isinstance(whole, Harmonic)
     answer = model.by_coordinates() @ base_solution(model, u, w)
@@ -451,7 +472,11 @@ def _first_motion(motion: ForcedField, u: float) -> PeriodicOrbit:
 
 
 def _settled(motion: ForcedField, u: float, symmetric: bool) -> PeriodicOrbit:
-    """The motion that one from rest ends in."""
+    """The periodic motion in which a motion from rest ends.
+
+    Raises:
+        NewtonFailed: if it does not repeat, stops, or Newton's method leads elsewhere.
+    """
     model, w = motion.model, motion.forcing.frequency
     period, reason = 2.0 * math.pi / w, "it does not repeat with the period of the base"
     p = motion.resting()
@@ -491,7 +516,7 @@ def _settled(motion: ForcedField, u: float, symmetric: bool) -> PeriodicOrbit:
 def _from_rest(
     model: Model, mean: float, forcing: Pulsation, low: float, high: float
 ) -> Iterator[Begin]:
-    """From rest, on the edges of parametric regions."""
+    """Where branches leave rest in a pulsating flow: on the edges of parametric regions."""
     pipe = PulsatingPipe.of(model.elastic_operators(), mean)
     pipe.require_stable(high)
     hill = Hill(pipe, HARMONICS)
@@ -507,7 +532,14 @@ def _from_rest(
 
 
 def _leaving_rest(motion: ForcedField, hill: Hill, edge: float, mean: float) -> BranchStart:
-    """In the motion that neither grows nor decays on an edge."""
+    """First step from rest, towards the motion that neither grows nor decays on an edge.
+
+    Args:
+        motion: equations of motion at the edge.
+        hill: Hill's equations of the pipe.
+        edge: frequency of the flow on the edge.
+        mean: mean flow speed.
+    """
     model, order, n = motion.model, motion.order, hill.pipe.size
     share = 0.5 if order == 2 else 0.0
     count = 2 * hill.many + (order == 1)
@@ -522,7 +554,7 @@ def _leaving_rest(motion: ForcedField, hill: Hill, edge: float, mean: float) -> 
     w = edge / order
 
     def moved(phases: Array, power: int) -> Array:
-        """Positions, or their derivatives by time, (k, moving)."""
+        """Positions at k phases, or their derivative by time of order `power`, (k, moving)."""
         factors = (1j * turns * w) ** power * np.exp(1j * phases[..., None] * turns)
         return np.asarray((factors @ spread.T).real)
 
@@ -542,34 +574,39 @@ def _leaving_rest(motion: ForcedField, hill: Hill, edge: float, mean: float) -> 
 
 
 @dataclass(frozen=True)
-class _Point:
+class _ForcedPoint:
+    """A point of a branch; at events and in rest its multiplier is 1 and it is not stable."""
+
     frequency: float
     amplitude: float
     largest: float = 1.0
     stable: bool = False
 
 
-def unit_of(error: float) -> float:
-    """By how much the modulus of a multiplier on the unit circle may be off, of their error."""
+def circle_margin(error: float) -> float:
+    """Largest distance from 1 of a multiplier's modulus at which it counts as on the unit circle.
+
+    It is three times the error of the multipliers, between `UNIT` and `UNKNOWN`.
+    """
     return max(UNIT, min(3.0 * error, UNKNOWN))
 
 
-def _point(motion: ForcedField, orbit: PeriodicOrbit) -> _Point:
+def _point_of_orbit(motion: ForcedField, orbit: PeriodicOrbit) -> _ForcedPoint:
     multipliers, _, error = orbit_multipliers(motion, orbit)
     amplitude, largest = amplitude_of(motion, orbit)[0], float(np.abs(multipliers).max())
-    stable = largest <= 1.0 + unit_of(error)
-    return _Point(motion.order * orbit.frequency, amplitude, largest, stable)
+    stable = largest <= 1.0 + circle_margin(error)
+    return _ForcedPoint(motion.order * orbit.frequency, amplitude, largest, stable)
 
 
 def _branch(begin: Begin, shown: bool) -> ForcedBranch:
-    """What a start leads to, until the frequency leaves its window or the motion ends in rest."""
+    """The branch from a start until the frequency leaves its window or the motion comes to rest."""
     kind, motion, (low, high) = begin.kind, begin.motion, begin.window
-    points, events, steps = list[_Point](), list[ForcedEvent](), list[Step]()
+    points, events, steps = list[_ForcedPoint](), list[ForcedEvent](), list[Step]()
     lost: NotConverged | None = None
     if kind == "base":
-        points.append(_point(motion, begin.start.orbit))
+        points.append(_point_of_orbit(motion, begin.start.orbit))
     else:
-        points.append(_Point(motion.order * begin.start.orbit.frequency, 0.0))
+        points.append(_ForcedPoint(motion.order * begin.start.orbit.frequency, 0.0))
 
     def grazes(grazing: Grazing) -> None:
         amplitude, _ = amplitude_of(motion, grazing.middle)
@@ -579,7 +616,7 @@ def _branch(begin: Begin, shown: bool) -> ForcedBranch:
         followed = followed_past_grazing(motion, begin.start, FINE, grazes)
         for step in track(followed, None, "forced response", shown):
             met = None
-            if kind != "base" and steps:  # what leaves rest may come back to it
+            if kind != "base" and steps:  # a branch that leaves rest may come back to it
                 met = meeting(step, "hopf", begin.rests / motion.order, 1e-3)
             if met is not None:
                 if not met.known:
@@ -589,14 +626,14 @@ def _branch(begin: Begin, shown: bool) -> ForcedBranch:
                     )
                 step = met.whole
             found = _events(motion, step) if steps or kind == "base" else []
-            points += [_Point(event.frequency, event.amplitude) for event in found]
+            points += [_ForcedPoint(event.frequency, event.amplitude) for event in found]
             events += found
             steps.append(step)
             end = orbit_at(step, step.length)
-            points.append(_point(motion, end))
+            points.append(_point_of_orbit(motion, end))
             if met is not None:
                 steps.append(met.last)
-                points.append(_Point(motion.order * met.last.end.p, 0.0))
+                points.append(_ForcedPoint(motion.order * met.last.end.p, 0.0))
                 break
             if not low <= motion.order * end.frequency <= high:
                 break
@@ -627,17 +664,21 @@ def _branch(begin: Begin, shown: bool) -> ForcedBranch:
 
 
 def _events(motion: ForcedField, step: Step) -> list[ForcedEvent]:
-    """Folds on a step and what multipliers do that pass the unit circle, along it."""
+    """Folds on a step, and where multipliers pass the unit circle, in their order along it."""
     found = list[tuple[float, EventKind]]()
     turns = folds(step, 1e-4)
     found += [(s, "fold") for s in turns]
 
     @cache
     def multipliers(s: float) -> tuple[Array, Complex, float]:
-        """Logarithms of their moduli, falling, with their roots, and how far 1 is known."""
+        """Logarithms of the multipliers' moduli at arc length s, falling, and what belongs to them.
+
+        Second come the roots of the multipliers in the same order, which `orbit_multipliers`
+        describes, and third the `circle_margin`.
+        """
         values, roots, error = orbit_multipliers(motion, orbit_at(step, s))
         order = np.argsort(-np.abs(values), kind="stable")
-        return np.log(np.maximum(np.abs(values[order]), 1e-300)), roots[order], unit_of(error)
+        return np.log(np.maximum(np.abs(values[order]), 1e-300)), roots[order], circle_margin(error)
 
     around = max(multipliers(s)[2] for s in (0.0, step.length))
 
@@ -647,8 +688,8 @@ def _events(motion: ForcedField, step: Step) -> list[ForcedEvent]:
     for low, high in sign_changes(growth, 0.0, step.length, 1e-3 * step.length):
         if any(low - 0.02 * step.length < s < high + 0.02 * step.length for s in turns):
             continue
-        # The one that passes is the least of those outside: without damping others are on the
-        # circle, and what leaves it little by little, as the amplitude grows, meets none.
+        # The multiplier that passes is the least of those outside. Without damping others lie on
+        # the circle, and one that leaves it little by little as the amplitude grows makes no event.
         outside = max(low, high, key=lambda s: np.count_nonzero(growth(s) > 0.0))
         passing = np.count_nonzero(growth(outside) > 0.0) - 1
         neutral = any(abs(multipliers(s)[0][passing]) <= around for s in (0.0, step.length))
@@ -672,10 +713,14 @@ def _ends_at(branch: ForcedBranch, frequency: float) -> bool:
     return bool(at_rest and abs(branch.frequency[-1] / frequency - 1.0) < 1e-6)
 
 
-def _described(
+def _refined_motion(
     motion: ForcedField, orbit: PeriodicOrbit, rtol: float, samples: int
 ) -> ForcedMotion:
-    """A motion refined until its amplitude converges."""
+    """The forced motion of an orbit whose mesh is refined until the amplitude converges to rtol.
+
+    Raises:
+        NotConverged: if the amplitude is not known to rtol; its `result` has the motion.
+    """
     known: Known
     known, error, reason = refined_until(motion, orbit, 1e-3 * rtol, rtol, min(1e-7, 1e-2 * rtol))
     orbit = known.orbit
@@ -689,7 +734,7 @@ def _described(
         frequency=motion.order * orbit.frequency,
         period=period,
         multipliers=multipliers,
-        stable=bool(np.abs(multipliers).max() <= 1.0 + unit_of(unsure)),
+        stable=bool(np.abs(multipliers).max() <= 1.0 + circle_margin(unsure)),
         t=t,
         q=np.ascontiguousarray(q),
         qdot=np.ascontiguousarray(qdot),

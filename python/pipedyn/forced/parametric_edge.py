@@ -1,10 +1,11 @@
 # SPDX-License-Identifier: MIT
 """Edges of parametric regions as roots of a determinant, followed in the amplitude.
 
-The function f that is followed is the determinant of G, 2 x 2, with [H, B; C^H, 0] [Q; G] = [0; 1].
-Of a pipe that is conservative, or has neither damping nor a Coriolis force, combination regions
-begin where two multipliers meet; there f is real and its derivative by nu vanishes too. Between its
-edges f has a saddle, which is regular however thin the region is: it is followed in their place.
+H is the matrix of Hill's equations. The function f that vanishes on an edge is the determinant of
+G, 2 x 2, with [H, B; C^H, 0] [Q; G] = [0; 1]. In a pipe that is conservative, or has neither
+damping nor a Coriolis force, combination regions begin where two multipliers meet; there f is real
+and its derivative by nu vanishes too. Between the region's edges f has a saddle, which is regular
+however thin the region is: it is followed in place of the edges.
 """
 
 from __future__ import annotations
@@ -33,21 +34,22 @@ from pipedyn.util.newton import NewtonFailed, newton
 
 RegionKind = Literal["subharmonic", "harmonic", "combination"]
 SHARES: dict[RegionKind, float | None] = {"subharmonic": 0.5, "harmonic": 0.0, "combination": None}
-"""nu / w of the edges' motions."""
+"""Ratio nu / w of the motions on the edges of each kind of region; None where it varies."""
 
 CONTROL = Control(longest=0.15, shortest=1e-9, tolerance=1e-11, stagnation=1e-8, turn=0.5)
-"""Steps along an edge, in shares of its frequency and of the largest amplitude."""
+"""How steps along an edge are taken, relative to its frequency and the largest amplitude."""
 
 STARTING = replace(CONTROL, iterations=40)
-"""The same where Newton's method halves the distance to a thin region."""
+"""How Newton's method starts on an edge. It takes more iterations than along the edge, since beside
+a thin region each of them only halves the distance."""
 
 THINNEST = 1e-6
-"""Width of a region, relative to its frequency, below which it is left out."""
+"""Width of a region, relative to its frequency, below which the region is left out."""
 
 
 @dataclass(frozen=True)
 class Changed:
-    """What a change H' of H does: H' Q, H'^H W and G' = -W^H H' Q."""
+    """Products with a derivative H' of H: H' Q, H'^H W and the derivative G' = -W^H H' Q."""
 
     right: Complex
     left: Complex
@@ -55,7 +57,10 @@ class Changed:
 
 
 class Bordered:
-    """[H, B; C^H, 0] [Q; G] = [0; 1] and [H, B; C^H, 0]^H [W; .] = [0; 1] with two columns each."""
+    """Solutions of [H, B; C^H, 0] [Q; G] = [0; 1] and [H, B; C^H, 0]^H [W; .] = [0; 1].
+
+    Q and W have two columns, and G is 2 x 2.
+    """
 
     def __init__(self, h: Complex, b: Complex, c: Complex) -> None:
         n = len(h)
@@ -73,12 +78,18 @@ class Bordered:
         return np.asarray(scipy.linalg.lu_solve(self._lu, right, trans, check_finite=False))
 
     def changed(self, h: Complex) -> Changed:
-        """By a derivative of H."""
+        """Products with a derivative h of H, shape (n, n)."""
         right = h @ self.q
         return Changed(right, h.conj().T @ self.w, -self.w.conj().T @ right)
 
     def second(self, one: Changed, other: Changed, h: Complex) -> Complex:
-        """Second derivative of G, where H has this one."""
+        """Second derivative of G by two numbers.
+
+        Args:
+            one: products with the first derivative of H by one of them.
+            other: products with that by the other.
+            h: second derivative of H by them.
+        """
         last = np.zeros((2, 2))
         both = np.concatenate([np.hstack([other.right, one.right]), np.hstack([last, last])])
         solved = self._solved(both)[:-2]
@@ -86,24 +97,25 @@ class Bordered:
         return np.asarray(found - self.w.conj().T @ (h @ self.q))
 
 
-def mixed(a: Complex, b: Complex) -> complex:
-    """Derivative of det a, 2 x 2, in the direction of b: twice det a if this is a."""
+def det_derivative(a: Complex, b: Complex) -> complex:
+    """Derivative of det a, 2 x 2, in the direction b, which is twice det a where b is a."""
     return complex(a[0, 0] * b[1, 1] + a[1, 1] * b[0, 0] - a[0, 1] * b[1, 0] - a[1, 0] * b[0, 1])
 
 
 class Edge(Continuation):
-    """An edge of a region: unknowns w / scale, of combinations also nu / scale, and the amplitude.
+    """Equations of an edge of a region.
 
-    f = det G vanishes with H, where [H, B; C^H, 0] [Q; G] = [0; 1] with two columns in B and C, as
-    two motions come close to solutions where a region is thin or two regions cross.
+    The unknowns z are w / scale, on combination edges also nu / scale, and the amplitude. On the
+    edge H is singular and f = det G vanishes. B and C have two columns, as two motions come close
+    to solutions where a region is thin or two regions cross.
 
     Args:
-        hill: the equations.
-        kind: of the region.
-        scale: frequency.
-        largest: amplitude, which a step along the edge is measured by.
-        centre: whether not an edge but the middle between both is meant, of a combination region
-            of multipliers that meet on the circle: there f has a saddle, however thin the region.
+        hill: Hill's equations of the pipe.
+        kind: kind of the region.
+        scale: unit of frequency.
+        largest: unit of amplitude in the length of a step along the edge.
+        centre: whether to follow the saddle of f between both edges in place of an edge. This is
+            for combination regions of multipliers that meet on the unit circle.
     """
 
     def __init__(
@@ -120,16 +132,16 @@ class Edge(Continuation):
         self.meeting = share is None and (hill.is_hermitian or hill.is_real)
 
     def _numbers(self, z: Array) -> list[float]:
-        """Of the polynomial: frequency, nu of combinations, amplitude."""
+        """Arguments of the polynomial H: frequency, nu if it is unknown, and amplitude."""
         return [*(self.scale * z[:-1]).tolist(), float(z[-1])]
 
     def _by(self, z: Array, *which: int) -> Complex:
-        """Derivative of H by unknowns."""
+        """Derivative of H by the unknowns whose indices are given, one after the other."""
         scale = self.scale ** np.count_nonzero(np.array(which) < z.size - 1)
         return np.asarray(scale * self._of.by(which, *self._numbers(z)))
 
     def _bordered(self, z: Array) -> Bordered:
-        """The bordered equations at a point."""
+        """The bordered equations at unknowns z."""
         h = self._of(*self._numbers(z))
         if self._border is None:
             left, _, right = np.linalg.svd(h)
@@ -138,19 +150,23 @@ class Edge(Continuation):
         return Bordered(h, *self._border)
 
     def derivatives(self, z: Array, *rows: int) -> tuple[complex, Complex, Complex]:
-        """f, its derivatives by unknowns, (n + 1,), and second ones by some and all of them."""
+        """The function f with its first and second derivatives by the n + 1 unknowns.
+
+        First derivatives have the shape (n + 1,). Second derivatives are those by each unknown in
+        `rows` and by each of all, shape (len(rows), n + 1).
+        """
         at = self._bordered(z)
         first = [at.changed(self._by(z, i)) for i in range(z.size)]
-        by = np.array([mixed(at.g, one.g) for one in first])
+        by = np.array([det_derivative(at.g, one.g) for one in first])
         second = np.empty((len(rows), z.size), dtype=np.complex128)
         for k, i in enumerate(rows):
             for j in range(z.size):
                 both = at.second(first[i], first[j], self._by(z, i, j))
-                second[k, j] = mixed(first[i].g, first[j].g) + mixed(at.g, both)
-        return 0.5 * mixed(at.g, at.g), by, second
+                second[k, j] = det_derivative(first[i].g, first[j].g) + det_derivative(at.g, both)
+        return 0.5 * det_derivative(at.g, at.g), by, second
 
     def residual(self, z: Array) -> tuple[Array, Array]:
-        """What vanishes on the edge, shape (n,), and its derivative, (n, n + 1)."""
+        """Functions that vanish on the edge, shape (n,), and their derivatives, (n, n + 1)."""
         if self.centre:
             _, by, second = self.derivatives(z, 0, 1)
             return by[:2].real, second.real
@@ -162,13 +178,13 @@ class Edge(Continuation):
         return np.array([f.real, f.imag])[:count], np.stack([by.real, by.imag])[:count]
 
     def renew(self, z: Array) -> None:
-        """Takes the null vectors at an edge for the border of the steps from there."""
+        """Makes borders of the null vectors at z, for the steps from there."""
         at = self._bordered(z)
         b, c = np.linalg.qr(at.w)[0], np.linalg.qr(at.q)[0]
         self._border = (c if self.hill.is_hermitian and self.meeting else b), c
 
     def ends(self, z: Array) -> list[Array]:
-        """From a centre to about where both edges are; none where a region is too thin."""
+        """Approximate unknowns of both edges about a centre z; none if the region is too thin."""
         f, _, second = self.derivatives(z, 0, 1)
         (ww, wn, _), (_, nn, _) = second.real.tolist()
         square = -2.0 * f.real / (ww - wn**2 / nn)
@@ -178,7 +194,7 @@ class Edge(Continuation):
         return [z + np.array([way, -way * wn / nn, 0.0]) for way in (-half, half)]
 
     def linearised(self, z: Array) -> Solver:
-        """The equations about unknowns."""
+        """Solver of the equations linearised about unknowns z."""
         residual, derivative = self.residual(z)
 
         def change(row: Array, gap: float, share: float) -> Array:
@@ -189,26 +205,26 @@ class Edge(Continuation):
         return change
 
     def relative(self, z: Array, step: Array) -> float:
-        """Length of a step: unknowns are of the order of 1."""
+        """Length of a step, which is relative as unknowns are of the order of 1."""
         return self.length(step)
 
     def check(self, z: Array) -> None:
-        """Raises NewtonFailed far from the start."""
+        """Raises NewtonFailed at unknowns far from the start."""
         if not 0.05 < z[0] < 20.0 or not abs(z[-1]) < 2.0 * self.largest:
             raise NewtonFailed("Newton's method left the neighbourhood of its start")
 
     def unknowns(self, frequency: float, nu: float, amplitude: float) -> Array:
-        """Of the numbers of an edge."""
+        """Unknowns z at a frequency w, nu and amplitude."""
         z = np.array([frequency / self.scale, nu / self.scale, amplitude])
         return z if self.share is None else z[[0, 2]]
 
     def place(self, z: Array) -> Array:
-        """Amplitude, w and nu of unknowns."""
+        """Amplitude, w and nu at unknowns z, shape (3,)."""
         nu = float(z[1]) if self.share is None else self.share * float(z[0])
         return np.array([z[-1], self.scale * z[0], self.scale * nu])
 
     def started(self, frequency: float, nu: float, amplitude: float) -> Array:
-        """Unknowns of the edge near a frequency at an amplitude."""
+        """Unknowns of the edge near a frequency and nu, at a given amplitude."""
         self.control = STARTING
         try:
             z = self.fixed(self.unknowns(frequency, nu, amplitude), amplitude)
@@ -218,14 +234,16 @@ class Edge(Continuation):
             self.control = CONTROL
 
     def is_on_axis(self, z: Array) -> bool:
-        """Whether of a combination region a multiplier and its conjugate meet, at 1 or -1."""
+        """Whether a multiplier and its conjugate meet at 1 or -1, on a combination edge."""
         return self.share is None and not 1e-5 < z[1] / z[0] < 0.5 - 1e-5
 
     def near(self, frequency: float, nu: float, amplitude: float, outward: int = 0) -> Array:
-        """Unknowns of an edge near a frequency.
+        """Unknowns of an edge near a frequency that was found with few modes.
 
-        Few modes misplace combination regions. From outside, where f is much like the square of the
-        distance from the region, Newton's method gets to the edge on that side, from inside to any.
+        Few modes misplace combination regions slightly. From outside of a region f is much like the
+        square of the distance from it, so that Newton's method leads to the edge on that side; from
+        inside it leads to either edge. `outward` is the sign of the direction in which the start is
+        moved to be outside, 0 where it stays.
         """
         for shift in (3e-4, 1e-3, 0.0) if outward else (0.0,):
             self._border = None
@@ -239,10 +257,10 @@ class Edge(Continuation):
         raise NewtonFailed("Newton's method left the neighbourhood of its start")
 
     def bottom(self, z: Array) -> Array:
-        """Amplitude, w and nu where the amplitude is least: there the edge's two sides meet.
+        """Amplitude, w and nu where the amplitude is least: there the region's two edges meet.
 
-        That is where f does not change at first order with w, and with nu, or not more than along
-        one direction of these.
+        At this point f does not change to first order with w, and with nu where it is unknown and f
+        is real. Where f is complex, its derivatives by w and nu have the same phase.
         """
 
         def correction(here: Array) -> tuple[Array, float]:
@@ -263,11 +281,11 @@ class Edge(Continuation):
         return self.place(z)
 
     def steps(self, point: Point) -> Iterator[Segment[Edge]]:
-        """Steps along an edge; ends where none can be taken."""
+        """Steps along the edge from a point on, as long as steps can be taken."""
         length = 0.02
         for _ in range(400):
             self.renew(point.z)
-            # The edge goes on with amplitudes below 0, its mirror image: no step may lead there.
+            # Below amplitude 0 the edge goes on as its own mirror image: no step may lead there.
             length = min(length, max(0.4 * point.p / self.largest, 1e-9))
             try:
                 segment, length = self.next(point, length)

@@ -2,11 +2,12 @@
 """Regions of amplitude and frequency in which a pulsating flow makes the straight pipe unstable.
 
 On an edge Hill's equations H(w, nu, amplitude) q = 0 have a solution with real nu: a multiplier
-exp(2 pi i nu / w) is on the unit circle. It is -1 on the edges of subharmonic regions, 1 of
-harmonic ones, and any other of combination regions. At one amplitude the first two kinds are all
-real eigenvalues w of H, which is a polynomial in w; combination regions are where a multiplier off
-the real axis is larger than 1. Each edge found is followed in the amplitude, down to where it turns
-back, the least amplitude of its region, and up to where the region ends.
+exp(2 pi i nu / w) lies on the unit circle. It is -1 on the edges of subharmonic regions, 1 on those
+of harmonic regions, and any other on those of combination regions. At one amplitude the edges of
+the first two kinds are the real eigenvalues w of H, which is a polynomial in w; in combination
+regions the modulus of a multiplier off the real axis is larger than 1. Each edge found is followed
+in the amplitude, down to where it turns back, the least amplitude of its region, and up to where
+the region ends.
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ from pipedyn.forced.parametric_edge import (
     THINNEST,
     RegionKind,
 )
-from pipedyn.forced.parametric_search import Region, again, apart, regions
+from pipedyn.forced.parametric_search import RegionEdges, again, apart, regions
 from pipedyn.forced.pulsating import Hill, pulsating_pipe, require_motion
 from pipedyn.linear.frequency_response import checked_range
 from pipedyn.models.base import Model
@@ -38,11 +39,11 @@ from pipedyn.util.result import ResultSequence, TableResult, joined
 from pipedyn.util.threads import one_thread
 from pipedyn.util.units import FREQUENCY, SPEED
 
-SIZES = (12, 16, 22, 30, 40)
-"""Functions or modes, one after the other, until edges converge."""
+TRUNCATIONS = (12, 16, 22, 30, 40)
+"""Numbers of functions or modes that are tried, one after the other, until edges converge."""
 
-TOLERANCE = 1e-7
-"""Relative change of the edges from one of these to the next at which they count as converged."""
+EDGE_TOLERANCE = 1e-7
+"""Relative change of the edges from one truncation to the next at which they count as converged."""
 
 
 @saved_as("ParametricRegion", shapes={"A": "amplitude", "A 2": "edges"})
@@ -53,20 +54,20 @@ class ParametricRegion(
     """A region of amplitude and frequency in which the straight pipe is unstable.
 
     Attributes:
-        kind: "subharmonic", where motions grow that turn over from one period to the next (the
-            principal region of a mode and its like); "harmonic", where they come back after each
-            period; or "combination", of two modes with frequencies of their own.
-        amplitude: those asked for, shape (A,).
-        edges: lowest and highest frequency of the region at each, shape (A, 2); NaN below the
-            threshold, where the region is thinner than 1e-6 of its frequency, in place of an edge
-            that lies far outside the range of frequencies, and where one was not found again beside
-            a region of another kind that meets it. Where regions of a kind overlap
-            these are the edges of the union, for each of them; one that is nowhere apart from
-            another is not listed for itself. Regions of different kinds may lie within each other.
-        threshold: least amplitude of the region; 0 of modes without damping, NaN where an edge
-            leads outside the range before.
-        threshold_frequency: frequency at which it has that.
-        error: largest change of an edge from the truncation before the last, relative.
+        kind: "subharmonic", where motions grow that change sign from one period to the next (the
+            principal region of a mode is one); "harmonic", where motions grow that repeat with each
+            period; or "combination", where two modes grow at frequencies of their own.
+        amplitude: amplitudes asked for, relative to the mean speed, shape (A,).
+        edges: lowest and highest frequency of the region at each amplitude, shape (A, 2). An edge
+            is NaN below the threshold, where the region is thinner than 1e-6 of its frequency,
+            where it lies far outside the range of frequencies, and where it was not found again
+            beside a region of another kind that meets this one. Where regions of one kind overlap,
+            each of them has the edges of their union; a region that is nowhere apart from another
+            is not listed by itself. Regions of different kinds may lie within each other.
+        threshold: least amplitude of the region; 0 for modes without damping, NaN where an edge
+            leaves the range of frequencies before it gets there.
+        threshold_frequency: frequency at the threshold.
+        error: largest relative change of an edge from the second last truncation to the last.
         pipe: the pipe.
     """
 
@@ -91,9 +92,9 @@ class ParametricRegions(
     """All regions of a pulsation, by rising frequency, as a tuple and as a table.
 
     Attributes:
-        regions: those found.
+        regions: the regions found.
         mean: mean flow speed.
-        frequencies: range of the pulsation, angular, in 1 / T, shape (2,).
+        frequencies: range of the pulsation's angular frequency, in 1 / T, shape (2,).
         model: the model.
     """
 
@@ -124,16 +125,17 @@ def parametric_regions(
     Args:
         model: chain or reduced model, scene, or `Continuum`.
         mean: mean flow speed > 0, at which the pipe is stable, in sqrt(EI / mu_f) / L.
-        amplitudes: relative, increasing, each in (0, 1), shape (A,); or one.
-        frequencies: range (low, high) of the pulsation, 0 < low < high <= 20 low, in 1 / T, or
-            more in increasing order, from the first to the last.
+        amplitudes: amplitudes relative to the mean, increasing, each in (0, 1), shape (A,); or one.
+        frequencies: range (low, high) of the pulsation's angular frequency, 0 < low < high <=
+            20 low, in 1 / T, or several frequencies in increasing order, of which the first and
+            last are the range.
 
     Returns:
-        The regions that touch the range at one of the amplitudes, or whose threshold lies in it,
-        by rising frequency, indexed as a tuple, and a table. Edges are roots of Hill's
-        determinant, to 1e-7, and may lie outside the range. Left out are instabilities of less
-        than 1e-5 a period of a damped pipe, regions thinner than 1e-6 of their frequency, and
-        combinations of modes whose frequencies are beyond high + 4 low.
+        The regions that touch the range at one of the amplitudes, or whose threshold lies in it, by
+        rising frequency, indexed as a tuple, and a table. Edges are roots of Hill's determinant, to
+        a relative accuracy of 1e-7, and may lie outside the range. Left out are instabilities of a
+        damped pipe in which motions grow by less than 1e-5 a period, regions thinner than 1e-6 of
+        their frequency, and combinations of modes with frequencies beyond high + 4 low.
 
     Example:
         >>> pipe = pp.Pipe(0.2, 10.0)
@@ -174,12 +176,12 @@ def parametric_regions(
 def _converged(
     model: AnyModel, mean: float, mu: Array, window: tuple[float, float]
 ) -> tuple[ParametricRegion, ...]:
-    """The regions, by ever more functions and harmonics."""
-    # A flow that pulsates by 0.6 needs ten more than the frequencies alone: with fewer its growing
-    # motions are not there at all, however often they are looked for.
+    """The regions, computed with ever more functions and harmonics until edges converge."""
+    # A flow that pulsates by 0.6 needs ten more harmonics than the frequencies alone demand: with
+    # fewer, some growing motions do not exist in Hill's equations and cannot be found.
     many = math.ceil(window[1] / window[0]) + 4 + math.ceil(12.0 * mu[-1])
-    last: list[Region] | None = None
-    for size in SIZES:
+    last: list[RegionEdges] | None = None
+    for size in TRUNCATIONS:
         pipe = pulsating_pipe(model, mean, size)
         with one_thread(pipe.size):
             if last is None:
@@ -195,7 +197,7 @@ def _converged(
                         f"harmonics: {reason}"
                     ) from None
         error = math.inf if last is None else max(map(apart, last, found), default=0.0)
-        if error <= TOLERANCE:
+        if error <= EDGE_TOLERANCE:
             for one in found:
                 one.edges[np.diff(one.edges)[:, 0] < 0.3 * THINNEST * one.edges[:, 1]] = math.nan
             return tuple(

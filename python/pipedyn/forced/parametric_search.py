@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""All parametric regions in a range of frequencies: where they are looked for, and followed."""
+"""Search for all parametric regions in a range of frequencies, whose edges are then followed."""
 
 from __future__ import annotations
 
@@ -28,22 +28,25 @@ from pipedyn.util.check import Array
 from pipedyn.util.newton import NewtonFailed
 
 SHARP = 2e-3
-"""Length of a step below which the least amplitude is looked for at once: a thin region's edges
-turn there within much less."""
+"""Length of a step below which the least amplitude of the region is solved for at once: the edges
+of a thin region turn back there within a much shorter length."""
 
-LEAST = 1e-6
-"""Share of the largest amplitude below which a least amplitude counts as 0."""
+LEAST_AMPLITUDE = 1e-6
+"""Least amplitude of a region, relative to the largest amplitude, below which it counts as 0."""
 
-SAMPLES = 5
-"""Amplitudes at which regions are looked for; each edge found is followed to the others."""
+SAMPLED = 5
+"""Number of amplitudes at which regions are looked for; edges are followed to the others."""
 
 
-class Region:
-    """A region, or what is known of it from one edge.
+class RegionEdges:
+    """The edges of a region at A amplitudes, as far as they are known, and its least amplitude.
 
     Attributes:
-        edges, nus: lowest and highest w, with their nu, at each amplitude, (A, 2).
-        bottom: least amplitude, its w and nu; NaN where that lies outside the range followed.
+        kind: kind of the region.
+        edges: lowest and highest frequency w at each amplitude, shape (A, 2); NaN where unknown.
+        nus: their nu, shape (A, 2).
+        bottom: least amplitude, with its w and nu, shape (3,); NaN where it lies outside the range
+            in which edges were followed.
     """
 
     def __init__(self, kind: RegionKind, count: int) -> None:
@@ -52,26 +55,29 @@ class Region:
         self.bottom = np.full(3, math.nan)
 
     def add(self, index: int, frequency: float, nu: float) -> None:
-        """Takes in what an edge is at an amplitude."""
+        """Widens the region to an edge with a frequency and nu at the amplitude with an index."""
         low, high = self.edges[index]
         for side, further in enumerate((not frequency > low, not frequency < high)):
             if further:
                 self.edges[index, side], self.nus[index, side] = frequency, nu
 
     def has(self, index: int, frequency: float) -> bool:
-        """Whether a frequency lies in it or on an edge."""
+        """Whether a frequency lies in the region or on an edge, at the amplitude with an index."""
         low, high = self.edges[index] * [1.0 - 1e-6, 1.0 + 1e-6]
         return bool(low <= frequency <= high)
 
-    def join(self, other: Region) -> None:
-        """Takes in another edge of the same region."""
+    def join(self, other: RegionEdges) -> None:
+        """Adds what is known of the same region from another edge."""
         for index, side in np.argwhere(np.isfinite(other.edges)).tolist():
             self.add(index, *(float(x[index, side]) for x in (other.edges, other.nus)))
         if not other.bottom[0] >= self.bottom[0] and np.isfinite(other.bottom[0]):
             self.bottom = other.bottom
 
-    def within(self, other: Region) -> bool:
-        """Whether both are one region: by its least amplitude, or as far as this one is known."""
+    def within(self, other: RegionEdges) -> bool:
+        """Whether the other is the same region.
+
+        They are of one kind, and their least amplitudes or all edges known of this one agree.
+        """
         if self.kind != other.kind:
             return False
         bottoms = self.bottom[:2], other.bottom[:2]
@@ -83,7 +89,7 @@ class Region:
         )
 
     def touches(self, low: float, high: float) -> bool:
-        """Whether it has to do with a range of frequencies."""
+        """Whether the region overlaps a range of frequencies, or its least amplitude lies in it."""
         known = self.edges[np.isfinite(self.edges).any(axis=1)]
         lower, upper = np.nanmin(known, axis=1), np.nanmax(known, axis=1)
         inside = bool(((lower <= high) & (upper >= low)).any())
@@ -91,13 +97,13 @@ class Region:
 
 
 @dataclass(frozen=True)
-class Search:
-    """What regions are looked for in.
+class RegionSearch:
+    """Search for the regions of a pulsating pipe in a range of frequencies.
 
     Attributes:
-        hill: the equations.
-        amplitudes: shape (A,).
-        low, high: range of frequencies.
+        hill: Hill's equations of the pipe.
+        amplitudes: amplitudes of the pulsation, rising, shape (A,).
+        low, high: range of frequencies of the pulsation.
     """
 
     hill: Hill
@@ -106,23 +112,25 @@ class Search:
     high: float
 
     def around(self, amplitude: float) -> tuple[float, float]:
-        """Where regions are looked for, as their least amplitude may lie in the range.
+        """Range of frequencies in which regions are looked for at an amplitude.
 
-        The mean of u^2, by which a region's middle moves, grows with the square of the amplitude.
+        It is wider than that asked for, as a region may have its least amplitude in the latter. Its
+        middle moves with the mean of u^2, which grows with the square of the amplitude.
         """
         share = min(0.03 + amplitude**2, 0.25)
         return self.low * (1.0 - share), self.high * (1.0 + share)
 
     def edge(self, kind: RegionKind, frequency: float, centre: bool = False) -> Edge:
-        """For edges near a frequency."""
+        """Equations of an edge near a frequency, with as many harmonics as they need there."""
         few = self.hill.fewer(self.low, frequency)
         return Edge(few, kind, frequency, float(self.amplitudes[-1]), centre)
 
     def along(self, edge: Edge, z: Array, way: float) -> Iterator[Segment[Edge]]:
-        """Steps from an edge, first to higher or lower amplitudes.
+        """Steps along an edge from z, first to higher (way 1) or lower amplitudes (way -1).
 
-        They end below 0.1 or, of damped pipes, `LEAST` of the largest amplitude, beyond that, and
-        where the edge leads far outside the range of frequencies.
+        The steps end below the amplitude of `lowest`, above the largest amplitude, where the edge
+        leads far outside the range of frequencies, and where a combination edge reaches the real
+        axis.
         """
         largest = float(self.amplitudes[-1])
         if way > 0.0 and z[-1] == largest:
@@ -133,20 +141,23 @@ class Search:
             frequency = edge.scale * step.end.z[0]
             if not self.lowest(edge) < step.end.p <= largest or not self.is_near(frequency):
                 return
-            if edge.is_on_axis(step.end.z):  # the region becomes subharmonic or harmonic
+            if edge.is_on_axis(step.end.z):  # beyond, the region is subharmonic or harmonic
                 return
 
     def lowest(self, edge: Edge) -> float:
-        """Amplitude below which an edge leads to amplitude 0."""
-        share = 0.1 if self.hill.is_hermitian or self.hill.is_real else LEAST
+        """Amplitude below which an edge is taken to lead to amplitude 0."""
+        share = 0.1 if self.hill.is_hermitian or self.hill.is_real else LEAST_AMPLITUDE
         return share * float(self.amplitudes[-1])
 
     def is_near(self, frequency: float) -> bool:
-        """Whether an edge is followed there."""
+        """Whether an edge is followed at a frequency, which is not far outside the range."""
         return 0.2 * self.low < frequency < 5.0 * self.high
 
     def passed(self, step: Segment[Edge]) -> Iterator[tuple[int, Array]]:
-        """Amplitudes asked for within a step on which the amplitude does not turn back."""
+        """Indices of the amplitudes asked for that a step passes, with the unknowns there.
+
+        The amplitude must not turn back within the step.
+        """
         ways = (self.amplitudes - step.begin.p) * (self.amplitudes - step.end.p)
         for index in np.flatnonzero(ways <= 0.0).tolist():
             yield index, step.where(float(self.amplitudes[index]))
@@ -155,13 +166,16 @@ class Search:
 
     def followed(
         self, kind: RegionKind, start: tuple[float, float, float], outward: int = 0
-    ) -> tuple[Region, list[list[float]]]:
-        """From the edge at a frequency, nu and amplitude, and its w at each amplitude asked for.
+    ) -> tuple[RegionEdges, list[list[float]]]:
+        """The region that an edge bounds, followed from `start`: a frequency, nu and amplitude.
+
+        Second come the frequencies w of the edge at each amplitude asked for. `outward` is that of
+        `Edge.near`.
 
         Raises:
             NewtonFailed: if no edge is there.
         """
-        edge, found = self.edge(kind, start[0]), Region(kind, self.amplitudes.size)
+        edge, found = self.edge(kind, start[0]), RegionEdges(kind, self.amplitudes.size)
         points: list[list[float]] = [[] for _ in self.amplitudes]
 
         def add(index: int, z: Array) -> None:
@@ -188,13 +202,13 @@ class Search:
                 for part in step.parts(turns)[: 1 if turns else None]:
                     for index, at in self.passed(part):
                         add(index, at)
-                if turns:  # the other edge of the region, which is followed for itself
+                if turns:  # what follows is the region's other edge, which has its own start
                     if way < 0.0:
                         with suppress(NewtonFailed):
                             found.bottom = edge.bottom(step.at(turns[0]).z)
                     break
                 if end.p <= self.lowest(edge):
-                    # Both edges of a conservative pipe's region lead to a corner at amplitude 0.
+                    # In a conservative pipe both edges of a region end in a corner at amplitude 0.
                     at = edge.place(end.z - end.p / end.tangent[-1] * end.tangent)
                     resonance = self.hill.pipe.resonance(kind, float(at[1]))
                     found.bottom = np.array([0.0, resonance, at[2]])
@@ -203,7 +217,10 @@ class Search:
     def down(
         self, edge: Edge, end: Point, add: Callable[[int, Array], None], bottom: Array
     ) -> None:
-        """Takes in what an edge is between a point and a least amplitude nearby."""
+        """Adds the edge at amplitudes between a point and the least amplitude nearby.
+
+        There the unknowns change with the square root of the distance from the least amplitude.
+        """
         turn = edge.unknowns(*bottom[[1, 2, 0]].tolist())
         ways = (self.amplitudes - bottom[0]) / (end.p - bottom[0])
         for index in np.flatnonzero((ways > 0.0) & (ways < 1.0)).tolist():
@@ -211,14 +228,16 @@ class Search:
             with suppress(NewtonFailed):
                 add(index, edge.fixed(guess, float(self.amplitudes[index])))
 
-    def meeting(self, start: tuple[float, float, float]) -> Region:
-        """The combination region about a frequency, nu and amplitude, of a pipe without damping.
+    def meeting(self, start: tuple[float, float, float]) -> RegionEdges:
+        """The combination region about `start`, in a pipe that is conservative or has real H.
+
+        `start` is a frequency, nu and amplitude. Both edges follow from the saddle between them.
 
         Raises:
-            NewtonFailed: if none is there.
+            NewtonFailed: if no such region is there.
         """
         edge = self.edge("combination", start[0], True)
-        found = Region("combination", self.amplitudes.size)
+        found = RegionEdges("combination", self.amplitudes.size)
         z = edge.near(*start)
         for way in (-1.0, 1.0):
             for step in self.along(edge, z, way):
@@ -229,8 +248,8 @@ class Search:
                     found.bottom = edge.place(edge.fixed(step.end.z, 0.0))
         return found
 
-    def put(self, found: Region, index: int, centre: Edge, z: Array) -> None:
-        """Takes in both edges about a centre, if the region is not too thin there."""
+    def put(self, found: RegionEdges, index: int, centre: Edge, z: Array) -> None:
+        """Adds both edges about a saddle z at an amplitude, unless the region is too thin there."""
         ends = []
         for guess in centre.ends(z):
             edge = self.edge("combination", centre.scale)
@@ -243,13 +262,13 @@ class Search:
     # ------------------------------------------------------------------------------ all regions
 
     def samples(self) -> list[int]:
-        """Amplitudes at which regions are looked for, the largest first."""
+        """Indices of the amplitudes at which regions are looked for, the largest first."""
         count = self.amplitudes.size
-        return np.unique(np.linspace(0, count - 1, min(count, SAMPLES)).astype(int))[::-1].tolist()
+        return np.unique(np.linspace(0, count - 1, min(count, SAMPLED)).astype(int))[::-1].tolist()
 
-    def combinations(self) -> list[Region]:
-        """Combination regions."""
-        found = list[Region]()
+    def combinations(self) -> list[RegionEdges]:
+        """Combination regions, found by the multipliers of a few modes."""
+        found = list[RegionEdges]()
         for index in self.samples():
             amplitude = float(self.amplitudes[index])
             few = FewModes(self.hill, amplitude, self.low, self.high)
@@ -262,19 +281,20 @@ class Search:
                     continue
                 with suppress(NewtonFailed):
                     found.append(self._combination(growth, amplitude))
-        return _joined(found)
+        return _merged(found)
 
-    def _combination(self, growth: Growth, amplitude: float) -> Region:
-        """The region of an interval in which motions grow at an amplitude.
+    def _combination(self, growth: Growth, amplitude: float) -> RegionEdges:
+        """The region that an interval of frequencies belongs to, in which motions grow.
 
-        One that ends with a multiplier at 1 or -1 does so at this amplitude, maybe at no other.
+        Where it ends with a multiplier at 1 or -1, it may do so at this amplitude only, and the
+        edge is not followed to others.
         """
         circle = growth.axis == (0, 0)
         if circle and (self.hill.is_hermitian or self.hill.is_real):
             with suppress(NewtonFailed):
                 middle, nu = 0.5 * sum(growth.inside), 0.5 * sum(growth.nus)
                 return self.meeting((middle, nu, amplitude))
-        found = Region("combination", self.amplitudes.size)
+        found = RegionEdges("combination", self.amplitudes.size)
         index = int(np.searchsorted(self.amplitudes, amplitude))
         for side, (w, axis) in enumerate(zip(growth.inside, growth.axis, strict=True)):
             if not growth.bounded[side]:
@@ -289,7 +309,7 @@ class Search:
                 part, _ = self.followed("combination", (w, growth.nus[side], amplitude), way)
             except NewtonFailed:
                 ends = growth.outside[side] * (1.0 + 1e-3 * way), 0.5 * sum(growth.inside)
-                part = Region("combination", self.amplitudes.size)
+                part = RegionEdges("combination", self.amplitudes.size)
                 part.add(index, *self.bisected(amplitude, *ends))
             if circle:
                 found.join(part)
@@ -300,9 +320,10 @@ class Search:
         return found
 
     def bisected(self, amplitude: float, outside: float, inside: float) -> tuple[float, float]:
-        """An edge and its nu, by multipliers off the real axis, where Newton's method fails.
+        """Frequency and nu of a combination edge, by bisection between two frequencies.
 
-        It does where a combination region touches another one on the real axis.
+        The multipliers off the real axis tell on which side of the edge a frequency lies. Newton's
+        method fails where the region touches one whose multipliers are on the real axis.
         """
 
         def largest(frequency: float) -> complex:
@@ -320,16 +341,17 @@ class Search:
                 outside = middle
         return inside, abs(float(np.angle(largest(inside)))) / (2.0 * math.pi) * inside
 
-    def on_axis(self, kind: RegionKind, share: float) -> list[Region]:
-        """Subharmonic or harmonic regions: multipliers beyond 1 or -1 on the real axis."""
-        curves = list[tuple[Region, list[list[float]]]]()
+    def on_axis(self, kind: RegionKind, share: float) -> list[RegionEdges]:
+        """Subharmonic or harmonic regions, where a real multiplier lies beyond -1 or 1."""
+        curves = list[tuple[RegionEdges, list[list[float]]]]()
         roots: list[Array] = [np.empty(0) for _ in self.amplitudes]
         for index in self.samples():
             amplitude = float(self.amplitudes[index])
             at = self.hill.edges(share, amplitude)
             apart = np.diff(at, prepend=0.0, append=math.inf)
             roots[index] = at = at[np.minimum(apart[:-1], apart[1:]) > THINNEST * at]
-            # Those near the range, and one on each side, of a region that contains it.
+            # Edges near the range are followed, and one more on each side, as a region may contain
+            # the whole range.
             first, last = np.searchsorted(at, self.around(amplitude))
             for w in at[max(first - 1, 0) : last + 1].tolist():
                 if any(abs(x - w) < 1e-6 * w for _, points in curves for x in points[index]):
@@ -349,23 +371,27 @@ class Search:
                     if any(low * (1.0 - 1e-6) <= x <= high * (1.0 + 1e-6) for x in points[index]):
                         region.add(index, low, share * low)
                         region.add(index, high, share * high)
-        return _joined([region for region, _ in curves])
+        return _merged([region for region, _ in curves])
 
     def _unstable(
         self, share: float, amplitude: float, roots: Array, first: int, last: int
     ) -> list[tuple[float, float]]:
-        """Intervals between some of these roots that are unstable, each as long as it can be."""
+        """Unstable intervals between the roots from index `first` to `last`.
+
+        Neighbouring unstable intervals are joined, also beyond these indices.
+        """
         sign = 1.0 if share == 0.0 else -1.0
 
         @cache
         def grows(i: int) -> bool:
-            """Between a root and that before."""
+            """Whether motions grow between root i - 1 and root i."""
             if not 0 < i < roots.size:
                 return False
             low, high = roots[i - 1 : i + 1]
             if high - low < 1e-4 * low and not (grows(i - 1) and grows(i + 1)):
                 return True
-            # Next to both: between, two that are beyond it may meet and leave the real axis.
+            # The test is next to both roots: in the middle two multipliers beyond 1 or -1 may have
+            # met and left the real axis.
             for part in (0.02, 0.98):
                 values, _ = self.hill.pipe.multipliers(amplitude, low + part * (high - low))
                 real = np.abs(values.imag) < 1e-9
@@ -388,9 +414,9 @@ class Search:
         return found
 
 
-def _joined(parts: list[Region]) -> list[Region]:
-    """Regions from what is known of them."""
-    found = list[Region]()
+def _merged(parts: list[RegionEdges]) -> list[RegionEdges]:
+    """Regions in which parts that belong to one region are joined."""
+    found = list[RegionEdges]()
     for part in parts:
         same = [one for one in found if part.within(one) or one.within(part)]
         for one in same[:1]:
@@ -405,9 +431,9 @@ def regions(
     low: float,
     high: float,
     kinds: Collection[str] = tuple(SHARES),
-) -> list[Region]:
-    """All regions that touch a range of frequencies, by rising frequency."""
-    search, found = Search(hill, amplitudes, low, high), list[Region]()
+) -> list[RegionEdges]:
+    """All regions of some kinds that touch a range of frequencies, by rising frequency."""
+    search, found = RegionSearch(hill, amplitudes, low, high), list[RegionEdges]()
     for kind, share in SHARES.items():
         if kind in kinds:
             found += search.combinations() if share is None else search.on_axis(kind, share)
@@ -415,26 +441,30 @@ def regions(
     return sorted(touching, key=lambda one: float(np.nanmin([one.bottom[1], *one.edges.flat])))
 
 
-def again(hill: Hill, region: Region, amplitudes: Array, low: float) -> Region:
-    """The same region by other equations; raises `NewtonFailed` where it has no such edge."""
-    search, found = Search(hill, amplitudes, low, low), Region(region.kind, amplitudes.size)
-    meets = region.kind == "combination" and (hill.is_hermitian or hill.is_real)
+def again(hill: Hill, old: RegionEdges, amplitudes: Array, low: float) -> RegionEdges:
+    """A known region computed again by other equations, such as those of a larger truncation.
+
+    Raises:
+        NewtonFailed: if an edge is not found again.
+    """
+    search, found = RegionSearch(hill, amplitudes, low, low), RegionEdges(old.kind, amplitudes.size)
+    meets = old.kind == "combination" and (hill.is_hermitian or hill.is_real)
     for index, amplitude in enumerate(amplitudes.tolist()):
-        ends = region.edges[index]
+        ends = old.edges[index]
         if not np.isfinite(ends).all():
             continue
-        turns = region.nus[index] / ends
+        turns = old.nus[index] / ends
         on_axis = (turns == 0.0) | (turns == 0.5)
         if meets and not on_axis.any():
             with suppress(NewtonFailed):
-                middle, nu = ends.mean(), region.nus[index].mean()
-                centre = search.edge(region.kind, middle, True)
+                middle, nu = ends.mean(), old.nus[index].mean()
+                centre = search.edge(old.kind, middle, True)
                 search.put(found, index, centre, centre.started(middle, nu, amplitude))
                 continue
         for side, way in enumerate((-1.0, 1.0)):
-            frequency, nu = float(ends[side]), float(region.nus[index, side])
+            frequency, nu = float(ends[side]), float(old.nus[index, side])
             shift = 3e-4 if ends[1] - ends[0] < 1e-3 * frequency else 0.0
-            kind = ("subharmonic" if nu > 0.0 else "harmonic") if on_axis[side] else region.kind
+            kind = ("subharmonic" if nu > 0.0 else "harmonic") if on_axis[side] else old.kind
             edge = search.edge(kind, frequency)
             try:
                 z = edge.place(edge.started(frequency * (1.0 + way * shift), nu, amplitude))
@@ -447,21 +477,21 @@ def again(hill: Hill, region: Region, amplitudes: Array, low: float) -> Region:
                 between = frequency * (1.0 + 1e-3 * way), float(ends.mean())
                 place = search.bisected(amplitude, *between)
                 found.edges[index, side], found.nus[index, side] = place
-    found.bottom = region.bottom.copy()
-    amplitude, frequency, nu = region.bottom.tolist()
+    found.bottom = old.bottom.copy()
+    amplitude, frequency, nu = old.bottom.tolist()
     if amplitude == 0.0 and meets:
-        centre = search.edge(region.kind, frequency, True)
+        centre = search.edge(old.kind, frequency, True)
         found.bottom = centre.place(centre.started(frequency, nu, 0.0))
     elif amplitude == 0.0:
-        found.bottom[1] = hill.pipe.resonance(region.kind, frequency)
+        found.bottom[1] = hill.pipe.resonance(old.kind, frequency)
     elif amplitude > 0.0:
-        edge = search.edge(region.kind, frequency)
+        edge = search.edge(old.kind, frequency)
         found.bottom = edge.bottom(edge.unknowns(frequency, nu, amplitude))
     return found
 
 
-def apart(one: Region, other: Region) -> float:
-    """Largest change of an edge and of the least amplitude, relative."""
+def apart(one: RegionEdges, other: RegionEdges) -> float:
+    """Largest relative difference of two regions' edges and least amplitudes."""
     pairs = [(one.edges, other.edges), (one.bottom[:1], other.bottom[:1])]
     moved = [np.abs(a - b) / np.maximum(np.abs(b), 1e-3) for a, b in pairs]
     return float(np.nanmax(np.concatenate([part.ravel() for part in moved]), initial=0.0))

@@ -1,10 +1,11 @@
 # SPDX-License-Identifier: MIT
 """Small motions of the straight pipe while its flow pulsates, u = mean (1 + amplitude cos(w tau)).
 
-They obey M q'' + (C_0 + u C_1) q' + (K_0 + u^2 K_2 + u' K_3) q = 0, of period 2 pi / w. Floquet
-multipliers follow from the maps over parts of the period. Motions with one multiplier exp(2 pi i
-nu / w) are sums of q_k exp(i (nu + k w) tau), of which Hill's equations H(w, nu, amplitude) q = 0
-are blocks; H is a polynomial of second degree in each of its arguments.
+They obey M q'' + (C_0 + u C_1) q' + (K_0 + u^2 K_2 + u' K_3) q = 0 with coefficients of period
+2 pi / w. Floquet multipliers follow from the maps of states over parts of the period. A motion with
+the multiplier exp(2 pi i nu / w) is a sum of q_k exp(i (nu + k w) tau) over all k, whose q_k obey
+Hill's equations H(w, nu, amplitude) q = 0; H is a polynomial of second degree in each of its
+arguments.
 """
 
 from __future__ import annotations
@@ -43,22 +44,25 @@ from pipedyn.util.result import TableResult
 from pipedyn.util.threads import one_thread
 from pipedyn.util.units import RATE
 
-LARGEST = 100
-"""Degrees of freedom: matrices of 200 rows, and a second or two."""
+FLOQUET_DOF = 100
+"""Most degrees of freedom for `floquet`: matrices have 200 rows, and it takes a second or two."""
 
 EXTRA = 3
-"""Harmonics beyond those: edges converge by a factor of ten or more with each."""
+"""Harmonics that are kept beyond those that reach as high in frequency: the error of edges falls by
+a factor of ten or more with each."""
 
-HARMONICS = 20
-"""Orders up to which resonances are counted."""
+RESONANCE_ORDERS = 20
+"""Half the order up to which resonances are counted. They lie at 2 omega, or at the sum or
+difference of two frequencies omega of the pipe, divided by the order."""
 
-SMALL = 30
-"""Degrees of freedom up to which all are kept: Hill's equations have some ten times as many."""
+LARGEST_UNREDUCED = 30
+"""Most degrees of freedom of a model that is not projected on its lowest modes: Hill's equations
+have some ten times as many unknowns."""
 
 
 @dataclass(frozen=True)
 class PulsatingPipe:
-    """Matrices of the equations above, each (n, n), and the mean of the speed."""
+    """Matrices of the equations of motion in a pulsating flow, each (n, n), and the mean speed."""
 
     mass: Array
     damping: Array  # C_0
@@ -70,7 +74,7 @@ class PulsatingPipe:
 
     @classmethod
     def of(cls, operators: Operators, mean: float) -> PulsatingPipe:
-        """From a model's operators."""
+        """The matrices of a model with these operators, at a mean speed."""
         way = operators.direction
         return cls(
             mass=operators.mass,
@@ -88,40 +92,41 @@ class PulsatingPipe:
         return len(self.mass)
 
     def projected(self, basis: Array) -> PulsatingPipe:
-        """The same with coordinates along the columns of a basis."""
+        """The matrices in coordinates along the columns of a basis, shape (n, r)."""
         names = ("mass", "damping", "velocity", "stiffness", "flux", "unsteady")
         parts = {name: basis.T @ getattr(self, name) @ basis for name in names}
         return PulsatingPipe(**parts, mean=self.mean)
 
     def steady(self, amplitude: float) -> Complex:
-        """Eigenvalues with the means of u and u^2 for these: where regions come from."""
+        """Eigenvalues, (2 n,), with u and u^2 replaced by their means, from which regions start."""
         mean = self.mean**2 * (1.0 + 0.5 * amplitude**2)
         return np.asarray(np.linalg.eigvals(self.companion(self.mean, mean)), dtype=np.complex128)
 
     def companion(self, speed: float, square: float) -> Array:
-        """Derivative of the state's rate by the state with these for u and u^2."""
+        """Matrix A of y' = A y, (2 n, 2 n), at constant `speed` for u and `square` for u^2."""
         return np.tensordot([1.0, speed, square], self.companions()[:3], 1)
 
     def companions(self) -> Array:
-        """Its parts by 1, u, u^2 and u', (4, 2 n, 2 n), of a state [q, M^-1 p].
+        """Coefficients of 1, u, u^2 and u' in the matrix A of y' = A y, shape (4, 2 n, 2 n).
 
-        With the momenta p = M q' + u C_1 q / 2 the equations of a conservative pipe are Hamilton's
-        at any u, and stay so where they are projected on some of its modes.
+        The state y is [q, M^-1 p]. With the momenta p = M q' + u C_1 q / 2 the equations of a
+        conservative pipe are Hamilton's at any u, and stay so when they are projected on some of
+        its modes.
         """
         n = self.size
         made = np.zeros((4, 2 * n, 2 * n))
         made[0, :n, n:] = np.eye(n)
-        still, square, rate, damping, velocity = self._forces
+        stiffness, flux, unsteady, damping, velocity = self._forces
         half = 0.5 * velocity
         made[1, :n, :n] = made[1, n:, n:] = half
         made[0, n:, n:] = damping
-        made[:, n:, :n] = still, damping @ half, square + half @ half, rate - half
+        made[:, n:, :n] = stiffness, damping @ half, flux + half @ half, unsteady - half
         return made
 
     def require_stable(self, highest: float) -> None:
         """Raises ValueError if rest is unstable at the mean speed.
 
-        Counted are its modes up to five times a frequency.
+        Modes count up to five times the frequency `highest`, and at least up to 50.
         """
         values = self.steady(0.0)
         values = values[np.abs(values) < max(5.0 * highest, 50.0)]
@@ -133,7 +138,7 @@ class PulsatingPipe:
             )
 
     def resonance(self, kind: str, frequency: float) -> float:
-        """The frequency nearest to another from which a region of a conservative pipe comes."""
+        """Frequency nearest to `frequency` at which a region of a conservative pipe starts."""
         values = self.steady(0.0)
         omega = np.unique(np.abs(values.imag)[np.abs(values.imag) > 0.0])
         if kind == "combination":
@@ -141,7 +146,7 @@ class PulsatingPipe:
             of = np.concatenate([omega[i] + omega[j], omega[j] - omega[i]])
         else:
             of = 2.0 * omega
-        order = np.arange(1.0, 2.0 * HARMONICS)
+        order = np.arange(1.0, 2.0 * RESONANCE_ORDERS)
         if kind != "combination":
             order = order[::2] if kind == "subharmonic" else order[1::2]
         every = (of[:, None] / order).ravel()
@@ -161,7 +166,7 @@ class PulsatingPipe:
     def _along(
         self, amplitude: float, frequency: float
     ) -> tuple[tuple[Array, Array, Array], NDArray[np.int_]]:
-        """What `interval_maps` takes of a period."""
+        """Arguments of `by_series` for one period: rows, durations and units, and parts."""
         count, period = 8, 2.0 * math.pi / frequency
         phases = 2.0 * math.pi * (np.arange(count)[:, None] + NODES) / count
         speed = self.mean * (1.0 + amplitude * np.cos(phases))
@@ -178,13 +183,16 @@ class PulsatingPipe:
 
     @cached_property
     def _forces(self) -> Array:
-        """Accelerations by position, times 1, u^2 and u', and by velocity, times 1 and u."""
+        """Matrices of the accelerations, shape (5, n, n).
+
+        Three multiply the position, times 1, u^2 and u', and two the velocity, times 1 and u.
+        """
         forces = self.stiffness, self.flux, self.unsteady, self.damping, self.velocity
         return np.asarray(-np.linalg.solve(self.mass, np.stack(forces)))
 
 
 def require_motion(model: AnyModel) -> None:
-    """Raises ValueError for a pipe with no equation of motion, or none that leaves it at rest."""
+    """Raises ValueError for a pipe that has no equation of motion or does not rest straight."""
     if model.pipe.thrust_across:
         raise ValueError(
             "model must be of a pipe that rests straight where the flow pulsates, got jet_angle = "
@@ -204,7 +212,10 @@ def require_motion(model: AnyModel) -> None:
 
 
 class Hill:
-    """Hill's equations with harmonics -many .. many, or -many .. many - 1 where nu is w / 2."""
+    """Hill's equations of a pipe.
+
+    Their harmonics are -many to many, or -many to many - 1 where nu is w / 2.
+    """
 
     def __init__(self, pipe: PulsatingPipe, many: int) -> None:
         self.pipe, self.many = pipe, many
@@ -212,7 +223,10 @@ class Hill:
         self._others = dict[int, Hill]()
 
     def fewer(self, low: float, frequency: float) -> Hill:
-        """With harmonics that reach as high at a frequency as all do at a lower one."""
+        """Equations with the fewer harmonics that are needed at a higher frequency than `low`.
+
+        They reach as high at `frequency` as all harmonics do at `low`, with some to spare.
+        """
         many = math.ceil(self.many * min(low / frequency, 1.0)) + EXTRA
         if many >= self.many:
             return self
@@ -220,12 +234,12 @@ class Hill:
 
     @cached_property
     def is_hermitian(self) -> bool:
-        """Whether H is Hermitian, as of pipes that neither gain nor lose energy."""
+        """Whether H is Hermitian, which it is for pipes that neither gain nor lose energy."""
         return self._same_as(lambda h: h.conj().T)
 
     @cached_property
     def is_real(self) -> bool:
-        """Whether H is real, as of pipes with neither damping nor a Coriolis force."""
+        """Whether H is real, which it is for pipes with neither damping nor a Coriolis force."""
         return self._same_as(np.conj)
 
     def _same_as(self, other: Callable[[Complex], Complex]) -> bool:
@@ -233,14 +247,14 @@ class Hill:
         return bool(np.abs(h - other(h)).max() <= 1e-11 * np.abs(h).max())
 
     def matrix(self, frequency: float, nu: float, amplitude: float, count: int) -> Complex:
-        """H, shape (count n, count n), of count harmonics from -many on."""
+        """The matrix H for `count` harmonics from -many on, shape (count n, count n)."""
         pipe, u, n = self.pipe, self.pipe.mean, self.pipe.size
         at = np.arange(count)
         omega = (nu + frequency * (at - self.many))[:, None, None]
         blocks = np.zeros((count, n, count, n), dtype=np.complex128)
-        mean = pipe.stiffness + u**2 * (1.0 + 0.5 * amplitude**2) * pipe.flux
-        rate = pipe.damping + u * pipe.velocity
-        blocks[at, :, at] = mean + 1j * omega * rate - omega**2 * pipe.mass
+        stiffness = pipe.stiffness + u**2 * (1.0 + 0.5 * amplitude**2) * pipe.flux
+        damping = pipe.damping + u * pipe.velocity
+        blocks[at, :, at] = stiffness + 1j * omega * damping - omega**2 * pipe.mass
         swing = 0.5 * u * amplitude
         for way in (1, -1):  # from the harmonic before and from that behind
             to = at[1:] if way == 1 else at[:-1]
@@ -254,9 +268,10 @@ class Hill:
         return blocks.reshape(count * n, count * n)
 
     def polynomial(self, share: float | None) -> Polynomial:
-        """H by w and the amplitude, nu being share * w, in the cosines and sines of real motions.
+        """H as a polynomial in w and the amplitude, with nu = share * w for a share of 0 or 1/2.
 
-        By w, nu and the amplitude where no share is given. Shares are 0 and 1/2.
+        It then acts on the cosines and sines of real motions. Where the share is None it is a
+        polynomial in w, nu and the amplitude, and acts on the harmonics.
         """
         if share not in self._polynomials:
             self._polynomials[share] = self._polynomial(share)
@@ -276,20 +291,21 @@ class Hill:
 
         def real(frequency: float, amplitude: float) -> Array:
             h = self.matrix(frequency, share * frequency, amplitude, count)
-            rows = turn @ h.reshape(count, -1)  # each coordinate's harmonics by themselves
+            rows = turn @ h.reshape(count, -1)  # harmonics are combined, coordinates are not
             both = turn.conj() @ rows.reshape(len(h), count, -1)
             return np.ascontiguousarray(both.real).reshape(h.shape)
 
         return Polynomial(real, 2)
 
     def edges(self, share: float, amplitude: float) -> Array:
-        """All frequencies of motions with nu = share * frequency, rising: eigenvalues of H."""
+        """All frequencies of motions with nu = share * frequency, rising, as eigenvalues of H."""
         of = self.polynomial(share)
-        still, slope, ahead = of(0.0, amplitude), of.by((0,), 0.0, amplitude), of(1.0, amplitude)
-        size = len(still)
-        # Of 1 / w, as H of one harmonic has no second degree.
+        zero, slope, one = of(0.0, amplitude), of.by((0,), 0.0, amplitude), of(1.0, amplitude)
+        size = len(zero)
+        # The eigenvalues are 1 / w: the coefficient of w^2 may be singular, as a harmonic of
+        # frequency 0 adds nothing to it.
         try:
-            upper = -np.linalg.solve(still, np.hstack([slope, ahead - slope - still]))
+            upper = -np.linalg.solve(zero, np.hstack([slope, one - slope - zero]))
         except np.linalg.LinAlgError:
             return np.empty(0)
         values = np.linalg.eigvals(np.vstack([upper, np.eye(size, 2 * size)]))
@@ -299,7 +315,12 @@ class Hill:
 
 
 class Polynomial:
-    """A matrix that is a polynomial of second degree in each of some numbers."""
+    """A matrix that is a polynomial of second degree in each of several numbers.
+
+    Args:
+        of: the matrix at given numbers.
+        numbers: how many numbers there are.
+    """
 
     def __init__(self, of: Callable[..., NDArray[Any]], numbers: int) -> None:
         points = product((-1.0, 0.0, 1.0), repeat=numbers)
@@ -314,16 +335,16 @@ class Polynomial:
         kept = sizes > 1e-15 * sizes.max()
         powers = np.array(list(product(range(3), repeat=numbers)))
         self._powers, self._shape = powers[kept], values.shape[1:]
-        # Between harmonics more than two apart there is nothing, whatever the numbers.
+        # Entries between harmonics more than two apart are 0 at all numbers, and are not stored.
         self._filled = np.flatnonzero(values.reshape(len(values), -1).any(axis=0))
         self._parts = np.ascontiguousarray(every[kept][:, self._filled])
 
     def __call__(self, *at: float) -> NDArray[Any]:
-        """The matrix."""
+        """The matrix at given numbers."""
         return self._sum(np.prod(np.array(at) ** self._powers, axis=1))
 
     def by(self, numbers: tuple[int, ...], *at: float) -> NDArray[Any]:
-        """Its derivative by some of the numbers, one after the other."""
+        """Derivative of the matrix by the numbers with these indices, one after the other."""
         powers, factors = self._powers.copy(), np.ones(len(self._powers))
         for i in numbers:
             factors *= powers[:, i]
@@ -337,7 +358,10 @@ class Polynomial:
 
 
 def _real_form(count: int) -> Complex:
-    """Unitary: cosines and sines from harmonics in order, k and -k in mirrored places."""
+    """Unitary matrix that makes cosines and sines of harmonics, shape (count, count).
+
+    The harmonics are in order, so that k and -k are in mirrored places.
+    """
     turn = np.zeros((count, count), dtype=np.complex128)
     root = math.sqrt(0.5)
     for i in range(count):
@@ -349,15 +373,17 @@ def _real_form(count: int) -> Complex:
 
 
 def pulsating_pipe(model: AnyModel, mean: float, size: int) -> PulsatingPipe:
-    """Of a model up to 30 degrees of freedom, of others from so many of their lowest modes.
+    """The pulsating pipe of a model, reduced to some of its modes where the model is large.
 
-    Of the continuous pipe it is that of a reduced model with so many functions.
+    A model with more than 30 degrees of freedom is projected on 2 `size` directions, which are
+    those in which its lowest modes at three speeds are largest. The continuous pipe is replaced by
+    a reduced model with `size` functions, and more for joints.
     """
     if isinstance(model, Continuum):
         one = model.frozen(size + FUNCTIONS_A_JOINT * basis_joints(model.pipe).size)
         return PulsatingPipe.of(one.elastic_operators(), mean)
     whole = PulsatingPipe.of(model.elastic_operators(), mean)
-    if whole.size <= SMALL:
+    if whole.size <= LARGEST_UNREDUCED:
         return whole
     spectrum, vectors = eigenproblem(model).spectrum(), list[Array]()
     for speed in mean * np.array([1.0, 0.7, 1.3]):
@@ -377,15 +403,16 @@ class FloquetMultipliers(TableResult, units={"growth": RATE}):
     """What a period of a pulsating flow makes of small motions of the straight pipe.
 
     Attributes:
-        multipliers: complex, shape (2 dof,), the largest modulus first: some motion is multiplied
-            by one of these in each period. One at -1 changes sign from period to period.
+        multipliers: Floquet multipliers, complex, shape (2 dof,), the largest modulus first. Each
+            period multiplies a motion of its own by each of them; where it is -1 the motion changes
+            sign from period to period.
         growth: largest rate of growth, log |multiplier| / period, in 1 / T.
-        stable: whether none is larger than 1, by more than 1e-6.
+        stable: whether no modulus is larger than 1 by more than 1e-6.
         pulsation: the flow speed.
         model: the model.
-        size: degrees of freedom of the model solved.
-        error: of the worst multiplier, relative if above 1, as shorter intervals say; for
-            `Continuum` also what the largest one changes by from the basis before.
+        size: degrees of freedom of the model that was solved.
+        error: error of the worst multiplier, relative if that is above 1, estimated with shorter
+            intervals; for `Continuum` at least the change of the largest one from the basis before.
     """
 
     multipliers: Complex
@@ -427,9 +454,9 @@ def floquet(model: AnyModel, pulsation: Pulsation) -> FloquetMultipliers:
         raise TypeError(f"pulsation must be a Pulsation, got {check.shown(pulsation)}")
     require_motion(model)
     check.real("pulsation.mean", pulsation.mean, low=0.0, high=largest_speed(model))
-    if isinstance(model, Model) and model.dof > LARGEST:
+    if isinstance(model, Model) and model.dof > FLOQUET_DOF:
         raise ValueError(
-            f"model must have at most {LARGEST} degrees of freedom for floquet, got {model.dof}"
+            f"model must have at most {FLOQUET_DOF} degrees of freedom for floquet, got {model.dof}"
         )
 
     def question(one: Model) -> tuple[Complex, float]:
