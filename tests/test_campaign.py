@@ -17,9 +17,10 @@ import pipedyn as pp
 SHORT = range(10, 110)
 """Cases of seed 0: ten of each class, none of more than 40 degrees of freedom."""
 
-BEFORE = [197, 541, 586, 603, 908, 1572, 2737, 2798, 2833, 3233, 3275, 3323, 3703, 4013, 4053]
-BEFORE += [4359, 5625, 6387, 686, 976, 1604, 1936, 4286, 8646, 8681, 8985, 9283]
-BEFORE += [253, 703, 1332, 1618, 2569, 573, 2323, 403, 1223]
+SLOW = pytest.mark.slow
+BEFORE = [197, 541, 586, 603, 908, 2798, 3275, 3323, 3703, 4013, 4053, 4359, 5625]
+BEFORE += [686, 976, 1604, 1936, 4286, 8646, 8681, 8985, 703, 1332, 1618, 2569, 573, 2323]
+LONG = [253, 403, 1223, 1572, 2737, 2833, 3233, 6387, 9283]
 """Cases of seed 0 that searches before have got wrong or refused.
 
 Rounding of high modes beside a slow growth (197, 6387), no growth at rest of an open inlet (586),
@@ -94,7 +95,7 @@ def test_random_pipes_lose_stability_where_independent_programs_say(name):
     assert wrong == []
 
 
-@pytest.mark.parametrize("number", BEFORE)
+@pytest.mark.parametrize("number", [*BEFORE, *(pytest.param(n, marks=SLOW) for n in LONG)])
 def test_random_pipes_that_were_answered_wrongly_are_right(number):
     outcome = campaign.judged(drawn(0, number, [*CLASSES]))
     assert (outcome.verdict, outcome.reason) == ("right", "")
@@ -120,7 +121,7 @@ def test_pipes_that_were_answered_wrongly_are_right(numbers, end, model):
     assert (outcome.verdict, outcome.reason) == ("right", "")
 
 
-@pytest.mark.parametrize("supports", [(0.939, 0.9402), (0.5, 0.939, 0.9402), (0.52, 0.939, 0.945)])
+@pytest.mark.parametrize("supports", [(0.939, 0.9402), (0.52, 0.939, 0.945)])
 def test_a_pipe_with_two_supports_near_its_free_end_is_searched_in_few_steps(supports):
     """Its real roots go so fast past a divergence that they seemed lost: it was without end."""
     case = Case("known", {"beta": 0.631, "supports": [*supports]}, "pp.Continuum({})", 20.0)
@@ -130,7 +131,7 @@ def test_a_pipe_with_two_supports_near_its_free_end_is_searched_in_few_steps(sup
 
 def test_where_growing_real_roots_meet_every_basis_says_the_same():
     pipe = pp.Pipe(0.05, root="pinned", end="pinned", terms=(pp.Foundation(15401.5),))
-    found = [pp.crossings(pp.Galerkin(pipe, m, "legendre"), 24.0).crossings for m in (40, 61, 90)]
+    found = [pp.crossings(pp.Galerkin(pipe, m, "legendre"), 24.0).crossings for m in (30, 40, 61)]
     meetings = [[c for c in one if c.unstable_before == c.unstable_after] for one in found]
     assert len(meetings[0]) == 2
     for same in zip(*meetings, strict=True):
@@ -196,7 +197,7 @@ def test_elements_find_flutter_where_exponentials_and_beck_do():
 
 def test_samples_and_the_bialternate_product_find_the_same_flutter():
     compared = 0
-    for index in range(200):
+    for index in range(120):
         case = drawn(4, index, ["cantilevered", "overdamped", "aspirating", "with terms"])
         model = eval(case.text, {"pp": pp})
         if isinstance(model, pp.Continuum) or model.dof > 5:
@@ -211,7 +212,7 @@ def test_samples_and_the_bialternate_product_find_the_same_flutter():
         speeds = [sorted(c.speed for c in found if c.speed > 0.01) for found in (one, other)]
         assert speeds[0] == pytest.approx(speeds[1], rel=1e-8)
         compared += len(speeds[0])
-    assert compared > 20
+    assert compared > 12
 
 
 @pytest.fixture

