@@ -127,6 +127,7 @@ def test_a_cycle_that_appears_and_vanishes_is_one_branch():
     assert (branch.amplitudes < 0.1).all()
 
 
+@pytest.mark.slow
 def test_a_branch_goes_on_where_its_cycles_begin_to_touch_a_stop():
     stop = pp.Stop(1.0, gap=0.05, stiffness=200.0)
     model = pp.Chain(pp.Pipe(0.2, 10.0, damping=0.005, terms=(stop,)), 2)

@@ -14,8 +14,8 @@ from independent import beck_speed, determinant_crossing
 
 import pipedyn as pp
 
-SHORT = range(10, 110)
-"""Cases of seed 0: ten of each class, none of more than 40 degrees of freedom."""
+SHORT = range(10, 60)
+"""Cases of seed 0: five of each class, none of more than 40 degrees of freedom."""
 
 SLOW = pytest.mark.slow
 BEFORE = [197, 541, 586, 603, 908, 2798, 3275, 3323, 3703, 4013, 4053, 4359, 5625]
@@ -91,7 +91,7 @@ def test_random_pipes_lose_stability_where_independent_programs_say(name):
     cases = [drawn(0, i, names) for i in SHORT if names[i % len(names)] == name]
     outcomes = [campaign.judged(case) for case in cases]
     wrong = [(one.case.text, one.reason) for one in outcomes if one.verdict != "right"]
-    assert len(outcomes) == 10
+    assert len(outcomes) == 5
     assert wrong == []
 
 

@@ -456,6 +456,7 @@ def test_an_axially_fixed_pipe_rests_straight_or_in_half_waves_and_no_coil_is_co
     assert others is None or not (others.resolved & others.valid).any()
 
 
+@pytest.mark.slow
 def test_a_coil_that_larger_bases_keep_is_resolved_but_not_valid():
     """A loop in the middle: the pendulum of `half_waves` swings about pi, and y = 1 - 2 E / K."""
     stiffness, u = 60.0, 3.2416
@@ -542,7 +543,7 @@ def test_rests_of_a_heavy_cantilever_that_count_are_elastica(gamma, u, m, basis)
 
 
 @pytest.mark.parametrize("m", [4, 8])
-@pytest.mark.parametrize(("load", "u"), [(21.354, 0.059), (30.0, 1.0), (48.7, 3.146)])
+@pytest.mark.parametrize(("load", "u"), [(21.354, 0.059), (48.7, 3.146)])
 def test_a_pinned_pipe_under_a_dead_load_is_found_buckled_and_upside_down(load, u, m):
     """Others have both ends at one place, where the force that holds the end across turns F."""
     model = pp.Galerkin(pinned(pp.Tension(-load)), m)

@@ -476,8 +476,10 @@ def found(errors):
     ]
 
 
-@pytest.mark.parametrize("layout", [None, "constrained", "tight"])
-@pytest.mark.parametrize("within", [plot.style, nullcontext], ids=["style", "defaults"])
+@pytest.mark.parametrize(
+    ("layout", "within"),
+    [(None, plot.style), ("constrained", nullcontext), ("tight", plot.style)],
+)
 def test_the_legend_of_the_convergence_picture_fits_below_and_no_decade_is_empty(layout, within):
     families = {name: found(0.5 ** np.arange(1, 7)) for name in plot.FAMILY_STYLES}
     families["rayleigh"] = found(-0.0144 + 0.2 * 0.5 ** np.arange(1, 12))
