@@ -69,6 +69,7 @@ def test_exponent_of_a_cycle_is_zero_within_its_spread(method):
     assert not found.chaotic
 
 
+@pytest.mark.slow
 def test_three_segments_are_chaotic_far_beyond_onset_by_either_route():
     # The cycle gives way to a torus near u = 8.35 and that to chaos: the largest multipliers and
     # brute force say the same.
