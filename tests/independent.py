@@ -725,3 +725,14 @@ def tells_its_distance(found, start, exact):
         return False
     assert found.discretisation <= 10.0 * distance
     return True
+
+
+def bent_state(model, rng, angle, speed=14.0, falling=2):
+    """A random state whose largest angle and rate are given, coefficients like i^-falling."""
+    m = model.dof
+    slopes = model.functions(np.linspace(0.0, 1.0, 200), 1)
+    fall = np.abs(slopes).max(axis=0) * np.arange(1.0, m + 1.0) ** falling
+    q, rate = rng.normal(size=(2, m)) / fall
+    q *= angle / np.abs(slopes @ q).max()
+    rate *= speed * angle / np.abs(slopes @ rate).max()
+    return np.concatenate([q, rate])

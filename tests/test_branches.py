@@ -128,6 +128,7 @@ def test_a_cycle_that_appears_and_vanishes_is_one_branch():
     assert (branch.amplitudes < 0.1).all()
 
 
+@pytest.mark.slow
 def test_a_branch_goes_on_where_its_cycles_begin_to_touch_a_stop():
     stop = pp.Stop(1.0, gap=0.05, stiffness=200.0)
     model = pp.Chain(pp.Pipe(0.2, 10.0, damping=0.005, terms=(stop,)), 2)
@@ -411,6 +412,7 @@ def test_where_motions_wind_up_without_end_no_cycle_is_said_to_be_found():
 JET = pp.Chain(pp.Pipe(0.3, 10.0, jet_angle=0.4, damping=0.005), 3)
 
 
+@pytest.mark.slow
 def test_what_is_narrower_than_the_speeds_show_is_left_out_and_named():
     """The third generation at 6.96823, and folds without end near a homoclinic orbit at 8.68."""
     found = pp.bifurcation_diagram(JET, [6.0, 7.0, 8.0, 9.0])

@@ -14,12 +14,13 @@ from independent import beck_speed, determinant_crossing
 
 import pipedyn as pp
 
-SHORT = range(10, 110)
-"""Cases of seed 0: ten of each class, none of more than 40 degrees of freedom."""
+SHORT = range(10, 60)
+"""Cases of seed 0: five of each class, none of more than 40 degrees of freedom."""
 
-BEFORE = [197, 541, 586, 603, 908, 1572, 2737, 2798, 2833, 3233, 3275, 3323, 3703, 4013, 4053]
-BEFORE += [4359, 5625, 6387, 686, 976, 1604, 1936, 4286, 8646, 8681, 8985, 9283]
-BEFORE += [253, 703, 1332, 1618, 2569, 573, 2323, 403, 1223]
+SLOW = pytest.mark.slow
+BEFORE = [197, 541, 586, 603, 908, 2798, 3275, 3323, 3703, 4013, 4053, 4359, 5625]
+BEFORE += [686, 976, 1604, 1936, 4286, 8646, 8681, 8985, 703, 1332, 1618, 2569, 573, 2323]
+LONG = [253, 403, 1223, 1572, 2737, 2833, 3233, 6387, 9283]
 """Cases of seed 0 that searches before have got wrong or refused.
 
 Rounding of high modes beside a slow growth (197, 6387), no growth at rest of an open inlet (586),
@@ -90,11 +91,11 @@ def test_random_pipes_lose_stability_where_independent_programs_say(name):
     cases = [drawn(0, i, names) for i in SHORT if names[i % len(names)] == name]
     outcomes = [campaign.judged(case) for case in cases]
     wrong = [(one.case.text, one.reason) for one in outcomes if one.verdict != "right"]
-    assert len(outcomes) == 10
+    assert len(outcomes) == 5
     assert wrong == []
 
 
-@pytest.mark.parametrize("number", BEFORE)
+@pytest.mark.parametrize("number", [*BEFORE, *(pytest.param(n, marks=SLOW) for n in LONG)])
 def test_random_pipes_that_were_answered_wrongly_are_right(number):
     outcome = campaign.judged(drawn(0, number, [*CLASSES]))
     assert (outcome.verdict, outcome.reason) == ("right", "")
@@ -114,13 +115,15 @@ def test_with_hysteresis_a_growing_motion_that_ceases_to_oscillate_is_told():
 @pytest.mark.parametrize(
     "model", ["pp.Continuum({})", "pp.Galerkin({}, 12, 'legendre')", "pp.Chain({}, 20)"]
 )
-@pytest.mark.parametrize(("numbers", "end"), KNOWN)
+@pytest.mark.parametrize(("numbers", "end"), [*KNOWN[:-1], pytest.param(*KNOWN[-1], marks=SLOW)])
 def test_pipes_that_were_answered_wrongly_are_right(numbers, end, model):
     outcome = campaign.judged(Case("known", numbers, model, end))
     assert (outcome.verdict, outcome.reason) == ("right", "")
 
 
-@pytest.mark.parametrize("supports", [(0.939, 0.9402), (0.5, 0.939, 0.9402), (0.52, 0.939, 0.945)])
+@pytest.mark.parametrize(
+    "supports", [(0.939, 0.9402), pytest.param((0.52, 0.939, 0.945), marks=SLOW)]
+)
 def test_a_pipe_with_two_supports_near_its_free_end_is_searched_in_few_steps(supports):
     """Its real roots go so fast past a divergence that they seemed lost: it was without end."""
     case = Case("known", {"beta": 0.631, "supports": [*supports]}, "pp.Continuum({})", 20.0)
@@ -130,7 +133,7 @@ def test_a_pipe_with_two_supports_near_its_free_end_is_searched_in_few_steps(sup
 
 def test_where_growing_real_roots_meet_every_basis_says_the_same():
     pipe = pp.Pipe(0.05, root="pinned", end="pinned", terms=(pp.Foundation(15401.5),))
-    found = [pp.crossings(pp.Galerkin(pipe, m, "legendre"), 24.0).crossings for m in (40, 61, 90)]
+    found = [pp.crossings(pp.Galerkin(pipe, m, "legendre"), 24.0).crossings for m in (30, 40, 61)]
     meetings = [[c for c in one if c.unstable_before == c.unstable_after] for one in found]
     assert len(meetings[0]) == 2
     for same in zip(*meetings, strict=True):
@@ -164,7 +167,7 @@ def test_high_modes_of_a_reduced_model_count_where_the_flow_feeds_them(m):
         (30, "pp.Galerkin({}, 120, 'legendre')", 95.0),
         (50, "pp.Galerkin({}, 200, 'legendre')", 100.0),
         (30, "pp.Chain({}, 60)", 95.0),
-        (100, "pp.Chain({}, 200)", 285.0),
+        pytest.param(100, "pp.Chain({}, 200)", 285.0, marks=SLOW),
     ],
 )
 def test_pipes_on_many_equal_spans_are_right(spans, model, end):
@@ -172,7 +175,7 @@ def test_pipes_on_many_equal_spans_are_right(spans, model, end):
     assert (outcome.verdict, outcome.reason) == ("right", "")
 
 
-@pytest.mark.parametrize("spans", [1, 3, 12])
+@pytest.mark.parametrize("spans", [1, 3, 6])
 def test_elements_know_hinged_pipes_on_equal_spans(spans):
     numbers = equal_spans(spans, beta=0.3)
     end = 1.01 * spans * math.pi
@@ -196,7 +199,7 @@ def test_elements_find_flutter_where_exponentials_and_beck_do():
 
 def test_samples_and_the_bialternate_product_find_the_same_flutter():
     compared = 0
-    for index in range(200):
+    for index in range(120):
         case = drawn(4, index, ["cantilevered", "overdamped", "aspirating", "with terms"])
         model = eval(case.text, {"pp": pp})
         if isinstance(model, pp.Continuum) or model.dof > 5:
@@ -211,7 +214,7 @@ def test_samples_and_the_bialternate_product_find_the_same_flutter():
         speeds = [sorted(c.speed for c in found if c.speed > 0.01) for found in (one, other)]
         assert speeds[0] == pytest.approx(speeds[1], rel=1e-8)
         compared += len(speeds[0])
-    assert compared > 20
+    assert compared > 12
 
 
 @pytest.fixture

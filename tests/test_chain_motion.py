@@ -411,28 +411,28 @@ def test_sine_and_cosine_are_good_to_two_ulp(level, at_level, sines_and_cosines)
 
 # -------------------------------------------------------------------------------------- bad input
 
-GOOD = np.full(20, 0.1)
-NAN = np.where(np.arange(20) == 3, np.nan, GOOD)
+GOOD = np.full(6, 0.1)
+NAN = np.where(np.arange(6) == 3, np.nan, GOOD)
 
 
 @pytest.mark.parametrize(
     ("y", "u", "error", "message"),
     [
-        (GOOD[:19], 1.0, ValueError, r"y must have shape (20,) or (20, k), got (19,)"),
-        (np.zeros((19, 20)), 1.0, ValueError, r"y must have shape (20,) or (20, k), got (19, 20)"),
-        (np.zeros((20, 2, 2)), 1.0, ValueError, r"got (20, 2, 2)"),
-        (0.5, 1.0, ValueError, r"y must have shape (20,) or (20, k), got ()"),
+        (GOOD[:5], 1.0, ValueError, r"y must have shape (6,) or (6, k), got (5,)"),
+        (np.zeros((5, 6)), 1.0, ValueError, r"y must have shape (6,) or (6, k), got (5, 6)"),
+        (np.zeros((6, 2, 2)), 1.0, ValueError, r"got (6, 2, 2)"),
+        (0.5, 1.0, ValueError, r"y must have shape (6,) or (6, k), got ()"),
         ([], 1.0, ValueError, r"got (0,)"),
         (NAN, 1.0, ValueError, r"y must be finite, got nan at index 3"),
         (NAN[:, None] * [1, 1], 1.0, ValueError, r"y must be finite, got nan at index (3, 0)"),
-        (GOOD * [math.inf, *[1] * 19], 1.0, ValueError, r"y must be finite, got inf at index 0"),
+        (GOOD * [-math.inf, *[1] * 5], 1.0, ValueError, r"y must be finite, got -inf at index 0"),
         (GOOD + 0j, 1.0, TypeError, r"y must be an array of real numbers, got array([0.1+0.j"),
         (GOOD > 0, 1.0, TypeError, r"y must be an array of real numbers"),
         (
             np.ma.array(GOOD, mask=GOOD > 0.0),
             1.0,
             ValueError,
-            "y must not be masked, got 20 masked",
+            "y must not be masked, got 6 masked",
         ),
         ([True, *GOOD[1:]], 1.0, TypeError, r"y must be an array of real numbers, got [True, "),
         (
@@ -441,7 +441,7 @@ NAN = np.where(np.arange(20) == 3, np.nan, GOOD)
             TypeError,
             f"y must be an array of real numbers, got [{np.True_!r}",
         ),
-        ([[1.0], *[(False,)] * 19], 1.0, TypeError, r"y must be an array of real numbers, got [[1"),
+        ([[1.0], *[(False,)] * 5], 1.0, TypeError, r"y must be an array of real numbers, got [[1"),
         ("y", 1.0, TypeError, r"y must be an array of real numbers, got 'y'"),
         (None, 1.0, TypeError, r"y must be an array of real numbers, got None"),
         ([[1.0], [1.0, 2.0]], 1.0, TypeError, r"y must be an array of real numbers, got [[1.0], "),
@@ -468,24 +468,24 @@ NAN = np.where(np.arange(20) == 3, np.nan, GOOD)
         (GOOD[:, None], "u", TypeError, r"u must be a real number or an array of them, got 'u'"),
     ],
 )
-def test_bad_states_and_speeds_are_refused(y, u, error, message):
-    chain = everything(10)
+@pytest.mark.parametrize("model", [everything(3), pp.Galerkin(pp.Pipe(0.2), 3)], ids=repr)
+def test_bad_states_and_speeds_are_refused(model, y, u, error, message):
     with pytest.raises(error, match=re.escape(message)):
-        chain.rhs(0.0, y, u)
+        model.rhs(0.0, y, u)
     with pytest.raises(error, match=re.escape(message)):
-        chain.power(y, u)
+        model.power(y, u)
     if message.startswith("y must be"):
         with pytest.raises(error, match=re.escape(message)):
-            chain.energy(y)
+            model.energy(y)
 
 
 def test_jacobian_takes_a_state_or_a_batch():
-    chain = everything(10)
-    y, u = states(10, 3), np.array([0.0, 2.0, 4.0])
+    chain = everything(3)
+    y, u = states(3, 3), np.array([0.0, 2.0, 4.0])
     each = [chain.jacobian(0.0, y[:, k], u[k]) for k in range(3)]
     # States of a batch are differentiated side by side, so that rounding differs.
     np.testing.assert_allclose(chain.jacobian(0.0, y, u), each, rtol=1e-12, atol=1e-12)
-    with pytest.raises(ValueError, match=re.escape("or (20, k), got (1, 20)")):
+    with pytest.raises(ValueError, match=re.escape("or (6, k), got (1, 6)")):
         chain.jacobian(0.0, GOOD[None], 1.0)
     with pytest.raises(ValueError, match=re.escape("u must be a number, got shape (1,)")):
         chain.jacobian(0.0, GOOD, [1.0])

@@ -305,7 +305,9 @@ HANGING = pp.Galerkin(pp.Pipe(0.01, gamma=300.0), 10, "legendre")
     ("model", "speeds", "end", "speeds_there"),
     [
         (FOUR, (9.57, 9.573), 0.092, (9.58, 9.585)),
-        (HANGING, (11.704, 11.707), 0.0101, (11.708, 11.711)),
+        pytest.param(
+            *(HANGING, (11.704, 11.707), 0.0101, (11.708, 11.711)), marks=pytest.mark.slow
+        ),
     ],
     ids=["four segments", "gamma = 300"],
 )

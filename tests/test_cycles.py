@@ -444,7 +444,7 @@ def test_a_cycle_beside_bent_equilibria_is_found():
     ("model", "u"),
     [
         (pp.Chain(ASPIRATING, 12), 0.08),
-        (pp.Galerkin(ASPIRATING, 8, "legendre"), 0.3),
+        pytest.param(pp.Galerkin(ASPIRATING, 8, "legendre"), 0.3, marks=pytest.mark.slow),
         (pp.Chain(pp.Pipe(0.2, drag=2.0), 10), 8.0),
         (pp.Chain(pp.Pipe(0.8, drag=2.0, damping=0.01), 3), 8.12),
         (REPELLING, 14.29),

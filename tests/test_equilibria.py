@@ -3,6 +3,7 @@
 
 import math
 import re
+from functools import cache
 from itertools import pairwise
 
 import numpy as np
@@ -430,8 +431,7 @@ def half_waves(axial, u):
     return found
 
 
-@pytest.mark.parametrize("basis", ["beam", "legendre"])
-@pytest.mark.parametrize("m", [4, 8])
+@pytest.mark.parametrize(("m", "basis"), [(4, "beam"), (4, "legendre"), (8, "legendre")])
 @pytest.mark.parametrize(
     ("stiffness", "u", "few"), [(1000.0, 3.2416, 3), (300.0, 7.0, 5), (20.0, 5.0, 3)]
 )
@@ -456,6 +456,7 @@ def test_an_axially_fixed_pipe_rests_straight_or_in_half_waves_and_no_coil_is_co
     assert others is None or not (others.resolved & others.valid).any()
 
 
+@pytest.mark.slow
 def test_a_coil_that_larger_bases_keep_is_resolved_but_not_valid():
     """A loop in the middle: the pendulum of `half_waves` swings about pi, and y = 1 - 2 E / K."""
     stiffness, u = 60.0, 3.2416
@@ -484,12 +485,13 @@ def test_a_coil_that_larger_bases_keep_is_resolved_but_not_valid():
     assert others.tips[one, 1] < 0.5  # that of the middle, far back
 
 
+@cache
 def free_ends(gamma, u):
     """Angles of the free end of all clamped elastica up to five turns.
 
     Shot from the end, where theta is given and theta' is 0, for theta = 0 at the root.
     """
-    s = np.linspace(1.0, 0.0, 1001)
+    s = np.linspace(1.0, 0.0, 301)
 
     def rates(s, y, end):
         theta, curvature = y
@@ -506,7 +508,7 @@ def free_ends(gamma, u):
             y = y + h / 6 * (one + 2 * two + 2 * three + rates(b, y + h * three, end))
         return y[0]
 
-    ends = np.linspace(1e-3, 10.0 * math.pi, 6001)
+    ends = np.linspace(1e-3, 10.0 * math.pi, 3001)
     roots = root_angle(ends)
     return [
         brentq(lambda end: root_angle(np.array([end]))[0], *ends[i : i + 2], xtol=1e-10)
@@ -541,7 +543,7 @@ def test_rests_of_a_heavy_cantilever_that_count_are_elastica(gamma, u, m, basis)
 
 
 @pytest.mark.parametrize("m", [4, 8])
-@pytest.mark.parametrize(("load", "u"), [(21.354, 0.059), (30.0, 1.0), (48.7, 3.146)])
+@pytest.mark.parametrize(("load", "u"), [(21.354, 0.059), (48.7, 3.146)])
 def test_a_pinned_pipe_under_a_dead_load_is_found_buckled_and_upside_down(load, u, m):
     """Others have both ends at one place, where the force that holds the end across turns F."""
     model = pp.Galerkin(pinned(pp.Tension(-load)), m)

@@ -82,7 +82,7 @@ def test_every_public_call_is_tried(fuzz):
 
 
 def test_malformed_arguments_are_refused_by_name_and_good_ones_answered(fuzz):
-    assert fuzz.run(600, seed=20261121) == []
+    assert fuzz.run(300, seed=20261121) == []
 
 
 @pytest.mark.parametrize(

@@ -306,13 +306,13 @@ def test_sensitivities_of_weak_damping_by_differences():
 
 
 def test_a_long_chain_is_solved_in_a_few_of_its_modes():
-    chain = pp.Chain(LOSSY, 400)
+    chain = pp.Chain(LOSSY, 70)
     found = pp.critical_speed(chain)
     exact = pp.critical_speed(pp.Continuum(LOSSY))
-    assert found.speed == pytest.approx(exact.speed, rel=3e-5)
-    assert abs(found.speed - exact.speed) <= found.discretisation < 3e-4
+    assert found.speed == pytest.approx(exact.speed, rel=1e-3)
+    assert abs(found.speed - exact.speed) <= found.discretisation < 1e-2
     values = pp.eigenvalues(chain, 5.0, 6)
-    np.testing.assert_allclose(values, pp.eigenvalues(pp.Continuum(LOSSY), 5.0, 6), rtol=1e-4)
+    np.testing.assert_allclose(values, pp.eigenvalues(pp.Continuum(LOSSY), 5.0, 6), rtol=3.3e-3)
 
 
 def test_stability_curves_go_through_the_same_points():

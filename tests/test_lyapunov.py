@@ -24,7 +24,7 @@ def lorenz_jacobian(y):
     return np.array([[-10.0, 10.0, 0.0], [28.0 - c, -1.0, -a], [b, a, -8.0 / 3.0]])
 
 
-@pytest.mark.parametrize("pair", [False, True])
+@pytest.mark.parametrize("pair", [False, pytest.param(True, marks=pytest.mark.slow)])
 def test_lorenz_attractor_is_chaotic_with_the_known_exponent(pair):
     start = np.array([1.0, 1.0, 20.0])
     # As long that rounding, which decides where a chaotic motion goes, leaves the spread below its
@@ -69,6 +69,7 @@ def test_exponent_of_a_cycle_is_zero_within_its_spread(method):
     assert not found.chaotic
 
 
+@pytest.mark.slow
 def test_three_segments_are_chaotic_far_beyond_onset_by_either_route():
     # The cycle gives way to a torus near u = 8.35 and that to chaos: the largest multipliers and
     # brute force say the same.

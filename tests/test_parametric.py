@@ -40,7 +40,7 @@ def integrated(pipe, amplitude, frequency):
     ("mean", "amplitude", "low", "high"),
     [
         (4.5, 0.3, 33.062473, 39.994481),
-        (6.0, 0.3, 23.703843, 38.500475),
+        pytest.param(6.0, 0.3, 23.703843, 38.500475, marks=pytest.mark.slow),
     ],
 )
 def test_principal_regions_of_the_second_mode(mean, amplitude, low, high):
@@ -104,6 +104,7 @@ def test_the_continuous_pipe_has_the_multipliers_of_many_functions():
     assert found.multipliers[0] == pytest.approx(other.multipliers[0], rel=1e-6)
 
 
+@pytest.mark.slow
 def test_regions_of_chains_converge_with_second_order():
     expected = np.array([27.431472, 36.229891, 0.1234732])
     errors = []
@@ -189,8 +190,14 @@ PINNED = pp.Galerkin(pp.Pipe(0.5, root="pinned", end="pinned"), 6, "legendre")
     ("model", "pulsation", "frequencies", "kind", "edges"),
     [
         (CLAMPED, (4.0, 0.2), (52.0, 54.0), "combination", (53.408805, 53.409365)),
-        (CLAMPED, (4.0, 0.3), [14.0, 14.5], "combination", (14.297402, 14.299242)),
-        (PINNED, (2.0, 0.3), np.array([25.2, 25.4]), "combination", (25.236294, 25.236417)),
+        pytest.param(
+            *(CLAMPED, (4.0, 0.3), [14.0, 14.5], "combination", (14.297402, 14.299242)),
+            marks=pytest.mark.slow,
+        ),
+        pytest.param(
+            *(PINNED, (2.0, 0.3), np.array([25.2, 25.4]), "combination", (25.236294, 25.236417)),
+            marks=pytest.mark.slow,
+        ),
         (PINNED, (2.0, 0.2), (25.0, 25.2), "subharmonic", (25.043155, 25.046724)),
     ],
     ids=["clamped", "clamped, slow", "pinned", "pinned, on the axis"],
@@ -211,6 +218,7 @@ def test_thin_regions_of_conservative_pipes_have_both_edges(
         assert growing(model, pp.Pulsation(mean, amplitude, 1.0), edge + inward) > 1e-6
 
 
+@pytest.mark.slow
 def test_regions_that_overlap_are_told_as_their_union():
     """Two harmonic regions without a gap at amplitude 0.3, and with one at 0.2: by multipliers."""
     model = pp.Galerkin(pp.Pipe(0.0, 10.0), 6, "legendre")
@@ -228,6 +236,7 @@ def test_regions_that_overlap_are_told_as_their_union():
     assert growing(model, pp.Pulsation(2.0, 0.2, 1.0), right.edges[0].mean()) > 1e-6
 
 
+@pytest.mark.slow
 def test_the_least_amplitude_of_a_thin_region_of_a_lightly_damped_pipe():
     """Its edges turn within a millionth of the frequency there."""
     pipe = pp.Pipe(0.5, root="pinned", end="pinned", damping=1e-5)
@@ -239,6 +248,7 @@ def test_the_least_amplitude_of_a_thin_region_of_a_lightly_damped_pipe():
         assert (growing(model, at, found.threshold_frequency) > 0.0) == grows
 
 
+@pytest.mark.slow
 def test_a_region_whose_multipliers_turn_all_the_way_round_the_circle():
     """They pass the real axis on both sides, and leave the circle, alone, between 1 and -1."""
     model = pp.Galerkin(PIPE, 6, "legendre")

@@ -12,8 +12,7 @@ import matplotlib
 import matplotlib.pyplot as plt
 import numpy as np
 import pytest
-from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.figure import Figure
+from canvas import axes
 from matplotlib.markers import TICKUP
 
 import pipedyn as pp
@@ -41,12 +40,6 @@ def turned(found):
 def shown(ax):
     """Its lines, without those that are only in the legend."""
     return [line for line in ax.lines if len(line.get_xdata())]
-
-
-def axes(layout=None):
-    figure = Figure(layout=layout)
-    FigureCanvasAgg(figure)
-    return figure.subplots()
 
 
 @pytest.mark.parametrize(
@@ -281,12 +274,10 @@ def test_a_map_shows_all_that_was_searched_and_words_stay_within_it():
     window = {"beta": (0.05, 0.9), "u": (0.0, 12.0)}
     found = pp.boundary(never_stable(), "beta", "u", window, criticality=False)
     for width in (3.4, 6.4):
-        figure = Figure((width, 3.0))
-        FigureCanvasAgg(figure)
-        ax = plot.stability_map({"a": found}, ax=figure.subplots())
+        ax = plot.stability_map({"a": found}, ax=axes(figsize=(width, 3.0)))
         assert ax.get_xlim() == window["beta"]
         assert min(line.get_xdata().min() for line in shown(ax)) > 0.7
-        figure.canvas.draw()
+        ax.figure.canvas.draw()
         frame = ax.get_window_extent()
         for text in ax.texts:
             assert frame.x0 <= text.get_window_extent().x0
@@ -476,8 +467,10 @@ def found(errors):
     ]
 
 
-@pytest.mark.parametrize("layout", [None, "constrained", "tight"])
-@pytest.mark.parametrize("within", [plot.style, nullcontext], ids=["style", "defaults"])
+@pytest.mark.parametrize(
+    ("layout", "within"),
+    [(None, plot.style), ("constrained", nullcontext), ("tight", plot.style)],
+)
 def test_the_legend_of_the_convergence_picture_fits_below_and_no_decade_is_empty(layout, within):
     families = {name: found(0.5 ** np.arange(1, 7)) for name in plot.FAMILY_STYLES}
     families["rayleigh"] = found(-0.0144 + 0.2 * 0.5 ** np.arange(1, 12))
@@ -511,9 +504,9 @@ def test_at_one_column_nothing_is_cut_off_and_the_curves_have_room(name, within)
     motion = pp.simulate(pp.Chain(HOSE, 3), 2.0, 2.0, lambda s: 0.1 * s)
     units = {"units": "si"} if name == "time_history" else {}
     with within():
-        figure = Figure(figsize=(3.4, 2.45))
-        FigureCanvasAgg(figure)
-        ax = getattr(plot, name)(shows.get(name, motion), ax=figure.subplots(), **units)
+        ax = axes(figsize=(3.4, 2.45))
+        figure = ax.figure
+        getattr(plot, name)(shows.get(name, motion), ax=ax, **units)
         figure.canvas.draw()
         texts = [ax.xaxis.label, ax.yaxis.label, *ax.texts]
         texts += [] if ax.get_legend() is None else [ax.get_legend()]

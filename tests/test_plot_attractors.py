@@ -6,8 +6,7 @@ from functools import cache
 
 import numpy as np
 import pytest
-from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.figure import Figure
+from canvas import axes
 
 import pipedyn as pp
 from pipedyn import plot
@@ -18,12 +17,6 @@ MEASURED = pp.Pipe.from_si(
     pipe_mass=0.1,
     fluid_mass=0.02,
 )
-
-
-def axes():
-    figure = Figure()
-    FigureCanvasAgg(figure)
-    return figure.subplots()
 
 
 @cache

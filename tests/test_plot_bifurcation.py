@@ -2,12 +2,11 @@
 """Pictures beyond onset show what is stable, what is not, and where it changes."""
 
 from dataclasses import replace
-from functools import cache
+from functools import cache, partial
 
 import numpy as np
 import pytest
-from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.figure import Figure
+from canvas import axes as of_layout
 
 import pipedyn as pp
 from pipedyn import plot
@@ -62,10 +61,7 @@ def diagram():
     )
 
 
-def axes():
-    figure = Figure(layout="constrained")
-    FigureCanvasAgg(figure)
-    return figure.subplots()
+axes = partial(of_layout, "constrained")
 
 
 def rendered(ax):

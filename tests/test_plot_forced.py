@@ -6,8 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.figure import Figure
+from canvas import axes
 
 import pipedyn as pp
 from pipedyn import plot
@@ -20,12 +19,6 @@ RESPONSE = pp.frequency_response(pp.Galerkin(PIPE, 3), 2.0, (0.5, 40.0))
 REGION = pp.ParametricRegion(
     "harmonic", np.array([0.1, 0.2]), np.array([[2, 3], [1.5, 4]]), 0.05, 2.4, 0.0, PIPE
 )
-
-
-def axes():
-    figure = Figure()
-    FigureCanvasAgg(figure)
-    return figure.subplots()
 
 
 def test_a_response_at_any_frequencies_is_drawn_from_left_to_right():

@@ -4,15 +4,14 @@
 import dataclasses
 import math
 import re
-from functools import cached_property
+from functools import cached_property, partial
 
 import matplotlib
 import numpy as np
 import pytest
+from canvas import axes as of_layout
 from matplotlib.animation import FuncAnimation
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.collections import LineCollection
-from matplotlib.figure import Figure
 from PIL import Image
 
 import pipedyn as pp
@@ -73,17 +72,9 @@ class Motions:
 MOTIONS = Motions()
 
 
-def axes():
-    figure = Figure(layout="constrained")
-    FigureCanvasAgg(figure)
-    return figure.subplots()
-
-
-def small_axes():
-    """For animations, of which every frame is rendered."""
-    figure = Figure(figsize=(2.0, 2.3), dpi=50)
-    FigureCanvasAgg(figure)
-    return figure.subplots()
+axes = partial(of_layout, "constrained")
+small_axes = partial(of_layout, figsize=(2.0, 2.3), dpi=50)
+"""For animations, of which every frame is rendered."""
 
 
 def by_gid(ax, gid):

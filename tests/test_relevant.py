@@ -221,6 +221,7 @@ def test_drag_matters_to_a_motion_and_not_in_thin_air():
     assert strong["drag"].size > 1e3 * found["drag"].size
 
 
+@pytest.mark.slow
 def test_without_damping_a_limit_cycle_is_the_undamped_pipes():
     """Amplitudes 0.262918 and 0.276611 at u = 6, frequencies 13.69632 and 13.79155."""
     loose = {"tolerance": 1e-2, "rtol": 1e-5}

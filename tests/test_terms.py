@@ -505,6 +505,7 @@ def test_continuous_pipe_meets_independent_numbers(beta, terms, speed, frequency
     assert found.frequency == pytest.approx(frequency, rel=5e-7)
 
 
+@pytest.mark.slow
 def test_a_tip_mass_so_heavy_that_its_weight_needs_more_functions_is_refused():
     """Each basis shows other modes that a mass of 1e3, which hangs from the pipe, lets grow."""
     pipe = pp.Pipe(0.2, 10.0, terms=(pp.PointMass(1.0, 1e3),))

@@ -10,7 +10,7 @@ from itertools import pairwise
 import mpmath
 import numpy as np
 import pytest
-from independent import derivative, gauss, second_derivative, tells_its_distance
+from independent import bent_state, derivative, gauss, second_derivative, tells_its_distance
 from scipy.integrate import solve_ivp
 from scipy.linalg import eigh
 from scipy.optimize import brentq, root
@@ -19,7 +19,6 @@ from scipy.special import ellipe, ellipk
 import pipedyn as pp
 from pipedyn import _core
 from pipedyn.models.base import core_pipe
-from pipedyn.models.galerkin import basis_joints
 
 BASES = ["beam", "legendre"]
 OPERATORS = ["mass", "gyroscopic", "end_flux", "damping", "stiffness", "flux"]
@@ -45,17 +44,6 @@ def panel_gauss(ends, count):
     nodes, weights = gauss(count)
     parts = [(low + (high - low) * nodes, (high - low) * weights) for low, high in pairwise(ends)]
     return (np.concatenate(each) for each in zip(*parts, strict=True))
-
-
-def state(model, rng, angle, speed=14.0):
-    """A random state whose largest angle and rate are given."""
-    m = model.dof
-    slopes = model.functions(np.linspace(0.0, 1.0, 200), 1)
-    fall = np.abs(slopes).max(axis=0) * np.arange(1.0, m + 1.0) ** 2
-    q, rate = rng.normal(size=(2, m)) / fall
-    q *= angle / np.abs(slopes @ q).max()
-    rate *= speed * angle / np.abs(slopes @ rate).max()
-    return np.concatenate([q, rate])
 
 
 # --------------------------------------------------------------------------- independent routes
@@ -486,7 +474,7 @@ def test_terms_at_one_place_add_up(basis):
         expected = getattr(whole.operators(), name)
         size = np.abs(expected).max()
         np.testing.assert_allclose(getattr(split.operators(), name), expected, atol=1e-14 * size)
-    y = state(whole, np.random.default_rng(1), 1.0)
+    y = bent_state(whole, np.random.default_rng(1), 1.0)
     expected = whole.rhs(0.0, y, 3.0)
     np.testing.assert_allclose(split.rhs(0.0, y, 3.0), expected, atol=1e-12 * abs(expected).max())
 
@@ -506,7 +494,7 @@ def test_a_term_of_nothing_leaves_the_plain_motion(pipe, basis):
     nothing = [pp.PointMass(s, 1e-15) for s in at] + [pp.Spring(s, 1e-15) for s in at]
     plain, loaded = (pp.Galerkin(replace(pipe, terms=terms), 6, basis) for terms in ((), nothing))
     rng = np.random.default_rng(2)
-    y = np.stack([state(plain, rng, angle) for angle in (0.2, 1.0, 2.5)], axis=1)
+    y = np.stack([bent_state(plain, rng, angle) for angle in (0.2, 1.0, 2.5)], axis=1)
     u = np.array([0.0, 3.0, 6.0])
 
     def close(found, expected, tolerance=1e-9):
@@ -541,7 +529,7 @@ def test_terms_load_the_pipe_as_newton_says(basis):
         at, mass, stiffness = np.array([[1.0], [0.3], [7.0]])
     plain = pp.Galerkin(EVERYTHING, 5, basis)
     loaded = pp.Galerkin(replace(EVERYTHING, terms=terms), 5, basis)
-    y, u = state(plain, np.random.default_rng(3), 1.8), 4.0
+    y, u = bent_state(plain, np.random.default_rng(3), 1.8), 4.0
     q, rate = y[:5], y[5:]
     there = loaded.rhs(0.0, y, u)[5:]
     path = lambda t: plain.shape(q + rate * t + 0.5 * there * t**2, at)  # noqa: E731
@@ -558,7 +546,7 @@ def test_terms_load_the_pipe_as_newton_says(basis):
 def test_motion_on_panels_obeys_lagranges_equations():
     """d/dt dL/dq' = dL/dq at rest flow, from the energy alone, which another test draws."""
     model = pp.Galerkin(pp.Pipe(0.4, gamma=4.0, terms=ALL), 6, "legendre")
-    y = state(model, np.random.default_rng(4), 1.5)
+    y = bent_state(model, np.random.default_rng(4), 1.5)
     q, rate, still = y[:6], y[6:], np.zeros(6)
     there = model.rhs(0.0, y, 0.0)[6:]
     unit = np.eye(6)
@@ -583,7 +571,7 @@ def test_motion_on_panels_obeys_lagranges_equations():
 def test_energy_is_that_of_the_shape_and_its_terms(basis):
     rng = np.random.default_rng(5)
     model = pp.Galerkin(pp.Pipe(0.3, gamma=6.0, terms=ALL), 6, basis)
-    y = state(model, rng, 2.0)
+    y = bent_state(model, rng, 2.0)
     q, rate = y[:6], y[6:]
     s, weights = panel_gauss([0.0, 0.25, 0.6, 1.0], 40)
     s = np.append(s, PLACES)
@@ -607,43 +595,12 @@ def test_power_is_the_energys_rate_with_everything_on(basis, pipe):
     rng = np.random.default_rng(6)
     model = pp.Galerkin(pipe, 6, basis)
     for angle in (0.5, 3.0):
-        y = state(model, rng, angle)
+        y = bent_state(model, rng, angle)
         slope = model.rhs(0.0, y, 6.0)
         speed = np.linalg.norm(slope) / np.linalg.norm(y)
         rate = derivative(lambda t, y=y, slope=slope: model.energy(y + t * slope), 3e-3 / speed)
         power = model.power(y, 6.0)
         assert rate == pytest.approx(power.total, abs=1e-11 * model.energy(y) * speed)
-
-
-@pytest.mark.parametrize("drag", [0.0, 1.5])
-@pytest.mark.parametrize("basis", BASES)
-def test_jacobian_is_the_derivative_of_rhs(basis, drag):
-    model = pp.Galerkin(replace(LOADED_PIPE, drag=drag), 6, basis)
-    y = state(model, np.random.default_rng(7), 2.0)
-    scale = np.concatenate([model.elastic_scale, 14.0 * model.elastic_scale])
-    found = model.jacobian(0.0, y, 5.0) * scale
-
-    def along(x, j):
-        return model.rhs(0.0, y + x * scale[j] * np.eye(12)[j], 5.0)
-
-    columns = [derivative(lambda x, j=j: along(x, j), 1e-2) for j in range(12)]
-    expected = np.stack(columns, axis=1)
-    error = np.abs(found - expected).max(axis=0) / np.abs(expected).max(axis=0)
-    assert error.max() < (3e-6 if drag else 1e-9)
-
-
-@pytest.mark.parametrize("basis", BASES)
-def test_small_motions_are_those_of_the_operators(basis):
-    model = pp.Galerkin(LOADED_PIPE, 6, basis)
-    mass, damping, stiffness = model.operators().at(5.0)
-    linear = np.linalg.solve(mass, np.hstack([-stiffness, -damping]))
-    jacobian = model.jacobian(0.0, np.zeros(12), 5.0)
-    np.testing.assert_allclose(jacobian[6:], linear, atol=1e-10 * np.abs(linear).max())
-    straight = model.operators(np.zeros(6))
-    for name in OPERATORS:
-        expected = getattr(model.operators(), name)
-        size = max(1.0, np.abs(expected).max())
-        np.testing.assert_allclose(getattr(straight, name), expected, atol=1e-13 * size)
 
 
 def buckled(model, q):
@@ -690,29 +647,6 @@ def test_operators_about_a_bent_pipe_are_its_small_motions():
     jacobian = model.jacobian(0.0, np.concatenate([rest, np.zeros(8)]), 0.0)
     np.testing.assert_allclose(jacobian[8:], linear, atol=1e-9 * np.abs(linear).max())
     np.testing.assert_allclose(ops.stiffness, ops.stiffness.T, atol=1e-12)
-
-
-@pytest.mark.parametrize("drag", [0.0, 1.0])
-@pytest.mark.parametrize("basis", BASES)
-@pytest.mark.parametrize("m", [4, 8, 12])
-def test_quadrature_misses_less_than_it_says(m, basis, drag):
-    """Against far more nodes on each panel; short panels and long ones."""
-    rng = np.random.default_rng(8)
-    terms = (pp.PointMass(0.5, 0.3), pp.Spring(0.55, 200.0), pp.PointMass(1.0, 0.1))
-    model = pp.Galerkin(pp.Pipe(0.3, gamma=5.0, drag=drag, terms=terms), m, basis)
-    fine = _core.Galerkin(
-        pipe=core_pipe(model.pipe),
-        legendre=basis == "legendre",
-        size=m,
-        joints=basis_joints(model.pipe) if basis == "legendre" else np.zeros(0),
-        least_nodes=200 if drag else 100,
-    )
-    for angle in (0.3, 1.0, math.pi):
-        for speed in (1.0, 14.0, 40.0):
-            y = state(model, rng, angle, speed)
-            expected = fine.rhs(0.0, y, 6.0)
-            error = np.abs(model.rhs(0.0, y, 6.0) - expected)[m:].max()
-            assert error < (1e-6 if drag else 1e-10) * np.abs(expected[m:]).max()
 
 
 @pytest.mark.parametrize("damping", [0.0, 5e-3])
