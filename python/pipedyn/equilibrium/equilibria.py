@@ -131,8 +131,8 @@ class Equilibria(TableResult, units={"growth": RATE}):
         model: the model.
         discarded: solutions of the model's equations that are not resolved or not valid; None where
             there are none.
-        complete: whether all solutions with angles up to 60 rad are known, by the count that
-            `equilibria` describes; None in files of versions that did not ask.
+        complete: whether the search for all solutions with angles up to 60 rad ended and their
+            count was right, as `equilibria` describes; None in files of versions that did not ask.
         search: how equilibria were looked for, and why that is complete or not.
 
     Example:
@@ -180,11 +180,13 @@ def equilibria(model: Model, u: float, starts: Sequence[Start] = ()) -> Equilibr
 
     All equilibria of a pipe with a free end and up to four degrees of freedom are looked for.
     Newton's method starts from mixtures of the modes of bending, spread evenly up to angles beyond
-    the largest that is found, and from starts beside each equilibrium that is known. The search
-    ends when neither these nor as many starts again as before lead to more equilibria, and the
-    equilibria are as many as the degree of the equations demands: elastic forces grow without bound
-    and all others do not, so the signs of det K over all equilibria add up to 1. For a pipe on a
-    hinge that nothing resists, whole turns about it count once and the signs add up to 0.
+    the largest that is found, from configurations spread evenly as far as elastic forces can
+    balance the others, whose largest values are sampled, and from starts beside each equilibrium
+    that is known. The search ends when neither these nor as many starts again as before lead to
+    more equilibria, and the equilibria are as many as the degree of the equations demands: elastic
+    forces grow without bound and all others do not, so the signs of det K over all equilibria add
+    up to 1. For a pipe on a hinge that nothing resists, whole turns about it count once and the
+    signs add up to 0. A pair of opposite signs to which no start leads would be missed.
 
     In other pipes starts are bent by half a radian to one and a half turns, in all mixtures of the
     first three or four modes, and in the shapes in which the straight pipe buckles at that speed.
