@@ -31,14 +31,14 @@ from pipedyn.models.galerkin import BASES
 from pipedyn.paper.analysis import (
     HIGHEST_SPEED,
     LEAST_HIGHEST,
-    Case,
     Findings,
+    Options,
     forecast,
     gather,
     measured_pace,
 )
 from pipedyn.paper.pipe_options import add_pipe_options, taken_pipe
-from pipedyn.paper.report import BEFORE_MAPS, HEADER, SI_HEADER, Draw, map_figure, report, table
+from pipedyn.paper.report import BEFORE_MAPS, HEADINGS, SI_HEADER, Draw, map_figure, report, table
 from pipedyn.util import check
 from pipedyn.util.files import replacing
 
@@ -52,7 +52,7 @@ class _Parser(argparse.ArgumentParser):
         self.exit(2, f"{self.prog}: error: {message}\n")
 
 
-def _parsed(arguments: Sequence[str] | None) -> Case:
+def _parsed(arguments: Sequence[str] | None) -> Options:
     parser = _Parser(
         prog=PROGRAM,
         description="Modal analysis of a pipe conveying fluid: articulated chains, reduced models "
@@ -80,7 +80,7 @@ def _parsed(arguments: Sequence[str] | None) -> Case:
         ("reduced", "M", [2, 4, 8], 200, "functions"),
     ):
         text = f"numbers of {text}, each from 1 to {largest} (default: {' '.join(map(str, sizes))})"
-        several: dict[str, Any] = {"nargs": "+", "type": partial(_whole, 1, largest)}
+        several: dict[str, Any] = {"nargs": "+", "type": partial(_whole_number, 1, largest)}
         several |= {"dest": f"{name}_sizes", "default": sizes}
         add(f"--{name}", metavar=metavar, help=text, **several)
     add("--basis", choices=BASES, default="beam", help=f"of the reduced models {usual}")
@@ -90,7 +90,7 @@ def _parsed(arguments: Sequence[str] | None) -> Case:
     )
     add("--highest", type=float, metavar="U", help=text)
     text = f"number of flow speeds, from 2 to 5001 {usual}"  # steps of 0.02 up to the highest
-    add("--speeds", type=partial(_whole, 2, 5001), default=181, metavar="COUNT", help=text)
+    add("--speeds", type=partial(_whole_number, 2, 5001), default=181, metavar="COUNT", help=text)
 
     add = parser.add_argument_group("output").add_argument
     text = f"folder to write to, made if it does not exist {usual}"
@@ -98,7 +98,7 @@ def _parsed(arguments: Sequence[str] | None) -> Case:
     add("--format", choices=("png", "pdf", "svg"), default="png", help=f"of the figures {usual}")
     workers = min(2, os.cpu_count() or 1)
     text = f"threads that share the work; 0: the command's own alone {usual}"
-    add("--workers", type=partial(_whole, 0, 64), default=workers, metavar="K", help=text)
+    add("--workers", type=partial(_whole_number, 0, 64), default=workers, metavar="K", help=text)
     add("--quiet", dest="progress", action="store_false", help="say nothing on stderr but errors")
 
     words = sys.argv[1:] if arguments is None else arguments
@@ -117,7 +117,7 @@ def _parsed(arguments: Sequence[str] | None) -> Case:
         given["output"] = _writable(given["output"])
     except (ValueError, OSError) as error:
         parser.error(str(error))
-    return Case(pipe=pipe, **given)
+    return Options(pipe=pipe, **given)
 
 
 def _positional(word: str) -> str:
@@ -129,7 +129,7 @@ def _positional(word: str) -> str:
     return f" {word}" if word.startswith("-") else word
 
 
-def _whole(low: int, high: int, text: str) -> int:
+def _whole_number(low: int, high: int, text: str) -> int:
     """A word as a whole number in an interval."""
     text = text.strip()
     if not text.isdecimal() or not low <= int(text) <= high:
@@ -165,7 +165,7 @@ def save_figure(figure: plot.Figure, path: Path) -> None:
 Saver: TypeAlias = Callable[[Path], None]
 
 
-def written(case: Case, findings: Findings, savers: dict[str, Saver]) -> list[Path]:
+def written(case: Options, findings: Findings, savers: dict[str, Saver]) -> list[Path]:
     """Files that were written; what cannot be written is added to `findings.failures`."""
     paths = []
     for name, save in savers.items():
@@ -179,17 +179,17 @@ def written(case: Case, findings: Findings, savers: dict[str, Saver]) -> list[Pa
     return paths
 
 
-def _table_saver(case: Case, findings: Findings) -> dict[str, Saver]:
+def _table_saver(case: Options, findings: Findings) -> dict[str, Saver]:
     def save(path: Path) -> None:
         with path.open("w", newline="", encoding="utf-8") as stream:
             writer = csv.writer(stream)
-            writer.writerow(HEADER if case.pipe.scales is None else HEADER + SI_HEADER)
+            writer.writerow(HEADINGS if case.pipe.scales is None else HEADINGS + SI_HEADER)
             writer.writerows(table(case.pipe, findings))
 
     return {"critical-speeds.csv": save}
 
 
-def _figure_saver(case: Case, findings: Findings, name: str, draw: Draw) -> dict[str, Saver]:
+def _figure_saver(case: Options, findings: Findings, name: str, draw: Draw) -> dict[str, Saver]:
     def save(path: Path) -> None:
         with plot.style():
             save_figure(draw(case, findings), path)

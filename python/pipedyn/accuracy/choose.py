@@ -26,7 +26,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pipedyn.accuracy.convergence import FAMILIES, Family, checked_families, fitted_law
+from pipedyn.accuracy.convergence import FAMILIES, ModelFamily, checked_families, fitted_law
 from pipedyn.accuracy.quantities import LONGEST_REFERENCE, RTOL, Quantity, checked_quantity
 from pipedyn.accuracy.reference import MARGIN, Answer
 from pipedyn.accuracy.trade import TradeRow, measured
@@ -37,14 +37,14 @@ from pipedyn.util.archive import saved_as
 from pipedyn.util.later import html
 from pipedyn.util.result import Result
 
-DEFAULT = ("legendre", "beam", "consistent", "midpoint")
+CANDIDATES = ("legendre", "beam", "consistent", "midpoint")
 """Families to choose among where none are named: of chains those whose error falls fastest."""
 
-FINEST = RTOL
+FINEST_ERROR = RTOL
 """Error down to which models are distinguished where the budget alone counts: that to which motions
 and cycles are then solved."""
 
-SMALLEST = 4
+LADDER_START = 4
 """Size at which the first ladder starts: the linear answers of fewer cost no less."""
 
 PATIENCE = 2.0 * LONGEST_REFERENCE
@@ -221,17 +221,17 @@ def choose(
     if budget is not None:
         budget = check.real("budget", budget, low=0.0, high=1e6, open_low=True)
     asked = checked_quantity(quantity, conditions, tolerance)
-    families = checked_families("among", among, DEFAULT)
+    families = checked_families("among", among, CANDIDATES)
     repeats = check.count("repeats", repeats, high=1000)
     start = time.perf_counter()
     asked = asked.prepared(pipe)
-    reference = asked.reference(pipe, (FINEST if tolerance is None else tolerance) / MARGIN)
+    reference = asked.reference(pipe, (FINEST_ERROR if tolerance is None else tolerance) / MARGIN)
     if tolerance is not None and reference.error > tolerance:
         known = f"answer ({reference.source}) is known to {reference.error:.1e}"
         reason = f"no model can be shown to meet an error of {tolerance:g}: the continuous pipe's"
         raise NoModel(f"{reason} {known}", (), None)
     fastest_first = sorted(families, key=lambda family: -family.order)
-    search = Search(pipe, asked, reference, fastest_first, repeats)
+    search = ModelSearch(pipe, asked, reference, fastest_first, repeats)
     if tolerance is not None:
         row = search.cheapest(tolerance)
         demand = f"an error of {tolerance:g}" + (f" in {budget:g} s" if budget is not None else "")
@@ -254,7 +254,7 @@ def choose(
     )
 
 
-def _tried(search: Search, chosen: TradeRow | None) -> tuple[Tried, ...]:
+def _tried(search: ModelSearch, chosen: TradeRow | None) -> tuple[Tried, ...]:
     """A line for each family: its row that was measured last, and why it was not chosen."""
     last = {name: row for (name, _), row in search.rows.items()}
     if chosen is not None:
@@ -262,12 +262,12 @@ def _tried(search: Search, chosen: TradeRow | None) -> tuple[Tried, ...]:
     found = []
     for family in search.families:
         row, reason = last.get(family.name), search.reasons.get(family.name, "")
-        why = ", and ".join(part for part in (described(row) if row else "", reason) if part)
+        why = ", and ".join(part for part in (row_in_words(row) if row else "", reason) if part)
         found.append(Tried(family.name, row, "" if row is not None and row is chosen else why))
     return tuple(found)
 
 
-def _refusal(search: Search, nearest: TradeRow | None, demand: str) -> NoModel:
+def _refusal(search: ModelSearch, nearest: TradeRow | None, demand: str) -> NoModel:
     """What to raise where nothing meets the demand."""
     tried = _tried(search, None)
     if nearest is None or math.isinf(search.bound(nearest)):
@@ -287,7 +287,7 @@ def _refusal(search: Search, nearest: TradeRow | None, demand: str) -> NoModel:
 
 
 @dataclass
-class Search:
+class ModelSearch:
     """Models of one pipe asked so far, each once: `rows`, by family and size.
 
     `reasons` says, by a family's name, why no more of its sizes were asked, where its errors and
@@ -297,7 +297,7 @@ class Search:
     pipe: Pipe
     quantity: Quantity
     reference: Answer
-    families: list[Family]  # of fastest convergence first
+    families: list[ModelFamily]  # of fastest convergence first
     repeats: int
     rows: dict[tuple[str, int], TradeRow] = field(default_factory=dict)
     reasons: dict[str, str] = field(default_factory=dict)
@@ -310,7 +310,7 @@ class Search:
             return self.bound(row) <= tolerance
 
         for family in self.families:
-            dof, limit, patience = family.dof(SMALLEST), PATIENCE, PATIENCE
+            dof, limit, patience = family.dof(LADDER_START), PATIENCE, PATIENCE
             if best is not None:
                 dof, limit = math.ceil(GAIN * best.dof), GAIN * best.seconds
                 # An answer of twice the time would not become the best, though times scatter.
@@ -332,7 +332,7 @@ class Search:
             if best is not None and not best.resolved:
                 self.reasons[family.name] = "the reference does not resolve a smaller error"
                 continue
-            dof = family.dof(SMALLEST) if best is None else best.dof
+            dof = family.dof(LADDER_START) if best is None else best.dof
             error = math.inf if best is None else self.bound(best)
             self._climb(family, dof, is_enough, error, GAIN * budget, PATIENCE)
         return self._within(budget)
@@ -360,7 +360,7 @@ class Search:
         bound = row.error + self.reference.error
         return bound if math.isfinite(bound) else math.inf
 
-    def _measure(self, family: Family, size: int, patience: float) -> TradeRow:
+    def _measure(self, family: ModelFamily, size: int, patience: float) -> TradeRow:
         """The row of one model."""
         key = (family.name, size)
         if key not in self.rows:
@@ -370,7 +370,7 @@ class Search:
 
     def _climb(
         self,
-        family: Family,
+        family: ModelFamily,
         dof: int,
         serves: Callable[[TradeRow], bool],
         target: float,
@@ -409,7 +409,7 @@ class Search:
                 cuts += 1
         return self.rows.get((family.name, good))
 
-    def _needed(self, family: Family, row: TradeRow, target: float) -> int | None:
+    def _needed(self, family: ModelFamily, row: TradeRow, target: float) -> int | None:
         """The size at which the error meets a target as it falls by the family's order from a row.
 
         None where no power law holds. The paper's springs have order 2 up to their other limit.
@@ -420,7 +420,7 @@ class Search:
         return math.ceil(row.size * math.pow(error / target, 1.0 / (family.order or 2.0)))
 
     def _is_hopeless(
-        self, family: Family, row: TradeRow, most: int, target: float, limit: float
+        self, family: ModelFamily, row: TradeRow, most: int, target: float, limit: float
     ) -> bool:
         """Whether no larger size of a family is worth asking after one that does not serve."""
         error, needed = self.bound(row), self._needed(family, row, target) or row.size
@@ -444,7 +444,7 @@ class Search:
         return bool(self.reasons[family.name])
 
 
-def described(row: TradeRow) -> str:
+def row_in_words(row: TradeRow) -> str:
     """A row in words."""
     if row.failure is not None:
         return f"size {row.size} failed: {row.failure}"

@@ -27,7 +27,7 @@ RULES = {"consistent": 2.0, "midpoint": 2.0, "rayleigh": 0.0, "uniform": 1.0, "f
 
 
 @dataclass(frozen=True)
-class Family:
+class ModelFamily:
     """Models of one kind and growing size, named by a spring rule, that and "pair", or a basis.
 
     Attributes:
@@ -73,17 +73,17 @@ class Family:
 
 DOUBLED = (2, 4, 8, 16, 32, 64)
 """Sizes of chains: doubled, each pair but the last has its larger chain among them. A limit cycle
-of 64 segments takes 6 s, of the largest pair 7, so that 128 would take more than `trade.LONGEST`.
+of 64 segments takes 6 s, of the largest pair 7: 128 would take more than `trade.LONGEST_ANSWER`.
 Reduced models go up to where beam modes take 3 s of one, and two sizes beyond 12 Legendre
 functions, which leave 8e-14 in a critical speed and 8e-9 in a cycle."""
 
-FAMILIES: dict[str, Family] = {
+FAMILIES: dict[str, ModelFamily] = {
     family.name: family
     for family in (
-        *(Family(rule, order, DOUBLED) for rule, order in RULES.items()),
-        *(Family(f"{r} pair", 2.0 * order, DOUBLED[:-1]) for r, order in RULES.items() if order),
-        Family("beam", 4.0, (2, 3, 4, 6, 8, 12, 16, 24), 400),
-        Family("legendre", math.inf, (2, 4, 6, 8, 10, 12, 16), 60),
+        *(ModelFamily(rule, order, DOUBLED) for rule, order in RULES.items()),
+        *(ModelFamily(f"{r} pair", 2.0 * p, DOUBLED[:-1]) for r, p in RULES.items() if p),
+        ModelFamily("beam", 4.0, (2, 3, 4, 6, 8, 12, 16, 24), 400),
+        ModelFamily("legendre", math.inf, (2, 4, 6, 8, 10, 12, 16), 60),
     )
 }
 
@@ -95,7 +95,7 @@ GROUPS: dict[str, tuple[str, ...]] = {
 """Words for several families."""
 
 
-def checked_families(name: str, given: Any, default: Sequence[str]) -> tuple[Family, ...]:
+def checked_families(name: str, given: Any, default: Sequence[str]) -> tuple[ModelFamily, ...]:
     """Families by their names or the words for several, each once; the default where None is given.
 
     Raises ValueError or TypeError, naming the argument, for what is no such word.
@@ -105,7 +105,7 @@ def checked_families(name: str, given: Any, default: Sequence[str]) -> tuple[Fam
         several = iter(() if isinstance(words, dict) else words)
     except TypeError:
         raise TypeError(f"{name} must be words, got {check.shown(given)}") from None
-    found: dict[str, Family] = {}
+    found: dict[str, ModelFamily] = {}
     for word in several:
         one = check.choice(name, word, (*GROUPS, *FAMILIES))
         found |= {member: FAMILIES[member] for member in GROUPS.get(one, (one,))}
@@ -176,8 +176,8 @@ def fitted_law(sizes: Array, errors: Array) -> ConvergenceLaw:
     if sizes.size - largest < 3:
         return replace(unknown, sizes=sizes)
     sizes, logs = sizes[largest:], logs[largest:]
-    power, power_misfit = _line(np.log(sizes), logs)
-    exponential, misfit = _line(sizes, logs)
+    power, power_misfit = _straight_fit(np.log(sizes), logs)
+    exponential, misfit = _straight_fit(sizes, logs)
     if min(power_misfit, misfit) > 0.1 * float(np.ptp(logs)):
         return replace(unknown, sizes=sizes)
     # The families' orders are 1 to 4: what falls faster than the eighth power is no power.
@@ -193,7 +193,7 @@ def own_error(found: Iterable[CriticalSpeed], exact: CriticalSpeed) -> float:
     return (exact.error + own) / exact.speed + eps if exact.speed > 0.0 else eps
 
 
-def _line(x: Array, y: Array) -> tuple[float, float]:
+def _straight_fit(x: Array, y: Array) -> tuple[float, float]:
     """Slope and root mean square misfit of a straight line."""
     slope, start = np.polyfit(x, y, 1)
     return float(slope), float(np.sqrt(np.mean((start + slope * x - y) ** 2)))

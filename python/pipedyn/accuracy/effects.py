@@ -40,7 +40,7 @@ from pipedyn.util.units import RATE
 LIMIT_BETA = 1e-9
 """beta that stands for the limit beta -> 0, from which the critical speed differs by 1.1 beta."""
 
-NUMBERS = {
+BY_NUMBER = {
     "gravity": ("gamma", "gamma"),
     "drag": ("drag", "kappa"),
     "damping": ("damping", "delta"),
@@ -247,7 +247,7 @@ def relevant(
         if not strength:
             return Effect(name, "", "", None, 0.0, 0.0, math.nan, "absent")
         simpler = _without(pipe, names)
-        growth = _growth(simpler, speed)
+        growth = _growth_at(simpler, speed)
         gone = [change for one, (_, change) in drives.items() if one in names]
         left = asked.changed(dict(ChainMap(*gone)))
         try:
@@ -278,7 +278,7 @@ def relevant(
         u=speed,
         quantity=asked,
         full=words,
-        growth=_growth(pipe, speed),
+        growth=_growth_at(pipe, speed),
         tolerance=tolerance,
         effects=tuple(effects),
         together=effect(*dropped) if len(dropped) > 1 else None,
@@ -288,7 +288,7 @@ def relevant(
 def _strengths(pipe: Pipe) -> dict[str, str]:
     """Effects by name, with the number that each comes from; empty where the pipe has it not."""
     strengths = {}
-    for name, (number, symbol) in NUMBERS.items():
+    for name, (number, symbol) in BY_NUMBER.items():
         value = float(getattr(pipe, number))
         if value != ABSENT.get(name):
             strengths[name] = f"{symbol} = {value:.6g}" if value or name in ABSENT else ""
@@ -330,7 +330,7 @@ def _droppable(names: Collection[str]) -> tuple[str, ...]:
 def _without(pipe: Pipe, names: Collection[str]) -> Pipe:
     """The pipe with some of its effects switched off."""
     gone: dict[str, Any] = {
-        number: ABSENT.get(name, 0.0) for name, (number, _) in NUMBERS.items() if name in names
+        number: ABSENT.get(name, 0.0) for name, (number, _) in BY_NUMBER.items() if name in names
     }
     if "flow" in names:
         gone |= {"beta": 0.0, "alpha": 0.0}
@@ -346,7 +346,7 @@ def _without(pipe: Pipe, names: Collection[str]) -> Pipe:
 def _outcome(quantity: Quantity, pipe: Pipe, tolerance: float) -> tuple[str, Answer]:
     """What a pipe answers, in words and in numbers: none where there is no such answer."""
     state = ""
-    if quantity.name == "critical_speed" and pipe.gamma < 0.0 and _growth(pipe, 0.0) > 0.0:
+    if quantity.name == "critical_speed" and pipe.gamma < 0.0 and _growth_at(pipe, 0.0) > 0.0:
         state = "buckled at rest, "
     none = Answer(np.zeros(0), f"{state}none")
     if quantity.name == "critical_speed" and pipe.alpha == 0.0 and pipe.flow == "ejecting":
@@ -358,14 +358,14 @@ def _outcome(quantity: Quantity, pipe: Pipe, tolerance: float) -> tuple[str, Ans
     except NoCrossing as failure:
         return f"{state}{failure.args[0]}", none
     except NoCycle as failure:
-        if not _growth(pipe, failure.u) <= 0.0:  # one may be there that no search found
+        if not _growth_at(pipe, failure.u) <= 0.0:  # one may be there that no search found
             raise
         return "no limit cycle, it rests", none
-    words, kind = _described(quantity, pipe, found)
+    words, kind = _answer_in_words(quantity, pipe, found)
     return state + words, replace(found, kind=state + kind)
 
 
-def _described(quantity: Quantity, pipe: Pipe, answer: Answer) -> tuple[str, str]:
+def _answer_in_words(quantity: Quantity, pipe: Pipe, answer: Answer) -> tuple[str, str]:
     """An answer in words, and its kind."""
     values = answer.values
     if quantity.name == "critical_speed":
@@ -388,7 +388,7 @@ def _speed(u: float, pipe: Pipe) -> str:
     return given if pipe.scales is None else f"{given} ({pipe.speed_si(u):.4g} m/s)"
 
 
-def _growth(pipe: Pipe, u: float) -> float:
+def _growth_at(pipe: Pipe, u: float) -> float:
     """Largest real part of an eigenvalue of the straight pipe at a speed; NaN where none converges.
 
     NaN too where that does not rest, of a pipe with an inclined jet.

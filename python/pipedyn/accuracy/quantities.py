@@ -20,7 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from pipedyn import _core
 from pipedyn.accuracy.convergence import FAMILIES
-from pipedyn.accuracy.reference import LEAST_ERROR, Answer
+from pipedyn.accuracy.reference import LEAST_REFERENCE_ERROR, Answer
 from pipedyn.attraction.solutions import LARGEST_CYCLE
 from pipedyn.cycles.limit_cycle import limit_cycle
 from pipedyn.linear.critical_speed import CriticalSpeed, checked_end, critical_speed
@@ -41,7 +41,7 @@ LEGENDRE = FAMILIES["legendre"]
 BEFORE_CLUSTER = 0.9
 """Share of 1 / delta up to which roots are compared: towards it they converge ever more slowly."""
 
-FIRST, MOST = 6, 20
+FIRST_FUNCTIONS, MOST_FUNCTIONS = 6, 20
 """Fewest functions of the first nonlinear reference, and those of the last: 6 Legendre functions
 give the critical speed of three pipes in four to 1 %, as measured; a cycle of 20 takes seconds."""
 
@@ -150,10 +150,10 @@ class CriticalSpeedOf(Quantity):
         """`Continuum`'s own answer, as exact as it is whatever the tolerance."""
         found = critical_speed(Continuum(pipe), min(self.max_speed, CONTINUUM_SPEED))
         answer, source = self._answer(found), f"Continuum, {found.size} Legendre functions"
-        return replace(answer, error=max(answer.error, LEAST_ERROR), source=source)
+        return replace(answer, error=max(answer.error, LEAST_REFERENCE_ERROR), source=source)
 
 
-class _Roots(Quantity):
+class _Eigenvalues(Quantity):
     """Eigenvalues, each compared with its own; those that cluster at -1 / delta are left out."""
 
     highest: ClassVar[float] = math.inf
@@ -196,12 +196,12 @@ class _Roots(Quantity):
         least, first = min(max(tolerance, LEAST_TOLERANCE), 1e-6), max(16, 2 * self.count + 2)
         found = Continuum(pipe).converge(self.answer, change, least, first)
         source = f"Continuum, {found.size} Legendre functions"
-        return replace(found.value, error=max(found.error, LEAST_ERROR), source=source)
+        return replace(found.value, error=max(found.error, LEAST_REFERENCE_ERROR), source=source)
 
 
 @saved_as("Frequencies")
 @dataclass(frozen=True)
-class Frequencies(_Roots):
+class Frequencies(_Eigenvalues):
     """The eigenvalues of the lowest modes at one flow speed.
 
     Of a pipe with damping delta, those up to 0.9 / delta: from 1 / delta on there is no next one,
@@ -230,7 +230,7 @@ class Frequencies(_Roots):
 
 @saved_as("RootLociOver")
 @dataclass(frozen=True)
-class RootLociOver(_Roots):
+class RootLociOver(_Eigenvalues):
     """Branches of eigenvalues over increasing flow speeds (S,): the largest error on them."""
 
     name: ClassVar[str] = "root_loci"
@@ -311,11 +311,11 @@ class _Integrated(Quantity):
         # Waves get shorter with flow and weight, like 1 / sqrt(u^2 + |gamma|). With half a function
         # for each unit of that root the first two sizes of Legendre functions differ by 3e-7 to
         # 2e-5, as measured at u from 6 to 14.
-        expected = FIRST + math.ceil(
+        expected = FIRST_FUNCTIONS + math.ceil(
             0.5 * math.hypot(self.steady_speed(pipe), math.sqrt(abs(pipe.gamma)))
         )
-        first, more = min(expected, MOST - 2), family.for_terms(pipe)
-        sizes = range(first + more, MOST + more + 1, 2)
+        first, more = min(expected, MOST_FUNCTIONS - 2), family.for_terms(pipe)
+        sizes = range(first + more, MOST_FUNCTIONS + more + 1, 2)
         asked = (self.solved_for(tolerance), self.solved_for(0.25 * tolerance))
         answers: list[Answer] = []
         failed, error, end = "", math.inf, clock() + LONGEST_REFERENCE
@@ -339,7 +339,7 @@ class _Integrated(Quantity):
             if error <= tolerance:
                 break
         source = f"Galerkin, {sizes[len(answers) - 1]} {family.name} functions{failed}"
-        error = max(error, LEAST_ERROR)
+        error = max(error, LEAST_REFERENCE_ERROR)
         return replace(answers[-1], error=error, source=source, family=family.name)
 
 
@@ -410,7 +410,7 @@ class MotionOf(_Integrated):
         """With its start: the least damped mode where none is given."""
         more = LEGENDRE.for_terms(pipe)
         if self.start is not None:
-            straight = LEGENDRE.make(pipe, FIRST + more)
+            straight = LEGENDRE.make(pipe, FIRST_FUNCTIONS + more)
             bends = [straight.bent(one) for one in (self.start, self.rates) if one is not None]
             if np.abs(bends).max() < 1e-12:  # rounding
                 raise ValueError("start must bend the pipe: a straight one at rest does not move")
@@ -424,7 +424,7 @@ class MotionOf(_Integrated):
         mode = found.shapes[int(np.argmax(growth >= growth.max() - 0.2 * abs(growth.max())))]
         q = 0.05 * mode.coordinates / mode([pipe.watched])[0]  # 2 % of such a motion is nonlinear
         bend, rates = np.split(model.start(q.real, (mode.eigenvalue * q).real), 2)
-        angle, turning = (partial(_slope, model, of.copy()) for of in (bend, rates))
+        angle, turning = (partial(_angle_of, model, of.copy()) for of in (bend, rates))
         return replace(self, start=angle, rates=turning)
 
     def distance(self, answer: Answer, other: Answer) -> float:
@@ -441,7 +441,7 @@ class MotionOf(_Integrated):
         return "its highest functions grow many times faster than the pipe" if spoilt else ""
 
 
-def _slope(model: Galerkin, q: Array, s: Array) -> Array:
+def _angle_of(model: Galerkin, q: Array, s: Array) -> Array:
     """The angle of a reduced model at arc lengths; a function of the module, so that it pickles."""
     return np.asarray(model.core.basis(s, 1) @ q)
 

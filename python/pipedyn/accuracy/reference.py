@@ -18,7 +18,7 @@ MARGIN = 10.0
 """By how much the error of a reference must be smaller than an error measured against it, which is
 then known to a tenth."""
 
-LEAST_ERROR = 1e-14
+LEAST_REFERENCE_ERROR = 1e-14
 """Least error that a reference is given: rounding of an eigenvalue or of a quadrature."""
 
 

@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from pipedyn.accuracy.convergence import (
     GROUPS,
     ConvergenceLaw,
-    Family,
+    ModelFamily,
     checked_families,
     fitted_law,
 )
@@ -30,14 +30,14 @@ from pipedyn.util.parallel import track
 from pipedyn.util.result import Result, TableResult
 from pipedyn.util.table import Table
 
-LONGEST = 10.0
+LONGEST_ANSWER = 10.0
 """Seconds after which a measurement is not repeated, and an answer of a size that was not asked for
 is given up: each of the default's 44 models then takes at most twice as long."""
 
 COSTS = ("seconds", "dof", "right_hand_sides", "factorisations")
 """What a row may cost."""
 
-DEFAULT = ("consistent", "midpoint", "uniform", "rayleigh", "consistent pair", "beam", "legendre")
+USUAL = ("consistent", "midpoint", "uniform", "rayleigh", "consistent pair", "beam", "legendre")
 """Families that are measured where none are named."""
 
 
@@ -222,7 +222,7 @@ def trade(
     """
     pipe = checked_pipe(pipe)
     asked = checked_quantity(quantity, conditions).prepared(pipe)
-    chosen = checked_families("families", families, DEFAULT)
+    chosen = checked_families("families", families, USUAL)
     wanted = _sizes(sizes, chosen, asked.least)
     every = [(family, size) for family in chosen for size in wanted[family.name]]
     repeats = check.count("repeats", repeats, high=1000)
@@ -234,7 +234,7 @@ def trade(
             f"moved it by {reference.error:.1e}",
             reference,
         )
-    patience = math.inf if sizes is not None else LONGEST
+    patience = math.inf if sizes is not None else LONGEST_ANSWER
     rows = [
         measured(pipe, asked, family, size, reference, repeats, patience)
         for family, size in track(every, len(every), "models", shown)
@@ -242,7 +242,7 @@ def trade(
     return Trade(pipe, asked, reference, tuple(rows))
 
 
-def _sizes(given: Any, families: Sequence[Family], least: int) -> dict[str, tuple[int, ...]]:
+def _sizes(given: Any, families: Sequence[ModelFamily], least: int) -> dict[str, tuple[int, ...]]:
     """Sizes by the names of families."""
     own = {one.name: tuple(size for size in one.sizes if size >= least) for one in families}
     if given is None:
@@ -268,7 +268,7 @@ def _increasing(given: Any) -> tuple[int, ...]:
 def measured(
     pipe: Pipe,
     quantity: Quantity,
-    family: Family,
+    family: ModelFamily,
     size: int,
     reference: Answer,
     repeats: int,
@@ -278,7 +278,7 @@ def measured(
     times: list[float] = []
     dof, begin = 0, clock()
     try:
-        while len(times) < repeats and sum(times) < LONGEST:
+        while len(times) < repeats and sum(times) < LONGEST_ANSWER:
             models = family.models(pipe, size)
             dof = sum(model.dof for model in models)
             if models[0].dof < quantity.least:

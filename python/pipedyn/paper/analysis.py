@@ -71,7 +71,7 @@ MAP_MODES = 9
 
 
 @dataclass(frozen=True)
-class Case:
+class Options:
     """The options of the command; highest None: chosen from the critical speed."""
 
     pipe: Pipe
@@ -115,7 +115,7 @@ class Findings:
     failures: list[str] = field(default_factory=list)
 
 
-def gather(case: Case, executor: futures.Executor | None = None) -> Iterator[Findings]:
+def gather(case: Options, executor: futures.Executor | None = None) -> Iterator[Findings]:
     """Compute all that the figures and the table show, in an executor or in this process.
 
     The findings come twice: first all but the maps, on which an executor goes on, then complete.
@@ -138,7 +138,7 @@ def gather(case: Case, executor: futures.Executor | None = None) -> Iterator[Fin
     findings.exact, findings.remark = found[name]
     findings.highest = _highest(case, findings.exact)
     speeds = np.linspace(0.0, findings.highest, case.speeds)
-    panels, families = _panels(case), _families(case)
+    panels, families = _panel_models(case), _families(case)
     jobs: dict[str, Job[Any]] = {
         "root loci, continuous pipe": partial(root_loci, exact, speeds, BRANCHES),
         "crossings, continuous pipe": partial(crossings, exact, findings.highest),
@@ -150,7 +150,7 @@ def gather(case: Case, executor: futures.Executor | None = None) -> Iterator[Fin
     gammas = _gammas(case)
     maps = {gamma: f"stability map, gamma = {gamma}" for gamma in gammas}
     top = map_top(findings.exact)
-    map_jobs = [partial(stability_map, replace(case.pipe, gamma=gamma), top) for gamma in gammas]
+    map_jobs = [partial(mapped_stability, replace(case.pipe, gamma=gamma), top) for gamma in gammas]
     every: list[Job[Any]] = [*jobs.values(), *map_jobs]
     answers = parallel(every, executor, label="models", progress=case.progress)
     outcomes = recorded(jobs, answers)
@@ -181,7 +181,7 @@ def gather(case: Case, executor: futures.Executor | None = None) -> Iterator[Fin
     yield findings
 
 
-def forecast(case: Case, pace: Pace = AS_MEASURED) -> float:
+def forecast(case: Options, pace: Pace = AS_MEASURED) -> float:
     """About how many seconds the analysis takes, from what was asked of it.
 
     Each constant is a core's time (AMD Zen 4), measured for chains of 4 to 256 segments, reduced
@@ -231,13 +231,13 @@ def _seconds_of(jobs: list[Job[Any]], executor: futures.Executor | None = None) 
     return time.perf_counter() - begin
 
 
-def _highest(case: Case, critical: CriticalSpeed | None) -> float:
+def _highest(case: Options, critical: CriticalSpeed | None) -> float:
     """End of the speeds in figures 2 and 3."""
     wanted = 0.0 if critical is None else math.ceil(1.5 * critical.speed)
     return case.highest or float(min(max(wanted, LEAST_HIGHEST), HIGHEST_SPEED))
 
 
-def _gammas(case: Case) -> list[float]:
+def _gammas(case: Options) -> list[float]:
     """Of the maps: the pipe's own; a standing pipe that does not buckle, a level, two hanging."""
     own = case.pipe.gamma
     return [own, *sorted({-10.0, 0.0, 10.0, 100.0} - {own}, reverse=True)]
@@ -257,7 +257,7 @@ def _remark(error: Exception) -> str:
     return text if isinstance(error, NoCrossing) else f"{type(error).__name__}: {text}"
 
 
-def _panels(case: Case) -> list[list[tuple[str, Model]]]:
+def _panel_models(case: Options) -> list[list[tuple[str, Model]]]:
     """Title and model of each panel: a row for each spring rule, and one for the basis.
 
     The longest row comes last, so that every column ends there.
@@ -272,7 +272,7 @@ def _panels(case: Case) -> list[list[tuple[str, Model]]]:
     return sorted(rows, key=len)
 
 
-def _families(case: Case) -> list[tuple[str, str, Model]]:
+def _families(case: Options) -> list[tuple[str, str, Model]]:
     """Kind, rule or basis, and model of each line of the table but the first."""
     chains = sorted({*CHAIN_SIZES, *case.chain_sizes})
     reduced = sorted({*REDUCED_SIZES, *case.reduced_sizes})
@@ -282,7 +282,7 @@ def _families(case: Case) -> list[tuple[str, str, Model]]:
     ]
 
 
-def stability_map(pipe: Pipe, top: float) -> tuple[Boundary, StabilityCurve]:
+def mapped_stability(pipe: Pipe, top: float) -> tuple[Boundary, StabilityCurve]:
     """Boundaries of the continuous pipe over beta and speed, and in which modes it is lost."""
     ranges = {"beta": (0.01, 0.98), "u": (0.0, 1.02 * top)}
     found = boundary(Continuum(pipe), "beta", "u", ranges, criticality=False, only_stability=True)

@@ -11,17 +11,17 @@ from typing import Any
 from pipedyn.models.pipe import FLOWS, Pipe
 from pipedyn.util import check
 
-EITHER = ("flow", "alpha")
+UNITLESS_OPTIONS = ("flow", "alpha")
 """Options without a unit, of both kinds of pipe."""
 
-NONDIMENSIONAL = {
+NONDIMENSIONAL_OPTIONS = {
     "beta": ("B", 0.2, "mass ratio in [0, 1)"),
     "gamma": ("G", 0.0, "gravity; negative when the free end stands above the clamp"),
     "damping": ("D", 0.0, "Kelvin-Voigt damping, D >= 0"),
 }
 """Metavariable, default and help by name."""
 
-SI = {
+SI_OPTIONS = {
     "length": ("L", None, "length, m"),
     "bending-stiffness": ("EI", None, "bending stiffness, N m^2"),
     "youngs-modulus": ("E", None, "in its place: Young's modulus, Pa, with both diameters"),
@@ -41,8 +41,8 @@ def add_pipe_options(parser: argparse.ArgumentParser) -> None:
     """Add the options; those of one unit that are not given are None."""
     usual = "(default: %(default)s)"
     groups = (
-        ("nondimensional pipe", None, NONDIMENSIONAL),
-        ("pipe in SI units", "Speeds are then in m/s, frequencies in Hz.", SI),
+        ("nondimensional pipe", None, NONDIMENSIONAL_OPTIONS),
+        ("pipe in SI units", "Speeds are then in m/s, frequencies in Hz.", SI_OPTIONS),
     )
     for title, text, options in groups:
         add = parser.add_argument_group(title, text).add_argument
@@ -61,13 +61,13 @@ def taken_pipe(given: dict[str, Any]) -> Pipe:
     Raises:
         ValueError: for numbers out of range, options of both units, or too few or too many.
     """
-    both = {name: given.pop(name) for name in EITHER}
+    both = {name: given.pop(name) for name in UNITLESS_OPTIONS}
     numbers, measured = (
         {name: value for name in names if (value := given.pop(name.replace("-", "_"))) is not None}
-        for names in (NONDIMENSIONAL, SI)
+        for names in (NONDIMENSIONAL_OPTIONS, SI_OPTIONS)
     )
     if not measured:
-        defaults = {name: default for name, (_, default, _) in NONDIMENSIONAL.items()}
+        defaults = {name: default for name, (_, default, _) in NONDIMENSIONAL_OPTIONS.items()}
         return Pipe(**(defaults | numbers), **both)
     if numbers:
         raise ValueError(

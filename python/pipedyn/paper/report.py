@@ -20,42 +20,42 @@ from pipedyn.linear.critical_speed import CriticalSpeed, stable_speeds
 from pipedyn.linear.sensitivity import Crossing
 from pipedyn.models.continuum import Continuum
 from pipedyn.models.pipe import Pipe
-from pipedyn.paper.analysis import CHAIN_SIZES, REDUCED_SIZES, Case, Findings, Row, map_top
+from pipedyn.paper.analysis import CHAIN_SIZES, REDUCED_SIZES, Findings, Options, Row, map_top
 from pipedyn.plot.linear import DOT, ONSET
-from pipedyn.plot.units import GROWTH, ROOT_FREQUENCY, SPEED, Units, View
+from pipedyn.plot.units import FLOW_SPEED, GROWTH, ROOT_FREQUENCY, Units, View
 from pipedyn.util.table import Table
 
 
-def loci_figure(case: Case, findings: Findings) -> plot.Figure:
+def loci_figure(case: Options, findings: Findings) -> plot.Figure:
     """Figure 2."""
     left, right, top = _ranges(findings)
     view = _view(case.pipe)
     rate = view.one(GROWTH)
     picture = partial(plot.root_loci, benchmark=findings.benchmark, highest=findings.highest)
     across = (rate * left, rate * right)
-    figure, bar = _panels(case, findings, picture, view.label(SPEED), across, rate * top)
+    figure, bar = _panel_figure(case, findings, picture, view.label(FLOW_SPEED), across, rate * top)
     if findings.exact is not None:
         for ax in figure.axes:
             if ax is bar:
-                ax.axhline(view.one(SPEED) * findings.exact.speed, **CRITICAL_LINE)
+                ax.axhline(view.one(FLOW_SPEED) * findings.exact.speed, **CRITICAL_LINE)
             else:
                 ax.plot([0.0], [rate * findings.exact.frequency], **CRITICAL_POINT)
     return _explained(case, figure, findings, CRITICAL_POINT)
 
 
-def frequency_figure(case: Case, findings: Findings) -> plot.Figure:
+def frequency_figure(case: Options, findings: Findings) -> plot.Figure:
     """Figure 3."""
     left, right, top = _ranges(findings)
     view = _view(case.pipe)
-    largest, end = max(-left, right), view.one(SPEED) * findings.highest
+    largest, end = max(-left, right), view.one(FLOW_SPEED) * findings.highest
     picture = partial(plot.frequencies, benchmark=findings.benchmark, largest=largest)
     across = (-0.02 * end, 1.02 * end)
     top *= view.one(ROOT_FREQUENCY)
-    figure, bar = _panels(case, findings, picture, view.label(GROWTH), across, top)
+    figure, bar = _panel_figure(case, findings, picture, view.label(GROWTH), across, top)
     if findings.exact is not None:
         for ax in figure.axes:
             if ax is not bar:
-                ax.axvline(view.one(SPEED) * findings.exact.speed, zorder=0.6, **CRITICAL_LINE)
+                ax.axvline(view.one(FLOW_SPEED) * findings.exact.speed, zorder=0.6, **CRITICAL_LINE)
     outline = Line2D([], [], color="0.85", linewidth=2.0, label="unstable: black outline")
     outline.set_path_effects([withStroke(linewidth=4.2, foreground="black")])
     return _explained(case, figure, findings, CRITICAL_LINE, outline)
@@ -67,30 +67,30 @@ CRITICAL_POINT |= {"linestyle": "none", "markeredgewidth": 1.1, "zorder": 5.0}
 """Of the continuous pipe."""
 
 
-def convergence_figure(case: Case, findings: Findings) -> plot.Figure:
+def convergence_figure(case: Options, findings: Findings) -> plot.Figure:
     """Critical speeds against the number of degrees of freedom."""
     figure, ((ax,),) = plot.panels(1, 1, 6.4, 5.2)
     if findings.exact is None:
         plot.notice(findings.remark, ax=ax)
     else:
         plot.convergence(_by_family(findings), findings.exact, ax=ax)
-    ax.set_title(_title(case.pipe))
+    ax.set_title(_pipe_title(case.pipe))
     return figure
 
 
-def map_figure(case: Case, findings: Findings) -> plot.Figure:
+def map_figure(case: Options, findings: Findings) -> plot.Figure:
     """The stability map."""
     figure, ((ax,),) = plot.panels(1, 1, 6.4, 4.8)
     maps = {rf"$\gamma = {gamma:g}$": found for gamma, found in sorted(findings.maps.items())}
     plot.stability_map(
-        maps, map_top(findings.exact), findings.exact, units=_units(case.pipe), ax=ax
+        maps, map_top(findings.exact), findings.exact, units=_units_of(case.pipe), ax=ax
     )
     ax.set_xlim(0.0, 1.0)
     ax.set_title(f"Stability boundaries of the continuous pipe, {_flow(case.pipe)}")
     return figure
 
 
-Draw: TypeAlias = Callable[[Case, Findings], plot.Figure]
+Draw: TypeAlias = Callable[[Options, Findings], plot.Figure]
 
 BEFORE_MAPS: dict[str, Draw] = {
     "figure-2-root-loci": loci_figure,
@@ -100,8 +100,8 @@ BEFORE_MAPS: dict[str, Draw] = {
 """Figures by file name that do without the stability maps, which take longest."""
 
 
-def _panels(
-    case: Case,
+def _panel_figure(
+    case: Options,
     findings: Findings,
     picture: Callable[..., Any],
     bar: str,
@@ -121,7 +121,7 @@ def _panels(
         if loci is None:
             ax.text(0.5, 0.5, "not computed", transform=ax.transAxes, ha="center")
         else:
-            picture(loci, units=_units(case.pipe), ax=ax)
+            picture(loci, units=_units_of(case.pipe), ax=ax)
             beyond = _beyond(ax, across, top)
             ax.text(0.97, 0.96, beyond, transform=ax.transAxes, ha="right", va="top", size=6.5)
         ax.label_outer()
@@ -132,7 +132,7 @@ def _panels(
         for spine in ax.spines.values():
             spine.set_in_layout(False)
     named = "" if _view(case.pipe).si else "; all quantities nondimensional"
-    figure.suptitle(f"{_title(case.pipe)}{named}", fontsize=9.0)
+    figure.suptitle(f"{_pipe_title(case.pipe)}{named}", fontsize=9.0)
     shown = plot.colour_bar(bar, ax=axes)
     axes[0, 0].set_xlim(across)
     axes[0, 0].set_ylim(-0.03 * top, 1.04 * top)
@@ -150,7 +150,7 @@ def _beyond(ax: Any, across: tuple[float, float], top: float) -> str:
 
 
 def _explained(
-    case: Case, figure: plot.Figure, findings: Findings, critical: Any, *more: Any
+    case: Options, figure: plot.Figure, findings: Findings, critical: Any, *more: Any
 ) -> plot.Figure:
     """The figure with a legend below: what the marks are."""
     handles = []
@@ -185,13 +185,13 @@ def _ranges(findings: Findings) -> tuple[float, float, float]:
     return float(left - margin), float(right + margin), float(max(1.05 * top, 1.0))
 
 
-def _units(pipe: Pipe) -> Units:
+def _units_of(pipe: Pipe) -> Units:
     """SI where the pipe's numbers come from it."""
     return "nondimensional" if pipe.scales is None else "si"
 
 
 def _view(pipe: Pipe) -> View:
-    return View(_units(pipe), pipe)
+    return View(_units_of(pipe), pipe)
 
 
 def _said(pipe: Pipe, u: float) -> str:
@@ -199,7 +199,7 @@ def _said(pipe: Pipe, u: float) -> str:
     return _view(pipe).speed(u, 5).replace("$", "")
 
 
-def _title(pipe: Pipe) -> str:
+def _pipe_title(pipe: Pipe) -> str:
     return rf"$\beta = {pipe.beta:g}$, $\gamma = {pipe.gamma:g}$, {_flow(pipe)}"
 
 
@@ -297,7 +297,7 @@ def _by_family(findings: Findings) -> dict[str, list[CriticalSpeed]]:
     return families
 
 
-HEADER = (
+HEADINGS = (
     *("model", "springs or basis", "size", "speed", "frequency", "kind", "mode"),
     *("stable at rest", "error %", "own error", "remark"),
 )
@@ -330,7 +330,7 @@ def table(pipe: Pipe, findings: Findings) -> list[tuple[str, ...]]:
     return lines
 
 
-def report(case: Case, findings: Findings) -> str:
+def report(case: Options, findings: Findings) -> str:
     """The text to print: the table for the panels' sizes and the largest one, and conclusions."""
     shown = {
         "chain": {*case.chain_sizes, max((*CHAIN_SIZES, *case.chain_sizes))},
@@ -348,7 +348,7 @@ def report(case: Case, findings: Findings) -> str:
         f"alpha = {pipe.alpha:g}, damping = {pipe.damping:g}\n"
     )
     units = ("u_c", "omega_c") if pipe.scales is None else ("V_c (m/s)", "f_c (Hz)")
-    headings = ("model, springs or basis", "size", *units, "kind", "mode", *HEADER[-3:])
+    headings = ("model, springs or basis", "size", *units, "kind", "mode", *HEADINGS[-3:])
     compared = (
         f"  The map's boundaries are within {findings.map_error:.0e} of those of a smaller basis."
     )

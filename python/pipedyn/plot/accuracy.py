@@ -101,7 +101,7 @@ def convergence(
         if fitted.law == "flat":
             limit, place = abs(fitted.limit), ax.get_yaxis_transform()
             ax.axhline(limit, color=colour, linewidth=0.7, zorder=0.8)
-            ax.text(1.01, limit, _percent(fitted.limit), color=colour, va="center", transform=place)
+            ax.text(1.01, limit, _signed(fitted.limit), color=colour, va="center", transform=place)
         least, largest = min([least, *shown]), max([largest, *shown])
         others = others or not same_kind.all()
     if others:
@@ -196,11 +196,11 @@ def _law(fitted: ConvergenceLaw, unit: str, sign: str = "+") -> str:
     if fitted.law == "exponential":
         return f"factor {fitted.rate:.2g} per {unit}"
     if fitted.law == "flat":
-        return f"tends to {_percent(fitted.limit, sign)}"
+        return f"tends to {_signed(fitted.limit, sign)}"
     return "no clear order"
 
 
-def _percent(part: float, sign: str = "+") -> str:
+def _signed(part: float, sign: str = "+") -> str:
     """A fraction in percent; sign "+" shows a plus as well."""
     return f"{100.0 * part:{sign}.2f} %".replace("-", "\u2212")
 

@@ -16,7 +16,7 @@ from pipedyn.diagram import BifurcationDiagram
 from pipedyn.motion.simulate import simulate
 from pipedyn.plot import common
 from pipedyn.plot.motion import Film, animate
-from pipedyn.plot.units import AMPLITUDE, FREQUENCY, GROWTH, TIME, TIP, Quantity, Units, View, rate
+from pipedyn.plot.units import AMPLITUDE, ELAPSED, GROWTH, OMEGA, TIP, Measure, Units, View, rate
 from pipedyn.util import check
 
 FILLS = ("#0072B2", "#F0E442", "#56B4E9", "#8C3B00", "#009E73", "#E9C6DA", "#333333", "#E69F00")
@@ -24,7 +24,7 @@ FILLS = ("#0072B2", "#F0E442", "#56B4E9", "#8C3B00", "#009E73", "#E9C6DA", "#333
 
 UNSETTLED, FAILED = "0.75", "#FFFFFF"
 
-MARKERS = ("o", "s", "^", "D", "v", "P", "X", "h")
+SHAPES = ("o", "s", "^", "D", "v", "P", "X", "h")
 """Of attractors at rest, and of sections."""
 
 SMALLEST_VIEW = 0.05
@@ -33,7 +33,7 @@ SMALLEST_VIEW = 0.05
 FILMED = 10.0
 """Time in a film of an irregular motion: some twenty swings of flutter."""
 
-LEAST = 1e-5
+LOWEST_LINE = 1e-5
 """Part of its highest line below which a spectrum is not shown: what motions err."""
 
 
@@ -64,7 +64,7 @@ def basins(found: Attractors, *, units: Units = "nondimensional", ax: Axes | Non
         rule = "found must come from a StartPlane of at least 2 values along both axes"
         raise ValueError(f"{rule}, got {len(found.starts)} starts of another kind")
     view = View(units, found.model.pipe)
-    entries = [_entry(found, index, "initial ") for index in plane.indices]
+    entries = [_state_entry(found, index, "initial ") for index in plane.indices]
     xlabel, ylabel = map(view.label, entries)
     x, y = (view.one(of) * at for of, at in zip(entries, (plane.x, plane.y), strict=True))
     ax = common.axes(ax, (6.4, 4.6), xlabel=xlabel, ylabel=ylabel)
@@ -92,7 +92,7 @@ def basins(found: Attractors, *, units: Units = "nondimensional", ax: Axes | Non
             end = end * list(map(view.one, entries))
             inside = x[0] <= end[0] <= x[-1] and y[0] <= end[1] <= y[-1]
             if inside:
-                look = common.open_marker(6.0, marker=MARKERS[k % len(MARKERS)], zorder=3.0)
+                look = common.open_marker(6.0, marker=SHAPES[k % len(SHAPES)], zorder=3.0)
                 ax.plot(*end, gid=f"rest {k}", **look)
     common.legend_below(ax, {str(patch.get_label()): patch for patch in shown})
     ax.set_title(f"{view.speed(found.u, 6)}, {found.model.pipe.flow}")
@@ -128,17 +128,17 @@ def poincare_section(
     Raises:
         ValueError, TypeError: for bad arguments.
     """
-    some, model, names = _shown(found, units)
+    some, model, names = _shown_basins(found, units)
     index, xlabel = common.coordinate_axis(coordinate, model.coordinates)
     last = model.coordinates - 1 if index is None else index
     view = View(units, model.pipe)
-    across = TIP if index is None else Quantity(xlabel)
+    across = TIP if index is None else Measure(xlabel)
     driven = any(basin.motion.base or not isinstance(basin.motion.u, float) for basin in some)
     place = "once a period" if driven else "at a maximum of the free end"
     shown = rate(last, "", f" {place}")
     labels = {"xlabel": view.label(across), "ylabel": view.label(shown)}
     ax = common.axes(ax, (4.8, 4.2), **labels)
-    looks = zip(cycle(MARKERS), cycle(common.CURVE_STYLES), strict=False)
+    looks = zip(cycle(SHAPES), cycle(common.CURVE_STYLES), strict=False)
     drawn = 0
     for basin, name, (marker, style) in zip(some, names, looks, strict=False):
         if not len(basin.section):
@@ -186,31 +186,31 @@ def spectrum(
     Raises:
         TypeError: for bad arguments.
     """
-    some, model, names = _shown(found, units)
+    some, model, names = _shown_basins(found, units)
     view = View(units, model.pipe)
-    labels = {"xlabel": view.label(FREQUENCY), "ylabel": view.label(AMPLITUDE)}
+    labels = {"xlabel": view.label(OMEGA), "ylabel": view.label(AMPLITUDE)}
     ax = common.axes(ax, (6.4, 3.6), **labels)
     highest, last = 0.0, 0.0
     for basin, name, style in zip(some, names, cycle(common.CURVE_STYLES), strict=False):
-        omega = view.one(FREQUENCY) * basin.frequencies[1:]  # without its mean
+        omega = view.one(OMEGA) * basin.frequencies[1:]  # without its mean
         height = view.one(AMPLITUDE) * basin.spectrum[1:]
         if not height.size:
             continue
-        large = height > LEAST * height.max()
+        large = height > LOWEST_LINE * height.max()
         highest = max(highest, float(height.max()))
         last = max(last, float(omega[large][-1]))
         if basin.ending == "periodic":
             stem: dict[str, Any] = {"color": style["color"], "linewidth": 1.0}
-            ax.vlines(omega[large], LEAST * height.max(), height[large], **stem)
+            ax.vlines(omega[large], LOWEST_LINE * height.max(), height[large], **stem)
             look: dict[str, Any] = {"marker": "o", "markersize": 3.5, "linestyle": "none"}
             ax.plot(omega[large], height[large], color=style["color"], label=name, **look)
         else:
             ax.plot(omega, np.maximum(height, 1e-300), label=name, linewidth=0.7, **style)
     if highest:
         ax.set_yscale("log")
-        ax.set(xlim=(0.0, 1.05 * last), ylim=(LEAST * highest, 3.0 * highest))
+        ax.set(xlim=(0.0, 1.05 * last), ylim=(LOWEST_LINE * highest, 3.0 * highest))
         common.legend_below(ax)
-        view.second_axes(ax, FREQUENCY)
+        view.second_axes(ax, OMEGA)
     else:
         ax.text(0.5, 0.5, "all are at rest", transform=ax.transAxes, ha="center", va="center")
     return ax
@@ -262,7 +262,7 @@ def films(
     return made
 
 
-def _shown(found: Any, units: Units) -> tuple[list[Basin], Any, list[str]]:
+def _shown_basins(found: Any, units: Units) -> tuple[list[Basin], Any, list[str]]:
     """Basins of the argument, their model and names."""
     if isinstance(found, Basin):
         view = View(units, found.motion.model.pipe)
@@ -279,7 +279,7 @@ def _kind(basin: Basin, view: View) -> str:
         return "rest"
     if basin.ending == "periodic":
         unit = " s" if view.si else ""
-        return f"cycle, period {basin.period * view.one(TIME):.4g}{unit}"
+        return f"cycle, period {basin.period * view.one(ELAPSED):.4g}{unit}"
     exponent = basin.attractor.exponent
     if exponent is None:
         return basin.ending
@@ -299,9 +299,9 @@ def _percent(basin: Basin) -> str:
     return f"{100.0 * basin.share.value:.3g} %"
 
 
-def _entry(found: Attractors, index: int, before: str) -> Quantity:
+def _state_entry(found: Attractors, index: int, before: str) -> Measure:
     """Of an entry of the state [q, q']."""
     half = found.model.coordinates
     if index < half:
-        return Quantity(f"{before}coordinate $q_{{{index}}}$")
+        return Measure(f"{before}coordinate $q_{{{index}}}$")
     return rate(index - half, before)

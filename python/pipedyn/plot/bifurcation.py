@@ -18,8 +18,8 @@ from pipedyn.diagram import BifurcationDiagram
 from pipedyn.equilibrium.equilibria import EquilibriumBranch
 from pipedyn.orbits.floquet import UNIT, nontrivial
 from pipedyn.plot import common
-from pipedyn.plot.motion import finer, path_of
-from pipedyn.plot.units import SPEED, TIP, TIP_RATE, Quantity, Units, View
+from pipedyn.plot.motion import finer_times, path_of
+from pipedyn.plot.units import FLOW_SPEED, TIP, TIP_RATE, Measure, Units, View
 from pipedyn.util import check
 from pipedyn.util.check import Array
 from pipedyn.util.later import scipy
@@ -78,10 +78,10 @@ def bifurcation_diagram(
     common.check_type("diagram", diagram, BifurcationDiagram)
     index, ylabel = common.coordinate_axis(coordinate, diagram.model.coordinates)
     view = View(units, diagram.model.pipe)
-    shown = TIP if index is None else Quantity(ylabel)
-    labels = {"xlabel": view.label(SPEED), "ylabel": view.label(shown)}
+    shown = TIP if index is None else Measure(ylabel)
+    labels = {"xlabel": view.label(FLOW_SPEED), "ylabel": view.label(shown)}
     ax = common.axes(ax, (6.4, 4.2), **labels)
-    one = np.array([view.one(SPEED), view.one(shown)])
+    one = np.array([view.one(FLOW_SPEED), view.one(shown)])
     if diagram.motions and index is None:
         x = np.concatenate([np.full(one.turnings.size, one.speed) for one in diagram.motions])
         y = np.concatenate([one.turnings for one in diagram.motions])
@@ -92,7 +92,7 @@ def bifurcation_diagram(
     for branch in diagram.equilibria:
         heights = branch.tips[:, 0] if index is None else branch.q[:, index]
         at = [float(p.tip[0] if index is None else p.q[index]) for p in branch.points]
-        _branch(ax, branch, heights, at, "equilibrium", common.BLACK, one)
+        _draw_branch(ax, branch, heights, at, "equilibrium", common.BLACK, one)
     for cycles in diagram.cycles if index is None else ():
         lowest = cycles.highest - 2.0 * cycles.amplitudes
         nearest = [
@@ -101,7 +101,7 @@ def bifurcation_diagram(
         ]
         mirror_image = (-cycles.highest, -lowest) if cycles.mirrored else ()
         for heights in (cycles.highest, lowest, *mirror_image):
-            _branch(ax, cycles, heights, heights[nearest], "cycle", common.BLUE, one)
+            _draw_branch(ax, cycles, heights, heights[nearest], "cycle", common.BLUE, one)
     failed = sorted({failure.value for failure in diagram.failures})
     if failed:
         look = {"marker": "x", "linestyle": "none", "color": common.VERMILION, "zorder": 5.0}
@@ -111,11 +111,11 @@ def bifurcation_diagram(
     named = {str(line.get_label()): line for line in ax.get_legend_handles_labels()[0]}
     ordered = sorted(named.items(), key=lambda item: item[1].get_gid() == "motions")
     common.legend_below(ax, dict(ordered))
-    view.second_axes(ax, SPEED, shown)
+    view.second_axes(ax, FLOW_SPEED, shown)
     return ax
 
 
-def _branch(
+def _draw_branch(
     ax: Axes,
     branch: EquilibriumBranch | CycleBranch,
     heights: Array,
@@ -205,7 +205,7 @@ def orbit(
     ax = common.axes(ax, (4.8, 4.2), **labels)
     looks = zip(repeated(common.CURVE_STYLES), repeated((1.0, 1.6, 2.2)), strict=False)
     for cycle, view, (look, width) in zip(shown, views, looks, strict=False):
-        x, t = path_of(cycle), finer(cycle.t)
+        x, t = path_of(cycle), finer_times(cycle.t)
         word = "stable" if cycle.stable else "unstable"
         line = {**STABILITY_STYLES[word], "color": look["color"], "linewidth": width}
         label = f"{view.speed(cycle.u, 6)}, {word}"
@@ -246,7 +246,7 @@ def multipliers(
     outside = np.abs(others) > 1.0 + UNIT
     speeds = None
     if isinstance(cycles, CycleBranch):
-        speeds = np.broadcast_to(view.one(SPEED) * cycles.speeds[:, None], others.shape)
+        speeds = np.broadcast_to(view.one(FLOW_SPEED) * cycles.speeds[:, None], others.shape)
     inside_look, outside_look = ("o", 16, common.BLUE), ("X", 30, common.VERMILION)
     for chosen, (marker, size, plain) in ((~outside, inside_look), (outside, outside_look)):
         if not chosen.any():
@@ -258,7 +258,7 @@ def multipliers(
         points = others[chosen]
         ax.scatter(points.real, points.imag, marker=marker, s=size, zorder=3.0, **look)
     if speeds is not None:
-        common.colour_bar(view.label(SPEED), ax=ax)
+        common.colour_bar(view.label(FLOW_SPEED), ax=ax)
     ring = {"markerfacecolor": "none", "markeredgewidth": 1.4, "zorder": 2.5}
     ax.plot([1.0], [0.0], **common.open_marker(7.0, common.SKY, **ring))
     ax.margins(0.08)

@@ -14,9 +14,9 @@ from pipedyn.curves.boundary import Boundary
 from pipedyn.curves.cycle_boundary import CycleBoundary
 from pipedyn.curves.event_curve import CycleCurve
 from pipedyn.plot import common
-from pipedyn.plot.bifurcation import STABILITY_STYLES
+from pipedyn.plot.bifurcation import A_STEP, STABILITY_STYLES
 from pipedyn.plot.stability_map import parts_of_stability
-from pipedyn.plot.units import Plane, Units
+from pipedyn.plot.units import PlaneView, Units
 from pipedyn.util.check import Array
 from pipedyn.util.later import scipy
 
@@ -29,9 +29,6 @@ COLOURS = {
 
 POINT_MARKS = ("o", "v", "D", "s", "^", "p", "h", "P", "X", "*")
 """Markers of named points, one for each kind that there is."""
-
-FINER = 12
-"""Parts into which a curve's steps are divided: cubics then show no corners."""
 
 
 def cycle_boundary(
@@ -60,13 +57,13 @@ def cycle_boundary(
         TypeError: for bad arguments.
     """
     common.check_type("found", found, CycleBoundary)
-    plane = Plane(units, found.model.pipe, found.names)
+    plane = PlaneView(units, found.model.pipe, found.names)
     xlabel, ylabel = map(plane.label, plane.quantities)
     ax = common.axes(ax, (6.4, 4.8), xlabel=xlabel, ylabel=ylabel)
     across = found.names[0] == "u"  # the speed is x
     for curve in found.curves:
-        x, y = _smooth(curve)
-        for kind, part in _parts(curve):
+        x, y = _finer_curve(curve)
+        for kind, part in _stability_pieces(curve):
             cycles = "a stable cycle" if kind == "stable" else "unstable cycles"
             label = f"{curve.kind} of {cycles}"
             look: dict[str, Any] = {"color": COLOURS[curve.kind], "label": label}
@@ -75,9 +72,9 @@ def cycle_boundary(
         if found.onsets is None or curve.kind != "fold":
             continue
         second, speed = (y, x) if across else (x, y)
-        onset = _finer(curve, curve.onset)
+        onset = _on_finer_steps(curve, curve.onset)
         shade = ax.fill_betweenx if across else ax.fill_between
-        place = np.arange(len(x) - 1) // FINER
+        place = np.arange(len(x) - 1) // A_STEP
         opens = np.where(curve.opens[:-1] != 0, curve.opens[:-1], curve.opens[1:])
         stable = np.maximum(curve.unstable[:-1], curve.unstable[1:]) == 0
         both = np.append(((opens > 0) & stable)[place], False)
@@ -145,10 +142,10 @@ def _length(curve: CycleCurve) -> Array:
     return np.append(0.0, np.cumsum(np.maximum(steps, 1e-9)))
 
 
-def _finer(curve: CycleCurve, values: Array) -> Array:
-    """Values along a curve on finer steps, by a cubic spline, shape (FINER (S - 1) + 1,)."""
+def _on_finer_steps(curve: CycleCurve, values: Array) -> Array:
+    """Values along a curve on finer steps, by a cubic spline, shape (A_STEP (S - 1) + 1,)."""
     s = _length(curve)
-    share = np.linspace(0.0, 1.0, FINER + 1)[:-1]
+    share = np.linspace(0.0, 1.0, A_STEP + 1)[:-1]
     at = np.append((s[:-1, None] + np.diff(s)[:, None] * share).ravel(), s[-1])
     known = np.isfinite(values)
     if known.sum() < 4:
@@ -157,18 +154,18 @@ def _finer(curve: CycleCurve, values: Array) -> Array:
     return np.asarray(smooth(at))
 
 
-def _smooth(curve: CycleCurve) -> tuple[Array, Array]:
+def _finer_curve(curve: CycleCurve) -> tuple[Array, Array]:
     """The curve on finer steps."""
-    return _finer(curve, curve.x), _finer(curve, curve.y)
+    return _on_finer_steps(curve, curve.x), _on_finer_steps(curve, curve.y)
 
 
-def _parts(curve: CycleCurve) -> list[tuple[str, slice]]:
+def _stability_pieces(curve: CycleCurve) -> list[tuple[str, slice]]:
     """Pieces of the finer curve that are stable or unstable."""
     if len(curve) < 2:
         return []
     unstable = np.maximum(curve.unstable[:-1], curve.unstable[1:]) > 0
     ends = [0, *(np.flatnonzero(np.diff(unstable)) + 1), unstable.size]
     return [
-        ("unstable" if unstable[a] else "stable", slice(FINER * a, FINER * b + 1))
+        ("unstable" if unstable[a] else "stable", slice(A_STEP * a, A_STEP * b + 1))
         for a, b in pairwise(ends)
     ]

@@ -42,7 +42,7 @@ if TYPE_CHECKING:
 MOST_SEGMENTS = 20
 """Of 40 the stability curve alone takes over a second with strong damping, of 20 some 0.05 s."""
 
-POINTS = ((10, 25), (14, 17), (MOST_SEGMENTS, 11))
+FINENESS = ((10, 25), (14, 17), (MOST_SEGMENTS, 11))
 """Of the stability curve: up to so many segments so many points, each as long as strong damping
 lets it take."""
 
@@ -52,10 +52,10 @@ MAX_SPEED = 100.0
 LOCI_SPEEDS = 61
 """Flow speeds at which root loci are drawn: a step is then 4 pixels or less on most branches."""
 
-ROUNDING = 1e-9
+EIGENVALUE_ROUNDING = 1e-9
 """Real parts that differ by less, relative to the eigenvalue, are the same."""
 
-RANGES: dict[str, tuple[float, float]] = {
+SLIDER_RANGES: dict[str, tuple[float, float]] = {
     "beta": (0.02, 0.95),
     "gamma": (-20.0, 60.0),
     "alpha": (0.0, 2.0),
@@ -75,7 +75,7 @@ curve to 2 % of the amplitude."""
 CYCLE_SECONDS = 1.2
 """What a cycle takes on the screen, slow enough to follow by eye."""
 
-AMPLITUDE, STEEPEST = 0.25, 0.7
+SWING, STEEPEST = 0.25, 0.7
 """The largest displacement of a film in L, and the largest slope, whichever is met first: a linear
 mode has no amplitude of its own."""
 
@@ -95,7 +95,7 @@ class Slider:
 
 
 @dataclass(frozen=True, eq=False)
-class Film:
+class ModeFilm:
     """Linear motion of one mode.
 
     Attributes:
@@ -169,7 +169,7 @@ class Exploration:
         self._pipe, self._springs = pipe, springs
         model = Chain(pipe, n, springs=springs)
         given = _checked_ranges(ranges, pipe)
-        self._numbers = _chosen(pipe, given)
+        self._numbers = _turnable(pipe, given)
         own = {name: number.of(pipe) for name, number in self._numbers.items()}
         self._loss = _loss(model)
         if u is None:
@@ -264,7 +264,7 @@ class Exploration:
         if name == "segments":
             return Slider(name, self._fewest_segments(), MOST_SEGMENTS)
         rule = self._numbers[name].rule
-        low, high = RANGES.get(name, (0.0, 0.0 if value else 1.0))
+        low, high = SLIDER_RANGES.get(name, (0.0, 0.0 if value else 1.0))
         if value > high:
             high = rounded_up(2.0 * value)
         elif value < low:
@@ -320,7 +320,7 @@ class Exploration:
         if not self.modes:
             return None
         values = np.array([one.eigenvalue for one in self.modes])
-        same = values.real >= values.real.max() - ROUNDING * (1.0 + np.abs(values))
+        same = values.real >= values.real.max() - EIGENVALUE_ROUNDING * (1.0 + np.abs(values))
         return self.modes[int(np.argmax(same))]
 
     @property
@@ -335,7 +335,7 @@ class Exploration:
         return self._growth > 0.0
 
     @cached_property
-    def film(self) -> Film:
+    def film(self) -> ModeFilm:
         """Linear motion of the least stable mode over three cycles.
 
         It grows or decays as that mode does; what has no cycles, does so by exp(3). Its size is a
@@ -358,10 +358,10 @@ class Exploration:
             factors = np.exp(grows * (times - largest) + 1j * value.imag * times)
             across = (factors[:, None] * shape(s)).real
             slopes = np.abs(np.diff(across, axis=1) / np.diff(s)).max()
-            across *= min(AMPLITUDE / max(np.abs(across).max(), 1e-300), STEEPEST / (slopes or 1.0))
+            across *= min(SWING / max(np.abs(across).max(), 1e-300), STEEPEST / (slopes or 1.0))
         along = np.sqrt(np.diff(s) ** 2 - np.diff(across, axis=1) ** 2)
         down = np.concatenate([np.zeros((times.size, 1)), np.cumsum(along, axis=1)], axis=1)
-        return Film(np.stack([across, down], axis=-1), duration, seconds)
+        return ModeFilm(np.stack([across, down], axis=-1), duration, seconds)
 
     @property
     def report(self) -> tuple[str, str]:
@@ -412,7 +412,7 @@ class Exploration:
     def _curve_of(self, model: Chain) -> StabilityCurve:
         slider = self.slider(self.against)
         number = self._numbers[self.against]
-        points = next(points for most, points in POINTS if round(self.values["segments"]) <= most)
+        points = next(points for most, points in FINENESS if round(self.values["segments"]) <= most)
         values = np.linspace(slider.low, slider.high, points)
         return stability_curve(
             lambda value: model.with_pipe(number.changed(model.pipe, value)), values
@@ -501,7 +501,7 @@ def _checked_ranges(ranges: Any, pipe: Pipe) -> dict[str, tuple[float, float]]:
     return found
 
 
-def _chosen(pipe: Pipe, given: Mapping[str, Any]) -> dict[str, PipeNumber]:
+def _turnable(pipe: Pipe, given: Mapping[str, Any]) -> dict[str, PipeNumber]:
     """Numbers with a slider by name; of a number's two names the term's own, as users say it."""
     by_place: dict[tuple[int | None, str, bool], tuple[str, PipeNumber]] = {}
     for name, number in pipe_numbers(pipe).items():

@@ -32,13 +32,13 @@ from pipedyn.plot.exploration import CYCLES, rounded_up
 from pipedyn.plot.linear import branches_of, pieces
 from pipedyn.plot.motion import clamp_and_gravity, flow_ends
 from pipedyn.plot.stability_map import STABLE
-from pipedyn.plot.units import Quantity
+from pipedyn.plot.units import Measure
 from pipedyn.util.check import Array
 
 if TYPE_CHECKING:
     from pipedyn.plot.exploration import Exploration
 
-WIDTH, HEIGHT, DPI = 9.6, 3.7, 110
+PICTURE_WIDTH, PICTURE_HEIGHT, PICTURE_DPI = 9.6, 3.7, 110
 """Of the picture in inches, and pixels in each: as wide as a notebook's page."""
 
 LEFT, WIDE, BOTTOM, HIGH = (0.065, 0.385, 0.745), (0.245, 0.275, 0.245), 0.13, 0.73
@@ -47,7 +47,7 @@ LEFT, WIDE, BOTTOM, HIGH = (0.065, 0.385, 0.745), (0.245, 0.275, 0.245), 0.13, 0
 ABOVE = 0.882
 """Lower edge of the bar of colours: what lies below belongs to one of the axes alone."""
 
-FAR = 0.35
+REAL_REACH = 0.35
 """Share of the axis of frequencies that the axis of real parts reaches either way: strongly damped
 roots lie far outside, and do not matter."""
 
@@ -55,8 +55,8 @@ ENVELOPE = 9
 """Shapes of the cycle with the largest motion, behind the moving pipe."""
 
 
-PLACE_X = Quantity("$x / L$", "$x$ (m)", units.ACROSS.unit)
-PLACE_Y = Quantity("$y / L$", "$y$ (m)", units.ALONG.unit)
+PLACE_X = Measure("$x / L$", "$x$ (m)", units.TRANSVERSE.unit)
+PLACE_Y = Measure("$y / L$", "$y$ (m)", units.AXIAL.unit)
 
 
 class ExplorationPicture:
@@ -79,7 +79,7 @@ class ExplorationPicture:
 
     def _build(self) -> None:
         of = self._of
-        self.figure = Figure(figsize=(WIDTH, HEIGHT), dpi=DPI)
+        self.figure = Figure(figsize=(PICTURE_WIDTH, PICTURE_HEIGHT), dpi=PICTURE_DPI)
         self._canvas: Any = FigureCanvasAgg(self.figure)  # its methods have no types
         places = zip(LEFT, WIDE, strict=True)
         self.axes: tuple[Axes, ...] = tuple(
@@ -105,7 +105,7 @@ class ExplorationPicture:
         self.figure.colorbar(colours, cax=bar, orientation="horizontal")
         bar.xaxis.set_ticks_position("top")
         bar.tick_params(length=2.0, pad=1.0)
-        speed = view.label(Quantity("flow speed $u$", units.SPEED.si_label))
+        speed = view.label(Measure("flow speed $u$", units.FLOW_SPEED.si_label))
         bar.set_title(f"root loci, {speed} as colour", pad=13.0)
         # The map of critical speeds.
         slider, shown = of.slider(of.against), units.of_number(of.against, of.model.pipe)
@@ -194,7 +194,7 @@ class ExplorationPicture:
         top = rounded_up(1.02 * float(np.max(imag, initial=1e-3)))
         if self._shown.get("top") != top:
             self._shown["top"] = top
-            self.axes[0].set(xlim=(-FAR * top, FAR * top), ylim=(0.0, top))
+            self.axes[0].set(xlim=(-REAL_REACH * top, REAL_REACH * top), ylim=(0.0, top))
             self._redraw(0, top)
 
     @property
@@ -224,7 +224,7 @@ class ExplorationPicture:
 
     def _film(self) -> None:
         of = self._of
-        shapes = of.view.one(units.ACROSS) * of.film.shapes
+        shapes = of.view.one(units.TRANSVERSE) * of.film.shapes
         if self._shown.get("weight") != (sign := float(np.sign(of.values["gamma"]))):
             self._shown["weight"] = sign
             self._surround(sign)
@@ -238,7 +238,7 @@ class ExplorationPicture:
         with common.style():
             ax.clear()
             view = self._of.view
-            one = view.one(units.ACROSS)
+            one = view.one(units.TRANSVERSE)
             reach = one * np.array([[-0.34, 0.0], [0.34, 1.0]])  # of every film
             clamp_and_gravity(ax, weight, reach, one)
             xlabel, ylabel = map(view.label, (PLACE_X, PLACE_Y))
@@ -308,12 +308,12 @@ class ExplorationPicture:
         """
         self.update()
         of, film = self._of, self._of.film
-        width, height = 10.0 * WIDTH * DPI, 10.0 * HEIGHT * DPI
-        one = of.view.one(units.ACROSS)
+        width, height = 10.0 * PICTURE_WIDTH * PICTURE_DPI, 10.0 * PICTURE_HEIGHT * PICTURE_DPI
+        one = of.view.one(units.TRANSVERSE)
         shapes = one * film.shapes
-        points = _whole(self._pixels(shapes))
+        points = _polylines(self._pixels(shapes))
         arrows = np.array([flow_ends(of.model.pipe, shape, one) for shape in shapes])
-        tips = _whole(self._pixels(arrows))
+        tips = _polylines(self._pixels(arrows))
         timing = f'dur="{film.seconds:g}s" repeatCount="indefinite"'
         line = "fill:none;stroke-linecap:round;stroke-linejoin:round"
         moving = [
@@ -340,12 +340,12 @@ class ExplorationPicture:
     def _pixels(self, places: Array) -> Array:
         """Places in the third axes, (..., 2), in tenths of a pixel from the upper left corner."""
         flat = self.axes[2].transData.transform(places.reshape(-1, 2))
-        flat[:, 1] = HEIGHT * DPI - flat[:, 1]
+        flat[:, 1] = PICTURE_HEIGHT * PICTURE_DPI - flat[:, 1]
         result: Array = 10.0 * flat.reshape(places.shape)
         return result
 
 
-def _whole(places: Array) -> list[str]:
+def _polylines(places: Array) -> list[str]:
     """Polylines of an SVG from points, (k, points, 2), in whole numbers."""
     return [
         " ".join(map(str, one))

@@ -16,7 +16,7 @@ from pipedyn.forced.parametric_regions import ParametricRegion, ParametricRegion
 from pipedyn.linear.frequency_response import FrequencyResponse
 from pipedyn.plot import common
 from pipedyn.plot.bifurcation import A_STEP, smooth
-from pipedyn.plot.units import AMPLITUDE, FREQUENCY, PER_FORCE, PER_MOMENT, Quantity, Units, View
+from pipedyn.plot.units import AMPLITUDE, OMEGA, PER_FORCE, PER_MOMENT, Measure, Units, View
 from pipedyn.util import check
 
 REGION_STYLES: dict[str, dict[str, Any]] = {
@@ -56,13 +56,13 @@ def frequency_response(
     moved = "free end" if response.output == 1.0 else f"place $s = {response.output:g}$"
     driven = "base" if isinstance(response.input, str) else response.input[0]
     view = View(units, response.model.pipe)
-    size = Quantity(f"|displacement of the {moved} / {driven}|")
+    size = Measure(f"|displacement of the {moved} / {driven}|")
     if driven != "base":
         unit, value = PER_FORCE if driven == "force" else PER_MOMENT
-        size = Quantity(size.label, f"{size.label} ({unit})", value)
+        size = Measure(size.label, f"{size.label} ({unit})", value)
     ylabel = "phase (degrees)" if shows_phase else view.label(size)
-    ax = common.axes(ax, (6.4, 4.2), xlabel=view.label(FREQUENCY), ylabel=ylabel)
-    per, one = view.one(FREQUENCY), view.one(size)
+    ax = common.axes(ax, (6.4, 4.2), xlabel=view.label(OMEGA), ylabel=ylabel)
+    per, one = view.one(OMEGA), view.one(size)
     order = np.argsort(response.frequencies)
     at, values = per * response.frequencies[order], response.response[order]
     finite = np.isfinite(values)
@@ -90,7 +90,7 @@ def frequency_response(
         for peak in response.resonances:
             if peak.height < math.inf and math.isfinite(peak.width):
                 level = math.sqrt(0.5) * one * peak.height
-                ends = _crossings(at, sizes, per * peak.frequency, level)
+                ends = _level_crossings(at, sizes, per * peak.frequency, level)
                 ax.plot(ends, [level, level], color=common.VERMILION, linewidth=1.6)
         peaks = [per * r.frequency for r in response.resonances if r.height < math.inf]
         ax.plot(peaks, heights, **common.open_marker(4.5, zorder=4.0))
@@ -99,11 +99,11 @@ def frequency_response(
     stable = "" if response.stable else ", unstable: the response is not reached"
     above = 24.0 if view.scales is not None and not view.si else None  # of the axis in Hz
     ax.set_title(f"{view.speed(response.u)}{stable}", pad=above)
-    view.second_axes(ax, FREQUENCY)
+    view.second_axes(ax, OMEGA)
     return ax
 
 
-def _crossings(at: Any, sizes: Any, frequency: float, level: float) -> list[float]:
+def _level_crossings(at: Any, sizes: Any, frequency: float, level: float) -> list[float]:
     """Frequencies on both sides of a peak at which a response has a level."""
     above = sizes > level
     k = int(np.argmin(np.abs(at - frequency)))
@@ -144,10 +144,10 @@ def parametric_regions(
         common.check_type(f"regions[{i}]", one, ParametricRegion)
     pipe = regions.model.pipe if isinstance(regions, ParametricRegions) else None
     view = View(units, regions[0].pipe if regions else pipe)
-    pulsation = Quantity(r"frequency of the pulsation $\omega$", FREQUENCY.si_label, FREQUENCY.unit)
+    pulsation = Measure(r"frequency of the pulsation $\omega$", OMEGA.si_label, OMEGA.unit)
     ylabel = r"amplitude $\mu$ of the pulsation"
     ax = common.axes(ax, (6.4, 4.2), xlabel=view.label(pulsation), ylabel=ylabel)
-    per = view.one(FREQUENCY)
+    per = view.one(OMEGA)
     named = set[str]()
     for region in regions:
         look = REGION_STYLES[region.kind]
@@ -202,9 +202,9 @@ def forced_response(
     """
     common.check_type("response", response, ForcedResponse)
     view = View(units, response.model.pipe)
-    labels = {"xlabel": view.label(FREQUENCY), "ylabel": view.label(AMPLITUDE)}
+    labels = {"xlabel": view.label(OMEGA), "ylabel": view.label(AMPLITUDE)}
     ax = common.axes(ax, (6.4, 4.2), **labels)
-    per, one = view.one(FREQUENCY), view.one(AMPLITUDE)
+    per, one = view.one(OMEGA), view.one(AMPLITUDE)
     shown = set[str]()
     for branch, look in zip(response.branches, cycle(common.CURVE_STYLES), strict=False):
         curve = smooth(per * branch.frequency, one * branch.amplitude)
@@ -236,5 +236,5 @@ def forced_response(
     ax.set_ylim(bottom=0.0)
     if shown:
         common.legend_below(ax)
-    view.second_axes(ax, FREQUENCY)
+    view.second_axes(ax, OMEGA)
     return ax

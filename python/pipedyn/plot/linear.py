@@ -17,11 +17,11 @@ from pipedyn.linear.neutral import growth
 from pipedyn.plot import common
 from pipedyn.plot.units import (
     ARC,
+    FLOW_SPEED,
     GROWTH,
     OSCILLATION,
     ROOT_FREQUENCY,
-    SPEED,
-    Quantity,
+    Measure,
     Units,
     View,
 )
@@ -70,10 +70,10 @@ def root_loci(
         end = check.real("highest", highest, low=0.0, open_low=True)
     rate = view.one(GROWTH)
     branches = rate * branches_of(loci)
-    norm = Normalize(0.0, view.one(SPEED) * (end or 1.0))
-    speeds = view.one(SPEED) * loci.speeds[:, None]
+    norm = Normalize(0.0, view.one(FLOW_SPEED) * (end or 1.0))
+    speeds = view.one(FLOW_SPEED) * loci.speeds[:, None]
     _coloured(ax, branches.real, branches.imag, speeds, "viridis", norm)
-    _onsets(ax, growth(branches / rate), branches)
+    _mark_onsets(ax, growth(branches / rate), branches)
     if benchmark is not None:
         exact = rate * branches_of(benchmark)[:: dot_stride(benchmark)]
         ax.plot(exact.real, exact.imag, **DOT)
@@ -109,27 +109,27 @@ def frequencies(
     Raises:
         ValueError, TypeError: for bad arguments.
     """
-    ax, view = _checked_axes(loci, benchmark, units, ax, SPEED, ROOT_FREQUENCY)
+    ax, view = _checked_axes(loci, benchmark, units, ax, FLOW_SPEED, ROOT_FREQUENCY)
     branches = branches_of(loci)
     if largest is None:
         largest = float(np.nanmax(np.abs(branches.real), initial=0.0))
     largest = check.real("largest", largest, low=0.0)
     rate, end = view.one(GROWTH), view.one(GROWTH) * max(largest, 2.0)
     norm = SymLogNorm(rate, vmin=-end, vmax=end)
-    speeds, height = view.one(SPEED) * loci.speeds[:, None], view.one(ROOT_FREQUENCY)
+    speeds, height = view.one(FLOW_SPEED) * loci.speeds[:, None], view.one(ROOT_FREQUENCY)
     heights, real = height * branches.imag, growth(branches)
     _coloured(ax, speeds, heights, rate * real, "RdBu_r", norm, outlined=0.0)
-    _onsets(ax, real, speeds + 1j * heights)
+    _mark_onsets(ax, real, speeds + 1j * heights)
     if benchmark is not None:
         stride = dot_stride(benchmark)
-        places = view.one(SPEED) * benchmark.speeds[::stride]
+        places = view.one(FLOW_SPEED) * benchmark.speeds[::stride]
         ax.plot(places, height * branches_of(benchmark).imag[::stride], **DOT)
     ax.autoscale_view()
     return ax
 
 
 def _checked_axes(
-    loci: Any, benchmark: Any, units: Units, ax: Any, x: Quantity, y: Quantity
+    loci: Any, benchmark: Any, units: Units, ax: Any, x: Measure, y: Measure
 ) -> tuple[Axes, View]:
     """The Axes to draw on, once the arguments of both pictures of eigenvalues are checked."""
     common.check_type("loci", loci, RootLoci)
@@ -166,7 +166,7 @@ def _coloured(
     ax.add_collection(outlines, autolim=False)
 
 
-def _onsets(ax: Axes, real: Array, places: NDArray[np.complex128]) -> None:
+def _mark_onsets(ax: Axes, real: Array, places: NDArray[np.complex128]) -> None:
     """Diamonds where real parts become positive, by linear interpolation along the branches."""
     i, j = np.nonzero((real[:-1] <= 0.0) & (real[1:] > 0.0))
     part = real[i, j] / (real[i, j] - real[i + 1, j])

@@ -33,7 +33,7 @@ from pipedyn.models.pipe import Pipe
 from pipedyn.motion.sampling import INVISIBLE, ROUNDING, coarse
 from pipedyn.motion.simulate import Ensemble, Motion
 from pipedyn.plot import common
-from pipedyn.plot.units import ACROSS, ALONG, TIME, TIP, TIP_RATE, Units, View, rate
+from pipedyn.plot.units import AXIAL, ELAPSED, TIP, TIP_RATE, TRANSVERSE, Units, View, rate
 from pipedyn.util import check
 from pipedyn.util.check import Array
 from pipedyn.util.files import replacing
@@ -69,10 +69,10 @@ def time_history(
     named, failed = checked_motions(motions)
     shown = _signals(named, None, units, rates_shown=False)
     view = shown[0].view
-    ax = common.axes(ax, (6.4, 3.2), xlabel=view.label(TIME), ylabel=view.label(TIP))
+    ax = common.axes(ax, (6.4, 3.2), xlabel=view.label(ELAPSED), ylabel=view.label(TIP))
     ax.axhline(0.0, color="0.4", linewidth=0.6, zorder=0.5)
     for one in shown:
-        t = finer(one.curve.x)
+        t = finer_times(one.curve.x)
         ax.plot(one.times(t), one.values(t), label=one.label, linewidth=1.0, **one.look)
     ax.margins(x=0.0)
     _legend(ax, shown, failed)
@@ -116,7 +116,7 @@ def phase_portrait(
     ax = common.axes(ax, (4.8, 4.2), xlabel=view.label(TIP) if index is None else xlabel)
     ax.set_ylabel(ylabel)
     for one in shown:
-        t, colour = finer(one.curve.x), one.look["color"]
+        t, colour = finer_times(one.curve.x), one.look["color"]
         if one.dotted:
             t = one.curve.x
             look = {"color": colour, "linestyle": "none", "marker": ".", "markersize": 2.0}
@@ -152,12 +152,12 @@ class Signal:
 
     def times(self, t: Array) -> Array:
         """Times as they are shown."""
-        return self.view.one(TIME) * t
+        return self.view.one(ELAPSED) * t
 
     def values(self, t: Array, derivative: int = 0) -> Array:
         """Values or rates at times, as they are shown."""
         unit = self.view.one(TIP) if self.index is None else 1.0
-        return np.asarray(unit / self.view.one(TIME) ** derivative * self.curve(t, derivative))
+        return np.asarray(unit / self.view.one(ELAPSED) ** derivative * self.curve(t, derivative))
 
 
 def _signals(
@@ -263,20 +263,20 @@ def snapshots(
     view = View(units, motion.model.pipe)
     ax = common.axes(ax, (4.4, 5.0))
     times = np.linspace(start, end, count + 1)[1:] if cycle else np.linspace(start, end, count)
-    shapes = view.one(ACROSS) * _shapes(motion, times)
+    shapes = view.one(TRANSVERSE) * _shapes_at(motion, times)
     darkness = np.linspace(0.22, 1.0, 256)  # no shape is as light as the page
     lines = LineCollection(
         list(shapes),
         cmap=ListedColormap(1.0 - darkness[:, None] * [1.0, 0.9, 0.75]),
         linewidths=[1.1] * (count - 1) + [2.4],
-        array=view.one(TIME) * times,
+        array=view.one(ELAPSED) * times,
         capstyle="round",
         zorder=2.0,
         gid="shapes",
     )
     ax.add_collection(lines)
     _surroundings(ax, motion, shapes, shapes[-1], view)
-    start, end = view.one(TIME) * start, view.one(TIME) * end
+    start, end = view.one(ELAPSED) * start, view.one(ELAPSED) * end
     name, unit = ("t", " s") if view.si else (r"\tau", "")
     ends = f"{end - start:.4g}$" if cycle else f"{start:.4g}$ to {end:.4g}"
     what = f"{'a cycle of ' * cycle}${name} = {ends}"
@@ -397,16 +397,16 @@ def animate(
     figure = common.axes(ax, (4.0, 4.6)).figure.figure
 
     view = View(units, motion.model.pipe)
-    one = view.one(ACROSS)
+    one = view.one(TRANSVERSE)
     times = np.linspace(start, end, frames, endpoint=not cycle)
-    shapes = one * _shapes(motion, times)
+    shapes = one * _shapes_at(motion, times)
     dots = max(1, math.ceil(400 / frames))
     fine = np.linspace(start, end, dots * (frames - (not cycle)) + 1)
     path_of_tip = one * motion.model.tips(coordinates_at(motion, fine).T)
     (trace,) = ax.plot([], [], color=common.BLUE, linewidth=0.9, zorder=1.8, gid="trace")
     (pipe,) = ax.plot([], [], color=common.BLACK, linewidth=2.6, zorder=2.0, gid="pipe")
     flow = _surroundings(ax, motion, shapes, shapes[0], view)
-    times = view.one(TIME) * times
+    times = view.one(ELAPSED) * times
     digits = max(0, -math.floor(math.log10(times[1] - times[0])))  # neighbouring times differ
 
     def show(frame: int) -> Sequence[Any]:
@@ -472,7 +472,7 @@ def _frames(duration: float, period: float, fps: float, speed: float | None) -> 
     return round(wanted)
 
 
-def _shapes(motion: Motion, times: Array) -> Array:
+def _shapes_at(motion: Motion, times: Array) -> Array:
     """The pipe at some times, shape (len(times), points, 2)."""
     s = np.linspace(0.0, 1.0, 241)  # holds the joints of chains of 1 to 6, 8, 10 ... segments
     return np.stack([motion.model.shape(q, s) for q in coordinates_at(motion, times)])
@@ -485,9 +485,9 @@ def _surroundings(
 
     Returns the arrow, at one shape; None without flow.
     """
-    pipe, one = motion.model.pipe, view.one(ACROSS)
+    pipe, one = motion.model.pipe, view.one(TRANSVERSE)
     clamp_and_gravity(ax, pipe.gamma, shapes, one)
-    ax.set(xlabel=view.label(ACROSS), ylabel=view.label(ALONG))
+    ax.set(xlabel=view.label(TRANSVERSE), ylabel=view.label(AXIAL))
     if motion.u == 0.0:
         return None
     return _arrow(ax, common.VERMILION, "flow", flow_ends(pipe, shape, one))
@@ -537,7 +537,7 @@ def flow_ends(pipe: Pipe, shape: Array, one: float = 1.0) -> tuple[Any, Any]:
 # ---------------------------------------------------------------------------------- between samples
 
 
-POINTS = 4000
+DRAWN_POINTS = 4000
 """Points of a curve through fewer samples: two for each pixel of a picture 2000 pixels wide."""
 
 
@@ -597,7 +597,7 @@ def path_of(motion: Motion | LimitCycle, index: int | None = None) -> Cubics:
     return scipy.interpolate.CubicHermiteSpline(motion.t, position, velocity)
 
 
-def tip_of(motion: Motion) -> Cubics:
+def tip_path_of(motion: Motion) -> Cubics:
     """Position (x, y) of the free end at any time between two samples."""
     return scipy.interpolate.CubicHermiteSpline(motion.t, motion.tip, motion.tip_velocity)
 
@@ -634,12 +634,12 @@ def last_cycle(motion: Motion) -> tuple[float, float] | None:
     its start by 3 % looks closed. Where there is none, as in growing motion, it starts at the
     crossing before. Where the free end is held, the coordinate that moves most stands for it.
     """
-    curve = tip_of(motion)
+    curve = tip_path_of(motion)
     if np.ptp(motion.tip[:, 0]) <= ROUNDING:
         order = np.argsort(-np.ptp(motion.q, axis=0))
         position, velocity = motion.q[:, order], motion.qdot[:, order]
         curve = scipy.interpolate.CubicHermiteSpline(motion.t, position, velocity)
-    late = np.linspace(motion.t[-1] - 0.25 * np.ptp(motion.t), motion.t[-1], POINTS)
+    late = np.linspace(motion.t[-1] - 0.25 * np.ptp(motion.t), motion.t[-1], DRAWN_POINTS)
     x = scipy.interpolate.PPoly(curve.c[..., 0], curve.x)
     if np.ptp(x(late)) < 1e-6:  # at rest but for errors of integration
         return None
@@ -679,11 +679,11 @@ def shown_part(motion: Any, span: Any) -> tuple[Motion, float, float, bool]:
     held = slice(first, int(np.searchsorted(motion.t, end, side="left")) + 3)
     names = ("t", "q", "qdot", "tip", "energy")
     shown = replace(motion, **{name: getattr(motion, name)[held] for name in names})
-    refuse_coarse("motion", tip_of(shown), invisible=INVISIBLE)
+    refuse_coarse("motion", tip_path_of(shown), invisible=INVISIBLE)
     return shown, start, end, cycle is not None
 
 
-def finer(t: Array) -> Array:
+def finer_times(t: Array) -> Array:
     """Times between which straight lines look like the curve, the samples among them."""
-    parts = min(8, -(-POINTS // t.size))
+    parts = min(8, -(-DRAWN_POINTS // t.size))
     return np.interp(np.arange((t.size - 1) * parts + 1) / parts, np.arange(t.size), t)

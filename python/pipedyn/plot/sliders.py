@@ -84,14 +84,14 @@ def explore(
 
     def show(trouble: str = "") -> None:
         pixels.value, moving.value = state.picture.png(), state.picture.overlay().encode()
-        text.value = _report(state, trouble)
+        text.value = _as_html(state, trouble)
 
     def follow(name: str, change: Mapping[str, Any]) -> None:
         try:
             state.set(name, change["new"])
             show()
         except (ValueError, PipedynError) as error:
-            text.value = _report(state, f"No answer for {name} = {change['new']:g}: {error}")
+            text.value = _as_html(state, f"No answer for {name} = {change['new']:g}: {error}")
 
     def control(slider: Slider) -> Any:
         made = _slider(widgets, slider, state.values[slider.name])
@@ -145,7 +145,7 @@ def step_of(slider: Slider) -> float:
     return power * max(step for step in (1.0, 2.0, 5.0) if step * power <= finest * (1.0 + 1e-9))
 
 
-def _report(state: Exploration, trouble: str) -> str:
+def _as_html(state: Exploration, trouble: str) -> str:
     """The state in words, as HTML."""
     now, then = (html.escape(one) for one in state.report)
     colour = common.VERMILION if state.unstable else common.GREEN

@@ -20,11 +20,11 @@ from pipedyn.linear.critical_speed import CriticalSpeed
 from pipedyn.linear.stability_curve import StabilityCurve
 from pipedyn.models.pipe import Pipe
 from pipedyn.plot import common
-from pipedyn.plot.units import OF_A_NUMBER, SPEED, Plane, Quantity, Units, View, of_number
+from pipedyn.plot.units import FLOW_SPEED, OF_A_NUMBER, Measure, PlaneView, Units, View, of_number
 from pipedyn.util import check
 from pipedyn.util.check import Array
 
-MARKERS = {
+ORGANISING_MARKERS = {
     "Bautin": "D",
     "Hopf-pitchfork": "s",
     "double Hopf": "o",
@@ -43,7 +43,7 @@ LOOKS: dict[tuple[str, str], dict[str, Any]] = {
 }
 DASHES = {"supercritical": "-", "subcritical": (0, (4, 1.5)), "": "-"}
 
-BESIDE = "other roots unstable"
+OTHERS_UNSTABLE = "other roots unstable"
 
 STABLE = "#DCEBDD"
 UNSEARCHED: dict[str, Any] = {"facecolor": "none", "edgecolor": "0.75", "hatch": "////"}
@@ -76,7 +76,7 @@ def boundary(found: Boundary, *, units: Units = "nondimensional", ax: Axes | Non
         TypeError: for bad arguments.
     """
     common.check_type("found", found, Boundary)
-    plane = Plane(units, found.model.pipe, found.names)
+    plane = PlaneView(units, found.model.pipe, found.names)
     xlabel, ylabel = map(plane.label, plane.quantities)
     ax = common.axes(ax, (6.4, 4.8), xlabel=xlabel, ylabel=ylabel)
     (left, right), (low, high) = plane.limits(found.ranges)
@@ -100,22 +100,22 @@ def boundary(found: Boundary, *, units: Units = "nondimensional", ax: Axes | Non
         changes = [0, *(np.flatnonzero(differ) + 1), kinds.size]
         for first, last in pairwise(changes):
             look = curve.kind, str(kinds[first])
-            beside = BESIDE if others[first] and not look[1] else ""
+            beside = OTHERS_UNSTABLE if others[first] and not look[1] else ""
             label = new(", ".join(word for word in (*look, beside) if word))
             part = plane.at(*places[first : last + 1].T)
             ax.plot(*part, linestyle=DASHES[look[1]], label=label, **LOOKS[look])
     for point in found.points:
-        mark = common.open_marker(5.5, marker=MARKERS[point.kind], zorder=4.0)
+        mark = common.open_marker(5.5, marker=ORGANISING_MARKERS[point.kind], zorder=4.0)
         ax.plot(*plane.at(point.x, point.y), label=new(point.kind), **mark)
     if not searched.all():
         hatch = ax.contourf(x, y, searched, [-0.5, 0.5], colors="none", hatches=["////"])
         hatch.set(edgecolor=UNSEARCHED["edgecolor"], linewidth=0.0)
         ax.fill([], [], **UNSEARCHED)
     if found.failures:
-        ax.plot([], [], " ", label=f"{check.counted(len(found.failures), 'curve')} with failures")
+        ax.plot([], [], " ", label=f"{check.how_many(len(found.failures), 'curve')} with failures")
     ax.set(xlim=(left, right), ylim=(low, high))
     if not found.curves:
-        sentence = _why_nothing({_state(found)})
+        sentence = _why_nothing({_stability(found)})
         ax.text(0.5, 0.5, sentence, transform=ax.transAxes, ha="center", wrap=True)
     else:
         common.legend_below(ax)
@@ -162,7 +162,7 @@ def _dense(curve: BoundaryCurve, found: Boundary) -> tuple[Array, NDArray[np.int
     return low + (high - low) * ends, step + (share >= change[step]), known[step]
 
 
-def _pixels(found: Boundary, plane: Plane) -> tuple[Array, Array, Array, NDArray[np.bool_]]:
+def _pixels(found: Boundary, plane: PlaneView) -> tuple[Array, Array, Array, NDArray[np.bool_]]:
     """Of the axes' area: places, rows and columns of `_stable` there, and which were searched."""
     middles = (np.arange(COLUMNS) + 0.5) / COLUMNS
     (left, right), (low, high) = plane.limits(found.ranges)
@@ -265,7 +265,7 @@ def stability_map(
             "boundaries must map labels to boundaries or curves, as {'chain': found} does, got "
             f"{check.shown(boundaries)}"
         )
-    names = dict.fromkeys(_swept(label, one) for label, one in boundaries.items())
+    names = dict.fromkeys(_number_swept(label, one) for label, one in boundaries.items())
     names.pop(None, None)
     boundaries = dict(sorted(boundaries.items(), key=lambda item: _gamma(item[1])))
     if len(names) > 1:
@@ -281,17 +281,17 @@ def stability_map(
     known = next((pipe for pipe in pipes if pipe is not None), None)
     known = marked.pipe if known is None and marked is not None else known
     view = View(units, known)
-    shown = Quantity(parameter or _parameter(boundaries))
+    shown = Measure(parameter or _parameter(boundaries))
     if name is not None and known is not None:
         shown = of_number(name, known)
-    ax = common.axes(ax, (6.4, 4.8), xlabel=view.label(shown), ylabel=view.label(SPEED))
+    ax = common.axes(ax, (6.4, 4.8), xlabel=view.label(shown), ylabel=view.label(FLOW_SPEED))
     drawn, failed, divergences = False, list[float](), list[tuple[Array, bool, bool, Any]]()
     states, searched, reach = set[str](), list[float](), 0.0
     for (label, found), pipe, look in zip(
         boundaries.items(), pipes, cycle(common.CURVE_STYLES), strict=False
     ):
         own = View(units, pipe or known)
-        one = np.array([own.one(shown), own.one(SPEED)])
+        one = np.array([own.one(shown), own.one(FLOW_SPEED)])
         if isinstance(found, StabilityCurve):
             points = {"linestyle": "none", "marker": "o", "markersize": 3.5}
             speeds = found.in_si().speeds if own.si else found.speeds
@@ -313,20 +313,20 @@ def stability_map(
             ]
             drawn = drawn or bool(np.isfinite(found.speeds).any() or stays.any())
             continue
-        plane = Plane(units, found.model.pipe, found.names)
+        plane = PlaneView(units, found.model.pipe, found.names)
         parts = [part for curve in found.curves for part in parts_of_stability(curve, found)]
         drawn = drawn or bool(parts)
         (left, right), (_, end) = plane.limits(found.ranges)
         searched, reach = [*searched, float(left), float(right)], max(reach, float(end))
         note = ""
         if not parts:
-            states.add(_state(found))
+            states.add(_stability(found))
             # The unit of speed in SI falls with the mass ratio.
             said = View("nondimensional", None) if name == "beta" else own
             low, high = (said.speed(float(end)) for end in found.ranges[1])
-            note = f": {_state(found)} from {low} to {high}"
+            note = f": {_stability(found)} from {low} to {high}"
         if found.failures:
-            note += f" ({check.counted(len(found.failures), 'curve')} with failures)"
+            note += f" ({check.how_many(len(found.failures), 'curve')} with failures)"
         ax.plot([], [], linewidth=1.5, label=f"{label}{note}", **look)
         for line, kind, left in parts:
             ticks = withTickedStroke(angle=90.0 if left else -90.0, **TICKS)
@@ -347,7 +347,7 @@ def stability_map(
     elif marked is not None and name in (None, "beta"):
         words = rf"$\beta = {marked.pipe.beta:g}$, $\gamma = {marked.pipe.gamma:g}$"
         own = View(units, marked.pipe)
-        label, height = f"{words}: {own.speed(marked.speed, 4)}", own.one(SPEED) * marked.speed
+        label, height = f"{words}: {own.speed(marked.speed, 4)}", own.one(FLOW_SPEED) * marked.speed
         look = {"markerfacecolor": "none", "markeredgewidth": 1.2, "zorder": 4.0, "clip_on": False}
         if marked.speed > (highest or math.inf):
             height, label = 0.97, f"{label}, above"
@@ -355,7 +355,7 @@ def stability_map(
         ax.plot(marked.pipe.beta, height, label=label, **common.open_marker(7.0, **look))
     end = 1.1 * ax.dataLim.y1 if drawn else reach
     if highest is not None:
-        end = view.one(SPEED) * highest
+        end = view.one(FLOW_SPEED) * highest
     ax.set_ylim(0.0, end if end > 0.0 else None)
     if searched:
         if marked is not None and name in (None, "beta") and not marked.unstable_before:
@@ -387,7 +387,7 @@ def _gamma(one: Any) -> float:
     return 0.0 if swept == "gamma" else math.inf if pipe is None else pipe.gamma
 
 
-def _state(found: Boundary) -> str:
+def _stability(found: Boundary) -> str:
     """Of a pipe without a boundary of stability in the window."""
     if found.failures:
         return "no boundary known"
@@ -409,7 +409,7 @@ def _unsearched(ax: Axes, found: list[Boundary]) -> None:
     ends = list[Array]()
     for one in found:
         (left, right), (_, end) = one.ranges
-        plane = Plane("si", one.model.pipe, one.names)
+        plane = PlaneView("si", one.model.pipe, one.names)
         ends.append(plane.at(np.linspace(left, right, 200), np.full(200, end)))
     beta, lowest = ends[0][0], np.min([end for _, end in ends], axis=0)
     if (lowest < highest).any():
@@ -422,7 +422,7 @@ TICKS["dashes"] = {"dash_offset": 0.0, "dash_list": None}
 """On the unstable sides of boundaries."""
 
 
-def _swept(label: Any, one: Any) -> str | None:
+def _number_swept(label: Any, one: Any) -> str | None:
     """Name of the number over which a boundary was found; None of a curve, which does not know."""
     common.check_type("the names of boundaries", label, str)
     if isinstance(one, StabilityCurve):

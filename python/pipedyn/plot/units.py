@@ -22,7 +22,7 @@ from pipedyn.util.result import Units as Units
 
 
 @dataclass(frozen=True)
-class Quantity:
+class Measure:
     """What an axis shows.
 
     Attributes:
@@ -36,30 +36,26 @@ class Quantity:
     unit: Callable[[Scales], float] = lambda scales: 1.0
 
 
-SPEED = Quantity(common.SPEED_LABEL, "flow speed (m/s)", si.SPEED.scale)
-TIME = Quantity(common.TIME_LABEL, "time (s)", si.TIME.scale)
-TIP = Quantity(common.TIP_LABEL, "free end $x$ (m)", si.LENGTH.scale)
-TIP_RATE = Quantity(
+FLOW_SPEED = Measure(common.SPEED_LABEL, "flow speed (m/s)", si.SPEED.scale)
+ELAPSED = Measure(common.TIME_LABEL, "time (s)", si.TIME.scale)
+TIP = Measure(common.TIP_LABEL, "free end $x$ (m)", si.LENGTH.scale)
+TIP_RATE = Measure(
     common.TIP_RATE_LABEL,
     r"velocity of the free end $\dot{x}$ (m/s)",
     lambda scales: scales.length / scales.time,
 )
-AMPLITUDE = Quantity(
+AMPLITUDE = Measure(
     "amplitude of the free end / $L$", "amplitude of the free end (m)", si.LENGTH.scale
 )
-ACROSS = Quantity("transverse $x/L$", "transverse $x$ (m)", si.LENGTH.scale)
-ALONG = Quantity(
-    "along the straight pipe $y/L$", "along the straight pipe $y$ (m)", si.LENGTH.scale
-)
-ARC = Quantity(
+TRANSVERSE = Measure("transverse $x/L$", "transverse $x$ (m)", si.LENGTH.scale)
+AXIAL = Measure("along the straight pipe $y/L$", "along the straight pipe $y$ (m)", si.LENGTH.scale)
+ARC = Measure(
     "arc length $s/L$ from the clamp", "arc length $s$ from the clamp (m)", si.LENGTH.scale
 )
-GROWTH = Quantity(common.REAL_LABEL, r"Re $\lambda$ (1/s)", si.RATE.scale)
-OSCILLATION = Quantity(common.IMAGINARY_LABEL, r"Im $\lambda$ (rad/s)", si.RATE.scale)
-ROOT_FREQUENCY = Quantity(
-    common.FREQUENCY_LABEL, r"|Im $\lambda$| $/2\pi$ (Hz)", si.FREQUENCY.scale
-)
-FREQUENCY = Quantity(
+GROWTH = Measure(common.REAL_LABEL, r"Re $\lambda$ (1/s)", si.RATE.scale)
+OSCILLATION = Measure(common.IMAGINARY_LABEL, r"Im $\lambda$ (rad/s)", si.RATE.scale)
+ROOT_FREQUENCY = Measure(common.FREQUENCY_LABEL, r"|Im $\lambda$| $/2\pi$ (Hz)", si.FREQUENCY.scale)
+OMEGA = Measure(
     r"angular frequency $\omega$ (nondimensional)", "frequency (Hz)", si.FREQUENCY.scale
 )
 
@@ -68,36 +64,36 @@ PER_MOMENT = "1/N", lambda scales: scales.time**2 / (scales.mass * scales.length
 """Of a displacement per unit of what drives the pipe: unit, and SI value of one."""
 
 OF_A_NUMBER = {
-    "u": SPEED,
-    "beta": Quantity(common.BETA_LABEL),
-    "gamma": Quantity(r"gravity $\gamma$"),
-    "alpha": Quantity(r"end coefficient $\alpha$"),
-    "damping": Quantity(r"damping $\delta$", "damping time (s)", si.TIME.scale),
-    "hysteresis": Quantity(r"loss factor $\mu$"),
-    "drag": Quantity(r"drag $\kappa$"),
-    "inflow_share": Quantity("inflow share $c$"),
-    "frequency": Quantity("frequency of the forcing", FREQUENCY.si_label, FREQUENCY.unit),
-    "amplitude": Quantity("amplitude of the forcing"),
+    "u": FLOW_SPEED,
+    "beta": Measure(common.BETA_LABEL),
+    "gamma": Measure(r"gravity $\gamma$"),
+    "alpha": Measure(r"end coefficient $\alpha$"),
+    "damping": Measure(r"damping $\delta$", "damping time (s)", si.TIME.scale),
+    "hysteresis": Measure(r"loss factor $\mu$"),
+    "drag": Measure(r"drag $\kappa$"),
+    "inflow_share": Measure("inflow share $c$"),
+    "frequency": Measure("frequency of the forcing", OMEGA.si_label, OMEGA.unit),
+    "amplitude": Measure("amplitude of the forcing"),
 }
 """Of a boundary's axes, by the name of the number; others are looked up in the pipe."""
 
 
-def of_number(name: str, pipe: Pipe) -> Quantity:
+def of_number(name: str, pipe: Pipe) -> Measure:
     """A number of a pipe, of one of its terms or of the root's spring, by its name."""
     if name in OF_A_NUMBER:
         return OF_A_NUMBER[name]
     label = "stiffness of the root $(EI/L)$" if name == "root.stiffness" else name
     unit = unit_of_number(name, pipe)
     if unit is None:
-        return Quantity(label)
+        return Measure(label)
     text = re.sub(r"\^(-?\d+)", r"$^{\1}$", unit.name)
-    return Quantity(label, f"{name} ({text})", unit.scale)
+    return Measure(label, f"{name} ({text})", unit.scale)
 
 
-def rate(coordinate: int, before: str = "", after: str = "") -> Quantity:
+def rate(coordinate: int, before: str = "", after: str = "") -> Measure:
     """Of change of a coordinate, with words before and after it in the label."""
     words = rf"{before}rate $\dot{{q}}_{{{coordinate}}}$"
-    return Quantity(f"{words}{after}", f"{words}{after} (1/s)", si.RATE.scale)
+    return Measure(f"{words}{after}", f"{words}{after} (1/s)", si.RATE.scale)
 
 
 class View:
@@ -115,11 +111,11 @@ class View:
                 "`Pipe.from_si` has them, got 'si'"
             )
 
-    def one(self, quantity: Quantity) -> float:
+    def one(self, quantity: Measure) -> float:
         """What is shown for a nondimensional 1."""
         return quantity.unit(self.scales) if self.si and self.scales is not None else 1.0
 
-    def label(self, quantity: Quantity) -> str:
+    def label(self, quantity: Measure) -> str:
         """Of an axis."""
         return (self.si and quantity.si_label) or quantity.label
 
@@ -128,10 +124,10 @@ class View:
         if not isinstance(u, float):
             return "constant head" if isinstance(u, Supply) else "$u(t)$"
         if self.si:
-            return f"$V = {u * self.one(SPEED):.{digits}g}$ m/s"
+            return f"$V = {u * self.one(FLOW_SPEED):.{digits}g}$ m/s"
         return f"$u = {u:.{digits}g}$"
 
-    def second_axes(self, ax: Axes, x: Quantity | None = None, y: Quantity | None = None) -> None:
+    def second_axes(self, ax: Axes, x: Measure | None = None, y: Measure | None = None) -> None:
         """Axes in SI units on the other sides of nondimensional ones, where the pipe has scales."""
         if self.si or self.scales is None:
             return
@@ -148,12 +144,12 @@ class View:
                 ax.tick_params(right=False, which="both")
 
 
-LEAST_BETA = 0.04
+SHOWN_BETA = 0.04
 """Of the largest in a plane: the axis of speeds in m/s, which grow without bound towards beta = 0,
 ends with those of this one."""
 
 
-class Plane(View):
+class PlaneView(View):
     """Units in which the plane of two numbers is shown: with beta, that of the flow speed changes.
 
     Attributes:
@@ -185,7 +181,7 @@ class Plane(View):
         """Of the axes that show a window, (2, 2)."""
         edges = np.array(ranges)
         if self._beta is not None:
-            edges[self._beta, 0] = max(edges[self._beta, 0], LEAST_BETA * edges[self._beta, 1])
+            edges[self._beta, 0] = max(edges[self._beta, 0], SHOWN_BETA * edges[self._beta, 1])
         corners = self.at(*np.meshgrid(*edges))
         found = np.stack([corners.min(axis=(1, 2)), corners.max(axis=(1, 2))], axis=1)
         if self._beta is not None:

@@ -88,7 +88,7 @@ def count(name: str, value: Any, *, low: int = 1, high: int | None = None) -> in
     return number
 
 
-def counted(number: int, thing: str) -> str:
+def how_many(number: int, thing: str) -> str:
     """So many things, in words: one has no plural."""
     return f"{number} {thing}{'' if number == 1 else 's'}"
 

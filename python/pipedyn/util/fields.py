@@ -56,11 +56,11 @@ def check_signs(kind: type, values: Mapping[str, Any]) -> None:
     if hasattr(kind, "__post_init__"):
         return
     for name, value in values.items():
-        if name.lstrip("_") in NOT_NEGATIVE and np.any(_numbers(value) < 0.0):
+        if name.lstrip("_") in NOT_NEGATIVE and np.any(_comparable(value) < 0.0):
             raise ValueError(f"{name} of {kind.__name__} must be >= 0, got {check.shown(value)}")
 
 
-def _numbers(value: Any) -> Any:
+def _comparable(value: Any) -> Any:
     """Real numbers that can be compared, none where it is something else."""
     array = isinstance(value, np.ndarray) and value.dtype.kind in "iuf"
     return value if array or isinstance(value, int | float) else np.zeros(0)

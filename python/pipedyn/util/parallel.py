@@ -11,8 +11,8 @@ from typing import TypeVar
 from pipedyn.util.later import futures
 
 Item = TypeVar("Item")
-Answer = TypeVar("Answer")
-Job = Callable[[], Answer]
+Returned = TypeVar("Returned")
+Job = Callable[[], Returned]
 """What runs anywhere: it pickles, e.g. a `functools.partial` of a module's function."""
 
 
@@ -43,7 +43,7 @@ def track(items: Iterable[Item], total: int | None, label: str, shown: bool) -> 
     yield from tqdm(items, total=total, desc=label)
 
 
-def outcome_of(job: Job[Answer]) -> Answer | Exception:
+def outcome_of(job: Job[Returned]) -> Returned | Exception:
     """What a job returned, or the exception that it raised."""
     try:
         return job()
@@ -52,12 +52,12 @@ def outcome_of(job: Job[Answer]) -> Answer | Exception:
 
 
 def parallel(
-    jobs: Sequence[Job[Answer]],
+    jobs: Sequence[Job[Returned]],
     executor: futures.Executor | None = None,
     *,
     label: str = "",
     progress: bool = False,
-) -> Iterator[Answer | Exception]:
+) -> Iterator[Returned | Exception]:
     """What each job returned, or why there is no answer, in the order of the jobs.
 
     A job that fails leaves the others: its exception stands in its place. So does that of an
@@ -66,8 +66,8 @@ def parallel(
     taken; an executor gets all at once, and those that have not begun are cancelled where the
     caller takes no more answers.
     """
-    submitted: list[futures.Future[Answer]] = []
-    calls: Iterable[Job[Answer]] = jobs
+    submitted: list[futures.Future[Returned]] = []
+    calls: Iterable[Job[Returned]] = jobs
     try:
         if executor is not None:
             submitted.extend(_submitted(executor, job) for job in jobs)
@@ -79,17 +79,17 @@ def parallel(
             future.cancel()
 
 
-def _submitted(executor: futures.Executor, job: Job[Answer]) -> futures.Future[Answer]:
+def _submitted(executor: futures.Executor, job: Job[Returned]) -> futures.Future[Returned]:
     """The future of a job, one that has failed already where the executor refuses the job."""
     try:
         return executor.submit(job)
     except Exception as error:
-        refused: futures.Future[Answer] = futures.Future()
+        refused: futures.Future[Returned] = futures.Future()
         refused.set_exception(error)
         return refused
 
 
-def _result(future: futures.Future[Answer]) -> Answer:
+def _result(future: futures.Future[Returned]) -> Returned:
     """What a future's job returned. Raises what kept it from that, in words."""
     try:
         return future.result()
