@@ -14,8 +14,8 @@ from dataclasses import dataclass
 from pipedyn.util.archive import saved_as
 
 clock: Callable[[], float] = time.perf_counter if os.name == "nt" else time.thread_time
-"""Processor time of this thread in seconds, which other work on the machine hardly changes. On
-Windows, which counts it in steps of 16 ms, it is the wall-clock time."""
+"""Processor time of this thread in seconds, which other work on the machine hardly changes.
+Windows counts it in steps of 16 ms, so there it is the wall-clock time."""
 
 
 @saved_as("TookTooLong")

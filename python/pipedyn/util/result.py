@@ -501,7 +501,7 @@ def same(one: Any, other: Any) -> bool:
 
 
 def joined(tables: Sequence[dict[str, Any]], **names: Sequence[Any]) -> dict[str, Any]:
-    """One table from several with the same columns; `names` are columns in front, a value a table."""
+    """One table from several with the same columns. The columns `names` have a value a table."""
     columns: dict[str, Any] = {}
     sizes = [len(next(iter(one.values()))) for one in tables]
     for name, values in names.items():

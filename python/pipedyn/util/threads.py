@@ -31,7 +31,7 @@ _before: list[int] = []
 
 @cache
 def _libraries() -> tuple[list[Any], list[Any]]:
-    """BLAS libraries whose limits hold for the process, and those whose limits hold for a thread."""
+    """BLAS libraries with a limit for the whole process, and those with one for each thread."""
     from threadpoolctl import ThreadpoolController
 
     import_module("scipy.linalg")  # has a BLAS of its own, which is found only once it is loaded
