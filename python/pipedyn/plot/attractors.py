@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Pictures of attractors: their basins, Poincare sections and spectra."""
+"""Pictures of attractors: basins, Poincare sections, spectra and films."""
 
 from __future__ import annotations
 
@@ -20,34 +20,35 @@ from pipedyn.plot.units import AMPLITUDE, ELAPSED, GROWTH, OMEGA, TIP, Measure, 
 from pipedyn.util import check
 
 FILLS = ("#0072B2", "#F0E442", "#56B4E9", "#8C3B00", "#009E73", "#E9C6DA", "#333333", "#E69F00")
-"""Colours of basins. Neighbours in the row differ in lightness, so that they do in grey."""
+"""Colours of basins. Neighbours in the row differ in lightness, so that they differ in grey."""
 
 UNSETTLED, FAILED = "0.75", "#FFFFFF"
 
 SHAPES = ("o", "s", "^", "D", "v", "P", "X", "h")
-"""Of attractors at rest, and of sections."""
+"""Markers of attractors at rest, and of points in Poincare sections."""
 
 SMALLEST_VIEW = 0.05
-"""Share of the largest value that a section's axes span at least: a cycle's points are points."""
+"""Least half-width of the axes of a section, as a share of the largest value. Without it the few
+points of a cycle would be magnified until rounding shows."""
 
 FILMED = 10.0
-"""Time in a film of an irregular motion: some twenty swings of flutter."""
+"""Duration of the motion in a film of an irregular motion, in T: some twenty swings of flutter."""
 
 LOWEST_LINE = 1e-5
-"""Part of its highest line below which a spectrum is not shown: what motions err."""
+"""Share of the highest line below which a spectrum is not shown: errors of motions are as large."""
 
 
 def basins(found: Attractors, *, units: Units = "nondimensional", ax: Axes | None = None) -> Axes:
-    """Basins of attraction: which attractor each start of a plane ends on.
+    """Basins of attraction: the attractor that the motion from each start of a plane ends on.
 
-    Each attractor has a colour and in the legend its share of the starts. A white marker shows an
-    equilibrium that lies in the plane. Starts whose motions did not settle are grey, failed ones
-    white. Coordinates are the model's, counted from 0.
+    Each attractor has a colour, and the legend gives its share of the starts. A white marker shows
+    an equilibrium that lies in the plane. Starts whose motions did not settle are grey, and those
+    whose motions failed are white. Coordinates are those of the model, counted from 0.
 
     Args:
         found: attractors from a `StartPlane` of at least 2 values along both axes.
-        units: "nondimensional", or "si" where the pipe has scales.
-        ax: where to draw; new Axes where not given.
+        units: "nondimensional", or "si" if the pipe has scales.
+        ax: Axes to draw on; new ones if not given.
 
     Example:
         >>> angles = np.linspace(-1.0, 1.0, 5)
@@ -109,17 +110,17 @@ def poincare_section(
 ) -> Axes:
     """Poincare sections of attractors: states at which the free end is at a maximum.
 
-    A cycle has as many points as maxima in a period, a torus lines, chaos a cloud. Shown is one
-    coordinate against the rate of the last, or of the one given; of "tip", the maximum itself
-    against that rate. Where a pump or the base drives the pipe, sections are stroboscopic: states
-    when a period of that begins.
+    A cycle shows as many points as it has maxima in a period, a torus lines, and chaos a cloud. The
+    picture shows a coordinate against its rate; for "tip" it shows the position of the free end
+    against the rate of the last coordinate. If the flow or the base drives the pipe, sections are
+    stroboscopic: they hold the states at the beginnings of the periods of the drive.
 
     Args:
-        found: attractors, or one of the basins. Those at rest have no section.
-        coordinate: "tip" for the free end's transverse position, or the index of a coordinate,
+        found: attractors, or one of the basins. Attractors at rest have no section.
+        coordinate: "tip" for the transverse position of the free end, or the index of a coordinate,
             counted from 0.
-        units: "nondimensional", or "si" where the pipe has scales.
-        ax: where to draw; new Axes where not given.
+        units: "nondimensional", or "si" if the pipe has scales.
+        ax: Axes to draw on; new ones if not given.
 
     Example:
         >>> found = pp.attractors(pp.Chain(pp.Pipe(0.2), 2), 4.0, 3)
@@ -169,15 +170,15 @@ def poincare_section(
 def spectrum(
     found: Attractors | Basin, *, units: Units = "nondimensional", ax: Axes | None = None
 ) -> Axes:
-    """Amplitude of the free end's transverse motion by frequency, of each attractor that moves.
+    """Spectra of the transverse motion of the free end, for each attractor that is not at rest.
 
-    Lines of a cycle are drawn as stems at its harmonics. The upper axis is in Hz if the pipe's
-    numbers come from SI units.
+    A spectrum is the amplitude over the frequency; that of a cycle is drawn as stems at its
+    harmonics. The upper axis is in Hz if the pipe has scales.
 
     Args:
         found: attractors, or one of the basins.
-        units: "nondimensional", or "si" where the pipe has scales.
-        ax: where to draw; new Axes where not given.
+        units: "nondimensional", or "si" if the pipe has scales.
+        ax: Axes to draw on; new ones if not given.
 
     Example:
         >>> found = pp.attractors(pp.Chain(pp.Pipe(0.2), 2), 4.0, 3)
@@ -192,7 +193,7 @@ def spectrum(
     ax = common.axes(ax, (6.4, 3.6), **labels)
     highest, last = 0.0, 0.0
     for basin, name, style in zip(some, names, cycle(common.CURVE_STYLES), strict=False):
-        omega = view.one(OMEGA) * basin.frequencies[1:]  # without its mean
+        omega = view.one(OMEGA) * basin.frequencies[1:]  # without the mean, at frequency 0
         height = view.one(AMPLITUDE) * basin.spectrum[1:]
         if not height.size:
             continue
@@ -223,16 +224,16 @@ def films(
     fps: float = 25.0,
     units: Units = "nondimensional",
 ) -> dict[str, Film]:
-    """Films of the attractors that move, by name, each on a figure of its own.
+    """Films, by name, of the attractors that are not at rest, each on a figure of its own.
 
-    Of a diagram they are the stable cycles at a speed, and the irregular motions there, which go on
-    for `FILMED` from where they ended.
+    For a diagram they show the stable cycles at a flow speed, and the irregular motions there,
+    continued for a time of 10 T from where they ended.
 
     Args:
         found: attractors, or a diagram.
-        speed: flow speed, one of the diagram's.
-        fps: frames a second, as of `animate`.
-        units: "nondimensional", or "si" where the pipe has scales.
+        speed: flow speed, one of the diagram's; not used for attractors.
+        fps: frames a second, as for `animate`.
+        units: "nondimensional", or "si" if the pipe has scales.
 
     Example:
         >>> diagram = pp.bifurcation_diagram(pp.Chain(pp.Pipe(0.2), 2), [3.0, 4.0])
@@ -240,7 +241,7 @@ def films(
         ...     film.save(f"{name}.gif")
 
     Raises:
-        ValueError, TypeError: for bad arguments, and what `animate` refuses.
+        ValueError, TypeError: for bad arguments, and for motions that `animate` refuses.
     """
     how: dict[str, Any] = {"fps": fps, "units": units}
     if isinstance(found, Attractors):
@@ -263,7 +264,7 @@ def films(
 
 
 def _shown_basins(found: Any, units: Units) -> tuple[list[Basin], Any, list[str]]:
-    """Basins of the argument, their model and names."""
+    """Basins in the argument `found`, their model, and the names of the basins."""
     if isinstance(found, Basin):
         view = View(units, found.motion.model.pipe)
         return [found], found.motion.model, [_kind(found, view)]
@@ -274,7 +275,7 @@ def _shown_basins(found: Any, units: Units) -> tuple[list[Basin], Any, list[str]
 
 
 def _kind(basin: Basin, view: View) -> str:
-    """What the attractor is, in words."""
+    """The kind of an attractor in words, with the period of a cycle or an exponent."""
     if basin.ending == "rest":
         return "rest"
     if basin.ending == "periodic":
@@ -289,7 +290,7 @@ def _kind(basin: Basin, view: View) -> str:
 
 
 def _name(found: Attractors, k: int, view: View) -> str:
-    """Number and kind, and of whose mirror image it is."""
+    """Name of an attractor: its number, its kind, and the attractor whose mirror image it is."""
     basin = found.basins[k]
     image = f", mirror image of {basin.mirror_image}" if 0 <= basin.mirror_image < k else ""
     return f"{k}: {_kind(basin, view)}{image}"
@@ -300,7 +301,7 @@ def _percent(basin: Basin) -> str:
 
 
 def _state_entry(found: Attractors, index: int, before: str) -> Measure:
-    """Of an entry of the state [q, q']."""
+    """The coordinate or rate at an index of the state [q, q']."""
     half = found.model.coordinates
     if index < half:
         return Measure(f"{before}coordinate $q_{{{index}}}$")

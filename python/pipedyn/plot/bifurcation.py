@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Pictures beyond onset: the bifurcation diagram, limit cycles, their Floquet multipliers."""
+"""Pictures of nonlinear results: bifurcation diagrams, limit cycles and Floquet multipliers."""
 
 from __future__ import annotations
 
@@ -35,16 +35,16 @@ MARKS: dict[str, dict[str, Any]] = {
     "infinite period": {"marker": "*", "color": common.SKY, "markersize": 8.0},
     "end": {"marker": "P", "color": common.BLUE},
 }
-"""Look of each bifurcation."""
+"""Look of the marker of each kind of bifurcation."""
 
 A_STEP = 12
-"""Straight pieces that are drawn between two points of a branch."""
+"""Straight pieces drawn between two points of a branch, enough for cubics to show no corners."""
 
 STABILITY_STYLES: dict[str, dict[str, Any]] = {
     "stable": {"linestyle": "-", "linewidth": 1.4, "zorder": 3.0},
     "unstable": {"linestyle": (0, (4, 2)), "linewidth": 1.0, "zorder": 2.0},
 }
-"""Look of branches and cycles."""
+"""Look of stable and of unstable branches and cycles."""
 
 
 def bifurcation_diagram(
@@ -56,17 +56,17 @@ def bifurcation_diagram(
 ) -> Axes:
     """Transverse position of the free end against flow speed.
 
-    Equilibria are black. Cycles are blue: their highest and lowest positions, and those of their
-    mirror images. Stable branches are solid, unstable ones dashed. Grey dots are the turning
-    points of motions from many initial states; each marker is a bifurcation. Further axes are in SI
-    units where the pipe's numbers come from them.
+    Equilibria are black. Cycles are blue; curves show their highest and lowest positions, and those
+    of their mirror images. Stable branches are solid, unstable ones dashed. Grey dots are the
+    turning points of motions from many initial states, and markers are bifurcations. Second axes
+    are in SI units if the pipe has scales.
 
     Args:
         diagram: the diagram to show.
         coordinate: "tip", or the index of a coordinate, counted from 0. With an index only
             equilibria are shown; use it where the free end is held.
-        units: "nondimensional", or "si" where the pipe has scales.
-        ax: where to draw; new Axes where not given.
+        units: "nondimensional", or "si" if the pipe has scales.
+        ax: Axes to draw on; new ones if not given.
 
     Example:
         >>> found = pp.bifurcation_diagram(pp.Chain(pp.Pipe(0.2), 2), [3.0, 4.0, 5.0])
@@ -124,10 +124,10 @@ def _draw_branch(
     colour: str,
     one: Array,
 ) -> None:
-    """A branch in stable and unstable pieces, and its bifurcations at heights `at`, in units `one`.
+    """Draws a branch in stable and unstable pieces, and its bifurcations at the heights `at`.
 
-    A step between neighbouring points is as stable as the one it starts from; from a bifurcation it
-    is as stable as the next.
+    `one` holds the values shown for a nondimensional 1 of speed and height. A step between two
+    points has the stability of the first; if that is a bifurcation, it has that of the second.
     """
     events: Any = branch.events if isinstance(branch, CycleBranch) else branch.points
     speeds, stable = branch.speeds, branch.stable
@@ -151,10 +151,10 @@ def _draw_branch(
 
 
 def smooth(speeds: Array, heights: Array) -> Array:
-    """A curve without corners through the points of a branch, (k, 2), each after `A_STEP` others.
+    """A smooth curve through k points of a branch, with `A_STEP` pieces a step, (pieces + 1, 2).
 
-    Akima's cubics by the length of the chords between the points, in shares of their range: they
-    stay as they are elsewhere if one point moves, and do not oscillate.
+    The curve consists of Akima's cubics over the chord lengths between points that are scaled by
+    their ranges. If one point moves, these change only near it, and they do not oscillate.
     """
     points = np.stack([speeds, heights], axis=1)
     if not points.size:
@@ -167,7 +167,7 @@ def smooth(speeds: Array, heights: Array) -> Array:
         np.arange((places.size - 1) * A_STEP + 1) / A_STEP, np.arange(places.size), places
     )
     found: Array = scipy.interpolate.Akima1DInterpolator(places, points)(at)
-    found[::A_STEP] = points  # to the bit
+    found[::A_STEP] = points  # removes rounding errors at the points
     return found
 
 
@@ -181,8 +181,8 @@ def orbit(
 
     Args:
         cycles: one limit cycle or several. Unstable ones are dashed.
-        units: "nondimensional", or "si" where the pipe has scales.
-        ax: where to draw; new Axes where not given.
+        units: "nondimensional", or "si" if the pipe has scales.
+        ax: Axes to draw on; new ones if not given.
 
     Example:
         >>> model = pp.Chain(pp.Pipe(0.2), 2)
@@ -224,8 +224,8 @@ def multipliers(
 
     Args:
         cycles: a limit cycle or a branch of them.
-        units: "nondimensional", or "si" where the pipe has scales.
-        ax: where to draw; new Axes where not given.
+        units: "nondimensional", or "si" if the pipe has scales.
+        ax: Axes to draw on; new ones if not given.
 
     Example:
         >>> ax = plot.multipliers(pp.limit_cycle(pp.Chain(pp.Pipe(0.2), 2), 4.0))

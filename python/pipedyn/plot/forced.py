@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Pictures of driven pipes: responses over the frequency, and regions of a pulsating flow."""
+"""Pictures of driven pipes: frequency responses, and regions of instability of pulsating flow."""
 
 from __future__ import annotations
 
@@ -35,14 +35,14 @@ def frequency_response(
 ) -> Axes:
     """Magnitude of the response over the frequency, on a logarithmic scale, or its phase.
 
-    A ring marks each resonance, a bar its half-power width, and a triangle at the upper end one
-    that is infinite. The upper axis is in Hz if the pipe's numbers come from SI units.
+    A ring marks each resonance, and a bar its half-power width. A triangle at the upper end marks a
+    resonance of infinite height. The upper axis is in Hz if the pipe has scales.
 
     Args:
-        response: what to show.
-        phase: the phase in degrees, from -180 to 180, in place of the magnitude.
-        units: "nondimensional", or "si" where the pipe has scales.
-        ax: where to draw; new Axes where not given.
+        response: the response to show.
+        phase: whether to show the phase in degrees, from -180 to 180, instead of the magnitude.
+        units: "nondimensional", or "si" if the pipe has scales.
+        ax: Axes to draw on; new ones if not given.
 
     Example:
         >>> found = pp.frequency_response(pp.Chain(pp.Pipe(0.2), 10), 4.0, np.arange(1.0, 60.0))
@@ -68,7 +68,7 @@ def frequency_response(
     finite = np.isfinite(values)
     if shows_phase:
         angles = np.degrees(np.angle(np.where(finite, values, math.nan)))
-        angles[1:][np.abs(np.diff(angles)) > 180.0] = math.nan  # no line across the plot
+        angles[1:][np.abs(np.diff(angles)) > 180.0] = math.nan  # breaks the line at a jump
         ax.plot(at, angles, color=common.BLACK, linewidth=1.2)
         ax.set(ylim=(-185.0, 185.0), yticks=np.arange(-180.0, 181.0, 90.0))
     else:
@@ -77,12 +77,12 @@ def frequency_response(
         heights = [one * r.height for r in response.resonances if r.height < math.inf]
         ax.plot(at, sizes, color=common.BLACK, linewidth=1.2)
         ax.set_yscale("log")
-        # Frequencies are dense at peaks, so that a typical size is one of evenly spaced ones.
+        # Frequencies are dense at peaks, so the typical size is taken at evenly spaced ones.
         evenly = np.interp(np.linspace(at[0], at[-1], 201), at, sizes)
         typical = float(np.nanmedian(evenly)) if np.isfinite(evenly).any() else 1.0
         ax.set_ylim(bottom=max(np.nanmin(sizes, initial=typical), 1e-3 * typical))
         infinite = [per * r.frequency for r in response.resonances if r.height == math.inf]
-        if infinite:  # what is left of the peaks is cut off
+        if infinite:  # the samples next to an infinite peak are cut off
             ax.set_ylim(top=1e3 * typical)
             look = common.open_marker(6.0, marker="^", zorder=4.0, clip_on=False)
             of_axes = ax.get_xaxis_transform()
@@ -97,14 +97,14 @@ def frequency_response(
     if at[0] < at[-1]:
         ax.set_xlim(float(at[0]), float(at[-1]))
     stable = "" if response.stable else ", unstable: the response is not reached"
-    above = 24.0 if view.scales is not None and not view.si else None  # of the axis in Hz
+    above = 24.0 if view.scales is not None and not view.si else None  # room for the axis in Hz
     ax.set_title(f"{view.speed(response.u)}{stable}", pad=above)
     view.second_axes(ax, OMEGA)
     return ax
 
 
 def _level_crossings(at: Any, sizes: Any, frequency: float, level: float) -> list[float]:
-    """Frequencies on both sides of a peak at which a response has a level."""
+    """Two frequencies, below and above a peak, at which a response crosses a level."""
     above = sizes > level
     k = int(np.argmin(np.abs(at - frequency)))
     left = k - int(np.argmin(above[: k + 1][::-1]))
@@ -119,14 +119,14 @@ def _level_crossings(at: Any, sizes: Any, frequency: float, level: float) -> lis
 def parametric_regions(
     regions: Sequence[ParametricRegion], *, units: Units = "nondimensional", ax: Axes | None = None
 ) -> Axes:
-    """Regions in which a pulsating flow makes the pipe unstable: amplitude over frequency.
+    """Regions of amplitude over frequency in which a pulsating flow makes the pipe unstable.
 
     Kinds differ in colour, line and hatching; a ring marks the least amplitude of each region.
 
     Args:
-        regions: what to show, with amplitudes that are close enough for a curve.
-        units: "nondimensional", or "si" where the pipe has scales.
-        ax: where to draw; new Axes where not given.
+        regions: the regions to show, with amplitudes that are close enough for a curve.
+        units: "nondimensional", or "si" if the pipe has scales.
+        ax: Axes to draw on; new ones if not given.
 
     Example:
         >>> model = pp.Galerkin(pp.Pipe(0.2, 10.0), 8)
@@ -160,7 +160,7 @@ def parametric_regions(
         named.add(region.kind)
         fill = {"facecolor": look["color"], "alpha": 0.25, "hatch": look["hatch"]}
         line = {"color": look["color"], "linestyle": look["linestyle"], "linewidth": 1.2}
-        if math.isfinite(region.threshold):  # down one side and up the other
+        if math.isfinite(region.threshold):  # the outline goes down one side and up the other
             around = np.append(edges[:0:-1, 0], edges[:, 1]), np.append(amplitude[:0:-1], amplitude)
             outline = smooth(*around)
             ax.fill(*outline.T, linewidth=0.0, label=label, **fill)
@@ -182,14 +182,14 @@ def parametric_regions(
 def forced_response(
     response: ForcedResponse, *, units: Units = "nondimensional", ax: Axes | None = None
 ) -> Axes:
-    """Amplitude of periodic motions over the frequency: stable solid, unstable dashed.
+    """Amplitude of periodic motions over the frequency, with stable ones solid, others dashed.
 
-    Folds and other events have markers.
+    Markers show folds and other events.
 
     Args:
-        response: what to show.
-        units: "nondimensional", or "si" where the pipe has scales.
-        ax: where to draw; new Axes where not given.
+        response: the response to show.
+        units: "nondimensional", or "si" if the pipe has scales.
+        ax: Axes to draw on; new ones if not given.
 
     Example:
         >>> model = pp.Galerkin(pp.Pipe(0.2, damping=0.002), 4)
@@ -208,7 +208,7 @@ def forced_response(
     shown = set[str]()
     for branch, look in zip(response.branches, cycle(common.CURVE_STYLES), strict=False):
         curve = smooth(per * branch.frequency, one * branch.amplitude)
-        steady = branch.stable[:-1] | branch.stable[1:]  # what ends at an event is so up to there
+        steady = branch.stable[:-1] | branch.stable[1:]  # a step to an event is stable up to it
         for stable, line in ((True, "-"), (False, (0, (4, 2)))):
             there = np.where(steady == stable)[0]
             runs = np.split(there, np.flatnonzero(np.diff(there) > 1) + 1) if there.size else []

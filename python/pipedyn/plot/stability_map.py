@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Stability boundaries in the plane of two numbers, and maps of several pipes' boundaries."""
+"""Pictures of stability boundaries in the plane of two numbers, of one pipe or of several."""
 
 from __future__ import annotations
 
@@ -49,23 +49,23 @@ STABLE = "#DCEBDD"
 UNSEARCHED: dict[str, Any] = {"facecolor": "none", "edgecolor": "0.75", "hatch": "////"}
 UNSEARCHED |= {"linewidth": 0.0, "label": "not searched"}
 PER_STEP = 8
-"""Pieces in which a step of a curve is drawn."""
+"""Pieces in which each step of a curve is drawn."""
 
 COLUMNS = 500
-"""Of the shading, either way: its steps are hidden by the curves."""
+"""Numbers of rows and columns of the shading, enough for the curves to hide its steps."""
 
 
 def boundary(found: Boundary, *, units: Units = "nondimensional", ax: Axes | None = None) -> Axes:
-    """Boundaries of stability, the stable region shaded.
+    """Boundaries of stability in the plane of two numbers; the stable region is shaded.
 
-    Curves are solid where what emerges attracts, dashed where it repels, thin where other roots are
-    unstable or the criticality was not computed. The legend names organising points. Further axes
-    are in SI units where the pipe's numbers come from them.
+    Curves are solid if the bifurcation is supercritical, dashed if it is subcritical, and thin if
+    other roots are unstable or the criticality was not computed. The legend names organising
+    points. Second axes are in SI units if the pipe has scales.
 
     Args:
-        found: what `pipedyn.boundary` answered.
-        units: "nondimensional", or "si" where the pipe has scales.
-        ax: where to draw; new Axes where not given.
+        found: the result of `pipedyn.boundary`.
+        units: "nondimensional", or "si" if the pipe has scales.
+        ax: Axes to draw on; new ones if not given.
 
     Example:
         >>> window = {"gamma": (-20.0, 0.0), "u": (0.0, 5.0)}
@@ -124,14 +124,15 @@ def boundary(found: Boundary, *, units: Units = "nondimensional", ax: Axes | Non
 
 
 def _dense(curve: BoundaryCurve, found: Boundary) -> tuple[Array, NDArray[np.int_], Array]:
-    """A curve in pieces: cubics through its points with its directions there.
+    """Divides a curve in k straight pieces, on cubics through its points with its directions there.
 
-    What holds at its points changes between them at an organising point, which is one of the ends
-    of pieces; where none is known, as where the criticality passes infinity, in the middle.
+    Criticality and counts change between two points at an organising point, which is then an end of
+    pieces. If none is known there, as where the criticality passes infinity, they change in the
+    middle of the step.
 
     Returns:
-        Ends of pieces, (k + 1, 2); of each piece the point of the curve whose values hold on it,
-        (k,), and whether it is known where the counts of that step change, (k,).
+        Ends of the pieces, (k + 1, 2); for each piece the index of the point whose values hold on
+        it, (k,); and whether it is known where the counts of its step change, (k,).
     """
     low, high = np.array(found.ranges).T
     at = (np.column_stack([curve.x, curve.y]) - low) / (high - low)
@@ -163,7 +164,7 @@ def _dense(curve: BoundaryCurve, found: Boundary) -> tuple[Array, NDArray[np.int
 
 
 def _pixels(found: Boundary, plane: PlaneView) -> tuple[Array, Array, Array, NDArray[np.bool_]]:
-    """Of the axes' area: places, rows and columns of `_stable` there, and which were searched."""
+    """Pixels of the Axes: positions, rows and columns in `_stable`, and whether searched."""
     middles = (np.arange(COLUMNS) + 0.5) / COLUMNS
     (left, right), (low, high) = plane.limits(found.ranges)
     at = np.array(np.meshgrid(left + (right - left) * middles, low + (high - low) * middles))
@@ -174,10 +175,11 @@ def _pixels(found: Boundary, plane: PlaneView) -> tuple[Array, Array, Array, NDA
 
 
 def _stable(found: Boundary) -> NDArray[np.bool_]:
-    """Where no root is unstable, rows from the lowest y on, from the curves' counts.
+    """Whether no root is unstable, in rows by increasing y, (COLUMNS, COLUMNS).
 
-    On the way up through a column each curve says how many roots are unstable beyond it; only where
-    none is met, it does not know, or they disagree, the eigenvalues do.
+    On the way up through a column each curve gives the number of unstable roots beyond it.
+    Eigenvalues are computed only if a column meets no curve, if the number is not known, or if
+    curves disagree.
     """
     (left, right), (low, high) = found.ranges
     middles = (np.arange(COLUMNS) + 0.5) / COLUMNS
@@ -185,7 +187,7 @@ def _stable(found: Boundary) -> NDArray[np.bool_]:
     stable = np.zeros((COLUMNS, COLUMNS), dtype=np.bool_)
     met: list[list[tuple[float, int, int]]] = [[] for _ in columns]
     uncertain = np.zeros(COLUMNS, dtype=np.bool_)
-    passed = np.zeros(COLUMNS + 1, dtype=np.bool_)  # between a column and that before
+    passed = np.zeros(COLUMNS + 1, dtype=np.bool_)  # whether a curve passes before each column
     for curve in found.curves:
         places, of, certain = _dense(curve, found)
         for (x, y), (to_x, to_y), (on_left, on_right), sure in zip(
@@ -208,7 +210,7 @@ def _stable(found: Boundary) -> NDArray[np.bool_]:
             continue
         known = None
         if uncertain[k] or any((a[2] == 0) != (b[1] == 0) for a, b in pairwise(crossed)):
-            # So near to where curves cross that their pieces do not tell which is the lower.
+            # Near a crossing of curves their pieces do not show which is the lower.
             heights = [low, *(height for height, *_ in crossed), high]
             for bottom, top in pairwise(np.clip(heights, low, high).tolist()):
                 count = found.unstable(float(columns[k]), 0.5 * (bottom + top))
@@ -232,25 +234,26 @@ def stability_map(
     units: Units = "nondimensional",
     ax: Axes | None = None,
 ) -> Axes:
-    """Where pipes lose or regain stability: flow speed against a number, of several pipes.
+    """Speeds at which several pipes lose or regain stability, against a number.
 
     Ticks on boundaries and at points of curves point to the unstable side. Words at a curve of
-    divergence tell whether the flow buckles the pipe above it, or its weight below it. Parts on
-    which other roots are unstable are left out; of a pipe without others the legend says whether it
-    is stable at the speeds searched. Crosses on the axis are points that failed; triangles at the
-    top are points of curves at which no loss of stability was found up to a speed, and `marked` if
-    it lies above. Pipes come in the order of gamma, and the x axis shows what was searched.
+    divergence tell whether the flow buckles the pipe above it, or the weight below it. Parts of
+    boundaries on which other roots are unstable are left out; if no part is left, the legend says
+    whether the pipe is stable at the speeds searched. Crosses on the axis are points that failed.
+    Triangles at the top are points at which no loss of stability was found up to some speed, or
+    `marked` if it lies above. Pipes are in the order of gamma, and the x axis shows the range
+    searched.
 
     Args:
-        boundaries: by label: boundaries with one number for x and "u" for y, and curves from
-            `pipedyn.stability_curve`, which are drawn as points.
+        boundaries: boundaries and curves by their labels. Boundaries have the same number for x and
+            "u" for y; curves from `pipedyn.stability_curve` are drawn as points.
         highest: end of the axis of speed, nondimensional.
-        marked: a critical speed to mark, at its pipe's beta: of boundaries over beta. If the pipe
-            is unstable below, too, the legend says so instead.
-        parameter: label of the x axis for curves; where not given, the name of the argument that
-            made their models.
-        units: "nondimensional", or "si" where the pipe has scales.
-        ax: where to draw; new Axes where not given.
+        marked: a critical speed to mark at the beta of its pipe, if the number is beta. If the pipe
+            is unstable below it, too, the legend says so instead.
+        parameter: label of the x axis for curves; if not given, the name of the argument from which
+            their models were made.
+        units: "nondimensional", or "si" if the pipe has scales.
+        ax: Axes to draw on; new ones if not given.
 
     Example:
         >>> window = {"beta": (0.1, 0.9), "u": (0.0, 15.0)}
@@ -321,7 +324,7 @@ def stability_map(
         note = ""
         if not parts:
             states.add(_stability(found))
-            # The unit of speed in SI falls with the mass ratio.
+            # The SI unit of speed depends on the mass ratio, so the range is nondimensional.
             said = View("nondimensional", None) if name == "beta" else own
             low, high = (said.speed(float(end)) for end in found.ranges[1])
             note = f": {_stability(found)} from {low} to {high}"
@@ -362,7 +365,7 @@ def stability_map(
             searched.append(marked.pipe.beta)
         left, right = min(searched), max(searched)
         of_points = any(isinstance(one, StabilityCurve) for one in boundaries.values())
-        room = 0.05 * (right - left) if of_points else 0.0  # for marks at the ends
+        room = 0.05 * (right - left) if of_points else 0.0  # marks at the ends need room
         if right > left:
             ax.set_xlim(left - room, right + room)
     heights = np.array([step[0][1, 1] for step in divergences]) / ax.get_ylim()[1]
@@ -375,20 +378,20 @@ def stability_map(
     elif boundaries:
         ticks = withTickedStroke(angle=-90.0, **TICKS)
         ax.plot([], [], color="0.3", path_effects=[ticks], label="ticks: unstable side")
-    if ax.get_legend_handles_labels()[0]:  # a mark above the highest speed has none
+    if ax.get_legend_handles_labels()[0]:  # artists without labels have no entries
         common.legend_below(ax)
     return ax
 
 
 def _gamma(one: Any) -> float:
-    """Of the pipe, last where there is none; 0 where gamma itself is swept."""
+    """Gamma by which pipes are sorted: infinite without a pipe, 0 if the number is gamma itself."""
     swept = one.names[0] if isinstance(one, Boundary) else one.parameter
     pipe = _pipe(one)
     return 0.0 if swept == "gamma" else math.inf if pipe is None else pipe.gamma
 
 
 def _stability(found: Boundary) -> str:
-    """Of a pipe without a boundary of stability in the window."""
+    """Stability, in words, of a pipe that has no boundary in the window."""
     if found.failures:
         return "no boundary known"
     count = found.unstable(*np.mean(found.ranges, axis=1).tolist())
@@ -396,7 +399,7 @@ def _stability(found: Boundary) -> str:
 
 
 def _why_nothing(states: set[str]) -> str:
-    """Why a map has no boundary, from the states of its pipes."""
+    """A sentence that says why a map has no boundary, from the stability of its pipes."""
     if not states or not states <= {"stable", "unstable"}:
         return "No stability boundary was computed."
     all_is = f": all is {next(iter(states))}" if len(states) == 1 else ""
@@ -404,7 +407,7 @@ def _why_nothing(states: set[str]) -> str:
 
 
 def _unsearched(ax: Axes, found: list[Boundary]) -> None:
-    """Shades speeds in SI above those searched: the unit of speed falls with the mass ratio."""
+    """Hatches SI speeds above those searched, whose limit depends on beta as their unit does."""
     highest = ax.get_ylim()[1]
     ends = list[Array]()
     for one in found:
@@ -419,11 +422,11 @@ def _unsearched(ax: Axes, found: list[Boundary]) -> None:
 
 TICKS: dict[str, Any] = {"spacing": 8.0, "length": 0.5, "linewidth": 0.7}
 TICKS["dashes"] = {"dash_offset": 0.0, "dash_list": None}
-"""On the unstable sides of boundaries."""
+"""Look of the ticks on the unstable sides of boundaries."""
 
 
 def _number_swept(label: Any, one: Any) -> str | None:
-    """Name of the number over which a boundary was found; None of a curve, which does not know."""
+    """Name of the number on the x axis of a boundary; None for a curve, which does not know it."""
     common.check_type("the names of boundaries", label, str)
     if isinstance(one, StabilityCurve):
         return None
@@ -434,7 +437,7 @@ def _number_swept(label: Any, one: Any) -> str | None:
 
 
 def _parameter(boundaries: Mapping[str, Boundary | StabilityCurve]) -> str:
-    """Label of what curves go over, in the words of the functions that made their models."""
+    """Label of the x axis for curves: the argument of the functions that made their models."""
     if not boundaries:
         return common.BETA_LABEL
     curves = (one for one in boundaries.values() if isinstance(one, StabilityCurve))
@@ -445,7 +448,7 @@ def _parameter(boundaries: Mapping[str, Boundary | StabilityCurve]) -> str:
 
 
 def _pipe(found: Boundary | StabilityCurve) -> Pipe | None:
-    """Of a boundary, or of the first critical speed of a curve."""
+    """The pipe of a boundary, or that of the first critical speed of a curve."""
     if isinstance(found, Boundary):
         return found.model.pipe
     return next((one.pipe for one in found.critical if one is not None), None)
@@ -454,10 +457,10 @@ def _pipe(found: Boundary | StabilityCurve) -> Pipe | None:
 def _divergence(
     ax: Axes, step: Array, left: bool, standing: bool, colour: str, others: int
 ) -> None:
-    """Words at a step of a curve of divergence: above it by the flow, or below it at rest.
+    """Writes words at a step of a curve of divergence, which say on which side the pipe buckles.
 
-    They stand on that side, or on the other where the axis is near, beyond those of other curves as
-    high.
+    The words stand on that side, or on the other if the end of the axis is near. They keep clear of
+    the words of `others` curves at the same height.
     """
     before, at = step
     above = (at[0] > before[0]) == left
@@ -475,9 +478,9 @@ def _divergence(
 
 
 def parts_of_stability(curve: BoundaryCurve, found: Boundary) -> Iterator[tuple[Array, str, bool]]:
-    """Parts of a curve on which no other root is unstable, (k, 2) each.
+    """Parts of a curve on which no other root is unstable, as points of shape (k, 2).
 
-    Each comes with its kind, and whether the pipe is unstable on its left.
+    With each part come its kind, and whether the pipe is unstable on the left of the curve.
     """
     places, of, certain = _dense(curve, found)
     pieces = certain & (curve.unstable[of] == 0)

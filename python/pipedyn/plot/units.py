@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""What axes show: labels of quantities, and units, nondimensional or SI where a pipe has scales."""
+"""Labels and units of what axes show; units are SI units only if the pipe has scales."""
 
 from __future__ import annotations
 
@@ -23,12 +23,12 @@ from pipedyn.util.result import Units as Units
 
 @dataclass(frozen=True)
 class Measure:
-    """What an axis shows.
+    """A quantity that an axis shows.
 
     Attributes:
-        label: of the axis in nondimensional units.
-        si_label: of the axis in SI units; empty where the quantity has no unit.
-        unit: SI value of one.
+        label: label of an axis in nondimensional units.
+        si_label: label of an axis in SI units; empty if the quantity has no unit.
+        unit: function that gives the SI value of a nondimensional 1.
     """
 
     label: str
@@ -61,7 +61,8 @@ OMEGA = Measure(
 
 PER_FORCE = "m/N", lambda scales: scales.time**2 / (scales.mass * scales.length)
 PER_MOMENT = "1/N", lambda scales: scales.time**2 / (scales.mass * scales.length**2)
-"""Of a displacement per unit of what drives the pipe: unit, and SI value of one."""
+"""Units of the displacement per force and per moment, each with a function that gives the SI value
+of a nondimensional 1."""
 
 OF_A_NUMBER = {
     "u": FLOW_SPEED,
@@ -75,11 +76,11 @@ OF_A_NUMBER = {
     "frequency": Measure("frequency of the forcing", OMEGA.si_label, OMEGA.unit),
     "amplitude": Measure("amplitude of the forcing"),
 }
-"""Of a boundary's axes, by the name of the number; others are looked up in the pipe."""
+"""Numbers that axes of boundaries show, by name; all other numbers are looked up in the pipe."""
 
 
 def of_number(name: str, pipe: Pipe) -> Measure:
-    """A number of a pipe, of one of its terms or of the root's spring, by its name."""
+    """The number of a name, of a pipe, of one of its terms or of the spring at the root."""
     if name in OF_A_NUMBER:
         return OF_A_NUMBER[name]
     label = "stiffness of the root $(EI/L)$" if name == "root.stiffness" else name
@@ -91,15 +92,15 @@ def of_number(name: str, pipe: Pipe) -> Measure:
 
 
 def rate(coordinate: int, before: str = "", after: str = "") -> Measure:
-    """Of change of a coordinate, with words before and after it in the label."""
+    """Rate of change of a coordinate, with words before and after it in the label."""
     words = rf"{before}rate $\dot{{q}}_{{{coordinate}}}$"
     return Measure(f"{words}{after}", f"{words}{after} (1/s)", si.RATE.scale)
 
 
 class View:
-    """Units in which a picture shows a pipe's quantities.
+    """Units in which a picture shows the quantities of a pipe.
 
-    Raises ValueError for units="si" of a pipe without scales.
+    Raises ValueError for units="si" if the pipe has no scales.
     """
 
     def __init__(self, units: Any, pipe: Pipe | None) -> None:
@@ -112,15 +113,15 @@ class View:
             )
 
     def one(self, quantity: Measure) -> float:
-        """What is shown for a nondimensional 1."""
+        """The value that is shown for a nondimensional 1 of a quantity."""
         return quantity.unit(self.scales) if self.si and self.scales is not None else 1.0
 
     def label(self, quantity: Measure) -> str:
-        """Of an axis."""
+        """Label of an axis that shows a quantity."""
         return (self.si and quantity.si_label) or quantity.label
 
     def speed(self, u: Any, digits: int = 4) -> str:
-        """A flow speed in words: a number of so many digits, a function of time, or a state."""
+        """A flow speed in words: a number with some digits, a constant head or a function u(t)."""
         if not isinstance(u, float):
             return "constant head" if isinstance(u, Supply) else "$u(t)$"
         if self.si:
@@ -128,7 +129,7 @@ class View:
         return f"$u = {u:.{digits}g}$"
 
     def second_axes(self, ax: Axes, x: Measure | None = None, y: Measure | None = None) -> None:
-        """Axes in SI units on the other sides of nondimensional ones, where the pipe has scales."""
+        """Adds axes in SI units opposite to nondimensional ones, if the pipe has scales."""
         if self.si or self.scales is None:
             return
         for along, shown in (("x", x), ("y", y)):
@@ -145,15 +146,17 @@ class View:
 
 
 SHOWN_BETA = 0.04
-"""Of the largest in a plane: the axis of speeds in m/s, which grow without bound towards beta = 0,
-ends with those of this one."""
+"""Share of the largest beta in a plane at which the range of speeds in m/s ends, since these grow
+without bound towards beta = 0."""
 
 
 class PlaneView(View):
-    """Units in which the plane of two numbers is shown: with beta, that of the flow speed changes.
+    """Units in which a picture shows the plane of two numbers.
+
+    If one number is beta and the other u, the SI unit of the flow speed changes across the plane.
 
     Attributes:
-        quantities: of x and y.
+        quantities: what the x and y axes show.
     """
 
     def __init__(self, units: Any, pipe: Pipe, names: tuple[str, str]) -> None:
@@ -161,10 +164,10 @@ class PlaneView(View):
         self.quantities = of_number(names[0], pipe), of_number(names[1], pipe)
         self._beta = names.index("beta") if {"beta", "u"} == set(names) else None
         if self._beta is not None and not self.si:
-            self.scales = None  # other axes would need one unit of the flow speed
+            self.scales = None  # second axes need a unit of the flow speed that is constant
 
     def units(self, x: Any, y: Any) -> Array:
-        """What is shown for a nondimensional 1 of either number at places, (2,) and their shape."""
+        """Values shown for a nondimensional 1 of x and y, shape (2,) and then that of x and y."""
         places = np.asarray([x, y], dtype=float)
         ones = np.empty_like(places)
         ones.T[...] = [self.one(quantity) for quantity in self.quantities]
@@ -173,12 +176,12 @@ class PlaneView(View):
         return ones
 
     def at(self, x: Any, y: Any) -> Array:
-        """Places as they are shown, (2,) and their shape."""
+        """Points (x, y) in the units shown, shape (2,) and then that of x and y."""
         shown: Array = self.units(x, y) * [x, y]
         return shown
 
     def limits(self, ranges: Any) -> Array:
-        """Of the axes that show a window, (2, 2)."""
+        """Limits of the axes that show a window, one row for each axis, shape (2, 2)."""
         edges = np.array(ranges)
         if self._beta is not None:
             edges[self._beta, 0] = max(edges[self._beta, 0], SHOWN_BETA * edges[self._beta, 1])

@@ -20,7 +20,7 @@ Windows counts it in steps of 16 ms, so there it is the wall-clock time."""
 
 @saved_as("TookTooLong")
 class TookTooLong(Exception):
-    """A computation took longer than its limit. It is not a failure after which a search goes on."""
+    """A computation took longer than its limit; unlike a failure, this also ends a search."""
 
 
 @dataclass
