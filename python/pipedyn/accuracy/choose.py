@@ -299,7 +299,7 @@ class ModelSearch:
     pipe: Pipe
     quantity: Quantity
     reference: Answer
-    families: list[ModelFamily]  # of fastest convergence first
+    families: list[ModelFamily]  # in the order of decreasing convergence
     repeats: int
     rows: dict[tuple[str, int], TradeRow] = field(default_factory=dict)
     reasons: dict[str, str] = field(default_factory=dict)

@@ -291,7 +291,7 @@ def measured(
                 start = clock()
                 answers = [quantity.answer(model) for model in models]
                 answer = answers[0]
-                if family.paired:  # its order is twice that of one model
+                if family.paired:  # the order of a pair is twice that of one model
                     answer = quantity.extrapolated(answers[0], answers[1], 0.5 * family.order)
                 times.append(clock() - start)
     except Exception as failure:

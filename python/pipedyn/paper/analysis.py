@@ -103,16 +103,16 @@ class Row:
 class Findings:
     """Results that the figures and the table show; those that failed are named in `failures`."""
 
-    highest: float = 0.0  # end of the speeds in figures 2 and 3
-    exact: CriticalSpeed | None = None  # of the continuous pipe
-    remark: str = ""  # why there is none
-    crossings: Sequence[Crossing] | None = None  # of the continuous pipe, up to `highest`
+    highest: float = 0.0  # highest speed in figures 2 and 3
+    exact: CriticalSpeed | None = None  # critical speed of the continuous pipe
+    remark: str = ""  # why the continuous pipe has no critical speed
+    crossings: Sequence[Crossing] | None = None  # those of the continuous pipe, up to `highest`
     benchmark: RootLoci | None = None  # root loci of the continuous pipe
-    panels: list[list[tuple[str, RootLoci | None]]] = field(default_factory=list)  # rows, titled
+    panels: list[list[tuple[str, RootLoci | None]]] = field(default_factory=list)  # title, loci
     rows: list[Row] = field(default_factory=list)  # the table, without the continuous pipe
     maps: dict[float, Boundary] = field(default_factory=dict)  # over beta, by gamma
     curves: dict[float, StabilityCurve] = field(default_factory=dict)  # at some beta, by gamma
-    map_error: float = 0.0  # largest of the maps' boundaries
+    map_error: float = 0.0  # largest error of the boundaries on the maps
     failures: list[str] = field(default_factory=list)
 
 

@@ -242,11 +242,11 @@ def multipliers(
     ax.add_patch(Circle((0.0, 0.0), 1.0, zorder=0.2, **circle))
     ax.axhline(0.0, color="0.8", linewidth=0.5, zorder=0.3)
     ax.axvline(0.0, color="0.8", linewidth=0.5, zorder=0.3)
-    others = np.array([nontrivial(row) for row in np.atleast_2d(cycles.multipliers)])
-    outside = np.abs(others) > 1.0 + UNIT
+    values = np.array([nontrivial(row) for row in np.atleast_2d(cycles.multipliers)])
+    outside = np.abs(values) > 1.0 + UNIT
     speeds = None
     if isinstance(cycles, CycleBranch):
-        speeds = np.broadcast_to(view.one(FLOW_SPEED) * cycles.speeds[:, None], others.shape)
+        speeds = np.broadcast_to(view.one(FLOW_SPEED) * cycles.speeds[:, None], values.shape)
     inside_look, outside_look = ("o", 16, common.BLUE), ("X", 30, common.VERMILION)
     for chosen, (marker, size, plain) in ((~outside, inside_look), (outside, outside_look)):
         if not chosen.any():
@@ -255,7 +255,7 @@ def multipliers(
         if speeds is not None:
             ends = {"vmin": float(speeds.min()), "vmax": float(speeds.max()) + 1e-12}
             look = {"c": speeds[chosen], "cmap": "viridis", **ends}
-        points = others[chosen]
+        points = values[chosen]
         ax.scatter(points.real, points.imag, marker=marker, s=size, zorder=3.0, **look)
     if speeds is not None:
         common.colour_bar(view.label(FLOW_SPEED), ax=ax)

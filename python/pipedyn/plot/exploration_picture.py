@@ -73,8 +73,8 @@ class ExplorationPicture:
         self._of = exploration
         with common.style():
             self._build()
-        self._kept: Any = None  # pixels of all that does not change
-        self._parts: dict[tuple[int, float], Any] = {}  # pixels of Axes, by index and what differs
+        self._background: Any = None  # pixels of all that does not change
+        self._backgrounds: dict[tuple[int, float], Any] = {}  # pixels of Axes, by index and state
         self._shown: dict[str, Any] = {}
 
     def _build(self) -> None:
@@ -252,14 +252,14 @@ class ExplorationPicture:
 
     def _redraw(self, index: int, key: float) -> None:
         """Draws one of the Axes anew, without moving artists, and keeps its pixels for reuse."""
-        if self._kept is None:
+        if self._background is None:
             return
         left = 0.0 if index == 0 else LEFT[index] - 0.06
         right = 1.0 if index == 2 else LEFT[index + 1] - 0.06
         part = Bbox([[left, 0.0], [right, ABOVE - 0.01 if index == 0 else 1.0]])
-        self._canvas.restore_region(self._kept)
-        if (index, key) in self._parts:
-            self._canvas.restore_region(self._parts[index, key])
+        self._canvas.restore_region(self._background)
+        if (index, key) in self._backgrounds:
+            self._canvas.restore_region(self._backgrounds[index, key])
         else:
             blank = Rectangle(part.p0, part.width, part.height, color="white")
             blank.set_transform(self.figure.transFigure)
@@ -267,8 +267,8 @@ class ExplorationPicture:
             self.figure.draw_artist(blank)
             self._still(self.axes[index])
             place = part.transformed(self.figure.transFigure)
-            self._parts[index, key] = self._canvas.copy_from_bbox(place)
-        self._kept = self._canvas.copy_from_bbox(self.figure.bbox)
+            self._backgrounds[index, key] = self._canvas.copy_from_bbox(place)
+        self._background = self._canvas.copy_from_bbox(self.figure.bbox)
 
     def _still(self, drawn: Axes | None = None) -> None:
         """Draws the figure, or one of its Axes, without the artists that move."""
@@ -286,14 +286,14 @@ class ExplorationPicture:
     def png(self) -> bytes:
         """The current picture as the bytes of a PNG file, without the moving pipe."""
         self.update()
-        if self._kept is None:
+        if self._background is None:
             self._still()
-            self._kept = self._canvas.copy_from_bbox(self.figure.bbox)
+            self._background = self._canvas.copy_from_bbox(self.figure.bbox)
             gravity, now = self._of.slider("gamma"), self._shown["weight"]
             signs = {float(np.sign(one)) for one in (gravity.low, gravity.high)} - {now}
             for sign in (*signs, now):  # draws both, so that a change of sign is as quick as others
                 self._surround(sign)
-        self._canvas.restore_region(self._kept)
+        self._canvas.restore_region(self._background)
         for artist in self._moving:
             self.figure.draw_artist(artist)
         pixels = Image.fromarray(np.asarray(self._canvas.buffer_rgba())).convert("RGB")

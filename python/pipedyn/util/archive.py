@@ -190,7 +190,7 @@ class _Writer:
         self.arrays: dict[str, Any] = {}
         self._places: dict[int, int] = {}
         self._work = 0
-        self._kept: list[Any] = []  # objects stay alive, so that no other one gets the same id
+        self._alive: list[Any] = []  # objects stay alive, so that no other one gets the same id
 
     def encoded(self, value: Any, where: str) -> Any:
         """The JSON form of a value; `where` says in errors which value cannot be saved."""
@@ -218,7 +218,7 @@ class _Writer:
             made = self._object(value, where)
             self._places[id(value)] = len(self.objects)
             self.objects.append(made)
-            self._kept.append(value)
+            self._alive.append(value)
         return {"object": self._places[id(value)]}
 
     def _tuple(self, value: tuple[Any, ...], where: str) -> dict[str, Any]:
@@ -303,11 +303,11 @@ class _Members:
         with self._archive.open(entry) as file:
             start = file.read(10)
             text = file.read(int.from_bytes(start[8:], "little")).decode("latin-1")
-            described = DESCRIPTION.fullmatch(text)
-            if start[:8] != b"\x93NUMPY\x01\x00" or described is None:
+            description = DESCRIPTION.fullmatch(text)
+            if start[:8] != b"\x93NUMPY\x01\x00" or description is None:
                 raise ValueError(f"{name} is described otherwise than `save` does")
-            dtype = np.dtype(described[1])
-            shape = tuple(int(size) for size in described[3].split(",") if size.strip())
+            dtype = np.dtype(description[1])
+            shape = tuple(int(size) for size in description[3].split(",") if size.strip())
             if math.prod(shape) > check.LONGEST:
                 raise ValueError(f"{name} has more than {check.LONGEST} entries")
             length = math.prod(shape) * dtype.itemsize
@@ -317,11 +317,11 @@ class _Members:
             while filled < length and (part := file.read(min(2**20, length - filled))):
                 raw[filled : filled + len(part)] = part
                 filled += len(part)
-            if filled < length or file.read(1):  # which also compares checksums
+            if filled < length or file.read(1):  # reading to the end also compares checksums
                 raise ValueError(f"{name} is not as long as it says")
         if dtype.kind == "b" and raw.strip(b"\x00\x01"):
             raise ValueError(f"{name} has what is neither true nor false")
-        order: Any = "F" if described[2] == "True" else "C"
+        order: Any = "F" if description[2] == "True" else "C"
         values = np.ndarray(shape, dtype, raw, order=order)
         return values.astype(dtype.newbyteorder("="), copy=False)
 
