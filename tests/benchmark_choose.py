@@ -22,7 +22,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 import pipedyn as pp
-from pipedyn.accuracy.choose import DEFAULT
+from pipedyn.accuracy.choose import CANDIDATES
 from pipedyn.accuracy.convergence import FAMILIES, RULES
 from pipedyn.accuracy.reference import Answer
 from pipedyn.accuracy.trade import measured
@@ -135,7 +135,7 @@ def least_by_hand(case, choice, truth, tolerance, most):
     quantity = choice.quantity
     names = (*RULES, "beam", "legendre")
     if not is_linear(quantity.name):
-        names = tuple(RULES) if case.among else DEFAULT
+        names = tuple(RULES) if case.among else CANDIDATES
     good = []
     for name in names:
         sizes = HAND

@@ -12,7 +12,7 @@ import pytest
 from independent import beck_speed, series_crossing, series_newton_step
 
 import pipedyn as pp
-from pipedyn.accuracy.choose import DEFAULT
+from pipedyn.accuracy.choose import CANDIDATES
 from pipedyn.accuracy.convergence import FAMILIES
 from pipedyn.accuracy.quantities import BEFORE_CLUSTER, checked_quantity
 from pipedyn.accuracy.reference import Answer
@@ -107,7 +107,7 @@ def test_the_true_error_is_below_the_tolerance_and_half_a_model_misses_it(
         assert true_error(asked, choice.model, exact) <= choice.error <= tolerance
         assert choice.reference.error <= 0.1 * tolerance
         half = choice.row.dof // 2
-        for family in (FAMILIES[name] for name in DEFAULT):
+        for family in (FAMILIES[name] for name in CANDIDATES):
             last = choice.size - 2 if family.name == choice.family else half
             sizes = [size for size in (last, last - 1) if size >= asked.least]
             errors = (true_error(asked, family.make(pipe, size), exact) for size in sizes)
@@ -426,7 +426,7 @@ def test_a_small_model_that_costs_more_does_not_hide_larger_ones_within_the_budg
 def test_a_family_is_left_unmeasured_where_another_is_as_exact_as_the_reference():
     choice = pp.choose(PIPE, "frequencies", budget=1.0, u=5.0)
     assert choice.family == "legendre"
-    assert [one.family for one in choice.tried] == list(DEFAULT)
+    assert [one.family for one in choice.tried] == list(CANDIDATES)
     assert [one.family for one in choice.tried if one.row is not None] == ["legendre"]
 
 
@@ -511,7 +511,7 @@ def test_a_choice_says_what_was_tried_and_why_the_others_were_not_chosen():
     assert "an answer" in text
     assert page.startswith("<b>Galerkin(")
     assert choice.row in [one.row for one in choice.tried]
-    for family in DEFAULT:
+    for family in CANDIDATES:
         assert any(one.family == family for one in choice.tried)
     assert all(one.why for one in choice.tried if one.row is not choice.row)
     assert [one.family for one in choice.tried if not one.why] == [choice.family]

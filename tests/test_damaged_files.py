@@ -111,7 +111,11 @@ def without(kind, field):
         ("beam functions", of("Galerkin", _size=3.0), "m of Galerkin must be int, got 3.0"),
         ("beam functions", of("Galerkin", _size=True), "m of Galerkin must be int, got True"),
         ("beam functions", of("Galerkin", _more=-1), "more must be from 0 to 2000, got -1"),
-        ("beam functions", of("Galerkin", _basis="sine"), "basis must be one of 'beam'"),
+        (
+            "beam functions",
+            of("Galerkin", _basis="sine"),
+            "basis of Galerkin must be one of 'beam'",
+        ),
         ("legendre functions", of("Galerkin", _size=1), "m must be at least 2"),
         (
             "beam functions that are held",

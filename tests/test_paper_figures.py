@@ -11,7 +11,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 
 import pipedyn as pp
 from pipedyn import plot
-from pipedyn.paper.analysis import Case, Findings, Row
+from pipedyn.paper.analysis import Findings, Options, Row
 from pipedyn.paper.report import (
     convergence_figure,
     frequency_figure,
@@ -23,7 +23,7 @@ from pipedyn.paper.report import (
 )
 
 PIPE = pp.Pipe(0.2)
-CASE = Case(PIPE, ["rayleigh"], [2, 12], [4], "beam", None, 41, Path(), "png", 0, False)
+CASE = Options(PIPE, ["rayleigh"], [2, 12], [4], "beam", None, 41, Path(), "png", 0, False)
 
 
 @cache

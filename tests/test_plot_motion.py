@@ -16,7 +16,7 @@ from PIL import Image
 
 import pipedyn as pp
 from pipedyn import plot
-from pipedyn.plot.motion import coordinates_at, last_cycle, tip_of
+from pipedyn.plot.motion import coordinates_at, last_cycle, tip_path_of
 
 
 def bend(s):
@@ -240,7 +240,7 @@ def test_the_velocity_of_the_tip_refuses_what_is_no_state(model, q, qdot, messag
 
 
 def test_between_samples_lies_the_motion_itself():
-    tip = tip_of(MOTIONS.cycle)
+    tip = tip_path_of(MOTIONS.cycle)
     np.testing.assert_allclose(tip(MOTIONS.fine.t), MOTIONS.fine.tip, atol=5e-4)
     np.testing.assert_allclose(
         coordinates_at(MOTIONS.cycle, MOTIONS.fine.t), MOTIONS.fine.q, atol=3e-3

@@ -1,10 +1,11 @@
 # SPDX-License-Identifier: MIT
 """The paper's modal analysis in one command: figures 2 and 3, convergence, stability map, table.
 
-It has no subcommands: other questions are asked of a model, in as few words of Python.
+There are no subcommands, since Python answers other questions about a model in as few words.
 
-All results are computed first, on a few threads. Then the figures and the table are written.
-What cannot be computed is left out and named at the end on stderr. The exit status is then 1.
+Results are computed on a few threads. The figures and the table without the stability maps are
+written while the maps are still being computed. Results that cannot be computed are left out and
+named at the end on stderr, and the exit status is then 1.
 """
 
 from __future__ import annotations
@@ -31,14 +32,14 @@ from pipedyn.models.galerkin import BASES
 from pipedyn.paper.analysis import (
     HIGHEST_SPEED,
     LEAST_HIGHEST,
-    Case,
     Findings,
+    Options,
     forecast,
     gather,
     measured_pace,
 )
 from pipedyn.paper.pipe_options import add_pipe_options, taken_pipe
-from pipedyn.paper.report import BEFORE_MAPS, HEADER, SI_HEADER, Draw, map_figure, report, table
+from pipedyn.paper.report import BEFORE_MAPS, HEADINGS, SI_HEADER, Draw, map_figure, report, table
 from pipedyn.util import check
 from pipedyn.util.files import replacing
 
@@ -46,13 +47,13 @@ PROGRAM = "pipedyn"
 
 
 class _Parser(argparse.ArgumentParser):
-    """Reports an error in one line."""
+    """A parser of arguments that reports an error in one line."""
 
     def error(self, message: str) -> NoReturn:
         self.exit(2, f"{self.prog}: error: {message}\n")
 
 
-def _parsed(arguments: Sequence[str] | None) -> Case:
+def _parsed(arguments: Sequence[str] | None) -> Options:
     parser = _Parser(
         prog=PROGRAM,
         description="Modal analysis of a pipe conveying fluid: articulated chains, reduced models "
@@ -75,12 +76,12 @@ def _parsed(arguments: Sequence[str] | None) -> Case:
         "is the paper's (default: rayleigh consistent)"
     )
     add("--springs", nargs="+", metavar="RULE", help=text, **rules)
-    for name, metavar, sizes, largest, text in (  # the largest take 12 and 18 s at 181 speeds
+    for name, metavar, sizes, largest, text in (  # the largest models take 12 and 18 s
         ("chain", "N", [4, 8, 16], 1000, "segments"),
         ("reduced", "M", [2, 4, 8], 200, "functions"),
     ):
         text = f"numbers of {text}, each from 1 to {largest} (default: {' '.join(map(str, sizes))})"
-        several: dict[str, Any] = {"nargs": "+", "type": partial(_whole, 1, largest)}
+        several: dict[str, Any] = {"nargs": "+", "type": partial(_whole_number, 1, largest)}
         several |= {"dest": f"{name}_sizes", "default": sizes}
         add(f"--{name}", metavar=metavar, help=text, **several)
     add("--basis", choices=BASES, default="beam", help=f"of the reduced models {usual}")
@@ -90,7 +91,7 @@ def _parsed(arguments: Sequence[str] | None) -> Case:
     )
     add("--highest", type=float, metavar="U", help=text)
     text = f"number of flow speeds, from 2 to 5001 {usual}"  # steps of 0.02 up to the highest
-    add("--speeds", type=partial(_whole, 2, 5001), default=181, metavar="COUNT", help=text)
+    add("--speeds", type=partial(_whole_number, 2, 5001), default=181, metavar="COUNT", help=text)
 
     add = parser.add_argument_group("output").add_argument
     text = f"folder to write to, made if it does not exist {usual}"
@@ -98,7 +99,7 @@ def _parsed(arguments: Sequence[str] | None) -> Case:
     add("--format", choices=("png", "pdf", "svg"), default="png", help=f"of the figures {usual}")
     workers = min(2, os.cpu_count() or 1)
     text = f"threads that share the work; 0: the command's own alone {usual}"
-    add("--workers", type=partial(_whole, 0, 64), default=workers, metavar="K", help=text)
+    add("--workers", type=partial(_whole_number, 0, 64), default=workers, metavar="K", help=text)
     add("--quiet", dest="progress", action="store_false", help="say nothing on stderr but errors")
 
     words = sys.argv[1:] if arguments is None else arguments
@@ -117,11 +118,11 @@ def _parsed(arguments: Sequence[str] | None) -> Case:
         given["output"] = _writable(given["output"])
     except (ValueError, OSError) as error:
         parser.error(str(error))
-    return Case(pipe=pipe, **given)
+    return Options(pipe=pipe, **given)
 
 
 def _positional(word: str) -> str:
-    """The word, a negative number after a space: argparse could take it for an option."""
+    """The word, with a space before a negative number, so that it is not taken for an option."""
     try:
         float(word)
     except ValueError:
@@ -129,8 +130,8 @@ def _positional(word: str) -> str:
     return f" {word}" if word.startswith("-") else word
 
 
-def _whole(low: int, high: int, text: str) -> int:
-    """A word as a whole number in an interval."""
+def _whole_number(low: int, high: int, text: str) -> int:
+    """The whole number that a word of the command line stands for, refused outside an interval."""
     text = text.strip()
     if not text.isdecimal() or not low <= int(text) <= high:
         rule = f"must be a whole number from {low} to {high}"
@@ -139,7 +140,7 @@ def _whole(low: int, high: int, text: str) -> int:
 
 
 def _writable(name: str) -> Path:
-    """A folder that can be written to; made where there is none."""
+    """The folder of a name, made if it does not exist; refused if it cannot be written to."""
     if not name.strip() or "\0" in name:
         raise ValueError(f"argument --output: must name a folder, got {name!r}")
     folder = Path(name)
@@ -153,7 +154,7 @@ def _writable(name: str) -> Path:
 
 
 def save_figure(figure: plot.Figure, path: Path) -> None:
-    """Save a figure; as a bitmap without `savefig`, which draws it once more for its layout."""
+    """Saves a figure. Bitmaps avoid `savefig`, which would draw the figure twice for its layout."""
     if path.suffix == ".png":
         figure.set_dpi(matplotlib.rcParams["savefig.dpi"])
         canvas: Any = FigureCanvasAgg(figure)
@@ -165,8 +166,8 @@ def save_figure(figure: plot.Figure, path: Path) -> None:
 Saver: TypeAlias = Callable[[Path], None]
 
 
-def written(case: Case, findings: Findings, savers: dict[str, Saver]) -> list[Path]:
-    """Files that were written; what cannot be written is added to `findings.failures`."""
+def written(case: Options, findings: Findings, savers: dict[str, Saver]) -> list[Path]:
+    """Writes files and returns their paths; failures are added to `findings.failures`."""
     paths = []
     for name, save in savers.items():
         path = case.output / name
@@ -179,17 +180,17 @@ def written(case: Case, findings: Findings, savers: dict[str, Saver]) -> list[Pa
     return paths
 
 
-def _table_saver(case: Case, findings: Findings) -> dict[str, Saver]:
+def _table_saver(case: Options, findings: Findings) -> dict[str, Saver]:
     def save(path: Path) -> None:
         with path.open("w", newline="", encoding="utf-8") as stream:
             writer = csv.writer(stream)
-            writer.writerow(HEADER if case.pipe.scales is None else HEADER + SI_HEADER)
+            writer.writerow(HEADINGS if case.pipe.scales is None else HEADINGS + SI_HEADER)
             writer.writerows(table(case.pipe, findings))
 
     return {"critical-speeds.csv": save}
 
 
-def _figure_saver(case: Case, findings: Findings, name: str, draw: Draw) -> dict[str, Saver]:
+def _figure_saver(case: Options, findings: Findings, name: str, draw: Draw) -> dict[str, Saver]:
     def save(path: Path) -> None:
         with plot.style():
             save_figure(draw(case, findings), path)
@@ -198,13 +199,13 @@ def _figure_saver(case: Case, findings: Findings, name: str, draw: Draw) -> dict
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """The command; returns its exit status."""
+    """Runs the command and returns its exit status."""
     case = _parsed(arguments)
     if case.progress:
         seconds = forecast(case, measured_pace(case.workers))
         low, high = (float(f"{share * seconds:.2g}") for share in (0.7, 1.6))
         _say(f"takes about {low:g} to {high:g} s as fast as this machine is now")
-    # Nine tenths of the time are spent in the core, which other threads need not wait for.
+    # Nine tenths of the time are spent in the core, which releases the lock of the interpreter.
     with _threads(case.workers) as executor:
         stages = gather(case, executor)
         findings = next(stages)
@@ -228,7 +229,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 @contextmanager
 def _threads(count: int) -> Iterator[ThreadPoolExecutor | None]:
-    """So many threads, or none; an exception does not wait until they have ended their work."""
+    """Gives an executor with `count` threads, or None for 0; exceptions do not wait for threads."""
     executor = ThreadPoolExecutor(count) if count else None
     try:
         yield executor
@@ -238,16 +239,16 @@ def _threads(count: int) -> Iterator[ThreadPoolExecutor | None]:
 
 
 def _say(line: str) -> None:
-    """A line on stderr, if that takes it."""
+    """Writes a line to stderr, if that is possible."""
     with suppress(OSError):
         print(f"{PROGRAM}: {line}", file=sys.stderr, flush=True)
 
 
 def program() -> NoReturn:
-    """The command as a program of its own, which ends with its exit status.
+    """Runs the command as a program, which ends with the exit status of the command.
 
-    Ctrl-C ends it at once, whatever its threads still do, with the status 130. Where its report
-    cannot be written, as nobody reads it any more, the status is 1.
+    Ctrl-C ends it at once with the status 130, even if threads are still at work. If the report
+    cannot be written, because the reader of the pipe has gone, the status is 1.
     """
     try:
         status: Any = main()
@@ -257,12 +258,12 @@ def program() -> NoReturn:
         signal.signal(signal.SIGINT, signal.SIG_IGN)
         _say("interrupted")
         os._exit(128 + signal.SIGINT)
-    stdout: Any = sys.stdout  # None where there is none
+    stdout: Any = sys.stdout  # None in a program without a terminal
     try:
         if stdout is not None:
             stdout.flush()
     except OSError:
-        os._exit(status or 1)  # Python would try once more, and complain
+        os._exit(status or 1)  # at a normal exit Python would try again and print an error
     sys.exit(status)
 
 

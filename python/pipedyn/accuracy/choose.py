@@ -1,18 +1,18 @@
 # SPDX-License-Identifier: MIT
-"""The cheapest model that is good enough, its error measured and not promised.
+"""The cheapest model that meets a tolerance; its error and its cost are measured.
 
-The search: in each family a ladder of sizes, then bisection.
+In each family a search goes up a ladder of sizes and then bisects.
 
-The families of fastest convergence come first. A ladder goes up, to twice the size at the most, to
-the first one that serves. A size that fails does not end it, as errors need not fall
-monotonically. Between the last size that fails and the first that serves, bisection finds two
-neighbours. The size measured next is extrapolated from the last by the family's order.
+The families of fastest convergence come first. The ladder goes up until a size meets the tolerance,
+with steps to at most twice the size. It goes on after a size that misses the tolerance, as errors
+need not fall monotonically. Bisection between the last size that misses and the first that meets
+the tolerance ends at two neighbours. Each size is extrapolated from the last by the order of the
+family.
 
-The ladder of the first family starts at a small size. That of each further one starts at as many
-degrees of freedom as the best model so far, and ends where its order of convergence shows that it
-would cost more. Every error and every time is measured.
+The first ladder starts at a small size. Each further ladder starts at as many degrees of freedom as
+the best model so far has, and ends once the order of convergence shows that it would cost more.
 
-For a budget the same ladder finds the largest size that the budget pays for.
+For a budget of time the same ladder finds the largest size within the budget.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pipedyn.accuracy.convergence import FAMILIES, Family, checked_families, fitted_law
+from pipedyn.accuracy.convergence import FAMILIES, ModelFamily, checked_families, fitted_law
 from pipedyn.accuracy.quantities import LONGEST_REFERENCE, RTOL, Quantity, checked_quantity
 from pipedyn.accuracy.reference import MARGIN, Answer
 from pipedyn.accuracy.trade import TradeRow, measured
@@ -38,28 +38,28 @@ from pipedyn.util.errors import PipedynError
 from pipedyn.util.later import html
 from pipedyn.util.result import Result
 
-DEFAULT = ("legendre", "beam", "consistent", "midpoint")
-"""Families to choose among where none are named: of chains those whose error falls fastest."""
+CANDIDATES = ("legendre", "beam", "consistent", "midpoint")
+"""Families to choose among if none are named: reduced models, and chains of the highest order."""
 
-FINEST = RTOL
-"""Error down to which models are distinguished where the budget alone counts: that to which motions
-and cycles are then solved."""
+FINEST_ERROR = RTOL
+"""Least error that matters if only a budget is given: the tolerance to which motions and cycles are
+then solved."""
 
-SMALLEST = 4
-"""Size at which the first ladder starts: the linear answers of fewer cost no less."""
+LADDER_START = 4
+"""Size at which the first ladder starts: linear answers of smaller models cost as much."""
 
 PATIENCE = 2.0 * LONGEST_REFERENCE
-"""Seconds: a model that would take longer for an answer is not tried, or given up. What the largest
-chain of `convergence.DOUBLED` takes for a limit cycle is a tenth of it."""
+"""Longest time of one answer in seconds; models that would take longer are not tried, or given up.
+The limit cycle of the largest chain in `convergence.DOUBLED` takes a tenth of it."""
 
 GAIN = 0.7
-"""Share of the best time that another family must promise to be asked further, and of a budget to
-which it is spent: times of one answer scatter by as much."""
+"""A family is asked further only if it may take less than this share of the best time so far, or of
+the budget. Repeated times of one answer differ by as much."""
 
 
 @saved_as("Tried")
 class Tried(Result):
-    """A family: what was measured last of it, if anything, and why it was not chosen."""
+    """The last measurement of a family, if any, and the reason why the family was not chosen."""
 
     family: str
     row: TradeRow | None
@@ -68,20 +68,20 @@ class Tried(Result):
 
 @saved_as("Choice")
 class Choice(Result):
-    """The model chosen.
+    """The model that `choose` found.
 
     Attributes:
-        models: the model, or the pair from whose answers the answer is extrapolated.
-        row: its measured error and cost.
-        tolerance: asked for, relative; None where a budget was.
-        budget: asked for, in seconds an answer; None where a tolerance was.
-        reference: what errors were measured against, and its own error.
-        steady: whether the next larger size meets the tolerance as well; if not, the model meets it
-            by a change of sign of its error, which holds for this pipe and this question only. None
-            where no tolerance was asked for.
+        models: the model, or the two models from whose answers the answer is extrapolated.
+        row: the measured error and cost of the model.
+        tolerance: the relative error asked for; None if only a budget was given.
+        budget: the time asked for, in seconds an answer; None if only a tolerance was given.
+        reference: the answer against which errors were measured, with a bound on its own error.
+        steady: whether the next larger size meets the tolerance as well. If not, the model meets it
+            because its error changes sign, which holds for this pipe and this question only. None
+            if no tolerance was given.
         tried: a line for each family, with the reason why it was not chosen.
-        seconds: that the search took, with the reference.
-        quantity: what was asked.
+        seconds: duration of the search, including the reference.
+        quantity: the question that was asked.
     """
 
     models: tuple[Model, ...]
@@ -96,37 +96,37 @@ class Choice(Result):
 
     @property
     def model(self) -> Model:
-        """The model; of a pair the larger one, whose own answer is worse than `answer`."""
+        """The model; for a pair the larger one, whose own answer is worse than `answer`."""
         return self.models[-1]
 
     @property
     def answer(self) -> NDArray[Any]:
-        """What was answered when it was measured, of a pair the extrapolated value.
+        """The answer when the model was measured; for a pair the extrapolated value.
 
-        A critical speed, shape (1,); eigenvalues, shape (K,), or of each speed, shape (S, K); the
-        free end's positions, shape (S, 2); amplitude and frequency of a cycle, shape (2,).
+        It is a critical speed, shape (1,); eigenvalues, shape (K,), or at S speeds, shape (S, K);
+        positions of the free end, shape (S, 2); or amplitude and frequency of a cycle, shape (2,).
         """
         assert self.row.values is not None
         return self.row.values
 
     @property
     def error(self) -> float:
-        """Bound on the relative error: what was measured, and the reference's own."""
+        """Bound on the relative error: the measured error plus that of the reference."""
         return self.row.error + self.reference.error
 
     @property
     def cost(self) -> float:
-        """Seconds of one answer, as measured."""
+        """Measured time of one answer, in seconds."""
         return self.row.seconds
 
     @property
     def family(self) -> str:
-        """Name of the family."""
+        """Name of the family of the model."""
         return self.row.family
 
     @property
     def size(self) -> int:
-        """Segments or functions."""
+        """Number of segments or functions; for a pair those of the smaller model."""
         return self.row.size
 
     def _shown(self) -> list[tuple[str, Any]]:
@@ -157,11 +157,11 @@ class Choice(Result):
 
 @saved_as("NoModel")
 class NoModel(PipedynError):
-    """No model meets the demand.
+    """No model meets the tolerance or the budget.
 
     Attributes:
-        tried: what was tried, with the reasons.
-        nearest: the row that comes nearest; None where every model failed.
+        tried: a line for each family, with the reason why no model of it was chosen.
+        nearest: the row that comes nearest; None if every model failed.
     """
 
     def __init__(self, message: str, tried: tuple[Tried, ...], nearest: TradeRow | None) -> None:
@@ -182,25 +182,25 @@ def choose(
     """The cheapest model that meets a tolerance, or the most accurate one within a budget.
 
     The error is measured, for this pipe and this question, against an answer of the continuous pipe
-    that is known ten times as well. Where no rtol is given a motion is integrated with a hundredth
-    of the tolerance, a cycle with a tenth. Families are asked one after the other, and a further
-    one only as long as it promises to be 30 % cheaper than the best so far: times of one answer
-    scatter by as much. What a search costs in answers of the model chosen:
-    tests/benchmark_choose.py.
+    whose own error is at most a tenth of the tolerance, if that can be had. If no rtol is given, a
+    motion is integrated with a hundredth of the tolerance, and a cycle with a tenth. Families are
+    asked one after the other; a further one only as long as it may be 30 % cheaper than the best so
+    far, since repeated times of one answer differ by as much. tests/benchmark_choose.py measures
+    the cost of a search in answers of the model chosen.
 
     Args:
         pipe: the pipe.
-        quantity: what is asked, with its conditions as further arguments: as for `trade`.
+        quantity: name of the question, as for `trade`.
         tolerance: largest relative error, in [1e-10, 0.5].
-        budget: largest time of an answer in seconds, > 0. With a tolerance too, both must be met.
-        among: families, as for `trade`; where not given the reduced models and the chains of second
+        budget: largest time of an answer in seconds, > 0. If both are given, both must be met.
+        among: families, as for `trade`; if not given, the reduced models and the chains of second
             order.
-        repeats: how often each answer is timed; the least counts.
-        **conditions: of the quantity.
+        repeats: how often each answer is timed; the shortest time counts.
+        **conditions: conditions of the quantity, as for `trade`.
 
     Returns:
-        Choice. Where its `steady` is False the model meets the tolerance by a change of sign of its
-        error, and a little larger one of its family does not.
+        Choice. If its `steady` is False, the model meets the tolerance only because its error
+        changes sign, and a slightly larger model of its family does not meet it.
 
     Example:
         >>> pipe = pp.Pipe(0.2)
@@ -209,7 +209,7 @@ def choose(
         ('Galerkin', True)
 
     Raises:
-        NoModel: if none meets the demand; it says what came nearest.
+        NoModel: if no model meets the tolerance or the budget; it says which came nearest.
         NoCrossing, NoCycle, NotConverged: if the continuous pipe has no such answer, or none is
             found in half a minute.
         ValueError, TypeError: for bad arguments.
@@ -222,17 +222,17 @@ def choose(
     if budget is not None:
         budget = check.real("budget", budget, low=0.0, high=1e6, open_low=True)
     asked = checked_quantity(quantity, conditions, tolerance)
-    families = checked_families("among", among, DEFAULT)
+    families = checked_families("among", among, CANDIDATES)
     repeats = check.count("repeats", repeats, high=1000)
     start = time.perf_counter()
     asked = asked.prepared(pipe)
-    reference = asked.reference(pipe, (FINEST if tolerance is None else tolerance) / MARGIN)
+    reference = asked.reference(pipe, (FINEST_ERROR if tolerance is None else tolerance) / MARGIN)
     if tolerance is not None and reference.error > tolerance:
         known = f"answer ({reference.source}) is known to {reference.error:.1e}"
         reason = f"no model can be shown to meet an error of {tolerance:g}: the continuous pipe's"
         raise NoModel(f"{reason} {known}", (), None)
     fastest_first = sorted(families, key=lambda family: -family.order)
-    search = Search(pipe, asked, reference, fastest_first, repeats)
+    search = ModelSearch(pipe, asked, reference, fastest_first, repeats)
     if tolerance is not None:
         row = search.cheapest(tolerance)
         demand = f"an error of {tolerance:g}" + (f" in {budget:g} s" if budget is not None else "")
@@ -255,21 +255,21 @@ def choose(
     )
 
 
-def _tried(search: Search, chosen: TradeRow | None) -> tuple[Tried, ...]:
-    """A line for each family: its row that was measured last, and why it was not chosen."""
+def _tried(search: ModelSearch, chosen: TradeRow | None) -> tuple[Tried, ...]:
+    """A line for each family: its last measured row, and the reason why it was not chosen."""
     last = {name: row for (name, _), row in search.rows.items()}
     if chosen is not None:
         last[chosen.family] = chosen
     found = []
     for family in search.families:
         row, reason = last.get(family.name), search.reasons.get(family.name, "")
-        why = ", and ".join(part for part in (described(row) if row else "", reason) if part)
+        why = ", and ".join(part for part in (row_in_words(row) if row else "", reason) if part)
         found.append(Tried(family.name, row, "" if row is not None and row is chosen else why))
     return tuple(found)
 
 
-def _refusal(search: Search, nearest: TradeRow | None, demand: str) -> NoModel:
-    """What to raise where nothing meets the demand."""
+def _refusal(search: ModelSearch, nearest: TradeRow | None, demand: str) -> NoModel:
+    """The exception to raise if no model meets the demand."""
     tried = _tried(search, None)
     if nearest is None or math.isinf(search.bound(nearest)):
         why = "; ".join(f"{one.family}: {one.why}" for one in tried)
@@ -288,33 +288,35 @@ def _refusal(search: Search, nearest: TradeRow | None, demand: str) -> NoModel:
 
 
 @dataclass
-class Search:
-    """Models of one pipe asked so far, each once: `rows`, by family and size.
+class ModelSearch:
+    """A search among families of models of one pipe.
 
-    `reasons` says, by a family's name, why no more of its sizes were asked, where its errors and
-    times alone do not say it.
+    Attributes:
+        rows: measurements so far by family and size; each model is measured once.
+        reasons: why no more sizes of a family were measured, by its name; empty if its errors and
+            times show the reason.
     """
 
     pipe: Pipe
     quantity: Quantity
     reference: Answer
-    families: list[Family]  # of fastest convergence first
+    families: list[ModelFamily]  # in the order of decreasing convergence
     repeats: int
     rows: dict[tuple[str, int], TradeRow] = field(default_factory=dict)
     reasons: dict[str, str] = field(default_factory=dict)
 
     def cheapest(self, tolerance: float) -> TradeRow | None:
-        """The row of least time among the smallest of each family that meet a tolerance."""
+        """The fastest row among the smallest models of each family that meet a tolerance."""
         best: TradeRow | None = None
 
         def serves(row: TradeRow) -> bool:
             return self.bound(row) <= tolerance
 
         for family in self.families:
-            dof, limit, patience = family.dof(SMALLEST), PATIENCE, PATIENCE
+            dof, limit, patience = family.dof(LADDER_START), PATIENCE, PATIENCE
             if best is not None:
                 dof, limit = math.ceil(GAIN * best.dof), GAIN * best.seconds
-                # An answer of twice the time would not become the best, though times scatter.
+                # Times scatter, but an answer that takes twice the best time cannot be the best.
                 patience = min(2.0 * best.seconds, PATIENCE)
             row = self._climb(family, dof, serves, tolerance, limit, patience)
             if row is not None and (best is None or row.seconds < best.seconds):
@@ -322,7 +324,7 @@ class Search:
         return best
 
     def most_accurate(self, budget: float) -> TradeRow | None:
-        """The row of least error within a budget, down to what the reference resolves."""
+        """The row of least error within a budget, down to errors that the reference resolves."""
         aim = max(MARGIN * self.reference.error, self.quantity.floor)
 
         def is_enough(row: TradeRow) -> bool:
@@ -333,7 +335,7 @@ class Search:
             if best is not None and not best.resolved:
                 self.reasons[family.name] = "the reference does not resolve a smaller error"
                 continue
-            dof = family.dof(SMALLEST) if best is None else best.dof
+            dof = family.dof(LADDER_START) if best is None else best.dof
             error = math.inf if best is None else self.bound(best)
             self._climb(family, dof, is_enough, error, GAIN * budget, PATIENCE)
         return self._within(budget)
@@ -343,13 +345,13 @@ class Search:
         return min(good, key=self.bound, default=None)
 
     def is_robust(self, row: TradeRow, tolerance: float) -> bool:
-        """Whether the next larger size meets the tolerance too."""
+        """Whether the next larger size in the family of a row meets the tolerance as well."""
         family = FAMILIES[row.family]
         larger = self._measure(family, family.beyond(row.size), PATIENCE)
         return self.bound(larger) <= tolerance
 
     def nearest(self, tolerance: float | None) -> TradeRow | None:
-        """The row that comes nearest to a tolerance, or to a time where it is met."""
+        """The most accurate row, or the fastest of those within the tolerance if there are any."""
         rows = [row for row in self.rows.values() if row.failure is None]
         good = [row for row in rows if tolerance is None or self.bound(row) <= tolerance]
         if good:
@@ -357,12 +359,12 @@ class Search:
         return min(rows, key=self.bound, default=None)
 
     def bound(self, row: TradeRow) -> float:
-        """Bound on the true error; infinite where the model failed."""
+        """Bound on the true error of a row; infinite if the model failed."""
         bound = row.error + self.reference.error
         return bound if math.isfinite(bound) else math.inf
 
-    def _measure(self, family: Family, size: int, patience: float) -> TradeRow:
-        """The row of one model."""
+    def _measure(self, family: ModelFamily, size: int, patience: float) -> TradeRow:
+        """The row of one model, measured now unless it was before."""
         key = (family.name, size)
         if key not in self.rows:
             given = (self.reference, self.repeats, patience)
@@ -371,18 +373,18 @@ class Search:
 
     def _climb(
         self,
-        family: Family,
+        family: ModelFamily,
         dof: int,
         serves: Callable[[TradeRow], bool],
         target: float,
         limit: float,
         patience: float,
     ) -> TradeRow | None:
-        """The row of the smallest size of a family that serves, while the next smaller does not.
+        """The row of a size of a family for which `serves` holds, but not for the next smaller.
 
-        Sizes go up from a number of degrees of freedom until `serves` holds or no size in `limit`
-        seconds of an answer can bring the error down to `target`: then None. An answer is given up
-        after `patience` seconds.
+        Sizes go up from `dof` degrees of freedom until `serves` holds. The result is None if no
+        size whose answer takes up to `limit` seconds can bring the error down to `target`. An
+        answer is given up after `patience` seconds.
         """
         least, most = max(1, self.quantity.least), self.quantity.most
         more = family.for_terms(self.pipe)
@@ -404,16 +406,17 @@ class Search:
                 failed = self.rows.get((family.name, bad))
                 if failed is not None and failed.seconds >= limit:
                     return None
-                # Of errors that fall by a law two guesses are enough.
+                # If errors follow a law two or three guesses find the size; else bisection goes on.
                 guess = self._needed(family, row, target) if cuts < 3 else None
                 size = min(max(guess or (bad + good) // 2, bad + 1), good - 1)
                 cuts += 1
         return self.rows.get((family.name, good))
 
-    def _needed(self, family: Family, row: TradeRow, target: float) -> int | None:
-        """The size at which the error meets a target as it falls by the family's order from a row.
+    def _needed(self, family: ModelFamily, row: TradeRow, target: float) -> int | None:
+        """The size at which the error meets a target, by the order of the family from a row.
 
-        None where no power law holds. The paper's springs have order 2 up to their other limit.
+        It is None if no power law holds. The paper's springs converge with order 2 to their own
+        limit.
         """
         error = self.bound(row)
         if math.inf in (error, target, family.order):
@@ -421,11 +424,11 @@ class Search:
         return math.ceil(row.size * math.pow(error / target, 1.0 / (family.order or 2.0)))
 
     def _is_hopeless(
-        self, family: Family, row: TradeRow, most: int, target: float, limit: float
+        self, family: ModelFamily, row: TradeRow, most: int, target: float, limit: float
     ) -> bool:
-        """Whether no larger size of a family is worth asking after one that does not serve."""
+        """Whether no larger size of a family is worth measuring after a row that does not serve."""
         error, needed = self.bound(row), self._needed(family, row, target) or row.size
-        # An answer's time grows at the least with the size, at the most with its cube.
+        # The time of an answer grows between linearly and with the cube of the size.
         if error > target and row.seconds * needed / row.size > limit:
             return True
         if 8.0 * row.seconds > PATIENCE:
@@ -445,8 +448,8 @@ class Search:
         return bool(self.reasons[family.name])
 
 
-def described(row: TradeRow) -> str:
-    """A row in words."""
+def row_in_words(row: TradeRow) -> str:
+    """Size, error and time of a row in words, or its failure."""
     if row.failure is not None:
         return f"size {row.size} failed: {row.failure}"
     return f"size {row.size} has an error of {row.error:.1e} and takes {1e3 * row.seconds:.3g} ms"

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Which effects a scene requires: each switched off in turn, and how far the answer moves."""
+"""Relevance of effects: how far an answer moves when each effect is switched off in turn."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ from pipedyn.util.table import Table
 from pipedyn.util.units import RATE
 
 LIMIT_BETA = 1e-9
-"""beta that stands for the limit beta -> 0, from which the critical speed differs by 1.1 beta."""
+"""The beta that stands for the limit beta -> 0; its critical speed differs by 1.1 beta from it."""
 
 EFFECTS = {
     "gravity": "gamma",
@@ -55,35 +55,37 @@ EFFECTS = {
 """Names of the numbers of the pipe by the effects that they switch off."""
 
 ABSENT = {"end coefficient": 1.0, "inflow": 1.0, "jet angle": 0.0}
-"""What its number is where the pipe has no such effect; these are listed where it has."""
+"""Values of numbers, by effect, at which the pipe lacks the effect; it is then not listed."""
 
 PROFILES = {"varying stiffness": "stiffness", "varying mass": "mass"}
-"""Effects that a uniform pipe has not, with its value at s = 0 all along: its name."""
+"""Effects of a nonuniform pipe, with the name of its profile. Without such an effect the pipe has
+the value at s = 0 all along."""
 
 
 @saved_as("Effect")
 class Effect(Result):
-    """One effect, and what its absence changes.
+    """One effect, and the change of the quantity without it.
 
     Attributes:
         name: "gravity", "drag", "damping", "hysteresis", "Coriolis", "centrifugal", "flow" (both
-            of its parts), "end coefficient" (what a nozzle or an inlet changes, alpha not 1),
-            "inflow" (what the entering fluid lacks of the free end's velocity), "jet angle",
+            parts), "end coefficient" (the change of alpha from 1 by a nozzle or an inlet), "inflow"
+            (the part of the free end's velocity that the entering fluid lacks), "jet angle",
             "pulsation", "constant head" or "moving base" of a motion, "varying stiffness" or
-            "varying mass" of a pipe that is not uniform,
-            "RootSpring(stiffness=30)" (what a clamp gives), or a term of the pipe as it prints,
-            "PointMass(at=1, mass=0.1)", all that are equal being one; several joined by " + ".
-        strength: the number it comes from, in words; empty where the pipe does not have it.
-        without: what the quantity is without it, in words.
-        answer: the same in numbers; None where there is no answer, or the effect is absent.
-        size: relative change of the quantity; infinite where its kind changes, NaN where it could
-            not be found.
-        error: bound on the error of size, from those of both answers.
-        growth: largest real part of an eigenvalue of the straight pipe at u without it, in 1 / T;
-            NaN where it was not found.
-        verdict: "relevant", "negligible" or "absent". Where size and its error together are not
-            within the tolerance, an effect counts as relevant.
-        note: what else to know.
+            "varying mass" of a nonuniform pipe, the root's spring, "RootSpring(stiffness=30)", or a
+            term of the pipe as it prints, "PointMass(at=1, mass=0.1)". Equal terms count as one
+            effect. Names of several effects are joined by " + ".
+        strength: the number that sets the effect, in words; empty if the pipe lacks the effect.
+        without: the quantity without the effect, in words.
+        answer: the quantity without the effect, in numbers; None if there is no answer or the
+            effect is absent.
+        size: relative change of the quantity; infinite if its kind changes, NaN if it could not be
+            found.
+        error: bound on the error of `size`, from the errors of both answers.
+        growth: largest real part of an eigenvalue of the straight pipe at u without the effect, in
+            1 / T; NaN if it was not found.
+        verdict: "relevant", "negligible" or "absent". An effect is relevant unless `size` and its
+            error together are within the tolerance.
+        note: a remark, or empty.
     """
 
     name: str
@@ -98,7 +100,7 @@ class Effect(Result):
 
     @property
     def cells(self) -> tuple[str, ...]:
-        """What tables show of it."""
+        """Texts of the effect in a table, one for each column."""
         if self.verdict == "absent":
             return (self.name, "", "", "", "", self.verdict)
         size = "unknown" if math.isnan(self.size) else f"{self.size:.1e}"
@@ -116,13 +118,13 @@ class Relevance(TableResult, units={"growth": RATE}):
 
     Attributes:
         pipe: the pipe.
-        u: flow speed of the growth, and of the quantity if it takes one.
-        quantity: what was asked, with its conditions.
-        full: what it is with all effects, in words.
+        u: flow speed at which the growth is given, and of the quantity if it has one.
+        quantity: the question that was asked, with its conditions.
+        full: the quantity with all effects, in words.
         growth: largest real part of an eigenvalue of the straight pipe at u, in 1 / T.
         tolerance: relative change up to which an effect is negligible.
-        effects: one for each, the largest first, those that the pipe does not have last.
-        together: all that are negligible switched off at once, if there are two or more.
+        effects: the effects, the largest first, and those that the pipe lacks last.
+        together: all negligible effects switched off at once; None if there are fewer than two.
     """
 
     pipe: Pipe
@@ -135,18 +137,18 @@ class Relevance(TableResult, units={"growth": RATE}):
     together: Effect | None = field(repr=False)
 
     def __getitem__(self, name: str) -> Effect:
-        """One effect by its name."""
+        """The effect of a name."""
         known = {effect.name: effect for effect in self.effects}
         return known[check.choice("name", name, tuple(known))]
 
     @property
     def negligible(self) -> tuple[str, ...]:
-        """Names of the effects that the pipe has, but that change the quantity too little."""
+        """Names of the effects that the pipe has and that change the quantity negligibly."""
         return tuple(effect.name for effect in self.effects if effect.verdict == "negligible")
 
     @property
     def simplified(self) -> Pipe:
-        """The pipe without what is negligible."""
+        """The pipe without its negligible effects."""
         return _without(self.pipe, _droppable(self.negligible))
 
     def _table(self) -> Table:
@@ -178,41 +180,44 @@ def relevant(
     tolerance: float = 1e-3,
     **conditions: Any,
 ) -> Relevance:
-    """How much each effect matters to what is asked of a pipe.
+    """How much each effect matters for one quantity of a pipe.
 
-    Each effect is switched off in turn, and the continuous pipe asked again: gravity (gamma = 0),
-    drag (kappa = 0), damping (delta = 0), hysteresis (mu = 0), the flow's Coriolis part together
-    with the momentum that the free end's velocity carries away (beta = 0: beta enters by
-    sqrt(beta) u alone), its centrifugal part (alpha = 0), except for the critical speed the flow as
-    a whole, what a nozzle or an inlet makes of the end (alpha = 1), what the entering fluid lacks
-    of the free end's velocity (inflow_share = 1), the angle of the jet (jet_angle = 0), what a root
-    with a spring turns (then clamped), what varies along the pipe (its value at s = 0 all along),
-    and each term. Of a motion also what drives it: the flow's pulsation (its mean speed), constant
-    head (the straight pipe's speed) and a moving base.
+    Each effect is switched off in turn, and the quantity is computed again for the continuous pipe:
+
+    - gravity (gamma = 0), drag (kappa = 0), damping (delta = 0) and hysteresis (mu = 0);
+    - the Coriolis force of the flow together with the momentum that the velocity of the free end
+      carries away (beta = 0, since beta enters by sqrt(beta) u alone), the centrifugal force of the
+      flow (alpha = 0) and, except for the critical speed, the flow as a whole;
+    - the nozzle or inlet at the end (alpha = 1), the part of the free end's velocity that the
+      entering fluid lacks (inflow_share = 1) and the angle of the jet (jet_angle = 0);
+    - the spring at the root (which is then clamped), a varying stiffness or mass (which then has
+      its value at s = 0 all along) and each term;
+    - for a motion also the pulsation of the flow (its mean speed), the constant head (the speed of
+      the straight pipe) and the moving base.
 
     An effect that changes the kind of the answer (flutter to divergence, buckled at rest or not, no
-    loss of stability, unstable from the smallest flow on, no limit cycle) is infinitely large.
-    The limit beta -> 0 is not continuous: with the least Coriolis force the critical speed is
-    another than with none. So this part is never negligible to the critical speed of an undamped
-    ejecting pipe; a note gives the limit.
+    loss of stability, unstable from the smallest flow on, no limit cycle) is infinitely large. The
+    limit beta -> 0 is not continuous: with an arbitrarily small Coriolis force the critical speed
+    differs from that without any. The Coriolis force is therefore never negligible for the critical
+    speed of an undamped ejecting pipe; a note gives the limit.
 
     Args:
         pipe: the pipe, whose numbers may come from `Pipe.from_si`.
-        u: flow speed, `pipe.speed(V)` from m/s: condition of "frequencies", "motion" and
-            "limit_cycle"; for all quantities also the speed at which the growth of the straight
-            pipe, the real part of its least damped eigenvalue, is listed. Of a "motion" also a
-            `Pulsation` or a `Supply`; its condition base= is as for `simulate`.
+        u: flow speed, `pipe.speed(V)` from m/s. It is a condition of "frequencies", "motion" and
+            "limit_cycle". For all quantities it is also the speed at which the growth of the
+            straight pipe, the real part of its least damped eigenvalue, is listed. For a "motion"
+            it may be a `Pulsation` or a `Supply`; the condition base= is as for `simulate`.
         quantity: "critical_speed", "frequencies", "root_loci", "motion" or "limit_cycle", as for
             `trade`.
         tolerance: relative change up to which an effect is negligible, in [1e-8, 1].
-        **conditions: of the quantity: max_speed, count, speeds, duration, ...
+        **conditions: conditions of the quantity: max_speed, count, speeds, duration, ...
 
     Returns:
         Relevance.
 
     Raises:
-        NotConverged, MotionStopped: if the pipe with all its effects cannot be solved. Where that
-            is so of one of them switched off, the effect says so and counts as relevant.
+        NotConverged, MotionStopped: if there is no answer for the pipe with all its effects. If
+            there is none without one of them, the effect says so and counts as relevant.
         NoCycle: if the pipe does not come to rest, but no limit cycle was found.
         ValueError, TypeError: for bad arguments.
 
@@ -239,16 +244,16 @@ def relevant(
     strengths = _strengths(pipe) | {name: strength for name, (strength, _) in drives.items()}
     if asked.name == "critical_speed":
         del strengths["flow"]
-    if "constant head" in drives:  # without mass the fluid has no speed of its own
+    if "constant head" in drives:  # the equation of the fluid's speed needs its mass
         del strengths["Coriolis"], strengths["flow"]
 
     def effect(*names: str) -> Effect:
-        """Some effects, switched off at once; without strength they are absent."""
+        """The result of switching off some effects at once; absent if they have no strength."""
         name, strength = " + ".join(names), ", ".join(strengths[one] for one in names)
         if not strength:
             return Effect(name, "", "", None, 0.0, 0.0, math.nan, "absent")
         simpler = _without(pipe, names)
-        growth = _growth(simpler, speed)
+        growth = _growth_at(simpler, speed)
         gone = [change for one, (_, change) in drives.items() if one in names]
         left = asked.changed(dict(ChainMap(*gone)))
         try:
@@ -269,7 +274,7 @@ def relevant(
         return Effect(name, strength, without, answer, size, error, growth, verdict, note)
 
     def rank(effect: Effect) -> tuple[bool, float]:
-        # Absent ones last; of the others the largest first, and the unknown with the infinite.
+        # Absent effects come last; of the others the infinite and unknown ones come first.
         return effect.verdict == "absent", -math.inf if math.isnan(effect.size) else -effect.size
 
     effects = sorted(map(effect, strengths), key=rank)
@@ -279,7 +284,7 @@ def relevant(
         u=speed,
         quantity=asked,
         full=words,
-        growth=_growth(pipe, speed),
+        growth=_growth_at(pipe, speed),
         tolerance=tolerance,
         effects=tuple(effects),
         together=effect(*dropped) if len(dropped) > 1 else None,
@@ -287,7 +292,7 @@ def relevant(
 
 
 def _strengths(pipe: Pipe) -> dict[str, str]:
-    """Effects by name, with the number that each comes from; empty where the pipe has it not."""
+    """Strengths of effects in words, by name; empty if the pipe lacks the effect."""
     strengths = {}
     for name, number in EFFECTS.items():
         value, letter = float(getattr(pipe, number)), OWN_NUMBERS[number].letter
@@ -309,7 +314,7 @@ def _strengths(pipe: Pipe) -> dict[str, str]:
 
 
 def _drives(asked: Quantity, speed: float) -> dict[str, tuple[str, dict[str, Any]]]:
-    """What drives a motion, by name: its strength in words, and the conditions without it."""
+    """Drives of a motion by name: the strength in words, and the conditions without the drive."""
     if not isinstance(asked, MotionOf):
         return {}
     drives: dict[str, tuple[str, dict[str, Any]]] = {}
@@ -324,7 +329,7 @@ def _drives(asked: Quantity, speed: float) -> dict[str, tuple[str, dict[str, Any
 
 
 def _droppable(names: Collection[str]) -> tuple[str, ...]:
-    """Those of some effects that one number or term of the pipe switches off."""
+    """The names without "flow", which consists of two other effects."""
     return tuple(name for name in names if name != "flow")
 
 
@@ -336,7 +341,7 @@ def _without(pipe: Pipe, names: Collection[str]) -> Pipe:
     if "flow" in names:
         gone |= {"beta": 0.0, "alpha": 0.0}
     if gone.get("alpha") == 0.0:
-        gone["jet_angle"] = 0.0  # which then has no thrust
+        gone["jet_angle"] = 0.0  # with alpha = 0 the jet has no thrust
     if repr(pipe.root) in names:
         gone["root"] = "clamped"
     gone["terms"] = tuple(term for term in pipe.terms if repr(term) not in names)
@@ -345,29 +350,29 @@ def _without(pipe: Pipe, names: Collection[str]) -> Pipe:
 
 
 def _outcome(quantity: Quantity, pipe: Pipe, tolerance: float) -> tuple[str, Answer]:
-    """What a pipe answers, in words and in numbers: none where there is no such answer."""
+    """The answer for a pipe in words and in numbers; without numbers if there is no answer."""
     state = ""
-    if quantity.name == "critical_speed" and pipe.gamma < 0.0 and _growth(pipe, 0.0) > 0.0:
+    if quantity.name == "critical_speed" and pipe.gamma < 0.0 and _growth_at(pipe, 0.0) > 0.0:
         state = "buckled at rest, "
     none = Answer(np.zeros(0), f"{state}none")
     if quantity.name == "critical_speed" and pipe.alpha == 0.0 and pipe.flow == "ejecting":
-        # The flow then changes no stiffness, and the free end only loses energy to it.
+        # Without the centrifugal force the flow changes no stiffness, and takes energy at the end.
         return f"{state}no loss of stability at any speed", none
     try:
-        # With a tenth of the tolerance each, a change of one tolerance is known to a fifth.
+        # Both errors are a tenth of the tolerance, so a change of that size is known to a fifth.
         found = quantity.reference(pipe, tolerance / MARGIN)
     except NoCrossing as failure:
         return f"{state}{failure.args[0]}", none
     except NoCycle as failure:
-        if not _growth(pipe, failure.u) <= 0.0:  # one may be there that no search found
+        if not _growth_at(pipe, failure.u) <= 0.0:  # there may be a cycle that was not found
             raise
         return "no limit cycle, it rests", none
-    words, kind = _described(quantity, pipe, found)
+    words, kind = _answer_in_words(quantity, pipe, found)
     return state + words, replace(found, kind=state + kind)
 
 
-def _described(quantity: Quantity, pipe: Pipe, answer: Answer) -> tuple[str, str]:
-    """An answer in words, and its kind."""
+def _answer_in_words(quantity: Quantity, pipe: Pipe, answer: Answer) -> tuple[str, str]:
+    """An answer in words, and the kind of the answer."""
     values = answer.values
     if quantity.name == "critical_speed":
         if values[0] == 0.0:
@@ -389,13 +394,14 @@ def _speed(u: float, pipe: Pipe) -> str:
     return given if pipe.scales is None else f"{given} ({pipe.speed_si(u):.4g} m/s)"
 
 
-def _growth(pipe: Pipe, u: float) -> float:
-    """Largest real part of an eigenvalue of the straight pipe at a speed; NaN where none converges.
+def _growth_at(pipe: Pipe, u: float) -> float:
+    """Largest real part of an eigenvalue of the straight pipe at a speed; NaN if none converges.
 
-    NaN too where that does not rest, of a pipe with an inclined jet.
+    It is NaN, too, for a pipe whose inclined jet does not let it rest straight.
 
-    Roots count up to the size of a wave that neither flow nor weight can buckle: the lowest few may
-    all cluster at -1 / delta, and the highest of a reduced model are not the pipe's.
+    Only eigenvalues up to the magnitude that belongs to a wave which neither flow nor weight can
+    buckle are counted. The lowest few alone do not suffice, since they may all lie in the cluster
+    at -1 / delta, and the highest of a reduced model are not those of the pipe.
     """
     if pipe.thrust_across:
         return math.nan

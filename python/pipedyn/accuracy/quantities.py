@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: MIT
-"""What is asked of a pipe, so that any model's answer can be held against the continuous pipe's.
+"""Quantities of a pipe for which answers of models are compared with the continuous pipe.
 
-A quantity gets an answer from a model, gives the relative distance of two answers, and finds a
-reference: an answer of the continuous pipe whose own error is known.
+A quantity computes the answer of a model, the relative distance of two answers, and a reference:
+the answer of the continuous pipe with a bound on its error.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from pipedyn import _core
 from pipedyn.accuracy.convergence import FAMILIES
-from pipedyn.accuracy.reference import LEAST_ERROR, Answer
+from pipedyn.accuracy.reference import LEAST_REFERENCE_ERROR, Answer
 from pipedyn.attraction.solutions import LARGEST_CYCLE
 from pipedyn.cycles.limit_cycle import limit_cycle
 from pipedyn.linear.critical_speed import CriticalSpeed, checked_end, critical_speed
@@ -40,51 +40,53 @@ from pipedyn.util.errors import NotConverged, PipedynError
 LEGENDRE = FAMILIES["legendre"]
 
 BEFORE_CLUSTER = 0.9
-"""Share of 1 / delta up to which roots are compared: towards it they converge ever more slowly."""
+"""Share of 1 / delta up to which eigenvalues are compared; nearer to it they converge slowly."""
 
-FIRST, MOST = 6, 20
-"""Fewest functions of the first nonlinear reference, and those of the last: 6 Legendre functions
-give the critical speed of three pipes in four to 1 %, as measured; a cycle of 20 takes seconds."""
+FIRST_FUNCTIONS, MOST_FUNCTIONS = 6, 20
+"""Least number of functions of the first model for a nonlinear reference, and number of the last.
+For three of four pipes measured, 6 Legendre functions give the critical speed to 1 %; the limit
+cycle of 20 takes seconds."""
 
 LONGEST_REFERENCE = 30.0
-"""Seconds of processor time after which a nonlinear reference grows no more: cycles of 20 Legendre
-functions take 1 s, motions of 20 beam modes 3, so that only what does not converge meets it."""
+"""Processor time in seconds after which a nonlinear reference grows no more. Cycles of 20 Legendre
+functions take 1 s and motions of 20 beam modes 3 s, so only references that do not converge take
+so long."""
 
 LEAST_TOLERANCE = 1e-10
-"""Least change to which a basis grows, as for `Continuum`: rounding leaves less."""
+"""Least tolerance to which a basis grows, as for `Continuum`; it lies above rounding."""
 
 RTOL, LOOSEST_RTOL = 1e-8, 1e-2
-"""Relative tolerance of a motion or a cycle where none is given: it leaves errors of 2e-7. The
-loosest, which leaves errors of a tenth or more."""
+"""Relative tolerance of a motion or a cycle if none is given, which leaves errors of 2e-7, and the
+loosest tolerance accepted, which leaves errors of a tenth or more."""
 
 
 class Quantity(ABC):
-    """A question to a pipe at given conditions."""
+    """A question about a pipe under given conditions."""
 
     name: ClassVar[str]
 
     least: int = 1
-    """Degrees of freedom that a model must have to answer."""
+    """Least number of degrees of freedom that a model needs to answer."""
 
     most: ClassVar[int] = 2000
-    """Degrees of freedom beyond which models are not asked."""
+    """Largest number of degrees of freedom of models that are asked."""
 
     floor: float = 0.0
-    """Error below which answers differ by how they were solved, not by their models."""
+    """Error below which answers differ by the solver's error, not by their models."""
 
     def _set(self, **checked: Any) -> None:
-        """Fields of the frozen class, after their check."""
+        """Sets fields of the frozen class to values that have been checked."""
         for name, value in checked.items():
             object.__setattr__(self, name, value)
 
     @abstractmethod
     def answer(self, model: Model) -> Answer:
-        """A model's answer."""
+        """The answer of a model."""
 
     def distance(self, answer: Answer, other: Answer) -> float:
-        """How far one is from another, relative to that; infinite where they differ in kind.
+        """Largest relative difference of an answer's numbers from those of another.
 
-        By the largest difference of the numbers, each relative to its own.
+        It is infinite if the answers differ in kind or shape.
         """
         values, exact = answer.values, other.values
         comparable = answer.kind == other.kind and values.shape == exact.shape
@@ -97,26 +99,26 @@ class Quantity(ABC):
 
     @abstractmethod
     def reference(self, pipe: Pipe, tolerance: float) -> Answer:
-        """The continuous pipe's answer, its error below a tolerance where that can be had."""
+        """The answer of the continuous pipe, with an error below the tolerance if possible."""
 
     def excluded(self, pipe: Pipe, family: str) -> str:
-        """Why a family's answers do not come near a pipe's as it grows; empty if they do."""
+        """Reason why answers of a family do not converge to those of the pipe; empty if they do."""
         return ""
 
     def solved_for(self, tolerance: float) -> Self:
-        """The same question, with the solver's own error negligible in a tolerance."""
+        """A copy whose solver is so accurate that its error is negligible in a tolerance."""
         return self
 
     def prepared(self, pipe: Pipe) -> Self:
-        """The same question, with defaults that depend on the pipe."""
+        """A copy with values for the defaults that depend on the pipe."""
         return self
 
     def changed(self, conditions: dict[str, Any]) -> Self:
-        """The same question at other conditions."""
+        """A copy with other conditions."""
         return replace(self, **conditions)  # type: ignore[type-var]
 
     def extrapolated(self, coarse: Answer, fine: Answer, order: float) -> Answer:
-        """Richardson's value from models of one and of twice the size."""
+        """Richardson's extrapolation, for errors n^-order, from models of n and 2 n."""
         if coarse.kind != fine.kind or coarse.values.shape != fine.values.shape:
             return replace(fine, values=np.full_like(fine.values, np.nan), candidates=None)
         share = 2.0**order - 1.0
@@ -131,7 +133,7 @@ class Quantity(ABC):
 @saved_as("CriticalSpeedOf")
 @dataclass(frozen=True)
 class CriticalSpeedOf(Quantity):
-    """The critical speed u_c; infinitely wrong where flutter and divergence are mixed up."""
+    """The critical speed u_c; an answer of the wrong kind of instability is infinitely wrong."""
 
     name: ClassVar[str] = "critical_speed"
     max_speed: float = 100.0
@@ -140,7 +142,7 @@ class CriticalSpeedOf(Quantity):
         self._set(max_speed=checked_end(self.max_speed))
 
     def answer(self, model: AnyModel) -> Answer:
-        """The speed, shape (1,), with the kind of instability."""
+        """The critical speed, shape (1,), with the kind of instability."""
         return self._answer(critical_speed(model, self.max_speed))
 
     def _answer(self, found: CriticalSpeed) -> Answer:
@@ -148,32 +150,32 @@ class CriticalSpeedOf(Quantity):
         return Answer(np.array([found.speed]), found.kind, error)
 
     def reference(self, pipe: Pipe, tolerance: float) -> Answer:
-        """`Continuum`'s own answer, as exact as it is whatever the tolerance."""
+        """The critical speed of `Continuum`, whose accuracy does not depend on the tolerance."""
         found = critical_speed(Continuum(pipe), min(self.max_speed, CONTINUUM_SPEED))
         answer, source = self._answer(found), f"Continuum, {found.size} Legendre functions"
-        return replace(answer, error=max(answer.error, LEAST_ERROR), source=source)
+        return replace(answer, error=max(answer.error, LEAST_REFERENCE_ERROR), source=source)
 
 
-class _Roots(Quantity):
-    """Eigenvalues, each compared with its own; those that cluster at -1 / delta are left out."""
+class _Eigenvalues(Quantity):
+    """Eigenvalues, which are compared in pairs, without those in the cluster at -1 / delta."""
 
     highest: ClassVar[float] = math.inf
-    """Share of 1 / delta up to which roots are compared."""
+    """Share of 1 / delta up to which eigenvalues are compared."""
 
     count: int
 
     @property
     def least(self) -> int:  # type: ignore[override]
-        """One mode for each of those asked for."""
+        """Least number of degrees of freedom: one for each mode asked for."""
         return self.count
 
     def compared(self, answer: Answer) -> NDArray[np.bool_]:
-        """Which roots others are compared with."""
+        """Whether each eigenvalue of a reference takes part in a comparison; of its shape."""
         scaled = answer.damping * answer.values
         return (np.abs(scaled + 1.0) > 0.5) & (np.abs(scaled) < self.highest)
 
     def distance(self, answer: Answer, other: Answer) -> float:
-        """Largest difference of a root from its own, relative to that or, where it is less, 1."""
+        """Largest difference in the best pairing, relative to the root or 1, whichever is more."""
         roots = answer.values if answer.candidates is None else answer.candidates
         both = np.atleast_2d(roots), np.atleast_2d(other.values)
         worst = 0.0
@@ -187,26 +189,26 @@ class _Roots(Quantity):
         return worst
 
     def reference(self, pipe: Pipe, tolerance: float) -> Answer:
-        """The continuous pipe's: its basis grows until these roots converge, whatever others do."""
+        """The roots of the continuous pipe; its basis grows until those compared converge."""
 
         def change(before: Answer, answer: Answer) -> float:
-            # Near a cluster convergence is slow: what is left may be as much as the last change.
+            # Near a cluster convergence is slow, and the error may be as large as the last change.
             return 2.0 * self.distance(before, answer) + before.error + answer.error
 
-        # 1e-6 costs no more than what is looser.
+        # Tolerances looser than 1e-6 cost as much.
         least, first = min(max(tolerance, LEAST_TOLERANCE), 1e-6), max(16, 2 * self.count + 2)
         found = Continuum(pipe).converge(self.answer, change, least, first)
         source = f"Continuum, {found.size} Legendre functions"
-        return replace(found.value, error=max(found.error, LEAST_ERROR), source=source)
+        return replace(found.value, error=max(found.error, LEAST_REFERENCE_ERROR), source=source)
 
 
 @saved_as("Frequencies")
 @dataclass(frozen=True)
-class Frequencies(_Roots):
+class Frequencies(_Eigenvalues):
     """The eigenvalues of the lowest modes at one flow speed.
 
-    Of a pipe with damping delta, those up to 0.9 / delta: from 1 / delta on there is no next one,
-    as infinitely many cluster there.
+    For a pipe with damping delta only those with magnitudes up to 0.9 / delta are compared, since
+    infinitely many cluster at -1 / delta.
     """
 
     name: ClassVar[str] = "frequencies"
@@ -219,8 +221,8 @@ class Frequencies(_Roots):
         self._set(u=u, count=check.count("count", self.count, high=100))
 
     def answer(self, model: Model) -> Answer:
-        """The eigenvalues, shape (2 count,); NotConverged where all of them cluster."""
-        # Roots of equal size may change places at the end of the row: two more are asked for.
+        """The eigenvalues, shape (2 count,); raises NotConverged if all lie in the cluster."""
+        # Roots of equal magnitude may swap at the end of the list, so two more are computed.
         found = eigenvalues(model, self.u, min(2 * self.count + 2, 2 * model.dof))
         answer = Answer(found[: 2 * self.count], damping=model.pipe.damping, candidates=found)
         if not self.compared(answer).any():
@@ -231,8 +233,8 @@ class Frequencies(_Roots):
 
 @saved_as("RootLociOver")
 @dataclass(frozen=True)
-class RootLociOver(_Roots):
-    """Branches of eigenvalues over increasing flow speeds (S,): the largest error on them."""
+class RootLociOver(_Eigenvalues):
+    """Branches of eigenvalues over increasing flow speeds, (S,), with the largest error on them."""
 
     name: ClassVar[str] = "root_loci"
     speeds: ArrayLike
@@ -243,8 +245,8 @@ class RootLociOver(_Roots):
         self._set(speeds=at, count=check.count("count", self.count, high=100))
 
     def answer(self, model: Model) -> Answer:
-        """The branches of the upper half plane, then their partners, shape (S, 2 count)."""
-        count = min(self.count + 1, model.dof)  # a branch beyond may be the one in question
+        """Branches in the upper half plane, then their partners, shape (S, 2 count)."""
+        count = min(self.count + 1, model.dof)  # one more, as models may order branches otherwise
         loci = root_loci(model, self.speeds, count)
         if not loci.converged.all():
             raise NotConverged("eigenvalues on the branches failed their residual check", loci)
@@ -260,10 +262,10 @@ Angle: TypeAlias = Callable[[Array], ArrayLike]
 
 
 class _Integrated(Quantity):
-    """A motion or a cycle, integrated with a relative tolerance, rtol.
+    """A motion or a cycle, which is integrated with a relative tolerance, rtol.
 
-    For a tolerance of the answer a `share` of it is enough, but not below `least_rtol`. What is
-    left is an error of `noise` times rtol.
+    If an answer must meet a tolerance, rtol is that tolerance times `share`, but at least
+    `least_rtol`. The integration leaves an error of `noise` times rtol.
     """
 
     least_rtol: ClassVar[float]
@@ -281,42 +283,43 @@ class _Integrated(Quantity):
         return check.real("u", self.u, low=0.0, high=CONTINUUM_SPEED)
 
     def steady_speed(self, pipe: Pipe) -> float:
-        """Flow speed of a pipe at rest."""
+        """The flow speed in a pipe at rest."""
         return self.u
 
     @property
     def floor(self) -> float:  # type: ignore[override]
-        """The integration's part."""
+        """The part of the error that comes from the integration."""
         return self.noise * self.rtol
 
     def solved_for(self, tolerance: float) -> Self:
-        """With a share of the tolerance, but no looser than it is."""
+        """A copy whose rtol is a share of the tolerance, but no looser than that of this one."""
         rtol = min(self.rtol, max(self.share * tolerance, self.least_rtol))
         return replace(self, rtol=rtol)  # type: ignore[type-var]
 
     def reference(self, pipe: Pipe, tolerance: float) -> Answer:
-        """From Legendre functions, or from beam modes where those spoil the answer.
+        """The answer of Legendre functions, or of beam modes if Legendre functions are excluded.
 
-        Solved by turns with two tolerances: what the looser leaves is part of the difference.
+        Models of growing size are solved with two values of rtol in turn, so that the difference of
+        two answers contains the error of the looser one.
 
         Raises:
-            NotConverged: if the second model has no answer in half a minute.
+            NotConverged: if the first two models have no answer in half a minute.
             PipedynError: if one of the first two models fails.
         """
         tolerance = max(tolerance, self.rtol)
         family = FAMILIES["beam"] if self.excluded(pipe, "legendre") else LEGENDRE
-        # With the kink of drag's |v| v errors fall like the third power of the size at the most;
-        # a stop's, in time, costs less.
-        # Where they do not fall exponentially the last step moves less than what remains.
+        # Because of the kink in the drag |v| v, errors fall at best with the third power of the
+        # size; the kink of a stop, in time, matters less. If errors do not fall exponentially, the
+        # last change of the answer is less than the error that remains.
         order = min(family.order, 3.0 if pipe.has_kinks else math.inf)
         # Waves get shorter with flow and weight, like 1 / sqrt(u^2 + |gamma|). With half a function
-        # for each unit of that root the first two sizes of Legendre functions differ by 3e-7 to
-        # 2e-5, as measured at u from 6 to 14.
-        expected = FIRST + math.ceil(
+        # for each unit of that root, answers of the first two sizes of Legendre functions differed
+        # by 3e-7 to 2e-5 at u from 6 to 14.
+        expected = FIRST_FUNCTIONS + math.ceil(
             0.5 * math.hypot(self.steady_speed(pipe), math.sqrt(abs(pipe.gamma)))
         )
-        first, more = min(expected, MOST - 2), family.for_terms(pipe)
-        sizes = range(first + more, MOST + more + 1, 2)
+        first, more = min(expected, MOST_FUNCTIONS - 2), family.for_terms(pipe)
+        sizes = range(first + more, MOST_FUNCTIONS + more + 1, 2)
         asked = (self.solved_for(tolerance), self.solved_for(0.25 * tolerance))
         answers: list[Answer] = []
         failed, error, end = "", math.inf, clock() + LONGEST_REFERENCE
@@ -340,19 +343,20 @@ class _Integrated(Quantity):
             if error <= tolerance:
                 break
         source = f"Galerkin, {sizes[len(answers) - 1]} {family.name} functions{failed}"
-        error = max(error, LEAST_ERROR)
+        error = max(error, LEAST_REFERENCE_ERROR)
         return replace(answers[-1], error=error, source=source, family=family.name)
 
 
 @saved_as("MotionOf")
 @dataclass(frozen=True)
 class MotionOf(_Integrated):
-    """The free end over a time: its largest distance from the reference, in the largest excursion.
+    """The path of the free end over a time.
 
-    The pipe starts with angles theta(s) and rates dtheta/dt(s), at rest where only angles are
-    given. Without a start it moves on its least damped mode, of 0.05 L at the free end, which
-    excites no others, as a pipe let go does. The flow may pulsate or be fed at constant head, the
-    base move.
+    The error is the largest distance from the reference, relative to its largest excursion. The
+    pipe starts with angles theta(s) and rates dtheta/dt(s), or at rest if only angles are given.
+    Without a start it moves in its least damped mode with 0.05 L at the free end; unlike a pipe
+    that is released from rest, it then excites no other modes. The flow may pulsate or come from a
+    constant head, and the base may move.
     """
 
     name: ClassVar[str] = "motion"
@@ -372,7 +376,7 @@ class MotionOf(_Integrated):
         return self.u if isinstance(self.u, Pulsation | Supply) else super()._checked_speed()
 
     def steady_speed(self, pipe: Pipe) -> float:
-        """The mean of a flow that pulsates; that of a supply in the straight pipe."""
+        """The mean speed of a pulsating flow, or the speed of a supply in the straight pipe."""
         if isinstance(self.u, Pulsation):
             return self.u.mean
         return self.u.speed(pipe) if isinstance(self.u, Supply) else self.u
@@ -392,10 +396,10 @@ class MotionOf(_Integrated):
         self._set(duration=duration, samples=samples)
 
     def answer(self, model: Model) -> Answer:
-        """The free end's positions, shape (samples, 2)."""
+        """Positions of the free end, shape (samples, 2)."""
         assert self.start is not None
         q0, rates = model.bent(self.start), None
-        if self.rates is not None:  # that supports allow
+        if self.rates is not None:  # rates are projected onto those that supports allow
             p, _ = np.split(model.start(q0, None), 2)
             _, rates = model.projected(p, model.sampled(self.rates))
         motion = simulate(
@@ -408,49 +412,49 @@ class MotionOf(_Integrated):
         return Answer(motion.tip + np.array([0.0, 1.0 - model.pipe.watched]))  # (0, 1) at rest
 
     def prepared(self, pipe: Pipe) -> MotionOf:
-        """With its start: the least damped mode where none is given."""
+        """A copy with a start, which is the least damped mode if none was given."""
         more = LEGENDRE.for_terms(pipe)
         if self.start is not None:
-            straight = LEGENDRE.make(pipe, FIRST + more)
+            straight = LEGENDRE.make(pipe, FIRST_FUNCTIONS + more)
             bends = [straight.bent(one) for one in (self.start, self.rates) if one is not None]
             if np.abs(bends).max() < 1e-12:  # rounding
                 raise ValueError("start must bend the pipe: a straight one at rest does not move")
             return self
-        # 24 functions have the mode and its neighbours exactly.
-        unbent = replace(pipe, jet_angle=0.0)  # which is at rest, whatever the jet
+        # 24 functions resolve the mode and its neighbours to rounding.
+        unbent = replace(pipe, jet_angle=0.0)  # an inclined jet would leave no straight rest
         u = self.steady_speed(pipe)
         model = Galerkin(unbent, max(24, math.ceil(u)) + more, "legendre")
         found = modes(model, u, 8)
-        growth = found.eigenvalues.real  # where all grow equally, the lowest
+        growth = found.eigenvalues.real  # if all grow equally, the lowest mode is taken
         mode = found.shapes[int(np.argmax(growth >= growth.max() - 0.2 * abs(growth.max())))]
         q = 0.05 * mode.coordinates / mode([pipe.watched])[0]  # 2 % of such a motion is nonlinear
         bend, rates = np.split(model.start(q.real, (mode.eigenvalue * q).real), 2)
-        angle, turning = (partial(_slope, model, of.copy()) for of in (bend, rates))
+        angle, turning = (partial(_angle_of, model, of.copy()) for of in (bend, rates))
         return replace(self, start=angle, rates=turning)
 
     def distance(self, answer: Answer, other: Answer) -> float:
-        """Largest distance of the free end, in the other's largest excursion."""
+        """Largest distance of the free ends, relative to the largest excursion of the other."""
         excursion = np.hypot(*(other.values - np.array([0.0, 1.0])).T).max()
         if not np.isfinite(answer.values).all():
             return math.inf
         return float(np.hypot(*(answer.values - other.values).T).max() / excursion)
 
     def excluded(self, pipe: Pipe, family: str) -> str:
-        """Legendre functions of an undamped aspirating pipe."""
+        """Reason to exclude Legendre functions for an undamped aspirating pipe; else empty."""
         grows = pipe.flow == "aspirating" and pipe.damping == 0.0 and pipe.beta > 0.0
         spoilt = grows and family == "legendre"
         return "its highest functions grow many times faster than the pipe" if spoilt else ""
 
 
-def _slope(model: Galerkin, q: Array, s: Array) -> Array:
-    """The angle of a reduced model at arc lengths; a function of the module, so that it pickles."""
+def _angle_of(model: Galerkin, q: Array, s: Array) -> Array:
+    """Angle theta of a reduced model with coordinates q at arc lengths s; it can be pickled."""
     return np.asarray(model.core.basis(s, 1) @ q)
 
 
 @saved_as("LimitCycleAt")
 @dataclass(frozen=True)
 class LimitCycleAt(_Integrated):
-    """Amplitude and frequency of the limit cycle: the larger relative error."""
+    """Amplitude and frequency of the limit cycle; the larger of both relative errors counts."""
 
     name: ClassVar[str] = "limit_cycle"
     most: ClassVar[int] = LARGEST_CYCLE
@@ -461,7 +465,7 @@ class LimitCycleAt(_Integrated):
     rtol: float = RTOL
 
     def answer(self, model: Model) -> Answer:
-        """Amplitude and frequency, shape (2,)."""
+        """Amplitude and frequency of the limit cycle, shape (2,)."""
         cycle = limit_cycle(model, self.u, rtol=self.rtol)
         return Answer(np.array([cycle.amplitude, cycle.frequency]), "", cycle.error)
 
@@ -474,7 +478,7 @@ QUANTITIES: dict[str, type[Quantity]] = {
 
 
 def conditions_of(quantity: Any) -> dict[str, inspect.Parameter]:
-    """What a quantity takes besides the pipe, by name."""
+    """Conditions that a quantity takes besides the pipe, by their names."""
     kind = QUANTITIES[check.choice("quantity", quantity, tuple(QUANTITIES))]
     return dict(inspect.signature(kind).parameters)
 
@@ -482,9 +486,10 @@ def conditions_of(quantity: Any) -> dict[str, inspect.Parameter]:
 def checked_quantity(
     quantity: Any, settings: dict[str, Any], tolerance: float | None = None
 ) -> Quantity:
-    """A quantity by its name, with conditions; TypeError for those it does not take, or lacks.
+    """The quantity of a name with its conditions, `settings`.
 
-    With a tolerance it is solved as well as that needs and as settings ask for.
+    Raises TypeError if it does not take one of them, or lacks one. If a tolerance is given, the
+    solver is as accurate as both the tolerance and the settings require.
     """
     known = conditions_of(quantity)
     for name in settings:

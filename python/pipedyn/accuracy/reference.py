@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: MIT
-"""References: answers of the continuous pipe whose own error is known.
+"""References: answers of the continuous pipe with a bound on their error.
 
-Reduced models grow until two answers agree; by how much they differ bounds the error of the last.
+Reduced models of growing size are solved until two answers agree; their difference bounds the error
+of the last.
 """
 
 from __future__ import annotations
@@ -15,27 +16,27 @@ from pipedyn.util.archive import saved_as
 from pipedyn.util.result import Result
 
 MARGIN = 10.0
-"""By how much the error of a reference must be smaller than an error measured against it, which is
-then known to a tenth."""
+"""Least ratio of an error to the error of the reference it is measured against. Such an error is
+known to a tenth."""
 
-LEAST_ERROR = 1e-14
-"""Least error that a reference is given: rounding of an eigenvalue or of a quadrature."""
+LEAST_REFERENCE_ERROR = 1e-14
+"""Least error stated for a reference: the rounding of an eigenvalue or of a quadrature."""
 
 
 @saved_as("Answer")
 class Answer(Result):
-    """What a model answered, or of the continuous pipe: a reference.
+    """The answer of a model or, as a reference, of the continuous pipe.
 
     Attributes:
-        values: numbers, real or complex, of a shape that the quantity sets.
-        kind: what must agree besides numbers, as that a loss of stability is flutter.
-        error: relative: the solver's own; of a reference a bound, what the last growth of the model
-            changed in it.
-        damping: delta, if these are roots: those that cluster at -1 / delta are not compared.
-        candidates: roots among which another model's are looked for, where they are more than those
-            asked for: beyond these may be one that the other model counts among them.
-        source: of a reference, which model gave it.
-        family: of a reference, the models that it grew from, if it did.
+        values: the numbers, real or complex; their shape depends on the quantity.
+        kind: a word that must agree besides the numbers, e.g. "flutter" for a loss of stability.
+        error: relative error of the solver; for a reference a bound on its error, from the change
+            between the last two models.
+        damping: delta if the values are roots; roots in the cluster at -1 / delta are not compared.
+        candidates: roots in which those of another model are looked for, if more were computed than
+            asked for; the other model may count one of the surplus roots among those asked for.
+        source: for a reference, the model that gave it.
+        family: for a reference from models of growing size, the name of their family.
     """
 
     values: NDArray[Any] = field(repr=False)

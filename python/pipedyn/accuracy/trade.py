@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Error against cost, measured: chains and reduced models of growing size against one reference."""
+"""Measured error and cost of chains and reduced models of growing size, for one reference."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from pipedyn.accuracy.convergence import (
     GROUPS,
     ConvergenceLaw,
-    Family,
+    ModelFamily,
     checked_families,
     fitted_law,
 )
@@ -31,32 +31,34 @@ from pipedyn.util.parallel import track
 from pipedyn.util.result import Result, TableResult
 from pipedyn.util.table import Table
 
-LONGEST = 10.0
-"""Seconds after which a measurement is not repeated, and an answer of a size that was not asked for
-is given up: each of the default's 44 models then takes at most twice as long."""
+LONGEST_ANSWER = 10.0
+"""Time in seconds after which a measurement is not repeated; if no sizes were given, an answer that
+takes longer is given up. Each of the 44 usual models then takes at most twice this time."""
 
 COSTS = ("seconds", "dof", "right_hand_sides", "factorisations")
-"""What a row may cost."""
+"""Measures of cost, which are attributes of a row."""
 
-DEFAULT = ("consistent", "midpoint", "uniform", "rayleigh", "consistent pair", "beam", "legendre")
-"""Families that are measured where none are named."""
+USUAL = ("consistent", "midpoint", "uniform", "rayleigh", "consistent pair", "beam", "legendre")
+"""Families that are measured if none are named."""
 
 
 @saved_as("TradeRow")
 class TradeRow(Result):
-    """One model, or pair of models, measured.
+    """The measurement of one model, or of a pair of models.
 
     Attributes:
-        family: its name.
-        size: segments or functions; of a pair those of the smaller.
-        dof: degrees of freedom; of a pair the sum.
-        error: of the answer, relative, as measured against the reference; NaN where it failed.
-        resolved: whether it is at least ten times the reference's own error.
-        seconds: least processor time of an answer from models freshly made, or up to its failure.
-        spread: the longest of the repeated times over the least, less 1.
-        right_hand_sides, factorisations: counts of one answer.
-        failure: what was raised, None where all went well.
-        values: the numbers answered, None where there are none.
+        family: name of the family.
+        size: number of segments or functions; for a pair those of the smaller model.
+        dof: degrees of freedom; for a pair the sum of both models.
+        error: relative error of the answer, measured against the reference; NaN if it failed. It is
+            a bound if it is not resolved.
+        resolved: whether the error is at least ten times that of the reference.
+        seconds: least processor time of an answer from new models, whose making is not counted; for
+            a failure the time until it was raised.
+        spread: ratio of the longest to the shortest of the repeated times, minus 1.
+        right_hand_sides, factorisations: their numbers in one answer.
+        failure: the exception that was raised; None if there was none.
+        values: the numbers in the answer; None if it failed.
     """
 
     family: str
@@ -73,7 +75,7 @@ class TradeRow(Result):
 
     @property
     def cells(self) -> tuple[str, ...]:
-        """What tables show of it."""
+        """Texts of the row in a table, one for each column."""
         named = (self.family, str(self.size), str(self.dof))
         if self.failure is not None:
             return (*named, "failed", "", "", "", "")
@@ -94,9 +96,9 @@ class Trade(TableResult):
 
     Attributes:
         pipe: the pipe.
-        quantity: what was asked, with its conditions.
-        reference: which model gave the reference, and a bound on its error, relative.
-        rows: one for each model, family after family, by size.
+        quantity: the question that was asked, with its conditions.
+        reference: the answer of the continuous pipe, with a bound on its relative error.
+        rows: one row for each model, family after family, by increasing size.
     """
 
     pipe: Pipe
@@ -105,13 +107,13 @@ class Trade(TableResult):
     rows: tuple[TradeRow, ...] = field(repr=False)
 
     def of(self, family: str) -> tuple[TradeRow, ...]:
-        """The rows of one family, of `families`."""
+        """The rows of one family, by a name in `families`."""
         family = check.choice("family", family, self.families)
         return tuple(row for row in self.rows if row.family == family)
 
     @property
     def families(self) -> tuple[str, ...]:
-        """Names of the families measured."""
+        """Names of the measured families."""
         return tuple(dict.fromkeys(row.family for row in self.rows))
 
     @property
@@ -120,9 +122,9 @@ class Trade(TableResult):
         return tuple(row for row in self.rows if row.failure is not None)
 
     def pareto(self, cost: str = "seconds") -> tuple[TradeRow, ...]:
-        """The Pareto front of error and cost: rows of which no other is better in both.
+        """The Pareto front of error and cost, the cheapest row first.
 
-        The cheapest stands first.
+        No row outside the front is better in both than a row on it.
 
         Args:
             cost: "seconds", "dof", "right_hand_sides" or "factorisations".
@@ -142,7 +144,7 @@ class Trade(TableResult):
         return tuple(front)
 
     def orders(self) -> dict[str, ConvergenceLaw]:
-        """The law of each family's errors, fitted down to where they stop falling."""
+        """Laws of the errors by family, fitted to the sizes up to which the errors fall."""
         return {family: self._order(family) for family in self.families}
 
     def _order(self, family: str) -> ConvergenceLaw:
@@ -151,7 +153,8 @@ class Trade(TableResult):
         errors = np.array([row.error for row in rows])
         sizes = np.array([float(row.size) for row in rows])
         for i in range(2, len(rows)):
-            # Rounding, if no larger model is better by a fifth; above 1e-6 it is another limit.
+            # Errors below 1e-6 are rounding if no larger model is better by a fifth. Larger errors
+            # that stop falling tend to another limit, which the law states.
             if errors[i - 1] < 1e-6 and errors[i:].min() > 0.8 * errors[i - 1]:
                 return fitted_law(sizes[: i - 1], errors[: i - 1])
         return fitted_law(sizes, errors)
@@ -189,27 +192,28 @@ def trade(
 
     Args:
         pipe: the pipe.
-        quantity: what is asked of it, and its conditions as further arguments:
+        quantity: name of the question, whose conditions are further arguments:
             "critical_speed" (max_speed=100: the lowest crossing that destabilises),
             "frequencies" (u=0, count=4: eigenvalues of the lowest modes, with damping delta those
             below 0.9 / delta),
             "root_loci" (speeds, count=4: branches of eigenvalues),
             "motion" (u, duration, start=theta(s), rates=dtheta/dt(s), samples=201, rtol=1e-8: the
-            free end's path, from the least damped mode where no start is given),
+            path of the free end, from the least damped mode if no start is given),
             "limit_cycle" (u, rtol=1e-8: amplitude and frequency).
-        families: what is measured: spring rules ("consistent", "midpoint", "rayleigh", "uniform",
+        families: what to measure: spring rules ("consistent", "midpoint", "rayleigh", "uniform",
             "frequency"), bases ("beam", "legendre"), Richardson's extrapolation from chains of n
             and 2 n ("consistent pair", ...), or "chain", "reduced" or "pair" for all of a kind.
-        sizes: segments or functions, one or increasing; for all families or by the same words.
-            Where not given, an answer that takes more than 10 s of processor time is given up.
-        repeats: how often each answer is timed; the least counts.
-        progress: show progress on stderr.
-        **conditions: of the quantity.
+        sizes: number of segments or functions, or several that increase, for all families, or
+            such sizes by the words for families. If not given, an answer that takes more than 10 s
+            of processor time is given up.
+        repeats: how often each answer is timed; the shortest time counts.
+        progress: whether to show progress on stderr.
+        **conditions: conditions of the quantity.
 
     Returns:
-        Trade; a model that fails, or is too small for the quantity, is a row that says so. Errors
-        less than ten times the reference's own are bounds (`resolved` is False). Counts of motions
-        may differ by a step from run to run, as rounding does.
+        Trade. The row of a model that fails or is too small for the quantity says so. Errors less
+        than ten times that of the reference are given as bounds (`resolved` is False). Counts of
+        motions may differ from run to run by a step of the integrator, because of rounding.
 
     Example:
         >>> found = pp.trade(pp.Pipe(0.2), "critical_speed", sizes=[4, 8], repeats=1)
@@ -223,7 +227,7 @@ def trade(
     """
     pipe = checked_pipe(pipe)
     asked = checked_quantity(quantity, conditions).prepared(pipe)
-    chosen = checked_families("families", families, DEFAULT)
+    chosen = checked_families("families", families, USUAL)
     wanted = _sizes(sizes, chosen, asked.least)
     every = [(family, size) for family in chosen for size in wanted[family.name]]
     repeats = check.count("repeats", repeats, high=1000)
@@ -235,7 +239,7 @@ def trade(
             f"moved it by {reference.error:.1e}",
             reference,
         )
-    patience = math.inf if sizes is not None else LONGEST
+    patience = math.inf if sizes is not None else LONGEST_ANSWER
     rows = [
         measured(pipe, asked, family, size, reference, repeats, patience)
         for family, size in track(every, len(every), "models", shown)
@@ -243,8 +247,8 @@ def trade(
     return Trade(pipe, asked, reference, tuple(rows))
 
 
-def _sizes(given: Any, families: Sequence[Family], least: int) -> dict[str, tuple[int, ...]]:
-    """Sizes by the names of families."""
+def _sizes(given: Any, families: Sequence[ModelFamily], least: int) -> dict[str, tuple[int, ...]]:
+    """Sizes to measure by the names of families, from the argument `sizes`."""
     own = {one.name: tuple(size for size in one.sizes if size >= least) for one in families}
     if given is None:
         return own
@@ -269,17 +273,17 @@ def _increasing(given: Any) -> tuple[int, ...]:
 def measured(
     pipe: Pipe,
     quantity: Quantity,
-    family: Family,
+    family: ModelFamily,
     size: int,
     reference: Answer,
     repeats: int,
     patience: float = math.inf,
 ) -> TradeRow:
-    """One model's error and cost; it fails where an answer takes longer than some seconds."""
+    """Error and cost of one model, which fails if its answer takes more than `patience` seconds."""
     times: list[float] = []
     dof, begin = 0, clock()
     try:
-        while len(times) < repeats and sum(times) < LONGEST:
+        while len(times) < repeats and sum(times) < LONGEST_ANSWER:
             models = family.models(pipe, size)
             dof = sum(model.dof for model in models)
             if models[0].dof < quantity.least:
@@ -288,7 +292,7 @@ def measured(
                 start = clock()
                 answers = [quantity.answer(model) for model in models]
                 answer = answers[0]
-                if family.paired:  # its order is twice that of one model
+                if family.paired:  # the order of a pair is twice that of one model
                     answer = quantity.extrapolated(answers[0], answers[1], 0.5 * family.order)
                 times.append(clock() - start)
     except Exception as failure:

@@ -278,7 +278,7 @@ def searched(model: Model, u: float, starts: Sequence[Start], counted: bool) -> 
     answer = those(kept, None if kept.all() else those(~kept))
     if not kept.any():
         raise NotConverged(
-            f"none of the {check.counted(len(xs), 'solution')} found at u = {u:g} is an "
+            f"none of the {check.how_many(len(xs), 'solution')} found at u = {u:g} is an "
             f"equilibrium of the pipe: {np.count_nonzero(~resolved)} are not resolved by "
             f"{model.dof} degrees of freedom, {np.count_nonzero(~valid)} lie where a term is not "
             "valid",

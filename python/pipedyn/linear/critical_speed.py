@@ -304,7 +304,7 @@ def _never_lost(model: AnyModel, max_speed: float) -> NoCrossing:
     growing = unstable_at_rest(model)
     if not growing:
         return NoCrossing(f"no loss of stability up to u = {max_speed:g}", max_speed)
-    roots = check.counted(growing, "root")
+    roots = check.how_many(growing, "root")
     return NoCrossing(
         f"the pipe is unstable at rest, where {roots} grow{'s' if growing == 1 else ''}, and no "
         f"more become unstable up to u = {max_speed:g}",

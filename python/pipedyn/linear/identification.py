@@ -354,7 +354,7 @@ def _checked(pipe: Pipe, measurements: Any, unknowns: Any) -> _Problem:
                 f"got {given.speed:g}{word}"
             )
     if len(measurements) < len(found):
-        few = check.counted(len(measurements), "measurement")
+        few = check.how_many(len(measurements), "measurement")
         raise NotIdentifiable(f"{few} cannot tell {len(found)} unknowns")
     return problem
 
@@ -532,7 +532,7 @@ class _Problem:
         if not self.explained(squares, freedom):
             warnings.append(
                 f"the pipe with these numbers does not explain the measurements: chi-squared is "
-                f"{squares:.3g} at {check.counted(freedom, 'degree')} of freedom. An effect is "
+                f"{squares:.3g} at {check.how_many(freedom, 'degree')} of freedom. An effect is "
                 "missing, a range too narrow, or the uncertainties are too small"
             )
         speed, by_x = self.roots(x, size).answer(Measurement("critical_speed", 0.0, 1.0))

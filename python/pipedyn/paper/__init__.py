@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: MIT
-"""The paper's analysis in one command."""
+"""The modal analysis of the paper, which the command computes, draws and reports."""

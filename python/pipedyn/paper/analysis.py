@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: MIT
-"""The paper's modal analysis: all results that its figures and its table show.
+"""The paper's modal analysis: computes all results that its figures and its table show.
 
-What fails is left out and named; the rest is kept.
+Results that fail are left out and named; all others are kept.
 """
 
 from __future__ import annotations
@@ -35,44 +35,45 @@ from pipedyn.util.later import futures
 from pipedyn.util.parallel import Job, outcome_of, parallel
 
 BRANCHES = 4
-"""Branches in figures 2 and 3: the paper's smallest chain has as many."""
+"""Number of branches in figures 2 and 3, which is that of the paper's smallest chain."""
 
 LEAST_HIGHEST, HIGHEST_SPEED = 8.0, 100.0
-"""Between these lies the highest flow speed of figures 2 and 3. At 8 the paper's case has lost
-stability; at 100 the branches need more than 60 functions."""
+"""Bounds of the highest flow speed in figures 2 and 3. At 8 the paper's pipe has lost stability; at
+100 the branches need more than 60 functions."""
 
 CHAIN_SIZES = (2, 3, 4, 6, 8, 11, 16, 23, 32, 45, 64)
 REDUCED_SIZES = (2, 3, 4, 5, 6, 7, 8, 10, 12, 16, 22, 32, 46)
-"""Sizes in the convergence picture, with those of the panels: factors of sqrt(2), and every small
-number of functions, because the error of Legendre functions falls to rounding by m = 12."""
+"""Sizes in the picture of convergence, besides those of the panels. They grow by factors of
+sqrt(2), but contain every small number of functions, because the error of Legendre functions falls
+to rounding by m = 12."""
 
 
 class Pace(NamedTuple):
-    """How many seconds pass where a core of the machine of `forecast` takes one."""
+    """Times that this machine needs for one second of work on the machine of `forecast`."""
 
-    alone: float  # on one thread
-    shared: float  # of work that all threads share
+    alone: float  # seconds for work on one thread
+    shared: float  # seconds for work that all threads share
 
 
 AS_MEASURED = Pace(1.0, 0.5)
-"""That machine's with two free cores."""
+"""Pace of the machine of `forecast` with two free cores."""
 
 SECONDS_OF_A_SEARCH = 0.16
-"""That machine's for the search of `measured_pace`."""
+"""Time of the search in `measured_pace` on a core of the machine of `forecast`."""
 
 DRAWING = {"png": 1.0, "pdf": 2.05, "svg": 1.7}
-"""How long the figures take in each format, against bitmaps: 3.9, 8.0 and 6.6 s of 9 panels."""
+"""Times of drawing in each format relative to bitmaps: 9 panels take 3.9, 8.0 and 6.6 s."""
 
 STARTED = 2.0
-"""What the command takes before it forecasts: imports and the searches of `measured_pace`."""
+"""Seconds before the forecast: the command imports modules and runs `measured_pace`."""
 
 MAP_MODES = 9
-"""Mass ratios of a map at which the mode is told that loses stability."""
+"""Number of mass ratios of a map at which the report names the mode that loses stability."""
 
 
 @dataclass(frozen=True)
-class Case:
-    """The options of the command; highest None: chosen from the critical speed."""
+class Options:
+    """The options of the command; if `highest` is None, it follows from the critical speed."""
 
     pipe: Pipe
     springs: list[str]
@@ -89,7 +90,7 @@ class Case:
 
 @dataclass(frozen=True)
 class Row:
-    """One line of the table: a model and its critical speed, or a remark why it has none."""
+    """One line of the table: a model and its critical speed, or a remark why there is none."""
 
     kind: str
     family: str
@@ -100,31 +101,32 @@ class Row:
 
 @dataclass
 class Findings:
-    """All that the figures and the table show; what failed is missing and named in `failures`."""
+    """Results that the figures and the table show; those that failed are named in `failures`."""
 
-    highest: float = 0.0  # end of the speeds in figures 2 and 3
-    exact: CriticalSpeed | None = None  # of the continuous pipe
-    remark: str = ""  # why there is none
-    crossings: Sequence[Crossing] | None = None  # of the continuous pipe, up to `highest`
+    highest: float = 0.0  # highest speed in figures 2 and 3
+    exact: CriticalSpeed | None = None  # critical speed of the continuous pipe
+    remark: str = ""  # why the continuous pipe has no critical speed
+    crossings: Sequence[Crossing] | None = None  # those of the continuous pipe, up to `highest`
     benchmark: RootLoci | None = None  # root loci of the continuous pipe
-    panels: list[list[tuple[str, RootLoci | None]]] = field(default_factory=list)  # rows, titled
+    panels: list[list[tuple[str, RootLoci | None]]] = field(default_factory=list)  # title, loci
     rows: list[Row] = field(default_factory=list)  # the table, without the continuous pipe
     maps: dict[float, Boundary] = field(default_factory=dict)  # over beta, by gamma
     curves: dict[float, StabilityCurve] = field(default_factory=dict)  # at some beta, by gamma
-    map_error: float = 0.0  # largest of the maps' boundaries
+    map_error: float = 0.0  # largest error of the boundaries on the maps
     failures: list[str] = field(default_factory=list)
 
 
-def gather(case: Case, executor: futures.Executor | None = None) -> Iterator[Findings]:
-    """Compute all that the figures and the table show, in an executor or in this process.
+def gather(case: Options, executor: futures.Executor | None = None) -> Iterator[Findings]:
+    """Computes all that the figures and the table show, in an executor or in this thread.
 
-    The findings come twice: first all but the maps, on which an executor goes on, then complete.
+    The findings are yielded twice: first without the maps, while an executor still computes these,
+    and then complete.
     """
     exact = Continuum(case.pipe)
     findings = Findings()
 
     def recorded(names: Iterable[str], answers: Iterator[Any]) -> dict[str, tuple[Any, str]]:
-        """What each of the next jobs returned, or None and the reason; failures are recorded."""
+        """Value of each of the next jobs by name, or None and the reason; records failures."""
         outcomes = {}
         for name, answer in zip(names, answers, strict=False):
             failed = isinstance(answer, Exception)
@@ -138,7 +140,7 @@ def gather(case: Case, executor: futures.Executor | None = None) -> Iterator[Fin
     findings.exact, findings.remark = found[name]
     findings.highest = _highest(case, findings.exact)
     speeds = np.linspace(0.0, findings.highest, case.speeds)
-    panels, families = _panels(case), _families(case)
+    panels, families = _panel_models(case), _families(case)
     jobs: dict[str, Job[Any]] = {
         "root loci, continuous pipe": partial(root_loci, exact, speeds, BRANCHES),
         "crossings, continuous pipe": partial(crossings, exact, findings.highest),
@@ -150,7 +152,7 @@ def gather(case: Case, executor: futures.Executor | None = None) -> Iterator[Fin
     gammas = _gammas(case)
     maps = {gamma: f"stability map, gamma = {gamma}" for gamma in gammas}
     top = map_top(findings.exact)
-    map_jobs = [partial(stability_map, replace(case.pipe, gamma=gamma), top) for gamma in gammas]
+    map_jobs = [partial(mapped_stability, replace(case.pipe, gamma=gamma), top) for gamma in gammas]
     every: list[Job[Any]] = [*jobs.values(), *map_jobs]
     answers = parallel(every, executor, label="models", progress=case.progress)
     outcomes = recorded(jobs, answers)
@@ -181,24 +183,25 @@ def gather(case: Case, executor: futures.Executor | None = None) -> Iterator[Fin
     yield findings
 
 
-def forecast(case: Case, pace: Pace = AS_MEASURED) -> float:
-    """About how many seconds the analysis takes, from what was asked of it.
+def forecast(case: Options, pace: Pace = AS_MEASURED) -> float:
+    """Estimate, in seconds, of how long the analysis of some options takes.
 
-    Each constant is a core's time (AMD Zen 4), measured for chains of 4 to 256 segments, reduced
-    models of 2 to 200 functions, 21 to 721 speeds up to 8 and 100, and maps up to 0.3 to 30. The
-    threads share what is computed; one draws. The continuous pipe needs functions in proportion to
-    the highest speed, and each speed their number's second or third power.
+    Each constant is the time of a core of one machine (AMD Zen 4), measured for chains of 4 to 256
+    segments, reduced models of 2 to 200 functions, 21 to 721 speeds up to 8 and 100, and maps up to
+    speeds of 0.3 to 30. Threads share the computations, and one thread draws. The number of
+    functions for the continuous pipe is proportional to the highest speed, and the time of each
+    speed to the second or third power of that number.
 
     Args:
-        case: the options.
-        pace: how fast that goes on this machine, see `measured_pace`.
+        case: the options of the command.
+        pace: how fast this machine is, as `measured_pace` returns it.
     """
     exact = outcome_of(partial(critical_speed, Continuum(case.pipe)))
     found = None if isinstance(exact, Exception) else exact
     rows = len(case.springs)
     highest = _highest(case, found)
-    continuous = 1.7e-5 * highest**3  # its loci at few speeds, and its crossings
-    at_a_speed = 1.5e-3 + 3.5e-6 * highest**2  # of the continuous pipe
+    continuous = 1.7e-5 * highest**3  # crossings of the continuous pipe, and loci at a few speeds
+    at_a_speed = 1.5e-3 + 3.5e-6 * highest**2  # loci of the continuous pipe at each speed
     at_a_speed += rows * sum(1e-6 * n for n in case.chain_sizes)
     at_a_speed += sum(6e-7 * m**2.35 for m in case.reduced_sizes)
     critical = sum(6.5e-7 * m**3 for m in {*REDUCED_SIZES, *case.reduced_sizes})
@@ -207,13 +210,13 @@ def forecast(case: Case, pace: Pace = AS_MEASURED) -> float:
     computed = len(_gammas(case)) * a_map + critical + continuous + case.speeds * at_a_speed
     panels = rows * len(case.chain_sizes) + len(case.reduced_sizes)
     drawn = DRAWING[case.format] * (1.05 + panels * (0.3 + 1.4e-4 * case.speeds))
-    # Most is drawn while threads compute: where these hold one another up, they hold it up, too.
+    # Most figures are drawn while threads compute, so that these slow the drawing down, too.
     slower = max(pace.alone, pace.shared)
     return STARTED * pace.alone + computed * pace.shared + drawn * slower
 
 
 def measured_pace(workers: int) -> Pace:
-    """How fast this machine is now, from a short search on one thread and on all of them."""
+    """Current speed of this machine, from short searches on one thread and on all threads."""
     threads = max(1, workers)
     window = {"beta": (0.1, 0.3), "u": (0.0, 8.0)}
     search = partial(boundary, criticality=False, only_stability=True)
@@ -231,20 +234,20 @@ def _seconds_of(jobs: list[Job[Any]], executor: futures.Executor | None = None) 
     return time.perf_counter() - begin
 
 
-def _highest(case: Case, critical: CriticalSpeed | None) -> float:
-    """End of the speeds in figures 2 and 3."""
+def _highest(case: Options, critical: CriticalSpeed | None) -> float:
+    """Highest flow speed in figures 2 and 3."""
     wanted = 0.0 if critical is None else math.ceil(1.5 * critical.speed)
     return case.highest or float(min(max(wanted, LEAST_HIGHEST), HIGHEST_SPEED))
 
 
-def _gammas(case: Case) -> list[float]:
-    """Of the maps: the pipe's own; a standing pipe that does not buckle, a level, two hanging."""
+def _gammas(case: Options) -> list[float]:
+    """Values of gamma for the maps: the pipe's own, and those of standing, level, hanging pipes."""
     own = case.pipe.gamma
     return [own, *sorted({-10.0, 0.0, 10.0, 100.0} - {own}, reverse=True)]
 
 
 def map_top(critical: CriticalSpeed | None) -> float:
-    """Highest speed of the map: low for a pipe that the smallest flow makes unstable."""
+    """Highest speed of a map, which is low for a pipe that loses stability at a low speed."""
     if critical is None:
         return 20.0
     if critical.speed < 1.0:
@@ -257,7 +260,7 @@ def _remark(error: Exception) -> str:
     return text if isinstance(error, NoCrossing) else f"{type(error).__name__}: {text}"
 
 
-def _panels(case: Case) -> list[list[tuple[str, Model]]]:
+def _panel_models(case: Options) -> list[list[tuple[str, Model]]]:
     """Title and model of each panel: a row for each spring rule, and one for the basis.
 
     The longest row comes last, so that every column ends there.
@@ -272,7 +275,7 @@ def _panels(case: Case) -> list[list[tuple[str, Model]]]:
     return sorted(rows, key=len)
 
 
-def _families(case: Case) -> list[tuple[str, str, Model]]:
+def _families(case: Options) -> list[tuple[str, str, Model]]:
     """Kind, rule or basis, and model of each line of the table but the first."""
     chains = sorted({*CHAIN_SIZES, *case.chain_sizes})
     reduced = sorted({*REDUCED_SIZES, *case.reduced_sizes})
@@ -282,8 +285,8 @@ def _families(case: Case) -> list[tuple[str, str, Model]]:
     ]
 
 
-def stability_map(pipe: Pipe, top: float) -> tuple[Boundary, StabilityCurve]:
-    """Boundaries of the continuous pipe over beta and speed, and in which modes it is lost."""
+def mapped_stability(pipe: Pipe, top: float) -> tuple[Boundary, StabilityCurve]:
+    """Stability boundaries of the continuous pipe over beta and u, and the modes that lose it."""
     ranges = {"beta": (0.01, 0.98), "u": (0.0, 1.02 * top)}
     found = boundary(Continuum(pipe), "beta", "u", ranges, criticality=False, only_stability=True)
     size = math.ceil(0.8 * top) + 4

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""The command's pipe: options with its nondimensional numbers, or with what was measured in SI."""
+"""Options of the command for the pipe, in nondimensional numbers or in SI units."""
 
 from __future__ import annotations
 
@@ -11,17 +11,17 @@ from typing import Any
 from pipedyn.models.pipe import FLOWS, Pipe
 from pipedyn.util import check
 
-EITHER = ("flow", "alpha")
-"""Options without a unit, of both kinds of pipe."""
+UNITLESS_OPTIONS = ("flow", "alpha")
+"""Options without a unit, which both kinds of pipe have."""
 
-NONDIMENSIONAL = {
+NONDIMENSIONAL_OPTIONS = {
     "beta": ("B", 0.2, "mass ratio in [0, 1)"),
     "gamma": ("G", 0.0, "gravity; negative when the free end stands above the clamp"),
     "damping": ("D", 0.0, "Kelvin-Voigt damping, D >= 0"),
 }
-"""Metavariable, default and help by name."""
+"""Options for nondimensional numbers by name: metavariable, default and help."""
 
-SI = {
+SI_OPTIONS = {
     "length": ("L", None, "length, m"),
     "bending-stiffness": ("EI", None, "bending stiffness, N m^2"),
     "youngs-modulus": ("E", None, "in its place: Young's modulus, Pa, with both diameters"),
@@ -34,15 +34,15 @@ SI = {
     "gravity": ("G", 9.81, "m/s^2; negative when the free end stands above the clamp"),
     "damping-time": ("T", 0.0, "stress is E (strain + T d strain / dt), s"),
 }
-"""The same in SI units."""
+"""Options for quantities in SI units by name: metavariable, default and help."""
 
 
 def add_pipe_options(parser: argparse.ArgumentParser) -> None:
-    """Add the options; those of one unit that are not given are None."""
+    """Adds the options of the pipe; those that are not given and have a unit become None."""
     usual = "(default: %(default)s)"
     groups = (
-        ("nondimensional pipe", None, NONDIMENSIONAL),
-        ("pipe in SI units", "Speeds are then in m/s, frequencies in Hz.", SI),
+        ("nondimensional pipe", None, NONDIMENSIONAL_OPTIONS),
+        ("pipe in SI units", "Speeds are then in m/s, frequencies in Hz.", SI_OPTIONS),
     )
     for title, text, options in groups:
         add = parser.add_argument_group(title, text).add_argument
@@ -56,18 +56,19 @@ def add_pipe_options(parser: argparse.ArgumentParser) -> None:
 
 
 def taken_pipe(given: dict[str, Any]) -> Pipe:
-    """The pipe of the options, which are taken out of what was given.
+    """Makes the pipe from its options, and removes these from `given`.
 
     Raises:
-        ValueError: for numbers out of range, options of both units, or too few or too many.
+        ValueError: if numbers are out of range, if options of both kinds are given, or if there are
+            too few or too many of them.
     """
-    both = {name: given.pop(name) for name in EITHER}
+    both = {name: given.pop(name) for name in UNITLESS_OPTIONS}
     numbers, measured = (
         {name: value for name in names if (value := given.pop(name.replace("-", "_"))) is not None}
-        for names in (NONDIMENSIONAL, SI)
+        for names in (NONDIMENSIONAL_OPTIONS, SI_OPTIONS)
     )
     if not measured:
-        defaults = {name: default for name, (_, default, _) in NONDIMENSIONAL.items()}
+        defaults = {name: default for name, (_, default, _) in NONDIMENSIONAL_OPTIONS.items()}
         return Pipe(**(defaults | numbers), **both)
     if numbers:
         raise ValueError(
@@ -89,7 +90,7 @@ def _quantities(measured: Mapping[str, float]) -> dict[str, Any]:
         return check.real(f"argument --{name}:", measured[name], **bounds)
 
     def either(name: str, other: str, factor: Any) -> float:
-        """A quantity that is given as it is, or by a property of the material and the section."""
+        """A quantity given directly, or as a property of the material times one of the section."""
         if name in measured and other in measured:
             raise ValueError(f"argument --{other}: cannot be given with --{name}")
         if other in measured:
@@ -97,7 +98,7 @@ def _quantities(measured: Mapping[str, float]) -> dict[str, Any]:
         return needed(name, f"in SI units, or --{other}")
 
     def section(power: int, why: str) -> float:
-        """D^power - d^power of the wall."""
+        """D^power - d^power, from the outer and inner diameters."""
         outer, inner = needed("outer-diameter", why), needed("inner-diameter", why)
         if outer <= inner:
             raise ValueError(

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""The paper's modal analysis as figures, a table and sentences."""
+"""Figures, a table and sentences that report the paper's modal analysis."""
 
 from __future__ import annotations
 
@@ -20,42 +20,42 @@ from pipedyn.linear.critical_speed import CriticalSpeed, stable_speeds
 from pipedyn.linear.sensitivity import Crossing
 from pipedyn.models.continuum import Continuum
 from pipedyn.models.pipe import Pipe
-from pipedyn.paper.analysis import CHAIN_SIZES, REDUCED_SIZES, Case, Findings, Row, map_top
+from pipedyn.paper.analysis import CHAIN_SIZES, REDUCED_SIZES, Findings, Options, Row, map_top
 from pipedyn.plot.linear import DOT, ONSET
-from pipedyn.plot.units import GROWTH, ROOT_FREQUENCY, SPEED, Units, View
+from pipedyn.plot.units import FLOW_SPEED, GROWTH, ROOT_FREQUENCY, Units, View
 from pipedyn.util.table import Table
 
 
-def loci_figure(case: Case, findings: Findings) -> plot.Figure:
-    """Figure 2."""
+def loci_figure(case: Options, findings: Findings) -> plot.Figure:
+    """Figure 2 of the paper: root loci of each model."""
     left, right, top = _ranges(findings)
     view = _view(case.pipe)
     rate = view.one(GROWTH)
     picture = partial(plot.root_loci, benchmark=findings.benchmark, highest=findings.highest)
     across = (rate * left, rate * right)
-    figure, bar = _panels(case, findings, picture, view.label(SPEED), across, rate * top)
+    figure, bar = _panel_figure(case, findings, picture, view.label(FLOW_SPEED), across, rate * top)
     if findings.exact is not None:
         for ax in figure.axes:
             if ax is bar:
-                ax.axhline(view.one(SPEED) * findings.exact.speed, **CRITICAL_LINE)
+                ax.axhline(view.one(FLOW_SPEED) * findings.exact.speed, **CRITICAL_LINE)
             else:
                 ax.plot([0.0], [rate * findings.exact.frequency], **CRITICAL_POINT)
     return _explained(case, figure, findings, CRITICAL_POINT)
 
 
-def frequency_figure(case: Case, findings: Findings) -> plot.Figure:
-    """Figure 3."""
+def frequency_figure(case: Options, findings: Findings) -> plot.Figure:
+    """Figure 3 of the paper: frequencies of each model against flow speed."""
     left, right, top = _ranges(findings)
     view = _view(case.pipe)
-    largest, end = max(-left, right), view.one(SPEED) * findings.highest
+    largest, end = max(-left, right), view.one(FLOW_SPEED) * findings.highest
     picture = partial(plot.frequencies, benchmark=findings.benchmark, largest=largest)
     across = (-0.02 * end, 1.02 * end)
     top *= view.one(ROOT_FREQUENCY)
-    figure, bar = _panels(case, findings, picture, view.label(GROWTH), across, top)
+    figure, bar = _panel_figure(case, findings, picture, view.label(GROWTH), across, top)
     if findings.exact is not None:
         for ax in figure.axes:
             if ax is not bar:
-                ax.axvline(view.one(SPEED) * findings.exact.speed, zorder=0.6, **CRITICAL_LINE)
+                ax.axvline(view.one(FLOW_SPEED) * findings.exact.speed, zorder=0.6, **CRITICAL_LINE)
     outline = Line2D([], [], color="0.85", linewidth=2.0, label="unstable: black outline")
     outline.set_path_effects([withStroke(linewidth=4.2, foreground="black")])
     return _explained(case, figure, findings, CRITICAL_LINE, outline)
@@ -64,51 +64,51 @@ def frequency_figure(case: Case, findings: Findings) -> plot.Figure:
 CRITICAL_LINE: dict[str, Any] = {"color": "black", "linestyle": ":", "linewidth": 1.1}
 CRITICAL_POINT: dict[str, Any] = {"color": plot.VERMILION, "marker": "+", "markersize": 8.0}
 CRITICAL_POINT |= {"linestyle": "none", "markeredgewidth": 1.1, "zorder": 5.0}
-"""Of the continuous pipe."""
+"""Look of the critical speed of the continuous pipe, as a line and as a point."""
 
 
-def convergence_figure(case: Case, findings: Findings) -> plot.Figure:
-    """Critical speeds against the number of degrees of freedom."""
+def convergence_figure(case: Options, findings: Findings) -> plot.Figure:
+    """Figure of the errors of critical speeds against the number of degrees of freedom."""
     figure, ((ax,),) = plot.panels(1, 1, 6.4, 5.2)
     if findings.exact is None:
         plot.notice(findings.remark, ax=ax)
     else:
         plot.convergence(_by_family(findings), findings.exact, ax=ax)
-    ax.set_title(_title(case.pipe))
+    ax.set_title(_pipe_title(case.pipe))
     return figure
 
 
-def map_figure(case: Case, findings: Findings) -> plot.Figure:
-    """The stability map."""
+def map_figure(case: Options, findings: Findings) -> plot.Figure:
+    """Figure of the stability boundaries over beta, for several gamma."""
     figure, ((ax,),) = plot.panels(1, 1, 6.4, 4.8)
     maps = {rf"$\gamma = {gamma:g}$": found for gamma, found in sorted(findings.maps.items())}
     plot.stability_map(
-        maps, map_top(findings.exact), findings.exact, units=_units(case.pipe), ax=ax
+        maps, map_top(findings.exact), findings.exact, units=_units_of(case.pipe), ax=ax
     )
     ax.set_xlim(0.0, 1.0)
     ax.set_title(f"Stability boundaries of the continuous pipe, {_flow(case.pipe)}")
     return figure
 
 
-Draw: TypeAlias = Callable[[Case, Findings], plot.Figure]
+Draw: TypeAlias = Callable[[Options, Findings], plot.Figure]
 
 BEFORE_MAPS: dict[str, Draw] = {
     "figure-2-root-loci": loci_figure,
     "figure-3-frequencies": frequency_figure,
     "convergence": convergence_figure,
 }
-"""Figures by file name that do without the stability maps, which take longest."""
+"""Figures by file name that need no stability maps, whose computation takes longest."""
 
 
-def _panels(
-    case: Case,
+def _panel_figure(
+    case: Options,
     findings: Findings,
     picture: Callable[..., Any],
     bar: str,
     across: tuple[float, float],
     top: float,
 ) -> tuple[plot.Figure, Any]:
-    """One picture of each model, with letters, and a colour bar; the figure and the bar's Axes."""
+    """A figure with a picture of each model and a colour bar; returns it and the bar's Axes."""
     rows, columns = len(findings.panels), max(len(row) for row in findings.panels)
     figure, axes = plot.panels(rows, columns, 1.5 + 2.05 * columns, 1.1 + 2.1 * rows)
     letters = iter(string.ascii_lowercase)
@@ -121,18 +121,18 @@ def _panels(
         if loci is None:
             ax.text(0.5, 0.5, "not computed", transform=ax.transAxes, ha="center")
         else:
-            picture(loci, units=_units(case.pipe), ax=ax)
+            picture(loci, units=_units_of(case.pipe), ax=ax)
             beyond = _beyond(ax, across, top)
             ax.text(0.97, 0.96, beyond, transform=ax.transAxes, ha="right", va="top", size=6.5)
         ax.label_outer()
-        # What has no labels, or draws within the Axes, does not count in the layout, whose time is
-        # that of measuring.
+        # Axes without labels, and spines, are left out of the layout, which takes the time that it
+        # needs to measure artists.
         ax.xaxis.set_in_layout(i == rows - 1)
         ax.yaxis.set_in_layout(j == 0)
         for spine in ax.spines.values():
             spine.set_in_layout(False)
     named = "" if _view(case.pipe).si else "; all quantities nondimensional"
-    figure.suptitle(f"{_title(case.pipe)}{named}", fontsize=9.0)
+    figure.suptitle(f"{_pipe_title(case.pipe)}{named}", fontsize=9.0)
     shown = plot.colour_bar(bar, ax=axes)
     axes[0, 0].set_xlim(across)
     axes[0, 0].set_ylim(-0.03 * top, 1.04 * top)
@@ -140,7 +140,7 @@ def _panels(
 
 
 def _beyond(ax: Any, across: tuple[float, float], top: float) -> str:
-    """A note on branches that leave the axes, which are those of the continuous pipe."""
+    """A note on how far branches go beyond the axes, which are chosen for the continuous pipe."""
     (left, right), (_, high) = ax.dataLim.intervalx, ax.dataLim.intervaly
     name = ax.get_xlabel()
     ends = [f"{name} to {end:.3g}" for end in (left, right) if not across[0] <= end <= across[1]]
@@ -150,9 +150,9 @@ def _beyond(ax: Any, across: tuple[float, float], top: float) -> str:
 
 
 def _explained(
-    case: Case, figure: plot.Figure, findings: Findings, critical: Any, *more: Any
+    case: Options, figure: plot.Figure, findings: Findings, critical: Any, *more: Any
 ) -> plot.Figure:
-    """The figure with a legend below: what the marks are."""
+    """Adds a legend of the marks below a figure, and returns the figure."""
     handles = []
     if findings.benchmark is not None:
         step = findings.benchmark.speeds[plot.dot_stride(findings.benchmark)]
@@ -170,9 +170,9 @@ def _explained(
 
 
 def _ranges(findings: Findings) -> tuple[float, float, float]:
-    """Least and greatest real part, and greatest |Im|, of figures 2 and 3.
+    """Least and greatest real part, and greatest |Im|, that figures 2 and 3 show.
 
-    They are those of the benchmark with room on both sides; without one, of all panels.
+    They are those of the continuous pipe, or of all panels without it, with some room added.
     """
     every = [loci for row in findings.panels for _, loci in row if loci is not None]
     if findings.benchmark is not None:
@@ -185,21 +185,21 @@ def _ranges(findings: Findings) -> tuple[float, float, float]:
     return float(left - margin), float(right + margin), float(max(1.05 * top, 1.0))
 
 
-def _units(pipe: Pipe) -> Units:
-    """SI where the pipe's numbers come from it."""
+def _units_of(pipe: Pipe) -> Units:
+    """Units of the figures: SI units if the pipe's numbers were given in these."""
     return "nondimensional" if pipe.scales is None else "si"
 
 
 def _view(pipe: Pipe) -> View:
-    return View(_units(pipe), pipe)
+    return View(_units_of(pipe), pipe)
 
 
 def _said(pipe: Pipe, u: float) -> str:
-    """A flow speed in a sentence."""
+    """A flow speed in words for a sentence, in the units of the figures."""
     return _view(pipe).speed(u, 5).replace("$", "")
 
 
-def _title(pipe: Pipe) -> str:
+def _pipe_title(pipe: Pipe) -> str:
     return rf"$\beta = {pipe.beta:g}$, $\gamma = {pipe.gamma:g}$, {_flow(pipe)}"
 
 
@@ -210,7 +210,7 @@ def _flow(pipe: Pipe) -> str:
 
 
 def verdict(findings: Findings) -> str:
-    """Whether the paper's spring rule converges, in one sentence."""
+    """One sentence that says whether the paper's spring rule converges."""
     exact = findings.exact
     if exact is None:
         return "The continuous pipe has no critical speed to compare with."
@@ -229,7 +229,7 @@ def verdict(findings: Findings) -> str:
 
 
 def instabilities(pipe: Pipe, findings: Findings) -> str:
-    """At which speeds the continuous pipe is stable, and where instabilities begin and end."""
+    """Sentences on the speeds at which the continuous pipe is stable, and on its instabilities."""
     exact = findings.exact
     start = ""
     if exact is not None and not exact.stable_at_rest:
@@ -253,7 +253,7 @@ def instabilities(pipe: Pipe, findings: Findings) -> str:
 
 
 def second_mode(findings: Findings) -> list[str]:
-    """Whether the instability is in the second mode, from the table and from the map."""
+    """Sentences that say whether the second mode loses stability, in the table and on the maps."""
     lines = []
     exact = findings.exact
     if exact is not None and exact.unstable_before:
@@ -285,7 +285,7 @@ def second_mode(findings: Findings) -> list[str]:
 
 
 def _loses(crossing: Crossing) -> bool:
-    """Whether a stable pipe becomes unstable."""
+    """Whether a stable pipe becomes unstable at a crossing."""
     return crossing.destabilising and crossing.unstable_before == 0
 
 
@@ -297,18 +297,18 @@ def _by_family(findings: Findings) -> dict[str, list[CriticalSpeed]]:
     return families
 
 
-HEADER = (
+HEADINGS = (
     *("model", "springs or basis", "size", "speed", "frequency", "kind", "mode"),
     *("stable at rest", "error %", "own error", "remark"),
 )
 
 
 SI_HEADER = ("speed (m/s)", "frequency (Hz)")
-"""Further columns of a pipe in SI units."""
+"""Headings of the further columns for a pipe in SI units."""
 
 
 def table(pipe: Pipe, findings: Findings) -> list[tuple[str, ...]]:
-    """Lines of the table under its headings, the continuous pipe first; numbers with all digits."""
+    """Rows of the table, the continuous pipe first, with all digits of the numbers."""
     exact = findings.exact
     first = Row("continuous", "", 0 if exact is None else exact.size, exact, findings.remark)
     lines: list[tuple[str, ...]] = []
@@ -330,8 +330,8 @@ def table(pipe: Pipe, findings: Findings) -> list[tuple[str, ...]]:
     return lines
 
 
-def report(case: Case, findings: Findings) -> str:
-    """The text to print: the table for the panels' sizes and the largest one, and conclusions."""
+def report(case: Options, findings: Findings) -> str:
+    """The text to print: the table for the sizes of the panels and the largest, and sentences."""
     shown = {
         "chain": {*case.chain_sizes, max((*CHAIN_SIZES, *case.chain_sizes))},
         "reduced": {*case.reduced_sizes, max((*REDUCED_SIZES, *case.reduced_sizes))},
@@ -348,7 +348,7 @@ def report(case: Case, findings: Findings) -> str:
         f"alpha = {pipe.alpha:g}, damping = {pipe.damping:g}\n"
     )
     units = ("u_c", "omega_c") if pipe.scales is None else ("V_c (m/s)", "f_c (Hz)")
-    headings = ("model, springs or basis", "size", *units, "kind", "mode", *HEADER[-3:])
+    headings = ("model, springs or basis", "size", *units, "kind", "mode", *HEADINGS[-3:])
     compared = (
         f"  The map's boundaries are within {findings.map_error:.0e} of those of a smaller basis."
     )

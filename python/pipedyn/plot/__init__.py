@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: MIT
-"""Pictures of results. Every picture is made on the matplotlib Axes `ax`, and returns it.
+"""Pictures of results. Most functions draw on matplotlib Axes and return them.
 
-`ax` is given by name; where it is not, the picture makes a new figure. `units="si"` shows all in SI
-units, where the pipe was made with `Pipe.from_si`; else axes are nondimensional, some with a second
-one in SI units. `animate` returns a film, `films` one of each attractor. Colours of magnitudes grow
-in lightness. Whatever colour distinguishes, line style, marker or outline distinguishes too, so
+The Axes are the keyword argument `ax`; without it a function makes a new figure. `units="si"` shows
+SI units if the pipe was made with `Pipe.from_si`. Otherwise axes are nondimensional, some with a
+second axis in SI units. `animate` returns a film, `films` a film of each attractor. Colours of
+magnitudes grow in lightness. Line styles, markers or outlines distinguish whatever colours do, so
 that a picture printed in grey loses nothing.
 """
 

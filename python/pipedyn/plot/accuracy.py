@@ -30,7 +30,7 @@ FAMILY_STYLES: dict[str, dict[str, Any]] = {
     "beam": {"color": common.GREEN, "marker": "^", "linestyle": "-."},
     "legendre": {"color": common.BLACK, "marker": "P", "linestyle": ":"},
 }
-"""Look of each spring rule and basis."""
+"""Look of the curve of each spring rule and basis."""
 
 COST_LABELS = {
     "seconds": "processor time of an answer (s)",
@@ -61,11 +61,11 @@ def convergence(
     shows as an open marker and is not fitted.
 
     Args:
-        families: critical speeds of models of growing size under the name of their spring rule or
+        families: critical speeds of models of growing size, by the name of their spring rule or
             basis.
         exact: critical speed of the continuous pipe.
-        units: "nondimensional", or "si" where the pipe has scales.
-        ax: where to draw; new Axes where not given.
+        units: "nondimensional", or "si" if the pipe has scales.
+        ax: Axes to draw on; new ones if not given.
 
     Example:
         >>> pipe = pp.Pipe(0.2)
@@ -86,7 +86,7 @@ def convergence(
     ax = common.axes(ax, (6.4, 5.2), xlabel="degrees of freedom $n$, $m$", ylabel=ylabel)
     if exact.speed == 0.0:
         return common.notice("The critical speed is 0: there is nothing to converge to.", ax=ax)
-    if not families:  # nothing positive is there that logarithmic axes could show
+    if not families:  # logarithmic axes need a positive number
         return common.notice("No model has an answer to show.", ax=ax)
     floor = max(own_error(found, exact) for found in families.values())
     least, largest, others = 1.0, 2.0, False
@@ -101,7 +101,7 @@ def convergence(
         if fitted.law == "flat":
             limit, place = abs(fitted.limit), ax.get_yaxis_transform()
             ax.axhline(limit, color=colour, linewidth=0.7, zorder=0.8)
-            ax.text(1.01, limit, _percent(fitted.limit), color=colour, va="center", transform=place)
+            ax.text(1.01, limit, _signed(fitted.limit), color=colour, va="center", transform=place)
         least, largest = min([least, *shown]), max([largest, *shown])
         others = others or not same_kind.all()
     if others:
@@ -120,17 +120,17 @@ def convergence(
 def trade(
     found: Trade, cost: str = "seconds", *, units: Units = "nondimensional", ax: Axes | None = None
 ) -> Axes:
-    """Error against cost, log-log: each family a line, and the Pareto front as a grey band.
+    """Error against cost on logarithmic axes, a line for each family and a band for the front.
 
-    Where the reference is not accurate enough to measure a model's error, an open marker with an
-    arrow shows a bound, ten times the reference's own error. The order of convergence of each
-    family stands in the legend.
+    The grey band is the Pareto front. If the reference is not accurate enough to measure the error
+    of a model, an open marker with an arrow shows a bound. The legend gives the order of
+    convergence of each family.
 
     Args:
-        found: what was measured.
+        found: the measurement to show.
         cost: "seconds", "dof", "right_hand_sides" or "factorisations".
-        units: "nondimensional", or "si" where the pipe has scales.
-        ax: where to draw; new Axes where not given.
+        units: "nondimensional", or "si" if the pipe has scales.
+        ax: Axes to draw on; new ones if not given.
 
     Example:
         >>> ax = plot.trade(pp.trade(pp.Pipe(0.2), "critical_speed", sizes=[4, 8, 16], repeats=1))
@@ -156,7 +156,7 @@ def trade(
             for point in np.stack([x, y], axis=1)[resolved == 0.0]:
                 ax.annotate("", point, (0, -14), textcoords="offset points", arrowprops=arrow)
     x, y, _ = _points(found.pareto(cost), cost)
-    if x.size:  # empty where the most accurate model has no such cost
+    if x.size:  # empty if the rows on the front have a cost of 0
         band: dict[str, Any] = {"color": "0.75", "linewidth": 6.0, "solid_capstyle": "round"}
         ax.plot(x, y, zorder=0.9, label="Pareto front", **band)
     ax.set_xscale("log")
@@ -175,9 +175,9 @@ def trade(
 
 
 def _draw(ax: Axes, family: str, x: Array, y: Array, filled: NDArray[np.bool_], label: str) -> str:
-    """A family as a line with filled and open markers; returns its colour.
+    """Draws a family as a line with filled and open markers, and returns its colour.
 
-    A pair of sizes has its rule's colour, and a smaller marker on a dotted line.
+    A pair of models has the colour of its spring rule, and smaller markers on a dotted line.
     """
     rule = family.removesuffix(" pair")
     look = {"linewidth": 1.1, "markersize": 5.0, **FAMILY_STYLES.get(rule, {"color": "0.4"})}
@@ -190,28 +190,28 @@ def _draw(ax: Axes, family: str, x: Array, y: Array, filled: NDArray[np.bool_], 
 
 
 def _law(fitted: ConvergenceLaw, unit: str, sign: str = "+") -> str:
-    """The law by which errors fall, for a legend; sign "-" for errors without theirs."""
+    """The law by which errors fall, in words for a legend; sign "-" omits plus signs."""
     if fitted.law == "power":
         return f"order {fitted.rate:.2f}"
     if fitted.law == "exponential":
         return f"factor {fitted.rate:.2g} per {unit}"
     if fitted.law == "flat":
-        return f"tends to {_percent(fitted.limit, sign)}"
+        return f"tends to {_signed(fitted.limit, sign)}"
     return "no clear order"
 
 
-def _percent(part: float, sign: str = "+") -> str:
-    """A fraction in percent; sign "+" shows a plus as well."""
+def _signed(part: float, sign: str = "+") -> str:
+    """A fraction in percent; sign "+" also shows a plus sign."""
     return f"{100.0 * part:{sign}.2f} %".replace("-", "\u2212")
 
 
 def _floor(ax: Axes, high: float, label: str) -> None:
-    """A grey band of errors too small to be measured."""
+    """Draws a grey band over the errors that are too small to be measured."""
     ax.axhspan(1e-300, high, facecolor="0.93", edgecolor="0.7", zorder=0.2, label=label)
 
 
 def _points(rows: Sequence[TradeRow], cost: str) -> Array:
-    """Costs, errors and whether they are resolved, of what logarithmic axes can show, (3, k)."""
+    """Costs, errors and whether these are resolved, of rows that log axes can show, (3, k)."""
     values = [(getattr(row, cost), row.error, row.resolved) for row in rows]
     table = np.array(values, dtype=np.float64).reshape(-1, 3)
     shown = (table[:, 0] > 0.0) & (table[:, 1] > 0.0) & np.isfinite(table[:, 1])
@@ -219,7 +219,7 @@ def _points(rows: Sequence[TradeRow], cost: str) -> Array:
 
 
 def _decades(ax: Axes, low: float, high: float, floor: float) -> None:
-    """Axes from the least to the largest error, to the floor where that is near; the legend."""
+    """Sets the range and ticks of errors, down to a near floor, and adds the legend."""
     low = min(low, 0.5 * floor) if floor > 0.1 * low else low
     room = 1.2 * (high / low) ** 0.03
     low, high = low / room, high * room

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Pictures of attractors: their basins, Poincare sections and spectra."""
+"""Pictures of attractors: basins, Poincare sections, spectra and films."""
 
 from __future__ import annotations
 
@@ -16,38 +16,39 @@ from pipedyn.diagram import BifurcationDiagram
 from pipedyn.motion.simulate import simulate
 from pipedyn.plot import common
 from pipedyn.plot.motion import Film, animate
-from pipedyn.plot.units import AMPLITUDE, FREQUENCY, GROWTH, TIME, TIP, Quantity, Units, View, rate
+from pipedyn.plot.units import AMPLITUDE, ELAPSED, GROWTH, OMEGA, TIP, Measure, Units, View, rate
 from pipedyn.util import check
 
 FILLS = ("#0072B2", "#F0E442", "#56B4E9", "#8C3B00", "#009E73", "#E9C6DA", "#333333", "#E69F00")
-"""Colours of basins. Neighbours in the row differ in lightness, so that they do in grey."""
+"""Colours of basins. Neighbours in the row differ in lightness, so that they differ in grey."""
 
 UNSETTLED, FAILED = "0.75", "#FFFFFF"
 
-MARKERS = ("o", "s", "^", "D", "v", "P", "X", "h")
-"""Of attractors at rest, and of sections."""
+SHAPES = ("o", "s", "^", "D", "v", "P", "X", "h")
+"""Markers of attractors at rest, and of points in Poincare sections."""
 
 SMALLEST_VIEW = 0.05
-"""Share of the largest value that a section's axes span at least: a cycle's points are points."""
+"""Least half-width of the axes of a section, as a share of the largest value. Without it the few
+points of a cycle would be magnified until rounding shows."""
 
 FILMED = 10.0
-"""Time in a film of an irregular motion: some twenty swings of flutter."""
+"""Duration of the motion in a film of an irregular motion, in T: some twenty swings of flutter."""
 
-LEAST = 1e-5
-"""Part of its highest line below which a spectrum is not shown: what motions err."""
+LOWEST_LINE = 1e-5
+"""Share of the highest line below which a spectrum is not shown: errors of motions are as large."""
 
 
 def basins(found: Attractors, *, units: Units = "nondimensional", ax: Axes | None = None) -> Axes:
-    """Basins of attraction: which attractor each start of a plane ends on.
+    """Basins of attraction: the attractor that the motion from each start of a plane ends on.
 
-    Each attractor has a colour and in the legend its share of the starts. A white marker shows an
-    equilibrium that lies in the plane. Starts whose motions did not settle are grey, failed ones
-    white. Coordinates are the model's, counted from 0.
+    Each attractor has a colour, and the legend gives its share of the starts. A white marker shows
+    an equilibrium that lies in the plane. Starts whose motions did not settle are grey, and those
+    whose motions failed are white. Coordinates are those of the model, counted from 0.
 
     Args:
         found: attractors from a `StartPlane` of at least 2 values along both axes.
-        units: "nondimensional", or "si" where the pipe has scales.
-        ax: where to draw; new Axes where not given.
+        units: "nondimensional", or "si" if the pipe has scales.
+        ax: Axes to draw on; new ones if not given.
 
     Example:
         >>> angles = np.linspace(-1.0, 1.0, 5)
@@ -64,7 +65,7 @@ def basins(found: Attractors, *, units: Units = "nondimensional", ax: Axes | Non
         rule = "found must come from a StartPlane of at least 2 values along both axes"
         raise ValueError(f"{rule}, got {len(found.starts)} starts of another kind")
     view = View(units, found.model.pipe)
-    entries = [_entry(found, index, "initial ") for index in plane.indices]
+    entries = [_state_entry(found, index, "initial ") for index in plane.indices]
     xlabel, ylabel = map(view.label, entries)
     x, y = (view.one(of) * at for of, at in zip(entries, (plane.x, plane.y), strict=True))
     ax = common.axes(ax, (6.4, 4.6), xlabel=xlabel, ylabel=ylabel)
@@ -92,7 +93,7 @@ def basins(found: Attractors, *, units: Units = "nondimensional", ax: Axes | Non
             end = end * list(map(view.one, entries))
             inside = x[0] <= end[0] <= x[-1] and y[0] <= end[1] <= y[-1]
             if inside:
-                look = common.open_marker(6.0, marker=MARKERS[k % len(MARKERS)], zorder=3.0)
+                look = common.open_marker(6.0, marker=SHAPES[k % len(SHAPES)], zorder=3.0)
                 ax.plot(*end, gid=f"rest {k}", **look)
     common.legend_below(ax, {str(patch.get_label()): patch for patch in shown})
     ax.set_title(f"{view.speed(found.u, 6)}, {found.model.pipe.flow}")
@@ -109,17 +110,17 @@ def poincare_section(
 ) -> Axes:
     """Poincare sections of attractors: states at which the free end is at a maximum.
 
-    A cycle has as many points as maxima in a period, a torus lines, chaos a cloud. Shown is one
-    coordinate against the rate of the last, or of the one given; of "tip", the maximum itself
-    against that rate. Where a pump or the base drives the pipe, sections are stroboscopic: states
-    when a period of that begins.
+    A cycle shows as many points as it has maxima in a period, a torus lines, and chaos a cloud. The
+    picture shows a coordinate against its rate; for "tip" it shows the position of the free end
+    against the rate of the last coordinate. If the flow or the base drives the pipe, sections are
+    stroboscopic: they hold the states at the beginnings of the periods of the drive.
 
     Args:
-        found: attractors, or one of the basins. Those at rest have no section.
-        coordinate: "tip" for the free end's transverse position, or the index of a coordinate,
+        found: attractors, or one of the basins. Attractors at rest have no section.
+        coordinate: "tip" for the transverse position of the free end, or the index of a coordinate,
             counted from 0.
-        units: "nondimensional", or "si" where the pipe has scales.
-        ax: where to draw; new Axes where not given.
+        units: "nondimensional", or "si" if the pipe has scales.
+        ax: Axes to draw on; new ones if not given.
 
     Example:
         >>> found = pp.attractors(pp.Chain(pp.Pipe(0.2), 2), 4.0, 3)
@@ -128,17 +129,17 @@ def poincare_section(
     Raises:
         ValueError, TypeError: for bad arguments.
     """
-    some, model, names = _shown(found, units)
+    some, model, names = _shown_basins(found, units)
     index, xlabel = common.coordinate_axis(coordinate, model.coordinates)
     last = model.coordinates - 1 if index is None else index
     view = View(units, model.pipe)
-    across = TIP if index is None else Quantity(xlabel)
+    across = TIP if index is None else Measure(xlabel)
     driven = any(basin.motion.base or not isinstance(basin.motion.u, float) for basin in some)
     place = "once a period" if driven else "at a maximum of the free end"
     shown = rate(last, "", f" {place}")
     labels = {"xlabel": view.label(across), "ylabel": view.label(shown)}
     ax = common.axes(ax, (4.8, 4.2), **labels)
-    looks = zip(cycle(MARKERS), cycle(common.CURVE_STYLES), strict=False)
+    looks = zip(cycle(SHAPES), cycle(common.CURVE_STYLES), strict=False)
     drawn = 0
     for basin, name, (marker, style) in zip(some, names, looks, strict=False):
         if not len(basin.section):
@@ -169,15 +170,15 @@ def poincare_section(
 def spectrum(
     found: Attractors | Basin, *, units: Units = "nondimensional", ax: Axes | None = None
 ) -> Axes:
-    """Amplitude of the free end's transverse motion by frequency, of each attractor that moves.
+    """Spectra of the transverse motion of the free end, for each attractor that is not at rest.
 
-    Lines of a cycle are drawn as stems at its harmonics. The upper axis is in Hz if the pipe's
-    numbers come from SI units.
+    A spectrum is the amplitude over the frequency; that of a cycle is drawn as stems at its
+    harmonics. The upper axis is in Hz if the pipe has scales.
 
     Args:
         found: attractors, or one of the basins.
-        units: "nondimensional", or "si" where the pipe has scales.
-        ax: where to draw; new Axes where not given.
+        units: "nondimensional", or "si" if the pipe has scales.
+        ax: Axes to draw on; new ones if not given.
 
     Example:
         >>> found = pp.attractors(pp.Chain(pp.Pipe(0.2), 2), 4.0, 3)
@@ -186,31 +187,31 @@ def spectrum(
     Raises:
         TypeError: for bad arguments.
     """
-    some, model, names = _shown(found, units)
+    some, model, names = _shown_basins(found, units)
     view = View(units, model.pipe)
-    labels = {"xlabel": view.label(FREQUENCY), "ylabel": view.label(AMPLITUDE)}
+    labels = {"xlabel": view.label(OMEGA), "ylabel": view.label(AMPLITUDE)}
     ax = common.axes(ax, (6.4, 3.6), **labels)
     highest, last = 0.0, 0.0
     for basin, name, style in zip(some, names, cycle(common.CURVE_STYLES), strict=False):
-        omega = view.one(FREQUENCY) * basin.frequencies[1:]  # without its mean
+        omega = view.one(OMEGA) * basin.frequencies[1:]  # without the mean, at frequency 0
         height = view.one(AMPLITUDE) * basin.spectrum[1:]
         if not height.size:
             continue
-        large = height > LEAST * height.max()
+        large = height > LOWEST_LINE * height.max()
         highest = max(highest, float(height.max()))
         last = max(last, float(omega[large][-1]))
         if basin.ending == "periodic":
             stem: dict[str, Any] = {"color": style["color"], "linewidth": 1.0}
-            ax.vlines(omega[large], LEAST * height.max(), height[large], **stem)
+            ax.vlines(omega[large], LOWEST_LINE * height.max(), height[large], **stem)
             look: dict[str, Any] = {"marker": "o", "markersize": 3.5, "linestyle": "none"}
             ax.plot(omega[large], height[large], color=style["color"], label=name, **look)
         else:
             ax.plot(omega, np.maximum(height, 1e-300), label=name, linewidth=0.7, **style)
     if highest:
         ax.set_yscale("log")
-        ax.set(xlim=(0.0, 1.05 * last), ylim=(LEAST * highest, 3.0 * highest))
+        ax.set(xlim=(0.0, 1.05 * last), ylim=(LOWEST_LINE * highest, 3.0 * highest))
         common.legend_below(ax)
-        view.second_axes(ax, FREQUENCY)
+        view.second_axes(ax, OMEGA)
     else:
         ax.text(0.5, 0.5, "all are at rest", transform=ax.transAxes, ha="center", va="center")
     return ax
@@ -223,16 +224,16 @@ def films(
     fps: float = 25.0,
     units: Units = "nondimensional",
 ) -> dict[str, Film]:
-    """Films of the attractors that move, by name, each on a figure of its own.
+    """Films, by name, of the attractors that are not at rest, each on a figure of its own.
 
-    Of a diagram they are the stable cycles at a speed, and the irregular motions there, which go on
-    for `FILMED` from where they ended.
+    For a diagram they show the stable cycles at a flow speed, and the irregular motions there,
+    continued for a time of 10 T from where they ended.
 
     Args:
         found: attractors, or a diagram.
-        speed: flow speed, one of the diagram's.
-        fps: frames a second, as of `animate`.
-        units: "nondimensional", or "si" where the pipe has scales.
+        speed: flow speed, one of the diagram's; not used for attractors.
+        fps: frames a second, as for `animate`.
+        units: "nondimensional", or "si" if the pipe has scales.
 
     Example:
         >>> diagram = pp.bifurcation_diagram(pp.Chain(pp.Pipe(0.2), 2), [3.0, 4.0])
@@ -240,7 +241,7 @@ def films(
         ...     film.save(f"{name}.gif")
 
     Raises:
-        ValueError, TypeError: for bad arguments, and what `animate` refuses.
+        ValueError, TypeError: for bad arguments, and for motions that `animate` refuses.
     """
     how: dict[str, Any] = {"fps": fps, "units": units}
     if isinstance(found, Attractors):
@@ -262,8 +263,8 @@ def films(
     return made
 
 
-def _shown(found: Any, units: Units) -> tuple[list[Basin], Any, list[str]]:
-    """Basins of the argument, their model and names."""
+def _shown_basins(found: Any, units: Units) -> tuple[list[Basin], Any, list[str]]:
+    """Basins in the argument `found`, their model, and the names of the basins."""
     if isinstance(found, Basin):
         view = View(units, found.motion.model.pipe)
         return [found], found.motion.model, [_kind(found, view)]
@@ -274,12 +275,12 @@ def _shown(found: Any, units: Units) -> tuple[list[Basin], Any, list[str]]:
 
 
 def _kind(basin: Basin, view: View) -> str:
-    """What the attractor is, in words."""
+    """The kind of an attractor in words, with the period of a cycle or an exponent."""
     if basin.ending == "rest":
         return "rest"
     if basin.ending == "periodic":
         unit = " s" if view.si else ""
-        return f"cycle, period {basin.period * view.one(TIME):.4g}{unit}"
+        return f"cycle, period {basin.period * view.one(ELAPSED):.4g}{unit}"
     exponent = basin.attractor.exponent
     if exponent is None:
         return basin.ending
@@ -289,7 +290,7 @@ def _kind(basin: Basin, view: View) -> str:
 
 
 def _name(found: Attractors, k: int, view: View) -> str:
-    """Number and kind, and of whose mirror image it is."""
+    """Name of an attractor: its number, its kind, and the attractor whose mirror image it is."""
     basin = found.basins[k]
     image = f", mirror image of {basin.mirror_image}" if 0 <= basin.mirror_image < k else ""
     return f"{k}: {_kind(basin, view)}{image}"
@@ -299,9 +300,9 @@ def _percent(basin: Basin) -> str:
     return f"{100.0 * basin.share.value:.3g} %"
 
 
-def _entry(found: Attractors, index: int, before: str) -> Quantity:
-    """Of an entry of the state [q, q']."""
+def _state_entry(found: Attractors, index: int, before: str) -> Measure:
+    """The coordinate or rate at an index of the state [q, q']."""
     half = found.model.coordinates
     if index < half:
-        return Quantity(f"{before}coordinate $q_{{{index}}}$")
+        return Measure(f"{before}coordinate $q_{{{index}}}$")
     return rate(index - half, before)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Pictures beyond onset: the bifurcation diagram, limit cycles, their Floquet multipliers."""
+"""Pictures of nonlinear results: bifurcation diagrams, limit cycles and Floquet multipliers."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ from pipedyn.diagram import BifurcationDiagram
 from pipedyn.equilibrium.equilibria import EquilibriumBranch
 from pipedyn.orbits.floquet import UNIT, nontrivial
 from pipedyn.plot import common
-from pipedyn.plot.motion import finer, path_of
-from pipedyn.plot.units import SPEED, TIP, TIP_RATE, Quantity, Units, View
+from pipedyn.plot.motion import finer_times, path_of
+from pipedyn.plot.units import FLOW_SPEED, TIP, TIP_RATE, Measure, Units, View
 from pipedyn.util import check
 from pipedyn.util.check import Array
 from pipedyn.util.later import scipy
@@ -35,16 +35,16 @@ MARKS: dict[str, dict[str, Any]] = {
     "infinite period": {"marker": "*", "color": common.SKY, "markersize": 8.0},
     "end": {"marker": "P", "color": common.BLUE},
 }
-"""Look of each bifurcation."""
+"""Look of the marker of each kind of bifurcation."""
 
 A_STEP = 12
-"""Straight pieces that are drawn between two points of a branch."""
+"""Straight pieces drawn between two points of a branch, enough for cubics to show no corners."""
 
 STABILITY_STYLES: dict[str, dict[str, Any]] = {
     "stable": {"linestyle": "-", "linewidth": 1.4, "zorder": 3.0},
     "unstable": {"linestyle": (0, (4, 2)), "linewidth": 1.0, "zorder": 2.0},
 }
-"""Look of branches and cycles."""
+"""Look of stable and of unstable branches and cycles."""
 
 
 def bifurcation_diagram(
@@ -56,17 +56,17 @@ def bifurcation_diagram(
 ) -> Axes:
     """Transverse position of the free end against flow speed.
 
-    Equilibria are black. Cycles are blue: their highest and lowest positions, and those of their
-    mirror images. Stable branches are solid, unstable ones dashed. Grey dots are the turning
-    points of motions from many initial states; each marker is a bifurcation. Further axes are in SI
-    units where the pipe's numbers come from them.
+    Equilibria are black. Cycles are blue; curves show their highest and lowest positions, and those
+    of their mirror images. Stable branches are solid, unstable ones dashed. Grey dots are the
+    turning points of motions from many initial states, and markers are bifurcations. Second axes
+    are in SI units if the pipe has scales.
 
     Args:
         diagram: the diagram to show.
         coordinate: "tip", or the index of a coordinate, counted from 0. With an index only
             equilibria are shown; use it where the free end is held.
-        units: "nondimensional", or "si" where the pipe has scales.
-        ax: where to draw; new Axes where not given.
+        units: "nondimensional", or "si" if the pipe has scales.
+        ax: Axes to draw on; new ones if not given.
 
     Example:
         >>> found = pp.bifurcation_diagram(pp.Chain(pp.Pipe(0.2), 2), [3.0, 4.0, 5.0])
@@ -78,10 +78,10 @@ def bifurcation_diagram(
     common.check_type("diagram", diagram, BifurcationDiagram)
     index, ylabel = common.coordinate_axis(coordinate, diagram.model.coordinates)
     view = View(units, diagram.model.pipe)
-    shown = TIP if index is None else Quantity(ylabel)
-    labels = {"xlabel": view.label(SPEED), "ylabel": view.label(shown)}
+    shown = TIP if index is None else Measure(ylabel)
+    labels = {"xlabel": view.label(FLOW_SPEED), "ylabel": view.label(shown)}
     ax = common.axes(ax, (6.4, 4.2), **labels)
-    one = np.array([view.one(SPEED), view.one(shown)])
+    one = np.array([view.one(FLOW_SPEED), view.one(shown)])
     if diagram.motions and index is None:
         x = np.concatenate([np.full(one.turnings.size, one.speed) for one in diagram.motions])
         y = np.concatenate([one.turnings for one in diagram.motions])
@@ -92,7 +92,7 @@ def bifurcation_diagram(
     for branch in diagram.equilibria:
         heights = branch.tips[:, 0] if index is None else branch.q[:, index]
         at = [float(p.tip[0] if index is None else p.q[index]) for p in branch.points]
-        _branch(ax, branch, heights, at, "equilibrium", common.BLACK, one)
+        _draw_branch(ax, branch, heights, at, "equilibrium", common.BLACK, one)
     for cycles in diagram.cycles if index is None else ():
         lowest = cycles.highest - 2.0 * cycles.amplitudes
         nearest = [
@@ -101,7 +101,7 @@ def bifurcation_diagram(
         ]
         mirror_image = (-cycles.highest, -lowest) if cycles.mirrored else ()
         for heights in (cycles.highest, lowest, *mirror_image):
-            _branch(ax, cycles, heights, heights[nearest], "cycle", common.BLUE, one)
+            _draw_branch(ax, cycles, heights, heights[nearest], "cycle", common.BLUE, one)
     failed = sorted({failure.value for failure in diagram.failures})
     if failed:
         look = {"marker": "x", "linestyle": "none", "color": common.VERMILION, "zorder": 5.0}
@@ -111,11 +111,11 @@ def bifurcation_diagram(
     named = {str(line.get_label()): line for line in ax.get_legend_handles_labels()[0]}
     ordered = sorted(named.items(), key=lambda item: item[1].get_gid() == "motions")
     common.legend_below(ax, dict(ordered))
-    view.second_axes(ax, SPEED, shown)
+    view.second_axes(ax, FLOW_SPEED, shown)
     return ax
 
 
-def _branch(
+def _draw_branch(
     ax: Axes,
     branch: EquilibriumBranch | CycleBranch,
     heights: Array,
@@ -124,10 +124,10 @@ def _branch(
     colour: str,
     one: Array,
 ) -> None:
-    """A branch in stable and unstable pieces, and its bifurcations at heights `at`, in units `one`.
+    """Draws a branch in stable and unstable pieces, and its bifurcations at the heights `at`.
 
-    A step between neighbouring points is as stable as the one it starts from; from a bifurcation it
-    is as stable as the next.
+    `one` holds the values shown for a nondimensional 1 of speed and height. A step between two
+    points has the stability of the first; if that is a bifurcation, it has that of the second.
     """
     events: Any = branch.events if isinstance(branch, CycleBranch) else branch.points
     speeds, stable = branch.speeds, branch.stable
@@ -151,10 +151,10 @@ def _branch(
 
 
 def smooth(speeds: Array, heights: Array) -> Array:
-    """A curve without corners through the points of a branch, (k, 2), each after `A_STEP` others.
+    """A smooth curve through k points of a branch, with `A_STEP` pieces a step, (pieces + 1, 2).
 
-    Akima's cubics by the length of the chords between the points, in shares of their range: they
-    stay as they are elsewhere if one point moves, and do not oscillate.
+    The curve consists of Akima's cubics over the chord lengths between points that are scaled by
+    their ranges. If one point moves, these change only near it, and they do not oscillate.
     """
     points = np.stack([speeds, heights], axis=1)
     if not points.size:
@@ -167,7 +167,7 @@ def smooth(speeds: Array, heights: Array) -> Array:
         np.arange((places.size - 1) * A_STEP + 1) / A_STEP, np.arange(places.size), places
     )
     found: Array = scipy.interpolate.Akima1DInterpolator(places, points)(at)
-    found[::A_STEP] = points  # to the bit
+    found[::A_STEP] = points  # removes rounding errors at the points
     return found
 
 
@@ -181,8 +181,8 @@ def orbit(
 
     Args:
         cycles: one limit cycle or several. Unstable ones are dashed.
-        units: "nondimensional", or "si" where the pipe has scales.
-        ax: where to draw; new Axes where not given.
+        units: "nondimensional", or "si" if the pipe has scales.
+        ax: Axes to draw on; new ones if not given.
 
     Example:
         >>> model = pp.Chain(pp.Pipe(0.2), 2)
@@ -205,7 +205,7 @@ def orbit(
     ax = common.axes(ax, (4.8, 4.2), **labels)
     looks = zip(repeated(common.CURVE_STYLES), repeated((1.0, 1.6, 2.2)), strict=False)
     for cycle, view, (look, width) in zip(shown, views, looks, strict=False):
-        x, t = path_of(cycle), finer(cycle.t)
+        x, t = path_of(cycle), finer_times(cycle.t)
         word = "stable" if cycle.stable else "unstable"
         line = {**STABILITY_STYLES[word], "color": look["color"], "linewidth": width}
         label = f"{view.speed(cycle.u, 6)}, {word}"
@@ -224,8 +224,8 @@ def multipliers(
 
     Args:
         cycles: a limit cycle or a branch of them.
-        units: "nondimensional", or "si" where the pipe has scales.
-        ax: where to draw; new Axes where not given.
+        units: "nondimensional", or "si" if the pipe has scales.
+        ax: Axes to draw on; new ones if not given.
 
     Example:
         >>> ax = plot.multipliers(pp.limit_cycle(pp.Chain(pp.Pipe(0.2), 2), 4.0))
@@ -242,11 +242,11 @@ def multipliers(
     ax.add_patch(Circle((0.0, 0.0), 1.0, zorder=0.2, **circle))
     ax.axhline(0.0, color="0.8", linewidth=0.5, zorder=0.3)
     ax.axvline(0.0, color="0.8", linewidth=0.5, zorder=0.3)
-    others = np.array([nontrivial(row) for row in np.atleast_2d(cycles.multipliers)])
-    outside = np.abs(others) > 1.0 + UNIT
+    values = np.array([nontrivial(row) for row in np.atleast_2d(cycles.multipliers)])
+    outside = np.abs(values) > 1.0 + UNIT
     speeds = None
     if isinstance(cycles, CycleBranch):
-        speeds = np.broadcast_to(view.one(SPEED) * cycles.speeds[:, None], others.shape)
+        speeds = np.broadcast_to(view.one(FLOW_SPEED) * cycles.speeds[:, None], values.shape)
     inside_look, outside_look = ("o", 16, common.BLUE), ("X", 30, common.VERMILION)
     for chosen, (marker, size, plain) in ((~outside, inside_look), (outside, outside_look)):
         if not chosen.any():
@@ -255,10 +255,10 @@ def multipliers(
         if speeds is not None:
             ends = {"vmin": float(speeds.min()), "vmax": float(speeds.max()) + 1e-12}
             look = {"c": speeds[chosen], "cmap": "viridis", **ends}
-        points = others[chosen]
+        points = values[chosen]
         ax.scatter(points.real, points.imag, marker=marker, s=size, zorder=3.0, **look)
     if speeds is not None:
-        common.colour_bar(view.label(SPEED), ax=ax)
+        common.colour_bar(view.label(FLOW_SPEED), ax=ax)
     ring = {"markerfacecolor": "none", "markeredgewidth": 1.4, "zorder": 2.5}
     ax.plot([1.0], [0.0], **common.open_marker(7.0, common.SKY, **ring))
     ax.margins(0.08)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""What all pictures share: labels, colours, print settings, axes, markers, checks of arguments."""
+"""Labels, colours, print settings, axes, markers and checks of arguments for all pictures."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from pipedyn.util import check
 
-# Formulas without spaces: where a label is longer than the picture is high, it is broken at one.
+# Formulas have no spaces, because a label longer than the height of a picture breaks at a space.
 SPEED_LABEL = r"flow speed $u=VL\,(\mu_f/EI)^{1/2}$"
 REAL_LABEL = r"Re $\lambda$"
 IMAGINARY_LABEL = r"Im $\lambda$"
@@ -46,7 +46,7 @@ CURVE_STYLES: tuple[dict[str, Any], ...] = (
 
 
 def style() -> AbstractContextManager[None]:
-    """Settings for a printed page, in force within a `with` statement.
+    """Settings of matplotlib for a printed page, in force in a `with` block.
 
     Example:
         >>> with plot.style():
@@ -55,7 +55,7 @@ def style() -> AbstractContextManager[None]:
     settings: dict[Any, Any] = {
         "font.size": 8.0,
         "axes.titlesize": 8.0,
-        "axes.titley": 1.0,  # none is moved to clear what stands above the axes: nothing does
+        "axes.titley": 1.0,  # nothing stands above the axes, so titles need not be moved
         "axes.labelsize": 8.0,
         "legend.fontsize": 7.5,
         "xtick.labelsize": 7.5,
@@ -77,10 +77,10 @@ def panels(rows: int, columns: int, width: float, height: float) -> tuple[Figure
     """An empty figure and its Axes, shape (rows, columns), which share their ranges.
 
     Args:
-        rows: of Axes, from 1 to 100.
-        columns: of Axes, from 1 to 100.
-        width: of the figure, in inches.
-        height: of the figure, in inches.
+        rows: number of rows of Axes, from 1 to 100.
+        columns: number of columns of Axes, from 1 to 100.
+        width: width of the figure in inches.
+        height: height of the figure in inches.
 
     Example:
         >>> figure, axes = plot.panels(2, 3, 6.4, 4.0)
@@ -100,14 +100,14 @@ def panels(rows: int, columns: int, width: float, height: float) -> tuple[Figure
 
 
 def colour_bar(label: str, *, ax: Axes | NDArray[Any] | None = None) -> Axes | None:
-    """One colour bar next to one or several Axes, for the first collection that they show.
+    """A colour bar next to one or several Axes, for the first collection that they show.
 
     Args:
-        label: of the bar.
-        ax: the Axes, or an array of them in one figure; the current ones of pyplot where not given.
+        label: label of the bar.
+        ax: the Axes, or an array of them in one figure; the current Axes of pyplot if not given.
 
     Returns:
-        The bar's own Axes; None where the Axes show no collection.
+        The Axes of the bar; None if the given Axes show no collection.
 
     Example:
         >>> figure, axes = plot.panels(1, 1, 4.0, 3.0)
@@ -138,9 +138,9 @@ def colour_bar(label: str, *, ax: Axes | NDArray[Any] | None = None) -> Axes | N
 
 
 def axes(ax: Any, size: tuple[float, float], **labels: str) -> Axes:
-    """The Axes given, or those of a new figure of pyplot, of a size in inches; with its labels.
+    """The given Axes, or those of a new figure of pyplot with a size in inches, with labels set.
 
-    A figure without a layout gets one, or what stands beside the Axes would be cut off.
+    A figure without a layout engine gets one, since artists beside the Axes would be cut off.
     """
     if ax is None:
         import matplotlib.pyplot as plt  # chooses how figures are shown, so only where needed
@@ -148,7 +148,7 @@ def axes(ax: Any, size: tuple[float, float], **labels: str) -> Axes:
         ax = plt.subplots(figsize=size, layout="constrained")[1]
     chosen: Axes = check_type("ax", ax, Axes)
     if isinstance(chosen.figure, Figure) and chosen.figure.get_layout_engine() is None:
-        with suppress(RuntimeError):  # it has a colour bar that was placed without
+        with suppress(RuntimeError):  # a colour bar was placed without a layout engine
             chosen.figure.set_layout_engine("constrained")
     chosen.set(**labels)
     chosen.yaxis.label.set_wrap(True)
@@ -156,14 +156,14 @@ def axes(ax: Any, size: tuple[float, float], **labels: str) -> Axes:
 
 
 def check_type(name: str, value: Any, kind: type) -> Any:
-    """The value; refused if it is of another type."""
+    """The value, refused if it is of another type."""
     if not isinstance(value, kind):
         raise TypeError(f"{name} must be of type {kind.__name__}, got {check.shown(value)}")
     return value
 
 
 def check_mapping(name: str, value: Any, kind: type) -> None:
-    """Refuse all but a mapping from words to values of one type."""
+    """Refuses a value that is no mapping from words to values of one type."""
     check_type(name, value, Mapping)
     for key, one in value.items():
         check_type(f"the names of {name}", key, str)
@@ -171,7 +171,7 @@ def check_mapping(name: str, value: Any, kind: type) -> None:
 
 
 def coordinate_axis(coordinate: Any, coordinates: int) -> tuple[int | None, str]:
-    """Index and label of a coordinate; the index is None for "tip", the free end."""
+    """Index of a coordinate, or None for "tip", the free end; and the label of its axis."""
     if isinstance(coordinate, str):
         check.choice("coordinate", coordinate, ("tip",))
         return None, TIP_LABEL
@@ -180,10 +180,10 @@ def coordinate_axis(coordinate: Any, coordinates: int) -> tuple[int | None, str]
 
 
 def legend_below(ax: Axes, named: Mapping[str, Any] | None = None) -> None:
-    """A legend below the axis, where it hides nothing: of lines by name, or all that have one.
+    """Adds a legend below the Axes, of artists by name, or of all artists that have a label.
 
-    It has as many columns, up to four, as the figure is wide enough for. Where it would take more
-    than a fifth of the figure's height, its letters are smaller, down to six points.
+    The legend has as many columns, up to four, as fit the width of the figure. If it would take
+    more than a fifth of the height of the figure, its letters get smaller, down to six points.
     """
     if named is None:
         named = dict(zip(*reversed(ax.get_legend_handles_labels()), strict=True))
@@ -198,7 +198,7 @@ def legend_below(ax: Axes, named: Mapping[str, Any] | None = None) -> None:
     wide, high = 72.0 / ax.figure.dpi * np.array(ax.figure.bbox.size)
 
     def columns(size: float) -> int:
-        """As many as fit: lines and gaps take five times the height of letters."""
+        """Number of columns that fit; lines and gaps take five times the height of letters."""
         for count in (4, 3, 2):
             longest = [max(part, default=0.0) for part in np.array_split(texts, count)]
             if count <= len(texts) and size * (sum(longest) + 5.0 * count) <= wide:
@@ -220,11 +220,11 @@ def legend_below(ax: Axes, named: Mapping[str, Any] | None = None) -> None:
 
 
 def notice(text: str, *, ax: Axes | None = None) -> Axes:
-    """A sentence in place of a picture.
+    """Draws a sentence in place of a picture.
 
     Args:
         text: the sentence.
-        ax: where to draw; new Axes where not given.
+        ax: Axes to draw on; new ones if not given.
 
     Example:
         >>> ax = plot.notice("nothing was computed")
@@ -240,6 +240,6 @@ def notice(text: str, *, ax: Axes | None = None) -> Axes:
 
 
 def open_marker(size: float, edge: str = BLACK, **more: Any) -> dict[str, Any]:
-    """Look of a white marker with an edge, without a line; a ring where no other shape is given."""
+    """Look of a white marker with an edge and without a line; a ring unless `more` says another."""
     look = {"linestyle": "none", "marker": "o", "markersize": size, "markerfacecolor": "white"}
     return look | {"markeredgecolor": edge} | more

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Curves of folds, pitchforks, period doublings and tori of cycles in two numbers."""
+"""Picture of curves of folds, pitchforks, period doublings and tori of cycles in two numbers."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ from pipedyn.curves.boundary import Boundary
 from pipedyn.curves.cycle_boundary import CycleBoundary
 from pipedyn.curves.event_curve import CycleCurve
 from pipedyn.plot import common
-from pipedyn.plot.bifurcation import STABILITY_STYLES
+from pipedyn.plot.bifurcation import A_STEP, STABILITY_STYLES
 from pipedyn.plot.stability_map import parts_of_stability
-from pipedyn.plot.units import Plane, Units
+from pipedyn.plot.units import PlaneView, Units
 from pipedyn.util.check import Array
 from pipedyn.util.later import scipy
 
@@ -28,10 +28,7 @@ COLOURS = {
 }
 
 POINT_MARKS = ("o", "v", "D", "s", "^", "p", "h", "P", "X", "*")
-"""Markers of named points, one for each kind that there is."""
-
-FINER = 12
-"""Parts into which a curve's steps are divided: cubics then show no corners."""
+"""Markers of named points; each kind of point in a picture gets one."""
 
 
 def cycle_boundary(
@@ -39,16 +36,16 @@ def cycle_boundary(
 ) -> Axes:
     """Curves of events of cycles in the plane of two numbers, and where a push may start flutter.
 
-    Curves are solid where a stable cycle meets them, dashed where all cycles nearby are unstable.
-    Where the straight pipe becomes unstable the curve is black. From a fold below the onset, from
-    which stable cycles lead to higher speeds, up to the next speed at which the straight pipe loses
-    stability, both are stable, rest and large flutter, and a push decides: that is shaded. Markers
-    are named points.
+    Curves are solid if a stable cycle meets them, and dashed if all cycles nearby are unstable. The
+    straight pipe becomes unstable at black curves. The shaded region lies between a fold from which
+    stable cycles lead to higher speeds and the next higher speed at which the straight pipe loses
+    stability. In it both rest and large flutter are stable, and a push decides between them.
+    Markers are named points.
 
     Args:
-        found: what `cycle_boundary` answers.
-        units: "nondimensional", or "si" where the pipe has scales.
-        ax: where to draw; new Axes where not given.
+        found: the result of `pipedyn.cycle_boundary`.
+        units: "nondimensional", or "si" if the pipe has scales.
+        ax: Axes to draw on; new ones if not given.
 
     Example:
         >>> (branch,) = pp.bifurcation_diagram(pp.Chain(pp.Pipe(0.05), 2), [3.0, 3.3]).cycles
@@ -60,13 +57,13 @@ def cycle_boundary(
         TypeError: for bad arguments.
     """
     common.check_type("found", found, CycleBoundary)
-    plane = Plane(units, found.model.pipe, found.names)
+    plane = PlaneView(units, found.model.pipe, found.names)
     xlabel, ylabel = map(plane.label, plane.quantities)
     ax = common.axes(ax, (6.4, 4.8), xlabel=xlabel, ylabel=ylabel)
     across = found.names[0] == "u"  # the speed is x
     for curve in found.curves:
-        x, y = _smooth(curve)
-        for kind, part in _parts(curve):
+        x, y = _finer_curve(curve)
+        for kind, part in _stability_pieces(curve):
             cycles = "a stable cycle" if kind == "stable" else "unstable cycles"
             label = f"{curve.kind} of {cycles}"
             look: dict[str, Any] = {"color": COLOURS[curve.kind], "label": label}
@@ -75,9 +72,9 @@ def cycle_boundary(
         if found.onsets is None or curve.kind != "fold":
             continue
         second, speed = (y, x) if across else (x, y)
-        onset = _finer(curve, curve.onset)
+        onset = _on_finer_steps(curve, curve.onset)
         shade = ax.fill_betweenx if across else ax.fill_between
-        place = np.arange(len(x) - 1) // FINER
+        place = np.arange(len(x) - 1) // A_STEP
         opens = np.where(curve.opens[:-1] != 0, curve.opens[:-1], curve.opens[1:])
         stable = np.maximum(curve.unstable[:-1], curve.unstable[1:]) == 0
         both = np.append(((opens > 0) & stable)[place], False)
@@ -109,11 +106,12 @@ def cycle_boundary(
 
 
 def _stable_until(onsets: Boundary, second: Array, speed: Array, across: bool) -> Array:
-    """Speeds up to which the straight pipe, stable at those given, stays so; NaN where it is not.
+    """Next higher speeds at which the straight pipe loses stability, at values of the other number.
 
-    They are those of the lowest bound of stability above, NaN if it is stable beyond it alone.
+    They lie on the lowest bound of stability above the given speeds. They are NaN if the pipe is
+    stable only beyond that bound, hence not at the given speed.
     """
-    near = 1e-9 * float(np.ptp(onsets.ranges[1 if across else 0]))  # at edges, by rounding
+    near = 1e-9 * float(np.ptp(onsets.ranges[1 if across else 0]))  # allows for rounding at edges
     lowest, stable = np.full(speed.size, np.inf), np.zeros(speed.size, dtype=np.bool_)
     for bound in onsets.curves:
         own = np.column_stack([bound.x, bound.y])
@@ -137,7 +135,7 @@ def _stable_until(onsets: Boundary, second: Array, speed: Array, across: bool) -
 
 
 def _length(curve: CycleCurve) -> Array:
-    """Length along a curve in what cycles change in, so that it has no cusps, shape (S,)."""
+    """Length along a curve in scaled numbers, frequency and amplitude, free of cusps, (S,)."""
     columns = [curve.x, curve.y, curve.frequency]
     scaled = [of / max(float(np.ptp(of)), 1e-12 * float(np.abs(of).max())) for of in columns]
     scaled.append(curve.amplitude / max(float(curve.amplitude.max()), 1e-300))
@@ -145,10 +143,10 @@ def _length(curve: CycleCurve) -> Array:
     return np.append(0.0, np.cumsum(np.maximum(steps, 1e-9)))
 
 
-def _finer(curve: CycleCurve, values: Array) -> Array:
-    """Values along a curve on finer steps, by a cubic spline, shape (FINER (S - 1) + 1,)."""
+def _on_finer_steps(curve: CycleCurve, values: Array) -> Array:
+    """Values (S,) along a curve on finer steps, by a cubic spline, shape (A_STEP (S - 1) + 1,)."""
     s = _length(curve)
-    share = np.linspace(0.0, 1.0, FINER + 1)[:-1]
+    share = np.linspace(0.0, 1.0, A_STEP + 1)[:-1]
     at = np.append((s[:-1, None] + np.diff(s)[:, None] * share).ravel(), s[-1])
     known = np.isfinite(values)
     if known.sum() < 4:
@@ -157,18 +155,18 @@ def _finer(curve: CycleCurve, values: Array) -> Array:
     return np.asarray(smooth(at))
 
 
-def _smooth(curve: CycleCurve) -> tuple[Array, Array]:
-    """The curve on finer steps."""
-    return _finer(curve, curve.x), _finer(curve, curve.y)
+def _finer_curve(curve: CycleCurve) -> tuple[Array, Array]:
+    """The numbers x and y of a curve on finer steps."""
+    return _on_finer_steps(curve, curve.x), _on_finer_steps(curve, curve.y)
 
 
-def _parts(curve: CycleCurve) -> list[tuple[str, slice]]:
-    """Pieces of the finer curve that are stable or unstable."""
+def _stability_pieces(curve: CycleCurve) -> list[tuple[str, slice]]:
+    """Pieces of the curve on finer steps, each with the word "stable" or "unstable"."""
     if len(curve) < 2:
         return []
     unstable = np.maximum(curve.unstable[:-1], curve.unstable[1:]) > 0
     ends = [0, *(np.flatnonzero(np.diff(unstable)) + 1), unstable.size]
     return [
-        ("unstable" if unstable[a] else "stable", slice(FINER * a, FINER * b + 1))
+        ("unstable" if unstable[a] else "stable", slice(A_STEP * a, A_STEP * b + 1))
         for a, b in pairwise(ends)
     ]

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: MIT
-"""A pipe whose numbers can be turned, and what follows: the state behind `plot.explore`.
+"""The state behind `plot.explore`: a pipe whose numbers can be set, and answers that follow them.
 
-Nothing here needs a notebook. What is shown are answers of the public functions: `root_loci`,
-`modes` and `critical_speed` of a chain, and `stability_curve` against one of the numbers.
+The module needs no notebook. The answers are those of public functions: `root_loci`, `modes` and
+`critical_speed` of a chain, and `stability_curve` against one of the numbers.
 """
 
 from __future__ import annotations
@@ -40,43 +40,44 @@ if TYPE_CHECKING:
     from pipedyn.plot.exploration_picture import ExplorationPicture
 
 MOST_SEGMENTS = 20
-"""Of 40 the stability curve alone takes over a second with strong damping, of 20 some 0.05 s."""
+"""Largest number of segments. With strong damping the stability curve of 40 takes over a second,
+that of 20 some 0.05 s."""
 
-POINTS = ((10, 25), (14, 17), (MOST_SEGMENTS, 11))
-"""Of the stability curve: up to so many segments so many points, each as long as strong damping
-lets it take."""
+FINENESS = ((10, 25), (14, 17), (MOST_SEGMENTS, 11))
+"""Numbers of points of the stability curve, each after the number of segments up to which it holds.
+Strong damping makes a point of many segments slow."""
 
 MAX_SPEED = 100.0
-"""Up to which a loss of stability is looked for."""
+"""Flow speed up to which a loss of stability is searched."""
 
 LOCI_SPEEDS = 61
-"""Flow speeds at which root loci are drawn: a step is then 4 pixels or less on most branches."""
+"""Number of flow speeds of the root loci; a step is then at most 4 pixels on most branches."""
 
-ROUNDING = 1e-9
-"""Real parts that differ by less, relative to the eigenvalue, are the same."""
+EIGENVALUE_ROUNDING = 1e-9
+"""Relative difference up to which real parts of eigenvalues count as equal."""
 
 ALWAYS = ("beta", "gamma", "damping")
-"""Numbers of the pipe that have a slider in any case, after the flow speed."""
+"""Numbers of the pipe that always have a slider; these follow that of the flow speed."""
 
 CYCLES, FRAMES = 3, 16
-"""Cycles of the mode in a film, and frames in each: straight lines between them are as good as the
-curve to 2 % of the amplitude."""
+"""Number of cycles of the mode in a film, and of frames in each. Straight lines between frames
+differ from the motion by 2 % of the amplitude."""
 
 CYCLE_SECONDS = 1.2
-"""What a cycle takes on the screen, slow enough to follow by eye."""
+"""Seconds that a cycle takes on the screen, slow enough to follow by eye."""
 
-AMPLITUDE, STEEPEST = 0.25, 0.7
-"""The largest displacement of a film in L, and the largest slope, whichever is met first: a linear
-mode has no amplitude of its own."""
+SWING, STEEPEST = 0.25, 0.7
+"""Largest displacement in a film, in L, and largest slope. A linear mode has no amplitude of its
+own, so it is scaled until it meets one of them."""
 
 
 @dataclass(frozen=True)
 class Slider:
-    """A number that can be turned.
+    """A number that a slider sets.
 
     Attributes:
-        name: "u", "segments", or that of a number of the pipe.
-        low, high: its range.
+        name: "u", "segments", or the name of a number of the pipe.
+        low, high: the range of the number.
     """
 
     name: str
@@ -85,13 +86,13 @@ class Slider:
 
 
 @dataclass(frozen=True, eq=False)
-class Film:
-    """Linear motion of one mode.
+class ModeFilm:
+    """The linear motion of one mode.
 
     Attributes:
         shapes: centrelines, x transverse and y along the straight pipe, shape (frames, points, 2).
-        duration: from the first frame to the last, in T.
-        seconds: the same on the screen.
+        duration: time from the first frame to the last, in T.
+        seconds: time that the film takes on the screen.
     """
 
     shapes: Array
@@ -103,23 +104,23 @@ class Exploration:
     """A chain whose numbers can be set one by one, with the answers that `plot.explore` shows.
 
     Args:
-        pipe: the pipe at first; the straight one must be an equilibrium.
+        pipe: the pipe at first; it must be able to rest straight.
         n: number of segments at first, up to 20.
-        u: flow speed at first; 1.05 times the critical one where not given.
+        u: flow speed at first; 1.05 times the critical speed if not given.
         springs: rule for the springs, as for `Chain`.
-        against: the number against which critical speeds are drawn: "beta", "gamma", or any
-            other for which there is a slider but "u" and "segments".
-        ranges: (low, high) of sliders by name, where others than the usual are wanted; a number of
-            the pipe that is named here gets a slider.
-        units: of the picture, "nondimensional", or "si" where the pipe has scales; numbers are set
-            and answered nondimensional.
+        against: the number against which critical speeds are drawn: "beta", "gamma", or any other
+            number with a slider but "u" and "segments".
+        ranges: ranges (low, high) of sliders by name, if others than the usual are wanted; a number
+            of the pipe that is named here gets a slider.
+        units: units of the picture, "nondimensional", or "si" if the pipe has scales. Numbers that
+            are set and answers are nondimensional in any case.
 
     Attributes:
-        view: these units.
-        sliders: numbers that can be set: "u", "beta", "gamma", "damping", "segments", the
-            stiffness of a root that gives, the terms' numbers, and those of the pipe that are not
-            at their default.
-        values: what they are set to, by name.
+        view: the units of the picture.
+        sliders: numbers that can be set: "u", "beta", "gamma", "damping", "segments", the stiffness
+            of a spring at the root, numbers of the terms, and all other numbers of the pipe that
+            are not at their default.
+        values: current values of these numbers, by name.
 
     Example:
         >>> at_hand = plot.Exploration(pp.Pipe(0.2, terms=[pp.PointMass(1.0, 0.1)]), n=10)
@@ -131,8 +132,8 @@ class Exploration:
         True
 
     Raises:
-        ValueError: for a number that the pipe does not have or that small motions do not know, a
-            range or a value outside what it may be, a pipe that does not rest straight.
+        ValueError: for a number that the pipe lacks or that does not affect small motions, for a
+            range or a value that is not allowed, or for a pipe that does not rest straight.
         TypeError: for bad arguments.
     """
 
@@ -159,7 +160,7 @@ class Exploration:
         self._pipe, self._springs = pipe, springs
         model = Chain(pipe, n, springs=springs)
         given = _checked_ranges(ranges, pipe)
-        self._numbers = _chosen(pipe, given)
+        self._numbers = _turnable(pipe, given)
         own = {name: number.of(pipe) for name, number in self._numbers.items()}
         self._loss = _loss(model)
         if u is None:
@@ -179,11 +180,11 @@ class Exploration:
     # ------------------------------------------------------------------------------- numbers
 
     def set(self, name: str, value: float) -> None:
-        """Set a number; all answers are those with its new value.
+        """Sets a number; all answers then belong to its new value.
 
         Args:
-            name: of one of the sliders.
-            value: within the slider's range; a whole number of "segments".
+            name: name of one of the sliders.
+            value: value in the range of the slider; a whole number for "segments".
 
         Example:
             >>> at_hand = plot.Exploration(pp.Pipe(0.2), n=6)
@@ -192,8 +193,8 @@ class Exploration:
             8.244
 
         Raises:
-            ValueError: for another name, or a value outside the range. All stays as it was.
-            TypeError: for what is no number.
+            ValueError: for another name, or a value outside the range; nothing is changed then.
+            TypeError: if `value` is not a number.
         """
         check.choice("name", name, tuple(self.values))
         slider = self.slider(name)
@@ -219,7 +220,7 @@ class Exploration:
         self._forget("modes", "film", "loci", "_stability")
 
     def slider(self, name: str) -> Slider:
-        """The slider of that name; raises ValueError or TypeError for another."""
+        """The slider of a name; raises ValueError or TypeError if there is none."""
         check.choice("name", name, tuple(one.name for one in self.sliders))
         return next(one for one in self.sliders if one.name == name)
 
@@ -280,17 +281,17 @@ class Exploration:
 
     @property
     def model(self) -> Chain:
-        """The chain with the numbers as they are set."""
+        """The chain with the numbers that are set."""
         return self._model
 
     @property
     def critical(self) -> CriticalSpeed | None:
-        """What `critical_speed` answers of the model; None where there is none up to u = 100."""
+        """The critical speed of the model; None if there is none up to u = 100."""
         return None if self._loss is None else self._loss[0]
 
     @property
     def curve(self) -> StabilityCurve:
-        """Critical speeds against the number `against`, all others as they are set."""
+        """Critical speeds against the number `against`, with all other numbers as they are set."""
         return self._curve
 
     @cached_property
@@ -300,39 +301,39 @@ class Exploration:
 
     @cached_property
     def modes(self) -> tuple[ModeShape, ...]:
-        """Modes at the flow speed, the upper of each pair and the real ones, lowest first."""
+        """Modes at the flow speed, real ones and the upper of each pair, lowest first."""
         found = modes(self.model, self.values["u"])
         shapes = zip(found.shapes, found.converged, strict=True)
         return tuple(one for one, good in shapes if good and one.eigenvalue.imag >= 0.0)
 
     @property
     def least_stable(self) -> ModeShape | None:
-        """The mode with the largest real part, the lowest of several; None where there is none."""
+        """The mode with the largest real part, the lowest of equal ones; None if there is none."""
         if not self.modes:
             return None
         values = np.array([one.eigenvalue for one in self.modes])
-        same = values.real >= values.real.max() - ROUNDING * (1.0 + np.abs(values))
+        same = values.real >= values.real.max() - EIGENVALUE_ROUNDING * (1.0 + np.abs(values))
         return self.modes[int(np.argmax(same))]
 
     @property
     def _growth(self) -> float:
-        """Of the least stable mode, 0 where it is rounding."""
+        """Growth rate of the least stable mode; 0 if it is within rounding."""
         values = np.array([one.eigenvalue for one in self.modes], dtype=np.complex128)
         return float(growth(values).max(initial=-math.inf)) if values.size else 0.0
 
     @property
     def unstable(self) -> bool:
-        """Whether a mode grows, by more than rounding."""
+        """Whether a mode grows by more than rounding."""
         return self._growth > 0.0
 
     @cached_property
-    def film(self) -> Film:
+    def film(self) -> ModeFilm:
         """Linear motion of the least stable mode over three cycles.
 
-        It grows or decays as that mode does; what has no cycles, does so by exp(3). Its size is a
-        matter of the picture: at its largest the pipe is deflected by 0.25 L, or has a slope of
-        0.7. Displacements across the pipe are the mode's, and each point lies as far along as the
-        pipe's length leaves it.
+        It grows or decays as the mode does; a mode without oscillation does so by a factor exp(3).
+        The motion is scaled for the picture: at its largest the pipe has a displacement of 0.25 L
+        or a slope of 0.7. Transverse displacements are those of the mode; the position along the
+        pipe follows from its constant length.
         """
         s = np.union1d(np.linspace(0.0, 1.0, 21), self.model.stations)
         shape = self.least_stable
@@ -349,14 +350,14 @@ class Exploration:
             factors = np.exp(grows * (times - largest) + 1j * value.imag * times)
             across = (factors[:, None] * shape(s)).real
             slopes = np.abs(np.diff(across, axis=1) / np.diff(s)).max()
-            across *= min(AMPLITUDE / max(np.abs(across).max(), 1e-300), STEEPEST / (slopes or 1.0))
+            across *= min(SWING / max(np.abs(across).max(), 1e-300), STEEPEST / (slopes or 1.0))
         along = np.sqrt(np.diff(s) ** 2 - np.diff(across, axis=1) ** 2)
         down = np.concatenate([np.zeros((times.size, 1)), np.cumsum(along, axis=1)], axis=1)
-        return Film(np.stack([across, down], axis=-1), duration, seconds)
+        return ModeFilm(np.stack([across, down], axis=-1), duration, seconds)
 
     @property
     def report(self) -> tuple[str, str]:
-        """Two sentences: the state at the flow speed, and where stability is lost."""
+        """Two sentences, on the stability at the flow speed, and on where stability is lost."""
         pipe, u, shape = self.model.pipe, self.values["u"], self.least_stable
         si = f" ({pipe.speed_si(u):.3g} m/s)" if pipe.scales else ""
         if shape is None:
@@ -371,7 +372,7 @@ class Exploration:
 
     @cached_property
     def _stability(self) -> str:
-        """At which flow speeds the pipe is stable, and how that is lost, in a sentence."""
+        """A sentence on the flow speeds at which the pipe is stable, and how it loses stability."""
         pipe, lost = self.model.pipe, self.critical
 
         def said(u: float) -> str:
@@ -403,7 +404,7 @@ class Exploration:
     def _curve_of(self, model: Chain) -> StabilityCurve:
         slider = self.slider(self.against)
         number = self._numbers[self.against]
-        points = next(points for most, points in POINTS if round(self.values["segments"]) <= most)
+        points = next(points for most, points in FINENESS if round(self.values["segments"]) <= most)
         values = np.linspace(slider.low, slider.high, points)
         return stability_curve(
             lambda value: model.with_pipe(number.changed(model.pipe, value)), values
@@ -411,12 +412,11 @@ class Exploration:
 
     @property
     def stable_speeds(self) -> Array:
-        """Ends of the lowest range of stable speeds, at the curve's values, shape (S, 2).
+        """Ends of the lowest range of stable speeds at each value of the curve, shape (S, 2).
 
-        The first is 0 but for a pipe that is buckled without flow and straightened by it. The last
-        is infinite where none is lost up to u = 100. NaN where there are none, of a pipe that is
-        unstable when it meets flutter or divergence up to the end of the slider, or the point
-        failed.
+        The lower end is 0, except for a pipe that is buckled without flow and that the flow
+        straightens. The upper end is infinite if stability is not lost up to u = 100. Both are NaN
+        if there is no stable range up to the end of the slider of u, or if the point failed.
         """
         curve, end = self.curve, self.slider("u").high
         found = np.full((curve.values.size, 2), np.nan)
@@ -441,14 +441,14 @@ class Exploration:
 
     @cached_property
     def picture(self) -> ExplorationPicture:
-        """What is drawn of it, which follows the numbers."""
+        """The picture of the exploration, which follows the numbers."""
         from pipedyn.plot.exploration_picture import ExplorationPicture
 
         return ExplorationPicture(self)
 
 
 def rounded_up(value: float) -> float:
-    """The next of 1, 1.2, 1.5, 2, 2.5, 3, 4, 5, 6, 8, 10 times a power of ten."""
+    """The value rounded up to 1, 1.2, 1.5, 2, 2.5, 3, 4, 5, 6 or 8 times a power of ten."""
     if value <= 0.0:
         return 1.0
     power = 10.0 ** math.floor(math.log10(value))
@@ -464,14 +464,14 @@ def _loss(model: Chain) -> Loss | None:
 
 
 def _lowest_stable(critical: CriticalSpeed, below: Sequence[Crossing]) -> float:
-    """Speed from which on a pipe is stable that loses stability at the critical one."""
+    """Lowest speed of the range in which a pipe is stable up to its critical speed."""
     if critical.stable_at_rest:
         return 0.0
     return next(one.speed for one in below if one.unstable_after == 0)
 
 
 def _checked_ranges(ranges: Any, pipe: Pipe) -> dict[str, tuple[float, float]]:
-    """The argument ranges, each within what its number may be."""
+    """Checks the argument `ranges`: each range must lie within the values its number may have."""
     if ranges is None:
         return {}
     common.check_type("ranges", ranges, Mapping)
@@ -492,8 +492,8 @@ def _checked_ranges(ranges: Any, pipe: Pipe) -> dict[str, tuple[float, float]]:
     return found
 
 
-def _chosen(pipe: Pipe, given: Mapping[str, Any]) -> dict[str, PipeNumber]:
-    """Numbers with a slider by name; of a number's two names the term's own, as users say it."""
+def _turnable(pipe: Pipe, given: Mapping[str, Any]) -> dict[str, PipeNumber]:
+    """Numbers of the pipe that get a slider, by name; a number with two names is taken once."""
     by_place: dict[tuple[int | None, str, bool], tuple[str, PipeNumber]] = {}
     for name, number in pipe_numbers(pipe).items():
         place = number.term, number.attribute, name == "root.stiffness"

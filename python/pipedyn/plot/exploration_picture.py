@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: MIT
-"""The picture of an `Exploration`: three axes whose curves follow its numbers.
+"""The picture of an `Exploration`: three Axes whose curves follow its numbers.
 
-Axes, ticks and labels are drawn once and kept as pixels; at each change the curves alone are drawn
-over them, which takes a thirtieth of the time. The pipe moves in the browser, as an animated SVG
-over the pixels.
+Axes, ticks and labels are drawn once and kept as pixels. At each change only the curves are drawn
+over these, which takes a thirtieth of the time. The pipe moves in the browser, as an animated SVG
+on top of the pixels.
 """
 
 from __future__ import annotations
@@ -32,54 +32,54 @@ from pipedyn.plot.exploration import CYCLES, rounded_up
 from pipedyn.plot.linear import branches_of, pieces
 from pipedyn.plot.motion import clamp_and_gravity, flow_ends
 from pipedyn.plot.stability_map import STABLE
-from pipedyn.plot.units import Quantity
+from pipedyn.plot.units import Measure
 from pipedyn.util.check import Array
 
 if TYPE_CHECKING:
     from pipedyn.plot.exploration import Exploration
 
-WIDTH, HEIGHT, DPI = 9.6, 3.7, 110
-"""Of the picture in inches, and pixels in each: as wide as a notebook's page."""
+PICTURE_WIDTH, PICTURE_HEIGHT, PICTURE_DPI = 9.6, 3.7, 110
+"""Size of the picture in inches, and pixels an inch; it is as wide as the page of a notebook."""
 
 LEFT, WIDE, BOTTOM, HIGH = (0.065, 0.385, 0.745), (0.245, 0.275, 0.245), 0.13, 0.73
-"""Of the three axes, in shares of the picture."""
+"""Left edges, widths, lower edge and height of the three Axes, in shares of the picture."""
 
 ABOVE = 0.882
-"""Lower edge of the bar of colours: what lies below belongs to one of the axes alone."""
+"""Lower edge of the colour bar, in shares of the picture; Axes below it can be redrawn alone."""
 
-FAR = 0.35
-"""Share of the axis of frequencies that the axis of real parts reaches either way: strongly damped
-roots lie far outside, and do not matter."""
+REAL_REACH = 0.35
+"""Limit of the axis of real parts, both ways, as a share of that of frequencies. Strongly damped
+roots lie far outside and do not matter."""
 
 ENVELOPE = 9
-"""Shapes of the cycle with the largest motion, behind the moving pipe."""
+"""Number of shapes behind the moving pipe, from the cycle with the largest motion."""
 
 
-PLACE_X = Quantity("$x / L$", "$x$ (m)", units.ACROSS.unit)
-PLACE_Y = Quantity("$y / L$", "$y$ (m)", units.ALONG.unit)
+PLACE_X = Measure("$x / L$", "$x$ (m)", units.TRANSVERSE.unit)
+PLACE_Y = Measure("$y / L$", "$y$ (m)", units.AXIAL.unit)
 
 
 class ExplorationPicture:
     """Root loci, stability boundary and moving pipe of an exploration.
 
     Args:
-        exploration: whose numbers are shown.
+        exploration: the exploration whose numbers are shown.
 
     Attributes:
-        figure: of matplotlib; `update` brings it up to date.
+        figure: the figure of matplotlib, which `update` brings up to date.
     """
 
     def __init__(self, exploration: Exploration) -> None:
         self._of = exploration
         with common.style():
             self._build()
-        self._kept: Any = None  # pixels of all that does not move
-        self._parts: dict[tuple[int, float], Any] = {}  # of axes as they were, by what differs
+        self._background: Any = None  # pixels of all that does not change
+        self._backgrounds: dict[tuple[int, float], Any] = {}  # pixels of Axes, by index and state
         self._shown: dict[str, Any] = {}
 
     def _build(self) -> None:
         of = self._of
-        self.figure = Figure(figsize=(WIDTH, HEIGHT), dpi=DPI)
+        self.figure = Figure(figsize=(PICTURE_WIDTH, PICTURE_HEIGHT), dpi=PICTURE_DPI)
         self._canvas: Any = FigureCanvasAgg(self.figure)  # its methods have no types
         places = zip(LEFT, WIDE, strict=True)
         self.axes: tuple[Axes, ...] = tuple(
@@ -89,7 +89,7 @@ class ExplorationPicture:
         view = of.view
         highest = of.slider("u").high * float(self._speed(of.values["beta"]))
         norm = Normalize(0.0, highest)
-        # Root loci, coloured by the flow speed, and the roots at that which is set.
+        # The first Axes show root loci, coloured by the flow speed, and roots at the speed set.
         loci.set(xlabel=view.label(units.GROWTH), ylabel=view.label(units.OSCILLATION))
         loci.axvline(0.0, color="0.4", linewidth=0.6, zorder=0.5)
         loci.yaxis.set_label_coords(-0.17, 0.5)
@@ -105,12 +105,12 @@ class ExplorationPicture:
         self.figure.colorbar(colours, cax=bar, orientation="horizontal")
         bar.xaxis.set_ticks_position("top")
         bar.tick_params(length=2.0, pad=1.0)
-        speed = view.label(Quantity("flow speed $u$", units.SPEED.si_label))
+        speed = view.label(Measure("flow speed $u$", units.FLOW_SPEED.si_label))
         bar.set_title(f"root loci, {speed} as colour", pad=13.0)
-        # The map of critical speeds.
+        # The second Axes show the map of critical speeds.
         slider, shown = of.slider(of.against), units.of_number(of.against, of.model.pipe)
         ends = view.one(shown) * np.array([slider.low, slider.high])
-        if of.against == "beta" and view.si:  # with which the unit changes
+        if of.against == "beta" and view.si:  # the unit of speed depends on beta
             curve = self._speed(of.curve.values) * of.curve.speeds
             highest = max(highest, 1.2 * float(np.max(curve, initial=0.0, where=curve < np.inf)))
         speeds.set(xlim=ends, ylim=(0.0, highest), xlabel=view.label(shown), ylabel=speed)
@@ -136,13 +136,13 @@ class ExplorationPicture:
         }
         above: dict[str, Any] = {"loc": "lower center", "bbox_to_anchor": (0.5, 1.01), "ncols": 3}
         speeds.legend(handles=handles, **above, **look)
-        # Shapes of the pipe.
+        # The third Axes show shapes of the pipe.
         (self.pipe,) = self.axes[2].plot([], [], color=common.BLACK, linewidth=2.6, zorder=2.5)
         self.envelope = LineCollection([], colors="0.75", linewidths=0.8, zorder=1.8)
 
     @property
     def _moving(self) -> tuple[Artist, ...]:
-        """What is drawn at each change, from the lowest."""
+        """Artists that are drawn at each change, the lowest first; not the pipe itself."""
         return (
             *(self.branches, self.roots, self.growing_roots),
             *(self.stable, self.onset, self.regained, self.flutter, self.divergence, self.place),
@@ -150,21 +150,21 @@ class ExplorationPicture:
         )
 
     def _speed(self, beta: Any) -> Any:
-        """What is shown for u = 1 at one mass ratio or several."""
+        """Value shown for a flow speed u = 1, at one mass ratio or several."""
         scales = self._of.view.scales
         si = self._of.view.si and scales is not None
         return scales_at(beta, scales).speed if si and scales is not None else np.ones_like(beta)
 
     @property
     def _speeds_shown(self) -> Any:
-        """The same at the curve's values."""
+        """Values shown for a flow speed u = 1, at each value of the curve."""
         betas = np.full_like(self._of.curve.values, self._of.values["beta"])
         return self._speed(self._of.curve.values if self._of.against == "beta" else betas)
 
     # ------------------------------------------------------------------------------- artists
 
     def update(self) -> None:
-        """Give all artists the data of the exploration's state."""
+        """Gives all artists the data of the current state of the exploration."""
         of, shown, rate = self._of, self._shown, self._of.view.one(units.GROWTH)
         one = float(self._speed(of.values["beta"]))
         if shown.get("loci") is not of.loci:
@@ -189,17 +189,17 @@ class ExplorationPicture:
         self.place.set_markerfacecolor(common.VERMILION if of.unstable else "white")
 
     def _limit(self, branches: Any) -> None:
-        """Room for the branches, in round steps, so that axes stay while they change little."""
+        """Sets the limits for the branches to round numbers, so that they rarely change."""
         imag = branches.imag[np.isfinite(branches.imag)]
         top = rounded_up(1.02 * float(np.max(imag, initial=1e-3)))
         if self._shown.get("top") != top:
             self._shown["top"] = top
-            self.axes[0].set(xlim=(-FAR * top, FAR * top), ylim=(0.0, top))
+            self.axes[0].set(xlim=(-REAL_REACH * top, REAL_REACH * top), ylim=(0.0, top))
             self._redraw(0, top)
 
     @property
     def _across(self) -> float:
-        """What is shown for a 1 of the number against which critical speeds are drawn."""
+        """Value shown for a 1 of the number against which critical speeds are drawn."""
         return self._of.view.one(units.of_number(self._of.against, self._of.model.pipe))
 
     def _map(self) -> None:
@@ -211,7 +211,7 @@ class ExplorationPicture:
         corners += [(values[1:], high[1:]), (values[:-1], high[:-1])]
         quads = np.stack([np.stack(corner, axis=-1) for corner in corners], axis=1)
         self.stable.set_verts(list(quads[np.isfinite(quads).all(axis=(1, 2))]))
-        # Of a pipe that is unstable below, too, no boundary of stability.
+        # A crossing is no boundary of stability if the pipe is unstable below it, too.
         lost = [one if one and not one.unstable_before else None for one in of.curve.critical]
         kinds = np.array([None if one is None else one.kind for one in lost])
         known = np.array([one is not None for one in lost])
@@ -224,7 +224,7 @@ class ExplorationPicture:
 
     def _film(self) -> None:
         of = self._of
-        shapes = of.view.one(units.ACROSS) * of.film.shapes
+        shapes = of.view.one(units.TRANSVERSE) * of.film.shapes
         if self._shown.get("weight") != (sign := float(np.sign(of.values["gamma"]))):
             self._shown["weight"] = sign
             self._surround(sign)
@@ -233,13 +233,13 @@ class ExplorationPicture:
         self.pipe.set_data(*shapes[0].T)
 
     def _surround(self, weight: float) -> None:
-        """Clamp and gravity of a pipe that hangs (1), stands (-1) or has no weight (0)."""
+        """Draws clamp and gravity of a pipe that hangs (1), stands (-1) or has no weight (0)."""
         ax = self.axes[2]
         with common.style():
             ax.clear()
             view = self._of.view
-            one = view.one(units.ACROSS)
-            reach = one * np.array([[-0.34, 0.0], [0.34, 1.0]])  # of every film
+            one = view.one(units.TRANSVERSE)
+            reach = one * np.array([[-0.34, 0.0], [0.34, 1.0]])  # corners that hold every film
             clamp_and_gravity(ax, weight, reach, one)
             xlabel, ylabel = map(view.label, (PLACE_X, PLACE_Y))
             ax.set(title="linear motion, least stable mode", xlabel=xlabel, ylabel=ylabel)
@@ -251,15 +251,15 @@ class ExplorationPicture:
     # -------------------------------------------------------------------------------- pixels
 
     def _redraw(self, index: int, key: float) -> None:
-        """Draw one of the axes anew, without what moves, and keep its pixels for the next time."""
-        if self._kept is None:
+        """Draws one of the Axes anew, without moving artists, and keeps its pixels for reuse."""
+        if self._background is None:
             return
         left = 0.0 if index == 0 else LEFT[index] - 0.06
         right = 1.0 if index == 2 else LEFT[index + 1] - 0.06
         part = Bbox([[left, 0.0], [right, ABOVE - 0.01 if index == 0 else 1.0]])
-        self._canvas.restore_region(self._kept)
-        if (index, key) in self._parts:
-            self._canvas.restore_region(self._parts[index, key])
+        self._canvas.restore_region(self._background)
+        if (index, key) in self._backgrounds:
+            self._canvas.restore_region(self._backgrounds[index, key])
         else:
             blank = Rectangle(part.p0, part.width, part.height, color="white")
             blank.set_transform(self.figure.transFigure)
@@ -267,11 +267,11 @@ class ExplorationPicture:
             self.figure.draw_artist(blank)
             self._still(self.axes[index])
             place = part.transformed(self.figure.transFigure)
-            self._parts[index, key] = self._canvas.copy_from_bbox(place)
-        self._kept = self._canvas.copy_from_bbox(self.figure.bbox)
+            self._backgrounds[index, key] = self._canvas.copy_from_bbox(place)
+        self._background = self._canvas.copy_from_bbox(self.figure.bbox)
 
     def _still(self, drawn: Axes | None = None) -> None:
-        """Draw the figure or one of its axes without what moves."""
+        """Draws the figure, or one of its Axes, without the artists that move."""
         hidden = (*self._moving, self.pipe)
         for artist in hidden:
             artist.set_visible(False)
@@ -284,16 +284,16 @@ class ExplorationPicture:
             artist.set_visible(True)
 
     def png(self) -> bytes:
-        """The picture as it is now, without the moving pipe."""
+        """The current picture as the bytes of a PNG file, without the moving pipe."""
         self.update()
-        if self._kept is None:
+        if self._background is None:
             self._still()
-            self._kept = self._canvas.copy_from_bbox(self.figure.bbox)
+            self._background = self._canvas.copy_from_bbox(self.figure.bbox)
             gravity, now = self._of.slider("gamma"), self._shown["weight"]
             signs = {float(np.sign(one)) for one in (gravity.low, gravity.high)} - {now}
-            for sign in (*signs, now):  # so that a change of sign takes no longer than others
+            for sign in (*signs, now):  # draws both, so that a change of sign is as quick as others
                 self._surround(sign)
-        self._canvas.restore_region(self._kept)
+        self._canvas.restore_region(self._background)
         for artist in self._moving:
             self.figure.draw_artist(artist)
         pixels = Image.fromarray(np.asarray(self._canvas.buffer_rgba())).convert("RGB")
@@ -302,18 +302,18 @@ class ExplorationPicture:
         return file.getvalue()
 
     def overlay(self) -> str:
-        """The moving pipe as an SVG, which lies exactly on the pixels.
+        """The moving pipe as an SVG that fits the pixels exactly.
 
-        It moves where it is an image of its own; not everywhere as a part of a page.
+        Browsers animate it as an image of its own, but not all do so as a part of a page.
         """
         self.update()
         of, film = self._of, self._of.film
-        width, height = 10.0 * WIDTH * DPI, 10.0 * HEIGHT * DPI
-        one = of.view.one(units.ACROSS)
+        width, height = 10.0 * PICTURE_WIDTH * PICTURE_DPI, 10.0 * PICTURE_HEIGHT * PICTURE_DPI
+        one = of.view.one(units.TRANSVERSE)
         shapes = one * film.shapes
-        points = _whole(self._pixels(shapes))
+        points = _polylines(self._pixels(shapes))
         arrows = np.array([flow_ends(of.model.pipe, shape, one) for shape in shapes])
-        tips = _whole(self._pixels(arrows))
+        tips = _polylines(self._pixels(arrows))
         timing = f'dur="{film.seconds:g}s" repeatCount="indefinite"'
         line = "fill:none;stroke-linecap:round;stroke-linejoin:round"
         moving = [
@@ -338,15 +338,15 @@ class ExplorationPicture:
         )
 
     def _pixels(self, places: Array) -> Array:
-        """Places in the third axes, (..., 2), in tenths of a pixel from the upper left corner."""
+        """Points (..., 2) of the third Axes, in tenths of a pixel from the upper left corner."""
         flat = self.axes[2].transData.transform(places.reshape(-1, 2))
-        flat[:, 1] = HEIGHT * DPI - flat[:, 1]
+        flat[:, 1] = PICTURE_HEIGHT * PICTURE_DPI - flat[:, 1]
         result: Array = 10.0 * flat.reshape(places.shape)
         return result
 
 
-def _whole(places: Array) -> list[str]:
-    """Polylines of an SVG from points, (k, points, 2), in whole numbers."""
+def _polylines(places: Array) -> list[str]:
+    """Texts of k polylines of an SVG, in whole numbers, from points of shape (k, points, 2)."""
     return [
         " ".join(map(str, one))
         for one in places.round().astype(int).reshape(len(places), -1).tolist()

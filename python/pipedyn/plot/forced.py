@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Pictures of driven pipes: responses over the frequency, and regions of a pulsating flow."""
+"""Pictures of driven pipes: frequency responses, and regions of instability of pulsating flow."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from pipedyn.forced.parametric_regions import ParametricRegion, ParametricRegion
 from pipedyn.linear.frequency_response import FrequencyResponse
 from pipedyn.plot import common
 from pipedyn.plot.bifurcation import A_STEP, smooth
-from pipedyn.plot.units import AMPLITUDE, FREQUENCY, PER_FORCE, PER_MOMENT, Quantity, Units, View
+from pipedyn.plot.units import AMPLITUDE, OMEGA, PER_FORCE, PER_MOMENT, Measure, Units, View
 from pipedyn.util import check
 
 REGION_STYLES: dict[str, dict[str, Any]] = {
@@ -35,14 +35,14 @@ def frequency_response(
 ) -> Axes:
     """Magnitude of the response over the frequency, on a logarithmic scale, or its phase.
 
-    A ring marks each resonance, a bar its half-power width, and a triangle at the upper end one
-    that is infinite. The upper axis is in Hz if the pipe's numbers come from SI units.
+    A ring marks each resonance, and a bar its half-power width. A triangle at the upper end marks a
+    resonance of infinite height. The upper axis is in Hz if the pipe has scales.
 
     Args:
-        response: what to show.
-        phase: the phase in degrees, from -180 to 180, in place of the magnitude.
-        units: "nondimensional", or "si" where the pipe has scales.
-        ax: where to draw; new Axes where not given.
+        response: the response to show.
+        phase: whether to show the phase in degrees, from -180 to 180, instead of the magnitude.
+        units: "nondimensional", or "si" if the pipe has scales.
+        ax: Axes to draw on; new ones if not given.
 
     Example:
         >>> found = pp.frequency_response(pp.Chain(pp.Pipe(0.2), 10), 4.0, np.arange(1.0, 60.0))
@@ -56,19 +56,19 @@ def frequency_response(
     moved = "free end" if response.output == 1.0 else f"place $s = {response.output:g}$"
     driven = "base" if isinstance(response.input, str) else response.input[0]
     view = View(units, response.model.pipe)
-    size = Quantity(f"|displacement of the {moved} / {driven}|")
+    size = Measure(f"|displacement of the {moved} / {driven}|")
     if driven != "base":
         unit, value = PER_FORCE if driven == "force" else PER_MOMENT
-        size = Quantity(size.label, f"{size.label} ({unit})", value)
+        size = Measure(size.label, f"{size.label} ({unit})", value)
     ylabel = "phase (degrees)" if shows_phase else view.label(size)
-    ax = common.axes(ax, (6.4, 4.2), xlabel=view.label(FREQUENCY), ylabel=ylabel)
-    per, one = view.one(FREQUENCY), view.one(size)
+    ax = common.axes(ax, (6.4, 4.2), xlabel=view.label(OMEGA), ylabel=ylabel)
+    per, one = view.one(OMEGA), view.one(size)
     order = np.argsort(response.frequencies)
     at, values = per * response.frequencies[order], response.response[order]
     finite = np.isfinite(values)
     if shows_phase:
         angles = np.degrees(np.angle(np.where(finite, values, math.nan)))
-        angles[1:][np.abs(np.diff(angles)) > 180.0] = math.nan  # no line across the plot
+        angles[1:][np.abs(np.diff(angles)) > 180.0] = math.nan  # breaks the line at a jump
         ax.plot(at, angles, color=common.BLACK, linewidth=1.2)
         ax.set(ylim=(-185.0, 185.0), yticks=np.arange(-180.0, 181.0, 90.0))
     else:
@@ -77,12 +77,12 @@ def frequency_response(
         heights = [one * r.height for r in response.resonances if r.height < math.inf]
         ax.plot(at, sizes, color=common.BLACK, linewidth=1.2)
         ax.set_yscale("log")
-        # Frequencies are dense at peaks, so that a typical size is one of evenly spaced ones.
+        # Frequencies are dense at peaks, so the typical size is taken at evenly spaced ones.
         evenly = np.interp(np.linspace(at[0], at[-1], 201), at, sizes)
         typical = float(np.nanmedian(evenly)) if np.isfinite(evenly).any() else 1.0
         ax.set_ylim(bottom=max(np.nanmin(sizes, initial=typical), 1e-3 * typical))
         infinite = [per * r.frequency for r in response.resonances if r.height == math.inf]
-        if infinite:  # what is left of the peaks is cut off
+        if infinite:  # the samples next to an infinite peak are cut off
             ax.set_ylim(top=1e3 * typical)
             look = common.open_marker(6.0, marker="^", zorder=4.0, clip_on=False)
             of_axes = ax.get_xaxis_transform()
@@ -90,21 +90,21 @@ def frequency_response(
         for peak in response.resonances:
             if peak.height < math.inf and math.isfinite(peak.width):
                 level = math.sqrt(0.5) * one * peak.height
-                ends = _crossings(at, sizes, per * peak.frequency, level)
+                ends = _level_crossings(at, sizes, per * peak.frequency, level)
                 ax.plot(ends, [level, level], color=common.VERMILION, linewidth=1.6)
         peaks = [per * r.frequency for r in response.resonances if r.height < math.inf]
         ax.plot(peaks, heights, **common.open_marker(4.5, zorder=4.0))
     if at[0] < at[-1]:
         ax.set_xlim(float(at[0]), float(at[-1]))
     stable = "" if response.stable else ", unstable: the response is not reached"
-    above = 24.0 if view.scales is not None and not view.si else None  # of the axis in Hz
+    above = 24.0 if view.scales is not None and not view.si else None  # room for the axis in Hz
     ax.set_title(f"{view.speed(response.u)}{stable}", pad=above)
-    view.second_axes(ax, FREQUENCY)
+    view.second_axes(ax, OMEGA)
     return ax
 
 
-def _crossings(at: Any, sizes: Any, frequency: float, level: float) -> list[float]:
-    """Frequencies on both sides of a peak at which a response has a level."""
+def _level_crossings(at: Any, sizes: Any, frequency: float, level: float) -> list[float]:
+    """Two frequencies, below and above a peak, at which a response crosses a level."""
     above = sizes > level
     k = int(np.argmin(np.abs(at - frequency)))
     left = k - int(np.argmin(above[: k + 1][::-1]))
@@ -119,14 +119,14 @@ def _crossings(at: Any, sizes: Any, frequency: float, level: float) -> list[floa
 def parametric_regions(
     regions: Sequence[ParametricRegion], *, units: Units = "nondimensional", ax: Axes | None = None
 ) -> Axes:
-    """Regions in which a pulsating flow makes the pipe unstable: amplitude over frequency.
+    """Regions of amplitude over frequency in which a pulsating flow makes the pipe unstable.
 
     Kinds differ in colour, line and hatching; a ring marks the least amplitude of each region.
 
     Args:
-        regions: what to show, with amplitudes that are close enough for a curve.
-        units: "nondimensional", or "si" where the pipe has scales.
-        ax: where to draw; new Axes where not given.
+        regions: the regions to show, with amplitudes that are close enough for a curve.
+        units: "nondimensional", or "si" if the pipe has scales.
+        ax: Axes to draw on; new ones if not given.
 
     Example:
         >>> model = pp.Galerkin(pp.Pipe(0.2, 10.0), 8)
@@ -144,10 +144,10 @@ def parametric_regions(
         common.check_type(f"regions[{i}]", one, ParametricRegion)
     pipe = regions.model.pipe if isinstance(regions, ParametricRegions) else None
     view = View(units, regions[0].pipe if regions else pipe)
-    pulsation = Quantity(r"frequency of the pulsation $\omega$", FREQUENCY.si_label, FREQUENCY.unit)
+    pulsation = Measure(r"frequency of the pulsation $\omega$", OMEGA.si_label, OMEGA.unit)
     ylabel = r"amplitude $\mu$ of the pulsation"
     ax = common.axes(ax, (6.4, 4.2), xlabel=view.label(pulsation), ylabel=ylabel)
-    per = view.one(FREQUENCY)
+    per = view.one(OMEGA)
     named = set[str]()
     for region in regions:
         look = REGION_STYLES[region.kind]
@@ -160,7 +160,7 @@ def parametric_regions(
         named.add(region.kind)
         fill = {"facecolor": look["color"], "alpha": 0.25, "hatch": look["hatch"]}
         line = {"color": look["color"], "linestyle": look["linestyle"], "linewidth": 1.2}
-        if math.isfinite(region.threshold):  # down one side and up the other
+        if math.isfinite(region.threshold):  # the outline goes down one side and up the other
             around = np.append(edges[:0:-1, 0], edges[:, 1]), np.append(amplitude[:0:-1], amplitude)
             outline = smooth(*around)
             ax.fill(*outline.T, linewidth=0.0, label=label, **fill)
@@ -182,14 +182,14 @@ def parametric_regions(
 def forced_response(
     response: ForcedResponse, *, units: Units = "nondimensional", ax: Axes | None = None
 ) -> Axes:
-    """Amplitude of periodic motions over the frequency: stable solid, unstable dashed.
+    """Amplitude of periodic motions over the frequency, with stable ones solid, others dashed.
 
-    Folds and other events have markers.
+    Markers show folds and other events.
 
     Args:
-        response: what to show.
-        units: "nondimensional", or "si" where the pipe has scales.
-        ax: where to draw; new Axes where not given.
+        response: the response to show.
+        units: "nondimensional", or "si" if the pipe has scales.
+        ax: Axes to draw on; new ones if not given.
 
     Example:
         >>> model = pp.Galerkin(pp.Pipe(0.2, damping=0.002), 4)
@@ -202,13 +202,13 @@ def forced_response(
     """
     common.check_type("response", response, ForcedResponse)
     view = View(units, response.model.pipe)
-    labels = {"xlabel": view.label(FREQUENCY), "ylabel": view.label(AMPLITUDE)}
+    labels = {"xlabel": view.label(OMEGA), "ylabel": view.label(AMPLITUDE)}
     ax = common.axes(ax, (6.4, 4.2), **labels)
-    per, one = view.one(FREQUENCY), view.one(AMPLITUDE)
+    per, one = view.one(OMEGA), view.one(AMPLITUDE)
     shown = set[str]()
     for branch, look in zip(response.branches, cycle(common.CURVE_STYLES), strict=False):
         curve = smooth(per * branch.frequency, one * branch.amplitude)
-        steady = branch.stable[:-1] | branch.stable[1:]  # what ends at an event is so up to there
+        steady = branch.stable[:-1] | branch.stable[1:]  # a step to an event is stable up to it
         for stable, line in ((True, "-"), (False, (0, (4, 2)))):
             there = np.where(steady == stable)[0]
             runs = np.split(there, np.flatnonzero(np.diff(there) > 1) + 1) if there.size else []
@@ -236,5 +236,5 @@ def forced_response(
     ax.set_ylim(bottom=0.0)
     if shown:
         common.legend_below(ax)
-    view.second_axes(ax, FREQUENCY)
+    view.second_axes(ax, OMEGA)
     return ax

@@ -17,11 +17,11 @@ from pipedyn.linear.neutral import growth
 from pipedyn.plot import common
 from pipedyn.plot.units import (
     ARC,
+    FLOW_SPEED,
     GROWTH,
     OSCILLATION,
     ROOT_FREQUENCY,
-    SPEED,
-    Quantity,
+    Measure,
     Units,
     View,
 )
@@ -30,10 +30,10 @@ from pipedyn.util.check import Array
 
 DOT: dict[str, Any] = {"color": "black", "marker": "o", "markersize": 2.2, "linestyle": "none"}
 DOT |= {"markeredgewidth": 0.0, "zorder": 3.0}
-"""Look of a benchmark."""
+"""Look of the branches of a benchmark."""
 
 ONSET = common.open_marker(4.5, marker="D", markeredgewidth=0.9, zorder=4.0)
-"""Look of an onset."""
+"""Look of the marker of an onset."""
 
 
 def root_loci(
@@ -44,17 +44,17 @@ def root_loci(
     units: Units = "nondimensional",
     ax: Axes | None = None,
 ) -> Axes:
-    """Branches in the upper half of the complex plane, flow speed as colour.
+    """Branches of eigenvalues in the upper half of the complex plane, coloured by flow speed.
 
-    A diamond marks each onset. The lower half is their mirror image. A pair that has become real
-    shows as two curves on the real axis.
+    A diamond marks each onset. The lower half would be the mirror image. A pair that has become
+    real shows as two curves on the real axis.
 
     Args:
         loci: branches of the model.
         benchmark: branches of the continuous pipe, shown as black dots.
-        highest: speed at the end of the colours; that of the loci where not given.
-        units: "nondimensional", or "si" where the pipe has scales.
-        ax: where to draw; new Axes where not given. The first collection serves `colour_bar`.
+        highest: flow speed at the end of the colours; the highest of the loci if not given.
+        units: "nondimensional", or "si" if the pipe has scales.
+        ax: Axes to draw on; new ones if not given. The first collection serves `colour_bar`.
 
     Example:
         >>> speeds = np.linspace(0.0, 8.0, 81)
@@ -70,10 +70,10 @@ def root_loci(
         end = check.real("highest", highest, low=0.0, open_low=True)
     rate = view.one(GROWTH)
     branches = rate * branches_of(loci)
-    norm = Normalize(0.0, view.one(SPEED) * (end or 1.0))
-    speeds = view.one(SPEED) * loci.speeds[:, None]
+    norm = Normalize(0.0, view.one(FLOW_SPEED) * (end or 1.0))
+    speeds = view.one(FLOW_SPEED) * loci.speeds[:, None]
     _coloured(ax, branches.real, branches.imag, speeds, "viridis", norm)
-    _onsets(ax, growth(branches / rate), branches)
+    _mark_onsets(ax, growth(branches / rate), branches)
     if benchmark is not None:
         exact = rate * branches_of(benchmark)[:: dot_stride(benchmark)]
         ax.plot(exact.real, exact.imag, **DOT)
@@ -90,17 +90,17 @@ def frequencies(
     units: Units = "nondimensional",
     ax: Axes | None = None,
 ) -> Axes:
-    """|Im lambda| against flow speed, the real part as a diverging colour centred on zero.
+    """|Im lambda| against flow speed, with the real part as a colour that diverges from zero.
 
-    Unstable parts have a black outline; a diamond marks each onset.
+    Unstable parts of branches have a black outline; a diamond marks each onset.
 
     Args:
         loci: branches of the model.
         benchmark: branches of the continuous pipe, shown as black dots.
-        largest: |Re lambda| at the ends of the colours, linear within 1 and logarithmic beyond;
-            that of the loci where not given.
-        units: "nondimensional", or "si" where the pipe has scales.
-        ax: where to draw; new Axes where not given. The first collection serves `colour_bar`.
+        largest: |Re lambda| at the ends of the colours, which are linear up to 1 and logarithmic
+            beyond; the largest of the loci if not given.
+        units: "nondimensional", or "si" if the pipe has scales.
+        ax: Axes to draw on; new ones if not given. The first collection serves `colour_bar`.
 
     Example:
         >>> loci = pp.root_loci(pp.Chain(pp.Pipe(0.2), 10), np.linspace(0.0, 8.0, 81), count=3)
@@ -109,29 +109,29 @@ def frequencies(
     Raises:
         ValueError, TypeError: for bad arguments.
     """
-    ax, view = _checked_axes(loci, benchmark, units, ax, SPEED, ROOT_FREQUENCY)
+    ax, view = _checked_axes(loci, benchmark, units, ax, FLOW_SPEED, ROOT_FREQUENCY)
     branches = branches_of(loci)
     if largest is None:
         largest = float(np.nanmax(np.abs(branches.real), initial=0.0))
     largest = check.real("largest", largest, low=0.0)
     rate, end = view.one(GROWTH), view.one(GROWTH) * max(largest, 2.0)
     norm = SymLogNorm(rate, vmin=-end, vmax=end)
-    speeds, height = view.one(SPEED) * loci.speeds[:, None], view.one(ROOT_FREQUENCY)
+    speeds, height = view.one(FLOW_SPEED) * loci.speeds[:, None], view.one(ROOT_FREQUENCY)
     heights, real = height * branches.imag, growth(branches)
     _coloured(ax, speeds, heights, rate * real, "RdBu_r", norm, outlined=0.0)
-    _onsets(ax, real, speeds + 1j * heights)
+    _mark_onsets(ax, real, speeds + 1j * heights)
     if benchmark is not None:
         stride = dot_stride(benchmark)
-        places = view.one(SPEED) * benchmark.speeds[::stride]
+        places = view.one(FLOW_SPEED) * benchmark.speeds[::stride]
         ax.plot(places, height * branches_of(benchmark).imag[::stride], **DOT)
     ax.autoscale_view()
     return ax
 
 
 def _checked_axes(
-    loci: Any, benchmark: Any, units: Units, ax: Any, x: Quantity, y: Quantity
+    loci: Any, benchmark: Any, units: Units, ax: Any, x: Measure, y: Measure
 ) -> tuple[Axes, View]:
-    """The Axes to draw on, once the arguments of both pictures of eigenvalues are checked."""
+    """Checks arguments of both pictures of eigenvalues; returns the Axes and the units."""
     common.check_type("loci", loci, RootLoci)
     if benchmark is not None:
         common.check_type("benchmark", benchmark, RootLoci)
@@ -148,10 +148,10 @@ def _coloured(
     norm: Normalize,
     outlined: float = math.inf,
 ) -> None:
-    """Branches, the columns of x and y, as segments coloured by the mean of their values.
+    """Draws branches, the columns of x and y, in segments coloured by the mean of their values.
 
-    The largest values are on top: of two roots with one frequency, the less stable one. Those above
-    `outlined` have a black outline, the others a thin grey one.
+    Segments with the largest values are on top, so that of two roots with the same frequency the
+    less stable one is seen. Values above `outlined` get a black outline, others a thin grey one.
     """
     segments, means = pieces(x, y, values)
     order = np.argsort(means, kind="stable")
@@ -166,8 +166,8 @@ def _coloured(
     ax.add_collection(outlines, autolim=False)
 
 
-def _onsets(ax: Axes, real: Array, places: NDArray[np.complex128]) -> None:
-    """Diamonds where real parts become positive, by linear interpolation along the branches."""
+def _mark_onsets(ax: Axes, real: Array, places: NDArray[np.complex128]) -> None:
+    """Draws diamonds where real parts become positive, by linear interpolation along branches."""
     i, j = np.nonzero((real[:-1] <= 0.0) & (real[1:] > 0.0))
     part = real[i, j] / (real[i, j] - real[i + 1, j])
     onsets = places[i, j] + part * (places[i + 1, j] - places[i, j])
@@ -183,10 +183,10 @@ def pieces(x: Array, y: Array, values: Array) -> tuple[Array, Array]:
 
 
 def branches_of(loci: RootLoci) -> NDArray[np.complex128]:
-    """Upper roots, then the partners where they are real, as columns; NaN: nothing to draw."""
+    """Upper roots, then their partners if real, as columns; NaN where there is nothing to draw."""
     on_axis = loci.eigenvalues.imag == 0.0
     real = on_axis.copy()
-    # The step that leads to the real axis is shown for both roots.
+    # Both roots are shown on the step that leads to the real axis.
     real[1:] |= on_axis[:-1]
     real[:-1] |= on_axis[1:]
     nothing = complex(math.nan, math.nan)
@@ -197,7 +197,7 @@ def branches_of(loci: RootLoci) -> NDArray[np.complex128]:
 
 
 def dot_stride(loci: RootLoci) -> int:
-    """Number of speeds from one dot of a benchmark to the next.
+    """Number of speeds from one dot of a benchmark to the next, so that curves remain visible.
 
     Example:
         >>> loci = pp.root_loci(pp.Chain(pp.Pipe(0.2), 10), np.linspace(0.0, 8.0, 161), count=3)
@@ -212,14 +212,14 @@ def dot_stride(loci: RootLoci) -> int:
 def mode_shapes(
     modes: Modes, count: int = 4, *, units: Units = "nondimensional", ax: Axes | None = None
 ) -> Axes:
-    """Transverse displacement along the pipe: real part solid, imaginary part dashed.
+    """Mode shapes, as transverse displacement: real part solid, imaginary part dashed.
 
     Args:
-        modes: two curves for each eigenvalue that is not the lower of a conjugate pair.
-        count: of how many of these, at most, in the order of `modes`, from 1 to 1000; the title
+        modes: the modes to show, without those of the lower eigenvalue of a conjugate pair.
+        count: largest number of modes shown, in the order of `modes`, from 1 to 1000; the title
             tells how many there are if that is more.
-        units: "nondimensional", or "si" where the pipe has scales.
-        ax: where to draw; new Axes where not given.
+        units: "nondimensional", or "si" if the pipe has scales.
+        ax: Axes to draw on; new ones if not given.
 
     Example:
         >>> ax = plot.mode_shapes(pp.modes(pp.Chain(pp.Pipe(0.2), 10), 4.0, count=3))

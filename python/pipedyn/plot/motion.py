@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: MIT
-"""Pictures of motions: curves over time, phase portraits, shapes of the pipe, an animation.
+"""Pictures of motions: curves over time, phase portraits, shapes of the pipe, and animations.
 
-The model's y axis points along the straight pipe, away from the clamp. For a hanging pipe the
-picture's axis is inverted, for a standing one (gamma < 0) it is not. Gravity points down the page
-in both. Between its samples a motion is shown by cubics through positions and velocities.
+The y axis of a model points along the straight pipe, away from the clamp. In pictures it points
+down for a hanging pipe and up for a standing one (gamma < 0), so that gravity always points down
+the page. Between samples pictures show cubics through positions and velocities.
 """
 
 from __future__ import annotations
@@ -33,14 +33,14 @@ from pipedyn.models.pipe import Pipe
 from pipedyn.motion.sampling import INVISIBLE, ROUNDING, coarse
 from pipedyn.motion.simulate import Ensemble, Motion
 from pipedyn.plot import common
-from pipedyn.plot.units import ACROSS, ALONG, TIME, TIP, TIP_RATE, Units, View, rate
+from pipedyn.plot.units import AXIAL, ELAPSED, TIP, TIP_RATE, TRANSVERSE, Units, View, rate
 from pipedyn.util import check
 from pipedyn.util.check import Array
 from pipedyn.util.files import replacing
 from pipedyn.util.later import scipy
 
 Shown: TypeAlias = Motion | LimitCycle | Basin
-"""What is shown as a motion: also a limit cycle, and the motion on which starts of a basin end."""
+"""Results that are shown as motions; for a basin the motion on which its starts end is shown."""
 
 
 def time_history(
@@ -52,11 +52,11 @@ def time_history(
     """Transverse displacement of the free end over time.
 
     Args:
-        motions: one, several or an ensemble, of which members that failed are left out; limit
-            cycles and basins, too. Between samples, cubics
-            through positions and velocities are shown.
-        units: "nondimensional", or "si" where the pipe has scales.
-        ax: where to draw; new Axes where not given.
+        motions: one or several motions, limit cycles or basins, or an ensemble, of which members
+            that failed are left out. Between samples, cubics through positions and velocities are
+            shown.
+        units: "nondimensional", or "si" if the pipe has scales.
+        ax: Axes to draw on; new ones if not given.
 
     Example:
         >>> motion = pp.simulate(pp.Chain(pp.Pipe(0.2), 5), 6.0, 5.0, lambda s: 0.1 * s)
@@ -69,10 +69,10 @@ def time_history(
     named, failed = checked_motions(motions)
     shown = _signals(named, None, units, rates_shown=False)
     view = shown[0].view
-    ax = common.axes(ax, (6.4, 3.2), xlabel=view.label(TIME), ylabel=view.label(TIP))
+    ax = common.axes(ax, (6.4, 3.2), xlabel=view.label(ELAPSED), ylabel=view.label(TIP))
     ax.axhline(0.0, color="0.4", linewidth=0.6, zorder=0.5)
     for one in shown:
-        t = finer(one.curve.x)
+        t = finer_times(one.curve.x)
         ax.plot(one.times(t), one.values(t), label=one.label, linewidth=1.0, **one.look)
     ax.margins(x=0.0)
     _legend(ax, shown, failed)
@@ -88,23 +88,23 @@ def phase_portrait(
 ) -> Axes:
     """Displacement against velocity. A ring marks the start; the last cycle is a thicker line.
 
-    A coordinate that moves too fast for a curve through the samples is shown as these, in dots.
+    If a coordinate moves too fast for a curve through its samples, dots show the samples.
 
     Args:
-        motions: one, several or an ensemble, of which members that failed are left out; limit
-            cycles and basins, too.
+        motions: one or several motions, limit cycles or basins, or an ensemble, of which members
+            that failed are left out.
         coordinate: "tip" for the free end's transverse displacement, or the index of a coordinate,
             counted from 0.
-        units: "nondimensional", or "si" where the pipe has scales.
-        ax: where to draw; new Axes where not given.
+        units: "nondimensional", or "si" if the pipe has scales.
+        ax: Axes to draw on; new ones if not given.
 
     Example:
         >>> motion = pp.simulate(pp.Chain(pp.Pipe(0.2), 5), 6.0, 5.0, lambda s: 0.1 * s)
         >>> ax = plot.phase_portrait(motion)
 
     Raises:
-        ValueError: for fewer than 3 samples, samples too far apart to interpolate the free end's
-            path, or an index that a model does not have.
+        ValueError: for fewer than 3 samples, samples too far apart to interpolate the path of the
+            free end, or an index that a model does not have.
         TypeError: for bad arguments.
     """
     named, failed = checked_motions(motions)
@@ -116,7 +116,7 @@ def phase_portrait(
     ax = common.axes(ax, (4.8, 4.2), xlabel=view.label(TIP) if index is None else xlabel)
     ax.set_ylabel(ylabel)
     for one in shown:
-        t, colour = finer(one.curve.x), one.look["color"]
+        t, colour = finer_times(one.curve.x), one.look["color"]
         if one.dotted:
             t = one.curve.x
             look = {"color": colour, "linestyle": "none", "marker": ".", "markersize": 2.0}
@@ -140,32 +140,32 @@ Cubics: TypeAlias = "scipy.interpolate.CubicHermiteSpline"
 
 @dataclass(frozen=True)
 class Signal:
-    """What is shown of a motion: the free end or a coordinate as a function of time."""
+    """The free end or a coordinate of a motion as a function of time, and how it is drawn."""
 
     motion: Motion
     curve: scipy.interpolate.PPoly
     label: str
     look: dict[str, Any]
     view: View
-    index: int | None  # of a coordinate
-    dotted: bool  # whether its samples alone are known
+    index: int | None  # index of the coordinate; None for the free end
+    dotted: bool  # whether samples are too far apart for a curve
 
     def times(self, t: Array) -> Array:
-        """Times as they are shown."""
-        return self.view.one(TIME) * t
+        """Times in the units shown."""
+        return self.view.one(ELAPSED) * t
 
     def values(self, t: Array, derivative: int = 0) -> Array:
-        """Values or rates at times, as they are shown."""
+        """Values, or a derivative, at times t (in T), in the units shown."""
         unit = self.view.one(TIP) if self.index is None else 1.0
-        return np.asarray(unit / self.view.one(TIME) ** derivative * self.curve(t, derivative))
+        return np.asarray(unit / self.view.one(ELAPSED) ** derivative * self.curve(t, derivative))
 
 
 def _signals(
     named: dict[str, Motion], index: int | None, units: Units, rates_shown: bool
 ) -> list[Signal]:
-    """What is shown of each motion; refuses samples too far apart, but of a coordinate.
+    """The curve to show of each motion; samples of the free end too far apart are refused.
 
-    A label is the speed, and the model where speeds are the same.
+    Labels give the flow speed, and also the model if several motions have the same speed.
     """
     curves, dotted = [], []
     for name, motion in named.items():
@@ -188,9 +188,9 @@ def _signals(
 
 
 def _legend(ax: Axes, shown: Sequence[Signal], failed: Sequence[int]) -> None:
-    """Names of several curves, and which members are not there.
+    """Adds a legend for several curves, and a title that names members left out.
 
-    Of more than 12 a legend would cover most of the axes' height.
+    For more than 12 curves there is none, since it would be nearly as high as the Axes.
     """
     title = []
     if len(shown) == 1:
@@ -206,7 +206,7 @@ def _legend(ax: Axes, shown: Sequence[Signal], failed: Sequence[int]) -> None:
 
 
 def _left_out(failed: Sequence[int], members: int) -> str:
-    """That members of an ensemble are not shown."""
+    """A sentence on the members of an ensemble that are not shown."""
     if len(failed) == 1:
         return f"left out: member {failed[0]}, which failed"
     which = ", ".join(map(str, failed)) if len(failed) <= 6 else f"{len(failed)} of {members}"
@@ -214,7 +214,7 @@ def _left_out(failed: Sequence[int], members: int) -> str:
 
 
 def _title(motion: Motion, view: View) -> str:
-    """Flow speed and direction."""
+    """Title of a picture: flow speed and direction."""
     return f"{view.speed(motion.u)}, {motion.model.pipe.flow}"
 
 
@@ -222,7 +222,7 @@ def _title(motion: Motion, view: View) -> str:
 
 
 ARROW = 0.14
-"""Length of the arrow that shows the flow, in L: it widens the picture by a seventh at most."""
+"""Length of the arrow that shows the flow, in L; it widens the picture by at most a seventh."""
 
 
 def snapshots(
@@ -239,14 +239,14 @@ def snapshots(
     arrow next to the clamp shows gravity, if there is any.
 
     Args:
-        motion: what to show: a motion, a limit cycle or what a basin ends on.
-        span: start and end in T; where not given the last cycle, or all of a motion without one.
-            A cycle lasts from one upward crossing of the free end's middle position to the next
-            in the same state.
-        count: number of shapes, from 2 to 1000. Both ends of a span are among them, but only the
-            end of a cycle, where it is as at the start.
-        units: "nondimensional", or "si" where the pipe has scales.
-        ax: where to draw; new Axes where not given. The first collection, the shapes, serves
+        motion: a motion, a limit cycle, or a basin, of which the motion that it ends on is shown.
+        span: start and end in T; if not given, the last cycle, or all of a motion without cycles. A
+            cycle lasts from one upward crossing of the free end's middle position to the next in
+            the same state.
+        count: number of shapes, from 2 to 1000. They include both ends of a span, but only the end
+            of a cycle, whose start looks the same.
+        units: "nondimensional", or "si" if the pipe has scales.
+        ax: Axes to draw on; new ones if not given. The first collection, the shapes, serves
             `colour_bar`.
 
     Example:
@@ -263,20 +263,20 @@ def snapshots(
     view = View(units, motion.model.pipe)
     ax = common.axes(ax, (4.4, 5.0))
     times = np.linspace(start, end, count + 1)[1:] if cycle else np.linspace(start, end, count)
-    shapes = view.one(ACROSS) * _shapes(motion, times)
+    shapes = view.one(TRANSVERSE) * _shapes_at(motion, times)
     darkness = np.linspace(0.22, 1.0, 256)  # no shape is as light as the page
     lines = LineCollection(
         list(shapes),
         cmap=ListedColormap(1.0 - darkness[:, None] * [1.0, 0.9, 0.75]),
         linewidths=[1.1] * (count - 1) + [2.4],
-        array=view.one(TIME) * times,
+        array=view.one(ELAPSED) * times,
         capstyle="round",
         zorder=2.0,
         gid="shapes",
     )
     ax.add_collection(lines)
     _surroundings(ax, motion, shapes, shapes[-1], view)
-    start, end = view.one(TIME) * start, view.one(TIME) * end
+    start, end = view.one(ELAPSED) * start, view.one(ELAPSED) * end
     name, unit = ("t", " s") if view.si else (r"\tau", "")
     ends = f"{end - start:.4g}$" if cycle else f"{start:.4g}$ to {end:.4g}"
     what = f"{'a cycle of ' * cycle}${name} = {ends}"
@@ -295,11 +295,11 @@ ICONS = {
     "fa-fast-forward": "&#9654;&#xFE0E;|",
     "fa-plus": "+",
 }
-"""Characters for the buttons of a player."""
+"""Characters on the buttons of a player, by the names of matplotlib's icons."""
 
 
 class Film(FuncAnimation):
-    """An animation that is saved by the ending of its file's name, and plays in a notebook."""
+    """An animation that plays in a notebook; `save` takes the format from the file's extension."""
 
     fps = 25.0
     repeats = False
@@ -310,11 +310,12 @@ class Film(FuncAnimation):
         return f"Film({self.frames} frames, {self.fps:g} a second, {seconds})"
 
     def save(self, filename: Any, *args: Any, **options: Any) -> None:
-        """Write a file: .gif; .mp4, by ffmpeg; or .html, a page with a player.
+        """Writes a file: .gif, .mp4 (by ffmpeg), or .html, a page with a player.
 
         Raises:
-            ValueError, TypeError: for another ending, no folder, or .mp4 where ffmpeg is not found.
-            OSError: where it cannot be written; a file that was there stays as it was.
+            ValueError, TypeError: for another extension, a folder that does not exist, or .mp4 if
+                ffmpeg is not found.
+            OSError: if the file cannot be written; an existing file then stays as it was.
         """
         if args or "writer" in options:
             super().save(filename, *args, **options)
@@ -330,7 +331,7 @@ class Film(FuncAnimation):
             super().save(beside, writer=chosen(fps=self.fps), **options)
 
     def to_jshtml(self, *args: Any, **options: Any) -> str:
-        """A player for a page, with all frames."""
+        """A player with all frames as HTML."""
         options.setdefault("default_mode", "loop" if self.repeats else "once")
         with rc_context({"animation.embed_limit": 1e6}):  # MB: no frame is left out
             page = str(super().to_jshtml(*args, **options))
@@ -357,16 +358,16 @@ def animate(
     It plays in a notebook where it is the last value of a cell; `film.save(path)` writes it.
 
     Args:
-        motion: what to show: a motion; a limit cycle, as `branch.at(u)` of a diagram's branches
-            gives it; or what a basin of `attractors` ends on.
+        motion: a motion; a limit cycle, as `branch.at(u)` of a diagram's branches gives it; or a
+            basin of `attractors`, of which the motion that it ends on is shown.
         path: a file to write, ending in .gif, .mp4 (by ffmpeg, which must be installed) or .html (a
             page with a player); none is written where not given.
         fps: frames a second, from 1 to 50, the most that a GIF can show.
-        speed: time that passes in a second of the animation, in T. Where not given, a cycle takes
-            2.5 seconds, and all of a motion without cycles 8.
-        span: start and end in T; where not given the last cycle, which repeats without end, or all
-            of a motion without one.
-        units: "nondimensional", or "si" where the pipe has scales.
+        speed: time that passes in a second of the animation, in T. If not given, a cycle takes 2.5
+            seconds, and all of a motion without cycles 8 seconds.
+        span: start and end in T; if not given, the last cycle, which repeats without end, or all of
+            a motion without cycles.
+        units: "nondimensional", or "si" if the pipe has scales.
         ax: where to draw; that of a figure without a window where not given.
 
     Returns:
@@ -397,16 +398,16 @@ def animate(
     figure = common.axes(ax, (4.0, 4.6)).figure.figure
 
     view = View(units, motion.model.pipe)
-    one = view.one(ACROSS)
+    one = view.one(TRANSVERSE)
     times = np.linspace(start, end, frames, endpoint=not cycle)
-    shapes = one * _shapes(motion, times)
+    shapes = one * _shapes_at(motion, times)
     dots = max(1, math.ceil(400 / frames))
     fine = np.linspace(start, end, dots * (frames - (not cycle)) + 1)
     path_of_tip = one * motion.model.tips(coordinates_at(motion, fine).T)
     (trace,) = ax.plot([], [], color=common.BLUE, linewidth=0.9, zorder=1.8, gid="trace")
     (pipe,) = ax.plot([], [], color=common.BLACK, linewidth=2.6, zorder=2.0, gid="pipe")
     flow = _surroundings(ax, motion, shapes, shapes[0], view)
-    times = view.one(TIME) * times
+    times = view.one(ELAPSED) * times
     digits = max(0, -math.floor(math.log10(times[1] - times[0])))  # neighbouring times differ
 
     def show(frame: int) -> Sequence[Any]:
@@ -432,7 +433,7 @@ def animate(
 
 
 def _checked_path(path: Any) -> Path:
-    """The path of a film that can be written."""
+    """The path of a film, refused if no film can be written there."""
     if not isinstance(path, str | os.PathLike) or isinstance(os.fspath(path), bytes):
         raise TypeError(f"path must be a path of a file, got {check.shown(path)}")
     target = Path(path)
@@ -472,31 +473,31 @@ def _frames(duration: float, period: float, fps: float, speed: float | None) -> 
     return round(wanted)
 
 
-def _shapes(motion: Motion, times: Array) -> Array:
-    """The pipe at some times, shape (len(times), points, 2)."""
-    s = np.linspace(0.0, 1.0, 241)  # holds the joints of chains of 1 to 6, 8, 10 ... segments
+def _shapes_at(motion: Motion, times: Array) -> Array:
+    """Shapes of the pipe at some times, shape (len(times), points, 2)."""
+    s = np.linspace(0.0, 1.0, 241)  # contains the joints of chains of 1 to 6, 8, 10 ... segments
     return np.stack([motion.model.shape(q, s) for q in coordinates_at(motion, times)])
 
 
 def _surroundings(
     ax: Axes, motion: Motion, shapes: Array, shape: Array, view: View
 ) -> FancyArrowPatch | None:
-    """Clamp, gravity, and axes of equal scale with room for all shapes and the flow's arrow.
+    """Draws clamp and gravity, and sets axes of equal scale with room for all shapes.
 
-    Returns the arrow, at one shape; None without flow.
+    Returns the arrow of the flow at the end of `shape`; None if there is no flow.
     """
-    pipe, one = motion.model.pipe, view.one(ACROSS)
+    pipe, one = motion.model.pipe, view.one(TRANSVERSE)
     clamp_and_gravity(ax, pipe.gamma, shapes, one)
-    ax.set(xlabel=view.label(ACROSS), ylabel=view.label(ALONG))
+    ax.set(xlabel=view.label(TRANSVERSE), ylabel=view.label(AXIAL))
     if motion.u == 0.0:
         return None
     return _arrow(ax, common.VERMILION, "flow", flow_ends(pipe, shape, one))
 
 
 def clamp_and_gravity(ax: Axes, gamma: float, shapes: Array, one: float = 1.0) -> None:
-    """Clamp, gravity, and axes of equal scale with room for all shapes and the flow's arrow.
+    """Draws clamp and gravity, and sets axes of equal scale with room for shapes and an arrow.
 
-    one: the pipe's length.
+    `one` is the length of the pipe in the units shown.
     """
     room = (ARROW + 0.06) * one
     wide = max(0.36 * one, float(np.abs(shapes[..., 0]).max()) + room)
@@ -524,7 +525,7 @@ def _arrow(ax: Axes, colour: str, gid: str, ends: tuple[Any, Any]) -> FancyArrow
 
 
 def flow_ends(pipe: Pipe, shape: Array, one: float = 1.0) -> tuple[Any, Any]:
-    """Tail and head of the arrow at the free end: out of it, or into it; one: the pipe's length."""
+    """Tail and head of the arrow of the flow at the free end; `one` is the pipe's length."""
     step = shape[-1] - shape[-2]
     along = step / np.linalg.norm(step)
     cos, sin = math.cos(angle := pipe.jet_angle), math.sin(angle)
@@ -537,16 +538,16 @@ def flow_ends(pipe: Pipe, shape: Array, one: float = 1.0) -> tuple[Any, Any]:
 # ---------------------------------------------------------------------------------- between samples
 
 
-POINTS = 4000
-"""Points of a curve through fewer samples: two for each pixel of a picture 2000 pixels wide."""
+DRAWN_POINTS = 4000
+"""Number of points aimed at for a curve: two for each pixel of a picture 2000 pixels wide."""
 
 
 KEPT = ("t", "q", "qdot", "tip", "u", "model", "method", "evaluations")
-"""What limit cycles have of motions."""
+"""Attributes of motions that limit cycles have, too."""
 
 
 def checked_motion(motion: Any, name: str = "motion") -> Motion:
-    """The argument, if it is a motion with samples to draw; or that of a limit cycle or a basin."""
+    """The motion to draw of an argument: itself, that of a limit cycle, or that of a basin."""
     if isinstance(motion, Basin):
         motion = motion.motion
     if isinstance(motion, LimitCycle):
@@ -563,9 +564,9 @@ def checked_motion(motion: Any, name: str = "motion") -> Motion:
 
 
 def checked_motions(motions: Any) -> tuple[dict[str, Motion], list[int]]:
-    """A motion, several or those of an ensemble, under the names of the argument.
+    """Motions of the argument `motions`, by their names in error messages.
 
-    And the members of the ensemble that failed, which are not among them.
+    The second value holds the indices of members of an ensemble that failed and are left out.
     """
     if isinstance(motions, Motion | LimitCycle | Basin):
         return {"motions": checked_motion(motions, "motions")}, []
@@ -591,26 +592,26 @@ def checked_motions(motions: Any) -> tuple[dict[str, Motion], list[int]]:
 
 
 def path_of(motion: Motion | LimitCycle, index: int | None = None) -> Cubics:
-    """Transverse position of the free end, or a coordinate, at any time between two samples."""
+    """Transverse position of the free end, or a coordinate, as a function of time."""
     shown = (motion.tip, motion.tip_velocity) if index is None else (motion.q, motion.qdot)
     position, velocity = (values[:, index or 0] for values in shown)
     return scipy.interpolate.CubicHermiteSpline(motion.t, position, velocity)
 
 
-def tip_of(motion: Motion) -> Cubics:
-    """Position (x, y) of the free end at any time between two samples."""
+def tip_path_of(motion: Motion) -> Cubics:
+    """Position (x, y) of the free end as a function of time."""
     return scipy.interpolate.CubicHermiteSpline(motion.t, motion.tip, motion.tip_velocity)
 
 
 def coordinates_at(motion: Motion, times: Array) -> Array:
-    """Coordinates at times within the motion's, shape (len(times), coordinates)."""
+    """Coordinates at some times of a motion, shape (len(times), coordinates)."""
     return np.asarray(scipy.interpolate.CubicHermiteSpline(motion.t, motion.q, motion.qdot)(times))
 
 
 def is_coarse(
     curve: scipy.interpolate.PPoly, *, invisible: float = 0.0, rates_shown: bool = False
 ) -> bool:
-    """Whether samples are too far apart, see `coarse`."""
+    """Whether samples are too far apart for a curve through them, as `coarse` judges it."""
     times = curve.x
     return coarse(times, curve(times), curve(times, 1), invisible, rates_shown=rates_shown)
 
@@ -618,7 +619,7 @@ def is_coarse(
 def refuse_coarse(
     name: str, curve: scipy.interpolate.PPoly, *, invisible: float = 0.0, rates_shown: bool = False
 ) -> None:
-    """Refuse samples too far apart."""
+    """Raises ValueError if samples are too far apart for a curve through them."""
     if is_coarse(curve, invisible=invisible, rates_shown=rates_shown):
         raise ValueError(
             f"{name} must be sampled at least six times a cycle of the fastest visible motion, got "
@@ -627,28 +628,28 @@ def refuse_coarse(
 
 
 def last_cycle(motion: Motion) -> tuple[float, float] | None:
-    """Start and end of the last whole cycle, or None if there is none.
+    """Start and end of the last whole cycle; None if there is none.
 
-    It ends where the free end last rises through its middle, its median in the last quarter of
-    time, and starts at the latest earlier such crossing with the same state: a curve that misses
-    its start by 3 % looks closed. Where there is none, as in growing motion, it starts at the
-    crossing before. Where the free end is held, the coordinate that moves most stands for it.
+    The cycle ends where the free end last rises through its middle, which is its median in the last
+    quarter of the time. It starts at the latest earlier such crossing with the same state to 3 %,
+    since such a curve looks closed. If there is none, as in a growing motion, it starts at the
+    crossing before the last. If the free end is held, the coordinate that moves most replaces it.
     """
-    curve = tip_of(motion)
+    curve = tip_path_of(motion)
     if np.ptp(motion.tip[:, 0]) <= ROUNDING:
         order = np.argsort(-np.ptp(motion.q, axis=0))
         position, velocity = motion.q[:, order], motion.qdot[:, order]
         curve = scipy.interpolate.CubicHermiteSpline(motion.t, position, velocity)
-    late = np.linspace(motion.t[-1] - 0.25 * np.ptp(motion.t), motion.t[-1], POINTS)
+    late = np.linspace(motion.t[-1] - 0.25 * np.ptp(motion.t), motion.t[-1], DRAWN_POINTS)
     x = scipy.interpolate.PPoly(curve.c[..., 0], curve.x)
-    if np.ptp(x(late)) < 1e-6:  # at rest but for errors of integration
+    if np.ptp(x(late)) < 1e-6:  # the pipe is at rest, but for errors of integration
         return None
     crossings = x.solve(float(np.median(x(late))), extrapolate=False)
-    crossings = crossings[x(crossings, 1) > 0.0]  # drops NaN, too: a piece at rest
+    crossings = crossings[x(crossings, 1) > 0.0]  # also drops NaN, which stands for a piece at rest
     between = np.split(x(motion.t), np.searchsorted(motion.t, crossings))[1:]
     swings = np.array([np.ptp(part) if part.size else 0.0 for part in between])
     swings[-1:] = math.inf
-    # A smaller swing is a ripple, not a cycle; of more than 51 crossings none is periodic.
+    # A smaller swing is a ripple, not a cycle. A motion without a period in 51 crossings has none.
     crossings = crossings[swings > 0.1 * np.ptp(x(late))][-51:]
     if crossings.size < 2:
         return None
@@ -659,7 +660,7 @@ def last_cycle(motion: Motion) -> tuple[float, float] | None:
 
 
 def shown_part(motion: Any, span: Any) -> tuple[Motion, float, float, bool]:
-    """The samples of what is shown, its start and end, and whether that is the last cycle."""
+    """Samples around the part to show, its start and end, and whether it is the last cycle."""
     closed = isinstance(motion, LimitCycle)
     motion = checked_motion(motion)
     begin, finish = float(motion.t[0]), float(motion.t[-1])
@@ -674,16 +675,16 @@ def shown_part(motion: Any, span: Any) -> tuple[Motion, float, float, bool]:
             f"span must be a start and a later end within the motion's times, "
             f"[{begin:g}, {finish:g}], got {check.shown(span)}"
         )
-    # The samples that hold the span, two more on either side where there are.
+    # The samples around the span, with two more on either side if there are any.
     first = max(int(np.searchsorted(motion.t, start, side="right")) - 3, 0)
     held = slice(first, int(np.searchsorted(motion.t, end, side="left")) + 3)
     names = ("t", "q", "qdot", "tip", "energy")
     shown = replace(motion, **{name: getattr(motion, name)[held] for name in names})
-    refuse_coarse("motion", tip_of(shown), invisible=INVISIBLE)
+    refuse_coarse("motion", tip_path_of(shown), invisible=INVISIBLE)
     return shown, start, end, cycle is not None
 
 
-def finer(t: Array) -> Array:
-    """Times between which straight lines look like the curve, the samples among them."""
-    parts = min(8, -(-POINTS // t.size))
+def finer_times(t: Array) -> Array:
+    """Times so dense that straight lines between them look like the curve, including samples."""
+    parts = min(8, -(-DRAWN_POINTS // t.size))
     return np.interp(np.arange((t.size - 1) * parts + 1) / parts, np.arange(t.size), t)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""`explore`: the sliders of a notebook over an `Exploration`."""
+"""Sliders in a notebook that change the numbers of an `Exploration`."""
 
 from __future__ import annotations
 
@@ -25,10 +25,10 @@ LABELS = {
 }
 
 SAME_PLACE = "1 / 1 / 2 / 2"
-"""The cell of a grid in which pixels and the moving pipe lie over one another."""
+"""Cell of a grid in which the moving pipe lies on top of the pixels."""
 
 STEPS = 200
-"""Of a slider at least; its step is 1, 2 or 5 times a power of ten."""
+"""Least number of steps of a slider; a step is 1, 2 or 5 times a power of ten."""
 
 
 def explore(
@@ -41,38 +41,38 @@ def explore(
     ranges: Mapping[str, tuple[float, float]] | None = None,
     units: Units = "nondimensional",
 ) -> Any:
-    """Sliders for a pipe's numbers in Jupyter; pictures follow while one is moved.
+    """Sliders for the numbers of a pipe in Jupyter; pictures follow while a slider is moved.
 
-    There is a slider for the flow speed, beta, gamma, damping, the number of segments, the
-    stiffness of a root that gives, each number of the pipe's terms and whatever else of it is not
-    at its default. The pictures are the root loci of the chain up to the end of the slider of u,
-    with its roots at u; the stability boundary, the critical speed against one of the numbers, with
-    the place that is set; and the pipe's motion. That is the linear motion of the least stable
-    mode, which grows or decays as the mode does; its size is chosen for the picture. The amplitude
-    that flutter reaches is not in it, see `limit_cycle`. Above the critical speed no second range
-    of stability is looked for, see `boundary`.
+    There are sliders for the flow speed, beta, gamma, damping, the number of segments, the
+    stiffness of a spring at the root, each number of the pipe's terms, and every other number of
+    the pipe that is not at its default. The first picture shows root loci of the chain up to the
+    end of the slider of u, and its roots at u. The second shows the stability boundary, which is
+    the critical speed against one of the numbers, and the point that is set. It does not look for a
+    second range of stability above the critical speed, as `boundary` does. The third shows the
+    linear motion of the least stable mode, which grows or decays as the mode does. Its size is
+    chosen for the picture; `limit_cycle` computes the amplitude that flutter reaches.
 
     Args:
-        pipe: the pipe at first; the straight one must be an equilibrium.
+        pipe: the pipe at first; it must be able to rest straight.
         n: number of segments at first, up to 20.
-        u: flow speed at first; 1.05 times the critical one where not given.
+        u: flow speed at first; 1.05 times the critical speed if not given.
         springs: rule for the springs, as for `Chain`.
-        against: the number against which critical speeds are drawn, one that has a slider.
-        ranges: (low, high) of sliders by name, where others than the usual are wanted; a number of
-            the pipe that is named here gets a slider.
-        units: of the pictures, "nondimensional", or "si" where the pipe has scales; sliders are of
-            nondimensional numbers, the sentences below them tell both.
+        against: the number against which critical speeds are drawn; it must have a slider.
+        ranges: ranges (low, high) of sliders by name, if others than the usual are wanted; a number
+            of the pipe that is named here gets a slider.
+        units: units of the pictures, "nondimensional", or "si" if the pipe has scales. Sliders show
+            nondimensional numbers, and the sentences below them both.
 
     Returns:
-        The widget, which Jupyter shows; its attribute `exploration` holds the numbers as they are
-        set, the model and its answers, see `Exploration`.
+        The widget, which Jupyter shows. Its attribute `exploration` is the `Exploration` with the
+        numbers that are set, the model and its answers.
 
     Example:
         >>> plot.explore(pp.Pipe(0.2, gamma=10.0, damping=0.01))  # doctest: +SKIP
 
     Raises:
-        ImportError: without ipywidgets, which is in the extra "notebook".
-        ValueError, TypeError: for bad arguments, as of `Exploration`.
+        ImportError: if ipywidgets, which is in the extra "notebook", is not installed.
+        ValueError, TypeError: for bad arguments, as for `Exploration`.
     """
     widgets = _ipywidgets()
     state = Exploration(pipe, n, u, springs=springs, against=against, ranges=ranges, units=units)
@@ -83,14 +83,14 @@ def explore(
 
     def show(trouble: str = "") -> None:
         pixels.value, moving.value = state.picture.png(), state.picture.overlay().encode()
-        text.value = _report(state, trouble)
+        text.value = _as_html(state, trouble)
 
     def follow(name: str, change: Mapping[str, Any]) -> None:
         try:
             state.set(name, change["new"])
             show()
         except (ValueError, PipedynError) as error:
-            text.value = _report(state, f"No answer for {name} = {change['new']:g}: {error}")
+            text.value = _as_html(state, f"No answer for {name} = {change['new']:g}: {error}")
 
     def control(slider: Slider) -> Any:
         made = _slider(widgets, slider, state.values[slider.name])
@@ -121,7 +121,7 @@ def _ipywidgets() -> Any:
 
 
 def _slider(widgets: Any, slider: Slider, value: float) -> Any:
-    """The widget of a number."""
+    """The widget of a slider, set to a value."""
     label = LABELS.get(slider.name, slider.name)
     look = {
         "description": label,
@@ -138,14 +138,14 @@ def _slider(widgets: Any, slider: Slider, value: float) -> Any:
 
 
 def step_of(slider: Slider) -> float:
-    """The largest of 1, 2, 5 times a power of ten that makes enough steps."""
+    """Step of a slider: the largest 1, 2 or 5 times a power of ten with at least `STEPS` steps."""
     finest = (slider.high - slider.low) / STEPS
     power = 10.0 ** math.floor(math.log10(finest))
     return power * max(step for step in (1.0, 2.0, 5.0) if step * power <= finest * (1.0 + 1e-9))
 
 
-def _report(state: Exploration, trouble: str) -> str:
-    """The state in words, as HTML."""
+def _as_html(state: Exploration, trouble: str) -> str:
+    """The report of an exploration as HTML, with an error message if there is one."""
     now, then = (html.escape(one) for one in state.report)
     colour = common.VERMILION if state.unstable else common.GREEN
     said = f'<b style="color:{colour}">{now}</b><br>{then}'

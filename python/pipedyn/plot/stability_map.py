@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Stability boundaries in the plane of two numbers, and maps of several pipes' boundaries."""
+"""Pictures of stability boundaries in the plane of two numbers, of one pipe or of several."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ from pipedyn.linear.critical_speed import CriticalSpeed
 from pipedyn.linear.stability_curve import StabilityCurve
 from pipedyn.models.pipe import Pipe
 from pipedyn.plot import common
-from pipedyn.plot.units import OF_A_NUMBER, SPEED, Plane, Quantity, Units, View, of_number
+from pipedyn.plot.units import FLOW_SPEED, OF_A_NUMBER, Measure, PlaneView, Units, View, of_number
 from pipedyn.util import check
 from pipedyn.util.check import Array
 
-MARKERS = {
+ORGANISING_MARKERS = {
     "Bautin": "D",
     "Hopf-pitchfork": "s",
     "double Hopf": "o",
@@ -43,29 +43,29 @@ LOOKS: dict[tuple[str, str], dict[str, Any]] = {
 }
 DASHES = {"supercritical": "-", "subcritical": (0, (4, 1.5)), "": "-"}
 
-BESIDE = "other roots unstable"
+OTHERS_UNSTABLE = "other roots unstable"
 
 STABLE = "#DCEBDD"
 UNSEARCHED: dict[str, Any] = {"facecolor": "none", "edgecolor": "0.75", "hatch": "////"}
 UNSEARCHED |= {"linewidth": 0.0, "label": "not searched"}
 PER_STEP = 8
-"""Pieces in which a step of a curve is drawn."""
+"""Pieces in which each step of a curve is drawn."""
 
 COLUMNS = 500
-"""Of the shading, either way: its steps are hidden by the curves."""
+"""Numbers of rows and columns of the shading, enough for the curves to hide its steps."""
 
 
 def boundary(found: Boundary, *, units: Units = "nondimensional", ax: Axes | None = None) -> Axes:
-    """Boundaries of stability, the stable region shaded.
+    """Boundaries of stability in the plane of two numbers; the stable region is shaded.
 
-    Curves are solid where what emerges attracts, dashed where it repels, thin where other roots are
-    unstable or the criticality was not computed. The legend names organising points. Further axes
-    are in SI units where the pipe's numbers come from them.
+    Curves are solid if the bifurcation is supercritical, dashed if it is subcritical, and thin if
+    other roots are unstable or the criticality was not computed. The legend names organising
+    points. Second axes are in SI units if the pipe has scales.
 
     Args:
-        found: what `pipedyn.boundary` answered.
-        units: "nondimensional", or "si" where the pipe has scales.
-        ax: where to draw; new Axes where not given.
+        found: the result of `pipedyn.boundary`.
+        units: "nondimensional", or "si" if the pipe has scales.
+        ax: Axes to draw on; new ones if not given.
 
     Example:
         >>> window = {"gamma": (-20.0, 0.0), "u": (0.0, 5.0)}
@@ -76,7 +76,7 @@ def boundary(found: Boundary, *, units: Units = "nondimensional", ax: Axes | Non
         TypeError: for bad arguments.
     """
     common.check_type("found", found, Boundary)
-    plane = Plane(units, found.model.pipe, found.names)
+    plane = PlaneView(units, found.model.pipe, found.names)
     xlabel, ylabel = map(plane.label, plane.quantities)
     ax = common.axes(ax, (6.4, 4.8), xlabel=xlabel, ylabel=ylabel)
     (left, right), (low, high) = plane.limits(found.ranges)
@@ -100,22 +100,22 @@ def boundary(found: Boundary, *, units: Units = "nondimensional", ax: Axes | Non
         changes = [0, *(np.flatnonzero(differ) + 1), kinds.size]
         for first, last in pairwise(changes):
             look = curve.kind, str(kinds[first])
-            beside = BESIDE if others[first] and not look[1] else ""
+            beside = OTHERS_UNSTABLE if others[first] and not look[1] else ""
             label = new(", ".join(word for word in (*look, beside) if word))
             part = plane.at(*places[first : last + 1].T)
             ax.plot(*part, linestyle=DASHES[look[1]], label=label, **LOOKS[look])
     for point in found.points:
-        mark = common.open_marker(5.5, marker=MARKERS[point.kind], zorder=4.0)
+        mark = common.open_marker(5.5, marker=ORGANISING_MARKERS[point.kind], zorder=4.0)
         ax.plot(*plane.at(point.x, point.y), label=new(point.kind), **mark)
     if not searched.all():
         hatch = ax.contourf(x, y, searched, [-0.5, 0.5], colors="none", hatches=["////"])
         hatch.set(edgecolor=UNSEARCHED["edgecolor"], linewidth=0.0)
         ax.fill([], [], **UNSEARCHED)
     if found.failures:
-        ax.plot([], [], " ", label=f"{check.counted(len(found.failures), 'curve')} with failures")
+        ax.plot([], [], " ", label=f"{check.how_many(len(found.failures), 'curve')} with failures")
     ax.set(xlim=(left, right), ylim=(low, high))
     if not found.curves:
-        sentence = _why_nothing({_state(found)})
+        sentence = _why_nothing({_stability(found)})
         ax.text(0.5, 0.5, sentence, transform=ax.transAxes, ha="center", wrap=True)
     else:
         common.legend_below(ax)
@@ -124,14 +124,15 @@ def boundary(found: Boundary, *, units: Units = "nondimensional", ax: Axes | Non
 
 
 def _dense(curve: BoundaryCurve, found: Boundary) -> tuple[Array, NDArray[np.int_], Array]:
-    """A curve in pieces: cubics through its points with its directions there.
+    """Divides a curve in k straight pieces, on cubics through its points with its directions there.
 
-    What holds at its points changes between them at an organising point, which is one of the ends
-    of pieces; where none is known, as where the criticality passes infinity, in the middle.
+    Criticality and counts change between two points at an organising point, which is then an end of
+    pieces. If none is known there, as where the criticality passes infinity, they change in the
+    middle of the step.
 
     Returns:
-        Ends of pieces, (k + 1, 2); of each piece the point of the curve whose values hold on it,
-        (k,), and whether it is known where the counts of that step change, (k,).
+        Ends of the pieces, (k + 1, 2); for each piece the index of the point whose values hold on
+        it, (k,); and whether it is known where the counts of its step change, (k,).
     """
     low, high = np.array(found.ranges).T
     at = (np.column_stack([curve.x, curve.y]) - low) / (high - low)
@@ -162,8 +163,8 @@ def _dense(curve: BoundaryCurve, found: Boundary) -> tuple[Array, NDArray[np.int
     return low + (high - low) * ends, step + (share >= change[step]), known[step]
 
 
-def _pixels(found: Boundary, plane: Plane) -> tuple[Array, Array, Array, NDArray[np.bool_]]:
-    """Of the axes' area: places, rows and columns of `_stable` there, and which were searched."""
+def _pixels(found: Boundary, plane: PlaneView) -> tuple[Array, Array, Array, NDArray[np.bool_]]:
+    """Pixels of the Axes: positions, rows and columns in `_stable`, and whether searched."""
     middles = (np.arange(COLUMNS) + 0.5) / COLUMNS
     (left, right), (low, high) = plane.limits(found.ranges)
     at = np.array(np.meshgrid(left + (right - left) * middles, low + (high - low) * middles))
@@ -174,10 +175,11 @@ def _pixels(found: Boundary, plane: Plane) -> tuple[Array, Array, Array, NDArray
 
 
 def _stable(found: Boundary) -> NDArray[np.bool_]:
-    """Where no root is unstable, rows from the lowest y on, from the curves' counts.
+    """Whether no root is unstable, in rows by increasing y, (COLUMNS, COLUMNS).
 
-    On the way up through a column each curve says how many roots are unstable beyond it; only where
-    none is met, it does not know, or they disagree, the eigenvalues do.
+    On the way up through a column each curve gives the number of unstable roots beyond it.
+    Eigenvalues are computed only if a column meets no curve, if the number is not known, or if
+    curves disagree.
     """
     (left, right), (low, high) = found.ranges
     middles = (np.arange(COLUMNS) + 0.5) / COLUMNS
@@ -185,7 +187,7 @@ def _stable(found: Boundary) -> NDArray[np.bool_]:
     stable = np.zeros((COLUMNS, COLUMNS), dtype=np.bool_)
     met: list[list[tuple[float, int, int]]] = [[] for _ in columns]
     uncertain = np.zeros(COLUMNS, dtype=np.bool_)
-    passed = np.zeros(COLUMNS + 1, dtype=np.bool_)  # between a column and that before
+    passed = np.zeros(COLUMNS + 1, dtype=np.bool_)  # whether a curve passes before each column
     for curve in found.curves:
         places, of, certain = _dense(curve, found)
         for (x, y), (to_x, to_y), (on_left, on_right), sure in zip(
@@ -208,7 +210,7 @@ def _stable(found: Boundary) -> NDArray[np.bool_]:
             continue
         known = None
         if uncertain[k] or any((a[2] == 0) != (b[1] == 0) for a, b in pairwise(crossed)):
-            # So near to where curves cross that their pieces do not tell which is the lower.
+            # Near a crossing of curves their pieces do not show which is the lower.
             heights = [low, *(height for height, *_ in crossed), high]
             for bottom, top in pairwise(np.clip(heights, low, high).tolist()):
                 count = found.unstable(float(columns[k]), 0.5 * (bottom + top))
@@ -232,25 +234,26 @@ def stability_map(
     units: Units = "nondimensional",
     ax: Axes | None = None,
 ) -> Axes:
-    """Where pipes lose or regain stability: flow speed against a number, of several pipes.
+    """Speeds at which several pipes lose or regain stability, against a number.
 
     Ticks on boundaries and at points of curves point to the unstable side. Words at a curve of
-    divergence tell whether the flow buckles the pipe above it, or its weight below it. Parts on
-    which other roots are unstable are left out; of a pipe without others the legend says whether it
-    is stable at the speeds searched. Crosses on the axis are points that failed; triangles at the
-    top are points of curves at which no loss of stability was found up to a speed, and `marked` if
-    it lies above. Pipes come in the order of gamma, and the x axis shows what was searched.
+    divergence tell whether the flow buckles the pipe above it, or the weight below it. Parts of
+    boundaries on which other roots are unstable are left out; if no part is left, the legend says
+    whether the pipe is stable at the speeds searched. Crosses on the axis are points that failed.
+    Triangles at the top are points at which no loss of stability was found up to some speed, or
+    `marked` if it lies above. Pipes are in the order of gamma, and the x axis shows the range
+    searched.
 
     Args:
-        boundaries: by label: boundaries with one number for x and "u" for y, and curves from
-            `pipedyn.stability_curve`, which are drawn as points.
+        boundaries: boundaries and curves by their labels. Boundaries have the same number for x and
+            "u" for y; curves from `pipedyn.stability_curve` are drawn as points.
         highest: end of the axis of speed, nondimensional.
-        marked: a critical speed to mark, at its pipe's beta: of boundaries over beta. If the pipe
-            is unstable below, too, the legend says so instead.
-        parameter: label of the x axis for curves; where not given, the name of the argument that
-            made their models.
-        units: "nondimensional", or "si" where the pipe has scales.
-        ax: where to draw; new Axes where not given.
+        marked: a critical speed to mark at the beta of its pipe, if the number is beta. If the pipe
+            is unstable below it, too, the legend says so instead.
+        parameter: label of the x axis for curves; if not given, the name of the argument from which
+            their models were made.
+        units: "nondimensional", or "si" if the pipe has scales.
+        ax: Axes to draw on; new ones if not given.
 
     Example:
         >>> window = {"beta": (0.1, 0.9), "u": (0.0, 15.0)}
@@ -265,7 +268,7 @@ def stability_map(
             "boundaries must map labels to boundaries or curves, as {'chain': found} does, got "
             f"{check.shown(boundaries)}"
         )
-    names = dict.fromkeys(_swept(label, one) for label, one in boundaries.items())
+    names = dict.fromkeys(_number_swept(label, one) for label, one in boundaries.items())
     names.pop(None, None)
     boundaries = dict(sorted(boundaries.items(), key=lambda item: _gamma(item[1])))
     if len(names) > 1:
@@ -281,17 +284,17 @@ def stability_map(
     known = next((pipe for pipe in pipes if pipe is not None), None)
     known = marked.pipe if known is None and marked is not None else known
     view = View(units, known)
-    shown = Quantity(parameter or _parameter(boundaries))
+    shown = Measure(parameter or _parameter(boundaries))
     if name is not None and known is not None:
         shown = of_number(name, known)
-    ax = common.axes(ax, (6.4, 4.8), xlabel=view.label(shown), ylabel=view.label(SPEED))
+    ax = common.axes(ax, (6.4, 4.8), xlabel=view.label(shown), ylabel=view.label(FLOW_SPEED))
     drawn, failed, divergences = False, list[float](), list[tuple[Array, bool, bool, Any]]()
     states, searched, reach = set[str](), list[float](), 0.0
     for (label, found), pipe, look in zip(
         boundaries.items(), pipes, cycle(common.CURVE_STYLES), strict=False
     ):
         own = View(units, pipe or known)
-        one = np.array([own.one(shown), own.one(SPEED)])
+        one = np.array([own.one(shown), own.one(FLOW_SPEED)])
         if isinstance(found, StabilityCurve):
             points = {"linestyle": "none", "marker": "o", "markersize": 3.5}
             speeds = found.in_si().speeds if own.si else found.speeds
@@ -313,20 +316,20 @@ def stability_map(
             ]
             drawn = drawn or bool(np.isfinite(found.speeds).any() or stays.any())
             continue
-        plane = Plane(units, found.model.pipe, found.names)
+        plane = PlaneView(units, found.model.pipe, found.names)
         parts = [part for curve in found.curves for part in parts_of_stability(curve, found)]
         drawn = drawn or bool(parts)
         (left, right), (_, end) = plane.limits(found.ranges)
         searched, reach = [*searched, float(left), float(right)], max(reach, float(end))
         note = ""
         if not parts:
-            states.add(_state(found))
-            # The unit of speed in SI falls with the mass ratio.
+            states.add(_stability(found))
+            # The SI unit of speed depends on the mass ratio, so the range is nondimensional.
             said = View("nondimensional", None) if name == "beta" else own
             low, high = (said.speed(float(end)) for end in found.ranges[1])
-            note = f": {_state(found)} from {low} to {high}"
+            note = f": {_stability(found)} from {low} to {high}"
         if found.failures:
-            note += f" ({check.counted(len(found.failures), 'curve')} with failures)"
+            note += f" ({check.how_many(len(found.failures), 'curve')} with failures)"
         ax.plot([], [], linewidth=1.5, label=f"{label}{note}", **look)
         for line, kind, left in parts:
             ticks = withTickedStroke(angle=90.0 if left else -90.0, **TICKS)
@@ -347,7 +350,7 @@ def stability_map(
     elif marked is not None and name in (None, "beta"):
         words = rf"$\beta = {marked.pipe.beta:g}$, $\gamma = {marked.pipe.gamma:g}$"
         own = View(units, marked.pipe)
-        label, height = f"{words}: {own.speed(marked.speed, 4)}", own.one(SPEED) * marked.speed
+        label, height = f"{words}: {own.speed(marked.speed, 4)}", own.one(FLOW_SPEED) * marked.speed
         look = {"markerfacecolor": "none", "markeredgewidth": 1.2, "zorder": 4.0, "clip_on": False}
         if marked.speed > (highest or math.inf):
             height, label = 0.97, f"{label}, above"
@@ -355,14 +358,14 @@ def stability_map(
         ax.plot(marked.pipe.beta, height, label=label, **common.open_marker(7.0, **look))
     end = 1.1 * ax.dataLim.y1 if drawn else reach
     if highest is not None:
-        end = view.one(SPEED) * highest
+        end = view.one(FLOW_SPEED) * highest
     ax.set_ylim(0.0, end if end > 0.0 else None)
     if searched:
         if marked is not None and name in (None, "beta") and not marked.unstable_before:
             searched.append(marked.pipe.beta)
         left, right = min(searched), max(searched)
         of_points = any(isinstance(one, StabilityCurve) for one in boundaries.values())
-        room = 0.05 * (right - left) if of_points else 0.0  # for marks at the ends
+        room = 0.05 * (right - left) if of_points else 0.0  # marks at the ends need room
         if right > left:
             ax.set_xlim(left - room, right + room)
     heights = np.array([step[0][1, 1] for step in divergences]) / ax.get_ylim()[1]
@@ -375,20 +378,20 @@ def stability_map(
     elif boundaries:
         ticks = withTickedStroke(angle=-90.0, **TICKS)
         ax.plot([], [], color="0.3", path_effects=[ticks], label="ticks: unstable side")
-    if ax.get_legend_handles_labels()[0]:  # a mark above the highest speed has none
+    if ax.get_legend_handles_labels()[0]:  # artists without labels have no entries
         common.legend_below(ax)
     return ax
 
 
 def _gamma(one: Any) -> float:
-    """Of the pipe, last where there is none; 0 where gamma itself is swept."""
+    """Gamma by which pipes are sorted: infinite without a pipe, 0 if the number is gamma itself."""
     swept = one.names[0] if isinstance(one, Boundary) else one.parameter
     pipe = _pipe(one)
     return 0.0 if swept == "gamma" else math.inf if pipe is None else pipe.gamma
 
 
-def _state(found: Boundary) -> str:
-    """Of a pipe without a boundary of stability in the window."""
+def _stability(found: Boundary) -> str:
+    """Stability, in words, of a pipe that has no boundary in the window."""
     if found.failures:
         return "no boundary known"
     count = found.unstable(*np.mean(found.ranges, axis=1).tolist())
@@ -396,7 +399,7 @@ def _state(found: Boundary) -> str:
 
 
 def _why_nothing(states: set[str]) -> str:
-    """Why a map has no boundary, from the states of its pipes."""
+    """A sentence that says why a map has no boundary, from the stability of its pipes."""
     if not states or not states <= {"stable", "unstable"}:
         return "No stability boundary was computed."
     all_is = f": all is {next(iter(states))}" if len(states) == 1 else ""
@@ -404,12 +407,12 @@ def _why_nothing(states: set[str]) -> str:
 
 
 def _unsearched(ax: Axes, found: list[Boundary]) -> None:
-    """Shades speeds in SI above those searched: the unit of speed falls with the mass ratio."""
+    """Hatches SI speeds above those searched, whose limit depends on beta as their unit does."""
     highest = ax.get_ylim()[1]
     ends = list[Array]()
     for one in found:
         (left, right), (_, end) = one.ranges
-        plane = Plane("si", one.model.pipe, one.names)
+        plane = PlaneView("si", one.model.pipe, one.names)
         ends.append(plane.at(np.linspace(left, right, 200), np.full(200, end)))
     beta, lowest = ends[0][0], np.min([end for _, end in ends], axis=0)
     if (lowest < highest).any():
@@ -419,11 +422,11 @@ def _unsearched(ax: Axes, found: list[Boundary]) -> None:
 
 TICKS: dict[str, Any] = {"spacing": 8.0, "length": 0.5, "linewidth": 0.7}
 TICKS["dashes"] = {"dash_offset": 0.0, "dash_list": None}
-"""On the unstable sides of boundaries."""
+"""Look of the ticks on the unstable sides of boundaries."""
 
 
-def _swept(label: Any, one: Any) -> str | None:
-    """Name of the number over which a boundary was found; None of a curve, which does not know."""
+def _number_swept(label: Any, one: Any) -> str | None:
+    """Name of the number on the x axis of a boundary; None for a curve, which does not know it."""
     common.check_type("the names of boundaries", label, str)
     if isinstance(one, StabilityCurve):
         return None
@@ -434,7 +437,7 @@ def _swept(label: Any, one: Any) -> str | None:
 
 
 def _parameter(boundaries: Mapping[str, Boundary | StabilityCurve]) -> str:
-    """Label of what curves go over, in the words of the functions that made their models."""
+    """Label of the x axis for curves: the argument of the functions that made their models."""
     if not boundaries:
         return common.BETA_LABEL
     curves = (one for one in boundaries.values() if isinstance(one, StabilityCurve))
@@ -445,7 +448,7 @@ def _parameter(boundaries: Mapping[str, Boundary | StabilityCurve]) -> str:
 
 
 def _pipe(found: Boundary | StabilityCurve) -> Pipe | None:
-    """Of a boundary, or of the first critical speed of a curve."""
+    """The pipe of a boundary, or that of the first critical speed of a curve."""
     if isinstance(found, Boundary):
         return found.model.pipe
     return next((one.pipe for one in found.critical if one is not None), None)
@@ -454,10 +457,10 @@ def _pipe(found: Boundary | StabilityCurve) -> Pipe | None:
 def _divergence(
     ax: Axes, step: Array, left: bool, standing: bool, colour: str, others: int
 ) -> None:
-    """Words at a step of a curve of divergence: above it by the flow, or below it at rest.
+    """Writes words at a step of a curve of divergence, which say on which side the pipe buckles.
 
-    They stand on that side, or on the other where the axis is near, beyond those of other curves as
-    high.
+    The words stand on that side, or on the other if the end of the axis is near. They keep clear of
+    the words of `others` curves at the same height.
     """
     before, at = step
     above = (at[0] > before[0]) == left
@@ -475,9 +478,9 @@ def _divergence(
 
 
 def parts_of_stability(curve: BoundaryCurve, found: Boundary) -> Iterator[tuple[Array, str, bool]]:
-    """Parts of a curve on which no other root is unstable, (k, 2) each.
+    """Parts of a curve on which no other root is unstable, as points of shape (k, 2).
 
-    Each comes with its kind, and whether the pipe is unstable on its left.
+    With each part come its kind, and whether the pipe is unstable on the left of the curve.
     """
     places, of, certain = _dense(curve, found)
     pieces = certain & (curve.unstable[of] == 0)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""What axes show: labels of quantities, and units, nondimensional or SI where a pipe has scales."""
+"""Labels and units of what axes show; units are SI units only if the pipe has scales."""
 
 from __future__ import annotations
 
@@ -23,13 +23,13 @@ from pipedyn.util.result import Units as Units
 
 
 @dataclass(frozen=True)
-class Quantity:
-    """What an axis shows.
+class Measure:
+    """A quantity that an axis shows.
 
     Attributes:
-        label: of the axis in nondimensional units.
-        si_label: of the axis in SI units; empty where the quantity has no unit.
-        unit: SI value of one.
+        label: label of an axis in nondimensional units.
+        si_label: label of an axis in SI units; empty if the quantity has no unit.
+        unit: function that gives the SI value of a nondimensional 1.
     """
 
     label: str
@@ -37,70 +37,67 @@ class Quantity:
     unit: Callable[[Scales], float] = lambda scales: 1.0
 
 
-SPEED = Quantity(common.SPEED_LABEL, "flow speed (m/s)", si.SPEED.scale)
-TIME = Quantity(common.TIME_LABEL, "time (s)", si.TIME.scale)
-TIP = Quantity(common.TIP_LABEL, "free end $x$ (m)", si.LENGTH.scale)
-TIP_RATE = Quantity(
+FLOW_SPEED = Measure(common.SPEED_LABEL, "flow speed (m/s)", si.SPEED.scale)
+ELAPSED = Measure(common.TIME_LABEL, "time (s)", si.TIME.scale)
+TIP = Measure(common.TIP_LABEL, "free end $x$ (m)", si.LENGTH.scale)
+TIP_RATE = Measure(
     common.TIP_RATE_LABEL,
     r"velocity of the free end $\dot{x}$ (m/s)",
     lambda scales: scales.length / scales.time,
 )
-AMPLITUDE = Quantity(
+AMPLITUDE = Measure(
     "amplitude of the free end / $L$", "amplitude of the free end (m)", si.LENGTH.scale
 )
-ACROSS = Quantity("transverse $x/L$", "transverse $x$ (m)", si.LENGTH.scale)
-ALONG = Quantity(
-    "along the straight pipe $y/L$", "along the straight pipe $y$ (m)", si.LENGTH.scale
-)
-ARC = Quantity(
+TRANSVERSE = Measure("transverse $x/L$", "transverse $x$ (m)", si.LENGTH.scale)
+AXIAL = Measure("along the straight pipe $y/L$", "along the straight pipe $y$ (m)", si.LENGTH.scale)
+ARC = Measure(
     "arc length $s/L$ from the clamp", "arc length $s$ from the clamp (m)", si.LENGTH.scale
 )
-GROWTH = Quantity(common.REAL_LABEL, r"Re $\lambda$ (1/s)", si.RATE.scale)
-OSCILLATION = Quantity(common.IMAGINARY_LABEL, r"Im $\lambda$ (rad/s)", si.RATE.scale)
-ROOT_FREQUENCY = Quantity(
-    common.FREQUENCY_LABEL, r"|Im $\lambda$| $/2\pi$ (Hz)", si.FREQUENCY.scale
-)
-FREQUENCY = Quantity(
+GROWTH = Measure(common.REAL_LABEL, r"Re $\lambda$ (1/s)", si.RATE.scale)
+OSCILLATION = Measure(common.IMAGINARY_LABEL, r"Im $\lambda$ (rad/s)", si.RATE.scale)
+ROOT_FREQUENCY = Measure(common.FREQUENCY_LABEL, r"|Im $\lambda$| $/2\pi$ (Hz)", si.FREQUENCY.scale)
+OMEGA = Measure(
     r"angular frequency $\omega$ (nondimensional)", "frequency (Hz)", si.FREQUENCY.scale
 )
 
 PER_FORCE = "m/N", lambda scales: scales.time**2 / (scales.mass * scales.length)
 PER_MOMENT = "1/N", lambda scales: scales.time**2 / (scales.mass * scales.length**2)
-"""Of a displacement per unit of what drives the pipe: unit, and SI value of one."""
+"""Units of the displacement per force and per moment, each with a function that gives the SI value
+of a nondimensional 1."""
 
 OF_A_NUMBER = {
-    "u": SPEED,
-    **{name: Quantity(f"{one.word} ${one.symbol}$") for name, one in OWN_NUMBERS.items()},
-    "beta": Quantity(common.BETA_LABEL),
-    "damping": Quantity(r"damping $\delta$", "damping time (s)", si.TIME.scale),
-    "frequency": Quantity("frequency of the forcing", FREQUENCY.si_label, FREQUENCY.unit),
-    "amplitude": Quantity("amplitude of the forcing"),
+    "u": FLOW_SPEED,
+    **{name: Measure(f"{one.word} ${one.symbol}$") for name, one in OWN_NUMBERS.items()},
+    "beta": Measure(common.BETA_LABEL),
+    "damping": Measure(r"damping $\delta$", "damping time (s)", si.TIME.scale),
+    "frequency": Measure("frequency of the forcing", OMEGA.si_label, OMEGA.unit),
+    "amplitude": Measure("amplitude of the forcing"),
 }
-"""Of a boundary's axes, by the name of the number; others are looked up in the pipe."""
+"""Numbers that axes of boundaries show, by name; all other numbers are looked up in the pipe."""
 
 
-def of_number(name: str, pipe: Pipe) -> Quantity:
-    """A number of a pipe, of one of its terms or of the root's spring, by its name."""
+def of_number(name: str, pipe: Pipe) -> Measure:
+    """The number of a name, of a pipe, of one of its terms or of the spring at the root."""
     if name in OF_A_NUMBER:
         return OF_A_NUMBER[name]
     label = "stiffness of the root $(EI/L)$" if name == "root.stiffness" else name
     unit = unit_of_number(name, pipe)
     if unit is None:
-        return Quantity(label)
+        return Measure(label)
     text = re.sub(r"\^(-?\d+)", r"$^{\1}$", unit.name)
-    return Quantity(label, f"{name} ({text})", unit.scale)
+    return Measure(label, f"{name} ({text})", unit.scale)
 
 
-def rate(coordinate: int, before: str = "", after: str = "") -> Quantity:
-    """Of change of a coordinate, with words before and after it in the label."""
+def rate(coordinate: int, before: str = "", after: str = "") -> Measure:
+    """Rate of change of a coordinate, with words before and after it in the label."""
     words = rf"{before}rate $\dot{{q}}_{{{coordinate}}}$"
-    return Quantity(f"{words}{after}", f"{words}{after} (1/s)", si.RATE.scale)
+    return Measure(f"{words}{after}", f"{words}{after} (1/s)", si.RATE.scale)
 
 
 class View:
-    """Units in which a picture shows a pipe's quantities.
+    """Units in which a picture shows the quantities of a pipe.
 
-    Raises ValueError for units="si" of a pipe without scales.
+    Raises ValueError for units="si" if the pipe has no scales.
     """
 
     def __init__(self, units: Any, pipe: Pipe | None) -> None:
@@ -112,24 +109,24 @@ class View:
                 "`Pipe.from_si` has them, got 'si'"
             )
 
-    def one(self, quantity: Quantity) -> float:
-        """What is shown for a nondimensional 1."""
+    def one(self, quantity: Measure) -> float:
+        """The value that is shown for a nondimensional 1 of a quantity."""
         return quantity.unit(self.scales) if self.si and self.scales is not None else 1.0
 
-    def label(self, quantity: Quantity) -> str:
-        """Of an axis."""
+    def label(self, quantity: Measure) -> str:
+        """Label of an axis that shows a quantity."""
         return (self.si and quantity.si_label) or quantity.label
 
     def speed(self, u: Any, digits: int = 4) -> str:
-        """A flow speed in words: a number of so many digits, a function of time, or a state."""
+        """A flow speed in words: a number with some digits, a constant head or a function u(t)."""
         if not isinstance(u, float):
             return "constant head" if isinstance(u, Supply) else "$u(t)$"
         if self.si:
-            return f"$V = {u * self.one(SPEED):.{digits}g}$ m/s"
+            return f"$V = {u * self.one(FLOW_SPEED):.{digits}g}$ m/s"
         return f"$u = {u:.{digits}g}$"
 
-    def second_axes(self, ax: Axes, x: Quantity | None = None, y: Quantity | None = None) -> None:
-        """Axes in SI units on the other sides of nondimensional ones, where the pipe has scales."""
+    def second_axes(self, ax: Axes, x: Measure | None = None, y: Measure | None = None) -> None:
+        """Adds axes in SI units opposite to nondimensional ones, if the pipe has scales."""
         if self.si or self.scales is None:
             return
         for along, shown in (("x", x), ("y", y)):
@@ -145,16 +142,18 @@ class View:
                 ax.tick_params(right=False, which="both")
 
 
-LEAST_BETA = 0.04
-"""Of the largest in a plane: the axis of speeds in m/s, which grow without bound towards beta = 0,
-ends with those of this one."""
+SHOWN_BETA = 0.04
+"""Share of the largest beta in a plane at which the range of speeds in m/s ends, since these grow
+without bound towards beta = 0."""
 
 
-class Plane(View):
-    """Units in which the plane of two numbers is shown: with beta, that of the flow speed changes.
+class PlaneView(View):
+    """Units in which a picture shows the plane of two numbers.
+
+    If one number is beta and the other u, the SI unit of the flow speed changes across the plane.
 
     Attributes:
-        quantities: of x and y.
+        quantities: what the x and y axes show.
     """
 
     def __init__(self, units: Any, pipe: Pipe, names: tuple[str, str]) -> None:
@@ -162,10 +161,10 @@ class Plane(View):
         self.quantities = of_number(names[0], pipe), of_number(names[1], pipe)
         self._beta = names.index("beta") if {"beta", "u"} == set(names) else None
         if self._beta is not None and not self.si:
-            self.scales = None  # other axes would need one unit of the flow speed
+            self.scales = None  # second axes need a unit of the flow speed that is constant
 
     def units(self, x: Any, y: Any) -> Array:
-        """What is shown for a nondimensional 1 of either number at places, (2,) and their shape."""
+        """Values shown for a nondimensional 1 of x and y, shape (2,) and then that of x and y."""
         places = np.asarray([x, y], dtype=float)
         ones = np.empty_like(places)
         ones.T[...] = [self.one(quantity) for quantity in self.quantities]
@@ -174,15 +173,15 @@ class Plane(View):
         return ones
 
     def at(self, x: Any, y: Any) -> Array:
-        """Places as they are shown, (2,) and their shape."""
+        """Points (x, y) in the units shown, shape (2,) and then that of x and y."""
         shown: Array = self.units(x, y) * [x, y]
         return shown
 
     def limits(self, ranges: Any) -> Array:
-        """Of the axes that show a window, (2, 2)."""
+        """Limits of the axes that show a window, one row for each axis, shape (2, 2)."""
         edges = np.array(ranges)
         if self._beta is not None:
-            edges[self._beta, 0] = max(edges[self._beta, 0], LEAST_BETA * edges[self._beta, 1])
+            edges[self._beta, 0] = max(edges[self._beta, 0], SHOWN_BETA * edges[self._beta, 1])
         corners = self.at(*np.meshgrid(*edges))
         found = np.stack([corners.min(axis=(1, 2)), corners.max(axis=(1, 2))], axis=1)
         if self._beta is not None:

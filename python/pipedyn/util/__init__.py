@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: MIT
-"""What every layer uses: argument checks, counters, threads, progress, tables."""
+"""Tools for all other folders: checks of arguments, results, files, counters, threads, tables."""

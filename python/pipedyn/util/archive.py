@@ -1,14 +1,15 @@
 # SPDX-License-Identifier: MIT
 """Results and models in files that outlive the program that wrote them.
 
-A file is an .npz archive of numpy: one member for each array, and "header", a JSON text. That has
-the version of the format and of the package, and the table of objects. An object is a class by the
-name that `saved_as` gives it, with its fields, a model with its numbers, or an exception with its
-arguments; objects refer to those before them by their places. Nothing in a file is ever run.
+A file is an .npz archive of numpy: one member for each array, and "header", a JSON text. The header
+holds the versions of the format and of the package, and a table of objects. Each object is stored
+as the name that `saved_as` gave its class and its fields; a model is stored as its numbers, an
+exception as its arguments. Objects refer to earlier ones by their index in the table. Nothing in a
+file is ever run as code.
 
-A file may be damaged or come from anywhere. So no more memory is taken than its size allows, each
-array is read once, and numbers are checked as the constructors do, or against the types and shapes
-that fields of results have.
+A file may be damaged or come from anywhere. Loading it therefore takes no more memory than its size
+allows and reads each array once. Constructors check the numbers; fields of results are checked
+against their types and shapes.
 """
 
 from __future__ import annotations
@@ -33,27 +34,29 @@ from pipedyn.util.fields import check_shapes, check_signs, check_types
 from pipedyn.util.files import replacing
 
 FORMAT = 1
-"""Version of the format; a file of a later one is refused."""
+"""Version of the format; a file with a later version is refused."""
 
 HEADER = ("format", "package", "root", "objects")
-"""What a header has."""
+"""Keys of a header."""
 
 DEFLATED = 1032
-"""Bytes that a byte of a compressed member can stand for: a match of deflate, the longest of which
-has 258 bytes, takes two bits."""
+"""Largest ratio of a member's size to its compressed size: deflate encodes a match, which has at
+most 258 bytes, in no less than two bits."""
 
 LARGEST_HEADER, HEADER_SHARE = 10_000_000, 30
-"""Characters that a header may have, and how many more for each byte of the file. Those of scenes,
-the longest, have 20 for each byte. A character takes up to 20 bytes of memory."""
+"""Largest length of a header in characters: the first number, plus the second for each byte of the
+file. Scenes have the longest headers, 20 characters a byte. A character takes up to 20 bytes of
+memory."""
 
 DESCRIPTION = re.compile(
     r"\{'descr': '([<>|=][biufcU][1-9]\d*)', 'fortran_order': (True|False), "
     r"'shape': \(((?:\d+, )*(?:\d+,?)?)\), \} *\n"
 )
-"""How `numpy.save` describes an array."""
+"""The description that `numpy.save` writes before an array: its type, order and shape."""
 
 TOO_MUCH = f"its objects are made of more than {check.LONGEST} numbers"
-"""Why objects that share arrays, for each of which these are gone through, may be too many."""
+"""Reason to refuse a file. Objects may share an array, and each of them goes through its entries,
+so that a small file could take for ever."""
 
 FORMER_NAMES = {
     "accuracy.choose.Tried": "Tried",
@@ -91,14 +94,14 @@ FORMER_NAMES = {
     "util.counters.TookTooLong": "TookTooLong",
     "util.newton.NewtonFailed": "NewtonFailed",
 }
-"""Names that files have of before a class got another one; a name that is here stays for ever."""
+"""Today's names of classes by the names in older files. A row is never removed."""
 
 Kind = TypeVar("Kind", bound=type)
 
 
 @dataclasses.dataclass(frozen=True)
 class _Entry:
-    """What files know of a class, see `saved_as`."""
+    """A class that files can hold, with the arguments that `saved_as` got for it."""
 
     kind: type
     name: str
@@ -118,17 +121,18 @@ def saved_as(
     added: Collection[str] = (),
     shapes: Mapping[str, str] | None = None,
 ) -> Callable[[Kind], Kind]:
-    """Gives a class its name in files, which stays when the class moves or is called otherwise.
+    """Gives a class its name in files, which stays when the class moves or is renamed.
 
-    Classes whose objects files keep are dataclasses, named tuples, exceptions, or have a method
-    `archived`, which gives their fields by name. A class method `restored` takes these, else the
-    constructor does.
+    The class must be a dataclass, a named tuple or an exception, or have a method `archived` that
+    returns its fields by name. A class method `restored` makes an object from these fields; where
+    there is none, the constructor does.
 
     Args:
-        name: a word that no other class has; a new one needs the old one in `FORMER_NAMES`.
-        former: of fields that were renamed, today's names by the former.
-        added: fields that older files do not have, which get their default; others must be there.
-        shapes: of arrays and tuples in fields, as for `check_shapes`.
+        name: a word that no other class has; when it changes, `FORMER_NAMES` needs the old one.
+        former: today's names of renamed fields, by their former names.
+        added: fields that older files lack and that then get their default; files must have all
+            others.
+        shapes: shapes of arrays and tuples in fields, as for `check_shapes`.
     """
 
     def registered(kind: Kind) -> Kind:
@@ -141,7 +145,10 @@ def saved_as(
 
 
 def _entry(name: str, base: type) -> _Entry:
-    """What files call so: a class that is a `base`, an object if neither an error nor a tuple."""
+    """The class that a file names, refused if it is no subclass of `base`.
+
+    Exceptions and named tuples are accepted only where `base` is Exception or tuple.
+    """
     found = _BY_NAME.get(FORMER_NAMES.get(name, name))
     if found is None:
         raise ValueError(f"it has a {check.shown(name)}, which this version does not know")
@@ -152,14 +159,14 @@ def _entry(name: str, base: type) -> _Entry:
 
 
 class Saved:
-    """What can be written to a file and loaded from it."""
+    """Base class of results, models and pipes, which can be written to files."""
 
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Writes it to a file, from which `load` makes it again.
+        """Writes the object to a file, from which `load` restores it.
 
         Args:
-            path: of the file, ending in .npz; an existing one is replaced once the new one is
-                whole, and stays as it was if it cannot be written.
+            path: path of the file, ending in .npz. An existing file is replaced once the new one is
+                complete, and stays as it was if the new one cannot be written.
 
         Example:
             >>> pp.critical_speed(pp.Chain(pp.Pipe(0.2), 10)).save("critical.npz")
@@ -167,26 +174,26 @@ class Saved:
             5.4857
 
         Raises:
-            ValueError: for what holds a Python function or an object of another package, of which
-                the message says where it is (`to_csv` writes the table of a result that is one);
-                for a path that does not end in .npz, or in a folder that is not there.
-            OSError: where the file cannot be written.
+            ValueError: if the object holds a Python function or an object of another package; the
+                message says where (`to_csv` still writes the table of a result that is a table).
+                Also if the path does not end in .npz, or its folder does not exist.
+            OSError: if the file cannot be written.
         """
         save(self, path)
 
 
 class _Writer:
-    """Objects and arrays of one file."""
+    """Collects the objects and arrays that one file is to hold."""
 
     def __init__(self) -> None:
         self.objects: list[Any] = []
         self.arrays: dict[str, Any] = {}
         self._places: dict[int, int] = {}
         self._work = 0
-        self._kept: list[Any] = []  # so that no other object takes the place of one in memory
+        self._alive: list[Any] = []  # objects stay alive, so that no other one gets the same id
 
     def encoded(self, value: Any, where: str) -> Any:
-        """What JSON holds of a value, whose place is told if it cannot be saved."""
+        """The JSON form of a value; `where` says in errors which value cannot be saved."""
         if value is None or isinstance(value, bool | str):
             return value
         if isinstance(value, np.generic):
@@ -211,7 +218,7 @@ class _Writer:
             made = self._object(value, where)
             self._places[id(value)] = len(self.objects)
             self.objects.append(made)
-            self._kept.append(value)
+            self._alive.append(value)
         return {"object": self._places[id(value)]}
 
     def _tuple(self, value: tuple[Any, ...], where: str) -> dict[str, Any]:
@@ -247,7 +254,7 @@ class _Writer:
 
 
 def _work(kind: type, fields: Mapping[str, Any]) -> int:
-    """How many numbers are gone through to make an object: none where it takes them as they are."""
+    """Array entries that loading an object goes through; 0 if it takes its fields unchanged."""
     if not hasattr(kind, "restored") and not hasattr(kind, "archived"):
         return 0
     held = [
@@ -257,18 +264,18 @@ def _work(kind: type, fields: Mapping[str, Any]) -> int:
 
 
 def _fields(value: Any) -> dict[str, Any]:
-    """What a file keeps of an object, by name."""
+    """Fields of an object that a file holds, by name."""
     if hasattr(value, "archived"):
         return dict(value.archived())
     return {field.name: getattr(value, field.name) for field in dataclasses.fields(value)}
 
 
 class _Members:
-    """The arrays of a file, each of which is read once, and none before its size is judged.
+    """The arrays of a file; each can be read once, after its size has been checked.
 
     Args:
         archive: the open file.
-        size: of the file, in bytes.
+        size: size of the file in bytes.
     """
 
     def __init__(self, archive: zipfile.ZipFile, size: int) -> None:
@@ -285,7 +292,7 @@ class _Members:
             raise ValueError(f"its header is longer than the {most} bytes that it may have")
 
     def array(self, name: str) -> np.ndarray[Any, Any]:
-        """The array of a member, which is not read again."""
+        """Reads the array of a member, which cannot be read again."""
         entry = self._unread.pop(f"{name}.npy", None)
         if entry is None:
             raise ValueError(f"it has no array {check.shown(name)}, or more than once")
@@ -296,11 +303,11 @@ class _Members:
         with self._archive.open(entry) as file:
             start = file.read(10)
             text = file.read(int.from_bytes(start[8:], "little")).decode("latin-1")
-            described = DESCRIPTION.fullmatch(text)
-            if start[:8] != b"\x93NUMPY\x01\x00" or described is None:
+            description = DESCRIPTION.fullmatch(text)
+            if start[:8] != b"\x93NUMPY\x01\x00" or description is None:
                 raise ValueError(f"{name} is described otherwise than `save` does")
-            dtype = np.dtype(described[1])
-            shape = tuple(int(size) for size in described[3].split(",") if size.strip())
+            dtype = np.dtype(description[1])
+            shape = tuple(int(size) for size in description[3].split(",") if size.strip())
             if math.prod(shape) > check.LONGEST:
                 raise ValueError(f"{name} has more than {check.LONGEST} entries")
             length = math.prod(shape) * dtype.itemsize
@@ -310,22 +317,22 @@ class _Members:
             while filled < length and (part := file.read(min(2**20, length - filled))):
                 raw[filled : filled + len(part)] = part
                 filled += len(part)
-            if filled < length or file.read(1):  # which also compares checksums
+            if filled < length or file.read(1):  # reading to the end also compares checksums
                 raise ValueError(f"{name} is not as long as it says")
         if dtype.kind == "b" and raw.strip(b"\x00\x01"):
             raise ValueError(f"{name} has what is neither true nor false")
-        order: Any = "F" if described[2] == "True" else "C"
+        order: Any = "F" if description[2] == "True" else "C"
         values = np.ndarray(shape, dtype, raw, order=order)
         return values.astype(dtype.newbyteorder("="), copy=False)
 
     def require_read(self) -> None:
-        """Raises ValueError where a member was not read."""
+        """Raises ValueError if a member of the file was not read."""
         if self._unread:
             raise ValueError(f"nothing has its member {check.shown(next(iter(self._unread)))}")
 
 
 class _Reader:
-    """The objects of one file."""
+    """Restores the objects of one file in the order of its table."""
 
     def __init__(self, objects: Iterable[Any], arrays: Callable[[str], Any]) -> None:
         self._arrays = arrays
@@ -335,7 +342,7 @@ class _Reader:
             self._made.append(self._object(one))
 
     def decoded(self, value: Any) -> Any:
-        """The value that JSON holds."""
+        """The value that its JSON form, as `_Writer.encoded` makes it, stands for."""
         if isinstance(value, float) and not math.isfinite(value):
             raise ValueError("it has a number that overflows")
         if isinstance(value, list):
@@ -395,7 +402,7 @@ class _Reader:
 
 
 def _made(entry: _Entry, values: dict[str, Any]) -> Any:
-    """An object with these values of its fields, if these are what they can be."""
+    """An object with these values of its fields, after checks of types, signs and shapes."""
     check_types(entry.kind, values)
     check_signs(entry.kind, values)
     make = getattr(entry.kind, "restored", None)
@@ -408,7 +415,7 @@ def _made(entry: _Entry, values: dict[str, Any]) -> Any:
 
 
 def save(thing: Any, path: str | os.PathLike[str]) -> None:
-    """Writes a result, a model or a pipe to a file; see `Saved`."""
+    """Writes a result, a model or a pipe to a file, as its method `Saved.save` does."""
     place = _checked(path)
     if not place.parent.is_dir():
         raise ValueError(f"path must lie in a folder that exists, got {check.shown(str(place))}")
@@ -435,18 +442,18 @@ def save(thing: Any, path: str | os.PathLike[str]) -> None:
         try:
             with zipfile.ZipFile(beside) as archive:
                 _Members(archive, beside.stat().st_size)
-        except ValueError as error:  # it would not be loaded
+        except ValueError as error:  # `load` would refuse the file
             raise ValueError(f"{type(thing).__name__} cannot be saved: {error}") from None
 
 
 def load(path: str | os.PathLike[str]) -> Any:
-    """What `save` of a result, a model or a pipe wrote.
+    """Loads a result, a model or a pipe from a file that its `save` wrote.
 
-    A result or a pipe is equal to what was saved. A model has its numbers and answers as it does,
-    but models are equal only if they are one object.
+    A loaded result or pipe equals the one that was saved. A loaded model has the same numbers and
+    gives the same answers, but two models compare equal only if they are one object.
 
     Args:
-        path: of the file.
+        path: path of the file.
 
     Returns:
         The result, model or pipe.
@@ -457,8 +464,8 @@ def load(path: str | os.PathLike[str]) -> Any:
         Pipe(beta=0.2, gamma=10)
 
     Raises:
-        ValueError: for a file that `save` did not write, or a later version of the package.
-        OSError: where the file cannot be read.
+        ValueError: if `save` did not write the file, or that of a later version did.
+        OSError: if the file cannot be read.
     """
     place = _checked(path)
     try:
@@ -474,14 +481,14 @@ def load(path: str | os.PathLike[str]) -> Any:
         raise ValueError(f"{place} cannot be loaded: it is no file of pipedyn") from error
     except OSError:
         raise
-    except Exception as error:  # whatever it is, it is the file's fault
+    except Exception as error:  # any other failure comes from a damaged or foreign file
         said = str(error) or type(error).__name__
         said += " is missing" if isinstance(error, KeyError) else ""
         raise ValueError(f"{place} cannot be loaded: {said}") from error
 
 
 def _header(values: np.ndarray[Any, Any]) -> dict[str, Any]:
-    """What the header says, if it has all that `save` writes, and nothing else."""
+    """The header by its keys, refused unless these are exactly those that `save` writes."""
     if values.shape != () or values.dtype.kind != "U":
         raise ValueError("its header is no text")
     header = json.loads(str(values), object_pairs_hook=_without_repetition, parse_constant=_refused)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Checks of arguments: one sentence that names the argument, the rule and what came."""
+"""Checks of arguments. Each error is a sentence with the argument, the rule and the value given."""
 
 from __future__ import annotations
 
@@ -22,10 +22,10 @@ Array = NDArray[np.float64]
 Word = TypeVar("Word", bound=str)
 
 NOT_NUMBERS = (bool, np.bool_, np.timedelta64)
-"""What Python or numpy registers as a number, but counts nothing."""
+"""Types that Python or numpy registers as numbers, but that arguments must not have."""
 
 LONGEST = 1_000_000_000
-"""Numbers in one argument: 8 GB."""
+"""Largest number of entries of one argument: as float64 they take 8 GB."""
 
 _BRIEF = reprlib.Repr()
 _BRIEF.maxlist = _BRIEF.maxtuple = _BRIEF.maxset = _BRIEF.maxfrozenset = _BRIEF.maxdict = 20
@@ -33,12 +33,12 @@ _BRIEF.maxstring = _BRIEF.maxlong = _BRIEF.maxother = 120
 
 
 def shown(value: object) -> str:
-    """What came, on one line and short enough for a message."""
+    """A value as text on one line, short enough for an error message."""
     if said := getattr(type(value), "_as_argument", None):
         return str(said(value))
     try:
         text = " ".join(_BRIEF.repr(value).split())
-    except Exception:  # an int of more digits than Python prints, an object that has no repr
+    except Exception:  # an int with more digits than Python prints, or a repr that fails
         text = f"<{type(value).__name__}>"
     return text if len(text) <= 60 else text[:57] + "..."
 
@@ -52,7 +52,7 @@ def real(
     open_low: bool = False,
     open_high: bool = False,
 ) -> float:
-    """A finite real number in an interval, as a float."""
+    """The value as a float, refused unless it is a finite real number in an interval."""
     if isinstance(value, np.ndarray) and value.ndim == 0:
         _refuse_masked(name, value)
         value = value[()]
@@ -80,7 +80,7 @@ def _rule(low: float, high: float, open_low: bool, open_high: bool) -> str:
 
 
 def count(name: str, value: Any, *, low: int = 1, high: int | None = None) -> int:
-    """A whole number in an interval; booleans and floats do not count."""
+    """The value, refused unless it is a whole number in an interval, not a boolean or a float."""
     if isinstance(value, NOT_NUMBERS) or not isinstance(value, Integral):
         raise TypeError(f"{name} must be a whole number, got {shown(value)}")
     number = operator.index(value)
@@ -90,27 +90,27 @@ def count(name: str, value: Any, *, low: int = 1, high: int | None = None) -> in
     return number
 
 
-def counted(number: int, thing: str) -> str:
-    """So many things, in words: one has no plural."""
+def how_many(number: int, thing: str) -> str:
+    """A number of things in words, as "1 root" or "2 roots"."""
     return f"{number} {thing}{'' if number == 1 else 's'}"
 
 
 def flag(name: str, value: Any) -> bool:
-    """True or False, nothing that only looks like it."""
+    """The value, refused unless it is True or False."""
     if not isinstance(value, bool | np.bool_):
         raise TypeError(f"{name} must be True or False, got {shown(value)}")
     return bool(value)
 
 
 def executor(name: str, value: Any) -> None:
-    """None, or what takes tasks like a `concurrent.futures.Executor`."""
+    """Refuses a value that is neither None nor has a `submit` as `concurrent.futures.Executor`."""
     submits = callable(getattr(value, "submit", None)) and not isinstance(value, type)
     if value is not None and not submits:
         raise TypeError(f"{name} must be a concurrent.futures.Executor, got {shown(value)}")
 
 
 def choice(name: str, value: Any, options: Collection[Word]) -> Word:
-    """One of a few words."""
+    """The value, refused unless it is one of a few words."""
     is_word = isinstance(value, str)
     if is_word and value in options:
         return next(option for option in options if option == value)
@@ -132,7 +132,7 @@ def array(
     open_low: bool = False,
     longest: int = 1_000_000,
 ) -> Array:
-    """A one-dimensional array of finite numbers in an interval, as a read-only copy."""
+    """A read-only copy as a one-dimensional array; numbers must be finite and in an interval."""
     raw = numbers(name, value, "an array of real numbers", longest=longest)
     if raw.ndim != 1:
         raise ValueError(f"{name} must be one-dimensional, got shape {raw.shape}")
@@ -140,7 +140,7 @@ def array(
         raise ValueError(f"{name} must have {size} entries, got {raw.size}")
     if raw.size < 1:
         raise ValueError(f"{name} must have from 1 to {longest} entries, got 0")
-    with np.errstate(over="ignore"):  # of longer floats; infinity is refused
+    with np.errstate(over="ignore"):  # longer floats may become infinite, which is refused below
         values = np.array(raw, dtype=np.float64)
     good = (values > low if open_low else values >= low) & (values <= high)
     entries(name, values, good & np.isfinite(values), _rule(low, high, open_low, False))
@@ -151,7 +151,7 @@ def array(
 def window(
     names: tuple[str, str], ranges: Any, rules: tuple[dict[str, Any], dict[str, Any]]
 ) -> tuple[tuple[float, float], tuple[float, float]]:
-    """Ranges of two numbers by name, whose ends obey rules of `real`."""
+    """Ranges (low, high) of two named numbers, whose ends `real` checks by a rule for each."""
     if not isinstance(ranges, Mapping):
         raise TypeError(f"ranges must map x and y to (low, high), got {shown(ranges)}")
     if set(ranges) != set(names):
@@ -168,7 +168,7 @@ def window(
 
 
 def entries(name: str, values: NDArray[Any], good: NDArray[np.bool_], rule: str) -> None:
-    """Raises ValueError, with its place, for the first entry that is not good."""
+    """Raises ValueError for the first entry that is not good, and says its index."""
     if not good.all():
         where = tuple(np.argwhere(~good)[0].tolist())
         index = where[0] if len(where) == 1 else where
@@ -178,10 +178,10 @@ def entries(name: str, values: NDArray[Any], good: NDArray[np.bool_], rule: str)
 def numbers(
     name: str, value: Any, what: str, *, kinds: str = "iuf", longest: int = 1_000_000
 ) -> NDArray[Any]:
-    """What came as a numpy array of any shape, itself where it is one.
+    """The value as a numpy array of any shape; an array is returned as it is, without a copy.
 
-    Refused are masked entries, booleans among numbers and, before memory is asked for, more than
-    `longest` entries; numbers that are not finite are not.
+    Masked entries, booleans among numbers and more than `longest` entries are refused, the last
+    before memory is allocated. Infinite numbers and NaN are accepted.
     """
     came = _entries(value)
     if came > longest:
@@ -211,19 +211,19 @@ def numbers(
 
 
 def doubles(name: str, value: Any, what: str) -> Array:
-    """Numbers of any shape, finite or not, as contiguous float64: what the core takes."""
+    """Numbers of any shape, finite or not, as the contiguous float64 array that the core takes."""
     raw = numbers(name, value, what, longest=LONGEST)
-    with np.errstate(over="ignore"):  # of longer floats: infinity is refused later
+    with np.errstate(over="ignore"):  # longer floats may become infinite, which is refused later
         return np.asarray(raw, dtype=np.float64, order="C")
 
 
 def _is_real(value: Any) -> bool:
-    # A float is asked for first: of most numbers the question costs more than the answer.
+    # Most values are floats, and `type` is much faster than `isinstance` of an abstract class.
     return type(value) is float or (isinstance(value, Real) and not isinstance(value, NOT_NUMBERS))
 
 
 def _entries(value: Any) -> int:
-    """How many entries an array of this would have, by the first entry of each list."""
+    """Number of entries that nested lists would have as an array, from the first of each list."""
     entries = 1
     for _ in range(32):
         if isinstance(value, str | bytes) or not isinstance(value, Sequence):
@@ -239,7 +239,7 @@ def _entries(value: Any) -> int:
 
 
 def _leaves(value: Any, depth: int = 0) -> Iterator[Any]:
-    """Entries of a list and of the lists in it."""
+    """Entries of a list and of the lists nested in it."""
     for part in value:
         if isinstance(part, list | tuple) and depth < 32:
             yield from _leaves(part, depth + 1)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""What a computation costs: right-hand sides and factorisations, counted; and its time, limited."""
+"""Counts of the right-hand sides and factorisations of a computation, and limits of its time."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ from dataclasses import dataclass
 from pipedyn.util.archive import saved_as
 
 clock: Callable[[], float] = time.perf_counter if os.name == "nt" else time.thread_time
-"""Seconds of this thread's work, which others on the machine hardly move; Windows counts them in
-steps of 16 ms, and there it is the time that passes."""
+"""Processor time of this thread in seconds, which other work on the machine hardly changes.
+Windows counts it in steps of 16 ms, so there it is the wall-clock time."""
 
 
 @saved_as("TookTooLong")
 class TookTooLong(Exception):
-    """A computation that came to the end of its time; no failure of a search, which would go on."""
+    """A computation took longer than its limit; unlike a failure, this also ends a search."""
 
 
 @dataclass
@@ -34,14 +34,14 @@ class Counters:
     factorisations: int = 0
 
 
-_unasked = Counters()  # what nobody asked to count
+_unasked = Counters()  # takes the counts outside all `counted` blocks
 _tally: ContextVar[Counters] = ContextVar("counters", default=_unasked)
 _end: ContextVar[tuple[float, str]] = ContextVar("end", default=(math.inf, ""))
 
 
 @contextmanager
 def counted() -> Iterator[Counters]:
-    """Within, what this thread computes is counted; an inner count keeps its own."""
+    """Counts what this thread computes in a `with` block, without what inner blocks count."""
     counters = Counters()
     token = _tally.set(counters)
     try:
@@ -52,10 +52,10 @@ def counted() -> Iterator[Counters]:
 
 @contextmanager
 def limited(seconds: float) -> Iterator[None]:
-    """Within, this thread computes for so many seconds at most; an outer limit holds as well.
+    """Limits the time of this thread in a `with` block; the limit of an outer block holds as well.
 
-    TookTooLong is raised at the next right-hand side or factorisation after that; integrators ask
-    now and then only.
+    TookTooLong is raised at the first right-hand side or factorisation after that time; integrators
+    check the time only now and then.
     """
     token = _end.set(min(_end.get(), (clock() + seconds, f"it took more than {seconds:.3g} s")))
     try:
@@ -65,7 +65,7 @@ def limited(seconds: float) -> Iterator[None]:
 
 
 def in_time() -> None:
-    """Asks whether there is time left."""
+    """Raises TookTooLong if the time limit of this thread has passed."""
     end, message = _end.get()
     if end < math.inf and clock() > end:
         raise TookTooLong(message)

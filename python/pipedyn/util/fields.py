@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Whether the values of fields have the types and shapes that their class states."""
+"""Checks that the values of fields have the types and shapes that their class states."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ import numpy as np
 from pipedyn.util import check
 
 LARGEST_WHOLE = 2**63
-"""Whole numbers in fields are smaller: 64 bits hold them."""
+"""Whole numbers in fields are smaller than this in magnitude, so that 64 bits hold them."""
 
 NOT_NEGATIVE = frozenset(
     (
@@ -30,38 +30,43 @@ NOT_NEGATIVE = frozenset(
 """Fields of results whose numbers are never below 0."""
 
 SIZES = ("coordinates", "dof", "moving")
-"""Words in shapes that are sizes of the field `model`, where that has them."""
+"""Words in shapes that stand for attributes of the field `model`, if the model has them."""
 
 TERM = re.compile(r"(\d*)([A-Za-z]*)([+-]\d+)?")
-"""A size in a shape: a number, or a word, maybe times a number, maybe plus one."""
+"""A size in a shape: a number, or a word that may have a factor before it and a number added."""
 
 
 def check_types(kind: type, values: Mapping[str, Any]) -> None:
-    """Raises TypeError for a value that is not what its field is annotated as.
+    """Raises TypeError for a value that does not have the annotated type of its field.
 
     Args:
-        kind: a class with fields, else its constructor's arguments count as these.
-        values: by the names of fields, some or all of them.
+        kind: a class; if it has no fields, the arguments of its constructor count as fields.
+        values: values by the names of fields, of some or all of them.
     """
     for name, hint in _hints(kind).items():
         if name in values and not fits(values[name], hint):
             said = hint.__name__ if isinstance(hint, type) else str(hint)
+            if get_origin(hint) is Literal:
+                said = f"one of {', '.join(map(repr, get_args(hint)))}"
             raise TypeError(
                 f"{name} of {kind.__name__} must be {said}, got {check.shown(values[name])}"
             )
 
 
 def check_signs(kind: type, values: Mapping[str, Any]) -> None:
-    """Raises ValueError for a number below 0 that no result has; classes may check their own."""
+    """Raises ValueError for a negative number in a field of `NOT_NEGATIVE`.
+
+    Classes with a `__post_init__` are passed over, since they check their own numbers.
+    """
     if hasattr(kind, "__post_init__"):
         return
     for name, value in values.items():
-        if name.lstrip("_") in NOT_NEGATIVE and np.any(_numbers(value) < 0.0):
+        if name.lstrip("_") in NOT_NEGATIVE and np.any(_comparable(value) < 0.0):
             raise ValueError(f"{name} of {kind.__name__} must be >= 0, got {check.shown(value)}")
 
 
-def _numbers(value: Any) -> Any:
-    """Real numbers that can be compared, none where it is something else."""
+def _comparable(value: Any) -> Any:
+    """The value if it holds real numbers, which can be compared with 0; else an empty array."""
     array = isinstance(value, np.ndarray) and value.dtype.kind in "iuf"
     return value if array or isinstance(value, int | float) else np.zeros(0)
 
@@ -73,7 +78,7 @@ def _hints(kind: Any) -> dict[str, Any]:
 
 
 def fits(value: Any, hint: Any) -> bool:
-    """Whether a value is of a type; true of annotations that a value cannot be held against."""
+    """Whether a value has an annotated type; True for annotations that cannot be checked."""
     origin, parts = get_origin(hint), get_args(hint)
     if origin in (Union, types.UnionType):
         return any(fits(value, part) for part in parts)
@@ -96,7 +101,7 @@ def fits(value: Any, hint: Any) -> bool:
 
 
 def _is_number(value: Any, kind: type) -> bool:
-    """Whether it is a number of a kind; a whole one is a real one, too, and that a complex one."""
+    """Whether a value is a number of a kind; int counts as float, and float as complex."""
     if isinstance(value, bool) or kind is bool:
         return kind is bool and isinstance(value, bool)
     if isinstance(value, int):
@@ -105,7 +110,7 @@ def _is_number(value: Any, kind: type) -> bool:
 
 
 def _holds(dtype: np.dtype[Any], scalar: Any) -> bool:
-    """Whether an array's entries are of a type; whole numbers may have any size."""
+    """Whether entries of an array have a scalar type; integers may have any number of bits."""
     if scalar is Any:
         return dtype.kind in "biufc"
     wanted = np.dtype(scalar)
@@ -116,12 +121,12 @@ def check_shapes(name: str, thing: Any, shapes: Mapping[str, str]) -> None:
     """Raises ValueError where sizes of arrays or tuples do not fit one another.
 
     Args:
-        name: what the message calls the thing.
-        thing: what has the fields.
-        shapes: names of fields, or of fields' fields as "orbit.starts", with spaces between, by
-            their shape: the sizes with spaces between, each a number or a word, which has one value
-            in all shapes. "2S" is twice it and "S+1" one more. What is None or a number is passed
-            over.
+        name: name of the object in the error message.
+        thing: the object that has the fields.
+        shapes: names of fields by their shape, both separated by spaces. A name may lead into a
+            field, as "orbit.starts" does. A shape consists of sizes, each a number or a word, which
+            has one value in all shapes; "2S" is twice S, and "S+1" one more. Fields that are None
+            or a number are passed over.
     """
     model = getattr(thing, "model", None)
     known = {size: getattr(model, size) for size in SIZES if hasattr(model, size)}
@@ -142,7 +147,7 @@ def check_shapes(name: str, thing: Any, shapes: Mapping[str, str]) -> None:
 
 
 def _is_term(size: int, term: str, known: dict[str, int]) -> bool:
-    """Whether a size is a term's value; of a word that is not known yet it says the value."""
+    """Whether a size fits a term of a shape; a word that is not in `known` gets a value there."""
     found = TERM.fullmatch(term)
     assert found, term
     times, word, more = found.groups()

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Files that are written beside their place, and take it when they are whole."""
+"""Writing of files so that an existing file is replaced only by a complete new one."""
 
 from __future__ import annotations
 
@@ -13,15 +13,15 @@ from pathlib import Path
 
 @contextmanager
 def replacing(path: str | os.PathLike[str]) -> Iterator[Path]:
-    """A new file beside the one at a path, to write to; at the end it takes that one's place.
+    """Gives a new file to write to in a `with` block, which then replaces the one at `path`.
 
-    So a file is never there in part. Where writing fails, as on a full disk, or is interrupted,
-    what was begun is removed, and what was there before stays as it was. The new file has its
-    permissions and the ending of its name. A symbolic link stays one. What is no regular file,
-    such as a pipe, is written to itself.
+    No file is ever left half written. If writing fails, as on a full disk, or is interrupted, the
+    new file is removed and the old one stays as it was. The new file lies in the same folder, and
+    has the permissions of the old one and its extension. A symbolic link at `path` stays a link. If
+    `path` is no regular file, e.g. a named pipe, it is written to directly.
 
     Raises:
-        OSError: where no file can be made in the folder, or the one that is there is protected.
+        OSError: if no file can be made in the folder, or the existing one is write-protected.
     """
     place = Path(os.path.realpath(path))
     if place.exists() and not place.is_file():
@@ -33,7 +33,7 @@ def replacing(path: str | os.PathLike[str]) -> Iterator[Path]:
     try:
         beside.open("xb").close()
     except OSError as error:
-        error.filename = str(place)  # the name that the caller knows
+        error.filename = str(place)  # the caller does not know the name of the new file
         raise
     try:
         yield beside

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Newton's method: one loop, whatever the unknowns, with damping and with tests of convergence."""
+"""Newton's method for unknowns of any type, with damping and tests of convergence."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ State = TypeVar("State")
 
 @saved_as("NewtonFailed")
 class NewtonFailed(Exception):
-    """Why Newton's method found no solution."""
+    """Newton's method found no solution, for the reason in the message."""
 
 
 def newton(
@@ -32,13 +32,14 @@ def newton(
     patience: int | None = None,
     check: Callable[[State], None] = lambda x: None,
 ) -> State:
-    """A solution near a start; the unknowns may be an array, a number, a periodic orbit.
+    """A solution near a start; the unknowns may be an array, a number or a periodic orbit.
 
-    `correction` gives Newton's step from an iterate, in full, and its size; `plus` adds a share of
-    it, less than all where the size is beyond `longest`. A step up to `tolerance` ends the
-    iteration. A step is slow if it is longer than half the one before: then `stagnation` is
-    enough, as steps are rounding. `patience` slow steps in a row, or `iterations` in all, end it
-    without a solution.
+    `correction` returns Newton's full step from an iterate, and the size of that step. `plus` adds
+    a share of the step to the iterate; the share is below 1 if the size exceeds `longest`. The
+    iteration ends with a step whose size is at most `tolerance`. A step is slow if it is longer
+    than half the one before; a slow step of at most `stagnation` ends the iteration, too, since it
+    is only rounding. After `patience` slow steps in a row, or `iterations` steps in all, the method
+    fails.
 
     Raises:
         NewtonFailed: if a step is not finite, a matrix is singular, `check` raises it for an

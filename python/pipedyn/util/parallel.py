@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Independent jobs of a sweep, here or in an executor, and the progress of whatever takes long."""
+"""Independent jobs of a sweep, run in this thread or in an executor, and progress on stderr."""
 
 from __future__ import annotations
 
@@ -11,20 +11,22 @@ from typing import TypeVar
 from pipedyn.util.later import futures
 
 Item = TypeVar("Item")
-Answer = TypeVar("Answer")
-Job = Callable[[], Answer]
-"""What runs anywhere: it pickles, e.g. a `functools.partial` of a module's function."""
+Returned = TypeVar("Returned")
+Job = Callable[[], Returned]
+"""A function without arguments. It can be pickled, as a `functools.partial` of a module's function
+can, so that it runs in any process."""
 
 
 def watched() -> bool:
-    """Whether someone sees what goes to stderr: in a terminal or a notebook."""
+    """Whether somebody can read stderr, because it goes to a terminal or a notebook."""
     return sys.stderr.isatty() or "ipykernel" in sys.modules
 
 
 def track(items: Iterable[Item], total: int | None, label: str, shown: bool) -> Iterator[Item]:
-    """The items, counted on stderr while they are taken: by tqdm where that is installed.
+    """Yields the items and counts them on stderr, by tqdm if that is installed.
 
-    Nothing is written where nobody watches. total: how many there are, if that is known.
+    Nothing is written if `shown` is False or nobody can read stderr. `total` is the number of
+    items, or None if it is not known.
     """
     if not (shown and watched()) or total == 0:
         yield from items
@@ -37,14 +39,14 @@ def track(items: Iterable[Item], total: int | None, label: str, shown: bool) -> 
                 yield item
                 count = f"{done}" if total is None else f"{done}/{total}"
                 print(f"\r{label}: {count}", end="", file=sys.stderr, flush=True)
-        finally:  # also where no more items are taken
+        finally:  # also if the caller stops before the last item
             print(file=sys.stderr)
         return
     yield from tqdm(items, total=total, desc=label)
 
 
-def outcome_of(job: Job[Answer]) -> Answer | Exception:
-    """What a job returned, or the exception that it raised."""
+def outcome_of(job: Job[Returned]) -> Returned | Exception:
+    """The value that a job returned, or the exception that it raised."""
     try:
         return job()
     except Exception as error:
@@ -52,22 +54,21 @@ def outcome_of(job: Job[Answer]) -> Answer | Exception:
 
 
 def parallel(
-    jobs: Sequence[Job[Answer]],
+    jobs: Sequence[Job[Returned]],
     executor: futures.Executor | None = None,
     *,
     label: str = "",
     progress: bool = False,
-) -> Iterator[Answer | Exception]:
-    """What each job returned, or why there is no answer, in the order of the jobs.
+) -> Iterator[Returned | Exception]:
+    """Runs jobs and yields in their order what each returned, or the exception that it raised.
 
-    A job that fails leaves the others: its exception stands in its place. So does that of an
-    executor which does not answer, because a worker died, or because the executor was broken or
-    shut down before the job was given or done. Without an executor each job runs when its answer is
-    taken; an executor gets all at once, and those that have not begun are cancelled where the
-    caller takes no more answers.
+    A job that fails does not stop the others. If the executor fails a job, because a worker died or
+    because the executor was broken or shut down, its exception takes the place of the job's value.
+    Without an executor, each job runs when the caller takes its value. An executor gets all jobs at
+    once; if the caller stops early, jobs that have not begun are cancelled.
     """
-    submitted: list[futures.Future[Answer]] = []
-    calls: Iterable[Job[Answer]] = jobs
+    submitted: list[futures.Future[Returned]] = []
+    calls: Iterable[Job[Returned]] = jobs
     try:
         if executor is not None:
             submitted.extend(_submitted(executor, job) for job in jobs)
@@ -79,18 +80,18 @@ def parallel(
             future.cancel()
 
 
-def _submitted(executor: futures.Executor, job: Job[Answer]) -> futures.Future[Answer]:
-    """The future of a job, one that has failed already where the executor refuses the job."""
+def _submitted(executor: futures.Executor, job: Job[Returned]) -> futures.Future[Returned]:
+    """The future of a job; if the executor refuses the job, a future that has failed already."""
     try:
         return executor.submit(job)
     except Exception as error:
-        refused: futures.Future[Answer] = futures.Future()
+        refused: futures.Future[Returned] = futures.Future()
         refused.set_exception(error)
         return refused
 
 
-def _result(future: futures.Future[Answer]) -> Answer:
-    """What a future's job returned. Raises what kept it from that, in words."""
+def _result(future: futures.Future[Returned]) -> Returned:
+    """The value that a future's job returned; raises the job's exception, with a message."""
     try:
         return future.result()
     except futures.CancelledError as error:

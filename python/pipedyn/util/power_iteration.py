@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Power iteration: how much a linear map stretches what it stretches most, from products alone."""
+"""Power iteration for the largest stretch of a linear map, from products with vectors alone."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ from pipedyn.util.check import Array
 
 
 def largest_stretch(times: Callable[[Array], Array], start: Array, iterations: int = 40) -> float:
-    """|A x| / |x| of the last of so many products x <- A x; 0 where A x vanishes.
+    """|A x| / |x| in the last of some products x <- A x, which `times` computes; 0 if A x vanishes.
 
-    Of a symmetric A it tends to the largest eigenvalue's magnitude, from below; where the next is
-    less than two thirds of it, 40 products leave rounding.
+    For a symmetric A the value tends from below to the largest magnitude of an eigenvalue. If the
+    next magnitude is less than two thirds of that, 40 products leave an error of rounding only.
     """
     x, stretch = start, 0.0
     for _ in range(iterations):

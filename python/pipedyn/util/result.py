@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Result classes: frozen dataclasses that compare, show, save and convert themselves."""
+"""Base classes of results: frozen dataclasses with comparison, repr, files, tables and SI units."""
 
 from __future__ import annotations
 
@@ -24,24 +24,25 @@ from pipedyn.util.units import UNIT_OF, Unit
 Units = Literal["nondimensional", "si"]
 
 SHOWN, WIDTH, ROWS = 6, 100, 20
-"""Numbers of an array and characters of a line in a `repr`, and rows of a table in a notebook."""
+"""Largest numbers of array entries and of characters a line in a `repr`, and of rows of a table in
+a notebook."""
 
 NUMBERS = float, int, complex, np.ndarray
-"""What may have an SI unit."""
+"""Types of values that may have an SI unit."""
 
 
 @dataclass_transform(frozen_default=True, field_specifiers=(dataclasses.field,))
 class Result(Saved):
-    """A class of results; each that inherits from it is made a frozen dataclass.
+    """Base class of results, which makes each class that inherits from it a frozen dataclass.
 
-    Results of equal numbers are equal. NaN equals NaN, as what is missing in both; fields with
-    compare=False do not count.
+    Two results are equal if they have the same class and equal numbers. NaN, which stands for a
+    missing number, equals NaN. Fields with compare=False are not compared.
     """
 
     _units: ClassVar[Mapping[str, Unit | None]] = MappingProxyType({})
 
     def __init_subclass__(cls, units: Mapping[str, Unit | None] | None = None) -> None:
-        """units: of fields and columns where they are other than `UNIT_OF` says."""
+        """Makes the class a dataclass; `units` gives units of fields that differ from `UNIT_OF`."""
         super().__init_subclass__()
         cls._units = {**cls._units, **(units or {})}
         dataclasses.dataclass(frozen=True, eq=False, repr=False)(cls)
@@ -52,12 +53,12 @@ class Result(Saved):
         return self is other or same(_compared(self), _compared(other))
 
     def __hash__(self) -> int:
-        """From the numbers, but NaN, and the words in a result, which equal results share."""
+        """Hash of the class and of the words and numbers in the fields, without NaN and arrays."""
         kinds = (str, int, float, complex)
         return hash((type(self), *(v for v in _compared(self) if isinstance(v, kinds) and v == v)))
 
     def __getstate__(self) -> dict[str, Any]:
-        """What it holds, without what was computed from that at a request and kept."""
+        """Values of the fields, without cached properties, which can be computed again."""
         names = (field.name for field in dataclasses.fields(self))  # type: ignore[arg-type]
         return {name: self.__dict__[name] for name in names}
 
@@ -77,7 +78,7 @@ class Result(Saved):
         return "\n".join(line.rstrip() for line in lines).removesuffix(",") + ")"
 
     def _shown(self) -> list[tuple[str, Any]]:
-        """Fields with their values as far as they are worth showing."""
+        """Names and values of the fields that a `repr` shows: those not at their default."""
         shown = []
         for one in dataclasses.fields(self):  # type: ignore[arg-type]
             value = getattr(self, one.name)
@@ -89,7 +90,7 @@ class Result(Saved):
         return self._table().html()
 
     def _table(self) -> Table:
-        """What a notebook shows."""
+        """The table that a notebook shows for the result."""
         scales = self._scales()
         si = SI(self, scales) if scales is not None else None
         rows = []
@@ -102,20 +103,21 @@ class Result(Saved):
     # ------------------------------------------------------------------------------------ SI units
 
     def in_si(self, pipe: Any = None) -> SI:
-        """Its speeds in m/s, frequencies in Hz, lengths in m, times in s and rates in 1/s.
+        """The result in SI units: speeds in m/s, frequencies in Hz, lengths in m, rates in 1/s.
 
-        Frequencies in Hz are angular ones over 2 pi; `Pipe.frequency_si` gives rad/s.
+        A frequency in Hz is an angular frequency over 2 pi; `Pipe.frequency_si` gives rad/s.
 
         Args:
-            pipe: the pipe, where the result does not hold it or its model.
+            pipe: the pipe, if the result holds neither it nor its model.
 
         Returns:
-            SI: the same names as of the result, as far as they have a unit, and results within.
+            SI: an object with the names of the result's numbers that have a unit, and of results
+            in its fields.
 
         Raises:
-            ValueError: for a pipe without scales, or where it is not known; for a result of which
-                no number has a unit that the pipe alone gives.
-            TypeError: for what is no pipe.
+            ValueError: if the pipe has no scales or is not known, or if no number of the result has
+                a unit that the pipe alone gives.
+            TypeError: if `pipe` is not a pipe.
 
         Example:
             >>> hose = pp.Pipe.from_si(
@@ -134,7 +136,7 @@ class Result(Saved):
         return made
 
     def _known_scales(self, pipe: Any) -> Any:
-        """The given pipe's, or its own; refused where there are none."""
+        """Scales of the given pipe, or else of the result's own; refused if there are none."""
         scales = self._scales() if pipe is None else _scales_of(pipe)
         if scales is None and pipe is None and self._pipe() is None:
             raise ValueError(
@@ -146,7 +148,7 @@ class Result(Saved):
         return scales
 
     def _pipe(self) -> Any:
-        """The pipe of which this is a result, if it is known."""
+        """The pipe that the result belongs to; None if it is not known."""
         model = getattr(self, "model", None)
         pipe = getattr(self, "pipe", None) or getattr(model, "pipe", None)
         if pipe is not None:
@@ -157,11 +159,11 @@ class Result(Saved):
         return None
 
     def _scales(self) -> Any:
-        """SI values of one nondimensional unit, None where they are not known."""
+        """SI values of the nondimensional units; None if the pipe or its scales are not known."""
         return getattr(self._pipe(), "scales", None)
 
     def _scales_within(self, one: Result, scales: Any) -> Any:
-        """Those of a result within, where these are the own ones."""
+        """Scales of a result in a field: its own if it knows them, else the given ones."""
         own = one._scales()
         return scales if own is None else own
 
@@ -171,30 +173,30 @@ class Result(Saved):
         return self._units[name] if name in self._units else UNIT_OF.get(name)
 
     def _units_within(self, name: str) -> dict[str, Unit | None]:
-        """Of fields of the results within a field, as far as these do not know them."""
+        """Units of numbers in the results within a field that those results do not know."""
         return {}
 
 
 class TableResult(Result):
-    """A result that is a table: rows with names of columns."""
+    """A result that can be shown as a table with named columns."""
 
     def _columns(self) -> dict[str, Any]:
-        """Values by the names of columns, each of shape (rows,)."""
+        """Columns by their names, each of shape (rows,)."""
         raise NotImplementedError
 
     def _scales_of_rows(self, scales: Any) -> Any:
-        """Of each row, where these are the own ones."""
+        """Scales of each row, from those of the result, which are the same for all rows here."""
         return scales
 
     def columns(self, units: Units = "nondimensional", pipe: Any = None) -> dict[str, Any]:
         """The table as arrays by the names of its columns, each of shape (rows,).
 
         Args:
-            units: "si" for columns with an SI unit in their names, where the pipe has scales.
-            pipe: the pipe, where units are SI and the result does not hold it.
+            units: "nondimensional", or "si" for SI units, which the names of columns then state.
+            pipe: the pipe, if units are SI and the result does not hold it.
 
         Raises:
-            ValueError, TypeError: for other units, or without scales.
+            ValueError, TypeError: for other units, or if the pipe has no scales.
 
         Example:
             >>> curve = pp.stability_curve(lambda beta: pp.Chain(pp.Pipe(beta), 5), [0.1, 0.2])
@@ -219,10 +221,10 @@ class TableResult(Result):
 
         Args:
             units: as for `columns`.
-            pipe: also.
+            pipe: as for `columns`.
 
         Raises:
-            ImportError: where pandas is not installed.
+            ImportError: if pandas is not installed.
             ValueError, TypeError: as `columns`.
         """
         columns = self.columns(units, pipe)
@@ -238,16 +240,16 @@ class TableResult(Result):
         units: Units = "nondimensional",
         pipe: Any = None,
     ) -> str:
-        """The table as comma-separated values, written to a file too where its path is given.
+        """The table as comma-separated values, which are also written to a file if one is named.
 
         Args:
-            path: of the file; an existing one is replaced once the new one is whole.
+            path: path of the file; an existing one is replaced once the new one is complete.
             units: as for `columns`.
-            pipe: also.
+            pipe: as for `columns`.
 
         Raises:
-            OSError: if it cannot be written.
-            ValueError, TypeError: as `columns`, and for what is no path.
+            OSError: if the file cannot be written.
+            ValueError, TypeError: as `columns`, and if `path` is not a path.
         """
         if path is not None and not isinstance(path, str | os.PathLike):
             raise TypeError(f"path must be a file's name, got {check.shown(path)}")
@@ -277,10 +279,10 @@ Member = TypeVar("Member", bound=Result)
 
 
 class ResultSequence(TableResult, Sequence[Member]):
-    """Results in order, counted, indexed and looped over as a tuple of them would be."""
+    """A sequence of results, which has a length, indices and iteration like a tuple of them."""
 
     def _members(self) -> tuple[Member, ...]:
-        """The results."""
+        """The results in order."""
         raise NotImplementedError
 
     def __len__(self) -> int:
@@ -297,9 +299,9 @@ class ResultSequence(TableResult, Sequence[Member]):
 
 
 class SI:
-    """Numbers of a result in SI units, by the names that they have in it.
+    """Numbers of a result in SI units, under the names that they have in the result.
 
-    What has no unit, or one that depends on the model, is not here.
+    Numbers without a unit, or with one that depends on the model, are left out.
     """
 
     def __init__(
@@ -309,7 +311,7 @@ class SI:
 
     @property
     def units(self) -> dict[str, str]:
-        """The SI unit of each number, by its name."""
+        """SI units of the numbers, by the names of these."""
         found = {}
         for name in _names_of_numbers(self._result):
             unit = self._unit(name)
@@ -331,7 +333,7 @@ class SI:
                 f"what in_si() gives has no {name}: call {name} of the {own} itself{asked}"
             )
         if unit is not None and isinstance(value, NUMBERS):
-            scale = np.asarray(unit.scale(self._scales))  # of each point of a sweep, or one
+            scale = np.asarray(unit.scale(self._scales))  # one, or one for each point of a sweep
             return value * (scale if scale.ndim else scale.item())
         if value is None and unit is not None:
             return None
@@ -349,7 +351,7 @@ class SI:
         return f"{_short(getattr(self, name))} {self.units[name]}"
 
     def __getitem__(self, index: int) -> SI:
-        """One of the results in order."""
+        """A result of the sequence in SI units, by its index."""
         of_sequence: Any = self._result
         return self._within("", of_sequence[index])
 
@@ -363,7 +365,7 @@ class SI:
         return all(self._within(name, first)._is_empty() for name, first in within)
 
     def _shown(self) -> list[str]:
-        """Numbers with their units, and results within that have some; in full if all are there."""
+        """Numbers with their units, then results in fields, in full if there are no numbers."""
         numbers = [f"{name}={self._text(name)}" for name in self.units]
         within = []
         for name, first in _results_within(self._result):
@@ -379,7 +381,7 @@ class SI:
         return f"{type(self._result).__name__} in SI({', '.join(self._shown())})"
 
     def _as_argument(self) -> str:
-        """What a message says where it came instead of the result."""
+        """Words for an error message about an argument that is this object, not the result."""
         own = type(self._result).__name__
         return f'in_si() of a {own}: pass the {own} itself, and units="si" for SI in pictures'
 
@@ -391,7 +393,7 @@ def _scales_of(pipe: Any) -> Any:
 
 
 def _names_of_numbers(one: Result) -> Iterator[str]:
-    """Of fields and properties."""
+    """Names of the fields and properties of a result that are numbers."""
     own = [name for kind in type(one).__mro__ for name in vars(kind) if _is_property(kind, name)]
     fields = [field.name for field in dataclasses.fields(one)]  # type: ignore[arg-type]
     public = (name for name in dict.fromkeys(fields + own) if not name.startswith("_"))
@@ -403,7 +405,7 @@ def _is_property(kind: type, name: str) -> bool:
 
 
 def _results_within(one: Result) -> list[tuple[str, Result]]:
-    """Results in fields, and the first of each tuple of them."""
+    """Names of fields that hold a result or a tuple of results, with the first of these."""
     found = []
     for field in dataclasses.fields(one):  # type: ignore[arg-type]
         value = getattr(one, field.name)
@@ -421,7 +423,7 @@ def _results_in(values: tuple[Any, ...]) -> list[Result]:
 
 
 def _short(value: Any, depth: int | None = None) -> str:
-    """A value in a few words; without what stands in more than `depth` parentheses, if given."""
+    """A value in a few words, where "..." stands for parts in more than `depth` parentheses."""
     if isinstance(value, np.ndarray):
         return _short_array(value) if value.ndim else _short(value.item())
     if isinstance(value, bool | np.bool_ | str | type(None)):
@@ -442,7 +444,7 @@ def _short(value: Any, depth: int | None = None) -> str:
 
 
 def _without_parts(text: str, depth: int) -> str:
-    """The text without what stands in more than so many parentheses."""
+    """The text with "..." in place of parts that stand in more than `depth` parentheses."""
     kept, within = "", 0
     for one in text:
         within -= one == ")"
@@ -475,7 +477,7 @@ def _compared(one: Any) -> list[Any]:
 
 
 def same(one: Any, other: Any) -> bool:
-    """Whether two values are equal: numbers and arrays by entries, what pickles by its state."""
+    """Whether two values are equal. Objects without an equality of their own compare by state."""
     if one is other:
         return True
     if type(one) is not type(other):
@@ -499,7 +501,7 @@ def same(one: Any, other: Any) -> bool:
 
 
 def joined(tables: Sequence[dict[str, Any]], **names: Sequence[Any]) -> dict[str, Any]:
-    """One table of several with the same columns, with columns that tell them apart in front."""
+    """One table from several with the same columns. The columns `names` have a value a table."""
     columns: dict[str, Any] = {}
     sizes = [len(next(iter(one.values()))) for one in tables]
     for name, values in names.items():
@@ -510,11 +512,11 @@ def joined(tables: Sequence[dict[str, Any]], **names: Sequence[Any]) -> dict[str
 
 
 def numbered(name: str, values: Any) -> dict[str, Any]:
-    """Columns of an array, (rows, k), as name_0, name_1 and so on."""
+    """Columns of an array of shape (rows, k), named name_0, name_1 and so on."""
     return {f"{name}_{index}": column for index, column in enumerate(np.asarray(values).T)}
 
 
 def states_over_time(t: Any, q: Any, qdot: Any, tip: Any = None) -> dict[str, Any]:
-    """Columns of a motion: time, free end, coordinates and their rates."""
+    """Columns of the table of a motion: time, free end, coordinates and their rates."""
     end = {} if tip is None else {"tip_x": tip[:, 0], "tip_y": tip[:, 1]}
     return {"t": t, **end, **numbered("q", q), **numbered("qdot", qdot)}

@@ -11,7 +11,7 @@ from pipedyn.util.later import html
 
 @dataclass(frozen=True)
 class Table:
-    """A titled table with notes below; `numbers` sets all columns but the first flush right."""
+    """A table with a title, and notes below; `numbers` aligns all columns but the first right."""
 
     title: str
     headings: tuple[str, ...]
@@ -20,7 +20,7 @@ class Table:
     notes: Sequence[str] = ()
 
     def text(self) -> str:
-        """For a terminal."""
+        """The table as lines of text for a terminal."""
         widths = [max(map(len, column)) for column in zip(self.headings, *self.rows, strict=True)]
         set_flush = str.rjust if self.numbers else str.ljust
         lines = []
@@ -30,7 +30,7 @@ class Table:
         return "\n".join([self.title, *lines, *self.notes])
 
     def html(self) -> str:
-        """For a notebook."""
+        """The table as HTML for a notebook."""
         title = html.escape(self.title).replace("\n", "<br>")
         body = "".join(_line(cells, "td") for cells in self.rows)
         notes = "".join(f"<p>{html.escape(note)}</p>" for note in self.notes)

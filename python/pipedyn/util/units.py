@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""What the numbers of results are in SI units, of a pipe that has scales."""
+"""SI units of the numbers in results, for a pipe that has scales."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 
 
 class Unit(NamedTuple):
-    """An SI unit, and what one nondimensional unit is in it, from a pipe's `Scales`."""
+    """An SI unit and a function that gives the value of a nondimensional 1 from `Scales`."""
 
     name: str
     scale: Callable[[Any], Any]
@@ -18,12 +18,12 @@ class Unit(NamedTuple):
 
 SPEED = Unit("m/s", lambda scales: scales.speed)
 FREQUENCY = Unit("Hz", lambda scales: 1.0 / (2.0 * math.pi * scales.time))
-"""Of angular frequencies."""
+"""Unit of angular frequencies, which are shown as frequencies in Hz."""
 TIME = Unit("s", lambda scales: scales.time)
 RATE = Unit("1/s", lambda scales: 1.0 / scales.time)
 LENGTH = Unit("m", lambda scales: scales.length)
 VELOCITY = Unit("m/s", lambda scales: scales.length / scales.time)
-"""Of the pipe's own motion; flow speeds have a unit of their own."""
+"""Unit of the velocity of the pipe itself; the unit of flow speeds is `SPEED`."""
 POWER = Unit("W", lambda scales: scales.mass * scales.length**3 / scales.time**3)
 ENERGY = Unit("J", lambda scales: scales.mass * scales.length**3 / scales.time**2)
 
@@ -39,5 +39,5 @@ UNIT_OF: MappingProxyType[str, Unit] = MappingProxyType(
         "tip_velocity": VELOCITY,
     }
 )
-"""Of a number or an array of a result, or a column of a table, by its name; a class may say
-otherwise."""
+"""Units of numbers and arrays in results and of columns of tables, by name. A class of results may
+state other units."""
