@@ -14,7 +14,7 @@ from scipy.integrate import solve_ivp
 import pipedyn as pp
 from pipedyn.continuation.arclength import folds
 from pipedyn.cycles import branches as module
-from pipedyn.orbits.floquet import crossing_event, growth, nontrivial
+from pipedyn.orbits.floquet import crossing_event, log_moduli, nontrivial
 
 THREE = pp.Chain(pp.Pipe(0.2), 3)
 SUBCRITICAL = pp.Chain(pp.Pipe(0.7), 3)
@@ -32,7 +32,7 @@ def subcritical():
 
 
 def outside(multipliers):
-    return np.count_nonzero(growth(multipliers) > 0.0)
+    return np.count_nonzero(log_moduli(multipliers) > 0.0)
 
 
 def events(branch):
@@ -466,14 +466,14 @@ def test_branches_on_an_executor_are_the_same(terminal):
 
 
 def test_a_speed_that_fails_is_marked_and_the_others_kept(monkeypatch):
-    real = module.finished
+    real = module.converged_cycle
 
     def fails_once(motion, orbit, *rest, **options):
         if math.isclose(orbit.u, 4.8):
             raise pp.NotConverged("not there")
         return real(motion, orbit, *rest, **options)
 
-    monkeypatch.setattr(module, "finished", fails_once)
+    monkeypatch.setattr(module, "converged_cycle", fails_once)
     found = pp.bifurcation_diagram(THREE, [4.0, 4.7, 4.8, 4.9])
     assert [(f.index, f.value) for f in found.failures] == [(2, pytest.approx(4.8))]
     (branch,) = found.cycles

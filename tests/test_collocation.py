@@ -10,8 +10,8 @@ from pipedyn import _core
 from pipedyn.motion.vector_field import VectorField
 from pipedyn.orbits.collocation import WEIGHTS, collocation_maps
 from pipedyn.orbits.periodic_orbit import (
-    NODES,
     ONCE,
+    STAGE_NODES,
     TWICE,
     PeriodicOrbit,
     interpolated,
@@ -55,7 +55,7 @@ def test_eliminated_stages_solve_their_equations(half, level, at_level):
     """Of random derivatives: each stage's change is that of its force, for each right-hand side."""
     at_level(level)
     random = np.random.default_rng(half)
-    stages, n, h, frequency = NODES.size, 2 * half, 0.3, 4.0
+    stages, n, h, frequency = STAGE_NODES.size, 2 * half, 0.3, 4.0
     start, rates = random.normal(size=(1, n)), random.normal(size=(1, stages, half))
     linearised = random.normal(size=(stages, 2 + n, n))
     force, by_speed, jacobians = linearised[:, 0, half:], linearised[:, 1, half:], linearised[:, 2:]
@@ -67,10 +67,10 @@ def test_eliminated_stages_solve_their_equations(half, level, at_level):
     once, twice = (np.einsum("ij,jab->iab", matrix, found) for matrix in (ONCE, TWICE))
     p, v = h**2 * twice, h * once
     p[:, :, :half] += np.eye(half)
-    p[:, :, half:n] += h * NODES[:, None, None] * np.eye(half)
+    p[:, :, half:n] += h * STAGE_NODES[:, None, None] * np.eye(half)
     v[:, :, half:n] += np.eye(half)
     longer = -h / frequency
-    p[:, :, n + 1] += longer * (NODES[:, None] * start[0, half:] + 2.0 * h * TWICE @ rates[0])
+    p[:, :, n + 1] += longer * (STAGE_NODES[:, None] * start[0, half:] + 2.0 * h * TWICE @ rates[0])
     v[:, :, n + 1] += longer * (ONCE @ rates[0])
     moved = jacobians[:, half:] @ np.concatenate([p, v], axis=1)
     moved[:, :, n] += force - rates[0]
@@ -83,7 +83,7 @@ def test_eliminated_stages_solve_their_equations(half, level, at_level):
 def test_what_an_interval_misses_of_the_next_is_part_of_the_residual(level, at_level):
     at_level(level)
     random = np.random.default_rng(5)
-    count, half, stages = 3, 2, NODES.size
+    count, half, stages = 3, 2, STAGE_NODES.size
     n, h = 2 * half, np.array([0.1, 0.3, 0.2])
     starts, rates = random.normal(size=(count, n)), random.normal(size=(count, stages, half))
     linearised = random.normal(size=(count * stages, 2 + n, n))
@@ -142,6 +142,6 @@ def test_arrays_that_do_not_fit_are_refused():
         _core.carried(np.zeros((2, 3, 2)), 1e5)
     with pytest.raises(ValueError, match="rates must have shape"):
         _core.eliminated(*[np.zeros(3)] * 4, None, False, 1.0, WEIGHTS)
-    given = np.zeros(3), np.zeros((2, 2)), np.zeros((2, NODES.size, 1))
+    given = np.zeros(3), np.zeros((2, 2)), np.zeros((2, STAGE_NODES.size, 1))
     with pytest.raises(ValueError, match="durations must hold 2 numbers"):
         _core.eliminated(*given, np.zeros(0), None, False, 1.0, WEIGHTS)

@@ -200,7 +200,7 @@ def test_the_error_stated_bounds_what_refinement_changes(model, u):
 
 
 def test_a_tolerance_out_of_reach_is_not_claimed(monkeypatch):
-    monkeypatch.setattr("pipedyn.cycles.limit_cycle.MOST_INTERVALS", 20)
+    monkeypatch.setattr("pipedyn.cycles.limit_cycle.MOST_CYCLE_INTERVALS", 20)
     with pytest.raises(pp.NotConverged, match="known on one mesh only: that takes more") as caught:
         pp.limit_cycle(pp.Chain(pp.Pipe(0.2, drag=1.0), 3), 6.0, rtol=1e-9)
     kept = caught.value.result
@@ -211,7 +211,7 @@ def test_a_tolerance_out_of_reach_is_not_claimed(monkeypatch):
 def test_multipliers_that_do_not_converge_are_not_claimed(monkeypatch):
     monkeypatch.setattr("pipedyn.orbits.floquet.TURN", 40.0)
     monkeypatch.setattr("pipedyn.orbits.floquet.MOST_HALVINGS", 1)
-    monkeypatch.setattr("pipedyn.cycles.limit_cycle.CHECKS", 1)
+    monkeypatch.setattr("pipedyn.cycles.limit_cycle.MULTIPLIER_MESHES", 1)
     with pytest.raises(pp.NotConverged, match="Floquet multipliers") as caught:
         pp.limit_cycle(pp.Chain(PIPE, 16), 6.0)
     assert caught.value.result.multiplier_error > 1e-6
@@ -221,7 +221,7 @@ def test_a_trivial_multiplier_is_judged_by_how_near_the_next_one_is(monkeypatch)
     """Right past the onset the two are 5e-4 apart; here both are known to some 1e-6 alone."""
     from pipedyn.orbits import floquet
 
-    exact, rng = floquet._eigenvalues, np.random.default_rng(0)
+    exact, rng = floquet._roots_of_maps, np.random.default_rng(0)
     model = pp.modular.chain(pp.Pipe(0.1, drag=2.0), n=3)
     onset = pp.hopf(model)
     u = onset.speed + 3e-4
@@ -229,7 +229,7 @@ def test_a_trivial_multiplier_is_judged_by_how_near_the_next_one_is(monkeypatch)
     def moved(*given):
         return exact(*given) * (1.0 + 4e-6 * rng.normal(size=2 * model.dof))
 
-    monkeypatch.setattr(floquet, "_eigenvalues", moved)
+    monkeypatch.setattr(floquet, "_roots_of_maps", moved)
     cycle = pp.limit_cycle(model, u)
     apart = np.abs(cycle.others - 1.0).min()
     assert 1e-6 < cycle.multiplier_error < 0.01 * apart
@@ -238,7 +238,7 @@ def test_a_trivial_multiplier_is_judged_by_how_near_the_next_one_is(monkeypatch)
     assert cycle.stable
     assert cycle.amplitude == pytest.approx(onset.amplitude(u), rel=1e-2)
     # By itself that error is refused.
-    monkeypatch.setattr("pipedyn.cycles.limit_cycle.CHECKS", 1)
+    monkeypatch.setattr("pipedyn.cycles.limit_cycle.MULTIPLIER_MESHES", 1)
     monkeypatch.setattr("pipedyn.cycles.limit_cycle.SHARE_OF_NEXT", 0.0)
     with pytest.raises(pp.NotConverged, match="one of which should be 1"):
         pp.limit_cycle(model, u, cycle)

@@ -283,9 +283,9 @@ def test_explicit_steps_follow_the_same_motion_where_they_cost_less(monkeypatch)
 
     def watched(tasks, *others):
         method.extend(task.method for task in tasks)
-        return regions.watched(tasks, *others)
+        return regions.watched_outcomes(tasks, *others)
 
-    monkeypatch.setattr(engine, "watched", watched)
+    monkeypatch.setattr(engine, "watched_outcomes", watched)
     monkeypatch.setattr(engine, "TRANSIENT", 0.0)
     for least, foreseen, used in (
         (math.inf, 0, {"radau"}),

@@ -14,14 +14,14 @@ from pipedyn.motion.vector_field import VectorField
 from pipedyn.orbits import collocation, magnus, periodic_orbit
 from pipedyn.orbits.collocation import solved
 from pipedyn.orbits.floquet import orbit_multipliers, quick_multipliers
-from pipedyn.orbits.periodic_orbit import NODES, interpolated
+from pipedyn.orbits.periodic_orbit import STAGE_NODES, interpolated
 
 
 def mathieu(a, q, intervals=16):
     """Derivatives of x'' = -(a - 2 q cos 2 t) x at stages over its period pi, and durations."""
     duration = np.pi / intervals
-    t = duration * (np.arange(intervals)[:, None] + NODES)
-    rows = np.zeros((intervals, NODES.size, 1, 2))
+    t = duration * (np.arange(intervals)[:, None] + STAGE_NODES)
+    rows = np.zeros((intervals, STAGE_NODES.size, 1, 2))
     rows[..., 0, 0] = -(a - 2.0 * q * np.cos(2.0 * t))
     return rows, np.full(intervals, duration)
 

@@ -9,7 +9,7 @@ import pytest
 import pipedyn as pp
 from pipedyn import _core
 from pipedyn.models.drive import ROWS
-from pipedyn.orbits.periodic_orbit import NODES
+from pipedyn.orbits.periodic_orbit import STAGE_NODES
 
 PIPE = pp.Pipe(0.2, 10.0, drag=0.5, terms=[pp.PointMass(1.0, 0.2)])
 ASPIRATING = pp.Pipe(0.4, 5.0, "aspirating", inflow_share=0.5, terms=[pp.AddedMass(0.3)])
@@ -91,12 +91,12 @@ def test_a_forked_process_has_threads_of_its_own():
 
 @pytest.mark.parametrize("singular", [0, 199])
 def test_a_singular_interval_is_refused_whichever_thread_meets_it(singular):
-    count, stages, half = 200, NODES.size, 6
+    count, stages, half = 200, STAGE_NODES.size, 6
     n, h = 2 * half, np.full(count, 1.0)
     slopes = np.zeros((count, stages, 2 + n, n))
     slopes[singular, :, 2 + half :, half:] = np.eye(half)
     given = h, np.zeros((count, n)), np.zeros((count, stages, half)), slopes, None, False, 1.0
-    own = NODES, np.eye(stages), np.zeros((stages, stages))  # rates k with k = k + ...
+    own = STAGE_NODES, np.eye(stages), np.zeros((stages, stages))  # rates k with k = k + ...
     with pytest.raises(np.linalg.LinAlgError, match="Singular"):
         _core.eliminated(*given, own)
     slopes[singular] = 0.0

@@ -25,7 +25,7 @@ from pipedyn.accuracy.quantities import (
     RootLociOver,
 )
 from pipedyn.accuracy.trade import measured
-from pipedyn.orbits.periodic_orbit import STAGES
+from pipedyn.orbits.periodic_orbit import ORBIT_STAGES
 from pipedyn.util.counters import TookTooLong, counted, limited
 
 PIPE = pp.Pipe(0.2)
@@ -268,7 +268,9 @@ def test_a_cycle_counts_its_right_hand_sides_and_factorisations():
     with counted() as counters:
         cycle = pp.limit_cycle(pp.Galerkin(DAMPED, 3, "legendre"), 6.0)
     assert counters.right_hand_sides >= cycle.evaluations
-    assert counters.factorisations > cycle.phases / STAGES  # every interval's equations, at least
+    assert (
+        counters.factorisations > cycle.phases / ORBIT_STAGES
+    )  # every interval's equations, at least
 
 
 def test_an_eigenvalue_problem_is_a_factorisation_and_itself():

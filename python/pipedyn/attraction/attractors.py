@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pipedyn.attraction.motion_ends import RECORDED, Answer, Case, motion_ends
+from pipedyn.attraction.motion_ends import RECORDED, Case, MotionEnd, motion_ends
 from pipedyn.attraction.motion_options import (
     FIRST_LOOK,
     SAMPLES_A_TIME,
@@ -52,7 +52,7 @@ PILOTS, TOGETHER = BATCH, 128
 """Starts that are followed first, one batch: what attracts a tenth of all starts is missed once in
 30 times, and then found by the others, of which so many are followed together."""
 
-PERIODS, SAMPLES = 16, 256
+RECORDED_PERIODS, SAMPLES_A_MAXIMUM = 16, 256
 """Periods of a cycle that are recorded for its basin, and samples between two of its maxima."""
 
 DRIVE_PERIODS = 48
@@ -61,7 +61,7 @@ DRIVE_PERIODS = 48
 MOST_SAMPLES = 2**16
 """Samples of a motion that is recorded."""
 
-TOLERANCE = 1e-9
+RECORD_TOLERANCE = 1e-9
 """Relative tolerance of the motions that are recorded."""
 
 
@@ -456,7 +456,7 @@ def _ends(
     alone = replace(options, executor=None, shown=False)
     ends = np.full(len(starts), STOPPED)
 
-    def followed(some: list[int]) -> Callable[[], tuple[list[list[Answer]], list[Case]]]:
+    def followed(some: list[int]) -> Callable[[], tuple[list[list[MotionEnd]], list[Case]]]:
         copy = Case(model, drive, case.solutions)
         return partial(motion_ends, model, [copy], [states[i] for i in some], alone)
 
@@ -530,21 +530,24 @@ def _basin(
     elif repeats and drive.period:
         order = round(period / drive.period)
         duration = max(DRIVE_PERIODS // order, 1) * period
-        samples = round(duration / drive.period) * SAMPLES // 2 + 1
+        samples = round(duration / drive.period) * SAMPLES_A_MAXIMUM // 2 + 1
     elif repeats:
-        duration, samples = PERIODS * period, PERIODS * SAMPLES * end.period + 1
+        duration, samples = (
+            RECORDED_PERIODS * period,
+            RECORDED_PERIODS * SAMPLES_A_MAXIMUM * end.period + 1,
+        )
     samples = min(samples or math.ceil(duration * SAMPLES_A_TIME) + 1, MOST_SAMPLES + 1)
     q, qdot = (part[0] for part in model.recorded(*(y[None] for y in np.split(end.end, 2))))
     motion = simulate(
         *(model, drive.u, duration, q, qdot),
         samples=samples,
         base=drive.base,
-        rtol=TOLERANCE,
+        rtol=RECORD_TOLERANCE,
         dense=True,
     )
     section, frequencies, spectrum = np.empty((0, 2 * q.size)), none, none
     if ending != "rest":
-        section = _begins(motion, drive.period) if drive.period else _maxima(motion)
+        section = _begins(motion, drive.period) if drive.period else _states_at_maxima(motion)
         frequencies, spectrum = _lines(motion.t[:-1], motion.tip[:-1, 0], whole=repeats)
         # Lines between the harmonics are 0 but for errors.
         every = slice(0, None, round(duration / period) if repeats else 1)
@@ -583,7 +586,7 @@ def _amplitude(motion: Motion) -> float:
     return 0.5 * float(np.ptp(turnings)) if turnings.size else 0.0
 
 
-def _maxima(motion: Motion) -> Array:
+def _states_at_maxima(motion: Motion) -> Array:
     """States [q, q'] where the free end is at a maximum of its position across, (K, 2 q)."""
     dense, model, half = motion.dense, motion.model, motion.model.coordinates
     assert dense is not None

@@ -31,7 +31,7 @@ from pipedyn.attraction.regions import (
     Excitation,
     WatchedTask,
     judged_step,
-    watched,
+    watched_outcomes,
 )
 from pipedyn.attraction.solutions import (
     Attractor,
@@ -66,7 +66,7 @@ from pipedyn.util.threads import one_thread
 Failed = tuple[float, Exception]
 """A flow speed and what was raised there."""
 
-Answer = tuple[int, Attractor | Exception]
+MotionEnd = tuple[int, Attractor | Exception]
 """Where a motion ended: the number of a solution of its case, NOWHERE or STOPPED, and as what."""
 
 ACROSS_KINKS = 0.1
@@ -133,7 +133,7 @@ def motion_ends(
     starts: Sequence[Array],
     options: MotionOptions,
     label: str = "",
-) -> tuple[list[list[Answer]], list[Case]]:
+) -> tuple[list[list[MotionEnd]], list[Case]]:
     """Where motions end, from each start in each case, and the cases with what was found.
 
     Motions of a case are computed together, those of several in one batch.
@@ -153,7 +153,7 @@ def motion_ends(
     sent = replace(options, executor=None)
     jobs = [partial(_ends_of, model, part, starts, sent) for part in parts]
     answers = parallel(jobs, options.executor, label=label, progress=options.shown)
-    found: list[list[Answer]] = []
+    found: list[list[MotionEnd]] = []
     known: list[Case] = []
     for part, answer in zip(parts, answers, strict=True):
         if isinstance(answer, Exception):
@@ -167,7 +167,7 @@ def motion_ends(
 
 def _ends_of(
     model: Model, cases: list[Case], starts: Sequence[Array], options: MotionOptions
-) -> tuple[list[list[Answer]], list[Case]]:
+) -> tuple[list[list[MotionEnd]], list[Case]]:
     """The ends of motions of one batch, by case."""
     engine = _Engine(model, options)
     with one_thread(model.dof):
@@ -178,7 +178,7 @@ def _ends_of(
         ]
         engine.begin(runs)
         engine.finish(runs)
-    ends = list[list[Answer]]()
+    ends = list[list[MotionEnd]]()
     for j, case in enumerate(cases):
         ends.append([engine.answers[j, k] for k in range(len(starts) + len(case.starts))])
         case.reached = sorted({number for number, _ in ends[-1][: len(starts)]})
@@ -302,7 +302,7 @@ class _Engine:
     def __init__(self, model: Model, options: MotionOptions) -> None:
         self.model, self.options, self.elapsed = model, options, 0.0
         self.joined: list[tuple[_Run, _Run, float]] = []  # one, another, and since when
-        self.answers: dict[tuple[int, int], Answer] = {}
+        self.answers: dict[tuple[int, int], MotionEnd] = {}
         self.statics = Statics(model)
         smooth = isinstance(model, (Chain, Galerkin)) and not model.pipe.has_kinks
         self.tolerance = options.rtol * (1.0 if smooth else ACROSS_KINKS)
@@ -362,7 +362,7 @@ class _Engine:
             tasks.append(task)
         # A thread takes some; the members of a chain's batch cost less the more they are.
         members = BATCH if self.model.linear_cost else BATCH // 2
-        found = in_batches(tasks, watched, members=members)
+        found = in_batches(tasks, watched_outcomes, members=members)
         for run, task, one in zip(runs, tasks, found, strict=True):
             run.approach = one.approach
             rate = one.outcome[1] / (before + recorded)

@@ -40,7 +40,7 @@ COARSE_CURVE, FINE_CURVE = 256, 2**14
 """Steps along the curve of a cycle, at least and at most: doubled until chords miss it by less than
 a quarter of `FLOOR`."""
 
-SAMPLES, LONGEST_BLOCK = 6, 200
+SAMPLES_A_PERIOD, LONGEST_BLOCK = 6, 200
 """Samples in the shortest period of a region, and at most in a block, which spans the longest."""
 
 PHASES = 12
@@ -71,7 +71,7 @@ TRIALS = 16
 SLOWEST = 2.0
 """Period of what does not oscillate at rest, at most."""
 
-COMPARED, APART = 256, 0.25
+COMPARED, REGION_SHARE = 256, 0.25
 """States of another attractor from which the distance of two is taken; and the share of the way
 to anything else that is known that a region reaches at most."""
 
@@ -290,7 +290,7 @@ class Region:
         It reaches the share APART of the way there at most. As a cycle may cross or touch another
         in the space of states, ten times FLOOR is always left.
         """
-        return replace(self, radius=max(min(self.radius, APART * distance), 10.0 * FLOOR))
+        return replace(self, radius=max(min(self.radius, REGION_SHARE * distance), 10.0 * FLOOR))
 
     def mirrored(self, shifts: bool = False) -> Region:
         """That of the mirror image, which is half a period later if the drive shifts."""
@@ -458,7 +458,9 @@ class _Watch(Observer):
         return found
 
 
-def watched(tasks: Sequence[WatchedTask], shown: bool, observer: Observer) -> list[Watched]:
+def watched_outcomes(
+    tasks: Sequence[WatchedTask], shown: bool, observer: Observer
+) -> list[Watched]:
     """What comes of each motion of a batch, as for `in_batches`."""
     watch = _Watch(tasks)
     outcomes: list[Outcome] = integrate(tasks, shown, watch if watch.groups else observer)
@@ -470,4 +472,4 @@ def judged_step(regions: Sequence[Region], most: float) -> tuple[float, float]:
     """Time between two samples that are judged, and between two blocks."""
     periods = [region.period for region in regions] or [most]
     longest = max(periods)
-    return min(max(min(periods) / SAMPLES, longest / LONGEST_BLOCK), most), longest
+    return min(max(min(periods) / SAMPLES_A_PERIOD, longest / LONGEST_BLOCK), most), longest

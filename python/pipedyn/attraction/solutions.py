@@ -26,7 +26,7 @@ from pipedyn.orbits.collocation import solved
 from pipedyn.orbits.floquet import LARGEST_ERROR, nontrivial, orbit_multipliers
 from pipedyn.orbits.floquet_coordinates import floquet_coordinates
 from pipedyn.orbits.orbit_continuation import COARSE, FINE
-from pipedyn.orbits.periodic_orbit import PeriodicOrbit, interpolated, refined, resolved
+from pipedyn.orbits.periodic_orbit import PeriodicOrbit, interpolated, refined, resolved_orbit
 from pipedyn.util.archive import saved_as
 from pipedyn.util.check import Array
 from pipedyn.util.counters import factorised
@@ -35,21 +35,21 @@ from pipedyn.util.newton import NewtonFailed
 from pipedyn.util.result import Result
 from pipedyn.util.units import LENGTH
 
-PERIODS, SAMPLES = 4, 32
+TURNING_PERIODS, SAMPLES_AN_INTERVAL = 4, 32
 """Periods of a cycle of which the turning points are told, and samples in each interval of its
 mesh."""
 
-SAME = 3e-3
+SAME_ATTRACTOR = 3e-3
 """Distance up to which two motions are on the same attractor: either is known to 1e-3."""
 
-ITERATIONS = 5
+NEWTON_STEPS = 5
 """Steps of Newton's method from a motion's last period after which no cycle is near: it took one to
 three to those of seven pipes."""
 
 FARTHEST = 0.1
 """How far an equilibrium may be from where it is looked for, in rad or in a coordinate."""
 
-STILL = 1e-5
+REST_EXTENT = 1e-5
 """Extent of an orbit, in rad or in coordinates of a reduced model, below which it is at rest."""
 
 ROUGHLY, CLOSELY = 1e-3, 1e-6
@@ -144,7 +144,7 @@ class Solution:
         """Distance up to which a motion is on it."""
         if math.isnan(self.period):
             return self.region.radius
-        return min(self.region.radius, SAME)
+        return min(self.region.radius, SAME_ATTRACTOR)
 
     def holds(self, one: Attractor, period: float) -> bool:
         """Whether a motion that was seen to repeat after a time ended on it.
@@ -226,12 +226,12 @@ def equilibrium(statics: Statics, p: Array, u: float) -> Solution:
     motion = statics.motion
     if stable and not motion.constrained:
         factorised()
-        region = replace(region, basin=_basin(motion, rest, motion.jacobian(rest, u), u))
+        region = replace(region, basin=_basin_of_rest(motion, rest, motion.jacobian(rest, u), u))
     end = Attractor(u, -1, "rest", 0, motion.tip(rest[:, None]), rest)
     return Solution(end, region, stable, growth=float(values.real.max()))
 
 
-def _basin(motion: VectorField, rest: Array, slopes: Array, u: float) -> Array | None:
+def _basin_of_rest(motion: VectorField, rest: Array, slopes: Array, u: float) -> Array | None:
     """`Region.basin` of a stable equilibrium, from where motions come to rest.
 
     There V, the sum of the modes' squared velocities, falls at least half as fast as linear theory
@@ -284,12 +284,14 @@ def around(
 def cycle(model: Model, drive: Excitation, orbit: PeriodicOrbit, stable: bool) -> Solution:
     """The solution of an orbit, during which a drive has a whole number of periods."""
     field, period = drive.field(model), 2.0 * math.pi / orbit.frequency
-    t = np.linspace(0.0, PERIODS * period, PERIODS * SAMPLES * len(orbit.starts) + 1)
+    t = np.linspace(
+        0.0, TURNING_PERIODS * period, TURNING_PERIODS * SAMPLES_AN_INTERVAL * len(orbit.starts) + 1
+    )
     states = orbit.states(orbit.frequency * t).T
     q, qdot = model.recorded(*np.split(states, 2, axis=1))
     x, velocity = model.tips(q.T)[:, 0], model.tip_velocities(q.T, qdot.T)[:, 0]
     turnings, _ = turning_points(t, x, velocity)
-    count = max(round((maxima(turnings).size + 1) / PERIODS), 1)
+    count = max(round((maxima(turnings).size + 1) / TURNING_PERIODS), 1)
     end = Attractor(drive.mean, -1, "periodic", count, turnings, states[-1].copy())
     unit = period / (2.0 * math.pi * count)
     if drive.period:
@@ -348,7 +350,7 @@ def irregular(model: Model, drive: Excitation, end: Attractor, stretch: Stretch)
     half = len(states) // 2
     first = replace(region, points=region.points[:half])
     apart = float(first.distances(region.points[half:], math.inf).max())
-    region = replace(region, radius=max(2.0 * apart, SAME))
+    region = replace(region, radius=max(2.0 * apart, SAME_ATTRACTOR))
     return Solution(end, region, False, math.nan)
 
 
@@ -382,7 +384,7 @@ def last_period(
     def through(phase: Array) -> Array:
         return np.ascontiguousarray(spline(first + phase / frequency).T)
 
-    return motion, resolved(motion, through, frequency, drive.mean, False, COARSE.defect)
+    return motion, resolved_orbit(motion, through, frequency, drive.mean, False, COARSE.defect)
 
 
 def solved_cycle(
@@ -396,15 +398,15 @@ def solved_cycle(
     if model.dof > LARGEST_CYCLE:
         raise NewtonFailed(f"no cycle is solved for with more than {LARGEST_CYCLE} freedoms")
     motion, guess = last_period(model, drive, stretch, farthest)
-    orbit = solved(motion, guess, COARSE.tolerance, iterations=ITERATIONS)
-    if orbit.size < STILL:
+    orbit = solved(motion, guess, COARSE.tolerance, iterations=NEWTON_STEPS)
+    if orbit.size < REST_EXTENT:
         raise NewtonFailed("the motion comes to rest")
     for within in (ROUGHLY, CLOSELY):
         motion, once = run_through_once(model, drive, motion, orbit, within)
         if once is orbit and within == CLOSELY:
             break
-        orbit = resolved(motion, once.states, once.frequency, drive.mean, False, FINE.defect)
-        orbit = solved(motion, orbit, FINE.tolerance, iterations=ITERATIONS)
+        orbit = resolved_orbit(motion, once.states, once.frequency, drive.mean, False, FINE.defect)
+        orbit = solved(motion, orbit, FINE.tolerance, iterations=NEWTON_STEPS)
     if model.pipe.has_kinks and model.kinks_known:  # multipliers need a mesh that ends at these
         twice = np.full(len(orbit.starts), 2)
         orbit = solved(motion, refined(motion, orbit, twice, at_kinks=True), FINE.tolerance)

@@ -37,7 +37,7 @@ FLAT = 0.3
 """Share of a step's steepest slope dp/ds below which there may be two folds within it: a cubic
 through the ends misjudges the slope between them by less, as tangents turn by `Control.turn`."""
 
-End = Literal["range", "closed", "points", "not converged"]
+BranchEnd = Literal["range", "closed", "points", "not converged"]
 """Why a branch ends: at a limit, at its beginning, at the last point asked for, or because no next
 point was found."""
 
@@ -64,7 +64,7 @@ class Control:
 
 @saved_as("PointOnBranch", shapes={"n": "z tangent"})
 @dataclass(frozen=True)
-class Point:
+class PointOnBranch:
     """A solution on a branch: unknowns and parameter with a tangent of unit length, (n + 1,)."""
 
     z: Array
@@ -82,7 +82,7 @@ class Point:
         return float(self.z[-1])
 
 
-Problem = TypeVar("Problem", bound="Continuation")
+AnyContinuation = TypeVar("AnyContinuation", bound="Continuation")
 
 
 class Continuation(ABC):
@@ -123,14 +123,14 @@ class Continuation(ABC):
         """Of a change."""
         return math.sqrt(self.product(change, change))
 
-    def point(self, z: Array, towards: Array) -> Point:
+    def point(self, z: Array, towards: Array) -> PointOnBranch:
         """A solution with its tangent on the side of a direction."""
         row = self.weights * towards / self.length(towards)
-        return Point(z, self._unit(self.linearised(z), row))
+        return PointOnBranch(z, self._unit(self.linearised(z), row))
 
-    def starting(self, z: Array, direction: Array) -> Point:
+    def starting(self, z: Array, direction: Array) -> PointOnBranch:
         """A point with a direction for its tangent, as at a branch point in a null direction."""
-        return Point(z, direction / self.length(direction))
+        return PointOnBranch(z, direction / self.length(direction))
 
     def _unit(self, equations: Solver, row: Array) -> Array:
         try:
@@ -142,7 +142,7 @@ class Continuation(ABC):
             raise NewtonFailed("the branch has no tangent")
         return tangent / length
 
-    def at(self, start: Point, ds: float, guess: Array | None = None) -> Point:
+    def at(self, start: PointOnBranch, ds: float, guess: Array | None = None) -> PointOnBranch:
         """The point at arc length ds from another, measured along its tangent.
 
         Newton's method begins at the guess, on the tangent where there is none. With ds = 0 a start
@@ -151,7 +151,7 @@ class Continuation(ABC):
         z = start.z + ds * start.tangent if guess is None else guess
         row = self.weights * start.tangent
         z, equations, kept = self._solved(z, row, float(row @ start.z) + ds)
-        return Point(z, self._unit(equations, row), kept)
+        return PointOnBranch(z, self._unit(equations, row), kept)
 
     def fixed(self, guess: Array, p: float, index: int = -1) -> Array:
         """The solution z at a value of the parameter, or of another entry of z."""
@@ -194,8 +194,11 @@ class Continuation(ABC):
         return found, last, self.kept(last, size)
 
     def next(
-        self: Problem, start: Point, step: float, ahead: Callable[[float], Array] | None = None
-    ) -> tuple[Segment[Problem], float]:
+        self: AnyContinuation,
+        start: PointOnBranch,
+        step: float,
+        ahead: Callable[[float], Array] | None = None,
+    ) -> tuple[BranchSegment[AnyContinuation], float]:
         """The step to the next point, at most so long, and the length to try after it.
 
         Newton's method begins at what `ahead` gives for an arc length, on the tangent without it.
@@ -215,11 +218,14 @@ class Continuation(ABC):
             if step < control.shortest:
                 raise reason
         longer = 1.5 if straight > math.cos(0.5 * control.turn) else 1.0
-        return Segment(self, start, found), min(longer * step, control.longest)
+        return BranchSegment(self, start, found), min(longer * step, control.longest)
 
     def segments(
-        self: Problem, start: Point, step: float, marks: Iterable[tuple[int, float]] = ()
-    ) -> Iterator[Segment[Problem]]:
+        self: AnyContinuation,
+        start: PointOnBranch,
+        step: float,
+        marks: Iterable[tuple[int, float]] = (),
+    ) -> Iterator[BranchSegment[AnyContinuation]]:
         """Steps along the branch, without end; NewtonFailed where none can be taken.
 
         A step ends where an entry of z passes one of the marks, pairs of its index and a value.
@@ -238,15 +244,15 @@ class Continuation(ABC):
 
 @saved_as("StepAlongBranch", shapes={"n": "begin.z end.z problem.weights"})
 @dataclass(frozen=True)
-class Segment(Generic[Problem]):
+class BranchSegment(Generic[AnyContinuation]):
     """What lies between two neighbouring points of a branch; any point there can be solved for."""
 
-    problem: Problem
-    begin: Point
-    end: Point
+    problem: AnyContinuation
+    begin: PointOnBranch
+    end: PointOnBranch
 
     @classmethod
-    def restored(cls, fields: dict[str, Any]) -> Segment[Problem]:
+    def restored(cls, fields: dict[str, Any]) -> BranchSegment[AnyContinuation]:
         """The segment of which a file kept this, if it is one of equations."""
         if not isinstance(fields["problem"], Continuation):
             raise TypeError(f"problem must be equations, got {check.shown(fields['problem'])}")
@@ -273,12 +279,12 @@ class Segment(Generic[Problem]):
         return self.problem.product(self.begin.tangent, z - self.begin.z)
 
     @cached_property
-    def _known(self) -> dict[float, tuple[Point, Array]]:
+    def _known(self) -> dict[float, tuple[PointOnBranch, Array]]:
         """Points by arc length with their derivative by it: the ends and those solved for."""
         onward = self._derivative(self.end)
         return {0.0: (self.begin, self.begin.tangent), self.length: (self.end, onward)}
 
-    def _derivative(self, point: Point) -> Array:
+    def _derivative(self, point: PointOnBranch) -> Array:
         return point.tangent / self.problem.product(self.begin.tangent, point.tangent)
 
     def guess(self, s: float, index: int | slice = EVERY) -> Array:
@@ -299,14 +305,14 @@ class Segment(Generic[Problem]):
         found: Array = before + x * (u + x * (3.0 * gap - 2.0 * u - v + x * (u + v - 2.0 * gap)))
         return found
 
-    def at(self, s: float) -> Point:
+    def at(self, s: float) -> PointOnBranch:
         """The point at an arc length."""
         if s not in self._known:
             found = self.problem.at(self.begin, s, self.guess(s))
             self._known[s] = found, self._derivative(found)
         return self._known[s][0]
 
-    def parts(self, lengths: list[float]) -> list[Segment[Problem]]:
+    def parts(self, lengths: list[float]) -> list[BranchSegment[AnyContinuation]]:
         """The segments into which points at these arc lengths divide it."""
         points = [self.begin, *map(self.at, lengths), self.end]
         return [replace(self, begin=a, end=b) for a, b in pairwise(points)]
@@ -329,19 +335,19 @@ class Segment(Generic[Problem]):
         return found, kept
 
 
-BESIDE = 1e-4
+NEAR_LIMIT = 1e-4
 """Share of a range within which its limit is solved for where no step can be taken: steps that end
 beyond it may, where nothing is defined there, become as short as `Control.shortest`."""
 
 
 def path(
     problem: Continuation,
-    start: Point,
+    start: PointOnBranch,
     limits: Iterable[tuple[int, float, float]],
     step: float,
     most: int,
     failing: type[Exception] = NewtonFailed,
-) -> tuple[list[Point], tuple[End, End], tuple[str, str]]:
+) -> tuple[list[PointOnBranch], tuple[BranchEnd, BranchEnd], tuple[str, str]]:
     """The branch through a point, both ways, why it ends, and of ends that are failures the reason.
 
     Args:
@@ -355,7 +361,7 @@ def path(
     bounds = list(limits)
     marks = [(i, value) for i, *ends in bounds for value in ends]
 
-    def one_way(begin: Point) -> tuple[list[Point], End, str]:
+    def one_way(begin: PointOnBranch) -> tuple[list[PointOnBranch], BranchEnd, str]:
         points = [begin]
 
         def is_over() -> bool:
@@ -371,7 +377,7 @@ def path(
                 return points, "range", ""
             try:
                 segment = next(steps)
-                if len(points) > 1 and _holds(segment, begin):
+                if len(points) > 1 and _passes_through(segment, begin):
                     return [*points, begin], "closed", ""
             except failing as error:
                 edge = at_edge(points[-1])
@@ -381,12 +387,12 @@ def path(
             points.append(segment.end)
         return points, "points", f"it takes more than {most} points"
 
-    def at_edge(point: Point) -> Point | None:
+    def at_edge(point: PointOnBranch) -> PointOnBranch | None:
         """The point at a limit right ahead, beyond which there may be no equations."""
         for i, low, high in bounds:
             edge, slope = (high if point.tangent[i] > 0.0 else low), float(point.tangent[i])
             gap = edge - float(point.z[i])
-            if gap * slope > 0.0 and abs(gap) <= BESIDE * (high - low) < math.inf:
+            if gap * slope > 0.0 and abs(gap) <= NEAR_LIMIT * (high - low) < math.inf:
                 away = gap / slope
                 try:
                     z = problem.fixed(point.z + away * point.tangent, edge, i)
@@ -399,8 +405,8 @@ def path(
     ahead, last, why_last = one_way(start)
     if last == "closed":
         return ahead, (last, last), ("", "")
-    back, first, why_first = one_way(Point(start.z, -start.tangent))
-    turned = [Point(point.z, -point.tangent) for point in back[:0:-1]]
+    back, first, why_first = one_way(PointOnBranch(start.z, -start.tangent))
+    turned = [PointOnBranch(point.z, -point.tangent) for point in back[:0:-1]]
     return turned + ahead, (first, last), (why_first, why_last)
 
 
@@ -414,7 +420,7 @@ def reason_of(error: Exception) -> str:
     return f"{text} ({type(cause).__name__}: {cause})"
 
 
-def _holds(segment: Segment[Problem], point: Point) -> bool:
+def _passes_through(segment: BranchSegment[AnyContinuation], point: PointOnBranch) -> bool:
     """Whether a point of a branch lies on a segment, away from its beginning."""
     s, length = segment.reach(point.z), segment.length
     if not 1e-6 * length < s <= length * (1.0 + 1e-9):
@@ -426,7 +432,7 @@ def _holds(segment: Segment[Problem], point: Point) -> bool:
     return problem.length(found.z - point.z) <= 1e-6 * (1.0 + problem.length(point.z))
 
 
-def folds(segment: Segment[Problem], rtol: float) -> list[float]:
+def folds(segment: BranchSegment[AnyContinuation], rtol: float) -> list[float]:
     """Arc lengths within a segment at which the parameter turns back: none, one or two.
 
     They are known to rtol times the length of the segment.

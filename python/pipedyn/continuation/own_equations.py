@@ -17,12 +17,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from pipedyn.continuation.arclength import (
+    BranchEnd,
+    BranchSegment,
     Continuation,
     Control,
     DenseProblem,
-    End,
-    Point,
-    Segment,
+    PointOnBranch,
     folds,
     path,
     reason_of,
@@ -71,7 +71,7 @@ class Branch(TableResult):
     p: Array = field(repr=False)
     tangents: Array = field(repr=False)
     points: tuple[MarkedPoint, ...]
-    ends: tuple[End, End]
+    ends: tuple[BranchEnd, BranchEnd]
     failures: tuple[str, ...]
 
     def __len__(self) -> int:
@@ -178,7 +178,7 @@ def follow(
     solutions, ends, reasons = path(solver, start, bounds, longest, most, Exception)
     every = np.array([point.z for point in solutions])
     failures = [
-        f"the branch was not followed beyond {_place(solutions[k].z)}: {reason}"
+        f"the branch was not followed beyond {_spelled(solutions[k].z)}: {reason}"
         for k, reason in ((0, reasons[0]), (-1, reasons[1]))
         if reason
     ]
@@ -186,13 +186,14 @@ def follow(
         failures += _proportion(every[:, :-1], scale)
     marked: list[MarkedPoint] = []
     for i, (a, b) in enumerate(pairwise(solutions)):
-        segment = Segment(solver, a, b)
+        segment = BranchSegment(solver, a, b)
         at: list[tuple[float, str]] = []
         try:
             at += [(s, "fold") for s in folds(segment, 1e-10)]
         except Exception as error:  # whatever the user's functions raise
             failures.append(
-                f"a fold between {_place(a.z)} and {_place(b.z)} is not known: {reason_of(error)}"
+                f"a fold between {_spelled(a.z)} and {_spelled(b.z)} is not known: "
+                f"{reason_of(error)}"
             )
         for test in marks:
             # Ends may miss a zero by rounding; the first point of a closed branch is its last.
@@ -213,7 +214,7 @@ ON_FOLD = 1e-4
 method at p0 fails, and the nearest point of the branch is taken."""
 
 
-def _start(solver: Continuation, z: Array, width: float) -> Point:
+def _start(solver: Continuation, z: Array, width: float) -> PointOnBranch:
     """The solution at the parameter of z, or beside a fold that nearest to z, with its tangent."""
     index = z.size - 1
     growing = np.append(np.zeros(index), 1.0)
@@ -233,7 +234,7 @@ def _start(solver: Continuation, z: Array, width: float) -> Point:
     ):
         raise reason
     most = int(np.argmax(np.abs(found.tangent[:-1])))
-    return Point(found.z, math.copysign(1.0, found.tangent[most]) * found.tangent)
+    return PointOnBranch(found.z, math.copysign(1.0, found.tangent[most]) * found.tangent)
 
 
 PROPORTION = 100.0
@@ -250,7 +251,7 @@ def _proportion(xs: Array, scale: float) -> list[str]:
     return [f"scale is out of proportion: it is {scale:g}, and x is about {size:.1g}: {effect}"]
 
 
-def _place(z: Array) -> str:
+def _spelled(z: Array) -> str:
     x = np.array2string(z[:-1], precision=6, threshold=4, edgeitems=2, separator=", ")
     return f"p = {z[-1]:.6g}, x = {' '.join(x.split())}"
 
@@ -271,10 +272,12 @@ def _checked_limits(limits: Any, x: Array) -> Iterator[tuple[int, float, float]]
         yield index, least, largest
 
 
-Function = Callable[[Array, float], ArrayLike]
+UserFunction = Callable[[Array, float], ArrayLike]
 
 
-def _given(name: str, function: Function, x: Array, p: float, shape: tuple[int, ...]) -> Array:
+def _function_value(
+    name: str, function: UserFunction, x: Array, p: float, shape: tuple[int, ...]
+) -> Array:
     """What a function of the user's gives; its exceptions pass."""
     with np.errstate(all="ignore"):  # numbers that are not finite are refused here, by name
         came = function(x.copy(), p)
@@ -301,8 +304,8 @@ class _UserEquations:
 
     def __init__(
         self,
-        equations: Function,
-        derivative: Function | None,
+        equations: UserFunction,
+        derivative: UserFunction | None,
         x: Array,
         p: float,
         scale: float,
@@ -311,9 +314,9 @@ class _UserEquations:
         self.equations, self.derivative, self.size = equations, derivative, x.size
         self.interval = interval
         self.units = np.append(np.full(x.size, scale), interval[1] - interval[0])
-        _given("problem", equations, x, p, (self.size,))
+        _function_value("problem", equations, x, p, (self.size,))
         if derivative is not None:
-            came = _given("derivative", derivative, x, p, (self.size, self.size + 1))
+            came = _function_value("derivative", derivative, x, p, (self.size, self.size + 1))
             self._compare(came, x, p)
 
     def __call__(self, x: Array, p: float) -> tuple[Array, Array]:
@@ -325,21 +328,21 @@ class _UserEquations:
         return residual, np.column_stack([self._difference(z, i) for i in range(z.size)])
 
     def _at(
-        self, name: str, function: Function, x: Array, p: float, shape: tuple[int, ...]
+        self, name: str, function: UserFunction, x: Array, p: float, shape: tuple[int, ...]
     ) -> Array:
         """What a function gives; NewtonFailed says why there is none."""
         try:
-            found = _given(name, function, x, p, shape)
+            found = _function_value(name, function, x, p, shape)
         except NewtonFailed:
             raise
         except Exception as error:  # whatever the user's function raises
             raised = (
                 "" if str(error).startswith(name) else f"{name} raised {type(error).__name__}: "
             )
-            raise NewtonFailed(f"{raised}{error}, at {_place(np.append(x, p))}") from error
+            raise NewtonFailed(f"{raised}{error}, at {_spelled(np.append(x, p))}") from error
         if not np.isfinite(found).all():
             wrong = found[~np.isfinite(found)][0]
-            raise NewtonFailed(f"{name} gives {wrong:g} at {_place(np.append(x, p))}")
+            raise NewtonFailed(f"{name} gives {wrong:g} at {_spelled(np.append(x, p))}")
         return found
 
     def _difference(self, z: Array, i: int, times: float = 1.0) -> Array:
@@ -401,9 +404,9 @@ class _Test:
         self._value(x, p)
 
     def _value(self, x: Array, p: float) -> float:
-        return float(_given(f"tests[{self.name!r}]", self.test, x, p, ()).item())
+        return float(_function_value(f"tests[{self.name!r}]", self.test, x, p, ()).item())
 
-    def zeros(self, segment: Segment[Continuation], near: tuple[bool, bool]) -> list[float]:
+    def zeros(self, segment: BranchSegment[Continuation], near: tuple[bool, bool]) -> list[float]:
         """Arc lengths at which it is 0 on a segment: where it changes sign, or at the last point.
 
         At those of the ends that are asked for it counts as 0 if it is up to rounding. Where it
@@ -414,7 +417,7 @@ class _Test:
             point = segment.at(s)
             found = self._value(point.x, point.p)
             if not math.isfinite(found):
-                raise NewtonFailed(f"it gives {found:g} at {_place(point.z)}")
+                raise NewtonFailed(f"it gives {found:g} at {_spelled(point.z)}")
             return found
 
         length = segment.length
@@ -425,7 +428,7 @@ class _Test:
         except Exception as error:  # whatever the user's function raises
             self.failure = self.failure or (
                 f"zeros of tests[{self.name!r}] are not known from "
-                f"{_place(segment.begin.z)} to {_place(segment.end.z)}, or further on: "
+                f"{_spelled(segment.begin.z)} to {_spelled(segment.end.z)}, or further on: "
                 f"{reason_of(error)}"
             )
             return []

@@ -20,7 +20,7 @@ from pipedyn.models.drive import Pulsation
 from pipedyn.models.pipe_numbers import PipeNumber, checked_number
 from pipedyn.motion.vector_field import ForcedField, VectorField
 from pipedyn.orbits.orbit_continuation import FINE, orbit_at
-from pipedyn.orbits.periodic_orbit import PeriodicOrbit, resolved
+from pipedyn.orbits.periodic_orbit import PeriodicOrbit, resolved_orbit
 from pipedyn.util import check
 from pipedyn.util.check import Array
 
@@ -190,7 +190,7 @@ def orbit_at_event(
             return 0.5 * (orbit.states(early) + sign * orbit.states(late))
 
         u = orbit.u if orbit.forced else event.speed
-        return resolved(motion, states, turns * orbit.frequency, u, symmetric, FINE.defect)
+        return resolved_orbit(motion, states, turns * orbit.frequency, u, symmetric, FINE.defect)
 
     if event.kind == "pitchfork" and not orbit.symmetric:
         return mean(-1.0, 1, True)

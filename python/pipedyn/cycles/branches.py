@@ -25,7 +25,7 @@ from pipedyn.cycles.limit_cycle import (
     LimitCycle,
     NoCycle,
     amplitude_of,
-    finished,
+    converged_cycle,
     on_branch,
 )
 from pipedyn.equilibrium.equilibria import BranchPoint, EquilibriumBranch
@@ -39,7 +39,7 @@ from pipedyn.orbits.floquet import (
     LARGEST_ERROR,
     EventKind,
     crossing_event,
-    growth,
+    log_moduli,
     orbit_multipliers,
     quick_multipliers,
 )
@@ -67,7 +67,7 @@ from pipedyn.util.result import Result, TableResult
 from pipedyn.util.threads import one_thread
 from pipedyn.util.units import SPEED
 
-SAME = 1e-4
+SAME_CYCLE = 1e-4
 """Relative difference below which two cycles, or the speeds of two events, are the same: measured,
 orbits on a coarse mesh (`orbit_continuation.COARSE`) are off by 4e-6 at most."""
 
@@ -84,7 +84,7 @@ VERTICAL, STEEP = 3e-5, 1e-3
 first, at less than half the largest frequency, a branch ends there with an infinite period: the
 speed comes to a limit exponentially. Below the second a branch does that cannot be followed."""
 
-SAMPLES = 65
+SAMPLES_A_CYCLE = 65
 """States kept of each cycle: measured, cubics through them miss five cycles by 1.5e-6 at most."""
 
 BEYOND, MOST_BEYOND, INTERVALS_BEYOND = 1.25, 40, 100
@@ -93,7 +93,7 @@ steps out there in a row; and mesh intervals beyond which an orbit is too costly
 branches of seven pipes, they came back six times from up to 1.22 times as far, after 10 steps and
 with 21 intervals at most, and once from 2.3 times as far, after 32 steps."""
 
-RESOLVED, NARROW, WINDING = 0.05, 0.05, 24
+RESOLVED_RANGE, NARROW, WINDING = 0.05, 0.05, 24
 """Share of the range of speeds, or less if they are closer together, over which a branch has to go
 so that those that leave it are followed; the share of that within which a branch that winds, as one
 that comes near to a homoclinic orbit does, is followed no further, and after how many steps. What
@@ -135,7 +135,7 @@ class CycleEvent(Result, units={"error": SPEED}):
         if not isinstance(other, CycleEvent):
             raise TypeError(f"other must be a CycleEvent, got {check.shown(other)}")
         apart = abs(self.speed - other.speed)
-        near = SAME * self.speed + 3.0 * (self.error + other.error)
+        near = SAME_CYCLE * self.speed + 3.0 * (self.error + other.error)
         equal = abs(self.amplitude - other.amplitude) <= 0.1 * self.amplitude
         return self.kind == other.kind and apart <= near and equal
 
@@ -210,7 +210,7 @@ class BranchOptions:
     @property
     def finest(self) -> float:
         """The least gap of the speeds, or a share of their range: what is narrower is left out."""
-        return float(min(np.diff(self.speeds).min(), RESOLVED * np.ptp(self.speeds)))
+        return float(min(np.diff(self.speeds).min(), RESOLVED_RANGE * np.ptp(self.speeds)))
 
     def holds(self, u: float) -> bool:
         """Whether a speed lies within those given."""
@@ -293,7 +293,7 @@ def traced(
             if ways[-1].closed:
                 ways = ways[-1:]
                 break
-        found.append(_joined(ways))
+        found.append(_as_one_branch(ways))
         if not found[-1].spans(options.finest):
             return
         fastest = max([fastest, *(cycle.frequency for way in ways for cycle in way.cycles)])
@@ -314,7 +314,7 @@ def traced(
         return found, failed
 
 
-def _joined(ways: list[_Follower]) -> Traced:
+def _as_one_branch(ways: list[_Follower]) -> Traced:
     """What was followed one way, or both ways from the same cycle."""
     way = ways[-1]
     cycles, events, begin = way.cycles, way.events, way.begin
@@ -341,7 +341,7 @@ def _joined(ways: list[_Follower]) -> Traced:
     return Traced(branch, begin, way.end)
 
 
-Found = tuple[float, LimitCycle, CycleEvent | None]
+CycleOnStep = tuple[float, LimitCycle, CycleEvent | None]
 """What lies on a step: arc length from its beginning, cycle, and what happens there."""
 
 
@@ -500,7 +500,9 @@ class _Follower:
         What fails to meet the tolerance is a failure, and kept for what it is.
         """
         try:
-            return finished(self.motion, orbit, self.options.rtol, SAMPLES, self.how, at_once=True)
+            return converged_cycle(
+                self.motion, orbit, self.options.rtol, SAMPLES_A_CYCLE, self.how, at_once=True
+            )
         except NotConverged as error:
             self.failed.append((orbit.u, error))
             reached: LimitCycle | None = error.result
@@ -530,15 +532,15 @@ class _Follower:
         def cycle(s: float) -> LimitCycle:
             if s == 0.0 and last is not None:
                 return last
-            return on_branch(self.motion, orbit(s), FINE.defect, SAMPLES, self.how)
+            return on_branch(self.motion, orbit(s), FINE.defect, SAMPLES_A_CYCLE, self.how)
 
         @cache
         def passing(s: float) -> Array:
             quick = quick_multipliers(self.motion, orbit(s), ON_BRANCH)
-            return growth(cycle(s).multipliers if quick is None else quick)
+            return log_moduli(cycle(s).multipliers if quick is None else quick)
 
         length = step.length
-        found: list[Found] = [] if last is not None else [(0.0, cycle(0.0), None)]
+        found: list[CycleOnStep] = [] if last is not None else [(0.0, cycle(0.0), None)]
         found.append((length, cycle(length), None))
         if max(cycle(s).multiplier_error for s in (0.0, length)) <= LARGEST_ERROR:
             turns = folds(step, 1e-5)  # the speed of a fold is known to the square of that
@@ -552,7 +554,7 @@ class _Follower:
         self._take(found)
         return cycle(length)
 
-    def _take(self, found: Iterable[Found]) -> None:
+    def _take(self, found: Iterable[CycleOnStep]) -> None:
         """Keeps events on a step, and cycles known well enough, in order along the branch."""
         for _, cycle, event in sorted(found, key=lambda place: place[0]):
             if cycle.multiplier_error <= LARGEST_ERROR:
@@ -566,7 +568,7 @@ class _Follower:
         turns: list[float],
         cycle: Callable[[float], LimitCycle],
         passing: Callable[[float], Array],
-    ) -> Iterator[Found]:
+    ) -> Iterator[CycleOnStep]:
         """Folds, at known lengths, and where multipliers cross the unit circle between them."""
         length = step.length
         for s in turns:
@@ -591,7 +593,7 @@ class _Follower:
                     self.forks.append((event, b.orbit, stable))
                 yield beyond, b, event
 
-    def _at_speeds(self, step: Step, part: Step) -> Iterator[Found]:
+    def _at_speeds(self, step: Step, part: Step) -> Iterator[CycleOnStep]:
         """The cycles at the speeds given on a part of a step, but for its beginning."""
         low, high = sorted((part.begin.p, part.end.p))
         speeds = self.options.speeds
@@ -661,4 +663,4 @@ def is_on_any(branches: Sequence[CycleBranch], cycle: LimitCycle) -> bool:
 def same_cycle(cycle: LimitCycle, frequency: float, amplitude: float) -> bool:
     """Whether a cycle has a frequency and an amplitude."""
     apart = max(abs(cycle.frequency / frequency - 1.0), abs(cycle.amplitude / amplitude - 1.0))
-    return apart < SAME
+    return apart < SAME_CYCLE

@@ -47,10 +47,10 @@ from pipedyn.motion.simulate import (
 )
 from pipedyn.motion.vector_field import VectorField
 from pipedyn.orbits.collocation import residual, solved
-from pipedyn.orbits.floquet import TOLERANCE, nontrivial, orbit_multipliers
+from pipedyn.orbits.floquet import MULTIPLIER_TOLERANCE, nontrivial, orbit_multipliers
 from pipedyn.orbits.orbit_continuation import COARSE, breaking_part, continued, solved_anew
 from pipedyn.orbits.periodic_orbit import (
-    STAGES,
+    ORBIT_STAGES,
     PeriodicOrbit,
     refined,
 )
@@ -72,20 +72,20 @@ SEARCH, SEARCH_FACTOR = 600_000, 3
 times as many are allowed up to 6 degrees of freedom, where they are cheap. Motions that wind up
 without end turn ever faster."""
 
-MOST_INTERVALS = 2000
+MOST_CYCLE_INTERVALS = 2000
 """Intervals of a mesh: beyond, one Newton step of a chain of 20 segments takes some seconds."""
 
-ROUNDING = 1e-11
+DEFECT_ROUNDING = 1e-11
 """Defects below may be rounding, and are lessened by halving intervals only."""
 
-SMOOTH = 0.1
+LAST_CHANGE = 0.1
 """Share of the tolerance that the last halving of all intervals with a large defect may change
 where forces are smooth: what is left is smaller by some 2^-15."""
 
 SAMPLES_A_STAGE = 2
 """Samples for each stage of an orbit, from which its farthest displacements are narrowed down."""
 
-CHECKS = 3
+MULTIPLIER_MESHES = 3
 """Meshes on which the multipliers are asked for, each for a hundredth of the defect of the last: by
 the third that is 1e-7 of rtol, where rounding is all that is left."""
 
@@ -241,9 +241,9 @@ def limit_cycle(
     motion = VectorField(model)
     with one_thread(motion.size):
         orbit, how = cycle_from(motion, u, start)
-        found = finished(motion, orbit, rtol, samples, how)
+        found = converged_cycle(motion, orbit, rtol, samples, how)
         _, once = run_through_once(model, Excitation(u), motion, found.orbit, CLOSELY)
-        return found if once is found.orbit else finished(motion, once, rtol, samples, how)
+        return found if once is found.orbit else converged_cycle(motion, once, rtol, samples, how)
 
 
 # ----------------------------------------------------------------------------- where it begins
@@ -258,7 +258,7 @@ def cycle_from(motion: VectorField, u: float, start: Any) -> tuple[PeriodicOrbit
     try:
         if isinstance(start, Hopf):
             _check_own(motion, start)
-            return continued(motion, start, u), _followed(start)
+            return continued(motion, start, u), _how_followed(start)
         check_coordinates(motion.model, "start", start)
         if isinstance(start, LimitCycle):
             orbit = start.orbit
@@ -293,7 +293,7 @@ def _without_start(motion: VectorField, u: float) -> tuple[PeriodicOrbit, str]:
         reached = onset.amplitude_law * (u - onset.speed) > 0.0 or onset.fold is not None
         if reached or onset.criticality == "subcritical":
             try:
-                return continued(motion, onset, u), _followed(onset)
+                return continued(motion, onset, u), _how_followed(onset)
             except NewtonFailed as reason:
                 reasons.append(str(reason))
     pipe = model.pipe
@@ -333,7 +333,7 @@ def _without_start(motion: VectorField, u: float) -> tuple[PeriodicOrbit, str]:
     raise NoCycle("; ".join(dict.fromkeys([*failed, *reasons])), u)
 
 
-def _followed(onset: Hopf) -> str:
+def _how_followed(onset: Hopf) -> str:
     """How a cycle was found that comes from an onset."""
     return f"followed from the onset at u = {onset.speed:.6g}"
 
@@ -413,7 +413,7 @@ def as_symmetric(motion: VectorField, orbit: PeriodicOrbit) -> PeriodicOrbit:
 # -------------------------------------------------------------- what it is, and how well known
 
 
-def finished(
+def converged_cycle(
     motion: VectorField,
     orbit: PeriodicOrbit,
     rtol: float,
@@ -438,12 +438,12 @@ def finished(
     # Defects with which the first answer mostly meets rtol: the mesh follows kinks of forces.
     largest = rtol * (1e-1 if motion.model.pipe.has_kinks else 1e-3)
     tolerance = min(1e-7, 1e-2 * rtol)
-    for _ in range(CHECKS):
-        enough = SMOOTH * rtol if at_once and not motion.model.pipe.has_kinks else 0.0
+    for _ in range(MULTIPLIER_MESHES):
+        enough = LAST_CHANGE * rtol if at_once and not motion.model.pipe.has_kinks else 0.0
         known, error, reason = refined_until(motion, orbit, largest, rtol, tolerance, enough)
         orbit = known.orbit
         try:
-            result = described(motion, known, error, samples, how)
+            result = cycle_on_mesh(motion, known, error, samples, how)
         except NewtonFailed as failure:
             raise NotConverged(f"the cycle at u = {orbit.u:g} fails its check: {failure}") from None
         if error > rtol:
@@ -465,7 +465,7 @@ def finished(
 
 
 @dataclass(frozen=True)
-class Known:
+class MeasuredOrbit:
     """An orbit with its `amplitude_of`, and what it was refined from."""
 
     orbit: PeriodicOrbit
@@ -480,7 +480,7 @@ def refined_until(
     rtol: float,
     tolerance: float,
     enough: float = 0.0,
-) -> tuple[Known, float, str]:
+) -> tuple[MeasuredOrbit, float, str]:
     """The orbit on a finer mesh, what the last refinement changed, and why it went no further.
 
     Refined are the intervals with a large defect, and all of them where there is none, until what
@@ -488,7 +488,7 @@ def refined_until(
     an eighth what it resolves, even at the kinks of forces. A change up to `enough` is the last.
     """
     # With kinks two answers may agree by chance: an error falls by the fourth power of h at most.
-    known, error, worst = Known(orbit, amplitude_of(motion, orbit)), math.inf, math.inf
+    known, error, worst = MeasuredOrbit(orbit, amplitude_of(motion, orbit)), math.inf, math.inf
     smooth = not motion.model.pipe.has_kinks
     last = 0.0 if smooth else math.inf
     most = 2  # parts of an interval
@@ -503,17 +503,17 @@ def refined_until(
         if not coarse.any():
             coarse[:] = True
         # In p parts an interval has about the p^-7 of its defect, or more where forces have kinks.
-        wanted = max(0.5 * largest, ROUNDING)
+        wanted = max(0.5 * largest, DEFECT_ROUNDING)
         parts = np.ceil((defects / wanted) ** (1.0 / 7.0)).astype(int)
         parts = np.where(coarse, np.clip(parts, 2, most), 1)
-        if parts.sum() > MOST_INTERVALS:
-            return known, error, f"that takes more than {MOST_INTERVALS} mesh intervals"
+        if parts.sum() > MOST_CYCLE_INTERVALS:
+            return known, error, f"that takes more than {MOST_CYCLE_INTERVALS} mesh intervals"
         try:
             guess = refined(motion, orbit, parts, at_kinks=True)
             finer = solved(motion, guess, tolerance, closing=enough > 0.0)
         except NewtonFailed as failure:
             return known, error, str(failure)
-        before, known = known, Known(finer, amplitude_of(motion, finer), orbit)
+        before, known = known, MeasuredOrbit(finer, amplitude_of(motion, finer), orbit)
         measured = known.peak[0] / before.peak[0]
         change = max(abs(measured - 1.0), abs(finer.frequency / orbit.frequency - 1.0))
         change = max(change, 1e-13)  # answers of ever finer meshes differ by some 3e-14
@@ -524,19 +524,19 @@ def refined_until(
 def amplitude_of(motion: VectorField, orbit: PeriodicOrbit) -> tuple[float, float]:
     """Half the free end's peak-to-peak motion, and the phase of its greatest displacement."""
     # As close as the mesh asks for: a period may hold a dozen peaks.
-    phases, y = orbit.sampled(SAMPLES_A_STAGE * STAGES)
+    phases, y = orbit.sampled(SAMPLES_A_STAGE * ORBIT_STAGES)
     phases, across = phases[:-1], motion.tip(y)[:-1]
     if orbit.symmetric:
         phases = np.append(phases, orbit.span + phases)
         across = np.concatenate([across, -across])
-    greatest, where = _peak(motion, orbit, phases, across, 1.0)
+    greatest, where = _greatest_displacement(motion, orbit, phases, across, 1.0)
     if orbit.symmetric:
         return greatest, where
-    least, _ = _peak(motion, orbit, phases, across, -1.0)
+    least, _ = _greatest_displacement(motion, orbit, phases, across, -1.0)
     return 0.5 * (greatest + least), where
 
 
-def _peak(
+def _greatest_displacement(
     motion: VectorField, orbit: PeriodicOrbit, phases: Array, across: Array, sign: float
 ) -> tuple[float, float]:
     """The free end's greatest displacement to one side and its phase, from samples all round."""
@@ -577,8 +577,8 @@ def on_branch(
     plain: LimitCycle | None = None
 
     def of(orbit: PeriodicOrbit) -> LimitCycle:
-        known = Known(orbit, amplitude_of(motion, orbit))
-        return described(motion, known, error, samples, how, ON_BRANCH)
+        known = MeasuredOrbit(orbit, amplitude_of(motion, orbit))
+        return cycle_on_mesh(motion, known, error, samples, how, ON_BRANCH)
 
     if not (motion.model.pipe.has_kinks and motion.model.kinks_known):
         plain = of(orbit)
@@ -592,13 +592,13 @@ def on_branch(
     return of(orbit) if plain is None else plain
 
 
-def described(
+def cycle_on_mesh(
     motion: VectorField,
-    known: Known,
+    known: MeasuredOrbit,
     error: float,
     samples: int,
     how: str,
-    tolerance: float = TOLERANCE,
+    tolerance: float = MULTIPLIER_TOLERANCE,
 ) -> LimitCycle:
     """The cycle of an orbit on its mesh; raises `NewtonFailed` as `orbit_multipliers` does."""
     orbit, (amplitude, first) = known.orbit, known.peak

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pipedyn.continuation.arclength import folds, sign_changes
-from pipedyn.cycles.limit_cycle import Known, amplitude_of, refined_until
+from pipedyn.cycles.limit_cycle import MeasuredOrbit, amplitude_of, refined_until
 from pipedyn.forced.parametric_search import regions
 from pipedyn.forced.pulsating import Hill, PulsatingPipe, require_motion
 from pipedyn.linear.eigenproblem import Complex
@@ -34,7 +34,7 @@ from pipedyn.orbits.collocation import residual, solved
 from pipedyn.orbits.floquet import UNIT, EventKind, crossing_event, orbit_multipliers
 from pipedyn.orbits.orbit_continuation import (
     FINE,
-    SMALL,
+    FIRST_AMPLITUDE,
     BranchStart,
     Grazing,
     Step,
@@ -47,7 +47,7 @@ from pipedyn.orbits.periodic_orbit import (
     PeriodicOrbit,
     coarsest_mesh,
     divided,
-    resolved,
+    resolved_orbit,
     stage_phases,
 )
 from pipedyn.util import check
@@ -446,7 +446,7 @@ def _first_motion(motion: ForcedField, u: float) -> PeriodicOrbit:
         def states(phase: Array) -> Array:
             return np.asarray(rest[:, None] + (mode[:, None] * np.exp(1j * phase)).real)
 
-        return resolved(motion, states, w, u, symmetric, FINE.defect)
+        return resolved_orbit(motion, states, w, u, symmetric, FINE.defect)
 
     def at_once() -> PeriodicOrbit:
         return solved(motion, linear(1.0), FINE.tolerance)
@@ -502,7 +502,7 @@ def _settled(motion: ForcedField, u: float, symmetric: bool) -> PeriodicOrbit:
             return np.ascontiguousarray(through(phase).T)
 
         try:
-            guess = resolved(motion, states, w, u, odd, FINE.defect)
+            guess = resolved_orbit(motion, states, w, u, odd, FINE.defect)
             found = solved(motion, guess, FINE.tolerance)
         except NewtonFailed as failure:
             reason = f"it repeats, but {failure}"
@@ -566,7 +566,7 @@ def _leaving_rest(motion: ForcedField, hill: Hill, edge: float, mean: float) -> 
     tip = motion.tip(1e-6 * np.concatenate([states, states], axis=1).T) * 1e6
     base = PeriodicOrbit(edges, 0.0 * starts, 0.0 * rates, w, mean, True)
     towards = np.concatenate([starts.ravel(), rates.ravel(), [0.0, 0.0]])
-    scale = SMALL / max(0.5 * float(np.ptp(tip)), 1e-300)
+    scale = FIRST_AMPLITUDE / max(0.5 * float(np.ptp(tip)), 1e-300)
     return BranchStart(base, scale * towards, (0.98 * w, 1.02 * w))
 
 
@@ -721,7 +721,7 @@ def _refined_motion(
     Raises:
         NotConverged: if the amplitude is not known to rtol; its `result` has the motion.
     """
-    known: Known
+    known: MeasuredOrbit
     known, error, reason = refined_until(motion, orbit, 1e-3 * rtol, rtol, min(1e-7, 1e-2 * rtol))
     orbit = known.orbit
     multipliers, _, unsure = orbit_multipliers(motion, orbit)

@@ -34,7 +34,7 @@ from pipedyn.models.continuum import (
 from pipedyn.models.drive import Pulsation
 from pipedyn.models.galerkin import basis_joints
 from pipedyn.orbits.floquet import UNIT, by_series
-from pipedyn.orbits.periodic_orbit import NODES
+from pipedyn.orbits.periodic_orbit import STAGE_NODES
 from pipedyn.util import check
 from pipedyn.util.archive import saved_as
 from pipedyn.util.check import Array
@@ -168,7 +168,7 @@ class PulsatingPipe:
     ) -> tuple[tuple[Array, Array, Array], NDArray[np.int_]]:
         """Arguments of `by_series` for one period: rows, durations and units, and parts."""
         count, period = 8, 2.0 * math.pi / frequency
-        phases = 2.0 * math.pi * (np.arange(count)[:, None] + NODES) / count
+        phases = 2.0 * math.pi * (np.arange(count)[:, None] + STAGE_NODES) / count
         speed = self.mean * (1.0 + amplitude * np.cos(phases))
         rate = -self.mean * amplitude * frequency * np.sin(phases)
         one = np.ones_like(speed)

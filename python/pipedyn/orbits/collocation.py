@@ -20,11 +20,11 @@ from pipedyn.continuation.arclength import Continuation, Control, Solver
 from pipedyn.motion.vector_field import VectorField
 from pipedyn.orbits.periodic_orbit import (
     BETWEEN,
-    NODES,
     ONCE,
+    ORBIT_STAGES,
     PROBES,
     RATES_BETWEEN,
-    STAGES,
+    STAGE_NODES,
     TWICE,
     Closing,
     PeriodicOrbit,
@@ -40,7 +40,7 @@ from pipedyn.util.newton import NewtonFailed
 LOSS = 1e5
 """Largest entry of a product of intervals' maps: their rounding is 1e-11 then."""
 
-WEIGHTS = NODES, ONCE, TWICE
+WEIGHTS = STAGE_NODES, ONCE, TWICE
 """Of the method, as the core takes them."""
 
 # -------------------------------------------------------------------------------- one interval
@@ -443,6 +443,8 @@ def residual(motion: VectorField, orbit: PeriodicOrbit) -> float:
     """Largest |dy/dt - f(y)| half-way between the stages, of the accelerations, relative."""
     phase = orbit.edges[:-1, None] + np.diff(orbit.edges)[:, None] * BETWEEN
     motion = motion.along(phase.ravel(), orbit.frequency)
-    true = motion(orbit.states_between(), orbit.u)[motion.half :].reshape(motion.half, -1, STAGES)
+    true = motion(orbit.states_between(), orbit.u)[motion.half :].reshape(
+        motion.half, -1, ORBIT_STAGES
+    )
     given = (RATES_BETWEEN @ orbit.rates).transpose(2, 0, 1)
     return float(np.abs(given - true).max() / np.abs(true).max())

@@ -34,7 +34,7 @@ from pipedyn.util.counters import factorised
 from pipedyn.util.later import scipy
 from pipedyn.util.newton import NewtonFailed
 
-TOLERANCE, MOST_HALVINGS, MOST = 1e-7, 4, 4000
+MULTIPLIER_TOLERANCE, MOST_HALVINGS, MOST_FLOQUET_INTERVALS = 1e-7, 4, 4000
 """Error of a multiplier, relative if above 1: a tenth of what the trivial one may be off. Halvings
 of mesh intervals to get there: one mostly does. Mesh intervals: 2 GB for 100 segments."""
 
@@ -51,7 +51,7 @@ FINER = 2.0
 """How many times as many intervals the collocation may take before Magnus' series is tried: there
 both cost about the same."""
 
-PARTS = 12.0
+MAGNUS_PARTS = 12.0
 """Parts into which Magnus' series first divides half a period, for each cube root of the fastest
 mode's turns in it. With twice as many, multipliers of chains and reduced models err by some 1e-6 at
 an amplitude of 0.28 L, and by less at smaller ones."""
@@ -71,7 +71,7 @@ EventKind = Literal[
 def orbit_multipliers(
     motion: VectorField,
     orbit: PeriodicOrbit,
-    tolerance: float = TOLERANCE,
+    tolerance: float = MULTIPLIER_TOLERANCE,
     coarser: PeriodicOrbit | None = None,
 ) -> tuple[Complex, Complex, float]:
     """Floquet multipliers, the largest modulus first, their roots and the error of the worst.
@@ -92,7 +92,7 @@ def orbit_multipliers(
     roots: Complex = np.empty(0, dtype=np.complex128)
     # The series is for modes that the collocation resolves on a far finer mesh only. Kinks at
     # phases that are not known take the error that halving shows.
-    parts = _parts(turns, tolerance)
+    parts = _parts_for_turns(turns, tolerance)
     if parts.sum() > FINER * parts.size and (smooth := _between_kinks(motion, orbit)):
         roots, error = _by_magnus(motion, smooth, turns.sum(), tolerance)
     if not error <= tolerance:
@@ -116,7 +116,7 @@ def quick_multipliers(
     closing = _closing(orbit, tolerance)
     if closing is None or _turns(motion, orbit).max() > _longest(tolerance):
         return None
-    roots = orbit.mirror * _eigenvalues_of(closing.first, closing.last)
+    roots = orbit.mirror * _roots_of_pencil(closing.first, closing.last)
     return roots**2 if orbit.symmetric else roots
 
 
@@ -128,17 +128,17 @@ def _closing(orbit: PeriodicOrbit, tolerance: float) -> Closing | None:
 
 def parts_for(motion: VectorField, orbit: PeriodicOrbit, tolerance: float) -> NDArray[np.int_]:
     """Parts of each interval, (M,), with which multipliers are known to a tolerance."""
-    return _parts(_turns(motion, orbit), tolerance)
+    return _parts_for_turns(_turns(motion, orbit), tolerance)
 
 
-def _parts(turns: Array, tolerance: float) -> NDArray[np.int_]:
+def _parts_for_turns(turns: Array, tolerance: float) -> NDArray[np.int_]:
     """The same from the turns of each interval."""
     return np.ceil(np.maximum(turns / _longest(tolerance), 1.0)).astype(int)
 
 
 def _longest(tolerance: float) -> float:
     """Largest |lambda| h of an interval with which multipliers are known to a tolerance."""
-    return TURN * (tolerance / TOLERANCE) ** 0.0625
+    return TURN * (tolerance / MULTIPLIER_TOLERANCE) ** 0.0625
 
 
 def _between_kinks(motion: VectorField, orbit: PeriodicOrbit) -> PeriodicOrbit | None:
@@ -156,11 +156,11 @@ def _by_magnus(
     """Roots of the multipliers and the error of the worst, by Magnus' series."""
     units = state_units(motion, orbit)
     rounds = orbit.span / math.pi
-    number = PARTS * rounds * (turns / rounds) ** (1.0 / 3.0)
+    number = MAGNUS_PARTS * rounds * (turns / rounds) ** (1.0 / 3.0)
     parts = np.ceil(number * np.diff(orbit.edges) / orbit.span).astype(int)
     return by_series(
         *(stage_derivatives(motion, orbit), orbit.durations, units, parts),
-        lambda maps: _eigenvalues(motion, orbit, maps, units),
+        lambda maps: _roots_of_maps(motion, orbit, maps, units),
         2 if orbit.symmetric else 1,
         tolerance,
     )
@@ -173,7 +173,7 @@ def by_series(
     parts: NDArray[np.int_],
     eigenvalues: Callable[[Array], Complex] | None = None,
     power: int = 1,
-    tolerance: float = TOLERANCE,
+    tolerance: float = MULTIPLIER_TOLERANCE,
 ) -> tuple[Complex, float]:
     """Roots of the multipliers and the error of the worst, from derivatives along a period.
 
@@ -194,7 +194,7 @@ def by_series(
     given = rows, durations, units
     maps, error, more = interval_maps(*given, parts), math.inf, 2.0
     roots: Complex = np.empty(0, dtype=np.complex128)
-    while error > tolerance and more * parts.sum() <= MOST:
+    while error > tolerance and more * parts.sum() <= MOST_FLOQUET_INTERVALS:
         fewer, coarser = parts, maps
         parts = np.ceil(more * fewer).astype(int)
         maps = interval_maps(*given, parts)
@@ -204,7 +204,7 @@ def by_series(
             roots = eigenvalues(maps + left[:, None, None] * (maps - coarser))
         except NewtonFailed:  # parts may be too long for the fastest modes
             return roots, math.inf
-        last, error = error, _moved(plain**power, roots**power)
+        last, error = error, _worst_change(plain**power, roots**power)
         if error > 0.5 * last:  # two that meet at 1, as at a Hopf point, have half the digits
             break
         more = min(max((2.0 * error / tolerance) ** 0.25, 1.5), 2.0)
@@ -225,7 +225,7 @@ def _by_collocation(
     not known; of both some more is allowed for.
     """
     left = 1e-3 if motion.model.kinks_known else 0.25
-    if (parts > 1).any() and 2 * parts.sum() <= MOST:
+    if (parts > 1).any() and 2 * parts.sum() <= MOST_FLOQUET_INTERVALS:
         orbit = refined(motion, orbit, parts, at_kinks=True)
     used = _closing(orbit, tolerance)
     least = SENSITIVITY * used.step if used is not None else 0.0
@@ -234,15 +234,15 @@ def _by_collocation(
     smooth = not motion.model.pipe.has_kinks
     if coarser is not None and _closing(coarser, tolerance / left) is not None and smooth:
         coarse = _roots(motion, coarser, tolerance / left)
-        error = max(left * _moved(coarse**power, roots**power), least)
+        error = max(left * _worst_change(coarse**power, roots**power), least)
     elif smooth and (pairs := _by_pairs(motion, orbit)):
-        error = max(0.1 * _moved(_roots(motion, pairs) ** power, roots**power), least)
+        error = max(0.1 * _worst_change(_roots(motion, pairs) ** power, roots**power), least)
     for _ in range(MOST_HALVINGS):
-        if error <= tolerance or 2 * len(orbit.starts) > MOST:
+        if error <= tolerance or 2 * len(orbit.starts) > MOST_FLOQUET_INTERVALS:
             break
         orbit = refined(motion, orbit, np.full(len(orbit.starts), 2))
         before, roots = roots, _roots(motion, orbit)
-        last, error = error, left * _moved(before**power, roots**power)
+        last, error = error, left * _worst_change(before**power, roots**power)
         if error > 0.5 * last:
             break
     return roots, error
@@ -254,8 +254,8 @@ def _roots(motion: VectorField, orbit: PeriodicOrbit, tolerance: float = 0.0) ->
     Where what was solved for it gives them to a tolerance, by that.
     """
     if (closing := _closing(orbit, tolerance)) is not None:
-        return np.asarray(orbit.mirror * _eigenvalues_of(closing.first, closing.last))
-    return _eigenvalues(motion, orbit, *collocation_maps(motion, orbit))
+        return np.asarray(orbit.mirror * _roots_of_pencil(closing.first, closing.last))
+    return _roots_of_maps(motion, orbit, *collocation_maps(motion, orbit))
 
 
 def _by_pairs(motion: VectorField, orbit: PeriodicOrbit) -> PeriodicOrbit | None:
@@ -271,13 +271,13 @@ def _by_pairs(motion: VectorField, orbit: PeriodicOrbit) -> PeriodicOrbit | None
     return interpolated(motion, orbit.states, edges, orbit.frequency, orbit.u)
 
 
-def _moved(before: Complex, after: Complex) -> float:
+def _worst_change(before: Complex, after: Complex) -> float:
     """How far the worst of the multipliers moves, relative where above 1."""
     moved = np.abs(before[:, None] - after) / np.maximum(np.abs(after), 1.0)
     return float(moved[np.arange(len(moved)), _core.assignment(moved)].max())
 
 
-def _eigenvalues(motion: VectorField, orbit: PeriodicOrbit, maps: Array, units: Array) -> Complex:
+def _roots_of_maps(motion: VectorField, orbit: PeriodicOrbit, maps: Array, units: Array) -> Complex:
     """The roots of the multipliers from the maps of intervals, in units of the state."""
     allowed: Array | None = None
     if motion.constrained:
@@ -296,10 +296,10 @@ def eigenvalues_through(maps: Array, allowed: Array | None = None) -> Complex:
             left, right = through(maps)
         except (FloatingPointError, ValueError, np.linalg.LinAlgError) as error:
             raise NewtonFailed("its Floquet multipliers overflow") from error
-    return _eigenvalues_of(left, right, allowed)
+    return _roots_of_pencil(left, right, allowed)
 
 
-def _eigenvalues_of(left: Array, right: Array, allowed: Array | None = None) -> Complex:
+def _roots_of_pencil(left: Array, right: Array, allowed: Array | None = None) -> Complex:
     """The mu of L y + mu R y = 0, of y along allowed columns; raises `NewtonFailed` likewise."""
     factorised()
     with np.errstate(over="raise", invalid="raise"):
@@ -342,7 +342,7 @@ def nontrivial(multipliers: ArrayLike) -> Complex:
     return np.delete(given, int(np.argmin(np.abs(given - 1.0))))
 
 
-def growth(multipliers: ArrayLike) -> Array:
+def log_moduli(multipliers: ArrayLike) -> Array:
     """Logarithms of the moduli of all but the trivial one, relative to 1 + UNIT, falling."""
     sizes = np.sort(np.abs(nontrivial(multipliers)))[::-1]
     return np.asarray(np.log(np.maximum(sizes, 1e-300) / (1.0 + UNIT)))

@@ -30,13 +30,13 @@ change by a hundredth."""
 ACCURACY = 1e-4
 """Of the multipliers: more than rates of decay are asked for."""
 
-STEP = 1e-4
+PHASE_STEP = 1e-4
 """Change of phase over which the second derivatives of a cycle are taken."""
 
 GONE = 1e-3
 """Multiplier over the orbit, the half of a symmetric one, below which a coordinate is left out."""
 
-MOST = 8
+MOST_COORDINATES = 8
 """Coordinates, those that decay most slowly: beside them the others are soon gone. With them about
 a cycle of 50 segments takes 2 MB."""
 
@@ -110,7 +110,7 @@ def floquet_coordinates(
     vectors = vectors / np.linalg.norm(vectors * units[:, None], axis=0)
     moduli = np.abs(values)
     moduli[np.abs(values - 1.0).argmin()] = 0.0  # the trivial one
-    kept = np.argsort(-moduli)[:MOST]
+    kept = np.argsort(-moduli)[:MOST_COORDINATES]
     kept = kept[moduli[kept] > GONE]
     if not kept.size or moduli[kept[0]] >= 1.0:
         return None
@@ -127,7 +127,7 @@ def floquet_coordinates(
     rows = (sizes[..., None] * here.swapaxes(2, 3)).reshape(-1, *rows.shape)
     _, states = orbit.sampled(places)
     on = np.ascontiguousarray(states[:, :-1])
-    once, step = motion(on, orbit.u), STEP / orbit.frequency
+    once, step = motion(on, orbit.u), PHASE_STEP / orbit.frequency
     change = motion(on + step * once, orbit.u) - motion(on - step * once, orbit.u)
     points, rates = on.T, np.stack([once.T, 0.5 / step * change.T])
     if orbit.symmetric:

@@ -20,14 +20,14 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
-from pipedyn.orbits.periodic_orbit import STAGES, both_integrals
+from pipedyn.orbits.periodic_orbit import ORBIT_STAGES, both_integrals
 from pipedyn.util.check import Array
 from pipedyn.util.counters import in_time
 
 CACHED = 14_000
 """Numbers in a stack of matrices: nine stacks of as many fit into 1 MB of cache."""
 
-DEGREE, LARGEST = 16, 0.78
+DEGREE, LARGEST_NORM = 16, 0.78
 """Degree of Taylor's polynomial, and the norm up to which it gives exp to rounding, as
 0.78^17 / 17! = 4e-17 (Al-Mohy and Higham 2010, theta_16)."""
 
@@ -40,7 +40,7 @@ _SUMS[3, 3] = _TAYLOR[DEGREE]
 
 
 @cache
-def _moments(parts: int) -> tuple[Array, Array]:
+def _magnus_weights(parts: int) -> tuple[Array, Array]:
     """Weights of the stages in b0 and b1 of each part of an interval of length 1, (parts, s)."""
     once, twice = both_integrals(np.linspace(0.0, 1.0, parts + 1))
     # By parts, int (t - middle) p dt is what the integral of p has at the ends, less its own.
@@ -65,8 +65,8 @@ def interval_maps(rows: Array, durations: Array, units: Array, parts: NDArray[np
         same = np.flatnonzero(parts == count)
         for some in np.split(same, range(piece, same.size, piece)):
             in_time()
-            weights = np.stack(_moments(count)).reshape(2 * count, STAGES)
-            scaled = rows[some].reshape(some.size, STAGES, -1) * durations[some, None, None]
+            weights = np.stack(_magnus_weights(count)).reshape(2 * count, ORBIT_STAGES)
+            scaled = rows[some].reshape(some.size, ORBIT_STAGES, -1) * durations[some, None, None]
             both = (weights @ scaled).reshape(some.size, 2, count, half, size)
             both *= units / units[half:, None]
             step = durations[some, None, None, None] / count * units[-1]
@@ -117,7 +117,7 @@ def _exponentials(exponents: Array, scratch: Array) -> Array:
     sizes = np.abs(powers[2:]).sum(axis=-2).reshape(2, -1).max(axis=1) ** [1.0 / 3.0, 0.25]
     if not np.isfinite(sizes).all():
         return np.full_like(exponents, math.nan)
-    halvings = max(0, math.ceil(math.log2(max(*sizes, 1e-300) / LARGEST)))
+    halvings = max(0, math.ceil(math.log2(max(*sizes, 1e-300) / LARGEST_NORM)))
     shrunk = 0.5 ** (halvings * np.arange(1.0, 5.0))
     np.matmul(_SUMS * shrunk, powers.reshape(4, -1), out=sums.reshape(4, -1))
     np.einsum("k...ii->...ik", sums)[...] += _TAYLOR[:DEGREE:4]

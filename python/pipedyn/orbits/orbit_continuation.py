@@ -17,7 +17,7 @@ from typing import TypeVar, cast
 
 import numpy as np
 
-from pipedyn.continuation.arclength import Point, Segment, folds
+from pipedyn.continuation.arclength import BranchSegment, PointOnBranch, folds
 from pipedyn.equilibrium.hopf import Hopf, HopfPoint
 from pipedyn.motion.vector_field import VectorField
 from pipedyn.orbits.collocation import OrbitControl, OrbitProblem, solved
@@ -28,7 +28,7 @@ from pipedyn.orbits.periodic_orbit import (
     coarsest_mesh,
     divided,
     refined,
-    resolved,
+    resolved_orbit,
     stage_phases,
     stop_contacts,
 )
@@ -36,12 +36,12 @@ from pipedyn.util.check import Array
 from pipedyn.util.later import scipy
 from pipedyn.util.newton import NewtonFailed
 
-SMALL, SMALLEST, LARGEST = 0.01, 1e-4, 0.3
+FIRST_AMPLITUDE, LEAST_AMPLITUDE, LARGEST_AMPLITUDE = 0.01, 1e-4, 0.3
 """Length in L of the free end of a branch's first step, the least that is tried, and the largest on
 the way to a speed: the normal form holds at the first to a per cent or better, at the last to a
 tenth, and rounding is far below the least."""
 
-MOST_INTERVALS = 250
+MOST_ON_BRANCH = 250
 """Mesh intervals of an orbit on a branch: 2,000 stages, with which orbits take seconds each."""
 
 MOST_EVALUATIONS = 100_000
@@ -61,11 +61,11 @@ PAST, GRAZING, MOST_CONTACTS, MOST_GRAZES = 3e-4, 3e-2, 3, 8
 its orbits come before, relative to their size; how many of the places where they do are tried; and
 how often a branch may graze."""
 
-ROUNDING = 1e-9
+SYMMETRY_ROUNDING = 1e-9
 """Share of an orbit's size below which the part of it that breaks a symmetry is rounding: Newton's
 method leaves steps of 1e-8 at most, of which their square is left."""
 
-Step = Segment[OrbitProblem]
+Step = BranchSegment[OrbitProblem]
 """A step along a branch of orbits."""
 
 
@@ -79,7 +79,7 @@ def solved_anew(
     motion: VectorField, orbit: PeriodicOrbit, u: float, symmetric: bool, how: OrbitControl
 ) -> PeriodicOrbit:
     """The periodic orbit near another at a speed, on as coarse a mesh as resolves it."""
-    guess = resolved(motion, orbit.states, orbit.frequency, u, symmetric, how.defect)
+    guess = resolved_orbit(motion, orbit.states, orbit.frequency, u, symmetric, how.defect)
     return solved(motion, guess, how.tolerance)
 
 
@@ -96,7 +96,10 @@ class BranchStart:
 
 
 def from_hopf(
-    motion: VectorField, point: HopfPoint, amplitude: float = SMALL, u: float | None = None
+    motion: VectorField,
+    point: HopfPoint,
+    amplitude: float = FIRST_AMPLITUDE,
+    u: float | None = None,
 ) -> BranchStart:
     """With a first step to an amplitude of the free end.
 
@@ -127,7 +130,7 @@ def from_branch_point(motion: VectorField, orbit: PeriodicOrbit) -> BranchStart:
     direction = orbit.unpacked(equations.neutral()).doubled(-1.0).packed()
     base = orbit.doubled()
     length = OrbitProblem(motion, base, FINE).length(direction)
-    return BranchStart(base, SMALL / length * direction)
+    return BranchStart(base, FIRST_AMPLITUDE / length * direction)
 
 
 def both_ways(motion: VectorField, orbit: PeriodicOrbit) -> list[BranchStart]:
@@ -213,7 +216,9 @@ def beside_kink(motion: VectorField, orbit: PeriodicOrbit, way: float) -> Period
         def states(phase: Array, factor: float = 1.0 + way * share) -> Array:
             return np.asarray(mean + factor * (orbit.states(phase) - mean))
 
-        guess = resolved(motion, states, orbit.frequency, orbit.u, orbit.symmetric, FINE.defect)
+        guess = resolved_orbit(
+            motion, states, orbit.frequency, orbit.u, orbit.symmetric, FINE.defect
+        )
         try:
             for _ in range(4):
                 once = np.ones(len(guess.starts), dtype=np.int_)
@@ -235,10 +240,10 @@ def _first_step(motion: VectorField, start: BranchStart, how: OrbitControl) -> S
         try:
             end = problem.at(problem.starting(begin, towards), length)
             is_resolved = (problem.orbit(end.z).defects() <= COARSE.defect).all()
-            if (low <= end.p <= high and is_resolved) or length <= SMALLEST:
-                return Segment(problem, problem.starting(begin, end.z - begin), end)
+            if (low <= end.p <= high and is_resolved) or length <= LEAST_AMPLITUDE:
+                return BranchSegment(problem, problem.starting(begin, end.z - begin), end)
         except NewtonFailed:
-            if length <= SMALLEST:
+            if length <= LEAST_AMPLITUDE:
                 raise
         towards = 0.3 * towards
 
@@ -296,7 +301,7 @@ def meeting(step: Step, kind: str, beginnings: Array, within: float) -> Meeting 
         return breaking_part(step.problem.orbit(z), kind)
 
     first, end = part(step.begin.z), part(step.end.z)
-    if float(np.abs(end).max()) < ROUNDING * step.problem.orbit(step.end.z).size:
+    if float(np.abs(end).max()) < SYMMETRY_ROUNDING * step.problem.orbit(step.end.z).size:
         raise NewtonFailed("a step went over to orbits of more symmetry")
     if not np.sum(first * end) < 0.0:
         return None
@@ -311,7 +316,7 @@ def meeting(step: Step, kind: str, beginnings: Array, within: float) -> Meeting 
             raise NewtonFailed("it comes near to orbits of more symmetry, and the step is too long")
         return float(scipy.optimize.brentq(lambda s: left(s) - share, low, high))
 
-    def with_left(share: float) -> Point:
+    def with_left(share: float) -> PointOnBranch:
         return step.at(where(share, 0.0, where(0.0, 0.0, step.length)))
 
     points = step.begin, with_left(0.4), with_left(0.1)
@@ -333,14 +338,14 @@ def meeting(step: Step, kind: str, beginnings: Array, within: float) -> Meeting 
         onward[-1] = 0.0
     z[-1] = p
     problem = step.problem.about(small.z)
-    last = Segment(problem, small, problem.starting(z, onward))
+    last = BranchSegment(problem, small, problem.starting(z, onward))
     return Meeting(replace(step, end=small), last, error, known)
 
 
 # -------------------------------------------------------------------------------- following it
 
 
-Problem = TypeVar("Problem", bound=OrbitProblem)
+AnyOrbitProblem = TypeVar("AnyOrbitProblem", bound=OrbitProblem)
 
 
 def followed(motion: VectorField, start: BranchStart, how: OrbitControl) -> Iterator[Step]:
@@ -371,7 +376,9 @@ def followed_past_grazing(
     raise NewtonFailed(f"its orbits graze stops more than {MOST_GRAZES} times")
 
 
-def onward(problem: Problem, point: Point, length: float) -> Iterator[Segment[Problem]]:
+def onward(
+    problem: AnyOrbitProblem, point: PointOnBranch, length: float
+) -> Iterator[BranchSegment[AnyOrbitProblem]]:
     """Steps from a solution on, the first of a length at most, without end.
 
     The mesh follows: `defect` of the problem's control is the largest that is let pass.
@@ -383,7 +390,7 @@ def onward(problem: Problem, point: Point, length: float) -> Iterator[Segment[Pr
         # An interval twice as long has some 2^8 times the defect. A change of the mesh costs as
         # much as a step.
         if np.count_nonzero(here.defects() <= 1e-3 * defect) > 2 * COARSEST:
-            edges = resolved(
+            edges = resolved_orbit(
                 *(problem.motion, here.states, here.frequency, here.u, here.symmetric), defect
             ).edges
             if edges.size < 0.75 * here.edges.size:
@@ -395,7 +402,7 @@ def onward(problem: Problem, point: Point, length: float) -> Iterator[Segment[Pr
                 guess = problem.orbit(there)
                 coarse = (guess.defects() > defect) & (guess.u >= 0.0)
                 edges = divided(problem.start.edges, 1 + coarse)
-                if coarse.any() and edges.size <= MOST_INTERVALS:
+                if coarse.any() and edges.size <= MOST_ON_BRANCH:
                     (problem, tangent), ahead = _on_mesh_to(problem, tangent, there, length, edges)
             begin = problem.starting(problem.origin, tangent)
             step, following = problem.next(begin, length, ahead)
@@ -404,13 +411,13 @@ def onward(problem: Problem, point: Point, length: float) -> Iterator[Segment[Pr
                 break
             before = problem.start.edges
             edges = divided(before, 1 + (defects > defect))
-            if edges.size > MOST_INTERVALS:  # some of them may be needed no more
+            if edges.size > MOST_ON_BRANCH:  # some of them may be needed no more
                 end = problem.orbit(step.end.z)
-                edges = resolved(
+                edges = resolved_orbit(
                     *(problem.motion, end.states, end.frequency, end.u, end.symmetric), 0.1 * defect
                 ).edges
-                if tried or edges.size > min(MOST_INTERVALS, 0.75 * before.size):
-                    raise NewtonFailed(f"more than {MOST_INTERVALS} mesh intervals are needed")
+                if tried or edges.size > min(MOST_ON_BRANCH, 0.75 * before.size):
+                    raise NewtonFailed(f"more than {MOST_ON_BRANCH} mesh intervals are needed")
                 tried = True
             length = step.length
             (problem, tangent), ahead = _on_mesh_to(problem, tangent, step.end.z, length, edges)
@@ -419,7 +426,9 @@ def onward(problem: Problem, point: Point, length: float) -> Iterator[Segment[Pr
         length, ahead = following, step.ahead
 
 
-def _on_mesh(problem: Problem, tangent: Array, edges: Array) -> tuple[Problem, Array]:
+def _on_mesh(
+    problem: AnyOrbitProblem, tangent: Array, edges: Array
+) -> tuple[AnyOrbitProblem, Array]:
     """The problem about its start on another mesh, and about the tangent there.
 
     Neither is solved for: the next step corrects both, and its guess is as near either way.
@@ -430,8 +439,8 @@ def _on_mesh(problem: Problem, tangent: Array, edges: Array) -> tuple[Problem, A
 
 
 def _on_mesh_to(
-    problem: Problem, tangent: Array, there: Array, length: float, edges: Array
-) -> tuple[tuple[Problem, Array], Callable[[float], Array]]:
+    problem: AnyOrbitProblem, tangent: Array, there: Array, length: float, edges: Array
+) -> tuple[tuple[AnyOrbitProblem, Array], Callable[[float], Array]]:
     """The problem on another mesh, and the parabola that leads to a guess for the next point.
 
     there: the guess at an arc length on the mesh before.
@@ -447,9 +456,9 @@ def continued(motion: VectorField, point: Hopf, u: float) -> PeriodicOrbit:
     """The orbit at a speed to which those of a Hopf point lead; NewtonFailed says why if none."""
     begun, stopped, here = motion.evaluations, "it takes too many steps", point.speed
     turns = list[float]()
-    amplitude = SMALL
+    amplitude = FIRST_AMPLITUDE
     with suppress(ValueError):  # one step may do, up to what the amplitude equation holds for
-        amplitude = min(1.05 * point.amplitude(u) or SMALL, LARGEST)
+        amplitude = min(1.05 * point.amplitude(u) or FIRST_AMPLITUDE, LARGEST_AMPLITUDE)
     try:
         # Sixty of the longest steps change the amplitude by up to 18 L.
         for step in islice(followed(motion, from_hopf(motion, point, amplitude, u), COARSE), 60):

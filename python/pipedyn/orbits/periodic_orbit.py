@@ -18,7 +18,7 @@ from pipedyn.motion.vector_field import VectorField
 from pipedyn.util.archive import saved_as
 from pipedyn.util.check import Array
 
-STAGES = 8
+ORBIT_STAGES = 8
 """Stages of the Radau IIA method, which has order 2 STAGES - 1 = 15. Cycles of two pipes take 2.5
 times as long to 1e-6 with 6 stages, and 1.1 times as long with 10."""
 
@@ -41,12 +41,12 @@ MOST_SECANTS, KINK_ERROR = 30, 1e-12
 """To find kinks, five or six of which mostly do, and the change of phase that is the last: the next
 would be far smaller."""
 
-_X: Array = np.sort(legendre.legroots([0.0] * (STAGES - 1) + [-1.0, 1.0]).real)
+_X: Array = np.sort(legendre.legroots([0.0] * (ORBIT_STAGES - 1) + [-1.0, 1.0]).real)
 _X[-1] = 1.0
-NODES: Array = 0.5 * (_X + 1.0)
+STAGE_NODES: Array = 0.5 * (_X + 1.0)
 """Places of the stages in an interval, shape (s,)."""
 
-TO_LEGENDRE = np.linalg.inv(legendre.legvander(_X, STAGES - 1))
+TO_LEGENDRE = np.linalg.inv(legendre.legvander(_X, ORBIT_STAGES - 1))
 """Legendre coefficients from values at the stages, shape (s, s)."""
 
 _INTEGRATED = [0.5**k * legendre.legint(TO_LEGENDRE, k, lbnd=-1.0) for k in (0, 1, 2)]
@@ -54,13 +54,13 @@ _INTEGRATED = [0.5**k * legendre.legint(TO_LEGENDRE, k, lbnd=-1.0) for k in (0, 
 
 def integrals(at: Array, times: int) -> Array:
     """Values, or integrals from 0 once or twice, of the polynomial through stages, shape (k, s)."""
-    basis = legendre.legvander(2.0 * at - 1.0, STAGES - 1 + times)
+    basis = legendre.legvander(2.0 * at - 1.0, ORBIT_STAGES - 1 + times)
     return basis @ _INTEGRATED[times]
 
 
 def both_integrals(at: Array) -> tuple[Array, Array]:
     """Integrals from 0 once and twice, (k, s) each."""
-    basis = legendre.legvander(2.0 * at - 1.0, STAGES + 1)
+    basis = legendre.legvander(2.0 * at - 1.0, ORBIT_STAGES + 1)
     return basis[:, :-1] @ _INTEGRATED[1], basis @ _INTEGRATED[2]
 
 
@@ -71,14 +71,14 @@ def _equal_parts(parts: int) -> tuple[Array, Array, Array]:
     return begins, *both_integrals(begins)
 
 
-ONCE = integrals(NODES, 1)
+ONCE = integrals(STAGE_NODES, 1)
 """Integrals from 0 to each stage, shape (s, s)."""
 
 TWICE: Array = ONCE @ ONCE
 """Integrals of these, shape (s, s)."""
 
 
-BETWEEN: Array = 0.5 * (np.append(0.0, NODES[:-1]) + NODES)
+BETWEEN: Array = 0.5 * (np.append(0.0, STAGE_NODES[:-1]) + STAGE_NODES)
 """Places half-way between the stages, the first of them between the beginning and the first stage,
 shape (s,)."""
 
@@ -162,11 +162,11 @@ class PeriodicOrbit:
 
     def stages(self) -> Array:
         """States at the stages, shape (M, s, 2 moving)."""
-        return self._at_nodes(NODES, ONCE, TWICE).transpose(1, 2, 0)
+        return self._at_nodes(STAGE_NODES, ONCE, TWICE).transpose(1, 2, 0)
 
     def stage_columns(self) -> Array:
         """The same, in columns, shape (2 moving, M s)."""
-        return self._at_nodes(NODES, ONCE, TWICE).reshape(2 * self.half, -1)
+        return self._at_nodes(STAGE_NODES, ONCE, TWICE).reshape(2 * self.half, -1)
 
     def states_between(self) -> Array:
         """States at `BETWEEN` in all intervals, in columns, shape (2 moving, M s)."""
@@ -174,12 +174,12 @@ class PeriodicOrbit:
 
     def ends(self) -> Array:
         """States where intervals end, shape (M, 2 moving)."""
-        return self._at_nodes(NODES[-1:], ONCE[-1:], TWICE[-1:])[..., 0].T
+        return self._at_nodes(STAGE_NODES[-1:], ONCE[-1:], TWICE[-1:])[..., 0].T
 
     def _at_nodes(self, nodes: Array, once: Array, twice: Array) -> Array:
         """States at places in all intervals, shape (2 moving, M, k)."""
         h, half, k = self.durations[:, None], self.half, nodes.size
-        rates = self.rates.transpose(2, 0, 1).reshape(-1, STAGES)
+        rates = self.rates.transpose(2, 0, 1).reshape(-1, ORBIT_STAGES)
         sums = (rates @ np.concatenate([twice, once]).T).reshape(half, -1, 2 * k)
         start = self.starts.T[..., None]
         y = np.empty((2 * half, len(self.starts), k))
@@ -205,7 +205,7 @@ class PeriodicOrbit:
 
     def defects(self) -> Array:
         """Share of the largest velocity that an interval's last two polynomials add, shape (M,)."""
-        rates = self.rates.transpose(0, 2, 1).reshape(-1, STAGES)
+        rates = self.rates.transpose(0, 2, 1).reshape(-1, ORBIT_STAGES)
         last = np.abs(rates @ TO_LEGENDRE[-2:].T).sum(axis=1).reshape(-1, self.half)
         velocity = np.abs(self.starts[:, self.half :]).max()
         return self.durations * last.max(axis=1) / velocity
@@ -255,7 +255,7 @@ def coarsest_mesh(symmetric: bool) -> Array:
 
 def stage_phases(edges: Array) -> Array:
     """Phases of the stages, shape (M, s)."""
-    return edges[:-1, None] + (edges[1:] - edges[:-1])[:, None] * NODES
+    return edges[:-1, None] + (edges[1:] - edges[:-1])[:, None] * STAGE_NODES
 
 
 def interpolated(
@@ -268,11 +268,11 @@ def interpolated(
     """An orbit through states [p, p'], a function of phases (k,) to (2 moving, k), on a mesh."""
     phases = stage_phases(edges).ravel()
     rates = motion.along(phases, frequency)(states(phases), u)[motion.half :]
-    rates = np.ascontiguousarray(rates.T).reshape(edges.size - 1, STAGES, motion.half)
+    rates = np.ascontiguousarray(rates.T).reshape(edges.size - 1, ORBIT_STAGES, motion.half)
     return PeriodicOrbit(edges, states(edges[:-1]).T.copy(), rates, frequency, u, motion.forced)
 
 
-def resolved(
+def resolved_orbit(
     motion: VectorField,
     states: Callable[[Array], Array],
     frequency: float,
@@ -299,7 +299,7 @@ def refined(
     """
     edges = divided(orbit.edges, parts)
     if at_kinks:
-        edges = _joined(edges, _kinks(motion, orbit))
+        edges = _edges_with_kinks(edges, _kinks(motion, orbit))
     return interpolated(motion, orbit.states, edges, orbit.frequency, orbit.u)
 
 
@@ -309,7 +309,7 @@ def divided(edges: Array, parts: NDArray[np.int_]) -> Array:
     return np.interp(np.arange(staying[-1] + 1), staying, edges)
 
 
-def _joined(edges: Array, kinks: Array) -> Array:
+def _edges_with_kinks(edges: Array, kinks: Array) -> Array:
     """Edges with others, which take the place of those that they all but coincide with."""
     least = 1e-4 * edges[-1]  # a shorter interval costs as much and resolves nothing
     kinks = kinks[(kinks > least) & (kinks < edges[-1] - least)]
