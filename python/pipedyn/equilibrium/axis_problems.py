@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 
 from pipedyn.continuation.arclength import Control, DenseProblem, Point
 from pipedyn.linear.plane import Matrices, Plane
-from pipedyn.linear.sensitivity import Kind
+from pipedyn.linear.sensitivity import CrossingKind
 from pipedyn.util.check import Array
 from pipedyn.util.counters import factorised
 from pipedyn.util.newton import NewtonFailed
@@ -55,7 +55,7 @@ class AxisProblem(DenseProblem):
         size: number of unknowns.
     """
 
-    kind: Kind
+    kind: CrossingKind
     unit = 0.0
 
     def __init__(self, plane: Plane, control: Control, size: int) -> None:
@@ -157,7 +157,7 @@ def _largest_real(v: NDArray[Any]) -> Array:
 class FlutterProblem(AxisProblem):
     """A pair on the axis: z = (omega / unit, y, x), y and x as shares of the window."""
 
-    kind: Kind = "flutter"
+    kind: CrossingKind = "flutter"
 
     def __init__(self, plane: Plane, control: Control, unit: float) -> None:
         super().__init__(plane, control, 2)
@@ -198,7 +198,7 @@ class FlutterProblem(AxisProblem):
 class DivergenceProblem(AxisProblem):
     """A real eigenvalue 0: z = (y, x) as shares of the window."""
 
-    kind: Kind = "divergence"
+    kind: CrossingKind = "divergence"
 
     def __init__(self, plane: Plane, control: Control) -> None:
         super().__init__(plane, control, 1)
@@ -226,7 +226,7 @@ class CoupledModeProblem(AxisProblem):
     sqrt(s); where s < 0 two growing real roots meet and become a growing pair.
     """
 
-    kind: Kind = "flutter"
+    kind: CrossingKind = "flutter"
 
     def __init__(self, plane: Plane, control: Control, unit: float) -> None:
         super().__init__(plane, control, 2)

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from dataclasses import field, replace
 from functools import cached_property, lru_cache, partial
 from itertools import pairwise
-from typing import Any, TypeAlias, TypeVar
+from typing import Any, TypeAlias
 
 import numpy as np
 
@@ -32,11 +32,9 @@ from pipedyn.util import check
 from pipedyn.util.archive import saved_as
 from pipedyn.util.check import Array
 from pipedyn.util.counters import factorised
-from pipedyn.util.parallel import Job, outcome_of
+from pipedyn.util.parallel import Answer, Job, outcome_of
 from pipedyn.util.threads import one_thread
 from pipedyn.util.units import SPEED
-
-Answer = TypeVar("Answer")
 
 LONG_MODEL = 4
 """A model is long if it has at least so many degrees of freedom for each mode that is tracked, and
@@ -143,7 +141,7 @@ class CriticalSpeed(Crossing, units={"discretisation": SPEED}):
         return abs(self.speed - exact.speed) + self.error + exact.error
 
 
-Loss: TypeAlias = tuple[CriticalSpeed, tuple[Crossing, ...]]
+CriticalPoint: TypeAlias = tuple[CriticalSpeed, tuple[Crossing, ...]]
 Point: TypeAlias = tuple[CriticalSpeed | None, tuple[Crossing, ...]]
 Found: TypeAlias = Converged[tuple[Crossing, ...]]
 
@@ -184,7 +182,7 @@ def crossings(model: AnyModel, max_speed: float) -> Crossings:
     """
     checked_model(model)
     end = checked_end(max_speed, model)
-    _, found = raised(losses([model], end))
+    _, found = only_answer(stability_losses([model], end))
     return Crossings(found, end, model, unstable_at_rest(model, found))
 
 
@@ -209,7 +207,7 @@ def critical_speed(model: AnyModel, max_speed: float = 100.0) -> CriticalSpeed:
         ValueError, TypeError: for bad arguments.
     """
     checked_model(model)
-    critical, _ = first_loss(model, checked_end(max_speed, model))
+    critical, _ = critical_point(model, checked_end(max_speed, model))
     return critical
 
 
@@ -241,18 +239,20 @@ def checked_end(max_speed: Any, model: AnyModel | None = None) -> float:
     return check.real("max_speed", max_speed, low=0.0, high=high, open_low=True)
 
 
-def first_loss(model: AnyModel, max_speed: float = 100.0) -> Loss:
+def critical_point(model: AnyModel, max_speed: float = 100.0) -> CriticalPoint:
     """The critical speed, and the crossings up to it, from a search ending at max_speed.
 
     Raises:
         NoCrossing: if the pipe stays stable up to there.
     """
-    return raised(first_losses([model], max_speed))
+    return only_answer(critical_points([model], max_speed))
 
 
-def first_losses(models: Sequence[AnyModel], max_speed: float = 100.0) -> list[Loss | Exception]:
-    """The same of many models, or what was raised; searched together, see `losses`."""
-    found: dict[int, Loss | Exception] = {}
+def critical_points(
+    models: Sequence[AnyModel], max_speed: float = 100.0
+) -> list[CriticalPoint | Exception]:
+    """Critical points of several models, or the exceptions of those that fail, in one search."""
+    found: dict[int, CriticalPoint | Exception] = {}
     # A low critical speed needs no large basis and few modes of a long chain, so where that is
     # cheaper the search first ends sooner.
     ends = [[*_first_ends(model, max_speed), max_speed] for model in models]
@@ -263,14 +263,14 @@ def first_losses(models: Sequence[AnyModel], max_speed: float = 100.0) -> list[L
             if i not in found and (end == max_speed or _is_cheaper_up_to(end, models[i])):
                 of_end.setdefault(end, []).append(i)
         for end, at in of_end.items():
-            points = losses([models[i] for i in at], end, until_unstable=True, known_to=max_speed)
+            points = stability_losses([models[i] for i in at], end, True, max_speed)
             for i, point in zip(at, points, strict=True):
                 if isinstance(point, Exception):
                     found[i] = point
                 elif point[0] is not None:
                     found[i] = point[0], point[1]
     return [
-        found[i] if i in found else outcome_of(partial(_never_lost, model, max_speed))
+        found[i] if i in found else outcome_of(partial(_no_critical_speed, model, max_speed))
         for i, model in enumerate(models)
     ]
 
@@ -298,7 +298,7 @@ def _first_ends(model: AnyModel, max_speed: float) -> list[float]:
     return [end * unit for end in ends if end * unit < max_speed]
 
 
-def _never_lost(model: AnyModel, max_speed: float) -> NoCrossing:
+def _no_critical_speed(model: AnyModel, max_speed: float) -> NoCrossing:
     """What is said of a pipe that does not lose stability: it may have none to lose."""
     growing = unstable_at_rest(model)
     if not growing:
@@ -319,13 +319,13 @@ def _is_cheaper_up_to(end: float, model: AnyModel) -> bool:
     return _some_are_cheaper(modes, end, model.dof) and model.pencil().is_long
 
 
-def losses(
+def stability_losses(
     models: Sequence[AnyModel],
     max_speed: float,
     until_unstable: bool = False,
-    known_to: float | None = None,
+    continuum_end: float | None = None,
 ) -> list[Point | Exception]:
-    """The critical speed of each, if any, and crossings up to max_speed, or what was raised.
+    """Critical speed, if any, and crossings up to max_speed of each model, or its exception.
 
     Models of one size are searched in one call of the core.
 
@@ -333,13 +333,13 @@ def losses(
         models: the models.
         max_speed: end of the search.
         until_unstable: whether the crossings end at the critical speed.
-        known_to: how far the continuous pipe's critical speed is searched where it is asked for;
-            to max_speed where not given.
+        continuum_end: speed up to which the continuous pipe's critical speed is searched when
+            `CriticalSpeed.discretisation` asks for it; max_speed where not given.
     """
     plans = [outcome_of(partial(_plan, model, max_speed, until_unstable)) for model in models]
     jobs = [job for plan in plans if not isinstance(plan, Exception) for job in plan]
-    _swept([job for job in jobs if isinstance(job, _Search)])
-    end = max_speed if known_to is None else known_to
+    _run_searches([job for job in jobs if isinstance(job, _Search)])
+    end = max_speed if continuum_end is None else continuum_end
     found = [
         plan if isinstance(plan, Exception) else outcome_of(partial(_found, model.pipe, plan))
         for model, plan in zip(models, plans, strict=True)
@@ -350,8 +350,8 @@ def losses(
     ]
 
 
-def raised(answers: Sequence[Answer | Exception]) -> Answer:
-    """The only answer, or its exception raised."""
+def only_answer(answers: Sequence[Answer | Exception]) -> Answer:
+    """The only answer of a list; raises it if it is an exception."""
     (one,) = answers
     if isinstance(one, Exception):
         raise one
@@ -386,7 +386,7 @@ def _found(pipe: Pipe, plan: Sequence[Job[Found]]) -> Found:
     )
 
 
-def _point(model: AnyModel, found: Found, known_to: float) -> Point:
+def _point(model: AnyModel, found: Found, continuum_end: float) -> Point:
     all_found = found.value
     first = next((c for c in all_found if c.destabilising), None)
     if first is None:
@@ -398,7 +398,7 @@ def _point(model: AnyModel, found: Found, known_to: float) -> Point:
         size=found.size,
         model=model,
         _continuous=first.error if isinstance(model, Continuum) else None,
-        _max_speed=known_to,
+        _max_speed=continuum_end,
     )
     return critical, all_found
 
@@ -446,7 +446,7 @@ def _converging(model: Continuum, max_speed: float, until_unstable: bool) -> Job
         assert search.resolved is not None
         if search.resolved < _modes_reached(max_speed, pipe):
             return None, None  # the flow reaches modes that are not the continuous pipe's
-        _swept([search], final=larger is None or not search.all_resolved)
+        _run_searches([search], final=larger is None or not search.all_resolved)
         assert search.swept is not None
         if search.swept.untracked:
             return None, None  # and so does what loses stability
@@ -467,7 +467,7 @@ def _converging(model: Continuum, max_speed: float, until_unstable: bool) -> Job
     return job
 
 
-def resolved(model: Model, spectrum: _core.Eigenproblem) -> int:
+def count_resolved(model: Model, spectrum: _core.Eigenproblem) -> int:
     """How many modes of a Legendre model, from the lowest on, are the continuous pipe's.
 
     Those that bend little by the last functions of each panel: what a polynomial series misses of a
@@ -525,7 +525,7 @@ class _Search:
         self.swept: _core.Sweep | None = None
         spectrum = self.problem.spectrum()
         self.spectrum: _core.Spectrum = spectrum
-        self.resolved = resolved(model, spectrum) if continuous else None
+        self.resolved = count_resolved(model, spectrum) if continuous else None
         self.tracked, self.count = self.problem.dof, 2 * self.problem.dof
         self.larger: tuple[Eigenproblem, _core.Structured] | None = None
         self.all_resolved = True  # whether all resolved modes are looked at
@@ -639,12 +639,12 @@ class _Search:
         assert self.resolved is not None
         problem, spectrum = self.larger
         # Where all that are resolved are tracked, the larger model resolves more.
-        modes = resolved(problem.model, spectrum) if self.all_resolved else self.resolved
+        modes = count_resolved(problem.model, spectrum) if self.all_resolved else self.resolved
         swept = self.spectrum.of_larger(self.swept, end, modes)
         return None if swept is None else crossings_of(problem, swept, 2 * modes)
 
 
-def _swept(searches: Sequence[_Search], final: bool = True) -> None:
+def _run_searches(searches: Sequence[_Search], final: bool = True) -> None:
     """Runs searches in one call of the core, and again those that have to track more modes.
 
     Where `final` is False, the latter are not run again: their `swept` says `untracked`.

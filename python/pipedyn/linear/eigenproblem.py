@@ -132,7 +132,7 @@ class Eigenproblem:
                     found = spectrum.lowest(u, asked, left, high=True)
                 still = self.static.lowest(u, min(count, most), left)
                 grows = np.flatnonzero(self.grows_statically(still.values))
-                found = _joined(found, _taken(still, grows), count)
+                found = _with_conjugates(found, _taken(still, grows), count)
         factorised(spectrum.factorisations())
         return found
 
@@ -153,14 +153,14 @@ def _taken(pairs: _core.Pairs, which: NDArray[np.intp]) -> _core.Pairs:
     return _core.Pairs(pairs.values[which], right, left, pairs.residuals[which])
 
 
-def _joined(lossy: _core.Pairs, grows: _core.Pairs, count: int) -> _core.Pairs:
+def _with_conjugates(hysteretic: _core.Pairs, grows: _core.Pairs, count: int) -> _core.Pairs:
     """Roots above the real axis with their conjugates, and growing ones on it, the lowest first."""
-    oscillates = ~(lossy.values.imag <= 0.0)  # with those not found
-    growing = np.flatnonzero(lossy.values.real > 0.0)
+    oscillates = ~(hysteretic.values.imag <= 0.0)  # with those not found
+    growing = np.flatnonzero(hysteretic.values.real > 0.0)
     for value in grows.values if growing.size else ():
         # Of the growing roots the nearest is what a loss factor makes of it: the same motion.
-        oscillates[growing[np.abs(lossy.values[growing] - value).argmin()]] = False
-    above = _taken(lossy, np.flatnonzero(oscillates))
+        oscillates[growing[np.abs(hysteretic.values[growing] - value).argmin()]] = False
+    above = _taken(hysteretic, np.flatnonzero(oscillates))
     values = np.concatenate([above.values, above.values.conj(), grows.values])
     places = np.lexsort((-values.imag, values.real, np.abs(values)))[:count]
     right, left = (

@@ -48,19 +48,19 @@ from pipedyn.util.units import FREQUENCY
 Input: TypeAlias = "str | tuple[str, float]"
 """What drives the pipe: "base", ("force", s) or ("moment", s)."""
 
-SMALL = 64
+LARGEST_DIRECT = 64
 """Degrees of freedom up to which each frequency is solved for: 0.1 s for 1,000 frequencies."""
 
 HIGHEST = 1e5
 """Largest frequency: that of the pipe's hundredth mode."""
 
-MODES = 4
+RESONANCES = 4
 """Lowest resonances that are covered where no range is given."""
 
 CLOSEST = 1e-9
 """Distance of two frequencies, relative to the highest, at which no more are put between them."""
 
-MOST = 50_000
+MOST_FREQUENCIES = 50_000
 """Frequencies that are chosen: 200 modes with some 200 each."""
 
 RESIDUAL = 1e-10
@@ -200,7 +200,7 @@ def frequency_response(
         turning = np.sort(poles.imag[poles.imag > 0.0])
         if turning.size == 0:
             raise ValueError(f"frequencies must be given: at u = {u:g} no mode oscillates")
-        high = 1.2 * float(turning[:MODES][-1])
+        high = 1.2 * float(turning[:RESONANCES][-1])
     ask = partial(_Response, u=u, input=driven, output=place)
     first = ask(one)
     with one_thread(first.rows):
@@ -217,7 +217,7 @@ def frequency_response(
         asked,
         (u,),
         question,
-        lambda a, b: _moved(at, poles, a[1], b[1]),
+        lambda a, b: _response_change(at, poles, a[1], b[1]),
         tolerance=1e-8,
         smallest=one.dof,
     )
@@ -312,7 +312,7 @@ class _Response:
             kind, place = input
             self.loads[:, 0] = _displacement(model, float(place), int(kind == "moment"))
         self.output = _displacement(model, output)
-        self._basis = _Basis(self) if model.dof > SMALL else None
+        self._basis = _Basis(self) if model.dof > LARGEST_DIRECT else None
 
     def __call__(self, at: Array) -> Complex:
         """At frequencies, shape (F,)."""
@@ -327,10 +327,10 @@ class _Response:
     def products(self, x: NDArray[Any]) -> tuple[NDArray[Any], ...]:
         """What K, C and M make of columns."""
         of, u = self.pencil, self.u
-        still: NDArray[Any] = of.stiffness(x) + of.centrifugal * u**2 * of.flux(x)
+        stiffness: NDArray[Any] = of.stiffness(x) + of.centrifugal * u**2 * of.flux(x)
         if of.pipe.hysteresis:  # of oscillations with positive frequency
-            still = still + 1j * of.pipe.hysteresis * of.by_damping(x)
-        return still, u * of.velocity(x) + of.damping(x), of.mass(x)
+            stiffness = stiffness + 1j * of.pipe.hysteresis * of.by_damping(x)
+        return stiffness, u * of.velocity(x) + of.damping(x), of.mass(x)
 
     def solution(self, omega: float) -> Complex:
         """Of the equations at one frequency: by a factorisation, or of long chains by GMRES.
@@ -359,13 +359,13 @@ def _solutions(matrices: tuple[Array, ...], loads: Array, at: Array) -> Complex:
 
     Infinite where P is singular, but 0 where nothing loads it: a base at rest moves nothing.
     """
-    still, rate, mass = matrices
-    found = np.full((len(still), at.size), math.inf, dtype=np.complex128)
-    piece = max(1, 200_000 // max(len(still) ** 2, 1))
+    stiffness, damping, mass = matrices
+    found = np.full((len(stiffness), at.size), math.inf, dtype=np.complex128)
+    piece = max(1, 200_000 // max(len(stiffness) ** 2, 1))
     for begin in range(0, at.size, piece):
         some = slice(begin, begin + piece)
         powers = (1j * at[some, None]) ** np.arange(3)
-        left = np.tensordot(powers, np.stack([still, rate, mass]), 1)
+        left = np.tensordot(powers, np.stack([stiffness, damping, mass]), 1)
         right = (powers @ loads.T)[..., None]
         factorised(len(left))
         try:
@@ -486,10 +486,10 @@ def _poles(model: AnyModel, u: float, high: float) -> tuple[Complex, Model, bool
 
     Also whether none has a positive real part.
     """
-    one, count, largest = model, 4 * MODES + 4, 0
+    one, count, largest = model, 4 * RESONANCES + 4, 0
     if isinstance(model, Continuum):
         # Two thirds of the functions have modes of their own, the k-th at some (k pi)^2.
-        reached = 4.0 * MODES if high == math.inf else math.sqrt(3.0 * high) / math.pi
+        reached = 4.0 * RESONANCES if high == math.inf else math.sqrt(3.0 * high) / math.pi
         largest = math.ceil(1.5 * reached) + 8
         one = model.frozen(SMALLEST)
     assert isinstance(one, Model)
@@ -498,7 +498,7 @@ def _poles(model: AnyModel, u: float, high: float) -> tuple[Complex, Model, bool
         found = modes(one, u, min(count, most))
         values = found.eigenvalues[found.converged]
         turning = np.unique(np.abs(values[values.imag > 0.0]))
-        if turning.size > MODES if high == math.inf else (turning > 1.5 * high).any():
+        if turning.size > RESONANCES if high == math.inf else (turning > 1.5 * high).any():
             break
         if count >= most:
             if not isinstance(model, Continuum) or one.dof >= largest:
@@ -524,8 +524,8 @@ def _chosen(response: _Response, poles: Complex, low: float, high: float, most: 
     left, right = np.arange(at.size - 1), np.arange(1, at.size)
     floor = 1e-6 * float(np.median(np.abs(values)))
     while left.size:
-        if at.size > MOST:
-            raise NotConverged(f"the response needs more than {MOST} frequencies")
+        if at.size > MOST_FREQUENCIES:
+            raise NotConverged(f"the response needs more than {MOST_FREQUENCIES} frequencies")
         middle = 0.5 * (at[left] + at[right])
         there = response(middle)
         known = np.isfinite(values[left]) & np.isfinite(values[right]) & np.isfinite(there)
@@ -547,7 +547,7 @@ def _undamped(poles: Complex) -> Array:
     return poles.imag[growth(poles) == 0.0]
 
 
-def _moved(at: Array, poles: Complex, before: Complex, after: Complex) -> float:
+def _response_change(at: Array, poles: Complex, before: Complex, after: Complex) -> float:
     """Largest change of the response, relative, beyond that of poles that move by 1e-11."""
     size = np.maximum(np.abs(after), 1e-6 * float(np.median(np.abs(after))))
     size[size == 0.0] = 1.0  # of a place that is held

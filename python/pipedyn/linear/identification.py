@@ -24,6 +24,7 @@ from typing import Any, Literal, get_args
 import numpy as np
 
 from pipedyn.linear.critical_speed import CriticalSpeed, critical_speed
+from pipedyn.linear.differences import STENCIL
 from pipedyn.linear.modes import root_loci
 from pipedyn.models.base import NotConverged, Operators, PipedynError, checked_pipe
 from pipedyn.models.continuum import Continuum
@@ -51,17 +52,15 @@ RANGES_OF_ZERO = {"damping": (1e-6, 1.0), "hysteresis": (1e-5, 1.0), COMPLIANCE:
 AROUND = 30.0
 """Factor by which an unknown may differ from the pipe's own value where no bounds are given."""
 
-STEP = 0.01
+LOG_STEP = 0.01
 """Of the logarithms, for derivatives of the matrices: the sixth-order error is below rounding."""
 
-STENCIL = np.array([45.0, -9.0, 1.0]) / 60.0
-
-SIZES = (16, 24, 36, 54)
+FUNCTIONS = (16, 24, 36, 54)
 """Functions of the model, one after the other until the predictions stay."""
 
 MOST_SPEED = 55.0
-"""u up to which modes are followed: a flow of 1.25 (SIZES[-1] - 8) bends the pipe into waves as
-short as the largest model has."""
+"""Largest u to which modes are followed. A flow of u = 1.25 (FUNCTIONS[-1] - 8) bends the pipe into
+waves as short as the largest model can represent."""
 
 MOST_TRIALS = 40
 """Pipes that a search from one start tries: those that end in an optimum take 5 to 30."""
@@ -73,7 +72,7 @@ UNTOLD = 1.0
 """Standard deviation of a combination of logarithms, a factor of e, beyond which data do not tell
 it: the linear law of errors means nothing there."""
 
-WEAK = 0.3
+WEAKLY_DETERMINED = 0.3
 """Relative uncertainty of an estimate from which on it is called weakly determined."""
 
 LEAST_TURN = 1e-3
@@ -84,7 +83,7 @@ MEETING = 1e4
 """|d lambda / d u| at a crossing from which on two roots meet there: rounding leaves some 1e7 of
 infinity, and weakly damped pipes have some 1e2."""
 
-MODES = 20
+HIGHEST_MODE = 20
 """The highest mode that may be measured."""
 
 
@@ -132,7 +131,7 @@ class Measurement:
         speed = check.real("speed", self.speed, low=0.0, high=1e6)
         if speed and self.quantity.startswith("critical"):
             raise ValueError(f"speed must be left out of a {self.quantity}, got {speed:g}")
-        mode = check.count("mode", self.mode, low=1, high=MODES)
+        mode = check.count("mode", self.mode, low=1, high=HIGHEST_MODE)
         given = {"value": value, "uncertainty": sigma, "speed": speed, "mode": mode}
         for name, one in given.items():
             object.__setattr__(self, name, one)
@@ -240,16 +239,16 @@ def identify(
     Source: Nocedal and Wright (2006), Numerical optimization, ch. 10, for least squares.
     Uncertainties follow from those of the measurements by the linear law of errors.
     """
-    known = _checked(pipe, measurements, unknowns)
-    with one_thread(max(SIZES)):
+    known = _checked_problem(pipe, measurements, unknowns)
+    with one_thread(max(FUNCTIONS)):
         x = known.begin
-        for size in SIZES:
+        for size in FUNCTIONS:
             x = known.fitted(x, size)
             moved = known.moved(x, size)
             if moved <= STAYING:
-                return known.described(x, size)
+                return known.estimated(x, size)
     raise NotConverged(
-        f"with {SIZES[-1]} functions a prediction still moves by {moved:.2g} of its uncertainty"
+        f"with {FUNCTIONS[-1]} functions a prediction still moves by {moved:.2g} of its uncertainty"
     )
 
 
@@ -317,7 +316,7 @@ def _with_stiffness(pipe: Pipe, value: float) -> Pipe:
     )
 
 
-def _checked(pipe: Pipe, measurements: Any, unknowns: Any) -> _Problem:
+def _checked_problem(pipe: Pipe, measurements: Any, unknowns: Any) -> _Problem:
     """The arguments of `identify`."""
     pipe = checked_pipe(pipe)
     if not isinstance(measurements, list | tuple):
@@ -450,7 +449,7 @@ class _Problem:
         low, high = self.bounds
         random = np.random.default_rng(0)
         starts = [begin]
-        if size == SIZES[0]:
+        if size == FUNCTIONS[0]:
             starts.append(0.5 * (low + high))
             starts += [low + (high - low) * random.uniform(size=low.size) for _ in range(4)]
         best, failed = None, list[PipedynError]()
@@ -506,7 +505,7 @@ class _Problem:
         larger = size + max(8, size // 2)
         return float(np.abs(self._misfit(x, larger)[0] - self._misfit(x, size)[0]).max())
 
-    def described(self, x: Array, size: int) -> Identification:
+    def estimated(self, x: Array, size: int) -> Identification:
         """The estimates with their uncertainties."""
         residuals, slopes = self._misfit(x, size)
         low, high = self.bounds
@@ -576,7 +575,7 @@ class _Problem:
                     f"{one.name} lies at the end of its range: the measurements say that it is "
                     f"{word} about {side:.3g}, and uncertainties are those at that value"
                 )
-            elif relative[i] > WEAK:
+            elif relative[i] > WEAKLY_DETERMINED:
                 yield f"{one.name} is known to {100.0 * relative[i]:.0f} % only"
 
 
@@ -598,10 +597,10 @@ class _Roots:
             for k, weight in enumerate(STENCIL, 1):
                 for side in (1.0, -1.0):
                     x = self.x.copy()
-                    x[i] += side * k * STEP
+                    x[i] += side * k * LOG_STEP
                     pipe = self.problem.pipe(x)
                     operators = Continuum(pipe).frozen(self.size).operators()
-                    found[-1].append((side * weight / STEP, pipe, operators))
+                    found[-1].append((side * weight / LOG_STEP, pipe, operators))
         return found
 
     @cached_property
@@ -684,7 +683,7 @@ class _Roots:
             sum(weight * whole(of.at(speed(pipe))) for weight, pipe, of in beside)
             for beside in self._beside
         ]
-        h = STEP
+        h = LOG_STEP
         ahead, behind = (np.array(operators.at(one)) for one in (u + h * u, u - h * u))
         by_u = (ahead - behind) / (2.0 * h * u) if u else np.zeros_like(here)  # of second degree
         slopes = np.array([*by_x, whole(by_u)])

@@ -37,7 +37,7 @@ from pipedyn.util.units import RATE
 LARGEST_FULL = _core.dense_limit
 """Degrees of freedom up to which all eigenvalues are computed at once."""
 
-LARGEST_TABLE = 10_000_000
+LARGEST_VECTORS = 10_000_000
 """Eigenvalues times degrees of freedom beyond which vectors are refused: 1 GB at work."""
 
 CONTINUUM_SPEED, CONTINUUM_COUNT = 1000.0, 400
@@ -302,9 +302,9 @@ def _checked_count(count: Any, model: AnyModel, roots: int) -> int:
     if isinstance(model, Continuum):
         return check.count("count", count, high=CONTINUUM_COUNT)
     asked = check.count("count", count, high=roots * model.dof)
-    if asked * model.dof > LARGEST_TABLE:
+    if asked * model.dof > LARGEST_VECTORS:
         raise ValueError(
-            f"count must be at most {LARGEST_TABLE // model.dof} for {model.dof} degrees of "
+            f"count must be at most {LARGEST_VECTORS // model.dof} for {model.dof} degrees of "
             f"freedom, got {asked}"
         )
     return asked
@@ -439,7 +439,7 @@ def root_loci(
         model,
         (float(at[0]), float(at[-1])),
         lambda one: _root_loci(one, at, count, shown),
-        partial(_moved, pipe=model.pipe),
+        partial(_loci_change, pipe=model.pipe),
         tolerance=1e-8,
         smallest=smallest,
         largest=smallest + 32,
@@ -453,7 +453,7 @@ def root_loci(
     return replace(found, errors=found.errors + moved)
 
 
-def _moved(a: RootLoci, b: RootLoci, pipe: Pipe) -> float:
+def _loci_change(a: RootLoci, b: RootLoci, pipe: Pipe) -> float:
     """Largest relative change of a root; with damping, of those that are not overdamped.
 
     Overdamped roots of neighbouring modes meet and part in the cluster at -1 / delta, so that which

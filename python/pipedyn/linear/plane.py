@@ -38,13 +38,13 @@ up to which it is rounding: measured, 2e-15 at most of those that are affine."""
 SYMMETRIC = 1e-10
 """Difference of entries that symmetry makes equal, relative to the largest, that is rounding."""
 
-STEP = 0.01
+RELATIVE_STEP = 0.01
 """Of differences, relative to the number: sixth order leaves 1e-12."""
 
 ON_EDGE = 1e-9
 """Share of the window next to an edge that is rounding."""
 
-SAMPLES, SHORTEST = 16, 1.0 / 1024.0
+SAMPLES, SHORTEST_STEP = 16, 1.0 / 1024.0
 """Steps of a line across the window on which eigenvalues are followed, and the shortest to which
 they are halved."""
 
@@ -156,7 +156,7 @@ class Plane:
         self.model, self.window, self.speed = model, window, speed
         self.dof = model.dof
         self.modes = model.dof if modes is None else modes
-        self.lossy = bool(model.pipe.hysteresis) or any(
+        self.hysteretic = bool(model.pipe.hysteresis) or any(
             number is not None and number.name == "hysteresis" for number in window.numbers
         )
         middle = self.model_at(window.place(np.array([0.5, 0.5])))
@@ -254,7 +254,7 @@ class Plane:
         number = self.window.numbers[index]
         if number is None:
             return np.zeros((6, self.dof, self.dof))
-        h = STEP * abs(at[index]) / 3.0 or STEP * self.window.size[index]
+        h = RELATIVE_STEP * abs(at[index]) / 3.0 or RELATIVE_STEP * self.window.size[index]
         places = h * np.arange(-3.0, 4.0)
         low, high = (
             number.rule.get(word, edge) for word, edge in (("low", -np.inf), ("high", np.inf))
@@ -285,7 +285,7 @@ class Plane:
     def _joined(self, parts: Array, u: float) -> Matrices:
         mass, damping, flow, stiffness, flux, loss = parts
         still: NDArray[Any] = stiffness + u**2 * flux
-        return mass, damping + u * flow, still + 1j * loss if self.lossy else still
+        return mass, damping + u * flow, still + 1j * loss if self.hysteretic else still
 
     def at(self, at: Array) -> Matrices:
         """M, C, K at (x, y)."""
@@ -303,7 +303,7 @@ class Plane:
         """
         mass, damping, stiffness = self.at(at)
         found = eigenvalues_of(mass, damping, stiffness)
-        if self.lossy:
+        if self.hysteretic:
             above = found[found.imag > 1e-9]
             still = eigenvalues_of(mass, damping, stiffness.real)
             static = still[(np.abs(still.imag) < 1e-9) & (still.real > 0.0)]
@@ -398,7 +398,7 @@ class Plane:
         between = np.linspace(even.of(low), even.of(high), number)[1:-1]
         return np.array([low, *(even.back(value) for value in between), high])
 
-    def sections(self, at: Array, index: int) -> tuple[list[Root], list[Root]]:
+    def sections(self, at: Array, index: int) -> tuple[list[RootOnLine], list[RootOnLine]]:
         """Pairs that pass the axis on the line through (x, y) along x or y, and extremes.
 
         Extremes are those that come nearest to the axis there, from either side, but do not pass.
@@ -415,13 +415,13 @@ class Plane:
             return share, values, slopes[index]
 
         samples = [sample(float(share)) for share in np.linspace(0.0, 1.0, SAMPLES + 1)]
-        found: list[Root] = []
-        extremes: list[Root] = []
+        found: list[RootOnLine] = []
+        extremes: list[RootOnLine] = []
         waiting = list(pairwise(samples))[::-1]
         while waiting:
             a, b = waiting.pop()
             guesses, doubtful = _passed(a, b)
-            if doubtful and b[0] - a[0] > SHORTEST:
+            if doubtful and b[0] - a[0] > SHORTEST_STEP:
                 middle = sample(0.5 * (a[0] + b[0]))
                 waiting += [(middle, b), (a, middle)]
             else:
@@ -429,7 +429,7 @@ class Plane:
                 extremes += _nearest(a, b)
         return found, extremes
 
-    def extremes(self, at: Array, index: int) -> list[Root]:
+    def extremes(self, at: Array, index: int) -> list[RootOnLine]:
         """Those of `sections` alone, without halved steps."""
         samples = []
         for share in np.linspace(0.0, 1.0, SAMPLES + 1).tolist():
@@ -473,7 +473,7 @@ class Plane:
 Sample = tuple[float, Complex, Complex]
 """Place on a line as a share of it, eigenvalues above the real axis, and their derivatives."""
 
-Root = tuple[float, complex]
+RootOnLine = tuple[float, complex]
 """Place on a line as a share of it, and an eigenvalue there."""
 
 
@@ -485,10 +485,10 @@ def _matched(a: Sample, b: Sample) -> Array:
     return misses
 
 
-def _nearest(a: Sample, b: Sample) -> list[Root]:
+def _nearest(a: Sample, b: Sample) -> list[RootOnLine]:
     """Where real parts have their extreme nearest to 0 between two samples."""
     (s, one, slope), (t, other, slope_there) = a, b
-    found: list[Root] = []
+    found: list[RootOnLine] = []
     if not one.size or not other.size:
         return found
     for i, j in enumerate(np.argmin(_matched(a, b), axis=1).tolist()):
@@ -500,7 +500,7 @@ def _nearest(a: Sample, b: Sample) -> list[Root]:
     return found
 
 
-def _passed(a: Sample, b: Sample) -> tuple[list[Root], bool]:
+def _passed(a: Sample, b: Sample) -> tuple[list[RootOnLine], bool]:
     """What passes the axis between two samples, and whether more may do.
 
     A cubic with the values and slopes at both ends strays from the straight line between them by
@@ -508,7 +508,7 @@ def _passed(a: Sample, b: Sample) -> tuple[list[Root], bool]:
     ends has not passed the axis twice. Where numbers differ one has left the real axis.
     """
     (s, one, _), (t, other, _) = a, b
-    found: list[Root] = []
+    found: list[RootOnLine] = []
     doubtful = one.size != other.size
     if not one.size or not other.size:
         return found, doubtful

@@ -18,7 +18,7 @@ from pipedyn.util.check import Array
 from pipedyn.util.result import Result, ResultSequence
 from pipedyn.util.units import FREQUENCY, SPEED, Unit
 
-Kind = Literal["flutter", "divergence"]
+CrossingKind = Literal["flutter", "divergence"]
 
 LEAST_BETA = 1e-300
 """Derivatives by a smaller beta overflow: under weak damping they grow like 1 / beta."""
@@ -101,7 +101,7 @@ class Crossing(Result, units={"error": SPEED}):
 
     speed: float
     frequency: float
-    kind: Kind
+    kind: CrossingKind
     unstable_before: int
     unstable_after: int
     error: float

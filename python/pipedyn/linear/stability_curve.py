@@ -8,7 +8,7 @@ import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import field
 from functools import partial
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -18,8 +18,8 @@ from pipedyn.linear.critical_speed import (
     NoCrossing,
     Point,
     checked_end,
-    first_losses,
-    losses,
+    critical_points,
+    stability_losses,
 )
 from pipedyn.linear.sensitivity import Crossing, of_each
 from pipedyn.models.continuum import AnyModel, checked_model
@@ -28,11 +28,9 @@ from pipedyn.util import check
 from pipedyn.util.archive import saved_as
 from pipedyn.util.check import Array
 from pipedyn.util.later import futures
-from pipedyn.util.parallel import outcome_of, parallel
+from pipedyn.util.parallel import Answer, outcome_of, parallel
 from pipedyn.util.result import Result, TableResult
 from pipedyn.util.units import SPEED
-
-Answer = TypeVar("Answer")
 
 LARGEST_BATCH = 256
 """Models solved by one call: 256 of 40 segments take 0.3 s, and a call's own cost is gone at 16."""
@@ -186,7 +184,7 @@ def stability_curve(
     """
     if max_speed is not None:
         max_speed = checked_end(max_speed)
-    solve = first_losses if max_speed is None else partial(losses, max_speed=max_speed)
+    solve = critical_points if max_speed is None else partial(stability_losses, max_speed=max_speed)
     at, pipes, answers, failures = swept(make_model, values, solve, executor, progress)
     none: Point = (None, ())
     critical, found = zip(*(none if one is None else one for one in answers), strict=True)

@@ -42,7 +42,7 @@ from pipedyn.modular.parts import (
     Part,
     Segment,
     TorsionalSpring,
-    described,
+    part_text,
 )
 from pipedyn.modular.redundant import RedundantForm
 from pipedyn.util import check
@@ -190,7 +190,7 @@ class Assembly(Model):
         if layout.base:
             parts.append(f"base={layout.base:g}")
         others = [p for p in self.modules if not (isinstance(p, Segment) or _is_plain_spring(p))]
-        parts += [described(part) for part in (*others, *layout.guides_and_pins)]
+        parts += [part_text(part) for part in (*others, *layout.guides_and_pins)]
         if self._enforcement != "orthonormal":
             parts.append(repr(self._enforcement))
         return f"Assembly({self._pipe!r}, {', '.join(parts)}{self._about_shown})"
@@ -394,7 +394,7 @@ class Assembly(Model):
         theta, missed = self._layout.closed(self.core, given)
         if missed > SAME:
             raise NotConverged(
-                f"no angles close to those given meet {self._layout.described_holds()}", theta
+                f"no angles close to those given meet {self._layout.guides_text()}", theta
             )
         return theta
 
@@ -468,7 +468,7 @@ class Assembly(Model):
         """
         if self._reference is None:
             raise ValueError(
-                f"the straight pipe misses {self._layout.described_holds()}: choose a "
+                f"the straight pipe misses {self._layout.guides_text()}: choose a "
                 "configuration with about(q), for example about(equilibrium(...))"
             )
         return self._reference
@@ -731,7 +731,7 @@ class Assembly(Model):
         worst = int(np.argmax(np.abs(residual)))
         if not abs(residual[worst]) <= most:
             raise ValueError(
-                f"{rule} {self._layout.described_row(worst)}, got a deviation of "
+                f"{rule} {self._layout.row_text(worst)}, got a deviation of "
                 f"{abs(residual[worst]):.1e}; closed(angles) gives angles that meet all"
             )
 

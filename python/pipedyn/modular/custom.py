@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipedyn.models.base import COMPLEX_STEP
-from pipedyn.modular.parts import Custom, Function
+from pipedyn.modular.parts import Custom, UserFunction
 from pipedyn.util.check import Array
 from pipedyn.util.later import scipy
 
@@ -78,7 +78,7 @@ class CustomForce:
         return self._complex_step("energy", (), lambda z: (z,), q)
 
     def _complex_step(
-        self, name: str, shape: tuple[int, ...], arguments: Function, at: Array
+        self, name: str, shape: tuple[int, ...], arguments: UserFunction, at: Array
     ) -> Array:
         """Derivative by complex step, shape (*shape, k)."""
         columns = []
@@ -92,7 +92,7 @@ class CustomForce:
         self, name: str, shape: tuple[int, ...], *arguments: NDArray[Any], kind: str = "f"
     ) -> Any:
         whose = f"{name} of {self.module.name}"
-        function: Function = getattr(self.module, name)
+        function: UserFunction = getattr(self.module, name)
         try:
             answer = np.asarray(function(*arguments))
         except (TypeError, ValueError, AttributeError, np.exceptions.ComplexWarning) as error:
@@ -137,7 +137,9 @@ class CustomForce:
         rule = f"force_by_qdot of {name} {by}"
         self._compare(rule, self.by_qdot(q, rates), lambda z: self.force(q, z), rates, largest)
 
-    def _compare(self, rule: str, given: Array, function: Function, at: Array, size: float) -> None:
+    def _compare(
+        self, rule: str, given: Array, function: UserFunction, at: Array, size: float
+    ) -> None:
         """Raises ValueError unless the derivative given is the function's."""
         measured = _differences(function, at, np.full(at.size, TRIAL_STEP))
         if not np.isfinite(measured).all():
@@ -152,7 +154,7 @@ class CustomForce:
             )
 
 
-def _differences(function: Function, at: Array, steps: Array) -> Array:
+def _differences(function: UserFunction, at: Array, steps: Array) -> Array:
     """Derivative by differences of order 4."""
     columns = []
     for step in np.diag(steps):

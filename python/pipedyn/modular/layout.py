@@ -28,7 +28,7 @@ from pipedyn.modular.parts import (
     Pin,
     Segment,
     TorsionalSpring,
-    described,
+    part_text,
 )
 from pipedyn.util.check import Array
 from pipedyn.util.later import scipy
@@ -94,7 +94,7 @@ class Layout:
             if spring.joint <= self.size:
                 self.rest_moments[spring.joint - 1] += spring.stiffness * spring.rest_angle
             elif spring.rest_angle != 0.0:
-                raise ValueError(f"{described(spring)}: rest_angle of a guided end must be 0")
+                raise ValueError(f"{part_text(spring)}: rest_angle of a guided end must be 0")
         for array in (self.lengths, self.ends, self.springs):
             array.flags.writeable = False
         self.has_flow = bool(_of(modules, InternalFlow))
@@ -103,16 +103,14 @@ class Layout:
         holding = self._found_holding()
         self.held, self.holding = np.array(list(holding), dtype=np.intp), list(holding.values())
         """Redundant coordinates that guides and pins hold, shape (c,), and by which each."""
-        self.held_values = np.array([dict(_holds(part))[k] for k, part in holding.items()])
+        self.held_values = np.array([dict(_held_by(part))[k] for k, part in holding.items()])
         self.unit_loads = np.zeros((3 * self.size, self.held.size))
         self.unit_loads[self.held, np.arange(self.held.size)] = 1.0
         self.rest = self._found_rest()
         self.independent = self._independent(self.rest, DEPENDENT)
         self._refuse_taut()
         if self.independent.size == self.size:
-            raise ValueError(
-                f"{self.described_holds()} must leave something that moves, got nothing"
-            )
+            raise ValueError(f"{self.guides_text()} must leave something that moves, got nothing")
         self.group_rows = self._found_group_rows()
 
     # -------------------------------------------------------------------------------- what is where
@@ -125,7 +123,7 @@ class Layout:
                 beyond = [p for p in (given if isinstance(given, tuple) else (given,)) if p > most]
                 if beyond:
                     raise ValueError(
-                        f"{described(part)}: {name} must be at most {most}, the number of "
+                        f"{part_text(part)}: {name} must be at most {most}, the number of "
                         f"{'joints' if most > n else 'segments'}, got {beyond[0]}"
                     )
         if self.guided and n + 1 not in {
@@ -157,7 +155,7 @@ class Layout:
         if max(bases) - min(bases) > SAME:
             raise ValueError(
                 "constraints contradict one another: "
-                + " and ".join(described(clamp) for clamp in _of(self.constraints, Clamp))
+                + " and ".join(part_text(clamp) for clamp in _of(self.constraints, Clamp))
             )
         return bases[0]
 
@@ -174,12 +172,12 @@ class Layout:
         """The redundant coordinates that are held, each with the first guide or pin that does."""
         found: dict[int, tuple[float, Constraint]] = {}
         for part in self.constraints:
-            for coordinate, value in _holds(part):
+            for coordinate, value in _held_by(part):
                 other, first = found.setdefault(coordinate, (value, part))
                 if abs(other - value) > SAME:
                     raise ValueError(
-                        f"constraints contradict one another: {described(first)} and "
-                        f"{described(part)}"
+                        f"constraints contradict one another: {part_text(first)} and "
+                        f"{part_text(part)}"
                     )
         return {coordinate: part for coordinate, (_, part) in found.items()}
 
@@ -189,23 +187,23 @@ class Layout:
         rows: list[list[int]] = []
         for part in self.constraints:
             joint = 2 * getattr(part, "segment", 1) - 2
-            held = [2 * self.size + place[coordinate] for coordinate, _ in _holds(part)]
+            held = [2 * self.size + place[coordinate] for coordinate, _ in _held_by(part)]
             rows.append(held or [joint, joint + 1])
         return rows
 
-    def described_row(self, row: int) -> str:
+    def row_text(self, row: int) -> str:
         """The constraint that a row of `RedundantForm.constraints` is of, in a message."""
         groups = zip(self.constraints, self.group_rows, strict=True)
-        return next(described(part) for part, rows in groups if row in rows)
+        return next(part_text(part) for part, rows in groups if row in rows)
 
     @property
     def guides_and_pins(self) -> list[Constraint]:
         """Those that hold something, each once."""
         return list(dict.fromkeys(self.holding))
 
-    def described_holds(self) -> str:
+    def guides_text(self) -> str:
         """The guides and pins in a message."""
-        return ", ".join(described(part) for part in self.guides_and_pins)
+        return ", ".join(part_text(part) for part in self.guides_and_pins)
 
     def _found_inertia(self) -> Array:
         """Rows W of all custom modules' mass W^T W, shape (m, 3 n)."""
@@ -269,7 +267,7 @@ class Layout:
             return best
         missed = np.abs(core.from_angles(best, straight)[self.held] - self.held_values)
         worst = {part for part, by in zip(self.holding, missed, strict=True) if by > 0.01 * least}
-        named = " and ".join(described(part) for part in self.constraints if part in worst)
+        named = " and ".join(part_text(part) for part in self.constraints if part in worst)
         raise ValueError(
             f"constraints contradict the pipe's length or one another: {named} cannot be met, "
             f"the closest found misses by {least:.2g}"
@@ -293,7 +291,7 @@ class Layout:
         here = self._independent(self.rest, TAUT)
         if here.size < self._independent(bent, TAUT).size:
             lost = [part for i, part in enumerate(self.holding) if i not in here]
-            named = " and ".join(dict.fromkeys(map(described, lost)))
+            named = " and ".join(dict.fromkeys(map(part_text, lost)))
             raise ValueError(f"{named} must leave some slack, got a span that is taut")
 
     # ------------------------------------------------------------------------------------- the core
@@ -348,7 +346,7 @@ def _of(parts: Iterable[Part], kind: type[P]) -> list[P]:
     return [part for part in parts if isinstance(part, kind)]
 
 
-def _holds(part: Constraint) -> list[tuple[int, float]]:
+def _held_by(part: Constraint) -> list[tuple[int, float]]:
     """The redundant coordinates that a guide or pin holds, each with its value."""
     if isinstance(part, Guide):
         return [(3 * part.node - 3, 0.0)]

@@ -27,7 +27,7 @@ MOST_MASS = 1e6
 MASSLESS = 1e-10
 """Inertia below this share of the largest is what rounding leaves of a semidefinite one."""
 
-RANGES: dict[str, dict[str, Any]] = {
+PART_RANGES: dict[str, dict[str, Any]] = {
     "length": {"low": 1e-7, "high": 1.0},
     "centre": {"low": 0.0, "high": 1.0},
     "drag_point": {"low": 0.0, "high": 1.0},
@@ -56,7 +56,7 @@ class Part:
             if item.name in FIRST:
                 value = check.count(name, value, low=FIRST[item.name], high=LARGEST_CHAIN)
             elif value is not None or item.default is not None:
-                value = check.real(name, value, **RANGES[item.name])
+                value = check.real(name, value, **PART_RANGES[item.name])
             object.__setattr__(self, item.name, value)
 
 
@@ -136,7 +136,7 @@ class Drag(Module):
     """
 
 
-Function: TypeAlias = Callable[..., Any]
+UserFunction: TypeAlias = Callable[..., Any]
 
 
 @saved_as("Custom")
@@ -165,10 +165,10 @@ class Custom(Module):
 
     nodes: tuple[int, ...] = ()
     joints: tuple[int, ...] = ()
-    energy: Function | None = None
-    force: Function | None = None
-    force_by_q: Function | None = None
-    force_by_qdot: Function | None = None
+    energy: UserFunction | None = None
+    force: UserFunction | None = None
+    force_by_q: UserFunction | None = None
+    force_by_qdot: UserFunction | None = None
     mass: ArrayLike | None = None
     name: str = "Custom"
 
@@ -297,7 +297,7 @@ class Pin(Constraint):
     y: float
 
 
-def described(part: Part) -> str:
+def part_text(part: Part) -> str:
     """The part in a message: its class with its numbers."""
     if isinstance(part, Custom):
         return part.name

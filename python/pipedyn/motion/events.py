@@ -25,7 +25,7 @@ PARTS = 4
 """Parts of a step, at whose ends the signs of events are compared: four for one turn of the fastest
 mode where stability limits the steps of an explicit method."""
 
-MOST_TRIALS = 10_000
+ROOT_TRIALS = 10_000
 """Evaluations of g that may find an event's root: where g is flat, as q^9 is, Brent's method takes
 up to the square of the 50 that bisection takes."""
 
@@ -241,7 +241,7 @@ class Recorder:
         if after != 0.0 and (value(low) > 0.0) == (after > 0.0):
             x = low  # where two steps meet, within rounding
         elif after != 0.0:
-            x = scipy.optimize.brentq(value, low, high, xtol=1e-15, rtol=1e-15, maxiter=MOST_TRIALS)
+            x = scipy.optimize.brentq(value, low, high, xtol=1e-15, rtol=1e-15, maxiter=ROOT_TRIALS)
         return i, *state(x)
 
     def occurrences(self) -> tuple[Occurrences, ...]:

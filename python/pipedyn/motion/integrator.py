@@ -35,7 +35,7 @@ CORE = ("dop853", "radau")
 METHODS = ("auto", *CORE, "scipy:DOP853", "scipy:Radau", "scipy:BDF", "scipy:LSODA")
 """The core's, and those of `scipy.integrate.solve_ivp`."""
 
-ENDS = {"not finite": NOT_FINITE, "vanishing": "its step size tends to 0"}
+EARLY_ENDS = {"not finite": NOT_FINITE, "vanishing": "its step size tends to 0"}
 """Why a motion of the core's ended that did not reach its end, by `Member.progress`."""
 
 FORECAST = 400
@@ -350,7 +350,7 @@ def _in_core(tasks: Sequence[Task], shown: bool, observer: Observer) -> list[Out
         pass
     answers: list[Outcome] = []
     for j, member in enumerate(motion.members):
-        why, samples = whys[j] or ENDS.get(member.progress), min(member.samples, count)
+        why, samples = whys[j] or EARLY_ENDS.get(member.progress), min(member.samples, count)
         if why is not None and first.constant_head is not None and motion.state(j)[-1] < STILL:
             why = "its flow stops and would turn back"
         if member.progress == "spent" and j not in left:
@@ -407,7 +407,7 @@ def state_after(
         in_time()
     [member] = motion.members
     if member.progress != "done":
-        raise Stopped(ENDS.get(member.progress, "it takes too many steps"))
+        raise Stopped(EARLY_ENDS.get(member.progress, "it takes too many steps"))
     return state[0, 0], member.evaluations
 
 

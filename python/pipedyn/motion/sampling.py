@@ -8,7 +8,7 @@ import numpy as np
 from pipedyn.util.check import Array
 from pipedyn.util.later import scipy
 
-ROUNDING = 1e-9
+LEAST_MOTION = 1e-9
 """A point that moves by less, in L, is held: its velocity is rounding in the constraints."""
 
 INVISIBLE = 1e-4
@@ -52,7 +52,7 @@ def coarse(
     """
     kept = times.size - 1 + times.size % 2  # ends with a sample that is kept
     t, positions, velocities = times[:kept], positions[:kept], velocities[:kept]
-    if t.size < 3 or np.ptp(positions, axis=0).max() < ROUNDING:
+    if t.size < 3 or np.ptp(positions, axis=0).max() < LEAST_MOTION:
         return False
     every_other = scipy.interpolate.CubicHermiteSpline(t[::2], positions[::2], velocities[::2])
     missed = np.abs(every_other(t) - positions).max()

@@ -54,14 +54,13 @@ from pipedyn.util.archive import saved_as
 from pipedyn.util.check import Array
 from pipedyn.util.counters import TookTooLong
 from pipedyn.util.later import futures
-from pipedyn.util.parallel import parallel
+from pipedyn.util.parallel import Answer, parallel
 from pipedyn.util.result import Result, TableResult, joined, states_over_time
 from pipedyn.util.units import Unit
 
 Start: TypeAlias = ArrayLike | Callable[[Array], ArrayLike]
 """The angle theta(s) of the bent pipe, or coordinates; a search for motion takes states as well."""
 
-Answer = TypeVar("Answer")
 OneTask = TypeVar("OneTask", bound=Task)
 
 LARGEST_SAMPLES = 100_000_000

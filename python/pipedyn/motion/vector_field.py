@@ -10,14 +10,12 @@ from typing import Any
 
 import numpy as np
 
+from pipedyn.linear.differences import STENCIL
 from pipedyn.models.base import Model
 from pipedyn.models.drive import ROWS, Harmonic, Pulsation
 from pipedyn.util.archive import saved_as
 from pipedyn.util.check import Array
 from pipedyn.util.counters import evaluated
-
-STENCIL = np.array([45.0, -9.0, 1.0]) / 60.0
-"""Central differences of sixth order, for 1, 2 and 3 steps to either side."""
 
 
 class VectorField:
