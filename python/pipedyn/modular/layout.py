@@ -88,7 +88,7 @@ class Layout:
         self.drag_points = np.array([segment.drag_point for segment in segments])
         self.masses = np.array([s.length if s.mass is None else s.mass for s in segments])
         self.springs, self.rest_moments = np.zeros(self.size + self.guided), np.zeros(self.size)
-        """Stiffness k_j of each joint without a root's spring, and moment k_j psi_j at phi_j = 0."""
+        """Stiffness k_j of each joint without a root's spring, and moment k_j psi_j at angle 0."""
         for spring in _of(modules, TorsionalSpring):
             self.springs[spring.joint - 1] += spring.stiffness
             if spring.joint <= self.size:
