@@ -206,7 +206,7 @@ def frequency_response(
     first = ask(one)
     with one_thread(first.rows):
         grid = _chosen(first, poles, low, high, tolerance)
-    # At frequencies that resolve the response, so that a shift of the poles is seen in its slope.
+    # Bases are compared at frequencies that resolve the response, whose slope shows moved poles.
     at = np.unique(np.concatenate([grid, [] if given is None else given]))
 
     def question(one: Model) -> tuple[_Response, Complex]:
@@ -491,7 +491,7 @@ def _poles(model: AnyModel, u: float, high: float) -> tuple[Complex, Model, bool
     """
     one, count, largest = model, 4 * RESONANCES + 4, 0
     if isinstance(model, Continuum):
-        # Two thirds of the functions have modes of their own, the k-th at some (k pi)^2.
+        # Two thirds of the functions resolve modes; the k-th mode has a frequency near (k pi)^2.
         reached = 4.0 * RESONANCES if high == math.inf else math.sqrt(3.0 * high) / math.pi
         largest = math.ceil(1.5 * reached) + 8
         one = model.frozen(SMALLEST)

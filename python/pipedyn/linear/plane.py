@@ -45,8 +45,8 @@ ON_EDGE = 1e-9
 """Distance from an edge, as a share of the window, that counts as rounding."""
 
 SAMPLES, SHORTEST_STEP = 16, 1.0 / 1024.0
-"""Steps of a line across the window on which eigenvalues are followed, and the shortest to which
-they are halved."""
+"""Number of steps by which eigenvalues are followed on a line across the window, and the shortest
+step, as a share of the line, to which steps are halved."""
 
 FAR = 2.0
 """Real part, less the magnitude of the imaginary part, beyond which a root is ignored on a line: it

@@ -125,7 +125,7 @@ class RedundantForm:
         share, loads, segment = self._terms(q, rates, place, speed)
         add(share, loads[:, :2], segment)
         turning = (normal / lengths[:, None])[segment] * loads[:, 2:]
-        np.add.at(on_nodes, segment, -turning)  # couples
+        np.add.at(on_nodes, segment, -turning)  # a couple acts as two opposite forces on the nodes
         np.add.at(on_nodes, segment + 1, turning)
         momentum = math.sqrt(pipe.beta) * pipe.direction * u * velocities
         on_nodes[:-1] -= momentum[1:]

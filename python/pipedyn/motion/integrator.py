@@ -370,7 +370,7 @@ def _in_core(tasks: Sequence[Task], shown: bool, observer: Observer) -> list[Out
 def runs_unlocked(task: Task) -> bool:
     """Whether a task's right-hand sides run without Python and its interpreter lock."""
     unlocked = task.drive is None or task.drive.numbers is not None
-    if task.constant_head is not None and task.method == "radau":  # its Jacobian is Python's
+    if task.constant_head is not None and task.method == "radau":  # Python computes its Jacobian
         return False
     return unlocked and task.model.compiled is not None and task.method in CORE
 
@@ -430,7 +430,7 @@ def _by_scipy(task: Task, monitor: Monitor) -> Iterator[Array]:
                 warnings.simplefilter("ignore", UserWarning)  # the exception says the same
                 try:
                     message = solver.step()
-                except ValueError as error:  # a factorisation refuses what is not finite
+                except ValueError as error:  # a factorisation refuses numbers that are not finite
                     raise Stopped(str(error)) from error
             monitor.factorisations = max(monitor.jacobians, solver.nlu)
             if solver.status == "failed" or not np.isfinite(solver.y).all():
