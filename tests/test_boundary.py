@@ -151,7 +151,7 @@ class Ring(Plane):
         self._scales = [Scale((0.0, 1.0))] * 2
         self.window = Window((None, None), np.zeros(2), np.ones(2))
         self.dof = self.modes = 1
-        self.lossy = self.conservative = False
+        self.hysteretic = self.conservative = False
         self.exact, self.speed_index, self.speed = True, None, 1.0
 
     def matrices(self, at):

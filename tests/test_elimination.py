@@ -13,7 +13,7 @@ from scipy.optimize import brentq
 
 import pipedyn as pp
 from pipedyn import _core
-from pipedyn.linear.critical_speed import _Search, _swept
+from pipedyn.linear.critical_speed import _run_searches, _Search
 from pipedyn.linear.eigenproblem import eigenproblem
 from pipedyn.models.galerkin import last_functions
 from pipedyn.models.pencil import PanelPencil
@@ -209,7 +209,7 @@ def test_all_crossings_are_found_where_larger_bases_show_more():
     pipe = pp.Pipe(0.994375, 169.518, terms=tip)
     found = pp.crossings(pp.Continuum(pipe), 20.0)
     search = _Search(pp.Continuum(pipe).frozen(400), 20.0, False, True)
-    _swept([search])
+    _run_searches([search])
     alone = search().value
     assert len(found) == len(alone) == 113
     for one, other in zip(found, alone, strict=True):

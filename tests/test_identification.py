@@ -101,13 +101,13 @@ def differences(problem, x):
 
 
 def test_derivatives_are_those_of_the_predictions():
-    from pipedyn.linear.identification import _checked
+    from pipedyn.linear.identification import _checked_problem
 
     more = [
         pp.Measurement("frequency", 1.0, 0.1, speed=3.0, mode=2),
         pp.Measurement("decay_rate", 1.0, 0.1, speed=3.0, mode=1),
     ]
-    problem = _checked(
+    problem = _checked_problem(
         replace(TRUE, terms=(pp.Viscosity(0.5),)),
         [*MEASURED, *more],
         [*EVERY, "Viscosity.sigma"],
@@ -129,9 +129,9 @@ def test_derivatives_are_those_of_the_predictions():
     ids=["two roots meet at 0", "damped", "hysteresis", "two pairs meet on the axis"],
 )
 def test_derivatives_of_speeds_at_which_roots_meet_on_the_axis(pipe, unknown):
-    from pipedyn.linear.identification import _checked
+    from pipedyn.linear.identification import _checked_problem
 
-    problem = _checked(pipe, [pp.Measurement("critical_speed", 5.0, 0.1)], [unknown])
+    problem = _checked_problem(pipe, [pp.Measurement("critical_speed", 5.0, 0.1)], [unknown])
     x = problem.begin + 0.05
     _, slopes = problem.predictions(x, 16)
     np.testing.assert_allclose(slopes, differences(problem, x), rtol=1e-6)

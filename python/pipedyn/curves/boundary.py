@@ -39,7 +39,7 @@ from pipedyn.curves.organising import (
 from pipedyn.equilibrium.axis_problems import AxisProblem, CoupledModeProblem
 from pipedyn.linear.modes import largest_speed
 from pipedyn.linear.plane import Plane, Window
-from pipedyn.linear.sensitivity import Kind
+from pipedyn.linear.sensitivity import CrossingKind
 from pipedyn.models.continuum import AnyModel, Continuum, checked_model
 from pipedyn.models.pipe_numbers import PipeNumber, checked_number
 from pipedyn.util import check
@@ -96,7 +96,7 @@ class BoundaryCurve(Result):
             differ at these points, they change there. There is at most one between two points.
     """
 
-    kind: Kind
+    kind: CrossingKind
     x: Array = field(repr=False)
     y: Array = field(repr=False)
     frequency: Array = field(repr=False)

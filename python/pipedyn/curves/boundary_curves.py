@@ -25,7 +25,7 @@ from pipedyn.equilibrium.axis_problems import (
     DivergenceProblem,
     FlutterProblem,
 )
-from pipedyn.linear.critical_speed import losses, resolved
+from pipedyn.linear.critical_speed import count_resolved, stability_losses
 from pipedyn.linear.eigenproblem import eigenproblem
 from pipedyn.linear.neutral import grows
 from pipedyn.linear.plane import ON_EDGE, Plane, Window
@@ -226,7 +226,7 @@ def first_plane(model: AnyModel, window: Window, speed: float | None) -> Plane:
 
 def basis_plane(model: Galerkin, window: Window, speed: float | None) -> Plane:
     """The plane of a reduced model for the continuous pipe, of which only resolved modes count."""
-    return Plane(model, window, speed, resolved(model, eigenproblem(model).spectrum()))
+    return Plane(model, window, speed, count_resolved(model, eigenproblem(model).spectrum()))
 
 
 def line_starts(plane: Plane, only_stability: bool = False) -> tuple[list[CurveStart], list[str]]:
@@ -262,7 +262,7 @@ def line_starts(plane: Plane, only_stability: bool = False) -> tuple[list[CurveS
             continue
         if by_speed:
             end = float(window.low[along] + window.size[along])
-            answers = losses([plane.model_at(at) for at in places], end)
+            answers = stability_losses([plane.model_at(at) for at in places], end)
             for at, answer in zip(places, answers, strict=True):
                 if isinstance(answer, Exception):
                     failures.append(f"crossings at {at[1 - along]:.6g}: {answer}")

@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 
 from pipedyn.continuation.arclength import Control, DenseProblem, PointOnBranch
 from pipedyn.linear.plane import Matrices, Plane
-from pipedyn.linear.sensitivity import Kind
+from pipedyn.linear.sensitivity import CrossingKind
 from pipedyn.util.check import Array
 from pipedyn.util.counters import factorised
 from pipedyn.util.newton import NewtonFailed
@@ -62,7 +62,7 @@ class AxisProblem(DenseProblem):
         size: number of unknowns.
     """
 
-    kind: Kind
+    kind: CrossingKind
     unit = 0.0
 
     def __init__(self, plane: Plane, control: Control, size: int) -> None:
@@ -172,7 +172,7 @@ def _largest_real(v: NDArray[Any]) -> Array:
 class FlutterProblem(AxisProblem):
     """Flutter, a pair on the axis: z = (omega / unit, y, x), y and x as shares of the window."""
 
-    kind: Kind = "flutter"
+    kind: CrossingKind = "flutter"
 
     def __init__(self, plane: Plane, control: Control, unit: float) -> None:
         super().__init__(plane, control, 2)
@@ -213,7 +213,7 @@ class FlutterProblem(AxisProblem):
 class DivergenceProblem(AxisProblem):
     """Divergence, a real eigenvalue 0: z = (y, x) as shares of the window."""
 
-    kind: Kind = "divergence"
+    kind: CrossingKind = "divergence"
 
     def __init__(self, plane: Plane, control: Control) -> None:
         super().__init__(plane, control, 1)
@@ -242,7 +242,7 @@ class CoupledModeProblem(AxisProblem):
     sqrt(s) and leave it; where s < 0 two growing real roots meet and become a growing pair.
     """
 
-    kind: Kind = "flutter"
+    kind: CrossingKind = "flutter"
 
     def __init__(self, plane: Plane, control: Control, unit: float) -> None:
         super().__init__(plane, control, 2)

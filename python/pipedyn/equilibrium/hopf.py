@@ -53,7 +53,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from pipedyn.equilibrium.axis_problems import gyroscopic_mass
 from pipedyn.equilibrium.equilibria import BranchPoint, Statics
-from pipedyn.linear.critical_speed import first_loss
+from pipedyn.linear.critical_speed import critical_point
 from pipedyn.linear.eigenproblem import Complex
 from pipedyn.linear.neutral import grows
 from pipedyn.linear.sensitivity import Crossing, of_each
@@ -471,7 +471,7 @@ def hopf(
     model = checked_model_in_motion(model, largest=500, purpose="hopf")
     own = crossing is None
     if crossing is None:
-        critical, found = first_loss(model)
+        critical, found = critical_point(model)
         if critical.kind != "flutter":
             raise NoHopf(
                 f"stability is lost by divergence at u = {critical.speed:g}; a flutter beyond it "

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Critical speeds: crossings of the imaginary axis, and what moves them."""
+"""Critical speeds: flow speeds at which eigenvalues cross the imaginary axis."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from dataclasses import field, replace
 from functools import cached_property, lru_cache, partial
 from itertools import pairwise
-from typing import Any, TypeAlias, TypeVar
+from typing import Any, TypeAlias
 
 import numpy as np
 
@@ -33,36 +33,35 @@ from pipedyn.util.archive import saved_as
 from pipedyn.util.check import Array
 from pipedyn.util.counters import factorised
 from pipedyn.util.errors import NotConverged, PipedynError
-from pipedyn.util.parallel import Job, outcome_of
+from pipedyn.util.parallel import Job, Returned, outcome_of
 from pipedyn.util.threads import one_thread
 from pipedyn.util.units import SPEED
 
-Answer = TypeVar("Answer")
-
 LONG_MODEL = 4
-"""A model is long if it has at least so many degrees of freedom for each mode that is tracked, and
-for each unit of flow speed: some of its modes are computed faster than all."""
+"""Degrees of freedom for each tracked mode, and for each unit of flow speed, from which on a model
+counts as long: computing some of its modes is then faster than computing all."""
 
 LARGE_GRAVITY = 100.0
-"""gamma beyond which weight sets the scale of flow speeds: measured at beta 0.05 to 0.8, critical
-speeds are 1.6 to 1.9 times those without weight here, and grow about like gamma^(1/3) beyond."""
-
+"""gamma beyond which weight sets the scale of flow speeds. Measured at beta 0.05 to 0.8, critical
+speeds at this gamma are 1.6 to 1.9 times those without weight; beyond, they grow about like
+gamma^(1/3)."""
 
 BESIDE = 1e-3
-"""Relative distance behind the crossing that ends a search at which unstable roots are counted."""
+"""Distance, relative to the speed, behind the last crossing at which unstable roots are counted."""
 
 LAST = {"ejecting": 1e-2, "aspirating": 1e-6}
-"""Share of a mode's elastic energy in the last two functions of each panel up to which it is the
-continuous pipe's. Of an aspirating pipe all modes may lose stability at nearly one speed, and any
-error of a high one makes it the first."""
+"""Largest share of a mode's elastic energy, in the last two functions of each panel, at which the
+mode counts as one of the continuous pipe's, by the direction of flow. All modes of an aspirating
+pipe may lose stability at nearly the same speed, so that a small error of a high mode makes it the
+first to do so."""
 
 
 @saved_as("NoCrossing")
 class NoCrossing(PipedynError):
-    """No root becomes unstable up to the end of the search; the message tells if some are at rest.
+    """No root becomes unstable up to the end of the search; the message says if some are at rest.
 
     Attributes:
-        max_speed: where the search ended.
+        max_speed: flow speed at which the search ended.
     """
 
     def __init__(self, message: str, max_speed: float) -> None:
@@ -72,18 +71,18 @@ class NoCrossing(PipedynError):
 
 @saved_as("CriticalSpeed", added=("stable_from", "gyroscopic", "vouched"))
 class CriticalSpeed(Crossing, units={"discretisation": SPEED}):
-    """The lowest crossing that destabilises: its speed, frequency, kind and the rest of a crossing.
+    """The lowest crossing of the imaginary axis that destabilises the pipe.
 
     The speed is 0 if the pipe is unstable from the smallest flow on. `mode` is a convention where
     damping is so strong that the modes at rest do not oscillate.
 
     Attributes:
-        stable_at_rest: False if the pipe is buckled without flow, as a heavy standing one.
-        stable_from: the speed from which it is stable up to the critical one: 0 if it is so from
-            rest on, None if it is unstable right below the critical speed, too (or not known, as
-            in a file of an earlier version).
-        size: degrees of freedom of the model solved.
-        model: the model.
+        stable_at_rest: False if the pipe is buckled without flow, as a heavy standing pipe is.
+        stable_from: flow speed from which the pipe is stable up to the critical speed: 0 if it is
+            stable from rest on, None if it is unstable also right below the critical speed (or if
+            this is not known, as in a file of an earlier version).
+        size: number of degrees of freedom of the model that was solved.
+        model: the model whose critical speed this is.
 
     Example:
         >>> found = pp.critical_speed(pp.Chain(pp.Pipe(0.2), n=10))
@@ -102,11 +101,11 @@ class CriticalSpeed(Crossing, units={"discretisation": SPEED}):
 
     @property
     def pipe(self) -> Pipe:
-        """The pipe."""
+        """The pipe of the model."""
         return self.model.pipe
 
     def _shown(self) -> list[tuple[str, Any]]:
-        """First where it is unstable below the speed, or stable by gyroscopic forces alone."""
+        """Puts first what limits stability below the critical speed, if anything does."""
         warnings = ("stable_at_rest", "stable_from", "gyroscopic")
         shown = dict(super()._shown())
         if self.stable_at_rest and self.unstable_before == 0:
@@ -116,7 +115,7 @@ class CriticalSpeed(Crossing, units={"discretisation": SPEED}):
 
     @cached_property
     def mode_shape(self) -> ModeShape:
-        """Shape of the motion that neither grows nor decays, computed at the first request.
+        """Shape of the neutral motion at the critical speed, computed at the first request.
 
         Raises:
             ValueError: for more than 4000 degrees of freedom.
@@ -128,10 +127,11 @@ class CriticalSpeed(Crossing, units={"discretisation": SPEED}):
 
     @cached_property
     def discretisation(self) -> float | None:
-        """Bound on the distance of the speed to the continuous pipe's, absolute.
+        """Bound on the absolute distance of the speed from the continuous pipe's critical speed.
 
-        None for chains with springs or inertia of the user's own, infinite where the continuous
-        pipe has no critical speed. The continuous pipe is solved at the first request.
+        It is None for chains with springs or inertia of the user's own, which approximate no
+        continuous pipe, and infinite where the continuous pipe has no critical speed. The
+        continuous pipe is solved at the first request.
         """
         if not self.model.approximates_pipe:
             return None
@@ -144,33 +144,35 @@ class CriticalSpeed(Crossing, units={"discretisation": SPEED}):
         return abs(self.speed - exact.speed) + self.error + exact.error
 
 
-Loss: TypeAlias = tuple[CriticalSpeed, tuple[Crossing, ...]]
+CriticalPoint: TypeAlias = tuple[CriticalSpeed, tuple[Crossing, ...]]
 Point: TypeAlias = tuple[CriticalSpeed | None, tuple[Crossing, ...]]
 Found: TypeAlias = Converged[tuple[Crossing, ...]]
 
 
 @lru_cache
 def _continuous_speed(pipe: Pipe, max_speed: float) -> CriticalSpeed:
-    """Of the continuous pipe, which models of several sizes are held against."""
+    """Critical speed of the continuous pipe, kept because models of several sizes need it."""
     return critical_speed(Continuum(pipe), max_speed)
 
 
 def crossings(model: AnyModel, max_speed: float) -> Crossings:
     """Every crossing of the imaginary axis by an eigenvalue up to a flow speed.
 
-    Divergence is where the stiffness is singular, which is solved for all at once; flutter is found
-    by following eigenvalues in steps that are halved until the crossings found account for the
-    unstable roots. Two crossings closer than about a millionth of their speed may be missed
-    together. See `cpp/pipedyn/linear/crossings.hpp`. `tests/campaign.py` compares with independent
-    programs. A pipe that is unstable from the smallest flow on has crossings at speed 0, one for
-    each mode that leaves the axis there (for `Continuum`, those of its basis).
+    Divergence occurs where the stiffness is singular; all such speeds follow from one eigenvalue
+    problem. Flutter is found by following eigenvalues in steps that are halved until the crossings
+    found account for the number of unstable roots. Two crossings closer than about a millionth of
+    their speed may be missed together. `cpp/pipedyn/linear/crossings.hpp` describes the method and
+    `tests/campaign.py` compares it with independent programs. A pipe that is unstable from the
+    smallest flow on has crossings at speed 0, one for each mode that leaves the axis there (for
+    `Continuum`, one for each such mode of its basis).
 
     Args:
         model: chain, reduced model or `Continuum`, up to 2,000 degrees of freedom.
         max_speed: end of the search, > 0.
 
     Returns:
-        Crossings in order of speed, flutter and divergence, indexed as a tuple, and a table.
+        Crossings of both kinds in order of speed. The result can be indexed like a tuple and
+        written as a table.
 
     Example:
         >>> found = pp.crossings(pp.Continuum(pp.Pipe(0.295)), 9.0)
@@ -178,14 +180,15 @@ def crossings(model: AnyModel, max_speed: float) -> Crossings:
         [(7.2605, True), (7.8516, False), (8.1892, True)]
 
     Raises:
-        NotConverged: if the crossings found do not account for the unstable roots, those of the
-            continuous pipe do not converge as the basis grows, or a motion that grows ceases to
-            oscillate, where hysteresis has no meaning. Its `result` has the crossings before.
+        NotConverged: if the crossings found do not account for the number of unstable roots, if
+            crossings of the continuous pipe do not converge as the basis grows, or if a growing
+            motion ceases to oscillate, where hysteresis has no meaning. The exception's `result`
+            holds the crossings below that speed.
         ValueError, TypeError: for bad arguments.
     """
     checked_model(model)
     end = checked_end(max_speed, model)
-    _, found = raised(losses([model], end))
+    _, found = only_answer(stability_losses([model], end))
     return Crossings(found, end, model, unstable_at_rest(model, found))
 
 
@@ -197,7 +200,7 @@ def critical_speed(model: AnyModel, max_speed: float = 100.0) -> CriticalSpeed:
         max_speed: end of the search, in sqrt(EI / mu_f) / L.
 
     Returns:
-        Speed, frequency, kind, mode and sensitivity, with the error of the speed.
+        CriticalSpeed: speed, frequency, kind, mode and sensitivity, with the speed's error.
 
     Example:
         >>> found = pp.critical_speed(pp.Continuum(pp.Pipe(0.2)))
@@ -205,12 +208,13 @@ def critical_speed(model: AnyModel, max_speed: float = 100.0) -> CriticalSpeed:
         ('flutter', 2, 5.591404, 13.7147)
 
     Raises:
-        NoCrossing: if there is none up to max_speed; the message says so if roots grow at rest.
-        NotConverged: as for `crossings`.
+        NoCrossing: if there is no such speed up to max_speed; the message says so if roots grow at
+            rest.
+        NotConverged: for the reasons that `crossings` lists.
         ValueError, TypeError: for bad arguments.
     """
     checked_model(model)
-    critical, _ = first_loss(model, checked_end(max_speed, model))
+    critical, _ = critical_point(model, checked_end(max_speed, model))
     return critical
 
 
@@ -220,9 +224,9 @@ def stable_speeds(
     """Ranges of flow speed, from 0 to the end of a search, in which no root is unstable.
 
     Args:
-        model: the model.
-        found: all its crossings up to there, in order of speed.
-        end: of the search.
+        model: the model that was searched.
+        found: all its crossings up to the end of the search, in order of speed.
+        end: flow speed at which the search ended.
     """
     counts = [unstable_at_rest(model, found), *(one.unstable_after for one in found)]
     bounds = pairwise([0.0, *(one.speed for one in found), end])
@@ -237,25 +241,27 @@ def stable_speeds(
 
 
 def checked_end(max_speed: Any, model: AnyModel | None = None) -> float:
-    """The argument max_speed, if it can end a search in the model."""
+    """The argument max_speed as a float; raises ValueError if no search may reach it."""
     high = largest_speed(model)
     return check.real("max_speed", max_speed, low=0.0, high=high, open_low=True)
 
 
-def first_loss(model: AnyModel, max_speed: float = 100.0) -> Loss:
-    """The critical speed, and the crossings up to it, from a search ending at max_speed.
+def critical_point(model: AnyModel, max_speed: float = 100.0) -> CriticalPoint:
+    """The critical speed of a model, and its crossings up to that speed.
 
     Raises:
-        NoCrossing: if the pipe stays stable up to there.
+        NoCrossing: if the pipe stays stable up to max_speed.
     """
-    return raised(first_losses([model], max_speed))
+    return only_answer(critical_points([model], max_speed))
 
 
-def first_losses(models: Sequence[AnyModel], max_speed: float = 100.0) -> list[Loss | Exception]:
-    """The same of many models, or what was raised; searched together, see `losses`."""
-    found: dict[int, Loss | Exception] = {}
-    # A low critical speed needs no large basis and few modes of a long chain, so where that is
-    # cheaper the search first ends sooner.
+def critical_points(
+    models: Sequence[AnyModel], max_speed: float = 100.0
+) -> list[CriticalPoint | Exception]:
+    """Critical points of several models, or the exceptions of those that fail, in one search."""
+    found: dict[int, CriticalPoint | Exception] = {}
+    # A low critical speed needs no large basis, and few modes of a long chain. Where it is cheaper
+    # the search therefore ends at a lower speed first.
     ends = [[*_first_ends(model, max_speed), max_speed] for model in models]
     for stage in range(max(len(each) for each in ends)):
         of_end: dict[float, list[int]] = {}
@@ -264,27 +270,28 @@ def first_losses(models: Sequence[AnyModel], max_speed: float = 100.0) -> list[L
             if i not in found and (end == max_speed or _is_cheaper_up_to(end, models[i])):
                 of_end.setdefault(end, []).append(i)
         for end, at in of_end.items():
-            points = losses([models[i] for i in at], end, until_unstable=True, known_to=max_speed)
+            points = stability_losses([models[i] for i in at], end, True, max_speed)
             for i, point in zip(at, points, strict=True):
                 if isinstance(point, Exception):
                     found[i] = point
                 elif point[0] is not None:
                     found[i] = point[0], point[1]
     return [
-        found[i] if i in found else outcome_of(partial(_never_lost, model, max_speed))
+        found[i] if i in found else outcome_of(partial(_no_critical_speed, model, max_speed))
         for i, model in enumerate(models)
     ]
 
 
 def _first_ends(model: AnyModel, max_speed: float) -> list[float]:
-    """Speeds at which a search for the critical speed up to one first ends.
+    """Speeds below max_speed, increasing, at which searches for the critical speed end first.
 
     Measured at beta 0.02 to 0.99 and gamma up to 3000, uniform cantilevers flutter below the first
-    end: of light ones 12 below beta = 0.68, 16 up to 0.9 and 18.5 beyond, and weight counts the
-    sooner the more of the mass is fluid. Spans held at both ends buckle between pi and 2 pi.
+    of these speeds. For light pipes it is 12 below beta = 0.68, 16 up to 0.9 and 18.5 beyond, and
+    the more of the mass is fluid, the smaller is the weight that raises it. Spans held at both ends
+    buckle between pi and 2 pi.
     """
     pipe, gravity = model.pipe, LARGE_GRAVITY
-    if isinstance(model, Model):  # beyond, all modes are tracked however soon the search ends
+    if isinstance(model, Model):  # beyond this speed a search tracks all modes, wherever it ends
         max_speed = min(max_speed, model.dof / LONG_MODEL)
     if pipe.supports or pipe.end_held:
         ends = [5.0, 8.0, 12.0, 24.0, 48.0]
@@ -294,13 +301,13 @@ def _first_ends(model: AnyModel, max_speed: float) -> list[float]:
         gravity *= max(1.0 - pipe.beta, 0.01)
     else:
         ends = [12.0, 24.0, 48.0]
-    # So that neighbours have the same.
+    # The unit is rounded to a power of 1.1, so that similar pipes are searched together.
     unit = 1.1 ** math.ceil(math.log(_speed_scale(pipe, gravity), 1.1) - 1e-9)
     return [end * unit for end in ends if end * unit < max_speed]
 
 
-def _never_lost(model: AnyModel, max_speed: float) -> NoCrossing:
-    """What is said of a pipe that does not lose stability: it may have none to lose."""
+def _no_critical_speed(model: AnyModel, max_speed: float) -> NoCrossing:
+    """The error for a pipe without critical speed: stable throughout, or unstable at rest."""
     growing = unstable_at_rest(model)
     if not growing:
         return NoCrossing(f"no loss of stability up to u = {max_speed:g}", max_speed)
@@ -313,34 +320,34 @@ def _never_lost(model: AnyModel, max_speed: float) -> NoCrossing:
 
 
 def _is_cheaper_up_to(end: float, model: AnyModel) -> bool:
-    """Whether a search that ends before the speed asked for takes less time."""
+    """Whether a search up to `end` costs less than one up to the speed that was asked for."""
     if not isinstance(model, Model):
         return True
     modes = _modes_within(end, model.pipe)
     return _some_are_cheaper(modes, end, model.dof) and model.pencil().is_long
 
 
-def losses(
+def stability_losses(
     models: Sequence[AnyModel],
     max_speed: float,
     until_unstable: bool = False,
-    known_to: float | None = None,
+    continuum_end: float | None = None,
 ) -> list[Point | Exception]:
-    """The critical speed of each, if any, and crossings up to max_speed, or what was raised.
+    """Critical speed, if any, and crossings up to max_speed of each model, or its exception.
 
     Models of one size are searched in one call of the core.
 
     Args:
-        models: the models.
-        max_speed: end of the search.
-        until_unstable: whether the crossings end at the critical speed.
-        known_to: how far the continuous pipe's critical speed is searched where it is asked for;
-            to max_speed where not given.
+        models: the models to search.
+        max_speed: flow speed at which the search ends.
+        until_unstable: whether the search ends at the critical speed.
+        continuum_end: speed up to which the continuous pipe's critical speed is searched when
+            `CriticalSpeed.discretisation` asks for it; max_speed where not given.
     """
     plans = [outcome_of(partial(_plan, model, max_speed, until_unstable)) for model in models]
     jobs = [job for plan in plans if not isinstance(plan, Exception) for job in plan]
-    _swept([job for job in jobs if isinstance(job, _Search)])
-    end = max_speed if known_to is None else known_to
+    _run_searches([job for job in jobs if isinstance(job, _Search)])
+    end = max_speed if continuum_end is None else continuum_end
     found = [
         plan if isinstance(plan, Exception) else outcome_of(partial(_found, model.pipe, plan))
         for model, plan in zip(models, plans, strict=True)
@@ -351,8 +358,8 @@ def losses(
     ]
 
 
-def raised(answers: Sequence[Answer | Exception]) -> Answer:
-    """The only answer, or its exception raised."""
+def only_answer(answers: Sequence[Returned | Exception]) -> Returned:
+    """The only answer of a list; raises it if it is an exception."""
     (one,) = answers
     if isinstance(one, Exception):
         raise one
@@ -360,7 +367,7 @@ def raised(answers: Sequence[Answer | Exception]) -> Answer:
 
 
 def _plan(model: AnyModel, max_speed: float, until_unstable: bool) -> Sequence[Job[Found]]:
-    """What finds the crossings of each pipe that is solved for a model."""
+    """Jobs whose crossings give those of the model: one, or one for each strengthened pipe."""
     pipe = model.pipe
     if pipe.beta == 0.0 and pipe.alpha == 0.0:
         return ()  # the flow acts on nothing
@@ -376,7 +383,7 @@ def _plan(model: AnyModel, max_speed: float, until_unstable: bool) -> Sequence[J
 
 
 def _found(pipe: Pipe, plan: Sequence[Job[Found]]) -> Found:
-    """The crossings of a pipe, of the model of the size solved."""
+    """Crossings of a model from its jobs, extrapolated where these solved strengthened pipes."""
     solved = [job() for job in plan]
     if not solved:
         return Converged((), 0, 0.0)
@@ -387,7 +394,8 @@ def _found(pipe: Pipe, plan: Sequence[Job[Found]]) -> Found:
     )
 
 
-def _point(model: AnyModel, found: Found, known_to: float) -> Point:
+def _point(model: AnyModel, found: Found, continuum_end: float) -> Point:
+    """The critical speed among the crossings of a model, None where there is none, and these."""
     all_found = found.value
     first = next((c for c in all_found if c.destabilising), None)
     if first is None:
@@ -399,31 +407,32 @@ def _point(model: AnyModel, found: Found, known_to: float) -> Point:
         size=found.size,
         model=model,
         _continuous=first.error if isinstance(model, Continuum) else None,
-        _max_speed=known_to,
+        _max_speed=continuum_end,
     )
     return critical, all_found
 
 
 def _stable_from(critical: Crossing, found: Sequence[Crossing]) -> float | None:
-    """From which speed on no root is unstable up to a crossing, of all that are found."""
+    """Speed from which no root is unstable up to the critical crossing; None where one is."""
     if critical.unstable_before:
         return None
     return max((c.speed for c in found if c.speed < critical.speed), default=0.0)
 
 
 def unstable_at_rest(model: AnyModel, found: Sequence[Crossing] = ()) -> int:
-    """Number of roots that grow without flow: those with which the pipe buckles by itself.
+    """Number of roots that grow without flow, as of a pipe that buckles under its own weight.
 
     Args:
         model: the model.
-        found: its crossings from rest on, if any are known; the first of them tells.
+        found: its crossings from rest on, if any are known; the first gives the answer at no cost.
 
     Raises:
-        NotConverged: of a continuous pipe that buckles in more modes than bases show.
+        NotConverged: if the number for a continuous pipe does not settle as the basis grows.
     """
     if found:
         return found[0].unstable_before
-    still = model.with_pipe(replace(model.pipe, damping=0.0))  # roots cluster at -1 / delta
+    # Damping does not change which roots grow at rest, but makes roots cluster at -1 / delta.
+    still = model.with_pipe(replace(model.pipe, damping=0.0))
 
     def growing(one: Model) -> int:
         problem = eigenproblem(one)
@@ -437,7 +446,7 @@ def unstable_at_rest(model: AnyModel, found: Sequence[Crossing] = ()) -> int:
 
 
 def _converging(model: Continuum, max_speed: float, until_unstable: bool) -> Job[Found]:
-    """The search of a continuous pipe, in a basis grown until the crossings converge."""
+    """The search for a continuous pipe, whose basis grows until the crossings converge."""
     pipe = model.pipe
 
     def crossed(
@@ -446,17 +455,17 @@ def _converging(model: Continuum, max_speed: float, until_unstable: bool) -> Job
         search = _Search(one, max_speed, until_unstable, True, larger)
         assert search.resolved is not None
         if search.resolved < _modes_reached(max_speed, pipe):
-            return None, None  # the flow reaches modes that are not the continuous pipe's
-        _swept([search], final=larger is None or not search.all_resolved)
+            return None, None  # the flow reaches modes that this basis does not resolve
+        _run_searches([search], final=larger is None or not search.all_resolved)
         assert search.swept is not None
         if search.swept.untracked:
-            return None, None  # and so does what loses stability
+            return None, None  # a mode that this basis does not resolve loses stability
         ahead = search.of_larger()
         return search(sensitive=ahead is None).value, ahead
 
     def job() -> Found:
-        # Fluid drawn in feeds all modes alike: where nothing but terms damps them, a high one that
-        # these miss grows first, however slow the flow.
+        # Fluid that is drawn in feeds all modes alike. Where only terms of the pipe damp the modes,
+        # a high mode that these miss grows first, however slow the flow is.
         missed = pipe.flow == "aspirating" and not pipe.damping and model.resisted
         smallest = 60 if missed else 16
         smallest = max(smallest, math.ceil(0.7 * _wave_number(max_speed, pipe)) + 8)
@@ -468,16 +477,17 @@ def _converging(model: Continuum, max_speed: float, until_unstable: bool) -> Job
     return job
 
 
-def resolved(model: Model, spectrum: _core.Eigenproblem) -> int:
-    """How many modes of a Legendre model, from the lowest on, are the continuous pipe's.
+def count_resolved(model: Model, spectrum: _core.Eigenproblem) -> int:
+    """Number of modes, from the lowest on, of a Legendre model that are the continuous pipe's.
 
-    Those that bend little by the last functions of each panel: what a polynomial series misses of a
-    mode falls off as its last coefficients do. Compared with larger bases, on plain pipes and on up
-    to ten uneven spans: modes counted of an ejecting pipe are within 1e-3 of their frequency.
+    A mode is resolved if the last functions of each panel hold little of its bending energy, since
+    the error of a polynomial series falls off as its last coefficients do. Compared with larger
+    bases, on plain pipes and on up to ten uneven spans, the frequencies of the modes counted for an
+    ejecting pipe are right to 1e-3.
 
     Args:
-        model: the model.
-        spectrum: its spectrum. Where that knows no modes at rest, all count.
+        model: reduced model in Legendre functions.
+        spectrum: its spectrum. Where this has no modes at rest, all modes count.
 
     Source: Boyd (2001), Chebyshev and Fourier spectral methods, ch. 2.
     """
@@ -485,26 +495,26 @@ def resolved(model: Model, spectrum: _core.Eigenproblem) -> int:
     modes = spectrum.modes_at_rest()
     if modes is None:
         return model.dof
-    squares = modes**2  # elastic energies of each function
+    squares = modes**2  # elastic energy of each function in each mode
     good = squares[last_functions(model)].sum(axis=0) <= LAST[model.pipe.flow] * squares.sum(axis=0)
     count = int(np.argmin([*good, False]))
-    # Where damping is so strong that the last of these do not oscillate, those beyond are
-    # overdamped too, and nothing sets them apart by their roots: then all are looked at.
+    # Where damping is so strong that the last resolved modes do not oscillate, the modes beyond are
+    # overdamped, too. Roots do not tell these modes apart, so that all of them are looked at.
     return count if model.pipe.damping * (math.pi * count) ** 2 <= 2.0 else model.dof
 
 
 class _Search:
-    """The crossings of one model, once it ran.
+    """A search for the crossings of one model, which `_run_searches` runs.
 
-    Of a long chain only as many modes are tracked as can meet the flow: a mode of wave number k
-    does where k is comparable to u. If a root beyond that turns unstable, more are tracked.
+    For a long chain only the modes that the flow can make unstable are tracked, those whose wave
+    number is comparable to u. If a root of a higher mode turns unstable, more modes are tracked.
 
     Args:
-        model: the model, at rest at 0 and max_speed.
-        max_speed: end of the search.
-        until_unstable: whether it ends at the first crossing that destabilises.
-        continuous: whether only the modes that are the continuous pipe's are looked at.
-        larger: reduced model that it is held against, see `of_larger`.
+        model: the model, whose configuration is an equilibrium at flow speeds 0 and max_speed.
+        max_speed: flow speed at which the search ends.
+        until_unstable: whether the search ends at the first crossing that destabilises.
+        continuous: whether only modes that the model shares with the continuous pipe count.
+        larger: larger reduced model, to which `of_larger` extends the crossings.
     """
 
     def __init__(
@@ -526,13 +536,13 @@ class _Search:
         self.swept: _core.Sweep | None = None
         spectrum = self.problem.spectrum()
         self.spectrum: _core.Spectrum = spectrum
-        self.resolved = resolved(model, spectrum) if continuous else None
+        self.resolved = count_resolved(model, spectrum) if continuous else None
         self.tracked, self.count = self.problem.dof, 2 * self.problem.dof
         self.larger: tuple[Eigenproblem, _core.Structured] | None = None
-        self.all_resolved = True  # whether all resolved modes are looked at
+        self.all_resolved = True  # whether all resolved modes are tracked
         if self.resolved is not None and isinstance(self.problem.pencil, PanelPencil):
             self._track_reached(self.resolved, spectrum.modes_at_rest())
-        # Where roots stay on the imaginary axis, no distance to it is known.
+        # Roots that stay on the imaginary axis have no distance to it that would bound errors.
         on_axis = self.problem.is_conservative or self.problem.velocity_free(1.0)
         if larger is not None and not on_axis and isinstance(self.problem.pencil, PanelPencil):
             problem = eigenproblem(larger)
@@ -544,25 +554,25 @@ class _Search:
         if not self.problem.is_long or continuous:
             return
         some = _modes_within(max_speed, model.pipe)
-        # The highest modes of a reduced model are none of the pipe's, and may be fed most.
+        # The highest modes of a reduced model are not the pipe's, and the flow may feed them most.
         panels = isinstance(self.problem.pencil, PanelPencil)
         reduced = panels and _some_are_cheaper(some, max_speed, model.dof)
         if reduced and not self._are_enough(some, spectrum.modes_at_rest()):
             return
         self._track(some)
-        # Those before the cluster at -1 / delta, which a search for a few roots does not pass, may
-        # be enough: modes with (delta omega)^2 < 0.9, four fewer as the search looks beyond those
-        # tracked.
+        # A search for a few roots does not pass the cluster at -1 / delta, but the modes before it,
+        # with (delta omega)^2 < 0.9, may suffice. Four fewer are tracked, because the search looks
+        # at roots beyond the tracked ones.
         delta = model.pipe.damping
         before = math.floor(math.sqrt(0.9 / delta) / math.pi) - 4 if delta else self.tracked
         if max_speed / math.pi + 1.0 <= before < self.count // 2:
             self._track(min(before, self.tracked), beyond=1)
 
     def _track_reached(self, resolved: int, modes: Array | None) -> None:
-        """Tracks few more modes of a continuous pipe than the flow reaches, where that is safe.
+        """Tracks only the modes of a continuous pipe that the flow reaches, where that is safe.
 
-        They must oscillate, and modes beyond must not grow first, see `_are_enough`: else all that
-        are resolved are tracked.
+        It is safe if these modes oscillate and no higher mode grows first, as `_are_enough` tells.
+        Otherwise all resolved modes are tracked.
         """
         pipe = self.model.pipe
         tracked = min(resolved, math.ceil(_modes_reached(self.max_speed, pipe)) + 2)
@@ -576,11 +586,11 @@ class _Search:
             self.all_resolved = not few
 
     def _are_enough(self, some: int, modes: Array | None) -> bool:
-        """Whether no mode beyond some, of modes at rest, grows before these do.
+        """Whether no mode beyond the first `some` of the modes at rest grows before these do.
 
-        Of a pipe held across its end only modes that lose their stiffness grow. Else what leaves
-        the free end must damp modes beyond about as much as any: a third as much, or more. A mass
-        there lets every mode grow, and so does fluid that is drawn in.
+        In a pipe whose end is held across, only modes without stiffness grow. With a free end the
+        outflow must damp each higher mode at least a third as much as the mode that it damps most.
+        A mass at the end lets every mode grow, and so does fluid that is drawn in.
         """
         pipe, pencil = self.model.pipe, self.problem.pencil
         if pipe.end_held or pipe.flow != "ejecting":
@@ -596,21 +606,22 @@ class _Search:
         return bool(np.all(rates[some:] > rates.max(initial=0.0) / 3.0))
 
     def _track(self, modes: int, beyond: int = 8) -> None:
-        """Sets how many modes are tracked, and of how many the roots are computed."""
+        """Sets the number of modes to track; roots are computed of `beyond` modes more."""
         every = not _some_are_cheaper(modes, self.max_speed, self.problem.dof)
         self.tracked = self.problem.dof if every else modes
         self.count = 2 * (self.problem.dof if every else modes + beyond)
 
     def widen(self) -> None:
-        """Tracks more modes than the search did that met an untracked one."""
+        """Tracks more modes, after a root of an untracked mode turned unstable."""
         self._track(max(2 * self.tracked, _modes_within(self.max_speed, self.model.pipe)))
 
     @property
     def _looked_at(self) -> int:
+        """Number of modes, from the lowest on, whose roots may count as unstable."""
         return self.tracked if self.resolved is None else self.resolved
 
     def range(self) -> _core.Range:
-        """What the core is asked for."""
+        """The request to the core: range of speeds, modes to track and where to end."""
         return _core.Range(
             max_speed=self.max_speed,
             scale=_speed_scale(self.model.pipe),
@@ -622,6 +633,7 @@ class _Search:
         )
 
     def __call__(self, sensitive: bool = True) -> Found:
+        """The crossings found, with sensitivities if wanted; NotConverged if the search failed."""
         assert self.swept is not None
         vouched = None if self.resolved is None else 2 * self.resolved
         found = crossings_of(self.problem, self.swept, vouched, sensitive)
@@ -630,7 +642,7 @@ class _Search:
         return Converged(found, self.model.dof, 0.0)
 
     def of_larger(self) -> tuple[Crossing, ...] | None:
-        """The crossings of the larger model, if these show all of them."""
+        """Crossings of the larger model, if those of the smaller one account for all of them."""
         if self.larger is None or not isinstance(self.spectrum, _core.Truncated):
             return None
         assert self.swept is not None
@@ -639,16 +651,16 @@ class _Search:
             end = min(end, found[-1].speed * (1.0 + BESIDE))
         assert self.resolved is not None
         problem, spectrum = self.larger
-        # Where all that are resolved are tracked, the larger model resolves more.
-        modes = resolved(problem.model, spectrum) if self.all_resolved else self.resolved
+        # If all resolved modes are tracked, the larger model counts the modes that it resolves.
+        modes = count_resolved(problem.model, spectrum) if self.all_resolved else self.resolved
         swept = self.spectrum.of_larger(self.swept, end, modes)
         return None if swept is None else crossings_of(problem, swept, 2 * modes)
 
 
-def _swept(searches: Sequence[_Search], final: bool = True) -> None:
-    """Runs searches in one call of the core, and again those that have to track more modes.
+def _run_searches(searches: Sequence[_Search], final: bool = True) -> None:
+    """Runs searches in one call of the core, and repeats those that must track more modes.
 
-    Where `final` is False, the latter are not run again: their `swept` says `untracked`.
+    Where `final` is False no search is repeated, and `swept.untracked` marks those that should be.
     """
     while searches:
         with one_thread(max(one.problem.rows for one in searches)):
@@ -662,10 +674,10 @@ def _swept(searches: Sequence[_Search], final: bool = True) -> None:
 
 
 def _speed_scale(pipe: Pipe, large_gravity: float = LARGE_GRAVITY) -> float:
-    """Flow speed that counts as 1 does of a light uniform pipe of one span.
+    """Flow speed that acts on the pipe as u = 1 does on a light uniform pipe of one span.
 
-    Near the free end of a heavy hanging pipe, where its weight no longer stretches it, lengths are
-    in gamma^(-1/3) and flow speeds in gamma^(1/3).
+    Near the free end of a heavy hanging pipe, where weight stretches it little, lengths scale with
+    gamma^(-1/3) and flow speeds with gamma^(1/3).
     """
     places = 0.0, *pipe.supports, 1.0
     longest = max(high - low for low, high in pairwise(places))
@@ -674,15 +686,15 @@ def _speed_scale(pipe: Pipe, large_gravity: float = LARGE_GRAVITY) -> float:
 
 
 def _softest(pipe: Pipe) -> float:
-    """Share of the flow speed at which waves are as short where the pipe is softest."""
+    """Factor <= 1 by which the least stiffness lowers flow speeds that make equally short waves."""
     return 1.0 if pipe.stiffness is None else math.sqrt(min(1.0, pipe.stiffness.bounds[0]))
 
 
 def _wave_number(max_speed: float, pipe: Pipe) -> float:
-    """Wave number up to which motions have no stiffness left by the flow and what compresses.
+    """Upper bound of the wave numbers whose stiffness the flow and compressive loads take away.
 
-    At most, as what pulls at the same place is not counted; and what the flow does by its velocity
-    reaches as far as its own speed.
+    Tension is not counted, so that this is a bound. Forces by the velocity of the flow act up to
+    wave numbers of about u, which the bound includes.
     """
     loads = [-one.get("load", 0.0) for one in (term.numbers for term in pipe.terms)]
     compression = max(-_weight(pipe), 0.0) + sum(max(load, 0.0) for load in loads)
@@ -690,44 +702,44 @@ def _wave_number(max_speed: float, pipe: Pipe) -> float:
 
 
 def _modes_reached(max_speed: float, pipe: Pipe) -> float:
-    """How many modes have wave numbers at which flow and loads leave no stiffness, and two more."""
+    """Number of modes to which flow and compressive loads leave no stiffness, and two more."""
     return _wave_number(max_speed, pipe) / (math.pi * _softest(pipe)) + 2.0
 
 
 def _modes_within(max_speed: float, pipe: Pipe) -> int:
-    """How many modes of a pipe flow and weight can make unstable, at most, and twelve more.
+    """Bound on the number of modes that flow and loads can make unstable, and twelve more.
 
-    Modes up to the wave number k at which no stiffness is left can be: k / pi modes, of which three
-    times as many are taken.
+    About k / pi modes lie below the wave number k up to which no stiffness is left; the bound is k,
+    some three times as many.
     """
     return 12 + math.ceil(_wave_number(max_speed, pipe) / _softest(pipe))
 
 
 def _weight(pipe: Pipe) -> float:
-    """Weight of the pipe and of masses on it, in EI / L^2, at most."""
+    """Upper bound of the weight of the pipe and the masses on it, in EI / L^2."""
     masses = [term.numbers.get("mass", 0.0) for term in pipe.terms]
     heaviest = 1.0 if pipe.mass is None else pipe.mass.bounds[1]
     return float(pipe.gamma * (heaviest + sum(masses)))
 
 
 def largest_tension(pipe: Pipe) -> float:
-    """Force along the pipe at its root by weight and loads, in EI / L^2; compression is < 0."""
+    """Axial force at the root by weight and loads, in EI / L^2; tension is positive."""
     return _weight(pipe) + sum(float(term.numbers.get("load", 0.0)) for term in pipe.terms)
 
 
 def _some_are_cheaper(tracked: int, max_speed: float, dof: int) -> bool:
-    """Whether some modes of a long chain are computed faster than all."""
+    """Whether computing the tracked modes of a long chain is faster than computing all modes."""
     return tracked <= dof // LONG_MODEL and max_speed <= dof / LONG_MODEL
 
 
 def _difference(a: tuple[Crossing, ...] | None, b: tuple[Crossing, ...] | None) -> float:
-    """Largest relative change of a speed beyond what the errors of either explain.
+    """Largest relative change of a crossing's speed beyond the errors of both speeds.
 
-    Infinite where crossings differ in kind or number, or are not known.
+    It is infinite where crossings differ in kind or number, or are not known.
     """
     if a is None or b is None:
         return math.inf
-    # Of modes that leave the axis at rest a larger model has more: the first stands for all.
+    # A larger model has more modes that leave the axis at speed 0: the first stands for all.
     a, b = (tuple(c for c in found if c.speed > 0.0 or c is found[0]) for found in (a, b))
     kinds = [[(c.kind, c.destabilising) for c in found] for found in (a, b)]
     if kinds[0] != kinds[1]:

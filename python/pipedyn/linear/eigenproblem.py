@@ -1,14 +1,14 @@
 # SPDX-License-Identifier: MIT
-"""P(lambda, u) x = 0 of any model, for the core, which solves it: see `cpp/pipedyn/linear`.
+"""The eigenproblem P(lambda, u) x = 0 of any model, which the core solves (`cpp/pipedyn/linear`).
 
-The products come from `model.pencil()`; all is done in elastic coordinates, where the elastic
-stiffness is the identity. Chains and straight models in Legendre curvatures are solved by
-elimination along the pipe, others by their matrices.
+The pencil of the model gives the products of its matrices with vectors, in elastic coordinates, in
+which the elastic stiffness is the identity. Chains and straight models in Legendre curvatures are
+solved by elimination along the pipe, other models by their matrices.
 
-With hysteresis EI is EI (1 + i mu) for roots above the real axis, of which the core has all, and
-conjugate for those below. On the axis nothing oscillates, and nothing is lost: a growing real root
-is that of the pipe without hysteresis. A real root that decays is none of the pipe's, where mu
-makes it a pair close to the axis, or takes it below.
+With hysteresis, EI becomes EI (1 + i mu) for roots above the real axis, all of which the core
+finds, and the conjugate of that for roots below. Hysteresis acts only on oscillation, so growing
+real roots are those of the pipe without it. Decaying real roots do not count: mu turns them into a
+pair close to the axis, or moves them below it.
 """
 
 from __future__ import annotations
@@ -32,10 +32,10 @@ Complex = NDArray[np.complex128]
 
 
 class Eigenproblem:
-    """P(lambda, u) x = 0 of one model.
+    """The eigenproblem P(lambda, u) x = 0 of one model.
 
     Args:
-        pencil: the model's.
+        pencil: pencil of the model.
     """
 
     def __init__(self, pencil: Pencil) -> None:
@@ -46,15 +46,16 @@ class Eigenproblem:
 
     @property
     def rows(self) -> int:
-        """Rows by which threads are chosen: those of the companion matrix, one of a recursion.
+        """Size of the problem by which threads are chosen: rows of the companion matrix.
 
-        A recursion gains nothing by threads, and seldom falls back on matrices.
+        It is 1 for elimination along the pipe, which gains nothing from threads and seldom falls
+        back on matrices.
         """
         return 1 if self.is_long else 2 * self.dof
 
     @cached_property
     def is_damped(self) -> bool:
-        """Whether anything but the flow takes energy: a damper at a support does not."""
+        """Whether anything but the flow takes energy, which a damper at a support does not."""
         if not self.pencil.is_damped or self.pipe.damping or self.pipe.hysteresis:
             return self.pencil.is_damped
         x = np.cos(np.arange(1.0, self.dof + 1.0))[:, None]
@@ -64,7 +65,8 @@ class Eigenproblem:
     def is_conservative(self) -> bool:
         """Whether eigenvalues come in fours, lambda, -lambda and conjugates, at every speed.
 
-        No damping, gyroscopic forces only and symmetric stiffness: ends that do no work.
+        They do if nothing damps, forces by velocity are gyroscopic and the stiffness is symmetric,
+        as in a pipe on whose ends the flow does no work.
         """
         if self.is_damped or self.pencil.end_moves:
             return False
@@ -84,22 +86,22 @@ class Eigenproblem:
     def zero_tolerance(self) -> float:
         """|lambda| below which a root counts as zero.
 
-        A double zero scatters by the square root of rounding, the triple one of a free joint by its
-        cube root; damping slows all that is near zero.
+        Rounding scatters a double zero by the square root of its size, and the triple zero of a
+        joint without stiffness by the cube root. Damping makes all roots near zero smaller.
         """
         least = 1e-4 if (self.model.elastic_share == 0.0).any() else 1e-6
         return least / max(1.0, self.pipe.damping)
 
     def grows_statically(self, values: Complex) -> NDArray[np.bool_]:
-        """Which eigenvalues are real and positive: of motions that grow without oscillating."""
+        """Which eigenvalues are real and positive, so that motions grow without oscillating."""
         return (values.imag == 0.0) & (values.real > self.zero_tolerance)
 
     def velocity_free(self, u: float) -> bool:
-        """Whether P holds lambda only as lambda^2: no damping, and no flow or no fluid mass."""
+        """Whether P depends on lambda^2 only: no damping, and no flow or no mass of fluid."""
         return not self.is_damped and (u == 0.0 or self.pipe.beta == 0.0)
 
     def spectrum(self) -> _core.Eigenproblem:
-        """For the core: what it computes is the same from call to call, but not kept here."""
+        """The problem as the core solves it, made anew at each call, since nothing is kept here."""
         traits = _core.Traits(
             dof=self.dof,
             delta=self.pipe.damping,
@@ -110,7 +112,7 @@ class Eigenproblem:
             free_at_rest=self.velocity_free(0.0),
             loss=self.pipe.hysteresis,
         )
-        # Of the stiffness at rest, elastic stiffness being 1.
+        # The size of the stiffness at rest, in which the elastic stiffness counts 1.
         size = 1.0 + abs(self.pipe.gamma) + self.model.term_stiffness(self.pencil)
         spectrum = self.pencil.spectrum(traits, size)
         if self.pipe.hysteresis:
@@ -119,11 +121,11 @@ class Eigenproblem:
 
     @cached_property
     def static(self) -> Eigenproblem:
-        """Of the same without hysteresis, which has the real roots."""
+        """The eigenproblem of the pipe without hysteresis, whose growing real roots count."""
         return Eigenproblem(self.pencil.with_pipe(replace(self.pipe, hysteresis=0.0)))
 
     def lowest(self, u: float, count: int, left: bool = False) -> _core.Pairs:
-        """The `count` eigenpairs of least |lambda|, sorted, or all there are, good or not."""
+        """The `count` eigenpairs of least |lambda|, sorted, or all, converged or not."""
         spectrum = self.spectrum()
         with one_thread(self.rows):
             found = spectrum.lowest(u, count, left, high=True)
@@ -134,12 +136,12 @@ class Eigenproblem:
                     found = spectrum.lowest(u, asked, left, high=True)
                 still = self.static.lowest(u, min(count, most), left)
                 grows = np.flatnonzero(self.grows_statically(still.values))
-                found = _joined(found, _taken(still, grows), count)
+                found = _with_conjugates(found, _taken(still, grows), count)
         factorised(spectrum.factorisations())
         return found
 
     def errors(self, u: float, pairs: _core.Pairs) -> Array:
-        """How far the eigenvalues of pairs with left vectors may be off."""
+        """Bounds on the errors of the eigenvalues of pairs that have left vectors, shape (k,)."""
         still = (pairs.values.imag == 0.0) & (self.pipe.hysteresis > 0.0)
         errors = np.empty(still.size)
         for problem, which in ((self, ~still), (self.static if still.any() else self, still)):
@@ -150,19 +152,19 @@ class Eigenproblem:
 
 
 def _taken(pairs: _core.Pairs, which: NDArray[np.intp]) -> _core.Pairs:
-    """Some of the pairs."""
+    """The pairs with the indices `which`."""
     right, left = (of[:, which] if of.size else of for of in (pairs.right, pairs.left))
     return _core.Pairs(pairs.values[which], right, left, pairs.residuals[which])
 
 
-def _joined(lossy: _core.Pairs, grows: _core.Pairs, count: int) -> _core.Pairs:
-    """Roots above the real axis with their conjugates, and growing ones on it, the lowest first."""
-    oscillates = ~(lossy.values.imag <= 0.0)  # with those not found
-    growing = np.flatnonzero(lossy.values.real > 0.0)
+def _with_conjugates(hysteretic: _core.Pairs, grows: _core.Pairs, count: int) -> _core.Pairs:
+    """The lowest of the roots above the real axis, their conjugates and growing real roots."""
+    oscillates = ~(hysteretic.values.imag <= 0.0)  # also NaN, a root not found
+    growing = np.flatnonzero(hysteretic.values.real > 0.0)
     for value in grows.values if growing.size else ():
-        # Of the growing roots the nearest is what a loss factor makes of it: the same motion.
-        oscillates[growing[np.abs(lossy.values[growing] - value).argmin()]] = False
-    above = _taken(lossy, np.flatnonzero(oscillates))
+        # The nearest growing root is the same motion, as the loss factor changes it.
+        oscillates[growing[np.abs(hysteretic.values[growing] - value).argmin()]] = False
+    above = _taken(hysteretic, np.flatnonzero(oscillates))
     values = np.concatenate([above.values, above.values.conj(), grows.values])
     places = np.lexsort((-values.imag, values.real, np.abs(values)))[:count]
     right, left = (
@@ -174,5 +176,5 @@ def _joined(lossy: _core.Pairs, grows: _core.Pairs, count: int) -> _core.Pairs:
 
 
 def eigenproblem(model: Model) -> Eigenproblem:
-    """The model's eigenproblem."""
+    """The eigenproblem of a model's small motions."""
     return Eigenproblem(model.pencil())

@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: MIT
-"""How the straight pipe answers a harmonic force, moment or motion of its base.
+"""Response of the straight pipe to a harmonic force, moment or motion of its base.
 
-With q = Re(x exp(i omega tau)) small motions obey P(i omega) x = f(omega), P the pencil of the
-eigenvalues. The response is therefore a rational function of the frequency whose poles are the
-eigenvalues, and these say where it changes fast.
+With q = Re(x exp(i omega tau)) small motions obey P(i omega) x = f(omega), where P is the pencil of
+the eigenvalue problem. The response is therefore a rational function of the frequency whose poles
+are the eigenvalues, and these show where it changes fast.
 
-Small models are solved at each frequency. Of larger ones a few solutions make a basis, which serves
-all other frequencies at which the residual of the whole model's equations says so.
+Small models are solved at each frequency. For larger models the solutions at a few frequencies span
+a basis, in which the equations are solved at all other frequencies where their residual is small.
 """
 
 from __future__ import annotations
@@ -49,34 +49,34 @@ from pipedyn.util.units import FREQUENCY
 Input: TypeAlias = "str | tuple[str, float]"
 """What drives the pipe: "base", ("force", s) or ("moment", s)."""
 
-SMALL = 64
-"""Degrees of freedom up to which each frequency is solved for: 0.1 s for 1,000 frequencies."""
+LARGEST_DIRECT = 64
+"""Degrees of freedom up to which equations are solved at each frequency: 0.1 s for 1,000."""
 
 HIGHEST = 1e5
-"""Largest frequency: that of the pipe's hundredth mode."""
+"""Largest frequency that may be asked for: about that of the hundredth mode."""
 
-MODES = 4
-"""Lowest resonances that are covered where no range is given."""
+RESONANCES = 4
+"""Number of resonances, from the lowest on, that are covered where no range is given."""
 
 CLOSEST = 1e-9
-"""Distance of two frequencies, relative to the highest, at which no more are put between them."""
+"""Least distance of two chosen frequencies, relative to the highest frequency."""
 
-MOST = 50_000
-"""Frequencies that are chosen: 200 modes with some 200 each."""
+MOST_FREQUENCIES = 50_000
+"""Largest number of frequencies that are chosen: 200 modes with some 200 each."""
 
 RESIDUAL = 1e-10
-"""Of the equations, relative to the load or the solution, where a basis has enough vectors."""
+"""Residual, relative to the load or the solution, at which a basis has enough vectors."""
 
 
 @saved_as("Resonance")
 class Resonance(Result, units={"width": FREQUENCY}):
-    """A peak of the response.
+    """A peak of the frequency response.
 
     Attributes:
-        frequency: angular, where |response| is largest.
-        height: |response| there; infinite without damping.
-        width: half-power width: distance of the frequencies on both sides at which |response| is
-            height / sqrt(2); NaN where it does not fall so far within the range.
+        frequency: angular frequency at which |response| is largest.
+        height: |response| at that frequency; infinite without damping.
+        width: half-power width, the distance of the two frequencies, one on each side, at which
+            |response| is height / sqrt(2); NaN where it does not fall so far within the range.
     """
 
     frequency: float
@@ -89,18 +89,19 @@ class FrequencyResponse(TableResult):
     """Complex amplitude of a displacement per unit amplitude of what drives the pipe.
 
     Attributes:
-        frequencies: omega, increasing if chosen, shape (F,).
-        response: complex, shape (F,): an input Re(a exp(i omega tau)) moves the place by
-            Re(a response exp(i omega tau)). Infinite at the frequency of an undamped mode.
+        frequencies: angular frequencies omega, shape (F,); increasing if they were chosen.
+        response: complex, shape (F,): an input Re(a exp(i omega tau)) moves the place of the
+            output by Re(a response exp(i omega tau)). Infinite at the frequency of an undamped
+            mode.
         resonances: peaks between the lowest and the highest frequency, in rising order.
         poles: eigenvalues in the upper half plane up to 1.5 times the highest frequency, complex.
-        stable: whether no eigenvalue has a positive real part; else motions do not tend to this
-            response.
+        stable: whether no eigenvalue has a positive real part; if one has, motions do not tend to
+            this response.
         input: "base", ("force", s) or ("moment", s).
-        output: arc length of the place.
+        output: arc length of the place whose displacement is the response.
         u: flow speed.
-        model: the model.
-        size: degrees of freedom of the model solved.
+        model: the model as it was given.
+        size: number of degrees of freedom of the model that was solved.
         error: for `Continuum`, the largest change of the response from the basis before the last,
             relative to it, beyond what a shift of the poles by 1e-11 of their size explains; 0 for
             other models.
@@ -145,10 +146,10 @@ def frequency_response(
     Args:
         model: chain, reduced model or scene up to 4000 degrees of freedom, or `Continuum`.
         u: flow speed >= 0, in sqrt(EI / mu_f) / L.
-        frequencies: angular, in 1 / T, each >= 0: an array or list is taken as it is; a tuple
-            (low, high) is a range, in which as many are chosen as make straight lines between
-            neighbours true to the tolerance, and each peak is one of them. Where not given, the
-            range from 0 to a fifth above the fourth lowest resonance.
+        frequencies: angular, in 1 / T, each >= 0: an array or list is taken as it is; in a range
+            given as a tuple (low, high), frequencies are chosen such that straight lines between
+            neighbours meet the tolerance, each peak among them. Where not given, the range from 0
+            to a fifth above the fourth lowest resonance.
         input: "base", whose transverse displacement in L has unit amplitude; ("force", s), a
             transverse force in EI / L^2 at the arc length s; or ("moment", s), in EI / L. A moment
             on a chain acts on the two segments whose middles are next to s, on the nearer the more,
@@ -201,12 +202,12 @@ def frequency_response(
         turning = np.sort(poles.imag[poles.imag > 0.0])
         if turning.size == 0:
             raise ValueError(f"frequencies must be given: at u = {u:g} no mode oscillates")
-        high = 1.2 * float(turning[:MODES][-1])
+        high = 1.2 * float(turning[:RESONANCES][-1])
     ask = partial(_Response, u=u, input=driven, output=place)
     first = ask(one)
     with one_thread(first.rows):
         grid = _chosen(first, poles, low, high, tolerance)
-    # At frequencies that resolve the response, so that a shift of the poles is seen in its slope.
+    # Bases are compared at frequencies that resolve the response, whose slope shows moved poles.
     at = np.unique(np.concatenate([grid, [] if given is None else given]))
 
     def question(one: Model) -> tuple[_Response, Complex]:
@@ -218,7 +219,7 @@ def frequency_response(
         asked,
         (u,),
         question,
-        lambda a, b: _moved(at, poles, a[1], b[1]),
+        lambda a, b: _response_change(at, poles, a[1], b[1]),
         tolerance=1e-8,
         smallest=one.dof,
     )
@@ -252,7 +253,7 @@ def frequency_response(
 
 
 def checked_range(name: str, given: Any) -> tuple[float, float]:
-    """A range of frequencies (low, high), that of an increasing sequence or array."""
+    """The range (low, high) of the frequencies in an increasing sequence or array."""
     at = check.array(name, given, low=0.0, high=HIGHEST, longest=100_000)
     if at.size < 2 or (np.diff(at) <= 0.0).any():
         raise ValueError(
@@ -262,7 +263,7 @@ def checked_range(name: str, given: Any) -> tuple[float, float]:
 
 
 def checked_input(given: Any) -> Input:
-    """What drives the pipe."""
+    """The argument `input`, if it names a load or the base; raises an error otherwise."""
     if isinstance(given, tuple) and len(given) == 2:
         kind = check.choice("input[0]", given[0], ("force", "moment"))
         return kind, check.real("input[1]", given[1], low=0.0, high=1.0, open_low=True)
@@ -276,7 +277,7 @@ def checked_input(given: Any) -> Input:
 
 
 def checked_output(given: Any, tip: float) -> float:
-    """Arc length of the place that is looked at."""
+    """Arc length of the place that the argument `output` asks for."""
     if isinstance(given, str):
         check.choice("output", given, ("tip",))
         return tip
@@ -284,9 +285,10 @@ def checked_output(given: Any, tip: float) -> float:
 
 
 def _with_joint(model: AnyModel, driven: Input) -> AnyModel:
-    """The continuous pipe with a joint of panels where a load acts, so that its answer converges.
+    """The continuous pipe with a joint of panels where a load acts; other models unchanged.
 
-    The third derivative jumps at a force, the curvature at a moment.
+    The third derivative jumps at a force and the curvature at a moment, so that the response would
+    converge slowly without the joint.
     """
     if not isinstance(model, Continuum) or isinstance(driven, str) or driven[1] == 1.0:
         return model
@@ -313,10 +315,10 @@ class _Response:
             kind, place = input
             self.loads[:, 0] = _displacement(model, float(place), int(kind == "moment"))
         self.output = _displacement(model, output)
-        self._basis = _Basis(self) if model.dof > SMALL else None
+        self._basis = _Basis(self) if model.dof > LARGEST_DIRECT else None
 
     def __call__(self, at: Array) -> Complex:
-        """At frequencies, shape (F,)."""
+        """Complex responses at frequencies `at`, each of shape (F,)."""
         if self._basis is not None:
             return self._basis(at)
         return _seen(self.output, _solutions(self._matrices, self.loads, at))
@@ -326,18 +328,18 @@ class _Response:
         return self.products(np.eye(self.model.dof))
 
     def products(self, x: NDArray[Any]) -> tuple[NDArray[Any], ...]:
-        """What K, C and M make of columns."""
+        """Products of K, C and M with the columns of x, (dof, k): three arrays of that shape."""
         of, u = self.pencil, self.u
-        still: NDArray[Any] = of.stiffness(x) + of.centrifugal * u**2 * of.flux(x)
-        if of.pipe.hysteresis:  # of oscillations with positive frequency
-            still = still + 1j * of.pipe.hysteresis * of.by_damping(x)
-        return still, u * of.velocity(x) + of.damping(x), of.mass(x)
+        stiffness: NDArray[Any] = of.stiffness(x) + of.centrifugal * u**2 * of.flux(x)
+        if of.pipe.hysteresis:  # the sign is that for positive frequencies
+            stiffness = stiffness + 1j * of.pipe.hysteresis * of.by_damping(x)
+        return stiffness, u * of.velocity(x) + of.damping(x), of.mass(x)
 
     def solution(self, omega: float) -> Complex:
-        """Of the equations at one frequency: by a factorisation, or of long chains by GMRES.
+        """Solution at one frequency, shape (dof,): by factorisation, or by GMRES for long chains.
 
-        In elastic coordinates P differs from a multiple of the identity by what is large for the
-        lowest modes only, so that some 30 iterations do.
+        In elastic coordinates P is close to a multiple of the identity in all but the lowest modes,
+        so that some 30 iterations suffice.
         """
         if not self.pencil.is_long:
             return _solutions(self._matrices, self.loads, np.array([omega]))[:, 0]
@@ -356,17 +358,17 @@ class _Response:
 
 
 def _solutions(matrices: tuple[Array, ...], loads: Array, at: Array) -> Complex:
-    """P^-1 f at frequencies of dense K, C and M, shape (n, F).
+    """Solutions P^-1 f of dense K, C and M at frequencies `at`, shape (n, F).
 
-    Infinite where P is singular, but 0 where nothing loads it: a base at rest moves nothing.
+    Solutions are infinite where P is singular, but 0 where the load is 0, as of a base at rest.
     """
-    still, rate, mass = matrices
-    found = np.full((len(still), at.size), math.inf, dtype=np.complex128)
-    piece = max(1, 200_000 // max(len(still) ** 2, 1))
+    stiffness, damping, mass = matrices
+    found = np.full((len(stiffness), at.size), math.inf, dtype=np.complex128)
+    piece = max(1, 200_000 // max(len(stiffness) ** 2, 1))
     for begin in range(0, at.size, piece):
         some = slice(begin, begin + piece)
         powers = (1j * at[some, None]) ** np.arange(3)
-        left = np.tensordot(powers, np.stack([still, rate, mass]), 1)
+        left = np.tensordot(powers, np.stack([stiffness, damping, mass]), 1)
         right = (powers @ loads.T)[..., None]
         factorised(len(left))
         try:
@@ -380,7 +382,7 @@ def _solutions(matrices: tuple[Array, ...], loads: Array, at: Array) -> Complex:
 
 
 def _seen(output: Array, x: Complex) -> Complex:
-    """What is seen of solutions, (n, F) to (F,): infinite where they are, unless nothing is."""
+    """Displacement of the output, (F,), in solutions (n, F): infinite with them unless always 0."""
     infinite = np.isinf(x).any(axis=0)
     found: Complex = np.asarray(output @ np.where(infinite, 0.0, x))
     found[infinite] = complex(math.inf, 0.0) if output.any() else 0.0
@@ -388,13 +390,13 @@ def _seen(output: Array, x: Complex) -> Complex:
 
 
 def base_solution(model: Model, u: float, omega: float) -> Complex:
-    """Coordinates q per unit amplitude of the base, complex, shape (dof,)."""
+    """Complex coordinates q at a frequency per unit amplitude of the base, shape (dof,)."""
     found = _Response(model, u, "base", 1.0).solution(omega)
     return np.asarray(model.from_elastic(found), dtype=np.complex128)
 
 
 class _Basis:
-    """Of solutions at a few frequencies: what they span has those at all others to rounding."""
+    """A basis of solutions at a few frequencies, in which all other solutions are found."""
 
     def __init__(self, response: _Response) -> None:
         self._response = response
@@ -413,7 +415,7 @@ class _Basis:
             )
             sizes = np.maximum(np.linalg.norm(loads, axis=0), np.linalg.norm(finite, axis=0))
             share = np.linalg.norm(missed, axis=0) / np.maximum(sizes, 1e-300)
-            share[np.isinf(x).any(axis=0)] = 0.0  # at the frequency of an undamped mode
+            share[np.isinf(x).any(axis=0)] = 0.0  # the frequency is that of an undamped mode
             worst = int(np.argmax(share))
             if share[worst] <= RESIDUAL:
                 return _seen(response.output @ self._vectors, x)
@@ -424,7 +426,7 @@ class _Basis:
                 )
 
     def _grown(self, solution: Complex) -> bool:
-        """Whether the basis did not have a solution, which it has then."""
+        """Adds a solution to the basis; False if the basis had it already."""
         before = self._vectors.shape[1]
         for part in (solution.real, solution.imag):
             left = part / max(float(np.linalg.norm(part)), 1e-300)
@@ -439,9 +441,9 @@ class _Basis:
 
 
 def _elastic(model: Model, of_coordinates: Callable[[Array], Array]) -> Array:
-    """Rows of linear functions of q, (k, dof), by the elastic coordinates.
+    """Matrix (k, dof) of k linear functions of q, in elastic coordinates.
 
-    The functions are given by what they make of columns q, (dof, j) to (k, j).
+    `of_coordinates` evaluates the functions: it takes columns q, (dof, j), to values, (k, j).
     """
     size, made = model.dof, list[Array]()
     for begin in range(0, size, 256):
@@ -451,29 +453,29 @@ def _elastic(model: Model, of_coordinates: Callable[[Array], Array]) -> Array:
 
 
 def _displacement(model: Model, s: float, derivative: int = 0) -> Array:
-    """What displaces the place s, or its slope, by each elastic coordinate, shape (dof,)."""
+    """Derivative of the displacement at s, or of its slope, by elastic coordinates, (dof,)."""
     return _elastic(model, lambda q: model.deflection(q, [s], derivative))[0]
 
 
 def _base_loads(model: Model, u: float) -> Array:
     """Loads by position, velocity and acceleration of the base across the pipe, (dof, 3).
 
-    From the equations of motion at rest, in which they are linear: what resists motion on the
-    ground feels the base's position and velocity, and all mass its acceleration.
+    The equations of motion at rest are linear in these. What resists motion on the ground feels the
+    position and velocity of the base, and all mass feels its acceleration.
     """
     model.require_base()
-    if model.pipe.hysteresis:  # no load depends on it, and motion has none
+    if model.pipe.hysteresis:  # no load depends on it, and equations of motion cannot have it
         model = model.with_pipe(replace(model.pipe, hysteresis=0.0))
     rest, half = model.resting(), model.moving
     still = np.concatenate([rest, np.zeros(half)])
-    # At rest on the straight pipe nothing is left that a small difference would be lost in.
+    # On the straight pipe at rest no acceleration is left in which a tiny difference would be lost.
     h = 1e-6 if rest.any() else 1e-30
     drive = np.zeros((ROWS, 3))
     drive[[1, 3, 5], [0, 1, 2]] = h
     states = np.stack([still] * 3, axis=1)
     either = (model.motion_rates(states, u, way * drive)[half:] for way in (1.0, -1.0))
     accelerations = np.subtract(*either) / (2.0 * h)
-    # Coordinates are independent, so that no singular value is rounding: none is cut off.
+    # The coordinates are independent, so that no singular value is rounding and none is cut off.
     moved, *_ = np.linalg.lstsq(model.by_coordinates(), accelerations, rcond=0.0)
     forces = model.operators().mass @ moved
     return _elastic(model, lambda q: forces.T @ q).T
@@ -483,14 +485,15 @@ def _base_loads(model: Model, u: float) -> Array:
 
 
 def _poles(model: AnyModel, u: float, high: float) -> tuple[Complex, Model, bool]:
-    """Eigenvalues in the upper half plane to beyond a frequency, and the model that has them.
+    """Eigenvalues in the upper half plane up to beyond a frequency, the model, and stability.
 
-    Also whether none has a positive real part.
+    The model is the one that has these eigenvalues, and the last value returned says whether none
+    of them has a positive real part.
     """
-    one, count, largest = model, 4 * MODES + 4, 0
+    one, count, largest = model, 4 * RESONANCES + 4, 0
     if isinstance(model, Continuum):
-        # Two thirds of the functions have modes of their own, the k-th at some (k pi)^2.
-        reached = 4.0 * MODES if high == math.inf else math.sqrt(3.0 * high) / math.pi
+        # Two thirds of the functions resolve modes; the k-th mode has a frequency near (k pi)^2.
+        reached = 4.0 * RESONANCES if high == math.inf else math.sqrt(3.0 * high) / math.pi
         largest = math.ceil(1.5 * reached) + 8
         one = model.frozen(SMALLEST)
     assert isinstance(one, Model)
@@ -499,7 +502,7 @@ def _poles(model: AnyModel, u: float, high: float) -> tuple[Complex, Model, bool
         found = modes(one, u, min(count, most))
         values = found.eigenvalues[found.converged]
         turning = np.unique(np.abs(values[values.imag > 0.0]))
-        if turning.size > MODES if high == math.inf else (turning > 1.5 * high).any():
+        if turning.size > RESONANCES if high == math.inf else (turning > 1.5 * high).any():
             break
         if count >= most:
             if not isinstance(model, Continuum) or one.dof >= largest:
@@ -511,7 +514,7 @@ def _poles(model: AnyModel, u: float, high: float) -> tuple[Complex, Model, bool
 
 
 def _chosen(response: _Response, poles: Complex, low: float, high: float, most: float) -> Array:
-    """Frequencies between which straight lines miss the response by a share of it at most."""
+    """Frequencies between which straight lines err by a share `most` of the response at most."""
     if low == high:
         return np.array([low])
     around = np.concatenate([[0.0], np.geomspace(0.25, 64.0, 9)])
@@ -525,8 +528,8 @@ def _chosen(response: _Response, poles: Complex, low: float, high: float, most: 
     left, right = np.arange(at.size - 1), np.arange(1, at.size)
     floor = 1e-6 * float(np.median(np.abs(values)))
     while left.size:
-        if at.size > MOST:
-            raise NotConverged(f"the response needs more than {MOST} frequencies")
+        if at.size > MOST_FREQUENCIES:
+            raise NotConverged(f"the response needs more than {MOST_FREQUENCIES} frequencies")
         middle = 0.5 * (at[left] + at[right])
         there = response(middle)
         known = np.isfinite(values[left]) & np.isfinite(values[right]) & np.isfinite(there)
@@ -544,14 +547,14 @@ def _chosen(response: _Response, poles: Complex, low: float, high: float, most: 
 
 
 def _undamped(poles: Complex) -> Array:
-    """Frequencies of the modes without damping."""
+    """Frequencies of the poles that lie on the imaginary axis."""
     return poles.imag[growth(poles) == 0.0]
 
 
-def _moved(at: Array, poles: Complex, before: Complex, after: Complex) -> float:
-    """Largest change of the response, relative, beyond that of poles that move by 1e-11."""
+def _response_change(at: Array, poles: Complex, before: Complex, after: Complex) -> float:
+    """Largest relative change of the response, less that of poles which move by 1e-11."""
     size = np.maximum(np.abs(after), 1e-6 * float(np.median(np.abs(after))))
-    size[size == 0.0] = 1.0  # of a place that is held
+    size[size == 0.0] = 1.0  # the place is held and does not move
     shift = 1e-11 * np.abs(poles / (1j * at[:, None] - poles + 1e-300)).max(axis=1, initial=0.0)
     return relative(before / size, after / size, shift)
 
@@ -559,11 +562,12 @@ def _moved(at: Array, poles: Complex, before: Complex, after: Complex) -> float:
 def _resonances(
     response: _Response, poles: Complex, at: Array, values: Complex
 ) -> tuple[Resonance, ...]:
-    """Peaks of a response that is known at frequencies which resolve it."""
+    """Peaks of a response whose values are known at frequencies that resolve it."""
     sizes, undamped = np.abs(values), _undamped(poles)
     found = list[Resonance]()
     for omega in undamped[(undamped >= at[0]) & (undamped <= at[-1])].tolist():
-        # Twice as near it is twice as large, but where the mode is not driven or not seen.
+        # Near a pole the response grows tenfold at a tenth of the distance, unless the mode is not
+        # driven or does not move the output.
         far, near = np.abs(response(omega * (1.0 + np.array([1e-5, 1e-6]))))
         if near > 5.0 * far:
             found.append(Resonance(omega, math.inf, 0.0))
@@ -572,7 +576,7 @@ def _resonances(
         if not sizes[k - 1] < sizes[k] >= sizes[k + 1] or close.any():
             continue
         low, high = at[k - 1], at[k + 1]
-        for _ in range(7):  # to an eighth each
+        for _ in range(7):  # each pass narrows the interval to an eighth
             some = np.linspace(low, high, 17)
             heights = np.abs(response(some))
             best = int(np.argmax(heights))

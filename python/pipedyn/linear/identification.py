@@ -1,15 +1,16 @@
 # SPDX-License-Identifier: MIT
-"""Numbers of a pipe from what was measured on it, with their uncertainties.
+"""Identification of a pipe's numbers from measurements, with their uncertainties.
 
 Least squares of (model - measured) / uncertainty over the logarithms of the unknown numbers, within
-bounds. The model is the continuous pipe's small motion. Derivatives are exact: of a root of
-P(lambda, u; x) with left and right vectors y and v
+bounds. The model is the continuous pipe's small motion. Derivatives are exact. A root of
+P(lambda, u; x) with left and right vectors y and v has the derivative
 
     d lambda / d x = -y^H P_x v / y^H P_lambda v,
 
-where P_x is a difference of sixth order of the matrices, which are smooth in x; of a crossing of
-the imaginary axis d u / d x = -Re(lambda_x) / Re(lambda_u). Where two roots meet there, as at each
-divergence of a pipe without damping, y^H P_lambda v = 0 and d u / d x = -y^H P_x v / y^H P_u v.
+where P_x is a difference of sixth order of the matrices, which are smooth in x. A crossing of the
+imaginary axis moves by d u / d x = -Re(lambda_x) / Re(lambda_u). Where two roots meet on the axis,
+as at each divergence of a pipe without damping, y^H P_lambda v = 0 and
+d u / d x = -y^H P_x v / y^H P_u v.
 """
 
 from __future__ import annotations
@@ -24,6 +25,7 @@ from typing import Any, Literal, get_args
 import numpy as np
 
 from pipedyn.linear.critical_speed import CriticalSpeed, critical_speed
+from pipedyn.linear.differences import STENCIL
 from pipedyn.linear.modes import root_loci
 from pipedyn.models.base import Operators, checked_pipe
 from pipedyn.models.continuum import Continuum
@@ -48,69 +50,65 @@ MeasuredQuantity = Literal[
 STIFFNESS, COMPLIANCE = "bending_stiffness", "clamp_compliance"
 
 RANGES_OF_ZERO = {"damping": (1e-6, 1.0), "hysteresis": (1e-5, 1.0), COMPLIANCE: (1e-5, 10.0)}
-"""Bounds, nondimensional, of unknowns for which the pipe has no value to look around."""
+"""Nondimensional bounds of unknowns that are 0 in the given pipe, where none are given."""
 
 AROUND = 30.0
-"""Factor by which an unknown may differ from the pipe's own value where no bounds are given."""
+"""Factor by which an unknown may differ from its value in the pipe where no bounds are given."""
 
-STEP = 0.01
-"""Of the logarithms, for derivatives of the matrices: the sixth-order error is below rounding."""
+LOG_STEP = 0.01
+"""Step of the logarithms in differences of the matrices: the error is below rounding."""
 
-STENCIL = np.array([45.0, -9.0, 1.0]) / 60.0
-
-SIZES = (16, 24, 36, 54)
-"""Functions of the model, one after the other until the predictions stay."""
+FUNCTIONS = (16, 24, 36, 54)
+"""Numbers of functions of the model, tried in turn until the predictions no longer change."""
 
 MOST_SPEED = 55.0
-"""u up to which modes are followed: a flow of 1.25 (SIZES[-1] - 8) bends the pipe into waves as
-short as the largest model has."""
+"""Largest u to which modes are followed. A flow of u = 1.25 (FUNCTIONS[-1] - 8) bends the pipe into
+waves as short as the largest model can represent."""
 
 MOST_TRIALS = 40
-"""Pipes that a search from one start tries: those that end in an optimum take 5 to 30."""
+"""Most pipes that a search from one start tries; searches that find an optimum try 5 to 30."""
 
 STAYING = 0.02
-"""Change of a prediction, in its uncertainty, from one of these to the next that is let pass."""
+"""Largest change of a prediction in a larger model, as a share of its uncertainty."""
 
 UNTOLD = 1.0
-"""Standard deviation of a combination of logarithms, a factor of e, beyond which data do not tell
-it: the linear law of errors means nothing there."""
+"""Standard deviation of a combination of logarithms, here a factor of e, beyond which measurements
+do not determine it: the linear law of errors means nothing there."""
 
-WEAK = 0.3
-"""Relative uncertainty of an estimate from which on it is called weakly determined."""
+WEAKLY_DETERMINED = 0.3
+"""Relative uncertainty beyond which an estimate comes with a warning."""
 
 LEAST_TURN = 1e-3
-"""Share of |lambda| that the frequency counts for at least in a decrement, on the way of the search
-through pipes whose mode does not oscillate."""
+"""Least frequency, as a share of |lambda|, by which a decrement is divided. The search may pass
+through pipes whose mode does not oscillate and so has no decrement."""
 
 MEETING = 1e4
-"""|d lambda / d u| at a crossing from which on two roots meet there: rounding leaves some 1e7 of
-infinity, and weakly damped pipes have some 1e2."""
+"""|d lambda / d u| at a crossing beyond which two roots count as meeting there. Where they meet it
+is infinite, of which rounding leaves some 1e7; weakly damped pipes have some 1e2."""
 
-MODES = 20
-"""The highest mode that may be measured."""
+HIGHEST_MODE = 20
+"""Number of the highest mode that a measurement may name."""
 
 
 @saved_as("NotIdentifiable")
 class NotIdentifiable(PipedynError):
-    """Measurements that do not tell the unknowns."""
+    """The measurements do not determine the unknowns."""
 
 
 @saved_as("Measurement")
 @dataclass(frozen=True)
 class Measurement:
-    """One measured number.
-
-    Of a pipe made with `Pipe.from_si` in SI units, of another nondimensional.
+    """One measured number, in SI units for a pipe made with `Pipe.from_si`, else nondimensional.
 
     Attributes:
         quantity: "frequency" of a mode, in Hz (nondimensional: angular, 1 / T); "decay_rate", minus
             the real part of its eigenvalue, in 1/s (1 / T); "decrement", the logarithm of the ratio
-            of two maxima a period apart; "critical_speed" in m/s (u); or "critical_frequency", with
-            which it begins to flutter, in Hz (1 / T).
-        value: what was measured.
-        uncertainty: its standard deviation > 0, in the same unit.
+            of two maxima a period apart; "critical_speed" in m/s (u); or "critical_frequency", at
+            which the pipe begins to flutter, in Hz (1 / T).
+        value: measured value of the quantity.
+        uncertainty: standard deviation of the value, > 0, in the same unit.
         speed: flow speed at which a mode was measured, in m/s (u).
-        mode: which one, from 1, counted at rest by frequency.
+        mode: number of the mode, from 1, counted at rest by frequency.
 
     Raises:
         ValueError, TypeError: for bad arguments.
@@ -134,7 +132,7 @@ class Measurement:
         speed = check.real("speed", self.speed, low=0.0, high=1e6)
         if speed and self.quantity.startswith("critical"):
             raise ValueError(f"speed must be left out of a {self.quantity}, got {speed:g}")
-        mode = check.count("mode", self.mode, low=1, high=MODES)
+        mode = check.count("mode", self.mode, low=1, high=HIGHEST_MODE)
         given = {"value": value, "uncertainty": sigma, "speed": speed, "mode": mode}
         for name, one in given.items():
             object.__setattr__(self, name, one)
@@ -149,30 +147,31 @@ class Measurement:
     },
 )
 class Identification(TableResult):
-    """What measurements say of a pipe.
+    """Numbers of a pipe estimated from measurements.
 
-    In SI units where the pipe has scales: the bending stiffness in N m^2, damping in s, the clamp's
-    compliance in rad/(N m), terms' numbers in their units.
+    If the pipe has scales, all values are in SI units: the bending stiffness in N m^2, damping in
+    s, the clamp's compliance in rad/(N m) and the numbers of terms in their units.
 
     Attributes:
-        unknowns: names, (U,).
+        unknowns: names of the U unknowns.
         values: estimates, shape (U,).
-        uncertainties: standard deviations, shape (U,); NaN of an estimate at the end of its range.
-        covariance: of the estimates, shape (U, U); NaN where it is not known.
-        correlation: the same over the uncertainties, shape (U, U).
-        predicted: what the pipe with these numbers would show, shape (M,).
+        uncertainties: standard deviations, shape (U,); NaN for an estimate at the end of its range.
+        covariance: covariance of the estimates, shape (U, U); NaN where it is not known.
+        correlation: covariance divided by both uncertainties, shape (U, U).
+        predicted: measured quantities that a pipe with these numbers would have, shape (M,).
         residuals: (measured - predicted) / uncertainty, shape (M,).
-        chi_squared: sum of their squares: about `freedom` if the model and the uncertainties are
-            right.
-        freedom: number of measurements less that of unknowns within their ranges: an estimate at
+        chi_squared: sum of the squared residuals, which is about `freedom` if the model and the
+            uncertainties are right.
+        freedom: number of measurements less that of unknowns within their ranges; an estimate at
             the end of its range fits nothing.
-        condition: of the derivatives by the logarithms of the unknowns, in units of the
-            measurements' uncertainties.
-        warnings: what to know before the estimates are used, in sentences.
+        condition: condition number of the derivatives by the logarithms of the unknowns, in units
+            of the measurements' uncertainties.
+        warnings: sentences to read before the estimates are used.
         critical_speed: predicted flow speed at which the pipe loses stability, in m/s (u).
-        critical_speed_uncertainty: its standard deviation, of the unknowns' alone.
-        pipe: with these numbers.
-        measurements: what was measured.
+        critical_speed_uncertainty: standard deviation of that speed by the uncertainties of the
+            unknowns alone.
+        pipe: the pipe with the estimated numbers.
+        measurements: the measurements as they were given.
     """
 
     unknowns: tuple[str, ...]
@@ -207,17 +206,16 @@ def identify(
     """Estimates numbers of a pipe from measured frequencies, decay rates and critical speeds.
 
     Args:
-        pipe: the pipe as far as it is known. Its values of the unknowns are where the search
-            begins.
-        measurements: at least as many as unknowns.
+        pipe: the pipe as far as it is known. The search begins at its values of the unknowns.
+        measurements: measured numbers, at least as many as unknowns.
         unknowns: names, or bounds (low, high) by name. Names are "bending_stiffness" (of a pipe
             made with `from_si`), "clamp_compliance" (one over the stiffness of a `RootSpring`), and
-            the pipe's numbers as of `boundary`: "damping", "hysteresis", "Viscosity.sigma",
-            "Spring.stiffness". Without bounds an unknown may differ by a factor of 30 from the
-            pipe's value.
+            the numbers of the pipe that `boundary` takes, such as "damping", "hysteresis",
+            "Viscosity.sigma" or "Spring.stiffness". Without bounds an unknown may differ by a
+            factor of 30 from the pipe's value.
 
     Returns:
-        Identification.
+        Identification with the estimates, their uncertainties and warnings.
 
     Example:
         >>> pipe = pp.Pipe.from_si(
@@ -233,38 +231,38 @@ def identify(
         1
 
     Raises:
-        NotIdentifiable: if the measurements do not tell the unknowns; the message names the
+        NotIdentifiable: if the measurements do not determine the unknowns; the message names the
             combination that stays open.
         NoCrossing: if a measured critical speed has no counterpart in the model.
-        NotConverged: if the model's predictions still move as it grows.
+        NotConverged: if the model's predictions still change in the largest model.
         ValueError, TypeError: for bad arguments.
 
     Source: Nocedal and Wright (2006), Numerical optimization, ch. 10, for least squares.
     Uncertainties follow from those of the measurements by the linear law of errors.
     """
-    known = _checked(pipe, measurements, unknowns)
-    with one_thread(max(SIZES)):
+    known = _checked_problem(pipe, measurements, unknowns)
+    with one_thread(max(FUNCTIONS)):
         x = known.begin
-        for size in SIZES:
+        for size in FUNCTIONS:
             x = known.fitted(x, size)
             moved = known.moved(x, size)
             if moved <= STAYING:
-                return known.described(x, size)
+                return known.estimated(x, size)
     raise NotConverged(
-        f"with {SIZES[-1]} functions a prediction still moves by {moved:.2g} of its uncertainty"
+        f"with {FUNCTIONS[-1]} functions a prediction still moves by {moved:.2g} of its uncertainty"
     )
 
 
 @dataclass(frozen=True)
 class _Unknown:
-    """A number that is looked for."""
+    """A number that is estimated."""
 
     name: str
     low: float  # bounds, in the units of users
     high: float
 
     def put(self, pipe: Pipe, value: float) -> Pipe:
-        """The pipe with a value of it."""
+        """The pipe in which this number has a value, given in the units of users."""
         if self.name == STIFFNESS:
             return _with_stiffness(pipe, value)
         one = value / _unit(self.name, pipe)
@@ -274,7 +272,7 @@ class _Unknown:
 
 
 def _unit(name: str, pipe: Pipe) -> float:
-    """Value of one nondimensional unit of an unknown, for users."""
+    """Size of one nondimensional unit of an unknown, in the units of users."""
     if pipe.scales is None:
         return 1.0
     length, mass, time, _ = pipe.scales
@@ -293,15 +291,15 @@ def _unit(name: str, pipe: Pipe) -> float:
 
 
 def _speed_unit(pipe: Pipe) -> float:
-    """Of flow speeds, for users."""
+    """Size of one nondimensional unit of flow speed, in the units of users."""
     return 1.0 if pipe.scales is None else pipe.scales.speed
 
 
 def _with_stiffness(pipe: Pipe, value: float) -> Pipe:
-    """The pipe with another bending stiffness, all that was measured in SI units staying."""
+    """The pipe with another bending stiffness, and all other numbers the same in SI units."""
     old = pipe.scales
     assert old is not None
-    slower = math.sqrt(_unit(STIFFNESS, pipe) / value)  # times grow by this factor
+    slower = math.sqrt(_unit(STIFFNESS, pipe) / value)  # the unit of time grows by this factor
     new = Scales(old.length, old.mass, old.time * slower, old.speed / slower)
     root: Any = pipe.root
     if isinstance(root, RootSpring):
@@ -319,8 +317,8 @@ def _with_stiffness(pipe: Pipe, value: float) -> Pipe:
     )
 
 
-def _checked(pipe: Pipe, measurements: Any, unknowns: Any) -> _Problem:
-    """The arguments of `identify`."""
+def _checked_problem(pipe: Pipe, measurements: Any, unknowns: Any) -> _Problem:
+    """The problem that the arguments of `identify` pose; raises errors for bad arguments."""
     pipe = checked_pipe(pipe)
     if not isinstance(measurements, list | tuple):
         raise TypeError(
@@ -360,7 +358,7 @@ def _checked(pipe: Pipe, measurements: Any, unknowns: Any) -> _Problem:
 
 
 def _unknown(pipe: Pipe, name: Any, bounds: Any) -> tuple[_Unknown, float]:
-    """An unknown, and where its search begins."""
+    """An unknown, and the value at which its search begins."""
     if name == STIFFNESS and pipe.scales is None:
         raise ValueError(
             "unknowns must not have 'bending_stiffness' of a nondimensional pipe, which is counted "
@@ -401,14 +399,14 @@ def _unknown(pipe: Pipe, name: Any, bounds: Any) -> tuple[_Unknown, float]:
         )
     one = _Unknown(name, float(low), float(high))
     begin = value * unit if value > 0.0 else math.sqrt(low * high)
-    for end in (one.low, one.high):  # a bad range is told at once
+    for end in (one.low, one.high):  # raises an error for a bad range before any search
         one.put(pipe, end)
     return one, begin
 
 
 @dataclass(frozen=True)
 class _Problem:
-    """Measurements and unknowns; x are the logarithms of the unknowns."""
+    """A least-squares problem in x, the logarithms of the unknowns, shape (U,)."""
 
     given: Pipe
     measurements: tuple[Measurement, ...]
@@ -418,41 +416,41 @@ class _Problem:
 
     @property
     def bounds(self) -> Array:
-        """Of x, shape (2, U)."""
+        """Lowest and highest x, shape (2, U)."""
         return np.log([[one.low for one in self.unknowns], [one.high for one in self.unknowns]])
 
     def pipe(self, x: Array) -> Pipe:
-        """The pipe with these unknowns."""
+        """The pipe with the unknowns exp(x)."""
         pipe = self.given
-        # The stiffness first: the others stay what they are in SI units.
+        # The stiffness goes first, since it changes the units in which the others are counted.
         pairs = list(zip(self.unknowns, np.exp(x).tolist(), strict=True))
         for one, value in sorted(pairs, key=lambda pair: pair[0].name != STIFFNESS):
             pipe = one.put(pipe, value)
         return pipe
 
     def model(self, x: Array, size: int) -> Galerkin:
-        """The model with so many functions."""
+        """The reduced model at x with `size` functions."""
         return Continuum(self.pipe(x)).frozen(size)
 
     def roots(self, x: Array, size: int) -> _Roots:
-        """Of the model, kept for the next question about the same."""
+        """Roots of the model at x, kept for the next question about the same model."""
         known = self.last[-1:]
         if not known or known[0].size != size or not np.array_equal(known[0].x, x):
             self.last[:] = [_Roots(self, x.copy(), size)]
         return self.last[-1]
 
     def predictions(self, x: Array, size: int) -> tuple[Array, Array]:
-        """What each measurement should show, (M,), and its derivatives by x, (M, U)."""
+        """Predictions for the measurements, (M,), and their derivatives by x, (M, U)."""
         roots = self.roots(x, size)
         found = [roots.answer(one) for one in self.measurements]
         return np.array([value for value, _ in found]), np.array([slope for _, slope in found])
 
     def fitted(self, begin: Array, size: int) -> Array:
-        """The unknowns of least squares, from here and, if that explains little, from elsewhere."""
+        """The x of least squares: from `begin` and, while misfits are large, from other starts."""
         low, high = self.bounds
         random = np.random.default_rng(0)
         starts = [begin]
-        if size == SIZES[0]:
+        if size == FUNCTIONS[0]:
             starts.append(0.5 * (low + high))
             starts += [low + (high - low) * random.uniform(size=low.size) for _ in range(4)]
         best, failed = None, list[PipedynError]()
@@ -483,33 +481,33 @@ class _Problem:
 
     @property
     def freedom(self) -> int:
-        """Number of measurements less that of unknowns."""
+        """Degrees of freedom: number of measurements less number of unknowns."""
         return len(self.measurements) - len(self.unknowns)
 
     @staticmethod
     def explained(squares: float, freedom: int) -> bool:
-        """Whether chance alone makes so large a sum of squares once in a hundred times, or oftener.
+        """Whether chance alone makes a sum of squares so large in more than 1 % of all cases.
 
-        Without freedom it has to vanish.
+        Without degrees of freedom the sum has to vanish.
         """
         if not freedom:
             return squares < 1e-6
         return bool(scipy.stats.chi2.sf(squares, freedom) > 0.01)
 
     def _misfit(self, x: Array, size: int) -> tuple[Array, Array]:
-        """Residuals of least squares and their derivatives."""
+        """Residuals (predicted - measured) / uncertainty, (M,), and derivatives by x, (M, U)."""
         predicted, slopes = self.predictions(x, size)
         sigma = np.array([one.uncertainty for one in self.measurements])
         measured = np.array([one.value for one in self.measurements])
         return (predicted - measured) / sigma, slopes / sigma[:, None]
 
     def moved(self, x: Array, size: int) -> float:
-        """Largest change of a prediction, in its uncertainty, in a larger model."""
+        """Largest change of a prediction in a larger model, as a share of its uncertainty."""
         larger = size + max(8, size // 2)
         return float(np.abs(self._misfit(x, larger)[0] - self._misfit(x, size)[0]).max())
 
-    def described(self, x: Array, size: int) -> Identification:
-        """The estimates with their uncertainties."""
+    def estimated(self, x: Array, size: int) -> Identification:
+        """The estimates at the least-squares x, with their uncertainties and warnings."""
         residuals, slopes = self._misfit(x, size)
         low, high = self.bounds
         at_end = (x - low < 1e-4) | (high - x < 1e-4)
@@ -559,7 +557,7 @@ class _Problem:
         )
 
     def _untold(self, free: Any, direction: Array, size: float) -> str:
-        """The combination of unknowns that measurements leave open, in words."""
+        """A sentence that names the combination of unknowns which the measurements leave open."""
         names = [self.unknowns[i].name for i in free]
         powers = direction / direction[int(np.argmax(np.abs(direction)))]
         parts = [
@@ -571,6 +569,7 @@ class _Problem:
         return f"the measurements tell {' '.join(parts)} {known}: measure something else, too"
 
     def _warnings(self, values: Array, relative: Array, at_end: Any, at_low: Any) -> Any:
+        """Sentences about estimates at an end of their range or with a large uncertainty."""
         for i, one in enumerate(self.unknowns):
             if at_end[i]:
                 side, word = (one.low, "at most") if at_low[i] else (one.high, "at least")
@@ -578,12 +577,12 @@ class _Problem:
                     f"{one.name} lies at the end of its range: the measurements say that it is "
                     f"{word} about {side:.3g}, and uncertainties are those at that value"
                 )
-            elif relative[i] > WEAK:
+            elif relative[i] > WEAKLY_DETERMINED:
                 yield f"{one.name} is known to {100.0 * relative[i]:.0f} % only"
 
 
 class _Roots:
-    """Roots of one model, and their derivatives by the unknowns."""
+    """Predictions of one model for measurements, and their derivatives by the unknowns."""
 
     def __init__(self, problem: _Problem, x: Array, size: int) -> None:
         self.problem, self.x, self.size = problem, x, size
@@ -593,25 +592,26 @@ class _Roots:
 
     @cached_property
     def _beside(self) -> list[list[tuple[float, Pipe, Operators]]]:
-        """For each x weights of a derivative, pipes on either side and their operators."""
+        """Weights, pipes and operators of the central differences by each x, a list for each."""
         found: list[list[tuple[float, Pipe, Operators]]] = []
         for i in range(self.x.size):
             found.append([])
             for k, weight in enumerate(STENCIL, 1):
                 for side in (1.0, -1.0):
                     x = self.x.copy()
-                    x[i] += side * k * STEP
+                    x[i] += side * k * LOG_STEP
                     pipe = self.problem.pipe(x)
                     operators = Continuum(pipe).frozen(self.size).operators()
-                    found[-1].append((side * weight / STEP, pipe, operators))
+                    found[-1].append((side * weight / LOG_STEP, pipe, operators))
         return found
 
     @cached_property
     def _critical(self) -> CriticalSpeed:
+        """Critical speed of the model."""
         return critical_speed(self.model)
 
     def answer(self, one: Measurement) -> tuple[float, Array]:
-        """What a measurement should show and its derivatives by x."""
+        """The predicted value of a measurement and its derivatives by x, shape (U,)."""
         if one not in self._answers:
             self._answers[one] = self._answer(one)
         return self._answers[one]
@@ -629,7 +629,7 @@ class _Roots:
         by_x = -by_x / down
         time, by_time = self._time()
         if one.quantity == "decrement":
-            turning = max(root.imag, LEAST_TURN * abs(root))  # where it is overdamped
+            turning = max(root.imag, LEAST_TURN * abs(root))  # also if the mode is overdamped
             ratio = root.real / turning
             slope = (by_x.real - ratio * by_x.imag) / turning
             return -2.0 * math.pi * ratio, -2.0 * math.pi * slope
@@ -638,13 +638,14 @@ class _Roots:
         return self._frequency(root.imag, by_x.imag)
 
     def _frequency(self, omega: float, slope: Array) -> tuple[float, Array]:
-        """In Hz where the pipe has scales."""
+        """A frequency and its derivatives for users, in Hz where the pipe has scales."""
         time, by_time = self._time()
         turn = 1.0 if self.pipe.scales is None else 2.0 * math.pi
         value = omega / (turn * time)
         return value, slope / (turn * time) - value * by_time
 
     def _at_onset(self, quantity: str) -> tuple[float, Array]:
+        """The critical speed or frequency and its derivatives by x."""
         found = self._critical
         refused = "measurements must not have a critical_frequency of a pipe that"
         if quantity == "critical_frequency" and not found.frequency:
@@ -654,7 +655,7 @@ class _Roots:
             )
         down, by_x, by_u = self._slopes(1j * found.frequency, lambda pipe: found.speed)
         meet, moved = False, np.zeros_like(by_x.real)
-        if found.speed > 0.0:  # else the smallest flow makes every such pipe unstable
+        if found.speed > 0.0:  # at 0 the smallest flow makes every such pipe unstable
             meet = abs(by_u) > MEETING * abs(down)
             turned = (by_u if meet else down).conjugate()
             moved = -(turned * by_x).real / (turned * by_u).real
@@ -670,10 +671,10 @@ class _Roots:
         return unit * found.speed, unit * (moved + found.speed * by_unit)
 
     def _slopes(self, root: complex, speed: Any) -> tuple[complex, Any, complex]:
-        """y^H P_lambda v, y^H P_x v, the flow staying what it is in users' units, and y^H P_u v."""
+        """y^H P_lambda v, y^H P_x v at constant flow in the units of users, and y^H P_u v."""
 
         def whole(parts: Any) -> Any:
-            if root == 0.0:  # a static load loses nothing
+            if root == 0.0:  # hysteresis does not act on static loads
                 return parts[2].real
             return parts[2] + root * parts[1] + root**2 * parts[0]
 
@@ -686,9 +687,9 @@ class _Roots:
             sum(weight * whole(of.at(speed(pipe))) for weight, pipe, of in beside)
             for beside in self._beside
         ]
-        h = STEP
+        h = LOG_STEP
         ahead, behind = (np.array(operators.at(one)) for one in (u + h * u, u - h * u))
-        by_u = (ahead - behind) / (2.0 * h * u) if u else np.zeros_like(here)  # of second degree
+        by_u = (ahead - behind) / (2.0 * h * u) if u else np.zeros_like(here)  # exact
         slopes = np.array([*by_x, whole(by_u)])
         projected = np.einsum("i,kij,j->k", y, slopes, v)
         return down, projected[:-1], complex(projected[-1])

@@ -36,36 +36,36 @@ from pipedyn.util.threads import one_thread
 from pipedyn.util.units import RATE
 
 LARGEST_FULL = _core.dense_limit
-"""Degrees of freedom up to which all eigenvalues are computed at once."""
+"""Largest number of degrees of freedom at which all eigenvalues are computed at once."""
 
-LARGEST_TABLE = 10_000_000
-"""Eigenvalues times degrees of freedom beyond which vectors are refused: 1 GB at work."""
+LARGEST_VECTORS = 10_000_000
+"""Largest number of eigenvalues times degrees of freedom: vectors then take 1 GB at work."""
 
 CONTINUUM_SPEED, CONTINUUM_COUNT = 1000.0, 400
-"""Largest u and count for a `Continuum`, whose basis grows with both: at u = 1000 answers
-of 640 and 816 functions differ by 3e-9, which is rounding, so that more do not help; 400
-eigenvalues take dense problems of 816 rows, a second each."""
-
+"""Largest u and count for a `Continuum`, whose basis grows with both. At u = 1000 eigenvalues from
+640 and 816 functions differ by 3e-9, which is rounding, so that larger bases do not help; 400
+eigenvalues need dense problems of 816 rows, which take a second each."""
 
 CLUSTER = 1e-6
-"""Relative distance from |lambda| = 1 / damping within which a root is one that accumulates."""
+"""Relative distance from |lambda| = 1 / damping within which a root is part of the cluster."""
 
 
 def eigenvalues(model: AnyModel, u: float, count: int | None = None) -> Complex:
     """Eigenvalues lambda of the straight pipe at flow speed u; motion ~ exp(lambda tau).
 
     Args:
-        model: chain, reduced model or `Continuum`; of a pipe that rests bent `model.about(q)`.
+        model: chain, reduced model or `Continuum`; for a pipe that rests bent, `model.about(q)`.
         u: flow speed >= 0, in sqrt(EI / mu_f) / L.
-        count: how many, from the lowest |lambda|; all 2 dof where not given. Long chains (beyond
-            64 segments) are solved in O(n) for a small count. `Continuum` needs it.
+        count: number of eigenvalues, from the lowest |lambda|; all 2 dof where not given. Long
+            chains (beyond 64 segments) are solved in O(n) for a small count. A `Continuum` needs a
+            count.
 
     Returns:
-        Complex array (count,), sorted by |lambda|; conjugates are neighbours, the upper
-        first (an odd count may cut the last pair). With hysteresis it has the pairs that oscillate
-        and the real roots that grow, see `Pipe.hysteresis`; of strong damping these may be fewer
-        than 2 dof in all. Of a damped `Continuum` they are those with |lambda| < 1 / damping, so
-        that there may be fewer than asked for: at -1 / damping its eigenvalues accumulate.
+        Complex array (count,), sorted by |lambda|; conjugates are neighbours, the upper one
+        first (an odd count may cut the last pair). With hysteresis it holds the pairs that
+        oscillate and the real roots that grow, see `Pipe.hysteresis`; under strong damping these
+        may be fewer than 2 dof. Eigenvalues of a damped `Continuum` accumulate at -1 / damping, so
+        that only those with |lambda| < 1 / damping are returned, which may be fewer than count.
 
     Example:
         >>> found = pp.eigenvalues(pp.Continuum(pp.Pipe(0.2)), 4.0, count=4)
@@ -74,11 +74,11 @@ def eigenvalues(model: AnyModel, u: float, count: int | None = None) -> Complex:
 
     Raises:
         NotConverged: if an eigenvalue fails the check of its residual; `result` holds the `Modes`,
-            of which `converged` says which.
+            whose `converged` says which ones fail.
         ValueError, TypeError: for bad arguments.
 
-    Source: of chains and of straight models in Legendre curvatures, elimination along the pipe, see
-    `cpp/pipedyn/linear/structured.hpp`; of others the inverse problem, see
+    Source: chains and straight models in Legendre curvatures are solved by elimination along the
+    pipe, see `cpp/pipedyn/linear/structured.hpp`; other models by the inverse problem, see
     `cpp/pipedyn/linear/operator.hpp`.
     """
     u, count = _checked_question(model, u, count)
@@ -102,12 +102,12 @@ def eigenvalues(model: AnyModel, u: float, count: int | None = None) -> Complex:
 
 @saved_as("ModeShape", shapes={"dof": "coordinates"})
 class ModeShape(Result):
-    """Transverse displacement of one mode, complex; its largest magnitude is 1, there it is real.
+    """Complex transverse displacement of one mode, scaled to be 1 where its magnitude is largest.
 
     Attributes:
-        eigenvalue: lambda.
-        model: the model it belongs to.
-        coordinates: q, complex, shape (dof,).
+        eigenvalue: eigenvalue lambda of the mode.
+        model: the model whose mode it is.
+        coordinates: coordinates q of the mode, complex, shape (dof,).
 
     In SI the eigenvalue is in 1/s; the size of a mode is arbitrary, so its shape stays as it is.
     """
@@ -135,15 +135,15 @@ class Modes(TableResult, units={"errors": RATE}):
     """Eigenvalues and modes at one flow speed.
 
     Attributes:
-        speed: u.
+        speed: flow speed u.
         eigenvalues: lambda, complex, shape (count,), sorted by |lambda|; NaN where double precision
-            holds none.
-        shapes: one function of s for each eigenvalue.
+            cannot represent one.
+        shapes: a function of arc length for each eigenvalue.
         residuals: relative residual of each pair, shape (count,).
-        converged: whether each passed the check of its residual, shape (count,).
-        size: degrees of freedom of the model solved.
-        discretisation: for `Continuum`, the largest change of an eigenvalue from the basis before
-            the last, relative to it or to 1, whichever is more; None for other models.
+        converged: whether each pair passed the check of its residual, shape (count,).
+        size: number of degrees of freedom of the model that was solved.
+        discretisation: for `Continuum`, the largest change of an eigenvalue from the last basis but
+            one to the last, relative to it or to 1, whichever is more; None for other models.
 
     Example:
         >>> chain = pp.Chain(pp.Pipe(0.2), n=5)
@@ -164,10 +164,11 @@ class Modes(TableResult, units={"errors": RATE}):
 
     @cached_property
     def errors(self) -> Array:
-        """How far each eigenvalue may be from the exact one, absolute, shape (count,).
+        """Bound, to first order, on the absolute error of each eigenvalue, shape (count,).
 
-        To first order: residual and rounding times the eigenvalue's condition, which takes left
-        vectors, computed at the first request; for `Continuum` with `discretisation`.
+        It is the residual and rounding times the condition of the eigenvalue, and for `Continuum`
+        the `discretisation` besides. The condition needs left eigenvectors, which are computed at
+        the first request.
         """
         problem = eigenproblem(self.shapes[0].model)
         pairs = problem.lowest(self.speed, self.eigenvalues.size, left=True)
@@ -176,7 +177,7 @@ class Modes(TableResult, units={"errors": RATE}):
         values = self.eigenvalues[good]
         there = np.nan_to_num(pairs.values)
         same = np.abs(there[:, None] - values).argmin(axis=0)
-        # Those left vectors are of pairs refined: theirs are not the residuals of what was found.
+        # These pairs are refined, so that their residuals are not those of the eigenvalues above.
         right, left = pairs.right[:, same], pairs.left[:, same]
         found = _core.Pairs(values, right, left, self.residuals[good])
         errors[good] = problem.errors(self.speed, found)
@@ -200,11 +201,11 @@ def modes(model: AnyModel, u: float, count: int | None = None) -> Modes:
     Args:
         model: chain, reduced model or `Continuum`.
         u: flow speed >= 0, in sqrt(EI / mu_f) / L.
-        count: how many, from the lowest |lambda|, as for `eigenvalues`.
+        count: number of modes, from the lowest |lambda|, as for `eigenvalues`.
 
     Returns:
-        Modes, in the order of `eigenvalues` and as many; one that fails its residual check has
-        converged False.
+        Modes, as many and in the same order as `eigenvalues` returns; `converged` is False for
+        those that fail the check of their residual.
 
     Example:
         >>> found = pp.modes(pp.Chain(pp.Pipe(0.2), 10), 4.0, count=2)
@@ -213,7 +214,7 @@ def modes(model: AnyModel, u: float, count: int | None = None) -> Modes:
 
     Raises:
         NotConverged: if the continuous pipe's eigenvalues do not converge as the basis grows, or
-            all lie beyond 1 / damping.
+            if all of them have |lambda| above 1 / damping.
         ValueError, TypeError: for bad arguments.
     """
     u, count = _checked_question(model, u, count)
@@ -237,9 +238,9 @@ def modes(model: AnyModel, u: float, count: int | None = None) -> Modes:
 
 
 def _below_cluster(found: Modes, pipe: Pipe) -> Modes:
-    """Of the continuous pipe's modes those with |lambda| below that at which damping clusters them.
+    """Modes of the continuous pipe with |lambda| below the cluster that damping makes.
 
-    Infinitely many overdamped roots tend to -1 / delta, so that none is the next one there.
+    Infinitely many overdamped roots tend to -1 / delta, so that near it no root is the next one.
     """
     delta = pipe.damping / abs(1.0 + 1j * pipe.hysteresis)
     if not delta:
@@ -255,7 +256,7 @@ def _below_cluster(found: Modes, pipe: Pipe) -> Modes:
 
 
 def _moved_below_cluster(pipe: Pipe, before: Modes, after: Modes) -> float:
-    """What those below the cluster move by; the lowest of all where both bases have none there."""
+    """Change of the modes below the cluster, or of the lowest one if no basis has any there."""
     below = _below_cluster(before, pipe), _below_cluster(after, pipe)
     if any(one.eigenvalues.size for one in below):
         return _moved_beyond_rounding(*below)
@@ -263,10 +264,10 @@ def _moved_below_cluster(pipe: Pipe, before: Modes, after: Modes) -> float:
 
 
 def _moved_beyond_rounding(before: Modes, after: Modes) -> float:
-    """What eigenvalues move by from one basis to the next, beyond what rounding may move them by.
+    """Relative change of eigenvalues from one basis to the next, beyond that by rounding.
 
-    Under strong damping at high speed rounding alone moves them by more than the tolerance: no
-    larger basis helps, and `errors` says so.
+    Under strong damping at high speed rounding alone changes them by more than the tolerance. No
+    larger basis helps then, and `errors` of the modes says how large rounding is.
     """
     moved = relative(before.eigenvalues, after.eigenvalues)
     if not TOLERANCE < moved < 100.0 * TOLERANCE:  # errors cost as much as the eigenvalues
@@ -275,12 +276,12 @@ def _moved_beyond_rounding(before: Modes, after: Modes) -> float:
 
 
 def largest_speed(model: AnyModel | None) -> float:
-    """The largest flow speed of a sweep, also where its model is not known yet."""
+    """Largest flow speed that a sweep of a model, or of one not known yet (None), may reach."""
     return CONTINUUM_SPEED if isinstance(model, Continuum) else LARGEST_SPEED
 
 
 def _checked_question(model: AnyModel, u: Any, count: Any) -> tuple[float, int | None]:
-    """Speed and count that modes are asked for."""
+    """The arguments u and count of `modes` and `eigenvalues`, checked."""
     checked_model(model)
     u = steady_speed("u", u)
     if count is not None:
@@ -299,26 +300,26 @@ def _checked_question(model: AnyModel, u: Any, count: Any) -> tuple[float, int |
 
 
 def _checked_count(count: Any, model: AnyModel, roots: int) -> int:
-    """The argument count, of at most so many roots for each degree of freedom."""
+    """The argument count, checked to be at most `roots` for each degree of freedom."""
     if isinstance(model, Continuum):
         return check.count("count", count, high=CONTINUUM_COUNT)
     asked = check.count("count", count, high=roots * model.dof)
-    if asked * model.dof > LARGEST_TABLE:
+    if asked * model.dof > LARGEST_VECTORS:
         raise ValueError(
-            f"count must be at most {LARGEST_TABLE // model.dof} for {model.dof} degrees of "
+            f"count must be at most {LARGEST_VECTORS // model.dof} for {model.dof} degrees of "
             f"freedom, got {asked}"
         )
     return asked
 
 
 def neutral_shape(model: Model, u: float, frequency: float) -> ModeShape:
-    """Of the mode with eigenvalue i frequency at a speed, which is one of the model's to rounding.
+    """Shape of the mode whose eigenvalue is i times frequency, to rounding, at flow speed u.
 
-    By inverse iteration, which converges at once so near to an eigenvalue.
+    It is found by inverse iteration, which converges at once so near to an eigenvalue.
     """
     value = complex(0.0, frequency)
     mass, velocity, stiffness = model.operators().at(u)
-    if frequency == 0.0:  # a static load loses nothing
+    if frequency == 0.0:  # hysteresis does not act on static loads
         stiffness = stiffness.real
     dynamic = value**2 * mass + value * velocity + stiffness
     x = np.linspace(1.0, 2.0, len(mass)) + 0j
@@ -333,7 +334,7 @@ def neutral_shape(model: Model, u: float, frequency: float) -> ModeShape:
 
 
 def _shapes(model: Model, values: Complex, coordinates: Complex) -> tuple[ModeShape, ...]:
-    """Of eigenvalues with their coordinates, (dof, k); a mode that failed is NaN."""
+    """Shapes of modes from their coordinates, (dof, k), which are NaN for modes not found."""
     displacement = model.deflection(np.nan_to_num(coordinates), model.stations)
     largest = np.argmax(np.abs(displacement), axis=0)
     peaks = displacement[largest, np.arange(largest.size)]
@@ -345,6 +346,7 @@ def _shapes(model: Model, values: Complex, coordinates: Complex) -> tuple[ModeSh
 
 
 def _modes(model: Model, u: float, count: int | None) -> Modes:
+    """The lowest `count` modes of one model, all where None."""
     pairs = eigenproblem(model).lowest(u, 2 * model.dof if count is None else count)
     coordinates = model.from_elastic(pairs.right)
     shapes = _shapes(model, pairs.values, coordinates)
@@ -353,23 +355,23 @@ def _modes(model: Model, u: float, count: int | None) -> Modes:
 
 @saved_as("RootLoci", shapes={"S": "speeds", "S k": "eigenvalues partners converged errors"})
 class RootLoci(TableResult, units=dict.fromkeys(("error", "errors"), RATE)):
-    """Eigenvalues as functions of the flow speed, each column one branch.
+    """Eigenvalues as functions of the flow speed, one branch in each column.
 
     Attributes:
-        speeds: u, shape (S,).
+        speeds: flow speeds u, shape (S,).
         eigenvalues: lambda, complex, shape (S, count); a branch starts in the upper half plane, or
-            on the real axis with the greater of a pair.
+            on the real axis with the greater root of a pair.
         partners: the other root of each pair, shape (S, count): the conjugate while the pair is
             complex, the other real root while it is not.
-            With hysteresis branches are of what oscillates, and NaN where strong damping leaves a
-            mode no such root.
+            With hysteresis branches follow roots that oscillate, and are NaN where strong damping
+            leaves a mode no such root.
         converged: whether each eigenvalue passed the check of its residual, shape (S, count).
-        errors: how far each eigenvalue or its partner may be from the exact one, absolute, shape
-            (S, count). To first order: residual and rounding times the condition, so that it is
-            large where two roots meet; for `Continuum` with the largest change from the basis
-            before the last, and infinite for overdamped roots, which need not converge.
-        size: degrees of freedom of the model solved.
-        pipe: the pipe.
+        errors: bounds, to first order, on the absolute error of each eigenvalue or its partner,
+            shape (S, count): residual and rounding times the condition, so that they are large
+            where two roots meet. For `Continuum` the largest change from the last basis but one is
+            added; bounds are infinite for overdamped roots, which need not converge.
+        size: number of degrees of freedom of the model that was solved.
+        pipe: the pipe of the model.
 
     Example:
         >>> chain = pp.Chain(pp.Pipe(0.2), n=5)
@@ -403,19 +405,19 @@ class RootLoci(TableResult, units=dict.fromkeys(("error", "errors"), RATE)):
 def root_loci(
     model: AnyModel, speeds: ArrayLike, count: int | None = None, progress: bool = False
 ) -> RootLoci:
-    """Branches of eigenvalues tracked along the flow speed, not sorted.
+    """Branches of eigenvalues, followed continuously along the flow speed.
 
-    Between the speeds asked for, others are visited where a match would be ambiguous.
+    Where it is not clear which root continues which, speeds between those asked for are visited.
 
     Args:
         model: chain, reduced model or `Continuum`.
         speeds: flow speeds u >= 0, strictly increasing, shape (S,).
-        count: number of branches, the lowest pairs at the first speed. By default four, or all of
-            a model that has fewer.
-        progress: show progress on stderr.
+        count: number of branches, which start from the lowest pairs at the first speed. Where not
+            given, four, or all of a model that has fewer.
+        progress: whether to show progress on stderr.
 
     Returns:
-        RootLoci, at the speeds asked for only.
+        RootLoci at the speeds asked for only.
 
     Example:
         >>> loci = pp.root_loci(pp.Chain(pp.Pipe(0.2), 10), np.linspace(0.0, 8.0, 41), count=3)
@@ -440,7 +442,7 @@ def root_loci(
         model,
         (float(at[0]), float(at[-1])),
         lambda one: _root_loci(one, at, count, shown),
-        partial(_moved, pipe=model.pipe),
+        partial(_loci_change, pipe=model.pipe),
         tolerance=1e-8,
         smallest=smallest,
         largest=smallest + 32,
@@ -454,15 +456,15 @@ def root_loci(
     return replace(found, errors=found.errors + moved)
 
 
-def _moved(a: RootLoci, b: RootLoci, pipe: Pipe) -> float:
-    """Largest relative change of a root; with damping, of those that are not overdamped.
+def _loci_change(a: RootLoci, b: RootLoci, pipe: Pipe) -> float:
+    """Largest relative change of a root, in which with damping overdamped roots do not count.
 
     Overdamped roots of neighbouring modes meet and part in the cluster at -1 / delta, so that which
-    is which is a convention.
+    root belongs to which branch is a convention.
     """
     delta = pipe.damping
     compared = ~(_overdamped(a, delta) & _overdamped(b, delta))
-    if pipe.hysteresis:  # NaN is no root of the pipe's
+    if pipe.hysteresis:  # NaN stands for a root that the pipe does not have
         compared &= np.isfinite(a.eigenvalues) & np.isfinite(b.eigenvalues)
     moved = relative(a.eigenvalues[compared], b.eigenvalues[compared])
     if delta > 0.0:
@@ -471,15 +473,16 @@ def _moved(a: RootLoci, b: RootLoci, pipe: Pipe) -> float:
 
 
 def _overdamped(loci: RootLoci, delta: float) -> NDArray[np.bool_]:
-    """Which roots do not oscillate for their damping, or are in the cluster at -1 / delta."""
+    """Which roots are real and decay under damping, or lie in the cluster at -1 / delta."""
     values = loci.eigenvalues
     on_axis: NDArray[np.bool_] = (values.imag == 0.0) & (values.real < 0.0)
     return (on_axis | (np.abs(delta * values + 1.0) < 0.5)) & (delta > 0.0)
 
 
 def _root_loci(model: Model, speeds: Array, count: int, shown: bool) -> RootLoci:
-    # Where the modes asked for are overdamped, half of their roots lie beyond the cluster at
-    # -1 / delta, which only a search for all roots can pass.
+    """Root loci of one model, computed with more roots until no branch is lost."""
+    # If the modes asked for are overdamped, half of their roots lie beyond the cluster at
+    # -1 / delta, which only a computation of all roots passes.
     overdamped = model.pipe.damping * (math.pi * count) ** 2 > 2.0
     problem = eigenproblem(model)
     spectrum, every = problem.spectrum(), 2 * problem.dof

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: MIT
-"""Eigenvalues of lambda^2 M + lambda C + K by dense matrices, and which are on the imaginary axis.
+"""Eigenvalues of lambda^2 M + lambda C + K by dense matrices, and which lie on the imaginary axis.
 
-The one rule: an eigenvalue counts as on the axis if its real part is no larger than what rounding
-of the matrix that it was computed from may have made of it. `cpp/pipedyn/linear/neutral.hpp` says
-how large that is, for the core, too.
+One rule decides: an eigenvalue counts as on the axis if the magnitude of its real part is no larger
+than the error that rounding of its matrix may cause. `cpp/pipedyn/linear/neutral.hpp` computes this
+error, for the core as well.
 """
 
 from __future__ import annotations
@@ -19,17 +19,17 @@ from pipedyn.util.check import Array
 from pipedyn.util.counters import factorised
 
 SHIFT: float = _core.SHIFT
-"""Eigenvalues are computed about this, here and in the core; it is one of no pipe but by chance."""
+"""Shift about which eigenvalues are computed, here and in the core; by chance alone it is one."""
 
 
 def shifted(mass: Array, damping: Array, stiffness: NDArray[Any]) -> NDArray[Any]:
-    """SHIFT^2 M + SHIFT C + K."""
+    """The matrix SHIFT^2 M + SHIFT C + K, shape (n, n)."""
     result: NDArray[Any] = stiffness + SHIFT * damping + SHIFT**2 * mass
     return result
 
 
 def companion(mass: Array, damping: Array, stiffness: NDArray[Any]) -> NDArray[Any]:
-    """The matrix with eigenvalues 1 / (lambda - SHIFT) and vectors (x, (lambda - SHIFT) x)."""
+    """Matrix (2n, 2n) with eigenvalues 1 / (lambda - SHIFT), vectors (x, (lambda - SHIFT) x)."""
     n = len(mass)
     factorised()
     right = np.hstack([damping + 2.0 * SHIFT * mass, mass])
@@ -40,7 +40,7 @@ def companion(mass: Array, damping: Array, stiffness: NDArray[Any]) -> NDArray[A
 
 
 def eigenvalues_of(mass: Array, damping: Array, stiffness: NDArray[Any]) -> Complex:
-    """Eigenvalues of lambda^2 M + lambda C + K that doubles hold, (2n,) or fewer."""
+    """Finite eigenvalues of lambda^2 M + lambda C + K, shape (2n,) or fewer."""
     inverse = np.linalg.eigvals(companion(mass, damping, stiffness)).astype(complex)
     with np.errstate(divide="ignore", invalid="ignore"):
         found = SHIFT + 1.0 / inverse
@@ -48,30 +48,30 @@ def eigenvalues_of(mass: Array, damping: Array, stiffness: NDArray[Any]) -> Comp
 
 
 def rounding(values: Complex) -> Array:
-    """How far rounding may have moved each eigenvalue.
+    """Bound on the error of each eigenvalue by rounding, of the shape of the values.
 
     Args:
-        values: the eigenvalues of one matrix about `SHIFT`, (k,), or a row for each, (rows, k).
+        values: the eigenvalues of one matrix about `SHIFT`, (k,), or of several, (rows, k).
     """
     rows = np.atleast_2d(values).astype(np.complex128)
     return np.array([_core.rounding(row) for row in rows]).reshape(np.shape(values))
 
 
 def beyond_rounding(values: Complex) -> Array:
-    """Real parts of eigenvalues less `rounding`, with its argument: > 0 of those that grow."""
+    """Real parts of eigenvalues less `rounding`, whose argument it shares; > 0 if they grow."""
     return np.asarray(values.real - rounding(values))
 
 
 def grows(values: Complex) -> NDArray[np.bool_]:
-    """Which eigenvalues have a real part above 0 by more than `rounding`, with its argument."""
+    """Which eigenvalues have a real part above `rounding`, whose argument it shares."""
     return values.real > rounding(values)
 
 
 def decays(values: Complex) -> NDArray[np.bool_]:
-    """Which eigenvalues have a real part below 0 by more than `rounding`, with its argument."""
+    """Which eigenvalues have a real part below minus `rounding`, whose argument it shares."""
     return values.real < -rounding(values)
 
 
 def growth(values: Complex) -> Array:
-    """Real parts of eigenvalues, 0 of those on the axis, with the argument of `rounding`."""
+    """Real parts of eigenvalues, 0 for those on the axis; the argument is that of `rounding`."""
     return np.where(np.abs(values.real) <= rounding(values), 0.0, values.real)

@@ -1,13 +1,13 @@
 # SPDX-License-Identifier: MIT
 """P(lambda; x, y) = lambda^2 M + lambda C + K over two numbers of a pipe, with its derivatives.
 
-The numbers are the flow speed or any that `pipe_numbers` names. M, C, K are polynomials of the
-speed, and affine in each other number, of beta in its square root. The stiffness k of a chain's
-root lies in series with k_1 of the first joint: they are polynomials of k / (k_1 + k), the share of
-the angle that such a spring passes on, and of a reduced model's root of 1 / sqrt(k). Then all
-follows exactly from the matrices at a few nodes, the corners of the window among them. Whether they
-are is tried at a point inside. Where they are not each point has matrices of its own and
-derivatives are differences.
+The numbers are the flow speed or any that `pipe_numbers` names. M, C and K are polynomials of the
+speed, affine in most other numbers and in the square root of beta. The stiffness k of a chain's
+root lies in series with k_1 of the first joint, so that the matrices are polynomials of
+k / (k_1 + k), the share of the angle at the joint; for the root of a reduced model they are
+polynomials of 1 / sqrt(k). The matrices at a few nodes, the corners of the window among them, then
+give those at all points exactly. Whether they do is tried at a point inside. Where they do not,
+each point has matrices of its own, and derivatives are differences.
 """
 
 from __future__ import annotations
@@ -32,67 +32,68 @@ from pipedyn.util.check import Array
 from pipedyn.util.counters import factorised
 
 AFFINE = 1e-12
-"""Distance of the matrices at a point inside from the affine ones, relative to the largest entry,
-up to which it is rounding: measured, 2e-15 at most of those that are affine."""
+"""Largest distance, relative to the largest entry, of the matrices at a point inside from those by
+the polynomials that counts as rounding: measured, it is 2e-15 at most where they agree."""
 
 SYMMETRIC = 1e-10
-"""Difference of entries that symmetry makes equal, relative to the largest, that is rounding."""
+"""Largest difference of entries equal by symmetry, relative to the largest, that is rounding."""
 
-STEP = 0.01
-"""Of differences, relative to the number: sixth order leaves 1e-12."""
+RELATIVE_STEP = 0.01
+"""Half-width of differences, relative to the number: at sixth order they err by 1e-12."""
 
 ON_EDGE = 1e-9
-"""Share of the window next to an edge that is rounding."""
+"""Distance from an edge, as a share of the window, that counts as rounding."""
 
-SAMPLES, SHORTEST = 16, 1.0 / 1024.0
-"""Steps of a line across the window on which eigenvalues are followed, and the shortest to which
-they are halved."""
+SAMPLES, SHORTEST_STEP = 16, 1.0 / 1024.0
+"""Number of steps by which eigenvalues are followed on a line across the window, and the shortest
+step, as a share of the line, to which steps are halved."""
 
 FAR = 2.0
-"""Real part, beside that of the imaginary one, beyond which a root is not looked at on a line: it
-passes the axis in no step that is short enough."""
+"""Real part, less the magnitude of the imaginary part, beyond which a root is ignored on a line: it
+does not pass the axis within a step."""
 
 Matrices = tuple[Array, Array, NDArray[Any]]
-"""M, C, K, (dof, dof) each; K is complex with hysteresis."""
+"""The matrices M, C, K, shape (dof, dof) each; K is complex with hysteresis."""
 
 
 @dataclass(frozen=True)
 class Window:
-    """Two numbers, or the flow speed (None), and the ranges in which they are looked at."""
+    """Two numbers, None being the flow speed, with the lower ends and sizes of their ranges."""
 
     numbers: tuple[PipeNumber | None, PipeNumber | None]
     low: Array
     size: Array
 
     def place(self, share: Array) -> Array:
-        """(x, y) from shares of the ranges."""
+        """The point (x, y) at shares of the ranges, shape (2,)."""
         return self.low + self.size * share
 
     def on_edges(self, share: Array) -> Array:
-        """Shares that are off an edge by rounding, on it."""
+        """Shares of the ranges, of which those off an edge by rounding are moved onto it."""
         edges = share.clip(0.0, 1.0).round()
         return np.where(np.abs(share - edges) <= ON_EDGE, edges, share)
 
 
 @dataclass(frozen=True)
 class Scale:
-    """A function of a number by which matrices are polynomials, through values at nodes."""
+    """A function s of a number in which the matrices are polynomials, given by values at nodes."""
 
-    nodes: Sequence[float]  # values of the number
+    nodes: Sequence[float]  # values of the number at which matrices are computed
     of: Callable[[float], float] = float
     slope: Callable[[float], float] = lambda value: 1.0
     back: Callable[[float], float] = float
-    least: float = -math.inf  # value that the number must exceed
-    affine: bool = True  # whether K is
+    least: float = -math.inf  # the number must exceed this value
+    affine: bool = True  # whether K is affine in s
 
     @cached_property
     def _ends(self) -> tuple[float, float]:
+        """Values of s at the first and the last node."""
         return self.of(self.nodes[0]), self.of(self.nodes[-1])
 
     def weights(self, value: float) -> tuple[Array, Array]:
-        """Of the nodes, (k,), in the polynomial through them, and their derivatives.
+        """Weights of the k nodes, (k,), in the polynomial through them, and their derivatives.
 
-        Of three the second lies half-way between the others by the function.
+        The second of three nodes lies half-way between the others in s.
         """
         if len(self.nodes) == 1:
             return np.ones(1), np.zeros(1)
@@ -105,8 +106,9 @@ class Scale:
 
 
 def _scale(number: PipeNumber | None, low: float, high: float, model: Model) -> Scale:
+    """The scale in which a model's matrices are polynomials of a number between two values."""
     if number is None:
-        return Scale((low,))  # the speed's polynomials are apart, see `Plane.matrices`
+        return Scale((low,))  # `Plane.matrices` has the polynomials of the speed
     if number.name == "beta":
         return Scale(
             (low, high), math.sqrt, lambda beta: 0.5 / math.sqrt(beta), lambda root: root**2, 0.0
@@ -120,11 +122,11 @@ def _scale(number: PipeNumber | None, low: float, high: float, model: Model) -> 
         def back(s: float) -> float:
             return joint * s / (1.0 - s)
 
-        # Of damping and loss in the joint the square of the share is passed on.
+        # Damping and loss of the joint act by the square of the share: three nodes are needed.
         nodes = low, back(0.5 * (share(low) + share(high))), high
         return Scale(nodes, share, lambda k: joint / (joint + k) ** 2, back, -0.5 * joint)
     if number.name == "root.stiffness" and isinstance(model, Galerkin):
-        # Functions have unit stiffness: the root's rotation is in 1 / sqrt(k).
+        # Functions have unit stiffness, so that the root's rotation scales with 1 / sqrt(k).
         def angle(k: float) -> float:
             return 1.0 / math.sqrt(k)
 
@@ -137,17 +139,17 @@ def _scale(number: PipeNumber | None, low: float, high: float, model: Model) -> 
 
 
 class Plane:
-    """The matrices of one model over a window.
+    """Matrices and eigenvalues of one model over a window of two numbers.
 
     Args:
-        model: about the straight pipe.
-        window: the two numbers.
-        speed: the flow speed, where it is neither.
-        modes: how many have eigenvalues that count, from the lowest; all where not given.
+        model: the model, about the straight pipe.
+        window: the two numbers with their ranges.
+        speed: flow speed, where this is none of the two numbers.
+        modes: number of modes, from the lowest, whose eigenvalues count; all where not given.
 
     Attributes:
-        conservative: whether nothing damps and no end does work anywhere; see `conservative_at`.
-        exact: whether matrices are such polynomials of the numbers.
+        conservative: whether the system is conservative, see `conservative_at`, inside the window.
+        exact: whether the matrices are polynomials in the scales of the numbers.
     """
 
     def __init__(
@@ -156,7 +158,7 @@ class Plane:
         self.model, self.window, self.speed = model, window, speed
         self.dof = model.dof
         self.modes = model.dof if modes is None else modes
-        self.lossy = bool(model.pipe.hysteresis) or any(
+        self.hysteretic = bool(model.pipe.hysteresis) or any(
             number is not None and number.name == "hysteresis" for number in window.numbers
         )
         middle = self.model_at(window.place(np.array([0.5, 0.5])))
@@ -178,18 +180,18 @@ class Plane:
 
     @cached_property
     def speed_index(self) -> int | None:
-        """Which of the two is the flow speed."""
+        """Index, 0 or 1, of the flow speed among the two numbers; None if it is neither."""
         return next((i for i, number in enumerate(self.window.numbers) if number is None), None)
 
     def speed_at(self, at: Array) -> float:
-        """The flow speed at (x, y)."""
+        """Flow speed at the point (x, y)."""
         if self.speed_index is not None:
             return float(at[self.speed_index])
         assert self.speed is not None
         return self.speed
 
     def conservative_near(self, share: Array, distance: float) -> bool:
-        """Whether eigenvalues do so at shares of the window, or on an edge within a distance."""
+        """Whether the system is conservative at shares of the window, or on an edge so near."""
         edges = share.clip(0.0, 1.0).round()
         nearest = np.where(np.abs(share - edges) <= distance, edges, share)
         return self.conservative_at(self.window.place(nearest))
@@ -197,8 +199,8 @@ class Plane:
     def conservative_at(self, at: Array) -> bool:
         """Whether eigenvalues come in fours, lambda, -lambda and conjugates, at (x, y).
 
-        Nothing damps, forces by velocity are gyroscopic, and K is symmetric: no end does work, as
-        of any undamped pipe without flow.
+        They do if nothing damps, forces by velocity are gyroscopic and K is symmetric, as in a pipe
+        without damping on whose ends the flow does no work.
         """
         _, damping, stiffness = self.at(at)
         if np.iscomplexobj(stiffness) and stiffness.imag.any():
@@ -206,7 +208,7 @@ class Plane:
         return _differ_little(damping, -damping.T) and _differ_little(stiffness, stiffness.T)
 
     def model_at(self, at: Array) -> Model:
-        """The model at (x, y)."""
+        """The model whose pipe has the numbers (x, y)."""
         pipe = self.model.pipe
         window = self.window
         share = (at - window.low) / window.size
@@ -218,7 +220,7 @@ class Plane:
         return self.model.with_pipe(pipe)
 
     def _parts(self, at: Array) -> Array:
-        """M; C without flow, and by u; K without flow, and by u^2; the loss: (6, dof, dof)."""
+        """M; C without flow, per u; K without flow, per u^2; hysteretic loss: (6, dof, dof)."""
         of: Operators = self.model_at(at).operators()
         flow = of.direction * (of.gyroscopic + of.end_flux)
         loss = np.zeros_like(of.mass) if of.loss is None else of.loss
@@ -226,23 +228,23 @@ class Plane:
         return self.scale.T @ np.array(parts) @ self.scale
 
     def _weights(self, at: Array) -> tuple[Array, Array, Array, Array]:
-        """Shares of the nodes by x and y at a point, and their derivatives by x and y."""
+        """Weights of the nodes along x and along y at a point, and derivatives of both."""
         (x, along_x), (y, along_y) = (
             one.weights(value) for one, value in zip(self._scales, at.tolist(), strict=True)
         )
         return x, y, along_x, along_y
 
     def _from_nodes(self, *weights: Array) -> Array:
-        """Sums of the nodes' parts, (k, 6, dof, dof), by weights, each of all nodes."""
+        """Sums of the parts at the nodes, (k, 6, dof, dof), by k arrays of weights of all nodes."""
         flat = self._nodes.reshape(len(self._nodes), -1)
         return (np.array(weights) @ flat).reshape(-1, *self._nodes.shape[1:])
 
     def defined(self, at: Array) -> bool:
-        """Whether there are matrices at (x, y), which may lie outside the window."""
+        """Whether matrices exist at (x, y), a point that may lie outside the window."""
         return all(value > one.least for one, value in zip(self._scales, at.tolist(), strict=True))
 
     def _all_parts(self, at: Array) -> Array:
-        """Parts at a point, and their derivatives by x and y: (3, 6, dof, dof)."""
+        """Parts of the matrices at a point, and their derivatives by x and y: (3, 6, dof, dof)."""
         if self.exact:
             x, y, along_x, along_y = self._weights(at)
             pairs = (x, y), (along_x, y), (x, along_y)
@@ -250,11 +252,11 @@ class Plane:
         return np.array([self._parts(at), self._differences(at, 0), self._differences(at, 1)])
 
     def _differences(self, at: Array, index: int) -> Array:
-        """The derivative at a point of the polynomial through seven within the number's range."""
+        """Derivative of the parts by x or y, from seven points within the number's range."""
         number = self.window.numbers[index]
         if number is None:
             return np.zeros((6, self.dof, self.dof))
-        h = STEP * abs(at[index]) / 3.0 or STEP * self.window.size[index]
+        h = RELATIVE_STEP * abs(at[index]) / 3.0 or RELATIVE_STEP * self.window.size[index]
         places = h * np.arange(-3.0, 4.0)
         low, high = (
             number.rule.get(word, edge) for word, edge in (("low", -np.inf), ("high", np.inf))
@@ -269,7 +271,7 @@ class Plane:
         return np.asarray(total / h)
 
     def matrices(self, at: Array) -> tuple[Matrices, Matrices, Matrices]:
-        """M, C, K at (x, y), with their derivatives by x and by y."""
+        """The matrices M, C, K at (x, y), and their derivatives by x and by y."""
         parts = self._all_parts(at)
         u = self.speed_at(at)
         found = [
@@ -279,16 +281,18 @@ class Plane:
         return self._joined(parts[0], u), found[0], found[1]
 
     def _by_speed(self, parts: Array, u: float) -> Matrices:
+        """Derivatives of M, C, K by the flow speed."""
         mass, _, flow, _, flux, _ = parts
         return np.zeros_like(mass), flow, 2.0 * u * flux
 
     def _joined(self, parts: Array, u: float) -> Matrices:
+        """M, C, K at a flow speed from their parts, or derivatives of them from derivatives."""
         mass, damping, flow, stiffness, flux, loss = parts
         still: NDArray[Any] = stiffness + u**2 * flux
-        return mass, damping + u * flow, still + 1j * loss if self.lossy else still
+        return mass, damping + u * flow, still + 1j * loss if self.hysteretic else still
 
     def at(self, at: Array) -> Matrices:
-        """M, C, K at (x, y)."""
+        """The matrices M, C, K at (x, y)."""
         if not self.exact:
             return self._joined(self._parts(at), self.speed_at(at))
         weights = np.outer(*self._weights(at)[:2]).ravel()
@@ -297,13 +301,14 @@ class Plane:
     # ----------------------------------------------------------------------------- eigenvalues
 
     def eigenvalues(self, at: Array) -> Complex:
-        """Those of the modes that count, by |lambda|.
+        """Eigenvalues of the modes that count at (x, y), in order of |lambda|.
 
-        With hysteresis those above the real axis with their conjugates, and growing real roots.
+        With hysteresis they are the roots above the real axis, their conjugates, and the growing
+        real roots of the pipe without it.
         """
         mass, damping, stiffness = self.at(at)
         found = eigenvalues_of(mass, damping, stiffness)
-        if self.lossy:
+        if self.hysteretic:
             above = found[found.imag > 1e-9]
             still = eigenvalues_of(mass, damping, stiffness.real)
             static = still[(np.abs(still.imag) < 1e-9) & (still.real > 0.0)]
@@ -311,7 +316,7 @@ class Plane:
         return found[np.argsort(np.abs(found))][: 2 * self.modes]
 
     def unstable(self, at: Array) -> int:
-        """Number of eigenvalues with positive real part, beyond rounding."""
+        """Number of eigenvalues whose real part is positive beyond rounding."""
         static = self.static_stiffnesses(at)
         if static is not None:
             return int(np.count_nonzero(static < -1e-8))
@@ -320,8 +325,8 @@ class Plane:
     def static_stiffnesses(self, at: Array) -> Array | None:
         """Eigenvalues of K where forces by velocity vanish and K is symmetric; None elsewhere.
 
-        There as many roots are unstable as of these are negative; the roots themselves leave the
-        axis by the square root of rounding where two of them are 0.
+        The number of unstable roots is then that of negative eigenvalues of K. The roots themselves
+        would not tell: rounding moves a double root 0 off the axis by its square root.
         """
         _, damping, stiffness = self.at(at)
         if damping.any() or not self.conservative_at(at):
@@ -330,7 +335,7 @@ class Plane:
         return np.linalg.eigvalsh(0.5 * (stiffness.real + stiffness.real.T))
 
     def meeting(self, at: Array) -> float:
-        """About -lambda^2 of the two roots that are nearest to each other at (x, y)."""
+        """Real part of -lambda^2 midway between the two roots nearest to each other at (x, y)."""
         mass, damping, stiffness = self.at(at)
         values = eigenvalues_of(mass, damping, stiffness)
         values = values[np.argsort(np.abs(values))][: 2 * self.modes]
@@ -342,7 +347,7 @@ class Plane:
         return float(-((0.5 * (values[i] + values[j])) ** 2).real)
 
     def static_roots(self, at: Array, index: int) -> list[float]:
-        """Where K is singular on the line through (x, y) along x or y, within the window."""
+        """Values of x (index 0) or y (1) at which K is singular on the line through (x, y)."""
         low, size = float(self.window.low[index]), float(self.window.size[index])
         own_speed = self.window.numbers[index] is None
 
@@ -354,8 +359,9 @@ class Plane:
 
         if not (own_speed or (self.exact and self._scales[index].affine)):
             return self._changes_of_sign(stiffness, low, size)
-        # K is affine in the others' scales and in the square of the speed: K0 + s (K1 - K0) is
-        # singular where 1 / (s - shift) is an eigenvalue of -(K0 + shift (K1 - K0))^-1 (K1 - K0).
+        # K is affine in the square of the speed and in the scales of the other numbers.
+        # K0 + s (K1 - K0) is singular where 1 / (s - shift) is an eigenvalue of
+        # -(K0 + shift (K1 - K0))^-1 (K1 - K0).
         begin, end = stiffness(low), stiffness(low + size)
         change, shift = end - begin, 0.5 * SHIFT
         if np.abs(change).max() <= 1e-13 * np.abs(begin).max():
@@ -375,7 +381,7 @@ class Plane:
     def _changes_of_sign(
         self, stiffness: Callable[[float], Array], low: float, size: float
     ) -> list[float]:
-        """Where det K changes its sign along a line, roughly."""
+        """Values along a line near which det K changes its sign."""
 
         def sign(share: float) -> float:
             return float(np.linalg.slogdet(stiffness(low + share * size))[0])
@@ -391,20 +397,20 @@ class Plane:
         return found
 
     def lines(self, index: int, number: int) -> Array:
-        """Values of x or y at which lines lie, even in what matrices are polynomials of."""
+        """Values of x (index 0) or y (1) at which lines lie, evenly spaced in its scale."""
         low, high = self.window.low[index], self.window.low[index] + self.window.size[index]
         scale = self._scales[index]
         even = scale if scale.affine else Scale(scale.nodes)
         between = np.linspace(even.of(low), even.of(high), number)[1:-1]
         return np.array([low, *(even.back(value) for value in between), high])
 
-    def sections(self, at: Array, index: int) -> tuple[list[Root], list[Root]]:
-        """Pairs that pass the axis on the line through (x, y) along x or y, and extremes.
+    def sections(self, at: Array, index: int) -> tuple[list[RootOnLine], list[RootOnLine]]:
+        """Pairs that cross the imaginary axis on the line through (x, y) along x or y; extremes.
 
-        Extremes are those that come nearest to the axis there, from either side, but do not pass.
-        Both are roughly known: Newton's method goes on from these. Eigenvalues are followed from
-        sample to sample with their derivatives, and steps halved within which one may have passed
-        unseen.
+        Extremes are pairs whose real part comes nearest to the axis there, from either side,
+        without crossing. Both are estimates from which Newton's method goes on. Eigenvalues are
+        followed from sample to sample with their derivatives, and steps are halved within which one
+        may have crossed unseen.
         """
         low, size = self.window.low[index], self.window.size[index]
 
@@ -415,13 +421,13 @@ class Plane:
             return share, values, slopes[index]
 
         samples = [sample(float(share)) for share in np.linspace(0.0, 1.0, SAMPLES + 1)]
-        found: list[Root] = []
-        extremes: list[Root] = []
+        found: list[RootOnLine] = []
+        extremes: list[RootOnLine] = []
         waiting = list(pairwise(samples))[::-1]
         while waiting:
             a, b = waiting.pop()
             guesses, doubtful = _passed(a, b)
-            if doubtful and b[0] - a[0] > SHORTEST:
+            if doubtful and b[0] - a[0] > SHORTEST_STEP:
                 middle = sample(0.5 * (a[0] + b[0]))
                 waiting += [(middle, b), (a, middle)]
             else:
@@ -429,8 +435,8 @@ class Plane:
                 extremes += _nearest(a, b)
         return found, extremes
 
-    def extremes(self, at: Array, index: int) -> list[Root]:
-        """Those of `sections` alone, without halved steps."""
+    def extremes(self, at: Array, index: int) -> list[RootOnLine]:
+        """The extremes of `sections`, found without halving steps."""
         samples = []
         for share in np.linspace(0.0, 1.0, SAMPLES + 1).tolist():
             there = at.copy()
@@ -440,15 +446,15 @@ class Plane:
         return [one for pair in pairwise(samples) for one in _nearest(*pair)]
 
     def pairs(self, at: Array) -> tuple[Complex, Complex]:
-        """Eigenvalues above the real axis, not far from the imaginary one, and their slopes.
+        """The k eigenvalues above the real axis and not far from the imaginary one, and slopes.
 
-        Slopes are derivatives by shares of the window along x and y, shape (2, k).
+        Slopes are their derivatives by shares of the window along x and y, shape (2, k).
         """
         (m, c, k), *changes = self.matrices(at)
         inverse, vectors = np.linalg.eig(companion(m, c, k))
         n = self.dof
-        # Left eigenvectors of the companion are rows of its eigenvectors' inverse, and times the
-        # inverse of P(SHIFT) those of P(lambda).
+        # Rows of the inverse of the companion's eigenvectors are its left eigenvectors. Multiplied
+        # by the inverse of P(SHIFT) they are those of P(lambda).
         rows = np.linalg.inv(vectors)[:, :n] @ np.linalg.inv(shifted(m, c, k))
         with np.errstate(divide="ignore", invalid="ignore"):
             values = SHIFT + 1.0 / inverse.astype(complex)
@@ -471,24 +477,24 @@ class Plane:
 
 
 Sample = tuple[float, Complex, Complex]
-"""Place on a line as a share of it, eigenvalues above the real axis, and their derivatives."""
+"""Share of a line, eigenvalues above the real axis at that place, and their derivatives by it."""
 
-Root = tuple[float, complex]
-"""Place on a line as a share of it, and an eigenvalue there."""
+RootOnLine = tuple[float, complex]
+"""Share of a line, and an eigenvalue at that place."""
 
 
 def _matched(a: Sample, b: Sample) -> Array:
-    """By how much tangents at either of two samples miss the roots at the other, (k, l)."""
+    """Sum of the errors, (k, l), by which tangents at two samples miss each other's roots."""
     (s, one, slope), (t, other, slope_there) = a, b
     ahead, back = one + (t - s) * slope, other - (t - s) * slope_there
     misses: Array = np.abs(ahead[:, None] - other) + np.abs(one[:, None] - back)
     return misses
 
 
-def _nearest(a: Sample, b: Sample) -> list[Root]:
-    """Where real parts have their extreme nearest to 0 between two samples."""
+def _nearest(a: Sample, b: Sample) -> list[RootOnLine]:
+    """Estimates of extremes between two samples at which real parts come nearest to 0."""
     (s, one, slope), (t, other, slope_there) = a, b
-    found: list[Root] = []
+    found: list[RootOnLine] = []
     if not one.size or not other.size:
         return found
     for i, j in enumerate(np.argmin(_matched(a, b), axis=1).tolist()):
@@ -500,15 +506,15 @@ def _nearest(a: Sample, b: Sample) -> list[Root]:
     return found
 
 
-def _passed(a: Sample, b: Sample) -> tuple[list[Root], bool]:
-    """What passes the axis between two samples, and whether more may do.
+def _passed(a: Sample, b: Sample) -> tuple[list[RootOnLine], bool]:
+    """Roots that cross the imaginary axis between two samples, and whether more may do so.
 
-    A cubic with the values and slopes at both ends strays from the straight line between them by
-    less than its tangents miss the other end: a root whose real part is larger than that at both
-    ends has not passed the axis twice. Where numbers differ one has left the real axis.
+    A cubic with the values and slopes at both ends differs from the straight line between them by
+    less than its tangents miss the other end. A root whose real part at both ends is larger than
+    that has not crossed the axis twice. If the numbers of roots differ, one has left the real axis.
     """
     (s, one, _), (t, other, _) = a, b
-    found: list[Root] = []
+    found: list[RootOnLine] = []
     doubtful = one.size != other.size
     if not one.size or not other.size:
         return found, doubtful
@@ -525,5 +531,5 @@ def _passed(a: Sample, b: Sample) -> tuple[list[Root], bool]:
 
 
 def _differ_little(one: NDArray[Any], other: NDArray[Any]) -> bool:
-    """Whether two matrices are the same but for rounding."""
+    """Whether two matrices agree up to rounding."""
     return float(np.abs(one - other).max()) <= SYMMETRIC * float(np.abs(one).max())

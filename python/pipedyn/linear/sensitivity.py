@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Crossings as users see them: with the number of unstable roots, and what moves them."""
+"""Crossings of the imaginary axis with their numbers of unstable roots and sensitivities."""
 
 from __future__ import annotations
 
@@ -18,10 +18,10 @@ from pipedyn.util.check import Array
 from pipedyn.util.result import Result, ResultSequence
 from pipedyn.util.units import FREQUENCY, SPEED, Unit
 
-Kind = Literal["flutter", "divergence"]
+CrossingKind = Literal["flutter", "divergence"]
 
 LEAST_BETA = 1e-300
-"""Derivatives by a smaller beta overflow: under weak damping they grow like 1 / beta."""
+"""Smallest beta by which derivatives are taken: under weak damping they grow like 1 / beta."""
 
 
 @saved_as("Derivatives", shapes={"n": "springs"})
@@ -29,13 +29,15 @@ class Derivatives(Result):
     """Derivatives of one quantity by the pipe's numbers and the springs.
 
     Attributes:
-        beta: None at beta = 0 (below 1e-300), where the square root of beta has no derivative.
-        gamma, damping, alpha, hysteresis: by these.
-        springs: by each k_j, shape (n,), the others held; None for reduced models and scenes that
-            matrices solve, see `Assembly`.
+        beta: derivative by beta; None at beta = 0 (below 1e-300), where the square root of beta has
+            no derivative.
+        gamma, damping, alpha, hysteresis: derivatives by these numbers.
+        springs: derivatives by each k_j with the others fixed, shape (n,); None for reduced models
+            and scenes that matrices solve, see `Assembly`.
 
-    In SI those of a speed are in m/s and those of a frequency in Hz, by the same nondimensional
-    numbers. That of a speed by beta is left out: the unit of speed changes with beta.
+    In SI, derivatives of a speed are in m/s and those of a frequency in Hz, by the same
+    nondimensional numbers. The derivative of a speed by beta is left out, because the unit of speed
+    changes with beta.
     """
 
     beta: float | None
@@ -48,11 +50,11 @@ class Derivatives(Result):
 
 @saved_as("Sensitivity")
 class Sensitivity(Result):
-    """How a crossing moves with the pipe's numbers.
+    """Derivatives of a crossing's speed and frequency by the pipe's numbers.
 
     Attributes:
-        speed: derivatives of its speed.
-        frequency: derivatives of its frequency.
+        speed: derivatives of the crossing's speed.
+        frequency: derivatives of the crossing's frequency.
 
     Example:
         >>> found = pp.critical_speed(pp.Chain(pp.Pipe(0.2), n=10)).sensitivity
@@ -74,34 +76,36 @@ class Sensitivity(Result):
 class Crossing(Result, units={"error": SPEED}):
     """A crossing of the imaginary axis by an eigenvalue or a conjugate pair.
 
-    Of conservative pipes also where two growing real eigenvalues meet and become a growing pair,
-    Paidoussis' coupled-mode flutter: a flutter of frequency 0 that leaves `unstable_after` as
-    `unstable_before`. With hysteresis, which acts on oscillation alone, also where a growing
-    eigenvalue passes the real axis, so that a growing pair appears or vanishes: a flutter of
-    frequency 0. Beyond the first loss of stability a loss factor is no sound model of a material.
+    In a conservative pipe two growing real eigenvalues may meet and become a growing pair,
+    Paidoussis' coupled-mode flutter: this counts as a flutter of frequency 0, with `unstable_after`
+    equal to `unstable_before`. With hysteresis, which acts on oscillation alone, a growing
+    eigenvalue may pass the real axis, so that a growing pair appears or vanishes: this, too, counts
+    as a flutter of frequency 0. Beyond the first loss of stability a loss factor is no sound model
+    of a material.
 
     Attributes:
-        speed: u.
+        speed: flow speed u of the crossing.
         frequency: angular, in 1 / T; 0 for divergence, and at u = 0 for a pair that leaves zero.
         kind: "flutter" (a pair) or "divergence" (a real root).
-        unstable_before, unstable_after: number of unstable roots on either side, a pair being two.
-        error: of the speed, absolute: the eigenvalue solver's, and for `Continuum` the basis'.
-        mode: which branch passes, counted from rest by frequency, from 1; of two that meet on the
-            axis (beta = 0) the higher. At a divergence of a conservative pipe that whose frequency
-            at rest Rayleigh's quotient of the buckled shape meets best.
+        unstable_before, unstable_after: number of unstable roots below and above the speed; a pair
+            counts as two.
+        error: absolute error of the speed by the eigenvalue solver and, for `Continuum`, the basis.
+        mode: number of the branch that crosses, from 1, counted at rest by frequency; the higher of
+            two branches that meet on the axis (beta = 0). At a divergence of a conservative pipe,
+            the mode whose frequency at rest is nearest to Rayleigh's quotient of the buckled shape.
         sensitivity: derivatives of speed and frequency; None at u = 0, at beta = 0 without
             damping, at the divergence of a chain with a free joint, and about a bent pipe, whose
             shape moves too.
         gyroscopic: whether on the side where no root is unstable only gyroscopic forces keep the
             pipe from diverging: it has no damping, its stiffness is indefinite there, and any
             damping makes it unstable (Kelvin, Tait and Chetaev).
-        vouched: of `Continuum`, how many roots, from the lowest, are counted: those that its basis
-            resolves. None of other models, of which all are.
+        vouched: for `Continuum`, the number of roots, from the lowest, that its basis resolves and
+            that are counted; None for other models, all of whose roots are counted.
     """
 
     speed: float
     frequency: float
-    kind: Kind
+    kind: CrossingKind
     unstable_before: int
     unstable_after: int
     error: float
@@ -112,7 +116,7 @@ class Crossing(Result, units={"error": SPEED}):
 
     @property
     def destabilising(self) -> bool:
-        """Whether unstable roots become more."""
+        """Whether the number of unstable roots grows."""
         return self.unstable_after > self.unstable_before
 
 
@@ -121,9 +125,9 @@ class Crossings(ResultSequence[Crossing], units={"error": SPEED, "max_speed": SP
     """All crossings of a model up to a flow speed, in order of speed, as a tuple and as a table.
 
     Attributes:
-        crossings: those found.
-        max_speed: where the search ended.
-        model: the model.
+        crossings: the crossings, in order of speed.
+        max_speed: flow speed at which the search ended.
+        model: the model that was searched.
         unstable_at_rest: number of roots that grow without flow, as of a pipe that buckles under
             its weight; None in a file of an earlier version.
 
@@ -142,7 +146,7 @@ class Crossings(ResultSequence[Crossing], units={"error": SPEED, "max_speed": SP
 
     @property
     def speeds(self) -> Array:
-        """Those of the crossings, shape (K,)."""
+        """Flow speeds of the crossings, shape (K,)."""
         return of_each(self.crossings, "speed")
 
     @property
@@ -166,7 +170,7 @@ class Crossings(ResultSequence[Crossing], units={"error": SPEED, "max_speed": SP
 
 
 def of_each(results: Iterable[Any], name: str) -> Array:
-    """An attribute of each result, NaN where the result or the attribute is None."""
+    """An attribute of each of K results, shape (K,); NaN where it or the result is None."""
     found = [getattr(one, name, None) for one in results]
     return np.array([math.nan if value is None else value for value in found])
 
@@ -174,7 +178,7 @@ def of_each(results: Iterable[Any], name: str) -> Array:
 def crossings_of(
     problem: Eigenproblem, swept: _core.Sweep, vouched: int | None = None, sensitive: bool = True
 ) -> tuple[Crossing, ...]:
-    """The crossings of a sweep, with counts, of so many roots, and sensitivities if wanted."""
+    """The crossings of a sweep of the core, with sensitivities if `sensitive`."""
     return tuple(
         Crossing(
             speed=crossing.speed,
@@ -193,11 +197,12 @@ def crossings_of(
 
 
 def _sensitivity(problem: Eigenproblem, crossing: _core.AxisCrossing) -> Sensitivity | None:
-    """From left and right eigenvectors, along P(i omega, u; p) x = 0 with Re lambda held at 0.
+    """Sensitivity of a crossing from its left and right eigenvectors y and x, with Re lambda = 0.
 
-    du/dp = -Re lambda_p / Re lambda_u and domega/dp = Im(lambda_p + lambda_u du/dp). At a
-    divergence all is real and y^H P_lambda x, by which both are divided, may be 0 (of a
-    conservative pipe zero is a double root): there du/dp = -y^H P_p x / y^H P_u x.
+    Along P(i omega, u; p) x = 0, du/dp = -Re lambda_p / Re lambda_u and domega/dp =
+    Im(lambda_p + lambda_u du/dp). At a divergence everything is real and the common divisor
+    y^H P_lambda x may be 0, since zero is a double root of a conservative pipe: there du/dp =
+    -y^H P_p x / y^H P_u x. The result is None where a derivative does not exist.
     """
     model, pencil = problem.model, problem.pencil
     forms = crossing.forms

@@ -8,7 +8,7 @@ import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import field
 from functools import partial
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -18,8 +18,8 @@ from pipedyn.linear.critical_speed import (
     NoCrossing,
     Point,
     checked_end,
-    first_losses,
-    losses,
+    critical_points,
+    stability_losses,
 )
 from pipedyn.linear.sensitivity import Crossing, of_each
 from pipedyn.models.continuum import AnyModel, checked_model
@@ -28,17 +28,15 @@ from pipedyn.util import check
 from pipedyn.util.archive import saved_as
 from pipedyn.util.check import Array
 from pipedyn.util.later import futures
-from pipedyn.util.parallel import outcome_of, parallel
+from pipedyn.util.parallel import Returned, outcome_of, parallel
 from pipedyn.util.result import Result, TableResult
 from pipedyn.util.units import SPEED
 
-Answer = TypeVar("Answer")
-
 LARGEST_BATCH = 256
-"""Models solved by one call: 256 of 40 segments take 0.3 s, and a call's own cost is gone at 16."""
+"""Most models solved in one call: 256 of 40 segments take 0.3 s; from 16 on calls cost little."""
 
 BATCHES = 16
-"""Of the points of a sweep that an executor takes, at least: enough to share among some workers."""
+"""Least number of batches for an executor, so that several workers share them evenly."""
 
 
 @saved_as("Failure")
@@ -46,9 +44,9 @@ class Failure(Result):
     """A point of a sweep that could not be computed.
 
     Attributes:
-        index: its place in the sweep.
-        value: the parameter there.
-        error: what was raised.
+        index: place of the point in the sweep.
+        value: value of the parameter at the point.
+        error: the exception that was raised.
     """
 
     index: int
@@ -61,13 +59,14 @@ class StabilityCurve(TableResult, units=dict.fromkeys(("no_loss_up_to", "max_spe
     """Critical speed, and every crossing, against a parameter.
 
     Attributes:
-        values: the parameter, shape (S,).
+        values: values of the parameter, shape (S,).
         critical: CriticalSpeed at each value, None where there is none or the point failed.
-        crossings: crossings at each value; those up to the critical speed where no max_speed was
-            asked for; empty where the point failed.
-        failures: the points that failed, with what they raised.
-        max_speed: up to which every crossing was asked for, None where it was not.
-        parameter: its name, as the function that made the models calls it; empty where it has none.
+        crossings: crossings at each value, up to the critical speed where no max_speed was given;
+            empty where the point failed.
+        failures: the points that failed, with the exceptions that they raised.
+        max_speed: speed up to which all crossings were asked for, None where it was not given.
+        parameter: name of the parameter, as the function that made the models calls it; empty where
+            it has none.
         pipes: the pipe at each value, None where there is no model.
 
     Example:
@@ -90,7 +89,7 @@ class StabilityCurve(TableResult, units=dict.fromkeys(("no_loss_up_to", "max_spe
     def no_loss_up_to(self) -> Array:
         """Flow speed up to which no loss of stability was found, shape (S,), NaN elsewhere.
 
-        The pipe is stable up to there, unless it is buckled at rest.
+        The pipe is stable up to that speed, unless it is buckled at rest.
         """
         failed = {one.index: one.error for one in self.failures}
         ends = np.full(len(self.values), math.nan)
@@ -130,7 +129,7 @@ class StabilityCurve(TableResult, units=dict.fromkeys(("no_loss_up_to", "max_spe
         return first_known(self.pipes) or super()._pipe()
 
     def _scales(self) -> Any:
-        """Of each point, whose pipe may be another."""
+        """SI scales at each point, since each point may have a pipe of its own."""
         return scales_of_each(self.pipes, self.critical)
 
 
@@ -142,7 +141,7 @@ def first_known(pipes: Iterable[Pipe | None]) -> Pipe | None:
 def scales_of_each(pipes: Sequence[Pipe | None], results: Sequence[Any]) -> Any:
     """SI values of one nondimensional unit, each of shape (S,), None where no pipe has any.
 
-    Of results that were saved without pipes (by version 0.2.0), those of each result.
+    Results that were saved without pipes (by version 0.2.0) are asked for their own.
     """
     known_pipes = pipes or [None if one is None else one._pipe() for one in results]
     each = [getattr(one, "scales", None) for one in known_pipes]
@@ -163,14 +162,14 @@ def stability_curve(
     """Critical speed against any parameter.
 
     Args:
-        make_model: the model at a value of the parameter; called in this process, so a lambda will
-            do.
-        values: the parameter, shape (S,).
-        max_speed: collect every crossing up to this speed; without it the search ends at the
-            critical speed.
-        executor: a `concurrent.futures.Executor` that takes the points, in batches. Those that it
-            does not answer, since a worker died or it is broken or shut down, fail.
-        progress: show progress on stderr.
+        make_model: function that makes the model at a value of the parameter. It is called in this
+            process, so that it may be a lambda.
+        values: values of the parameter, shape (S,).
+        max_speed: speed up to which all crossings are collected; where not given, the search ends
+            at the critical speed.
+        executor: a `concurrent.futures.Executor` that takes the points in batches. Points that it
+            does not answer, because a worker died or it is broken or shut down, fail.
+        progress: whether to show progress on stderr.
 
     Returns:
         StabilityCurve; a point that fails is recorded in `failures` and the others are kept. A pipe
@@ -186,7 +185,7 @@ def stability_curve(
     """
     if max_speed is not None:
         max_speed = checked_end(max_speed)
-    solve = first_losses if max_speed is None else partial(losses, max_speed=max_speed)
+    solve = critical_points if max_speed is None else partial(stability_losses, max_speed=max_speed)
     at, pipes, answers, failures = swept(make_model, values, solve, executor, progress)
     none: Point = (None, ())
     critical, found = zip(*(none if one is None else one for one in answers), strict=True)
@@ -195,7 +194,7 @@ def stability_curve(
 
 
 def _name_of_argument(function: Callable[[float], Any]) -> str:
-    """Of the first argument, empty where Python does not tell."""
+    """Name of a function's first argument, empty where Python does not tell it."""
     try:
         return next(iter(inspect.signature(function).parameters), "")
     except ValueError:
@@ -205,17 +204,16 @@ def _name_of_argument(function: Callable[[float], Any]) -> str:
 def swept(
     make_model: Callable[[float], AnyModel],
     values: ArrayLike,
-    solve: Callable[[Sequence[Any]], Sequence[Answer | Exception]],
+    solve: Callable[[Sequence[Any]], Sequence[Returned | Exception]],
     executor: futures.Executor | None,
     progress: bool,
     label: str = "stability curve",
-) -> tuple[Array, tuple[Pipe | None, ...], list[Answer | None], tuple[Failure, ...]]:
-    """What `solve` answers of the model at each value of a parameter, as for `stability_curve`.
+) -> tuple[Array, tuple[Pipe | None, ...], list[Returned | None], tuple[Failure, ...]]:
+    """Answers of `solve` for the models at values of a parameter, as `stability_curve` needs them.
 
-    The values, shape (S,); the pipes, None where there is no model; the answers, None where the
-    point failed; the failures, in order.
-    `solve` takes a batch of models and returns an answer or an exception of each; it pickles if an
-    executor of processes takes it.
+    Returned are the values, shape (S,); the pipes, None where there is no model; the answers, None
+    where the point failed; and the failures, in order. `solve` takes a batch of models and returns
+    an answer or an exception for each; it must pickle if the executor runs processes.
     """
     if not callable(make_model):
         raise TypeError(

@@ -1,13 +1,14 @@
 # SPDX-License-Identifier: MIT
 """Crossings of pipes whose gyroscopic force and damping are so weak that rounding hides Re lambda.
 
-Needed below sqrt(beta) = delta = mu = 2e-5. Without it the sign of Re lambda is rounding, and
-crossings are found where there are none, or refused.
+Below sqrt(beta) = delta = mu = 2e-5 the sign of Re lambda would be rounding, so that crossings
+would be found where there are none, or be refused.
 
-All are odd under reversal of time, so with their ratio sqrt(beta) : delta : mu held, crossings are
-even functions of their size: u_c = F(ratio) + O(beta, delta^2, mu^2). Solved is the same pipe with
-all made stronger, in three sizes, and the crossings are extrapolated to the size asked for. The
-limit is not the pipe with none, which is circulatory (Ziegler's paradox).
+The gyroscopic force and both kinds of damping are odd under reversal of time. At a constant ratio
+sqrt(beta) : delta : mu, crossings are therefore even functions of their size:
+u_c = F(ratio) + O(beta, delta^2, mu^2). The same pipe is solved with all of them made stronger, in
+three sizes, and the crossings are extrapolated to the size asked for. The limit is not the pipe
+with none of them, which is circulatory (Ziegler's paradox).
 """
 
 from __future__ import annotations
@@ -23,29 +24,31 @@ from pipedyn.models.pipe import Pipe
 from pipedyn.util.errors import NotConverged
 
 STRONG = 1e-4
-"""sqrt(beta) or delta of the least size solved: rounding then moves speeds by 1e-10 to 1e-8."""
+"""Least sqrt(beta), delta or mu solved: rounding then changes speeds by 1e-10 to 1e-8."""
 
 WEAK = 0.2
-"""Share of `STRONG` below which crossings are extrapolated: measured, speeds are known to 4e-11
-there with and without; above it better without, below worse (7e-10 at a tenth)."""
+"""Share of `STRONG` below which crossings are extrapolated. Measured, errors of speeds are 4e-11
+here with and without extrapolation; without it they are smaller above, and larger below (7e-10 at a
+tenth)."""
 
 SQUARES = (1.0, 2.0, 4.0)
-"""Squares of the sizes solved: three fit a parabola in the square, whose distance to the line
-through two bounds the error; they lie close so that terms of higher order do not enter."""
+"""Squares of the sizes solved, in units of the least. Three determine a parabola in the square,
+whose distance from the line through two bounds the error; they are close, so that terms of higher
+order stay small."""
 
 
 def _size(pipe: Pipe) -> float:
-    """Size of sqrt(beta), delta and mu, 1 at the least that is solved."""
+    """Largest of sqrt(beta), delta and mu, in units of the least size that is solved."""
     return max(math.sqrt(pipe.beta), pipe.damping, pipe.hysteresis) / STRONG
 
 
 def is_weakly_damped(pipe: Pipe) -> bool:
-    """Whether rounding would hide what gyroscopic force and damping there is."""
+    """Whether gyroscopic force and damping are present, but so weak that rounding hides them."""
     return 0.0 < _size(pipe) < WEAK
 
 
 def strengthened(pipe: Pipe) -> list[Pipe]:
-    """The pipes to solve in its place."""
+    """The pipes with stronger gyroscopic force and damping to solve in place of a pipe."""
     flow, delta, mu, size = math.sqrt(pipe.beta), pipe.damping, pipe.hysteresis, _size(pipe)
     factors = [math.sqrt(square) / size for square in SQUARES]
     return [
@@ -56,7 +59,7 @@ def strengthened(pipe: Pipe) -> list[Pipe]:
 def extrapolated(
     pipe: Pipe, solved: Sequence[Pipe], found: Sequence[tuple[Crossing, ...]]
 ) -> tuple[Crossing, ...]:
-    """The crossings of the pipe from those of the pipes solved in its place, if these agree."""
+    """Crossings of a pipe from those of the strengthened pipes, which must agree in kind."""
     kinds = [[(c.kind, c.mode, c.unstable_before, c.unstable_after) for c in row] for row in found]
     if any(row != kinds[0] for row in kinds):
         raise NotConverged(
@@ -65,7 +68,7 @@ def extrapolated(
             found[0],
         )
     x = _size(pipe) ** 2
-    # Weights of the values in the parabola and in the line at x, from the powers of the squares.
+    # Weights of the solved values in the parabola, and in the line, through them at x.
     parabola, line = (
         np.linalg.solve(np.vander(SQUARES[:n]).T, np.vander([x], n)[0]) for n in (3, 2)
     )
@@ -88,14 +91,14 @@ def extrapolated(
 
 
 def _weakened(pipe: Pipe, solved: Pipe, sensitivity: Sensitivity | None) -> Sensitivity | None:
-    """Derivatives by beta, damping and hysteresis, as these shrink; others tend to a limit."""
+    """Sensitivity of a weak pipe from a stronger one's, where beta and both dampings rescale it."""
     if sensitivity is None:
         return None
     weaker = _size(solved) / _size(pipe)
 
     def shrunk(by: Derivatives) -> Derivatives:
-        # u = F(ratio) + beta G: what comes from F grows, like 1 / beta for beta. At beta = 0 there
-        # is no ratio to one of the others alone, in which u is even.
+        # In u = F(ratio) + beta G, derivatives of F grow as the size shrinks, by beta like
+        # 1 / beta. At beta = 0 with one kind of damping there is no ratio, and u is even in it.
         shrinks = [by.beta is None and not other for other in (solved.hysteresis, solved.damping)]
         damping, hysteresis = (
             one * (1.0 / weaker if alone else weaker)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Scenes from parts: modules in redundant coordinates, tied together by constraints."""
+"""Scenes made from parts: modules in redundant coordinates, tied together by constraints."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ from pipedyn.modular.parts import (
     Part,
     Segment,
     TorsionalSpring,
-    described,
+    part_text,
 )
 from pipedyn.modular.redundant import RedundantForm
 from pipedyn.util import check
@@ -50,41 +50,41 @@ from pipedyn.util.errors import NotConverged, resolved
 from pipedyn.util.newton import NewtonFailed, newton
 
 LARGEST_JACOBIAN, LARGEST_RECURSION = 1300, 400
-"""Segments up to which (6 n, 6 n) is made, 0.5 GB, and the dense recursions take seconds."""
+"""Most segments for a dense Jacobian (6 n, 6 n), 0.5 GB, and for dense recursions, seconds."""
 
 
 @saved_as("Assembly")
 class Assembly(Model):
-    """A scene from parts: a pipe of rigid segments with whatever else stands in it.
+    """A scene made from parts: a pipe of rigid segments with whatever else is added to it.
 
-    Every part writes its inertia, forces or constraints in redundant coordinates and knows of no
-    other. What acts at a place of the pipe, or per length, is a term of the pipe; its place may lie
-    anywhere along a segment. So does what holds the pipe belong to it: a root's spring lies in
-    series with joint 1, supports hold the nodes at their places as a `Guide` does, and a guided or
-    clamped end needs a `TorsionalSpring` of joint n + 1, between it and the last segment.
+    Every part has its inertia, forces or constraints in redundant coordinates, independently of all
+    other parts. Effects at a place of the pipe, or per length, are terms of the pipe; their places
+    may lie anywhere along a segment. The supports belong to the pipe as well: a root's spring lies
+    in series with joint 1, supports hold the nodes at their places as a `Guide` does, and a guided
+    or clamped end needs a `TorsionalSpring` of joint n + 1, between it and the last segment.
 
-    States live in the redundant coordinates q = (x_1, y_1, phi_1, x_2, ...), shape (3 n,): x_j
-    transverse and y_j downward is where node j, the end of segment j, stands from the clamp, phi_j
-    the angle of joint j. `rhs`, `energy` and `power` read the angles of the joints and their rates,
-    from which all else follows where clamp and joints are met; guides and pins need not be met
-    exactly. Accelerations keep all constraints, take O(n), and are NaN where a direction has lost
-    its inertia.
+    States are given in the redundant coordinates q = (x_1, y_1, phi_1, x_2, ...), shape (3 n,):
+    x_j transverse and y_j downward from the clamp is the position of node j, the end of segment j,
+    and phi_j is the angle of joint j. `rhs`, `energy` and `power` read the angles of the joints and
+    their rates, from which all else follows where clamp and joints are met; guides and pins need
+    not be met exactly. Accelerations satisfy all constraints, take O(n), and are NaN where a
+    direction has lost its inertia.
 
     Operators live in the degrees of freedom that the constraints leave: the angles of the segments,
     theta_j = phi_1 + .. + phi_j, or, where guides and pins tie them, coordinates along an
     orthonormal basis of what these leave. Methods that take a configuration take the angles, shape
     (n,), or redundant coordinates, shape (3 n,), that meet the constraints. Linear questions cost
-    O(n^3), but of a scene that is a `Chain` with terms, free or held by guides, about the straight
-    pipe what they cost of that.
+    O(n^3); about the straight pipe, a scene that is a `Chain` with terms, free or held by guides,
+    costs as much as that chain.
 
-    Immutable; `plus` makes another.
+    A scene is immutable; `plus` makes another.
 
     Args:
-        pipe: the pipe; all of flow, gravity, drag and Kelvin-Voigt damping take its numbers.
+        pipe: the pipe, whose numbers flow, gravity, drag and Kelvin-Voigt damping take.
         modules: parts with inertia or forces, the segments in their order from the clamp; terms
             among them are added to those of the pipe.
-        constraints: one group each, in any order: `Clamp` and for each further segment its `Joint`,
-            and what else holds the pipe. Redundant ones are accepted.
+        constraints: constraints in any order, each a group of its own: `Clamp`, a `Joint` for each
+            further segment, and what else holds the pipe. Redundant constraints are accepted.
         enforcement: "orthonormal" (accelerations as by a basis built group by group, found in O(n)
             along the chain) or "udwadia-kalaba" (dense, to compare); both give the same motion.
 
@@ -99,7 +99,7 @@ class Assembly(Model):
         ValueError: for parts that do not fit one another: nodes or segments that are not there,
             lengths that do not add up to 1, constraints that contradict one another or leave
             nothing that moves, a span that is taut, a direction without inertia.
-        TypeError: for what is no pipe, module or constraint.
+        TypeError: for arguments that are no pipe, modules or constraints.
 
     Source: Orsino and Di Giulio, eqs. (1)-(11); Orsino (2017) for the recursion.
     """
@@ -136,13 +136,13 @@ class Assembly(Model):
         self._reference = straight if self._misses(straight) <= MET else None
 
     def archived(self) -> dict[str, Any]:
-        """What it is made from, and the configuration that `about` chose."""
+        """Arguments, by name, from which a file restores the scene, and the choice of `about`."""
         parts = {"modules": self.modules, "constraints": self.constraints}
         return {**super().archived(), **parts, "enforcement": self.enforcement}
 
     @classmethod
     def restored(cls, fields: dict[str, Any]) -> Self:
-        """The scene of these parts."""
+        """The scene with these arguments and, if there is one, the choice of `about`."""
         reference = fields.pop("reference")
         made = cls(**fields)
         if reference is not None:
@@ -150,7 +150,7 @@ class Assembly(Model):
         return made
 
     def _check_pipe(self) -> None:
-        """Raises ValueError where some direction that is left free has no inertia."""
+        """Raises ValueError if a direction that the constraints leave free has no inertia."""
         rest = self._configuration(self._layout.rest)
         still = self.core.redundant_rhs(0.0, np.append(rest, 0.0 * rest), 0.0, refuses=False)
         if not np.isfinite(still).all():
@@ -161,7 +161,7 @@ class Assembly(Model):
 
     @cached_property
     def core(self) -> _core.Scene:
-        """The compiled scene."""
+        """The compiled scene, in redundant coordinates and in the segments' angles."""
         return self._layout.compiled(self._pipe)
 
     @cached_property
@@ -179,7 +179,8 @@ class Assembly(Model):
     def compiled(self) -> Any:
         motion = self.motion
         if not motion.is_compiled:
-            return None  # where nothing holds nodes it is a chain
+            return None  # Python computes custom modules and dense recursions
+        # A scene without held nodes and without further inertia is a chain.
         return motion.core if motion.core.compliance.size else motion.core.chain
 
     def __repr__(self) -> str:
@@ -189,7 +190,7 @@ class Assembly(Model):
         if layout.base:
             parts.append(f"base={layout.base:g}")
         others = [p for p in self.modules if not (isinstance(p, Segment) or _is_plain_spring(p))]
-        parts += [described(part) for part in (*others, *layout.guides_and_pins)]
+        parts += [part_text(part) for part in (*others, *layout.guides_and_pins)]
         if self._enforcement != "orthonormal":
             parts.append(repr(self._enforcement))
         return f"Assembly({self._pipe!r}, {', '.join(parts)}{self._about_shown})"
@@ -210,7 +211,7 @@ class Assembly(Model):
 
     @property
     def approximates_pipe(self) -> bool:
-        """False: what the parts tend to is the user's."""
+        """False, since the user chooses the parts and what they tend to."""
         return False
 
     @property
@@ -240,7 +241,7 @@ class Assembly(Model):
     def plus(self, *parts: Part | Term) -> Assembly:
         """Another scene, with further modules, constraints and terms of the pipe.
 
-        What `about` chose stays where the configuration meets the constraints, old and new.
+        The configuration that `about` chose stays if it meets all constraints, old and new.
 
         Example:
             >>> scene = pp.modular.chain(pp.Pipe(0.2), 4)
@@ -249,8 +250,8 @@ class Assembly(Model):
             (4.9493, 5.2274)
 
         Raises:
-            TypeError: for what is none of these.
-            ValueError: as for `Assembly`.
+            TypeError: for parts that are none of these.
+            ValueError: for parts that do not fit, as for `Assembly`.
         """
         for part in parts:
             if not isinstance(part, Module | Constraint | Term):
@@ -267,7 +268,7 @@ class Assembly(Model):
         modules: tuple[Module | Term, ...] = (),
         constraints: tuple[Constraint, ...] = (),
     ) -> Assembly:
-        """Another scene of a pipe, with further parts; a spring goes with the end that it holds."""
+        """The scene on another pipe with further parts; without an end its spring goes as well."""
         own = [m for m in self.modules if pipe.end_directed or not _holds_end(m, self.moving)]
         more = Assembly(
             pipe,
@@ -287,17 +288,17 @@ class Assembly(Model):
 
     @cached_property
     def as_chain(self) -> Chain | None:
-        """The chain that the scene is but for its guides, if it is one about the straight pipe."""
+        """The chain that equals the scene without guides, about the straight pipe; else None."""
         layout = self._layout
         plain = layout.has_flow and all(
             isinstance(part, Segment | InternalFlow | Drag) or _is_plain_spring(part)
             for part in self.modules
         )
-        # Compliance is 0 but of what has inertia besides the segments.
+        # The compliance is not 0 only of parts that have inertia besides the segments.
         straight = self._reference is not None and not self._reference.any()
         if not plain or not straight or self.core.compliance.any():
             return None
-        free = replace(  # small motions do not stretch it
+        free = replace(  # small motions do not stretch the pipe, so that those terms do not act
             self._pipe,
             supports=(),
             end="guided" if layout.guided else "free",
@@ -313,47 +314,47 @@ class Assembly(Model):
                 base=layout.base,
                 masses=layout.masses,
             )
-        except ValueError:  # its last segment has no inertia but that of a term
+        except ValueError:  # the last segment has no inertia of its own
             return None
 
     def pencil(self) -> Pencil:
-        """P(lambda) as for `Model.pencil`: of a scene that is a chain the chain's."""
+        """The pencil P(lambda) of small motions, that of the chain if the scene is one."""
         plain, layout = self.as_chain, self._layout
         if plain is None:
             return super().pencil()
         if not layout.independent.size:
             return plain.pencil()
         held = np.zeros(self.moving, dtype=np.bool_)
-        held[layout.held[layout.independent] // 3] = True  # on the straight pipe all are x_j
+        held[layout.held[layout.independent] // 3] = True  # all are x_j there
         return ChainPencil(plain, held, self.linear.elastic)
 
     # ------------------------------------------------------------------------------------ states
 
     def state(self, angles: ArrayLike, rates: ArrayLike | None = None) -> Array:
-        """The redundant state y = [q, q'], from the angles of the segments.
+        """The redundant state y = [q, q'] at angles of the segments and their rates.
 
         Args:
             angles: theta_j from the axis, rad, shape (n,).
             rates: theta_j', rad / T, shape (n,); at rest where not given.
 
         Returns:
-            Shape (6 n,).
+            State, shape (6 n,).
 
         Raises:
             ValueError: for other shapes, or a guide or pin that is missed by more than 1e-9; see
                 `closed`.
-            TypeError: for what is no array of real numbers.
+            TypeError: for arguments that are no arrays of real numbers.
         """
         theta = self._angles_of("angles", angles, sizes=(self.moving,))
         omega = self._rates_of("rates", rates, theta, sizes=(self.moving,))
         return self.core.from_angles(theta, omega)
 
     def _configuration(self, theta: Array) -> Array:
-        """Redundant coordinates of angles, shape (3 n,)."""
+        """Redundant coordinates, shape (3 n,), at angles of the segments, shape (n,)."""
         return self.core.from_angles(theta, np.zeros_like(theta))[: self.coordinates]
 
     def _misses(self, theta: Array) -> float:
-        """How far a configuration is from meeting the constraints."""
+        """Largest distance of the nodes at angles theta from guides and pins."""
         missed = self._configuration(theta)[self._layout.held] - self._layout.held_values
         return float(np.abs(missed).max(initial=0.0))
 
@@ -367,7 +368,7 @@ class Assembly(Model):
             theta_j, rad, shape (n, ...).
 
         Raises:
-            ValueError, TypeError: for another shape, or not of finite numbers.
+            ValueError, TypeError: for another shape, or numbers that are not finite.
         """
         size = self.coordinates
         raw = check.numbers("y", y, "an array of real numbers", longest=LARGEST_RESULT)
@@ -381,11 +382,11 @@ class Assembly(Model):
             angles: theta_j, rad, shape (n,).
 
         Returns:
-            Shape (n,).
+            Angles that meet guides and pins, shape (n,).
 
         Raises:
-            NotConverged: if none are found near these.
-            ValueError, TypeError: for another shape, or not of finite numbers.
+            NotConverged: if no such angles are found near those given.
+            ValueError, TypeError: for another shape, or numbers that are not finite.
         """
         given = check.array(
             "angles", angles, size=self.moving, low=-LARGEST_ANGLE, high=LARGEST_ANGLE
@@ -393,7 +394,7 @@ class Assembly(Model):
         theta, missed = self._layout.closed(self.core, given)
         if missed > SAME:
             raise NotConverged(
-                f"no angles close to those given meet {self._layout.described_holds()}", theta
+                f"no angles close to those given meet {self._layout.guides_text()}", theta
             )
         return theta
 
@@ -401,15 +402,15 @@ class Assembly(Model):
         """A configuration at which all forces balance, stable or not, by Newton's method.
 
         Args:
-            start: where to begin, angles (n,) or redundant coordinates (3 n,); guides and pins need
-                not be met.
+            start: configuration from which to begin, angles (n,) or redundant coordinates (3 n,);
+                it need not meet guides and pins.
             u: flow speed >= 0, in sqrt(EI / mu_f) / L.
 
         Returns:
-            Redundant coordinates, shape (3 n,).
+            Redundant coordinates of the equilibrium, shape (3 n,).
 
         Raises:
-            NotConverged: if none is found near start.
+            NotConverged: if no equilibrium is found near start.
             ValueError, TypeError: for bad arguments.
         """
         u = check.real("u", u, low=0.0, high=1e4)
@@ -418,10 +419,11 @@ class Assembly(Model):
             given = np.cumsum(given[2::3])
 
         def correction(theta: Array) -> tuple[Array, float]:
+            """Newton's step of the angles, and its largest entry."""
             linear = SmallMotions(self.motion.form, theta)
             _, _, stiffness = linear.elastic_operators().at(u)
-            # Along a direction whose stiffness is rounding of the largest no force tells how far to
-            # go: the step leaves it.
+            # Along a direction whose stiffness is rounding of the largest stiffness, no force tells
+            # how far to go, and the step has no part.
             rounding = len(stiffness) * float(np.finfo(float).eps)
             step = np.linalg.lstsq(stiffness, linear.unbalanced(u), rcond=rounding)[0]
             turn = np.cumsum(linear.joint_angles(step)[:, 0])
@@ -453,21 +455,21 @@ class Assembly(Model):
 
     @cached_property
     def linear(self) -> SmallMotions:
-        """Small motions about the configuration of `about`, else the straight pipe."""
+        """Small motions about the configuration that `about` chose, else the straight pipe."""
         if self.as_chain is None:
             self._check_dense()
         return SmallMotions(self.motion.form, self.reference)
 
     @property
     def reference(self) -> Array:
-        """Angles about which linear questions are asked, shape (n,).
+        """Angles of the configuration about which the scene is linearised, shape (n,).
 
         Raises:
             ValueError: where the straight pipe misses a constraint and `about` chose nothing.
         """
         if self._reference is None:
             raise ValueError(
-                f"the straight pipe misses {self._layout.described_holds()}: choose a "
+                f"the straight pipe misses {self._layout.guides_text()}: choose a "
                 "configuration with about(q), for example about(equilibrium(...))"
             )
         return self._reference
@@ -476,34 +478,33 @@ class Assembly(Model):
         return self._left(self.linear, u)
 
     def _left(self, linear: SmallMotions, u: float) -> float:
-        """Largest force that nothing balances, relative to 1 + |gamma| + a u^2."""
+        """Largest unbalanced force, relative to 1 + |gamma| + a u^2."""
         size = 1.0 + abs(self._pipe.gamma) + self._pipe.alpha * u**2
         return float(np.abs(linear.unbalanced(u)).max(initial=0.0)) / size
 
     def operators(self, q: ArrayLike | None = None) -> Operators:
-        """As for `Model.operators`, about a configuration at rest.
+        """Operators of small motions about a configuration at rest, see `Model.operators`.
 
-        Where no guide or pin is there they are those of the angles of the segments; else their
-        columns are those of `basis`. stiffness contains the forces of all modules but the flow's
-        and what the constraint forces add to it on a bent pipe, flux the flow's with its share of
-        them.
+        Without guides and pins their degrees of freedom are the angles of the segments, else the
+        columns of `basis`. `stiffness` has the forces of all modules but the flow and, on a bent
+        pipe, what the constraint forces add; `flux` has the forces of the flow and of constraints
+        against it.
 
         Args:
-            q: the configuration; that of `about`, else the straight pipe, where not given.
+            q: the configuration; where not given, that of `about`, else the straight pipe.
 
         Raises:
-            ValueError: for what misses a constraint or has another shape, or more than 4000 degrees
-                of freedom.
-            TypeError: for what is no array of real numbers.
+            ValueError: for a q that misses a constraint or has another shape, or more than 4000
+                degrees of freedom.
+            TypeError: if q is no array of real numbers.
         """
         return self._with_loss(lambda scene: scene._linear_at(q).operators())
 
     def basis(self, q: ArrayLike | None = None) -> Array:
         """Angles of the segments by the degrees of freedom of `operators`, shape (n, dof).
 
-        The identity without guides and pins; else its columns are orthonormal.
-
-        Args, Raises: as for `operators`.
+        It is the identity without guides and pins; with them its columns are orthonormal. The
+        argument and exceptions are those of `operators`.
         """
         return self._linear_at(q).basis.spread(np.eye(self.dof))
 
@@ -511,14 +512,14 @@ class Assembly(Model):
         return self.basis(p)
 
     def _linear_at(self, q: ArrayLike | None) -> SmallMotions:
-        """Small motions about q, or the reference, if dense operators can be made."""
+        """Small motions about q, else about the reference; ValueError for too many dof."""
         self._check_dense()
         if q is None:
             return self.linear
         return SmallMotions(self.motion.form, self._angles_of("q", q))
 
     def elastic_operators(self) -> Operators:
-        """The same operators in elastic coordinates, see `pipedyn.modular.linearisation`."""
+        """Operators in elastic coordinates, see `pipedyn.modular.linearisation`."""
         return self._elastic
 
     @cached_property
@@ -534,17 +535,17 @@ class Assembly(Model):
     # -------------------------------------------------------------------------- nonlinear motion
 
     def projection(self, q: ArrayLike | None = None) -> Array:
-        """C_R of the recursion at a configuration: what the constraints leave, group by group.
+        """Basis C_R of the rates that constraints leave free, found by the recursion over groups.
 
         Args:
-            q: a configuration; that of `about` where not given, else the straight pipe or, where
-                that misses a constraint, one that does not.
+            q: a configuration; where not given, that of `about`, else the straight pipe or, where
+                that misses a constraint, a configuration that does not.
 
         Returns:
-            Shape (3 n, dof), with orthonormal columns.
+            C_R with orthonormal columns, shape (3 n, dof).
 
         Raises:
-            ValueError, TypeError: for what is no such configuration.
+            ValueError, TypeError: for a q that is no such configuration.
         """
         self._check_size(LARGEST_RECURSION)
         theta = self.resting() if q is None else self._angles_of("q", q)
@@ -560,10 +561,10 @@ class Assembly(Model):
             enforcement: "orthonormal" or "udwadia-kalaba".
 
         Returns:
-            Shape (3 n,).
+            Accelerations, shape (3 n,).
 
         Raises:
-            Mechanism: if a direction has no inertia there.
+            Mechanism: if a free direction has no inertia at the state.
             ValueError, TypeError: for bad arguments.
         """
         name = check.choice("enforcement", enforcement, ENFORCEMENTS)
@@ -590,21 +591,22 @@ class Assembly(Model):
         u_dot: float | ArrayLike | None = None,
         base: ArrayLike | None = None,
     ) -> Array:
-        """As for `Model.jacobian` of one state, (6 n, 6 n), of at most 1300 segments, in O(n^2).
+        """Derivative (6 n, 6 n) of `rhs` by one state, in O(n^2), for at most 1300 segments.
 
-        Accelerations change with the angles of the joints and their rates alone, see the class.
+        Accelerations depend on the angles of the joints and their rates alone, see the class. The
+        arguments are those of `Model.jacobian`.
         """
         self._check_size(LARGEST_JACOBIAN)
         size = self.coordinates
         state = check.doubles("y", y, "an array of real numbers")
         if state.shape != (2 * size,):
             raise ValueError(f"y must have shape ({2 * size},), got {state.shape}")
-        self.core.redundant_power(state, u, refuses=False)  # checks both
+        self.core.redundant_power(state, u, refuses=False)  # checks y and u
         angles = np.cumsum(state.reshape(-1, 3)[:, 2].reshape(2, -1), axis=1).ravel()
         drive = self._drive(state, u_dot, base)
         ask = self.equations.accelerations_by_state
         by_angles = resolved("jacobian", lambda: ask(angles, float(np.asarray(u)), drive))
-        # An angle is the sum of its joint's and those before, which no other coordinate changes.
+        # A segment's angle is the sum of joints' angles up to it; no other coordinate changes it.
         by_joints = np.cumsum(by_angles.reshape(size, 2, -1)[:, :, ::-1], axis=2)[:, :, ::-1]
         whole = np.eye(2 * size, k=size)
         whole[size:, 2::3] = by_joints.reshape(size, -1)
@@ -639,7 +641,7 @@ class Assembly(Model):
 
     def _centreline(self, q: ArrayLike, s: Array) -> Array:
         rows, base = self._rows("q", q, (self.moving, self.coordinates)), self._layout.base
-        # Redundant coordinates may miss constraints: their nodes are joined as given.
+        # Redundant coordinates may miss constraints: lines then join their nodes as given.
         places = self._configuration(rows) if rows.size == self.moving else rows
         steps = np.diff(self._layout.nodes(places), axis=0)
         line = along(steps, base, self._layout.lengths, s)
@@ -656,11 +658,13 @@ class Assembly(Model):
         return np.array(((1.0 - share) * left + share * q[3 * k : 3 * k + 2]).T)
 
     def bent(self, angle: Callable[[Array], ArrayLike]) -> Array:
-        """As for `Model.bent`, of theta(s) at the segments' middles or close to it.
+        """Redundant coordinates, (3 n,), with angles theta(s) at the segments' middles.
+
+        Where guides and pins are, angles are close to these. The argument is that of `Model.bent`.
 
         Raises:
             NotConverged: if no angles close to these meet guides and pins.
-            ValueError, TypeError: as for `Model.bent`.
+            ValueError, TypeError: for bad arguments, as for `Model.bent`.
         """
         return self._configuration(self.closed(self.sampled(angle)))
 
@@ -686,6 +690,7 @@ class Assembly(Model):
     # ----------------------------------------------------------------------------------- arguments
 
     def _check_size(self, most: int) -> None:
+        """Raises ValueError for a dense result of more than `most` segments."""
         if self.moving > most:
             raise ValueError(f"dense results need at most {most} segments, got {self.moving}")
 
@@ -693,6 +698,7 @@ class Assembly(Model):
     def _rows(
         name: str, given: ArrayLike, sizes: tuple[int, ...], high: float = LARGEST_ANGLE
     ) -> Array:
+        """An argument as a one-dimensional array of one of the sizes."""
         rows = check.array(name, given, low=-high, high=high)
         if rows.size not in sizes:
             listed = " or ".join(f"({size},)" for size in sizes)
@@ -703,7 +709,7 @@ class Assembly(Model):
         return self._angles_of("q", q)
 
     def _angles_of(self, name: str, given: ArrayLike, sizes: tuple[int, ...] = ()) -> Array:
-        """Angles of the segments from angles or redundant coordinates that meet the constraints."""
+        """Angles of segments from angles or redundant coordinates, which must meet constraints."""
         rows = self._rows(name, given, sizes or (self.moving, self.coordinates))
         theta = rows if rows.size == self.moving else np.cumsum(rows[2::3])
         q = rows if rows.size == self.coordinates else self._configuration(theta)
@@ -714,7 +720,7 @@ class Assembly(Model):
     def _rates_of(
         self, name: str, given: ArrayLike | None, theta: Array, sizes: tuple[int, ...] = ()
     ) -> Array:
-        """Rates of the angles, from those or redundant rates that keep the constraints."""
+        """Rates of the angles, from these or redundant rates, which must keep the constraints."""
         if given is None:
             return np.zeros(self.moving)
         rows = self._rows(name, given, sizes or (self.moving, self.coordinates), 1e6)
@@ -726,25 +732,27 @@ class Assembly(Model):
         return np.array(omega)
 
     def _require_met(self, rule: str, residual: Array, most: float) -> None:
-        """Raises ValueError, with the constraint that a residual is of, if one is too large."""
+        """Raises ValueError, which names the constraint, if a residual is too large."""
         worst = int(np.argmax(np.abs(residual)))
         if not abs(residual[worst]) <= most:
             raise ValueError(
-                f"{rule} {self._layout.described_row(worst)}, got a deviation of "
+                f"{rule} {self._layout.row_text(worst)}, got a deviation of "
                 f"{abs(residual[worst]):.1e}; closed(angles) gives angles that meet all"
             )
 
 
 def _holds_end(part: Module, segments: int) -> bool:
+    """Whether a part is the spring between the last segment and an end that is held."""
     return isinstance(part, TorsionalSpring) and part.joint > segments
 
 
 def _is_plain_spring(part: Module) -> bool:
-    """Whether it is a joint's spring with the pipe's damping, straight at rest."""
+    """Whether a part is a joint's spring with the pipe's damping, straight at rest."""
     return isinstance(part, TorsionalSpring) and part.damping is None and part.rest_angle == 0.0
 
 
 def _parts(name: str, given: Any, kinds: tuple[type[Any], ...]) -> tuple[Any, ...]:
+    """An argument that must be a sequence of parts of the kinds, as a tuple."""
     if isinstance(given, str | bytes) or not np.iterable(given):
         raise TypeError(f"{name} must be parts in a sequence, got {check.shown(given)}")
     parts = tuple(given)

@@ -12,28 +12,28 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipedyn.models.base import COMPLEX_STEP
-from pipedyn.modular.parts import Custom, Function
+from pipedyn.modular.parts import Custom, UserLaw
 from pipedyn.util.check import Array
 from pipedyn.util.later import scipy
 
 STRIDE = 1e-3
-"""Step of the differences of a complex-step gradient: of order 4, they err by some 1e-12."""
+"""Step of differences of a complex-step gradient: being of order 4, they err by some 1e-12."""
 
 TRIAL_STEP, AGREEMENT = 1e-5, 1e-4
-"""Step of the differences that check derivatives, and how closely these must agree.
+"""Step of the differences that check derivatives, and the relative error up to which both agree.
 
 The differences err by some 1e-10; a wrong derivative seldom agrees to four digits.
 """
 
 TRIAL_SIZES = (1e-3, -0.03, 0.03, -0.3, 0.3, -1.0, 1.0)
-"""Displacements at which functions are checked, in L and rad: both sides of a wall show there."""
+"""Displacements at which functions are checked, in L and rad, on both sides of any wall."""
 
 
 class CustomForce:
     """One module of the user's own, as functions of the k coordinates that it touches.
 
     Args:
-        module: its description.
+        module: description of the module.
     """
 
     def __init__(self, module: Custom) -> None:
@@ -41,23 +41,23 @@ class CustomForce:
         self.index = module.index
 
     def energy(self, q: Array) -> float:
-        """Potential energy."""
+        """Potential energy of the module at q, shape (k,)."""
         return 0.0 if self.module.energy is None else float(self._call("energy", (), q))
 
     def force(self, q: Array, qdot: Array) -> Array:
-        """Generalized force, shape (k,)."""
+        """Generalized force of the module, shape (k,)."""
         if self.module.force is None:
             return -self._gradient(q)
         return self._call("force", q.shape, q, qdot)
 
     def work(self, q: Array, qdot: Array) -> float:
-        """Power of the force beyond what its energy loses."""
+        """Power of the part of the force that does not come from the potential energy."""
         if self.module.force is None:
             return 0.0
         return float((self.force(q, qdot) + self._gradient(q)) @ qdot)
 
     def by_q(self, q: Array, qdot: Array) -> Array:
-        """Derivative of the force by the coordinates, shape (k, k)."""
+        """Derivative of the force by the coordinates, shape (k, k), a row for each force."""
         if self.module.force_by_q is not None:
             return np.array(self._call("force_by_q", (q.size, q.size), q, qdot))
         if self.module.force is None:
@@ -65,7 +65,7 @@ class CustomForce:
         return self._complex_step("force", q.shape, lambda z: (z, qdot), q)
 
     def by_qdot(self, q: Array, qdot: Array) -> Array:
-        """Derivative of the force by the rates, shape (k, k)."""
+        """Derivative of the force by the rates, shape (k, k), a row for each force."""
         if self.module.force is None:
             return np.zeros((q.size, q.size))
         if self.module.force_by_qdot is not None:
@@ -73,14 +73,15 @@ class CustomForce:
         return self._complex_step("force", q.shape, lambda z: (q, z), qdot)
 
     def _gradient(self, q: Array) -> Array:
+        """Gradient of the potential energy, shape (k,)."""
         if self.module.energy is None:
             return np.zeros(q.size)
         return self._complex_step("energy", (), lambda z: (z,), q)
 
     def _complex_step(
-        self, name: str, shape: tuple[int, ...], arguments: Function, at: Array
+        self, name: str, shape: tuple[int, ...], arguments: UserLaw, at: Array
     ) -> Array:
-        """Derivative by complex step, shape (*shape, k)."""
+        """Derivative, (*shape, k), of a function by complex step in one of its arguments."""
         columns = []
         for i in range(at.size):
             moved = at.astype(np.complex128)
@@ -92,7 +93,7 @@ class CustomForce:
         self, name: str, shape: tuple[int, ...], *arguments: NDArray[Any], kind: str = "f"
     ) -> Any:
         whose = f"{name} of {self.module.name}"
-        function: Function = getattr(self.module, name)
+        function: UserLaw = getattr(self.module, name)
         try:
             answer = np.asarray(function(*arguments))
         except (TypeError, ValueError, AttributeError, np.exceptions.ComplexWarning) as error:
@@ -110,12 +111,12 @@ class CustomForce:
     def validate(self, q: Array) -> None:
         """Calls every function near q and compares derivatives with differences.
 
-        Raises ValueError or TypeError for what returns another shape, or no finite numbers, or
-        derivatives that are not those of the function.
+        Raises ValueError or TypeError for a function that returns another shape or no finite
+        numbers, or for derivatives that are not those of the function.
         """
         rates = 0.1 * np.sin(1.0 + self.index)
         with warnings.catch_warnings():
-            warnings.simplefilter("error", np.exceptions.ComplexWarning)  # an imaginary part lost
+            warnings.simplefilter("error", np.exceptions.ComplexWarning)  # imaginary part lost
             for size in TRIAL_SIZES:
                 self._validate_at(
                     q + size * np.cos(1.0 + self.index), rates, size == TRIAL_SIZES[0]
@@ -126,7 +127,7 @@ class CustomForce:
         if not (np.isfinite(force).all() and np.isfinite(energy)):
             if must_be_finite:
                 raise ValueError(f"{self.module.name} must give finite forces and energies")
-            return  # a place that it is not made for
+            return  # the module is not made for this place
         name, by = self.module.name, "must be the force's derivative"
         if self.module.energy is not None:
             rule = f"energy of {name} must have its gradient by complex step"
@@ -137,8 +138,8 @@ class CustomForce:
         rule = f"force_by_qdot of {name} {by}"
         self._compare(rule, self.by_qdot(q, rates), lambda z: self.force(q, z), rates, largest)
 
-    def _compare(self, rule: str, given: Array, function: Function, at: Array, size: float) -> None:
-        """Raises ValueError unless the derivative given is the function's."""
+    def _compare(self, rule: str, given: Array, function: UserLaw, at: Array, size: float) -> None:
+        """Raises ValueError unless a derivative agrees with differences of the function."""
         measured = _differences(function, at, np.full(at.size, TRIAL_STEP))
         if not np.isfinite(measured).all():
             return
@@ -152,8 +153,8 @@ class CustomForce:
             )
 
 
-def _differences(function: Function, at: Array, steps: Array) -> Array:
-    """Derivative by differences of order 4."""
+def _differences(function: UserLaw, at: Array, steps: Array) -> Array:
+    """Derivative of a function by central differences of order 4, shape (..., k)."""
     columns = []
     for step in np.diag(steps):
         near = function(at + step) - function(at - step)
@@ -163,10 +164,10 @@ def _differences(function: Function, at: Array, steps: Array) -> Array:
 
 
 class CustomForces:
-    """All modules of the user's own in a scene, at one state or at k.
+    """All custom modules of a scene, evaluated at one state or at k.
 
     Args:
-        modules: their descriptions.
+        modules: descriptions of the modules.
         straight: redundant coordinates of the straight pipe, where their energy counts as 0.
     """
 
@@ -178,7 +179,7 @@ class CustomForces:
         return bool(self.each)
 
     def force(self, q: Array, qdot: Array) -> Array:
-        """Generalized forces, shape (3 n,) or (3 n, k), at states of that shape."""
+        """Generalized forces, (3 n,) or (3 n, k), at coordinates and rates of the same shape."""
         total = np.zeros(q.shape)
         for column, place, rates in zip(*map(_columns, (total, q, qdot)), strict=True):
             for custom in self.each:
@@ -186,7 +187,7 @@ class CustomForces:
         return total
 
     def derivatives(self, q: Array, qdot: Array) -> tuple[Any, Any]:
-        """Derivatives of the forces at one state by q and q', sparse, (3 n, 3 n) each."""
+        """Sparse derivatives of the forces at one state by q and by q', (3 n, 3 n) each."""
         found: list[Any] = [scipy.sparse.csr_array((q.size, q.size)) for _ in range(2)]
         for custom in self.each:
             at = custom.index
@@ -197,19 +198,20 @@ class CustomForces:
         return found[0], found[1]
 
     def energy(self, q: Array) -> float | Array:
-        """Potential energy, a number or shape (k,)."""
+        """Potential energy of all modules, a number or shape (k,); 0 on the straight pipe."""
         return self._summed(CustomForce.energy, q) - self._straight_energy
 
     @cached_property
     def _straight_energy(self) -> Any:
+        """Potential energy that the user's functions give on the straight pipe."""
         return self._summed(CustomForce.energy, self._straight)
 
     def work(self, q: Array, qdot: Array) -> float | Array:
-        """Power of the forces beyond what their energy loses, a number or shape (k,)."""
+        """Power of the parts of forces that come from no potential energy, a number or (k,)."""
         return self._summed(CustomForce.work, q, qdot)
 
     def _summed(self, function: Callable[..., float], *states: Array) -> Any:
-        """Sum of a function over the modules, a number or shape (k,)."""
+        """Sum of a function over the modules, at one state a number, at k states shape (k,)."""
         sums = [
             sum(function(custom, *(row[custom.index] for row in rows)) for custom in self.each)
             for rows in zip(*map(_columns, states), strict=True)
@@ -218,5 +220,5 @@ class CustomForces:
 
 
 def _columns(states: Array) -> Array:
-    """Views of the columns of (3 n,) or (3 n, k), as rows."""
+    """View of the columns of an array, (3 n,) or (3 n, k), as rows, (1, 3 n) or (k, 3 n)."""
     return np.atleast_2d(states.T)

@@ -1,16 +1,16 @@
 # SPDX-License-Identifier: MIT
-"""Constraints enforced group by group, written as the method reads: dense, for any scene.
+"""Dense recursions that enforce constraints group by group, for any scene.
 
 Free modules obey M q'' = f; constraints A_r q'' = b_r, r = 1 .. R, enter in groups, in any order.
-Two recursions give the accelerations. Both are O(n^3), to read, to compare and to teach; motions
-find the same accelerations in O(n), see cpp/pipedyn/modular/scene.hpp.
+Two recursions give the accelerations. Both are O(n^3) and serve to read, compare and teach the
+method; motions find the same accelerations in O(n), see cpp/pipedyn/modular/scene.hpp.
 
 Orthonormal basis. C_0 = I; S_r spans the null space of A_r C_{r-1}, and C_r = C_{r-1} S_r. Then
 q'' = p + C_R a with any p that meets the constraints (kept by the same recursion), and
 C_R^T (M q'' - f) = 0.
 
-Udwadia-Kalaba. With P_0 = M^-1 and q''_0 = M^-1 f, each group corrects what the groups before it
-left,
+Udwadia-Kalaba. With P_0 = M^-1 and q''_0 = M^-1 f, each group corrects the accelerations and
+compliance that the groups before it left,
 
     G = P A_r^T (A_r P A_r^T)^+,   q'' <- q'' + G (b_r - A_r q''),   P <- P - G A_r P,
 
@@ -34,25 +34,26 @@ from pipedyn.util.check import Array
 from pipedyn.util.errors import PipedynError
 
 RANK = 1e-10
-"""Singular values of a group below this share of its rows' size are redundant: rounding leaves
-some 1e-16 a group of such a row."""
+"""Singular values of a group below this share of its rows' size are redundant: rounding leaves some
+1e-16 of such a row in each group."""
 
 Group = tuple[Array, Array]
-"""A_r, shape (m, N), and b_r, shape (m,)."""
+"""A group of m constraints: A_r, shape (m, N), and b_r, shape (m,)."""
 
 Enforce = Callable[[Array, Array, Sequence[Group]], Array]
-"""Accelerations of M, shape (N, N), symmetric and positive semidefinite, f and the groups."""
+"""A function that returns accelerations, (N,), from M, (N, N), positive semidefinite, f, groups."""
 
 
 @saved_as("Mechanism")
 class Mechanism(PipedynError):
-    """A scene that can move in some direction without inertia."""
+    """The scene can move in some direction without inertia."""
 
 
 def projection(groups: Sequence[Group], size: int) -> tuple[Array, Array]:
     """C_R, shape (N, dof), and p, shape (N,): what the constraints leave free, group by group.
 
-    The columns of C_R are orthonormal; of all p that meet the constraints each group adds least.
+    The columns of C_R are orthonormal. To p, which meets the constraints, each group adds the
+    smallest possible correction.
     """
     basis, particular = np.eye(size), np.zeros(size)
     for rows, wanted in groups:
@@ -80,10 +81,13 @@ def by_orthonormal_basis(mass: Array, force: Array, groups: Sequence[Group]) -> 
 
 
 def by_udwadia_kalaba(mass: Array, force: Array, groups: Sequence[Group]) -> Array:
-    """The same by recursive Udwadia-Kalaba."""
+    """Accelerations q'', shape (N,), by the recursive Udwadia-Kalaba equation.
+
+    Raises `Mechanism` where a direction that is left free has no inertia.
+    """
     every, all_wanted = (np.concatenate(of) for of in zip(*groups, strict=True))
     own = np.diag(mass)
-    inertia = float(np.median(own[own > 0.0]))  # neither is lost in the other's rounding
+    inertia = float(np.median(own[own > 0.0]))  # so that no part is lost in rounding
     mass, force = mass + inertia * every.T @ every, force + inertia * every.T @ all_wanted
     scale = 1.0 / np.sqrt(np.diag(mass))
     values, vectors = np.linalg.eigh(scale[:, None] * mass * scale)
@@ -103,12 +107,13 @@ def by_udwadia_kalaba(mass: Array, force: Array, groups: Sequence[Group]) -> Arr
 
 
 def _rank(values: Array, rows: Array) -> int:
+    """Number of singular values of a group that are not redundant."""
     size = float(np.linalg.norm(rows, axis=1).max(initial=0.0))
     return int(np.sum(values > RANK * size))
 
 
 def _pseudo_inverse(matrix: Array, size: float) -> Array:
-    """Of a symmetric matrix whose eigenvalues below RANK of a size are rounding."""
+    """Pseudo-inverse of a symmetric matrix, whose eigenvalues below RANK times size count as 0."""
     values, vectors = np.linalg.eigh(matrix)
     good = values > RANK * size
     return vectors[:, good] @ (vectors[:, good] / values[good]).T
@@ -118,4 +123,4 @@ ENFORCEMENTS: dict[str, Enforce] = {
     "orthonormal": by_orthonormal_basis,
     "udwadia-kalaba": by_udwadia_kalaba,
 }
-"""The dense recursions by name; the accelerations of the first are found in O(n) by default."""
+"""The dense recursions by name; by default the core finds accelerations of the first in O(n)."""

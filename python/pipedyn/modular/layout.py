@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""How the parts of a scene fit one another: what is checked once, when a scene is made."""
+"""The layout of a scene: its parts in order, checked once to fit when the scene is made."""
 
 from __future__ import annotations
 
@@ -28,22 +28,22 @@ from pipedyn.modular.parts import (
     Pin,
     Segment,
     TorsionalSpring,
-    described,
+    part_text,
 )
 from pipedyn.util.check import Array
 from pipedyn.util.later import scipy
 
 CONSTRAINTS = (Clamp, Joint, Guide, Pin)
-"""Constraints that there are."""
+"""Kinds of constraints."""
 
 MODULES = (Segment, TorsionalSpring, InternalFlow, Drag, Custom)
-"""Modules that there are."""
+"""Kinds of modules."""
 
 DEPENDENT = 1e-9
-"""Guides and pins that depend on the others to this, well above rounding, are redundant."""
+"""Relative size, well above rounding, below which a guide or pin depends on the others."""
 
 TAUT = 1e-5
-"""Guides and pins that depend on one another to this, but only on a straight span, hold it taut.
+"""Relative size below which guides and pins depend on one another where they hold a span taut.
 
 Newton's method meets them to 1e-12, which leaves angles of some 1e-6 on a span without slack.
 """
@@ -52,16 +52,16 @@ P = TypeVar("P", bound=Part)
 
 
 class Layout:
-    """Modules and constraints in the order of their places, and a configuration that fits them all.
+    """Modules and constraints in the order of their places, and a configuration that meets them.
 
-    What holds the pipe besides (its root's spring, its supports and its end) comes from the pipe.
+    The root's spring, the supports and a held end come from the pipe.
 
     Args:
-        modules, constraints: the parts.
-        pipe: the pipe.
+        modules, constraints: parts of the scene.
+        pipe: the pipe of the scene.
 
     Raises:
-        ValueError: if they do not fit one another or how the pipe is held.
+        ValueError: if the parts do not fit one another, or the way in which the pipe is held.
     """
 
     def __init__(
@@ -69,7 +69,7 @@ class Layout:
     ) -> None:
         self.modules, self.constraints = tuple(modules), tuple(constraints)
         self.given, self.guided = self.constraints, pipe.end_directed
-        """Constraints without those of the pipe's supports, and whether joint n + 1 is there."""
+        """Constraints without those of the pipe's supports, and whether there is a joint n + 1."""
         self.segments = segments = _of(modules, Segment)
         self.customs = _of(modules, Custom)
         self.size = len(segments)
@@ -88,13 +88,13 @@ class Layout:
         self.drag_points = np.array([segment.drag_point for segment in segments])
         self.masses = np.array([s.length if s.mass is None else s.mass for s in segments])
         self.springs, self.rest_moments = np.zeros(self.size + self.guided), np.zeros(self.size)
-        """Of each joint, without a root's spring, and moments k_j psi_j of those bent at rest."""
+        """Stiffness k_j of each joint without a root's spring, and moment k_j psi_j at angle 0."""
         for spring in _of(modules, TorsionalSpring):
             self.springs[spring.joint - 1] += spring.stiffness
             if spring.joint <= self.size:
                 self.rest_moments[spring.joint - 1] += spring.stiffness * spring.rest_angle
             elif spring.rest_angle != 0.0:
-                raise ValueError(f"{described(spring)}: rest_angle of a guided end must be 0")
+                raise ValueError(f"{part_text(spring)}: rest_angle of a guided end must be 0")
         for array in (self.lengths, self.ends, self.springs):
             array.flags.writeable = False
         self.has_flow = bool(_of(modules, InternalFlow))
@@ -102,22 +102,21 @@ class Layout:
         self.inertia = self._found_inertia()
         holding = self._found_holding()
         self.held, self.holding = np.array(list(holding), dtype=np.intp), list(holding.values())
-        """Redundant coordinates that guides and pins hold, shape (c,), and by which each."""
-        self.held_values = np.array([dict(_holds(part))[k] for k, part in holding.items()])
+        """Redundant coordinates that guides and pins hold, shape (c,), and the part for each."""
+        self.held_values = np.array([dict(_held_by(part))[k] for k, part in holding.items()])
         self.unit_loads = np.zeros((3 * self.size, self.held.size))
         self.unit_loads[self.held, np.arange(self.held.size)] = 1.0
         self.rest = self._found_rest()
         self.independent = self._independent(self.rest, DEPENDENT)
         self._refuse_taut()
         if self.independent.size == self.size:
-            raise ValueError(
-                f"{self.described_holds()} must leave something that moves, got nothing"
-            )
+            raise ValueError(f"{self.guides_text()} must leave something that moves, got nothing")
         self.group_rows = self._found_group_rows()
 
     # -------------------------------------------------------------------------------- what is where
 
     def _check_places(self) -> None:
+        """Raises ValueError for parts at places that are not there, or parts that are missing."""
         n = self.size
         for part in (*self.modules, *self.constraints):
             for name in ("node", "joint", "segment", "nodes", "joints"):
@@ -125,7 +124,7 @@ class Layout:
                 beyond = [p for p in (given if isinstance(given, tuple) else (given,)) if p > most]
                 if beyond:
                     raise ValueError(
-                        f"{described(part)}: {name} must be at most {most}, the number of "
+                        f"{part_text(part)}: {name} must be at most {most}, the number of "
                         f"{'joints' if most > n else 'segments'}, got {beyond[0]}"
                     )
         if self.guided and n + 1 not in {
@@ -153,11 +152,12 @@ class Layout:
             )
 
     def _checked_base(self) -> float:
+        """Length of the fixed part of the pipe, on which all clamps must agree."""
         bases = [clamp.base for clamp in _of(self.constraints, Clamp)]
         if max(bases) - min(bases) > SAME:
             raise ValueError(
                 "constraints contradict one another: "
-                + " and ".join(described(clamp) for clamp in _of(self.constraints, Clamp))
+                + " and ".join(part_text(clamp) for clamp in _of(self.constraints, Clamp))
             )
         return bases[0]
 
@@ -171,53 +171,53 @@ class Layout:
         return tuple(Guide(node) for node in (held_ends(pipe, self.ends[1:]) + 1).tolist())
 
     def _found_holding(self) -> dict[int, Constraint]:
-        """The redundant coordinates that are held, each with the first guide or pin that does."""
+        """Redundant coordinates that are held, each with the first guide or pin that holds it."""
         found: dict[int, tuple[float, Constraint]] = {}
         for part in self.constraints:
-            for coordinate, value in _holds(part):
+            for coordinate, value in _held_by(part):
                 other, first = found.setdefault(coordinate, (value, part))
                 if abs(other - value) > SAME:
                     raise ValueError(
-                        f"constraints contradict one another: {described(first)} and "
-                        f"{described(part)}"
+                        f"constraints contradict one another: {part_text(first)} and "
+                        f"{part_text(part)}"
                     )
         return {coordinate: part for coordinate, (_, part) in found.items()}
 
     def _found_group_rows(self) -> list[list[int]]:
-        """Which rows of `RedundantForm.constraints` each constraint is, in the order given."""
+        """Rows in `RedundantForm.constraints` of each constraint, in the order of constraints."""
         place = {int(coordinate): i for i, coordinate in enumerate(self.held)}
         rows: list[list[int]] = []
         for part in self.constraints:
             joint = 2 * getattr(part, "segment", 1) - 2
-            held = [2 * self.size + place[coordinate] for coordinate, _ in _holds(part)]
+            held = [2 * self.size + place[coordinate] for coordinate, _ in _held_by(part)]
             rows.append(held or [joint, joint + 1])
         return rows
 
-    def described_row(self, row: int) -> str:
-        """The constraint that a row of `RedundantForm.constraints` is of, in a message."""
+    def row_text(self, row: int) -> str:
+        """Text for messages of the constraint to which a row of `RedundantForm` belongs."""
         groups = zip(self.constraints, self.group_rows, strict=True)
-        return next(described(part) for part, rows in groups if row in rows)
+        return next(part_text(part) for part, rows in groups if row in rows)
 
     @property
     def guides_and_pins(self) -> list[Constraint]:
-        """Those that hold something, each once."""
+        """Guides and pins that hold coordinates, each once."""
         return list(dict.fromkeys(self.holding))
 
-    def described_holds(self) -> str:
-        """The guides and pins in a message."""
-        return ", ".join(described(part) for part in self.guides_and_pins)
+    def guides_text(self) -> str:
+        """Text for messages that lists the guides and pins."""
+        return ", ".join(part_text(part) for part in self.guides_and_pins)
 
     def _found_inertia(self) -> Array:
-        """Rows W of all custom modules' mass W^T W, shape (m, 3 n)."""
+        """Rows W, shape (m, 3 n), of the mass W^T W of all custom modules."""
         rows = [custom._inertia_rows(3 * self.size) for custom in self.customs]
         return np.concatenate([np.zeros((0, 3 * self.size)), *rows])
 
     # ------------------------------------------------------------------------------- configurations
 
     def nodes(self, columns: Array, order: int = 0) -> Array:
-        """Places of all nodes from 0 on, shape (n + 1, 2, ...), of coordinates (3 n, ...).
+        """Positions of all nodes, from 0 on, at coordinates (3 n, ...): shape (n + 1, 2, ...).
 
-        Or of their rates, order 1.
+        With order 1 the columns are rates, and the result velocities.
         """
         found = np.zeros((self.size + 1, 2, *columns.shape[1:]))
         found[0, 1] = 0.0 if order else self.base
@@ -225,9 +225,9 @@ class Layout:
         return found
 
     def moments(self, theta: Array, forces: Array) -> Array:
-        """Moments on the segments, shape (n, r), of forces on the coordinates, shape (3 n, r).
+        """Moments on the segments, shape (n, r), by forces on the coordinates, shape (3 n, r).
 
-        The angles have the shape (n,), or (n, r): one a column.
+        The angles have the shape (n,), or (n, r) if each column of forces has angles of its own.
         """
         columns = theta.reshape(self.size, -1)
         across, along = (self.lengths[:, None] * of(columns) for of in (np.cos, np.sin))
@@ -237,24 +237,24 @@ class Layout:
         return moments
 
     def rows(self, theta: Array) -> Array:
-        """Derivative of the coordinates that are held by the angles, shape (n, c)."""
+        """Derivative of the held coordinates by the segments' angles, transposed: shape (n, c)."""
         return self.moments(theta, self.unit_loads)
 
     def independent_rows(self, theta: Array) -> Array:
-        """Those that depend on none of the others, shape (n, independent)."""
+        """Columns of `rows` for the independent held coordinates, shape (n, independent)."""
         return self.rows(theta)[:, self.independent]
 
     def closed(self, core: _core.Scene, theta: Array) -> tuple[Array, float]:
-        """Angles close to those given that meet guides and pins, and how far they still miss.
+        """Angles close to those given that meet guides and pins, and the distance left.
 
-        Where Newton's method fails, between segments in line with a pin, it starts again from
-        between there and a configuration that is known.
+        Where Newton's method fails, as for segments in line with a pin, it starts again from points
+        between the given angles and a known configuration that meets all constraints.
         """
         shares = (0.0, 0.25, 0.5, 0.75, 1.0)
         return closest(core, (theta + share * (self.rest - theta) for share in shares))
 
     def _found_rest(self) -> Array:
-        """Angles that meet all constraints: the straight pipe where it does."""
+        """Angles that meet all constraints: the straight pipe if that meets them."""
         straight = np.zeros(self.size)
         if not self.holding:
             return straight
@@ -269,14 +269,14 @@ class Layout:
             return best
         missed = np.abs(core.from_angles(best, straight)[self.held] - self.held_values)
         worst = {part for part, by in zip(self.holding, missed, strict=True) if by > 0.01 * least}
-        named = " and ".join(described(part) for part in self.constraints if part in worst)
+        named = " and ".join(part_text(part) for part in self.constraints if part in worst)
         raise ValueError(
             f"constraints contradict the pipe's length or one another: {named} cannot be met, "
             f"the closest found misses by {least:.2g}"
         )
 
     def _independent(self, theta: Array, tolerance: float) -> NDArray[np.intp]:
-        """Which held coordinates depend on none of the others at some angles, by pivoting."""
+        """Indices of held coordinates that do not depend on the others at angles theta."""
         if not self.holding:
             return np.zeros(0, dtype=np.intp)
         columns = self.rows(theta) / self.lengths[:, None] ** 0.5
@@ -286,32 +286,32 @@ class Layout:
         return np.sort(order[:rank]).astype(np.intp)
 
     def _refuse_taut(self) -> None:
-        """A span that is pulled straight has no neighbours: constraints lose their rank there."""
+        """Raises ValueError for a span pulled straight, in which constraints lose their rank."""
         if not self.holding:
             return
         bent = self.rest + 0.3 * np.cos(1.0 + 1.7 * np.arange(self.size))
         here = self._independent(self.rest, TAUT)
         if here.size < self._independent(bent, TAUT).size:
             lost = [part for i, part in enumerate(self.holding) if i not in here]
-            named = " and ".join(dict.fromkeys(map(described, lost)))
+            named = " and ".join(dict.fromkeys(map(part_text, lost)))
             raise ValueError(f"{named} must leave some slack, got a span that is taut")
 
     # ------------------------------------------------------------------------------------- the core
 
     def acting(self, pipe: Pipe) -> Pipe:
-        """The pipe without the effects that no module brings: flow without force, no drag."""
+        """The pipe, without the forces of flow or the drag that no module of the scene brings."""
         flow: dict[str, Any] = {} if self.has_flow else {"beta": 0.0, "alpha": 0.0}
         return replace(pipe, **flow, drag=pipe.drag if self.has_drag else 0.0)
 
     def joint_damping(self, pipe: Pipe) -> Array:
-        """c_j of each joint without a root's spring."""
+        """Damping c_j of each joint, without a root's spring."""
         damping = np.zeros(self.springs.size)
         for s in _of(self.modules, TorsionalSpring):
             damping[s.joint - 1] += pipe.damping * s.stiffness if s.damping is None else s.damping
         return damping
 
     def compiled(self, pipe: Pipe, sprung: bool = True) -> _core.Scene:
-        """The scene as the core takes it, on a pipe, with or without what acts at the joints."""
+        """The compiled scene on a pipe, with or without springs and dampers at the joints."""
         return _core.Scene(
             pipe=core_pipe(self.acting(pipe)),
             length=self.lengths,
@@ -330,7 +330,7 @@ class Layout:
 
 
 def nodes_by_angles(steps: Array, theta: Array) -> Array:
-    """Derivative of the coordinates of nodes, sums of steps, by their angles, shape (3 n, n)."""
+    """Derivative of nodes' coordinates by the angles of the steps between them, (3 n, n)."""
     derivative = np.zeros((3 * theta.size, theta.size))
     derivative[0::3] = np.tri(theta.size) * (steps * np.cos(theta))
     derivative[1::3] = -np.tri(theta.size) * (steps * np.sin(theta))
@@ -345,11 +345,12 @@ def coordinates_by_angles(lengths: Array, theta: Array) -> Array:
 
 
 def _of(parts: Iterable[Part], kind: type[P]) -> list[P]:
+    """The parts of one kind."""
     return [part for part in parts if isinstance(part, kind)]
 
 
-def _holds(part: Constraint) -> list[tuple[int, float]]:
-    """The redundant coordinates that a guide or pin holds, each with its value."""
+def _held_by(part: Constraint) -> list[tuple[int, float]]:
+    """Redundant coordinates that a guide or pin holds, each with its value; none of others."""
     if isinstance(part, Guide):
         return [(3 * part.node - 3, 0.0)]
     return (

@@ -1,10 +1,11 @@
 # SPDX-License-Identifier: MIT
-"""Motion of a scene: its rates, energy and power with their derivatives, custom modules included.
+"""Motion of a scene: rates, energy, power and derivatives, custom modules included.
 
-Integrators advance the angles of the segments: redundant coordinates that follow from these meet
-every clamp and joint to rounding, at any time. What a state is off guides and pins decays in its
-motion, so that an integrator's errors do not grow. Recorded is a projection of the state that meets
-them. All but custom modules' functions is compiled (cpp/pipedyn/modular/scene.hpp).
+Integrators advance the angles of the segments. Redundant coordinates that follow from the angles
+meet every clamp and joint to rounding, at any time. The distance of a state from guides and pins
+decays in its motion, so that an integrator's errors do not grow. The state shown to users is
+projected onto guides and pins. All but the functions of custom modules is compiled
+(cpp/pipedyn/modular/scene.hpp).
 """
 
 from __future__ import annotations
@@ -25,11 +26,12 @@ from pipedyn.util.errors import resolved
 
 
 class SceneMotion:
-    """Equations of motion, in redundant coordinates and in the angles.
+    """Equations of motion of a scene, in redundant coordinates and in the segments' angles.
 
     Args:
         form: the scene in redundant coordinates.
-        enforce: a dense recursion that finds the accelerations from `form`; None for the core's.
+        enforce: a dense recursion that finds the accelerations from `form`; None for the core's
+            method.
     """
 
     def __init__(self, form: RedundantForm, enforce: Enforce | None) -> None:
@@ -43,9 +45,9 @@ class SceneMotion:
     def rhs(
         self, t: float, y: Any, u: Any, drive: Array | None = None, refuses: bool = True
     ) -> Array:
-        """Rates of redundant states [q, q'], shape (6 n,) or (6 n, k), with what drives them.
+        """Rates of redundant states [q, q'], shape (6 n,) or (6 n, k), under forcing `drive`.
 
-        What is not finite raises NotResolved if `refuses`.
+        Raises NotResolved, if `refuses`, where they are not finite.
         """
         if self.is_compiled:
             return self.core.redundant_rhs(t, y, u, drive=drive, refuses=refuses)
@@ -54,9 +56,10 @@ class SceneMotion:
         return resolved("rhs", lambda: self._rates(t, y, u, drive), np.ndim(y) == 2)
 
     def _rates(self, t: float, y: Any, u: Any, drive: Array | None) -> Array:
+        """Rates of redundant states of a scene with custom modules or a dense recursion."""
         size = self.core.coordinates
         y = check.doubles("y", y, "an array of real numbers")
-        self.core.redundant_power(y, u, drive, refuses=False)  # checks all
+        self.core.redundant_power(y, u, drive, refuses=False)  # checks the arguments
         if self.enforce is None:
             moments = self._moments(*self._places(y))
             return self.core.redundant_rhs(t, y, u, moments, drive, refuses=False)
@@ -70,31 +73,31 @@ class SceneMotion:
         return rates
 
     def enforced(self, enforce: Enforce, y: Array, u: float, drive: Array | None = None) -> Array:
-        """Accelerations of one state by a dense recursion, shape (3 n,)."""
+        """Accelerations q'' of one redundant state by a dense recursion, shape (3 n,)."""
         mass = self.form.mass(np.split(y, 2)[0])
         return enforce(mass, self.form.forces(y, u, drive), self.groups(y))
 
     def groups(self, y: Array) -> list[Group]:
-        """A_r and b_r of each constraint at a state, as given."""
+        """The pair A_r and b_r of each constraint at a state, in the order given."""
         q, rates = np.split(y, 2)
         _, matrix, _ = self.form.constraints(q, np.eye(q.size))
         _, _, wanted = self.form.constraints(q, rates)
         return [(matrix[rows], wanted[rows]) for rows in self.layout.group_rows]
 
     def _places(self, y: Any) -> tuple[Array, Array]:
-        """Coordinates and rates at the angles of redundant states and the rates of these."""
+        """Coordinates and rates, (3 n, ...) each, recomputed from angles in redundant states."""
         q, rates = np.split(np.asarray(y, dtype=np.float64), 2)
         angles = (np.cumsum(of[2::3], axis=0) for of in (q, rates))
         place, moving = np.split(self.core.from_angles(*angles), 2)
         return place, moving
 
     def _moments(self, q: Array, rates: Array) -> Array:
-        """Moments of custom modules on the segments, shape (n,) or (n, k)."""
+        """Moments of the custom modules on the segments, shape (n,) or (n, k)."""
         theta, forces = np.cumsum(q[2::3], axis=0), self.customs.force(q, rates)
         return self.layout.moments(theta, forces.reshape(len(forces), -1)).reshape(theta.shape)
 
     def energy(self, y: Any, drive: Array | None = None, refuses: bool = True) -> float | Array:
-        """Energy of redundant states [q, q'], a number or shape (k,); refuses: as for `rhs`."""
+        """Energy of redundant states [q, q'], a number or shape (k,); NotResolved as in `rhs`."""
         energy = self.core.redundant_energy(y, drive, refuses)
         if not self.customs:
             return energy
@@ -102,7 +105,7 @@ class SceneMotion:
         return energy + (resolved("energy", own, np.ndim(y) == 2) if refuses else own())
 
     def power(self, y: Any, u: Any, drive: Array | None = None) -> tuple[float | Array, ...]:
-        """Power of flow, joints, drag, of terms and custom modules besides, and of the base."""
+        """Powers of flow, joints, drag, other parts (terms and custom modules) and base."""
         flow, joints, drag, others, base = self.core.redundant_power(y, u, drive)
         if self.customs:
             own = functools.partial(self.customs.work, *self._places(y))
@@ -112,7 +115,7 @@ class SceneMotion:
     # ------------------------------------------------------------------------------------- angles
 
     def rhs_and_power(self, t: float, y: Array, u: Any, drive: Array | None = None) -> Array:
-        """Rates of [theta, theta', work done], shape (2 n + 1,) or (2 n + 1, k)."""
+        """Rates of states [theta, theta', work done], shape (2 n + 1,) or (2 n + 1, k)."""
         if self.is_compiled:
             return self.core.rhs_and_power(t, y, u, drive=drive)
         n, size = self.layout.size, self.core.coordinates
@@ -120,7 +123,7 @@ class SceneMotion:
         q, moving = np.split(state, 2)
         moments = self._moments(q, moving)
         rates = self.core.rhs_and_power(t, y, u, moments, drive)
-        if self.enforce is not None:  # beside how states return to guides and pins
+        if self.enforce is not None:  # the return to guides and pins stays
             other = self._rates(t, state, u, drive) - self.core.redundant_rhs(
                 t, state, u, moments, drive, refuses=False
             )
@@ -129,7 +132,7 @@ class SceneMotion:
         return rates
 
     def states(self, theta: Array, omega: Array) -> Array:
-        """Redundant states of angles and rates, (6 n, k) from (n, k) each."""
+        """Redundant states, (6 n, k), from angles and rates, (n, k) each, projected onto guides."""
         return self.core.from_angles(*self.held.projected(theta, omega))
 
     def jacobian(
@@ -140,8 +143,9 @@ class SceneMotion:
         Args:
             y: states, shape (2 n,) or (2 n, k).
             u: flow speed, for k states also one each, (k,).
-            drive: what drives them, (ROWS,) or (ROWS, k).
-            returns: the rates of `rhs_and_power`; else of the angles in `rhs`.
+            returns: whether to differentiate the rates of `rhs_and_power`, which return to guides
+                and pins; if not, those of the angles in `rhs`.
+            drive: forcing of the states, (ROWS,) or (ROWS, k).
         """
         if not self.customs:
             return self.core.derivative(y, u, returns=returns, drive=drive)
@@ -157,7 +161,7 @@ class SceneMotion:
         return self.core.derivative(y, u, moments, change, returns, drive)
 
     def accelerations_by_state(self, y: Array, u: float, drive: Array | None = None) -> Array:
-        """Derivative of q'' in `rhs` by [theta, theta'], shape (3 n, 2 n)."""
+        """Derivative of the accelerations q'' in `rhs` by [theta, theta'], shape (3 n, 2 n)."""
         lengths, n = self.layout.lengths, self.layout.size
         theta, omega = np.split(y, 2)
         rates = self.rhs(0.0, self.core.from_angles(theta, omega), u, drive, refuses=False)

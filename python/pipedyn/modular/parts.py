@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: MIT
-"""The parts of a scene: modules, which bring inertia and forces, and the constraints between them.
+"""Parts of a scene: modules, which have inertia and forces, and the constraints between them.
 
-Each is a description in numbers; what it does to a state is compiled (cpp/pipedyn/modular/). Only
-`Custom` modules, a user's own, compute in Python. What acts at a place of the pipe, such as a point
-mass or a spring to the axis, is a term of the pipe: see `pipedyn.models.terms`.
+A part is a description in numbers; its effect on a state is compiled (cpp/pipedyn/modular/). Only
+`Custom` modules, a user's own, compute in Python. Effects at a place of the pipe, such as a point
+mass or a spring to the axis, are terms of the pipe: see `pipedyn.models.terms`.
 """
 
 from __future__ import annotations
@@ -22,12 +22,12 @@ from pipedyn.util.archive import saved_as
 from pipedyn.util.check import Array
 
 MOST_MASS = 1e6
-"""Largest mass of a Custom, as of the terms of a pipe."""
+"""Largest mass of a Custom module, which is also that of a pipe's terms."""
 
 MASSLESS = 1e-10
-"""Inertia below this share of the largest is what rounding leaves of a semidefinite one."""
+"""Share of the largest inertia below which one is 0 but for rounding."""
 
-RANGES: dict[str, dict[str, Any]] = {
+PART_RANGES: dict[str, dict[str, Any]] = {
     "length": {"low": 1e-7, "high": 1.0},
     "centre": {"low": 0.0, "high": 1.0},
     "drag_point": {"low": 0.0, "high": 1.0},
@@ -40,14 +40,14 @@ RANGES: dict[str, dict[str, Any]] = {
     "x": {"low": -1e3, "high": 1e3},
     "y": {"low": -1e3, "high": 1e3},
 }
-"""Ranges of the parts' numbers: those of `Chain` and of a pipe's terms, others far beyond use."""
+"""Ranges of parts' numbers: as of `Chain` and of a pipe's terms, the others far beyond use."""
 
 FIRST = {"joint": 1, "segment": 2, "node": 1}
-"""Least number of a place; no scene has more segments than a chain."""
+"""Least number of a place; the largest is that of the segments that a chain may have."""
 
 
 class Part:
-    """What modules and constraints share."""
+    """Base of modules and constraints, which checks their numbers."""
 
     def __post_init__(self) -> None:
         """Replaces each number by one of its own type, if it lies in its range."""
@@ -56,7 +56,7 @@ class Part:
             if item.name in FIRST:
                 value = check.count(name, value, low=FIRST[item.name], high=LARGEST_CHAIN)
             elif value is not None or item.default is not None:
-                value = check.real(name, value, **RANGES[item.name])
+                value = check.real(name, value, **PART_RANGES[item.name])
             object.__setattr__(self, item.name, value)
 
 
@@ -78,11 +78,11 @@ class Segment(Module):
     Attributes:
         length: l_j in L, > 0.
         centre: its centre of mass, as a fraction chi_j of the length, in [0, 1].
-        gyration_radius: eta_j in L about the centre of mass, >= 0; where None that of a homogeneous
-            segment, l_j / sqrt(12).
-        drag_point: where drag acts on it, as a fraction xi_j of the length, in [0, 1].
-        mass: with its fluid in the pipe's, (mu_p + mu_f) L, > 0; where None that of a uniform pipe,
-            its length.
+        gyration_radius: eta_j in L about the centre of mass, >= 0; where None, that of a
+            homogeneous segment, l_j / sqrt(12).
+        drag_point: place at which drag acts, as a fraction xi_j of the length, in [0, 1].
+        mass: mass with the fluid inside, > 0, in units of the pipe's, (mu_p + mu_f) L; where None,
+            that of a uniform pipe, which equals the length.
     """
 
     length: float
@@ -107,9 +107,9 @@ class TorsionalSpring(Module):
             segment 1 to the root, and joint n + 1, where the pipe has one, a guided or clamped end
             to segment n.
         stiffness: in EI / L, >= 0.
-        damping: moment in unit rate, in EI T / L, >= 0; where None the pipe's Kelvin-Voigt damping,
-            delta times the stiffness.
-        rest_angle: phi_j without moment, rad.
+        damping: moment per rate of the angle, in EI T / L, >= 0; where None, the pipe's
+            Kelvin-Voigt damping, delta times the stiffness.
+        rest_angle: angle phi_j at which the spring has no moment, rad.
     """
 
     joint: int
@@ -136,7 +136,8 @@ class Drag(Module):
     """
 
 
-Function: TypeAlias = Callable[..., Any]
+UserLaw: TypeAlias = Callable[..., Any]
+"""A law of the user's own: a function for an energy, a force or a derivative of it."""
 
 
 @saved_as("Custom")
@@ -146,29 +147,30 @@ class Custom(Module):
 
     Its functions take the coordinates it touches, q = (x, y of each node, then phi of each joint),
     shape (k,), and their rates. Derivatives that are not given are taken by complex step, so the
-    functions must accept complex arrays and be built of analytic ones (no abs, sign, conj, norm or
-    real part; those need derivatives of their own). When an `Assembly` is made they are tried,
-    and all derivatives compared with differences, at displacements up to a pipe's length. Scenes
-    pickle, for processes, if the functions do: those defined at the top of a module.
+    functions must accept complex arrays and be built of analytic functions (no abs, sign, conj,
+    norm or real part; with these, derivatives must be given). When an `Assembly` is made the
+    functions are called, and all derivatives compared with differences, at displacements up to a
+    pipe's length. Scenes pickle, for use in processes, if the functions do, as those defined at the
+    top of a module do.
 
     Attributes:
         nodes: numbers of the nodes it touches, from 1; y is measured downward from the clamp.
         joints: numbers of the joints it touches, from 1.
         energy: potential energy energy(q), in EI / L.
         force: generalized force force(q, qdot), shape (k,); where None, minus the energy's
-            gradient. What it does beyond that gradient counts as work of `Power.others`.
-        force_by_q: derivative of the force by q, shape (k, k): rows the force.
-        force_by_qdot: derivative of the force by qdot, shape (k, k).
+            gradient. Power of the force beyond that of minus the gradient counts in `Power.others`.
+        force_by_q: derivative of the force by q, shape (k, k), a row for each force.
+        force_by_qdot: derivative of the force by qdot, shape (k, k), a row for each force.
         mass: constant inertia, shape (k, k), symmetric, positive semidefinite; none where None.
-        name: what errors call it.
+        name: name of the module in error messages.
     """
 
     nodes: tuple[int, ...] = ()
     joints: tuple[int, ...] = ()
-    energy: Function | None = None
-    force: Function | None = None
-    force_by_q: Function | None = None
-    force_by_qdot: Function | None = None
+    energy: UserLaw | None = None
+    force: UserLaw | None = None
+    force_by_q: UserLaw | None = None
+    force_by_qdot: UserLaw | None = None
     mass: ArrayLike | None = None
     name: str = "Custom"
 
@@ -205,6 +207,7 @@ class Custom(Module):
             object.__setattr__(self, "mass", tuple(map(tuple, rows)))
 
     def _checked_mass(self, given: ArrayLike) -> Array:
+        """The argument mass as an array (k, k), symmetric and positive semidefinite."""
         name, k = f"mass of {self.name}", self.size
         raw = np.array(check.numbers(name, given, "an array of real numbers"), dtype=float)
         if raw.shape != (k, k):
@@ -219,7 +222,7 @@ class Custom(Module):
         return raw
 
     def _inertia_rows(self, coordinates: int) -> Array:
-        """Rows W of its mass W^T W among so many redundant coordinates."""
+        """Rows W, (rank, coordinates), of its mass W^T W in redundant coordinates."""
         if self.mass is None:
             return np.zeros((0, coordinates))
         values, vectors = np.linalg.eigh(np.array(self.mass, dtype=np.float64))
@@ -230,12 +233,12 @@ class Custom(Module):
 
     @property
     def size(self) -> int:
-        """Number k of coordinates it touches."""
+        """Number k of the coordinates that the module touches."""
         return 2 * len(self.nodes) + len(self.joints)
 
     @property
     def index(self) -> NDArray[np.intp]:
-        """Where these are among the redundant coordinates, shape (k,)."""
+        """Indices of the touched coordinates among the redundant ones, shape (k,)."""
         pairs = [(3 * node - 3, 3 * node - 2) for node in self.nodes]
         angles = [3 * joint - 1 for joint in self.joints]
         return np.array([*(i for pair in pairs for i in pair), *angles], dtype=np.intp)
@@ -244,7 +247,7 @@ class Custom(Module):
 @saved_as("Clamp")
 @dataclass(frozen=True)
 class Clamp(Constraint):
-    """Segment 1 held at the fixed end: its direction is phi_1 from the axis.
+    """The constraint that holds segment 1 at the fixed end, in the direction phi_1 from the axis.
 
     Attributes:
         base: length of a fixed part of the pipe between the clamp and joint 1, in L, in [0, 1).
@@ -258,7 +261,7 @@ class Clamp(Constraint):
 @saved_as("Joint")
 @dataclass(frozen=True)
 class Joint(Constraint):
-    """Segment `segment` held to the one before, phi its angle from that one's direction.
+    """The constraint that holds a segment to the one before, turned by phi from its direction.
 
     Attributes:
         segment: number of the segment, from 2.
@@ -272,7 +275,7 @@ class Joint(Constraint):
 @saved_as("Guide")
 @dataclass(frozen=True)
 class Guide(Constraint):
-    """A node held on the axis, x = 0, free to slide along it.
+    """The constraint that holds a node on the axis, x = 0, along which it can slide.
 
     Attributes:
         node: number of the node, from 1.
@@ -284,7 +287,7 @@ class Guide(Constraint):
 @saved_as("Pin")
 @dataclass(frozen=True)
 class Pin(Constraint):
-    """A node held at one place, free to turn.
+    """The constraint that holds a node at one place, about which the pipe can turn.
 
     Attributes:
         node: number of the node, from 1.
@@ -297,8 +300,8 @@ class Pin(Constraint):
     y: float
 
 
-def described(part: Part) -> str:
-    """The part in a message: its class with its numbers."""
+def part_text(part: Part) -> str:
+    """A part as text for messages: its class and numbers, or the name of a Custom module."""
     if isinstance(part, Custom):
         return part.name
     values = ((item.name, getattr(part, item.name)) for item in fields(part))  # type: ignore[arg-type]

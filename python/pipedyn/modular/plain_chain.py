@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""The chain as an assembly, to which further parts are added."""
+"""The chain of segments as an assembly, to which further parts can be added."""
 
 from __future__ import annotations
 
@@ -36,15 +36,15 @@ def chain(
 
     Args:
         pipe: the pipe.
-        n: number of segments; not needed where an array has it.
+        n: number of segments; not needed where an array tells it.
         springs: a rule, or the stiffness of each joint, as for `Chain`.
-        lengths: of the segments, as for `Chain`, so are the next four.
-        centres: of mass, as fractions.
-        gyration_radii: about these, in L.
-        drag_points: as fractions.
+        lengths: lengths of the segments in L, as for `Chain`.
+        centres: centres of mass, as fractions of the lengths.
+        gyration_radii: radii of gyration about the centres of mass, in L.
+        drag_points: places at which drag acts, as fractions of the lengths.
         base: length of the fixed part at the clamp, in L.
-        masses: of the segments, as for `Chain`.
-        enforcement: as for `Assembly`.
+        masses: masses of the segments, as for `Chain`.
+        enforcement: how accelerations are found, as for `Assembly`.
 
     Example:
         >>> scene = pp.modular.chain(pp.Pipe(0.2), 10)

@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: MIT
 """The modular method in redundant coordinates: M q'' = f of the modules, A q'' = b of constraints.
 
-q = (x_j, y_j, phi_j), j = 1 .. n: node j at r_j = (x_j, y_j), x across and y down from the clamp,
-and the angle of joint j; r_0 = (0, base). Each module writes its inertia and forces in these and
-knows of no other and of no constraint; joint angles have no inertia. The dense recursions of the
-method and the operators of small motions take this form; motions themselves do not need it, see
-cpp/pipedyn/modular/scene.hpp.
+The coordinates are q = (x_j, y_j, phi_j), j = 1 .. n: the position r_j = (x_j, y_j) of node j, x
+across and y down from the clamp, and the angle of joint j; r_0 = (0, base). Each module has its
+inertia and forces in these coordinates, independently of other modules and of constraints; joint
+angles have no inertia. The dense recursions of the method and the operators of small motions use
+this form; motions themselves do not need it, see cpp/pipedyn/modular/scene.hpp.
 
 Source: Orsino and Di Giulio, eqs. (2)-(6) and (9)-(11); Orsino (2016).
 """
@@ -31,10 +31,10 @@ class RedundantForm:
     """Inertia, forces and constraints of a scene, at any redundant state.
 
     Args:
-        pipe: the pipe, without the effects that no module brings.
-        layout: where the parts are.
+        pipe: the pipe, without effects of modules that the scene does not have.
+        layout: the parts of the scene and their places.
         core: the compiled scene.
-        customs: modules of the user's own.
+        customs: custom modules of the scene.
     """
 
     def __init__(
@@ -45,22 +45,22 @@ class RedundantForm:
 
     @cached_property
     def unsprung(self) -> _core.Chain:
-        """The chain without springs and dampers at its joints, for linear operators."""
+        """The compiled chain without springs and dampers at its joints, for linear operators."""
         return self.layout.compiled(self.pipe, sprung=False).chain
 
     @cached_property
     def joints(self) -> Array:
-        """Spring, damping and moment at rest of each joint, a root's spring in series, (.., 3)."""
+        """Stiffness, damping, rest moment of each joint, a root's spring in series, (joints, 3)."""
         return self.core.chain.joints
 
     # ------------------------------------------------------------------------------------- modules
 
     def mass(self, q: Array) -> Array:
-        """M, shape (3 n, 3 n), at coordinates q, shape (3 n,).
+        """Mass matrix M, shape (3 n, 3 n), at coordinates q, shape (3 n,).
 
-        A segment has the kinetic energy m (|r*'|^2 + (eta / l)^2 |r_j' - r_{j-1}'|^2) / 2, with the
-        masses on it, r* = (1 - chi) r_{j-1} + chi r_j; what moves across it alone, of mass m_n, has
-        m_n (a^2 + a b + b^2) / 6, a = n . r_{j-1}', b = n . r_j'.
+        A segment, with the masses on it, has the kinetic energy m (|r*'|^2 + (eta / l)^2 |r_j' -
+        r_{j-1}'|^2) / 2, where r* = (1 - chi) r_{j-1} + chi r_j. Mass m_n that moves only across
+        the segment has m_n (a^2 + a b + b^2) / 6, where a = n . r_{j-1}', b = n . r_j'.
         """
         *_, across = self.core.bodies().T
         if not across.any():
@@ -76,7 +76,7 @@ class RedundantForm:
 
     @cached_property
     def _plain_mass(self) -> Array:
-        """M without what moves across segments alone."""
+        """Mass matrix without the mass that moves only across segments."""
         mass, chi, eta, _ = self.core.bodies().T
         turning = (eta / self.layout.lengths) ** 2
         own = mass * (chi**2 + turning)
@@ -89,13 +89,14 @@ class RedundantForm:
     def forces(self, y: Array, u: float, drive: Array | None = None) -> Array:
         """Forces of all modules at a state [q, q'], shape (3 n,).
 
-        Of the flow -sqrt(beta) U r_j' on r_{j-1} and sqrt(beta) U r_{j-1}' on r_j for each segment,
-        and on the end -share sqrt(beta) U r_n' - a U^2 (cos jet_angle t + sin jet_angle n), n =
-        (t_y, -t_x); -sqrt(beta) U' l t of a segment in its middle; weights, less the mass times the
-        base's acceleration; -k (phi - psi) - c phi' of joints, psi the rest angle; -kappa l |v| v n
-        at a segment's drag point, v = n . r'; those of terms and custom modules. What drives the
-        state, (ROWS,), see `pipedyn.models.drive`, has U' and the base's motion, which inflow, drag
-        and terms see.
+        The flow exerts, for each segment, -sqrt(beta) U r_j' on node j - 1 and sqrt(beta) U
+        r_{j-1}' on node j, -sqrt(beta) U' l t in the middle of the segment, and on the free end
+        -share sqrt(beta) U r_n' - a U^2 (cos jet_angle t + sin jet_angle n), n = (t_y, -t_x).
+        Segments have their weights, less the mass times the acceleration of the base. Joints have
+        -k (phi - psi) - c phi', where psi is the rest angle. Drag is -kappa l |v| v n at a
+        segment's drag point, v = n . r'. Terms and custom modules add theirs. The forcing `drive`,
+        (ROWS,), see `pipedyn.models.drive`, has U' and the motion of the base, on which inflow,
+        drag and terms depend.
         """
         rate, *moves = np.zeros(ROWS) if drive is None else drive
         place, speed, acceleration = np.reshape(moves, (3, 2))
@@ -105,6 +106,7 @@ class RedundantForm:
         on_nodes = np.zeros_like(velocities)
 
         def add(share: Array, loads: Array, segment: NDArray[np.intp]) -> None:
+            """Adds loads at shares of segments' lengths to the nodes at both ends."""
             np.add.at(on_nodes, segment, (1.0 - share)[:, None] * loads)
             np.add.at(on_nodes, segment + 1, share[:, None] * loads)
 
@@ -123,7 +125,7 @@ class RedundantForm:
         share, loads, segment = self._terms(q, rates, place, speed)
         add(share, loads[:, :2], segment)
         turning = (normal / lengths[:, None])[segment] * loads[:, 2:]
-        np.add.at(on_nodes, segment, -turning)  # couples
+        np.add.at(on_nodes, segment, -turning)  # a couple acts as two opposite forces on the nodes
         np.add.at(on_nodes, segment + 1, turning)
         momentum = math.sqrt(pipe.beta) * pipe.direction * u * velocities
         on_nodes[:-1] -= momentum[1:]
@@ -141,14 +143,14 @@ class RedundantForm:
         n = layout.size
         spring, damping, rest = self.joints.T
         total[2::3] += rest[:n] - spring[:n] * q[2::3] - damping[:n] * rates[2::3]
-        if layout.guided:  # by the angle of the last segment, the sum of the joints'
+        if layout.guided:  # acts on the last segment's angle, the sum of the joints'
             total[2::3] -= spring[n] * q[2::3].sum() + damping[n] * rates[2::3].sum()
         return total
 
     def moments_by_state(self, theta: Array, omega: Array, force: Array) -> Array:
-        """Derivative by [theta, theta'] of the moments on the segments of a force, shape (n, 2 n).
+        """Derivative by [theta, theta'] of the moments of a force on the segments, shape (n, 2 n).
 
-        The force, shape (3 n,), is that of the custom modules and of loads that stay.
+        The force, shape (3 n,), is the sum of those of the custom modules and of constant loads.
         """
         n, layout = theta.size, self.layout
         change = np.zeros((n, 2 * n))
@@ -168,9 +170,10 @@ class RedundantForm:
     def _terms(
         self, q: Array, rates: Array, base: Array, speed: Array
     ) -> tuple[Array, Array, NDArray[np.intp]]:
-        """Of places where terms act: share of the segment's length, load (k, 3), and segment.
+        """Share of the segment's length, load and segment at each of the k places of terms.
 
-        base, speed: position and velocity of the base, shape (2,) each.
+        Loads, shape (k, 3), are two forces and a couple. `base` and `speed` are position and
+        velocity of the base, shape (2,) each.
         """
         place, arm, weight = self.core.chain.places().T
         j = place.astype(np.intp)
@@ -189,14 +192,15 @@ class RedundantForm:
     def constraints(self, q: Array, rates: Array) -> tuple[Array, Array, Array]:
         """Residuals g(q), their rates A q' and b = A q'' of all constraints, shape (2 n + c,) each.
 
-        Two rows a joint, from the clamp on, then one for each coordinate that guides and pins hold.
-        With a = r_j - r_{j-1} and d = (r_{j-1} - r_{j-2}) / l_{j-1}, or (0, 1) at the clamp, a
-        joint has g = (a . d - l_j cos phi_j, a x d - l_j sin phi_j). For rates (3 n, k) the last
-        two have k columns: A q' is A where these are the identity.
+        Each joint, from the clamp on, has two rows, and each coordinate that guides and pins hold
+        has one after these. With a = r_j - r_{j-1} and d = (r_{j-1} - r_{j-2}) / l_{j-1}, or (0, 1)
+        at the clamp, a joint has g = (a . d - l_j cos phi_j, a x d - l_j sin phi_j). For rates
+        (3 n, k) the last two results have k columns; A q' is A itself if the rates are the
+        identity.
         """
         layout, columns = self.layout, rates.reshape(rates.shape[0], -1)
         (a, d), (a_rate, d_rate) = self._directions(q[:, None], 0), self._directions(columns, 1)
-        # Of vectors x + i y, conj(a) d = a . d + i a x d.
+        # For vectors written x + i y, conj(a) d = a . d + i a x d.
         bend = layout.lengths[:, None] * np.exp(1j * q[2::3, None])
         turning = columns[2::3]
         residual = _listed(np.conj(a) * d - bend, (q[layout.held] - layout.held_values)[:, None])
@@ -211,7 +215,7 @@ class RedundantForm:
         return residual[:, 0], drift.reshape(shape), wanted.reshape(shape)
 
     def _directions(self, columns: Array, order: int) -> tuple[NDArray[Any], NDArray[Any]]:
-        """The vectors a and d of each joint, x + i y, shape (n, k), or their rates (order 1)."""
+        """Vectors a and d of each joint as x + i y, shape (n, k), or their rates (order 1)."""
         x, y = np.moveaxis(self.layout.nodes(columns, order), 1, 0)
         a = np.diff(x + 1j * y, axis=0)
         d = a / self.layout.lengths[:, None]
@@ -219,17 +223,17 @@ class RedundantForm:
 
 
 def _between(values: Array, share: Array, segment: NDArray[np.intp]) -> Array:
-    """Values on segments, a share of their length from the clamped side, of those at nodes."""
+    """Values at shares of segments' lengths from the clamped side, interpolated from nodes."""
     before = values[segment]
     return before + share[:, None] * (values[segment + 1] - before)
 
 
 def _across(along: Array) -> Array:
-    """Vectors l n = (l t_y, -l t_x) of l t, each a row."""
+    """Vectors l n = (l t_y, -l t_x) normal to vectors l t, each a row."""
     return along[:, ::-1] * [1.0, -1.0]
 
 
 def _listed(of_joints: NDArray[Any], held: Array) -> Array:
-    """Two rows of each joint, real and imaginary part of (n, k), then those of what is held."""
+    """Real and imaginary rows of each joint, from (n, k), followed by rows of held coordinates."""
     joints = np.stack([of_joints.real, of_joints.imag], axis=1).reshape(-1, held.shape[1])
     return np.concatenate([joints, held])

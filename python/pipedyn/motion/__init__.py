@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: MIT
-"""Motion in time."""
+"""Motion in time: integration, events, sampling, Lyapunov exponents and the vector field."""

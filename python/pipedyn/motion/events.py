@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""What is looked for along a motion, from the polynomials of its steps: events, and all states."""
+"""Events and dense output of a motion, from the polynomials that interpolate its steps."""
 
 from __future__ import annotations
 
@@ -19,25 +19,27 @@ from pipedyn.util.later import scipy
 from pipedyn.util.result import Result, TableResult, states_over_time
 
 EventFunction: TypeAlias = Callable[[float, Array, Array], float]
-"""g(t, q, qdot) of a time and the coordinates and rates then, shape (coordinates,) each."""
+"""A function g(t, q, qdot) of time, coordinates and their rates, shape (coordinates,) each."""
 
 PARTS = 4
-"""Parts of a step, at whose ends the signs of events are compared: four for one turn of the fastest
-mode where stability limits the steps of an explicit method."""
+"""Number of parts of a step at whose ends the signs of events are compared. Where stability limits
+the steps of an explicit method, four parts cover one turn of the fastest mode."""
 
-MOST_TRIALS = 10_000
-"""Evaluations of g that may find an event's root: where g is flat, as q^9 is, Brent's method takes
+ROOT_TRIALS = 10_000
+"""Most evaluations of g that find an event's root: where g is flat, as q^9 is, Brent's method takes
 up to the square of the 50 that bisection takes."""
 
 
 @dataclass(frozen=True)
 class Event:
-    """A motion's event: where g(t, q, qdot) becomes 0.
+    """A motion's event, which takes place where a function g(t, q, qdot) becomes 0.
 
     Attributes:
-        function: g.
-        direction: above 0 for events at which g grows, below 0 at which it falls; 0 for both.
-        terminal: whether the motion ends at the event; or after how many of them, 0 for never.
+        function: the function g.
+        direction: above 0 for events at which g grows, below 0 for those at which it falls, 0 for
+            both.
+        terminal: whether the motion ends at the event; or the number of events after which it ends,
+            0 for never.
 
     Example:
         >>> chain = pp.Chain(pp.Pipe(0.2), 5)
@@ -54,11 +56,11 @@ class Event:
 
 @saved_as("Occurrences", shapes={"k": "t", "k n": "q qdot"})
 class Occurrences(TableResult):
-    """When and where an event took place.
+    """Times and states at which an event took place.
 
     Attributes:
         t: times in T, shape (k,).
-        q, qdot: coordinates and their rates then, shape (k, coordinates).
+        q, qdot: coordinates and their rates at these times, shape (k, coordinates).
     """
 
     t: Array
@@ -74,10 +76,10 @@ class DenseOutput(Result):
     """The states of a motion at any time, by the polynomials of its integrator's steps.
 
     Attributes:
-        t: ends of the steps, shape (steps + 1,).
-        coefficients: of the powers of x = (t - t_i) / (t_{i+1} - t_i) in each step, shape (steps,
-            degree + 1, 2 moving).
-        model: the model.
+        t: times at which steps begin and end, shape (steps + 1,).
+        coefficients: coefficients of the powers of x = (t - t_i) / (t_{i+1} - t_i) in each step,
+            shape (steps, degree + 1, 2 moving).
+        model: the model that moves.
     """
 
     t: Array
@@ -86,14 +88,14 @@ class DenseOutput(Result):
 
     @classmethod
     def restored(cls, fields: dict[str, Any]) -> DenseOutput:
-        """The output of which a file kept this, if its times ascend."""
+        """The dense output with these attributes; raises ValueError unless its times ascend."""
         made = cls(**fields)
         if not np.all(np.diff(made.t) > 0.0):
             raise ValueError("t of DenseOutput must ascend")
         return made
 
     def __call__(self, t: Any) -> Array:
-        """States [q, q'] at a time, shape (2 coordinates,), or at k, (2 coordinates, k).
+        """States [q, q'] at one time, shape (2 coordinates,), or at k times, (2 coordinates, k).
 
         Raises ValueError for times outside the motion.
         """
@@ -109,7 +111,7 @@ class DenseOutput(Result):
 
 
 def powers(coefficients: Array, x: Array) -> Array:
-    """sum_i c_i x^i for each of k polynomials, (k, degree + 1, rows) at (k,): shape (k, rows)."""
+    """Values, (k, rows), of k polynomials with coefficients (k, degree + 1, rows) at x, (k,)."""
     value = coefficients[:, -1]
     for i in range(coefficients.shape[1] - 2, -1, -1):
         value = value * x[:, None] + coefficients[:, i]
@@ -117,9 +119,9 @@ def powers(coefficients: Array, x: Array) -> Array:
 
 
 def checked_events(given: Any) -> tuple[Event, ...]:
-    """The argument `events`: one, or a tuple or list of events or functions.
+    """Events of the argument `events`: one, or a tuple or list, of events or functions.
 
-    A function may have attributes `direction` and `terminal`, as for `solve_ivp`.
+    A function may have the attributes `direction` and `terminal`, as scipy's `solve_ivp` has them.
     """
     events = []
     for i, one in enumerate(given if isinstance(given, tuple | list) else [given]):
@@ -144,7 +146,7 @@ def checked_events(given: Any) -> tuple[Event, ...]:
 
 
 def _require_arguments(name: str, function: Callable[..., Any]) -> None:
-    """Refuse a function that does not take (t, q, qdot), as far as Python tells its arguments."""
+    """Refuses a function that does not take (t, q, qdot), as far as Python tells its arguments."""
     try:
         arguments = inspect.signature(function)
     except ValueError:
@@ -161,9 +163,10 @@ class Recorder:
     """Finds events in the steps of one motion as they come, and keeps the steps for dense output.
 
     Args:
-        model: the model.
-        events: to look for.
-        t, state: where the motion starts, [p, p', W] of shape (2 moving + 1,).
+        model: the model that moves.
+        events: events to look for.
+        t: time at which the motion starts.
+        state: state [p, p', W] at which it starts, shape (2 moving + 1,).
         dense: whether to keep the steps.
     """
 
@@ -176,23 +179,25 @@ class Recorder:
         self._found: list[list[tuple[float, Array, Array]]] = [[] for _ in events]
         self._ends, self._steps = [np.array([t])], list[Array]()
         self.kept = 0
-        """Numbers that dense output and events hold."""
+        """Number of numbers that dense output and events hold so far."""
 
     def _recorded(self, states: Array) -> tuple[Array, Array]:
+        """Users' coordinates and rates, (k, coordinates) each, of integrated states, a row each."""
         size = self.model.moving
         return self.model.recorded(states[:, :size], states[:, size : 2 * size])
 
     def _value(self, i: int, t: float, q: Array, qdot: Array) -> float:
-        """Of event i."""
+        """Value of the function of event i, checked to be a finite number."""
         value = self.events[i].function(t, q, qdot)
         if isinstance(value, float) and math.isfinite(value):
             return value
         return check.real(f"events[{i}](t, q, qdot)", value)
 
     def add(self, ends: Array, coefficients: Array) -> float | None:
-        """Takes k steps: ends (k + 1,) and coefficients as of `DenseOutput`, with the work done.
+        """Takes k steps and returns the time of a terminal event in them, None without one.
 
-        Returns the time of a terminal event in them.
+        The steps are given by their ends, (k + 1,), and by coefficients as in `DenseOutput`, which
+        also have a row for the work done.
         """
         if not len(coefficients):  # no step was accepted
             return None
@@ -204,6 +209,7 @@ class Recorder:
         return last
 
     def _search(self, ends: Array, coefficients: Array) -> float | None:
+        """Records events in steps up to the first terminal one, whose time it returns."""
         steps = np.repeat(np.arange(len(coefficients)), PARTS)
         x = np.tile(np.arange(1, PARTS + 1) / PARTS, len(coefficients))
         t = (ends[steps] + x * (ends[steps + 1] - ends[steps])).tolist()
@@ -227,7 +233,7 @@ class Recorder:
     def _located(
         self, i: int, ends: Array, coefficients: Array, high: float
     ) -> tuple[int, float, Array, Array]:
-        """Event i in the part of a step that ends at x = high: time, q and q'."""
+        """Index i, time, q and q' of event i in the part of a step that ends at x = high."""
 
         def state(x: float) -> tuple[float, Array, Array]:
             q, qdot = self._recorded(powers(coefficients[None], np.array([x])))
@@ -239,13 +245,13 @@ class Recorder:
         low = high - 1.0 / PARTS
         x, after = high, value(high)
         if after != 0.0 and (value(low) > 0.0) == (after > 0.0):
-            x = low  # where two steps meet, within rounding
+            x = low  # the event lies where two steps meet, within rounding
         elif after != 0.0:
-            x = scipy.optimize.brentq(value, low, high, xtol=1e-15, rtol=1e-15, maxiter=MOST_TRIALS)
+            x = scipy.optimize.brentq(value, low, high, xtol=1e-15, rtol=1e-15, maxiter=ROOT_TRIALS)
         return i, *state(x)
 
     def occurrences(self) -> tuple[Occurrences, ...]:
-        """Of each event, in order."""
+        """Times and states found for each event, in the order of the events."""
         c = self.model.coordinates
         return tuple(
             Occurrences(
@@ -257,13 +263,13 @@ class Recorder:
         )
 
     def output(self, end: float) -> DenseOutput | None:
-        """Dense output up to a time, if it was asked for and there is a step."""
+        """Dense output up to a time; None if it was not asked for or no step was taken."""
         if not self._steps:
             return None
         t, coefficients = np.concatenate(self._ends), np.concatenate(self._steps)
         count = min(int(np.searchsorted(t, end)), len(coefficients))
         t, coefficients = t[: count + 1], coefficients[:count]
-        if end < t[-1]:  # within the last step, which then ends there
+        if end < t[-1]:  # this time lies within the last step, which is cut there
             share = (end - t[-2]) / (t[-1] - t[-2])
             coefficients[-1] *= share ** np.arange(coefficients.shape[1])[:, None]
             t[-1] = end

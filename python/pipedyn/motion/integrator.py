@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Integrators: the core's and scipy's, which of them serves a model best, and why one stopped."""
+"""Integrators of the core and of scipy: running them, choosing one, and why one stopped."""
 
 from __future__ import annotations
 
@@ -27,92 +27,94 @@ from pipedyn.util.parallel import track
 from pipedyn.util.power_iteration import largest_stretch
 
 NOT_FINITE = "the state or its rate is no longer finite"
-"""Why a motion stops: its numbers overflowed, or a bend is beyond what a quadrature resolves."""
+"""Why a motion stops if numbers overflow, or a bend is too sharp for a quadrature to resolve."""
 
 CORE = ("dop853", "radau")
-"""The core's own."""
+"""Methods that are compiled in the core."""
 
 METHODS = ("auto", *CORE, "scipy:DOP853", "scipy:Radau", "scipy:BDF", "scipy:LSODA")
-"""The core's, and those of `scipy.integrate.solve_ivp`."""
+"""All methods: those of the core and those of `scipy.integrate.solve_ivp`."""
 
-ENDS = {"not finite": NOT_FINITE, "vanishing": "its step size tends to 0"}
-"""Why a motion of the core's ended that did not reach its end, by `Member.progress`."""
+EARLY_ENDS = {"not finite": NOT_FINITE, "vanishing": "its step size tends to 0"}
+"""Why a motion in the core stopped before its end, by `Member.progress`."""
 
 FORECAST = 400
-"""Right-hand sides after which those to come are estimated; the estimate costs 40 to 120."""
+"""Right-hand sides after which the number still needed is estimated, which takes 40 to 120."""
 
 CALLS, JACOBIAN_CALLS = 20_000, 20
-"""Right-hand sides between two checks of progress, and for how many of them a Jacobian with its
-factorisation counts. A check costs nothing compared with so many."""
+"""Right-hand sides between two checks of progress, compared with which a check costs nothing, and
+the number of right-hand sides that a Jacobian with its factorisation counts as."""
 
 LEAST_STEP = 2e-5
-"""Share of the fastest mode's time that each right-hand side must cover: methods that go on cover
-0.02 and more; of those that do not, the step size tends to 0."""
+"""Share of the fastest mode's time that each right-hand side must cover. Methods that make progress
+cover 0.02 and more; where less is covered, the step size tends to 0."""
 
 CALLS_A_RATE = 1.5
-"""Right-hand sides of an explicit method in the time 1 / |lambda| of the fastest mode, at least:
-measured 1.6 with damping to 16 without at rtol 1e-6."""
+"""Least number of right-hand sides of an explicit method in the time 1 / |lambda| of the fastest
+mode: measured at rtol 1e-6, 1.6 with damping to 16 without."""
 
 STAGES, HOPELESS = 8, 100.0
-"""Right-hand sides of an implicit iteration. A motion is given up that would, at its present steps,
-need so many times what it may take: steps grow where fast modes decay, measured 50 times."""
+"""Right-hand sides of an implicit iteration, and the multiple of the allowed number at which a
+motion is given up, if it would need so many at its present steps. Steps grow where fast modes
+decay, measured up to 50 times."""
 
 MOST_CALLS = 1e8
-"""Right-hand sides that a motion may take: minutes with few segments, an hour with a thousand."""
+"""Most right-hand sides of a motion by default: minutes with few segments, an hour with 1000."""
 
 BATCHED, BATCH_DECAY = 8, 2.0
-"""Members from which explicit steps of a batch are cheaper than implicit ones one after the other,
-unless the fastest decay is so many times the highest frequency. Measured, see `choose_method`."""
+"""Number of members from which explicit steps of a batch are cheaper than implicit steps one after
+the other, and the ratio of fastest decay to highest frequency above which they are not. Both are
+measured, see `choose_method`."""
 
 LARGEST_IMPLICIT = 1000
-"""Degrees of freedom beyond which dense factorisations are not chosen: four complex ones of 2,001
-unknowns take 256 MB and, from 1.8 s measured with half as many, 15 s on one core."""
+"""Degrees of freedom beyond which dense factorisations are not chosen. Four complex ones of 2,001
+unknowns take 256 MB and, going by 1.8 s measured with half as many, 15 s on one core."""
 
 STILL = 1e-9
-"""Flow speed at constant head below which steps cannot but vanish: it does not turn back."""
+"""Flow speed at constant head below which a motion ends, as its flow would have to turn back."""
 
 LARGEST_KEPT = 100_000_000
-"""Numbers that dense output and events may hold: 0.8 GB."""
+"""Most numbers that dense output and events may hold: 0.8 GB."""
 
 CALL_AGAIN = 0.05
-"""Seconds between two calls of a motion's callback."""
+"""Least seconds between two calls of a motion's callback."""
 
 
 @saved_as("Stopped")
 class Stopped(Exception):
-    """Why an integration stopped early."""
+    """An integration stopped early, for the reason that the message gives."""
 
 
 def _spent(most: float) -> str:
-    """Why a motion stopped that takes more right-hand sides than it may."""
+    """Why a motion stopped that needs more right-hand sides than `most`."""
     return f"it needs more than {most:g} right-hand sides: give `simulate` more as `most=`"
 
 
 @dataclass(frozen=True)
 class Task:
-    """An integration to be done."""
+    """A motion to be integrated."""
 
     model: Model
     u: Speed
-    times: Array  # of the samples, shape (S,)
-    start: Array  # [p, p'] or, with the work done, [p, p', 0]; at constant head with u besides
+    times: Array  # times of the samples, shape (S,)
+    start: Array  # [p, p'] or, with the work done, [p, p', 0]; at constant head u follows
     rtol: float
-    atol: float | Array  # or of each entry of a state
-    method: str  # of METHODS, not "auto"
+    atol: float | Array  # one for all entries of a state, or one for each
+    method: str  # one of METHODS, but not "auto"
     t0: float = 0.0
-    end: float = 0.0  # where it ends at the latest
+    end: float = 0.0  # time at which the motion ends at the latest
     most: float = MOST_CALLS
     max_step: float = math.inf
-    drive: Drive | None = None  # where the speed changes or the base moves
-    base: Base | None = None  # as it was given
-    constant_head: ConstantHead | None = None  # at constant head; then u follows W in a state
-    finer: int = 1  # one sample of so many is kept where that shows the motion
+    drive: Drive | None = None  # present if the speed changes or the base moves
+    base: Base | None = None  # motion of the base, as it was given
+    constant_head: ConstantHead | None = None  # present if u is a state, which follows W
+    finer: int = 1  # number of samples of which one is kept where that shows the motion
     farthest: float = LARGEST_ANGLE  # a motion whose coordinates grow beyond it ends
 
     def flow(self, t: float) -> tuple[Any, ...]:
-        """The flow speed at a time and, if anything drives the motion, this, shape (ROWS,).
+        """The flow speed at a time and, if something drives the motion, its forcing, (ROWS,).
 
-        The speed is 0 where it is a state.
+        The speed is 0 where it is part of the state.
         """
         if self.drive is None:
             return (0.0 if self.constant_head else self.u,)
@@ -120,16 +122,17 @@ class Task:
         return (u, np.array(others)) if any(others) else (u,)
 
     def rates(self, t: float, y: Array) -> Array:
-        """Of a state [p, p'], [p, p', W] or [p, p', W, u]."""
+        """Rates of a state [p, p'], [p, p', W] or [p, p', W, u] at a time."""
         u, *drive = self.flow(t)
         if self.constant_head is not None:
             return self.constant_head.rates(t, y, *drive)
         return self.model.motion_rates(y, u, drive[0] if drive else None, t)
 
     def jacobian(self, t: float, y: Array, u: float, drive: Array | None = None) -> Array:
-        """Derivative of the rates at a flow.
+        """Derivative of the rates by the state at a flow speed and forcing.
 
-        W acts on nothing, and Newton's method does without its own row.
+        The column of W is 0, since no rate depends on the work, and its row is left 0, since
+        Newton's method does without it.
         """
         size = 2 * self.model.moving
         others = np.flatnonzero(np.arange(y.size) != size)
@@ -143,18 +146,18 @@ class Task:
 
 
 Callback: TypeAlias = Callable[[float, Array, Array], object]
-"""Of a time and the coordinates and rates then; True ends the motion."""
+"""A function of time, coordinates and rates; the motion ends where it returns True."""
 
 Outcome: TypeAlias = tuple[Array, int, str | None]
-"""The start and samples of a motion, (1 + S, rows of its start), right-hand sides that it took, and
-why it stopped early."""
+"""Start and samples of a motion, (1 + S, size of a state), the number of right-hand sides that it
+took, and why it stopped early, None if it did not."""
 
 
 class Monitor:
-    """Stops a task that needs too many calls; counts those of its rates and Jacobian by scipy.
+    """Stops a task that needs too many calls, and counts those by scipy of rates and Jacobian.
 
     Attributes:
-        calls, jacobians, factorisations: of each how many.
+        calls, jacobians, factorisations: numbers of right-hand sides, Jacobians, factorisations.
         overflowed: whether a state was not finite, for which rates are NaN and shorten the step.
     """
 
@@ -165,7 +168,7 @@ class Monitor:
         self.overflowed = False
 
     def rates(self, t: float, y: Array) -> Array:
-        """Of [q, q', W]. Raises `Stopped`."""
+        """Rates of a state of the task. Raises `Stopped` if too many calls are needed."""
         if self.calls >= self.next_check:
             self.check(t)
         if self.calls >= self.task.most:
@@ -178,7 +181,7 @@ class Monitor:
             return np.full(y.shape, np.nan)
 
     def jacobian(self, t: float, y: Array) -> Array:
-        """Of the same, without the row of W."""
+        """Derivative of the rates by the state, in which the row of W is 0."""
         self.jacobians += 1
         self.factorisations += 1
         self.next_check -= JACOBIAN_CALLS
@@ -191,11 +194,11 @@ class Monitor:
 
     @cached_property
     def fastest(self) -> tuple[float, float]:
-        """Highest frequency and fastest decay at rest, which only long motions need."""
+        """Highest frequency and fastest decay at rest, computed for the first check of progress."""
         return fastest_rates(self.task.model)
 
     def check(self, t: float) -> None:
-        """Raises what stops an integration that needs too many calls or whose steps vanish."""
+        """Raises `Stopped` if the task needs too many calls or its steps vanish."""
         in_time()
         task, fastest = self.task, max(self.fastest)
         remaining, least, needed, why = float(task.times[-1]) - t, LEAST_STEP, 0.0, ""
@@ -222,30 +225,31 @@ class Monitor:
 
 
 class Observer:
-    """Sees a motion while it goes on: hands its steps to a recorder and calls the caller back.
+    """Follows a motion while it is integrated: passes its steps to a recorder and calls back.
 
     Args:
-        recorder: of events and dense output; None where nobody asks for them.
-        callback: of a time, q and q' there, each (coordinates,); True ends the motion.
+        recorder: recorder of events and dense output; None where nobody asks for them.
+        callback: function of a time and of q and q' then, (coordinates,) each; the motion ends
+            where it returns True.
     """
 
     def __init__(self, recorder: Recorder | None = None, callback: Callback | None = None) -> None:
         self.recorder, self.callback = recorder, callback
         self.end: float | None = None
-        """Where the motion was ended, by an event or the caller."""
+        """Time at which an event or the caller ended the motion, None if neither did."""
         self.stretch = CALLS
-        """Right-hand sides of a member between two looks, at most."""
+        """Most right-hand sides of a member between two looks at the motion."""
         self._called = -math.inf
 
     def ended(self, states: Array, samples: Array) -> Iterable[int]:
-        """Which members of a batch may end here, as their first samples show.
+        """Members of a batch that may end, as the samples that they have so far show.
 
-        states: (members, S, rows), of which member j has samples[j].
+        Of the states, shape (members, S, rows), member j has the first samples[j].
         """
         return ()
 
     def steps(self, ends: ArrayLike, coefficients: ArrayLike) -> None:
-        """Takes steps of the motion, as `Recorder.add`."""
+        """Passes steps of the motion to the recorder, in the form that `Recorder.add` takes."""
         if self.recorder is not None:
             self.end = self.recorder.add(np.array(ends), np.array(coefficients))
             if self.recorder.kept > LARGEST_KEPT:
@@ -253,7 +257,7 @@ class Observer:
                 raise Stopped(f"its dense output and events would take {many}")
 
     def call(self, task: Task, t: float, state: Array) -> None:
-        """Calls back, if the last time is CALL_AGAIN ago."""
+        """Calls back, if the last call was CALL_AGAIN seconds ago or more."""
         if self.callback is None or self.end is not None:
             return
         if time.monotonic() < self._called + CALL_AGAIN:
@@ -266,7 +270,7 @@ class Observer:
 
 
 def integrate(tasks: Sequence[Task], shown: bool, observer: Observer) -> list[Outcome]:
-    """What comes of each task; several have one model, one method of the core and no observer."""
+    """Outcome of each task; several tasks share a model and a method of the core."""
     of_task = _in_core if tasks[0].method in CORE else _of_one
     found = of_task(tasks, shown, observer)
     return [_while_resolved(task, one) for task, one in zip(tasks, found, strict=True)]
@@ -288,7 +292,7 @@ def _wound_up(task: Task) -> str:
 
 
 def _of_one(tasks: Sequence[Task], shown: bool, observer: Observer) -> list[Outcome]:
-    """What comes of one task by another method than the core's."""
+    """Outcome of one task by another method than the core's."""
     [task] = tasks
     monitor = Monitor(task)
     samples = track(_by_scipy(task, monitor), task.times.size, "motion", shown)
@@ -309,7 +313,7 @@ def _of_one(tasks: Sequence[Task], shown: bool, observer: Observer) -> list[Outc
 
 
 def _in_core(tasks: Sequence[Task], shown: bool, observer: Observer) -> list[Outcome]:
-    """By one of the core's methods, each task with steps of its own."""
+    """Outcome of each task by a method of the core, in which each takes steps of its own."""
     first, members = tasks[0], len(tasks)
     model = first.model
     u: object = np.zeros(members) if first.constant_head else np.array([task.u for task in tasks])
@@ -326,13 +330,13 @@ def _in_core(tasks: Sequence[Task], shown: bool, observer: Observer) -> list[Out
     monitors = [Monitor(task) for task in tasks]
     times, count = first.times, first.times.size
     if observer.recorder is not None and times[-1] < first.end:
-        times = np.append(times, first.end)  # events are looked for up to there
+        times = np.append(times, first.end)  # events are looked for up to the end
     states = np.empty((members, times.size, len(start)))
     whys: list[str | None] = [None] * members
-    left = set[int]()  # by the observer's leave
+    left = set[int]()  # members that the observer allowed to end
 
     def reached() -> Iterator[int]:
-        """The samples that all members have, or will not have, one by one."""
+        """Yields the index of each sample once all members have it or have ended."""
         done, finished, allowed = 0, False, min(FORECAST, observer.stretch)
         while not finished and observer.end is None:
             follows = observer.recorder is not None
@@ -376,7 +380,7 @@ def _in_core(tasks: Sequence[Task], shown: bool, observer: Observer) -> list[Out
         pass
     answers: list[Outcome] = []
     for j, member in enumerate(motion.members):
-        why, samples = whys[j] or ENDS.get(member.progress), min(member.samples, count)
+        why, samples = whys[j] or EARLY_ENDS.get(member.progress), min(member.samples, count)
         if why is not None and first.constant_head is not None and motion.state(j)[-1] < STILL:
             why = "its flow stops and would turn back"
         if member.progress == "spent" and j not in left:
@@ -390,9 +394,9 @@ def _in_core(tasks: Sequence[Task], shown: bool, observer: Observer) -> list[Out
 
 
 def runs_unlocked(task: Task) -> bool:
-    """Whether a task's right-hand sides do without Python and its lock."""
+    """Whether a task's right-hand sides run without Python and its interpreter lock."""
     unlocked = task.drive is None or task.drive.numbers is not None
-    if task.constant_head is not None and task.method == "radau":  # its Jacobian is Python's
+    if task.constant_head is not None and task.method == "radau":  # Python computes its Jacobian
         return False
     return unlocked and task.model.compiled is not None and task.method in CORE
 
@@ -405,15 +409,16 @@ def state_after(
     atol: float,
     jacobian: Callable[[Array], Array] | None = None,
 ) -> tuple[Array, int]:
-    """The state at a time of y' = rates(y) from a start at time 0, and how often rates were asked.
+    """The state at time t of y' = rates(y) from a start at time 0, and the number of rates taken.
 
-    By implicit steps where the Jacobian df/dy is given, else by explicit ones. Raises `Stopped`.
+    Steps are implicit where the Jacobian df/dy is given, else explicit. Raises `Stopped`.
     """
 
     def of_all(t: Array, y: Array, u: Array) -> Array:
+        """Rates of the states in the columns of y."""
         if y.shape[1] == 1:
             return rates(y[:, 0])[:, None]
-        return np.stack([rates(column) for column in y.T], axis=1)  # stages of implicit steps
+        return np.stack([rates(column) for column in y.T], axis=1)  # stages of a step
 
     motion = _core.Integrator(
         of_all,
@@ -433,12 +438,12 @@ def state_after(
         in_time()
     [member] = motion.members
     if member.progress != "done":
-        raise Stopped(ENDS.get(member.progress, "it takes too many steps"))
+        raise Stopped(EARLY_ENDS.get(member.progress, "it takes too many steps"))
     return state[0, 0], member.evaluations
 
 
 def _by_scipy(task: Task, monitor: Monitor) -> Iterator[Array]:
-    """States at a task's times."""
+    """Yields the states at a task's times, integrated by scipy."""
     kind = getattr(scipy.integrate, task.method.removeprefix("scipy:"))
     options: dict[str, Any] = {"rtol": task.rtol, "atol": task.atol, "max_step": task.max_step}
     if kind is not scipy.integrate.DOP853:
@@ -448,15 +453,15 @@ def _by_scipy(task: Task, monitor: Monitor) -> Iterator[Array]:
     for t in task.times:
         while solver.t < t:
             with warnings.catch_warnings(), np.errstate(over="ignore", invalid="ignore"):
-                warnings.simplefilter("ignore", UserWarning)  # said by the exception
+                warnings.simplefilter("ignore", UserWarning)  # the exception says the same
                 try:
                     message = solver.step()
-                except ValueError as error:  # a factorisation refuses what is not finite
+                except ValueError as error:  # a factorisation refuses numbers that are not finite
                     raise Stopped(str(error)) from error
             monitor.factorisations = max(monitor.jacobians, solver.nlu)
             if solver.status == "failed" or not np.isfinite(solver.y).all():
                 raise Stopped(message or NOT_FINITE)
-            between = solver.dense_output()  # of DOP853 from three right-hand sides, or NaN
+            between = solver.dense_output()  # DOP853 takes three right-hand sides for it
         row = task.start if between is None else between(t)
         if not np.isfinite(row).all():
             raise Stopped(NOT_FINITE)
@@ -469,17 +474,17 @@ def _by_scipy(task: Task, monitor: Monitor) -> Iterator[Array]:
 def choose_method(model: Model, members: int = 1, dense: bool = False) -> str:
     """The core's integrator that measured cheapest at equal error, for so many members.
 
-    One motion goes by implicit steps, whose stages fill the processor's vectors: they do not follow
-    fast modes that have decayed, and where they follow all they cost no more. Measured with chains
+    One motion takes implicit steps, whose stages fill the processor's vectors: they do not follow
+    fast modes that have decayed, and cost no more where they follow all modes. Measured with chains
     of 3 to 100 segments, reduced models of 2 to 12 functions of both bases and scenes with modules
-    in Python, damping 0 to 0.1 with and without drag, starts smooth or not, rtol 1e-3 to 1e-10:
-    explicit ones cost 0.85 to 800 times as much at equal largest error of q, undamped mostly 1.2 to
-    4 times. Where decay is slow they are taken for members of a chain or scene that advance
-    together, which fill the vectors by themselves: measured with 8 to 64 members of 4 to 40
-    segments, the choice costs at most 1.9 times the cheaper; of reduced models, 1.4.
+    in Python, damping 0 to 0.1 with and without drag, starts smooth or not, rtol 1e-3 to 1e-10,
+    explicit steps cost 0.85 to 800 times as much at equal largest error of q, and without damping
+    mostly 1.2 to 4 times. Explicit steps are taken, where decay is slow, for members of a chain or
+    scene that advance together and so fill the vectors by themselves. Measured with 8 to 64 members
+    of 4 to 40 segments, the method chosen costs at most 1.9 times the cheaper one; for reduced
+    models, 1.4 times. `tests/benchmark_simulate.py` repeats the measurement.
 
-    `tests/benchmark_simulate.py` measures it again. dense: implicit steps factorise whole
-    Jacobians, as they do at constant head.
+    `dense` says that implicit steps would factorise whole Jacobians, as they do at constant head.
     """
     reduced = isinstance(model.motion, _core.Galerkin)
     if (dense or model.compiled is None) and model.moving > LARGEST_IMPLICIT:
@@ -489,7 +494,7 @@ def choose_method(model: Model, members: int = 1, dense: bool = False) -> str:
 
 
 def decays_fast(model: Model, least: float = BATCH_DECAY) -> bool:
-    """Whether the fastest decay is so many times the highest frequency."""
+    """Whether the fastest decay exceeds `least` times the highest frequency."""
     if not (model.pipe.damping or model.resisted):
         return False
     fastest, decay = fastest_rates(model)
@@ -498,7 +503,7 @@ def decays_fast(model: Model, least: float = BATCH_DECAY) -> bool:
 
 @lru_cache(maxsize=8)
 def fastest_rates(model: Model) -> tuple[float, float]:
-    """Highest frequency and fastest decay of velocities at rest, to some per cent."""
+    """Highest frequency and fastest decay of velocities, at rest without flow, to some per cent."""
     pipe = replace(model.pipe, drag=0.0)
     frequency = math.sqrt(_strongest(model.with_pipe(replace(pipe, damping=0.0)), 0))
     if not model.resisted:
@@ -507,7 +512,7 @@ def fastest_rates(model: Model) -> tuple[float, float]:
 
 
 def _strongest(model: Model, first: int) -> float:
-    """Largest ratio of accelerations to coordinates (first 0) or velocities, by iteration."""
+    """Largest ratio of accelerations to coordinates (first 0) or to velocities, by iteration."""
     size = model.moving
     rest = np.concatenate([model.resting(), np.zeros(size)])
 
@@ -519,7 +524,7 @@ def _strongest(model: Model, first: int) -> float:
     at_rest = accelerations(0.0)
 
     def response(moved: Array) -> Array:
-        small = 1e-6 / float(np.abs(moved).max())  # so that motion is linear
+        small = 1e-6 / float(np.abs(moved).max())  # so small that the response is linear
         return (accelerations(small * moved) - at_rest) / small
 
     start = np.cos(math.pi * np.arange(size)) * np.linspace(1.0, 1.5, size)

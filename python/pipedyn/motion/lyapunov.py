@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: MIT
-"""The largest Lyapunov exponent: how fast neighbouring motions diverge, or converge.
+"""The largest Lyapunov exponent, the rate at which neighbouring motions diverge or converge.
 
 Along the motion y' = f(y) a small difference obeys v' = J(y) v with the analytic Jacobian. v is
 brought back to unit length at short intervals; the logarithms of its growth, divided by the time,
 tend to the exponent.
 
-Source: Benettin, Galgani, Giorgilli and Strelcyn (1980); the spread is that of means over blocks.
+Source: Benettin, Galgani, Giorgilli and Strelcyn (1980). The spread is that of means over blocks.
 """
 
 from __future__ import annotations
@@ -43,18 +43,18 @@ from pipedyn.util.result import TableResult
 from pipedyn.util.units import RATE
 
 Rates = Callable[[Array], Array]
-"""Of a state y, shape (n,): y' or its Jacobian."""
+"""A function of a state y, shape (n,), that returns y' or its Jacobian."""
 
 DISTANCE = 1e-7
-"""Of a pair of neighbours, in the norm of the state, where each interval begins. Its square, by
-which their motion differs from the linear one, is lost in rounding."""
+"""Distance of two neighbours, in the norm of the state, at the start of each interval. Its square,
+by which their motion differs from linear motion, is lost in rounding."""
 
 LEAST_ERROR = 1e-12
-"""Smallest error that is asked of a pair's steps, relative to the state: rounding hides less. Both
-motions have nearly the same error, so that their distance errs by far less."""
+"""Least error that is asked of a pair's steps, relative to the state: rounding hides smaller ones.
+Both motions have nearly the same error, so that their distance errs by far less."""
 
 MOST_INTERVALS = 10_000_000
-"""Intervals, whose growth is stored: 80 MB."""
+"""Most intervals of a motion, as the growth in each is stored: 80 MB."""
 
 
 @saved_as("LyapunovExponent", shapes={"S": "t history", "k": "blocks", "n": "end"})
@@ -64,17 +64,17 @@ class LyapunovExponent(
     """The largest Lyapunov exponent of a motion, with its statistical error.
 
     Attributes:
-        value: in 1 / T; 0 on a limit cycle, the largest real part of an eigenvalue where the motion
-            comes to rest, above 0 where it is chaotic.
+        value: the exponent in 1 / T; 0 on a limit cycle, the largest real part of an eigenvalue
+            where the motion comes to rest, above 0 where it is chaotic.
         spread: standard error of the value, the largest of three estimates: by the means over
-            blocks, by the means of the two halves, by how far the difference's length oscillates. A
-            value within a few of these around 0 is 0.
-        blocks: mean over each block, shape (blocks,).
-        t: ends of the intervals from the end of the transient on, shape (S,).
-        history: the value from the time up to then, shape (S,).
-        duration: over which it was taken.
-        end: [p, p'] at the end, shape (2 moving,): a start for more.
-        pipe: the pipe.
+            blocks, by the means of the two halves, and by the oscillation of the difference's
+            length. A value within a few spreads of 0 counts as 0.
+        blocks: means of the growth rate over the blocks, shape (blocks,).
+        t: times since the transient at which intervals end, shape (S,).
+        history: the exponent from the time up to each of these, shape (S,).
+        duration: time over which growth was measured.
+        end: state [p, p'] at the end, shape (2 moving,), from which the motion may go on.
+        pipe: the pipe of the model.
     """
 
     value: float
@@ -111,25 +111,25 @@ def lyapunov_exponent(
     """The largest Lyapunov exponent of the motion that a start leads to.
 
     Args:
-        model: chain, reduced model or scene. Where guides and pins are, directions that these
-            forbid count as decaying at rate 10.
+        model: chain, reduced model or scene. Directions that guides and pins forbid count as
+            decaying at rate 10.
         u: flow speed >= 0, in sqrt(EI / mu_f) / L.
-        start: a `LimitCycle`, on which it begins; a `Motion`, at whose end; the angle theta(s) of
-            the bent pipe or coordinates, at rest; or a state [q, q'], shape (2 coordinates,). Where
-            not given, the pipe bent a little.
-        duration: over which growth is measured, in T, after the transient.
+        start: a `LimitCycle`, on which the motion begins; a `Motion`, at whose end it begins; the
+            angle theta(s) of the bent pipe or coordinates, from which it begins at rest; or a state
+            [q, q'], shape (2 coordinates,). Where not given, the pipe is bent a little.
+        duration: time in T over which growth is measured, after the transient.
         transient: time left out before, in which the motion finds its attractor and the difference
             its direction.
-        blocks: parts of the duration, from whose means the spread comes, at least 4.
-        interval: after which the difference is brought back to unit length, in T; the largest that
-            divides a block and is not longer is taken.
+        blocks: number of parts of the duration, from whose means the spread comes, at least 4.
+        interval: time in T after which the difference is brought back to unit length; the largest
+            that divides a block and is not longer is taken.
         method: "variational", by the analytic Jacobian; "pair", by two neighbouring motions in one
             batch, which needs no Jacobian and costs less for long chains.
         rtol: relative tolerance of the error of each step, in [1e-13, 1e-3].
-        progress: show progress on stderr.
+        progress: whether to show progress on stderr.
 
     Returns:
-        LyapunovExponent.
+        LyapunovExponent with its value and spread.
 
     Example:
         >>> model = pp.Chain(pp.Pipe(0.2), 2)
@@ -185,8 +185,9 @@ def largest_exponent(
 ) -> LyapunovExponent:
     """The largest exponent of any y' = f(y), with the arguments of `lyapunov_exponent`.
 
-    `rates` is f, for a pair of two states at once, shape (n, 2); `jacobian` is df/dy, (n, n); rtol
-    holds for the difference, of unit length, absolutely; `stiff` asks for an implicit method.
+    `rates` is f; where `pair` is set it takes two states at once, shape (n, 2). `jacobian` is
+    df/dy, (n, n). rtol is the absolute tolerance of the difference, which has unit length. `stiff`
+    asks for an implicit method.
     """
     each = max(math.ceil(duration / blocks / interval), 1)
     step = duration / blocks / each
@@ -194,26 +195,27 @@ def largest_exponent(
     n, state = start.size, start.copy()
     direction = np.cos(np.arange(n) + 0.5)  # in no direction of the system's own
     direction /= np.linalg.norm(direction)
-    # Both of a pair take the same steps, with nearly the same errors: the distance may be below
-    # the relative tolerance, but near the straight pipe at rest not below the absolute one.
+    # Both motions of a pair take the same steps with nearly the same errors. Their distance may be
+    # below the relative tolerance, but near the straight pipe at rest not below the absolute one.
     length, atol = (DISTANCE, DISTANCE * rtol) if pair else (1.0, 0.01 * rtol)
 
     def slopes(whole: Array) -> Array:
+        """Rates of the state and of the difference, or of both states of a pair, (2 n,)."""
         y, v = whole[:n], whole[n:]
         if pair:
             return np.asarray(rates(np.ascontiguousarray(whole.reshape(2, n).T))).T.ravel()
         return np.concatenate([rates(y), jacobian(y) @ v])
 
     def slopes_by_state(whole: Array) -> Array:
-        """The same block twice: Newton's method does without the Jacobian's own change."""
+        """Jacobian with df/dy twice; Newton's method does without the change of df/dy itself."""
         evaluated(1)
         block = jacobian(whole[:n])
         return np.asarray(scipy.linalg.block_diag(block, block))
 
-    growth = np.empty(before + blocks * each)  # logarithms
+    growth = np.empty(before + blocks * each)  # logarithms of the factor in each interval
     for i in track(range(growth.size), growth.size, "exponent", shown):
         whole = np.concatenate([state, length * direction + (state if pair else 0.0)])
-        # Rates of a bent pipe at rest are rounding, which no step makes smaller.
+        # The rates of a bent pipe at rest are rounding, which smaller steps do not reduce.
         least = LEAST_ERROR * float(np.abs(state).max()) if pair else 0.0
         try:
             found, calls = state_after(
@@ -221,7 +223,7 @@ def largest_exponent(
             )
         except Stopped as stopped:
             raise NotConverged(f"the motion stopped: {stopped}") from None
-        evaluated(2 * calls)  # of both states, or of one with its Jacobian
+        evaluated(2 * calls)  # each call takes two states, or one state with its Jacobian
         state = found[:n]
         difference = found[n:] - state if pair else found[n:]
         size = float(np.linalg.norm(difference))
@@ -230,7 +232,7 @@ def largest_exponent(
 
 
 def _from_growth(growth: Array, step: float, blocks: int, end: Array) -> LyapunovExponent:
-    """The exponent from the logarithms of what a difference grows by in each interval."""
+    """The exponent from the logarithms of a difference's growth in each interval, shape (S,)."""
     each, duration = growth.size // blocks, step * growth.size
     t = step * np.arange(1.0, growth.size + 1.0)
     means = growth.reshape(blocks, each).mean(axis=1) / step
@@ -238,7 +240,7 @@ def _from_growth(growth: Array, step: float, blocks: int, end: Array) -> Lyapuno
     standard = float(means.std(ddof=1)) / math.sqrt(blocks)
     half = blocks // 2
     drift = 0.5 * abs(float(means[:half].mean() - means[-half:].mean()))
-    # The difference's length oscillates with the motion: at which phase the time ends is chance.
+    # The difference's length oscillates with the motion, and the phase at the end is chance.
     oscillation = float(np.ptp(np.cumsum(growth) - value * t)) / duration
     return LyapunovExponent(
         value=value,
@@ -252,13 +254,13 @@ def _from_growth(growth: Array, step: float, blocks: int, end: Array) -> Lyapuno
 
 
 APART = 1e-5
-"""Of neighbours in one ensemble, whose steps are their own: what is left of the square of it, and
-of the steps' errors at `APART` times 1e-3, changes the growth over an interval by 1e-4 or less:
-measured on four pipes, by 2e-5 over the first four."""
+"""Distance of neighbours in an ensemble, in which each takes steps of its own. Its square, and step
+errors of 1e-3 times it, change the growth over an interval by 1e-4 or less: measured on four
+pipes, by 2e-5 over the first four intervals."""
 
 BEYOND_DOUBT = 4.0
-"""Spreads above 0 at which an exponent needs no more time: more than `chaotic` asks, since it is
-asked several times on the way."""
+"""Number of spreads above 0 at which an exponent needs no more time. It is more than `chaotic` asks
+for, because the question is asked several times on the way."""
 
 
 def exponents_together(
@@ -274,12 +276,13 @@ def exponents_together(
 ) -> list[LyapunovExponent | MotionStopped]:
     """The largest exponents of motions that go on from states [p, p'], as one ensemble.
 
-    Where the flow pulsates or the base moves, all by the same, motions begin with a period of that,
-    of which the interval is a multiple; the duration is rounded up to whole intervals.
+    Where the flow pulsates or the base moves (`driven`), all motions are driven alike and begin
+    with a period of the forcing. The interval must be a multiple of that period, and the duration
+    is rounded up to whole intervals.
 
-    Of each two neighbours are integrated, by the core where it has the model. A motion whose
-    exponent is beyond doubt above 0 in the later half of the time so far ends there, before the
-    duration does, and that half is what its exponent is taken over.
+    Each motion is integrated with a neighbour, by the core where it has the model. A motion ends
+    early if the exponent over the later half of its time so far is above 0 beyond doubt, and that
+    is then its exponent.
     """
     each = max(math.ceil(duration / blocks / interval), 1)
     step = interval if driven else duration / blocks / each

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""How many samples show a motion: cubics through positions and velocities must follow it."""
+"""Number of samples that shows a motion: cubics through positions and velocities must follow it."""
 
 from __future__ import annotations
 
@@ -8,25 +8,25 @@ import numpy as np
 from pipedyn.util.check import Array
 from pipedyn.util.later import scipy
 
-ROUNDING = 1e-9
-"""A point that moves by less, in L, is held: its velocity is rounding in the constraints."""
+LEAST_MOTION = 1e-9
+"""Motion of a point, in L, below which it is held: its velocity is rounding in the constraints."""
 
 INVISIBLE = 1e-4
-"""In L: a twentieth of a pixel of a picture of the pipe at 100 dots an inch."""
+"""Distance in L that no picture shows: a twentieth of a pixel at 100 dots an inch."""
 
 FEWEST, FINEST = 4, 128
-"""Parts into which the times between a motion's default samples are divided, powers of 2."""
+"""Least and largest number of parts into which times between default samples are divided."""
 
 A_CYCLE = 12.0
-"""Samples of the finest a cycle of the fastest mode: twice as many as are needed, since large
-motion is faster than small."""
+"""Number of the finest samples in a cycle of the fastest mode: twice as many as small motion needs,
+since large motion is faster."""
 
 A_TURN = 384.0
-"""Samples of the finest a turn of the fastest part of the pipe at the start: a whirling pipe cracks
-like a whip, and of 20 segments without damping the free end then needs more than 80."""
+"""Number of the finest samples in a turn of the part of the pipe that turns fastest at the start. A
+whirling pipe cracks like a whip: without damping the free end of 20 segments needs more than 80."""
 
 MOST_NUMBERS = 16_000_000
-"""Numbers that these samples may hold, 128 MB; where that is too few they are less fine."""
+"""Most numbers that the finest samples hold, 128 MB; longer motions have coarser samples."""
 
 
 def coarse(
@@ -37,27 +37,27 @@ def coarse(
     *,
     rates_shown: bool = False,
 ) -> bool:
-    """Whether samples are too far apart: a cubic through every other sample misses the others.
+    """Whether samples are too far apart, so that a cubic through every other one misses the rest.
 
-    It may miss them by 5 % of the range of positions or by `invisible`, and by 25 % of the largest
-    velocity if velocities are shown. Six samples a cycle meet this; a sine is then known to 0.4 %
-    from all samples.
+    The cubic may miss by 5 % of the range of positions or by `invisible`, and by 25 % of the
+    largest velocity if velocities are shown. Six samples in a cycle meet this; all samples together
+    then give a sine to 0.4 %.
 
     Args:
-        times: shape (S,).
-        positions: shape (S,) or (S, 2).
-        velocities: shape of positions.
-        invisible: distance that no picture shows.
-        rates_shown: whether velocities are to be right as well.
+        times: times of the samples, shape (S,).
+        positions: positions of a point, shape (S,) or (S, 2).
+        velocities: its velocities, of the shape of the positions.
+        invisible: distance by which the cubic may always miss, since no picture shows it.
+        rates_shown: whether velocities must be right as well.
     """
-    kept = times.size - 1 + times.size % 2  # ends with a sample that is kept
+    kept = times.size - 1 + times.size % 2  # odd: the cubic has the last sample
     t, positions, velocities = times[:kept], positions[:kept], velocities[:kept]
-    if t.size < 3 or np.ptp(positions, axis=0).max() < ROUNDING:
+    if t.size < 3 or np.ptp(positions, axis=0).max() < LEAST_MOTION:
         return False
     every_other = scipy.interpolate.CubicHermiteSpline(t[::2], positions[::2], velocities[::2])
     missed = np.abs(every_other(t) - positions).max()
     missed_rate = np.abs(every_other(t, 1) - velocities).max()
-    # One sample a cycle always finds the same position: only the velocities show that it is wrong.
+    # With one sample in a cycle all positions are the same: only velocities show the motion.
     missed = max(missed, 0.125 * missed_rate * np.diff(t[::2]).max())
     lost = bool(missed > max(invisible, 0.05 * np.ptp(positions, axis=0).max()))
     return lost or (rates_shown and bool(missed_rate > 0.25 * np.abs(velocities).max()))

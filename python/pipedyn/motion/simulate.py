@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: MIT
-"""Motion in time: what integrators make of a model's right-hand side, and its audit.
+"""Motion in time: integration of a model's equations of motion, and an audit of its energy.
 
-Integrated is y = [q, q', W] with W' the power of flow, joints and drag. So the audit
-|E(t) - E(0) - W(t)| has the integrator's own order and does not depend on the samples.
+The state y = [q, q', W] is integrated, where W' is the power of flow, joints and drag. The audit
+|E(t) - E(0) - W(t)| therefore has the integrator's own order and does not depend on the samples.
 
-Many motions of one model advance together in batches, each with steps of its own: a right-hand side
-of all of them goes through the processor's vectors.
+Many motions of one model advance together in batches, each with steps of its own. The right-hand
+sides of a batch are computed together in the processor's vectors.
 """
 
 from __future__ import annotations
@@ -55,31 +55,30 @@ from pipedyn.util.check import Array
 from pipedyn.util.counters import TookTooLong
 from pipedyn.util.errors import PipedynError
 from pipedyn.util.later import futures
-from pipedyn.util.parallel import parallel
+from pipedyn.util.parallel import Returned, parallel
 from pipedyn.util.result import Result, TableResult, joined, states_over_time
 from pipedyn.util.units import Unit
 
 Start: TypeAlias = ArrayLike | Callable[[Array], ArrayLike]
-"""The angle theta(s) of the bent pipe, or coordinates; a search for motion takes states as well."""
+"""The angle theta(s) of the bent pipe, or coordinates; searches for motions take states as well."""
 
-Answer = TypeVar("Answer")
 OneTask = TypeVar("OneTask", bound=Task)
 
 LARGEST_SAMPLES = 100_000_000
-"""Numbers that a motion's samples may hold: 0.8 GB each for q and q'."""
+"""Most numbers in a motion's samples: 0.8 GB each for q and q'."""
 
 LARGEST_ENSEMBLE = 1_000_000
-"""Members, each of which takes a kilobyte before anything is computed."""
+"""Most members of an ensemble: each takes a kilobyte before anything is computed."""
 
 BATCH = 32
-"""Members of a batch, in whole vectors: measured, the cost of a member falls little beyond."""
+"""Members in a batch, whole vectors: measured, larger batches hardly reduce a member's cost."""
 
 VECTOR = 4
-"""Members that take as long as one, at least: those that the core's vectors hold."""
+"""Members that the core's vectors hold, so that so many take no longer than one."""
 
 
 class Trajectory:
-    """States of a model at times: what motions, limit cycles and forced motions have in common."""
+    """States of a model at S times, common to motions, limit cycles and forced motions."""
 
     t: Array
     q: Array
@@ -101,7 +100,7 @@ class Trajectory:
 
     def _unit(self, name: str) -> Unit | None:
         if name.startswith("qdot") and isinstance(self.model, Assembly):
-            return None  # of redundant coordinates some are lengths
+            return None  # redundant coordinates are lengths and angles
         of_results: Any = super()
         return of_results._unit(name)
 
@@ -112,25 +111,25 @@ class Trajectory:
 
 @saved_as("Motion", shapes={"S": "t energy flow_speed", "S coordinates": "q qdot", "S 2": "tip"})
 class Motion(Trajectory, TableResult):
-    """One motion, sampled.
+    """One motion, sampled at S times.
 
     Attributes:
         t: times in T, shape (S,).
         q, qdot: coordinates and their rates, shape (S, coordinates).
-        tip: position (x, y) of the free end in L, shape (S, 2), from the base.
-        energy: in EI / L, shape (S,), in the frame of the base.
+        tip: position (x, y) of the free end from the base in L, shape (S, 2).
+        energy: energy in the frame of the base, in EI / L, shape (S,).
         audit: largest |E(t) - E(0) - work of flow, joints, drag and base|, relative to the largest
-            of |E| and the kinetic energy: 0 but for the integrator's errors. NaN of motions of a
-            diagram or an exponent that stopped, which were followed without the work, and of those
-            that were not computed.
+            of |E| and the kinetic energy: 0 but for the integrator's errors. It is NaN for motions
+            of a diagram or an exponent that stopped, which are integrated without the work, and for
+            those that were not computed.
         u: flow speed, or the function of time or the `Supply` that was given.
-        flow_speed: the flow speed at the times, shape (S,).
-        method: the integrator.
-        evaluations: right-hand sides that it took.
-        model: the model.
-        events: when and where each of the events asked for took place.
-        dense: the states at any time, where they were asked for.
-        base: the base's motion as it was given, None at rest.
+        flow_speed: flow speed at the times, shape (S,).
+        method: name of the integrator.
+        evaluations: number of right-hand sides that the motion took.
+        model: the model that moves.
+        events: times and states of each of the events asked for.
+        dense: states at any time, where they were asked for.
+        base: motion of the base as it was given, None at rest.
 
     Example:
         >>> chain = pp.Chain(pp.Pipe(0.2), n=5)
@@ -158,7 +157,7 @@ class Motion(Trajectory, TableResult):
 
     @property
     def reached(self) -> str:
-        """How far it came, in words."""
+        """The time that the motion reached, in words."""
         return f"at t = {self.t[-1]:g}" if self.t.size else "before its first sample"
 
     def _columns(self) -> dict[str, Any]:
@@ -171,10 +170,10 @@ class Motion(Trajectory, TableResult):
 
 @saved_as("MotionStopped")
 class MotionStopped(PipedynError):
-    """An integration that could not go on.
+    """An integration could not go on.
 
     Attributes:
-        motion: up to the last sample before.
+        motion: the motion up to its last sample before it stopped.
     """
 
     def __init__(self, message: str, motion: Motion) -> None:
@@ -187,9 +186,9 @@ class MemberFailure(Result):
     """A member whose motion stopped, or was not computed.
 
     Attributes:
-        index: of the member.
-        error: why, with the motion up to there; where the member was not computed, because its
-            worker died or a law of its model raised something, that is its `__cause__`.
+        index: index of the member.
+        error: why it stopped, with the motion up to then. If the member was not computed, because
+            its worker died or a law of its model raised an exception, that is its `__cause__`.
     """
 
     index: int
@@ -201,8 +200,8 @@ class Ensemble(TableResult):
     """Motions of many members.
 
     Attributes:
-        motions: one a member, in order; of one that failed, up to where it stopped, without any
-            samples if it was not computed.
+        motions: the motion of each member, in order. The motion of a member that failed ends where
+            it stopped, and has no samples if it was not computed.
         failures: the members that stopped early or were not computed.
 
     Example:
@@ -223,7 +222,7 @@ class Ensemble(TableResult):
         return joined(tables, member=range(len(tables)))
 
     def _scales_of_rows(self, scales: Any) -> Any:
-        """Of each member's pipe."""
+        """SI scales for the rows of the table, from the pipe of each member."""
         each = [one.model.pipe.scales or (math.nan,) * len(scales) for one in self.motions]
         rows = np.repeat(each, [one.t.size for one in self.motions], axis=0)
         return type(scales)(*rows.T)
@@ -256,28 +255,28 @@ def simulate(
         model: chain, reduced model or assembly.
         u: flow speed >= 0, in sqrt(EI / mu_f) / L: a number, a `Pulsation`, or a function of the
             time to a number, smooth, whose derivative then acts as well: it accelerates the fluid
-            in the pipe. It is taken from nine values 0.002 T apart (less in a shorter motion), in
-            [t0, t0 + duration]; a pair of functions, u(t) and its derivative, saves them. With a
-            `Supply`, at constant head, the speed follows from the motion.
-        duration: in T, from 1e-12 to 1e9.
-        q0: initial coordinates, shape (dof,), of an assembly angles (n,) or redundant coordinates
-            (3 n,); or the angle theta(s) of the bent pipe, a function of arc lengths (p,) to (p,),
-            so that different models start alike. A motion goes on with `motion.q[-1]` and
-            `motion.qdot[-1]`, a cycle with `cycle.q[0]` and `cycle.qdot[0]`.
+            in the pipe. The derivative is taken from nine values 0.002 T apart (less in a shorter
+            motion), in [t0, t0 + duration]; a pair of functions, u(t) and its derivative, saves
+            these. With a `Supply`, at constant head, the speed follows from the motion.
+        duration: duration of the motion in T, from 1e-12 to 1e9.
+        q0: initial coordinates, shape (dof,), or for an assembly angles (n,) or redundant
+            coordinates (3 n,); or the angle theta(s) of the bent pipe, a function of arc lengths
+            (p,) to (p,), so that different models start alike. A motion goes on from
+            `motion.q[-1]` and `motion.qdot[-1]`, a cycle from `cycle.q[0]` and `cycle.qdot[0]`.
         qdot0: initial rates, of the shape of q0; at rest where not given.
         samples: number of evenly spaced samples, both ends included, at least 2. Where not given,
-            40 a unit of time, of which flutter's cycle takes about a half, but at least 501; and by
-            the core's methods 2 to 128 times as many, as needed, where the free end oscillates so
-            fast that cubics through these would miss 5 % of its displacement or 25 % of its
-            velocity.
+            40 in a unit of time, of which a cycle of flutter takes about a half, but at least 501.
+            Methods of the core take 2 to 128 times as many, as needed, where the free end
+            oscillates so fast that cubics through these would miss 5 % of its displacement or 25 %
+            of its velocity.
         times: samples at these times instead, increasing, in [t0, t0 + duration].
         t0: time at the start, in [-1e9, 1e9].
         base: the motion of the base: a `Harmonic`, or a function of the time to its place (X, Y) in
             L, smooth, whose two derivatives are taken as those of u, or a triple of functions to
-            place, velocity and acceleration. The base carries the clamp and what holds the pipe
-            rigidly, guides, pins and an end fixed axially (`Stretching`), and does not turn;
-            coordinates are counted from it. Springs, dampers and the fluid around the pipe rest on
-            the ground. At rest where not given.
+            place, velocity and acceleration. The base carries the clamp and all that holds the
+            pipe rigidly: guides, pins and an end fixed axially (`Stretching`). It does not turn,
+            and coordinates are counted from it. Springs, dampers and the fluid around the pipe rest
+            on the ground. Where not given, the base is at rest.
         rtol: relative tolerance of the error of each step, in [1e-13, 0.1].
         atol: absolute tolerance, > 0; rtol / 100 where not given.
         method: "auto" chooses by measured cost, see `choose_method`; "radau" (implicit, seven
@@ -290,18 +289,19 @@ def simulate(
             each quarter of a step are compared, and its root found to rounding in the polynomial
             that interpolates the step. Methods of the core alone give that polynomial, which dense
             output needs as well.
-        dense: keep the states at any time, as `motion.dense(t)`: 16 or more numbers a step and
-            coordinate.
-        most: right-hand sides that it may take, >= 1: 1 to 3 us each up to 60 segments. Explicit
-            methods take at least 1.5 in the time 1 / |lambda| of the fastest mode; a motion that
-            would so exceed `most` is refused after 400. One by "radau" is refused after 20,000 if
-            at its present steps it would take a hundred times `most`.
-        callback: called with t, q and qdot of where the motion is, first after some hundred
-            right-hand sides, then each 0.05 s or later; the motion ends where it answers True.
-        progress: show progress on stderr.
+        dense: whether to keep the states at any time, as `motion.dense(t)`, which takes 16 or more
+            numbers for each step and coordinate.
+        most: largest number of right-hand sides, >= 1; each takes 1 to 3 us up to 60 segments.
+            Explicit methods need at least 1.5 in the time 1 / |lambda| of the fastest mode; a
+            motion that would so exceed `most` is refused after 400. A motion by "radau" is refused
+            after 20,000 if at its present steps it would take a hundred times `most`.
+        callback: function called with the t, q and qdot that the motion has reached, first after
+            some hundred right-hand sides, then every 0.05 s or later; the motion ends where it
+            returns True.
+        progress: whether to show progress on stderr.
 
     Returns:
-        Motion.
+        Motion with samples of the states, the energy and its audit.
 
     Example:
         >>> chain = pp.Chain(pp.Pipe(0.2), 5)
@@ -312,8 +312,8 @@ def simulate(
 
     Raises:
         MotionStopped: if the step tends to 0, the state or its rate is no longer finite, the
-            motion takes more than `most` right-hand sides, or a function of time turns bad on the
-            way; it carries the motion up to there.
+            motion takes more than `most` right-hand sides, or a function of time fails on the way;
+            the exception carries the motion up to then.
         ValueError, TypeError: for bad arguments.
 
     Source: `rhs` of the models for the equations; Hairer, Norsett and Wanner, Solving Ordinary
@@ -368,31 +368,31 @@ def simulate_many(
 ) -> Ensemble:
     """Motions of many members, which may differ in model, flow speed and initial state.
 
-    Whatever is given once holds for all members; what is given k times, for each its own. Members
-    with the same model object are integrated in batches where the method is "dop853", on all cores:
-    what a member does depends on the method, which "auto" chooses by their number, and on the other
-    members no more than by a thousandth of `rtol` in its rates.
+    An argument that is given once holds for all members; one that is given k times has a value for
+    each. Members with the same model object are integrated in batches where the method is "dop853",
+    on all cores. The motion of a member depends on the method, which "auto" chooses by the number
+    of members, and on the other members only by a thousandth of `rtol` in its rates.
 
     Args:
         models: one model or k.
-        speeds: flow speed >= 0, a number or shape (k,); or as for `simulate` one that varies, or a
-            list of k.
-        duration: in T, from 1e-12 to 1e9.
+        speeds: flow speed >= 0, a number or shape (k,); or a speed that varies, as for `simulate`,
+            or a list of k.
+        duration: duration of the motions in T, from 1e-12 to 1e9.
         q0: initial coordinates (dof,) or an angle theta(s), as for `simulate`; or k of them, e.g.
             shape (k, dof).
         qdot0: initial rates, shape (dof,) or k of them; at rest where not given.
         samples: number of evenly spaced samples, as for `simulate`.
         times: samples at these times instead.
-        base: the motion of the base, as for `simulate`, of all.
+        base: the motion of the base, common to all members, as for `simulate`.
         rtol: relative tolerance of the error of each member's steps.
         atol: absolute tolerance; rtol / 100 where not given.
         method: as for `simulate`.
-        most: right-hand sides that each member may take, as for `simulate`.
-        executor: a `concurrent.futures.Executor`, of which batches are the tasks, instead of the
-            threads of this process. Members that it does not answer, since a worker died or it is
-            broken or shut down, fail. A pool of processes takes no lambda for `speeds` or `base`,
-            as these are called there; `q0` is called here.
-        progress: show progress on stderr.
+        most: largest number of right-hand sides of each member, as for `simulate`.
+        executor: a `concurrent.futures.Executor` that takes the batches, instead of the threads of
+            this process. Members that it does not answer, because a worker died or it is broken or
+            shut down, fail. A pool of processes takes no lambda for `speeds` or `base`, as these
+            are called there; `q0` is called here.
+        progress: whether to show progress on stderr.
 
     Returns:
         Ensemble; a member that stops early or is not computed is reported in `failures`, the others
@@ -423,7 +423,7 @@ def simulate_many(
         raise ValueError(f"speeds must ask for at most {LARGEST_ENSEMBLE} members, got {members}")
     check.executor("executor", executor)
     shown = check.flag("progress", progress)
-    members_of: dict[int, list[int]] = {}  # each model
+    members_of: dict[int, list[int]] = {}  # indices of members, by the identity of the model
     for i in range(members):
         members_of.setdefault(id(chosen[i % len(chosen)]), []).append(i)
     tasks: list[Task] = []
@@ -462,11 +462,11 @@ def simulate_many(
 
 def in_batches(
     tasks: Sequence[OneTask],
-    work: Callable[[Sequence[OneTask], bool, Observer], list[Answer]],
+    work: Callable[[Sequence[OneTask], bool, Observer], list[Returned]],
     members: int = BATCH,
-) -> list[Answer]:
-    """What `work` makes of each task, as `outcomes_in_batches`; raises what a batch raised."""
-    found = list[Answer]()
+) -> list[Returned]:
+    """Answers of `outcomes_in_batches`, of which the first exception, if any, is raised."""
+    found = list[Returned]()
     for answer in outcomes_in_batches(tasks, work, members=members):
         if isinstance(answer, Exception):
             raise answer
@@ -476,17 +476,17 @@ def in_batches(
 
 def outcomes_in_batches(
     tasks: Sequence[OneTask],
-    work: Callable[[Sequence[OneTask], bool, Observer], list[Answer]],
+    work: Callable[[Sequence[OneTask], bool, Observer], list[Returned]],
     executor: futures.Executor | None = None,
     shown: bool = False,
     members: int = BATCH,
-) -> list[Answer | Exception]:
-    """What `work` makes of each task, in batches of one model, on threads where that helps.
+) -> list[Returned | Exception]:
+    """The answer of `work` for each task, in batches of one model, on threads where that helps.
 
-    Each task of a batch that failed, or that an executor left unanswered, has the exception.
-    members: of a batch where the method takes several at once.
+    All tasks of a batch that failed, or that an executor left unanswered, have the exception as
+    their answer. `members` is the size of a batch where the method takes several at once.
     """
-    members_of: dict[tuple[object, ...], list[int]] = {}  # each model, what drives it, and how
+    members_of: dict[tuple[object, ...], list[int]] = {}  # by model, forcing and method
     for i, task in enumerate(tasks):
         drive = 0 if isinstance(task.u, float) and not task.drive else id(task.u)
         key = (id(task.model), drive, task.method)
@@ -494,27 +494,27 @@ def outcomes_in_batches(
     blocks = []
     for same in members_of.values():
         explicit = tasks[same[0]].method == "dop853"
-        least = 2 if len(same) > VECTOR else 1  # for two threads
+        least = 2 if len(same) > VECTOR else 1  # two batches occupy two threads
         count = max(math.ceil(len(same) / members), least) if explicit else len(same)
         blocks += [part.tolist() for part in np.array_split(same, count)]
     observer = Observer()
     jobs = [partial(work, [tasks[i] for i in block], False, observer) for block in blocks]
     own = executor is None and len(jobs) > 1 and all(map(runs_unlocked, tasks))
-    if own:  # each counts for its caller
+    if own:  # each job counts in the context of the caller
         jobs = [partial(copy_context().run, job) for job in jobs]
-    found: dict[int, Answer | Exception] = {}
+    found: dict[int, Returned | Exception] = {}
     with futures.ThreadPoolExecutor(os.cpu_count()) if own else nullcontext(executor) as pool:
         try:
             answers = parallel(jobs, pool, label="batches", progress=shown)
             for block, answer in zip(blocks, answers, strict=True):
-                if isinstance(answer, TookTooLong):  # ends all that the caller computes
+                if isinstance(answer, TookTooLong):  # ends the whole computation of the caller
                     raise answer
                 if isinstance(answer, Exception):
                     found |= dict.fromkeys(block, answer)
                 else:
                     found |= zip(block, answer, strict=True)
         except BaseException:
-            observer.end = -math.inf  # for the threads of the pool
+            observer.end = -math.inf  # stops the threads of the pool
             if own and pool is not None:
                 pool.shutdown(cancel_futures=True)
             raise
@@ -522,7 +522,7 @@ def outcomes_in_batches(
 
 
 def _speeds(given: Any) -> list[Any]:
-    """Speeds, steady or not, of each member, or one for all."""
+    """The argument `speeds` as a list: flow speeds of each member, or one for all."""
     if _varies(given):
         return [given]
     if isinstance(given, list) and any(map(_varies, given)):
@@ -532,12 +532,13 @@ def _speeds(given: Any) -> list[Any]:
 
 
 def _varies(u: Any) -> bool:
+    """Whether an argument is a flow speed that varies: a function, a pair or a `Supply`."""
     pair = isinstance(u, tuple) and any(map(callable, u))
     return pair or callable(u) or isinstance(u, Supply)
 
 
 def _each(name: str, given: Any) -> list[Any]:
-    """What is given for each member, or once: a list of k, or of 1."""
+    """An argument given once or for each member, as a list of 1 or k."""
     several = isinstance(given, Sequence) and not isinstance(given, str)
     several = several and all(callable(one) or np.ndim(one) == 1 for one in given)
     if isinstance(given, np.ndarray):
@@ -550,7 +551,7 @@ def _each(name: str, given: Any) -> list[Any]:
 def motions_of(
     tasks: Sequence[Task], shown: bool, observer: Observer
 ) -> list[tuple[Motion, str | None]]:
-    """Motion of each member of a batch, and why it stopped early."""
+    """Motion of each member of a batch, and why it stopped early, None if it did not."""
     found = map(as_sparse_as_shown, tasks, integrate(tasks, shown, observer))
     tasks, outcomes = zip(*((task, _while_driven(task, one)) for task, one in found), strict=True)
     motions = assembled(tasks, outcomes)
@@ -558,10 +559,10 @@ def motions_of(
 
 
 def finely_sampled(task: Task) -> Task:
-    """The task with more samples, of which `as_sparse_as_shown` leaves what shows the motion.
+    """The task with more samples, of which `as_sparse_as_shown` keeps those that show the motion.
 
-    They resolve the fastest mode, but none whose loss factor in bending exceeds 1, and a pipe that
-    whirls as fast as it starts.
+    The samples resolve a pipe that whirls as fast as it starts, and the fastest mode among those
+    whose loss factor in bending is at most 1.
     """
     if task.method not in CORE:
         return task
@@ -575,12 +576,12 @@ def finely_sampled(task: Task) -> Task:
     finer = int(min(max(wanted, A_TURN * turning * interval, FEWEST), room))
     finer = 1 << (finer.bit_length() - 1)
     times = np.linspace(task.times[0], task.times[-1], finer * intervals + 1)
-    times[::finer] = task.times  # to the bit
+    times[::finer] = task.times  # exactly, without rounding
     return replace(task, times=times, finer=finer)
 
 
 def as_sparse_as_shown(task: Task, outcome: Outcome) -> tuple[Task, Outcome]:
-    """The task and what came of it with as few of its samples as show the free end's motion."""
+    """A task and its outcome with as few samples as show the motion of the free end."""
     rows, calls, why = outcome
     size, every = task.model.moving, task.finer
     while every > 1:
@@ -601,7 +602,7 @@ def as_sparse_as_shown(task: Task, outcome: Outcome) -> tuple[Task, Outcome]:
 
 
 def _while_driven(task: Task, outcome: Outcome) -> Outcome:
-    """What came of a task up to the first sample at which its functions of time fail, if one is."""
+    """The outcome of a task, cut at the first sample at which its functions of time fail."""
     rows, calls, _ = outcome
     if task.drive is not None and task.drive.numbers is None:
         for k, t in enumerate(task.times[: len(rows) - 1].tolist()):
@@ -613,7 +614,7 @@ def _while_driven(task: Task, outcome: Outcome) -> Outcome:
 
 
 def assembled(tasks: Sequence[Task], outcomes: Sequence[Outcome]) -> list[Motion]:
-    """The motions of one model's tasks, with all that a `Motion` holds."""
+    """Motions from the outcomes of one model's tasks, with energies, audits and tips."""
     model, size = tasks[0].model, tasks[0].model.moving
     rows = np.concatenate([rows for rows, _, _ in outcomes])
     q, qdot = model.recorded(rows[:, :size], rows[:, size : 2 * size])
@@ -622,7 +623,7 @@ def assembled(tasks: Sequence[Task], outcomes: Sequence[Outcome]) -> list[Motion
     base = None if moves[0] is None else np.concatenate(moves, axis=2)
     drive = model._drive(states, None, base)
     energy = np.asarray(model.motion.energy(states, drive, refuses=False))
-    states[model.coordinates :] = 0.0  # the same at rest
+    states[model.coordinates :] = 0.0  # the same configurations at rest
     kinetic = energy - np.asarray(model.motion.energy(states, drive, refuses=False))
     supplied = rows[:, 2 * size] if rows.shape[1] > 2 * size else np.full(len(rows), math.nan)
     motions, start = [], 0
@@ -634,7 +635,7 @@ def assembled(tasks: Sequence[Task], outcomes: Sequence[Outcome]) -> list[Motion
             t=task.times[: len(own) - 1],
             q=q[of],
             qdot=qdot[of],
-            # Without the start, which may be too bent to move.
+            # The start, which may be too bent to move, has no part in it.
             tip=model.tips(q[of].T) if len(own) > 1 else np.empty((0, 2)),
             energy=energy[of],
             audit=float(np.abs(missed).max(initial=0.0)) / scale if scale else 0.0,
@@ -651,7 +652,7 @@ def assembled(tasks: Sequence[Task], outcomes: Sequence[Outcome]) -> list[Motion
 
 
 def _without_samples(task: Task) -> Motion:
-    """The motion of a task of which nothing was computed; its model is not asked for anything."""
+    """A motion without samples, for a task that was not computed; the model computes nothing."""
     none = np.zeros(0)
     coordinates, ends = np.zeros((0, task.model.coordinates)), np.zeros((0, 2))
     return Motion(
@@ -662,7 +663,7 @@ def _without_samples(task: Task) -> Motion:
 
 
 def _speeds_of(task: Task, rows: Array) -> Array:
-    """The flow speed at a task's samples."""
+    """Flow speeds at a task's samples, one for each row."""
     if task.constant_head is not None:
         return rows[:, -1]
     if task.drive is None:
@@ -671,7 +672,7 @@ def _speeds_of(task: Task, rows: Array) -> Array:
 
 
 def _base_of(task: Task, rows: int) -> Any:
-    """The base's motion at a task's start and samples, (3, 2, rows); None at rest."""
+    """Place, velocity, acceleration of the base at start and samples, (3, 2, rows), or None."""
     if task.drive is None:
         return None
     return task.drive.base(np.append(task.t0, task.times)[:rows])
@@ -681,12 +682,12 @@ def _base_of(task: Task, rows: int) -> Any:
 
 
 def slight_bend(s: Array) -> Array:
-    """The angle theta(s) from which motions set out where no start is given."""
+    """The angle theta(s) from which motions start where no start is given."""
     return 0.05 * s**2
 
 
 def modal_bend(parts: ArrayLike) -> Callable[[Array], Array]:
-    """The angle theta(s) of the first m modes of bending, in parts, shape (m,), rad."""
+    """The angle theta(s) that combines the first m modes of bending with parts (m,), rad."""
 
     def bend(s: Array) -> Array:
         waves = np.arange(0.5, np.size(parts))
@@ -698,7 +699,7 @@ def modal_bend(parts: ArrayLike) -> Callable[[Array], Array]:
 def checked_model_in_motion(
     model: Any, name: str = "model", largest: float = math.inf, purpose: str = ""
 ) -> Model:
-    """The argument, if it is a model that moves, of at most so many degrees of freedom."""
+    """The argument, if it is a model with equations of motion and at most `largest` dof."""
     if not isinstance(model, Model):
         raise TypeError(
             f"{name} must be a Chain, a Galerkin model or an Assembly (of a Continuum, take "
@@ -714,7 +715,7 @@ def checked_model_in_motion(
 
 
 def _at_rest(model: Model) -> str:
-    """What to ask of equilibria with hysteresis, where a static load loses nothing."""
+    """Advice for equilibria with hysteresis, which does not act on static loads."""
     return (
         f"got {model.pipe.hysteresis:g}: it does not act on what is at rest, so ask the pipe "
         "without it, and eigenvalues(model.about(q), u) with it for small motions about what is "
@@ -723,14 +724,14 @@ def _at_rest(model: Model) -> str:
 
 
 def _instead(model: Model) -> str:
-    """What to take for hysteresis, which has no equation of motion."""
+    """Advice on damping to take in place of hysteresis, which has no equation of motion."""
     pipe = model.pipe
     got = f"got {pipe.hysteresis:g}: a loss factor has no equation of motion"
     rule = "pipe.equivalent_damping(frequency)"
     try:
         onset = critical_speed(model)
         delta = pipe.equivalent_damping(onset.frequency)
-    except (PipedynError, ValueError):  # none, or divergence, or a model too large to be asked
+    except (PipedynError, ValueError):  # no onset, divergence, or too large a model
         return f"{got}; {rule} is the Kelvin-Voigt damping that loses as much at a frequency"
     si = "" if pipe.scales is None else f" ({pipe.time_si(delta):.4g} s)"
     at = f"the onset, u = {onset.speed:.6g} and frequency {onset.frequency:.6g}"
@@ -755,7 +756,7 @@ def checked_task(
     base: Any = None,
     members: int = 1,
 ) -> Task:
-    """The arguments of `simulate`, checked, with the method chosen for so many members."""
+    """The task that arguments of `simulate` ask for, with a method chosen for all members."""
     model = checked_model_in_motion(model)
     duration = check.real("duration", duration, low=1e-12, high=1e9)
     t0 = check.real("t0", t0, low=-1e9, high=1e9)
@@ -797,7 +798,7 @@ def checked_task(
 
 
 def driven(task: Task, u: Any) -> Task:
-    """The task at another flow speed, steady or not, checked."""
+    """The task at another flow speed, steady or not, which is checked."""
     if task.base is None and not _varies(u):
         u = check.real("u", u, low=0.0, high=LARGEST_SPEED)
         return replace(task, u=u, drive=None, constant_head=None)
@@ -812,7 +813,7 @@ def driven(task: Task, u: Any) -> Task:
 
 
 def checked_start(model: Model, q0: Any, qdot0: Any) -> Array:
-    """[p, p', 0] of the arguments `q0` and `qdot0`, shape (2 moving + 1,)."""
+    """The state [p, p', 0], shape (2 moving + 1,), from the arguments `q0` and `qdot0`."""
     if not callable(q0):
         check.numbers("q0", q0, "an angle theta(s) or coordinates")
         return np.append(model.start(q0, qdot0), 0.0)
@@ -825,9 +826,10 @@ def checked_start(model: Model, q0: Any, qdot0: Any) -> Array:
 
 
 def state_of(model: Model, name: str, start: Any, kinds: str) -> Array:
-    """[p, p'], shape (2 moving,), of a start, which is one of the `kinds` that the message names.
+    """The state [p, p'], shape (2 moving,), of a start; messages name the `kinds` of starts.
 
-    A trajectory starts at its last state, an angle theta(s) and coordinates at rest.
+    The start is the last state of a trajectory, an angle theta(s) or coordinates at rest, or a
+    state.
     """
     if isinstance(start, Trajectory):
         check_coordinates(model, name, start)
@@ -848,7 +850,7 @@ def state_of(model: Model, name: str, start: Any, kinds: str) -> Array:
 
 
 def check_coordinates(model: Model, name: str, given: Trajectory) -> None:
-    """Refuses a trajectory whose coordinates do not mean what the model's do."""
+    """Refuses a trajectory in coordinates of another kind than the model's."""
     if given.model.coordinate_kind != model.coordinate_kind:
         raise ValueError(
             f"{name} must be a {type(given).__name__} in the model's coordinates, "

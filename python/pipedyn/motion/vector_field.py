@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""A model's motion as a vector field: many states a call, and derivatives by state and speed."""
+"""A model's motion as a vector field dy/dt = f(y, u), with derivatives by state and speed."""
 
 from __future__ import annotations
 
@@ -10,48 +10,47 @@ from typing import Any
 
 import numpy as np
 
+from pipedyn.linear.differences import STENCIL
 from pipedyn.models.base import Model
 from pipedyn.models.drive import ROWS, Harmonic, Pulsation
 from pipedyn.util.archive import saved_as
 from pipedyn.util.check import Array
 from pipedyn.util.counters import evaluated
 
-STENCIL = np.array([45.0, -9.0, 1.0]) / 60.0
-"""Central differences of sixth order, for 1, 2 and 3 steps to either side."""
-
 
 class VectorField:
-    """f(y, u) = dy/dt of the integrated state y = [p, p'], shape (2 moving,)."""
+    """The rates f(y, u) = dy/dt of the integrated state y = [p, p'], shape (2 moving,)."""
 
     forced = False
-    """Whether f depends on time, too: a `ForcedField`."""
+    """Whether f depends on time as well, as it does in a `ForcedField`."""
 
     reach = 1.0
-    """Length in L of the free end that steps along a branch of orbits are measured by."""
+    """Displacement of the free end, in L, that is the unit of steps along a branch of orbits."""
 
     def __init__(self, model: Model) -> None:
         self.model = model
         self.half = model.moving
         self.size = 2 * model.moving
         self.constrained = model.moving != model.dof
-        """Whether guides and pins hold p."""
+        """Whether guides and pins constrain p."""
         self.evaluations = 0
 
     def archived(self) -> dict[str, Any]:
-        """What a file keeps of it, by name."""
+        """Attributes, by name, that a file keeps of the field."""
         return {"model": self.model}
 
     def _count(self, states: int) -> None:
+        """Counts evaluations of f at so many states."""
         self.evaluations += states
         evaluated(states)
 
     def __call__(self, y: Array, u: float | Array) -> Array:
-        """Rates of the states in the columns, shape (2 moving, k), at one speed or k."""
+        """Rates of the k states in the columns, shape (2 moving, k), at one flow speed or at k."""
         self._count(y.shape[1])
         return self.model.motion_rates(y, u)
 
     def along(self, phases: Array, frequency: float) -> VectorField:
-        """The same of states at phases of an orbit with a frequency, one each."""
+        """The field for states at phases of an orbit, which is this one as f has no time."""
         return self
 
     def jacobian(self, y: Array, u: float) -> Array:
@@ -59,24 +58,25 @@ class VectorField:
         return self.jacobians(y[:, None], u)[0]
 
     def jacobians(self, y: Array, u: float) -> Array:
-        """df/dy of the states in the columns, shape (k, 2 moving, 2 moving)."""
+        """df/dy of the k states in the columns, shape (k, 2 moving, 2 moving)."""
         self._count(y.shape[1])
         return self.model.motion_jacobian(y, u)
 
     def linearised(self, y: Array, u: float) -> Array:
-        """f, df/du and df/dy of the states in the columns, shape (k, 2 + 2 moving, 2 moving)."""
+        """f, df/du and df/dy of the k states in the columns, (k, 2 + 2 moving, 2 moving)."""
         self._count(2 * y.shape[1])
         return self.model.motion_linearised(y, u)
 
     def by_speed(self, y: Array, u: float) -> Array:
-        """df/du of the states in the columns at u > 0: exact, as f is of second degree in u."""
+        """df/du of the states in the columns at u > 0, exact since f is of second degree in u."""
         h = 0.5 * u
         return (self(y, u + h) - self(y, u - h)) / (2.0 * h)
 
     def jacobian_by_speed(self, y: Array, u: float, moved: Array) -> Array:
         """d/du of df/dy along states with dy/du = moved, at u > 0, shape (2 moving, 2 moving).
 
-        Central differences of second order are exact where the state stays, but for rounding.
+        Where the state does not change with u, central differences of second order are exact but
+        for rounding.
         """
         weights, h = np.array([0.5]), 0.5 * u
         if moved.any():
@@ -88,15 +88,15 @@ class VectorField:
         return total
 
     def kinks(self, y: Array) -> Array:
-        """What changes sign where derivatives of f jump, (how many, k), of (2 moving, k) states."""
+        """Functions, (functions, k), of k states that change sign where derivatives of f jump."""
         return self.model.kinks(*np.split(y, 2))
 
     def by_frequency(self, y: Array, u: float) -> Array:
-        """df/dw of the states in the columns, w the frequency of an orbit: of a forced motion."""
+        """df/dw by the frequency w of an orbit, for each column; 0 unless the motion is forced."""
         return np.zeros_like(y)
 
     def is_odd(self, u: float) -> bool:
-        """Whether the mirror image of every motion is a motion too, as three states show."""
+        """Whether the mirror image of every motion is a motion, tested at three states."""
         if self.resting().any():
             return False
         y = self.some_states()
@@ -108,12 +108,12 @@ class VectorField:
         """Three states in which the pipe turns by 0.3 rad at most, shape (2 moving, 3)."""
         k = np.arange(1.0, self.size + 1.0)
         y = np.stack([np.sin(k), np.cos(2.0 * k), np.sin(3.0 * k + 1.0)], axis=1)
-        # Angles of many functions add up to more than some models take.
+        # The angles of many functions may add up to more than some models accept.
         largest = max(self.model.largest_angle(one) for one in y[: self.half].T)
         return 0.3 / max(largest, 1.0) * y
 
     def resting(self) -> Array:
-        """The state at rest where the model is linearised."""
+        """The state at rest about which the model is linearised, shape (2 moving,)."""
         return np.concatenate([self.model.resting(), np.zeros(self.half)])
 
     def tip(self, y: Array) -> Array:
@@ -124,10 +124,10 @@ class VectorField:
 
 @saved_as("ForcedField")
 class ForcedField(VectorField):
-    """f(y, u) at phases of an orbit, during whose period the forcing has `order` periods.
+    """Rates f(y, u) of a forced motion, along an orbit whose period has `order` forcing periods.
 
-    The forcing is a pulsating flow, of which u is the mean, or an oscillating base; or both, at one
-    frequency, and then the base is given beside the flow.
+    The forcing is a pulsating flow, whose mean is u, or an oscillating base; or both at one
+    frequency, and then the base is given besides the flow.
     """
 
     forced = True
@@ -146,12 +146,12 @@ class ForcedField(VectorField):
         self._phases, self._frequency = np.zeros(1), forcing.frequency
 
     def archived(self) -> dict[str, Any]:
-        """What a file keeps of it, by name."""
+        """Attributes, by name, that a file keeps of the field."""
         beside = {"base": self.base} if self.base not in (None, self.forcing) else {}
         return {**super().archived(), "forcing": self.forcing, "order": self.order, **beside}
 
     def along(self, phases: Array, frequency: float) -> ForcedField:
-        """The same of states at phases of an orbit with a frequency, one each."""
+        """The field for k states at k phases of an orbit of a frequency."""
         other = copy(self)
         other._phases, other._frequency = self.order * phases, self.order * frequency
         return other
@@ -163,13 +163,13 @@ class ForcedField(VectorField):
             self._root._count(states)
 
     def flow(self, u: float, frequency: float) -> float | Pulsation:
-        """The flow speed, u or its mean, along an orbit of a frequency."""
+        """The flow along an orbit of a frequency: a pulsation with the mean u, or u itself."""
         if isinstance(self.forcing, Pulsation):
             return replace(self.forcing, frequency=self.order * frequency)
         return float(u)
 
     def _driven(self, u: float) -> tuple[Array, Array]:
-        """Flow speeds and what else drives the states."""
+        """Flow speeds, (k,), and other forcing, (ROWS, k), at the phases."""
         flow, base, phases, w = self.forcing, self.base, self._phases, self._frequency
         drive, speeds = np.zeros((ROWS, phases.size)), np.full(phases.size, u)
         if isinstance(flow, Pulsation):
@@ -183,36 +183,36 @@ class ForcedField(VectorField):
         return speeds, drive
 
     def __call__(self, y: Array, u: float | Array) -> Array:
-        """Rates of the states in the columns at the phases."""
+        """Rates of the states in the columns, shape (2 moving, k), at the k phases."""
         self._count(y.shape[1])
         speeds, drive = self._driven(float(u))
         return self.model.motion_rates(np.ascontiguousarray(y), speeds, drive)
 
     def jacobians(self, y: Array, u: float) -> Array:
-        """df/dy of the states in the columns at the phases, (k, 2 moving, 2 moving)."""
+        """df/dy of the states in the columns at the k phases, (k, 2 moving, 2 moving)."""
         self._count(y.shape[1])
         speeds, drive = self._driven(u)
         return self.model.motion_jacobian(np.ascontiguousarray(y), speeds, drive)
 
     def linearised(self, y: Array, u: float) -> Array:
-        """f, df/du at fixed pulsation and df/dy, (k, 2 + 2 moving, 2 moving)."""
+        """f, df/du at constant relative pulsation and df/dy, (k, 2 + 2 moving, 2 moving)."""
         self._count(2 * y.shape[1])
         speeds, drive = self._driven(u)
         return self.model.motion_linearised(np.ascontiguousarray(y), speeds, drive)
 
     def kinks(self, y: Array) -> Array:
-        """What changes sign where derivatives of f jump, of states at the phases."""
+        """Functions, (functions, k), of states at the phases that change sign where f has kinks."""
         (p, rates), (_, drive) = np.split(y, 2), self._driven(0.0)
         return self.model.kinks(p, rates, drive)
 
     def by_frequency(self, y: Array, u: float) -> Array:
-        """df/dw, w of the orbit: exact, as f is of second degree in it."""
+        """df/dw by the frequency w of the orbit, exact since f is of second degree in it."""
         ahead, behind, h = copy(self), copy(self), 0.5 * self._frequency
         ahead._frequency, behind._frequency = self._frequency + h, self._frequency - h
         return self.order * (ahead(y, u) - behind(y, u)) / (2.0 * h)
 
     def is_odd(self, u: float) -> bool:
-        """Whether the mirror image of a motion, half an orbit later, is a motion too."""
+        """Whether the mirror image of a motion, half an orbit later, is a motion as well."""
         if self.resting().any():
             return False
         y = self.some_states()

@@ -16,12 +16,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from pipedyn.linear.critical_speed import (
+    CriticalPoint,
     CriticalSpeed,
-    Loss,
     NoCrossing,
+    critical_point,
     crossings,
-    first_loss,
-    losses,
+    stability_losses,
     stable_speeds,
 )
 from pipedyn.linear.modes import ModeShape, RootLoci, modes, root_loci
@@ -430,7 +430,7 @@ class Exploration:
         number = self._numbers[self.against]
         pipes = [number.changed(self.model.pipe, float(curve.values[i])) for i in again]
         models = [self.model.with_pipe(pipe) for pipe in pipes]
-        for i, model, answer in zip(again, models, losses(models, end), strict=True):
+        for i, model, answer in zip(again, models, stability_losses(models, end), strict=True):
             ranges = () if isinstance(answer, Exception) else stable_speeds(model, answer[1], end)
             if ranges:
                 low, high = ranges[0]
@@ -456,9 +456,9 @@ def rounded_up(value: float) -> float:
     return next(step for step in steps if step * power >= value * (1.0 - 1e-12)) * power
 
 
-def _loss(model: Chain) -> Loss | None:
+def _loss(model: Chain) -> CriticalPoint | None:
     try:
-        return first_loss(model, MAX_SPEED)
+        return critical_point(model, MAX_SPEED)
     except NoCrossing:
         return None
 

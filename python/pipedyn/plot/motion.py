@@ -30,7 +30,7 @@ from numpy.typing import ArrayLike
 from pipedyn.attraction.attractors import Basin
 from pipedyn.cycles.limit_cycle import LimitCycle
 from pipedyn.models.pipe import Pipe
-from pipedyn.motion.sampling import INVISIBLE, ROUNDING, coarse
+from pipedyn.motion.sampling import INVISIBLE, LEAST_MOTION, coarse
 from pipedyn.motion.simulate import Ensemble, Motion
 from pipedyn.plot import common
 from pipedyn.plot.units import AXIAL, ELAPSED, TIP, TIP_RATE, TRANSVERSE, Units, View, rate
@@ -636,7 +636,7 @@ def last_cycle(motion: Motion) -> tuple[float, float] | None:
     crossing before the last. If the free end is held, the coordinate that moves most replaces it.
     """
     curve = tip_path_of(motion)
-    if np.ptp(motion.tip[:, 0]) <= ROUNDING:
+    if np.ptp(motion.tip[:, 0]) <= LEAST_MOTION:
         order = np.argsort(-np.ptp(motion.q, axis=0))
         position, velocity = motion.q[:, order], motion.qdot[:, order]
         curve = scipy.interpolate.CubicHermiteSpline(motion.t, position, velocity)
