@@ -243,3 +243,12 @@ def open_marker(size: float, edge: str = BLACK, **more: Any) -> dict[str, Any]:
     """Look of a white marker with an edge and without a line; a ring unless `more` says another."""
     look = {"linestyle": "none", "marker": "o", "markersize": size, "markerfacecolor": "white"}
     return look | {"markeredgecolor": edge} | more
+
+
+def rounded_up(value: float) -> float:
+    """The value rounded up to 1, 1.2, 1.5, 2, 2.5, 3, 4, 5, 6 or 8 times a power of ten."""
+    if value <= 0.0:
+        return 1.0
+    power = 10.0 ** math.floor(math.log10(value))
+    steps = (1.0, 1.2, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0)
+    return next(step for step in steps if step * power >= value * (1.0 - 1e-12)) * power

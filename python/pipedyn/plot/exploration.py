@@ -11,7 +11,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -32,12 +32,11 @@ from pipedyn.models.chain import Chain
 from pipedyn.models.pipe import OWN_NUMBERS, Pipe
 from pipedyn.models.pipe_numbers import PipeNumber, checked_number, pipe_numbers
 from pipedyn.plot import common
+from pipedyn.plot.common import rounded_up
+from pipedyn.plot.exploration_picture import CYCLES, ExplorationPicture
 from pipedyn.plot.units import Units, View
 from pipedyn.util import check
 from pipedyn.util.check import Array
-
-if TYPE_CHECKING:
-    from pipedyn.plot.exploration_picture import ExplorationPicture
 
 MOST_SEGMENTS = 20
 """Largest number of segments. With strong damping the stability curve of 40 takes over a second,
@@ -59,9 +58,9 @@ EIGENVALUE_ROUNDING = 1e-9
 ALWAYS = ("beta", "gamma", "damping")
 """Numbers of the pipe that always have a slider; these follow that of the flow speed."""
 
-CYCLES, FRAMES = 3, 16
-"""Number of cycles of the mode in a film, and of frames in each. Straight lines between frames
-differ from the motion by 2 % of the amplitude."""
+FRAMES = 16
+"""Number of frames in each cycle of the mode in a film. Straight lines between frames differ from
+the motion by 2 % of the amplitude."""
 
 CYCLE_SECONDS = 1.2
 """Seconds that a cycle takes on the screen, slow enough to follow by eye."""
@@ -442,18 +441,7 @@ class Exploration:
     @cached_property
     def picture(self) -> ExplorationPicture:
         """The picture of the exploration, which follows the numbers."""
-        from pipedyn.plot.exploration_picture import ExplorationPicture
-
         return ExplorationPicture(self)
-
-
-def rounded_up(value: float) -> float:
-    """The value rounded up to 1, 1.2, 1.5, 2, 2.5, 3, 4, 5, 6 or 8 times a power of ten."""
-    if value <= 0.0:
-        return 1.0
-    power = 10.0 ** math.floor(math.log10(value))
-    steps = (1.0, 1.2, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0)
-    return next(step for step in steps if step * power >= value * (1.0 - 1e-12)) * power
 
 
 def _loss(model: Chain) -> CriticalPoint | None:

@@ -11,7 +11,7 @@ from __future__ import annotations
 import io
 import math
 import zlib
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from matplotlib.artist import Artist
@@ -28,15 +28,15 @@ from PIL import Image
 from pipedyn.linear.neutral import grows
 from pipedyn.models.scales import scales_at
 from pipedyn.plot import common, units
-from pipedyn.plot.exploration import CYCLES, rounded_up
+from pipedyn.plot.common import rounded_up
 from pipedyn.plot.linear import branches_of, pieces
 from pipedyn.plot.motion import clamp_and_gravity, flow_ends
 from pipedyn.plot.stability_map import STABLE
 from pipedyn.plot.units import Measure
 from pipedyn.util.check import Array
 
-if TYPE_CHECKING:
-    from pipedyn.plot.exploration import Exploration
+CYCLES = 3
+"""Number of cycles of the mode in a film."""
 
 PICTURE_WIDTH, PICTURE_HEIGHT, PICTURE_DPI = 9.6, 3.7, 110
 """Size of the picture in inches, and pixels an inch; it is as wide as the page of a notebook."""
@@ -69,7 +69,7 @@ class ExplorationPicture:
         figure: the figure of matplotlib, which `update` brings up to date.
     """
 
-    def __init__(self, exploration: Exploration) -> None:
+    def __init__(self, exploration: Any) -> None:
         self._of = exploration
         with common.style():
             self._build()
