@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: MIT
 #include "pipedyn/linear/crossings.hpp"
 
+#include <Eigen/LU>
+#include <Eigen/QR>
 #include <algorithm>
 #include <cmath>
 #include <cstdio>

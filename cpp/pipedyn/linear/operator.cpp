@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #include "pipedyn/linear/operator.hpp"
 
+#include <Eigen/Cholesky>
 #include <algorithm>
 #include <type_traits>
 

@@ -1,0 +1,153 @@
+# SPDX-License-Identifier: MIT
+"""How the sources are kept: imports in one direction, small folders, one meaning a name, a budget.
+
+A later change may lower the limits. It raises the budget of lines only in a commit that says for
+what, and no other limit.
+"""
+
+import ast
+import functools
+import re
+from graphlib import TopologicalSorter
+from pathlib import Path
+
+import pytest
+
+LIMITS = {
+    "longest chain of imports in a folder": 7,
+    "modules in a folder": 16,
+    "names with more than one meaning": 141,
+    "docstrings that begin with a leaning word": 193,
+    "lines of Python": 24342,
+    "lines of C++": 14840,
+}
+
+ROOT = Path(__file__).parents[1]
+PACKAGE = ROOT / "python" / "pipedyn"
+LEANING = re.compile(
+    r"(of|the same|those|that|this|its|it|as|see|beside|within|with|by|for|from|in|on|at|and|or"
+    r"|each of|both)\b",
+    re.IGNORECASE,
+)
+"""First words of a docstring that cannot be read alone: they point at something outside it."""
+
+
+def dotted(path):
+    """Name of the module in a file, as it is imported."""
+    parts = path.relative_to(PACKAGE.parent).with_suffix("").parts
+    return ".".join(parts[:-1] if path.stem == "__init__" else parts)
+
+
+TREES = {path: ast.parse(path.read_text("utf-8")) for path in sorted(PACKAGE.rglob("*.py"))}
+MODULES = {dotted(path): path for path in TREES}
+FOLDERS = sorted(path.name for path in PACKAGE.iterdir() if (path / "__init__.py").exists())
+
+
+def within(folder):
+    """Modules of a folder directly below the package, with those of all folders below it."""
+    return [name for name in MODULES if f"{name}.".startswith(f"pipedyn.{folder}.")]
+
+
+@functools.cache
+def imported(name):
+    """Modules of the package that one imports, wherever in its file the import stands.
+
+    The package itself, whose imports are its public names, is none of them.
+    """
+    path, found = MODULES[name], set()
+    for node in ast.walk(TREES[path]):
+        if isinstance(node, ast.Import):
+            found.update(alias.name for alias in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            folder = name.split(".") if path.stem == "__init__" else name.split(".")[:-1]
+            above = folder[: len(folder) + 1 - node.level] if node.level else []
+            source = ".".join([*above, *filter(None, [node.module])])
+            inner = {f"{source}.{alias.name}" for alias in node.names} & MODULES.keys()
+            found.update(inner or {source})
+    return (found & MODULES.keys()) - {name, "pipedyn"}
+
+
+def lines_of_docstrings(tree):
+    """Numbers of the lines of strings that stand alone: docstrings, those of constants too."""
+    lines = set()
+    for node in ast.walk(tree):
+        match node:
+            case ast.Expr(value=ast.Constant(value=str())):
+                lines.update(range(node.lineno, node.end_lineno + 1))
+    return lines
+
+
+def check(measure, found):
+    """Compares the number of what was found with its limit, and lists it where there is more."""
+    listed = "\n".join(found)
+    limit = LIMITS[measure]
+    assert len(found) <= limit, f"{measure}: {len(found)}, the limit is {limit}:\n{listed}"
+
+
+def test_no_module_imports_itself_by_way_of_others():
+    TopologicalSorter({name: imported(name) for name in MODULES}).prepare()  # names the circle
+
+
+@pytest.mark.parametrize("folder", FOLDERS)
+def test_folders_have_few_floors_of_imports(folder):
+    names = {name for name in within(folder) if MODULES[name].stem != "__init__"}
+    below = {name: imported(name) & names for name in names}
+    floor = {}
+    for name in TopologicalSorter(below).static_order():
+        floor[name] = 1 + max((floor[one] for one in below[name]), default=0)
+    limit = LIMITS["longest chain of imports in a folder"]
+    assert max(floor.values()) <= limit, sorted(floor.items(), key=lambda item: -item[1])
+
+
+@pytest.mark.parametrize("folder", FOLDERS)
+def test_folders_have_few_modules(folder):
+    check("modules in a folder", within(folder))
+
+
+def test_names_mean_one_thing():
+    where = {}
+    for path, tree in TREES.items():
+        if path.stem == "__init__":
+            continue
+        for node in tree.body:
+            if isinstance(node, ast.FunctionDef | ast.ClassDef):
+                defined = [node.name]
+            elif isinstance(node, ast.Assign | ast.AnnAssign):
+                targets = node.targets if isinstance(node, ast.Assign) else [node.target]
+                leaves = (leaf for target in targets for leaf in ast.walk(target))
+                defined = [leaf.id for leaf in leaves if isinstance(leaf, ast.Name)]
+            else:
+                continue
+            for name in set(defined) - {"__all__", "T"}:  # T: the usual type variable
+                where.setdefault(name.lstrip("_"), set()).add(dotted(path))
+    found = [f"{name}: {', '.join(sorted(in_))}" for name, in_ in where.items() if len(in_) > 1]
+    check("names with more than one meaning", sorted(found))
+
+
+def test_docstrings_can_be_read_alone():
+    found = []
+    for path, tree in TREES.items():
+        for node in ast.walk(tree):
+            if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef):
+                text = (ast.get_docstring(node) or "").strip()
+                if LEANING.match(text):
+                    line = node.body[0].lineno
+                    found.append(f"{path.relative_to(ROOT)}:{line} {text.splitlines()[0]}")
+    check("docstrings that begin with a leaning word", found)
+
+
+def test_lines_of_python_stay_within_the_budget():
+    lines = 0
+    for path, tree in TREES.items():
+        said = lines_of_docstrings(tree)
+        numbered = enumerate(path.read_text("utf-8").splitlines(), start=1)
+        lines += sum(i not in said and not re.match(r"\s*(#|$)", line) for i, line in numbered)
+    assert lines <= LIMITS["lines of Python"]
+
+
+def test_lines_of_cpp_stay_within_the_budget():
+    lines = 0
+    for path in (ROOT / "cpp").rglob("*.[ch]pp"):
+        text = re.sub(r"/\*.*?\*/", "", path.read_text("utf-8"), flags=re.DOTALL)
+        lines += sum(not re.match(r"\s*(//|$)", line) for line in text.splitlines())
+    assert lines <= LIMITS["lines of C++"]
