@@ -16,10 +16,10 @@ import pytest
 LIMITS = {
     "longest chain of imports in a folder": 7,
     "modules in a folder": 16,
-    "names with more than one meaning": 141,
-    "docstrings that begin with a leaning word": 193,
-    "lines of Python": 24342,
-    "lines of C++": 14840,
+    "names with more than one meaning": 14,
+    "docstrings that begin with a leaning word": 43,
+    "lines of Python": 24520,
+    "lines of C++": 14843,
 }
 
 ROOT = Path(__file__).parents[1]
