@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pipedyn.continuation.arclength import Control, PointOnBranch
+from pipedyn.continuation.arclength import Control, Point
 from pipedyn.curves.boundary_curves import (
     Traced,
     Tracer,
@@ -419,7 +419,7 @@ def _disagreements(curves: list[BoundaryCurve], plane: Plane) -> Iterator[str]:
             )
 
 
-def _points_of_change(curve: Traced) -> list[PointOnBranch]:
+def _points_of_change(curve: Traced) -> list[Point]:
     """Points that say on which side roots are unstable: of flutter one, which holds for all."""
     if curve.problem.kind == "divergence" or isinstance(curve.problem, CoupledModeProblem):
         return curve.points

@@ -17,7 +17,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from pipedyn.continuation.arclength import BranchSegment, Control, PointOnBranch, path
+from pipedyn.continuation.arclength import Control, Point, Segment, path
 from pipedyn.equilibrium.axis_problems import (
     AxisProblem,
     CoupledModeProblem,
@@ -82,15 +82,15 @@ class Traced:
     """A curve with what solves for more points of it."""
 
     problem: AxisProblem
-    points: list[PointOnBranch]
+    points: list[Point]
     ends: tuple[str, str]
     error: float = 0.0
 
-    def segments(self) -> Iterator[BranchSegment[AxisProblem]]:
+    def segments(self) -> Iterator[Segment[AxisProblem]]:
         """What lies between neighbouring points."""
         for a, b in pairwise(self.points):
             self.problem.renew()
-            yield BranchSegment(self.problem, a, b)
+            yield Segment(self.problem, a, b)
 
     def sample(self) -> Traced:
         """A few of its points, the first and last among them."""
@@ -111,7 +111,7 @@ class Traced:
             return False
         self.problem.renew()
         for a, b in pairwise(self.points[max(0, k - 1) : k + 2]):
-            segment = BranchSegment(self.problem, a, b)
+            segment = Segment(self.problem, a, b)
             s, length = segment.reach(z), segment.length
             if -0.01 * length <= s <= 1.01 * length:
                 with suppress(NewtonFailed):
@@ -404,7 +404,7 @@ def _moved(curve: Traced, plane: Plane) -> Traced:
     """A curve with its points solved for with other matrices."""
     problem = curve.problem.on_other(plane)
     last = len(curve.points) - 1
-    points: list[PointOnBranch] = []
+    points: list[Point] = []
     for k, point in enumerate(curve.points):
         end = {0: curve.ends[0], last: curve.ends[1]}.get(k)
         if end == "closed" and k == last:
@@ -419,7 +419,7 @@ def _moved(curve: Traced, plane: Plane) -> Traced:
     return Traced(problem, points, curve.ends)
 
 
-def _on_edges(problem: AxisProblem, point: PointOnBranch) -> PointOnBranch:
+def _on_edges(problem: AxisProblem, point: Point) -> Point:
     """A point whose shares are exactly 0 or 1 where it is on an edge but for rounding."""
     within = problem.plane.window.on_edges(point.z[-2:])
     return replace(point, z=np.append(point.z[:-2], within))

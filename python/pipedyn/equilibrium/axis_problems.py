@@ -22,7 +22,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pipedyn.continuation.arclength import Control, DenseProblem, PointOnBranch
+from pipedyn.continuation.arclength import Control, DenseProblem, Point
 from pipedyn.linear.plane import Matrices, Plane
 from pipedyn.linear.sensitivity import Kind
 from pipedyn.util.check import Array
@@ -86,7 +86,7 @@ class AxisProblem(DenseProblem):
     def _equations(self, x: Array, p: float) -> tuple[Array, Array]:
         raise NotImplementedError
 
-    def change(self, point: PointOnBranch) -> int:
+    def change(self, point: Point) -> int:
         """Number of unstable roots on the left of a curve less that on its right."""
         z, omega = point.z, self.frequency(point.z)
         (mass, damping, stiffness), by_x, by_y = self.plane.matrices(self.place(z))
@@ -106,11 +106,11 @@ class AxisProblem(DenseProblem):
             down = complex(w @ (mass @ v)) + gyroscopic_mass(stiffness.real, damping, v, w)
         return (2 if self.kind == "flutter" else 1) * (1 if (leftwards / down).real > 0.0 else -1)
 
-    def starting_at(self, z: Array) -> PointOnBranch:
+    def starting_at(self, z: Array) -> Point:
         """A solution with its tangent, on either side."""
         _, derivative = self._equations(z[:-1], float(z[-1]))
         tangent = np.linalg.svd(derivative)[2][-1]
-        return PointOnBranch(z, tangent / self.length(tangent))
+        return Point(z, tangent / self.length(tangent))
 
     def renew(self) -> None:
         """Forgets the borders, as before a point that is not near the last one."""
@@ -244,7 +244,7 @@ class CoupledModeProblem(AxisProblem):
         """The double root above the real axis, or the growing one."""
         return cmath.sqrt(-float(z[0]) * self.unit)
 
-    def change(self, point: PointOnBranch) -> int:
+    def change(self, point: Point) -> int:
         """Of real roots 0: as many are unstable before they meet as after."""
         if point.z[0] <= 0.0:
             return 0

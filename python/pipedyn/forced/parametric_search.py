@@ -12,8 +12,8 @@ from functools import cache
 import numpy as np
 
 from pipedyn.continuation.arclength import (
-    BranchSegment,
-    PointOnBranch,
+    Point,
+    Segment,
     folds,
 )
 from pipedyn.forced.combinations import FewModes, Growth
@@ -118,7 +118,7 @@ class Search:
         few = self.hill.fewer(self.low, frequency)
         return Edge(few, kind, frequency, float(self.amplitudes[-1]), centre)
 
-    def along(self, edge: Edge, z: Array, way: float) -> Iterator[BranchSegment[Edge]]:
+    def along(self, edge: Edge, z: Array, way: float) -> Iterator[Segment[Edge]]:
         """Steps from an edge, first to higher or lower amplitudes.
 
         They end below 0.1 or, of damped pipes, `LEAST` of the largest amplitude, beyond that, and
@@ -145,7 +145,7 @@ class Search:
         """Whether an edge is followed there."""
         return 0.2 * self.low < frequency < 5.0 * self.high
 
-    def passed(self, step: BranchSegment[Edge]) -> Iterator[tuple[int, Array]]:
+    def passed(self, step: Segment[Edge]) -> Iterator[tuple[int, Array]]:
         """Amplitudes asked for within a step on which the amplitude does not turn back."""
         ways = (self.amplitudes - step.begin.p) * (self.amplitudes - step.end.p)
         for index in np.flatnonzero(ways <= 0.0).tolist():
@@ -201,7 +201,7 @@ class Search:
         return found, points
 
     def down(
-        self, edge: Edge, end: PointOnBranch, add: Callable[[int, Array], None], bottom: Array
+        self, edge: Edge, end: Point, add: Callable[[int, Array], None], bottom: Array
     ) -> None:
         """Takes in what an edge is between a point and a least amplitude nearby."""
         turn = edge.unknowns(*bottom[[1, 2, 0]].tolist())
