@@ -82,7 +82,7 @@ class Point:
         return float(self.z[-1])
 
 
-Followed = TypeVar("Followed", bound="Continuation")
+Equations = TypeVar("Equations", bound="Continuation")
 
 
 class Continuation(ABC):
@@ -194,8 +194,8 @@ class Continuation(ABC):
         return found, last, self.kept(last, size)
 
     def next(
-        self: Followed, start: Point, step: float, ahead: Callable[[float], Array] | None = None
-    ) -> tuple[Segment[Followed], float]:
+        self: Equations, start: Point, step: float, ahead: Callable[[float], Array] | None = None
+    ) -> tuple[Segment[Equations], float]:
         """The step to the next point, at most so long, and the length to try after it.
 
         Newton's method begins at what `ahead` gives for an arc length, on the tangent without it.
@@ -218,8 +218,8 @@ class Continuation(ABC):
         return Segment(self, start, found), min(longer * step, control.longest)
 
     def segments(
-        self: Followed, start: Point, step: float, marks: Iterable[tuple[int, float]] = ()
-    ) -> Iterator[Segment[Followed]]:
+        self: Equations, start: Point, step: float, marks: Iterable[tuple[int, float]] = ()
+    ) -> Iterator[Segment[Equations]]:
         """Steps along the branch, without end; NewtonFailed where none can be taken.
 
         A step ends where an entry of z passes one of the marks, pairs of its index and a value.
@@ -238,15 +238,15 @@ class Continuation(ABC):
 
 @saved_as("StepAlongBranch", shapes={"n": "begin.z end.z problem.weights"})
 @dataclass(frozen=True)
-class Segment(Generic[Followed]):
+class Segment(Generic[Equations]):
     """What lies between two neighbouring points of a branch; any point there can be solved for."""
 
-    problem: Followed
+    problem: Equations
     begin: Point
     end: Point
 
     @classmethod
-    def restored(cls, fields: dict[str, Any]) -> Segment[Followed]:
+    def restored(cls, fields: dict[str, Any]) -> Segment[Equations]:
         """The segment of which a file kept this, if it is one of equations."""
         if not isinstance(fields["problem"], Continuation):
             raise TypeError(f"problem must be equations, got {check.shown(fields['problem'])}")
@@ -306,7 +306,7 @@ class Segment(Generic[Followed]):
             self._known[s] = found, self._derivative(found)
         return self._known[s][0]
 
-    def parts(self, lengths: list[float]) -> list[Segment[Followed]]:
+    def parts(self, lengths: list[float]) -> list[Segment[Equations]]:
         """The segments into which points at these arc lengths divide it."""
         points = [self.begin, *map(self.at, lengths), self.end]
         return [replace(self, begin=a, end=b) for a, b in pairwise(points)]
@@ -414,7 +414,7 @@ def reason_of(error: Exception) -> str:
     return f"{text} ({type(cause).__name__}: {cause})"
 
 
-def _passes_through(segment: Segment[Followed], point: Point) -> bool:
+def _passes_through(segment: Segment[Equations], point: Point) -> bool:
     """Whether a point of a branch lies on a segment, away from its beginning."""
     s, length = segment.reach(point.z), segment.length
     if not 1e-6 * length < s <= length * (1.0 + 1e-9):
@@ -426,7 +426,7 @@ def _passes_through(segment: Segment[Followed], point: Point) -> bool:
     return problem.length(found.z - point.z) <= 1e-6 * (1.0 + problem.length(point.z))
 
 
-def folds(segment: Segment[Followed], rtol: float) -> list[float]:
+def folds(segment: Segment[Equations], rtol: float) -> list[float]:
     """Arc lengths within a segment at which the parameter turns back: none, one or two.
 
     They are known to rtol times the length of the segment.
