@@ -64,7 +64,7 @@ class Control:
 
 @saved_as("PointOnBranch", shapes={"n": "z tangent"})
 @dataclass(frozen=True)
-class PointOnBranch:
+class Point:
     """A solution on a branch: unknowns and parameter with a tangent of unit length, (n + 1,)."""
 
     z: Array
@@ -82,7 +82,7 @@ class PointOnBranch:
         return float(self.z[-1])
 
 
-AnyContinuation = TypeVar("AnyContinuation", bound="Continuation")
+Equations = TypeVar("Equations", bound="Continuation")
 
 
 class Continuation(ABC):
@@ -123,14 +123,14 @@ class Continuation(ABC):
         """Of a change."""
         return math.sqrt(self.product(change, change))
 
-    def point(self, z: Array, towards: Array) -> PointOnBranch:
+    def point(self, z: Array, towards: Array) -> Point:
         """A solution with its tangent on the side of a direction."""
         row = self.weights * towards / self.length(towards)
-        return PointOnBranch(z, self._unit(self.linearised(z), row))
+        return Point(z, self._unit(self.linearised(z), row))
 
-    def starting(self, z: Array, direction: Array) -> PointOnBranch:
+    def starting(self, z: Array, direction: Array) -> Point:
         """A point with a direction for its tangent, as at a branch point in a null direction."""
-        return PointOnBranch(z, direction / self.length(direction))
+        return Point(z, direction / self.length(direction))
 
     def _unit(self, equations: Solver, row: Array) -> Array:
         try:
@@ -142,7 +142,7 @@ class Continuation(ABC):
             raise NewtonFailed("the branch has no tangent")
         return tangent / length
 
-    def at(self, start: PointOnBranch, ds: float, guess: Array | None = None) -> PointOnBranch:
+    def at(self, start: Point, ds: float, guess: Array | None = None) -> Point:
         """The point at arc length ds from another, measured along its tangent.
 
         Newton's method begins at the guess, on the tangent where there is none. With ds = 0 a start
@@ -151,7 +151,7 @@ class Continuation(ABC):
         z = start.z + ds * start.tangent if guess is None else guess
         row = self.weights * start.tangent
         z, equations, kept = self._solved(z, row, float(row @ start.z) + ds)
-        return PointOnBranch(z, self._unit(equations, row), kept)
+        return Point(z, self._unit(equations, row), kept)
 
     def fixed(self, guess: Array, p: float, index: int = -1) -> Array:
         """The solution z at a value of the parameter, or of another entry of z."""
@@ -194,11 +194,8 @@ class Continuation(ABC):
         return found, last, self.kept(last, size)
 
     def next(
-        self: AnyContinuation,
-        start: PointOnBranch,
-        step: float,
-        ahead: Callable[[float], Array] | None = None,
-    ) -> tuple[BranchSegment[AnyContinuation], float]:
+        self: Equations, start: Point, step: float, ahead: Callable[[float], Array] | None = None
+    ) -> tuple[Segment[Equations], float]:
         """The step to the next point, at most so long, and the length to try after it.
 
         Newton's method begins at what `ahead` gives for an arc length, on the tangent without it.
@@ -218,14 +215,11 @@ class Continuation(ABC):
             if step < control.shortest:
                 raise reason
         longer = 1.5 if straight > math.cos(0.5 * control.turn) else 1.0
-        return BranchSegment(self, start, found), min(longer * step, control.longest)
+        return Segment(self, start, found), min(longer * step, control.longest)
 
     def segments(
-        self: AnyContinuation,
-        start: PointOnBranch,
-        step: float,
-        marks: Iterable[tuple[int, float]] = (),
-    ) -> Iterator[BranchSegment[AnyContinuation]]:
+        self: Equations, start: Point, step: float, marks: Iterable[tuple[int, float]] = ()
+    ) -> Iterator[Segment[Equations]]:
         """Steps along the branch, without end; NewtonFailed where none can be taken.
 
         A step ends where an entry of z passes one of the marks, pairs of its index and a value.
@@ -244,15 +238,15 @@ class Continuation(ABC):
 
 @saved_as("StepAlongBranch", shapes={"n": "begin.z end.z problem.weights"})
 @dataclass(frozen=True)
-class BranchSegment(Generic[AnyContinuation]):
+class Segment(Generic[Equations]):
     """What lies between two neighbouring points of a branch; any point there can be solved for."""
 
-    problem: AnyContinuation
-    begin: PointOnBranch
-    end: PointOnBranch
+    problem: Equations
+    begin: Point
+    end: Point
 
     @classmethod
-    def restored(cls, fields: dict[str, Any]) -> BranchSegment[AnyContinuation]:
+    def restored(cls, fields: dict[str, Any]) -> Segment[Equations]:
         """The segment of which a file kept this, if it is one of equations."""
         if not isinstance(fields["problem"], Continuation):
             raise TypeError(f"problem must be equations, got {check.shown(fields['problem'])}")
@@ -279,12 +273,12 @@ class BranchSegment(Generic[AnyContinuation]):
         return self.problem.product(self.begin.tangent, z - self.begin.z)
 
     @cached_property
-    def _known(self) -> dict[float, tuple[PointOnBranch, Array]]:
+    def _known(self) -> dict[float, tuple[Point, Array]]:
         """Points by arc length with their derivative by it: the ends and those solved for."""
         onward = self._derivative(self.end)
         return {0.0: (self.begin, self.begin.tangent), self.length: (self.end, onward)}
 
-    def _derivative(self, point: PointOnBranch) -> Array:
+    def _derivative(self, point: Point) -> Array:
         return point.tangent / self.problem.product(self.begin.tangent, point.tangent)
 
     def guess(self, s: float, index: int | slice = EVERY) -> Array:
@@ -305,14 +299,14 @@ class BranchSegment(Generic[AnyContinuation]):
         found: Array = before + x * (u + x * (3.0 * gap - 2.0 * u - v + x * (u + v - 2.0 * gap)))
         return found
 
-    def at(self, s: float) -> PointOnBranch:
+    def at(self, s: float) -> Point:
         """The point at an arc length."""
         if s not in self._known:
             found = self.problem.at(self.begin, s, self.guess(s))
             self._known[s] = found, self._derivative(found)
         return self._known[s][0]
 
-    def parts(self, lengths: list[float]) -> list[BranchSegment[AnyContinuation]]:
+    def parts(self, lengths: list[float]) -> list[Segment[Equations]]:
         """The segments into which points at these arc lengths divide it."""
         points = [self.begin, *map(self.at, lengths), self.end]
         return [replace(self, begin=a, end=b) for a, b in pairwise(points)]
@@ -342,12 +336,12 @@ beyond it may, where nothing is defined there, become as short as `Control.short
 
 def path(
     problem: Continuation,
-    start: PointOnBranch,
+    start: Point,
     limits: Iterable[tuple[int, float, float]],
     step: float,
     most: int,
     failing: type[Exception] = NewtonFailed,
-) -> tuple[list[PointOnBranch], tuple[BranchEnd, BranchEnd], tuple[str, str]]:
+) -> tuple[list[Point], tuple[BranchEnd, BranchEnd], tuple[str, str]]:
     """The branch through a point, both ways, why it ends, and of ends that are failures the reason.
 
     Args:
@@ -361,7 +355,7 @@ def path(
     bounds = list(limits)
     marks = [(i, value) for i, *ends in bounds for value in ends]
 
-    def one_way(begin: PointOnBranch) -> tuple[list[PointOnBranch], BranchEnd, str]:
+    def one_way(begin: Point) -> tuple[list[Point], BranchEnd, str]:
         points = [begin]
 
         def is_over() -> bool:
@@ -387,7 +381,7 @@ def path(
             points.append(segment.end)
         return points, "points", f"it takes more than {most} points"
 
-    def at_edge(point: PointOnBranch) -> PointOnBranch | None:
+    def at_edge(point: Point) -> Point | None:
         """The point at a limit right ahead, beyond which there may be no equations."""
         for i, low, high in bounds:
             edge, slope = (high if point.tangent[i] > 0.0 else low), float(point.tangent[i])
@@ -405,8 +399,8 @@ def path(
     ahead, last, why_last = one_way(start)
     if last == "closed":
         return ahead, (last, last), ("", "")
-    back, first, why_first = one_way(PointOnBranch(start.z, -start.tangent))
-    turned = [PointOnBranch(point.z, -point.tangent) for point in back[:0:-1]]
+    back, first, why_first = one_way(Point(start.z, -start.tangent))
+    turned = [Point(point.z, -point.tangent) for point in back[:0:-1]]
     return turned + ahead, (first, last), (why_first, why_last)
 
 
@@ -420,7 +414,7 @@ def reason_of(error: Exception) -> str:
     return f"{text} ({type(cause).__name__}: {cause})"
 
 
-def _passes_through(segment: BranchSegment[AnyContinuation], point: PointOnBranch) -> bool:
+def _passes_through(segment: Segment[Equations], point: Point) -> bool:
     """Whether a point of a branch lies on a segment, away from its beginning."""
     s, length = segment.reach(point.z), segment.length
     if not 1e-6 * length < s <= length * (1.0 + 1e-9):
@@ -432,7 +426,7 @@ def _passes_through(segment: BranchSegment[AnyContinuation], point: PointOnBranc
     return problem.length(found.z - point.z) <= 1e-6 * (1.0 + problem.length(point.z))
 
 
-def folds(segment: BranchSegment[AnyContinuation], rtol: float) -> list[float]:
+def folds(segment: Segment[Equations], rtol: float) -> list[float]:
     """Arc lengths within a segment at which the parameter turns back: none, one or two.
 
     They are known to rtol times the length of the segment.

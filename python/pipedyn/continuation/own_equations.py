@@ -18,11 +18,11 @@ from numpy.typing import ArrayLike
 
 from pipedyn.continuation.arclength import (
     BranchEnd,
-    BranchSegment,
     Continuation,
     Control,
     DenseProblem,
-    PointOnBranch,
+    Point,
+    Segment,
     folds,
     path,
     reason_of,
@@ -186,7 +186,7 @@ def follow(
         failures += _proportion(every[:, :-1], scale)
     marked: list[MarkedPoint] = []
     for i, (a, b) in enumerate(pairwise(solutions)):
-        segment = BranchSegment(solver, a, b)
+        segment = Segment(solver, a, b)
         at: list[tuple[float, str]] = []
         try:
             at += [(s, "fold") for s in folds(segment, 1e-10)]
@@ -214,7 +214,7 @@ ON_FOLD = 1e-4
 method at p0 fails, and the nearest point of the branch is taken."""
 
 
-def _start(solver: Continuation, z: Array, width: float) -> PointOnBranch:
+def _start(solver: Continuation, z: Array, width: float) -> Point:
     """The solution at the parameter of z, or beside a fold that nearest to z, with its tangent."""
     index = z.size - 1
     growing = np.append(np.zeros(index), 1.0)
@@ -234,7 +234,7 @@ def _start(solver: Continuation, z: Array, width: float) -> PointOnBranch:
     ):
         raise reason
     most = int(np.argmax(np.abs(found.tangent[:-1])))
-    return PointOnBranch(found.z, math.copysign(1.0, found.tangent[most]) * found.tangent)
+    return Point(found.z, math.copysign(1.0, found.tangent[most]) * found.tangent)
 
 
 PROPORTION = 100.0
@@ -406,7 +406,7 @@ class _Test:
     def _value(self, x: Array, p: float) -> float:
         return float(_function_value(f"tests[{self.name!r}]", self.test, x, p, ()).item())
 
-    def zeros(self, segment: BranchSegment[Continuation], near: tuple[bool, bool]) -> list[float]:
+    def zeros(self, segment: Segment[Continuation], near: tuple[bool, bool]) -> list[float]:
         """Arc lengths at which it is 0 on a segment: where it changes sign, or at the last point.
 
         At those of the ends that are asked for it counts as 0 if it is up to rounding. Where it

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pipedyn.continuation.arclength import Control, PointOnBranch
+from pipedyn.continuation.arclength import Control, Point
 from pipedyn.curves.boundary_curves import (
     TracedCurve,
     Tracer,
@@ -427,7 +427,7 @@ def _disagreements(curves: list[BoundaryCurve], plane: Plane) -> Iterator[str]:
             )
 
 
-def _points_of_change(curve: TracedCurve) -> list[PointOnBranch]:
+def _points_of_change(curve: TracedCurve) -> list[Point]:
     """Points at which it is computed on which side of the curve roots are unstable.
 
     On a curve of flutter one point is enough, as the side is the same all along the curve.

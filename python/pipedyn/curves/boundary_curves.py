@@ -18,7 +18,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from pipedyn.continuation.arclength import BranchSegment, Control, PointOnBranch, path
+from pipedyn.continuation.arclength import Control, Point, Segment, path
 from pipedyn.equilibrium.axis_problems import (
     AxisProblem,
     CoupledModeProblem,
@@ -90,15 +90,15 @@ class TracedCurve:
     """
 
     problem: AxisProblem
-    points: list[PointOnBranch]
+    points: list[Point]
     ends: tuple[str, str]
     error: float = 0.0
 
-    def segments(self) -> Iterator[BranchSegment[AxisProblem]]:
+    def segments(self) -> Iterator[Segment[AxisProblem]]:
         """Segments of the curve between neighbouring points."""
         for a, b in pairwise(self.points):
             self.problem.renew()
-            yield BranchSegment(self.problem, a, b)
+            yield Segment(self.problem, a, b)
 
     def sample(self) -> TracedCurve:
         """The curve with a few of its points only, the first and last among them."""
@@ -119,7 +119,7 @@ class TracedCurve:
             return False
         self.problem.renew()
         for a, b in pairwise(self.points[max(0, k - 1) : k + 2]):
-            segment = BranchSegment(self.problem, a, b)
+            segment = Segment(self.problem, a, b)
             s, length = segment.reach(z), segment.length
             if -0.01 * length <= s <= 1.01 * length:
                 with suppress(NewtonFailed):
@@ -423,7 +423,7 @@ def _solved_on(curve: TracedCurve, plane: Plane) -> TracedCurve:
     """The curve with its points solved for in another plane, such as that of a larger basis."""
     problem = curve.problem.on_other(plane)
     last = len(curve.points) - 1
-    points: list[PointOnBranch] = []
+    points: list[Point] = []
     for k, point in enumerate(curve.points):
         end = {0: curve.ends[0], last: curve.ends[1]}.get(k)
         if end == "closed" and k == last:
@@ -438,7 +438,7 @@ def _solved_on(curve: TracedCurve, plane: Plane) -> TracedCurve:
     return TracedCurve(problem, points, curve.ends)
 
 
-def _on_edges(problem: AxisProblem, point: PointOnBranch) -> PointOnBranch:
+def _on_edges(problem: AxisProblem, point: Point) -> Point:
     """The point with shares of exactly 0 or 1 where it lies on an edge but for rounding."""
     within = problem.plane.window.on_edges(point.z[-2:])
     return replace(point, z=np.append(point.z[:-2], within))

@@ -12,7 +12,7 @@ from itertools import islice
 import numpy as np
 from numpy.typing import NDArray
 
-from pipedyn.continuation.arclength import BranchSegment, PointOnBranch, sign_changes
+from pipedyn.continuation.arclength import Point, Segment, sign_changes
 from pipedyn.curves.event_onset import Onset
 from pipedyn.curves.event_plane import EVENTS, EventPlane
 from pipedyn.curves.event_problem import EventProblem, Followed, event_angle
@@ -116,7 +116,7 @@ class CyclePoint(Result):
     amplitude: float
 
 
-EventStep = BranchSegment[EventProblem]
+EventStep = Segment[EventProblem]
 
 
 @dataclass(frozen=True)
@@ -168,7 +168,7 @@ class EventFollower:
         self.points, self.failures = list[CyclePoint](), list[str]()
         self.how = replace(FINE, longest=LONGEST_EVENT_STEP, tolerance=1e-6, stagnation=1e-5)
 
-    def start(self, orbit: PeriodicOrbit) -> tuple[EventProblem, PointOnBranch]:
+    def start(self, orbit: PeriodicOrbit) -> tuple[EventProblem, Point]:
         """The event near an orbit, at the second parameter's value on the branch.
 
         Raises:
@@ -190,7 +190,7 @@ class EventFollower:
         growing = np.append(np.zeros(z.size - 1), 1.0)
         return problem, problem.point(z, growing)
 
-    def lies_on(self, curve: CycleCurve, start: tuple[EventProblem, PointOnBranch]) -> bool:
+    def lies_on(self, curve: CycleCurve, start: tuple[EventProblem, Point]) -> bool:
         """Whether a known curve passes the event."""
         if curve.kind != self.kind:
             return False
@@ -209,13 +209,13 @@ class EventFollower:
                         return True
         return False
 
-    def run(self, start: tuple[EventProblem, PointOnBranch]) -> CycleCurve:
+    def run(self, start: tuple[EventProblem, Point]) -> CycleCurve:
         """The curve, followed both ways from the event."""
         problem, point = start
         ahead, last = self._one_way(problem, point)
         back, first = list[_Cycle](), last
         if last != "closed":
-            back, first = self._one_way(problem, PointOnBranch(point.z, -point.tangent))
+            back, first = self._one_way(problem, Point(point.z, -point.tangent))
         places = back[:0:-1] + ahead
         x, y = (
             np.array(of)
@@ -251,7 +251,7 @@ class EventFollower:
         value = root**2 if place.orbit.symmetric else root
         return complex(value.real, abs(value.imag))
 
-    def place(self, problem: EventProblem, point: PointOnBranch) -> _Cycle:
+    def place(self, problem: EventProblem, point: Point) -> _Cycle:
         """The point of the curve with all that is computed there."""
         orbit, second = problem.orbit(point.z), float(point.z[-1])
         motion = self.plane.family.at(second)
@@ -281,7 +281,7 @@ class EventFollower:
 
     # ------------------------------------------------------------------------------- one way
 
-    def _one_way(self, problem: EventProblem, point: PointOnBranch) -> tuple[list[_Cycle], str]:
+    def _one_way(self, problem: EventProblem, point: Point) -> tuple[list[_Cycle], str]:
         """Points of the curve from one on, until it leaves the window, ends or is lost; and why."""
         begin = self.place(problem, point)
         places = [begin]
@@ -329,7 +329,7 @@ class EventFollower:
         try:
             problem = problem.about(place.z)
             z = problem.fixed(place.z, edge)
-            return self.place(problem, PointOnBranch(z, z))
+            return self.place(problem, Point(z, z))
         except NewtonFailed:
             return None
 
@@ -348,7 +348,7 @@ class EventFollower:
         orbit = step.problem.orbit(z)
         return orbit.frequency * self.plane.order if self.plane.forced else orbit.u
 
-    def _cut(self, step: EventStep) -> PointOnBranch | None:
+    def _cut(self, step: EventStep) -> Point | None:
         """The point at which a step leaves the window, None where it does not."""
         first, last = self.plane.ranges
         second, own = (last, first) if self.plane.own_first else (first, last)
@@ -379,7 +379,7 @@ class EventFollower:
             found = step.where(begin.second)
         except NewtonFailed:
             return None
-        here = self.place(step.problem, PointOnBranch(found, step.end.tangent))
+        here = self.place(step.problem, Point(found, step.end.tangent))
         same = abs(here.own / begin.own - 1.0) < 1e-6
         same = same and abs(here.orbit.frequency / begin.orbit.frequency - 1.0) < 1e-6
         return here if same and abs(here.amplitude / begin.amplitude - 1.0) < 1e-4 else None

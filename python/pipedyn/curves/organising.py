@@ -18,7 +18,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from pipedyn.continuation.arclength import BranchSegment, Control, sign_changes
+from pipedyn.continuation.arclength import Control, Segment, sign_changes
 from pipedyn.curves.boundary_curves import CurveStart, TracedCurve
 from pipedyn.equilibrium.axis_problems import (
     AxisProblem,
@@ -297,7 +297,7 @@ def separated(
             continue
         with suppress(NewtonFailed):
             curve.problem.renew()
-            segment = BranchSegment(curve.problem, *curve.points[step : step + 2])
+            segment = Segment(curve.problem, *curve.points[step : step + 2])
             point = segment.at(0.5 * (left + right))
             curve.points.insert(step + 1, point)
             count = others_unstable(plane, curve.problem, point.z)
@@ -313,9 +313,7 @@ def _beside(plane: Plane, problem: AxisProblem, z: Array) -> Array:
     return np.delete(values, np.argmin(np.abs(values)))
 
 
-def _on_segment(
-    plane: Plane, segment: BranchSegment[AxisProblem]
-) -> Iterator[tuple[float, DoublePoint]]:
+def _on_segment(plane: Plane, segment: Segment[AxisProblem]) -> Iterator[tuple[float, DoublePoint]]:
     """Arc lengths on a segment near which another root is on the axis, with approximate points."""
     problem = segment.problem
 
@@ -458,7 +456,7 @@ def changes_of_criticality(
             continue
         problem, length = segment.problem, segment.length
 
-        def value(s: float, segment: BranchSegment[AxisProblem] = segment) -> float:
+        def value(s: float, segment: Segment[AxisProblem] = segment) -> float:
             found = coefficients(plane, segment.problem, segment.at(s).z)[1]
             if np.isnan(found):
                 raise NewtonFailed("the criticality is not known all along the step")

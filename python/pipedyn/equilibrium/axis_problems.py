@@ -24,7 +24,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pipedyn.continuation.arclength import Control, DenseProblem, PointOnBranch
+from pipedyn.continuation.arclength import Control, DenseProblem, Point
 from pipedyn.linear.plane import Matrices, Plane
 from pipedyn.linear.sensitivity import CrossingKind
 from pipedyn.util.check import Array
@@ -94,7 +94,7 @@ class AxisProblem(DenseProblem):
     def _equations(self, x: Array, p: float) -> tuple[Array, Array]:
         raise NotImplementedError
 
-    def change(self, point: PointOnBranch) -> int:
+    def change(self, point: Point) -> int:
         """Number of unstable roots on the left of the curve minus that on its right."""
         z, omega = point.z, self.frequency(point.z)
         (mass, damping, stiffness), by_x, by_y = self.plane.matrices(self.place(z))
@@ -115,11 +115,11 @@ class AxisProblem(DenseProblem):
             down = complex(w @ (mass @ v)) + gyroscopic_mass(stiffness.real, damping, v, w)
         return (2 if self.kind == "flutter" else 1) * (1 if (leftwards / down).real > 0.0 else -1)
 
-    def starting_at(self, z: Array) -> PointOnBranch:
+    def starting_at(self, z: Array) -> Point:
         """The solution z as a point of the curve; its unit tangent points either way."""
         _, derivative = self._equations(z[:-1], float(z[-1]))
         tangent = np.linalg.svd(derivative)[2][-1]
-        return PointOnBranch(z, tangent / self.length(tangent))
+        return Point(z, tangent / self.length(tangent))
 
     def renew(self) -> None:
         """Forgets the borders, which is needed before a point that is not near the last one."""
@@ -260,7 +260,7 @@ class CoupledModeProblem(AxisProblem):
         """The double root: that above the real axis or, if it is real, the growing one."""
         return cmath.sqrt(-float(z[0]) * self.unit)
 
-    def change(self, point: PointOnBranch) -> int:
+    def change(self, point: Point) -> int:
         """Number of unstable roots on the left of the curve minus that on its right.
 
         It is 0 where real roots meet: as many are unstable before they meet as after.

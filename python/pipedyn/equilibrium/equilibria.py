@@ -20,10 +20,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipedyn.continuation.arclength import (
-    BranchSegment,
     Control,
     DenseProblem,
-    PointOnBranch,
+    Point,
+    Segment,
     folds,
     sign_changes,
 )
@@ -880,7 +880,7 @@ def equilibrium_branch(
             down = branch.point(np.append(x, u0), np.append(np.zeros_like(x), -1.0))
         except NewtonFailed as error:
             raise NotConverged(f"the equilibrium at u = {u0:g} is a branch point") from error
-        up = PointOnBranch(down.z, -down.tangent)
+        up = Point(down.z, -down.tangent)
         back, ahead = (_Way(statics, branch, point, (low, high)) for point in (down, up))
         end = back.run()
         ends = end, "closed" if end == "closed" else ahead.run()
@@ -907,11 +907,7 @@ class _Way:
     """
 
     def __init__(
-        self,
-        statics: Statics,
-        branch: DenseProblem,
-        start: PointOnBranch,
-        ends: tuple[float, float],
+        self, statics: Statics, branch: DenseProblem, start: Point, ends: tuple[float, float]
     ) -> None:
         self.statics, self.branch = statics, branch
         self.marks = ends[0], start.p, ends[1]
@@ -941,7 +937,7 @@ class _Way:
                 return "closed"
         return "points"
 
-    def _record(self, segment: BranchSegment[DenseProblem]) -> bool:
+    def _record(self, segment: Segment[DenseProblem]) -> bool:
         """Records the end of a segment and the changes on it.
 
         Returns whether the branch ends there on the straight pipe. In an undamped pipe an
@@ -980,7 +976,7 @@ class _Way:
         self.changes += [self._point(kind, segment.at(s)) for s, kind in sorted(marked)]
         self.growth.append(growth(until))
         if meeting is not None:
-            b = PointOnBranch(np.append(statics.resting, meeting), a.tangent)
+            b = Point(np.append(statics.resting, meeting), a.tangent)
             self.changes.append(self._point("pitchfork", b))
         self.points.append(b)
         return meeting is not None
@@ -1000,7 +996,7 @@ class _Way:
         near = found[np.abs(found - u) < 0.02 * (1.0 + u)]
         return min(near.tolist(), key=lambda p: abs(p - u), default=None)
 
-    def _point(self, kind: Change, point: PointOnBranch) -> BranchPoint:
+    def _point(self, kind: Change, point: Point) -> BranchPoint:
         statics = self.statics
         frequency = 0.0
         if kind == "hopf":

@@ -19,10 +19,10 @@ from typing import Literal
 import numpy as np
 
 from pipedyn.continuation.arclength import (
-    BranchSegment,
     Continuation,
     Control,
-    PointOnBranch,
+    Point,
+    Segment,
     Solver,
 )
 from pipedyn.forced.pulsating import Hill
@@ -280,7 +280,7 @@ class Edge(Continuation):
             z = newton(z, correction, tolerance=1e-11, stagnation=1e-8, check=self.check)
         return self.place(z)
 
-    def steps(self, point: PointOnBranch) -> Iterator[BranchSegment[Edge]]:
+    def steps(self, point: Point) -> Iterator[Segment[Edge]]:
         """Steps along the edge from a point on, as long as steps can be taken."""
         length = 0.02
         for _ in range(400):

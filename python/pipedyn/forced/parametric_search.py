@@ -12,8 +12,8 @@ from functools import cache
 import numpy as np
 
 from pipedyn.continuation.arclength import (
-    BranchSegment,
-    PointOnBranch,
+    Point,
+    Segment,
     folds,
 )
 from pipedyn.forced.combinations import FewModes, Growth
@@ -125,7 +125,7 @@ class RegionSearch:
         few = self.hill.fewer(self.low, frequency)
         return Edge(few, kind, frequency, float(self.amplitudes[-1]), centre)
 
-    def along(self, edge: Edge, z: Array, way: float) -> Iterator[BranchSegment[Edge]]:
+    def along(self, edge: Edge, z: Array, way: float) -> Iterator[Segment[Edge]]:
         """Steps along an edge from z, first to higher (way 1) or lower amplitudes (way -1).
 
         The steps end below the amplitude of `lowest`, above the largest amplitude, where the edge
@@ -153,7 +153,7 @@ class RegionSearch:
         """Whether an edge is followed at a frequency, which is not far outside the range."""
         return 0.2 * self.low < frequency < 5.0 * self.high
 
-    def passed(self, step: BranchSegment[Edge]) -> Iterator[tuple[int, Array]]:
+    def passed(self, step: Segment[Edge]) -> Iterator[tuple[int, Array]]:
         """Indices of the amplitudes asked for that a step passes, with the unknowns there.
 
         The amplitude must not turn back within the step.
@@ -215,7 +215,7 @@ class RegionSearch:
         return found, points
 
     def down(
-        self, edge: Edge, end: PointOnBranch, add: Callable[[int, Array], None], bottom: Array
+        self, edge: Edge, end: Point, add: Callable[[int, Array], None], bottom: Array
     ) -> None:
         """Adds the edge at amplitudes between a point and the least amplitude nearby.
 

@@ -17,7 +17,7 @@ from typing import TypeVar, cast
 
 import numpy as np
 
-from pipedyn.continuation.arclength import BranchSegment, PointOnBranch, folds
+from pipedyn.continuation.arclength import Point, Segment, folds
 from pipedyn.equilibrium.hopf import Hopf, HopfPoint
 from pipedyn.motion.vector_field import VectorField
 from pipedyn.orbits.collocation import OrbitControl, OrbitProblem, solved
@@ -65,7 +65,7 @@ SYMMETRY_ROUNDING = 1e-9
 """Share of an orbit's size below which the part of it that breaks a symmetry is rounding: Newton's
 method leaves steps of 1e-8 at most, of which their square is left."""
 
-Step = BranchSegment[OrbitProblem]
+Step = Segment[OrbitProblem]
 """A step along a branch of orbits."""
 
 
@@ -241,7 +241,7 @@ def _first_step(motion: VectorField, start: BranchStart, how: OrbitControl) -> S
             end = problem.at(problem.starting(begin, towards), length)
             is_resolved = (problem.orbit(end.z).defects() <= COARSE.defect).all()
             if (low <= end.p <= high and is_resolved) or length <= LEAST_AMPLITUDE:
-                return BranchSegment(problem, problem.starting(begin, end.z - begin), end)
+                return Segment(problem, problem.starting(begin, end.z - begin), end)
         except NewtonFailed:
             if length <= LEAST_AMPLITUDE:
                 raise
@@ -316,7 +316,7 @@ def meeting(step: Step, kind: str, beginnings: Array, within: float) -> Meeting 
             raise NewtonFailed("it comes near to orbits of more symmetry, and the step is too long")
         return float(scipy.optimize.brentq(lambda s: left(s) - share, low, high))
 
-    def with_left(share: float) -> PointOnBranch:
+    def with_left(share: float) -> Point:
         return step.at(where(share, 0.0, where(0.0, 0.0, step.length)))
 
     points = step.begin, with_left(0.4), with_left(0.1)
@@ -338,7 +338,7 @@ def meeting(step: Step, kind: str, beginnings: Array, within: float) -> Meeting 
         onward[-1] = 0.0
     z[-1] = p
     problem = step.problem.about(small.z)
-    last = BranchSegment(problem, small, problem.starting(z, onward))
+    last = Segment(problem, small, problem.starting(z, onward))
     return Meeting(replace(step, end=small), last, error, known)
 
 
@@ -377,8 +377,8 @@ def followed_past_grazing(
 
 
 def onward(
-    problem: AnyOrbitProblem, point: PointOnBranch, length: float
-) -> Iterator[BranchSegment[AnyOrbitProblem]]:
+    problem: AnyOrbitProblem, point: Point, length: float
+) -> Iterator[Segment[AnyOrbitProblem]]:
     """Steps from a solution on, the first of a length at most, without end.
 
     The mesh follows: `defect` of the problem's control is the largest that is let pass.
