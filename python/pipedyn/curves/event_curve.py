@@ -146,7 +146,7 @@ class _Cycle:
     unstable: int
 
 
-def _log_moduli(rest: Complex) -> Array:
+def _growth_of_others(rest: Complex) -> Array:
     """Logarithms of multipliers' moduli relative to 1 + `UNIT`, in falling order."""
     return np.sort(np.log(np.maximum(np.abs(rest), 1e-300) / (1.0 + UNIT)))[::-1]
 
@@ -262,7 +262,7 @@ class EventFollower:
         vanishing = {
             name: float(np.linalg.norm(odd)) for name, odd in self._odd(problem, point.z).items()
         }
-        unstable = int(np.count_nonzero(_log_moduli(rest) > 0.0))
+        unstable = int(np.count_nonzero(_growth_of_others(rest) > 0.0))
         return _Cycle(point.z, second, own, orbit, amplitude, rest, opens, vanishing, unstable)
 
     def _rest(self, motion: VectorField, orbit: PeriodicOrbit, z: Array) -> Complex:
@@ -510,7 +510,7 @@ class EventFollower:
         mirrored = end.orbit.symmetric
         known = {0.0: begin.rest, step.length: end.rest}
         for low, high in sign_changes(
-            lambda s: _log_moduli(known[s] if s in known else rest(s)),
+            lambda s: _growth_of_others(known[s] if s in known else rest(s)),
             *(0.0, step.length, 1e-4 * step.length),
         ):
             values = rest(high)

@@ -37,7 +37,7 @@ PERIOD_PARTS = 48
 """Intervals of a period in the integration of the multipliers. They misplace regions by some 1e-5,
 on which the edges, roots of Hill's determinant, do not depend."""
 
-PHASE_STEP = 0.15
+SCANNED_PHASE = 0.15
 """Largest change of a multiplier's phase from one frequency to the next, in rad."""
 
 LARGEST_GAP = 0.6
@@ -180,7 +180,7 @@ class FewModes:
     def unstable(self, low: float, high: float) -> list[Growth]:
         """Intervals of frequencies in which multipliers off the real axis are larger than 1."""
         turns = 2.0 * math.pi * self.fastest * (1.0 / low - 1.0 / high)
-        every = np.linspace(1.0 / high, 1.0 / low, math.ceil(turns / PHASE_STEP) + 8)
+        every = np.linspace(1.0 / high, 1.0 / low, math.ceil(turns / SCANNED_PHASE) + 8)
         seen = [self.at(w) for w in (1.0 / every[::-1]).tolist()]
         seen = _sorted(seen + [one for a, b in pairwise(seen) for one in self._between(a, b)])
         seen = _sorted(seen + [one for a, b in pairwise(seen) for one in self._apart(a, b)])

@@ -31,7 +31,7 @@ SHARP = 2e-3
 """Length of a step below which the least amplitude of the region is solved for at once: the edges
 of a thin region turn back there within a much shorter length."""
 
-LEAST_AMPLITUDE = 1e-6
+LOWEST_AMPLITUDE = 1e-6
 """Least amplitude of a region, relative to the largest amplitude, below which it counts as 0."""
 
 SAMPLED = 5
@@ -146,7 +146,7 @@ class RegionSearch:
 
     def lowest(self, edge: Edge) -> float:
         """Amplitude below which an edge is taken to lead to amplitude 0."""
-        share = 0.1 if self.hill.is_hermitian or self.hill.is_real else LEAST_AMPLITUDE
+        share = 0.1 if self.hill.is_hermitian or self.hill.is_real else LOWEST_AMPLITUDE
         return share * float(self.amplitudes[-1])
 
     def is_near(self, frequency: float) -> bool:

@@ -311,7 +311,7 @@ class Supply:
 
     def _hanging(self, pipe: Pipe) -> float:
         """What the straight pipe's fluid adds to the head."""
-        return _checked_pipe(pipe).direction * self.weight_in(pipe)
+        return _only_pipe(pipe).direction * self.weight_in(pipe)
 
     def weight_in(self, pipe: Pipe) -> float:
         """Weight of the fluid, in EI / L^2."""
@@ -366,7 +366,7 @@ def require_steady(name: str, given: Any) -> None:
             )
 
 
-def _checked_pipe(pipe: Any) -> Pipe:
+def _only_pipe(pipe: Any) -> Pipe:
     if not isinstance(pipe, Pipe):
         raise TypeError(f"pipe must be a Pipe, got {check.shown(pipe)}")
     return pipe
@@ -374,7 +374,7 @@ def _checked_pipe(pipe: Any) -> Pipe:
 
 def with_scales(pipe: Any) -> Pipe:
     """The argument, if it is a pipe made with `Pipe.from_si`."""
-    if _checked_pipe(pipe).scales is None:
+    if _only_pipe(pipe).scales is None:
         raise ValueError(f"pipe must be made with Pipe.from_si, got {pipe!r}")
     return pipe
 
