@@ -19,7 +19,7 @@ LIMITS = {
     "names with more than one meaning": 141,
     "docstrings that begin with a leaning word": 193,
     "lines of Python": 24342,
-    "lines of C++": 14840,
+    "lines of C++": 14843,
 }
 
 ROOT = Path(__file__).parents[1]
