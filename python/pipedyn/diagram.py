@@ -327,7 +327,7 @@ def _asked(
 
 
 def _cost(asked: _Asked, branches: tuple[EquilibriumBranch, ...], seconds: float) -> DiagramCost:
-    """Of a diagram whose branches of equilibria took so many seconds."""
+    """The cost of a diagram; seconds: what its branches of equilibria have taken."""
     begun = clock()
     cycles, done = _cycles_cost(asked, branches) if asked.steps else (0.0, 0)
     seconds += (clock() - begun) * cycles / max(done, 1)
@@ -438,7 +438,7 @@ def _cases(
     equilibria: tuple[EquilibriumBranch, ...],
     cycles: list[CycleBranch],
 ) -> list[Case]:
-    """At each speed the equilibria and the cycles on branches."""
+    """A case for each speed, with the equilibria and the cycles that branches have there."""
     cases = list[Case]()
     with one_thread(model.dof):
         for u in speeds.tolist():
@@ -528,7 +528,7 @@ class _Cycles:
         executor: futures.Executor | None,
         shown: bool,
     ) -> None:
-        """From the onsets of flutter."""
+        """Follows the branches of cycles that begin at onsets of flutter."""
         highest = 1.5 * float(self.options.speeds[-1])  # cycles from beyond may come back
         with one_thread(self.model.dof):
             onsets = hopf_points(self.model, equilibria, highest, self.failed)

@@ -124,7 +124,7 @@ class Basin(Result, units={"exponent": RATE, "spectrum": LENGTH}):
 
     @property
     def ending(self) -> str:
-        """As of `Attractor`: "rest", "periodic", "quasi-periodic", "chaotic" or "irregular"."""
+        """How motions end on it: "rest", "periodic", "quasi-periodic", "chaotic", "irregular"."""
         return self.attractor.ending
 
 

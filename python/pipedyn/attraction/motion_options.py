@@ -54,7 +54,7 @@ class MotionOptions:
         executor: Any,
         progress: Any,
     ) -> MotionOptions:
-        """Those that a caller gives."""
+        """Options with the values that a caller gives; raises ValueError or TypeError."""
         check.executor("executor", executor)
         return MotionOptions(
             transient=check.real("transient", transient, low=0.0, high=1e6),
@@ -68,11 +68,11 @@ class MotionOptions:
 
     @property
     def samples(self) -> int:
-        """Of each motion at a time, at most."""
+        """The largest number of samples of each motion that are held at a time."""
         return self.samples_of(max(self.duration, 2.0 * FIRST_LOOK))
 
     def samples_of(self, time: float) -> int:
-        """Of each motion over some time."""
+        """The number of samples of each motion over a time."""
         return max(math.ceil(time * SAMPLES_A_TIME), 100) + 1
 
     def require_room(self, model: Model) -> None:

@@ -257,13 +257,13 @@ def trend_of(x: Array, turnings: Array, error: float) -> tuple[Trend, int]:
 
 
 def maxima(turnings: Array) -> Array:
-    """Those of the turning points that are maxima, but for the first and the last."""
+    """Maxima among turning points; the first and the last point do not count."""
     inner = turnings[1:-1]
     return np.asarray(inner[(inner > turnings[:-2]) & (inner > turnings[2:])])
 
 
 def _drift(highs: Array, period: int) -> float:
-    """By how much any two maxima differ that lie whole periods apart."""
+    """The largest difference of two maxima that lie whole periods apart."""
     return max(float(np.ptp(highs[k::period])) for k in range(min(period, highs.size)))
 
 

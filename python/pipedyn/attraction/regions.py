@@ -176,7 +176,7 @@ class Region:
 
     @cached_property
     def _ways(self) -> tuple[Array, Array]:
-        """From each point to the next, and to the one before."""
+        """Steps from each point to the next, and to the one before."""
         none = np.zeros((1, self.points.shape[1]))
         return np.concatenate([self._steps, none]), np.concatenate([none, -self._steps])
 
@@ -224,7 +224,7 @@ class Region:
 
     @cached_property
     def units(self) -> Array:
-        """By which states are multiplied for their distances."""
+        """Factors by which states are multiplied for their distances."""
         units = np.repeat([1.0, self.unit], self.half) / math.sqrt(self.half)
         return np.append(units, np.ones(2 * self.driven))
 
@@ -240,9 +240,10 @@ class Region:
         return states
 
     def distances(self, states: Array, most: float | None = None) -> Array:
-        """Of states, infinite beyond the most, which is the radius if not given.
+        """Distances of states, (k,), infinite beyond the most, which is the radius if not given.
 
-        States are (k, 2 moving), if driven with phases, or else those when a period begins.
+        States have shape (k, 2 moving). Where motions are driven they are followed by their phases,
+        or else are those when a period begins.
         """
         most = self.radius if most is None else most
         if states.shape[1] < self.points.shape[1]:
@@ -293,7 +294,7 @@ class Region:
         return replace(self, radius=max(min(self.radius, REGION_SHARE * distance), 10.0 * FLOOR))
 
     def mirrored(self, shifts: bool = False) -> Region:
-        """That of the mirror image, which is half a period later if the drive shifts."""
+        """The region of the mirror image, which is half a period later if the drive shifts."""
         signs = -np.ones(self.points.shape[1])
         if not shifts:
             signs[2 * self.half :] = 1.0
@@ -333,7 +334,7 @@ class Approach:
     since: float = 0.0
 
     def later(self, time: float, squares: Array, decay: Array) -> tuple[Approach, bool]:
-        """The same after a time, and whether Floquet coordinates have fallen as they must.
+        """The approach after a time, and whether Floquet coordinates have fallen as they must.
 
         They are compared when at half its rate the slowest would have fallen so much.
         """
@@ -390,7 +391,7 @@ class _Watch(Observer):
         self.groups = [np.array(some) for some in members_of.values()]
 
     def ended(self, states: Array, samples: Array) -> list[int]:
-        """As of `Observer`."""
+        """Members of the batch that have reached a region, as an `Observer` says them."""
         found: list[int] = []
         for members in self.groups:
             task = self.tasks[members[0]]

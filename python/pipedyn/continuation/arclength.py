@@ -116,11 +116,11 @@ class Continuation(ABC):
         return None
 
     def product(self, a: Array, b: Array) -> float:
-        """Of two changes."""
+        """Inner product of two changes of the unknowns."""
         return float((self.weights * a) @ b)
 
     def length(self, change: Array) -> float:
-        """Of a change."""
+        """Length of a change of the unknowns."""
         return math.sqrt(self.product(change, change))
 
     def point(self, z: Array, towards: Array) -> Point:
@@ -158,7 +158,7 @@ class Continuation(ABC):
         return self.fixed_and_kept(guess, p, index)[0]
 
     def fixed_and_kept(self, guess: Array, p: float, index: int = -1) -> tuple[Array, Any]:
-        """The same, and what is `kept` of the equations there."""
+        """The solution at a value of the parameter, and what is `kept` of the equations there."""
         row, start = np.zeros(guess.size), guess.copy()
         row[index], start[index] = 1.0, p
         found, _, kept = self._solved(start, row, p)
@@ -291,7 +291,7 @@ class Segment(Generic[Equations]):
         return self._on_cubic(s, places[i - 1], places[i], index)
 
     def _on_cubic(self, s: float, low: float, high: float, index: int | slice = EVERY) -> Array:
-        """On the cubic through two of the known points."""
+        """About the solution at an arc length, on the cubic through two of the known points."""
         h, x = high - low, (s - low) / (high - low)
         (a, first), (b, last) = self._known[low], self._known[high]
         before, u, v = a.z[index], h * first[index], h * last[index]
@@ -316,7 +316,7 @@ class Segment(Generic[Equations]):
         return self.where_and_kept(p, index)[0]
 
     def where_and_kept(self, p: float, index: int = -1) -> tuple[Array, Any]:
-        """The same, and what is `kept` of the equations there."""
+        """The solution where the parameter has a value, and what is `kept` of the equations."""
         ends = {0.0: self.begin.z[index], self.length: self.end.z[index]}
 
         def apart(s: float) -> float:

@@ -276,7 +276,7 @@ def cycle_from(motion: VectorField, u: float, start: Any) -> tuple[PeriodicOrbit
 
 
 def _without_start(motion: VectorField, u: float) -> tuple[PeriodicOrbit, str]:
-    """From the onsets of flutter, the nearest first, then by simulation."""
+    """The cycle to which an onset of flutter leads, the nearest first, or else a motion."""
     model, reasons = motion.model, list[str]()
     try:
         model.require_equilibrium(u)
@@ -349,7 +349,7 @@ def _check_own(motion: VectorField, onset: Hopf) -> None:
 
 
 def _from_damped_pipe(motion: VectorField, u: float) -> PeriodicOrbit:
-    """From the cycle of the same pipe with some damping, which is then left out.
+    """The cycle that is found from that of the pipe with some damping, which is then left out.
 
     An aspirating pipe without damping has no onset: it is unstable from u = 0 on.
     """

@@ -49,7 +49,7 @@ class ConstantHead:
         return _core.Supply(self.model.motion_core, *numbers, math.sqrt(pipe.beta), pipe.direction)
 
     def rates(self, t: float, y: Array, drive: Array | None = None) -> Array:
-        """Of a state [p, p', W, u]; drive: what else drives it, (ROWS,), but for u'."""
+        """Rates of a state [p, p', W, u]; drive: the forcing but for u', (ROWS,)."""
         base = np.zeros(ROWS) if drive is None else drive
         at = (np.array([t]), y[:, None], base[:, None])
         return np.asarray(self.core.rates(self.model.compiled_rates, *at)[:, 0])
@@ -92,5 +92,5 @@ class ConstantHead:
         return whole
 
     def jacobians(self, y: Array) -> Array:
-        """Those of k states, (2 moving + 1, k): (k, 2 moving + 1, 2 moving + 1)."""
+        """Jacobians at k states, (2 moving + 1, k), of shape (k, 2 moving + 1, 2 moving + 1)."""
         return np.stack([self.jacobian(column) for column in y.T.copy()])

@@ -158,7 +158,7 @@ class Linearised:
             self._matrix[n, :n] = across / math.sqrt(across @ across)
 
     def __call__(self, row: Array, gap: float, share: float) -> Array:
-        """See `continuation.Solver`; shape and order are those of `packed`.
+        """The change of the unknowns, in the order of `packed`, that `arclength.Solver` describes.
 
         The conditions on the phase and on row @ change hold on all unknowns, so three solutions
         that meet simpler ones on (y(0), omega, u) are combined.
@@ -240,7 +240,7 @@ def state_units(motion: VectorField, orbit: PeriodicOrbit) -> Array:
 
 
 def _units(jacobian: Array) -> Array:
-    """The same from the derivatives of the rates of one state."""
+    """Units of the state, (2 moving,), from the derivatives of the rates at one state."""
     half = len(jacobian) // 2
     units = np.ones(2 * half)
     units[half:] = math.sqrt(max(float(np.abs(jacobian[half:, :half]).max()), 1.0))
@@ -268,9 +268,9 @@ def collocation_maps(motion: VectorField, orbit: PeriodicOrbit) -> tuple[Array, 
 
 
 def interval_derivatives(motion: VectorField, orbit: PeriodicOrbit) -> Array:
-    """Of the accelerations at the stages by the state where an interval begins.
+    """Derivatives of the accelerations at the stages by the state where an interval begins.
 
-    Shape (M, s, moving, 2 moving); orbits on which the collocation equations still hold.
+    Their shape is (M, s, moving, 2 moving); the collocation equations still hold on the orbits.
     """
     by_rates, _, _ = _condensed(motion, orbit, False)
     return by_rates[..., : motion.size].reshape(*orbit.rates.shape, motion.size)
@@ -282,7 +282,10 @@ def interval_derivatives(motion: VectorField, orbit: PeriodicOrbit) -> Array:
 @saved_as("OrbitControl")
 @dataclass(frozen=True)
 class OrbitControl(Control):
-    """The same for orbits, which are costly: a tangent that turns by 37 degrees will do."""
+    """How steps along branches of orbits are taken.
+
+    Orbits are costly, so a tangent may turn by 37 degrees in a step.
+    """
 
     shortest: float = 1e-4
     turn: float = math.acos(0.8)
@@ -350,7 +353,7 @@ class OrbitProblem(Continuation):
         return self.start.packed()
 
     def about(self, z: Array, edges: Array | None = None) -> Self:
-        """The same equations from near other unknowns, on another mesh if its edges are given."""
+        """The equations about other unknowns, on another mesh if its edges are given."""
         return type(self)(self.motion, self.remeshed(z, edges), self.control, self.unit)
 
     def remeshed(self, z: Array, edges: Array | None) -> PeriodicOrbit:
@@ -365,7 +368,7 @@ class OrbitProblem(Continuation):
         return self.start.unpacked(z)
 
     def _at(self, z: Array) -> PeriodicOrbit:
-        """The same, asked for repeatedly of one iterate of Newton's method."""
+        """The orbit of unknowns, kept as it is asked for repeatedly of one iterate."""
         if self._last is None or self._last[0] is not z:
             self._last = z, self.orbit(z)
         return self._last[1]

@@ -132,7 +132,7 @@ def parts_for(motion: VectorField, orbit: PeriodicOrbit, tolerance: float) -> ND
 
 
 def _parts_for_turns(turns: Array, tolerance: float) -> NDArray[np.int_]:
-    """The same from the turns of each interval."""
+    """Parts of each interval, (M,), by its turns, with which multipliers meet a tolerance."""
     return np.ceil(np.maximum(turns / _longest(tolerance), 1.0)).astype(int)
 
 
@@ -142,7 +142,7 @@ def _longest(tolerance: float) -> float:
 
 
 def _between_kinks(motion: VectorField, orbit: PeriodicOrbit) -> PeriodicOrbit | None:
-    """The same on intervals on which its derivatives are smooth; None where they are not known."""
+    """An orbit on intervals with smooth derivatives; None where it is not known where they end."""
     if not motion.model.pipe.has_kinks:
         return orbit
     if not motion.model.kinks_known:
@@ -218,11 +218,11 @@ def _by_collocation(
     tolerance: float,
     coarser: PeriodicOrbit | None,
 ) -> tuple[Complex, float]:
-    """The same by the collocation that the orbit itself solves, each interval in so many parts.
+    """Roots of the multipliers and the error of the worst, by collocation.
 
-    It is done on meshes half and twice as fine as well.
-    Halving leaves 2^-15 of the error where f is smooth, and 2^-3 across kinks at phases that are
-    not known; of both some more is allowed for.
+    The equations are those that the orbit solves, each interval being divided into so many parts,
+    and those on meshes half and twice as fine. Halving leaves 2^-15 of the error where f is smooth,
+    and 2^-3 across kinks at phases that are not known; of both some more is allowed for.
     """
     left = 1e-3 if motion.model.kinks_known else 0.25
     if (parts > 1).any() and 2 * parts.sum() <= MOST_FLOQUET_INTERVALS:
@@ -259,7 +259,9 @@ def _roots(motion: VectorField, orbit: PeriodicOrbit, tolerance: float = 0.0) ->
 
 
 def _by_pairs(motion: VectorField, orbit: PeriodicOrbit) -> PeriodicOrbit | None:
-    """The same on intervals of two each, at last of three; None where neighbours differ by half.
+    """An orbit with intervals joined in pairs, the last three if they are odd in number.
+
+    None is returned where the lengths of neighbours differ by half.
 
     To join neighbours one of which is 1.8 times as long makes 1,000 times the error, and 30 times
     at the least where the orbit between its stages is what errs.

@@ -43,7 +43,7 @@ a cycle of 50 segments takes 2 MB."""
 
 @dataclass(frozen=True, eq=False)
 class FloquetCoordinates:
-    """Those about a cycle that neither shift it nor are gone after a period.
+    """Floquet coordinates about a cycle that neither shift it nor are gone after a period.
 
     Attributes:
         points: states [p, p'] on the cycle, (K, 2 moving).
@@ -65,7 +65,7 @@ class FloquetCoordinates:
         return scipy.spatial.cKDTree(self.points * self.units)
 
     def mirrored(self) -> FloquetCoordinates:
-        """Those about the mirror image of the cycle."""
+        """The coordinates about the mirror image of the cycle."""
         return replace(self, points=-self.points, rates=-self.rates)
 
     def __call__(self, states: Array) -> Complex:
@@ -83,9 +83,9 @@ class FloquetCoordinates:
 def floquet_coordinates(
     motion: VectorField, orbit: PeriodicOrbit, units: Array
 ) -> FloquetCoordinates | None:
-    """Those about a stable orbit; None where they are not to be had.
+    """The Floquet coordinates about a stable orbit; None where they cannot be computed.
 
-    That is where fast modes take a finer mesh than twice the orbit's, or two vectors meet.
+    They cannot where fast modes take a finer mesh than twice the orbit's, or two vectors meet.
 
     Args:
         motion: its vector field.

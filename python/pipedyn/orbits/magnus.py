@@ -109,7 +109,7 @@ def exponentials(exponents: Array) -> Array:
 
 
 def _exponentials(exponents: Array, scratch: Array) -> Array:
-    """The same of a few, in scratch, (9, k, n, n)."""
+    """Exponentials of a few matrices, (k, n, n), in scratch of shape (9, k, n, n)."""
     powers, sums, other = scratch[:4], scratch[4:8], scratch[8]
     powers[0] = exponents
     np.matmul(powers[0], powers[0], out=powers[1])

@@ -101,7 +101,7 @@ def from_hopf(
     amplitude: float = FIRST_AMPLITUDE,
     u: float | None = None,
 ) -> BranchStart:
-    """With a first step to an amplitude of the free end.
+    """The start of a branch at a Hopf point, with a first step to an amplitude of the free end.
 
     It ends at a speed within 1e-3, relative, of the Hopf point's, or up to half as far again as
     another speed u.
@@ -121,9 +121,9 @@ def from_hopf(
 
 
 def from_branch_point(motion: VectorField, orbit: PeriodicOrbit) -> BranchStart:
-    """From an orbit that loses its symmetry or, having none, doubles its period.
+    """The start of the branch that leaves an orbit in its neutral direction.
 
-    It is left in its neutral direction.
+    The orbit loses its symmetry there or, having none, doubles its period.
     """
     equations = OrbitProblem(motion, orbit, FINE).about_orbit(orbit)
     # After the first half the perturbation is the opposite of what the orbit itself does.
@@ -134,7 +134,7 @@ def from_branch_point(motion: VectorField, orbit: PeriodicOrbit) -> BranchStart:
 
 
 def both_ways(motion: VectorField, orbit: PeriodicOrbit) -> list[BranchStart]:
-    """From any orbit towards falling and towards growing speed."""
+    """Starts of a branch from any orbit, towards lower and towards higher speed."""
     orbit = solved_anew(motion, orbit, orbit.u, orbit.symmetric, FINE)
     return from_orbit(motion, orbit, (-1.0, 1.0))
 

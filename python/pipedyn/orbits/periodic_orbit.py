@@ -165,7 +165,7 @@ class PeriodicOrbit:
         return self._at_nodes(STAGE_NODES, ONCE, TWICE).transpose(1, 2, 0)
 
     def stage_columns(self) -> Array:
-        """The same, in columns, shape (2 moving, M s)."""
+        """States at the stages, in columns, shape (2 moving, M s)."""
         return self._at_nodes(STAGE_NODES, ONCE, TWICE).reshape(2 * self.half, -1)
 
     def states_between(self) -> Array:
@@ -293,7 +293,7 @@ def resolved_orbit(
 def refined(
     motion: VectorField, orbit: PeriodicOrbit, parts: NDArray[np.int_], at_kinks: bool = False
 ) -> PeriodicOrbit:
-    """The same orbit with each interval in so many parts, shape (M,).
+    """An orbit on a finer mesh: each interval is divided into so many parts, shape (M,).
 
     With `at_kinks` intervals end also where derivatives of the forces jump.
     """
