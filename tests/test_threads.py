@@ -200,4 +200,4 @@ def test_a_search_in_the_core_is_interrupted_as_python_is():
     finally:
         signal.setitimer(signal.ITIMER_REAL, 0.0)
         signal.signal(signal.SIGALRM, before)
-    assert "_swept" in [entry.name for entry in caught.traceback]
+    assert "_run_searches" in [entry.name for entry in caught.traceback]
