@@ -443,3 +443,24 @@ def test_motions_that_wind_up_without_end_fail_for_that_reason():
     assert found.basins == ()
     assert all("grow beyond 1000" in str(one.error) for one in found.failures)
     assert len(found.failures) == 3
+
+
+def test_a_motion_that_winds_up_leaves_the_others_their_ends():
+    terms = (pp.Spring(0.627635164969, 4.2302969467), pp.CubicSpring(0.84825665574, 2794.41233978))
+    stop = pp.Stop(0.714662226338, 0.0796417200423, 55.1800972845)
+    pipe = pp.Pipe(0.392575066313, 60.0, "aspirating", damping=0.001, terms=(stop, *terms))
+    found = pp.attractors(pp.Chain(pipe, 1), 7.7046334, np.array([[0.0, 0.0], [0.3, 0.0]]))
+    assert found.ends.tolist() == [0, -2]
+    (failure,) = found.failures
+    assert isinstance(failure.error, pp.MotionStopped)
+
+
+def test_motions_that_joined_others_which_joined_more_have_their_ends():
+    """One that joined another, which went on as a third one, had no answer."""
+    stop = pp.Stop(0.527800982578, 0.172022108989, 1879.476871)
+    mass, spring = pp.PointMass(0.975684157121, 0.519224861128), pp.CubicSpring(0.888086, 11.6373)
+    numbers = {"drag": 0.552960836318, "damping": 0.02, "terms": (stop, mass, spring)}
+    pipe = pp.Pipe(0.833963891004, 10.0, "aspirating", **numbers)
+    found = pp.attractors(pp.Chain(pipe, 1), 11.49136402486077, 8, seed=21)
+    assert found.failures == ()
+    assert sum(basin.share.count for basin in found.basins) == 8

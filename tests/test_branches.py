@@ -518,3 +518,14 @@ def test_an_event_is_compared_with_events_only(three):
 
 def test_no_cycles_are_sought_where_none_are_asked_for():
     assert pp.bifurcation_diagram(THREE, [4.0, 5.0], cycles=0).cycles == ()
+
+
+def test_a_step_beyond_a_meeting_of_branches_leaves_the_diagram():
+    """From a motion beside a period doubling a branch began that no meeting could be found on."""
+    pipe = pp.Pipe(0.313591587301, gamma=-10.0, jet_angle=-0.478597799288)
+    model, u = pp.Chain(pipe, 3), 5.113592052618494
+    found = pp.bifurcation_diagram(model, [u - 0.05, u, u + 0.05], brute_force=4)
+    assert [len(found.at(speed)) for speed in found.speeds] == [4, 4, 4]
+    (cycle,) = (one for branch in found.cycles for one in branch.at(u))
+    assert cycle.stable
+    assert cycle.period == pytest.approx(0.65930, abs=1e-5)
