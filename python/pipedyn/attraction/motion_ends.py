@@ -341,7 +341,7 @@ class _Engine:
             members=len(runs),
             most=self.options.most,
         )
-        of_all = WatchedTask(**{**vars(first), "farthest": WOUND})
+        of_all = WatchedTask(**vars(first))
         judged = {id(run.case): run.case for run in runs}
         rules = {key: self.judged(case, recorded, count) for key, case in judged.items()}
         tasks = list[WatchedTask]()
@@ -351,6 +351,7 @@ class _Engine:
             rtol = TRANSIENT if run.roughly else first.rtol
             task = replace(
                 of_all,
+                farthest=WOUND,
                 u=first.u if first.drive else run.case.drive.mean,
                 start=run.state,
                 **rules[id(run.case)],

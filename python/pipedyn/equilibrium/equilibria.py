@@ -608,9 +608,9 @@ class _Solutions:
             draws = anywhere.random(many)
             # High modes are stiff, so their largest angle falls with their number, by a power that
             # is drawn as well.
-            parts = size * (2.0 * draws[:, :-1] - 1.0) * _shares(basis, 0.5 + 0.5 * draws[:, -1:])
-            balanced = (2.0 * draws[:, :-1] - 1.0) @ reach
-            new = led_to(statics.resting + np.concatenate([parts @ basis, balanced]))
+            even = 2.0 * draws[:, :-1] - 1.0
+            parts = size * even * _shares(basis, 0.5 + 0.5 * draws[:, -1:])
+            new = led_to(statics.resting + np.concatenate([parts @ basis, even @ reach]))
             near = new
             while near and every < MOST_STARTS and len(self.found) < MOST_FOUND:
                 around = np.repeat(self.found, NEIGHBOURS, axis=0)
@@ -662,9 +662,8 @@ def _reach(statics: Statics, u: float) -> Array:
     forces = np.zeros((0, size))
     for place in places:
         with suppress(ValueError, PipedynError):  # as where a reduced model coils
-            mass = model.operators(place).mass
-            force = mass @ statics.accelerations(place[None], u)[0] + elastic @ place
-            forces = np.append(forces, force[None], axis=0)
+            left, _, _ = statics._forces(place, u)
+            forces = np.append(forces, (left + elastic @ place)[None], axis=0)
     most = 1.2 * np.abs(forces).max(axis=0, initial=0.0)
     rows = most[:, None] * np.linalg.pinv(elastic)
     return np.asarray(np.clip(rows, -TEN_TURNS, TEN_TURNS))

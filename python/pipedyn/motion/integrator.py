@@ -348,13 +348,15 @@ def _in_core(tasks: Sequence[Task], shown: bool, observer: Observer) -> list[Out
                 return
             in_time()
             now = motion.members
-            for j in observer.ended(states, np.array([member.samples for member in now])):
+            samples = np.array([member.samples for member in now])
+            for j in observer.ended(states, samples):
                 motion.stop(j)
                 left.add(j)
             going = [j for j, member in enumerate(now) if member.progress == "going"]
             going = [j for j in going if j not in left]
+            last = np.abs(states[np.arange(members), samples - 1, : model.moving]).max(axis=1)
             for j in going:
-                if np.abs(motion.state(j)[: model.moving]).max() > first.farthest:
+                if samples[j] and last[j] > first.farthest:
                     whys[j] = _wound_up(first)
                     motion.stop(j)
             going = [j for j in going if whys[j] is None]

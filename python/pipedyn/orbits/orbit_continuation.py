@@ -184,11 +184,11 @@ def past_grazing(motion: VectorField, last: Step) -> Grazing | None:
     if not near.size:
         return None
     p, way = last.end.p, math.copysign(1.0, last.slopes[1])
-    nearest_first = near[np.argsort(np.abs(contacts.beyond[near]))]
-    for extremum, share in product(nearest_first[:MOST_CONTACTS], (way * PAST, -way * PAST)):
-        # The step may have gone a little beyond: the side that it came from is left.
-        crosses = (contacts.beyond[extremum] > 0.0) == (contacts.crossings == before.crossings)
-        larger = bool(contacts.outward[extremum]) != crosses
+    nearest = near[np.argsort(np.abs(contacts.beyond[near]))][:MOST_CONTACTS]
+    # The step may have gone a little beyond: the side that it came from is left.
+    crosses = (contacts.beyond[nearest] > 0.0) == (contacts.crossings == before.crossings)
+    changes = dict.fromkeys((contacts.outward[nearest] != crosses).tolist())  # each is tried once
+    for larger, share in product(changes, (way * PAST, -way * PAST)):
         beyond = _with_parameter(here, p * (1.0 + share))
         try:
             orbit = beside_kink(motion, beyond, 1.0 if larger else -1.0)
@@ -387,8 +387,8 @@ def onward(
     problem, ahead = problem.about(point.z), cast("Callable[[float], Array] | None", None)
     while True:
         here = problem.start
-        # An interval twice as long has some 2^8 times the defect. A change of the mesh costs as
-        # much as a step.
+        # An interval twice as long has some 2^8 times the defect. A mesh that saves less than a
+        # quarter of the intervals is not changed.
         if np.count_nonzero(here.defects() <= 1e-3 * defect) > 2 * COARSEST:
             edges = resolved_orbit(
                 *(problem.motion, here.states, here.frequency, here.u, here.symmetric), defect
