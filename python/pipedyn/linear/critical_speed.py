@@ -145,7 +145,7 @@ class CriticalSpeed(Crossing, units={"discretisation": SPEED}):
 
 
 CriticalPoint: TypeAlias = tuple[CriticalSpeed, tuple[Crossing, ...]]
-Answered: TypeAlias = tuple[CriticalSpeed | None, tuple[Crossing, ...]]
+CriticalPointIfAny: TypeAlias = tuple[CriticalSpeed | None, tuple[Crossing, ...]]
 Found: TypeAlias = Converged[tuple[Crossing, ...]]
 
 
@@ -332,7 +332,7 @@ def stability_losses(
     max_speed: float,
     until_unstable: bool = False,
     continuum_end: float | None = None,
-) -> list[Answered | Exception]:
+) -> list[CriticalPointIfAny | Exception]:
     """Critical speed, if any, and crossings up to max_speed of each model, or its exception.
 
     Models of one size are searched in one call of the core.
@@ -394,7 +394,7 @@ def _found(pipe: Pipe, plan: Sequence[Job[Found]]) -> Found:
     )
 
 
-def _point(model: AnyModel, found: Found, continuum_end: float) -> Answered:
+def _point(model: AnyModel, found: Found, continuum_end: float) -> CriticalPointIfAny:
     """The critical speed among the crossings of a model, None where there is none, and these."""
     all_found = found.value
     first = next((c for c in all_found if c.destabilising), None)

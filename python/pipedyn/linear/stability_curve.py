@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from pipedyn.linear.critical_speed import (
-    Answered,
+    CriticalPointIfAny,
     CriticalSpeed,
     NoCrossing,
     checked_end,
@@ -187,7 +187,7 @@ def stability_curve(
         max_speed = checked_end(max_speed)
     solve = critical_points if max_speed is None else partial(stability_losses, max_speed=max_speed)
     at, pipes, answers, failures = swept(make_model, values, solve, executor, progress)
-    none: Answered = (None, ())
+    none: CriticalPointIfAny = (None, ())
     critical, found = zip(*(none if one is None else one for one in answers), strict=True)
     name = _name_of_argument(make_model)
     return StabilityCurve(at, critical, found, failures, max_speed, name, pipes)
