@@ -184,7 +184,8 @@ class RedundantForm:
         turning = velocities[j + 1] - velocities[j]
         rate = np.sum(_across(along) / length**2 * turning, axis=1)
         where, moving = _between(nodes, share, j), _between(velocities, share, j)
-        stations = np.column_stack([where + base, along / length, moving + speed, rate])
+        angle = np.cumsum(q[2::3])[j]
+        stations = np.column_stack([where + base, angle, along / length, moving + speed, rate])
         return share, weight[:, None] * self.core.chain.loads(stations), j
 
     # --------------------------------------------------------------------------------- constraints
