@@ -115,6 +115,11 @@ TABLE = [
         power=lambda x, y, vx, vy, t: -40.0 * PIPE.damping * vy**2,
     ),
     Row(
+        pp.RotationalSpring(at=0.4, stiffness=6.0),
+        couple=lambda theta, omega: -6.0 * theta,
+        energy_of_turning=lambda theta: 3.0 * theta**2,
+    ),
+    Row(
         None,
         numbers={"inflow_share": 0.4},
         load=lambda x, y, vx, vy, t: -0.6 * SPEED * PIPE.beta**0.5 * np.array([vx, vy])[:, 0],

@@ -9,6 +9,7 @@
 #include "pipedyn/terms/damper.hpp"
 #include "pipedyn/terms/foundation.hpp"
 #include "pipedyn/terms/point_mass.hpp"
+#include "pipedyn/terms/rotational_spring.hpp"
 #include "pipedyn/terms/spring.hpp"
 #include "pipedyn/terms/stop.hpp"
 #include "pipedyn/terms/stretching.hpp"
@@ -38,6 +39,7 @@ using Laws = LawTable<PointMass,    //
                       Stop,         //
                       AddedMass,    //
                       Tension,      //
-                      Stretching>;
+                      Stretching,   //
+                      RotationalSpring>;
 
 }  // namespace

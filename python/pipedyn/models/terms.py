@@ -153,6 +153,35 @@ class Spring(Term):
     stiffness: float = number(1e9, mass=1, length=1, time=-2)
 
 
+@saved_as("RotationalSpring")
+@dataclass(frozen=True, repr=False)
+class RotationalSpring(Term):
+    """A rotational spring between one place of the pipe and the ground.
+
+    Its couple -stiffness * theta acts against the angle theta between the tangent of the pipe and
+    the straight axis; it is linear at any amplitude. In a chain theta is the angle of the segment
+    on which the place lies; where two segments meet, of the one that ends there.
+
+    Attributes:
+        at: arc length from the clamp in L, 0 < at <= 1; a spring at the root is `RootSpring`.
+        stiffness: >= 0, in EI / L.
+
+    In `Pipe.from_si`: at in m, stiffness in N m/rad.
+
+    Source: energy stiffness * theta^2 / 2.
+
+    Example:
+        >>> import pipedyn as pp
+        >>> pipe = pp.Pipe(beta=0.2, end="pinned", terms=[pp.RotationalSpring(1.0, 1e9)])
+        >>> round(pp.critical_speed(pp.Continuum(pipe)).speed, 4)
+        6.2832
+    """
+
+    law: ClassVar[str] = "rotational_spring"
+    at: float = place()
+    stiffness: float = number(1e9, mass=1, length=3, time=-2)
+
+
 @saved_as("Damper")
 @dataclass(frozen=True, repr=False)
 class Damper(Term):
