@@ -119,6 +119,7 @@ TABLE = [
         couple=lambda theta, omega: -6.0 * theta,
         energy_of_turning=lambda theta: 3.0 * theta**2,
     ),
+    Row(pp.RotationalDamper(at=0.62, coefficient=0.4), couple=lambda theta, omega: -0.4 * omega),
     Row(
         None,
         numbers={"inflow_share": 0.4},

@@ -182,6 +182,35 @@ class RotationalSpring(Term):
     stiffness: float = number(1e9, mass=1, length=3, time=-2)
 
 
+@saved_as("RotationalDamper")
+@dataclass(frozen=True, repr=False)
+class RotationalDamper(Term):
+    """A viscous damper between one place of the pipe and the ground that resists rotation.
+
+    Its couple is -coefficient * theta', theta' the rate at which the tangent of the pipe turns; it
+    is linear at any amplitude. In a chain theta' is the rate of the segment on which the place
+    lies; where two segments meet, of the one that ends there.
+
+    Attributes:
+        at: arc length from the clamp in L, 0 < at <= 1.
+        coefficient: >= 0, in sqrt(EI (mu_p + mu_f)) L.
+
+    In `Pipe.from_si`: at in m, coefficient in N m s/rad.
+
+    Source: power -coefficient * theta'^2.
+
+    Example:
+        >>> import pipedyn as pp
+        >>> pipe = pp.Pipe(beta=0.2, terms=[pp.RotationalDamper(at=0.5, coefficient=0.1)])
+        >>> round(pp.critical_speed(pp.Continuum(pipe)).speed, 4)
+        5.5483
+    """
+
+    law: ClassVar[str] = "rotational_damper"
+    at: float = place()
+    coefficient: float = number(1e9, mass=1, length=3, time=-1)
+
+
 @saved_as("Damper")
 @dataclass(frozen=True, repr=False)
 class Damper(Term):
