@@ -34,13 +34,12 @@ template <class Real, bool differentiated = false>
 struct Station {
   template <int variable>
   using Number = std::conditional_t<differentiated, Dual<Real, 1u << variable>, Real>;
-  Number<by_position> x;      // position
-  Number<by_position + 1> y;  //
-  Number<by_angle> theta;     // angle of the tangent
-  Number<by_angle> sine, cosine;
-  Number<by_velocity> vx;      // velocity
-  Number<by_velocity + 1> vy;  //
-  Number<by_rate> omega;       // theta'
+  Number<by_position> x;                 // position
+  Number<by_position + 1> y;             //
+  Number<by_angle> theta, sine, cosine;  // angle of the tangent
+  Number<by_velocity> vx;                // velocity
+  Number<by_velocity + 1> vy;            //
+  Number<by_rate> omega;                 // theta'
 };
 
 /// What a law leaves out of its load.
