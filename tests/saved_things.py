@@ -68,6 +68,14 @@ PIPES = {
         terms=[pp.Stretching(100.0)],
     ),
     "pipe in SI": lambda: pp.Pipe.from_si(**HOSE, terms=[pp.PointMass(0.45, 0.01)]),
+    "pipe held against rotation": lambda: pp.Pipe(
+        0.2,
+        terms=[
+            pp.PointMass(0.5, 0.1, 0.02),
+            pp.RotationalSpring(0.6, 4.0),
+            pp.RotationalDamper(0.7, 0.3),
+        ],
+    ),
     "pipe that varies": lambda: pp.Pipe(
         0.2,
         stiffness=lambda s: 1.0 - 0.5 * s + 0.2 * s**2,

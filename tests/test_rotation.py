@@ -160,3 +160,43 @@ def test_its_number_is_found_again_from_what_the_pipe_shows(term):
     guess = dataclasses.replace(term, **{name.split(".")[1]: 0.7 * size})
     found = pp.identify(dataclasses.replace(pipe, terms=[guess]), seen, (name,))
     assert found.values == pytest.approx([size], rel=1e-5)
+
+
+HELD = {"root": "pinned", "end": "pinned", "supports": (0.5,)}
+
+
+@pytest.mark.parametrize("term", TERMS, ids=str)
+@pytest.mark.parametrize("place", [0.5, 1.0])
+def test_a_pipe_turns_against_it_where_it_is_held_across(term, place):
+    """Chains converge at first order there, as the segment before the support turns."""
+    pipe = pp.Pipe(0.2, 5.0, **HELD, terms=[dataclasses.replace(term, at=place)])
+    exact, plain = (
+        pp.eigenvalues(pp.Continuum(one), 2.0, count=4)
+        for one in (pipe, dataclasses.replace(pipe, terms=()))
+    )
+    assert np.abs(exact - plain).max() > 0.01 * np.abs(plain).max()
+    reduced = pp.eigenvalues(pp.Galerkin(pipe, 24, "legendre"), 2.0, count=4)
+    np.testing.assert_allclose(reduced, exact, rtol=1e-8)
+    coarse, fine = (pp.eigenvalues(pp.Chain(pipe, n), 2.0, count=4) for n in (80, 160))
+    np.testing.assert_allclose(2.0 * fine - coarse, exact, rtol=0.005)
+
+
+@pytest.mark.parametrize("term", TERMS, ids=str)
+@pytest.mark.parametrize("kind", [lambda p: pp.Chain(p, 6), lambda p: pp.Galerkin(p, 6)])
+def test_energy_is_kept_account_of_where_the_base_moves(term, kind):
+    """The base does not turn: it feeds what is fixed to the pipe by its acceleration alone."""
+    model = kind(pp.Pipe(0.3, 5.0, drag=0.4, terms=[term]))
+    base = pp.Harmonic(0.05, 9.0)
+    motion = pp.simulate(model, 2.0, 0.5, lambda s: 0.8 * s, base=base, rtol=1e-10, atol=1e-12)
+    assert motion.audit < 1e-7
+
+
+@pytest.mark.parametrize("kind", [lambda p: pp.Chain(p, 27), lambda p: pp.Galerkin(p, 8)])
+def test_a_standing_pipe_rests_where_its_spring_holds_it(kind):
+    """A soft spring leaves the buckled rest, a stiff one leaves none but the straight pipe."""
+    bent, straight = (
+        pp.equilibria(kind(pp.Pipe(0.2, -12.0, terms=[pp.RotationalSpring(0.5, k)])), 0.0)
+        for k in (0.2, 20.0)
+    )
+    assert len(bent.q) > 1
+    assert len(straight.q) == 1
