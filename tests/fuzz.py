@@ -562,12 +562,12 @@ def _pipes() -> Iterator[Target]:
         *NOTHINGS, *WORDS, *LOGICAL, *NOT_FINITE, one_of([1.0, NAN], [True], [[1], [1, 2]])
     )
     for method, name in (
-        *(("speed_si", "u"), ("speed", "V"), ("time_si", "tau"), ("time", "t")),
+        *(("speed_si", "u"), ("speed_from_si", "V"), ("time_si", "tau"), ("time_from_si", "t")),
         *(
             ("frequency_si", "omega"),
-            ("frequency", "omega_si"),
+            ("frequency_from_si", "omega_si"),
             ("length_si", "s"),
-            ("length", "x"),
+            ("length_from_si", "x"),
         ),
     ):
         yield Target(

@@ -300,7 +300,7 @@ RESULTS = {
     "Operators": lambda: pp.Chain(pp.Pipe(0.2, hysteresis=0.01), 2).operators(),
     "Power": lambda: THREE.power(np.full((6, 2), 0.1), 2.0),
     "Power of one state": lambda: THREE.power(np.full(6, 0.1), 2.0),
-    "Modes": lambda: pp.modes(THREE, 2.0, 2),
+    "Modes": lambda: pp.modes(THREE, 2.0, 1),
     "Modes of the continuum": lambda: pp.modes(
         pp.Continuum(pp.Pipe(0.2, terms=[pp.Spring(0.5, 3.0)])), 2.0, 1
     ),

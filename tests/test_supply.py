@@ -290,7 +290,7 @@ def test_from_si_counts_pressure_and_friction():
     # 20 kPa and a metre of water against 5 velocity heads.
     speed = math.sqrt(2.0 * (2e4 + 1000.0 * 9.81) / (1000.0 * 5.0))
     assert pipe.speed_si(supply.speed(pipe)) == pytest.approx(speed, rel=1e-14)
-    assert supply.start == pytest.approx(pipe.speed(1.0))
+    assert supply.start == pytest.approx(pipe.speed_from_si(1.0))
     # In oil of 900 kg/m^3, whose pressure grows with the depth of the outlet.
     dipped = pp.Supply.from_si(
         pipe, pressure=2e4, density=1000.0, friction=5.0, weight=9.81 * 1e-4 * 100.0

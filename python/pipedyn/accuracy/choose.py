@@ -27,7 +27,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipedyn.accuracy.convergence import FAMILIES, ModelFamily, checked_families, fitted_law
-from pipedyn.accuracy.quantities import LONGEST_REFERENCE, RTOL, Quantity, checked_quantity
+from pipedyn.accuracy.quantities import (
+    LONGEST_REFERENCE,
+    RTOL,
+    Quantity,
+    QuantityName,
+    checked_quantity,
+)
 from pipedyn.accuracy.reference import MARGIN, Answer
 from pipedyn.accuracy.trade import TradeRow, measured
 from pipedyn.models.base import Model, checked_pipe
@@ -171,7 +177,7 @@ class NoModel(PipedynError):
 
 def choose(
     pipe: Pipe,
-    quantity: str,
+    quantity: QuantityName,
     tolerance: float | None = None,
     budget: float | None = None,
     among: Any = None,

@@ -13,7 +13,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import partial
-from typing import Any, ClassVar, Self, TypeAlias
+from typing import Any, ClassVar, Literal, Self, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -424,7 +424,7 @@ class MotionOf(_Integrated):
         unbent = replace(pipe, jet_angle=0.0)  # an inclined jet would leave no straight rest
         u = self.steady_speed(pipe)
         model = Galerkin(unbent, max(24, math.ceil(u)) + more, "legendre")
-        found = modes(model, u, 8)
+        found = modes(model, u, 4)
         growth = found.eigenvalues.real  # if all grow equally, the lowest mode is taken
         mode = found.shapes[int(np.argmax(growth >= growth.max() - 0.2 * abs(growth.max())))]
         q = 0.05 * mode.coordinates / mode([pipe.watched])[0]  # 2 % of such a motion is nonlinear
@@ -471,6 +471,8 @@ class LimitCycleAt(_Integrated):
 
 
 # --------------------------------------------------------------------------------- by their names
+
+QuantityName = Literal["critical_speed", "frequencies", "root_loci", "motion", "limit_cycle"]
 
 QUANTITIES: dict[str, type[Quantity]] = {
     kind.name: kind for kind in (CriticalSpeedOf, Frequencies, RootLociOver, MotionOf, LimitCycleAt)

@@ -28,7 +28,7 @@ from pipedyn.models.pencil import ChainPencil, Pencil, real_columns
 from pipedyn.models.pipe import Pipe
 from pipedyn.models.terms import Stretching, Term
 from pipedyn.modular.custom import CustomForces
-from pipedyn.modular.enforcement import ENFORCEMENTS, projection
+from pipedyn.modular.enforcement import ENFORCEMENTS, Enforcement, projection
 from pipedyn.modular.layout import CONSTRAINTS, MODULES, Layout
 from pipedyn.modular.linearisation import SmallMotions
 from pipedyn.modular.motion import SceneMotion
@@ -109,7 +109,7 @@ class Assembly(Model):
         pipe: Pipe,
         modules: Iterable[Module | Term],
         constraints: Iterable[Constraint],
-        enforcement: str = "orthonormal",
+        enforcement: Enforcement = "orthonormal",
     ) -> None:
         given = _parts("modules", modules, (Module, Term))
         terms = tuple(part for part in given if isinstance(part, Term))
@@ -552,7 +552,7 @@ class Assembly(Model):
         still = self.core.from_angles(theta, np.zeros_like(theta))
         return projection(self.motion.groups(still), self.coordinates)[0]
 
-    def accelerations(self, y: ArrayLike, u: float, enforcement: str) -> Array:
+    def accelerations(self, y: ArrayLike, u: float, enforcement: Enforcement) -> Array:
         """Accelerations q'' by one of the dense recursions, to compare with `rhs`; O(n^3).
 
         Args:

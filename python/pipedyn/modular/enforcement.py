@@ -26,6 +26,7 @@ for the singular mass.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from typing import Literal
 
 import numpy as np
 
@@ -119,7 +120,9 @@ def _pseudo_inverse(matrix: Array, size: float) -> Array:
     return vectors[:, good] @ (vectors[:, good] / values[good]).T
 
 
-ENFORCEMENTS: dict[str, Enforce] = {
+Enforcement = Literal["orthonormal", "udwadia-kalaba"]
+
+ENFORCEMENTS: dict[Enforcement, Enforce] = {
     "orthonormal": by_orthonormal_basis,
     "udwadia-kalaba": by_udwadia_kalaba,
 }

@@ -5,9 +5,10 @@ from __future__ import annotations
 
 from numpy.typing import ArrayLike
 
-from pipedyn.models.chain import Chain
+from pipedyn.models.chain import Chain, SpringRule
 from pipedyn.models.pipe import Pipe
 from pipedyn.modular.assembly import Assembly
+from pipedyn.modular.enforcement import Enforcement
 from pipedyn.modular.parts import (
     Clamp,
     Drag,
@@ -23,14 +24,14 @@ def chain(
     pipe: Pipe,
     n: int | None = None,
     *,
-    springs: str | ArrayLike = "consistent",
+    springs: SpringRule | ArrayLike = "consistent",
     lengths: ArrayLike | None = None,
     centres: ArrayLike | None = None,
     gyration_radii: ArrayLike | None = None,
     drag_points: ArrayLike | None = None,
     base: float = 0.0,
     masses: ArrayLike | None = None,
-    enforcement: str = "orthonormal",
+    enforcement: Enforcement = "orthonormal",
 ) -> Assembly:
     """The chain of `pipedyn.Chain`, put together from parts, with internal flow and drag.
 
