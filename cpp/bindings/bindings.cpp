@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: MIT
-// With the other files of bindings/ all that knows Python: names and checks the arguments, releases
-// the interpreter lock, computes nothing.
+// The files of bindings/ are all that knows Python. They name and check the arguments and release
+// the interpreter lock; they compute nothing.
 #include <pybind11/complex.h>
 #include <pybind11/eigen.h>
 #include <pybind11/numpy.h>
@@ -22,7 +22,7 @@ using pipedyn::NumberOrArray, pipedyn::Unlocked;
 
 namespace {
 
-/// Name of the law, arc length, the law's numbers.
+/// A term as Python hands it over: name of its law, its arc length, the numbers of the law.
 using TermArguments = std::tuple<std::string, double, std::vector<double>>;
 
 pipedyn::End end_of(const std::string& name) {
