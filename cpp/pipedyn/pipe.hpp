@@ -63,14 +63,12 @@ struct Pipe {
 struct Operators {
   Matrix mass, gyroscopic, end_flux, damping, stiffness, flux, unsteady;
 
-  explicit Operators(Index dof)
-      : mass(Matrix::Zero(dof, dof)),
-        gyroscopic(Matrix::Zero(dof, dof)),
-        end_flux(Matrix::Zero(dof, dof)),
-        damping(Matrix::Zero(dof, dof)),
-        stiffness(Matrix::Zero(dof, dof)),
-        flux(Matrix::Zero(dof, dof)),
-        unsteady(Matrix::Zero(dof, dof)) {}
+  explicit Operators(Index dof) {
+    for (Matrix* const of :
+         {&mass, &gyroscopic, &end_flux, &damping, &stiffness, &flux, &unsteady}) {
+      of->setZero(dof, dof);
+    }
+  }
 };
 
 /// What multiplies the parts of the straight pipe's linear problem: stiffness, damping and inertia,
@@ -86,12 +84,11 @@ struct LinearPart {
 struct Works {
   Eigen::ArrayXd mass, gyroscopic, resisted, circulated, lost;
 
-  explicit Works(Index count)
-      : mass(Eigen::ArrayXd::Zero(count)),
-        gyroscopic(mass),
-        resisted(mass),
-        circulated(mass),
-        lost(mass) {}
+  explicit Works(Index count) {
+    for (Eigen::ArrayXd* const of : {&mass, &gyroscopic, &resisted, &circulated, &lost}) {
+      of->setZero(count);
+    }
+  }
 };
 
 }  // namespace pipedyn

@@ -9,6 +9,9 @@
 
 namespace pipedyn {
 
+/// The rates at each stage, rows of as many columns as go on.
+using Stages = std::vector<Vector>;
+
 class Dop853 final : public Integrator {
  public:
   /// start: (rows, members), all at one time.
@@ -22,14 +25,9 @@ class Dop853 final : public Integrator {
   void keep(const std::vector<Index>& columns) override;
 
  private:
-  using Stages = std::vector<Vector>;  // the rates of each, rows of active() columns
   Index active() const { return static_cast<Index>(which_.size()); }
   Index entries() const { return rows_ * active(); }
   void evaluate(const Vector& y, Vector& rates, double share);
-  static Index present(const Stages& of, const double* weights, Index terms, double* found,
-                       const double** k);
-  static void combine(const Stages& of, const double* weights, Index terms, const Vector& y,
-                      const Vector& steps, Index entries, Vector& out);
   void choose_first_steps();
   void measure_errors();
   void control(Index j, double end);
