@@ -55,6 +55,11 @@ struct Pipe {
   double entry() const { return (1.0 - inflow_share) * direction() * sqrt_beta(); }
 };
 
+/// The numbers of a pipe as Python gives them, in the order of OWN_NUMBERS in models/pipe.py.
+inline constexpr std::array own_numbers{&Pipe::beta,         &Pipe::gamma,    &Pipe::centrifugal,
+                                        &Pipe::drag,         &Pipe::damping,  &Pipe::hysteresis,
+                                        &Pipe::inflow_share, &Pipe::jet_angle};
+
 /// Linear operators about the straight pipe at rest, each (dof, dof):
 ///   mass q'' + (s u (gyroscopic + end_flux) + damping) q'
 ///     + (stiffness + a u^2 flux + s u' unsteady) q = 0.

@@ -28,7 +28,7 @@ from pipedyn.models.base import checked_pipe
 from pipedyn.models.continuum import LARGEST, Continuum
 from pipedyn.models.drive import Pulsation, Supply
 from pipedyn.models.galerkin import Galerkin
-from pipedyn.models.pipe import OWN_NUMBERS, Pipe
+from pipedyn.models.pipe import DEFAULTS, OWN_NUMBERS, Pipe
 from pipedyn.models.profile import Profile
 from pipedyn.models.supports import RootSpring
 from pipedyn.models.terms import Foundation, Spring
@@ -48,14 +48,12 @@ EFFECTS = {
     "damping": "damping",
     "hysteresis": "hysteresis",
     "Coriolis": "beta",
-    "end coefficient": "alpha",
     "centrifugal": "alpha",
-    "inflow": "inflow_share",
-    "jet angle": "jet_angle",
+    **{one.effect: name for name, one in OWN_NUMBERS.items() if one.effect},
 }
 """Names of the numbers of the pipe by the effects that they switch off."""
 
-ABSENT = {"end coefficient": 1.0, "inflow": 1.0, "jet angle": 0.0}
+ABSENT = {one.effect: DEFAULTS[name] for name, one in OWN_NUMBERS.items() if one.effect}
 """Values of numbers, by effect, at which the pipe lacks the effect; it is then not listed."""
 
 PROFILES = {"varying stiffness": "stiffness", "varying mass": "mass"}

@@ -57,6 +57,8 @@ class OwnNumber:
         not_small: why small motions about the straight pipe do not know it; empty where they do.
         not_large: why motions in time do not; empty where they do.
         unit: in SI; None where it has none.
+        effect: what `relevant` calls its effect, which a pipe lacks where it is at its default;
+            empty where the effect is another or goes with 0.
     """
 
     word: str
@@ -67,6 +69,7 @@ class OwnNumber:
     not_small: str = ""
     not_large: str = ""
     unit: Unit | None = None
+    effect: str = ""
 
     @property
     def letter(self) -> str:
@@ -79,7 +82,10 @@ OWN_NUMBERS = {
         "mass ratio", r"\beta", {"low": 0.0, "high": 1.0, "open_high": True}, (0.02, 0.95)
     ),
     "gamma": OwnNumber("gravity", r"\gamma", {"low": -1e6, "high": 1e6}, (-20.0, 60.0)),
-    "alpha": OwnNumber("end coefficient", r"\alpha", {"low": 0.0, "high": 1e6}, (0.0, 2.0)),
+    "alpha": OwnNumber(
+        *("end coefficient", r"\alpha", {"low": 0.0, "high": 1e6}, (0.0, 2.0)),
+        effect="end coefficient",
+    ),
     "drag": OwnNumber(
         *("drag", r"\kappa", {"low": 0.0, "high": 1e9}),
         not_small="drag has no part in small motions",
@@ -90,15 +96,18 @@ OWN_NUMBERS = {
         not_large="a pipe with hysteresis has no equation of motion in time",
     ),
     "inflow_share": OwnNumber(
-        "inflow share", "c", {"low": 0.0, "high": 1.0}, (0.0, 1.0), flow="aspirating"
+        *("inflow share", "c", {"low": 0.0, "high": 1.0}, (0.0, 1.0)),
+        flow="aspirating",
+        effect="inflow",
     ),
     "jet_angle": OwnNumber(
         *("jet angle", r"\psi", {"low": -math.pi, "high": math.pi}),
         flow="ejecting",
         not_small="the straight pipe is no equilibrium of an inclined jet",
+        effect="jet angle",
     ),
 }
-"""The numbers of a pipe by their names as arguments."""
+"""The numbers of a pipe by their names as arguments, in the order of `own_numbers` in pipe.hpp."""
 
 
 @saved_as("Pipe")
@@ -400,6 +409,14 @@ class Pipe(Saved):
         """
         across = self.alpha * abs(math.sin(self.jet_angle))
         return 0.0 if self.end_held or across < 1e-15 else across
+
+    @property
+    def bare(self) -> bool:
+        """Whether it is uniform, nothing but the flow acts on it, and no support holds it between.
+
+        Weight, damping and drag, which are uniform along the pipe, are no matter here.
+        """
+        return not (self.terms or self.supports or self.stiffness or self.mass)
 
     @property
     def cantilevered(self) -> bool:
