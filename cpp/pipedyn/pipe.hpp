@@ -40,6 +40,7 @@ struct Pipe {
   Profile stiffness{};             // e, bending stiffness along the pipe, of reduced models
   Profile mass{};                  // m, mass per length, with the fluid's beta, of reduced models
   double hysteresis = 0.0;         // mu, loss factor; of linear questions alone
+  double rotary_inertia = 0.0;     // J, of cross-sections by length
 
   double sqrt_beta() const { return std::sqrt(beta); }
   /// Whether the end keeps the direction of the axis.
@@ -56,9 +57,10 @@ struct Pipe {
 };
 
 /// The numbers of a pipe as Python gives them, in the order of OWN_NUMBERS in models/pipe.py.
-inline constexpr std::array own_numbers{&Pipe::beta,         &Pipe::gamma,    &Pipe::centrifugal,
-                                        &Pipe::drag,         &Pipe::damping,  &Pipe::hysteresis,
-                                        &Pipe::inflow_share, &Pipe::jet_angle};
+inline constexpr std::array own_numbers{
+    &Pipe::beta,         &Pipe::gamma,     &Pipe::centrifugal,
+    &Pipe::drag,         &Pipe::damping,   &Pipe::hysteresis,
+    &Pipe::inflow_share, &Pipe::jet_angle, &Pipe::rotary_inertia};
 
 /// Linear operators about the straight pipe at rest, each (dof, dof):
 ///   mass q'' + (s u (gyroscopic + end_flux) + damping) q'

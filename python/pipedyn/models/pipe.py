@@ -106,11 +106,14 @@ OWN_NUMBERS = {
         not_small="the straight pipe is no equilibrium of an inclined jet",
         effect="jet angle",
     ),
+    "rotary_inertia": OwnNumber(
+        *("rotary inertia", "J", {"low": 0.0, "high": 1e3}), effect="rotary inertia"
+    ),
 }
 """The numbers of a pipe by their names as arguments, in the order of `own_numbers` in pipe.hpp."""
 
 
-@saved_as("Pipe")
+@saved_as("Pipe", added=("rotary_inertia",))
 @dataclass(frozen=True)
 class Pipe(Saved):
     """A pipe conveying fluid, a cantilever if not told, in units of L, mu_p + mu_f and EI.
@@ -140,6 +143,9 @@ class Pipe(Saved):
         jet_angle: of an ejecting pipe, angle psi in rad, in [-pi, pi], from the tangent at its free
             end to the jet of an inclined nozzle: at theta(1) + psi from the downward vertical. Such
             a pipe rests bent, see `equilibria`; the straight one is no equilibrium of the flow.
+        rotary_inertia: J >= 0, moment of inertia of a cross-section about the axis across the plane
+            of motion, by length, in units of (mu_p + mu_f) L^2, with that of the fluid in it as far
+            as it turns with the pipe. It is the same all along the pipe, and 0 of a slender one.
         terms: what else acts on the pipe, such as `PointMass` and `Spring`: a sequence of at most
             400 terms, kept as a tuple.
         root: how the pipe is held at s = 0: "clamped", "pinned" (a hinge) or a `RootSpring`, a
@@ -170,8 +176,9 @@ class Pipe(Saved):
 
     Source: Orsino and Di Giulio, eqs. (1)-(9); delta, mu and inflow_share are not in the paper. Of
     mu Paidoussis (1970). The last is Hamilton's principle for open systems (McIver 1973) with an
-    inflow of that velocity. Of inclined nozzles Lundgren, Sethna and Bajaj (1979). Of supported
-    pipes Paidoussis, Fluid-Structure Interactions, vol. 1, ch. 3.
+    inflow of that velocity. Of inclined nozzles Lundgren, Sethna and Bajaj (1979). Of rotary
+    inertia Rayleigh, The Theory of Sound, vol. 1, sec. 162. Of supported pipes Paidoussis,
+    Fluid-Structure Interactions, vol. 1, ch. 3.
     """
 
     beta: float
@@ -183,6 +190,7 @@ class Pipe(Saved):
     hysteresis: float = field(default=0.0, kw_only=True)
     inflow_share: float = field(default=1.0, kw_only=True)
     jet_angle: float = field(default=0.0, kw_only=True)
+    rotary_inertia: float = field(default=0.0, kw_only=True)
     terms: Sequence[Term] = field(default=(), kw_only=True)
     root: Root = field(default="clamped", kw_only=True)
     end: End = field(default="free", kw_only=True)
@@ -240,6 +248,7 @@ class Pipe(Saved):
         nozzle_ratio: float | None = None,
         inflow_share: float = 1.0,
         jet_angle: float = 0.0,
+        rotary_inertia: float = 0.0,
         terms: Sequence[Term] = (),
         root: Root = "clamped",
         end: End = "free",
@@ -274,6 +283,8 @@ class Pipe(Saved):
                 say a nozzle's mass.
             inflow_share: share of the free end's velocity that the fluid has before it enters.
             jet_angle: angle of an inclined nozzle's jet to the tangent at the free end, rad.
+            rotary_inertia: kg m, density times second moment of area of the pipe's section, with
+                what of the fluid turns along.
             terms: what else acts on the pipe, its numbers in SI units, `at` in m; `terms_si` gives
                 them back.
             root: "clamped", "pinned" or a `RootSpring`, its stiffness in N m/rad.
@@ -354,6 +365,10 @@ class Pipe(Saved):
             ),
             "drag": (drag, f"drag_coefficient, {outside}, length and the masses"),
             "damping": (damping_time / time, f"damping_time, {every}"),
+            "rotary_inertia": (
+                check.real("rotary_inertia", rotary_inertia, low=0.0) / (mass * length * length),
+                "its SI value, length and the masses",
+            ),
         }
         checked = {
             name: check.real(f"{name} from {causes}", value, **OWN_NUMBERS[name].rule)
@@ -414,9 +429,11 @@ class Pipe(Saved):
     def bare(self) -> bool:
         """Whether it is uniform, nothing but the flow acts on it, and no support holds it between.
 
-        Weight, damping and drag, which are uniform along the pipe, are no matter here.
+        Weight, damping and drag, which are uniform along the pipe, are no matter here. Rotary
+        inertia, of which high modes have more, is.
         """
-        return not (self.terms or self.supports or self.stiffness or self.mass)
+        varied = self.terms or self.supports or self.stiffness or self.mass
+        return not varied and self.rotary_inertia == 0.0
 
     @property
     def cantilevered(self) -> bool:
