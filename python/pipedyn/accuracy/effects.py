@@ -13,13 +13,14 @@ from typing import Any
 import numpy as np
 
 from pipedyn.accuracy.quantities import (
+    MARGIN,
+    Answer,
     MotionOf,
     Quantity,
     QuantityName,
     checked_quantity,
     conditions_of,
 )
-from pipedyn.accuracy.reference import MARGIN, Answer
 from pipedyn.cycles.limit_cycle import NoCycle
 from pipedyn.linear.critical_speed import NoCrossing, largest_tension
 from pipedyn.linear.modes import CONTINUUM_SPEED, modes
@@ -255,7 +256,7 @@ def relevant(
         simpler = _without(pipe, names)
         growth = _growth_at(simpler, speed)
         gone = [change for one, (_, change) in drives.items() if one in names]
-        left = asked.changed(dict(ChainMap(*gone)))
+        left: Any = replace(asked, **ChainMap(*gone))  # type: ignore[type-var]
         try:
             without, found = _outcome(left, simpler, tolerance)
         except PipedynError as failure:
