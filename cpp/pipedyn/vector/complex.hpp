@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: MIT
 //
-// Complex numbers, one in each lane of a vector. Local to each translation unit, like pack.hpp.
+// Complex numbers, one in each lane of a vector.
+//
+// The file is local to each translation unit, like pack.hpp.
 #pragma once
 
 #include "pipedyn/vector/pack.hpp"
