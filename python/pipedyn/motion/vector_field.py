@@ -25,6 +25,11 @@ class VectorField:
     forced = False
     """Whether f depends on time as well, as it does in a `ForcedField`."""
 
+    order = 1
+    """Forcing periods in the period of an orbit."""
+
+    _frequency = 1.0  # of the forcing; any without one
+
     reach = 1.0
     """Displacement of the free end, in L, that is the unit of steps along a branch of orbits."""
 
@@ -97,12 +102,16 @@ class VectorField:
         return np.zeros_like(y)
 
     def is_odd(self, u: float) -> bool:
-        """Whether the mirror image of every motion is a motion, tested at three states."""
+        """Whether the mirror image of every motion is a motion, tested at three states.
+
+        Of a forced motion it is one half an orbit later.
+        """
         if self.resting().any():
             return False
-        y = self.some_states()
-        rates = self(np.concatenate([y, -y], axis=1), u)
-        ahead, behind = rates[:, :3], rates[:, 3:]
+        y, phases = self.some_states(), np.array([0.3, 1.1, 2.5])
+        frequency = self._frequency / self.order
+        ahead = self.along(phases, frequency)(y, u)
+        behind = self.along(phases + math.pi, frequency)(-y, u)
         return bool(np.abs(ahead + behind).max() <= 1e-9 * np.abs(ahead).max())
 
     def some_states(self) -> Array:
@@ -211,16 +220,6 @@ class ForcedField(VectorField):
         ahead, behind, h = copy(self), copy(self), 0.5 * self._frequency
         ahead._frequency, behind._frequency = self._frequency + h, self._frequency - h
         return self.order * (ahead(y, u) - behind(y, u)) / (2.0 * h)
-
-    def is_odd(self, u: float) -> bool:
-        """Whether the mirror image of a motion, half an orbit later, is a motion as well."""
-        if self.resting().any():
-            return False
-        y = self.some_states()
-        phases, w = np.array([0.3, 1.1, 2.5]), self.forcing.frequency / self.order
-        ahead = self.along(phases, w)(y, u)
-        behind = self.along(phases + math.pi, w)(-y, u)
-        return bool(np.abs(ahead + behind).max() <= 1e-9 * np.abs(ahead).max())
 
 
 @dataclass(frozen=True)
