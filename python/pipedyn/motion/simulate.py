@@ -13,7 +13,7 @@ from __future__ import annotations
 import math
 import os
 from collections.abc import Callable, Sequence
-from contextlib import nullcontext
+from contextlib import nullcontext, suppress
 from contextvars import copy_context
 from dataclasses import field, replace
 from functools import partial
@@ -694,6 +694,23 @@ def modal_bend(parts: ArrayLike) -> Callable[[Array], Array]:
         return np.asarray(parts @ np.sin(np.outer(waves, math.pi * s)))
 
     return bend
+
+
+def initial_bends(model: Model, count: int, seed: int) -> list[Array]:
+    """Initial coordinates, the first a slight bend, the others mixtures of three shapes.
+
+    Amplitudes range from a hundredth of a radian to some radians.
+    """
+    random = np.random.default_rng(seed)
+    found = [model.bent(slight_bend)]
+    while len(found) < count:
+        parts = random.uniform(-1.0, 1.0, 3) * np.array([2.0, 1.0, 0.5])
+        parts *= 10.0 ** random.uniform(-1.5, 0.0)
+        for halved in 0.5 ** np.arange(6):
+            with suppress(PipedynError):  # guides and pins that such a bend cannot meet
+                found.append(model.bent(modal_bend(halved * parts)))
+                break
+    return found
 
 
 def checked_model_in_motion(

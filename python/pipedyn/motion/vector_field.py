@@ -5,10 +5,11 @@ from __future__ import annotations
 
 import math
 from copy import copy
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from pipedyn.linear.differences import STENCIL
 from pipedyn.models.base import Model
@@ -219,3 +220,55 @@ class ForcedField(VectorField):
         ahead, behind, h = copy(self), copy(self), 0.5 * self._frequency
         ahead._frequency, behind._frequency = self._frequency + h, self._frequency - h
         return self.order * (ahead(y, u) - behind(y, u)) / (2.0 * h)
+
+
+@dataclass(frozen=True)
+class Excitation:
+    """What drives the motions: the flow and, in some, the base, from time 0 on.
+
+    Attributes:
+        u: flow speed, steady or pulsating.
+        base: the base's motion, None at rest.
+    """
+
+    u: float | Pulsation
+    base: Harmonic | None = None
+
+    @property
+    def period(self) -> float:
+        """After which it repeats; 0 where all is steady."""
+        driving = self.base or self.u
+        return 0.0 if isinstance(driving, float) else 2.0 * math.pi / driving.frequency
+
+    @property
+    def mean(self) -> float:
+        """The flow speed, or its mean."""
+        return self.u.mean if isinstance(self.u, Pulsation) else self.u
+
+    def field(self, model: Model, order: int = 1) -> VectorField:
+        """The vector field of a model, if it is driven for orbits of so many of its periods."""
+        if isinstance(self.u, Pulsation):
+            return ForcedField(model, self.u, order, self.base)
+        return ForcedField(model, self.base, order) if self.base else VectorField(model)
+
+    def is_odd(self, model: Model) -> bool:
+        """Whether the mirror image of every motion is one, half a period later if it shifts."""
+        if self.shifts and isinstance(self.u, Pulsation):  # which is another by then
+            return False
+        return VectorField(model).is_odd(self.mean)
+
+    @property
+    def shifts(self) -> bool:
+        """Whether it takes half a period until the mirror image of all that drives acts."""
+        return self.base is not None and self.base.direction == "x"
+
+    def whole(self, time: float) -> float:
+        """The time, rounded up to whole periods."""
+        return math.ceil(time / self.period - 1e-9) * self.period if self.period else time
+
+    def phases(self, t: ArrayLike) -> Array:
+        """Two columns that tell the phases at times apart, (k, 2); none where all is steady."""
+        phase = 2.0 * math.pi * np.asarray(t, dtype=np.float64) / (self.period or 1.0)
+        if not self.period:
+            return np.empty((phase.size, 0))
+        return np.stack([np.cos(phase), np.sin(phase)], axis=1)
