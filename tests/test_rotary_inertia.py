@@ -132,6 +132,25 @@ def test_large_motions_of_chain_and_reduced_model_tend_to_each_other():
     assert coarse / fine == pytest.approx(4.0, rel=0.05)
 
 
+def test_flutter_emerges_from_chains_and_scenes_as_from_the_reduced_model():
+    """Speed, frequency and first Lyapunov coefficient, whose distance falls with the square."""
+    pipe = replace(THICK, damping=2e-3)
+    numbers = [
+        np.array([onset.speed, onset.frequency, onset.lyapunov])
+        for onset in map(
+            pp.hopf,
+            (
+                *(pp.Galerkin(pipe, 10, "legendre"), pp.Chain(pipe, 40), pp.Chain(pipe, 20)),
+                pp.modular.chain(pipe, 20),
+            ),
+        )
+    ]
+    exact, fine, coarse, scene = numbers
+    assert fine == pytest.approx(exact, rel=2e-3)
+    assert (coarse - exact) / (fine - exact) == pytest.approx(4.0, rel=0.1)
+    assert scene == pytest.approx(coarse, rel=1e-9)
+
+
 def test_supports_hold_it_and_a_pinned_pipe_has_the_frequencies_of_a_textbook():
     """Of a simply supported Rayleigh beam omega_k^2 = (k pi)^4 / (1 + J (k pi)^2)."""
     pipe = replace(THICK, root="pinned", end="pinned")

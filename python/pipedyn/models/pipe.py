@@ -57,8 +57,8 @@ class OwnNumber:
         not_small: why small motions about the straight pipe do not know it; empty where they do.
         not_large: why motions in time do not; empty where they do.
         unit: in SI; None where it has none.
-        effect: what `relevant` calls its effect, which a pipe lacks where it is at its default;
-            empty where the effect is another or goes with 0.
+        effect: name of the effect that `relevant` switches off by setting the number to its
+            default; empty where the effect vanishes with the number, as gravity does with gamma.
     """
 
     word: str
@@ -429,8 +429,8 @@ class Pipe(Saved):
     def bare(self) -> bool:
         """Whether it is uniform, nothing but the flow acts on it, and no support holds it between.
 
-        Weight, damping and drag, which are uniform along the pipe, are no matter here. Rotary
-        inertia, of which high modes have more, is.
+        Weight, damping and drag, which are uniform along the pipe, are allowed. Rotary inertia is
+        not, as high modes have more of it than low ones.
         """
         varied = self.terms or self.supports or self.stiffness or self.mass
         return not varied and self.rotary_inertia == 0.0

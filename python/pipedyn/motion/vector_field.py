@@ -28,7 +28,7 @@ class VectorField:
     order = 1
     """Forcing periods in the period of an orbit."""
 
-    _frequency = 1.0  # of the forcing; any without one
+    _frequency = 1.0  # of the forcing; without forcing nothing depends on it
 
     reach = 1.0
     """Displacement of the free end, in L, that is the unit of steps along a branch of orbits."""
