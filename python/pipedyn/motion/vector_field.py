@@ -50,10 +50,17 @@ class VectorField:
         self.evaluations += states
         evaluated(states)
 
+    def _driven(self, u: Any) -> tuple[Any, Array | None]:
+        """Flow speed or speeds, (k,), and other forcing, (ROWS, k), or None, for k states."""
+        return u, None
+
     def __call__(self, y: Array, u: float | Array) -> Array:
-        """Rates of the k states in the columns, (2 integrated, k), at one flow speed or at k."""
+        """Rates of the k states in the columns, shape (2 integrated, k), at one flow speed or at k.
+
+        Where the field is forced, the states are at the k phases that `along` was given.
+        """
         self._count(y.shape[1])
-        return self.model.motion_rates(y, u)
+        return self.model.motion_rates(y, *self._driven(u))
 
     def along(self, phases: Array, frequency: float) -> VectorField:
         """The field for states at phases of an orbit, which is this one as f has no time."""
@@ -66,12 +73,15 @@ class VectorField:
     def jacobians(self, y: Array, u: float) -> Array:
         """df/dy of the k states in the columns, shape (k, 2 integrated, 2 integrated)."""
         self._count(y.shape[1])
-        return self.model.motion_jacobian(y, u)
+        return self.model.motion_jacobian(y, *self._driven(u))
 
     def linearised(self, y: Array, u: float) -> Array:
-        """f, df/du and df/dy at states (2 integrated, k), (k, 2 + 2 integrated, 2 integrated)."""
+        """f, df/du and df/dy at states (2 integrated, k), (k, 2 + 2 integrated, 2 integrated).
+
+        The relative amplitude of a pulsating flow is constant in df/du.
+        """
         self._count(2 * y.shape[1])
-        return self.model.motion_linearised(y, u)
+        return self.model.motion_linearised(y, *self._driven(u))
 
     def by_speed(self, y: Array, u: float) -> Array:
         """df/du of the states in the columns at u > 0, exact since f is of second degree in u."""
@@ -95,7 +105,8 @@ class VectorField:
 
     def kinks(self, y: Array) -> Array:
         """Functions, (functions, k), of k states that change sign where derivatives of f jump."""
-        return self.model.kinks(*np.split(y, 2))
+        (p, rates), (_, drive) = np.split(y, 2), self._driven(0.0)
+        return self.model.kinks(p, rates, drive)
 
     def by_frequency(self, y: Array, u: float) -> Array:
         """df/dw by the frequency w of an orbit, for each column; 0 unless the motion is forced."""
@@ -178,8 +189,7 @@ class ForcedField(VectorField):
             return replace(self.forcing, frequency=self.order * frequency)
         return float(u)
 
-    def _driven(self, u: float) -> tuple[Array, Array]:
-        """Flow speeds, (k,), and other forcing, (ROWS, k), at the phases."""
+    def _driven(self, u: Any) -> tuple[Any, Array | None]:
         flow, base, phases, w = self.forcing, self.base, self._phases, self._frequency
         drive, speeds = np.zeros((ROWS, phases.size)), np.full(phases.size, u)
         if isinstance(flow, Pulsation):
@@ -191,29 +201,6 @@ class ForcedField(VectorField):
             drive[row + 2] = -base.amplitude * w * np.sin(phases)
             drive[row + 4] = -base.amplitude * w**2 * np.cos(phases)
         return speeds, drive
-
-    def __call__(self, y: Array, u: float | Array) -> Array:
-        """Rates of the states in the columns, shape (2 integrated, k), at the k phases."""
-        self._count(y.shape[1])
-        speeds, drive = self._driven(float(u))
-        return self.model.motion_rates(np.ascontiguousarray(y), speeds, drive)
-
-    def jacobians(self, y: Array, u: float) -> Array:
-        """df/dy of the states in the columns at the k phases, (k, 2 integrated, 2 integrated)."""
-        self._count(y.shape[1])
-        speeds, drive = self._driven(u)
-        return self.model.motion_jacobian(np.ascontiguousarray(y), speeds, drive)
-
-    def linearised(self, y: Array, u: float) -> Array:
-        """f, df/du at constant relative pulsation, df/dy, (k, 2 + 2 integrated, 2 integrated)."""
-        self._count(2 * y.shape[1])
-        speeds, drive = self._driven(u)
-        return self.model.motion_linearised(np.ascontiguousarray(y), speeds, drive)
-
-    def kinks(self, y: Array) -> Array:
-        """Functions, (functions, k), of states at the phases that change sign where f has kinks."""
-        (p, rates), (_, drive) = np.split(y, 2), self._driven(0.0)
-        return self.model.kinks(p, rates, drive)
 
     def by_frequency(self, y: Array, u: float) -> Array:
         """df/dw by the frequency w of the orbit, exact since f is of second degree in it."""
