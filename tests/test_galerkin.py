@@ -10,7 +10,7 @@ import pytest
 from independent import gauss
 from numpy.polynomial import Legendre, Polynomial
 from scipy.integrate import quad
-from scipy.special import eval_legendre
+from scipy.special import eval_legendre, roots_legendre
 
 import pipedyn as pp
 
@@ -70,12 +70,24 @@ def test_beam_modes_are_orthogonal_with_unit_mass():
     np.testing.assert_allclose(model.operators().stiffness, np.diag(roots**4), rtol=1e-12)
 
 
+def test_beam_modes_of_high_number_are_orthogonal():
+    model = pp.Galerkin(pp.Pipe(0.2), 2000)
+    nodes, weights = roots_legendre(4060)
+    every = [model.functions(0.5 * nodes + 0.5, derivative)[:, -3:] for derivative in range(3)]
+    assert np.isfinite(every).all()
+    np.testing.assert_allclose(every[0].T * (0.5 * weights) @ every[0], np.eye(3), atol=1e-9)
+
+
 def test_legendre_functions_have_legendre_polynomials_for_curvature():
     model = pp.Galerkin(pp.Pipe(0.2), 30, "legendre")
     s = np.linspace(0.0, 1.0, 41)
     for i in range(30):
         expected = math.sqrt(2 * i + 1) * eval_legendre(i, 2.0 * s - 1.0)
         np.testing.assert_allclose(model.functions(s, 2)[:, i], expected, atol=1e-12)
+    high = pp.Galerkin(pp.Pipe(0.2), 2000, "legendre")
+    expected = math.sqrt(3999) * eval_legendre(1999, 2.0 * s - 1.0)
+    np.testing.assert_allclose(high.functions(s, 2)[:, -1], expected, atol=1e-9)
+    assert np.isfinite([high.functions(s, derivative) for derivative in (0, 1)]).all()
     nodes, weights = gauss(40)
     curvatures = model.functions(nodes, 2)
     np.testing.assert_allclose(curvatures.T * weights @ curvatures, np.eye(30), atol=1e-13)
