@@ -4,15 +4,13 @@
 import itertools
 import math
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import replace
 from functools import partial
 
 import numpy as np
 import pytest
 from independent import bent_state, derivative, gauss, second_derivative
 from numpy.polynomial import Legendre
-from scipy.integrate import solve_ivp
-from scipy.optimize import brentq, root
+from scipy.optimize import brentq
 from scipy.special import roots_legendre
 
 import pipedyn as pp
@@ -128,37 +126,6 @@ def test_pipe_and_fluid_obey_dalembert(m, basis, flow):
 
 
 @pytest.mark.parametrize("flow", FLOWS)
-@pytest.mark.parametrize("basis", BASES)
-@pytest.mark.parametrize("effects", range(16))
-def test_power_is_the_energys_rate_with_every_effect_on_and_off(effects, basis, flow):
-    rng = np.random.default_rng(effects)
-    gravity, drag, damping, flowing = (bool(effects >> bit & 1) for bit in range(4))
-    pipe = pp.Pipe(
-        0.4,
-        gamma=-7.0 if gravity else 0.0,
-        flow=flow,
-        alpha=0.7,
-        drag=1.5 if drag else 0.0,
-        damping=0.01 if damping else 0.0,
-    )
-    model = pp.Galerkin(pipe, 5, basis)
-    u = 6.0 if flowing else 0.0
-    for angle in (0.5, 3.0):
-        y = bent_state(model, rng, angle)
-        slope = model.rhs(0.0, y, u)
-        power = model.power(y, u)
-        speed = np.linalg.norm(slope) / np.linalg.norm(y)
-        rate = derivative(lambda t, y=y, slope=slope: model.energy(y + t * slope), 3e-3 / speed)
-        # The modes exchange energy far faster than the pipe gains it, which differences show.
-        assert rate == pytest.approx(power.total, abs=1e-11 * model.energy(y) * speed)
-        assert power.total == power.flow + power.joints + power.drag
-        assert power.others == 0.0
-        assert (power.flow != 0.0) == flowing
-        assert (power.joints < 0.0) == damping
-        assert (power.drag < 0.0) == drag
-
-
-@pytest.mark.parametrize("flow", FLOWS)
 def test_the_flow_works_at_the_free_end_only(flow):
     rng = np.random.default_rng(3)
     model = pp.Galerkin(pp.Pipe(0.25, gamma=2.0, flow=flow, alpha=0.7), 4, "legendre")
@@ -214,53 +181,6 @@ def test_jacobian_is_the_derivative_of_rhs(drag, basis, flow, terms):
         error = np.abs(found - expected).max(axis=0) / np.abs(expected).max(axis=0)
         # With drag the difference's steps move the kinks of the integrand.
         assert error.max() < (3e-6 if drag else 1e-9)
-
-
-@pytest.mark.parametrize(("flow", "terms"), LOADS)
-@pytest.mark.parametrize("basis", BASES)
-def test_small_motions_are_those_of_the_operators(basis, flow, terms):
-    """Drag included: it has no linear part, and a Jacobian at rest."""
-    rng = np.random.default_rng(6)
-    pipe = pp.Pipe(0.4, gamma=5.0, flow=flow, alpha=0.7, drag=2.0, damping=0.01, terms=terms)
-    model = pp.Galerkin(pipe, 6, basis)
-    mass, damping, stiffness = model.operators().at(5.0)
-    linear = np.linalg.solve(mass, np.hstack([-stiffness, -damping]))
-    jacobian = model.jacobian(0.0, np.zeros(12), 5.0)
-    np.testing.assert_allclose(jacobian[6:], linear, atol=1e-10 * np.abs(linear).max())
-    np.testing.assert_array_equal(jacobian[:6], np.eye(12)[6:])
-    straight = model.operators(np.zeros(6))
-    for name in OPERATORS:
-        expected = getattr(model.operators(), name)
-        size = max(1.0, np.abs(expected).max())
-        np.testing.assert_allclose(getattr(straight, name), expected, atol=1e-13 * size)
-    smooth = pp.Galerkin(replace(pipe, drag=0.0), 6, basis)
-    y = bent_state(model, rng, 1.0)
-    errors = [
-        np.abs(smooth.rhs(0.0, size * y, 5.0)[6:] / size - linear @ y).max() for size in (0.1, 0.01)
-    ]
-    assert errors[1] == pytest.approx(errors[0] / 100.0, rel=0.05)
-
-
-@pytest.mark.parametrize("basis", BASES)
-def test_operators_about_a_buckled_pipe_are_its_small_motions(basis):
-    """Standing under too much weight it rests bent; there the Jacobian is that of the operators."""
-    model = pp.Galerkin(pp.Pipe(0.3, gamma=-12.0, damping=0.02), 5, basis)
-
-    def force(q):
-        return model.rhs(0.0, np.concatenate([q, np.zeros(5)]), 1.0)[5:]
-
-    rest = root(force, model.elastic_scale * [1.5, 0.0, 0.0, 0.0, 0.0], tol=1e-13).x
-    assert abs(model.tip(rest)[0]) > 0.3
-    ops = model.operators(rest)
-    mass, damping, stiffness = ops.at(1.0)
-    linear = np.linalg.solve(mass, np.hstack([-stiffness, -damping]))
-    jacobian = model.jacobian(0.0, np.concatenate([rest, np.zeros(5)]), 1.0)
-    np.testing.assert_allclose(jacobian[5:], linear, atol=1e-9 * np.abs(linear).max())
-    np.testing.assert_array_equal(ops.gyroscopic, -ops.gyroscopic.T)
-    for name in ("mass", "end_flux", "damping", "stiffness"):
-        matrix = getattr(ops, name)
-        np.testing.assert_allclose(matrix, matrix.T, atol=1e-13 * np.abs(matrix).max())
-    assert np.linalg.matrix_rank(ops.end_flux) == 2
 
 
 # -------------------------------------------------------------------------------- quadrature
@@ -409,18 +329,6 @@ def test_levels_agree(m, terms, basis, at_level):
             assert np.abs(part - first).max() < 1e-12 * np.abs(first).max()
 
 
-@pytest.mark.parametrize("terms", [(), TERMS], ids=["plain", "terms"])
-def test_rates_with_the_work_done_are_rhs_and_power(terms):
-    rng = np.random.default_rng(13)
-    pipe = pp.Pipe(0.4, gamma=2.0, drag=0.7, damping=0.01, terms=terms)
-    model = pp.Galerkin(pipe, 4, "legendre")
-    y = np.stack([bent_state(model, rng, 1.0) for _ in range(5)], axis=1)
-    u = np.linspace(0.0, 6.0, 5)
-    found = model.motion.rhs_and_power(0.0, np.vstack([y, np.ones(5)]), u)
-    np.testing.assert_array_equal(found[:8], model.rhs(0.0, y, u))
-    np.testing.assert_array_equal(found[8], model.power(y, u).total)
-
-
 def test_one_model_serves_many_threads():
     rng = np.random.default_rng(9)
     pipe = pp.Pipe(0.3, gamma=1.0, drag=0.5)
@@ -447,96 +355,7 @@ def test_one_model_serves_many_threads():
 # ---------------------------------------------------------------------------------- symmetry
 
 
-def test_reversing_time_turns_the_flow():
-    """Ejecting, seen backwards, is aspirating with the inlet coefficient 1."""
-    rng = np.random.default_rng(11)
-    out = pp.Galerkin(pp.Pipe(0.4, gamma=2.0), 4, "legendre")
-    back = pp.Galerkin(pp.Pipe(0.4, gamma=2.0, flow="aspirating"), 4, "legendre")
-    y = bent_state(out, rng, 1.5)
-    turned = np.concatenate([y[:4], -y[4:]])
-    forward = out.rhs(0.0, y, 3.0)[4:]
-    np.testing.assert_allclose(back.rhs(0.0, turned, 3.0)[4:], forward, rtol=1e-11)
-
-
 # ------------------------------------------------------------------------------ known motions
-
-
-def half_period_map(model, u, y, duration):
-    """State after a duration and its derivative with respect to the state before."""
-    n = y.size
-
-    def slope(t, both):
-        now = both[:n]
-        change = model.jacobian(t, now, u) @ both[n:].reshape(n, n)
-        return np.concatenate([model.rhs(t, now, u), change.ravel()])
-
-    start = np.concatenate([y, np.eye(n).ravel()])
-    end = solve_ivp(slope, (0.0, duration), start, "DOP853", rtol=1e-8, atol=1e-10).y[:, -1]
-    return end[:n], end[n:].reshape(n, n)
-
-
-def limit_cycle(model, u, frequency, angle):
-    """Start and period of the cycle: after half a period the pipe is its own mirror image."""
-    growth, shapes = np.linalg.eig(model.jacobian(0.0, np.zeros(2 * model.dof), u))
-    unstable = shapes[:, np.argmax(growth.real)]
-    slopes = model.functions([1.0], 1)[0]
-    unstable = unstable / (slopes @ unstable[: model.dof])
-    y, half = angle * unstable.real, math.pi / frequency
-    phase = np.concatenate([np.zeros(model.dof), slopes])  # the end's angle is at its largest
-    for _ in range(12):
-        end, change = half_period_map(model, u, y, half)
-        column = model.rhs(0.0, end, u)[:, None]
-        system = np.block([[change + np.eye(y.size), column], [phase[None, :], np.zeros((1, 1))]])
-        step = np.linalg.solve(system, -np.append(end + y, phase @ y))
-        y, half = y + step[:-1], half + step[-1]
-        if np.abs(step[:-1]).max() < 1e-7 * np.abs(y).max():
-            return y, 2.0 * half
-    raise AssertionError("Newton's method did not find the cycle")
-
-
-def test_the_settled_cycle_at_beta_one_fifth():
-    """u = 6, gamma = 0, 8 functions; values of an independent shooting and of finite elements."""
-    amplitude, frequency = 0.276611, 13.79155
-    model = pp.Galerkin(pp.Pipe(0.2), 8, "legendre")
-    y, period = limit_cycle(model, 6.0, 13.8, 1.0)
-    assert 2.0 * math.pi / period == pytest.approx(frequency, abs=1e-5)
-    times = np.linspace(0.0, period, 65)
-    motion = solve_ivp(
-        lambda t, y: model.rhs(t, y, 6.0), (0.0, period), y, "DOP853", times, rtol=1e-8, atol=1e-10
-    )
-    tips = np.array([model.tip(q)[0] for q in motion.y[: model.dof].T])
-    # The peak lies between samples: the harmonics of a periodic motion reach it.
-    harmonics = np.fft.rfft(tips[:-1])
-    between = np.fft.irfft(harmonics, 4096) * 4096 / 64
-    assert 0.5 * (between.max() - between.min()) == pytest.approx(amplitude, abs=1e-6)
-
-
-def test_first_lyapunov_coefficient_at_beta_one_fifth():
-    """-3.20501 for |tip| = 1, from cubic differences of rhs at the critical speed."""
-    m, u, omega = 10, 5.591404378, 13.71469980
-    model = pp.Galerkin(pp.Pipe(0.2), m, "legendre")
-    linear = model.jacobian(0.0, np.zeros(2 * m), u)
-
-    def critical(matrix):
-        values, vectors = np.linalg.eig(matrix)
-        nearest = np.argmin(np.abs(values - 1j * omega))
-        assert values[nearest] == pytest.approx(1j * omega, abs=1e-6)
-        return vectors[:, nearest]
-
-    q, p = critical(linear), critical(linear.T)
-    q = q / (model.functions([1.0])[0] @ q[:m])
-    p = p / (p @ q)
-
-    def cube(x):
-        """C(x, x, x); the fifth order is extrapolated away."""
-        rests = [(model.rhs(0.0, h * x, u) - linear @ (h * x)) * 6.0 / h**3 for h in (0.04, 0.02)]
-        return (4.0 * rests[1] - rests[0]) / 3.0
-
-    a, b = q.real, q.imag
-    aab = (cube(a + b) - cube(a - b) - 2.0 * cube(b)) / 6.0
-    abb = (cube(a + b) + cube(a - b) - 2.0 * cube(a)) / 6.0
-    cubic = cube(a) + abb + 1j * (aab + cube(b))
-    assert (p @ cubic).real / (2.0 * omega) == pytest.approx(-3.20501, abs=2e-4)
 
 
 # --------------------------------------------------------------------------------- arguments
