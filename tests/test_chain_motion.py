@@ -35,6 +35,11 @@ def worst(found, expected):
     return np.abs(found - expected).max() / np.abs(expected).max()
 
 
+both = pytest.mark.parametrize(
+    "model", [everything(3), pp.Galerkin(pp.Pipe(0.2, gamma=1.0, drag=0.3), 3)], ids=repr
+)
+
+
 # ------------------------------------------------------------------------------ equations of motion
 
 
@@ -241,12 +246,12 @@ def test_a_batch_is_its_members(width, level, at_level):
             assert getattr(power, part)[j] == expected
 
 
-def test_empty_batch_is_empty():
-    chain = everything(3)
-    assert chain.rhs(0.0, np.zeros((6, 0)), 1.0).shape == (6, 0)
-    assert chain.rhs(0.0, np.zeros((6, 0)), np.zeros(0)).shape == (6, 0)
-    assert chain.energy(np.zeros((6, 0))).shape == (0,)
-    assert chain.power(np.zeros((6, 0)), 1.0).total.shape == (0,)
+@both
+def test_empty_batch_is_empty(model):
+    assert model.rhs(0.0, np.zeros((6, 0)), 1.0).shape == (6, 0)
+    assert model.rhs(0.0, np.zeros((6, 0)), np.zeros(0)).shape == (6, 0)
+    assert model.energy(np.zeros((6, 0))).shape == (0,)
+    assert model.power(np.zeros((6, 0)), 1.0).total.shape == (0,)
 
 
 def test_levels_agree(at_level):
@@ -276,16 +281,20 @@ def test_level_can_be_forced():
         _core.set_vector_level("sse9")
 
 
-def test_one_chain_serves_many_threads():
-    chain = everything(60)
-    y = states(60, 40)
+@pytest.mark.parametrize(
+    "model", [everything(60), pp.Galerkin(pp.Pipe(0.3, 1.0, drag=0.5), 6, "legendre")], ids=repr
+)
+def test_one_model_serves_many_threads(model):
+    rows = 2 * model.dof
+    y = np.random.default_rng(9).normal(size=(rows, 40)) / np.arange(1.0, rows + 1.0)[:, None]
 
     def work(seed):
         order = np.random.default_rng(seed).permutation(40)
         rates = np.empty_like(y)
         for j in order:
-            rates[:, j] = chain.rhs(0.0, y[:, j], 3.0)
-        return rates, chain.rhs(0.0, y, 3.0), chain.jacobian(0.0, y[:, 0], 3.0), chain.energy(y)
+            rates[:, j] = model.rhs(0.0, y[:, j], 3.0)
+        whole = model.rhs(0.0, y, 3.0), model.jacobian(0.0, y[:, 0], 3.0)
+        return rates, *whole, model.energy(y), model.power(y, 5.0).total
 
     expected = work(0)
     with ThreadPoolExecutor(4) as pool:
@@ -365,7 +374,7 @@ NAN = np.where(np.arange(6) == 3, np.nan, GOOD)
         (GOOD[:, None], "u", TypeError, r"u must be a real number or an array of them, got 'u'"),
     ],
 )
-@pytest.mark.parametrize("model", [everything(3), pp.Galerkin(pp.Pipe(0.2), 3)], ids=repr)
+@both
 def test_bad_states_and_speeds_are_refused(model, y, u, error, message):
     with pytest.raises(error, match=re.escape(message)):
         model.rhs(0.0, y, u)
@@ -390,33 +399,38 @@ def test_jacobian_takes_a_state_or_a_batch():
         pp.Chain(pp.Pipe(0.2), 4001).jacobian(0.0, np.zeros(8002), 1.0)
 
 
-def test_numbers_of_any_real_type_and_layout_are_taken():
-    chain = everything(3)
-    whole = np.arange(12).reshape(6, 2)
-    expected = chain.rhs(0.0, whole.astype(float), 2.0)
+@both
+def test_numbers_of_any_real_type_and_layout_are_taken(model):
+    whole = np.arange(12).reshape(6, 2) % 5 % 2
+    expected = model.rhs(0.0, whole.astype(float), 2.0)
     same = [
-        chain.rhs(0.0, whole, 2),
-        chain.rhs(0.0, whole.tolist(), np.int64(2)),
-        chain.rhs(0.0, np.asfortranarray(whole, dtype=float), np.float32(2)),
-        chain.rhs(0.0, np.repeat(whole, 2, axis=1)[:, ::2], np.array(2.0)),
-        chain.rhs(0.0, whole.astype(np.float32), [2, 2]),
-        chain.rhs(0.0, whole.astype(object), 2.0),
-        chain.rhs(0.0, np.ma.array(whole), 2.0),
-        chain.rhs(0.0, whole.astype(">f8"), np.array([2.0, 9.0, 2.0])[::2]),
+        model.rhs(0.0, whole, 2),
+        model.rhs(0.0, whole.tolist(), np.int64(2)),
+        model.rhs(0.0, np.asfortranarray(whole, dtype=float), np.float32(2)),
+        model.rhs(0.0, np.repeat(whole, 2, axis=1)[:, ::2], np.array(2.0)),
+        model.rhs(0.0, whole.astype(np.float32), [2, 2]),
+        model.rhs(0.0, whole.astype(object), 2.0),
+        model.rhs(0.0, np.ma.array(whole), 2.0),
+        model.rhs(0.0, whole.astype(">f8"), np.array([2.0, 9.0, 2.0])[::2]),
     ]
     for found in same:
         np.testing.assert_array_equal(found, expected)
     frozen = whole.astype(float)
     frozen.flags.writeable = False
-    np.testing.assert_array_equal(chain.rhs(None, frozen, 2.0), expected)
+    np.testing.assert_array_equal(model.rhs(None, frozen, 2.0), expected)
+    assert model.rhs(0.0, frozen[:, :1], 1.0).shape == (6, 1)
+    assert isinstance(model.energy(frozen[:, 0]), float)
+    assert isinstance(model.power(frozen[:, 0], 1.0).total, float)
 
 
-def test_operators_take_one_angle_a_segment():
-    chain = everything(3)
+@both
+def test_operators_take_one_number_a_coordinate(model):
+    with pytest.raises(ValueError, match=r"y must have shape \(6,\) or \(6, k\), got \(5, 2\)"):
+        model.jacobian(0.0, np.ones((5, 2)), 1.0)
     with pytest.raises(ValueError, match="q must have 3 entries, got 2"):
-        chain.operators([0.0, 0.0])
+        model.operators([0.0, 0.0])
     with pytest.raises(ValueError, match=r"q must lie in \[-1e\+06, 1e\+06\], got nan at index 1"):
-        chain.operators([0.0, np.nan, 0.0])
+        model.operators([0.0, np.nan, 0.0])
     for name in ("mass", "gyroscopic", "end_flux", "damping", "stiffness", "flux"):
-        found = getattr(chain.operators(np.zeros(3)), name)
-        np.testing.assert_array_equal(found, getattr(chain.operators(), name))
+        found, expected = (getattr(model.operators(q), name) for q in (np.zeros(3), None))
+        np.testing.assert_allclose(found, expected, rtol=0.0, atol=1e-12 * np.abs(expected).max())

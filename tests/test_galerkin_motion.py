@@ -3,7 +3,6 @@
 
 import itertools
 import math
-from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 
 import numpy as np
@@ -236,19 +235,6 @@ def test_steps_that_may_err_more_take_fewer_nodes_and_miss_a_thousandth_of_it_at
     assert missed[2] < 1e-12 < missed[0]
 
 
-def test_nodes_follow_functions_and_amplitude():
-    counts = [
-        pp.Galerkin(pp.Pipe(0.2), m, "legendre").motion.nodes(np.zeros(m)) for m in (2, 8, 24)
-    ]
-    assert counts == sorted(set(counts))
-    model = pp.Galerkin(pp.Pipe(0.2), 8, "legendre")
-    curled = np.eye(8)[0]
-    counts = [model.motion.nodes(size * curled) for size in (0.0, 3.0, 30.0, 1e6)]
-    assert counts == sorted(set(counts))
-    with pytest.raises(pp.NotResolved, match=r"bends the pipe by 1e\+06 rad"):
-        model.rhs(0.0, np.concatenate([1e6 * curled, curled]), 1.0)
-
-
 # ----------------------------------------------------------------------- batches and threads
 
 
@@ -282,14 +268,6 @@ def test_a_batch_is_its_members(m, terms, basis, level, at_level):
             np.testing.assert_allclose(getattr(power, name), each, rtol=0.0, atol=close)
     common = model.rhs(0.0, states, 3.0)
     np.testing.assert_array_equal(common, model.rhs(0.0, states, np.full(20, 3.0)))
-
-
-def test_an_empty_batch_is_empty():
-    model = pp.Galerkin(pp.Pipe(0.4, drag=0.7), 3)
-    assert model.rhs(0.0, np.zeros((6, 0)), 1.0).shape == (6, 0)
-    assert model.rhs(0.0, np.zeros((6, 0)), np.zeros(0)).shape == (6, 0)
-    assert model.energy(np.zeros((6, 0))).shape == (0,)
-    assert model.power(np.zeros((6, 0)), 1.0).total.shape == (0,)
 
 
 @pytest.mark.parametrize("drag", [0.0, 0.7])
@@ -329,65 +307,10 @@ def test_levels_agree(m, terms, basis, at_level):
             assert np.abs(part - first).max() < 1e-12 * np.abs(first).max()
 
 
-def test_one_model_serves_many_threads():
-    rng = np.random.default_rng(9)
-    pipe = pp.Pipe(0.3, gamma=1.0, drag=0.5)
-    model, fresh = pp.Galerkin(pipe, 6, "legendre"), pp.Galerkin(pipe, 6, "legendre")
-    states = [bent_state(model, rng, angle) for angle in rng.uniform(0.0, 3.0, 64)]
-    batch = np.stack(states, axis=1)
-
-    def answers(asked, y):
-        return (
-            asked.rhs(0.0, y, 5.0),
-            asked.jacobian(0.0, y, 5.0),
-            asked.energy(y),
-            asked.power(y, 5.0).total,
-            asked.rhs(0.0, batch, 5.0),
-        )
-
-    with ThreadPoolExecutor(8) as pool:
-        together = list(pool.map(partial(answers, fresh), states))
-    for y, found in zip(states, together, strict=True):
-        for one, other in zip(found, answers(model, y), strict=True):
-            np.testing.assert_array_equal(one, other)
-
-
 # ---------------------------------------------------------------------------------- symmetry
 
 
 # ------------------------------------------------------------------------------ known motions
-
-
-# --------------------------------------------------------------------------------- arguments
-
-MODEL = pp.Galerkin(pp.Pipe(0.2, gamma=1.0, drag=0.3), 3)
-GOOD = np.linspace(0.1, 0.6, 6)
-
-
-def test_states_of_any_layout_and_number_type_serve():
-    expected = MODEL.rhs(0.0, GOOD, 2.0)
-    np.testing.assert_array_equal(MODEL.rhs(0, list(GOOD), 2), expected)
-    np.testing.assert_array_equal(MODEL.rhs(0.0, np.repeat(GOOD, 2)[::2], np.int32(2)), expected)
-    np.testing.assert_array_equal(MODEL.rhs(None, GOOD, np.array(2.0)), expected)
-    whole = np.array([1, 0, 0, 2, 0, 0])
-    np.testing.assert_array_equal(MODEL.rhs(0.0, whole, 2.0), MODEL.rhs(0.0, whole * 1.0, 2.0))
-    batch = np.stack([GOOD, 2 * GOOD, -GOOD], axis=1)
-    many = MODEL.rhs(0.0, batch, [0, 1, 2])
-    np.testing.assert_array_equal(MODEL.rhs(0.0, np.asfortranarray(batch), [0, 1, 2]), many)
-    assert many.shape == (6, 3)
-    assert MODEL.rhs(0.0, batch[:, :1], 1.0).shape == (6, 1)
-    assert MODEL.energy(batch).shape == (3,)
-    assert isinstance(MODEL.energy(GOOD), float)
-    assert isinstance(MODEL.power(GOOD, 1.0).total, float)
-
-
-def test_other_bad_arguments_are_refused():
-    with pytest.raises(ValueError, match=r"y must have shape \(6,\) or \(6, k\), got \(5, 2\)"):
-        MODEL.jacobian(0.0, np.ones((5, 2)), 1.0)
-    with pytest.raises(ValueError, match="q must have 3 entries, got 4"):
-        MODEL.operators(np.zeros(4))
-    with pytest.raises(ValueError, match=r"q must lie in \[-1e\+06, 1e\+06\], got nan at index 1"):
-        MODEL.operators([0.0, math.nan, 0.0])
 
 
 @pytest.mark.parametrize("basis", ["beam", "legendre"])
