@@ -672,48 +672,6 @@ void check_wild_reduced(Wild& wild) {
   }
 }
 
-void check_wild_scene(Wild& wild) {
-  const Index n = wild.size({1, 2, 3, 8});
-  scene = "any scene of " + std::to_string(n);
-  Pipe pipe = wild.pipe();
-  const auto add_term = [&](const char* law, double number) {
-    pipe.terms.push_back(pipedyn::make_term(law, wild.dice.between(0.01, 1.0), {number}));
-  };
-  add_term("spring", wild.one_of({0.0, 1e9}));
-  add_term("point_mass", wild.one_of({0.0, 1e-9, 1e6}));
-  Segments segments = wild.segments(n);
-  segments.gyration_radius[n - 1] *= wild.one_of({0.0, 1.0});
-  segments.rest_moment = wild.dice.vector(n, -1.0, 1.0) * wild.one_of({0.0, 1e8});
-  std::vector<Index> held;
-  if (n > 1) held.push_back(3 * n - 3);
-  if (n > 2) held.push_back(3 * n - 2);
-  Vector value = Vector::Zero(static_cast<Index>(held.size()));
-  value.tail(n > 2 ? 1 : 0).setConstant(0.9);
-  Matrix inertia = Matrix::Zero(1, 3 * n);
-  inertia(0, 0) = wild.one_of({1e-9, 1e3});
-  inertia(0, 2) = 0.1;
-  const Scene made(pipe, segments, inertia, held, value);
-  const Index members = wild.size({0, 1, 5, 70});
-  const Matrix turned = wild.states(n, members);
-  const double u = wild.speed(), untouched = -7.0;
-  Vector rates = Vector::Constant(2 * n * members + 1, untouched);
-  made.rhs({turned.data(), &u, members, 0}, rates.data());
-  check(rates[2 * n * members] == untouched, "rates stay within their array");
-  const Matrix y = made.redundant(turned.topRows(n), turned.bottomRows(n));
-  Vector redundant = Vector::Constant(6 * n * members + 1, untouched);
-  made.redundant_rhs({y.data(), &u, members, 0}, redundant.data());
-  check(redundant[6 * n * members] == untouched, "redundant rates stay within their array");
-  Vector parts = Vector::Constant(5 * members + 1, untouched);
-  double* const out = parts.data();
-  made.power({turned.data(), &u, members, 0}, out);
-  made.energy({turned.data(), &u, members, 0}, out);
-  check(parts[5 * members] == untouched, "energy and power stay within their arrays");
-  Vector angles = Vector::Zero((2 * n + 1) * members), turning = angles;
-  made.rhs_and_power({angles.data(), &u, members, 0}, turning.data());
-  Matrix theta = turned.topRows(n), omega = turned.bottomRows(n);
-  made.project(theta, omega);
-}
-
 void check_extremes() {
   Dice dice;
   Wild wild{dice};
@@ -724,7 +682,6 @@ void check_extremes() {
     for (int i = 0; i < 12; ++i) check_wild_reduced(wild);
   }
   pipedyn::set_vector_level(before);
-  for (int i = 0; i < 60; ++i) check_wild_scene(wild);
 }
 
 // ------------------------------------------------------------------------------- eigenvalues
