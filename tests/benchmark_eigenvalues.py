@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 from campaign_cases import drawn
-from independent import chain_newton_step, determinant_crossing
+from independent import chain_newton_step, companion_eigenvalues, determinant_crossing
 from measuring import check, ended, machine, timed
 
 import pipedyn as pp
@@ -41,11 +41,8 @@ def against_dense() -> None:
     found, cost = timed(lambda: pp.eigenvalues(pp.Chain(PIPE, n), SPEED, COUNT))
     exact = found + [chain_newton_step(chain, value, SPEED, 40) for value in found]
 
-    mass, velocity, stiffness = chain.operators().at(SPEED)
-    companion = np.zeros((2 * n, 2 * n))
-    companion[:n, n:] = np.eye(n)
-    companion[n:] = -np.linalg.solve(mass, np.hstack([stiffness, velocity]))
-    all_values, dense_cost = timed(lambda: np.linalg.eigvals(companion), 0.0)
+    matrices = chain.operators().at(SPEED)
+    all_values, dense_cost = timed(lambda: companion_eigenvalues(*matrices), 0.0)
     error = worst(found, exact)
     print(f"{COUNT} lowest eigenvalues, chain of {n} segments, beta = {BETA}, u = {SPEED:g}")
     print("  route                              time (s)   error, against 40 digits")

@@ -29,6 +29,7 @@ from independent import (
     chain_crossing,
     chain_newton_step,
     collocation_eigenvalues,
+    companion_eigenvalues,
     dense_rates,
     exact_jacobian,
     exact_rates,
@@ -376,11 +377,7 @@ def growing(model: Any, u: float) -> float:
     if not isinstance(model, pp.Chain) and model.pipe.gamma > HEAVIEST:
         model = pp.Chain(model.pipe, 200)
     if isinstance(model, pp.Chain):
-        mass, velocity, stiffness = model.operators().at(u)
-        n = model.dof
-        step = np.block([[np.zeros((n, n)), np.eye(n)], [-stiffness, -velocity]])
-        step[n:] = np.linalg.solve(mass, step[n:])
-        values = np.linalg.eigvals(step)
+        values = companion_eigenvalues(*model.operators().at(u))
     else:
         values = collocation_eigenvalues(model.pipe, u, 90)[:40]
     return float((values.real / np.maximum(np.abs(values), 1.0)).max() - 1e-8)

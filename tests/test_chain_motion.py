@@ -195,13 +195,15 @@ def test_flow_feeds_energy_only_through_the_free_end():
     assert chain.power(y, u).flow == pytest.approx(expected, rel=1e-7)
 
 
-def test_energy_of_small_motions_keeps_its_digits():
-    chain = any_chain(3, 0, gamma=5.0)
-    y = 1e-9 * states(3, 1)[:, 0]
-    ops = chain.operators()
-    expected = (y[3:] @ ops.mass @ y[3:] + y[:3] @ ops.stiffness @ y[:3]) / 2
-    assert chain.energy(y) == pytest.approx(expected, rel=1e-13)
-    assert chain.energy(np.zeros(6)) == 0.0
+@pytest.mark.parametrize(
+    "model", [any_chain(4, 0, gamma=5.0), pp.Galerkin(pp.Pipe(0.3, gamma=6.0), 4)], ids=repr
+)
+def test_energy_of_small_motions_keeps_its_digits(model):
+    y = 1e-9 * states(4, 1)[:, 0]
+    ops = model.operators()
+    expected = (y[4:] @ ops.mass @ y[4:] + y[:4] @ ops.stiffness @ y[:4]) / 2
+    assert model.energy(y) == pytest.approx(expected, rel=1e-12, abs=0.0)
+    assert model.energy(np.zeros(8)) == 0.0
 
 
 def test_a_bar_on_a_hinge_is_a_pendulum():

@@ -138,25 +138,6 @@ def test_the_flow_works_at_the_free_end_only(flow):
     assert model.power(y, u).flow == pytest.approx(expected, rel=1e-9)
 
 
-@pytest.mark.parametrize("basis", BASES)
-def test_energy_is_that_of_the_shape(basis):
-    """Bending, weight and kinetic energy of the drawn centreline; zero at rest."""
-    rng = np.random.default_rng(4)
-    model = pp.Galerkin(pp.Pipe(0.3, gamma=6.0), 4, basis)
-    y = bent_state(model, rng, 2.0)
-    q, rate = y[:4], y[4:]
-    s, weights = gauss(60)
-    bending = 0.5 * weights @ (model.functions(s, 2) @ q) ** 2
-    weight = 6.0 * weights @ (s - model.shape(q, s)[:, 1])
-    velocity = derivative(lambda t: model.shape(q + t * rate, s), 1e-3)
-    kinetic = 0.5 * weights @ np.sum(velocity**2, axis=1)
-    assert model.energy(y) == pytest.approx(bending + weight + kinetic, rel=1e-9)
-    assert model.energy(np.zeros(8)) == 0.0
-    tiny = np.concatenate([1e-9 * q, np.zeros(4)])
-    linear = 0.5 * tiny[:4] @ model.operators().stiffness @ tiny[:4]
-    assert model.energy(tiny) == pytest.approx(linear, rel=1e-9, abs=0.0)
-
-
 # ---------------------------------------------------------------------------------- Jacobian
 
 
