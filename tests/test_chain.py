@@ -127,25 +127,6 @@ def test_coriolis_is_skew_and_the_end_flux_sees_only_the_free_end(chain):
     )
 
 
-@given(chains(), st.data())
-def test_flow_feeds_power_only_through_the_free_end(chain, data):
-    """v . (forces of the flow) = -sqrt(beta) U w'(1)^2 - a U^2 theta(1) w'(1), linearised."""
-    numbers = st.lists(st.floats(-1.0, 1.0), min_size=chain.dof, max_size=chain.dof)
-    q, v = np.array(data.draw(numbers)), np.array(data.draw(numbers))
-    u = data.draw(st.floats(0.0, 10.0))
-    ops = chain.operators()
-    rate = ops.direction * u * (ops.gyroscopic + ops.end_flux) @ v
-    centrifugal = ops.centrifugal * u**2 * ops.flux
-    # The symmetric part of the centrifugal matrix is a potential (a compressed column).
-    column = -ops.centrifugal * u**2 * np.diag(chain.lengths)
-    end = end_jacobian(chain) @ v
-    expected = math.sqrt(chain.pipe.beta) * ops.direction * u * end**2
-    expected += ops.centrifugal * u**2 * q[-1] * end
-    assert v @ rate + v @ (centrifugal - column) @ q == pytest.approx(
-        expected, rel=1e-10, abs=1e-10 * (1 + u**2)
-    )
-
-
 def test_a_horizontal_chain_never_diverges():
     """gamma = 0: det K is the product of the springs at any speed."""
     chain = pp.Chain(pp.Pipe(0.2), **UNEQUAL)

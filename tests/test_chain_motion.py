@@ -14,7 +14,6 @@ import numpy as np
 import pytest
 from independent import any_chain, dense_jacobian, dense_rates, lagrangian_accelerations
 from scipy.integrate import solve_ivp
-from scipy.optimize import root
 from scipy.special import ellipk
 
 import pipedyn as pp
@@ -34,6 +33,11 @@ def states(n, count, seed=1, size=2.0):
 
 def worst(found, expected):
     return np.abs(found - expected).max() / np.abs(expected).max()
+
+
+both = pytest.mark.parametrize(
+    "model", [everything(3), pp.Galerkin(pp.Pipe(0.2, gamma=1.0, drag=0.3), 3)], ids=repr
+)
 
 
 # ------------------------------------------------------------------------------ equations of motion
@@ -112,25 +116,6 @@ def test_a_hundred_thousand_segments_obey_their_equations():
     assert np.all(np.abs(missing) < 4.0 * np.finfo(float).eps * terms)
 
 
-def test_aspirating_with_full_inlet_reverses_the_flow():
-    out, back = any_chain(4, 0, gamma=2.0), any_chain(4, 0, gamma=2.0, flow="aspirating")
-    y = states(4, 6)
-    reversed_time = y * np.repeat([1.0, -1.0], 4)[:, None]
-    np.testing.assert_allclose(
-        back.rhs(0.0, y, 5.0)[4:], out.rhs(0.0, reversed_time, 5.0)[4:], rtol=1e-11, atol=1e-10
-    )
-
-
-def test_small_motions_obey_the_linear_operators():
-    chain = any_chain(6, 0, gamma=3.0, damping=0.02)
-    mass, damping, stiffness = chain.operators().at(4.0)
-    y = states(6, 1, size=1.0)[:, 0]
-    expected = -np.linalg.solve(mass, damping @ y[6:] + stiffness @ y[:6])
-    errors = [worst(chain.rhs(0.0, e * y, 4.0)[6:] / e, expected) for e in (1e-3, 1e-4, 1e-5)]
-    assert errors[2] < 1e-8
-    assert np.log10(errors[0] / errors[1]) == pytest.approx(2.0, abs=0.05)  # the next term is cubic
-
-
 # ------------------------------------------------------------------------------------- derivative
 
 
@@ -147,72 +132,12 @@ def test_jacobian_is_the_derivative(n, flow, alpha, level, at_level):
             assert worst(found, dense_jacobian(chain, y, u)) < 1e-14 * (10 + n**2)
 
 
-@pytest.mark.parametrize("effect", ["gamma", "drag", "damping"])
-def test_jacobian_of_each_effect_alone(effect):
-    chain = any_chain(5, 5, **{effect: 0.7})
-    y = states(5, 1)[:, 0]
-    assert worst(chain.jacobian(0.0, y, 3.0), dense_jacobian(chain, y, 3.0)) < 1e-12
-
-
 def test_drag_has_no_derivative_where_nothing_moves():
     y = states(5, 1)[:, 0]
     y[5:] = 0.0
     with_drag = everything(5).jacobian(0.0, y, 3.0)
     without = any_chain(5, 0, gamma=4.0, damping=0.01).jacobian(0.0, y, 3.0)
     np.testing.assert_array_equal(with_drag, without)
-
-
-def test_jacobian_is_the_derivative_of_the_right_hand_side():
-    """Central differences of the chain's own, extrapolated: nothing but the chain itself."""
-    chain, step = everything(6), 1e-3
-    y = states(6, 1)[:, 0]
-    found = chain.jacobian(0.0, y, 4.0)
-    for j, unit in enumerate(np.eye(12)):
-        moved = y[:, None] + step * np.outer(unit, [1.0, -1.0, 0.5, -0.5])
-        rates = chain.rhs(0.0, moved, 4.0)
-        coarse, fine = (rates[:, 0] - rates[:, 1]) / 2, rates[:, 2] - rates[:, 3]
-        expected = (4.0 * fine - coarse) / (3.0 * step)
-        assert np.abs(found[:, j] - expected).max() < 1e-7 * np.abs(found).max()
-
-
-def test_operators_about_a_buckled_pipe_are_its_jacobian():
-    """Standing under twice its buckling weight, the pipe bends over and rests there."""
-    n, u = 6, 0.5
-    chain = pp.Chain(pp.Pipe(0.3, gamma=-16.0, drag=1.0, damping=0.02), n)
-
-    def accelerations(q):
-        return chain.rhs(0.0, np.append(q, np.zeros(n)), u)[n:]
-
-    def derivative(q):
-        return chain.jacobian(0.0, np.append(q, np.zeros(n)), u)[n:, :n]
-
-    rest = root(accelerations, np.linspace(0.2, 2.0, n), jac=derivative, tol=1e-12)
-    assert rest.success
-    assert rest.x[-1] > 1.0
-    mass, damping, stiffness = chain.operators(rest.x).at(u)
-    expected = -np.linalg.solve(mass, np.hstack([stiffness, damping]))
-    assert worst(chain.jacobian(0.0, np.append(rest.x, np.zeros(n)), u)[n:], expected) < 1e-9
-
-
-def test_operators_away_from_equilibrium_lack_the_mass_derivative():
-    n, u = 4, 3.0
-    chain = any_chain(n, 0, gamma=5.0, damping=0.01, flow="aspirating", alpha=0.6)
-    q = np.random.default_rng(5).normal(size=n)
-    mass, damping, stiffness = chain.operators(q).at(u)
-    np.testing.assert_array_equal(mass, mass.T)
-    acceleration = chain.rhs(0.0, np.append(q, np.zeros(n)), u)[n:]
-    step = 1e-5
-    change = np.stack(
-        [
-            (chain.operators(q + step * e).mass - chain.operators(q - step * e).mass)
-            @ (acceleration / (2 * step))
-            for e in np.eye(n)
-        ],
-        axis=1,
-    )
-    found = chain.jacobian(0.0, np.append(q, np.zeros(n)), u)[n:]
-    expected = -np.linalg.solve(mass, np.hstack([stiffness + change, damping]))
-    assert worst(found, expected) < 1e-8
 
 
 # ------------------------------------------------------------------------------- energy and power
@@ -270,13 +195,15 @@ def test_flow_feeds_energy_only_through_the_free_end():
     assert chain.power(y, u).flow == pytest.approx(expected, rel=1e-7)
 
 
-def test_energy_of_small_motions_keeps_its_digits():
-    chain = any_chain(3, 0, gamma=5.0)
-    y = 1e-9 * states(3, 1)[:, 0]
-    ops = chain.operators()
-    expected = (y[3:] @ ops.mass @ y[3:] + y[:3] @ ops.stiffness @ y[:3]) / 2
-    assert chain.energy(y) == pytest.approx(expected, rel=1e-13)
-    assert chain.energy(np.zeros(6)) == 0.0
+@pytest.mark.parametrize(
+    "model", [any_chain(4, 0, gamma=5.0), pp.Galerkin(pp.Pipe(0.3, gamma=6.0), 4)], ids=repr
+)
+def test_energy_of_small_motions_keeps_its_digits(model):
+    y = 1e-9 * states(4, 1)[:, 0]
+    ops = model.operators()
+    expected = (y[4:] @ ops.mass @ y[4:] + y[:4] @ ops.stiffness @ y[:4]) / 2
+    assert model.energy(y) == pytest.approx(expected, rel=1e-12, abs=0.0)
+    assert model.energy(np.zeros(8)) == 0.0
 
 
 def test_a_bar_on_a_hinge_is_a_pendulum():
@@ -321,12 +248,12 @@ def test_a_batch_is_its_members(width, level, at_level):
             assert getattr(power, part)[j] == expected
 
 
-def test_empty_batch_is_empty():
-    chain = everything(3)
-    assert chain.rhs(0.0, np.zeros((6, 0)), 1.0).shape == (6, 0)
-    assert chain.rhs(0.0, np.zeros((6, 0)), np.zeros(0)).shape == (6, 0)
-    assert chain.energy(np.zeros((6, 0))).shape == (0,)
-    assert chain.power(np.zeros((6, 0)), 1.0).total.shape == (0,)
+@both
+def test_empty_batch_is_empty(model):
+    assert model.rhs(0.0, np.zeros((6, 0)), 1.0).shape == (6, 0)
+    assert model.rhs(0.0, np.zeros((6, 0)), np.zeros(0)).shape == (6, 0)
+    assert model.energy(np.zeros((6, 0))).shape == (0,)
+    assert model.power(np.zeros((6, 0)), 1.0).total.shape == (0,)
 
 
 def test_levels_agree(at_level):
@@ -356,16 +283,20 @@ def test_level_can_be_forced():
         _core.set_vector_level("sse9")
 
 
-def test_one_chain_serves_many_threads():
-    chain = everything(60)
-    y = states(60, 40)
+@pytest.mark.parametrize(
+    "model", [everything(60), pp.Galerkin(pp.Pipe(0.3, 1.0, drag=0.5), 6, "legendre")], ids=repr
+)
+def test_one_model_serves_many_threads(model):
+    rows = 2 * model.dof
+    y = np.random.default_rng(9).normal(size=(rows, 40)) / np.arange(1.0, rows + 1.0)[:, None]
 
     def work(seed):
         order = np.random.default_rng(seed).permutation(40)
         rates = np.empty_like(y)
         for j in order:
-            rates[:, j] = chain.rhs(0.0, y[:, j], 3.0)
-        return rates, chain.rhs(0.0, y, 3.0), chain.jacobian(0.0, y[:, 0], 3.0), chain.energy(y)
+            rates[:, j] = model.rhs(0.0, y[:, j], 3.0)
+        whole = model.rhs(0.0, y, 3.0), model.jacobian(0.0, y[:, 0], 3.0)
+        return rates, *whole, model.energy(y), model.power(y, 5.0).total
 
     expected = work(0)
     with ThreadPoolExecutor(4) as pool:
@@ -427,48 +358,25 @@ NAN = np.where(np.arange(6) == 3, np.nan, GOOD)
         (NAN[:, None] * [1, 1], 1.0, ValueError, r"y must be finite, got nan at index (3, 0)"),
         (GOOD * [-math.inf, *[1] * 5], 1.0, ValueError, r"y must be finite, got -inf at index 0"),
         (GOOD + 0j, 1.0, TypeError, r"y must be an array of real numbers, got array([0.1+0.j"),
-        (GOOD > 0, 1.0, TypeError, r"y must be an array of real numbers"),
         (
             np.ma.array(GOOD, mask=GOOD > 0.0),
             1.0,
             ValueError,
             "y must not be masked, got 6 masked",
         ),
-        ([True, *GOOD[1:]], 1.0, TypeError, r"y must be an array of real numbers, got [True, "),
-        (
-            [np.True_, *GOOD[1:]],
-            1.0,
-            TypeError,
-            f"y must be an array of real numbers, got [{np.True_!r}",
-        ),
-        ([[1.0], *[(False,)] * 5], 1.0, TypeError, r"y must be an array of real numbers, got [[1"),
-        ("y", 1.0, TypeError, r"y must be an array of real numbers, got 'y'"),
-        (None, 1.0, TypeError, r"y must be an array of real numbers, got None"),
         ([[1.0], [1.0, 2.0]], 1.0, TypeError, r"y must be an array of real numbers, got [[1.0], "),
         (GOOD, -1e-9, ValueError, r"u must lie in [0, 1e+100], got -1e-09"),
         (GOOD, math.nan, ValueError, r"u must lie in [0, 1e+100], got nan"),
-        (GOOD, math.inf, ValueError, r"u must lie in [0, 1e+100], got inf"),
-        (GOOD, 1e101, ValueError, r"u must lie in [0, 1e+100], got 1e+101"),
         (GOOD, 10**400, ValueError, r"u must lie in [0, 1e+100], got inf"),
         (GOOD, [1.0], ValueError, r"u must be a number, got shape (1,)"),
         (GOOD, "1", TypeError, r"u must be a real number, got '1'"),
-        (GOOD, True, TypeError, r"u must be a real number, got True"),
-        (GOOD, np.bool_(True), TypeError, f"u must be a real number, got {np.True_!r}"),
-        (GOOD, 1j, TypeError, r"u must be a real number, got 1j"),
-        (GOOD, None, TypeError, r"u must be a real number, got None"),
         (GOOD[:, None], [1.0, 2.0], ValueError, r"u must be a number or have shape (1,), got"),
         (GOOD[:, None], [[1.0]], ValueError, r"u must be a number or have shape (1,), got"),
         (GOOD[:, None] * [1, 1], [1, -2], ValueError, r"[0, 1e+100], got -2.0 at index 1"),
-        (
-            GOOD[:, None] * [1, 1],
-            [1.0, True],
-            TypeError,
-            r"real number or an array of them, got [1",
-        ),
         (GOOD[:, None], "u", TypeError, r"u must be a real number or an array of them, got 'u'"),
     ],
 )
-@pytest.mark.parametrize("model", [everything(3), pp.Galerkin(pp.Pipe(0.2), 3)], ids=repr)
+@both
 def test_bad_states_and_speeds_are_refused(model, y, u, error, message):
     with pytest.raises(error, match=re.escape(message)):
         model.rhs(0.0, y, u)
@@ -493,33 +401,38 @@ def test_jacobian_takes_a_state_or_a_batch():
         pp.Chain(pp.Pipe(0.2), 4001).jacobian(0.0, np.zeros(8002), 1.0)
 
 
-def test_numbers_of_any_real_type_and_layout_are_taken():
-    chain = everything(3)
-    whole = np.arange(12).reshape(6, 2)
-    expected = chain.rhs(0.0, whole.astype(float), 2.0)
+@both
+def test_numbers_of_any_real_type_and_layout_are_taken(model):
+    whole = np.arange(12).reshape(6, 2) % 5 % 2
+    expected = model.rhs(0.0, whole.astype(float), 2.0)
     same = [
-        chain.rhs(0.0, whole, 2),
-        chain.rhs(0.0, whole.tolist(), np.int64(2)),
-        chain.rhs(0.0, np.asfortranarray(whole, dtype=float), np.float32(2)),
-        chain.rhs(0.0, np.repeat(whole, 2, axis=1)[:, ::2], np.array(2.0)),
-        chain.rhs(0.0, whole.astype(np.float32), [2, 2]),
-        chain.rhs(0.0, whole.astype(object), 2.0),
-        chain.rhs(0.0, np.ma.array(whole), 2.0),
-        chain.rhs(0.0, whole.astype(">f8"), np.array([2.0, 9.0, 2.0])[::2]),
+        model.rhs(0.0, whole, 2),
+        model.rhs(0.0, whole.tolist(), np.int64(2)),
+        model.rhs(0.0, np.asfortranarray(whole, dtype=float), np.float32(2)),
+        model.rhs(0.0, np.repeat(whole, 2, axis=1)[:, ::2], np.array(2.0)),
+        model.rhs(0.0, whole.astype(np.float32), [2, 2]),
+        model.rhs(0.0, whole.astype(object), 2.0),
+        model.rhs(0.0, np.ma.array(whole), 2.0),
+        model.rhs(0.0, whole.astype(">f8"), np.array([2.0, 9.0, 2.0])[::2]),
     ]
     for found in same:
         np.testing.assert_array_equal(found, expected)
     frozen = whole.astype(float)
     frozen.flags.writeable = False
-    np.testing.assert_array_equal(chain.rhs(None, frozen, 2.0), expected)
+    np.testing.assert_array_equal(model.rhs(None, frozen, 2.0), expected)
+    assert model.rhs(0.0, frozen[:, :1], 1.0).shape == (6, 1)
+    assert isinstance(model.energy(frozen[:, 0]), float)
+    assert isinstance(model.power(frozen[:, 0], 1.0).total, float)
 
 
-def test_operators_take_one_angle_a_segment():
-    chain = everything(3)
+@both
+def test_operators_take_one_number_a_coordinate(model):
+    with pytest.raises(ValueError, match=r"y must have shape \(6,\) or \(6, k\), got \(5, 2\)"):
+        model.jacobian(0.0, np.ones((5, 2)), 1.0)
     with pytest.raises(ValueError, match="q must have 3 entries, got 2"):
-        chain.operators([0.0, 0.0])
+        model.operators([0.0, 0.0])
     with pytest.raises(ValueError, match=r"q must lie in \[-1e\+06, 1e\+06\], got nan at index 1"):
-        chain.operators([0.0, np.nan, 0.0])
+        model.operators([0.0, np.nan, 0.0])
     for name in ("mass", "gyroscopic", "end_flux", "damping", "stiffness", "flux"):
-        found = getattr(chain.operators(np.zeros(3)), name)
-        np.testing.assert_array_equal(found, getattr(chain.operators(), name))
+        found, expected = (getattr(model.operators(q), name) for q in (np.zeros(3), None))
+        np.testing.assert_allclose(found, expected, rtol=0.0, atol=1e-12 * np.abs(expected).max())

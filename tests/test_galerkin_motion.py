@@ -3,15 +3,13 @@
 
 import itertools
 import math
-from concurrent.futures import ThreadPoolExecutor
-from dataclasses import replace
 from functools import partial
 
 import numpy as np
 import pytest
 from independent import bent_state, derivative, gauss, second_derivative
 from numpy.polynomial import Legendre
-from scipy.optimize import brentq, root
+from scipy.optimize import brentq
 from scipy.special import roots_legendre
 
 import pipedyn as pp
@@ -127,37 +125,6 @@ def test_pipe_and_fluid_obey_dalembert(m, basis, flow):
 
 
 @pytest.mark.parametrize("flow", FLOWS)
-@pytest.mark.parametrize("basis", BASES)
-@pytest.mark.parametrize("effects", range(16))
-def test_power_is_the_energys_rate_with_every_effect_on_and_off(effects, basis, flow):
-    rng = np.random.default_rng(effects)
-    gravity, drag, damping, flowing = (bool(effects >> bit & 1) for bit in range(4))
-    pipe = pp.Pipe(
-        0.4,
-        gamma=-7.0 if gravity else 0.0,
-        flow=flow,
-        alpha=0.7,
-        drag=1.5 if drag else 0.0,
-        damping=0.01 if damping else 0.0,
-    )
-    model = pp.Galerkin(pipe, 5, basis)
-    u = 6.0 if flowing else 0.0
-    for angle in (0.5, 3.0):
-        y = bent_state(model, rng, angle)
-        slope = model.rhs(0.0, y, u)
-        power = model.power(y, u)
-        speed = np.linalg.norm(slope) / np.linalg.norm(y)
-        rate = derivative(lambda t, y=y, slope=slope: model.energy(y + t * slope), 3e-3 / speed)
-        # The modes exchange energy far faster than the pipe gains it, which differences show.
-        assert rate == pytest.approx(power.total, abs=1e-11 * model.energy(y) * speed)
-        assert power.total == power.flow + power.joints + power.drag
-        assert power.others == 0.0
-        assert (power.flow != 0.0) == flowing
-        assert (power.joints < 0.0) == damping
-        assert (power.drag < 0.0) == drag
-
-
-@pytest.mark.parametrize("flow", FLOWS)
 def test_the_flow_works_at_the_free_end_only(flow):
     rng = np.random.default_rng(3)
     model = pp.Galerkin(pp.Pipe(0.25, gamma=2.0, flow=flow, alpha=0.7), 4, "legendre")
@@ -169,25 +136,6 @@ def test_the_flow_works_at_the_free_end_only(flow):
     sign, centrifugal = 1.0 if flow == "ejecting" else -1.0, 0.7
     expected = -sign * 0.5 * u * velocity @ velocity - centrifugal * u**2 * along
     assert model.power(y, u).flow == pytest.approx(expected, rel=1e-9)
-
-
-@pytest.mark.parametrize("basis", BASES)
-def test_energy_is_that_of_the_shape(basis):
-    """Bending, weight and kinetic energy of the drawn centreline; zero at rest."""
-    rng = np.random.default_rng(4)
-    model = pp.Galerkin(pp.Pipe(0.3, gamma=6.0), 4, basis)
-    y = bent_state(model, rng, 2.0)
-    q, rate = y[:4], y[4:]
-    s, weights = gauss(60)
-    bending = 0.5 * weights @ (model.functions(s, 2) @ q) ** 2
-    weight = 6.0 * weights @ (s - model.shape(q, s)[:, 1])
-    velocity = derivative(lambda t: model.shape(q + t * rate, s), 1e-3)
-    kinetic = 0.5 * weights @ np.sum(velocity**2, axis=1)
-    assert model.energy(y) == pytest.approx(bending + weight + kinetic, rel=1e-9)
-    assert model.energy(np.zeros(8)) == 0.0
-    tiny = np.concatenate([1e-9 * q, np.zeros(4)])
-    linear = 0.5 * tiny[:4] @ model.operators().stiffness @ tiny[:4]
-    assert model.energy(tiny) == pytest.approx(linear, rel=1e-9, abs=0.0)
 
 
 # ---------------------------------------------------------------------------------- Jacobian
@@ -213,53 +161,6 @@ def test_jacobian_is_the_derivative_of_rhs(drag, basis, flow, terms):
         error = np.abs(found - expected).max(axis=0) / np.abs(expected).max(axis=0)
         # With drag the difference's steps move the kinks of the integrand.
         assert error.max() < (3e-6 if drag else 1e-9)
-
-
-@pytest.mark.parametrize(("flow", "terms"), LOADS)
-@pytest.mark.parametrize("basis", BASES)
-def test_small_motions_are_those_of_the_operators(basis, flow, terms):
-    """Drag included: it has no linear part, and a Jacobian at rest."""
-    rng = np.random.default_rng(6)
-    pipe = pp.Pipe(0.4, gamma=5.0, flow=flow, alpha=0.7, drag=2.0, damping=0.01, terms=terms)
-    model = pp.Galerkin(pipe, 6, basis)
-    mass, damping, stiffness = model.operators().at(5.0)
-    linear = np.linalg.solve(mass, np.hstack([-stiffness, -damping]))
-    jacobian = model.jacobian(0.0, np.zeros(12), 5.0)
-    np.testing.assert_allclose(jacobian[6:], linear, atol=1e-10 * np.abs(linear).max())
-    np.testing.assert_array_equal(jacobian[:6], np.eye(12)[6:])
-    straight = model.operators(np.zeros(6))
-    for name in OPERATORS:
-        expected = getattr(model.operators(), name)
-        size = max(1.0, np.abs(expected).max())
-        np.testing.assert_allclose(getattr(straight, name), expected, atol=1e-13 * size)
-    smooth = pp.Galerkin(replace(pipe, drag=0.0), 6, basis)
-    y = bent_state(model, rng, 1.0)
-    errors = [
-        np.abs(smooth.rhs(0.0, size * y, 5.0)[6:] / size - linear @ y).max() for size in (0.1, 0.01)
-    ]
-    assert errors[1] == pytest.approx(errors[0] / 100.0, rel=0.05)
-
-
-@pytest.mark.parametrize("basis", BASES)
-def test_operators_about_a_buckled_pipe_are_its_small_motions(basis):
-    """Standing under too much weight it rests bent; there the Jacobian is that of the operators."""
-    model = pp.Galerkin(pp.Pipe(0.3, gamma=-12.0, damping=0.02), 5, basis)
-
-    def force(q):
-        return model.rhs(0.0, np.concatenate([q, np.zeros(5)]), 1.0)[5:]
-
-    rest = root(force, model.elastic_scale * [1.5, 0.0, 0.0, 0.0, 0.0], tol=1e-13).x
-    assert abs(model.tip(rest)[0]) > 0.3
-    ops = model.operators(rest)
-    mass, damping, stiffness = ops.at(1.0)
-    linear = np.linalg.solve(mass, np.hstack([-stiffness, -damping]))
-    jacobian = model.jacobian(0.0, np.concatenate([rest, np.zeros(5)]), 1.0)
-    np.testing.assert_allclose(jacobian[5:], linear, atol=1e-9 * np.abs(linear).max())
-    np.testing.assert_array_equal(ops.gyroscopic, -ops.gyroscopic.T)
-    for name in ("mass", "end_flux", "damping", "stiffness"):
-        matrix = getattr(ops, name)
-        np.testing.assert_allclose(matrix, matrix.T, atol=1e-13 * np.abs(matrix).max())
-    assert np.linalg.matrix_rank(ops.end_flux) == 2
 
 
 # -------------------------------------------------------------------------------- quadrature
@@ -315,19 +216,6 @@ def test_steps_that_may_err_more_take_fewer_nodes_and_miss_a_thousandth_of_it_at
     assert missed[2] < 1e-12 < missed[0]
 
 
-def test_nodes_follow_functions_and_amplitude():
-    counts = [
-        pp.Galerkin(pp.Pipe(0.2), m, "legendre").motion.nodes(np.zeros(m)) for m in (2, 8, 24)
-    ]
-    assert counts == sorted(set(counts))
-    model = pp.Galerkin(pp.Pipe(0.2), 8, "legendre")
-    curled = np.eye(8)[0]
-    counts = [model.motion.nodes(size * curled) for size in (0.0, 3.0, 30.0, 1e6)]
-    assert counts == sorted(set(counts))
-    with pytest.raises(pp.NotResolved, match=r"bends the pipe by 1e\+06 rad"):
-        model.rhs(0.0, np.concatenate([1e6 * curled, curled]), 1.0)
-
-
 # ----------------------------------------------------------------------- batches and threads
 
 
@@ -361,14 +249,6 @@ def test_a_batch_is_its_members(m, terms, basis, level, at_level):
             np.testing.assert_allclose(getattr(power, name), each, rtol=0.0, atol=close)
     common = model.rhs(0.0, states, 3.0)
     np.testing.assert_array_equal(common, model.rhs(0.0, states, np.full(20, 3.0)))
-
-
-def test_an_empty_batch_is_empty():
-    model = pp.Galerkin(pp.Pipe(0.4, drag=0.7), 3)
-    assert model.rhs(0.0, np.zeros((6, 0)), 1.0).shape == (6, 0)
-    assert model.rhs(0.0, np.zeros((6, 0)), np.zeros(0)).shape == (6, 0)
-    assert model.energy(np.zeros((6, 0))).shape == (0,)
-    assert model.power(np.zeros((6, 0)), 1.0).total.shape == (0,)
 
 
 @pytest.mark.parametrize("drag", [0.0, 0.7])
@@ -408,85 +288,10 @@ def test_levels_agree(m, terms, basis, at_level):
             assert np.abs(part - first).max() < 1e-12 * np.abs(first).max()
 
 
-@pytest.mark.parametrize("terms", [(), TERMS], ids=["plain", "terms"])
-def test_rates_with_the_work_done_are_rhs_and_power(terms):
-    rng = np.random.default_rng(13)
-    pipe = pp.Pipe(0.4, gamma=2.0, drag=0.7, damping=0.01, terms=terms)
-    model = pp.Galerkin(pipe, 4, "legendre")
-    y = np.stack([bent_state(model, rng, 1.0) for _ in range(5)], axis=1)
-    u = np.linspace(0.0, 6.0, 5)
-    found = model.motion.rhs_and_power(0.0, np.vstack([y, np.ones(5)]), u)
-    np.testing.assert_array_equal(found[:8], model.rhs(0.0, y, u))
-    np.testing.assert_array_equal(found[8], model.power(y, u).total)
-
-
-def test_one_model_serves_many_threads():
-    rng = np.random.default_rng(9)
-    pipe = pp.Pipe(0.3, gamma=1.0, drag=0.5)
-    model, fresh = pp.Galerkin(pipe, 6, "legendre"), pp.Galerkin(pipe, 6, "legendre")
-    states = [bent_state(model, rng, angle) for angle in rng.uniform(0.0, 3.0, 64)]
-    batch = np.stack(states, axis=1)
-
-    def answers(asked, y):
-        return (
-            asked.rhs(0.0, y, 5.0),
-            asked.jacobian(0.0, y, 5.0),
-            asked.energy(y),
-            asked.power(y, 5.0).total,
-            asked.rhs(0.0, batch, 5.0),
-        )
-
-    with ThreadPoolExecutor(8) as pool:
-        together = list(pool.map(partial(answers, fresh), states))
-    for y, found in zip(states, together, strict=True):
-        for one, other in zip(found, answers(model, y), strict=True):
-            np.testing.assert_array_equal(one, other)
-
-
 # ---------------------------------------------------------------------------------- symmetry
 
 
-def test_reversing_time_turns_the_flow():
-    """Ejecting, seen backwards, is aspirating with the inlet coefficient 1."""
-    rng = np.random.default_rng(11)
-    out = pp.Galerkin(pp.Pipe(0.4, gamma=2.0), 4, "legendre")
-    back = pp.Galerkin(pp.Pipe(0.4, gamma=2.0, flow="aspirating"), 4, "legendre")
-    y = bent_state(out, rng, 1.5)
-    turned = np.concatenate([y[:4], -y[4:]])
-    forward = out.rhs(0.0, y, 3.0)[4:]
-    np.testing.assert_allclose(back.rhs(0.0, turned, 3.0)[4:], forward, rtol=1e-11)
-
-
-# --------------------------------------------------------------------------------- arguments
-
-MODEL = pp.Galerkin(pp.Pipe(0.2, gamma=1.0, drag=0.3), 3)
-GOOD = np.linspace(0.1, 0.6, 6)
-
-
-def test_states_of_any_layout_and_number_type_serve():
-    expected = MODEL.rhs(0.0, GOOD, 2.0)
-    np.testing.assert_array_equal(MODEL.rhs(0, list(GOOD), 2), expected)
-    np.testing.assert_array_equal(MODEL.rhs(0.0, np.repeat(GOOD, 2)[::2], np.int32(2)), expected)
-    np.testing.assert_array_equal(MODEL.rhs(None, GOOD, np.array(2.0)), expected)
-    whole = np.array([1, 0, 0, 2, 0, 0])
-    np.testing.assert_array_equal(MODEL.rhs(0.0, whole, 2.0), MODEL.rhs(0.0, whole * 1.0, 2.0))
-    batch = np.stack([GOOD, 2 * GOOD, -GOOD], axis=1)
-    many = MODEL.rhs(0.0, batch, [0, 1, 2])
-    np.testing.assert_array_equal(MODEL.rhs(0.0, np.asfortranarray(batch), [0, 1, 2]), many)
-    assert many.shape == (6, 3)
-    assert MODEL.rhs(0.0, batch[:, :1], 1.0).shape == (6, 1)
-    assert MODEL.energy(batch).shape == (3,)
-    assert isinstance(MODEL.energy(GOOD), float)
-    assert isinstance(MODEL.power(GOOD, 1.0).total, float)
-
-
-def test_other_bad_arguments_are_refused():
-    with pytest.raises(ValueError, match=r"y must have shape \(6,\) or \(6, k\), got \(5, 2\)"):
-        MODEL.jacobian(0.0, np.ones((5, 2)), 1.0)
-    with pytest.raises(ValueError, match="q must have 3 entries, got 4"):
-        MODEL.operators(np.zeros(4))
-    with pytest.raises(ValueError, match=r"q must lie in \[-1e\+06, 1e\+06\], got nan at index 1"):
-        MODEL.operators([0.0, math.nan, 0.0])
+# ------------------------------------------------------------------------------ known motions
 
 
 @pytest.mark.parametrize("basis", ["beam", "legendre"])

@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 from independent import (
     dense_jacobian,
-    dense_rates,
     lagrangian_accelerations,
     pipe_rates,
     quadratic_eigenvalues,
@@ -95,23 +94,6 @@ def test_chain_moves_as_the_papers_lagrangian_with_the_jets_momentum_says():
     expected = lagrangian_accelerations(y, *given, jet_angle=-1.25)
     found = pp.Chain(pipe, **arrays, base=0.1).rhs(0.0, y, 3.75)[3:]
     np.testing.assert_allclose(found, expected, rtol=1e-11, atol=1e-10)
-
-
-def test_models_move_as_dense_equations_say():
-    pipe = pp.Pipe(0.3, 4.0, alpha=0.7, damping=0.01, jet_angle=0.8)
-    chain, y = pp.Chain(pipe, 7), np.random.default_rng(7).normal(size=(14, 5))
-    expected = np.stack([dense_rates(chain, state, 4.5) for state in y.T], axis=1)
-    np.testing.assert_allclose(chain.rhs(0.0, y, 4.5), expected, rtol=1e-9, atol=1e-9)
-    for basis in ("beam", "legendre"):
-        model = pp.Galerkin(pipe, 4, basis)
-        y = 0.3 * np.random.default_rng(8).normal(size=8)
-        exact = pipe_rates(model, y, 4.5)
-        np.testing.assert_allclose(model.rhs(0.0, y, 4.5), exact, rtol=1e-8, atol=1e-8)
-    scene = pp.modular.chain(pipe, 4)
-    state = scene.state(*np.random.default_rng(6).normal(size=(2, 4)))
-    for route in ("orthonormal", "udwadia-kalaba"):
-        mine = scene.accelerations(state, 3.75, route)
-        np.testing.assert_allclose(mine, scene.rhs(0.0, state, 3.75)[12:], rtol=1e-9, atol=1e-9)
 
 
 @pytest.mark.parametrize("method", ["radau", "dop853"])
@@ -292,8 +274,6 @@ def test_what_cannot_be_asked_of_a_bent_pipe_says_what_can():
     model = pp.Galerkin(pp.Pipe(0.2, damping=0.002, jet_angle=0.5), 8)
     pump = pp.Pulsation(4.0, 0.1, 20.0)
     for call, message in (
-        (lambda: pp.critical_speed(model), r"straight it does not with jet_angle = 0.5"),
-        (lambda: pp.hopf(model), r"equilibrium_branch\(model, q, u, speeds\)"),
         (
             lambda: pp.floquet(model, pump),
             r"^model must be of a pipe that rests straight .* jet_angle = 0.5: it bends",
