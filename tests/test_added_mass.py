@@ -13,7 +13,7 @@ from independent import any_chain
 from test_terms import derivative, jacobian_by_differences, sizes_of
 
 import pipedyn as pp
-from pipedyn import _core, modular
+from pipedyn import modular
 
 MODELS = {
     "chain": lambda pipe: pp.Chain(pipe, 7),
@@ -84,21 +84,6 @@ def test_a_pendulum_in_a_fluid_turns_as_a_heavier_one_at_any_angle():
     found, expected = wet.rhs(0.0, y, 4.0)[1], dry.rhs(0.0, faster, 4.0)[1]
     # Coriolis force and damping are even in units of the time: u and the angles are the same.
     np.testing.assert_allclose(found * root**2, expected, rtol=1e-13)
-
-
-@pytest.mark.parametrize("level", _core.vector_levels())
-@pytest.mark.parametrize("reduced", [False, True])
-def test_batches_move_as_their_members(reduced, level, at_level):
-    at_level(level)
-    pipe = pp.Pipe(0.3, 4.0, drag=0.5, damping=0.01, terms=[pp.AddedMass(0.6), pp.Spring(0.7, 5.0)])
-    model = pp.Galerkin(pipe, 5, "legendre") if reduced else pp.Chain(pipe, 6)
-    size = 0.3 if reduced else 1.0
-    states = size * np.random.default_rng(3).normal(size=(2 * model.dof, 11))
-    for name in ("rhs", "jacobian"):
-        evaluate = getattr(model, name)
-        together = evaluate(0.0, states, 3.0)
-        alone = np.stack([evaluate(0.0, y, 3.0) for y in states.T], axis=1 if name == "rhs" else 0)
-        np.testing.assert_allclose(together, alone, atol=1e-11 * np.abs(alone).max())
 
 
 def tapered(s):
