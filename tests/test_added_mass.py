@@ -9,7 +9,7 @@ import math
 
 import numpy as np
 import pytest
-from independent import any_chain
+from independent import any_chain, companion_eigenvalues
 from test_terms import derivative, jacobian_by_differences, sizes_of
 
 import pipedyn as pp
@@ -114,9 +114,7 @@ def test_products_and_eigenvalues_of_any_chain_are_those_of_its_matrices(n):
         np.testing.assert_allclose(
             getattr(ours, name), expected, atol=1e-12 * np.abs(expected).max()
         )
-    mass, velocity, stiffness = dense.at(2.0)
-    lower = np.linalg.solve(mass, -np.hstack([stiffness, velocity]))
-    values = np.linalg.eigvals(np.vstack([np.eye(n, 2 * n, n), lower]))
+    values = companion_eigenvalues(*dense.at(2.0))
     found = pp.eigenvalues(chain, 2.0)
     distance = np.abs(found[:, None] - values).min(axis=1)
     assert np.abs(distance).max() < 1e-9 * np.abs(values).max()
@@ -142,32 +140,6 @@ def test_motions_balance_their_energy_by_explicit_and_implicit_steps(make):
         assert motion.audit < 1e-8
         ends.append(motion.q[-1])
     np.testing.assert_allclose(ends[0], ends[1], atol=1e-6 * np.abs(ends[0]).max())
-
-
-def test_scenes_with_guides_move_as_dense_recursions_say():
-    pipe = pp.Pipe(0.3, 5.0, terms=[pp.AddedMass(0.6), pp.Viscosity(0.4)])
-    scene = modular.chain(pipe, 5).plus(modular.Guide(3))
-    theta, omega = scene.onto_constraints(np.linspace(0.1, 0.9, 5), np.cos(np.arange(5.0)))
-    y = scene.state(theta, omega)
-    found = scene.rhs(0.0, y, 3.0)[y.size // 2 :]
-    for name in ("orthonormal", "udwadia-kalaba"):
-        dense = scene.accelerations(y, 3.0, name)
-        np.testing.assert_allclose(found, dense, atol=1e-9 * np.abs(dense).max())
-
-
-def test_large_motions_of_chains_tend_to_the_pipes_at_second_order():
-    pipe = pp.Pipe(0.3, 5.0, damping=2e-3, terms=[pp.AddedMass(0.8)])
-
-    def tip(model):
-        motion = pp.simulate(model, 6.0, 0.6, lambda s: 1.2 * s, rtol=1e-9, samples=31)
-        return motion.tip
-
-    exact = tip(pp.Galerkin(pipe, 12, "legendre"))
-    assert np.abs(exact[:, 0]).max() > 0.5
-    errors = [np.abs(tip(pp.Chain(pipe, n)) - exact).max() for n in (10, 20, 40)]
-    ratios = np.array(errors[:-1]) / errors[1:]
-    assert ((ratios > 3.0) & (ratios < 5.0)).all()
-    assert errors[-1] < 3e-3
 
 
 def test_the_fluid_changes_the_cycle_that_emerges_though_not_as_a_heavier_pipe():

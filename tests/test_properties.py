@@ -2,7 +2,6 @@
 """What holds for any pipe and model: answers that verify, or an exception of the package's own."""
 
 import math
-import pickle
 from dataclasses import replace
 
 import numpy as np
@@ -190,24 +189,6 @@ def test_every_branch_is_made_of_eigenvalues(model, speeds, count):
             assert np.abs(whole - value).min() <= 1e-5 * (1.0 + abs(value))
 
 
-@settings(max_examples=8)
-@given(models(pipes()), mixed([1e-3, 30.0], 0.1, 15.0))
-def test_every_crossing_has_an_eigenvalue_on_the_axis(model, max_speed):
-    try:
-        found = pp.crossings(model, max_speed)
-        critical = pp.critical_speed(model, max_speed)
-    except pp.PipedynError:
-        return
-    first = next(crossing for crossing in found if crossing.destabilising)
-    assert critical.speed == first.speed
-    for crossing in found:
-        assert 0.0 <= crossing.speed <= max_speed
-        assert abs(crossing.unstable_after - crossing.unstable_before) >= 1
-        values = all_roots(model, crossing.speed)
-        miss = np.abs(values - 1j * crossing.frequency).min()
-        assert miss <= 1e-4 * (1.0 + crossing.frequency)
-
-
 @settings(max_examples=40)
 @given(models(pipes()), SEEDS)
 def test_the_flow_is_skew_but_for_what_leaves_at_the_end(model, seed):
@@ -280,48 +261,6 @@ def test_aspirating_with_full_inlet_is_ejecting_the_other_way(model, u, seed):
     reversed_ = model.with_pipe(blown).rhs(0.0, back * y, u)
     size = np.abs(forward).max()
     np.testing.assert_allclose(reversed_, -back * forward, rtol=0.0, atol=1e-11 * size)
-
-
-@settings(max_examples=40)
-@given(models(pipes()), SEEDS, st.integers(0, 9))
-def test_a_batch_is_its_members_and_pickles_move_alike(model, seed, members):
-    dice = np.random.default_rng(seed)
-    y = np.zeros((2 * model.coordinates, members))
-    for j in range(members):
-        y[:, j] = state(model, dice)
-    speeds = dice.uniform(0.0, 9.0, members)
-    together = pickle.loads(pickle.dumps(model)).rhs(0.0, y, speeds)
-    assert together.shape == y.shape
-    for j, u in enumerate(speeds):
-        alone = model.rhs(0.0, y[:, j], u)
-        np.testing.assert_allclose(together[:, j], alone, rtol=0.0, atol=1e-9 * abs(alone).max())
-
-
-@settings(max_examples=40)
-@given(chains(pipes(), wild=False), SPEEDS, SEEDS)
-def test_a_scene_of_a_chain_moves_as_the_chain(chain, u, seed):
-    scene = modular.chain(
-        *(chain.pipe, chain.dof),
-        springs=chain.springs,
-        lengths=chain.lengths,
-        centres=chain.centres,
-        gyration_radii=chain.gyration_radii,
-        drag_points=chain.drag_points,
-        base=chain.base,
-    )
-    n = chain.dof
-    y = state(chain, np.random.default_rng(seed))
-    expected = chain.rhs(0.0, y, u)
-    redundant = scene.state(y[:n], y[n:])
-    found = scene.rhs(0.0, redundant, u)
-    turning = np.cumsum(found[3 * n + 2 :: 3])
-    size = np.abs(expected).max() + np.abs(y[n:]).max() ** 2
-    np.testing.assert_allclose(turning, expected[n:], rtol=0.0, atol=1e-8 * size)
-    for name in ("flow", "joints", "drag"):
-        a, b = getattr(chain.power(y, u), name), getattr(scene.power(redundant, u), name)
-        assert math.isclose(
-            a, b, rel_tol=1e-9, abs_tol=1e-13 * size * (1.0 + chain.pipe.alpha * u**2)
-        )
 
 
 @settings(max_examples=40)
