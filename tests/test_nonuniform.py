@@ -242,17 +242,6 @@ def test_bending_is_the_identity_in_elastic_coordinates(basis):
     assert model.from_elastic(z[:, 0]) == pytest.approx(q[:, 0], rel=1e-15)
 
 
-def test_states_of_a_batch_move_as_each_alone_and_as_on_more_nodes():
-    model = pp.Galerkin(PIPE, 7, "legendre")
-    y = np.concatenate(state_of(model))[:, None] * np.linspace(0.2, 1.0, 9)
-    together = model.rhs(0.0, y, SPEED)
-    jacobians = model.jacobian(0.0, y, SPEED)
-    for k in range(9):
-        assert together[:, k] == pytest.approx(model.rhs(0.0, y[:, k], SPEED), rel=1e-10)
-        alone = model.jacobian(0.0, y[:, k], SPEED)
-        assert np.abs(jacobians[k] - alone).max() < 1e-10 * np.abs(alone).max()
-
-
 def test_the_energy_that_a_motion_gains_is_what_its_power_did():
     for model in (pp.Chain(PIPE, 6), pp.Galerkin(PIPE, 5, "legendre"), pp.modular.chain(PIPE, 4)):
         n = model.integrated
