@@ -10,7 +10,7 @@ import pytest
 import pipedyn as pp
 from pipedyn.curves import boundary_curves, organising
 from pipedyn.curves.boundary import checked_window
-from pipedyn.curves.boundary_curves import Tracer, line_starts
+from pipedyn.curves.boundary_curves import CurveTracer, line_starts
 from pipedyn.equilibrium.hopf import static_cubic
 from pipedyn.linear.plane import Plane, Scale, Window
 
@@ -167,7 +167,7 @@ class Ring(Plane):
 
 def test_a_closed_curve_that_no_edge_meets_is_found_and_closes():
     starts, failures = line_starts(Ring())
-    tracer = Tracer(Ring(), starts)
+    tracer = CurveTracer(Ring(), starts)
     (curve,) = tracer.trace(starts)
     assert failures == [*tracer.failures()] == []
     assert curve.ends == ("closed", "closed")
@@ -184,7 +184,7 @@ def test_a_closed_curve_that_no_edge_meets_is_found_and_closes():
 def test_a_closed_curve_that_no_line_meets_is_reached_uphill(only_stability):
     plane = Ring(center=(0.68, 0.27), radius=0.05)
     starts, _ = line_starts(plane, only_stability)
-    (curve,) = Tracer(plane, starts).trace(starts)
+    (curve,) = CurveTracer(plane, starts).trace(starts)
     assert curve.ends == ("closed", "closed")
     assert np.hypot(*(curve.places() - plane.center).T) == pytest.approx(0.05, abs=1e-12)
 

@@ -12,7 +12,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 import pipedyn as pp
-from pipedyn.continuation.arclength import folds
+from pipedyn.continuation.tracer import Fold
 from pipedyn.cycles import branches as module
 from pipedyn.orbits.floquet import crossing_event, log_moduli, nontrivial
 
@@ -320,7 +320,7 @@ class Bends:
     ],
 )
 def test_a_step_may_hold_no_fold_or_one_or_two(step, expected):
-    assert folds(step, 1e-5) == pytest.approx(expected, abs=1e-4)
+    assert Fold(step, 1e-5).lengths() == pytest.approx(expected, abs=1e-4)
 
 
 # ------------------------------------------------------------------------ cycles that leave cycles
@@ -442,7 +442,7 @@ def test_what_is_narrower_than_the_speeds_show_is_left_out_and_named():
 )
 def test_an_event_is_named_by_where_the_multiplier_passes(root, mirrored, kind):
     others = [root, np.conj(root)] if np.iscomplex(root) else [root]
-    named, multiplier = crossing_event([1.0, 0.2, -0.3, 40.0, *others], mirrored)
+    named, multiplier = crossing_event(np.array([0.2, -0.3, 40.0, *others]), mirrored)
     assert named == kind
     power = 2 if mirrored else 1
     assert multiplier == pytest.approx((root / abs(root)) ** power)
