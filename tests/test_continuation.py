@@ -31,9 +31,14 @@ def test_a_closed_curve_is_followed_once_around_both_folds(step, p0):
     circle = DenseProblem(circle_equations, 2, 1.0, Control(longest=step))
     x = np.full(2, np.sqrt(1.0 - p0**2))
     start = circle.point(np.append(x, p0), np.array([0.0, 0.0, 1.0]))
-    points, ends, reasons = Tracer([(-1, -3.0, 3.0)]).both_ways(circle, start, 0.2 * step)
+    tracer = Tracer([(-1, -3.0, 3.0)])
+    points, ends, reasons = tracer.both_ways(circle, start, 0.2 * step)
     assert ends == ("closed", "closed")
     assert reasons == ("", "")
+    steps = circle.segments(start, 0.2 * step, [(-1, p0)])  # with a point wherever it passes p0
+    marked, end, _ = tracer.one_way(steps, circle, start)
+    assert end == "closed"
+    assert [point.p for point in marked].count(p0) == 3
     assert points[0] is points[-1] is start
     turns = []
     for a, b in pairwise(points):

@@ -13,6 +13,7 @@ from __future__ import annotations
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Iterator, Mapping
+from contextlib import suppress
 from dataclasses import replace
 from itertools import pairwise
 from typing import Any, Generic, Literal, cast
@@ -318,8 +319,8 @@ def _passes_through(step: Segment[Equations], point: Point) -> bool:
     if point.z.size != step.begin.z.size:  # of an orbit on another mesh
         return False
     s, length, problem = step.reach(point.z), step.length, step.problem
-    if not 1e-6 * length < s <= length * (1.0 + 1e-9):
-        return False
-    if problem.length(step.guess(s) - point.z) > 0.1 * length:
-        return False
-    return step.miss(point.z) <= 1e-6 * (1.0 + problem.length(point.z))
+    ahead = 1e-6 * length < s <= length * (1.0 + 1e-9)
+    if ahead and problem.length(step.guess(s) - point.z) <= 0.1 * length:
+        with suppress(NewtonFailed):
+            return step.miss(point.z) <= 1e-6 * (1.0 + problem.length(point.z))
+    return False
