@@ -2,7 +2,6 @@
 """What holds for any pipe and model: answers that verify, or an exception of the package's own."""
 
 import math
-import pickle
 from dataclasses import replace
 
 import numpy as np
@@ -190,24 +189,6 @@ def test_every_branch_is_made_of_eigenvalues(model, speeds, count):
             assert np.abs(whole - value).min() <= 1e-5 * (1.0 + abs(value))
 
 
-@settings(max_examples=8)
-@given(models(pipes()), mixed([1e-3, 30.0], 0.1, 15.0))
-def test_every_crossing_has_an_eigenvalue_on_the_axis(model, max_speed):
-    try:
-        found = pp.crossings(model, max_speed)
-        critical = pp.critical_speed(model, max_speed)
-    except pp.PipedynError:
-        return
-    first = next(crossing for crossing in found if crossing.destabilising)
-    assert critical.speed == first.speed
-    for crossing in found:
-        assert 0.0 <= crossing.speed <= max_speed
-        assert abs(crossing.unstable_after - crossing.unstable_before) >= 1
-        values = all_roots(model, crossing.speed)
-        miss = np.abs(values - 1j * crossing.frequency).min()
-        assert miss <= 1e-4 * (1.0 + crossing.frequency)
-
-
 @settings(max_examples=40)
 @given(models(pipes()), SEEDS)
 def test_the_flow_is_skew_but_for_what_leaves_at_the_end(model, seed):
@@ -283,48 +264,6 @@ def test_aspirating_with_full_inlet_is_ejecting_the_other_way(model, u, seed):
 
 
 @settings(max_examples=40)
-@given(models(pipes()), SEEDS, st.integers(0, 9))
-def test_a_batch_is_its_members_and_pickles_move_alike(model, seed, members):
-    dice = np.random.default_rng(seed)
-    y = np.zeros((2 * model.coordinates, members))
-    for j in range(members):
-        y[:, j] = state(model, dice)
-    speeds = dice.uniform(0.0, 9.0, members)
-    together = pickle.loads(pickle.dumps(model)).rhs(0.0, y, speeds)
-    assert together.shape == y.shape
-    for j, u in enumerate(speeds):
-        alone = model.rhs(0.0, y[:, j], u)
-        np.testing.assert_allclose(together[:, j], alone, rtol=0.0, atol=1e-9 * abs(alone).max())
-
-
-@settings(max_examples=40)
-@given(chains(pipes(), wild=False), SPEEDS, SEEDS)
-def test_a_scene_of_a_chain_moves_as_the_chain(chain, u, seed):
-    scene = modular.chain(
-        *(chain.pipe, chain.dof),
-        springs=chain.springs,
-        lengths=chain.lengths,
-        centres=chain.centres,
-        gyration_radii=chain.gyration_radii,
-        drag_points=chain.drag_points,
-        base=chain.base,
-    )
-    n = chain.dof
-    y = state(chain, np.random.default_rng(seed))
-    expected = chain.rhs(0.0, y, u)
-    redundant = scene.state(y[:n], y[n:])
-    found = scene.rhs(0.0, redundant, u)
-    turning = np.cumsum(found[3 * n + 2 :: 3])
-    size = np.abs(expected).max() + np.abs(y[n:]).max() ** 2
-    np.testing.assert_allclose(turning, expected[n:], rtol=0.0, atol=1e-8 * size)
-    for name in ("flow", "joints", "drag"):
-        a, b = getattr(chain.power(y, u), name), getattr(scene.power(redundant, u), name)
-        assert math.isclose(
-            a, b, rel_tol=1e-9, abs_tol=1e-13 * size * (1.0 + chain.pipe.alpha * u**2)
-        )
-
-
-@settings(max_examples=40)
 @given(models(calm_pipes(), wild=False), mixed([0.0], 0.0, 10.0), SEEDS)
 def test_a_short_motion_keeps_its_balance_of_energy(model, u, seed):
     dice = np.random.default_rng(seed)
@@ -393,38 +332,6 @@ def test_a_cycle_comes_round(model, beyond):
     worst = max(1.0, float(np.abs(cycle.multipliers).max()))
     miss = np.abs(motion.q[-1] - cycle.q[0]).max()
     assert miss <= worst * (1e-4 + 10.0 * cycle.error) * np.abs(cycle.q).max()
-
-
-@settings(max_examples=8)
-@given(calm_pipes(), st.sampled_from(["beta", "gamma", "damping"]), st.integers(1, 5), SEEDS)
-def test_a_curve_reports_what_failed_as_the_packages_own(pipe, name, n, seed):
-    values = np.random.default_rng(seed).uniform(0.0, 0.9, 3)
-
-    def made(value):
-        given = {key: getattr(pipe, key) for key in ("beta", "gamma", "flow", "alpha", "damping")}
-        return pp.Chain(pp.Pipe(**{**given, name: value}), n)
-
-    curve = pp.stability_curve(made, values, max_speed=9.0)
-    assert all(isinstance(failure.error, pp.PipedynError) for failure in curve.failures)
-    failed = {failure.index for failure in curve.failures}
-    for i, critical in enumerate(curve.critical):
-        if i not in failed and critical is not None:
-            assert critical == pp.critical_speed(made(values[i]), 9.0)
-
-
-@settings(max_examples=8)
-@given(calm_pipes(), mixed([0.0], 0.0, 10.0), st.integers(1, 3))
-def test_a_choice_is_as_good_as_it_says_or_the_packages_own_exception(pipe, u, count):
-    """Its roots below those that cluster at -1 / delta are roots of a far larger model."""
-    try:
-        choice = pp.choose(pipe, "frequencies", 1e-3, u=u, count=count)
-    except pp.PipedynError:
-        return
-    assert choice.error <= 1e-3
-    fine = all_roots(pp.Galerkin(pipe, 40, "legendre"), u)[: 2 * count]
-    found = all_roots(choice.model, u)
-    for value in fine[pipe.damping * np.abs(fine) < 0.5]:
-        assert np.abs(found - value).min() <= choice.error * max(abs(value), 1.0) + 1e-9
 
 
 # --------------------------------------------------------------------------------------------- SI
