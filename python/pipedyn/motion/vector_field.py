@@ -83,11 +83,6 @@ class VectorField:
         self._count(2 * y.shape[1])
         return self.model.motion_linearised(y, *self._driven(u))
 
-    def by_speed(self, y: Array, u: float) -> Array:
-        """df/du of the states in the columns at u > 0, exact since f is of second degree in u."""
-        h = 0.5 * u
-        return (self(y, u + h) - self(y, u - h)) / (2.0 * h)
-
     def jacobian_by_speed(self, y: Array, u: float, moved: Array) -> Array:
         """d/du of df/dy along states with dy/du = moved, at u > 0, (2 integrated, 2 integrated).
 
