@@ -42,7 +42,7 @@ Lapack found_lapack() {
   set("scipy.linalg.cython_lapack", "zgetrs", lapack.zgetrs);
   set("scipy.linalg.cython_lapack", "dgeev", lapack.dgeev);
   set("scipy.linalg.cython_lapack", "zgeev", lapack.zgeev);
-  set("scipy.linalg.cython_lapack", "dsyevd", lapack.dsyevd);
+  set("scipy.linalg.cython_lapack", "dsygvd", lapack.dsygvd);
   return lapack;
 }
 

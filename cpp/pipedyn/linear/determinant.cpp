@@ -1,8 +1,6 @@
 // SPDX-License-Identifier: MIT
 #include "pipedyn/linear/determinant.hpp"
 
-#include <Eigen/Cholesky>
-#include <Eigen/Eigenvalues>
 #include <algorithm>
 #include <cmath>
 #include <numbers>
@@ -403,11 +401,7 @@ Stills PanelDeterminant::still(const Reals& u) const {
 }
 
 int PanelDeterminant::negative_at_rest() const {
-  const Eigen::MatrixXd stiffness = spread_.transpose() * times(Matrix(spread_), {.still = 1.0});
-  if (Eigen::LLT<Eigen::MatrixXd>(stiffness).info() == Eigen::Success) return 0;
-  const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> solver(stiffness, Eigen::EigenvaluesOnly);
-  const double least = 1e-12 * (1.0 + solver.eigenvalues().cwiseAbs().maxCoeff());
-  return static_cast<int>((solver.eigenvalues().array() < -least).count());
+  return negative_eigenvalues(lapack, spread_.transpose() * times(Matrix(spread_), {.still = 1.0}));
 }
 
 }  // namespace pipedyn

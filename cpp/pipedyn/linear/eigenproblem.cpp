@@ -1,8 +1,6 @@
 // SPDX-License-Identifier: MIT
 #include "pipedyn/linear/eigenproblem.hpp"
 
-#include <Eigen/Cholesky>
-#include <Eigen/Eigenvalues>
 #include <Eigen/LU>
 #include <algorithm>
 #include <cstdio>
@@ -591,12 +589,7 @@ Divergences Eigenproblem::divergences(double max_speed, bool) {
   const bool symmetric = asymmetry(still) + asymmetry(flux) <= 1e-10 * one.size;
   Divergences result;
   factorised_ += 2;
-  if (symmetric) {
-    const Reals rest = Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd>(Eigen::MatrixXd(still),
-                                                                      Eigen::EigenvaluesOnly)
-                           .eigenvalues();
-    result.negative_at_rest = static_cast<int>((rest < -1e-12 * one.size).count());
-  }
+  if (symmetric) result.negative_at_rest = negative_eigenvalues(one.lapack, still);
   if (flux.isZero(0.0)) return result;
   const auto before = [](const Divergence& a, const Divergence& b) { return a.speed < b.speed; };
   if (free_turns().cols() > 0) {
@@ -698,14 +691,8 @@ std::vector<Divergence> Eigenproblem::divergences_beside(const Matrix& turns, do
 Values Eigenproblem::singular_squares(const DenseOperator& one, const Matrix& still,
                                       const Matrix& flux, bool symmetric) const {
   for (double s = 1.0; symmetric && s < 1e9; s *= 10.0) {  // where tension makes K definite
-    const Eigen::LLT<Eigen::MatrixXd> chol(Eigen::MatrixXd(still - s * flux));
-    if (chol.info() != Eigen::Success) continue;
-    const auto pivots = chol.matrixLLT().diagonal();
-    if (pivots.minCoeff() < 1e-6 * pivots.maxCoeff()) break;  // only semidefinite
-    Eigen::MatrixXd inner = chol.matrixL().solve(Eigen::MatrixXd(flux));
-    inner = chol.matrixL().solve(Eigen::MatrixXd(inner.transpose()));
-    const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> solver(inner, Eigen::EigenvaluesOnly);
-    return (-s - 1.0 / solver.eigenvalues().array()).cast<Complex>();
+    const auto found = symmetric_pairs(one.lapack, flux, still - s * flux, false, 1e-6);
+    if (found) return (-s - 1.0 / found->values).cast<Complex>();
   }
   Matrix zero = Matrix::Zero(traits.dof, traits.dof);
   for (const double shift : shifts) {
