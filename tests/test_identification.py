@@ -10,6 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from independent import companion_eigenvalues
 
 import pipedyn as pp
 
@@ -29,12 +30,8 @@ GUESS = hose(9e-3)
 def shown(pipe, sigma=0.01):
     """What the pipe shows, by its matrices at rest and its onset."""
     model = pp.Continuum(pipe).frozen(24)
-    mass, damping, stiffness = model.operators().at(0.0)
-    zero, one = np.zeros_like(mass), np.eye(len(mass))
-    big = np.block(
-        [[zero, one], [-np.linalg.solve(mass, stiffness), -np.linalg.solve(mass, damping)]]
-    )
-    roots = sorted((root for root in np.linalg.eigvals(big) if root.imag > 0.0), key=abs)
+    values = companion_eigenvalues(*model.operators().at(0.0))
+    roots = sorted(values[values.imag > 0.0], key=abs)
     found = []
     for mode in (1, 2):
         root = roots[mode - 1]
