@@ -32,9 +32,8 @@ Reals parts_beside_zero(const Values& values) {
   return parts;
 }
 
-template <class Evaluate>
-Values log_derivatives_by(const Evaluate& evaluate, double u, const Values& at,
-                          const Values& known) {
+Values log_derivatives_by(const std::function<void(const Points&, double* out)>& evaluate, double u,
+                          const Values& at, const Values& known) {
   const Index count = at.size();
   const Reals parts = parts_of(at), roots = parts_of(known);
   Reals out(2 * count);
@@ -49,9 +48,9 @@ Values log_derivatives_by(const Evaluate& evaluate, double u, const Values& at,
 
 /// Of roots and vectors in n coordinates what `evaluate` says. elastic: takes vectors to elastic
 /// coordinates, right ones or left.
-template <class Evaluate, class Elastic>
-Pairs pairs_by(const Evaluate& evaluate, const Elastic& elastic, double u, const Values& values,
-               Index n, bool vectors, bool own, bool loaded) {
+Pairs pairs_by(const std::function<void(const Points&, const PairsAsked&)>& evaluate,
+               const std::function<ComplexTable(const ComplexTable&)>& elastic, double u,
+               const Values& values, Index n, bool vectors, bool own, bool loaded) {
   const Index count = values.size();
   n = vectors ? n : 0;
   const Reals parts = parts_beside_zero(values);
