@@ -13,7 +13,6 @@ __all__: list[str] = [
     "AxisCrossing",
     "Chain",
     "Complement",
-    "DenseOperator",
     "Eigenproblem",
     "Forms",
     "Galerkin",
@@ -35,7 +34,6 @@ __all__: list[str] = [
     "Sweep",
     "Traits",
     "Truncated",
-    "assignment",
     "carried",
     "crossings",
     "dense_limit",
@@ -395,26 +393,6 @@ class PanelPencil:
         by_damping: typing.SupportsFloat | typing.SupportsIndex = 0.0,
     ) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"]: ...
 
-class DenseOperator:
-    def __init__(
-        self,
-        matrices: typing.Annotated[
-            collections.abc.Sequence[
-                typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, n]"]
-            ],
-            "FixedSize(5)",
-        ],
-        size: typing.SupportsFloat | typing.SupportsIndex,
-        loss: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, n]"] = ...,
-    ) -> None: ...
-    def inverse(
-        self, shift: typing.SupportsFloat | typing.SupportsIndex, velocity_free: bool, left: bool
-    ) -> tuple[
-        typing.Annotated[numpy.typing.NDArray[numpy.complex128], "[m, 1]"],
-        typing.Annotated[numpy.typing.NDArray[numpy.complex128], "[m, n]"],
-        typing.Annotated[numpy.typing.NDArray[numpy.complex128], "[m, n]"],
-    ]: ...
-
 class Traits:
     def __init__(
         self,
@@ -696,9 +674,6 @@ class Integrator:
     @property
     def members(self) -> list[Member]: ...
 
-def assignment(
-    costs: typing.Annotated[numpy.typing.ArrayLike, numpy.float64],
-) -> typing.Annotated[numpy.typing.NDArray[numpy.int64], "[m, 1]"]: ...
 def carried(
     maps: typing.Annotated[numpy.typing.ArrayLike, numpy.float64],
     most: typing.SupportsFloat | typing.SupportsIndex,

@@ -18,7 +18,6 @@ from typing import Any, ClassVar, Self, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pipedyn import _core
 from pipedyn.accuracy.convergence import FAMILIES
 from pipedyn.accuracy.reference import LEAST_REFERENCE_ERROR, Answer
 from pipedyn.attraction.solutions import LARGEST_CYCLE
@@ -36,6 +35,7 @@ from pipedyn.util.archive import saved_as
 from pipedyn.util.check import Array
 from pipedyn.util.counters import TookTooLong, clock, limited
 from pipedyn.util.errors import NotConverged, PipedynError
+from pipedyn.util.later import scipy
 
 LEGENDRE = FAMILIES["legendre"]
 
@@ -184,7 +184,7 @@ class _Eigenvalues(Quantity):
             cost = np.abs(own - row) / np.maximum(np.abs(own), 1.0)
             if own.size > row.size or not np.isfinite(cost).all():
                 return math.inf
-            pairs = np.arange(own.size), _core.assignment(cost)
+            pairs = scipy.optimize.linear_sum_assignment(cost)
             worst = max(worst, float(cost[pairs].max(initial=0.0)))
         return worst
 
