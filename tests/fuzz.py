@@ -634,10 +634,7 @@ def _chains() -> Iterator[Target]:
     yield Target(
         "modular.chain",
         modular.chain,
-        {
-            **without,
-            "enforcement": word("orthonormal", "udwadia-kalaba"),
-        },
+        without,
     )
     yield Target(
         "Galerkin",
@@ -888,7 +885,6 @@ def _scenes() -> Iterator[Target]:
                 *([*CONSTRAINTS, modular.Pin(3, *at)] for at in ((0.0, 1.0), (2.0, 0.0))),
                 *(CONSTRAINTS[1:], CONSTRAINTS[:-1]),
             ),
-            "enforcement": word("orthonormal", "udwadia-kalaba"),
         },
         called={
             "modules": "module|segment|node|lengths|inertia|terms",
@@ -921,14 +917,8 @@ def _scenes() -> Iterator[Target]:
         yield Target(f"modular.Assembly.angles{tag}", scene.angles, {"y": state})
         yield Target(f"modular.Assembly.closed{tag}", scene.closed, {"angles": angles})
         yield Target(f"modular.Assembly.basis{tag}", scene.basis, {"q": optional(turned)})
-        yield Target(f"modular.Assembly.projection{tag}", scene.projection, {"q": optional(turned)})
         yield Target(
             f"modular.Assembly.equilibrium{tag}", scene.equilibrium, {"start": angles, "u": SLOW}
-        )
-        yield Target(
-            f"modular.Assembly.accelerations{tag}",
-            scene.accelerations,
-            {"y": state, "u": U, "enforcement": word("orthonormal", "udwadia-kalaba")},
         )
 
 

@@ -125,7 +125,6 @@ MODELS = {
             modular.Custom(nodes=(2,), joints=(1,), mass=np.diag([0.1, 0.1, 0.2]), name="ballast"),
         ],
         [modular.Clamp(0.1), modular.Joint(2)],
-        "udwadia-kalaba",
     ),
     "scene with a pin": lambda: modular.chain(PLAIN, 3).plus(modular.Pin(3, 0.0, 0.9)),
     "scene that rests bent": lambda: _pinned_at_rest(),
@@ -443,7 +442,7 @@ ERRORS = {
     "NewtonFailed": lambda: NewtonFailed("it turns too sharply"),
     "Stopped": lambda: Stopped("the step became too short"),
     "DriveFailed": lambda: DriveFailed("the flow reverses"),
-    "Mechanism": lambda: modular.Mechanism("it moves without inertia"),
+    "Mechanism": lambda: pp.PipedynError("it moves without inertia"),
     "ValueError": lambda: ValueError("beta must lie in [0, 1)"),
     "KeyError": lambda: KeyError("beta"),
     "an error of another package": lambda: np.linalg.LinAlgError("Singular matrix"),
@@ -464,8 +463,8 @@ THINGS = PIPES | MODELS | RESULTS | errors()
 
 # ------------------------------------------------------------------------------------------ facts
 
-CALLED: dict[str, str] = {}
-"""What classes and attributes are called today that `facts.json` has under an older name."""
+CALLED = {"Mechanism": "PipedynError", ", 'udwadia-kalaba'": ""}
+"""What classes, attributes and words are called today that `facts.json` has under an older name."""
 
 STATE = "rates of a bent state"
 
@@ -563,15 +562,13 @@ def _answers(model):
 
 def recorded():
     """What each thing knew when its file was written, under today's names."""
-    return {
-        name: {
-            ".".join(CALLED.get(part, part) for part in where.split(".")): (
-                CALLED.get(fact, fact) if isinstance(fact, str) else fact
-            )
-            for where, fact in known.items()
-        }
-        for name, known in json.loads(FACTS.read_text("utf-8")).items()
-    }
+    found = {}
+    for name, known in json.loads(FACTS.read_text("utf-8")).items():
+        text = json.dumps(known)
+        for before, today in CALLED.items():
+            text = text.replace(before, today)
+        found[name] = json.loads(text)
+    return found
 
 
 def differences(one, other):

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-import scipy.linalg
+import redundant
 
 import pipedyn as pp
 from pipedyn import _core
@@ -67,16 +67,6 @@ def differences(function, x, step=1e-5):
     return np.stack(columns, axis=-1)
 
 
-def by_null_space(scene, y, u):
-    """Accelerations by the null space of all constraints at once."""
-    form = scene.motion.form
-    a, b = (np.concatenate(of) for of in zip(*scene.motion.groups(y), strict=True))
-    mass, ways = form.mass(y[: y.size // 2]), scipy.linalg.null_space(a, rcond=1e-9)
-    whole = np.concatenate([ways.T @ mass, a])
-    right = np.concatenate([ways.T @ form.forces(y, u), b])
-    return np.linalg.lstsq(whole, right, rcond=1e-12)[0]
-
-
 # ---------------------------------------------------------------------------------- accelerations
 
 
@@ -109,7 +99,7 @@ def test_scenes_solve_the_whole_system(n, spot):
         y = state(scene)
         rates = scene.rhs(0.0, y, 4.0)
         np.testing.assert_array_equal(rates[: 3 * n], y[3 * n :])
-        assert worst(rates[3 * n :], by_null_space(scene, y, 4.0)) < 1e-9
+        assert worst(rates[3 * n :], redundant.accelerations(scene, y, 4.0)) < 1e-9
 
 
 @pytest.mark.parametrize("more", [[], [md.Guide(1000)], [md.Pin(1000, 0.3, 0.8), md.Guide(500)]])
@@ -121,15 +111,14 @@ def test_a_thousand_segments_obey_constraints_and_forces(more):
     theta, omega = scene.projected(start, np.cos(3.0 * np.linspace(0.0, 1.0, n)))
     y = scene.state(theta, omega)
     q, rates = np.split(y, 2)
-    form, acceleration = scene.motion.form, scene.rhs(0.0, y, 5.0)[3 * n :]
-    _, enforced, _ = form.constraints(q, acceleration)
-    _, _, wanted = form.constraints(q, rates)
+    acceleration = scene.rhs(0.0, y, 5.0)[3 * n :]
+    _, enforced, _ = redundant.constraints(scene, q, acceleration)
+    _, _, wanted = redundant.constraints(scene, q, rates)
     assert np.abs(enforced - wanted).max() <= 1e-11 * np.abs(acceleration).max()
-    layout, inertia = scene._layout, form.mass(q) @ acceleration
+    layout, inertia = scene._layout, redundant.mass(scene, q) @ acceleration
+    forces = redundant.forces(scene, y, 5.0)
     held = layout.rows(theta)
-    moments, each = (
-        layout.moments(theta, of[:, None])[:, 0] for of in (form.forces(y, 5.0) - inertia, inertia)
-    )
+    moments, each = (layout.moments(theta, of[:, None])[:, 0] for of in (forces - inertia, inertia))
     left = moments - held @ np.linalg.lstsq(held, moments, rcond=0.0)[0] if more else moments
     assert np.abs(left).max() < 1e-9 * np.abs(each).max()
 
@@ -159,7 +148,7 @@ def test_scenes_at_random_move_or_name_what_lacks_inertia():
         moved += 1
         y = state(made, 0.3, seed)
         found = made.rhs(0.0, y, 3.0)[3 * n :]
-        assert worst(found, by_null_space(made, y, 3.0)) < 1e-8
+        assert worst(found, redundant.accelerations(made, y, 3.0)) < 1e-8
     assert moved > 50
     lacked = [(seed, n, text) for seed, n, text in refusals if "inertia" in text]
     assert len(lacked) > 10
@@ -175,7 +164,7 @@ def test_inertia_may_couple_every_coordinate():
         factor = rng.normal(size=(3 * n, rank))
         scene = unequal(n).plus(md.Custom(**places, mass=factor @ factor.T), md.Guide(n))
         y = state(scene)
-        assert worst(scene.rhs(0.0, y, 4.0)[3 * n :], by_null_space(scene, y, 4.0)) < 1e-8
+        assert worst(scene.rhs(0.0, y, 4.0)[3 * n :], redundant.accelerations(scene, y, 4.0)) < 1e-8
 
 
 def test_chain_of_coupled_inertia_stays_exact():
@@ -186,7 +175,7 @@ def test_chain_of_coupled_inertia_stays_exact():
     )
     scene = unequal(n).plus(md.Custom(nodes=tuple(range(1, n + 1)), mass=across))
     y = state(scene, 0.3)
-    assert worst(scene.rhs(0.0, y, 4.0)[3 * n :], by_null_space(scene, y, 4.0)) < 1e-9
+    assert worst(scene.rhs(0.0, y, 4.0)[3 * n :], redundant.accelerations(scene, y, 4.0)) < 1e-9
 
 
 @pytest.mark.parametrize("guided", [False, True])
@@ -232,18 +221,18 @@ def test_a_thousand_straight_segments_at_rest_stay():
 def test_operators_are_the_derivatives_of_the_forces_in_redundant_coordinates(pipe, n):
     """Moments of the forces and inertia about a bent configuration, which nothing holds."""
     scene, u = rich(n, replace(pipe, drag=0.0)), 2.5
-    form, layout = scene.motion.form, scene._layout
+    layout = scene._layout
     theta = np.array([0.3, -0.5, 0.8])[:n]
 
     def moments(z):
-        forces = form.forces(scene.core.from_angles(z[:n], z[n:]), u)
+        forces = redundant.forces(scene, scene.core.from_angles(z[:n], z[n:]), u)
         return layout.moments(z[:n], forces[:, None])[:, 0]
 
     by_state = differences(moments, np.append(theta, np.zeros(n)))
     mass, velocity, stiffness = scene.operators(theta).at(u)
     np.testing.assert_allclose(by_state, -np.hstack([stiffness, velocity]), atol=1e-7)
     turning = coordinates_by_angles(layout.lengths, theta)
-    inertia = form.mass(scene.core.from_angles(theta, np.zeros(n))[: 3 * n])
+    inertia = redundant.mass(scene, scene.core.from_angles(theta, np.zeros(n))[: 3 * n])
     np.testing.assert_allclose(turning.T @ inertia @ turning, mass, atol=1e-13)
 
 
@@ -251,18 +240,20 @@ def test_operators_are_the_derivatives_of_the_forces_in_redundant_coordinates(pi
 def test_constraints_change_as_their_derivatives_say(n):
     """At states that meet no constraint."""
     scene = rich(n).plus(*[md.Guide(n), md.Pin(2, 0.1, 0.3)] * (n > 2))
-    form, size = scene.motion.form, 3 * n
+    size = 3 * n
     rng = np.random.default_rng(n)
     q = scene.state(scene.resting())[:size] + 0.3 * rng.normal(size=size)
     rates = rng.normal(size=size)
-    residual, drift, wanted = form.constraints(q, rates)
-    _, a, _ = form.constraints(q, np.eye(size))
+    residual, drift, wanted = redundant.constraints(scene, q, rates)
+    _, a, _ = redundant.constraints(scene, q, np.eye(size))
     assert a.shape == (residual.size, size)
-    by_coordinates = differences(lambda z: form.constraints(z, rates)[0], q)
+    by_coordinates = differences(lambda z: redundant.constraints(scene, z, rates)[0], q)
     np.testing.assert_allclose(a, by_coordinates, atol=1e-8)
     np.testing.assert_allclose(a @ rates, drift, atol=1e-13)
     # d/dt of A q' is A q'' + A' q', so b = -A' q'
-    by_time = differences(lambda s: form.constraints(q + s[0] * rates, rates)[1], np.zeros(1))
+    by_time = differences(
+        lambda s: redundant.constraints(scene, q + s[0] * rates, rates)[1], np.zeros(1)
+    )
     np.testing.assert_allclose(wanted, -by_time[:, 0], atol=1e-8)
 
 
