@@ -72,7 +72,7 @@ def test_forced_motions_are_drawn_with_their_folds():
     found = pp.forced_response(model, 0.0, base=pp.Harmonic(0.02, 20.0), frequencies=(15.0, 26.0))
     ax = plot.forced_response(found, ax=axes())
     folds = [event for event in found.branches[0].events if event.kind == "fold"]
-    marked = [line.get_xydata()[0] for line in ax.lines if line.get_marker() == "o"]
+    marked = [line.get_xydata()[0] for line in ax.lines if line.get_marker() == "<"]
     np.testing.assert_allclose(marked, [[fold.frequency, fold.amplitude] for fold in folds])
     words = {text.get_text() for text in ax.get_legend().get_texts()}
     assert words == {"base, stable", "base, unstable", "fold"}
