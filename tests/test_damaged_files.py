@@ -97,7 +97,7 @@ def changed(where, change):
         ("chain", "Chain.lengths", 1, "which `save` does not write"),
         (
             *("chain that is held", "Chain._lengths"),
-            *(lambda a: a + [0.01, 0.0, 0.0, 0.0, -0.01], "a segment must end"),
+            *(lambda a: np.add(a, [0.01, 0.0, 0.0, 0.0, -0.01]), "a segment must end"),
         ),
         ("chain that rests bent", "Chain._reference", lambda q: q + np.nan, "got nan at index 0"),
         ("chain of arrays", "Chain._masses", lambda m: 0.01 * m, "at least beta = 0.2 times"),

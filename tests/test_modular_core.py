@@ -70,17 +70,6 @@ def differences(function, x, step=1e-5):
 # ---------------------------------------------------------------------------------- accelerations
 
 
-@pytest.mark.parametrize("n", [1, 2, 3, 10, 100, 1000])
-@pytest.mark.parametrize("pipe", [PIPE, ASPIRATING])
-def test_scene_of_a_chain_moves_as_the_chain(n, pipe):
-    scene, chain = md.chain(pipe, n), pp.Chain(pipe, n)
-    rng, s = np.random.default_rng(n), np.linspace(0.0, 1.0, n)
-    for theta, omega in (rng.normal(size=(2, n)), (0.4 * np.sin(3.0 * s), np.cos(2.0 * s))):
-        expected = chain.rhs(0.0, np.r_[theta, omega], 5.0)[n:]
-        rates = scene.rhs(0.0, scene.state(theta, omega), 5.0)
-        assert worst(np.cumsum(rates[3 * n + 2 :: 3]), expected) < 1e-14 * (10 + n**1.5)
-
-
 @pytest.mark.parametrize("n", [1, 2, 3, 6])
 @pytest.mark.parametrize("spot", ["free", "guide", "middle", "spread", "arch", "arch said twice"])
 def test_scenes_solve_the_whole_system(n, spot):
@@ -257,25 +246,6 @@ def test_constraints_change_as_their_derivatives_say(n):
     np.testing.assert_allclose(wanted, -by_time[:, 0], atol=1e-8)
 
 
-@pytest.mark.parametrize("kind", ["free", "guided", "light"])
-def test_derivatives_of_accelerations_agree_with_differences(kind):
-    scene, u = rich(4), 3.0
-    if kind == "guided":
-        scene = scene.plus(md.Guide(4), md.Pin(2, 0.1, 0.4))
-    if kind == "light":  # the last segment has no inertia but that of a module of the user's own
-        modules = list(scene.modules)
-        modules[3] = md.Segment(modules[3].length, centre=0.0, gyration_radius=0.0)
-        scene = md.Assembly(PIPE, modules, scene.constraints)
-    y = state(scene)
-    angles = np.concatenate([np.cumsum(of[2::3]) for of in np.split(y, 2)])
-
-    def accelerations(z):
-        return scene.motion.rhs(0.0, scene.core.from_angles(z[:4], z[4:]), u)[12:]
-
-    found = scene.motion.accelerations_by_state(angles, u)
-    assert worst(found, differences(accelerations, angles)) < 1e-7
-
-
 def light(n, *more):
     """The last segment has no inertia but that of a term at its end."""
     segments = [md.Segment(1.0 / n, 0.5, 0.07)] * (n - 1) + [md.Segment(1.0 / n, 0.0, 0.0)]
@@ -352,20 +322,6 @@ def test_free_directions_of_states_keep_guides_and_pins(name):
 
 
 # ----------------------------------------------------------------------------------------- energy
-
-
-@pytest.mark.parametrize("guided", [False, True])
-@pytest.mark.parametrize("pipe", [PIPE, ASPIRATING])
-def test_energy_changes_by_the_power(guided, pipe):
-    """dE/dt along the motion, by the energy's derivative in the direction of the rates."""
-    scene = rich(4, pipe).plus(*[md.Guide(4)] * guided)
-    y = state(scene)
-    rates, h = scene.rhs(0.0, y, 3.0), 1e-6
-    change = (scene.energy(y + h * rates) - scene.energy(y - h * rates)) / (2.0 * h)
-    power = scene.power(y, 3.0)
-    assert change == pytest.approx(power.total, rel=1e-6)
-    assert power.drag < 0.0
-    assert power.others < 0.0
 
 
 # ---------------------------------------------------------------------------------------- closing

@@ -32,9 +32,9 @@ BUCKLED = pp.boundary(
 BOUNDARY = pp.boundary(CHAIN, "beta", "u", {"beta": (0.1, 0.2), "u": (0.0, 8.0)}, criticality=False)
 
 
-def turned(found):
-    """With the names of x and y exchanged."""
-    return dataclasses.replace(found, names=found.names[::-1])
+STANDING = pp.boundary(
+    pp.Chain(pp.Pipe(0.2, damping=0.01), 2), "gamma", "u", {"gamma": (-22, 0), "u": (0, 5)}
+)
 
 
 def shown(ax):
@@ -43,61 +43,49 @@ def shown(ax):
 
 
 @pytest.mark.parametrize(
-    ("call", "message"),
+    ("draw", "given", "message"),
     [
-        (lambda ax: plot.root_loci(LOCI, ax=3), "ax must be of type Axes, got 3"),
-        (lambda ax: plot.root_loci(MODES, ax=ax), "loci must be of type RootLoci, got Modes("),
-        (lambda ax: plot.root_loci(LOCI, 3, ax=ax), "benchmark must be of type RootLoci, got 3"),
-        (lambda ax: plot.root_loci(LOCI, None, math.nan, ax=ax), "highest must be finite and > 0"),
-        (lambda ax: plot.root_loci(LOCI, None, True, ax=ax), "highest must be a real number"),
-        (lambda ax: plot.frequencies(LOCI, ax=[ax]), "ax must be of type Axes"),
-        (lambda ax: plot.frequencies(None, ax=ax), "loci must be of type RootLoci, got None"),
-        (lambda ax: plot.frequencies(LOCI, LOCI, -1, ax=ax), "largest must be finite and >= 0"),
-        (lambda ax: plot.mode_shapes(LOCI, ax=ax), "modes must be of type Modes"),
-        (lambda ax: plot.mode_shapes(MODES, 0, ax=ax), "count must be"),
+        (plot.root_loci, (MODES,), "loci must be of type RootLoci, got Modes("),
+        (plot.root_loci, (LOCI, 3), "benchmark must be of type RootLoci, got 3"),
+        (plot.root_loci, (LOCI, None, math.nan), "highest must be finite and > 0"),
+        (plot.root_loci, (LOCI, None, True), "highest must be a real number"),
+        (plot.frequencies, (None,), "loci must be of type RootLoci, got None"),
+        (plot.frequencies, (LOCI, LOCI, -1), "largest must be finite and >= 0"),
+        (plot.mode_shapes, (LOCI,), "modes must be of type Modes"),
+        (plot.mode_shapes, (MODES, 0), "count must be"),
+        (plot.convergence, ([CRITICAL], CRITICAL), "families must be of type Mapping"),
+        (plot.convergence, ({1: []}, CRITICAL), "the names of families must be"),
+        (plot.convergence, ({"a": CRITICAL}, CRITICAL), "families['a'] must be"),
+        (plot.convergence, ({"a": [1.0]}, CRITICAL), "families['a'][0] must be"),
+        (plot.convergence, ({}, None), "exact must be of type CriticalSpeed"),
+        (plot.stability_map, (BOUNDARY,), "boundaries must map labels to"),
+        (plot.stability_map, ({"a": 3},), "boundaries['a'] must be of type Boundary"),
+        (plot.stability_map, ({}, math.inf), "highest must be finite and > 0"),
+        (plot.stability_map, ({}, None, 3.0), "marked must be of type CriticalSpeed"),
         (
-            lambda ax: plot.convergence([CRITICAL], CRITICAL, ax=ax),
-            "families must be of type Mapping",
-        ),
-        (lambda ax: plot.convergence({1: []}, CRITICAL, ax=ax), "the names of families must be"),
-        (lambda ax: plot.convergence({"a": CRITICAL}, CRITICAL, ax=ax), "families['a'] must be"),
-        (lambda ax: plot.convergence({"a": [1.0]}, CRITICAL, ax=ax), "families['a'][0] must be"),
-        (lambda ax: plot.convergence({}, None, ax=ax), "exact must be of type CriticalSpeed"),
-        (lambda ax: plot.stability_map(BOUNDARY, ax=ax), "boundaries must map labels to"),
-        (
-            lambda ax: plot.stability_map({"a": 3}, ax=ax),
-            "boundaries['a'] must be of type Boundary",
-        ),
-        (lambda ax: plot.stability_map({}, math.inf, ax=ax), "highest must be finite and > 0"),
-        (
-            lambda ax: plot.stability_map({}, None, 3.0, ax=ax),
-            "marked must be of type CriticalSpeed",
-        ),
-        (lambda ax: plot.panels(0, 1, 5, 5), "rows must be from 1 to 100, got 0"),
-        (lambda ax: plot.panels(1, True, 5, 5), "columns must be a whole number, got True"),
-        (lambda ax: plot.panels(1, 1, math.nan, 5), "width must lie in [0.1, 200], got nan"),
-        (lambda ax: plot.panels(1, 1, 5, 1e9), "height must lie in [0.1, 200]"),
-        (lambda ax: plot.notice(3, ax=ax), "text must be of type str, got 3"),
-        (
-            lambda ax: plot.colour_bar(None, ax=np.array([[ax]])),
-            "label must be of type str, got None",
-        ),
-        (lambda ax: plot.colour_bar("", ax=[ax]), "ax must be of type Axes, got [<Axes"),
-        (lambda ax: plot.dot_stride(3), "loci must be of type RootLoci, got 3"),
-        (
-            lambda ax: plot.stability_map({"a": turned(BOUNDARY)}, ax=ax),
+            *(plot.stability_map, ({"a": dataclasses.replace(BOUNDARY, names=("u", "beta"))},)),
             "boundaries['a'] must have 'u' for y, got ('u', 'beta')",
         ),
         (
-            lambda ax: plot.stability_map({"a": BOUNDARY, "b": STANDING}, ax=ax),
+            *(plot.stability_map, ({"a": BOUNDARY, "b": STANDING},)),
             "boundaries must be over one number, got beta, gamma",
         ),
-        (lambda ax: plot.boundary(CRITICAL, ax=ax), "found must be of type Boundary, got Critical"),
+        (plot.boundary, (CRITICAL,), "found must be of type Boundary, got Critical"),
+        (plot.notice, (3,), "text must be of type str, got 3"),
+        (plot.colour_bar, (None,), "label must be of type str, got None"),
+        (partial(plot.colour_bar, ax=[3]), ("",), "ax must be of type Axes, got [3]"),
+        (partial(plot.root_loci, ax=3), (LOCI,), "ax must be of type Axes, got 3"),
+        (partial(plot.frequencies, ax=[3]), (LOCI,), "ax must be of type Axes"),
+        (plot.panels, (0, 1, 5, 5), "rows must be from 1 to 100, got 0"),
+        (plot.panels, (1, True, 5, 5), "columns must be a whole number, got True"),
+        (plot.panels, (1, 1, math.nan, 5), "width must lie in [0.1, 200], got nan"),
+        (plot.panels, (1, 1, 5, 1e9), "height must lie in [0.1, 200]"),
+        (plot.dot_stride, (3,), "loci must be of type RootLoci, got 3"),
     ],
 )
-def test_a_picture_refuses_what_it_cannot_show_by_name(call, message):
+def test_a_picture_refuses_what_it_cannot_show_by_name(draw, given, message):
     with pytest.raises((ValueError, TypeError)) as caught:
-        call(axes())
+        draw(*given)
     assert str(caught.value).startswith(message)
 
 
@@ -315,11 +303,6 @@ def test_a_map_notes_a_pipe_that_lies_above_it():
     labels = [text.get_text() for text in ax.get_legend().get_texts()]
     assert rf"$\beta = 0.3$, $\gamma = 100$: $u = {heavy.speed:.4g}$, above" in labels
     assert ax.get_ylim() == (0.0, 5.0)
-
-
-STANDING = pp.boundary(
-    pp.Chain(pp.Pipe(0.2, damping=0.01), 2), "gamma", "u", {"gamma": (-22, 0), "u": (0, 5)}
-)
 
 
 def test_a_boundary_shades_what_is_stable_and_names_its_organising_points():
