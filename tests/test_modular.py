@@ -166,15 +166,6 @@ def test_the_plain_chain_has_the_operators_of_chain(angles: str | None, pipe: pp
         )
 
 
-@pytest.mark.parametrize("n", [8, 130])
-@pytest.mark.parametrize("pipe", [EJECTING, LOADED, pp.Pipe(0.2), pp.Pipe(0.5, damping=0.002)])
-def test_the_plain_chain_has_the_eigenvalues_of_chain(pipe: pp.Pipe, n: int) -> None:
-    for u in (0.0, 6.0):
-        mine = pp.eigenvalues(md.chain(pipe, n), u, 8)
-        theirs = pp.eigenvalues(pp.Chain(pipe, n), u, 8)
-        np.testing.assert_allclose(mine, theirs, rtol=1e-9, atol=1e-8)
-
-
 @pytest.mark.parametrize("matrices", [False, True])
 @pytest.mark.parametrize("n", [6, 24])
 def test_the_plain_chain_has_the_crossings_of_chain(
@@ -195,18 +186,6 @@ def test_the_plain_chain_has_the_crossings_of_chain(
             for name in ("beta", "gamma", "damping", "alpha"):
                 mine_by, theirs_by = (getattr(c.sensitivity.speed, name) for c in (a, b))
                 assert math.isclose(mine_by, theirs_by, rel_tol=1e-6, abs_tol=1e-7), name
-
-
-def test_root_loci_of_a_scene_are_those_of_the_chain() -> None:
-    speeds = np.linspace(0.0, 8.0, 17)
-    mine = pp.root_loci(md.chain(pp.Pipe(0.2), 12), speeds, 3)
-    theirs = pp.root_loci(pp.Chain(pp.Pipe(0.2), 12), speeds, 3)
-    np.testing.assert_allclose(mine.eigenvalues, theirs.eigenvalues, rtol=1e-9, atol=1e-9)
-    modes = pp.modes(md.chain(pp.Pipe(0.2), 12), 5.0, 4)
-    plain = pp.modes(pp.Chain(pp.Pipe(0.2), 12), 5.0, 4)
-    s = np.linspace(0.0, 1.0, 13)
-    for a, b in zip(modes.shapes, plain.shapes, strict=True):
-        np.testing.assert_allclose(a(s), b(s), atol=1e-9)
 
 
 # ------------------------------------------------------------------------------- terms of the pipe

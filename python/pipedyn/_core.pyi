@@ -534,6 +534,7 @@ class Scene:
         value: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"],
         mass: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"] = ...,
     ) -> None: ...
+    def angles(self, y: typing.Any) -> numpy.typing.NDArray[numpy.float64]: ...
     def axial(
         self, y: typing.Any, drive: typing.Any = None
     ) -> numpy.typing.NDArray[numpy.float64]: ...
@@ -582,18 +583,6 @@ class Scene:
         typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"],
         typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, 1]"],
     ]: ...
-    def redundant_energy(
-        self, y: typing.Any, drive: typing.Any = None, refuses: bool = True
-    ) -> float | numpy.typing.NDArray[numpy.float64]: ...
-    def redundant_power(
-        self, y: typing.Any, u: typing.Any, drive: typing.Any = None, refuses: bool = True
-    ) -> tuple[
-        float | numpy.typing.NDArray[numpy.float64],
-        float | numpy.typing.NDArray[numpy.float64],
-        float | numpy.typing.NDArray[numpy.float64],
-        float | numpy.typing.NDArray[numpy.float64],
-        float | numpy.typing.NDArray[numpy.float64],
-    ]: ...
     def redundant_rhs(
         self,
         t: typing.Any,
@@ -624,11 +613,6 @@ class Scene:
         moments: typing.Any,
         drive: typing.Any = None,
     ) -> numpy.typing.NDArray[numpy.float64]: ...
-    def solve(
-        self,
-        theta: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, n]"],
-        moments: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, n]"],
-    ) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"]: ...
     @property
     def chain(self) -> Chain: ...
     @property

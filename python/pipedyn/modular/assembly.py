@@ -172,15 +172,14 @@ class Assembly(Model):
 
     @property
     def motion_core(self) -> Any:
-        return self.motion.core
+        return self.core
 
     @property
     def compiled(self) -> Any:
-        motion = self.motion
-        if not motion.is_compiled:
-            return None  # Python computes custom modules
+        if self._customs:
+            return None  # Python computes these modules
         # A scene without held nodes and without further inertia is a chain.
-        return motion.core if motion.core.compliance.size else motion.core.chain
+        return self.core if self.core.compliance.size else self.core.chain
 
     def __repr__(self) -> str:
         layout = self._layout
@@ -559,11 +558,9 @@ class Assembly(Model):
         state = check.doubles("y", y, "an array of real numbers")
         if state.shape != (2 * size,):
             raise ValueError(f"y must have shape ({2 * size},), got {state.shape}")
-        self.core.redundant_power(state, u, refuses=False)  # checks y and u
-        angles = np.cumsum(state.reshape(-1, 3)[:, 2].reshape(2, -1), axis=1).ravel()
-        drive = self._drive(state, u_dot, base)
+        angles, drive = self.core.angles(state), self._drive(state, u_dot, base)
         ask = self.equations.accelerations_by_state
-        by_angles = resolved("jacobian", lambda: ask(angles, float(np.asarray(u)), drive))
+        by_angles = resolved("jacobian", lambda: ask(angles, u, drive))
         # A segment's angle is the sum of joints' angles up to it; no other coordinate changes it.
         by_joints = np.cumsum(by_angles.reshape(size, 2, -1)[:, :, ::-1], axis=2)[:, :, ::-1]
         whole = np.eye(2 * size, k=size)

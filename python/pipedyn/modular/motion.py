@@ -21,7 +21,6 @@ from pipedyn.models.chain_supports import ChainSupports
 from pipedyn.models.pipe import Pipe
 from pipedyn.modular.custom import CustomForces
 from pipedyn.modular.layout import Layout, coordinates_by_angles, nodes_by_angles
-from pipedyn.util import check
 from pipedyn.util.check import Array
 from pipedyn.util.errors import resolved
 
@@ -40,7 +39,6 @@ class SceneMotion:
         self, pipe: Pipe, layout: Layout, core: _core.Scene, customs: CustomForces
     ) -> None:
         self.pipe, self.layout, self.core, self.customs = pipe, layout, core, customs
-        self.is_compiled = not customs
         self.held = ChainSupports(core, layout.independent_rows)
 
     @functools.cached_property
@@ -57,23 +55,13 @@ class SceneMotion:
 
         Raises NotResolved, if `refuses`, where they are not finite.
         """
-        if self.is_compiled:
-            return self.core.redundant_rhs(t, y, u, drive=drive, refuses=refuses)
-        if not refuses:
-            return self._rates(t, y, u, drive)
-        return resolved("rhs", lambda: self._rates(t, y, u, drive), np.ndim(y) == 2)
-
-    def _rates(self, t: float, y: Any, u: Any, drive: Array | None) -> Array:
-        """Rates of redundant states of a scene with custom modules."""
-        y = check.doubles("y", y, "an array of real numbers")
-        self.core.redundant_power(y, u, drive, refuses=False)  # checks the arguments
-        moments = self._moments(*self._places(y))
-        return self.core.redundant_rhs(t, y, u, moments, drive, refuses=False)
+        with np.errstate(all="ignore"):
+            moments = self._moments(*self._places(y)) if self.customs else None
+        return self.core.redundant_rhs(t, y, u, moments, drive, refuses)
 
     def _places(self, y: Any) -> tuple[Array, Array]:
         """Coordinates and rates, (3 n, ...) each, recomputed from angles in redundant states."""
-        q, rates = np.split(np.asarray(y, dtype=np.float64), 2)
-        angles = (np.cumsum(of[2::3], axis=0) for of in (q, rates))
+        angles = np.split(self.core.angles(y), 2)
         place, moving = np.split(self.core.from_angles(*angles), 2)
         return place, moving
 
@@ -84,7 +72,7 @@ class SceneMotion:
 
     def energy(self, y: Any, drive: Array | None = None, refuses: bool = True) -> float | Array:
         """Energy of redundant states [q, q'], a number or shape (k,); NotResolved as in `rhs`."""
-        energy = self.core.redundant_energy(y, drive, refuses)
+        energy = self.core.energy(self.core.angles(y), drive, refuses)
         if not self.customs:
             return energy
         own = functools.partial(self.customs.energy, self._places(y)[0])
@@ -92,7 +80,7 @@ class SceneMotion:
 
     def power(self, y: Any, u: Any, drive: Array | None = None) -> tuple[float | Array, ...]:
         """Powers of flow, joints, drag, other parts (terms and custom modules) and base."""
-        flow, joints, drag, others, base = self.core.redundant_power(y, u, drive)
+        flow, joints, drag, others, base = self.core.power(self.core.angles(y), u, drive)
         if self.customs:
             own = functools.partial(self.customs.work, *self._places(y))
             others = others + resolved("power", own, np.ndim(y) == 2)
@@ -102,7 +90,7 @@ class SceneMotion:
 
     def rhs_and_power(self, t: float, y: Array, u: Any, drive: Array | None = None) -> Array:
         """Rates of states [theta, theta', work done], shape (2 n + 1,) or (2 n + 1, k)."""
-        if self.is_compiled:
+        if not self.customs:
             return self.core.rhs_and_power(t, y, u, drive=drive)
         n = self.layout.size
         q, moving = np.split(self.core.from_angles(y[:n], y[n : 2 * n]), 2)

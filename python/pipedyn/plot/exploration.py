@@ -448,12 +448,7 @@ def _checked_ranges(ranges: Any, pipe: Pipe) -> dict[str, tuple[float, float]]:
         elif name != "u":
             number = checked_number("a name in ranges", name, pipe, others=("u", "segments"))
             rule = number.rule
-        low, high = map(float, check.array(f"ranges[{name!r}]", ranges[name], size=2))
-        for end in (low, high):
-            check.real(f"ranges[{name!r}]", end, **rule)
-        if not low < high:
-            raise ValueError(f"ranges[{name!r}] must be (low, high), got ({low:g}, {high:g})")
-        found[name] = low, high
+        found[name] = check.interval(f"ranges[{name!r}]", ranges[name], **rule)
     return found
 
 
