@@ -12,7 +12,7 @@ import matplotlib
 import matplotlib.pyplot as plt
 import numpy as np
 import pytest
-from canvas import axes
+from canvas import axes, legend_of
 from matplotlib.markers import TICKUP
 
 import pipedyn as pp
@@ -156,8 +156,7 @@ def test_ticks_of_a_map_point_to_the_unstable_side_and_words_tell_what_divergenc
         for line in shown(ax):
             unstable, stable = side(line)
             assert found.unstable(*unstable) > 0 == found.unstable(*stable)
-        labels = [text.get_text() for text in ax.get_legend().get_texts()]
-        assert labels == ["a", "ticks: unstable side"]
+        assert legend_of(ax) == ["a", "ticks: unstable side"]
     lowest = min(
         line.get_ydata().max() for line in shown(plot.stability_map({"a": BUCKLED}, ax=axes()))
     )
@@ -200,8 +199,7 @@ def test_a_map_tells_where_no_loss_of_stability_was_found(max_speed):
     end = 100.0 if max_speed is None else max_speed
     np.testing.assert_array_equal(found.no_loss_up_to, [end, math.nan, math.nan])
     ax = plot.stability_map({"chain": found}, parameter="segments", ax=axes())
-    labels = [text.get_text() for text in ax.get_legend().get_texts()]
-    assert labels == [
+    assert legend_of(ax) == [
         *("chain", f"chain: no loss of stability up to $u = {end:g}$", "ticks: unstable side")
     ]
     (mark,) = (line for line in ax.lines if line.get_marker() == "^")
@@ -247,7 +245,7 @@ def test_a_map_says_why_it_has_no_boundary(swept, sentence, labels):
     found = swept()
     ax = plot.stability_map({"a": found}, ax=axes())
     assert [text.get_text() for text in ax.texts] == [sentence]
-    assert [text.get_text() for text in ax.get_legend().get_texts()] == labels
+    assert legend_of(ax) == labels
     if isinstance(found, pp.Boundary):
         assert (ax.get_xlim(), ax.get_ylim()) == (found.ranges[0], (0.0, found.ranges[1][1]))
         rng = np.random.default_rng(2)
@@ -278,7 +276,7 @@ def test_a_map_rings_no_speed_at_which_no_stability_is_lost():
     assert (lost.unstable_before, kept.unstable_before) == (1, 0)
     for one, ringed in ((lost, False), (kept, True)):
         ax = plot.stability_map({"a": BOUNDARY}, 9.0, one, ax=axes())
-        labels = [text.get_text() for text in ax.get_legend().get_texts()]
+        labels = legend_of(ax)
         rings = [line for line in shown(ax) if line.get_marker() == "o"]
         assert bool(rings) == ringed
         assert (
@@ -293,14 +291,13 @@ def test_a_map_is_in_order_of_gravity():
         return pp.boundary(model, "beta", "u", {"beta": (0.1, 0.2), "u": (0, 8)}, criticality=False)
 
     ax = plot.stability_map({f"{gamma:g}": of(gamma) for gamma in (10.0, -10.0, 0.0)}, ax=axes())
-    labels = [text.get_text() for text in ax.get_legend().get_texts()]
-    assert labels[:3] == ["-10", "0", "10"]
+    assert legend_of(ax)[:3] == ["-10", "0", "10"]
 
 
 def test_a_map_notes_a_pipe_that_lies_above_it():
     heavy = pp.critical_speed(pp.Galerkin(pp.Pipe(0.3, 100.0), 6))
     ax = plot.stability_map({"a": BOUNDARY}, 5.0, heavy, ax=axes())
-    labels = [text.get_text() for text in ax.get_legend().get_texts()]
+    labels = legend_of(ax)
     assert rf"$\beta = 0.3$, $\gamma = 100$: $u = {heavy.speed:.4g}$, above" in labels
     assert ax.get_ylim() == (0.0, 5.0)
 
@@ -316,7 +313,7 @@ def test_a_boundary_shades_what_is_stable_and_names_its_organising_points():
         x, y = left + (right - left) * (j + 0.5) / columns, low + (high - low) * (i + 0.5) / rows
         wrong += (image.get_array()[i, j, 3] > 0.0) != (STANDING.unstable(x, y) == 0)
     assert wrong == 0
-    named = {text.get_text() for text in ax.get_legend().get_texts()}
+    named = set(legend_of(ax))
     assert {point.kind for point in STANDING.points} <= named
     assert {"Bogdanov-Takens", "degenerate pitchfork"} <= named
     assert {"flutter, supercritical", "divergence, subcritical"} <= named
@@ -475,9 +472,7 @@ def test_the_legend_of_the_convergence_picture_fits_below_and_no_decade_is_empty
     errors = np.concatenate([line.get_ydata() for line in shown(ax) if len(line.get_xdata()) > 2])
     low, high = ax.get_ylim()
     assert 0.1 * errors.min() < low < errors.min() < errors.max() < high < 10.0 * errors.max()
-    assert "reduced, legendre: factor 20 per function" in [
-        text.get_text() for text in ax.get_legend().get_texts()
-    ]
+    assert "reduced, legendre: factor 20 per function" in legend_of(ax)
 
 
 @pytest.mark.parametrize("name", ["boundary", "stability_map", "time_history", "frequencies"])
@@ -720,7 +715,7 @@ def test_speeds_over_the_mass_ratio_have_units_of_their_own():
         hatch.contains_point((0.4, 9.1 * unit(0.4))),
         hatch.contains_point((0.4, 8.9 * unit(0.4))),
     ] == [True, False]
-    assert "not searched" in {text.get_text() for text in ax.get_legend().get_texts()}
+    assert "not searched" in set(legend_of(ax))
     lengths = [0.3, 0.45]
     curve = pp.stability_curve(lambda length: pp.Chain(hose_of(length), 3), lengths)
     ax = plot.stability_map({"chain": curve}, parameter="length (m)", units="si")
@@ -742,7 +737,7 @@ def test_a_map_in_si_tells_where_nothing_was_searched():
     words = []
     for units in ("nondimensional", "si"):
         ax = plot.stability_map({"hose": found}, highest=12.0, units=units)
-        words.append([text.get_text() for text in ax.get_legend().get_texts()])
+        words.append(legend_of(ax))
         top = ax.get_ylim()[1]
     assert "not searched" not in words[0]
     assert "not searched" in words[1]

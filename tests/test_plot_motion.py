@@ -10,6 +10,7 @@ import matplotlib
 import numpy as np
 import pytest
 from canvas import axes as of_layout
+from canvas import legend_of
 from matplotlib.animation import FuncAnimation
 from matplotlib.collections import LineCollection
 from PIL import Image
@@ -308,15 +309,14 @@ def test_nothing_of_a_picture_of_motion_is_cut_off(draw, name):
 
 def test_histories_and_portraits_show_every_motion_under_its_speed():
     ax = plot.time_history(MOTIONS.many, ax=axes())
-    assert [text.get_text() for text in ax.get_legend().get_texts()] == ["$u = 5.5$", "$u = 6$"]
+    assert legend_of(ax) == ["$u = 5.5$", "$u = 6$"]
     curves = [line for line in ax.lines if line.get_label().startswith("$u")]
     for curve, motion in zip(curves, MOTIONS.many.motions, strict=True):
         shown = np.interp(motion.t, *curve.get_data())
         np.testing.assert_allclose(shown, motion.tip[:, 0], atol=1e-12)
     assert curves[0].get_linestyle() != curves[1].get_linestyle()
     ax = plot.time_history([MOTIONS.cycle, MOTIONS.fine], ax=axes())
-    labels = [text.get_text() for text in ax.get_legend().get_texts()]
-    assert labels == ["0: $u = 6$, Chain, 6 d.o.f.", "1: $u = 6$, Chain, 6 d.o.f."]
+    assert legend_of(ax) == ["0: $u = 6$, Chain, 6 d.o.f.", "1: $u = 6$, Chain, 6 d.o.f."]
 
 
 def test_members_that_failed_are_left_out_of_a_picture_and_told():
@@ -326,8 +326,7 @@ def test_members_that_failed_are_left_out_of_a_picture_and_told():
     assert [one.index for one in found.failures] == [2]
     for draw in plot.time_history, plot.phase_portrait:
         ax = draw(found, ax=axes())
-        labels = [text.get_text() for text in ax.get_legend().get_texts()]
-        assert labels == ["$u = 5$", "$u = 6$"]
+        assert legend_of(ax) == ["$u = 5$", "$u = 6$"]
         assert ax.get_title() == "left out: member 2, which failed"
 
 
