@@ -146,7 +146,7 @@ FIXED = {"root": "pinned", "end": "pinned", "terms": (*LOADED.terms, pp.Stretchi
 def test_the_audit_of_a_driven_motion_closes(make, method):
     """Of a flow that pulsates and a base that runs around, with all that sees its motion."""
     model = make(LOADED)
-    start = np.zeros(model.moving)
+    start = np.zeros(model.integrated)
     flow, base = (
         pp.Pulsation(1.5, 0.6, 7.0),
         lambda t: (0.2 * math.sin(3 * t), 0.1 * math.cos(2 * t)),

@@ -346,7 +346,7 @@ def test_the_equivalent_damping():
     assert pp.Pipe(0.2, damping=2e-3).equivalent_damping(1.0) == 2e-3
     hose = pp.Pipe.from_si(**HOSE | {"damping_time": 0.0}, hysteresis=0.1)
     assert hose.hysteresis == 0.1
-    seconds = hose.time_si(hose.equivalent_damping(hose.frequency(8.0)))
+    seconds = hose.time_si(hose.equivalent_damping(hose.frequency_from_si(8.0)))
     assert seconds == pytest.approx(0.1 / 8.0, rel=1e-14)
     assert "hysteresis=0.1" in repr(hose)
     assert pickle.loads(pickle.dumps(hose)) == hose

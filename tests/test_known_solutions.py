@@ -160,7 +160,7 @@ def test_motions_from_the_basin_of_rest_come_to_rest(model, u):
     rows, random = rest.region.basin, np.random.default_rng(1)
     slow = np.linalg.eigvals(model.motion_jacobian(rest.region.points[0], u)).real.max()
     for _ in range(3):
-        away = random.normal(size=2 * model.moving)
+        away = random.normal(size=2 * model.integrated)
         away *= 0.99 / np.linalg.norm(rows @ away)
         motion = pp.simulate(model, u, min(6.0 / -slow, 60.0), *np.split(away, 2), samples=2001)
         size = np.linalg.norm(rows @ np.concatenate([motion.q, motion.qdot], axis=1).T, axis=0)

@@ -270,7 +270,7 @@ def test_dense_results_have_their_limits() -> None:
 
 def test_angles_are_found_though_segments_are_in_line_with_the_pin() -> None:
     scene = md.chain(pp.Pipe(0.2, damping=1e-3), 10).plus(md.Pin(2, 0.05, 0.15))
-    angles = scene.closed(np.zeros(10))
+    angles = scene.admissible(np.zeros(10))
     np.testing.assert_allclose(scene.state(angles)[3:5], [0.05, 0.15], atol=1e-12)
 
 
@@ -310,7 +310,7 @@ def test_scenes_pickle() -> None:
     scene = md.chain(PIPE, 4).plus(pp.PointMass(1.0, 0.1), md.Guide(3))
     _ = scene.core, scene.motion, scene.linear
     other = pickle.loads(pickle.dumps(scene))
-    y = scene.state(scene.closed([0.1, 0.2, -0.3, 0.4]))
+    y = scene.state(scene.admissible([0.1, 0.2, -0.3, 0.4]))
     np.testing.assert_array_equal(other.rhs(0.0, y, 2.0), scene.rhs(0.0, y, 2.0))
 
 
@@ -541,7 +541,7 @@ def test_what_is_no_part_is_refused(make: Callable[[], Any], message: str) -> No
         (lambda m: m.state(np.zeros(2)), "angles must have shape (3,), got (2,)"),
         (lambda m: m.state(np.zeros(3), np.zeros(2)), "rates must have shape (3,), got (2,)"),
         (lambda m: m.angles(np.zeros(7)), "y must have shape (9, ...), got (7,)"),
-        (lambda m: m.closed([0.0, math.nan, 0.0]), "angles must lie in"),
+        (lambda m: m.admissible([0.0, math.nan, 0.0]), "angles must lie in"),
         (lambda m: m.operators(np.zeros(4)), "q must have shape (3,) or (9,), got (4,)"),
         (lambda m: m.about(np.zeros(4)), "q must have shape (3,) or (9,)"),
         (lambda m: m.shape(np.zeros(4), [0.5]), "q must have shape (3,) or (9,)"),

@@ -213,7 +213,9 @@ def test_members_move_as_each_does_alone():
 
 def test_several_members_of_one_integrator_go_one_after_the_other():
     chain = pp.Chain(pp.Pipe(0.2, damping=0.01), 3)
-    start = np.stack([np.append(chain.start(scale * np.ones(3), None), 0.0) for scale in (1, 2)], 1)
+    start = np.stack(
+        [np.append(chain.initial_state(scale * np.ones(3), None), 0.0) for scale in (1, 2)], 1
+    )
     times, states = np.array([0.0, 0.3, 1.0]), np.empty((2, 3, 7))
     u = np.array([1.0, 5.0])
     motion = _core.Integrator(

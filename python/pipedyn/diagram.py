@@ -444,7 +444,7 @@ def _cases(
         for u in speeds.tolist():
             passing = [_passing(branch, u) for branch in equilibria]
             q = np.concatenate([np.empty((0, model.coordinates)), *passing])
-            guesses = model.integrated(q, np.zeros_like(q))[:, : model.moving]
+            guesses = model.from_user(q, np.zeros_like(q))[:, : model.integrated]
             drive, found = Excitation(u), equilibria_near(model, guesses, u)
             for branch in cycles:
                 for one in branch.at(u):
@@ -485,9 +485,9 @@ def motions_at(
 
 
 def _off(model: Model, one: LimitCycle) -> Array:
-    """P and p' in rows, (2, moving), of a start a hundredth off a cycle, as it may be unstable."""
-    p, rates = np.split(np.asarray(model.start(one.q[0], one.qdot[0])), 2)
-    return np.stack(model.projected(1.01 * p, rates))
+    """P and p' in rows, (2, integrated), of a start a hundredth off a cycle, as it may be unstable."""
+    p, rates = np.split(np.asarray(model.initial_state(one.q[0], one.qdot[0])), 2)
+    return np.stack(model.onto_constraints(1.01 * p, rates))
 
 
 def _passing(branch: EquilibriumBranch, u: float) -> Array:

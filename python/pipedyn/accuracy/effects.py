@@ -203,7 +203,7 @@ def relevant(
 
     Args:
         pipe: the pipe, whose numbers may come from `Pipe.from_si`.
-        u: flow speed, `pipe.speed(V)` from m/s. It is a condition of "frequencies", "motion" and
+        u: flow speed, `pipe.speed_from_si(V)` from m/s. It is a condition of "frequencies", "motion" and
             "limit_cycle". For all quantities it is also the speed at which the growth of the
             straight pipe, the real part of its least damped eigenvalue, is listed. For a "motion"
             it may be a `Pulsation` or a `Supply`; the condition base= is as for `simulate`.
@@ -227,7 +227,7 @@ def relevant(
         >>> hose = pp.Pipe.from_si(length=1.0, bending_stiffness=0.1, pipe_mass=0.1, fluid_mass=0.1,
         ...                        drag_coefficient=1.0, external_diameter=0.015,
         ...                        external_density=1.2, damping_time=1e-4)
-        >>> pp.relevant(hose, hose.speed(4.0)).negligible
+        >>> pp.relevant(hose, hose.speed_from_si(4.0)).negligible
         ('damping', 'drag')
     """
     pipe = checked_pipe(pipe)

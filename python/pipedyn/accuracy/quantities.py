@@ -400,8 +400,8 @@ class MotionOf(_Integrated):
         assert self.start is not None
         q0, rates = model.bent(self.start), None
         if self.rates is not None:  # rates are projected onto those that supports allow
-            p, _ = np.split(model.start(q0, None), 2)
-            _, rates = model.projected(p, model.sampled(self.rates))
+            p, _ = np.split(model.initial_state(q0, None), 2)
+            _, rates = model.onto_constraints(p, model.sampled(self.rates))
         motion = simulate(
             *(model, self.u, self.duration, q0),
             qdot0=rates,
@@ -428,7 +428,7 @@ class MotionOf(_Integrated):
         growth = found.eigenvalues.real  # if all grow equally, the lowest mode is taken
         mode = found.shapes[int(np.argmax(growth >= growth.max() - 0.2 * abs(growth.max())))]
         q = 0.05 * mode.coordinates / mode([pipe.watched])[0]  # 2 % of such a motion is nonlinear
-        bend, rates = np.split(model.start(q.real, (mode.eigenvalue * q).real), 2)
+        bend, rates = np.split(model.initial_state(q.real, (mode.eigenvalue * q).real), 2)
         angle, turning = (partial(_angle_of, model, of.copy()) for of in (bend, rates))
         return replace(self, start=angle, rates=turning)
 

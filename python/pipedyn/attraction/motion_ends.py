@@ -141,7 +141,7 @@ def motion_ends(
     Args:
         model: the model.
         cases: flows, and what is known there.
-        starts: coordinates at rest, or p and p' in rows, (2, moving). Those of a case alone follow.
+        starts: coordinates at rest, or p and p' in rows, (2, integrated). Those of a case alone follow.
         options: how motions are computed.
         label: of what is counted on stderr.
     """
@@ -377,11 +377,11 @@ class _Engine:
         if not going:
             return stretches
         rows = np.concatenate([found[i].outcome[0][1:] for i in going])
-        q, qdot = self.model.recorded(*np.split(rows, 2, axis=1))
+        q, qdot = self.model.to_user(*np.split(rows, 2, axis=1))
         x, velocity = self.model.tips(q.T)[:, 0], self.model.tip_velocities(q.T, qdot.T)[:, 0]
         for k, i in enumerate(going):
             part, last = slice(k * count, (k + 1) * count), (k + 1) * count - 1
-            runs[i].state = self.model.integrated(q[last, None], qdot[last, None])[0]
+            runs[i].state = self.model.from_user(q[last, None], qdot[last, None])[0]
             runs[i].resized(float(np.ptp(x[part])), float(np.abs(velocity[part]).max()))
             rtol = max(self.options.rtol, tasks[i].rtol)
             times = samples - before
@@ -414,9 +414,9 @@ class _Engine:
 
         That is the mode that grows most or decays least.
         """
-        if drive.period or self.model.moving > LARGEST_DENSE:
+        if drive.period or self.model.integrated > LARGEST_DENSE:
             return False, 0.0
-        rest = np.concatenate([self.model.resting(), np.zeros(self.model.moving)])
+        rest = np.concatenate([self.model.resting(), np.zeros(self.model.integrated)])
         factorised()
         values = np.linalg.eigvals(self.model.motion_jacobian(rest, drive.mean))
         fastest, last = values[np.abs(values).argmax()], values[values.real.argmax()]
@@ -763,5 +763,5 @@ def _by_case(some: list[tuple[_Run, Stretch]]) -> list[list[tuple[_Run, Stretch]
 
 
 def _state(model: Model, start: Array) -> Array:
-    """[p, p'] of coordinates at rest, (coordinates,), or of p and p' in rows, (2, moving)."""
-    return start.ravel() if start.ndim == 2 else np.asarray(model.start(start, None))
+    """[p, p'] of coordinates at rest, (coordinates,), or of p and p' in rows, (2, integrated)."""
+    return start.ravel() if start.ndim == 2 else np.asarray(model.initial_state(start, None))

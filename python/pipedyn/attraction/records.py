@@ -42,7 +42,7 @@ class Stretch:
 
     Attributes:
         t: times of evenly spaced samples, shape (S,).
-        states: [p, p'], shape (S, 2 moving).
+        states: [p, p'], shape (S, 2 integrated).
         x: transverse positions of the tip, shape (S,).
         turnings: values of x where its velocity changes sign, in order, shape (K,).
         error: by how much two of these may err together.
@@ -67,7 +67,7 @@ class Stretch:
 
         Args:
             t: times of samples, (S,).
-            states: [p, p'] there, (S, 2 moving).
+            states: [p, p'] there, (S, 2 integrated).
             x: transverse position of the tip there, (S,).
             velocity: of the tip in x, (S,).
             rtol: relative tolerance to which the motion was integrated.
@@ -131,7 +131,7 @@ class Stretch:
         return 0.0
 
     def _passages(self, drive: float) -> tuple[Array, Array]:
-        """Times, (k,), and states, (k, 2 moving), that are compared.
+        """Times, (k,), and states, (k, 2 integrated), that are compared.
 
         Each position and rate is in units of how far it ranges in the later half, or of a
         thousandth of how far the position or rate does that ranges farthest.

@@ -136,17 +136,17 @@ class Region:
     """States around an attractor from which motions come nearer to it.
 
     Attributes:
-        points: states [p, p'] on it, dense along it, (M, 2 moving). Where motions are driven, those
+        points: states [p, p'] on it, dense along it, (M, 2 integrated). Where motions are driven, those
             at PHASES times in each period of the drive, with `Excitation.phases`, so that states at
             other phases are far away.
         unit: time by which rates are multiplied, one over its angular frequency.
         period: of motions on it or, at rest, about it.
         radius: of the region, root mean square of p.
-        turn: a whole turn about a hinge at the root, (moving,), after which all is as before.
+        turn: a whole turn about a hinge at the root, (integrated,), after which all is as before.
         driven: whether points have phases.
         curve: whether the points follow one another on a curve.
         basin: of rest, rows whose products with how far a state is away have a sum of squares below
-            1 where motions come to rest, as far as samples tell, (k, 2 moving); None where that is
+            1 where motions come to rest, as far as samples tell, (k, 2 integrated); None where that is
             not known.
         floquet: coordinates about a stable cycle, None where they are not known.
     """
@@ -188,7 +188,7 @@ class Region:
         mesh: Array = WHOLE,
         finest: int = FINE_CURVE,
     ) -> Region:
-        """About a cycle with states, (k, 2 moving), at phases from 0 to 2 pi, (k,).
+        """About a cycle with states, (k, 2 integrated), at phases from 0 to 2 pi, (k,).
 
         mesh: phases between which the same number of steps lie.
         finest: steps at most.
@@ -242,7 +242,7 @@ class Region:
     def distances(self, states: Array, most: float | None = None) -> Array:
         """Distances of states, (k,), infinite beyond the most, which is the radius if not given.
 
-        States have shape (k, 2 moving). Where motions are driven they are followed by their phases,
+        States have shape (k, 2 integrated). Where motions are driven they are followed by their phases,
         or else are those when a period begins.
         """
         most = self.radius if most is None else most
@@ -273,7 +273,7 @@ class Region:
         return np.asarray(found)
 
     def attracts(self, states: Array) -> NDArray[np.bool_]:
-        """Which of states, (k, 2 moving), lie in the basin."""
+        """Which of states, (k, 2 integrated), lie in the basin."""
         if self.basin is None:
             return np.zeros(len(states), dtype=bool)
         away = self._unwound(states) - self.points[0]
@@ -302,7 +302,7 @@ class Region:
         return replace(self, points=signs * self.points, floquet=floquet)
 
     def beside(self, model: Model, seed: int = 0) -> Array:
-        """States nearly as far away as the radius, in directions drawn at random, (k, 2 moving)."""
+        """States nearly as far away as the radius, in directions drawn at random, (k, 2 integrated)."""
         random = np.random.default_rng(seed)
         half, at = self.half, np.arange(len(self.points))
         if self.driven:  # when a period begins
@@ -312,7 +312,9 @@ class Region:
         away[:, half:] /= self.unit
         sizes = np.linalg.norm(away * np.repeat([1.0, self.unit], half), axis=1)
         away *= 0.9 * self.radius * math.sqrt(half) / sizes[:, None]
-        moved = np.concatenate(model.projected((on + away)[:, :half].T, (on + away)[:, half:].T)).T
+        moved = np.concatenate(
+            model.onto_constraints((on + away)[:, :half].T, (on + away)[:, half:].T)
+        ).T
         met = np.isfinite(moved.sum(axis=1, keepdims=True))
         return np.where(met, moved, on)
 
@@ -380,7 +382,7 @@ class _Watch(Observer):
     def __init__(self, tasks: Sequence[WatchedTask]) -> None:
         super().__init__()
         self.stretch = LOOK * min(max(MEMBERS // len(tasks), 1), SLOWER)
-        self.tasks, self.rows = tasks, 2 * tasks[0].model.moving
+        self.tasks, self.rows = tasks, 2 * tasks[0].model.integrated
         self.labels = np.full(len(tasks), NOWHERE)
         self.judged = np.zeros(len(tasks), dtype=int)  # blocks
         self.approaches = [task.approach for task in tasks]  # up to the last block

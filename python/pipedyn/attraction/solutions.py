@@ -87,7 +87,7 @@ class Attractor(Result, units={"turnings": LENGTH, "period": None}):
         turnings: transverse position of the tip where its velocity changes sign, in order, over
             four periods of a cycle and the time recorded of others, shape (K,); at rest the
             position itself.
-        end: [p, p'] on it, shape (2 moving,), empty where it failed.
+        end: [p, p'] on it, shape (2 integrated,), empty where it failed.
         exponent: the largest Lyapunov exponent, if asked for and the motion is irregular; of one
             motion for all at a speed whose turning points are spread alike.
         reason: why the motion is "unsettled"; empty otherwise.
@@ -204,7 +204,7 @@ def kept_apart(solutions: Sequence[Solution]) -> list[Solution]:
 
 
 def equilibria_near(model: Model, places: Iterable[Array], u: float) -> list[Solution]:
-    """Equilibria within `FARTHEST` of positions p, (moving,) each, at a flow speed, each once."""
+    """Equilibria within `FARTHEST` of positions p, (integrated,) each, at a flow speed, each once."""
     found: list[Solution] = []
     statics = Statics(model)
     for place in places:
@@ -272,7 +272,7 @@ def around(
         model: the model.
         drive: what drives the motion.
         t: time of each state since the beginning of a period of the drive, (k,).
-        states: if the motion is driven at PHASES times in each period, (k, 2 moving).
+        states: if the motion is driven at PHASES times in each period, (k, 2 integrated).
         unit: time by which rates are multiplied.
         period: of the motion.
     """
@@ -288,7 +288,7 @@ def cycle(model: Model, drive: Excitation, orbit: PeriodicOrbit, stable: bool) -
         0.0, TURNING_PERIODS * period, TURNING_PERIODS * SAMPLES_AN_INTERVAL * len(orbit.starts) + 1
     )
     states = orbit.states(orbit.frequency * t).T
-    q, qdot = model.recorded(*np.split(states, 2, axis=1))
+    q, qdot = model.to_user(*np.split(states, 2, axis=1))
     x, velocity = model.tips(q.T)[:, 0], model.tip_velocities(q.T, qdot.T)[:, 0]
     turnings, _ = turning_points(t, x, velocity)
     count = max(round((maxima(turnings).size + 1) / TURNING_PERIODS), 1)

@@ -264,7 +264,7 @@ def cycle_from(motion: VectorField, u: float, start: Any) -> tuple[PeriodicOrbit
             orbit = start.orbit
             symmetric = orbit.symmetric and motion.is_odd(u)
             return solved_anew(motion, orbit, u, symmetric, COARSE), "from a cycle"
-        states = motion.model.integrated(start.q, start.qdot)
+        states = motion.model.from_user(start.q, start.qdot)
         x, velocity = start.tip[:, 0], start.tip_velocity[:, 0]
         stretch = Stretch.of(start.t, states, x, velocity, 1e-6)
         _, guess = last_period(motion.model, Excitation(u), stretch, FAR_BACK)
@@ -605,7 +605,7 @@ def cycle_on_mesh(
     period = 2.0 * math.pi / orbit.frequency
     t = np.linspace(0.0, period, samples)
     y = orbit.states(first + orbit.frequency * t)
-    q, qdot = motion.model.recorded(y[: motion.half].T.copy(), y[motion.half :].T.copy())
+    q, qdot = motion.model.to_user(y[: motion.half].T.copy(), y[motion.half :].T.copy())
     multipliers, _, change = orbit_multipliers(motion, orbit, tolerance, known.coarser)
     # Rounding of eigenvalues of matrices of so many rows leaves about as much.
     change = max(change, multipliers.size * float(np.finfo(float).eps))

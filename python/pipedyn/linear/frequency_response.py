@@ -466,7 +466,7 @@ def _base_loads(model: Model, u: float) -> Array:
     model.require_base()
     if model.pipe.hysteresis:  # no load depends on it, and equations of motion cannot have it
         model = model.with_pipe(replace(model.pipe, hysteresis=0.0))
-    rest, half = model.resting(), model.moving
+    rest, half = model.resting(), model.integrated
     still = np.concatenate([rest, np.zeros(half)])
     # On the straight pipe at rest no acceleration is left in which a tiny difference would be lost.
     h = 1e-6 if rest.any() else 1e-30

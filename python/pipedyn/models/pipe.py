@@ -446,7 +446,7 @@ class Pipe(Saved):
 
         Args:
             frequency: angular, nondimensional, > 0, as of a `CriticalSpeed`; of one in rad/s it is
-                `pipe.frequency(omega)`.
+                `pipe.frequency_from_si(omega)`.
 
         Returns:
             delta = damping + hysteresis / frequency; `time_si` makes the damping_time of `from_si`
@@ -502,12 +502,12 @@ class Pipe(Saved):
         """
         return _times_scale("u", u, np.multiply, self._units("speed").speed)
 
-    def speed(self, V: ArrayLike) -> Any:
+    def speed_from_si(self, V: ArrayLike) -> Any:
         """Nondimensional flow speed u from V in m/s; a number or an array.
 
         Example:
             >>> numbers = {"bending_stiffness": 4.0, "pipe_mass": 0.75, "fluid_mass": 0.25}
-            >>> pp.Pipe.from_si(length=2.0, **numbers).speed(6.0)
+            >>> pp.Pipe.from_si(length=2.0, **numbers).speed_from_si(6.0)
             3.0
         """
         return _times_scale("V", V, np.divide, self._units("speed").speed)
@@ -522,12 +522,12 @@ class Pipe(Saved):
         """
         return _times_scale("tau", tau, np.multiply, self._units("time").time)
 
-    def time(self, t: ArrayLike) -> Any:
+    def time_from_si(self, t: ArrayLike) -> Any:
         """Nondimensional time tau from t in s; a number or an array.
 
         Example:
             >>> numbers = {"bending_stiffness": 4.0, "pipe_mass": 0.75, "fluid_mass": 0.25}
-            >>> pp.Pipe.from_si(length=2.0, **numbers).time(3.0)
+            >>> pp.Pipe.from_si(length=2.0, **numbers).time_from_si(3.0)
             1.5
         """
         return _times_scale("t", t, np.divide, self._units("time").time)
@@ -544,12 +544,12 @@ class Pipe(Saved):
         """
         return _times_scale("omega", omega, np.divide, self._units("time").time)
 
-    def frequency(self, omega_si: ArrayLike) -> Any:
+    def frequency_from_si(self, omega_si: ArrayLike) -> Any:
         """Nondimensional angular frequency from rad/s (2 pi times Hz); a number or an array.
 
         Example:
             >>> numbers = {"bending_stiffness": 4.0, "pipe_mass": 0.75, "fluid_mass": 0.25}
-            >>> pp.Pipe.from_si(length=2.0, **numbers).frequency(7.0)
+            >>> pp.Pipe.from_si(length=2.0, **numbers).frequency_from_si(7.0)
             14.0
         """
         return _times_scale("omega_si", omega_si, np.multiply, self._units("time").time)
@@ -564,12 +564,12 @@ class Pipe(Saved):
         """
         return _times_scale("s", s, np.multiply, self._units("length").length)
 
-    def length(self, x: ArrayLike) -> Any:
+    def length_from_si(self, x: ArrayLike) -> Any:
         """Length as a fraction of the pipe's from m; a number or an array.
 
         Example:
             >>> numbers = {"bending_stiffness": 4.0, "pipe_mass": 0.75, "fluid_mass": 0.25}
-            >>> pp.Pipe.from_si(length=2.0, **numbers).length(1.0)
+            >>> pp.Pipe.from_si(length=2.0, **numbers).length_from_si(1.0)
             0.5
         """
         return _times_scale("x", x, np.divide, self._units("length").length)

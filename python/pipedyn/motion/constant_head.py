@@ -17,7 +17,7 @@ from pipedyn.util.check import Array
 class ConstantHead:
     """A model's equations of motion with its pipe fed at constant head.
 
-    A state is [p, p', u], shape (2 moving + 1,); integrators take [p, p', W, u] with the work W.
+    A state is [p, p', u], shape (2 integrated + 1,); integrators take [p, p', W, u] with the work W.
 
     Args:
         model: the model.
@@ -55,12 +55,12 @@ class ConstantHead:
         return np.asarray(self.core.rates(self.model.compiled_rates, *at)[:, 0])
 
     def jacobian(self, y: Array, drive: Array | None = None) -> Array:
-        """Derivative of the rates of [p, p', u] by one state, (2 moving + 1, 2 moving + 1).
+        """Derivative of the rates of [p, p', u] by one state, (2 integrated + 1, 2 integrated + 1).
 
         drive: what else drives it, (ROWS,), of which u' has no part.
         """
         model, pipe, supply = self.model, self.model.pipe, self.supply
-        n, state = model.moving, y[:-1]
+        n, state = model.integrated, y[:-1]
         u = max(float(y[-1]), 0.0)  # an implicit step may try less, where there are no rates
         change = float(self.rates(0.0, np.concatenate([state, [0.0, u]]), drive)[-1])
         # Accelerations are affine in u' and of second degree in u: four have all derivatives.
@@ -92,5 +92,5 @@ class ConstantHead:
         return whole
 
     def jacobians(self, y: Array) -> Array:
-        """Jacobians at k states, (2 moving + 1, k), of shape (k, 2 moving + 1, 2 moving + 1)."""
+        """Jacobians at k states, (2 integrated + 1, k), of shape (k, 2 integrated + 1, 2 integrated + 1)."""
         return np.stack([self.jacobian(column) for column in y.T.copy()])

@@ -19,7 +19,7 @@ from pipedyn.util.counters import evaluated
 
 
 class VectorField:
-    """The rates f(y, u) = dy/dt of the integrated state y = [p, p'], shape (2 moving,)."""
+    """The rates f(y, u) = dy/dt of the integrated state y = [p, p'], shape (2 integrated,)."""
 
     forced = False
     """Whether f depends on time as well, as it does in a `ForcedField`."""
@@ -29,9 +29,9 @@ class VectorField:
 
     def __init__(self, model: Model) -> None:
         self.model = model
-        self.half = model.moving
-        self.size = 2 * model.moving
-        self.constrained = model.moving != model.dof
+        self.half = model.integrated
+        self.size = 2 * model.integrated
+        self.constrained = model.integrated != model.dof
         """Whether guides and pins constrain p."""
         self.evaluations = 0
 
@@ -45,7 +45,7 @@ class VectorField:
         evaluated(states)
 
     def __call__(self, y: Array, u: float | Array) -> Array:
-        """Rates of the k states in the columns, shape (2 moving, k), at one flow speed or at k."""
+        """Rates of the k states in the columns, shape (2 integrated, k), at one flow speed or at k."""
         self._count(y.shape[1])
         return self.model.motion_rates(y, u)
 
@@ -54,16 +54,16 @@ class VectorField:
         return self
 
     def jacobian(self, y: Array, u: float) -> Array:
-        """df/dy of one state, shape (2 moving, 2 moving)."""
+        """df/dy of one state, shape (2 integrated, 2 integrated)."""
         return self.jacobians(y[:, None], u)[0]
 
     def jacobians(self, y: Array, u: float) -> Array:
-        """df/dy of the k states in the columns, shape (k, 2 moving, 2 moving)."""
+        """df/dy of the k states in the columns, shape (k, 2 integrated, 2 integrated)."""
         self._count(y.shape[1])
         return self.model.motion_jacobian(y, u)
 
     def linearised(self, y: Array, u: float) -> Array:
-        """f, df/du and df/dy of the k states in the columns, (k, 2 + 2 moving, 2 moving)."""
+        """f, df/du and df/dy of the k states in the columns, (k, 2 + 2 integrated, 2 integrated)."""
         self._count(2 * y.shape[1])
         return self.model.motion_linearised(y, u)
 
@@ -73,7 +73,7 @@ class VectorField:
         return (self(y, u + h) - self(y, u - h)) / (2.0 * h)
 
     def jacobian_by_speed(self, y: Array, u: float, moved: Array) -> Array:
-        """d/du of df/dy along states with dy/du = moved, at u > 0, shape (2 moving, 2 moving).
+        """d/du of df/dy along states with dy/du = moved, at u > 0, shape (2 integrated, 2 integrated).
 
         Where the state does not change with u, central differences of second order are exact but
         for rounding.
@@ -105,7 +105,7 @@ class VectorField:
         return bool(np.abs(ahead + behind).max() <= 1e-9 * np.abs(ahead).max())
 
     def some_states(self) -> Array:
-        """Three states in which the pipe turns by 0.3 rad at most, shape (2 moving, 3)."""
+        """Three states in which the pipe turns by 0.3 rad at most, shape (2 integrated, 3)."""
         k = np.arange(1.0, self.size + 1.0)
         y = np.stack([np.sin(k), np.cos(2.0 * k), np.sin(3.0 * k + 1.0)], axis=1)
         # The angles of many functions may add up to more than some models accept.
@@ -113,12 +113,12 @@ class VectorField:
         return 0.3 / max(largest, 1.0) * y
 
     def resting(self) -> Array:
-        """The state at rest about which the model is linearised, shape (2 moving,)."""
+        """The state at rest about which the model is linearised, shape (2 integrated,)."""
         return np.concatenate([self.model.resting(), np.zeros(self.half)])
 
     def tip(self, y: Array) -> Array:
         """Transverse position of the free end of the states in the columns, shape (k,)."""
-        q, _ = self.model.recorded(y[: self.half].T, y[self.half :].T)
+        q, _ = self.model.to_user(y[: self.half].T, y[self.half :].T)
         return self.model.tips(q.T)[:, 0]
 
 
@@ -183,19 +183,19 @@ class ForcedField(VectorField):
         return speeds, drive
 
     def __call__(self, y: Array, u: float | Array) -> Array:
-        """Rates of the states in the columns, shape (2 moving, k), at the k phases."""
+        """Rates of the states in the columns, shape (2 integrated, k), at the k phases."""
         self._count(y.shape[1])
         speeds, drive = self._driven(float(u))
         return self.model.motion_rates(np.ascontiguousarray(y), speeds, drive)
 
     def jacobians(self, y: Array, u: float) -> Array:
-        """df/dy of the states in the columns at the k phases, (k, 2 moving, 2 moving)."""
+        """df/dy of the states in the columns at the k phases, (k, 2 integrated, 2 integrated)."""
         self._count(y.shape[1])
         speeds, drive = self._driven(u)
         return self.model.motion_jacobian(np.ascontiguousarray(y), speeds, drive)
 
     def linearised(self, y: Array, u: float) -> Array:
-        """f, df/du at constant relative pulsation and df/dy, (k, 2 + 2 moving, 2 moving)."""
+        """f, df/du at constant relative pulsation and df/dy, (k, 2 + 2 integrated, 2 integrated)."""
         self._count(2 * y.shape[1])
         speeds, drive = self._driven(u)
         return self.model.motion_linearised(np.ascontiguousarray(y), speeds, drive)

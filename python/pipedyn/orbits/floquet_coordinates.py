@@ -46,12 +46,12 @@ class FloquetCoordinates:
     """Floquet coordinates about a cycle that neither shift it nor are gone after a period.
 
     Attributes:
-        points: states [p, p'] on the cycle, (K, 2 moving).
-        rates: of these, and their own, (2, K, 2 moving).
+        points: states [p, p'] on the cycle, (K, 2 integrated).
+        rates: of these, and their own, (2, K, 2 integrated).
         rows: whose products with what a state is away are the coordinates, but for their sign where
-            the second half of a cycle mirrors the first, (K or K / 2, k, 2 moving).
+            the second half of a cycle mirrors the first, (K or K / 2, k, 2 integrated).
         decay: of the moduli, 1 / T, (k,).
-        units: of states in which the nearest point is looked for, (2 moving,).
+        units: of states in which the nearest point is looked for, (2 integrated,).
     """
 
     points: Array
@@ -69,7 +69,7 @@ class FloquetCoordinates:
         return replace(self, points=-self.points, rates=-self.rates)
 
     def __call__(self, states: Array) -> Complex:
-        """The coordinates of states, (N, 2 moving), each (N, k)."""
+        """The coordinates of states, (N, 2 integrated), each (N, k)."""
         _, near = self._tree.query(states * self.units)
         away, (once, twice) = states - self.points[near], self.rates[:, near]
         # To third order in how far it is ahead of the point.
