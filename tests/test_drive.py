@@ -234,26 +234,6 @@ def test_unsteady_operator_of_a_held_pipe_has_its_closed_form(basis):
     assert np.abs(model.operators().unsteady - closed).max() < 1e-9 * np.abs(closed).max()
 
 
-@models
-def test_a_batch_of_driven_states_moves_as_each_alone(make):
-    model = make(LOADED)
-    rng = np.random.default_rng(5)
-    members = 5
-    y = 0.3 * rng.standard_normal((2 * model.dof, members))
-    base, rate = rng.standard_normal((3, 2, members)), rng.standard_normal(members)
-    u = rng.uniform(0.0, 3.0, members)
-    together = model.rhs(0.0, y, u, u_dot=rate, base=base)
-    powers = model.power(y, u, u_dot=rate, base=base).total
-    for k in range(members):
-        drive = {"u_dot": rate[k], "base": base[:, :, k]}
-        alone = model.rhs(0.0, y[:, k].copy(), u[k], **drive)
-        assert np.abs(together[:, k] - alone).max() < 1e-11 * np.abs(alone).max()
-        assert powers[k] == pytest.approx(model.power(y[:, k].copy(), u[k], **drive).total)
-    shared = model.rhs(0.0, y, u, u_dot=0.4, base=BASE)
-    one = model.rhs(0.0, y[:, 1].copy(), u[1], u_dot=0.4, base=BASE)
-    assert np.abs(shared[:, 1] - one).max() < 1e-11 * np.abs(one).max()
-
-
 # ------------------------------------------------------------------------------------------ scenes
 
 

@@ -12,6 +12,7 @@ import redundant
 import pipedyn as pp
 from pipedyn import _core
 from pipedyn import modular as md
+from pipedyn.models.base import core_pipe
 from pipedyn.modular.layout import coordinates_by_angles
 
 PIPE = pp.Pipe(0.3, 4.0, drag=1.5, damping=0.01)
@@ -333,8 +334,7 @@ def core_scene(n=3, **given):
         **{name: np.zeros(n) for name in ("spring", "damping", "rest_moment", "drag_point")},
         **{"base": 0.0, "inertia": np.zeros((0, 3 * n)), "held": [], "value": []},
     }
-    pipe = _core.Pipe(beta=0.3, gamma=4.0, centrifugal=1.0, drag=0.0, damping=0.0, aspirating=False)
-    return _core.Scene(pipe, **arguments | given)
+    return _core.Scene(core_pipe(pp.Pipe(0.3, 4.0)), **arguments | given)
 
 
 def test_projection_meets_guides_and_pins_and_says_how_far_it_misses_others():

@@ -571,6 +571,6 @@ def test_states_that_miss_a_support_are_refused() -> None:
     met = chain.admissible([0.1, 0.0, 0.0, 0.0])
     with pytest.raises(ValueError, match="qdot0 must keep the support at s = 1"):
         pp.simulate(chain, 1.0, 1.0, met, [1.0, 0.0, 0.0, 0.0])
-    with pytest.raises(ValueError, match=r"q must meet the support .* closed\(q\) does"):
+    with pytest.raises(ValueError, match=r"q must meet the support .* admissible\(q\) does"):
         chain.operators([0.1, 0.0, 0.0, 0.0])
     assert pp.simulate(chain, 1.0, 0.1, met).q.shape[1] == 4

@@ -336,7 +336,7 @@ class Assembly(Model):
 
         Raises:
             ValueError: for other shapes, or a guide or pin that is missed by more than 1e-9; see
-                `closed`.
+                `admissible`.
             TypeError: for arguments that are no arrays of real numbers.
         """
         theta = self._angles_of("angles", angles, sizes=(self.integrated,))
