@@ -349,17 +349,17 @@ def log_moduli(multipliers: ArrayLike) -> Array:
     return np.asarray(np.log(np.maximum(sizes, 1e-300) / (1.0 + UNIT)))
 
 
-def crossing_event(
-    roots: ArrayLike, mirrored: bool, trivial: bool = True
-) -> tuple[EventKind, complex]:
+def crossing_event(others: Complex, mirrored: bool) -> tuple[EventKind, complex]:
     """What a multiplier that passes the unit circle does, and that multiplier.
 
     One that passes 1 makes a fold. With a mirror symmetry of the cycle the multipliers are squares
-    of their `roots`, the eigenvalues of the map over half a period and the reflection, which
+    of their roots, the eigenvalues of the map over half a period and the reflection, which
     distinguish a pitchfork from a fold. Without one the roots are the multipliers themselves.
-    Of a forced motion none of them is trivial.
+
+    Args:
+        others: roots of the multipliers without the trivial one, shape (k,).
+        mirrored: whether the cycle has the mirror symmetry.
     """
-    others = nontrivial(roots) if trivial else np.asarray(roots, dtype=np.complex128)
     nearest = complex(others[int(np.argmin(np.abs(np.abs(others) - 1.0)))])
     kind: EventKind = "torus"
     if abs(nearest.imag) < 1e-3 * abs(nearest):  # two that meet split by sqrt(error)
