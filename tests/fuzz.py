@@ -659,9 +659,7 @@ def _chains() -> Iterator[Target]:
     held["base"] = Kind(one_of(0.0), kinds["base"].bad)
     for cls, make in (("Chain", pp.Chain), ("modular.chain", modular.chain)):
         yield target(f"{cls}[held]", make, **held)
-    yield target(
-        "modular.chain", modular.chain, **without, enforcement=word("orthonormal", "udwadia-kalaba")
-    )
+    yield target("modular.chain", modular.chain, **without)
     yield target(
         "Galerkin",
         pp.Galerkin,
@@ -891,7 +889,6 @@ def _scenes() -> Iterator[Target]:
             *([*CONSTRAINTS, modular.Pin(3, *at)] for at in ((0.0, 1.0), (2.0, 0.0))),
             *(CONSTRAINTS[1:], CONSTRAINTS[:-1]),
         ),
-        enforcement=word("orthonormal", "udwadia-kalaba"),
     )
     yield target(
         "modular.Assembly.plus",
@@ -914,15 +911,7 @@ def _scenes() -> Iterator[Target]:
         yield target(f"modular.Assembly.angles{tag}", scene.angles, y=state)
         yield target(f"modular.Assembly.admissible{tag}", scene.admissible, angles=angles)
         yield target(f"modular.Assembly.basis{tag}", scene.basis, q=optional(turned))
-        yield target(f"modular.Assembly.projection{tag}", scene.projection, q=optional(turned))
         yield target(f"modular.Assembly.equilibrium{tag}", scene.equilibrium, start=angles, u=SLOW)
-        yield target(
-            f"modular.Assembly.accelerations{tag}",
-            scene.accelerations,
-            y=state,
-            u=U,
-            enforcement=word("orthonormal", "udwadia-kalaba"),
-        )
 
 
 def _questions() -> Iterator[Target]:

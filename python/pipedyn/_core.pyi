@@ -13,7 +13,6 @@ __all__: list[str] = [
     "AxisCrossing",
     "Chain",
     "Complement",
-    "DenseOperator",
     "Eigenproblem",
     "Forms",
     "Galerkin",
@@ -35,7 +34,6 @@ __all__: list[str] = [
     "Sweep",
     "Traits",
     "Truncated",
-    "assignment",
     "carried",
     "crossings",
     "dense_limit",
@@ -388,26 +386,6 @@ class PanelPencil:
         by_damping: typing.SupportsFloat | typing.SupportsIndex = 0.0,
     ) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"]: ...
 
-class DenseOperator:
-    def __init__(
-        self,
-        matrices: typing.Annotated[
-            collections.abc.Sequence[
-                typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, n]"]
-            ],
-            "FixedSize(5)",
-        ],
-        size: typing.SupportsFloat | typing.SupportsIndex,
-        loss: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, n]"] = ...,
-    ) -> None: ...
-    def inverse(
-        self, shift: typing.SupportsFloat | typing.SupportsIndex, velocity_free: bool, left: bool
-    ) -> tuple[
-        typing.Annotated[numpy.typing.NDArray[numpy.complex128], "[m, 1]"],
-        typing.Annotated[numpy.typing.NDArray[numpy.complex128], "[m, n]"],
-        typing.Annotated[numpy.typing.NDArray[numpy.complex128], "[m, n]"],
-    ]: ...
-
 class Traits:
     def __init__(
         self,
@@ -527,6 +505,7 @@ class Scene:
         value: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"],
         mass: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"] = ...,
     ) -> None: ...
+    def angles(self, y: typing.Any) -> numpy.typing.NDArray[numpy.float64]: ...
     def axial(
         self, y: typing.Any, drive: typing.Any = None
     ) -> numpy.typing.NDArray[numpy.float64]: ...
@@ -575,18 +554,6 @@ class Scene:
         typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"],
         typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, 1]"],
     ]: ...
-    def redundant_energy(
-        self, y: typing.Any, drive: typing.Any = None, refuses: bool = True
-    ) -> float | numpy.typing.NDArray[numpy.float64]: ...
-    def redundant_power(
-        self, y: typing.Any, u: typing.Any, drive: typing.Any = None, refuses: bool = True
-    ) -> tuple[
-        float | numpy.typing.NDArray[numpy.float64],
-        float | numpy.typing.NDArray[numpy.float64],
-        float | numpy.typing.NDArray[numpy.float64],
-        float | numpy.typing.NDArray[numpy.float64],
-        float | numpy.typing.NDArray[numpy.float64],
-    ]: ...
     def redundant_rhs(
         self,
         t: typing.Any,
@@ -617,11 +584,6 @@ class Scene:
         moments: typing.Any,
         drive: typing.Any = None,
     ) -> numpy.typing.NDArray[numpy.float64]: ...
-    def solve(
-        self,
-        theta: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, n]"],
-        moments: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, n]"],
-    ) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"]: ...
     @property
     def chain(self) -> Chain: ...
     @property
@@ -689,9 +651,6 @@ class Integrator:
     @property
     def members(self) -> list[Member]: ...
 
-def assignment(
-    costs: typing.Annotated[numpy.typing.ArrayLike, numpy.float64],
-) -> typing.Annotated[numpy.typing.NDArray[numpy.int64], "[m, 1]"]: ...
 def carried(
     maps: typing.Annotated[numpy.typing.ArrayLike, numpy.float64],
     most: typing.SupportsFloat | typing.SupportsIndex,

@@ -10,7 +10,7 @@
 //   (7), (8)  end coefficient          python/pipedyn/models/end_coefficient.py
 //   (9)       drag                     chain/sweeps.hpp
 //   (10), (11) clamp and joints        met by the angles; modular/scene.hpp
-// (2)-(6) and (9)-(11) in redundant coordinates: python/pipedyn/modular/redundant.py.
+// (2)-(6) and (9)-(11) in redundant coordinates: tests/redundant.py.
 // Their limit for short segments, with its linear equation: galerkin/galerkin.hpp.
 //
 // Linear about the straight pipe, with the angle theta_j of segment j and p_k = l_k sum_{i>k} l_i

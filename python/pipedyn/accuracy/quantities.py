@@ -19,7 +19,6 @@ from typing import Any, ClassVar, Literal, Self, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pipedyn import _core
 from pipedyn.accuracy.convergence import FAMILIES
 from pipedyn.cycles.limit_cycle import limit_cycle
 from pipedyn.linear.critical_speed import CriticalSpeed, checked_end, critical_speed
@@ -36,6 +35,7 @@ from pipedyn.util.archive import saved_as
 from pipedyn.util.check import Array
 from pipedyn.util.counters import TookTooLong, clock, limited
 from pipedyn.util.errors import NotConverged, PipedynError
+from pipedyn.util.later import scipy
 from pipedyn.util.result import Result
 
 LEGENDRE = FAMILIES["legendre"]
@@ -213,7 +213,7 @@ class _Eigenvalues(Quantity):
             cost = np.abs(own - row) / np.maximum(np.abs(own), 1.0)
             if own.size > row.size or not np.isfinite(cost).all():
                 return math.inf
-            pairs = np.arange(own.size), _core.assignment(cost)
+            pairs = scipy.optimize.linear_sum_assignment(cost)
             worst = max(worst, float(cost[pairs].max(initial=0.0)))
         return worst
 

@@ -275,7 +275,9 @@ def line_starts(plane: Plane, only_stability: bool = False) -> tuple[list[CurveS
             if plane.conservative:
                 continue
             for at in places[:: LINES_OF_SPEED // 2]:
-                extremes += [(along, at, *one) for one in plane.extremes(at, along)]
+                extremes += [
+                    (along, at, *one) for one in plane.sections(at, along, halved=False)[1]
+                ]
         else:
             for at in places:
                 if plane.speed_at(at) > 0.0:  # without flow only damping moves roots off the axis

@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from pipedyn.linear.differences import STENCIL
 from pipedyn.models.base import Model
 from pipedyn.models.drive import ROWS, Harmonic, Pulsation
+from pipedyn.models.reduced_supports import STENCIL
 from pipedyn.util.archive import saved_as
 from pipedyn.util.check import Array
 from pipedyn.util.counters import evaluated

@@ -18,7 +18,6 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pipedyn import _core
 from pipedyn.linear.eigenproblem import Complex
 from pipedyn.motion.vector_field import VectorField
 from pipedyn.orbits.collocation import (
@@ -276,7 +275,7 @@ def _by_pairs(motion: VectorField, orbit: PeriodicOrbit) -> PeriodicOrbit | None
 def _worst_change(before: Complex, after: Complex) -> float:
     """How far the worst of the multipliers moves, relative where above 1."""
     moved = np.abs(before[:, None] - after) / np.maximum(np.abs(after), 1.0)
-    return float(moved[np.arange(len(moved)), _core.assignment(moved)].max())
+    return float(moved[scipy.optimize.linear_sum_assignment(moved)].max())
 
 
 def _roots_of_maps(motion: VectorField, orbit: PeriodicOrbit, maps: Array, units: Array) -> Complex:
