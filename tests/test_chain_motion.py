@@ -226,28 +226,6 @@ def test_a_bar_on_a_hinge_is_a_pendulum():
 # ---------------------------------------------------------------------------- batches and threads
 
 
-@pytest.mark.parametrize("level", LEVELS)
-@pytest.mark.parametrize("width", range(1, 21))
-def test_a_batch_is_its_members(width, level, at_level):
-    at_level(level)
-    chain = everything(5)
-    y, u = states(5, width), np.linspace(0.0, 6.0, width)
-    rates, energies, power = chain.rhs(0.0, y, u), chain.energy(y), chain.power(y, u)
-    shared = chain.rhs(0.0, y, 4.0)
-    assert rates.shape == y.shape
-    assert energies.shape == power.total.shape == power.others.shape == (width,)
-    for j in range(width):
-        one = y[:, j]
-        close = {"rtol": 1e-11, "atol": 1e-11 * np.abs(rates[:, j]).max()}
-        np.testing.assert_allclose(rates[:, j], chain.rhs(0.0, one, u[j]), **close)
-        np.testing.assert_allclose(shared[:, j], chain.rhs(0.0, one, 4.0), **close)
-        assert energies[j] == pytest.approx(chain.energy(one), rel=1e-13)
-        alone = chain.power(one, u[j])
-        for part in ("flow", "joints", "drag", "total"):
-            expected = pytest.approx(getattr(alone, part), rel=1e-11, abs=1e-11)
-            assert getattr(power, part)[j] == expected
-
-
 @both
 def test_empty_batch_is_empty(model):
     assert model.rhs(0.0, np.zeros((6, 0)), 1.0).shape == (6, 0)

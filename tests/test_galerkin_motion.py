@@ -219,38 +219,6 @@ def test_steps_that_may_err_more_take_fewer_nodes_and_miss_a_thousandth_of_it_at
 # ----------------------------------------------------------------------- batches and threads
 
 
-@pytest.mark.parametrize("level", LEVELS)
-@pytest.mark.parametrize("basis", BASES)
-@pytest.mark.parametrize(("m", "terms"), SIZES, ids=SIZE_NAMES)
-def test_a_batch_is_its_members(m, terms, basis, level, at_level):
-    """At every width, whatever the neighbours' amplitudes."""
-    at_level(level)
-    rng = np.random.default_rng(8)
-    pipe = pp.Pipe(0.4, gamma=-3.0, drag=0.7, damping=0.01, terms=terms)
-    model = pp.Galerkin(pipe, m, basis)
-    angles = rng.choice([0.0, 0.1, 1.0, 3.0], 20)
-    states = np.stack([bent_state(model, rng, angle) for angle in angles], axis=1)
-    speeds = rng.uniform(0.0, 7.0, 20)
-    speeds[::5] = 0.0
-    single = np.stack([model.rhs(0.0, states[:, k], speeds[k]) for k in range(20)], axis=1)
-    size = np.abs(single).max(axis=0)
-    energies = np.array([model.energy(states[:, k]) for k in range(20)])
-    powers = [model.power(states[:, k], speeds[k]) for k in range(20)]
-    for width in range(1, 21):
-        some = states[:, :width], speeds[:width]
-        found = model.rhs(0.0, *some)
-        assert (np.abs(found - single[:, :width]) <= 1e-12 * size[:width]).all()
-        np.testing.assert_allclose(model.energy(some[0]), energies[:width], rtol=1e-13)
-        power = model.power(*some)
-        for name in ("flow", "joints", "drag", "others", "total"):
-            each = np.array([getattr(one, name) for one in powers[:width]])
-            assert getattr(power, name).shape == (width,)
-            close = 1e-12 * np.abs(each).max()
-            np.testing.assert_allclose(getattr(power, name), each, rtol=0.0, atol=close)
-    common = model.rhs(0.0, states, 3.0)
-    np.testing.assert_array_equal(common, model.rhs(0.0, states, np.full(20, 3.0)))
-
-
 @pytest.mark.parametrize("drag", [0.0, 0.7])
 @pytest.mark.parametrize("basis", BASES)
 @pytest.mark.parametrize(("m", "terms"), SIZES, ids=SIZE_NAMES)
@@ -308,20 +276,3 @@ def test_tips_and_their_velocities_are_integrals_of_the_centreline(basis, turns)
     moved = np.stack([cosine * turning, -sine * turning], axis=-1).swapaxes(1, 2) @ (0.5 * weights)
     np.testing.assert_allclose(model.tips(q.T), tips, atol=1e-13)
     np.testing.assert_allclose(model.tip_velocities(q.T, rates.T), moved, atol=1e-11)
-
-
-@pytest.mark.parametrize("terms", [(), (pp.PointMass(0.5, 1.0),)], ids=["plain", "terms"])
-def test_a_coil_beyond_the_quadrature_is_refused_and_no_motion_goes_there(terms):
-    """50 turns of 8 functions are resolved, 500 are not, nor 150 of 3."""
-    model = pp.Galerkin(pp.Pipe(0.2, terms=terms), 8, "legendre")
-    near, far = (
-        np.append(model.bent(lambda s, turns=turns: 2.0 * np.pi * turns * s), np.zeros(8))
-        for turns in (50, 500)
-    )
-    for ask in (model.rhs, model.jacobian):
-        assert np.isfinite(ask(0.0, near, 1.0)).all()
-        with pytest.raises(pp.NotResolved, match=r"by 3\.14e\+03 rad.* resolve this shape up to"):
-            ask(0.0, far, 1.0)
-    few = pp.Galerkin(pp.Pipe(0.2, terms=terms), 3, "legendre")
-    with pytest.raises(pp.MotionStopped, match=r"step size tends to 0|finite"):
-        pp.simulate(few, 1.0, 0.1, lambda s: 900.0 * s)
