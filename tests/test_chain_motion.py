@@ -12,7 +12,13 @@ from concurrent.futures import ThreadPoolExecutor
 import mpmath
 import numpy as np
 import pytest
-from independent import any_chain, dense_jacobian, dense_rates, lagrangian_accelerations
+from independent import (
+    any_chain,
+    dense_jacobian,
+    dense_rates,
+    lagrangian_accelerations,
+    lagrangian_operators,
+)
 from scipy.integrate import solve_ivp
 from scipy.special import ellipk
 
@@ -43,28 +49,42 @@ both = pytest.mark.parametrize(
 # ------------------------------------------------------------------------------ equations of motion
 
 
-@pytest.mark.parametrize(("flow", "alpha"), FLOWS)
-def test_chain_moves_as_the_papers_lagrangian_says(flow, alpha):
-    """Three unequal segments, base and all effects, at large states; derived with sympy."""
+@pytest.mark.parametrize(
+    ("flow", "alpha", "entering", "jet"),
+    [
+        ("ejecting", 1.0, 1.0, 0.0),
+        ("ejecting", 0.3, 1.0, 0.0),
+        ("ejecting", 0.7, 1.0, -1.25),
+        ("aspirating", 0.7, 1.0, 0.0),
+        ("aspirating", 0.0, 1.0, 0.0),
+        ("aspirating", 0.7, 0.0, 0.0),
+        ("aspirating", 0.7, 0.35, 0.0),
+    ],
+)
+def test_chain_moves_as_the_papers_lagrangian_says(flow, alpha, entering, jet):
+    """Three unequal segments, base and all effects, at large states; derived with sympy.
+
+    Straight chains also linearised, to rounding.
+    """
     arrays = {
         "lengths": [0.45, 0.3, 0.15],
         "centres": [0.4, 0.65, 0.55],
         "gyration_radii": [0.11, 0.2, 0.05],
         "springs": [3.0, 2.0, 5.0],
     }
-    points = [0.8, 0.25, 0.6]
-    pipe = pp.Pipe(0.3, gamma=2.5, flow=flow, alpha=alpha, drag=1.25, damping=0.01)
+    points, ends = [0.8, 0.25, 0.6], {"inflow_share": entering, "jet_angle": jet}
+    pipe = pp.Pipe(0.3, 2.5, flow, alpha, drag=1.25, damping=0.01, **ends)
     chain = pp.Chain(pipe, **arrays, drag_points=points, base=0.1)
-    y = states(3, 12)
-    expected = lagrangian_accelerations(
-        y,
-        *(*arrays.values(), 0.3, 2.5, 0.01, flow == "aspirating", alpha, 3.75),
-        drag=1.25,
-        points=points,
-    )
+    y, given = states(3, 12), (*arrays.values(), 0.3, 2.5, 0.01, flow == "aspirating", alpha, 3.75)
+    expected = lagrangian_accelerations(y, *given, drag=1.25, points=points, **ends)
     found = chain.rhs(0.0, y, 3.75)
     np.testing.assert_array_equal(found[:3], y[3:])
     assert worst(found[3:], expected) < 1e-12
+    if jet:  # it rests bent
+        return
+    linear = lagrangian_operators(*given, **ends)
+    for mine, right in zip(chain.operators().at(3.75), linear, strict=True):
+        np.testing.assert_allclose(mine, right, rtol=1e-13, atol=1e-15 * np.abs(right).max())
 
 
 @pytest.mark.parametrize("level", LEVELS)

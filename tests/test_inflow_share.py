@@ -7,19 +7,10 @@ import numpy as np
 import pytest
 from independent import (
     determinant_crossing,
-    lagrangian_accelerations,
-    lagrangian_operators,
     quadratic_eigenvalues,
 )
 
 import pipedyn as pp
-
-UNEQUAL = {
-    "lengths": [0.45, 0.3, 0.15],
-    "centres": [0.4, 0.65, 0.55],
-    "gyration_radii": [0.11, 0.2, 0.05],
-    "springs": [3.0, 2.0, 5.0],
-}
 
 
 def aspirating(share, beta=0.2, **numbers):
@@ -81,20 +72,6 @@ def test_undamped_suction_of_fluid_at_rest_feeds_the_pipe_from_the_smallest_flow
         assert (found.mode, found.unstable_after) == (1, 2)
         growth = [pp.eigenvalues(model, u, 2)[0].real for u in (0.05, 0.1)]
         assert growth[1] / growth[0] == pytest.approx(8.0, rel=0.02)
-
-
-@pytest.mark.parametrize("share", [0.0, 0.35])
-def test_chain_is_that_of_the_papers_lagrangian_with_the_momentum_of_its_inflow(share):
-    """Three unequal segments, linear and at large states; derived with sympy."""
-    numbers = {"gamma": 2.5, "alpha": 0.7, "damping": 0.01}
-    chain = pp.Chain(aspirating(share, 0.3, **numbers), **UNEQUAL, base=0.1)
-    given = *UNEQUAL.values(), 0.3, 2.5, 0.01, True, 0.7, 3.75
-    expected = lagrangian_operators(*given, inflow_share=share)
-    for found, right in zip(chain.operators().at(3.75), expected, strict=True):
-        np.testing.assert_allclose(found, right, rtol=1e-13, atol=1e-14 * np.abs(right).max())
-    y = 2.0 * np.random.default_rng(5).normal(size=(6, 12))
-    accelerations = lagrangian_accelerations(y, *given, inflow_share=share)
-    np.testing.assert_allclose(chain.rhs(0.0, y, 3.75)[3:], accelerations, rtol=1e-11, atol=1e-10)
 
 
 @pytest.mark.parametrize("method", ["radau", "dop853"])

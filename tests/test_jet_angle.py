@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 from independent import (
     dense_jacobian,
-    lagrangian_accelerations,
     pipe_rates,
     quadratic_eigenvalues,
 )
@@ -78,22 +77,6 @@ def test_a_small_angle_bends_the_pipe_as_the_textbook_says():
     model = legendre(psi)
     expected = psi * (s * math.cos(u) - (math.sin(u) - np.sin(u * (1.0 - s))) / u)
     assert model.shape(rest_of(model, u), s)[:, 0] == pytest.approx(expected, abs=1e-11)
-
-
-def test_chain_moves_as_the_papers_lagrangian_with_the_jets_momentum_says():
-    """Three unequal segments at large states; derived with sympy."""
-    arrays = {
-        "lengths": [0.45, 0.3, 0.15],
-        "centres": [0.4, 0.65, 0.55],
-        "gyration_radii": [0.11, 0.2, 0.05],
-        "springs": [3.0, 2.0, 5.0],
-    }
-    pipe = pp.Pipe(0.3, gamma=2.5, alpha=0.7, damping=0.01, jet_angle=-1.25)
-    y = 2.0 * np.random.default_rng(5).normal(size=(6, 12))
-    given = *arrays.values(), 0.3, 2.5, 0.01, False, 0.7, 3.75
-    expected = lagrangian_accelerations(y, *given, jet_angle=-1.25)
-    found = pp.Chain(pipe, **arrays, base=0.1).rhs(0.0, y, 3.75)[3:]
-    np.testing.assert_allclose(found, expected, rtol=1e-11, atol=1e-10)
 
 
 @pytest.mark.parametrize("method", ["radau", "dop853"])
