@@ -932,7 +932,7 @@ def _questions() -> Iterator[Target]:
             function,
             model=LINEAR,
             u=SLOW,
-            count=Kind(one_of(1, 4), _not(None, count(1, 5, 10**7).bad)),
+            count=Kind(one_of(1, 3), _not(None, count(1, 5, 10**7).bad)),
         )
     speeds = array(3, (0.0, 3.0), (-1.0, 1e9), rising=True, any_size=True)
     yield target(
