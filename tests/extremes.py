@@ -680,24 +680,6 @@ def cycles(quick: bool) -> Iterator[Row]:
         )
 
 
-def scenes(quick: bool) -> Iterator[Row]:
-    """The modular route of a plain chain against the chain's own equations."""
-    cases = {"u=100": ({}, pp.Pipe(0.2), 100.0), "gamma=1e6": ({}, pp.Pipe(0.2, 1e6), 6.0)}
-    for at, arrays in unequal(6).items():
-        cases[at] = (arrays, pp.Pipe(0.2), 1.0)
-    for at, (arrays, pipe, u) in cases.items():
-        n = None if arrays else 6
-        scene = pp.modular.chain(pipe, n, **{"springs": "consistent", **arrays})
-        chain = pp.Chain(pipe, n, **arrays)
-        yield row(
-            *("eigenvalues", "scene of 6", at, SHOOTING),
-            lambda scene=scene, u=u: pp.modes(scene, u, 4),
-            lambda found, chain=chain, u=u: worst_eigenvalue(
-                found, [0, 2], lambda z: chain_step(chain, z, u)
-            ),
-        )
-
-
 SECTIONS: tuple[Callable[[bool], Iterator[Row]], ...] = (
     eigenvalues_of_the_pipe,
     eigenvalues_of_chains,
@@ -709,7 +691,6 @@ SECTIONS: tuple[Callable[[bool], Iterator[Row]], ...] = (
     motions,
     long_runs,
     cycles,
-    scenes,
 )
 
 
