@@ -678,59 +678,6 @@ def cycles(quick: bool) -> Iterator[Row]:
             ),
             beyond + 1e-6,
         )
-    if not quick:
-        heavy = pp.Chain(pp.Pipe(0.2, drag=1e4), 4)
-        yield row(
-            *("limit_cycle", "chain n=4", "drag=1e4, u=6", "simulate"),
-            lambda: pp.limit_cycle(heavy, 6.0),
-            lambda found: Outcome(
-                f"amplitude {found.amplitude:.6g}",
-                abs(swept(heavy, 6.0, found) / found.amplitude - 1.0),
-            ),
-            1e-4,
-        )
-        for at, pipe in (("gamma=1e4", pp.Pipe(0.2, 1e4)), ("drag=1e4", pp.Pipe(0.2, drag=1e4))):
-            model = pp.Galerkin(pipe, 8, "legendre")
-            u = 1.05 * pp.critical_speed(model).speed
-            yield row(
-                *("limit_cycle", named(model), f"{at}, u = 1.05 u_c", "simulate"),
-                lambda model=model, u=u: pp.limit_cycle(model, u),
-                lambda found, model=model, u=u: Outcome(
-                    f"amplitude {found.amplitude:.6g}",
-                    abs(swept(model, u, found) / found.amplitude - 1.0),
-                ),
-                1e-4,
-            )
-
-
-def swept(model: Any, u: float, cycle: pp.LimitCycle) -> float:
-    """Amplitude of a motion that starts on a cycle, over its third period."""
-    times = np.linspace(2.0 * cycle.period, 3.0 * cycle.period, 801)
-    motion = pp.simulate(
-        *(model, u, float(times[-1]), cycle.q[0], cycle.qdot[0]),
-        times=times,
-        rtol=1e-10,
-        atol=1e-12,
-    )
-    return 0.5 * float(np.ptp(motion.tip[:, 0]))
-
-
-def scenes(quick: bool) -> Iterator[Row]:
-    """The modular route of a plain chain against the chain's own equations."""
-    cases = {"u=100": ({}, pp.Pipe(0.2), 100.0), "gamma=1e6": ({}, pp.Pipe(0.2, 1e6), 6.0)}
-    for at, arrays in unequal(6).items():
-        cases[at] = (arrays, pp.Pipe(0.2), 1.0)
-    for at, (arrays, pipe, u) in cases.items():
-        n = None if arrays else 6
-        scene = pp.modular.chain(pipe, n, **{"springs": "consistent", **arrays})
-        chain = pp.Chain(pipe, n, **arrays)
-        yield row(
-            *("eigenvalues", "scene of 6", at, SHOOTING),
-            lambda scene=scene, u=u: pp.modes(scene, u, 4),
-            lambda found, chain=chain, u=u: worst_eigenvalue(
-                found, [0, 2], lambda z: chain_step(chain, z, u)
-            ),
-        )
 
 
 SECTIONS: tuple[Callable[[bool], Iterator[Row]], ...] = (
@@ -744,7 +691,6 @@ SECTIONS: tuple[Callable[[bool], Iterator[Row]], ...] = (
     motions,
     long_runs,
     cycles,
-    scenes,
 )
 
 

@@ -97,35 +97,35 @@ def _nested() -> list[Any]:
     return itself
 
 
+def each(*values: Any) -> tuple[Values, ...]:
+    """A draw of each value."""
+    return tuple(lambda _, v=v: v for v in values)
+
+
 NOTHINGS: tuple[Values, ...] = (
-    *(lambda _, v=v: v for v in ({}, {"a": 1}, set(), frozenset({1.0}), object(), Ellipsis)),
-    *(lambda _, v=v: v for v in (NotImplemented, b"1", bytearray(b"12"), Decimal("0.5"))),
-    *(lambda _, v=v: v for v in (np.ma.masked, np.timedelta64(1), np.datetime64("2020-01-01"))),
-    *(lambda _, v=v: v for v in (Unspeakable(), math, 1j, complex(NAN, 0.0))),
-    *(lambda _, v=v: v for v in (np.array("a"), np.array(None), slice(3))),
+    *each({}, {"a": 1}, set(), frozenset({1.0}), object(), Ellipsis, NotImplemented, b"1"),
+    *each(bytearray(b"12"), Decimal("0.5"), np.ma.masked, np.timedelta64(1)),
+    *each(np.datetime64("2020-01-01"), Unspeakable(), math, 1j, complex(NAN, 0.0)),
+    *each(np.array("a"), np.array(None), slice(3)),
     lambda _: (i for i in range(3)),
     lambda _: iter([0.5]),
     lambda _: Random(3),
 )
 """Neither numbers nor arrays, words, models or functions."""
 
-WORDS: tuple[Values, ...] = tuple(
-    lambda _, v=v: v for v in ("", "1", "nan", "out", "Beam", "\0", "\ud800", "x" * 10_000, "tip\n")
+WORDS = each("", "1", "nan", "out", "Beam", "\0", "\ud800", "x" * 10_000, "tip\n")
+
+LOGICAL = each(True, False, np.bool_(True), np.array(False))
+
+NOT_FINITE = (
+    *each(NAN, INF, -INF, 10**400, 10**5000, -(10**400), np.float64(NAN), np.float32(INF)),
+    *each(np.float16(NAN), np.array(NAN), np.longdouble("1e4000"), Fraction(10**400)),
+    *each(Fraction(-(10**400))),
 )
 
-LOGICAL: tuple[Values, ...] = tuple(
-    lambda _, v=v: v for v in (True, False, np.bool_(True), np.array(False))
-)
-
-NOT_FINITE: tuple[Values, ...] = (
-    *(lambda _, v=v: v for v in (NAN, INF, -INF, 10**400, 10**5000, -(10**400))),
-    *(lambda _, v=v: v for v in (np.float64(NAN), np.float32(INF), np.float16(NAN), np.array(NAN))),
-    *(lambda _, v=v: v for v in (np.longdouble("1e4000"), Fraction(10**400), Fraction(-(10**400)))),
-)
-
-LISTS: tuple[Values, ...] = (
-    *(lambda _, v=v: v for v in ([], (), [0.5], [[0.5]], [NAN], np.zeros(0), np.zeros((0, 3)))),
-    *(lambda _, v=v: v for v in (np.array([0.5]), np.zeros((2, 2, 2)), range(10**12), Endless())),
+LISTS = each(
+    *([], (), [0.5], [[0.5]], [NAN], np.zeros(0), np.zeros((0, 3)), np.array([0.5])),
+    *(np.zeros((2, 2, 2)), range(10**12), Endless()),
 )
 
 
@@ -419,7 +419,8 @@ SUPPORTS = Kind(
     ),
 )
 PLACES = array(3, (0.0, 1.0), (-0.1, 1.1), any_size=True)
-USUAL = {"executor": EXECUTOR, "progress": FLAG, "s": PLACES}
+AXIS = Kind(one_of(AX), _not(None, of(AX).bad))
+USUAL = {"executor": EXECUTOR, "s": PLACES, "ax": AXIS}
 """What these arguments may be in every call that has them and more."""
 FUNCTION = Kind(
     one_of(bend),
@@ -509,8 +510,10 @@ def target(
     called: Mapping[str, str] | None = None,
     **kinds: Kind,
 ) -> Target:
-    """A call with kinds of its arguments; those of `USUAL` need not be given."""
-    usual = {k: v for k, v in USUAL.items() if k in inspect.signature(call).parameters}
+    """A call with kinds of its arguments; those of `USUAL` and flags need not be given."""
+    own = inspect.signature(call).parameters
+    usual = {k: v for k, v in USUAL.items() if k in own}
+    usual |= {k: FLAG for k, argument in own.items() if isinstance(argument.default, bool)}
     return Target(name, call, usual | kinds, slow, called or {})
 
 
@@ -974,8 +977,6 @@ def _questions() -> Iterator[Target]:
             ),
         ),
         u=Kind(one_of(None), any_of(*NOTHINGS, *WORDS, one_of(1.0, -1.0, NAN, [None]))),
-        criticality=FLAG,
-        only_stability=FLAG,
     )
     inside = {"x": real((0.1, 0.9), 0.09, 0.91), "y": real((0.0, 9.0), -0.1, 9.1)}
     yield target("Boundary.unstable", BOUNDARY.unstable, **inside)
@@ -1239,7 +1240,6 @@ def _motions() -> Iterator[Target]:
         "brute_force": count(0, 1, 10_001),
         "transient": real((0.0, 1.0), -1.0, 1e300),
         "duration": real((1.0, 2.0), 0.0, 1e300),
-        "exponents": FLAG,
         "rtol": real((1e-6, 1e-3), 0.0, 1.0),
         "seed": either([0, 7], -1, 0.5, NAN),
     }
@@ -1256,7 +1256,6 @@ def _motions() -> Iterator[Target]:
         base=Kind(one_of(None), any_of(*NOTHINGS, *WORDS, one_of(3, NAN, [], PUMP))),
         transient=real((10.0, 20.0), -1.0, 1e300),
         duration=real((1.0, 2.0), 0.0, 1e300),
-        exponents=FLAG,
         rtol=real((1e-6, 1e-4), 0.0, 1.0),
         seed=diagram["seed"],
     )
@@ -1270,7 +1269,7 @@ def _motions() -> Iterator[Target]:
         state=optional(array(6, (-0.1, 0.1), any_size=True)),
     )
     yield target("bifurcation_diagram", pp.bifurcation_diagram, slow=True, **diagram)
-    yield target("diagram_cost", pp.diagram_cost, slow=True, **diagram)
+    yield target("diagram_cost", pp.diagram_cost, slow=True, exponents=FLAG, **diagram)
     wrong = any_of(NONE, *NOTHINGS, *WORDS, one_of(3, NAN, {}, []))
     other = (
         {"beta": (0.1, 0.05), "u": (3.0, 3.3)},
@@ -1509,7 +1508,7 @@ def _driven() -> Iterator[Target]:
 
 
 def _pictures() -> Iterator[Target]:
-    ax, loci = Kind(one_of(AX), _not(None, of(AX).bad)), of(LOCI)
+    loci = of(LOCI)
     top = optional(real((1.0, 9.0), -1.0))
     motion = of(MOTION)
     several = Kind(
@@ -1535,19 +1534,18 @@ def _pictures() -> Iterator[Target]:
         )
 
     calls: dict[str, dict[str, Kind]] = {
-        "root_loci": {"ax": ax, "loci": loci, "benchmark": optional(loci), "highest": top},
-        "frequencies": {"ax": ax, "loci": loci, "benchmark": optional(loci), "largest": top},
-        "mode_shapes": {"ax": ax, "modes": of(MODES), "count": count(1, 4, 1001)},
-        "convergence": {"ax": ax, "families": named([CRITICAL]), "exact": of(CRITICAL)},
+        "root_loci": {"loci": loci, "benchmark": optional(loci), "highest": top},
+        "frequencies": {"loci": loci, "benchmark": optional(loci), "largest": top},
+        "mode_shapes": {"modes": of(MODES), "count": count(1, 4, 1001)},
+        "convergence": {"families": named([CRITICAL]), "exact": of(CRITICAL)},
         "stability_map": {
-            "ax": ax,
             "boundaries": named(BOUNDARY),
             "highest": top,
             "marked": optional(of(CRITICAL)),
         },
-        "boundary": {"ax": ax, "found": of(BOUNDARY)},
+        "boundary": {"found": of(BOUNDARY)},
         "dot_stride": {"loci": loci},
-        "notice": {"ax": ax, "text": words},
+        "notice": {"text": words},
         "panels": {
             "rows": count(1, 2, 101),
             "columns": count(1, 2, 101),
@@ -1559,9 +1557,9 @@ def _pictures() -> Iterator[Target]:
             "ax": Kind(one_of(AXES), any_of(*NOTHINGS, one_of([AX], np.ones(2), AXES[:0]))),
         },
         "style": {},
-        "time_history": {"motions": several, "ax": ax},
-        "phase_portrait": {"motions": several, "coordinate": place, "ax": ax},
-        "snapshots": {"motion": motion, "span": span, "count": count(2, 5, 10_001), "ax": ax},
+        "time_history": {"motions": several},
+        "phase_portrait": {"motions": several, "coordinate": place},
+        "snapshots": {"motion": motion, "span": span, "count": count(2, 5, 10_001)},
         "animate": {
             "motion": motion,
             "path": Kind(
@@ -1569,24 +1567,23 @@ def _pictures() -> Iterator[Target]:
             ),
             "fps": real((1.0, 2.0), 0.0, 1e3),
             "speed": optional(real((0.1, 0.4), 0.0)),
+            "ax": AXIS,
             "span": span,
-            "ax": ax,
         },
-        "bifurcation_diagram": {"diagram": of(DIAGRAM), "coordinate": place, "ax": ax},
-        "basins": {"found": of(ENDS), "ax": ax},
-        "poincare_section": {"found": of(ENDS), "coordinate": place, "ax": ax},
-        "spectrum": {"found": of(ENDS), "ax": ax},
-        "cycle_boundary": {"found": of(FOLDS), "ax": ax},
+        "bifurcation_diagram": {"diagram": of(DIAGRAM), "coordinate": place},
+        "basins": {"found": of(ENDS)},
+        "poincare_section": {"found": of(ENDS), "coordinate": place},
+        "spectrum": {"found": of(ENDS)},
+        "cycle_boundary": {"found": of(FOLDS)},
         "trade": {
             "found": Kind(any_of(of(TRADE).good, any_trade), of(TRADE).bad),
             "cost": word("seconds", "dof", "right_hand_sides", "factorisations"),
-            "ax": ax,
         },
-        "orbit": {"cycles": cycles, "ax": ax},
-        "multipliers": {"cycles": Kind(one_of(CYCLE, BRANCH), cycles.bad), "ax": ax},
-        "frequency_response": {"response": of(RESPONSE), "phase": FLAG, "ax": ax},
-        "forced_response": {"response": of(SHAKES), "ax": ax},
-        "parametric_regions": {"regions": either([REGIONS], 3, [3], PIPE), "ax": ax},
+        "orbit": {"cycles": cycles},
+        "multipliers": {"cycles": Kind(one_of(CYCLE, BRANCH), cycles.bad)},
+        "frequency_response": {"response": of(RESPONSE)},
+        "forced_response": {"response": of(SHAKES)},
+        "parametric_regions": {"regions": either([REGIONS], 3, [3], PIPE)},
     }
     knob = plot.Exploration(PIPE, 3)
     sliders = {"name": word("beta", "gamma")}

@@ -169,6 +169,14 @@ def gauss(count):
     return 0.5 * (nodes + 1.0), 0.5 * weights
 
 
+def panels(kinks, count=30):
+    """Gauss's nodes and weights between all kinks."""
+    ends = np.unique(np.clip([0.0, *kinks, 1.0], 0.0, 1.0))
+    nodes, weights = leggauss(count)
+    half = np.diff(ends)[:, None] / 2
+    return (ends[:-1, None] + half * (1.0 + nodes)).ravel(), (half * weights).ravel()
+
+
 def derivative(function, h):
     """Eighth-order central difference at 0."""
     weights = [1 / 280, -4 / 105, 1 / 5, -4 / 5, 0, 4 / 5, -1 / 5, 4 / 105, -1 / 280]

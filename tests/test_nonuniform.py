@@ -9,7 +9,7 @@ import pickle
 import numpy as np
 import pytest
 from campaign_elements import elements
-from independent import leggauss
+from independent import panels
 from scipy.integrate import quad
 from test_terms import (
     LENGTHS,
@@ -46,14 +46,6 @@ UNIFORM = dataclasses.replace(
 SPEED = 1.7
 
 models = pytest.mark.parametrize("kind", MODELS)
-
-
-def panels(kinks, nodes=30):
-    """Gauss points between kinks and their weights."""
-    ends = np.unique(np.clip([0.0, *kinks, 1.0], 0.0, 1.0))
-    x, weights = leggauss(nodes)
-    half = np.diff(ends)[:, None] / 2
-    return (ends[:-1, None] + half * (1.0 + x)).ravel(), (half * weights).ravel()
 
 
 @pytest.mark.parametrize(

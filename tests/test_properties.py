@@ -334,38 +334,6 @@ def test_a_cycle_comes_round(model, beyond):
     assert miss <= worst * (1e-4 + 10.0 * cycle.error) * np.abs(cycle.q).max()
 
 
-@settings(max_examples=8)
-@given(calm_pipes(), st.sampled_from(["beta", "gamma", "damping"]), st.integers(1, 5), SEEDS)
-def test_a_curve_reports_what_failed_as_the_packages_own(pipe, name, n, seed):
-    values = np.random.default_rng(seed).uniform(0.0, 0.9, 3)
-
-    def made(value):
-        given = {key: getattr(pipe, key) for key in ("beta", "gamma", "flow", "alpha", "damping")}
-        return pp.Chain(pp.Pipe(**{**given, name: value}), n)
-
-    curve = pp.stability_curve(made, values, max_speed=9.0)
-    assert all(isinstance(failure.error, pp.PipedynError) for failure in curve.failures)
-    failed = {failure.index for failure in curve.failures}
-    for i, critical in enumerate(curve.critical):
-        if i not in failed and critical is not None:
-            assert critical == pp.critical_speed(made(values[i]), 9.0)
-
-
-@settings(max_examples=8)
-@given(calm_pipes(), mixed([0.0], 0.0, 10.0), st.integers(1, 3))
-def test_a_choice_is_as_good_as_it_says_or_the_packages_own_exception(pipe, u, count):
-    """Its roots below those that cluster at -1 / delta are roots of a far larger model."""
-    try:
-        choice = pp.choose(pipe, "frequencies", 1e-3, u=u, count=count)
-    except pp.PipedynError:
-        return
-    assert choice.error <= 1e-3
-    fine = all_roots(pp.Galerkin(pipe, 40, "legendre"), u)[: 2 * count]
-    found = all_roots(choice.model, u)
-    for value in fine[pipe.damping * np.abs(fine) < 0.5]:
-        assert np.abs(found - value).min() <= choice.error * max(abs(value), 1.0) + 1e-9
-
-
 # --------------------------------------------------------------------------------------------- SI
 
 
