@@ -120,28 +120,6 @@ def test_products_and_eigenvalues_of_any_chain_are_those_of_its_matrices(n):
     assert np.abs(distance).max() < 1e-9 * np.abs(values).max()
 
 
-@pytest.mark.parametrize(
-    "make",
-    [
-        lambda pipe: pp.Chain(pipe, 9),
-        lambda pipe: pp.Chain(dataclasses.replace(pipe, root="pinned", supports=[0.6]), 10),
-        lambda pipe: pp.Galerkin(pipe, 6, "legendre"),
-        lambda pipe: pp.Galerkin(dataclasses.replace(pipe, root="pinned"), 6, "legendre"),
-        lambda pipe: modular.chain(pipe, 6).plus(modular.Guide(4)),
-    ],
-    ids=["chain", "held chain", "Legendre functions", "hinged", "guided scene"],
-)
-def test_motions_balance_their_energy_by_explicit_and_implicit_steps(make):
-    """The implicit steps solve with the exact Jacobian, a chain's and a scene's in O(n)."""
-    pipe = pp.Pipe(0.3, 5.0, damping=1e-3, drag=0.3, terms=[pp.AddedMass(0.6)])
-    model, ends = make(pipe), []
-    for method in ("radau", "dop853"):
-        motion = pp.simulate(model, 7.0, 1.0, lambda s: 0.8 * s**2, rtol=1e-10, method=method)
-        assert motion.audit < 1e-8
-        ends.append(motion.q[-1])
-    np.testing.assert_allclose(ends[0], ends[1], atol=1e-6 * np.abs(ends[0]).max())
-
-
 def test_the_fluid_changes_the_cycle_that_emerges_though_not_as_a_heavier_pipe():
     """A law from third derivatives, against a cycle close to the onset."""
     pipe = pp.Pipe(0.3, damping=2e-3, terms=[pp.AddedMass(0.5)])

@@ -13,7 +13,6 @@ from operator import itemgetter
 
 import numpy as np
 import pytest
-from scipy.integrate import simpson
 
 import pipedyn as pp
 
@@ -293,11 +292,3 @@ def test_a_shape_at_many_points_is_drawn_in_pieces():
     q, s = [0.3, -0.1, 0.05], np.linspace(0.0, 1.0, 20_001)
     every = ROM.shape(q, s)
     np.testing.assert_allclose(every[::5000], ROM.shape(q, s[::5000]), rtol=0.0, atol=1e-14)
-
-
-def test_a_shape_that_turns_many_times_is_still_integrated():
-    q, s = np.array([60.0, -20.0, 15.0]), np.linspace(0.0, 1.0, 100_001)
-    angles = ROM.functions(s, 1) @ q
-    assert np.ptp(angles) > 100.0 * math.pi
-    x, y = simpson(np.sin(angles), x=s), simpson(np.cos(angles), x=s)
-    np.testing.assert_allclose(ROM.tip(q), [x, y], rtol=0.0, atol=1e-9)

@@ -221,6 +221,21 @@ def test_rayleigh_rule_equates_two_energies_of_the_tip_load_shape(n):
     np.testing.assert_allclose(chain.springs, spring, rtol=1e-13)
 
 
+def test_the_papers_rule_tends_to_a_beam_too_soft():
+    """k / n tends to 0.971328.
+
+    It is the first eigenvalue over the Rayleigh quotient of x^2 (3 - x), 140 / 11: potential energy
+    int (6 - 6 x)^2 = 12, kinetic energy int x^4 (3 - x)^2 = 33 / 35.
+    """
+    quotient = FIRST_BEAM_FREQUENCY**2 / (12 / (33 / 35))
+    assert quotient == pytest.approx(0.971328, abs=1e-6)
+    coarse, fine = (
+        pp.Chain(pp.Pipe(0.2), n, springs="rayleigh").springs[0] / n for n in (800, 1600)
+    )
+    assert fine == pytest.approx(quotient, abs=1e-3)
+    assert 2 * fine - coarse == pytest.approx(quotient, abs=1e-6)
+
+
 # ------------------------------------------------------------------- what a chain looks like
 
 

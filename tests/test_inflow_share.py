@@ -63,28 +63,15 @@ def test_fluid_drawn_from_rest_without_suction_takes_and_gives_no_energy():
 
 
 def test_undamped_suction_of_fluid_at_rest_feeds_the_pipe_from_the_smallest_flow_on():
-    """The growth of the first mode is of third order in u; exact roots by a determinant."""
+    """Growth begins with u^3, which rounding hides up to some 1e-4: so far the speed is known."""
     pipe = aspirating(0.0)
     for model in (pp.Chain(pipe, 30), pp.Galerkin(pipe, 8), pp.Continuum(pipe)):
         found = pp.critical_speed(model)
         assert found.speed == 0.0
+        assert found.error < 1e-3
         assert (found.mode, found.unstable_after) == (1, 2)
-        growth = [pp.eigenvalues(model, u, 2)[0].real for u in (0.05, 0.1)]
-        assert growth[1] / growth[0] == pytest.approx(8.0, rel=0.02)
-
-
-@pytest.mark.parametrize("method", ["radau", "dop853"])
-def test_implicit_and_explicit_motions_keep_the_books(method):
-    """Energy less work done; and both methods agree."""
-    pipe = aspirating(0.4, 0.3, alpha=0.5, gamma=5.0, damping=0.002)
-    for model, start in (
-        (pp.Chain(pipe, 6), 0.3 * np.arange(1.0, 7.0) / 6.0),
-        (pp.Galerkin(pipe, 4), np.array([0.2, 0.02, 0.0, 0.0])),
-    ):
-        found = pp.simulate(model, 2.0, 2.0, start, method=method, rtol=1e-10)
-        assert found.audit < 1e-9
-        other = pp.simulate(model, 2.0, 2.0, start, rtol=1e-11)
-        np.testing.assert_allclose(found.q[-1], other.q[-1], atol=1e-8)
+        growth = [pp.eigenvalues(model, u, 2)[0].real for u in (0.02, 0.04)]
+        assert growth[1] / growth[0] == pytest.approx(8.0, rel=0.01)
 
 
 @pytest.mark.parametrize("share", [0.0, 0.4])
@@ -162,14 +149,3 @@ def test_where_all_modes_lose_stability_at_nearly_one_speed_the_true_first_is_fo
     assert found.error < 1e-12
     assert pp.critical_speed(pp.Galerkin(pipe, 24)).speed == pytest.approx(found.speed, rel=3e-6)
     assert pp.eigenvalues(pp.Continuum(pipe), found.speed, 40).real.max() < 1e-9
-
-
-def test_fluid_drawn_from_rest_makes_an_undamped_pipe_unstable_from_the_smallest_flow_on():
-    """Growth begins with u^3, which rounding hides up to some 1e-4: so far the speed is known."""
-    for model in (pp.Continuum(aspirating(0.0)), pp.Galerkin(aspirating(0.0), 10)):
-        found = pp.critical_speed(model)
-        assert found.speed == 0.0
-        assert found.error < 1e-3
-    values = pp.eigenvalues(pp.Continuum(aspirating(0.0)), 0.01, 2).real.max()
-    twice = pp.eigenvalues(pp.Continuum(aspirating(0.0)), 0.02, 2).real.max()
-    assert twice / values == pytest.approx(8.0, rel=0.01)

@@ -6,7 +6,6 @@ import math
 
 import numpy as np
 import pytest
-from numpy.polynomial import Chebyshev
 
 import pipedyn as pp
 from pipedyn.motion.constant_head import ConstantHead
@@ -34,43 +33,6 @@ def drawn(model, size=0.3, u=2.0):
     y = size * np.sin(1.7 * k) / np.tile(k[: model.integrated], 2)
     p, rates = model.onto_constraints(*np.split(y, 2))
     return np.concatenate([p, rates, [0.0, u]])
-
-
-def paths(model, y, rates, h):
-    """Lines of the pipe at the times -2 h to 2 h of a state that moves at these rates."""
-    n = model.integrated
-    q, v, a = y[:n], y[n : 2 * n], rates[n : 2 * n]
-    return [lambda s, t=t: model.shape(q + t * v + 0.5 * t**2 * a, s) for t in h * np.arange(-2, 3)]
-
-
-SECOND = np.array([-1.0, 16.0, -30.0, 16.0, -1.0]) / 12.0
-
-
-@pytest.mark.parametrize("pipe", [PIPE, ASPIRATING], ids=["ejecting", "aspirating"])
-@pytest.mark.parametrize("basis", ["legendre", "beam"])
-def test_fluid_particles_accelerate_along_the_pipe_as_what_drives_them_says(pipe, basis):
-    """Newton's law for particles that are followed through the moving pipe, by differences.
-
-    Their places are r(s + int u, t): no formula for their acceleration enters.
-    """
-    model, h, flow = pp.Galerkin(pipe, 3, basis), 2e-4, pipe.direction / math.sqrt(pipe.beta)
-    y = drawn(model, 0.1)
-    u = y[-1]
-    rates = ConstantHead(model, SUPPLY).rates(0.0, y)
-    s = 0.5 - 0.47 * np.cos(np.linspace(0.0, math.pi, 33))
-    moved = [flow * (u * t + 0.5 * rates[-1] * t**2) for t in h * np.arange(-2, 3)]
-    lines = paths(model, y, rates, h)
-    places = [line(s + step) for line, step in zip(lines, moved, strict=True)]
-    acceleration = np.tensordot(SECOND, places, 1) / h**2
-    along = lines[2](s + 1e-6) - lines[2](s - 1e-6)
-    along /= np.linalg.norm(along, axis=1)[:, None]
-    whole = Chebyshev.fit(s, (acceleration * along).sum(axis=1), 18, [0.0, 1.0]).integ()
-    depth = model.shape(y[: model.integrated], [1.0])[0, 1]
-    driving = SUPPLY.head + pipe.direction * pipe.beta * pipe.gamma * depth
-    driving -= 0.5 * SUPPLY.friction * u**2
-    assert pipe.direction * pipe.beta * (whole(1.0) - whole(0.0)) == pytest.approx(
-        driving, rel=2e-5
-    )
 
 
 @pytest.mark.parametrize(
