@@ -33,7 +33,7 @@ def rates() -> None:
         found, cost = timed(partial(scene.rhs, 0.0, y, 5.0))
         turned = np.cumsum(found[3 * n + 2 :: 3])
         error = np.abs(turned - expected[n:]).max() / np.abs(expected[n:]).max()
-        met = guided.state(*guided.projected(theta, 0.0 * omega))
+        met = guided.state(*guided.onto_constraints(theta, 0.0 * omega))
         _, held = timed(partial(guided.rhs, 0.0, met, 5.0))
         dense = np.nan
         if n <= 50:

@@ -73,7 +73,7 @@ def methods() -> None:
             model = make(pp.Pipe(0.2, damping=delta))
             for members in (1, 32):
                 fastest = max(fastest_rates(model))
-                if members > 1 and (model.moving > 20 or "scene" in name):
+                if members > 1 and (model.integrated > 20 or "scene" in name):
                     continue
                 chosen = choose_method(model, members)
                 compared(f"| {name} | {delta:g} | {members} |", model, members, chosen, fastest)
@@ -82,7 +82,7 @@ def methods() -> None:
 
 def compared(row: str, model: Any, members: int, chosen: str, fastest: float) -> None:
     """Prints a row of `methods`; the explicit one is left out where it takes minutes."""
-    end = 1.0 if model.moving <= 20 else 0.1
+    end = 1.0 if model.integrated <= 20 else 0.1
     speeds = np.linspace(5.0, 6.0, members)
 
     def states(method: str, rtol: float) -> Any:

@@ -60,13 +60,13 @@ def random_speeds(model, random):
 
 
 def own_motion(model, u, random):
-    """States [p, p'] at late times, (2 moving, k), or None where supports cannot meet a bend."""
+    """States [p, p'] at late times, (2 integrated, k), or None where supports forbid the bend."""
     size = 10.0 ** random.uniform(-1.5, 0.0)
     parts = size * random.uniform(-1.0, 1.0, 3) * np.array([2.0, 1.0, 0.5])
     waves = np.pi * np.array([0.5, 1.5, 2.5])
     try:
         q = model.bent(lambda s: np.sin(np.outer(s, waves)) @ parts)
-        start = np.asarray(model.start(q, None))
+        start = np.asarray(model.initial_state(q, None))
     except pp.PipedynError:
         return None
     found = solve_ivp(
@@ -84,7 +84,7 @@ def own_motion(model, u, random):
 def is_in(found, u, states):
     """Whether a diagram has what a motion ends on, and what that is."""
     model, half = found.model, len(states) // 2
-    q, _ = model.recorded(states[:half].T.copy(), states[half:].T.copy())
+    q, _ = model.to_user(states[:half].T.copy(), states[half:].T.copy())
     across = model.tips(q.T)[:, 0]
     if np.ptp(across) < 1e-5:
         rests = [one.turnings[-1] for one in found.at(u) if one.ending == "rest"]

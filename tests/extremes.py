@@ -163,7 +163,7 @@ def chain_step(chain: pp.Chain, value: complex, u: float) -> complex:
 
 
 def worst_eigenvalue(
-    found: pp.Modes, which: list[int], step: Callable[[complex], complex]
+    found: pp.Modes, which: list[int] | slice, step: Callable[[complex], complex]
 ) -> Outcome:
     """The eigenvalue of some whose error is nearest to, or farthest above, what is said of it.
 
@@ -186,11 +186,13 @@ def checked_modes(model: Any, u: float, count: int | None = None) -> pp.Modes:
     return found
 
 
-def eigenvalue_row(model: Any, u: float, at: str, which: list[int], count: int | None = 6) -> Row:
-    """The lowest eigenvalues, or some of them all."""
+def eigenvalue_row(
+    model: Any, u: float, at: str, which: list[int] | slice, count: int | None = 3
+) -> Row:
+    """The lowest modes' eigenvalues, or some of them all."""
     chain = isinstance(model, pp.Chain)
     if chain and count is not None:
-        count = min(count, 2 * model.dof)
+        count = min(count, model.dof)
 
     def step(value: complex) -> complex:
         return chain_step(model, value, u) if chain else pipe_step(model.pipe, value, u)
@@ -223,7 +225,7 @@ def eigenvalues_of_the_pipe(level: int) -> Iterator[Row]:
     if level >= ALL:
         cases += [("gamma=1e6, u=6", {"beta": 0.2, "gamma": 1e6}, 6.0)]
     for at, numbers, u in cases:
-        yield eigenvalue_row(pp.Continuum(pp.Pipe(**numbers)), u, at, [0, 2, 4])
+        yield eigenvalue_row(pp.Continuum(pp.Pipe(**numbers)), u, at, [0, 1, 2])
 
 
 def eigenvalues_of_chains(level: int) -> Iterator[Row]:
@@ -231,7 +233,7 @@ def eigenvalues_of_chains(level: int) -> Iterator[Row]:
     plain = pp.Pipe(0.2)
     yield eigenvalue_row(pp.Chain(plain, 1), 6.0, "u=6", [0])
     for n in (10, 200, *((1000, 10_000) if level >= FULL else ())):
-        yield eigenvalue_row(pp.Chain(plain, n), 6.0, "u=6", [0, 2])
+        yield eigenvalue_row(pp.Chain(plain, n), 6.0, "u=6", [0, 1])
     extremes = [
         ("u=100", plain, 100.0),
         ("beta=0, u=100", pp.Pipe(0.0), 100.0),
@@ -243,10 +245,10 @@ def eigenvalues_of_chains(level: int) -> Iterator[Row]:
     ]
     for at, pipe, u in extremes:
         for n in (5, 70) if level == QUICK else (5, 50, 200):
-            yield eigenvalue_row(pp.Chain(pipe, n), u, at, [0, 2])
+            yield eigenvalue_row(pp.Chain(pipe, n), u, at, [0, 1])
     for n in (6, 100):
         for at, arrays in unequal(n).items():
-            yield eigenvalue_row(pp.Chain(plain, **arrays), 1.0, f"{at}, u=1", [0, 2])
+            yield eigenvalue_row(pp.Chain(plain, **arrays), 1.0, f"{at}, u=1", [0, 1])
     for n in (100_000,) * (level >= FULL) + (1_000_000,) * (level >= ALL):
         yield tends_to_the_pipe(n)
 
@@ -333,12 +335,12 @@ def highest_eigenvalues(level: int) -> Iterator[Row]:
             lambda found, exact=exact: measured(found, exact),
         )
     for n in (10, 60) if level == QUICK else (10, 60, 200):
-        yield eigenvalue_row(pp.Chain(pipe, n), 6.0, "u=6", [n, 2 * n - 2], None)
+        yield eigenvalue_row(pp.Chain(pipe, n), 6.0, "u=6", [n // 2, n - 1], None)
     for n in (2, 6) if level == QUICK else (2, 6, 40):
         for at, arrays in unequal(n).items():
-            yield eigenvalue_row(pp.Chain(pipe, **arrays), 1.0, f"{at}, u=1", [*range(2 * n)], None)
+            yield eigenvalue_row(pp.Chain(pipe, **arrays), 1.0, f"{at}, u=1", slice(None), None)
     overdamped = pp.Chain(pp.Pipe(1e-12, -1e4, damping=1.0), **unequal(6)["lengths 1e6 : 1"])
-    yield eigenvalue_row(overdamped, 1.0, "lengths 1e6 : 1, damping=1", [*range(12)], None)
+    yield eigenvalue_row(overdamped, 1.0, "lengths 1e6 : 1, damping=1", slice(None), None)
     for n in (100, 10_000) if level == QUICK else (100, 10_000, 100_000):
         model = pp.Chain(pipe, n)
         yield row(

@@ -562,12 +562,12 @@ def _pipes() -> Iterator[Target]:
         *NOTHINGS, *WORDS, *LOGICAL, *NOT_FINITE, one_of([1.0, NAN], [True], [[1], [1, 2]])
     )
     for method, name in (
-        *(("speed_si", "u"), ("speed", "V"), ("time_si", "tau"), ("time", "t")),
+        *(("speed_si", "u"), ("speed_from_si", "V"), ("time_si", "tau"), ("time_from_si", "t")),
         *(
             ("frequency_si", "omega"),
-            ("frequency", "omega_si"),
+            ("frequency_from_si", "omega_si"),
             ("length_si", "s"),
-            ("length", "x"),
+            ("length_from_si", "x"),
         ),
     ):
         yield Target(
@@ -904,7 +904,7 @@ def _scenes() -> Iterator[Target]:
     )
     angles = array(3, (-0.2, 0.2), (1e7,))
     for scene, tag in ((SCENE, ""), (HELD, "[held]")):
-        n = scene.moving
+        n = scene.integrated
         fair = one_of(np.zeros(n)) if tag else None
         turned = array(n, (-0.2, 0.2), (1e7,), fair=fair)
         state = array(6 * n, (-0.2, 0.2))
@@ -915,7 +915,7 @@ def _scenes() -> Iterator[Target]:
             {"angles": turned, "rates": optional(turned)},
         )
         yield Target(f"modular.Assembly.angles{tag}", scene.angles, {"y": state})
-        yield Target(f"modular.Assembly.closed{tag}", scene.closed, {"angles": angles})
+        yield Target(f"modular.Assembly.admissible{tag}", scene.admissible, {"angles": angles})
         yield Target(f"modular.Assembly.basis{tag}", scene.basis, {"q": optional(turned)})
         yield Target(
             f"modular.Assembly.equilibrium{tag}", scene.equilibrium, {"start": angles, "u": SLOW}
@@ -1124,7 +1124,7 @@ def _motions() -> Iterator[Target]:
         "progress": FLAG,
     }
     for name, model in MODELS.items():
-        n = model.moving
+        n = model.integrated
         rows, rates = start(n), array(n, (-0.1, 0.1), (1e7,))
         if model.dof != n:  # few states meet supports
             rows = Kind(one_of(bend, np.zeros(n)), rows.bad)

@@ -35,7 +35,7 @@ def mass(scene, q):
     r_{j-1}'|^2) / 2, r* = (1 - chi) r_{j-1} + chi r_j. Mass m_n that moves only across the segment
     has m_n (a^2 + a b + b^2) / 6, a = n . r_{j-1}', b = n . r_j'.
     """
-    layout, n = scene._layout, scene.moving
+    layout, n = scene._layout, scene.integrated
     normals = across(np.diff(layout.nodes(q), axis=0)) / layout.lengths[:, None]
     whole = np.zeros((3 * n + 3, 3 * n + 3))
     for j, (m, chi, eta, m_n) in enumerate(scene.core.bodies()):
@@ -65,7 +65,7 @@ def forces(scene, y, u, drive=None):
     rate, *moves = np.zeros(ROWS) if drive is None else drive
     place, speed, acceleration = np.reshape(moves, (3, 2))
     layout, lengths, chain = scene._layout, scene._layout.lengths, scene.core.chain
-    pipe, n = layout.acting(scene.pipe), scene.moving
+    pipe, n = layout.acting(scene.pipe), scene.integrated
     q, rates = np.split(y, 2)
     nodes, velocities = layout.nodes(q), layout.nodes(rates, order=1)
     along, every, middle = np.diff(nodes, axis=0), np.arange(n), np.full(n, 0.5)

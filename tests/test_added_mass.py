@@ -163,7 +163,7 @@ def test_motions_balance_their_energy_by_explicit_and_implicit_steps(make):
 def test_scenes_with_guides_move_as_dense_recursions_say():
     pipe = pp.Pipe(0.3, 5.0, terms=[pp.AddedMass(0.6), pp.Viscosity(0.4)])
     scene = modular.chain(pipe, 5).plus(modular.Guide(3))
-    theta, omega = scene.projected(np.linspace(0.1, 0.9, 5), np.cos(np.arange(5.0)))
+    theta, omega = scene.onto_constraints(np.linspace(0.1, 0.9, 5), np.cos(np.arange(5.0)))
     y = scene.state(theta, omega)
     found = scene.rhs(0.0, y, 3.0)[y.size // 2 :]
     dense = redundant.accelerations(scene, y, 3.0)

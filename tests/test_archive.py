@@ -34,6 +34,15 @@ def test_pipes_keep_their_units(tmp_path):
     assert again(TAPERED, tmp_path) == TAPERED
 
 
+def test_a_file_of_another_kind_than_asked_for_is_refused(tmp_path):
+    pp.Chain(pp.Pipe(0.2), 3).save(path := tmp_path / "chain.npz")
+    assert isinstance(pp.load(path, pp.Model), pp.Chain)
+    with pytest.raises(TypeError, match=r"chain\.npz holds a Chain, not a Pipe$"):
+        pp.load(path, pp.Pipe)
+    with pytest.raises(TypeError, match="kind must be a class, got 'Chain'"):
+        pp.load(path, "Chain")
+
+
 def test_numbers_are_kept_to_the_bit(tmp_path):
     odd = pp.Failure(3, math.nan, ValueError("no", 1e-300, -0.0, math.inf, 1 + 2j))
     loaded = again(odd, tmp_path)

@@ -126,13 +126,13 @@ CASES = [
         case
         for name, method in [
             ("u", "speed_si"),
-            ("V", "speed"),
+            ("V", "speed_from_si"),
             ("tau", "time_si"),
-            ("t", "time"),
+            ("t", "time_from_si"),
             ("omega", "frequency_si"),
-            ("omega_si", "frequency"),
+            ("omega_si", "frequency_from_si"),
             ("s", "length_si"),
-            ("x", "length"),
+            ("x", "length_from_si"),
         ]
         for case in [
             (name, getattr(pp.Pipe.from_si(**SI), method), value)
@@ -143,10 +143,10 @@ CASES = [
         ]
     ),
     *(
-        ("from_si", getattr(PIPE, method), 1.0)
-        for method in ("speed_si", "speed", "time_si", "time", "frequency_si", "frequency")
+        ("from_si", getattr(PIPE, f"{number}_{way}"), 1.0)
+        for number in ("speed", "time", "frequency", "length")
+        for way in ("si", "from_si")
     ),
-    *(("from_si", getattr(PIPE, method), 1.0) for method in ("length_si", "length")),
     # end_coefficient
     *array("velocity", lambda v: pp.end_coefficient(v, areas=[1.0, 1.0, 1.0]), 3),
     ("velocity", lambda v: pp.end_coefficient(v, areas=[1.0, 1.0]), [1.0, 1.0, 1.0]),
@@ -374,7 +374,9 @@ IMAGINARY_NAN = np.array([0.0, complex(1.0, NAN), 0.0])
             "u must be finite after conversion, got 1e+308",
         ),
         (
-            lambda: pp.Pipe.from_si(**SI | {"length": 1e6}, gravity=0.0).speed([1.0, 1e308]),
+            lambda: pp.Pipe.from_si(**SI | {"length": 1e6}, gravity=0.0).speed_from_si(
+                [1.0, 1e308]
+            ),
             "V must be finite after conversion, got [1.0, 1e+308]",
         ),
         (

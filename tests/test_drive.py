@@ -289,10 +289,10 @@ HOLDS = {
 def test_a_held_scene_that_is_driven_moves_as_its_redundant_form_says(holds):
     """Guides and pins stand on the base. The other route is dense, in redundant coordinates."""
     scene = pp.modular.chain(LOADED, 4).plus(*holds)
-    theta = scene.closed([0.3, -0.1, 0.5, 0.2])
+    theta = scene.admissible([0.3, -0.1, 0.5, 0.2])
     start = np.concatenate([theta, [0.7, -0.4, 0.2, 0.9]])
-    for_rates, _ = scene.projected(*np.split(start[:, None], 2))
-    omega = scene.projected(for_rates, start[4:, None])[1]
+    for_rates, _ = scene.onto_constraints(*np.split(start[:, None], 2))
+    omega = scene.onto_constraints(for_rates, start[4:, None])[1]
     state = scene.state(for_rates[:, 0], omega[:, 0])
     y, drive = np.append(for_rates, omega), np.concatenate([[RATE], BASE.ravel()])
     expected = redundant.accelerations(scene, state, SPEED, drive)

@@ -225,7 +225,7 @@ def test_guided_pipe_buckles_where_it_diverges_and_eigenvalues_count_its_freedom
     (fork,) = straight.points
     assert fork.kind == "pitchfork"
     assert fork.speed == pytest.approx(pp.critical_speed(scene).speed, abs=1e-8)
-    start = scene.closed([0.3, 0.1, -0.2, -0.5])
+    start = scene.admissible([0.3, 0.1, -0.2, -0.5])
     u = fork.speed + 0.3
     branch = pp.equilibrium_branch(scene, start, u, (4.0, u + 0.1), step=0.2)
     assert "pitchfork" in branch.ends

@@ -24,17 +24,17 @@ CALLED_WITH_CHECKED = {
         "motion_jacobian",
         "motion_linearised",
         "motion_rates",
-        "integrated",
-        "recorded",
+        "from_user",
+        "initial_state",
         "require_equilibrium",
-        "start",
+        "to_user",
     )
 }
 CALLED_WITH_CHECKED |= {"free_directions", "kinks", "largest_angle", "pencil"}
-CALLED_WITH_CHECKED |= {"term_stiffness", "unbalanced", "basis", "closed", "free_states"}
+CALLED_WITH_CHECKED |= {"term_stiffness", "unbalanced", "basis", "admissible", "free_states"}
 CALLED_WITH_CHECKED |= {
     "law_numbers",
-    "projected",
+    "onto_constraints",
     "sampled",
     "acceleration",
     "along",

@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 from independent import bent_state, derivative, gauss, second_derivative
 from numpy.polynomial import Legendre
-from scipy.integrate import solve_ivp
 from scipy.optimize import brentq, root
 from scipy.special import roots_legendre
 
@@ -456,87 +455,6 @@ def test_reversing_time_turns_the_flow():
     turned = np.concatenate([y[:4], -y[4:]])
     forward = out.rhs(0.0, y, 3.0)[4:]
     np.testing.assert_allclose(back.rhs(0.0, turned, 3.0)[4:], forward, rtol=1e-11)
-
-
-# ------------------------------------------------------------------------------ known motions
-
-
-def half_period_map(model, u, y, duration):
-    """State after a duration and its derivative with respect to the state before."""
-    n = y.size
-
-    def slope(t, both):
-        now = both[:n]
-        change = model.jacobian(t, now, u) @ both[n:].reshape(n, n)
-        return np.concatenate([model.rhs(t, now, u), change.ravel()])
-
-    start = np.concatenate([y, np.eye(n).ravel()])
-    end = solve_ivp(slope, (0.0, duration), start, "DOP853", rtol=1e-8, atol=1e-10).y[:, -1]
-    return end[:n], end[n:].reshape(n, n)
-
-
-def limit_cycle(model, u, frequency, angle):
-    """Start and period of the cycle: after half a period the pipe is its own mirror image."""
-    growth, shapes = np.linalg.eig(model.jacobian(0.0, np.zeros(2 * model.dof), u))
-    unstable = shapes[:, np.argmax(growth.real)]
-    slopes = model.functions([1.0], 1)[0]
-    unstable = unstable / (slopes @ unstable[: model.dof])
-    y, half = angle * unstable.real, math.pi / frequency
-    phase = np.concatenate([np.zeros(model.dof), slopes])  # the end's angle is at its largest
-    for _ in range(12):
-        end, change = half_period_map(model, u, y, half)
-        column = model.rhs(0.0, end, u)[:, None]
-        system = np.block([[change + np.eye(y.size), column], [phase[None, :], np.zeros((1, 1))]])
-        step = np.linalg.solve(system, -np.append(end + y, phase @ y))
-        y, half = y + step[:-1], half + step[-1]
-        if np.abs(step[:-1]).max() < 1e-7 * np.abs(y).max():
-            return y, 2.0 * half
-    raise AssertionError("Newton's method did not find the cycle")
-
-
-def test_the_settled_cycle_at_beta_one_fifth():
-    """u = 6, gamma = 0, 8 functions; values of an independent shooting and of finite elements."""
-    amplitude, frequency = 0.276611, 13.79155
-    model = pp.Galerkin(pp.Pipe(0.2), 8, "legendre")
-    y, period = limit_cycle(model, 6.0, 13.8, 1.0)
-    assert 2.0 * math.pi / period == pytest.approx(frequency, abs=1e-5)
-    times = np.linspace(0.0, period, 65)
-    motion = solve_ivp(
-        lambda t, y: model.rhs(t, y, 6.0), (0.0, period), y, "DOP853", times, rtol=1e-8, atol=1e-10
-    )
-    tips = np.array([model.tip(q)[0] for q in motion.y[: model.dof].T])
-    # The peak lies between samples: the harmonics of a periodic motion reach it.
-    harmonics = np.fft.rfft(tips[:-1])
-    between = np.fft.irfft(harmonics, 4096) * 4096 / 64
-    assert 0.5 * (between.max() - between.min()) == pytest.approx(amplitude, abs=1e-6)
-
-
-def test_first_lyapunov_coefficient_at_beta_one_fifth():
-    """-3.20501 for |tip| = 1, from cubic differences of rhs at the critical speed."""
-    m, u, omega = 10, 5.591404378, 13.71469980
-    model = pp.Galerkin(pp.Pipe(0.2), m, "legendre")
-    linear = model.jacobian(0.0, np.zeros(2 * m), u)
-
-    def critical(matrix):
-        values, vectors = np.linalg.eig(matrix)
-        nearest = np.argmin(np.abs(values - 1j * omega))
-        assert values[nearest] == pytest.approx(1j * omega, abs=1e-6)
-        return vectors[:, nearest]
-
-    q, p = critical(linear), critical(linear.T)
-    q = q / (model.functions([1.0])[0] @ q[:m])
-    p = p / (p @ q)
-
-    def cube(x):
-        """C(x, x, x); the fifth order is extrapolated away."""
-        rests = [(model.rhs(0.0, h * x, u) - linear @ (h * x)) * 6.0 / h**3 for h in (0.04, 0.02)]
-        return (4.0 * rests[1] - rests[0]) / 3.0
-
-    a, b = q.real, q.imag
-    aab = (cube(a + b) - cube(a - b) - 2.0 * cube(b)) / 6.0
-    abb = (cube(a + b) + cube(a - b) - 2.0 * cube(a)) / 6.0
-    cubic = cube(a) + abb + 1j * (aab + cube(b))
-    assert (p @ cubic).real / (2.0 * omega) == pytest.approx(-3.20501, abs=2e-4)
 
 
 # --------------------------------------------------------------------------------- arguments

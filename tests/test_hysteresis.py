@@ -153,13 +153,12 @@ def test_all_eigenvalues_are_those_of_the_complex_matrices_above_the_axis(make, 
     every = companion_eigenvalues(mass, damping, stiffness)
     above = every[every.imag > 0.0]
     found = pp.modes(model, u)
-    values = found.eigenvalues
-    wanted = np.concatenate([above, above.conj()])[np.argsort(np.tile(np.abs(above), 2))]
+    values, wanted = found.eigenvalues, above[np.argsort(np.abs(above))]
     np.testing.assert_allclose(np.abs(values), np.abs(wanted)[: values.size], rtol=1e-5)
     assert found.converged.all()
     for value, error in zip(values, found.errors, strict=True):
         assert np.abs(wanted - value).min() < 1e-6 * abs(value) + error
-    for value, shape in zip(values[:6:2], found.shapes[:6:2], strict=True):
+    for value, shape in zip(values[:3], found.shapes[:3], strict=True):
         terms = (value**2 * mass, value * damping, stiffness)
         rest = sum(terms) @ shape.coordinates
         size = sum(np.abs(term) for term in terms) @ np.abs(shape.coordinates)
@@ -203,7 +202,7 @@ def test_divergence_before_flutter_is_the_critical_speed():
 @pytest.mark.parametrize("make", [*MODELS.values()][:3], ids=[*MODELS][:3])
 def test_a_buckled_pipe_has_the_growing_root_of_the_pipe_without(make):
     pipe = pp.Pipe(0.2, -12.0, hysteresis=0.1)
-    found, still = (pp.modes(make(one), 0.5, 6) for one in (pipe, without(pipe)))
+    found, still = (pp.modes(make(one), 0.5, 4) for one in (pipe, without(pipe)))
     grows = found.eigenvalues.real > 0.0
     assert grows.sum() == 1
     assert found.eigenvalues[grows][0] == still.eigenvalues.real.max()
@@ -242,7 +241,7 @@ def test_root_loci_are_eigenvalues(make):
     np.testing.assert_array_equal(loci.converged, known)
     assert (loci.partners[known] == loci.eigenvalues[known].conj()).all()
     for u, row in zip(speeds, loci.eigenvalues, strict=True):
-        values = pp.modes(model, u).eigenvalues
+        values = pp.eigenvalues(model, u)
         for value in row[np.isfinite(row)]:
             assert np.abs(values - value).min() < 1e-8 * abs(value)
 
@@ -346,7 +345,7 @@ def test_the_equivalent_damping():
     assert pp.Pipe(0.2, damping=2e-3).equivalent_damping(1.0) == 2e-3
     hose = pp.Pipe.from_si(**HOSE | {"damping_time": 0.0}, hysteresis=0.1)
     assert hose.hysteresis == 0.1
-    seconds = hose.time_si(hose.equivalent_damping(hose.frequency(8.0)))
+    seconds = hose.time_si(hose.equivalent_damping(hose.frequency_from_si(8.0)))
     assert seconds == pytest.approx(0.1 / 8.0, rel=1e-14)
     assert "hysteresis=0.1" in repr(hose)
     assert pickle.loads(pickle.dumps(hose)) == hose
@@ -363,12 +362,14 @@ MOTIONS = {
 
 
 @pytest.mark.parametrize("ask", MOTIONS.values(), ids=MOTIONS)
-def test_motions_are_refused_with_the_damping_that_loses_as_much_at_the_onset(ask):
+def test_motions_are_refused_with_how_to_find_the_damping_that_loses_as_much(ask):
     model = pp.Chain(replace(LOSSY, damping=0.0), 4)
-    onset = pp.critical_speed(model)
-    delta = f"{model.pipe.equivalent_damping(onset.frequency):.6g}"
-    with pytest.raises(ValueError, match=f"hysteresis.*damping = {re.escape(delta)} .*onset"):
+    with pytest.raises(ValueError, match=r"hysteresis, got 0\.07: .*damping=(\S+) loses") as said:
         ask(model)
+    advice = re.search(r"damping=(.*) loses", str(said.value)).group(1)
+    names = {"pipe": model.pipe, "critical_speed": pp.critical_speed, "model": model}
+    onset = pp.critical_speed(model)
+    assert eval(advice, names) == pytest.approx(0.07 / onset.frequency, rel=1e-12)
 
 
 @of_models
@@ -382,16 +383,6 @@ def test_there_are_no_equations_of_motion(make):
     ):
         with pytest.raises(ValueError, match=r"hysteresis must be 0 in motion, got 0\.07"):
             ask()
-
-
-def test_a_motion_without_onset_is_refused_too():
-    """Without flow, or where divergence comes first, no frequency is its own."""
-    for pipe in (
-        pp.Pipe(0.0, alpha=0.0, hysteresis=0.1),
-        pp.Pipe(0.2, hysteresis=0.1, terms=[pp.Spring(at=1.0, stiffness=1000.0)]),
-    ):
-        with pytest.raises(ValueError, match="loses as much at a frequency"):
-            pp.simulate(pp.Galerkin(pipe, 6), 1.0, 1.0, lambda s: 0.1 * s)
 
 
 def test_relevant_knows_hysteresis():

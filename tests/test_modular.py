@@ -73,12 +73,12 @@ SCENES: dict[str, Callable[[], md.Assembly]] = {
 def state_of(scene: md.Assembly, seed: int = 1, size: float = 0.5) -> NDArray[np.float64]:
     """A state that meets the constraints of a scene, far from rest."""
     rng = np.random.default_rng(seed)
-    start = scene.resting() + size * rng.normal(size=scene.moving)
-    theta, omega = scene.projected(start, 3.0 * rng.normal(size=scene.moving))
+    start = scene.resting() + size * rng.normal(size=scene.integrated)
+    theta, omega = scene.onto_constraints(start, 3.0 * rng.normal(size=scene.integrated))
     return scene.state(theta, omega)
 
 
-# ------------------------------------------------------------------------------------- enforcement
+# ----------------------------------------------------------------------------------- accelerations
 
 
 @pytest.mark.parametrize("name", SCENES)
@@ -268,7 +268,7 @@ def test_small_motions_obey_the_operators(name: str) -> None:
     q = scene.equilibrium(scene.bent(lambda s: 0.8 * np.sin(2.0 * math.pi * s)), u)
     rested = scene.about(q)
     found = np.sort_complex(pp.eigenvalues(rested, u))
-    start = np.concatenate([scene.angles(q), np.zeros(scene.moving)])
+    start = np.concatenate([scene.angles(q), np.zeros(scene.integrated)])
     assert np.abs(scene.motion.rhs_and_power(0.0, np.append(start, 0.0), u)).max() < 1e-9
     every = np.linalg.eigvals(scene.motion_jacobian(start, u))
     far = np.abs(every[:, None] - found[None, :]).min(axis=0)
@@ -288,8 +288,8 @@ def test_small_motions_obey_the_operators(name: str) -> None:
 )
 def test_what_is_recorded_tells_what_is_integrated(model: pp.Galerkin) -> None:
     random = np.random.default_rng(3)
-    p, rates = model.projected(*random.uniform(-0.2, 0.2, (2, model.moving, 5)))
-    states = model.integrated(*model.recorded(p.T, rates.T))
+    p, rates = model.onto_constraints(*random.uniform(-0.2, 0.2, (2, model.integrated, 5)))
+    states = model.from_user(*model.to_user(p.T, rates.T))
     np.testing.assert_allclose(states, np.concatenate([p, rates]).T, atol=1e-10)
 
 
@@ -434,8 +434,8 @@ def drifting(scene: md.Assembly, u: float, duration: float, method: str) -> floa
     )
     [(rows, _, why)] = integrate([task], False, Observer())
     assert why is None
-    n = scene.moving
-    met, _ = scene.projected(rows[:, :n].T, rows[:, n : 2 * n].T)
+    n = scene.integrated
+    met, _ = scene.onto_constraints(rows[:, :n].T, rows[:, n : 2 * n].T)
     return float(np.abs(met - rows[:, :n].T).max())
 
 
@@ -500,7 +500,7 @@ def test_guided_chains_move_as_with_dense_jacobians(
 
 def test_initial_states_are_angles_or_coordinates_that_meet_the_constraints() -> None:
     scene = md.chain(pp.Pipe(0.2), 4).plus(md.Guide(4))
-    angles = scene.closed([0.3, 0.1, -0.2, 0.0])
+    angles = scene.admissible([0.3, 0.1, -0.2, 0.0])
     y = scene.state(angles)
     by_angles = pp.simulate(scene, 1.0, 0.1, angles, samples=3)
     by_coordinates = pp.simulate(scene, 1.0, 0.1, y[:12], samples=3)

@@ -12,6 +12,7 @@ import redundant
 import pipedyn as pp
 from pipedyn import _core
 from pipedyn import modular as md
+from pipedyn.models.base import core_pipe
 from pipedyn.modular.layout import coordinates_by_angles
 
 PIPE = pp.Pipe(0.3, 4.0, drag=1.5, damping=0.01)
@@ -51,9 +52,9 @@ def rich(n, pipe=PIPE, seed=0):
 
 def state(scene, size=1.0, seed=1):
     """A state that meets guides and pins."""
-    rng = np.random.default_rng([scene.moving, seed])
-    start = scene.closed(scene.resting() + size * rng.normal(size=scene.moving))
-    return scene.state(*scene.projected(start, size * rng.normal(size=scene.moving)))
+    rng = np.random.default_rng([scene.integrated, seed])
+    start = scene.admissible(scene.resting() + size * rng.normal(size=scene.integrated))
+    return scene.state(*scene.onto_constraints(start, size * rng.normal(size=scene.integrated)))
 
 
 def worst(found, expected):
@@ -96,8 +97,8 @@ def test_a_thousand_segments_obey_constraints_and_forces(more):
     """A q'' = b, and what M q'' lacks to f does no work in motions that guides and pins allow."""
     n = 1000
     scene = md.chain(PIPE, n).plus(*more)
-    start = scene.closed(np.sin(4.0 * np.linspace(0.0, 1.0, n)))
-    theta, omega = scene.projected(start, np.cos(3.0 * np.linspace(0.0, 1.0, n)))
+    start = scene.admissible(np.sin(4.0 * np.linspace(0.0, 1.0, n)))
+    theta, omega = scene.onto_constraints(start, np.cos(3.0 * np.linspace(0.0, 1.0, n)))
     y = scene.state(theta, omega)
     q, rates = np.split(y, 2)
     acceleration = scene.rhs(0.0, y, 5.0)[3 * n :]
@@ -264,7 +265,9 @@ RETURNING = {
 def off_constraints(scene):
     """Angles and rates that miss guides and pins."""
     rng = np.random.default_rng(3)
-    return scene.resting() + 0.3 * rng.normal(size=scene.moving), rng.normal(size=scene.moving)
+    return scene.resting() + 0.3 * rng.normal(size=scene.integrated), rng.normal(
+        size=scene.integrated
+    )
 
 
 @pytest.mark.parametrize("name", RETURNING)
@@ -286,7 +289,7 @@ def test_the_motion_jacobian_is_exact_where_guides_are_missed_too(name):
 @pytest.mark.parametrize("name", ["guided twice", "pinned", "own modules, pinned"])
 def test_what_states_miss_guides_by_decays_at_the_return_rate(name):
     scene = RETURNING[name]()
-    n, rate, held = scene.moving, scene.core.return_rate, scene._layout.held
+    n, rate, held = scene.integrated, scene.core.return_rate, scene._layout.held
     theta, omega = off_constraints(scene)
     rates = scene.motion.rhs_and_power(0.0, np.concatenate([theta, omega, [0.0]]), 3.0)[:-1]
     np.testing.assert_array_equal(rates[:n], omega)
@@ -306,8 +309,8 @@ def test_what_states_miss_guides_by_decays_at_the_return_rate(name):
 @pytest.mark.parametrize("name", RETURNING)
 def test_free_directions_of_states_keep_guides_and_pins(name):
     scene = RETURNING[name]()
-    n, held = scene.moving, scene._layout.held
-    y = np.concatenate(scene.projected(*off_constraints(scene)))
+    n, held = scene.integrated, scene._layout.held
+    y = np.concatenate(scene.onto_constraints(*off_constraints(scene)))
     free = scene.free_states(y)
     assert free.shape == (2 * n, 2 * scene.dof)
     np.testing.assert_allclose(free.T @ free, np.eye(2 * scene.dof), atol=1e-13)
@@ -331,8 +334,7 @@ def core_scene(n=3, **given):
         **{name: np.zeros(n) for name in ("spring", "damping", "rest_moment", "drag_point")},
         **{"base": 0.0, "inertia": np.zeros((0, 3 * n)), "held": [], "value": []},
     }
-    pipe = _core.Pipe(beta=0.3, gamma=4.0, centrifugal=1.0, drag=0.0, damping=0.0, aspirating=False)
-    return _core.Scene(pipe, **arguments | given)
+    return _core.Scene(core_pipe(pp.Pipe(0.3, 4.0)), **arguments | given)
 
 
 def test_projection_meets_guides_and_pins_and_says_how_far_it_misses_others():

@@ -306,7 +306,7 @@ def test_states_of_a_batch_move_as_each_alone_and_as_on_more_nodes():
 
 def test_the_energy_that_a_motion_gains_is_what_its_power_did():
     for model in (pp.Chain(PIPE, 6), pp.Galerkin(PIPE, 5, "legendre"), pp.modular.chain(PIPE, 4)):
-        n = model.moving
+        n = model.integrated
         motion = pp.simulate(model, 2.0, 1.0, q0=np.full(n, 0.2))
         assert motion.audit < 1e-6
 
@@ -403,7 +403,7 @@ def test_chains_move_as_the_pipe_does_at_large_angles_to_second_order(holding, a
     def places(model):
         q = model.bent(angle)
         if holding and isinstance(model, pp.Chain):
-            q = model.closed(q)
+            q = model.admissible(q)
         motion = pp.simulate(model, 3.0, 0.4, q0=q, times=[0.4], rtol=1e-8)
         return model.shape(motion.q[-1], [0.5, 1.0])
 

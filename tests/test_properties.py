@@ -152,12 +152,19 @@ def norm(matrix):
 # ---------------------------------------------------------------------------------- linear motion
 
 
+def all_roots(model, u):
+    """Eigenvalues with those that fail the check of their residual, sorted by |lambda|."""
+    upper = pp.modes(model, u).eigenvalues
+    roots = np.concatenate([upper, upper[upper.imag > 0.0].conj()])
+    return roots[np.argsort(np.abs(roots), kind="stable")]
+
+
 @settings(max_examples=60)
 @given(models(pipes()), SPEEDS)
 def test_every_mode_solves_the_operators(model, u):
     """M, C and K in the user's coordinates share nothing with the pencil that was solved."""
     found = pp.modes(model, u)
-    assert found.eigenvalues.shape == (2 * model.dof,)
+    assert model.dof <= found.eigenvalues.size <= 2 * model.dof
     mass, velocity, stiffness = model.operators().at(u)
     for value, shape, good in zip(found.eigenvalues, found.shapes, found.converged, strict=True):
         if not good:
@@ -178,7 +185,7 @@ def test_every_branch_is_made_of_eigenvalues(model, speeds, count):
     for u, row, partners, good in zip(
         speeds, loci.eigenvalues, loci.partners, loci.converged, strict=True
     ):
-        whole = pp.modes(model, u).eigenvalues
+        whole = all_roots(model, u)
         for value in (*row[good], *partners[good]):
             assert np.abs(whole - value).min() <= 1e-5 * (1.0 + abs(value))
 
@@ -196,7 +203,7 @@ def test_every_crossing_has_an_eigenvalue_on_the_axis(model, max_speed):
     for crossing in found:
         assert 0.0 <= crossing.speed <= max_speed
         assert abs(crossing.unstable_after - crossing.unstable_before) >= 1
-        values = pp.modes(model, crossing.speed).eigenvalues
+        values = all_roots(model, crossing.speed)
         miss = np.abs(values - 1j * crossing.frequency).min()
         assert miss <= 1e-4 * (1.0 + crossing.frequency)
 
@@ -361,10 +368,10 @@ def test_an_onset_has_a_pair_on_the_axis_and_a_law(model):
         onset = pp.hopf(model)
     except pp.PipedynError:
         return
-    whole = pp.modes(model, onset.speed).eigenvalues
+    whole = all_roots(model, onset.speed)
     assert np.abs(whole - 1j * onset.frequency).min() <= 1e-5 * (1.0 + onset.frequency)
     step = 1e-5 * onset.speed
-    ahead, behind = (pp.modes(model, onset.speed + sign * step).eigenvalues for sign in (1.0, -1.0))
+    ahead, behind = (all_roots(model, onset.speed + sign * step) for sign in (1.0, -1.0))
     near = [values[np.abs(values - 1j * onset.frequency).argmin()] for values in (ahead, behind)]
     slope = (near[0] - near[1]) / (2.0 * step)
     assert abs(slope - complex(onset.growth, onset.detuning)) <= 1e-2 * abs(slope)
@@ -414,9 +421,8 @@ def test_a_choice_is_as_good_as_it_says_or_the_packages_own_exception(pipe, u, c
     except pp.PipedynError:
         return
     assert choice.error <= 1e-3
-    larger = pp.modes(pp.Galerkin(pipe, 40, "legendre"), u)
-    fine = larger.eigenvalues[: 2 * count]
-    found = pp.modes(choice.model, u).eigenvalues
+    fine = all_roots(pp.Galerkin(pipe, 40, "legendre"), u)[: 2 * count]
+    found = all_roots(choice.model, u)
     for value in fine[pipe.damping * np.abs(fine) < 0.5]:
         assert np.abs(found - value).min() <= choice.error * max(abs(value), 1.0) + 1e-9
 
@@ -470,4 +476,4 @@ def test_one_pipe_has_one_set_of_numbers_in_any_units(
     for method, unit in (("speed", m / s), ("time", s), ("frequency", 1.0 / s), ("length", m)):
         converted = getattr(one, f"{method}_si")(2.5)
         assert math.isclose(converted, unit * getattr(other, f"{method}_si")(2.5), rel_tol=1e-12)
-        assert math.isclose(getattr(one, method)(converted), 2.5, rel_tol=1e-12)
+        assert math.isclose(getattr(one, f"{method}_from_si")(converted), 2.5, rel_tol=1e-12)

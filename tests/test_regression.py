@@ -30,7 +30,7 @@ MODELS = {
 
 def integrated(model):
     """A state of a bent pipe in motion, in the coordinates that an integrator advances."""
-    k = np.arange(1.0, model.moving + 1.0)
+    k = np.arange(1.0, model.integrated + 1.0)
     q, p = 0.5 * np.sin(k), 3.0 * np.sin(k + 1.0)
     if isinstance(model, pp.Galerkin):
         q, p = q / k**2, p / k**2

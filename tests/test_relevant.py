@@ -32,7 +32,7 @@ def horizontal():
 @pytest.fixture(scope="module")
 def hose():
     pipe = pp.Pipe.from_si(**HOSE)
-    return pp.relevant(pipe, pipe.speed(4.0))
+    return pp.relevant(pipe, pipe.speed_from_si(4.0))
 
 
 # ----------------------------------------------------------------------------------- critical speed

@@ -27,7 +27,7 @@ MEMBERS = 400
 
 def batch(model, members=MEMBERS):
     random = np.random.default_rng(7)
-    y = 0.3 * random.normal(size=(2 * model.moving, members))
+    y = 0.3 * random.normal(size=(2 * model.integrated, members))
     return y, random.uniform(1.0, 8.0, members), random.normal(size=(ROWS, members))
 
 
@@ -54,7 +54,7 @@ def test_linearised_rates_are_the_rates_and_their_derivatives(name, members):
     rates, slopes = model.motion_rates(y, u, drive).T, model.motion_jacobian(y, u, drive)
     ahead, behind = (model.motion_rates(y, u + h, drive).T for h in (0.1, -0.1))  # of degree two
     expected = (rates, (ahead - behind) / 0.2, *slopes.transpose(1, 0, 2))
-    assert found.shape == (members, 2 + 2 * model.moving, 2 * model.moving)
+    assert found.shape == (members, 2 + 2 * model.integrated, 2 * model.integrated)
     for part, right in zip(found.transpose(1, 0, 2), expected, strict=True):
         assert part == pytest.approx(
             right, abs=1e-8 * max(np.abs(rates).max(), np.abs(right).max())

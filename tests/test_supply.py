@@ -30,15 +30,15 @@ def guided():
 
 def drawn(model, size=0.3, u=2.0):
     """A state [p, p', 0, u] that no symmetry simplifies."""
-    k = np.arange(1.0, 2 * model.moving + 1.0)
-    y = size * np.sin(1.7 * k) / np.tile(k[: model.moving], 2)
-    p, rates = model.projected(*np.split(y, 2))
+    k = np.arange(1.0, 2 * model.integrated + 1.0)
+    y = size * np.sin(1.7 * k) / np.tile(k[: model.integrated], 2)
+    p, rates = model.onto_constraints(*np.split(y, 2))
     return np.concatenate([p, rates, [0.0, u]])
 
 
 def paths(model, y, rates, h):
     """Lines of the pipe at the times -2 h to 2 h of a state that moves at these rates."""
-    n = model.moving
+    n = model.integrated
     q, v, a = y[:n], y[n : 2 * n], rates[n : 2 * n]
     return [lambda s, t=t: model.shape(q + t * v + 0.5 * t**2 * a, s) for t in h * np.arange(-2, 3)]
 
@@ -65,7 +65,7 @@ def test_fluid_particles_accelerate_along_the_pipe_as_what_drives_them_says(pipe
     along = lines[2](s + 1e-6) - lines[2](s - 1e-6)
     along /= np.linalg.norm(along, axis=1)[:, None]
     whole = Chebyshev.fit(s, (acceleration * along).sum(axis=1), 18, [0.0, 1.0]).integ()
-    depth = model.shape(y[: model.moving], [1.0])[0, 1]
+    depth = model.shape(y[: model.integrated], [1.0])[0, 1]
     driving = SUPPLY.head + pipe.direction * pipe.beta * pipe.gamma * depth
     driving -= 0.5 * SUPPLY.friction * u**2
     assert pipe.direction * pipe.beta * (whole(1.0) - whole(0.0)) == pytest.approx(
@@ -97,26 +97,26 @@ def test_energy_of_pipe_and_fluid_together_is_balanced(model):
     s = (edges[:-1, None] + 0.5 * lengths * (nodes + 1.0)).ravel()
     weights = (0.5 * lengths * weights).ravel()
     y = drawn(model, 0.2, u)
-    n, rates = model.moving, ConstantHead(model, SUPPLY).rates(0.0, y)
+    n, rates = model.integrated, ConstantHead(model, SUPPLY).rates(0.0, y)
 
     def tangent_and_velocity(p, pdot, s):
         e = 1e-5
-        at = [model.shape(model.recorded(p[None], pdot[None])[0][0], s + d) for d in (e, -e)]
-        moved = [model.recorded((p + d * pdot)[None], pdot[None])[0][0] for d in (e, -e)]
+        at = [model.shape(model.to_user(p[None], pdot[None])[0][0], s + d) for d in (e, -e)]
+        moved = [model.to_user((p + d * pdot)[None], pdot[None])[0][0] for d in (e, -e)]
         ahead, behind = (model.shape(q, s) for q in moved)
         return (at[0] - at[1]) / (2.0 * e), (ahead - behind) / (2.0 * e)
 
     def energy(state):
         t, v = tangent_and_velocity(state[:n], state[n : 2 * n], s)
         flowing = b * sign * state[-1] * (weights * (t * v).sum(axis=1)).sum()
-        q, qdot = model.recorded(state[None, :n], state[None, n : 2 * n])
+        q, qdot = model.to_user(state[None, :n], state[None, n : 2 * n])
         own = model.energy(np.concatenate([q[0], qdot[0]]))
         return own + flowing + 0.5 * state[-1] ** 2
 
     h = 5e-5
     near = [energy(y + k * h * rates) for k in (-2, -1, 1, 2)]
     gained = np.array([1.0, -8.0, 8.0, -1.0]) @ near / (12.0 * h)
-    q, qdot = model.recorded(y[None, :n], y[None, n : 2 * n])
+    q, qdot = model.to_user(y[None, :n], y[None, n : 2 * n])
     power = model.power(np.concatenate([q[0], qdot[0]]), u)
     velocity = model.tip_velocities(q.T, qdot.T)[0]
     depth = model.tips(q.T)[0, 1]
@@ -144,7 +144,7 @@ def models():
 @pytest.mark.parametrize("model", models(), ids=repr)
 def test_the_jacobian_is_the_derivative_of_the_rates(model):
     head, y = ConstantHead(model, SUPPLY), drawn(model, 0.2)
-    work, drive = 2 * model.moving, np.array([0.0, 0.1, 0.2, 0.3, -0.4, 0.7, -0.3])
+    work, drive = 2 * model.integrated, np.array([0.0, 0.1, 0.2, 0.3, -0.4, 0.7, -0.3])
     found = head.jacobian(np.delete(y, work), drive)
 
     def rates(state):
@@ -165,7 +165,7 @@ def test_small_motions_of_a_straight_pipe_and_of_its_flow_do_not_act_on_each_oth
     """So the onset is that at constant speed. The flow's own eigenvalue is -f u / sqrt(beta)."""
     pipe, u = model.pipe, 3.0
     supply = pp.Supply.at_speed(pipe, u, friction=2.0)
-    rest = np.append(np.zeros(2 * model.moving), u)
+    rest = np.append(np.zeros(2 * model.integrated), u)
     found = ConstantHead(model, supply).jacobian(rest)
     pipe_alone = model.motion_jacobian(rest[:-1], u)
     assert np.abs(found[:-1, :-1] - pipe_alone).max() <= 1e-12 * np.abs(pipe_alone).max()
@@ -267,7 +267,7 @@ def test_the_onset_stays_and_its_criticality_changes(make):
     u = found.speed + 0.002
     supply = pp.Supply.at_speed(PIPE, u, friction=1.5)
     phase = math.sqrt(found.amplitude_law * 0.002) * found.mode.real  # on the cycle, to first order
-    n = model.moving
+    n = model.integrated
     motion = pp.simulate(
         model, supply, 60.0, phase[:n], phase[n:], rtol=1e-8, times=np.linspace(58.0, 60.0, 801)
     )
@@ -290,7 +290,7 @@ def test_from_si_counts_pressure_and_friction():
     # 20 kPa and a metre of water against 5 velocity heads.
     speed = math.sqrt(2.0 * (2e4 + 1000.0 * 9.81) / (1000.0 * 5.0))
     assert pipe.speed_si(supply.speed(pipe)) == pytest.approx(speed, rel=1e-14)
-    assert supply.start == pytest.approx(pipe.speed(1.0))
+    assert supply.start == pytest.approx(pipe.speed_from_si(1.0))
     # In oil of 900 kg/m^3, whose pressure grows with the depth of the outlet.
     dipped = pp.Supply.from_si(
         pipe, pressure=2e4, density=1000.0, friction=5.0, weight=9.81 * 1e-4 * 100.0

@@ -321,7 +321,7 @@ def test_supports_go_with_what_varies_along_the_pipe() -> None:
 def state(chain: pp.Chain) -> tuple[Array, Array]:
     """Angles and rates that keep to the supports."""
     rng, n = np.random.default_rng(3), chain.coordinates
-    return chain.projected(chain.closed(0.4 * rng.normal(size=n)), rng.normal(size=n))
+    return chain.onto_constraints(chain.admissible(0.4 * rng.normal(size=n)), rng.normal(size=n))
 
 
 @pytest.mark.parametrize("name", list(HELD))
@@ -412,7 +412,7 @@ def test_rates_of_held_chains(name: str) -> None:
     rates, h = chain.rhs(0.0, y, u), 1e-4
     moved = np.split(y + h * rates, 2)
     size = np.abs(rates).max()
-    assert np.abs(chain.projected(*moved)[0] - moved[0]).max() < 3.0 * (h * size) ** 2
+    assert np.abs(chain.onto_constraints(*moved)[0] - moved[0]).max() < 3.0 * (h * size) ** 2
     step = 1e-4 / size
     fed = sum(
         weight * chain.energy(y + share * step * rates)
@@ -427,7 +427,7 @@ def test_rates_of_held_chains(name: str) -> None:
     np.testing.assert_allclose(
         jacobian, np.transpose(columns), atol=3e-9 * np.abs(jacobian).max(), rtol=0.0
     )
-    pair = np.stack([y, np.concatenate(chain.projected(*np.split(0.9 * y, 2)))], axis=1)
+    pair = np.stack([y, np.concatenate(chain.onto_constraints(*np.split(0.9 * y, 2)))], axis=1)
     together = chain.rhs(0.0, pair, np.array([u, 1.0]))
     np.testing.assert_allclose(together[:, 0], rates, rtol=1e-10, atol=1e-10)
 
@@ -568,9 +568,9 @@ def test_states_that_miss_a_support_are_refused() -> None:
     chain = pp.Chain(held("pinned"), 4)
     with pytest.raises(ValueError, match=r"q0 must meet the support at s = 1, got a deviation"):
         pp.simulate(chain, 1.0, 1.0, [0.1, 0.0, 0.0, 0.0])
-    met = chain.closed([0.1, 0.0, 0.0, 0.0])
+    met = chain.admissible([0.1, 0.0, 0.0, 0.0])
     with pytest.raises(ValueError, match="qdot0 must keep the support at s = 1"):
         pp.simulate(chain, 1.0, 1.0, met, [1.0, 0.0, 0.0, 0.0])
-    with pytest.raises(ValueError, match=r"q must meet the support .* closed\(q\) does"):
+    with pytest.raises(ValueError, match=r"q must meet the support .* admissible\(q\) does"):
         chain.operators([0.1, 0.0, 0.0, 0.0])
     assert pp.simulate(chain, 1.0, 0.1, met).q.shape[1] == 4

@@ -40,7 +40,7 @@ def state_of(model, angle=0.6, rate=2.0):
     q, rates = (
         of * size_of(model) * rng.uniform(-1.0, 1.0, model.coordinates) for of in (angle, rate)
     )
-    return np.concatenate(model.projected(q, rates))
+    return np.concatenate(model.onto_constraints(q, rates))
 
 
 def derivative(function, at, along, step):
@@ -247,15 +247,15 @@ def test_of_an_end_held_across_results_watch_the_longest_span(make):
 
 def test_starts_meet_supports_or_are_refused():
     model = pp.Galerkin(pp.Pipe(0.4, end="clamped", supports=[0.5]), 4)
-    small = model.start([0.05, 0.0, 0.0, 0.0], [0.3, 0.0, 0.0, 0.0])
+    small = model.initial_state([0.05, 0.0, 0.0, 0.0], [0.3, 0.0, 0.0, 0.0])
     n = model.coordinates
     assert n == 6
     assert np.abs(places(model, small[:n])).max() < 1e-13
-    assert model.start(small[:n], small[n:]) == pytest.approx(small, abs=1e-14)
+    assert model.initial_state(small[:n], small[n:]) == pytest.approx(small, abs=1e-14)
     with pytest.raises(ValueError, match="q0 and qdot0 must meet the supports, got a deviation"):
-        model.start(np.full(n, 0.1), None)
+        model.initial_state(np.full(n, 0.1), None)
     with pytest.raises(ValueError, match=r"q0 must have shape \(4,\) or \(6,\), got \(5,\)"):
-        model.start(np.zeros(5), None)
+        model.initial_state(np.zeros(5), None)
     with pytest.raises(ValueError, match=r'terms.0. stretches a pipe whose end is "pinned" or'):
         pp.Pipe(0.2, end="guided", terms=[pp.Stretching(3.0)])
 

@@ -192,7 +192,7 @@ def state_of(model):
     rng = np.random.default_rng(3)
     size = 0.5 * sizes_of(model)
     q, rate = (size * rng.standard_normal(model.coordinates) for _ in range(2))
-    return model.projected(q, rate)
+    return model.onto_constraints(q, rate)
 
 
 def places_of(row, model):

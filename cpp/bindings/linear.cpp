@@ -27,7 +27,7 @@ using namespace py::literals;
 
 namespace {
 
-/// SciPy's BLAS and LAPACK, by the addresses that it publishes for Cython.
+/// BLAS and LAPACK of SciPy, called at the addresses that SciPy publishes for Cython.
 Lapack found_lapack() {
   Lapack lapack{};
   const auto set = [](const char* library, const char* name, auto& routine) {
@@ -46,32 +46,33 @@ Lapack found_lapack() {
   return lapack;
 }
 
-/// Looked up by the first dense problem: importing scipy.linalg takes longer than numpy.
+/// The addresses are looked up by the first dense problem, as importing scipy.linalg takes longer
+/// than importing numpy.
 const Lapack& scipy_lapack() {
   PYBIND11_CONSTINIT static py::gil_safe_call_once_and_store<Lapack> found;
   return found.call_once_and_store_result(found_lapack).get_stored();
 }
 
-/// All but the last, and that.
+/// A vector split into all but its last number, and the last number.
 DenseOperator::Matrices with_loss(std::array<Matrix, 5> others, Matrix loss) {
   auto& [a, b, c, d, e] = others;
   return {std::move(a), std::move(b), std::move(c), std::move(d), std::move(e), std::move(loss)};
 }
 
-/// What Python keeps alive.
+/// An object that Python keeps alive.
 template <class Kept>
 std::shared_ptr<const Kept> kept_elsewhere(const Kept& one) {
   return {std::shared_ptr<const Kept>(), &one};
 }
 
-/// Tells Python every so often what was done, so that it counts and can stop it: by a signal, or by
-/// an exception of what counts.
+/// Reports to Python at intervals how much work was done. Python counts it, and may stop the search
+/// by a signal or by an exception of the function that counts.
 class Report {
  public:
   Report(std::shared_ptr<Spectrum> spectrum, const py::object& factorised)
       : spectrum_(std::move(spectrum)), factorised_(factorised) {}
 
-  /// What was done by one search of many, and what does the next.
+  /// Reports the work of one search of many, and begins the next.
   void go_on(std::shared_ptr<Spectrum> next) {
     done_ += spectrum_->factorisations();
     spectrum_ = std::move(next);
@@ -311,7 +312,7 @@ void define_linear(py::module_& m) {
       .def(py::init<Matrix>(), "columns"_a)
       .def("spread", &Complement::spread, "z"_a)
       .def("gathered", py::overload_cast<Matrix>(&Complement::gathered, py::const_), "x"_a);
-  // Chain and complement are kept by the spectrum as long as it lives.
+  // The spectrum refers to chain and complement, which Python keeps alive as long as it lives.
   py::class_<Structured, Eigenproblem, std::shared_ptr<Structured>>(m, "Structured")
       .def(py::init([](const Traits& traits, const Chain& chain, const Complement& complement,
                        const Vector& scale, double size) {

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-// The modular route's class Scene.
+// Bindings of the class Scene, which scenes put together from parts are compiled to.
 #include "pipedyn/modular/scene.hpp"
 
 #include <pybind11/eigen.h>
@@ -19,7 +19,7 @@ py::ssize_t work_of(const Scene& scene) {
   return scene.dof() * static_cast<py::ssize_t>(2 + 3 * scene.compliance().size());
 }
 
-/// Further moments on the segments of states, as many of these as of the states; or none.
+/// Moments that custom parts exert on the segments, one column for each state, or none.
 struct Moments {
   std::optional<States> given;
 
@@ -36,7 +36,7 @@ struct Moments {
   }
 };
 
-/// Work on a batch of the states y, (rows,) or (rows, k), with further moments and drives.
+/// Work on a batch of states y, (rows,) or (rows, k), with moments of custom parts and drives.
 template <class Work>
 Numbers scene_rates(const Scene& scene, py::ssize_t rows, const py::object& y, const py::object& u,
                     const py::object& moments, const py::object& drive, const Work& work) {
@@ -63,8 +63,9 @@ Numbers from_angles(const Scene& scene, const py::object& theta, const py::objec
   return made;
 }
 
-/// Derivative of the rates of [theta, theta'] (2 n, 2 n), or of each of k states, where they return
-/// to guides and pins or not. by_state: of further moments on a single state (n, 2 n), else 0.
+/// Derivative of the rates of [theta, theta'], (2 n, 2 n), or (k, 2 n, 2 n) for k states. returns:
+/// whether the rates include the return to guides and pins; by_state: derivative of the moments of
+/// custom parts by a single state, (n, 2 n), or empty for 0.
 Numbers derivative(const Scene& scene, const py::object& y, const py::object& u,
                    const py::object& moments, const Matrix& by_state, bool returns,
                    const py::object& drive) {

@@ -66,11 +66,7 @@ class Profile:
 class Pipe:
     def __init__(
         self,
-        beta: typing.SupportsFloat | typing.SupportsIndex,
-        gamma: typing.SupportsFloat | typing.SupportsIndex,
-        centrifugal: typing.SupportsFloat | typing.SupportsIndex,
-        drag: typing.SupportsFloat | typing.SupportsIndex,
-        damping: typing.SupportsFloat | typing.SupportsIndex,
+        numbers: collections.abc.Sequence[typing.SupportsFloat | typing.SupportsIndex],
         aspirating: bool,
         terms: collections.abc.Sequence[
             tuple[
@@ -78,15 +74,12 @@ class Pipe:
                 typing.SupportsFloat | typing.SupportsIndex,
                 collections.abc.Sequence[typing.SupportsFloat | typing.SupportsIndex],
             ]
-        ] = [],
-        root: typing.SupportsFloat | typing.SupportsIndex = ...,
-        end: str = "free",
-        supports: collections.abc.Sequence[typing.SupportsFloat | typing.SupportsIndex] = [],
-        inflow_share: typing.SupportsFloat | typing.SupportsIndex = 1.0,
-        jet_angle: typing.SupportsFloat | typing.SupportsIndex = 0.0,
-        stiffness: Profile = ...,
-        mass: Profile = ...,
-        hysteresis: typing.SupportsFloat | typing.SupportsIndex = 0.0,
+        ],
+        root: typing.SupportsFloat | typing.SupportsIndex,
+        end: str,
+        supports: collections.abc.Sequence[typing.SupportsFloat | typing.SupportsIndex],
+        stiffness: Profile,
+        mass: Profile,
     ) -> None: ...
     @property
     def resisted(self) -> bool: ...

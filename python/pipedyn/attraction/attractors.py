@@ -17,19 +17,19 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from pipedyn.attraction.attractor import Attractor
 from pipedyn.attraction.motion_ends import RECORDED, Case, MotionEnd, motion_ends
 from pipedyn.attraction.motion_options import (
     FIRST_LOOK,
     SAMPLES_A_TIME,
     MotionOptions,
-    initial_bends,
 )
-from pipedyn.attraction.records import turning_points
-from pipedyn.attraction.regions import NOWHERE, STOPPED, Excitation
-from pipedyn.attraction.solutions import Attractor, Solution, equilibria_near
+from pipedyn.attraction.regions import NOWHERE, STOPPED
+from pipedyn.attraction.solutions import Solution, equilibria_near
 from pipedyn.equilibrium.equilibria import EQUILIBRIA_DOF, searched
 from pipedyn.models.base import Model
 from pipedyn.models.drive import LARGEST_SPEED, Harmonic, Pulsation, Supply
+from pipedyn.motion.sampling import turning_points
 from pipedyn.motion.simulate import (
     BATCH,
     LARGEST_ENSEMBLE,
@@ -37,8 +37,10 @@ from pipedyn.motion.simulate import (
     Motion,
     MotionStopped,
     checked_model_in_motion,
+    initial_bends,
     simulate,
 )
+from pipedyn.motion.vector_field import Excitation
 from pipedyn.util import check
 from pipedyn.util.archive import saved_as
 from pipedyn.util.check import Array
@@ -402,7 +404,7 @@ def _plane_states(plane: StartPlane, model: Model) -> Array:
         )
     if plane.x.size * plane.y.size > LARGEST_ENSEMBLE:
         raise ValueError(f"starts must be 1 to {LARGEST_ENSEMBLE}, got {plane.shape}")
-    rest, _ = model.recorded(model.resting()[None], np.zeros((1, model.moving)))
+    rest, _ = model.to_user(model.resting()[None], np.zeros((1, model.integrated)))
     given = rest[0] if plane.state is None else plane.state
     if given.size not in (size, size // 2):
         raise ValueError(
@@ -419,8 +421,8 @@ def _require_moving_end(model: Model) -> None:
     """Motions are told by their free end: a held one tells nothing."""
     resting = model.resting()
     bent = np.column_stack([resting, resting[:, None] + 0.1 * model.free_directions(resting)])
-    p, rates = model.projected(bent, np.zeros_like(bent))
-    q, _ = model.recorded(p.T, rates.T)
+    p, rates = model.onto_constraints(bent, np.zeros_like(bent))
+    q, _ = model.to_user(p.T, rates.T)
     places = model.tips(q.T)[:, 0]
     if np.abs(places - places[0]).max() < 1e-6:
         raise ValueError(
@@ -444,7 +446,7 @@ def _ends(
     states, errors, unsettled = dict[int, Array](), dict[int, Exception](), list[Attractor]()
     for i, start in enumerate(starts):
         try:
-            states[i] = np.asarray(model.start(*np.split(start, 2))).reshape(2, -1)
+            states[i] = np.asarray(model.initial_state(*np.split(start, 2))).reshape(2, -1)
         except PipedynError as error:
             errors[i] = error
         except ValueError as error:
@@ -497,7 +499,9 @@ def _stable_equilibria(model: Model, drive: Excitation) -> list[Solution]:
         known = searched(model, drive.mean, (), counted=False)
     except NotConverged:
         return []
-    guesses = [np.split(np.asarray(model.start(q, None)), 2)[0] for q in known.q[known.stable]]
+    guesses = [
+        np.split(np.asarray(model.initial_state(q, None)), 2)[0] for q in known.q[known.stable]
+    ]
     return [one for one in equilibria_near(model, guesses, drive.mean) if one.attracts]
 
 
@@ -537,7 +541,7 @@ def _basin(
             RECORDED_PERIODS * SAMPLES_A_MAXIMUM * end.period + 1,
         )
     samples = min(samples or math.ceil(duration * SAMPLES_A_TIME) + 1, MOST_SAMPLES + 1)
-    q, qdot = (part[0] for part in model.recorded(*(y[None] for y in np.split(end.end, 2))))
+    q, qdot = (part[0] for part in model.to_user(*(y[None] for y in np.split(end.end, 2))))
     motion = simulate(
         *(model, drive.u, duration, q, qdot),
         samples=samples,

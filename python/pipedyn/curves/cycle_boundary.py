@@ -141,7 +141,7 @@ def cycle_boundary(
                 )
         starts.append(begin)
     curves, points, failures = list[CycleCurve](), list[CyclePoint](), list[str]()
-    with one_thread(2 * plane.model.moving):
+    with one_thread(2 * plane.model.integrated):
         onset = None
         if isinstance(branch, CycleBranch):
             by_flutter = branch.origin == "hopf"

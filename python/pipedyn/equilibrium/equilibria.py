@@ -244,7 +244,7 @@ def searched(model: Model, u: float, starts: Sequence[Start], counted: bool) -> 
             raise NotConverged(f"no equilibrium was found at u = {u:g}")
 
         def place(x: Array) -> tuple[float, float]:
-            tip = model.tips(statics.recorded(x[None]).T)[0, 0]
+            tip = model.tips(statics.to_user(x[None]).T)[0, 0]
             return round(statics.rms(x - statics.resting), 6), -float(tip)
 
         found.sort(key=place)  # mirror images are neighbours, that with its tip to the right first
@@ -255,7 +255,7 @@ def searched(model: Model, u: float, starts: Sequence[Start], counted: bool) -> 
         resolved = _in_larger_bases(statics, u, xs, stable)
     highest = min((term.largest_angle for term in model.pipe.terms), default=math.inf)
     valid = np.array([model.largest_angle(x) <= highest for x in xs])
-    q = statics.recorded(xs)
+    q = statics.to_user(xs)
     growth, tips = np.array([float(one.real.max()) for one in values]), model.tips(q.T)
 
     def those(rows: NDArray[np.bool_], discarded: Equilibria | None = None) -> Equilibria:
@@ -299,7 +299,7 @@ class Statics:
 
     def __init__(self, model: Model) -> None:
         self.model = model
-        self.size = model.moving
+        self.size = model.integrated
         self.motion = VectorField(model)
         self.resting = np.array(model.resting(), dtype=np.float64)
         self._about: tuple[Array, Operators] | None = None  # operators about the last configuration
@@ -307,19 +307,19 @@ class Statics:
         self.always_rests = max(model.unbalanced(0.0), model.unbalanced(1.0)) <= BALANCED
 
     def accelerations(self, xs: Array, u: float | Array) -> Array:
-        """Accelerations from rest at configurations xs, (k, moving), at one speed or k speeds.
+        """Accelerations from rest at configurations xs, (k, integrated), at one speed or k speeds.
 
         They are NaN where the pipe is bent too sharply.
         """
         return self.motion(np.concatenate([xs.T, np.zeros_like(xs.T)]), u)[self.size :].T
 
     def jacobian(self, x: Array, p: float) -> Array:
-        """Derivative of the accelerations by x, (moving, moving), or one for each row of x."""
+        """Derivative of accelerations by x, (integrated, integrated), or one for each row of x."""
         whole = self.model.motion_jacobian(np.concatenate([x.T, np.zeros_like(x.T)]), abs(p))
         return whole[..., self.size :, : self.size]
 
     def steps(self, xs: Array, residuals: Array, u: float) -> Array:
-        """Newton's steps from the rows of xs, (k, moving); not finite where there is no step."""
+        """Newton's steps from the rows of xs, (k, integrated); not finite where there is none."""
         derivative = self.jacobian(xs, u)
         try:
             found = np.linalg.solve(derivative, -residuals[:, :, None])
@@ -329,7 +329,7 @@ class Statics:
         return np.asarray(found[:, :, 0])
 
     def equations(self, x: Array, p: float) -> tuple[Array, Array]:
-        """Accelerations, (moving,), with derivatives by x and the speed p, (moving, moving + 1).
+        """Accelerations, (integrated,), with derivatives by x and p, (integrated, integrated + 1).
 
         They are evaluated as affine in the square of the speed.
         """
@@ -375,7 +375,7 @@ class Statics:
             return step, rms_along(slopes @ step)
 
         def moved(x: Array, step: Array, share: float) -> Array:
-            there = self.model.projected(x + share * step, np.zeros_like(x))[0]
+            there = self.model.onto_constraints(x + share * step, np.zeros_like(x))[0]
             if not np.isfinite(there).all():
                 raise NewtonFailed("constraints cannot be met")
             return there
@@ -400,14 +400,14 @@ class Statics:
             most = float(np.abs(self.angles(shape[None])).max())
             for size in BUCKLED:
                 bent = self.resting + size / most * shape
-                yield self.model.projected(bent, np.zeros_like(bent))[0]
+                yield self.model.onto_constraints(bent, np.zeros_like(bent))[0]
 
     def angle(self, x: Array) -> Callable[[Array], Array]:
         """The angle theta(s) of a configuration."""
         return lambda s: np.asarray(self.model.deflection(x, s, 1))
 
     def angles(self, xs: Array) -> Array:
-        """Angles of the pipe at the arc lengths `ALONG`, (k, points), for rows xs, (k, moving)."""
+        """Angles of the pipe at arc lengths `ALONG`, (k, points), for rows xs, (k, integrated)."""
         return np.asarray(self.model.deflection(xs.T, ALONG, 1)).T
 
     def unbalanced(self, x: Array, u: float) -> float:
@@ -441,18 +441,18 @@ class Statics:
         """Real parts of the eigenvalues minus their rounding, (2 dof,), the largest first."""
         return np.sort(beyond_rounding(self.eigenvalues(x, u)))[::-1]
 
-    def recorded(self, xs: Array) -> Array:
-        """Coordinates that users see, (k, coordinates), for integrated ones, (k, moving)."""
-        return self.model.recorded(xs, np.zeros_like(xs))[0]
+    def to_user(self, xs: Array) -> Array:
+        """Coordinates that users see, (k, coordinates), for integrated ones, (k, integrated)."""
+        return self.model.to_user(xs, np.zeros_like(xs))[0]
 
     def from_start(self, name: str, start: Any) -> Array:
-        """The integrated coordinates x, (moving,), of a start given as an argument called `name`.
+        """The coordinates x that are integrated, (integrated,), of a start, the argument `name`.
 
         The start consists of coordinates or is an angle theta(s).
         """
         given = self.model.bent(start) if callable(start) else start
         try:
-            return np.array(self.model.start(given, None)[: self.size])
+            return np.array(self.model.initial_state(given, None)[: self.size])
         except (ValueError, TypeError) as error:
             raise type(error)(str(error).replace("q0", name, 1)) from error
 
@@ -462,7 +462,7 @@ class Statics:
         if self.model.pipe.root != "pinned":
             return None
         turn = self.model.sampled(lambda s: np.full_like(s, 2.0 * math.pi))
-        both = self.recorded(np.stack([self.resting, self.resting + turn]))
+        both = self.to_user(np.stack([self.resting, self.resting + turn]))
         energies = self.model.energy(np.concatenate([both, np.zeros_like(both)], axis=1).T)
         return turn if np.ptp(energies) <= 1e-9 * (1.0 + abs(self.model.pipe.gamma)) else None
 
@@ -507,7 +507,7 @@ def _contracted(statics: Statics, x: Array, u: float) -> Array:
 def _in_larger_bases(
     statics: Statics, u: float, xs: Array, stable: NDArray[np.bool_]
 ) -> NDArray[np.bool_]:
-    """Which equilibria, (k, moving), two larger bases have too, by the test of `equilibria`."""
+    """Which equilibria, (k, integrated), two larger bases have too, by the test of `equilibria`."""
     larger = statics.model.refined()
     largest = larger and larger.refined()
     if larger is None or largest is None:
@@ -554,7 +554,7 @@ class _Solutions:
             with suppress(NewtonFailed):
                 self.add([statics.balanced(start, u, longest=0.3, iterations=40)])
         model = statics.model
-        held = model.moving != model.dof
+        held = model.integrated != model.dof
         if counted and model.dof <= COUNTED_DOF and not held:
             self.add(_balanced(statics, u, own, 0.5))
             self.count()
@@ -648,7 +648,7 @@ class _Solutions:
 
 
 def _reach(statics: Statics, u: float) -> Array:
-    """Rows e_j of which every equilibrium is a sum s_j e_j with |s_j| <= 1, (dof, moving).
+    """Rows e_j of which every equilibrium is a sum s_j e_j with |s_j| <= 1, (dof, integrated).
 
     At an equilibrium the elastic forces K x balance the others. These, of gravity, flow and terms,
     are bounded, as they depend on the directions of the pipe and not on how often it is wound up:
@@ -670,7 +670,7 @@ def _reach(statics: Statics, u: float) -> Array:
 
 
 def _modal_basis(statics: Statics) -> Array:
-    """Changes of x that bend the pipe by 1 rad in each of its first modes, (dof, moving)."""
+    """Changes of x that bend the pipe by 1 rad in each of its first modes, (dof, integrated)."""
     modes = np.eye(statics.model.dof)
     straight = statics.from_start("q0", modal_bend(np.zeros(len(modes))))
     return np.array([statics.from_start("q0", modal_bend(one)) - straight for one in modes])
@@ -698,7 +698,7 @@ def _bends(statics: Statics, modes: int, sizes: Sequence[float], odd: bool) -> l
 
 
 def _balanced(statics: Statics, u: float, starts: list[Array], longest: float) -> Array:
-    """Solutions to which Newton's method leads from many starts, computed in batches, (k, moving).
+    """Solutions to which Newton's method leads from many starts, in batches, (k, integrated).
 
     Most solutions are listed once. A step is at most `longest` relative to 1 rad plus the size of
     x, and is quartered until it lowers the residual; a start whose step then is too short is given
@@ -884,7 +884,7 @@ def equilibrium_branch(
         end = back.run()
         ends = end, "closed" if end == "closed" else ahead.run()
     points, growth = back.points[:0:-1] + ahead.points, back.growth[:0:-1] + ahead.growth
-    q = statics.recorded(np.array([point.x for point in points]))
+    q = statics.to_user(np.array([point.x for point in points]))
     unstable = np.array([np.count_nonzero(one > 0.0) for one in growth])
     return EquilibriumBranch(
         speeds=np.array([point.p for point in points]),
@@ -1007,5 +1007,5 @@ class _Way:
         speed = abs(point.p)
         if kind == "pitchfork":  # the roots of det K are more precise than the change of the count
             speed = self._pitchfork(speed) or speed
-        q = statics.recorded(point.x[None])[0]
+        q = statics.to_user(point.x[None])[0]
         return BranchPoint(kind, speed, frequency, q, statics.model.tips(q[:, None])[0])

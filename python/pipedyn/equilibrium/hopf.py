@@ -277,7 +277,7 @@ def hopf_point(motion: VectorField, crossing: Crossing | BranchPoint) -> HopfPoi
 
 
 def _rest_at(motion: VectorField, crossing: Crossing | BranchPoint) -> Array:
-    """The equilibrium that flutters, an integrated state, shape (2 moving,).
+    """The equilibrium that flutters, an integrated state, shape (2 integrated,).
 
     Raises:
         ValueError: if the pipe is not in equilibrium there.
@@ -319,8 +319,8 @@ class Hopf(HopfPoint, units={"balance": LENGTH, "fold": SPEED}):
             the onset, `other_unstable`, no cycle that emerges there is stable.
         crossing: the crossing of the pair, as it was given or found.
         model: the model.
-        mode: eigenvector q, complex, of the integrated state [p, p'], shape (2 moving,).
-        rest: the equilibrium, an integrated state, shape (2 moving,).
+        mode: eigenvector q, complex, of the integrated state [p, p'], shape (2 integrated,).
+        rest: the equilibrium, an integrated state, shape (2 integrated,).
         friction: friction of the supply at constant head, where u is the flow speed in the straight
             pipe; None at constant speed.
 
@@ -679,7 +679,7 @@ def _tip_of(motion: VectorField, rest: Array, mode: Complex) -> complex:
     """
     half, model = motion.half, motion.model
     parts = np.stack([mode.real, mode.imag])[:, :half]
-    q, rates = model.recorded(np.stack([rest[:half]] * 2), parts)
+    q, rates = model.to_user(np.stack([rest[:half]] * 2), parts)
     return complex(*model.tip_velocities(q.T, rates.T)[:, 0])
 
 

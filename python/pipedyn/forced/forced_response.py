@@ -337,7 +337,7 @@ def forced_response(
         starts = _from_base(
             *(model, speed, forcing, low, high), lambda: branches[-1].failure is None
         )
-    with one_thread(2 * model.moving):
+    with one_thread(2 * model.integrated):
         for begin in starts:
             orbit = begin.start.orbit
             first = orbit.frequency * begin.motion.order
@@ -437,7 +437,7 @@ def _first_motion(motion: ForcedField, u: float) -> PeriodicOrbit:
     whole, model, w = motion.forcing, motion.model, motion.forcing.frequency
     assert isinstance(whole, Harmonic)
     answer = model.by_coordinates() @ base_solution(model, u, w)
-    rest = np.append(motion.resting()[: model.moving], np.zeros(model.moving))
+    rest = np.append(motion.resting()[: model.integrated], np.zeros(model.integrated))
     symmetric = motion.is_odd(u)
 
     def linear(share: float) -> PeriodicOrbit:
@@ -480,7 +480,7 @@ def _settled(motion: ForcedField, u: float, symmetric: bool) -> PeriodicOrbit:
     model, w = motion.model, motion.forcing.frequency
     period, reason = 2.0 * math.pi / w, "it does not repeat with the period of the base"
     p = motion.resting()
-    (q0,), (qdot0,) = model.recorded(p[None, : motion.half], p[None, motion.half :])
+    (q0,), (qdot0,) = model.to_user(p[None, : motion.half], p[None, motion.half :])
     for periods in SETTLING:
         times = period * np.linspace(periods - 1.0, periods, 513)
         try:
@@ -491,7 +491,7 @@ def _settled(motion: ForcedField, u: float, symmetric: bool) -> PeriodicOrbit:
             raise NewtonFailed(f"a motion from rest stops: {stopped}") from None
         motion.evaluations += going.evaluations
         q0, qdot0 = going.q[-1], going.qdot[-1]
-        p = model.integrated(going.q, going.qdot)
+        p = model.from_user(going.q, going.qdot)
         size = float(np.ptp(p[:, : motion.half], axis=0).max())
         if np.abs(p[-1] - p[0])[: motion.half].max() > REPEATS * size:
             continue
@@ -554,7 +554,7 @@ def _leaving_rest(motion: ForcedField, hill: Hill, edge: float, mean: float) -> 
     w = edge / order
 
     def moved(phases: Array, power: int) -> Array:
-        """Positions at k phases, or their derivative by time of order `power`, (k, moving)."""
+        """Positions at k phases, or their derivative by time of order `power`, (k, integrated)."""
         factors = (1j * turns * w) ** power * np.exp(1j * phases[..., None] * turns)
         return np.asarray((factors @ spread.T).real)
 
@@ -728,7 +728,7 @@ def _refined_motion(
     period = 2.0 * math.pi / orbit.frequency
     t = np.linspace(0.0, period, samples)
     y = orbit.states(orbit.frequency * t)
-    q, qdot = motion.model.recorded(y[: motion.half].T.copy(), y[motion.half :].T.copy())
+    q, qdot = motion.model.to_user(y[: motion.half].T.copy(), y[motion.half :].T.copy())
     found = ForcedMotion(
         amplitude=known.peak[0],
         frequency=motion.order * orbit.frequency,

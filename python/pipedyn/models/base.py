@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 from pipedyn import _core
 from pipedyn.models.drive import drive_of
 from pipedyn.models.pencil import DensePencil, Pencil
-from pipedyn.models.pipe import Pipe
+from pipedyn.models.pipe import OWN_NUMBERS, Pipe
 from pipedyn.models.profile import values_along
 from pipedyn.util import check
 from pipedyn.util.archive import Saved, saved_as
@@ -168,6 +168,8 @@ def projected(operators: Operators, basis: Array) -> Operators:
     return replace(operators, **matrices)
 
 
+own_numbers = attrgetter(*OWN_NUMBERS)
+
 UNIFORM = _core.Profile()
 """What does not vary along the pipe, as the core takes it."""
 
@@ -175,21 +177,14 @@ UNIFORM = _core.Profile()
 def core_pipe(pipe: Pipe) -> _core.Pipe:
     """The pipe's numbers as the core takes them."""
     return _core.Pipe(  # by place: names take as long as all the rest
-        pipe.beta,
-        pipe.gamma,
-        pipe.alpha,
-        pipe.drag,
-        pipe.damping,
+        own_numbers(pipe),
         pipe.flow == "aspirating",
         [(t.law, t.place or 0.0, t.law_numbers(pipe.damping)) for t in pipe.terms],
         pipe.root_stiffness,
         pipe.end,
         pipe.supports,
-        pipe.inflow_share,
-        pipe.jet_angle,
         UNIFORM if pipe.stiffness is None else pipe.stiffness.core,
         UNIFORM if pipe.mass is None else pipe.mass.core,
-        pipe.hysteresis,
     )
 
 
@@ -281,7 +276,7 @@ class Model(OfPipe, ABC):
     def _checked_reference(self, q: Any) -> Array:
         """A configuration that `about` has kept, in all coordinates; else ValueError."""
         rule: dict[str, Any] = {"low": -LARGEST_ANGLE, "high": LARGEST_ANGLE}
-        return check.array("reference", q, size=self.moving, **rule)
+        return check.array("reference", q, size=self.integrated, **rule)
 
     @property
     @abstractmethod
@@ -296,7 +291,7 @@ class Model(OfPipe, ABC):
     @property
     def coordinate_kind(self) -> str:
         """What p is, in words: models of one kind can go on from each other's states."""
-        return f"angles of {self.moving} segments"
+        return f"angles of {self.integrated} segments"
 
     @property
     def matrix_rounding(self) -> float:
@@ -414,7 +409,7 @@ class Model(OfPipe, ABC):
     def motion(self) -> Any:
         """The compiled equations of motion.
 
-        `rhs_and_power` takes [p, p', work done], shape (2 moving + 1,) or (2 moving + 1, k), with
+        `rhs_and_power` takes [p, p', work done], shape (2 integrated + 1,) or of k states, with
         the coordinates p that an integrator advances; `energy` and `power` take states [q, q'].
         """
         return self.core
@@ -610,48 +605,48 @@ class Model(OfPipe, ABC):
         return self.equations.jacobian
 
     @property
-    def moving(self) -> int:
+    def integrated(self) -> int:
         """Number of coordinates p that an integrator advances."""
         return self.coordinates
 
-    def start(self, q0: ArrayLike, qdot0: ArrayLike | None) -> Array:
-        """[p, p'] to integrate from, shape (2 moving,), of what `simulate` is given."""
+    def initial_state(self, q0: ArrayLike, qdot0: ArrayLike | None) -> Array:
+        """[p, p'] to integrate from, shape (2 integrated,), of what `simulate` is given."""
         size = self.coordinates
         rule: dict[str, Any] = {"size": size, "low": -LARGEST_ANGLE, "high": LARGEST_ANGLE}
         q = check.array("q0", q0, **rule)
         rates = np.zeros(size) if qdot0 is None else check.array("qdot0", qdot0, **rule)
         return np.concatenate([q, rates])
 
-    def recorded(self, p: Array, pdot: Array) -> tuple[Array, Array]:
-        """Coordinates and rates, (S, coordinates) each, of what is integrated, (S, moving)."""
+    def to_user(self, p: Array, pdot: Array) -> tuple[Array, Array]:
+        """Coordinates and rates for users, (S, coordinates), from those of p, (S, integrated)."""
         return p, pdot
 
-    def integrated(self, q: Array, qdot: Array) -> Array:
-        """States [p, p'], (S, 2 moving), of `recorded` coordinates and rates, (S, coordinates)."""
+    def from_user(self, q: Array, qdot: Array) -> Array:
+        """States [p, p'], (S, 2 integrated), from coordinates and rates of users."""
         return np.concatenate([q, qdot], axis=1)
 
     def resting(self) -> Array:
-        """Where p is at rest, shape (moving,)."""
-        return np.zeros(self.moving) if self._reference is None else self._reference
+        """Where p is at rest, shape (integrated,)."""
+        return np.zeros(self.integrated) if self._reference is None else self._reference
 
     def free_directions(self, p: Array) -> Array:
-        """Directions that constraints leave about a configuration, shape (moving, dof)."""
+        """Directions that constraints leave about a configuration, shape (integrated, dof)."""
         return np.eye(self.dof)
 
     def by_coordinates(self) -> Array:
-        """Change of p at rest by each coordinate of `operators()`, shape (moving, dof)."""
+        """Change of p at rest by each coordinate of `operators()`, shape (integrated, dof)."""
         return self.free_directions(self.resting())
 
-    def projected(self, p: Array, rates: Array) -> tuple[Array, Array]:
-        """Close to p and its rates, (moving, ...) each, what meets constraints; NaN without any."""
+    def onto_constraints(self, p: Array, rates: Array) -> tuple[Array, Array]:
+        """What meets constraints close to p and its rates, (integrated, ...); NaN if nothing."""
         return p, rates
 
     def free_states(self, y: Array) -> Array:
-        """Changes of [p, p'] that constraints leave, shape (2 moving, 2 dof)."""
+        """Changes of [p, p'] that constraints leave, shape (2 integrated, 2 dof)."""
         return np.eye(2 * self.dof)
 
     def largest_angle(self, p: NDArray[Any]) -> float:
-        """Largest angle of the pipe displaced by p, shape (moving,), maybe complex; to first order.
+        """Largest angle of the pipe displaced by p, (integrated,), maybe complex; to first order.
 
         Coordinates are angles where a model says nothing else.
         """
@@ -665,7 +660,7 @@ class Model(OfPipe, ABC):
         NaN where the model resolves none. drive: what drives them, see `pipedyn.models.drive`,
         (ROWS,) or (ROWS, k).
         """
-        if len(y) > 2 * self.moving:
+        if len(y) > 2 * self.integrated:
             return np.asarray(self.motion.rhs_and_power(t, y, u, drive))
         if self.motion is self.core:  # which advances these, and needs no work for it
             return np.asarray(self.core.rhs(t, y, u, drive, refuses=False))
@@ -674,14 +669,14 @@ class Model(OfPipe, ABC):
         return rates[:-1]
 
     def motion_jacobian(self, y: Array, u: float | Array, drive: Array | None = None) -> Array:
-        """Derivative of the rates of [p, p'], (2 moving, 2 moving); (k, ...) of k columns."""
+        """Derivative of the rates of [p, p'], (2 integrated, 2 integrated), or of k columns."""
         self._check_dense()
         return self.motion.jacobian(0.0, y, u, drive, refuses=False)
 
     def motion_linearised(self, y: Array, u: float | Array, drive: Array | None = None) -> Array:
         """Rates of [p, p'] of k columns, their derivatives by the speed and by [p, p'].
 
-        One after the other, (k, 2 + 2 moving, 2 moving).
+        One after the other, (k, 2 + 2 integrated, 2 integrated).
         """
         if self.motion is self.core:
             self._check_dense()
@@ -773,7 +768,7 @@ class Model(OfPipe, ABC):
         """
         at, asked = arc_lengths(s)
         order = check.count("derivative", derivative, low=0, high=1)
-        given = self._columns("q", q, self.dof, self.moving, self.coordinates)
+        given = self._columns("q", q, self.dof, self.integrated, self.coordinates)
         if given.ndim > 2:
             rule = f"({len(given)},) or ({len(given)}, k)"
             raise ValueError(f"q must have shape {rule}, got {given.shape}")
@@ -787,10 +782,10 @@ class Model(OfPipe, ABC):
 
     @abstractmethod
     def _deflected(self, p: NDArray[Any], s: Array, derivative: int) -> NDArray[Any]:
-        """What `deflection` answers for changes of p, (moving, k), and arc lengths (p,)."""
+        """What `deflection` answers for changes of p, (integrated, k), and arc lengths (p,)."""
 
     def _moved(self, columns: NDArray[Any]) -> NDArray[Any]:
-        """Changes of p, (moving, k), by columns in any of the coordinates `deflection` takes."""
+        """Changes of p, (integrated, k), for columns in any coordinates `deflection` takes."""
         return columns
 
     def tips(self, q: ArrayLike) -> Array:
@@ -832,7 +827,7 @@ class Model(OfPipe, ABC):
         return self.pipe.drag == 0.0
 
     def kinks(self, p: Array, pdot: Array, drive: Array | None = None) -> Array:
-        """What changes sign where derivatives of forces jump, (how many, k), of (moving, k) states.
+        """What changes sign where derivatives of forces jump, (how many, k), at p (integrated, k).
 
         How far the places of terms are from where they meet stops. drive: rows of what drives the
         states, (ROWS, k), where the base moves.
@@ -845,8 +840,8 @@ class Model(OfPipe, ABC):
         return self._across(p, places) + moved - where[:, None]
 
     def _across(self, p: Array, s: Array) -> Array:
-        """Transverse displacements at points on the pipe, (points, k), of (moving, k) angles."""
-        configurations, _ = self.recorded(p.T, np.zeros_like(p.T))
+        """Transverse displacements at points on the pipe, (points, k), at p (integrated, k)."""
+        configurations, _ = self.to_user(p.T, np.zeros_like(p.T))
         return np.stack([self.shape(q, s)[:, 0] for q in configurations], axis=1)
 
     @abstractmethod
@@ -858,7 +853,7 @@ class Model(OfPipe, ABC):
 
     @abstractmethod
     def sampled(self, angle: Callable[[Array], ArrayLike]) -> Array:
-        """What integrators advance, shape (moving,), of angles or rates theta(s) as for `bent`.
+        """What integrators advance, shape (integrated,), of angles or rates theta(s) as for `bent`.
 
         Whether or not these meet supports.
         """

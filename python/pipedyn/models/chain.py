@@ -89,7 +89,7 @@ class Chain(Model):
 
     Supports, and an end that is pinned or clamped, hold the ends of segments on the axis: n angles
     then have fewer degrees of freedom, `dof`. States and configurations hold all n, and meet the
-    supports to 1e-9; `bent` and `closed` give such. Operators and modes have coordinates along
+    supports to 1e-9; `bent` and `admissible` give such. Operators and modes have coordinates along
     `basis`, orthonormal. A root's spring, undamped, lies in series with the first joint, 1 / k_1 +
     1 / k_r; a guided or clamped end has a joint n + 1, the mirror image of the clamp's.
 
@@ -547,31 +547,31 @@ class Chain(Model):
     def motion_rates(
         self, y: Array, u: float | Array, drive: Array | None = None, t: float = 0.0
     ) -> Array:
-        if len(y) > 2 * self.moving:
+        if len(y) > 2 * self.integrated:
             return super().motion_rates(y, u, drive, t)
         return np.asarray(self.motion.rhs(t, y, u, drive, refuses=False))
 
-    def projected(self, p: Array, rates: Array) -> tuple[Array, Array]:
+    def onto_constraints(self, p: Array, rates: Array) -> tuple[Array, Array]:
         if self.supported is None:
             return p, rates
-        return self.supported.projected(p, rates)
+        return self.supported.onto_constraints(p, rates)
 
-    def recorded(self, p: Array, pdot: Array) -> tuple[Array, Array]:
-        q, rates = self.projected(p.T, pdot.T)
+    def to_user(self, p: Array, pdot: Array) -> tuple[Array, Array]:
+        q, rates = self.onto_constraints(p.T, pdot.T)
         return q.T, rates.T
 
-    def start(self, q0: ArrayLike, qdot0: ArrayLike | None) -> Array:
-        y = super().start(q0, qdot0)
+    def initial_state(self, q0: ArrayLike, qdot0: ArrayLike | None) -> Array:
+        y = super().initial_state(q0, qdot0)
         if self.supported is None:
             return y
         theta, rates = np.split(y, 2)
-        self._require_met("q0 must meet", self._off_axis(theta), MET, "closed(q0)")
+        self._require_met("q0 must meet", self._off_axis(theta), MET, "admissible(q0)")
         most = MET * (1.0 + float(np.abs(rates).max()))
         kept = self._rows(theta).T @ rates
-        self._require_met("qdot0 must keep", kept, most, "projected(q0, qdot0)")
+        self._require_met("qdot0 must keep", kept, most, "onto_constraints(q0, qdot0)")
         return y
 
-    def closed(self, angles: ArrayLike) -> Array:
+    def admissible(self, angles: ArrayLike) -> Array:
         """Angles close to those given that meet the supports, shape (n,) both.
 
         Raises:
@@ -598,7 +598,9 @@ class Chain(Model):
     def _require_held(self, name: str, theta: Array) -> Array:
         """The angles, if they meet the supports."""
         if self._held.size:
-            self._require_met(f"{name} must meet", self._off_axis(theta), MET, f"closed({name})")
+            self._require_met(
+                f"{name} must meet", self._off_axis(theta), MET, f"admissible({name})"
+            )
         return theta
 
     def _off_axis(self, theta: Array) -> Array:
@@ -656,7 +658,7 @@ class Chain(Model):
         return np.asarray(along(steps, self._base, self._lengths, s))
 
     def bent(self, angle: Callable[[Array], ArrayLike]) -> Array:
-        return self.closed(self.sampled(angle))
+        return self.admissible(self.sampled(angle))
 
     def sampled(self, angle: Callable[[Array], ArrayLike]) -> Array:
         ends = self._base + np.cumsum(self._lengths)

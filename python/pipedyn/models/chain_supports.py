@@ -36,7 +36,7 @@ class ChainSupports:
     def __init__(self, core: _core.Scene, rows: Callable[[Array], Array]) -> None:
         self.core, self.rows = core, rows
 
-    def projected(self, theta: Array, omega: Array) -> tuple[Array, Array]:
+    def onto_constraints(self, theta: Array, omega: Array) -> tuple[Array, Array]:
         """Angles and rates that meet guides and pins, close to those given; NaN without any."""
         columns = (theta.shape[0], -1)
         *met, missed = self.core.project(theta.reshape(columns), omega.reshape(columns))

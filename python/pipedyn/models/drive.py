@@ -103,7 +103,7 @@ class Pulsation:
         """
         speed, omega = check.real("mean", mean), check.real("frequency", frequency)
         pipe = with_scales(pipe)
-        return cls(pipe.speed(speed), amplitude, pipe.frequency(omega))
+        return cls(pipe.speed_from_si(speed), amplitude, pipe.frequency_from_si(omega))
 
     @property
     def period(self) -> float:
@@ -169,7 +169,7 @@ class Harmonic:
         """
         reach, omega = check.real("amplitude", amplitude), check.real("frequency", frequency)
         pipe = with_scales(pipe)
-        return cls(pipe.length(reach), pipe.frequency(omega), direction)
+        return cls(pipe.length_from_si(reach), pipe.frequency_from_si(omega), direction)
 
     @property
     def period(self) -> float:
@@ -306,7 +306,7 @@ class Supply:
             force = pipe.beta * scales.mass * scales.speed**2  # EI / L^2
             weight = check.real("weight", weight) / force
         if start is not None:
-            start = pipe.speed(check.real("start", start, low=0.0))
+            start = pipe.speed_from_si(check.real("start", start, low=0.0))
         return cls(head, friction, weight, start)
 
     def _hanging(self, pipe: Pipe) -> float:

@@ -357,14 +357,14 @@ class Galerkin(Model):
     def free_states(self, y: Array) -> Array:
         return self._supports.free_states(y) if self._held else super().free_states(y)
 
-    def projected(self, p: Array, rates: Array) -> tuple[Array, Array]:
-        return self._supports.projected(p, rates) if self._held else (p, rates)
+    def onto_constraints(self, p: Array, rates: Array) -> tuple[Array, Array]:
+        return self._supports.onto_constraints(p, rates) if self._held else (p, rates)
 
-    def recorded(self, p: Array, pdot: Array) -> tuple[Array, Array]:
-        q, rates = self.projected(p.T, pdot.T)
+    def to_user(self, p: Array, pdot: Array) -> tuple[Array, Array]:
+        q, rates = self.onto_constraints(p.T, pdot.T)
         return q.T, rates.T
 
-    def start(self, q0: ArrayLike, qdot0: ArrayLike | None) -> Array:
+    def initial_state(self, q0: ArrayLike, qdot0: ArrayLike | None) -> Array:
         q, exact = self._spread("q0", q0)
         rates = np.zeros_like(q) if qdot0 is None else self._spread("qdot0", qdot0)[0]
         state = self._closed("q0", q, rates)
@@ -391,7 +391,7 @@ class Galerkin(Model):
 
     def _closed(self, name: str, q: Array, rates: Array) -> Array:
         """The state [q, q'] close by that meets the supports."""
-        state = np.concatenate(self.projected(q, rates))
+        state = np.concatenate(self.onto_constraints(q, rates))
         if not np.isfinite(state).all():
             raise NotConverged(f"no configuration close to {name} meets the supports", q)
         return state

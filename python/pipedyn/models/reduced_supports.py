@@ -47,7 +47,7 @@ class ReducedSupports:
         places, by = np.split(found, [self.core.supports])
         return places, by.reshape(len(places), self.size, -1).transpose(2, 0, 1)
 
-    def projected(self, q: Array, rates: Array) -> tuple[Array, Array]:
+    def onto_constraints(self, q: Array, rates: Array) -> tuple[Array, Array]:
         """Coordinates and rates that meet the supports, close to those given; NaN without any."""
         columns, turning = (of.reshape(self.size, -1).copy() for of in (q, rates))
         missed, by = self.held(columns)

@@ -122,7 +122,7 @@ class Assembly(Model):
                 "modules must say the mass of each Segment where the pipe's varies along it, as "
                 f"modular.chain does, got none of segment {light[0]}"
             )
-        straight = np.zeros(self.moving)
+        straight = np.zeros(self.integrated)
         self._customs = CustomForces(self._layout.customs, self._configuration(straight))
         for custom in self._customs.each:
             custom.validate(self._configuration(self._layout.rest)[custom.index])
@@ -147,7 +147,7 @@ class Assembly(Model):
         reference = fields.pop("reference")
         made = cls(**fields)
         if reference is not None:
-            made._reference = made._angles_of("reference", reference, sizes=(made.moving,))
+            made._reference = made._angles_of("reference", reference, sizes=(made.integrated,))
         return made
 
     def _check_pipe(self) -> None:
@@ -193,7 +193,7 @@ class Assembly(Model):
 
     modules = stored("_layout.modules", "The parts with inertia or forces, a tuple.")
     constraints = stored("_layout.constraints", "The constraints, those of supports last.")
-    moving = stored("_layout.size", "Number of angles that an integrator advances, n.")
+    integrated = stored("_layout.size", "Number of angles that an integrator advances, n.")
 
     @property
     def dof(self) -> int:
@@ -225,7 +225,7 @@ class Assembly(Model):
 
     @property
     def elastic_share(self) -> Array:
-        springs = self.core.chain.joints[: self.moving, 0]
+        springs = self.core.chain.joints[: self.integrated, 0]
         return springs * elastic_scale(springs) ** 2
 
     @property
@@ -264,14 +264,14 @@ class Assembly(Model):
         constraints: tuple[Constraint, ...] = (),
     ) -> Assembly:
         """The scene on another pipe with further parts; without an end its spring goes as well."""
-        own = [m for m in self.modules if pipe.end_directed or not _holds_end(m, self.moving)]
+        own = [m for m in self.modules if pipe.end_directed or not _holds_end(m, self.integrated)]
         more = Assembly(
             pipe,
             (*own, *modules),
             (*self._layout.given, *constraints),
         )
         chosen = self._reference
-        if chosen is not None and chosen.size == more.moving and more._misses(chosen) <= MET:
+        if chosen is not None and chosen.size == more.integrated and more._misses(chosen) <= MET:
             more._reference = chosen
         return more
 
@@ -318,7 +318,7 @@ class Assembly(Model):
             return super().pencil()
         if not layout.independent.size:
             return plain.pencil()
-        held = np.zeros(self.moving, dtype=np.bool_)
+        held = np.zeros(self.integrated, dtype=np.bool_)
         held[layout.held[layout.independent] // 3] = True  # all are x_j there
         return ChainPencil(plain, held, self.linear.elastic)
 
@@ -336,11 +336,11 @@ class Assembly(Model):
 
         Raises:
             ValueError: for other shapes, or a guide or pin that is missed by more than 1e-9; see
-                `closed`.
+                `admissible`.
             TypeError: for arguments that are no arrays of real numbers.
         """
-        theta = self._angles_of("angles", angles, sizes=(self.moving,))
-        omega = self._rates_of("rates", rates, theta, sizes=(self.moving,))
+        theta = self._angles_of("angles", angles, sizes=(self.integrated,))
+        omega = self._rates_of("rates", rates, theta, sizes=(self.integrated,))
         return self.core.from_angles(theta, omega)
 
     def _configuration(self, theta: Array) -> Array:
@@ -369,7 +369,7 @@ class Assembly(Model):
         given = self._columns("y", raw, 2 * size if raw.shape[:1] == (2 * size,) else size)
         return np.cumsum(given[2:size:3], axis=0)
 
-    def closed(self, angles: ArrayLike) -> Array:
+    def admissible(self, angles: ArrayLike) -> Array:
         """Angles close to those given at which guides and pins are met.
 
         Args:
@@ -383,7 +383,7 @@ class Assembly(Model):
             ValueError, TypeError: for another shape, or numbers that are not finite.
         """
         given = check.array(
-            "angles", angles, size=self.moving, low=-LARGEST_ANGLE, high=LARGEST_ANGLE
+            "angles", angles, size=self.integrated, low=-LARGEST_ANGLE, high=LARGEST_ANGLE
         )
         theta, missed = self._layout.closed(self.core, given)
         if missed > SAME:
@@ -408,7 +408,7 @@ class Assembly(Model):
             ValueError, TypeError: for bad arguments.
         """
         u = check.real("u", u, low=0.0, high=1e4)
-        given = self._rows("start", start, (self.moving, self.coordinates))
+        given = self._rows("start", start, (self.integrated, self.coordinates))
         if given.size == self.coordinates:
             given = np.cumsum(given[2::3])
 
@@ -425,9 +425,9 @@ class Assembly(Model):
 
         try:
             found = newton(
-                self.closed(given),
+                self.admissible(given),
                 correction,
-                lambda theta, turn, share: self.closed(theta + share * turn),
+                lambda theta, turn, share: self.admissible(theta + share * turn),
                 tolerance=1e-13,
                 stagnation=1e-9,
                 longest=0.3,
@@ -550,9 +550,9 @@ class Assembly(Model):
         Accelerations depend on the angles of the joints and their rates alone, see the class. The
         arguments are those of `Model.jacobian`.
         """
-        if self.moving > LARGEST_JACOBIAN:
+        if self.integrated > LARGEST_JACOBIAN:
             raise ValueError(
-                f"dense results need at most {LARGEST_JACOBIAN} segments, got {self.moving}"
+                f"dense results need at most {LARGEST_JACOBIAN} segments, got {self.integrated}"
             )
         size = self.coordinates
         state = check.doubles("y", y, "an array of real numbers")
@@ -569,19 +569,19 @@ class Assembly(Model):
 
     # ------------------------------------------------------------------------- what is integrated
 
-    def start(self, q0: ArrayLike, qdot0: ArrayLike | None) -> Array:
+    def initial_state(self, q0: ArrayLike, qdot0: ArrayLike | None) -> Array:
         theta = self._angles_of("q0", q0)
         return np.concatenate([theta, self._rates_of("qdot0", qdot0, theta)])
 
-    def recorded(self, p: Array, pdot: Array) -> tuple[Array, Array]:
+    def to_user(self, p: Array, pdot: Array) -> tuple[Array, Array]:
         y = self.motion.states(p.T, pdot.T)
         return y[: self.coordinates].T, y[self.coordinates :].T
 
-    def integrated(self, q: Array, qdot: Array) -> Array:
+    def from_user(self, q: Array, qdot: Array) -> Array:
         return np.concatenate([np.cumsum(one[:, 2::3], axis=1) for one in (q, qdot)], axis=1)
 
-    def projected(self, p: Array, rates: Array) -> tuple[Array, Array]:
-        return self.motion.held.projected(p, rates)
+    def onto_constraints(self, p: Array, rates: Array) -> tuple[Array, Array]:
+        return self.motion.held.onto_constraints(p, rates)
 
     def free_states(self, y: Array) -> Array:
         return self.motion.held.free_states(y)
@@ -595,9 +595,9 @@ class Assembly(Model):
     # ---------------------------------------------------------------------------------- geometry
 
     def _centreline(self, q: ArrayLike, s: Array) -> Array:
-        rows, base = self._rows("q", q, (self.moving, self.coordinates)), self._layout.base
+        rows, base = self._rows("q", q, (self.integrated, self.coordinates)), self._layout.base
         # Redundant coordinates may miss constraints: lines then join their nodes as given.
-        places = self._configuration(rows) if rows.size == self.moving else rows
+        places = self._configuration(rows) if rows.size == self.integrated else rows
         steps = np.diff(self._layout.nodes(places), axis=0)
         line = along(steps, base, self._layout.lengths, s)
         line[:, 1] += np.minimum(s, base)
@@ -621,7 +621,7 @@ class Assembly(Model):
             NotConverged: if no angles close to these meet guides and pins.
             ValueError, TypeError: for bad arguments, as for `Model.bent`.
         """
-        return self._configuration(self.closed(self.sampled(angle)))
+        return self._configuration(self.admissible(self.sampled(angle)))
 
     def sampled(self, angle: Callable[[Array], ArrayLike]) -> Array:
         ends = self._layout.ends
@@ -630,7 +630,7 @@ class Assembly(Model):
     def _moved(self, columns: NDArray[Any]) -> NDArray[Any]:
         if len(columns) == self.coordinates:
             return np.cumsum(columns[2::3], axis=0)
-        if len(columns) == self.moving:
+        if len(columns) == self.integrated:
             return columns
         return real_columns(self.linear.basis.spread, columns)
 
@@ -660,8 +660,8 @@ class Assembly(Model):
 
     def _angles_of(self, name: str, given: ArrayLike, sizes: tuple[int, ...] = ()) -> Array:
         """Angles of segments from angles or redundant coordinates, which must meet constraints."""
-        rows = self._rows(name, given, sizes or (self.moving, self.coordinates))
-        theta = rows if rows.size == self.moving else np.cumsum(rows[2::3])
+        rows = self._rows(name, given, sizes or (self.integrated, self.coordinates))
+        theta = rows if rows.size == self.integrated else np.cumsum(rows[2::3])
         q = rows if rows.size == self.coordinates else self._configuration(theta)
         self._require_met(f"{name} must meet", MET, q, self._configuration(theta))
         return np.array(theta)
@@ -671,9 +671,9 @@ class Assembly(Model):
     ) -> Array:
         """Rates of the angles, from these or redundant rates, which must keep the constraints."""
         if given is None:
-            return np.zeros(self.moving)
-        rows = self._rows(name, given, sizes or (self.moving, self.coordinates), 1e6)
-        omega = rows if rows.size == self.moving else np.cumsum(rows[2::3])
+            return np.zeros(self.integrated)
+        rows = self._rows(name, given, sizes or (self.integrated, self.coordinates), 1e6)
+        omega = rows if rows.size == self.integrated else np.cumsum(rows[2::3])
         exact = self.core.from_angles(theta, omega)[self.coordinates :]
         rates = rows if rows.size == self.coordinates else exact
         most = MET * (1.0 + float(np.abs(omega).max()))
@@ -688,7 +688,7 @@ class Assembly(Model):
         if not missed <= most:
             raise ValueError(
                 f"{rule} {part_text(part)}, got a deviation of {missed:.1e}; "
-                "closed(angles) gives angles that meet all"
+                "admissible(angles) gives angles that meet all"
             )
 
 

@@ -100,7 +100,7 @@ class SceneMotion:
 
     def states(self, theta: Array, omega: Array) -> Array:
         """Redundant states, (6 n, k), from angles and rates, (n, k) each, projected onto guides."""
-        return self.core.from_angles(*self.held.projected(theta, omega))
+        return self.core.from_angles(*self.held.onto_constraints(theta, omega))
 
     def jacobian(
         self, y: Array, u: float | Array, returns: bool = True, drive: Array | None = None

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from numpy.typing import ArrayLike
 
-from pipedyn.models.chain import Chain
+from pipedyn.models.chain import Chain, SpringRule
 from pipedyn.models.pipe import Pipe
 from pipedyn.modular.assembly import Assembly
 from pipedyn.modular.parts import (
@@ -23,7 +23,7 @@ def chain(
     pipe: Pipe,
     n: int | None = None,
     *,
-    springs: str | ArrayLike = "consistent",
+    springs: SpringRule | ArrayLike = "consistent",
     lengths: ArrayLike | None = None,
     centres: ArrayLike | None = None,
     gyration_radii: ArrayLike | None = None,

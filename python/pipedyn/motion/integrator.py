@@ -9,7 +9,7 @@ import warnings
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
-from typing import Any, TypeAlias
+from typing import Any, Literal, TypeAlias, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -32,7 +32,10 @@ NOT_FINITE = "the state or its rate is no longer finite"
 CORE = ("dop853", "radau")
 """Methods that are compiled in the core."""
 
-METHODS = ("auto", *CORE, "scipy:DOP853", "scipy:Radau", "scipy:BDF", "scipy:LSODA")
+Method = Literal[
+    "auto", "dop853", "radau", "scipy:DOP853", "scipy:Radau", "scipy:BDF", "scipy:LSODA"
+]
+METHODS: tuple[Method, ...] = get_args(Method)
 """All methods: those of the core and those of `scipy.integrate.solve_ivp`."""
 
 EARLY_ENDS = {"not finite": NOT_FINITE, "vanishing": "its step size tends to 0"}
@@ -134,7 +137,7 @@ class Task:
         The column of W is 0, since no rate depends on the work, and its row is left 0, since
         Newton's method does without it.
         """
-        size = 2 * self.model.moving
+        size = 2 * self.model.integrated
         others = np.flatnonzero(np.arange(y.size) != size)
         if self.constant_head is not None:
             slopes = self.constant_head.jacobian(y[others], drive)
@@ -262,8 +265,8 @@ class Observer:
             return
         if time.monotonic() < self._called + CALL_AGAIN:
             return
-        size = task.model.moving
-        q, rates = task.model.recorded(state[None, :size], state[None, size : 2 * size])
+        size = task.model.integrated
+        q, rates = task.model.to_user(state[None, :size], state[None, size : 2 * size])
         if self.callback(t, q[0], rates[0]):
             self.end = t
         self._called = time.monotonic()
@@ -279,7 +282,7 @@ def integrate(tasks: Sequence[Task], shown: bool, observer: Observer) -> list[Ou
 def _while_resolved(task: Task, outcome: Outcome) -> Outcome:
     """An outcome without states whose coordinates are too large, and why it has none."""
     rows, evaluations, _ = outcome
-    size = task.model.moving
+    size = task.model.integrated
     beyond = np.abs(rows[1:, :size]).max(axis=1, initial=0.0) > task.farthest
     if not beyond.any():
         return outcome
@@ -354,7 +357,7 @@ def _in_core(tasks: Sequence[Task], shown: bool, observer: Observer) -> list[Out
                 left.add(j)
             going = [j for j, member in enumerate(now) if member.progress == "going"]
             going = [j for j in going if j not in left]
-            last = np.abs(states[np.arange(members), samples - 1, : model.moving]).max(axis=1)
+            last = np.abs(states[np.arange(members), samples - 1, : model.integrated]).max(axis=1)
             for j in going:
                 if samples[j] and last[j] > first.farthest:
                     whys[j] = _wound_up(first)
@@ -489,7 +492,7 @@ def choose_method(model: Model, members: int = 1, dense: bool = False) -> str:
     `dense` says that implicit steps would factorise whole Jacobians, as they do at constant head.
     """
     reduced = isinstance(model.motion, _core.Galerkin)
-    if (dense or model.compiled is None) and model.moving > LARGEST_IMPLICIT:
+    if (dense or model.compiled is None) and model.integrated > LARGEST_IMPLICIT:
         return "dop853"
     least = BATCH_DECAY if members >= BATCHED and not reduced else 0.0
     return "radau" if not least or decays_fast(model, least) else "dop853"
@@ -510,12 +513,12 @@ def fastest_rates(model: Model) -> tuple[float, float]:
     frequency = math.sqrt(_strongest(model.with_pipe(replace(pipe, damping=0.0)), 0))
     if not model.resisted:
         return frequency, pipe.damping * frequency**2
-    return frequency, _strongest(model.with_pipe(pipe), model.moving)
+    return frequency, _strongest(model.with_pipe(pipe), model.integrated)
 
 
 def _strongest(model: Model, first: int) -> float:
     """Largest ratio of accelerations to coordinates (first 0) or to velocities, by iteration."""
-    size = model.moving
+    size = model.integrated
     rest = np.concatenate([model.resting(), np.zeros(size)])
 
     def accelerations(moved: Array | float) -> Array:

@@ -13,7 +13,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import field, replace
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
@@ -73,7 +73,7 @@ class LyapunovExponent(
         t: times since the transient at which intervals end, shape (S,).
         history: the exponent from the time up to each of these, shape (S,).
         duration: time over which growth was measured.
-        end: state [p, p'] at the end, shape (2 moving,), from which the motion may go on.
+        end: state [p, p'] at the end, shape (2 integrated,), from which the motion may go on.
         pipe: the pipe of the model.
     """
 
@@ -104,7 +104,7 @@ def lyapunov_exponent(
     transient: float = 100.0,
     blocks: int = 10,
     interval: float = 0.5,
-    method: str = "variational",
+    method: Literal["variational", "pair"] = "variational",
     rtol: float = 1e-8,
     progress: bool = False,
 ) -> LyapunovExponent:
@@ -301,7 +301,7 @@ def exponents_together(
     )
     here = np.array(states)
     beside = [np.split(y + APART * direction, 2) for y in here]
-    apart = np.array([np.concatenate(model.projected(*pair)) for pair in beside]) - here
+    apart = np.array([np.concatenate(model.onto_constraints(*pair)) for pair in beside]) - here
     apart *= APART / np.linalg.norm(apart, axis=1, keepdims=True)
     growth = np.zeros((before + blocks * each, len(states)))
     answers = dict[int, LyapunovExponent | MotionStopped]()

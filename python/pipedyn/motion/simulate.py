@@ -13,7 +13,7 @@ from __future__ import annotations
 import math
 import os
 from collections.abc import Callable, Sequence
-from contextlib import nullcontext
+from contextlib import nullcontext, suppress
 from contextvars import copy_context
 from dataclasses import field, replace
 from functools import partial
@@ -22,7 +22,6 @@ from typing import Any, TypeAlias, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike
 
-from pipedyn.linear.critical_speed import critical_speed
 from pipedyn.models.base import Model
 from pipedyn.models.drive import LARGEST_SPEED, Base, Drive, DriveFailed, Speed, Supply
 from pipedyn.modular.assembly import Assembly
@@ -40,6 +39,7 @@ from pipedyn.motion.integrator import (
     METHODS,
     MOST_CALLS,
     Callback,
+    Method,
     Observer,
     Outcome,
     Task,
@@ -241,7 +241,7 @@ def simulate(
     base: Base | None = None,
     rtol: float = 1e-6,
     atol: float | None = None,
-    method: str = "auto",
+    method: Method = "auto",
     max_step: float = math.inf,
     events: Event | EventFunction | Sequence[Event | EventFunction] = (),
     dense: bool = False,
@@ -361,7 +361,7 @@ def simulate_many(
     base: Base | None = None,
     rtol: float = 1e-6,
     atol: float | None = None,
-    method: str = "auto",
+    method: Method = "auto",
     most: float = MOST_CALLS,
     executor: futures.Executor | None = None,
     progress: bool = False,
@@ -569,7 +569,7 @@ def finely_sampled(task: Task) -> Task:
     model, intervals, damping = task.model, task.times.size - 1, task.model.pipe.damping
     fastest, _ = fastest_rates(model)
     fastest = min(fastest, 1.0 / damping if damping else math.inf)
-    turning = model.largest_angle(task.start[model.moving : 2 * model.moving])
+    turning = model.largest_angle(task.start[model.integrated : 2 * model.integrated])
     interval = float(np.ptp(task.times)) / intervals / (2.0 * math.pi)
     wanted = min(A_CYCLE * fastest * interval, FINEST)
     room = max(MOST_NUMBERS // (intervals * len(task.start)), 1)
@@ -583,10 +583,10 @@ def finely_sampled(task: Task) -> Task:
 def as_sparse_as_shown(task: Task, outcome: Outcome) -> tuple[Task, Outcome]:
     """A task and its outcome with as few samples as show the motion of the free end."""
     rows, calls, why = outcome
-    size, every = task.model.moving, task.finer
+    size, every = task.model.integrated, task.finer
     while every > 1:
         kept = rows[1::every]
-        q, qdot = task.model.recorded(kept[:, :size], kept[:, size : 2 * size])
+        q, qdot = task.model.to_user(kept[:, :size], kept[:, size : 2 * size])
         t = task.times[: len(rows) - 1 : every]
         late = len(t) - len(t) // 4
         ends = task.model.tips(q.T), task.model.tip_velocities(q.T, qdot.T)
@@ -615,9 +615,9 @@ def _while_driven(task: Task, outcome: Outcome) -> Outcome:
 
 def assembled(tasks: Sequence[Task], outcomes: Sequence[Outcome]) -> list[Motion]:
     """Motions from the outcomes of one model's tasks, with energies, audits and tips."""
-    model, size = tasks[0].model, tasks[0].model.moving
+    model, size = tasks[0].model, tasks[0].model.integrated
     rows = np.concatenate([rows for rows, _, _ in outcomes])
-    q, qdot = model.recorded(rows[:, :size], rows[:, size : 2 * size])
+    q, qdot = model.to_user(rows[:, :size], rows[:, size : 2 * size])
     states = np.ascontiguousarray(np.concatenate([q, qdot], axis=1).T)
     moves = [_base_of(task, len(rows)) for task, (rows, _, _) in zip(tasks, outcomes, strict=True)]
     base = None if moves[0] is None else np.concatenate(moves, axis=2)
@@ -696,6 +696,23 @@ def modal_bend(parts: ArrayLike) -> Callable[[Array], Array]:
     return bend
 
 
+def initial_bends(model: Model, count: int, seed: int) -> list[Array]:
+    """Initial coordinates, the first a slight bend, the others mixtures of three shapes.
+
+    Amplitudes range from a hundredth of a radian to some radians.
+    """
+    random = np.random.default_rng(seed)
+    found = [model.bent(slight_bend)]
+    while len(found) < count:
+        parts = random.uniform(-1.0, 1.0, 3) * np.array([2.0, 1.0, 0.5])
+        parts *= 10.0 ** random.uniform(-1.5, 0.0)
+        for halved in 0.5 ** np.arange(6):
+            with suppress(PipedynError):  # guides and pins that such a bend cannot meet
+                found.append(model.bent(modal_bend(halved * parts)))
+                break
+    return found
+
+
 def checked_model_in_motion(
     model: Any, name: str = "model", largest: float = math.inf, purpose: str = ""
 ) -> Model:
@@ -709,33 +726,17 @@ def checked_model_in_motion(
         many = f"{largest} degrees of freedom for {purpose}"
         raise ValueError(f"{name} must have at most {many}, got {model.dof}")
     if model.pipe.hysteresis:
-        instead = _at_rest(model) if purpose == "equilibria" else _instead(model)
-        raise ValueError(f"{name} must be a pipe without hysteresis, {instead}")
+        instead = (
+            "it does not act on what is at rest, so ask the pipe without it, and "
+            "eigenvalues(model.about(q), u) with it for small motions about what is found"
+            if purpose == "equilibria"
+            else "a loss factor has no equation of motion; damping=pipe.equivalent_damping("
+            "critical_speed(model).frequency) loses as much at the onset of flutter"
+        )
+        raise ValueError(
+            f"{name} must be a pipe without hysteresis, got {model.pipe.hysteresis:g}: {instead}"
+        )
     return model
-
-
-def _at_rest(model: Model) -> str:
-    """Advice for equilibria with hysteresis, which does not act on static loads."""
-    return (
-        f"got {model.pipe.hysteresis:g}: it does not act on what is at rest, so ask the pipe "
-        "without it, and eigenvalues(model.about(q), u) with it for small motions about what is "
-        "found"
-    )
-
-
-def _instead(model: Model) -> str:
-    """Advice on damping to take in place of hysteresis, which has no equation of motion."""
-    pipe = model.pipe
-    got = f"got {pipe.hysteresis:g}: a loss factor has no equation of motion"
-    rule = "pipe.equivalent_damping(frequency)"
-    try:
-        onset = critical_speed(model)
-        delta = pipe.equivalent_damping(onset.frequency)
-    except (PipedynError, ValueError):  # no onset, divergence, or too large a model
-        return f"{got}; {rule} is the Kelvin-Voigt damping that loses as much at a frequency"
-    si = "" if pipe.scales is None else f" ({pipe.time_si(delta):.4g} s)"
-    at = f"the onset, u = {onset.speed:.6g} and frequency {onset.frequency:.6g}"
-    return f"{got}; damping = {delta:.6g}{si} loses as much at {at}, see {rule}"
 
 
 def checked_task(
@@ -807,42 +808,42 @@ def driven(task: Task, u: Any) -> Task:
             return task
         return replace(task, u=u, drive=Drive(u, task.base, task.t0, task.end), constant_head=None)
     head, rest = ConstantHead(task.model, u), task.base is None
-    start = np.append(task.start[: 2 * task.model.moving + 1], head.start)
+    start = np.append(task.start[: 2 * task.model.integrated + 1], head.start)
     drive = None if rest else Drive(0.0, task.base, task.t0, task.end)
     return replace(task, u=u, start=start, drive=drive, constant_head=head)
 
 
 def checked_start(model: Model, q0: Any, qdot0: Any) -> Array:
-    """The state [p, p', 0], shape (2 moving + 1,), from the arguments `q0` and `qdot0`."""
+    """The state [p, p', 0], shape (2 integrated + 1,), from the arguments `q0` and `qdot0`."""
     if not callable(q0):
         check.numbers("q0", q0, "an angle theta(s) or coordinates")
-        return np.append(model.start(q0, qdot0), 0.0)
+        return np.append(model.initial_state(q0, qdot0), 0.0)
     try:
         bent = model.bent(q0)
     except (ValueError, TypeError) as error:
         rule = "q0 must make angles, shape (p,), of arc lengths, shape (p,)"
         raise type(error)(f"{rule}: {error}") from error
-    return np.append(model.start(bent, qdot0), 0.0)
+    return np.append(model.initial_state(bent, qdot0), 0.0)
 
 
 def state_of(model: Model, name: str, start: Any, kinds: str) -> Array:
-    """The state [p, p'], shape (2 moving,), of a start; messages name the `kinds` of starts.
+    """The state [p, p'], shape (2 integrated,), of a start; messages name the `kinds` of starts.
 
     The start is the last state of a trajectory, an angle theta(s) or coordinates at rest, or a
     state.
     """
     if isinstance(start, Trajectory):
         check_coordinates(model, name, start)
-        return np.array(start.model.start(start.q[-1], start.qdot[-1]))
+        return np.array(start.model.initial_state(start.q[-1], start.qdot[-1]))
     if callable(start):
-        return np.array(model.start(model.bent(start), None))
+        return np.array(model.initial_state(model.bent(start), None))
     check.numbers(name, start, kinds)
     given = check.array(name, start, low=-1e6, high=1e6)
-    sizes = sorted({model.moving, model.coordinates})
+    sizes = sorted({model.integrated, model.coordinates})
     if given.size in sizes:
-        return np.array(model.start(given, None))
+        return np.array(model.initial_state(given, None))
     if given.size in [2 * size for size in sizes]:
-        return np.array(model.start(*np.split(given, 2)))
+        return np.array(model.initial_state(*np.split(given, 2)))
     many = " or ".join(map(str, sizes))
     raise ValueError(
         f"{name} must have {many} entries, or for a state twice as many, got {given.size}"

@@ -5,10 +5,11 @@ from __future__ import annotations
 
 import math
 from copy import copy
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from pipedyn.linear.differences import STENCIL
 from pipedyn.models.base import Model
@@ -19,19 +20,24 @@ from pipedyn.util.counters import evaluated
 
 
 class VectorField:
-    """The rates f(y, u) = dy/dt of the integrated state y = [p, p'], shape (2 moving,)."""
+    """The rates f(y, u) = dy/dt of the integrated state y = [p, p'], shape (2 integrated,)."""
 
     forced = False
     """Whether f depends on time as well, as it does in a `ForcedField`."""
+
+    order = 1
+    """Forcing periods in the period of an orbit."""
+
+    _frequency = 1.0  # of the forcing; any without one
 
     reach = 1.0
     """Displacement of the free end, in L, that is the unit of steps along a branch of orbits."""
 
     def __init__(self, model: Model) -> None:
         self.model = model
-        self.half = model.moving
-        self.size = 2 * model.moving
-        self.constrained = model.moving != model.dof
+        self.half = model.integrated
+        self.size = 2 * model.integrated
+        self.constrained = model.integrated != model.dof
         """Whether guides and pins constrain p."""
         self.evaluations = 0
 
@@ -45,7 +51,7 @@ class VectorField:
         evaluated(states)
 
     def __call__(self, y: Array, u: float | Array) -> Array:
-        """Rates of the k states in the columns, shape (2 moving, k), at one flow speed or at k."""
+        """Rates of the k states in the columns, (2 integrated, k), at one flow speed or at k."""
         self._count(y.shape[1])
         return self.model.motion_rates(y, u)
 
@@ -54,16 +60,16 @@ class VectorField:
         return self
 
     def jacobian(self, y: Array, u: float) -> Array:
-        """df/dy of one state, shape (2 moving, 2 moving)."""
+        """df/dy of one state, shape (2 integrated, 2 integrated)."""
         return self.jacobians(y[:, None], u)[0]
 
     def jacobians(self, y: Array, u: float) -> Array:
-        """df/dy of the k states in the columns, shape (k, 2 moving, 2 moving)."""
+        """df/dy of the k states in the columns, shape (k, 2 integrated, 2 integrated)."""
         self._count(y.shape[1])
         return self.model.motion_jacobian(y, u)
 
     def linearised(self, y: Array, u: float) -> Array:
-        """f, df/du and df/dy of the k states in the columns, (k, 2 + 2 moving, 2 moving)."""
+        """f, df/du and df/dy at states (2 integrated, k), (k, 2 + 2 integrated, 2 integrated)."""
         self._count(2 * y.shape[1])
         return self.model.motion_linearised(y, u)
 
@@ -73,7 +79,7 @@ class VectorField:
         return (self(y, u + h) - self(y, u - h)) / (2.0 * h)
 
     def jacobian_by_speed(self, y: Array, u: float, moved: Array) -> Array:
-        """d/du of df/dy along states with dy/du = moved, at u > 0, shape (2 moving, 2 moving).
+        """d/du of df/dy along states with dy/du = moved, at u > 0, (2 integrated, 2 integrated).
 
         Where the state does not change with u, central differences of second order are exact but
         for rounding.
@@ -96,16 +102,20 @@ class VectorField:
         return np.zeros_like(y)
 
     def is_odd(self, u: float) -> bool:
-        """Whether the mirror image of every motion is a motion, tested at three states."""
+        """Whether the mirror image of every motion is a motion, tested at three states.
+
+        Of a forced motion it is one half an orbit later.
+        """
         if self.resting().any():
             return False
-        y = self.some_states()
-        rates = self(np.concatenate([y, -y], axis=1), u)
-        ahead, behind = rates[:, :3], rates[:, 3:]
+        y, phases = self.some_states(), np.array([0.3, 1.1, 2.5])
+        frequency = self._frequency / self.order
+        ahead = self.along(phases, frequency)(y, u)
+        behind = self.along(phases + math.pi, frequency)(-y, u)
         return bool(np.abs(ahead + behind).max() <= 1e-9 * np.abs(ahead).max())
 
     def some_states(self) -> Array:
-        """Three states in which the pipe turns by 0.3 rad at most, shape (2 moving, 3)."""
+        """Three states in which the pipe turns by 0.3 rad at most, shape (2 integrated, 3)."""
         k = np.arange(1.0, self.size + 1.0)
         y = np.stack([np.sin(k), np.cos(2.0 * k), np.sin(3.0 * k + 1.0)], axis=1)
         # The angles of many functions may add up to more than some models accept.
@@ -113,12 +123,12 @@ class VectorField:
         return 0.3 / max(largest, 1.0) * y
 
     def resting(self) -> Array:
-        """The state at rest about which the model is linearised, shape (2 moving,)."""
+        """The state at rest about which the model is linearised, shape (2 integrated,)."""
         return np.concatenate([self.model.resting(), np.zeros(self.half)])
 
     def tip(self, y: Array) -> Array:
         """Transverse position of the free end of the states in the columns, shape (k,)."""
-        q, _ = self.model.recorded(y[: self.half].T, y[self.half :].T)
+        q, _ = self.model.to_user(y[: self.half].T, y[self.half :].T)
         return self.model.tips(q.T)[:, 0]
 
 
@@ -183,19 +193,19 @@ class ForcedField(VectorField):
         return speeds, drive
 
     def __call__(self, y: Array, u: float | Array) -> Array:
-        """Rates of the states in the columns, shape (2 moving, k), at the k phases."""
+        """Rates of the states in the columns, shape (2 integrated, k), at the k phases."""
         self._count(y.shape[1])
         speeds, drive = self._driven(float(u))
         return self.model.motion_rates(np.ascontiguousarray(y), speeds, drive)
 
     def jacobians(self, y: Array, u: float) -> Array:
-        """df/dy of the states in the columns at the k phases, (k, 2 moving, 2 moving)."""
+        """df/dy of the states in the columns at the k phases, (k, 2 integrated, 2 integrated)."""
         self._count(y.shape[1])
         speeds, drive = self._driven(u)
         return self.model.motion_jacobian(np.ascontiguousarray(y), speeds, drive)
 
     def linearised(self, y: Array, u: float) -> Array:
-        """f, df/du at constant relative pulsation and df/dy, (k, 2 + 2 moving, 2 moving)."""
+        """f, df/du at constant relative pulsation, df/dy, (k, 2 + 2 integrated, 2 integrated)."""
         self._count(2 * y.shape[1])
         speeds, drive = self._driven(u)
         return self.model.motion_linearised(np.ascontiguousarray(y), speeds, drive)
@@ -211,12 +221,54 @@ class ForcedField(VectorField):
         ahead._frequency, behind._frequency = self._frequency + h, self._frequency - h
         return self.order * (ahead(y, u) - behind(y, u)) / (2.0 * h)
 
-    def is_odd(self, u: float) -> bool:
-        """Whether the mirror image of a motion, half an orbit later, is a motion as well."""
-        if self.resting().any():
+
+@dataclass(frozen=True)
+class Excitation:
+    """What drives the motions: the flow and, in some, the base, from time 0 on.
+
+    Attributes:
+        u: flow speed, steady or pulsating.
+        base: the base's motion, None at rest.
+    """
+
+    u: float | Pulsation
+    base: Harmonic | None = None
+
+    @property
+    def period(self) -> float:
+        """After which it repeats; 0 where all is steady."""
+        driving = self.base or self.u
+        return 0.0 if isinstance(driving, float) else 2.0 * math.pi / driving.frequency
+
+    @property
+    def mean(self) -> float:
+        """The flow speed, or its mean."""
+        return self.u.mean if isinstance(self.u, Pulsation) else self.u
+
+    def field(self, model: Model, order: int = 1) -> VectorField:
+        """The vector field of a model, if it is driven for orbits of so many of its periods."""
+        if isinstance(self.u, Pulsation):
+            return ForcedField(model, self.u, order, self.base)
+        return ForcedField(model, self.base, order) if self.base else VectorField(model)
+
+    def is_odd(self, model: Model) -> bool:
+        """Whether the mirror image of every motion is one, half a period later if it shifts."""
+        if self.shifts and isinstance(self.u, Pulsation):  # which is another by then
             return False
-        y = self.some_states()
-        phases, w = np.array([0.3, 1.1, 2.5]), self.forcing.frequency / self.order
-        ahead = self.along(phases, w)(y, u)
-        behind = self.along(phases + math.pi, w)(-y, u)
-        return bool(np.abs(ahead + behind).max() <= 1e-9 * np.abs(ahead).max())
+        return VectorField(model).is_odd(self.mean)
+
+    @property
+    def shifts(self) -> bool:
+        """Whether it takes half a period until the mirror image of all that drives acts."""
+        return self.base is not None and self.base.direction == "x"
+
+    def whole(self, time: float) -> float:
+        """The time, rounded up to whole periods."""
+        return math.ceil(time / self.period - 1e-9) * self.period if self.period else time
+
+    def phases(self, t: ArrayLike) -> Array:
+        """Two columns that tell the phases at times apart, (k, 2); none where all is steady."""
+        phase = 2.0 * math.pi * np.asarray(t, dtype=np.float64) / (self.period or 1.0)
+        if not self.period:
+            return np.empty((phase.size, 0))
+        return np.stack([np.cos(phase), np.sin(phase)], axis=1)

@@ -46,12 +46,12 @@ class FloquetCoordinates:
     """Floquet coordinates about a cycle that neither shift it nor are gone after a period.
 
     Attributes:
-        points: states [p, p'] on the cycle, (K, 2 moving).
-        rates: of these, and their own, (2, K, 2 moving).
+        points: states [p, p'] on the cycle, (K, 2 integrated).
+        rates: of these, and their own, (2, K, 2 integrated).
         rows: whose products with what a state is away are the coordinates, but for their sign where
-            the second half of a cycle mirrors the first, (K or K / 2, k, 2 moving).
+            the second half of a cycle mirrors the first, (K or K / 2, k, 2 integrated).
         decay: of the moduli, 1 / T, (k,).
-        units: of states in which the nearest point is looked for, (2 moving,).
+        units: of states in which the nearest point is looked for, (2 integrated,).
     """
 
     points: Array
@@ -69,15 +69,40 @@ class FloquetCoordinates:
         return replace(self, points=-self.points, rates=-self.rates)
 
     def __call__(self, states: Array) -> Complex:
-        """The coordinates of states, (N, 2 moving), each (N, k)."""
+        """The coordinates of states, (N, 2 integrated), each (N, k)."""
         _, near = self._tree.query(states * self.units)
         away, (once, twice) = states - self.points[near], self.rates[:, near]
         # To third order in how far it is ahead of the point.
         along = once * self.units**2
         ahead = np.sum(along * away, axis=1, keepdims=True)
-        ahead /= np.sum(along * once, axis=1, keepdims=True)
+        ahead /= np.maximum(np.sum(along * once, axis=1, keepdims=True), 1e-300)  # 0 at rest
         away = away - ahead * once - 0.5 * ahead**2 * twice
         return np.asarray(np.einsum("nki,ni->nk", self.rows[near % len(self.rows)], away))
+
+
+def modal_coordinates(
+    motion: VectorField, rest: Array, u: float, units: Array
+) -> FloquetCoordinates | None:
+    """Floquet coordinates about a stable equilibrium, which are its modal coordinates.
+
+    Args:
+        motion: the vector field.
+        rest: the equilibrium, a state [p, p'], shape (2 integrated,).
+        u: flow speed.
+        units: see `FloquetCoordinates`; eigenvectors have length 1 in them.
+
+    Returns:
+        The coordinates, or None if two eigenvectors coincide.
+    """
+    factorised()
+    values, vectors = np.linalg.eig(motion.jacobian(rest, u))
+    kept = np.argsort(-values.real)[:MOST_COORDINATES]
+    try:
+        rows = np.linalg.inv(vectors / np.linalg.norm(vectors * units[:, None], axis=0))[kept]
+    except np.linalg.LinAlgError:
+        return None
+    rates = np.zeros((2, 1, rest.size))
+    return FloquetCoordinates(rest[None], rates, rows[None], -values.real[kept], units)
 
 
 def floquet_coordinates(

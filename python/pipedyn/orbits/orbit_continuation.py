@@ -249,7 +249,7 @@ def _first_step(motion: VectorField, start: BranchStart, how: OrbitControl) -> S
 
 
 def breaking_part(orbit: PeriodicOrbit, kind: str) -> Array:
-    """The part of an orbit that vanishes where it meets what it leaves, at `PROBES`, (k, moving).
+    """The part of an orbit that vanishes where it meets what it leaves, (k, integrated).
 
     That is an equilibrium ("hopf"), its own mirror image ("pitchfork") or an orbit of half the
     period ("period doubling").

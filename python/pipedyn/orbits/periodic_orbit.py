@@ -110,8 +110,8 @@ class PeriodicOrbit:
     """
 
     edges: Array = field(repr=False)  # phases at which intervals end, from 0 on, shape (M + 1,)
-    starts: Array = field(repr=False)  # states where they begin, shape (M, 2 moving)
-    rates: Array = field(repr=False)  # accelerations at the stages, shape (M, s, moving)
+    starts: Array = field(repr=False)  # states where they begin, shape (M, 2 integrated)
+    rates: Array = field(repr=False)  # accelerations at the stages, shape (M, s, integrated)
     frequency: float
     u: float
     forced: bool = False
@@ -161,23 +161,23 @@ class PeriodicOrbit:
         return (self.edges[1:] - self.edges[:-1]) / self.frequency
 
     def stages(self) -> Array:
-        """States at the stages, shape (M, s, 2 moving)."""
+        """States at the stages, shape (M, s, 2 integrated)."""
         return self._at_nodes(STAGE_NODES, ONCE, TWICE).transpose(1, 2, 0)
 
     def stage_columns(self) -> Array:
-        """States at the stages, in columns, shape (2 moving, M s)."""
+        """States at the stages, in columns, shape (2 integrated, M s)."""
         return self._at_nodes(STAGE_NODES, ONCE, TWICE).reshape(2 * self.half, -1)
 
     def states_between(self) -> Array:
-        """States at `BETWEEN` in all intervals, in columns, shape (2 moving, M s)."""
+        """States at `BETWEEN` in all intervals, in columns, shape (2 integrated, M s)."""
         return self._at_nodes(BETWEEN, *_INTEGRALS_BETWEEN).reshape(2 * self.half, -1)
 
     def ends(self) -> Array:
-        """States where intervals end, shape (M, 2 moving)."""
+        """States where intervals end, shape (M, 2 integrated)."""
         return self._at_nodes(STAGE_NODES[-1:], ONCE[-1:], TWICE[-1:])[..., 0].T
 
     def _at_nodes(self, nodes: Array, once: Array, twice: Array) -> Array:
-        """States at places in all intervals, shape (2 moving, M, k)."""
+        """States at places in all intervals, shape (2 integrated, M, k)."""
         h, half, k = self.durations[:, None], self.half, nodes.size
         rates = self.rates.transpose(2, 0, 1).reshape(-1, ORBIT_STAGES)
         sums = (rates @ np.concatenate([twice, once]).T).reshape(half, -1, 2 * k)
@@ -188,7 +188,7 @@ class PeriodicOrbit:
         return y
 
     def states(self, phase: Array) -> Array:
-        """[p, p'] at phases, shape (2 moving, k)."""
+        """[p, p'] at phases, shape (2 integrated, k)."""
         return _core.orbit_states(
             *(self.edges, self.starts, self.rates, self.frequency, self.mirror),
             *(_INTEGRATED[1], _INTEGRATED[2], phase),
@@ -197,7 +197,7 @@ class PeriodicOrbit:
     def sampled(self, parts: int) -> tuple[Array, Array]:
         """Phases at the ends of equal parts of the intervals, (M parts + 1,), and states there.
 
-        These are [p, p'], shape (2 moving, M parts + 1).
+        These are [p, p'], shape (2 integrated, M parts + 1).
         """
         phase = divided(self.edges, np.full(len(self.starts), parts))
         y = self._at_nodes(*_equal_parts(parts)).reshape(2 * self.half, -1)
@@ -211,7 +211,7 @@ class PeriodicOrbit:
         return self.durations * last.max(axis=1) / velocity
 
     def packed(self) -> Array:
-        """Unknowns: states, rates, frequency and speed, shape (M (2 + s) moving + 2,).
+        """Unknowns: states, rates, frequency and speed, shape (M (2 + s) integrated + 2,).
 
         What varies is the last.
         """
@@ -265,7 +265,7 @@ def interpolated(
     frequency: float,
     u: float,
 ) -> PeriodicOrbit:
-    """An orbit through states [p, p'], a function of phases (k,) to (2 moving, k), on a mesh."""
+    """An orbit on a mesh through states [p, p'], a function of phases (k,) to (2 integrated, k)."""
     phases = stage_phases(edges).ravel()
     rates = motion.along(phases, frequency)(states(phases), u)[motion.half :]
     rates = np.ascontiguousarray(rates.T).reshape(edges.size - 1, ORBIT_STAGES, motion.half)

@@ -281,7 +281,7 @@ class Exploration:
         """Modes at the flow speed, real ones and the upper of each pair, lowest first."""
         found = modes(self.model, self.values["u"])
         shapes = zip(found.shapes, found.converged, strict=True)
-        return tuple(one for one, good in shapes if good and one.eigenvalue.imag >= 0.0)
+        return tuple(one for one, good in shapes if good)
 
     @property
     def least_stable(self) -> ModeShape | None:

@@ -25,7 +25,7 @@ import sys
 import zipfile
 from collections.abc import Callable, Collection, Iterable, Mapping
 from pathlib import Path
-from typing import Any, NoReturn, TypeVar
+from typing import Any, NoReturn, TypeVar, overload
 
 import numpy as np
 
@@ -68,6 +68,7 @@ FORMER_NAMES = {
 stand before the names of all other classes. A row is never removed."""
 
 Kind = TypeVar("Kind", bound=type)
+Thing = TypeVar("Thing")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -419,7 +420,15 @@ def save(thing: Any, path: str | os.PathLike[str]) -> None:
             raise ValueError(f"{type(thing).__name__} cannot be saved: {error}") from None
 
 
-def load(path: str | os.PathLike[str]) -> Any:
+@overload
+def load(path: str | os.PathLike[str]) -> Any: ...
+
+
+@overload
+def load(path: str | os.PathLike[str], kind: type[Thing]) -> Thing: ...
+
+
+def load(path: str | os.PathLike[str], kind: type[Any] = object) -> Any:
     """Loads a result, a model or a pipe from a file that its `save` wrote.
 
     A loaded result or pipe equals the one that was saved. A loaded model has the same numbers and
@@ -427,20 +436,24 @@ def load(path: str | os.PathLike[str]) -> Any:
 
     Args:
         path: path of the file.
+        kind: class of what the file must hold, which type checkers then know; any where not given.
 
     Returns:
         The result, model or pipe.
 
     Example:
         >>> pp.Pipe(0.2, 10.0).save("pipe.npz")
-        >>> pp.load("pipe.npz")
+        >>> pp.load("pipe.npz", pp.Pipe)
         Pipe(beta=0.2, gamma=10)
 
     Raises:
+        TypeError: if the file holds something of another kind.
         ValueError: if `save` did not write the file, or that of a later version did.
         OSError: if the file cannot be read.
     """
     place = _checked(path)
+    if not isinstance(kind, type):
+        raise TypeError(f"kind must be a class, got {check.shown(kind)}")
     try:
         with place.open("rb") as file, zipfile.ZipFile(file) as archive:
             members = _Members(archive, os.fstat(file.fileno()).st_size)
@@ -449,7 +462,6 @@ def load(path: str | os.PathLike[str]) -> Any:
             members.require_read()
         if not isinstance(thing, Saved):
             raise ValueError(f"it has no result, model or pipe, but {check.shown(thing)}")
-        return thing
     except (zipfile.BadZipFile, EOFError) as error:
         raise ValueError(f"{place} cannot be loaded: it is no file of pipedyn") from error
     except OSError:
@@ -458,6 +470,9 @@ def load(path: str | os.PathLike[str]) -> Any:
         said = str(error) or type(error).__name__
         said += " is missing" if isinstance(error, KeyError) else ""
         raise ValueError(f"{place} cannot be loaded: {said}") from error
+    if not isinstance(thing, kind):
+        raise TypeError(f"{place} holds a {type(thing).__name__}, not a {kind.__name__}")
+    return thing
 
 
 def _header(values: np.ndarray[Any, Any]) -> dict[str, Any]:

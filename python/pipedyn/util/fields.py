@@ -29,7 +29,7 @@ NOT_NEGATIVE = frozenset(
 )
 """Fields of results whose numbers are never below 0."""
 
-SIZES = ("coordinates", "dof", "moving")
+SIZES = ("coordinates", "dof", "integrated")
 """Words in shapes that stand for attributes of the field `model`, if the model has them."""
 
 TERM = re.compile(r"(\d*)([A-Za-z]*)([+-]\d+)?")
