@@ -78,7 +78,7 @@ def state_of(scene: md.Assembly, seed: int = 1, size: float = 0.5) -> NDArray[np
     return scene.state(theta, omega)
 
 
-# ------------------------------------------------------------------------------------- enforcement
+# ----------------------------------------------------------------------------------- accelerations
 
 
 @pytest.mark.parametrize("name", SCENES)

@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import math
 import multiprocessing
-import pickle
 import re
 from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor
@@ -306,14 +305,6 @@ def test_scenes_are_immutable_and_plus_makes_another() -> None:
         more.constraints[-1].node = 2  # type: ignore[misc]
 
 
-def test_scenes_pickle() -> None:
-    scene = md.chain(PIPE, 4).plus(pp.PointMass(1.0, 0.1), md.Guide(3))
-    _ = scene.core, scene.motion, scene.linear
-    other = pickle.loads(pickle.dumps(scene))
-    y = scene.state(scene.admissible([0.1, 0.2, -0.3, 0.4]))
-    np.testing.assert_array_equal(other.rhs(0.0, y, 2.0), scene.rhs(0.0, y, 2.0))
-
-
 def test_elastic_coordinates_are_numbers_of_any_type() -> None:
     scene = md.chain(PIPE, 4).plus(md.Guide(3))
     whole = np.arange(6).reshape(3, 2)
@@ -416,6 +407,7 @@ def test_a_stability_curve_of_scenes_is_one_of_models() -> None:
 
 def test_scenes_serve_processes() -> None:
     scene = md.chain(PIPE, 3).plus(md.Guide(3), pp.PointMass(2.0 / 3.0, 0.1))
+    _ = scene.core, scene.motion, scene.linear  # which go along
     start = scene.bent(lambda s: 0.3 * np.sin(2.0 * math.pi * s))
     with ProcessPoolExecutor(1, multiprocessing.get_context("spawn")) as pool:
         many = pp.simulate_many(scene, [1.0, 2.0], 0.2, start, samples=5, executor=pool)
