@@ -70,10 +70,10 @@ def source(name, rawtext, text, lineno, inliner, options=None, content=None):
 INTERNAL = """
 archived as_chain bounds by_coordinates cantilevered compiled compiled_rates coordinate_kind core
 elastic_operators elastic_scale elastic_share end_directed end_held end_spring equations
-free_directions free_states from_elastic frozen has_kinks index kinks kinks_known largest_angle
-law_numbers linear linear_cost motion motion_core motion_jacobian motion_rates moving numbers panels
-place projected recorded reference require_base require_equilibrium resisted resolution
-resolved_modes resting restored sampled series size start supported term_stiffness thrust_across
+free_directions free_states from_elastic from_user frozen has_kinks index initial_state integrated
+kinks kinks_known largest_angle law_numbers linear linear_cost motion motion_core motion_jacobian
+motion_rates numbers panels place reference require_base require_equilibrium resisted resolution
+resolved_modes resting restored sampled series size supported term_stiffness thrust_across to_user
 watched weight_in
 """
 # What the package's own modules ask of pipes, models and terms, by the name of the member.

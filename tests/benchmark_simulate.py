@@ -7,25 +7,20 @@ fails on an error only. Takes some minutes: the plain formulation is slow.
 
 from __future__ import annotations
 
-import os
-import subprocess
 import sys
-import tempfile
 import time
 from collections.abc import Callable
 from dataclasses import replace
-from functools import partial
 from typing import Any
 
 import numpy as np
 from independent import dense_rates
-from measuring import check, ended, failures, machine, timed
+from measuring import check, ended, machine
 from scipy.integrate import ode, solve_ivp
 
 import pipedyn as pp
 from pipedyn import modular as md
 from pipedyn.motion.integrator import choose_method, fastest_rates
-from pipedyn.util.counters import counted
 
 
 def clocked(call: Callable[[], Any], rounds: int = 3, cpu: bool = False) -> tuple[float, Any]:
@@ -154,112 +149,8 @@ def flutter() -> None:
     print()
 
 
-def ensembles() -> None:
-    """A hundred members, on all cores, against a hundred motions."""
-    print("100 flow speeds from 4 to 7 to tau = 10, rtol 1e-6")
-    print("| n | 100 motions, s | ensemble, s | CPU, s | times faster | largest difference of q |")
-    print("|---|---|---|---|---|---|")
-    speeds = np.linspace(4.0, 7.0, 100)
-    for n in (5, 10, 20):
-        chain = pp.Chain(pp.Pipe(0.2), n)
-        used = time.process_time()
-        cost, together = clocked(
-            lambda chain=chain: pp.simulate_many(chain, speeds, 10.0, bow, samples=101), 1
-        )
-        used = time.process_time() - used
-        start = time.perf_counter()
-        alone = [pp.simulate(chain, u, 10.0, bow, samples=101) for u in speeds]
-        each = time.perf_counter() - start
-        apart = max(np.abs(a.q - b.q).max() for a, b in zip(together.motions, alone, strict=True))
-        print(
-            f"| {n} | {each:.2f} | {cost:.2f} | {used:.2f} | {each / cost:.1f} | {apart:.0e} |",
-            flush=True,
-        )
-        check(apart, 1e-3, f"members of an ensemble of {n} segments against single motions")
-    print()
-
-
-def long_motions() -> None:
-    """Motions of several kinds of models, beside what a user would write for the first."""
-    print("motions at u = 6, rtol 1e-6: ms of processor time, largest error of q, and audit")
-    print("| motion | time (ms) | right-hand sides | method | error | audit |")
-    print("|---|---|---|---|---|---|")
-    stiff, legendre = pp.Pipe(0.2, damping=0.01), pp.Galerkin(pp.Pipe(0.2), 8, "legendre")
-    cases: list[tuple[str, pp.Model, float, Callable[[np.ndarray], np.ndarray]]] = [
-        ("chain, n = 20, to 60", pp.Chain(pp.Pipe(0.2), 20), 60.0, lambda s: 0.01 * s),
-        ("chain, n = 100, delta = 0.01, to 5", pp.Chain(stiff, 100), 5.0, bow),
-        ("chain, n = 1000, delta = 0.01, to 1", pp.Chain(stiff, 1000), 1.0, bow),
-        ("legendre, m = 8, to 20", legendre, 20.0, bow),
-    ]
-    for name, model, end, bend in cases:
-        q0, samples = model.bent(bend), int(10 * end) + 1
-        exact = pp.simulate(model, 6.0, end, q0, rtol=1e-9, samples=samples)
-        found, cost = timed(
-            partial(pp.simulate, model, 6.0, end, q0, rtol=1e-6, samples=samples), 1.0
-        )
-        error = np.abs(found.q - exact.q).max()
-        print(
-            f"| {name} | {1e3 * cost:.1f} | {found.evaluations} | {found.method} | {error:.0e} "
-            f"| {found.audit:.0e} |",
-            flush=True,
-        )
-        check(error, 1e-3, name)
-        if model.dof == 20:
-            plain, cost = timed(partial(scipys_own, model, 6.0, q0, found.t), 1.0)
-            error = np.abs(plain - exact.q).max()
-            print(f"| the same by scipy's ode | {1e3 * cost:.1f} | - | dop853 | {error:.0e} | - |")
-    print()
-
-
-def brute_force() -> None:
-    """Where ten motions end, against the limit cycles that are solved for."""
-    print("brute force of a diagram, m = 6, 5 speeds, 2 starts: s of processor time on all threads")
-    print("| basis | right-hand sides | time (s) | error of the largest displacement |")
-    print("|---|---|---|---|")
-    for basis in ("beam", "legendre"):
-        model = pp.Galerkin(pp.Pipe(0.2), 6, basis)
-        speeds = np.linspace(5.0, 8.0, 5)
-        with counted() as work:
-            found, cost = timed(
-                partial(pp.bifurcation_diagram, model, speeds, cycles=0, brute_force=2),
-                0.0,
-                time.process_time,
-            )
-        errors = [
-            abs(one.turnings.max() - pp.limit_cycle(model, one.speed).tip[:, 0].max())
-            for one in found.motions[::2]
-            if one.ending == "periodic"
-        ]
-        if len(errors) != 4 or not max(errors) < 1e-5:
-            failures.append(f"brute force, {basis}: {errors}")
-        print(f"| {basis} | {work.right_hand_sides} | {cost:.2f} | {max(errors):.0e} |", flush=True)
-    print()
-
-
-def commands() -> None:
-    """Import and main job in processes of their own: s of the wall, and of processors."""
-    print("| process | wall (s) | processors (s) |")
-    print("|---|---|---|")
-    with tempfile.TemporaryDirectory() as folder:
-        for words in (["-c", "import pipedyn"], ["-m", "pipedyn", "--quiet", "--output", folder]):
-            best = (np.inf, np.inf)
-            for _ in range(5 if "-c" in words else 1):
-                before, start = os.times(), time.perf_counter()
-                subprocess.run([sys.executable, *words], check=True, stdout=subprocess.DEVNULL)
-                wall, after = time.perf_counter() - start, os.times()
-                spent = after.children_user + after.children_system
-                spent -= before.children_user + before.children_system
-                best = min(best, (wall, spent))
-            print(f"| python {' '.join(words[:2])} | {best[0]:.2f} | {best[1]:.2f} |", flush=True)
-    print()
-
-
 def main() -> int:
     print(machine() + "\n")
-    commands()
-    brute_force()
-    long_motions()
-    ensembles()
     methods()
     flutter()
     return ended()

@@ -53,11 +53,12 @@ def _shapes(degree: int, h: float, x: Array) -> list[Array]:
 
 
 def _along(profile: Any, s: Array) -> Array:
-    """Values of a profile, polynomials of s on stretches, at places inside an element."""
+    """Values of a profile at places in an element: on stretches polynomials or functions of s."""
     if profile is None:
         return np.ones_like(s)
     at, series = profile
-    return polynomial.polyval(s, series[int(np.searchsorted(at, s.mean()))])
+    own = series[int(np.searchsorted(at, s.mean()))]
+    return own(s) if callable(own) else polynomial.polyval(s, own)
 
 
 def elements(numbers: Numbers, wave: float, more: int) -> System:

@@ -60,7 +60,7 @@ def random_speeds(model, random):
 
 
 def own_motion(model, u, random):
-    """States [p, p'] at late times, (2 integrated, k), or None where supports cannot meet a bend."""
+    """States [p, p'] at late times, (2 integrated, k), or None where supports forbid the bend."""
     size = 10.0 ** random.uniform(-1.5, 0.0)
     parts = size * random.uniform(-1.0, 1.0, 3) * np.array([2.0, 1.0, 0.5])
     waves = np.pi * np.array([0.5, 1.5, 2.5])

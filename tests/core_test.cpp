@@ -1,14 +1,15 @@
 // SPDX-License-Identifier: MIT
 //
-// The core's own test: properties of random chains and of both bases, without Python. Prints every
-// check that fails; the exit status says whether any did.
+// The core's own test, without Python: what only C++ sees, and what must hold of a core without
+// vector extensions, which nothing else runs. Operators, functions and equations of motion are held
+// against independent routes in Python. Prints every check that fails; the exit status says whether
+// any did.
 #include <Eigen/Eigenvalues>
 #include <algorithm>
 #include <complex>
 #include <cstdio>
 #include <initializer_list>
 #include <memory>
-#include <numbers>
 #include <numeric>
 #include <random>
 #include <stdexcept>
@@ -43,8 +44,7 @@ std::string scene;
 /// a^-1 b by Gauss' elimination, in loops: Eigen's factorisations take longer to compile than all
 /// other tests.
 template <class Table>
-Table solved(Table a, Table b, typename Table::Scalar* determinant = nullptr) {
-  typename Table::Scalar product = 1.0;
+Table solved(Table a, Table b) {
   for (Index k = 0; k < a.rows(); ++k) {
     Index pivot = k;
     for (Index i = k + 1; i < a.rows(); ++i) {
@@ -52,7 +52,6 @@ Table solved(Table a, Table b, typename Table::Scalar* determinant = nullptr) {
     }
     for (Index j = 0; j < a.cols(); ++j) std::swap(a(k, j), a(pivot, j));
     for (Index j = 0; j < b.cols(); ++j) std::swap(b(k, j), b(pivot, j));
-    product *= pivot == k ? a(k, k) : -a(k, k);
     for (Index i = 0; i < a.rows(); ++i) {
       if (i == k) continue;
       const auto factor = a(i, k) / a(k, k);
@@ -63,7 +62,6 @@ Table solved(Table a, Table b, typename Table::Scalar* determinant = nullptr) {
   for (Index i = 0; i < a.rows(); ++i) {
     for (Index j = 0; j < b.cols(); ++j) b(i, j) /= a(i, i);
   }
-  if (determinant != nullptr) *determinant = product;
   return b;
 }
 
@@ -154,89 +152,6 @@ class Dice {
   std::mt19937_64 engine_{20260214};
 };
 
-Matrix lower_ones(Index n) { return Matrix::Ones(n, n).triangularView<Eigen::Lower>(); }
-
-/// The products agree with the dense operators.
-void check_products(const Pipe& pipe, const Chain& chain, const Operators& dense, Dice& dice) {
-  const Index n = chain.dof();
-  const Matrix x = dice.matrix(n, 3), basis = lower_ones(n);
-  const auto check_same = [&](const LinearPart& part, const Matrix& whole, const char* name) {
-    const Matrix expected = basis.transpose() * whole * basis * x;
-    check_close(chain.joint_times(x, part), expected, 1e-12, name);
-  };
-  const Matrix velocity = pipe.direction() * (dense.gyroscopic + dense.end_flux);
-  check_same({.square = 1.0}, dense.mass, "M x");
-  check_same({.velocity = 1.0}, velocity, "V x");
-  check_same({.rate = 1.0}, dense.damping, "D x");
-  check_same({.still = 1.0}, dense.stiffness, "K x");
-  check_same({.flux = 1.0}, dense.flux, "A x");
-}
-
-/// Without weight, stiffness is what the springs' energy says.
-void check_springs(const Segments& segments, const Operators& weightless, Dice& dice) {
-  const Matrix x = dice.matrix(segments.length.size(), 3);
-  const Matrix turns = solved<Matrix>(lower_ones(x.rows()), x);
-  const Matrix energy = x.transpose() * weightless.stiffness * x;
-  check_close(energy, turns.transpose() * segments.spring.asDiagonal() * turns, 1e-12,
-              "twice the springs' energy");
-}
-
-/// Joint angles divided by their scale are another basis of the same operators.
-void check_joint_operators(const Chain& chain, const Operators& angle, Dice& dice) {
-  const Index n = chain.dof();
-  const Vector scale = dice.vector(n, 0.1, 2.0);
-  const Operators joint = chain.joint_operators(scale);
-  const Matrix basis = lower_ones(n) * scale.asDiagonal();
-  const auto check_same = [&](const Matrix Operators::* part, const char* name) {
-    const Matrix expected = basis.transpose() * (angle.*part) * basis;
-    check_close(joint.*part, expected, 1e-11, std::string("joint operator ") + name);
-  };
-  check_same(&Operators::mass, "mass");
-  check_same(&Operators::gyroscopic, "gyroscopic");
-  check_same(&Operators::end_flux, "end_flux");
-  check_same(&Operators::damping, "damping");
-  check_same(&Operators::stiffness, "stiffness");
-  check_same(&Operators::flux, "flux");
-}
-
-/// The operators agree with what they stand for, computed from the motion itself.
-void check_physics(const Pipe& pipe, const Segments& segments, const Operators& dense,
-                   const Operators& weightless, Dice& dice) {
-  const Index n = segments.length.size();
-  const Vector rates = dice.vector(n, -1.0, 1.0);
-  double node = 0.0, twice_kinetic = 0.0;
-  for (Index j = 0; j < n; ++j) {
-    const double center = node + segments.center[j] * segments.length[j] * rates[j];
-    const double spin = segments.gyration_radius[j] * rates[j];
-    twice_kinetic += segments.length[j] * (center * center + spin * spin);
-    node += segments.length[j] * rates[j];
-  }
-  const auto check_number = [](double got, double expected, const char* claim) {
-    check_close(Vector::Constant(1, got), Vector::Constant(1, expected), 1e-11, claim);
-  };
-  check_number(rates.dot(dense.mass * rates), twice_kinetic, "twice the kinetic energy");
-  check(positive_definite(dense.mass), "mass is positive definite");
-  check_close(dense.gyroscopic, -dense.gyroscopic.transpose(), 0.0, "gyroscopic is skew");
-  const Matrix velocity = dense.gyroscopic + dense.end_flux;
-  check_number(rates.dot(velocity * rates), pipe.inflow_share * pipe.sqrt_beta() * node * node,
-               "the flow's power goes through the free end only");
-  // With the angles as unknowns of unit determinant, no flow changes det K of a weightless chain.
-  const double thrust = 30.0;
-  const Matrix scaled = segments.spring.cwiseInverse().asDiagonal() *
-                        (lower_ones(n).transpose() *
-                         (weightless.stiffness + thrust * weightless.flux) * lower_ones(n));
-  double determinant = 0.0;
-  solved<Matrix>(scaled, scaled, &determinant);
-  check_number(determinant, 1.0, "det K does not depend on the flow");
-}
-
-/// The routes to the operators agree for a pipe with terms, and the products with them.
-void check_terms(const Pipe& pipe, const Chain& chain, Dice& dice) {
-  const Operators dense = chain.operators();
-  check_joint_operators(chain, dense, dice);
-  check_products(pipe, chain, dense, dice);
-}
-
 /// d log det P / dlambda = tr(P^-1 dP/dlambda), in what guides leave of the joint angles.
 void check_log_derivative(const Chain& chain, double u, Dice& dice) {
   using pipedyn::Complex, pipedyn::ComplexTable;
@@ -288,32 +203,6 @@ void check_guides() {
     }
   }
   pipedyn::set_vector_level(chosen);
-  check_refused([&] { Chain(Pipe{}, dice.segments(3)).guided({true}); }, "guides of another chain");
-}
-
-void check_chains() {
-  Dice dice;
-  for (const Index n : {1, 2, 3, 50}) {
-    for (const bool aspirating : {false, true}) {
-      scene = "chain of " + std::to_string(n) + (aspirating ? ", aspirating" : ", ejecting");
-      const Pipe pipe = dice.pipe(aspirating);
-      const Segments segments = dice.segments(n);
-      const Chain chain(pipe, segments);
-      check(chain.dof() == n, "dof");
-      Pipe without_weight = pipe;
-      without_weight.gamma = 0.0;
-      const Operators dense = chain.operators();
-      const Operators weightless = Chain(without_weight, segments).operators();
-      check_close(dense.damping, pipe.damping * weightless.stiffness, 1e-15, "damping is elastic");
-      check_products(pipe, chain, dense, dice);
-      check_springs(segments, weightless, dice);
-      check_joint_operators(chain, dense, dice);
-      check_physics(pipe, segments, dense, weightless, dice);
-      Pipe with_terms = pipe;
-      with_terms.terms = dice.terms();
-      check_terms(with_terms, Chain(with_terms, segments), dice);
-    }
-  }
 }
 
 void check_refusals() {
@@ -334,29 +223,34 @@ void check_refusals() {
   check_array(&Segments::spring, "spring");
   check_array(&Segments::drag_point, "drag_point");
   check_refused([&] { Chain(pipe, Segments{}); }, "a chain without segments");
+  const Chain chain(pipe, good);
+  check_refused([&] { chain.guided({true}); }, "guides of another chain");
+  check_refused([&] { chain.operators(Vector::Zero(2)); }, "an angle too few");
+  const auto with = [&](Family family, Index size, Vector ends) {
+    return [family, size, ends] { Basis(family, size, ends); };
+  };
   for (const Family family : {Family::beam, Family::legendre}) {
-    check_refused([&] { Basis(family, 0); }, "a basis without functions");
-    check_refused([&] { Basis(family, -1); }, "a negative number of functions");
+    check_refused(with(family, 0, Vector()), "a basis without functions");
+    check_refused(with(family, -1, Vector()), "a negative number of functions");
+    const Basis basis(family, 2);
     const Vector middle = Vector::Constant(1, 0.5);
-    check_refused([&] { Basis(family, 2).evaluate(middle, 3); }, "a third derivative");
-    check_refused([&] { Basis(family, 2).evaluate(middle, -1); }, "a negative derivative");
+    check_refused([&] { basis.evaluate(middle, 3); }, "a third derivative");
+    check_refused([&] { basis.evaluate(middle, -1); }, "a negative derivative");
+    check_refused([&] { Galerkin(pipe, basis).operators(Vector::Zero(3)); }, "an amplitude more");
+  }
+  const Vector joints = (Vector(3) << 0.02, 0.3, 0.9).finished();
+  check_refused(with(Family::beam, 9, joints), "beam modes on panels");
+  check_refused(with(Family::legendre, 3, joints), "a panel without a function");
+  check_refused(with(Family::legendre, 9, Vector::Constant(2, 0.5)), "a panel of no length");
+  check_refused(with(Family::legendre, 9, Vector::Constant(1, 1.0)), "a joint at the end");
+  check_refused([] { pipedyn::Quadrature(0); }, "a quadrature without nodes");
+  check_refused([] { pipedyn::set_vector_level("none such"); }, "an unknown level");
+  for (const double at : {0.0, -0.1, 1.1}) {
+    check_refused([at] { pipedyn::make_term("spring", at, {1.0}); }, "a term off the pipe");
   }
 }
 
 // -------------------------------------------------------------------------------------- motion
-
-Matrix rates_of(const Chain& chain, const Matrix& y, const Vector& u) {
-  Matrix rates(y.rows(), y.cols());
-  chain.rhs({y.data(), u.data(), y.cols(), u.size() == 1 ? 0 : 1}, rates.data());
-  return rates;
-}
-
-Vector energies_of(const Chain& chain, const Matrix& y) {
-  Vector energies(y.cols());
-  const double still = 0.0;
-  chain.energy({y.data(), &still, y.cols(), 0}, energies.data());
-  return energies;
-}
 
 /// (mu - J) x = b with the dense J: what is left of b, relative to the sizes of what is summed.
 /// solve(mu, b) turns b into x.
@@ -380,119 +274,152 @@ void check_shifted(const Matrix& jacobian, double most, Dice& dice, const Solve&
   }
 }
 
-/// Accelerations from the equations of motion in the angles, with the dense mass matrix.
-Vector dense_accelerations(const Pipe& pipe, const Segments& segments, const Vector& y, double u) {
-  const auto& [l, chi, eta, spring, xi, base, damping, rest_moment, own_mass] = segments;
-  const Index n = l.size();
-  const Vector angle = y.head(n), rate = y.tail(n), own = own_mass.size() > 0 ? own_mass : l;
-  const double coriolis = pipe.sqrt_beta() * pipe.direction() * u;
-  Matrix mass(n, n), lever = Matrix::Zero(n, n);
-  Vector force = Vector::Zero(n);
-  for (Index k = 0; k < n; ++k) {
-    const double beyond = own.tail(n - 1 - k).sum(), arm = chi[k] * l[k];
-    for (Index i = 0; i < n; ++i) {
-      const Index near = std::min(k, i), far = std::max(k, i);
-      const double reach = own.tail(n - 1 - far).sum() + chi[far] * own[far];
-      const double turn = angle[k] - angle[i];
-      const double missing = (1.0 - pipe.inflow_share) * coriolis;
-      force[k] -= missing * l[k] * l[i] * std::cos(turn) * rate[i];
-      double coupling = l[near] * l[far] * reach;
-      if (i == k) coupling = l[k] * l[k] * beyond + own[k] * (arm * arm + eta[k] * eta[k]);
-      mass(k, i) = coupling * std::cos(turn);
-      force[k] += coupling * std::sin(turn) * rate[i] * rate[i];
-      if (i > k) force[k] += 2.0 * coriolis * l[k] * l[i] * std::cos(turn) * rate[i];
-      if (i < k) lever(k, i) = l[i] * std::cos(turn);
-    }
-    lever(k, k) = xi[k] * l[k];
-    force[k] += coriolis * l[k] * l[k] * rate[k];
-    const double jet = angle[n - 1] + pipe.jet_angle;
-    force[k] += pipe.centrifugal * u * u * l[k] * std::sin(jet - angle[k]);
-    force[k] += pipe.gamma * l[k] * (beyond + chi[k] * own[k]) * std::sin(angle[k]);
-    const double turn = angle[k] - (k > 0 ? angle[k - 1] : 0.0);
-    const double turning = rate[k] - (k > 0 ? rate[k - 1] : 0.0);
-    const double resisted = damping.size() > 0 ? damping[k] : pipe.damping * spring[k];
-    const double rest = rest_moment.size() > 0 ? rest_moment[k] : 0.0;
-    const double moment = spring[k] * turn - rest + resisted * turning;
-    force[k] += moment;
-    if (k > 0) force[k - 1] -= moment;
-  }
-  const Vector across = lever * rate;
-  const Vector drag = pipe.drag * l.array() * across.array().abs() * across.array();
-  force += lever.transpose() * drag;
-  return solved<Matrix>(mass, -force);
+/// Of a function of one number at 0, by differences of fourth order.
+template <class Function>
+auto derivative(const Function& of, double h) {
+  const decltype(of(h)) slope =
+      (8.0 * (of(h) - of(-h)) - (of(2.0 * h) - of(-2.0 * h))) / (12.0 * h);
+  return slope;
 }
 
-void check_motion_of(const Pipe& pipe, const Segments& segments, double u, Dice& dice) {
-  const Chain chain(pipe, segments);
-  const Index n = chain.dof();
-  const double tolerance = 1e-12 * static_cast<double>(1 + n);
-  const Matrix y = 2.0 * dice.matrix(2 * n, 19);
-  const Vector speeds = dice.vector(19, 0.0, 2.0 * u);
-  const Matrix rates = rates_of(chain, y, speeds);
-  check_close(rates.topRows(n), y.bottomRows(n), 0.0, "theta' is the state's");
-  for (const Index j : {0, 7, 18}) {
-    if (!pipe.terms.empty()) break;  // the dense equations have none
-    check_close(rates.col(j).tail(n), dense_accelerations(pipe, segments, y.col(j), speeds[j]),
-                tolerance, "theta'' by the dense equations");
+/// What holds of any motion, of states as large as `scale`: a batch is its members, the Jacobian is
+/// the derivative of the rates to within `loose`, and power is the energy's rate.
+template <class Model>
+void check_motion_of(const Model& model, const Vector& scale, double loose, Dice& dice) {
+  const Index n = model.dof(), members = 19;
+  Matrix y = scale.asDiagonal() * dice.matrix(2 * n, members);
+  y.col(3) *= 4.0;  // of a reduced model on more nodes
+  const Vector u = dice.vector(members, 0.0, 6.0);
+  const pipedyn::Batch batch{y.data(), u.data(), members, 1};
+  Matrix rates(2 * n, members), power(5, members), jacobian(2 * n, 2 * n);
+  model.rhs(batch, rates.data());
+  model.power(batch, power.data());
+  check_close(rates.topRows(n), y.bottomRows(n), 0.0, "velocities are the state's");
+  for (Index width = 1; width < members; ++width) {
+    const Matrix part = y.leftCols(width);
+    Matrix some(2 * n, width);
+    model.rhs({part.data(), u.data(), width, 1}, some.data());
+    check_close(some, rates.leftCols(width), 1e-11, "a batch is its members");
   }
-  for (Index width = 1; width < 19; ++width) {
-    const Matrix some = rates_of(chain, y.leftCols(width), speeds.head(width));
-    check_close(some, rates.leftCols(width), tolerance, "a batch is its members");
+  Matrix worked = Matrix::Zero(2 * n + 1, members), working(2 * n + 1, members);
+  worked.topRows(2 * n) = y;
+  model.rhs_and_power({worked.data(), u.data(), members, 1}, working.data());
+  for (Index k = 0; k < members; ++k) {
+    const double apart = std::abs(working(2 * n, k) - power.col(k).sum());
+    const double rounding = 1e-12 * power.col(k).cwiseAbs().sum() * static_cast<double>(n);
+    check(apart <= rounding, "the work's rate is the power");
   }
-  const Vector speed = Vector::Constant(1, u), state = y.col(0);
-  const double step = 1e-4;
-  Matrix jacobian(2 * n, 2 * n), differences(2 * n, 2 * n);
-  chain.jacobian({state.data(), &u, 1, 0}, jacobian.data());
-  for (Index j = 0; j < 2 * n; ++j) {
-    const auto slope = [&](double h) -> Matrix {
-      Matrix both(2 * n, 2);
-      both << state, state;
-      both(j, 0) += h;
-      both(j, 1) -= h;
-      const Matrix moved = rates_of(chain, both, speed);
-      return (moved.col(0) - moved.col(1)) / (2.0 * h);
+  for (const Index k : {0, 3, 7, 18}) {
+    const Vector state = y.col(k), rate = rates.col(k);
+    const Vector way = scale.cwiseProduct(dice.vector(2 * n, -1.0, 1.0));
+    const auto moved = [&](double h) -> Vector {
+      const Vector at = state + h * way;
+      Vector found(2 * n);
+      model.rhs({at.data(), &u[k], 1, 0}, found.data());
+      return found;
     };
-    differences.col(j) = (4.0 * slope(0.5 * step) - slope(step)) / 3.0;
+    model.jacobian({state.data(), &u[k], 1, 0}, jacobian.data());
+    check_close(jacobian * way, derivative(moved, 1e-3), loose, "the derivative by differences");
+    const auto energy = [&](double h) {
+      const Vector at = state + h * rate;
+      double found;
+      model.energy({at.data(), &u[k], 1, 0}, &found);
+      return found;
+    };
+    const double h = 1e-3 * state.norm() / rate.norm();
+    const double missed = std::abs(derivative(energy, h) - power.col(k).sum());
+    check(missed < 1e-8 * std::abs(energy(0.0)) / h, "power is the energy's rate");
   }
-  check_close(jacobian, differences, 1e-7, "the derivative by differences");
-  check_shifted(jacobian, 1e-13, dice, [&](const double* mu, double* x) {
-    std::vector<double> factors(static_cast<std::size_t>(chain.factor_numbers()));
-    chain.factorise({state.data(), &u, 1, 0}, mu, factors.data());
-    chain.solve(u, factors.data(), x);
-  });
+}
+
+/// About the straight pipe the Jacobian is that of the operators.
+template <class Model>
+void check_small_motions(const Model& model, const Pipe& pipe) {
+  const Index n = model.dof();
+  const Vector rest = Vector::Zero(2 * n);
+  const double u = 3.0;
+  Matrix jacobian(2 * n, 2 * n);
+  model.jacobian({rest.data(), &u, 1, 0}, jacobian.data());
+  const Operators ops = model.operators(Vector::Zero(n));
+  const Matrix stiffness = ops.stiffness + u * u * pipe.centrifugal * ops.flux;
+  check_close(-ops.mass * jacobian.bottomLeftCorner(n, n), stiffness, 1e-9, "linear stiffness");
+  const Matrix velocity = u * pipe.direction() * (ops.gyroscopic + ops.end_flux) + ops.damping;
+  check_close(-ops.mass * jacobian.bottomRightCorner(n, n), velocity, 1e-9, "linear damping");
+}
+
+/// The systems of implicit steps, at rest and driven.
+void check_chain_systems(const Chain& chain, Dice& dice) {
+  const Index rows = 2 * chain.dof();
+  const double u = 3.0;
+  const Vector state = dice.vector(rows, -2.0, 2.0);
   const Vector drive = dice.vector(pipedyn::Drive::rows, -2.0, 2.0);
-  const pipedyn::Batch driven{
-      .y = state.data(), .u = &u, .members = 1, .u_step = 0, .drive = drive.data()};
-  chain.jacobian(driven, jacobian.data());
-  check_shifted(jacobian, 1e-13, dice, [&](const double* mu, double* x) {
-    std::vector<double> factors(static_cast<std::size_t>(chain.factor_numbers()));
-    chain.factorise(driven, mu, factors.data());
-    chain.solve(u, factors.data(), x);
-  });
-
-  Matrix power(5, 19);
-  chain.power({y.data(), speeds.data(), 19, 1}, power.data());
-  const auto change = [&](double h) -> Vector {
-    return (energies_of(chain, y + h * rates) - energies_of(chain, y - h * rates)) / (2.0 * h);
-  };
-  const double small = 1e-3 / rates.cwiseAbs().maxCoeff();
-  const Vector fed = (4.0 * change(0.5 * small) - change(small)) / 3.0;
-  const double size =
-      energies_of(chain, y).cwiseAbs().maxCoeff() / small;  // of what cancels in a difference
-  const Vector total = power.colwise().sum();
-  check((total - fed).cwiseAbs().maxCoeff() < 1e-9 * size, "energy's rate is power");
-
-  std::vector<double> worked(y.data(), y.data() + y.size());
-  worked.resize(worked.size() + 19, 0.0);  // the row of the work done
-  std::vector<double> with_work(worked.size());
-  chain.rhs_and_power({worked.data(), speeds.data(), 19, 1}, with_work.data());
-  for (Index j = 0; j < 19; ++j) {
-    const double sum = power.col(j).sum();
-    const double apart = with_work[static_cast<std::size_t>(y.size() + j)] - sum;
-    const double rounding = 1e-13 * power.col(j).cwiseAbs().sum() * static_cast<double>(n);
-    check(std::abs(apart) <= rounding, "the work's rate is the power");
+  Matrix jacobian(rows, rows);
+  for (const double* driven : {static_cast<const double*>(nullptr), drive.data()}) {
+    const pipedyn::Batch batch{
+        .y = state.data(), .u = &u, .members = 1, .u_step = 0, .drive = driven};
+    chain.jacobian(batch, jacobian.data());
+    check_shifted(jacobian, 1e-13, dice, [&](const double* mu, double* x) {
+      std::vector<double> factors(static_cast<std::size_t>(chain.factor_numbers()));
+      chain.factorise(batch, mu, factors.data());
+      chain.solve(u, factors.data(), x);
+    });
   }
-  check(energies_of(chain, Matrix::Zero(2 * n, 3)).isZero(0.0), "no energy at rest");
+}
+
+void check_motions_of_chains(bool aspirating, Dice& dice) {
+  for (const Index n : {1, 2, 3, 20}) {
+    scene = pipedyn::vector_level() + ", motion of " + std::to_string(n);
+    const auto check_one = [&](const Pipe& pipe, const Segments& segments) {
+      const Chain chain(pipe, segments);
+      check_motion_of(chain, Vector::Constant(2 * n, 2.0), 1e-7, dice);
+      check_chain_systems(chain, dice);
+    };
+    const Segments segments = dice.segments(n);
+    Pipe pipe = dice.pipe(aspirating);
+    pipe.drag = 1.5;
+    pipe.terms = dice.terms();
+    check_small_motions(Chain(pipe, segments), pipe);
+    pipe.jet_angle = aspirating ? 0.0 : 0.7;
+    check_one(pipe, segments);
+    pipe.terms.clear();
+    check_one(pipe, segments);
+    Segments own_joints = segments;
+    own_joints.damping = dice.vector(n, 0.0, 0.1);
+    own_joints.rest_moment = dice.vector(n, -2.0, 2.0);
+    own_joints.mass = segments.length.array() * (0.5 + 10.0 * own_joints.damping.array());
+    check_one(pipe, own_joints);
+    check_one(Pipe{.beta = 0.3, .aspirating = aspirating}, segments);
+  }
+}
+
+void check_motions_of_reduced_models(bool aspirating, Dice& dice) {
+  const Vector joints = (Vector(2) << 0.3, 0.7).finished();
+  for (const Family family : {Family::beam, Family::legendre}) {
+    const bool beam = family == Family::beam;
+    for (const Index m : {1, 3, 8}) {
+      scene = pipedyn::vector_level() + ", motion of " + std::to_string(m) +
+              (beam ? " beam modes" : " Legendre functions");
+      const auto check_one = [&](const Pipe& pipe, const Basis& basis) {
+        const Galerkin model(pipe, basis);
+        Vector scale(2 * m);
+        scale << basis.stiffness().cwiseSqrt().cwiseInverse(),
+            10.0 * basis.stiffness().cwiseSqrt().cwiseInverse();
+        check_motion_of(model, scale, 1e-5, dice);
+        check_small_motions(model, pipe);
+      };
+      Pipe pipe = dice.pipe(aspirating);
+      pipe.drag = aspirating ? 0.7 : 0.0;
+      check_one(pipe, Basis(family, m));
+      check_one(Pipe{.beta = 0.0, .aspirating = aspirating}, Basis(family, m));
+      if (m == 1) continue;
+      const auto one = [](const char* law, double at, double number) {
+        return pipedyn::make_term(law, at, {number});
+      };
+      pipe.terms = {one("spring", 0.7, 30.0), one("point_mass", 0.3, 0.2),
+                    one("point_mass", 1.0, 0.4), one("spring", 1.0, 2.0)};
+      check_one(pipe, Basis(family, m, beam ? Vector() : joints));
+    }
+  }
 }
 
 void check_motion() {
@@ -500,38 +427,23 @@ void check_motion() {
   const std::string before = pipedyn::vector_level();
   for (const std::string& level : pipedyn::vector_levels()) {
     pipedyn::set_vector_level(level);
-    for (const Index n : {1, 2, 3, 20}) {
-      for (const bool aspirating : {false, true}) {
-        scene = level + ", motion of " + std::to_string(n);
-        const Segments segments = dice.segments(n);
-        Pipe pipe = dice.pipe(aspirating);
-        pipe.jet_angle = aspirating ? 0.0 : 0.7;
-        pipe.drag = 1.5;
-        check_motion_of(pipe, segments, 3.0, dice);
-        Segments own_joints = segments;
-        own_joints.damping = dice.vector(n, 0.0, 0.1);
-        own_joints.rest_moment = dice.vector(n, -2.0, 2.0);
-        own_joints.mass = segments.length.array() * (0.5 + 10.0 * own_joints.damping.array());
-        check_motion_of(pipe, own_joints, 3.0, dice);
-        check_motion_of(Pipe{.beta = 0.3, .aspirating = aspirating}, segments, 0.0, dice);
-        pipe.terms = dice.terms();
-        check_motion_of(pipe, segments, 3.0, dice);
-      }
+    for (const bool aspirating : {false, true}) {
+      check_motions_of_chains(aspirating, dice);
+      check_motions_of_reduced_models(aspirating, dice);
     }
     scene = level + ", sine and cosine";
     Vector x = dice.vector(1001, -2000.0, 2000.0);
     x.head(101) *= 3e-4;
     x[1000] = 1e300;
-    Vector sine(1001), cosine(1001);
-    pipedyn::motion_kernel().sincos(x.data(), x.size(), sine.data(), cosine.data());
-    check((sine.array() - x.array().sin()).abs().maxCoeff() < 3e-16, "sine");
-    check((cosine.array() - x.array().cos()).abs().maxCoeff() < 3e-16, "cosine");
+    for (const Index length : {1001, 64, 7, 1, 0}) {
+      Vector sine(length), cosine(length);
+      pipedyn::motion_kernel().sincos(x.data(), length, sine.data(), cosine.data());
+      const auto most = [&](const Vector& of) { return length > 0 ? of.cwiseAbs().maxCoeff() : 0; };
+      check(most(sine.array() - x.head(length).array().sin()) < 3e-16, "sine");
+      check(most(cosine.array() - x.head(length).array().cos()) < 3e-16, "cosine");
+    }
   }
   pipedyn::set_vector_level(before);
-  scene = "vector levels";
-  check_refused([] { pipedyn::set_vector_level("none such"); }, "an unknown level");
-  check_refused([&] { Chain(Pipe{}, dice.segments(3)).operators(Vector::Zero(2)); },
-                "an angle too few");
 }
 
 /// The implicit method by what defines it: its stages integrate polynomials below their number
@@ -578,392 +490,9 @@ void check_radau() {
   }
 }
 
-// --------------------------------------------------------------------------------------- bases
-
-struct Rule {
-  Vector nodes, weights;
-
-  Matrix product(const Matrix& a, const Matrix& b) const {
-    return a.transpose() * weights.asDiagonal() * b;
-  }
-};
-
-/// Gauss-Legendre rule on [0, 1]: Newton's method on P_count from the classical guesses.
-Rule gauss(Index count) {
-  Rule rule{Vector(count), Vector(count)};
-  const double degree = static_cast<double>(count);
-  for (Index i = 0; i < count; ++i) {
-    double x = std::cos(std::numbers::pi * (static_cast<double>(i) + 0.75) / (degree + 0.5));
-    double slope = 0.0;
-    for (int step = 0; step < 8; ++step) {
-      double value = x, before = 1.0;
-      for (Index k = 2; k <= count; ++k) {
-        const double order = static_cast<double>(k);
-        before = std::exchange(value,
-                               ((2.0 * order - 1.0) * x * value - (order - 1.0) * before) / order);
-      }
-      slope = degree * (x * value - before) / (x * x - 1.0);
-      x -= value / slope;
-    }
-    rule.nodes[i] = 0.5 * (1.0 + x);
-    rule.weights[i] = 1.0 / ((1.0 - x * x) * slope * slope);
-  }
-  return rule;
-}
-
-void check_bases() {
-  for (const Family family : {Family::beam, Family::legendre}) {
-    const bool beam = family == Family::beam;
-    scene = beam ? "beam modes" : "Legendre functions";
-    const Index m = 40;
-    const Basis basis(family, m);
-    const Rule rule = gauss(3 * m);
-    const Matrix value = basis.evaluate(rule.nodes, 0), slope = basis.evaluate(rule.nodes, 1);
-    const Matrix curvature = basis.evaluate(rule.nodes, 2);
-    const Matrix at_clamp = basis.evaluate(Vector::Zero(1), 0);
-    const Matrix slope_at_clamp = basis.evaluate(Vector::Zero(1), 1);
-    const Matrix at_end = basis.evaluate(Vector::Ones(1), 0);
-    const Matrix slope_at_end = basis.evaluate(Vector::Ones(1), 1);
-    check(at_clamp.cwiseAbs().maxCoeff() < 1e-13, "w(0) = 0");
-    check(slope_at_clamp.cwiseAbs().maxCoeff() < 1e-11, "w'(0) = 0");
-    check_close(rule.weights.transpose() * slope, at_end, 1e-12, "w(1) is the integral of w'");
-    check_close(rule.weights.transpose() * curvature, slope_at_end, 1e-12,
-                "w'(1) is the integral of w''");
-    const Vector size = basis.stiffness().cwiseSqrt().cwiseInverse();
-    check_close(size.asDiagonal() * rule.product(curvature, curvature) * size.asDiagonal(),
-                Matrix::Identity(m, m), 1e-11, "curvatures are orthogonal");
-    if (beam) {
-      check_close(rule.product(value, value), Matrix::Identity(m, m), 1e-12,
-                  "modes are orthonormal");
-      check_close(at_end.cwiseAbs(), Matrix::Constant(1, m, 2.0), 1e-12, "|w(1)| = 2");
-      const Matrix bent_end = basis.evaluate(Vector::Ones(1), 2) * size.asDiagonal();
-      check(bent_end.cwiseAbs().maxCoeff() < 1e-11, "w''(1) = 0");
-      check_close(basis.stiffness().head(1).cwiseSqrt(), Vector::Constant(1, 3.5160152685), 1e-10,
-                  "first frequency of the cantilever");
-    }
-
-    Dice dice;
-    const Pipe pipe = dice.pipe(false);
-    const Operators ops = Galerkin(pipe, basis).operators();
-    const Vector above = 1.0 - rule.nodes.array();
-    const Matrix falling = above.asDiagonal() * curvature - slope;  // ((1 - s) w')'
-    const Matrix weight = -pipe.gamma * rule.product(value, falling);
-    const Matrix elastic = basis.stiffness().asDiagonal();
-    check_close(ops.mass, rule.product(value, value), 1e-12, "mass");
-    check_close(ops.gyroscopic, -ops.gyroscopic.transpose(), 0.0, "gyroscopic is skew");
-    check_close(ops.gyroscopic + ops.end_flux, 2.0 * pipe.sqrt_beta() * rule.product(value, slope),
-                1e-11, "Coriolis term of the equation");
-    check_close(ops.flux, rule.product(value, curvature), 1e-11,
-                "centrifugal term of the equation");
-    check_close(ops.stiffness - elastic, weight, beam ? 1e-9 : 1e-11, "weight's term");
-    check_close(ops.damping, pipe.damping * elastic, 1e-15, "Kelvin-Voigt damping");
-  }
-}
-
-void check_panels() {
-  scene = "Legendre functions on panels";
-  const Index m = 17;
-  const Vector joints = (Vector(3) << 0.02, 0.3, 0.9).finished();
-  const Basis basis(Family::legendre, m, joints);
-  check_close(basis.ends(), (Vector(5) << 0.0, joints, 1.0).finished(), 0.0, "ends");
-  check(basis.most_on_a_panel() == 5, "functions go round");
-  const Rule rule = gauss(m);
-  Matrix stiffness = Matrix::Zero(m, m);
-  Vector angle = Vector::Zero(m);
-  for (Index panel = 0; panel < 4; ++panel) {
-    const double low = basis.ends()[panel], length = basis.ends()[panel + 1] - low;
-    const Vector s = low + length * rule.nodes.array();
-    const Matrix curvature = basis.evaluate(s, 2);
-    stiffness += length * rule.product(curvature, curvature);
-    angle += length * curvature.transpose() * rule.weights;
-    const Vector end = Vector::Constant(1, low + length);
-    check_close(basis.evaluate(end, 1).transpose(), angle, 1e-13, "w' is the integral of w''");
-  }
-  check_close(stiffness, Matrix::Identity(m, m), 1e-13, "curvatures are orthonormal");
-  const Vector s = Vector::LinSpaced(20, 0.0, 1.0);
-  check_close(Basis(Family::legendre, 60, joints).evaluate(s, 0).leftCols(m), basis.evaluate(s, 0),
-              0.0, "a larger basis begins with a smaller one");
-  const auto with = [&](Family family, Index size, Vector ends) {
-    return [family, size, ends] { Basis(family, size, ends); };
-  };
-  check_refused(with(Family::beam, 9, joints), "beam modes on panels");
-  check_refused(with(Family::legendre, 3, joints), "a panel without a function");
-  check_refused(with(Family::legendre, 9, Vector::Constant(2, 0.5)), "a panel of no length");
-  check_refused(with(Family::legendre, 9, Vector::Constant(1, 1.0)), "a joint at the end");
-}
-
-void check_high_modes() {
-  const Index m = 2000;
-  const Rule rule = gauss(2 * m + 60);
-  for (const Family family : {Family::beam, Family::legendre}) {
-    const bool beam = family == Family::beam;
-    scene = beam ? "beam mode 2000" : "Legendre function 2000";
-    const Basis basis(family, m);
-    for (const int derivative : {0, 1, 2}) {
-      const Matrix all = basis.evaluate(rule.nodes, derivative);
-      check(all.allFinite(), "derivative " + std::to_string(derivative) + " is finite");
-      if (derivative != (beam ? 0 : 2)) continue;
-      const Matrix last = all.rightCols(3);
-      check_close(rule.product(last, last), Matrix::Identity(3, 3), 1e-9,
-                  "the last three are orthonormal");
-    }
-    check(basis.stiffness().allFinite(), "stiffness is finite");
-  }
-}
-
-// ------------------------------------------------------------------- motion of reduced models
-
-void check_quadrature() {
-  scene = "Gauss collocation";
-  for (const Index count : {1, 2, 7, 40}) {
-    const pipedyn::Quadrature rule(count);
-    const Matrix integral = rule.integral_to(rule.node);
-    const Matrix weighted = rule.weight.asDiagonal() * integral;
-    check_close(weighted + weighted.transpose(), rule.weight * rule.weight.transpose(), 1e-14,
-                "integrates by parts exactly");
-    check_close(integral * Vector::Ones(count), rule.node, 1e-14, "integral of 1");
-    const Vector powers = rule.node.array().pow(static_cast<double>(count - 1));
-    const Vector expected = powers.array() * rule.node.array() / static_cast<double>(count);
-    check_close(integral * powers, expected, 1e-13, "integral of a power");
-  }
-  check_refused([] { pipedyn::Quadrature(0); }, "a quadrature without nodes");
-}
-
-/// Of a straight pipe in its second mode, whose velocity v changes sign once.
-void check_drag() {
-  const Basis basis(Family::beam, 2);
-  const auto v = [&](const Vector& s) -> Vector { return basis.evaluate(s, 0).col(1); };
-  double low = 0.5, high = 1.0;
-  for (int step = 0; step < 60; ++step) {
-    const double middle = 0.5 * (low + high);
-    (v(Vector::Constant(1, middle))[0] * v(Vector::Ones(1))[0] > 0.0 ? high : low) = middle;
-  }
-  const Rule rule = gauss(40);
-  const auto cubes = [&](double from, double length) {
-    const Vector s = from + length * rule.nodes.array();
-    return length * rule.weights.dot(v(s).cwiseAbs().array().cube().matrix());
-  };
-  const Vector state = Vector::Unit(4, 3);
-  const double u = 0.0, expected = -0.7 * (cubes(0.0, low) + cubes(low, 1.0 - low));
-  Vector power(5);
-  Galerkin(Pipe{.drag = 0.7}, basis).power({state.data(), &u, 1, 0}, power.data());
-  check(std::abs(power[2] - expected) < 1e-9, "drag takes kappa int |v|^3");
-}
-
-void check_reduced_motion_of(const Galerkin& model, const Pipe& pipe, Family family, Dice& dice) {
-  const Index m = model.dof(), members = 11;
-  const Vector scale = Basis(family, m).stiffness().cwiseSqrt().cwiseInverse();
-  Matrix y = dice.matrix(2 * m, members);
-  y.topRows(m) = scale.asDiagonal() * y.topRows(m);
-  y.bottomRows(m) = 10.0 * scale.asDiagonal() * y.bottomRows(m);
-  y.col(3) *= 4.0;  // of another level
-  y.col(5).setZero();
-  const Vector u = dice.vector(members, 0.0, 6.0);
-  Matrix together(2 * m, members), jacobian(2 * m, 2 * m);
-  const pipedyn::Batch batch{y.data(), u.data(), members, 1};
-  model.rhs(batch, together.data());
-  Vector energies(members);
-  Matrix power(5, members);
-  model.energy(batch, energies.data());
-  model.power(batch, power.data());
-  for (Index k = 0; k < members; ++k) {
-    const Vector state = y.col(k);
-    const auto rhs = [&](const Vector& at) -> Vector {
-      Vector slope(2 * m);
-      model.rhs({at.data(), &u[k], 1, 0}, slope.data());
-      return slope;
-    };
-    const Vector slope = rhs(state);
-    check_close(together.col(k), slope, 1e-11, "a batch is its members");
-    if (k == 5) {
-      check(slope.isZero(0.0) && energies[k] == 0.0, "the straight pipe at rest stays so");
-      continue;
-    }
-    const double h = 1e-3 * state.norm() / slope.norm();
-    const auto energy = [&](double t) {
-      const Vector at = state + t * slope;
-      double value = 0.0;
-      model.energy({at.data(), &u[k], 1, 0}, &value);
-      return value;
-    };
-    const double rate =
-        (8.0 * (energy(h) - energy(-h)) - energy(2.0 * h) + energy(-2.0 * h)) / (12.0 * h);
-    const double total = power.col(k).sum();
-    check(std::abs(rate - total) < 1e-8 * std::abs(energies[k]) / h, "power is the energy's rate");
-    model.jacobian({state.data(), &u[k], 1, 0}, jacobian.data());
-    const Vector way = scale.replicate(2, 1).cwiseProduct(dice.vector(2 * m, -1.0, 1.0));
-    const double step = 1e-3;
-    const Vector change = (8.0 * (rhs(state + step * way) - rhs(state - step * way)) -
-                           rhs(state + 2.0 * step * way) + rhs(state - 2.0 * step * way)) /
-                          (12.0 * step);
-    check_close(jacobian * way, change, 1e-5, "Jacobian");
-  }
-  const Vector rest = Vector::Zero(2 * m);
-  const double three = 3.0;
-  model.jacobian({rest.data(), &three, 1, 0}, jacobian.data());
-  const Operators ops = model.operators(Vector::Zero(m));
-  const Matrix stiffness = ops.stiffness + 9.0 * pipe.centrifugal * ops.flux;
-  check_close(-ops.mass * jacobian.bottomLeftCorner(m, m), stiffness, 1e-9, "linear stiffness");
-  const Matrix velocity = 3.0 * pipe.direction() * (ops.gyroscopic + ops.end_flux) + ops.damping;
-  check_close(-ops.mass * jacobian.bottomRightCorner(m, m), velocity, 1e-9, "linear damping");
-  check_refused([&] { model.operators(Vector::Zero(m + 1)); }, "an amplitude too many");
-}
-
-void check_reduced_motion() {
-  Dice dice;
-  const std::string before = pipedyn::vector_level();
-  const Vector joints = (Vector(2) << 0.3, 0.7).finished();
-  const pipedyn::Terms terms = {
-      pipedyn::make_term("spring", 0.7, {30.0}), pipedyn::make_term("point_mass", 0.3, {0.2}),
-      pipedyn::make_term("point_mass", 1.0, {0.4}), pipedyn::make_term("spring", 1.0, {2.0})};
-  for (const std::string& level : pipedyn::vector_levels()) {
-    pipedyn::set_vector_level(level);
-    scene = level + ", drag";
-    check_drag();
-    for (const Family family : {Family::beam, Family::legendre}) {
-      for (const Index m : {1, 3, 8}) {
-        for (const bool aspirating : {false, true}) {
-          scene = level + ", motion of " + std::to_string(m) +
-                  (family == Family::beam ? " beam modes" : " Legendre functions");
-          Pipe pipe = dice.pipe(aspirating);
-          pipe.drag = aspirating ? 0.7 : 0.0;
-          for (const Pipe& one : {pipe, Pipe{.beta = 0.0, .aspirating = aspirating}}) {
-            const Galerkin model(one, Basis(family, m));
-            check_reduced_motion_of(model, one, family, dice);
-          }
-          if (m == 1) continue;
-          scene += ", with terms";
-          pipe.terms = terms;
-          const Basis basis(family, m, family == Family::beam ? Vector() : joints);
-          check_reduced_motion_of(Galerkin(pipe, basis), pipe, family, dice);
-        }
-      }
-    }
-  }
-  pipedyn::set_vector_level(before);
-  for (const double at : {0.0, -0.1, 1.1}) {
-    check_refused([at] { pipedyn::make_term("spring", at, {1.0}); }, "a term off the pipe");
-  }
-}
-
 // ------------------------------------------------------------------------------- modular route
 
 using pipedyn::Scene;
-
-constexpr double still = 0.0;
-
-/// Of a state that is not led back to guides and pins.
-Vector scene_rates(const Scene& made, const Vector& y, double u) {
-  const Index n = made.dof();
-  const Vector redundant = made.redundant(y.head(n), y.tail(n));
-  Vector rates(6 * n);
-  made.redundant_rhs({redundant.data(), &u, 1, 0}, rates.data());
-  return made.angles({rates.data(), &u, 1, 0}).reshaped();
-}
-
-/// Whether a scene at rest is somewhere free to move without inertia.
-bool lacks_inertia(const Scene& scene, const Vector& theta) {
-  Vector y = Vector::Zero(2 * theta.size());
-  y.head(theta.size()) = theta;
-  return !scene_rates(scene, y, 0.0).allFinite();
-}
-
-/// w . q'' of each row, in redundant coordinates.
-Vector row_accelerations(const Scene& made, const Vector& y, double u) {
-  const Index n = made.dof();
-  const Vector redundant = made.redundant(y.head(n), y.tail(n));
-  Vector rates(6 * n);
-  made.redundant_rhs({redundant.data(), &u, 1, 0}, rates.data());
-  return made.weights() * rates.tail(3 * n);
-}
-
-void check_scene_of(const Pipe& pipe, Index n, Dice& dice) {
-  const double u = 3.0;
-  Segments segments = dice.segments(n);
-  segments.damping = dice.vector(n, 0.0, 1.0);
-  segments.rest_moment = dice.vector(n, -1.0, 1.0);
-  Pipe with_terms = pipe;
-  with_terms.terms = {pipedyn::make_term("spring", 1.0, {2.0}),
-                      pipedyn::make_term("point_mass", 0.7, {0.3})};
-  const Chain chain(with_terms, segments);
-  const Scene plain(with_terms, segments, {}, {}, Vector());
-  const Vector y = dice.vector(2 * n, -1.0, 1.0), theta = y.head(n);
-  Vector expected(2 * n);
-  chain.rhs({y.data(), &u, 1, 0}, expected.data());
-  Vector rates(2 * n);
-  plain.rhs({y.data(), &u, 1, 0}, rates.data());
-  check_close(rates, expected, 0.0, "a scene of a chain moves as the chain");
-  const Matrix mass = chain.operators(theta).mass, moments = dice.matrix(n, 3);
-  check_close(mass * plain.solve(theta.replicate(1, 3), moments), moments, 1e-11, "M times M^-1");
-
-  Matrix inertia = Matrix::Zero(2, 3 * n);
-  inertia(0, 0) = 0.4;
-  inertia(1, 3 * n - 3) = 0.3;
-  inertia(1, 3 * n - 1) = 0.1;
-  const Scene held(with_terms, segments, inertia, {3 * n - 3}, Vector::Zero(1));
-  const Vector acceleration = scene_rates(held, y, u).tail(n);
-  const Vector sums = row_accelerations(held, y, u);
-  check(std::abs(sums[2]) < 1e-11 * (1.0 + acceleration.norm()), "the guide holds its node");
-  Matrix by_angles = Matrix::Zero(n, 3);  // of 0.4 x_1, of 0.3 x_n + 0.1 phi_n and of x_n
-  by_angles(0, 0) = 0.4 * segments.length[0] * std::cos(theta[0]);
-  by_angles.col(2) = segments.length.array() * theta.array().cos();
-  by_angles.col(1) = 0.3 * by_angles.col(2);
-  by_angles(n - 1, 1) += 0.1;
-  if (n > 1) by_angles(n - 2, 1) -= 0.1;
-  const Vector missing =
-      mass * (expected.tail(n) - acceleration) - by_angles.leftCols(2) * sums.head(2);
-  const Vector guide = by_angles.col(2);
-  const Vector left = missing - guide * (guide.dot(missing) / guide.squaredNorm());
-  check(left.norm() < 1e-10 * (1.0 + (mass * acceleration).norm()),
-        "what inertia lacks to the forces, the guide gives");
-
-  Matrix met_theta = 0.3 * theta, met_omega = y.tail(n);
-  held.project(met_theta, met_omega);
-  const Vector met = held.redundant(met_theta, met_omega);
-  check(std::abs(met[3 * n - 3]) < 1e-12, "projected angles meet the guide");
-  check(std::abs(met[6 * n - 3]) < 1e-11, "projected rates keep to it");
-  Vector angles(2 * n + 1), turned(2 * n + 1);
-  angles << met_theta, met_omega, 0.0;
-  held.rhs_and_power({angles.data(), &u, 1, 0}, turned.data());
-  const Vector moving = scene_rates(held, angles.head(2 * n), u);
-  check((turned.head(2 * n) - moving).norm() < 1e-9 * (1.0 + expected.norm()),
-        "a state that meets the guide stays on it");
-  const auto energy = [&](double h) {
-    const Vector moved = angles.head(2 * n) + h * moving;
-    double found;
-    held.energy({moved.data(), &still, 1, 0}, &found);
-    return found;
-  };
-  const double h = 1e-3 / std::max(1.0, moving.cwiseAbs().maxCoeff());  // one segment is at rest
-  const double fed =
-      (8.0 * (energy(h) - energy(-h)) - (energy(2.0 * h) - energy(-2.0 * h))) / (12.0 * h);
-  check(std::abs(fed - turned[2 * n]) < 1e-9 * (std::abs(energy(0.0)) / h + 1.0),
-        "energy's rate is power");
-  check(!lacks_inertia(held, theta), "nothing lacks inertia");
-}
-
-/// A last segment whose only inertia is a mass of a row at its end, against the chain with that
-/// mass as a term.
-void check_lent_inertia(Pipe pipe, Index n, Dice& dice) {
-  Segments segments = dice.segments(n);
-  segments.center[n - 1] = segments.gyration_radius[n - 1] = 0.0;
-  pipe.gamma = 0.0;  // a row has no weight
-  const Vector y = dice.vector(2 * n, -1.0, 1.0);
-  const double root = std::sqrt(0.3);
-  Matrix at_end = Matrix::Zero(2, 3 * n);
-  at_end(0, 3 * n - 3) = at_end(1, 3 * n - 2) = root;
-  const Scene made(pipe, segments, at_end, {}, Vector());
-  check(!lacks_inertia(made, y.head(n)), "a row's mass is inertia");
-  check(lacks_inertia(Scene(pipe, segments, {}, {}, Vector()), y.head(n)), "none is missed");
-  const Vector rates = scene_rates(made, y, 2.0);
-  double energy, expected_energy;
-  made.energy({y.data(), &still, 1, 0}, &energy);
-  pipe.terms = {pipedyn::make_term("point_mass", 1.0, {0.3})};
-  const Scene expected(pipe, segments, {}, {}, Vector());
-  expected.energy({y.data(), &still, 1, 0}, &expected_energy);
-  check_close(rates, scene_rates(expected, y, 2.0), 1e-11, "inertia lent is taken back");
-  check(std::abs(energy / expected_energy - 1.0) < 1e-12, "so is its energy");
-}
 
 /// Solves about a state that meets guides and pins, of which one says nothing new, with the dense
 /// J.
@@ -1010,30 +539,6 @@ void check_scenes() {
     }
   }
   pipedyn::set_vector_level(before);
-  for (const Index n : {1, 2, 3, 20}) {
-    for (const bool aspirating : {false, true}) {
-      scene = "scene of " + std::to_string(n);
-      Pipe pipe = dice.pipe(aspirating);
-      pipe.drag = 0.7;
-      check_scene_of(pipe, n, dice);
-      check_lent_inertia(pipe, n, dice);
-    }
-  }
-  scene = "refused scenes";
-  const Segments good = dice.segments(3);
-  const auto refused = [&](const auto& change, const std::string& claim) {
-    Segments wrong = good;
-    change(wrong);
-    check_refused([&] { Scene(Pipe{}, wrong, {}, {}, Vector()); }, claim);
-  };
-  refused([](Segments& wrong) { wrong.center.resize(2); }, "a centre short");
-  refused([](Segments& wrong) { wrong.damping = Vector::Ones(2); }, "a damping short");
-  refused([](Segments& wrong) { wrong.length[1] = 0.0; }, "a segment without length");
-  const Vector one = Vector::Zero(1);
-  check_refused([&] { Scene(Pipe{}, good, Matrix::Ones(1, 10), {}, Vector()); }, "a row beyond");
-  check_refused([&] { Scene(Pipe{}, good, {}, {9}, one); }, "a node beyond the end");
-  check_refused([&] { Scene(Pipe{}, good, {}, {2}, one); }, "a joint that is held");
-  check_refused([&] { Scene(Pipe{}, good, {}, {0}, Vector()); }, "a node without a place");
 }
 
 // ---------------------------------------------------------------------------- random extremes
@@ -1169,48 +674,6 @@ void check_wild_reduced(Wild& wild) {
   }
 }
 
-void check_wild_scene(Wild& wild) {
-  const Index n = wild.size({1, 2, 3, 8});
-  scene = "any scene of " + std::to_string(n);
-  Pipe pipe = wild.pipe();
-  const auto add_term = [&](const char* law, double number) {
-    pipe.terms.push_back(pipedyn::make_term(law, wild.dice.between(0.01, 1.0), {number}));
-  };
-  add_term("spring", wild.one_of({0.0, 1e9}));
-  add_term("point_mass", wild.one_of({0.0, 1e-9, 1e6}));
-  Segments segments = wild.segments(n);
-  segments.gyration_radius[n - 1] *= wild.one_of({0.0, 1.0});
-  segments.rest_moment = wild.dice.vector(n, -1.0, 1.0) * wild.one_of({0.0, 1e8});
-  std::vector<Index> held;
-  if (n > 1) held.push_back(3 * n - 3);
-  if (n > 2) held.push_back(3 * n - 2);
-  Vector value = Vector::Zero(static_cast<Index>(held.size()));
-  value.tail(n > 2 ? 1 : 0).setConstant(0.9);
-  Matrix inertia = Matrix::Zero(1, 3 * n);
-  inertia(0, 0) = wild.one_of({1e-9, 1e3});
-  inertia(0, 2) = 0.1;
-  const Scene made(pipe, segments, inertia, held, value);
-  const Index members = wild.size({0, 1, 5, 70});
-  const Matrix turned = wild.states(n, members);
-  const double u = wild.speed(), untouched = -7.0;
-  Vector rates = Vector::Constant(2 * n * members + 1, untouched);
-  made.rhs({turned.data(), &u, members, 0}, rates.data());
-  check(rates[2 * n * members] == untouched, "rates stay within their array");
-  const Matrix y = made.redundant(turned.topRows(n), turned.bottomRows(n));
-  Vector redundant = Vector::Constant(6 * n * members + 1, untouched);
-  made.redundant_rhs({y.data(), &u, members, 0}, redundant.data());
-  check(redundant[6 * n * members] == untouched, "redundant rates stay within their array");
-  Vector parts = Vector::Constant(5 * members + 1, untouched);
-  double* const out = parts.data();
-  made.power({turned.data(), &u, members, 0}, out);
-  made.energy({turned.data(), &u, members, 0}, out);
-  check(parts[5 * members] == untouched, "energy and power stay within their arrays");
-  Vector angles = Vector::Zero((2 * n + 1) * members), turning = angles;
-  made.rhs_and_power({angles.data(), &u, members, 0}, turning.data());
-  Matrix theta = turned.topRows(n), omega = turned.bottomRows(n);
-  made.project(theta, omega);
-}
-
 void check_extremes() {
   Dice dice;
   Wild wild{dice};
@@ -1219,16 +682,8 @@ void check_extremes() {
     pipedyn::set_vector_level(level);
     for (int i = 0; i < 60; ++i) check_wild_chain(wild);
     for (int i = 0; i < 12; ++i) check_wild_reduced(wild);
-    for (const Index length : {0, 1, 7, 64}) {
-      const Vector x = 1e6 * dice.vector(length, -1.0, 1.0);
-      Vector sine(length), cosine(length);
-      pipedyn::motion_kernel().sincos(x.data(), length, sine.data(), cosine.data());
-      const Vector one = sine.cwiseAbs2() + cosine.cwiseAbs2();
-      check(one.isApproxToConstant(1.0, 1e-14), "sine and cosine of 1e6");
-    }
   }
   pipedyn::set_vector_level(before);
-  for (int i = 0; i < 60; ++i) check_wild_scene(wild);
 }
 
 // ------------------------------------------------------------------------------- eigenvalues
@@ -1436,7 +891,7 @@ pipedyn::Lapack broken_lapack() {
             columns(vectors, *n, *n) = found.pseudoEigenvectors();
           },
       .zgeev = nullptr,
-      .dsyevd = nullptr,
+      .dsygvd = nullptr,
   };
 }
 
@@ -1493,16 +948,10 @@ void check_threads() {
 }  // namespace
 
 int main() {
-  check_chains();
   check_guides();
   check_motion();
   check_radau();
   check_refusals();
-  check_bases();
-  check_panels();
-  check_high_modes();
-  check_quadrature();
-  check_reduced_motion();
   check_scenes();
   check_extremes();
   check_assignment();

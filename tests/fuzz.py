@@ -12,13 +12,14 @@ from __future__ import annotations
 import argparse
 import dataclasses
 import faulthandler
+import inspect
 import math
 import re
 import signal
 import sys
 import tempfile
 import warnings
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from decimal import Decimal
 from fractions import Fraction
 from itertools import pairwise
@@ -96,35 +97,35 @@ def _nested() -> list[Any]:
     return itself
 
 
+def each(*values: Any) -> tuple[Values, ...]:
+    """A draw of each value."""
+    return tuple(lambda _, v=v: v for v in values)
+
+
 NOTHINGS: tuple[Values, ...] = (
-    *(lambda _, v=v: v for v in ({}, {"a": 1}, set(), frozenset({1.0}), object(), Ellipsis)),
-    *(lambda _, v=v: v for v in (NotImplemented, b"1", bytearray(b"12"), Decimal("0.5"))),
-    *(lambda _, v=v: v for v in (np.ma.masked, np.timedelta64(1), np.datetime64("2020-01-01"))),
-    *(lambda _, v=v: v for v in (Unspeakable(), math, 1j, complex(NAN, 0.0))),
-    *(lambda _, v=v: v for v in (np.array("a"), np.array(None), slice(3))),
+    *each({}, {"a": 1}, set(), frozenset({1.0}), object(), Ellipsis, NotImplemented, b"1"),
+    *each(bytearray(b"12"), Decimal("0.5"), np.ma.masked, np.timedelta64(1)),
+    *each(np.datetime64("2020-01-01"), Unspeakable(), math, 1j, complex(NAN, 0.0)),
+    *each(np.array("a"), np.array(None), slice(3)),
     lambda _: (i for i in range(3)),
     lambda _: iter([0.5]),
     lambda _: Random(3),
 )
 """Neither numbers nor arrays, words, models or functions."""
 
-WORDS: tuple[Values, ...] = tuple(
-    lambda _, v=v: v for v in ("", "1", "nan", "out", "Beam", "\0", "\ud800", "x" * 10_000, "tip\n")
+WORDS = each("", "1", "nan", "out", "Beam", "\0", "\ud800", "x" * 10_000, "tip\n")
+
+LOGICAL = each(True, False, np.bool_(True), np.array(False))
+
+NOT_FINITE = (
+    *each(NAN, INF, -INF, 10**400, 10**5000, -(10**400), np.float64(NAN), np.float32(INF)),
+    *each(np.float16(NAN), np.array(NAN), np.longdouble("1e4000"), Fraction(10**400)),
+    *each(Fraction(-(10**400))),
 )
 
-LOGICAL: tuple[Values, ...] = tuple(
-    lambda _, v=v: v for v in (True, False, np.bool_(True), np.array(False))
-)
-
-NOT_FINITE: tuple[Values, ...] = (
-    *(lambda _, v=v: v for v in (NAN, INF, -INF, 10**400, 10**5000, -(10**400))),
-    *(lambda _, v=v: v for v in (np.float64(NAN), np.float32(INF), np.float16(NAN), np.array(NAN))),
-    *(lambda _, v=v: v for v in (np.longdouble("1e4000"), Fraction(10**400), Fraction(-(10**400)))),
-)
-
-LISTS: tuple[Values, ...] = (
-    *(lambda _, v=v: v for v in ([], (), [0.5], [[0.5]], [NAN], np.zeros(0), np.zeros((0, 3)))),
-    *(lambda _, v=v: v for v in (np.array([0.5]), np.zeros((2, 2, 2)), range(10**12), Endless())),
+LISTS = each(
+    *([], (), [0.5], [[0.5]], [NAN], np.zeros(0), np.zeros((0, 3)), np.array([0.5])),
+    *(np.zeros((2, 2, 2)), range(10**12), Endless()),
 )
 
 
@@ -262,6 +263,11 @@ def word(*options: str) -> Kind:
     return Kind(one_of(*options), any_of(NONE, *NOTHINGS, *WORDS, *LOGICAL, one_of(3, NAN, [""])))
 
 
+def either(good: Sequence[Any], *wrong: Any) -> Kind:
+    """One of some values, and none of others, words or what is nothing."""
+    return Kind(one_of(*good), any_of(NONE, *NOTHINGS, *WORDS, one_of(*wrong)))
+
+
 def of(*values: Any) -> Kind:
     """An object of the package, or others of it."""
     strangers = tuple(s for s in OBJECTS if not isinstance(s, tuple({type(v) for v in values})))
@@ -379,7 +385,7 @@ U = real((0.0, 3.0), below=-1e-9, above=1e101)
 SLOW = real((0.0, 3.0), below=-1e-9, above=1e5)
 PIPES = of(PIPE, DRAGGED, MEASURED, DRAWN, LOSSY, HINGED, GUIDED)
 OTHERS = of(PIPE, DRAGGED, MEASURED, DRAWN, LOSSY, JET)
-FLAG = Kind(one_of(False), any_of(NONE, *NOTHINGS, *WORDS, one_of(0, 1, NAN, 2.0, [True])))
+FLAG = either([False], 0, 1, NAN, 2.0, [True])
 EXECUTOR = Kind(one_of(None), any_of(*NOTHINGS, *WORDS, one_of(2, True, object())))
 MOVING = Kind(
     one_of(CHAIN, BEAM, SCENE, SPANNED, SUPPORTED),
@@ -395,9 +401,13 @@ TERMS = Kind(
         one_of(3, NAN, MASS, [None], [PIPE], [MASS] * 401, [pp.Spring(1.5, 1.0)], [Mine()]),
     ),
 )
-ROOT = Kind(
-    one_of("clamped", "pinned", pp.RootSpring(3.0), pp.RootSpring(0.0)),
-    any_of(NONE, *NOTHINGS, *WORDS, one_of("free", 3.0, NAN, pp.RootSpring, pp.RootSpring(1e10))),
+ROOT = either(
+    ["clamped", "pinned", pp.RootSpring(3.0), pp.RootSpring(0.0)],
+    "free",
+    3.0,
+    NAN,
+    pp.RootSpring,
+    pp.RootSpring(1e10),
 )
 END = word("free", "guided", "pinned", "clamped")
 SUPPORTS = Kind(
@@ -409,6 +419,9 @@ SUPPORTS = Kind(
     ),
 )
 PLACES = array(3, (0.0, 1.0), (-0.1, 1.1), any_size=True)
+AXIS = Kind(one_of(AX), _not(None, of(AX).bad))
+USUAL = {"executor": EXECUTOR, "s": PLACES, "ax": AXIS}
+"""What these arguments may be in every call that has them and more."""
 FUNCTION = Kind(
     one_of(bend),
     any_of(
@@ -489,6 +502,21 @@ class Target:
     called: Mapping[str, str] = dataclasses.field(default_factory=dict)
 
 
+def target(
+    name: str,
+    call: Callable[..., Any],
+    /,
+    slow: bool = False,
+    called: Mapping[str, str] | None = None,
+    **kinds: Kind,
+) -> Target:
+    """A call with kinds of its arguments; those of `USUAL` and flags need not be given."""
+    own = inspect.signature(call).parameters
+    usual = {k: v for k, v in USUAL.items() if k in own}
+    usual |= {k: FLAG for k, argument in own.items() if isinstance(argument.default, bool)}
+    return Target(name, call, usual | kinds, slow, called or {})
+
+
 def _pipes() -> Iterator[Target]:
     numbers = {
         "alpha": real((0.0, 2.0), -0.1, 1e300),
@@ -504,98 +532,98 @@ def _pipes() -> Iterator[Target]:
         "aspirating": {"jet_angle": Kind(one_of(0, 0.0), turned.bad), "inflow_share": share},
     }
     for flow, own in ends.items():
-        yield Target(
+        yield target(
             f"Pipe[{flow}]",
             pp.Pipe,
-            {
-                "beta": real((0.0, 0.99), -0.1, 1.0),
-                "gamma": real((-10.0, 10.0), -1e7, 1e300),
-                "flow": word(flow),
-                "drag": real((0.0, 2.0), -0.1, 1e300),
-                "damping": real((0.0, 2.0), -1e-12, 1e300),
-                "scales": Kind(
-                    one_of(None, (1.0, 1.0, 2.0, 3.0)),
-                    any_of(*NOTHINGS, *WORDS, *NOT_FINITE, one_of((1, 1, 1, 0.0), (1, 1), [1] * 4)),
-                ),
-                "stiffness": ALONG,
-                "mass": ALONG,
-                **numbers,
-                **own,
-            },
+            beta=real((0.0, 0.99), -0.1, 1.0),
+            gamma=real((-10.0, 10.0), -1e7, 1e300),
+            flow=word(flow),
+            drag=real((0.0, 2.0), -0.1, 1e300),
+            damping=real((0.0, 2.0), -1e-12, 1e300),
+            scales=Kind(
+                one_of(None, (1.0, 1.0, 2.0, 3.0)),
+                any_of(*NOTHINGS, *WORDS, *NOT_FINITE, one_of((1, 1, 1, 0.0), (1, 1), [1] * 4)),
+            ),
+            stiffness=ALONG,
+            mass=ALONG,
+            **numbers,
+            **own,
         )
     places, values = array(1, (0.2, 0.8), (-0.1, 1.0)), array(2, (0.5, 2.0), (-1.0, 0.0, 1e7))
-    yield Target("Profile", pp.Profile, {"at": places, "values": values})
-    yield Target("Profile", pp.Profile, {"values": UPWARD})
-    yield Target("Profile.__call__", pp.Profile([0.5], [1.0, 0.5]), {"s": PLACES})
+    yield target("Profile", pp.Profile, at=places, values=values)
+    yield target("Profile", pp.Profile, values=UPWARD)
+    yield target("Profile.__call__", pp.Profile([0.5], [1.0, 0.5]))
     positive = real((0.1, 3.0), 0.0, 1e300)
     for flow, own in ends.items():
-        yield Target(
+        yield target(
             f"Pipe.from_si[{flow}]",
             pp.Pipe.from_si,
-            {
-                **numbers,
-                **dict.fromkeys(SI, positive),
-                "length": real((1.0, 1.0), 0.0, 1e300),  # of supports and terms
-                "gravity": real((-9.81, 9.81), -1e13, 1e300),
-                "damping_time": real((0.0, 1.0), -1.0, 1e300),
-                "drag_coefficient": real((0.5, 1.2), -1.0, 1e300),
-                "external_diameter": real((0.01, 0.1), -1.0, 1e300),
-                "external_density": real((1.0, 1e3), -1.0, 1e300),
-                "added_mass_coefficient": real((1.0, 1.5), -1.0, 1e300),
-                "flow": word(flow),
-                "stiffness_profile": ALONG,
-                **own,
-            },
+            **numbers,
+            **dict.fromkeys(SI, positive) | {"length": real((1.0, 1.0), 0.0, 1e300)},  # of places
+            gravity=real((-9.81, 9.81), -1e13, 1e300),
+            damping_time=real((0.0, 1.0), -1.0, 1e300),
+            drag_coefficient=real((0.5, 1.2), -1.0, 1e300),
+            external_diameter=real((0.01, 0.1), -1.0, 1e300),
+            external_density=real((1.0, 1e3), -1.0, 1e300),
+            added_mass_coefficient=real((1.0, 1.5), -1.0, 1e300),
+            flow=word(flow),
+            stiffness_profile=ALONG,
+            **own,
         )
-    yield Target(
+    yield target(
         "Pipe.from_si[mass_profile]",
         lambda mass_profile: pp.Pipe.from_si(**SI, mass_profile=mass_profile),
-        {"mass_profile": ALONG},
+        mass_profile=ALONG,
     )
-    yield Target(
+    yield target(
         "Pipe.from_si[nozzle]",
         lambda nozzle_ratio: pp.Pipe.from_si(**SI, nozzle_ratio=nozzle_ratio),
-        {"nozzle_ratio": Kind(positive.good, _not(None, positive.bad))},
+        nozzle_ratio=Kind(positive.good, _not(None, positive.bad)),
     )
     rows = array(4)
     odd = any_of(
         *NOTHINGS, *WORDS, *LOGICAL, *NOT_FINITE, one_of([1.0, NAN], [True], [[1], [1, 2]])
     )
     for method, name in (
-        *(("speed_si", "u"), ("speed", "V"), ("time_si", "tau"), ("time", "t")),
+        *(("speed_si", "u"), ("speed_from_si", "V"), ("time_si", "tau"), ("time_from_si", "t")),
         *(
             ("frequency_si", "omega"),
-            ("frequency", "omega_si"),
+            ("frequency_from_si", "omega_si"),
             ("length_si", "s"),
-            ("length", "x"),
+            ("length_from_si", "x"),
         ),
     ):
-        yield Target(
+        yield target(
             f"Pipe.{method}",
             getattr(MEASURED, method),
-            {name: Kind(any_of(rows.good, NUMBER.good), odd)},
+            **{name: Kind(any_of(rows.good, NUMBER.good), odd)},
         )
     size = real((0.1, 2.0), 0.0)
-    yield Target("Pipe.equivalent_damping", MEASURED.equivalent_damping, {"frequency": size})
-    yield Target(
+    yield target("Pipe.equivalent_damping", MEASURED.equivalent_damping, frequency=size)
+    yield target(
         "end_coefficient[function]",
         pp.end_coefficient,
-        {"velocity": PROFILE, "radius": size, "section": optional(size)},
         slow=True,
+        velocity=PROFILE,
+        radius=size,
+        section=optional(size),
     )
     rows = array(3, (0.1, 1.0))
     rising = array(3, (0.1, 1.0), (-1.0,), fair=one_of([0.0, 0.4, 1.0], np.array([0.0, 1.0, 2.0])))
-    yield Target(
+    yield target(
         "end_coefficient[radii]",
         pp.end_coefficient,
-        {"velocity": rows, "radii": rising},
         called={"radii": "radii|velocity"},
+        velocity=rows,
+        radii=rising,
     )
-    yield Target(
+    yield target(
         "end_coefficient[areas]",
         pp.end_coefficient,
-        {"velocity": rows, "areas": array(3, (0.1, 1.0), (0.0, -1.0)), "section": optional(size)},
         called={"areas": "areas|velocity"},
+        velocity=rows,
+        areas=array(3, (0.1, 1.0), (0.0, -1.0)),
+        section=optional(size),
     )
     for law in LAWS:
         kinds = {item.name: real((0.1, 1.0), -1.0, -1e300) for item in dataclasses.fields(law)}
@@ -604,7 +632,7 @@ def _pipes() -> Iterator[Target]:
         for name, kind in kinds.items():
             ends = one_of(*(getattr(term, name) for term in extremes(law)))
             kinds[name] = Kind(any_of(kind.good, ends), kind.bad)
-        yield Target(law.__name__, law, kinds)
+        yield target(law.__name__, law, **kinds)
 
 
 def _chains() -> Iterator[Target]:
@@ -625,46 +653,34 @@ def _chains() -> Iterator[Target]:
         "base": Kind(one_of(0.0, 0), real((0.0, 0.1), -0.1, 1.0).bad),
     }
     without = {**kinds, "n": Kind(one_of(3), any_of(*NOTHINGS, *WORDS, one_of(0, -1, 2.0)))}
-    yield Target("Chain", pp.Chain, without)
+    yield target("Chain", pp.Chain, **without)
     four = array(4, (0.0, 9.0), (-1.0, 1e300))  # an end that is clamped or guided has a joint, too
     held = {**without, "pipe": of(HINGED, GUIDED), "springs": Kind(rules, four.bad)}
     held["base"] = Kind(one_of(0.0), kinds["base"].bad)
     for cls, make in (("Chain", pp.Chain), ("modular.chain", modular.chain)):
-        yield Target(f"{cls}[held]", make, held)
-    yield Target(
-        "modular.chain",
-        modular.chain,
-        {
-            **without,
-            "enforcement": word("orthonormal", "udwadia-kalaba"),
-        },
-    )
-    yield Target(
+        yield target(f"{cls}[held]", make, **held)
+    yield target("modular.chain", modular.chain, **without)
+    yield target(
         "Galerkin",
         pp.Galerkin,
-        {
-            "pipe": PIPES,
-            "m": Kind(count(2, 6).good, count(1, 6, 2001).bad),
-            "basis": word("beam", "legendre"),
-        },
+        pipe=PIPES,
+        m=Kind(count(2, 6).good, count(1, 6, 2001).bad),
+        basis=word("beam", "legendre"),
     )
-    yield Target("Continuum", pp.Continuum, {"pipe": PIPES})
-    yield Target("Continuum.with_pipe", EXACT.with_pipe, {"pipe": PIPES})
-    yield Target("Continuum.frozen", EXACT.frozen, {"m": count(1, 9, 2001)})
+    yield target("Continuum", pp.Continuum, pipe=PIPES)
+    yield target("Continuum.with_pipe", EXACT.with_pipe, pipe=PIPES)
+    yield target("Continuum.frozen", EXACT.frozen, m=count(1, 9, 2001))
     no_function = any_of(NONE, *NOTHINGS[:12], *WORDS, one_of(3, NAN))
-    yield Target(
+    yield target(
         "Continuum.converge",
         EXACT.converge,
-        {
-            "question": Kind(one_of(lambda rom: rom.dof), no_function),
-            "distance": Kind(
-                one_of(lambda a, b: 0.0),
-                any_of(no_function, one_of(lambda a, b: "a", lambda a, b: 1j)),
-            ),
-            "tolerance": real((0.1, 1.0), 0.0),
-            "smallest": count(1, 9, 1993),
-            "largest": count(1, 9, 2001),
-        },
+        question=Kind(one_of(lambda rom: rom.dof), no_function),
+        distance=Kind(
+            one_of(lambda a, b: 0.0), any_of(no_function, one_of(lambda a, b: "a", lambda a, b: 1j))
+        ),
+        tolerance=real((0.1, 1.0), 0.0),
+        smallest=count(1, 9, 1993),
+        largest=count(1, 9, 2001),
     )
 
 
@@ -698,46 +714,40 @@ def _models() -> Iterator[Target]:
             any_of(array(model.dof).good, array((model.dof, 3)).good), array(model.dof).bad
         )
         complexes = Kind(small.good, _no_complex(small.bad))
-        yield Target(f"{cls}.rhs{tag}", lambda y, u, m=model: m.rhs(0.0, y, u), {"y": y, "u": U})
-        yield Target(
-            f"{cls}.jacobian{tag}",
-            lambda y, u, m=model: m.jacobian(0.0, y, u),
-            {"y": rates, "u": U},
+        yield target(f"{cls}.rhs{tag}", lambda y, u, m=model: m.rhs(0.0, y, u), y=y, u=U)
+        yield target(
+            f"{cls}.jacobian{tag}", lambda y, u, m=model: m.jacobian(0.0, y, u), y=rates, u=U
         )
-        yield Target(f"{cls}.energy{tag}", model.energy, {"y": y})
-        yield Target(f"{cls}.power{tag}", model.power, {"y": y, "u": U})
+        yield target(f"{cls}.energy{tag}", model.energy, y=y)
+        yield target(f"{cls}.power{tag}", model.power, y=y, u=U)
         driven = {
             **{"y": rates, "u": U, "u_dot": optional(real((-9.0, 9.0)))},
             "base": optional(array((3, 2))),
         }
         for ask in (model.rhs, model.jacobian):
-            yield Target(
-                f"{cls}.{ask.__name__}{tag}", lambda ask=ask, **given: ask(0.0, **given), driven
+            yield target(
+                f"{cls}.{ask.__name__}{tag}", lambda ask=ask, **given: ask(0.0, **given), **driven
             )
-        yield Target(f"{cls}.power{tag}", model.power, driven)
+        yield target(f"{cls}.power{tag}", model.power, **driven)
         # Small changes of a held pipe, (dof,), are taken as well as coordinates.
         either = q if model.dof == model.coordinates else Kind(q.good, any_of(*NOTHINGS, *WORDS))
-        yield Target(f"{cls}.shape{tag}", model.shape, {"q": either, "s": PLACES})
-        yield Target(f"{cls}.tip{tag}", model.tip, {"q": either})
-        yield Target(f"{cls}.tips{tag}", model.tips, {"q": columns})
-        yield Target(
-            f"{cls}.tip_velocities{tag}", model.tip_velocities, {"q": columns, "qdot": columns}
-        )
-        yield Target(f"{cls}.bent{tag}", model.bent, {"angle": FUNCTION})
+        yield target(f"{cls}.shape{tag}", model.shape, q=either)
+        yield target(f"{cls}.tip{tag}", model.tip, q=either)
+        yield target(f"{cls}.tips{tag}", model.tips, q=columns)
+        yield target(f"{cls}.tip_velocities{tag}", model.tip_velocities, q=columns, qdot=columns)
+        yield target(f"{cls}.bent{tag}", model.bent, angle=FUNCTION)
         others = Kind(one_of(model.pipe), PIPES.bad) if name == "tapered" else OTHERS
-        yield Target(f"{cls}.with_pipe{tag}", model.with_pipe, {"pipe": others})
-        yield Target(f"{cls}.deflection{tag}", model.deflection, {"q": complexes, "s": PLACES})
-        yield Target(f"{cls}.from_elastic{tag}", model.from_elastic, {"z": complexes})
-        yield Target(f"{cls}.operators{tag}", model.operators, {"q": optional(q)})
-        yield Target(f"{cls}.about{tag}", model.about, {"q": q})
+        yield target(f"{cls}.with_pipe{tag}", model.with_pipe, pipe=others)
+        yield target(f"{cls}.deflection{tag}", model.deflection, q=complexes)
+        yield target(f"{cls}.from_elastic{tag}", model.from_elastic, z=complexes)
+        yield target(f"{cls}.operators{tag}", model.operators, q=optional(q))
+        yield target(f"{cls}.about{tag}", model.about, q=q)
         shape = pp.modes(model, 0.0).shapes[0]
-        yield Target(f"ModeShape.__call__{tag}", shape, {"s": PLACES})
-    yield Target(
-        "Galerkin.functions", LEGENDRE.functions, {"s": PLACES, "derivative": count(0, 2, 3)}
-    )
+        yield target(f"ModeShape.__call__{tag}", shape)
+    yield target("Galerkin.functions", LEGENDRE.functions, derivative=count(0, 2, 3))
     for model in (CHAIN, SPANNED, LOST):
         given = {"u": U, "u_dot": real((-9.0, 9.0), -1e300)}
-        yield Target("Operators.at", model.operators().at, given)
+        yield target("Operators.at", model.operators().at, **given)
 
 
 def any_loaded(maker: Maker) -> Values:
@@ -778,8 +788,8 @@ def _loaded() -> Iterator[Target]:
     for name, maker in MAKERS.items():
         model = Kind(any_loaded(maker), None)
         seed = Kind(lambda dice: dice.randrange(1000), None)
-        yield Target(f"states[{name}]", _same_in_batches, {"model": model, "seed": seed})
-        yield Target(f"motion[{name}]", _moved, {"model": model})
+        yield target(f"states[{name}]", _same_in_batches, model=model, seed=seed)
+        yield target(f"motion[{name}]", _moved, model=model)
 
 
 def _no_complex(draw: Values) -> Values:
@@ -820,35 +830,23 @@ def _scenes() -> Iterator[Target]:
         modular.Drag: {},
         modular.InternalFlow: {},
     }.items():
-        yield Target(f"modular.{part.__name__}", part, kinds)
+        yield target(f"modular.{part.__name__}", part, **kinds)
     functions = Kind(one_of(None), any_of(*NOTHINGS[:12], *WORDS, one_of(3, NAN, [])))
-    yield Target(
+    yield target(
         "modular.Custom",
         modular.Custom,
-        {
-            "nodes": Kind(
-                one_of((1,), [2, 3], np.array([1])),
-                any_of(
-                    NONE, *NOTHINGS, *WORDS, one_of(1, NAN, (0,), (1, 1), (1.5,), (True,), ("a",))
-                ),
-            ),
-            "joints": Kind(
-                one_of((), (2,)),
-                any_of(
-                    NONE, *NOTHINGS, *WORDS, one_of(1, NAN, (0,), (1, 1), (1.5,), (None,), [[1]])
-                ),
-            ),
-            "energy": Kind(one_of(lambda q: 0.5 * q @ q), functions.bad),
-            "force": functions,
-            "force_by_q": functions,
-            "force_by_qdot": functions,
-            "mass": Kind(
-                one_of(None),
-                any_of(_not(None, array((7, 7)).bad), one_of(-np.eye(2), [[0.0, NAN]] * 2)),
-            ),
-            "name": Kind(one_of("mine"), any_of(NONE, *NOTHINGS, one_of("", "\t", 3, NAN, []))),
-        },
         called={"mass": "mass|Custom|mine", "name": "name"},
+        nodes=either([(1,), [2, 3], np.array([1])], 1, NAN, (0,), (1, 1), (1.5,), (True,), ("a",)),
+        joints=either([(), (2,)], 1, NAN, (0,), (1, 1), (1.5,), (None,), [[1]]),
+        energy=Kind(one_of(lambda q: 0.5 * q @ q), functions.bad),
+        force=functions,
+        force_by_q=functions,
+        force_by_qdot=functions,
+        mass=Kind(
+            one_of(None),
+            any_of(_not(None, array((7, 7)).bad), one_of(-np.eye(2), [[0.0, NAN]] * 2)),
+        ),
+        name=Kind(one_of("mine"), any_of(NONE, *NOTHINGS, one_of("", "\t", 3, NAN, []))),
     )
     wrong = Kind(
         one_of(lambda q: 0.5 * q @ q),
@@ -856,11 +854,11 @@ def _scenes() -> Iterator[Target]:
             *(lambda q, v=v: v for v in (NAN, "a", None, [1.0, 2.0], {}, 1e400, 1j, np.ones(9)))
         ),
     )
-    yield Target(
+    yield target(
         "modular.Assembly[energy]",
         lambda energy: SCENE.plus(modular.Custom(nodes=(2,), energy=energy, name="mine")),
-        {"energy": wrong},
         called={"energy": "mine"},
+        energy=wrong,
     )
     force = Kind(
         one_of(lambda q, qdot: -qdot),
@@ -868,43 +866,37 @@ def _scenes() -> Iterator[Target]:
             *(lambda q, qdot, v=v: v for v in (NAN, "a", None, [1.0], {}, [NAN, 0.0], np.ones(9)))
         ),
     )
-    yield Target(
+    yield target(
         "modular.Assembly[force]",
         lambda force: SCENE.plus(modular.Custom(nodes=(2,), force=force, name="mine")),
-        {"force": force},
         called={"force": "mine"},
+        force=force,
     )
-    yield Target(
+    yield target(
         "modular.Assembly",
         modular.Assembly,
-        {
-            "pipe": OTHERS,
-            "modules": parts(
-                MODULES, *([*MODULES, part] for part in (*FURTHER, *CONSTRAINTS)), MODULES[1:]
-            ),
-            "constraints": parts(
-                CONSTRAINTS,
-                *([*CONSTRAINTS, part] for part in (*FURTHER, modular.Joint(4), modular.Guide(4))),
-                *([*CONSTRAINTS, modular.Pin(3, *at)] for at in ((0.0, 1.0), (2.0, 0.0))),
-                *(CONSTRAINTS[1:], CONSTRAINTS[:-1]),
-            ),
-            "enforcement": word("orthonormal", "udwadia-kalaba"),
-        },
         called={
             "modules": "module|segment|node|lengths|inertia|terms",
             "constraints": "constraint|(?i:joint|pin|clamp)|Guide|segment|node|inertia",
         },
+        pipe=OTHERS,
+        modules=parts(
+            MODULES, *([*MODULES, part] for part in (*FURTHER, *CONSTRAINTS)), MODULES[1:]
+        ),
+        constraints=parts(
+            CONSTRAINTS,
+            *([*CONSTRAINTS, part] for part in (*FURTHER, modular.Joint(4), modular.Guide(4))),
+            *([*CONSTRAINTS, modular.Pin(3, *at)] for at in ((0.0, 1.0), (2.0, 0.0))),
+            *(CONSTRAINTS[1:], CONSTRAINTS[:-1]),
+        ),
     )
-    yield Target(
+    yield target(
         "modular.Assembly.plus",
         lambda parts: SCENE.plus(parts),
-        {
-            "parts": Kind(
-                one_of(modular.PointMass(1, 0.2), modular.Guide(3)),
-                any_of(NONE, *NOTHINGS, *WORDS, one_of(*FURTHER, 3, [], modular.Segment(0.1))),
-            )
-        },
         called={"parts": "parts|module|constraint|node|lengths|segment|terms"},
+        parts=either(
+            [modular.PointMass(1, 0.2), modular.Guide(3)], *FURTHER, 3, [], modular.Segment(0.1)
+        ),
     )
     angles = array(3, (-0.2, 0.2), (1e7,))
     for scene, tag in ((SCENE, ""), (HELD, "[held]")):
@@ -912,99 +904,73 @@ def _scenes() -> Iterator[Target]:
         fair = one_of(np.zeros(n)) if tag else None
         turned = array(n, (-0.2, 0.2), (1e7,), fair=fair)
         state = array(6 * n, (-0.2, 0.2))
-        yield Target(f"modular.Assembly.about{tag}", scene.about, {"q": turned})
-        yield Target(
-            f"modular.Assembly.state{tag}",
-            scene.state,
-            {"angles": turned, "rates": optional(turned)},
+        yield target(f"modular.Assembly.about{tag}", scene.about, q=turned)
+        yield target(
+            f"modular.Assembly.state{tag}", scene.state, angles=turned, rates=optional(turned)
         )
-        yield Target(f"modular.Assembly.angles{tag}", scene.angles, {"y": state})
-        yield Target(f"modular.Assembly.admissible{tag}", scene.admissible, {"angles": angles})
-        yield Target(f"modular.Assembly.basis{tag}", scene.basis, {"q": optional(turned)})
-        yield Target(f"modular.Assembly.projection{tag}", scene.projection, {"q": optional(turned)})
-        yield Target(
-            f"modular.Assembly.equilibrium{tag}", scene.equilibrium, {"start": angles, "u": SLOW}
-        )
-        yield Target(
-            f"modular.Assembly.accelerations{tag}",
-            scene.accelerations,
-            {"y": state, "u": U, "enforcement": word("orthonormal", "udwadia-kalaba")},
-        )
+        yield target(f"modular.Assembly.angles{tag}", scene.angles, y=state)
+        yield target(f"modular.Assembly.admissible{tag}", scene.admissible, angles=angles)
+        yield target(f"modular.Assembly.basis{tag}", scene.basis, q=optional(turned))
+        yield target(f"modular.Assembly.equilibrium{tag}", scene.equilibrium, start=angles, u=SLOW)
 
 
 def _questions() -> Iterator[Target]:
-    for function in (pp.eigenvalues, pp.modes):
-        yield Target(
+    for function, several in ((pp.eigenvalues, 4), (pp.modes, 2)):
+        yield target(
             function.__name__,
             function,
-            {
-                "model": LINEAR,
-                "u": SLOW,
-                "count": Kind(one_of(1, 4), _not(None, count(1, 5, 10**7).bad)),
-            },
+            model=LINEAR,
+            u=SLOW,
+            count=Kind(one_of(1, several), _not(None, count(1, 5, 10**7).bad)),
         )
     speeds = array(3, (0.0, 3.0), (-1.0, 1e9), rising=True, any_size=True)
-    yield Target(
+    yield target(
         "root_loci",
         pp.root_loci,
-        {
-            "model": STRAIGHT,
-            "speeds": speeds,
-            "count": optional(count(1, 2, 1001)),
-            "progress": FLAG,
-        },
         slow=True,
+        model=STRAIGHT,
+        speeds=speeds,
+        count=optional(count(1, 2, 1001)),
     )
     ends = real((1.0, 9.0), 0.0, 1e9)
     for function in (pp.crossings, pp.critical_speed):
-        yield Target(function.__name__, function, {"model": STRAIGHT, "max_speed": ends}, slow=True)
+        yield target(function.__name__, function, slow=True, model=STRAIGHT, max_speed=ends)
     maker = Kind(
         one_of(lambda value: pp.Chain(pp.Pipe(value), 2)),
         any_of(NONE, *NOTHINGS[:10], *WORDS, one_of(3, NAN, CHAIN)),
     )
     values = array(2, (0.1, 0.5), any_size=True)
-    yield Target(
+    yield target(
         "stability_curve",
         pp.stability_curve,
-        {
-            "make_model": maker,
-            "values": values,
-            "max_speed": optional(ends),
-            "executor": EXECUTOR,
-            "progress": FLAG,
-        },
         slow=True,
+        make_model=maker,
+        values=values,
+        max_speed=optional(ends),
     )
-    yield Target(
+    yield target(
         "boundary",
         pp.boundary,
-        {
-            "model": STRAIGHT,
-            "x": word("beta"),
-            "y": word("u"),
-            "ranges": Kind(
-                one_of(WINDOW),
-                any_of(
-                    NONE,
-                    *(*NOTHINGS[2:], *WORDS),
-                    one_of({}, {"beta": (0.1, 0.9)}, 3, WINDOW | {"u": (9.0, 1.0)}),
-                    one_of(WINDOW | {"beta": (0.0, 0.5)}, WINDOW | {"u": (NAN, 1.0)}),
-                    one_of(WINDOW | {"u": "12"}, WINDOW | {"gamma": (0.0, 1.0)}),
-                ),
-            ),
-            "u": Kind(one_of(None), any_of(*NOTHINGS, *WORDS, one_of(1.0, -1.0, NAN, [None]))),
-            "criticality": FLAG,
-            "only_stability": FLAG,
-        },
         slow=True,
+        model=STRAIGHT,
+        x=word("beta"),
+        y=word("u"),
+        ranges=Kind(
+            one_of(WINDOW),
+            any_of(
+                NONE,
+                *(*NOTHINGS[2:], *WORDS),
+                one_of({}, {"beta": (0.1, 0.9)}, 3, WINDOW | {"u": (9.0, 1.0)}),
+                one_of(WINDOW | {"beta": (0.0, 0.5)}, WINDOW | {"u": (NAN, 1.0)}),
+                one_of(WINDOW | {"u": "12"}, WINDOW | {"gamma": (0.0, 1.0)}),
+            ),
+        ),
+        u=Kind(one_of(None), any_of(*NOTHINGS, *WORDS, one_of(1.0, -1.0, NAN, [None]))),
     )
     inside = {"x": real((0.1, 0.9), 0.09, 0.91), "y": real((0.0, 9.0), -0.1, 9.1)}
-    yield Target("Boundary.unstable", BOUNDARY.unstable, inside)
-    yield Target(
-        "criticality_curve",
-        pp.criticality_curve,
-        {"make_model": maker, "values": values, "executor": EXECUTOR, "progress": FLAG},
-        slow=True,
+    yield target("Boundary.unstable", BOUNDARY.unstable, **inside)
+    yield target(
+        "criticality_curve", pp.criticality_curve, slow=True, make_model=maker, values=values
     )
 
 
@@ -1044,7 +1010,7 @@ def _comparisons() -> Iterator[Target]:
             np.array([4, 5], dtype=np.uint8),
             {"legendre": [5, 6], "midpoint": 4},
             range(2, 5),
-        ),
+        )
     )
     no_sizes = one_of(
         *([], [0], [3, 3], [5, 3], [2.5], "a", NAN, [NAN], [True], -1, 10**30, [[3, 4]]),
@@ -1068,16 +1034,22 @@ def _comparisons() -> Iterator[Target]:
             ("both", {"tolerance": Kind(tolerance.good, None), "budget": Kind(budget.good, None)}),
         ):
             kinds = {**common, **demand, "among": among, "repeats": repeats}
-            yield Target(f"choose[{name}, {tag}]", _chosen, kinds, True, called)
+            yield target(f"choose[{name}, {tag}]", _chosen, slow=True, called=called, **kinds)
         measured = {"families": among, "sizes": Kind(several, no_sizes), "progress": FLAG}
-        yield Target(
-            f"trade[{name}]", _traded, {**common, **measured, "repeats": repeats}, True, called
+        yield target(
+            f"trade[{name}]",
+            _traded,
+            slow=True,
+            called=called,
+            **common,
+            **measured,
+            repeats=repeats,
         )
         wanted = real((1e-3, 0.1), 0.0, 2.0)
         if name == "limit_cycle":  # those without one take long
             common["u"] = Kind(one_of(1e-3), conditions["u"].bad)
         kinds = {"u": SLOW, **common, "tolerance": wanted}
-        yield Target(f"relevant[{name}]", _relevance, kinds, True, called)
+        yield target(f"relevant[{name}]", _relevance, slow=True, called=called, **kinds)
 
 
 def _chosen(**given: Any) -> tuple[Any, ...]:
@@ -1135,21 +1107,23 @@ def _motions() -> Iterator[Target]:
     }
     for name, model in MODELS.items():
         n = model.integrated
-        rows, rates = start(n), array(n, (-0.1, 0.1), (1e7,))
-        if model.dof != n:  # few states meet supports
+        held = model.dof != n  # few states meet supports, and small changes, (dof,), are taken too
+        rows, rates = start(n), array(n, (-0.1, 0.1), (1e7,), any_size=held)
+        if held:
             rows = Kind(one_of(bend, np.zeros(n)), rows.bad)
             rates = Kind(one_of(np.zeros(n), [0.0] * n), rates.bad)
         rates = optional(rates)
-        yield Target(
+        yield target(
             f"simulate[{name}]",
             lambda m=model, **given: pp.simulate(m, **_without_none(given, "times")),
-            {**common, "u": SLOW, "q0": rows, "qdot0": rates},
             called={"q0": "q0|angle"},
+            **common,
+            u=SLOW,
+            q0=rows,
+            qdot0=rates,
         )
-    yield Target(
-        "simulate",
-        lambda model: pp.simulate(model, 1.0, 0.1, bend, samples=3),
-        {"model": MOVING},
+    yield target(
+        "simulate", lambda model: pp.simulate(model, 1.0, 0.1, bend, samples=3), model=MOVING
     )
     watched = {
         "method": word("dop853", "radau"),
@@ -1161,107 +1135,92 @@ def _motions() -> Iterator[Target]:
         "dense": FLAG,
         "callback": Kind(one_of(None, lambda t, q, qdot: None), any_of(*WORDS, one_of(3, [], NAN))),
     }
-    yield Target(
+    yield target(
         "simulate[watched]",
         lambda **given: pp.simulate(CHAIN, 1.0, 0.1, bend, samples=3, **given),
-        watched,
+        **watched,
     )
     for tag, model in (("chain", CHAIN), ("supported", pp.Galerkin(HINGED, 3))):
-        yield Target(
+        yield target(
             f"simulate[{tag}, driven]",
             lambda m=model, **given: pp.simulate(m, duration=0.1, q0=bend, samples=3, **given),
-            {"u": FLOWS, "base": SHAKERS},
+            u=FLOWS,
+            base=SHAKERS,
         )
     speeds = array(2, (0.0, 3.0), (-1.0, 1e9), any_size=True)
-    yield Target(
+    yield target(
         "simulate_many",
         lambda **given: pp.simulate_many(
             given.pop("models"), given.pop("speeds"), **_without_none(given, "times")
         ),
-        {
-            **common,
-            "models": Kind(
-                one_of(CHAIN, [CHAIN, CHAIN]), any_of(MOVING.bad, one_of([], [EXACT], [3]))
-            ),
-            "speeds": speeds,
-            "q0": Kind(
-                start(3).good, any_of(FUNCTION.bad, one_of([[0.1]], [NAN] * 3, [[0.1, NAN, 0.0]]))
-            ),
-            "executor": EXECUTOR,
-        },
         called={"q0": "q0|angle", "speeds": "speeds|models"},
+        **common,
+        models=Kind(one_of(CHAIN, [CHAIN, CHAIN]), any_of(MOVING.bad, one_of([], [EXACT], [3]))),
+        speeds=speeds,
+        executor=EXECUTOR,
+        q0=Kind(start(3).good, any_of(FUNCTION.bad, one_of([[0.1]], [NAN] * 3, [[0.1, NAN, 0.0]]))),
     )
     many = one_of([PUMP, 1.0, lambda t: 1.0 + t], (PUMP, PUMP), [(lambda t: 1.0, lambda t: 0.0)])
     few = one_of([PUMP, -1.0], [None], [lambda t: NAN], [(PUMP,)], [[PUMP]], ["a"], [], 1j)
-    yield Target(
+    yield target(
         "simulate_many[driven]",
         lambda **given: pp.simulate_many(CHAIN, duration=0.1, q0=bend, samples=3, **given),
-        {"speeds": Kind(many, few), "base": SHAKERS},
         called={"speeds": r"speeds|\bu\b"},
+        speeds=Kind(many, few),
+        base=SHAKERS,
     )
     state = Kind(one_of(None), any_of(*NOTHINGS, *WORDS, one_of([0.1], [NAN] * 3, PIPE, EXACT)))
     flutter = Kind(one_of(FLUTTER), MOVING.bad)
     beyond = Kind(one_of(SPEED), real((1.0, 2.0), -1.0, 1e9).bad)
-    yield Target(
+    yield target(
         "limit_cycle",
         pp.limit_cycle,
-        {
-            "model": flutter,
-            "u": beyond,
-            "start": state,
-            "rtol": real((1e-6, 1e-3), 0.0, 1.0),
-            "samples": count(9, 33, 100_001),
-        },
         slow=True,
+        model=flutter,
+        u=beyond,
+        start=state,
+        rtol=real((1e-6, 1e-3), 0.0, 1.0),
+        samples=count(9, 33, 100_001),
     )
-    yield Target("hopf", pp.hopf, {"model": flutter, "crossing": optional(of(CROSSING))}, slow=True)
+    yield target("hopf", pp.hopf, slow=True, model=flutter, crossing=optional(of(CROSSING)))
     lossy = {"model": Kind(one_of(OVERHANG), one_of(LOST, EXACT, 3, NAN, None))}
     refused = {"model": "model|hysteresis"}
-    yield Target("hopf[supported]", pp.hopf, lossy, slow=True, called=refused)
+    yield target("hopf[supported]", pp.hopf, slow=True, called=refused, **lossy)
     given = {**lossy, "u": Kind(one_of(1.02 * OVERHANG_SPEED), SLOW.bad)}
-    yield Target("limit_cycle[supported]", pp.limit_cycle, given, slow=True, called=refused)
-    yield Target(
+    yield target("limit_cycle[supported]", pp.limit_cycle, slow=True, called=refused, **given)
+    yield target(
         "equilibria",
         pp.equilibria,
-        {
-            "model": Kind(any_of(MOVING.good, one_of(pp.Chain(JET, 3))), MOVING.bad),
-            "u": SLOW,
-            "starts": Kind(
-                one_of(()), any_of(NONE, *WORDS, one_of(3, {}, [[NAN]], [3], [None], ["a"]))
-            ),
-        },
         slow=True,
+        model=Kind(any_of(MOVING.good, one_of(pp.Chain(JET, 3))), MOVING.bad),
+        u=SLOW,
+        starts=Kind(one_of(()), any_of(NONE, *WORDS, one_of(3, {}, [[NAN]], [3], [None], ["a"]))),
     )
     pair = array(2, (0.0, 3.0), (-1.0, 1e9), fair=one_of((0.5, 1.5), [0.0, 2.0]))
-    yield Target(
+    yield target(
         "equilibrium_branch",
         pp.equilibrium_branch,
-        {
-            "model": Kind(one_of(FLUTTER, pp.Chain(JET, 3)), flutter.bad),
-            "q0": Kind(one_of(bend), start(3).bad),
-            "u0": Kind(one_of(1.0), SLOW.bad),
-            "speeds": pair,
-            "step": real((0.1, 1.0), 0.0, 2.0),
-        },
         slow=True,
         called={"q0": "q0|angle"},
+        model=Kind(one_of(FLUTTER, pp.Chain(JET, 3)), flutter.bad),
+        q0=Kind(one_of(bend), start(3).bad),
+        u0=Kind(one_of(1.0), SLOW.bad),
+        speeds=pair,
+        step=real((0.1, 1.0), 0.0, 2.0),
     )
-    yield Target(
+    yield target(
         "lyapunov_exponent",
         pp.lyapunov_exponent,
-        {
-            "model": MOVING,
-            "u": SLOW,
-            "start": state,
-            "duration": real((0.5, 1.0), 0.0, 1e300),
-            "transient": real((0.0, 0.5), -1.0, 1e300),
-            "blocks": count(4, 6, 10_001),
-            "interval": real((0.1, 0.5), 0.0, 1e300),
-            "method": word("variational", "pair"),
-            "rtol": real((1e-8, 1e-4), 0.0, 1.0),
-            "progress": FLAG,
-        },
         slow=True,
+        model=MOVING,
+        u=SLOW,
+        start=state,
+        duration=real((0.5, 1.0), 0.0, 1e300),
+        transient=real((0.0, 0.5), -1.0, 1e300),
+        blocks=count(4, 6, 10_001),
+        interval=real((0.1, 0.5), 0.0, 1e300),
+        method=word("variational", "pair"),
+        rtol=real((1e-8, 1e-4), 0.0, 1.0),
     )
     diagram = {
         "model": flutter,
@@ -1270,62 +1229,51 @@ def _motions() -> Iterator[Target]:
         "brute_force": count(0, 1, 10_001),
         "transient": real((0.0, 1.0), -1.0, 1e300),
         "duration": real((1.0, 2.0), 0.0, 1e300),
-        "exponents": FLAG,
         "rtol": real((1e-6, 1e-3), 0.0, 1.0),
-        "seed": Kind(one_of(0, 7), any_of(NONE, *NOTHINGS, *WORDS, one_of(-1, 0.5, NAN))),
+        "seed": either([0, 7], -1, 0.5, NAN),
     }
-    shown = {"executor": EXECUTOR, "progress": FLAG}
     own = any_of(array((2, 3), (-0.1, 0.1)).good, array((2, 6), (-0.1, 0.1)).good)
     own = any_of(count(1, 3).good, own, one_of(PLANE))
-    yield Target(
+    yield target(
         "attractors",
         pp.attractors,
-        {
-            "model": flutter,
-            "u": Kind(one_of(1.0, 2.0), SLOW.bad),
-            "starts": Kind(own, any_of(array((2, 6), (-0.1, 0.1), (1e7,)).bad, one_of(0, -1, 2.5))),
-            "base": Kind(one_of(None), any_of(*NOTHINGS, *WORDS, one_of(3, NAN, [], PUMP))),
-            "transient": real((10.0, 20.0), -1.0, 1e300),
-            "duration": real((1.0, 2.0), 0.0, 1e300),
-            "exponents": FLAG,
-            "rtol": real((1e-6, 1e-4), 0.0, 1.0),
-            "seed": diagram["seed"],
-            **shown,
-        },
         slow=True,
         called={"starts": "starts|angle"},
+        model=flutter,
+        u=Kind(one_of(1.0, 2.0), SLOW.bad),
+        starts=Kind(own, any_of(array((2, 6), (-0.1, 0.1), (1e7,)).bad, one_of(0, -1, 2.5))),
+        base=Kind(one_of(None), any_of(*NOTHINGS, *WORDS, one_of(3, NAN, [], PUMP))),
+        transient=real((10.0, 20.0), -1.0, 1e300),
+        duration=real((1.0, 2.0), 0.0, 1e300),
+        rtol=real((1e-6, 1e-4), 0.0, 1.0),
+        seed=diagram["seed"],
     )
     wrong = any_of(NONE, *WORDS, one_of(3, (0,), (0, 0), (-1, 2)))
-    yield Target(
+    yield target(
         "StartPlane",
         pp.StartPlane,
-        {
-            "x": array(2, (-1.0, 1.0), rising=True, any_size=True),
-            "y": array(3, (-1.0, 1.0), rising=True, any_size=True),
-            "indices": Kind(one_of((0, 1), (1, 5), [0, 3]), wrong),
-            "state": optional(array(6, (-0.1, 0.1), any_size=True)),
-        },
+        x=array(2, (-1.0, 1.0), rising=True, any_size=True),
+        y=array(3, (-1.0, 1.0), rising=True, any_size=True),
+        indices=Kind(one_of((0, 1), (1, 5), [0, 3]), wrong),
+        state=optional(array(6, (-0.1, 0.1), any_size=True)),
     )
-    yield Target("bifurcation_diagram", pp.bifurcation_diagram, {**diagram, **shown}, slow=True)
-    yield Target("diagram_cost", pp.diagram_cost, diagram, slow=True)
+    yield target("bifurcation_diagram", pp.bifurcation_diagram, slow=True, **diagram)
+    yield target("diagram_cost", pp.diagram_cost, slow=True, exponents=FLAG, **diagram)
     wrong = any_of(NONE, *NOTHINGS, *WORDS, one_of(3, NAN, {}, []))
     other = (
         {"beta": (0.1, 0.05), "u": (3.0, 3.3)},
         {"u": (3.0, 3.3)},
         NEAR_FOLD | {"u": (0.0, 1.0)},
     )
-    yield Target(
+    yield target(
         "cycle_boundary",
         pp.cycle_boundary,
-        {
-            "branch": Kind(one_of(FOLDED), any_of(wrong, one_of(BRANCH, DIAGRAM))),
-            "events": Kind(one_of(FOLD, [FOLD]), any_of(wrong, one_of(FOLDED.events[0]))),
-            "x": Kind(one_of("beta"), any_of(wrong, one_of("u", "hysteresis"))),
-            "y": Kind(one_of("u"), any_of(wrong, one_of("beta", "frequency"))),
-            "ranges": Kind(one_of(NEAR_FOLD), any_of(wrong, one_of(*other))),
-            "progress": FLAG,
-        },
         slow=True,
+        branch=Kind(one_of(FOLDED), any_of(wrong, one_of(BRANCH, DIAGRAM))),
+        events=Kind(one_of(FOLD, [FOLD]), any_of(wrong, one_of(FOLDED.events[0]))),
+        x=Kind(one_of("beta"), any_of(wrong, one_of("u", "hysteresis"))),
+        y=Kind(one_of("u"), any_of(wrong, one_of("beta", "frequency"))),
+        ranges=Kind(one_of(NEAR_FOLD), any_of(wrong, one_of(*other))),
     )
 
 
@@ -1390,28 +1338,24 @@ def _uncertain(found: Any) -> Any:
 
 def _results() -> Iterator[Target]:
     at = Kind(one_of(SPEED, CYCLE.u), real((1.0, 2.0), -1.0).bad)
-    yield Target("BifurcationDiagram.at", DIAGRAM.at, {"u": at})
-    yield Target("CycleBranch.at", BRANCH.at, {"u": at})
+    yield target("BifurcationDiagram.at", DIAGRAM.at, u=at)
+    yield target("CycleBranch.at", BRANCH.at, u=at)
     event = BRANCH.events[0]
-    yield Target("CycleEvent.same", event.same, {"other": of(event)})
-    yield Target("Trade.of", TRADE.of, {"family": word("beam")})
+    yield target("CycleEvent.same", event.same, other=of(event))
+    yield target("Trade.of", TRADE.of, family=word("beam"))
     costs = word("seconds", "dof", "right_hand_sides", "factorisations")
-    yield Target("Trade.pareto", TRADE.pareto, {"cost": costs})
+    yield target("Trade.pareto", TRADE.pareto, cost=costs)
     rows = {"found": Kind(any_trade, None)}
-    yield Target("Trade.pareto[rows]", _front, {**rows, "cost": costs})
-    yield Target("Trade.orders[rows]", lambda found: _laws(found), rows)
-    yield Target("Trade.__str__[rows]", lambda found: (str(found), found._repr_html_()), rows)
-    yield Target("Trade.to_csv[rows]", lambda found: found.to_csv(), rows)
-    yield Target(
-        "Modes.errors", _uncertain, {"found": Kind(any_of(_any_modes, one_of(MODES)), None)}
-    )
-    yield Target(
-        "RootLoci.errors", _uncertain, {"found": Kind(any_of(_any_loci, one_of(LOCI)), None)}
-    )
+    yield target("Trade.pareto[rows]", _front, **rows, cost=costs)
+    yield target("Trade.orders[rows]", lambda found: _laws(found), **rows)
+    yield target("Trade.__str__[rows]", lambda found: (str(found), found._repr_html_()), **rows)
+    yield target("Trade.to_csv[rows]", lambda found: found.to_csv(), **rows)
+    yield target("Modes.errors", _uncertain, found=Kind(any_of(_any_modes, one_of(MODES)), None))
+    yield target("RootLoci.errors", _uncertain, found=Kind(any_of(_any_loci, one_of(LOCI)), None))
     path = Kind(one_of(None), one_of(3, 2.5, [], {}, NAN, True))
-    yield Target("Trade.to_csv", TRADE.to_csv, {"path": path})
-    yield Target("Hopf.amplitude", HOPF.amplitude, {"u": at})
-    yield Target("Hopf.cycle_frequency", HOPF.cycle_frequency, {"u": at})
+    yield target("Trade.to_csv", TRADE.to_csv, path=path)
+    yield target("Hopf.amplitude", HOPF.amplitude, u=at)
+    yield target("Hopf.cycle_frequency", HOPF.cycle_frequency, u=at)
 
 
 def _kept() -> Iterator[Target]:
@@ -1419,152 +1363,141 @@ def _kept() -> Iterator[Target]:
     kept, bad = one_of(KEPT, str(KEPT)), any_of(NONE, *NOTHINGS, one_of("x.json", 3))
     path = Kind(kept, any_of(bad, one_of("/nowhere/x.npz")))
     things = Kind(one_of(CHAIN, PIPE, CRITICAL, CYCLE, SCENE), None)
-    yield Target(
-        "Saved.save", lambda thing, path: thing.save(path), {"thing": things, "path": path}
-    )
+    yield target("Saved.save", lambda thing, path: thing.save(path), thing=things, path=path)
     found = (MODES, LOCI, MOTION, ENSEMBLE, DIAGRAM, TRADE, ENDS, BOUNDARY, RESPONSE, SHAKES)
     table = {"table": Kind(one_of(*found), None), "units": word("nondimensional")}
-    yield Target("TableResult.columns", lambda table, units: table.columns(units), table)
+    yield target("TableResult.columns", lambda table, units: table.columns(units), **table)
     table["units"] = word("si", "nondimensional")
     table["table"] = Kind(one_of(pp.modes(pp.Chain(MEASURED, 3), 1.0)), None)
-    yield Target("TableResult.to_csv", lambda table, units: table.to_csv(units=units), table)
-    yield Target("TableResult.to_dataframe", lambda table, units: table.to_dataframe(units), table)
+    yield target("TableResult.to_csv", lambda table, units: table.to_csv(units=units), **table)
+    yield target(
+        "TableResult.to_dataframe", lambda table, units: table.to_dataframe(units), **table
+    )
     known = {"found": Kind(one_of(CRITICAL, CYCLE, LOCI, BOUNDARY), None)}
     known["pipe"] = Kind(one_of(MEASURED), one_of(PIPE, 3, "pipe", CHAIN))
-    yield Target("Result.in_si", lambda found, pipe: repr(found.in_si(pipe)), known)
-    yield Target("load", pp.load, {"path": Kind(kept, bad)})
+    yield target("Result.in_si", lambda found, pipe: repr(found.in_si(pipe)), **known)
+    yield target("load", pp.load, path=Kind(kept, bad))
     size, most = real((0.1, 5.0), -1.0, 1e300), real((0.1, 5.0), 0.0, 1e300)
     words = ("frequency", "decay_rate", "decrement", "critical_speed", "critical_frequency")
-    yield Target(
+    yield target(
         "Measurement",
         lambda **given: pp.Measurement(**given),
-        {
-            "quantity": Kind(one_of(*words[:3]), any_of(NONE, *NOTHINGS, one_of("speed", 3))),
-            "value": Kind(size.good, one_of(NAN, "1", 1e300)),
-            "uncertainty": most,
-            "speed": real((0.0, 3.0), -0.1, 1e300),
-            "mode": count(1, 3, 21),
-        },
+        quantity=Kind(one_of(*words[:3]), any_of(NONE, *NOTHINGS, one_of("speed", 3))),
+        value=Kind(size.good, one_of(NAN, "1", 1e300)),
+        uncertainty=most,
+        speed=real((0.0, 3.0), -0.1, 1e300),
+        mode=count(1, 3, 21),
     )
     measured = [pp.Measurement("frequency", 3.5, 0.1), pp.Measurement("decrement", 0.2, 0.05)]
     names = one_of(["damping"], ("damping",), {"damping": (1e-4, 1.0)})
     wrong = one_of([], ["damping", "damping"], ["x"], {"damping": (1.0, 0.0)}, {"damping": 3}, "x")
-    yield Target(
+    yield target(
         "identify",
         pp.identify,
-        {
-            "pipe": Kind(one_of(PIPE), any_of(NONE, *NOTHINGS, one_of(CHAIN))),
-            "measurements": Kind(one_of(measured, tuple(measured)), one_of([], None, [3], 3)),
-            "unknowns": Kind(names, any_of(NONE, *NOTHINGS, wrong)),
-        },
         slow=True,
+        pipe=Kind(one_of(PIPE), any_of(NONE, *NOTHINGS, one_of(CHAIN))),
+        measurements=Kind(one_of(measured, tuple(measured)), one_of([], None, [3], 3)),
+        unknowns=Kind(names, any_of(NONE, *NOTHINGS, wrong)),
     )
 
 
 def _driven() -> Iterator[Target]:
     frequency = real((20.0, 40.0), 0.0, 1e300)
-    yield Target("RootSpring", pp.RootSpring, {"stiffness": real((0.0, 9.0), -0.1)})
-    yield Target(
+    yield target("RootSpring", pp.RootSpring, stiffness=real((0.0, 9.0), -0.1))
+    yield target(
         "Pulsation",
         pp.Pulsation,
-        {"mean": U, "amplitude": real((-1.0, 1.0), -1.1, 1.1), "frequency": frequency},
+        mean=U,
+        amplitude=real((-1.0, 1.0), -1.1, 1.1),
+        frequency=frequency,
     )
     size = real((-0.1, 0.1))
-    yield Target(
-        "Harmonic",
-        pp.Harmonic,
-        {"amplitude": size, "frequency": frequency, "direction": word("x", "y")},
+    yield target(
+        "Harmonic", pp.Harmonic, amplitude=size, frequency=frequency, direction=word("x", "y")
     )
     positive = real((0.1, 3.0), 0.0, 1e300)
     si = {"pipe": of(MEASURED), "frequency": positive}
-    yield Target(
+    yield target(
         "Pulsation.from_si",
         pp.Pulsation.from_si,
-        {**si, "mean": real((0.0, 3.0), -0.1, 1e300), "amplitude": size},
+        **si,
+        mean=real((0.0, 3.0), -0.1, 1e300),
+        amplitude=size,
     )
-    yield Target("Harmonic.from_si", pp.Harmonic.from_si, {**si, "amplitude": size})
+    yield target("Harmonic.from_si", pp.Harmonic.from_si, **si, amplitude=size)
     supply = {"friction": real((0.5, 9.0), 0.0), "weight": optional(real((-1.0, 1.0)))}
     supply["start"] = optional(SLOW)
-    yield Target("Supply", pp.Supply, {"head": real((5.0, 50.0)), **supply})
+    yield target("Supply", pp.Supply, head=real((5.0, 50.0)), **supply)
     at_speed = {"pipe": of(PIPE, DRAGGED), "u": real((0.5, 9.0), 0.0, 1e5), **supply}
-    yield Target("Supply.at_speed", pp.Supply.at_speed, at_speed)
+    yield target("Supply.at_speed", pp.Supply.at_speed, **at_speed)
     dense = {"pressure": real((1e3, 1e5)), "density": real((500.0, 1500.0), 0.0)}
     dense |= {"pipe": of(MEASURED), "friction": supply["friction"], "start": optional(SLOW)}
-    yield Target("Supply.from_si", pp.Supply.from_si, dense)
-    yield Target("Supply.speed", pp.Supply(20.0, 2.0).speed, {"pipe": of(PIPE, DRAGGED)})
+    yield target("Supply.from_si", pp.Supply.from_si, **dense)
+    yield target("Supply.speed", pp.Supply(20.0, 2.0).speed, pipe=of(PIPE, DRAGGED))
     lossless = Kind(
         one_of(CHAIN, LEGENDRE, SCENE, SPANNED, SUPPORTED),
         any_of(of(CHAIN, LEGENDRE, SCENE, EXACT).bad, one_of(LOST, pp.Chain(JET, 3))),
     )
     refused = {"model": "model|hysteresis"}
     given = {"model": lossless, "pulsation": of(PUMP)}
-    yield Target("floquet", pp.floquet, given, called=refused)
+    yield target("floquet", pp.floquet, called=refused, **given)
     frequencies = Kind(
         one_of((20.0, 30.0)),
         any_of(*NOTHINGS, *WORDS, one_of(3, NAN, (2.0, 1.0), (0.0, 1.0), (1.0,), (NAN, 1.0))),
     )
-    yield Target(
+    yield target(
         "parametric_regions",
         pp.parametric_regions,
-        {
-            "model": Kind(one_of(SHAKEN, SPANNED), lossless.bad),
-            "mean": real((1.0, 2.0), 0.0, 1e9),
-            "amplitudes": array(2, (0.1, 0.3), (-0.1, 1.0), rising=True, any_size=True),
-            "frequencies": frequencies,
-        },
         called={"model": "model|mean|hysteresis"},  # some are unstable there
         slow=True,
+        model=Kind(one_of(SHAKEN, SPANNED), lossless.bad),
+        mean=real((1.0, 2.0), 0.0, 1e9),
+        amplitudes=array(2, (0.1, 0.3), (-0.1, 1.0), rising=True, any_size=True),
+        frequencies=frequencies,
     )
     place = Kind(
         one_of("tip", 1.0, 0.5), any_of(NONE, *NOTHINGS, *LOGICAL, one_of("root", NAN, -0.1, 1.1))
     )
-    yield Target(
+    yield target(
         "frequency_response",
         pp.frequency_response,
-        {
-            "model": of(CHAIN, LEGENDRE, SCENE, EXACT, HINGES, LOST, *ENDLESS),
-            "u": real((0.0, 2.0), -0.1, 1e300),
-            "frequencies": optional(array(3, (1.0, 20.0), (-1.0,), any_size=True)),
-            "input": Kind(
-                one_of("base", ("force", 0.5), ("moment", 1.0)),
-                any_of(NONE, *NOTHINGS, one_of("force", ("force",), ("force", 2.0), ("shear", 1))),
-            ),
-            "output": place,
-            "tolerance": real((1e-3, 1e-2), 0.0, 1.0),
-        },
+        model=of(CHAIN, LEGENDRE, SCENE, EXACT, HINGES, LOST, *ENDLESS),
+        u=real((0.0, 2.0), -0.1, 1e300),
+        frequencies=optional(array(3, (1.0, 20.0), (-1.0,), any_size=True)),
+        input=Kind(
+            one_of("base", ("force", 0.5), ("moment", 1.0)),
+            any_of(NONE, *NOTHINGS, one_of("force", ("force",), ("force", 2.0), ("shear", 1))),
+        ),
+        output=place,
+        tolerance=real((1e-3, 1e-2), 0.0, 1.0),
     )
-    yield Target(
+    yield target(
         "forced_response",
         pp.forced_response,
-        {
-            "model": Kind(one_of(SHAKEN, HINGES), lossless.bad),
-            "u": real((1.0, 2.0), -0.1, 1e300),
-            "base": of(SHAKER),
-            "frequencies": frequencies,
-            "progress": FLAG,
-        },
         slow=True,
         called=refused,
+        model=Kind(one_of(SHAKEN, HINGES), lossless.bad),
+        u=real((1.0, 2.0), -0.1, 1e300),
+        base=of(SHAKER),
+        frequencies=frequencies,
     )
     still = pp.Pulsation(2.0, 0.0, 25.0)
-    yield Target(
+    yield target(
         "forced_response[flow]",
         pp.forced_response,
-        {
-            "model": Kind(one_of(SHAKEN, SPANNED), lossless.bad),
-            "u": Kind(one_of(PUMP), any_of(NONE, *NOTHINGS, *WORDS, one_of(SHAKER, still, 1.0))),
-            "frequencies": frequencies,
-        },
         slow=True,
         called={"u": r"\bu\b|base", **refused},
+        model=Kind(one_of(SHAKEN, SPANNED), lossless.bad),
+        u=either([PUMP], SHAKER, still, 1.0),
+        frequencies=frequencies,
     )
     inside = Kind(one_of(22.0, 25.0), real((20.0, 30.0), 0.0).bad)
-    yield Target("ForcedResponse.at", SHAKES.at, {"frequency": inside})
-    yield Target("ForcedBranch.at", SHAKES.branches[0].at, {"frequency": inside})
+    yield target("ForcedResponse.at", SHAKES.at, frequency=inside)
+    yield target("ForcedBranch.at", SHAKES.branches[0].at, frequency=inside)
 
 
 def _pictures() -> Iterator[Target]:
-    ax, loci = Kind(one_of(AX), _not(None, of(AX).bad)), of(LOCI)
+    loci = of(LOCI)
     top = optional(real((1.0, 9.0), -1.0))
     motion = of(MOTION)
     several = Kind(
@@ -1590,19 +1523,18 @@ def _pictures() -> Iterator[Target]:
         )
 
     calls: dict[str, dict[str, Kind]] = {
-        "root_loci": {"ax": ax, "loci": loci, "benchmark": optional(loci), "highest": top},
-        "frequencies": {"ax": ax, "loci": loci, "benchmark": optional(loci), "largest": top},
-        "mode_shapes": {"ax": ax, "modes": of(MODES), "count": count(1, 4, 1001)},
-        "convergence": {"ax": ax, "families": named([CRITICAL]), "exact": of(CRITICAL)},
+        "root_loci": {"loci": loci, "benchmark": optional(loci), "highest": top},
+        "frequencies": {"loci": loci, "benchmark": optional(loci), "largest": top},
+        "mode_shapes": {"modes": of(MODES), "count": count(1, 4, 1001)},
+        "convergence": {"families": named([CRITICAL]), "exact": of(CRITICAL)},
         "stability_map": {
-            "ax": ax,
             "boundaries": named(BOUNDARY),
             "highest": top,
             "marked": optional(of(CRITICAL)),
         },
-        "boundary": {"ax": ax, "found": of(BOUNDARY)},
+        "boundary": {"found": of(BOUNDARY)},
         "dot_stride": {"loci": loci},
-        "notice": {"ax": ax, "text": words},
+        "notice": {"text": words},
         "panels": {
             "rows": count(1, 2, 101),
             "columns": count(1, 2, 101),
@@ -1614,9 +1546,9 @@ def _pictures() -> Iterator[Target]:
             "ax": Kind(one_of(AXES), any_of(*NOTHINGS, one_of([AX], np.ones(2), AXES[:0]))),
         },
         "style": {},
-        "time_history": {"motions": several, "ax": ax},
-        "phase_portrait": {"motions": several, "coordinate": place, "ax": ax},
-        "snapshots": {"motion": motion, "span": span, "count": count(2, 5, 10_001), "ax": ax},
+        "time_history": {"motions": several},
+        "phase_portrait": {"motions": several, "coordinate": place},
+        "snapshots": {"motion": motion, "span": span, "count": count(2, 5, 10_001)},
         "animate": {
             "motion": motion,
             "path": Kind(
@@ -1624,41 +1556,37 @@ def _pictures() -> Iterator[Target]:
             ),
             "fps": real((1.0, 2.0), 0.0, 1e3),
             "speed": optional(real((0.1, 0.4), 0.0)),
+            "ax": AXIS,
             "span": span,
-            "ax": ax,
         },
-        "bifurcation_diagram": {"diagram": of(DIAGRAM), "coordinate": place, "ax": ax},
-        "basins": {"found": of(ENDS), "ax": ax},
-        "poincare_section": {"found": of(ENDS), "coordinate": place, "ax": ax},
-        "spectrum": {"found": of(ENDS), "ax": ax},
-        "cycle_boundary": {"found": of(FOLDS), "ax": ax},
+        "bifurcation_diagram": {"diagram": of(DIAGRAM), "coordinate": place},
+        "basins": {"found": of(ENDS)},
+        "poincare_section": {"found": of(ENDS), "coordinate": place},
+        "spectrum": {"found": of(ENDS)},
+        "cycle_boundary": {"found": of(FOLDS)},
         "trade": {
             "found": Kind(any_of(of(TRADE).good, any_trade), of(TRADE).bad),
             "cost": word("seconds", "dof", "right_hand_sides", "factorisations"),
-            "ax": ax,
         },
-        "orbit": {"cycles": cycles, "ax": ax},
-        "multipliers": {"cycles": Kind(one_of(CYCLE, BRANCH), cycles.bad), "ax": ax},
-        "frequency_response": {"response": of(RESPONSE), "phase": FLAG, "ax": ax},
-        "forced_response": {"response": of(SHAKES), "ax": ax},
-        "parametric_regions": {
-            "regions": Kind(one_of(REGIONS), any_of(NONE, *NOTHINGS, *WORDS, one_of(3, [3], PIPE))),
-            "ax": ax,
-        },
+        "orbit": {"cycles": cycles},
+        "multipliers": {"cycles": Kind(one_of(CYCLE, BRANCH), cycles.bad)},
+        "frequency_response": {"response": of(RESPONSE)},
+        "forced_response": {"response": of(SHAKES)},
+        "parametric_regions": {"regions": either([REGIONS], 3, [3], PIPE)},
     }
     knob = plot.Exploration(PIPE, 3)
     sliders = {"name": word("beta", "gamma")}
-    yield Target("plot.Exploration.slider", knob.slider, sliders)
+    yield target("plot.Exploration.slider", knob.slider, **sliders)
     moved = Kind(real((0.1, 0.9), 0.0).good, None)  # the message names the slider
-    yield Target("plot.Exploration.set", knob.set, {**sliders, "value": moved})
+    yield target("plot.Exploration.set", knob.set, **sliders, value=moved)
     explored = {"pipe": of(PIPE), "n": count(1, 4, 1001), "against": word("beta", "gamma")}
     explored["units"] = word("nondimensional")
-    yield Target("plot.explore", plot.Exploration, explored)  # without its widgets
+    yield target("plot.explore", plot.Exploration, **explored)  # without its widgets
     ends = {"found": of(ENDS), "fps": real((4.0, 5.0), 0.0, 1e3)}
-    yield Target("plot.films", _films, ends, slow=True)
+    yield target("plot.films", _films, slow=True, **ends)
     for name, kinds in calls.items():
         call = _filmed if name == "animate" else getattr(plot, name)
-        yield Target(f"plot.{name}", call, kinds, slow=bool(kinds) and name != "panels")
+        yield target(f"plot.{name}", call, slow=bool(kinds) and name != "panels", **kinds)
 
 
 def _filmed(**given: Any) -> str:
@@ -1702,6 +1630,10 @@ class Finding:
     case: int
     target: str
     message: str
+
+
+Case = tuple[int, Target, dict[str, Any], list[str]]
+"""Its number, the call, its arguments and the names of those spoiled."""
 
 
 class TooLong(BaseException):
@@ -1791,25 +1723,36 @@ def _brief(value: Any) -> str:
     return text if len(text) <= 120 else text[:117] + "..."
 
 
-def run(
-    cases: int, seed: int = 0, first: int = 0, beginning: Callable[[], None] = lambda: None
-) -> list[Finding]:
-    """All findings of so many cases; `beginning` is called before each."""
+def random_cases(seed: int, first: int, count: int) -> Iterator[Case]:
+    """So many cases from a number on."""
+    return ((number, *case(seed, number)) for number in range(first, first + count))
+
+
+def one_by_one(seed: int) -> Iterator[Case]:
+    """Every argument of every call spoiled alone, the others good."""
+    dice = Random(seed)
+    for number, target in enumerate(TARGETS):
+        for name in (name for name, kind in target.kinds.items() if kind.bad is not None):
+            given = {
+                k: (kind.bad if k == name else kind.good)(dice) for k, kind in target.kinds.items()
+            }
+            yield number, target, given, [name]
+
+
+def run(cases: Iterable[Case], beginning: Callable[[], None] = lambda: None) -> list[Finding]:
+    """All findings of cases; `beginning` is called before each."""
     before = signal.signal(signal.SIGPROF, _too_long)
     findings = []
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("error")
-            for number in range(first, first + cases):
+            for number, target, arguments, spoiled in cases:
                 beginning()
-                target, arguments, spoiled = case(seed, number)
                 if target.name.startswith("plot."):
                     AX.clear()
                 wrong = outcome(target, arguments, spoiled)
                 if wrong:
-                    given = ", ".join(
-                        f"{k}={_brief(v)}" for k, v in arguments.items() if k in spoiled
-                    )
+                    given = ", ".join(f"{k}={_brief(arguments[k])}" for k in spoiled)
                     findings.append(Finding(number, f"{target.name}({given})", wrong))
     finally:
         signal.signal(signal.SIGPROF, before)
@@ -1827,7 +1770,7 @@ def main() -> int:
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--first", type=int, default=0)
     asked = parser.parse_args()
-    findings = run(asked.cases, asked.seed, asked.first, _watch)
+    findings = run(random_cases(asked.seed, asked.first, asked.cases), _watch)
     faulthandler.cancel_dump_traceback_later()
     for finding in findings:
         print(f"case {finding.case}: {finding.target}\n    {finding.message}")

@@ -169,6 +169,14 @@ def gauss(count):
     return 0.5 * (nodes + 1.0), 0.5 * weights
 
 
+def panels(kinks, count=30):
+    """Gauss's nodes and weights between all kinks."""
+    ends = np.unique(np.clip([0.0, *kinks, 1.0], 0.0, 1.0))
+    nodes, weights = leggauss(count)
+    half = np.diff(ends)[:, None] / 2
+    return (ends[:-1, None] + half * (1.0 + nodes)).ravel(), (half * weights).ravel()
+
+
 def derivative(function, h):
     """Eighth-order central difference at 0."""
     weights = [1 / 280, -4 / 105, 1 / 5, -4 / 5, 0, 4 / 5, -1 / 5, 4 / 105, -1 / 280]
@@ -200,18 +208,20 @@ def places(chain, at):
 
 
 @lru_cache(maxsize=8)
-def _inertia(chain):
+def _inertia(chain, digits=0):
     """Of a chain: inertia but for angles, first moments, and forces across the axis.
 
     The latter as (law, coefficient, lever): the places of a load move by lever @ sin(angle).
+    digits: of mpmath, if any.
     """
-    n, length = chain.dof, chain.lengths
+    number = np.vectorize(mpmath.mpf, otypes=[object]) if digits else np.asarray
+    n, length, radii = chain.dof, number(chain.lengths), number(chain.gyration_radii)
     beyond = length[::-1].cumsum()[::-1] - length
-    arm = chain.centres * length
+    arm = number(chain.centres) * length
     moment = length * (beyond + arm)
     near, far = np.minimum.outer(range(n), range(n)), np.maximum.outer(range(n), range(n))
     coupling = length[near] * moment[far]
-    own = length**2 * beyond + length * (arm**2 + chain.gyration_radii**2)
+    own = length**2 * beyond + length * (arm**2 + radii**2)
     np.fill_diagonal(coupling, own)
     forces = []
     for term in chain.pipe.terms:
@@ -229,39 +239,53 @@ def _inertia(chain):
     return coupling, moment, forces
 
 
-def dense_rates(chain, y, u):
+def dense_rates(chain, y, u, digits=0):
     """dy/dt of a chain by the equations of motion in the angles, with a dense mass matrix.
 
     y may be complex, its imaginary part small. The terms of the pipe act by the displacement of
-    their place, lever @ sin(angle), a load per length by Simpson's rule on each segment.
+    their place, lever @ sin(angle), a load per length by Simpson's rule on each segment. With
+    digits, the same in mpmath.
     """
-    pipe, n = chain.pipe, chain.dof
-    length, springs, points = chain.lengths, chain.springs, chain.drag_points
+    sin, cos, sqrt, number = np.sin, np.cos, np.sqrt, np.asarray
+    if digits:
+        sin, cos = (np.frompyfunc(of, 1, 1) for of in (mpmath.sin, mpmath.cos))
+        sqrt, number = mpmath.sqrt, np.vectorize(mpmath.mpmathify, otypes=[object])
+    pipe, n, y, u = chain.pipe, chain.dof, number(y), number(u)[()]
+    length, springs, points = map(number, (chain.lengths, chain.springs, chain.drag_points))
     signed, thrust = -u if pipe.flow == "aspirating" else u, pipe.alpha * u**2
     angle, rate = y[:n], y[n:]
-    coupling, moment, levers = _inertia(chain)
+    coupling, moment, levers = _inertia(chain, digits)
     across_axis = np.zeros(n, dtype=y.dtype)
-    for law, number, lever in levers:
+    for law, size, lever in levers:
         if law == "damper":
-            across_axis += number * (lever @ (rate * np.cos(angle))) * lever
+            across_axis += size * (lever @ (rate * cos(angle))) * lever
         else:
-            across_axis += number * (lever @ np.sin(angle)) * lever
+            across_axis += size * (lever @ sin(angle)) * lever
     between = angle[:, None] - angle
     elastic = springs * (np.diff(angle, prepend=0.0) + pipe.damping * np.diff(rate, prepend=0.0))
-    momentum = np.triu(np.outer(length, length) * np.cos(between), 1) @ rate
-    force = coupling * np.sin(between) @ rate**2
-    force += np.sqrt(pipe.beta) * signed * (length**2 * rate + 2.0 * momentum)
-    end = np.array([length @ (rate * np.cos(angle)), -length @ (rate * np.sin(angle))])
-    missing = np.sqrt(pipe.beta) * signed * (1.0 - pipe.inflow_share) * end
-    force -= length * (missing[0] * np.cos(angle) - missing[1] * np.sin(angle))
+    momentum = np.triu(np.outer(length, length) * cos(between), 1) @ rate
+    force = coupling * sin(between) @ rate**2
+    force += sqrt(pipe.beta) * signed * (length**2 * rate + 2.0 * momentum)
+    end = np.array([length @ (rate * cos(angle)), -length @ (rate * sin(angle))])
+    missing = sqrt(pipe.beta) * signed * (1.0 - pipe.inflow_share) * end
+    force -= length * (missing[0] * cos(angle) - missing[1] * sin(angle))
     jet = angle[-1] + pipe.jet_angle
-    force += thrust * length * np.sin(jet - angle) + pipe.gamma * moment * np.sin(angle)
-    force += elastic - np.append(elastic[1:], 0.0) + across_axis * np.cos(angle)
+    force += thrust * length * sin(jet - angle) + pipe.gamma * moment * sin(angle)
+    force += elastic - np.append(elastic[1:], 0.0) + across_axis * cos(angle)
     # Row j of lever: velocity of drag point j across its segment due to each rate.
-    lever = np.tril(np.cos(between) * length, -1) + np.diag(points * length)
+    lever = np.tril(cos(between) * length, -1) + np.diag(points * length)
     across = lever @ rate
     force += lever.T @ (pipe.drag * length * np.sign(across.real) * across**2)
-    return np.concatenate([rate, np.linalg.solve(coupling * np.cos(between), -force)])
+    mass = coupling * cos(between)
+    if digits:
+        return np.concatenate([rate, list(mpmath.lu_solve(*map(mpmath.matrix, (mass, -force))))])
+    return np.concatenate([rate, np.linalg.solve(mass, -force)])
+
+
+def exact_rates(chain, y, u, digits=60):
+    """The above in mpmath, in so many digits."""
+    with mpmath.workdps(digits):
+        return dense_rates(chain, y, u, digits)
 
 
 def dense_jacobian(chain, y, u):
@@ -403,50 +427,6 @@ def distances(found, reference):
     found, reference = np.asarray(found), np.asarray(reference)
     nearest = np.abs(found[:, None] - reference[None, :]).min(axis=1)
     return nearest / np.maximum(np.abs(found), 1.0)
-
-
-def exact_rates(chain, y, u, digits=60):
-    """dy/dt of a chain by the equations of motion in the angles, in mpmath."""
-    with mpmath.workdps(digits):
-        number, pipe, n = mpmath.mpf, chain.pipe, chain.dof
-        q, v = ([mpmath.mpmathify(x) for x in part] for part in (y[:n], y[n:]))
-        length, spring, chi, eta, xi = (
-            [number(x) for x in numbers]
-            for numbers in (
-                *(chain.lengths, chain.springs, chain.centres),
-                *(chain.gyration_radii, chain.drag_points),
-            )
-        )
-        aspirating = pipe.flow == "aspirating"
-        coriolis = mpmath.sqrt(number(pipe.beta)) * (-u if aspirating else u)
-        thrust = number(pipe.alpha) * number(u) ** 2
-        beyond = [mpmath.fsum(length[k + 1 :]) for k in range(n)]
-        moment = [length[k] * (beyond[k] + chi[k] * length[k]) for k in range(n)]
-        elastic = [*(mpmath.mpf(0) for _ in range(n)), mpmath.mpf(0)]
-        for k in range(n):
-            turn, rate = (x[k] - (x[k - 1] if k else 0) for x in (q, v))
-            elastic[k] = spring[k] * (turn + number(pipe.damping) * rate)
-        mass, force = mpmath.matrix(n), mpmath.matrix(n, 1)
-        for k in range(n):
-            for i in range(n):
-                coupling, between = length[min(k, i)] * moment[max(k, i)], q[k] - q[i]
-                if k == i:
-                    square = (chi[k] * length[k]) ** 2 + eta[k] ** 2
-                    coupling = length[k] ** 2 * beyond[k] + length[k] * square
-                mass[k, i] = coupling * mpmath.cos(between)
-                force[k] += coupling * mpmath.sin(between) * v[i] ** 2
-                if i > k:
-                    momentum = length[k] * length[i] * mpmath.cos(between) * v[i]
-                    force[k] += 2 * coriolis * momentum
-            force[k] += coriolis * length[k] ** 2 * v[k] + elastic[k] - elastic[k + 1]
-            force[k] += thrust * length[k] * mpmath.sin(q[-1] - q[k])
-            force[k] += number(pipe.gamma) * moment[k] * mpmath.sin(q[k])
-        for j in range(n):
-            lever = [length[i] * mpmath.cos(q[i] - q[j]) for i in range(j)] + [xi[j] * length[j]]
-            across = mpmath.fdot(lever, v[: j + 1])
-            for i in range(j + 1):
-                force[i] += lever[i] * number(pipe.drag) * length[j] * abs(across) * across
-        return [*v, *mpmath.lu_solve(mass, -force)]
 
 
 def exact_jacobian(chain, y, u, digits=80):

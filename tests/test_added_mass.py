@@ -9,11 +9,11 @@ import math
 
 import numpy as np
 import pytest
-from independent import any_chain
+from independent import any_chain, companion_eigenvalues
 from test_terms import derivative, jacobian_by_differences, sizes_of
 
 import pipedyn as pp
-from pipedyn import _core, modular
+from pipedyn import modular
 
 MODELS = {
     "chain": lambda pipe: pp.Chain(pipe, 7),
@@ -86,21 +86,6 @@ def test_a_pendulum_in_a_fluid_turns_as_a_heavier_one_at_any_angle():
     np.testing.assert_allclose(found * root**2, expected, rtol=1e-13)
 
 
-@pytest.mark.parametrize("level", _core.vector_levels())
-@pytest.mark.parametrize("reduced", [False, True])
-def test_batches_move_as_their_members(reduced, level, at_level):
-    at_level(level)
-    pipe = pp.Pipe(0.3, 4.0, drag=0.5, damping=0.01, terms=[pp.AddedMass(0.6), pp.Spring(0.7, 5.0)])
-    model = pp.Galerkin(pipe, 5, "legendre") if reduced else pp.Chain(pipe, 6)
-    size = 0.3 if reduced else 1.0
-    states = size * np.random.default_rng(3).normal(size=(2 * model.dof, 11))
-    for name in ("rhs", "jacobian"):
-        evaluate = getattr(model, name)
-        together = evaluate(0.0, states, 3.0)
-        alone = np.stack([evaluate(0.0, y, 3.0) for y in states.T], axis=1 if name == "rhs" else 0)
-        np.testing.assert_allclose(together, alone, atol=1e-11 * np.abs(alone).max())
-
-
 def tapered(s):
     return 1.0 + 0.5 * s
 
@@ -129,60 +114,10 @@ def test_products_and_eigenvalues_of_any_chain_are_those_of_its_matrices(n):
         np.testing.assert_allclose(
             getattr(ours, name), expected, atol=1e-12 * np.abs(expected).max()
         )
-    mass, velocity, stiffness = dense.at(2.0)
-    lower = np.linalg.solve(mass, -np.hstack([stiffness, velocity]))
-    values = np.linalg.eigvals(np.vstack([np.eye(n, 2 * n, n), lower]))
+    values = companion_eigenvalues(*dense.at(2.0))
     found = pp.eigenvalues(chain, 2.0)
     distance = np.abs(found[:, None] - values).min(axis=1)
     assert np.abs(distance).max() < 1e-9 * np.abs(values).max()
-
-
-@pytest.mark.parametrize(
-    "make",
-    [
-        lambda pipe: pp.Chain(pipe, 9),
-        lambda pipe: pp.Chain(dataclasses.replace(pipe, root="pinned", supports=[0.6]), 10),
-        lambda pipe: pp.Galerkin(pipe, 6, "legendre"),
-        lambda pipe: pp.Galerkin(dataclasses.replace(pipe, root="pinned"), 6, "legendre"),
-        lambda pipe: modular.chain(pipe, 6).plus(modular.Guide(4)),
-    ],
-    ids=["chain", "held chain", "Legendre functions", "hinged", "guided scene"],
-)
-def test_motions_balance_their_energy_by_explicit_and_implicit_steps(make):
-    """The implicit steps solve with the exact Jacobian, a chain's and a scene's in O(n)."""
-    pipe = pp.Pipe(0.3, 5.0, damping=1e-3, drag=0.3, terms=[pp.AddedMass(0.6)])
-    model, ends = make(pipe), []
-    for method in ("radau", "dop853"):
-        motion = pp.simulate(model, 7.0, 1.0, lambda s: 0.8 * s**2, rtol=1e-10, method=method)
-        assert motion.audit < 1e-8
-        ends.append(motion.q[-1])
-    np.testing.assert_allclose(ends[0], ends[1], atol=1e-6 * np.abs(ends[0]).max())
-
-
-def test_scenes_with_guides_move_as_dense_recursions_say():
-    pipe = pp.Pipe(0.3, 5.0, terms=[pp.AddedMass(0.6), pp.Viscosity(0.4)])
-    scene = modular.chain(pipe, 5).plus(modular.Guide(3))
-    theta, omega = scene.onto_constraints(np.linspace(0.1, 0.9, 5), np.cos(np.arange(5.0)))
-    y = scene.state(theta, omega)
-    found = scene.rhs(0.0, y, 3.0)[y.size // 2 :]
-    for name in ("orthonormal", "udwadia-kalaba"):
-        dense = scene.accelerations(y, 3.0, name)
-        np.testing.assert_allclose(found, dense, atol=1e-9 * np.abs(dense).max())
-
-
-def test_large_motions_of_chains_tend_to_the_pipes_at_second_order():
-    pipe = pp.Pipe(0.3, 5.0, damping=2e-3, terms=[pp.AddedMass(0.8)])
-
-    def tip(model):
-        motion = pp.simulate(model, 6.0, 0.6, lambda s: 1.2 * s, rtol=1e-9, samples=31)
-        return motion.tip
-
-    exact = tip(pp.Galerkin(pipe, 12, "legendre"))
-    assert np.abs(exact[:, 0]).max() > 0.5
-    errors = [np.abs(tip(pp.Chain(pipe, n)) - exact).max() for n in (10, 20, 40)]
-    ratios = np.array(errors[:-1]) / errors[1:]
-    assert ((ratios > 3.0) & (ratios < 5.0)).all()
-    assert errors[-1] < 3e-3
 
 
 def test_the_fluid_changes_the_cycle_that_emerges_though_not_as_a_heavier_pipe():

@@ -193,7 +193,7 @@ def test_products_are_those_of_the_matrices(n):
 @pytest.mark.parametrize("n", [3, 40, 70])
 def test_eigenvalues_are_exact_at_any_size(n):
     chain = pp.Chain(pp.Pipe(0.2, 4.0, damping=1e-3, terms=ALL), n)
-    found = pp.modes(chain, 5.0, count=min(2 * n, 6))
+    found = pp.modes(chain, 5.0, count=3)
     true = np.array([abs(chain_newton_step(chain, z, 5.0)) for z in found.eigenvalues])
     assert (true <= found.errors + 1e-15 * np.abs(found.eigenvalues)).all()
     assert (found.errors <= 1e-9 * (1.0 + np.abs(found.eigenvalues))).all()

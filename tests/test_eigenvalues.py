@@ -81,11 +81,6 @@ def test_eigenvalues_are_sorted_and_conjugates_stand_side_by_side(pipe, which, u
     np.testing.assert_allclose(few, all_of_them[:count], atol=1e-9 * (1 + np.abs(few[-1])))
 
 
-def test_a_long_chains_eigenvalues_are_sorted_too():
-    for count in (1, 2, 5, 30):
-        in_order(pp.eigenvalues(pp.Chain(pp.Pipe(0.2), 300), 8.0, count))
-
-
 @pytest.mark.parametrize(
     "pipe", [pp.Pipe(0.2), pp.Pipe(0.9, gamma=4.0), pp.Pipe(0.5, flow="aspirating", alpha=0.5)]
 )
@@ -171,7 +166,10 @@ def test_100000_segments_meet_the_continuous_pipe_to_six_digits():
 def test_a_long_chain_answers_for_many_eigenvalues_as_for_few():
     chain = pp.Chain(pp.Pipe(0.2), 150)
     all_of_them = pp.eigenvalues(chain, 6.0)
-    np.testing.assert_allclose(pp.eigenvalues(chain, 6.0, 140), all_of_them[:140], rtol=1e-8)
+    for count in (1, 2, 5, 30, 140):
+        found = pp.eigenvalues(chain, 6.0, count)
+        in_order(found)
+        np.testing.assert_allclose(found, all_of_them[:count], rtol=1e-8)
 
 
 # ---------------------------------------------------------------------- singular stiffness
@@ -206,16 +204,6 @@ def test_one_joint_without_a_spring_swings_free(n, joint):
     assert (np.abs(found[2:]) > 1.0).all()
     reference = companion_eigenvalues(*chain.operators().at(0.0))
     assert distances(found[2:], reference).max() < 1e-7
-
-
-@pytest.mark.parametrize("n", [4, 100])
-def test_a_joint_without_a_spring_leaves_one_real_zero_under_flow(n):
-    """det K(u) is the product of the springs without gravity: zero at any speed."""
-    springs = np.full(n, float(n))
-    springs[n // 2] = 0.0
-    found = pp.eigenvalues(pp.Chain(pp.Pipe(0.2), springs=springs), 2.0, 6)
-    assert abs(found[0]) < 1e-9
-    assert (np.abs(found[1:]) > 1e-3).all()
 
 
 @pytest.mark.parametrize("n", [8, 100])
@@ -289,7 +277,7 @@ def test_what_a_broken_solver_returns_is_refused(make, monkeypatch):
         pp.eigenvalues(model, 6.0, 4)
     assert isinstance(caught.value, pp.PipedynError)
     assert not caught.value.result.converged.any()
-    assert not pp.modes(model, 6.0, 4).converged.any()
+    assert not pp.modes(model, 6.0, 2).converged.any()
 
 
 # --------------------------------------------------------------------------------- modes
@@ -301,7 +289,7 @@ def test_modes_solve_the_models_equation_of_motion(pipe, u):
     """P(lambda) x = 0 with the matrices that the model shows."""
     for model in [*every_model(pipe), pp.Chain(pipe, 80)]:
         mass, damping, stiffness = model.operators().at(u)
-        found = pp.modes(model, u, min(2 * model.dof, 8))
+        found = pp.modes(model, u, min(model.dof, 4))
         assert found.converged.all()
         for shape in found.shapes:
             x, value = shape.coordinates, shape.eigenvalue
@@ -315,7 +303,7 @@ def test_a_modes_largest_displacement_is_one_and_real_there(u):
     s = np.linspace(0.0, 1.0, 2001)
     models = [*every_model(pp.Pipe(0.2)), pp.Chain(pp.Pipe(0.2), 100), pp.Continuum(pp.Pipe(0.2))]
     for model in models:
-        count = 2 if isinstance(model, pp.Chain) and model.dof == 1 else 6
+        count = 1 if isinstance(model, pp.Chain) and model.dof == 1 else 3
         for shape in pp.modes(model, u, count).shapes:
             displacement = shape(s)
             assert displacement[0] == 0.0
@@ -323,16 +311,17 @@ def test_a_modes_largest_displacement_is_one_and_real_there(u):
             assert largest == pytest.approx(1.0, abs=2e-3)
 
 
-def test_conjugate_eigenvalues_have_conjugate_modes():
-    s = np.linspace(0.0, 1.0, 5)
-    for model in (pp.Chain(pp.Pipe(0.2), 9), pp.Galerkin(pp.Pipe(0.2), 9)):
-        upper, lower = pp.modes(model, 5.0, 2).shapes
-        np.testing.assert_allclose(lower(s), upper(s).conj(), atol=1e-9)
+def test_a_pair_of_conjugate_eigenvalues_is_one_mode_and_a_real_one_another():
+    for model in (pp.Chain(pp.Pipe(0.2), 9), pp.Galerkin(pp.Pipe(0.2, damping=0.1), 9)):
+        roots, found = pp.eigenvalues(model, 5.0), pp.modes(model, 5.0)
+        assert (roots.imag < 0.0).any()
+        np.testing.assert_allclose(found.eigenvalues, roots[roots.imag >= 0.0], rtol=1e-9)
+        np.testing.assert_array_equal(pp.modes(model, 5.0, 3).eigenvalues, found.eigenvalues[:3])
 
 
 def test_the_first_mode_at_rest_is_the_cantilevers():
     """w(1/2) / w(1) = 0.3395, the tabulated first mode of a clamped-free beam."""
-    shape = pp.modes(pp.Continuum(pp.Pipe(0.2)), 0.0, 2).shapes[0]
+    shape = pp.modes(pp.Continuum(pp.Pipe(0.2)), 0.0, 1).shapes[0]
     assert abs(shape([0.5])[0] / shape([1.0])[0]) == pytest.approx(0.3395, abs=5e-5)
 
 
@@ -451,8 +440,8 @@ def test_a_node_without_mass_has_roots_that_no_digits_hold_and_says_so():
         gyration_radii=[0.0, 0.0, 0.1],
     )
     found = pp.modes(chain, 3.0)
-    assert found.converged.tolist() == [True] * 4 + [False] * 2
-    assert not (found.errors < np.abs(found.eigenvalues))[4:].any()
+    assert found.converged.tolist() == [True] * 2 + [False]
+    assert not found.errors[2] < np.abs(found.eigenvalues[2])
     with pytest.raises(pp.NotConverged):
         pp.eigenvalues(chain, 3.0)
 
@@ -465,10 +454,10 @@ def test_a_root_at_infinity_is_given_as_none(monkeypatch, beta):
     lost = {name: moves * getattr(ops, name) for name in ("mass", "gyroscopic", "end_flux")}
     monkeypatch.setattr(pp.Galerkin, "elastic_operators", lambda _: replace(ops, **lost))
     found = pp.modes(model, 2.0)
-    assert found.converged.tolist() == np.isfinite(found.eigenvalues).tolist() == [1, 1, 1, 1, 0, 0]
-    assert np.isinf(found.errors[4:]).all()
-    assert np.isfinite(found.errors[:4]).all()
-    assert np.isinf(found.residuals[4:]).all()
+    assert found.converged.tolist() == np.isfinite(found.eigenvalues).tolist() == [1, 1, 0, 0]
+    assert np.isinf(found.errors[2:]).all()
+    assert np.isfinite(found.errors[:2]).all()
+    assert np.isinf(found.residuals[2:]).all()
     with pytest.raises(pp.NotConverged, match="not found"):
         found.shapes[-1]([1.0])
     with pytest.raises(pp.NotConverged, match="beyond double precision"):
@@ -479,7 +468,7 @@ def test_a_root_at_infinity_is_given_as_none(monkeypatch, beta):
 
 def test_errors_of_long_chains_need_no_dense_matrices():
     """Those of 20,000 segments would take 3 GB each; beside the limit both ways say the same."""
-    short, long = (pp.modes(pp.Chain(pp.Pipe(0.2), n), 4.0, count=2) for n in (2000, 2001))
+    short, long = (pp.modes(pp.Chain(pp.Pipe(0.2), n), 4.0, count=1) for n in (2000, 2001))
     np.testing.assert_allclose(long.errors, short.errors, rtol=0.5)
-    longest = pp.modes(pp.Chain(pp.Pipe(0.2), 20_000), 4.0, count=2)
+    longest = pp.modes(pp.Chain(pp.Pipe(0.2), 20_000), 4.0, count=1)
     assert (longest.errors < 1e-9).all()

@@ -12,27 +12,24 @@ from scipy.integrate import quad_vec
 import pipedyn as pp
 
 
-def test_a_uniform_inlet_over_the_pipes_section_has_coefficient_one():
-    assert pp.end_coefficient(lambda r: 3.0, radius=0.02) == pytest.approx(1.0, rel=1e-12)
+@pytest.mark.parametrize(
+    ("velocity", "given", "alpha"),
+    [
+        (lambda r: 3.0, {"radius": 0.02}, 1.0),
+        (lambda r: 1.0 - (r / 0.5) ** 2, {"radius": 0.5}, 4.0 / 3.0),  # parabolic
+        (lambda r: 1.0, {"radius": math.sqrt(2.0), "section": math.pi}, 0.5),  # a wide inlet
+        ([1.0, 0.5, 0.0], {"radii": [0.0, 1.0, 2.0]}, 1.5),  # samples on a straight line
+    ],
+)
+def test_profiles_have_the_coefficients_of_elementary_integration(velocity, given, alpha):
+    assert pp.end_coefficient(velocity, **given) == pytest.approx(alpha, rel=1e-10)
 
 
-def test_a_parabolic_profile_carries_a_third_more_momentum():
-    alpha = pp.end_coefficient(lambda r: 1.0 - (r / 0.5) ** 2, radius=0.5)
-    assert alpha == pytest.approx(4.0 / 3.0, rel=1e-10)
-
-
-@pytest.mark.parametrize("power", [6, 7, 10])
-def test_the_power_law_of_turbulent_pipe_flow_has_its_textbook_coefficient(power):
+@pytest.mark.parametrize("n", [6, 7, 10])
+def test_the_power_law_of_turbulent_pipe_flow_has_its_textbook_coefficient(n):
     """V = (1 - r)^(1/n): (1 + n)(1 + 2n)^2 / (4 n^2 (2 + n)), elementary integration."""
-    n = power
     expected = (1 + n) * (1 + 2 * n) ** 2 / (4 * n**2 * (2 + n))
     assert pp.end_coefficient(lambda r: (1.0 - r) ** (1.0 / n)) == pytest.approx(expected, rel=1e-8)
-
-
-def test_an_inlet_wider_than_the_pipe_has_a_coefficient_below_one():
-    section = math.pi
-    wide = pp.end_coefficient(lambda r: 1.0, radius=math.sqrt(2.0), section=section)
-    assert wide == pytest.approx(0.5, rel=1e-12)
 
 
 def test_samples_at_radii_meet_the_function_they_are_taken_from():
@@ -64,39 +61,6 @@ def test_no_profile_over_the_pipes_own_section_has_a_coefficient_below_one(patch
     assert pp.end_coefficient(velocity, areas=unit * areas) == pytest.approx(alpha, rel=1e-12)
 
 
-def test_the_coefficient_does_not_ask_for_the_sign_of_the_flow():
-    assert pp.end_coefficient(lambda r: r - 1.0) == pytest.approx(
-        pp.end_coefficient(lambda r: 1.0 - r), rel=1e-12
-    )
-
-
-@pytest.mark.parametrize(
-    "velocity", [lambda r: 0.0, lambda r: 1.0 - 2.0 * r**2], ids=["none", "as much out as in"]
-)
-def test_an_inlet_through_which_nothing_flows_is_refused(velocity):
-    with pytest.raises(ValueError, match="velocity"):
-        pp.end_coefficient(velocity)
-
-
-@pytest.mark.parametrize("width", [1e-1, 1e-4])
-@pytest.mark.parametrize("place", ["centre", "middle", "wall"])
-def test_a_narrow_jet_is_not_overlooked(width, place):
-    """alpha of a uniform jet is the inlet's area over the jet's."""
-    start = {"centre": -1.0, "middle": 0.517, "wall": 1.0 - width}[place]
-    end = {"centre": width, "middle": 0.517 + width, "wall": 2.0}[place]
-    area = min(end, 1.0) ** 2 - max(start, 0.0) ** 2
-    alpha = pp.end_coefficient(lambda r: float(start < r / 0.02 < end), radius=0.02)
-    assert alpha == pytest.approx(1.0 / area, rel=1e-9)
-
-
-def test_a_narrow_jet_beside_a_slow_stream_is_not_overlooked():
-    start, end, slow = 0.3, 0.3001, 0.001
-    part = end**2 - start**2
-    expected = (part + slow**2 * (1.0 - part)) / (part + slow * (1.0 - part)) ** 2
-    alpha = pp.end_coefficient(lambda r: 1.0 if start < r < end else slow)
-    assert alpha == pytest.approx(expected, rel=1e-9)
-
-
 def test_the_coefficient_does_not_ask_for_the_unit_of_speed():
     def jet(r):
         return 1.0 if 0.25 < r < 0.3 else 0.0
@@ -125,11 +89,6 @@ def test_the_coefficient_does_not_ask_for_the_unit_of_length(unit):
     assert pp.end_coefficient([1.0, 2.0], areas=[unit, unit]) == pytest.approx(10.0 / 9.0)
 
 
-def test_samples_that_fall_in_a_straight_line_are_integrated_exactly():
-    """1 - r: 3/2, elementary integration."""
-    assert pp.end_coefficient([1.0, 0.5, 0.0], radii=[0.0, 1.0, 2.0]) == pytest.approx(1.5)
-
-
 def test_a_profile_that_does_not_settle_is_refused(monkeypatch):
     def sooner(*given, **settings):  # it gives up with fewer panels than for others
         return quad_vec(*given, **settings | {"limit": 2000})
@@ -140,11 +99,33 @@ def test_a_profile_that_does_not_settle_is_refused(monkeypatch):
         pp.end_coefficient(lambda r: noise.random())
 
 
-def test_a_profile_whose_momentum_is_infinite_is_refused():
-    with pytest.raises(ValueError, match="velocity"):
-        pp.end_coefficient(lambda r: 1.0 / math.sqrt(1.0 - r) if r < 1.0 else math.inf)
+@pytest.mark.parametrize("slow", [0.0, 0.001])
+@pytest.mark.parametrize("width", [1e-1, 1e-4])
+@pytest.mark.parametrize("place", ["centre", "middle", "wall"])
+def test_a_narrow_jet_is_not_overlooked(width, place, slow):
+    """alpha of a uniform jet alone is the inlet's area over the jet's; a slow stream is beside."""
+    start = {"centre": -1.0, "middle": 0.517, "wall": 1.0 - width}[place]
+    end = {"centre": width, "middle": 0.517 + width, "wall": 2.0}[place]
+    part = min(end, 1.0) ** 2 - max(start, 0.0) ** 2
+    expected = (part + slow**2 * (1.0 - part)) / (part + slow * (1.0 - part)) ** 2
+    alpha = pp.end_coefficient(lambda r: 1.0 if start < r / 0.02 < end else slow, radius=0.02)
+    assert alpha == pytest.approx(expected, rel=1e-9)
 
 
-def test_a_section_out_of_proportion_is_refused():
-    with pytest.raises(ValueError, match=r"^section must be comparable with the opening's area"):
-        pp.end_coefficient(lambda r: 1.0, radius=1e-200, section=1.0)
+@pytest.mark.parametrize(
+    ("velocity", "given", "message"),
+    [
+        (lambda r: 0.0, {}, "velocity"),
+        (lambda r: 1.0 - 2.0 * r**2, {}, "velocity"),  # as much out as in
+        (lambda r: 1.0 / math.sqrt(1.0 - r) if r < 1.0 else math.inf, {}, "velocity"),
+        (
+            lambda r: 1.0,
+            {"radius": 1e-200, "section": 1.0},
+            "^section must be comparable with the opening's area",
+        ),
+    ],
+    ids=["none", "as much out as in", "infinite momentum", "section out of proportion"],
+)
+def test_openings_without_a_coefficient_are_refused(velocity, given, message):
+    with pytest.raises(ValueError, match=message):
+        pp.end_coefficient(velocity, **given)

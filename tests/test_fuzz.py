@@ -15,7 +15,7 @@ from pipedyn import modular, plot
 MADE_BY_USERS = {pp.Pipe, pp.Profile, pp.Chain, pp.Galerkin, pp.Continuum, pp.RootSpring}
 MADE_BY_USERS |= {pp.StartPlane, pp.Pulsation, pp.Harmonic, pp.Supply}
 MADE_BY_USERS |= set(pp.Term.__subclasses__())
-MADE_BY_USERS |= {getattr(modular, name) for name in modular.__all__ if name != "Mechanism"}
+MADE_BY_USERS |= {getattr(modular, name) for name in modular.__all__}
 MADE_BY_USERS -= {modular.Module, modular.Constraint}
 
 CALLED_WITH_CHECKED = {
@@ -24,17 +24,17 @@ CALLED_WITH_CHECKED = {
         "motion_jacobian",
         "motion_linearised",
         "motion_rates",
-        "integrated",
-        "recorded",
+        "from_user",
+        "initial_state",
         "require_equilibrium",
-        "start",
+        "to_user",
     )
 }
 CALLED_WITH_CHECKED |= {"free_directions", "kinks", "largest_angle", "pencil"}
 CALLED_WITH_CHECKED |= {"term_stiffness", "unbalanced", "basis", "admissible", "free_states"}
 CALLED_WITH_CHECKED |= {
     "law_numbers",
-    "projected",
+    "onto_constraints",
     "sampled",
     "acceleration",
     "along",
@@ -82,7 +82,12 @@ def test_every_public_call_is_tried(fuzz):
 
 
 def test_malformed_arguments_are_refused_by_name_and_good_ones_answered(fuzz):
-    assert fuzz.run(300, seed=20261121) == []
+    assert fuzz.run(fuzz.random_cases(20261121, 0, 300)) == []
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_every_argument_alone_is_refused_by_name(fuzz, seed):
+    assert fuzz.run(fuzz.one_by_one(seed)) == []
 
 
 @pytest.mark.parametrize(
@@ -103,7 +108,7 @@ def test_a_call_that_ends_as_it_must_not_is_a_finding(fuzz, monkeypatch, call, s
     monkeypatch.setattr(fuzz, "TARGETS", (target,))
     monkeypatch.setattr(fuzz, "LONGEST", 0.2)
     cases = (number for number in range(99) if fuzz.case(0, number)[2] == spoiled)
-    (finding,) = fuzz.run(1, 0, next(cases))
+    (finding,) = fuzz.run(fuzz.random_cases(0, next(cases), 1))
     assert finding.target.startswith("call(")
     assert message in finding.message
 

@@ -6,22 +6,11 @@ import itertools
 import numpy as np
 import pytest
 from independent import (
-    dense_rates,
     determinant_crossing,
-    lagrangian_accelerations,
-    lagrangian_operators,
-    pipe_rates,
     quadratic_eigenvalues,
 )
 
 import pipedyn as pp
-
-UNEQUAL = {
-    "lengths": [0.45, 0.3, 0.15],
-    "centres": [0.4, 0.65, 0.55],
-    "gyration_radii": [0.11, 0.2, 0.05],
-    "springs": [3.0, 2.0, 5.0],
-}
 
 
 def aspirating(share, beta=0.2, **numbers):
@@ -74,62 +63,15 @@ def test_fluid_drawn_from_rest_without_suction_takes_and_gives_no_energy():
 
 
 def test_undamped_suction_of_fluid_at_rest_feeds_the_pipe_from_the_smallest_flow_on():
-    """The growth of the first mode is of third order in u; exact roots by a determinant."""
+    """Growth begins with u^3, which rounding hides up to some 1e-4: so far the speed is known."""
     pipe = aspirating(0.0)
     for model in (pp.Chain(pipe, 30), pp.Galerkin(pipe, 8), pp.Continuum(pipe)):
         found = pp.critical_speed(model)
         assert found.speed == 0.0
+        assert found.error < 1e-3
         assert (found.mode, found.unstable_after) == (1, 2)
-        growth = [pp.eigenvalues(model, u, 2)[0].real for u in (0.05, 0.1)]
-        assert growth[1] / growth[0] == pytest.approx(8.0, rel=0.02)
-
-
-@pytest.mark.parametrize("share", [0.0, 0.35])
-def test_chain_is_that_of_the_papers_lagrangian_with_the_momentum_of_its_inflow(share):
-    """Three unequal segments, linear and at large states; derived with sympy."""
-    numbers = {"gamma": 2.5, "alpha": 0.7, "damping": 0.01}
-    chain = pp.Chain(aspirating(share, 0.3, **numbers), **UNEQUAL, base=0.1)
-    given = *UNEQUAL.values(), 0.3, 2.5, 0.01, True, 0.7, 3.75
-    expected = lagrangian_operators(*given, inflow_share=share)
-    for found, right in zip(chain.operators().at(3.75), expected, strict=True):
-        np.testing.assert_allclose(found, right, rtol=1e-13, atol=1e-14 * np.abs(right).max())
-    y = 2.0 * np.random.default_rng(5).normal(size=(6, 12))
-    accelerations = lagrangian_accelerations(y, *given, inflow_share=share)
-    np.testing.assert_allclose(chain.rhs(0.0, y, 3.75)[3:], accelerations, rtol=1e-11, atol=1e-10)
-    scene = pp.modular.chain(chain.pipe, 4)
-    state = scene.state(*np.random.default_rng(6).normal(size=(2, 4)))
-    for route in ("orthonormal", "udwadia-kalaba"):
-        mine = scene.accelerations(state, 3.75, route)
-        np.testing.assert_allclose(mine, scene.rhs(0.0, state, 3.75)[12:], rtol=1e-9, atol=1e-9)
-
-
-@pytest.mark.parametrize("numbers", [{}, {"drag": 1.5}, {"terms": [pp.Spring(0.6, 3.0)]}])
-def test_models_move_as_dense_equations_say(numbers):
-    pipe = aspirating(0.4, 0.3, gamma=4.0, alpha=0.7, damping=0.01, **numbers)
-    chain, y = pp.Chain(pipe, 7), np.random.default_rng(7).normal(size=(14, 5))
-    expected = np.stack([dense_rates(chain, state, 4.5) for state in y.T], axis=1)
-    np.testing.assert_allclose(chain.rhs(0.0, y, 4.5), expected, rtol=1e-9, atol=1e-9)
-    if numbers:
-        return
-    for basis in ("beam", "legendre"):
-        model = pp.Galerkin(pipe, 4, basis)
-        y = 0.3 * np.random.default_rng(8).normal(size=8)
-        exact = pipe_rates(model, y, 4.5)
-        np.testing.assert_allclose(model.rhs(0.0, y, 4.5), exact, rtol=1e-8, atol=1e-8)
-
-
-@pytest.mark.parametrize("method", ["radau", "dop853"])
-def test_implicit_and_explicit_motions_keep_the_books(method):
-    """Energy less work done; and both methods agree."""
-    pipe = aspirating(0.4, 0.3, alpha=0.5, gamma=5.0, damping=0.002)
-    for model, start in (
-        (pp.Chain(pipe, 6), 0.3 * np.arange(1.0, 7.0) / 6.0),
-        (pp.Galerkin(pipe, 4), np.array([0.2, 0.02, 0.0, 0.0])),
-    ):
-        found = pp.simulate(model, 2.0, 2.0, start, method=method, rtol=1e-10)
-        assert found.audit < 1e-9
-        other = pp.simulate(model, 2.0, 2.0, start, rtol=1e-11)
-        np.testing.assert_allclose(found.q[-1], other.q[-1], atol=1e-8)
+        growth = [pp.eigenvalues(model, u, 2)[0].real for u in (0.02, 0.04)]
+        assert growth[1] / growth[0] == pytest.approx(8.0, rel=0.01)
 
 
 @pytest.mark.parametrize("share", [0.0, 0.4])
@@ -143,8 +85,8 @@ def test_recursion_along_the_chain_meets_the_matrices_roots(share):
         assert (apart <= 1e-11 * (1.0 + np.abs(found))).all()
     long = pp.Chain(aspirating(share, 0.5, damping=1e-4), 300)
     exact = pp.eigenvalues(pp.Continuum(long.pipe), 3.0, 6)
-    found = pp.modes(long, 3.0, 6)
-    assert np.abs(found.eigenvalues / exact - 1.0).max() < 1e-3
+    found = pp.modes(long, 3.0, 3)
+    assert np.abs(found.eigenvalues / exact[::2] - 1.0).max() < 1e-3
     assert found.errors.max() < 1e-8
     derivative = pp.critical_speed(pp.Chain(long.pipe, 60)).sensitivity.speed
     step = 1e-4
@@ -207,14 +149,3 @@ def test_where_all_modes_lose_stability_at_nearly_one_speed_the_true_first_is_fo
     assert found.error < 1e-12
     assert pp.critical_speed(pp.Galerkin(pipe, 24)).speed == pytest.approx(found.speed, rel=3e-6)
     assert pp.eigenvalues(pp.Continuum(pipe), found.speed, 40).real.max() < 1e-9
-
-
-def test_fluid_drawn_from_rest_makes_an_undamped_pipe_unstable_from_the_smallest_flow_on():
-    """Growth begins with u^3, which rounding hides up to some 1e-4: so far the speed is known."""
-    for model in (pp.Continuum(aspirating(0.0)), pp.Galerkin(aspirating(0.0), 10)):
-        found = pp.critical_speed(model)
-        assert found.speed == 0.0
-        assert found.error < 1e-3
-    values = pp.eigenvalues(pp.Continuum(aspirating(0.0)), 0.01, 2).real.max()
-    twice = pp.eigenvalues(pp.Continuum(aspirating(0.0)), 0.02, 2).real.max()
-    assert twice / values == pytest.approx(8.0, rel=0.01)

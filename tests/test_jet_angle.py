@@ -9,8 +9,6 @@ import numpy as np
 import pytest
 from independent import (
     dense_jacobian,
-    dense_rates,
-    lagrangian_accelerations,
     pipe_rates,
     quadratic_eigenvalues,
 )
@@ -79,48 +77,6 @@ def test_a_small_angle_bends_the_pipe_as_the_textbook_says():
     model = legendre(psi)
     expected = psi * (s * math.cos(u) - (math.sin(u) - np.sin(u * (1.0 - s))) / u)
     assert model.shape(rest_of(model, u), s)[:, 0] == pytest.approx(expected, abs=1e-11)
-
-
-def test_chain_moves_as_the_papers_lagrangian_with_the_jets_momentum_says():
-    """Three unequal segments at large states; derived with sympy."""
-    arrays = {
-        "lengths": [0.45, 0.3, 0.15],
-        "centres": [0.4, 0.65, 0.55],
-        "gyration_radii": [0.11, 0.2, 0.05],
-        "springs": [3.0, 2.0, 5.0],
-    }
-    pipe = pp.Pipe(0.3, gamma=2.5, alpha=0.7, damping=0.01, jet_angle=-1.25)
-    y = 2.0 * np.random.default_rng(5).normal(size=(6, 12))
-    given = *arrays.values(), 0.3, 2.5, 0.01, False, 0.7, 3.75
-    expected = lagrangian_accelerations(y, *given, jet_angle=-1.25)
-    found = pp.Chain(pipe, **arrays, base=0.1).rhs(0.0, y, 3.75)[3:]
-    np.testing.assert_allclose(found, expected, rtol=1e-11, atol=1e-10)
-
-
-def test_models_move_as_dense_equations_say():
-    pipe = pp.Pipe(0.3, 4.0, alpha=0.7, damping=0.01, jet_angle=0.8)
-    chain, y = pp.Chain(pipe, 7), np.random.default_rng(7).normal(size=(14, 5))
-    expected = np.stack([dense_rates(chain, state, 4.5) for state in y.T], axis=1)
-    np.testing.assert_allclose(chain.rhs(0.0, y, 4.5), expected, rtol=1e-9, atol=1e-9)
-    for basis in ("beam", "legendre"):
-        model = pp.Galerkin(pipe, 4, basis)
-        y = 0.3 * np.random.default_rng(8).normal(size=8)
-        exact = pipe_rates(model, y, 4.5)
-        np.testing.assert_allclose(model.rhs(0.0, y, 4.5), exact, rtol=1e-8, atol=1e-8)
-    scene = pp.modular.chain(pipe, 4)
-    state = scene.state(*np.random.default_rng(6).normal(size=(2, 4)))
-    for route in ("orthonormal", "udwadia-kalaba"):
-        mine = scene.accelerations(state, 3.75, route)
-        np.testing.assert_allclose(mine, scene.rhs(0.0, state, 3.75)[12:], rtol=1e-9, atol=1e-9)
-
-
-@pytest.mark.parametrize("method", ["radau", "dop853"])
-def test_motions_keep_the_books(method):
-    pipe = pp.Pipe(0.3, 5.0, damping=0.002, drag=0.3, jet_angle=0.6)
-    for model in (pp.Chain(pipe, 6), pp.Galerkin(pipe, 4)):
-        found = pp.simulate(model, 4.0, 1.5, np.zeros(model.dof), method=method, rtol=1e-9)
-        assert found.audit < 1e-8
-        assert np.abs(found.tip[:, 0]).max() > 0.1  # the jet bends it from rest
 
 
 def test_small_motions_about_the_bent_rest_are_those_of_its_equations():

@@ -2,7 +2,6 @@
 """What holds for any pipe and model: answers that verify, or an exception of the package's own."""
 
 import math
-import pickle
 from dataclasses import replace
 
 import numpy as np
@@ -152,12 +151,19 @@ def norm(matrix):
 # ---------------------------------------------------------------------------------- linear motion
 
 
+def all_roots(model, u):
+    """Eigenvalues with those that fail the check of their residual, sorted by |lambda|."""
+    upper = pp.modes(model, u).eigenvalues
+    roots = np.concatenate([upper, upper[upper.imag > 0.0].conj()])
+    return roots[np.argsort(np.abs(roots), kind="stable")]
+
+
 @settings(max_examples=60)
 @given(models(pipes()), SPEEDS)
 def test_every_mode_solves_the_operators(model, u):
     """M, C and K in the user's coordinates share nothing with the pencil that was solved."""
     found = pp.modes(model, u)
-    assert found.eigenvalues.shape == (2 * model.dof,)
+    assert model.dof <= found.eigenvalues.size <= 2 * model.dof
     mass, velocity, stiffness = model.operators().at(u)
     for value, shape, good in zip(found.eigenvalues, found.shapes, found.converged, strict=True):
         if not good:
@@ -178,27 +184,9 @@ def test_every_branch_is_made_of_eigenvalues(model, speeds, count):
     for u, row, partners, good in zip(
         speeds, loci.eigenvalues, loci.partners, loci.converged, strict=True
     ):
-        whole = pp.modes(model, u).eigenvalues
+        whole = all_roots(model, u)
         for value in (*row[good], *partners[good]):
             assert np.abs(whole - value).min() <= 1e-5 * (1.0 + abs(value))
-
-
-@settings(max_examples=8)
-@given(models(pipes()), mixed([1e-3, 30.0], 0.1, 15.0))
-def test_every_crossing_has_an_eigenvalue_on_the_axis(model, max_speed):
-    try:
-        found = pp.crossings(model, max_speed)
-        critical = pp.critical_speed(model, max_speed)
-    except pp.PipedynError:
-        return
-    first = next(crossing for crossing in found if crossing.destabilising)
-    assert critical.speed == first.speed
-    for crossing in found:
-        assert 0.0 <= crossing.speed <= max_speed
-        assert abs(crossing.unstable_after - crossing.unstable_before) >= 1
-        values = pp.modes(model, crossing.speed).eigenvalues
-        miss = np.abs(values - 1j * crossing.frequency).min()
-        assert miss <= 1e-4 * (1.0 + crossing.frequency)
 
 
 @settings(max_examples=40)
@@ -276,48 +264,6 @@ def test_aspirating_with_full_inlet_is_ejecting_the_other_way(model, u, seed):
 
 
 @settings(max_examples=40)
-@given(models(pipes()), SEEDS, st.integers(0, 9))
-def test_a_batch_is_its_members_and_pickles_move_alike(model, seed, members):
-    dice = np.random.default_rng(seed)
-    y = np.zeros((2 * model.coordinates, members))
-    for j in range(members):
-        y[:, j] = state(model, dice)
-    speeds = dice.uniform(0.0, 9.0, members)
-    together = pickle.loads(pickle.dumps(model)).rhs(0.0, y, speeds)
-    assert together.shape == y.shape
-    for j, u in enumerate(speeds):
-        alone = model.rhs(0.0, y[:, j], u)
-        np.testing.assert_allclose(together[:, j], alone, rtol=0.0, atol=1e-9 * abs(alone).max())
-
-
-@settings(max_examples=40)
-@given(chains(pipes(), wild=False), SPEEDS, SEEDS)
-def test_a_scene_of_a_chain_moves_as_the_chain(chain, u, seed):
-    scene = modular.chain(
-        *(chain.pipe, chain.dof),
-        springs=chain.springs,
-        lengths=chain.lengths,
-        centres=chain.centres,
-        gyration_radii=chain.gyration_radii,
-        drag_points=chain.drag_points,
-        base=chain.base,
-    )
-    n = chain.dof
-    y = state(chain, np.random.default_rng(seed))
-    expected = chain.rhs(0.0, y, u)
-    redundant = scene.state(y[:n], y[n:])
-    found = scene.rhs(0.0, redundant, u)
-    turning = np.cumsum(found[3 * n + 2 :: 3])
-    size = np.abs(expected).max() + np.abs(y[n:]).max() ** 2
-    np.testing.assert_allclose(turning, expected[n:], rtol=0.0, atol=1e-8 * size)
-    for name in ("flow", "joints", "drag"):
-        a, b = getattr(chain.power(y, u), name), getattr(scene.power(redundant, u), name)
-        assert math.isclose(
-            a, b, rel_tol=1e-9, abs_tol=1e-13 * size * (1.0 + chain.pipe.alpha * u**2)
-        )
-
-
-@settings(max_examples=40)
 @given(models(calm_pipes(), wild=False), mixed([0.0], 0.0, 10.0), SEEDS)
 def test_a_short_motion_keeps_its_balance_of_energy(model, u, seed):
     dice = np.random.default_rng(seed)
@@ -361,10 +307,10 @@ def test_an_onset_has_a_pair_on_the_axis_and_a_law(model):
         onset = pp.hopf(model)
     except pp.PipedynError:
         return
-    whole = pp.modes(model, onset.speed).eigenvalues
+    whole = all_roots(model, onset.speed)
     assert np.abs(whole - 1j * onset.frequency).min() <= 1e-5 * (1.0 + onset.frequency)
     step = 1e-5 * onset.speed
-    ahead, behind = (pp.modes(model, onset.speed + sign * step).eigenvalues for sign in (1.0, -1.0))
+    ahead, behind = (all_roots(model, onset.speed + sign * step) for sign in (1.0, -1.0))
     near = [values[np.abs(values - 1j * onset.frequency).argmin()] for values in (ahead, behind)]
     slope = (near[0] - near[1]) / (2.0 * step)
     assert abs(slope - complex(onset.growth, onset.detuning)) <= 1e-2 * abs(slope)
@@ -386,39 +332,6 @@ def test_a_cycle_comes_round(model, beyond):
     worst = max(1.0, float(np.abs(cycle.multipliers).max()))
     miss = np.abs(motion.q[-1] - cycle.q[0]).max()
     assert miss <= worst * (1e-4 + 10.0 * cycle.error) * np.abs(cycle.q).max()
-
-
-@settings(max_examples=8)
-@given(calm_pipes(), st.sampled_from(["beta", "gamma", "damping"]), st.integers(1, 5), SEEDS)
-def test_a_curve_reports_what_failed_as_the_packages_own(pipe, name, n, seed):
-    values = np.random.default_rng(seed).uniform(0.0, 0.9, 3)
-
-    def made(value):
-        given = {key: getattr(pipe, key) for key in ("beta", "gamma", "flow", "alpha", "damping")}
-        return pp.Chain(pp.Pipe(**{**given, name: value}), n)
-
-    curve = pp.stability_curve(made, values, max_speed=9.0)
-    assert all(isinstance(failure.error, pp.PipedynError) for failure in curve.failures)
-    failed = {failure.index for failure in curve.failures}
-    for i, critical in enumerate(curve.critical):
-        if i not in failed and critical is not None:
-            assert critical == pp.critical_speed(made(values[i]), 9.0)
-
-
-@settings(max_examples=8)
-@given(calm_pipes(), mixed([0.0], 0.0, 10.0), st.integers(1, 3))
-def test_a_choice_is_as_good_as_it_says_or_the_packages_own_exception(pipe, u, count):
-    """Its roots below those that cluster at -1 / delta are roots of a far larger model."""
-    try:
-        choice = pp.choose(pipe, "frequencies", 1e-3, u=u, count=count)
-    except pp.PipedynError:
-        return
-    assert choice.error <= 1e-3
-    larger = pp.modes(pp.Galerkin(pipe, 40, "legendre"), u)
-    fine = larger.eigenvalues[: 2 * count]
-    found = pp.modes(choice.model, u).eigenvalues
-    for value in fine[pipe.damping * np.abs(fine) < 0.5]:
-        assert np.abs(found - value).min() <= choice.error * max(abs(value), 1.0) + 1e-9
 
 
 # --------------------------------------------------------------------------------------------- SI
@@ -470,4 +383,4 @@ def test_one_pipe_has_one_set_of_numbers_in_any_units(
     for method, unit in (("speed", m / s), ("time", s), ("frequency", 1.0 / s), ("length", m)):
         converted = getattr(one, f"{method}_si")(2.5)
         assert math.isclose(converted, unit * getattr(other, f"{method}_si")(2.5), rel_tol=1e-12)
-        assert math.isclose(getattr(one, method)(converted), 2.5, rel_tol=1e-12)
+        assert math.isclose(getattr(one, f"{method}_from_si")(converted), 2.5, rel_tol=1e-12)

@@ -5,11 +5,12 @@ import math
 
 import numpy as np
 import pytest
+from independent import companion_eigenvalues, second_derivative
 from scipy.optimize import brentq
 from scipy.special import ellipk
+from test_terms import derivative, jacobian_by_differences, sizes_of, state_of
 
 import pipedyn as pp
-from pipedyn.equilibrium.equilibria import Statics
 
 HELD = (
     {"root": "pinned", "end": "pinned"},
@@ -28,50 +29,31 @@ def model_of(given, basis, m=4, **more):
     return pp.Galerkin(pp.Pipe(0.4, 5.0, damping=2e-3, **given, **more), m, basis)
 
 
-def size_of(model):
-    """Amplitudes of the core's functions by which the pipe turns 1 rad at most."""
-    slopes = model.core.basis(np.linspace(0.0, 1.0, 41), 1)
-    return 1.0 / np.abs(slopes).max(axis=0)
-
-
-def state_of(model, angle=0.6, rate=2.0):
-    """A bent and moving state that meets the supports, (2 coordinates,)."""
-    rng = np.random.default_rng(3)
-    q, rates = (
-        of * size_of(model) * rng.uniform(-1.0, 1.0, model.coordinates) for of in (angle, rate)
-    )
-    return np.concatenate(model.onto_constraints(q, rates))
-
-
-def derivative(function, at, along, step):
-    """Central differences of sixth order."""
-    values = [function(at + k * step * along) for k in (1, 2, 3, -1, -2, -3)]
-    ahead = np.subtract(values[:3], values[3:])
-    return np.tensordot([45.0, -9.0, 1.0], ahead, 1) / (60.0 * step)
-
-
 def places(model, q):
     supports = [*model.pipe.supports, *([1.0] if model.pipe.end in ("pinned", "clamped") else [])]
     return model.shape(q, supports)[:, 0]
+
+
+def buckled(model, u, angle):
+    """The equilibrium near a bent shape, where a branch of them begins."""
+    branch = pp.equilibrium_branch(model, model.bent(angle), u, (u, 1.0001 * u))
+    return branch.q[np.argmin(branch.speeds)]
 
 
 @bases
 @held
 def test_supports_are_met_and_kept(given, basis):
     model = model_of(given, basis)
-    n, y = model.coordinates, state_of(model)
-    q, rates = y[:n], y[n:]
+    q, slow = state_of(model)
+    rates = 5.0 * slow
     assert np.abs(places(model, q)).max() < 1e-12
     assert np.abs(derivative(lambda at: places(model, at), q, rates, 1e-3)).max() < 1e-10
-    turning = model.rhs(0.0, y, SPEED)[n:]
-    by = model._supports.held(q[:, None])[1][0]
-    drift = derivative(lambda at: model._supports.held(at[:, None])[1][0] @ rates, q, rates, 1e-3)
-    assert np.abs(by @ turning + drift).max() < 1e-9 * np.abs(by * turning).max()
-    turned = model.core.basis(np.array([0.0, 1.0]), 1)
-    if model.pipe.end == "clamped":
-        assert np.abs(turned[1]).max() < 1e-12
-    if model.pipe.root == "clamped":
-        assert np.abs(turned[0]).max() < 1e-12
+    turning = model.rhs(0.0, np.append(q, rates), SPEED)[q.size :]
+    kept, left = (
+        second_derivative(lambda t, a=a: places(model, q + t * rates + 0.5 * t**2 * a), 1e-4)
+        for a in (turning, 0.0 * turning)
+    )
+    assert np.abs(kept).max() < 1e-4 * np.abs(left).max()
 
 
 @pytest.mark.parametrize("supports", [[], [0.35]])
@@ -84,12 +66,10 @@ def test_forces_of_supports_are_lagranges(supports):
     free = pp.Galerkin(pp.Pipe(0.4, 5.0, drag=0.3, terms=terms), 6 + len(supports), "legendre")
     pipe = pp.Pipe(0.4, 5.0, drag=0.3, end="pinned", supports=supports)
     model = pp.Galerkin(pipe, 5, "legendre")
-    n, y = model.coordinates, state_of(model)
+    n, y = model.coordinates, np.concatenate(state_of(model))
     assert free.dof == n
     at = [*supports, 1.0]
-    by = np.array(
-        [derivative(lambda q: free.shape(q, at)[:, 0], y[:n], e, 1e-3) for e in np.eye(n)]
-    ).T
+    by = jacobian_by_differences(lambda q: free.shape(q, at)[:, 0], y[:n], np.ones(n), 1e-3)
     ours, loose = (of.rhs(0.0, y, SPEED)[n:] for of in (model, free))
     force = free.operators(y[:n]).mass @ (ours - loose)
     reaction = np.linalg.lstsq(by.T, force, rcond=0.0)[0]
@@ -104,25 +84,15 @@ def test_forces_of_supports_are_lagranges(supports):
 def test_energy_changes_by_the_power_and_jacobians_meet_differences(given, basis):
     """Forces of supports do no work."""
     model = model_of(given, basis)
-    y = state_of(model)
+    y = np.concatenate(state_of(model))
     rates = model.rhs(0.0, y, SPEED)
     change = derivative(model.energy, y, rates, 3e-6)
     assert model.power(y, SPEED).total == pytest.approx(change, rel=1e-6)
-    exact, units = model.jacobian(0.0, y, SPEED), np.tile(size_of(model), 2)
-    differences = np.array(
-        [
-            derivative(lambda at: model.rhs(0.0, at, SPEED), y, unit * e, 1e-3) / unit
-            for unit, e in zip(units, np.eye(y.size), strict=True)
-        ]
-    ).T
+    exact, units = model.jacobian(0.0, y, SPEED), np.tile(sizes_of(model), 2)
+    differences = jacobian_by_differences(lambda at: model.rhs(0.0, at, SPEED), y, units, 1e-3)
     assert np.abs((exact - differences) * units).max() < 1e-8 * np.abs(exact * units).max()
     several = model.jacobian(0.0, np.stack([y, 0.5 * y], axis=1), SPEED)
     assert several[0] == pytest.approx(exact, rel=1e-9, abs=1e-9 * np.abs(exact).max())
-
-
-def roots_of(mass, velocity, stiffness):
-    lower = -np.linalg.solve(mass, np.hstack([stiffness, velocity]))
-    return np.linalg.eigvals(np.vstack([np.eye(2 * len(mass))[len(mass) :], lower]))
 
 
 @bases
@@ -130,10 +100,8 @@ def roots_of(mass, velocity, stiffness):
 def test_small_motions_are_those_of_the_linear_model(given, basis):
     model = model_of(given, basis)
     n = model.coordinates
-    mass, velocity, stiffness = model.operators().at(SPEED)
-    still = model.jacobian(0.0, np.zeros(2 * n), SPEED)[n:]
-    found = np.linalg.eigvals(np.vstack([np.eye(2 * n)[n:], still]))
-    expected = roots_of(mass, velocity, stiffness)
+    found = np.linalg.eigvals(model.jacobian(0.0, np.zeros(2 * n), SPEED))
+    expected = companion_eigenvalues(*model.operators().at(SPEED))
     missed = [np.abs(found - value).min() for value in expected]
     assert np.max(missed) < 1e-6 * np.abs(expected).max()
     # what is left is the return to the supports, (lambda + k)^2 = 0 each
@@ -144,11 +112,11 @@ def test_operators_about_a_buckled_pipe_are_those_of_its_motion():
     pipe = pp.Pipe(0.3, 4.0, root="pinned", end="pinned", damping=1e-3, supports=[0.4])
     model = pp.Galerkin(pipe, 6, "legendre")
     u = 1.04 * pp.critical_speed(model).speed
-    q = Statics(model).solved(model.bent(lambda s: np.sin(6.0 * s)), u)
+    q = buckled(model, u, lambda s: np.sin(6.0 * s))
     assert np.abs(q).max() > 0.1
     assert np.abs(places(model, q)).max() < 1e-12
     n = model.coordinates
-    expected = roots_of(*model.operators(q).at(u))
+    expected = companion_eigenvalues(*model.operators(q).at(u))
     rates = model.jacobian(0.0, np.concatenate([q, np.zeros(n)]), u)
     values = np.linalg.eigvals(rates)
     for value in expected:
@@ -163,8 +131,8 @@ def test_a_sliding_pinned_pipe_buckles_as_the_elastica(basis, m, most):
         lambda turn: u**2 * math.cos(turn) - 4.0 * ellipk(math.sin(turn / 2.0) ** 2) ** 2, 0.01, 1.5
     )
     model = pp.Galerkin(pp.Pipe(0.3, root="pinned", end="pinned", damping=1e-3), m, basis)
-    q = Statics(model).solved(model.bent(lambda s: expected * np.cos(np.pi * s)), u)
-    turned = model.core.basis(np.array([0.0]), 1)[0] @ q
+    q = buckled(model, u, lambda s: expected * np.cos(np.pi * s))
+    turned = np.arctan2(*model.shape(q, 1e-6))
     assert turned == pytest.approx(expected, rel=most)
 
 
@@ -179,8 +147,7 @@ def test_an_axially_fixed_pipe_buckles_by_holmes_amplitude(stiffness):
         pipe = pp.Pipe(beta, root="pinned", end="pinned", damping=1e-3, terms=terms)
         model = pp.Galerkin(pipe, 3)
         amplitude = math.sqrt(4.0 * (u**2 - math.pi**2) / stiffness) / math.pi
-        start = model.bent(lambda s, a=amplitude: a * np.pi * np.cos(np.pi * s))
-        q = Statics(model).solved(start, u)
+        q = buckled(model, u, lambda s, a=amplitude: a * np.pi * np.cos(np.pi * s))
         x = model.shape(q, [0.5])[0, 0]
         assert x == pytest.approx(amplitude, rel=25.0 / stiffness)
 
@@ -191,7 +158,7 @@ def test_a_pipe_let_go_below_and_above_buckling_comes_to_rest():
     for u in (2.0, 4.0):
         motion = pp.simulate(model, u, 60.0, [0.01, 0.0, 0.0], rtol=1e-9)
         assert motion.audit < 1e-6
-        assert np.abs(model._supports.held(motion.q.T)[0]).max() < 1e-13
+        assert np.abs([places(model, q) for q in motion.q]).max() < 1e-13
         middle = model.shape(motion.q[-1], [0.5])[0, 0]
         bent = math.sqrt(max(u**2 - math.pi**2, 0.0) / 500.0) * 2.0 / math.pi
         assert middle == pytest.approx(bent, rel=25.0 / 500.0, abs=1e-6)
@@ -204,28 +171,6 @@ def test_flutter_on_an_inner_support_settles_on_the_cycle_of_its_normal_form():
     u = 1.002 * hopf.speed
     cycle = pp.limit_cycle(model, u)
     assert cycle.amplitude**2 / (u - u / 1.002) == pytest.approx(hopf.amplitude_law, rel=0.03)
-
-
-def test_a_pinned_chain_of_modules_tends_to_the_reduced_models_motion():
-    """Redundant coordinates with a guide at the last node: second order in 1 / n."""
-    pipe = pp.Pipe(0.3, 6.0, damping=5e-3, end="pinned")
-    model = pp.Galerkin(pipe, 8, "legendre")
-
-    def angle(s):
-        return 0.6 * np.sin(2.0 * np.pi * s)  # the end is on the axis
-
-    def middle(of):
-        motion = pp.simulate(of, 3.0, 0.4, of.bent(angle), rtol=1e-9, samples=5)
-        return np.array([of.shape(q, [0.5])[0, 0] for q in motion.q])
-
-    exact = middle(model)
-    errors = []
-    for n in (8, 16, 32):
-        chain = pp.modular.chain(pp.Pipe(0.3, 6.0, damping=5e-3), n).plus(pp.modular.Guide(n))
-        errors.append(np.abs(middle(chain) - exact).max())
-    assert errors[-1] < 3e-3
-    assert 3.0 < errors[0] / errors[1] < 5.5
-    assert 3.0 < errors[1] / errors[2] < 5.5
 
 
 @pytest.mark.parametrize(
@@ -247,15 +192,17 @@ def test_of_an_end_held_across_results_watch_the_longest_span(make):
 
 def test_starts_meet_supports_or_are_refused():
     model = pp.Galerkin(pp.Pipe(0.4, end="clamped", supports=[0.5]), 4)
-    small = model.initial_state([0.05, 0.0, 0.0, 0.0], [0.3, 0.0, 0.0, 0.0])
-    n = model.coordinates
-    assert n == 6
-    assert np.abs(places(model, small[:n])).max() < 1e-13
-    assert model.initial_state(small[:n], small[n:]) == pytest.approx(small, abs=1e-14)
+    start = lambda q0, qdot0=None: pp.simulate(model, 0.0, 1e-3, q0, qdot0, samples=2)  # noqa: E731
+    small = start([0.05, 0.0, 0.0, 0.0], [0.3, 0.0, 0.0, 0.0])
+    assert small.q.shape == small.qdot.shape == (2, 6)
+    assert np.abs(places(model, small.q[0])).max() < 1e-13
+    same = start(small.q[0], small.qdot[0])
+    assert same.q[0] == pytest.approx(small.q[0], abs=1e-14)
+    assert same.qdot[0] == pytest.approx(small.qdot[0], abs=1e-14)
     with pytest.raises(ValueError, match="q0 and qdot0 must meet the supports, got a deviation"):
-        model.initial_state(np.full(n, 0.1), None)
+        start(np.full(6, 0.1))
     with pytest.raises(ValueError, match=r"q0 must have shape \(4,\) or \(6,\), got \(5,\)"):
-        model.initial_state(np.zeros(5), None)
+        start(np.zeros(5))
     with pytest.raises(ValueError, match=r'terms.0. stretches a pipe whose end is "pinned" or'):
         pp.Pipe(0.2, end="guided", terms=[pp.Stretching(3.0)])
 

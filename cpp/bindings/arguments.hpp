@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: MIT
 //
-// States and speeds as they come from Python, checked: TypeError for what is no array of real
-// numbers, ValueError for a wrong shape, NaN, infinity or a speed out of range. Each message names
-// the argument, the rule and what came.
+// Checks of states and speeds that come from Python. They raise TypeError for what is no array of
+// real numbers, and ValueError for a wrong shape, NaN, infinity or a speed out of range. Each
+// message names the argument, the rule and what came.
 #pragma once
 
 #include <pybind11/numpy.h>
@@ -30,9 +30,9 @@ constexpr double highest_speed = 1e100;  // its square is finite
 
 inline std::string shape_of(const py::array& array) { return py::repr(array.attr("shape")); }
 
-/// The argument as contiguous numbers: as it is where it is that already, else as Python's own
-/// check of arguments reads it (lists, other numbers, other layouts; masks and booleans are
-/// refused).
+/// The argument as contiguous numbers. An array of such numbers is taken without a copy; lists,
+/// other types of numbers and other layouts are read by the package's check in Python, which
+/// refuses masked arrays and booleans.
 inline Numbers numbers_argument(const char* name, const char* kind, py::handle value) {
   const auto& api = py::detail::npy_api::get();
   const bool plain = Py_TYPE(value.ptr()) == api.PyArray_Type_;  // no masked array, for one
@@ -61,7 +61,7 @@ inline void require_finite(const char* name, const Numbers& array) {
                         std::string(py::repr(py::float_(data[at]))) + " at index " + index);
 }
 
-/// States of a model, one (rows,) or one a column (rows, members).
+/// States of a model: one, (rows,), or one in each column, (rows, members).
 struct States {
   Numbers values;
   bool one;  // shape (rows,)
@@ -83,12 +83,12 @@ struct States {
   }
 };
 
-/// Flow speed of each member, or one for all.
+/// Flow speeds, one for each member or one for all.
 struct Speeds {
   double one = 0.0;
   std::optional<Numbers> each;  // a Numbers made for nothing would cost as much as the call
 
-  /// A number, or where states is a batch also shape (members,).
+  /// Takes a number or, for a batch of states, an array (members,) as well.
   Speeds(const char* name, py::handle value, const States& states) {
     if (PyFloat_Check(value.ptr()) || PyLong_CheckExact(value.ptr())) {
       one = PyFloat_AsDouble(value.ptr());
@@ -133,7 +133,7 @@ struct Speeds {
   }
 };
 
-/// What drives the states, (Drive::rows,) or (Drive::rows, members); None where nothing does.
+/// The drive of the states, (Drive::rows,) or (Drive::rows, members); None if nothing drives them.
 struct Drives {
   std::optional<States> given;
 
@@ -147,8 +147,8 @@ struct Drives {
   const double* data() const { return given ? given->values.data() : nullptr; }
 };
 
-/// An array to be written, (rows,) or (rows, columns). pybind11's own constructor computes strides
-/// first, which numpy does better.
+/// A new array of shape (rows,) or (rows, columns). It is made by numpy, which is faster than
+/// pybind11's constructor with strides.
 inline Numbers new_numbers(py::ssize_t rows, py::ssize_t columns, bool one) {
   const auto& api = py::detail::npy_api::get();
   const Py_intptr_t shape[] = {rows, columns};
@@ -161,7 +161,7 @@ inline Numbers new_numbers(py::ssize_t rows, py::ssize_t columns, bool one) {
 
 using NumberOrArray = py::typing::Union<py::float_, Numbers>;
 
-/// Row i of results (rows,) or (rows, k).
+/// Row i of an array of results (rows,) or (rows, k).
 inline NumberOrArray row_of(const Numbers& results, py::ssize_t i) {
   if (results.ndim() == 1) return py::float_(results.data()[i]);
   return results[py::int_(i)];
@@ -169,8 +169,8 @@ inline NumberOrArray row_of(const Numbers& results, py::ssize_t i) {
 
 using Unlocked = py::call_guard<py::gil_scoped_release>;
 
-/// Gives up the interpreter lock where the work outweighs giving it up and taking it again. amount:
-/// in units of one segment's share of a chain's rhs.
+/// Releases the interpreter lock if the work takes longer than releasing and acquiring it. amount:
+/// of work, where computing one segment's share of a chain's right-hand side is 1.
 struct UnlockedFor {
   std::optional<py::gil_scoped_release> unlocked;
 
@@ -180,8 +180,8 @@ struct UnlockedFor {
   }
 };
 
-/// What work makes of states (rows,) or (rows, k), their speeds and drive: (results,) or (results,
-/// k). cost: of a member, as for `UnlockedFor`.
+/// Results (results,) or (results, k) that `work` computes from states (rows,) or (rows, k), their
+/// speeds and drive. cost: amount of work for one state, as for `UnlockedFor`.
 inline Numbers results_of(py::ssize_t rows, py::ssize_t results, py::ssize_t cost,
                           const py::object& y, const py::object& u, const py::object& drive,
                           const Work& work) {
@@ -197,8 +197,8 @@ inline Numbers results_of(py::ssize_t rows, py::ssize_t results, py::ssize_t cos
   return made;
 }
 
-/// What work makes of k states, (k, results, rows), or of one, (results, rows): derivatives of
-/// rates by states, mostly. cost: of a row.
+/// Matrices (results, rows) that `work` computes from one state, or (k, results, rows) from k
+/// states; most are derivatives of rates by states. cost: amount of work for one row.
 inline Numbers jacobians_of(py::ssize_t rows, py::ssize_t results, py::ssize_t cost,
                             const py::object& y, const py::object& u, const py::object& drive,
                             const Work& work) {
@@ -216,7 +216,7 @@ inline Numbers jacobians_of(py::ssize_t rows, py::ssize_t results, py::ssize_t c
   return made;
 }
 
-/// Raises NotResolved: `what` cannot be computed of those members of a batch of states, or of one.
+/// Raises NotResolved, which says that `what` cannot be computed for the given members of a batch.
 [[noreturn]] inline void refuse(const char* what, const std::vector<py::ssize_t>& members,
                                 const py::object& states, const std::string& why) {
   const py::object error = py::module_::import("pipedyn.util.errors").attr("NotResolved");
@@ -226,8 +226,8 @@ inline Numbers jacobians_of(py::ssize_t rows, py::ssize_t results, py::ssize_t c
   throw py::error_already_set();
 }
 
-/// Raises NotResolved unless all that was made of states (rows, k) is finite, in columns (results,
-/// k) or, where of_member, one member after the other.
+/// Raises NotResolved unless all results for the states (rows, k) are finite. They stand in columns
+/// (results, k) or, if of_member, one member after the other.
 template <class Model>
 void require_answer(const char* what, const Model& of, py::ssize_t rows, const py::object& y,
                     const Numbers& made, bool of_member) {
@@ -250,7 +250,8 @@ void require_answer(const char* what, const Model& of, py::ssize_t rows, const p
   refuse(what, members, states.one ? py::object(py::none()) : py::int_(k), why);
 }
 
-/// Rates of each member, their derivatives by the speed and by the state (members, 2 + rows, rows).
+/// For each member its rates and their derivatives by the speed and by the state, one below the
+/// other, (members, 2 + rows, rows).
 template <class Model>
 void linearise(const Model& model, const Batch& batch, double* out) {
   if constexpr (requires { model.linearise(batch, out); }) {
@@ -284,7 +285,7 @@ void linearise(const Model& model, const Batch& batch, double* out) {
   }
 }
 
-/// Energy of each member. rows, cost: as for `results_of`; refuses: as for the rates.
+/// Energy of each member. rows, cost: as for `results_of`; refuses: whether to raise NotResolved.
 template <class Model>
 NumberOrArray energy_of(const Model& model, py::ssize_t rows, py::ssize_t cost, const py::object& y,
                         const py::object& drive, bool refuses) {
@@ -294,7 +295,7 @@ NumberOrArray energy_of(const Model& model, py::ssize_t rows, py::ssize_t cost, 
   return row_of(made, 0);
 }
 
-/// (flow, joints, drag, others, base)
+/// Powers (flow, joints, drag, others, base) of each member.
 using Parts =
     py::typing::Tuple<NumberOrArray, NumberOrArray, NumberOrArray, NumberOrArray, NumberOrArray>;
 
@@ -308,14 +309,14 @@ Parts power_of(const Model& model, py::ssize_t rows, py::ssize_t cost, const py:
                         row_of(parts, 4));
 }
 
-/// The equations of motion of states [p, p'] with 2 dof rows. work_of: of a state, in that of a
-/// chain's segment. What the model does not resolve raises NotResolved where `refuses`, else it is
-/// NaN, as integrators and searches take it.
+/// Defines the equations of motion for states [p, p'] with 2 dof rows. work_of: amount of work for
+/// one state, as for `UnlockedFor`. Results that the model does not resolve raise NotResolved if
+/// `refuses`, and are NaN otherwise, as integrators and searches take them.
 template <class Model, py::ssize_t (*work_of)(const Model&)>
 void define_equations(py::class_<Model>& model) {
   using namespace py::literals;
   using py::object;
-  // Rates of states that have so many rows besides [p, p'].
+  // Rates of states that have `more` rows besides [p, p'].
   const auto rates = [](const Model& of, const object& y, const object& u, const object& drive,
                         py::ssize_t more, auto work) {
     const py::ssize_t rows = 2 * of.dof() + more, cost = work_of(of);
@@ -324,7 +325,7 @@ void define_equations(py::class_<Model>& model) {
       in_parts(batch, rows, rows, false, cost, part, out);
     });
   };
-  // Derivatives of these, after so many rows.
+  // Derivatives of rates, after `more` other rows.
   const auto slopes = [](const Model& of, const object& y, const object& u, const object& drive,
                          py::ssize_t more, auto work) {
     const py::ssize_t rows = 2 * of.dof(), results = rows + more, cost = work_of(of);
@@ -388,16 +389,16 @@ void define_equations(py::class_<Model>& model) {
           "y"_a, drive);
 }
 
-/// Eigenpairs and their tracking, in linear.cpp.
+/// Defines eigenproblems, spectra and searches; see linear.cpp.
 void define_linear(py::module_& m);
 
-/// Integration in time, in motion.cpp.
+/// Defines the integrators in time; see motion.cpp.
 void define_motion(py::module_& m);
 
-/// Collocation of periodic orbits, in orbits.cpp.
+/// Defines the collocation of periodic orbits; see orbits.cpp.
 void define_orbits(py::module_& m);
 
-/// The class Scene, in scene.cpp.
+/// Defines the class Scene; see scene.cpp.
 void define_scene(py::module_& m);
 
 }  // namespace pipedyn

@@ -27,7 +27,7 @@ using namespace py::literals;
 
 namespace {
 
-/// SciPy's BLAS and LAPACK, by the addresses that it publishes for Cython.
+/// BLAS and LAPACK of SciPy, called at the addresses that SciPy publishes for Cython.
 Lapack found_lapack() {
   Lapack lapack{};
   const auto set = [](const char* library, const char* name, auto& routine) {
@@ -42,36 +42,37 @@ Lapack found_lapack() {
   set("scipy.linalg.cython_lapack", "zgetrs", lapack.zgetrs);
   set("scipy.linalg.cython_lapack", "dgeev", lapack.dgeev);
   set("scipy.linalg.cython_lapack", "zgeev", lapack.zgeev);
-  set("scipy.linalg.cython_lapack", "dsyevd", lapack.dsyevd);
+  set("scipy.linalg.cython_lapack", "dsygvd", lapack.dsygvd);
   return lapack;
 }
 
-/// Looked up by the first dense problem: importing scipy.linalg takes longer than numpy.
+/// The addresses are looked up by the first dense problem, as importing scipy.linalg takes longer
+/// than importing numpy.
 const Lapack& scipy_lapack() {
   PYBIND11_CONSTINIT static py::gil_safe_call_once_and_store<Lapack> found;
   return found.call_once_and_store_result(found_lapack).get_stored();
 }
 
-/// All but the last, and that.
+/// A vector split into all but its last number, and the last number.
 DenseOperator::Matrices with_loss(std::array<Matrix, 5> others, Matrix loss) {
   auto& [a, b, c, d, e] = others;
   return {std::move(a), std::move(b), std::move(c), std::move(d), std::move(e), std::move(loss)};
 }
 
-/// What Python keeps alive.
+/// An object that Python keeps alive.
 template <class Kept>
 std::shared_ptr<const Kept> kept_elsewhere(const Kept& one) {
   return {std::shared_ptr<const Kept>(), &one};
 }
 
-/// Tells Python every so often what was done, so that it counts and can stop it: by a signal, or by
-/// an exception of what counts.
+/// Reports to Python at intervals how much work was done. Python counts it, and may stop the search
+/// by a signal or by an exception of the function that counts.
 class Report {
  public:
   Report(std::shared_ptr<Spectrum> spectrum, const py::object& factorised)
       : spectrum_(std::move(spectrum)), factorised_(factorised) {}
 
-  /// What was done by one search of many, and what does the next.
+  /// Reports the work of one search of many, and begins the next.
   void go_on(std::shared_ptr<Spectrum> next) {
     done_ += spectrum_->factorisations();
     spectrum_ = std::move(next);
@@ -205,23 +206,6 @@ void define_linear(py::module_& m) {
       "rounding", [](const Values& values) { return rounding_about(values, shifts[0], false); },
       "values"_a);
   m.def(
-      "assignment",
-      [](const Numbers& costs) {
-        if (costs.ndim() != 2) throw py::value_error("costs must have shape (rows, columns)");
-        require_finite("costs", costs);
-        const Index rows = costs.shape(0), columns = costs.shape(1);
-        const Index size = std::max(rows, columns);
-        std::vector<double> square(static_cast<std::size_t>(size * size));
-        for (Index i = 0; i < rows; ++i) {
-          std::copy_n(costs.data() + i * columns, columns, square.data() + i * size);
-        }
-        Eigen::VectorX<Index> found(rows);  // the columns, -1 where a row gets none
-        const Roots onto = assignment(square, size);
-        for (Index i = 0; i < rows; ++i) found[i] = onto[i] < columns ? onto[i] : -1;
-        return found;
-      },
-      "costs"_a);
-  m.def(
       "crossings",
       [](const std::vector<std::shared_ptr<Spectrum>>& spectra, const std::vector<Range>& ranges,
          const py::object& factorised) {
@@ -263,19 +247,6 @@ void define_linear(py::module_& m) {
           [](const PanelPencil& pencil, const Matrix& q) { return pencil.basis().on_panels(q); },
           "q"_a);
 
-  py::class_<DenseOperator>(m, "DenseOperator")
-      .def(py::init([](std::array<Matrix, 5> of, double size, Matrix loss) {
-             return std::make_unique<DenseOperator>(scipy_lapack(),
-                                                    with_loss(std::move(of), std::move(loss)), size,
-                                                    DenseOperator::Lost{});
-           }),
-           "matrices"_a, "size"_a, "loss"_a = Matrix())
-      .def(
-          "inverse",
-          [](const DenseOperator& p, double shift, bool velocity_free, bool left) {
-            return p.inverse(shift, velocity_free, left);
-          },
-          Unlocked(), "shift"_a, "velocity_free"_a, "left"_a);
   py::class_<Traits>(m, "Traits")
       .def(py::init([](Index dof, double delta, double zero, bool damped, bool conservative,
                        bool squared, bool free_at_rest, double loss) {
@@ -311,7 +282,7 @@ void define_linear(py::module_& m) {
       .def(py::init<Matrix>(), "columns"_a)
       .def("spread", &Complement::spread, "z"_a)
       .def("gathered", py::overload_cast<Matrix>(&Complement::gathered, py::const_), "x"_a);
-  // Chain and complement are kept by the spectrum as long as it lives.
+  // The spectrum refers to chain and complement, which Python keeps alive as long as it lives.
   py::class_<Structured, Eigenproblem, std::shared_ptr<Structured>>(m, "Structured")
       .def(py::init([](const Traits& traits, const Chain& chain, const Complement& complement,
                        const Vector& scale, double size) {

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-// Integration in time.
+// Bindings of the integrators in time.
 #include <pybind11/eigen.h>
 #include <pybind11/numpy.h>
 #include <pybind11/pybind11.h>
@@ -24,8 +24,8 @@ using namespace py::literals;
 
 namespace {
 
-/// Flow speeds and drives of members at times; drive (Drive::rows, members) or empty. errors: as in
-/// `Batch`, or empty.
+/// Flow speed u (members,) of each motion of a batch, its drive (Drive::rows, members), or empty if
+/// nothing drives it, and the relative errors that quadratures may leave, as in `Batch`, or empty.
 struct Flows {
   Reals u;
   Matrix drive;
@@ -43,7 +43,8 @@ struct Flows {
 };
 using FlowsAt = std::function<void(const Vector& t, const std::vector<Index>& which, Flows& flows)>;
 
-/// A speed that pulsates and a base that oscillates, by their numbers.
+/// A flow speed mean (1 + part cos(frequency t)) and a base that moves as (x, y) cos(own t).
+/// numbers: (mean, part, frequency, x, y, own).
 FlowsAt oscillating(const py::tuple& numbers) {
   const auto [mean, part, frequency, x, y, own] = numbers.cast<std::array<double, 6>>();
   return [=](const Vector& t, const std::vector<Index>&, Flows& flows) {
@@ -60,8 +61,8 @@ FlowsAt oscillating(const py::tuple& numbers) {
   };
 }
 
-/// u: a steady speed a member, or for all a function of time to speed and drive, or the numbers of
-/// `oscillating`.
+/// The flows that Python gives as u: steady speeds, one for each member; or for all members the
+/// numbers of `oscillating`, or a function of time that returns the speed and the drive.
 FlowsAt flows_at(const py::object& u) {
   if (py::isinstance<py::tuple>(u)) return oscillating(u);
   if (!PyCallable_Check(u.ptr())) {
@@ -81,15 +82,16 @@ FlowsAt flows_at(const py::object& u) {
   };
 }
 
-/// Rates of the states (rows, members) at times and a flow each.
+/// Computes the rates of states (rows, members), each at its own time and flow.
 using FlowRates =
     std::function<void(const Vector& t, const double* y, const Flows& flows, double* rates)>;
 
-/// Relative error that quadratures may leave in rates, as a share of the one of a step: as this
-/// lasts for a thousand steps it still is no larger.
+/// Relative error that quadratures may leave in rates, as a share of the relative error of a step.
+/// Were it the same at each step, it would be as large as that of one step after a thousand.
 constexpr double quadrature_share = 1e-3;
 
-/// Those of the states at times alone, for steps with relative errors `rtol` of each member.
+/// Rates as a function of times and states alone. u: as for `flows_at`; rtol: relative error of a
+/// step of each member.
 Rates at_flows(FlowRates of, const py::object& u, const Vector& rtol) {
   return [of = std::move(of), at = flows_at(u), errors = Vector(quadrature_share * rtol),
           flows = Flows()](const Vector& t, const double* y, const std::vector<Index>& which,
@@ -100,7 +102,7 @@ Rates at_flows(FlowRates of, const py::object& u, const Vector& rtol) {
   };
 }
 
-/// A function of a compiled model's states at a flow each.
+/// Rates by a member function of a compiled model, such as `rhs`.
 template <class Model, class Function>
 FlowRates function_rates(const Model& model, const Function& function) {
   return [&model, function](const Vector&, const double* y, const Flows& flows, double* rates) {
@@ -108,8 +110,8 @@ FlowRates function_rates(const Model& model, const Function& function) {
   };
 }
 
-/// Of a function of times, states (rows, members), their speeds and, if any, drive (Drive::rows,
-/// members). A ValueError means that there are none.
+/// Rates by a Python function of times (members,), states (rows, members), speeds (members,) and,
+/// if anything drives them, drive (Drive::rows, members). Where it raises ValueError they are NaN.
 FlowRates called_rates(const py::function& function, Index rows) {
   return [function, rows](const Vector& t, const double* y, const Flows& flows, double* rates) {
     const py::gil_scoped_acquire locked;
@@ -130,7 +132,7 @@ FlowRates called_rates(const py::function& function, Index rows) {
   };
 }
 
-/// Calls what with the compiled model that an object is; whether it is one.
+/// Calls `what` with the compiled model if `of` is one, and returns whether it is.
 template <class What>
 bool with_compiled(const py::object& of, const What& what) {
   const auto is = [&]<class Model>(std::type_identity<Model>) {
@@ -142,8 +144,8 @@ bool with_compiled(const py::object& of, const What& what) {
          is(std::type_identity<Scene>());
 }
 
-/// Rates of a model's states, [q', q''] or, of so many rows, with the work done on them, whose rate
-/// is the power.
+/// Rates [q', q''] of a model's states or, if these have one row more, the work done on them, also
+/// its rate, which is the power.
 FlowRates flow_rates_of(const py::object& of, Index rows) {
   FlowRates rates;
   const auto compiled = [&]<class Model>(const Model& model) {
@@ -153,7 +155,7 @@ FlowRates flow_rates_of(const py::object& of, Index rows) {
   return with_compiled(of, compiled) ? rates : called_rates(of, rows);
 }
 
-/// A supply at constant head of a compiled model's pipe.
+/// The supply at constant head that feeds the pipe of a compiled model.
 struct Supplied : Supply {
   std::function<void(const Batch&, double*)> axial;
   Index dof = 0;
@@ -166,8 +168,8 @@ struct Supplied : Supply {
     if (!with_compiled(core, take)) throw py::type_error("core must be a compiled model");
   }
 
-  /// Rates of [q, q', W, u] (2 dof + 2, members) with those of [q, q', W] at a flow, where `base`
-  /// drives them; NaN where the flow turns back.
+  /// Rates of the states [q, q', W, u] (2 dof + 2, members), NaN where the flow turns back. of: the
+  /// rates of [q, q', W] at a given flow; base: the motion of the base, or empty.
   void rates(const FlowRates& of, const Vector& t, const double* y, const Matrix& base,
              double* out) const {
     const Index members = t.size(), work = 2 * dof;
@@ -205,21 +207,8 @@ Rates rates_of(const py::object& of, Index rows, const py::object& u, const Vect
                   u, rtol);
 }
 
-/// Those of the same states without the work, by rhs, with their derivative, and the power apart.
-template <class Model>
-ImplicitRates implicit_rates(const Model& model, const py::object& u, const Vector& rtol,
-                             void (Model::*rhs)(const Batch&, double*) const,
-                             std::unique_ptr<ShiftedSystems> systems) {
-  const auto power = [](const Model& of, const Batch& batch, double* out) {
-    Matrix parts(5, batch.members);
-    of.power(batch, parts.data());
-    Eigen::Map<Vector>(out, batch.members) = parts.colwise().sum();
-  };
-  return {at_flows(function_rates(model, rhs), u, rtol),
-          at_flows(function_rates(model, power), u, rtol), 2 * model.dof(), std::move(systems)};
-}
-
-/// Of a function of a time, a state (rows,), its speed and, if any, drive (Drive::rows,).
+/// Jacobian by a Python function of a time, a state (rows,), its speed and, if anything drives it,
+/// drive (Drive::rows,).
 DenseSystems::Jacobian called_jacobian(const py::function& function, Index rows,
                                        const FlowAt& flow_at) {
   return [function, rows, flow_at](double t, const double* y, Index member, double* out) {
@@ -235,6 +224,22 @@ DenseSystems::Jacobian called_jacobian(const py::function& function, Index rows,
   };
 }
 
+/// The systems of an implicit step with the derivative of a compiled model's rates.
+template <class Model>
+std::unique_ptr<ShiftedSystems> shifted_systems(const Model& model, const FlowAt& flow_at) {
+  if constexpr (std::is_same_v<Model, Galerkin>) {
+    const auto slopes = [&model, flow_at](double t, const double* y, Index member, double* out) {
+      model.jacobian(flow_at(t, member).of(y), out);
+    };
+    return std::make_unique<DenseSystems>(slopes, 2 * model.dof());
+  } else {
+    using Systems = std::conditional_t<std::is_same_v<Model, Chain>, ChainSystems, SceneSystems>;
+    return std::make_unique<Systems>(model, flow_at);
+  }
+}
+
+/// Rates for the implicit integrator: of a compiled model those of [q, q'] by `rhs`, with the
+/// power, which is integrated apart; else those of all rows.
 ImplicitRates implicit_rates_of(const py::object& of, const py::object& jacobian, Index rows,
                                 const py::object& u, const Vector& rtol, const Supplied* supply) {
   const FlowAt flow_at = [at = flows_at(u)](double t, Index member) {
@@ -244,30 +249,24 @@ ImplicitRates implicit_rates_of(const py::object& of, const py::object& jacobian
     std::copy_n(flows.drive.data(), flows.drive.size(), one.drive);
     return one;
   };
-  const py::object model = supply == nullptr ? of : py::none();  // at constant head J is dense
-  if (py::isinstance<Chain>(model)) {
-    const Chain& chain = model.cast<const Chain&>();
-    return implicit_rates(chain, u, rtol, &Chain::rhs,
-                          std::make_unique<ChainSystems>(chain, flow_at));
-  }
-  if (py::isinstance<Scene>(model)) {
-    const Scene& scene = model.cast<const Scene&>();
-    return implicit_rates(scene, u, rtol, &Scene::rhs,
-                          std::make_unique<SceneSystems>(scene, flow_at));
-  }
-  if (py::isinstance<Galerkin>(model)) {
-    const Galerkin& reduced = model.cast<const Galerkin&>();
-    const auto slopes = [&reduced, flow_at](double t, const double* y, Index member, double* out) {
-      reduced.jacobian(flow_at(t, member).of(y), out);
+  ImplicitRates made;
+  const auto compiled = [&]<class Model>(const Model& model) {
+    const auto power = [](const Model& fed, const Batch& batch, double* out) {
+      Matrix parts(5, batch.members);
+      fed.power(batch, parts.data());
+      Eigen::Map<Vector>(out, batch.members) = parts.colwise().sum();
     };
-    return implicit_rates(reduced, u, rtol, &Galerkin::rhs,
-                          std::make_unique<DenseSystems>(slopes, 2 * reduced.dof()));
-  }
+    made = {at_flows(function_rates(model, &Model::rhs), u, rtol),
+            at_flows(function_rates(model, power), u, rtol), 2 * model.dof(),
+            shifted_systems(model, flow_at)};
+  };
+  // At constant head the derivative is dense.
+  if (supply == nullptr && with_compiled(of, compiled)) return made;
   return {rates_of(of, rows, u, rtol, supply), nullptr, rows,
           std::make_unique<DenseSystems>(called_jacobian(jacobian, rows, flow_at), rows)};
 }
 
-/// Explicit without a Jacobian.
+/// The explicit integrator if `jacobian` is None, otherwise the implicit one.
 std::unique_ptr<Integrator> integrator(const py::object& of, const py::object& u,
                                        const Matrix& start, double t0, const Numbers& rtols,
                                        const Numbers& atols, double most, double max_step,
@@ -288,8 +287,8 @@ std::unique_ptr<Integrator> integrator(const py::object& of, const py::object& u
                                  members, start.data(), t0, limits);
 }
 
-/// Goes on; whether all members have finished, and where asked for the ends of steps and their
-/// polynomials' coefficients.
+/// Advances the motion and returns whether all members have finished and, if `follow`, the ends of
+/// the steps and the coefficients of their polynomials.
 auto advance(Integrator& motion, const Vector& times, Numbers out, Index evaluations, bool follow) {
   double* const to = out.mutable_data();
   std::vector<Interpolant> steps;

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-// Collocation of periodic orbits.
+// Bindings of the collocation of periodic orbits.
 #include <pybind11/numpy.h>
 #include <pybind11/pybind11.h>
 #include <pybind11/stl.h>
@@ -17,7 +17,7 @@ using namespace py::literals;
 
 namespace {
 
-/// Of the method: c (s,), O (s, s), T (s, s).
+/// The collocation method with s stages: nodes c (s,), matrices O (s, s) and T (s, s).
 using Weights = std::tuple<Numbers, Numbers, Numbers>;
 
 py::typing::Tuple<Numbers, Numbers> eliminated(const Numbers& durations, const Numbers& starts,

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: MIT
 //
-// Work of many members or intervals that the threads of the machine share.
+// Divides the work of many members or intervals among the threads of the machine.
 #pragma once
 
 #include <algorithm>
@@ -12,12 +12,12 @@
 
 namespace pipedyn {
 
-/// What is done with a batch; writes its results.
+/// Work on a batch, which writes its results.
 using Work = std::function<void(const Batch&, double*)>;
 
-/// Does the work of a batch of states with so many rows in parts. results: numbers of a member, in
-/// a column of (results, members) or, where of_member, one member after the other; each: amount of
-/// work of one.
+/// Does the work on a batch of states (rows, members) in parts. results: numbers that it writes for
+/// a member, as a column of (results, members) or, if of_member, one member after the other; each:
+/// amount of work for one member.
 inline void in_parts(const Batch& batch, Index rows, Index results, bool of_member, Index each,
                      const Work& work, double* out) {
   const Index members = batch.members;

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-// The modular route's class Scene.
+// Bindings of the class Scene, which scenes put together from parts are compiled to.
 #include "pipedyn/modular/scene.hpp"
 
 #include <pybind11/eigen.h>
@@ -19,7 +19,7 @@ py::ssize_t work_of(const Scene& scene) {
   return scene.dof() * static_cast<py::ssize_t>(2 + 3 * scene.compliance().size());
 }
 
-/// Further moments on the segments of states, as many of these as of the states; or none.
+/// Moments that custom parts exert on the segments, one column for each state, or none.
 struct Moments {
   std::optional<States> given;
 
@@ -36,7 +36,7 @@ struct Moments {
   }
 };
 
-/// Work on a batch of the states y, (rows,) or (rows, k), with further moments and drives.
+/// Work on a batch of states y, (rows,) or (rows, k), with moments of custom parts and drives.
 template <class Work>
 Numbers scene_rates(const Scene& scene, py::ssize_t rows, const py::object& y, const py::object& u,
                     const py::object& moments, const py::object& drive, const Work& work) {
@@ -47,23 +47,7 @@ Numbers scene_rates(const Scene& scene, py::ssize_t rows, const py::object& y, c
   });
 }
 
-/// What of its states [theta, theta'] the scene answers, of redundant ones.
-struct Redundant {
-  const Scene& scene;
-
-  void energy(Batch batch, double* out) const {
-    const Matrix y = scene.angles(batch);
-    batch.y = y.data();
-    scene.energy(batch, out);
-  }
-  void power(Batch batch, double* out) const {
-    const Matrix y = scene.angles(batch);
-    batch.y = y.data();
-    scene.power(batch, out);
-  }
-};
-
-/// Of angles (n,) the states (6 n,), of (n, k) the states (6 n, k).
+/// Redundant states (6 n,) from angles (n,), or (6 n, k) from (n, k).
 Numbers from_angles(const Scene& scene, const py::object& theta, const py::object& omega) {
   const States angles("theta", theta, scene.dof());
   const States rates("omega", omega, scene.dof());
@@ -79,8 +63,9 @@ Numbers from_angles(const Scene& scene, const py::object& theta, const py::objec
   return made;
 }
 
-/// Derivative of the rates of [theta, theta'] (2 n, 2 n), or of each of k states, where they return
-/// to guides and pins or not. by_state: of further moments on a single state (n, 2 n), else 0.
+/// Derivative of the rates of [theta, theta'], (2 n, 2 n), or (k, 2 n, 2 n) for k states. returns:
+/// whether the rates include the return to guides and pins; by_state: derivative of the moments of
+/// custom parts by a single state, (n, 2 n), or empty for 0.
 Numbers derivative(const Scene& scene, const py::object& y, const py::object& u,
                    const py::object& moments, const Matrix& by_state, bool returns,
                    const py::object& drive) {
@@ -118,6 +103,17 @@ void define_scene(py::module_& m) {
       .def_property_readonly("chain", &Scene::chain)
       .def("from_angles", from_angles, "theta"_a, "omega"_a)
       .def(
+          "angles",
+          [](const Scene& scene, const py::object& y) {
+            const py::ssize_t rows = 2 * scene.dof();
+            const auto work = [&](const Batch& states, double* out) {
+              Eigen::Map<Matrix>(out, rows, states.members) = scene.angles(states);
+            };
+            return results_of(2 * scene.coordinates(), rows, rows, y, py::float_(0.0), py::none(),
+                              work);
+          },
+          "y"_a)
+      .def(
           "project",
           [](const Scene& scene, Matrix theta, Matrix omega) {
             Vector missed = scene.project(theta, omega);
@@ -126,7 +122,6 @@ void define_scene(py::module_& m) {
           "theta"_a, "omega"_a, Unlocked())
       .def_readonly_static("met", &Scene::met)
       .def_readonly_static("return_rate", &Scene::return_rate)
-      .def("solve", &Scene::solve, "theta"_a, "moments"_a, Unlocked())
       .def("derivative", derivative, "y"_a, "u"_a, "moments"_a = py::none(),
            "by_state"_a = Matrix(), "returns"_a = true, "drive"_a = py::none())
       .def(
@@ -151,22 +146,7 @@ void define_scene(py::module_& m) {
             };
             return scene_rates(scene, 2 * scene.dof() + 1, y, u, moments, drive, work);
           },
-          "t"_a, "y"_a, "u"_a, "moments"_a, "drive"_a = py::none())
-      .def(
-          "redundant_energy",
-          [](const Scene& scene, const py::object& y, const py::object& drive, bool refuses) {
-            return energy_of(Redundant{scene}, 2 * scene.coordinates(), work_of(scene), y, drive,
-                             refuses);
-          },
-          "y"_a, "drive"_a = py::none(), "refuses"_a = true)
-      .def(
-          "redundant_power",
-          [](const Scene& scene, const py::object& y, const py::object& u, const py::object& drive,
-             bool refuses) {
-            return power_of(Redundant{scene}, 2 * scene.coordinates(), work_of(scene), y, u, drive,
-                            refuses);
-          },
-          "y"_a, "u"_a, "drive"_a = py::none(), "refuses"_a = true);
+          "t"_a, "y"_a, "u"_a, "moments"_a, "drive"_a = py::none());
 }
 
 }  // namespace pipedyn

@@ -1,14 +1,15 @@
 // SPDX-License-Identifier: MIT
 //
-// Linearised collocation of a periodic orbit: the stages of each interval eliminated, and intervals
-// joined. With accelerations k_i at the stages c_i of an interval of length h from the state (p,
-// v),
+// Linearised collocation of a periodic orbit: it eliminates the stages of each interval and joins
+// the intervals. An interval of length h that begins at the state (p, v) has accelerations k_i at
+// its stages c_i,
 //
 //   p_i = p + h c_i v + h^2 sum_j T_ij k_j,   v_i = v + h sum_j O_ij k_j,   k_i = f(p_i, v_i),
 //
-// changes dk solve (1 - h O (x) f_v - h^2 T (x) f_p) dk = what the first state, the residual, the
-// frequency (h ~ 1 / frequency) and the speed do: Gaussian elimination with pivots, of s n / 2
-// equations. For the sources of one vector level, like dense.hpp.
+// and their changes dk solve (1 - h O (x) f_v - h^2 T (x) f_p) dk = b, where the right-hand sides b
+// are the effects of the first state, of the residual, of the frequency (h ~ 1 / frequency) and of
+// the speed. These s n / 2 equations are solved by Gaussian elimination with partial pivoting. The
+// file is included by the sources of one vector level, like dense.hpp.
 #pragma once
 
 #include "pipedyn/chain/motion.hpp"
@@ -18,10 +19,12 @@ namespace {
 
 using pipedyn::Intervals;
 
-/// Pivots between two updates of the rest of the matrix, which is read and written that much less.
+/// Number of pivots after which the rest of the matrix is updated: it is read and written once for
+/// all of them.
 constexpr Count panel = 8;
 
-/// Subtracts multiples of up to `panel` rows from a row, between columns; up to a pack beyond.
+/// Subtracts multiples of up to `panel` rows from a row, in a range of columns. It may write up to
+/// a pack beyond the range.
 inline void subtract_rows(double* to, const double* factors, const double* const* rows, Count count,
                           Count begin, Count end) {
   if (count == panel) {
@@ -39,8 +42,8 @@ inline void subtract_rows(double* to, const double* factors, const double* const
   }
 }
 
-/// Solves A X = B of rows [A | B] of so many columns in all, behind which a pack has room. The rows
-/// are put in the order of their pivots, then the columns of B are X. False if A is singular.
+/// Solves A X = B, given as rows [A | B] with `columns` columns and room for a pack behind the
+/// last. Sorts the rows by their pivots and writes X over B. Returns false if A is singular.
 bool solve_rows(double** rows, Count size, Count columns) {
   for (Count k0 = 0; k0 < size; k0 += panel) {
     const Count end = k0 + panel < size ? k0 + panel : size;
@@ -82,13 +85,13 @@ bool solve_rows(double** rows, Count size, Count columns) {
   return true;
 }
 
-/// Of interval m: see `MotionKernel::eliminate_stages`.
+/// Eliminates the stages of interval m, see `MotionKernel::eliminate_stages`.
 bool eliminate_interval(const Intervals& of, Count m, double** rows, double* rates, double* ends) {
   const Count s = of.stages, half = of.half, n = 2 * half, size = s * half, more = n + 3;
   const double h = of.durations[m];
   const double* const start = of.starts + m * n;
   const double* const k = of.rates + m * size;
-  double* const by_frequency = ends + n + 1;  // of the stage in turn, every `more` numbers
+  double* const by_frequency = ends + n + 1;  // one number for each stage, `more` numbers apart
   for (Count i = 0; i < s; ++i) {
     for (Count a = 0; a < half; ++a) {
       double once = 0.0, twice = 0.0;
@@ -132,7 +135,7 @@ bool eliminate_interval(const Intervals& of, Count m, double** rows, double* rat
   for (Count a = 0; a < n; ++a) {
     double* const end = ends + a * more;
     for (Count j = 0; j < more; ++j) {
-      if (j != n + 1) end[j] = j == a ? 1.0 : 0.0;  // that of the frequency stands there
+      if (j != n + 1) end[j] = j == a ? 1.0 : 0.0;  // column n + 1 is filled above
     }
     if (a < half) end[half + a] = h;
     for (Count j = 0; j < s; ++j) {
@@ -145,7 +148,8 @@ bool eliminate_interval(const Intervals& of, Count m, double** rows, double* rat
   return true;
 }
 
-/// The map of interval m to its end in units of the state, and what this misses of the next state.
+/// Map of changes of the state over interval m, in units of the state, and the gap between the end
+/// of the interval and the next state.
 void join_interval(const Intervals& of, Count m, double* ends) {
   const Count s = of.stages, half = of.half, n = 2 * half, more = n + 3;
   const double h = of.durations[m];

@@ -1,10 +1,10 @@
 // SPDX-License-Identifier: MIT
 //
-// A x = b for four complex matrices A (n, n) at once, by Gauss' elimination. Those in one vector
-// share their pivots: the row whose smallest number is largest. Entry (i, j) of all is row i n + j
-// of what read_shifted takes.
+// Solves A x = b for four complex matrices A (n, n) at once by Gaussian elimination. Matrices in
+// one vector share their pivots: a pivot is the row in which the smallest of their numbers is
+// largest. Entry (i, j) of the four matrices is row i n + j of the array that read_shifted takes.
 //
-// Local to each translation unit, like vector/pack.hpp.
+// The file is local to each translation unit, like vector/pack.hpp.
 #pragma once
 
 #include "pipedyn/vector/shifts.hpp"
@@ -18,7 +18,7 @@ inline double smallest_square(const Complex& a) {
   return least;
 }
 
-/// a (n, n, 8) becomes its factors; pivots: room for 4 n.
+/// Overwrites a (n, n, 8) with its factors. pivots: room for 4 n numbers.
 void factorise_dense(double* a, Count n, Count* pivots) {
   for (Count pass = 0; pass < shift_passes; ++pass) {
     const auto read = [=](Count i, Count j) { return read_shifted(a, i * n + j, pass); };
@@ -53,7 +53,7 @@ void factorise_dense(double* a, Count n, Count* pivots) {
   }
 }
 
-/// b (n, 8) becomes x.
+/// Overwrites b (n, 8) with x.
 void solve_dense(const double* factors, const Count* pivots, Count n, double* b) {
   for (Count pass = 0; pass < shift_passes; ++pass) {
     const auto read = [=](Count i, Count j) { return read_shifted(factors, i * n + j, pass); };
@@ -64,16 +64,13 @@ void solve_dense(const double* factors, const Count* pivots, Count n, double* b)
       write_shifted(b, k, pass, read_shifted(b, pivot, pass));
       write_shifted(b, pivot, pass, held);
     }
-    for (Count i = 1; i < n; ++i) {
-      Complex sum = read_shifted(b, i, pass);
-      for (Count j = 0; j < i; ++j) sum = sum - read(i, j) * read_shifted(b, j, pass);
-      write_shifted(b, i, pass, sum);
-    }
-    for (Count i = n - 1; i >= 0; --i) {
-      Complex sum = read_shifted(b, i, pass);
-      for (Count j = i + 1; j < n; ++j) sum = sum - read(i, j) * read_shifted(b, j, pass);
-      write_shifted(b, i, pass, sum * read(i, i));
-    }
+    const auto left = [&](Count i, Count begin, Count end) {
+      Complex rest = read_shifted(b, i, pass);
+      for (Count j = begin; j < end; ++j) rest = rest - read(i, j) * read_shifted(b, j, pass);
+      return rest;
+    };
+    for (Count i = 1; i < n; ++i) write_shifted(b, i, pass, left(i, 0, i));
+    for (Count i = n - 1; i >= 0; --i) write_shifted(b, i, pass, left(i, i + 1, n) * read(i, i));
   }
 }
 

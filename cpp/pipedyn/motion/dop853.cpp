@@ -13,16 +13,17 @@ namespace pipedyn {
 
 namespace {
 
-/// Factors by which a step changes at most, after Hairer, Norsett and Wanner.
+/// Least and largest factor by which the step size changes, after Hairer, Norsett and Wanner.
 constexpr double least_factor = 1.0 / 3.0, most_factor = 6.0;
 
-/// Power of the last error in the choice of the next step. Without it steps bounce at the limit of
-/// stability, as those of undamped chains do, which costs a fifth of the evaluations, measured.
+/// Exponent of the previous error in the choice of the next step size. Without it the step sizes of
+/// undamped chains oscillate at the limit of stability, which was measured to cost a fifth of the
+/// evaluations.
 constexpr double memory = 0.08;
 
 constexpr Index stages = 12;
 
-/// c_s, where in the step a stage is.
+/// Nodes c_s: place of each stage within the step.
 double share(Index s) {
   static const std::array<double, stages + 4> shares = [] {
     std::array<double, stages + 4> found{};
@@ -32,6 +33,27 @@ double share(Index s) {
     return found;
   }();
   return shares[s];
+}
+
+/// Weights that are not 0, with the rates to which they belong.
+Index present(const Stages& of, const double* weights, Index terms, double* found,
+              const double** k) {
+  Index count = 0;
+  for (Index s = 0; s < terms; ++s) {
+    if (weights[s] == 0.0) continue;
+    found[count] = weights[s];
+    k[count++] = of[s].data();
+  }
+  return count;
+}
+
+/// Computes out = y + h sum_s weights_s k_s.
+void combine(const Stages& of, const double* weights, Index terms, const Vector& y,
+             const Vector& steps, Index entries, Vector& out) {
+  const double* k[stages + 4];
+  double found[stages + 4];
+  const Index count = present(of, weights, terms, found, k);
+  motion_kernel().combine(found, k, count, y.data(), steps.data(), out.data(), entries);
 }
 
 }  // namespace
@@ -63,7 +85,7 @@ Vector Dop853::state(Index member) const {
   return Eigen::Map<const Matrix>(y_.data(), rows_, active()).col(column);
 }
 
-/// Rates of states at a share of the steps that are tried.
+/// Rates of states, each at a given fraction of the step that is tried.
 void Dop853::evaluate(const Vector& y, Vector& rates, double share) {
   t_.resize(active());
   for (Index j = 0; j < active(); ++j) {
@@ -74,28 +96,7 @@ void Dop853::evaluate(const Vector& y, Vector& rates, double share) {
   rates_(t_, y.data(), which_, rates.data());
 }
 
-/// The weights that are not 0, and the rates that they are of.
-Index Dop853::present(const Stages& of, const double* weights, Index terms, double* found,
-                      const double** k) {
-  Index count = 0;
-  for (Index s = 0; s < terms; ++s) {
-    if (weights[s] == 0.0) continue;
-    found[count] = weights[s];
-    k[count++] = of[s].data();
-  }
-  return count;
-}
-
-/// out = y + h sum_s weights_s k_s.
-void Dop853::combine(const Stages& of, const double* weights, Index terms, const Vector& y,
-                     const Vector& steps, Index entries, Vector& out) {
-  const double* k[stages + 4];
-  double found[stages + 4];
-  const Index count = present(of, weights, terms, found, k);
-  motion_kernel().combine(found, k, count, y.data(), steps.data(), out.data(), entries);
-}
-
-/// A step at which an explicit Euler step and the change of the rates within it are small.
+/// First step size, at which an explicit Euler step and the change of rates within it are small.
 void Dop853::choose_first_steps() {
   const Index m = active();
   const auto norms = [&](const Vector& of, const Vector& from) {
@@ -139,7 +140,7 @@ Index Dop853::step(double end) {
   accepted_.assign(static_cast<std::size_t>(m), 0);
   for (Index j = 0; j < m; ++j) control(j, end);
   if (std::find(accepted_.begin(), accepted_.end(), 1) != accepted_.end()) {
-    evaluate(next_, rate_[stages], 0.0);  // the members accepted have moved on
+    evaluate(next_, rate_[stages], 0.0);  // accepted members are at the end of their step
     interpolate();
     y_.swap(next_);
     rate_[0].swap(rate_[stages]);
@@ -158,7 +159,7 @@ Index Dop853::step(double end) {
   return stages;
 }
 
-/// Error of each column's step, relative to what is allowed.
+/// Error of the step of each column, relative to the tolerance.
 void Dop853::measure_errors() {
   const Index m = active();
   const double* k[2][stages];
@@ -184,7 +185,7 @@ void Dop853::measure_errors() {
   }
 }
 
-/// Accepts or rejects the step of a column and chooses the next.
+/// Accepts or rejects the step of a column and chooses its next step size.
 void Dop853::control(Index j, double end) {
   Member& member = members_[which_[j]];
   const double error = error_[j], h = tried_[j];
@@ -202,7 +203,7 @@ void Dop853::control(Index j, double end) {
   shorten(member, h * (finite ? std::max(safety * std::pow(error, -0.125), least_factor) : 0.1));
 }
 
-/// Records the steps accepted that are asked for, by dense output of those columns alone.
+/// Records accepted steps that contain a sample; dense output is computed for their columns alone.
 void Dop853::interpolate() {
   const Index m = active();
   std::vector<Index> columns, which;
@@ -258,7 +259,7 @@ void Dop853::interpolate() {
   }
 }
 
-/// Some of all columns, in order; in place where both are one.
+/// Copies some of the columns, in order; `in` and `out` may be the same array.
 void Dop853::gather(const Vector& all, const std::vector<Index>& columns, Vector& some) const {
   const Index m = active(), c = static_cast<Index>(columns.size());
   for (Index i = 0; i < rows_; ++i) {

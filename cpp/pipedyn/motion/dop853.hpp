@@ -1,17 +1,21 @@
 // SPDX-License-Identifier: MIT
 //
-// Motions y' = f(t, y) by an explicit method of order 8 whose steps follow the error, each
-// member of a batch with steps of its own; states at given times by dense output of order 7.
-// O(rows) a step and member besides 12 evaluations of f, and 3 more where a sample is taken.
+// Integrates y' = f(t, y) by the explicit Runge-Kutta method of order 8 of Dormand and Prince. Each
+// member of a batch has its own steps, which follow its error; dense output of order 7 gives states
+// at given times. A step of a member costs 12 evaluations of f, 3 more if it contains a sample, and
+// O(rows) operations.
 #pragma once
 
 #include "pipedyn/motion/integrator.hpp"
 
 namespace pipedyn {
 
+/// Rates at each stage, (rows, active columns).
+using Stages = std::vector<Vector>;
+
 class Dop853 final : public Integrator {
  public:
-  /// start: (rows, members), all at one time.
+  /// start: states (rows, members), all at time t0.
   Dop853(Rates rates, Index rows, Index members, const double* start, double time,
          const Limits& limits);
 
@@ -22,14 +26,9 @@ class Dop853 final : public Integrator {
   void keep(const std::vector<Index>& columns) override;
 
  private:
-  using Stages = std::vector<Vector>;  // the rates of each, rows of active() columns
   Index active() const { return static_cast<Index>(which_.size()); }
   Index entries() const { return rows_ * active(); }
   void evaluate(const Vector& y, Vector& rates, double share);
-  static Index present(const Stages& of, const double* weights, Index terms, double* found,
-                       const double** k);
-  static void combine(const Stages& of, const double* weights, Index terms, const Vector& y,
-                      const Vector& steps, Index entries, Vector& out);
   void choose_first_steps();
   void measure_errors();
   void control(Index j, double end);
@@ -38,12 +37,12 @@ class Dop853 final : public Integrator {
 
   Rates rates_;
   Vector y_, next_, stage_, steps_, squares5_, squares3_;
-  Vector relative_, absolute_;                // `Limits` of each entry
-  Stages rate_;                               // 13
-  Vector tried_, fifth_, third_, error_, t_;  // by column
+  Vector relative_, absolute_;                // tolerances of each entry, see `Limits`
+  Stages rate_;                               // rates at the 13 stages
+  Vector tried_, fifth_, third_, error_, t_;  // of each column
   std::vector<char> accepted_;
 
-  struct Dense {  // of the columns that are interpolated
+  struct Dense {  // dense output of the columns that are interpolated
     Vector from, steps, stage, zero;
     Stages rate, terms;
   };

@@ -6,8 +6,8 @@
 
 namespace pipedyn::dop853 {
 
-/// a_sj of stages 2 to 16: the thirteenth is at the step's end, the last three are for dense
-/// output.
+/// Coefficients a_sj of stages 2 to 16. The thirteenth stage is at the end of the step, the last
+/// three serve dense output alone.
 constexpr double weights[15][16] = {
     {0.05260015195876773},
     {0.0197250569845379, 0.0591751709536137},
@@ -37,14 +37,14 @@ constexpr double weights[15][16] = {
     {-0.42889630158379194, 0, 0, 0, 0, -4.697621415361164, 7.683421196062599, 4.06898981839711,
      0.3567271874552811, 0, 0, 0, -0.0013990241651590145, 2.9475147891527724, -9.15095847217987},
 };
-/// What the rules of order 5 and of order 3 differ by.
+/// Weights of the error estimates of order 5 and of order 3.
 constexpr double error_weights[2][16] = {
     {0.01312004499419488, 0, 0, 0, 0, -1.2251564463762044, -0.4957589496572502, 1.6643771824549864,
      -0.35032884874997366, 0.3341791187130175, 0.08192320648511571, -0.022355307863886294},
     {-0.18980075407240762, 0, 0, 0, 0, 4.450312892752409, 1.8915178993145003, -5.801203960010585,
      -0.4226823213237919, -0.1521609496625161, 0.20136540080403034, 0.02265179219836082},
 };
-/// The last four terms of the dense output.
+/// Weights of the last four terms of the dense output.
 constexpr double dense_weights[4][16] = {
     {-8.428938276109013, 0, 0, 0, 0, 0.5667149535193777, -3.0689499459498917, 2.38466765651207,
      2.117034582445028, -0.871391583777973, 2.2404374302607883, 0.6315787787694688,

@@ -10,7 +10,7 @@ namespace pipedyn {
 
 namespace {
 
-/// After which `advance` returns: so soon Ctrl-C is heard.
+/// Time after which `advance` returns, so that Python can react to Ctrl-C.
 constexpr std::chrono::milliseconds pause{50};
 
 }  // namespace
@@ -30,7 +30,7 @@ bool Integrator::advance(const Vector& times, double* out, Index evaluations,
   times_ = &times;
   out_ = out;
   steps_ = steps;
-  for (const Index w : which_) {  // samples at the start
+  for (const Index w : which_) {  // the samples at the start of the motion
     const Member& member = members_[w];
     if (member.samples < times.size() && times[member.samples] <= member.time) {
       record(w, {member.time, member.time, state(w).transpose()});
@@ -84,7 +84,7 @@ void Integrator::record(Index which, const Interpolant& step) {
   if (member.samples == count) member.progress = Progress::done;
 }
 
-/// Takes the members that go on together.
+/// Selects the members that advance together.
 void Integrator::drop_finished() {
   const auto going = [this](Index w) { return members_[w].progress == Progress::going; };
   if (std::all_of(which_.begin(), which_.end(), going)) return;

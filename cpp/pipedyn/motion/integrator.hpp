@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: MIT
 //
-// What integrators of y' = f(t, y) have in common: members that advance together, each with steps
-// of its own, and the interpolant of an accepted step, from which samples are taken.
+// The base class of integrators of y' = f(t, y). Members of a batch advance together, each with
+// steps of its own; the interpolant of an accepted step gives the samples within it.
 #pragma once
 
 #include <functional>
@@ -12,33 +12,33 @@
 
 namespace pipedyn {
 
-/// f of times (members,) and states (rows, members), which of all members they are: writes rates
-/// (rows, members), NaN where it has none.
+/// The function f: from times (members,), states (rows, members) and the indices of these members
+/// it computes rates (rows, members), which are NaN where they do not exist.
 using Rates = std::function<void(const Vector& t, const double* y, const std::vector<Index>& which,
                                  double* rates)>;
 
-/// How a member's motion stands.
+/// Progress of the motion of a member.
 enum class Progress { going, done, not_finite, vanishing, spent };
 
 struct Member {
   double time = 0.0, step = 0.0, last_error = 1e-4;
-  double beyond = 0.0;  // by how much it is beyond the time, which is rounded
+  double beyond = 0.0;  // exact time less the rounded one
   Index samples = 0, evaluations = 0;
   bool rejected = false, overflowed = false;
   Progress progress = Progress::going;
 };
 
-/// States within a step, sum_i c_i x^i with x = (t - from) / (to - from).
+/// Polynomial sum_i c_i x^i for the states within a step, with x = (t - from) / (to - from).
 struct Interpolant {
   double from = 0.0, to = 0.0;
   Matrix coefficients{};  // c_i (degree + 1, rows)
 };
 
-/// What the steps of each member keep to.
+/// Tolerances and limits of the steps of each member.
 struct Limits {
-  Vector relative;  // error of a step of each member
-  Matrix absolute;  // and of each entry of its state (rows, members)
-  double most;      // evaluations of a member
+  Vector relative;  // relative tolerance of each member
+  Matrix absolute;  // absolute tolerance of each entry of its state (rows, members)
+  double most;      // largest number of evaluations of a member
   double max_step = std::numeric_limits<double>::infinity();
 };
 
@@ -46,54 +46,55 @@ class Integrator {
  public:
   virtual ~Integrator() = default;
 
-  /// Goes on for some hundredths of a second or so many evaluations; true once every member has
-  /// failed or has its states at all the times, increasing, in out (members, times, rows). The same
-  /// times and out must be given each time. `steps`, for a single member, gets every step; then it
-  /// returns after `most_steps` of them.
+  /// Advances for some hundredths of a second or a given number of evaluations. Returns true once
+  /// every member has failed or has its states at all times, which increase, in out (members,
+  /// times, rows). Each call must pass the same times and out. `steps`, for a single member,
+  /// receives every step; the call then returns after `most_steps` of them.
   bool advance(const Vector& times, double* out, Index evaluations,
                std::vector<Interpolant>* steps = nullptr);
   static constexpr std::size_t most_steps = 64;
 
-  /// Ends a member's motion.
+  /// Ends the motion of a member.
   void stop(Index member) { members_.at(member).progress = Progress::spent; }
 
   const std::vector<Member>& members() const { return members_; }
-  /// Where a member that goes on is, (rows).
+  /// State of a member that is still advancing, (rows,).
   virtual Vector state(Index member) const = 0;
 
  protected:
   Integrator(Index rows, Index members, double time, const Limits& limits);
 
-  /// Tries a step of each member that goes on, not beyond `end`; the evaluations that one took.
+  /// Tries a step of each advancing member, not beyond `end`. Returns the evaluations it took.
   virtual Index step(double end) = 0;
-  /// Goes on with these of the columns of which_.
+  /// Keeps only the given columns of which_.
   virtual void keep(const std::vector<Index>& columns) = 0;
 
-  /// Steps are chosen this part as long as the error allows.
+  /// Safety factor: steps are this fraction of the size that the error allows.
   static constexpr double safety = 0.9;
-  /// From where a member is to an end.
+  /// Time from a member's present to `end`.
   static double left(const Member& member, double end) { return end - member.time - member.beyond; }
-  /// Length of a member's next step, which does not go beyond `end`.
+  /// Size of the next step of a member, which does not pass `end`.
   double length(const Member& member, double end) const;
-  /// Moves a member on by a step h, so that many short ones at a large time add up. Plans the next:
-  /// no shorter than was planned before where `end` or max_step cut this one.
+  /// Advances the time of a member by h in compensated summation, as many short steps are added to
+  /// a large time. Plans the next step: no shorter than the planned one if `end` or max_step cut
+  /// this.
   void move_on(Member& member, double h, double next, double end);
-  /// Plans a shorter step instead of one that failed, or ends where time would not change.
+  /// Plans a shorter step after a failed one, or ends the motion if the time would not change.
   void shorten(Member& member, double h);
 
-  /// Whether the step that a member has just taken, to its time, must be recorded.
+  /// Whether the step that a member has just taken contains a sample.
   bool is_asked_for(const Member& member) const;
   void record(Index member, const Interpolant& step);
 
   Index rows_;
   Limits limits_;
   std::vector<Member> members_;
-  std::vector<Index> which_;  // members that go on
+  std::vector<Index> which_;  // members that are still advancing
 
  private:
   void drop_finished();
 
-  const Vector* times_ = nullptr;  // as `advance` was asked
+  const Vector* times_ = nullptr;  // the times that were passed to `advance`
   double* out_ = nullptr;
   std::vector<Interpolant>* steps_ = nullptr;
 };

@@ -15,35 +15,36 @@ namespace {
 
 constexpr Index lanes = 8;
 
-/// Factors by which a step changes at most.
+/// Least and largest factor by which the step size changes.
 constexpr double shortest_next = 0.1, longest_next = 5.0;
 
-/// Newton's method stops where what is left is below this part of the error allowed, and gives up
-/// after so many iterations.
+/// Newton's method stops when the remaining error is below this fraction of the tolerance, and
+/// gives up after this number of iterations.
 constexpr double newton_share = 0.005;
 constexpr Index most_iterations = 10;
 
-/// A dense J is kept while each iteration leaves less than this part, and the step while it would
-/// grow by less than this factor: a step, an iteration and a factorisation cost about the same.
+/// A dense J is kept while an iteration reduces the error to less than this fraction, and the step
+/// size while it would grow by less than this factor: a step, an iteration and a factorisation cost
+/// about the same.
 constexpr double kept_contraction = 1e-3, kept_step = 1.1;
 
-/// J is that of the state predicted for this stage, near the step's end: of all stages and the
-/// start it took the fewest iterations, with reduced models, whose J serves the next steps, and
-/// with chains.
+/// J is computed at the state that is predicted for this stage, near the end of the step. Among all
+/// stages and the start this choice took the fewest iterations, both with chains and with reduced
+/// models, whose J serves the next steps too.
 constexpr Index expanded = 5;
 
-/// Power of the error that a step follows: the estimate has order 7.
+/// Exponent of the error in the choice of the step size, as the error estimate has order 7.
 constexpr double exponent = 1.0 / 8.0;
 
 using Table = double[lanes][lanes];
 const double* first(const Table& table) { return &table[0][0]; }
 
-/// out = in M.
+/// Computes out = in M.
 void mix(const double* in, const Table& matrix, Index rows, double* out) {
   motion_kernel().mix_stages(in, first(matrix), nullptr, nullptr, rows, out);
 }
 
-/// Times of the stages of a step and, last, of its start.
+/// Times of the stages of a step, followed by the time of its start.
 Vector times(double from, double h) {
   return from + h * Eigen::Map<const Vector>(radau::nodes, lanes).array();
 }
@@ -105,7 +106,7 @@ Radau::Radau(ImplicitRates rates, Index rows, Index members, const double* start
       rates_at_(rows, lanes),
       x_(of_.solved, lanes) {}
 
-/// Starts from a member's state, with a first step that the size of its rates suggests.
+/// Begins at the state of a member, with a first step size estimated from its rates.
 void Radau::begin(Index which) {
   current_ = which;
   y_ = states_.col(which);
@@ -129,7 +130,7 @@ void Radau::allow() {
       limits_.absolute.col(current_).head(n) + limits_.relative[current_] * y_.head(n).cwiseAbs();
 }
 
-/// Guesses the stages of a step: the last step's polynomial, continued.
+/// Predicts the stages of a step by extrapolating the polynomial of the last step.
 void Radau::predict(double h) {
   const Index n = of_.solved;
   const double ratio = h / last_h_;
@@ -153,13 +154,13 @@ void Radau::predict(double h) {
   predicted_ = z_.col(radau::stages - 1).head(n);
 }
 
-/// Newton's method for the stages of a step; whether it converges.
+/// Solves for the stages of a step by Newton's method, and returns whether it converged.
 bool Radau::solve(Index which, double h, Index& evaluations) {
   const Index n = of_.solved;
   const std::vector<Index> all(lanes, which);
   const Vector t = times(members_[which].time, h);
   double mu[lanes];
-  Table by_mu{};  // - mu w by w
+  Table by_mu{};  // derivative of - mu w by w
   for (Index i = 0; i < lanes; ++i) mu[i] = radau::shifts[i] / h;
   for (Index k = 0; k < 4; ++k) {
     by_mu[k][k] = by_mu[4 + k][4 + k] = -mu[k];
@@ -211,10 +212,10 @@ bool Radau::solve(Index which, double h, Index& evaluations) {
   return false;
 }
 
-/// Error of the step relative to what is allowed, the larger of two. That at its end misses what
-/// the polynomial within errs by where modes decay fast. Of the latter an estimate is how far the
-/// last step's polynomial, continued, was from the end: both errors have one derivative as a
-/// factor.
+/// Error of the step relative to the tolerance, the larger of two estimates. The estimate at the
+/// end of the step does not see the error of the polynomial within it, which matters where modes
+/// decay fast. That error is estimated by the distance between the end and the extrapolation of the
+/// last step's polynomial, because both are proportional to the same derivative.
 double Radau::error(double h) {
   const Index n = of_.solved;
   Table by_rates{}, by_stages{};
@@ -272,7 +273,7 @@ Index Radau::step(double end) {
   } else if (member.progress == Progress::spent) {
     return evaluations;
   } else if (!solved && !fresh_) {
-    contraction_ = 1.0;  // takes J anew
+    contraction_ = 1.0;  // forces a new J
   } else {
     const double factor = solved ? safety * std::pow(found, -exponent) : 0.5;
     shorten(member, h * std::max(factor, shortest_next));
@@ -280,7 +281,7 @@ Index Radau::step(double end) {
   return evaluations;
 }
 
-/// Goes on from the end of a step, to which the member's time has moved.
+/// Continues from the end of an accepted step, to which the time of the member has advanced.
 void Radau::accept(Index which, double h) {
   const Index n = of_.solved, more = rows_ - n;
   const double from = members_[which].time - h;

@@ -1,14 +1,15 @@
 // SPDX-License-Identifier: MIT
 //
-// Motions y' = f(t, y) by the Radau IIA method of seven stages: implicit, of order 13, stable
-// however fast f decays or turns. A step solves
+// Integrates y' = f(t, y) by the implicit Radau IIA method with seven stages, which has order 13
+// and is L-stable. A step solves
 //   Z_i = h sum_j A_ij f(t + c_j h, y + Z_j)
-// by Newton's method with one derivative J of f. A^-1 = V diag(lambda) V^-1 decouples it into
-// systems (lambda_k / h - J) x_k = b_k, one real and three complex. The seven stages and the start
-// of the step go through f as a batch of eight members, the systems through the lanes of one solve.
-// The error is what an embedded rule of order 7 differs by, after one solve with the real system,
-// or what the step's polynomial, from which samples come, misses within.
-// Members move one after the other. O(rows) an iteration besides f and a solve.
+// by Newton's method with one derivative J of f. The factors A^-1 = V diag(lambda) V^-1 decouple it
+// into systems (lambda_k / h - J) x_k = b_k, one real and three complex. f is evaluated for the
+// seven stages and the start of the step as one batch of eight members; the systems are solved side
+// by side in the lanes of vectors. The error is estimated by the difference to an embedded rule of
+// order 7, which takes one solve with the real system, and by the error of the polynomial that
+// gives samples within the step. Members advance one after the other. An iteration costs O(rows)
+// operations besides f and the solve.
 #pragma once
 
 #include <memory>
@@ -18,21 +19,22 @@
 
 namespace pipedyn {
 
-/// Solves (mu_k - J) x_k = b_k for four complex mu_k with the derivative J of a member's rates.
-/// Real parts are first, in mu (8) and in each row of b (rows, 8).
+/// Solves (mu_k - J) x_k = b_k for four complex mu_k, where J is the derivative of a member's
+/// rates. mu (8,) and each row of b (rows, 8) hold the four real parts, then the four imaginary
+/// ones.
 class ShiftedSystems {
  public:
   virtual ~ShiftedSystems() = default;
-  /// Takes J at a state from now on.
+  /// Evaluates J at a state, for all solves until the next call.
   virtual void linearise(double t, const double* y, Index member) = 0;
   virtual void factorise(const double* mu) = 0;
-  /// b becomes x.
+  /// Overwrites b with x.
   virtual void solve(double* b) = 0;
-  /// Whether J costs no more than its factors.
+  /// Whether evaluating J costs no more than factorising it.
   virtual bool is_cheap() const { return false; }
 };
 
-/// Flow speed and drive of a member at a time.
+/// Flow speed and drive of one member at one time.
 struct Flow {
   double u = 0.0, drive[Drive::rows] = {};
   bool driven = false;
@@ -43,7 +45,7 @@ struct Flow {
 };
 using FlowAt = std::function<Flow(double t, Index member)>;
 
-/// J of a chain, by its recursion.
+/// Systems of a chain, solved in O(n) by its recursion.
 class ChainSystems final : public ShiftedSystems {
  public:
   ChainSystems(const Chain& chain, FlowAt flow);
@@ -60,10 +62,10 @@ class ChainSystems final : public ShiftedSystems {
   std::vector<double> factors_;
 };
 
-/// J as a matrix.
+/// Systems with J as a dense matrix.
 class DenseSystems final : public ShiftedSystems {
  public:
-  /// Writes J (size, size) by rows.
+  /// A function that writes J (size, size) row by row.
   using Jacobian = std::function<void(double t, const double* y, Index member, double* out)>;
 
   DenseSystems(Jacobian jacobian, Index size);
@@ -78,18 +80,19 @@ class DenseSystems final : public ShiftedSystems {
   std::vector<Index> pivots_;
 };
 
-/// f of the rows that Newton's method solves for, and of those after them, which it leaves out
-/// because no rate depends on them: of states and into rates as for `Rates`.
+/// The function f in two parts: for the rows that Newton's method solves for, and for the rows
+/// after them, on which no rate depends, so that they need no solve. Arguments are those of
+/// `Rates`.
 struct ImplicitRates {
   Rates rates;
   Rates others;
-  Index solved;  // rows of the first
+  Index solved;  // number of rows of the first part
   std::unique_ptr<ShiftedSystems> systems;
 };
 
 class Radau final : public Integrator {
  public:
-  /// start: (rows, members), all at one time.
+  /// start: states (rows, members), all at time t0.
   Radau(ImplicitRates rates, Index rows, Index members, const double* start, double time,
         const Limits& limits);
 
@@ -111,14 +114,15 @@ class Radau final : public Integrator {
   Matrix states_;  // (rows, members)
   Index current_ = -1;
 
-  // Of the member that moves:
-  Vector y_, allowed_, predicted_;  // the last: change of the step
-  Matrix z_, before_, w_;           // (rows, 8): stages, those of the last step, systems
-  Matrix at_, rates_at_, x_;        // states at the stages, rates there, b or x
+  // The member that is advancing:
+  Vector y_, allowed_, predicted_;  // predicted_: predicted change over the step
+  Matrix z_, before_, w_;     // (rows, 8): stages, stages of the last step, unknowns of the systems
+  Matrix at_, rates_at_, x_;  // states at the stages, their rates, right-hand sides or solutions
   double last_h_ = 0.0, factored_h_ = 0.0;
-  double contraction_ = 1.0, left_ = 1.0;  // of an iteration's change: the next, and all after it
+  double contraction_ = 1.0;  // ratio of the next change to that of an iteration
+  double left_ = 1.0;         // ratio of all later changes to that of an iteration
   Index iterations_ = 0;
-  bool fresh_ = false;  // J is of this step
+  bool fresh_ = false;  // whether J was evaluated in this step
 };
 
 }  // namespace pipedyn

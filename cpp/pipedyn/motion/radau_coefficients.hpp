@@ -9,7 +9,7 @@ namespace pipedyn::radau {
 
 inline constexpr int stages = 7;
 
-/// c_i, where in the step stages are; the eighth lane is the step's start.
+/// Nodes c_i of the stages within the step; the eighth number is 0, the start of the step.
 inline constexpr double nodes[8] = {0.029316427159784893,
                                     0.1480785996684843,
                                     0.3369846902811543,
@@ -18,18 +18,18 @@ inline constexpr double nodes[8] = {0.029316427159784893,
                                     0.9269456713197411,
                                     1.0,
                                     0};
-/// lambda, real parts first; the first is real.
+/// The eigenvalues lambda: four real parts, then four imaginary ones. The first is real.
 inline constexpr double shifts[8] = {
     8.936832788405216, 8.511834825102946, 7.14105521918764,  4.378693561506806, 0,
     3.281013624325059, 6.623045922639276, 10.169693283795011};
-/// What the embedded rule of order 7 differs by: f_0 / lambda_0 h + sum_i error_i Z_i.
+/// Weights of the difference to the embedded rule of order 7, f_0 / lambda_0 h + sum_i error_i Z_i.
 inline constexpr double error[stages] = {
     -6.084307291132809,  0.7832779430920006,  -0.2635901496382284, 0.12669914419515418,
     -0.0723848528985174, 0.04336361600925824, -0.01598520932857644};
-/// Largest |x (x - c_1) ... (x - c_7)| in the step: what the polynomial through start and stages
-/// misses, in units of h^8 y^(8) / 8!.
+/// Largest |x (x - c_1) ... (x - c_7)| within the step: the interpolation error of the polynomial
+/// through the start and the stages, in units of h^8 y^(8) / 8!.
 inline constexpr double missed = 6.99e-05;
-/// V^-1 by stages: what a stage adds to real and imaginary parts of the four systems.
+/// V^-1 row by stage: what a stage contributes to real and imaginary parts of the four systems.
 inline constexpr double to_systems[8][8] = {
     {227.51530596268069, -149.59312401412606, 37.33916611751135, -1.503695084725646, 0,
      -46.53825144871765, 29.178264425953287, -4.220981594160542},
@@ -45,7 +45,7 @@ inline constexpr double to_systems[8][8] = {
      2.4316424427830903, 0.9453204155001889, -0.1774253745608111},
     {1.4514535402547504, 0.45096912464804967, -0.4693463718037731, -0.20734952297165177, 0,
      -1.1232413647956199, -0.48582431969157414, 0.04599274566393277}};
-/// V by systems, with the conjugate of each pair.
+/// V row by system, with the conjugate of each complex pair.
 inline constexpr double to_stages[8][8] = {
     {0.0024435843048706113, -0.001815339648319317, 0.004605339331161875, 0.017870023342853068,
      0.12818100807728391, 0.5200651497488247, 1.0, 0},
@@ -62,7 +62,7 @@ inline constexpr double to_stages[8][8] = {
      0.38642223220252403, 0.5510687899792517, 0, 0},
     {0.01756713585028829, -0.04305112118801375, 0.11770105841685358, -0.3314736225458877,
      0.5471266115973247, 0.9726456732351458, 0, 0}};
-/// A by stages: what a stage's rate adds to Z / h.
+/// A row by stage: what the rate at a stage contributes to Z / h.
 inline constexpr double integrals[8][8] = {
     {0.03754626499392133, 0.08014759651561897, 0.0720638469418819, 0.07570512581982441,
      0.07391234216319184, 0.07470556205979623, 0.07449423555601031, 0},
@@ -78,7 +78,8 @@ inline constexpr double integrals[8][8] = {
      -0.018854139152580447, 0.06926550160550914, 0.1196137446126562, 0},
     {0.0018289425614706437, -0.0028126393724067235, 0.0036726783971383057, -0.004608844281289633,
      0.0058589009748887914, -0.00811600819772829, 0.02040816326530612, 0}};
-/// What stage k adds to the coefficients of x, x^2, ... of the step's polynomial, x from 0 to 1.
+/// Row k: what stage k contributes to the coefficients of x, x^2, ... of the step's polynomial,
+/// with x from 0 to 1.
 inline constexpr double powers[8][8] = {
     {54.374436894128614, -809.604447567907, 4356.1008389578465, -11271.767934426613,
      15165.697701626303, -10230.214794534506, 2735.414199050748, 0},

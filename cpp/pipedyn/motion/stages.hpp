@@ -1,17 +1,17 @@
 // SPDX-License-Identifier: MIT
 //
-// What Newton's method does to the stages of an implicit step besides rates and solves. Stages, and
-// the systems into which they decouple (real parts, then imaginary ones), are rows of eight
-// numbers.
+// Operations of Newton's method on the stages of an implicit step, besides evaluating rates and
+// solving systems. Each row of eight numbers holds the stages, or the real parts and then the
+// imaginary parts of the four systems into which they decouple.
 //
-// Local to each translation unit, like vector/pack.hpp.
+// The file is local to each translation unit, like vector/pack.hpp.
 #pragma once
 
 #include "pipedyn/vector/pack.hpp"
 
 namespace {
 
-/// Eight numbers in packs.
+/// A row of eight numbers in packs.
 struct Row {
   static constexpr Count packs = 8 / width;
   Pack of[packs];
@@ -35,7 +35,7 @@ struct Row {
   }
 };
 
-/// out = a A + b B, row by row.
+/// Computes out = a A + b B, row by row.
 void mix_stages(const double* a, const double* matrix_a, const double* b, const double* matrix_b,
                 Count rows, double* out) {
   for (Count i = 0; i < rows; ++i) {
@@ -45,7 +45,7 @@ void mix_stages(const double* a, const double* matrix_a, const double* b, const 
   }
 }
 
-/// W += x, Z += x M, Y = y + Z; the sum of squares of x M in units of `allowed`.
+/// Computes W += x, Z += x M, Y = y + Z. Returns the sum of squares of x M / `allowed`.
 double correct_stages(const double* x, const double* matrix, const double* y, const double* allowed,
                       Count rows, double* w, double* z, double* out) {
   Row squares{};

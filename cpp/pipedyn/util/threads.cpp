@@ -20,10 +20,10 @@ namespace pipedyn {
 
 namespace {
 
-/// Threads that wait for work, as many as were ever needed. They keep the memory that they work in.
+/// Threads that wait for work, as many as were needed at any time. They keep their scratch memory.
 class Helpers {
  public:
-  /// Whether the caller has them now.
+  /// Whether the caller has got the threads.
   bool taken() { return !busy_.exchange(true); }
   void give_back() { busy_ = false; }
 
@@ -44,8 +44,8 @@ class Helpers {
   }
 
  private:
-  /// Waits awake for what comes soon, mostly: who sleeps may be woken on the other's processor, and
-  /// then the two take turns.
+  /// Spins for a while before it sleeps, as work mostly comes soon. A thread that sleeps may be
+  /// woken on the processor of another one, so that the two take turns.
   template <class Condition>
   static void soon(const Condition& condition) {
     const auto end = std::chrono::steady_clock::now() + std::chrono::microseconds(100);
@@ -85,11 +85,12 @@ class Helpers {
   std::exception_ptr error_;
 };
 
-/// Never ended: threads wait until the process does.
+/// The threads are never joined; they wait until the process ends.
 std::atomic<Helpers*>& helpers() {
   static std::atomic<Helpers*> own = [] {
 #ifndef _WIN32
-    pthread_atfork(nullptr, nullptr, [] { helpers() = new Helpers; });  // which no thread serves
+    // A child process has none of these threads.
+    pthread_atfork(nullptr, nullptr, [] { helpers() = new Helpers; });
 #endif
     return new Helpers;
   }();
@@ -101,7 +102,7 @@ std::atomic<Helpers*>& helpers() {
 Index threads() {
   static const Index found = [] {
 #ifdef __linux__
-    cpu_set_t allowed;  // of more processors than it holds the call fails
+    cpu_set_t allowed;  // the call fails on machines with more processors than it holds
     if (sched_getaffinity(0, sizeof allowed, &allowed) == 0) return Index{CPU_COUNT(&allowed)};
 #endif
     return std::max<Index>(std::thread::hardware_concurrency(), 1);

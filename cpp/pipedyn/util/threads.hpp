@@ -8,19 +8,20 @@
 
 namespace pipedyn {
 
-/// Amount of work, in units of one segment's share of a chain's rhs, some 30 ns, from which a
-/// second thread is worth waking: that takes some 20 us.
+/// Amount of work from which waking a second thread, which takes some 20 us, pays. The unit is one
+/// segment's share of a chain's right-hand side, some 30 ns.
 constexpr Index worth_a_thread = 3000;
 
-/// Threads of this machine that a process may use.
+/// Number of threads that the process may use on this machine.
 Index threads();
 
-/// Calls part(k) for k = 0 .. parts - 1 at once, the first in the caller's thread, and returns when
-/// all have; one after the other where another caller has the threads. Exceptions are passed on.
+/// Calls part(k) for k = 0 .. parts - 1 in parallel, the first in the caller's thread, and returns
+/// when all have returned. If another caller has the threads, the calls are made one after the
+/// other. Exceptions are passed on.
 void at_once(Index parts, const std::function<void(Index)>& part);
 
-/// Calls part(begin, end) for parts of 0 .. count that are worth a thread each. each: amount of
-/// work of one.
+/// Calls part(begin, end) for parts of 0 .. count, each large enough for a thread of its own. each:
+/// amount of work for one index.
 template <class Part>
 void in_parts(Index count, Index each, const Part& part) {
   const Index worth = std::min(count, count * each / worth_a_thread);

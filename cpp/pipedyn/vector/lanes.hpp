@@ -1,35 +1,21 @@
 // SPDX-License-Identifier: MIT
 //
-// Complex numbers, one in each lane of a pack, and such numbers with a derivative: values of lambda
-// that are looked at side by side.
+// Complex numbers in the lanes of packs, alone and with a derivative, for computing with several
+// values of lambda side by side.
 //
-// Local to each translation unit, like pack.hpp.
+// The file is local to each translation unit, like pack.hpp.
 #pragma once
 
-#include "pipedyn/vector/pack.hpp"
+#include "pipedyn/vector/complex.hpp"
 #include "pipedyn/vector/points.hpp"
 
 namespace {
 
-/// A pack of complex numbers.
-struct Lanes {
-  Pack re{}, im{};
-};
+using Lanes = ComplexLanes<Pack>;
 
-inline Lanes operator+(const Lanes& a, const Lanes& b) { return {a.re + b.re, a.im + b.im}; }
-inline Lanes operator-(const Lanes& a, const Lanes& b) { return {a.re - b.re, a.im - b.im}; }
-inline Lanes operator*(const Lanes& a, const Lanes& b) {
-  return {a.re * b.re - a.im * b.im, a.re * b.im + a.im * b.re};
-}
-inline Lanes operator*(double a, const Lanes& b) { return {a * b.re, a * b.im}; }
-inline Lanes operator+(const Lanes& a, double b) { return {a.re + b, a.im}; }
 inline void operator+=(Lanes& a, const Lanes& b) { a = a + b; }
 inline Lanes conjugate(const Lanes& a) { return {a.re, -a.im}; }
-inline Lanes inverse(const Lanes& a) {
-  const Pack share = 1.0 / (a.re * a.re + a.im * a.im);
-  return {a.re * share, -a.im * share};
-}
-/// |Re| + |Im|, at least |a| and at most 1.5 times that.
+/// |Re a| + |Im a|, which lies between |a| and 1.5 |a|.
 inline Pack size_of(const Lanes& a) { return absolute(a.re) + absolute(a.im); }
 
 /// A pack of complex numbers with their derivatives.
@@ -54,7 +40,8 @@ inline DualLanes inverse(const DualLanes& a) {
 }
 inline Pack size_of(const DualLanes& a) { return size_of(a.value); }
 
-/// The values of so many points from one on; the last stands in for what is missing.
+/// Values of lambda of as many points as a pack holds, from `first` on. Lanes beyond the last point
+/// repeat it.
 inline Lanes taken(const pipedyn::Points& points, Count first) {
   double re[width], im[width];
   for (Count i = 0; i < width; ++i) {
@@ -75,16 +62,16 @@ inline void put(double* out, const pipedyn::Points& points, Count first, const L
   put(out + points.count, points, first, x.im);
 }
 
-/// |a|^2, or 1 where a is 0.
+/// |a|^2, but 1 if a is 0.
 inline Pack distance(const Lanes& a) {
   const Pack square = a.re * a.re + a.im * a.im;
   return square > 0.0 ? square : all<Pack>(1.0);
 }
 
-/// The sum of 1 / (lambda - lambda_k) over the known roots; those at lambda itself add nothing.
+/// Sum of 1 / (lambda - lambda_k) over the known roots, without those at lambda itself.
 inline Lanes poles(const pipedyn::Points& points, const Lanes& lambda) {
   Lanes sum;
-  for (Count k = 0; k < points.roots; k += 2) {  // one division for two
+  for (Count k = 0; k < points.roots; k += 2) {  // two terms share one division
     const Count next = k + 1 < points.roots ? k + 1 : k;
     const Lanes one{lambda.re - points.root_real[k], lambda.im - points.root_imag[k]};
     const Lanes two{lambda.re - points.root_real[next], lambda.im - points.root_imag[next]};

@@ -1,12 +1,11 @@
 // SPDX-License-Identifier: MIT
 //
-// Arrays in the thread's scratch. Whoever needs some takes them all from a Layout in one function,
-// which is called twice: first to count, then to place them. So what is allocated is what is taken,
-// and what is taken follows from the same question as what is written: an array that is not needed
-// has no place, and to write it ends the process at once. The address sanitizer sees what is read
-// or written between two arrays.
+// Places arrays in the scratch memory of the thread. A caller takes all its arrays from a Layout in
+// one function, which runs twice: it first counts the numbers and then places the arrays, so that
+// exactly what is taken is allocated. An array that is not taken is a null pointer, and writing to
+// it ends the process at once. The address sanitizer detects access between two arrays.
 //
-// Local to each translation unit, like pack.hpp.
+// The file is local to each translation unit, like pack.hpp.
 #pragma once
 
 #include "pipedyn/vector/pack.hpp"
@@ -18,9 +17,9 @@
 
 namespace {
 
-/// Hands out the scratch of so many numbers; without any it only counts.
+/// Places arrays in `numbers`; without it only counts how many numbers they take.
 struct Layout {
-  static constexpr Count line = 8;  // numbers, that arrays begin on the widest vector's boundary
+  static constexpr Count line = 8;  // arrays begin at multiples of 8 numbers, the widest vector
 #ifdef __SANITIZE_ADDRESS__
   static constexpr Count gap = line;
 #else
@@ -45,7 +44,7 @@ struct Layout {
 #endif
     return start;
   }
-  /// Room for so many structs of numbers.
+  /// Room for an array of structs that consist of numbers.
   template <class Struct>
   Struct* take(Count count) {
     return reinterpret_cast<Struct*>(
@@ -53,7 +52,7 @@ struct Layout {
   }
 };
 
-/// What make(layout) makes of scratch for all that it takes.
+/// Result of make(layout) with scratch memory for all arrays that it takes.
 template <class Make>
 auto laid_out(const Make& make) {
   Layout counted;

@@ -71,7 +71,7 @@ double* scratch(std::ptrdiff_t count) {
   thread_local std::vector<Line> kept(1);
   const std::size_t needed = static_cast<std::size_t>(count + 7) / 8;
   if (kept.size() < needed) kept = std::vector<Line>(needed);
-#ifdef __SANITIZE_ADDRESS__  // sees what goes beyond these numbers, however many there were before
+#ifdef __SANITIZE_ADDRESS__  // so that access beyond these numbers is detected in a larger buffer
   const std::size_t used = static_cast<std::size_t>(count) * sizeof(double);
   char* const start = reinterpret_cast<char*>(kept.data());
   __asan_unpoison_memory_region(start, used);

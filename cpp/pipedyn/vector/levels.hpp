@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 //
-// One source compiled for several widths of vectors; the widest that the processor has answers.
+// Vector levels: one source is compiled for several widths of vectors, and the widest one that the
+// processor supports is used.
 #pragma once
 
 #include <string>
@@ -13,14 +14,15 @@ namespace pipedyn {
 /// Names of the levels that this processor can run, narrowest first.
 std::vector<std::string> vector_levels();
 
-/// The level in use: at first the widest, or the one that the environment variable
-/// PIPEDYN_VECTOR_LEVEL names.
+/// Name of the level in use: the widest, or the one that the environment variable
+/// PIPEDYN_VECTOR_LEVEL names, until set_vector_level is called.
 std::string vector_level();
 
-/// For tests and measurements. Throws std::invalid_argument unless vector_levels() has the name.
+/// Chooses the level, for tests and measurements. Throws std::invalid_argument unless
+/// vector_levels() contains the name.
 void set_vector_level(const std::string& name);
 
-/// What answers at the level in use.
+/// Functions that are compiled for the level in use.
 const MotionKernel& motion_kernel();
 
 }  // namespace pipedyn

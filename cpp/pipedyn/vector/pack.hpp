@@ -1,15 +1,16 @@
 // SPDX-License-Identifier: MIT
 //
-// A vector of PIPEDYN_WIDTH numbers and its sine and cosine. For the sources that are compiled once
-// for each vector level, and for them alone: everything here is local to its translation unit, so
-// that the linker never takes code of one level for that of another. For the same reason those
+// A vector of PIPEDYN_WIDTH numbers, with its sine and cosine. Only the sources that are compiled
+// once for each vector level include this file. Everything in it is local to its translation unit,
+// so that the linker cannot take code of one level for that of another; for the same reason those
 // sources call no template or inline function of a library.
 //
 // Sine and cosine: x = k pi/2 + r with |r| <= pi/4, pi/2 = p1 + p2 + p3 where p1 and p2 have 43
 // bits, so that k p1 and k p2 are exact for |k| < 2^10 with or without fused multiply-add; then
 //   sin r = r + r z S(z),  cos r = 1 - z/2 + z^2 C(z),  z = r^2,
 // S and C of degree 5, minimax in the relative error (3.5e-18 and 4.7e-20), computed by Remez'
-// exchange in 60 digits. Beyond |x| = 1600 the C library answers. Below it, within 1.1 ulp.
+// exchange in 60 digits. The error is below 1.1 ulp up to |x| = 1600; beyond, the C library is
+// called.
 #pragma once
 
 #include <cmath>
@@ -24,7 +25,7 @@
 
 #define PIPEDYN_JOINED(a, b) a##_##b
 #define PIPEDYN_JOINED_VALUES(a, b) PIPEDYN_JOINED(a, b)
-#define PIPEDYN_NAMED(name) PIPEDYN_JOINED_VALUES(name, PIPEDYN_LEVEL)  // name_avx2, for one
+#define PIPEDYN_NAMED(name) PIPEDYN_JOINED_VALUES(name, PIPEDYN_LEVEL)  // for example name_avx2
 
 namespace {
 
@@ -46,7 +47,7 @@ using Pack = double;
 using Bits = std::int64_t;
 #endif
 
-/// Numbers that a Real holds: a double, or a pack of them.
+/// Number of doubles in a Real, which is a double or a pack.
 template <class Real>
 constexpr Count lanes = static_cast<Count>(sizeof(Real) / sizeof(double));
 
@@ -72,7 +73,7 @@ inline void store(double* to, const Real& x) {
   std::memcpy(to, &x, sizeof x);
 }
 
-/// The same number in every lane.
+/// A pack with the same number in every lane.
 template <class Real>
 inline Real all(double x) {
   return x - Real{};
@@ -84,9 +85,9 @@ inline Real absolute(const Real& x) {
   return same_bits<Real>(same_bits<Whole>(x) & INT64_MAX);
 }
 
-/// Calls body.operator()<Real, packs>(first) for `size` numbers in whole packs, some together:
-/// their sums need not wait for each other. The last overlap their neighbours; of less than a pack
-/// one number a time.
+/// Calls body.operator()<Real, packs>(first) until `size` numbers are covered. It takes several
+/// packs at a time, as their sums do not depend on each other. The last packs overlap their
+/// neighbours; fewer numbers than a pack are taken one at a time.
 template <class Body>
 void for_each_pack(Count size, const Body& body) {
   constexpr Count four = 4 * width;
@@ -107,7 +108,7 @@ inline Pack sine_near_zero(const Pack& r, const Pack& z) {
   return r + (r * z) * s;
 }
 
-/// cos r - (1 - z/2)
+/// Computes cos r - (1 - z/2).
 inline Pack cosine_rest(const Pack& z) {
   const Pack c = 0x1.555555555554cp-5 +
                  z * (-0x1.6c16c16c15184p-10 +
@@ -117,7 +118,7 @@ inline Pack cosine_rest(const Pack& z) {
   return (z * z) * c;
 }
 
-/// For |x| <= pi/4.
+/// Sine and cosine for |x| <= pi/4.
 inline void sincos_near_zero(const Pack& x, Pack& sine, Pack& cosine) {
   const Pack z = x * x;
   const Pack half = 0.5 * z;
@@ -126,9 +127,9 @@ inline void sincos_near_zero(const Pack& x, Pack& sine, Pack& cosine) {
   cosine = most + (((1.0 - most) - half) + cosine_rest(z));
 }
 
-/// For |x| <= 1600.
+/// Sine and cosine for |x| <= 1600.
 inline void sincos_reduced(const Pack& x, Pack& sine, Pack& cosine) {
-  constexpr double round = 0x1.8p52;  // added, leaves a whole number in the low bits
+  constexpr double round = 0x1.8p52;  // adding it leaves the nearest whole number in the low bits
   const Pack shifted = x * 0x1.45f306dc9c883p-1 + round;
   const Pack k = shifted - round;
   const Pack first = x - k * 0x1.921fb54442c00p+0;
@@ -149,7 +150,7 @@ inline void sincos_reduced(const Pack& x, Pack& sine, Pack& cosine) {
   cosine = same_bits<Pack>(cosine_bits ^ differ ^ (((quadrant + 1) << 62) & sign));
 }
 
-/// Sine and cosine of count numbers; the three arrays have room for whole packs. sine may be x.
+/// Sine and cosine of `count` numbers. The arrays have room for whole packs; sine may be x itself.
 inline void sincos(const double* x, Count count, double* sine, double* cosine) {
   Pack most{};
   for (Count i = 0; i < count; i += width) {

@@ -5,8 +5,9 @@
 
 namespace pipedyn {
 
-/// At least count numbers of the thread, on the boundary of the widest vector; the thread's next
-/// call may overwrite or move them. Defined in levels.cpp, so that no vector level compiles it.
+/// Memory of the thread for at least `count` numbers, aligned for the widest vector. The next call
+/// in this thread may overwrite or move it. It is defined in levels.cpp, so that no vector level
+/// compiles it.
 double* scratch(std::ptrdiff_t count);
 
 }  // namespace pipedyn

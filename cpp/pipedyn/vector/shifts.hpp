@@ -1,16 +1,17 @@
 // SPDX-License-Identifier: MIT
 //
 // Complex numbers in the lanes of a vector, one for each of the four shifts mu of the systems
-// (mu - J) x = b that an implicit step solves; in narrow vectors they take several passes.
+// (mu - J) x = b that an implicit step solves. Narrow vectors hold some of the shifts, and the
+// solve takes several passes.
 //
-// Local to each translation unit, like pack.hpp.
+// The file is local to each translation unit, like pack.hpp.
 #pragma once
 
-#include "pipedyn/vector/pack.hpp"
+#include "pipedyn/vector/complex.hpp"
 
 namespace {
 
-/// Lanes for the shifts, or for some of them.
+/// A vector with a lane for each shift, or for some of the shifts.
 #if PIPEDYN_WIDTH > 4
 typedef double Shifts __attribute__((vector_size(32)));
 #else
@@ -19,23 +20,9 @@ using Shifts = Pack;
 constexpr Count shift_count = 4;
 constexpr Count shift_passes = shift_count / lanes<Shifts>;
 
-struct Complex {
-  Shifts re, im;
-};
+using Complex = ComplexLanes<Shifts>;
 
-inline Complex operator+(const Complex& a, const Complex& b) { return {a.re + b.re, a.im + b.im}; }
-inline Complex operator-(const Complex& a, const Complex& b) { return {a.re - b.re, a.im - b.im}; }
-inline Complex operator*(const Complex& a, const Complex& b) {
-  return {a.re * b.re - a.im * b.im, a.re * b.im + a.im * b.re};
-}
-inline Complex operator*(double r, const Complex& a) { return {r * a.re, r * a.im}; }
-inline Complex operator+(const Complex& a, double r) { return {a.re + r, a.im}; }
-inline Complex inverse(const Complex& a) {
-  const Shifts size = 1.0 / (a.re * a.re + a.im * a.im);
-  return {a.re * size, -a.im * size};
-}
-
-/// A row of numbers (rows, 2 shifts), of which the real parts are first.
+/// A row of an array (rows, 2 shifts): the real parts, then the imaginary parts.
 inline Complex read_shifted(const double* x, Count row, Count pass) {
   const double* const at = x + 2 * shift_count * row + pass * lanes<Shifts>;
   return {load<Shifts>(at), load<Shifts>(at + shift_count)};

@@ -27,8 +27,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipedyn.accuracy.convergence import FAMILIES, ModelFamily, checked_families, fitted_law
-from pipedyn.accuracy.quantities import LONGEST_REFERENCE, RTOL, Quantity, checked_quantity
-from pipedyn.accuracy.reference import MARGIN, Answer
+from pipedyn.accuracy.quantities import (
+    LONGEST_REFERENCE,
+    MARGIN,
+    RTOL,
+    Answer,
+    Quantity,
+    QuantityName,
+    checked_quantity,
+)
 from pipedyn.accuracy.trade import TradeRow, measured
 from pipedyn.models.base import Model, checked_pipe
 from pipedyn.models.pipe import Pipe
@@ -171,7 +178,7 @@ class NoModel(PipedynError):
 
 def choose(
     pipe: Pipe,
-    quantity: str,
+    quantity: QuantityName,
     tolerance: float | None = None,
     budget: float | None = None,
     among: Any = None,

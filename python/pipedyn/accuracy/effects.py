@@ -13,12 +13,14 @@ from typing import Any
 import numpy as np
 
 from pipedyn.accuracy.quantities import (
+    MARGIN,
+    Answer,
     MotionOf,
     Quantity,
+    QuantityName,
     checked_quantity,
     conditions_of,
 )
-from pipedyn.accuracy.reference import MARGIN, Answer
 from pipedyn.cycles.limit_cycle import NoCycle
 from pipedyn.linear.critical_speed import NoCrossing, largest_tension
 from pipedyn.linear.modes import CONTINUUM_SPEED, modes
@@ -27,7 +29,7 @@ from pipedyn.models.base import checked_pipe, core_pipe
 from pipedyn.models.continuum import LARGEST, Continuum
 from pipedyn.models.drive import Pulsation, Supply
 from pipedyn.models.galerkin import Galerkin
-from pipedyn.models.pipe import OWN_NUMBERS, Pipe
+from pipedyn.models.pipe import DEFAULTS, OWN_NUMBERS, Pipe
 from pipedyn.models.profile import Profile
 from pipedyn.models.supports import RootSpring
 from pipedyn.util import check
@@ -46,14 +48,12 @@ EFFECTS = {
     "damping": "damping",
     "hysteresis": "hysteresis",
     "Coriolis": "beta",
-    "end coefficient": "alpha",
     "centrifugal": "alpha",
-    "inflow": "inflow_share",
-    "jet angle": "jet_angle",
+    **{one.effect: name for name, one in OWN_NUMBERS.items() if one.effect},
 }
 """Names of the numbers of the pipe by the effects that they switch off."""
 
-ABSENT = {"end coefficient": 1.0, "inflow": 1.0, "jet angle": 0.0}
+ABSENT = {one.effect: DEFAULTS[name] for name, one in OWN_NUMBERS.items() if one.effect}
 """Values of numbers, by effect, at which the pipe lacks the effect; it is then not listed."""
 
 PROFILES = {"varying stiffness": "stiffness", "varying mass": "mass"}
@@ -174,7 +174,7 @@ class Relevance(TableResult, units={"growth": RATE}):
 def relevant(
     pipe: Pipe,
     u: float | Pulsation | Supply,
-    quantity: str = "critical_speed",
+    quantity: QuantityName = "critical_speed",
     *,
     tolerance: float = 1e-3,
     **conditions: Any,
@@ -202,10 +202,11 @@ def relevant(
 
     Args:
         pipe: the pipe, whose numbers may come from `Pipe.from_si`.
-        u: flow speed, `pipe.speed_from_si(V)` from m/s. It is a condition of "frequencies", "motion" and
-            "limit_cycle". For all quantities it is also the speed at which the growth of the
-            straight pipe, the real part of its least damped eigenvalue, is listed. For a "motion"
-            it may be a `Pulsation` or a `Supply`; the condition base= is as for `simulate`.
+        u: flow speed, `pipe.speed_from_si(V)` from m/s. It is a condition of "frequencies",
+            "motion" and "limit_cycle". For all quantities it is also the speed at which the growth
+            of the straight pipe, the real part of its least damped eigenvalue, is listed. For a
+            "motion" it may be a `Pulsation` or a `Supply`; the condition base= is as for
+            `simulate`.
         quantity: "critical_speed", "frequencies", "root_loci", "motion" or "limit_cycle", as for
             `trade`.
         tolerance: relative change up to which an effect is negligible, in [1e-8, 1].
@@ -254,7 +255,7 @@ def relevant(
         simpler = _without(pipe, names)
         growth = _growth_at(simpler, speed)
         gone = [change for one, (_, change) in drives.items() if one in names]
-        left = asked.changed(dict(ChainMap(*gone)))
+        left: Any = replace(asked, **ChainMap(*gone))  # type: ignore[type-var]
         try:
             without, found = _outcome(left, simpler, tolerance)
         except PipedynError as failure:

@@ -7,7 +7,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import field, fields
 from itertools import pairwise
-from typing import Any
+from typing import Any, Literal, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -19,8 +19,7 @@ from pipedyn.accuracy.convergence import (
     checked_families,
     fitted_law,
 )
-from pipedyn.accuracy.quantities import Quantity, checked_quantity
-from pipedyn.accuracy.reference import MARGIN, Answer
+from pipedyn.accuracy.quantities import MARGIN, Answer, Quantity, QuantityName, checked_quantity
 from pipedyn.models.base import checked_pipe
 from pipedyn.models.pipe import Pipe
 from pipedyn.util import check
@@ -35,7 +34,8 @@ LONGEST_ANSWER = 10.0
 """Time in seconds after which a measurement is not repeated; if no sizes were given, an answer that
 takes longer is given up. Each of the 44 usual models then takes at most twice this time."""
 
-COSTS = ("seconds", "dof", "right_hand_sides", "factorisations")
+Cost = Literal["seconds", "dof", "right_hand_sides", "factorisations"]
+COSTS: tuple[Cost, ...] = get_args(Cost)
 """Measures of cost, which are attributes of a row."""
 
 USUAL = ("consistent", "midpoint", "uniform", "rayleigh", "consistent pair", "beam", "legendre")
@@ -121,7 +121,7 @@ class Trade(TableResult):
         """The rows that failed."""
         return tuple(row for row in self.rows if row.failure is not None)
 
-    def pareto(self, cost: str = "seconds") -> tuple[TradeRow, ...]:
+    def pareto(self, cost: Cost = "seconds") -> tuple[TradeRow, ...]:
         """The Pareto front of error and cost, the cheapest row first.
 
         No row outside the front is better in both than a row on it.
@@ -180,7 +180,7 @@ class Trade(TableResult):
 
 def trade(
     pipe: Pipe,
-    quantity: str,
+    quantity: QuantityName,
     *,
     families: Any = None,
     sizes: Mapping[str, ArrayLike] | ArrayLike | None = None,

@@ -16,13 +16,13 @@ from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import field, replace
 from functools import cached_property, partial
-from typing import Any, TypeAlias
+from typing import Any, Literal, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pipedyn.linear.eigenproblem import Complex
-from pipedyn.linear.modes import largest_speed, modes
+from pipedyn.linear.modes import largest_speed, roots_and_shapes
 from pipedyn.linear.neutral import grows, growth
 from pipedyn.models.base import DENSE_LIMIT, Model
 from pipedyn.models.continuum import (
@@ -138,7 +138,7 @@ def frequency_response(
     frequencies: ArrayLike | tuple[float, float] | None = None,
     *,
     input: Input = "base",
-    output: str | float = "tip",
+    output: Literal["tip"] | float = "tip",
     tolerance: float = 1e-3,
 ) -> FrequencyResponse:
     """Displacement of a place per unit harmonic force, moment or motion of the base.
@@ -499,7 +499,7 @@ def _poles(model: AnyModel, u: float, high: float) -> tuple[Complex, Model, bool
     assert isinstance(one, Model)
     while True:
         most = 2 * one.resolved_modes
-        found = modes(one, u, min(count, most))
+        found = roots_and_shapes(one, u, min(count, most))
         values = found.eigenvalues[found.converged]
         turning = np.unique(np.abs(values[values.imag > 0.0]))
         if turning.size > RESONANCES if high == math.inf else (turning > 1.5 * high).any():

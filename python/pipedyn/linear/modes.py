@@ -73,8 +73,8 @@ def eigenvalues(model: AnyModel, u: float, count: int | None = None) -> Complex:
         array([-4.755 +4.012j, -4.755 -4.012j, -2.526+17.036j, -2.526-17.036j])
 
     Raises:
-        NotConverged: if an eigenvalue fails the check of its residual; `result` holds the `Modes`,
-            whose `converged` says which ones fail.
+        NotConverged: if an eigenvalue fails the check of its residual; `result` holds all of them
+            as `Modes`, whose `converged` says which ones fail.
         ValueError, TypeError: for bad arguments.
 
     Source: chains and straight models in Legendre curvatures are solved by elimination along the
@@ -89,7 +89,7 @@ def eigenvalues(model: AnyModel, u: float, count: int | None = None) -> Complex:
             pairs = problem.spectrum().by_recursion(u, asked, vectors=False)
         if pairs is not None and pairs.converged.all():
             return pairs.values
-    found = modes(model, u, count)
+    found = roots_and_shapes(model, u, count)
     bad = np.flatnonzero(~found.converged)
     if bad.size:
         raise NotConverged(
@@ -136,8 +136,9 @@ class Modes(TableResult, units={"errors": RATE}):
 
     Attributes:
         speed: flow speed u.
-        eigenvalues: lambda, complex, shape (count,), sorted by |lambda|; NaN where double precision
-            cannot represent one.
+        eigenvalues: lambda, complex, shape (count,), sorted by |lambda|: of each conjugate pair the
+            one in the upper half plane, and the real ones. NaN where double precision cannot
+            represent one.
         shapes: a function of arc length for each eigenvalue.
         residuals: relative residual of each pair, shape (count,).
         converged: whether each pair passed the check of its residual, shape (count,).
@@ -149,7 +150,7 @@ class Modes(TableResult, units={"errors": RATE}):
         >>> chain = pp.Chain(pp.Pipe(0.2), n=5)
         >>> found = pp.modes(chain, 4.0, count=2)
         >>> found.eigenvalues.round(3)
-        array([-4.966+3.99j, -4.966-3.99j])
+        array([-4.966 +3.99j , -2.101+15.318j])
         >>> abs(found.shapes[0]([0.0, 0.5, 1.0])).round(3)
         array([0.   , 0.271, 1.   ])
     """
@@ -171,7 +172,8 @@ class Modes(TableResult, units={"errors": RATE}):
         the first request.
         """
         problem = eigenproblem(self.shapes[0].model)
-        pairs = problem.lowest(self.speed, self.eigenvalues.size, left=True)
+        roots = min(2 * self.eigenvalues.size, 2 * problem.dof)
+        pairs = problem.lowest(self.speed, roots, left=True)
         errors = np.full(self.eigenvalues.size, np.inf)
         good = np.flatnonzero(np.isfinite(self.eigenvalues))
         values = self.eigenvalues[good]
@@ -196,28 +198,36 @@ class Modes(TableResult, units={"errors": RATE}):
 
 
 def modes(model: AnyModel, u: float, count: int | None = None) -> Modes:
-    """Eigenvalues and complex mode shapes of the straight pipe at flow speed u.
+    """Complex mode shapes of the straight pipe at flow speed u, with their eigenvalues.
 
     Args:
         model: chain, reduced model or `Continuum`.
         u: flow speed >= 0, in sqrt(EI / mu_f) / L.
-        count: number of modes, from the lowest |lambda|, as for `eigenvalues`.
+        count: number of modes, from the lowest |lambda|, at most dof (dof / 4 for a long chain);
+            all where not given. A pair of conjugate eigenvalues is one mode, a real eigenvalue is
+            one as well. A `Continuum` needs a count.
 
     Returns:
-        Modes, as many and in the same order as `eigenvalues` returns; `converged` is False for
-        those that fail the check of their residual.
+        Modes; `converged` is False for those that fail the check of their residual. There may be
+        fewer than count where `eigenvalues` would return fewer than 2 count.
 
     Example:
         >>> found = pp.modes(pp.Chain(pp.Pipe(0.2), 10), 4.0, count=2)
         >>> found.eigenvalues.round(2), len(found.shapes)
-        (array([-4.8+4.01j, -4.8-4.01j]), 2)
+        (array([-4.8  +4.01j, -2.42+16.61j]), 2)
 
     Raises:
         NotConverged: if the continuous pipe's eigenvalues do not converge as the basis grows, or
             if all of them have |lambda| above 1 / damping.
         ValueError, TypeError: for bad arguments.
     """
-    u, count = _checked_question(model, u, count)
+    u, count = _checked_question(model, u, count, roots=2)
+    found = roots_and_shapes(model, u, None if count is None else 2 * count)
+    return _selected(found, np.flatnonzero(~(found.eigenvalues.imag < 0.0))[:count])
+
+
+def roots_and_shapes(model: AnyModel, u: float, count: int | None) -> Modes:
+    """The lowest `count` eigenvalues, with both of each conjugate pair, and their mode shapes."""
     found = answered(
         model,
         (u,),
@@ -237,6 +247,17 @@ def modes(model: AnyModel, u: float, count: int | None = None) -> Modes:
     return replace(answer, size=found.size, discretisation=found.error)
 
 
+def _selected(found: Modes, chosen: NDArray[np.intp]) -> Modes:
+    """Modes with some of their eigenvalues only."""
+    return replace(
+        found,
+        eigenvalues=found.eigenvalues[chosen],
+        shapes=tuple(found.shapes[i] for i in chosen),
+        residuals=found.residuals[chosen],
+        converged=found.converged[chosen],
+    )
+
+
 def _below_cluster(found: Modes, pipe: Pipe) -> Modes:
     """Modes of the continuous pipe with |lambda| below the cluster that damping makes.
 
@@ -245,14 +266,7 @@ def _below_cluster(found: Modes, pipe: Pipe) -> Modes:
     delta = pipe.damping / abs(1.0 + 1j * pipe.hysteresis)
     if not delta:
         return found
-    below = np.flatnonzero(np.abs(found.eigenvalues) * delta < 1.0 - CLUSTER)
-    return replace(
-        found,
-        eigenvalues=found.eigenvalues[below],
-        shapes=tuple(found.shapes[i] for i in below),
-        residuals=found.residuals[below],
-        converged=found.converged[below],
-    )
+    return _selected(found, np.flatnonzero(np.abs(found.eigenvalues) * delta < 1.0 - CLUSTER))
 
 
 def _moved_below_cluster(pipe: Pipe, before: Modes, after: Modes) -> float:
@@ -280,16 +294,22 @@ def largest_speed(model: AnyModel | None) -> float:
     return CONTINUUM_SPEED if isinstance(model, Continuum) else LARGEST_SPEED
 
 
-def _checked_question(model: AnyModel, u: Any, count: Any) -> tuple[float, int | None]:
-    """The arguments u and count of `modes` and `eigenvalues`, checked."""
+def _checked_question(
+    model: AnyModel, u: Any, count: Any, roots: int = 1
+) -> tuple[float, int | None]:
+    """The flow speed and how many answers are asked for, each of so many roots, checked."""
     checked_model(model)
     u = steady_speed("u", u)
     if count is not None:
-        count = _checked_count(count, model, 2)
-        if isinstance(model, Model) and model.dof > DENSE_LIMIT and count > model.dof // 2:
-            raise ValueError(
-                f"count must be at most dof / 2 = {model.dof // 2} for a long chain, got {count}"
-            )
+        most = CONTINUUM_COUNT if isinstance(model, Continuum) else 2 * model.dof
+        count = _checked_count(count, model, most // roots)
+        if isinstance(model, Model) and model.dof > DENSE_LIMIT:
+            share = 2 * roots
+            if count > model.dof // share:
+                raise ValueError(
+                    f"count must be at most dof / {share} = {model.dof // share} for a long chain, "
+                    f"got {count}"
+                )
     elif isinstance(model, Continuum):
         raise ValueError("count must be given for a Continuum: its eigenvalues have no end")
     elif model.dof > LARGEST_FULL:
@@ -299,12 +319,10 @@ def _checked_question(model: AnyModel, u: Any, count: Any) -> tuple[float, int |
     return u, count
 
 
-def _checked_count(count: Any, model: AnyModel, roots: int) -> int:
-    """The argument count, checked to be at most `roots` for each degree of freedom."""
-    if isinstance(model, Continuum):
-        return check.count("count", count, high=CONTINUUM_COUNT)
-    asked = check.count("count", count, high=roots * model.dof)
-    if asked * model.dof > LARGEST_VECTORS:
+def _checked_count(count: Any, model: AnyModel, most: int) -> int:
+    """The argument count, checked to be at most `most` and for memory to hold the vectors."""
+    asked = check.count("count", count, high=most)
+    if isinstance(model, Model) and asked * model.dof > LARGEST_VECTORS:
         raise ValueError(
             f"count must be at most {LARGEST_VECTORS // model.dof} for {model.dof} degrees of "
             f"freedom, got {asked}"
@@ -435,7 +453,8 @@ def root_loci(
         raise ValueError("speeds must be strictly increasing")
     if count is None:
         count = 4 if isinstance(model, Continuum) else min(4, model.dof)
-    count = _checked_count(count, model, 1)
+    most = CONTINUUM_COUNT if isinstance(model, Continuum) else model.dof
+    count = _checked_count(count, model, most)
     shown = check.flag("progress", progress)
     smallest = max(16, 3 * count, math.ceil(at[-1]))
     answer: Converged[RootLoci] = answered(

@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 from pipedyn import _core
 from pipedyn.models.drive import drive_of
 from pipedyn.models.pencil import DensePencil, Pencil
-from pipedyn.models.pipe import Pipe
+from pipedyn.models.pipe import OWN_NUMBERS, Pipe
 from pipedyn.models.profile import values_along
 from pipedyn.util import check
 from pipedyn.util.archive import Saved, saved_as
@@ -168,6 +168,8 @@ def projected(operators: Operators, basis: Array) -> Operators:
     return replace(operators, **matrices)
 
 
+own_numbers = attrgetter(*OWN_NUMBERS)
+
 UNIFORM = _core.Profile()
 """What does not vary along the pipe, as the core takes it."""
 
@@ -175,21 +177,14 @@ UNIFORM = _core.Profile()
 def core_pipe(pipe: Pipe) -> _core.Pipe:
     """The pipe's numbers as the core takes them."""
     return _core.Pipe(  # by place: names take as long as all the rest
-        pipe.beta,
-        pipe.gamma,
-        pipe.alpha,
-        pipe.drag,
-        pipe.damping,
+        own_numbers(pipe),
         pipe.flow == "aspirating",
         [(t.law, t.place or 0.0, t.law_numbers(pipe.damping)) for t in pipe.terms],
         pipe.root_stiffness,
         pipe.end,
         pipe.supports,
-        pipe.inflow_share,
-        pipe.jet_angle,
         UNIFORM if pipe.stiffness is None else pipe.stiffness.core,
         UNIFORM if pipe.mass is None else pipe.mass.core,
-        pipe.hysteresis,
     )
 
 
@@ -414,7 +409,7 @@ class Model(OfPipe, ABC):
     def motion(self) -> Any:
         """The compiled equations of motion.
 
-        `rhs_and_power` takes [p, p', work done], shape (2 integrated + 1,) or (2 integrated + 1, k), with
+        `rhs_and_power` takes [p, p', work done], shape (2 integrated + 1,) or of k states, with
         the coordinates p that an integrator advances; `energy` and `power` take states [q, q'].
         """
         return self.core
@@ -623,11 +618,11 @@ class Model(OfPipe, ABC):
         return np.concatenate([q, rates])
 
     def to_user(self, p: Array, pdot: Array) -> tuple[Array, Array]:
-        """Coordinates and rates, (S, coordinates) each, of what is integrated, (S, integrated)."""
+        """Coordinates and rates for users, (S, coordinates), from those of p, (S, integrated)."""
         return p, pdot
 
     def from_user(self, q: Array, qdot: Array) -> Array:
-        """States [p, p'], (S, 2 integrated), of `recorded` coordinates and rates, (S, coordinates)."""
+        """States [p, p'], (S, 2 integrated), from coordinates and rates of users."""
         return np.concatenate([q, qdot], axis=1)
 
     def resting(self) -> Array:
@@ -643,7 +638,7 @@ class Model(OfPipe, ABC):
         return self.free_directions(self.resting())
 
     def onto_constraints(self, p: Array, rates: Array) -> tuple[Array, Array]:
-        """Close to p and its rates, (integrated, ...) each, what meets constraints; NaN without any."""
+        """What meets constraints close to p and its rates, (integrated, ...); NaN if nothing."""
         return p, rates
 
     def free_states(self, y: Array) -> Array:
@@ -651,7 +646,7 @@ class Model(OfPipe, ABC):
         return np.eye(2 * self.dof)
 
     def largest_angle(self, p: NDArray[Any]) -> float:
-        """Largest angle of the pipe displaced by p, shape (integrated,), maybe complex; to first order.
+        """Largest angle of the pipe displaced by p, (integrated,), maybe complex; to first order.
 
         Coordinates are angles where a model says nothing else.
         """
@@ -674,7 +669,7 @@ class Model(OfPipe, ABC):
         return rates[:-1]
 
     def motion_jacobian(self, y: Array, u: float | Array, drive: Array | None = None) -> Array:
-        """Derivative of the rates of [p, p'], (2 integrated, 2 integrated); (k, ...) of k columns."""
+        """Derivative of the rates of [p, p'], (2 integrated, 2 integrated), or of k columns."""
         self._check_dense()
         return self.motion.jacobian(0.0, y, u, drive, refuses=False)
 
@@ -790,7 +785,7 @@ class Model(OfPipe, ABC):
         """What `deflection` answers for changes of p, (integrated, k), and arc lengths (p,)."""
 
     def _moved(self, columns: NDArray[Any]) -> NDArray[Any]:
-        """Changes of p, (integrated, k), by columns in any of the coordinates `deflection` takes."""
+        """Changes of p, (integrated, k), for columns in any coordinates `deflection` takes."""
         return columns
 
     def tips(self, q: ArrayLike) -> Array:
@@ -832,7 +827,7 @@ class Model(OfPipe, ABC):
         return self.pipe.drag == 0.0
 
     def kinks(self, p: Array, pdot: Array, drive: Array | None = None) -> Array:
-        """What changes sign where derivatives of forces jump, (how many, k), of (integrated, k) states.
+        """What changes sign where derivatives of forces jump, (how many, k), at p (integrated, k).
 
         How far the places of terms are from where they meet stops. drive: rows of what drives the
         states, (ROWS, k), where the base moves.
@@ -845,7 +840,7 @@ class Model(OfPipe, ABC):
         return self._across(p, places) + moved - where[:, None]
 
     def _across(self, p: Array, s: Array) -> Array:
-        """Transverse displacements at points on the pipe, (points, k), of (integrated, k) angles."""
+        """Transverse displacements at points on the pipe, (points, k), at p (integrated, k)."""
         configurations, _ = self.to_user(p.T, np.zeros_like(p.T))
         return np.stack([self.shape(q, s)[:, 0] for q in configurations], axis=1)
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from numpy.typing import ArrayLike
 
-from pipedyn.models.chain import Chain
+from pipedyn.models.chain import Chain, SpringRule
 from pipedyn.models.pipe import Pipe
 from pipedyn.modular.assembly import Assembly
 from pipedyn.modular.parts import (
@@ -23,14 +23,13 @@ def chain(
     pipe: Pipe,
     n: int | None = None,
     *,
-    springs: str | ArrayLike = "consistent",
+    springs: SpringRule | ArrayLike = "consistent",
     lengths: ArrayLike | None = None,
     centres: ArrayLike | None = None,
     gyration_radii: ArrayLike | None = None,
     drag_points: ArrayLike | None = None,
     base: float = 0.0,
     masses: ArrayLike | None = None,
-    enforcement: str = "orthonormal",
 ) -> Assembly:
     """The chain of `pipedyn.Chain`, put together from parts, with internal flow and drag.
 
@@ -44,7 +43,6 @@ def chain(
         drag_points: places at which drag acts, as fractions of the lengths.
         base: length of the fixed part at the clamp, in L.
         masses: masses of the segments, as for `Chain`.
-        enforcement: how accelerations are found, as for `Assembly`.
 
     Example:
         >>> scene = pp.modular.chain(pp.Pipe(0.2), 10)
@@ -75,4 +73,4 @@ def chain(
     modules += [TorsionalSpring(j, k) for j, k in enumerate(springs, start=1)]
     modules += [InternalFlow(), Drag()]
     joints = [Joint(j) for j in range(2, plain.coordinates + 1)]
-    return Assembly(pipe, modules, [Clamp(plain.base), *joints], enforcement)
+    return Assembly(pipe, modules, [Clamp(plain.base), *joints])

@@ -9,7 +9,7 @@ import warnings
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
-from typing import Any, TypeAlias
+from typing import Any, Literal, TypeAlias, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -32,7 +32,10 @@ NOT_FINITE = "the state or its rate is no longer finite"
 CORE = ("dop853", "radau")
 """Methods that are compiled in the core."""
 
-METHODS = ("auto", *CORE, "scipy:DOP853", "scipy:Radau", "scipy:BDF", "scipy:LSODA")
+Method = Literal[
+    "auto", "dop853", "radau", "scipy:DOP853", "scipy:Radau", "scipy:BDF", "scipy:LSODA"
+]
+METHODS: tuple[Method, ...] = get_args(Method)
 """All methods: those of the core and those of `scipy.integrate.solve_ivp`."""
 
 EARLY_ENDS = {"not finite": NOT_FINITE, "vanishing": "its step size tends to 0"}

@@ -13,7 +13,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import field, replace
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
@@ -104,7 +104,7 @@ def lyapunov_exponent(
     transient: float = 100.0,
     blocks: int = 10,
     interval: float = 0.5,
-    method: str = "variational",
+    method: Literal["variational", "pair"] = "variational",
     rtol: float = 1e-8,
     progress: bool = False,
 ) -> LyapunovExponent:

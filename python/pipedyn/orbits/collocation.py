@@ -52,9 +52,10 @@ def _condensed(
     """Derivatives of each interval's stages and of the state at its end, and units of the state.
 
     By the state at its beginning, a share of the residual, the frequency and the speed: of the
-    stages' rates, shape (M, s integrated, 2 integrated + 3), and of the state, (M, 2 integrated, 2 integrated + 3).
-    The second are in the units of the state, shape (2 integrated,); to its residual belongs what the
-    state misses of the next interval's. Those by the speed are 0 where it does not vary.
+    stages' rates, shape (M, s integrated, 2 integrated + 3), and of the state, (M, 2 integrated,
+    2 integrated + 3). The second are in the units of the state, (2 integrated,); its residual
+    contains what the state misses of the next interval's. Those by the speed are 0 where it does
+    not vary.
     """
     half, u = motion.half, orbit.u
     motion = _along_stages(motion, orbit)
@@ -270,7 +271,7 @@ def collocation_maps(motion: VectorField, orbit: PeriodicOrbit) -> tuple[Array, 
 def interval_derivatives(motion: VectorField, orbit: PeriodicOrbit) -> Array:
     """Derivatives of the accelerations at the stages by the state where an interval begins.
 
-    Their shape is (M, s, integrated, 2 integrated); the collocation equations still hold on the orbits.
+    Their shape is (M, s, integrated, 2 integrated); the equations of collocation still hold.
     """
     by_rates, _, _ = _condensed(motion, orbit, False)
     return by_rates[..., : motion.size].reshape(*orbit.rates.shape, motion.size)

@@ -265,7 +265,7 @@ def interpolated(
     frequency: float,
     u: float,
 ) -> PeriodicOrbit:
-    """An orbit through states [p, p'], a function of phases (k,) to (2 integrated, k), on a mesh."""
+    """An orbit on a mesh through states [p, p'], a function of phases (k,) to (2 integrated, k)."""
     phases = stage_phases(edges).ravel()
     rates = motion.along(phases, frequency)(states(phases), u)[motion.half :]
     rates = np.ascontiguousarray(rates.T).reshape(edges.size - 1, ORBIT_STAGES, motion.half)

@@ -215,7 +215,7 @@ def mode_shapes(
     """Mode shapes, as transverse displacement: real part solid, imaginary part dashed.
 
     Args:
-        modes: the modes to show, without those of the lower eigenvalue of a conjugate pair.
+        modes: the modes to show.
         count: largest number of modes shown, in the order of `modes`, from 1 to 1000; the title
             tells how many there are if that is more.
         units: "nondimensional", or "si" if the pipe has scales.
@@ -233,8 +233,7 @@ def mode_shapes(
     view = View(units, modes.shapes[0].model.pipe if modes.shapes else None)
     ax = common.axes(ax, (6.4, 4.2), xlabel=view.label(ARC), ylabel=ylabel)
     s = np.linspace(0.0, 1.0, 401)
-    upper = [shape for shape in modes.shapes if shape.eigenvalue.imag >= 0.0]
-    for i, shape in enumerate(upper[:count]):
+    for i, shape in enumerate(modes.shapes[:count]):
         displacement, value = shape(s), view.one(GROWTH) * shape.eigenvalue
         colour = common.CURVE_STYLES[i % len(common.CURVE_STYLES)]["color"]
         look: dict[str, Any] = {"color": colour, "linewidth": 1.0 + 0.4 * (i % 3)}
@@ -244,9 +243,9 @@ def mode_shapes(
         ax.plot(at, displacement.imag, linestyle="--", **look)
     ax.axhline(0.0, color="0.4", linewidth=0.6, zorder=0.5)
     ax.set(xlim=(0.0, view.one(ARC)), ylim=(-1.08, 1.08), title=view.speed(modes.speed, 6))
-    if len(upper) > count:
-        ax.set_title(f"{view.speed(modes.speed, 6)}, {count} of {len(upper)} modes")
-    if upper:
+    if len(modes.shapes) > count:
+        ax.set_title(f"{view.speed(modes.speed, 6)}, {count} of {len(modes.shapes)} modes")
+    if modes.shapes:
         for word, line in (("real part", "-"), ("imaginary part", "--")):
             ax.plot([], [], color="0.4", linestyle=line, label=word)
         common.legend_below(ax)

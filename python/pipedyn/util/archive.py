@@ -25,7 +25,7 @@ import sys
 import zipfile
 from collections.abc import Callable, Collection, Iterable, Mapping
 from pathlib import Path
-from typing import Any, NoReturn, TypeVar
+from typing import Any, NoReturn, TypeVar, overload
 
 import numpy as np
 
@@ -59,44 +59,16 @@ TOO_MUCH = f"its objects are made of more than {check.LONGEST} numbers"
 so that a small file could take for ever."""
 
 FORMER_NAMES = {
-    "accuracy.choose.Tried": "Tried",
-    "accuracy.convergence.ConvergenceLaw": "ConvergenceLaw",
-    "accuracy.quantities.CriticalSpeedOf": "CriticalSpeedOf",
-    "accuracy.quantities.Frequencies": "Frequencies",
-    "accuracy.quantities.LimitCycleAt": "LimitCycleAt",
-    "accuracy.quantities.MotionOf": "MotionOf",
-    "accuracy.quantities.RootLociOver": "RootLociOver",
-    "accuracy.reference.Answer": "Answer",
-    "bifurcation.collocation.OrbitControl": "OrbitControl",
-    "bifurcation.collocation.OrbitProblem": "OrbitProblem",
     "bifurcation.continuation.Point": "PointOnBranch",
     "bifurcation.continuation.Segment": "StepAlongBranch",
-    "bifurcation.follow.Branch": "Branch",
-    "bifurcation.follow.MarkedPoint": "MarkedPoint",
-    "bifurcation.forced_response.ForcedField": "ForcedField",
-    "bifurcation.hopf.HopfPoint": "HopfPoint",
-    "bifurcation.periodic_orbit.Closing": "Closing",
-    "bifurcation.periodic_orbit.PeriodicOrbit": "PeriodicOrbit",
-    "models.drive.DriveFailed": "DriveFailed",
     "models.profile._Series": "ChebyshevSeries",
-    "modular.Assembly": "Assembly",
-    "modular.Clamp": "Clamp",
-    "modular.Custom": "Custom",
-    "modular.Drag": "Drag",
-    "modular.Guide": "Guide",
-    "modular.InternalFlow": "InternalFlow",
-    "modular.Joint": "Joint",
-    "modular.Mechanism": "Mechanism",
-    "modular.Pin": "Pin",
-    "modular.Segment": "Segment",
-    "modular.TorsionalSpring": "TorsionalSpring",
-    "motion.integrator.Stopped": "Stopped",
-    "util.counters.TookTooLong": "TookTooLong",
-    "util.newton.NewtonFailed": "NewtonFailed",
+    "modular.Mechanism": "PipedynError",
 }
-"""Today's names of classes by the names in older files. A row is never removed."""
+"""Today's names of classes that had another name in older files. In these the path of a module may
+stand before the names of all other classes. A row is never removed."""
 
 Kind = TypeVar("Kind", bound=type)
+Thing = TypeVar("Thing")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -144,12 +116,17 @@ def saved_as(
     return registered
 
 
+def todays_name(name: str) -> str:
+    """The name that a class has in new files, by its name in a file of any version."""
+    return FORMER_NAMES.get(name, name.rpartition(".")[2])
+
+
 def _entry(name: str, base: type) -> _Entry:
     """The class that a file names, refused if it is no subclass of `base`.
 
     Exceptions and named tuples are accepted only where `base` is Exception or tuple.
     """
-    found = _BY_NAME.get(FORMER_NAMES.get(name, name))
+    found = _BY_NAME.get(todays_name(name))
     if found is None:
         raise ValueError(f"it has a {check.shown(name)}, which this version does not know")
     others = {Exception, tuple} - {base}
@@ -313,11 +290,8 @@ class _Members:
             length = math.prod(shape) * dtype.itemsize
             if len(start) + len(text) + length != entry.file_size:
                 raise ValueError(f"{name} is not as long as its shape says")
-            raw, filled = bytearray(length), 0
-            while filled < length and (part := file.read(min(2**20, length - filled))):
-                raw[filled : filled + len(part)] = part
-                filled += len(part)
-            if filled < length or file.read(1):  # reading to the end also compares checksums
+            raw = bytearray(file.read(length))
+            if len(raw) < length or file.read(1):  # reading to the end also compares checksums
                 raise ValueError(f"{name} is not as long as it says")
         if dtype.kind == "b" and raw.strip(b"\x00\x01"):
             raise ValueError(f"{name} has what is neither true nor false")
@@ -446,7 +420,15 @@ def save(thing: Any, path: str | os.PathLike[str]) -> None:
             raise ValueError(f"{type(thing).__name__} cannot be saved: {error}") from None
 
 
-def load(path: str | os.PathLike[str]) -> Any:
+@overload
+def load(path: str | os.PathLike[str]) -> Any: ...
+
+
+@overload
+def load(path: str | os.PathLike[str], kind: type[Thing]) -> Thing: ...
+
+
+def load(path: str | os.PathLike[str], kind: type[Any] = object) -> Any:
     """Loads a result, a model or a pipe from a file that its `save` wrote.
 
     A loaded result or pipe equals the one that was saved. A loaded model has the same numbers and
@@ -454,20 +436,24 @@ def load(path: str | os.PathLike[str]) -> Any:
 
     Args:
         path: path of the file.
+        kind: class of what the file must hold, which type checkers then know; any where not given.
 
     Returns:
         The result, model or pipe.
 
     Example:
         >>> pp.Pipe(0.2, 10.0).save("pipe.npz")
-        >>> pp.load("pipe.npz")
+        >>> pp.load("pipe.npz", pp.Pipe)
         Pipe(beta=0.2, gamma=10)
 
     Raises:
+        TypeError: if the file holds something of another kind.
         ValueError: if `save` did not write the file, or that of a later version did.
         OSError: if the file cannot be read.
     """
     place = _checked(path)
+    if not isinstance(kind, type):
+        raise TypeError(f"kind must be a class, got {check.shown(kind)}")
     try:
         with place.open("rb") as file, zipfile.ZipFile(file) as archive:
             members = _Members(archive, os.fstat(file.fileno()).st_size)
@@ -476,7 +462,6 @@ def load(path: str | os.PathLike[str]) -> Any:
             members.require_read()
         if not isinstance(thing, Saved):
             raise ValueError(f"it has no result, model or pipe, but {check.shown(thing)}")
-        return thing
     except (zipfile.BadZipFile, EOFError) as error:
         raise ValueError(f"{place} cannot be loaded: it is no file of pipedyn") from error
     except OSError:
@@ -485,6 +470,9 @@ def load(path: str | os.PathLike[str]) -> Any:
         said = str(error) or type(error).__name__
         said += " is missing" if isinstance(error, KeyError) else ""
         raise ValueError(f"{place} cannot be loaded: {said}") from error
+    if not isinstance(thing, kind):
+        raise TypeError(f"{place} holds a {type(thing).__name__}, not a {kind.__name__}")
+    return thing
 
 
 def _header(values: np.ndarray[Any, Any]) -> dict[str, Any]:

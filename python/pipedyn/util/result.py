@@ -11,7 +11,7 @@ import os
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from types import MappingProxyType
-from typing import Any, ClassVar, Literal, TypeVar, dataclass_transform, overload
+from typing import Any, ClassVar, Literal, Self, TypeVar, cast, dataclass_transform, overload
 
 import numpy as np
 
@@ -102,7 +102,7 @@ class Result(Saved):
 
     # ------------------------------------------------------------------------------------ SI units
 
-    def in_si(self, pipe: Any = None) -> SI:
+    def in_si(self, pipe: Any = None) -> Self:
         """The result in SI units: speeds in m/s, frequencies in Hz, lengths in m, rates in 1/s.
 
         A frequency in Hz is an angular frequency over 2 pi; `Pipe.frequency_si` gives rad/s.
@@ -112,7 +112,8 @@ class Result(Saved):
 
         Returns:
             SI: an object with the names of the result's numbers that have a unit, and of results
-            in its fields.
+            in its fields. To type checkers it is a result of the same kind, as those names have
+            the same types.
 
         Raises:
             ValueError: if the pipe has no scales or is not known, or if no number of the result has
@@ -133,7 +134,17 @@ class Result(Saved):
                 f"{type(self).__name__} has no numbers to convert: they have no unit, are in SI "
                 "units already, or have units that depend on more than the pipe"
             )
-        return made
+        return cast(Self, made)
+
+    @property
+    def units(self) -> dict[str, str]:
+        """SI units of the numbers that `in_si` gives, by the names of these.
+
+        Example:
+            >>> pp.modes(pp.Chain(pp.Pipe(0.2), 2), 1.0).units
+            {'speed': 'm/s', 'eigenvalues': '1/s'}
+        """
+        return SI(self, None).units
 
     def _known_scales(self, pipe: Any) -> Any:
         """Scales of the given pipe, or else of the result's own; refused if there are none."""
@@ -394,7 +405,8 @@ def _scales_of(pipe: Any) -> Any:
 
 def _names_of_numbers(one: Result) -> Iterator[str]:
     """Names of the fields and properties of a result that are numbers."""
-    own = [name for kind in type(one).__mro__ for name in vars(kind) if _is_property(kind, name)]
+    kinds = [kind for kind in type(one).__mro__ if kind is not Result]
+    own = [name for kind in kinds for name in vars(kind) if _is_property(kind, name)]
     fields = [field.name for field in dataclasses.fields(one)]  # type: ignore[arg-type]
     public = (name for name in dict.fromkeys(fields + own) if not name.startswith("_"))
     return (name for name in public if isinstance(getattr(one, name), NUMBERS))
